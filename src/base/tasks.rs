@@ -1,0 +1,1 @@
+//! Workers that serve jobs (being built).

@@ -1,0 +1,42 @@
+//! Rays as callers give them, and the cone that is a ray's footprint.
+
+use glam::{DVec3, Vec3};
+
+/// A ray's footprint: width `a + b * t` at distance parameter `t`, in scene units.
+/// `ZERO` asks for exact answers.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Cone {
+    /// Width at `t` = 0, >= 0.
+    pub a: f32,
+    /// Growth of the width per unit of `t`, >= 0.
+    pub b: f32,
+}
+
+impl Cone {
+    /// No footprint: only original triangles may answer.
+    pub const ZERO: Self = Self { a: 0.0, b: 0.0 };
+}
+
+/// A ray in double-precision origin and single-precision direction.
+///
+/// Distances `t` are in units of `|dir|`; `dir` need not be unit, but must be finite and not zero.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: DVec3,
+    /// Where it goes.
+    pub dir: Vec3,
+    /// Hits before this are ignored, >= 0.
+    pub t_min: f64,
+    /// Hits beyond this are ignored; infinity for none.
+    pub t_max: f64,
+    /// Its footprint.
+    pub cone: Cone,
+}
+
+impl Ray {
+    /// From `origin` along `dir`, unbounded, exact.
+    pub fn new(origin: DVec3, dir: Vec3) -> Self {
+        Self { origin, dir, t_min: 0.0, t_max: f64::INFINITY, cone: Cone::ZERO }
+    }
+}

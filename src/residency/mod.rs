@@ -1,0 +1,1 @@
+//! (residency: being built.)
