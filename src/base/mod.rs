@@ -3,4 +3,7 @@
 pub mod error;
 pub mod ids;
 pub mod progress;
+mod round;
+mod sync;
 pub mod tasks;
+pub mod units;

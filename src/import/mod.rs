@@ -5,6 +5,7 @@
 
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
+pub use crate::base::units::UpAxis;
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 
@@ -52,21 +53,6 @@ pub struct PartDesc {
     pub parent: Option<PartKey>,
     /// `None`: the default material.
     pub material: Option<MaterialKey>,
-}
-
-/// Which axis points up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[repr(u32)]
-pub enum UpAxis {
-    /// The file does not say.
-    #[default]
-    Unknown = 0,
-    /// X.
-    X = 1,
-    /// Y (glTF).
-    Y = 2,
-    /// Z (STL by habit).
-    Z = 3,
 }
 
 /// Receives a stream of meshes.

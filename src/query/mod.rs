@@ -1,1 +1,10 @@
-//! (query: being built.)
+//! Questions to a scene: closest and any hits in batches, overlaps of boxes and frusta by part.
+#![forbid(unsafe_code)]
+
+pub mod batch;
+pub mod hit;
+pub mod overlap;
+
+pub use batch::{Hits, Policy, Query, QueryOptions, QueryState, QueryStatus, RayWithMask, Rays};
+pub use hit::{Hit, HitKind, NONE, Want};
+pub use overlap::{How, PartOverlap, Plane};

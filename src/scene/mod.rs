@@ -1,1 +1,18 @@
-//! (scene: being built.)
+//! What is looked at: the context, opened models, instances under a top-level tree, cameras,
+//! lights, and the state of parts. Camera-independent; jobs read immutable [`SceneState`]s.
+#![forbid(unsafe_code)]
+
+pub mod camera;
+pub mod context;
+pub mod edit;
+pub mod light;
+pub mod model;
+pub mod state;
+
+pub use camera::Camera;
+pub use edit::Scene;
+pub use context::{Context, ContextOptions, LogLevel};
+pub use light::{Background, Light, LightKind};
+pub use model::{Model, ModelInfo, ModelMemory, PartInfo};
+
+pub use state::{SceneState, State};

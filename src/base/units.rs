@@ -1,0 +1,16 @@
+//! What models say about their coordinates.
+
+/// Which axis points up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum UpAxis {
+    /// The file does not say.
+    #[default]
+    Unknown = 0,
+    /// X.
+    X = 1,
+    /// Y (glTF).
+    Y = 2,
+    /// Z (STL by habit).
+    Z = 3,
+}

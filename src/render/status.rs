@@ -1,0 +1,56 @@
+//! How far a frame is.
+
+use crate::base::error::Error;
+use std::sync::Arc;
+
+/// State of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum FrameState {
+    /// Nothing was requested yet.
+    #[default]
+    Idle = 0,
+    /// Rendering.
+    Running = 1,
+    /// The last request is complete, as exact as asked.
+    Converged = 2,
+    /// The last request was cancelled; the picture before it is still whole.
+    Cancelled = 3,
+    /// The last request failed; `error` says why. The picture before it is still whole.
+    Failed = 4,
+}
+
+/// Status of the last request of a frame.
+#[derive(Debug, Clone, Default)]
+pub struct FrameStatus {
+    /// Its state.
+    pub state: FrameState,
+    /// Counts the requests of this frame, from 1; 0: none yet. Says to which request a status belongs.
+    pub request: u64,
+    /// Fraction done: 0 at the request, 1 when converged, never going back in between.
+    pub fraction: f64,
+    /// Pixels whose answer is exact (hits on original triangles, and exact misses).
+    pub pixels_exact: u64,
+    /// Pixels that show a stand-in as fine as asked.
+    pub pixels_lod: u64,
+    /// Pixels that show a stand-in for missing data.
+    pub pixels_missing: u64,
+    /// Pixels of the picture.
+    pub pixels_total: u64,
+    /// Largest error in pixels.
+    pub worst_error_px: f32,
+    /// Mean error in pixels, over pixels that hit something.
+    pub mean_error_px: f32,
+    /// Pixels of error in force.
+    pub effective_poe: f32,
+    /// Bytes of blocks in memory, of the scene's models.
+    pub bytes_resident: u64,
+    /// Bytes of blocks wanted and not yet in memory.
+    pub bytes_wanted: u64,
+    /// Estimated seconds to go; 0 when not running, infinity when unknown.
+    pub seconds_to_go: f64,
+    /// Seconds since the request, until it ended.
+    pub seconds: f64,
+    /// Why it failed.
+    pub error: Option<Arc<Error>>,
+}

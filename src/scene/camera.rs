@@ -1,0 +1,166 @@
+//! Cameras in double precision, and the rays of their pixels.
+
+use crate::base::error::{Error, Result};
+use crate::base::units::UpAxis;
+use crate::math::{Cone, DBounds, Ray};
+use glam::DVec3;
+
+/// A camera in world space. All lengths in world units, double precision.
+///
+/// `up` need not be orthogonal to the view direction, only not parallel to it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Camera {
+    /// Rays leave the eye.
+    Perspective {
+        /// The eye.
+        eye: DVec3,
+        /// The point looked at; sets the direction only.
+        at: DVec3,
+        /// Upward in the picture.
+        up: DVec3,
+        /// Vertical angle of view in degrees, in (0, 180).
+        fov_y_degrees: f64,
+    },
+    /// Parallel rays from a plane through the eye.
+    Orthographic {
+        /// Middle of the picture's plane; nothing behind the plane is seen.
+        eye: DVec3,
+        /// The point looked at; sets the direction only.
+        at: DVec3,
+        /// Upward in the picture.
+        up: DVec3,
+        /// Height of the picture in world units, > 0.
+        height: f64,
+    },
+}
+
+impl Camera {
+    /// The eye.
+    pub fn eye(&self) -> DVec3 {
+        match *self {
+            Camera::Perspective { eye, .. } | Camera::Orthographic { eye, .. } => eye,
+        }
+    }
+
+    /// The camera made ready for pictures of `width` x `height` pixels, 1 or more each.
+    ///
+    /// Fails with [`Error::BadArgument`] if a number is not finite or out of range, `eye` equals
+    /// `at`, or `up` is parallel to the view.
+    pub fn prepare(&self, width: u32, height: u32) -> Result<PixelRays> {
+        if width == 0 || height == 0 {
+            return Err(Error::bad_argument("camera: a picture needs at least one pixel"));
+        }
+        let (eye, at, up) = match *self {
+            Camera::Perspective { eye, at, up, .. } | Camera::Orthographic { eye, at, up, .. } => {
+                (eye, at, up)
+            }
+        };
+        let bad = |what: &str| Err(Error::bad_argument(format!("camera: {what}")));
+        if !(eye.is_finite() && at.is_finite() && up.is_finite()) {
+            return bad("eye, at and up must be finite");
+        }
+        let Some(forward) = (at - eye).try_normalize() else {
+            return bad("eye and at must differ");
+        };
+        let Some(right) = up.try_normalize().and_then(|u| {
+            let side = forward.cross(u);
+            if side.length() > 1e-9 { side.try_normalize() } else { None }
+        }) else {
+            return bad("up must not be zero or parallel to the view");
+        };
+        let upward = right.cross(forward);
+        let (tall, perspective) = match *self {
+            Camera::Perspective { fov_y_degrees: f, .. } => {
+                if !(f > 0.0 && f < 180.0) {
+                    return bad("the angle of view must be above 0 and below 180 degrees");
+                }
+                (2.0 * (f.to_radians() * 0.5).tan(), true)
+            }
+            Camera::Orthographic { height: h, .. } => {
+                if !(h > 0.0 && h.is_finite()) {
+                    return bad("the height of an orthographic picture must be above 0");
+                }
+                (h, false)
+            }
+        };
+        let pixel = tall / f64::from(height);
+        Ok(PixelRays {
+            eye,
+            forward,
+            right: right * pixel,
+            down: -upward * pixel,
+            half: (f64::from(width) * 0.5, f64::from(height) * 0.5),
+            pixel,
+            perspective,
+        })
+    }
+}
+
+/// A camera made ready for one picture size: gives the ray of any point of the picture.
+#[derive(Debug, Clone, Copy)]
+pub struct PixelRays {
+    eye: DVec3,
+    forward: DVec3,
+    /// One pixel to the right, at distance 1 (perspective) or anywhere (orthographic).
+    right: DVec3,
+    /// One pixel down.
+    down: DVec3,
+    half: (f64, f64),
+    /// Height of a pixel, at distance 1 (perspective) or anywhere.
+    pixel: f64,
+    perspective: bool,
+}
+
+impl PixelRays {
+    /// The unit view direction.
+    pub fn forward(&self) -> DVec3 {
+        self.forward
+    }
+
+    /// The eye.
+    pub fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    /// The ray through picture point (`x`, `y`): the middle of pixel (i, j) is (i + 0.5, j + 0.5),
+    /// (0, 0) is the top left corner. Directions are unit up to rounding; the cone is the
+    /// pixel's footprint (its width at `t`).
+    #[inline]
+    pub fn ray(&self, x: f64, y: f64) -> Ray {
+        let offset = self.right * (x - self.half.0) + self.down * (y - self.half.1);
+        if self.perspective {
+            let dir = self.forward + offset;
+            let inverse = 1.0 / dir.length();
+            Ray {
+                cone: Cone { a: 0.0, b: (self.pixel * inverse) as f32 },
+                ..Ray::new(self.eye, (dir * inverse).as_vec3())
+            }
+        } else {
+            Ray {
+                cone: Cone { a: self.pixel as f32, b: 0.0 },
+                ..Ray::new(self.eye + offset, self.forward.as_vec3())
+            }
+        }
+    }
+}
+
+/// Four views from bounds: two of the whole, two at a quarter of the distance, from left and right of the front.
+pub(crate) fn default_views(bounds: &DBounds, up: UpAxis) -> [Camera; 4] {
+    let bounds = if bounds.is_empty() { DBounds::of(&[-DVec3::ONE, DVec3::ONE]) } else { *bounds };
+    let (up, front) = match up {
+        UpAxis::X => (DVec3::X, DVec3::Y),
+        UpAxis::Y => (DVec3::Y, DVec3::Z),
+        UpAxis::Z | UpAxis::Unknown => (DVec3::Z, -DVec3::Y),
+    };
+    let side = up.cross(front);
+    let radius = (bounds.extent().length() * 0.5).max(f64::MIN_POSITIVE);
+    let fov_y_degrees = 40.0_f64;
+    let distance = radius / (fov_y_degrees.to_radians() * 0.5).sin();
+    let view = |azimuth: f64, elevation: f64, distance: f64| {
+        let (az, el) = (azimuth.to_radians(), elevation.to_radians());
+        let from = (front * az.cos() + side * az.sin()) * el.cos() + up * el.sin();
+        let at = bounds.center();
+        Camera::Perspective { eye: at + from * distance, at, up, fov_y_degrees }
+    };
+    [view(30.0, 20.0, distance), view(-120.0, 35.0, distance), view(30.0, 20.0, distance / 4.0), view(-120.0, 35.0, distance / 4.0)]
+}
