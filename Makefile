@@ -1,0 +1,53 @@
+# make demo   a picture of an airliner of two million triangles (or of MODEL=file), and a pick
+# make test   everything that must hold
+# make header writes include/outcrop.h anew from src/capi
+#
+# Both set themselves up: on a fresh Debian 12 with Rust 1.89 or later nothing else is needed.
+
+CARGO  ?= cargo
+CMAKE  ?= cmake
+BUILD  := build
+PREFIX := $(CURDIR)/$(BUILD)/prefix
+# Triangles of the demo's airliner.
+TRIANGLES ?= 2000000
+
+.PHONY: help setup test lint unit package examples ctest demo header clean
+
+help:
+	@sed -n 's/^# \(make .*\)/\1/p' Makefile
+
+setup:
+	@sh cmake/setup.sh
+
+test: setup lint unit ctest
+	@echo "make test: all passed"
+
+lint: setup
+	$(CARGO) clippy --locked --all-targets -- -D warnings
+
+unit: setup
+	$(CARGO) test --locked
+
+# Installed to one place and moved to another: a package that minds does not pass.
+package: setup
+	$(CMAKE) -S cmake -B $(BUILD)/package
+	$(CMAKE) --build $(BUILD)/package
+	rm -rf $(BUILD)/first-prefix $(PREFIX)
+	$(CMAKE) --install $(BUILD)/package --prefix $(CURDIR)/$(BUILD)/first-prefix
+	mv $(BUILD)/first-prefix $(PREFIX)
+
+examples: package
+	$(CMAKE) -S examples_c -B $(BUILD)/examples -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH=$(PREFIX)
+	$(CMAKE) --build $(BUILD)/examples
+
+ctest: examples
+	ctest --test-dir $(BUILD)/examples --output-on-failure
+
+demo: examples
+	@CARGO="$(CARGO)" MODEL="$(MODEL)" TRIANGLES="$(TRIANGLES)" sh examples_c/demo.sh $(BUILD)
+
+header:
+	OUTCROP_WRITE_HEADER=1 $(CARGO) test --locked --test abi_header -- --exact header_is_up_to_date
+
+clean:
+	rm -rf $(BUILD) target demo.png

@@ -1,0 +1,9 @@
+//! cargo sets no soname; without one a program linked to the library records its file name.
+
+fn main() {
+    println!("cargo:rerun-if-changed=build.rs");
+    let os = std::env::var("CARGO_CFG_TARGET_OS").unwrap_or_default();
+    if os == "linux" || os.ends_with("bsd") {
+        println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,liboutcrop.so.0");
+    }
+}

@@ -1,0 +1,8 @@
+/* Says which version is installed; fails if header and library differ. */
+#include <outcrop.h>
+#include <stdio.h>
+
+int main(void) {
+    printf("outcrop: header %u, library %u\n", (unsigned)OC_HEADER_VERSION, (unsigned)oc_version());
+    return oc_version() == OC_HEADER_VERSION ? 0 : 1;
+}

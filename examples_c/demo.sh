@@ -1,0 +1,18 @@
+#!/bin/sh
+# `make demo`: builds a model, renders it to demo.png and says what lies at a pixel.
+#
+#   MODEL=file TRIANGLES=n demo.sh BUILD_DIR
+set -eu
+build=$1
+model=${MODEL:-}
+if [ -z "$model" ]; then
+    model=$build/airliner.ply
+    wanted="airliner ${TRIANGLES:-2000000}"
+    if [ "$(cat "$model.made" 2>/dev/null || true)" != "$wanted" ]; then
+        "${CARGO:-cargo}" run --release --locked --quiet --bin outcrop -- \
+            generate airliner --triangles "${TRIANGLES:-2000000}" -o "$model"
+        echo "$wanted" > "$model.made"
+    fi
+fi
+"$build/examples/01_quickstart_shared" "$model" "$build/demo.oc" demo.png
+echo "demo.png is ready"
