@@ -1,0 +1,25 @@
+//! The oracle: what the crate's answers are compared with.
+//!
+//! Everything here is in double precision and written anew: none of it uses the crate's
+//! tracing code (`structure`, `geom`, `simd`), so that a defect there cannot hide itself.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`rng`] | seeded random numbers |
+//! | [`brute`] | ray against triangle in f64, closest, any, all, by looking at every triangle |
+//! | [`bvh64`] | the same answers faster, from a plain f64 BVH that `tests/oracle.rs` checks against `brute` |
+//! | [`rounding`] | how far single precision may move things: the bounds, derived, not tuned |
+//! | [`errors`] | what agreeing means: ties, grazing, distance, normal, part; and a summary that asserts |
+//! | [`rays`] | seeded rays of every awkward kind |
+//! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
+// Each test binary uses its own share of this folder.
+#![allow(dead_code)]
+
+pub mod brute;
+pub mod bvh64;
+pub mod errors;
+pub mod models;
+pub mod rays;
+pub mod rng;
+pub mod rounding;
+pub mod scenes;
