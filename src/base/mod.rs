@@ -1,5 +1,6 @@
 //! What every room may use: errors, ids, progress and cancel, workers. Uses nothing.
 
+pub mod bytes;
 pub mod error;
 pub mod ids;
 pub mod progress;

@@ -1,1 +1,20 @@
-//! (store: being built.)
+//! The model file: written once, read at random, every byte checked. Payloads of blocks are opaque
+//! here; `FORMAT.md` beside this file describes it byte by byte. Uses base.
+#![forbid(unsafe_code)]
+
+pub mod codec;
+pub mod contents;
+pub mod directory;
+pub mod header;
+pub mod reader;
+pub mod sections;
+pub mod source;
+mod temporary;
+pub mod writer;
+
+pub use codec::{Codec, EncodedBlock};
+pub use header::{Drops, Header, Options};
+pub use reader::{CheckReport, ModelFile};
+pub use sections::{InstanceRow, MaterialRow, PartRow, TreeRow};
+pub use source::{CallbackSource, FileSource, MemorySource, Source};
+pub use writer::Writer;

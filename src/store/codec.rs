@@ -1,0 +1,130 @@
+//! How a block's payload is stored: as it is, or compressed.
+
+use crate::base::bytes::{Malformed, ensure};
+use lz4_flex::block;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// How the stored bytes of a block become its payload. The numbers are those of the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Codec {
+    /// The payload as it is.
+    Stored = 0,
+    /// One LZ4 block without a size in front.
+    Lz4 = 1,
+}
+
+impl Codec {
+    /// The codec of a number in a file.
+    pub fn from_u8(number: u8) -> Option<Self> {
+        match number {
+            0 => Some(Self::Stored),
+            1 => Some(Self::Lz4),
+            _ => None,
+        }
+    }
+}
+
+/// A block ready to be written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EncodedBlock {
+    pub(super) stored: Vec<u8>,
+    pub(super) payload_len: u32,
+    pub(super) decoded_len: u32,
+    pub(super) codec: Codec,
+    pub(super) checksum: u64,
+}
+
+impl EncodedBlock {
+    /// Compresses `payload` if that makes it smaller. The same input gives the same bytes on any
+    /// thread of any machine.
+    ///
+    /// `payload`: the file form, at least one byte and fewer than 2³¹ ([`super::Writer`] refuses
+    /// others). `decoded_len`: bytes of the trace form that the structure will make of it.
+    pub fn encode(payload: &[u8], decoded_len: u32) -> Self {
+        let payload_len = u32::try_from(payload.len()).unwrap_or(0);
+        let (stored, codec) = match compress(payload) {
+            Some(smaller) => (smaller, Codec::Lz4),
+            None => (payload.to_vec(), Codec::Stored),
+        };
+        let checksum = xxh3_64(&stored);
+        Self { stored, payload_len, decoded_len, codec, checksum }
+    }
+
+    /// Bytes that the block takes in the file, without padding.
+    pub fn stored_len(&self) -> usize {
+        self.stored.len()
+    }
+}
+
+/// LZ4 of `payload`, if it is smaller.
+fn compress(payload: &[u8]) -> Option<Vec<u8>> {
+    let mut out = vec![0; block::get_maximum_output_size(payload.len())];
+    let len = block::compress_into(payload, &mut out).ok()?;
+    out.truncate(len);
+    (len < payload.len()).then_some(out)
+}
+
+/// The most bytes that `stored_len` bytes of LZ4 can become: each byte of a length adds at most 255.
+pub fn lz4_limit(stored_len: u32) -> u64 {
+    u64::from(stored_len) * 255
+}
+
+/// Makes the payload of `payload_len` bytes in `out`, whose content is replaced.
+pub fn decode(codec: Codec, stored: &[u8], payload_len: u32, out: &mut Vec<u8>) -> Result<(), Malformed> {
+    match codec {
+        Codec::Stored => {
+            ensure(stored.len() == payload_len as usize, "stored and payload sizes differ")?;
+            out.clear();
+            out.extend_from_slice(stored);
+        }
+        Codec::Lz4 => {
+            out.resize(payload_len as usize, 0);
+            let len = block::decompress_into(stored, out).map_err(|_| Malformed::new("bad LZ4 data"))?;
+            ensure(len == out.len(), "LZ4 data gives fewer bytes than the directory says")?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn roundtrip(payload: &[u8]) -> Codec {
+        let block = EncodedBlock::encode(payload, 7);
+        assert!(block.stored_len() <= payload.len());
+        assert!(u64::from(block.payload_len) <= lz4_limit(block.stored_len() as u32));
+        let mut out = vec![9; 3];
+        decode(block.codec, &block.stored, block.payload_len, &mut out).unwrap();
+        assert_eq!(out, payload);
+        block.codec
+    }
+
+    #[test]
+    fn the_smaller_of_both_is_chosen() {
+        assert_eq!(roundtrip(&[7; 70_000]), Codec::Lz4);
+        assert_eq!(roundtrip(&[1, 2, 3]), Codec::Stored);
+    }
+
+    proptest! {
+        #[test]
+        fn any_payload_comes_back(payload in prop::collection::vec(0u8..4, 1..5000)) {
+            roundtrip(&payload);
+        }
+
+        #[test]
+        fn damaged_lz4_is_an_error_or_has_the_right_length(
+            payload in prop::collection::vec(0u8..3, 200..1000), at in any::<prop::sample::Index>(), flip in 1u8..,
+        ) {
+            let mut block = EncodedBlock::encode(&payload, 0);
+            let at = at.index(block.stored.len());
+            block.stored[at] ^= flip;
+            let mut out = Vec::new();
+            if decode(block.codec, &block.stored, block.payload_len, &mut out).is_ok() {
+                prop_assert_eq!(out.len(), payload.len());
+            }
+        }
+    }
+}

@@ -1,0 +1,350 @@
+//! Opening a model file and reading its blocks.
+
+use super::codec;
+use super::contents::{self, Entry, KINDS, Kind, TABLE_LEN, of_section};
+use super::directory::{self, Row};
+use super::header::{self, FOOTER_LEN, Frame, HEADER_LEN, Header, HeaderError, VERSION};
+use super::sections::{self, InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
+use super::source::{FileSource, Source};
+use crate::base::bytes::{Checked, Malformed, ensure, is_zero};
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use crate::base::progress::{Cancel, Progress};
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Read at once at most, so that a size that is a lie ends at the first read that fails.
+const READ_STEP: usize = 4 << 20;
+
+/// An opened model file: everything but its blocks is in memory and has been checked. Immutable;
+/// any number of threads read from it at once.
+pub struct ModelFile {
+    source: Arc<dyn Source>,
+    header: Header,
+    fingerprint: u64,
+    file_len: u64,
+    /// Where the directory begins: all before it are header, blocks and padding.
+    blocks_end: u64,
+    rows: Vec<Row>,
+    parts: Vec<PartRow>,
+    materials: Vec<MaterialRow>,
+    instances: Vec<InstanceRow>,
+    trees: Vec<TreeRow>,
+}
+
+/// What [`ModelFile::check`] found in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CheckReport {
+    /// Bytes of the file, each of which was checked.
+    pub bytes: u64,
+    /// Blocks that were read and decompressed.
+    pub blocks: u32,
+    /// Bytes of all payloads.
+    pub payload_bytes: u64,
+    /// Bytes of all trace forms, as the directory says.
+    pub decoded_bytes: u64,
+}
+
+impl ModelFile {
+    /// Opens the model that `source` reads.
+    ///
+    /// Reads and checks the header, directory, sections and footer; blocks are checked when they are
+    /// read. Fails with [`Error::Corrupt`] or [`Error::NewerFormat`], naming the file, or with
+    /// [`Error::Io`]. Takes memory in proportion to what is read, whatever the file claims.
+    pub fn open(source: Arc<dyn Source>) -> Result<Self> {
+        let file = Opening { source: &*source };
+        let (header, frame, head) = file.header()?;
+        file.footer(&frame, &head)?;
+        let entries = file.table(&frame)?;
+        let blocks_end = entries[0].offset;
+        let tail = file.sections(&entries, &frame)?;
+        let bytes = |kind: Kind| section(&tail, &entries, blocks_end, kind);
+        let damaged = |kind| move |why| file.corrupt(of_section(kind, &why));
+        let rows = directory::decode(bytes(Kind::Directory).0).map_err(damaged(Kind::Directory))?;
+        let parts = decode_rows(bytes(Kind::Parts)).map_err(damaged(Kind::Parts))?;
+        let materials = decode_rows(bytes(Kind::Materials)).map_err(damaged(Kind::Materials))?;
+        let instances = decode_rows(bytes(Kind::Assembly)).map_err(damaged(Kind::Assembly))?;
+        let trees = decode_rows(bytes(Kind::Trees)).map_err(damaged(Kind::Trees))?;
+        let tables = Tables { parts: &parts, materials: &materials, instances: &instances, trees: &trees };
+        tables.validate(&header).map_err(|why| file.corrupt(why))?;
+        file.check_directory(&rows, &header, blocks_end)?;
+        let (fingerprint, file_len) = (xxh3_64(&head), frame.file_len);
+        Ok(Self { source, header, fingerprint, file_len, blocks_end, rows, parts, materials, instances, trees })
+    }
+
+    /// [`ModelFile::open`] for a file of the file system.
+    pub fn open_path(path: impl AsRef<Path>) -> Result<Self> {
+        Self::open(Arc::new(FileSource::open(path)?))
+    }
+
+    /// The file, or what its source calls itself.
+    pub fn name(&self) -> &Path {
+        self.source.name()
+    }
+    /// Bytes of the file.
+    pub fn file_len(&self) -> u64 {
+        self.file_len
+    }
+    /// Differs where any byte of the file differs: a hash over the checksums of all its parts.
+    pub fn fingerprint(&self) -> u64 {
+        self.fingerprint
+    }
+    /// What the file says of itself.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+    /// All parts; a parent comes before its children.
+    pub fn parts(&self) -> &[PartRow] {
+        &self.parts
+    }
+    /// All materials.
+    pub fn materials(&self) -> &[MaterialRow] {
+        &self.materials
+    }
+    /// All instances of shared meshes.
+    pub fn instances(&self) -> &[InstanceRow] {
+        &self.instances
+    }
+    /// All trees.
+    pub fn trees(&self) -> &[TreeRow] {
+        &self.trees
+    }
+
+    /// Blocks of every kind; ids are `0..block_count()`.
+    pub fn block_count(&self) -> u32 {
+        self.rows.len() as u32
+    }
+    /// The directory.
+    pub fn directory(&self) -> &[Row] {
+        &self.rows
+    }
+    /// Bytes of the block's trace form; 0 if there is no such block.
+    pub fn decoded_len(&self, id: BlockId) -> u32 {
+        self.rows.get(id.0 as usize).map_or(0, |row| row.decoded_len)
+    }
+    /// The block with the primitive ids of geometry block `id`.
+    pub fn prim_block(&self, id: BlockId) -> BlockId {
+        BlockId(self.header.geometry_blocks + id.0)
+    }
+    /// The block with the colours of geometry block `id`, if the model has colours.
+    pub fn colour_block(&self, id: BlockId) -> Option<BlockId> {
+        self.header.has_colours.then(|| BlockId(2 * self.header.geometry_blocks + id.0))
+    }
+
+    /// Bytes of memory that the directory and the tables take.
+    pub fn memory(&self) -> u64 {
+        let names: usize = self.parts.iter().map(|part| part.name.capacity()).sum();
+        let tables = size_of_val(&self.rows[..])
+            + size_of_val(&self.parts[..])
+            + size_of_val(&self.materials[..])
+            + size_of_val(&self.instances[..])
+            + size_of_val(&self.trees[..]);
+        (names + tables) as u64
+    }
+
+    /// Reads a block, checks it, and puts its payload in place of the content of `out`. `scratch` is
+    /// working memory to be used again.
+    ///
+    /// Fails with [`Error::Corrupt`] naming file and block if it is damaged, with [`Error::Io`] if it
+    /// cannot be read, with [`Error::BadArgument`] if there is no such block; `out` is then of no use.
+    pub fn read_block(&self, id: BlockId, scratch: &mut Vec<u8>, out: &mut Vec<u8>) -> Result<()> {
+        let row = self.rows.get(id.0 as usize).ok_or_else(|| Error::bad_argument("no such block"))?;
+        scratch.resize(row.stored_len as usize, 0);
+        self.opening().read(row.offset, scratch)?;
+        open_block(row, scratch, out).map_err(|why| self.damaged_block(id, why.to_string()))
+    }
+
+    /// Reads the file once more from front to back and checks every byte: checksums and sizes of
+    /// blocks, sections and footer, and that padding is zero. Reports its progress, and stops within
+    /// some milliseconds once cancelled.
+    ///
+    /// Goes on after a damaged block, so that the error tells how many there are; it names the first.
+    pub fn check(&self, progress: &Progress, cancel: &Cancel) -> Result<CheckReport> {
+        let again = Self::open(self.source.clone())?;
+        let same = ensure(again.fingerprint == self.fingerprint, "was replaced since it was opened");
+        same.map_err(|why| self.opening().corrupt(why))?;
+        let (mut buffer, mut payload) = (Vec::new(), Vec::new());
+        let mut damage: Option<(BlockId, Malformed)> = None;
+        let mut damaged = 0u32;
+        let mut first = 0;
+        while first < self.rows.len() {
+            cancel.check()?;
+            let last = self.run_from(first);
+            let (start, end) = (self.rows[first].offset, self.padded_end(last));
+            buffer.resize((end - start) as usize, 0);
+            self.opening().read(start, &mut buffer)?;
+            for i in first..=last {
+                if let Err(why) = self.check_block(i, &buffer, start, &mut payload) {
+                    damaged += 1;
+                    damage.get_or_insert((BlockId(i as u32), why));
+                }
+            }
+            progress.bytes_read.fetch_add(end - start, std::sync::atomic::Ordering::Relaxed);
+            progress.advance(end as f64 / self.file_len as f64);
+            first = last + 1;
+        }
+        if let Some((id, why)) = damage {
+            let more = if damaged > 1 { format!(" ({} more blocks are damaged)", damaged - 1) } else { String::new() };
+            return Err(self.damaged_block(id, format!("{why}{more}")));
+        }
+        progress.advance(1.0);
+        Ok(self.report())
+    }
+
+    /// The last of the blocks from `first` on that are read together.
+    fn run_from(&self, first: usize) -> usize {
+        let limit = self.rows[first].offset + READ_STEP as u64;
+        let together = self.rows[first + 1..].iter().take_while(|row| row.end() <= limit).count();
+        first + together
+    }
+
+    /// Where the block after `index` begins, or the directory.
+    fn padded_end(&self, index: usize) -> u64 {
+        self.rows.get(index + 1).map_or(self.blocks_end, |next| next.offset)
+    }
+
+    /// Checks a block and the padding behind it in `buffer`, which begins at `start`.
+    fn check_block(&self, index: usize, buffer: &[u8], start: u64, payload: &mut Vec<u8>) -> Checked<()> {
+        let row = &self.rows[index];
+        let range = (row.offset - start) as usize..(self.padded_end(index) - start) as usize;
+        let (stored, padding) = buffer[range].split_at(row.stored_len as usize);
+        open_block(row, stored, payload)?;
+        ensure(is_zero(padding), "padding is not zero")
+    }
+
+    fn report(&self) -> CheckReport {
+        CheckReport {
+            bytes: self.file_len,
+            blocks: self.block_count(),
+            payload_bytes: self.rows.iter().map(|row| u64::from(row.payload_len)).sum(),
+            decoded_bytes: self.rows.iter().map(|row| u64::from(row.decoded_len)).sum(),
+        }
+    }
+
+    fn opening(&self) -> Opening<'_> {
+        Opening { source: &*self.source }
+    }
+
+    fn damaged_block(&self, id: BlockId, why: String) -> Error {
+        Error::corrupt(self.name(), Some(id.0), why)
+    }
+}
+
+impl std::fmt::Debug for ModelFile {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ModelFile").field("name", &self.name()).field("header", &self.header).finish_non_exhaustive()
+    }
+}
+
+/// The payload of a block from its stored bytes.
+fn open_block(row: &Row, stored: &[u8], out: &mut Vec<u8>) -> Checked<()> {
+    ensure(xxh3_64(stored) == row.checksum, "is damaged (checksum differs)")?;
+    codec::decode(row.codec, stored, row.payload_len, out)
+}
+
+/// The bytes of a section, and its count of rows. `tail` begins at `tail_at` and holds them all.
+fn section<'a>(tail: &'a [u8], entries: &[Entry], tail_at: u64, kind: Kind) -> (&'a [u8], u64) {
+    let entry = entries.iter().find(|entry| entry.kind == kind);
+    entry.map_or((&[], 0), |e| (&tail[(e.offset - tail_at) as usize..(e.end() - tail_at) as usize], e.count))
+}
+
+fn decode_rows<T: sections::FileRow>((bytes, count): (&[u8], u64)) -> Checked<Vec<T>> {
+    sections::decode(bytes, count)
+}
+
+/// A file whose parts are being read for the first time.
+#[derive(Clone, Copy)]
+struct Opening<'a> {
+    source: &'a dyn Source,
+}
+
+impl Opening<'_> {
+    fn corrupt(&self, why: Malformed) -> Error {
+        Error::corrupt(self.source.name(), None, why.0)
+    }
+
+    fn ensure(&self, holds: bool, why: &'static str) -> Result<()> {
+        ensure(holds, why).map_err(|why| self.corrupt(why))
+    }
+
+    fn read(&self, offset: u64, buf: &mut [u8]) -> Result<()> {
+        self.source.read_at(offset, buf).map_err(|e| match e.kind() {
+            io::ErrorKind::UnexpectedEof => self.corrupt(Malformed::new("ends before its end: cut off while in use?")),
+            _ => Error::io(self.source.name(), "read", e),
+        })
+    }
+
+    /// Reads `len` bytes in steps: memory grows with what is really there.
+    fn read_vec(&self, offset: u64, len: u64) -> Result<Vec<u8>> {
+        let mut out = Vec::new();
+        while (out.len() as u64) < len {
+            let (have, step) = (out.len(), (len - out.len() as u64).min(READ_STEP as u64) as usize);
+            let no_memory = |_| Error::io(self.source.name(), "read", io::ErrorKind::OutOfMemory.into());
+            out.try_reserve(step).map_err(no_memory)?;
+            out.resize(have + step, 0);
+            self.read(offset + have as u64, &mut out[have..])?;
+        }
+        Ok(out)
+    }
+
+    fn header(&self) -> Result<(Header, Frame, Vec<u8>)> {
+        let len = self.source.len();
+        let head = self.read_vec(0, len.min(HEADER_LEN as u64))?;
+        let (header, frame) = header::decode(&head).map_err(|e| match e {
+            HeaderError::Malformed(why) => self.corrupt(why),
+            HeaderError::Newer(found) => {
+                Error::NewerFormat { file: self.source.name().to_path_buf(), found, supported: VERSION }
+            }
+        })?;
+        if frame.file_len != len {
+            let why = if len < frame.file_len { "cut off" } else { "bytes follow its end" };
+            return Err(self.corrupt(Malformed::new(format!("{why}: {len} bytes, it had {}", frame.file_len))));
+        }
+        Ok((header, frame, head))
+    }
+
+    fn footer(&self, frame: &Frame, head: &[u8]) -> Result<()> {
+        let least = (HEADER_LEN + TABLE_LEN + FOOTER_LEN) as u64;
+        self.ensure(frame.file_len >= least, "cut off")?;
+        let footer = self.read_vec(frame.file_len - FOOTER_LEN as u64, FOOTER_LEN as u64)?;
+        self.ensure(footer == header::encode_footer(frame.file_len, head), "its end is damaged, or of another file")
+    }
+
+    fn table(&self, frame: &Frame) -> Result<[Entry; KINDS.len()]> {
+        let place = frame.file_len - (TABLE_LEN + FOOTER_LEN) as u64;
+        let known = frame.sections as usize == KINDS.len() && frame.table_at == place;
+        self.ensure(known, "the section table is not where it should be")?;
+        let table = self.read_vec(frame.table_at, TABLE_LEN as u64)?;
+        self.ensure(xxh3_64(&table) == frame.table_checksum, "section table is damaged (checksum differs)")?;
+        let entries = contents::decode(&table, frame.table_at).map_err(|why| self.corrupt(why))?;
+        let [directory, ..] = &entries;
+        let begins_well = directory.count == u64::from(frame.blocks) && directory.offset >= HEADER_LEN as u64;
+        self.ensure(begins_well, "the directory does not fit the header")?;
+        Ok(entries)
+    }
+
+    /// Reads all from the directory up to the section table; checksums and padding are then right.
+    fn sections(&self, entries: &[Entry; KINDS.len()], frame: &Frame) -> Result<Vec<u8>> {
+        let start = entries[0].offset;
+        let tail = self.read_vec(start, frame.table_at - start)?;
+        let at = |offset: u64| (offset - start) as usize;
+        for (i, entry) in entries.iter().enumerate() {
+            let next = entries.get(i + 1).map_or(frame.table_at, |next| next.offset);
+            let (bytes, padding) = tail[at(entry.offset)..at(next)].split_at(entry.len as usize);
+            let intact = ensure(xxh3_64(bytes) == entry.checksum, "is damaged (checksum differs)")
+                .and_then(|()| ensure(is_zero(padding), "padding behind it is not zero"));
+            intact.map_err(|why| self.corrupt(of_section(entry.kind, &why)))?;
+        }
+        Ok(tail)
+    }
+
+    /// Checks the rows, and that blocks and padding reach up to the directory at `blocks_end`.
+    fn check_directory(&self, rows: &[Row], header: &Header, blocks_end: u64) -> Result<()> {
+        let end = directory::check(rows, header.block_size).map_err(|why| self.corrupt(why))?;
+        self.ensure(directory::aligned(end) == blocks_end, "bytes between blocks and directory belong to nobody")?;
+        let padding = self.read_vec(end, blocks_end - end)?;
+        self.ensure(is_zero(&padding), "padding behind the blocks is not zero")
+    }
+}

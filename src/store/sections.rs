@@ -1,0 +1,315 @@
+//! The tables of a model: parts, materials, assembly, trees (FORMAT.md, section 5).
+//!
+//! Decoding is strict: what [`Tables::validate`] accepts can be used without further checks.
+
+use super::header::Header;
+use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
+
+/// Bounds that hold nothing: +infinity thrice, then -infinity thrice.
+pub const EMPTY_BOUNDS: [f64; 6] = {
+    let (least, greatest) = (f64::INFINITY, f64::NEG_INFINITY);
+    [least, least, least, greatest, greatest, greatest]
+};
+/// [`EMPTY_BOUNDS`] in single precision.
+pub const EMPTY_BOUNDS_F32: [f32; 6] = {
+    let (least, greatest) = (f32::INFINITY, f32::NEG_INFINITY);
+    [least, least, least, greatest, greatest, greatest]
+};
+/// In the file: a part without a parent.
+const NO_PARENT: u32 = u32::MAX;
+
+/// What a CAD user clicks on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PartRow {
+    /// The caller's id.
+    pub id: u64,
+    /// As named in the input; may be empty.
+    pub name: String,
+    /// The part above it: a row before this one.
+    pub parent: Option<u32>,
+    /// Row of the material table.
+    pub material: u32,
+    /// Bounds in world units, over all its own triangles: least corner, greatest corner; finite, or
+    /// [`EMPTY_BOUNDS`].
+    pub bounds: [f64; 6],
+    /// Its own triangles in the trees.
+    pub triangles: u64,
+}
+
+/// How a part looks. Linear; each number in [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MaterialRow {
+    /// Linear red, green, blue.
+    pub colour: [f32; 3],
+    /// 1 is opaque.
+    pub opacity: f32,
+    /// 1 is a metal.
+    pub metalness: f32,
+    /// 1 is rough.
+    pub roughness: f32,
+}
+
+impl MaterialRow {
+    /// The nearest row that a file may hold: each number brought into [0, 1], NaN becomes 0.
+    pub fn clamped(self) -> Self {
+        let unit = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) };
+        Self {
+            colour: self.colour.map(unit),
+            opacity: unit(self.opacity),
+            metalness: unit(self.metalness),
+            roughness: unit(self.roughness),
+        }
+    }
+    fn numbers(&self) -> [f32; 6] {
+        let [r, g, b] = self.colour;
+        [r, g, b, self.opacity, self.metalness, self.roughness]
+    }
+}
+
+/// One placing of a shared mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InstanceRow {
+    /// The tree, not tree 0.
+    pub tree: u32,
+    /// The part that local part 0 of the tree is here; the others follow.
+    pub first_part: u32,
+    /// Column-major 3x4: images of x, y, z, then the offset. [`is_invertible`].
+    pub world_from_mesh: [f64; 12],
+}
+
+/// A tree: row 0 holds the triangles placed directly, each further one a shared mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TreeRow {
+    /// Its first geometry block: the trees divide the geometry blocks among them in order.
+    pub first_block: u32,
+    /// Its geometry blocks.
+    pub block_count: u32,
+    /// Where tracing begins; the structure's business.
+    pub root: u64,
+    /// What its f32 positions are relative to, in the tree's own (f64) coordinates; finite.
+    pub origin: [f64; 3],
+    /// Bounds around the origin: least corner, greatest corner; finite, or [`EMPTY_BOUNDS_F32`].
+    pub bounds: [f32; 6],
+    /// Triangles, each counted once.
+    pub triangles: u64,
+    /// References to triangles in leaves: more than triangles if some were split.
+    pub references: u64,
+    /// Inner nodes.
+    pub nodes: u64,
+    /// Leaves.
+    pub leaves: u64,
+    /// Most that a stored position may differ from the input's, in the tree's units; finite, >= 0.
+    pub position_error: f64,
+    /// Local parts that its triangles name. Not more than there are parts.
+    pub local_parts: u32,
+    /// Deepest stack that a walk needs; the structure's business.
+    pub max_stack: u32,
+}
+
+/// Whether the transform (column-major 3x4) is finite and can be undone: its determinant is neither
+/// zero nor beyond the range of normal numbers.
+pub fn is_invertible(m: &[f64; 12]) -> bool {
+    let [a, b, c, d, e, f, g, h, i, ..] = *m;
+    let determinant = a * (e * i - f * h) - d * (b * i - c * h) + g * (b * f - c * e);
+    is_finite(m) && determinant.is_normal() && determinant.recip().is_normal()
+}
+
+/// Whether all numbers are finite.
+pub(super) fn is_finite(values: &[f64]) -> bool {
+    values.iter().all(|v| v.is_finite())
+}
+
+/// Accepts finite bounds and [`EMPTY_BOUNDS`].
+pub(super) fn check_bounds(b: &[f64; 6]) -> Result<(), Malformed> {
+    let ordered = is_finite(b) && (0..3).all(|axis| b[axis] <= b[axis + 3]);
+    ensure(ordered || *b == EMPTY_BOUNDS, "bad bounds")
+}
+
+/// All tables of a model.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Tables<'a> {
+    /// Parts.
+    pub parts: &'a [PartRow],
+    /// Materials.
+    pub materials: &'a [MaterialRow],
+    /// Instances of shared meshes.
+    pub instances: &'a [InstanceRow],
+    /// Trees.
+    pub trees: &'a [TreeRow],
+}
+
+impl Tables<'_> {
+    /// Checks every range that the rows document, among themselves and against the header.
+    pub fn validate(&self, header: &Header) -> Result<(), Malformed> {
+        let too_many = |rows: usize| rows >= u32::MAX as usize;
+        let counts = [self.parts.len(), self.materials.len(), self.instances.len(), self.trees.len()];
+        ensure(!counts.into_iter().any(too_many), "too many rows in a table")?;
+        each(self.parts, "part", |i, part| self.check_part(i, part))?;
+        each(self.materials, "material", |_, m| {
+            ensure(m.numbers().iter().all(|v| (0.0..=1.0).contains(v)), "a number outside of [0, 1]")
+        })?;
+        each(self.instances, "instance", |_, instance| self.check_instance(instance))?;
+        self.check_trees(header.geometry_blocks)
+    }
+
+    fn check_part(&self, index: usize, part: &PartRow) -> Result<(), Malformed> {
+        // Parents come first, hence no cycles.
+        ensure(part.parent.is_none_or(|p| (p as usize) < index), "its parent is not before it")?;
+        ensure((part.material as usize) < self.materials.len(), "no such material")?;
+        ensure(part.name.len() <= u32::MAX as usize, "its name is too long")?;
+        check_bounds(&part.bounds)
+    }
+
+    fn check_instance(&self, instance: &InstanceRow) -> Result<(), Malformed> {
+        let tree = self.trees.get(instance.tree as usize).filter(|_| instance.tree != 0);
+        let tree = tree.ok_or(Malformed::new("no such shared mesh"))?;
+        let last = u64::from(instance.first_part) + u64::from(tree.local_parts);
+        ensure(last <= self.parts.len() as u64, "its parts are not in the table")?;
+        ensure(is_invertible(&instance.world_from_mesh), "its transform cannot be undone")
+    }
+
+    fn check_trees(&self, geometry_blocks: u32) -> Result<(), Malformed> {
+        let mut next = 0u64;
+        each(self.trees, "tree", |_, tree| {
+            ensure(u64::from(tree.first_block) == next, "its blocks do not follow the tree before")?;
+            next += u64::from(tree.block_count);
+            ensure(tree.local_parts as usize <= self.parts.len(), "more parts than there are")?;
+            ensure(is_finite(&tree.origin), "bad origin")?;
+            check_bounds(&tree.bounds.map(f64::from))?;
+            ensure(tree.position_error.is_finite() && tree.position_error >= 0.0, "bad position error")
+        })?;
+        ensure(next == u64::from(geometry_blocks), "the trees do not have all the geometry blocks")
+    }
+}
+
+/// Runs `check` over all rows; names the row that fails.
+fn each<T>(
+    rows: &[T],
+    what: &str,
+    mut check: impl FnMut(usize, &T) -> Result<(), Malformed>,
+) -> Result<(), Malformed> {
+    for (i, row) in rows.iter().enumerate() {
+        check(i, row).map_err(|why| Malformed::new(format!("{what} {i}: {why}")))?;
+    }
+    Ok(())
+}
+
+/// A row of a section: fixed bytes, and for parts a text behind all rows.
+pub(super) trait FileRow: Sized {
+    /// Bytes of a row.
+    const LEN: usize;
+    /// Appends [`Self::LEN`] bytes.
+    fn encode(&self, out: &mut Vec<u8>);
+    /// Takes [`Self::LEN`] bytes from `rows`, and its text from `texts`.
+    fn decode(rows: &mut ByteReader, texts: &mut ByteReader) -> Result<Self, Malformed>;
+    /// The text that goes behind all rows.
+    fn text(&self) -> &str {
+        ""
+    }
+}
+
+/// The bytes of a section: all rows, then all texts.
+pub(super) fn encode<T: FileRow>(rows: &[T]) -> Vec<u8> {
+    let texts: usize = rows.iter().map(|row| row.text().len()).sum();
+    let mut out = Vec::with_capacity(rows.len() * T::LEN + texts);
+    rows.iter().for_each(|row| row.encode(&mut out));
+    debug_assert_eq!(out.len(), rows.len() * T::LEN);
+    rows.iter().for_each(|row| out.put_bytes(row.text().as_bytes()));
+    out
+}
+
+/// Reads a section of exactly `count` rows; memory is bounded by `bytes`, not by `count`.
+pub(super) fn decode<T: FileRow>(bytes: &[u8], count: u64) -> Result<Vec<T>, Malformed> {
+    let rows_len = usize::try_from(count).ok().and_then(|n| n.checked_mul(T::LEN));
+    let (rows, texts) = rows_len.and_then(|n| bytes.split_at_checked(n)).ok_or(Malformed::new("ends too early"))?;
+    let (mut rows, mut texts) = (ByteReader::new(rows), ByteReader::new(texts));
+    let out = (0..count).map(|_| T::decode(&mut rows, &mut texts)).collect::<Result<_, _>>()?;
+    texts.finish()?;
+    Ok(out)
+}
+
+impl FileRow for PartRow {
+    const LEN: usize = 80;
+    fn encode(&self, out: &mut Vec<u8>) {
+        out.put_u64(self.id);
+        out.put_u64(self.triangles);
+        out.put_f64s(&self.bounds);
+        out.put_u32(self.parent.unwrap_or(NO_PARENT));
+        out.put_u32(self.material);
+        out.put_u32(self.name.len() as u32);
+        out.put_u32(0);
+    }
+    fn decode(r: &mut ByteReader, texts: &mut ByteReader) -> Result<Self, Malformed> {
+        let (id, triangles, bounds) = (r.u64()?, r.u64()?, r.f64s()?);
+        let parent = Some(r.u32()?).filter(|&p| p != NO_PARENT);
+        let material = r.u32()?;
+        let name = texts.take(r.u32()? as usize)?;
+        r.zeros(4)?;
+        let name = str::from_utf8(name).map_err(|_| Malformed::new("a name is not UTF-8"))?;
+        Ok(Self { id, name: name.to_owned(), parent, material, bounds, triangles })
+    }
+    fn text(&self) -> &str {
+        &self.name
+    }
+}
+
+impl FileRow for MaterialRow {
+    const LEN: usize = 24;
+    fn encode(&self, out: &mut Vec<u8>) {
+        out.put_f32s(&self.numbers());
+    }
+    fn decode(r: &mut ByteReader, _: &mut ByteReader) -> Result<Self, Malformed> {
+        let [red, green, blue, opacity, metalness, roughness] = r.f32s()?;
+        Ok(Self { colour: [red, green, blue], opacity, metalness, roughness })
+    }
+}
+
+impl FileRow for InstanceRow {
+    const LEN: usize = 104;
+    fn encode(&self, out: &mut Vec<u8>) {
+        out.put_u32(self.tree);
+        out.put_u32(self.first_part);
+        out.put_f64s(&self.world_from_mesh);
+    }
+    fn decode(r: &mut ByteReader, _: &mut ByteReader) -> Result<Self, Malformed> {
+        Ok(Self { tree: r.u32()?, first_part: r.u32()?, world_from_mesh: r.f64s()? })
+    }
+}
+
+impl FileRow for TreeRow {
+    const LEN: usize = 112;
+    fn encode(&self, out: &mut Vec<u8>) {
+        out.put_u32(self.first_block);
+        out.put_u32(self.block_count);
+        out.put_u64(self.root);
+        out.put_f64s(&self.origin);
+        out.put_f32s(&self.bounds);
+        out.put_u64(self.triangles);
+        out.put_u64(self.references);
+        out.put_u64(self.nodes);
+        out.put_u64(self.leaves);
+        out.put_f64(self.position_error);
+        out.put_u32(self.local_parts);
+        out.put_u32(self.max_stack);
+    }
+    fn decode(r: &mut ByteReader, _: &mut ByteReader) -> Result<Self, Malformed> {
+        Ok(Self {
+            first_block: r.u32()?,
+            block_count: r.u32()?,
+            root: r.u64()?,
+            origin: r.f64s()?,
+            bounds: r.f32s()?,
+            triangles: r.u64()?,
+            references: r.u64()?,
+            nodes: r.u64()?,
+            leaves: r.u64()?,
+            position_error: r.f64()?,
+            local_parts: r.u32()?,
+            max_stack: r.u32()?,
+        })
+    }
+}
+
+#[cfg(test)]
+#[path = "sections_tests.rs"]
+mod tests;

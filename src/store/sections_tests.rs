@@ -1,0 +1,132 @@
+use super::*;
+use crate::base::bytes::Checked;
+
+fn part(name: &str, parent: Option<u32>) -> PartRow {
+    PartRow { id: 1 << 40, name: name.into(), parent, material: 0, bounds: [0.0, 0.0, 0.0, 1.0, 2.0, 3.0], triangles: 5 }
+}
+
+const MATERIAL: MaterialRow = MaterialRow { colour: [0.0, 0.5, 1.0], opacity: 1.0, metalness: 0.25, roughness: 0.75 };
+const INSTANCE: InstanceRow = InstanceRow {
+    tree: 1,
+    first_part: 1,
+    world_from_mesh: [1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, -3.0, 1e7, 0.0, 0.0],
+};
+const TREE: TreeRow = TreeRow {
+    first_block: 0,
+    block_count: 2,
+    root: u64::MAX,
+    origin: [1e7, 2.0, 3.0],
+    bounds: [-1.0, -1.0, -1.0, 1.0, 1.0, 1.0],
+    triangles: 10,
+    references: 12,
+    nodes: 3,
+    leaves: 4,
+    position_error: 1e-9,
+    local_parts: 2,
+    max_stack: 40,
+};
+
+struct Sample {
+    header: Header,
+    parts: Vec<PartRow>,
+    materials: Vec<MaterialRow>,
+    instances: Vec<InstanceRow>,
+    trees: Vec<TreeRow>,
+}
+
+impl Sample {
+    fn new() -> Self {
+        let parts = vec![part("root", None), part("Schräube ∅3", Some(0)), part("", Some(1))];
+        let trees = vec![TREE, TreeRow { first_block: 2, block_count: 1, ..TREE }];
+        let header = Header { geometry_blocks: 3, ..Header::default() };
+        Self { header, parts, materials: vec![MATERIAL], instances: vec![INSTANCE; 2], trees }
+    }
+    fn validate(&self) -> Checked<()> {
+        let Self { header, parts, materials, instances, trees } = self;
+        Tables { parts, materials, instances, trees }.validate(header)
+    }
+}
+
+
+
+fn roundtrip<T: FileRow + PartialEq + std::fmt::Debug>(rows: &[T]) {
+    let bytes = encode(rows);
+    let count = rows.len() as u64;
+    assert_eq!(decode::<T>(&bytes, count).unwrap(), rows);
+    for len in 0..bytes.len() {
+        assert!(decode::<T>(&bytes[..len], count).is_err(), "{len} of {} bytes", bytes.len());
+    }
+    let longer = [&bytes[..], &[0]].concat();
+    assert!(decode::<T>(&longer, count).is_err());
+    for count in [count + 1, u64::MAX, u64::MAX / T::LEN as u64] {
+        assert!(decode::<T>(&bytes, count).is_err(), "count {count}");
+    }
+}
+
+#[test]
+fn rows_come_back_and_sizes_are_exact() {
+    let sample = Sample::new();
+    roundtrip(&sample.parts);
+    roundtrip(&sample.materials);
+    roundtrip(&sample.instances);
+    roundtrip(&sample.trees);
+    sample.validate().unwrap();
+}
+
+#[test]
+fn names_must_be_utf8() {
+    let mut bytes = encode(&[part("ab", None)]);
+    *bytes.last_mut().unwrap() = 0xff;
+    assert!(decode::<PartRow>(&bytes, 1).is_err());
+}
+
+#[test]
+fn every_documented_range_is_checked() {
+    let damage: [(&str, fn(&mut Sample)); 23] = [
+        ("own parent", |s| s.parts[1].parent = Some(1)),
+        ("later parent", |s| s.parts[1].parent = Some(2)),
+        ("no such parent", |s| s.parts[1].parent = Some(9)),
+        ("no such material", |s| s.parts[2].material = 1),
+        ("NaN bounds", |s| s.parts[0].bounds[4] = f64::NAN),
+        ("turned bounds", |s| s.parts[0].bounds[0] = 1.5),
+        ("half empty bounds", |s| s.parts[0].bounds[..3].fill(f64::INFINITY)),
+        ("colour", |s| s.materials[0].colour[1] = 1.5),
+        ("NaN roughness", |s| s.materials[0].roughness = f32::NAN),
+        ("instance of tree 0", |s| s.instances[0].tree = 0),
+        ("no such tree", |s| s.instances[0].tree = 2),
+        ("parts past the end", |s| s.instances[0].first_part = 2),
+        ("parts far past the end", |s| s.instances[0].first_part = u32::MAX),
+        ("flat transform", |s| s.instances[0].world_from_mesh[4] = 0.0),
+        ("infinite transform", |s| s.instances[0].world_from_mesh[9] = f64::INFINITY),
+        ("vanishing transform", |s| s.instances[0].world_from_mesh.iter_mut().for_each(|v| *v *= 1e-150)),
+        ("exploding transform", |s| s.instances[0].world_from_mesh.iter_mut().for_each(|v| *v *= 1e150)),
+        ("overlapping trees", |s| s.trees[1].first_block = 1),
+        ("blocks of no tree", |s| s.trees[1].block_count = 0),
+        ("blocks that are not", |s| s.trees[1].block_count = u32::MAX),
+        ("more local parts than parts", |s| s.trees[0].local_parts = 4),
+        ("NaN origin", |s| s.trees[0].origin[0] = f64::NAN),
+        ("negative error", |s| s.trees[0].position_error = -1.0),
+    ];
+    for (what, damage) in damage {
+        let mut sample = Sample::new();
+        damage(&mut sample);
+        assert!(sample.validate().is_err(), "{what}");
+    }
+}
+
+#[test]
+fn an_empty_model_and_empty_bounds_are_fine() {
+    Tables::default().validate(&Header::default()).unwrap();
+    let mut sample = Sample::new();
+    sample.parts[1].bounds = EMPTY_BOUNDS;
+    sample.trees[0].bounds = EMPTY_BOUNDS_F32;
+    sample.validate().unwrap();
+}
+
+#[test]
+fn any_material_can_be_clamped() {
+    let wild = MaterialRow { colour: [f32::NAN, -1.0, 7.0], opacity: f32::INFINITY, metalness: -0.0, roughness: 0.5 };
+    let tame = wild.clamped();
+    assert_eq!(tame.numbers(), [0.0, 0.0, 1.0, 1.0, 0.0, 0.5]);
+    assert!(tame.numbers().iter().all(|v| (0.0..=1.0).contains(v)));
+}

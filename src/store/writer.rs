@@ -1,0 +1,158 @@
+//! Writing a model file from front to back.
+
+use super::codec::EncodedBlock;
+use super::contents::{self, Entry, KINDS};
+use super::directory::{self, Row, aligned};
+use super::header::{self, FOOTER_LEN, Frame, HEADER_LEN, Header};
+use super::sections::{InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
+use super::temporary::{Medium, Temporary};
+use crate::base::bytes::Malformed;
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Written at once: large enough that the disk sees long sequential writes.
+const BUFFER_LEN: usize = 1 << 20;
+
+/// Writes a model under a temporary name beside its own; [`Writer::finish`] gives it its name.
+///
+/// Dropped before that, or after any error, it removes the temporary, and a file that was there
+/// under the name stays as it was. A process that is killed leaves the temporary; the next build to
+/// the same name removes it.
+pub struct Writer {
+    medium: Box<dyn Medium>,
+    buffer: Vec<u8>,
+    /// Bytes written, those in the buffer included.
+    at: u64,
+    rows: Vec<Row>,
+    failed: bool,
+}
+
+impl Writer {
+    /// Begins the model that will be `path`.
+    ///
+    /// Fails with [`Error::Io`] if its folder is missing or cannot be written, or if `path` exists
+    /// and is not a regular file.
+    pub fn create(path: &Path) -> Result<Self> {
+        Self::through(Box::new(Temporary::create(path)?))
+    }
+
+    fn through(medium: Box<dyn Medium>) -> Result<Self> {
+        let buffer = Vec::with_capacity(BUFFER_LEN);
+        let mut writer = Self { medium, buffer, at: 0, rows: Vec::new(), failed: false };
+        // The header is known last; until then the file begins with zeros and is no model.
+        writer.append(&[0; HEADER_LEN])?;
+        Ok(writer)
+    }
+
+    /// Compresses and appends a block; ids count up from 0.
+    ///
+    /// `payload`: the file form, at least one byte. `decoded_len`: bytes of its trace form.
+    pub fn block(&mut self, payload: &[u8], decoded_len: u32) -> Result<BlockId> {
+        self.encoded_block(EncodedBlock::encode(payload, decoded_len))
+    }
+
+    /// Appends a block that was compressed elsewhere; ids count up from 0.
+    pub fn encoded_block(&mut self, block: EncodedBlock) -> Result<BlockId> {
+        let id = u32::try_from(self.rows.len()).map_err(|_| Error::bad_argument("too many blocks in one model"))?;
+        if block.payload_len == 0 {
+            return Err(Error::bad_argument("a block's payload must have from 1 to 2^32 - 1 bytes"));
+        }
+        self.pad()?;
+        self.rows.push(Row::of(&block, self.at).map_err(refuse)?);
+        self.append(&block.stored)?;
+        Ok(BlockId(id))
+    }
+
+    /// Bytes of the file so far.
+    pub fn bytes_written(&self) -> u64 {
+        self.at
+    }
+
+    /// Blocks so far.
+    pub fn blocks_written(&self) -> u32 {
+        self.rows.len() as u32
+    }
+
+    /// Writes all that follows the blocks, makes the file durable and gives it its name. Returns its
+    /// size in bytes.
+    ///
+    /// Fails with [`Error::BadArgument`], which says where, if anything is out of the ranges that
+    /// [`Header`] and the rows document: what is written can be opened.
+    pub fn finish(
+        mut self,
+        header: &Header,
+        parts: &[PartRow],
+        materials: &[MaterialRow],
+        instances: &[InstanceRow],
+        trees: &[TreeRow],
+    ) -> Result<u64> {
+        let tables = Tables { parts, materials, instances, trees };
+        header.validate().and_then(|()| tables.validate(header)).map_err(refuse)?;
+        if header.block_count() != self.rows.len() as u64 {
+            return Err(Error::bad_argument(format!(
+                "model: {} blocks were written, the header tells of {}",
+                self.rows.len(),
+                header.block_count()
+            )));
+        }
+        directory::check(&self.rows, header.block_size).map_err(refuse)?;
+        self.write_sections(header, &tables)?;
+        self.medium.publish()?;
+        Ok(self.at)
+    }
+
+    fn write_sections(&mut self, header: &Header, tables: &Tables) -> Result<()> {
+        let mut entries = Vec::with_capacity(KINDS.len());
+        for (kind, (bytes, count)) in KINDS.into_iter().zip(contents::encode_sections(&self.rows, tables)) {
+            self.pad()?;
+            entries.push(Entry { kind, count, offset: self.at, len: bytes.len() as u64, checksum: xxh3_64(&bytes) });
+            self.append(&bytes)?;
+        }
+        self.pad()?;
+        let table = contents::encode(&entries);
+        let frame = Frame {
+            file_len: self.at + table.len() as u64 + FOOTER_LEN as u64,
+            table_at: self.at,
+            table_checksum: xxh3_64(&table),
+            sections: KINDS.len() as u32,
+            blocks: self.rows.len() as u32,
+        };
+        let head = header::encode(header, &frame);
+        self.append(&table)?;
+        self.append(&header::encode_footer(frame.file_len, &head))?;
+        self.flush()?;
+        self.medium.overwrite_start(&head)
+    }
+
+    /// Zeros up to the next place where a block or a section may begin.
+    fn pad(&mut self) -> Result<()> {
+        let zeros = aligned(self.at) - self.at;
+        self.append(&[0; super::header::ALIGN as usize][..zeros as usize])
+    }
+
+    fn append(&mut self, bytes: &[u8]) -> Result<()> {
+        if self.failed {
+            return Err(Error::BadState("writing the model has failed before".into()));
+        }
+        self.buffer.extend_from_slice(bytes);
+        self.at += bytes.len() as u64;
+        if self.buffer.len() >= BUFFER_LEN { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let written = self.medium.append(&self.buffer);
+        self.buffer.clear();
+        self.failed = written.is_err();
+        written
+    }
+}
+
+fn refuse(why: Malformed) -> Error {
+    Error::bad_argument(format!("model: {why}"))
+}
+
+#[cfg(test)]
+#[path = "writer_tests.rs"]
+mod tests;
