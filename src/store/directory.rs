@@ -141,7 +141,8 @@ mod tests {
 
     #[test]
     fn overlaps_gaps_and_impossible_sizes_are_refused() {
-        let damage: [(&str, fn(&mut Row)); 8] = [
+        type Damage = (&'static str, fn(&mut Row));
+        let damage: [Damage; 8] = [
             ("overlap", |r| r.offset -= 64),
             ("gap", |r| r.offset += 64),
             ("far away", |r| r.offset = u64::MAX),

@@ -82,7 +82,8 @@ fn names_must_be_utf8() {
 
 #[test]
 fn every_documented_range_is_checked() {
-    let damage: [(&str, fn(&mut Sample)); 23] = [
+    type Damage = (&'static str, fn(&mut Sample));
+    let damage: [Damage; 23] = [
         ("own parent", |s| s.parts[1].parent = Some(1)),
         ("later parent", |s| s.parts[1].parent = Some(2)),
         ("no such parent", |s| s.parts[1].parent = Some(9)),
