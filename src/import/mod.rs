@@ -3,6 +3,19 @@
 //! Readers push into a [`Sink`] in bounded memory; what becomes of the triangles is the sink's
 //! business. Uses base, math and geom.
 
+#![forbid(unsafe_code)]
+
+mod batch;
+pub mod collect;
+mod colour;
+mod detect;
+mod input;
+mod obj;
+mod ply;
+mod stl;
+mod text;
+mod vertices;
+
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 pub use crate::base::units::UpAxis;
@@ -100,9 +113,29 @@ pub struct ReadOptions {
 
 /// Reads the mesh file at `path` into `sink`; the format is told by content first, by ending second.
 ///
-/// Fails with [`crate::Error::Parse`] naming line or byte; with `Io` if the file cannot be read.
-/// A mesh file without triangles is fine (with a note to the sink); a file that is not a mesh is not.
+/// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`) and our raw soup ([`raw`]). Memory is bounded by
+/// the file's size (12 or 24 bytes a vertex for formats that index globally), never by what a header
+/// claims. A file is a part named after its stem, unless it names parts of its own.
+///
+/// Fails with [`crate::Error::Parse`] naming line or byte; with `Io` if the file cannot be read; with
+/// the sink's own errors. A mesh file without triangles is fine (with a note to the sink); a file
+/// that is not a mesh is not. What the sink received before an error stays received.
 pub fn read_file(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
-    let _ = (path, options, sink);
-    Err(crate::Error::bad_argument("import: being built"))
+    let _ = options;
+    let mut input = input::Input::open(path)?;
+    let total = input.total();
+    sink.at(0, total);
+    match detect::format(&mut input)? {
+        detect::Format::Ply => ply::read(&mut input, sink)?,
+        detect::Format::Obj => obj::read(&mut input, sink)?,
+        detect::Format::StlText => stl::read_text(&mut input, sink)?,
+        detect::Format::StlBinary => stl::read_binary(&mut input, sink)?,
+    }
+    sink.at(total, total);
+    Ok(())
+}
+
+/// The file's name without folder and ending: the name of a part that has no better one.
+fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }

@@ -1,0 +1,203 @@
+//! A sink that keeps everything in memory: for tests and small tools.
+
+use super::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink, UpAxis};
+use crate::base::error::{Error, Result};
+use crate::base::progress::Cancel;
+use crate::math::DBounds;
+use glam::{DAffine3, DVec3};
+
+/// A triangle of a [`CollectedMesh`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CollectedTriangle {
+    /// Its index in the whole input.
+    pub prim: u64,
+    /// [`PartKey`], or the local part in a shared mesh.
+    pub part: u32,
+    /// In world coordinates, or the shared mesh's own.
+    pub positions: [DVec3; 3],
+    /// Linear RGB, if it has its own.
+    pub colour: Option<[f32; 3]>,
+}
+
+/// A mesh of a [`Collector`].
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CollectedMesh {
+    /// How many local parts it announced; 0 for the triangles placed directly.
+    pub local_parts: u32,
+    /// In the order in which they came.
+    pub triangles: Vec<CollectedTriangle>,
+}
+
+/// A placed shared mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CollectedInstance {
+    /// Which mesh.
+    pub mesh: MeshKey,
+    /// Where.
+    pub world_from_mesh: DAffine3,
+    /// The part of local part 0.
+    pub first_part: PartKey,
+}
+
+/// Keeps all it is given, and refuses what breaks the rules of [`Sink`].
+///
+/// Not bounded: memory grows with the input (about 120 bytes a triangle).
+#[derive(Debug, Clone)]
+pub struct Collector {
+    /// First stated length unit.
+    pub metres_per_unit: Option<f64>,
+    /// First stated up axis.
+    pub up: UpAxis,
+    /// By [`MaterialKey`].
+    pub materials: Vec<MaterialDesc>,
+    /// By [`PartKey`].
+    pub parts: Vec<PartDesc>,
+    /// By [`MeshKey`]; the first holds the triangles placed directly.
+    pub meshes: Vec<CollectedMesh>,
+    /// In the order in which they came.
+    pub instances: Vec<CollectedInstance>,
+    /// What the reader wanted the user to know.
+    pub notes: Vec<String>,
+    /// The last word on progress: bytes, of how many.
+    pub at: (u64, u64),
+    /// Triangles received, over all meshes.
+    pub received: u64,
+    cancel: Cancel,
+}
+
+impl Default for Collector {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Collector {
+    /// Holds nothing.
+    pub fn new() -> Self {
+        Self::with_cancel(Cancel::new())
+    }
+
+    /// Holds nothing; readers stop once `cancel` says so.
+    pub fn with_cancel(cancel: Cancel) -> Self {
+        Self {
+            metres_per_unit: None,
+            up: UpAxis::Unknown,
+            materials: Vec::new(),
+            parts: Vec::new(),
+            meshes: vec![CollectedMesh::default()],
+            instances: Vec::new(),
+            notes: Vec::new(),
+            at: (0, 0),
+            received: 0,
+            cancel,
+        }
+    }
+
+    /// The triangles placed directly.
+    pub fn direct(&self) -> &[CollectedTriangle] {
+        &self.meshes[0].triangles
+    }
+
+    /// Every triangle where it is seen: direct ones, then those of each instance, with their real part.
+    pub fn placed(&self) -> impl Iterator<Item = CollectedTriangle> + '_ {
+        let instanced = self.instances.iter().flat_map(|i| {
+            self.meshes[i.mesh.0 as usize].triangles.iter().map(move |t| CollectedTriangle {
+                part: i.first_part + t.part,
+                positions: t.positions.map(|p| i.world_from_mesh.transform_point3(p)),
+                ..*t
+            })
+        });
+        self.direct().iter().copied().chain(instanced)
+    }
+
+    /// The box around [`Collector::placed`], without points that are not finite.
+    pub fn bounds(&self) -> DBounds {
+        self.placed().flat_map(|t| t.positions).filter(|p| p.is_finite()).fold(DBounds::EMPTY, DBounds::with)
+    }
+
+    fn part_count(&self) -> u32 {
+        self.parts.len() as u32
+    }
+}
+
+impl Sink for Collector {
+    fn units(&mut self, metres_per_unit: Option<f64>, up: UpAxis) {
+        self.metres_per_unit = self.metres_per_unit.or(metres_per_unit);
+        if self.up == UpAxis::Unknown {
+            self.up = up;
+        }
+    }
+
+    fn material(&mut self, material: MaterialDesc) -> Result<MaterialKey> {
+        self.materials.push(material);
+        Ok(self.materials.len() as u32 - 1)
+    }
+
+    fn part(&mut self, part: PartDesc) -> Result<PartKey> {
+        if part.parent.is_some_and(|p| p >= self.part_count()) {
+            return Err(Error::bad_argument("a part's parent must come before it"));
+        }
+        if part.material.is_some_and(|m| m as usize >= self.materials.len()) {
+            return Err(Error::bad_argument("no such material"));
+        }
+        self.parts.push(part);
+        Ok(self.part_count() - 1)
+    }
+
+    fn shared_mesh(&mut self, local_parts: u32) -> Result<MeshKey> {
+        self.meshes.push(CollectedMesh { local_parts, triangles: Vec::new() });
+        Ok(MeshKey(self.meshes.len() as u32 - 1))
+    }
+
+    fn triangles(
+        &mut self,
+        mesh: MeshKey,
+        part: u32,
+        positions: &[[DVec3; 3]],
+        colours: Option<&[[f32; 3]]>,
+    ) -> Result<()> {
+        let parts = self.part_count();
+        let Some(target) = self.meshes.get_mut(mesh.0 as usize) else {
+            return Err(Error::bad_argument("no such mesh"));
+        };
+        if part >= if mesh == MeshKey::DIRECT { parts } else { target.local_parts } {
+            return Err(Error::bad_argument("no such part"));
+        }
+        if colours.is_some_and(|c| c.len() != positions.len()) {
+            return Err(Error::bad_argument("one colour for each triangle"));
+        }
+        for (i, &positions) in positions.iter().enumerate() {
+            let colour = colours.map(|c| c[i]);
+            target.triangles.push(CollectedTriangle { prim: self.received, part, positions, colour });
+            self.received += 1;
+        }
+        Ok(())
+    }
+
+    fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
+        let Some(shared) = self.meshes.get(mesh.0 as usize).filter(|_| mesh != MeshKey::DIRECT) else {
+            return Err(Error::bad_argument("no such shared mesh"));
+        };
+        if u64::from(first_part) + u64::from(shared.local_parts) > self.parts.len() as u64 {
+            return Err(Error::bad_argument("the instance's parts are not all there"));
+        }
+        let det = world_from_mesh.matrix3.determinant();
+        if !world_from_mesh.is_finite() || !det.is_finite() || det == 0.0 {
+            return Err(Error::bad_argument("an instance needs a finite, invertible transform"));
+        }
+        self.instances.push(CollectedInstance { mesh, world_from_mesh, first_part });
+        Ok(())
+    }
+
+    fn at(&mut self, bytes: u64, total: u64) {
+        self.at = (bytes, total);
+    }
+
+    fn note(&mut self, text: String) {
+        self.notes.push(text);
+    }
+
+    fn cancel(&self) -> &Cancel {
+        &self.cancel
+    }
+}

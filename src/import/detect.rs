@@ -1,0 +1,124 @@
+//! What a file is: by its first bytes, and by its ending only where these leave it open.
+
+use super::input::{Input, Parsed};
+use super::text;
+use crate::base::error::{Error, Place, Result};
+
+/// The readers that there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Format {
+    Ply,
+    Obj,
+    StlText,
+    StlBinary,
+}
+
+/// Bytes looked at.
+const HEAD: usize = 64 << 10;
+
+/// Beginnings of files that people try, and what to call them.
+const STRANGERS: [(&[u8], &str); 28] = [
+    (b"b3dm", "a 3D Tiles payload (b3dm), not a mesh file; its GLB part would be"),
+    (b"i3dm", "a 3D Tiles payload (i3dm), not a mesh file"),
+    (b"pnts", "a 3D Tiles point cloud (pnts), not a mesh file"),
+    (b"cmpt", "a 3D Tiles payload (cmpt), not a mesh file"),
+    (b"OFF", "an OFF file, a format that is not supported"),
+    (b"COFF", "an OFF file, a format that is not supported"),
+    (b"NOFF", "an OFF file, a format that is not supported"),
+    (b"STOFF", "an OFF file, a format that is not supported"),
+    (b"ISO-10303-21", "a STEP file: exact surfaces, not a mesh"),
+    (b"3D Geometry File Format", "a 3DM file: exact surfaces, not a mesh"),
+    (b"Kaydara FBX", "an FBX file, a format that is not supported"),
+    (b"; FBX", "an FBX file, a format that is not supported"),
+    (b"#VRML", "a VRML file, a format that is not supported"),
+    (b"#X3D", "an X3D file, a format that is not supported"),
+    (b"# vtk", "a VTK file, a format that is not supported"),
+    (b"xof ", "a DirectX file, a format that is not supported"),
+    (b"<?xml", "an XML file (COLLADA, 3MF, X3D?), a format that is not supported"),
+    (b"<", "an XML or HTML file, not a mesh"),
+    (b"PK\x03\x04", "a ZIP archive (3MF?), not a mesh"),
+    (b"\x1f\x8b", "compressed with gzip; unpack it first"),
+    (b"BZh", "compressed with bzip2; unpack it first"),
+    (b"\xfd7zXZ", "compressed with xz; unpack it first"),
+    (b"\x28\xb5\x2f\xfd", "compressed with zstd; unpack it first"),
+    (b"\x89PNG", "a PNG picture, not a mesh"),
+    (b"\xff\xd8\xff", "a JPEG picture, not a mesh"),
+    (b"%PDF", "a PDF document, not a mesh"),
+    (b"\x7fELF", "a program, not a mesh"),
+    (b"version https://git-lfs", "a pointer of Git LFS, not the file itself"),
+];
+
+/// Tells the format, or says what the file is instead. Leaves `input` at its beginning.
+pub(crate) fn format(input: &mut Input) -> Result<Format> {
+    let total = input.total();
+    let path = input.path().to_path_buf();
+    let ending = path.extension().map_or_else(String::new, |e| e.to_string_lossy().to_ascii_lowercase());
+    let head = input.peek(HEAD)?;
+    tell(head, total, &ending).map_err(|why| Error::parse(&path, Place::File, why))
+}
+
+fn tell(head: &[u8], total: u64, ending: &str) -> Parsed<Format, String> {
+    if total == 0 {
+        return Err("is empty, not a mesh file".into());
+    }
+    let first = head.split(|&b| b == b'\n' || b == b'\r').next().unwrap_or(b"");
+    if first.trim_ascii() == b"ply" {
+        return Ok(Format::Ply);
+    }
+    if is_binary_stl(head, total) {
+        return Ok(Format::StlBinary);
+    }
+    if let Some(format) = text_format(head, ending)? {
+        return Ok(format);
+    }
+    let start = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head).trim_ascii_start();
+    if let Some((_, what)) = STRANGERS.iter().find(|(magic, _)| start.starts_with(magic)) {
+        return Err(format!("is {what}"));
+    }
+    match ending {
+        "stl" => Ok(Format::StlBinary),
+        "obj" if !head.contains(&0) => Ok(Format::Obj),
+        "obj" => Err("ends in .obj, but holds binary data (a compiler's object file?)".into()),
+        "ply" => Err("ends in .ply, but does not begin with \"ply\"".into()),
+        "off" => Err("is an OFF file, a format that is not supported".into()),
+        "oc" => Err("is a built model, not a mesh file".into()),
+        _ => Err("is not a mesh file of a known format (PLY, OBJ, STL, glTF, GLB or raw soup)".into()),
+    }
+}
+
+/// 84 bytes and 50 for each triangle, as counted in the header: also where the text begins with "solid".
+fn is_binary_stl(head: &[u8], total: u64) -> bool {
+    let count = head.get(80..84).and_then(|b| b.first_chunk()).map(|b| u32::from_le_bytes(*b));
+    count.is_some_and(|n| total == 84 + 50 * u64::from(n))
+}
+
+/// STL as text, OBJ, or a material library, by the words that lines begin with.
+fn text_format(head: &[u8], ending: &str) -> Parsed<Option<Format>, String> {
+    if head.iter().take(4096).any(|&b| b == 0) {
+        return Ok(None);
+    }
+    let mut start = head;
+    if text::word(&mut start).is_some_and(|w| w.eq_ignore_ascii_case(b"solid")) {
+        let mut words = std::iter::from_fn(|| text::word(&mut start));
+        if ending == "stl" || words.any(|w| w.eq_ignore_ascii_case(b"facet") || w.eq_ignore_ascii_case(b"endsolid")) {
+            return Ok(Some(Format::StlText));
+        }
+    }
+    let mut obj = false;
+    for line in head.split(|&b| b == b'\n' || b == b'\r') {
+        let mut rest = line;
+        let keyword = text::word(&mut rest).unwrap_or(b"");
+        let numbers = std::iter::from_fn(|| text::word(&mut rest)).take_while(|w| text::double(w).is_some()).count();
+        match keyword {
+            b"newmtl" => return Err("is a material library (.mtl), not a mesh".into()),
+            b"v" if numbers >= 3 => obj = true,
+            b"mtllib" | b"usemtl" => obj = true,
+            b"f" | b"vt" | b"vn" | b"g" | b"o" if ending == "obj" => obj = true,
+            _ => {}
+        }
+        if obj {
+            return Ok(Some(Format::Obj));
+        }
+    }
+    Ok(None)
+}

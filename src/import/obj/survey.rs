@@ -1,0 +1,130 @@
+//! The first reading of an OBJ file: its objects, groups and materials, and which faces use which.
+
+use super::lines::Lines;
+use crate::base::error::Result;
+use crate::import::Sink;
+use crate::import::input::Input;
+use crate::import::text;
+use std::collections::HashMap;
+use std::hash::Hash;
+
+/// Distinct values in order of first sight.
+pub(crate) struct Ordered<T> {
+    index: HashMap<T, u32>,
+    pub(crate) items: Vec<T>,
+}
+
+impl<T: Clone + Eq + Hash> Ordered<T> {
+    fn new() -> Self {
+        Self { index: HashMap::new(), items: Vec::new() }
+    }
+
+    fn place(&mut self, item: T) -> u32 {
+        let next = self.items.len() as u32;
+        let items = &mut self.items;
+        *self.index.entry(item).or_insert_with_key(|item| {
+            items.push(item.clone());
+            next
+        })
+    }
+}
+
+/// Object and group: indices into `names`.
+pub(crate) type Group = (Option<u32>, Option<u32>);
+
+/// What the file's faces belong to.
+pub(crate) struct Survey {
+    pub(crate) names: Ordered<String>,
+    /// Groups that have faces.
+    pub(crate) groups: Ordered<Group>,
+    /// Index of a group, and of a name of a material: every combination that has faces.
+    pub(crate) uses: Ordered<(u32, Option<u32>)>,
+    /// For each run of faces between changes of object, group or material: an index into `uses`.
+    pub(crate) runs: Vec<u32>,
+    /// As named in `mtllib` lines.
+    pub(crate) libraries: Ordered<String>,
+}
+
+/// Reads the whole file from its beginning.
+pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<Survey> {
+    let mut survey = Survey {
+        names: Ordered::new(),
+        groups: Ordered::new(),
+        uses: Ordered::new(),
+        runs: Vec::new(),
+        libraries: Ordered::new(),
+    };
+    let mut group: Group = (None, None);
+    let mut material = None;
+    let mut in_run = false;
+    let mut lines = Lines::default();
+    let mut count = 0u64;
+    loop {
+        count += 1;
+        if count.is_multiple_of(65536) {
+            sink.cancel().check()?;
+        }
+        let Some(line) = lines.next(input)? else { break };
+        match keyword(line) {
+            Keyword::Face if !in_run => {
+                let group = survey.groups.place(group);
+                survey.runs.push(survey.uses.place((group, material)));
+                in_run = true;
+            }
+            Keyword::Object(name) => {
+                group = (survey.name(name), None);
+                in_run = false;
+            }
+            Keyword::Group(name) => {
+                group.1 = Some(survey.names.place(if name.is_empty() { "default".into() } else { name }));
+                in_run = false;
+            }
+            Keyword::Material(name) => {
+                material = survey.name(name);
+                in_run = false;
+            }
+            Keyword::Library(name) => {
+                survey.libraries.place(name);
+            }
+            Keyword::Face | Keyword::Other => {}
+        }
+    }
+    Ok(survey)
+}
+
+impl Survey {
+    fn name(&mut self, name: String) -> Option<u32> {
+        (!name.is_empty()).then(|| self.names.place(name))
+    }
+}
+
+/// The lines that matter for parts.
+pub(crate) enum Keyword {
+    Face,
+    Object(String),
+    Group(String),
+    Material(String),
+    Library(String),
+    Other,
+}
+
+/// What a line is about. Both readings use it, so that they agree on where runs begin.
+#[inline]
+pub(crate) fn keyword(line: &[u8]) -> Keyword {
+    match line.first() {
+        Some(b'f' | b'o' | b'g' | b'u' | b'm') => keyword_by_word(line),
+        _ => Keyword::Other,
+    }
+}
+
+fn keyword_by_word(line: &[u8]) -> Keyword {
+    let mut rest = line;
+    match text::word(&mut rest) {
+        Some(b"f" | b"fo") => Keyword::Face,
+        Some(b"o") => Keyword::Object(text::name(rest)),
+        Some(b"g") => Keyword::Group(text::name(rest)),
+        Some(b"usemtl") => Keyword::Material(text::name(rest)),
+        Some(b"mtllib") => Keyword::Library(text::name(rest)),
+        _ => Keyword::Other,
+    }
+}

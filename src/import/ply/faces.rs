@@ -1,0 +1,301 @@
+//! Elements `face` (polygons) and `tristrips`: from indices to triangles.
+
+use super::header::{Coding, Element, Kind, Type};
+use super::table::Declared;
+use super::values::Values;
+use super::vertices::{Channels, VertexTable, channel, channels};
+use crate::base::error::Result;
+use crate::import::batch::Batch;
+use crate::import::colour::{self, mean3};
+use crate::import::input::Input;
+use crate::import::{MaterialDesc, MeshKey, PartDesc, PartKey, Sink};
+use glam::DVec3;
+use std::collections::HashMap;
+
+/// Names of the list of a face's vertices.
+pub(crate) const INDEX_LISTS: [&str; 2] = ["vertex_indices", "vertex_index"];
+
+/// Turns rows into triangles, fanned from the first corner, and counts what is none.
+pub(crate) struct Faces<'a> {
+    vertices: &'a VertexTable,
+    batch: Batch,
+    parts: Parts,
+    /// Faces with fewer than three corners.
+    pub(crate) without_area: u64,
+    pub(crate) triangles: u64,
+}
+
+/// The parts that a face property `part` names.
+struct Parts {
+    /// The table of the file; else the file's own part.
+    declared: Vec<Declared>,
+    /// Whether values of the property are indices into `declared`.
+    named: bool,
+    /// Parts that no table has.
+    others: HashMap<i64, PartKey>,
+}
+
+/// What the properties of a face mean.
+struct Layout {
+    indices: usize,
+    colour: Option<Channels>,
+    part: Option<usize>,
+}
+
+impl<'a> Faces<'a> {
+    /// `declared`: the parts of the file (`named`), or just its own; faces begin in the first.
+    pub(crate) fn new(
+        vertices: &'a VertexTable,
+        declared: Vec<Declared>,
+        named: bool,
+        sink: &mut dyn Sink,
+    ) -> Result<Self> {
+        let mut batch = Batch::new(0);
+        if let Some(&(part, colour)) = declared.first() {
+            batch.aim(MeshKey::DIRECT, part, colour, sink)?;
+        }
+        let parts = Parts { declared, named, others: HashMap::new() };
+        Ok(Self { vertices, batch, parts, without_area: 0, triangles: 0 })
+    }
+
+    /// Reads all rows of `element`, whose list of indices is property `indices`.
+    pub(crate) fn polygons(
+        &mut self,
+        values: &mut impl Values,
+        element: &Element,
+        indices: usize,
+        coding: Coding,
+        sink: &mut dyn Sink,
+    ) -> Result<()> {
+        let part = element.scalar(&["part", "part_id"]).filter(|(_, ty)| !ty.is_float());
+        let layout = Layout { indices, colour: channels(element), part: part.map(|(i, _)| i) };
+        let quick = quick_layout(element, &layout).filter(|_| coding == Coding::Little && !self.vertices.has_colours());
+        let mut corners = Vec::new();
+        let mut done = 0;
+        while done < element.count {
+            if let Some(quick) = quick {
+                done += self.quick_rows(values.input(), quick, element.count - done)?;
+            }
+            if self.batch.is_full() {
+                self.hand_over(values.input(), sink)?;
+            } else if done < element.count {
+                self.polygon(values, element, &layout, &mut corners, sink)?;
+                done += 1;
+                if done.is_multiple_of(16384) {
+                    super::tick(values.input(), sink)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// One row of any layout.
+    fn polygon(
+        &mut self,
+        values: &mut impl Values,
+        element: &Element,
+        layout: &Layout,
+        corners: &mut Vec<u32>,
+        sink: &mut dyn Sink,
+    ) -> Result<()> {
+        let mut rgb = [0f32; 3];
+        let mut part = None;
+        for (i, property) in element.properties.iter().enumerate() {
+            match property.kind {
+                Kind::List { count, item } if i == layout.indices => {
+                    self.corners(values, count, item, corners)?;
+                }
+                Kind::List { count, item } => {
+                    let n = super::list_length(values, count)?;
+                    values.skip(item, n)?;
+                }
+                Kind::Scalar(ty) if layout.part == Some(i) => part = Some(values.int(ty)?),
+                Kind::Scalar(ty) => match layout.colour.and_then(|c| c.iter().position(|&(p, _)| p == i)) {
+                    Some(slot) => rgb[slot] = channel(values.float(ty)?, ty),
+                    None => values.skip(ty, 1)?,
+                },
+            }
+        }
+        values.end_row()?;
+        if let Some(id) = part {
+            let (key, colour) = self.parts.find(id, sink)?;
+            self.batch.aim(MeshKey::DIRECT, key, colour, sink)?;
+        }
+        let face_colour = layout.colour.map(|_| rgb.map(colour::linear));
+        self.fan(values, corners, face_colour, sink)
+    }
+
+    /// The list of a face's vertices, each checked.
+    fn corners(&self, values: &mut impl Values, count: Type, item: Type, corners: &mut Vec<u32>) -> Result<()> {
+        let n = super::list_length(values, count)?;
+        corners.clear();
+        for _ in 0..n {
+            let index = values.int(item)?;
+            match u32::try_from(index) {
+                Ok(i) if (i as usize) < self.vertices.positions.len() => corners.push(i),
+                _ => return Err(values.fault(self.out_of_range(index))),
+            }
+        }
+        Ok(())
+    }
+
+    fn out_of_range(&self, index: i64) -> String {
+        format!("vertex {index} of {} is out of range", self.vertices.positions.len())
+    }
+
+    fn fan(
+        &mut self,
+        values: &mut impl Values,
+        corners: &[u32],
+        face_colour: Option<[f32; 3]>,
+        sink: &mut dyn Sink,
+    ) -> Result<()> {
+        let [first, others @ ..] = corners else {
+            self.without_area += 1;
+            return Ok(());
+        };
+        self.without_area += u64::from(others.len() < 2);
+        for pair in others.windows(2) {
+            self.triangle([*first, pair[0], pair[1]], face_colour);
+            if self.batch.is_full() {
+                self.hand_over(values.input(), sink)?;
+            }
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn triangle(&mut self, corners: [u32; 3], face_colour: Option<[f32; 3]>) {
+        let at = corners.map(|i| i as usize);
+        // Every corner was checked when it was read.
+        let positions = at.map(|i| self.vertices.positions.get(i).unwrap_or(DVec3::NAN));
+        let colour = face_colour.or_else(|| {
+            let c = |i| self.vertices.colour(i);
+            Some(mean3(c(at[0])?, c(at[1])?, c(at[2])?))
+        });
+        self.triangles += 1;
+        self.batch.push(positions, colour);
+    }
+
+    /// Triangle strips: each list is a run of strips, ended by negative indices.
+    pub(crate) fn strips(
+        &mut self,
+        values: &mut impl Values,
+        element: &Element,
+        indices: usize,
+        sink: &mut dyn Sink,
+    ) -> Result<()> {
+        for _ in 0..element.count {
+            for (i, property) in element.properties.iter().enumerate() {
+                match property.kind {
+                    Kind::Scalar(ty) => values.skip(ty, 1)?,
+                    Kind::List { count, item } => {
+                        let n = super::list_length(values, count)?;
+                        if i == indices { self.strip(values, item, n, sink)? } else { values.skip(item, n)? }
+                    }
+                }
+            }
+            values.end_row()?;
+        }
+        Ok(())
+    }
+
+    fn strip(&mut self, values: &mut impl Values, item: Type, n: u64, sink: &mut dyn Sink) -> Result<()> {
+        let mut last = [0u32; 2];
+        let mut length = 0u64;
+        for _ in 0..n {
+            let index = values.int(item)?;
+            if index < 0 {
+                length = 0;
+                continue;
+            }
+            let Some(corner) = u32::try_from(index).ok().filter(|&i| (i as usize) < self.vertices.positions.len())
+            else {
+                return Err(values.fault(self.out_of_range(index)));
+            };
+            if length >= 2 {
+                // Every other triangle of a strip turns the other way.
+                let [a, b] = if length.is_multiple_of(2) { last } else { [last[1], last[0]] };
+                self.triangle([a, b, corner], None);
+                if self.batch.is_full() {
+                    self.hand_over(values.input(), sink)?;
+                }
+            }
+            last = [last[1], corner];
+            length += 1;
+        }
+        Ok(())
+    }
+
+    fn hand_over(&mut self, input: &Input, sink: &mut dyn Sink) -> Result<()> {
+        sink.at(input.offset(), input.total());
+        self.batch.flush(sink)
+    }
+
+    /// Hands over what is left.
+    pub(crate) fn finish(&mut self, input: &Input, sink: &mut dyn Sink) -> Result<()> {
+        self.hand_over(input, sink)
+    }
+
+    /// The usual case, triangles in rows of one size: as many as are in the window and fit the
+    /// batch. Stops at the first row that is not a triangle or not sound; how many were read.
+    fn quick_rows(&mut self, input: &mut Input, quick: Quick, most: u64) -> Result<u64> {
+        let row = quick.before + 1 + 12 + quick.after;
+        input.ensure(row)?;
+        let rows = input.available().chunks_exact(row).take(most.try_into().unwrap_or(usize::MAX));
+        let (mut n, count) = (0, self.vertices.positions.len());
+        for bytes in rows {
+            let Some((&3, list)) = bytes[quick.before..].split_first() else { break };
+            let corner = |i: usize| list[4 * i..].first_chunk().map_or(u32::MAX, |b| u32::from_le_bytes(*b));
+            let corners = [corner(0), corner(1), corner(2)];
+            if self.batch.is_full() || corners.iter().any(|&c| c as usize >= count) {
+                break;
+            }
+            self.triangle(corners, None);
+            n += 1;
+        }
+        input.consume(n * row);
+        Ok(n as u64)
+    }
+}
+
+impl Parts {
+    fn find(&mut self, id: i64, sink: &mut dyn Sink) -> Result<Declared> {
+        let at = usize::try_from(id).ok().filter(|_| self.named);
+        if let Some(&declared) = at.and_then(|i| self.declared.get(i)) {
+            return Ok(declared);
+        }
+        let colour = MaterialDesc::default().colour;
+        if let Some(&key) = self.others.get(&id) {
+            return Ok((key, colour));
+        }
+        let parent = self.declared.first().filter(|_| !self.named).map(|d| d.0);
+        let desc = PartDesc { id: u64::try_from(id).ok(), name: format!("part {id}"), parent, material: None };
+        let key = sink.part(desc)?;
+        self.others.insert(id, key);
+        Ok((key, colour))
+    }
+}
+
+/// Bytes before the list and after it, in rows whose only list is `uchar` and three 32-bit indices.
+#[derive(Clone, Copy)]
+struct Quick {
+    before: usize,
+    after: usize,
+}
+
+fn quick_layout(element: &Element, layout: &Layout) -> Option<Quick> {
+    if layout.colour.is_some() || layout.part.is_some() {
+        return None;
+    }
+    let mut quick = Quick { before: 0, after: 0 };
+    for (i, property) in element.properties.iter().enumerate() {
+        match property.kind {
+            Kind::Scalar(ty) if i < layout.indices => quick.before += ty.size() as usize,
+            Kind::Scalar(ty) => quick.after += ty.size() as usize,
+            Kind::List { count: Type::U8 | Type::I8, item: Type::I32 | Type::U32 } if i == layout.indices => {}
+            Kind::List { .. } => return None,
+        }
+    }
+    Some(quick)
+}

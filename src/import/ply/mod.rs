@@ -1,0 +1,142 @@
+//! PLY: text and both byte orders, any properties, polygons, strips and colours.
+//!
+//! Our own reader, because the crates at hand load whole files into maps of named values and say
+//! neither line nor byte where one is damaged; this one streams, in 12 or 24 bytes a vertex.
+//!
+//! - Faces are lists `vertex_indices` or `vertex_index`, fanned from their first corner; `tristrips` too.
+//! - Colours of vertices are averaged over each triangle in linear light; a face's own colour wins.
+//!   Integer channels span their type, floats [0, 1]; both are taken to be sRGB-coded.
+//! - An integer face property `part` (or `part_id`) names parts: of the table that our generators put
+//!   into comments (`table.rs`), else parts with that id below the file's own.
+//! - Everything else is skipped. A file without faces (a cloud, a range grid) is an empty model.
+
+mod faces;
+mod header;
+mod table;
+#[cfg(test)]
+mod tests;
+mod values;
+mod vertices;
+
+use super::input::Input;
+use super::{MaterialDesc, PartDesc, Sink};
+use crate::base::error::Result;
+use faces::{Faces, INDEX_LISTS};
+use header::{Coding, Element, Header, Kind, Type};
+use values::{Ascii, Binary, Values};
+use vertices::VertexTable;
+
+/// Reads a PLY file from its beginning.
+pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
+    let header = header::read(input)?;
+    match header.coding {
+        Coding::Ascii => read_elements(&mut Ascii::new(input), header, sink),
+        Coding::Little => read_elements(&mut Binary::<false>::new(input), header, sink),
+        Coding::Big => read_elements(&mut Binary::<true>::new(input), header, sink),
+    }
+}
+
+/// The list of indices by which an element makes triangles.
+fn index_list(element: &Element) -> Option<usize> {
+    let makes_triangles = matches!(element.name.as_str(), "face" | "tristrips");
+    element.list(&INDEX_LISTS).filter(|_| makes_triangles)
+}
+
+fn read_elements(values: &mut impl Values, header: Header, sink: &mut dyn Sink) -> Result<()> {
+    let (body, body_line) = (values.input().offset(), values.input().line());
+    let vertex = header.element("vertex");
+    let first_faces = header.elements.iter().position(|e| index_list(e).is_some());
+    let mut rest = 0;
+    let mut table = VertexTable::empty();
+    if let Some(vertex) = vertex {
+        for element in &header.elements[..vertex] {
+            skip_rows(values, element, sink)?;
+        }
+        table = vertices::read(values, &header.elements[vertex], header.coding, sink)?;
+        rest = vertex + 1;
+        if first_faces.is_some_and(|faces| faces < vertex) {
+            // Faces before vertices: the vertices were fetched ahead, now from the beginning.
+            values.input().seek(body, body_line)?;
+            rest = 0;
+        }
+    }
+    let path = values.input().path().to_path_buf();
+    let mut declared = header.tables.declare(&path.display().to_string(), sink)?;
+    let named = !declared.is_empty();
+    if !named {
+        let part = PartDesc { name: super::stem(&path), ..PartDesc::default() };
+        declared.push((sink.part(part)?, MaterialDesc::default().colour));
+    }
+    let mut faces = Faces::new(&table, declared, named, sink)?;
+    for element in &header.elements[rest..] {
+        match index_list(element) {
+            Some(list) if element.name == "face" => {
+                faces.polygons(values, element, list, header.coding, sink)?;
+            }
+            Some(list) => faces.strips(values, element, list, sink)?,
+            None => skip_rows(values, element, sink)?,
+        }
+    }
+    faces.finish(values.input(), sink)?;
+    report(values.input(), &header.elements, &table, &faces, sink)
+}
+
+/// Tells the user what an otherwise sound file lacks.
+fn report(
+    input: &mut Input,
+    elements: &[Element],
+    table: &VertexTable,
+    faces: &Faces<'_>,
+    sink: &mut dyn Sink,
+) -> Result<()> {
+    let file = input.path().display().to_string();
+    if faces.without_area > 0 {
+        let n = faces.without_area;
+        sink.note(format!("{file}: {n} faces with fewer than three corners make no triangle"));
+    }
+    if faces.triangles == 0 {
+        let names: Vec<_> = elements.iter().map(|e| format!("{} {}", e.count, e.name)).collect();
+        let (vertices, names) = (table.positions.len(), names.join(", "));
+        sink.note(format!("{file}: no triangles ({vertices} vertices; elements: {names}); the model is empty"));
+    }
+    let n = input.remaining();
+    if !input.peek(4096)?.trim_ascii().is_empty() {
+        sink.note(format!("{file}: {n} bytes after the last element were not read"));
+    }
+    Ok(())
+}
+
+/// Leaves out an element that makes no triangles.
+fn skip_rows(values: &mut impl Values, element: &Element, sink: &mut dyn Sink) -> Result<()> {
+    if element.properties.is_empty() {
+        return Ok(());
+    }
+    for n in 0..element.count {
+        if n.is_multiple_of(16384) {
+            tick(values.input(), sink)?;
+        }
+        for property in &element.properties {
+            match property.kind {
+                Kind::Scalar(ty) => values.skip(ty, 1)?,
+                Kind::List { count, item } => {
+                    let n = list_length(values, count)?;
+                    values.skip(item, n)?;
+                }
+            }
+        }
+        values.end_row()?;
+    }
+    Ok(())
+}
+
+/// The length of a list. It may claim anything: nothing is allocated by it.
+fn list_length(values: &mut impl Values, count: Type) -> Result<u64> {
+    let n = values.int(count)?;
+    u64::try_from(n).map_err(|_| values.fault(format!("a list of {n} values")))
+}
+
+/// Progress and cancel, now and then.
+fn tick(input: &Input, sink: &mut dyn Sink) -> Result<()> {
+    sink.at(input.offset(), input.total());
+    sink.cancel().check()
+}

@@ -1,0 +1,187 @@
+//! Values of PLY elements one after the other, from text or from bytes in either order.
+
+use super::header::Type;
+use crate::base::error::{Error, Place, Result};
+use crate::import::input::Input;
+use crate::import::text;
+
+/// Reads the values of rows in file order.
+pub(crate) trait Values {
+    /// The next value as a floating-point number; `f32` values exactly, integers rounded.
+    fn float(&mut self, ty: Type) -> Result<f64>;
+    /// The next value, of an integer type (a text file may write `3.0`).
+    fn int(&mut self, ty: Type) -> Result<i64>;
+    /// Leaves out `n` values.
+    fn skip(&mut self, ty: Type, n: u64) -> Result<()>;
+    /// Ends a row.
+    fn end_row(&mut self) -> Result<()>;
+    /// An error at the present place.
+    fn fault(&self, why: String) -> Error;
+    /// The bytes below.
+    fn input(&mut self) -> &mut Input;
+}
+
+/// Binary values; `BIG`: most significant byte first.
+pub(crate) struct Binary<'a, const BIG: bool> {
+    input: &'a mut Input,
+}
+
+impl<'a, const BIG: bool> Binary<'a, BIG> {
+    pub(crate) fn new(input: &'a mut Input) -> Self {
+        Self { input }
+    }
+
+    #[inline]
+    fn take<const N: usize>(&mut self) -> Result<[u8; N]> {
+        match self.input.take::<N>()? {
+            Some(mut bytes) => {
+                if BIG {
+                    bytes.reverse();
+                }
+                Ok(bytes)
+            }
+            None => Err(truncated(self.input)),
+        }
+    }
+}
+
+/// The file is shorter than its header says.
+pub(crate) fn truncated(input: &Input) -> Error {
+    Error::parse(input.path(), Place::Byte(input.total()), "the file ends before all that its header announces")
+}
+
+impl<const BIG: bool> Values for Binary<'_, BIG> {
+    #[inline]
+    fn float(&mut self, ty: Type) -> Result<f64> {
+        Ok(match ty {
+            Type::F32 => f64::from(f32::from_le_bytes(self.take()?)),
+            Type::F64 => f64::from_le_bytes(self.take()?),
+            Type::U64 => u64::from_le_bytes(self.take()?) as f64,
+            other => self.int(other)? as f64,
+        })
+    }
+
+    #[inline]
+    fn int(&mut self, ty: Type) -> Result<i64> {
+        Ok(match ty {
+            Type::I8 => i64::from(i8::from_le_bytes(self.take()?)),
+            Type::U8 => i64::from(u8::from_le_bytes(self.take()?)),
+            Type::I16 => i64::from(i16::from_le_bytes(self.take()?)),
+            Type::U16 => i64::from(u16::from_le_bytes(self.take()?)),
+            Type::I32 => i64::from(i32::from_le_bytes(self.take()?)),
+            Type::U32 => i64::from(u32::from_le_bytes(self.take()?)),
+            Type::I64 => i64::from_le_bytes(self.take()?),
+            // Nothing that is counted or indexed reaches the other half.
+            Type::U64 => u64::from_le_bytes(self.take()?).try_into().unwrap_or(i64::MAX),
+            Type::F32 | Type::F64 => return Err(self.fault("a fractional number where an index belongs".into())),
+        })
+    }
+
+    #[inline]
+    fn skip(&mut self, ty: Type, n: u64) -> Result<()> {
+        let there = match n.checked_mul(ty.size()) {
+            Some(bytes) => self.input.skip(bytes)?,
+            None => false,
+        };
+        if there { Ok(()) } else { Err(truncated(self.input)) }
+    }
+
+    fn end_row(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    fn fault(&self, why: String) -> Error {
+        self.input.fault(why)
+    }
+
+    fn input(&mut self) -> &mut Input {
+        self.input
+    }
+}
+
+/// Values as text: a row begins on a new line and may go on over several.
+pub(crate) struct Ascii<'a> {
+    input: &'a mut Input,
+    /// The present line and how much of it is used.
+    line: Vec<u8>,
+    used: usize,
+}
+
+impl<'a> Ascii<'a> {
+    pub(crate) fn new(input: &'a mut Input) -> Self {
+        Self { input, line: Vec::new(), used: 0 }
+    }
+
+    #[inline]
+    fn parse<T>(&mut self, what: &str, parse: impl Fn(&[u8]) -> Option<T>) -> Result<T> {
+        loop {
+            let mut rest = &self.line[self.used..];
+            if let Some(word) = text::word(&mut rest) {
+                self.used = self.line.len() - rest.len();
+                return match parse(word) {
+                    Some(value) => Ok(value),
+                    None => Err(self.input.line_fault(format!("{} is not {what}", text::shown(word)))),
+                };
+            }
+            self.next_line()?;
+        }
+    }
+
+    fn next_line(&mut self) -> Result<()> {
+        self.line.clear();
+        self.used = 0;
+        match self.input.next_line()? {
+            Some(line) => self.line.extend_from_slice(line),
+            None => return Err(self.input.line_fault("the file ends before all that its header announces")),
+        }
+        Ok(())
+    }
+}
+
+/// An integer, also written as `3.0`.
+fn whole(word: &[u8]) -> Option<i64> {
+    text::integer(word).or_else(|| {
+        let x = text::double(word)?;
+        (x.fract() == 0.0 && x.abs() < 9e15).then_some(x as i64)
+    })
+}
+
+impl Values for Ascii<'_> {
+    #[inline]
+    fn float(&mut self, ty: Type) -> Result<f64> {
+        match ty {
+            Type::F32 => self.parse("a number", text::single).map(f64::from),
+            _ => self.parse("a number", text::double),
+        }
+    }
+
+    #[inline]
+    fn int(&mut self, _ty: Type) -> Result<i64> {
+        self.parse("a whole number", whole)
+    }
+
+    fn skip(&mut self, _ty: Type, n: u64) -> Result<()> {
+        for _ in 0..n {
+            self.parse("a number", |word| word.first().copied())?;
+        }
+        Ok(())
+    }
+
+    fn end_row(&mut self) -> Result<()> {
+        let mut rest = &self.line[self.used..];
+        match text::word(&mut rest) {
+            None => Ok(()),
+            Some(word) => {
+                Err(self.input.line_fault(format!("{} is more than the row's properties", text::shown(word))))
+            }
+        }
+    }
+
+    fn fault(&self, why: String) -> Error {
+        self.input.line_fault(why)
+    }
+
+    fn input(&mut self) -> &mut Input {
+        self.input
+    }
+}

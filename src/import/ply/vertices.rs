@@ -1,0 +1,194 @@
+//! The element `vertex`: positions and, where there are any, colours.
+
+use super::header::{Coding, Element, Kind, Type};
+use super::values::{Values, truncated};
+use crate::base::error::Result;
+use crate::import::Sink;
+use crate::import::colour;
+use crate::import::input::Input;
+use crate::import::vertices::Vertices;
+
+/// What faces refer to.
+pub(crate) struct VertexTable {
+    pub(crate) positions: Vertices,
+    colours: Option<Colours>,
+}
+
+enum Colours {
+    /// sRGB-coded, as in the file.
+    Bytes(Vec<[u8; 3]>),
+    /// Linear.
+    Linear(Vec<[f32; 3]>),
+}
+
+impl VertexTable {
+    /// Without vertices.
+    pub(crate) fn empty() -> Self {
+        Self { positions: Vertices::Single(Vec::new()), colours: None }
+    }
+
+    /// Linear colour of vertex `i`.
+    #[inline]
+    pub(crate) fn colour(&self, i: usize) -> Option<[f32; 3]> {
+        match self.colours.as_ref()? {
+            Colours::Bytes(c) => c.get(i).map(|&c| colour::linear_bytes(c)),
+            Colours::Linear(c) => c.get(i).copied(),
+        }
+    }
+
+    pub(crate) fn has_colours(&self) -> bool {
+        self.colours.is_some()
+    }
+}
+
+/// The three channels of a colour: index and type of their properties.
+pub(crate) type Channels = [(usize, Type); 3];
+
+/// Which properties are the colour, under any of the names in use.
+pub(crate) fn channels(element: &Element) -> Option<Channels> {
+    let find = |short: &str, long: &str| {
+        element.scalar(&[long, &format!("diffuse_{long}"), short])
+    };
+    Some([find("r", "red")?, find("g", "green")?, find("b", "blue")?])
+}
+
+/// A channel in [0, 1], still coded: integers by the range of their type, floats as they are.
+pub(crate) fn channel(value: f64, ty: Type) -> f32 {
+    let scale = match ty {
+        Type::I8 => 127.0,
+        Type::U8 => 255.0,
+        Type::I16 => 32767.0,
+        Type::U16 => 65535.0,
+        Type::F32 | Type::F64 => 1.0,
+        // Wider integers are used for bytes by writers that know one integer type only.
+        _ => 255.0,
+    };
+    (value / scale) as f32
+}
+
+/// Reads all rows of the element `vertex`.
+pub(crate) fn read(
+    values: &mut impl Values,
+    element: &Element,
+    coding: Coding,
+    sink: &mut dyn Sink,
+) -> Result<VertexTable> {
+    let axis = |name| element.scalar(&[name]);
+    let (Some(x), Some(y), Some(z)) = (axis("x"), axis("y"), axis("z")) else {
+        return Err(values.fault("the vertices have no x, y and z".into()));
+    };
+    let axes = [x, y, z];
+    let single = axes.iter().all(|(_, ty)| ty.fits_single());
+    let channels = channels(element);
+    if let (Coding::Little, true, None, Some(stride)) = (coding, single, channels, element.row_bytes())
+        && let Some(offsets) = float_offsets(element, axes)
+    {
+        let positions = read_floats(values.input(), element.count, stride, offsets, sink)?;
+        return Ok(VertexTable { positions: Vertices::Single(positions), colours: None });
+    }
+    let input = values.input();
+    let fits = input.remaining() / element.least_bytes(coding).max(1) + 1;
+    let capacity = element.count.min(fits) as usize;
+    let mut table = VertexTable {
+        positions: match single {
+            true => Vertices::Single(Vec::with_capacity(capacity)),
+            false => Vertices::Double(Vec::with_capacity(capacity)),
+        },
+        colours: channels.map(|c| match c.iter().all(|&(_, ty)| ty == Type::U8) {
+            true => Colours::Bytes(Vec::with_capacity(capacity)),
+            false => Colours::Linear(Vec::with_capacity(capacity)),
+        }),
+    };
+    read_rows(values, element, axes, channels, &mut table, sink)?;
+    Ok(table)
+}
+
+fn read_rows(
+    values: &mut impl Values,
+    element: &Element,
+    axes: Channels,
+    channels: Option<Channels>,
+    table: &mut VertexTable,
+    sink: &mut dyn Sink,
+) -> Result<()> {
+    // Where each property goes: 0..3 position, 3..6 colour, 6 nowhere.
+    let mut targets = vec![6usize; element.properties.len()];
+    let wanted = axes.iter().chain(channels.iter().flatten());
+    for (slot, &(property, _)) in wanted.enumerate() {
+        targets[property] = slot;
+    }
+    let mut row = [0f64; 7];
+    for n in 0..element.count {
+        if n.is_multiple_of(16384) {
+            super::tick(values.input(), sink)?;
+        }
+        for (property, &target) in element.properties.iter().zip(&targets) {
+            match property.kind {
+                Kind::Scalar(ty) if target < 6 => row[target] = values.float(ty)?,
+                Kind::Scalar(ty) => values.skip(ty, 1)?,
+                Kind::List { count, item } => {
+                    let n = super::list_length(values, count)?;
+                    values.skip(item, n)?;
+                }
+            }
+        }
+        values.end_row()?;
+        let [x, y, z, r, g, b, _] = row;
+        match &mut table.positions {
+            Vertices::Single(v) => v.push([x as f32, y as f32, z as f32]),
+            Vertices::Double(v) => v.push([x, y, z]),
+        }
+        match (&mut table.colours, channels) {
+            (Some(Colours::Bytes(c)), _) => c.push([r as u8, g as u8, b as u8]),
+            (Some(Colours::Linear(c)), Some(ty)) => c.push([
+                colour::linear(channel(r, ty[0].1)),
+                colour::linear(channel(g, ty[1].1)),
+                colour::linear(channel(b, ty[2].1)),
+            ]),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Byte offsets of x, y, z in a row of fixed size, if all three are `float`.
+fn float_offsets(element: &Element, axes: Channels) -> Option<[usize; 3]> {
+    let mut offsets = [0; 3];
+    for (slot, (property, ty)) in axes.into_iter().enumerate() {
+        if ty != Type::F32 {
+            return None;
+        }
+        for p in &element.properties[..property] {
+            let Kind::Scalar(ty) = p.kind else { return None };
+            offsets[slot] += ty.size() as usize;
+        }
+    }
+    Some(offsets)
+}
+
+/// The usual case: little-endian floats at fixed places, many rows at a time.
+fn read_floats(
+    input: &mut Input,
+    count: u64,
+    stride: u64,
+    offsets: [usize; 3],
+    sink: &mut dyn Sink,
+) -> Result<Vec<[f32; 3]>> {
+    if count.checked_mul(stride).is_none_or(|bytes| bytes > input.remaining()) {
+        return Err(truncated(input));
+    }
+    let mut positions = Vec::with_capacity(count as usize);
+    let stride = stride as usize;
+    while (positions.len() as u64) < count {
+        super::tick(input, sink)?;
+        if !input.ensure(stride)? {
+            return Err(truncated(input));
+        }
+        let rows = (input.available().len() / stride).min(count as usize - positions.len());
+        let bytes = &input.available()[..rows * stride];
+        let axis = |row: &[u8], at: usize| row[at..].first_chunk().map_or(0.0, |b| f32::from_le_bytes(*b));
+        positions.extend(bytes.chunks_exact(stride).map(|row| offsets.map(|at| axis(row, at))));
+        input.consume(rows * stride);
+    }
+    Ok(positions)
+}
