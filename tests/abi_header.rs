@@ -3,7 +3,18 @@
 use std::path::{Path, PathBuf};
 
 /// The files of `src/capi` in the order in which the header introduces them.
-const SOURCES: &[&str] = &["version.rs"];
+const SOURCES: &[&str] = &[
+    "version.rs",
+    "status.rs",
+    "job.rs",
+    "context.rs",
+    "view.rs",
+    "model.rs",
+    "scene.rs",
+    "query.rs",
+    "overlap.rs",
+    "frame.rs",
+];
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -17,7 +28,32 @@ fn generate() -> String {
     }
     let mut bytes = Vec::new();
     builder.generate().expect("cbindgen").write(&mut bytes);
-    String::from_utf8(bytes).expect("UTF-8")
+    for_c(&String::from_utf8(bytes).expect("UTF-8"))
+}
+
+/// Leaves out what only Rust's reader needs: the `# Safety` sections, which the rules at the head of the
+/// header replace (they are the last of their comments). Comments of one line take one line.
+fn for_c(header: &str) -> String {
+    let mut inside = false;
+    let mut lines: Vec<String> = Vec::new();
+    for line in header.lines() {
+        inside = (inside || line.trim() == "* # Safety") && line.trim() != "*/";
+        if inside {
+            continue;
+        }
+        lines.push(line.to_string());
+        let one_line = match &lines[..] {
+            [.., open, text, close] if open.trim() == "/**" && close.trim() == "*/" => {
+                text.trim_start().strip_prefix("* ").map(|t| open.replace("/**", &format!("/** {t} */")))
+            }
+            _ => None,
+        };
+        if let Some(line) = one_line {
+            lines.truncate(lines.len() - 3);
+            lines.push(line);
+        }
+    }
+    lines.join("\n") + "\n"
 }
 
 /// Run with `OUTCROP_WRITE_HEADER=1` (`make header`) to write it.

@@ -129,6 +129,12 @@ impl Query {
 
     /// Asks it to end; takes effect within a chunk of rays.
     pub fn cancel(&self) {}
+
+    /// Calls `wake` once when it ends (done, cancelled or failed), from any thread, never under a lock of
+    /// ours; at once, here, if it has ended. Replaces an earlier one. `None`: nobody is called.
+    pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
+        let _ = wake;
+    }
 }
 
 impl SceneState {

@@ -5,6 +5,7 @@ use super::context::Context;
 use crate::base::error::{Error, Result};
 use crate::base::units::UpAxis;
 use crate::math::DBounds;
+use crate::store::source::Source;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -90,6 +91,12 @@ impl Model {
     pub fn open(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
         let _ = (context, path);
         Err(Error::BadState("Model::open: being built".into()))
+    }
+
+    /// Opens a model that `source` reads. Fails like [`Model::open`].
+    pub fn open_source(context: &Context, source: Arc<dyn Source>) -> Result<Self> {
+        let _ = (context, source);
+        Err(Error::BadState("Model::open_source: being built".into()))
     }
 
     /// The context it was opened in.

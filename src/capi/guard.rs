@@ -1,0 +1,325 @@
+//! What stands between C and Rust: panics are caught, pointers, sizes and strings checked, errors
+//! kept for `oc_last_error`.
+
+use super::status::*;
+use crate::base::error::Error;
+use std::any::Any;
+use std::cell::{Cell, RefCell};
+use std::ffi::{CStr, CString, c_char};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Why an entry point fails: an error of the crate, or one that only the C side knows.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    Error(Error),
+    /// The kind of object that met a panic before.
+    Poisoned(&'static str),
+    VersionMismatch(String),
+    /// How many elements there are, of how many that fit.
+    TooSmall { need: u64, have: u64 },
+}
+
+pub(crate) type Checked<T> = Result<T, Failure>;
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        Failure::Error(error)
+    }
+}
+
+/// A [`Error::BadArgument`].
+pub(crate) fn bad<T>(what: impl Into<String>) -> Checked<T> {
+    Err(Failure::Error(Error::bad_argument(what)))
+}
+
+/// The status of an error, and the budget that it asks for.
+pub(crate) fn status_of(error: &Error) -> (oc_status, u64) {
+    let status = match error {
+        Error::BadArgument(_) => OC_STATUS_INVALID_ARGUMENT,
+        Error::BadState(_) => OC_STATUS_INVALID_STATE,
+        Error::Parse { .. } => OC_STATUS_PARSE,
+        Error::Corrupt { .. } => OC_STATUS_CORRUPT,
+        Error::NewerFormat { .. } => OC_STATUS_NEWER_FORMAT,
+        Error::OverBudget { need, .. } => return (OC_STATUS_OVER_BUDGET, *need),
+        Error::Cancelled => OC_STATUS_CANCELLED,
+        Error::Io { .. } => OC_STATUS_IO,
+        Error::Internal(_) => OC_STATUS_INTERNAL,
+    };
+    (status, 0)
+}
+
+thread_local! {
+    static MESSAGE: RefCell<CString> = RefCell::default();
+    static NEED: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Keeps a message for `oc_last_error` of this thread.
+fn keep(message: String, need: u64) {
+    let mut bytes = message.into_bytes();
+    bytes.retain(|&b| b != 0);
+    // The zeros are gone, so this cannot fail. While the thread ends there is nowhere to keep it.
+    let text = CString::new(bytes).unwrap_or_default();
+    let _ = MESSAGE.try_with(|m| *m.borrow_mut() = text);
+    NEED.set(need);
+}
+
+/// Keeps the reason why background work failed, as if the present call had.
+pub(crate) fn keep_error(error: &Error) {
+    keep(error.to_string(), status_of(error).1);
+}
+
+pub(crate) fn last_error() -> *const c_char {
+    MESSAGE.try_with(|m| m.borrow().as_ptr()).unwrap_or(c"".as_ptr())
+}
+
+pub(crate) fn last_error_need() -> u64 {
+    NEED.get()
+}
+
+fn report(failure: Failure) -> oc_status {
+    match failure {
+        Failure::Error(error) => {
+            keep_error(&error);
+            status_of(&error).0
+        }
+        Failure::Poisoned(kind) => {
+            keep(format!("this {kind} met a defect before and can only be released"), 0);
+            OC_STATUS_POISONED
+        }
+        Failure::VersionMismatch(why) => {
+            keep(why, 0);
+            OC_STATUS_VERSION_MISMATCH
+        }
+        Failure::TooSmall { need, have } => {
+            keep(format!("{need} elements do not fit into an array of {have}"), 0);
+            OC_STATUS_BUFFER_TOO_SMALL
+        }
+    }
+}
+
+/// Runs an entry point: a panic or a failure becomes a status, its reason is kept.
+pub(crate) fn boundary(f: impl FnOnce() -> Checked<()>) -> oc_status {
+    let caught = catch_unwind(AssertUnwindSafe(|| {
+        #[cfg(debug_assertions)]
+        super::testing::trip(super::testing::AT_ENTRY);
+        f()
+    }));
+    match caught {
+        Ok(Ok(())) => OC_STATUS_OK,
+        Ok(Err(failure)) => report(failure),
+        Err(panic) => report(Failure::Error(panicked(&*panic))),
+    }
+}
+
+/// What a caught panic becomes.
+pub(crate) fn panicked(panic: &(dyn Any + Send)) -> Error {
+    let text = panic.downcast_ref::<&str>().copied();
+    let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+    Error::Internal(format!("a panic: {}", text.unwrap_or("no message")))
+}
+
+/// Runs `f`, turning a panic into [`Error::Internal`]: for workers of our own.
+pub(crate) fn caught<T>(f: impl FnOnce() -> crate::Result<T>) -> crate::Result<T> {
+    catch_unwind(AssertUnwindSafe(f)).unwrap_or_else(|panic| Err(panicked(&*panic)))
+}
+
+/// Refuses a reserved member that is not 0: a later version may give it a meaning.
+pub(crate) fn reserved(value: u32, name: &str) -> Checked<()> {
+    if value == 0 { Ok(()) } else { bad(format!("{name} must be 0")) }
+}
+
+/// A pointer that is written to: refused when null, before any work is done.
+pub(crate) fn out<T>(pointer: *mut T, name: &str) -> Checked<*mut T> {
+    if pointer.is_null() { bad(format!("{name} is NULL")) } else { Ok(pointer) }
+}
+
+/// A struct of the header that begins with `uint32_t struct_size`.
+///
+/// # Safety
+/// `#[repr(C)]`, all zeros is a value, no padding, and the first member is that `u32`.
+pub(crate) unsafe trait Sized32: Copy {
+    /// Its name in the header.
+    const NAME: &'static str;
+    /// Its size when it was first published: what a caller must have at least.
+    const FIRST_SIZE: usize = size_of::<Self>();
+}
+
+/// Checks the `struct_size` that a caller set, and returns it.
+///
+/// # Safety
+/// `pointer` is null or at readable memory of four bytes and of the size they tell.
+unsafe fn size_at<T: Sized32>(pointer: *const T) -> Checked<usize> {
+    if pointer.is_null() {
+        return bad(format!("{} is NULL", T::NAME));
+    }
+    // SAFETY: not null; four readable bytes by the contract.
+    let size = unsafe { pointer.cast::<u32>().read_unaligned() } as usize;
+    if size < T::FIRST_SIZE || size > size_of::<T>() {
+        return bad(format!(
+            "{}.struct_size is {size}, this library knows {} to {}: was it set with OC_INIT?",
+            T::NAME,
+            T::FIRST_SIZE,
+            size_of::<T>()
+        ));
+    }
+    Ok(size)
+}
+
+/// Reads a struct that the caller filled; what an older one lacks is zero.
+///
+/// # Safety
+/// As for [`size_at`].
+pub(crate) unsafe fn read<T: Sized32>(pointer: *const T) -> Checked<T> {
+    // SAFETY: the caller's contract. `size` is at most that of `T`, for which all zeros is a value.
+    unsafe {
+        let size = size_at(pointer)?;
+        let mut value: T = std::mem::zeroed();
+        let target = (&raw mut value).cast::<u8>();
+        target.copy_from_nonoverlapping(pointer.cast::<u8>(), size);
+        Ok(value)
+    }
+}
+
+/// [`read`], where NULL stands for all zeros: the defaults.
+///
+/// # Safety
+/// As for [`size_at`].
+pub(crate) unsafe fn read_or_default<T: Sized32>(pointer: *const T) -> Checked<T> {
+    if pointer.is_null() {
+        // SAFETY: all zeros is a value, says the trait.
+        return Ok(unsafe { std::mem::zeroed() });
+    }
+    // SAFETY: the caller's contract.
+    unsafe { read(pointer) }
+}
+
+/// A struct that the caller wants filled: checked first, written at the end.
+pub(crate) struct Fill<T> {
+    pointer: *mut T,
+    size: usize,
+}
+
+impl<T: Sized32> Fill<T> {
+    /// # Safety
+    /// `pointer` is null or at memory, writable until [`Fill::with`], of the size it tells.
+    pub(crate) unsafe fn new(pointer: *mut T) -> Checked<Self> {
+        // SAFETY: the caller's contract.
+        let size = unsafe { size_at(pointer)? };
+        Ok(Self { pointer, size })
+    }
+
+    /// Writes all members but `struct_size`, as far as the caller's struct goes.
+    pub(crate) fn with(self, value: T) {
+        let skip = size_of::<u32>();
+        // SAFETY: both have `size` bytes (`size_at`), more than `skip`.
+        unsafe {
+            let from = (&raw const value).cast::<u8>().add(skip);
+            self.pointer.cast::<u8>().add(skip).copy_from_nonoverlapping(from, self.size - skip);
+        }
+    }
+}
+
+/// Elements in the caller's memory: any alignment, any stride.
+#[derive(Clone, Copy)]
+pub(crate) struct Strided<T> {
+    base: *mut T,
+    pub(crate) count: usize,
+    stride: usize,
+}
+
+// SAFETY: a pointer and sizes; whoever reads or writes through it has the caller's promise.
+unsafe impl<T: Send> Send for Strided<T> {}
+// SAFETY: as above.
+unsafe impl<T: Sync> Sync for Strided<T> {}
+
+impl<T: Copy> Strided<T> {
+    /// Checks pointer, stride (0: tightly packed) and that the extent fits the address space.
+    pub(crate) fn new(base: *const T, count: u64, stride: u64, name: &str) -> Checked<Self> {
+        let stride = if stride == 0 { size_of::<T>() as u64 } else { stride };
+        if count == 0 {
+            return Ok(Self { base: std::ptr::null_mut(), count: 0, stride: 0 });
+        }
+        if base.is_null() {
+            return bad(format!("{name} is NULL"));
+        }
+        if stride < size_of::<T>() as u64 {
+            return bad(format!("{name}: a stride of {stride} bytes is below an element's {}", size_of::<T>()));
+        }
+        let bytes = count.checked_mul(stride).filter(|&b| b <= isize::MAX as u64);
+        if bytes.is_none_or(|b| (base.addr() as u64).checked_add(b).is_none()) {
+            return bad(format!("{name}: {count} elements of {stride} bytes do not fit into memory"));
+        }
+        // Both fit: they are at most `isize::MAX` as factors of `bytes`.
+        Ok(Self { base: base.cast_mut(), count: count as usize, stride: stride as usize })
+    }
+
+    fn at(&self, index: usize) -> *mut T {
+        debug_assert!(index < self.count);
+        self.base.cast::<u8>().wrapping_add(index * self.stride).cast()
+    }
+
+    /// # Safety
+    /// `index < count`, and the caller's array is readable and nobody writes it.
+    #[inline]
+    pub(crate) unsafe fn get(&self, index: usize) -> T {
+        // SAFETY: within the array, which `new` found to lie in the address space.
+        unsafe { self.at(index).read_unaligned() }
+    }
+
+    /// # Safety
+    /// `index < count`, and the caller's array is writable and nobody else uses this element.
+    #[inline]
+    pub(crate) unsafe fn set(&self, index: usize, value: T) {
+        // SAFETY: as for `get`.
+        unsafe { self.at(index).write_unaligned(value) }
+    }
+}
+
+/// A string of the caller's; must be UTF-8.
+///
+/// # Safety
+/// Null, or ends with 0.
+pub(crate) unsafe fn text<'a>(pointer: *const c_char, name: &str) -> Checked<&'a str> {
+    if pointer.is_null() {
+        return bad(format!("{name} is NULL"));
+    }
+    // SAFETY: not null; ends with 0 by the contract.
+    match unsafe { CStr::from_ptr(pointer) }.to_str() {
+        Ok(text) => Ok(text),
+        Err(_) => bad(format!("{name} is not UTF-8")),
+    }
+}
+
+/// [`text`], or `None` for NULL.
+///
+/// # Safety
+/// Null, or ends with 0.
+pub(crate) unsafe fn optional_text<'a>(pointer: *const c_char, name: &str) -> Checked<Option<&'a str>> {
+    // SAFETY: the caller's contract.
+    if pointer.is_null() { Ok(None) } else { unsafe { text(pointer, name) }.map(Some) }
+}
+
+/// A path of the caller's: on Unix any bytes, elsewhere UTF-8. Empty is refused.
+///
+/// # Safety
+/// Null, or ends with 0.
+pub(crate) unsafe fn path(pointer: *const c_char, name: &str) -> Checked<std::path::PathBuf> {
+    if pointer.is_null() {
+        return bad(format!("{name} is NULL"));
+    }
+    // SAFETY: not null; ends with 0 by the contract.
+    let bytes = unsafe { CStr::from_ptr(pointer) };
+    if bytes.is_empty() {
+        return bad(format!("{name} is empty"));
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::ffi::OsStrExt;
+        Ok(std::ffi::OsStr::from_bytes(bytes.to_bytes()).into())
+    }
+    #[cfg(not(unix))]
+    match bytes.to_str() {
+        Ok(text) => Ok(text.into()),
+        Err(_) => bad(format!("{name} is not UTF-8")),
+    }
+}

@@ -1,0 +1,352 @@
+//! Batches of rays over a committed scene.
+
+use super::background::Product;
+use super::guard::{Checked, Sized32, Strided, bad, boundary, out, read, reserved};
+use super::handles::{self, Shell};
+use super::job::{LongWork, Snapshot, Wake, give_job, oc_job};
+use super::scene::{SceneObject, oc_scene};
+use super::status::oc_status;
+use crate::math::{Cone, Ray};
+use crate::query::{Hit, Hits, Policy, Query, QueryOptions, QueryState, RayWithMask, Rays, Want};
+use glam::{DVec3, Vec3};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A ray; an element of an array.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct oc_ray {
+    /// Where it starts, world space.
+    pub origin: [f64; 3],
+    /// Hits before this distance are ignored; 0 or more, in units of the direction's length.
+    pub t_min: f64,
+    /// Hits beyond this distance are ignored. 0: none are.
+    pub t_max: f64,
+    /// Where it goes; need not be unit. Zero, or not finite: the ray misses.
+    pub direction: [f32; 3],
+    /// Its footprint: the width at distance t is cone_a + cone_b * t, in world units. 0 and 0: exact.
+    pub cone_a: f32,
+    /// See `cone_a`.
+    pub cone_b: f32,
+    /// It sees instances with a common bit in their mask. 0: all.
+    pub mask: u32,
+}
+
+/// What was hit.
+pub type oc_hit_kind = u32;
+/// Nothing between t_min and t_max.
+pub const OC_HIT_MISS: oc_hit_kind = 0;
+/// An original triangle.
+pub const OC_HIT_EXACT: oc_hit_kind = 1;
+/// A stand-in, as fine as asked for.
+pub const OC_HIT_LOD: oc_hit_kind = 2;
+/// Data that is not in memory was needed.
+pub const OC_HIT_MISSING: oc_hit_kind = 3;
+
+/// The id where there is none: of a miss, or not asked for.
+pub const OC_NO_ID: u64 = 0xFFFFFFFFFFFFFFFF;
+
+/// The closest hit of a ray; an element of an array. What was not asked for is as for a miss.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct oc_hit {
+    /// Distance in units of the direction's length; infinity for a miss.
+    pub t: f64,
+    /// Where, in world space; infinity for a miss.
+    pub position: [f64; 3],
+    /// No original surface lies on the ray before this distance.
+    pub t_free: f64,
+    /// The id of the part, as given when the model was built; OC_NO_ID for a miss.
+    pub part: u64,
+    /// The id of the instance, as given to oc_scene_add_instance; OC_NO_ID for a miss.
+    pub instance: u64,
+    /// The triangle's index in the input of the build, from 0; OC_NO_ID for a miss.
+    pub prim: u64,
+    /// Unit geometric normal in world space, facing the ray's origin; 0 for a miss.
+    pub normal: [f32; 3],
+    /// Weights of the triangle's second and third corner.
+    pub uv: [f32; 2],
+    /// Some original surface lies within this distance of `position`, in world units.
+    pub error: f32,
+    /// An OC_HIT_ number.
+    pub kind: oc_hit_kind,
+    /// 0.
+    pub reserved: u32,
+}
+
+impl From<&Hit> for oc_hit {
+    fn from(hit: &Hit) -> Self {
+        Self {
+            t: hit.t,
+            position: hit.position.to_array(),
+            t_free: hit.t_free,
+            part: hit.part,
+            instance: hit.instance,
+            prim: hit.prim,
+            normal: hit.normal.to_array(),
+            uv: hit.uv,
+            error: hit.error,
+            kind: hit.kind as u32,
+            reserved: 0,
+        }
+    }
+}
+
+/// Which members of oc_hit to fill, joined with `|`. What is not asked for is not worked for.
+pub type oc_want = u32;
+/// Only `t` and `kind`, which are always filled.
+pub const OC_WANT_T: oc_want = 1;
+/// `position`.
+pub const OC_WANT_POSITION: oc_want = 2;
+/// `normal`.
+pub const OC_WANT_NORMAL: oc_want = 4;
+/// `uv`.
+pub const OC_WANT_UV: oc_want = 8;
+/// `part`.
+pub const OC_WANT_PART: oc_want = 16;
+/// `instance`.
+pub const OC_WANT_INSTANCE: oc_want = 32;
+/// `prim`; may have to be read from the disk.
+pub const OC_WANT_PRIM: oc_want = 64;
+/// `error` and `t_free`, and `t` in double precision.
+pub const OC_WANT_ERROR: oc_want = 128;
+/// Everything.
+pub const OC_WANT_ALL: oc_want = 255;
+
+/// Flags of oc_query.
+pub type oc_query_flags = u32;
+/// Neighbouring rays are alike, as those of neighbouring pixels are: they are traced together, faster.
+/// The answers are the same.
+pub const OC_QUERY_COHERENT: oc_query_flags = 1;
+/// Answer at once: data that is not in memory makes OC_HIT_MISSING. Without it, it is read.
+pub const OC_QUERY_NOW: oc_query_flags = 2;
+
+/// A batch of rays.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct oc_query {
+    /// Set by OC_INIT.
+    pub struct_size: u32,
+    /// OC_WANT_ flags; 0: OC_WANT_ALL.
+    pub want: oc_want,
+    /// OC_QUERY_ flags.
+    pub flags: oc_query_flags,
+    /// Must be 0.
+    pub reserved: u32,
+    /// The rays.
+    pub rays: *const oc_ray,
+    /// How many.
+    pub count: u64,
+    /// Bytes from a ray to the next; 0: tightly packed.
+    pub stride: u64,
+}
+
+// SAFETY: `repr(C)`, words and a pointer without padding, `struct_size` first.
+unsafe impl Sized32 for oc_query {
+    const NAME: &'static str = "oc_query";
+}
+
+impl oc_query {
+    fn options(&self) -> Checked<QueryOptions> {
+        reserved(self.reserved, "oc_query.reserved")?;
+        if self.want & !OC_WANT_ALL != 0 {
+            return bad(format!("oc_query.want {:#x}: some flags are unknown", self.want));
+        }
+        if self.flags & !(OC_QUERY_COHERENT | OC_QUERY_NOW) != 0 {
+            return bad(format!("oc_query.flags {:#x}: some are unknown", self.flags));
+        }
+        // Our first bit, the distance, is always on; the others are the crate's, one place higher.
+        let want = if self.want == 0 { Want::ALL } else { Want(self.want >> 1) };
+        let policy = if self.flags & OC_QUERY_NOW != 0 { Policy::Now } else { Policy::Exact };
+        Ok(QueryOptions { coherent: self.flags & OC_QUERY_COHERENT != 0, want, policy })
+    }
+}
+
+/// The caller's rays.
+struct CRays(Strided<oc_ray>);
+
+impl Rays for CRays {
+    fn count(&self) -> usize {
+        self.0.count
+    }
+    fn read(&self, first: usize, out: &mut [RayWithMask]) {
+        for (i, out) in out.iter_mut().enumerate() {
+            // SAFETY: within the array, which the caller keeps readable until the batch has ended.
+            let ray = unsafe { self.0.get(first + i) };
+            out.ray = Ray {
+                origin: DVec3::from_array(ray.origin),
+                dir: Vec3::from_array(ray.direction),
+                t_min: ray.t_min,
+                t_max: if ray.t_max == 0.0 { f64::INFINITY } else { ray.t_max },
+                cone: Cone { a: ray.cone_a, b: ray.cone_b },
+            };
+            out.mask = if ray.mask == 0 { u32::MAX } else { ray.mask };
+        }
+    }
+}
+
+/// The caller's hits.
+struct CHits(Strided<oc_hit>);
+
+impl Hits for CHits {
+    fn write(&self, first: usize, hits: &[Hit]) {
+        for (i, hit) in hits.iter().enumerate() {
+            // SAFETY: within the array, which the caller leaves to us until the batch has ended; each
+            // index is written by one worker.
+            unsafe { self.0.set(first + i, hit.into()) };
+        }
+    }
+}
+
+/// The caller's bytes: 1 for a ray that hits anything.
+struct CAny(Strided<u8>);
+
+impl Hits for CAny {
+    fn write(&self, first: usize, hits: &[Hit]) {
+        for (i, hit) in hits.iter().enumerate() {
+            // SAFETY: as for `CHits`.
+            unsafe { self.0.set(first + i, u8::from(hit.kind as u32 != OC_HIT_MISS)) };
+        }
+    }
+}
+
+/// Finds the closest hit of each ray in the committed scene.
+///
+/// `out_hits`: as many as rays, `hit_stride` bytes apart (0: tightly packed). On failure they are not to be
+/// used. Thread safety: any thread; frames and other batches may be in flight. Blocks; may read the disk.
+/// # Safety
+/// Live handle; `query` initialised; arrays as said.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_closest(
+    scene: *const oc_scene,
+    query: *const oc_query,
+    out_hits: *mut oc_hit,
+    hit_stride: u64,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let query = read(query)?;
+        let options = query.options()?;
+        let rays = CRays(Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?);
+        let hits = CHits(Strided::new(out_hits, query.count, hit_stride, "out_hits")?);
+        handles::with(scene, |scene: &Shell<SceneObject>| {
+            Ok(scene.scene.state().closest_batch(&rays, &hits, options)?)
+        })
+    })
+}
+
+/// Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` is ignored.
+///
+/// `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not
+/// to be used. Thread safety: any thread. Blocks; may read the disk.
+/// # Safety
+/// Live handle; `query` initialised; arrays as said.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_any(
+    scene: *const oc_scene,
+    query: *const oc_query,
+    out_any: *mut u8,
+    any_stride: u64,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let query = read(query)?;
+        let options = query.options()?;
+        let rays = CRays(Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?);
+        let hits = CAny(Strided::new(out_any, query.count, any_stride, "out_any")?);
+        handles::with(scene, |scene: &Shell<SceneObject>| {
+            Ok(scene.scene.state().any_batch(&rays, &hits, options)?)
+        })
+    })
+}
+
+/// A batch in flight behind an `oc_job`.
+struct QueryWork(Query);
+
+impl QueryWork {
+    fn snapshot(status: crate::query::QueryStatus) -> Snapshot {
+        let base = match (status.state, &status.error) {
+            (QueryState::Running, _) => Snapshot::running(),
+            (QueryState::Done, _) => Snapshot::done(),
+            (QueryState::Failed, Some(error)) => Snapshot::ended_with(error),
+            (QueryState::Cancelled | QueryState::Failed, _) => Snapshot::cancelled(),
+        };
+        Snapshot { fraction: status.fraction, done: status.done, total: status.total, ..base }
+    }
+}
+
+impl LongWork for QueryWork {
+    fn poll(&self) -> Snapshot {
+        Self::snapshot(self.0.poll())
+    }
+    fn wait(&self, timeout: Option<Duration>) -> Snapshot {
+        Self::snapshot(self.0.wait(timeout.unwrap_or(Duration::MAX)))
+    }
+    fn cancel(&self) {
+        self.0.cancel();
+    }
+    fn set_wake(&self, wake: Option<Wake>) {
+        self.0.set_wake(wake.map(|wake| Arc::new(move || wake.call()) as Arc<dyn Fn() + Send + Sync>));
+    }
+    fn product(&self) -> Option<Arc<Product>> {
+        None
+    }
+}
+
+/// Begins oc_scene_closest and returns at once. The arrays must stay as they are until the job has
+/// ended; `query` itself need not.
+///
+/// Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+/// # Safety
+/// As for oc_scene_closest; `out_job` writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_closest_start(
+    scene: *const oc_scene,
+    query: *const oc_query,
+    out_hits: *mut oc_hit,
+    hit_stride: u64,
+    out_job: *mut *mut oc_job,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let out = out(out_job, "out_job")?;
+        let query = read(query)?;
+        let options = query.options()?;
+        let rays = CRays(Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?);
+        let hits = CHits(Strided::new(out_hits, query.count, hit_stride, "out_hits")?);
+        handles::with(scene, |scene: &Shell<SceneObject>| {
+            let query = Query::closest(&scene.scene.state(), Arc::new(rays), Arc::new(hits), options)?;
+            out.write(give_job(Arc::new(QueryWork(query))));
+            Ok(())
+        })
+    })
+}
+
+/// Begins oc_scene_any and returns at once. The arrays must stay as they are until the job has
+/// ended; `query` itself need not.
+///
+/// Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+/// # Safety
+/// As for oc_scene_any; `out_job` writable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_scene_any_start(
+    scene: *const oc_scene,
+    query: *const oc_query,
+    out_any: *mut u8,
+    any_stride: u64,
+    out_job: *mut *mut oc_job,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let out = out(out_job, "out_job")?;
+        let query = read(query)?;
+        let options = query.options()?;
+        let rays = CRays(Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?);
+        let hits = CAny(Strided::new(out_any, query.count, any_stride, "out_any")?);
+        handles::with(scene, |scene: &Shell<SceneObject>| {
+            let query = Query::any(&scene.scene.state(), Arc::new(rays), Arc::new(hits), options)?;
+            out.write(give_job(Arc::new(QueryWork(query))));
+            Ok(())
+        })
+    })
+}

@@ -1,0 +1,24 @@
+//! Panics on demand, for the tests; only in builds with debug assertions, and not in the header.
+
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+/// At the head of an entry point, before any object is known.
+pub(crate) const AT_ENTRY: u32 = 1;
+/// In an entry point, once its object is known.
+pub(crate) const IN_OBJECT: u32 = 2;
+/// In background work.
+pub(crate) const IN_WORK: u32 = 3;
+
+static ARMED: AtomicU32 = AtomicU32::new(0);
+
+/// The next place of this kind to be passed, in any thread, panics.
+#[unsafe(no_mangle)]
+pub extern "C" fn oc_test_panic_at(place: u32) {
+    ARMED.store(place, Relaxed);
+}
+
+pub(crate) fn trip(place: u32) {
+    if ARMED.load(Relaxed) == place && ARMED.compare_exchange(place, 0, Relaxed, Relaxed).is_ok() {
+        panic!("asked for by a test");
+    }
+}
