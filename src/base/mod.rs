@@ -5,6 +5,8 @@ pub mod error;
 pub mod ids;
 pub mod progress;
 mod round;
+#[cfg(test)]
+mod round_tests;
 mod sync;
 pub mod tasks;
 pub mod units;

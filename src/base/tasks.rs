@@ -476,3 +476,7 @@ fn message(panic: &(dyn Any + Send)) -> String {
     let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
     format!("a worker panicked: {}", text.unwrap_or("no message"))
 }
+
+#[cfg(test)]
+#[path = "tasks_tests.rs"]
+mod tests;
