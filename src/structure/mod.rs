@@ -1,1 +1,5 @@
-//! (structure: being built.)
+//! Acceleration structures. Each is a folder with three faces: `build` (triangles in, blocks out),
+//! `layout` (the bytes both wings agree on), `trace` (rays in, hits out).
+#![forbid(unsafe_code)]
+
+pub mod bvh;

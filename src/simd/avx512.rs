@@ -1,0 +1,252 @@
+//! AVX-512 (F, VL, DQ, BW): sixteen lanes in a register, and mask registers for both widths.
+
+use super::Op;
+use super::lanes::{Lanes, Mask, Simd};
+use std::arch::x86_64::*;
+use std::ops::{Add, Mul, Sub};
+
+/// Token of AVX-512: exists only on a CPU that has it.
+#[derive(Debug, Clone, Copy)]
+pub struct Avx512(());
+
+/// Runs `op` compiled for AVX-512.
+///
+/// # Safety
+/// The CPU must have every feature that `Isa::Avx512.is_available()` asks for.
+#[target_feature(enable = "avx2,avx512f,avx512vl,avx512dq,avx512bw,bmi1,bmi2,lzcnt,popcnt")]
+pub unsafe fn run<O: Op>(op: O) -> O::Out {
+    op.run(Avx512(()))
+}
+
+/// Eight floats.
+#[derive(Debug, Clone, Copy)]
+pub struct V8(__m256);
+
+/// Sixteen floats.
+#[derive(Debug, Clone, Copy)]
+pub struct V16(__m512);
+
+/// A set of 8 lanes in a mask register.
+#[derive(Debug, Clone, Copy)]
+pub struct M8(__mmask8);
+
+impl Mask for M8 {
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        u32::from(self.0)
+    }
+    #[inline(always)]
+    fn and(self, o: Self) -> Self {
+        Self(self.0 & o.0)
+    }
+    #[inline(always)]
+    fn or(self, o: Self) -> Self {
+        Self(self.0 | o.0)
+    }
+}
+
+/// A set of 16 lanes in a mask register.
+#[derive(Debug, Clone, Copy)]
+pub struct M16(__mmask16);
+
+impl Mask for M16 {
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        u32::from(self.0)
+    }
+    #[inline(always)]
+    fn and(self, o: Self) -> Self {
+        Self(self.0 & o.0)
+    }
+    #[inline(always)]
+    fn or(self, o: Self) -> Self {
+        Self(self.0 | o.0)
+    }
+}
+
+impl Add for V8 {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        // SAFETY: a vector exists only where its token does (see the room's head).
+        Self(unsafe { _mm256_add_ps(self.0, o.0) })
+    }
+}
+impl Sub for V8 {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm256_sub_ps(self.0, o.0) })
+    }
+}
+impl Mul for V8 {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm256_mul_ps(self.0, o.0) })
+    }
+}
+impl Lanes<8> for V8 {
+    type Mask = M8;
+    #[inline(always)]
+    fn div(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm256_div_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn min(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm256_min_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn max(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm256_max_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn le(self, o: Self) -> M8 {
+        // SAFETY: as in `add`.
+        M8(unsafe { _mm256_cmp_ps_mask::<_CMP_LE_OQ>(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn eq(self, o: Self) -> M8 {
+        // SAFETY: as in `add`.
+        M8(unsafe { _mm256_cmp_ps_mask::<_CMP_EQ_OQ>(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn select(self, mask: M8, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm256_mask_blend_ps(mask.0, o.0, self.0) })
+    }
+    #[inline(always)]
+    fn from_array_like(_like: Self, v: [f32; 8]) -> Self {
+        // SAFETY: as in `add`, through `_like`; `v` holds 8 floats.
+        Self(unsafe { _mm256_loadu_ps(v.as_ptr()) })
+    }
+    #[inline(always)]
+    fn to_array(self) -> [f32; 8] {
+        let mut out = [0.0; 8];
+        // SAFETY: as in `add`; `out` holds 8 floats, and the store needs no alignment.
+        unsafe { _mm256_storeu_ps(out.as_mut_ptr(), self.0) };
+        out
+    }
+}
+
+impl Add for V16 {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        // SAFETY: a vector exists only where its token does (see the room's head).
+        Self(unsafe { _mm512_add_ps(self.0, o.0) })
+    }
+}
+impl Sub for V16 {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm512_sub_ps(self.0, o.0) })
+    }
+}
+impl Mul for V16 {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm512_mul_ps(self.0, o.0) })
+    }
+}
+impl Lanes<16> for V16 {
+    type Mask = M16;
+    #[inline(always)]
+    fn div(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm512_div_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn min(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm512_min_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn max(self, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm512_max_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn le(self, o: Self) -> M16 {
+        // SAFETY: as in `add`.
+        M16(unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn eq(self, o: Self) -> M16 {
+        // SAFETY: as in `add`.
+        M16(unsafe { _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn select(self, mask: M16, o: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm512_mask_blend_ps(mask.0, o.0, self.0) })
+    }
+    #[inline(always)]
+    fn from_array_like(_like: Self, v: [f32; 16]) -> Self {
+        // SAFETY: as in `add`, through `_like`; `v` holds 16 floats.
+        Self(unsafe { _mm512_loadu_ps(v.as_ptr()) })
+    }
+    #[inline(always)]
+    fn to_array(self) -> [f32; 16] {
+        let mut out = [0.0; 16];
+        // SAFETY: as in `add`; `out` holds 16 floats, and the store needs no alignment.
+        unsafe { _mm512_storeu_ps(out.as_mut_ptr(), self.0) };
+        out
+    }
+}
+
+impl Simd for Avx512 {
+    type F8 = V8;
+    type F16 = V16;
+    type Index8 = __m256i;
+
+    #[inline(always)]
+    fn splat8(self, v: f32) -> V8 {
+        // SAFETY: the token `self` vouches for the CPU.
+        V8(unsafe { _mm256_set1_ps(v) })
+    }
+    #[inline(always)]
+    fn load8(self, v: &[f32; 8]) -> V8 {
+        // SAFETY: the token vouches; `v` holds eight floats, and the load needs no alignment.
+        V8(unsafe { _mm256_loadu_ps(v.as_ptr()) })
+    }
+    #[inline(always)]
+    fn bytes8(self, v: &[u8; 8]) -> V8 {
+        // SAFETY: the token vouches.
+        V8(unsafe { _mm256_cvtepi32_ps(self.index8(v)) })
+    }
+    #[inline(always)]
+    fn index8(self, v: &[u8; 8]) -> __m256i {
+        // SAFETY: the token vouches.
+        unsafe { _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(i64::from_le_bytes(*v))) }
+    }
+    #[inline(always)]
+    fn lookup16(self, table: &[f32; 16], index: __m256i) -> V8 {
+        // SAFETY: the token vouches; both loads lie inside `table`; only the low four bits of
+        // each index are read.
+        V8(unsafe {
+            let low = _mm256_loadu_ps(table.as_ptr());
+            let high = _mm256_loadu_ps(table.as_ptr().add(8));
+            _mm256_permutex2var_ps(low, index, high)
+        })
+    }
+    #[inline(always)]
+    fn splat16(self, v: f32) -> V16 {
+        // SAFETY: the token vouches.
+        V16(unsafe { _mm512_set1_ps(v) })
+    }
+    #[inline(always)]
+    fn load16(self, v: &[f32; 16]) -> V16 {
+        // SAFETY: the token vouches; `v` holds sixteen floats, and the load needs no alignment.
+        V16(unsafe { _mm512_loadu_ps(v.as_ptr()) })
+    }
+}

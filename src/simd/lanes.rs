@@ -1,0 +1,64 @@
+//! What a vector type can do. Few operations on purpose.
+
+use std::ops::{Add, Mul, Sub};
+
+/// A set of lanes, one bit each.
+pub trait Mask: Copy {
+    /// Bit `i` is lane `i`.
+    fn bits(self) -> u32;
+    /// Lanes in both.
+    fn and(self, o: Self) -> Self;
+    /// Lanes in either.
+    fn or(self, o: Self) -> Self;
+}
+
+/// `N` floats, elementwise. IEEE single precision, round to nearest.
+///
+/// `min` and `max` return `o` where either operand is NaN, as x86 does.
+pub trait Lanes<const N: usize>:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
+{
+    /// A set of its lanes.
+    type Mask: Mask;
+    /// Elementwise quotient.
+    fn div(self, o: Self) -> Self;
+    /// Elementwise least.
+    fn min(self, o: Self) -> Self;
+    /// Elementwise greatest.
+    fn max(self, o: Self) -> Self;
+    /// Lanes where `self <= o`; false for NaN.
+    fn le(self, o: Self) -> Self::Mask;
+    /// Lanes where `self == o`; false for NaN.
+    fn eq(self, o: Self) -> Self::Mask;
+    /// `self` in the lanes of `mask`, `o` elsewhere.
+    fn select(self, mask: Self::Mask, o: Self) -> Self;
+    /// `v` as lanes; `like` is any vector, which vouches for the instruction set.
+    fn from_array_like(like: Self, v: [f32; N]) -> Self;
+    /// All lanes in order.
+    fn to_array(self) -> [f32; N];
+}
+
+/// The token of an instruction set: makes vectors of it.
+pub trait Simd: Copy {
+    /// Eight floats.
+    type F8: Lanes<8>;
+    /// Sixteen floats.
+    type F16: Lanes<16>;
+    /// Eight indices below 16.
+    type Index8: Copy;
+
+    /// All eight lanes `v`.
+    fn splat8(self, v: f32) -> Self::F8;
+    /// Eight floats.
+    fn load8(self, v: &[f32; 8]) -> Self::F8;
+    /// Eight bytes as floats 0 to 255.
+    fn bytes8(self, v: &[u8; 8]) -> Self::F8;
+    /// Eight indices from bytes; only their low four bits count.
+    fn index8(self, v: &[u8; 8]) -> Self::Index8;
+    /// `table[i]` for each index `i`.
+    fn lookup16(self, table: &[f32; 16], index: Self::Index8) -> Self::F8;
+    /// All sixteen lanes `v`.
+    fn splat16(self, v: f32) -> Self::F16;
+    /// Sixteen floats.
+    fn load16(self, v: &[f32; 16]) -> Self::F16;
+}

@@ -1,0 +1,141 @@
+//! The baseline: plain arrays, which the compiler turns into what the target has (SSE2, NEON).
+
+use super::lanes::{Lanes, Mask, Simd};
+use std::array::from_fn;
+use std::ops::{Add, Mul, Sub};
+
+/// Token of the baseline.
+#[derive(Debug, Clone, Copy)]
+pub struct Portable(());
+
+impl Portable {
+    /// Every CPU has it.
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self(())
+    }
+}
+
+impl Default for Portable {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// `N` floats in an array.
+#[derive(Debug, Clone, Copy)]
+pub struct Array<const N: usize>([f32; N]);
+
+/// Lanes as bits.
+#[derive(Debug, Clone, Copy)]
+pub struct Bits(u32);
+
+impl Mask for Bits {
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        self.0
+    }
+    #[inline(always)]
+    fn and(self, o: Self) -> Self {
+        Self(self.0 & o.0)
+    }
+    #[inline(always)]
+    fn or(self, o: Self) -> Self {
+        Self(self.0 | o.0)
+    }
+}
+
+macro_rules! elementwise {
+    ($trait:ident, $method:ident, $op:tt) => {
+        impl<const N: usize> $trait for Array<N> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, o: Self) -> Self {
+                Self(from_fn(|i| self.0[i] $op o.0[i]))
+            }
+        }
+    };
+}
+elementwise!(Add, add, +);
+elementwise!(Sub, sub, -);
+elementwise!(Mul, mul, *);
+
+#[inline(always)]
+fn bits<const N: usize>(test: impl Fn(usize) -> bool) -> Bits {
+    let mut m = 0;
+    for i in 0..N {
+        m |= u32::from(test(i)) << i;
+    }
+    Bits(m)
+}
+
+impl<const N: usize> Lanes<N> for Array<N> {
+    type Mask = Bits;
+    #[inline(always)]
+    fn div(self, o: Self) -> Self {
+        Self(from_fn(|i| self.0[i] / o.0[i]))
+    }
+    #[inline(always)]
+    fn min(self, o: Self) -> Self {
+        Self(from_fn(|i| if self.0[i] < o.0[i] { self.0[i] } else { o.0[i] }))
+    }
+    #[inline(always)]
+    fn max(self, o: Self) -> Self {
+        Self(from_fn(|i| if self.0[i] > o.0[i] { self.0[i] } else { o.0[i] }))
+    }
+    #[inline(always)]
+    fn le(self, o: Self) -> Bits {
+        bits::<N>(|i| self.0[i] <= o.0[i])
+    }
+    #[inline(always)]
+    fn eq(self, o: Self) -> Bits {
+        bits::<N>(|i| self.0[i] == o.0[i])
+    }
+    #[inline(always)]
+    fn select(self, mask: Bits, o: Self) -> Self {
+        Self(from_fn(|i| if mask.0 >> i & 1 == 1 { self.0[i] } else { o.0[i] }))
+    }
+    #[inline(always)]
+    fn from_array_like(_like: Self, v: [f32; N]) -> Self {
+        Self(v)
+    }
+    #[inline(always)]
+    fn to_array(self) -> [f32; N] {
+        self.0
+    }
+}
+
+impl Simd for Portable {
+    type F8 = Array<8>;
+    type F16 = Array<16>;
+    type Index8 = [u8; 8];
+
+    #[inline(always)]
+    fn splat8(self, v: f32) -> Array<8> {
+        Array([v; 8])
+    }
+    #[inline(always)]
+    fn load8(self, v: &[f32; 8]) -> Array<8> {
+        Array(*v)
+    }
+    #[inline(always)]
+    fn bytes8(self, v: &[u8; 8]) -> Array<8> {
+        Array(from_fn(|i| f32::from(v[i])))
+    }
+    #[inline(always)]
+    fn index8(self, v: &[u8; 8]) -> [u8; 8] {
+        *v
+    }
+    #[inline(always)]
+    fn lookup16(self, table: &[f32; 16], index: [u8; 8]) -> Array<8> {
+        Array(from_fn(|i| table[usize::from(index[i] & 15)]))
+    }
+    #[inline(always)]
+    fn splat16(self, v: f32) -> Array<16> {
+        Array([v; 16])
+    }
+    #[inline(always)]
+    fn load16(self, v: &[f32; 16]) -> Array<16> {
+        Array(*v)
+    }
+}

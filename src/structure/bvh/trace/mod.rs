@@ -1,0 +1,170 @@
+//! Rays in, hits out, over the blocks of one snapshot.
+//!
+//! A hit is the least `(t, primitive id)` over all triangles that the watertight test accepts. Box
+//! tests are conservative, so the order of visits, the instruction set and whether rays go alone or
+//! in packets change what is visited, never the hit.
+
+mod packet;
+mod ray;
+mod single;
+mod walk;
+
+pub use packet::{PACKET, PacketWalk};
+pub use ray::{LocalRay, PreparedRay};
+pub use walk::{Counters, Outcome, TriHit, Walk};
+
+use super::layout::{Block, Leaf};
+use crate::base::ids::BlockId;
+use crate::math::Bounds;
+use crate::residency::Snapshot;
+use crate::simd::Isa;
+use glam::Vec3;
+
+/// Parts that rays pass through.
+#[derive(Debug, Clone, Copy)]
+pub struct PartFilter<'a> {
+    /// Bit `i % 64` of word `i / 64`: the model's part `i` is hidden. Parts beyond are visible.
+    pub hidden: &'a [u64],
+    /// The model's part that the tree's local part 0 is here.
+    pub first_part: u32,
+}
+
+impl PartFilter<'_> {
+    /// Whether a local part is hidden.
+    #[inline]
+    pub fn hides(&self, local_part: u32) -> bool {
+        let part = u64::from(self.first_part) + u64::from(local_part);
+        self.hidden.get((part / 64) as usize).is_some_and(|word| word >> (part % 64) & 1 == 1)
+    }
+}
+
+/// A triangle as stored.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Triangle {
+    /// Corners, around the tree's origin.
+    pub vertices: [Vec3; 3],
+    /// Local part.
+    pub part: u32,
+}
+
+/// One tree of a model in one snapshot. Cheap to make; borrow it for as long as the job lasts.
+#[derive(Debug, Clone, Copy)]
+pub struct TreeView<'a> {
+    /// Which blocks are in memory.
+    pub snapshot: &'a Snapshot,
+    /// Block of the root.
+    pub root_block: u32,
+    /// Child reference to the root in it; [`TreeView::EMPTY`] for a tree without triangles.
+    pub root: u32,
+    /// Greatest magnitude of a coordinate of the tree.
+    pub reach: f32,
+    /// What to add to a block's id for the id of the block with its primitive ids.
+    pub prims_at: u32,
+    /// The same for its colours; `None` if the model has none.
+    pub colours_at: Option<u32>,
+    /// Vectors to trace with.
+    pub isa: Isa,
+}
+
+impl TreeView<'_> {
+    /// Root reference of a tree without triangles.
+    pub const EMPTY: u32 = u32::MAX;
+
+    /// Whether the tree has no triangles.
+    pub fn is_empty(&self) -> bool {
+        self.root == Self::EMPTY
+    }
+
+    /// Finds the closest hit of the ray that `walk` has begun (or goes on after `Pending`).
+    pub fn closest(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
+        single::run::<false>(self, filter, walk)
+    }
+
+    /// Finds any hit of the ray that `walk` has begun (or goes on after `Pending`).
+    pub fn any(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
+        single::run::<true>(self, filter, walk)
+    }
+
+    fn leaf_of(&self, hit: &TriHit) -> Option<(Block<'_>, Leaf<'_>, usize)> {
+        let block = Block::new(self.snapshot.block(BlockId(hit.block))?);
+        Some((block, block.leaf((hit.tri >> 3) as usize), (hit.tri & 7) as usize))
+    }
+
+    /// The triangle of a hit; `None` if its block has left the snapshot.
+    pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
+        let (block, leaf, index) = self.leaf_of(hit)?;
+        Some(Triangle { vertices: leaf.triangle(index), part: block.part(leaf.part_of(index)) })
+    }
+
+    /// The primitive id of a hit, or the block that is needed for it.
+    pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
+        self.beside(hit, self.prims_at)
+    }
+
+    /// The sRGB colour of a hit's triangle, or the block that is needed; `None` if the model has none.
+    pub fn colour(&self, hit: &TriHit) -> Result<Option<[u8; 4]>, BlockId> {
+        let Some(at) = self.colours_at else { return Ok(None) };
+        self.beside(hit, at).map(|c| Some(c.to_le_bytes()))
+    }
+
+    /// The word of a hit's triangle in a block beside its own.
+    fn beside(&self, hit: &TriHit, offset: u32) -> Result<u32, BlockId> {
+        let Some((_, leaf, index)) = self.leaf_of(hit) else { return Err(BlockId(hit.block)) };
+        let id = BlockId(hit.block + offset);
+        let words = self.snapshot.block(id).ok_or(id)?;
+        // Only a file made up to be wrong has fewer words than its block has triangles.
+        Ok(words.get(leaf.first + index).copied().unwrap_or(u32::MAX))
+    }
+
+    /// Visits the triangles of all leaves whose boxes `descend` accepts; the first missing block ends it.
+    ///
+    /// `descend` gets boxes around the tree's origin, rounded outward. A triangle that spatial splits
+    /// put into several leaves is visited several times.
+    pub fn for_each_leaf(
+        &self,
+        descend: &mut dyn FnMut(&Bounds) -> bool,
+        visit: &mut dyn FnMut(&TriHit, &Triangle),
+    ) -> Result<(), BlockId> {
+        if self.is_empty() {
+            return Ok(());
+        }
+        let mut stack = vec![(self.root_block, self.root)];
+        while let Some((id, child)) = stack.pop() {
+            let block = Block::new(self.snapshot.block(BlockId(id)).ok_or(BlockId(id))?);
+            self.visit_child(block, id, child, &mut stack, descend, visit);
+        }
+        Ok(())
+    }
+
+    fn visit_child(
+        &self,
+        block: Block,
+        id: u32,
+        child: u32,
+        stack: &mut Vec<(u32, u32)>,
+        descend: &mut dyn FnMut(&Bounds) -> bool,
+        visit: &mut dyn FnMut(&TriHit, &Triangle),
+    ) {
+        use super::layout::{Child, WIDTH};
+        match Child::from_bits(child) {
+            Some(Child::External(i)) => stack.push(block.external(i)),
+            Some(Child::Node(i)) => {
+                let node = block.node(i);
+                for slot in (0..WIDTH).rev().filter(|s| node.valid >> s & 1 == 1) {
+                    if descend(&node.child_box(slot)) {
+                        stack.push((id, u32::from(node.child[slot])));
+                    }
+                }
+            }
+            Some(Child::Leaf(at)) => {
+                let leaf = block.leaf(at);
+                for i in 0..leaf.triangles {
+                    let hit = TriHit { block: id, tri: (at as u32) << 3 | i as u32, ..TriHit::none(0.0) };
+                    let part = block.part(leaf.part_of(i));
+                    visit(&hit, &Triangle { vertices: leaf.triangle(i), part });
+                }
+            }
+            None => {}
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! What a walk needs of a ray, prepared once.
+
+use crate::geom::Shear;
+use crate::math::Cone;
+use glam::Vec3;
+
+/// A ray in a tree's own frame. `t` is shared with the world ray: the direction is not unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalRay {
+    /// Where it starts, around the tree's origin.
+    pub org: Vec3,
+    /// Where it goes.
+    pub dir: Vec3,
+    /// Hits before this are ignored, >= 0.
+    pub t_min: f32,
+    /// Hits beyond this are ignored.
+    pub t_max: f32,
+    /// Its footprint; stand-ins are accepted by it (none exist yet: every answer is exact).
+    pub cone: Cone,
+}
+
+impl LocalRay {
+    /// Whether it can be traced: all finite but `t_max`, a direction that is not zero.
+    pub fn is_valid(&self) -> bool {
+        let size = self.dir.abs().max_element();
+        self.org.is_finite() && (MIN_DIR..=MAX_DIR).contains(&size) && self.t_min >= 0.0 && self.t_max >= self.t_min
+    }
+}
+
+/// The least and the greatest component of a direction that can be traced: outside of it
+/// reciprocals and products leave the range of single precision. Callers scale such rays.
+pub const MIN_DIR: f32 = 1e-15;
+/// See [`MIN_DIR`].
+pub const MAX_DIR: f32 = 1e15;
+
+/// A ray ready for box and triangle tests.
+///
+/// A box plane at `p` is met at `p * inv - off`. `off_near` and `off_far` differ by twice the
+/// greatest rounding error that the expression can have, so that a box test never misses
+/// (the derivation is at [`PreparedRay::new`]).
+#[derive(Debug, Clone, Copy)]
+pub struct PreparedRay {
+    /// The origin.
+    pub org: Vec3,
+    /// Reciprocal direction; components of less than 1e-18 of the greatest count as that, signed.
+    pub inv: [f32; 3],
+    /// See the type's comment.
+    pub off_near: [f32; 3],
+    /// See the type's comment.
+    pub off_far: [f32; 3],
+    /// For each axis, which of a node's six runs of planes is met first.
+    pub near: [usize; 3],
+    /// For the triangle test.
+    pub shear: Shear,
+    /// Least distance of a hit.
+    pub t_min: f32,
+}
+
+impl PreparedRay {
+    /// Prepares `ray` (valid) for a tree whose coordinates are at most `reach` in magnitude.
+    ///
+    /// Error of a plane's distance, with `m = max(|org|, reach)`, `h = 2^-24` and the computed
+    /// reciprocal `inv`: the grid's products `origin * inv`, `q * (step * inv)` and `org * inv` have a
+    /// relative error of at most `3h` each (two roundings, and one of `inv` itself) and magnitudes of at
+    /// most `m`, `2m` and `m` times `|inv|`; the two sums add `h` times at most `4m |inv|` each. That
+    /// is below `24 h m |inv|`; `2^-19 m |inv| = 32 h m |inv|` is used. It also covers what clamping
+    /// a direction component does, and flat boxes met edge-on: there the reciprocal is so large that
+    /// the slack exceeds every distance.
+    pub fn new(ray: &LocalRay, reach: f32) -> Self {
+        let least = ray.dir.abs().max_element() * 1e-18;
+        let inv = ray.dir.to_array().map(|d| 1.0 / if d.abs() < least { least.copysign(d) } else { d });
+        let slack = |axis: usize| inv[axis].abs() * ray.org[axis].abs().max(reach) * (1.0 / 524288.0);
+        let off = |axis: usize, sign: f32| ray.org[axis] * inv[axis] + sign * slack(axis);
+        Self {
+            org: ray.org,
+            inv,
+            off_near: [0, 1, 2].map(|a| off(a, 1.0)),
+            off_far: [0, 1, 2].map(|a| off(a, -1.0)),
+            near: [0, 1, 2].map(|a| if inv[a] < 0.0 { a + 3 } else { a }),
+            shear: Shear::new(ray.dir),
+            t_min: ray.t_min,
+        }
+    }
+}

@@ -1,0 +1,240 @@
+//! One ray at a time, eight boxes or triangles at a time.
+
+use super::walk::{Entry, Outcome, TriHit, Walk};
+use super::{PartFilter, PreparedRay, TreeView};
+use crate::base::ids::BlockId;
+use crate::geom::watertight::{intersect, shear};
+use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
+use crate::structure::bvh::layout::{Block, Child, Leaf, Node};
+
+/// Goes on with `walk` until it ends or a block is missing.
+pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
+    dispatch(view.isa, Single::<ANY> { view, filter, walk })
+}
+
+struct Single<'a, 'v, const ANY: bool> {
+    view: &'a TreeView<'v>,
+    filter: Option<&'a PartFilter<'a>>,
+    walk: &'a mut Walk,
+}
+
+impl<const ANY: bool> Op for Single<'_, '_, ANY> {
+    type Out = Outcome;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Outcome {
+        let Self { view, filter, walk } = self;
+        let Some(ray) = walk.ray else { return Outcome::Done };
+        let lanes = RayLanes::new(s, &ray);
+        let mut best = walk.best();
+        let mut counters = walk.counters;
+        let outcome = visit::<S, ANY>(s, view, filter, &ray, &lanes, &mut walk.stack, &mut best, &mut counters);
+        walk.set_best(best);
+        walk.counters = counters;
+        outcome
+    }
+}
+
+/// A ray in all lanes.
+pub(super) struct RayLanes<S: Simd> {
+    org: [S::F8; 3],
+    shear: [S::F8; 3],
+    zero: S::F8,
+    t_min: S::F8,
+}
+
+impl<S: Simd> RayLanes<S> {
+    #[inline(always)]
+    pub(super) fn new(s: S, ray: &PreparedRay) -> Self {
+        let k = ray.shear.k;
+        Self {
+            org: [s.splat8(ray.org[k[0]]), s.splat8(ray.org[k[1]]), s.splat8(ray.org[k[2]])],
+            shear: [s.splat8(ray.shear.s[0]), s.splat8(ray.shear.s[1]), s.splat8(ray.shear.s[2])],
+            zero: s.splat8(0.0),
+            t_min: s.splat8(ray.t_min),
+        }
+    }
+}
+
+/// Visits what is on the stack, nearest first.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
+pub(super) fn visit<S: Simd, const ANY: bool>(
+    s: S,
+    view: &TreeView,
+    filter: Option<&PartFilter>,
+    ray: &PreparedRay,
+    lanes: &RayLanes<S>,
+    stack: &mut Vec<Entry>,
+    best: &mut TriHit,
+    counters: &mut super::Counters,
+) -> Outcome {
+    while let Some(entry) = stack.pop() {
+        // Not `<=`: an equal distance may be a tie that a lower primitive id wins.
+        if entry.t > best.t {
+            continue;
+        }
+        let Some(words) = view.snapshot.block(BlockId(entry.block)) else {
+            stack.push(entry);
+            return Outcome::Pending(BlockId(entry.block));
+        };
+        let block = Block::new(words);
+        let mut child = entry.child;
+        loop {
+            match Child::from_bits(child) {
+                Some(Child::Node(index)) => {
+                    counters.nodes += 1;
+                    let node = block.node(index);
+                    let (mask, t) = boxes(s, node, ray, best.t);
+                    match push_far_to_near(mask, &t, node, entry.block, stack) {
+                        Some(nearest) => child = nearest,
+                        None => break,
+                    }
+                }
+                Some(Child::Leaf(at)) => {
+                    counters.leaves += 1;
+                    let leaf = block.leaf(at);
+                    counters.triangles += leaf.triangles as u64;
+                    let found = triangles(s, block, leaf, lanes, ray, filter, best.t);
+                    if let Some((lane, t, u, v)) = found {
+                        let hit = TriHit { t, u, v, block: entry.block, tri: (at as u32) << 3 | lane };
+                        match is_better(view, &hit, best, counters) {
+                            Ok(true) => *best = hit,
+                            Ok(false) => {}
+                            Err(missing) => {
+                                stack.push(Entry { t, block: entry.block, child });
+                                return Outcome::Pending(missing);
+                            }
+                        }
+                        if ANY {
+                            stack.clear();
+                            return Outcome::Done;
+                        }
+                    }
+                    break;
+                }
+                Some(Child::External(index)) => {
+                    counters.blocks += 1;
+                    let (next, below) = block.external(index);
+                    stack.push(Entry { t: entry.t, block: next, child: below });
+                    break;
+                }
+                None => break,
+            }
+        }
+    }
+    Outcome::Done
+}
+
+/// Whether `hit` beats `best`: nearer, or as near with a lower primitive id.
+#[inline(always)]
+pub(super) fn is_better(
+    view: &TreeView,
+    hit: &TriHit,
+    best: &TriHit,
+    counters: &mut super::Counters,
+) -> Result<bool, BlockId> {
+    if hit.t < best.t || !best.is_hit() {
+        return Ok(true);
+    }
+    if hit.t > best.t || (hit.block, hit.tri) == (best.block, best.tri) {
+        return Ok(false);
+    }
+    tie(view, hit, best, counters)
+}
+
+#[cold]
+#[inline(never)]
+fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut super::Counters) -> Result<bool, BlockId> {
+    counters.ties += 1;
+    Ok(view.prim(hit)? < view.prim(best)?)
+}
+
+/// The children whose boxes the ray meets before `t_max`, and where it enters each.
+#[inline(always)]
+pub(super) fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, t_max: f32) -> (u32, [f32; 8]) {
+    let mut enter = s.splat8(ray.t_min);
+    let mut leave = s.splat8(t_max);
+    for axis in 0..3 {
+        let slope = s.splat8(node.step(axis) * ray.inv[axis]);
+        let base = node.origin[axis] * ray.inv[axis];
+        let near = s.bytes8(&node.planes[ray.near[axis]]) * slope + s.splat8(base - ray.off_near[axis]);
+        let far = s.bytes8(&node.planes[(ray.near[axis] + 3) % 6]) * slope + s.splat8(base - ray.off_far[axis]);
+        // In this order a NaN (infinity times zero) leaves the interval as it was.
+        enter = near.max(enter);
+        leave = far.min(leave);
+    }
+    (enter.le(leave).bits() & u32::from(node.valid), enter.to_array())
+}
+
+/// Pushes all but the nearest of the children in `mask`, farthest first; returns the nearest.
+#[inline(always)]
+fn push_far_to_near(mut mask: u32, t: &[f32; 8], node: &Node, block: u32, stack: &mut Vec<Entry>) -> Option<u32> {
+    let entry = |slot: u32| Entry { t: t[slot as usize], block, child: u32::from(node.child[slot as usize]) };
+    if mask == 0 {
+        return None;
+    }
+    let mut nearest = entry(mask.trailing_zeros());
+    mask &= mask - 1;
+    let bottom = stack.len();
+    while mask != 0 {
+        let mut next = entry(mask.trailing_zeros());
+        mask &= mask - 1;
+        if next.t < nearest.t {
+            std::mem::swap(&mut next, &mut nearest);
+        }
+        let mut at = stack.len();
+        stack.push(next);
+        while at > bottom && stack[at - 1].t < next.t {
+            stack[at] = stack[at - 1];
+            at -= 1;
+        }
+        stack[at] = next;
+    }
+    Some(nearest.child)
+}
+
+/// The nearest hit in a leaf: lane, distance and weights. The lowest lane of equal ones, which has the
+/// lowest primitive id.
+#[inline(always)]
+pub(super) fn triangles<S: Simd>(
+    s: S,
+    block: Block,
+    leaf: Leaf,
+    lanes: &RayLanes<S>,
+    ray: &PreparedRay,
+    filter: Option<&PartFilter>,
+    t_max: f32,
+) -> Option<(u32, f32, f32, f32)> {
+    let k = ray.shear.k;
+    let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
+    let corner = |c: usize| {
+        let index = s.index8(leaf.corners8(c));
+        let p = [0, 1, 2].map(|a| s.lookup16(tables[a], index) - lanes.org[a]);
+        shear(p, lanes.shear)
+    };
+    let found = intersect(corner(0), corner(1), corner(2), lanes.zero, lanes.t_min, s.splat8(t_max));
+    let mut hits = found.hits & ((1 << leaf.triangles) - 1);
+    if hits == 0 {
+        return None;
+    }
+    if let Some(filter) = filter {
+        for i in 0..leaf.triangles {
+            let hidden = hits >> i & 1 == 1 && filter.hides(block.part(leaf.part_of(i)));
+            hits &= !(u32::from(hidden) << i);
+        }
+    }
+    let t = found.t.to_array();
+    let mut nearest: Option<usize> = None;
+    while hits != 0 {
+        let lane = hits.trailing_zeros() as usize;
+        hits &= hits - 1;
+        if nearest.is_none_or(|n| t[lane] < t[n]) {
+            nearest = Some(lane);
+        }
+    }
+    nearest.map(|lane| {
+        let (u, v) = found.uv(lane);
+        (lane as u32, t[lane], u, v)
+    })
+}

@@ -1,0 +1,115 @@
+//! A walk: what a ray still has to visit, and the best hit so far. It can be put down at a missing
+//! block and taken up again.
+
+use super::ray::{LocalRay, PreparedRay};
+use crate::base::ids::BlockId;
+
+/// Whether a walk has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// The answer is in the walk.
+    Done,
+    /// This block is needed. Call again with the same walk once it is in memory.
+    Pending(BlockId),
+}
+
+/// Where a ray meets a triangle of a tree.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TriHit {
+    /// Distance in units of the ray's direction.
+    pub t: f32,
+    /// Weight of the second vertex.
+    pub u: f32,
+    /// Weight of the third vertex.
+    pub v: f32,
+    /// The block that holds the triangle.
+    pub block: u32,
+    /// The triangle in the block; opaque.
+    pub tri: u32,
+}
+
+impl TriHit {
+    /// No hit up to `t_max`.
+    pub const fn none(t_max: f32) -> Self {
+        Self { t: t_max, u: 0.0, v: 0.0, block: u32::MAX, tri: 0 }
+    }
+
+    /// Whether there is a hit.
+    #[inline(always)]
+    pub fn is_hit(&self) -> bool {
+        self.block != u32::MAX
+    }
+}
+
+/// What walks did; added up over rays, never reset by them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counters {
+    /// Nodes whose children's boxes were tested.
+    pub nodes: u64,
+    /// Leaves visited.
+    pub leaves: u64,
+    /// Triangles tested.
+    pub triangles: u64,
+    /// Times that the walk went from one block to another.
+    pub blocks: u64,
+    /// Ties that primitive ids had to decide.
+    pub ties: u64,
+}
+
+impl std::ops::AddAssign for Counters {
+    fn add_assign(&mut self, o: Self) {
+        self.nodes += o.nodes;
+        self.leaves += o.leaves;
+        self.triangles += o.triangles;
+        self.blocks += o.blocks;
+        self.ties += o.ties;
+    }
+}
+
+/// Something still to visit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Entry {
+    /// Where the ray enters it.
+    pub t: f32,
+    /// The block that holds the reference.
+    pub block: u32,
+    /// The child reference.
+    pub child: u32,
+}
+
+/// The state of one ray in one tree. Reusable: [`Walk::begin`] forgets the last ray but not the memory.
+#[derive(Debug, Default)]
+pub struct Walk {
+    pub(super) stack: Vec<Entry>,
+    pub(super) ray: Option<PreparedRay>,
+    best: Option<TriHit>,
+    /// What walks with it did.
+    pub counters: Counters,
+}
+
+impl Walk {
+    /// For any number of rays.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Puts `ray` at the root of `view`. An invalid ray (see [`LocalRay::is_valid`]) misses all.
+    pub fn begin(&mut self, view: &super::TreeView, ray: &LocalRay) {
+        self.stack.clear();
+        self.best = Some(TriHit::none(ray.t_max));
+        self.ray = ray.is_valid().then(|| PreparedRay::new(ray, view.reach));
+        if self.ray.is_some() && !view.is_empty() {
+            self.stack.push(Entry { t: ray.t_min, block: view.root_block, child: view.root });
+        }
+    }
+
+    /// The best hit so far; [`TriHit::is_hit`] tells whether there is one.
+    #[inline]
+    pub fn best(&self) -> TriHit {
+        self.best.unwrap_or(TriHit::none(0.0))
+    }
+
+    pub(super) fn set_best(&mut self, best: TriHit) {
+        self.best = Some(best);
+    }
+}
