@@ -56,29 +56,10 @@ pub struct LaneHits<L> {
     pub hits: u32,
     /// Distances.
     pub t: L,
-    v: L,
-    w: L,
-    rdet: L,
-}
-
-impl<L> LaneHits<L> {
-    /// Weights of the second and third vertex of a lane.
-    #[inline(always)]
-    pub fn uv<const N: usize>(&self, lane: usize) -> (f32, f32)
-    where
-        L: Lanes<N>,
-    {
-        ((self.v * self.rdet).to_array()[lane], (self.w * self.rdet).to_array()[lane])
-    }
-
-    /// Weights of the second and third vertex of all lanes.
-    #[inline(always)]
-    pub fn uvs<const N: usize>(&self) -> (L, L)
-    where
-        L: Lanes<N>,
-    {
-        (self.v * self.rdet, self.w * self.rdet)
-    }
+    /// Weights of the second vertex.
+    pub u: L,
+    /// Weights of the third vertex.
+    pub v: L,
 }
 
 /// A vertex relative to the ray's origin, sheared so that the ray runs along z.
@@ -117,7 +98,7 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
         positive.or(negative)
     };
     if inside.bits() == 0 {
-        return LaneHits { hits: 0, t: zero, v, w, rdet: zero };
+        return LaneHits { hits: 0, t: zero, u: zero, v: zero };
     }
     let mut hits = inside.bits();
     let mut det = u + v + w;
@@ -129,10 +110,13 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
         det = u + v + w;
     }
     let rdet = L::from_array_like(zero, [1.0; N]).div(det);
-    let t = (u * a.z + v * b.z + w * c.z) * rdet;
+    // Weights first: the sum of unweighted products would leave single precision's range for models of
+    // less than 1e-12 or more than 1e12 units.
+    let (v, w) = (v * rdet, w * rdet);
+    let t = u * rdet * a.z + v * b.z + w * c.z;
     hits &= t_min.le(t).and(t.le(t_max)).bits();
     hits &= !det.eq(zero).bits();
-    LaneHits { hits, t, v, w, rdet }
+    LaneHits { hits, t, u: v, v: w }
 }
 
 /// Evaluates the edge functions of `lanes` in double precision, and leaves the others as they are:
@@ -182,8 +166,8 @@ pub fn intersect_one(
     };
     let (t_min, t_max) = (simd.splat8(t_min), simd.splat8(t_max));
     let found = intersect(lane(a), lane(b), lane(c), simd.splat8(0.0), t_min, t_max);
-    let (u, v) = found.uv(0);
-    (found.hits & 1 == 1).then(|| TriangleHit { t: found.t.to_array()[0], u, v })
+    let first = |l: crate::simd::Array<8>| l.to_array()[0];
+    (found.hits & 1 == 1).then(|| TriangleHit { t: first(found.t), u: first(found.u), v: first(found.v) })
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ mod avx2;
 mod avx512;
 
 pub use lanes::{Lanes, Mask, Simd};
-pub use portable::Portable;
+pub use portable::{Array, Portable};
 
 use std::sync::OnceLock;
 

@@ -173,8 +173,6 @@ pub struct Place {
 }
 
 struct Counts {
-    nodes: usize,
-    externals: usize,
     triangles: usize,
     parts: usize,
     leaves: usize,
@@ -190,7 +188,7 @@ pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     let mut count = || reader.u16().map(usize::from);
     let (nodes, externals, triangles, parts, leaves) = (count()?, count()?, count()?, count()?, count()?);
     let vertices = reader.u32()? as usize;
-    let counts = Counts { nodes, externals, triangles, parts, leaves, vertices };
+    let counts = Counts { triangles, parts, leaves, vertices };
     let externals_at = HEADER_WORDS + nodes * NODE_WORDS;
     let parts_at = externals_at + 2 * externals;
     if parts_at + parts + PAD_WORDS > MAX_WORDS || nodes == 0 {

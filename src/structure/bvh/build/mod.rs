@@ -15,6 +15,7 @@ mod tree;
 pub use cluster::Plan;
 pub use encode::TreeBlock;
 pub use par::Par;
+pub use refs::splits_pay;
 
 use crate::base::error::Result;
 use crate::base::progress::Cancel;

@@ -31,12 +31,6 @@ impl Ref {
     pub fn center2(&self) -> Vec4 {
         self.low + self.high
     }
-
-    /// Its box.
-    #[inline]
-    pub fn bounds(&self) -> Bounds {
-        Bounds { min: self.low.truncate(), max: self.high.truncate() }
-    }
 }
 
 /// Triangles handled at once by a thread.
@@ -52,4 +46,10 @@ pub fn make(triangles: &[[Vec3; 3]], split_budget: f32, par: &Par) -> Vec<Ref> {
         refs.collect::<Vec<_>>()
     });
     chunks.concat()
+}
+
+/// Whether spatial splits are likely to pay for these triangles.
+pub fn splits_pay(triangles: &[[Vec3; 3]]) -> bool {
+    let _ = triangles;
+    false
 }

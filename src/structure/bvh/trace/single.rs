@@ -234,7 +234,6 @@ pub(super) fn triangles<S: Simd>(
         }
     }
     nearest.map(|lane| {
-        let (u, v) = found.uv(lane);
-        (lane as u32, t[lane], u, v)
+        (lane as u32, t[lane], found.u.to_array()[lane], found.v.to_array()[lane])
     })
 }

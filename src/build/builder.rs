@@ -1,0 +1,264 @@
+//! Collects input, then makes the file of it.
+
+use super::report::{BuildReport, PhaseSeconds};
+use super::seal::{self, Gathered};
+use super::spool::Spool;
+use super::{BuildOptions, Splits, Structure};
+use crate::base::error::{Error, Result};
+use crate::base::progress::{Cancel, Phase, Progress};
+use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
+use crate::store::{InstanceRow, MaterialRow, PartRow, sections};
+use glam::{DAffine3, DVec3};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Instant;
+
+/// Bytes of memory that a triangle takes while its tree is built: corners, part and id (44) twice for a
+/// moment, references (32), nodes and leaves (40).
+const BYTES_PER_TRIANGLE: u64 = 160;
+
+/// Share of the whole that reading takes, for the progress.
+const READ_SHARE: f64 = 0.4;
+
+/// A model being built. Feed it through [`Sink`] or [`Builder::add_file`], then [`Builder::finish`].
+///
+/// One thread at a time; watch it from others through the [`Progress`], stop it through the [`Cancel`].
+pub struct Builder {
+    options: BuildOptions,
+    progress: Arc<Progress>,
+    cancel: Cancel,
+    begun: Instant,
+    meshes: Vec<Spool>,
+    parts: Vec<PartRow>,
+    materials: Vec<MaterialRow>,
+    instances: Vec<InstanceRow>,
+    triangles_in: u64,
+    non_finite: u64,
+    metres_per_unit: Option<f64>,
+    up: UpAxis,
+    notes: Vec<String>,
+}
+
+impl Builder {
+    /// With nothing in it. Fails with `BadArgument` where an option is out of its range.
+    pub fn new(options: BuildOptions, progress: Arc<Progress>, cancel: Cancel) -> Result<Self> {
+        if let Some(m) = options.metres_per_unit
+            && !(m.is_finite() && m > 0.0)
+        {
+            return Err(Error::bad_argument("metres_per_unit must be finite and greater than 0"));
+        }
+        let Structure::Bvh = options.structure;
+        let default = MaterialDesc::default();
+        Ok(Self {
+            options,
+            progress,
+            cancel,
+            begun: Instant::now(),
+            meshes: vec![Spool::new(0)],
+            parts: Vec::new(),
+            materials: vec![row_of(default)],
+            instances: Vec::new(),
+            triangles_in: 0,
+            non_finite: 0,
+            metres_per_unit: None,
+            up: UpAxis::Unknown,
+            notes: Vec::new(),
+        })
+    }
+
+    /// Reads a mesh file into the model. Errors as of [`import::read_file`].
+    pub fn add_file(&mut self, path: &Path) -> Result<()> {
+        self.progress.enter(Phase::Read);
+        let options = ReadOptions { temp_dir: self.options.temp_dir.clone() };
+        import::read_file(path, &options, self)
+    }
+
+    /// Triangles so far, dropped ones included.
+    pub fn triangles_read(&self) -> u64 {
+        self.triangles_in
+    }
+
+    /// Builds the trees and writes the file. On any error `out` is as it was, and no temporary is left.
+    ///
+    /// Fails with `Cancelled`, `Io`, or `BadArgument` if parts and instances contradict each other.
+    pub fn finish(self, out: &Path) -> Result<BuildReport> {
+        let read = self.begun.elapsed().as_secs_f64();
+        self.cancel.check()?;
+        let Self { options, progress, cancel, notes, meshes, .. } = self;
+        let gathered = Gathered {
+            meshes,
+            parts: self.parts,
+            materials: self.materials,
+            instances: self.instances,
+            triangles_in: self.triangles_in,
+            non_finite: self.non_finite,
+            metres_per_unit: options.metres_per_unit.or(self.metres_per_unit).unwrap_or(0.0),
+            up: options.up.unwrap_or(self.up),
+        };
+        let mut report = in_pool(options.threads, |threads| {
+            seal::run(gathered, &options, threads, out, &progress, &cancel, READ_SHARE)
+        })?;
+        progress.advance(1.0);
+        progress.enter(Phase::Done);
+        report.notes = notes;
+        report.seconds = PhaseSeconds { read, ..report.seconds };
+        Ok(report)
+    }
+
+    fn check_budget(&self) -> Result<()> {
+        let need = self.triangles_in.saturating_mul(BYTES_PER_TRIANGLE);
+        let have = self.options.memory_budget;
+        if have != 0 && need > have {
+            return Err(Error::OverBudget { what: "building in memory (the input read so far)", need, have });
+        }
+        Ok(())
+    }
+}
+
+/// Runs `work` with as many threads as asked for: with one, in the calling thread and no other.
+fn in_pool<T: Send>(threads: usize, work: impl FnOnce(usize) -> Result<T> + Send) -> Result<T> {
+    let threads = if threads == 0 { std::thread::available_parallelism().map_or(1, |n| n.get()) } else { threads };
+    if threads == 1 {
+        return work(1);
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("outcrop-build-{i}"));
+    let pool = pool.build().map_err(|e| Error::Internal(format!("cannot start threads: {e}")))?;
+    pool.install(|| work(threads))
+}
+
+fn row_of(m: MaterialDesc) -> MaterialRow {
+    let MaterialDesc { colour, opacity, metalness, roughness } = m;
+    MaterialRow { colour, opacity, metalness, roughness }.clamped()
+}
+
+/// Linear to sRGB, 8 bits; NaN becomes 0.
+fn srgb8(linear: f32) -> u8 {
+    let x = linear.clamp(0.0, 1.0);
+    let s = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+    (s * 255.0 + 0.5) as u8
+}
+
+impl Sink for Builder {
+    fn units(&mut self, metres_per_unit: Option<f64>, up: UpAxis) {
+        let usable = metres_per_unit.filter(|m| m.is_finite() && *m > 0.0);
+        self.metres_per_unit = self.metres_per_unit.or(usable);
+        if self.up == UpAxis::Unknown {
+            self.up = up;
+        }
+    }
+
+    fn material(&mut self, material: MaterialDesc) -> Result<MaterialKey> {
+        self.materials.push(row_of(material));
+        Ok(self.materials.len() as u32 - 1)
+    }
+
+    fn part(&mut self, part: PartDesc) -> Result<PartKey> {
+        let index = self.parts.len() as u32;
+        if part.parent.is_some_and(|p| p >= index) {
+            return Err(Error::bad_argument("part: its parent does not exist yet"));
+        }
+        let material = part.material.unwrap_or(0);
+        if material as usize >= self.materials.len() {
+            return Err(Error::bad_argument("part: its material does not exist"));
+        }
+        if index >= u32::MAX - 1 {
+            return Err(Error::bad_argument("part: there are too many"));
+        }
+        let id = part.id.unwrap_or(u64::from(index));
+        let bounds = sections::EMPTY_BOUNDS;
+        self.parts.push(PartRow { id, name: part.name, parent: part.parent, material, bounds, triangles: 0 });
+        Ok(index)
+    }
+
+    fn shared_mesh(&mut self, local_parts: u32) -> Result<MeshKey> {
+        if local_parts == 0 {
+            return Err(Error::bad_argument("shared mesh: it must have a part at least"));
+        }
+        self.meshes.push(Spool::new(local_parts));
+        Ok(MeshKey(self.meshes.len() as u32 - 1))
+    }
+
+    fn triangles(
+        &mut self,
+        mesh: MeshKey,
+        part: u32,
+        positions: &[[DVec3; 3]],
+        colours: Option<&[[f32; 3]]>,
+    ) -> Result<()> {
+        let parts = self.parts.len() as u32;
+        let Some(spool) = self.meshes.get_mut(mesh.0 as usize) else {
+            return Err(Error::bad_argument("triangles: no such mesh"));
+        };
+        let limit = if mesh == MeshKey::DIRECT { parts } else { spool.local_parts };
+        if part >= limit {
+            return Err(Error::bad_argument("triangles: no such part"));
+        }
+        if colours.is_some_and(|c| c.len() != positions.len()) {
+            return Err(Error::bad_argument("triangles: there must be a colour for each"));
+        }
+        if self.triangles_in + positions.len() as u64 >= u64::from(u32::MAX) {
+            return Err(Error::bad_argument("triangles: a model holds fewer than 2^32 - 1 of them"));
+        }
+        for (i, corners) in positions.iter().enumerate() {
+            let prim = (self.triangles_in + i as u64) as u32;
+            if corners.iter().all(|c| c.is_finite()) {
+                let colour = colours.map(|c| {
+                    let [r, g, b] = c[i].map(srgb8);
+                    [r, g, b, 255]
+                });
+                spool.push(corners, part, prim, colour);
+            } else {
+                self.non_finite += 1;
+            }
+        }
+        self.triangles_in += positions.len() as u64;
+        self.progress.enter(Phase::Read);
+        self.progress.triangles.store(self.triangles_in, Relaxed);
+        self.check_budget()
+    }
+
+    fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
+        let spool = self.meshes.get(mesh.0 as usize).filter(|_| mesh != MeshKey::DIRECT);
+        let spool = spool.ok_or_else(|| Error::bad_argument("instance: no such shared mesh"))?;
+        if u64::from(first_part) + u64::from(spool.local_parts) > self.parts.len() as u64 {
+            return Err(Error::bad_argument("instance: its parts do not exist"));
+        }
+        let columns = world_from_mesh.to_cols_array();
+        if !sections::is_invertible(&columns) {
+            return Err(Error::bad_argument("instance: its transform is not finite or cannot be undone"));
+        }
+        self.instances.push(InstanceRow { tree: mesh.0, first_part, world_from_mesh: columns });
+        Ok(())
+    }
+
+    fn at(&mut self, bytes: u64, total: u64) {
+        self.progress.bytes_read.fetch_max(bytes, Relaxed);
+        if total > 0 {
+            self.progress.advance(READ_SHARE * bytes as f64 / total as f64);
+        }
+    }
+
+    fn note(&mut self, text: String) {
+        self.notes.push(text);
+    }
+
+    fn cancel(&self) -> &Cancel {
+        &self.cancel
+    }
+}
+
+impl std::fmt::Debug for Builder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Builder").field("triangles_in", &self.triangles_in).finish_non_exhaustive()
+    }
+}
+
+/// Whether splits are asked for outright.
+pub(super) fn asked_for_splits(splits: Splits) -> Option<bool> {
+    match splits {
+        Splits::Auto => None,
+        Splits::Off => Some(false),
+        Splits::On => Some(true),
+    }
+}

@@ -1,0 +1,208 @@
+//! From triangles through a file to hits, against brute force with the scalar twin of the test.
+
+use super::*;
+use crate::base::ids::BlockId;
+use crate::base::progress::{Cancel, Progress};
+use crate::geom::watertight::{Shear, intersect_one};
+use crate::import::{MeshKey, PartDesc, Sink};
+use crate::residency::{Cache, ModelBlocks};
+use crate::simd::Isa;
+use crate::store::ModelFile;
+use crate::structure::bvh::trace::{LocalRay, Outcome, TreeView, Walk};
+use crate::structure::bvh::{BvhDecoder, check_links};
+use glam::{DVec3, Vec3};
+use std::sync::Arc;
+
+/// A small generator of repeatable numbers (PCG, XSH-RR).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        let x = (((self.0 >> 18) ^ self.0) >> 27) as u32;
+        x.rotate_right((self.0 >> 59) as u32) as f32 / u32::MAX as f32
+    }
+    fn point(&mut self) -> Vec3 {
+        Vec3::new(self.next(), self.next(), self.next()) * 2.0 - 1.0
+    }
+}
+
+fn soup(count: usize, size: f32, grid: f32) -> Vec<[Vec3; 3]> {
+    let mut random = Random(7);
+    let snap = |p: Vec3| if grid > 0.0 { (p * grid).round() / grid } else { p };
+    (0..count)
+        .map(|_| {
+            let p = random.point();
+            [p, p + random.point() * size, p + random.point() * size].map(snap)
+        })
+        .collect()
+}
+
+struct Opened {
+    blocks: ModelBlocks,
+    _folder: tempfile::TempDir,
+}
+
+fn build(triangles: &[[Vec3; 3]], options: BuildOptions) -> (Opened, BuildReport, Vec<u8>) {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("model.oc");
+    let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("options");
+    let parts: Vec<u32> =
+        (0..5).map(|i| builder.part(PartDesc { id: Some(100 + i), ..PartDesc::default() }).expect("part")).collect();
+    for (i, t) in triangles.iter().enumerate() {
+        let part = parts[i / 7 % parts.len()];
+        builder.triangles(MeshKey::DIRECT, part, &[t.map(|p| p.as_dvec3())], None).expect("triangle");
+    }
+    let report = builder.finish(&path).expect("build");
+    let bytes = std::fs::read(&path).expect("file");
+    let file = Arc::new(ModelFile::open_path(&path).expect("open"));
+    let geometry_blocks = file.header().geometry_blocks;
+    let tree_ends = file.trees().iter().map(|t| t.first_block + t.block_count).collect();
+    let decoder = Box::new(BvhDecoder { geometry_blocks, tree_ends });
+    let blocks = ModelBlocks::new(file, decoder, Arc::new(Cache::new(1 << 30)));
+    (Opened { blocks, _folder: folder }, report, bytes)
+}
+
+fn view<'a>(opened: &Opened, snapshot: &'a crate::residency::Snapshot, isa: Isa) -> TreeView<'a> {
+    let file = opened.blocks.file();
+    let tree = &file.trees()[0];
+    TreeView {
+        snapshot,
+        root_block: tree.first_block,
+        root: tree.root as u32,
+        reach: tree.bounds.iter().fold(0.0, |m, b| m.max(b.abs())),
+        prims_at: file.header().geometry_blocks,
+        colours_at: None,
+        isa,
+    }
+}
+
+fn rays(count: usize) -> Vec<LocalRay> {
+    let mut random = Random(99);
+    (0..count)
+        .map(|i| {
+            let org = random.point() * 2.0;
+            let mut dir = random.point() - org * 0.5;
+            if i % 4 == 0 {
+                // Along an axis.
+                dir = [Vec3::X, Vec3::NEG_Y, Vec3::Z][i / 4 % 3];
+            }
+            LocalRay { org, dir, t_min: 0.0, t_max: f32::INFINITY, cone: crate::math::Cone::ZERO }
+        })
+        .collect()
+}
+
+/// The least `(t, id)`; on the grid ties are common.
+fn brute_force(triangles: &[[Vec3; 3]], ray: &LocalRay) -> Option<(f32, u32)> {
+    let shear = Shear::new(ray.dir);
+    let hits = triangles.iter().enumerate().filter_map(|(i, t)| {
+        let hit = intersect_one(ray.org, &shear, ray.t_min, ray.t_max, *t)?;
+        Some((hit.t, i as u32))
+    });
+    hits.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
+}
+
+fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> BuildReport {
+    let (opened, report, _) = build(triangles, options);
+    let kept: Vec<BlockId> = (0..opened.blocks.file().block_count()).map(BlockId).collect();
+    opened.blocks.fetch(&kept, 2, &Cancel::new()).expect("fetch");
+    let snapshot = opened.blocks.snapshot();
+    check_links(&snapshot, opened.blocks.file().header().geometry_blocks).expect("links");
+    for isa in Isa::ALL.into_iter().filter(|i| i.is_available()) {
+        let view = view(&opened, &snapshot, isa);
+        let mut walk = Walk::new();
+        let mut hits = 0;
+        for ray in rays(500) {
+            walk.begin(&view, &ray);
+            assert_eq!(view.closest(None, &mut walk), Outcome::Done);
+            let best = walk.best();
+            let found = best.is_hit().then(|| (best.t, view.prim(&best).expect("resident")));
+            assert_eq!(found, brute_force(triangles, &ray), "{ray:?} {}", isa.name());
+            hits += usize::from(best.is_hit());
+            walk.begin(&view, &ray);
+            assert_eq!(view.any(None, &mut walk), Outcome::Done);
+            assert_eq!(walk.best().is_hit(), best.is_hit());
+        }
+        assert!(hits > 50 || triangles.len() < 50, "{hits} hits test little");
+    }
+    report
+}
+
+#[test]
+fn hits_are_those_of_brute_force() {
+    for (count, size, grid) in [(1, 1.0, 0.0), (9, 1.0, 0.0), (3000, 0.1, 0.0), (3000, 0.5, 4.0), (20_000, 0.02, 0.0)] {
+        let triangles = soup(count, size, grid);
+        let report = agrees_with_brute_force(&triangles, BuildOptions::default());
+        assert_eq!(report.triangles_kept + report.degenerate, count as u64);
+    }
+}
+
+#[test]
+fn splits_change_no_hit() {
+    let triangles = soup(3000, 0.8, 0.0);
+    let options = BuildOptions { splits: Splits::On, ..BuildOptions::default() };
+    agrees_with_brute_force(&triangles, options);
+}
+
+#[test]
+fn the_file_does_not_depend_on_threads() {
+    let triangles = soup(30_000, 0.05, 0.0);
+    let file = |threads, splits| build(&triangles, BuildOptions { threads, splits, ..BuildOptions::default() }).2;
+    assert!(file(1, Splits::Off) == file(2, Splits::Off));
+    assert!(file(1, Splits::On) == file(3, Splits::On));
+}
+
+#[test]
+fn a_missing_block_is_an_outcome_and_the_walk_goes_on_where_it_stopped() {
+    let triangles = soup(20_000, 0.1, 0.0);
+    let (opened, _, _) = build(&triangles, BuildOptions::default());
+    let mut stops = 0;
+    let mut walk = Walk::new();
+    for ray in rays(100) {
+        // Each stop fetches one block, into a snapshot that began empty.
+        let fresh = ModelBlocks::new(
+            opened.blocks.file().clone(),
+            Box::new(BvhDecoder {
+                geometry_blocks: opened.blocks.file().header().geometry_blocks,
+                tree_ends: vec![opened.blocks.file().header().geometry_blocks],
+            }),
+            Arc::new(Cache::new(1 << 30)),
+        );
+        let mut snapshot = fresh.snapshot();
+        walk.begin(&view(&opened, &snapshot, Isa::best()), &ray);
+        while let Outcome::Pending(block) = view(&opened, &snapshot, Isa::best()).closest(None, &mut walk) {
+            stops += 1;
+            assert!(snapshot.block(block).is_none());
+            fresh.fetch(&[block], 1, &Cancel::new()).expect("fetch");
+            snapshot = fresh.snapshot();
+        }
+        let t = walk.best().is_hit().then(|| walk.best().t);
+        assert_eq!(t, brute_force(&triangles, &ray).map(|h| h.0));
+    }
+    assert!(stops > 100, "{stops}");
+}
+
+#[test]
+fn what_cannot_be_traced_is_dropped_and_counted() {
+    let good = [DVec3::ZERO, DVec3::X, DVec3::Y];
+    let mut builder =
+        Builder::new(BuildOptions::default(), Arc::new(Progress::default()), Cancel::new()).expect("options");
+    let part = builder.part(PartDesc::default()).expect("part");
+    let bad = [
+        good,
+        [DVec3::NAN, DVec3::X, DVec3::Y],
+        [DVec3::INFINITY, DVec3::X, DVec3::Y],
+        [DVec3::X, DVec3::X, DVec3::Y],
+        [DVec3::ZERO, DVec3::X, DVec3::X * 2.0],
+        good,
+    ];
+    builder.triangles(MeshKey::DIRECT, part, &bad, None).expect("accepted");
+    let folder = tempfile::tempdir().expect("folder");
+    let report = builder.finish(&folder.path().join("m.oc")).expect("build");
+    assert_eq!((report.triangles_in, report.triangles_kept), (6, 2));
+    assert_eq!((report.non_finite, report.degenerate), (2, 2));
+    let empty = Builder::new(BuildOptions::default(), Arc::new(Progress::default()), Cancel::new()).expect("options");
+    let report = empty.finish(&folder.path().join("empty.oc")).expect("an empty model is a model");
+    assert_eq!(report.triangles_kept, 0);
+    ModelFile::open_path(folder.path().join("empty.oc")).expect("opens");
+}
