@@ -8,6 +8,8 @@ use crate::base::error::{Error, Place, Result};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Format {
     Ply,
+    /// GLB, or JSON that may be glTF.
+    Gltf,
     Obj,
     StlText,
     StlBinary,
@@ -65,6 +67,9 @@ fn tell(head: &[u8], total: u64, ending: &str) -> Parsed<Format, String> {
     if first.trim_ascii() == b"ply" {
         return Ok(Format::Ply);
     }
+    if head.starts_with(b"glTF") {
+        return Ok(Format::Gltf);
+    }
     if is_binary_stl(head, total) {
         return Ok(Format::StlBinary);
     }
@@ -72,6 +77,9 @@ fn tell(head: &[u8], total: u64, ending: &str) -> Parsed<Format, String> {
         return Ok(format);
     }
     let start = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head).trim_ascii_start();
+    if start.starts_with(b"{") || (start.is_empty() && ending == "gltf") {
+        return Ok(Format::Gltf);
+    }
     if let Some((_, what)) = STRANGERS.iter().find(|(magic, _)| start.starts_with(magic)) {
         return Err(format!("is {what}"));
     }

@@ -274,4 +274,21 @@ impl Input {
         self.ends = Some(ends);
         Ok(ends)
     }
+
+    /// Fills `out` from a file offset, leaving the present place alone; `false` if the file ends before.
+    pub(crate) fn read_range(&mut self, offset: u64, out: &mut [u8]) -> Result<bool> {
+        let end = offset.checked_add(out.len() as u64);
+        if end.is_none_or(|end| end > self.total) {
+            return Ok(false);
+        }
+        let io = |e| Error::io(&self.path, "read", e);
+        self.file.seek(SeekFrom::Start(offset)).map_err(io)?;
+        let read = self.file.read_exact(out);
+        self.file.seek(SeekFrom::Start(self.next)).map_err(io)?;
+        match read {
+            Ok(()) => Ok(true),
+            Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => Ok(false),
+            Err(e) => Err(io(e)),
+        }
+    }
 }

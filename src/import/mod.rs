@@ -9,6 +9,7 @@ mod batch;
 pub mod collect;
 mod colour;
 mod detect;
+mod gltf;
 mod input;
 mod obj;
 mod ply;
@@ -128,6 +129,7 @@ pub fn read_file(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Res
     match detect::format(&mut input)? {
         detect::Format::Ply => ply::read(&mut input, sink)?,
         detect::Format::Obj => obj::read(&mut input, sink)?,
+        detect::Format::Gltf => gltf::read(&mut input, sink)?,
         detect::Format::StlText => stl::read_text(&mut input, sink)?,
         detect::Format::StlBinary => stl::read_binary(&mut input, sink)?,
     }

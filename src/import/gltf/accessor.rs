@@ -1,0 +1,254 @@
+//! Typed elements in buffers, in pieces, every range checked.
+
+use super::buffers::{Buffers, Range};
+use crate::import::input::Parsed;
+use ::gltf::json::Root;
+use ::gltf::json::accessor::{Accessor, ComponentType, Type};
+use ::gltf::json::validation::Checked;
+
+/// Bytes fetched at a time.
+const PIECE: u64 = 256 << 10;
+
+/// An accessor whose elements are known to lie in their buffer.
+pub(crate) struct Elements {
+    pub(crate) count: u64,
+    component: ComponentType,
+    normalized: bool,
+    /// `None`: all zero, but for the sparse ones.
+    base: Option<Strided>,
+    sparse: Option<Sparse>,
+    name: String,
+}
+
+/// Rows in a buffer.
+#[derive(Clone, Copy)]
+struct Strided {
+    range: Range,
+    stride: u64,
+    row: u64,
+}
+
+struct Sparse {
+    count: u64,
+    indices: Strided,
+    index_type: ComponentType,
+    values: Strided,
+}
+
+impl Elements {
+    /// Checks accessor `index`, whose elements must have one of these numbers of components.
+    pub(crate) fn open(root: &Root, index: usize, widths: &[usize], buffers: &mut Buffers<'_>) -> Parsed<Self> {
+        let name = format!("accessors[{index}]");
+        let Some(accessor) = root.accessors.get(index) else {
+            return Err(format!("{name} does not exist ({} do)", root.accessors.len()).into());
+        };
+        let (Checked::Valid(component), Checked::Valid(ty)) = (accessor.component_type, accessor.type_) else {
+            return Err(format!("{name} has an unknown type").into());
+        };
+        let (component, width) = (component.0, components(ty));
+        if !widths.contains(&width) {
+            return Err(format!("{name} has {width} components; {widths:?} belong here").into());
+        }
+        let row = (component.size() * width) as u64;
+        let count = accessor.count.0;
+        let base = match accessor.buffer_view {
+            Some(view) => {
+                let offset = accessor.byte_offset.map_or(0, |o| o.0);
+                Some(strided(root, view.value(), offset, count, row, &name, buffers)?)
+            }
+            // Zeros take no bytes of the file, so a claim of them is not bounded by its size otherwise.
+            None if count > buffers.total() => {
+                return Err(format!("{name} claims {count} elements without bytes").into());
+            }
+            None => None,
+        };
+        let sparse = sparse(root, accessor, row, &name, buffers)?;
+        Ok(Self { count, component, normalized: accessor.normalized, base, sparse, name })
+    }
+
+    /// Hands out every element as floating-point numbers, in order. Missing components are 0.
+    /// Integers that are normalised become [-1, 1] or [0, 1].
+    pub(crate) fn floats<const N: usize>(&self, buffers: &mut Buffers<'_>) -> Parsed<Vec<[f32; N]>> {
+        let read = |row: &[u8]| {
+            let mut out = [0.0; N];
+            for (out, bytes) in out.iter_mut().zip(row.chunks_exact(self.component.size())) {
+                *out = float(bytes, self.component, self.normalized);
+            }
+            out
+        };
+        let mut all = Vec::with_capacity(self.count as usize);
+        match &self.base {
+            Some(base) => base.rows(self.count, buffers, |row| {
+                all.push(read(row));
+                Ok(())
+            })?,
+            None => all.resize(self.count as usize, [0.0; N]),
+        }
+        if let Some(sparse) = &self.sparse {
+            let mut indices = Vec::with_capacity(sparse.count as usize);
+            sparse.indices.rows(sparse.count, buffers, |row| {
+                indices.push(unsigned(row, sparse.index_type));
+                Ok(())
+            })?;
+            let mut next = indices.iter();
+            sparse.values.rows(sparse.count, buffers, |row| {
+                let index = next.next().copied().unwrap_or(u32::MAX);
+                match all.get_mut(index as usize) {
+                    Some(element) => *element = read(row),
+                    None => return Err(format!("{}: sparse index {index} is out of range", self.name).into()),
+                }
+                Ok(())
+            })?;
+        }
+        Ok(all)
+    }
+
+    /// Calls `each` with every element as an index, in order. Stops at its first error.
+    pub(crate) fn indices(
+        &self,
+        buffers: &mut Buffers<'_>,
+        mut each: impl FnMut(u32, &Buffers<'_>) -> Parsed<()>,
+    ) -> Parsed<()> {
+        if matches!(self.component, ComponentType::I8 | ComponentType::I16 | ComponentType::F32) {
+            return Err(format!("{}: indices must be unsigned integers", self.name).into());
+        }
+        let (Some(base), None) = (&self.base, &self.sparse) else {
+            return Err(format!("{}: sparse indices are not supported", self.name).into());
+        };
+        base.pieces(self.count, buffers, |piece, buffers| {
+            for row in base.rows_of(piece) {
+                each(unsigned(row, self.component), buffers)?;
+            }
+            Ok(())
+        })
+    }
+}
+
+impl Strided {
+    /// The rows in a piece; its last one may lack the padding.
+    fn rows_of<'p>(&self, piece: &'p [u8]) -> impl Iterator<Item = &'p [u8]> {
+        let row = self.row as usize;
+        piece.chunks(self.stride as usize).filter_map(move |bytes| bytes.get(..row))
+    }
+
+    fn rows(
+        &self,
+        count: u64,
+        buffers: &mut Buffers<'_>,
+        mut each: impl FnMut(&[u8]) -> Parsed<()>,
+    ) -> Parsed<()> {
+        self.pieces(count, buffers, |piece, _| self.rows_of(piece).try_for_each(&mut each))
+    }
+
+    /// Fetches the bytes of `count` rows, some at a time.
+    fn pieces(
+        &self,
+        count: u64,
+        buffers: &mut Buffers<'_>,
+        mut each: impl FnMut(&[u8], &Buffers<'_>) -> Parsed<()>,
+    ) -> Parsed<()> {
+        let rows = (PIECE / self.stride).max(1);
+        let mut bytes = Vec::new();
+        let mut done = 0;
+        while done < count {
+            let n = rows.min(count - done);
+            let len = (n - 1) * self.stride + self.row;
+            let Some(range) = self.range.part(done * self.stride, len) else {
+                return Err("a range ends outside of its buffer view".into());
+            };
+            bytes.resize(len as usize, 0);
+            buffers.read(range, &mut bytes)?;
+            each(&bytes, buffers)?;
+            done += n;
+        }
+        Ok(())
+    }
+}
+
+fn components(ty: Type) -> usize {
+    match ty {
+        Type::Scalar => 1,
+        Type::Vec2 => 2,
+        Type::Vec3 => 3,
+        Type::Vec4 | Type::Mat2 => 4,
+        Type::Mat3 => 9,
+        Type::Mat4 => 16,
+    }
+}
+
+/// `count` rows of `row` bytes from `offset` of a buffer view, if they are there.
+fn strided(
+    root: &Root,
+    view: usize,
+    offset: u64,
+    count: u64,
+    row: u64,
+    name: &str,
+    buffers: &mut Buffers<'_>,
+) -> Parsed<Strided> {
+    let (range, stride) = buffers.view(root, view)?;
+    let stride = stride.unwrap_or(row);
+    if stride < row {
+        return Err(format!("{name}: a stride of {stride} bytes for elements of {row}").into());
+    }
+    let len = match count.checked_sub(1) {
+        Some(more) => more.checked_mul(stride).and_then(|bytes| bytes.checked_add(row)),
+        None => Some(0),
+    };
+    match len.and_then(|len| range.part(offset, len)) {
+        Some(range) => Ok(Strided { range, stride, row }),
+        None => Err(format!(
+            "{name}: {count} elements of {stride} bytes from {offset} end outside of bufferViews[{view}] ({} bytes)",
+            range.len()
+        )
+        .into()),
+    }
+}
+
+fn sparse(
+    root: &Root,
+    accessor: &Accessor,
+    row: u64,
+    name: &str,
+    buffers: &mut Buffers<'_>,
+) -> Parsed<Option<Sparse>> {
+    let Some(sparse) = &accessor.sparse else { return Ok(None) };
+    let Checked::Valid(index_type) = sparse.indices.component_type else {
+        return Err(format!("{name}: sparse indices of an unknown type").into());
+    };
+    let (count, index_type) = (sparse.count.0, index_type.0);
+    let (i, v) = (&sparse.indices, &sparse.values);
+    let name = format!("{name}.sparse");
+    let indices =
+        strided(root, i.buffer_view.value(), i.byte_offset.0, count, index_type.size() as u64, &name, buffers)?;
+    let values = strided(root, v.buffer_view.value(), v.byte_offset.0, count, row, &name, buffers)?;
+    Ok(Some(Sparse { count, indices, index_type, values }))
+}
+
+/// A component; 0 if the slice is too short, which its callers rule out.
+fn float(bytes: &[u8], ty: ComponentType, normalized: bool) -> f32 {
+    let two = || bytes.first_chunk().copied().unwrap_or_default();
+    let four = || bytes.first_chunk().copied().unwrap_or_default();
+    let one = bytes.first().copied().unwrap_or(0);
+    let (value, scale) = match ty {
+        ComponentType::F32 => return f32::from_le_bytes(four()),
+        ComponentType::U32 => return u32::from_le_bytes(four()) as f32,
+        ComponentType::I8 => (f32::from(one as i8), 127.0),
+        ComponentType::U8 => (f32::from(one), 255.0),
+        ComponentType::I16 => (f32::from(i16::from_le_bytes(two())), 32767.0),
+        ComponentType::U16 => (f32::from(u16::from_le_bytes(two())), 65535.0),
+    };
+    if normalized { (value / scale).max(-1.0) } else { value }
+}
+
+fn unsigned(bytes: &[u8], ty: ComponentType) -> u32 {
+    match ty {
+        ComponentType::U8 | ComponentType::I8 => u32::from(bytes.first().copied().unwrap_or(0)),
+        ComponentType::U16 | ComponentType::I16 => {
+            u32::from(u16::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default()))
+        }
+        ComponentType::U32 | ComponentType::F32 => {
+            u32::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default())
+        }
+    }
+}

@@ -1,0 +1,258 @@
+//! Triangles of a primitive, from its accessors to the sink.
+
+use super::accessor::Elements;
+use super::buffers::Buffers;
+use super::materials::{Looks, Materials};
+use super::texture::{Mapping, Texture};
+use crate::import::batch::Batch;
+use crate::import::colour::mean3;
+use crate::import::input::{Fault, Parsed};
+use crate::import::{MaterialDesc, MeshKey, Sink};
+use ::gltf::json::Root;
+use ::gltf::json::mesh::{Mode, Primitive, Semantic};
+use ::gltf::json::validation::Checked;
+use glam::{DAffine3, DVec3, Vec2};
+use std::rc::Rc;
+
+/// Where a mesh goes.
+#[derive(Clone, Copy)]
+pub(crate) struct Target {
+    pub(crate) mesh: MeshKey,
+    /// Part of the primitive: of the model, or local in a shared mesh.
+    pub(crate) first_part: u32,
+    /// `None`: as it is.
+    pub(crate) world: Option<DAffine3>,
+}
+
+/// What a primitive's triangles are made from.
+struct Vertices {
+    positions: Vec<[f32; 3]>,
+    /// Linear, by `COLOR_0`.
+    colours: Option<Vec<[f32; 3]>>,
+    texture: Option<(Rc<Texture>, Mapping, Vec<[f32; 2]>)>,
+    factor: [f32; 3],
+    world: Option<DAffine3>,
+}
+
+/// Reads primitives and hands their triangles over.
+pub(crate) struct Emitter<'a> {
+    buffers: Buffers<'a>,
+    batch: Batch,
+    triangles: u64,
+    /// Primitives of points or lines, and of an incomplete last triangle.
+    without_area: u64,
+    incomplete: u64,
+}
+
+impl<'a> Emitter<'a> {
+    pub(crate) fn new(buffers: Buffers<'a>) -> Self {
+        Self { buffers, batch: Batch::new(0), triangles: 0, without_area: 0, incomplete: 0 }
+    }
+
+    pub(crate) fn buffers(&mut self) -> &mut Buffers<'a> {
+        &mut self.buffers
+    }
+
+    pub(crate) fn flush(&mut self, sink: &mut dyn Sink) -> Parsed<()> {
+        Ok(self.batch.flush(sink)?)
+    }
+
+    pub(crate) fn finish(&mut self, sink: &mut dyn Sink) -> Parsed<()> {
+        self.flush(sink)
+    }
+
+    /// Reads one primitive into part `target.first_part`. `name`: what errors call it.
+    #[allow(clippy::too_many_arguments)] // all of it is needed, and a struct would be made for this call alone
+    pub(crate) fn primitive(
+        &mut self,
+        root: &Root,
+        primitive: &Primitive,
+        name: &str,
+        target: Target,
+        looks: Option<Looks>,
+        materials: &mut Materials,
+        sink: &mut dyn Sink,
+    ) -> Parsed<()> {
+        let mode = match primitive.mode {
+            Checked::Valid(mode) => mode,
+            Checked::Invalid => return Err(format!("{name} has an unknown mode").into()),
+        };
+        if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
+            self.without_area += 1;
+            return Ok(());
+        }
+        let named = |fault| match fault {
+            Fault::Why(why) => Fault::Why(format!("{name}: {why}")),
+            failed => failed,
+        };
+        let vertices = self.vertices(root, primitive, target, &looks, materials, sink).map_err(named)?;
+        let colour = looks.map_or(MaterialDesc::default().colour, |l| l.colour);
+        self.batch.aim(target.mesh, target.first_part, colour, sink)?;
+        self.assemble(root, primitive, mode, &vertices, sink).map_err(named)
+    }
+
+    fn vertices(
+        &mut self,
+        root: &Root,
+        primitive: &Primitive,
+        target: Target,
+        looks: &Option<Looks>,
+        materials: &mut Materials,
+        sink: &mut dyn Sink,
+    ) -> Parsed<Vertices> {
+        let attribute = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).map(|a| a.value());
+        let Some(positions) = attribute(Semantic::Positions) else {
+            return Err("has no positions".into());
+        };
+        let positions = Elements::open(root, positions, &[3], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
+        let same_count = |what: &str, n: usize| match n == positions.len() {
+            true => Ok(()),
+            false => Err(Fault::Why(format!("{n} {what} for {} positions", positions.len()))),
+        };
+        let mut colours = None;
+        if let Some(index) = attribute(Semantic::Colors(0)) {
+            let list = Elements::open(root, index, &[3, 4], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
+            same_count("colours", list.len())?;
+            colours = Some(list);
+        }
+        let mut texture = None;
+        if let Some((index, mapping)) = looks.as_ref().and_then(|l| l.texture)
+            && let Some(coordinates) = attribute(Semantic::TexCoords(mapping.set))
+            && let Some(decoded) = materials.texture(index, root, &mut self.buffers, sink)?
+        {
+            let list = Elements::open(root, coordinates, &[2], &mut self.buffers)?.floats::<2>(&mut self.buffers)?;
+            same_count("texture coordinates", list.len())?;
+            texture = Some((decoded, mapping, list));
+        }
+        let factor = looks.as_ref().map_or([1.0; 3], |l| l.colour);
+        Ok(Vertices { positions, colours, texture, factor, world: target.world })
+    }
+
+    /// Makes triangles of the indices, or of the vertices in order.
+    fn assemble(
+        &mut self,
+        root: &Root,
+        primitive: &Primitive,
+        mode: Mode,
+        vertices: &Vertices,
+        sink: &mut dyn Sink,
+    ) -> Parsed<()> {
+        let mut assembly = Assembly { mode, corners: [0; 3], seen: 0 };
+        let (batch, made) = (&mut self.batch, &mut self.triangles);
+        let count = vertices.positions.len();
+        let mut each = |index: u32, buffers: &Buffers<'_>| {
+            if index as usize >= count {
+                let at = assembly.seen;
+                return Err(Fault::Why(format!("index {at} names vertex {index} of {count}")));
+            }
+            if let Some(corners) = assembly.next(index) {
+                *made += 1;
+                let [a, b, c] = corners.map(|i| i as usize);
+                if batch.push(vertices.triangle([a, b, c]), vertices.colour([a, b, c])) {
+                    let (bytes, total) = buffers.progress();
+                    sink.at(bytes, total);
+                    batch.flush(sink)?;
+                }
+            }
+            Ok(())
+        };
+        match primitive.indices {
+            Some(index) => {
+                let elements = Elements::open(root, index.value(), &[1], &mut self.buffers)?;
+                elements.indices(&mut self.buffers, each)?;
+            }
+            None => (0..count as u32).try_for_each(|i| each(i, &self.buffers))?,
+        }
+        self.incomplete += u64::from(!assembly.is_complete());
+        Ok(())
+    }
+
+    /// What the user should know once all was read.
+    pub(crate) fn notes(&self, root: &Root) -> Vec<String> {
+        let mut notes = Vec::new();
+        let mut note = |n: u64, text: &str| {
+            if n > 0 {
+                notes.push(format!("{n} {text}"));
+            }
+        };
+        note(self.without_area, "primitives of points or lines make no triangles");
+        note(self.incomplete, "primitives whose last triangle lacks a corner");
+        note(root.skins.len() as u64, "skins stay in their bind pose");
+        note(root.animations.len() as u64, "animations were left out");
+        let masked = |m: &&::gltf::json::Material| !matches!(m.alpha_mode, Checked::Valid(::gltf::json::material::AlphaMode::Opaque));
+        let cut = root.materials.iter().filter(masked).filter(|m| m.pbr_metallic_roughness.base_color_texture.is_some());
+        note(cut.count() as u64, "materials whose texture has holes are shown without them");
+        let unknown = |e: &&String| matches!(e.as_str(), "EXT_mesh_gpu_instancing" | "KHR_draco_mesh_compression" | "EXT_meshopt_compression");
+        for extension in root.extensions_used.iter().filter(unknown) {
+            notes.push(format!("the extension {extension} was left out"));
+        }
+        if self.triangles == 0 {
+            notes.push("no triangles; the model is empty".into());
+        }
+        notes
+    }
+}
+
+impl Vertices {
+    fn triangle(&self, corners: [usize; 3]) -> [DVec3; 3] {
+        corners.map(|i| {
+            let p = DVec3::from(self.positions[i].map(f64::from));
+            self.world.map_or(p, |world| world.transform_point3(p))
+        })
+    }
+
+    /// Factor × vertex colours × texture; `None` without either.
+    fn colour(&self, corners: [usize; 3]) -> Option<[f32; 3]> {
+        if self.colours.is_none() && self.texture.is_none() {
+            return None;
+        }
+        let mut colour = self.factor;
+        let mut by = |other: [f32; 3]| (0..3).for_each(|i| colour[i] = (colour[i] * other[i]).clamp(0.0, 1.0));
+        if let Some(colours) = &self.colours {
+            by(mean3(colours[corners[0]], colours[corners[1]], colours[corners[2]]));
+        }
+        if let Some((texture, mapping, uv)) = &self.texture {
+            let corners: [Vec2; 3] = corners.map(|i| mapping.apply(uv[i]));
+            by(texture.mean(corners, mapping).unwrap_or([1.0; 3]));
+        }
+        Some(colour)
+    }
+}
+
+/// Turns a run of indices into triangles.
+struct Assembly {
+    mode: Mode,
+    corners: [u32; 3],
+    seen: u64,
+}
+
+impl Assembly {
+    /// Takes the next index; a triangle, if it completes one.
+    fn next(&mut self, index: u32) -> Option<[u32; 3]> {
+        let n = self.seen;
+        self.seen += 1;
+        let [a, b, _] = self.corners;
+        match self.mode {
+            Mode::TriangleStrip => {
+                self.corners = [b, index, 0];
+                // Every other triangle turns the other way.
+                (n >= 2).then_some(if n.is_multiple_of(2) { [a, b, index] } else { [b, a, index] })
+            }
+            Mode::TriangleFan => {
+                self.corners = if n == 0 { [index, index, 0] } else { [a, index, 0] };
+                (n >= 2).then_some([a, b, index])
+            }
+            _ => {
+                self.corners[(n % 3) as usize] = index;
+                (n % 3 == 2).then_some(self.corners)
+            }
+        }
+    }
+
+    fn is_complete(&self) -> bool {
+        match self.mode {
+            Mode::TriangleStrip | Mode::TriangleFan => self.seen == 0 || self.seen >= 3,
+            _ => self.seen.is_multiple_of(3),
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Textures, and the mean colour that one has over a triangle.
+//!
+//! A picture becomes a pyramid: each level halves the one below, in linear light and weighted by
+//! alpha, so that what a mask cuts away colours nothing. Over a triangle the mean is that of 15
+//! points, the centres of a regular pattern of barycentric coordinates (5 along each edge), each
+//! read from the level whose texel is about as large as the triangle's share for that point. So small
+//! triangles take their few texels, large ones miss none, and both cost the same.
+
+use crate::import::colour;
+use ::gltf::json::Root;
+use ::gltf::json::texture::{Info, WrappingMode};
+use ::gltf::json::validation::Checked;
+use glam::Vec2;
+use image::{ImageReader, Limits};
+use std::io::Cursor;
+
+/// Largest picture that is decoded.
+pub(crate) const MAX_PIXELS: u64 = 1 << 26;
+/// Longest side of the finest level kept.
+const MAX_SIDE: u32 = 1024;
+/// Points along an edge of the pattern.
+const PATTERN: u32 = 5;
+
+/// A level: linear colour times alpha, and alpha.
+struct Level {
+    width: u32,
+    height: u32,
+    texels: Vec<[f32; 4]>,
+}
+
+/// A decoded picture and its coarser levels.
+pub(crate) struct Texture {
+    /// Finest first; never empty.
+    levels: Vec<Level>,
+    /// Mean of the coded values.
+    mean_coded: [f32; 3],
+}
+
+/// How a material maps a texture: which coordinates, moved how, and what is beyond [0, 1].
+#[derive(Clone, Copy)]
+pub(crate) struct Mapping {
+    pub(crate) set: u32,
+    offset: Vec2,
+    rotation: f32,
+    scale: Vec2,
+    wrap: [WrappingMode; 2],
+}
+
+impl Mapping {
+    pub(crate) fn of(info: &Info, root: &Root) -> Self {
+        let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
+        let sampler = root.textures.get(info.index.value()).and_then(|t| t.sampler);
+        let sampler = sampler.and_then(|s| root.samplers.get(s.value()));
+        let wrap = |mode: Checked<WrappingMode>| match mode {
+            Checked::Valid(mode) => mode,
+            Checked::Invalid => WrappingMode::Repeat,
+        };
+        Self {
+            set: transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord),
+            offset: transform.map_or(Vec2::ZERO, |t| Vec2::from(t.offset.0)),
+            rotation: transform.map_or(0.0, |t| t.rotation.0),
+            scale: transform.map_or(Vec2::ONE, |t| Vec2::from(t.scale.0)),
+            wrap: sampler.map_or([WrappingMode::Repeat; 2], |s| [wrap(s.wrap_s), wrap(s.wrap_t)]),
+        }
+    }
+
+    /// KHR_texture_transform: scaled, then turned, then moved.
+    pub(crate) fn apply(&self, uv: [f32; 2]) -> Vec2 {
+        let [u, v] = (Vec2::from(uv) * self.scale).to_array();
+        let (sin, cos) = self.rotation.sin_cos();
+        Vec2::new(cos * u + sin * v, cos * v - sin * u) + self.offset
+    }
+}
+
+impl Texture {
+    /// Decodes a PNG or JPEG picture of at most [`MAX_PIXELS`].
+    pub(crate) fn decode(bytes: &[u8]) -> Result<Self, String> {
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(MAX_PIXELS * 8);
+        let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+        reader.limits(limits.clone());
+        let (width, height) = reader.into_dimensions().map_err(|e| format!("a picture cannot be read: {e}"))?;
+        if u64::from(width) * u64::from(height) > MAX_PIXELS || width == 0 || height == 0 {
+            return Err(format!("a picture of {width} × {height} pixels"));
+        }
+        let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+        reader.limits(limits);
+        let picture = reader.decode().map_err(|e| format!("a picture cannot be decoded: {e}"))?.into_rgba8();
+        Ok(Self::new(width, height, picture.as_raw()))
+    }
+
+    /// From rows of sRGB-coded RGBA.
+    pub(crate) fn new(width: u32, height: u32, rgba: &[u8]) -> Self {
+        let (pixels, _) = rgba.as_chunks::<4>();
+        let sum = pixels.iter().fold([0u64; 3], |s, p| std::array::from_fn(|i| s[i] + u64::from(p[i])));
+        let mean_coded = sum.map(|s| (s as f64 / (255.0 * pixels.len().max(1) as f64)) as f32);
+        // The picture itself, shrunk by whole numbers where it is larger than we keep.
+        let step = width.max(height).div_ceil(MAX_SIDE).max(1);
+        let mut finest = Level { width: width.div_ceil(step), height: height.div_ceil(step), texels: Vec::new() };
+        finest.texels.resize(finest.width as usize * finest.height as usize, [0.0; 4]);
+        let mut counts = vec![0u32; finest.texels.len()];
+        for (i, &[r, g, b, a]) in pixels.iter().enumerate() {
+            let (x, y) = (i as u32 % width / step, i as u32 / width / step);
+            let at = (y * finest.width + x) as usize;
+            let (alpha, [r, g, b]) = (f32::from(a) / 255.0, colour::linear_bytes([r, g, b]));
+            add(&mut finest.texels[at], [r * alpha, g * alpha, b * alpha, alpha]);
+            counts[at] += 1;
+        }
+        for (texel, &n) in finest.texels.iter_mut().zip(&counts) {
+            *texel = texel.map(|c| c / n.max(1) as f32);
+        }
+        let mut levels = vec![finest];
+        while let Some(coarser) = levels.last().and_then(Level::halved) {
+            levels.push(coarser);
+        }
+        Self { levels, mean_coded }
+    }
+
+    /// The mean of the picture's coded values, for textures that are not colours.
+    pub(crate) fn mean_coded(&self) -> [f32; 3] {
+        self.mean_coded
+    }
+
+    /// The mean linear colour over a triangle of mapped coordinates; `None` where all is cut away.
+    pub(crate) fn mean(&self, corners: [Vec2; 3], wrap: &Mapping) -> Option<[f32; 3]> {
+        let finest = &self.levels[0];
+        let size = Vec2::new(finest.width as f32, finest.height as f32);
+        let edge = |a: usize, b: usize| (corners[b] - corners[a]) * size;
+        let area = edge(0, 1).perp_dot(edge(0, 2)).abs() * 0.5;
+        let points = (PATTERN * (PATTERN + 1) / 2) as f32;
+        // Texels a point stands for, as a side; at most the whole picture, also for NaN.
+        let level = (area / points).max(1.0).log2() * 0.5;
+        let level = &self.levels[(level.round() as usize).min(self.levels.len() - 1)];
+        let mut sum = [0.0; 4];
+        for j in 0..PATTERN {
+            for k in 0..PATTERN - j {
+                let (b, c) = (centre(j), centre(k));
+                let at = corners[0] * (1.0 - b - c) + corners[1] * b + corners[2] * c;
+                add(&mut sum, level.texel(at, wrap));
+            }
+        }
+        let [r, g, b, alpha] = sum;
+        (alpha > 1e-4 * points).then(|| [r / alpha, g / alpha, b / alpha])
+    }
+}
+
+/// Barycentric coordinate of row `j` of the pattern: cells shrink towards their centroids.
+fn centre(j: u32) -> f32 {
+    (j as f32 + 1.0 / 3.0) / PATTERN as f32
+}
+
+fn add(sum: &mut [f32; 4], x: [f32; 4]) {
+    for (s, x) in sum.iter_mut().zip(x) {
+        *s += x;
+    }
+}
+
+impl Level {
+    /// Half the size, each texel the mean of up to four; `None` at a single texel.
+    fn halved(&self) -> Option<Level> {
+        if self.width == 1 && self.height == 1 {
+            return None;
+        }
+        let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
+        let mut texels = Vec::with_capacity(width as usize * height as usize);
+        for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+            let (mut sum, mut n) = ([0.0; 4], 0.0);
+            for y in (2 * y)..(2 * y + 2).min(self.height) {
+                for x in (2 * x)..(2 * x + 2).min(self.width) {
+                    add(&mut sum, self.texels[(y * self.width + x) as usize]);
+                    n += 1.0;
+                }
+            }
+            texels.push(sum.map(|s| s / n));
+        }
+        Some(Level { width, height, texels })
+    }
+
+    fn texel(&self, at: Vec2, mapping: &Mapping) -> [f32; 4] {
+        let x = wrapped(at.x, self.width, mapping.wrap[0]);
+        let y = wrapped(at.y, self.height, mapping.wrap[1]);
+        self.texels[(y * self.width + x) as usize]
+    }
+}
+
+/// The texel in [0, size) at coordinate `t`; 0 for NaN.
+fn wrapped(t: f32, size: u32, mode: WrappingMode) -> u32 {
+    let t = match mode {
+        WrappingMode::Repeat => t - t.floor(),
+        WrappingMode::ClampToEdge => t,
+        WrappingMode::MirroredRepeat => 1.0 - (t.rem_euclid(2.0) - 1.0).abs(),
+    };
+    // Casts of NaN and of what is below zero give 0.
+    ((t * size as f32) as u32).min(size - 1)
+}
