@@ -72,6 +72,14 @@
 #define OC_NO_ID 18446744073709551615ull
 
 /**
+ * A model in the making: meshes are added, then oc_build_start makes the file.
+ *
+ * Parts are the caller's own 64-bit ids. A triangle's primitive id is its index in the input: those pushed come
+ * first, in the order pushed, then those of the files, in the order added.
+ */
+typedef struct oc_build oc_build;
+
+/**
  * Threads, log and memory budget that all else is made from. There is no other global state: any
  * number of contexts live side by side.
  */
@@ -192,6 +200,137 @@ typedef struct oc_context_desc {
 
 /** What can be asked of a context. */
 typedef uint32_t oc_property;
+
+/** The acceleration structure of a model. */
+typedef uint32_t oc_structure;
+
+/** Whether triangles may be split between leaves, which pays for long thin ones. */
+typedef uint32_t oc_splits;
+
+/** What a build is made with. All zeros: what most models want. */
+typedef struct oc_build_desc {
+    /** Set by OC_INIT. */
+    uint32_t struct_size;
+    /** An OC_STRUCTURE_ number. */
+    oc_structure structure;
+    /** Bytes of memory that the build may use. 0: no limit. */
+    uint64_t memory_budget;
+    /** The folder of temporary files; NULL: the system's. */
+    const char *temp_dir;
+    /** Length unit, in place of what the input says. 0: as the input says. */
+    double metres_per_unit;
+    /** An OC_UP_ number, in place of what the input says. OC_UP_UNKNOWN: as the input says. */
+    uint32_t up;
+    /** An OC_SPLITS_ number. */
+    oc_splits splits;
+    /**
+     * Threads. 0: as many as the context has; OC_ALL_THREADS: one for each core. In a context without
+     * threads of its own a build has the one thread that does it. The file does not depend on it.
+     */
+    uint32_t threads;
+    /** Must be 0. */
+    uint32_t reserved;
+} oc_build_desc;
+
+/** How a part looks. Linear colour. All zeros: grey, opaque, matt. */
+typedef struct oc_material {
+    /** Set by OC_INIT. */
+    uint32_t struct_size;
+    /** Linear RGB, each from 0 to 1. All 0 with opacity 0: grey. */
+    float colour[3];
+    /** 1 is opaque. 0: 1. */
+    float opacity;
+    /** From 0 to 1. */
+    float metalness;
+    /** From 0 to 1. 0: 0.6. */
+    float roughness;
+    /** Must be 0. */
+    uint32_t reserved;
+} oc_material;
+
+/** What a user clicks on. */
+typedef struct oc_part {
+    /** Set by OC_INIT. */
+    uint32_t struct_size;
+    /** A number of oc_build_add_material; 0: the default material. */
+    uint32_t material;
+    /** The caller's own id, new in this build; hits and pictures tell it. */
+    uint64_t id;
+    /** The id of the part above it, added before; used if `has_parent` is 1. */
+    uint64_t parent;
+    /** UTF-8; NULL: no name. */
+    const char *name;
+    /** 1: it has a parent; 0: it has none. */
+    uint32_t has_parent;
+    /** Must be 0. */
+    uint32_t reserved;
+} oc_part;
+
+/** The type of coordinates. */
+typedef uint32_t oc_scalar;
+
+/** The type of indices. */
+typedef uint32_t oc_index;
+
+/** Triangles in the caller's memory; read during the call. */
+typedef struct oc_triangles {
+    /** Set by OC_INIT. */
+    uint32_t struct_size;
+    /** 0: placed as they are; else a number of oc_build_add_shared_mesh. */
+    uint32_t mesh;
+    /** The part: its id, or in a shared mesh its number, from 0. */
+    uint64_t part;
+    /** Corners: three coordinates each. */
+    const void *positions;
+    /** How many corners. */
+    uint64_t position_count;
+    /** Bytes from a corner to the next; 0: tightly packed. */
+    uint64_t position_stride;
+    /** Three indices of corners for each triangle; NULL: the corners come in threes. */
+    const void *indices;
+    /** How many indices, three times that of triangles. Ignored without indices. */
+    uint64_t index_count;
+    /** Three floats, linear RGB, for each triangle; NULL: the part's material. */
+    const float *colours;
+    /** Bytes from a colour to the next; 0: tightly packed. */
+    uint64_t colour_stride;
+    /** An OC_SCALAR_ number: the type of coordinates. */
+    oc_scalar scalar;
+    /** An OC_INDEX_ number: the type of indices. */
+    oc_index index;
+} oc_triangles;
+
+/** What a build did. */
+typedef struct oc_build_report {
+    /** Set by OC_INIT. */
+    uint32_t struct_size;
+    /** How many notes there are: see oc_job_build_note. */
+    uint32_t notes;
+    /** Triangles in the input. */
+    uint64_t triangles_in;
+    /** Triangles in the model. */
+    uint64_t triangles_kept;
+    /** Left out: a corner is NaN or infinite. */
+    uint64_t dropped_non_finite;
+    /** Left out: no area. */
+    uint64_t dropped_degenerate;
+    /** Left out: too far away from the others to be told apart. */
+    uint64_t dropped_out_of_range;
+    /** Parts. */
+    uint64_t parts;
+    /** Shared meshes placed. */
+    uint64_t instances;
+    /** Bytes of geometry in memory, once opened. */
+    uint64_t geometry_bytes;
+    /** Bytes of the file. */
+    uint64_t file_bytes;
+    /** Seconds of reading. */
+    double seconds_read;
+    /** Seconds of building. */
+    double seconds_build;
+    /** Seconds of writing. */
+    double seconds_write;
+} oc_build_report;
 
 /**
  * Reads `bytes` bytes at `offset` into `buffer`, all of them, and returns 0; anything else is a failure.
@@ -659,6 +798,33 @@ typedef struct oc_pixels {
 /** Parallel rays from a plane through the eye; nothing behind the plane is seen. */
 #define OC_CAMERA_ORTHOGRAPHIC 1
 
+/** The library's choice, at present OC_STRUCTURE_BVH. */
+#define OC_STRUCTURE_DEFAULT 0
+
+/** A wide, quantised bounding volume hierarchy. */
+#define OC_STRUCTURE_BVH 1
+
+/** Where it pays. */
+#define OC_SPLITS_AUTO 0
+
+/** Never. */
+#define OC_SPLITS_OFF 1
+
+/** Always. */
+#define OC_SPLITS_ON 2
+
+/** float. */
+#define OC_SCALAR_F32 0
+
+/** double. */
+#define OC_SCALAR_F64 1
+
+/** uint32_t. */
+#define OC_INDEX_U32 0
+
+/** uint64_t. */
+#define OC_INDEX_U64 1
+
 /** Nobody said. */
 #define OC_UP_UNKNOWN 0
 
@@ -933,6 +1099,118 @@ OC_API void oc_context_retain(struct oc_context *context);
  */
 OC_API
 void oc_context_release(struct oc_context *context);
+
+/**
+ * Makes an empty build. `desc` may be NULL: all defaults.
+ *
+ * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_build_create(const struct oc_context *context,
+                          const struct oc_build_desc *desc,
+                          struct oc_build **out_build);
+
+/**
+ * Adds a mesh file: PLY, OBJ, STL, glTF, GLB or raw triangles. It is read when the build runs, so that errors
+ * in it are the job's.
+ *
+ * Thread safety: any thread, but the order of additions is that of the model. Cheap.
+ */
+OC_API
+oc_status oc_build_add_file(struct oc_build *build,
+                            const char *path);
+
+/**
+ * Begins to make the file at `path`, in the background: a thread of the context's, one task of the executor, or,
+ * without either, inside oc_job_wait or oc_context_step. Nothing can be added any more.
+ *
+ * The file appears under its name when the job is done; until then what was there stays. If the job fails or is
+ * cancelled no temporary is left.
+ * Ownership: the caller owns a count of the job; the build may be released. Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_build_start(struct oc_build *build,
+                         const char *path,
+                         struct oc_job **out_job);
+
+/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
+OC_API void oc_build_retain(struct oc_build *build);
+
+/**
+ * Takes a count back; a job that was started goes on. NULL does nothing.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API void oc_build_release(struct oc_build *build);
+
+/**
+ * Adds a material; `out_material` gets its number, from 1 (0 is the default material).
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_build_add_material(struct oc_build *build,
+                                const struct oc_material *material,
+                                uint32_t *out_material);
+
+/**
+ * Adds a part.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API oc_status oc_build_add_part(struct oc_build *build, const struct oc_part *part);
+
+/**
+ * Begins a mesh that instances repeat; its triangles are stored once. It has `parts` parts, numbered from 0.
+ * `out_mesh` gets its number, from 1.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_build_add_shared_mesh(struct oc_build *build,
+                                   uint32_t parts,
+                                   uint32_t *out_mesh);
+
+/**
+ * Places a shared mesh. Its part 0 is here the part `first_part`, its part 1 the one added next after that, and
+ * so on. `world_from_mesh`: 12 doubles, invertible; NULL leaves it where it is.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_build_add_instance(struct oc_build *build,
+                                uint32_t mesh,
+                                uint64_t first_part,
+                                const double *world_from_mesh);
+
+/**
+ * Adds triangles of one part from the caller's memory. NaN, infinite and flat ones may be among them: they
+ * are counted and left out.
+ *
+ * OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_OVER_BUDGET if the
+ * build's memory is used up: the build can then only be released.
+ * Thread safety: any thread. Blocks while it copies.
+ */
+OC_API
+oc_status oc_build_add_triangles(struct oc_build *build,
+                                 const struct oc_triangles *triangles);
+
+/**
+ * What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API oc_status oc_job_build_report(const struct oc_job *job, struct oc_build_report *out_report);
+
+/**
+ * Something that the user should know about an input, though it could be read; `index` below the report's `notes`.
+ *
+ * `out_text` gets a string of the job's, valid as long as the job. Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_job_build_note(const struct oc_job *job,
+                            uint32_t index,
+                            const char **out_text);
 
 /**
  * Opens the model at `path`. OC_STATUS_OVER_BUDGET (see oc_last_error_need) if it does not fit the
@@ -1294,6 +1572,16 @@ oc_status oc_frame_pick(const struct oc_frame *frame,
                         uint32_t y,
                         struct oc_hit *out_hit);
 
+/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
+OC_API void oc_frame_retain(struct oc_frame *frame);
+
+/**
+ * Takes a count back; with the last one the frame is cancelled. NULL does nothing.
+ *
+ * Thread safety: any thread. Blocks until the tiles in flight are done.
+ */
+OC_API void oc_frame_release(struct oc_frame *frame);
+
 /**
  * Maps a buffer of the last complete picture, without a copy. It stays whole and readable until the mapping
  * is released, whatever the frame does meanwhile, even if the frame is released.
@@ -1315,16 +1603,6 @@ OC_API void oc_mapping_retain(struct oc_mapping *mapping);
  * Thread safety: any thread. Cheap.
  */
 OC_API void oc_mapping_release(struct oc_mapping *mapping);
-
-/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
-OC_API void oc_frame_retain(struct oc_frame *frame);
-
-/**
- * Takes a count back; with the last one the frame is cancelled. NULL does nothing.
- *
- * Thread safety: any thread. Blocks until the tiles in flight are done.
- */
-OC_API void oc_frame_release(struct oc_frame *frame);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -9,11 +9,16 @@ const SOURCES: &[&str] = &[
     "job.rs",
     "context.rs",
     "view.rs",
+    "build.rs",
+    "contents.rs",
+    "triangles.rs",
+    "report.rs",
     "model.rs",
     "scene.rs",
     "query.rs",
     "overlap.rs",
     "frame.rs",
+    "pixels.rs",
 ];
 
 fn root() -> PathBuf {

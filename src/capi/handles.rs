@@ -84,6 +84,20 @@ pub(crate) unsafe fn borrow<'a, H: Handle>(handle: *const H) -> Checked<&'a Shel
     if shell.poisoned.load(Relaxed) { Err(Failure::Poisoned(H::NAME)) } else { Ok(shell) }
 }
 
+/// A count of the object behind a handle, for an object that needs it.
+///
+/// # Safety
+/// As for [`borrow_any`].
+pub(crate) unsafe fn share<H: Handle>(handle: *const H) -> Checked<Arc<Shell<H::Object>>> {
+    // SAFETY: the caller's contract; `borrow` made sure of the kind, and that it is alive.
+    unsafe {
+        borrow(handle)?;
+        let shell = handle.cast::<Shell<H::Object>>();
+        Arc::increment_strong_count(shell);
+        Ok(Arc::from_raw(shell))
+    }
+}
+
 /// Runs `f` on the object behind a handle; a panic poisons it.
 ///
 /// # Safety

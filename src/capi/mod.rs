@@ -6,6 +6,8 @@
 #![allow(non_camel_case_types)]
 
 pub(crate) mod background;
+pub mod build;
+pub mod contents;
 pub mod context;
 pub mod frame;
 pub(crate) mod guard;
@@ -13,10 +15,13 @@ pub(crate) mod handles;
 pub mod job;
 pub mod model;
 pub mod overlap;
+pub mod pixels;
 pub mod query;
+pub mod report;
 pub mod scene;
 pub mod status;
 #[cfg(debug_assertions)]
 pub(crate) mod testing;
+pub mod triangles;
 pub mod version;
 pub mod view;

@@ -1,0 +1,196 @@
+//! Triangles pushed from the caller's memory.
+
+use super::build::{oc_build, with_input};
+use super::guard::{Checked, Sized32, Strided, bad, boundary, read};
+use super::status::oc_status;
+use crate::import::Sink;
+use glam::DVec3;
+use std::ffi::c_void;
+
+/// The type of coordinates.
+pub type oc_scalar = u32;
+/// float.
+pub const OC_SCALAR_F32: oc_scalar = 0;
+/// double.
+pub const OC_SCALAR_F64: oc_scalar = 1;
+
+/// The type of indices.
+pub type oc_index = u32;
+/// uint32_t.
+pub const OC_INDEX_U32: oc_index = 0;
+/// uint64_t.
+pub const OC_INDEX_U64: oc_index = 1;
+
+/// Triangles in the caller's memory; read during the call.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct oc_triangles {
+    /// Set by OC_INIT.
+    pub struct_size: u32,
+    /// 0: placed as they are; else a number of oc_build_add_shared_mesh.
+    pub mesh: u32,
+    /// The part: its id, or in a shared mesh its number, from 0.
+    pub part: u64,
+    /// Corners: three coordinates each.
+    pub positions: *const c_void,
+    /// How many corners.
+    pub position_count: u64,
+    /// Bytes from a corner to the next; 0: tightly packed.
+    pub position_stride: u64,
+    /// Three indices of corners for each triangle; NULL: the corners come in threes.
+    pub indices: *const c_void,
+    /// How many indices, three times that of triangles. Ignored without indices.
+    pub index_count: u64,
+    /// Three floats, linear RGB, for each triangle; NULL: the part's material.
+    pub colours: *const f32,
+    /// Bytes from a colour to the next; 0: tightly packed.
+    pub colour_stride: u64,
+    /// An OC_SCALAR_ number: the type of coordinates.
+    pub scalar: oc_scalar,
+    /// An OC_INDEX_ number: the type of indices.
+    pub index: oc_index,
+}
+
+// SAFETY: `repr(C)`, words and pointers without padding, `struct_size` first.
+unsafe impl Sized32 for oc_triangles {
+    const NAME: &'static str = "oc_triangles";
+}
+
+enum Positions {
+    F32(Strided<[f32; 3]>),
+    F64(Strided<[f64; 3]>),
+}
+
+enum Indices {
+    None,
+    U32(Strided<u32>),
+    U64(Strided<u64>),
+}
+
+/// The arrays of [`oc_triangles`], checked.
+struct Soup {
+    positions: Positions,
+    indices: Indices,
+    colours: Option<Strided<[f32; 3]>>,
+    triangles: usize,
+}
+
+impl Soup {
+    fn new(t: &oc_triangles) -> Checked<Self> {
+        let name = "oc_triangles.positions";
+        let (count, stride) = (t.position_count, t.position_stride);
+        let positions = match t.scalar {
+            OC_SCALAR_F32 => Positions::F32(Strided::new(t.positions.cast(), count, stride, name)?),
+            OC_SCALAR_F64 => Positions::F64(Strided::new(t.positions.cast(), count, stride, name)?),
+            other => return bad(format!("oc_triangles.scalar {other} is unknown")),
+        };
+        let name = "oc_triangles.indices";
+        let (indices, corners) = match (t.indices.is_null(), t.index) {
+            (true, _) => (Indices::None, count),
+            (false, OC_INDEX_U32) => {
+                (Indices::U32(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count)
+            }
+            (false, OC_INDEX_U64) => {
+                (Indices::U64(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count)
+            }
+            (false, other) => return bad(format!("oc_triangles.index {other} is unknown")),
+        };
+        if !corners.is_multiple_of(3) {
+            return bad(format!("oc_triangles: {corners} corners are no whole number of triangles"));
+        }
+        let triangles = corners / 3;
+        let colours = if t.colours.is_null() {
+            None
+        } else {
+            Some(Strided::new(t.colours.cast(), triangles, t.colour_stride, "oc_triangles.colours")?)
+        };
+        // Fits: the corners are in memory.
+        Ok(Self { positions, indices, colours, triangles: triangles as usize })
+    }
+
+    /// # Safety
+    /// `corner` is below three times the triangles; the caller's arrays are readable.
+    #[inline]
+    unsafe fn index(&self, corner: usize) -> u64 {
+        // SAFETY: the caller's contract.
+        unsafe {
+            match &self.indices {
+                Indices::None => corner as u64,
+                Indices::U32(i) => u64::from(i.get(corner)),
+                Indices::U64(i) => i.get(corner),
+            }
+        }
+    }
+
+    /// # Safety
+    /// As for [`Soup::index`], and the index is in range.
+    #[inline]
+    unsafe fn position(&self, corner: usize) -> DVec3 {
+        // SAFETY: the caller's contract.
+        unsafe {
+            let index = self.index(corner) as usize;
+            match &self.positions {
+                Positions::F32(p) => DVec3::from_array(p.get(index).map(f64::from)),
+                Positions::F64(p) => DVec3::from_array(p.get(index)),
+            }
+        }
+    }
+
+    /// Refuses indices beyond the corners, before anything is added.
+    ///
+    /// # Safety
+    /// The caller's arrays are readable.
+    unsafe fn check_indices(&self, positions: u64) -> Checked<()> {
+        if let Indices::None = self.indices {
+            return Ok(());
+        }
+        for corner in 0..self.triangles * 3 {
+            // SAFETY: within the indices.
+            let index = unsafe { self.index(corner) };
+            if index >= positions {
+                return bad(format!("oc_triangles.indices[{corner}] is {index}, there are {positions} corners"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Triangles handed on at a time.
+const BATCH: usize = 4096;
+
+/// Adds triangles of one part from the caller's memory. NaN, infinite and flat ones may be among them: they
+/// are counted and left out.
+///
+/// OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_OVER_BUDGET if the
+/// build's memory is used up: the build can then only be released.
+/// Thread safety: any thread. Blocks while it copies.
+/// # Safety
+/// Live handle; `triangles` initialised, its arrays as said.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn oc_build_add_triangles(
+    build: *mut oc_build,
+    triangles: *const oc_triangles,
+) -> oc_status {
+    // SAFETY: the function's own contract.
+    boundary(|| unsafe {
+        let desc = read(triangles)?;
+        let soup = Soup::new(&desc)?;
+        soup.check_indices(desc.position_count)?;
+        with_input(build, |input| {
+            let (mesh, part) = input.target(desc.mesh, desc.part)?;
+            let (mut corners, mut colours) = (Vec::with_capacity(BATCH), Vec::new());
+            for first in (0..soup.triangles).step_by(BATCH) {
+                let batch = first..soup.triangles.min(first + BATCH);
+                corners.clear();
+                corners.extend(batch.clone().map(|t| [0, 1, 2].map(|c| soup.position(3 * t + c))));
+                colours.clear();
+                if let Some(given) = &soup.colours {
+                    colours.extend(batch.map(|t| given.get(t)));
+                }
+                let colours = soup.colours.is_some().then_some(&colours[..]);
+                input.builder.triangles(mesh, part, &corners, colours)?;
+            }
+            Ok(())
+        })
+    })
+}
