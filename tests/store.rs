@@ -5,6 +5,7 @@ use outcrop::Error;
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::store::*;
+use proptest::prelude::*;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -21,9 +22,14 @@ struct Model {
     trees: Vec<TreeRow>,
 }
 
+/// A folder in memory where there is one: to sync thousands of files to a disk takes minutes.
+fn fast_dir() -> tempfile::TempDir {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
+}
+
 impl Model {
     fn bytes(&self) -> Vec<u8> {
-        let dir = tempfile::tempdir().unwrap();
+        let dir = fast_dir();
         let path = dir.path().join("model.oc");
         let mut writer = Writer::create(&path).unwrap();
         for (i, (payload, decoded_len)) in self.blocks.iter().enumerate() {
@@ -217,7 +223,7 @@ fn a_source_that_ends_early_is_found_out() {
 
 #[test]
 fn a_file_replaced_after_opening_is_noticed() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = fast_dir();
     let path = dir.path().join("model.oc");
     let bytes = Model::small().bytes();
     std::fs::write(&path, &bytes).unwrap();
@@ -255,3 +261,356 @@ fn a_block_that_is_not_there_is_the_callers_error() {
     assert_eq!(file.decoded_len(BlockId(6)), 0);
 }
 
+
+// ---------------------------------------------------------------------------------------------
+// Valid checksums over wrong content: decoding itself is tested. The offsets are FORMAT.md's.
+
+fn u64_at(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
+}
+
+fn put(bytes: &mut [u8], at: usize, value: &[u8]) {
+    bytes[at..at + value.len()].copy_from_slice(value);
+}
+
+fn hash(bytes: &[u8]) -> [u8; 8] {
+    xxhash_rust::xxh3::xxh3_64(bytes).to_le_bytes()
+}
+
+/// Makes all checksums right again, as far as the places that they cover are inside of the file.
+fn reseal(bytes: &mut [u8]) {
+    let end = bytes.len();
+    let table = end - 232;
+    for row in (table..end - 32).step_by(40) {
+        let from = usize::try_from(u64_at(bytes, row + 16)).unwrap_or(end);
+        let len = usize::try_from(u64_at(bytes, row + 24)).unwrap_or(end);
+        if let Some(section) = bytes.get(from..).and_then(|b| b.get(..len)) {
+            let sum = hash(section);
+            put(bytes, row + 32, &sum);
+        }
+    }
+    put(bytes, 32, &hash(&bytes[table..end - 32]));
+    put(bytes, 248, &hash(&bytes[..248]));
+    put(bytes, end - 16, &hash(&bytes[..256]));
+    put(bytes, end - 8, &hash(&bytes[end - 32..end - 8]));
+}
+
+#[test]
+fn resealing_an_intact_file_changes_nothing() {
+    let good = Model::small().bytes();
+    let mut bytes = good.clone();
+    reseal(&mut bytes);
+    assert_eq!(bytes, good);
+}
+
+/// A reader written from FORMAT.md alone finds what was written.
+#[test]
+fn fields_are_where_the_format_says() {
+    let model = Model::small();
+    let bytes = model.bytes();
+    let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    let u64_at = |at: usize| u64_at(&bytes, at);
+    let f64_at = |at: usize| f64::from_bits(u64_at(at));
+    assert_eq!(bytes[..16], *b"\x8fOCR\r\n\x1a\n\0\0\x01\0\0\x01\0\0");
+    assert_eq!([u64_at(16), u64_at(24)], [bytes.len() as u64, bytes.len() as u64 - 232]);
+    assert_eq!([40, 44, 48, 52, 56, 60].map(u32_at), [5, 6, 1, 65536, 1, 0]);
+    assert_eq!([u64_at(120), u64_at(128)], [41, 0]);
+    assert_eq!(u32_at(160), 2);
+    let table = bytes.len() - 232;
+    let section = |kind: usize| u64_at(table + 40 * (kind - 1) + 16) as usize;
+    for (kind, row, rows) in [(1, 32, 6), (2, 80, 3), (3, 24, 2), (4, 104, 2), (5, 112, 2)] {
+        let at = table + 40 * (kind - 1);
+        assert_eq!([u32_at(at), u32_at(at + 4)], [kind as u32, row]);
+        assert_eq!(u64_at(at + 8), rows);
+        assert_eq!(section(kind) % 64, 0);
+    }
+    let (directory, parts, trees) = (section(1), section(2), section(5));
+    assert_eq!([u64_at(directory), u64_at(directory + 32)], [256, 320]);
+    assert_eq!([u32_at(directory + 40), u32_at(directory + 44), u32_at(directory + 48)], [4, 4, 101]);
+    assert_eq!([bytes[directory + 20], bytes[directory + 52]], [1, 0]);
+    assert_eq!([u32_at(parts + 64), u32_at(parts + 144), u32_at(parts + 72)], [u32::MAX, 0, 5]);
+    assert_eq!(&bytes[parts + 240..parts + 256], "planeboltØ bolt".as_bytes());
+    assert_eq!(f64_at(section(4) + 104 + 80), 5.0);
+    assert_eq!([u32_at(trees + 112), u32_at(trees + 116), u32_at(trees + 216), u32_at(trees + 220)], [1, 1, 1, 30]);
+    assert_eq!([f64_at(trees + 16), f64_at(trees + 32)], [1e7, -1.0]);
+}
+
+/// Opens, reads and checks; what is accepted must be a model that can be written and read again.
+fn error_or_consistent(bytes: &[u8]) -> bool {
+    let before = live::reset_peak();
+    let read = Model::of_bytes(bytes);
+    let took = live::peak() - before;
+    // Payloads of the test models expand by less than their block size, 64 KB.
+    assert!(took < (1 << 20) + 16 * bytes.len(), "{took} bytes of memory for {} bytes", bytes.len());
+    match read {
+        Ok(model) => {
+            assert_eq!(Model::of_bytes(&model.bytes()).unwrap(), model);
+            true
+        }
+        Err(e) => {
+            assert!(is_file_error(&e), "{e:?}");
+            false
+        }
+    }
+}
+
+#[test]
+fn any_byte_of_the_tables_may_have_any_of_these_values() {
+    let good = Model::small().bytes();
+    let directory = u64_at(&good, good.len() - 232 + 16) as usize;
+    let mut accepted = 0;
+    for at in (8..256).chain(directory..good.len()) {
+        for value in [0, 1, 0x7f, 0x80, 0xf8, 0xff, good[at].wrapping_add(1), good[at].wrapping_sub(1)] {
+            let mut bytes = good.clone();
+            bytes[at] = value;
+            reseal(&mut bytes);
+            accepted += u32::from(error_or_consistent(&bytes));
+        }
+    }
+    // Ids, names and numbers may be anything; the rest is not accepted.
+    assert!(accepted > 1000, "{accepted}");
+}
+
+#[test]
+fn whole_fields_may_have_extreme_values() {
+    let good = Model::small().bytes();
+    let directory = u64_at(&good, good.len() - 232 + 16) as usize;
+    let extremes = [0, 1, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x1_0000_0000, 1 << 62, 1 << 63, u64::MAX - 63, u64::MAX];
+    let floats = [f64::NAN, f64::INFINITY, -f64::INFINITY, f64::MAX, f64::MIN_POSITIVE / 2.0, -0.0];
+    for at in (8..248).chain(directory..good.len() - 40).step_by(4) {
+        for value in extremes.into_iter().chain(floats.map(f64::to_bits)) {
+            for width in [4, 8] {
+                let mut bytes = good.clone();
+                put(&mut bytes, at, &value.to_le_bytes()[..width]);
+                reseal(&mut bytes);
+                error_or_consistent(&bytes);
+            }
+        }
+    }
+}
+
+#[test]
+fn bytes_that_belong_to_nobody_are_refused() {
+    let good = Model::small().bytes();
+    let table = good.len() - 232;
+    let section = |i: usize| u64_at(&good, table + 40 * i + 16) as usize;
+    // (where 64 zeros are put in, the first section that moves)
+    for (at, moved) in [(section(0), 0), (section(1), 1), (section(4), 4), (table, 5)] {
+        let mut bytes = good.clone();
+        bytes.splice(at..at, [0; 64]);
+        let table = table + 64;
+        for row in moved..5 {
+            let offset = u64_at(&bytes, table + 40 * row + 16) + 64;
+            put(&mut bytes, table + 40 * row + 16, &offset.to_le_bytes());
+        }
+        let len = (bytes.len() as u64).to_le_bytes();
+        put(&mut bytes, 16, &len);
+        put(&mut bytes, 24, &(table as u64).to_le_bytes());
+        put(&mut bytes, table + 208, &len);
+        reseal(&mut bytes);
+        let e = Model::of_bytes(&bytes).expect_err(&format!("64 bytes at {at}"));
+        assert!(is_file_error(&e) && !e.to_string().contains("checksum"), "{at}: {e}");
+    }
+}
+
+fn unit() -> impl Strategy<Value = f32> {
+    (0u8..=255).prop_map(|v| f32::from(v) / 255.0)
+}
+
+fn bounds() -> impl Strategy<Value = [f64; 6]> {
+    prop_oneof![
+        Just(outcrop::store::sections::EMPTY_BOUNDS),
+        ([-1e9..1e9, -1.0..1.0, 0.0..0.0001], [0.0..1.0, 0.0..1e300, 0.0..f64::MIN_POSITIVE])
+            .prop_map(|(a, d)| [a[0], a[1], a[2], a[0] + d[0], a[1] + d[1], a[2] + d[2]]),
+    ]
+}
+
+prop_compose! {
+    fn any_parts()(rows in prop::collection::vec((any::<u64>(), ".*", any::<prop::sample::Index>(), bounds()), 0..12)) -> Vec<PartRow> {
+        rows.into_iter().enumerate().map(|(i, (id, name, parent, bounds))| PartRow {
+            id, name, bounds, material: (id % 3) as u32, triangles: id / 3,
+            parent: (i > 0 && id % 2 == 0).then(|| parent.index(i.max(1)) as u32),
+        }).collect()
+    }
+}
+
+prop_compose! {
+    fn any_trees()(rows in prop::collection::vec((0u32..4, any::<u64>(), any::<[f32; 3]>()), 1..4)) -> Vec<TreeRow> {
+        let mut first_block = 0;
+        rows.into_iter().map(|(block_count, n, p)| {
+            let tree = TreeRow {
+                first_block, block_count, root: n, origin: [f64::from(n as u32), 1e300, -0.5],
+                bounds: [0.0, -1.0, -2.0, f32::MAX, p[0].abs().min(1e30), p[1].abs().min(1.0)].map(|v| if v.is_nan() { 7.0 } else { v }),
+                triangles: n, references: n, nodes: n / 2, leaves: n / 3, position_error: 1e-30, local_parts: 0, max_stack: n as u32,
+            };
+            first_block += block_count;
+            tree
+        }).collect()
+    }
+}
+
+prop_compose! {
+    fn any_model()(
+        parts in any_parts(), trees in any_trees(), has_colours: bool, seed: u64,
+        materials in prop::collection::vec([unit(), unit(), unit(), unit()], 3..5),
+        payloads in prop::collection::vec(prop::collection::vec(0u8..6, 1..900), 36),
+        moves in prop::collection::vec([-10.0..10.0f64, 1.0..2.0, -1e7..1e7], 0..5), bounds in bounds(),
+    ) -> Model {
+        let geometry_blocks = trees.iter().map(|t| t.block_count).sum();
+        let header = Header { geometry_blocks, has_colours, bounds, triangles_in: seed, up: (seed % 4) as u32, ..Header::default() };
+        let count = header.block_count() as usize;
+        let shared = trees.len() as u32 - 1;
+        let instances = moves.into_iter().filter(|_| shared > 0).map(|[shear, scale, x]| InstanceRow {
+            tree: 1 + seed as u32 % shared, first_part: 0,
+            world_from_mesh: [scale, 0.0, 0.0, shear, 1.0, 0.0, 0.0, shear, -scale, x, 0.0, 0.0],
+        }).collect();
+        let materials = materials.into_iter().map(|[a, b, c, d]| MaterialRow { colour: [a, b, c], opacity: d, metalness: a, roughness: b }).collect();
+        let blocks = payloads.into_iter().take(count).map(|p| { let n = p.len() as u32; (p, n * 3) }).collect();
+        Model { header, blocks, parts, materials, instances, trees }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn any_model_comes_back(model in any_model()) {
+        prop_assert_eq!(Model::of_bytes(&model.bytes()).unwrap(), model);
+    }
+
+    #[test]
+    fn any_model_mutated_is_an_error_or_consistent(
+        model in any_model(),
+        edits in prop::collection::vec((any::<prop::sample::Index>(), any::<[u8; 4]>(), 1usize..=4), 1..4),
+    ) {
+        let mut bytes = model.bytes();
+        let directory = u64_at(&bytes, bytes.len() - 232 + 16) as usize;
+        for (at, value, len) in edits {
+            let at = directory + at.index(bytes.len() - directory - len);
+            put(&mut bytes, at, &value[..len]);
+        }
+        reseal(&mut bytes);
+        error_or_consistent(&bytes);
+    }
+}
+
+/// Bytes that this thread has allocated and not freed.
+mod live {
+    use std::alloc::{GlobalAlloc, Layout, System};
+    use std::cell::Cell;
+
+    thread_local! {
+        static LIVE: Cell<usize> = const { Cell::new(0) };
+        static PEAK: Cell<usize> = const { Cell::new(0) };
+    }
+
+    struct Counting;
+
+    // SAFETY: forwards to the system's allocator; counts on the side, without allocating.
+    unsafe impl GlobalAlloc for Counting {
+        unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+            let live = LIVE.get().wrapping_add(layout.size());
+            LIVE.set(live);
+            PEAK.set(PEAK.get().max(live));
+            // SAFETY: the caller's contract.
+            unsafe { System.alloc(layout) }
+        }
+        unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+            // What another thread allocated may be freed here.
+            LIVE.set(LIVE.get().saturating_sub(layout.size()));
+            // SAFETY: the caller's contract.
+            unsafe { System.dealloc(at, layout) }
+        }
+    }
+
+    #[global_allocator]
+    static COUNTING: Counting = Counting;
+
+    /// Sets the peak to what is live now, and returns that.
+    pub fn reset_peak() -> usize {
+        PEAK.set(LIVE.get());
+        LIVE.get()
+    }
+
+    pub fn peak() -> usize {
+        PEAK.get()
+    }
+}
+
+// ---------------------------------------------------------------------------------------------
+// Builds that end early, in processes of their own.
+
+#[cfg(unix)]
+mod ending_early {
+    use super::*;
+    use std::path::PathBuf;
+    use std::process::{Command, Stdio};
+
+    const PATH: &str = "OUTCROP_TEST_ENDING_EARLY";
+
+    /// Not a test by itself: writes blocks until something stops it. Says when it has begun.
+    #[test]
+    fn child() {
+        let Some(path) = std::env::var_os(PATH).map(PathBuf::from) else { return };
+        let mut writer = Writer::create(&path).unwrap();
+        let payload: Vec<u8> = (0..60_000u32).map(|i| (i.wrapping_mul(2654435761) >> 13) as u8).collect();
+        println!("began");
+        let e = loop {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            if let Err(e) = writer.block(&payload, 60_000) {
+                break e;
+            }
+        };
+        drop(writer);
+        println!("ended: {e}");
+        std::process::exit(3);
+    }
+
+    fn command(shell: &str, path: &Path) -> Command {
+        let mut command = Command::new("sh");
+        let me = std::env::current_exe().unwrap();
+        command.args(["-c", &format!("{shell} exec \"$0\" --exact ending_early::child --nocapture")]).arg(me);
+        command.env(PATH, path).stdout(Stdio::piped());
+        command
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    #[test]
+    fn out_of_space_the_old_file_stays_and_the_temporary_goes() {
+        let dir = fast_dir();
+        let path = dir.path().join("model.oc");
+        std::fs::write(&path, "old").unwrap();
+        // A limit on the size of files stands for a full disk; the signal is turned into an error.
+        let out = command("trap '' XFSZ; ulimit -f 4000;", &path).output().unwrap();
+        let said = String::from_utf8_lossy(&out.stdout).into_owned();
+        assert_eq!(out.status.code(), Some(3), "{said}");
+        assert!(said.contains("ended: ") && said.contains("model.oc: write failed"), "{said}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(dir.path()), ["model.oc"]);
+    }
+
+    #[test]
+    fn killed_the_old_file_stays_and_the_next_build_tidies_up() {
+        use std::io::{BufRead, BufReader};
+        let dir = fast_dir();
+        let path = dir.path().join("model.oc");
+        std::fs::write(&path, "old").unwrap();
+        let mut child = command("", &path).spawn().unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        assert!(lines.by_ref().any(|line| line.unwrap().contains("began")));
+        // A build beside a living one leaves it alone.
+        drop(Writer::create(&path).unwrap());
+        assert_eq!(names(dir.path()).len(), 2);
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(dir.path()).len(), 2);
+        let writer = Writer::create(&path).unwrap();
+        writer.finish(&Header::default(), &[], &[], &[], &[]).unwrap();
+        assert_eq!(names(dir.path()), ["model.oc"]);
+        ModelFile::open_path(&path).unwrap();
+    }
+}

@@ -157,6 +157,11 @@ mod tests {
             damage(&mut rows[1]);
             assert!(check(&rows, 1 << 10).is_err(), "{what}");
         }
+        let mut gap = rows();
+        gap[1..].iter_mut().for_each(|row| row.offset += 64);
+        assert!(check(&gap, 1 << 10).is_err());
+        let large = |payload_len| Row { stored_len: payload_len, payload_len, ..rows()[0] };
+        assert!(check(&[large(4096)], 1 << 10).is_ok() && check(&[large(4097)], 1 << 10).is_err());
         let mut far = rows();
         far[0].stored_len = u32::MAX;
         assert!(check(&far, 1 << 10).is_err());

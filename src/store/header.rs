@@ -316,6 +316,18 @@ mod tests {
     }
 
     #[test]
+    fn what_is_reserved_is_zero() {
+        let (header, frame) = sample();
+        for at in [56, RESERVED_AT, CHECKSUM_AT - 1] {
+            let mut bytes = encode(&header, &frame);
+            bytes[at] |= 0x80;
+            let sum = xxh3_64(&bytes[..CHECKSUM_AT]);
+            bytes[CHECKSUM_AT..].copy_from_slice(&sum.to_le_bytes());
+            assert!(decode(&bytes).is_err(), "byte {at}");
+        }
+    }
+
+    #[test]
     fn each_field_has_its_range() {
         let (good, frame) = sample();
         let bad = [
