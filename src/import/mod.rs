@@ -9,6 +9,7 @@ mod batch;
 pub mod collect;
 mod colour;
 mod detect;
+pub mod generate;
 mod gltf;
 mod input;
 mod obj;

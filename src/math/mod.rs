@@ -2,6 +2,8 @@
 
 pub mod bounds;
 pub mod ray;
+pub mod view;
 
 pub use bounds::{Bounds, DBounds};
 pub use ray::{Cone, Ray};
+pub use view::View;

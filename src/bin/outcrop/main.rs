@@ -1,1 +1,42 @@
-fn main() {}
+//! The command line `outcrop`: one verb a file, over the crate's public API.
+//!
+//! Results go to stdout (with `--json` exactly one JSON object), all else to stderr. Exit codes:
+//! 0 done, 1 failed, 2 wrong usage.
+#![forbid(unsafe_code)]
+
+#[allow(dead_code)] // until the other verbs are in
+mod common;
+mod generate;
+
+use clap::{Parser, Subcommand};
+use common::Outcome;
+use std::process::ExitCode;
+
+/// Ray traces models larger than memory: builds, checks, renders and measures .oc files.
+#[derive(Parser)]
+#[command(version, about, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    Generate(generate::Args),
+}
+
+fn run(verb: Verb) -> Outcome {
+    match verb {
+        Verb::Generate(args) => generate::run(&args),
+    }
+}
+
+fn main() -> ExitCode {
+    match run(Cli::parse().verb) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("outcrop: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}

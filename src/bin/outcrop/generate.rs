@@ -1,0 +1,51 @@
+//! `outcrop generate`.
+
+use crate::common::{self, Outcome};
+use outcrop::import::generate::{self, GenerateOptions};
+use serde_json::json;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Write a generated model (mandelbulb, airliner) as a binary PLY file
+#[derive(clap::Args)]
+pub struct Args {
+    /// Which model
+    #[arg(value_parser = generate::NAMES)]
+    name: String,
+    /// Wanted number of triangles, reached within 2 %; K, M and G are thousands, millions and billions
+    #[arg(long, value_name = "N", default_value = "1M", value_parser = common::count)]
+    triangles: u64,
+    /// Other seeds give other models
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// The file to write
+    #[arg(short, long, value_name = "FILE.ply")]
+    output: PathBuf,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args) -> Outcome {
+    let cancel = common::cancel_on_ctrl_c();
+    let options = GenerateOptions { triangles: args.triangles, seed: args.seed };
+    let bar = common::progress_bar(args.triangles, "triangles", args.json);
+    let start = Instant::now();
+    let out = generate::generate_file(&args.name, &options, &cancel, &args.output, &mut |n| bar.set_position(n));
+    bar.finish_and_clear();
+    let made = out?;
+    let seconds = start.elapsed().as_secs_f64();
+    let value = json!({
+        "file": args.output.to_string_lossy(), "name": args.name, "seed": args.seed,
+        "triangles": made.triangles, "vertices": made.vertices, "parts": made.parts, "seconds": seconds,
+    });
+    let text = format!(
+        "{}: {} triangles, {} vertices, {} parts in {seconds:.1} s",
+        args.output.display(),
+        made.triangles,
+        made.vertices,
+        made.parts
+    );
+    common::print(args.json, &value, &text)
+}
