@@ -206,7 +206,7 @@ fn judge_single_precision(tris: &[Tri], leaky: bool) -> Summary {
         let truth = oracle.closest(&r.wide());
         let ruling = judge.closest(&r.wide(), truth, got);
         summary.add(r.kind.name(), &ruling, || format!("{r:?}: {got:?}, oracle {truth:?}"));
-        let any = judge.any(&r.wide(), best.is_some());
+        let any = judge.any(&r.wide(), truth.is_some(), best.is_some());
         summary.add_verdict("any", any, || format!("{r:?}: {got:?}, oracle {truth:?}"));
     }
     summary

@@ -69,15 +69,22 @@ impl Bvh64 {
         self.build(first + mid, end, centroids);
     }
 
-    /// Visits every leaf whose box, grown by `grow`, the line meets in `[t_lo, limit]`; nearer children first.
+    /// Visits every triangle of leaves whose boxes, grown by `grow`, the line meets in `[t_lo, limit]`; nearer
+    /// children first. `visit` returns the new limit.
     fn walk(&self, ray: &Ray64, grow: f64, t_lo: f64, t_hi: f64, visit: &mut dyn FnMut(u32) -> f64) {
+        let slabs = Slabs { org: ray.org, inv: ray.dir.recip(), grow, t_lo: t_lo - t_lo.abs() * SLACK };
+        let enter = |n: u32, limit: f64| slabs.enter(&self.nodes[n as usize], limit);
+        // Median splits: no path is longer than the bits of a count.
+        let mut stack = [(0u32, 0.0f64); 64];
+        let mut top = 0;
         let mut limit = t_hi;
-        let mut stack = vec![];
-        let enter = |n: u32, limit: f64| enter(&self.nodes[n as usize], ray, grow, t_lo, limit);
-        if !self.nodes.is_empty() {
-            stack.extend(enter(0, limit).map(|t| (0u32, t)));
+        if let Some(t) = (!self.nodes.is_empty()).then(|| enter(0, limit)).flatten() {
+            stack[0] = (0, t);
+            top = 1;
         }
-        while let Some((at, t)) = stack.pop() {
+        while top > 0 {
+            top -= 1;
+            let (at, t) = stack[top];
             if t > loose(limit) {
                 continue;
             }
@@ -92,33 +99,51 @@ impl Bvh64 {
             if pair[0].1 < pair[1].1 {
                 pair.swap(0, 1);
             }
-            stack.extend(pair.iter().filter(|(_, t)| *t < f64::INFINITY));
+            for child in pair.into_iter().filter(|c| c.1 < f64::INFINITY) {
+                stack[top] = child;
+                top += 1;
+            }
         }
     }
 }
+
+const SLACK: f64 = 1e-12;
 
 /// A limit widened beyond the rounding of distances.
 fn loose(t: f64) -> f64 {
-    t + t.abs() * 1e-12
+    t + t.abs() * SLACK
 }
 
-/// Where the line enters the grown box within `[t_lo, t_hi]`; `None` when it does not.
-fn enter(node: &Node, ray: &Ray64, grow: f64, t_lo: f64, t_hi: f64) -> Option<f64> {
-    let (mut near, mut far) = (t_lo - t_lo.abs() * 1e-12, loose(t_hi));
-    for k in 0..3 {
-        let lo = node.min[k] - grow - ray.org[k];
-        let hi = node.max[k] + grow - ray.org[k];
-        if ray.dir[k] == 0.0 {
-            if lo > 0.0 || hi < 0.0 {
-                return None;
+/// What the box tests of one ray need.
+struct Slabs {
+    org: DVec3,
+    inv: DVec3,
+    grow: f64,
+    t_lo: f64,
+}
+
+impl Slabs {
+    /// Where the line enters the grown box up to `t_hi`; `None` when it does not.
+    #[inline]
+    fn enter(&self, node: &Node, t_hi: f64) -> Option<f64> {
+        let (mut near, mut far) = (self.t_lo, loose(t_hi));
+        for k in 0..3 {
+            let lo = node.min[k] - self.grow - self.org[k];
+            let hi = node.max[k] + self.grow - self.org[k];
+            if self.inv[k].is_infinite() {
+                // Along the slab: within it always or never (an infinite reciprocal of a denormal
+                // asks for distances that nothing here has).
+                if lo > 0.0 || hi < 0.0 {
+                    return None;
+                }
+                continue;
             }
-            continue;
+            let (a, b) = (lo * self.inv[k], hi * self.inv[k]);
+            near = near.max(a.min(b) - a.min(b).abs() * SLACK);
+            far = far.min(loose(a.max(b)));
         }
-        let (a, b) = (lo / ray.dir[k], hi / ray.dir[k]);
-        near = near.max(a.min(b) - a.min(b).abs() * 1e-12);
-        far = far.min(loose(a.max(b)));
+        (near <= far).then_some(near)
     }
-    (near <= far).then_some(near)
 }
 
 impl Oracle for Bvh64 {

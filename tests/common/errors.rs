@@ -180,15 +180,24 @@ impl<'a> Judge<'a> {
         ruling.verdict = match self.lost(ray, a.t, Some(a.prim)) {
             Err(wrong) => Verdict::Wrong(wrong),
             Ok(Some(graze)) => Verdict::Grazing(graze),
-            Ok(None) if ruling.verdict == Verdict::Same => Verdict::Tied,
+            Ok(None) if ruling.verdict == Verdict::Same || truth.is_some_and(|o| self.as_near(ray, &a, &o)) => Verdict::Tied,
             Ok(None) => ruling.verdict,
         };
         ruling
     }
 
-    /// Judges an any-hit answer.
-    pub fn any(&self, ray: &Ray64, got: bool) -> Verdict {
-        if got == self.oracle.any(ray) {
+    /// Whether the oracle's hit is as near as the answer, within both bounds.
+    fn as_near(&self, ray: &Ray64, a: &Answer, truth: &Hit64) -> bool {
+        let bound = |prim: u32| {
+            let tri = &self.oracle.tris()[prim as usize];
+            Seen::new(ray, tri).t_bound(shift(ray, tri, self.rounding))
+        };
+        (a.t - truth.t).abs() <= bound(a.prim) + bound(truth.prim)
+    }
+
+    /// Judges an any-hit answer, given the oracle's own.
+    pub fn any(&self, ray: &Ray64, truth: bool, got: bool) -> Verdict {
+        if got == truth {
             return Verdict::Same;
         }
         if got {
@@ -273,20 +282,21 @@ impl<'a> Judge<'a> {
             } else if seen.depth() > moved {
                 return Err(Wrong::Lost);
             } else {
-                self.patch_reason(ray, q.prim, answer)?
+                self.patch_reason(ray, limit, q.prim, answer)?
             });
         }
         Ok(reason)
     }
 
-    fn patch_reason(&self, ray: &Ray64, lost: u32, answer: Option<u32>) -> Result<Graze, Wrong> {
+    fn patch_reason(&self, ray: &Ray64, limit: f64, lost: u32, answer: Option<u32>) -> Result<Graze, Wrong> {
         let patch = Patch::around(self.oracle, ray, lost, self.widest_shift(ray));
         if patch.border_near {
             return Ok(Graze::OpenEdge);
         }
         let reached = answer.is_some_and(|p| patch.holds(self.oracle.tris(), p));
         let whole = patch.t.0 > ray.t_min && patch.t.1 < ray.t_max;
-        if patch.odd && !reached && whole {
+        // A patch that reaches behind the answer may be hit there.
+        if patch.odd && !reached && whole && patch.t.1 < limit {
             return Err(Wrong::Crack);
         }
         Ok(if whole { Graze::Silhouette } else { Graze::Range })
@@ -390,7 +400,7 @@ impl Patch {
 /// Rulings of many answers, by a label (the kind of ray): prints, and asserts that none is wrong.
 #[derive(Debug, Clone, Default)]
 pub struct Summary {
-    counts: BTreeMap<(String, Verdict), u64>,
+    counts: BTreeMap<(&'static str, Verdict), u64>,
     examples: Vec<String>,
     distance: f64,
     distance_rel: f64,
@@ -401,13 +411,9 @@ pub struct Summary {
 
 impl Summary {
     /// Adds one ruling; `describe` is only called for the first wrong ones.
-    pub fn add(&mut self, label: &str, ruling: &Ruling, describe: impl FnOnce() -> String) {
+    pub fn add(&mut self, label: &'static str, ruling: &Ruling, describe: impl FnOnce() -> String) {
         self.total += 1;
-        if let Some(n) = self.counts.get_mut(&(label.to_string(), ruling.verdict)) {
-            *n += 1;
-        } else {
-            self.counts.insert((label.to_string(), ruling.verdict), 1);
-        }
+        *self.counts.entry((label, ruling.verdict)).or_default() += 1;
         self.distance = self.distance.max(ruling.distance);
         self.distance_rel = self.distance_rel.max(ruling.distance_rel);
         self.stated_rel = self.stated_rel.max(ruling.stated_rel);
@@ -420,7 +426,7 @@ impl Summary {
     }
 
     /// Adds a bare verdict.
-    pub fn add_verdict(&mut self, label: &str, verdict: Verdict, describe: impl FnOnce() -> String) {
+    pub fn add_verdict(&mut self, label: &'static str, verdict: Verdict, describe: impl FnOnce() -> String) {
         self.add(label, &Ruling::of(verdict), describe);
     }
 

@@ -12,6 +12,7 @@
 //! | [`errors`] | what agreeing means: ties, grazing, distance, normal, part; and a summary that asserts |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
+//! | [`trees`] | the trees under test, with any blocks missing |
 // Each test binary uses its own share of this folder.
 #![allow(dead_code)]
 
@@ -23,3 +24,4 @@ pub mod rays;
 pub mod rng;
 pub mod rounding;
 pub mod scenes;
+pub mod trees;

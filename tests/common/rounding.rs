@@ -7,7 +7,7 @@
 //! - **Corners.** `v - org` is rounded (u M), the shear constant is rounded (u), multiplied (u) and
 //!   applied to a rounded depth (u), and the sheared coordinate is rounded (u |x|, |x| <= 2 M): each
 //!   of the two sheared coordinates is within 6 u M of the true one to first order, so the corner is
-//!   within 6 sqrt(2) u M of its true place as seen along the ray. Every triangle with that corner
+//!   within 6 sqrt(2) u M of its true place in the plane of [`Seen`]. Every triangle with that corner
 //!   sees the same moved corner.
 //! - **Edges.** Rounding is monotone, so the difference of two rounded products has the right sign
 //!   or is zero, and zero is decided in double precision: given the moved corners, which side of an
@@ -50,12 +50,14 @@ pub fn shift(ray: &Ray64, tri: &Tri, r: Rounding) -> f64 {
     6.0 * std::f64::consts::SQRT_2 * U * m + r.origin * U * org + r.direction * U * m + r.absolute + 1e-22
 }
 
-/// A triangle as the ray sees it: projected along the ray into an orthonormal frame around it.
+/// A triangle as the ray sees it: moved along the ray onto the plane through the origin across the axis of the
+/// direction's greatest component. This is the frame of the watertight test, in double precision; lengths in it are
+/// at least those across the ray, and at most sqrt(3) times as long.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
-    /// Corners across the ray, which is at zero.
+    /// Corners in that plane; the ray is at zero.
     pub p: [DVec2; 3],
-    /// Corners along the ray, in world units from its origin.
+    /// How far along the ray each corner was moved back, in world units.
     pub z: [f64; 3],
     /// 1 / |dir|: world units to units of `t`.
     pub t_per_unit: f64,
@@ -63,16 +65,18 @@ pub struct Seen {
 
 impl Seen {
     pub fn new(ray: &Ray64, tri: &Tri) -> Self {
+        let d = ray.dir;
+        let k = d.abs().max_position();
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        let (sx, sy) = (d[i] / d[k], d[j] / d[k]);
         // Scaled first: the square of a tiny or huge direction would under- or overflow.
-        let big = ray.dir.abs().max_element();
-        let scaled = ray.dir / big;
-        let d = scaled.normalize();
-        let (x, y) = d.any_orthonormal_pair();
+        let length = (d / d[k]).length() * d[k].abs();
+        let per_axis = length / d[k];
         let rel = tri.map(|v| v - ray.org);
         Self {
-            p: rel.map(|v| DVec2::new(v.dot(x), v.dot(y))),
-            z: rel.map(|v| v.dot(d)),
-            t_per_unit: 1.0 / (big * scaled.length()),
+            p: rel.map(|v| DVec2::new(v[i] - sx * v[k], v[j] - sy * v[k])),
+            z: rel.map(|v| v[k] * per_axis),
+            t_per_unit: 1.0 / length,
         }
     }
 

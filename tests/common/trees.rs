@@ -1,0 +1,146 @@
+//! Trees under test: built in memory by the structure room alone, with any blocks missing.
+
+use super::brute::{Ray64, Tri};
+use super::rays::Ray32;
+use glam::{DVec3, Vec3};
+use outcrop::base::ids::BlockId;
+use outcrop::base::progress::Cancel;
+use outcrop::math::Cone;
+use outcrop::residency::{Slot, Snapshot};
+use outcrop::simd::Isa;
+use outcrop::structure::bvh::build::{Par, Tree, TreeInput, TreeOptions};
+use outcrop::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, TreeView, TriHit, Walk};
+
+/// A tree with all its blocks, and the triangles that it holds.
+pub struct TestTree {
+    pub snapshot: Snapshot,
+    root: u32,
+    geometry: u32,
+    reach: f32,
+    /// By primitive: the stored corners, around the origin.
+    pub stored: Vec<Tri>,
+    /// What the origin was.
+    pub origin: DVec3,
+    /// References to triangles; more than triangles with splits.
+    pub references: usize,
+}
+
+/// The instruction sets that this machine has; says which it lacks.
+pub fn isas() -> Vec<Isa> {
+    let lacking = Isa::ALL.iter().filter(|i| !i.is_available());
+    lacking.for_each(|i| println!("skipped: {} (not on this machine)", i.name()));
+    Isa::ALL.into_iter().filter(|i| i.is_available()).collect()
+}
+
+impl TestTree {
+    /// Builds the tree of `tris` (each with an area), rounded to f32 around `origin`.
+    pub fn build(tris: &[Tri], origin: DVec3, split_budget: f32) -> Self {
+        let local: Vec<[Vec3; 3]> = tris.iter().map(|t| t.map(|v| (v - origin).as_vec3())).collect();
+        let parts = vec![0; tris.len()];
+        let prims: Vec<u32> = (0..tris.len() as u32).collect();
+        let input = TreeInput { triangles: &local, parts: &parts, prims: &prims, colours: &[] };
+        let par = Par { threads: 1 };
+        let tree = Tree::build(input, &TreeOptions { split_budget }, &par, &Cancel::default()).expect("a tree");
+        let geometry = tree.blocks() as u32;
+        let mut slots = Vec::new();
+        for i in 0..geometry {
+            let block = tree.encode(i as usize, 0);
+            slots.push((BlockId(i), Slot::new(&block.words)));
+            slots.push((BlockId(geometry + i), Slot::new(&block.prims)));
+        }
+        let reach = tree.bounds.min.abs().max(tree.bounds.max.abs()).max_element();
+        let stored = local.iter().map(|t| t.map(|v| v.as_dvec3())).collect();
+        let snapshot = Snapshot::empty(2 * geometry).with(slots);
+        Self { snapshot, root: tree.root, geometry, reach, stored, origin, references: tree.references() }
+    }
+
+    /// Around the middle of the bounds.
+    pub fn around_middle(tris: &[Tri], split_budget: f32) -> Self {
+        let fold = |f: fn(DVec3, DVec3) -> DVec3| tris.iter().flatten().copied().reduce(f).unwrap_or_default();
+        let origin = (fold(DVec3::min) + fold(DVec3::max)) * 0.5;
+        Self::build(tris, origin, split_budget)
+    }
+
+    /// The tree in `snapshot` (of its own blocks).
+    pub fn view<'a>(&self, snapshot: &'a Snapshot, isa: Isa) -> TreeView<'a> {
+        TreeView {
+            snapshot,
+            root_block: 0,
+            root: self.root,
+            reach: self.reach,
+            prims_at: self.geometry,
+            colours_at: None,
+            isa,
+        }
+    }
+
+    /// Blocks, those with primitive ids among them.
+    pub fn blocks(&self) -> u32 {
+        2 * self.geometry
+    }
+
+    /// The tree itself, read back leaf by leaf, has every triangle's corners in their order, and no others.
+    pub fn assert_holds_its_triangles(&self) {
+        let view = self.view(&self.snapshot, Isa::Baseline);
+        let mut seen = vec![false; self.stored.len()];
+        let visited = view.for_each_leaf(&mut |_| true, &mut |hit, triangle| {
+            let prim = view.prim(hit).expect("all blocks are here") as usize;
+            seen[prim] = true;
+            assert_eq!(triangle.vertices.map(Vec3::as_dvec3), self.stored[prim], "corners of {prim}");
+        });
+        visited.expect("all blocks are here");
+        assert!(seen.iter().all(|&s| s), "a triangle is in no leaf");
+    }
+}
+
+/// A ray as the tree takes it.
+pub fn local(ray: &Ray32) -> LocalRay {
+    LocalRay { org: ray.org, dir: ray.dir, t_min: ray.t_min, t_max: ray.t_max, cone: Cone::ZERO }
+}
+
+/// As the oracle takes it.
+pub fn wide(ray: &Ray32) -> Ray64 {
+    ray.wide()
+}
+
+/// The hit of one ray; every block is there.
+pub fn closest(view: &TreeView, ray: &Ray32, walk: &mut Walk) -> Option<TriHit> {
+    walk.begin(view, &local(ray));
+    assert_eq!(view.closest(None, walk), Outcome::Done);
+    Some(walk.best()).filter(TriHit::is_hit)
+}
+
+/// Whether one ray hits anything; every block is there.
+pub fn any(view: &TreeView, ray: &Ray32, walk: &mut Walk) -> bool {
+    walk.begin(view, &local(ray));
+    assert_eq!(view.any(None, walk), Outcome::Done);
+    walk.best().is_hit()
+}
+
+/// The hits of up to sixteen rays as a packet; every block is there.
+pub fn closest16(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) -> Vec<Option<TriHit>> {
+    begin16(view, rays, walk);
+    assert_eq!(view.closest16(None, walk), Outcome::Done);
+    (0..rays.len()).map(|i| Some(walk.best(i)).filter(TriHit::is_hit)).collect()
+}
+
+/// Whether each of up to sixteen rays hits anything; every block is there.
+pub fn any16(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) -> Vec<bool> {
+    begin16(view, rays, walk);
+    assert_eq!(view.any16(None, walk), Outcome::Done);
+    (0..rays.len()).map(|i| walk.best(i).is_hit()).collect()
+}
+
+/// Puts up to sixteen rays into the first lanes of a packet.
+pub fn begin16(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) {
+    let mut lanes = [local(&rays[0]); PACKET];
+    for (lane, ray) in lanes.iter_mut().zip(rays) {
+        *lane = local(ray);
+    }
+    walk.begin(view, &lanes, ((1u32 << rays.len()) - 1) & 0xffff);
+}
+
+/// Everything a hit says, as bits.
+pub fn bits(hit: &Option<TriHit>) -> Option<[u32; 5]> {
+    hit.map(|h| [h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), h.block, h.tri])
+}
