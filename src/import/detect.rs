@@ -11,6 +11,7 @@ pub(crate) enum Format {
     /// GLB, or JSON that may be glTF.
     Gltf,
     Obj,
+    Raw,
     StlText,
     StlBinary,
 }
@@ -69,6 +70,9 @@ fn tell(head: &[u8], total: u64, ending: &str) -> Parsed<Format, String> {
     }
     if head.starts_with(b"glTF") {
         return Ok(Format::Gltf);
+    }
+    if head.starts_with(&super::raw::MAGIC) {
+        return Ok(Format::Raw);
     }
     if is_binary_stl(head, total) {
         return Ok(Format::StlBinary);

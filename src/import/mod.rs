@@ -14,7 +14,10 @@ mod gltf;
 mod input;
 mod obj;
 mod ply;
+pub mod raw;
 mod stl;
+#[cfg(test)]
+mod testing;
 mod text;
 mod vertices;
 
@@ -131,6 +134,7 @@ pub fn read_file(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Res
         detect::Format::Ply => ply::read(&mut input, sink)?,
         detect::Format::Obj => obj::read(&mut input, sink)?,
         detect::Format::Gltf => gltf::read(&mut input, sink)?,
+        detect::Format::Raw => raw::read(&mut input, sink)?,
         detect::Format::StlText => stl::read_text(&mut input, sink)?,
         detect::Format::StlBinary => stl::read_binary(&mut input, sink)?,
     }

@@ -71,7 +71,10 @@ pub(crate) fn integer(word: &[u8]) -> Option<i64> {
         [b'+', rest @ ..] => (false, rest),
         _ => (false, word),
     };
-    if digits.is_empty() || digits.len() > 18 {
+    if digits.len() > 18 {
+        return str::from_utf8(word).ok()?.parse().ok();
+    }
+    if digits.is_empty() {
         return None;
     }
     let mut value = 0i64;
