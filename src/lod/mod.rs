@@ -1,1 +1,2 @@
 //! (lod: being built.)
+#![forbid(unsafe_code)]

@@ -1,4 +1,5 @@
 //! Plain geometry on glam's types: bounds, rays and their cones. Uses nothing.
+#![forbid(unsafe_code)]
 
 pub mod bounds;
 pub mod ray;
