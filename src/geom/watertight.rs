@@ -103,10 +103,12 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
     let mut hits = inside.bits();
     let mut det = u + v + w;
     if on_edge.bits() & hits != 0 {
-        let edges = [u, v, w].map(L::to_array);
-        let exact = exact_edges(&a, &b, &c, edges, on_edge.bits(), hits);
-        [u, v, w] = exact.0.map(|e| L::from_array_like(zero, e));
-        hits = exact.1;
+        let edges = [u.to_array(), v.to_array(), w.to_array()];
+        let (edges, inside) = exact_edges(&a, &b, &c, edges, on_edge.bits(), hits);
+        u = L::from_array_like(zero, edges[0]);
+        v = L::from_array_like(zero, edges[1]);
+        w = L::from_array_like(zero, edges[2]);
+        hits = inside;
         det = u + v + w;
     }
     let rdet = L::from_array_like(zero, [1.0; N]).div(det);

@@ -2,7 +2,8 @@
 //!
 //! The only room with intrinsics. An algorithm is written once, generic over [`Simd`], as an
 //! [`Op`]; [`dispatch`] runs it compiled for the chosen set. Everything an `Op` calls on its hot
-//! path must be `#[inline(always)]`, or it is compiled without the set.
+//! path must be `#[inline(always)]`, or it is compiled without the set. A closure never is, and neither is
+//! what takes one (`array::map`): plain functions only.
 //!
 //! Soundness: a vector of a set can only be made through that set's token, and a token only exists
 //! where [`dispatch`] has checked the CPU. So the operations themselves are safe to call.
@@ -94,13 +95,13 @@ pub trait Op {
 pub fn dispatch<O: Op>(isa: Isa, op: O) -> O::Out {
     #[cfg(target_arch = "x86_64")]
     {
-        if isa == Isa::Avx512 && Isa::Avx512.is_available() {
-            // SAFETY: the CPU has the set: checked on the line above.
-            return unsafe { avx512::run(op) };
-        }
-        if isa >= Isa::Avx2 && Isa::Avx2.is_available() {
-            // SAFETY: the CPU has the set: checked on the line above.
-            return unsafe { avx2::run(op) };
+        // Each set contains those before it, so one comparison with the best answers for all.
+        match isa.min(Isa::best()) {
+            // SAFETY: the CPU has the set: it is not beyond the best that was detected.
+            Isa::Avx512 => return unsafe { avx512::run(op) },
+            // SAFETY: as above.
+            Isa::Avx2 => return unsafe { avx2::run(op) },
+            Isa::Baseline => {}
         }
     }
     let _ = isa;

@@ -68,15 +68,17 @@ impl PreparedRay {
     /// the slack exceeds every distance.
     pub fn new(ray: &LocalRay, reach: f32) -> Self {
         let least = ray.dir.abs().max_element() * 1e-18;
-        let inv = ray.dir.to_array().map(|d| 1.0 / if d.abs() < least { least.copysign(d) } else { d });
-        let slack = |axis: usize| inv[axis].abs() * ray.org[axis].abs().max(reach) * (1.0 / 524288.0);
-        let off = |axis: usize, sign: f32| ray.org[axis] * inv[axis] + sign * slack(axis);
+        let magnitude = ray.dir.abs().max(Vec3::splat(least));
+        let inv = Vec3::ONE / magnitude.copysign(ray.dir);
+        let slack = inv.abs() * ray.org.abs().max(Vec3::splat(reach)) * (1.0 / 524288.0);
+        let off = ray.org * inv;
+        let negative = inv.is_negative_bitmask() as usize;
         Self {
             org: ray.org,
-            inv,
-            off_near: [0, 1, 2].map(|a| off(a, 1.0)),
-            off_far: [0, 1, 2].map(|a| off(a, -1.0)),
-            near: [0, 1, 2].map(|a| if inv[a] < 0.0 { a + 3 } else { a }),
+            inv: inv.to_array(),
+            off_near: (off + slack).to_array(),
+            off_far: (off - slack).to_array(),
+            near: [3 * (negative & 1), 1 + 3 * (negative >> 1 & 1), 2 + 3 * (negative >> 2 & 1)],
             shear: Shear::new(ray.dir),
             t_min: ray.t_min,
         }

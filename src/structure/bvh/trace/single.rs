@@ -3,7 +3,7 @@
 use super::walk::{Entry, Outcome, TriHit, Walk};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
-use crate::geom::watertight::{intersect, shear};
+use crate::geom::watertight::{Sheared, intersect, shear};
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child, Leaf, Node};
 
@@ -170,15 +170,14 @@ pub(super) fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, t_max: f32) -
 /// Pushes all but the nearest of the children in `mask`, farthest first; returns the nearest.
 #[inline(always)]
 fn push_far_to_near(mut mask: u32, t: &[f32; 8], node: &Node, block: u32, stack: &mut Vec<Entry>) -> Option<u32> {
-    let entry = |slot: u32| Entry { t: t[slot as usize], block, child: u32::from(node.child[slot as usize]) };
     if mask == 0 {
         return None;
     }
-    let mut nearest = entry(mask.trailing_zeros());
+    let mut nearest = entry(mask.trailing_zeros(), t, node, block);
     mask &= mask - 1;
     let bottom = stack.len();
     while mask != 0 {
-        let mut next = entry(mask.trailing_zeros());
+        let mut next = entry(mask.trailing_zeros(), t, node, block);
         mask &= mask - 1;
         if next.t < nearest.t {
             std::mem::swap(&mut next, &mut nearest);
@@ -192,6 +191,13 @@ fn push_far_to_near(mut mask: u32, t: &[f32; 8], node: &Node, block: u32, stack:
         stack[at] = next;
     }
     Some(nearest.child)
+}
+
+#[inline(always)]
+fn entry(slot: u32, t: &[f32; 8], node: &Node, block: u32) -> Entry {
+    // The mask keeps a slot below eight; `& 7` spares the check.
+    let slot = slot as usize & 7;
+    Entry { t: t[slot], block, child: u32::from(node.child[slot]) }
 }
 
 /// The nearest hit in a leaf: lane, distance and weights. The lowest lane of equal ones, which has the
@@ -208,12 +214,10 @@ pub(super) fn triangles<S: Simd>(
 ) -> Option<(u32, f32, f32, f32)> {
     let k = ray.shear.k;
     let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
-    let corner = |c: usize| {
-        let index = s.index8(leaf.corners8(c));
-        let p = [0, 1, 2].map(|a| s.lookup16(tables[a], index) - lanes.org[a]);
-        shear(p, lanes.shear)
-    };
-    let found = intersect(corner(0), corner(1), corner(2), lanes.zero, lanes.t_min, s.splat8(t_max));
+    let a = corner(s, &tables, leaf.corners8(0), lanes);
+    let b = corner(s, &tables, leaf.corners8(1), lanes);
+    let c = corner(s, &tables, leaf.corners8(2), lanes);
+    let found = intersect(a, b, c, lanes.zero, lanes.t_min, s.splat8(t_max));
     let mut hits = found.hits & ((1 << leaf.triangles) - 1);
     if hits == 0 {
         return None;
@@ -225,15 +229,27 @@ pub(super) fn triangles<S: Simd>(
         }
     }
     let t = found.t.to_array();
-    let mut nearest: Option<usize> = None;
+    if hits == 0 {
+        return None;
+    }
+    let mut lane = hits.trailing_zeros() as usize;
+    hits &= hits - 1;
     while hits != 0 {
-        let lane = hits.trailing_zeros() as usize;
+        let next = hits.trailing_zeros() as usize;
         hits &= hits - 1;
-        if nearest.is_none_or(|n| t[lane] < t[n]) {
-            nearest = Some(lane);
+        if t[next] < t[lane] {
+            lane = next;
         }
     }
-    nearest.map(|lane| {
-        (lane as u32, t[lane], found.u.to_array()[lane], found.v.to_array()[lane])
-    })
+    Some((lane as u32, t[lane], found.u.to_array()[lane], found.v.to_array()[lane]))
+}
+
+/// One corner of each triangle, sheared. Not a closure: those are not compiled for the set.
+#[inline(always)]
+fn corner<S: Simd>(s: S, tables: &[&[f32; 16]; 3], corners: &[u8; 8], lanes: &RayLanes<S>) -> Sheared<S::F8> {
+    let index = s.index8(corners);
+    let x = s.lookup16(tables[0], index) - lanes.org[0];
+    let y = s.lookup16(tables[1], index) - lanes.org[1];
+    let z = s.lookup16(tables[2], index) - lanes.org[2];
+    shear([x, y, z], lanes.shear)
 }
