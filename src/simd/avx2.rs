@@ -209,6 +209,18 @@ impl Simd for Avx2 {
         V8(unsafe { _mm256_loadu_ps(v.as_ptr()) })
     }
     #[inline(always)]
+    fn powers8(self, word: u32) -> [V8; 3] {
+        // SAFETY: the token vouches.
+        unsafe {
+            let word = _mm256_set1_epi32(word as i32);
+            let low = _mm256_set1_epi32(0xff);
+            let x = _mm256_slli_epi32::<23>(_mm256_and_si256(word, low));
+            let y = _mm256_slli_epi32::<23>(_mm256_and_si256(_mm256_srli_epi32::<8>(word), low));
+            let z = _mm256_slli_epi32::<23>(_mm256_and_si256(_mm256_srli_epi32::<16>(word), low));
+            [V8(_mm256_castsi256_ps(x)), V8(_mm256_castsi256_ps(y)), V8(_mm256_castsi256_ps(z))]
+        }
+    }
+    #[inline(always)]
     fn bytes8(self, v: &[u8; 8]) -> V8 {
         // SAFETY: the token vouches.
         V8(unsafe { _mm256_cvtepi32_ps(self.index8(v)) })

@@ -51,6 +51,8 @@ pub trait Simd: Copy {
     fn splat8(self, v: f32) -> Self::F8;
     /// Eight floats.
     fn load8(self, v: &[f32; 8]) -> Self::F8;
+    /// `2^(e - 127)` in all lanes, for each of the three low bytes `e` of `word`; `e` 0 gives 0.
+    fn powers8(self, word: u32) -> [Self::F8; 3];
     /// Eight bytes as floats 0 to 255.
     fn bytes8(self, v: &[u8; 8]) -> Self::F8;
     /// Eight indices from bytes; only their low four bits count.

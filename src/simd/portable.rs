@@ -119,6 +119,12 @@ impl Simd for Portable {
         Array(*v)
     }
     #[inline(always)]
+    fn powers8(self, word: u32) -> [Array<8>; 3] {
+        let [a, b, c, _] = word.to_le_bytes();
+        let power = |e: u8| Array([f32::from_bits(u32::from(e) << 23); 8]);
+        [power(a), power(b), power(c)]
+    }
+    #[inline(always)]
     fn bytes8(self, v: &[u8; 8]) -> Array<8> {
         Array(from_fn(|i| f32::from(v[i])))
     }

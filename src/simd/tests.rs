@@ -35,6 +35,8 @@ impl Op for Battery {
             eight(s.load8(&a8), s.load8(&b8), s.splat8(2.5), &mut out);
             let bytes = std::array::from_fn(|i| (i * 37 + shift * 11) as u8);
             out.extend(s.bytes8(&bytes).to_array().map(f32::to_bits));
+            let word = 0x9a7f_0180u32.rotate_left(shift as u32);
+            s.powers8(word).iter().for_each(|p| out.extend(p.to_array().map(f32::to_bits)));
             out.extend(s.lookup16(&b, s.index8(&bytes)).to_array().map(f32::to_bits));
         }
         out

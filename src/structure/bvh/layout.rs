@@ -117,6 +117,12 @@ impl Node {
         f32::from_bits(u32::from(self.exponent[axis]) << 23)
     }
 
+    /// The three exponents in the low bytes of a word.
+    #[inline(always)]
+    pub fn exponents(&self) -> u32 {
+        u32::from_le_bytes([self.exponent[0], self.exponent[1], self.exponent[2], 0])
+    }
+
     /// The box of a child, rounded outward once more where the grid's sum is not exact.
     pub fn child_box(&self, slot: usize) -> Bounds {
         let at = |axis: usize, plane: usize| {

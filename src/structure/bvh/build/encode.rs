@@ -152,11 +152,15 @@ fn quantise(inner: &Inner) -> Node {
         let step = f64::from(node.step(axis));
         let origin = f64::from(all.min[axis]);
         for (slot, (bounds, _)) in inner.children.iter().enumerate() {
-            // Both differences and quotients are exact enough in double precision: the step is a
-            // power of two, and single-precision coordinates differ by 54 bits at the very most
-            // where it matters; `low` and `high` then only ever move outward.
-            let low = ((f64::from(bounds.min[axis]) - origin) / step).floor();
-            let high = ((f64::from(bounds.max[axis]) - origin) / step).ceil();
+            // Differences of coordinates that are 2^53 apart are rounded: one step outward mends that.
+            let mut low = ((f64::from(bounds.min[axis]) - origin) / step).floor();
+            let mut high = ((f64::from(bounds.max[axis]) - origin) / step).ceil();
+            if origin + low * step > f64::from(bounds.min[axis]) {
+                low -= 1.0;
+            }
+            if origin + high * step < f64::from(bounds.max[axis]) {
+                high += 1.0;
+            }
             node.planes[axis][slot] = low.clamp(0.0, 255.0) as u8;
             node.planes[axis + 3][slot] = high.clamp(0.0, 255.0) as u8;
         }
@@ -172,6 +176,8 @@ fn quantise(inner: &Inner) -> Node {
 
 /// Biased exponent of the least power of two with 255 steps of which `extent` can be covered.
 fn exponent(extent: f64) -> u8 {
+    // A hair more, for the step outward that `quantise` may take.
+    let extent = extent * (1.0 + 1e-12);
     let least = (extent / 255.0).max(f64::from(f32::MIN_POSITIVE));
     let mut e = least.log2().ceil() as i32;
     while 255.0 * f64::from(e).exp2() < extent {

@@ -5,6 +5,7 @@
 //! in packets change what is visited, never the hit.
 
 mod packet;
+mod packet_visit;
 mod ray;
 mod single;
 mod walk;
@@ -77,12 +78,40 @@ impl TreeView<'_> {
 
     /// Finds the closest hit of the ray that `walk` has begun (or goes on after `Pending`).
     pub fn closest(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-        single::run::<false>(self, filter, walk)
+        let ray = walk.ray;
+        single::run::<false>(self, filter, &[ray], walk, &mut [TriHit::none(0.0)]).1
     }
 
     /// Finds any hit of the ray that `walk` has begun (or goes on after `Pending`).
     pub fn any(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-        single::run::<true>(self, filter, walk)
+        let ray = walk.ray;
+        single::run::<true>(self, filter, &[ray], walk, &mut [TriHit::none(0.0)]).1
+    }
+
+    /// Finds the closest hit of each ray, one after the other: what [`TreeView::closest`] finds, at less
+    /// cost a ray. `hits`: as many as `rays`.
+    ///
+    /// Returns how many rays have ended. With `Pending`, the next one has been put down in `walk`: call again
+    /// with the rays from that one on, and it goes on where it stopped.
+    pub fn closest_each(
+        &self,
+        filter: Option<&PartFilter>,
+        rays: &[LocalRay],
+        walk: &mut Walk,
+        hits: &mut [TriHit],
+    ) -> (usize, Outcome) {
+        single::run::<false>(self, filter, rays, walk, hits)
+    }
+
+    /// Finds any hit of each ray; otherwise like [`TreeView::closest_each`].
+    pub fn any_each(
+        &self,
+        filter: Option<&PartFilter>,
+        rays: &[LocalRay],
+        walk: &mut Walk,
+        hits: &mut [TriHit],
+    ) -> (usize, Outcome) {
+        single::run::<true>(self, filter, rays, walk, hits)
     }
 
     fn leaf_of(&self, hit: &TriHit) -> Option<(Block<'_>, Leaf<'_>, usize)> {

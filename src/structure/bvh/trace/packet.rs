@@ -1,37 +1,109 @@
-//! Sixteen rays at a time (first version: one after the other).
+//! Sixteen coherent rays at a time: their state, and how they enter and leave the kernel.
 
-use super::walk::{Outcome, Walk};
-use super::{LocalRay, PartFilter, TriHit, TreeView};
+use super::packet_visit::{self, Shared};
+use super::walk::{Counters, Outcome, Walk};
+use super::{LocalRay, PartFilter, PreparedRay, TreeView, TriHit};
+use crate::simd::{Op, Simd, dispatch};
 
 /// Rays of a packet.
 pub const PACKET: usize = 16;
 
+/// Something that some rays still have to visit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PacketEntry {
+    /// No ray enters it before.
+    pub t: f32,
+    /// The rays that may.
+    pub rays: u32,
+    /// The block that holds the reference.
+    pub block: u32,
+    /// The child reference.
+    pub child: u32,
+}
+
+/// What the rays are, lane by lane.
+#[derive(Debug)]
+pub(super) struct PacketRays {
+    pub prepared: [PreparedRay; PACKET],
+    pub org: [[f32; PACKET]; 3],
+    pub inv: [[f32; PACKET]; 3],
+    pub off_near: [[f32; PACKET]; 3],
+    pub off_far: [[f32; PACKET]; 3],
+    pub shear: [[f32; PACKET]; 3],
+    pub t_min: [f32; PACKET],
+}
+
+/// The best hits, lane by lane.
+#[derive(Debug)]
+pub(super) struct PacketHits {
+    pub t: [f32; PACKET],
+    pub u: [f32; PACKET],
+    pub v: [f32; PACKET],
+    pub block: [u32; PACKET],
+    pub tri: [u32; PACKET],
+}
+
 /// The state of sixteen rays in one tree. Reusable.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct PacketWalk {
-    walks: [Walk; PACKET],
-    waiting: u32,
+    pub(super) stack: Vec<PacketEntry>,
+    pub(super) rays: PacketRays,
+    pub(super) hits: PacketHits,
+    /// Set where the rays can go together.
+    pub(super) shared: Option<Shared>,
+    /// Rays that have not ended.
+    pub(super) waiting: u32,
+    /// For rays that leave the packet.
+    pub(super) alone: Walk,
+    /// What the walks did.
+    pub(super) counters: Counters,
+}
+
+impl Default for PacketWalk {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl PacketWalk {
     /// For any number of packets.
     pub fn new() -> Self {
-        Self::default()
-    }
-
-    /// Puts the rays of `active` (bit `i`: ray `i`) at the root of `view`.
-    pub fn begin(&mut self, view: &TreeView, rays: &[LocalRay; PACKET], active: u32) {
-        self.waiting = active;
-        for (i, (walk, ray)) in self.walks.iter_mut().zip(rays).enumerate() {
-            if active >> i & 1 == 1 {
-                walk.begin(view, ray);
-            }
+        let zero = [[0.0; PACKET]; 3];
+        let rays = PacketRays {
+            prepared: [PreparedRay::new(&LocalRay { dir: glam::Vec3::X, ..LocalRay::NONE }, 0.0); PACKET],
+            org: zero,
+            inv: zero,
+            off_near: zero,
+            off_far: zero,
+            shear: zero,
+            t_min: [0.0; PACKET],
+        };
+        let none = [0.0; PACKET];
+        let hits = PacketHits { t: none, u: none, v: none, block: [u32::MAX; PACKET], tri: [0; PACKET] };
+        Self {
+            stack: Vec::new(),
+            rays,
+            hits,
+            shared: None,
+            waiting: 0,
+            alone: Walk::new(),
+            counters: Counters::default(),
         }
     }
 
+    /// Puts the rays of `active` (bit `i`: ray `i`) at the root of `view`; the others miss.
+    pub fn begin(&mut self, view: &TreeView, rays: &[LocalRay; PACKET], active: u32) {
+        dispatch(view.isa, Begin { walk: self, view, rays, active });
+    }
+
     /// The best hit so far of ray `i`.
+    #[inline]
     pub fn best(&self, i: usize) -> TriHit {
-        self.walks[i].best()
+        let h = &self.hits;
+        if h.block[i] == u32::MAX {
+            return TriHit::none(h.t[i]);
+        }
+        TriHit { t: h.t[i], u: h.u[i], v: h.v[i], block: h.block[i], tri: h.tri[i] }
     }
 
     /// Rays that have not ended.
@@ -39,11 +111,54 @@ impl PacketWalk {
         self.waiting
     }
 
-    /// What the walks did.
-    pub fn counters(&self) -> super::Counters {
-        let mut all = super::Counters::default();
-        self.walks.iter().for_each(|w| all += w.counters);
+    /// What the walks did, packets and rays alone together: a node visited by a packet counts once.
+    pub fn counters(&self) -> Counters {
+        let mut all = self.counters;
+        all += self.alone.counters;
         all
+    }
+}
+
+struct Begin<'a, 'v> {
+    walk: &'a mut PacketWalk,
+    view: &'a TreeView<'v>,
+    rays: &'a [LocalRay; PACKET],
+    active: u32,
+}
+
+impl Op for Begin<'_, '_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { walk, view, rays, active } = self;
+        walk.stack.clear();
+        walk.waiting = 0;
+        let r = &mut walk.rays;
+        for i in 0..PACKET {
+            walk.hits.t[i] = rays[i].t_max;
+            walk.hits.block[i] = u32::MAX;
+            if active >> i & 1 == 0 || !rays[i].is_valid() || view.is_empty() {
+                continue;
+            }
+            walk.waiting |= 1 << i;
+            let p = PreparedRay::new(&rays[i], view.reach);
+            r.prepared[i] = p;
+            r.t_min[i] = p.t_min;
+            for axis in 0..3 {
+                // Origins in the order of the triangle test's axes, the rest in that of the boxes.
+                r.org[axis][i] = p.org[p.shear.k[axis]];
+                r.inv[axis][i] = p.inv[axis];
+                r.off_near[axis][i] = p.off_near[axis];
+                r.off_far[axis][i] = p.off_far[axis];
+                r.shear[axis][i] = p.shear.s[axis];
+            }
+        }
+        if walk.waiting != 0 {
+            walk.shared = Shared::of(&walk.rays, walk.waiting);
+            let (rays, block, child) = (walk.waiting, view.root_block, view.root);
+            walk.stack.push(PacketEntry { t: 0.0, rays, block, child });
+        }
     }
 }
 
@@ -51,27 +166,12 @@ impl TreeView<'_> {
     /// Finds the closest hits of the rays that `walk` has begun (or goes on after `Pending`): the same, to
     /// the bit, as [`TreeView::closest`] finds for each alone.
     pub fn closest16(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
-        for i in 0..PACKET {
-            if walk.waiting >> i & 1 == 1 {
-                if let pending @ Outcome::Pending(_) = self.closest(filter, &mut walk.walks[i]) {
-                    return pending;
-                }
-                walk.waiting &= !(1 << i);
-            }
-        }
-        Outcome::Done
+        packet_visit::run::<false>(self, filter, walk)
     }
 
-    /// Finds any hit of each ray that `walk` has begun (or goes on after `Pending`).
+    /// Finds any hit of each ray that `walk` has begun (or goes on after `Pending`). Which one may differ from
+    /// what [`TreeView::any`] finds; whether there is one does not.
     pub fn any16(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
-        for i in 0..PACKET {
-            if walk.waiting >> i & 1 == 1 {
-                if let pending @ Outcome::Pending(_) = self.any(filter, &mut walk.walks[i]) {
-                    return pending;
-                }
-                walk.waiting &= !(1 << i);
-            }
-        }
-        Outcome::Done
+        packet_visit::run::<true>(self, filter, walk)
     }
 }

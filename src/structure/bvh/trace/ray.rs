@@ -20,6 +20,10 @@ pub struct LocalRay {
 }
 
 impl LocalRay {
+    /// Not valid: misses all.
+    pub const NONE: Self =
+        Self { org: Vec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO };
+
     /// Whether it can be traced: all finite but `t_max`, a direction that is not zero.
     pub fn is_valid(&self) -> bool {
         let size = self.dir.abs().max_element();

@@ -1,37 +1,61 @@
-//! One ray at a time, eight boxes or triangles at a time.
+//! One ray after the other, eight boxes or triangles at a time.
 
 use super::walk::{Entry, Outcome, TriHit, Walk};
-use super::{PartFilter, PreparedRay, TreeView};
+use super::{LocalRay, PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{Sheared, intersect, shear};
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child, Leaf, Node};
 
-/// Goes on with `walk` until it ends or a block is missing.
-pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-    dispatch(view.isa, Single::<ANY> { view, filter, walk })
+/// Traces `rays` one after the other; the first goes on with `walk` if that was begun or put down.
+/// Returns how many have ended.
+pub(super) fn run<const ANY: bool>(
+    view: &TreeView,
+    filter: Option<&PartFilter>,
+    rays: &[LocalRay],
+    walk: &mut Walk,
+    hits: &mut [TriHit],
+) -> (usize, Outcome) {
+    dispatch(view.isa, Single::<ANY> { view, filter, rays, walk, hits })
 }
 
 struct Single<'a, 'v, const ANY: bool> {
     view: &'a TreeView<'v>,
     filter: Option<&'a PartFilter<'a>>,
+    rays: &'a [LocalRay],
     walk: &'a mut Walk,
+    hits: &'a mut [TriHit],
 }
 
 impl<const ANY: bool> Op for Single<'_, '_, ANY> {
-    type Out = Outcome;
+    type Out = (usize, Outcome);
 
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Outcome {
-        let Self { view, filter, walk } = self;
-        let Some(ray) = walk.ray else { return Outcome::Done };
-        let lanes = RayLanes::new(s, &ray);
-        let mut best = walk.best();
+    fn run<S: Simd>(self, s: S) -> (usize, Outcome) {
+        let Self { view, filter, rays, walk, hits } = self;
         let mut counters = walk.counters;
-        let outcome = visit::<S, ANY>(s, view, filter, &ray, &lanes, &mut walk.stack, &mut best, &mut counters);
-        walk.set_best(best);
+        let mut done = 0;
+        let mut outcome = Outcome::Done;
+        while done < rays.len().min(hits.len()) {
+            let local = &rays[done];
+            if !walk.is_begun {
+                walk.put_at_root(view, local);
+            }
+            if !walk.stack.is_empty() {
+                let ray = PreparedRay::new(local, view.reach);
+                let lanes = RayLanes::new(s, &ray);
+                let stack = &mut walk.stack;
+                outcome = visit::<S, ANY>(s, view, filter, &ray, &lanes, stack, &mut walk.best, &mut counters);
+                walk.is_begun = outcome != Outcome::Done;
+                if walk.is_begun {
+                    break;
+                }
+            }
+            hits[done] = walk.best;
+            done += 1;
+        }
         walk.counters = counters;
-        outcome
+        (done, outcome)
     }
 }
 
@@ -41,6 +65,9 @@ pub(super) struct RayLanes<S: Simd> {
     shear: [S::F8; 3],
     zero: S::F8,
     t_min: S::F8,
+    inv: [S::F8; 3],
+    off_near: [S::F8; 3],
+    off_far: [S::F8; 3],
 }
 
 impl<S: Simd> RayLanes<S> {
@@ -48,12 +75,20 @@ impl<S: Simd> RayLanes<S> {
     pub(super) fn new(s: S, ray: &PreparedRay) -> Self {
         let k = ray.shear.k;
         Self {
-            org: [s.splat8(ray.org[k[0]]), s.splat8(ray.org[k[1]]), s.splat8(ray.org[k[2]])],
-            shear: [s.splat8(ray.shear.s[0]), s.splat8(ray.shear.s[1]), s.splat8(ray.shear.s[2])],
+            org: splat3(s, [ray.org[k[0]], ray.org[k[1]], ray.org[k[2]]]),
+            shear: splat3(s, ray.shear.s),
             zero: s.splat8(0.0),
             t_min: s.splat8(ray.t_min),
+            inv: splat3(s, ray.inv),
+            off_near: splat3(s, ray.off_near),
+            off_far: splat3(s, ray.off_far),
         }
     }
+}
+
+#[inline(always)]
+fn splat3<S: Simd>(s: S, v: [f32; 3]) -> [S::F8; 3] {
+    [s.splat8(v[0]), s.splat8(v[1]), s.splat8(v[2])]
 }
 
 /// Visits what is on the stack, nearest first.
@@ -85,7 +120,7 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
                 Some(Child::Node(index)) => {
                     counters.nodes += 1;
                     let node = block.node(index);
-                    let (mask, t) = boxes(s, node, ray, best.t);
+                    let (mask, t) = boxes(s, node, ray, lanes, best.t);
                     match push_far_to_near(mask, &t, node, entry.block, stack) {
                         Some(nearest) => child = nearest,
                         None => break,
@@ -152,19 +187,29 @@ fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut super::Count
 
 /// The children whose boxes the ray meets before `t_max`, and where it enters each.
 #[inline(always)]
-pub(super) fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, t_max: f32) -> (u32, [f32; 8]) {
-    let mut enter = s.splat8(ray.t_min);
+fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, lanes: &RayLanes<S>, t_max: f32) -> (u32, [f32; 8]) {
+    let step = s.powers8(node.exponents());
+    let mut enter = lanes.t_min;
     let mut leave = s.splat8(t_max);
     for axis in 0..3 {
-        let slope = s.splat8(node.step(axis) * ray.inv[axis]);
-        let base = node.origin[axis] * ray.inv[axis];
-        let near = s.bytes8(&node.planes[ray.near[axis]]) * slope + s.splat8(base - ray.off_near[axis]);
-        let far = s.bytes8(&node.planes[(ray.near[axis] + 3) % 6]) * slope + s.splat8(base - ray.off_far[axis]);
+        let slope = step[axis] * lanes.inv[axis];
+        let base = s.splat8(node.origin[axis]) * lanes.inv[axis];
+        let (near, far) = planes(node, ray.near[axis]);
+        let near = s.bytes8(near) * slope + (base - lanes.off_near[axis]);
+        let far = s.bytes8(far) * slope + (base - lanes.off_far[axis]);
         // In this order a NaN (infinity times zero) leaves the interval as it was.
         enter = near.max(enter);
         leave = far.min(leave);
     }
     (enter.le(leave).bits() & u32::from(node.valid), enter.to_array())
+}
+
+/// The run of planes that is met first, and its opposite.
+#[inline(always)]
+pub(super) fn planes(node: &Node, near: usize) -> (&[u8; 8], &[u8; 8]) {
+    // `near` is an axis, or an axis plus 3.
+    let far = if near < 3 { near + 3 } else { near - 3 };
+    (&node.planes[near], &node.planes[far])
 }
 
 /// Pushes all but the nearest of the children in `mask`, farthest first; returns the nearest.

@@ -1,7 +1,7 @@
 //! A walk: what a ray still has to visit, and the best hit so far. It can be put down at a missing
 //! block and taken up again.
 
-use super::ray::{LocalRay, PreparedRay};
+use super::ray::LocalRay;
 use crate::base::ids::BlockId;
 
 /// Whether a walk has ended.
@@ -77,39 +77,50 @@ pub(super) struct Entry {
     pub child: u32,
 }
 
-/// The state of one ray in one tree. Reusable: [`Walk::begin`] forgets the last ray but not the memory.
-#[derive(Debug, Default)]
+/// The state of one ray in one tree. Reusable: a new ray forgets the last one but not the memory.
+#[derive(Debug)]
 pub struct Walk {
     pub(super) stack: Vec<Entry>,
-    pub(super) ray: Option<PreparedRay>,
-    best: Option<TriHit>,
+    pub(super) ray: LocalRay,
+    pub(super) best: TriHit,
+    /// Begun, or put down at a missing block: the next call goes on with it.
+    pub(super) is_begun: bool,
     /// What walks with it did.
     pub counters: Counters,
+}
+
+impl Default for Walk {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl Walk {
     /// For any number of rays.
     pub fn new() -> Self {
-        Self::default()
+        let (ray, best) = (LocalRay::NONE, TriHit::none(0.0));
+        Self { stack: Vec::new(), ray, best, is_begun: false, counters: Counters::default() }
     }
 
     /// Puts `ray` at the root of `view`. An invalid ray (see [`LocalRay::is_valid`]) misses all.
     pub fn begin(&mut self, view: &super::TreeView, ray: &LocalRay) {
-        self.stack.clear();
-        self.best = Some(TriHit::none(ray.t_max));
-        self.ray = ray.is_valid().then(|| PreparedRay::new(ray, view.reach));
-        if self.ray.is_some() && !view.is_empty() {
-            self.stack.push(Entry { t: ray.t_min, block: view.root_block, child: view.root });
-        }
+        self.ray = *ray;
+        self.put_at_root(view, ray);
+        self.is_begun = true;
     }
 
     /// The best hit so far; [`TriHit::is_hit`] tells whether there is one.
     #[inline]
     pub fn best(&self) -> TriHit {
-        self.best.unwrap_or(TriHit::none(0.0))
+        self.best
     }
 
-    pub(super) fn set_best(&mut self, best: TriHit) {
-        self.best = Some(best);
+    #[inline(always)]
+    pub(super) fn put_at_root(&mut self, view: &super::TreeView, ray: &LocalRay) {
+        self.stack.clear();
+        self.best = TriHit::none(ray.t_max);
+        if ray.is_valid() && !view.is_empty() {
+            self.stack.push(Entry { t: ray.t_min, block: view.root_block, child: view.root });
+        }
     }
 }

@@ -1,0 +1,386 @@
+//! The kernel of packets. A node's boxes are first tested against all rays at once, by intervals of
+//! their origins and reciprocal directions; only those that pass are tested ray by ray, sixteen
+//! in a vector. Where few rays are left, each goes on alone (`single.rs`).
+//!
+//! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for
+//! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
+
+use super::packet::{PACKET, PacketEntry, PacketRays, PacketWalk};
+use super::single::{self, RayLanes, is_better};
+use super::walk::{Entry, Outcome, TriHit};
+use super::{PartFilter, TreeView};
+use crate::base::ids::BlockId;
+use crate::geom::watertight::{intersect, shear};
+use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
+use crate::structure::bvh::layout::{Block, Child, Leaf, Node};
+
+/// Rays below which each goes on alone.
+const FEW: u32 = 3;
+
+/// What coherent rays share: signs of the direction, axis order of the triangle test, and intervals.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shared {
+    near: [usize; 3],
+    /// The origins' extreme on each axis that makes the distance to the near plane least.
+    org_near: [f32; 3],
+    /// The same for the greatest distance to the far plane.
+    org_far: [f32; 3],
+    inv_min: [f32; 3],
+    inv_max: [f32; 3],
+    slack: [f32; 3],
+}
+
+impl Shared {
+    /// Of the rays in `active`, or `None` where they cannot go together.
+    #[inline(always)]
+    pub(super) fn of(rays: &PacketRays, active: u32) -> Option<Self> {
+        let first = &rays.prepared[active.trailing_zeros() as usize & (PACKET - 1)];
+        let (near, k) = (first.near, first.shear.k);
+        let (inf, none) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        let (mut inv_min, mut inv_max, mut org_min, mut org_max) = (inf, none, inf, none);
+        let mut slack = [0.0f32; 3];
+        for i in 0..PACKET {
+            if active >> i & 1 == 0 {
+                continue;
+            }
+            let p = &rays.prepared[i];
+            if p.near != near || p.shear.k != k {
+                return None;
+            }
+            for axis in 0..3 {
+                inv_min[axis] = inv_min[axis].min(p.inv[axis]);
+                inv_max[axis] = inv_max[axis].max(p.inv[axis]);
+                org_min[axis] = org_min[axis].min(p.org[axis]);
+                org_max[axis] = org_max[axis].max(p.org[axis]);
+                // Half the distance of the offsets is the slack of `PreparedRay`, which is more than
+                // the interval arithmetic's rounding too.
+                slack[axis] = slack[axis].max(p.off_near[axis] - p.off_far[axis]);
+            }
+        }
+        let (mut org_near, mut org_far) = (org_max, org_min);
+        for axis in 0..3 {
+            if near[axis] != axis {
+                (org_near[axis], org_far[axis]) = (org_min[axis], org_max[axis]);
+            }
+        }
+        Some(Self { near, org_near, org_far, inv_min, inv_max, slack })
+    }
+}
+
+/// Goes on with `walk` until it ends or a block is missing.
+pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
+    dispatch(view.isa, Packet::<ANY> { view, filter, walk })
+}
+
+struct Packet<'a, 'v, const ANY: bool> {
+    view: &'a TreeView<'v>,
+    filter: Option<&'a PartFilter<'a>>,
+    walk: &'a mut PacketWalk,
+}
+
+impl<const ANY: bool> Op for Packet<'_, '_, ANY> {
+    type Out = Outcome;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Outcome {
+        let Self { view, filter, walk } = self;
+        let outcome = visit::<S, ANY>(s, view, filter, walk);
+        if outcome == Outcome::Done {
+            walk.waiting = 0;
+        }
+        outcome
+    }
+}
+
+/// The greatest distance at which any ray of `rays` still looks for a hit.
+#[inline(always)]
+fn farthest(walk: &PacketWalk) -> f32 {
+    let mut far = f32::NEG_INFINITY;
+    for i in 0..PACKET {
+        let alive = walk.waiting >> i & 1 == 1;
+        far = far.max(if alive { walk.hits.t[i] } else { f32::NEG_INFINITY });
+    }
+    far
+}
+
+#[inline(always)]
+fn visit<S: Simd, const ANY: bool>(
+    s: S,
+    view: &TreeView,
+    filter: Option<&PartFilter>,
+    walk: &mut PacketWalk,
+) -> Outcome {
+    let mut far = farthest(walk);
+    while let Some(mut entry) = walk.stack.pop() {
+        if entry.t > far {
+            continue;
+        }
+        entry.rays &= walk.waiting & s.splat16(entry.t).le(s.load16(&walk.hits.t)).bits();
+        let Some(words) = view.snapshot.block(BlockId(entry.block)) else {
+            walk.stack.push(entry);
+            return Outcome::Pending(BlockId(entry.block));
+        };
+        let block = Block::new(words);
+        while entry.rays != 0 {
+            let Some(shared) = walk.shared.as_ref().filter(|_| entry.rays.count_ones() >= FEW) else {
+                let outcome = each_alone::<S, ANY>(s, view, filter, walk, entry);
+                if outcome != Outcome::Done {
+                    return outcome;
+                }
+                far = farthest(walk);
+                break;
+            };
+            match Child::from_bits(entry.child) {
+                Some(Child::Node(index)) => {
+                    walk.counters.nodes += 1;
+                    let shared = *shared;
+                    match nearest_child(s, block.node(index), &shared, far, entry, walk) {
+                        Some(nearest) => entry = nearest,
+                        None => break,
+                    }
+                }
+                Some(Child::Leaf(at)) => {
+                    walk.counters.leaves += 1;
+                    let outcome = leaf::<S, ANY>(s, view, filter, walk, entry, block, at);
+                    if outcome != Outcome::Done {
+                        return outcome;
+                    }
+                    far = farthest(walk);
+                    break;
+                }
+                Some(Child::External(index)) => {
+                    walk.counters.blocks += 1;
+                    let (next, below) = block.external(index);
+                    walk.stack.push(PacketEntry { block: next, child: below, ..entry });
+                    break;
+                }
+                None => break,
+            }
+        }
+    }
+    Outcome::Done
+}
+
+/// Lets each ray of `entry` visit it alone.
+#[inline(always)]
+fn each_alone<S: Simd, const ANY: bool>(
+    s: S,
+    view: &TreeView,
+    filter: Option<&PartFilter>,
+    walk: &mut PacketWalk,
+    entry: PacketEntry,
+) -> Outcome {
+    let mut rays = entry.rays;
+    while rays != 0 {
+        let i = rays.trailing_zeros() as usize & (PACKET - 1);
+        let ray = walk.rays.prepared[i];
+        let lanes = RayLanes::new(s, &ray);
+        let mut best = walk.best(i);
+        let stack = &mut walk.alone.stack;
+        stack.clear();
+        stack.push(Entry { t: entry.t, block: entry.block, child: entry.child });
+        let counters = &mut walk.alone.counters;
+        let outcome = single::visit::<S, ANY>(s, view, filter, &ray, &lanes, stack, &mut best, counters);
+        keep(walk, i, &best);
+        if outcome != Outcome::Done {
+            // The others first look at this entry later; this one goes on with what it has left.
+            walk.stack.push(PacketEntry { rays: rays & (rays - 1), ..entry });
+            let left = walk.alone.stack.iter();
+            let left = left.map(|e| PacketEntry { t: e.t, rays: 1 << i, block: e.block, child: e.child });
+            walk.stack.extend(left);
+            return outcome;
+        }
+        if ANY && best.is_hit() {
+            walk.waiting &= !(1 << i);
+        }
+        rays &= rays - 1;
+    }
+    Outcome::Done
+}
+
+#[inline(always)]
+fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
+    let h = &mut walk.hits;
+    (h.t[i], h.u[i], h.v[i], h.block[i], h.tri[i]) = (best.t, best.u, best.v, best.block, best.tri);
+}
+
+/// Pushes all but the nearest of the children that any ray meets; returns the nearest.
+#[inline(always)]
+fn nearest_child<S: Simd>(
+    s: S,
+    node: &Node,
+    shared: &Shared,
+    far: f32,
+    entry: PacketEntry,
+    walk: &mut PacketWalk,
+) -> Option<PacketEntry> {
+    let (mut mask, t, planes) = intervals(s, node, shared, far);
+    let bottom = walk.stack.len();
+    let mut nearest: Option<PacketEntry> = None;
+    while mask != 0 {
+        let slot = mask.trailing_zeros() as usize & 7;
+        mask &= mask - 1;
+        let rays = meet(s, &planes, slot, walk) & entry.rays;
+        if rays == 0 {
+            continue;
+        }
+        let child = u32::from(node.child[slot]);
+        let mut next = PacketEntry { t: t[slot], rays, block: entry.block, child };
+        let Some(first) = nearest else {
+            nearest = Some(next);
+            continue;
+        };
+        if next.t < first.t {
+            nearest = Some(next);
+            next = first;
+        }
+        let mut at = walk.stack.len();
+        walk.stack.push(next);
+        while at > bottom && walk.stack[at - 1].t < next.t {
+            walk.stack[at] = walk.stack[at - 1];
+            at -= 1;
+        }
+        walk.stack[at] = next;
+    }
+    nearest
+}
+
+/// Near and far planes of eight boxes, axis by axis.
+type Planes = [[[f32; 8]; 2]; 3];
+
+/// The children that rays between the extremes can meet, no ray's entry before, and the boxes.
+#[inline(always)]
+fn intervals<S: Simd>(s: S, node: &Node, shared: &Shared, far: f32) -> (u32, [f32; 8], Planes) {
+    let step = s.powers8(node.exponents());
+    let mut enter = s.splat8(0.0);
+    let mut leave = s.splat8(far);
+    let mut out = [[[0.0; 8]; 2]; 3];
+    for axis in 0..3 {
+        let (near, far) = single::planes(node, shared.near[axis]);
+        let origin = s.splat8(node.origin[axis]);
+        let near = s.bytes8(near) * step[axis] + origin;
+        let far = s.bytes8(far) * step[axis] + origin;
+        out[axis] = [near.to_array(), far.to_array()];
+        let (low, high) = (s.splat8(shared.inv_min[axis]), s.splat8(shared.inv_max[axis]));
+        let near = near - s.splat8(shared.org_near[axis]);
+        let far = far - s.splat8(shared.org_far[axis]);
+        let slack = s.splat8(shared.slack[axis]);
+        let near = (near * low).min(near * high) - slack;
+        let far = (far * low).max(far * high) + slack;
+        enter = near.max(enter);
+        leave = far.min(leave);
+    }
+    (enter.le(leave).bits() & u32::from(node.valid), enter.to_array(), out)
+}
+
+/// The rays that meet the box of a child.
+#[inline(always)]
+fn meet<S: Simd>(s: S, planes: &Planes, slot: usize, walk: &PacketWalk) -> u32 {
+    let rays = &walk.rays;
+    let mut enter = s.load16(&rays.t_min);
+    let mut leave = s.load16(&walk.hits.t);
+    for axis in 0..3 {
+        let inv = s.load16(&rays.inv[axis]);
+        let near = s.splat16(planes[axis][0][slot]) * inv - s.load16(&rays.off_near[axis]);
+        let far = s.splat16(planes[axis][1][slot]) * inv - s.load16(&rays.off_far[axis]);
+        enter = near.max(enter);
+        leave = far.min(leave);
+    }
+    enter.le(leave).bits()
+}
+
+/// Tests the triangles of a leaf: eight against each ray or sixteen rays against each, whichever is less.
+#[inline(always)]
+fn leaf<S: Simd, const ANY: bool>(
+    s: S,
+    view: &TreeView,
+    filter: Option<&PartFilter>,
+    walk: &mut PacketWalk,
+    entry: PacketEntry,
+    block: Block,
+    at: usize,
+) -> Outcome {
+    let leaf = block.leaf(at);
+    if (entry.rays.count_ones() as usize) < leaf.triangles {
+        walk.counters.leaves -= 1;
+        return each_alone::<S, ANY>(s, view, filter, walk, entry);
+    }
+    let k = walk.rays.prepared[entry.rays.trailing_zeros() as usize & (PACKET - 1)].shear.k;
+    for i in 0..leaf.triangles {
+        walk.counters.triangles += 1;
+        let Some(hits) = triangle(s, &leaf, i, k, walk, entry.rays) else { continue };
+        if filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
+            continue;
+        }
+        let tri = (at as u32) << 3 | i as u32;
+        if let Err(missing) = keep_better(view, walk, &hits, entry.block, tri) {
+            walk.stack.push(entry);
+            return Outcome::Pending(missing);
+        }
+        if ANY {
+            walk.waiting &= !hits.rays;
+        }
+    }
+    Outcome::Done
+}
+
+/// Hits of one triangle, lane by lane.
+struct TriangleHits {
+    rays: u32,
+    t: [f32; PACKET],
+    u: [f32; PACKET],
+    v: [f32; PACKET],
+}
+
+/// Tests triangle `i` of a leaf against the rays of `active`.
+#[inline(always)]
+fn triangle<S: Simd>(
+    s: S,
+    leaf: &Leaf,
+    i: usize,
+    k: [usize; 3],
+    walk: &PacketWalk,
+    active: u32,
+) -> Option<TriangleHits> {
+    let rays = &walk.rays;
+    let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
+    let org = [s.load16(&rays.org[0]), s.load16(&rays.org[1]), s.load16(&rays.org[2])];
+    let skew = [s.load16(&rays.shear[0]), s.load16(&rays.shear[1]), s.load16(&rays.shear[2])];
+    let mut corners = [org; 3];
+    for (c, corner) in corners.iter_mut().enumerate() {
+        let v = usize::from(leaf.corners8(c)[i & 7]) & 15;
+        for axis in 0..3 {
+            corner[axis] = s.splat16(tables[axis][v]) - org[axis];
+        }
+    }
+    let [a, b, c] = corners;
+    let (a, b, c) = (shear(a, skew), shear(b, skew), shear(c, skew));
+    let found = intersect(a, b, c, s.splat16(0.0), s.load16(&rays.t_min), s.load16(&walk.hits.t));
+    let hits = found.hits & active;
+    if hits == 0 {
+        return None;
+    }
+    Some(TriangleHits { rays: hits, t: found.t.to_array(), u: found.u.to_array(), v: found.v.to_array() })
+}
+
+/// Keeps the hits that are better than what their rays have.
+#[inline(always)]
+fn keep_better(
+    view: &TreeView,
+    walk: &mut PacketWalk,
+    hits: &TriangleHits,
+    block: u32,
+    tri: u32,
+) -> Result<(), BlockId> {
+    let mut rays = hits.rays;
+    while rays != 0 {
+        let i = rays.trailing_zeros() as usize & (PACKET - 1);
+        rays &= rays - 1;
+        let hit = TriHit { t: hits.t[i], u: hits.u[i], v: hits.v[i], block, tri };
+        let best = walk.best(i);
+        if is_better(view, &hit, &best, &mut walk.counters)? {
+            keep(walk, i, &hit);
+        }
+    }
+    Ok(())
+}
