@@ -434,7 +434,7 @@ fn bounds() -> impl Strategy<Value = [f64; 6]> {
 prop_compose! {
     fn any_parts()(rows in prop::collection::vec((any::<u64>(), ".*", any::<prop::sample::Index>(), bounds()), 0..12)) -> Vec<PartRow> {
         rows.into_iter().enumerate().map(|(i, (id, name, parent, bounds))| PartRow {
-            id, name, bounds, material: (id % 3) as u32, triangles: id / 3,
+            id, name, bounds, material: (id % 3) as u32, triangles: id >> 9,
             parent: (i > 0 && id % 2 == 0).then(|| parent.index(i.max(1)) as u32),
         }).collect()
     }
@@ -447,7 +447,7 @@ prop_compose! {
             let tree = TreeRow {
                 first_block, block_count, root: n, origin: [f64::from(n as u32), 1e300, -0.5],
                 bounds: [0.0, -1.0, -2.0, f32::MAX, p[0].abs().min(1e30), p[1].abs().min(1.0)].map(|v| if v.is_nan() { 7.0 } else { v }),
-                triangles: n, references: n, nodes: n / 2, leaves: n / 3, position_error: 1e-30, local_parts: 0, max_stack: n as u32,
+                triangles: n >> 9, references: n >> 8, nodes: n >> 10, leaves: n >> 11, position_error: 1e-30, local_parts: 0, max_stack: n as u32,
             };
             first_block += block_count;
             tree
@@ -463,7 +463,7 @@ prop_compose! {
         moves in prop::collection::vec([-10.0..10.0f64, 1.0..2.0, -1e7..1e7], 0..5), bounds in bounds(),
     ) -> Model {
         let geometry_blocks = trees.iter().map(|t| t.block_count).sum();
-        let header = Header { geometry_blocks, has_colours, bounds, triangles_in: seed, up: (seed % 4) as u32, ..Header::default() };
+        let header = Header { geometry_blocks, has_colours, bounds, triangles_in: seed, triangles_kept: seed / 2, up: (seed % 4) as u32, ..Header::default() };
         let count = header.block_count() as usize;
         let shared = trees.len() as u32 - 1;
         let instances = moves.into_iter().filter(|_| shared > 0).map(|[shear, scale, x]| InstanceRow {

@@ -114,6 +114,9 @@ impl Header {
         ensure(self.metres_per_unit.is_finite() && self.metres_per_unit >= 0.0, "bad unit of length")?;
         check_bounds(&self.bounds).map_err(|_| Malformed::new("bad bounds of the model"))?;
         debug_assert!(is_finite(&self.bounds) || self.bounds == super::sections::EMPTY_BOUNDS);
+        let Drops { non_finite, degenerate, out_of_range } = self.drops;
+        let sum = [non_finite, degenerate, out_of_range].into_iter().try_fold(self.triangles_kept, u64::checked_add);
+        ensure(sum.is_some(), "the counts of triangles cannot be right")?;
         ensure(self.block_count() <= u64::from(u32::MAX), "too many blocks")
     }
 }
@@ -341,6 +344,7 @@ mod tests {
             Header { bounds: [f64::NAN; 6], ..good },
             Header { bounds: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], ..good },
             Header { geometry_blocks: u32::MAX, ..good },
+            Header { triangles_kept: u64::MAX, ..good },
             Header { has_colours: false, ..good },
         ];
         for header in bad {

@@ -178,6 +178,9 @@ impl Tables<'_> {
             check_bounds(&tree.bounds.map(f64::from))?;
             ensure(tree.position_error.is_finite() && tree.position_error >= 0.0, "bad position error")
         })?;
+        let counts = self.trees.iter().flat_map(|t| [t.triangles, t.references, t.nodes, t.leaves]);
+        let sum = counts.chain(self.parts.iter().map(|p| p.triangles)).try_fold(0, u64::checked_add);
+        ensure(sum.is_some(), "the counts of trees and parts cannot be right")?;
         ensure(next == u64::from(geometry_blocks), "the trees do not have all the geometry blocks")
     }
 }

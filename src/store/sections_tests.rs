@@ -83,7 +83,7 @@ fn names_must_be_utf8() {
 #[test]
 fn every_documented_range_is_checked() {
     type Damage = (&'static str, fn(&mut Sample));
-    let damage: [Damage; 23] = [
+    let damage: [Damage; 24] = [
         ("own parent", |s| s.parts[1].parent = Some(1)),
         ("later parent", |s| s.parts[1].parent = Some(2)),
         ("no such parent", |s| s.parts[1].parent = Some(9)),
@@ -105,6 +105,7 @@ fn every_documented_range_is_checked() {
         ("blocks of no tree", |s| s.trees[1].block_count = 0),
         ("blocks that are not", |s| s.trees[1].block_count = u32::MAX),
         ("more local parts than parts", |s| s.trees[0].local_parts = 4),
+        ("sums beyond 64 bits", |s| s.trees[1].references = u64::MAX),
         ("NaN origin", |s| s.trees[0].origin[0] = f64::NAN),
         ("negative error", |s| s.trees[0].position_error = -1.0),
     ];
