@@ -112,3 +112,44 @@ fn numbers_that_are_none_reach_the_sink_which_drops_them() {
         assert_eq!(not_finite, bad, "{name}");
     }
 }
+
+/// Bytes to parse for each file of which every beginning must be parsed as far as it goes.
+const BUDGET: u64 = 24 << 20;
+
+/// Lengths at which to cut a file: every kilobyte where a reader sees at once that something lacks or
+/// the file is small enough, else evenly so that about [`BUDGET`] bytes are parsed.
+fn cuts(path: &Path, bytes: u64) -> Vec<u64> {
+    let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    let at_once = ending == "glb" || path.ends_with("counter.unitsmm.stl") || path.ends_with("thingi_1514499_slivers.stl");
+    let step = if at_once { 1024 } else { (bytes * bytes / 2 / BUDGET).max(1024) };
+    let mut cuts: Vec<u64> = (1..bytes).step_by(step as usize).collect();
+    cuts.reverse();
+    cuts
+}
+
+#[test]
+fn cut_files_are_refused_or_read_but_never_worse() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for row in MODELS.iter().filter(|row| !row.file.starts_with("subdivision/")) {
+        let Some(path) = common::models::find(row.file) else { continue };
+        let copy = folder.path().join(path.file_name().expect("a name"));
+        let bytes = std::fs::copy(&path, &copy).expect("a copy");
+        let mut permissions = std::fs::metadata(&copy).expect("metadata").permissions();
+        #[allow(clippy::permissions_set_readonly_false)] // a temporary copy of a read-only file
+        permissions.set_readonly(false);
+        std::fs::set_permissions(&copy, permissions).expect("a writable copy");
+        let file = std::fs::File::options().write(true).open(&copy).expect("the copy");
+        for len in cuts(&path, bytes) {
+            file.set_len(len).expect("a shorter file");
+            match read(&copy) {
+                // Only OBJ has no end that could be missing.
+                Ok(sink) => {
+                    assert!(row.file.ends_with(".obj"), "{} was read after {len} of {bytes} bytes", row.file);
+                    assert!(sink.received as usize <= row.triangles, "{}, {len} bytes", row.file);
+                }
+                Err(error) => assert!(error.to_string().starts_with(&copy.display().to_string()), "{error}"),
+            }
+        }
+        std::fs::remove_file(&copy).expect("removed");
+    }
+}

@@ -249,7 +249,7 @@ mod tests {
             parts: bool,
         ) {
             let (ids, triangles): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
-            let sink: Collector = read_bytes("t.soup", &written(RawLayout { double, parts }, &ids, &triangles)).unwrap();
+            let sink: Collector = read_bytes("t.soup", written(RawLayout { double, parts }, &ids, &triangles)).unwrap();
             prop_assert_eq!(sink.direct().iter().map(|t| t.positions).collect::<Vec<_>>(), triangles);
             if parts {
                 let read: Vec<_> = sink.direct().iter().map(|t| sink.parts[t.part as usize].id).collect();
@@ -262,7 +262,7 @@ mod tests {
     fn every_other_length_is_refused() {
         let bytes = written(RawLayout { double: false, parts: true }, &[7, 8], &[[DVec3::ZERO, DVec3::X, DVec3::Y]; 2]);
         refuses_every_truncation("t.soup", &bytes);
-        let error = read_bytes("t.soup", &[&bytes[..], &[0]].concat()).unwrap_err().to_string();
+        let error = read_bytes("t.soup", [&bytes[..], &[0]].concat()).unwrap_err().to_string();
         assert!(error.contains("byte 112") && error.contains("1 bytes after"), "{error}");
     }
 
