@@ -134,7 +134,7 @@ fn transforms_are_composed_in_double_precision() {
     let mut document = Document::triangle();
     document.json["nodes"] = json!([
         { "translation": [6378137.0625, 0, 0], "children": [1], "name": "earth" },
-        { "rotation": [0, 0, 0.7071068, 0.7071068], "scale": [2, 2, 2], "children": [2, 3] },
+        { "rotation": [0, 0, 0.5, 0.5], "scale": [2, 2, 2], "children": [2, 3] },
         { "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.001, 0, 0, 1], "mesh": 0 },
         { "camera": 0 }
     ]);

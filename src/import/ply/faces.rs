@@ -69,12 +69,12 @@ impl<'a> Faces<'a> {
     ) -> Result<()> {
         let part = element.scalar(&["part", "part_id"]).filter(|(_, ty)| !ty.is_float());
         let layout = Layout { indices, colour: channels(element), part: part.map(|(i, _)| i) };
-        let quick = quick_layout(element, &layout).filter(|_| coding == Coding::Little && !self.vertices.has_colours());
+        let quick = quick_layout(element, &layout, coding);
         let mut corners = Vec::new();
         let mut done = 0;
         while done < element.count {
             if let Some(quick) = quick {
-                done += self.quick_rows(values.input(), quick, element.count - done)?;
+                done += self.quick_rows(values.input(), quick, element.count - done, sink)?;
             }
             if self.batch.is_full() {
                 self.hand_over(values.input(), sink)?;
@@ -239,17 +239,25 @@ impl<'a> Faces<'a> {
 
     /// The usual case, triangles in rows of one size: as many as are in the window and fit the
     /// batch. Stops at the first row that is not a triangle or not sound; how many were read.
-    fn quick_rows(&mut self, input: &mut Input, quick: Quick, most: u64) -> Result<u64> {
+    fn quick_rows(&mut self, input: &mut Input, quick: Quick, most: u64, sink: &mut dyn Sink) -> Result<u64> {
         let row = quick.before + 1 + 12 + quick.after;
         input.ensure(row)?;
         let rows = input.available().chunks_exact(row).take(most.try_into().unwrap_or(usize::MAX));
         let (mut n, count) = (0, self.vertices.positions.len());
+        let mut part = None;
         for bytes in rows {
             let Some((&3, list)) = bytes[quick.before..].split_first() else { break };
-            let corner = |i: usize| list[4 * i..].first_chunk().map_or(u32::MAX, |b| u32::from_le_bytes(*b));
-            let corners = [corner(0), corner(1), corner(2)];
+            let corners = [quick.word(list, 0), quick.word(list, 4), quick.word(list, 8)];
             if self.batch.is_full() || corners.iter().any(|&c| c as usize >= count) {
                 break;
+            }
+            let id = quick.part.map(|at| quick.word(bytes, at) as i32);
+            if id != part
+                && let Some(id) = id
+            {
+                let (key, colour) = self.parts.find(id.into(), sink)?;
+                self.batch.aim(MeshKey::DIRECT, key, colour, sink)?;
+                part = Some(id);
             }
             self.triangle(corners, None);
             n += 1;
@@ -277,24 +285,44 @@ impl Parts {
     }
 }
 
-/// Bytes before the list and after it, in rows whose only list is `uchar` and three 32-bit indices.
+/// Rows whose only list is `uchar` and three 32-bit indices, without colours.
 #[derive(Clone, Copy)]
 struct Quick {
+    /// Bytes before the list and after it.
     before: usize,
     after: usize,
+    /// Where a triangle's row has its part.
+    part: Option<usize>,
+    big: bool,
 }
 
-fn quick_layout(element: &Element, layout: &Layout) -> Option<Quick> {
-    if layout.colour.is_some() || layout.part.is_some() {
+impl Quick {
+    /// The number at a byte of `bytes`, which has it.
+    #[inline]
+    fn word(self, bytes: &[u8], at: usize) -> u32 {
+        let four = bytes[at..].first_chunk().copied().unwrap_or([0xff; 4]);
+        if self.big { u32::from_be_bytes(four) } else { u32::from_le_bytes(four) }
+    }
+}
+
+fn quick_layout(element: &Element, layout: &Layout, coding: Coding) -> Option<Quick> {
+    if layout.colour.is_some() || coding == Coding::Ascii {
         return None;
     }
-    let mut quick = Quick { before: 0, after: 0 };
+    let mut quick = Quick { before: 0, after: 0, part: None, big: coding == Coding::Big };
     for (i, property) in element.properties.iter().enumerate() {
+        let after_list = i > layout.indices;
         match property.kind {
-            Kind::Scalar(ty) if i < layout.indices => quick.before += ty.size() as usize,
-            Kind::Scalar(ty) => quick.after += ty.size() as usize,
             Kind::List { count: Type::U8 | Type::I8, item: Type::I32 | Type::U32 } if i == layout.indices => {}
             Kind::List { .. } => return None,
+            Kind::Scalar(ty) => {
+                let at = if after_list { quick.before + 1 + 12 + quick.after } else { quick.before };
+                if layout.part == Some(i) {
+                    quick.part = Some(at).filter(|_| ty == Type::I32);
+                    quick.part?;
+                }
+                *(if after_list { &mut quick.after } else { &mut quick.before }) += ty.size() as usize;
+            }
         }
     }
     Some(quick)

@@ -348,6 +348,44 @@ fn more_triangles_than_a_batch_or_a_window_hold() {
 }
 
 #[test]
+fn parts_of_rows_of_one_size_are_those_of_any_rows() {
+    let rows: Vec<(i32, [i32; 3])> = (0..20_000).map(|i| (i / 700 % 9 - 1, [i % 5, (i + 1) % 5, (i * 3) % 5])).collect();
+    let read = |coding: &'static str, count: &str, part_first: bool| {
+        let list = format!("property list {count} int vertex_indices\n");
+        let part = "property int part\n".to_owned();
+        let header = "element vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement face 20000\n";
+        let properties = if part_first { part + &list } else { list + &part };
+        let mut file = File::new(coding, &format!("{header}{properties}"));
+        for i in 0..5u8 {
+            file.float(i.into()).float(0.5).float(-1.0).end_row();
+        }
+        for (part, corners) in &rows {
+            if part_first {
+                file.int(*part);
+            }
+            if count == "uchar" { file.byte(3) } else { file.short(3) };
+            for &c in corners {
+                file.int(c);
+            }
+            if !part_first {
+                file.int(*part);
+            }
+            file.end_row();
+        }
+        read_bytes("t.ply", file.bytes()).unwrap()
+    };
+    let expected = read("ascii", "uchar", false);
+    let ids: Vec<_> = expected.direct().iter().map(|t| expected.parts[t.part as usize].name.clone()).collect();
+    assert!(ids.iter().zip(&rows).all(|(name, (id, _))| *name == format!("part {id}")));
+    for (coding, count) in [("binary_little_endian", "uchar"), ("binary_big_endian", "uchar"), ("binary_big_endian", "short")] {
+        for part_first in [false, true] {
+            let found = read(coding, count, part_first);
+            assert!(found.direct() == expected.direct() && found.parts == expected.parts, "{coding} {count}");
+        }
+    }
+}
+
+#[test]
 fn cancel_stops_reading() {
     let cancel = crate::base::progress::Cancel::new();
     cancel.cancel();

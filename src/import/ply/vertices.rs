@@ -35,10 +35,6 @@ impl VertexTable {
             Colours::Linear(c) => c.get(i).copied(),
         }
     }
-
-    pub(crate) fn has_colours(&self) -> bool {
-        self.colours.is_some()
-    }
 }
 
 /// The three channels of a colour: index and type of their properties.
@@ -80,10 +76,10 @@ pub(crate) fn read(
     let axes = [x, y, z];
     let single = axes.iter().all(|(_, ty)| ty.fits_single());
     let channels = channels(element);
-    if let (Coding::Little, true, None, Some(stride)) = (coding, single, channels, element.row_bytes())
+    if let (true, true, None, Some(stride)) = (coding != Coding::Ascii, single, channels, element.row_bytes())
         && let Some(offsets) = float_offsets(element, axes)
     {
-        let positions = read_floats(values.input(), element.count, stride, offsets, sink)?;
+        let positions = read_floats(values.input(), element.count, stride, offsets, coding == Coding::Big, sink)?;
         return Ok(VertexTable { positions: Vertices::Single(positions), colours: None });
     }
     let input = values.input();
@@ -166,12 +162,13 @@ fn float_offsets(element: &Element, axes: Channels) -> Option<[usize; 3]> {
     Some(offsets)
 }
 
-/// The usual case: little-endian floats at fixed places, many rows at a time.
+/// The usual case: floats at fixed places, many rows at a time. `big`: most significant byte first.
 fn read_floats(
     input: &mut Input,
     count: u64,
     stride: u64,
     offsets: [usize; 3],
+    big: bool,
     sink: &mut dyn Sink,
 ) -> Result<Vec<[f32; 3]>> {
     if count.checked_mul(stride).is_none_or(|bytes| bytes > input.remaining()) {
@@ -186,7 +183,10 @@ fn read_floats(
         }
         let rows = (input.available().len() / stride).min(count as usize - positions.len());
         let bytes = &input.available()[..rows * stride];
-        let axis = |row: &[u8], at: usize| row[at..].first_chunk().map_or(0.0, |b| f32::from_le_bytes(*b));
+        let axis = |row: &[u8], at: usize| {
+            let four = row[at..].first_chunk().copied().unwrap_or_default();
+            if big { f32::from_be_bytes(four) } else { f32::from_le_bytes(four) }
+        };
         positions.extend(bytes.chunks_exact(stride).map(|row| offsets.map(|at| axis(row, at))));
         input.consume(rows * stride);
     }
