@@ -262,6 +262,7 @@ pub unsafe extern "C" fn oc_context_create(
             executor: host.clone().map(|h| h as Arc<dyn Executor>),
             memory_budget: desc.memory_budget,
             log,
+            isa: all.isa,
         })?;
         out.write(handles::give::<oc_context>(ContextObject { context, host, waiting: Mutex::default() }));
         Ok(())

@@ -1,10 +1,12 @@
-//! Batches of rays.
+//! Batches of rays: what they read, what they write, and how they are asked.
 
-use super::hit::{Hit, Want};
+use super::hit::{Hit, HitKind, Want};
+use super::rounds::{Batch, Shared};
 use crate::base::error::{Error, Result};
+use crate::base::tasks::{Ending, Job};
 use crate::math::Ray;
 use crate::scene::SceneState;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// A ray, and which instances it may see: those with a common bit in their mask.
@@ -89,8 +91,11 @@ pub struct QueryStatus {
 }
 
 /// A batch in flight. Dropping it cancels and waits until nobody reads its rays or writes its hits.
+/// Thread-safe.
 pub struct Query {
-    _private: (),
+    job: Job,
+    shared: Arc<Shared>,
+    total: u64,
 }
 
 impl Query {
@@ -101,8 +106,7 @@ impl Query {
         hits: Arc<dyn Hits + Send + Sync>,
         options: QueryOptions,
     ) -> Result<Self> {
-        let _ = (scene, rays, hits, options);
-        Err(Error::BadState("Query::closest: being built".into()))
+        Ok(Self::begin(Batch::<_, _, _, false>::new(Arc::clone(scene), rays, hits, options)))
     }
 
     /// Begins to find whether each ray hits anything: its `kind` is `Miss` or not. Returns at once.
@@ -112,29 +116,128 @@ impl Query {
         hits: Arc<dyn Hits + Send + Sync>,
         options: QueryOptions,
     ) -> Result<Self> {
-        let _ = (scene, rays, hits, options);
-        Err(Error::BadState("Query::any: being built".into()))
+        Ok(Self::begin(Batch::<_, _, _, true>::new(Arc::clone(scene), rays, hits, options)))
+    }
+
+    fn begin<const ANY: bool>(batch: OwnedBatch<ANY>) -> Self {
+        let (shared, total, items) = (batch.shared(), batch.total(), batch.items());
+        let pool = Arc::clone(&batch.scene);
+        let job = pool.context().pool().submit(items, Arc::new(batch));
+        Self { job, shared, total }
     }
 
     /// How far it is. Never blocks.
     pub fn poll(&self) -> QueryStatus {
-        QueryStatus { state: QueryState::Failed, fraction: 0.0, done: 0, total: 0, error: None }
+        let (state, error) = match self.shared.ending() {
+            None => (QueryState::Running, None),
+            Some(Ending::Finished) => (QueryState::Done, None),
+            Some(Ending::Cancelled) => (QueryState::Cancelled, None),
+            Some(Ending::Failed(error)) => (QueryState::Failed, Some(error)),
+        };
+        let done = self.shared.answered().min(self.total);
+        let fraction = match state {
+            QueryState::Done => 1.0,
+            // A batch without rays is done before it can be seen running.
+            _ => done as f64 / self.total.max(1) as f64,
+        };
+        QueryStatus { state, fraction, done, total: self.total, error }
     }
 
     /// Waits until it has ended, `timeout` at most. Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> QueryStatus {
-        let _ = timeout;
+        let _ = self.job.wait(timeout);
         self.poll()
     }
 
     /// Asks it to end; takes effect within a chunk of rays.
-    pub fn cancel(&self) {}
+    pub fn cancel(&self) {
+        self.job.cancel();
+    }
 
     /// Calls `wake` once when it ends (done, cancelled or failed), from any thread, never under a lock of
     /// ours; at once, here, if it has ended. Replaces an earlier one. `None`: nobody is called.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
-        let _ = wake;
+        self.shared.set_wake(wake);
     }
+}
+
+impl Drop for Query {
+    fn drop(&mut self) {
+        self.job.cancel();
+        while self.job.wait(Duration::from_secs(3600)).is_none() {}
+    }
+}
+
+type OwnedBatch<const ANY: bool> =
+    Batch<Arc<SceneState>, Arc<dyn Rays + Send + Sync>, Arc<dyn Hits + Send + Sync>, ANY>;
+
+impl<T: Rays + ?Sized> Rays for &T {
+    fn count(&self) -> usize {
+        (**self).count()
+    }
+    fn read(&self, first: usize, out: &mut [RayWithMask]) {
+        (**self).read(first, out);
+    }
+}
+
+impl Rays for Arc<dyn Rays + Send + Sync> {
+    fn count(&self) -> usize {
+        (**self).count()
+    }
+    fn read(&self, first: usize, out: &mut [RayWithMask]) {
+        (**self).read(first, out);
+    }
+}
+
+impl<T: Hits + ?Sized> Hits for &T {
+    fn write(&self, first: usize, hits: &[Hit]) {
+        (**self).write(first, hits);
+    }
+}
+
+impl Hits for Arc<dyn Hits + Send + Sync> {
+    fn write(&self, first: usize, hits: &[Hit]) {
+        (**self).write(first, hits);
+    }
+}
+
+/// Every ray sees everything.
+impl Rays for [Ray] {
+    fn count(&self) -> usize {
+        self.len()
+    }
+    fn read(&self, first: usize, out: &mut [RayWithMask]) {
+        for (out, &ray) in out.iter_mut().zip(&self[first..]) {
+            *out = RayWithMask { ray, mask: u32::MAX };
+        }
+    }
+}
+
+/// Answers to a slice, cut into runs that are written apart: each run is locked by one writer at a time.
+struct Slices<'a, T>(Vec<Mutex<&'a mut [T]>>, fn(&Hit) -> T);
+
+/// Rays of a run: a whole number of what a batch writes at once.
+const RUN: usize = 1024;
+
+impl<'a, T> Slices<'a, T> {
+    fn new(all: &'a mut [T], from: fn(&Hit) -> T) -> Self {
+        Self(all.chunks_mut(RUN).map(Mutex::new).collect(), from)
+    }
+}
+
+impl<T: Send> Hits for Slices<'_, T> {
+    fn write(&self, first: usize, hits: &[Hit]) {
+        debug_assert!(first % RUN + hits.len() <= RUN);
+        let mut run = self.0[first / RUN].lock().unwrap_or_else(PoisonError::into_inner);
+        for (out, hit) in run[first % RUN..].iter_mut().zip(hits) {
+            *out = (self.1)(hit);
+        }
+    }
+}
+
+fn same_length(rays: usize, hits: usize) -> Result<()> {
+    let text = || format!("there are {rays} rays and room for {hits} hits");
+    if rays == hits { Ok(()) } else { Err(Error::BadArgument(text())) }
 }
 
 impl SceneState {
@@ -144,26 +247,35 @@ impl SceneState {
     /// Fails with `BadArgument` if the lengths differ, or with what reading the disk gave; then `hits` are
     /// not to be used.
     pub fn closest(&self, rays: &[Ray], options: QueryOptions, hits: &mut [Hit]) -> Result<()> {
-        let _ = (rays, options, hits);
-        Err(Error::BadState("SceneState::closest: being built".into()))
+        same_length(rays.len(), hits.len())?;
+        self.closest_batch(&rays, &Slices::new(hits, |hit| *hit), options)
     }
 
     /// Writes 1 for each ray that hits anything within its interval, else 0. Like
     /// [`SceneState::closest`] otherwise.
     pub fn any(&self, rays: &[Ray], options: QueryOptions, hits: &mut [u8]) -> Result<()> {
-        let _ = (rays, options, hits);
-        Err(Error::BadState("SceneState::any: being built".into()))
+        same_length(rays.len(), hits.len())?;
+        self.any_batch(&rays, &Slices::new(hits, |hit| u8::from(hit.kind != HitKind::Miss)), options)
     }
 
     /// [`SceneState::closest`] from any source of rays to any taker of hits, without copies. Blocks.
     pub fn closest_batch(&self, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
-        let _ = (rays, hits, options);
-        Err(Error::BadState("SceneState::closest_batch: being built".into()))
+        let batch = Batch::<_, _, _, false>::new(self, rays, hits, options);
+        ended(self.context().pool().run_scoped(batch.items(), &batch))
     }
 
     /// [`SceneState::any`] from any source of rays to any taker of hits, without copies. Blocks.
     pub fn any_batch(&self, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
-        let _ = (rays, hits, options);
-        Err(Error::BadState("SceneState::any_batch: being built".into()))
+        let batch = Batch::<_, _, _, true>::new(self, rays, hits, options);
+        ended(self.context().pool().run_scoped(batch.items(), &batch))
+    }
+}
+
+/// The error of a blocking call, moved out where nobody else holds it.
+fn ended(ending: Ending) -> Result<()> {
+    match ending {
+        Ending::Finished => Ok(()),
+        Ending::Cancelled => Err(Error::Cancelled),
+        Ending::Failed(error) => Err(Arc::try_unwrap(error).unwrap_or_else(|e| Error::Internal(e.to_string()))),
     }
 }

@@ -2,8 +2,10 @@
 #![forbid(unsafe_code)]
 
 pub mod batch;
+pub(crate) mod finish;
 pub mod hit;
 pub mod overlap;
+mod rounds;
 
 pub use batch::{Hits, Policy, Query, QueryOptions, QueryState, QueryStatus, RayWithMask, Rays};
 pub use hit::{Hit, HitKind, NONE, Want};

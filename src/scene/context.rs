@@ -1,8 +1,10 @@
 //! The context: workers, log and memory budget that everything else hangs on. No global state:
 //! any number of contexts live side by side.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::tasks::{Executor, Pool};
+use crate::residency::Cache;
+use crate::simd::{DenormalsOff, Isa};
 use std::sync::Arc;
 
 /// How much a log line matters.
@@ -34,12 +36,14 @@ pub struct ContextOptions {
     pub memory_budget: u64,
     /// Receives log lines.
     pub log: Option<Log>,
+    /// Instruction set; `None`: the best that the machine has.
+    pub isa: Option<Isa>,
 }
 
 impl Default for ContextOptions {
     fn default() -> Self {
         let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-        Self { threads, executor: None, memory_budget: 0, log: None }
+        Self { threads, executor: None, memory_budget: 0, log: None, isa: None }
     }
 }
 
@@ -52,19 +56,24 @@ pub struct Context(Arc<Inner>);
 struct Inner {
     pool: Pool,
     log: Option<Log>,
-    memory_budget: u64,
+    cache: Arc<Cache>,
+    isa: Isa,
 }
 
 impl Context {
-    /// A new context. Fails with [`crate::Error::Io`] if threads cannot be started, with
-    /// [`crate::Error::BadArgument`] if the machine lacks the instruction set.
+    /// A new context. Fails with [`Error::Io`] if threads cannot be started, with
+    /// [`Error::BadArgument`] if the machine lacks the instruction set.
     pub fn new(options: ContextOptions) -> Result<Self> {
-        let pool = Pool::new(options.threads, options.executor, |work| work())?;
-        let memory_budget = match options.memory_budget {
-            0 => u64::MAX,
+        let isa = options.isa.unwrap_or_else(Isa::best);
+        if !isa.is_available() {
+            return Err(Error::bad_argument(format!("this machine does not have {}", isa.name())));
+        }
+        let pool = Pool::new(options.threads, options.executor, without_denormals)?;
+        let budget = match options.memory_budget {
+            0 => machine_memory() / 4 * 3,
             bytes => bytes,
         };
-        Ok(Self(Arc::new(Inner { pool, log: options.log, memory_budget })))
+        Ok(Self(Arc::new(Inner { pool, log: options.log, cache: Arc::new(Cache::new(budget)), isa })))
     }
 
     /// Runs a small piece of waiting work, if any, in the caller's thread; whether there was one.
@@ -83,9 +92,19 @@ impl Context {
         self.pool().concurrency()
     }
 
+    /// The instruction set in use.
+    pub fn isa(&self) -> Isa {
+        self.0.isa
+    }
+
     /// The budget in bytes.
     pub fn memory_budget(&self) -> u64 {
-        self.0.memory_budget
+        self.0.cache.budget()
+    }
+
+    /// Bytes in use of the budget.
+    pub fn memory_used(&self) -> u64 {
+        self.0.cache.used()
     }
 
     /// Writes a log line.
@@ -100,8 +119,28 @@ impl Context {
         &self.0.pool
     }
 
+    /// The memory of models.
+    pub(crate) fn cache(&self) -> &Arc<Cache> {
+        &self.0.cache
+    }
+
     /// Whether both are the same context.
     pub fn same(&self, other: &Context) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
+}
+
+/// Around the work of every thread, ours, the host's or a waiter's.
+fn without_denormals(work: &mut dyn FnMut()) {
+    let _off = DenormalsOff::set();
+    work();
+}
+
+/// Bytes of memory of the machine; 8 GB where it does not say.
+fn machine_memory() -> u64 {
+    let total = |text: String| {
+        let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:").map(str::to_owned))?;
+        line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok().map(|kb| kb << 10)
+    };
+    std::fs::read_to_string("/proc/meminfo").ok().and_then(total).unwrap_or(8 << 30)
 }

@@ -3,21 +3,60 @@
 use super::context::Context;
 use super::light::{Background, Light};
 use super::model::Model;
-use super::state::{SceneState, State};
+use super::placed::{Placed, check_transform};
+use super::state::{Instance, PartStates, Placement, SceneState, State};
+use super::top::TopTree;
 use crate::base::error::{Error, Result};
-use glam::DAffine3;
-use std::sync::Arc;
+use glam::{DAffine3, DMat3, DVec3};
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Edits collect until [`Scene::commit`]; jobs in flight keep the state that they began with.
 /// Thread-safe. A scene keeps its models alive.
 pub struct Scene {
     context: Context,
+    draft: Mutex<Draft>,
+}
+
+/// What the next commit makes visible, and what the last one did.
+struct Draft {
+    /// In the order added; removed ones leave `None` until the next commit.
+    instances: Vec<Option<Draftee>>,
+    /// Index in `instances` of each id.
+    index: HashMap<u64, usize>,
+    lights: Vec<Light>,
+    background: Background,
+    /// Whether anything moved, came or went since the last commit.
+    moved: bool,
+    committed: Arc<SceneState>,
+}
+
+#[derive(Clone)]
+struct Draftee {
+    id: u64,
+    model: Model,
+    world_from_model: DAffine3,
+    mask: u32,
+    state: State,
+    parts: Arc<PartStates>,
 }
 
 impl Scene {
     /// An empty scene with a headlight.
     pub fn new(context: &Context) -> Self {
-        Self { context: context.clone() }
+        let lights = vec![Light::HEADLIGHT];
+        let background = Background::default();
+        let committed = Arc::new(SceneState {
+            context: context.clone(),
+            models: Vec::new(),
+            instances: Vec::new(),
+            placement: Arc::default(),
+            lights: lights.clone(),
+            background,
+        });
+        let (instances, index) = (Vec::new(), HashMap::new());
+        let draft = Draft { instances, index, lights, background, moved: false, committed };
+        Self { context: context.clone(), draft: Mutex::new(draft) }
     }
 
     /// The context.
@@ -31,67 +70,178 @@ impl Scene {
     /// Fails with `BadArgument` if the id is taken, the model is of another context, or the transform
     /// is singular or not finite.
     pub fn add_instance(&self, model: &Model, id: u64, world_from_model: DAffine3) -> Result<()> {
-        let _ = (model, id, world_from_model);
-        Err(Error::BadState("Scene::add_instance: being built".into()))
+        if !model.context().same(&self.context) {
+            return Err(Error::bad_argument("the model belongs to another context"));
+        }
+        check_transform(&world_from_model)?;
+        let mut draft = self.draft();
+        if draft.index.contains_key(&id) {
+            return Err(Error::bad_argument(format!("there is an instance {id} already")));
+        }
+        let (mask, state, parts) = (u32::MAX, State::default(), Arc::default());
+        let at = draft.instances.len();
+        draft.instances.push(Some(Draftee { id, model: model.clone(), world_from_model, mask, state, parts }));
+        draft.index.insert(id, at);
+        draft.moved = true;
+        Ok(())
     }
 
     /// Removes an instance; `BadArgument` if there is none. Cheap.
     pub fn remove_instance(&self, id: u64) -> Result<()> {
-        let _ = id;
-        Err(Error::BadState("Scene::remove_instance: being built".into()))
+        let mut draft = self.draft();
+        let at = draft.index.remove(&id).ok_or_else(|| no_instance(id))?;
+        draft.instances[at] = None;
+        draft.moved = true;
+        Ok(())
     }
 
     /// Moves an instance. Fails like [`Scene::add_instance`]. Cheap.
     pub fn set_transform(&self, id: u64, world_from_model: DAffine3) -> Result<()> {
-        let _ = (id, world_from_model);
-        Err(Error::BadState("Scene::set_transform: being built".into()))
+        check_transform(&world_from_model)?;
+        let mut draft = self.draft();
+        draft.instance(id)?.world_from_model = world_from_model;
+        draft.moved = true;
+        Ok(())
     }
 
     /// Which rays may see an instance: those with a common bit in their mask (all, by default). Cheap.
     pub fn set_instance_mask(&self, id: u64, mask: u32) -> Result<()> {
-        let _ = (id, mask);
-        Err(Error::BadState("Scene::set_instance_mask: being built".into()))
+        self.draft().instance(id)?.mask = mask;
+        Ok(())
     }
 
     /// How an instance is shown; its parts' own states come before it, hidden is hidden in both. Cheap.
     pub fn set_instance_state(&self, id: u64, state: State) -> Result<()> {
-        let _ = (id, state);
-        Err(Error::BadState("Scene::set_instance_state: being built".into()))
+        check_state(&state)?;
+        self.draft().instance(id)?.state = state;
+        Ok(())
     }
 
     /// How the part with id `part` of an instance is shown, the parts below it not included. Cheap.
-    /// `BadArgument` if there is no such instance or part.
+    /// `BadArgument` if there is no such instance or part. Where parts share the id, the first.
     pub fn set_part_state(&self, instance: u64, part: u64, state: State) -> Result<()> {
-        let _ = (instance, part, state);
-        Err(Error::BadState("Scene::set_part_state: being built".into()))
+        check_state(&state)?;
+        let mut draft = self.draft();
+        let instance = draft.instance(instance)?;
+        let index = instance.model.part_index(part);
+        let index = index.ok_or_else(|| Error::bad_argument(format!("the model has no part {part}")))?;
+        Arc::make_mut(&mut instance.parts).set(index, state);
+        Ok(())
     }
 
     /// Forgets the states of all parts of an instance. Cheap.
     pub fn clear_part_states(&self, instance: u64) -> Result<()> {
-        let _ = instance;
-        Err(Error::BadState("Scene::clear_part_states: being built".into()))
+        self.draft().instance(instance)?.parts = Arc::default();
+        Ok(())
     }
 
     /// Replaces all lights; none leaves the ambient term only. `BadArgument` for a bad one. Cheap.
     pub fn set_lights(&self, lights: Vec<Light>) -> Result<()> {
-        let _ = lights;
-        Err(Error::BadState("Scene::set_lights: being built".into()))
+        lights.iter().try_for_each(Light::check)?;
+        self.draft().lights = lights;
+        Ok(())
     }
 
     /// Replaces the background. Cheap.
     pub fn set_background(&self, background: Background) -> Result<()> {
-        let _ = background;
-        Err(Error::BadState("Scene::set_background: being built".into()))
+        background.check()?;
+        self.draft().background = background;
+        Ok(())
     }
 
     /// Makes the edits since the last commit visible to jobs that begin from now on, all at once.
     /// Costs time by the number of instances; reads no disk.
+    ///
+    /// Fails with `BadArgument`, changing nothing, if there are more than 2³¹ placed trees.
     pub fn commit(&self) -> Result<()> {
-        Err(Error::BadState("Scene::commit: being built".into()))
+        let mut draft = self.draft();
+        let draft = &mut *draft;
+        draft.instances.retain(Option::is_some);
+        let kept = || draft.instances.iter().flatten();
+        draft.index = kept().enumerate().map(|(i, instance)| (instance.id, i)).collect();
+        let mut models: Vec<Model> = Vec::new();
+        let mut instances = Vec::with_capacity(draft.instances.len());
+        for it in kept() {
+            let known = models.iter().position(|m| m.same(&it.model));
+            let model = known.unwrap_or_else(|| {
+                models.push(it.model.clone());
+                models.len() - 1
+            }) as u32;
+            let parts = Arc::clone(&it.parts);
+            instances.push(Instance { id: it.id, model, mask: it.mask, state: it.state, parts });
+        }
+        let placement = if draft.moved {
+            Arc::new(place(kept(), &instances)?)
+        } else {
+            Arc::clone(&draft.committed.placement)
+        };
+        draft.committed = Arc::new(SceneState {
+            context: self.context.clone(),
+            models,
+            instances,
+            placement,
+            lights: draft.lights.clone(),
+            background: draft.background,
+        });
+        draft.moved = false;
+        Ok(())
     }
 
     /// The state of the last commit (an empty scene before the first). Cheap.
     pub fn state(&self) -> Arc<SceneState> {
-        Arc::new(SceneState::empty(&self.context))
+        Arc::clone(&self.draft().committed)
     }
+
+    fn draft(&self) -> MutexGuard<'_, Draft> {
+        // Every step of an edit leaves a valid draft.
+        self.draft.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Draft {
+    fn instance(&mut self, id: u64) -> Result<&mut Draftee> {
+        let at = self.index.get(&id);
+        at.and_then(|&at| self.instances[at].as_mut()).ok_or_else(|| no_instance(id))
+    }
+}
+
+fn no_instance(id: u64) -> Error {
+    Error::bad_argument(format!("there is no instance {id}"))
+}
+
+fn check_state(state: &State) -> Result<()> {
+    let good = |c: &f32| c.is_finite() && *c >= 0.0;
+    match state.colour {
+        Some(colour) if !(colour.iter().all(good) && colour[3] <= 1.0) => {
+            Err(Error::bad_argument("a colour must be finite, 0 or more, its alpha at most 1"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Flattens instances and their models' own assemblies, and builds the tree over them.
+fn place<'a>(draftees: impl Iterator<Item = &'a Draftee>, instances: &[Instance]) -> Result<Placement> {
+    let mut placed = Vec::new();
+    for (i, (draftee, instance)) in draftees.zip(instances).enumerate() {
+        let trees = draftee.model.trees();
+        let mut add = |tree: u32, first_part: u32, world_from_mesh: &DAffine3| {
+            let ids = [instance.model, tree, i as u32, first_part];
+            if let Some(t) = trees.get(tree as usize).filter(|t| !t.bounds.is_empty()) {
+                placed.push(Placed::new(t, ids, world_from_mesh));
+            }
+        };
+        add(0, 0, &draftee.world_from_model);
+        for row in draftee.model.assembly() {
+            let m = &row.world_from_mesh;
+            let column = |c: usize| DVec3::new(m[3 * c], m[3 * c + 1], m[3 * c + 2]);
+            let linear = DMat3::from_cols(column(0), column(1), column(2));
+            let model_from_mesh = DAffine3 { matrix3: linear, translation: column(3) };
+            add(row.tree, row.first_part, &(draftee.world_from_model * model_from_mesh));
+        }
+    }
+    if placed.len() >= 1 << 31 {
+        return Err(Error::bad_argument("a scene holds at most 2^31 placed trees"));
+    }
+    let bounds: Vec<_> = placed.iter().map(|p| p.bounds).collect();
+    Ok(Placement { top: TopTree::build(&bounds), placed })
 }

@@ -7,7 +7,10 @@ pub mod context;
 pub mod edit;
 pub mod light;
 pub mod model;
+pub(crate) mod placed;
 pub mod state;
+pub mod top;
+pub(crate) mod walk;
 
 pub use camera::Camera;
 pub use edit::Scene;

@@ -1,11 +1,20 @@
 //! A model: one built file, opened read-only.
 
-use super::camera::Camera;
+use super::camera::{Camera, default_views};
 use super::context::Context;
 use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use crate::base::progress::Cancel;
 use crate::base::units::UpAxis;
 use crate::math::DBounds;
-use crate::store::source::Source;
+use crate::residency::{ModelBlocks, Snapshot};
+use crate::store::header::STRUCTURE_BVH;
+use crate::store::{FileSource, Header, InstanceRow, ModelFile, PartRow, Source, TreeRow};
+use crate::structure::bvh::layout::{Block, Child};
+use crate::structure::bvh::trace::TreeView;
+use crate::structure::bvh::{BvhDecoder, check_links};
+use glam::DVec3;
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -82,6 +91,34 @@ struct Inner {
     context: Context,
     info: ModelInfo,
     parts: Vec<PartInfo>,
+    /// First part of each id.
+    part_of_id: HashMap<u64, u32>,
+    trees: Vec<Tree>,
+    blocks: ModelBlocks,
+    geometry_bytes: u64,
+}
+
+/// A tree of a model, as walks need it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tree {
+    first_block: u32,
+    root: u32,
+    /// Where its own frame has its zero, in mesh coordinates.
+    pub origin: DVec3,
+    /// In its own frame.
+    pub bounds: DBounds,
+    /// Greatest magnitude of a coordinate in its own frame.
+    pub reach: f32,
+    /// How far stored vertices may lie from those of the input.
+    pub position_error: f64,
+}
+
+#[cfg(test)]
+impl Tree {
+    /// A tree that exists only as bounds.
+    pub fn for_tests(origin: DVec3, bounds: DBounds, reach: f32) -> Self {
+        Self { first_block: 0, root: TreeView::EMPTY, origin, bounds, reach, position_error: 0.0 }
+    }
 }
 
 impl Model {
@@ -89,14 +126,41 @@ impl Model {
     ///
     /// Fails with `Io`, `Corrupt`, `NewerFormat`, or `OverBudget` naming the bytes it needs.
     pub fn open(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
-        let _ = (context, path);
-        Err(Error::BadState("Model::open: being built".into()))
+        Self::open_source(context, Arc::new(FileSource::open(path)?))
     }
 
-    /// Opens a model that `source` reads. Fails like [`Model::open`].
+    /// Opens a built file whose bytes come from `source`. Fails like [`Model::open`].
     pub fn open_source(context: &Context, source: Arc<dyn Source>) -> Result<Self> {
-        let _ = (context, source);
-        Err(Error::BadState("Model::open_source: being built".into()))
+        let file = Arc::new(ModelFile::open(source)?);
+        let header = *file.header();
+        if header.structure != STRUCTURE_BVH {
+            let why = format!("its structure ({}) is not one of this version", header.structure);
+            return Err(Error::corrupt(file.name(), None, why));
+        }
+        let geometry = 0..header.geometry_blocks;
+        let geometry_bytes = geometry.clone().map(|b| u64::from(file.decoded_len(BlockId(b)))).sum();
+        let cache = context.cache();
+        let used = cache.used();
+        if used.saturating_add(geometry_bytes) > cache.budget() {
+            let need = used.saturating_add(geometry_bytes);
+            return Err(Error::OverBudget { what: "opening the model", need, have: cache.budget() });
+        }
+        let tree_ends = file.trees().iter().map(|t| t.first_block + t.block_count).collect();
+        let decoder = BvhDecoder { geometry_blocks: header.geometry_blocks, tree_ends };
+        let blocks = ModelBlocks::new(Arc::clone(&file), Box::new(decoder), Arc::clone(cache));
+        let ids: Vec<BlockId> = geometry.map(BlockId).collect();
+        blocks.fetch(&ids, context.threads().max(1), &Cancel::new())?;
+        check_links(&blocks.snapshot(), header.geometry_blocks)
+            .map_err(|(block, why)| Error::corrupt(file.name(), Some(block.0), why))?;
+        let trees = trees_of(&file, &blocks.snapshot())?;
+        let parts: Vec<PartInfo> = file.parts().iter().map(|row| part_info(row, &file)).collect();
+        let mut part_of_id = HashMap::with_capacity(parts.len());
+        for (i, part) in parts.iter().enumerate() {
+            part_of_id.entry(part.id).or_insert(i as u32);
+        }
+        let info = info_of(&file, &header);
+        let context = context.clone();
+        Ok(Self(Arc::new(Inner { context, info, parts, part_of_id, trees, blocks, geometry_bytes })))
     }
 
     /// The context it was opened in.
@@ -116,16 +180,126 @@ impl Model {
 
     /// The index in [`Model::parts`] of the first part with this id.
     pub fn part_index(&self, id: u64) -> Option<u32> {
-        self.0.parts.iter().position(|p| p.id == id).map(|i| i as u32)
+        self.0.part_of_id.get(&id).copied()
     }
 
     /// Bytes it holds in memory now.
     pub fn memory(&self) -> ModelMemory {
-        ModelMemory::default()
+        let blocks = &self.0.blocks;
+        ModelMemory {
+            resident: blocks.resident_bytes(),
+            geometry: self.0.geometry_bytes,
+            tables: blocks.file().memory(),
+        }
     }
 
     /// Four views from its bounds: two of the whole, two at a quarter of the distance.
     pub fn views(&self) -> [Camera; 4] {
-        super::camera::default_views(&self.0.info.bounds, self.0.info.up)
+        default_views(&self.0.info.bounds, self.0.info.up)
+    }
+
+    /// Whether both are the same opened model.
+    pub fn same(&self, other: &Model) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+
+    /// The placements of its own assembly.
+    pub(crate) fn assembly(&self) -> &[InstanceRow] {
+        self.0.blocks.file().instances()
+    }
+
+    pub(crate) fn trees(&self) -> &[Tree] {
+        &self.0.trees
+    }
+
+    pub(crate) fn blocks(&self) -> &ModelBlocks {
+        &self.0.blocks
+    }
+
+    /// Its tree `index` in `snapshot`.
+    #[inline]
+    pub(crate) fn tree_view<'a>(&self, index: u32, snapshot: &'a Snapshot) -> TreeView<'a> {
+        let tree = &self.0.trees[index as usize];
+        let geometry_blocks = self.0.info.geometry_blocks;
+        TreeView {
+            snapshot,
+            root_block: tree.first_block,
+            root: tree.root,
+            reach: tree.reach,
+            prims_at: geometry_blocks,
+            colours_at: self.0.info.has_colours.then_some(2 * geometry_blocks),
+            isa: self.0.context.isa(),
+        }
+    }
+}
+
+/// Fails if a tree's root does not exist.
+fn trees_of(file: &ModelFile, snapshot: &Snapshot) -> Result<Vec<Tree>> {
+    let tree = |row: &TreeRow| {
+        let exists = snapshot.block(BlockId(row.first_block)).is_some_and(|words| {
+            let child = u32::try_from(row.root).ok().and_then(Child::from_bits);
+            matches!(child, Some(Child::Node(n)) if n < Block::new(words).nodes())
+        });
+        let empty = row.block_count == 0;
+        if !(exists || empty) {
+            return Err(Error::corrupt(file.name(), Some(row.first_block), "the root of its tree does not exist"));
+        }
+        let [a, b, c, d, e, f] = row.bounds.map(f64::from);
+        let reach = row.bounds.iter().filter(|x| x.is_finite()).fold(0.0f32, |r, x| r.max(x.abs()));
+        Ok(Tree {
+            first_block: row.first_block,
+            root: if empty { TreeView::EMPTY } else { row.root as u32 },
+            origin: DVec3::from(row.origin),
+            bounds: if empty { DBounds::EMPTY } else { DBounds { min: DVec3::new(a, b, c), max: DVec3::new(d, e, f) } },
+            reach: reach.max(f32::MIN_POSITIVE),
+            position_error: row.position_error,
+        })
+    };
+    file.trees().iter().map(tree).collect()
+}
+
+fn part_info(row: &PartRow, file: &ModelFile) -> PartInfo {
+    let material = file.materials()[row.material as usize];
+    let [r, g, b] = material.colour;
+    PartInfo {
+        id: row.id,
+        name: row.name.clone(),
+        parent: row.parent,
+        colour: [r, g, b, material.opacity],
+        metalness: material.metalness,
+        roughness: material.roughness,
+        bounds: bounds_of(row.bounds),
+        triangles: row.triangles,
+    }
+}
+
+fn bounds_of(b: [f64; 6]) -> DBounds {
+    DBounds { min: DVec3::new(b[0], b[1], b[2]), max: DVec3::new(b[3], b[4], b[5]) }
+}
+
+fn info_of(file: &ModelFile, header: &Header) -> ModelInfo {
+    let (trees, instances) = (file.trees(), file.instances());
+    let repeated = |i: &InstanceRow| trees.get(i.tree as usize).map_or(0, |t| t.triangles);
+    let direct = trees.first().map_or(0, |t| t.triangles);
+    ModelInfo {
+        name: file.name().display().to_string(),
+        structure: "bvh",
+        triangles_in: header.triangles_in,
+        triangles_stored: trees.iter().map(|t| t.triangles).sum(),
+        triangles_placed: instances.iter().map(repeated).fold(direct, u64::saturating_add),
+        parts: file.parts().len() as u32,
+        trees: trees.len() as u32,
+        instances: instances.len() as u32,
+        geometry_blocks: header.geometry_blocks,
+        bounds: bounds_of(header.bounds),
+        metres_per_unit: (header.metres_per_unit > 0.0).then_some(header.metres_per_unit),
+        up: match header.up {
+            1 => UpAxis::X,
+            2 => UpAxis::Y,
+            3 => UpAxis::Z,
+            _ => UpAxis::Unknown,
+        },
+        has_colours: header.has_colours,
+        file_bytes: file.file_len(),
     }
 }

@@ -1,6 +1,12 @@
 //! The committed, immutable state of a scene: what jobs read.
 
 use super::context::Context;
+use super::light::{Background, Light};
+use super::model::Model;
+use super::placed::Placed;
+use super::top::TopTree;
+use std::collections::HashMap;
+use std::sync::Arc;
 
 /// How an instance or a part of it is shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,18 +25,85 @@ impl Default for State {
     }
 }
 
+/// The states of an instance's parts, where they differ from the default.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct PartStates {
+    /// Bit `i % 64` of word `i / 64`: part `i` is hidden. As long as the last hidden part needs.
+    pub hidden: Vec<u64>,
+    /// By index of the part.
+    pub shown: HashMap<u32, State>,
+}
+
+impl PartStates {
+    /// Sets one part's state.
+    pub fn set(&mut self, part: u32, state: State) {
+        let (word, bit) = (part as usize / 64, part % 64);
+        if !state.visible && self.hidden.len() <= word {
+            self.hidden.resize(word + 1, 0);
+        }
+        if let Some(w) = self.hidden.get_mut(word) {
+            *w = *w & !(1 << bit) | u64::from(!state.visible) << bit;
+        }
+        while self.hidden.last() == Some(&0) {
+            self.hidden.pop();
+        }
+        if state == State::default() {
+            self.shown.remove(&part);
+        } else {
+            self.shown.insert(part, state);
+        }
+    }
+}
+
+/// An instance as it was at the commit.
+#[derive(Clone)]
+pub(crate) struct Instance {
+    /// The caller's id.
+    pub id: u64,
+    /// Index of its model.
+    pub model: u32,
+    pub mask: u32,
+    pub state: State,
+    pub parts: Arc<PartStates>,
+}
+
+/// Where everything is: shared by states that differ in looks only.
+#[derive(Default)]
+pub(crate) struct Placement {
+    /// By instance in the order added, then by the model's own order.
+    pub placed: Vec<Placed>,
+    pub top: TopTree,
+}
+
 /// A scene as it was at a commit: immutable, shared by the jobs that began with it. Thread-safe.
 pub struct SceneState {
-    context: Context,
+    pub(crate) context: Context,
+    pub(crate) models: Vec<Model>,
+    pub(crate) instances: Vec<Instance>,
+    pub(crate) placement: Arc<Placement>,
+    pub(crate) lights: Vec<Light>,
+    pub(crate) background: Background,
 }
 
 impl SceneState {
-    pub(crate) fn empty(context: &Context) -> Self {
-        Self { context: context.clone() }
-    }
-
     /// The context.
     pub fn context(&self) -> &Context {
         &self.context
+    }
+
+    /// Number of instances.
+    pub fn instance_count(&self) -> usize {
+        self.instances.len()
+    }
+
+    /// Around all instances, hidden ones too, in world space; empty if there is nothing.
+    pub fn bounds(&self) -> crate::math::DBounds {
+        let all = self.placement.placed.iter();
+        all.fold(crate::math::DBounds::EMPTY, |b, p| b.union(p.bounds))
+    }
+
+    /// Bytes of its models' blocks in memory.
+    pub(crate) fn resident_bytes(&self) -> u64 {
+        self.models.iter().map(|m| m.memory().resident).sum()
     }
 }

@@ -1,0 +1,227 @@
+//! From a tree's hit in single precision to the answer in double precision.
+
+use super::hit::{Hit, HitKind, Want};
+use crate::math::Ray;
+use crate::scene::placed::Placed;
+use crate::scene::walk::{Found, Need, SceneView};
+use crate::structure::bvh::trace::Triangle;
+use glam::DVec3;
+
+/// Where a ray meets a triangle, worked out in double precision in the tree's frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Meeting {
+    /// Distance in units of the world ray's direction.
+    pub t: f64,
+    /// Weights of the second and third vertex, in the triangle.
+    pub weights: [f64; 2],
+    /// Distance from the ray's point at `t` to the triangle's point at `weights`, in the tree's frame.
+    pub gap: f64,
+}
+
+/// The plane of a triangle in double precision. Corners are single-precision numbers, so edges and
+/// their products carry few roundings.
+struct Plane {
+    corner: DVec3,
+    edges: [DVec3; 2],
+    normal: DVec3,
+}
+
+impl Plane {
+    #[inline]
+    fn new(triangle: &Triangle) -> Self {
+        let [a, b, c] = triangle.vertices.map(|v| v.as_dvec3());
+        let edges = [b - a, c - a];
+        Self { corner: a, edges, normal: edges[0].cross(edges[1]) }
+    }
+
+    /// The triangle's point nearest to `p`, nearly: weights cut to the triangle; and its distance.
+    #[inline]
+    fn clamped(&self, p: DVec3) -> ([f64; 2], f64) {
+        let from = p - self.corner;
+        let inverse = 1.0 / self.normal.length_squared();
+        let u = (from.cross(self.edges[1]).dot(self.normal) * inverse).max(0.0);
+        let v = (self.edges[0].cross(from).dot(self.normal) * inverse).max(0.0);
+        let over = (u + v).max(1.0);
+        let weights = [u / over, v / over];
+        (weights, (from - self.edges[0] * weights[0] - self.edges[1] * weights[1]).length())
+    }
+}
+
+/// Meets the triangle again, in double precision.
+///
+/// The ray's t is where it meets the triangle's plane. Nearly edge-on that is ill-conditioned, and
+/// the walk's own t, or the one nearest to the triangle's point, may leave a smaller gap: the
+/// smallest wins. So the answer is judged by its outcome: `gap` is measured, not estimated.
+#[inline]
+pub(crate) fn meet(placed: &Placed, triangle: &Triangle, ray: &Ray, found: &Found) -> Meeting {
+    let plane = Plane::new(triangle);
+    let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
+    let at = |t: f64| {
+        let t = t.clamp(ray.t_min, ray.t_max);
+        let (weights, gap) = plane.clamped(org + dir * t);
+        Meeting { t, weights, gap }
+    };
+    let t = plane.normal.dot(plane.corner - org) / plane.normal.dot(dir);
+    let best = if t.is_finite() { at(t) } else { at(found.t) };
+    // In the plane to rounding, and within the triangle: nothing to gain.
+    let rounding = (org.abs().max_element() + dir.abs().max_element() * best.t.abs()) * 1e-14;
+    if best.gap <= rounding { best } else { least_gap(&plane, org, dir, [best, at(found.t)], at) }
+}
+
+/// The better of two meetings, and of that with the ray's point nearest to the better's.
+#[cold]
+fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl Fn(f64) -> Meeting) -> Meeting {
+    let better = if two[1].gap < two[0].gap { two[1] } else { two[0] };
+    let point = plane.corner + plane.edges[0] * better.weights[0] + plane.edges[1] * better.weights[1];
+    let nearest = at((point - org).dot(dir) / dir.length_squared());
+    if nearest.gap < better.gap { nearest } else { better }
+}
+
+/// Fills what `want` asks of `hit`; fails with the block that is needed.
+///
+/// **Error bound.** Let M be the placed tree's map to the world, s its largest singular value. The answer is
+/// `position` = origin + t · dir, rounded; `meet` knows a triangle's point q with |M⁻¹ position − q| = `gap`. M q
+/// lies on the stored triangle, the input's within `position_error` of it (in the world). So an
+/// original surface lies within
+///
+/// `error` = s · gap + position_error + r, r = 8 · 2⁻⁵² (|origin| + |t dir| + |offset| + s · reach),
+///
+/// where r covers what double precision loses: position has two roundings a component, the way to
+/// the tree's frame a subtraction and a product of three terms, and back the same. Single precision
+/// does not enter: it chose the triangle, and the gap tells how well.
+///
+/// **t_free.** A nearer surface that single precision put behind this one: the walk sees ray and
+/// triangles moved by at most `Placed::local_slack` (the origin is within 4 reaches, so it and
+/// each vertex relative to it carry at most 2⁻²³ of 10 reaches; 4 times that is given), so a
+/// surface before t is less than that before it, along the ray, divided by the cosine at which it is met:
+/// 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
+#[inline]
+pub(crate) fn finish(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
+    *hit = Hit::MISS;
+    if !found.is_hit() {
+        return Ok(());
+    }
+    hit.kind = HitKind::Exact;
+    hit.t = found.t;
+    let scene = view.scene;
+    let placed = &scene.placement.placed[found.placed as usize];
+    if want.has(Want::INSTANCE) {
+        hit.instance = scene.instances[placed.instance as usize].id;
+    }
+    let need = |block| Need { model: placed.model, block };
+    let tree = view.tree(found.placed);
+    if want.has(Want::PRIM) {
+        hit.prim = u64::from(tree.prim(&found.tri).map_err(need)?);
+    }
+    if want.has(Want::UV) {
+        hit.uv = [found.tri.u, found.tri.v];
+    }
+    if want.any_of(Want(Want::POSITION.0 | Want::NORMAL.0 | Want::PART.0 | Want::ERROR.0)) {
+        let block = crate::base::ids::BlockId(found.tri.block);
+        let triangle = tree.triangle(&found.tri).ok_or(need(block))?;
+        fill_from_triangle(view, ray, found, &triangle, want, hit);
+    }
+    Ok(())
+}
+
+fn fill_from_triangle(view: &SceneView, ray: &Ray, found: &Found, triangle: &Triangle, want: Want, hit: &mut Hit) {
+    let placed = &view.scene.placement.placed[found.placed as usize];
+    if want.has(Want::PART) {
+        let part = placed.first_part.saturating_add(triangle.part) as usize;
+        hit.part = view.model_of(found.placed).parts().get(part).map_or(super::hit::NONE, |p| p.id);
+    }
+    if want.has(Want::NORMAL) {
+        hit.normal = facing_normal(placed, triangle, ray.dir.as_dvec3()).as_vec3();
+    }
+    if want.any_of(Want(Want::POSITION.0 | Want::ERROR.0)) {
+        let meeting = meet(placed, triangle, ray, found);
+        hit.t = meeting.t;
+        if want.has(Want::UV) {
+            hit.uv = meeting.weights.map(|w| w as f32);
+        }
+        let along = ray.dir.as_dvec3() * meeting.t;
+        if want.has(Want::POSITION) {
+            hit.position = ray.origin + along;
+        }
+        if want.has(Want::ERROR) {
+            let size = ray.origin.abs().max_element() + along.abs().max_element();
+            let error = placed.stretch * meeting.gap + placed.position_error + placed.rounding(size);
+            hit.error = crate::scene::placed::not_below(error);
+            let slack = placed.stretch * placed.local_slack() * 64.0 / ray.dir.as_dvec3().length();
+            hit.t_free = (meeting.t - slack).max(ray.t_min);
+        }
+    }
+}
+
+/// The unit geometric normal in the world, against `dir`; the ray's own opposite where a triangle
+/// is too thin to have one.
+#[inline]
+pub(crate) fn facing_normal(placed: &Placed, triangle: &Triangle, dir: DVec3) -> DVec3 {
+    let [a, b, c] = triangle.vertices.map(|v| v.as_dvec3());
+    let normal = placed.world_normal((b - a).cross(c - a));
+    match normal.try_normalize() {
+        Some(n) if n.dot(dir) <= 0.0 => n,
+        Some(n) => -n,
+        None => -dir.normalize_or_zero(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::placed::Placed;
+    use crate::structure::bvh::trace::TriHit;
+    use glam::{DAffine3, DMat3, Vec3};
+
+    fn placed(offset: DVec3, linear: DMat3) -> Placed {
+        Placed::for_tests(DVec3::ZERO, 2.0, &DAffine3 { matrix3: linear, translation: offset })
+    }
+
+    fn triangle(v: [[f32; 3]; 3]) -> Triangle {
+        Triangle { vertices: v.map(Vec3::from), part: 0 }
+    }
+
+    fn found(t: f64) -> Found {
+        Found { t, placed: 0, tri: TriHit { t: t as f32, u: 0.3, v: 0.3, block: 0, tri: 0 } }
+    }
+
+    #[test]
+    fn far_from_zero_the_distance_keeps_its_digits() {
+        let offset = DVec3::new(1e7, -2e7, 3e7);
+        let p = placed(offset, DMat3::IDENTITY);
+        let t = triangle([[0.0, 0.0, 0.5], [1.0, 0.0, 0.5], [0.0, 1.0, 0.5]]);
+        let ray = Ray::new(offset + DVec3::new(0.25, 0.25, 4.0), Vec3::new(0.0, 0.0, -1.0));
+        let m = meet(&p, &t, &ray, &found(3.4999));
+        assert!((m.t - 3.5).abs() < 1e-8, "{m:?}");
+        assert!((m.weights[0] - 0.25).abs() < 1e-8 && m.gap < 1e-8);
+    }
+
+    #[test]
+    fn edge_on_the_gap_stays_small_and_t_sane() {
+        // The ray lies in the triangle's plane.
+        let p = placed(DVec3::ZERO, DMat3::IDENTITY);
+        let t = triangle([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+        let ray = Ray::new(DVec3::new(-1.0, 0.25, 0.0), Vec3::X);
+        let m = meet(&p, &t, &ray, &found(1.25));
+        assert!((1.0..=1.75).contains(&m.t) && m.gap < 1e-6, "{m:?}");
+        // And a hair above it, tilted by less than single precision shows.
+        let ray = Ray::new(DVec3::new(-1.0, 0.25, 1e-9), Vec3::new(1.0, 0.0, -1e-12));
+        let m = meet(&p, &t, &ray, &found(1.25));
+        assert!((1.0..=1.75).contains(&m.t) && m.gap < 1e-8, "{m:?}");
+    }
+
+    #[test]
+    fn normals_go_by_the_inverse_transpose_and_face_the_ray() {
+        let squash = DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.5));
+        let p = placed(DVec3::ZERO, squash);
+        // The plane x + z = 0 becomes x + 2 z = 0.
+        let t = triangle([[0.0, 0.0, 0.0], [1.0, 0.0, -1.0], [0.0, 1.0, 0.0]]);
+        for dir in [-DVec3::Z, DVec3::Z] {
+            let n = facing_normal(&p, &t, dir);
+            let expected = DVec3::new(1.0, 0.0, 2.0).normalize() * -dir.z.signum();
+            assert!(n.distance(expected) < 1e-12, "{n} {expected}");
+        }
+        let sliver = triangle([[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]);
+        assert_eq!(facing_normal(&p, &sliver, DVec3::X), -DVec3::X);
+    }
+}

@@ -1,0 +1,245 @@
+//! A tree placed in the world, and rays taken into its frame.
+
+use super::model::Tree;
+use super::top::Slabs;
+use crate::base::error::{Error, Result};
+use crate::math::{Cone, DBounds, Ray};
+use crate::structure::bvh::trace::LocalRay;
+use glam::{DAffine3, DMat3, DVec3};
+
+/// A tree seen through an affine map: x -> `linear` x + `offset` takes its frame to the world.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Placed {
+    /// Index of the scene's model.
+    pub model: u32,
+    /// Tree of the model.
+    pub tree: u32,
+    /// Index of the scene's instance.
+    pub instance: u32,
+    /// The model's part that is the tree's local part 0 here.
+    pub first_part: u32,
+    linear: DMat3,
+    inverse: DMat3,
+    offset: DVec3,
+    /// `linear` is the identity.
+    unturned: bool,
+    /// Greatest magnitude of a coordinate in the tree's frame.
+    reach: f64,
+    local_bounds: DBounds,
+    /// Largest singular value of `linear`: no distance grows by more.
+    pub stretch: f64,
+    /// How far stored vertices may lie from the input's, in the world.
+    pub position_error: f64,
+    /// Around it in the world, rounding included.
+    pub bounds: DBounds,
+}
+
+/// A ray in a tree's frame: t in the world is `shift + scale * t` here.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Local {
+    pub ray: LocalRay,
+    pub shift: f64,
+    pub scale: f64,
+}
+
+/// A ray's origin farther from the tree than this many times its reach is moved to where the ray
+/// enters: single precision holds positions to 2⁻²⁴ of the distance, so beyond some reaches the
+/// tree's own detail would be lost.
+const FAR: f64 = 4.0;
+/// Magnitudes of directions that are left as they are.
+const DIRECTIONS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
+/// The greatest ratio of singular values of a transform.
+const MOST_SKEW: f64 = 1e12;
+
+/// Refuses transforms that are not finite, singular, or so nearly that double precision loses them.
+pub(crate) fn check_transform(m: &DAffine3) -> Result<()> {
+    let inverse = m.matrix3.inverse();
+    let skew = largest_singular_value(&m.matrix3) * largest_singular_value(&inverse);
+    let fine = m.is_finite() && inverse.is_finite() && skew <= MOST_SKEW;
+    if fine { Ok(()) } else { Err(Error::bad_argument("the transform is singular or not finite")) }
+}
+
+/// An upper bound of the largest singular value of `m`, tight to rounding.
+pub(crate) fn largest_singular_value(m: &DMat3) -> f64 {
+    // Scaled, so that squares neither overflow nor vanish.
+    let size = m.to_cols_array().iter().fold(0.0f64, |s, x| s.max(x.abs()));
+    if !(size > 0.0 && size.is_finite()) {
+        return size;
+    }
+    let m = *m * (1.0 / size);
+    let s = m.transpose() * m;
+    // The eigenvalues of a symmetric 3x3 matrix in closed form (Smith 1961).
+    let (a, b, c) = (s.x_axis.x, s.y_axis.y, s.z_axis.z);
+    let off = s.y_axis.x.powi(2) + s.z_axis.x.powi(2) + s.z_axis.y.powi(2);
+    let q = (a + b + c) / 3.0;
+    let p = (((a - q).powi(2) + (b - q).powi(2) + (c - q).powi(2) + 2.0 * off) / 6.0).sqrt();
+    let greatest = if p <= 1e-15 * q {
+        q
+    } else {
+        let r = ((s - DMat3::from_diagonal(DVec3::splat(q))) * (1.0 / p)).determinant() / 2.0;
+        q + 2.0 * p * (r.clamp(-1.0, 1.0).acos() / 3.0).cos()
+    };
+    greatest.max(0.0).sqrt() * size * (1.0 + 1e-12)
+}
+
+impl Placed {
+    /// `tree` of a model whose mesh coordinates `world_from_mesh` takes to the world.
+    pub fn new(tree: &Tree, ids: [u32; 4], world_from_mesh: &DAffine3) -> Self {
+        let linear = world_from_mesh.matrix3;
+        let offset = world_from_mesh.transform_point3(tree.origin);
+        let stretch = largest_singular_value(&linear);
+        let world = DAffine3 { matrix3: linear, translation: offset };
+        let mut bounds = tree.bounds.transformed(&world);
+        if !bounds.is_empty() {
+            // A few roundings of each coordinate's terms.
+            let terms = offset.abs() + linear.abs() * DVec3::splat(f64::from(tree.reach));
+            let slack = terms * (16.0 * f64::EPSILON);
+            bounds = DBounds { min: bounds.min - slack, max: bounds.max + slack };
+        }
+        let [model, index, instance, first_part] = ids;
+        Self {
+            model,
+            tree: index,
+            instance,
+            first_part,
+            linear,
+            inverse: linear.inverse(),
+            offset,
+            unturned: linear == DMat3::IDENTITY,
+            reach: f64::from(tree.reach),
+            local_bounds: tree.bounds,
+            stretch,
+            position_error: tree.position_error * stretch,
+            bounds,
+        }
+    }
+
+    /// A point of the world in the tree's frame. The subtraction comes first: far from zero it is
+    /// what keeps the digits.
+    #[inline]
+    pub fn local_point(&self, p: DVec3) -> DVec3 {
+        let p = p - self.offset;
+        if self.unturned { p } else { self.inverse * p }
+    }
+
+    /// A direction of the world in the tree's frame.
+    #[inline]
+    pub fn local_vector(&self, v: DVec3) -> DVec3 {
+        if self.unturned { v } else { self.inverse * v }
+    }
+
+    /// A point of the tree's frame in the world.
+    #[inline]
+    pub fn world_point(&self, p: DVec3) -> DVec3 {
+        if self.unturned { p + self.offset } else { self.linear * p + self.offset }
+    }
+
+    /// A normal (not unit) of the tree's frame in the world, not unit: by the inverse transpose.
+    #[inline]
+    pub fn world_normal(&self, n: DVec3) -> DVec3 {
+        if self.unturned { n } else { self.inverse.transpose() * n }
+    }
+
+    /// Bounds of rounding in `world_point(local_point(p))`, for points within `size` of zero in the world.
+    #[inline]
+    pub fn rounding(&self, size: f64) -> f64 {
+        (size + self.offset.abs().max_element() + self.stretch * self.reach) * (8.0 * f64::EPSILON)
+    }
+
+    /// How far apart, in local units, single precision may put a ray of [`Placed::local`] and the real one.
+    #[inline]
+    pub fn local_slack(&self) -> f64 {
+        self.reach * (2.0 * FAR + 2.0) * f64::from(f32::EPSILON) * 4.0
+    }
+
+    /// The ray in the tree's frame, up to world distance `best`; `None` if it surely misses.
+    #[inline]
+    pub fn local(&self, ray: &Ray, best: f64) -> Option<Local> {
+        let (mut org, mut dir) = (self.local_point(ray.origin), self.local_vector(ray.dir.as_dvec3()));
+        let (mut shift, mut scale) = (0.0, 1.0);
+        if org.abs().max_element() > FAR * self.reach {
+            shift = self.entry(org, dir, ray.t_min, best)?;
+            org += dir * shift;
+        }
+        let size = dir.abs().max_element();
+        if !DIRECTIONS.contains(&size) {
+            // A power of two: exact.
+            scale = 0.5f64.powi(size.log2().round().clamp(-1000.0, 1000.0) as i32);
+            dir *= scale;
+        }
+        let t_min = (ray.t_min - shift).max(0.0) / scale;
+        let t_max = (best - shift) / scale;
+        let ray = LocalRay {
+            org: org.as_vec3(),
+            dir: dir.as_vec3(),
+            t_min: t_min as f32,
+            t_max: not_below(t_max),
+            cone: Cone { a: ray.cone.a, b: ray.cone.b },
+        };
+        Some(Local { ray, shift, scale })
+    }
+
+    /// A little before the ray enters the tree's bounds; `None` if it does not.
+    #[cold]
+    fn entry(&self, org: DVec3, dir: DVec3, t_min: f64, best: f64) -> Option<f64> {
+        let enter = Slabs::of(org, dir).enter(&self.local_bounds, 0.0, best)?;
+        // Well before, so that rounding puts nothing of the tree behind the new origin.
+        let before = 0.25 * self.reach / dir.abs().max_element();
+        Some((enter - before).max(0.0).max((t_min - before).min(enter)))
+    }
+}
+
+/// The least single not below `x`.
+#[inline]
+pub(crate) fn not_below(x: f64) -> f32 {
+    let single = x as f32;
+    if f64::from(single) < x { single.next_up() } else { single }
+}
+
+#[cfg(test)]
+impl Placed {
+    /// A tree around `origin` with coordinates up to `reach`.
+    pub fn for_tests(origin: DVec3, reach: f32, world_from_mesh: &DAffine3) -> Self {
+        let corner = DVec3::splat(f64::from(reach));
+        let bounds = DBounds { min: -corner, max: corner };
+        let tree = Tree::for_tests(origin, bounds, reach);
+        Self::new(&tree, [0; 4], world_from_mesh)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    #[test]
+    fn singular_values_of_known_matrices() {
+        let turn = DMat3::from_quat(DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-1.1));
+        for d in [[1.0, 1.0, 1.0], [3.0, 2.0, 1.0], [1e-9, 1.0, 1.0], [5.0, 5.0, 1e-3], [1e200, 1e190, 1e180]] {
+            let m = turn * DMat3::from_diagonal(DVec3::from(d)) * turn.transpose();
+            let greatest = d.iter().fold(0.0f64, |s, &x| s.max(x));
+            let found = largest_singular_value(&m);
+            assert!((found / greatest - 1.0).abs() < 1e-9, "{d:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn bad_transforms_are_refused() {
+        let flat = DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0));
+        let nan = DAffine3::from_translation(DVec3::NAN);
+        let thin = DAffine3::from_scale(DVec3::new(1.0, 1.0, 1e-13));
+        for bad in [flat, nan, thin, DAffine3::ZERO] {
+            assert!(check_transform(&bad).is_err(), "{bad:?}");
+        }
+        for good in [1e-6, 1.0, 1e9] {
+            assert!(check_transform(&DAffine3::from_scale(DVec3::new(good, -1.0, 1.0))).is_ok());
+        }
+    }
+
+    #[test]
+    fn distances_round_up() {
+        assert_eq!(not_below(f64::INFINITY), f32::INFINITY);
+        assert_eq!(not_below(1.0), 1.0);
+        assert_eq!(not_below(1.0 + 1e-12), 1.0f32.next_up());
+    }
+}
