@@ -6,6 +6,7 @@ pub(crate) mod finish;
 pub mod hit;
 pub mod overlap;
 mod rounds;
+mod volume;
 
 pub use batch::{Hits, Policy, Query, QueryOptions, QueryState, QueryStatus, RayWithMask, Rays};
 pub use hit::{Hit, HitKind, NONE, Want};

@@ -1,9 +1,17 @@
 //! Which parts meet a box or a frustum: exact, by triangle.
 
+use super::volume::{Side, Volume};
 use crate::base::error::{Error, Result};
-use crate::math::DBounds;
+use crate::base::ids::BlockId;
+use crate::base::tasks::{Ending, Work};
+use crate::math::{Bounds, DBounds};
 use crate::scene::SceneState;
+use crate::scene::placed::Placed;
+use crate::scene::walk::{Need, SceneView, Snapshots, fetch};
+use crate::structure::bvh::trace::Triangle;
 use glam::DVec3;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A half space: the points p with `normal · p + d >= 0`. `normal` need not be unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,15 +47,226 @@ impl SceneState {
     /// The visible parts that meet the closed box, by instance in the order added, then by part in the file's order.
     /// Blocks; may read the disk. Thread-safe. `BadArgument` for NaN; an empty box meets nothing.
     pub fn overlap_box(&self, bounds: &DBounds) -> Result<Vec<PartOverlap>> {
-        let _ = bounds;
-        Err(Error::BadState("SceneState::overlap_box: being built".into()))
+        if bounds.min.is_nan() || bounds.max.is_nan() {
+            return Err(Error::bad_argument("overlap: the box holds NaN"));
+        }
+        if bounds.is_empty() {
+            return Ok(Vec::new());
+        }
+        self.overlap(&Volume::Box(*bounds))
     }
 
     /// The visible parts that meet the intersection of the half spaces (which must be bounded to be
     /// useful, and convex it always is), in the same order. Blocks; may read the disk. Thread-safe.
     /// `BadArgument` for no or non-finite planes.
     pub fn overlap_frustum(&self, planes: &[Plane]) -> Result<Vec<PartOverlap>> {
-        let _ = planes;
-        Err(Error::BadState("SceneState::overlap_frustum: being built".into()))
+        let fine = |p: &Plane| p.normal.is_finite() && p.d.is_finite() && p.normal != DVec3::ZERO;
+        if planes.is_empty() || !planes.iter().all(fine) {
+            return Err(Error::bad_argument("overlap: planes must be finite, with normals that are not zero"));
+        }
+        self.overlap(&Volume::Planes(planes.to_vec()))
+    }
+
+    fn overlap(&self, volume: &Volume) -> Result<Vec<PartOverlap>> {
+        let placed = &self.placement.placed;
+        let near = |p: &Placed| self.instances[p.instance as usize].state.visible && volume.may_meet(&p.bounds);
+        let trees: Vec<u32> = (0..placed.len() as u32).filter(|&i| near(&placed[i as usize])).collect();
+        let mut met: BTreeMap<(u32, u32), bool> = BTreeMap::new();
+        for (tree, parts) in trees.iter().zip(sweep(self, &trees, &|view, tree| meet(view, tree, volume))?) {
+            for (part, inside) in parts {
+                *met.entry((placed[*tree as usize].instance, part)).or_insert(true) &= inside;
+            }
+        }
+        self.refute_inside(volume, &mut met)?;
+        let answer = |(&(instance, part), &inside): (&(u32, u32), &bool)| {
+            let it = &self.instances[instance as usize];
+            let parts = self.models[it.model as usize].parts();
+            let how = if inside { How::Inside } else { How::Intersects };
+            Some(PartOverlap { instance: it.id, part: parts.get(part as usize)?.id, how })
+        };
+        Ok(met.iter().filter_map(answer).collect())
+    }
+
+    /// What was met is inside as far as it was seen; triangles that are wholly outside were not. Parts whose bounds
+    /// do not settle it are looked for outside.
+    fn refute_inside(&self, volume: &Volume, met: &mut BTreeMap<(u32, u32), bool>) -> Result<()> {
+        let mut doubtful: BTreeMap<u32, (BTreeSet<u32>, DBounds)> = BTreeMap::new();
+        for (&(instance, part), _) in met.iter().filter(|(_, inside)| **inside) {
+            let it = &self.instances[instance as usize];
+            let Some(info) = self.models[it.model as usize].parts().get(part as usize) else { continue };
+            let size = info.bounds.extent().max_element() * 1e-6;
+            let grown = DBounds { min: info.bounds.min - size, max: info.bounds.max + size };
+            let bounds = grown.transformed(&it.world_from_model);
+            if !volume.holds(&bounds) {
+                let doubt = doubtful.entry(instance).or_insert((BTreeSet::new(), DBounds::EMPTY));
+                doubt.0.insert(part);
+                doubt.1 = doubt.1.union(bounds);
+            }
+        }
+        let placed = &self.placement.placed;
+        let concerned = |p: &Placed| doubtful.get(&p.instance).is_some_and(|d| d.1.overlaps(&p.bounds));
+        let trees: Vec<u32> = (0..placed.len() as u32).filter(|&i| concerned(&placed[i as usize])).collect();
+        let search = |view: &SceneView, tree: u32| {
+            let (parts, bounds) = &doubtful[&placed[tree as usize].instance];
+            outside(view, tree, volume, parts, bounds)
+        };
+        for (tree, refuted) in trees.iter().zip(sweep(self, &trees, &search)?) {
+            for part in refuted {
+                met.insert((placed[*tree as usize].instance, part), false);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The parts of a placed tree that meet the volume, and whether all that was seen of them is inside.
+fn meet(view: &SceneView, tree: u32, volume: &Volume) -> Lacking<Vec<(u32, bool)>> {
+    let placed = &view.scene.placement.placed[tree as usize];
+    let hidden = &view.scene.instances[placed.instance as usize].parts.hidden;
+    let hides = |part: u32| hidden.get(part as usize / 64).is_some_and(|w| w >> (part % 64) & 1 == 1);
+    let mut met: BTreeMap<u32, bool> = BTreeMap::new();
+    view.tree(tree).for_each_leaf(
+        &mut |b| volume.may_meet(&world_bounds(placed, b)),
+        &mut |_, triangle| {
+            let part = placed.first_part.saturating_add(triangle.part);
+            // Settled: met, and not inside.
+            if met.get(&part) == Some(&false) || hides(part) {
+                return;
+            }
+            match volume.side(&world_triangle(placed, triangle)) {
+                Side::Inside => {
+                    met.entry(part).or_insert(true);
+                }
+                Side::Crossing => {
+                    met.insert(part, false);
+                }
+                // Not inside, but whether it is met at all others must tell.
+                Side::Outside => {
+                    if let Some(inside) = met.get_mut(&part) {
+                        *inside = false;
+                    }
+                }
+            }
+        },
+    )?;
+    Ok(met.into_iter().collect())
+}
+
+/// Which of `parts` have a triangle in the placed tree that is not inside the volume.
+fn outside(
+    view: &SceneView,
+    tree: u32,
+    volume: &Volume,
+    parts: &BTreeSet<u32>,
+    bounds: &DBounds,
+) -> Lacking<BTreeSet<u32>> {
+    let placed = &view.scene.placement.placed[tree as usize];
+    let mut refuted = BTreeSet::new();
+    view.tree(tree).for_each_leaf(
+        &mut |b| {
+            let b = world_bounds(placed, b);
+            bounds.overlaps(&b) && !volume.holds(&b)
+        },
+        &mut |_, triangle| {
+            let part = placed.first_part.saturating_add(triangle.part);
+            if parts.contains(&part) && volume.side(&world_triangle(placed, triangle)) != Side::Inside {
+                refuted.insert(part);
+            }
+        },
+    )?;
+    Ok(refuted)
+}
+
+fn world_triangle(placed: &Placed, triangle: &Triangle) -> [DVec3; 3] {
+    triangle.vertices.map(|v| placed.world_point(v.as_dvec3()))
+}
+
+/// Around a box of the tree's frame, rounding included.
+fn world_bounds(placed: &Placed, b: &Bounds) -> DBounds {
+    let local = DBounds { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
+    let world = placed.world_bounds(&local);
+    let slack = DVec3::splat(placed.rounding(0.0));
+    DBounds { min: world.min - slack, max: world.max + slack }
+}
+
+/// An answer, or the block that it lacks.
+type Lacking<T> = std::result::Result<T, BlockId>;
+
+/// What is found in one placed tree; a block may be missing.
+type Search<'a, T> = &'a (dyn Fn(&SceneView, u32) -> Lacking<T> + Sync);
+
+/// Searches placed trees in parallel, fetching missing blocks between rounds.
+fn sweep<T: Send>(scene: &SceneState, trees: &[u32], search: Search<T>) -> Result<Vec<T>> {
+    let inner = SweepState {
+        snapshots: Arc::new(Snapshots::take(scene)),
+        todo: (0..trees.len()).collect(),
+        again: Vec::new(),
+        needs: Vec::new(),
+        results: trees.iter().map(|_| None).collect(),
+    };
+    let sweep = Sweep { scene, trees, search, state: Mutex::new(inner) };
+    match scene.context().pool().run_scoped(trees.len(), &sweep) {
+        Ending::Finished => {}
+        Ending::Cancelled => return Err(Error::Cancelled),
+        Ending::Failed(e) => return Err(Arc::try_unwrap(e).unwrap_or_else(|e| Error::Internal(e.to_string()))),
+    }
+    let state = sweep.state.into_inner().unwrap_or_else(PoisonError::into_inner);
+    Ok(state.results.into_iter().flatten().collect())
+}
+
+struct Sweep<'a, T> {
+    scene: &'a SceneState,
+    trees: &'a [u32],
+    search: Search<'a, T>,
+    state: Mutex<SweepState<T>>,
+}
+
+struct SweepState<T> {
+    snapshots: Arc<Snapshots>,
+    /// Indices of the present round.
+    todo: Vec<usize>,
+    /// Those that lacked a block.
+    again: Vec<usize>,
+    needs: Vec<Need>,
+    results: Vec<Option<T>>,
+}
+
+impl<T> Sweep<'_, T> {
+    fn state(&self) -> MutexGuard<'_, SweepState<T>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<T: Send> Work for Sweep<'_, T> {
+    fn run(&self, item: usize) -> Result<()> {
+        let (index, snapshots) = {
+            let state = self.state();
+            (state.todo[item], Arc::clone(&state.snapshots))
+        };
+        let view = SceneView { scene: self.scene, snapshots: &snapshots };
+        let tree = self.trees[index];
+        let result = (self.search)(&view, tree);
+        let mut state = self.state();
+        match result {
+            Ok(found) => state.results[index] = Some(found),
+            Err(block) => {
+                let model = self.scene.placement.placed[tree as usize].model;
+                state.needs.push(Need { model, block });
+                state.again.push(index);
+            }
+        }
+        Ok(())
+    }
+
+    fn round_done(&self) -> Result<usize> {
+        let needs = std::mem::take(&mut self.state().needs);
+        if needs.is_empty() {
+            return Ok(0);
+        }
+        fetch(self.scene, needs)?;
+        let mut state = self.state();
+        state.snapshots = Arc::new(Snapshots::take(self.scene));
+        state.todo = std::mem::take(&mut state.again);
+        Ok(state.todo.len())
     }
 }

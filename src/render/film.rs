@@ -1,6 +1,9 @@
-//! The buffers of a picture.
+//! The buffers of a picture: while it is rendered, and when it is complete.
 
-use crate::base::error::Error;
+use super::tile::TilePixels;
+use crate::scene::SceneState;
+use crate::scene::camera::PixelRays;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A buffer of a picture. Rows from the top, pixels from the left, no padding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -88,41 +91,161 @@ pub trait Target: Send + Sync {
     fn write(&self, x: u32, y: u32, pixels: &[u8]);
 }
 
+/// A complete picture, and what it shows.
+pub(super) struct Picture {
+    pub width: u32,
+    pub height: u32,
+    /// Counts the requests of the frame.
+    pub request: u64,
+    pub scene: Arc<SceneState>,
+    pub rays: PixelRays,
+    buffers: [Option<Pixels>; BUFFERS],
+}
+
+const BUFFERS: usize = Buffer::ALL.len();
+
+/// The bytes of a buffer, held in u64 so that every element type is aligned.
+struct Pixels(Vec<u64>);
+
+impl Pixels {
+    fn new(width: u32, height: u32, buffer: Buffer) -> Self {
+        let bytes = width as usize * height as usize * buffer.pixel_bytes();
+        Self(vec![0; bytes.div_ceil(8)])
+    }
+    fn bytes(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.0)
+    }
+}
+
+/// A picture while it is rendered: each buffer takes tiles under a lock of its own, held for one copy.
+pub(super) struct Film {
+    pub width: u32,
+    pub height: u32,
+    buffers: [Option<Mutex<Pixels>>; BUFFERS],
+    targets: Vec<(Buffer, Arc<dyn Target>)>,
+}
+
+/// The buffers of a picture that nobody needs any more.
+pub(super) struct Spare {
+    size: (u32, u32),
+    buffers: [Option<Pixels>; BUFFERS],
+}
+
+impl Film {
+    /// With buffers for `outputs`; those of `spare` where they fit.
+    pub fn new(
+        size: (u32, u32),
+        outputs: Outputs,
+        targets: &[(Buffer, Arc<dyn Target>)],
+        spare: Option<Spare>,
+    ) -> Self {
+        let mut spare = spare.filter(|s| s.size == size);
+        let buffers = Buffer::ALL.map(|b| {
+            outputs.has(b).then(|| {
+                let old = spare.as_mut().and_then(|s| s.buffers[b as usize].take());
+                Mutex::new(old.unwrap_or_else(|| Pixels::new(size.0, size.1, b)))
+            })
+        });
+        Self { width: size.0, height: size.1, buffers, targets: targets.to_vec() }
+    }
+
+    /// Whether anybody wants this buffer.
+    pub fn wants(&self, buffer: Buffer) -> bool {
+        self.buffers[buffer as usize].is_some() || self.targets.iter().any(|(b, _)| *b == buffer)
+    }
+
+    /// Takes a tile whose left upper pixel is (`x`, `y`).
+    pub fn take(&self, x: u32, y: u32, tile: &TilePixels) {
+        for buffer in Buffer::ALL {
+            let size = buffer.pixel_bytes();
+            if let Some(pixels) = &self.buffers[buffer as usize] {
+                let mut pixels = pixels.lock().unwrap_or_else(PoisonError::into_inner);
+                let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut pixels.0);
+                for row in 0..tile.height {
+                    let at = ((y + row) as usize * self.width as usize + x as usize) * size;
+                    let source = tile.row(buffer, row);
+                    bytes[at..at + source.len()].copy_from_slice(source);
+                }
+            }
+            for (_, target) in self.targets.iter().filter(|(b, _)| *b == buffer) {
+                for row in 0..tile.height {
+                    target.write(x, y + row, tile.row(buffer, row));
+                }
+            }
+        }
+    }
+
+    /// The buffers, for another picture.
+    pub fn into_spare(self) -> Spare {
+        let bare = |b: Option<Mutex<Pixels>>| b.map(|m| m.into_inner().unwrap_or_else(PoisonError::into_inner));
+        Spare { size: (self.width, self.height), buffers: self.buffers.map(bare) }
+    }
+}
+
+impl Spare {
+    /// The buffers as a complete picture.
+    pub fn into_picture(self, request: u64, scene: Arc<SceneState>, rays: PixelRays) -> Picture {
+        Picture { width: self.size.0, height: self.size.1, request, scene, rays, buffers: self.buffers }
+    }
+}
+
+impl Picture {
+    /// Its buffers, for another picture.
+    pub fn into_spare(self) -> Spare {
+        Spare { size: (self.width, self.height), buffers: self.buffers }
+    }
+
+    pub fn has(&self, buffer: Buffer) -> bool {
+        self.buffers[buffer as usize].is_some()
+    }
+}
+
 /// A buffer of the last complete picture: no copy; stays whole and readable until dropped, whatever the
 /// frame does meanwhile. Thread-safe.
+#[derive(Clone)]
 pub struct Mapped {
-    width: u32,
-    height: u32,
+    picture: Arc<Picture>,
+    buffer: Buffer,
 }
 
 impl Mapped {
+    /// `None` if the picture does not have the buffer.
+    pub(super) fn of(picture: Arc<Picture>, buffer: Buffer) -> Option<Self> {
+        picture.has(buffer).then_some(Self { picture, buffer })
+    }
     /// Pixels in a row.
     pub fn width(&self) -> u32 {
-        self.width
+        self.picture.width
     }
     /// Rows.
     pub fn height(&self) -> u32 {
-        self.height
+        self.picture.height
+    }
+    /// Which buffer.
+    pub fn buffer(&self) -> Buffer {
+        self.buffer
+    }
+    /// The request that it answers ([`super::FrameStatus::request`]).
+    pub fn request(&self) -> u64 {
+        self.picture.request
     }
     /// Bytes from a row to the next.
     pub fn row_pitch(&self) -> usize {
-        0
+        self.picture.width as usize * self.buffer.pixel_bytes()
     }
     /// The pixels, in the machine's byte order; aligned for the buffer's element type.
     pub fn bytes(&self) -> &[u8] {
-        &[]
+        let all = self.picture.buffers[self.buffer as usize].as_ref().map_or(&[][..], Pixels::bytes);
+        &all[..(self.row_pitch() * self.picture.height as usize).min(all.len())]
     }
     /// The floats of a float buffer; `None` for others.
     pub fn floats(&self) -> Option<&[f32]> {
-        None
+        let floats = [Buffer::ColourLinear, Buffer::Depth, Buffer::Normal, Buffer::Error];
+        floats.contains(&self.buffer).then(|| bytemuck::cast_slice(self.bytes()))
     }
     /// The ids of an id buffer; `None` for others.
     pub fn ids(&self) -> Option<&[u64]> {
-        None
+        let ids = [Buffer::Part, Buffer::Primitive, Buffer::Instance];
+        ids.contains(&self.buffer).then(|| bytemuck::cast_slice(self.bytes()))
     }
-}
-
-/// Kept out of the public face: what a mapping of a missing buffer answers.
-pub(crate) fn no_picture() -> Error {
-    Error::BadState("map: no picture has been completed yet".into())
 }

@@ -1,12 +1,19 @@
 //! A frame: one view being rendered, with its buffers.
+//!
+//! Pictures are double buffered, and more: the last complete one is shared and immutable, the one being
+//! rendered belongs to its job, and what nobody holds any more is used again.
 
-use super::film::{Buffer, Mapped, Outputs, Target, no_picture};
-use super::status::FrameStatus;
+use super::film::{Buffer, Film, Mapped, Outputs, Picture, Spare, Target};
+use super::job::{Asked, Owner, Request};
+use super::srgb::Srgb;
+use super::status::{FrameState, FrameStatus};
 use crate::base::error::{Error, Result};
-use crate::query::Hit;
+use crate::base::tasks::{Ending, Job};
+use crate::query::{Hit, Policy, QueryOptions, Want};
+use crate::scene::camera::PixelRays;
 use crate::scene::{Camera, Context, SceneState};
-use std::sync::Arc;
-use std::time::Duration;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::{Duration, Instant};
 
 /// What a frame is made with.
 #[derive(Clone)]
@@ -49,13 +56,81 @@ impl Default for FrameSettings {
 /// Dropping it cancels what runs and waits for the tiles in flight.
 pub struct Frame {
     context: Context,
+    shared: Arc<Shared>,
+}
+
+type Wake = Arc<dyn Fn() + Send + Sync>;
+
+/// What a frame shares with its jobs.
+struct Shared {
+    inner: Mutex<Inner>,
+    /// Signalled when a request has ended.
+    one_ended: Condvar,
+    /// Held while a request waits for those before it: one after the other, or two would wait for each other.
+    beginning: Mutex<()>,
+    srgb: Arc<Srgb>,
+}
+
+struct Inner {
+    size: (u32, u32),
+    outputs: Outputs,
+    targets: Vec<(Buffer, Arc<dyn Target>)>,
+    /// The last request.
+    request: Option<Arc<Request>>,
+    /// Its job; `None` between the two moments at which a request is taken and its job begun.
+    job: Option<Job>,
+    requests: u64,
+    /// Requests that have not ended: the last, and replaced ones with tiles in flight.
+    unfinished: u32,
+    /// How the last request ended, and when.
+    ending: Option<(Ending, Instant)>,
+    /// The last complete picture.
+    front: Option<Arc<Picture>>,
+    /// Buffers to use again.
+    spare: Option<Spare>,
+    wake: Option<Wake>,
+}
+
+const MOST_PIXELS_ALONG: u32 = 1 << 16;
+
+fn check_size(width: u32, height: u32) -> Result<()> {
+    let fine = |n: u32| (1..=MOST_PIXELS_ALONG).contains(&n);
+    if fine(width) && fine(height) { Ok(()) } else { Err(Error::bad_argument("a frame has 1 to 65536 pixels along each side")) }
+}
+
+impl FrameSettings {
+    /// Fails with [`Error::BadArgument`] if a number is out of its range.
+    pub fn check(&self) -> Result<()> {
+        let number = |x: f32| x.is_finite() && x >= 0.0;
+        if !number(self.poe) || !number(self.ambient) {
+            return Err(Error::bad_argument("frame: poe and ambient must be finite, 0 or more"));
+        }
+        if !(1..=1024).contains(&self.samples) {
+            return Err(Error::bad_argument("frame: samples must be 1 to 1024"));
+        }
+        Ok(())
+    }
 }
 
 impl Frame {
     /// A frame with buffers. `BadArgument` if the size is out of range.
     pub fn new(context: &Context, options: FrameOptions) -> Result<Self> {
-        let _ = options;
-        Ok(Self { context: context.clone() })
+        check_size(options.width, options.height)?;
+        let inner = Inner {
+            size: (options.width, options.height),
+            outputs: options.outputs,
+            targets: options.targets,
+            request: None,
+            job: None,
+            requests: 0,
+            unfinished: 0,
+            ending: None,
+            front: None,
+            spare: None,
+            wake: None,
+        };
+        let shared = Arc::new(Shared { inner: Mutex::new(inner), one_ended: Condvar::new(), beginning: Mutex::new(()), srgb: Arc::new(Srgb::new()) });
+        Ok(Self { context: context.clone(), shared })
     }
 
     /// The context.
@@ -63,54 +138,275 @@ impl Frame {
         &self.context
     }
 
-    /// Begins a picture of `scene` from `camera`; returns at once. What ran before is cancelled.
+    /// Begins a picture of `scene` from `camera`; returns at once. What ran before is cancelled; if the frame
+    /// has targets, its tiles in flight are waited for, so that nobody else writes to them.
     ///
     /// Fails with `BadArgument` for a bad camera or settings, or a scene of another context;
     /// then what ran goes on.
     pub fn request(&self, scene: &Arc<SceneState>, camera: &Camera, settings: &FrameSettings) -> Result<()> {
-        let _ = (scene, camera, settings);
-        Err(Error::BadState("Frame::request: being built".into()))
+        if !scene.context().same(&self.context) {
+            return Err(Error::bad_argument("the scene belongs to another context"));
+        }
+        settings.check()?;
+        let one_at_a_time = self.shared.beginning.lock().unwrap_or_else(PoisonError::into_inner);
+        // Another thread may resize in between: then the size is asked again.
+        let (request, before) = loop {
+            let size = self.shared.inner().size;
+            let rays = camera.prepare(size.0, size.1)?;
+            let mut inner = self.shared.inner();
+            if inner.size == size {
+                break inner.begin(&self.shared, scene, rays, settings);
+            }
+        };
+        if let Some((request, job)) = before {
+            stop(&request, job.as_ref());
+        }
+        self.settle(1);
+        drop(one_at_a_time);
+        let job = self.context.pool().submit(request.items(), Arc::clone(&request) as Arc<_>);
+        let mut inner = self.shared.inner();
+        let current = inner.request.as_ref().is_some_and(|r| Arc::ptr_eq(r, &request));
+        if current && inner.ending.is_none() {
+            inner.job = Some(job);
+        } else if !current {
+            // Replaced while it was being begun.
+            drop(inner);
+            stop(&request, Some(&job));
+        }
+        Ok(())
     }
 
     /// How far the last request is. Never blocks.
     pub fn poll(&self) -> FrameStatus {
-        FrameStatus::default()
+        let (request, ending) = {
+            let inner = self.shared.inner();
+            (inner.request.clone(), inner.ending.clone())
+        };
+        request.map_or_else(FrameStatus::default, |r| status_of(&r, ending))
     }
 
     /// Waits until the last request has ended, `timeout` at most. Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> FrameStatus {
-        let _ = timeout;
-        self.poll()
+        let deadline = Instant::now().checked_add(timeout);
+        loop {
+            let (job, ended) = {
+                let inner = self.shared.inner();
+                (inner.job.clone(), inner.ending.is_some() || inner.request.is_none())
+            };
+            let left = deadline.map_or(Duration::MAX, |d| d.saturating_duration_since(Instant::now()));
+            if ended || left.is_zero() {
+                return self.poll();
+            }
+            match job {
+                Some(job) => drop(job.wait(left)),
+                // Another thread is just beginning it.
+                None => std::thread::yield_now(),
+            }
+        }
     }
 
     /// Cancels what runs; takes effect within a tile. The last complete picture stays mapped and whole.
-    pub fn cancel(&self) {}
+    pub fn cancel(&self) {
+        let (request, job) = {
+            let inner = self.shared.inner();
+            (inner.request.clone(), inner.job.clone())
+        };
+        if let Some(request) = request {
+            stop(&request, job.as_ref());
+        }
+    }
 
     /// Changes the size for requests from now on; cancels what runs. The last complete picture keeps its
-    /// size until the next is complete. Targets are dropped. `BadArgument` if out of range.
+    /// size until the next is complete. Targets are dropped, and not written any more when this returns.
+    /// `BadArgument` if out of range.
     pub fn resize(&self, width: u32, height: u32) -> Result<()> {
-        let _ = (width, height);
-        Err(Error::BadState("Frame::resize: being built".into()))
+        check_size(width, height)?;
+        self.cancel();
+        self.settle(0);
+        let mut inner = self.shared.inner();
+        inner.size = (width, height);
+        inner.targets.clear();
+        inner.spare = None;
+        Ok(())
+    }
+
+    /// Waits until at most `left` requests write to targets, which they have been told not to do.
+    fn settle(&self, left: u32) {
+        let mut inner = self.shared.inner();
+        while !inner.targets.is_empty() && inner.unfinished > left {
+            inner = self.shared.one_ended.wait(inner).unwrap_or_else(PoisonError::into_inner);
+        }
     }
 
     /// What is seen at pixel (`x`, `y`) of the last complete picture (or, before there is one, of the last
     /// request): exact, every field filled. Blocks; may read the disk. `BadArgument` outside the picture,
     /// `BadState` before the first request.
     pub fn pick(&self, x: u32, y: u32) -> Result<Hit> {
-        let _ = (x, y);
-        Err(Error::BadState("Frame::pick: being built".into()))
+        let seen = {
+            let inner = self.shared.inner();
+            let last = || inner.request.as_ref().map(|r| (Arc::clone(&r.scene), r.rays, r.size));
+            let front = inner.front.as_ref().map(|p| (Arc::clone(&p.scene), p.rays, (p.width, p.height)));
+            front.or_else(last)
+        };
+        let Some((scene, rays, size)) = seen else {
+            return Err(Error::BadState("pick: nothing was requested yet".into()));
+        };
+        if x >= size.0 || y >= size.1 {
+            let text = format!("pick: pixel ({x}, {y}) is outside of {} x {}", size.0, size.1);
+            return Err(Error::BadArgument(text));
+        }
+        let mut ray = rays.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        ray.cone = crate::math::Cone::ZERO;
+        let mut hit = [Hit::MISS];
+        let options = QueryOptions { coherent: false, want: Want::ALL, policy: Policy::Exact };
+        scene.closest(&[ray], options, &mut hit)?;
+        Ok(hit[0])
     }
 
     /// A buffer of the last complete picture; cheap, no copy. `BadState` before there is one or if
     /// the frame does not keep this buffer.
     pub fn map(&self, buffer: Buffer) -> Result<Mapped> {
-        let _ = buffer;
-        Err(no_picture())
+        let front = self.shared.inner().front.clone();
+        let Some(picture) = front else {
+            return Err(Error::BadState("map: no picture has been completed yet".into()));
+        };
+        let missing = || Error::BadState("map: the frame does not keep this buffer".into());
+        Mapped::of(picture, buffer).ok_or_else(missing)
     }
 
     /// Calls `wake` when a request ends (converged, cancelled or failed), from any thread, never under a
     /// lock of ours. It must not block; it may call the frame's cheap methods. `None`: nobody is called.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
-        let _ = wake;
+        self.shared.inner().wake = wake;
+    }
+}
+
+impl Drop for Frame {
+    fn drop(&mut self) {
+        // Nobody is there to be woken.
+        self.shared.inner().wake = None;
+        self.cancel();
+        let mut inner = self.shared.inner();
+        while inner.unfinished > 0 {
+            inner = self.shared.one_ended.wait(inner).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// Cancels a request, begun or not.
+fn stop(request: &Request, job: Option<&Job>) {
+    request.stop();
+    if let Some(job) = job {
+        job.cancel();
+    }
+}
+
+type Replaced = (Arc<Request>, Option<Job>);
+
+impl Inner {
+    /// Makes a request the last one; returns it, and the one before if it still runs.
+    fn begin(
+        &mut self,
+        shared: &Arc<Shared>,
+        scene: &Arc<SceneState>,
+        rays: PixelRays,
+        settings: &FrameSettings,
+    ) -> (Arc<Request>, Option<Replaced>) {
+        self.requests += 1;
+        self.unfinished += 1;
+        let film = Film::new(self.size, self.outputs, &self.targets, self.spare.take());
+        let owner: Weak<Shared> = Arc::downgrade(shared);
+        let request = Arc::new(Request::new(Asked {
+            number: self.requests,
+            scene: Arc::clone(scene),
+            rays,
+            settings: *settings,
+            film,
+            srgb: Arc::clone(&shared.srgb),
+            owner,
+        }));
+        let running = self.ending.is_none();
+        let before = self.request.replace(Arc::clone(&request)).map(|r| (r, self.job.take()));
+        self.ending = None;
+        self.job = None;
+        (request, before.filter(|_| running))
+    }
+}
+
+impl Shared {
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        // Every step under the lock leaves a valid state.
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Owner for Shared {
+    fn ended(&self, request: &Request, film: Film, ending: &Ending) {
+        let wake = {
+            let mut inner = self.inner();
+            inner.unfinished -= 1;
+            let newer = inner.front.as_ref().is_none_or(|p| p.request < request.number);
+            let buffers = film.into_spare();
+            if matches!(ending, Ending::Finished) && newer {
+                let picture = buffers.into_picture(request.number, Arc::clone(&request.scene), request.rays);
+                let old = inner.front.replace(Arc::new(picture));
+                // Unless somebody has it mapped.
+                if let Some(old) = old.and_then(Arc::into_inner) {
+                    inner.spare = Some(old.into_spare());
+                }
+            } else {
+                inner.spare = Some(buffers);
+            }
+            if inner.requests == request.number {
+                inner.ending = Some((ending.clone(), Instant::now()));
+                inner.job = None;
+                inner.wake.clone()
+            } else {
+                None
+            }
+        };
+        self.one_ended.notify_all();
+        if let Some(wake) = wake {
+            wake();
+        }
+    }
+}
+
+fn status_of(request: &Request, ending: Option<(Ending, Instant)>) -> FrameStatus {
+    let (tally, wanted) = request.tally();
+    let (state, error) = match &ending {
+        None => (FrameState::Running, None),
+        Some((Ending::Finished, _)) => (FrameState::Converged, None),
+        Some((Ending::Cancelled, _)) => (FrameState::Cancelled, None),
+        Some((Ending::Failed(error), _)) => (FrameState::Failed, Some(Arc::clone(error))),
+    };
+    let fraction = match state {
+        FrameState::Converged => 1.0,
+        _ => request.pixels_done() as f64 / request.pixels as f64,
+    };
+    let until = ending.map_or_else(Instant::now, |(_, at)| at);
+    let seconds = until.saturating_duration_since(request.begun).as_secs_f64();
+    let seconds_to_go = match state {
+        FrameState::Running if fraction > 0.0 => seconds * (1.0 - fraction) / fraction,
+        FrameState::Running => f64::INFINITY,
+        _ => 0.0,
+    };
+    FrameStatus {
+        state,
+        request: request.number,
+        fraction,
+        pixels_exact: tally.exact,
+        pixels_lod: tally.lod,
+        pixels_missing: tally.missing,
+        pixels_total: request.pixels,
+        worst_error_px: tally.error_max,
+        mean_error_px: (tally.error_sum / tally.hits.max(1) as f64) as f32,
+        // Every answer is exact whatever is asked: there are no stand-ins yet.
+        effective_poe: 0.0,
+        bytes_resident: request.scene.resident_bytes(),
+        bytes_wanted: wanted,
+        seconds_to_go,
+        seconds,
+        error,
     }
 }

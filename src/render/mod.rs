@@ -3,7 +3,11 @@
 
 pub mod film;
 pub mod frame;
+mod integrators;
+mod job;
+mod srgb;
 pub mod status;
+mod tile;
 
 pub use film::{Buffer, Mapped, Outputs, Target};
 pub use frame::{Frame, FrameOptions, FrameSettings};

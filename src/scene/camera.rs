@@ -122,6 +122,12 @@ impl PixelRays {
         self.eye
     }
 
+    /// Width of a pixel's footprint at distance `t` along the middle ray, world units.
+    #[inline]
+    pub fn pixel_width(&self, t: f64) -> f64 {
+        if self.perspective { self.pixel * t } else { self.pixel }
+    }
+
     /// The ray through picture point (`x`, `y`): the middle of pixel (i, j) is (i + 0.5, j + 0.5),
     /// (0, 0) is the top left corner. Directions are unit up to rounding; the cone is the
     /// pixel's footprint (its width at `t`).

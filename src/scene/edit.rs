@@ -167,8 +167,9 @@ impl Scene {
                 models.push(it.model.clone());
                 models.len() - 1
             }) as u32;
+            let Draftee { id, world_from_model, mask, state, .. } = *it;
             let parts = Arc::clone(&it.parts);
-            instances.push(Instance { id: it.id, model, mask: it.mask, state: it.state, parts });
+            instances.push(Instance { id, model, world_from_model, mask, state, parts });
         }
         let placement = if draft.moved {
             Arc::new(place(kept(), &instances)?)

@@ -134,6 +134,17 @@ impl Placed {
         if self.unturned { p + self.offset } else { self.linear * p + self.offset }
     }
 
+    /// Greatest distance from the tree's zero along an axis, in the world.
+    #[inline]
+    pub fn extent(&self) -> f64 {
+        self.stretch * self.reach
+    }
+
+    /// Around a box of the tree's frame, in the world.
+    pub fn world_bounds(&self, b: &DBounds) -> DBounds {
+        b.transformed(&DAffine3 { matrix3: self.linear, translation: self.offset })
+    }
+
     /// A normal (not unit) of the tree's frame in the world, not unit: by the inverse transpose.
     #[inline]
     pub fn world_normal(&self, n: DVec3) -> DVec3 {

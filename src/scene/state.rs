@@ -5,6 +5,7 @@ use super::light::{Background, Light};
 use super::model::Model;
 use super::placed::Placed;
 use super::top::TopTree;
+use glam::DAffine3;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -62,6 +63,7 @@ pub(crate) struct Instance {
     pub id: u64,
     /// Index of its model.
     pub model: u32,
+    pub world_from_model: DAffine3,
     pub mask: u32,
     pub state: State,
     pub parts: Arc<PartStates>,

@@ -1,0 +1,335 @@
+//! Direct light: headlights, points, directions, with shadow rays in packets; layers of transparent
+//! surfaces by continuing the ray.
+
+use super::material::Material;
+use crate::math::{Cone, Ray};
+use crate::query::finish::{facing_normal, meet};
+use crate::query::{HitKind, NONE};
+use crate::render::srgb::Srgb;
+use crate::scene::camera::PixelRays;
+use crate::scene::light::LightKind;
+use crate::scene::placed::not_below;
+use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
+use crate::scene::Light;
+use crate::structure::bvh::trace::PACKET;
+use glam::{DVec3, Vec3};
+
+/// Transparent surfaces that a ray goes through at most; what is behind counts as background.
+const MAX_LAYERS: usize = 32;
+/// In place of what overflows.
+const BRIGHTEST: f32 = 65504.0;
+/// What is let through less than this is not looked at.
+const LEAST_TRANSMITTANCE: f32 = 1.0 / 512.0;
+/// Offset of rays that leave a surface, as a share of its tree's reach: 32 times what single precision may put
+/// between a point of a surface and the surface (2⁻²⁴ of twice the reach).
+const LEAVE: f64 = 1.0 / 262_144.0;
+
+/// What is seen first in a pixel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Layer {
+    pub depth: f32,
+    pub normal: [f32; 3],
+    pub part: u64,
+    pub prim: u64,
+    pub instance: u64,
+    pub kind: HitKind,
+    pub error: f32,
+    pub error_px: f32,
+}
+
+impl Layer {
+    const MISS: Self = Self {
+        depth: f32::INFINITY,
+        normal: [0.0; 3],
+        part: NONE,
+        prim: NONE,
+        instance: NONE,
+        kind: HitKind::Miss,
+        error: 0.0,
+        error_px: 0.0,
+    };
+}
+
+/// Memory of a worker, and the pixels of its packet.
+pub(crate) struct Scratch {
+    camera: ScenePacket,
+    shadow: ScenePacket,
+    /// Linear RGB and alpha.
+    pub colour: [[f32; 4]; PACKET],
+    pub first: [Layer; PACKET],
+}
+
+impl Scratch {
+    pub fn new() -> Self {
+        Self {
+            camera: ScenePacket::default(),
+            shadow: ScenePacket::default(),
+            colour: [[0.0; 4]; PACKET],
+            first: [Layer::MISS; PACKET],
+        }
+    }
+}
+
+/// What renders packets of 4x4 pixels of one picture.
+pub(crate) struct Direct<'a> {
+    pub view: SceneView<'a>,
+    pub rays: &'a PixelRays,
+    pub size: (u32, u32),
+    pub samples: u32,
+    pub ambient: f32,
+    /// Pixels of error; 0 asks for exact answers.
+    pub poe: f32,
+    pub srgb: &'a Srgb,
+    /// Whether primitive ids are asked for.
+    pub prims: bool,
+}
+
+/// A surface that was hit.
+struct Surface {
+    position: DVec3,
+    normal: Vec3,
+    material: Material,
+    /// How far a ray that leaves it begins from it.
+    leave: f64,
+    layer: Layer,
+    t: f64,
+}
+
+/// The colour of each ray so far.
+struct Lanes {
+    rays: [Ray; PACKET],
+    colour: [Vec3; PACKET],
+    /// What is let through to what comes next.
+    through: [f32; PACKET],
+}
+
+const NO_RAY: Ray =
+    Ray { origin: DVec3::ZERO, dir: Vec3::X, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO };
+
+impl Direct<'_> {
+    /// Renders the pixels of `active` in the 4x4 block at `at` into `scratch`. Sample 0 goes through the
+    /// middle of the pixel and tells what is seen; all samples weigh the same in the colour.
+    pub fn packet(&self, at: (u32, u32), active: u32, scratch: &mut Scratch) -> Result<(), Need> {
+        let mut sums = [[0.0f32; 4]; PACKET];
+        for sample in 0..self.samples {
+            let (dx, dy) = offset(sample);
+            let mut lanes = Lanes { rays: [NO_RAY; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
+            for i in bits(active) {
+                let (x, y) = (at.0 + i as u32 % 4, at.1 + i as u32 / 4);
+                lanes.rays[i] = self.rays.ray(f64::from(x) + dx, f64::from(y) + dy);
+                if self.poe == 0.0 {
+                    lanes.rays[i].cone = Cone::ZERO;
+                }
+            }
+            self.layers(&mut lanes, active, sample == 0, scratch)?;
+            for i in bits(active) {
+                let height = 1.0 - (f64::from(at.1 + i as u32 / 4) + dy) as f32 / self.size.1 as f32;
+                let back = self.view.scene.background.at(height);
+                let (through, c) = (lanes.through[i], lanes.colour[i]);
+                let all = [
+                    c.x + through * back[0],
+                    c.y + through * back[1],
+                    c.z + through * back[2],
+                    1.0 - through + through * back[3],
+                ];
+                for (sum, c) in sums[i].iter_mut().zip(all) {
+                    // Squares of infinite lights and the like end here.
+                    *sum += if c.is_finite() { c } else { BRIGHTEST };
+                }
+            }
+        }
+        let weight = 1.0 / self.samples as f32;
+        for i in bits(active) {
+            scratch.colour[i] = sums[i].map(|c| c * weight);
+        }
+        Ok(())
+    }
+
+    /// Goes through surfaces, front to back, until nothing is let through.
+    fn layers(&self, lanes: &mut Lanes, mut active: u32, first: bool, scratch: &mut Scratch) -> Result<(), Need> {
+        if first {
+            scratch.first = [Layer::MISS; PACKET];
+        }
+        let masks = [u32::MAX; PACKET];
+        for layer in 0..MAX_LAYERS {
+            if active == 0 {
+                break;
+            }
+            scratch.camera.begin(&self.view, &lanes.rays, active);
+            if let Step::Pending(need) = self.view.trace16::<false>(&lanes.rays, &masks, &mut scratch.camera) {
+                return Err(need);
+            }
+            let mut surfaces: [Option<Surface>; PACKET] = std::array::from_fn(|_| None);
+            for i in bits(active) {
+                let found = scratch.camera.best(i);
+                if found.is_hit() {
+                    surfaces[i] = Some(self.surface(&lanes.rays[i], &found, first && layer == 0)?);
+                } else {
+                    active &= !(1 << i);
+                }
+            }
+            let lit = self.light(lanes, &surfaces, active, scratch)?;
+            for i in bits(active) {
+                let Some(surface) = &surfaces[i] else { continue };
+                if first && layer == 0 {
+                    scratch.first[i] = surface.layer;
+                }
+                let opacity = surface.material.opacity;
+                lanes.colour[i] += lit[i] * (lanes.through[i] * opacity);
+                lanes.through[i] *= 1.0 - opacity;
+                lanes.rays[i].t_min = surface.t + surface.leave;
+                if lanes.through[i] < LEAST_TRANSMITTANCE {
+                    lanes.through[i] = 0.0;
+                    active &= !(1 << i);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn surface(&self, ray: &Ray, found: &Found, keep: bool) -> Result<Surface, Need> {
+        let scene = self.view.scene;
+        let placed = &scene.placement.placed[found.placed as usize];
+        let need = |block| Need { model: placed.model, block };
+        let tree = self.view.tree(found.placed);
+        let triangle = tree.triangle(&found.tri).ok_or(need(crate::base::ids::BlockId(found.tri.block)))?;
+        let part = placed.first_part.saturating_add(triangle.part);
+        let meeting = meet(placed, &triangle, ray, found);
+        let along = ray.dir.as_dvec3() * meeting.t;
+        let normal = facing_normal(placed, &triangle, ray.dir.as_dvec3()).as_vec3();
+        let mut layer = Layer::MISS;
+        if keep {
+            let size = ray.origin.abs().max_element() + along.abs().max_element();
+            let error = not_below(placed.stretch * meeting.gap + placed.position_error + placed.rounding(size));
+            let pixel = self.rays.pixel_width(meeting.t);
+            layer = Layer {
+                depth: along.dot(self.rays.forward()) as f32,
+                normal: normal.into(),
+                part: self.view.model_of(found.placed).parts().get(part as usize).map_or(NONE, |p| p.id),
+                prim: if self.prims { u64::from(tree.prim(&found.tri).map_err(need)?) } else { NONE },
+                instance: scene.instances[placed.instance as usize].id,
+                kind: HitKind::Exact,
+                error,
+                error_px: (f64::from(error) / pixel) as f32,
+            };
+        }
+        let own = || tree.colour(&found.tri).map_err(need);
+        let material = self.material(found.placed, part, own)?;
+        let leave = placed.extent() * LEAVE;
+        Ok(Surface { position: ray.origin + along, normal, material, leave, layer, t: meeting.t })
+    }
+
+    /// The part's material, under the states of part and instance; `own` is the triangle's own colour.
+    fn material(
+        &self,
+        placed: u32,
+        part: u32,
+        own: impl FnOnce() -> Result<Option<[u8; 4]>, Need>,
+    ) -> Result<Material, Need> {
+        let p = &self.view.scene.placement.placed[placed as usize];
+        let instance = &self.view.scene.instances[p.instance as usize];
+        let info = self.view.model_of(placed).parts().get(part as usize);
+        let [r, g, b, a] = info.map_or([0.6, 0.6, 0.6, 1.0], |i| i.colour);
+        let mut material = Material {
+            colour: Vec3::new(r, g, b),
+            opacity: a,
+            metalness: info.map_or(0.0, |i| i.metalness),
+            roughness: info.map_or(0.6, |i| i.roughness),
+            glow: Vec3::ZERO,
+        };
+        let state = instance.parts.shown.get(&part);
+        match state.and_then(|s| s.colour).or(instance.state.colour) {
+            Some([r, g, b, a]) => (material.colour, material.opacity) = (Vec3::new(r, g, b), a),
+            None => {
+                if let Some(colour) = own()? {
+                    material.colour = Vec3::from(self.srgb.linear(colour));
+                }
+            }
+        }
+        let selected = instance.state.selected || state.is_some_and(|s| s.selected);
+        Ok(if selected { material.selected() } else { material })
+    }
+
+    /// Adds up the lights on the surfaces of a packet.
+    fn light(
+        &self,
+        lanes: &Lanes,
+        surfaces: &[Option<Surface>; PACKET],
+        active: u32,
+        scratch: &mut Scratch,
+    ) -> Result<[Vec3; PACKET], Need> {
+        let mut sum = [Vec3::ZERO; PACKET];
+        for i in bits(active) {
+            if let Some(s) = &surfaces[i] {
+                sum[i] = s.material.ambient(self.ambient);
+            }
+        }
+        for light in &self.view.scene.lights {
+            let mut answer = [Vec3::ZERO; PACKET];
+            let mut shadow = [NO_RAY; PACKET];
+            let mut asked = 0;
+            for i in bits(active) {
+                let Some(s) = &surfaces[i] else { continue };
+                let to_eye = -lanes.rays[i].dir;
+                let Some(aim) = aim(light, s, to_eye) else { continue };
+                answer[i] = s.material.lit(s.normal, to_eye, aim.to_light, aim.irradiance);
+                if answer[i] != Vec3::ZERO && light.shadows && light.kind != LightKind::Headlight {
+                    shadow[i] = aim.shadow;
+                    asked |= 1 << i;
+                }
+            }
+            let dark = if asked == 0 { 0 } else { self.shadowed(&shadow, asked, &mut scratch.shadow)? };
+            for i in bits(active & !dark) {
+                sum[i] += answer[i];
+            }
+        }
+        Ok(sum)
+    }
+
+    /// Which of the rays meet something.
+    fn shadowed(&self, rays: &[Ray; PACKET], asked: u32, packet: &mut ScenePacket) -> Result<u32, Need> {
+        packet.begin(&self.view, rays, asked);
+        match self.view.trace16::<true>(rays, &[u32::MAX; PACKET], packet) {
+            Step::Pending(need) => Err(need),
+            Step::Done => Ok(bits(asked).filter(|&i| packet.best(i).is_hit()).fold(0, |m, i| m | 1 << i)),
+        }
+    }
+}
+
+/// A light as a point of a surface sees it.
+struct Aim {
+    /// Unit.
+    to_light: Vec3,
+    /// On a surface that faces it.
+    irradiance: Vec3,
+    shadow: Ray,
+}
+
+/// `None` where the light does not reach at all.
+fn aim(light: &Light, surface: &Surface, to_eye: Vec3) -> Option<Aim> {
+    let strength = Vec3::from(light.colour) * light.intensity;
+    let from = surface.position + surface.normal.as_dvec3() * surface.leave;
+    match light.kind {
+        LightKind::Headlight => Some(Aim { to_light: to_eye, irradiance: strength, shadow: NO_RAY }),
+        LightKind::Directional(dir) => {
+            let to_light = -dir.try_normalize()?.as_vec3();
+            Some(Aim { to_light, irradiance: strength, shadow: Ray::new(from, to_light) })
+        }
+        LightKind::Point(point) => {
+            let way = point - from;
+            let distance = way.length();
+            let to_light = way.try_normalize()?.as_vec3();
+            let irradiance = strength * (1.0 / (distance * distance)).min(1e30) as f32;
+            let shadow = Ray { t_max: distance * (1.0 - 1e-6), ..Ray::new(from, to_light) };
+            Some(Aim { to_light, irradiance, shadow })
+        }
+    }
+}
+
+/// Where in the pixel a sample lies: the middle first, then the additive recurrence of the plastic number
+/// (Roberts 2018), which covers the square evenly however many are taken.
+fn offset(sample: u32) -> (f64, f64) {
+    const PLASTIC: f64 = 1.324_717_957_244_746;
+    let n = f64::from(sample);
+    ((0.5 + n / PLASTIC).fract(), (0.5 + n / (PLASTIC * PLASTIC)).fract())
+}

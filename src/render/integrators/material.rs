@@ -1,0 +1,96 @@
+//! How surfaces answer light: Lambert's diffuse term and a Blinn highlight. Two-sided, never NaN.
+
+use glam::Vec3;
+
+/// A surface's answer to light.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Material {
+    /// Linear.
+    pub colour: Vec3,
+    /// 1 is opaque.
+    pub opacity: f32,
+    /// In [0, 1].
+    pub metalness: f32,
+    /// In [0, 1]; at 1 there is no highlight.
+    pub roughness: f32,
+    /// Added whatever the light.
+    pub glow: Vec3,
+}
+
+/// What a selected surface is mixed with.
+const SELECTED: Vec3 = Vec3::new(1.0, 0.42, 0.04);
+
+impl Material {
+    /// Highlighted.
+    pub fn selected(self) -> Self {
+        Self { colour: self.colour.lerp(SELECTED, 0.65), glow: self.glow + SELECTED * 0.18, ..self }
+    }
+
+    /// Light of `irradiance` (on a surface facing it) from the direction `to_light`, seen from `to_eye`.
+    /// All directions unit, the normal on the eye's side. A white matt surface that faces the light
+    /// answers with the irradiance: factors of pi are left out on both sides.
+    #[inline]
+    pub fn lit(&self, normal: Vec3, to_eye: Vec3, to_light: Vec3, irradiance: Vec3) -> Vec3 {
+        let cosine = normal.dot(to_light);
+        if cosine <= 0.0 {
+            return Vec3::ZERO;
+        }
+        // Metals keep some diffuse light: there is no environment for them to mirror.
+        let diffuse = self.colour * (1.0 - 0.6 * self.metalness);
+        (diffuse + self.highlight(normal, to_eye, to_light)) * cosine * irradiance
+    }
+
+    /// Blinn's distribution, normalised, with Schlick's reflectance; faded out towards full roughness.
+    #[inline]
+    fn highlight(&self, normal: Vec3, to_eye: Vec3, to_light: Vec3) -> Vec3 {
+        let smooth = (1.0 - self.roughness) * (1.0 - self.roughness);
+        if smooth <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let half = (to_eye + to_light).normalize_or_zero();
+        let exponent = 2.0 / self.roughness.max(0.05).powi(4);
+        let facing = Vec3::splat(0.04).lerp(self.colour, self.metalness);
+        let grazing = (1.0 - half.dot(to_light).clamp(0.0, 1.0)).powi(5);
+        let reflectance = facing + (Vec3::ONE - facing) * grazing;
+        let lobe = (exponent + 8.0) / 8.0 * normal.dot(half).max(0.0).powf(exponent);
+        // Bounded, so that a mirror does not burn out.
+        reflectance * (lobe * smooth).min(8.0)
+    }
+
+    /// Light from everywhere.
+    #[inline]
+    pub fn ambient(&self, ambient: f32) -> Vec3 {
+        self.colour * ambient + self.glow
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn white(roughness: f32) -> Material {
+        Material { colour: Vec3::ONE, opacity: 1.0, metalness: 0.0, roughness, glow: Vec3::ZERO }
+    }
+
+    #[test]
+    fn white_matt_answers_with_the_cosine() {
+        for cosine in [1.0f32, 0.5, 0.25, 0.0] {
+            let light = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
+            let lit = white(1.0).lit(Vec3::Z, Vec3::Z, light, Vec3::ONE);
+            assert!((lit - Vec3::splat(cosine)).abs().max_element() < 1e-6, "{lit}");
+        }
+        assert_eq!(white(0.2).lit(Vec3::Z, Vec3::Z, -Vec3::Z, Vec3::ONE), Vec3::ZERO);
+    }
+
+    #[test]
+    fn nothing_makes_nan() {
+        for roughness in [0.0, 0.05, 0.5, 1.0] {
+            for light in [Vec3::Z, -Vec3::Z, Vec3::X, Vec3::ZERO] {
+                for metalness in [0.0, 1.0] {
+                    let m = Material { metalness, ..white(roughness) };
+                    assert!(m.lit(Vec3::Z, -light, light, Vec3::splat(1e6)).is_finite());
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! How a pixel gets its colour.
+
+pub mod direct;
+pub mod material;

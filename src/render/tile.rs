@@ -1,0 +1,185 @@
+//! Tiles: squares of pixels, the unit of work of a frame.
+
+use super::film::Buffer;
+use super::integrators::direct::{Direct, Layer, Scratch};
+use super::srgb::Srgb;
+use crate::query::{HitKind, NONE};
+use crate::scene::walk::Need;
+
+/// Pixels along the side of a tile.
+pub(super) const TILE: u32 = 32;
+const PIXELS: usize = (TILE * TILE) as usize;
+/// Pixels along the side of a packet.
+const SIDE: u32 = 4;
+
+/// The pixels of a tile, buffer by buffer, before they go to the film.
+pub(super) struct TilePixels {
+    pub width: u32,
+    pub height: u32,
+    srgb: Box<[[u8; 4]; PIXELS]>,
+    linear: Box<[[f32; 4]; PIXELS]>,
+    depth: Box<[f32; PIXELS]>,
+    normal: Box<[[f32; 3]; PIXELS]>,
+    part: Box<[u64; PIXELS]>,
+    prim: Box<[u64; PIXELS]>,
+    instance: Box<[u64; PIXELS]>,
+    kind: Box<[u8; PIXELS]>,
+    error: Box<[f32; PIXELS]>,
+}
+
+/// What a tile adds to the status.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Tally {
+    pub exact: u64,
+    pub lod: u64,
+    pub missing: u64,
+    /// Pixels that hit something.
+    pub hits: u64,
+    /// Sum of errors in pixels.
+    pub error_sum: f64,
+    pub error_max: f32,
+}
+
+impl TilePixels {
+    pub fn new() -> Self {
+        Self {
+            width: 0,
+            height: 0,
+            srgb: Box::new([[0; 4]; PIXELS]),
+            linear: Box::new([[0.0; 4]; PIXELS]),
+            depth: Box::new([0.0; PIXELS]),
+            normal: Box::new([[0.0; 3]; PIXELS]),
+            part: Box::new([0; PIXELS]),
+            prim: Box::new([0; PIXELS]),
+            instance: Box::new([0; PIXELS]),
+            kind: Box::new([0; PIXELS]),
+            error: Box::new([0.0; PIXELS]),
+        }
+    }
+
+    /// The bytes of a row of a buffer.
+    pub fn row(&self, buffer: Buffer, row: u32) -> &[u8] {
+        let all: &[u8] = match buffer {
+            Buffer::ColourSrgb8 => bytemuck::cast_slice(&self.srgb[..]),
+            Buffer::ColourLinear => bytemuck::cast_slice(&self.linear[..]),
+            Buffer::Depth => bytemuck::cast_slice(&self.depth[..]),
+            Buffer::Normal => bytemuck::cast_slice(&self.normal[..]),
+            Buffer::Part => bytemuck::cast_slice(&self.part[..]),
+            Buffer::Primitive => bytemuck::cast_slice(&self.prim[..]),
+            Buffer::Instance => bytemuck::cast_slice(&self.instance[..]),
+            Buffer::Kind => &self.kind[..],
+            Buffer::Error => bytemuck::cast_slice(&self.error[..]),
+        };
+        let size = buffer.pixel_bytes();
+        let at = (row * TILE) as usize * size;
+        &all[at..at + self.width as usize * size]
+    }
+
+    /// Renders the tile whose left upper pixel is (`x`, `y`). Blocks that are missing go to `needs`; then the
+    /// tile is to be rendered again. `None` if `stop` said so between two packets.
+    pub fn render(
+        &mut self,
+        direct: &Direct,
+        (x, y): (u32, u32),
+        srgb: &Srgb,
+        scratch: &mut Scratch,
+        needs: &mut Vec<Need>,
+        stop: impl Fn() -> bool,
+    ) -> Option<Tally> {
+        let (width, height) = direct.size;
+        self.width = (width - x).min(TILE);
+        self.height = (height - y).min(TILE);
+        let mut tally = Tally::default();
+        for top in (0..self.height).step_by(SIDE as usize) {
+            for left in (0..self.width).step_by(SIDE as usize) {
+                if stop() {
+                    return None;
+                }
+                let (columns, rows) = ((self.width - left).min(SIDE), (self.height - top).min(SIDE));
+                let inside = |i: u32| i % SIDE < columns && i / SIDE < rows;
+                let active = (0..16).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
+                match direct.packet((x + left, y + top), active, scratch) {
+                    Ok(()) => self.keep((left, top), active, srgb, scratch, &mut tally),
+                    Err(need) => needs.push(need),
+                }
+            }
+        }
+        Some(tally)
+    }
+
+    /// Takes over the pixels of a packet.
+    fn keep(
+        &mut self,
+        (left, top): (u32, u32),
+        active: u32,
+        srgb: &Srgb,
+        scratch: &Scratch,
+        tally: &mut Tally,
+    ) {
+        for i in crate::scene::walk::bits(active) {
+            let at = ((top + i as u32 / SIDE) * TILE + left + i as u32 % SIDE) as usize;
+            let colour = scratch.colour[i];
+            self.linear[at] = colour;
+            self.srgb[at] = srgb.pixel(colour);
+            let Layer { depth, normal, part, prim, instance, kind, error, error_px } = scratch.first[i];
+            self.depth[at] = depth;
+            self.normal[at] = normal;
+            self.part[at] = part;
+            self.prim[at] = prim;
+            self.instance[at] = instance;
+            self.kind[at] = kind as u8;
+            self.error[at] = error;
+            match kind {
+                HitKind::Miss | HitKind::Exact => tally.exact += 1,
+                HitKind::Lod => tally.lod += 1,
+                HitKind::Missing => tally.missing += 1,
+            }
+            if instance != NONE || kind != HitKind::Miss {
+                tally.hits += 1;
+                tally.error_sum += f64::from(error_px);
+                tally.error_max = tally.error_max.max(error_px);
+            }
+        }
+    }
+}
+
+impl Tally {
+    pub fn add(&mut self, o: &Tally) {
+        self.exact += o.exact;
+        self.lod += o.lod;
+        self.missing += o.missing;
+        self.hits += o.hits;
+        self.error_sum += o.error_sum;
+        self.error_max = self.error_max.max(o.error_max);
+    }
+}
+
+/// The tiles of a picture by their left upper pixels, the middle first: seen first, wanted first.
+pub(super) fn tiles_from_the_middle(width: u32, height: u32) -> Vec<(u32, u32)> {
+    let columns = (0..width).step_by(TILE as usize);
+    let mut tiles: Vec<_> =
+        (0..height).step_by(TILE as usize).flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
+    let half = i64::from(TILE / 2);
+    tiles.sort_by_key(|&(x, y)| {
+        let (dx, dy) = (i64::from(x) + half - i64::from(width / 2), i64::from(y) + half - i64::from(height / 2));
+        (dx * dx + dy * dy, y, x)
+    });
+    tiles
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_cover_the_picture_once_and_begin_in_the_middle() {
+        for (w, h) in [(1, 1), (32, 32), (33, 31), (100, 70)] {
+            let tiles = tiles_from_the_middle(w, h);
+            let area: u32 = tiles.iter().map(|&(x, y)| (w - x).min(TILE) * (h - y).min(TILE)).sum();
+            assert_eq!(area, w * h);
+            assert_eq!(tiles.len() as u32, w.div_ceil(TILE) * h.div_ceil(TILE));
+        }
+        let (x, y) = tiles_from_the_middle(320, 320)[0];
+        assert!((128..=160).contains(&x) && (128..=160).contains(&y));
+    }
+}
