@@ -411,6 +411,8 @@ impl Shared {
                 return self.open_round(job, items);
             }
         };
+        // A cancelled round may still be queued: nothing of an ended job stays behind.
+        lock(&self.queue).open.retain(|(j, _)| !Arc::ptr_eq(j, job));
         let _ = caught(|| {
             job.work.get().ended(&ending);
             Ok(())

@@ -17,6 +17,7 @@
 #![allow(dead_code)]
 
 pub mod brute;
+pub mod built;
 pub mod bvh64;
 pub mod errors;
 pub mod models;

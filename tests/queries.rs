@@ -1,0 +1,397 @@
+//! Queries through the public API, against the f64 oracle.
+
+mod common;
+
+use common::brute::{Oracle, Ray64, Tri};
+use common::built::{self, Part};
+use common::bvh64::Bvh64;
+use common::rng::Rng;
+use common::scenes;
+use glam::{DAffine3, DQuat, DVec3, Vec3};
+use outcrop::math::{DBounds, Ray};
+use outcrop::query::{Hit, HitKind, How, NONE, Policy, QueryOptions, QueryState, Want};
+use outcrop::query::{Hits, Plane, Query, RayWithMask, Rays};
+use outcrop::scene::{Model, Scene, SceneState, State};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+const COHERENT: QueryOptions = QueryOptions { coherent: true, want: Want::ALL, policy: Policy::Exact };
+const SINGLE: QueryOptions = QueryOptions { coherent: false, ..COHERENT };
+
+fn sphere() -> Vec<Tri> {
+    scenes::sphere(30, 60)
+}
+
+fn moved(tris: &[Tri], m: &DAffine3) -> Vec<Tri> {
+    tris.iter().map(|t| t.map(|v| m.transform_point3(v))).collect()
+}
+
+fn rays(count: usize, seed: u64, center: DVec3, radius: f64) -> Vec<Ray> {
+    let mut rng = Rng::new(seed);
+    (0..count)
+        .map(|_| {
+            let from = center + rng.direction() * radius * rng.between(0.1, 4.0);
+            let to = center + rng.direction() * radius * rng.unit();
+            Ray::new(from, (to - from).as_vec3() * rng.between(0.1, 3.0) as f32)
+        })
+        .collect()
+}
+
+fn ask(scene: &SceneState, rays: &[Ray], options: QueryOptions) -> Vec<Hit> {
+    let mut hits = vec![Hit::MISS; rays.len()];
+    scene.closest(rays, options, &mut hits).expect("hits");
+    hits
+}
+
+/// Compares with the oracle over `tris`; `slack` is what single precision may do to a silhouette.
+fn judge(rays: &[Ray], hits: &[Hit], oracle: &Bvh64, slack: f64) -> usize {
+    let mut both = 0;
+    for (ray, hit) in rays.iter().zip(hits) {
+        let truth = oracle.closest(&Ray64::new(ray.origin, ray.dir.as_dvec3()));
+        match (truth, hit.kind) {
+            (None, HitKind::Miss) => {}
+            (Some(t), HitKind::Exact) => {
+                both += 1;
+                let off = (t.t - hit.t).abs() * ray.dir.as_dvec3().length();
+                assert!(off <= f64::from(hit.error) * 4.0 + slack, "{ray:?}: {hit:?}, oracle {t:?}");
+                let position = ray.origin + ray.dir.as_dvec3() * hit.t;
+                assert!(position.distance(hit.position) < slack);
+                assert!(hit.t_free <= t.t, "a surface before t_free: {hit:?}, {t:?}");
+                assert!(hit.normal.dot(ray.dir) <= 0.0 && (hit.normal.length() - 1.0).abs() < 1e-5);
+            }
+            // Only at silhouettes: the oracle must graze.
+            _ => {
+                let near = |d: DVec3| oracle.closest(&Ray64::new(ray.origin + d * slack, ray.dir.as_dvec3()));
+                let axes = [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
+                assert!(axes.iter().any(|&d| near(d).is_some() != truth.is_some()), "{ray:?}: {hit:?}, {truth:?}");
+            }
+        }
+    }
+    both
+}
+
+#[test]
+fn one_model_single_and_coherent_and_any() {
+    let context = built::context(2);
+    let tris = sphere();
+    let file = built::parts(&[Part::white(42, tris.clone())]);
+    let (scene, _) = built::scene(&context, &file);
+    let (state, oracle) = (scene.state(), Bvh64::new(tris));
+    let rays = rays(20_011, 1, DVec3::ZERO, 1.0);
+    let hits = ask(&state, &rays, SINGLE);
+    assert!(judge(&rays, &hits, &oracle, 1e-5) > 5000);
+    assert_eq!(hits, ask(&state, &rays, COHERENT), "packets give other hits");
+    let mut any = vec![9u8; rays.len()];
+    for options in [SINGLE, COHERENT] {
+        state.any(&rays, options, &mut any).unwrap();
+        let same = hits.iter().zip(&any).all(|(h, &a)| (h.kind != HitKind::Miss) == (a == 1));
+        assert!(same);
+    }
+    for (hit, ray) in hits.iter().zip(&rays).filter(|(h, _)| h.kind == HitKind::Exact) {
+        assert_eq!((hit.part, hit.instance), (42, 7));
+        let truth = oracle.closest(&Ray64::new(ray.origin, ray.dir.as_dvec3())).unwrap();
+        if u64::from(truth.prim) != hit.prim {
+            // A neighbour may be met instead at a shared edge.
+            assert!(f64::from(hit.uv[0].min(hit.uv[1]).min(1.0 - hit.uv[0] - hit.uv[1])) < 1e-3, "{hit:?} {truth:?}");
+        }
+    }
+}
+
+#[test]
+fn only_what_is_asked_is_filled() {
+    let context = built::context(1);
+    let file = built::parts(&[Part::white(42, sphere())]);
+    let (scene, _) = built::scene(&context, &file);
+    let ray = Ray::new(DVec3::new(0.1, 0.2, 5.0), -Vec3::Z);
+    let hit = |want| ask(&scene.state(), &[ray], QueryOptions { want, ..SINGLE })[0];
+    let bare = hit(Want::NOTHING);
+    assert_eq!(bare, Hit { t: bare.t, kind: HitKind::Exact, ..Hit::MISS });
+    assert_eq!(hit(Want::PART), Hit { part: 42, ..bare });
+    assert_eq!(hit(Want::INSTANCE), Hit { instance: 7, ..bare });
+    assert_ne!(hit(Want::PRIM).prim, NONE);
+    let all = hit(Want::ALL);
+    assert!((all.t - bare.t).abs() < 1e-5 && all.error > 0.0 && all.error < 1e-6);
+}
+
+#[test]
+fn instances_turned_stretched_and_far_away() {
+    let context = built::context(2);
+    let tris = sphere();
+    let file = built::parts(&[Part::white(1, tris.clone())]);
+    let model = Model::open(&context, &file.path).unwrap();
+    let turn = DQuat::from_rotation_y(0.4) * DQuat::from_rotation_x(1.0);
+    let maps = [
+        DAffine3::from_translation(DVec3::new(3.0, 0.0, 0.0)),
+        DAffine3::from_scale_rotation_translation(DVec3::new(2.0, 0.5, 1.0), turn, DVec3::new(-3.0, 1.0, 0.0)),
+        DAffine3::from_scale_rotation_translation(DVec3::new(-1.0, 1.0, 1.0), turn, DVec3::new(0.0, 4.0, 0.0)),
+        DAffine3::from_scale_rotation_translation(DVec3::splat(0.01), turn, DVec3::new(0.0, -1.0, 0.0)),
+    ];
+    for far in [DVec3::ZERO, DVec3::new(1e7, -3e7, 2e7)] {
+        let scene = Scene::new(&context);
+        let mut all = Vec::new();
+        for (i, m) in maps.iter().enumerate() {
+            let m = DAffine3::from_translation(far) * *m;
+            scene.add_instance(&model, 100 + i as u64, m).unwrap();
+            all.extend(moved(&tris, &m));
+        }
+        scene.commit().unwrap();
+        let oracle = Bvh64::new(all);
+        let rays = rays(10_000, 3, far, 5.0);
+        let hits = ask(&scene.state(), &rays, SINGLE);
+        assert!(judge(&rays, &hits, &oracle, 4e-5) > 1000);
+        assert_eq!(hits, ask(&scene.state(), &rays, COHERENT));
+        for (hit, ray) in hits.iter().zip(&rays).filter(|(h, _)| h.kind == HitKind::Exact) {
+            let truth = oracle.closest(&Ray64::new(ray.origin, ray.dir.as_dvec3()));
+            let which = truth.map(|t| 100 + u64::from(t.prim) / tris.len() as u64);
+            assert!(which == Some(hit.instance) || (truth.unwrap().t - hit.t).abs() < 1e-4);
+        }
+    }
+}
+
+#[test]
+fn rays_from_very_far_keep_the_models_detail() {
+    let context = built::context(0);
+    let tris = sphere();
+    let file = built::parts(&[Part::white(1, tris.clone())]);
+    let (scene, _) = built::scene(&context, &file);
+    let oracle = Bvh64::new(tris);
+    let mut rng = Rng::new(5);
+    let rays: Vec<Ray> = (0..5000)
+        .map(|_| {
+            let to = rng.direction() * rng.unit() * 0.9;
+            let from = rng.direction() * 2e4;
+            Ray::new(from, (to - from).as_vec3())
+        })
+        .collect();
+    // The direction is given in single precision: the oracle gets the same one.
+    let hits = ask(&scene.state(), &rays, SINGLE);
+    assert!(judge(&rays, &hits, &oracle, 1e-5) > 4000);
+}
+
+#[test]
+fn intervals_masks_and_impossible_rays() {
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(1, scenes::cuboid(-DVec3::ONE, DVec3::ONE))]);
+    let (scene, _) = built::scene(&context, &file);
+    let ray = Ray::new(DVec3::new(0.1, 0.2, 5.0), -Vec3::Z);
+    let state = scene.state();
+    let t = |r: Ray| ask(&state, &[r], SINGLE)[0].t;
+    assert_eq!(t(ray), 4.0);
+    assert_eq!(t(Ray { t_min: 4.5, ..ray }), 6.0, "the face behind");
+    assert_eq!(t(Ray { t_max: 3.9, ..ray }), f64::INFINITY);
+    assert_eq!(t(Ray { t_max: 4.0, ..ray }), 4.0, "ends are included");
+    assert_eq!(t(Ray { t_min: 7.0, ..ray }), f64::INFINITY);
+    for bad in [
+        Ray { dir: Vec3::ZERO, ..ray },
+        Ray { dir: Vec3::NAN, ..ray },
+        Ray { dir: Vec3::INFINITY, ..ray },
+        Ray { origin: DVec3::NAN, ..ray },
+        Ray { origin: DVec3::INFINITY, ..ray },
+        Ray { t_min: f64::NAN, ..ray },
+        Ray { t_max: f64::NAN, ..ray },
+        Ray { t_min: 5.0, t_max: 3.0, ..ray },
+    ] {
+        for options in [SINGLE, COHERENT] {
+            assert_eq!(ask(&state, &[bad], options)[0], Hit::MISS, "{bad:?}");
+        }
+    }
+    // Lengths of directions do not matter, but for the unit of t.
+    for size in [1e-30f32, 1e-20, 1e-3, 1e3, 1e20, 1e30] {
+        let found = t(Ray { dir: -Vec3::Z * size, ..ray });
+        assert!((found * f64::from(size) - 4.0).abs() < 1e-6, "{size}: {found}");
+    }
+    // Masks.
+    struct Masked(Ray);
+    impl Rays for Masked {
+        fn count(&self) -> usize {
+            3
+        }
+        fn read(&self, first: usize, out: &mut [RayWithMask]) {
+            for (i, out) in out.iter_mut().enumerate() {
+                *out = RayWithMask { ray: self.0, mask: [1, 2, 0][first + i] };
+            }
+        }
+    }
+    struct Kinds(Mutex<Vec<HitKind>>);
+    impl Hits for Kinds {
+        fn write(&self, first: usize, hits: &[Hit]) {
+            assert_eq!(first, 0);
+            self.0.lock().unwrap().extend(hits.iter().map(|h| h.kind));
+        }
+    }
+    scene.set_instance_mask(7, 2).unwrap();
+    scene.commit().unwrap();
+    for options in [SINGLE, COHERENT] {
+        let kinds = Kinds(Mutex::default());
+        scene.state().closest_batch(&Masked(ray), &kinds, options).unwrap();
+        assert_eq!(*kinds.0.lock().unwrap(), [HitKind::Miss, HitKind::Exact, HitKind::Miss]);
+    }
+}
+
+#[test]
+fn hidden_parts_and_instances_and_what_a_commit_isolates() {
+    let context = built::context(1);
+    let near = scenes::cuboid(DVec3::new(-1.0, -1.0, 1.0), DVec3::new(1.0, 1.0, 2.0));
+    let far = scenes::cuboid(DVec3::new(-1.0, -1.0, -2.0), DVec3::new(1.0, 1.0, -1.0));
+    let file = built::parts(&[Part::white(10, near), Part::white(20, far)]);
+    let (scene, _) = built::scene(&context, &file);
+    let ray = Ray::new(DVec3::new(0.1, 0.2, 5.0), -Vec3::Z);
+    let part = |s: &SceneState| ask(s, &[ray], SINGLE)[0].part;
+    let before = scene.state();
+    let hidden = State { visible: false, ..State::default() };
+    scene.set_part_state(7, 10, hidden).unwrap();
+    assert_eq!(part(&scene.state()), 10, "not committed yet");
+    scene.commit().unwrap();
+    assert_eq!((part(&scene.state()), part(&before)), (20, 10), "the old state stays as it was");
+    scene.set_part_state(7, 20, hidden).unwrap();
+    scene.commit().unwrap();
+    assert_eq!(part(&scene.state()), NONE);
+    scene.set_part_state(7, 10, State::default()).unwrap();
+    scene.commit().unwrap();
+    assert_eq!(part(&scene.state()), 10);
+    scene.set_instance_state(7, hidden).unwrap();
+    scene.commit().unwrap();
+    assert_eq!(part(&scene.state()), NONE);
+    scene.set_instance_state(7, State::default()).unwrap();
+    scene.set_transform(7, DAffine3::from_translation(DVec3::X * 50.0)).unwrap();
+    scene.commit().unwrap();
+    assert_eq!(part(&scene.state()), NONE, "moved away");
+    scene.remove_instance(7).unwrap();
+    scene.commit().unwrap();
+    assert_eq!((scene.state().instance_count(), before.instance_count()), (0, 1));
+    assert_eq!(part(&before), 10);
+    for bad in [scene.remove_instance(7), scene.set_part_state(7, 10, hidden), scene.set_instance_mask(1, 1)] {
+        assert!(matches!(bad, Err(outcrop::Error::BadArgument(_))));
+    }
+}
+
+#[test]
+fn overlaps_agree_with_every_triangle() {
+    let context = built::context(2);
+    let mut rng = Rng::new(9);
+    let cubes: Vec<Part> = (0..60)
+        .map(|i| {
+            let at = rng.inside(DVec3::splat(-5.0), DVec3::splat(5.0));
+            Part::white(1000 + i, scenes::cuboid(at - 0.5, at + rng.inside(DVec3::splat(0.1), DVec3::splat(1.5))))
+        })
+        .collect();
+    let file = built::parts(&cubes);
+    let (scene, _) = built::scene(&context, &file);
+    let turned = DAffine3::from_rotation_z(0.6) * DAffine3::from_scale(DVec3::splat(0.8));
+    let model = Model::open(&context, &file.path).unwrap();
+    scene.add_instance(&model, 8, turned).unwrap();
+    scene.commit().unwrap();
+    let state = scene.state();
+    let (mut crossed, mut inside) = (0, 0);
+    for _ in 0..40 {
+        let at = rng.inside(DVec3::splat(-5.0), DVec3::splat(5.0));
+        let volume = DBounds { min: at, max: at + rng.inside(DVec3::splat(0.2), DVec3::splat(6.0)) };
+        let found = state.overlap_box(&volume).unwrap();
+        let planes: Vec<Plane> = (0..3)
+            .flat_map(|a| {
+                let n = DVec3::AXES[a];
+                [Plane { normal: n * 3.0, d: -3.0 * volume.min[a] }, Plane { normal: -n, d: volume.max[a] }]
+            })
+            .collect();
+        assert_eq!(found, state.overlap_frustum(&planes).unwrap());
+        let mut expected = Vec::new();
+        for (instance, m) in [(7, DAffine3::IDENTITY), (8, turned)] {
+            for part in &cubes {
+                let sides: Vec<usize> = moved(&part.tris, &m).iter().map(|t| side(&volume, t)).collect();
+                if sides.iter().all(|&s| s == 2) {
+                    expected.push((instance, part.id, How::Inside));
+                } else if sides.iter().any(|&s| s > 0) {
+                    expected.push((instance, part.id, How::Intersects));
+                }
+            }
+        }
+        crossed += expected.iter().filter(|e| e.2 == How::Intersects).count();
+        inside += expected.iter().filter(|e| e.2 == How::Inside).count();
+        let found: Vec<_> = found.iter().map(|o| (o.instance, o.part, o.how)).collect();
+        assert_eq!(found, expected, "{volume:?}");
+    }
+    assert!(crossed > 100 && inside > 5, "{crossed} {inside}");
+    assert!(state.overlap_box(&DBounds::EMPTY).unwrap().is_empty());
+    assert!(state.overlap_box(&DBounds { min: DVec3::NAN, max: DVec3::ONE }).is_err());
+    assert!(state.overlap_frustum(&[]).is_err());
+}
+
+/// 0 outside, 1 crossing, 2 inside: by points of a fine raster of the triangle, enough for these boxes.
+fn side(volume: &DBounds, t: &Tri) -> usize {
+    let inside = |p: DVec3| p.cmpge(volume.min).all() && p.cmple(volume.max).all();
+    if t.iter().all(|&p| inside(p)) {
+        return 2;
+    }
+    // Cut the polygon by the six planes.
+    let mut polygon = t.to_vec();
+    for axis in 0..3 {
+        for (sign, limit) in [(1.0, volume.min[axis]), (-1.0, -volume.max[axis])] {
+            let height = |p: DVec3| sign * p[axis] - limit;
+            let mut next = Vec::new();
+            for i in 0..polygon.len() {
+                let (a, b) = (polygon[i], polygon[(i + 1) % polygon.len()]);
+                if height(a) >= 0.0 {
+                    next.push(a);
+                }
+                if height(a) * height(b) < 0.0 {
+                    next.push(a.lerp(b, height(a) / (height(a) - height(b))));
+                }
+            }
+            polygon = next;
+        }
+    }
+    usize::from(!polygon.is_empty())
+}
+
+#[test]
+fn queries_in_the_background_can_be_polled_waited_for_and_cancelled() {
+    struct Many(usize);
+    impl Rays for Many {
+        fn count(&self) -> usize {
+            self.0
+        }
+        fn read(&self, first: usize, out: &mut [RayWithMask]) {
+            for (i, out) in out.iter_mut().enumerate() {
+                let x = ((first + i) % 100) as f64 * 0.01 - 0.5;
+                *out = RayWithMask { ray: Ray::new(DVec3::new(x, 0.1, 5.0), -Vec3::Z), mask: 1 };
+            }
+        }
+    }
+    struct Count(Mutex<usize>);
+    impl Hits for Count {
+        fn write(&self, _: usize, hits: &[Hit]) {
+            *self.0.lock().unwrap() += hits.iter().filter(|h| h.kind == HitKind::Exact).count();
+        }
+    }
+    for threads in [0, 2] {
+        let context = built::context(threads);
+        let file = built::parts(&[Part::white(1, sphere())]);
+        let (scene, _) = built::scene(&context, &file);
+        let state = scene.state();
+        let hits = Arc::new(Count(Mutex::default()));
+        let first = Query::closest(&state, Arc::new(Many(100_000)), hits.clone(), COHERENT).unwrap();
+        let woken = Arc::new(Mutex::new(0));
+        let count = Arc::clone(&woken);
+        first.set_wake(Some(Arc::new(move || *count.lock().unwrap() += 1)));
+        let mut fraction = 0.0;
+        loop {
+            let status = first.wait(Duration::from_millis(1));
+            assert!(status.fraction >= fraction && status.fraction <= 1.0);
+            fraction = status.fraction;
+            if status.state == QueryState::Done {
+                break;
+            }
+            assert_eq!(status.state, QueryState::Running);
+        }
+        assert_eq!((*hits.0.lock().unwrap(), *woken.lock().unwrap(), fraction), (100_000, 1, 1.0));
+        let query = Query::any(&state, Arc::new(Many(10_000_000)), hits.clone(), SINGLE).unwrap();
+        query.cancel();
+        assert_eq!(query.wait(Duration::from_secs(60)).state, QueryState::Cancelled);
+        let dropped = Query::any(&state, Arc::new(Many(10_000_000)), hits.clone(), SINGLE).unwrap();
+        drop((dropped, query, first));
+        // A worker may be about to let go of the job that has ended.
+        while Arc::strong_count(&hits) > 1 {
+            std::thread::yield_now();
+        }
+    }
+}
