@@ -1,0 +1,277 @@
+//! The fuselage bay by bay: skin, windows, frames, stringers, clips, fasteners, cables and pipes.
+
+use super::plan::{Look, Plan};
+use super::routes::{self, Bundle};
+use super::shape::{BAY, BAYS, FIRST_FRAME, fuselage, radius};
+use super::soup::{Soup, Station, bolt_triangles, sides};
+use glam::{DVec2, DVec3};
+use std::f64::consts::{PI, TAU};
+
+/// Stringers around.
+const STRINGERS: u64 = 44;
+/// Panels around.
+const PANELS: u64 = 8;
+/// Bays that a stringer spans.
+const SPLICE: u64 = 6;
+/// Where there are windows.
+const CABIN: std::ops::Range<f64> = 7.0..50.0;
+/// Where the skin of the left side is left off.
+const CUTAWAY: std::ops::Range<f64> = 12.0..38.0;
+/// A window's borders: along the bay, and around from the crown in radians.
+const WINDOW: ([f64; 2], [f64; 2]) = ([0.25, 0.75], [1.155, 1.30]);
+
+/// Station of frame `k`.
+pub fn frame_x(k: u64) -> f64 {
+    FIRST_FRAME + BAY * k as f64
+}
+
+/// Adds the section.
+pub fn plan(plan: &mut Plan, root: u32) {
+    let section = plan.group("fuselage", Some(root));
+    ends(plan, section);
+    for k in 0..BAYS {
+        let bay = plan.group(format!("frame {k:03}"), Some(section));
+        skin(plan, bay, k);
+        frame(plan, bay, k);
+        clips(plan, bay, k);
+        around(plan, bay, k);
+    }
+    stringers(plan, section);
+    bundles(plan, section);
+    pipes(plan, section);
+}
+
+/// Nose cap, tail cone and the cockpit's windows.
+fn ends(plan: &mut Plan, section: u32) {
+    let (nu, nv) = (plan.scaled(10.0, 0.25, 5), plan.scaled(28.0, 0.25, 16));
+    for (name, look, from, to) in [
+        ("radome", Look::White, 0.0, FIRST_FRAME),
+        ("tail cone", Look::Aluminium, frame_x(BAYS), super::shape::LENGTH),
+    ] {
+        let part = plan.part(name, section, look);
+        plan.family(part, 1, 2 * nu * nv, move |_, soup| {
+            soup.patch(nu, nv, &|u, v| fuselage(from + (to - from) * u * u.sqrt(), v * TAU, 0.0));
+        });
+    }
+    let n = plan.scaled(4.0, 0.25, 2);
+    for side in [-1.0, 1.0] {
+        let part = plan.part("cockpit windows", section, Look::Rubber);
+        plan.family(part, 3, 2 * n * n, move |i, soup| {
+            let (a, x) = (0.06 + 0.36 * i as f64, 2.5 + 0.32 * i as f64);
+            soup.patch(n, n, &|u, v| {
+                fuselage(x + 0.95 * u, side * (a + 0.3 * v) * (1.25 - 0.4 * u), -0.012)
+            });
+        });
+    }
+}
+
+/// Whether the skin is left off here, as in a cutaway drawing.
+fn is_cut(k: u64, panel: u64) -> bool {
+    panel >= 5 && CUTAWAY.contains(&frame_x(k))
+}
+
+fn skin(plan: &mut Plan, bay: u32, k: u64) {
+    let (nu, nv) = (plan.scaled(1.6, 0.25, 1), plan.scaled(11.0, 0.25, 3));
+    let x = frame_x(k);
+    for panel in (0..PANELS).filter(|&p| !is_cut(k, p)) {
+        let look = match panel {
+            _ if x > 51.0 => Look::Blue,
+            3 | 4 => Look::Aluminium,
+            _ => Look::White,
+        };
+        let part = plan.part(format!("skin {panel}"), bay, look);
+        let (from, step) = (panel as f64 * TAU / PANELS as f64, TAU / PANELS as f64);
+        if (panel == 1 || panel == 6) && CABIN.contains(&x) {
+            window_panel(plan, bay, part, x, panel == 6);
+            continue;
+        }
+        let make = move |_: u64, soup: &mut Soup| {
+            soup.patch(nu, nv, &|u, v| fuselage(x + BAY * u, from + step * v, 0.0));
+        };
+        plan.family(part, 1, 2 * nu * nv, make);
+        if k % 5 == panel % 5 {
+            let doubler = plan.part(format!("doubler {panel}"), bay, Look::Primer);
+            plan.double(doubler, make);
+        }
+    }
+}
+
+/// A panel with a hole, and the glass in it.
+fn window_panel(plan: &mut Plan, bay: u32, part: u32, x: f64, left: bool) {
+    let nv = plan.scaled(3.0, 0.25, 1);
+    let ([u0, u1], [a0, a1]) = WINDOW;
+    let (us, angles) = ([0.0, u0, u1, 1.0], [TAU / 8.0, a0, a1, TAU / 4.0]);
+    let side = if left { -1.0 } else { 1.0 };
+    let at = move |u: f64, a: f64, inset: f64| fuselage(x + BAY * u, side * a, inset);
+    plan.family(part, 1, 8 * 2 * nv, move |_, soup| {
+        for cell in (0..9).filter(|&c| c != 4) {
+            let (i, j) = (cell % 3, cell / 3);
+            soup.patch(1, nv, &|u, v| {
+                at(us[i] + (us[i + 1] - us[i]) * u, angles[j] + (angles[j + 1] - angles[j]) * v, 0.0)
+            });
+        }
+    });
+    let glass = plan.part("window", bay, Look::Glass);
+    plan.family(glass, 1, 2 * nv, move |_, soup| {
+        soup.patch(1, nv, &|u, v| at(u0 + (u1 - u0) * u, a0 + (a1 - a0) * v, 0.02));
+    });
+}
+
+/// The place at `angle` on a ring: `u` points inward, `v` along x.
+fn on_ring(x: f64, angle: f64, inset: f64) -> Station {
+    let u = DVec3::new(0.0, -angle.sin(), -angle.cos());
+    Station { at: fuselage(x, angle, inset), u, v: DVec3::X }
+}
+
+/// A frame's section: a Z of 2 mm sheet, 11 cm deep.
+const FRAME_PROFILE: [DVec2; 8] = [
+    DVec2::new(0.0, -0.030),
+    DVec2::new(0.0, 0.001),
+    DVec2::new(0.108, 0.001),
+    DVec2::new(0.108, 0.030),
+    DVec2::new(0.110, 0.030),
+    DVec2::new(0.110, -0.001),
+    DVec2::new(0.002, -0.001),
+    DVec2::new(0.002, -0.030),
+];
+
+fn frame(plan: &mut Plan, bay: u32, k: u64) {
+    let part = plan.part("frame", bay, Look::Primer);
+    let n = plan.scaled(72.0, 0.25, 8);
+    let (profile, closed) = plan.profile(&FRAME_PROFILE, 4);
+    let x = frame_x(k);
+    let deep = (radius(x) / 3.1).min(1.0);
+    plan.family(part, 1, 2 * n * sides(profile, closed), move |_, soup| {
+        let path: Vec<Station> = (0..=n).map(|i| on_ring(x, TAU * i as f64 / n as f64, 0.018)).collect();
+        let profile: Vec<DVec2> = profile.iter().map(|p| *p * DVec2::new(deep, 1.0)).collect();
+        soup.sweep(&path, &profile, closed);
+    });
+}
+
+/// A stringer's section: a hat of 1.5 mm sheet.
+const HAT: [DVec2; 10] = [
+    DVec2::new(0.0, -0.040),
+    DVec2::new(0.0, -0.018),
+    DVec2::new(0.030, -0.011),
+    DVec2::new(0.030, 0.011),
+    DVec2::new(0.0, 0.018),
+    DVec2::new(0.0, 0.040),
+    DVec2::new(0.0015, 0.040),
+    DVec2::new(0.0315, 0.011),
+    DVec2::new(0.0315, -0.011),
+    DVec2::new(0.0015, -0.040),
+];
+
+fn stringers(plan: &mut Plan, section: u32) {
+    let group = plan.group("stringers", Some(section));
+    let n = plan.scaled(3.0, 0.35, 1);
+    let (profile, closed) = plan.profile(&HAT, 6);
+    let span = if plan.is_coarse() { 2 * SPLICE } else { SPLICE };
+    for s in 0..STRINGERS {
+        let part = plan.part(format!("stringer {s:02}"), group, Look::Stringer);
+        let angle = TAU * (s as f64 + 0.5) / STRINGERS as f64;
+        plan.family(part, BAYS.div_ceil(span), 2 * n * sides(profile, closed), move |i, soup| {
+            // Neighbours overlap by a hand at the splice.
+            let x = frame_x(i * span);
+            let length = BAY * span.min(BAYS - i * span) as f64 + 0.1;
+            let path: Vec<Station> = (0..=n)
+                .map(|j| {
+                    let ring = on_ring(x + length * j as f64 / n as f64, angle, 0.012);
+                    Station { v: ring.v.cross(ring.u), ..ring }
+                })
+                .collect();
+            soup.sweep(&path, profile, closed);
+        });
+    }
+}
+
+/// Brackets where stringers cross the frame, and what holds them.
+fn clips(plan: &mut Plan, bay: u32, k: u64) {
+    let x = frame_x(k);
+    let part = plan.part("clips", bay, Look::Clip);
+    let count = plan.scaled(STRINGERS as f64, 0.3, 1);
+    let coarse = plan.is_coarse();
+    plan.family(part, count, if coarse { 12 } else { 36 }, move |i, soup| {
+        let angle = TAU * (i as f64 + 0.62) / count as f64 + soup.rng.range(-0.006, 0.006);
+        let s = on_ring(x + 0.02, angle, 0.05);
+        let w = s.v.cross(s.u);
+        soup.cuboid(s.at, [s.u * 0.045, w * 0.022, s.v * 0.001]);
+        if coarse {
+            return;
+        }
+        soup.cuboid(s.at - s.u * 0.044 + s.v * 0.02, [s.u * 0.001, w * 0.022, s.v * 0.02]);
+        soup.cuboid(s.at + w * 0.021 + s.v * 0.015, [s.u * 0.03, w * 0.001, s.v * 0.015]);
+    });
+    plan.with_twins(23);
+    let part = plan.part("fasteners", bay, Look::Steel);
+    let round = plan.scaled(8.0, 0.3, 4);
+    let count = plan.scaled(80.0, 0.6, 1);
+    plan.family(part, count, bolt_triangles(round), move |i, soup| {
+        let angle = TAU * (i as f64 + soup.rng.range(0.0, 0.6)) / count as f64;
+        let (deep, along) = (soup.rng.range(0.02, 0.1), soup.rng.range(-0.002, 0.03));
+        let s = on_ring(x + along, angle, deep);
+        let size = soup.rng.range(0.002, 0.005);
+        let axis = (s.v + s.u * soup.rng.range(-0.3, 0.3)).normalize();
+        soup.bolt(s.at, axis, size, size * 5.0, round);
+    });
+    plan.with_twins(40);
+    plan.fills();
+}
+
+/// Cables that run around beside the frame.
+fn around(plan: &mut Plan, bay: u32, k: u64) {
+    let x = frame_x(k);
+    for (i, (from, to)) in [(-2.9, -0.9), (0.7, 2.6)].into_iter().enumerate() {
+        let part = plan.part(format!("frame cables {i}"), bay, routes::cable_look(k + i as u64));
+        let bundle = Bundle { cables: 7.0, radius: 0.03, length: 2.0 * radius(x) };
+        routes::cables(plan, part, bundle, move |t| {
+            let sway = 0.09 + 0.05 * (k as f64 * 1.7 + t * 9.0).sin();
+            on_ring(x + sway, from + (to - from) * t, 0.10 + 0.03 * (t * 17.0 + k as f64).sin())
+        });
+    }
+}
+
+/// Bundles of cables along the fuselage: many at crown and belly, some at the sides.
+fn bundles(plan: &mut Plan, section: u32) {
+    const SPAN: u64 = 12;
+    let group = plan.group("cables", Some(section));
+    for start in (0..BAYS - SPAN / 2).step_by(SPAN as usize / 2) {
+        for lane in 0..38u64 {
+            let i = start * 38 + lane;
+            let part = plan.part(format!("bundle {start:03}-{lane:02}"), group, routes::cable_look(i));
+            let spread = (lane as f64 + 0.5) / 38.0 * 2.0 - 1.0;
+            // More of them where the cube is flat: at the belly (0 is the belly here).
+            let angle = PI + spread.signum() * PI * (0.25 * spread.abs() + 0.75 * spread.abs().powi(3));
+            let x = frame_x(start);
+            let length = BAY * SPAN.min(BAYS - start) as f64;
+            let phase = (i as f64 * 0.618_034).fract() * TAU;
+            let deep = 0.05 + 0.25 * (i as f64 * 0.754_877).fract();
+            let bundle = Bundle { cables: 11.0, radius: 0.035, length };
+            routes::cables(plan, part, bundle, move |t| {
+                let sway = 0.09 * (t * 5.3 + phase).sin() + 0.02 * (t * 21.0 + phase).cos();
+                let ring = on_ring(x + length * t, angle + sway, deep + 0.03 * (t * 12.0 - phase).sin());
+                Station { v: ring.v.cross(ring.u), ..ring }
+            });
+        }
+    }
+}
+
+/// Pipes along the fuselage, under the floor and over the ceiling.
+fn pipes(plan: &mut Plan, section: u32) {
+    const SPAN: u64 = 10;
+    let group = plan.group("pipes", Some(section));
+    for start in (0..BAYS - SPAN).step_by(SPAN as usize - 2) {
+        for lane in 0..16u64 {
+            let i = start * 16 + lane;
+            let part = plan.part(format!("pipes {start:03}-{lane:02}"), group, routes::pipe_look(i));
+            let (x, length) = (frame_x(start), BAY * SPAN as f64);
+            let angle = if lane < 4 { -0.45 + 0.3 * lane as f64 } else { 2.1 + 0.19 * (lane - 4) as f64 };
+            let deep = 0.2 + 0.35 * (i as f64 * 0.569_84).fract();
+            let thick = 0.008 + 0.03 * (i as f64 * 0.324_7).fract().powi(2);
+            routes::pipes(plan, part, 3.0, (0.6 * thick, thick), length, move |t| {
+                let ring = on_ring(x + length * t, angle, deep);
+                Station { v: ring.v.cross(ring.u), ..ring }
+            });
+        }
+    }
+}
