@@ -277,3 +277,18 @@ mod in_a_process {
         ModelFile::open_path(&path).unwrap();
     }
 }
+
+/// A model with colours and more than one block could not be sealed: blocks of nodes alone had no block
+/// of colours.
+#[test]
+fn colours_in_many_blocks() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("model.oc");
+    let Watched { mut builder, .. } = filled(20_000, one_thread());
+    builder.triangles(MeshKey::DIRECT, 0, &[[DVec3::ZERO, DVec3::X, DVec3::Y]], Some(&[[0.5; 3]])).unwrap();
+    let report = builder.finish(&path).unwrap();
+    assert!(report.blocks > 4, "{} blocks test little", report.blocks);
+    let file = ModelFile::open_path(&path).unwrap();
+    assert!(file.header().has_colours);
+    assert_eq!(u64::from(file.block_count()), 3 * report.blocks);
+}

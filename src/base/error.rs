@@ -101,6 +101,35 @@ impl Error {
     }
 }
 
+impl Clone for Error {
+    /// The same error once more, for several who wait for the same work. What an [`Error::Io`] carries
+    /// keeps its kind, its text and the system's number.
+    fn clone(&self) -> Self {
+        match self {
+            Error::BadArgument(what) => Error::BadArgument(what.clone()),
+            Error::BadState(what) => Error::BadState(what.clone()),
+            Error::Parse { file, place, why } => Error::Parse { file: file.clone(), place: *place, why: why.clone() },
+            Error::Corrupt { file, block, why } => {
+                Error::Corrupt { file: file.clone(), block: *block, why: why.clone() }
+            }
+            Error::NewerFormat { file, found, supported } => {
+                Error::NewerFormat { file: file.clone(), found: *found, supported: *supported }
+            }
+            Error::OverBudget { what, need, have } => Error::OverBudget { what, need: *need, have: *have },
+            Error::Cancelled => Error::Cancelled,
+            Error::Io { path, doing, source } => Error::Io { path: path.clone(), doing, source: again(source) },
+            Error::Internal(what) => Error::Internal(what.clone()),
+        }
+    }
+}
+
+fn again(e: &std::io::Error) -> std::io::Error {
+    match e.raw_os_error() {
+        Some(number) => std::io::Error::from_raw_os_error(number),
+        None => std::io::Error::new(e.kind(), e.to_string()),
+    }
+}
+
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

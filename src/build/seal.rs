@@ -139,17 +139,18 @@ impl Output<'_> {
         row.references = tree.references() as u64;
         (row.nodes, row.leaves) = (tree.nodes, tree.leaves);
         row.max_stack = 7 * tree.depth + 1;
-        self.blocks(&tree, row.first_block, (span.0 + 0.7 * (span.1 - span.0), span.1))?;
+        let has_colours = !placed.colours.is_empty();
+        self.blocks(&tree, row.first_block, has_colours, (span.0 + 0.7 * (span.1 - span.0), span.1))?;
         Ok(row)
     }
 
-    fn blocks(&mut self, tree: &Tree, first: u32, span: (f64, f64)) -> Result<()> {
+    fn blocks(&mut self, tree: &Tree, first: u32, has_colours: bool, span: (f64, f64)) -> Result<()> {
         self.progress.enter(Phase::Write);
         let count = tree.blocks();
         for batch in (0..count).step_by(BATCH) {
             self.cancel.check()?;
             let size = BATCH.min(count - batch);
-            let encoded = self.par.map(size, |i| encode(tree, batch + i, first));
+            let encoded = self.par.map(size, |i| encode(tree, batch + i, first, has_colours));
             for block in encoded {
                 self.report.bytes_trace += u64::from(block.trace_bytes);
                 self.writer.encoded_block(block.geometry)?;
@@ -227,11 +228,12 @@ struct Encoded {
     trace_bytes: u32,
 }
 
-fn encode(tree: &Tree, index: usize, first: u32) -> Encoded {
+fn encode(tree: &Tree, index: usize, first: u32, has_colours: bool) -> Encoded {
     let block = tree.encode(index, first);
     let trace_bytes = 4 * block.words.len() as u32;
     let beside = 4 * block.prims.len() as u32;
-    let colours = (!block.colours.is_empty()).then(|| codec::encode_colours(&block.colours));
+    // Also for a block of nodes alone: each geometry block has one of colours, or the ids do not fit.
+    let colours = has_colours.then(|| codec::encode_colours(&block.colours));
     Encoded {
         geometry: EncodedBlock::encode(&codec::encode_geometry(&block.words), trace_bytes),
         prims: EncodedBlock::encode(&codec::encode_prims(&block.prims), beside),
