@@ -8,6 +8,7 @@
 #include "rays.hpp"
 
 #include <cstdio>
+#include <limits>
 
 struct Answer {
     bool hit;
