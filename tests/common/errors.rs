@@ -303,7 +303,7 @@ impl<'a> Judge<'a> {
     }
 
     /// No corner may have moved farther than this.
-    fn widest_shift(&self, ray: &Ray64) -> f64 {
+    pub fn widest_shift(&self, ray: &Ray64) -> f64 {
         let [min, max] = self.bounds;
         shift(ray, &[min, max, max], self.rounding)
     }

@@ -16,7 +16,8 @@ pub struct TestTree {
     pub snapshot: Snapshot,
     root: u32,
     geometry: u32,
-    reach: f32,
+    /// Greatest coordinate.
+    pub reach: f32,
     /// By primitive: the stored corners, around the origin.
     pub stored: Vec<Tri>,
     /// What the origin was.

@@ -1,0 +1,100 @@
+//! Every path gives the same hits to the bit: baseline, AVX2 and AVX-512, single rays and packets (of rays that go
+//! together and of rays that do not), in any order of rays, one thread and two.
+
+mod common;
+
+use common::rays::{Ray32, RayKind, RayMaker};
+use common::scenes::{self, Soup};
+use common::trees::{self, TestTree};
+use outcrop::simd::Isa;
+use outcrop::structure::bvh::trace::{PACKET, PacketWalk, TriHit, Walk};
+
+const RAYS: usize = 40_000;
+
+type Bits = Option<[u32; 5]>;
+
+/// Mixed kinds, then camera rays: packets that fall apart and packets that stay together.
+fn rays(tree: &TestTree) -> Vec<Ray32> {
+    let mut maker = RayMaker::new(&tree.stored, 11);
+    let mut rays = maker.batch(RAYS / 2);
+    rays.extend((rays.len()..RAYS).map(|_| maker.make(RayKind::Grid)));
+    rays
+}
+
+fn singles(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
+    let view = tree.view(&tree.snapshot, isa);
+    let mut walk = Walk::new();
+    rays.iter().map(|r| trees::bits(&trees::closest(&view, r, &mut walk))).collect()
+}
+
+/// In two threads, each with every second packet.
+fn packets(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
+    let one = |odd: usize| {
+        let view = tree.view(&tree.snapshot, isa);
+        let mut walk = PacketWalk::new();
+        let mine = rays.chunks(PACKET).skip(odd).step_by(2);
+        mine.map(|chunk| trees::closest16(&view, chunk, &mut walk)).collect::<Vec<Vec<Option<TriHit>>>>()
+    };
+    let (even, odd) = std::thread::scope(|s| {
+        let odd = s.spawn(|| one(1));
+        (one(0), odd.join().expect("no panic"))
+    });
+    let chunks = rays.chunks(PACKET).enumerate();
+    chunks.flat_map(|(i, _)| if i % 2 == 0 { &even[i / 2] } else { &odd[i / 2] }).map(trees::bits).collect()
+}
+
+fn first_difference(rays: &[Ray32], a: &[Bits], b: &[Bits]) -> Option<String> {
+    assert_eq!(a.len(), b.len());
+    let i = a.iter().zip(b).position(|(a, b)| a != b)?;
+    Some(format!("ray {i}, {:?}: {:?} and {:?}", rays[i], a[i], b[i]))
+}
+
+fn check(soup: Soup) {
+    let tree = TestTree::around_middle(&soup.tris, 0.3);
+    let rays = rays(&tree);
+    let truth = singles(&tree, &rays, Isa::Baseline);
+    assert!(truth.iter().flatten().count() > RAYS / 4);
+    for isa in trees::isas() {
+        let what = format!("{}, {}", soup.name, isa.name());
+        assert_eq!(first_difference(&rays, &truth, &singles(&tree, &rays, isa)), None, "{what}, single");
+        assert_eq!(first_difference(&rays, &truth, &packets(&tree, &rays, isa)), None, "{what}, packets");
+        check_any(&tree, &rays, &truth, isa);
+        // Other neighbours in the packets, other leftovers in the walks' memory.
+        let turned: Vec<Ray32> = rays.iter().rev().skip(5).copied().collect();
+        let turned_truth: Vec<Bits> = truth.iter().rev().skip(5).copied().collect();
+        let got = packets(&tree, &turned, isa);
+        assert_eq!(first_difference(&turned, &turned_truth, &got), None, "{what}, packets in another order");
+    }
+}
+
+fn check_any(tree: &TestTree, rays: &[Ray32], truth: &[Bits], isa: Isa) {
+    let view = tree.view(&tree.snapshot, isa);
+    let (mut walk, mut packet) = (Walk::new(), PacketWalk::new());
+    for (rays, truth) in rays.chunks(PACKET).zip(truth.chunks(PACKET)) {
+        let together = trees::any16(&view, rays, &mut packet);
+        for ((ray, truth), together) in rays.iter().zip(truth).zip(together) {
+            assert_eq!(truth.is_some(), trees::any(&view, ray, &mut walk), "{}, any: {ray:?}", isa.name());
+            assert_eq!(truth.is_some(), together, "{}, any in a packet: {ray:?}", isa.name());
+        }
+    }
+}
+
+#[test]
+fn scan() {
+    check(scenes::scan());
+}
+
+#[test]
+fn slivers() {
+    check(scenes::slivers());
+}
+
+#[test]
+fn coplanar_doubles() {
+    check(scenes::doubles());
+}
+
+#[test]
+fn cad() {
+    check(scenes::cad());
+}
