@@ -1,9 +1,376 @@
-// outcrop for C++11: handles over outcrop.h that release themselves.
+// outcrop for C++11 and later: handles over outcrop.h that release themselves.
 //
 // SPDX-License-Identifier: MIT OR Apache-2.0
+//
+// Every object of outcrop.h has a move-only class here of the same name, without the prefix. `get()` gives the C
+// handle, so that every C function can be called; `put()` takes a new one from an out parameter:
+//
+//     outcrop::model model;
+//     oc_status status = oc_model_open(context.get(), path, model.put());
+//
+// With exceptions there are members as well, which throw outcrop::error. Without (or with
+// OUTCROP_NO_EXCEPTIONS) there are only the handles. What a call does, what it costs and which threads may make
+// it is said in outcrop.h.
 #ifndef OUTCROP_HPP
 #define OUTCROP_HPP
 
 #include "outcrop.h"
+
+#include <utility>
+
+#if !defined(OUTCROP_NO_EXCEPTIONS) && !defined(__cpp_exceptions) && !defined(__EXCEPTIONS) && !defined(_CPPUNWIND)
+#define OUTCROP_NO_EXCEPTIONS
+#endif
+
+#ifndef OUTCROP_NO_EXCEPTIONS
+#include <cstddef>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <vector>
+#endif
+
+namespace outcrop {
+
+/// A struct of outcrop.h, zeroed and with its size set.
+template <class Struct> Struct init() {
+    Struct s;
+    OC_INIT(&s);
+    return s;
+}
+
+/// One count of an object: moved, not copied; released at the end.
+template <class Object, void (*Retain)(Object *), void (*Release)(Object *)> class handle {
+  public:
+    handle() noexcept : object_(nullptr) {}
+    /// Takes over a count that the caller owns.
+    explicit handle(Object *owned) noexcept : object_(owned) {}
+    handle(handle &&other) noexcept : object_(other.release()) {}
+    handle &operator=(handle &&other) noexcept {
+        reset(other.release());
+        return *this;
+    }
+    handle(const handle &) = delete;
+    handle &operator=(const handle &) = delete;
+    ~handle() { Release(object_); }
+
+    Object *get() const noexcept { return object_; }
+    explicit operator bool() const noexcept { return object_ != nullptr; }
+    /// For out parameters: what was held is released.
+    Object **put() noexcept {
+        reset();
+        return &object_;
+    }
+    void reset(Object *owned = nullptr) noexcept {
+        Object *old = object_;
+        object_ = owned;
+        Release(old);
+    }
+    /// One more count of the same object, for the caller (who may make a handle of it).
+    Object *retained() const noexcept {
+        Retain(object_);
+        return object_;
+    }
+    /// Gives the count to the caller.
+    Object *release() noexcept {
+        Object *old = object_;
+        object_ = nullptr;
+        return old;
+    }
+
+  private:
+    Object *object_;
+};
+
+using context_handle = handle<oc_context, oc_context_retain, oc_context_release>;
+using build_handle = handle<oc_build, oc_build_retain, oc_build_release>;
+using job_handle = handle<oc_job, oc_job_retain, oc_job_release>;
+using model_handle = handle<oc_model, oc_model_retain, oc_model_release>;
+using scene_handle = handle<oc_scene, oc_scene_retain, oc_scene_release>;
+using frame_handle = handle<oc_frame, oc_frame_retain, oc_frame_release>;
+using mapping_handle = handle<oc_mapping, oc_mapping_retain, oc_mapping_release>;
+
+#ifdef OUTCROP_NO_EXCEPTIONS
+
+using context = context_handle;
+using build = build_handle;
+using job = job_handle;
+using model = model_handle;
+using scene = scene_handle;
+using frame = frame_handle;
+using mapping = mapping_handle;
+
+#else
+
+/// What a call that does not return OC_STATUS_OK throws, and a job that fails.
+class error : public std::runtime_error {
+  public:
+    error(oc_status status, const std::string &what) : std::runtime_error(what), status_(status) {}
+    oc_status status() const noexcept { return status_; }
+
+  private:
+    oc_status status_;
+};
+
+inline void check(oc_status status) {
+    if (status != OC_STATUS_OK) throw error(status, oc_last_error());
+}
+
+/// A buffer of a complete picture, mapped as long as this lives.
+class pixels {
+  public:
+    pixels(oc_pixels info) noexcept : info_(info), mapping_(info.mapping) {}
+    std::uint32_t width() const noexcept { return info_.width; }
+    std::uint32_t height() const noexcept { return info_.height; }
+    oc_format format() const noexcept { return info_.format; }
+    std::size_t row_pitch() const noexcept { return static_cast<std::size_t>(info_.row_pitch); }
+    const void *data() const noexcept { return info_.data; }
+    /// Row `y`, for instance as `row<unsigned char>(y)` or `row<float>(y)`.
+    template <class Element> const Element *row(std::uint32_t y) const noexcept {
+        return reinterpret_cast<const Element *>(static_cast<const unsigned char *>(info_.data) + row_pitch() * y);
+    }
+
+  private:
+    oc_pixels info_;
+    mapping_handle mapping_;
+};
+
+class model : public model_handle {
+  public:
+    model() = default;
+    using model_handle::handle;
+    oc_model_info info() const {
+        auto s = init<oc_model_info>();
+        check(oc_model_get_info(get(), &s));
+        return s;
+    }
+    oc_part_info part(std::uint32_t index) const {
+        auto s = init<oc_part_info>();
+        check(oc_model_get_part(get(), index, &s));
+        return s;
+    }
+    std::uint32_t find_part(std::uint64_t id) const {
+        std::uint32_t index = 0;
+        check(oc_model_find_part(get(), id, &index));
+        return index;
+    }
+    oc_camera view(std::uint32_t number) const {
+        auto s = init<oc_camera>();
+        check(oc_model_get_view(get(), number, &s));
+        return s;
+    }
+};
+
+class job : public job_handle {
+  public:
+    job() = default;
+    using job_handle::handle;
+    oc_progress poll() const {
+        auto s = init<oc_progress>();
+        check(oc_job_poll(get(), &s));
+        return s;
+    }
+    /// Throws if it failed or was cancelled.
+    oc_progress wait(std::uint32_t timeout_ms = OC_FOREVER) const {
+        auto s = init<oc_progress>();
+        check(oc_job_wait(get(), timeout_ms, &s));
+        if (s.state == OC_STATE_FAILED || s.state == OC_STATE_CANCELLED) throw error(s.error, oc_last_error());
+        return s;
+    }
+    void cancel() const { check(oc_job_cancel(get())); }
+    void set_wake(oc_wake_fn wake, void *user) const { check(oc_job_set_wake(get(), wake, user)); }
+    oc_build_report report() const {
+        auto s = init<oc_build_report>();
+        check(oc_job_build_report(get(), &s));
+        return s;
+    }
+    class model model() const {
+        class model m;
+        check(oc_job_model(get(), m.put()));
+        return m;
+    }
+};
+
+class context : public context_handle {
+  public:
+    context() = default;
+    using context_handle::handle;
+    explicit context(const oc_context_desc &desc) { check(oc_context_create(OC_HEADER_VERSION, &desc, put())); }
+    /// With this many threads; OC_ALL_THREADS for one for each core, 0 for none.
+    explicit context(std::uint32_t threads) {
+        auto desc = init<oc_context_desc>();
+        desc.threads = threads;
+        check(oc_context_create(OC_HEADER_VERSION, &desc, put()));
+    }
+    bool step() const {
+        std::uint32_t did = 0;
+        check(oc_context_step(get(), &did));
+        return did != 0;
+    }
+    std::uint64_t property(oc_property id) const {
+        std::uint64_t value = 0;
+        check(oc_context_property(get(), id, &value));
+        return value;
+    }
+    model open(const std::string &path) const {
+        model m;
+        check(oc_model_open(get(), path.c_str(), m.put()));
+        return m;
+    }
+    model open(const oc_io &io) const {
+        model m;
+        check(oc_model_open_io(get(), &io, m.put()));
+        return m;
+    }
+    job load(const std::string &path) const {
+        job j;
+        check(oc_model_load(get(), path.c_str(), nullptr, j.put()));
+        return j;
+    }
+};
+
+class build : public build_handle {
+  public:
+    build() = default;
+    using build_handle::handle;
+    explicit build(const context &c) { check(oc_build_create(c.get(), nullptr, put())); }
+    build(const context &c, const oc_build_desc &desc) { check(oc_build_create(c.get(), &desc, put())); }
+    void add_file(const std::string &path) { check(oc_build_add_file(get(), path.c_str())); }
+    std::uint32_t add_material(const oc_material &material) {
+        std::uint32_t number = 0;
+        check(oc_build_add_material(get(), &material, &number));
+        return number;
+    }
+    void add_part(const oc_part &part) { check(oc_build_add_part(get(), &part)); }
+    void add_part(std::uint64_t id, const std::string &name, std::uint32_t material = 0) {
+        auto part = init<oc_part>();
+        part.id = id;
+        part.name = name.c_str();
+        part.material = material;
+        add_part(part);
+    }
+    void add_triangles(const oc_triangles &triangles) { check(oc_build_add_triangles(get(), &triangles)); }
+    std::uint32_t add_shared_mesh(std::uint32_t parts) {
+        std::uint32_t mesh = 0;
+        check(oc_build_add_shared_mesh(get(), parts, &mesh));
+        return mesh;
+    }
+    void add_instance(std::uint32_t mesh, std::uint64_t first_part, const double *world_from_mesh) {
+        check(oc_build_add_instance(get(), mesh, first_part, world_from_mesh));
+    }
+    job start(const std::string &path) {
+        job j;
+        check(oc_build_start(get(), path.c_str(), j.put()));
+        return j;
+    }
+};
+
+class scene : public scene_handle {
+  public:
+    scene() = default;
+    using scene_handle::handle;
+    explicit scene(const context &c) { check(oc_scene_create(c.get(), put())); }
+    void add_instance(const model &m, std::uint64_t id, const double *world_from_model = nullptr) {
+        check(oc_scene_add_instance(get(), m.get(), id, world_from_model));
+    }
+    void remove_instance(std::uint64_t id) { check(oc_scene_remove_instance(get(), id)); }
+    void set_transform(std::uint64_t id, const double *world_from_model) {
+        check(oc_scene_set_transform(get(), id, world_from_model));
+    }
+    void set_mask(std::uint64_t id, std::uint32_t mask) { check(oc_scene_set_instance_mask(get(), id, mask)); }
+    void set_look(std::uint64_t id, const oc_look &look) { check(oc_scene_set_instance_look(get(), id, &look)); }
+    void set_part_look(std::uint64_t id, std::uint64_t part, const oc_look &look) {
+        check(oc_scene_set_part_look(get(), id, part, &look));
+    }
+    void clear_part_looks(std::uint64_t id) { check(oc_scene_clear_part_looks(get(), id)); }
+    void set_lights(const std::vector<oc_light> &lights) {
+        check(oc_scene_set_lights(get(), lights.data(), lights.size(), 0));
+    }
+    void set_background(const oc_background &background) { check(oc_scene_set_background(get(), &background)); }
+    void commit() { check(oc_scene_commit(get())); }
+
+    std::vector<oc_hit> closest(const std::vector<oc_ray> &rays, oc_want want = OC_WANT_ALL,
+                                oc_query_flags flags = 0) const {
+        std::vector<oc_hit> hits(rays.size());
+        const oc_query query = batch(rays, want, flags);
+        check(oc_scene_closest(get(), &query, hits.data(), 0));
+        return hits;
+    }
+    std::vector<std::uint8_t> any(const std::vector<oc_ray> &rays, oc_query_flags flags = 0) const {
+        std::vector<std::uint8_t> hits(rays.size());
+        const oc_query query = batch(rays, OC_WANT_T, flags);
+        check(oc_scene_any(get(), &query, hits.data(), 0));
+        return hits;
+    }
+    std::vector<oc_overlap> overlap_box(const double (&low)[3], const double (&high)[3]) const {
+        std::uint64_t count = 0;
+        check(oc_scene_overlap_box(get(), low, high, nullptr, 0, &count));
+        std::vector<oc_overlap> found(static_cast<std::size_t>(count));
+        check(oc_scene_overlap_box(get(), low, high, found.data(), count, &count));
+        found.resize(static_cast<std::size_t>(count));
+        return found;
+    }
+
+  private:
+    static oc_query batch(const std::vector<oc_ray> &rays, oc_want want, oc_query_flags flags) {
+        auto query = init<oc_query>();
+        query.rays = rays.data();
+        query.count = rays.size();
+        query.want = want;
+        query.flags = flags;
+        return query;
+    }
+};
+
+class frame : public frame_handle {
+  public:
+    frame() = default;
+    using frame_handle::handle;
+    frame(const context &c, const oc_frame_desc &desc) { check(oc_frame_create(c.get(), &desc, put())); }
+    frame(const context &c, std::uint32_t width, std::uint32_t height) {
+        auto desc = init<oc_frame_desc>();
+        desc.width = width;
+        desc.height = height;
+        check(oc_frame_create(c.get(), &desc, put()));
+    }
+    void request(const scene &s, const oc_camera &camera) { check(oc_frame_request(get(), s.get(), &camera, nullptr)); }
+    void request(const scene &s, const oc_camera &camera, const oc_frame_settings &settings) {
+        check(oc_frame_request(get(), s.get(), &camera, &settings));
+    }
+    oc_progress poll() const {
+        auto s = init<oc_progress>();
+        check(oc_frame_poll(get(), &s));
+        return s;
+    }
+    /// Throws if it failed; a picture that was cancelled is not a failure.
+    oc_progress wait(std::uint32_t timeout_ms = OC_FOREVER) const {
+        auto s = init<oc_progress>();
+        check(oc_frame_wait(get(), timeout_ms, &s));
+        if (s.state == OC_STATE_FAILED) throw error(s.error, oc_last_error());
+        return s;
+    }
+    void cancel() { check(oc_frame_cancel(get())); }
+    void resize(std::uint32_t width, std::uint32_t height) { check(oc_frame_resize(get(), width, height)); }
+    void set_wake(oc_wake_fn wake, void *user) { check(oc_frame_set_wake(get(), wake, user)); }
+    oc_frame_accuracy accuracy() const {
+        auto s = init<oc_frame_accuracy>();
+        check(oc_frame_get_accuracy(get(), &s));
+        return s;
+    }
+    oc_hit pick(std::uint32_t x, std::uint32_t y) const {
+        oc_hit hit;
+        check(oc_frame_pick(get(), x, y, &hit));
+        return hit;
+    }
+    pixels map(oc_buffer buffer = OC_BUFFER_COLOUR_SRGB8) const {
+        auto s = init<oc_pixels>();
+        check(oc_frame_map(get(), buffer, &s));
+        return pixels(s);
+    }
+};
+
+#endif // OUTCROP_NO_EXCEPTIONS
+
+} // namespace outcrop
 
 #endif // OUTCROP_HPP

@@ -450,6 +450,8 @@ impl Shared {
             state.cancelled = true;
             state.round.drain()
         };
+        // Whoever has no threads may never look into the queue again, which would keep the work alive.
+        lock(&self.queue).open.retain(|(open, _)| !Arc::ptr_eq(open, job));
         if over {
             self.end_round(job);
         }

@@ -1,0 +1,151 @@
+/* From a mesh file to a picture and the answer to a click.
+ *
+ *     01_quickstart MESH MODEL.oc PICTURE.png
+ */
+#define _POSIX_C_SOURCE 200112L
+#include <outcrop.h>
+
+#include "png.h"
+
+#include <math.h>
+#include <unistd.h>
+
+/* Ends the program with the reason if a call fails. */
+static void check(oc_status status, const char *call) {
+    if (status == OC_STATUS_OK) return;
+    fprintf(stderr, "%s: %s: %s\n", call, oc_status_name(status), oc_last_error());
+    exit(1);
+}
+#define CHECK(call) check((call), #call)
+
+static void bar(const char *what, const oc_progress *p) {
+    char line[31];
+    const int filled = (int)(p->fraction * 30);
+    if (!isatty(2)) return;
+    memset(line, ' ', 30);
+    memset(line, '#', (size_t)filled);
+    line[30] = 0;
+    fprintf(stderr, "\r%-10s [%s] %3.0f %% %s", what, line, p->fraction * 100, p->state == OC_STATE_RUNNING ? "" : "\n");
+}
+
+/* Builds a model of a mesh file, in the background; here we only watch. */
+static void build_model(oc_context *context, const char *mesh, const char *out) {
+    oc_build *build;
+    oc_job *job;
+    oc_progress progress;
+    oc_build_report report;
+    OC_INIT(&progress);
+    OC_INIT(&report);
+    CHECK(oc_build_create(context, NULL, &build));
+    CHECK(oc_build_add_file(build, mesh));
+    CHECK(oc_build_start(build, out, &job));
+    do {
+        CHECK(oc_job_wait(job, 100, &progress));
+        bar("building", &progress);
+    } while (progress.state == OC_STATE_RUNNING);
+    check(progress.error, mesh);
+    CHECK(oc_job_build_report(job, &report));
+    printf("built %s: %llu triangles in %llu parts, %.1f MB, %.1f s\n", out, (unsigned long long)report.triangles_kept,
+           (unsigned long long)report.parts, (double)report.file_bytes * 1e-6,
+           report.seconds_read + report.seconds_build + report.seconds_write);
+    oc_job_release(job);
+    oc_build_release(build);
+}
+
+/* The model in a scene, lit from over the viewer's left shoulder. */
+static oc_scene *make_scene(oc_context *context, const oc_model *model, const oc_camera *camera) {
+    oc_scene *scene;
+    oc_light lights[2];
+    double view[3], right[3];
+    memset(lights, 0, sizeof lights);
+    for (int i = 0; i < 3; i++) view[i] = camera->at[i] - camera->eye[i];
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        right[i] = view[j] * camera->up[k] - view[k] * camera->up[j];
+    }
+    const double length = sqrt(view[0] * view[0] + view[1] * view[1] + view[2] * view[2]);
+    for (int i = 0; i < 3; i++) lights[0].vector[i] = view[i] + 0.6 * right[i] - 0.8 * length * camera->up[i];
+    lights[0].kind = OC_LIGHT_DIRECTIONAL;
+    lights[0].shadows = 1;
+    lights[0].intensity = 0.8f;
+    lights[1].kind = OC_LIGHT_HEAD;
+    lights[1].intensity = 0.25f;
+
+    CHECK(oc_scene_create(context, &scene));
+    CHECK(oc_scene_add_instance(scene, model, 1, NULL));
+    CHECK(oc_scene_set_lights(scene, lights, 2, 0));
+    CHECK(oc_scene_commit(scene));
+    return scene;
+}
+
+static void say_what_is_at(const oc_frame *frame, const oc_model *model, uint32_t x, uint32_t y) {
+    oc_hit hit;
+    oc_part_info part;
+    uint32_t index;
+    OC_INIT(&part);
+    CHECK(oc_frame_pick(frame, x, y, &hit));
+    if (hit.kind == OC_HIT_MISS) {
+        printf("at (%u, %u): nothing\n", (unsigned)x, (unsigned)y);
+        return;
+    }
+    CHECK(oc_model_find_part(model, hit.part, &index));
+    CHECK(oc_model_get_part(model, index, &part));
+    printf("at (%u, %u): part %llu \"%s\", triangle %llu, at (%g, %g, %g), distance %g, exact to %.2g\n", (unsigned)x,
+           (unsigned)y, (unsigned long long)hit.part, part.name, (unsigned long long)hit.prim, hit.position[0],
+           hit.position[1], hit.position[2], hit.t, (double)hit.error);
+}
+
+int main(int argc, char **argv) {
+    if (argc != 4) {
+        fprintf(stderr, "usage: %s MESH MODEL.oc PICTURE.png\n", argv[0]);
+        return 2;
+    }
+    oc_context *context;
+    oc_context_desc threads;
+    OC_INIT(&threads);
+    threads.threads = OC_ALL_THREADS;
+    CHECK(oc_context_create(OC_HEADER_VERSION, &threads, &context));
+    build_model(context, argv[1], argv[2]);
+
+    oc_model *model;
+    oc_camera camera;
+    OC_INIT(&camera);
+    CHECK(oc_model_open(context, argv[2], &model));
+    CHECK(oc_model_get_view(model, 0, &camera));
+    oc_scene *scene = make_scene(context, model, &camera);
+
+    /* A window would request again whenever the camera moves, and show what is complete. */
+    oc_frame *frame;
+    oc_frame_desc size;
+    oc_frame_settings settings;
+    oc_progress progress;
+    OC_INIT(&size);
+    OC_INIT(&settings);
+    OC_INIT(&progress);
+    size.width = 1280;
+    size.height = 800;
+    settings.samples = 9;
+    CHECK(oc_frame_create(context, &size, &frame));
+    CHECK(oc_frame_request(frame, scene, &camera, &settings));
+    do {
+        CHECK(oc_frame_wait(frame, 100, &progress));
+        bar("rendering", &progress);
+    } while (progress.state == OC_STATE_RUNNING);
+    check(progress.error, "rendering");
+
+    oc_pixels pixels;
+    OC_INIT(&pixels);
+    CHECK(oc_frame_map(frame, OC_BUFFER_COLOUR_SRGB8, &pixels));
+    if (png_write(argv[3], (const unsigned char *)pixels.data, pixels.width, pixels.height, (size_t)pixels.row_pitch)) {
+        perror(argv[3]);
+        return 1;
+    }
+    oc_mapping_release(pixels.mapping);
+    say_what_is_at(frame, model, size.width / 2, size.height / 2);
+
+    oc_frame_release(frame);
+    oc_scene_release(scene);
+    oc_model_release(model);
+    oc_context_release(context);
+    return 0;
+}

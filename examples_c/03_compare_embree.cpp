@@ -1,0 +1,371 @@
+// The same mesh, rays and shading through outcrop and through Embree: do they agree hit by hit, and how fast are they?
+//
+//     03_compare_embree MESH.ply MODEL.oc [--rounds 5] [--size 1024x768] [--threads 2]
+//     03_compare_embree torus:TRIANGLES MODEL.oc ...
+//
+// MODEL.oc is built if it is not there. Speed is measured in pairs, turn by turn, so that a busy machine slows both;
+// the ratio is that of each pair. Ends with 1 if a disagreement cannot be explained, never because of a time.
+#include "compare/agreement.hpp"
+#include "compare/embree.hpp"
+#include "compare/mesh.hpp"
+#include "compare/rays.hpp"
+
+#include <outcrop.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <string>
+
+namespace {
+
+struct Options {
+    std::string mesh, model;
+    unsigned rounds = 5, width = 1024, height = 768, threads = 2;
+};
+
+double seconds() {
+    using namespace std::chrono;
+    return duration<double>(steady_clock::now().time_since_epoch()).count();
+}
+
+double median(std::vector<double> values) {
+    std::sort(values.begin(), values.end());
+    return values.empty() ? 0 : values[values.size() / 2];
+}
+
+// --- outcrop's side --------------------------------------------------------------------------------------
+
+// What Embree's hits hold too.
+const oc_want WANT = OC_WANT_T | OC_WANT_NORMAL | OC_WANT_UV | OC_WANT_PART;
+
+class Outcrop {
+  public:
+    Outcrop(const std::string &path, unsigned threads) : context_(threads), threads_(threads) {
+        const double begun = seconds();
+        model_ = context_.open(path);
+        open_seconds_ = seconds() - begun;
+        scene_ = outcrop::scene(context_);
+        scene_.add_instance(model_, 1);
+        scene_.commit();
+    }
+
+    const outcrop::model &model() const { return model_; }
+    double open_seconds() const { return open_seconds_; }
+
+    std::vector<oc_hit> closest(const std::vector<oc_ray> &rays, oc_want want, bool coherent) const {
+        return scene_.closest(rays, want, coherent ? OC_QUERY_COHERENT : 0);
+    }
+    std::vector<std::uint8_t> any(const std::vector<oc_ray> &rays, bool coherent) const {
+        return scene_.any(rays, coherent ? OC_QUERY_COHERENT : 0);
+    }
+
+    // Room for the answers, before the clock runs.
+    void prepare(const std::vector<oc_ray> &rays) {
+        hits_.resize(rays.size());
+        blocked_.resize(rays.size());
+    }
+
+    // Traces and shades everything, as EmbreeRays::run does.
+    double run(const std::vector<oc_ray> &rays, bool coherent, bool any) {
+        auto query = outcrop::init<oc_query>();
+        query.rays = rays.data();
+        query.count = rays.size();
+        query.want = WANT;
+        query.flags = coherent ? OC_QUERY_COHERENT : 0;
+        if (any) {
+            outcrop::check(oc_scene_any(scene_.get(), &query, blocked_.data(), 0));
+        } else {
+            outcrop::check(oc_scene_closest(scene_.get(), &query, hits_.data(), 0));
+        }
+        std::vector<double> sums(threads_, 0.0);
+        std::vector<std::thread> others;
+        auto shade = [&](unsigned me) {
+            const std::size_t first = rays.size() * me / threads_, end = rays.size() * (me + 1) / threads_;
+            double sum = 0;
+            for (std::size_t i = first; i < end; i++) {
+                const float *n = hits_[i].normal, *d = rays[i].direction;
+                if (any) {
+                    sum += blocked_[i];
+                } else if (hits_[i].kind != OC_HIT_MISS) {
+                    sum += std::fabs(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]);
+                }
+            }
+            sums[me] = sum;
+        };
+        for (unsigned i = 1; i < threads_; i++) others.emplace_back(shade, i);
+        shade(0);
+        double sum = 0;
+        for (std::thread &t : others) t.join();
+        for (double s : sums) sum += s;
+        return sum;
+    }
+
+  private:
+    outcrop::context context_;
+    unsigned threads_;
+    outcrop::model model_;
+    outcrop::scene scene_;
+    double open_seconds_ = 0;
+    std::vector<oc_hit> hits_;
+    std::vector<std::uint8_t> blocked_;
+};
+
+void build(const Options &options, const Mesh &mesh) {
+    const outcrop::context context(options.threads);
+    outcrop::build build(context);
+    build.add_part(0, "mesh");
+    auto t = outcrop::init<oc_triangles>();
+    t.positions = mesh.positions.data();
+    t.position_count = mesh.positions.size() / 3;
+    t.indices = mesh.indices.data();
+    t.index_count = mesh.indices.size();
+    build.add_triangles(t);
+    const double begun = seconds();
+    build.start(options.model).wait();
+    std::printf("outcrop: built in %.2f s, file written\n", seconds() - begun);
+}
+
+// --- agreement -------------------------------------------------------------------------------------------
+
+Answer answer(const oc_hit &hit) { return Answer{hit.kind != OC_HIT_MISS, hit.t, hit.prim}; }
+Answer answer(const RTCRayHit &hit) {
+    return Answer{hit.hit.geomID != RTC_INVALID_GEOMETRY_ID, hit.ray.tfar, hit.hit.primID};
+}
+
+void agree_closest(const Outcrop &ours, const EmbreeScene &theirs, const std::vector<oc_ray> &rays, Agreement &agreement) {
+    const std::vector<oc_hit> hits = ours.closest(rays, OC_WANT_T | OC_WANT_PRIM, false);
+    const std::vector<oc_hit> packets = ours.closest(rays, OC_WANT_T | OC_WANT_PRIM, true);
+    EmbreeRays embree;
+    embree.prepare(rays, EmbreeRays::SINGLE, false);
+    embree.run(theirs.get(), false, 2);
+    for (std::size_t i = 0; i < rays.size(); i++) {
+        agreement.compare(rays[i], answer(hits[i]), answer(embree.hits()[i]));
+        if (std::memcmp(&hits[i], &packets[i], sizeof(oc_hit)) != 0) {
+            std::fprintf(stderr, "ray %zu: alone and in a packet outcrop's hits differ\n", i);
+            std::exit(1);
+        }
+    }
+}
+
+void agree_any(const Outcrop &ours, const EmbreeScene &theirs, const std::vector<oc_ray> &rays, Agreement &agreement) {
+    const std::vector<std::uint8_t> blocked = ours.any(rays, false);
+    EmbreeRays embree;
+    embree.prepare(rays, EmbreeRays::SINGLE, true);
+    embree.run(theirs.get(), false, 2);
+    std::vector<oc_ray> differ;
+    for (std::size_t i = 0; i < rays.size(); i++) {
+        if (bool(blocked[i]) != (embree.shadows()[i].tfar < 0)) differ.push_back(rays[i]);
+    }
+    agreement.same_shadows(rays.size() - differ.size());
+    if (differ.empty()) return;
+    const std::vector<oc_hit> hits = ours.closest(differ, OC_WANT_T | OC_WANT_PRIM, false);
+    embree.prepare(differ, EmbreeRays::SINGLE, false);
+    embree.run(theirs.get(), false, 2);
+    for (std::size_t i = 0; i < differ.size(); i++) {
+        agreement.compare_shadow(differ[i], answer(hits[i]), answer(embree.hits()[i]));
+    }
+}
+
+// --- speed -----------------------------------------------------------------------------------------------
+
+struct Batch {
+    const char *name;
+    std::vector<oc_ray> rays;
+    bool any, coherent;
+};
+
+std::vector<Batch> batches(const Outcrop &ours, const View &view, const Options &options, double step) {
+    std::vector<Batch> all(3);
+    all[0] = Batch{"primary", primary_rays(view, options.width, options.height), false, true};
+    const std::vector<oc_hit> hits = ours.closest(all[0].rays, OC_WANT_POSITION | OC_WANT_NORMAL, true);
+    all[1] = Batch{"shadow", shadow_rays(view, hits, step), true, true};
+    all[2] = Batch{"bounce", bounce_rays(hits, step), false, false};
+    return all;
+}
+
+struct Contender {
+    const EmbreeScene *scene;
+    EmbreeRays::Call call;
+    std::string name;
+};
+
+double time_embree(EmbreeRays &rays, const Contender &c, const Batch &batch, unsigned threads, double *sum = nullptr) {
+    rays.prepare(batch.rays, c.call, batch.any);
+    const double begun = seconds();
+    const double s = rays.run(c.scene->get(), batch.coherent, threads);
+    const double took = seconds() - begun;
+    if (sum) *sum = s;
+    return took;
+}
+
+double time_outcrop(Outcrop &ours, const Batch &batch, bool packets, double *sum = nullptr) {
+    ours.prepare(batch.rays);
+    const double begun = seconds();
+    const double s = ours.run(batch.rays, packets, batch.any);
+    const double took = seconds() - begun;
+    if (sum) *sum = s;
+    return took;
+}
+
+// One kind of rays over all views.
+struct Duel {
+    std::vector<double> ratios;
+    double ours = 0, theirs = 0, rays = 0; // seconds: medians, summed over the views
+};
+
+void report(const char *kind, const char *what, const Duel &duel, const std::string &their_call) {
+    if (duel.ratios.empty()) return;
+    std::printf("  %-8s %-8s outcrop %7.2f Mrays/s   Embree %7.2f (%s)   ratio %.3f  [%.3f .. %.3f]\n", kind, what,
+                duel.rays / duel.ours * 1e-6, duel.rays / duel.theirs * 1e-6, their_call.c_str(), median(duel.ratios),
+                *std::min_element(duel.ratios.begin(), duel.ratios.end()),
+                *std::max_element(duel.ratios.begin(), duel.ratios.end()));
+}
+
+// Pairs in turn: ours, theirs, ours, theirs.
+void duel(Outcrop &ours, EmbreeRays &rays, const Contender &c, const Batch &batch, bool packets, unsigned threads,
+          unsigned rounds, Duel &result) {
+    std::vector<double> a, b;
+    for (unsigned r = 0; r < rounds; r++) {
+        a.push_back(time_outcrop(ours, batch, packets));
+        b.push_back(time_embree(rays, c, batch, threads));
+        result.ratios.push_back(b.back() / a.back());
+    }
+    result.ours += median(a);
+    result.theirs += median(b);
+    result.rays += double(batch.rays.size());
+}
+
+void measure(const Options &options, unsigned threads, const std::vector<Contender> &contenders,
+             const std::vector<View> &views, double step) {
+    Outcrop ours(options.model, threads);
+    EmbreeRays rays;
+    std::map<std::string, Duel> single, packet;
+    std::map<std::string, Contender> best_single, best_packet;
+    const char *const kinds[] = {"primary", "shadow", "bounce"};
+    std::printf("\n%u thread%s, %u x %u rays, %zu views, %u pairs each\n", threads, threads > 1 ? "s" : "", options.width,
+                options.height, views.size(), options.rounds);
+    for (const View &view : views) {
+        for (const Batch &batch : batches(ours, view, options, step)) {
+            if (batch.rays.empty()) continue;
+            if (!best_single.count(batch.name)) {
+                // Every call once, to find Embree's best.
+                std::printf("  %-8s Embree, every call, first view:", batch.name);
+                double fastest_single = 0, fastest_packet = 0, sum = 0, our_sum = 0;
+                for (const Contender &c : contenders) {
+                    const double speed = double(batch.rays.size()) / time_embree(rays, c, batch, threads, &sum) * 1e-6;
+                    std::printf(" %s %.2f", c.name.c_str(), speed);
+                    const bool alone = c.call == EmbreeRays::SINGLE;
+                    double &fastest = alone ? fastest_single : fastest_packet;
+                    if (speed > fastest) fastest = speed, (alone ? best_single : best_packet)[batch.name] = c;
+                }
+                time_outcrop(ours, batch, true, &our_sum);
+                std::printf("\n  %-8s sum of shades: outcrop %.9g, Embree %.9g\n", batch.name, our_sum, sum);
+            }
+            duel(ours, rays, best_single[batch.name], batch, false, threads, options.rounds, single[batch.name]);
+            duel(ours, rays, best_packet[batch.name], batch, true, threads, options.rounds, packet[batch.name]);
+        }
+    }
+    for (const char *kind : kinds) {
+        report(kind, "single", single[kind], best_single[kind].name);
+        report(kind, "packets", packet[kind], best_packet[kind].name);
+    }
+}
+
+// --- the whole -------------------------------------------------------------------------------------------
+
+bool parse(int argc, char **argv, Options &options) {
+    std::vector<std::string> names;
+    for (int i = 1; i < argc; i++) {
+        const std::string argument = argv[i];
+        const char *value = i + 1 < argc ? argv[i + 1] : "";
+        if (argument == "--rounds") {
+            options.rounds = unsigned(std::atoi(value)), i++;
+        } else if (argument == "--threads") {
+            options.threads = unsigned(std::atoi(value)), i++;
+        } else if (argument == "--size") {
+            if (std::sscanf(value, "%ux%u", &options.width, &options.height) != 2) return false;
+            i++;
+        } else {
+            names.push_back(argument);
+        }
+    }
+    options.width = options.width / 4 * 4, options.height = options.height / 4 * 4;
+    if (names.size() != 2 || !options.width || !options.height || !options.threads) return false;
+    options.mesh = names[0], options.model = names[1];
+    return true;
+}
+
+int run(const Options &options) {
+    flush_denormals();
+    const Mesh mesh = options.mesh.compare(0, 6, "torus:") == 0 ? torus(std::size_t(std::atol(options.mesh.c_str() + 6)))
+                                                                : PlyReader(options.mesh).read();
+    std::printf("%zu triangles, %zu vertices\n", mesh.triangles(), mesh.positions.size() / 3);
+    if (!std::ifstream(options.model.c_str())) build(options, mesh);
+
+    auto timed = [&](RTCBuildQuality quality, RTCSceneFlags flags, const char *name) {
+        const double begun = seconds();
+        std::unique_ptr<EmbreeScene> scene(new EmbreeScene(mesh, quality, flags));
+        std::printf("Embree %d, %-14s built in %6.2f s, %6.1f bytes a triangle\n", EMBREE_MAJOR, name, seconds() - begun,
+                    double(scene->bytes()) / double(mesh.triangles()));
+        return scene;
+    };
+    timed(RTC_BUILD_QUALITY_MEDIUM, RTC_SCENE_FLAG_COMPACT, "compact:");
+    const auto robust = timed(RTC_BUILD_QUALITY_MEDIUM, RTC_SCENE_FLAG_ROBUST, "robust:");
+
+    Agreement agreement(mesh);
+    std::vector<View> views;
+    double step = 0;
+    {
+        const Outcrop ours(options.model, options.threads);
+        const oc_model_info info = ours.model().info();
+        std::printf("outcrop:                 opened in %5.2f s, %6.1f bytes a triangle in memory, %.1f in the file\n",
+                    ours.open_seconds(), double(info.geometry_bytes) / double(info.triangles_stored),
+                    double(info.file_bytes) / double(info.triangles_stored));
+        step = 1e-5 * length(v3(info.bounds_max) - v3(info.bounds_min));
+        for (std::uint32_t i = 0; i < 4; i++) {
+            views.push_back(make_view(ours.model().view(i), double(options.width) / options.height));
+            for (const Batch &batch : batches(ours, views.back(), options, step)) {
+                if (batch.any) {
+                    agree_any(ours, *robust, batch.rays, agreement);
+                } else {
+                    agree_closest(ours, *robust, batch.rays, agreement);
+                }
+            }
+        }
+    }
+    agreement.print();
+
+    if (options.rounds) {
+        const auto medium = timed(RTC_BUILD_QUALITY_MEDIUM, RTC_SCENE_FLAG_NONE, "medium:");
+        const auto high = timed(RTC_BUILD_QUALITY_HIGH, RTC_SCENE_FLAG_NONE, "high:");
+        std::vector<Contender> contenders;
+        for (EmbreeRays::Call call : EmbreeRays::calls()) {
+            contenders.push_back(Contender{medium.get(), call, std::string(EmbreeRays::name(call)) + " medium"});
+            contenders.push_back(Contender{high.get(), call, std::string(EmbreeRays::name(call)) + " high"});
+        }
+        measure(options, 1, contenders, views, step);
+        if (options.threads > 1) measure(options, options.threads, contenders, views, step);
+    }
+    return agreement.unexplained() ? 1 : 0;
+}
+
+} // namespace
+
+int main(int argc, char **argv) {
+    Options options;
+    if (!parse(argc, argv, options)) {
+        std::fprintf(stderr, "usage: %s MESH.ply|torus:TRIANGLES MODEL.oc [--rounds N] [--size WxH] [--threads N]\n", argv[0]);
+        return 2;
+    }
+    try {
+        return run(options);
+    } catch (const std::exception &e) {
+        std::fprintf(stderr, "%s\n", e.what());
+        return 1;
+    }
+}

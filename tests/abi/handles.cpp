@@ -1,0 +1,19 @@
+// The C++ handles compile with and without exceptions, and move but do not copy.
+#include <outcrop.hpp>
+#include <outcrop.hpp>
+
+#include <type_traits>
+
+static_assert(!std::is_copy_constructible<outcrop::scene>::value, "move-only");
+static_assert(!std::is_copy_assignable<outcrop::frame>::value, "move-only");
+static_assert(std::is_nothrow_move_constructible<outcrop::context>::value, "moves");
+static_assert(std::is_nothrow_move_assignable<outcrop::model>::value, "moves");
+static_assert(sizeof(outcrop::job) == sizeof(void *), "nothing but the handle");
+
+outcrop::model opened(outcrop::context &context, const char *path) {
+    outcrop::model model;
+    if (oc_model_open(context.get(), path, model.put()) != OC_STATUS_OK) return outcrop::model();
+    outcrop::model moved = std::move(model);
+    moved = outcrop::model(moved.release());
+    return moved;
+}

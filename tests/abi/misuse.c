@@ -1,0 +1,759 @@
+/* Every entry point with NULLs, garbage sizes, unknown numbers, objects of the wrong kind and calls in the wrong
+ * order: a status each, never a crash. The test runs it under AddressSanitizer, and makes sure that every function of
+ * the header occurs here. */
+#include "check.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Struct sizes that no header ever had; the memory behind them is as small as the struct, so that a read or write
+ * past its end is noticed. */
+static const uint32_t garbage_sizes[] = {0, 1, 3, 4, 7, 12, 1000000, 0x7fffffff, 0xffffffff};
+enum { SIZES = sizeof garbage_sizes / sizeof *garbage_sizes };
+
+/* Calls with a struct of each garbage size, alone in its own allocation. */
+#define GARBAGE_SIZES(type, call)                                                              \
+    do {                                                                                       \
+        for (int size_ = 0; size_ < SIZES; size_++) {                                          \
+            type *s = (type *)malloc(sizeof(type));                                            \
+            OC_INIT(s);                                                                        \
+            s->struct_size = garbage_sizes[size_];                                             \
+            INVALID(call);                                                                     \
+            CHECK(strstr(oc_last_error(), #type ".struct_size"));                              \
+            free(s);                                                                           \
+        }                                                                                      \
+    } while (0)
+
+static const char *dir;
+static const char *file(const char *name) {
+    static char path[2][4096];
+    static int turn;
+    turn = !turn;
+    snprintf(path[turn], sizeof path[turn], "%s/%s", dir, name);
+    return path[turn];
+}
+
+static uint32_t read_fails(void *user, uint64_t offset, void *buffer, uint64_t bytes) {
+    (void)user, (void)offset, (void)buffer, (void)bytes;
+    return 5;
+}
+static uint32_t read_zeros(void *user, uint64_t offset, void *buffer, uint64_t bytes) {
+    (void)user, (void)offset;
+    memset(buffer, 0, (size_t)bytes);
+    return 0;
+}
+static void count_close(void *user) {
+    ++*(int *)user;
+}
+static void submit(void *user, oc_run_fn run, void *task) {
+    (void)user;
+    run(task);
+}
+static void wake(void *user) {
+    ++*(int *)user;
+}
+
+/* Something that is no object of ours. */
+static uint64_t junk[64];
+#define JUNK(type) ((type *)(void *)junk)
+
+static void versions_and_messages(void) {
+    CHECK(oc_version() == OC_HEADER_VERSION);
+    CHECK(OC_HEADER_VERSION == OC_VERSION_MAJOR * 10000 + OC_VERSION_MINOR * 100 + OC_VERSION_PATCH);
+    CHECK(oc_last_error() && !*oc_last_error());
+    CHECK(!strcmp(oc_status_name(OC_STATUS_OK), "OC_STATUS_OK"));
+    CHECK(!strcmp(oc_status_name(12345), "unknown status"));
+    CHECK(oc_last_error_need() == 0);
+    char three[3] = {1, 2, 3};
+    oc_init(NULL, 100);
+    oc_init(three, 3);
+    CHECK(three[0] == 1 && three[2] == 3);
+}
+
+static oc_context *contexts(void) {
+    oc_context *c = NULL;
+    INVALID(oc_context_create(OC_HEADER_VERSION, NULL, NULL));
+    EXPECT(OC_STATUS_VERSION_MISMATCH, oc_context_create(OC_HEADER_VERSION + 100, NULL, &c));
+    CHECK(strstr(oc_last_error(), "0.2.0"));
+    EXPECT(OC_STATUS_VERSION_MISMATCH, oc_context_create(0, NULL, &c));
+    EXPECT(OC_STATUS_VERSION_MISMATCH, oc_context_create(0xffffffff, NULL, &c));
+    CHECK(c == NULL);
+    GARBAGE_SIZES(oc_context_desc, oc_context_create(OC_HEADER_VERSION, s, &c));
+    oc_context_desc desc;
+    oc_executor executor;
+    OC_INIT(&desc);
+    OC_INIT(&executor);
+    desc.executor = &executor;
+    INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c)); /* no submit */
+    executor.submit = submit;
+    INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c)); /* no concurrency */
+    GARBAGE_SIZES(oc_executor, (desc.executor = s, oc_context_create(OC_HEADER_VERSION, &desc, &c)));
+    CHECK(c == NULL);
+
+    OK(oc_context_create(OC_HEADER_VERSION, NULL, &c));
+    uint64_t value = 77;
+    uint32_t did = 77;
+    INVALID(oc_context_property(c, 0, &value));
+    INVALID(oc_context_property(c, 0xffffffff, &value));
+    INVALID(oc_context_property(c, OC_PROPERTY_VERSION, NULL));
+    INVALID(oc_context_property(NULL, OC_PROPERTY_VERSION, &value));
+    INVALID(oc_context_property(JUNK(oc_context), OC_PROPERTY_VERSION, &value));
+    CHECK(value == 77);
+    INVALID(oc_context_step(NULL, &did));
+    OK(oc_context_step(c, NULL));
+    OK(oc_context_step(c, &did));
+    CHECK(did == 0);
+    oc_context_retain(NULL);
+    oc_context_release(NULL);
+    oc_context_retain(JUNK(oc_context));
+    oc_context_release(JUNK(oc_context));
+    oc_context_retain(c);
+    oc_context_release(c);
+    return c;
+}
+
+static void contents_of_builds(oc_context *c) {
+    oc_build *b = NULL;
+    INVALID(oc_build_create(c, NULL, NULL));
+    INVALID(oc_build_create(NULL, NULL, &b));
+    GARBAGE_SIZES(oc_build_desc, oc_build_create(c, s, &b));
+    oc_build_desc desc;
+    OC_INIT(&desc);
+    desc.structure = 99;
+    INVALID(oc_build_create(c, &desc, &b));
+    desc.structure = 0, desc.splits = 3;
+    INVALID(oc_build_create(c, &desc, &b));
+    desc.splits = 0, desc.up = 4;
+    INVALID(oc_build_create(c, &desc, &b));
+    desc.up = 0, desc.metres_per_unit = NAN;
+    INVALID(oc_build_create(c, &desc, &b));
+    desc.metres_per_unit = 0, desc.reserved = 1;
+    INVALID(oc_build_create(c, &desc, &b));
+    desc.reserved = 0, desc.temp_dir = "";
+    INVALID(oc_build_create(c, &desc, &b));
+    CHECK(b == NULL);
+    OK(oc_build_create(c, NULL, &b));
+
+    INVALID(oc_build_add_file(b, NULL));
+    INVALID(oc_build_add_file(b, ""));
+    INVALID(oc_build_add_file(NULL, "x"));
+
+    uint32_t number = 77;
+    oc_material material;
+    OC_INIT(&material);
+    GARBAGE_SIZES(oc_material, oc_build_add_material(b, s, &number));
+    INVALID(oc_build_add_material(b, NULL, &number));
+    INVALID(oc_build_add_material(b, &material, NULL));
+    INVALID(oc_build_add_material(NULL, &material, &number));
+    material.roughness = 2;
+    INVALID(oc_build_add_material(b, &material, &number));
+    material.roughness = NAN;
+    INVALID(oc_build_add_material(b, &material, &number));
+    CHECK(number == 77);
+
+    oc_part part;
+    OC_INIT(&part);
+    GARBAGE_SIZES(oc_part, oc_build_add_part(b, s));
+    INVALID(oc_build_add_part(b, NULL));
+    INVALID(oc_build_add_part(NULL, &part));
+    part.material = 1; /* none was added */
+    INVALID(oc_build_add_part(b, &part));
+    part.material = 0, part.has_parent = 1, part.parent = 5;
+    INVALID(oc_build_add_part(b, &part));
+    part.has_parent = 2;
+    INVALID(oc_build_add_part(b, &part));
+    part.has_parent = 0, part.name = "\xff\xfe";
+    INVALID(oc_build_add_part(b, &part));
+    part.name = NULL;
+    OK(oc_build_add_part(b, &part));
+    INVALID(oc_build_add_part(b, &part)); /* twice */
+
+    uint32_t mesh = 77;
+    INVALID(oc_build_add_shared_mesh(b, 0, &mesh));
+    INVALID(oc_build_add_shared_mesh(b, 1, NULL));
+    INVALID(oc_build_add_shared_mesh(NULL, 1, &mesh));
+    CHECK(mesh == 77);
+    OK(oc_build_add_shared_mesh(b, 2, &mesh));
+    INVALID(oc_build_add_instance(NULL, mesh, 0, NULL));
+    INVALID(oc_build_add_instance(b, 0, 0, NULL));
+    INVALID(oc_build_add_instance(b, 99, 0, NULL));
+    INVALID(oc_build_add_instance(b, mesh, 99, NULL));
+    INVALID(oc_build_add_instance(b, mesh, 0, NULL)); /* two parts needed, one there */
+    part.id = 1;
+    OK(oc_build_add_part(b, &part));
+    double singular[12] = {0};
+    INVALID(oc_build_add_instance(b, mesh, 0, singular));
+    singular[0] = NAN;
+    INVALID(oc_build_add_instance(b, mesh, 0, singular));
+
+    oc_triangles t;
+    OC_INIT(&t);
+    GARBAGE_SIZES(oc_triangles, oc_build_add_triangles(b, s));
+    INVALID(oc_build_add_triangles(b, NULL));
+    INVALID(oc_build_add_triangles(NULL, &t));
+    OK(oc_build_add_triangles(b, &t)); /* nothing: NULL pointers with counts of 0 */
+    t.position_count = 3;
+    INVALID(oc_build_add_triangles(b, &t)); /* NULL */
+    t.positions = tetra_positions;
+    t.part = 99;
+    INVALID(oc_build_add_triangles(b, &t));
+    t.part = 2, t.mesh = mesh;
+    INVALID(oc_build_add_triangles(b, &t)); /* of a mesh of two */
+    t.part = 0, t.mesh = 99;
+    INVALID(oc_build_add_triangles(b, &t));
+    t.mesh = 0, t.position_count = 4;
+    INVALID(oc_build_add_triangles(b, &t)); /* no whole number of triangles */
+    t.position_stride = 11;
+    INVALID(oc_build_add_triangles(b, &t)); /* below a corner */
+    t.position_stride = 0, t.scalar = 2;
+    INVALID(oc_build_add_triangles(b, &t));
+    t.scalar = 0, t.indices = tetra_indices, t.index = 2;
+    INVALID(oc_build_add_triangles(b, &t));
+    t.index = 0, t.index_count = 11;
+    INVALID(oc_build_add_triangles(b, &t));
+    t.index_count = 12, t.position_count = 3;
+    INVALID(oc_build_add_triangles(b, &t)); /* index 3 of 3 corners */
+    CHECK(strstr(oc_last_error(), "indices[5] is 3"));
+    /* Sizes whose product overflows, or that no address space holds. */
+    t.indices = NULL, t.position_count = UINT64_MAX / 3;
+    INVALID(oc_build_add_triangles(b, &t));
+    t.position_count = 3, t.position_stride = UINT64_MAX;
+    INVALID(oc_build_add_triangles(b, &t));
+    t.position_count = UINT64_MAX, t.position_stride = UINT64_MAX;
+    INVALID(oc_build_add_triangles(b, &t));
+
+    oc_job *job = NULL;
+    INVALID(oc_build_start(b, NULL, &job));
+    INVALID(oc_build_start(b, "", &job));
+    INVALID(oc_build_start(b, "x", NULL));
+    INVALID(oc_build_start(NULL, "x", &job));
+    INVALID(oc_build_start(JUNK(oc_build), "x", &job));
+    CHECK(job == NULL);
+    /* Where no file can be: the job fails, the message names it. */
+    OK(oc_build_start(b, file("no/such/folder/m.oc"), &job));
+    oc_progress progress;
+    OC_INIT(&progress);
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_FAILED && progress.error == OC_STATUS_IO);
+    CHECK(strstr(oc_last_error(), "no/such/folder"));
+    oc_job_release(job);
+    /* Once started, nothing can be added and it cannot start again. */
+    OC_INIT(&material);
+    OC_INIT(&t);
+    part.id = 2;
+    EXPECT(OC_STATUS_INVALID_STATE, oc_build_start(b, file("m.oc"), &job));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_build_add_file(b, "x.ply"));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_build_add_material(b, &material, &number));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_build_add_part(b, &part));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_build_add_triangles(b, &t));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_build_add_shared_mesh(b, 1, &mesh));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_build_add_instance(b, 1, 0, NULL));
+    oc_build_retain(NULL);
+    oc_build_release(NULL);
+    oc_build_retain(b);
+    oc_build_release(b);
+    oc_build_release(b);
+}
+
+static void jobs(oc_context *c) {
+    oc_build *b;
+    oc_job *job;
+    oc_progress progress;
+    oc_build_report report;
+    oc_model *model = NULL;
+    int woken = 0;
+    const char *note = NULL;
+    OC_INIT(&progress);
+    OC_INIT(&report);
+    OK(oc_build_create(c, NULL, &b));
+    OK(oc_build_add_file(b, file("no-such-file.ply")));
+    OK(oc_build_start(b, file("m.oc"), &job));
+    oc_build_release(b);
+
+    INVALID(oc_job_poll(NULL, &progress));
+    INVALID(oc_job_poll(job, NULL));
+    INVALID(oc_job_poll(JUNK(oc_job), &progress));
+    INVALID(oc_job_poll((oc_job *)(void *)c, &progress)); /* another kind of object */
+    GARBAGE_SIZES(oc_progress, oc_job_poll(job, s));
+    GARBAGE_SIZES(oc_progress, oc_job_wait(job, 0, s));
+    GARBAGE_SIZES(oc_build_report, oc_job_build_report(job, s));
+    INVALID(oc_job_wait(NULL, 0, &progress));
+    INVALID(oc_job_cancel(NULL));
+    INVALID(oc_job_set_wake(NULL, wake, &woken));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_job_build_report(job, &report)); /* not done yet */
+    INVALID(oc_job_build_report(NULL, &report));
+    INVALID(oc_job_build_report(job, NULL));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_job_build_note(job, 0, &note));
+    INVALID(oc_job_build_note(NULL, 0, &note));
+    INVALID(oc_job_build_note(job, 0, NULL));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_job_model(job, &model));
+    INVALID(oc_job_model(NULL, &model));
+    INVALID(oc_job_model(job, NULL));
+    OK(oc_job_set_wake(job, wake, &woken));
+    OK(oc_job_poll(job, &progress));
+    CHECK(progress.state == OC_STATE_RUNNING && progress.fraction == 0 && woken == 0);
+    OK(oc_job_wait(job, OC_FOREVER, NULL));
+    OK(oc_job_poll(job, &progress));
+    CHECK(progress.state == OC_STATE_FAILED && progress.error == OC_STATUS_IO && woken == 1);
+    OK(oc_job_set_wake(job, wake, &woken)); /* it has ended: called at once */
+    CHECK(woken == 2);
+    OK(oc_job_set_wake(job, NULL, NULL));
+    OK(oc_job_cancel(job)); /* too late, and no matter */
+    OK(oc_job_poll(job, &progress));
+    CHECK(progress.state == OC_STATE_FAILED);
+    oc_job_retain(NULL);
+    oc_job_release(NULL);
+    oc_job_retain(job);
+    oc_job_release(job);
+    oc_job_release(job);
+
+    /* Cancelled before anybody began it. */
+    OK(oc_build_create(c, NULL, &b));
+    add_tetra(b);
+    OK(oc_build_start(b, file("never.oc"), &job));
+    oc_build_release(b);
+    OK(oc_job_cancel(job));
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_CANCELLED && progress.error == OC_STATUS_CANCELLED);
+    CHECK(!fopen(file("never.oc"), "rb"));
+    oc_job_release(job);
+
+    /* Released before anybody began it; and one that a step does. */
+    OK(oc_build_create(c, NULL, &b));
+    add_tetra(b);
+    OK(oc_build_start(b, file("never.oc"), &job));
+    oc_build_release(b);
+    oc_job_release(job);
+    OK(oc_build_create(c, NULL, &b));
+    add_tetra(b);
+    OK(oc_build_start(b, file("m.oc"), &job));
+    oc_build_release(b);
+    uint32_t did = 0;
+    OK(oc_context_step(c, &did));
+    CHECK(did == 1);
+    OK(oc_job_poll(job, &progress));
+    CHECK(progress.state == OC_STATE_DONE);
+    OK(oc_job_build_report(job, &report));
+    CHECK(report.triangles_in == 4 && report.triangles_kept == 4 && report.parts == 1);
+    INVALID(oc_job_build_note(job, report.notes, &note));
+    INVALID(oc_job_model(job, &model)); /* it has a report, not a model */
+    oc_job_release(job);
+}
+
+static void models(oc_context *c) {
+    oc_model *m = NULL;
+    oc_job *job = NULL;
+    oc_progress progress;
+    oc_io io;
+    int closed = 0;
+    OC_INIT(&progress);
+    OC_INIT(&io);
+    INVALID(oc_model_open(NULL, file("m.oc"), &m));
+    INVALID(oc_model_open(c, NULL, &m));
+    INVALID(oc_model_open(c, "", &m));
+    INVALID(oc_model_open(c, file("m.oc"), NULL));
+    EXPECT(OC_STATUS_IO, oc_model_open(c, file("missing.oc"), &m));
+    EXPECT(OC_STATUS_IO, oc_model_open(c, dir, &m));
+    CHECK(strstr(oc_last_error(), dir));
+    FILE *f = fopen(file("text.oc"), "wb");
+    CHECK(f && fputs("this is not a model, whatever its name says", f) >= 0 && !fclose(f));
+    EXPECT(OC_STATUS_CORRUPT, oc_model_open(c, file("text.oc"), &m));
+    GARBAGE_SIZES(oc_io, oc_model_open_io(c, s, &m));
+    INVALID(oc_model_open_io(c, NULL, &m));
+    INVALID(oc_model_open_io(NULL, &io, &m));
+    INVALID(oc_model_open_io(c, &io, NULL));
+    INVALID(oc_model_open_io(c, &io, &m)); /* no read_at */
+    io.size = 100000, io.read_at = read_fails, io.close = count_close, io.user = &closed, io.name = "tape";
+    EXPECT(OC_STATUS_IO, oc_model_open_io(c, &io, &m));
+    CHECK(strstr(oc_last_error(), "tape") && closed == 1);
+    io.read_at = read_zeros;
+    EXPECT(OC_STATUS_CORRUPT, oc_model_open_io(c, &io, &m));
+    CHECK(closed == 2);
+    io.size = 0xffffffffffffffff;
+    EXPECT(OC_STATUS_CORRUPT, oc_model_open_io(c, &io, &m));
+    CHECK(m == NULL && closed == 3);
+
+    INVALID(oc_model_load(NULL, file("m.oc"), NULL, &job));
+    INVALID(oc_model_load(c, NULL, NULL, &job));
+    INVALID(oc_model_load(c, file("m.oc"), NULL, NULL));
+    GARBAGE_SIZES(oc_io, oc_model_load(c, NULL, s, &job));
+    CHECK(job == NULL);
+    OK(oc_model_load(c, file("text.oc"), NULL, &job));
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_FAILED && progress.error == OC_STATUS_CORRUPT);
+    EXPECT(OC_STATUS_INVALID_STATE, oc_job_model(job, &m));
+    oc_job_release(job);
+    OK(oc_model_load(c, file("m.oc"), NULL, &job));
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    OK(oc_job_model(job, &m));
+    oc_job_release(job);
+
+    oc_model_info info;
+    oc_part_info part;
+    oc_camera camera;
+    uint32_t index = 77;
+    OC_INIT(&info);
+    OC_INIT(&part);
+    OC_INIT(&camera);
+    GARBAGE_SIZES(oc_model_info, oc_model_get_info(m, s));
+    GARBAGE_SIZES(oc_part_info, oc_model_get_part(m, 0, s));
+    GARBAGE_SIZES(oc_camera, oc_model_get_view(m, 0, s));
+    INVALID(oc_model_get_info(NULL, &info));
+    INVALID(oc_model_get_info(m, NULL));
+    INVALID(oc_model_get_part(NULL, 0, &part));
+    INVALID(oc_model_get_part(m, 0, NULL));
+    INVALID(oc_model_get_part(m, 1, &part));
+    INVALID(oc_model_get_part(m, 0xffffffff, &part));
+    INVALID(oc_model_find_part(NULL, 7, &index));
+    INVALID(oc_model_find_part(m, 7, NULL));
+    INVALID(oc_model_find_part(m, 8, &index));
+    INVALID(oc_model_get_view(NULL, 0, &camera));
+    INVALID(oc_model_get_view(m, 0, NULL));
+    INVALID(oc_model_get_view(m, 4, &camera));
+    CHECK(index == 77);
+    OK(oc_model_find_part(m, 7, &index));
+    OK(oc_model_get_part(m, index, &part));
+    CHECK(!strcmp(part.name, "tetra") && part.id == 7 && part.parent == OC_NO_INDEX);
+    oc_model_retain(NULL);
+    oc_model_release(NULL);
+    oc_model_retain(m);
+    oc_model_release(m);
+    oc_model_release(m);
+}
+
+static oc_scene *scenes(oc_context *c) {
+    oc_scene *s0 = NULL;
+    oc_model *m;
+    oc_context *other;
+    oc_look look;
+    oc_light light;
+    oc_background background;
+    OC_INIT(&look);
+    OC_INIT(&background);
+    memset(&light, 0, sizeof light);
+    OK(oc_model_open(c, file("m.oc"), &m));
+    INVALID(oc_scene_create(NULL, &s0));
+    INVALID(oc_scene_create(c, NULL));
+    OK(oc_scene_create(c, &s0));
+
+    double singular[12] = {1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0};
+    INVALID(oc_scene_add_instance(NULL, m, 1, NULL));
+    INVALID(oc_scene_add_instance(s0, NULL, 1, NULL));
+    INVALID(oc_scene_add_instance(s0, (oc_model *)(void *)s0, 1, NULL));
+    INVALID(oc_scene_add_instance(s0, m, 1, singular));
+    OK(oc_context_create(OC_HEADER_VERSION, NULL, &other));
+    oc_scene *foreign;
+    OK(oc_scene_create(other, &foreign));
+    INVALID(oc_scene_add_instance(foreign, m, 1, NULL)); /* objects of two contexts */
+    oc_context_release(other);
+    oc_scene_release(foreign);
+    OK(oc_scene_add_instance(s0, m, 1, NULL));
+    INVALID(oc_scene_add_instance(s0, m, 1, NULL)); /* the id is taken */
+    oc_model_release(m);
+
+    INVALID(oc_scene_set_transform(NULL, 1, NULL));
+    INVALID(oc_scene_set_transform(s0, 2, NULL));
+    INVALID(oc_scene_set_transform(s0, 1, singular));
+    INVALID(oc_scene_set_instance_mask(NULL, 1, 1));
+    INVALID(oc_scene_set_instance_mask(s0, 2, 1));
+    INVALID(oc_scene_set_instance_look(NULL, 1, &look));
+    INVALID(oc_scene_set_instance_look(s0, 2, &look));
+    INVALID(oc_scene_set_part_look(NULL, 1, 7, &look));
+    INVALID(oc_scene_set_part_look(s0, 2, 7, &look));
+    INVALID(oc_scene_set_part_look(s0, 1, 8, &look));
+    look.flags = 8;
+    INVALID(oc_scene_set_instance_look(s0, 1, &look));
+    look.flags = OC_LOOK_COLOURED, look.colour[0] = NAN;
+    INVALID(oc_scene_set_part_look(s0, 1, 7, &look));
+    GARBAGE_SIZES(oc_look, oc_scene_set_instance_look(s0, 1, s));
+    GARBAGE_SIZES(oc_look, oc_scene_set_part_look(s0, 1, 7, s));
+    INVALID(oc_scene_clear_part_looks(NULL, 1));
+    INVALID(oc_scene_clear_part_looks(s0, 2));
+    INVALID(oc_scene_remove_instance(NULL, 1));
+    INVALID(oc_scene_remove_instance(s0, 2));
+
+    INVALID(oc_scene_set_lights(NULL, &light, 1, 0));
+    INVALID(oc_scene_set_lights(s0, NULL, 1, 0));
+    INVALID(oc_scene_set_lights(s0, &light, 1, sizeof light - 1));
+    INVALID(oc_scene_set_lights(s0, &light, UINT64_MAX, 0));
+    INVALID(oc_scene_set_lights(s0, &light, 2, UINT64_MAX));
+    OK(oc_scene_set_lights(s0, NULL, 0, 0));
+    light.kind = 3;
+    INVALID(oc_scene_set_lights(s0, &light, 1, 0));
+    light.kind = OC_LIGHT_DIRECTIONAL; /* without a direction */
+    INVALID(oc_scene_set_lights(s0, &light, 1, 0));
+    light.kind = 0, light.shadows = 2;
+    INVALID(oc_scene_set_lights(s0, &light, 1, 0));
+    light.shadows = 0, light.intensity = -1;
+    INVALID(oc_scene_set_lights(s0, &light, 1, 0));
+    light.intensity = 0;
+    OK(oc_scene_set_lights(s0, &light, 1, 0));
+
+    GARBAGE_SIZES(oc_background, oc_scene_set_background(s0, s));
+    INVALID(oc_scene_set_background(NULL, &background));
+    background.top[2] = INFINITY;
+    INVALID(oc_scene_set_background(s0, &background));
+    background.top[2] = 0, background.reserved = 1;
+    INVALID(oc_scene_set_background(s0, &background));
+    OK(oc_scene_set_background(s0, NULL));
+    INVALID(oc_scene_commit(NULL));
+    INVALID(oc_scene_commit(JUNK(oc_scene)));
+    OK(oc_scene_commit(s0));
+    oc_scene_retain(NULL);
+    oc_scene_release(NULL);
+    oc_scene_retain(s0);
+    oc_scene_release(s0);
+    return s0;
+}
+
+static void queries(oc_scene *s0) {
+    oc_ray ray = {{0.1, 0.1, -1}, 0, 0, {0, 0, 1}, 0, 0, 0};
+    oc_query q;
+    oc_hit *hit = (oc_hit *)malloc(sizeof *hit);
+    uint8_t any = 77;
+    oc_job *job = NULL;
+    OC_INIT(&q);
+    OK(oc_scene_closest(s0, &q, NULL, 0)); /* no rays: pointers do not matter */
+    q.rays = &ray;
+    q.count = 1;
+    INVALID(oc_scene_closest(NULL, &q, hit, 0));
+    INVALID(oc_scene_closest(s0, NULL, hit, 0));
+    INVALID(oc_scene_closest(s0, &q, NULL, 0));
+    INVALID(oc_scene_closest(s0, &q, hit, sizeof *hit - 1));
+    INVALID(oc_scene_any(NULL, &q, &any, 0));
+    INVALID(oc_scene_any(s0, NULL, &any, 0));
+    INVALID(oc_scene_any(s0, &q, NULL, 0));
+    INVALID(oc_scene_closest_start(NULL, &q, hit, 0, &job));
+    INVALID(oc_scene_closest_start(s0, NULL, hit, 0, &job));
+    INVALID(oc_scene_closest_start(s0, &q, NULL, 0, &job));
+    INVALID(oc_scene_closest_start(s0, &q, hit, 0, NULL));
+    INVALID(oc_scene_any_start(NULL, &q, &any, 0, &job));
+    INVALID(oc_scene_any_start(s0, NULL, &any, 0, &job));
+    INVALID(oc_scene_any_start(s0, &q, NULL, 0, &job));
+    INVALID(oc_scene_any_start(s0, &q, &any, 0, NULL));
+    GARBAGE_SIZES(oc_query, oc_scene_closest(s0, s, hit, 0));
+    GARBAGE_SIZES(oc_query, oc_scene_any(s0, s, &any, 0));
+    GARBAGE_SIZES(oc_query, oc_scene_closest_start(s0, s, hit, 0, &job));
+    GARBAGE_SIZES(oc_query, oc_scene_any_start(s0, s, &any, 0, &job));
+    q.want = 256;
+    INVALID(oc_scene_closest(s0, &q, hit, 0));
+    q.want = 0, q.flags = 4;
+    INVALID(oc_scene_closest(s0, &q, hit, 0));
+    q.flags = 0, q.reserved = 1;
+    INVALID(oc_scene_closest(s0, &q, hit, 0));
+    q.reserved = 0, q.stride = 8;
+    INVALID(oc_scene_closest(s0, &q, hit, 0));
+    q.stride = 0, q.count = UINT64_MAX / 64;
+    INVALID(oc_scene_closest(s0, &q, hit, 0));
+    q.count = 2, q.stride = UINT64_MAX - 1;
+    INVALID(oc_scene_any(s0, &q, &any, 0));
+    q.stride = 0, q.rays = NULL, q.count = 1;
+    INVALID(oc_scene_closest(s0, &q, hit, 0));
+    CHECK(any == 77 && job == NULL);
+
+    q.rays = &ray;
+    OK(oc_scene_closest(s0, &q, hit, 0));
+    CHECK(hit->kind == OC_HIT_EXACT && hit->part == 7 && hit->instance == 1 && hit->prim == 0);
+    OK(oc_scene_any(s0, &q, &any, 0));
+    CHECK(any == 1);
+    OK(oc_scene_any_start(s0, &q, &any, 0, &job));
+    oc_job_release(job); /* waits until nobody touches `any` */
+    /* Rays that cannot hit. */
+    const float directions[4][3] = {{0, 0, 0}, {NAN, 0, 1}, {INFINITY, 0, 0}, {0, 0, -1}};
+    for (int i = 0; i < 4; i++) {
+        memcpy(ray.direction, directions[i], sizeof ray.direction);
+        OK(oc_scene_closest(s0, &q, hit, 0));
+        CHECK(hit->kind == OC_HIT_MISS && hit->t == INFINITY && hit->part == OC_NO_ID);
+    }
+    free(hit);
+}
+
+static void overlaps(oc_scene *s0) {
+    double low[3] = {-1, -1, -1}, high[3] = {2, 2, 2};
+    oc_plane planes[2] = {{{1, 0, 0}, 1}, {{0, 1, 0}, 1}};
+    oc_overlap *found = (oc_overlap *)malloc(sizeof *found);
+    uint64_t count = 77;
+    INVALID(oc_scene_overlap_box(NULL, low, high, found, 1, &count));
+    INVALID(oc_scene_overlap_box(s0, NULL, high, found, 1, &count));
+    INVALID(oc_scene_overlap_box(s0, low, NULL, found, 1, &count));
+    INVALID(oc_scene_overlap_box(s0, low, high, NULL, 1, &count));
+    INVALID(oc_scene_overlap_box(s0, low, high, found, 1, NULL));
+    INVALID(oc_scene_overlap_box(s0, low, high, found, UINT64_MAX, &count));
+    INVALID(oc_scene_overlap_frustum(NULL, planes, 2, found, 1, &count));
+    INVALID(oc_scene_overlap_frustum(s0, NULL, 2, found, 1, &count));
+    INVALID(oc_scene_overlap_frustum(s0, planes, UINT64_MAX, found, 1, &count));
+    INVALID(oc_scene_overlap_frustum(s0, planes, 2, NULL, 1, &count));
+    INVALID(oc_scene_overlap_frustum(s0, planes, 2, found, 1, NULL));
+    INVALID(oc_scene_overlap_frustum(s0, NULL, 0, found, 1, &count));
+    CHECK(count == 77);
+    low[0] = NAN;
+    INVALID(oc_scene_overlap_box(s0, low, high, found, 1, &count));
+    low[0] = -1;
+    OK(oc_scene_overlap_box(s0, low, high, NULL, 0, &count));
+    CHECK(count == 1);
+    OK(oc_scene_overlap_box(s0, low, high, found, 1, &count));
+    CHECK(found->part == 7 && found->instance == 1 && found->kind == OC_OVERLAP_INSIDE);
+    OK(oc_scene_overlap_frustum(s0, planes, 2, found, 1, &count));
+    CHECK(count == 1 && found->part == 7);
+    free(found);
+}
+
+static void frames(oc_context *c, oc_scene *s0) {
+    oc_frame *f = NULL;
+    oc_frame_desc desc;
+    oc_camera camera;
+    oc_frame_settings settings;
+    oc_progress progress;
+    oc_frame_accuracy accuracy;
+    oc_pixels pixels;
+    oc_hit hit;
+    oc_target target;
+    int woken = 0;
+    OC_INIT(&desc);
+    OC_INIT(&camera);
+    OC_INIT(&settings);
+    OC_INIT(&progress);
+    OC_INIT(&accuracy);
+    OC_INIT(&pixels);
+    memset(&target, 0, sizeof target);
+    INVALID(oc_frame_create(NULL, NULL, &f));
+    INVALID(oc_frame_create(c, NULL, NULL));
+    GARBAGE_SIZES(oc_frame_desc, oc_frame_create(c, s, &f));
+    desc.width = 65537;
+    INVALID(oc_frame_create(c, &desc, &f));
+    desc.width = 0, desc.height = 0xffffffff;
+    INVALID(oc_frame_create(c, &desc, &f));
+    desc.height = 0, desc.buffers = 1u << 31;
+    INVALID(oc_frame_create(c, &desc, &f));
+    desc.buffers = 0, desc.target_count = 1;
+    INVALID(oc_frame_create(c, &desc, &f));
+    desc.targets = &target;
+    INVALID(oc_frame_create(c, &desc, &f)); /* no memory */
+    desc.width = 4, desc.height = 3;
+    unsigned char *memory = (unsigned char *)malloc(2 * 20 + 16);
+    target.memory = memory, target.size = 2 * 20 + 15, target.row_pitch = 20;
+    INVALID(oc_frame_create(c, &desc, &f)); /* a byte too little */
+    target.size = UINT64_MAX;
+    INVALID(oc_frame_create(c, &desc, &f));
+    target.size = 2 * 20 + 16, target.row_pitch = 15;
+    INVALID(oc_frame_create(c, &desc, &f));
+    target.row_pitch = UINT64_MAX;
+    INVALID(oc_frame_create(c, &desc, &f));
+    target.row_pitch = 20, target.buffer = 9;
+    INVALID(oc_frame_create(c, &desc, &f));
+    target.buffer = 0, target.reserved = 1;
+    INVALID(oc_frame_create(c, &desc, &f));
+    target.reserved = 0, desc.target_count = UINT64_MAX;
+    INVALID(oc_frame_create(c, &desc, &f));
+    desc.target_count = 1, desc.buffers = 1;
+    CHECK(f == NULL);
+    OK(oc_frame_create(c, &desc, &f));
+
+    camera.eye[2] = 5;
+    camera.up[1] = 1;
+    EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, 0, &pixels)); /* nothing rendered yet */
+    EXPECT(OC_STATUS_INVALID_STATE, oc_frame_pick(f, 0, 0, &hit));
+    OK(oc_frame_poll(f, &progress));
+    CHECK(progress.state == OC_STATE_IDLE);
+    OK(oc_frame_wait(f, OC_FOREVER, &progress)); /* nothing to wait for */
+    OK(oc_frame_cancel(f));
+    INVALID(oc_frame_request(NULL, s0, &camera, NULL));
+    INVALID(oc_frame_request(f, NULL, &camera, NULL));
+    INVALID(oc_frame_request(f, s0, NULL, NULL));
+    GARBAGE_SIZES(oc_camera, oc_frame_request(f, s0, s, NULL));
+    GARBAGE_SIZES(oc_frame_settings, oc_frame_request(f, s0, &camera, s));
+    camera.kind = 2;
+    INVALID(oc_frame_request(f, s0, &camera, NULL));
+    camera.kind = OC_CAMERA_ORTHOGRAPHIC; /* without a height */
+    INVALID(oc_frame_request(f, s0, &camera, NULL));
+    camera.kind = 0, camera.fov_y = 180;
+    INVALID(oc_frame_request(f, s0, &camera, NULL));
+    camera.fov_y = NAN;
+    INVALID(oc_frame_request(f, s0, &camera, NULL));
+    camera.fov_y = 0, camera.eye[2] = 0; /* eye = at */
+    INVALID(oc_frame_request(f, s0, &camera, NULL));
+    camera.eye[2] = INFINITY;
+    INVALID(oc_frame_request(f, s0, &camera, NULL));
+    camera.eye[2] = 5;
+    settings.samples = 0xffffffff;
+    INVALID(oc_frame_request(f, s0, &camera, &settings));
+    settings.samples = 0, settings.poe = NAN;
+    INVALID(oc_frame_request(f, s0, &camera, &settings));
+    settings.poe = 0, settings.ambient = NAN;
+    INVALID(oc_frame_request(f, s0, &camera, &settings));
+    oc_context *other;
+    oc_scene *foreign;
+    OK(oc_context_create(OC_HEADER_VERSION, NULL, &other));
+    OK(oc_scene_create(other, &foreign));
+    INVALID(oc_frame_request(f, foreign, &camera, NULL));
+    oc_scene_release(foreign);
+    oc_context_release(other);
+
+    INVALID(oc_frame_set_wake(NULL, wake, &woken));
+    OK(oc_frame_set_wake(f, wake, &woken));
+    OK(oc_frame_request(f, s0, &camera, NULL));
+    INVALID(oc_frame_wait(NULL, 0, &progress));
+    GARBAGE_SIZES(oc_progress, oc_frame_wait(f, 0, s));
+    OK(oc_frame_wait(f, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_DONE && woken == 1);
+    INVALID(oc_frame_poll(NULL, &progress));
+    INVALID(oc_frame_poll(f, NULL));
+    GARBAGE_SIZES(oc_progress, oc_frame_poll(f, s));
+    INVALID(oc_frame_get_accuracy(NULL, &accuracy));
+    INVALID(oc_frame_get_accuracy(f, NULL));
+    GARBAGE_SIZES(oc_frame_accuracy, oc_frame_get_accuracy(f, s));
+    INVALID(oc_frame_cancel(NULL));
+    INVALID(oc_frame_pick(NULL, 0, 0, &hit));
+    INVALID(oc_frame_pick(f, 0, 0, NULL));
+    INVALID(oc_frame_pick(f, 4, 0, &hit));
+    INVALID(oc_frame_pick(f, 0, 0xffffffff, &hit));
+    OK(oc_frame_pick(f, 3, 2, &hit));
+    INVALID(oc_frame_map(NULL, 0, &pixels));
+    INVALID(oc_frame_map(f, 0, NULL));
+    INVALID(oc_frame_map(f, 9, &pixels));
+    INVALID(oc_frame_map(f, 0xffffffff, &pixels));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, OC_BUFFER_DEPTH, &pixels)); /* not kept */
+    GARBAGE_SIZES(oc_pixels, oc_frame_map(f, 0, s));
+    OK(oc_frame_map(f, 0, &pixels));
+    CHECK(pixels.width == 4 && pixels.height == 3 && pixels.format == OC_FORMAT_U8X4);
+    for (uint32_t y = 0; y < 3; y++) { /* the same picture in the caller's memory */
+        CHECK(!memcmp(memory + 20 * y, (const char *)pixels.data + pixels.row_pitch * y, 16));
+    }
+
+    INVALID(oc_frame_resize(NULL, 5, 5));
+    INVALID(oc_frame_resize(f, 0, 5));
+    INVALID(oc_frame_resize(f, 5, 65537));
+    OK(oc_frame_resize(f, 64, 48));
+    free(memory); /* let go by the resize */
+    OK(oc_frame_request(f, s0, &camera, NULL));
+    OK(oc_frame_cancel(f));
+    OK(oc_frame_request(f, s0, &camera, NULL));
+    oc_frame_retain(NULL);
+    oc_frame_release(NULL);
+    oc_frame_retain(f);
+    oc_frame_release(f);
+    oc_frame_release(f); /* while it renders */
+    CHECK(((const unsigned char *)pixels.data)[3] <= 255); /* outlives the frame */
+    oc_mapping_retain(NULL);
+    oc_mapping_release(NULL);
+    oc_mapping_retain(pixels.mapping);
+    oc_mapping_release(pixels.mapping);
+    oc_mapping_release(pixels.mapping);
+}
+
+int main(int argc, char **argv) {
+    CHECK(argc == 2);
+    dir = argv[1];
+    versions_and_messages();
+    oc_context *c = contexts();
+    contents_of_builds(c);
+    jobs(c);
+    models(c);
+    oc_scene *s0 = scenes(c);
+    queries(s0);
+    overlaps(s0);
+    frames(c, s0);
+    oc_context_release(c); /* before what was made from it */
+    oc_scene_release(s0);
+    return 0;
+}

@@ -1,0 +1,133 @@
+//! Sizes and offsets of every struct, told by Rust and asserted by C.
+
+use outcrop::capi::build::oc_build_desc;
+use outcrop::capi::contents::{oc_material, oc_part};
+use outcrop::capi::context::{oc_context_desc, oc_executor};
+use outcrop::capi::frame::{oc_frame_accuracy, oc_frame_desc, oc_frame_settings};
+use outcrop::capi::job::oc_progress;
+use outcrop::capi::model::{oc_io, oc_model_info, oc_part_info};
+use outcrop::capi::overlap::{oc_overlap, oc_plane};
+use outcrop::capi::pixels::{oc_pixels, oc_target};
+use outcrop::capi::query::{oc_hit, oc_query, oc_ray};
+use outcrop::capi::report::oc_build_report;
+use outcrop::capi::scene::{oc_background, oc_light, oc_look};
+use outcrop::capi::triangles::oc_triangles;
+use outcrop::capi::view::oc_camera;
+use std::collections::BTreeMap;
+use std::mem::{offset_of, size_of};
+use std::path::PathBuf;
+use std::process::Command;
+
+struct Layout {
+    name: &'static str,
+    size: usize,
+    members: Vec<(&'static str, usize)>,
+}
+
+macro_rules! layouts {
+    ($($name:ident { $($member:ident),+ $(,)? })+) => {
+        vec![$(Layout {
+            name: stringify!($name),
+            size: size_of::<$name>(),
+            members: vec![$((stringify!($member), offset_of!($name, $member))),+],
+        }),+]
+    };
+}
+
+fn layouts() -> Vec<Layout> {
+    layouts! {
+        oc_progress { struct_size, state, fraction, done, total, bytes, need, error, phase }
+        oc_executor { struct_size, concurrency, user, submit }
+        oc_context_desc { struct_size, threads, memory_budget, executor, log, log_user }
+        oc_camera { struct_size, kind, eye, at, up, fov_y, height }
+        oc_build_desc { struct_size, structure, memory_budget, temp_dir, metres_per_unit, up, splits, threads, reserved }
+        oc_material { struct_size, colour, opacity, metalness, roughness, reserved }
+        oc_part { struct_size, material, id, parent, name, has_parent, reserved }
+        oc_triangles {
+            struct_size, mesh, part, positions, position_count, position_stride, indices, index_count, colours,
+            colour_stride, scalar, index,
+        }
+        oc_build_report {
+            struct_size, notes, triangles_in, triangles_kept, dropped_non_finite, dropped_degenerate,
+            dropped_out_of_range, parts, instances, geometry_bytes, file_bytes, seconds_read, seconds_build,
+            seconds_write,
+        }
+        oc_io { struct_size, reserved, size, read_at, close, user, name }
+        oc_model_info {
+            struct_size, up, bounds_min, bounds_max, metres_per_unit, triangles_in, triangles_stored,
+            triangles_placed, file_bytes, geometry_bytes, resident_bytes, parts, instances, blocks, has_colours,
+        }
+        oc_part_info {
+            struct_size, parent, id, name, triangles, bounds_min, bounds_max, colour, metalness, roughness,
+        }
+        oc_look { struct_size, flags, colour }
+        oc_light { vector, colour, intensity, kind, shadows }
+        oc_background { struct_size, reserved, bottom, top }
+        oc_ray { origin, t_min, t_max, direction, cone_a, cone_b, mask }
+        oc_query { struct_size, want, flags, reserved, rays, count, stride }
+        oc_hit { t, position, t_free, part, instance, prim, normal, uv, error, kind, reserved }
+        oc_overlap { instance, part, kind, reserved }
+        oc_plane { normal, d }
+        oc_target { memory, size, row_pitch, buffer, reserved }
+        oc_frame_desc { struct_size, width, height, buffers, targets, target_count }
+        oc_frame_settings { struct_size, samples, poe, ambient }
+        oc_frame_accuracy {
+            struct_size, effective_poe, request, pixels_exact, pixels_lod, pixels_missing, pixels_total,
+            bytes_resident, bytes_wanted, seconds, seconds_to_go, worst_error, mean_error,
+        }
+        oc_pixels { struct_size, format, width, height, data, row_pitch, size, mapping }
+    }
+}
+
+/// The structs of the header and their members, as written there.
+fn declared() -> BTreeMap<String, Vec<String>> {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("include/outcrop.h");
+    let header = std::fs::read_to_string(path).expect("include/outcrop.h");
+    let mut structs = BTreeMap::new();
+    let mut open: Option<(String, Vec<String>)> = None;
+    for line in header.lines() {
+        if let Some(name) = line.strip_prefix("typedef struct ").and_then(|l| l.strip_suffix(" {")) {
+            open = Some((name.to_string(), Vec::new()));
+        } else if line.starts_with('}') {
+            structs.extend(open.take());
+        } else if let (Some((_, members)), Some(member)) = (&mut open, line.trim().strip_suffix(';')) {
+            let name = member.split('[').next().expect("a name");
+            members.push(name.rsplit([' ', '*']).next().expect("a name").to_string());
+        }
+    }
+    structs
+}
+
+#[test]
+fn every_struct_and_member_is_checked() {
+    let told: BTreeMap<String, Vec<String>> = layouts()
+        .iter()
+        .map(|l| (l.name.to_string(), l.members.iter().map(|m| m.0.to_string()).collect()))
+        .collect();
+    assert_eq!(told, declared());
+}
+
+#[test]
+fn sizes_and_offsets_agree_with_c() {
+    let mut c = String::from("#include <outcrop.h>\n#include <stddef.h>\n");
+    for l in layouts() {
+        c += &format!("_Static_assert(sizeof({}) == {}, \"{}\");\n", l.name, l.size, l.name);
+        for (member, offset) in l.members {
+            let name = format!("{}.{member}", l.name);
+            c += &format!("_Static_assert(offsetof({}, {member}) == {offset}, \"{name}\");\n", l.name);
+        }
+    }
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let file = dir.path().join("layout.c");
+    std::fs::write(&file, c).expect("layout.c");
+    let include = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("include");
+    let output = Command::new("cc")
+        .args(["-std=c11", "-c", "-o"])
+        .arg(dir.path().join("layout.o"))
+        .arg("-I")
+        .arg(include)
+        .arg(&file)
+        .output()
+        .expect("cc");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
