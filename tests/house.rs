@@ -132,6 +132,15 @@ fn the_top_level_is_fixed() {
     none(faults.map(|name| format!("{name}/: no further folder at the top")).collect());
 }
 
+#[test]
+fn every_file_belongs_to_a_module() {
+    let mut modules = library();
+    modules.extend(modules_of_bin());
+    let used: BTreeSet<_> = modules.into_iter().map(|m| m.file).collect();
+    let all = files_below(&root().join("src"), ".rs").into_iter();
+    none(all.filter(|f| !used.contains(f)).map(|f| format!("{}: no module", short(&f))).collect());
+}
+
 fn modules_of_bin() -> Vec<Module> {
     modules(&root().join("src/bin/outcrop/main.rs"))
 }

@@ -276,6 +276,6 @@ fn ended(ending: Ending) -> Result<()> {
     match ending {
         Ending::Finished => Ok(()),
         Ending::Cancelled => Err(Error::Cancelled),
-        Ending::Failed(error) => Err(Arc::try_unwrap(error).unwrap_or_else(|e| Error::Internal(e.to_string()))),
+        Ending::Failed(error) => Err(Error::clone(&error)),
     }
 }

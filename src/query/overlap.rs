@@ -208,7 +208,7 @@ fn sweep<T: Send>(scene: &SceneState, trees: &[u32], search: Search<T>) -> Resul
     match scene.context().pool().run_scoped(trees.len(), &sweep) {
         Ending::Finished => {}
         Ending::Cancelled => return Err(Error::Cancelled),
-        Ending::Failed(e) => return Err(Arc::try_unwrap(e).unwrap_or_else(|e| Error::Internal(e.to_string()))),
+        Ending::Failed(e) => return Err(Error::clone(&e)),
     }
     let state = sweep.state.into_inner().unwrap_or_else(PoisonError::into_inner);
     Ok(state.results.into_iter().flatten().collect())
