@@ -134,3 +134,64 @@ fn text_format(head: &[u8], ending: &str) -> Parsed<Option<Format>, String> {
     }
     Ok(None)
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::import::testing::{read_bytes, refused, temporary};
+    use crate::import::{ReadOptions, collect::Collector, read_file};
+
+    #[test]
+    fn formats_are_told_by_content_before_ending() {
+        let stl = "solid a\nfacet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet endsolid\n";
+        let obj = "# first\n\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty char x\nproperty char y\nproperty char z\n\
+                   element face 1\nproperty list char char vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+        for bytes in [stl, obj, ply] {
+            for name in ["a", "a.ply", "a.obj", "a.stl", "a.glb", "a.txt"] {
+                assert_eq!(read_bytes(name, bytes).unwrap_or_else(|e| panic!("{name} {e}")).received, 1, "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_mesh_is_called_by_its_name() {
+        for (name, bytes, words) in [
+            ("a.ply", &b""[..], "is empty"),
+            ("a.obj", b"", "is empty"),
+            ("a.gltf", b" \n ", "not valid JSON"),
+            ("a.ply", b"plywood\n", "does not begin with \"ply\""),
+            ("a.obj", b"\x00\x01\x02", "binary data"),
+            ("a.stl", b"\x00\x01\x02", "ends inside the header"),
+            ("a.obj", b"newmtl a\nKd 1 1 1\n", "material library"),
+            ("a.mtl", b"# colours\nnewmtl a\n", "material library"),
+            ("a.off", b"# a comment\nOFF\n", "OFF"),
+            ("a.bin", b"OFF\n0 0 0\n", "OFF"),
+            ("a.glb", b"b3dm....", "3D Tiles"),
+            ("a.dae", b"<?xml version=\"1.0\"?>", "XML"),
+            ("a.obj.gz", b"\x1f\x8b\x08", "gzip"),
+            ("a.3mf", b"PK\x03\x04", "ZIP"),
+            ("a.oc", b"whatever", "built model"),
+            ("a", b"hello", "not a mesh file of a known format"),
+            ("a.json", b"[1, 2]", "not a mesh file of a known format"),
+        ] {
+            let error = refused(name, bytes);
+            assert!(error.contains(name) && error.contains(words), "{name}: {error}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_file_is_refused() {
+        let folder = temporary();
+        let read = |path: &std::path::Path| {
+            read_file(path, &ReadOptions::default(), &mut Collector::new()).expect_err("refused").to_string()
+        };
+        assert!(read(folder.path()).contains("is a directory"));
+        let missing = folder.path().join("missing.ply");
+        let error = read(&missing);
+        assert!(error.contains("missing.ply: open failed"), "{error}");
+        let device = std::path::Path::new("/dev/zero");
+        if device.exists() {
+            assert!(read(device).contains("not a regular file"));
+        }
+    }
+}

@@ -1,4 +1,6 @@
 //! The shared test models: what their README says of them.
+// Each test binary uses its own share.
+#![allow(dead_code)]
 
 /// How a file is divided.
 #[derive(Debug, Clone, Copy, PartialEq)]

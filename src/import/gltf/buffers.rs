@@ -2,6 +2,7 @@
 
 use super::container::Document;
 use crate::base::error::{Error, Place, Result};
+use crate::base::progress::Cancel;
 use crate::import::input::{Input, Parsed};
 use ::gltf::json::{Root, buffer};
 use base64::Engine as _;
@@ -31,6 +32,7 @@ pub(crate) struct Buffers<'a> {
     input: &'a mut Input,
     binary: Option<(u64, u64)>,
     opened: Vec<Option<Bytes>>,
+    cancel: Cancel,
     /// Bytes read so far, for progress: at most what the file and its buffers hold.
     read: u64,
 }
@@ -55,9 +57,10 @@ impl Range {
 }
 
 impl<'a> Buffers<'a> {
-    pub(crate) fn new(input: &'a mut Input, document: &Document) -> Self {
+    /// `cancel` is looked at before each piece.
+    pub(crate) fn new(input: &'a mut Input, document: &Document, cancel: Cancel) -> Self {
         let opened = document.root.buffers.iter().map(|_| None).collect();
-        Self { input, binary: document.binary, opened, read: 0 }
+        Self { input, binary: document.binary, opened, cancel, read: 0 }
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -106,6 +109,7 @@ impl<'a> Buffers<'a> {
     /// Fills `out` from the beginning of `range`, which is as long.
     pub(crate) fn read(&mut self, range: Range, out: &mut [u8]) -> Parsed<()> {
         debug_assert_eq!(range.len, out.len() as u64);
+        self.cancel.check()?;
         let there = match &mut self.opened[range.buffer] {
             Some(Bytes::Here(start, _)) => {
                 let at = *start + range.offset;

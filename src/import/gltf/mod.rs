@@ -29,7 +29,7 @@ mod tests;
 use super::input::{Input, Parsed};
 use super::{PartDesc, PartKey, Sink, UpAxis};
 use crate::base::error::{Place, Result};
-use ::gltf::json::{Root, mesh::Primitive};
+use ::gltf::json::{Root, mesh::Primitive, validation::Checked};
 use buffers::Buffers;
 use glam::DAffine3;
 use materials::Materials;
@@ -46,7 +46,7 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
         root: &document.root,
         placed: &placed,
         materials: Materials::default(),
-        emitter: Emitter::new(Buffers::new(input, &document)),
+        emitter: Emitter::new(&document.root, Buffers::new(input, &document, sink.cancel().clone())),
     };
     reader.read(sink).map_err(|fault| fault.at(&path, Place::File))
 }
@@ -71,7 +71,7 @@ impl Reader<'_> {
             let Some(mesh) = placed.mesh else { continue };
             let invertible = |&i: &usize| scene::inverts_well(&self.placed[i].world);
             let shared: Vec<usize> = uses[mesh].iter().copied().filter(invertible).collect();
-            if shared.len() < 2 || !invertible(&i) {
+            if shared.len() < 2 || !invertible(&i) || !self.has_area(mesh) {
                 self.direct(mesh, placed.world, parts[i], sink)?;
             } else if shared[0] == i {
                 self.shared(mesh, shared.iter().map(|&i| (self.placed[i].world, parts[i])), sink)?;
@@ -120,6 +120,12 @@ impl Reader<'_> {
         node.name.as_ref().or(mesh).cloned().unwrap_or_else(|| format!("node {}", placed.node))
     }
 
+    /// Whether there is anything to share.
+    fn has_area(&self, mesh: usize) -> bool {
+        let draws = |p: &Primitive| matches!(p.mode, Checked::Valid(mode) if primitive::has_area(mode));
+        self.root.meshes[mesh].primitives.iter().any(draws)
+    }
+
     fn direct(&mut self, mesh: usize, world: DAffine3, first: PartKey, sink: &mut dyn Sink) -> Parsed<()> {
         let target = Target { mesh: super::MeshKey::DIRECT, first_part: first, world: Some(world) };
         self.mesh(mesh, target, sink)
@@ -148,14 +154,14 @@ impl Reader<'_> {
             };
             let part = Target { first_part: target.first_part + i as u32, ..target };
             let name = format!("meshes[{mesh}].primitives[{i}]");
-            self.emitter.primitive(self.root, primitive, &name, part, material, &mut self.materials, sink)?;
+            self.emitter.primitive(primitive, &name, part, material, &mut self.materials, sink)?;
         }
         Ok(())
     }
 
     fn report(&mut self, sink: &mut dyn Sink) {
         let file = self.emitter.buffers().path().display().to_string();
-        for text in self.emitter.notes(self.root) {
+        for text in self.emitter.notes() {
             sink.note(format!("{file}: {text}"));
         }
     }

@@ -36,6 +36,7 @@ struct Vertices {
 
 /// Reads primitives and hands their triangles over.
 pub(crate) struct Emitter<'a> {
+    root: &'a Root,
     buffers: Buffers<'a>,
     batch: Batch,
     triangles: u64,
@@ -45,8 +46,8 @@ pub(crate) struct Emitter<'a> {
 }
 
 impl<'a> Emitter<'a> {
-    pub(crate) fn new(buffers: Buffers<'a>) -> Self {
-        Self { buffers, batch: Batch::new(0), triangles: 0, without_area: 0, incomplete: 0 }
+    pub(crate) fn new(root: &'a Root, buffers: Buffers<'a>) -> Self {
+        Self { root, buffers, batch: Batch::new(0), triangles: 0, without_area: 0, incomplete: 0 }
     }
 
     pub(crate) fn buffers(&mut self) -> &mut Buffers<'a> {
@@ -62,10 +63,8 @@ impl<'a> Emitter<'a> {
     }
 
     /// Reads one primitive into part `target.first_part`. `name`: what errors call it.
-    #[allow(clippy::too_many_arguments)] // all of it is needed, and a struct would be made for this call alone
     pub(crate) fn primitive(
         &mut self,
-        root: &Root,
         primitive: &Primitive,
         name: &str,
         target: Target,
@@ -77,7 +76,7 @@ impl<'a> Emitter<'a> {
             Checked::Valid(mode) => mode,
             Checked::Invalid => return Err(format!("{name} has an unknown mode").into()),
         };
-        if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
+        if !has_area(mode) {
             self.without_area += 1;
             return Ok(());
         }
@@ -85,15 +84,14 @@ impl<'a> Emitter<'a> {
             Fault::Why(why) => Fault::Why(format!("{name}: {why}")),
             failed => failed,
         };
-        let vertices = self.vertices(root, primitive, target, &looks, materials, sink).map_err(named)?;
+        let vertices = self.vertices(primitive, target, &looks, materials, sink).map_err(named)?;
         let colour = looks.map_or(MaterialDesc::default().colour, |l| l.colour);
         self.batch.aim(target.mesh, target.first_part, colour, sink)?;
-        self.assemble(root, primitive, mode, &vertices, sink).map_err(named)
+        self.assemble(primitive, mode, &vertices, sink).map_err(named)
     }
 
     fn vertices(
         &mut self,
-        root: &Root,
         primitive: &Primitive,
         target: Target,
         looks: &Option<Looks>,
@@ -104,23 +102,23 @@ impl<'a> Emitter<'a> {
         let Some(positions) = attribute(Semantic::Positions) else {
             return Err("has no positions".into());
         };
-        let positions = Elements::open(root, positions, &[3], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
+        let positions = Elements::open(self.root, positions, &[3], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
         let same_count = |what: &str, n: usize| match n == positions.len() {
             true => Ok(()),
             false => Err(Fault::Why(format!("{n} {what} for {} positions", positions.len()))),
         };
         let mut colours = None;
         if let Some(index) = attribute(Semantic::Colors(0)) {
-            let list = Elements::open(root, index, &[3, 4], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
+            let list = Elements::open(self.root, index, &[3, 4], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
             same_count("colours", list.len())?;
             colours = Some(list);
         }
         let mut texture = None;
         if let Some((index, mapping)) = looks.as_ref().and_then(|l| l.texture)
             && let Some(coordinates) = attribute(Semantic::TexCoords(mapping.set))
-            && let Some(decoded) = materials.texture(index, root, &mut self.buffers, sink)?
+            && let Some(decoded) = materials.texture(index, self.root, &mut self.buffers, sink)?
         {
-            let list = Elements::open(root, coordinates, &[2], &mut self.buffers)?.floats::<2>(&mut self.buffers)?;
+            let list = Elements::open(self.root, coordinates, &[2], &mut self.buffers)?.floats::<2>(&mut self.buffers)?;
             same_count("texture coordinates", list.len())?;
             texture = Some((decoded, mapping, list));
         }
@@ -131,7 +129,6 @@ impl<'a> Emitter<'a> {
     /// Makes triangles of the indices, or of the vertices in order.
     fn assemble(
         &mut self,
-        root: &Root,
         primitive: &Primitive,
         mode: Mode,
         vertices: &Vertices,
@@ -158,7 +155,7 @@ impl<'a> Emitter<'a> {
         };
         match primitive.indices {
             Some(index) => {
-                let elements = Elements::open(root, index.value(), &[1], &mut self.buffers)?;
+                let elements = Elements::open(self.root, index.value(), &[1], &mut self.buffers)?;
                 elements.indices(&mut self.buffers, each)?;
             }
             None => (0..count as u32).try_for_each(|i| each(i, &self.buffers))?,
@@ -168,8 +165,8 @@ impl<'a> Emitter<'a> {
     }
 
     /// What the user should know once all was read.
-    pub(crate) fn notes(&self, root: &Root) -> Vec<String> {
-        let mut notes = Vec::new();
+    pub(crate) fn notes(&self) -> Vec<String> {
+        let (root, mut notes) = (self.root, Vec::new());
         let mut note = |n: u64, text: &str| {
             if n > 0 {
                 notes.push(format!("{n} {text}"));
@@ -217,6 +214,11 @@ impl Vertices {
         }
         Some(colour)
     }
+}
+
+/// Whether a mode draws triangles.
+pub(crate) fn has_area(mode: Mode) -> bool {
+    matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)
 }
 
 /// Turns a run of indices into triangles.

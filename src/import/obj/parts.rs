@@ -4,7 +4,7 @@ use super::mtl;
 use super::survey::Survey;
 use crate::base::error::Result;
 use crate::import::{MaterialDesc, MaterialKey, PartDesc, PartKey, Sink, stem};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
 /// Where the triangles of a run of faces go.
@@ -30,75 +30,102 @@ impl Parts {
 /// Declares the materials that are used and a part for each object, group and combination.
 pub(crate) fn declare(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<Parts> {
     let looks = materials(path, survey, sink)?;
-    let look = |material: Option<u32>| material.and_then(|m| looks.get(&m).copied());
-    let name = |i: u32| survey.names.items[i as usize].clone();
-    // The materials of each group, by index into `uses`.
     let mut of_group: Vec<Vec<usize>> = vec![Vec::new(); survey.groups.items.len()];
     for (i, &(group, _)) in survey.uses.items.iter().enumerate() {
         of_group[group as usize].push(i);
     }
-    let single = |uses: &[usize]| match uses {
-        [one] => look(survey.uses.items[*one].1).map(|(key, _)| key),
-        _ => None,
-    };
-    let mut objects: HashMap<u32, PartKey> = HashMap::new();
-    let mut own_materials: HashMap<u32, Option<MaterialKey>> = HashMap::new();
-    for (&(object, group), uses) in survey.groups.items.iter().zip(&of_group) {
-        if let (Some(object), None) = (object, group) {
-            own_materials.insert(object, single(uses));
-        }
+    let mut declaration = Declaration { survey, looks, of_group, objects: HashMap::new() };
+    let mut uses = vec![Target { part: 0, colour: MaterialDesc::default().colour }; survey.uses.items.len()];
+    for group in 0..survey.groups.items.len() {
+        declaration.group(path, group, &mut uses, sink)?;
     }
-    let mut targets = vec![Target { part: 0, colour: MaterialDesc::default().colour }; survey.uses.items.len()];
-    for (&(object, group), uses) in survey.groups.items.iter().zip(&of_group) {
-        let mut key = None;
-        if let Some(object) = object {
-            key = Some(match objects.get(&object) {
-                Some(&key) => key,
-                None => {
-                    let material = own_materials.get(&object).copied().flatten();
-                    let part = sink.part(PartDesc { name: name(object), material, ..PartDesc::default() })?;
-                    objects.insert(object, part);
-                    part
-                }
-            });
-        }
-        let part = match (key, group) {
-            (Some(object), None) => object,
-            (parent, group) => {
-                let name = group.map_or_else(|| stem(path), name);
-                sink.part(PartDesc { name, parent, material: single(uses), id: None })?
-            }
-        };
-        for &i in uses {
-            let material = survey.uses.items[i].1;
-            let (key, colour) = look(material).unzip();
-            targets[i].part = part;
-            targets[i].colour = colour.unwrap_or(MaterialDesc::default().colour);
-            if uses.len() > 1 {
-                let name = material.map_or_else(|| "no material".into(), name);
-                targets[i].part = sink.part(PartDesc { name, parent: Some(part), material: key, id: None })?;
-            }
-        }
-    }
-    Ok(Parts { uses: targets, runs: survey.runs.clone() })
+    Ok(Parts { uses, runs: survey.runs.clone() })
 }
 
+/// Parts on their way to the sink.
+struct Declaration<'a> {
+    survey: &'a Survey,
+    /// Key and colour of the materials that are defined, by the index of their name.
+    looks: HashMap<u32, Looks>,
+    /// The combinations of each group: indices into `survey.uses`.
+    of_group: Vec<Vec<usize>>,
+    /// Objects declared so far.
+    objects: HashMap<u32, PartKey>,
+}
+
+impl Declaration<'_> {
+    fn name(&self, index: u32) -> String {
+        self.survey.names.items[index as usize].clone()
+    }
+
+    fn look(&self, used: usize) -> Option<Looks> {
+        self.looks.get(&self.survey.uses.items[used].1?).copied()
+    }
+
+    /// The material of a group that has one only.
+    fn only_material(&self, group: usize) -> Option<MaterialKey> {
+        match self.of_group[group][..] {
+            [one] => self.look(one).map(|l| l.0),
+            _ => None,
+        }
+    }
+
+    /// The part of a group of faces, and below it one for each material if there are several.
+    fn group(&mut self, path: &Path, group: usize, targets: &mut [Target], sink: &mut dyn Sink) -> Result<()> {
+        let (object, name) = self.survey.groups.items[group];
+        let parent = object.map(|o| self.object(o, sink)).transpose()?;
+        let part = match (parent, name) {
+            (Some(object), None) => object,
+            _ => {
+                let name = name.map_or_else(|| stem(path), |n| self.name(n));
+                sink.part(PartDesc { name, parent, material: self.only_material(group), id: None })?
+            }
+        };
+        let uses = &self.of_group[group];
+        for &used in uses {
+            let (material, colour) = self.look(used).unzip();
+            targets[used] = Target { part, colour: colour.unwrap_or(MaterialDesc::default().colour) };
+            if uses.len() > 1 {
+                let name = self.survey.uses.items[used].1.map_or_else(|| "no material".into(), |m| self.name(m));
+                targets[used].part = sink.part(PartDesc { name, parent: Some(part), material, id: None })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The part of an object: its own faces', and above its groups'.
+    fn object(&mut self, object: u32, sink: &mut dyn Sink) -> Result<PartKey> {
+        if let Some(&part) = self.objects.get(&object) {
+            return Ok(part);
+        }
+        let own = self.survey.groups.find(&(Some(object), None));
+        let material = own.and_then(|group| self.only_material(group as usize));
+        let part = sink.part(PartDesc { name: self.name(object), material, ..PartDesc::default() })?;
+        self.objects.insert(object, part);
+        Ok(part)
+    }
+}
+
+/// A declared material: key and linear colour.
+type Looks = (MaterialKey, [f32; 3]);
+
 /// Keys and colours of the materials that faces use, by the index of their name.
-fn materials(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<HashMap<u32, (MaterialKey, [f32; 3])>> {
+fn materials(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<HashMap<u32, Looks>> {
     let mut defined = HashMap::new();
     for library in &survey.libraries.items {
         mtl::read(path, library, &mut defined, sink)?;
     }
     let mut keys = HashMap::new();
-    let mut missing: Vec<u32> = Vec::new();
+    let mut missing = BTreeSet::new();
     for &(_, material) in &survey.uses.items {
         let Some(material) = material.filter(|m| !keys.contains_key(m)) else { continue };
         match defined.get(&survey.names.items[material as usize]) {
             Some(&desc) => {
                 keys.insert(material, (sink.material(desc)?, desc.colour));
             }
-            None if missing.contains(&material) => {}
-            None => missing.push(material),
+            None => {
+                missing.insert(material);
+            }
         }
     }
     if let Some(&first) = missing.first() {

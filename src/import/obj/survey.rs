@@ -19,6 +19,11 @@ impl<T: Clone + Eq + Hash> Ordered<T> {
         Self { index: HashMap::new(), items: Vec::new() }
     }
 
+    /// The index of a value that was seen.
+    pub(crate) fn find(&self, item: &T) -> Option<u32> {
+        self.index.get(item).copied()
+    }
+
     fn place(&mut self, item: T) -> u32 {
         let next = self.items.len() as u32;
         let items = &mut self.items;

@@ -203,7 +203,10 @@ impl<'a> Faces<'a> {
     fn strip(&mut self, values: &mut impl Values, item: Type, n: u64, sink: &mut dyn Sink) -> Result<()> {
         let mut last = [0u32; 2];
         let mut length = 0u64;
-        for _ in 0..n {
+        for k in 0..n {
+            if k.is_multiple_of(65536) {
+                super::tick(values.input(), sink)?;
+            }
             let index = values.int(item)?;
             if index < 0 {
                 length = 0;

@@ -407,6 +407,29 @@ fn mesh() -> impl Strategy<Value = (Vec<[f32; 3]>, Vec<Vec<i32>>)> {
     })
 }
 
+#[test]
+fn generated_files_are_read_as_they_were_generated() {
+    use crate::import::generate::{GenerateOptions, NAMES, generate, generate_file};
+    let (options, cancel) = (GenerateOptions { triangles: 100_000, seed: 3 }, Default::default());
+    for name in NAMES {
+        let mut pushed = Collector::new();
+        generate(name, &options, &cancel, &mut pushed).unwrap();
+        let folder = crate::import::testing::temporary();
+        let path = folder.path().join("model.ply");
+        generate_file(name, &options, &cancel, &path, &mut |_| {}).unwrap();
+        let mut read = Collector::new();
+        crate::import::read_file(&path, &Default::default(), &mut read).unwrap();
+        assert!(read.direct() == pushed.direct(), "{name}");
+        assert_eq!((read.metres_per_unit, read.up), (pushed.metres_per_unit, pushed.up), "{name}");
+        assert_eq!(read.materials, pushed.materials, "{name}");
+        for (i, part) in pushed.parts.iter_mut().enumerate() {
+            part.id.get_or_insert(i as u64);
+        }
+        assert_eq!(read.parts, pushed.parts, "{name}");
+        assert!(read.notes.is_empty(), "{name}: {:?}", read.notes);
+    }
+}
+
 proptest! {
     #[test]
     fn all_codings_give_the_fan_of_every_face((vertices, faces) in mesh()) {

@@ -1,0 +1,217 @@
+//! Limits of the readers: memory by the size of the file, whatever it claims; cancel; failing sinks.
+
+mod common;
+mod models;
+
+use glam::{DAffine3, DVec3};
+use models::MODELS;
+use outcrop::base::progress::Cancel;
+use outcrop::import::{
+    MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file,
+};
+use outcrop::{Error, Result};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::path::Path;
+
+/// Counts the bytes that the present thread holds, and the most it ever held.
+struct Counting;
+
+thread_local! {
+    static HELD: Cell<(i64, i64)> = const { Cell::new((0, 0)) };
+}
+
+fn count(bytes: i64) {
+    // A thread that is ending has no count any more.
+    let _ = HELD.try_with(|held| {
+        let (now, most) = held.get();
+        held.set((now + bytes, most.max(now + bytes)));
+    });
+}
+
+// SAFETY: every call goes to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count(layout.size() as i64);
+        // SAFETY: the caller's promise.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        count(-(layout.size() as i64));
+        // SAFETY: the caller's promise.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        count(layout.size() as i64);
+        // SAFETY: the caller's promise.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Most bytes that `work` held at a time beyond those held before.
+fn most_held<T>(work: impl FnOnce() -> T) -> (i64, T) {
+    let before = HELD.with(|held| {
+        let (now, _) = held.get();
+        held.set((now, now));
+        now
+    });
+    let outcome = work();
+    (HELD.with(Cell::get).1 - before, outcome)
+}
+
+/// Counts triangles; may cancel or fail when the first ones come.
+#[derive(Default)]
+struct Counter {
+    triangles: u64,
+    parts: u32,
+    materials: u32,
+    meshes: u32,
+    cancel: Cancel,
+    cancel_at_once: bool,
+    fail_at_once: bool,
+}
+
+impl Sink for Counter {
+    fn units(&mut self, _: Option<f64>, _: UpAxis) {}
+    fn material(&mut self, _: MaterialDesc) -> Result<MaterialKey> {
+        self.materials += 1;
+        Ok(self.materials - 1)
+    }
+    fn part(&mut self, _: PartDesc) -> Result<PartKey> {
+        self.parts += 1;
+        Ok(self.parts - 1)
+    }
+    fn shared_mesh(&mut self, _: u32) -> Result<MeshKey> {
+        self.meshes += 1;
+        Ok(MeshKey(self.meshes))
+    }
+    fn triangles(&mut self, _: MeshKey, _: u32, positions: &[[DVec3; 3]], _: Option<&[[f32; 3]]>) -> Result<()> {
+        self.triangles += positions.len() as u64;
+        if self.cancel_at_once {
+            self.cancel.cancel();
+        }
+        if self.fail_at_once { Err(Error::BadState("the sink is full".into())) } else { Ok(()) }
+    }
+    fn instance(&mut self, _: MeshKey, _: DAffine3, _: PartKey) -> Result<()> {
+        Ok(())
+    }
+    fn at(&mut self, bytes: u64, total: u64) {
+        assert!(bytes <= total, "{bytes} of {total} bytes");
+    }
+    fn note(&mut self, _: String) {}
+    fn cancel(&self) -> &Cancel {
+        &self.cancel
+    }
+}
+
+fn read(path: &Path, sink: &mut Counter) -> Result<()> {
+    read_file(path, &ReadOptions::default(), sink)
+}
+
+/// Window, batch and tables of a reader, whatever the file.
+const FIXED: i64 = 1 << 20;
+
+#[test]
+fn memory_is_a_small_multiple_of_the_file() {
+    for row in MODELS {
+        // A decoded picture is bounded by its own limit.
+        if row.file.ends_with("fern_02.glb") {
+            continue;
+        }
+        let Some(path) = common::models::find(row.file) else { continue };
+        let bytes = std::fs::metadata(&path).expect("metadata").len() as i64;
+        let (most, outcome) = most_held(|| read(&path, &mut Counter::default()));
+        outcome.expect(row.file);
+        println!("{}: {bytes} bytes, {most} held", row.file);
+        assert!(most < FIXED + bytes, "{}: {most} bytes for a file of {bytes}", row.file);
+    }
+}
+
+#[test]
+fn claims_take_no_memory() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let ply = |coding: &str, list: &str, body: &[u8]| {
+        let header = format!(
+            "ply\nformat {coding} 1.0\nelement vertex 1000000000000\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 1000000000000\nproperty list {list} vertex_indices\nend_header\n"
+        );
+        [header.as_bytes(), body].concat()
+    };
+    let faces = |coding: &str, body: &[u8]| {
+        let header = format!(
+            "ply\nformat {coding} 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 1\nproperty list uint int vertex_indices\nend_header\n"
+        );
+        [header.as_bytes(), body].concat()
+    };
+    let stl = [&[b' '; 80][..], &u32::MAX.to_le_bytes(), &[0; 50]].concat();
+    let soup = [b"OCSOUP\r\n\x01\0\0\0\0\0\0\0".as_slice(), &(1u64 << 58).to_le_bytes(), &[0; 8 + 36]].concat();
+    let gltf = |accessor: &str, view: &str, buffer: &str| {
+        format!(
+            "{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{{\"mesh\":0}}],\"meshes\":[{{\"primitives\":[{{\"attributes\":\
+             {{\"POSITION\":0}}}}]}}],\"accessors\":[{{\"componentType\":5126,\"type\":\"VEC3\",{accessor}}}],\
+             \"bufferViews\":[{{\"buffer\":0,{view}}}],\"buffers\":[{{{buffer},\"uri\":\"data:;base64,AAAA\"}}]}}"
+        )
+        .into_bytes()
+    };
+    let huge = "\"byteLength\":1000000000000";
+    let glb = [b"glTF\x02\0\0\0".as_slice(), &u32::MAX.to_le_bytes(), &(u32::MAX - 64).to_le_bytes(), b"JSON{}"].concat();
+    let files = [
+        ("a.ply", ply("ascii", "uchar int", b"0 0 0\n")),
+        ("b.ply", ply("binary_little_endian", "uchar int", &[0; 24])),
+        ("c.ply", ply("binary_big_endian", "uint int", &[0; 24])),
+        ("d.ply", faces("ascii", b"0 0 0\n4000000000 0 0\n")),
+        ("e.ply", faces("binary_little_endian", &[[0; 12].as_slice(), &u32::MAX.to_le_bytes(), &[0; 8]].concat())),
+        ("a.stl", stl),
+        ("a.soup", soup),
+        ("a.glb", glb),
+        ("a.gltf", gltf("\"bufferView\":0,\"count\":1000000000000", huge, huge)),
+        ("b.gltf", gltf("\"bufferView\":0,\"count\":1000000000000", huge, "\"byteLength\":3")),
+        ("c.gltf", gltf("\"count\":1000000000000", huge, "\"byteLength\":3")),
+        ("a.obj", b"v 0 0 0\nf 1 -1 4000000000\n".to_vec()),
+    ];
+    for (name, bytes) in files {
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).expect("a file");
+        let (most, outcome) = most_held(|| read(&path, &mut Counter::default()));
+        let error = outcome.expect_err(name);
+        assert!(matches!(error, Error::Parse { .. }), "{name}: {error}");
+        assert!(most < FIXED, "{name}: {most} bytes held for: {error}");
+    }
+}
+
+/// One file of each format with more triangles than a batch.
+const LARGE: [&str; 8] = [
+    "scans/bun_zipper.ply", "scans/asian_dragon_100k.ply", "scans/armadillo.ply", "scans/happy_buddha_100k.obj",
+    "cad/tray_bottom.stl", "cad/counter.unitsmm.stl", "cad/2CylinderEngine.glb", "cad/nist_ctc_02.glb",
+];
+
+#[test]
+fn cancel_is_heard_within_a_batch() {
+    for name in LARGE {
+        let Some(path) = common::models::find(name) else { continue };
+        let mut sink = Counter { cancel_at_once: true, ..Counter::default() };
+        let outcome = read(&path, &mut sink);
+        assert!(matches!(outcome, Err(Error::Cancelled)), "{name}");
+        assert!(sink.triangles <= 4096, "{name}: {} triangles after the cancel", sink.triangles);
+        // Before anything was read.
+        let mut sink = Counter::default();
+        sink.cancel.cancel();
+        assert!(matches!(read(&path, &mut sink), Err(Error::Cancelled)), "{name}");
+        assert_eq!(sink.triangles, 0, "{name}");
+    }
+}
+
+#[test]
+fn an_error_of_the_sink_ends_the_reading() {
+    for name in LARGE {
+        let Some(path) = common::models::find(name) else { continue };
+        let mut sink = Counter { fail_at_once: true, ..Counter::default() };
+        let outcome = read(&path, &mut sink);
+        assert!(matches!(outcome, Err(Error::BadState(_))), "{name}");
+        assert!(sink.triangles <= 4096, "{name}");
+    }
+}
