@@ -1,8 +1,10 @@
 //! What the verbs share: failures, sizes, counts and points in arguments, Ctrl-C, progress bars.
 
+use glam::DVec3;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use outcrop::base::progress::Cancel;
+use outcrop::base::progress::{Cancel, Phase, Progress};
 use std::fmt;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
 /// What a verb returns.
@@ -13,6 +15,8 @@ pub type Outcome = Result<(), Failure>;
 pub enum Failure {
     /// The work failed.
     Failed(outcrop::Error),
+    /// A picture failed, and why.
+    Frame(String),
     /// Standard output is gone.
     Output(std::io::Error),
     /// The arguments make no sense together.
@@ -24,7 +28,7 @@ impl Failure {
     pub fn exit_code(&self) -> u8 {
         match self {
             Failure::Usage(_) | Failure::Failed(outcrop::Error::BadArgument(_)) => 2,
-            Failure::Failed(_) | Failure::Output(_) => 1,
+            Failure::Failed(_) | Failure::Frame(_) | Failure::Output(_) => 1,
         }
     }
 }
@@ -34,7 +38,7 @@ impl fmt::Display for Failure {
         match self {
             Failure::Failed(e) => e.fmt(f),
             Failure::Output(e) => write!(f, "standard output: {e}"),
-            Failure::Usage(what) => f.write_str(what),
+            Failure::Frame(what) | Failure::Usage(what) => f.write_str(what),
         }
     }
 }
@@ -82,16 +86,67 @@ pub fn cancel_on_ctrl_c() -> Cancel {
     cancel
 }
 
-/// A bar on stderr if that is a terminal, else nothing. `total` in `unit`s.
-pub fn progress_bar(total: u64, unit: &str, quiet: bool) -> ProgressBar {
-    let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(8) };
-    let bar = ProgressBar::with_draw_target(Some(total), target);
-    let template = format!("{{msg:8}} {{bar:40}} {{percent:>3}} %  {{human_pos}} {unit}, {{eta}} left");
-    if let Ok(style) = ProgressStyle::with_template(&template) {
+/// A bar on stderr if that is a terminal, else nothing.
+pub fn progress_bar(total: u64) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(8));
+    if let Ok(style) = ProgressStyle::with_template("{msg:9} {bar:40} {percent:>3} %, {eta} left") {
         bar.set_style(style);
     }
-    bar.enable_steady_tick(Duration::from_millis(250));
     bar
+}
+
+/// Shows `progress` in `bar` while `work` runs here.
+pub fn watched<T>(progress: &Progress, bar: &ProgressBar, work: impl FnOnce() -> T) -> T {
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !done.load(Relaxed) {
+                bar.set_position((progress.fraction() * bar.length().unwrap_or(0) as f64) as u64);
+                bar.set_message(match progress.phase() {
+                    Phase::Waiting | Phase::Read => "reading",
+                    Phase::Build => "building",
+                    Phase::Write => "writing",
+                    Phase::Seal | Phase::Done => "sealing",
+                });
+                std::thread::park_timeout(Duration::from_millis(100));
+            }
+        });
+        // Also when `work` panics: else the watcher would never end.
+        let _end = SetOnDrop(&done);
+        work()
+    })
+}
+
+struct SetOnDrop<'a>(&'a AtomicBool);
+
+impl Drop for SetOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Relaxed);
+    }
+}
+
+/// Bytes for people.
+pub fn in_bytes(bytes: u64) -> String {
+    indicatif::BinaryBytes(bytes).to_string()
+}
+
+/// Three numbers "x,y,z".
+pub fn point(text: &str) -> Result<DVec3, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse::<f64>()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => Ok(DVec3::new(x, y, z)),
+        _ => Err("wanted are three numbers: x,y,z".into()),
+    }
+}
+
+/// A picture's size "WIDTHxHEIGHT".
+pub fn size(text: &str) -> Result<(u32, u32), String> {
+    let wanted = || "wanted is WIDTHxHEIGHT, each 1 to 65536".to_string();
+    let (w, h) = text.split_once(['x', 'X']).ok_or_else(wanted)?;
+    match (w.parse(), h.parse()) {
+        (Ok(w @ 1..=65536), Ok(h @ 1..=65536)) => Ok((w, h)),
+        _ => Err(wanted()),
+    }
 }
 
 /// Prints one JSON object, or the lines of text.
@@ -112,6 +167,11 @@ mod tests {
         assert_eq!(byte_size("1K"), Ok(1024));
         assert_eq!(byte_size("1.5g"), Ok(3 << 29));
         assert_eq!(count("10M"), Ok(10_000_000));
+        assert_eq!(point("1, -2,3e1"), Ok(DVec3::new(1.0, -2.0, 30.0)));
+        assert_eq!(size("640x480"), Ok((640, 480)));
+        for bad in ["", "1,2", "1,2,inf", "1x", "0x5", "70000x1"] {
+            assert!(point(bad).is_err() && size(bad).is_err(), "{bad}");
+        }
         for bad in ["", "K", "-1", "1X", "1é", "nan", "infK", "99999999T"] {
             assert!(byte_size(bad).is_err(), "{bad}");
         }

@@ -30,7 +30,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
     let options = GenerateOptions { triangles: args.triangles, seed: args.seed };
-    let bar = common::progress_bar(args.triangles, "triangles", args.json);
+    let bar = common::progress_bar(args.triangles);
     let start = Instant::now();
     let out = generate::generate_file(&args.name, &options, &cancel, &args.output, &mut |n| bar.set_position(n));
     bar.finish_and_clear();

@@ -4,15 +4,21 @@
 //! 0 done, 1 failed, 2 wrong usage.
 #![forbid(unsafe_code)]
 
-#[allow(dead_code)] // until the other verbs are in
+mod bench;
+mod build;
+mod check;
 mod common;
 mod generate;
+mod info;
+mod rays;
+mod render;
+mod view;
 
 use clap::{Parser, Subcommand};
 use common::Outcome;
 use std::process::ExitCode;
 
-/// Ray traces models larger than memory: builds, checks, renders and measures .oc files.
+/// Ray traces models larger than memory: builds, checks, renders and measures .oc files
 #[derive(Parser)]
 #[command(version, about, max_term_width = 100)]
 struct Cli {
@@ -23,11 +29,21 @@ struct Cli {
 #[derive(Subcommand)]
 enum Verb {
     Generate(generate::Args),
+    Build(build::Args),
+    Info(info::Args),
+    Check(check::Args),
+    Render(render::Args),
+    Bench(bench::Args),
 }
 
 fn run(verb: Verb) -> Outcome {
     match verb {
         Verb::Generate(args) => generate::run(&args),
+        Verb::Build(args) => build::run(&args),
+        Verb::Info(args) => info::run(&args),
+        Verb::Check(args) => check::run(&args),
+        Verb::Render(args) => render::run(&args),
+        Verb::Bench(args) => bench::run(&args),
     }
 }
 

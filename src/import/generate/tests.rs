@@ -135,6 +135,22 @@ fn the_file_holds_what_the_sink_gets() {
 }
 
 #[test]
+fn the_reader_restores_what_was_written() {
+    for name in NAMES {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("m.ply");
+        let options = GenerateOptions { triangles: 100_000, seed: 0 };
+        generate_file(name, &options, &Cancel::new(), &path, &mut |_| ()).unwrap();
+        let mut read = Kept::default();
+        crate::import::read_file(&path, &Default::default(), &mut read).unwrap();
+        let kept = generated(name, 100_000, 0, 2);
+        assert_eq!(read.parts, kept.parts);
+        assert_eq!(read.materials, kept.materials);
+        assert!(read.triangles == kept.triangles, "{name}");
+    }
+}
+
+#[test]
 fn a_cancelled_or_failed_file_leaves_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("m.ply");

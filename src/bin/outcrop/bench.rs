@@ -1,0 +1,186 @@
+//! `outcrop bench`.
+
+use crate::common::{self, Failure, Outcome};
+use crate::rays::Kind;
+use crate::view;
+use outcrop::base::error::Error;
+use outcrop::base::progress::Cancel;
+use outcrop::import::generate;
+use outcrop::math::Ray;
+use outcrop::query::{Hit, HitKind, QueryOptions, Want};
+use outcrop::scene::{Background, Context, ContextOptions, Model, SceneState};
+use outcrop::simd::Isa;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Measure how fast rays are traced, in millions a second: single and in packets of 16
+#[derive(clap::Args)]
+pub struct Args {
+    /// The model file
+    #[arg(value_name = "MODEL.oc")]
+    model: PathBuf,
+    /// Kinds of rays
+    #[arg(long, value_name = "KINDS", value_delimiter = ',', default_value = "primary,shadow,bounce")]
+    rays: Vec<Kind>,
+    /// Pixels of the picture whose rays these are
+    #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = common::size)]
+    size: (u32, u32),
+    /// Which of the four views
+    #[arg(long, value_name = "0..3", value_delimiter = ',', default_value = "0,2", value_parser = clap::value_parser!(u8).range(0..=3))]
+    view: Vec<u8>,
+    /// The four views of this generated model in place of those from the bounds
+    #[arg(long, value_name = "NAME", value_parser = generate::NAMES)]
+    views: Option<String>,
+    /// Numbers of threads
+    #[arg(long, value_name = "N", value_delimiter = ',', default_value = "1,2", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Vec<u16>,
+    /// Runs of each, of which the median counts
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    runs: u32,
+    /// Instruction set
+    #[arg(long, value_parser = ["baseline", "avx2", "avx512"])]
+    isa: Option<String>,
+    /// Bytes of memory for the model, with K, M, G or T; 0 for three quarters of the machine's
+    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    memory: u64,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Median millions of rays a second of one way to trace, and what was hit.
+struct Row {
+    view: u8,
+    kind: Kind,
+    threads: u16,
+    rays: usize,
+    hits: usize,
+    single: f64,
+    packet: f64,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args) -> Outcome {
+    let cancel = common::cancel_on_ctrl_c();
+    let isa = args.isa.as_deref().map(|name| match name {
+        "avx512" => Isa::Avx512,
+        "avx2" => Isa::Avx2,
+        _ => Isa::Baseline,
+    });
+    let (mut rows, mut facts) = (Vec::new(), Value::Null);
+    let bar = common::progress_bar((args.threads.len() * args.view.len() * args.rays.len()) as u64);
+    for &threads in &args.threads {
+        let options = ContextOptions {
+            threads: threads.into(),
+            memory_budget: args.memory,
+            isa,
+            ..ContextOptions::default()
+        };
+        let context = Context::new(options)?;
+        let model = Model::open(&context, &args.model)?;
+        let scene = view::alone(&context, &model, Vec::new(), Background::default())?;
+        facts = json!({
+            "model": args.model.to_string_lossy(), "triangles": model.info().triangles_placed,
+            "bytes_trace": model.memory().geometry, "isa": context.isa().name(),
+        });
+        let cameras = view::four(&model, args.views.as_deref());
+        for &view in &args.view {
+            for &kind in &args.rays {
+                let rays = kind.rays(&scene, &cameras[usize::from(view)], args.size)?;
+                rows.push(measure(&scene, kind, &rays, args.runs, &cancel)?.at(view, threads));
+                bar.inc(1);
+            }
+        }
+    }
+    bar.finish_and_clear();
+    let value = as_json(facts, args, &rows);
+    common::print(args.json, &value, &as_text(&value, &rows))
+}
+
+impl Row {
+    fn at(self, view: u8, threads: u16) -> Self {
+        Self { view, threads, ..self }
+    }
+}
+
+/// Single rays and packets in turn; the first run of each warms up, and both must say the same.
+fn measure(scene: &Arc<SceneState>, kind: Kind, rays: &[Ray], runs: u32, cancel: &Cancel) -> Result<Row, Failure> {
+    let (single_hits, _) = trace(scene, kind, rays, false)?;
+    let (packet_hits, _) = trace(scene, kind, rays, true)?;
+    let differ = single_hits.iter().zip(&packet_hits).filter(|(a, b)| a != b).count();
+    if differ > 0 {
+        let what = format!("{differ} of {} {} rays differ between single and packet", rays.len(), kind.name());
+        return Err(Error::Internal(what).into());
+    }
+    let mut times = [Vec::new(), Vec::new()];
+    for _ in 0..runs {
+        cancel.check()?;
+        for (coherent, list) in [false, true].into_iter().zip(&mut times) {
+            list.push(trace(scene, kind, rays, coherent)?.1);
+        }
+    }
+    let [single, packet] = times.map(|mut list| {
+        list.sort_by(f64::total_cmp);
+        rays.len() as f64 / list[list.len() / 2].max(1e-12) / 1e6
+    });
+    let hits = single_hits.iter().filter(|t| t.is_finite()).count();
+    Ok(Row { view: 0, kind, threads: 0, rays: rays.len(), hits, single, packet })
+}
+
+/// Distances (0 or infinity for any hit), and seconds taken.
+fn trace(scene: &Arc<SceneState>, kind: Kind, rays: &[Ray], coherent: bool) -> Result<(Vec<f64>, f64), Failure> {
+    let options = QueryOptions { coherent, want: Want::NOTHING, ..QueryOptions::default() };
+    if kind == Kind::Shadow {
+        let mut hits = vec![0u8; rays.len()];
+        let begun = Instant::now();
+        scene.any(rays, options, &mut hits)?;
+        let seconds = begun.elapsed().as_secs_f64();
+        return Ok((hits.iter().map(|&h| if h == 0 { f64::INFINITY } else { 0.0 }).collect(), seconds));
+    }
+    let mut hits = vec![Hit::MISS; rays.len()];
+    let begun = Instant::now();
+    scene.closest(rays, options, &mut hits)?;
+    let seconds = begun.elapsed().as_secs_f64();
+    Ok((hits.iter().map(|h| if h.kind == HitKind::Miss { f64::INFINITY } else { h.t }).collect(), seconds))
+}
+
+fn as_json(facts: Value, args: &Args, rows: &[Row]) -> Value {
+    let mut value = facts;
+    value["width"] = args.size.0.into();
+    value["height"] = args.size.1.into();
+    value["runs"] = args.runs.into();
+    value["results"] = rows
+        .iter()
+        .map(|r| {
+            json!({
+                "view": r.view, "rays": r.kind.name(), "threads": r.threads, "count": r.rays, "hits": r.hits,
+                "mrays_single": r.single, "mrays_packet": r.packet,
+            })
+        })
+        .collect();
+    value
+}
+
+fn as_text(facts: &Value, rows: &[Row]) -> String {
+    let mut text = format!(
+        "{}: {} triangles, {}; Mrays/s, median of {}\nview  rays     threads  single  packet  hits\n",
+        facts["model"].as_str().unwrap_or_default(),
+        facts["triangles"],
+        facts["isa"].as_str().unwrap_or_default(),
+        facts["runs"]
+    );
+    for r in rows {
+        let part = 100.0 * r.hits as f64 / r.rays.max(1) as f64;
+        text += &format!(
+            "{:>4}  {:8} {:>7}  {:>6.2}  {:>6.2}  {part:.0} %\n",
+            r.view,
+            r.kind.name(),
+            r.threads,
+            r.single,
+            r.packet
+        );
+    }
+    text
+}

@@ -1,0 +1,142 @@
+//! `outcrop build`.
+
+use crate::common::{self, Outcome};
+use outcrop::base::progress::Progress;
+use outcrop::build::{BuildOptions, BuildReport, Builder, Splits, Structure};
+use outcrop::import::UpAxis;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Build a model file from mesh files (PLY, OBJ, STL, glTF, GLB, raw soup)
+#[derive(clap::Args)]
+pub struct Args {
+    /// Mesh files; all become one model
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// The model file to write
+    #[arg(short, long, value_name = "OUT.oc")]
+    output: PathBuf,
+    /// The acceleration structure
+    #[arg(long, default_value = "bvh", value_parser = ["bvh"])]
+    structure: String,
+    /// Bytes of memory that the build may use, with K, M, G or T; 0 for no limit
+    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    memory: u64,
+    /// Threads; 0 for all of the machine's
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    threads: usize,
+    /// Where temporaries go
+    #[arg(long, value_name = "FOLDER")]
+    temp: Option<PathBuf>,
+    /// Spatial splits: for long thin parts
+    #[arg(long, default_value = "auto", value_parser = ["auto", "on", "off"])]
+    splits: String,
+    /// Length unit in metres, in place of what the files say
+    #[arg(long, value_name = "METRES")]
+    unit: Option<f64>,
+    /// The axis that points up, in place of what the files say
+    #[arg(long, value_parser = ["x", "y", "z"])]
+    up: Option<String>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args) -> Outcome {
+    let cancel = common::cancel_on_ctrl_c();
+    let options = BuildOptions {
+        structure: Structure::Bvh,
+        memory_budget: args.memory,
+        threads: args.threads,
+        temp_dir: args.temp.clone(),
+        splits: match args.splits.as_str() {
+            "on" => Splits::On,
+            "off" => Splits::Off,
+            _ => Splits::Auto,
+        },
+        metres_per_unit: args.unit,
+        up: args.up.as_deref().map(|up| match up {
+            "x" => UpAxis::X,
+            "y" => UpAxis::Y,
+            _ => UpAxis::Z,
+        }),
+    };
+    let progress = Arc::new(Progress::default());
+    let mut builder = Builder::new(options, Arc::clone(&progress), cancel)?;
+    let bar = common::progress_bar(1000);
+    let report = common::watched(&progress, &bar, || {
+        for file in &args.files {
+            builder.add_file(file)?;
+        }
+        builder.finish(&args.output)
+    });
+    bar.finish_and_clear();
+    let report = report?;
+    for note in &report.notes {
+        eprintln!("outcrop: note: {note}");
+    }
+    let file = args.output.display().to_string();
+    common::print(args.json, &as_json(&file, &report), &as_text(&file, &report))
+}
+
+fn seconds(r: &BuildReport) -> f64 {
+    r.seconds.read + r.seconds.build + r.seconds.write
+}
+
+fn as_json(file: &str, r: &BuildReport) -> Value {
+    json!({
+        "file": file,
+        "triangles_in": r.triangles_in,
+        "triangles_kept": r.triangles_kept,
+        "dropped": {
+            "non_finite": r.non_finite, "degenerate": r.degenerate, "out_of_range": r.out_of_range,
+        },
+        "references": r.references,
+        "spatial_splits": r.spatial_splits,
+        "parts": r.parts,
+        "trees": r.trees,
+        "instances": r.instances,
+        "nodes": r.nodes,
+        "leaves": r.leaves,
+        "blocks": r.blocks,
+        "bytes": r.bytes,
+        "bytes_ids": r.bytes_ids,
+        "bytes_trace": r.bytes_trace,
+        "position_error": r.position_error,
+        "notes": r.notes,
+        "seconds": {
+            "read": r.seconds.read, "build": r.seconds.build, "write": r.seconds.write, "total": seconds(r),
+        },
+    })
+}
+
+fn as_text(file: &str, r: &BuildReport) -> String {
+    let each = |bytes: u64| bytes as f64 / r.triangles_kept.max(1) as f64;
+    let dropped: String = [("not finite", r.non_finite), ("without area", r.degenerate), ("out of range", r.out_of_range)]
+        .iter()
+        .filter(|(_, n)| *n > 0)
+        .map(|(why, n)| format!(", {n} {why}"))
+        .collect();
+    format!(
+        "{file}: {} of {} triangles{dropped}; {} parts, {} trees, {} instances\n\
+         {} ({:.1} bytes a triangle, of which {:.1} are primitive ids); {:.1} bytes a triangle in memory\n\
+         {:.2} references a triangle{}; {:.1} s (read {:.1}, build {:.1}, write {:.1})",
+        r.triangles_kept,
+        r.triangles_in,
+        r.parts,
+        r.trees,
+        r.instances,
+        common::in_bytes(r.bytes),
+        each(r.bytes),
+        each(r.bytes_ids),
+        each(r.bytes_trace),
+        each(r.references),
+        if r.spatial_splits { " (spatial splits)" } else { "" },
+        seconds(r),
+        r.seconds.read,
+        r.seconds.build,
+        r.seconds.write,
+    )
+}

@@ -1,0 +1,48 @@
+//! `outcrop check`.
+
+use crate::common::{self, Outcome};
+use outcrop::base::progress::Progress;
+use outcrop::scene::{Context, ContextOptions, Model};
+use outcrop::store::ModelFile;
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Read every byte of a model file and check it: checksums, padding, tables, trees
+#[derive(clap::Args)]
+pub struct Args {
+    /// The model file
+    #[arg(value_name = "MODEL.oc")]
+    model: PathBuf,
+    /// Bytes of memory that opening it may use, with K, M, G or T; 0 for three quarters of the machine's
+    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    memory: u64,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args) -> Outcome {
+    let cancel = common::cancel_on_ctrl_c();
+    let file = ModelFile::open_path(&args.model)?;
+    let (progress, bar) = (Progress::default(), common::progress_bar(1000));
+    let report = common::watched(&progress, &bar, || file.check(&progress, &cancel));
+    bar.finish_and_clear();
+    let report = report?;
+    // Opening decodes and validates every block of geometry, and how they hang together.
+    let context = Context::new(ContextOptions { memory_budget: args.memory, ..ContextOptions::default() })?;
+    let model = Model::open(&context, &args.model)?;
+    let value = json!({
+        "file": args.model.to_string_lossy(), "ok": true, "bytes": report.bytes, "blocks": report.blocks,
+        "bytes_payload": report.payload_bytes, "bytes_trace": report.decoded_bytes,
+        "triangles": model.info().triangles_stored,
+    });
+    let text = format!(
+        "{}: sound; {} in {} blocks, {} triangles",
+        args.model.display(),
+        common::in_bytes(report.bytes),
+        report.blocks,
+        model.info().triangles_stored
+    );
+    common::print(args.json, &value, &text)
+}

@@ -1,0 +1,106 @@
+//! `outcrop info`.
+
+use crate::common::{self, Outcome};
+use outcrop::base::ids::BlockId;
+use outcrop::store::ModelFile;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Tell what a model file holds, without reading its geometry
+#[derive(clap::Args)]
+pub struct Args {
+    /// The model file
+    #[arg(value_name = "MODEL.oc")]
+    model: PathBuf,
+    /// List the parts, too
+    #[arg(long)]
+    parts: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args) -> Outcome {
+    let file = ModelFile::open_path(&args.model)?;
+    let value = as_json(&file, args.parts);
+    common::print(args.json, &value, &as_text(&file, args.parts))
+}
+
+/// Bytes of the trace form of all geometry.
+fn trace_bytes(file: &ModelFile) -> u64 {
+    (0..file.header().geometry_blocks).map(|b| u64::from(file.decoded_len(BlockId(b)))).sum()
+}
+
+fn up(file: &ModelFile) -> Option<&'static str> {
+    [None, Some("x"), Some("y"), Some("z")].get(file.header().up as usize).copied().flatten()
+}
+
+fn as_json(file: &ModelFile, with_parts: bool) -> Value {
+    let h = file.header();
+    let empty = h.bounds.iter().any(|x| !x.is_finite());
+    let mut value = json!({
+        "file": file.name().to_string_lossy(),
+        "bytes": file.file_len(),
+        "bytes_trace": trace_bytes(file),
+        "block_size": h.block_size,
+        "blocks": h.geometry_blocks,
+        "triangles_in": h.triangles_in,
+        "triangles": h.triangles_kept,
+        "dropped": {
+            "non_finite": h.drops.non_finite, "degenerate": h.drops.degenerate, "out_of_range": h.drops.out_of_range,
+        },
+        "bounds": if empty { Value::Null } else { json!({ "min": h.bounds[..3], "max": h.bounds[3..] }) },
+        "metres_per_unit": if h.metres_per_unit > 0.0 { json!(h.metres_per_unit) } else { Value::Null },
+        "up": up(file),
+        "parts": file.parts().len(),
+        "materials": file.materials().len(),
+        "trees": file.trees().len(),
+        "instances": file.instances().len(),
+        "nodes": file.trees().iter().map(|t| t.nodes).sum::<u64>(),
+        "leaves": file.trees().iter().map(|t| t.leaves).sum::<u64>(),
+        "references": file.trees().iter().map(|t| t.references).sum::<u64>(),
+        "has_colours": h.has_colours,
+        "spatial_splits": h.options.spatial_splits,
+    });
+    if with_parts {
+        let rows = file.parts().iter().map(|p| {
+            json!({ "id": p.id, "name": p.name, "parent": p.parent, "material": p.material, "triangles": p.triangles })
+        });
+        value["part_list"] = rows.collect();
+    }
+    value
+}
+
+fn as_text(file: &ModelFile, with_parts: bool) -> String {
+    let h = file.header();
+    let bytes = trace_bytes(file);
+    let unit = if h.metres_per_unit > 0.0 { format!("{} m", h.metres_per_unit) } else { "unknown".into() };
+    let mut text = format!(
+        "{}: bvh, {}, {} triangles of {} in the input\n\
+         {} blocks of at most {}, {} in memory ({:.1} bytes a triangle)\n\
+         {} parts, {} materials, {} trees, {} instances\n\
+         bounds {:?} .. {:?}, unit {unit}, up {}\n",
+        file.name().display(),
+        common::in_bytes(file.file_len()),
+        h.triangles_kept,
+        h.triangles_in,
+        h.geometry_blocks,
+        common::in_bytes(h.block_size.into()),
+        common::in_bytes(bytes),
+        bytes as f64 / h.triangles_kept.max(1) as f64,
+        file.parts().len(),
+        file.materials().len(),
+        file.trees().len(),
+        file.instances().len(),
+        &h.bounds[..3],
+        &h.bounds[3..],
+        up(file).unwrap_or("unknown"),
+    );
+    if with_parts {
+        for p in file.parts() {
+            text += &format!("{}\t{}\t{} triangles\n", p.id, p.name, p.triangles);
+        }
+    }
+    text
+}

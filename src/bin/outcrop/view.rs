@@ -1,0 +1,80 @@
+//! Arguments that choose a camera, and a model opened alone in a scene.
+
+use crate::common::{self, Failure};
+use glam::{DAffine3, DVec3};
+use outcrop::import::{UpAxis, generate};
+use outcrop::scene::{Background, Camera, Context, Light, Model, Scene, SceneState};
+use std::sync::Arc;
+
+/// The camera.
+#[derive(clap::Args)]
+pub struct ViewArgs {
+    /// One of four views: 0 and 1 of the whole, 2 and 3 nearer
+    #[arg(long, value_name = "0..3", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=3))]
+    view: u8,
+    /// The four views of this generated model in place of those from the bounds
+    #[arg(long, value_name = "NAME", value_parser = generate::NAMES)]
+    views: Option<String>,
+    /// The eye
+    #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "at", allow_hyphen_values = true)]
+    eye: Option<DVec3>,
+    /// The point looked at
+    #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "eye", allow_hyphen_values = true)]
+    at: Option<DVec3>,
+    /// Upward; by default the model's up axis
+    #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "eye", allow_hyphen_values = true)]
+    up: Option<DVec3>,
+    /// Vertical angle of view in degrees
+    #[arg(long, value_name = "DEGREES")]
+    fov: Option<f64>,
+    /// Parallel rays; the picture's height in the model's units
+    #[arg(long, value_name = "HEIGHT", conflicts_with = "fov")]
+    ortho: Option<f64>,
+}
+
+/// Degrees, where none are given.
+const FOV_Y: f64 = 45.0;
+
+/// The model's four views, or the generator's.
+pub fn four(model: &Model, generator: Option<&str>) -> [Camera; 4] {
+    match generator.and_then(generate::views) {
+        Some(views) => views.map(|v| Camera::Perspective { eye: v.eye, at: v.at, up: v.up, fov_y_degrees: v.fov_y_degrees }),
+        None => model.views(),
+    }
+}
+
+impl ViewArgs {
+    /// The camera asked for.
+    pub fn camera(&self, model: &Model) -> Camera {
+        let up_of_model = match model.info().up {
+            UpAxis::X => DVec3::X,
+            UpAxis::Y => DVec3::Y,
+            UpAxis::Z | UpAxis::Unknown => DVec3::Z,
+        };
+        let preset = four(model, self.views.as_deref())[usize::from(self.view)];
+        let (eye, at, up, fov) = match (self.eye, self.at, preset) {
+            (Some(eye), Some(at), _) => (eye, at, self.up.unwrap_or(up_of_model), FOV_Y),
+            (_, _, Camera::Perspective { eye, at, up, fov_y_degrees }) => (eye, at, up, fov_y_degrees),
+            (_, _, Camera::Orthographic { eye, at, up, .. }) => (eye, at, up, FOV_Y),
+        };
+        match self.ortho {
+            Some(height) => Camera::Orthographic { eye, at, up, height },
+            None => Camera::Perspective { eye, at, up, fov_y_degrees: self.fov.unwrap_or(fov) },
+        }
+    }
+}
+
+/// A scene of one model, where it is.
+pub fn alone(
+    context: &Context,
+    model: &Model,
+    lights: Vec<Light>,
+    background: Background,
+) -> Result<Arc<SceneState>, Failure> {
+    let scene = Scene::new(context);
+    scene.add_instance(model, 0, DAffine3::IDENTITY)?;
+    scene.set_lights(lights)?;
+    scene.set_background(background)?;
+    scene.commit()?;
+    Ok(scene.state())
+}

@@ -1,0 +1,176 @@
+//! The command line `outcrop`, driven as a user would.
+#![cfg(feature = "cli")]
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn outcrop(dir: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_outcrop")).current_dir(dir).args(args).output().unwrap()
+}
+
+/// What a verb prints with `--json`: one object and nothing else.
+fn json(dir: &Path, args: &[&str]) -> Value {
+    let out = outcrop(dir, &[args, &["--json"]].concat());
+    let stderr = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{args:?}: {stderr}");
+    let text = String::from_utf8(out.stdout).unwrap();
+    assert_eq!(text.lines().count(), 1, "{text}");
+    let value: Value = serde_json::from_str(&text).unwrap();
+    assert!(value.is_object());
+    value
+}
+
+/// Fails with this exit code, says why on stderr, and nothing on stdout.
+fn fails(dir: &Path, args: &[&str], code: i32, why: &str) {
+    let out = outcrop(dir, args);
+    let stderr = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(code), "{args:?}: {stderr}");
+    assert!(stderr.contains(why), "{args:?}: {stderr}");
+    assert!(out.stdout.is_empty());
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn from_generator_to_picture() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let made = json(dir, &["generate", "airliner", "--triangles", "150K", "-o", "a.ply"]);
+    let triangles = made["triangles"].as_u64().unwrap();
+    assert!((147_000..153_000).contains(&triangles));
+
+    let built = json(dir, &["build", "a.ply", "-o", "a.oc", "--memory", "1G", "--threads", "2"]);
+    assert_eq!(built["triangles_in"], triangles);
+    assert_eq!(built["parts"], made["parts"]);
+
+    let info = json(dir, &["info", "a.oc", "--parts"]);
+    assert_eq!(info["triangles"], built["triangles_kept"]);
+    assert_eq!((info["up"].as_str(), info["metres_per_unit"].as_f64()), (Some("z"), Some(1.0)));
+    assert_eq!(info["part_list"][0]["name"], "airliner");
+    let length = std::fs::metadata(dir.join("a.oc")).unwrap().len();
+    assert_eq!(info["bytes"], length);
+
+    assert_eq!(json(dir, &["check", "a.oc"])["ok"], true);
+
+    let args = ["render", "a.oc", "-o", "a.png", "--size", "160x120", "--views", "airliner", "--samples", "1"];
+    let picture = json(dir, &args);
+    assert_eq!(picture["pixels"]["exact"], 160 * 120);
+    let image = image::open(dir.join("a.png")).unwrap().into_rgb8();
+    assert_eq!(image.dimensions(), (160, 120));
+    let colours: std::collections::HashSet<_> = image.pixels().collect();
+    assert!(colours.len() > 100, "{} colours", colours.len());
+
+    let bench = json(dir, &["bench", "a.oc", "--size", "64x48", "--runs", "1", "--view", "0", "--threads", "1"]);
+    let rows = bench["results"].as_array().unwrap();
+    assert_eq!(rows.len(), 3);
+    assert!(rows.iter().all(|r| r["hits"].as_u64().unwrap() > 0 && r["mrays_single"].as_f64().unwrap() > 0.0));
+
+    assert_eq!(names(dir), ["a.oc", "a.ply", "a.png"]);
+}
+
+#[test]
+fn two_files_make_one_model_and_cameras_are_free() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::write(dir.join("1.obj"), "o floor\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n").unwrap();
+    std::fs::write(dir.join("2.obj"), "o roof\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n").unwrap();
+    let built = json(dir, &["build", "1.obj", "2.obj", "-o", "m.oc", "--up", "z", "--unit", "0.001", "--splits", "on"]);
+    assert_eq!(built["triangles_kept"], 3);
+    for camera in [
+        &["--eye", "-1,-2,3", "--at", "0.5,0.5,0", "--fov", "30"][..],
+        &["--eye", "0.5,0.5,5", "--at", "0.5,0.5,0", "--up", "0,1,0", "--ortho", "2"],
+        &["--view", "3", "--light", "sun:1,1,-1*0.7", "--light", "point:0,0,4*9", "--no-shadows"],
+    ] {
+        let picture = json(dir, &[&["render", "m.oc", "-o", "m.png", "--size", "32x32"], camera].concat());
+        assert_eq!(picture["pixels"]["total"], 1024);
+    }
+    let text = outcrop(dir, &["info", "m.oc"]);
+    assert!(String::from_utf8(text.stdout).unwrap().contains("3 triangles"));
+}
+
+#[test]
+fn each_verb_has_help() {
+    let dir = tempfile::tempdir().unwrap();
+    for verb in ["generate", "build", "info", "check", "render", "bench"] {
+        let out = outcrop(dir.path(), &[verb, "--help"]);
+        assert!(out.status.success());
+        assert!(String::from_utf8(out.stdout).unwrap().contains("--json"), "{verb}");
+    }
+}
+
+#[test]
+fn wrong_usage_is_2_and_failure_is_1() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::write(dir.join("not.oc"), "no model").unwrap();
+    std::fs::write(dir.join("not.ply"), "no mesh").unwrap();
+    fails(dir, &[], 2, "Usage");
+    fails(dir, &["teach"], 2, "teach");
+    fails(dir, &["generate", "teapot", "-o", "t.ply"], 2, "teapot");
+    fails(dir, &["generate", "mandelbulb", "--triangles", "10", "-o", "t.ply"], 2, "1,000");
+    fails(dir, &["build", "-o", "m.oc"], 2, "FILE");
+    fails(dir, &["build", "not.ply", "-o", "m.oc", "--memory", "1X"], 2, "suffix");
+    fails(dir, &["render", "not.oc", "-o", "p.png", "--eye", "1,2,3"], 2, "--at");
+    fails(dir, &["render", "not.oc", "-o", "p.png", "--light", "moon"], 2, "sun");
+    fails(dir, &["build", "not.ply", "-o", "m.oc"], 1, "not.ply");
+    fails(dir, &["build", "missing.ply", "-o", "m.oc"], 1, "missing.ply");
+    for verb in [&["info", "not.oc"][..], &["check", "not.oc"], &["render", "not.oc", "-o", "p.png"], &["bench", "not.oc"]] {
+        fails(dir, verb, 1, "not.oc");
+    }
+    assert_eq!(names(dir), ["not.oc", "not.ply"]);
+}
+
+#[test]
+fn a_damaged_model_fails_its_check() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    json(dir, &["generate", "mandelbulb", "--triangles", "5K", "-o", "b.ply"]);
+    json(dir, &["build", "b.ply", "-o", "b.oc"]);
+    let mut bytes = std::fs::read(dir.join("b.oc")).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(dir.join("b.oc"), bytes).unwrap();
+    fails(dir, &["check", "b.oc"], 1, "b.oc");
+}
+
+#[test]
+fn a_budget_too_small_names_its_need() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    json(dir, &["generate", "mandelbulb", "--triangles", "5K", "-o", "b.ply"]);
+    json(dir, &["build", "b.ply", "-o", "b.oc"]);
+    fails(dir, &["build", "b.ply", "-o", "c.oc", "--memory", "1K"], 1, "bytes");
+    fails(dir, &["render", "b.oc", "-o", "b.png", "--memory", "1K"], 1, "bytes");
+    assert_eq!(names(dir), ["b.oc", "b.ply"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_leaves_nothing_behind() {
+    use std::io::Read;
+    let dir = tempfile::tempdir().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_outcrop"))
+        .current_dir(dir.path())
+        .args(["generate", "airliner", "--triangles", "200M", "-o", "a.ply"])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Its temporaries appear; then it is interrupted.
+    while names(dir.path()).len() < 2 {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    let mut stderr = String::new();
+    child.stderr.unwrap().read_to_string(&mut stderr).unwrap();
+    assert!(stderr.contains("cancelled"), "{stderr}");
+    assert!(names(dir.path()).is_empty(), "{:?}", names(dir.path()));
+}
