@@ -179,6 +179,9 @@ typedef uint32_t oc_log_level;
  */
 typedef void (*oc_log_fn)(void *user, oc_log_level level, const char *message);
 
+/** Vector instructions. */
+typedef uint32_t oc_instruction_set;
+
 /** What a context is made with. All zeros: no threads, three quarters of the machine's memory. */
 typedef struct oc_context_desc {
     /** Set by OC_INIT. */
@@ -196,6 +199,10 @@ typedef struct oc_context_desc {
     oc_log_fn log;
     /** Given to `log`; must outlive the context. */
     void *log_user;
+    /** An OC_INSTRUCTION_SET_ number. 0: the best that the machine has. All give the same answers. */
+    oc_instruction_set instruction_set;
+    /** Must be 0. */
+    uint32_t reserved;
 } oc_context_desc;
 
 /** What can be asked of a context. */
@@ -771,6 +778,18 @@ typedef struct oc_pixels {
 /** What a developer may want to know. */
 #define OC_LOG_DEBUG 4
 
+/** The best that the machine has. */
+#define OC_INSTRUCTION_SET_BEST 0
+
+/** What every machine has. */
+#define OC_INSTRUCTION_SET_BASELINE 1
+
+/** AVX2. */
+#define OC_INSTRUCTION_SET_AVX2 2
+
+/** AVX-512. */
+#define OC_INSTRUCTION_SET_AVX512 3
+
 /** The library's version, as OC_HEADER_VERSION is made. */
 #define OC_PROPERTY_VERSION 1
 
@@ -783,7 +802,7 @@ typedef struct oc_pixels {
 /** The memory budget in bytes. */
 #define OC_PROPERTY_MEMORY_BUDGET 4
 
-/** The vector instructions chosen: 0 baseline, 1 AVX2, 2 AVX-512. */
+/** The vector instructions in use: an OC_INSTRUCTION_SET_ number. */
 #define OC_PROPERTY_INSTRUCTION_SET 5
 
 /** The largest width and height of a frame. */
@@ -1059,7 +1078,8 @@ OC_API void oc_job_release(struct oc_job *job);
  * Makes a context. `header_version` is OC_HEADER_VERSION, so that a program and a library that do not
  * belong together say so instead of crashing. `desc` may be NULL: all defaults.
  *
- * OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_IO if a thread cannot be started.
+ * OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set;
+ * OC_STATUS_IO if a thread cannot be started.
  * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
  */
 OC_API

@@ -38,7 +38,7 @@ fn layouts() -> Vec<Layout> {
     layouts! {
         oc_progress { struct_size, state, fraction, done, total, bytes, need, error, phase }
         oc_executor { struct_size, concurrency, user, submit }
-        oc_context_desc { struct_size, threads, memory_budget, executor, log, log_user }
+        oc_context_desc { struct_size, threads, memory_budget, executor, log, log_user, instruction_set, reserved }
         oc_camera { struct_size, kind, eye, at, up, fov_y, height }
         oc_build_desc { struct_size, structure, memory_budget, temp_dir, metres_per_unit, up, splits, threads, reserved }
         oc_material { struct_size, colour, opacity, metalness, roughness, reserved }

@@ -1,7 +1,7 @@
 //! The context: threads, log and memory budget that all else hangs on.
 
 use super::background::{Product, Task, WaitersWork};
-use super::guard::{Failure, Sized32, boundary, out, read, read_or_default};
+use super::guard::{Failure, Sized32, boundary, out, read, read_or_default, reserved};
 use super::handles::{self, Shell, handle};
 use super::job::{oc_job, give_job};
 use super::status::oc_status;
@@ -10,6 +10,8 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::{Cancel, Progress};
 use crate::base::tasks::{Executor, Task as HostTask};
 use crate::scene::{Context, ContextOptions, LogLevel};
+use crate::simd::Isa;
+use crate::store::header::VERSION;
 use std::collections::VecDeque;
 use std::ffi::{CString, c_char, c_void};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -61,6 +63,17 @@ unsafe impl Sized32 for oc_executor {
     const NAME: &'static str = "oc_executor";
 }
 
+/// Vector instructions.
+pub type oc_instruction_set = u32;
+/// The best that the machine has.
+pub const OC_INSTRUCTION_SET_BEST: oc_instruction_set = 0;
+/// What every machine has.
+pub const OC_INSTRUCTION_SET_BASELINE: oc_instruction_set = 1;
+/// AVX2.
+pub const OC_INSTRUCTION_SET_AVX2: oc_instruction_set = 2;
+/// AVX-512.
+pub const OC_INSTRUCTION_SET_AVX512: oc_instruction_set = 3;
+
 /// What a context is made with. All zeros: no threads, three quarters of the machine's memory.
 #[repr(C)]
 #[derive(Clone, Copy)]
@@ -78,6 +91,10 @@ pub struct oc_context_desc {
     pub log: oc_log_fn,
     /// Given to `log`; must outlive the context.
     pub log_user: *mut c_void,
+    /// An OC_INSTRUCTION_SET_ number. 0: the best that the machine has. All give the same answers.
+    pub instruction_set: oc_instruction_set,
+    /// Must be 0.
+    pub reserved: u32,
 }
 
 // SAFETY: `repr(C)`, words, pointers and a nullable function; `struct_size` first.
@@ -236,7 +253,8 @@ unsafe fn host_executor(executor: *const oc_executor) -> super::guard::Checked<O
 /// Makes a context. `header_version` is OC_HEADER_VERSION, so that a program and a library that do not
 /// belong together say so instead of crashing. `desc` may be NULL: all defaults.
 ///
-/// OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_IO if a thread cannot be started.
+/// OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set;
+/// OC_STATUS_IO if a thread cannot be started.
 /// Ownership: the caller owns a count. Thread safety: any thread. Cheap.
 /// # Safety
 /// `desc` is NULL or initialised, and so is its executor; `out_context` writable.
@@ -251,6 +269,8 @@ pub unsafe extern "C" fn oc_context_create(
         let out = out(out_context, "out_context")?;
         check_version(header_version)?;
         let desc = read_or_default(desc)?;
+        reserved(desc.reserved, "oc_context_desc.reserved")?;
+        let isa = instruction_set(desc.instruction_set)?;
         let host = host_executor(desc.executor)?;
         let log = desc.log.map(|log| {
             let host = HostLog { log, user: desc.log_user };
@@ -262,11 +282,21 @@ pub unsafe extern "C" fn oc_context_create(
             executor: host.clone().map(|h| h as Arc<dyn Executor>),
             memory_budget: desc.memory_budget,
             log,
-            isa: all.isa,
+            isa,
         })?;
         out.write(handles::give::<oc_context>(ContextObject { context, host, waiting: Mutex::default() }));
         Ok(())
     })
+}
+
+/// `None` for the best.
+fn instruction_set(number: oc_instruction_set) -> super::guard::Checked<Option<Isa>> {
+    match Isa::ALL.into_iter().find(|isa| *isa as u32 == number) {
+        None if number != OC_INSTRUCTION_SET_BEST => {
+            super::guard::bad(format!("oc_context_desc.instruction_set {number} is unknown"))
+        }
+        isa => Ok(isa),
+    }
 }
 
 /// While the major version is 0, a minor version is a new interface.
@@ -314,7 +344,7 @@ pub const OC_PROPERTY_THREADS: oc_property = 2;
 pub const OC_PROPERTY_CONCURRENCY: oc_property = 3;
 /// The memory budget in bytes.
 pub const OC_PROPERTY_MEMORY_BUDGET: oc_property = 4;
-/// The vector instructions chosen: 0 baseline, 1 AVX2, 2 AVX-512.
+/// The vector instructions in use: an OC_INSTRUCTION_SET_ number.
 pub const OC_PROPERTY_INSTRUCTION_SET: oc_property = 5;
 /// The largest width and height of a frame.
 pub const OC_PROPERTY_MAX_FRAME_SIZE: oc_property = 6;
@@ -341,9 +371,9 @@ pub unsafe extern "C" fn oc_context_property(
                 OC_PROPERTY_THREADS => context.context.threads() as u64,
                 OC_PROPERTY_CONCURRENCY => context.context.concurrency() as u64,
                 OC_PROPERTY_MEMORY_BUDGET => context.context.memory_budget(),
-                OC_PROPERTY_INSTRUCTION_SET => 0,
+                OC_PROPERTY_INSTRUCTION_SET => u64::from(context.context.isa() as u32),
                 OC_PROPERTY_MAX_FRAME_SIZE => 65536,
-                OC_PROPERTY_FORMAT => 1,
+                OC_PROPERTY_FORMAT => u64::from(VERSION.0) << 16 | u64::from(VERSION.1),
                 other => return super::guard::bad(format!("property {other} is unknown")),
             };
             out.write(value);

@@ -88,7 +88,18 @@ static oc_context *contexts(void) {
     executor.submit = submit;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c)); /* no concurrency */
     GARBAGE_SIZES(oc_executor, (desc.executor = s, oc_context_create(OC_HEADER_VERSION, &desc, &c)));
+    OC_INIT(&desc);
+    desc.instruction_set = 4;
+    INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
+    desc.instruction_set = 0, desc.reserved = 1;
+    INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
     CHECK(c == NULL);
+    desc.reserved = 0, desc.instruction_set = OC_INSTRUCTION_SET_BASELINE;
+    uint64_t set = 77;
+    OK(oc_context_create(OC_HEADER_VERSION, &desc, &c));
+    OK(oc_context_property(c, OC_PROPERTY_INSTRUCTION_SET, &set));
+    CHECK(set == OC_INSTRUCTION_SET_BASELINE);
+    oc_context_release(c);
 
     OK(oc_context_create(OC_HEADER_VERSION, NULL, &c));
     uint64_t value = 77;
