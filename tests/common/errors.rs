@@ -4,7 +4,8 @@
 //!
 //! 1. *claim*: the ray passes p, or passes it by at most [`shift`]; t is within [`Seen::t_bound`] of where the
 //!    ray meets p's plane (no farther than p's corners reach), and inside the ray's range;
-//! 2. *nothing lost*: every primitive q that the ray meets nearer than t by more than q's own bound is
+//! 2. *nothing lost*: every primitive q that the ray meets nearer than t by more than q's own bound (and p's, if t
+//!    was worked out again after the choice) is
 //!    grazed: it is entered no deeper than [`shift`], or met no farther than its bound from an end of the
 //!    ray's range;
 //! 3. *no crack*: where a grazed q was lost, the mesh around the ray must be able to lose it. The patch of
@@ -40,12 +41,14 @@ pub struct Answer {
     pub normal: Option<DVec3>,
     /// Whether its part is the primitive's.
     pub part_right: bool,
+    /// Whether `t` was worked out again in double precision, so that another was compared when the hit was chosen.
+    pub refined: bool,
 }
 
 impl Answer {
     /// Just a distance and a primitive.
     pub fn new(t: f64, prim: u32) -> Self {
-        Self { t, prim, stated: None, normal: None, part_right: true }
+        Self { t, prim, stated: None, normal: None, part_right: true, refined: false }
     }
 }
 
@@ -177,7 +180,9 @@ impl<'a> Judge<'a> {
         if ruling.verdict == Verdict::Same && truth.is_some_and(|o| o.prim == a.prim) {
             return ruling;
         }
-        ruling.verdict = match self.lost(ray, a.t, Some(a.prim)) {
+        // What the choice was made by may have been this much nearer.
+        let chosen_at = if a.refined { a.t - self.t_bound(ray, a.prim) } else { a.t };
+        ruling.verdict = match self.lost(ray, chosen_at, Some(a.prim)) {
             Err(wrong) => Verdict::Wrong(wrong),
             Ok(Some(graze)) => Verdict::Grazing(graze),
             Ok(None) if ruling.verdict == Verdict::Same || truth.is_some_and(|o| self.as_near(ray, &a, &o)) => Verdict::Tied,
@@ -188,11 +193,12 @@ impl<'a> Judge<'a> {
 
     /// Whether the oracle's hit is as near as the answer, within both bounds.
     fn as_near(&self, ray: &Ray64, a: &Answer, truth: &Hit64) -> bool {
-        let bound = |prim: u32| {
-            let tri = &self.oracle.tris()[prim as usize];
-            Seen::new(ray, tri).t_bound(shift(ray, tri, self.rounding))
-        };
-        (a.t - truth.t).abs() <= bound(a.prim) + bound(truth.prim)
+        (a.t - truth.t).abs() <= self.t_bound(ray, a.prim) + self.t_bound(ray, truth.prim)
+    }
+
+    fn t_bound(&self, ray: &Ray64, prim: u32) -> f64 {
+        let tri = &self.oracle.tris()[prim as usize];
+        Seen::new(ray, tri).t_bound(shift(ray, tri, self.rounding))
     }
 
     /// Judges an any-hit answer, given the oracle's own.

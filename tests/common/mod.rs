@@ -12,6 +12,7 @@
 //! | [`errors`] | what agreeing means: ties, grazing, distance, normal, part; and a summary that asserts |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
+//! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
 //! | [`trees`] | the trees under test, with any blocks missing |
 // Each test binary uses its own share of this folder.
 #![allow(dead_code)]
@@ -25,4 +26,5 @@ pub mod rays;
 pub mod rng;
 pub mod rounding;
 pub mod scenes;
+pub mod stored;
 pub mod trees;

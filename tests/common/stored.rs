@@ -1,0 +1,106 @@
+//! What a built file stores: every tree's triangles around its origin, by primitive, read through the public API.
+
+use super::brute::{Ray64, Tri};
+use super::errors::Answer;
+use super::rays::Ray32;
+use glam::{DVec3, Vec3};
+use outcrop::base::ids::BlockId;
+use outcrop::base::progress::Cancel;
+use outcrop::math::{Cone, Ray};
+use outcrop::query::{Hit, HitKind};
+use outcrop::residency::{Cache, ModelBlocks};
+use outcrop::simd::Isa;
+use outcrop::store::{FileSource, ModelFile};
+use outcrop::structure::bvh::BvhDecoder;
+use outcrop::structure::bvh::trace::TreeView;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// A tree's triangles.
+pub struct StoredTree {
+    /// What corners are relative to, in mesh coordinates.
+    pub origin: DVec3,
+    /// Greatest distance between an input's corner and the stored one.
+    pub position_error: f64,
+    /// Primitive, local part and corners around the origin, by primitive.
+    pub tris: Vec<(u32, u32, Tri)>,
+}
+
+impl StoredTree {
+    /// The corners alone: what an oracle takes.
+    pub fn corners(&self) -> Vec<Tri> {
+        self.tris.iter().map(|t| t.2).collect()
+    }
+
+    /// Index of a primitive in `tris`.
+    pub fn index_of(&self, prim: u64) -> Option<u32> {
+        self.tris.binary_search_by_key(&prim, |t| u64::from(t.0)).ok().map(|i| i as u32)
+    }
+
+    /// A ray of this frame in the mesh's coordinates, and the same ray, exactly, as this frame has it: the sum far
+    /// from zero rounds, the difference back does not.
+    pub fn place(&self, ray: &Ray32) -> (Ray, Ray64) {
+        let world = Ray {
+            origin: self.origin + ray.org.as_dvec3(),
+            dir: ray.dir,
+            t_min: f64::from(ray.t_min),
+            t_max: f64::from(ray.t_max),
+            cone: Cone::ZERO,
+        };
+        (world, Ray64 { org: world.origin - self.origin, ..ray.wide() })
+    }
+
+    /// What the oracle's judge takes of a hit of the file's directly placed triangles. `part` gives the id of a local part.
+    pub fn answer(&self, hit: &Hit, part: impl Fn(u32) -> u64) -> Option<Answer> {
+        if hit.kind == HitKind::Miss {
+            return None;
+        }
+        let index = self.index_of(hit.prim).unwrap_or(u32::MAX);
+        let part_right = self.tris.get(index as usize).is_some_and(|t| part(t.1) == hit.part);
+        Some(Answer {
+            t: hit.t,
+            prim: index,
+            // Of the stored triangles, not of the input's.
+            stated: Some(f64::from(hit.error) - self.position_error),
+            normal: Some(hit.normal.as_dvec3()),
+            part_right,
+            refined: true,
+        })
+    }
+}
+
+/// Reads all trees of the file at `path`.
+pub fn trees(path: &Path) -> Vec<StoredTree> {
+    let file = Arc::new(ModelFile::open(Arc::new(FileSource::open(path).expect("a file"))).expect("a model"));
+    let geometry = file.header().geometry_blocks;
+    let tree_ends = file.trees().iter().map(|t| t.first_block + t.block_count).collect();
+    let decoder = BvhDecoder { geometry_blocks: geometry, tree_ends };
+    let blocks = ModelBlocks::new(Arc::clone(&file), Box::new(decoder), Arc::new(Cache::new(u64::MAX)));
+    let all: Vec<BlockId> = (0..file.block_count()).map(BlockId).collect();
+    blocks.fetch(&all, 1, &Cancel::new()).expect("all blocks");
+    let snapshot = blocks.snapshot();
+    let read = |row: &outcrop::store::TreeRow| {
+        let view = TreeView {
+            snapshot: &snapshot,
+            root_block: row.first_block,
+            root: if row.block_count == 0 { TreeView::EMPTY } else { row.root as u32 },
+            reach: 1.0,
+            prims_at: geometry,
+            colours_at: None,
+            isa: Isa::Baseline,
+        };
+        let mut tris = BTreeMap::new();
+        let visited = view.for_each_leaf(&mut |_| true, &mut |hit, triangle| {
+            let prim = view.prim(hit).expect("all blocks are here");
+            let here = (triangle.part, triangle.vertices.map(Vec3::as_dvec3));
+            let before = tris.insert(prim, here);
+            assert!(before.is_none_or(|b| b == here), "{prim} is stored in two ways");
+        });
+        visited.expect("all blocks are here");
+        assert_eq!(tris.len() as u64, row.triangles, "triangles counted and stored");
+        let tris = tris.into_iter().map(|(prim, (part, corners))| (prim, part, corners)).collect();
+        StoredTree { origin: DVec3::from(row.origin), position_error: row.position_error, tris }
+    };
+    file.trees().iter().map(read).collect()
+}
