@@ -34,16 +34,36 @@ impl Plane {
         Self { corner: a, edges, normal: edges[0].cross(edges[1]) }
     }
 
-    /// The triangle's point nearest to `p`, nearly: weights cut to the triangle; and its distance.
+    /// The triangle's point nearest to `p`, as weights; and its distance.
     #[inline]
     fn clamped(&self, p: DVec3) -> ([f64; 2], f64) {
         let from = p - self.corner;
         let inverse = 1.0 / self.normal.length_squared();
-        let u = (from.cross(self.edges[1]).dot(self.normal) * inverse).max(0.0);
-        let v = (self.edges[0].cross(from).dot(self.normal) * inverse).max(0.0);
-        let over = (u + v).max(1.0);
-        let weights = [u / over, v / over];
+        let u = from.cross(self.edges[1]).dot(self.normal) * inverse;
+        let v = self.edges[0].cross(from).dot(self.normal) * inverse;
+        if u >= 0.0 && v >= 0.0 && u + v <= 1.0 { self.at_weights(from, [u, v]) } else { self.on_border(from) }
+    }
+
+    /// These weights, and the distance of their point to `from` (relative to the corner).
+    #[inline]
+    fn at_weights(&self, from: DVec3, weights: [f64; 2]) -> ([f64; 2], f64) {
         (weights, (from - self.edges[0] * weights[0] - self.edges[1] * weights[1]).length())
+    }
+
+    /// The border's point nearest to `from`. Not just the weights cut to their range: on a sliver that may be
+    /// far from the nearest.
+    #[cold]
+    fn on_border(&self, from: DVec3) -> ([f64; 2], f64) {
+        let along = |from: DVec3, edge: DVec3| {
+            let s = from.dot(edge) / edge.length_squared();
+            if s.is_nan() { 0.0 } else { s.clamp(0.0, 1.0) }
+        };
+        let [ab, ac] = self.edges;
+        let s = along(from - ab, ac - ab);
+        let three = [[along(from, ab), 0.0], [0.0, along(from, ac)], [1.0 - s, s]];
+        let of_three = three.map(|weights| self.at_weights(from, weights));
+        let better = |a: ([f64; 2], f64), b: ([f64; 2], f64)| if b.1 < a.1 { b } else { a };
+        better(better(of_three[0], of_three[1]), of_three[2])
     }
 }
 
@@ -194,6 +214,19 @@ mod tests {
         let m = meet(&p, &t, &ray, &found(3.4999));
         assert!((m.t - 3.5).abs() < 1e-8, "{m:?}");
         assert!((m.weights[0] - 0.25).abs() < 1e-8 && m.gap < 1e-8);
+    }
+
+    #[test]
+    fn beside_a_sliver_the_gap_is_the_true_distance() {
+        // Weights cut to their range gave 3e-4 here, and a t that was off by as much.
+        let t = triangle([[0.0; 3], [35.0, 0.01, 0.0], [35.0, 0.02, 0.0]]);
+        let above = Plane::new(&t).clamped(DVec3::new(20.0, 0.012, 0.0));
+        let slope = 0.02f64.atan2(35.0);
+        assert!((above.1 - (0.012 - 20.0 * slope.tan()) * slope.cos()).abs() < 1e-9, "{above:?}");
+        let behind = Plane::new(&t).clamped(DVec3::new(-3.0, 0.0, 4.0));
+        assert_eq!(behind, ([0.0, 0.0], 5.0));
+        let beyond = Plane::new(&t).clamped(DVec3::new(36.0, 0.015, 0.0));
+        assert!((beyond.1 - 1.0).abs() < 1e-9 && (beyond.0[0] - 0.5).abs() < 1e-3 && (beyond.0[1] - 0.5).abs() < 1e-3);
     }
 
     #[test]
