@@ -7,11 +7,13 @@ use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
-use outcrop::store::{Header, MemorySource, ModelFile, PartRow, TreeRow, Writer};
-use outcrop::{Context, ContextOptions, Error, Frame, FrameOptions, FrameSettings, FrameState, Hit, Model, Scene, SceneState};
+use outcrop::store::{Header, MemorySource, ModelFile, PartRow, Source, TreeRow, Writer};
+use outcrop::{Context, ContextOptions, Error, Frame, FrameOptions, FrameSettings, FrameState, Hit, Model, Scene, SceneState, State};
 use outcrop::{Buffer, HitKind, Outputs, QueryOptions};
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering::SeqCst};
 use std::time::Duration;
 
 const NAME: &str = "model.oc";
@@ -82,10 +84,14 @@ fn context() -> Context {
     Context::new(ContextOptions { threads: 0, memory_budget: 1 << 30, ..ContextOptions::default() }).unwrap()
 }
 
+/// A scene with one instance, in which one part is hidden and another coloured.
 fn open(context: &Context, bytes: &[u8]) -> outcrop::Result<Arc<SceneState>> {
     let model = Model::open_source(context, Arc::new(MemorySource::named(NAME, bytes)))?;
     let scene = Scene::new(context);
     scene.add_instance(&model, 7, DAffine3::IDENTITY)?;
+    // Damaged tables may lack these parts.
+    let _ = scene.set_part_state(7, 102, State { visible: false, ..State::default() });
+    let _ = scene.set_part_state(7, 201, State { colour: Some([1.0, 0.0, 0.0, 1.0]), ..State::default() });
     scene.commit()?;
     Ok(scene.state())
 }
@@ -138,7 +144,7 @@ struct Intact {
 impl Intact {
     fn new(bytes: &[u8]) -> Self {
         let context = context();
-        let rays = rays(40);
+        let rays = rays(60);
         let hits = hits(&open(&context, bytes).unwrap(), &rays).unwrap();
         let seen = hits.iter().filter(|h| h.kind == HitKind::Exact).count();
         assert!(seen > 10, "{seen} hits test little");
@@ -279,6 +285,13 @@ fn survives(context: &Context, rays: &[Ray], bytes: &[u8], what: &str) -> bool {
         }
         assert!(hits.iter().all(|h| !h.t.is_nan()), "{what}: NaN");
     }
+    // Colours too, and all that only pictures ask for.
+    if what.len().is_multiple_of(4) {
+        let model = Model::open_source(context, Arc::new(MemorySource::named(NAME, bytes))).unwrap();
+        if let Err(e) = picture(context, &scene, &model) {
+            assert!(names_the_file(&e) || matches!(*e, Error::BadArgument(_)), "{what}: {e}");
+        }
+    }
     true
 }
 
@@ -290,13 +303,13 @@ fn payloads_that_are_wrong_under_right_checksums() {
     let mut opened = 0;
     for block in 0..content.blocks.len() {
         let payload = content.blocks[block].0.clone();
-        for at in 0..payload.len() {
-            for value in [0, 1, 0x7f, 0xff, payload[at].wrapping_add(1), payload[at] ^ 0x40] {
+        for (at, &byte) in payload.iter().enumerate() {
+            for value in [0, 1, 0x7f, 0xff, byte.wrapping_add(1), byte ^ 0x40] {
                 content.blocks[block].0[at] = value;
                 let what = format!("block {block}, byte {at} = {value:#x}");
                 opened += usize::from(survives(&context, &rays, &content.bytes().unwrap(), &what));
             }
-            content.blocks[block].0[at] = payload[at];
+            content.blocks[block].0[at] = byte;
         }
         for len in 1..payload.len() {
             content.blocks[block].0.truncate(len);
@@ -362,10 +375,9 @@ fn tables_that_are_wrong_under_right_checksums() {
         let mut content = Content::of(&good);
         change(&mut content);
         if let Some(bytes) = content.bytes() {
-            survives(&context, &rays, &bytes, what);
-            if let Ok(model) = Model::open_source(&context, Arc::new(MemorySource::named(NAME, bytes.as_slice()))) {
-                let scene = open(&context, &bytes).unwrap();
-                let _ = picture(&context, &scene, &model);
+            // Lengths of all remainders: with pictures and without.
+            for dots in ["", ".", "..", "..."] {
+                survives(&context, &rays, &bytes, &format!("{what}{dots}"));
             }
         }
     }
@@ -400,4 +412,60 @@ fn a_file_that_is_something_else() {
         let e = Model::open(&context, &path).map(|_| ()).unwrap_err();
         assert!(matches!(&e, Error::Io { path: p, .. } if *p == path), "{e}");
     }
+}
+
+/// Fails at its call number `fail_at`, counted from 0.
+struct Failing {
+    inner: MemorySource,
+    calls: AtomicU32,
+    fail_at: u32,
+}
+
+impl Source for Failing {
+    fn len(&self) -> u64 {
+        self.inner.len()
+    }
+    fn read_at(&self, offset: u64, buf: &mut [u8]) -> io::Result<()> {
+        if self.calls.fetch_add(1, SeqCst) == self.fail_at {
+            return Err(io::Error::other("the disk is on fire"));
+        }
+        self.inner.read_at(offset, buf)
+    }
+    fn name(&self) -> &Path {
+        Path::new(NAME)
+    }
+}
+
+#[test]
+fn a_source_that_fails_at_any_call() {
+    let good = built(60);
+    let intact = Intact::new(&good);
+    for fail_at in 0.. {
+        let inner = MemorySource::named(NAME, good.as_slice());
+        let source = Arc::new(Failing { inner, calls: AtomicU32::new(0), fail_at });
+        let answer = || -> outcrop::Result<Vec<Hit>> {
+            let model = Model::open_source(&intact.context, source.clone())?;
+            let scene = Scene::new(&intact.context);
+            scene.add_instance(&model, 7, DAffine3::IDENTITY)?;
+            scene.set_part_state(7, 102, State { visible: false, ..State::default() })?;
+            scene.commit()?;
+            // What failed once is asked for again.
+            let first = hits(&scene.state(), &intact.rays);
+            if first.is_err() {
+                assert_eq!(hits(&scene.state(), &intact.rays).unwrap(), intact.hits);
+            }
+            first
+        };
+        match answer() {
+            Ok(found) => {
+                assert!(found == intact.hits && fail_at > 5, "call {fail_at}");
+                break;
+            }
+            Err(Error::Io { path, source, .. }) => {
+                assert!(path == Path::new(NAME) && source.to_string().contains("on fire"));
+            }
+            Err(e) => panic!("call {fail_at}: {e}"),
+        }
+    }
+    assert_eq!(intact.context.memory_used(), 0);
 }
