@@ -178,6 +178,11 @@ fn repeated_meshes_are_stored_once() {
     assert_eq!(sink.placed().count(), 7);
     assert_eq!(sink.bounds().min, DVec3::new(-1.0, 0.0, 0.0));
     assert_eq!(sink.bounds().max, DVec3::new(11.0, 1.0, 0.0));
+    // Squeezed almost flat is as good as flat.
+    document.json["nodes"][1]["scale"] = json!([1, 1, 1e-7]);
+    assert_eq!(document.read().instances.len(), 2);
+    document.json["nodes"][1]["scale"] = json!([1, 1, 1e-5]);
+    assert_eq!(document.read().instances.len(), 3);
     // Primitive ids count through the meshes in the order in which they came.
     let mut prims: Vec<u64> = sink.meshes.iter().flat_map(|m| m.triangles.iter().map(|t| t.prim)).collect();
     prims.sort_unstable();

@@ -111,6 +111,8 @@ fn solid_view_sets_bit_15_and_begins_with_blue() {
     let grey = crate::import::MaterialDesc::default().colour;
     assert_eq!(colours(&sink), [Some([1.0, 0.0, 0.0]), Some(grey), Some([0.0, 0.0, 1.0])]);
     assert!(sink.materials.is_empty());
+    // Those before the first coloured one too.
+    assert_eq!(colours(&read_bytes("t.stl", binary(b"", &[0, 0, red])).unwrap()), [Some(grey), Some(grey), Some([1.0, 0.0, 0.0])]);
     // Bits without bit 15 colour nothing.
     assert_eq!(colours(&read_bytes("t.stl", binary(b"", &[31, 5])).unwrap()), [None, None]);
 }
