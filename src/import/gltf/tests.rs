@@ -217,7 +217,7 @@ fn nodes_must_be_trees() {
 fn without_a_scene_all_roots_are_shown() {
     let mut document = Document::triangle();
     document.json["nodes"] = json!([{ "mesh": 0 }, { "children": [0] }, { "mesh": 0 }]);
-    document.json.as_object_mut().unwrap().remove("scenes");
+    document.json.as_object_mut().expect("an object").remove("scenes");
     assert_eq!(document.read().placed().count(), 2);
     document.json["scene"] = json!(3);
     assert!(refused("t.glb", document.glb()).contains("scenes[3] does not exist"));
@@ -254,8 +254,8 @@ fn every_mode_and_index_type_gives_the_same_square() {
     assert!(sink.received == 1 && sink.notes[0].contains("lacks a corner"), "{:?}", sink.notes);
     let sink = square(1, 0, None).read();
     assert!(sink.received == 0 && sink.notes[0].contains("points or lines"), "{:?}", sink.notes);
-    for (component, bad) in [(5121, 255), (5123, 65535), (5125, u32::MAX), (5125, 4)] {
-        let error = refused("t.glb", square(4, component, Some(&[0, 1, bad])).glb());
+    for (ty, bad) in [(5121, 255), (5123, 65535), (5125, u32::MAX), (5125, 4)] {
+        let error = refused("t.glb", square(4, ty, Some(&[0, 1, bad])).glb());
         assert!(error.contains("meshes[0].primitives[0]: index 2 names vertex") && error.contains("of 4"), "{error}");
     }
 }
@@ -428,20 +428,17 @@ fn large_triangles_take_the_mean_of_the_whole_picture() {
     let texture = Texture::new(64, 64, &opaque);
     let mapping = mapping();
     let mean = |size: f32| texture.mean([Vec2::ZERO, Vec2::new(size, 0.0), Vec2::new(0.0, size)], &mapping).unwrap();
-    let linear = |c: usize| {
-        let sum: f32 = opaque.chunks(4).map(|p| crate::import::colour::linear_bytes([p[0], p[1], p[2]])[c]).sum();
-        sum / (64.0 * 64.0)
-    };
+    let texel = |p: &[u8]| crate::import::colour::linear_bytes([p[0], p[1], p[2]]);
+    let linear = |c: usize| opaque.chunks(4).map(|p| texel(p)[c]).sum::<f32>() / (64.0 * 64.0);
     for c in 0..3 {
         assert!((mean(6.0)[c] - linear(c)).abs() < 0.005, "{} {}", mean(6.0)[c], linear(c));
     }
     // A tiny triangle takes one texel.
-    let one = crate::import::colour::linear_bytes([opaque[0], opaque[1], opaque[2]]);
-    assert!((0..3).all(|c| (mean(0.001)[c] - one[c]).abs() < 1e-6));
+    assert!((0..3).all(|c| (mean(0.001)[c] - texel(&opaque)[c]).abs() < 1e-6));
     // What is cut away colours nothing, and where all is cut away there is no colour.
     let half = Texture::new(2, 1, &[200, 10, 10, 255, 0, 255, 0, 0]);
     let whole = half.mean([Vec2::ZERO, Vec2::new(2.0, 0.0), Vec2::new(0.0, 2.0)], &mapping).unwrap();
-    assert!((whole[0] - crate::import::colour::linear_bytes([200, 0, 0])[0]).abs() < 1e-6, "{whole:?}");
+    assert!((whole[0] - texel(&[200, 0, 0])[0]).abs() < 1e-6, "{whole:?}");
     assert_eq!(Texture::new(1, 1, &[1, 2, 3, 0]).mean([Vec2::ZERO; 3], &mapping), None);
     assert!(half.mean([Vec2::NAN, Vec2::INFINITY, Vec2::splat(-1e30)], &mapping).is_some());
 }
