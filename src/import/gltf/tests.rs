@@ -89,7 +89,6 @@ fn data_uri(bytes: &[u8]) -> String {
 fn positions(sink: &Collector) -> Vec<[DVec3; 3]> {
     sink.direct().iter().map(|t| t.positions).collect()
 }
-
 const TRIANGLE: [DVec3; 3] = [DVec3::ZERO, DVec3::X, DVec3::Y];
 
 #[test]
@@ -222,7 +221,7 @@ fn without_a_scene_all_roots_are_shown() {
     document.json["scene"] = json!(3);
     assert!(refused("t.glb", document.glb()).contains("scenes[3] does not exist"));
     let nothing = Document::new(json!([]), json!([])).read();
-    assert!(nothing.notes[0].contains("no triangles"), "{:?}", nothing.notes);
+    assert!(nothing.notes[0].contains("no triangles"));
 }
 
 /// Square corners 0..4, drawn as `mode` with `indices`.
