@@ -4,6 +4,8 @@
 //! to different points, and open cracks between them.
 
 use super::spool::{Chunk, Spool};
+use crate::base::error::Result;
+use crate::base::progress::Cancel;
 use crate::math::DBounds;
 use crate::structure::bvh::build::Par;
 use glam::{DVec3, Vec3};
@@ -51,14 +53,16 @@ pub fn choose(bounds: &DBounds, is_single: bool) -> DVec3 {
     if rounded.is_finite() { rounded } else { middle }
 }
 
-/// Moves a mesh to its origin; consumes the spool chunk by chunk.
-pub fn place(spool: Spool, par: &Par) -> Placed {
+/// Moves a mesh to its origin; consumes the spool chunk by chunk. Fails with `Cancelled` only.
+pub fn place(spool: Spool, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let origin = choose(&spool.bounds, spool.is_single());
     let has_colours = spool.has_colours;
-    let pieces = par.map_items(spool.chunks, |chunk| place_chunk(chunk, origin, has_colours));
+    let one = |chunk| cancel.check().map(|()| place_chunk(chunk, origin, has_colours));
+    let pieces = par.map_items(spool.chunks, one).into_iter().collect::<Result<Vec<Placed>>>()?;
     let total = pieces.iter().map(|p| p.triangles.len()).sum();
     let mut all = Placed::empty(origin, total);
     for piece in pieces {
+        cancel.check()?;
         all.triangles.extend(piece.triangles);
         all.parts.extend(piece.parts);
         all.prims.extend(piece.prims);
@@ -67,7 +71,7 @@ pub fn place(spool: Spool, par: &Par) -> Placed {
         all.out_of_range += piece.out_of_range;
         all.position_error = all.position_error.max(piece.position_error);
     }
-    all
+    Ok(all)
 }
 
 impl Placed {

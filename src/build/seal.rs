@@ -97,7 +97,7 @@ impl Output<'_> {
     ) -> Result<TreeRow> {
         let begun = Instant::now();
         let local_parts = spool.local_parts;
-        let placed = origin::place(spool, &self.par);
+        let placed = origin::place(spool, &self.par, self.cancel)?;
         self.cancel.check()?;
         self.report.degenerate += placed.degenerate;
         self.report.out_of_range += placed.out_of_range;
