@@ -52,6 +52,34 @@ static void build_model(oc_context *context, const char *mesh, const char *out) 
     oc_build_release(build);
 }
 
+static double dot(const double *a, const double *b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* out = a x b, of length 1 */
+static void unit_cross(const double *a, const double *b, double *out) {
+    for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+    const double length = sqrt(dot(out, out));
+    for (int i = 0; i < 3; i++) out[i] /= length;
+}
+
+/* Moves the camera along its view so that the model's box just fits the picture. */
+static void fit(oc_camera *camera, const oc_model_info *info, double aspect) {
+    const double tall = tan(camera->fov_y * 3.141592653589793 / 360) * 0.95, wide = tall * aspect;
+    double view[3], right[3], up[3], distance = 0;
+    for (int i = 0; i < 3; i++) view[i] = camera->at[i] - camera->eye[i];
+    unit_cross(view, camera->up, right);
+    unit_cross(right, view, up);
+    unit_cross(up, right, view); /* now of length 1 */
+    for (int corner = 0; corner < 8; corner++) {
+        double p[3];
+        for (int i = 0; i < 3; i++) p[i] = (corner >> i & 1 ? info->bounds_max : info->bounds_min)[i] - camera->at[i];
+        const double need = fmax(fabs(dot(p, right)) / wide, fabs(dot(p, up)) / tall) - dot(p, view);
+        distance = fmax(distance, need);
+    }
+    for (int i = 0; i < 3; i++) camera->eye[i] = camera->at[i] - distance * view[i];
+}
+
 /* The model in a scene, lit from over the viewer's left shoulder. */
 static oc_scene *make_scene(oc_context *context, const oc_model *model, const oc_camera *camera) {
     oc_scene *scene;
@@ -59,12 +87,9 @@ static oc_scene *make_scene(oc_context *context, const oc_model *model, const oc
     double view[3], right[3];
     memset(lights, 0, sizeof lights);
     for (int i = 0; i < 3; i++) view[i] = camera->at[i] - camera->eye[i];
-    for (int i = 0; i < 3; i++) {
-        const int j = (i + 1) % 3, k = (i + 2) % 3;
-        right[i] = view[j] * camera->up[k] - view[k] * camera->up[j];
-    }
-    const double length = sqrt(view[0] * view[0] + view[1] * view[1] + view[2] * view[2]);
-    for (int i = 0; i < 3; i++) lights[0].vector[i] = view[i] + 0.6 * right[i] - 0.8 * length * camera->up[i];
+    unit_cross(view, camera->up, right);
+    const double length = sqrt(dot(view, view));
+    for (int i = 0; i < 3; i++) lights[0].vector[i] = view[i] + length * (0.6 * right[i] - 0.8 * camera->up[i]);
     lights[0].kind = OC_LIGHT_DIRECTIONAL;
     lights[0].shadows = 1;
     lights[0].intensity = 0.8f;
@@ -108,10 +133,14 @@ int main(int argc, char **argv) {
     build_model(context, argv[1], argv[2]);
 
     oc_model *model;
+    oc_model_info info;
     oc_camera camera;
+    OC_INIT(&info);
     OC_INIT(&camera);
     CHECK(oc_model_open(context, argv[2], &model));
+    CHECK(oc_model_get_info(model, &info));
     CHECK(oc_model_get_view(model, 0, &camera));
+    if (info.triangles_placed) fit(&camera, &info, 1280.0 / 800);
     oc_scene *scene = make_scene(context, model, &camera);
 
     /* A window would request again whenever the camera moves, and show what is complete. */

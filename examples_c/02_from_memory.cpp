@@ -74,6 +74,7 @@ oc_triangles triangles(const Mesh &mesh, std::uint32_t shared, std::uint64_t par
     t.position_stride = sizeof(Vertex);
     t.indices = mesh.indices.data();
     t.index_count = mesh.indices.size();
+    t.index = OC_INDEX_U32;
     return t;
 }
 

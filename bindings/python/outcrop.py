@@ -263,7 +263,7 @@ class Context(_Object):
                 at, count, owner = _array(positions, c.c_float)
                 index_at, index_count, index_owner = _array(indices, c.c_uint32)
                 triangles = Triangles(part=number, positions=at, position_count=count // 3, indices=index_at,
-                                      index_count=index_count)
+                                      index_count=index_count, index=1)
                 _lib.oc_build_add_triangles(build._handle, c.byref(triangles))
                 del owner, index_owner
             for file in files:

@@ -16,10 +16,12 @@ pub const OC_SCALAR_F64: oc_scalar = 1;
 
 /// The type of indices.
 pub type oc_index = u32;
+/// There are none: the corners come in threes.
+pub const OC_INDEX_NONE: oc_index = 0;
 /// uint32_t.
-pub const OC_INDEX_U32: oc_index = 0;
+pub const OC_INDEX_U32: oc_index = 1;
 /// uint64_t.
-pub const OC_INDEX_U64: oc_index = 1;
+pub const OC_INDEX_U64: oc_index = 2;
 
 /// Triangles in the caller's memory; read during the call.
 #[repr(C)]
@@ -37,9 +39,9 @@ pub struct oc_triangles {
     pub position_count: u64,
     /// Bytes from a corner to the next; 0: tightly packed.
     pub position_stride: u64,
-    /// Three indices of corners for each triangle; NULL: the corners come in threes.
+    /// Three indices of corners for each triangle; `index` says their type. NULL with OC_INDEX_NONE.
     pub indices: *const c_void,
-    /// How many indices, three times that of triangles. Ignored without indices.
+    /// How many indices, three times that of triangles.
     pub index_count: u64,
     /// Three floats, linear RGB, for each triangle; NULL: the part's material.
     pub colours: *const f32,
@@ -85,15 +87,12 @@ impl Soup {
             other => return bad(format!("oc_triangles.scalar {other} is unknown")),
         };
         let name = "oc_triangles.indices";
-        let (indices, corners) = match (t.indices.is_null(), t.index) {
-            (true, _) => (Indices::None, count),
-            (false, OC_INDEX_U32) => {
-                (Indices::U32(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count)
-            }
-            (false, OC_INDEX_U64) => {
-                (Indices::U64(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count)
-            }
-            (false, other) => return bad(format!("oc_triangles.index {other} is unknown")),
+        let (indices, corners) = match t.index {
+            OC_INDEX_NONE if t.indices.is_null() => (Indices::None, count),
+            OC_INDEX_NONE => return bad("oc_triangles: there are indices, but oc_triangles.index does not say which"),
+            OC_INDEX_U32 => (Indices::U32(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count),
+            OC_INDEX_U64 => (Indices::U64(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count),
+            other => return bad(format!("oc_triangles.index {other} is unknown")),
         };
         if !corners.is_multiple_of(3) {
             return bad(format!("oc_triangles: {corners} corners are no whole number of triangles"));

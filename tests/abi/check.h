@@ -46,6 +46,7 @@ static inline void add_tetra(oc_build *build) {
     t.positions = tetra_positions;
     t.position_count = 4;
     t.indices = tetra_indices;
+    t.index = OC_INDEX_U32;
     t.index_count = 12;
     OK(oc_build_add_triangles(build, &t));
 }

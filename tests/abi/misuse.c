@@ -218,15 +218,21 @@ static void contents_of_builds(oc_context *c) {
     INVALID(oc_build_add_triangles(b, &t)); /* below a corner */
     t.position_stride = 0, t.scalar = 2;
     INVALID(oc_build_add_triangles(b, &t));
-    t.scalar = 0, t.indices = tetra_indices, t.index = 2;
+    t.scalar = 0, t.indices = tetra_indices, t.index = 3;
     INVALID(oc_build_add_triangles(b, &t));
-    t.index = 0, t.index_count = 11;
+    t.index = OC_INDEX_NONE; /* but there are indices */
+    INVALID(oc_build_add_triangles(b, &t));
+    t.indices = NULL, t.index = OC_INDEX_U64;
+    OK(oc_build_add_triangles(b, &t)); /* none of them: nothing, whatever the corners */
+    t.index_count = 3;
+    INVALID(oc_build_add_triangles(b, &t)); /* NULL */
+    t.indices = tetra_indices, t.index = OC_INDEX_U32, t.index_count = 11;
     INVALID(oc_build_add_triangles(b, &t));
     t.index_count = 12, t.position_count = 3;
     INVALID(oc_build_add_triangles(b, &t)); /* index 3 of 3 corners */
     CHECK(strstr(oc_last_error(), "indices[5] is 3"));
     /* Sizes whose product overflows, or that no address space holds. */
-    t.indices = NULL, t.position_count = UINT64_MAX / 3;
+    t.indices = NULL, t.index = OC_INDEX_NONE, t.position_count = UINT64_MAX / 3;
     INVALID(oc_build_add_triangles(b, &t));
     t.position_count = 3, t.position_stride = UINT64_MAX;
     INVALID(oc_build_add_triangles(b, &t));
