@@ -293,9 +293,9 @@ typedef struct oc_triangles {
     uint64_t position_count;
     /** Bytes from a corner to the next; 0: tightly packed. */
     uint64_t position_stride;
-    /** Three indices of corners for each triangle; NULL: the corners come in threes. */
+    /** Three indices of corners for each triangle; `index` says their type. NULL with OC_INDEX_NONE. */
     const void *indices;
-    /** How many indices, three times that of triangles. Ignored without indices. */
+    /** How many indices, three times that of triangles. */
     uint64_t index_count;
     /** Three floats, linear RGB, for each triangle; NULL: the part's material. */
     const float *colours;
@@ -838,11 +838,14 @@ typedef struct oc_pixels {
 /** double. */
 #define OC_SCALAR_F64 1
 
+/** There are none: the corners come in threes. */
+#define OC_INDEX_NONE 0
+
 /** uint32_t. */
-#define OC_INDEX_U32 0
+#define OC_INDEX_U32 1
 
 /** uint64_t. */
-#define OC_INDEX_U64 1
+#define OC_INDEX_U64 2
 
 /** Nobody said. */
 #define OC_UP_UNKNOWN 0
