@@ -136,7 +136,7 @@ impl Output<'_> {
         row.root = u64::from(tree.root);
         let Bounds { min, max } = tree.bounds;
         row.bounds = [min.x, min.y, min.z, max.x, max.y, max.z];
-        row.references = tree.references() as u64;
+        row.references = tree.references();
         (row.nodes, row.leaves) = (tree.nodes, tree.leaves);
         row.max_stack = 7 * tree.depth + 1;
         let has_colours = !placed.colours.is_empty();

@@ -1,7 +1,6 @@
 //! From triangles to blocks: references, binned SAH, wide nodes, leaves, clusters.
 //!
-//! Passes: `refs` (one box a triangle, or several with spatial splits), `sah` (where to split),
-//! `tree` (wide nodes and leaves), `cluster` (which nodes share a block), `encode` (trace form).
+//! Passes: `refs` (one box a triangle), `sah` and `spatial` (where to split the set, or space), `tree` (wide nodes and leaves), `cluster` (which nodes share a block), `encode` (trace form).
 //! The result depends on the input and the options only, never on the number of threads.
 
 mod cluster;
@@ -10,12 +9,13 @@ mod leaf;
 pub mod par;
 mod refs;
 mod sah;
+mod spatial;
 mod tree;
 
 pub use cluster::Plan;
 pub use encode::TreeBlock;
 pub use par::Par;
-pub use refs::splits_pay;
+pub use spatial::splits_pay;
 
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
@@ -38,7 +38,7 @@ pub struct TreeInput<'a> {
 /// Options of a build.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeOptions {
-    /// References added by spatial splits, at most, as a share of the triangles; 0 for none.
+    /// References that spatial splits may add, as a share of the triangles; 0 for no splits.
     pub split_budget: f32,
 }
 
@@ -57,6 +57,7 @@ pub struct Tree<'a> {
     pub nodes: u64,
     /// Leaves.
     pub leaves: u64,
+    references: u64,
 }
 
 impl<'a> Tree<'a> {
@@ -70,7 +71,7 @@ impl<'a> Tree<'a> {
         let stats = built.stats;
         let (plans, root) = cluster::pack(built.root, input, &refs);
         let bounds = built.bounds;
-        Ok(Self { input, refs, plans, bounds, root, depth: stats.depth, nodes: stats.nodes, leaves: stats.leaves })
+        Ok(Self { input, refs, plans, bounds, root, depth: stats.depth, nodes: stats.nodes, leaves: stats.leaves, references: stats.references })
     }
 
     /// Number of blocks.
@@ -79,8 +80,8 @@ impl<'a> Tree<'a> {
     }
 
     /// References to triangles, over all leaves; more than the triangles where splits repeat them.
-    pub fn references(&self) -> usize {
-        self.refs.len()
+    pub fn references(&self) -> u64 {
+        self.references
     }
 
     /// The trace form of block `index`; `first_block` is the id of the tree's block 0.

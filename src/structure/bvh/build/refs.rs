@@ -26,6 +26,12 @@ impl Ref {
         self.low.w.to_bits() as usize
     }
 
+    /// Its box.
+    #[inline]
+    pub fn bounds(&self) -> Bounds {
+        Bounds { min: self.low.truncate(), max: self.high.truncate() }
+    }
+
     /// Twice its middle; `w` means nothing.
     #[inline]
     pub fn center2(&self) -> Vec4 {
@@ -36,20 +42,16 @@ impl Ref {
 /// Triangles handled at once by a thread.
 const CHUNK: usize = 1 << 15;
 
-/// One reference for each triangle, or more where spatial splits pay (`splits.rs`).
-pub fn make(triangles: &[[Vec3; 3]], split_budget: f32, par: &Par) -> Vec<Ref> {
-    let _ = split_budget;
+/// One reference for each triangle, and room for `spare` times as many more behind them.
+pub fn make(triangles: &[[Vec3; 3]], spare: f32, par: &Par) -> Vec<Ref> {
     let chunks = par.map(triangles.len().div_ceil(CHUNK), |c| {
         let from = c * CHUNK;
         let to = (from + CHUNK).min(triangles.len());
         let refs = (from..to).map(|i| Ref::new(Bounds::of(&triangles[i]), i as u32));
         refs.collect::<Vec<_>>()
     });
-    chunks.concat()
-}
-
-/// Whether spatial splits are likely to pay for these triangles.
-pub fn splits_pay(triangles: &[[Vec3; 3]]) -> bool {
-    let _ = triangles;
-    false
+    let mut refs = chunks.concat();
+    let room = (triangles.len() as f64 * f64::from(spare)) as usize;
+    refs.resize(triangles.len() + room, Ref { low: Vec4::ZERO, high: Vec4::ZERO });
+    refs
 }

@@ -79,6 +79,10 @@ pub struct Split {
     pub cost: f32,
     /// Sum over both sides of half area.
     pub side_areas: f32,
+    /// Bounds of the left side.
+    pub left: Bounds,
+    /// Bounds of the right side.
+    pub right: Bounds,
 }
 
 /// From middles to bins.
@@ -107,6 +111,7 @@ struct Plane {
     cost: f32,
     side_areas: f32,
     bin: i32,
+    left: Bounds,
 }
 
 #[derive(Clone, Copy)]
@@ -144,6 +149,14 @@ impl Bins {
         self
     }
 
+    /// Bounds of the bins from `first` on.
+    fn bounds_from(&self, axis: usize, first: usize) -> Bounds {
+        let bins = &self.0[axis][first..];
+        let low = bins.iter().fold(Vec4::INFINITY, |b, bin| b.min(bin.low));
+        let high = bins.iter().fold(Vec4::NEG_INFINITY, |b, bin| b.max(bin.high));
+        Bounds { min: low.xyz(), max: high.xyz() }
+    }
+
     /// The cheapest plane on one axis.
     fn best(&self, axis: usize) -> Option<Plane> {
         let bins = &self.0[axis];
@@ -168,7 +181,8 @@ impl Bins {
             let left_area = half_area(low, high);
             let cost = left_area * count as f32 + right_area * right_count as f32;
             if best.as_ref().is_none_or(|b| cost < b.cost) {
-                best = Some(Plane { cost, side_areas: left_area + right_area, bin: i as i32 });
+                let left = Bounds { min: low.xyz(), max: high.xyz() };
+                best = Some(Plane { cost, side_areas: left_area + right_area, bin: i as i32, left });
             }
         }
         best
@@ -195,11 +209,12 @@ pub fn find(refs: &[Ref], extents: &Extents, par: &Par) -> Option<Split> {
     };
     let mut best: Option<Split> = None;
     for axis in (0..3).filter(|&a| mapping.scale[a] > 0.0) {
-        if let Some(Plane { cost, side_areas, bin }) = bins.best(axis)
+        if let Some(Plane { cost, side_areas, bin, left }) = bins.best(axis)
             && cost.is_finite()
             && best.is_none_or(|b| cost < b.cost)
         {
-            best = Some(Split { axis, bin, mapping, cost, side_areas });
+            let right = bins.bounds_from(axis, bin as usize);
+            best = Some(Split { axis, bin, mapping, cost, side_areas, left, right });
         }
     }
     best

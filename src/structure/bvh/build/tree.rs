@@ -3,7 +3,8 @@
 use super::leaf::LeafShape;
 use super::par::Par;
 use super::refs::Ref;
-use super::sah::{self, Extents};
+use super::sah::{self, Extents, Split};
+use super::spatial::{self, SpatialSplit};
 use super::{TreeInput, cluster::UnitId};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
@@ -62,6 +63,8 @@ pub struct Stats {
     pub nodes: u64,
     /// Leaves.
     pub leaves: u64,
+    /// References in leaves.
+    pub references: u64,
 }
 
 /// What [`build`] returns.
@@ -87,23 +90,35 @@ struct Builder<'a> {
     input: TreeInput<'a>,
     par: &'a Par,
     cancel: &'a Cancel,
+    root_half_area: f32,
 }
 
 /// A range on its way to becoming a child.
 struct Range<'r> {
-    refs: &'r mut [Ref],
+    /// Its references, and behind them free room for the copies that spatial splits make.
+    room: &'r mut [Ref],
+    len: usize,
+    /// Index of its first reference among all.
     first: usize,
     extents: Extents,
     /// The heuristic says that it should stay whole, and it may.
     whole: bool,
 }
 
-/// Builds the tree over `refs`, which are reordered: leaves are ranges of them.
-pub fn build(input: TreeInput, refs: &mut [Ref], par: &Par, cancel: &Cancel) -> Result<Built> {
-    let builder = Builder { input, par, cancel };
-    let extents = Extents::of(refs, par);
+impl Range<'_> {
+    fn refs(&self) -> &[Ref] {
+        &self.room[..self.len]
+    }
+}
+
+/// Builds the tree over the references of `room`, one for each triangle and behind them free room for
+/// copies (none: no spatial splits). They are reordered: leaves are ranges of them.
+pub fn build(input: TreeInput, room: &mut [Ref], par: &Par, cancel: &Cancel) -> Result<Built> {
+    let len = input.triangles.len();
+    let extents = Extents::of(&room[..len], par);
     let bounds = extents.bounds();
-    let whole = Range { refs, first: 0, extents, whole: false };
+    let builder = Builder { input, par, cancel, root_half_area: bounds.half_area() };
+    let whole = Range { room, len, first: 0, extents, whole: false };
     let (root, stats) = builder.inner(whole, 1)?;
     Ok(Built { root, bounds, stats })
 }
@@ -111,7 +126,7 @@ pub fn build(input: TreeInput, refs: &mut [Ref], par: &Par, cancel: &Cancel) -> 
 impl Builder<'_> {
     fn inner(&self, range: Range, depth: u32) -> Result<(Box<Inner>, Stats)> {
         self.cancel.check()?;
-        let count = range.refs.len();
+        let count = range.len;
         let ranges = self.split_up(range, depth);
         let finish = |r: Range| self.child(r, depth + 1);
         let done: Vec<_> = if count > TASK && self.par.threads > 1 {
@@ -120,13 +135,14 @@ impl Builder<'_> {
             ranges.into_iter().map(finish).collect()
         };
         let mut inner = Box::new(Inner { children: Vec::with_capacity(done.len()), words: 0 });
-        let mut stats = Stats { depth: 0, nodes: 1, leaves: 0 };
+        let mut stats = Stats { nodes: 1, ..Stats::default() };
         for child in done {
             let (bounds, sub, below) = child?;
             inner.children.push((bounds, sub));
             stats.depth = stats.depth.max(below.depth);
             stats.nodes += below.nodes;
             stats.leaves += below.leaves;
+            stats.references += below.references;
         }
         stats.depth += 1;
         inner.measure();
@@ -135,12 +151,12 @@ impl Builder<'_> {
 
     fn child(&self, range: Range, depth: u32) -> Result<(Bounds, Sub, Stats)> {
         let bounds = range.extents.bounds();
-        if range.refs.len() <= MAX_TRIANGLES {
-            let shape = LeafShape::of(range.refs, self.input);
+        if range.len <= MAX_TRIANGLES {
+            let shape = LeafShape::of(range.refs(), self.input);
             if shape.fits() {
-                let (first, count) = (range.first as u32, range.refs.len() as u32);
+                let (first, count) = (range.first as u32, range.len as u32);
                 let sub = Sub::Leaf { first, count, words: shape.words() as u32 };
-                return Ok((bounds, sub, Stats { depth: 1, nodes: 0, leaves: 1 }));
+                return Ok((bounds, sub, Stats { depth: 1, nodes: 0, leaves: 1, references: shape.count as u64 }));
             }
         }
         let (inner, stats) = self.inner(range, depth)?;
@@ -153,7 +169,7 @@ impl Builder<'_> {
         ranges.push(range);
         while ranges.len() < WIDTH {
             let area = |r: &Range| r.extents.bounds().half_area();
-            let open = (0..ranges.len()).filter(|&i| !ranges[i].whole && ranges[i].refs.len() > 1);
+            let open = (0..ranges.len()).filter(|&i| !ranges[i].whole && ranges[i].len > 1);
             // The first of the largest: `max_by` would take the last.
             let Some(at) = open.reduce(|a, b| if area(&ranges[b]) > area(&ranges[a]) { b } else { a }) else {
                 break;
@@ -170,28 +186,50 @@ impl Builder<'_> {
 
     /// Splits a range in two, or returns it as a leaf.
     fn halve<'r>(&self, range: Range<'r>, depth: u32) -> std::result::Result<[Range<'r>; 2], Range<'r>> {
-        let Range { refs, first, extents, .. } = range;
+        let Range { room, len, first, extents, .. } = range;
+        let refs = &room[..len];
         let split = if depth < DEEP { sah::find(refs, &extents, self.par) } else { None };
-        if refs.len() <= MAX_TRIANGLES && LeafShape::of(refs, self.input).fits() {
-            let area = extents.bounds().half_area();
-            let stay = area * (LEAF_COST + TRIANGLE_COST * refs.len() as f32);
-            let pays = |s: &sah::Split| {
-                let sides = s.side_areas * LEAF_COST + TRIANGLE_COST * s.cost;
-                sides < stay
-            };
-            if !split.as_ref().is_some_and(pays) {
-                return Err(Range { refs, first, extents, whole: true });
+        let spatial = split.as_ref().and_then(|split| self.spatial(refs, room.len(), &extents, split));
+        if len <= MAX_TRIANGLES && LeafShape::of(refs, self.input).fits() {
+            let stay = extents.bounds().half_area() * (LEAF_COST + TRIANGLE_COST * len as f32);
+            let sides = |areas: f32, cost: f32| areas * LEAF_COST + TRIANGLE_COST * cost;
+            let object = split.as_ref().map(|s| sides(s.side_areas, s.cost));
+            let space = spatial.as_ref().map(|s| sides(s.side_areas, s.cost));
+            if !object.into_iter().chain(space).any(|cost| cost < stay) {
+                return Err(Range { room, len, first, extents, whole: true });
             }
         }
-        let middle = match &split {
-            Some(split) => sah::partition(refs, split),
-            None => sah::partition_median(refs, &extents),
-        };
-        let (left, right) = refs.split_at_mut(middle);
-        let (a, b) = (Extents::of(left, self.par), Extents::of(right, self.par));
-        Ok([
-            Range { refs: left, first, extents: a, whole: false },
-            Range { refs: right, first: first + middle, extents: b, whole: false },
-        ])
+        let triangles = self.input.triangles;
+        let in_space = spatial.and_then(|s| spatial::partition(room, len, &s, triangles));
+        let (left, right) = in_space.unwrap_or_else(|| {
+            let middle = match &split {
+                Some(split) => sah::partition(&mut room[..len], split),
+                None => sah::partition_median(&mut room[..len], &extents),
+            };
+            (middle, len - middle)
+        });
+        Ok(self.share_room(room, left, right, first))
+    }
+
+    /// The best way to divide space, where that is better than dividing the set.
+    fn spatial(&self, refs: &[Ref], room: usize, extents: &Extents, split: &Split) -> Option<SpatialSplit> {
+        if room == refs.len() || !spatial::is_worth_a_look(split, self.root_half_area) {
+            return None;
+        }
+        let found = spatial::find(refs, self.input.triangles, &extents.bounds())?;
+        (found.cost < split.cost).then_some(found)
+    }
+
+    /// Gives each side a share of the free room, by its size.
+    fn share_room<'r>(&self, room: &'r mut [Ref], left: usize, right: usize, first: usize) -> [Range<'r>; 2] {
+        let free = room.len() - left - right;
+        let of_left = (free as u64 * left as u64 / (left + right) as u64) as usize;
+        room.copy_within(left..left + right, left + of_left);
+        let (a, b) = room.split_at_mut(left + of_left);
+        let (e, f) = (Extents::of(&a[..left], self.par), Extents::of(&b[..right], self.par));
+        [
+            Range { room: a, len: left, first, extents: e, whole: false },
+            Range { room: b, len: right, first: first + left + of_left, extents: f, whole: false },
+        ]
     }
 }
