@@ -91,17 +91,15 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
     let mut u = c.x * b.y - c.y * b.x;
     let mut v = a.x * c.y - a.y * c.x;
     let mut w = b.x * a.y - b.y * a.x;
-    let on_edge = u.eq(zero).or(v.eq(zero)).or(w.eq(zero));
-    let inside = {
-        let positive = zero.le(u).and(zero.le(v)).and(zero.le(w));
-        let negative = u.le(zero).and(v.le(zero)).and(w.le(zero));
-        positive.or(negative)
-    };
+    // All of one sign, or zero: least and greatest tell, and where one of them is zero, an edge is met.
+    let (least, greatest) = (u.min(v).min(w), u.max(v).max(w));
+    let inside = zero.le(least).or(greatest.le(zero));
     if inside.bits() == 0 {
         return LaneHits { hits: 0, t: zero, u: zero, v: zero };
     }
     let mut hits = inside.bits();
     let mut det = u + v + w;
+    let on_edge = least.eq(zero).or(greatest.eq(zero));
     if on_edge.bits() & hits != 0 {
         let edges = [u.to_array(), v.to_array(), w.to_array()];
         let (edges, inside) = exact_edges(&a, &b, &c, edges, on_edge.bits(), hits);

@@ -2,7 +2,7 @@
 
 use super::packet_visit::{self, Shared};
 use super::walk::{Counters, Outcome, Walk};
-use super::{LocalRay, PartFilter, PreparedRay, TreeView, TriHit};
+use super::{LocalRay, PartFilter, TreeView, TriHit};
 use crate::simd::{Op, Simd, dispatch};
 
 /// Rays of a packet.
@@ -21,16 +21,19 @@ pub(super) struct PacketEntry {
     pub child: u32,
 }
 
-/// What the rays are, lane by lane.
+/// What the rays are, lane by lane. Lanes without a ray repeat one that has.
 #[derive(Debug)]
 pub(super) struct PacketRays {
-    pub prepared: [PreparedRay; PACKET],
+    pub local: [LocalRay; PACKET],
+    /// Origins and directions by axis.
     pub org: [[f32; PACKET]; 3],
+    pub dir: [[f32; PACKET]; 3],
+    pub t_min: [f32; PACKET],
+    /// See [`super::PreparedRay`].
     pub inv: [[f32; PACKET]; 3],
     pub off_near: [[f32; PACKET]; 3],
     pub off_far: [[f32; PACKET]; 3],
     pub shear: [[f32; PACKET]; 3],
-    pub t_min: [f32; PACKET],
 }
 
 /// The best hits, lane by lane.
@@ -70,8 +73,9 @@ impl PacketWalk {
     pub fn new() -> Self {
         let zero = [[0.0; PACKET]; 3];
         let rays = PacketRays {
-            prepared: [PreparedRay::new(&LocalRay { dir: glam::Vec3::X, ..LocalRay::NONE }, 0.0); PACKET],
+            local: [LocalRay::NONE; PACKET],
             org: zero,
+            dir: zero,
             inv: zero,
             off_near: zero,
             off_far: zero,
@@ -130,35 +134,32 @@ impl Op for Begin<'_, '_> {
     type Out = ();
 
     #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
+    fn run<S: Simd>(self, s: S) {
         let Self { walk, view, rays, active } = self;
         walk.stack.clear();
         walk.waiting = 0;
+        for i in 0..PACKET {
+            let traced = active >> i & 1 == 1 && rays[i].is_valid();
+            walk.hits.block[i] = u32::MAX;
+            // A ray that ends before it begins meets no box.
+            walk.hits.t[i] = if traced { rays[i].t_max } else { f32::NEG_INFINITY };
+            walk.waiting |= u32::from(traced) << i;
+        }
+        if walk.waiting == 0 || view.is_empty() {
+            walk.waiting = 0;
+            return;
+        }
+        let first = walk.waiting.trailing_zeros() as usize & (PACKET - 1);
         let r = &mut walk.rays;
         for i in 0..PACKET {
-            walk.hits.t[i] = rays[i].t_max;
-            walk.hits.block[i] = u32::MAX;
-            if active >> i & 1 == 0 || !rays[i].is_valid() || view.is_empty() {
-                continue;
-            }
-            walk.waiting |= 1 << i;
-            let p = PreparedRay::new(&rays[i], view.reach);
-            r.prepared[i] = p;
-            r.t_min[i] = p.t_min;
-            for axis in 0..3 {
-                // Origins in the order of the triangle test's axes, the rest in that of the boxes.
-                r.org[axis][i] = p.org[p.shear.k[axis]];
-                r.inv[axis][i] = p.inv[axis];
-                r.off_near[axis][i] = p.off_near[axis];
-                r.off_far[axis][i] = p.off_far[axis];
-                r.shear[axis][i] = p.shear.s[axis];
-            }
+            let ray = &rays[if walk.waiting >> i & 1 == 1 { i } else { first }];
+            r.local[i] = *ray;
+            r.t_min[i] = ray.t_min;
+            (r.org[0][i], r.org[1][i], r.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
+            (r.dir[0][i], r.dir[1][i], r.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
         }
-        if walk.waiting != 0 {
-            walk.shared = Shared::of(&walk.rays, walk.waiting);
-            let (rays, block, child) = (walk.waiting, view.root_block, view.root);
-            walk.stack.push(PacketEntry { t: 0.0, rays, block, child });
-        }
+        walk.shared = packet_visit::prepare(s, r, view.reach);
+        walk.stack.push(PacketEntry { t: 0.0, rays: walk.waiting, block: view.root_block, child: view.root });
     }
 }
 

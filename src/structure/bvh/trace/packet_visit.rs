@@ -8,7 +8,7 @@
 use super::packet::{PACKET, PacketEntry, PacketRays, PacketWalk};
 use super::single::{self, RayLanes, is_better};
 use super::walk::{Entry, Outcome, TriHit};
-use super::{PartFilter, TreeView};
+use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{intersect, shear};
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
@@ -21,6 +21,7 @@ const FEW: u32 = 3;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shared {
     near: [usize; 3],
+    k: [usize; 3],
     /// The origins' extreme on each axis that makes the distance to the near plane least.
     org_near: [f32; 3],
     /// The same for the greatest distance to the far plane.
@@ -30,41 +31,88 @@ pub(super) struct Shared {
     slack: [f32; 3],
 }
 
-impl Shared {
-    /// Of the rays in `active`, or `None` where they cannot go together.
-    #[inline(always)]
-    pub(super) fn of(rays: &PacketRays, active: u32) -> Option<Self> {
-        let first = &rays.prepared[active.trailing_zeros() as usize & (PACKET - 1)];
-        let (near, k) = (first.near, first.shear.k);
-        let (inf, none) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        let (mut inv_min, mut inv_max, mut org_min, mut org_max) = (inf, none, inf, none);
-        let mut slack = [0.0f32; 3];
-        for i in 0..PACKET {
-            if active >> i & 1 == 0 {
-                continue;
-            }
-            let p = &rays.prepared[i];
-            if p.near != near || p.shear.k != k {
-                return None;
-            }
-            for axis in 0..3 {
-                inv_min[axis] = inv_min[axis].min(p.inv[axis]);
-                inv_max[axis] = inv_max[axis].max(p.inv[axis]);
-                org_min[axis] = org_min[axis].min(p.org[axis]);
-                org_max[axis] = org_max[axis].max(p.org[axis]);
-                // Half the distance of the offsets is the slack of `PreparedRay`, which is more than
-                // the interval arithmetic's rounding too.
-                slack[axis] = slack[axis].max(p.off_near[axis] - p.off_far[axis]);
-            }
-        }
-        let (mut org_near, mut org_far) = (org_max, org_min);
-        for axis in 0..3 {
-            if near[axis] != axis {
-                (org_near[axis], org_far[axis]) = (org_min[axis], org_max[axis]);
-            }
-        }
-        Some(Self { near, org_near, org_far, inv_min, inv_max, slack })
+/// Prepares all rays (as [`super::PreparedRay::new`] does one, which see); `None` where they cannot go
+/// together, because the signs or the greatest components of their directions differ.
+#[inline(always)]
+pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32) -> Option<Shared> {
+    let zero = s.splat16(0.0);
+    let dir = [s.load16(&rays.dir[0]), s.load16(&rays.dir[1]), s.load16(&rays.dir[2])];
+    let size = [abs(zero, dir[0]), abs(zero, dir[1]), abs(zero, dir[2])];
+    let kz = greatest_axis(size)?;
+    let k = [(kz + 1) % 3, (kz + 2) % 3, kz];
+    let least = size[kz] * s.splat16(1e-18);
+    let mut shared = Shared {
+        near: [0; 3],
+        k,
+        org_near: [0.0; 3],
+        org_far: [0.0; 3],
+        inv_min: [0.0; 3],
+        inv_max: [0.0; 3],
+        slack: [0.0; 3],
+    };
+    for axis in 0..3 {
+        let magnitude = s.splat16(1.0).div(size[axis].max(least));
+        let positive = zero.le(dir[axis]);
+        let inv = magnitude.select(positive, zero - magnitude);
+        let negative = match positive.bits() {
+            0xffff => false,
+            0 => true,
+            _ => return None,
+        };
+        let org = s.load16(&rays.org[axis]);
+        let slack = magnitude * abs(zero, org).max(s.splat16(reach)) * s.splat16(1.0 / 524288.0);
+        let off = org * inv;
+        rays.inv[axis] = inv.to_array();
+        rays.off_near[axis] = (off + slack).to_array();
+        rays.off_far[axis] = (off - slack).to_array();
+        let (low, high) = (least16(rays.org[axis]), greatest16(rays.org[axis]));
+        shared.near[axis] = if negative { axis + 3 } else { axis };
+        (shared.org_near[axis], shared.org_far[axis]) = if negative { (low, high) } else { (high, low) };
+        (shared.inv_min[axis], shared.inv_max[axis]) = (least16(rays.inv[axis]), greatest16(rays.inv[axis]));
+        shared.slack[axis] = 2.0 * greatest16(slack.to_array());
     }
+    rays.shear[0] = dir[k[0]].div(dir[kz]).to_array();
+    rays.shear[1] = dir[k[1]].div(dir[kz]).to_array();
+    rays.shear[2] = s.splat16(1.0).div(dir[kz]).to_array();
+    Some(shared)
+}
+
+#[inline(always)]
+fn abs<L: Lanes<16>>(zero: L, v: L) -> L {
+    v.max(zero - v)
+}
+
+/// The axis on which all rays are greatest, ties as in [`crate::geom::Shear`]; `None` where they differ.
+#[inline(always)]
+fn greatest_axis<L: Lanes<16>>([x, y, z]: [L; 3]) -> Option<usize> {
+    let is_x = y.le(x).and(z.le(x)).bits();
+    let is_y = z.le(y).bits() & !is_x;
+    match (is_x, is_y) {
+        (0xffff, _) => Some(0),
+        (0, 0xffff) => Some(1),
+        (0, 0) => Some(2),
+        _ => None,
+    }
+}
+
+#[inline(always)]
+fn least16(mut v: [f32; 16]) -> f32 {
+    for half in [8, 4, 2, 1] {
+        for i in 0..half {
+            v[i] = if v[i] < v[i + half] { v[i] } else { v[i + half] };
+        }
+    }
+    v[0]
+}
+
+#[inline(always)]
+fn greatest16(mut v: [f32; 16]) -> f32 {
+    for half in [8, 4, 2, 1] {
+        for i in 0..half {
+            v[i] = if v[i] > v[i + half] { v[i] } else { v[i + half] };
+        }
+    }
+    v[0]
 }
 
 /// Goes on with `walk` until it ends or a block is missing.
@@ -92,17 +140,6 @@ impl<const ANY: bool> Op for Packet<'_, '_, ANY> {
     }
 }
 
-/// The greatest distance at which any ray of `rays` still looks for a hit.
-#[inline(always)]
-fn farthest(walk: &PacketWalk) -> f32 {
-    let mut far = f32::NEG_INFINITY;
-    for i in 0..PACKET {
-        let alive = walk.waiting >> i & 1 == 1;
-        far = far.max(if alive { walk.hits.t[i] } else { f32::NEG_INFINITY });
-    }
-    far
-}
-
 #[inline(always)]
 fn visit<S: Simd, const ANY: bool>(
     s: S,
@@ -110,7 +147,7 @@ fn visit<S: Simd, const ANY: bool>(
     filter: Option<&PartFilter>,
     walk: &mut PacketWalk,
 ) -> Outcome {
-    let mut far = farthest(walk);
+    let mut far = greatest16(walk.hits.t);
     while let Some(mut entry) = walk.stack.pop() {
         if entry.t > far {
             continue;
@@ -122,12 +159,13 @@ fn visit<S: Simd, const ANY: bool>(
         };
         let block = Block::new(words);
         while entry.rays != 0 {
-            let Some(shared) = walk.shared.as_ref().filter(|_| entry.rays.count_ones() >= FEW) else {
+            let together = entry.rays.count_ones() >= FEW;
+            let (Some(shared), true) = (walk.shared.as_ref(), together) else {
                 let outcome = each_alone::<S, ANY>(s, view, filter, walk, entry);
                 if outcome != Outcome::Done {
                     return outcome;
                 }
-                far = farthest(walk);
+                far = greatest16(walk.hits.t);
                 break;
             };
             match Child::from_bits(entry.child) {
@@ -141,11 +179,12 @@ fn visit<S: Simd, const ANY: bool>(
                 }
                 Some(Child::Leaf(at)) => {
                     walk.counters.leaves += 1;
-                    let outcome = leaf::<S, ANY>(s, view, filter, walk, entry, block, at);
+                    let shared = *shared;
+                    let outcome = leaf::<S, ANY>(s, view, filter, walk, entry, &shared, block, at);
                     if outcome != Outcome::Done {
                         return outcome;
                     }
-                    far = farthest(walk);
+                    far = greatest16(walk.hits.t);
                     break;
                 }
                 Some(Child::External(index)) => {
@@ -173,7 +212,7 @@ fn each_alone<S: Simd, const ANY: bool>(
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize & (PACKET - 1);
-        let ray = walk.rays.prepared[i];
+        let ray = PreparedRay::new(&walk.rays.local[i], view.reach);
         let lanes = RayLanes::new(s, &ray);
         let mut best = walk.best(i);
         let stack = &mut walk.alone.stack;
@@ -291,22 +330,24 @@ fn meet<S: Simd>(s: S, planes: &Planes, slot: usize, walk: &PacketWalk) -> u32 {
 
 /// Tests the triangles of a leaf: eight against each ray or sixteen rays against each, whichever is less.
 #[inline(always)]
+#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn leaf<S: Simd, const ANY: bool>(
     s: S,
     view: &TreeView,
     filter: Option<&PartFilter>,
     walk: &mut PacketWalk,
     entry: PacketEntry,
+    shared: &Shared,
     block: Block,
     at: usize,
 ) -> Outcome {
     let leaf = block.leaf(at);
+    let k = shared.k;
     if (entry.rays.count_ones() as usize) < leaf.triangles {
         walk.counters.leaves -= 1;
         return each_alone::<S, ANY>(s, view, filter, walk, entry);
     }
-    let k = walk.rays.prepared[entry.rays.trailing_zeros() as usize & (PACKET - 1)].shear.k;
-    for i in 0..leaf.triangles {
+        for i in 0..leaf.triangles {
         walk.counters.triangles += 1;
         let Some(hits) = triangle(s, &leaf, i, k, walk, entry.rays) else { continue };
         if filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
@@ -344,7 +385,7 @@ fn triangle<S: Simd>(
 ) -> Option<TriangleHits> {
     let rays = &walk.rays;
     let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
-    let org = [s.load16(&rays.org[0]), s.load16(&rays.org[1]), s.load16(&rays.org[2])];
+    let org = [s.load16(&rays.org[k[0]]), s.load16(&rays.org[k[1]]), s.load16(&rays.org[k[2]])];
     let skew = [s.load16(&rays.shear[0]), s.load16(&rays.shear[1]), s.load16(&rays.shear[2])];
     let mut corners = [org; 3];
     for (c, corner) in corners.iter_mut().enumerate() {

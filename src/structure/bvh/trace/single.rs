@@ -104,16 +104,20 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
     best: &mut TriHit,
     counters: &mut super::Counters,
 ) -> Outcome {
+    let mut block_id = u32::MAX;
+    let mut block = Block::new(&[]);
     while let Some(entry) = stack.pop() {
         // Not `<=`: an equal distance may be a tie that a lower primitive id wins.
         if entry.t > best.t {
             continue;
         }
-        let Some(words) = view.snapshot.block(BlockId(entry.block)) else {
-            stack.push(entry);
-            return Outcome::Pending(BlockId(entry.block));
-        };
-        let block = Block::new(words);
+        if entry.block != block_id {
+            let Some(words) = view.snapshot.block(BlockId(entry.block)) else {
+                stack.push(entry);
+                return Outcome::Pending(BlockId(entry.block));
+            };
+            (block_id, block) = (entry.block, Block::new(words));
+        }
         let mut child = entry.child;
         loop {
             match Child::from_bits(child) {
