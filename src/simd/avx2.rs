@@ -12,8 +12,8 @@ pub struct Avx2(());
 /// Runs `op` compiled for AVX2.
 ///
 /// # Safety
-/// The CPU must have AVX2.
-#[target_feature(enable = "avx2")]
+/// The CPU must have every feature that `Isa::Avx2.is_available()` asks for.
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 pub unsafe fn run<O: Op>(op: O) -> O::Out {
     op.run(Avx2(()))
 }
@@ -74,6 +74,11 @@ impl Lanes<8> for V8 {
     fn div(self, o: Self) -> Self {
         // SAFETY: as in `add`.
         Self(unsafe { _mm256_div_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm256_fmadd_ps(self.0, a.0, b.0) })
     }
     #[inline(always)]
     fn min(self, o: Self) -> Self {
@@ -158,6 +163,10 @@ impl Lanes<16> for Pair<V8> {
     #[inline(always)]
     fn div(self, o: Self) -> Self {
         Self(self.0.div(o.0), self.1.div(o.1))
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        Self(self.0.mul_add(a.0, b.0), self.1.mul_add(a.1, b.1))
     }
     #[inline(always)]
     fn min(self, o: Self) -> Self {

@@ -13,7 +13,7 @@ pub struct Avx512(());
 ///
 /// # Safety
 /// The CPU must have every feature that `Isa::Avx512.is_available()` asks for.
-#[target_feature(enable = "avx2,avx512f,avx512vl,avx512dq,avx512bw,bmi1,bmi2,lzcnt,popcnt")]
+#[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw,bmi1,bmi2,lzcnt,popcnt")]
 pub unsafe fn run<O: Op>(op: O) -> O::Out {
     op.run(Avx512(()))
 }
@@ -96,6 +96,11 @@ impl Lanes<8> for V8 {
         Self(unsafe { _mm256_div_ps(self.0, o.0) })
     }
     #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm256_fmadd_ps(self.0, a.0, b.0) })
+    }
+    #[inline(always)]
     fn min(self, o: Self) -> Self {
         // SAFETY: as in `add`.
         Self(unsafe { _mm256_min_ps(self.0, o.0) })
@@ -164,6 +169,11 @@ impl Lanes<16> for V16 {
     fn div(self, o: Self) -> Self {
         // SAFETY: as in `add`.
         Self(unsafe { _mm512_div_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        // SAFETY: as in `add`.
+        Self(unsafe { _mm512_fmadd_ps(self.0, a.0, b.0) })
     }
     #[inline(always)]
     fn min(self, o: Self) -> Self {

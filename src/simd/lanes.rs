@@ -22,6 +22,9 @@ pub trait Lanes<const N: usize>:
     type Mask: Mask;
     /// Elementwise quotient.
     fn div(self, o: Self) -> Self;
+    /// Elementwise `self * a + b`, rounded once or twice as the set has it: only for what need not be the
+    /// same to the bit on every set.
+    fn mul_add(self, a: Self, b: Self) -> Self;
     /// Elementwise least.
     fn min(self, o: Self) -> Self;
     /// Elementwise greatest.

@@ -76,6 +76,10 @@ impl<const N: usize> Lanes<N> for Array<N> {
         Self(from_fn(|i| self.0[i] / o.0[i]))
     }
     #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        self * a + b
+    }
+    #[inline(always)]
     fn min(self, o: Self) -> Self {
         Self(from_fn(|i| if self.0[i] < o.0[i] { self.0[i] } else { o.0[i] }))
     }

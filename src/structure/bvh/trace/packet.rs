@@ -31,8 +31,8 @@ pub(super) struct PacketRays {
     pub t_min: [f32; PACKET],
     /// See [`super::PreparedRay`].
     pub inv: [[f32; PACKET]; 3],
-    pub off_near: [[f32; PACKET]; 3],
-    pub off_far: [[f32; PACKET]; 3],
+    pub minus_off_near: [[f32; PACKET]; 3],
+    pub minus_off_far: [[f32; PACKET]; 3],
     pub shear: [[f32; PACKET]; 3],
 }
 
@@ -77,8 +77,8 @@ impl PacketWalk {
             org: zero,
             dir: zero,
             inv: zero,
-            off_near: zero,
-            off_far: zero,
+            minus_off_near: zero,
+            minus_off_far: zero,
             shear: zero,
             t_min: [0.0; PACKET],
         };

@@ -63,8 +63,8 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32) -> Optio
         let slack = magnitude * abs(zero, org).max(s.splat16(reach)) * s.splat16(1.0 / 524288.0);
         let off = org * inv;
         rays.inv[axis] = inv.to_array();
-        rays.off_near[axis] = (off + slack).to_array();
-        rays.off_far[axis] = (off - slack).to_array();
+        rays.minus_off_near[axis] = (zero - off - slack).to_array();
+        rays.minus_off_far[axis] = (slack - off).to_array();
         let (low, high) = (least16(rays.org[axis]), greatest16(rays.org[axis]));
         shared.near[axis] = if negative { axis + 3 } else { axis };
         (shared.org_near[axis], shared.org_far[axis]) = if negative { (low, high) } else { (high, low) };
@@ -157,7 +157,7 @@ fn visit<S: Simd, const ANY: bool>(
             walk.stack.push(entry);
             return Outcome::Pending(BlockId(entry.block));
         };
-        let block = Block::new(words);
+        let mut block = Block::new(words);
         while entry.rays != 0 {
             let together = entry.rays.count_ones() >= FEW;
             let (Some(shared), true) = (walk.shared.as_ref(), together) else {
@@ -190,8 +190,12 @@ fn visit<S: Simd, const ANY: bool>(
                 Some(Child::External(index)) => {
                     walk.counters.blocks += 1;
                     let (next, below) = block.external(index);
-                    walk.stack.push(PacketEntry { block: next, child: below, ..entry });
-                    break;
+                    (entry.block, entry.child) = (next, below);
+                    let Some(words) = view.snapshot.block(BlockId(next)) else {
+                        walk.stack.push(entry);
+                        return Outcome::Pending(BlockId(next));
+                    };
+                    block = Block::new(words);
                 }
                 None => break,
             }
@@ -297,8 +301,8 @@ fn intervals<S: Simd>(s: S, node: &Node, shared: &Shared, far: f32) -> (u32, [f3
     for axis in 0..3 {
         let (near, far) = single::planes(node, shared.near[axis]);
         let origin = s.splat8(node.origin[axis]);
-        let near = s.bytes8(near) * step[axis] + origin;
-        let far = s.bytes8(far) * step[axis] + origin;
+        let near = s.bytes8(near).mul_add(step[axis], origin);
+        let far = s.bytes8(far).mul_add(step[axis], origin);
         out[axis] = [near.to_array(), far.to_array()];
         let (low, high) = (s.splat8(shared.inv_min[axis]), s.splat8(shared.inv_max[axis]));
         let near = near - s.splat8(shared.org_near[axis]);
@@ -320,8 +324,8 @@ fn meet<S: Simd>(s: S, planes: &Planes, slot: usize, walk: &PacketWalk) -> u32 {
     let mut leave = s.load16(&walk.hits.t);
     for axis in 0..3 {
         let inv = s.load16(&rays.inv[axis]);
-        let near = s.splat16(planes[axis][0][slot]) * inv - s.load16(&rays.off_near[axis]);
-        let far = s.splat16(planes[axis][1][slot]) * inv - s.load16(&rays.off_far[axis]);
+        let near = s.splat16(planes[axis][0][slot]).mul_add(inv, s.load16(&rays.minus_off_near[axis]));
+        let far = s.splat16(planes[axis][1][slot]).mul_add(inv, s.load16(&rays.minus_off_far[axis]));
         enter = near.max(enter);
         leave = far.min(leave);
     }

@@ -66,8 +66,8 @@ pub(super) struct RayLanes<S: Simd> {
     zero: S::F8,
     t_min: S::F8,
     inv: [S::F8; 3],
-    off_near: [S::F8; 3],
-    off_far: [S::F8; 3],
+    minus_off_near: [S::F8; 3],
+    minus_off_far: [S::F8; 3],
 }
 
 impl<S: Simd> RayLanes<S> {
@@ -80,8 +80,8 @@ impl<S: Simd> RayLanes<S> {
             zero: s.splat8(0.0),
             t_min: s.splat8(ray.t_min),
             inv: splat3(s, ray.inv),
-            off_near: splat3(s, ray.off_near),
-            off_far: splat3(s, ray.off_far),
+            minus_off_near: splat3(s, [-ray.off_near[0], -ray.off_near[1], -ray.off_near[2]]),
+            minus_off_far: splat3(s, [-ray.off_far[0], -ray.off_far[1], -ray.off_far[2]]),
         }
     }
 }
@@ -125,7 +125,7 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
                     counters.nodes += 1;
                     let node = block.node(index);
                     let (mask, t) = boxes(s, node, ray, lanes, best.t);
-                    match push_far_to_near(mask, &t, node, entry.block, stack) {
+                    match push_far_to_near(mask, &t, node, block_id, stack) {
                         Some(nearest) => child = nearest,
                         None => break,
                     }
@@ -136,12 +136,12 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
                     counters.triangles += leaf.triangles as u64;
                     let found = triangles(s, block, leaf, lanes, ray, filter, best.t);
                     if let Some((lane, t, u, v)) = found {
-                        let hit = TriHit { t, u, v, block: entry.block, tri: (at as u32) << 3 | lane };
+                        let hit = TriHit { t, u, v, block: block_id, tri: (at as u32) << 3 | lane };
                         match is_better(view, &hit, best, counters) {
                             Ok(true) => *best = hit,
                             Ok(false) => {}
                             Err(missing) => {
-                                stack.push(Entry { t, block: entry.block, child });
+                                stack.push(Entry { t, block: block_id, child });
                                 return Outcome::Pending(missing);
                             }
                         }
@@ -155,8 +155,11 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
                 Some(Child::External(index)) => {
                     counters.blocks += 1;
                     let (next, below) = block.external(index);
-                    stack.push(Entry { t: entry.t, block: next, child: below });
-                    break;
+                    let Some(words) = view.snapshot.block(BlockId(next)) else {
+                        stack.push(Entry { t: entry.t, block: next, child: below });
+                        return Outcome::Pending(BlockId(next));
+                    };
+                    (block_id, block, child) = (next, Block::new(words), below);
                 }
                 None => break,
             }
@@ -197,10 +200,10 @@ fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, lanes: &RayLanes<S>, t_m
     let mut leave = s.splat8(t_max);
     for axis in 0..3 {
         let slope = step[axis] * lanes.inv[axis];
-        let base = s.splat8(node.origin[axis]) * lanes.inv[axis];
+        let origin = s.splat8(node.origin[axis]);
         let (near, far) = planes(node, ray.near[axis]);
-        let near = s.bytes8(near) * slope + (base - lanes.off_near[axis]);
-        let far = s.bytes8(far) * slope + (base - lanes.off_far[axis]);
+        let near = s.bytes8(near).mul_add(slope, origin.mul_add(lanes.inv[axis], lanes.minus_off_near[axis]));
+        let far = s.bytes8(far).mul_add(slope, origin.mul_add(lanes.inv[axis], lanes.minus_off_far[axis]));
         // In this order a NaN (infinity times zero) leaves the interval as it was.
         enter = near.max(enter);
         leave = far.min(leave);
