@@ -11,7 +11,7 @@ use outcrop::structure::bvh::trace::{PACKET, PacketWalk, TriHit, Walk};
 
 const RAYS: usize = 40_000;
 
-type Bits = Option<[u32; 5]>;
+type Bits = Option<[u32; 4]>;
 
 /// Mixed kinds, then camera rays: packets that fall apart and packets that stay together.
 fn rays(tree: &TestTree) -> Vec<Ray32> {
@@ -24,7 +24,7 @@ fn rays(tree: &TestTree) -> Vec<Ray32> {
 fn singles(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
     let view = tree.view(&tree.snapshot, isa);
     let mut walk = Walk::new();
-    rays.iter().map(|r| trees::bits(&trees::closest(&view, r, &mut walk))).collect()
+    rays.iter().map(|r| trees::bits(&view, &trees::closest(&view, r, &mut walk))).collect()
 }
 
 /// In two threads, each with every second packet.
@@ -33,14 +33,15 @@ fn packets(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
         let view = tree.view(&tree.snapshot, isa);
         let mut walk = PacketWalk::new();
         let mine = rays.chunks(PACKET).skip(odd).step_by(2);
-        mine.map(|chunk| trees::closest16(&view, chunk, &mut walk)).collect::<Vec<Vec<Option<TriHit>>>>()
+        let bits = |hits: Vec<Option<TriHit>>| hits.iter().map(|h| trees::bits(&view, h)).collect();
+        mine.map(|chunk| bits(trees::closest16(&view, chunk, &mut walk))).collect::<Vec<Vec<Bits>>>()
     };
     let (even, odd) = std::thread::scope(|s| {
         let odd = s.spawn(|| one(1));
         (one(0), odd.join().expect("no panic"))
     });
     let chunks = rays.chunks(PACKET).enumerate();
-    chunks.flat_map(|(i, _)| if i % 2 == 0 { &even[i / 2] } else { &odd[i / 2] }).map(trees::bits).collect()
+    chunks.flat_map(|(i, _)| if i % 2 == 0 { &even[i / 2] } else { &odd[i / 2] }).copied().collect()
 }
 
 fn first_difference(rays: &[Ray32], a: &[Bits], b: &[Bits]) -> Option<String> {

@@ -97,7 +97,7 @@ fn check_single(case: &Case, ray: &Ray32, holes: &mut Holes) -> Result<usize, Te
     let (mut walk, rounds) = (Walk::new(), holes.rounds);
     walk.begin(&whole, &trees::local(ray));
     holes.run(Isa::best(), |view| view.closest(None, &mut walk));
-    prop_assert_eq!(trees::bits(&hit(&walk)), trees::bits(&truth), "{:?}", ray);
+    prop_assert_eq!(trees::bits(&whole, &hit(&walk)), trees::bits(&whole, &truth), "{:?}", ray);
     prop_assert_eq!(walk.counters.nodes, straight.counters.nodes, "work was repeated or skipped: {:?}", ray);
     let rounds = holes.rounds - rounds;
 
@@ -124,7 +124,7 @@ fn check_packet(case: &Case, rays: &[Ray32], holes: &mut Holes) -> Result<(), Te
     for (i, ray) in rays.iter().enumerate() {
         let truth = trees::closest(&whole, ray, &mut walk);
         let got = Some(closest.best(i)).filter(TriHit::is_hit);
-        prop_assert_eq!(trees::bits(&got), trees::bits(&truth), "lane {}: {:?}", i, ray);
+        prop_assert_eq!(trees::bits(&whole, &got), trees::bits(&whole, &truth), "lane {}: {:?}", i, ray);
         prop_assert_eq!(any.best(i).is_hit(), truth.is_some(), "any hit, lane {}: {:?}", i, ray);
     }
     Ok(())

@@ -52,7 +52,7 @@ impl TestTree {
         let reach = tree.bounds.min.abs().max(tree.bounds.max.abs()).max_element();
         let stored = local.iter().map(|t| t.map(|v| v.as_dvec3())).collect();
         let snapshot = Snapshot::empty(2 * geometry).with(slots);
-        Self { snapshot, root: tree.root, geometry, reach, stored, origin, references: tree.references() }
+        Self { snapshot, root: tree.root, geometry, reach, stored, origin, references: tree.references() as usize }
     }
 
     /// Around the middle of the bounds.
@@ -141,7 +141,8 @@ pub fn begin16(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) {
     walk.begin(view, &lanes, ((1u32 << rays.len()) - 1) & 0xffff);
 }
 
-/// Everything a hit says, as bits.
-pub fn bits(hit: &Option<TriHit>) -> Option<[u32; 5]> {
-    hit.map(|h| [h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), h.block, h.tri])
+/// Everything a hit says, as bits: distance, weights and primitive. Not where the triangle is stored: spatial
+/// splits store it several times, and which of them a walk meets first is its own business.
+pub fn bits(view: &TreeView, hit: &Option<TriHit>) -> Option<[u32; 4]> {
+    hit.map(|h| [h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), view.prim(&h).expect("resident")])
 }
