@@ -4,12 +4,12 @@
 
 mod common;
 
-use common::brute::{Oracle, Ray64};
+use common::brute::{Oracle, Ray64, Tri};
 use common::built;
 use common::bvh64::Bvh64;
-use common::errors::{Judge, Summary};
+use common::errors::{Judge, Summary, Verdict};
 use common::rays::{Ray32, RayMaker};
-use common::rounding::Rounding;
+use common::rounding::{Rounding, Seen, shift};
 use common::scenes::{self, Soup};
 use common::stored::{self, StoredTree};
 use outcrop::import::{MeshKey, PartDesc, Sink};
@@ -21,6 +21,16 @@ const RAYS: usize = 100_000;
 /// Parts take turns in runs of this many triangles.
 const RUN: usize = 64;
 const PARTS: usize = 5;
+
+/// `t_free` says nothing of surfaces met within 0.9 degrees of edge-on.
+const EDGE_ON: f64 = 1.0 / 64.0;
+
+/// Not edge-on, and not at an edge.
+fn is_plainly_met(ray: &Ray64, tri: &Tri) -> bool {
+    let normal = (tri[1] - tri[0]).cross(tri[2] - tri[0]).normalize_or_zero();
+    let cosine = normal.dot(ray.dir.normalize()).abs();
+    cosine > EDGE_ON && Seen::new(ray, tri).depth() > shift(ray, tri, Rounding::LOCALISED)
+}
 
 fn part_id(part: u32) -> u64 {
     1000 + 7 * u64::from(part)
@@ -64,7 +74,7 @@ fn check(soup: Soup) {
     let tree = stored::trees(&file.path).swap_remove(0);
     assert_stored_is_input(&soup, &tree);
     let oracle = Bvh64::new(tree.corners());
-    let judge = Judge::new(&oracle, Rounding { absolute: 0.0, ..Rounding::LOCALISED });
+    let judge = Judge::new(&oracle, Rounding::LOCALISED);
     let context = built::context(1);
     let (scene, _) = built::scene(&context, &file);
     let state = scene.state();
@@ -80,6 +90,13 @@ fn check(soup: Soup) {
         let ruling = judge.closest(local, truth, got);
         summary.add(ray.kind.name(), &ruling, || format!("{ray:?}: {hit:?} ({got:?}), oracle {truth:?}"));
         assert!(hit.kind == HitKind::Miss || hit.kind == HitKind::Exact && hit.instance == 7);
+        if matches!(ruling.verdict, Verdict::Same | Verdict::Tied) {
+            let missed = oracle.all(local, hit.t_free.next_down());
+            // Nor of the surface that the ray starts on.
+            let mut missed = missed.iter().filter(|q| q.t > local.t_min + (hit.t - hit.t_free));
+            let seen = missed.find(|q| is_plainly_met(local, &oracle.tris()[q.prim as usize]));
+            assert_eq!(seen, None, "a surface before t_free: {ray:?}: {hit:?}");
+        }
         assert_eq!(u8::from(hit.kind != HitKind::Miss), *any, "closest and any differ: {ray:?}");
     }
     summary.assert_clean(soup.name);

@@ -19,7 +19,8 @@ impl Cone {
 
 /// A ray in double-precision origin and single-precision direction.
 ///
-/// Distances `t` are in units of `|dir|`; `dir` need not be unit, but must be finite and not zero.
+/// Distances `t` are in units of `|dir|`; `dir` need not be unit, but must be finite and not zero. Denormal
+/// components (below 1.2e-38) count as zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// Where it starts.

@@ -243,7 +243,7 @@ fn same_length(rays: usize, hits: usize) -> Result<()> {
 impl SceneState {
     /// Finds the closest hit of each ray. Blocks; may read the disk. Thread-safe.
     ///
-    /// A ray whose direction is zero or not finite, or whose origin is not finite, misses.
+    /// A ray whose direction is zero (denormals count as zero) or not finite, or whose origin is not finite, misses.
     /// Fails with `BadArgument` if the lengths differ, or with what reading the disk gave; then `hits` are
     /// not to be used.
     pub fn closest(&self, rays: &[Ray], options: QueryOptions, hits: &mut [Hit]) -> Result<()> {

@@ -32,14 +32,17 @@ pub struct Rounding {
     pub direction: f64,
     /// A further shift in world units (for instance stored vertices against the caller's), absolute.
     pub absolute: f64,
+    /// Factor to what is not absolute: sqrt(3) times the ratio of an instance's largest to its smallest singular
+    /// value, where vertices were stored and rounded in another frame than the oracle's.
+    pub stretch: f64,
 }
 
 impl Rounding {
     /// The ray is given in f32 in the vertices' own frame: nothing was rounded.
-    pub const NONE: Self = Self { origin: 0.0, direction: 0.0, absolute: 0.0 };
+    pub const NONE: Self = Self { origin: 0.0, direction: 0.0, absolute: 0.0, stretch: 1.0 };
     /// A world ray brought into the vertices' frame: origin and direction rounded once per coordinate
     /// (sqrt(3) of the largest coordinate's error at most).
-    pub const LOCALISED: Self = Self { origin: 1.7321, direction: 1.7321, absolute: 0.0 };
+    pub const LOCALISED: Self = Self { origin: 1.7321, direction: 1.7321, absolute: 0.0, stretch: 1.0 };
 }
 
 /// How far a corner may have moved as seen along `ray`, in world units.
@@ -47,7 +50,8 @@ pub fn shift(ray: &Ray64, tri: &Tri, r: Rounding) -> f64 {
     let m = tri.iter().map(|v| (*v - ray.org).abs().max_element()).fold(0.0, f64::max);
     let org = ray.org.abs().max_element();
     // Underflow: products below the least normal f32 lose all digits, so a floor of its square root.
-    6.0 * std::f64::consts::SQRT_2 * U * m + r.origin * U * org + r.direction * U * m + r.absolute + 1e-22
+    let relative = 6.0 * std::f64::consts::SQRT_2 * U * m + r.origin * U * org + r.direction * U * m;
+    r.stretch * relative + r.absolute + 1e-22
 }
 
 /// A triangle as the ray sees it: moved along the ray onto the plane through the origin across the axis of the
