@@ -47,8 +47,11 @@ fn moved(camera: Camera, by: DVec3) -> Camera {
     }
 }
 
+/// One buffer of a picture.
+type Picture = (Buffer, Vec<u8>);
+
 /// All buffers but the error, which says more far from zero.
-fn pictures(context: &Context, file: &Built, placed: DVec3, seen_from: DVec3) -> Vec<(Buffer, Vec<u8>)> {
+fn pictures(context: &Context, file: &Built, placed: DVec3, seen_from: DVec3) -> Vec<Picture> {
     let model = Model::open(context, &file.path).expect("a model");
     let scene = Scene::new(context);
     scene.add_instance(&model, 3, DAffine3::from_translation(placed)).expect("an instance");
@@ -80,8 +83,8 @@ fn same_depth(a: &[u8], b: &[u8]) -> bool {
 }
 
 /// Pixels whose bytes differ, by buffer and camera.
-fn differing(a: &[(Buffer, Vec<u8>)], b: &[(Buffer, Vec<u8>)]) -> Vec<(Buffer, usize)> {
-    let count = |(x, y): (&(Buffer, Vec<u8>), &(Buffer, Vec<u8>))| {
+fn differing(a: &[Picture], b: &[Picture]) -> Vec<(Buffer, usize)> {
+    let count = |(x, y): (&Picture, &Picture)| {
         let size = x.0.pixel_bytes();
         (x.0, x.1.chunks(size).zip(y.1.chunks(size)).filter(|(p, q)| p != q && !(x.0 == Buffer::Depth && same_depth(p, q))).count())
     };
