@@ -247,6 +247,34 @@ fn the_same_bits_at_any_number_of_threads_and_with_any_vectors() {
 }
 
 #[test]
+fn what_is_not_in_memory_is_read_and_the_picture_is_the_same() {
+    let context = built::context(2);
+    let file = built::parts(&fine_sphere());
+    let camera = perspective(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO);
+    let sun = LightKind::Directional(DVec3::new(1.0, -2.0, -3.0));
+    let picture = |model: Model| {
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 1, DAffine3::IDENTITY).unwrap();
+        scene.set_lights(vec![Light { kind: sun, shadows: true, ..Light::HEADLIGHT }]).unwrap();
+        scene.commit().unwrap();
+        let frame = frame(&context, 120, 90);
+        frame.request(&scene.state(), &camera, &FrameSettings::default()).unwrap();
+        let mut fraction = 0.0;
+        loop {
+            let status = frame.wait(Duration::from_micros(200));
+            assert!(status.fraction >= fraction, "from {fraction} back to {}", status.fraction);
+            fraction = status.fraction;
+            if status.state != FrameState::Running {
+                assert_eq!(status.state, FrameState::Converged);
+                return all_bytes(&frame);
+            }
+        }
+    };
+    let warm = picture(Model::open(&context, &file.path).unwrap());
+    assert!(warm == picture(Model::open_cold(&context, &file.path).unwrap()));
+}
+
+#[test]
 fn picks_are_what_the_buffers_say() {
     let context = built::context(2);
     let scene = busy_scene(&context);

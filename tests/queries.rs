@@ -395,3 +395,49 @@ fn queries_in_the_background_can_be_polled_waited_for_and_cancelled() {
         }
     }
 }
+
+/// Every ray meets missing blocks, is put down, and resumed when they have been read: the answers are those of the
+/// model that is in memory as a whole, whatever else was fetched before.
+#[test]
+fn what_is_not_in_memory_is_read_and_the_answer_is_the_same() {
+    let parts = [Part::white(1, scenes::sphere(150, 300)), Part::white(2, scenes::boxes(3000, 4))];
+    let file = built::parts(&parts);
+    let warm = built::context(2);
+    let (scene, model) = built::scene(&warm, &file);
+    assert!(model.info().geometry_blocks > 20, "{} blocks", model.info().geometry_blocks);
+    let rays = rays(3000, 11, DVec3::ZERO, 1.5);
+    let expected = ask(&scene.state(), &rays, SINGLE);
+    let mut any = vec![0u8; rays.len()];
+    let volume = DBounds { min: DVec3::splat(-0.5), max: DVec3::splat(0.6) };
+    for (threads, options) in [(0, SINGLE), (2, SINGLE), (0, COHERENT), (2, COHERENT)] {
+        let context = built::context(threads);
+        let cold = |instances: u64| {
+            let model = Model::open_cold(&context, &file.path).unwrap();
+            assert_eq!(model.memory().resident, 0);
+            let scene = Scene::new(&context);
+            // A second instance far away: then the scene is more than one tree.
+            for i in 0..instances {
+                scene.add_instance(&model, 7 + i, DAffine3::from_translation(DVec3::X * 1e3 * i as f64)).unwrap();
+            }
+            scene.commit().unwrap();
+            (scene.state(), model)
+        };
+        for instances in [1, 2] {
+            let (state, model) = cold(instances);
+            assert!(ask(&state, &rays, options) == expected, "{threads} threads, {options:?}");
+            assert!(model.memory().resident > 0);
+            state.any(&rays, options, &mut any).unwrap();
+            assert!(expected.iter().zip(&any).all(|(h, &a)| (h.kind != HitKind::Miss) == (a == 1)));
+            let (state, _) = cold(instances);
+            state.any(&rays, options, &mut any).unwrap();
+            assert!(expected.iter().zip(&any).all(|(h, &a)| (h.kind != HitKind::Miss) == (a == 1)));
+            let (state, _) = cold(instances);
+            assert_eq!(state.overlap_box(&volume).unwrap(), scene.state().overlap_box(&volume).unwrap());
+        }
+        // Answers at once say that they lack something.
+        let (state, _) = cold(1);
+        let now = ask(&state, &rays, QueryOptions { policy: Policy::Now, ..options });
+        assert!(now.iter().any(|h| h.kind == HitKind::Missing));
+        assert!(now.iter().all(|h| h.kind != HitKind::Exact));
+    }
+}

@@ -5,18 +5,10 @@ use super::rounds::{Batch, Shared};
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job};
 use crate::math::Ray;
+pub use crate::scene::walk::RayWithMask;
 use crate::scene::SceneState;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-
-/// A ray, and which instances it may see: those with a common bit in their mask.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RayWithMask {
-    /// The ray.
-    pub ray: Ray,
-    /// Its mask; all ones sees everything, 0 nothing.
-    pub mask: u32,
-}
 
 /// Where a batch reads its rays: called from any worker, also several at once, each ray once.
 pub trait Rays: Sync {
@@ -208,29 +200,32 @@ impl Rays for [Ray] {
     }
     fn read(&self, first: usize, out: &mut [RayWithMask]) {
         for (out, &ray) in out.iter_mut().zip(&self[first..]) {
-            *out = RayWithMask { ray, mask: u32::MAX };
+            *out = RayWithMask::new(ray);
         }
     }
 }
 
 /// Answers to a slice, cut into runs that are written apart: each run is locked by one writer at a time.
-struct Slices<'a, T>(Vec<Mutex<&'a mut [T]>>, fn(&Hit) -> T);
+struct Slices<'a, T, F: Fn(&Hit, &mut T)> {
+    runs: Vec<Mutex<&'a mut [T]>>,
+    put: F,
+}
 
 /// Rays of a run: a whole number of what a batch writes at once.
 const RUN: usize = 1024;
 
-impl<'a, T> Slices<'a, T> {
-    fn new(all: &'a mut [T], from: fn(&Hit) -> T) -> Self {
-        Self(all.chunks_mut(RUN).map(Mutex::new).collect(), from)
+impl<'a, T, F: Fn(&Hit, &mut T)> Slices<'a, T, F> {
+    fn new(all: &'a mut [T], put: F) -> Self {
+        Self { runs: all.chunks_mut(RUN).map(Mutex::new).collect(), put }
     }
 }
 
-impl<T: Send> Hits for Slices<'_, T> {
+impl<T: Send, F: Fn(&Hit, &mut T) + Sync> Hits for Slices<'_, T, F> {
     fn write(&self, first: usize, hits: &[Hit]) {
         debug_assert!(first % RUN + hits.len() <= RUN);
-        let mut run = self.0[first / RUN].lock().unwrap_or_else(PoisonError::into_inner);
+        let mut run = self.runs[first / RUN].lock().unwrap_or_else(PoisonError::into_inner);
         for (out, hit) in run[first % RUN..].iter_mut().zip(hits) {
-            *out = (self.1)(hit);
+            (self.put)(hit, out);
         }
     }
 }
@@ -248,14 +243,14 @@ impl SceneState {
     /// not to be used.
     pub fn closest(&self, rays: &[Ray], options: QueryOptions, hits: &mut [Hit]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
-        self.closest_batch(&rays, &Slices::new(hits, |hit| *hit), options)
+        self.closest_batch(&rays, &Slices::new(hits, |hit, out: &mut Hit| *out = *hit), options)
     }
 
     /// Writes 1 for each ray that hits anything within its interval, else 0. Like
     /// [`SceneState::closest`] otherwise.
     pub fn any(&self, rays: &[Ray], options: QueryOptions, hits: &mut [u8]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
-        self.any_batch(&rays, &Slices::new(hits, |hit| u8::from(hit.kind != HitKind::Miss)), options)
+        self.any_batch(&rays, &Slices::new(hits, |hit, out: &mut u8| *out = u8::from(hit.kind != HitKind::Miss)), options)
     }
 
     /// [`SceneState::closest`] from any source of rays to any taker of hits, without copies. Blocks.

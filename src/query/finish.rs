@@ -97,7 +97,8 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
     if nearest.gap < better.gap { nearest } else { better }
 }
 
-/// Fills what `want` asks of `hit`; fails with the block that is needed.
+/// Fills what `want` asks of `hit`, which is [`Hit::MISS`] or was filled with the same `want`; fails with the
+/// block that is needed.
 ///
 /// **Error bound.** Let M be the placed tree's map to the world, s its largest singular value. The answer is
 /// `position` = origin + t · dir, rounded; `meet` knows a triangle's point q with |M⁻¹ position − q| = `gap`. M q
@@ -117,8 +118,11 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 /// 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
 #[inline]
 pub(crate) fn finish(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
-    *hit = Hit::MISS;
     if !found.is_hit() {
+        // The least that undoes the hit before: what is never asked for is never written.
+        if hit.kind != HitKind::Miss {
+            *hit = Hit::MISS;
+        }
         return Ok(());
     }
     hit.kind = HitKind::Exact;

@@ -6,11 +6,9 @@ use super::finish::finish;
 use super::hit::{Hit, HitKind, Want};
 use crate::base::error::Result;
 use crate::base::tasks::{Ending, Work};
-use crate::math::Ray;
 use crate::scene::SceneState;
-use crate::scene::walk::{Need, ScenePacket, SceneView, SceneWalk, Snapshots, Step, fetch};
+use crate::scene::walk::{Found, Need, ScenePacket, SceneView, SceneWalk, Snapshots, Step, fetch};
 use crate::structure::bvh::trace::PACKET;
-use glam::{DVec3, Vec3};
 use std::borrow::Borrow;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -95,14 +93,15 @@ struct Rounds {
 struct Group {
     first: usize,
     count: usize,
-    rays: [Ray; PACKET],
-    masks: [u32; PACKET],
+    rays: [RayWithMask; PACKET],
     stage: Stage,
     packet: ScenePacket,
     walk: SceneWalk,
     /// Single rays that were put down, each with its walk.
     put_down: Vec<(usize, SceneWalk)>,
-    found: [crate::scene::walk::Found; PACKET],
+    found: [Found; PACKET],
+    /// Bit `i`: ray `i` was answered without a block that it needed.
+    lacking: u32,
     hits: [Hit; PACKET],
 }
 
@@ -113,21 +112,18 @@ enum Stage {
     Finishing,
 }
 
-const NO_RAY: Ray =
-    Ray { origin: DVec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: crate::math::Cone::ZERO };
-
 impl Group {
     fn new() -> Box<Self> {
         Box::new(Self {
             first: 0,
             count: 0,
-            rays: [NO_RAY; PACKET],
-            masks: [0; PACKET],
+            rays: [RayWithMask::NONE; PACKET],
             stage: Stage::Begin,
             packet: ScenePacket::default(),
             walk: SceneWalk::default(),
             put_down: Vec::new(),
-            found: [crate::scene::walk::Found::nothing(0.0); PACKET],
+            found: [Found::nothing(0.0); PACKET],
+            lacking: 0,
             hits: [Hit::MISS; PACKET],
         })
     }
@@ -175,16 +171,12 @@ where
     /// A chunk of rays not yet begun.
     fn run_chunk(&self, item: usize, view: &SceneView, mut group: Box<Group>) {
         let end = ((item + 1) * CHUNK).min(self.count);
-        let mut scratch = [RayWithMask { ray: NO_RAY, mask: 0 }; PACKET];
         for first in (item * CHUNK..end).step_by(PACKET) {
             group.first = first;
             group.count = (end - first).min(PACKET);
             group.stage = Stage::Begin;
-            self.rays.read(first, &mut scratch[..group.count]);
-            for (i, it) in scratch.iter().enumerate() {
-                group.rays[i] = it.ray;
-                group.masks[i] = if i < group.count { it.mask } else { 0 };
-            }
+            let count = group.count;
+            self.rays.read(first, &mut group.rays[..count]);
             group = self.advance(view, group);
         }
         self.rounds().free.push(group);
@@ -220,58 +212,65 @@ where
             group.packet.begin(view, &group.rays, (1 << group.count) - 1);
             group.stage = Stage::Tracing;
         }
-        let pending = match view.trace16::<ANY>(&group.rays, &group.masks, &mut group.packet) {
-            Step::Pending(need) if self.options.policy == Policy::Exact => return needs.push(need),
-            step => matches!(step, Step::Pending(_)),
-        };
-        for i in 0..group.count {
-            group.found[i] = group.packet.best(i);
-            group.hits[i].kind = if pending { HitKind::Missing } else { HitKind::Exact };
+        group.lacking = 0;
+        match view.trace16::<ANY>(&group.rays, &mut group.packet) {
+            Step::Done => {}
+            Step::Pending(need) if self.options.policy == Policy::Exact => needs.push(need),
+            Step::Pending(_) => group.lacking = u32::MAX,
         }
     }
 
     fn trace_singles(&self, view: &SceneView, group: &mut Group, needs: &mut Vec<Need>) {
-        if group.stage == Stage::Begin {
-            group.stage = Stage::Tracing;
-            for i in 0..group.count {
-                group.walk.begin(view, &group.rays[i]);
-                match view.trace::<ANY>(&group.rays[i], group.masks[i], &mut group.walk) {
-                    Step::Pending(need) if self.options.policy == Policy::Exact => {
-                        needs.push(need);
-                        group.put_down.push((i, std::mem::take(&mut group.walk)));
-                    }
-                    step => {
-                        group.found[i] = group.walk.best();
-                        let missing = matches!(step, Step::Pending(_));
-                        group.hits[i].kind = if missing { HitKind::Missing } else { HitKind::Exact };
-                    }
+        let Group { put_down, rays, found, walk, count, lacking, stage, .. } = group;
+        if *stage != Stage::Begin {
+            put_down.retain_mut(|(i, walk)| match view.trace::<ANY>(&rays[*i].ray, rays[*i].mask, walk) {
+                Step::Pending(need) => {
+                    needs.push(need);
+                    true
                 }
-            }
+                Step::Done => {
+                    found[*i] = walk.best();
+                    false
+                }
+            });
             return;
         }
-        let Group { put_down, rays, masks, found, hits, .. } = group;
-        put_down.retain_mut(|(i, walk)| match view.trace::<ANY>(&rays[*i], masks[*i], walk) {
-            Step::Pending(need) => {
-                needs.push(need);
-                true
+        *stage = Stage::Tracing;
+        *lacking = 0;
+        let mut done = 0;
+        while done < *count {
+            let (n, step) = view.trace_each::<ANY>(&rays[done..*count], walk, &mut found[done..*count]);
+            done += n;
+            if step == Step::Done {
+                continue;
             }
-            Step::Done => {
-                found[*i] = walk.best();
-                hits[*i].kind = HitKind::Exact;
-                false
+            // The ray that stopped goes on alone.
+            let it = &rays[done];
+            let mut alone = SceneWalk::default();
+            alone.begin(view, &it.ray);
+            match view.trace::<ANY>(&it.ray, it.mask, &mut alone) {
+                Step::Pending(need) if self.options.policy == Policy::Exact => {
+                    needs.push(need);
+                    put_down.push((done, alone));
+                }
+                step => {
+                    found[done] = alone.best();
+                    *lacking |= u32::from(step != Step::Done) << done;
+                }
             }
-        });
+            done += 1;
+        }
     }
 
     fn finish(&self, view: &SceneView, group: &mut Group, needs: &mut Vec<Need>) {
+        let want = if ANY { Want::NOTHING } else { self.options.want };
         for i in 0..group.count {
-            let missing = group.hits[i].kind == HitKind::Missing;
-            let want = if ANY { Want::NOTHING } else { self.options.want };
+            let found = if self.options.coherent { group.packet.best(i) } else { &group.found[i] };
             let hit = &mut group.hits[i];
-            let lacking = finish(view, &group.rays[i], &group.found[i], want, hit).err();
+            let lacking = finish(view, &group.rays[i].ray, found, want, hit).err();
             match (lacking, self.options.policy) {
+                (None, _) if group.lacking >> i & 1 == 0 => {}
                 (Some(need), Policy::Exact) => needs.push(need),
-                (None, _) if !missing => {}
                 _ => hit.kind = HitKind::Missing,
             }
         }

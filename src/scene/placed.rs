@@ -47,7 +47,7 @@ pub(crate) struct Local {
 /// tree's own detail would be lost.
 const FAR: f64 = 4.0;
 /// Magnitudes of directions that are left as they are.
-const DIRECTIONS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
+const DIRECTIONS: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
 /// The greatest ratio of singular values of a transform.
 const MOST_SKEW: f64 = 1e12;
 
@@ -164,17 +164,31 @@ impl Placed {
     }
 
     /// The ray in the tree's frame, up to world distance `best`; `None` if it surely misses.
-    #[inline]
+    #[inline(always)]
     pub fn local(&self, ray: &Ray, best: f64) -> Option<Local> {
+        let size = ray.dir.abs().max_element();
+        let org = ray.origin - self.offset;
+        if self.unturned && DIRECTIONS.contains(&size) && org.abs().max_element() <= FAR * self.reach {
+            // The common case: nothing but one rounding.
+            let (t_min, t_max) = (ray.t_min.max(0.0) as f32, not_below(best));
+            let ray = LocalRay { org: org.as_vec3(), dir: ray.dir, t_min, t_max, cone: ray.cone };
+            return Some(Local { ray, shift: 0.0, scale: 1.0 });
+        }
+        self.moved(ray, best)
+    }
+
+    /// [`Placed::local`] where the ray must be turned, scaled, or moved nearer.
+    fn moved(&self, ray: &Ray, best: f64) -> Option<Local> {
         let (mut org, mut dir) = (self.local_point(ray.origin), self.local_vector(ray.dir.as_dvec3()));
         let (mut shift, mut scale) = (0.0, 1.0);
         if org.abs().max_element() > FAR * self.reach {
             shift = self.entry(org, dir, ray.t_min, best)?;
             org += dir * shift;
         }
-        let size = dir.abs().max_element();
+        let size = dir.abs().max_element() as f32;
         if !DIRECTIONS.contains(&size) {
             // A power of two: exact.
+            let size = dir.abs().max_element();
             scale = 0.5f64.powi(size.log2().round().clamp(-1000.0, 1000.0) as i32);
             dir *= scale;
         }

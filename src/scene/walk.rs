@@ -11,10 +11,34 @@ use super::top::{NodeRef, Slabs, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
-use crate::math::Ray;
+use crate::math::{Cone, Ray};
 use crate::residency::Snapshot;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, TriHit, Walk};
+use glam::{DVec3, Vec3};
 use std::sync::Arc;
+
+/// A ray, and which instances it may see: those with a common bit in their mask.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RayWithMask {
+    /// The ray.
+    pub ray: Ray,
+    /// Its mask; all ones sees everything, 0 nothing.
+    pub mask: u32,
+}
+
+impl RayWithMask {
+    /// Sees everything.
+    #[inline]
+    pub fn new(ray: Ray) -> Self {
+        Self { ray, mask: u32::MAX }
+    }
+
+    /// Not a ray: nothing is hit.
+    pub(crate) const NONE: Self = Self {
+        ray: Ray { origin: DVec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO },
+        mask: 0,
+    };
+}
 
 /// A block that a job needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -158,12 +182,12 @@ impl<'a> SceneView<'a> {
         (!hidden.is_empty()).then_some(PartFilter { hidden, first_part: p.first_part })
     }
 
-    /// Whether rays with `mask` see the placed tree.
+    /// The mask of the rays that see the placed tree.
     #[inline]
-    fn sees(&self, placed: u32, mask: u32) -> bool {
+    fn seen_by(&self, placed: u32) -> u32 {
         let p = &self.scene.placement.placed[placed as usize];
         let instance = &self.scene.instances[p.instance as usize];
-        instance.state.visible && instance.mask & mask != 0
+        if instance.state.visible { instance.mask } else { 0 }
     }
 
     fn need(&self, placed: u32, block: BlockId) -> Need {
@@ -204,7 +228,7 @@ impl<'a> SceneView<'a> {
     }
 
     fn enter(&self, ray: &Ray, mask: u32, placed: u32, best: f64, walk: &mut SceneWalk) {
-        if !self.sees(placed, mask) {
+        if self.seen_by(placed) & mask == 0 {
             return;
         }
         let p = &self.scene.placement.placed[placed as usize];
@@ -228,46 +252,62 @@ impl<'a> SceneView<'a> {
 }
 
 /// The state of sixteen rays in a scene. Reusable.
-#[derive(Default)]
 pub(crate) struct ScenePacket {
     todo: Vec<(NodeRef, u32)>,
     at: Option<u32>,
-    /// Of the tree that the packet is in.
+    /// Shift and scale of each ray in the tree that the packet is in.
     moved: [(f64, f64); PACKET],
     inside: u32,
     tree: PacketWalk,
-    best: Vec<Found>,
+    best: [Found; PACKET],
     slabs: Vec<Slabs>,
     /// Rays that still look for something.
     active: u32,
 }
 
+impl Default for ScenePacket {
+    fn default() -> Self {
+        Self {
+            todo: Vec::new(),
+            at: None,
+            moved: [(0.0, 1.0); PACKET],
+            inside: 0,
+            tree: PacketWalk::new(),
+            best: [Found::nothing(0.0); PACKET],
+            slabs: Vec::new(),
+            active: 0,
+        }
+    }
+}
+
 impl ScenePacket {
     /// Puts the rays of `active` (bit `i`: ray `i`) at the root.
-    pub fn begin(&mut self, view: &SceneView, rays: &[Ray; PACKET], active: u32) {
+    pub fn begin(&mut self, view: &SceneView, rays: &[RayWithMask; PACKET], active: u32) {
         self.todo.clear();
         self.at = None;
-        self.best.clear();
-        self.best.extend(rays.iter().map(|r| Found::nothing(r.t_max)));
-        self.active = (0..PACKET).filter(|&i| active >> i & 1 == 1 && is_valid(&rays[i])).fold(0, |m, i| m | 1 << i);
+        self.active = 0;
+        for (i, it) in rays.iter().enumerate() {
+            self.best[i] = Found::nothing(it.ray.t_max);
+            self.active |= (active >> i & u32::from(is_valid(&it.ray))) << i;
+        }
         let Some(root) = view.scene.placement.top.root() else { return };
         if let Target::Inner(_) = root.target() {
             self.slabs.clear();
-            self.slabs.extend(rays.iter().map(Slabs::new));
+            self.slabs.extend(rays.iter().map(|it| Slabs::new(&it.ray)));
         }
         self.todo.push((root, self.active));
     }
 
     /// The best hit so far of ray `i`.
     #[inline]
-    pub fn best(&self, i: usize) -> Found {
-        self.best[i]
+    pub fn best(&self, i: usize) -> &Found {
+        &self.best[i]
     }
 }
 
 impl SceneView<'_> {
     /// Sixteen rays at once: the same hits as [`SceneView::trace`] finds for each alone.
-    pub fn trace16<const ANY: bool>(&self, rays: &[Ray; PACKET], masks: &[u32; PACKET], walk: &mut ScenePacket) -> Step {
+    pub fn trace16<const ANY: bool>(&self, rays: &[RayWithMask; PACKET], walk: &mut ScenePacket) -> Step {
         loop {
             if let Some(placed) = walk.at {
                 let (tree, filter) = (self.tree(placed), self.filter(placed));
@@ -290,19 +330,20 @@ impl SceneView<'_> {
             }
             let Some((node, mask)) = walk.todo.pop() else { return Step::Done };
             match node.target() {
-                Target::Placed(placed) => self.enter16(rays, masks, placed, mask & walk.active, walk),
+                Target::Placed(placed) => self.enter16(rays, placed, mask & walk.active, walk),
                 Target::Inner(index) => self.push_children16(rays, index, mask & walk.active, walk),
             }
         }
     }
 
-    fn enter16(&self, rays: &[Ray; PACKET], masks: &[u32; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
+    fn enter16(&self, rays: &[RayWithMask; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
         let p = &self.scene.placement.placed[placed as usize];
+        let seen_by = self.seen_by(placed);
         let mut local = [OUTSIDE; PACKET];
         walk.inside = 0;
         for i in bits(mask) {
-            if self.sees(placed, masks[i])
-                && let Some(l) = p.local(&rays[i], walk.best[i].t)
+            if rays[i].mask & seen_by != 0
+                && let Some(l) = p.local(&rays[i].ray, walk.best[i].t)
             {
                 local[i] = l.ray;
                 walk.moved[i] = (l.shift, l.scale);
@@ -315,13 +356,13 @@ impl SceneView<'_> {
         }
     }
 
-    fn push_children16(&self, rays: &[Ray; PACKET], index: u32, mask: u32, walk: &mut ScenePacket) {
+    fn push_children16(&self, rays: &[RayWithMask; PACKET], index: u32, mask: u32, walk: &mut ScenePacket) {
         let node = self.scene.placement.top.node(index);
         let mut met = [0u32; 2];
         let mut nearest = [f64::INFINITY; 2];
         for i in bits(mask) {
             for side in 0..2 {
-                if let Some(t) = walk.slabs[i].enter(&node.bounds[side], rays[i].t_min, walk.best[i].t) {
+                if let Some(t) = walk.slabs[i].enter(&node.bounds[side], rays[i].ray.t_min, walk.best[i].t) {
                     met[side] |= 1 << i;
                     nearest[side] = nearest[side].min(t);
                 }
@@ -334,16 +375,78 @@ impl SceneView<'_> {
             }
         }
     }
+
+    /// The one placed tree of a scene that has one.
+    #[inline]
+    fn only_one(&self) -> Option<u32> {
+        match self.scene.placement.top.root()?.target() {
+            Target::Placed(placed) => Some(placed),
+            Target::Inner(_) => None,
+        }
+    }
+
+    /// Single rays in a row: what [`SceneView::trace`] finds for each, at less cost where the scene is one placed
+    /// tree. Returns how many have ended, in order; the next one needs a block, and is to be begun anew.
+    pub fn trace_each<const ANY: bool>(&self, rays: &[RayWithMask], walk: &mut SceneWalk, found: &mut [Found]) -> (usize, Step) {
+        let Some(placed) = self.only_one() else {
+            for (i, it) in rays.iter().enumerate() {
+                walk.begin(self, &it.ray);
+                let step = self.trace::<ANY>(&it.ray, it.mask, walk);
+                if step != Step::Done {
+                    return (i, step);
+                }
+                found[i] = walk.best();
+            }
+            return (rays.len(), Step::Done);
+        };
+        let mut done = 0;
+        for (rays, found) in rays.chunks(PACKET).zip(found.chunks_mut(PACKET)) {
+            let (n, step) = self.each_in_one::<ANY>(placed, rays, walk, found);
+            done += n;
+            if step != Step::Done {
+                return (done, step);
+            }
+        }
+        (done, Step::Done)
+    }
+
+    fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[RayWithMask], walk: &mut SceneWalk, found: &mut [Found]) -> (usize, Step) {
+        let p = &self.scene.placement.placed[placed as usize];
+        let seen_by = self.seen_by(placed);
+        let mut local = [OUTSIDE; PACKET];
+        let mut moved = [(0.0, 1.0); PACKET];
+        for (i, it) in rays.iter().enumerate() {
+            found[i] = Found::nothing(it.ray.t_max);
+            if it.mask & seen_by != 0 && is_valid(&it.ray) && let Some(l) = p.local(&it.ray, it.ray.t_max) {
+                local[i] = l.ray;
+                moved[i] = (l.shift, l.scale);
+            }
+        }
+        let (tree, filter) = (self.tree(placed), self.filter(placed));
+        let mut hits = [TriHit::none(0.0); PACKET];
+        let (local, hits) = (&local[..rays.len()], &mut hits[..rays.len()]);
+        let (done, outcome) = if ANY {
+            tree.any_each(filter.as_ref(), local, &mut walk.tree, hits)
+        } else {
+            tree.closest_each(filter.as_ref(), local, &mut walk.tree, hits)
+        };
+        for (i, hit) in hits.iter().enumerate().take(done) {
+            found[i].offer::<ANY>(placed, *hit, moved[i].0, moved[i].1);
+        }
+        match outcome {
+            Outcome::Done => (done, Step::Done),
+            Outcome::Pending(block) => {
+                // Whoever comes back begins the ray anew.
+                walk.tree = Walk::new();
+                (done, Step::Pending(self.need(placed, block)))
+            }
+        }
+    }
 }
 
-/// A lane without a ray.
-const OUTSIDE: LocalRay = LocalRay {
-    org: glam::Vec3::ZERO,
-    dir: glam::Vec3::X,
-    t_min: 0.0,
-    t_max: 0.0,
-    cone: crate::math::Cone::ZERO,
-};
+/// A lane without a ray: not valid, so it misses all.
+const OUTSIDE: LocalRay =
+    LocalRay { org: Vec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO };
 
 /// The set bits of a mask, by number.
 pub(crate) fn bits(mut mask: u32) -> impl Iterator<Item = usize> {

@@ -9,7 +9,7 @@ use crate::render::srgb::Srgb;
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::placed::not_below;
-use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
+use crate::scene::walk::{Found, Need, RayWithMask, ScenePacket, SceneView, Step, bits};
 use crate::scene::Light;
 use crate::structure::bvh::trace::PACKET;
 use glam::{DVec3, Vec3};
@@ -97,14 +97,11 @@ struct Surface {
 
 /// The colour of each ray so far.
 struct Lanes {
-    rays: [Ray; PACKET],
+    rays: [RayWithMask; PACKET],
     colour: [Vec3; PACKET],
     /// What is let through to what comes next.
     through: [f32; PACKET],
 }
-
-const NO_RAY: Ray =
-    Ray { origin: DVec3::ZERO, dir: Vec3::X, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO };
 
 impl Direct<'_> {
     /// Renders the pixels of `active` in the 4x4 block at `at` into `scratch`. Sample 0 goes through the
@@ -113,13 +110,14 @@ impl Direct<'_> {
         let mut sums = [[0.0f32; 4]; PACKET];
         for sample in 0..self.samples {
             let (dx, dy) = offset(sample);
-            let mut lanes = Lanes { rays: [NO_RAY; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
+            let mut lanes = Lanes { rays: [RayWithMask::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
             for i in bits(active) {
                 let (x, y) = (at.0 + i as u32 % 4, at.1 + i as u32 / 4);
-                lanes.rays[i] = self.rays.ray(f64::from(x) + dx, f64::from(y) + dy);
+                let mut ray = self.rays.ray(f64::from(x) + dx, f64::from(y) + dy);
                 if self.poe == 0.0 {
-                    lanes.rays[i].cone = Cone::ZERO;
+                    ray.cone = Cone::ZERO;
                 }
+                lanes.rays[i] = RayWithMask::new(ray);
             }
             self.layers(&mut lanes, active, sample == 0, scratch)?;
             for i in bits(active) {
@@ -150,20 +148,19 @@ impl Direct<'_> {
         if first {
             scratch.first = [Layer::MISS; PACKET];
         }
-        let masks = [u32::MAX; PACKET];
         for layer in 0..MAX_LAYERS {
             if active == 0 {
                 break;
             }
             scratch.camera.begin(&self.view, &lanes.rays, active);
-            if let Step::Pending(need) = self.view.trace16::<false>(&lanes.rays, &masks, &mut scratch.camera) {
+            if let Step::Pending(need) = self.view.trace16::<false>(&lanes.rays, &mut scratch.camera) {
                 return Err(need);
             }
             let mut surfaces: [Option<Surface>; PACKET] = std::array::from_fn(|_| None);
             for i in bits(active) {
                 let found = scratch.camera.best(i);
                 if found.is_hit() {
-                    surfaces[i] = Some(self.surface(&lanes.rays[i], &found, first && layer == 0)?);
+                    surfaces[i] = Some(self.surface(&lanes.rays[i].ray, found, first && layer == 0)?);
                 } else {
                     active &= !(1 << i);
                 }
@@ -177,7 +174,7 @@ impl Direct<'_> {
                 let opacity = surface.material.opacity;
                 lanes.colour[i] += lit[i] * (lanes.through[i] * opacity);
                 lanes.through[i] *= 1.0 - opacity;
-                lanes.rays[i].t_min = surface.t + surface.leave;
+                lanes.rays[i].ray.t_min = surface.t + surface.leave;
                 if lanes.through[i] < LEAST_TRANSMITTANCE {
                     lanes.through[i] = 0.0;
                     active &= !(1 << i);
@@ -266,15 +263,15 @@ impl Direct<'_> {
         }
         for light in &self.view.scene.lights {
             let mut answer = [Vec3::ZERO; PACKET];
-            let mut shadow = [NO_RAY; PACKET];
+            let mut shadow = [RayWithMask::NONE; PACKET];
             let mut asked = 0;
             for i in bits(active) {
                 let Some(s) = &surfaces[i] else { continue };
-                let to_eye = -lanes.rays[i].dir;
+                let to_eye = -lanes.rays[i].ray.dir;
                 let Some(aim) = aim(light, s, to_eye) else { continue };
                 answer[i] = s.material.lit(s.normal, to_eye, aim.to_light, aim.irradiance);
                 if answer[i] != Vec3::ZERO && light.shadows && light.kind != LightKind::Headlight {
-                    shadow[i] = aim.shadow;
+                    shadow[i] = RayWithMask::new(aim.shadow);
                     asked |= 1 << i;
                 }
             }
@@ -287,9 +284,9 @@ impl Direct<'_> {
     }
 
     /// Which of the rays meet something.
-    fn shadowed(&self, rays: &[Ray; PACKET], asked: u32, packet: &mut ScenePacket) -> Result<u32, Need> {
+    fn shadowed(&self, rays: &[RayWithMask; PACKET], asked: u32, packet: &mut ScenePacket) -> Result<u32, Need> {
         packet.begin(&self.view, rays, asked);
-        match self.view.trace16::<true>(rays, &[u32::MAX; PACKET], packet) {
+        match self.view.trace16::<true>(rays, packet) {
             Step::Pending(need) => Err(need),
             Step::Done => Ok(bits(asked).filter(|&i| packet.best(i).is_hit()).fold(0, |m, i| m | 1 << i)),
         }
@@ -310,7 +307,7 @@ fn aim(light: &Light, surface: &Surface, to_eye: Vec3) -> Option<Aim> {
     let strength = Vec3::from(light.colour) * light.intensity;
     let from = surface.position + surface.normal.as_dvec3() * surface.leave;
     match light.kind {
-        LightKind::Headlight => Some(Aim { to_light: to_eye, irradiance: strength, shadow: NO_RAY }),
+        LightKind::Headlight => Some(Aim { to_light: to_eye, irradiance: strength, shadow: RayWithMask::NONE.ray }),
         LightKind::Directional(dir) => {
             let to_light = -dir.try_normalize()?.as_vec3();
             Some(Aim { to_light, irradiance: strength, shadow: Ray::new(from, to_light) })
