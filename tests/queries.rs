@@ -417,14 +417,16 @@ fn what_is_not_in_memory_is_read_and_the_answer_is_the_same() {
             let scene = Scene::new(&context);
             // A second instance far away: then the scene is more than one tree.
             for i in 0..instances {
-                scene.add_instance(&model, 7 + i, DAffine3::from_translation(DVec3::X * 1e3 * i as f64)).unwrap();
+                scene.add_instance(&model, 7 + i, DAffine3::from_translation(DVec3::X * 1e9 * i as f64)).unwrap();
             }
             scene.commit().unwrap();
             (scene.state(), model)
         };
         for instances in [1, 2] {
             let (state, model) = cold(instances);
-            assert!(ask(&state, &rays, options) == expected, "{threads} threads, {options:?}");
+            let got = ask(&state, &rays, options);
+            let differ = (0..rays.len()).find(|&i| got[i] != expected[i]);
+            assert_eq!(differ.map(|i| (got[i], expected[i])), None, "{instances}, {threads} threads, {options:?}");
             assert!(model.memory().resident > 0);
             state.any(&rays, options, &mut any).unwrap();
             assert!(expected.iter().zip(&any).all(|(h, &a)| (h.kind != HitKind::Miss) == (a == 1)));

@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::units::UpAxis;
-use crate::math::{Cone, DBounds, Ray, View};
+use crate::math::{Cone, DBounds, Ray};
 use glam::DVec3;
 
 /// A camera in world space. All lengths in world units, double precision.
@@ -150,19 +150,23 @@ impl PixelRays {
     }
 }
 
-impl From<View> for Camera {
-    fn from(view: View) -> Self {
-        let View { eye, at, up, fov_y_degrees } = view;
-        Camera::Perspective { eye, at, up, fov_y_degrees }
-    }
-}
-
-/// The four views of [`View::four`]. Scans and meshes that do not say what is up mostly mean Y.
+/// Four views from bounds: two of the whole, two at a quarter of the distance, from left and right of the front.
 pub(crate) fn default_views(bounds: &DBounds, up: UpAxis) -> [Camera; 4] {
-    let up = match up {
-        UpAxis::X => DVec3::X,
-        UpAxis::Y | UpAxis::Unknown => DVec3::Y,
-        UpAxis::Z => DVec3::Z,
+    let bounds = if bounds.is_empty() { DBounds::of(&[-DVec3::ONE, DVec3::ONE]) } else { *bounds };
+    let (up, front) = match up {
+        UpAxis::X => (DVec3::X, DVec3::Y),
+        UpAxis::Y => (DVec3::Y, DVec3::Z),
+        UpAxis::Z | UpAxis::Unknown => (DVec3::Z, -DVec3::Y),
     };
-    View::four(bounds, up).map(Camera::from)
+    let side = up.cross(front);
+    let radius = (bounds.extent().length() * 0.5).max(f64::MIN_POSITIVE);
+    let fov_y_degrees = 40.0_f64;
+    let distance = radius / (fov_y_degrees.to_radians() * 0.5).sin();
+    let view = |azimuth: f64, elevation: f64, distance: f64| {
+        let (az, el) = (azimuth.to_radians(), elevation.to_radians());
+        let from = (front * az.cos() + side * az.sin()) * el.cos() + up * el.sin();
+        let at = bounds.center();
+        Camera::Perspective { eye: at + from * distance, at, up, fov_y_degrees }
+    };
+    [view(30.0, 20.0, distance), view(-120.0, 35.0, distance), view(30.0, 20.0, distance / 4.0), view(-120.0, 35.0, distance / 4.0)]
 }
