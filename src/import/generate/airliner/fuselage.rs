@@ -11,8 +11,6 @@ use std::f64::consts::{PI, TAU};
 const STRINGERS: u64 = 44;
 /// Panels around.
 const PANELS: u64 = 8;
-/// Bays that a stringer spans.
-const SPLICE: u64 = 6;
 /// Where there are windows.
 const CABIN: std::ops::Range<f64> = 7.0..50.0;
 /// Where the skin of the left side is left off.
@@ -37,6 +35,7 @@ pub fn plan(plan: &mut Plan, root: u32) {
         around(plan, bay, k);
     }
     stringers(plan, section);
+    long_runs(plan, section);
     bundles(plan, section);
     pipes(plan, section);
 }
@@ -162,25 +161,61 @@ const HAT: [DVec2; 10] = [
     DVec2::new(0.0015, -0.040),
 ];
 
+/// (first bay, bays, pieces) of stringers: long ones where the fuselage is straight, short ones at its ends.
+const RUNS: [(u64, u64, u64); 4] = [(0, 7, 2), (14, 16, 4), (78, 7, 4), (106, 6, 1)];
+
 fn stringers(plan: &mut Plan, section: u32) {
     let group = plan.group("stringers", Some(section));
-    let n = plan.scaled(3.0, 0.35, 1);
+    let n = plan.scaled(1.5, 0.35, 1);
     let (profile, closed) = plan.profile(&HAT, 6);
-    let span = if plan.is_coarse() { 2 * SPLICE } else { SPLICE };
     for s in 0..STRINGERS {
         let part = plan.part(format!("stringer {s:02}"), group, Look::Stringer);
         let angle = TAU * (s as f64 + 0.5) / STRINGERS as f64;
-        plan.family(part, BAYS.div_ceil(span), 2 * n * sides(profile, closed), move |i, soup| {
-            // Neighbours overlap by a hand at the splice.
-            let x = frame_x(i * span);
-            let length = BAY * span.min(BAYS - i * span) as f64 + 0.1;
-            let path: Vec<Station> = (0..=n)
-                .map(|j| {
-                    let ring = on_ring(x + length * j as f64 / n as f64, angle, 0.012);
-                    Station { v: ring.v.cross(ring.u), ..ring }
-                })
-                .collect();
-            soup.sweep(&path, profile, closed);
+        for (first, bays, pieces) in RUNS {
+            // What is straight needs no stations between.
+            let n = if bays > 7 { 1 } else { n };
+            plan.family(part, pieces, 2 * n * sides(profile, closed), move |i, soup| {
+                // Neighbours overlap by a hand at the splice.
+                let (x, length) = (frame_x(first + i * bays), BAY * bays as f64 + 0.1);
+                let path: Vec<Station> =
+                    (0..=n).map(|j| beside(x + length * j as f64 / n as f64, angle, 0.012)).collect();
+                soup.sweep(&path, profile, closed);
+            });
+        }
+    }
+}
+
+/// The place at `angle` on a ring for what runs along x: `u` points inward, `v` around.
+fn beside(x: f64, angle: f64, inset: f64) -> Station {
+    let ring = on_ring(x, angle, inset);
+    Station { v: ring.v.cross(ring.u), ..ring }
+}
+
+/// Control cables, ducts and seat tracks: straight over many metres, so that their triangles are as long.
+fn long_runs(plan: &mut Plan, section: u32) {
+    let group = plan.group("long runs", Some(section));
+    let (lines, round) = (plan.scaled(30.0, 0.5, 1), plan.scaled(6.0, 0.2, 3));
+    for (i, angle) in [-0.5, 0.5, 2.3, 2.7, 3.5, 3.9].into_iter().enumerate() {
+        let part = plan.part(format!("control cables {i}"), group, Look::Steel);
+        plan.family(part, lines, 2 * 3 * round, move |_, soup| {
+            let (a, deep) = (angle + soup.rng.range(-0.15, 0.15), soup.rng.range(0.12, 0.5));
+            let (x, step) = (soup.rng.range(8.0, 12.0), soup.rng.range(8.0, 10.3));
+            let at = |j: u64| fuselage(x + step * j as f64, a, deep);
+            let path: Vec<DVec3> = (0..4).map(at).collect();
+            soup.tube(&path, 0.003, round);
+        });
+    }
+    let count = plan.scaled(10.0, 0.4, 1);
+    for (name, angle, deep, look) in
+        [("left duct", -0.8, 0.35, Look::Cream), ("right duct", 0.8, 0.35, Look::Cream), ("belly duct", PI, 0.8, Look::Aluminium)]
+    {
+        let part = plan.part(name, group, look);
+        plan.family(part, 4 * count, 2 * 4, move |i, soup| {
+            // Side by side and into each other.
+            let (a, r) = (angle + 0.02 * (i / 4) as f64, soup.rng.range(0.03, 0.07));
+            let x = frame_x(14 + 16 * (i % 4));
+            let path = [beside(x, a, deep), beside(x + 16.2 * BAY, a + soup.rng.range(-0.03, 0.03), deep)];
+            soup.sweep(&path, &[DVec2::new(-r, -r), DVec2::new(r, -r), DVec2::new(r, r), DVec2::new(-r, r)], true);
         });
     }
 }
@@ -205,7 +240,7 @@ fn clips(plan: &mut Plan, bay: u32, k: u64) {
     plan.with_twins(23);
     let part = plan.part("fasteners", bay, Look::Steel);
     let round = plan.scaled(8.0, 0.3, 4);
-    let count = plan.scaled(80.0, 0.6, 1);
+    let count = plan.scaled(30.0, 0.6, 1);
     plan.family(part, count, bolt_triangles(round), move |i, soup| {
         let angle = TAU * (i as f64 + soup.rng.range(0.0, 0.6)) / count as f64;
         let (deep, along) = (soup.rng.range(0.02, 0.1), soup.rng.range(-0.002, 0.03));
@@ -223,7 +258,7 @@ fn around(plan: &mut Plan, bay: u32, k: u64) {
     let x = frame_x(k);
     for (i, (from, to)) in [(-2.9, -0.9), (0.7, 2.6)].into_iter().enumerate() {
         let part = plan.part(format!("frame cables {i}"), bay, routes::cable_look(k + i as u64));
-        let bundle = Bundle { cables: 7.0, radius: 0.03, length: 2.0 * radius(x) };
+        let bundle = Bundle { cables: 16.0, radius: 0.04, length: 2.0 * radius(x) };
         routes::cables(plan, part, bundle, move |t| {
             let sway = 0.09 + 0.05 * (k as f64 * 1.7 + t * 9.0).sin();
             on_ring(x + sway, from + (to - from) * t, 0.10 + 0.03 * (t * 17.0 + k as f64).sin())
@@ -246,11 +281,10 @@ fn bundles(plan: &mut Plan, section: u32) {
             let length = BAY * SPAN.min(BAYS - start) as f64;
             let phase = (i as f64 * 0.618_034).fract() * TAU;
             let deep = 0.05 + 0.25 * (i as f64 * 0.754_877).fract();
-            let bundle = Bundle { cables: 11.0, radius: 0.035, length };
+            let bundle = Bundle { cables: 34.0, radius: 0.06, length };
             routes::cables(plan, part, bundle, move |t| {
                 let sway = 0.09 * (t * 5.3 + phase).sin() + 0.02 * (t * 21.0 + phase).cos();
-                let ring = on_ring(x + length * t, angle + sway, deep + 0.03 * (t * 12.0 - phase).sin());
-                Station { v: ring.v.cross(ring.u), ..ring }
+                beside(x + length * t, angle + sway, deep + 0.03 * (t * 12.0 - phase).sin())
             });
         }
     }
@@ -268,10 +302,8 @@ fn pipes(plan: &mut Plan, section: u32) {
             let angle = if lane < 4 { -0.45 + 0.3 * lane as f64 } else { 2.1 + 0.19 * (lane - 4) as f64 };
             let deep = 0.2 + 0.35 * (i as f64 * 0.569_84).fract();
             let thick = 0.008 + 0.03 * (i as f64 * 0.324_7).fract().powi(2);
-            routes::pipes(plan, part, 3.0, (0.6 * thick, thick), length, move |t| {
-                let ring = on_ring(x + length * t, angle, deep);
-                Station { v: ring.v.cross(ring.u), ..ring }
-            });
+            let route = move |t: f64| beside(x + length * t, angle, deep);
+            routes::pipes(plan, part, 3.0, (0.6 * thick, thick), length, route);
         }
     }
 }

@@ -20,6 +20,10 @@
 //! corner of each triangle on its own, so that no two triangles share a vertex. Every so often a
 //! fastener is the exact copy of that before it, and the skin's doublers lie exactly in the skin.
 //!
+//! **How hard.** At 5 million triangles Embree 3.13.5 traces the four views' primary single rays (one
+//! thread) at 3.5, 4.4, 0.57 and 1.5 Mrays/s, 1.9 in the geometric mean, and 62 to 144 % faster with
+//! spatial splits: runs of stringers, control cables and ducts over many metres see to that.
+//!
 //! **Speed and memory.** Things are made in parallel in runs of some ten thousand triangles, and
 //! written in order.
 

@@ -23,7 +23,7 @@ pub struct Bundle {
 /// Adds a bundle of cables, 2 to 5 mm thick, that wind around each other along `route`.
 pub fn cables(plan: &mut Plan, part: u32, bundle: Bundle, route: impl Route) {
     let sides = plan.scaled(5.0, 0.18, 3);
-    let segments = plan.scaled(bundle.length * 2.6, 0.25, 1);
+    let segments = plan.scaled(bundle.length * 1.0, 0.15, 1);
     let count = plan.scaled(bundle.cables, 0.55, 1);
     plan.family(part, count, 2 * sides * segments, move |_, soup| {
         let (turn, twist) = (soup.rng.range(0.0, TAU), soup.rng.range(-4.0, 4.0));
@@ -48,7 +48,7 @@ pub fn cables(plan: &mut Plan, part: u32, bundle: Bundle, route: impl Route) {
 /// then by an elbow.
 pub fn pipes(plan: &mut Plan, part: u32, count: f64, radius: (f64, f64), length: f64, route: impl Route) {
     let sides = plan.scaled(8.0, 0.25, 3);
-    let legs = plan.scaled(length / 0.8, 0.2, 2);
+    let legs = plan.scaled(length / 1.5, 0.2, 2);
     let bend = plan.scaled(4.0, 0.25, 1);
     let count = plan.scaled(count, 0.4, 1);
     plan.family(part, count, 2 * sides * legs * (bend + 1), move |i, soup| {

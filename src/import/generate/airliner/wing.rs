@@ -82,7 +82,7 @@ fn rib(plan: &mut Plan, bay: u32, foil: &Foil, s: f64) {
 
 fn fasteners(plan: &mut Plan, bay: u32, foil: &Foil, s: f64) {
     let part = plan.part("fasteners", bay, Look::Steel);
-    let (count, sides) = (plan.scaled(60.0, 0.6, 1), plan.scaled(8.0, 0.3, 4));
+    let (count, sides) = (plan.scaled(24.0, 0.6, 1), plan.scaled(8.0, 0.3, 4));
     let foil = foil.clone();
     plan.family(part, count, bolt_triangles(sides), move |i, soup| {
         let h = if i % 2 == 0 { 1.0 } else { -1.0 };
@@ -114,8 +114,8 @@ const ZED: [DVec2; 4] =
 
 fn stringers(plan: &mut Plan, section: u32, foil: &Foil, ribs: u64) {
     let group = plan.group("stringers", Some(section));
-    let n = plan.scaled(2.0, 0.4, 1);
-    let pieces = ribs / 4;
+    let n = plan.scaled(1.0, 0.3, 1);
+    let pieces = ribs / 8;
     for i in 0..24u64 {
         let h = if i % 2 == 0 { -1.0 } else { 1.0 };
         let c = SPARS[1] + (SPARS[2] - SPARS[1]) * ((i / 2) as f64 + 0.5) / 12.0;
@@ -161,7 +161,7 @@ fn inside(plan: &mut Plan, section: u32, foil: &Foil) {
             routes::pipes(plan, part, 2.0, (0.5 * thick, thick), span * (to - from), route);
         } else {
             let part = plan.part(format!("bundle {i:03}"), group, routes::cable_look(i));
-            let bundle = Bundle { cables: 9.0, radius: 0.025, length: span * (to - from) };
+            let bundle = Bundle { cables: 30.0, radius: 0.05, length: span * (to - from) };
             routes::cables(plan, part, bundle, route);
         }
     }
