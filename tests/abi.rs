@@ -124,6 +124,19 @@ fn header_is_clean_in_every_language() {
     }
 }
 
+/// The README's program in C compiles as it stands, and is short.
+#[test]
+fn readme_program_compiles() {
+    let readme = std::fs::read_to_string(root().join("README.md")).expect("README.md");
+    let code = readme.split("```c\n").nth(1).and_then(|rest| rest.split("```").next()).expect("a program in C");
+    assert!(code.lines().count() <= 40, "the README says: under 40 lines");
+    let dir = temp();
+    let file = dir.path().join("readme.c");
+    std::fs::write(&file, code).expect("readme.c");
+    let library = built().join("liboutcrop.so");
+    run(compiler("cc", "c99").arg(&file).arg(library).arg("-o").arg(dir.path().join("readme")));
+}
+
 #[test]
 fn shared_library_shows_only_what_the_header_declares() {
     let symbols = run(Command::new("nm").args(["-D", "--defined-only"]).arg(built().join("liboutcrop.so")));

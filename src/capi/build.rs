@@ -10,6 +10,7 @@ use crate::base::error::Error;
 use crate::base::progress::{Cancel, Progress};
 use crate::build::{BuildOptions, Builder, Splits, Structure};
 use crate::import::{MeshKey, PartKey, UpAxis};
+use crate::scene::LogLevel;
 use std::collections::HashMap;
 use std::ffi::c_char;
 use std::path::PathBuf;
@@ -225,7 +226,13 @@ pub unsafe extern "C" fn oc_build_start(
         handles::with(build, |build: &Shell<BuildObject>| {
             let input = build.lock().take().ok_or_else(started)?;
             let (progress, cancel) = (build.progress.clone(), build.cancel.clone());
-            out.write(build.context.begin(progress, cancel, move |_| Ok(Box::new(report::run(input, path)?)))?);
+            let context = build.context.context.clone();
+            let todo = move |_: &_| {
+                let built = report::run(input, path)?;
+                built.report.notes.iter().for_each(|note| context.log(LogLevel::Warning, note));
+                Ok(Box::new(built) as _)
+            };
+            out.write(build.context.begin(progress, cancel, todo)?);
             Ok(())
         })
     })

@@ -130,6 +130,10 @@ impl ContextObject {
             (None, 0) => WaitersWork::Always,
             (None, _) => WaitersWork::Never,
         };
+        let context = self.context.clone();
+        let todo = move |task: &Task| {
+            todo(task).inspect_err(|error| context.log(LogLevel::Error, &error.to_string()))
+        };
         let task = Task::new(progress, cancel, waiters_work, todo);
         if let Some(host) = &self.host {
             let task = Arc::clone(&task);
@@ -284,6 +288,9 @@ pub unsafe extern "C" fn oc_context_create(
             log,
             isa,
         })?;
+        let (isa, threads) = (context.isa().name(), context.concurrency());
+        let version = env!("CARGO_PKG_VERSION");
+        context.log(LogLevel::Info, &format!("outcrop {version}: {isa}, room for {threads} at work"));
         out.write(handles::give::<oc_context>(ContextObject { context, host, waiting: Mutex::default() }));
         Ok(())
     })

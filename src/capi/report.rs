@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// What a build leaves behind.
 #[derive(Clone)]
 pub(super) struct Built {
-    report: BuildReport,
+    pub(super) report: BuildReport,
     notes: Arc<[CString]>,
 }
 

@@ -53,6 +53,12 @@ static void wake(void *user) {
     ++*(int *)user;
 }
 
+static int log_lines[5];
+static void count_lines(void *user, oc_log_level level, const char *message) {
+    CHECK(user == log_lines && level >= OC_LOG_ERROR && level <= OC_LOG_DEBUG && *message);
+    log_lines[level]++;
+}
+
 /* Something that is no object of ours. */
 static uint64_t junk[64];
 #define JUNK(type) ((type *)(void *)junk)
@@ -121,6 +127,23 @@ static oc_context *contexts(void) {
     oc_context_retain(c);
     oc_context_release(c);
     return c;
+}
+
+/* The log gets what is worth saying, and background failures. */
+static void logs(void) {
+    oc_context *c;
+    oc_context_desc desc;
+    oc_job *job;
+    OC_INIT(&desc);
+    desc.log = count_lines;
+    desc.log_user = log_lines;
+    OK(oc_context_create(OC_HEADER_VERSION, &desc, &c));
+    CHECK(log_lines[OC_LOG_INFO] == 1);
+    OK(oc_model_load(c, file("missing.oc"), NULL, &job));
+    OK(oc_job_wait(job, OC_FOREVER, NULL));
+    CHECK(log_lines[OC_LOG_ERROR] == 1);
+    oc_job_release(job);
+    oc_context_release(c);
 }
 
 static void contents_of_builds(oc_context *c) {
@@ -575,6 +598,16 @@ static void queries(oc_scene *s0) {
     CHECK(any == 1);
     OK(oc_scene_any_start(s0, &q, &any, 0, &job));
     oc_job_release(job); /* waits until nobody touches `any` */
+    int woken = 0;
+    oc_progress progress;
+    OC_INIT(&progress);
+    OK(oc_scene_closest_start(s0, &q, hit, 0, &job));
+    OK(oc_job_set_wake(job, wake, &woken));
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(woken == 1 && progress.state == OC_STATE_DONE && progress.done == 1 && progress.total == 1);
+    OK(oc_job_set_wake(job, wake, &woken)); /* it has ended: called at once */
+    CHECK(woken == 2);
+    oc_job_release(job);
     /* Rays that cannot hit. */
     const float directions[4][3] = {{0, 0, 0}, {NAN, 0, 1}, {INFINITY, 0, 0}, {0, 0, -1}};
     for (int i = 0; i < 4; i++) {
@@ -763,6 +796,7 @@ int main(int argc, char **argv) {
     dir = argv[1];
     versions_and_messages();
     oc_context *c = contexts();
+    logs();
     contents_of_builds(c);
     jobs(c);
     models(c);
