@@ -250,7 +250,7 @@ fn grid_point() -> impl Strategy<Value = DVec3> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(2000) })]
     #[test]
     fn the_tree_agrees_with_brute_force_on_a_grid(
         tris in prop::collection::vec(prop::array::uniform3(grid_point()), 0..40),

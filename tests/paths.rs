@@ -3,9 +3,14 @@
 
 mod common;
 
+use common::built::{self, Part};
 use common::rays::{Ray32, RayKind, RayMaker};
 use common::scenes::{self, Soup};
+use common::stored;
 use common::trees::{self, TestTree};
+use outcrop::math::Ray;
+use outcrop::query::{Hit, QueryOptions};
+use outcrop::scene::{Context, ContextOptions};
 use outcrop::simd::Isa;
 use outcrop::structure::bvh::trace::{PACKET, PacketWalk, TriHit, Walk};
 
@@ -76,6 +81,30 @@ fn check_any(tree: &TestTree, rays: &[Ray32], truth: &[Bits], isa: Isa) {
         for ((ray, truth), together) in rays.iter().zip(truth).zip(together) {
             assert_eq!(truth.is_some(), trees::any(&view, ray, &mut walk), "{}, any: {ray:?}", isa.name());
             assert_eq!(truth.is_some(), together, "{}, any in a packet: {ray:?}", isa.name());
+        }
+    }
+}
+
+/// Through the public API: any number of threads, any vectors, coherent or not.
+#[test]
+fn scenes_answer_alike_with_any_threads_and_vectors() {
+    let file = built::parts(&[Part::white(1, scenes::doubles().tris), Part::white(2, scenes::bumpy_sphere(60, 90, 1))]);
+    let tree = stored::trees(&file.path).swap_remove(0);
+    let corners = tree.corners();
+    let rays: Vec<Ray> = RayMaker::new(&corners, 12).batch(RAYS / 2).iter().map(|r| tree.place(r).0).collect();
+    let mut truth: Option<Vec<Hit>> = None;
+    let threads = [0, 1, 2].map(|n| (n, None));
+    for (threads, isa) in threads.into_iter().chain(trees::isas().into_iter().map(|isa| (2, Some(isa)))) {
+        let context = Context::new(ContextOptions { threads, isa, ..Default::default() }).expect("a context");
+        let (scene, _) = built::scene(&context, &file);
+        for coherent in [false, true] {
+            let mut hits = vec![Hit::MISS; rays.len()];
+            let options = QueryOptions { coherent, ..Default::default() };
+            scene.state().closest(&rays, options, &mut hits).expect("hits");
+            let truth = truth.get_or_insert_with(|| hits.clone());
+            let differs = truth.iter().zip(&hits).position(|(a, b)| a != b);
+            let what = |i: usize| (rays[i], truth[i], hits[i]);
+            assert!(differs.is_none(), "{threads} threads, {isa:?}, coherent {coherent}: {:?}", differs.map(what));
         }
     }
 }

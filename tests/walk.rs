@@ -131,7 +131,7 @@ fn check_packet(case: &Case, rays: &[Ray32], holes: &mut Holes) -> Result<(), Te
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(2000) })]
     #[test]
     fn interrupted_equals_uninterrupted_equals_brute_force(
         which in 0..2usize, rays in any::<u64>(), holes in any::<u64>(), share in 0..100usize,
