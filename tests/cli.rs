@@ -174,3 +174,30 @@ fn ctrl_c_leaves_nothing_behind() {
     assert!(stderr.contains("cancelled"), "{stderr}");
     assert!(names(dir.path()).is_empty(), "{:?}", names(dir.path()));
 }
+
+/// The file of the airliner is 265 MB; that it is made in a tenth is what "streamed" means.
+#[cfg(target_os = "linux")]
+#[test]
+fn generating_takes_bounded_memory() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, triangles, most_kb) in [("airliner", "5M", 96 << 10), ("mandelbulb", "1M", 64 << 10)] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_outcrop"))
+            .current_dir(dir.path())
+            .args(["generate", name, "--triangles", triangles, "-o", "m.ply"])
+            .stdout(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        let (mut most, status) = (0, format!("/proc/{}/status", child.id()));
+        let code = loop {
+            let text = std::fs::read_to_string(&status).unwrap_or_default();
+            let peak = text.lines().find_map(|l| l.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
+            most = peak.and_then(|kb| kb.parse().ok()).unwrap_or(0).max(most);
+            if let Some(code) = child.try_wait().unwrap() {
+                break code;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        };
+        assert!(code.success());
+        assert!(most > 1 << 10 && most < most_kb, "{name}: {most} KB");
+    }
+}

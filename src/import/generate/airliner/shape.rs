@@ -70,7 +70,7 @@ impl Foil {
         Self {
             root: DVec3::new(20.6, 2.2 * side, -1.75),
             tip: DVec3::new(40.4, 30.4 * side, 1.75),
-            chords: &[(0.0, 14.2), (0.3, 8.3), (1.0, 2.3)],
+            chords: &[(0.0, 14.2), (0.25, 9.1), (1.0, 2.3)],
             across: DVec3::new(0.0, -0.12 * side, 0.993).normalize(),
             thickness: (0.135, 0.09),
         }

@@ -271,3 +271,33 @@ impl Slab {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_skipped_has_the_sign_that_it_would_have() {
+        for (h, phase) in [(0.03, 0.0), (0.012, 2.0)] {
+            let grid = Grid::new(h, phase);
+            let mut wrong = 0;
+            for layer in 0..grid.bricks {
+                let slab = grid.slab(layer, &Cancel::new()).unwrap();
+                let bad = |i: usize| {
+                    let (x, y) = (i % grid.bricks, i / grid.bricks);
+                    let kind = slab.kind(x, y);
+                    (0..BRICK_POINTS)
+                        .filter(|&p| {
+                            let p = [p % BRICK, p / BRICK % BRICK, p / BRICK / BRICK];
+                            let at = [x * BRICK + p[0], y * BRICK + p[1], layer * BRICK + p[2]];
+                            let value = grid.field.value(at.map(|i| grid.line(i) as f32));
+                            (value < 0.0) != (slab.value(kind, p) < 0.0)
+                        })
+                        .count()
+                };
+                wrong += (0..grid.bricks * grid.bricks).into_par_iter().map(bad).sum::<usize>();
+            }
+            assert_eq!(wrong, 0, "at h = {h}");
+        }
+    }
+}
