@@ -206,7 +206,7 @@ impl Rays for [Ray] {
 }
 
 /// Answers to a slice, cut into runs that are written apart: each run is locked by one writer at a time.
-struct Slices<'a, T, F: Fn(&Hit, &mut T)> {
+struct Slices<'a, T, F: Fn(&[Hit], &mut [T])> {
     runs: Vec<Mutex<&'a mut [T]>>,
     put: F,
 }
@@ -214,19 +214,17 @@ struct Slices<'a, T, F: Fn(&Hit, &mut T)> {
 /// Rays of a run: a whole number of what a batch writes at once.
 const RUN: usize = 1024;
 
-impl<'a, T, F: Fn(&Hit, &mut T)> Slices<'a, T, F> {
+impl<'a, T, F: Fn(&[Hit], &mut [T])> Slices<'a, T, F> {
     fn new(all: &'a mut [T], put: F) -> Self {
         Self { runs: all.chunks_mut(RUN).map(Mutex::new).collect(), put }
     }
 }
 
-impl<T: Send, F: Fn(&Hit, &mut T) + Sync> Hits for Slices<'_, T, F> {
+impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, T, F> {
     fn write(&self, first: usize, hits: &[Hit]) {
         debug_assert!(first % RUN + hits.len() <= RUN);
         let mut run = self.runs[first / RUN].lock().unwrap_or_else(PoisonError::into_inner);
-        for (out, hit) in run[first % RUN..].iter_mut().zip(hits) {
-            (self.put)(hit, out);
-        }
+        (self.put)(hits, &mut run[first % RUN..][..hits.len()]);
     }
 }
 
@@ -243,14 +241,17 @@ impl SceneState {
     /// not to be used.
     pub fn closest(&self, rays: &[Ray], options: QueryOptions, hits: &mut [Hit]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
-        self.closest_batch(&rays, &Slices::new(hits, |hit, out: &mut Hit| *out = *hit), options)
+        self.closest_batch(&rays, &Slices::new(hits, |hits, out: &mut [Hit]| out.copy_from_slice(hits)), options)
     }
 
     /// Writes 1 for each ray that hits anything within its interval, else 0. Like
     /// [`SceneState::closest`] otherwise.
     pub fn any(&self, rays: &[Ray], options: QueryOptions, hits: &mut [u8]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
-        self.any_batch(&rays, &Slices::new(hits, |hit, out: &mut u8| *out = u8::from(hit.kind != HitKind::Miss)), options)
+        let put = |hits: &[Hit], out: &mut [u8]| {
+            out.iter_mut().zip(hits).for_each(|(out, hit)| *out = u8::from(hit.kind != HitKind::Miss));
+        };
+        self.any_batch(&rays, &Slices::new(hits, put), options)
     }
 
     /// [`SceneState::closest`] from any source of rays to any taker of hits, without copies. Blocks.

@@ -133,16 +133,15 @@ pub(crate) fn finish(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit
         hit.instance = scene.instances[placed.instance as usize].id;
     }
     let need = |block| Need { model: placed.model, block };
-    let tree = view.tree(found.placed);
     if want.has(Want::PRIM) {
-        hit.prim = u64::from(tree.prim(&found.tri).map_err(need)?);
+        hit.prim = u64::from(view.tree(found.placed).prim(&found.tri).map_err(need)?);
     }
     if want.has(Want::UV) {
         hit.uv = [found.tri.u, found.tri.v];
     }
     if want.any_of(Want(Want::POSITION.0 | Want::NORMAL.0 | Want::PART.0 | Want::ERROR.0)) {
         let block = crate::base::ids::BlockId(found.tri.block);
-        let triangle = tree.triangle(&found.tri).ok_or(need(block))?;
+        let triangle = view.tree(found.placed).triangle(&found.tri).ok_or(need(block))?;
         fill_from_triangle(view, ray, found, &triangle, want, hit);
     }
     Ok(())

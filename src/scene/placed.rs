@@ -35,11 +35,10 @@ pub(crate) struct Placed {
 }
 
 /// A ray in a tree's frame: t in the world is `shift + scale * t` here.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Local {
-    pub ray: LocalRay,
-    pub shift: f64,
-    pub scale: f64,
+struct Local {
+    ray: LocalRay,
+    shift: f64,
+    scale: f64,
 }
 
 /// A ray's origin farther from the tree than this many times its reach is moved to where the ray
@@ -163,21 +162,31 @@ impl Placed {
         self.reach * (2.0 * FAR + 2.0) * f64::from(f32::EPSILON) * 4.0
     }
 
-    /// The ray in the tree's frame, up to world distance `best`; `None` if it surely misses.
+    /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale:
+    /// t in the world is `shift + scale * t` there. `None` if the ray surely misses.
+    ///
+    /// Field by field into the caller's memory: passed by value the struct is stored in small pieces and at
+    /// once loaded in large ones, which stalls for more than all of the rest takes.
     #[inline(always)]
-    pub fn local(&self, ray: &Ray, best: f64) -> Option<Local> {
+    pub fn local(&self, ray: &Ray, best: f64, local: &mut LocalRay) -> Option<(f64, f64)> {
         let size = ray.dir.abs().max_element();
         let org = ray.origin - self.offset;
         if self.unturned && DIRECTIONS.contains(&size) && org.abs().max_element() <= FAR * self.reach {
             // The common case: nothing but one rounding.
-            let (t_min, t_max) = (ray.t_min.max(0.0) as f32, not_below(best));
-            let ray = LocalRay { org: org.as_vec3(), dir: ray.dir, t_min, t_max, cone: ray.cone };
-            return Some(Local { ray, shift: 0.0, scale: 1.0 });
+            local.org = org.as_vec3();
+            local.dir = ray.dir;
+            local.t_min = ray.t_min.max(0.0) as f32;
+            local.t_max = not_below(best);
+            local.cone = ray.cone;
+            return Some((0.0, 1.0));
         }
-        self.moved(ray, best)
+        let Local { ray, shift, scale } = self.moved(ray, best)?;
+        *local = ray;
+        Some((shift, scale))
     }
 
     /// [`Placed::local`] where the ray must be turned, scaled, or moved nearer.
+    #[inline(never)]
     fn moved(&self, ray: &Ray, best: f64) -> Option<Local> {
         let (mut org, mut dir) = (self.local_point(ray.origin), self.local_vector(ray.dir.as_dvec3()));
         let (mut shift, mut scale) = (0.0, 1.0);

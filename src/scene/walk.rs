@@ -5,7 +5,6 @@
 //! packets and interruptions do not change it.
 
 use super::model::Model;
-use super::placed::Local;
 use super::state::SceneState;
 use super::top::{NodeRef, Slabs, Target};
 use crate::base::error::Result;
@@ -232,8 +231,9 @@ impl<'a> SceneView<'a> {
             return;
         }
         let p = &self.scene.placement.placed[placed as usize];
-        if let Some(Local { ray, shift, scale }) = p.local(ray, best) {
-            walk.tree.begin(&self.tree(placed), &ray);
+        let mut local = OUTSIDE;
+        if let Some((shift, scale)) = p.local(ray, best, &mut local) {
+            walk.tree.begin(&self.tree(placed), &local);
             walk.at = Some(At { placed, shift, scale });
         }
     }
@@ -257,6 +257,8 @@ pub(crate) struct ScenePacket {
     at: Option<u32>,
     /// Shift and scale of each ray in the tree that the packet is in.
     moved: [(f64, f64); PACKET],
+    /// Of lanes not in `inside` what earlier packets left.
+    local: [LocalRay; PACKET],
     inside: u32,
     tree: PacketWalk,
     best: [Found; PACKET],
@@ -271,6 +273,7 @@ impl Default for ScenePacket {
             todo: Vec::new(),
             at: None,
             moved: [(0.0, 1.0); PACKET],
+            local: [OUTSIDE; PACKET],
             inside: 0,
             tree: PacketWalk::new(),
             best: [Found::nothing(0.0); PACKET],
@@ -287,7 +290,7 @@ impl ScenePacket {
         self.at = None;
         self.active = 0;
         for (i, it) in rays.iter().enumerate() {
-            self.best[i] = Found::nothing(it.ray.t_max);
+            (self.best[i].t, self.best[i].placed) = (it.ray.t_max, NOTHING);
             self.active |= (active >> i & u32::from(is_valid(&it.ray))) << i;
         }
         let Some(root) = view.scene.placement.top.root() else { return };
@@ -339,19 +342,17 @@ impl SceneView<'_> {
     fn enter16(&self, rays: &[RayWithMask; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
         let p = &self.scene.placement.placed[placed as usize];
         let seen_by = self.seen_by(placed);
-        let mut local = [OUTSIDE; PACKET];
         walk.inside = 0;
         for i in bits(mask) {
             if rays[i].mask & seen_by != 0
-                && let Some(l) = p.local(&rays[i].ray, walk.best[i].t)
+                && let Some(moved) = p.local(&rays[i].ray, walk.best[i].t, &mut walk.local[i])
             {
-                local[i] = l.ray;
-                walk.moved[i] = (l.shift, l.scale);
+                walk.moved[i] = moved;
                 walk.inside |= 1 << i;
             }
         }
         if walk.inside != 0 {
-            walk.tree.begin(&self.tree(placed), &local, walk.inside);
+            walk.tree.begin(&self.tree(placed), &walk.local, walk.inside);
             walk.at = Some(placed);
         }
     }
@@ -417,9 +418,11 @@ impl SceneView<'_> {
         let mut moved = [(0.0, 1.0); PACKET];
         for (i, it) in rays.iter().enumerate() {
             found[i] = Found::nothing(it.ray.t_max);
-            if it.mask & seen_by != 0 && is_valid(&it.ray) && let Some(l) = p.local(&it.ray, it.ray.t_max) {
-                local[i] = l.ray;
-                moved[i] = (l.shift, l.scale);
+            if it.mask & seen_by != 0
+                && is_valid(&it.ray)
+                && let Some(way) = p.local(&it.ray, it.ray.t_max, &mut local[i])
+            {
+                moved[i] = way;
             }
         }
         let (tree, filter) = (self.tree(placed), self.filter(placed));
