@@ -147,7 +147,7 @@ mod tests {
             }
             seen[sides[0] as usize] += 1;
         }
-        assert!(seen.iter().all(|&n| n > 100), "{seen:?}");
+        assert!(seen.iter().all(|&n| n > 4), "all three kinds occur: {seen:?}");
     }
 
     #[test]
