@@ -84,6 +84,7 @@ pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref]) -> (Vec<Plan>,
     (plans, u32::from(Child::Node(0).to_bits()))
 }
 
+#[allow(clippy::vec_box)] // units move between lists; their children lists stay where they are
 /// Cuts off the largest subtrees that are small enough, in depth-first order.
 fn cut(inner: &mut Inner, first_id: u32, units: &mut Vec<Box<Inner>>) {
     for (_, child) in &mut inner.children {
@@ -100,6 +101,7 @@ fn cut(inner: &mut Inner, first_id: u32, units: &mut Vec<Box<Inner>>) {
     inner.measure();
 }
 
+#[allow(clippy::vec_box)] // as in `cut`
 /// Fills blocks with consecutive units.
 fn fill(
     units: Vec<Box<Inner>>,

@@ -83,7 +83,7 @@ const DEEP: u32 = 32;
 const TASK: usize = 4096;
 
 /// Relative costs: entering a leaf, and each of its triangles.
-const LEAF_COST: f32 = 0.6;
+const LEAF_COST: f32 = 1.2;
 const TRIANGLE_COST: f32 = 0.12;
 
 struct Builder<'a> {

@@ -1,4 +1,5 @@
 //! Sixteen coherent rays at a time: their state, and how they enter and leave the kernel.
+#![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet_visit::{self, Shared};
 use super::walk::{Counters, Outcome, Walk};

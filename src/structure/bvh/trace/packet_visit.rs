@@ -4,6 +4,7 @@
 //!
 //! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for
 //! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
+#![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PACKET, PacketEntry, PacketRays, PacketWalk};
 use super::single::{self, RayLanes, is_better};

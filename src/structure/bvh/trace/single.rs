@@ -1,4 +1,5 @@
 //! One ray after the other, eight boxes or triangles at a time.
+#![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::walk::{Entry, Outcome, TriHit, Walk};
 use super::{LocalRay, PartFilter, PreparedRay, TreeView};
