@@ -23,7 +23,7 @@ pub struct Shear {
 
 impl Shear {
     /// For a direction whose components are finite and not all zero.
-    #[inline]
+    #[inline(always)]
     pub fn new(dir: Vec3) -> Self {
         let a = dir.abs();
         let kz = if a.x >= a.y && a.x >= a.z {

@@ -138,29 +138,43 @@ impl Op for Begin<'_, '_> {
     fn run<S: Simd>(self, s: S) {
         let Self { walk, view, rays, active } = self;
         walk.stack.clear();
-        walk.waiting = 0;
+        let r = &mut walk.rays;
         for i in 0..PACKET {
-            let traced = active >> i & 1 == 1 && rays[i].is_valid();
-            walk.hits.block[i] = u32::MAX;
-            // A ray that ends before it begins meets no box.
-            walk.hits.t[i] = if traced { rays[i].t_max } else { f32::NEG_INFINITY };
-            walk.waiting |= u32::from(traced) << i;
+            let ray = &rays[i];
+            r.local[i] = *ray;
+            r.t_min[i] = ray.t_min;
+            walk.hits.t[i] = ray.t_max;
+            (r.org[0][i], r.org[1][i], r.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
+            (r.dir[0][i], r.dir[1][i], r.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
         }
+        walk.hits.block = [u32::MAX; PACKET];
+        walk.waiting = packet_visit::valid(s, r, &walk.hits.t) & active & 0xffff;
         if walk.waiting == 0 || view.is_empty() {
             walk.waiting = 0;
             return;
         }
-        let first = walk.waiting.trailing_zeros() as usize & (PACKET - 1);
-        let r = &mut walk.rays;
-        for i in 0..PACKET {
-            let ray = &rays[if walk.waiting >> i & 1 == 1 { i } else { first }];
-            r.local[i] = *ray;
-            r.t_min[i] = ray.t_min;
-            (r.org[0][i], r.org[1][i], r.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
-            (r.dir[0][i], r.dir[1][i], r.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
+        if walk.waiting != 0xffff {
+            repeat_first(walk);
         }
+        let r = &mut walk.rays;
         walk.shared = packet_visit::prepare(s, r, view.reach);
         walk.stack.push(PacketEntry { t: 0.0, rays: walk.waiting, block: view.root_block, child: view.root });
+    }
+}
+
+/// Fills the lanes without a ray: a ray that ends before it begins meets no box.
+#[cold]
+fn repeat_first(walk: &mut PacketWalk) {
+    let first = walk.waiting.trailing_zeros() as usize & (PACKET - 1);
+    let r = &mut walk.rays;
+    for i in (0..PACKET).filter(|i| walk.waiting >> i & 1 == 0) {
+        walk.hits.t[i] = f32::NEG_INFINITY;
+        r.local[i] = r.local[first];
+        r.t_min[i] = r.t_min[first];
+        for axis in 0..3 {
+            r.org[axis][i] = r.org[axis][first];
+            r.dir[axis][i] = r.dir[axis][first];
+        }
     }
 }
 

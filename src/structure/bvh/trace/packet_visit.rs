@@ -1,6 +1,6 @@
-//! The kernel of packets. A node's boxes are first tested against all rays at once, by intervals of
-//! their origins and reciprocal directions; only those that pass are tested ray by ray, sixteen
-//! in a vector. Where few rays are left, each goes on alone (`single.rs`).
+//! The kernel of packets. A node's boxes are tested against all rays at once, by intervals of their origins
+//! and reciprocal directions; boxes of leaves that pass are tested ray by ray too, sixteen in a vector.
+//! Where few rays are left, each goes on alone (`single.rs`).
 //!
 //! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for
 //! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
@@ -8,6 +8,7 @@
 
 use super::packet::{PACKET, PacketEntry, PacketRays, PacketWalk};
 use super::single::{self, RayLanes, is_better};
+use super::ray::{MAX_DIR, MIN_DIR};
 use super::walk::{Entry, Outcome, TriHit};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -76,6 +77,23 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32) -> Optio
     rays.shear[1] = dir[k[1]].div(dir[kz]).to_array();
     rays.shear[2] = s.splat16(1.0).div(dir[kz]).to_array();
     Some(shared)
+}
+
+/// The rays that [`super::LocalRay::is_valid`] accepts.
+#[inline(always)]
+pub(super) fn valid<S: Simd>(s: S, rays: &PacketRays, t_max: &[f32; PACKET]) -> u32 {
+    let zero = s.splat16(0.0);
+    let dir = [s.load16(&rays.dir[0]), s.load16(&rays.dir[1]), s.load16(&rays.dir[2])];
+    let size = abs(zero, dir[0]).max(abs(zero, dir[1])).max(abs(zero, dir[2]));
+    let t_min = s.load16(&rays.t_min);
+    let mut ok = s.splat16(MIN_DIR).le(size).and(size.le(s.splat16(MAX_DIR)));
+    ok = ok.and(zero.le(t_min)).and(t_min.le(s.load16(t_max)));
+    for axis in 0..3 {
+        // NaN is not less than anything.
+        let org = abs(zero, s.load16(&rays.org[axis]));
+        ok = ok.and(org.le(s.splat16(f32::MAX))).and(abs(zero, dir[axis]).le(s.splat16(MAX_DIR)));
+    }
+    ok.bits()
 }
 
 #[inline(always)]
@@ -264,11 +282,16 @@ fn nearest_child<S: Simd>(
     while mask != 0 {
         let slot = mask.trailing_zeros() as usize & 7;
         mask &= mask - 1;
-        let rays = meet(s, &planes, slot, walk) & entry.rays;
-        if rays == 0 {
-            continue;
-        }
         let child = u32::from(node.child[slot]);
+        // Ray by ray only where that spares a leaf: for nodes it costs more than it saves (0.44 to 0.48 of
+        // Embree's packets on the bunny without).
+        let mut rays = entry.rays;
+        if let Some(Child::Leaf(_)) = Child::from_bits(child) {
+            rays &= meet(s, &planes, slot, walk);
+            if rays == 0 {
+                continue;
+            }
+        }
         let mut next = PacketEntry { t: t[slot], rays, block: entry.block, child };
         let Some(first) = nearest else {
             nearest = Some(next);

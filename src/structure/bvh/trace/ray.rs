@@ -25,9 +25,14 @@ impl LocalRay {
         Self { org: Vec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO };
 
     /// Whether it can be traced: all finite but `t_max`, a direction that is not zero.
+    #[inline(always)]
     pub fn is_valid(&self) -> bool {
         let size = self.dir.abs().max_element();
-        self.org.is_finite() && (MIN_DIR..=MAX_DIR).contains(&size) && self.t_min >= 0.0 && self.t_max >= self.t_min
+        self.org.is_finite()
+            && self.dir.is_finite()
+            && (MIN_DIR..=MAX_DIR).contains(&size)
+            && self.t_min >= 0.0
+            && self.t_max >= self.t_min
     }
 }
 
@@ -70,6 +75,7 @@ impl PreparedRay {
     /// is below `24 h m |inv|`; `2^-19 m |inv| = 32 h m |inv|` is used. It also covers what clamping
     /// a direction component does, and flat boxes met edge-on: there the reciprocal is so large that
     /// the slack exceeds every distance.
+    #[inline(always)]
     pub fn new(ray: &LocalRay, reach: f32) -> Self {
         let least = ray.dir.abs().max_element() * 1e-18;
         let magnitude = ray.dir.abs().max(Vec3::splat(least));
