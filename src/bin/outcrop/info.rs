@@ -32,6 +32,11 @@ fn trace_bytes(file: &ModelFile) -> u64 {
     (0..file.header().geometry_blocks).map(|b| u64::from(file.decoded_len(BlockId(b)))).sum()
 }
 
+fn structure(file: &ModelFile) -> &'static str {
+    let names = ["bvh", "kdtree", "octree", "patch"];
+    names.get((file.header().structure as usize).wrapping_sub(1)).copied().unwrap_or("unknown")
+}
+
 fn up(file: &ModelFile) -> Option<&'static str> {
     [None, Some("x"), Some("y"), Some("z")].get(file.header().up as usize).copied().flatten()
 }
@@ -42,6 +47,7 @@ fn as_json(file: &ModelFile, with_parts: bool) -> Value {
     let mut value = json!({
         "file": file.name().to_string_lossy(),
         "bytes": file.file_len(),
+        "structure": structure(file),
         "bytes_trace": trace_bytes(file),
         "block_size": h.block_size,
         "blocks": h.geometry_blocks,
@@ -76,12 +82,15 @@ fn as_text(file: &ModelFile, with_parts: bool) -> String {
     let h = file.header();
     let bytes = trace_bytes(file);
     let unit = if h.metres_per_unit > 0.0 { format!("{} m", h.metres_per_unit) } else { "unknown".into() };
+    let empty = h.bounds.iter().any(|x| !x.is_finite());
+    let bounds = if empty { "empty".into() } else { format!("{:?} .. {:?}", &h.bounds[..3], &h.bounds[3..]) };
     let mut text = format!(
-        "{}: bvh, {}, {} triangles of {} in the input\n\
+        "{}: {}, {}, {} triangles of {} in the input\n\
          {} blocks of at most {}, {} in memory ({:.1} bytes a triangle)\n\
          {} parts, {} materials, {} trees, {} instances\n\
-         bounds {:?} .. {:?}, unit {unit}, up {}\n",
+         bounds {bounds}, unit {unit}, up {}\n",
         file.name().display(),
+        structure(file),
         common::in_bytes(file.file_len()),
         h.triangles_kept,
         h.triangles_in,
@@ -93,8 +102,6 @@ fn as_text(file: &ModelFile, with_parts: bool) -> String {
         file.materials().len(),
         file.trees().len(),
         file.instances().len(),
-        &h.bounds[..3],
-        &h.bounds[3..],
         up(file).unwrap_or("unknown"),
     );
     if with_parts {

@@ -20,7 +20,7 @@ use std::process::ExitCode;
 
 /// Ray traces models larger than memory: builds, checks, renders and measures .oc files
 #[derive(Parser)]
-#[command(version, about, max_term_width = 100)]
+#[command(version, max_term_width = 100)]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,

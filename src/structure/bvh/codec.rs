@@ -26,6 +26,7 @@ use super::layout::{
     Block, Child, HEADER_WORDS, LEAF_MIXED, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
     WIDTH, index_words, leaf_words,
 };
+use super::validate::validate;
 use std::collections::HashMap;
 
 /// First byte of a payload.
@@ -220,6 +221,7 @@ pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     if words.len() > MAX_WORDS {
         return wrong("it is larger than a block may be");
     }
+    debug_assert_eq!(validate(&words, place), Ok(()));
     Ok(words)
 }
 

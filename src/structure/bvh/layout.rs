@@ -1,7 +1,8 @@
 //! The trace form of a block: the bytes that rays read.
 //!
 //! A block is a slice of little-endian 32-bit words, at most [`MAX_WORDS`], decoded from the file
-//! form (`codec.rs`) and checked once (`validate`); offsets inside it count words.
+//! form and checked there once (`codec.rs`; `validate.rs` checks the words themselves); offsets inside it
+//! count words.
 //!
 //! | words | what |
 //! |---|---|

@@ -6,5 +6,7 @@ pub mod codec;
 mod decoder;
 pub mod layout;
 pub mod trace;
+mod validate;
 
 pub use decoder::{BvhDecoder, check_links};
+pub use validate::validate;

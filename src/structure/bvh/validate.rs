@@ -1,0 +1,165 @@
+//! Checks a block in trace form by itself: all that a walk relies on, whoever made the words.
+//!
+//! The file form is checked while it is decoded (`codec.rs`); references between blocks, which no block
+//! can check alone, by `check_links`.
+
+use super::codec::Place;
+use super::layout::{
+    Block, Child, HEADER_WORDS, LEAF_MIXED, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, WIDTH,
+    leaf_words,
+};
+
+/// Says what is wrong with the words of a geometry block that is at `place`.
+pub fn validate(words: &[u32], place: Place) -> Result<(), String> {
+    check_header(words)?;
+    let block = Block::new(words);
+    check_tables(&block, place)?;
+    let leaves = check_leaves(&block)?;
+    check_nodes(&block, &leaves)
+}
+
+fn ensure(holds: bool, why: &str) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(why.to_string()) }
+}
+
+fn check_header(words: &[u32]) -> Result<(), String> {
+    let least = HEADER_WORDS + NODE_WORDS + PAD_WORDS;
+    ensure((least..=MAX_WORDS).contains(&words.len()), "its size is not that of a block")?;
+    let block = Block::new(words);
+    let externals_at = HEADER_WORDS + block.nodes() * NODE_WORDS;
+    let parts_at = externals_at + 2 * block.externals();
+    let tables = [words[2], words[3]] == [externals_at as u32, parts_at as u32];
+    ensure(block.nodes() > 0 && tables, "its tables are not where its counts say")?;
+    ensure(parts_at + block.parts() + PAD_WORDS <= words.len(), "its tables do not fit")?;
+    ensure(words[words.len() - PAD_WORDS..].iter().all(|w| *w == 0), "its end is not zero")
+}
+
+fn check_tables(block: &Block, place: Place) -> Result<(), String> {
+    for (to, child) in (0..block.externals()).map(|i| block.external(i)) {
+        ensure(place.id < to && to < place.end, "it refers to a block that it cannot refer to")?;
+        let is_node = child <= u32::from(u16::MAX) && matches!(Child::from_bits(child), Some(Child::Node(_)));
+        ensure(is_node, "it refers to something that is not a node")?;
+    }
+    let ascending = (1..block.parts()).all(|i| block.part(i - 1) < block.part(i));
+    ensure(ascending, "its parts are not in order")
+}
+
+/// The first word of each leaf, ascending.
+fn check_leaves(block: &Block) -> Result<Vec<usize>, String> {
+    let words = block.words();
+    let end = words.len() - PAD_WORDS;
+    let (mut at, mut triangles, mut starts) = (block.first_leaf(), 0, Vec::new());
+    while at < end {
+        ensure(at + 2 <= end, "a leaf does not fit")?;
+        let leaf = block.leaf(at);
+        let counts = (1..=MAX_TRIANGLES).contains(&leaf.triangles) && (3..=MAX_VERTICES).contains(&leaf.vertices);
+        ensure(counts && words[at + 1] >> 16 <= u32::from(LEAF_MIXED), "a leaf's counts are impossible")?;
+        ensure(leaf.first == triangles, "a leaf's triangles are not numbered on")?;
+        let next = at + leaf_words(leaf.triangles, leaf.vertices, leaf.is_mixed());
+        ensure(next <= end, "a leaf does not fit")?;
+        let all = 0..leaf.triangles;
+        ensure(all.clone().all(|t| leaf.part_of(t) < block.parts()), "a triangle's part is not in its table")?;
+        let corner_ok = |c: usize| leaf.corners8(c)[..leaf.triangles].iter().all(|v| usize::from(*v) < leaf.vertices);
+        ensure((0..3).all(corner_ok), "a corner is not among its leaf's vertices")?;
+        let finite = |axis: usize| leaf.coordinates16(axis)[..leaf.vertices].iter().all(|x| x.is_finite());
+        ensure((0..3).all(finite), "a vertex is not finite")?;
+        triangles += leaf.triangles;
+        starts.push(at);
+        at = next;
+    }
+    ensure(triangles == block.triangles(), "its leaves do not add up")?;
+    Ok(starts)
+}
+
+fn check_grid(node: &Node) -> Result<(), String> {
+    let grid = node.exponent.iter().all(|e| (1..=254).contains(e)) && node.origin.iter().all(|o| o.is_finite());
+    ensure(grid && node.valid != 0, "a node's grid is impossible")?;
+    let ordered = |slot: usize| (0..3).all(|a| node.planes[a][slot] <= node.planes[a + 3][slot]);
+    ensure((0..WIDTH).filter(|s| node.valid >> s & 1 == 1).all(ordered), "a node's box is inside out")
+}
+
+/// Nodes refer downward, and nothing has two parents: a walk ends, and meets each leaf once.
+fn check_nodes(block: &Block, leaves: &[usize]) -> Result<(), String> {
+    let mut met_nodes = vec![false; block.nodes()];
+    let mut met_leaves = vec![false; leaves.len()];
+    let mut met_externals = vec![false; block.externals()];
+    for i in 0..block.nodes() {
+        let node = block.node(i);
+        check_grid(node)?;
+        for slot in (0..WIDTH).filter(|s| node.valid >> s & 1 == 1) {
+            let met = match Child::from_bits(node.child[slot].into()) {
+                Some(Child::Node(n)) if n > i => met_nodes.get_mut(n),
+                Some(Child::Leaf(at)) => leaves.binary_search(&at).ok().map(|l| &mut met_leaves[l]),
+                Some(Child::External(e)) => met_externals.get_mut(e),
+                _ => None,
+            };
+            let met = met.ok_or("a node refers to what is not there")?;
+            ensure(!std::mem::replace(met, true), "something in it is referred to twice")?;
+        }
+    }
+    // Nodes may be roots that only other blocks refer to.
+    let all = met_leaves.iter().chain(&met_externals).all(|m| *m);
+    ensure(all, "something in it is never referred to")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLACE: Place = Place { id: 3, end: 9 };
+
+    /// A node over one leaf of one triangle and one external reference.
+    fn sound() -> Vec<u32> {
+        let mut node: Node = bytemuck::Zeroable::zeroed();
+        node.exponent = [127; 3];
+        node.valid = 0b11;
+        let leaf_at = HEADER_WORDS + NODE_WORDS + 2 + 1;
+        node.child[0] = Child::Leaf(leaf_at).to_bits();
+        node.child[1] = Child::External(0).to_bits();
+        let mut words = vec![1 | 1 << 16, 1 | 1 << 16, 24, 26];
+        words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(node));
+        words.extend([5, 0, 7]);
+        words.extend([1 | 3 << 8, 0, 0x0002_0100]);
+        words.extend([0f32, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0].map(f32::to_bits));
+        words.extend([0; PAD_WORDS]);
+        words
+    }
+
+    #[test]
+    fn a_sound_block_passes_at_its_place_only() {
+        validate(&sound(), PLACE).unwrap();
+        assert!(validate(&sound(), Place { id: 5, end: 9 }).is_err());
+        assert!(validate(&sound(), Place { id: 3, end: 5 }).is_err());
+    }
+
+    #[test]
+    fn each_damage_is_found() {
+        let nan = f32::NAN.to_bits();
+        let damages: [(usize, u32, &str); 16] = [
+            (0, 0, "no node"),
+            (0, 2 | 1 << 16, "two nodes"),
+            (1, 2 | 1 << 16, "two triangles"),
+            (1, 1 | 900 << 16, "parts past the end"),
+            (2, 25, "another place of the references"),
+            (4, nan, "a grid at NaN"),
+            (7, 0b11 << 24, "a step of nothing"),
+            (7, 0b1 << 24 | 0x7f_7f7f, "a reference that nobody makes"),
+            (8, 1, "a box inside out"),
+            (20, 0x4000 | 28 | 0x8000 << 16, "a reference into a leaf"),
+            (20, 0x8000 | 0x8000 << 16, "the same reference twice"),
+            (20, 0x4000 | 27, "a node that is its own child"),
+            (25, 1 << 16, "a reference too large"),
+            (27, 9 | 3 << 8, "too many triangles in a leaf"),
+            (29, 0x0003_0100, "a corner without a vertex"),
+            (30, nan, "a vertex at NaN"),
+        ];
+        for (at, word, what) in damages {
+            let mut words = sound();
+            assert_ne!(std::mem::replace(&mut words[at], word), word, "{what}");
+            assert!(validate(&words, PLACE).is_err(), "{what}");
+        }
+        for length in 0..sound().len() {
+            assert!(validate(&sound()[..length], PLACE).is_err(), "cut to {length} words");
+        }
+    }
+}
