@@ -8,7 +8,11 @@ use super::refs::Ref;
 use crate::math::Bounds;
 use glam::{IVec4, Vec4, Vec4Swizzles};
 
+/// Bins on an axis: of a range, and of one so small that sixteen would mostly be empty.
 const BINS: usize = 16;
+const FEW_BINS: usize = 8;
+/// References from which a range has all bins.
+const FEW: usize = 32;
 
 /// Below this a range is binned by one thread.
 const PARALLEL: usize = 1 << 17;
@@ -93,10 +97,10 @@ struct Mapping {
 }
 
 impl Mapping {
-    fn new(e: &Extents) -> Self {
+    fn new(e: &Extents, bins: usize) -> Self {
         let size = e.center_high - e.center_low;
         // 0.999: the greatest middle must not round into a bin of its own.
-        let scale = Vec4::splat(BINS as f32 * 0.999) / size;
+        let scale = Vec4::splat(bins as f32 * 0.999) / size;
         Self { from: e.center_low, scale: Vec4::select(size.cmpgt(Vec4::ZERO), scale, Vec4::ZERO) }
     }
 
@@ -122,16 +126,16 @@ struct Bin {
 }
 
 #[derive(Clone)]
-struct Bins([[Bin; BINS]; 3]);
+struct Bins<const B: usize>([[Bin; B]; 3]);
 
-impl Bins {
+impl<const B: usize> Bins<B> {
     fn of(refs: &[Ref], mapping: &Mapping) -> Self {
         let empty = Bin { low: Vec4::INFINITY, high: Vec4::NEG_INFINITY, count: 0 };
-        let mut bins = Self([[empty; BINS]; 3]);
+        let mut bins = Self([[empty; B]; 3]);
         for r in refs {
             let at = mapping.bins(r);
             for (axis, at) in [at.x, at.y, at.z].into_iter().enumerate() {
-                let bin = &mut bins.0[axis][at as usize & (BINS - 1)];
+                let bin = &mut bins.0[axis][at as usize & (B - 1)];
                 bin.low = bin.low.min(r.low);
                 bin.high = bin.high.max(r.high);
                 bin.count += 1;
@@ -160,9 +164,9 @@ impl Bins {
     /// The cheapest plane on one axis.
     fn best(&self, axis: usize) -> Option<Plane> {
         let bins = &self.0[axis];
-        let mut right = [(0.0f32, 0u32); BINS];
+        let mut right = [(0.0f32, 0u32); B];
         let (mut low, mut high, mut count) = (Vec4::INFINITY, Vec4::NEG_INFINITY, 0);
-        for i in (1..BINS).rev() {
+        for i in (1..B).rev() {
             low = low.min(bins[i].low);
             high = high.max(bins[i].high);
             count += bins[i].count;
@@ -170,7 +174,7 @@ impl Bins {
         }
         let (mut low, mut high, mut count) = (Vec4::INFINITY, Vec4::NEG_INFINITY, 0);
         let mut best: Option<Plane> = None;
-        for i in 1..BINS {
+        for i in 1..B {
             low = low.min(bins[i - 1].low);
             high = high.max(bins[i - 1].high);
             count += bins[i - 1].count;
@@ -198,12 +202,16 @@ fn half_area(low: Vec4, high: Vec4) -> f32 {
 
 /// The cheapest split of a range, or `None` where all middles are one point.
 pub fn find(refs: &[Ref], extents: &Extents, par: &Par) -> Option<Split> {
-    let mapping = Mapping::new(extents);
+    if refs.len() < FEW { find_with::<FEW_BINS>(refs, extents, par) } else { find_with::<BINS>(refs, extents, par) }
+}
+
+fn find_with<const B: usize>(refs: &[Ref], extents: &Extents, par: &Par) -> Option<Split> {
+    let mapping = Mapping::new(extents, B);
     let bins = if refs.len() < PARALLEL {
-        Bins::of(refs, &mapping)
+        Bins::<B>::of(refs, &mapping)
     } else {
         let chunks: Vec<&[Ref]> = refs.chunks(PARALLEL / 4).collect();
-        let mut parts = par.map_items(chunks, |c| Bins::of(c, &mapping)).into_iter();
+        let mut parts = par.map_items(chunks, |c| Bins::<B>::of(c, &mapping)).into_iter();
         let first = parts.next()?;
         parts.fold(first, |a, b| a.merge(&b))
     };
