@@ -1,5 +1,6 @@
 # make demo   a picture of an airliner of two million triangles (or of MODEL=file), and a pick
 # make test   everything that must hold
+# make contact-sheet   every mesh of the models folder in one picture, target/contact-sheet.png, and a table
 # make header writes include/outcrop.h anew from src/capi
 #
 # Both set themselves up: on a fresh Debian 12 with Rust 1.89 or later nothing else is needed.
@@ -11,7 +12,7 @@ PREFIX := $(CURDIR)/$(BUILD)/prefix
 # Triangles of the demo's airliner.
 TRIANGLES ?= 2000000
 
-.PHONY: help setup test lint unit package examples ctest demo header clean
+.PHONY: help setup test lint unit package examples ctest demo contact-sheet header clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -45,6 +46,9 @@ ctest: examples
 
 demo: examples
 	@CARGO="$(CARGO)" MODEL="$(MODEL)" TRIANGLES="$(TRIANGLES)" sh examples_c/demo.sh $(BUILD)
+
+contact-sheet: setup
+	$(CARGO) test --locked --test contact_sheet -- --ignored --nocapture
 
 header:
 	OUTCROP_WRITE_HEADER=1 $(CARGO) test --locked --test abi_header -- --exact header_is_up_to_date
