@@ -64,8 +64,8 @@ type Wake = Arc<dyn Fn() + Send + Sync>;
 /// What a frame shares with its jobs.
 struct Shared {
     inner: Mutex<Inner>,
-    /// Signalled when a request has ended.
-    one_ended: Condvar,
+    /// Signalled when a request has ended, and when its job was begun.
+    changed: Condvar,
     /// Held while a request waits for those before it: one after the other, or two would wait for each other.
     beginning: Mutex<()>,
     srgb: Arc<Srgb>,
@@ -129,7 +129,7 @@ impl Frame {
             spare: None,
             wake: None,
         };
-        let shared = Arc::new(Shared { inner: Mutex::new(inner), one_ended: Condvar::new(), beginning: Mutex::new(()), srgb: Arc::new(Srgb::new()) });
+        let shared = Arc::new(Shared { inner: Mutex::new(inner), changed: Condvar::new(), beginning: Mutex::new(()), srgb: Arc::new(Srgb::new()) });
         Ok(Self { context: context.clone(), shared })
     }
 
@@ -168,6 +168,7 @@ impl Frame {
         let current = inner.request.as_ref().is_some_and(|r| Arc::ptr_eq(r, &request));
         if current && inner.ending.is_none() {
             inner.job = Some(job);
+            self.shared.changed.notify_all();
         } else if !current {
             // Replaced while it was being begun.
             drop(inner);
@@ -189,18 +190,19 @@ impl Frame {
     pub fn wait(&self, timeout: Duration) -> FrameStatus {
         let deadline = Instant::now().checked_add(timeout);
         loop {
-            let (job, ended) = {
-                let inner = self.shared.inner();
-                (inner.job.clone(), inner.ending.is_some() || inner.request.is_none())
-            };
+            let inner = self.shared.inner();
             let left = deadline.map_or(Duration::MAX, |d| d.saturating_duration_since(Instant::now()));
-            if ended || left.is_zero() {
+            if inner.ending.is_some() || inner.request.is_none() || left.is_zero() {
+                drop(inner);
                 return self.poll();
             }
-            match job {
-                Some(job) => drop(job.wait(left)),
+            match inner.job.clone() {
+                Some(job) => {
+                    drop(inner);
+                    job.wait(left);
+                }
                 // Another thread is just beginning it.
-                None => std::thread::yield_now(),
+                None => drop(self.shared.changed.wait_timeout(inner, left.min(Duration::from_secs(3600)))),
             }
         }
     }
@@ -234,7 +236,7 @@ impl Frame {
     fn settle(&self, left: u32) {
         let mut inner = self.shared.inner();
         while !inner.targets.is_empty() && inner.unfinished > left {
-            inner = self.shared.one_ended.wait(inner).unwrap_or_else(PoisonError::into_inner);
+            inner = self.shared.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
         }
     }
 
@@ -288,7 +290,7 @@ impl Drop for Frame {
         self.cancel();
         let mut inner = self.shared.inner();
         while inner.unfinished > 0 {
-            inner = self.shared.one_ended.wait(inner).unwrap_or_else(PoisonError::into_inner);
+            inner = self.shared.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
@@ -365,7 +367,7 @@ impl Owner for Shared {
                 None
             }
         };
-        self.one_ended.notify_all();
+        self.changed.notify_all();
         if let Some(wake) = wake {
             wake();
         }
