@@ -5,6 +5,26 @@ use super::refs::Ref;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, leaf_words};
 use glam::Vec3;
 
+/// What a leaf takes.
+#[derive(Debug, Clone, Copy)]
+pub struct LeafSize {
+    /// Triangles, each once.
+    pub triangles: u32,
+    /// Words in the trace form.
+    pub words: u32,
+}
+
+impl LeafSize {
+    /// Of a leaf of these references, or `None` where they do not fit one.
+    pub fn of(refs: &[Ref], input: TreeInput) -> Option<Self> {
+        if refs.len() > MAX_TRIANGLES {
+            return None;
+        }
+        let shape = LeafShape::of(refs, input);
+        shape.fits().then(|| Self { triangles: shape.count as u32, words: shape.words() as u32 })
+    }
+}
+
 /// A leaf's triangles and vertices, found once to measure and once to write.
 pub struct LeafShape {
     /// Triangles by ascending primitive id.

@@ -7,6 +7,7 @@ mod cluster;
 mod encode;
 mod leaf;
 pub mod par;
+mod partition;
 mod refs;
 mod sah;
 mod spatial;

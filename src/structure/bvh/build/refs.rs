@@ -9,7 +9,8 @@ use glam::{Vec3, Vec4};
 pub struct Ref {
     /// Least corner; the index of the triangle as bits in `w`.
     pub low: Vec4,
-    /// Greatest corner; 0 in `w`.
+    /// Greatest corner; 1 in `w`: indices are denormal numbers as floats, and sums with 1 are not. Their
+    /// products would cost a trap each.
     pub high: Vec4,
 }
 
@@ -17,7 +18,7 @@ impl Ref {
     /// Of triangle `index`.
     #[inline]
     pub fn new(bounds: Bounds, index: u32) -> Self {
-        Self { low: bounds.min.extend(f32::from_bits(index)), high: bounds.max.extend(0.0) }
+        Self { low: bounds.min.extend(f32::from_bits(index)), high: bounds.max.extend(1.0) }
     }
 
     /// Index of its triangle.

@@ -6,7 +6,8 @@
 use super::par::Par;
 use super::refs::Ref;
 use crate::math::Bounds;
-use glam::{IVec4, Vec4, Vec4Swizzles};
+use bytemuck::must_cast;
+use glam::{Vec4, Vec4Swizzles};
 
 /// Bins on an axis: of a range, and of one so small that sixteen would mostly be empty.
 const BINS: usize = 16;
@@ -27,15 +28,17 @@ pub struct Extents {
 }
 
 impl Extents {
-    const EMPTY: Self = Self {
+    /// Of nothing.
+    pub const EMPTY: Self = Self {
         low: Vec4::INFINITY,
         high: Vec4::NEG_INFINITY,
         center_low: Vec4::INFINITY,
         center_high: Vec4::NEG_INFINITY,
     };
 
-    #[inline]
-    fn add(&mut self, r: &Ref) {
+    /// Grown to hold `r`.
+    #[inline(always)]
+    pub fn add(&mut self, r: &Ref) {
         self.low = self.low.min(r.low);
         self.high = self.high.max(r.high);
         let c = r.center2();
@@ -43,7 +46,8 @@ impl Extents {
         self.center_high = self.center_high.max(c);
     }
 
-    fn merge(self, o: Self) -> Self {
+    /// Of both.
+    pub fn merge(self, o: Self) -> Self {
         Self {
             low: self.low.min(o.low),
             high: self.high.max(o.high),
@@ -66,6 +70,18 @@ impl Extents {
         par.map_items(chunks, one).into_iter().fold(Self::EMPTY, Self::merge)
     }
 
+    /// The axis on which the middles spread most.
+    pub fn widest_axis(&self) -> usize {
+        let size = (self.center_high - self.center_low).xyz();
+        if size.x >= size.y && size.x >= size.z {
+            0
+        } else if size.y >= size.z {
+            1
+        } else {
+            2
+        }
+    }
+
     /// Bounds of the boxes.
     pub fn bounds(&self) -> Bounds {
         Bounds { min: self.low.xyz(), max: self.high.xyz() }
@@ -76,9 +92,11 @@ impl Extents {
 #[derive(Debug, Clone, Copy)]
 pub struct Split {
     axis: usize,
-    /// First bin on the right.
-    bin: i32,
-    mapping: Mapping,
+    /// The mapping's, on the axis.
+    from: f32,
+    scale: f32,
+    /// What maps below it is on the left.
+    below: f32,
     /// Sum over both sides of half area times references.
     pub cost: f32,
     /// Sum over both sides of half area.
@@ -89,6 +107,14 @@ pub struct Split {
     pub right: Bounds,
 }
 
+impl Split {
+    /// Which side a reference belongs to: the bins' own arithmetic.
+    #[inline(always)]
+    pub fn is_left(&self, r: &Ref) -> bool {
+        (r.low[self.axis] + r.high[self.axis] - self.from) * self.scale + MAGIC < self.below
+    }
+}
+
 /// From middles to bins.
 #[derive(Debug, Clone, Copy)]
 struct Mapping {
@@ -96,108 +122,135 @@ struct Mapping {
     scale: Vec4,
 }
 
+/// Added to a number below sixteen, it leaves the whole part in bits [`SHIFT`] and up: a conversion would
+/// check for overflow, lane by lane.
+const MAGIC: f32 = 12288.0;
+const SHIFT: u32 = 10;
+
 impl Mapping {
     fn new(e: &Extents, bins: usize) -> Self {
-        let size = e.center_high - e.center_low;
+        let size = (e.center_high - e.center_low).with_w(0.0);
         // 0.999: the greatest middle must not round into a bin of its own.
         let scale = Vec4::splat(bins as f32 * 0.999) / size;
-        Self { from: e.center_low, scale: Vec4::select(size.cmpgt(Vec4::ZERO), scale, Vec4::ZERO) }
+        // Smaller than this, the scale might not be finite.
+        let wide = size.cmpgt(Vec4::splat(1e-30));
+        Self { from: e.center_low.with_w(0.0), scale: Vec4::select(wide, scale, Vec4::ZERO) }
     }
 
-    #[inline]
-    fn bins(&self, r: &Ref) -> IVec4 {
-        ((r.center2() - self.from) * self.scale).as_ivec4()
+    /// A bin on each axis, of `B`.
+    #[inline(always)]
+    fn bins<const B: usize>(&self, r: &Ref) -> [usize; 3] {
+        let at = (r.center2() - self.from) * self.scale + Vec4::splat(MAGIC);
+        let [x, y, z, _] = must_cast::<Vec4, [u32; 4]>(at);
+        [x, y, z].map(|bits| (bits >> SHIFT) as usize & (B - 1))
     }
 }
 
-/// A plane on one axis: what it costs, and its first bin on the right.
-struct Plane {
-    cost: f32,
-    side_areas: f32,
-    bin: i32,
-    left: Bounds,
-}
-
-#[derive(Clone, Copy)]
-struct Bin {
+/// A box while it grows; `w` means nothing.
+#[derive(Debug, Clone, Copy)]
+struct Grown {
     low: Vec4,
     high: Vec4,
-    count: u32,
 }
 
+impl Grown {
+    const EMPTY: Self = Self { low: Vec4::INFINITY, high: Vec4::NEG_INFINITY };
+
+    #[inline(always)]
+    fn with(self, low: Vec4, high: Vec4) -> Self {
+        Self { low: self.low.min(low), high: self.high.max(high) }
+    }
+
+    fn bounds(&self) -> Bounds {
+        Bounds { min: self.low.xyz(), max: self.high.xyz() }
+    }
+}
+
+/// Half areas of three boxes, in the first three lanes. Infinite where a box is empty.
+#[inline(always)]
+fn half_areas(boxes: &[Grown; 3]) -> Vec4 {
+    let [a, b, c] = [0, 1, 2].map(|i| boxes[i].high - boxes[i].low);
+    let x = Vec4::new(a.x, b.x, c.x, 0.0);
+    let y = Vec4::new(a.y, b.y, c.y, 0.0);
+    let z = Vec4::new(a.z, b.z, c.z, 0.0);
+    x * y + y * z + z * x
+}
+
+/// Bins of a range on all axes.
 #[derive(Clone)]
-struct Bins<const B: usize>([[Bin; B]; 3]);
+struct Bins<const B: usize> {
+    /// By axis, then bin.
+    boxes: [[Grown; B]; 3],
+    /// By bin, then axis.
+    counts: [[i32; 4]; B],
+}
 
 impl<const B: usize> Bins<B> {
     fn of(refs: &[Ref], mapping: &Mapping) -> Self {
-        let empty = Bin { low: Vec4::INFINITY, high: Vec4::NEG_INFINITY, count: 0 };
-        let mut bins = Self([[empty; B]; 3]);
+        let mut bins = Self { boxes: [[Grown::EMPTY; B]; 3], counts: [[0; 4]; B] };
         for r in refs {
-            let at = mapping.bins(r);
-            for (axis, at) in [at.x, at.y, at.z].into_iter().enumerate() {
-                let bin = &mut bins.0[axis][at as usize & (B - 1)];
-                bin.low = bin.low.min(r.low);
-                bin.high = bin.high.max(r.high);
-                bin.count += 1;
+            let at = mapping.bins::<B>(r);
+            for (axis, at) in at.into_iter().enumerate() {
+                let grown = &mut bins.boxes[axis][at];
+                *grown = grown.with(r.low, r.high);
+                bins.counts[at][axis] += 1;
             }
         }
         bins
     }
 
     fn merge(mut self, o: &Self) -> Self {
-        for (a, b) in self.0.iter_mut().flatten().zip(o.0.iter().flatten()) {
-            a.low = a.low.min(b.low);
-            a.high = a.high.max(b.high);
-            a.count += b.count;
+        for (a, b) in self.boxes.iter_mut().flatten().zip(o.boxes.iter().flatten()) {
+            *a = a.with(b.low, b.high);
+        }
+        for (a, b) in self.counts.iter_mut().flatten().zip(o.counts.iter().flatten()) {
+            *a += b;
         }
         self
     }
 
-    /// Bounds of the bins from `first` on.
-    fn bounds_from(&self, axis: usize, first: usize) -> Bounds {
-        let bins = &self.0[axis][first..];
-        let low = bins.iter().fold(Vec4::INFINITY, |b, bin| b.min(bin.low));
-        let high = bins.iter().fold(Vec4::NEG_INFINITY, |b, bin| b.max(bin.high));
-        Bounds { min: low.xyz(), max: high.xyz() }
+    /// The bounds of some bins of an axis.
+    fn bounds(&self, axis: usize, bins: std::ops::Range<usize>) -> Bounds {
+        self.boxes[axis][bins].iter().fold(Grown::EMPTY, |b, bin| b.with(bin.low, bin.high)).bounds()
     }
 
-    /// The cheapest plane on one axis.
-    fn best(&self, axis: usize) -> Option<Plane> {
-        let bins = &self.0[axis];
-        let mut right = [(0.0f32, 0u32); B];
-        let (mut low, mut high, mut count) = (Vec4::INFINITY, Vec4::NEG_INFINITY, 0);
+    /// The cheapest plane of each axis: its cost, and its first bin on the right. The cost is infinite
+    /// where all is in one bin.
+    fn best(&self) -> (Vec4, Vec4) {
+        let right = self.right_costs();
+        let (mut boxes, mut count) = ([Grown::EMPTY; 3], [0; 4]);
+        let (mut best, mut at) = (Vec4::INFINITY, Vec4::ZERO);
+        for (i, right) in (1..B).zip(&right[1..]) {
+            // An empty side costs infinity times zero, which is less than nothing else.
+            let cost = self.grow(i - 1, &mut boxes, &mut count) + *right;
+            let better = cost.cmplt(best);
+            best = Vec4::select(better, cost, best);
+            at = Vec4::select(better, Vec4::splat(i as f32), at);
+        }
+        (best, at)
+    }
+
+    /// Costs of what is right of each plane, by axis.
+    fn right_costs(&self) -> [Vec4; B] {
+        let mut right = [Vec4::ZERO; B];
+        let (mut boxes, mut count) = ([Grown::EMPTY; 3], [0; 4]);
         for i in (1..B).rev() {
-            low = low.min(bins[i].low);
-            high = high.max(bins[i].high);
-            count += bins[i].count;
-            right[i] = (half_area(low, high), count);
+            right[i] = self.grow(i, &mut boxes, &mut count);
         }
-        let (mut low, mut high, mut count) = (Vec4::INFINITY, Vec4::NEG_INFINITY, 0);
-        let mut best: Option<Plane> = None;
-        for i in 1..B {
-            low = low.min(bins[i - 1].low);
-            high = high.max(bins[i - 1].high);
-            count += bins[i - 1].count;
-            let (right_area, right_count) = right[i];
-            if count == 0 || right_count == 0 {
-                continue;
-            }
-            let left_area = half_area(low, high);
-            let cost = left_area * count as f32 + right_area * right_count as f32;
-            if best.as_ref().is_none_or(|b| cost < b.cost) {
-                let left = Bounds { min: low.xyz(), max: high.xyz() };
-                best = Some(Plane { cost, side_areas: left_area + right_area, bin: i as i32, left });
-            }
-        }
-        best
+        right
     }
-}
 
-#[inline]
-fn half_area(low: Vec4, high: Vec4) -> f32 {
-    let e = high - low;
-    let p = e * e.yzxw();
-    p.x + p.y + p.z
+    /// Adds a bin to a side on each axis; half area times references of that.
+    #[inline(always)]
+    fn grow(&self, bin: usize, boxes: &mut [Grown; 3], count: &mut [i32; 4]) -> Vec4 {
+        for (b, bins) in boxes.iter_mut().zip(&self.boxes) {
+            *b = b.with(bins[bin].low, bins[bin].high);
+        }
+        for (all, c) in count.iter_mut().zip(&self.counts[bin]) {
+            *all += c;
+        }
+        half_areas(boxes) * Vec4::from_array(count.map(|c| c as f32))
+    }
 }
 
 /// The cheapest split of a range, or `None` where all middles are one point.
@@ -215,54 +268,15 @@ fn find_with<const B: usize>(refs: &[Ref], extents: &Extents, par: &Par) -> Opti
         let first = parts.next()?;
         parts.fold(first, |a, b| a.merge(&b))
     };
-    let mut best: Option<Split> = None;
-    for axis in (0..3).filter(|&a| mapping.scale[a] > 0.0) {
-        if let Some(Plane { cost, side_areas, bin, left }) = bins.best(axis)
-            && cost.is_finite()
-            && best.is_none_or(|b| cost < b.cost)
-        {
-            let right = bins.bounds_from(axis, bin as usize);
-            best = Some(Split { axis, bin, mapping, cost, side_areas, left, right });
-        }
+    let (costs, planes) = bins.best();
+    let axis = (1..3).fold(0, |best, axis| if costs[axis] < costs[best] { axis } else { best });
+    let cost = costs[axis];
+    if !cost.is_finite() {
+        return None;
     }
-    best
-}
-
-/// Moves the left side of `split` to the front; returns where the right begins. The order inside
-/// each side is a function of the order before.
-pub fn partition(refs: &mut [Ref], split: &Split) -> usize {
-    let left = |r: &Ref| split.mapping.bins(r)[split.axis] < split.bin;
-    let (mut i, mut j) = (0, refs.len());
-    loop {
-        while i < j && left(&refs[i]) {
-            i += 1;
-        }
-        while i < j && !left(&refs[j - 1]) {
-            j -= 1;
-        }
-        if i >= j {
-            return i;
-        }
-        refs.swap(i, j - 1);
-        i += 1;
-        j -= 1;
-    }
-}
-
-/// Halves a range by the middles on the widest axis: for ranges that the heuristic cannot split, or
-/// that have become too deep.
-pub fn partition_median(refs: &mut [Ref], extents: &Extents) -> usize {
-    let size = (extents.center_high - extents.center_low).xyz();
-    let axis = if size.x >= size.y && size.x >= size.z {
-        0
-    } else if size.y >= size.z {
-        1
-    } else {
-        2
-    };
-    let half = refs.len() / 2;
-    refs.select_nth_unstable_by(half, |a, b| {
-        a.center2()[axis].total_cmp(&b.center2()[axis]).then(a.triangle().cmp(&b.triangle()))
-    });
-    half
+    let bin = planes[axis] as usize;
+    let (left, right) = (bins.bounds(axis, 0..bin), bins.bounds(axis, bin..B));
+    let (from, scale) = (mapping.from[axis], mapping.scale[axis]);
+    let side_areas = left.half_area() + right.half_area();
+    Some(Split { axis, from, scale, below: MAGIC + bin as f32, cost, side_areas, left, right })
 }

@@ -6,8 +6,9 @@
 //! that overlap by more than [`OVERLAP`] of the root; the copies come out of a budget that each range
 //! holds as free room behind its references.
 
+use super::partition::Sides;
 use super::refs::Ref;
-use super::sah::Split;
+use super::sah::{Extents, Split};
 use crate::math::Bounds;
 use glam::Vec3;
 
@@ -137,29 +138,33 @@ fn sides(r: &Ref, split: &SpatialSplit, triangles: &[[Vec3; 3]]) -> (Option<Ref>
     }
 }
 
-/// Divides the first `len` references of `room`; returns how many are on the left, which come first, and
-/// on the right, which follow. `None`, and nothing changed, if the room is too small or a side would be
+/// Divides the first `len` references of `room`: the left ones come first, the right ones follow. Returns
+/// how many there are now. `None`, and nothing changed, if the room is too small or a side would be
 /// empty or as large as the whole.
 pub fn partition(
     room: &mut [Ref],
     len: usize,
     split: &SpatialSplit,
     triangles: &[[Vec3; 3]],
-) -> Option<(usize, usize)> {
+) -> Option<(usize, Sides)> {
     let mut left = Vec::with_capacity(len);
     let mut right = Vec::with_capacity(len);
+    let mut extents = [Extents::EMPTY; 2];
     for r in &room[..len] {
         let (a, b) = sides(r, split, triangles);
+        a.iter().for_each(|r| extents[0].add(r));
+        b.iter().for_each(|r| extents[1].add(r));
         left.extend(a);
         right.extend(b);
     }
-    let fits = left.len() + right.len() <= room.len();
-    if !fits || left.is_empty() || right.is_empty() || left.len() == len || right.len() == len {
+    let (middle, now) = (left.len(), left.len() + right.len());
+    if now > room.len() || left.is_empty() || right.is_empty() || left.len() == len || right.len() == len {
         return None;
     }
-    room[..left.len()].copy_from_slice(&left);
-    room[left.len()..left.len() + right.len()].copy_from_slice(&right);
-    Some((left.len(), right.len()))
+    room[..middle].copy_from_slice(&left);
+    room[middle..now].copy_from_slice(&right);
+    let [left, right] = extents;
+    Some((now, Sides { middle, left, right }))
 }
 
 /// Whether spatial splits are likely to pay: much of the triangles' boxes belongs to long thin ones.

@@ -1,7 +1,8 @@
 //! Wide nodes: the binary splits of the heuristic, taken up to eight at a time.
 
-use super::leaf::LeafShape;
+use super::leaf::LeafSize;
 use super::par::Par;
+use super::partition::{self, Sides};
 use super::refs::Ref;
 use super::sah::{self, Extents, Split};
 use super::spatial::{self, SpatialSplit};
@@ -101,8 +102,8 @@ struct Range<'r> {
     /// Index of its first reference among all.
     first: usize,
     extents: Extents,
-    /// The heuristic says that it should stay whole, and it may.
-    whole: bool,
+    /// The heuristic says that it should stay whole, and it may: its size as a leaf.
+    whole: Option<LeafSize>,
 }
 
 impl Range<'_> {
@@ -118,7 +119,7 @@ pub fn build(input: TreeInput, room: &mut [Ref], par: &Par, cancel: &Cancel) -> 
     let extents = Extents::of(&room[..len], par);
     let bounds = extents.bounds();
     let builder = Builder { input, par, cancel, root_half_area: bounds.half_area() };
-    let whole = Range { room, len, first: 0, extents, whole: false };
+    let whole = Range { room, len, first: 0, extents, whole: None };
     let (root, stats) = builder.inner(whole, 1)?;
     Ok(Built { root, bounds, stats })
 }
@@ -151,13 +152,10 @@ impl Builder<'_> {
 
     fn child(&self, range: Range, depth: u32) -> Result<(Bounds, Sub, Stats)> {
         let bounds = range.extents.bounds();
-        if range.len <= MAX_TRIANGLES {
-            let shape = LeafShape::of(range.refs(), self.input);
-            if shape.fits() {
-                let (first, count) = (range.first as u32, range.len as u32);
-                let sub = Sub::Leaf { first, count, words: shape.words() as u32 };
-                return Ok((bounds, sub, Stats { depth: 1, nodes: 0, leaves: 1, references: shape.count as u64 }));
-            }
+        if let Some(size) = range.whole.or_else(|| LeafSize::of(range.refs(), self.input)) {
+            let (first, count) = (range.first as u32, range.len as u32);
+            let sub = Sub::Leaf { first, count, words: size.words };
+            return Ok((bounds, sub, Stats { depth: 1, nodes: 0, leaves: 1, references: size.triangles.into() }));
         }
         let (inner, stats) = self.inner(range, depth)?;
         Ok((bounds, Sub::Inner(inner), stats))
@@ -169,7 +167,7 @@ impl Builder<'_> {
         ranges.push(range);
         while ranges.len() < WIDTH {
             let area = |r: &Range| r.extents.bounds().half_area();
-            let open = (0..ranges.len()).filter(|&i| !ranges[i].whole && ranges[i].len > 1);
+            let open = (0..ranges.len()).filter(|&i| ranges[i].whole.is_none() && ranges[i].len > 1);
             // The first of the largest: `max_by` would take the last.
             let Some(at) = open.reduce(|a, b| if area(&ranges[b]) > area(&ranges[a]) { b } else { a }) else {
                 break;
@@ -190,25 +188,22 @@ impl Builder<'_> {
         let refs = &room[..len];
         let split = if depth < DEEP { sah::find(refs, &extents, self.par) } else { None };
         let spatial = split.as_ref().and_then(|split| self.spatial(refs, room.len(), &extents, split));
-        if len <= MAX_TRIANGLES && LeafShape::of(refs, self.input).fits() {
-            let stay = extents.bounds().half_area() * (LEAF_COST + TRIANGLE_COST * len as f32);
-            let sides = |areas: f32, cost: f32| areas * LEAF_COST + TRIANGLE_COST * cost;
-            let object = split.as_ref().map(|s| sides(s.side_areas, s.cost));
-            let space = spatial.as_ref().map(|s| sides(s.side_areas, s.cost));
-            if !object.into_iter().chain(space).any(|cost| cost < stay) {
-                return Err(Range { room, len, first, extents, whole: true });
+        if len <= MAX_TRIANGLES && !pays(&extents, len, split.as_ref(), spatial.as_ref()) {
+            let whole = LeafSize::of(refs, self.input);
+            if whole.is_some() {
+                return Err(Range { room, len, first, extents, whole });
             }
         }
         let triangles = self.input.triangles;
-        let in_space = spatial.and_then(|s| spatial::partition(room, len, &s, triangles));
-        let (left, right) = in_space.unwrap_or_else(|| {
-            let middle = match &split {
-                Some(split) => sah::partition(&mut room[..len], split),
-                None => sah::partition_median(&mut room[..len], &extents),
-            };
-            (middle, len - middle)
-        });
-        Ok(self.share_room(room, left, right, first))
+        if let Some((len, sides)) = spatial.and_then(|s| spatial::partition(room, len, &s, triangles)) {
+            return Ok(self.share_room(room, len, sides, first));
+        }
+        let refs = &mut room[..len];
+        let sides = match &split {
+            Some(split) => partition::by_split(refs, split, self.par),
+            None => partition::by_median(refs, &extents, self.par),
+        };
+        Ok(self.share_room(room, len, sides, first))
     }
 
     /// The best way to divide space, where that is better than dividing the set.
@@ -220,16 +215,26 @@ impl Builder<'_> {
         (found.cost < split.cost).then_some(found)
     }
 
-    /// Gives each side a share of the free room, by its size.
-    fn share_room<'r>(&self, room: &'r mut [Ref], left: usize, right: usize, first: usize) -> [Range<'r>; 2] {
-        let free = room.len() - left - right;
-        let of_left = (free as u64 * left as u64 / (left + right) as u64) as usize;
-        room.copy_within(left..left + right, left + of_left);
-        let (a, b) = room.split_at_mut(left + of_left);
-        let (e, f) = (Extents::of(&a[..left], self.par), Extents::of(&b[..right], self.par));
+    /// Gives each side a share of the free room behind `len`, by its size.
+    fn share_room<'r>(&self, room: &'r mut [Ref], len: usize, sides: Sides, first: usize) -> [Range<'r>; 2] {
+        let Sides { middle, left, right } = sides;
+        let free = room.len() - len;
+        let of_left = (free as u64 * middle as u64 / len as u64) as usize;
+        if of_left > 0 {
+            room.copy_within(middle..len, middle + of_left);
+        }
+        let (a, b) = room.split_at_mut(middle + of_left);
         [
-            Range { room: a, len: left, first, extents: e, whole: false },
-            Range { room: b, len: right, first: first + left + of_left, extents: f, whole: false },
+            Range { room: a, len: middle, first, extents: left, whole: None },
+            Range { room: b, len: len - middle, first: first + middle + of_left, extents: right, whole: None },
         ]
     }
+}
+
+/// Whether either split is expected to cost less than a leaf.
+fn pays(extents: &Extents, len: usize, split: Option<&Split>, spatial: Option<&SpatialSplit>) -> bool {
+    let stay = extents.bounds().half_area() * (LEAF_COST + TRIANGLE_COST * len as f32);
+    let sides = |areas: f32, cost: f32| areas * LEAF_COST + TRIANGLE_COST * cost;
+    split.is_some_and(|s| sides(s.side_areas, s.cost) < stay)
+        || spatial.is_some_and(|s| sides(s.side_areas, s.cost) < stay)
 }

@@ -1,0 +1,87 @@
+//! Moving a range's left side to its front.
+
+use super::par::Par;
+use super::refs::Ref;
+use super::sah::{Extents, Split};
+
+/// References that are partitioned by themselves, in parallel, where a range has more than
+/// [`PARALLEL`]. The result depends on it, so it does not depend on the number of threads.
+const CHUNK: usize = 1 << 15;
+const PARALLEL: usize = 1 << 17;
+
+/// Two sides: where the right one begins, and their extents.
+pub struct Sides {
+    /// References on the left.
+    pub middle: usize,
+    /// Of the left side.
+    pub left: Extents,
+    /// Of the right side.
+    pub right: Extents,
+}
+
+/// Moves the left side of `split` to the front. The order inside each side is a function of the order
+/// before.
+pub fn by_split(refs: &mut [Ref], split: &Split, par: &Par) -> Sides {
+    if refs.len() < PARALLEL {
+        return one(refs, split);
+    }
+    let chunks: Vec<&mut [Ref]> = refs.chunks_mut(CHUNK).collect();
+    let sides = par.map_items(chunks, |chunk| one(chunk, split));
+    let middle = gather(refs, &sides);
+    let merged = |of: fn(&Sides) -> Extents| sides.iter().map(of).fold(Extents::EMPTY, Extents::merge);
+    Sides { middle, left: merged(|s| s.left), right: merged(|s| s.right) }
+}
+
+/// Without a branch that depends on the side: they would be mispredicted.
+fn one(refs: &mut [Ref], split: &Split) -> Sides {
+    let mut sides = [Extents::EMPTY; 2];
+    let mut middle = 0;
+    for i in 0..refs.len() {
+        let r = refs[i];
+        let is_left = split.is_left(&r);
+        refs[i] = refs[middle];
+        refs[middle] = r;
+        middle += usize::from(is_left);
+        sides[usize::from(is_left)].add(&r);
+    }
+    let [right, left] = sides;
+    Sides { middle, left, right }
+}
+
+/// Swaps the left sides of chunks behind the middle with the right sides of chunks before it.
+fn gather(refs: &mut [Ref], sides: &[Sides]) -> usize {
+    let total = refs.len();
+    let middle = sides.iter().map(|s| s.middle).sum();
+    let (front, back) = refs.split_at_mut(middle);
+    let span = |c: usize| (c * CHUNK, c * CHUNK + sides[c].middle, ((c + 1) * CHUNK).min(total));
+    // Right sides in the front, left sides in the back: as many of either.
+    let mut wrong_front = (0..sides.len()).map(span).map(|(_, from, to)| from.min(middle)..to.min(middle));
+    let mut wrong_back = (0..sides.len()).map(span).map(|(from, to, _)| from.max(middle) - middle..to.max(middle) - middle);
+    let (mut a, mut b) = (0..0, 0..0);
+    loop {
+        while a.is_empty() {
+            let Some(next) = wrong_front.next() else { return middle };
+            a = next;
+        }
+        while b.is_empty() {
+            let Some(next) = wrong_back.next() else { return middle };
+            b = next;
+        }
+        let n = a.len().min(b.len());
+        front[a.start..a.start + n].swap_with_slice(&mut back[b.start..b.start + n]);
+        a.start += n;
+        b.start += n;
+    }
+}
+
+/// Halves a range by the middles on the widest axis: for ranges that the heuristic cannot split, or
+/// that have become too deep.
+pub fn by_median(refs: &mut [Ref], extents: &Extents, par: &Par) -> Sides {
+    let axis = extents.widest_axis();
+    let middle = refs.len() / 2;
+    refs.select_nth_unstable_by(middle, |a, b| {
+        a.center2()[axis].total_cmp(&b.center2()[axis]).then(a.triangle().cmp(&b.triangle()))
+    });
+    let (left, right) = refs.split_at(middle);
+    Sides { middle, left: Extents::of(left, par), right: Extents::of(right, par) }
+}
