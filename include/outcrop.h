@@ -115,7 +115,7 @@ typedef uint32_t oc_status;
 /** The state of long work. */
 typedef uint32_t oc_state;
 
-/** What a build is doing. */
+/** What a build or load is doing. */
 typedef uint32_t oc_phase;
 
 /** How far long work is: the same for builds, loads, batches of rays and frames. */
@@ -136,7 +136,7 @@ typedef struct oc_progress {
     uint64_t need;
     /** Why it failed or was cancelled; oc_last_error has the reason in words after a poll or wait. */
     oc_status error;
-    /** An OC_PHASE_ number (builds). */
+    /** An OC_PHASE_ number (builds and loads). */
     oc_phase phase;
 } oc_progress;
 
@@ -748,10 +748,10 @@ typedef struct oc_pixels {
 /** Failed. Of what it would have written nothing is to be used. */
 #define OC_STATE_FAILED 4
 
-/** Nothing begun, or no build. */
+/** Nothing begun, or neither build nor load. */
 #define OC_PHASE_WAITING 0
 
-/** Reading input. */
+/** Reading input, or a model. */
 #define OC_PHASE_READ 1
 
 /** Building trees. */
@@ -1260,7 +1260,8 @@ oc_status oc_model_open_io(const struct oc_context *context,
 
 /**
  * Begins to open the model at `path` (or, if `io` is not NULL, the one that its functions read; `path`
- * is then ignored). When the job is done, oc_job_model gives the model.
+ * is then ignored). When the job is done, oc_job_model gives the model. The job's progress counts the bytes of
+ * blocks read.
  *
  * Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
  */

@@ -23,11 +23,11 @@ pub const OC_STATE_CANCELLED: oc_state = 3;
 /// Failed. Of what it would have written nothing is to be used.
 pub const OC_STATE_FAILED: oc_state = 4;
 
-/// What a build is doing.
+/// What a build or load is doing.
 pub type oc_phase = u32;
-/// Nothing begun, or no build.
+/// Nothing begun, or neither build nor load.
 pub const OC_PHASE_WAITING: oc_phase = 0;
-/// Reading input.
+/// Reading input, or a model.
 pub const OC_PHASE_READ: oc_phase = 1;
 /// Building trees.
 pub const OC_PHASE_BUILD: oc_phase = 2;
@@ -61,7 +61,7 @@ pub struct oc_progress {
     pub need: u64,
     /// Why it failed or was cancelled; oc_last_error has the reason in words after a poll or wait.
     pub error: oc_status,
-    /// An OC_PHASE_ number (builds).
+    /// An OC_PHASE_ number (builds and loads).
     pub phase: oc_phase,
 }
 

@@ -1,5 +1,6 @@
 //! Models: built files, opened read-only.
 
+use super::background::{Product, Task};
 use super::context::{ContextObject, oc_context};
 use super::guard::{self, Checked, Fill, Sized32, bad, boundary, out};
 use super::handles::{self, Shell, handle};
@@ -9,7 +10,7 @@ use super::view::oc_camera;
 use crate::base::error::Result;
 use crate::base::progress::{Cancel, Progress};
 use crate::scene::Model;
-use crate::store::source::Source;
+use crate::store::{FileSource, Source};
 use std::ffi::{CString, c_char, c_void};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -182,7 +183,8 @@ pub unsafe extern "C" fn oc_model_open_io(
 }
 
 /// Begins to open the model at `path` (or, if `io` is not NULL, the one that its functions read; `path`
-/// is then ignored). When the job is done, oc_job_model gives the model.
+/// is then ignored). When the job is done, oc_job_model gives the model. The job's progress counts the bytes of
+/// blocks read.
 ///
 /// Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
 /// # Safety
@@ -199,15 +201,18 @@ pub unsafe extern "C" fn oc_model_load(
         let out = out(out_job, "out_job")?;
         handles::with(context, |context: &Shell<ContextObject>| {
             let of = context.context.clone();
-            let open: Box<dyn FnOnce() -> Result<Model> + Send> = if io.is_null() {
+            let source: Box<dyn FnOnce() -> Result<Arc<dyn Source>> + Send> = if io.is_null() {
                 let path = guard::path(path, "path")?;
-                Box::new(move || Model::open(&of, path))
+                Box::new(move || Ok(Arc::new(FileSource::open(path)?)))
             } else {
                 let source = Arc::new(HostSource::new(io)?);
-                Box::new(move || Model::open_source(&of, source))
+                Box::new(move || Ok(source))
             };
             let (progress, cancel) = (Arc::new(Progress::default()), Cancel::new());
-            out.write(context.begin(progress, cancel, move |_| Ok(Box::new(open()?)))?);
+            let open = move |task: &Task| -> Result<Product> {
+                Ok(Box::new(Model::open_watched(&of, source()?, &task.progress, &task.cancel)?))
+            };
+            out.write(context.begin(progress, cancel, open)?);
             Ok(())
         })
     })

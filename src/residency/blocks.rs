@@ -8,7 +8,9 @@ use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 use crate::store::ModelFile;
 use arc_swap::ArcSwap;
-use std::sync::{Arc, Mutex};
+use std::collections::HashSet;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 /// Turns a block's file form into its trace form.
 pub trait Decoder: Send + Sync {
@@ -22,18 +24,47 @@ pub struct ModelBlocks {
     decoder: Box<dyn Decoder>,
     cache: Arc<Cache>,
     published: ArcSwap<Snapshot>,
-    /// Held while blocks are added: one fetch at a time, so that none is decoded twice.
-    adding: Mutex<()>,
+    /// Blocks being read now, each by one thread, so that none is decoded twice. Not held while reading:
+    /// a source may be the caller's own function.
+    loading: Mutex<HashSet<BlockId>>,
+    /// Signalled when blocks leave `loading`.
+    loaded: Condvar,
+    report: Option<Report>,
+    read_again: AtomicU64,
 }
+
+/// Told why a block is read again.
+type Report = Box<dyn Fn(&Error) + Send + Sync>;
 
 /// Blocks decoded before they are published together.
 const BATCH: usize = 64;
+
+/// Blocks that one thread has taken on; whatever happens, they are given back.
+struct Claim<'a> {
+    blocks: &'a ModelBlocks,
+    ids: Vec<BlockId>,
+}
+
+impl Drop for Claim<'_> {
+    fn drop(&mut self) {
+        let mut loading = self.blocks.loading();
+        loading.retain(|id| self.ids.binary_search(id).is_err());
+        self.blocks.loaded.notify_all();
+    }
+}
 
 impl ModelBlocks {
     /// Of `file`, with nothing in memory.
     pub fn new(file: Arc<ModelFile>, decoder: Box<dyn Decoder>, cache: Arc<Cache>) -> Self {
         let published = ArcSwap::from_pointee(Snapshot::empty(file.block_count()));
-        Self { file, decoder, cache, published, adding: Mutex::new(()) }
+        let (loading, loaded, read_again) = (Mutex::default(), Condvar::new(), AtomicU64::new(0));
+        Self { file, decoder, cache, published, loading, loaded, report: None, read_again }
+    }
+
+    /// Has `report` told why a block is read again; called from any thread, under no lock.
+    pub fn reporting(mut self, report: impl Fn(&Error) + Send + Sync + 'static) -> Self {
+        self.report = Some(Box::new(report));
+        self
     }
 
     /// The file.
@@ -49,64 +80,79 @@ impl ModelBlocks {
     /// Brings `ids` into memory; those that are stay. Reads the disk: blocks.
     ///
     /// Fails with `Corrupt` naming the block, `Io`, `OverBudget` or `Cancelled`; blocks fetched before
-    /// the failing one stay. `threads`: how many may decode, the caller's among them (more than one
-    /// starts threads for the duration of the call).
-    pub fn fetch(&self, ids: &[BlockId], threads: usize, cancel: &Cancel) -> Result<()> {
-        // A panic while holding the lock cannot leave half a state: the guard protects nothing.
-        let _one_at_a_time = self.adding.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        let present = self.snapshot();
-        let mut missing: Vec<BlockId> = ids.iter().copied().filter(|&id| present.block(id).is_none()).collect();
-        missing.sort_unstable();
-        missing.dedup();
-        for batch in missing.chunks(BATCH * threads.max(1)) {
+    /// the failing one stay.
+    pub fn fetch(&self, ids: &[BlockId], _threads: usize, cancel: &Cancel) -> Result<()> {
+        loop {
             cancel.check()?;
-            self.fetch_batch(batch, threads)?;
+            let Some(claim) = self.claim(ids) else { return Ok(()) };
+            let (slots, end) = self.load(&claim.ids, cancel);
+            self.publish(slots);
+            end?;
         }
-        Ok(())
     }
 
-    fn fetch_batch(&self, ids: &[BlockId], threads: usize) -> Result<()> {
-        let share = ids.len().div_ceil(threads.max(1)).max(1);
-        let results: Vec<Result<Vec<(BlockId, Slot)>>> = std::thread::scope(|scope| {
-            let mut shares = ids.chunks(share);
-            let own = shares.next();
-            let others: Vec<_> = shares.map(|ids| scope.spawn(|| self.load(ids))).collect();
-            let mut results: Vec<_> = own.map(|ids| self.load(ids)).into_iter().collect();
-            for other in others {
-                let lost = || Err(Error::Internal("a decoding thread panicked".into()));
-                results.push(other.join().unwrap_or_else(|_| lost()));
+    /// Takes on some of those of `ids` that are not in memory; `None` once all are. Waits for those that another
+    /// thread reads: if it fails they are tried again here, so that everybody has an error of their own.
+    fn claim(&self, ids: &[BlockId]) -> Option<Claim<'_>> {
+        let mut loading = self.loading();
+        loop {
+            let present = self.snapshot();
+            let mut missing = ids.iter().copied().filter(|&id| present.block(id).is_none()).peekable();
+            missing.peek()?;
+            let mut mine: Vec<_> = missing.filter(|id| !loading.contains(id)).take(BATCH).collect();
+            if !mine.is_empty() {
+                mine.sort_unstable();
+                mine.dedup();
+                loading.extend(&mine);
+                return Some(Claim { blocks: self, ids: mine });
             }
-            results
-        });
-        let mut failed = None;
-        let mut added = Vec::with_capacity(ids.len());
-        for result in results {
-            match result {
-                Ok(slots) => added.extend(slots),
-                Err(error) => failed = failed.or(Some(error)),
-            }
+            loading = self.loaded.wait(loading).unwrap_or_else(PoisonError::into_inner);
         }
-        self.published.store(Arc::new(self.snapshot().with(added)));
-        failed.map_or(Ok(()), Err)
     }
 
-    /// Reads, checks and decodes `ids`, in order. On failure gives back what it reserved.
-    fn load(&self, ids: &[BlockId]) -> Result<Vec<(BlockId, Slot)>> {
+    fn loading(&self) -> MutexGuard<'_, HashSet<BlockId>> {
+        // Every step under the lock leaves a valid state.
+        self.loading.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Shows `slots` to whoever takes a snapshot from now on.
+    pub(super) fn publish(&self, slots: Vec<(BlockId, Slot)>) {
+        // The next snapshot is made of the last: one after the other.
+        let _one_at_a_time = self.loading();
+        self.published.store(Arc::new(self.snapshot().with(slots)));
+    }
+
+    /// Reads, checks and decodes `ids`, in order, up to the first failure.
+    pub(super) fn load(&self, ids: &[BlockId], cancel: &Cancel) -> (Vec<(BlockId, Slot)>, Result<()>) {
         let (mut scratch, mut payload) = (Vec::new(), Vec::new());
-        let mut slots: Vec<(BlockId, Slot)> = Vec::with_capacity(ids.len());
+        let mut slots = Vec::with_capacity(ids.len());
         for &id in ids {
-            match self.load_one(id, &mut scratch, &mut payload) {
+            match cancel.check().and_then(|()| self.load_one(id, &mut scratch, &mut payload)) {
                 Ok(slot) => slots.push((id, slot)),
-                Err(error) => {
-                    slots.iter().for_each(|(_, slot)| self.cache.release(slot.bytes()));
-                    return Err(error);
-                }
+                Err(error) => return (slots, Err(error)),
             }
         }
-        Ok(slots)
+        (slots, Ok(()))
     }
 
+    /// A block whose reading or check fails is reported, counted and read once more: a disk or a network may
+    /// have hiccuped.
     fn load_one(&self, id: BlockId, scratch: &mut Vec<u8>, payload: &mut Vec<u8>) -> Result<Slot> {
+        let words = match self.read_and_decode(id, scratch, payload) {
+            Err(error @ (Error::Corrupt { .. } | Error::Io { .. })) => {
+                self.read_again.fetch_add(1, Relaxed);
+                if let Some(report) = &self.report {
+                    report(&error);
+                }
+                self.read_and_decode(id, scratch, payload)?
+            }
+            first => first?,
+        };
+        self.cache.reserve("a model", Slot::bytes_for(words.len()))?;
+        Ok(Slot::new(&words))
+    }
+
+    fn read_and_decode(&self, id: BlockId, scratch: &mut Vec<u8>, payload: &mut Vec<u8>) -> Result<Vec<u32>> {
         let corrupt = |why: String| Error::corrupt(self.file.name(), Some(id.0), why);
         if id.0 >= self.file.block_count() {
             return Err(corrupt("no such block".into()));
@@ -116,8 +162,12 @@ impl ModelBlocks {
         if words.len() * 4 != self.file.decoded_len(id) as usize {
             return Err(corrupt("its decoded size is not what the directory says".into()));
         }
-        self.cache.reserve("a model", Slot::bytes_for(words.len()))?;
-        Ok(Slot::new(&words))
+        Ok(words)
+    }
+
+    /// How many times a block was read again because it had failed.
+    pub fn read_again(&self) -> u64 {
+        self.read_again.load(Relaxed)
     }
 
     /// Bytes of the blocks in memory.

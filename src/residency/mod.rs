@@ -8,6 +8,7 @@
 
 mod blocks;
 mod cache;
+mod fill;
 mod slots;
 mod snapshot;
 

@@ -1,10 +1,10 @@
 //! A model: one built file, opened read-only.
 
 use super::camera::{Camera, default_views};
-use super::context::Context;
+use super::context::{Context, LogLevel};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
-use crate::base::progress::Cancel;
+use crate::base::progress::{Cancel, Phase, Progress};
 use crate::base::units::UpAxis;
 use crate::math::DBounds;
 use crate::residency::{ModelBlocks, Snapshot};
@@ -131,17 +131,35 @@ impl Model {
 
     /// Opens a built file whose bytes come from `source`. Fails like [`Model::open`].
     pub fn open_source(context: &Context, source: Arc<dyn Source>) -> Result<Self> {
-        Self::open_with(context, source, true)
+        Self::open_watched(context, source, &Progress::default(), &Cancel::new())
+    }
+
+    /// [`Model::open_source`], watched from other threads: progress counts the bytes of blocks, and a cancel ends it
+    /// with `Cancelled` within the blocks being read.
+    pub fn open_watched(
+        context: &Context,
+        source: Arc<dyn Source>,
+        progress: &Progress,
+        cancel: &Cancel,
+    ) -> Result<Self> {
+        Self::open_with(context, source, true, progress, cancel)
     }
 
     /// For tests: with no block in memory, so that every ray meets missing ones. Links between blocks
     /// are not checked.
     #[doc(hidden)]
     pub fn open_cold(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
-        Self::open_with(context, Arc::new(FileSource::open(path)?), false)
+        Self::open_with(context, Arc::new(FileSource::open(path)?), false, &Progress::default(), &Cancel::new())
     }
 
-    fn open_with(context: &Context, source: Arc<dyn Source>, all: bool) -> Result<Self> {
+    fn open_with(
+        context: &Context,
+        source: Arc<dyn Source>,
+        all: bool,
+        progress: &Progress,
+        cancel: &Cancel,
+    ) -> Result<Self> {
+        progress.enter(Phase::Read);
         let file = Arc::new(ModelFile::open(source)?);
         let header = *file.header();
         if header.structure != STRUCTURE_BVH {
@@ -158,9 +176,12 @@ impl Model {
         }
         let tree_ends = file.trees().iter().map(|t| t.first_block + t.block_count).collect();
         let decoder = BvhDecoder { geometry_blocks: header.geometry_blocks, tree_ends };
-        let blocks = ModelBlocks::new(Arc::clone(&file), Box::new(decoder), Arc::clone(cache));
+        let log = context.clone();
+        let again = move |why: &Error| log.log(LogLevel::Warning, &format!("{why}; read once more"));
+        let mut blocks =
+            ModelBlocks::new(Arc::clone(&file), Box::new(decoder), Arc::clone(cache)).reporting(again);
         let ids: Vec<BlockId> = geometry.map(BlockId).filter(|_| all).collect();
-        blocks.fetch(&ids, context.threads().max(1), &Cancel::new())?;
+        blocks.fill(&ids, context.pool(), progress, cancel)?;
         check_links(&blocks.snapshot(), header.geometry_blocks)
             .map_err(|(block, why)| Error::corrupt(file.name(), Some(block.0), why))?;
         let trees = trees_of(&file, &blocks.snapshot())?;
@@ -202,6 +223,11 @@ impl Model {
             geometry: self.0.geometry_bytes,
             tables: blocks.file().memory(),
         }
+    }
+
+    /// How many times a block was read again because reading or checking it had failed; the log says why.
+    pub fn blocks_read_again(&self) -> u64 {
+        self.0.blocks.read_again()
     }
 
     /// Four views from its bounds: two of the whole, two at a quarter of the distance.

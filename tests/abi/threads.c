@@ -4,6 +4,7 @@
 
 #include <dirent.h>
 #include <pthread.h>
+#include <string.h>
 #include <unistd.h>
 
 /* --- the host: a queue and two threads -------------------------------------------------------- */
@@ -70,8 +71,62 @@ static void *watch(void *unused) {
     return NULL;
 }
 
-/* Everything that works in the background: a build, a frame, batches. */
+/* A grid of squares, enough for several blocks, built and opened in both ways. */
+static void load(oc_context *context, const char *path) {
+    enum { SIDE = 150 };
+    static float positions[(SIDE + 1) * (SIDE + 1)][3];
+    static uint32_t indices[SIDE * SIDE][6];
+    oc_build *build;
+    oc_job *job;
+    oc_model *model;
+    oc_part part;
+    oc_triangles t;
+    oc_progress progress;
+    oc_model_info info;
+
+    for (uint32_t i = 0; i < (SIDE + 1) * (SIDE + 1); i++) {
+        positions[i][0] = (float)(i % (SIDE + 1));
+        positions[i][1] = (float)(i / (SIDE + 1));
+        positions[i][2] = (float)(i * 7919 % 100) * 0.01f;
+    }
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        uint32_t a = i / SIDE * (SIDE + 1) + i % SIDE, c = a + SIDE + 1;
+        uint32_t square[6] = {a, a + 1, c, c, a + 1, c + 1};
+        memcpy(indices[i], square, sizeof square);
+    }
+    OC_INIT(&part);
+    OC_INIT(&t);
+    OC_INIT(&progress);
+    OC_INIT(&info);
+    t.positions = positions;
+    t.position_count = (SIDE + 1) * (SIDE + 1);
+    t.indices = indices;
+    t.index = OC_INDEX_U32;
+    t.index_count = SIDE * SIDE * 6;
+    OK(oc_build_create(context, NULL, &build));
+    OK(oc_build_add_part(build, &part));
+    OK(oc_build_add_triangles(build, &t));
+    OK(oc_build_start(build, path, &job));
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_DONE);
+    oc_job_release(job);
+    oc_build_release(build);
+
+    OK(oc_model_load(context, path, NULL, &job));
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_DONE && progress.bytes > 0 && progress.fraction == 1.0);
+    OK(oc_job_model(job, &model));
+    OK(oc_model_get_info(model, &info));
+    CHECK(info.blocks > 16 && progress.bytes < info.file_bytes);
+    oc_job_release(job);
+    oc_model_release(model);
+    OK(oc_model_open(context, path, &model));
+    oc_model_release(model);
+}
+
+/* Everything that works in the background: builds, loads, a frame, batches. */
 static void work(oc_context *context, const char *path) {
+    load(context, path);
     oc_scene *scene = tetra_scene(context, path);
 
     oc_frame *frame;
