@@ -727,7 +727,11 @@ typedef struct oc_pixels {
 /** The machine: reading or writing failed, or a thread could not be started. */
 #define OC_STATUS_IO 500
 
-/** Us: a defect in the library. The object is poisoned. */
+/**
+ * Us: a defect in the library. The object is poisoned. What it was is in oc_last_error, and for background work in
+ * the log; the library has no hook on panics (that would be global state), so Rust's standard library also writes
+ * it to standard error.
+ */
 #define OC_STATUS_INTERNAL 600
 
 /** Us: the object met a defect before; it can only be released. */
@@ -847,7 +851,7 @@ typedef struct oc_pixels {
 /** uint64_t. */
 #define OC_INDEX_U64 2
 
-/** Nobody said. */
+/** Nobody said; views then take +Z. */
 #define OC_UP_UNKNOWN 0
 
 /** +X. */

@@ -85,13 +85,22 @@ fn two_files_make_one_model_and_cameras_are_free() {
     for camera in [
         &["--eye", "-1,-2,3", "--at", "0.5,0.5,0", "--fov", "30"][..],
         &["--eye", "0.5,0.5,5", "--at", "0.5,0.5,0", "--up", "0,1,0", "--ortho", "2"],
+        &["--view", "1", "--up", "y"],
         &["--view", "3", "--light", "sun:1,1,-1*0.7", "--light", "point:0,0,4*9", "--no-shadows"],
     ] {
         let picture = json(dir, &[&["render", "m.oc", "-o", "m.png", "--size", "32x32"], camera].concat());
         assert_eq!(picture["pixels"]["total"], 1024);
     }
-    let text = outcrop(dir, &["info", "m.oc"]);
-    assert!(String::from_utf8(text.stdout).unwrap().contains("3 triangles"));
+    let up = |axis: &str| json(dir, &["render", "m.oc", "-o", "m.png", "--size", "8x8", "--up", axis])["up"].clone();
+    assert_eq!((up("y"), up("z")), (serde_json::json!([0.0, 1.0, 0.0]), serde_json::json!([0.0, 0.0, 1.0])));
+    let text = String::from_utf8(outcrop(dir, &["info", "m.oc"]).stdout).unwrap();
+    assert!(text.contains("3 triangles of 3") && text.contains("1 block of") && text.contains("up z"), "{text}");
+    // Each of two ways to say where the camera is, and a direction that has no eye.
+    for both in [&["--view", "1"][..], &["--views", "airliner"]] {
+        let eye = ["render", "m.oc", "-o", "m.png", "--eye", "1,2,3", "--at", "0,0,0"];
+        fails(dir, &[&eye, both].concat(), 2, "cannot be used with");
+    }
+    fails(dir, &["render", "m.oc", "-o", "m.png", "--up", "0,1,0"], 2, "--eye");
 }
 
 #[test]

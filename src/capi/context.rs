@@ -187,6 +187,9 @@ impl HostExecutor {
     /// Hands in something to be run once.
     fn submit_once(&self, run: Once) {
         /// Runs what `submit_once` packed; a panic stays here.
+        ///
+        /// # Safety
+        /// NULL, or what `submit_once` packed and nobody has run.
         unsafe extern "C" fn run_packed(task: *mut c_void) {
             if task.is_null() {
                 return;

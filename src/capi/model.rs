@@ -220,7 +220,7 @@ pub unsafe extern "C" fn oc_model_load(
 
 /// Which axis points up.
 pub type oc_up_axis = u32;
-/// Nobody said.
+/// Nobody said; views then take +Z.
 pub const OC_UP_UNKNOWN: oc_up_axis = 0;
 /// +X.
 pub const OC_UP_X: oc_up_axis = 1;

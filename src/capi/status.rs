@@ -29,7 +29,9 @@ pub const OC_STATUS_NEWER_FORMAT: oc_status = 301;
 pub const OC_STATUS_OVER_BUDGET: oc_status = 400;
 /// The machine: reading or writing failed, or a thread could not be started.
 pub const OC_STATUS_IO: oc_status = 500;
-/// Us: a defect in the library. The object is poisoned.
+/// Us: a defect in the library. The object is poisoned. What it was is in oc_last_error, and for background work in
+/// the log; the library has no hook on panics (that would be global state), so Rust's standard library also writes
+/// it to standard error.
 pub const OC_STATUS_INTERNAL: oc_status = 600;
 /// Us: the object met a defect before; it can only be released.
 pub const OC_STATUS_POISONED: oc_status = 601;

@@ -9,6 +9,7 @@ mod batch;
 pub mod collect;
 mod colour;
 mod detect;
+mod files;
 pub mod generate;
 mod gltf;
 mod input;
@@ -24,6 +25,7 @@ mod vertices;
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 pub use crate::base::units::UpAxis;
+pub use files::read_files;
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 

@@ -230,9 +230,15 @@ impl Model {
         self.0.blocks.read_again()
     }
 
-    /// Four views from its bounds: two of the whole, two at a quarter of the distance.
+    /// Four views from its bounds: two of the whole, two at a quarter of the distance. Z is up where the model does
+    /// not say what is.
     pub fn views(&self) -> [Camera; 4] {
-        default_views(&self.0.info.bounds, self.0.info.up)
+        self.views_with(self.0.info.up)
+    }
+
+    /// [`Model::views`] with another axis upward.
+    pub fn views_with(&self, up: UpAxis) -> [Camera; 4] {
+        default_views(&self.0.info.bounds, up)
     }
 
     /// Whether both are the same opened model.

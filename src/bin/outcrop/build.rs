@@ -113,27 +113,31 @@ fn as_json(file: &str, r: &BuildReport) -> Value {
 }
 
 fn as_text(file: &str, r: &BuildReport) -> String {
-    let each = |bytes: u64| bytes as f64 / r.triangles_kept.max(1) as f64;
+    use common::{counted, each};
     let dropped: String = [("not finite", r.non_finite), ("without area", r.degenerate), ("out of range", r.out_of_range)]
         .iter()
         .filter(|(_, n)| *n > 0)
         .map(|(why, n)| format!(", {n} {why}"))
         .collect();
+    let sizes = match r.triangles_kept {
+        0 => String::new(),
+        n => format!(
+            " ({}, of which {:.1} are primitive ids); {} in memory\n{:.2} references a triangle{}",
+            each(r.bytes, n),
+            r.bytes_ids as f64 / n as f64,
+            each(r.bytes_trace, n),
+            r.references as f64 / n as f64,
+            if r.spatial_splits { " (spatial splits)" } else { "" },
+        ),
+    };
     format!(
-        "{file}: {} of {} triangles{dropped}; {} parts, {} trees, {} instances\n\
-         {} ({:.1} bytes a triangle, of which {:.1} are primitive ids); {:.1} bytes a triangle in memory\n\
-         {:.2} references a triangle{}; {:.1} s (read {:.1}, build {:.1}, write {:.1})",
+        "{file}: {} of {}{dropped}; {}, {}, {}\n{}{sizes}; {:.1} s (read {:.1}, build {:.1}, write {:.1})",
         r.triangles_kept,
-        r.triangles_in,
-        r.parts,
-        r.trees,
-        r.instances,
+        counted(r.triangles_in, "triangle"),
+        counted(r.parts, "part"),
+        counted(r.trees, "tree"),
+        counted(r.instances, "instance"),
         common::in_bytes(r.bytes),
-        each(r.bytes),
-        each(r.bytes_ids),
-        each(r.bytes_trace),
-        each(r.references),
-        if r.spatial_splits { " (spatial splits)" } else { "" },
         seconds(r),
         r.seconds.read,
         r.seconds.build,

@@ -38,11 +38,11 @@ pub fn run(args: &Args) -> Outcome {
         "triangles": model.info().triangles_stored,
     });
     let text = format!(
-        "{}: sound; {} in {} blocks, {} triangles",
+        "{}: sound; {} in {}, {}",
         args.model.display(),
         common::in_bytes(report.bytes),
-        report.blocks,
-        model.info().triangles_stored
+        common::counted(report.blocks.into(), "block"),
+        common::counted(model.info().triangles_stored, "triangle"),
     );
     common::print(args.json, &value, &text)
 }

@@ -125,6 +125,19 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
+/// A count with its noun: "1 block", "2 blocks".
+pub fn counted(n: u64, noun: &str) -> String {
+    format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
+}
+
+/// Bytes a triangle for people; a model without triangles has none.
+pub fn each(bytes: u64, triangles: u64) -> String {
+    match triangles {
+        0 => "no triangles".into(),
+        n => format!("{:.1} bytes a triangle", bytes as f64 / n as f64),
+    }
+}
+
 /// Bytes for people.
 pub fn in_bytes(bytes: u64) -> String {
     indicatif::BinaryBytes(bytes).to_string()
@@ -160,6 +173,12 @@ pub fn print(json: bool, value: &serde_json::Value, text: &str) -> Outcome {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn texts_for_people() {
+        assert_eq!((counted(0, "block"), counted(1, "block")), ("0 blocks".into(), "1 block".into()));
+        assert_eq!((each(84, 2), each(84, 0)), ("42.0 bytes a triangle".into(), "no triangles".into()));
+    }
 
     #[test]
     fn sizes_and_counts() {

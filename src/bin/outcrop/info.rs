@@ -84,29 +84,30 @@ fn as_text(file: &ModelFile, with_parts: bool) -> String {
     let unit = if h.metres_per_unit > 0.0 { format!("{} m", h.metres_per_unit) } else { "unknown".into() };
     let empty = h.bounds.iter().any(|x| !x.is_finite());
     let bounds = if empty { "empty".into() } else { format!("{:?} .. {:?}", &h.bounds[..3], &h.bounds[3..]) };
+    let many = |n: usize, noun| common::counted(n as u64, noun);
     let mut text = format!(
-        "{}: {}, {}, {} triangles of {} in the input\n\
-         {} blocks of at most {}, {} in memory ({:.1} bytes a triangle)\n\
-         {} parts, {} materials, {} trees, {} instances\n\
+        "{}: {}, {}, {} of {} in the input\n\
+         {} of at most {}, {} in memory ({})\n\
+         {}, {}, {}, {}\n\
          bounds {bounds}, unit {unit}, up {}\n",
         file.name().display(),
         structure(file),
         common::in_bytes(file.file_len()),
-        h.triangles_kept,
+        common::counted(h.triangles_kept, "triangle"),
         h.triangles_in,
-        h.geometry_blocks,
+        common::counted(h.geometry_blocks.into(), "block"),
         common::in_bytes(h.block_size.into()),
         common::in_bytes(bytes),
-        bytes as f64 / h.triangles_kept.max(1) as f64,
-        file.parts().len(),
-        file.materials().len(),
-        file.trees().len(),
-        file.instances().len(),
+        common::each(bytes, h.triangles_kept),
+        many(file.parts().len(), "part"),
+        many(file.materials().len(), "material"),
+        many(file.trees().len(), "tree"),
+        many(file.instances().len(), "instance"),
         up(file).unwrap_or("unknown"),
     );
     if with_parts {
         for p in file.parts() {
-            text += &format!("{}\t{}\t{} triangles\n", p.id, p.name, p.triangles);
+            text += &format!("{}\t{}\t{}\n", p.id, p.name, common::counted(p.triangles, "triangle"));
         }
     }
     text

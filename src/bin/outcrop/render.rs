@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Outcome {
     let begun = Instant::now();
     let model = Model::open(&context, &args.model)?;
     let seconds_open = begun.elapsed().as_secs_f64();
-    let camera = args.view.camera(&model);
+    let camera = args.view.camera(&model)?;
     let mut lights = if args.lights.is_empty() { usual_lights(&camera) } else { args.lights.clone() };
     if args.no_shadows {
         lights.iter_mut().for_each(|l| l.shadows = false);

@@ -10,10 +10,16 @@ use std::sync::Arc;
 #[derive(clap::Args)]
 pub struct ViewArgs {
     /// One of four views: 0 and 1 of the whole, 2 and 3 nearer
-    #[arg(long, value_name = "0..3", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=3))]
+    #[arg(
+        long,
+        value_name = "0..3",
+        default_value_t = 0,
+        value_parser = clap::value_parser!(u8).range(0..=3),
+        conflicts_with = "eye"
+    )]
     view: u8,
     /// The four views of this generated model in place of those from the bounds
-    #[arg(long, value_name = "NAME", value_parser = generate::NAMES)]
+    #[arg(long, value_name = "NAME", value_parser = generate::NAMES, conflicts_with_all = ["eye", "up"])]
     views: Option<String>,
     /// The eye
     #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "at", allow_hyphen_values = true)]
@@ -21,15 +27,32 @@ pub struct ViewArgs {
     /// The point looked at
     #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "eye", allow_hyphen_values = true)]
     at: Option<DVec3>,
-    /// Upward; by default the model's up axis
-    #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "eye", allow_hyphen_values = true)]
-    up: Option<DVec3>,
+    /// Upward: x, y or z, or with --eye any direction. By default what the model says, z if it says nothing
+    /// (scans often do not; `outcrop build --up` makes them say it)
+    #[arg(long, value_name = "AXIS or X,Y,Z", value_parser = upward, allow_hyphen_values = true)]
+    up: Option<Up>,
     /// Vertical angle of view in degrees
     #[arg(long, value_name = "DEGREES")]
     fov: Option<f64>,
     /// Parallel rays; the picture's height in the model's units
     #[arg(long, value_name = "HEIGHT", conflicts_with = "fov")]
     ortho: Option<f64>,
+}
+
+/// What `--up` says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Up {
+    Axis(UpAxis),
+    Direction(DVec3),
+}
+
+fn upward(text: &str) -> Result<Up, String> {
+    Ok(match text {
+        "x" => Up::Axis(UpAxis::X),
+        "y" => Up::Axis(UpAxis::Y),
+        "z" => Up::Axis(UpAxis::Z),
+        _ => Up::Direction(common::point(text).map_err(|e| format!("{e}; or x, y or z"))?),
+    })
 }
 
 /// Degrees, where none are given.
@@ -45,22 +68,31 @@ pub fn four(model: &Model, generator: Option<&str>) -> [Camera; 4] {
 
 impl ViewArgs {
     /// The camera asked for.
-    pub fn camera(&self, model: &Model) -> Camera {
-        let up_of_model = match model.info().up {
-            UpAxis::X => DVec3::X,
-            UpAxis::Y => DVec3::Y,
-            UpAxis::Z | UpAxis::Unknown => DVec3::Z,
+    pub fn camera(&self, model: &Model) -> Result<Camera, Failure> {
+        let axis = match self.up {
+            Some(Up::Axis(axis)) => axis,
+            Some(Up::Direction(_)) if self.eye.is_none() => {
+                return Err(Failure::Usage("--up X,Y,Z goes with --eye and --at; without them it is x, y or z".into()));
+            }
+            _ => model.info().up,
         };
-        let preset = four(model, self.views.as_deref())[usize::from(self.view)];
+        let up = match (self.up, axis) {
+            (Some(Up::Direction(up)), _) => up,
+            (_, UpAxis::X) => DVec3::X,
+            (_, UpAxis::Y) => DVec3::Y,
+            (_, UpAxis::Z | UpAxis::Unknown) => DVec3::Z,
+        };
+        let presets = if self.views.is_some() { four(model, self.views.as_deref()) } else { model.views_with(axis) };
+        let preset = presets[usize::from(self.view)];
         let (eye, at, up, fov) = match (self.eye, self.at, preset) {
-            (Some(eye), Some(at), _) => (eye, at, self.up.unwrap_or(up_of_model), FOV_Y),
+            (Some(eye), Some(at), _) => (eye, at, up, FOV_Y),
             (_, _, Camera::Perspective { eye, at, up, fov_y_degrees }) => (eye, at, up, fov_y_degrees),
             (_, _, Camera::Orthographic { eye, at, up, .. }) => (eye, at, up, FOV_Y),
         };
-        match self.ortho {
+        Ok(match self.ortho {
             Some(height) => Camera::Orthographic { eye, at, up, height },
             None => Camera::Perspective { eye, at, up, fov_y_degrees: self.fov.unwrap_or(fov) },
-        }
+        })
     }
 }
 
@@ -77,4 +109,16 @@ pub fn alone(
     scene.set_background(background)?;
     scene.commit()?;
     Ok(scene.state())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn upward_is_an_axis_or_a_direction() {
+        assert_eq!(upward("y"), Ok(Up::Axis(UpAxis::Y)));
+        assert_eq!(upward("0,-1,0"), Ok(Up::Direction(-DVec3::Y)));
+        assert!(upward("w").is_err() && upward("").is_err());
+    }
 }
