@@ -480,7 +480,7 @@ typedef struct oc_light {
     float intensity;
     /** An OC_LIGHT_ number. */
     oc_light_kind kind;
-    /** 1: it casts shadows; 0: it does not. */
+    /** 1: it casts shadows; 0: it does not. A transparent part lets through 1 minus its opacity, as of what is seen. */
     uint32_t shadows;
 } oc_light;
 

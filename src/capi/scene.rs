@@ -87,7 +87,7 @@ pub struct oc_light {
     pub intensity: f32,
     /// An OC_LIGHT_ number.
     pub kind: oc_light_kind,
-    /// 1: it casts shadows; 0: it does not.
+    /// 1: it casts shadows; 0: it does not. A transparent part lets through 1 minus its opacity, as of what is seen.
     pub shadows: u32,
 }
 

@@ -47,6 +47,7 @@ impl Scene {
         let lights = vec![Light::HEADLIGHT];
         let background = Background::default();
         let committed = Arc::new(SceneState {
+            see_through: false,
             context: context.clone(),
             models: Vec::new(),
             instances: Vec::new(),
@@ -176,7 +177,10 @@ impl Scene {
         } else {
             Arc::clone(&draft.committed.placement)
         };
+        let see_through = models.iter().any(Model::see_through)
+            || instances.iter().any(|i| i.state.see_through() || i.parts.see_through());
         draft.committed = Arc::new(SceneState {
+            see_through,
             context: self.context.clone(),
             models,
             instances,

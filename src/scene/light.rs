@@ -25,7 +25,7 @@ pub struct Light {
     /// Factor to `colour`, 0 or more. A white matt surface facing a headlight or directional light of
     /// intensity 1 has the value 1.
     pub intensity: f32,
-    /// Whether shadow rays are traced (ignored for a headlight).
+    /// Whether shadow rays are traced (ignored for a headlight). A transparent part lets through 1 minus its opacity.
     pub shadows: bool,
 }
 

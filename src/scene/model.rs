@@ -91,6 +91,8 @@ struct Inner {
     context: Context,
     info: ModelInfo,
     parts: Vec<PartInfo>,
+    /// Whether one of them lets light through.
+    see_through: bool,
     /// First part of each id.
     part_of_id: HashMap<u64, u32>,
     trees: Vec<Tree>,
@@ -190,9 +192,10 @@ impl Model {
         for (i, part) in parts.iter().enumerate() {
             part_of_id.entry(part.id).or_insert(i as u32);
         }
+        let see_through = parts.iter().any(|part| part.colour[3] < 1.0);
         let info = info_of(&file, &header);
         let context = context.clone();
-        Ok(Self(Arc::new(Inner { context, info, parts, part_of_id, trees, blocks, geometry_bytes })))
+        Ok(Self(Arc::new(Inner { context, info, parts, see_through, part_of_id, trees, blocks, geometry_bytes })))
     }
 
     /// The context it was opened in.
@@ -239,6 +242,11 @@ impl Model {
     /// [`Model::views`] with another axis upward.
     pub fn views_with(&self, up: UpAxis) -> [Camera; 4] {
         default_views(&self.0.info.bounds, up)
+    }
+
+    /// Whether a part lets light through.
+    pub(crate) fn see_through(&self) -> bool {
+        self.0.see_through
     }
 
     /// Whether both are the same opened model.

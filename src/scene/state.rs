@@ -26,6 +26,13 @@ impl Default for State {
     }
 }
 
+impl State {
+    /// Whether its colour lets light through.
+    pub(crate) fn see_through(&self) -> bool {
+        self.colour.is_some_and(|c| c[3] < 1.0)
+    }
+}
+
 /// The states of an instance's parts, where they differ from the default.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct PartStates {
@@ -53,6 +60,11 @@ impl PartStates {
         } else {
             self.shown.insert(part, state);
         }
+    }
+
+    /// Whether light passes through one of the parts whose state has a colour.
+    pub fn see_through(&self) -> bool {
+        self.shown.values().any(State::see_through)
     }
 }
 
@@ -83,6 +95,8 @@ pub struct SceneState {
     pub(crate) models: Vec<Model>,
     pub(crate) instances: Vec<Instance>,
     pub(crate) placement: Arc<Placement>,
+    /// Whether anything may be transparent: else whatever a shadow ray meets is dark.
+    pub(crate) see_through: bool,
     pub(crate) lights: Vec<Light>,
     pub(crate) background: Background,
 }

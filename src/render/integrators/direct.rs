@@ -1,5 +1,4 @@
-//! Direct light: headlights, points, directions, with shadow rays in packets; layers of transparent
-//! surfaces by continuing the ray.
+//! Direct light: headlights, points, directions; layers of transparent surfaces by continuing the ray.
 
 use super::material::Material;
 use crate::math::{Cone, Ray};
@@ -15,14 +14,14 @@ use crate::structure::bvh::trace::PACKET;
 use glam::{DVec3, Vec3};
 
 /// Transparent surfaces that a ray goes through at most; what is behind counts as background.
-const MAX_LAYERS: usize = 32;
+pub(super) const MAX_LAYERS: usize = 32;
 /// In place of what overflows.
 const BRIGHTEST: f32 = 65504.0;
 /// What is let through less than this is not looked at.
-const LEAST_TRANSMITTANCE: f32 = 1.0 / 512.0;
+pub(super) const LEAST_TRANSMITTANCE: f32 = 1.0 / 512.0;
 /// Offset of rays that leave a surface, as a share of its tree's reach: 32 times what single precision may put
 /// between a point of a surface and the surface (2⁻²⁴ of twice the reach).
-const LEAVE: f64 = 1.0 / 262_144.0;
+pub(super) const LEAVE: f64 = 1.0 / 262_144.0;
 
 /// What is seen first in a pixel.
 #[derive(Debug, Clone, Copy)]
@@ -217,7 +216,7 @@ impl Direct<'_> {
     }
 
     /// The part's material, under the states of part and instance; `own` is the triangle's own colour.
-    fn material(
+    pub(super) fn material(
         &self,
         placed: u32,
         part: u32,
@@ -226,6 +225,7 @@ impl Direct<'_> {
         let p = &self.view.scene.placement.placed[placed as usize];
         let instance = &self.view.scene.instances[p.instance as usize];
         let info = self.view.model_of(placed).parts().get(part as usize);
+        let state = instance.parts.shown.get(&part);
         let [r, g, b, a] = info.map_or([0.6, 0.6, 0.6, 1.0], |i| i.colour);
         let mut material = Material {
             colour: Vec3::new(r, g, b),
@@ -234,7 +234,6 @@ impl Direct<'_> {
             roughness: info.map_or(0.6, |i| i.roughness),
             glow: Vec3::ZERO,
         };
-        let state = instance.parts.shown.get(&part);
         match state.and_then(|s| s.colour).or(instance.state.colour) {
             Some([r, g, b, a]) => (material.colour, material.opacity) = (Vec3::new(r, g, b), a),
             None => {
@@ -275,21 +274,12 @@ impl Direct<'_> {
                     asked |= 1 << i;
                 }
             }
-            let dark = if asked == 0 { 0 } else { self.shadowed(&shadow, asked, &mut scratch.shadow)? };
-            for i in bits(active & !dark) {
-                sum[i] += answer[i];
+            let through = self.unshadowed(&mut shadow, asked, &mut scratch.shadow)?;
+            for i in bits(active) {
+                sum[i] += answer[i] * through[i];
             }
         }
         Ok(sum)
-    }
-
-    /// Which of the rays meet something.
-    fn shadowed(&self, rays: &[RayWithMask; PACKET], asked: u32, packet: &mut ScenePacket) -> Result<u32, Need> {
-        packet.begin(&self.view, rays, asked);
-        match self.view.trace16::<true>(rays, packet) {
-            Step::Pending(need) => Err(need),
-            Step::Done => Ok(bits(asked).filter(|&i| packet.best(i).is_hit()).fold(0, |m, i| m | 1 << i)),
-        }
     }
 }
 

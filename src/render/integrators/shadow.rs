@@ -1,0 +1,81 @@
+//! Shadow rays, in packets. Transparent surfaces let through the share of light that they let through of what
+//! is seen behind them.
+
+use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS};
+use crate::base::ids::BlockId;
+use crate::scene::walk::{Found, Need, RayWithMask, ScenePacket, Step, bits};
+use crate::structure::bvh::trace::PACKET;
+
+impl Direct<'_> {
+    /// The share of light that comes through along each of the rays of `asked`; 1 for the others. Rays have
+    /// unit directions, and are used up.
+    pub(super) fn unshadowed(
+        &self,
+        rays: &mut [RayWithMask; PACKET],
+        asked: u32,
+        packet: &mut ScenePacket,
+    ) -> Result<[f32; PACKET], Need> {
+        let mut through = [1.0; PACKET];
+        if asked == 0 {
+            return Ok(through);
+        }
+        let dark = self.met::<true>(rays, asked, packet)?;
+        if self.view.scene.see_through {
+            self.go_through(rays, dark, &mut through, packet)?;
+        } else {
+            bits(dark).for_each(|i| through[i] = 0.0);
+        }
+        Ok(through)
+    }
+
+    /// Goes through surfaces, from the one that is lit towards the light, until nothing comes through.
+    fn go_through(
+        &self,
+        rays: &mut [RayWithMask; PACKET],
+        mut active: u32,
+        through: &mut [f32; PACKET],
+        packet: &mut ScenePacket,
+    ) -> Result<(), Need> {
+        for _ in 0..MAX_LAYERS {
+            if active == 0 {
+                break;
+            }
+            active = self.met::<false>(rays, active, packet)?;
+            for i in bits(active) {
+                let found = packet.best(i);
+                through[i] *= 1.0 - self.opacity(found)?;
+                rays[i].ray.t_min = found.t + self.view.scene.placement.placed[found.placed as usize].extent() * LEAVE;
+                if through[i] < LEAST_TRANSMITTANCE {
+                    through[i] = 0.0;
+                    active &= !(1 << i);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Which of the rays meet something.
+    fn met<const ANY: bool>(
+        &self,
+        rays: &[RayWithMask; PACKET],
+        asked: u32,
+        packet: &mut ScenePacket,
+    ) -> Result<u32, Need> {
+        packet.begin(&self.view, rays, asked);
+        match self.view.trace16::<ANY>(rays, packet) {
+            Step::Pending(need) => Err(need),
+            Step::Done => Ok(bits(asked).filter(|&i| packet.best(i).is_hit()).fold(0, |m, i| m | 1 << i)),
+        }
+    }
+
+    /// The opacity of what was met, under the states of part and instance.
+    fn opacity(&self, found: &Found) -> Result<f32, Need> {
+        let scene = self.view.scene;
+        let placed = &scene.placement.placed[found.placed as usize];
+        let missing = Need { model: placed.model, block: BlockId(found.tri.block) };
+        let triangle = self.view.tree(found.placed).triangle(&found.tri).ok_or(missing)?;
+        let part = placed.first_part.saturating_add(triangle.part);
+        // Colours of single triangles say nothing of opacity.
+        self.material(found.placed, part, || Ok(None)).map(|material| material.opacity)
+    }
+}
