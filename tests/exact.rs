@@ -12,7 +12,7 @@ use common::bvh64::Bvh64;
 use common::errors::{Answer, Judge, Summary};
 use common::rays::{Ray32, RayMaker};
 use common::rounding::{Rounding, Seen, shift};
-use common::scenes::{self, Soup};
+use common::scenes::{Soup, on_five_models};
 use common::trees::{self, TestTree};
 use outcrop::geom::watertight::{Shear, intersect_one};
 use outcrop::simd::Isa;
@@ -108,27 +108,4 @@ fn check(soup: Soup) {
     any.assert_clean(&format!("{}, f64 tree, any", soup.name));
 }
 
-#[test]
-fn scan() {
-    check(scenes::scan());
-}
-
-#[test]
-fn cad() {
-    check(scenes::cad());
-}
-
-#[test]
-fn slivers() {
-    check(scenes::slivers());
-}
-
-#[test]
-fn coplanar_doubles() {
-    check(scenes::doubles());
-}
-
-#[test]
-fn far_from_zero() {
-    check(scenes::far_from_zero());
-}
+on_five_models!(check);

@@ -10,7 +10,7 @@ use common::bvh64::Bvh64;
 use common::errors::{Judge, Summary, Verdict};
 use common::rays::{Ray32, RayMaker};
 use common::rounding::{Rounding, Seen, shift};
-use common::scenes::{self, Soup};
+use common::scenes::{Soup, on_five_models};
 use common::stored::{self, StoredTree};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
@@ -104,27 +104,4 @@ fn check(soup: Soup) {
     assert!(hits == together, "packets answer otherwise");
 }
 
-#[test]
-fn scan() {
-    check(scenes::scan());
-}
-
-#[test]
-fn cad() {
-    check(scenes::cad());
-}
-
-#[test]
-fn slivers() {
-    check(scenes::slivers());
-}
-
-#[test]
-fn coplanar_doubles() {
-    check(scenes::doubles());
-}
-
-#[test]
-fn far_from_zero() {
-    check(scenes::far_from_zero());
-}
+on_five_models!(check);

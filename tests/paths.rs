@@ -5,7 +5,7 @@ mod common;
 
 use common::built::{self, Part};
 use common::rays::{Ray32, RayKind, RayMaker};
-use common::scenes::{self, Soup};
+use common::scenes::{self, Soup, on_five_models};
 use common::stored;
 use common::trees::{self, TestTree};
 use outcrop::math::Ray;
@@ -109,22 +109,4 @@ fn scenes_answer_alike_with_any_threads_and_vectors() {
     }
 }
 
-#[test]
-fn scan() {
-    check(scenes::scan());
-}
-
-#[test]
-fn slivers() {
-    check(scenes::slivers());
-}
-
-#[test]
-fn coplanar_doubles() {
-    check(scenes::doubles());
-}
-
-#[test]
-fn cad() {
-    check(scenes::cad());
-}
+on_five_models!(check);

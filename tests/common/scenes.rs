@@ -17,6 +17,24 @@ pub fn five() -> Vec<Soup> {
     vec![scan(), cad(), slivers(), doubles(), far_from_zero()]
 }
 
+/// A test for each of the five models, named after it: `on_five_models!(check)` calls `check(soup)`.
+#[allow(unused_macros)]
+macro_rules! on_five_models {
+    ($check:ident) => {
+        on_five_models!($check: scan, cad, slivers, doubles, far_from_zero);
+    };
+    ($check:ident: $($model:ident),*) => {
+        $(
+            #[test]
+            fn $model() {
+                $check($crate::common::scenes::$model());
+            }
+        )*
+    };
+}
+#[allow(unused_imports)]
+pub(crate) use on_five_models;
+
 /// Not a point or a line once its corners are rounded to f32: what a builder keeps.
 pub fn has_area(tri: &Tri) -> bool {
     (tri[1] - tri[0]).cross(tri[2] - tri[0]).length_squared() > 0.0
