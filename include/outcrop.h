@@ -160,7 +160,7 @@ typedef struct oc_executor {
     /** Set by OC_INIT. */
     uint32_t struct_size;
     /**
-     * How many tasks can run at once, 1 or more; so many are handed in at a time at most (a build is
+     * How many tasks can run at once, 1 or more; so many are handed in at a time at most (each build and load is
      * one more).
      */
     uint32_t concurrency;

@@ -105,7 +105,7 @@ fn brute_force(triangles: &[[Vec3; 3]], ray: &LocalRay) -> Option<(f32, u32)> {
 fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> BuildReport {
     let (opened, report, _) = build(triangles, options);
     let kept: Vec<BlockId> = (0..opened.blocks.file().block_count()).map(BlockId).collect();
-    opened.blocks.fetch(&kept, 2, &Cancel::new()).expect("fetch");
+    opened.blocks.fetch(&kept, &Cancel::new()).expect("fetch");
     let snapshot = opened.blocks.snapshot();
     check_links(&snapshot, opened.blocks.file().header().geometry_blocks).expect("links");
     for isa in Isa::ALL.into_iter().filter(|i| i.is_available()) {
@@ -213,7 +213,7 @@ fn a_missing_block_is_an_outcome_and_the_walk_goes_on_where_it_stopped() {
         while let Outcome::Pending(block) = view(&opened, &snapshot, Isa::best()).closest(None, &mut walk) {
             stops += 1;
             assert!(snapshot.block(block).is_none());
-            fresh.fetch(&[block], 1, &Cancel::new()).expect("fetch");
+            fresh.fetch(&[block], &Cancel::new()).expect("fetch");
             snapshot = fresh.snapshot();
         }
         let t = walk.best().is_hit().then(|| walk.best().t);

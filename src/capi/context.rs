@@ -49,7 +49,7 @@ pub type oc_submit_fn =
 pub struct oc_executor {
     /// Set by OC_INIT.
     pub struct_size: u32,
-    /// How many tasks can run at once, 1 or more; so many are handed in at a time at most (a build is
+    /// How many tasks can run at once, 1 or more; so many are handed in at a time at most (each build and load is
     /// one more).
     pub concurrency: u32,
     /// Given to `submit`.

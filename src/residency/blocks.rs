@@ -81,7 +81,7 @@ impl ModelBlocks {
     ///
     /// Fails with `Corrupt` naming the block, `Io`, `OverBudget` or `Cancelled`; blocks fetched before
     /// the failing one stay.
-    pub fn fetch(&self, ids: &[BlockId], _threads: usize, cancel: &Cancel) -> Result<()> {
+    pub fn fetch(&self, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
         loop {
             cancel.check()?;
             let Some(claim) = self.claim(ids) else { return Ok(()) };

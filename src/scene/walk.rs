@@ -71,7 +71,7 @@ pub(crate) fn fetch(scene: &SceneState, mut needs: Vec<Need>) -> Result<()> {
     needs.dedup();
     for same_model in needs.chunk_by(|a, b| a.model == b.model) {
         let blocks: Vec<BlockId> = same_model.iter().map(|n| n.block).collect();
-        scene.models[same_model[0].model as usize].blocks().fetch(&blocks, 1, &Cancel::new())?;
+        scene.models[same_model[0].model as usize].blocks().fetch(&blocks, &Cancel::new())?;
     }
     Ok(())
 }

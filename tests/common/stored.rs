@@ -78,7 +78,7 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
     let decoder = BvhDecoder { geometry_blocks: geometry, tree_ends };
     let blocks = ModelBlocks::new(Arc::clone(&file), Box::new(decoder), Arc::new(Cache::new(u64::MAX)));
     let all: Vec<BlockId> = (0..file.block_count()).map(BlockId).collect();
-    blocks.fetch(&all, 1, &Cancel::new()).expect("all blocks");
+    blocks.fetch(&all, &Cancel::new()).expect("all blocks");
     let snapshot = blocks.snapshot();
     let read = |row: &outcrop::store::TreeRow| {
         let view = TreeView {
