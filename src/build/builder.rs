@@ -7,6 +7,7 @@ use super::{BuildOptions, Splits, Structure};
 use crate::base::error::{Error, Result};
 use crate::base::progress::{Cancel, Phase, Progress};
 use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
+use crate::math::srgb;
 use crate::store::{InstanceRow, MaterialRow, PartRow, sections};
 use glam::{DAffine3, DVec3};
 use std::path::Path;
@@ -69,9 +70,15 @@ impl Builder {
 
     /// Reads a mesh file into the model. Errors as of [`import::read_file`].
     pub fn add_file(&mut self, path: &Path) -> Result<()> {
+        self.add_files(&[path])
+    }
+
+    /// Reads mesh files into the model, one after the other; progress counts over all of them. Errors as of
+    /// [`import::read_file`].
+    pub fn add_files(&mut self, paths: &[impl AsRef<Path>]) -> Result<()> {
         self.progress.enter(Phase::Read);
         let options = ReadOptions { temp_dir: self.options.temp_dir.clone() };
-        import::read_file(path, &options, self)
+        import::read_files(paths, &options, self)
     }
 
     /// Triangles so far, dropped ones included.
@@ -130,13 +137,6 @@ fn in_pool<T: Send>(threads: usize, work: impl FnOnce(usize) -> Result<T> + Send
 fn row_of(m: MaterialDesc) -> MaterialRow {
     let MaterialDesc { colour, opacity, metalness, roughness } = m;
     MaterialRow { colour, opacity, metalness, roughness }.clamped()
-}
-
-/// Linear to sRGB, 8 bits; NaN becomes 0.
-fn srgb8(linear: f32) -> u8 {
-    let x = linear.clamp(0.0, 1.0);
-    let s = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
-    (s * 255.0 + 0.5) as u8
 }
 
 impl Sink for Builder {
@@ -204,7 +204,7 @@ impl Sink for Builder {
             let prim = (self.triangles_in + i as u64) as u32;
             if corners.iter().all(|c| c.is_finite()) {
                 let colour = colours.map(|c| {
-                    let [r, g, b] = c[i].map(srgb8);
+                    let [r, g, b] = c[i].map(srgb::level);
                     [r, g, b, 255]
                 });
                 spool.push(corners, part, prim, colour);

@@ -21,9 +21,7 @@ pub(super) struct Built {
 /// Reads the files and makes the model.
 pub(super) fn run(input: Input, out: PathBuf) -> Result<Built> {
     let Input { mut builder, files, .. } = input;
-    for file in files {
-        builder.add_file(&file)?;
-    }
+    builder.add_files(&files)?;
     let report = builder.finish(&out)?;
     let note = |n: &String| CString::new(n.replace('\0', "")).unwrap_or_default();
     let notes = report.notes.iter().map(note).collect();

@@ -1,11 +1,11 @@
 //! Colours of files are sRGB-coded by habit; averages are taken over linear light.
 
+use crate::math::srgb;
 use std::sync::LazyLock;
 
 /// The linear value of an sRGB-coded one in [0, 1] (IEC 61966-2-1); clamped, NaN is 0.
 pub(crate) fn linear(coded: f32) -> f32 {
-    let c = if coded.is_nan() { 0.0 } else { coded.clamp(0.0, 1.0) };
-    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+    srgb::decode(unit(coded, 0.0))
 }
 
 static BYTES: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|i| linear(i as f32 / 255.0)));

@@ -1,8 +1,9 @@
-//! Plain geometry on glam's types: bounds, rays and their cones. Uses nothing.
+//! Plain geometry on glam's types: bounds, rays and their cones; the coding of colours. Uses nothing.
 #![forbid(unsafe_code)]
 
 pub mod bounds;
 pub mod ray;
+pub mod srgb;
 pub mod view;
 
 pub use bounds::{Bounds, DBounds};

@@ -1,22 +1,39 @@
-//! Linear colour to the sRGB of screens and back (IEC 61966-2-1), by table.
+//! Linear colour to the sRGB of screens and files, and back (IEC 61966-2-1).
+
+/// The sRGB-coded value of a linear one in [0, 1].
+pub fn encode(linear: f32) -> f32 {
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// The linear value of an sRGB-coded one in [0, 1].
+pub fn decode(coded: f32) -> f32 {
+    if coded <= 0.040_45 { coded / 12.92 } else { ((coded + 0.055) / 1.055).powf(2.4) }
+}
+
+/// The nearest of 256 sRGB-coded levels; what is outside of [0, 1] is clamped, NaN is 0.
+pub fn level(linear: f32) -> u8 {
+    // A cast saturates, and makes 0 of NaN.
+    (encode(linear.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8
+}
 
 /// Steps of the table from 0 to 1: less than one level of 8 bits each, even in the dark where the curve is
 /// steepest (12.92 · 255 / 8191 = 0.4).
 const STEPS: usize = 8192;
 
-/// Tables both ways.
-pub(super) struct Srgb {
+/// Tables both ways: within a level of [`level`], and faster.
+pub struct Srgb {
     from_linear: Box<[u8; STEPS]>,
     to_linear: [f32; 256],
 }
 
 impl Srgb {
+    /// The tables.
     pub fn new() -> Self {
         let mut from_linear = Box::new([0; STEPS]);
         for (i, out) in from_linear.iter_mut().enumerate() {
-            *out = (encode(i as f64 / (STEPS - 1) as f64) * 255.0 + 0.5) as u8;
+            *out = level(i as f32 / (STEPS - 1) as f32);
         }
-        Self { from_linear, to_linear: std::array::from_fn(|i| decode(i as f64 / 255.0) as f32) }
+        Self { from_linear, to_linear: std::array::from_fn(|i| decode(i as f32 / 255.0)) }
     }
 
     /// A level of 8 bits; NaN gives 0.
@@ -41,17 +58,24 @@ impl Srgb {
     }
 }
 
-fn encode(x: f64) -> f64 {
-    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
-}
-
-fn decode(x: f64) -> f64 {
-    if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+impl Default for Srgb {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn levels_are_those_of_the_standard() {
+        assert_eq!((level(0.0), level(1.0), level(0.5)), (0, 255, 188));
+        assert!((decode(0.5) - 0.214_041).abs() < 1e-6 && (encode(0.214_041) - 0.5).abs() < 1e-6);
+        assert_eq!((level(f32::NAN), level(-1.0), level(2.0)), (0, 0, 255));
+        let srgb = Srgb::new();
+        assert!((0..=1000).map(|i| i as f32 / 1000.0).all(|x| srgb.level(x).abs_diff(level(x)) <= 1));
+    }
 
     #[test]
     fn every_level_survives_the_way_there_and_back() {

@@ -5,10 +5,10 @@
 
 use super::film::{Buffer, Film, Mapped, Outputs, Picture, Spare, Target};
 use super::job::{Asked, Owner, Request};
-use super::srgb::Srgb;
 use super::status::{FrameState, FrameStatus};
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job};
+use crate::math::srgb::Srgb;
 use crate::query::{Hit, Policy, QueryOptions, Want};
 use crate::scene::camera::PixelRays;
 use crate::scene::{Camera, Context, SceneState};

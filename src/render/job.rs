@@ -4,10 +4,10 @@
 use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
 use super::integrators::direct::{Direct, Scratch};
-use super::srgb::Srgb;
 use super::tile::{Tally, TilePixels, tiles_from_the_middle};
 use crate::base::error::Result;
 use crate::base::tasks::{Ending, Work};
+use crate::math::srgb::Srgb;
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
 use crate::scene::walk::{Need, SceneView, Snapshots, fetch};

@@ -5,7 +5,6 @@ pub mod film;
 pub mod frame;
 mod integrators;
 mod job;
-mod srgb;
 pub mod status;
 mod tile;
 

@@ -2,7 +2,7 @@
 
 use super::film::Buffer;
 use super::integrators::direct::{Direct, Layer, Scratch};
-use super::srgb::Srgb;
+use crate::math::srgb::Srgb;
 use crate::query::{HitKind, NONE};
 use crate::scene::walk::Need;
 

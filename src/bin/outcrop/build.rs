@@ -67,9 +67,7 @@ pub fn run(args: &Args) -> Outcome {
     let mut builder = Builder::new(options, Arc::clone(&progress), cancel)?;
     let bar = common::progress_bar(1000);
     let report = common::watched(&progress, &bar, || {
-        for file in &args.files {
-            builder.add_file(file)?;
-        }
+        builder.add_files(&args.files)?;
         builder.finish(&args.output)
     });
     bar.finish_and_clear();

@@ -1,10 +1,10 @@
 //! Direct light: headlights, points, directions; layers of transparent surfaces by continuing the ray.
 
 use super::material::Material;
+use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
 use crate::query::finish::{facing_normal, meet};
 use crate::query::{HitKind, NONE};
-use crate::render::srgb::Srgb;
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::placed::not_below;
