@@ -1,7 +1,6 @@
-//! Triangles: the watertight ray test and clipping. Uses base, math and simd.
+//! Triangles: the watertight ray test. Uses base, math and simd.
 #![forbid(unsafe_code)]
 
-pub mod clip;
 pub mod watertight;
 
 pub use watertight::{Shear, TriangleHit};

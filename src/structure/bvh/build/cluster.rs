@@ -123,7 +123,7 @@ fn fill(
         let block = plans.len() - 1;
         let plan = &mut plans[block];
         homes.push(Home { round, block, node: plan.nodes });
-        plan.nodes += count_nodes(&unit);
+        plan.nodes += unit.nodes();
         plan.words += unit.words;
         plan.parts.extend(parts);
         plan.parts.sort_unstable();
@@ -131,14 +131,6 @@ fn fill(
         plan.roots.push(unit);
     }
     plans
-}
-
-fn count_nodes(inner: &Inner) -> u32 {
-    let below = inner.children.iter().map(|(_, c)| match c {
-        Sub::Inner(i) => count_nodes(i),
-        _ => 0,
-    });
-    1 + below.sum::<u32>()
 }
 
 /// Local parts of the triangles below, ascending.

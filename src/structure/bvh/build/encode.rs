@@ -36,7 +36,7 @@ struct Encoder<'a> {
 /// Encodes block `index` of `plans`, whose block 0 has the id `first_block`.
 pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, refs: &[Ref]) -> TreeBlock {
     let plan = &plans[index];
-    let nodes: usize = plan.roots.iter().map(|r| count_nodes(r)).sum();
+    let nodes = plan.roots.iter().map(|r| r.nodes() as usize).sum();
     let externals_at = HEADER_WORDS + nodes * NODE_WORDS;
     let parts_at = externals_at + 2 * plan.externals.len();
     let mut encoder = Encoder {
@@ -68,14 +68,6 @@ pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, 
     words.extend(&encoder.leaves);
     words.extend([0; PAD_WORDS]);
     TreeBlock { words, prims: encoder.prims, colours: encoder.colours }
-}
-
-fn count_nodes(inner: &Inner) -> usize {
-    let below = inner.children.iter().map(|(_, c)| match c {
-        Sub::Inner(i) => count_nodes(i),
-        _ => 0,
-    });
-    1 + below.sum::<usize>()
 }
 
 impl Encoder<'_> {

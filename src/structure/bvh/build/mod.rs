@@ -3,6 +3,9 @@
 //! Passes: `refs` (one box a triangle), `sah` and `spatial` (where to split the set, or space), `tree` (wide nodes and leaves), `cluster` (which nodes share a block), `encode` (trace form).
 //! The result depends on the input and the options only, never on the number of threads.
 
+mod chop;
+#[cfg(test)]
+mod clip;
 mod cluster;
 mod encode;
 mod leaf;
@@ -11,6 +14,7 @@ mod partition;
 mod refs;
 mod sah;
 mod spatial;
+mod sweep;
 mod tree;
 
 pub use cluster::Plan;

@@ -85,3 +85,47 @@ pub fn by_median(refs: &mut [Ref], extents: &Extents, par: &Par) -> Sides {
     let (left, right) = refs.split_at(middle);
     Sides { middle, left: Extents::of(left, par), right: Extents::of(right, par) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::sah;
+    use super::*;
+    use crate::math::Bounds;
+    use glam::Vec3;
+
+    /// Scattered boxes: more than one thread takes by itself.
+    fn scattered() -> Vec<Ref> {
+        let mut state = 1u32;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / 65536.0
+        };
+        let boxes = (0..PARALLEL + 3 * CHUNK / 2).map(|_| {
+            let low = Vec3::new(next(), next(), next());
+            Bounds { min: low, max: low + Vec3::new(next(), next(), next()) * 0.01 }
+        });
+        boxes.enumerate().map(|(i, b)| Ref::new(b, i as u32)).collect()
+    }
+
+    #[test]
+    fn chunks_partitioned_in_parallel_make_two_sides_whatever_the_threads() {
+        let before = scattered();
+        let mut orders = Vec::new();
+        for threads in [1, 2] {
+            let (par, mut refs) = (Par { threads }, before.clone());
+            let split = sah::find(&refs, &Extents::of(&refs, &par), &par).expect("scattered");
+            let sides = by_split(&mut refs, &split, &par);
+            let (left, right) = refs.split_at(sides.middle);
+            assert!(left.iter().all(|r| split.is_left(r)) && !right.iter().any(|r| split.is_left(r)));
+            assert!(!left.is_empty() && !right.is_empty());
+            assert_eq!(sides.left.bounds(), Extents::of(left, &par).bounds());
+            assert_eq!(sides.right.bounds(), Extents::of(right, &par).bounds());
+            // The bins saw the same sides.
+            assert_eq!((sides.left.bounds(), sides.right.bounds()), (split.left, split.right));
+            orders.push(refs.iter().map(Ref::triangle).collect::<Vec<_>>());
+        }
+        assert_eq!(orders[0], orders[1]);
+        orders[0].sort_unstable();
+        assert!(orders[0].iter().copied().eq(0..before.len()));
+    }
+}

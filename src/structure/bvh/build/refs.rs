@@ -40,19 +40,10 @@ impl Ref {
     }
 }
 
-/// Triangles handled at once by a thread.
-const CHUNK: usize = 1 << 15;
-
 /// One reference for each triangle, and room for `spare` times as many more behind them.
 pub fn make(triangles: &[[Vec3; 3]], spare: f32, par: &Par) -> Vec<Ref> {
-    let chunks = par.map(triangles.len().div_ceil(CHUNK), |c| {
-        let from = c * CHUNK;
-        let to = (from + CHUNK).min(triangles.len());
-        let refs = (from..to).map(|i| Ref::new(Bounds::of(&triangles[i]), i as u32));
-        refs.collect::<Vec<_>>()
-    });
-    let mut refs = chunks.concat();
     let room = (triangles.len() as f64 * f64::from(spare)) as usize;
-    refs.resize(triangles.len() + room, Ref { low: Vec4::ZERO, high: Vec4::ZERO });
-    refs
+    let free = Ref { low: Vec4::ZERO, high: Vec4::ZERO };
+    // Written where it stays, by all threads: the first touch of memory costs as much as the rest.
+    par.map(triangles.len() + room, |i| triangles.get(i).map_or(free, |t| Ref::new(Bounds::of(t), i as u32)))
 }

@@ -49,6 +49,15 @@ impl Sub {
 }
 
 impl Inner {
+    /// Inner nodes in its block: itself, and those below.
+    pub fn nodes(&self) -> u32 {
+        let below = self.children.iter().map(|(_, c)| match c {
+            Sub::Inner(inner) => inner.nodes(),
+            _ => 0,
+        });
+        1 + below.sum::<u32>()
+    }
+
     /// Brings `words` up to date after a change below.
     pub fn measure(&mut self) {
         self.words = NODE_WORDS as u32 + self.children.iter().map(|(_, c)| c.words()).sum::<u32>();
@@ -195,7 +204,7 @@ impl Builder<'_> {
             }
         }
         let triangles = self.input.triangles;
-        if let Some((len, sides)) = spatial.and_then(|s| spatial::partition(room, len, &s, triangles)) {
+        if let Some((len, sides)) = spatial.and_then(|s| spatial::partition(room, len, &s, triangles, self.par)) {
             return Ok(self.share_room(room, len, sides, first));
         }
         let refs = &mut room[..len];
@@ -211,7 +220,7 @@ impl Builder<'_> {
         if room == refs.len() || !spatial::is_worth_a_look(split, self.root_half_area) {
             return None;
         }
-        let found = spatial::find(refs, self.input.triangles, &extents.bounds())?;
+        let found = spatial::find(refs, self.input.triangles, &extents.bounds(), self.par)?;
         (found.cost < split.cost).then_some(found)
     }
 

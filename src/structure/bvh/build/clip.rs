@@ -1,4 +1,5 @@
-//! Bounds of the part of a triangle that lies inside a box: what a spatial split needs.
+//! Bounds of the part of a triangle that lies inside a box, by clipping: what the tests hold spatial splits
+//! to.
 
 use crate::math::Bounds;
 use glam::Vec3;
