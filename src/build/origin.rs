@@ -8,6 +8,7 @@ use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::math::DBounds;
 use crate::structure::bvh::build::Par;
+use bytemuck::zeroed_vec;
 use glam::{DVec3, Vec3};
 
 /// A mesh ready for its tree.
@@ -53,68 +54,108 @@ pub fn choose(bounds: &DBounds, is_single: bool) -> DVec3 {
     if rounded.is_finite() { rounded } else { middle }
 }
 
+/// What becomes of the triangles of a chunk.
+#[derive(Default)]
+struct Judged {
+    keep: Vec<bool>,
+    kept: usize,
+    degenerate: u64,
+    out_of_range: u64,
+    position_error: f64,
+}
+
+/// Where the kept triangles of a chunk go.
+struct Target<'a> {
+    triangles: &'a mut [[Vec3; 3]],
+    parts: &'a mut [u32],
+    prims: &'a mut [u32],
+    colours: &'a mut [[u8; 4]],
+}
+
 /// Moves a mesh to its origin; consumes the spool chunk by chunk. Fails with `Cancelled` only.
 pub fn place(spool: Spool, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let origin = choose(&spool.bounds, spool.is_single());
-    let has_colours = spool.has_colours;
-    let one = |chunk| cancel.check().map(|()| place_chunk(chunk, origin, has_colours));
-    let pieces = par.map_items(spool.chunks, one).into_iter().collect::<Result<Vec<Placed>>>()?;
-    let total = pieces.iter().map(|p| p.triangles.len()).sum();
-    let mut all = Placed::empty(origin, total);
-    for piece in pieces {
-        cancel.check()?;
-        all.triangles.extend(piece.triangles);
-        all.parts.extend(piece.parts);
-        all.prims.extend(piece.prims);
-        all.colours.extend(piece.colours);
-        all.degenerate += piece.degenerate;
-        all.out_of_range += piece.out_of_range;
-        all.position_error = all.position_error.max(piece.position_error);
-    }
+    let judge = |i: usize| cancel.check().map(|()| judge(&spool.chunks[i], origin));
+    let judged = par.map(spool.chunks.len(), judge).into_iter().collect::<Result<Vec<Judged>>>()?;
+    let mut all = Placed::of(&judged, origin, spool.has_colours);
+    let targets = targets(&mut all, &judged);
+    let work: Vec<_> = spool.chunks.into_iter().zip(judged.iter().zip(targets)).collect();
+    let fill = |(chunk, (judged, target))| cancel.check().map(|()| fill(chunk, judged, origin, target));
+    par.map_items(work, fill).into_iter().collect::<Result<()>>()?;
     Ok(all)
 }
 
 impl Placed {
-    fn empty(origin: DVec3, capacity: usize) -> Self {
+    /// With room for what is kept, in memory not yet touched: the threads that fill it do that.
+    fn of(judged: &[Judged], origin: DVec3, has_colours: bool) -> Self {
+        let total = judged.iter().map(|j| j.kept).sum();
         Self {
             origin,
-            triangles: Vec::with_capacity(capacity),
-            parts: Vec::with_capacity(capacity),
-            prims: Vec::with_capacity(capacity),
-            colours: Vec::new(),
-            degenerate: 0,
-            out_of_range: 0,
-            position_error: 0.0,
+            triangles: zeroed_vec(total),
+            parts: zeroed_vec(total),
+            prims: zeroed_vec(total),
+            colours: zeroed_vec(if has_colours { total } else { 0 }),
+            degenerate: judged.iter().map(|j| j.degenerate).sum(),
+            out_of_range: judged.iter().map(|j| j.out_of_range).sum(),
+            position_error: judged.iter().fold(0.0, |all, j| all.max(j.position_error)),
         }
     }
 }
 
-fn place_chunk(chunk: Chunk, origin: DVec3, has_colours: bool) -> Placed {
+fn targets<'a>(all: &'a mut Placed, judged: &[Judged]) -> Vec<Target<'a>> {
+    // Nothing where there is nothing: colours, mostly.
+    fn carve<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
+        let len = len.min(rest.len());
+        let (front, back) = std::mem::take(rest).split_at_mut(len);
+        *rest = back;
+        front
+    }
+    let (mut triangles, mut parts) = (&mut all.triangles[..], &mut all.parts[..]);
+    let (mut prims, mut colours) = (&mut all.prims[..], &mut all.colours[..]);
+    let target = |judged: &Judged| Target {
+        triangles: carve(&mut triangles, judged.kept),
+        parts: carve(&mut parts, judged.kept),
+        prims: carve(&mut prims, judged.kept),
+        colours: carve(&mut colours, judged.kept),
+    };
+    judged.iter().map(target).collect()
+}
+
+fn stored(corners: &[DVec3; 3], origin: DVec3) -> [Vec3; 3] {
+    corners.map(|c| (c - origin).as_vec3())
+}
+
+fn judge(chunk: &Chunk, origin: DVec3) -> Judged {
     let count = chunk.positions.len();
-    let mut out = Placed::empty(origin, count);
-    for i in 0..count {
+    let mut out = Judged { keep: vec![false; count], ..Judged::default() };
+    for (i, keep) in out.keep.iter_mut().enumerate() {
         let corners = chunk.positions.triangle(i);
-        let stored = corners.map(|c| (c - origin).as_vec3());
+        let stored = stored(&corners, origin);
         if !stored.iter().all(|c| c.abs().max_element() <= FAR) {
             out.out_of_range += 1;
-            continue;
-        }
-        if !has_area(&stored) {
+        } else if !has_area(&stored) {
             out.degenerate += 1;
-            continue;
-        }
-        for (corner, s) in corners.iter().zip(&stored) {
-            let error = (*corner - (origin + s.as_dvec3())).length();
-            out.position_error = out.position_error.max(error);
-        }
-        out.triangles.push(stored);
-        out.parts.push(chunk.parts[i]);
-        out.prims.push(chunk.prims[i]);
-        if has_colours {
-            out.colours.push(chunk.colours.get(i).copied().unwrap_or([0; 4]));
+        } else {
+            *keep = true;
+            out.kept += 1;
+            let errors = corners.iter().zip(&stored).map(|(c, s)| (*c - (origin + s.as_dvec3())).length_squared());
+            out.position_error = errors.fold(out.position_error, f64::max);
         }
     }
+    out.position_error = out.position_error.sqrt();
     out
+}
+
+fn fill(chunk: Chunk, judged: &Judged, origin: DVec3, to: Target) {
+    let kept = (0..chunk.positions.len()).filter(|&i| judged.keep[i]);
+    for (at, i) in kept.enumerate() {
+        to.triangles[at] = stored(&chunk.positions.triangle(i), origin);
+        to.parts[at] = chunk.parts[i];
+        to.prims[at] = chunk.prims[i];
+        if !to.colours.is_empty() {
+            to.colours[at] = chunk.colours.get(i).copied().unwrap_or([0; 4]);
+        }
+    }
 }
 
 /// Whether the corners, as stored, do not lie on one line.

@@ -147,19 +147,32 @@ impl Output<'_> {
     fn blocks(&mut self, tree: &Tree, first: u32, has_colours: bool, span: (f64, f64)) -> Result<()> {
         self.progress.enter(Phase::Write);
         let count = tree.blocks();
-        for batch in (0..count).step_by(BATCH) {
+        let par = self.par;
+        let batch = |from: usize| {
+            let size = BATCH.min(count.saturating_sub(from));
+            par.map(size, |i| encode(tree, from + i, first, has_colours))
+        };
+        let mut ready = batch(0);
+        for from in (0..count).step_by(BATCH) {
             self.cancel.check()?;
-            let size = BATCH.min(count - batch);
-            let encoded = self.par.map(size, |i| encode(tree, batch + i, first, has_colours));
-            for block in encoded {
-                self.report.bytes_trace += u64::from(block.trace_bytes);
-                self.writer.encoded_block(block.geometry)?;
-                self.beside.push(block.prims);
-                self.colours.extend(block.colours);
-            }
-            self.progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
-            self.progress.advance(span.0 + (span.1 - span.0) * (batch + size) as f64 / count as f64);
+            let done = (from + ready.len()) as f64 / count as f64;
+            // One batch is written while the next is encoded.
+            let (next, written) = par.join(|| batch(from + BATCH), || self.write(ready));
+            written?;
+            ready = next;
+            self.progress.advance(span.0 + (span.1 - span.0) * done);
         }
+        Ok(())
+    }
+
+    fn write(&mut self, batch: Vec<Encoded>) -> Result<()> {
+        for block in batch {
+            self.report.bytes_trace += u64::from(block.trace_bytes);
+            self.writer.encoded_block(block.geometry)?;
+            self.beside.push(block.prims);
+            self.colours.extend(block.colours);
+        }
+        self.progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
         Ok(())
     }
 

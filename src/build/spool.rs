@@ -71,8 +71,14 @@ impl Spool {
             c.parts.len() < CHUNK && matches!(c.positions, Positions::Single(_)) == exact
         });
         if !room {
-            let positions = if exact { Positions::Single(Vec::new()) } else { Positions::Double(Vec::new()) };
-            let (parts, prims, colours) = (Vec::new(), Vec::new(), Vec::new());
+            // Most meshes are small; one that has filled a chunk will mostly fill the next.
+            let room = self.chunks.last().map_or(0, |c| c.parts.len());
+            let positions = if exact {
+                Positions::Single(Vec::with_capacity(room))
+            } else {
+                Positions::Double(Vec::with_capacity(room))
+            };
+            let (parts, prims, colours) = (Vec::with_capacity(room), Vec::with_capacity(room), Vec::new());
             self.chunks.push(Chunk { positions, parts, prims, colours });
         }
         let Some(chunk) = self.chunks.last_mut() else { return };

@@ -6,6 +6,7 @@
 //! coarse ones come first and a reference always points to a higher block.
 
 use super::TreeInput;
+use super::par::Par;
 use super::refs::Ref;
 use super::tree::{Inner, Sub};
 use crate::structure::bvh::layout::{Child, HEADER_WORDS, MAX_WORDS, PAD_WORDS};
@@ -47,12 +48,11 @@ struct Home {
 }
 
 /// Packs a tree; returns the blocks in their order and the child reference to the root in block 0.
-pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref]) -> (Vec<Plan>, u32) {
+pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref], par: &Par) -> (Vec<Plan>, u32) {
     let mut homes: Vec<Home> = Vec::new();
     let mut rounds: Vec<Vec<Plan>> = Vec::new();
     loop {
-        let parts = parts_of(&root, input, refs);
-        if Plan::EMPTY_WORDS as usize + root.words as usize + parts.len() <= MAX_WORDS {
+        if let Some(parts) = parts_of_last(&root, input, refs) {
             let mut plan = Plan::new();
             plan.parts = parts;
             plan.roots.push(root);
@@ -61,7 +61,8 @@ pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref]) -> (Vec<Plan>,
         }
         let mut units = Vec::new();
         cut(&mut root, homes.len() as u32, &mut units);
-        rounds.push(fill(units, rounds.len(), &mut homes, input, refs));
+        let parts = par.map(units.len(), |i| parts_of(&units[i], input, refs));
+        rounds.push(fill(units, parts, rounds.len(), &mut homes));
     }
     // Final numbers: the last round first.
     let mut first = vec![0u32; rounds.len()];
@@ -84,6 +85,14 @@ pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref]) -> (Vec<Plan>,
     (plans, u32::from(Child::Node(0).to_bits()))
 }
 
+/// The parts of all that is left, if it fits one block.
+fn parts_of_last(root: &Inner, input: TreeInput, refs: &[Ref]) -> Option<Vec<u32>> {
+    let words = Plan::EMPTY_WORDS as usize + root.words as usize;
+    // Of a large tree it would take long, and the answer is known.
+    let parts = (words <= MAX_WORDS).then(|| parts_of(root, input, refs))?;
+    (words + parts.len() <= MAX_WORDS).then_some(parts)
+}
+
 #[allow(clippy::vec_box)] // units move between lists; their children lists stay where they are
 /// Cuts off the largest subtrees that are small enough, in depth-first order.
 fn cut(inner: &mut Inner, first_id: u32, units: &mut Vec<Box<Inner>>) {
@@ -102,17 +111,10 @@ fn cut(inner: &mut Inner, first_id: u32, units: &mut Vec<Box<Inner>>) {
 }
 
 #[allow(clippy::vec_box)] // as in `cut`
-/// Fills blocks with consecutive units.
-fn fill(
-    units: Vec<Box<Inner>>,
-    round: usize,
-    homes: &mut Vec<Home>,
-    input: TreeInput,
-    refs: &[Ref],
-) -> Vec<Plan> {
+/// Fills blocks with consecutive units, given the parts of each.
+fn fill(units: Vec<Box<Inner>>, parts: Vec<Vec<u32>>, round: usize, homes: &mut Vec<Home>) -> Vec<Plan> {
     let mut plans: Vec<Plan> = Vec::new();
-    for unit in units {
-        let parts = parts_of(&unit, input, refs);
+    for (unit, parts) in units.into_iter().zip(parts) {
         let fits = |p: &Plan| {
             let together = p.words as usize + p.parts.len() + unit.words as usize + parts.len();
             together <= MAX_WORDS

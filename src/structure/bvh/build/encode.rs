@@ -110,8 +110,8 @@ impl Encoder<'_> {
         }
         let word = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
         self.leaves.extend(bytes.chunks_exact(4).map(word));
-        for axis in 0..3 {
-            self.leaves.extend(shape.vertices[..shape.vertex_count].iter().map(|v| v[axis].to_bits()));
+        for axis in &shape.vertices {
+            self.leaves.extend(axis[..shape.vertex_count].iter().map(|x| x.to_bits()));
         }
         for &t in &shape.triangles[..shape.count] {
             self.prims.push(self.input.prims[t as usize]);

@@ -3,7 +3,7 @@
 use super::TreeInput;
 use super::refs::Ref;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, leaf_words};
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// What a leaf takes.
 #[derive(Debug, Clone, Copy)]
@@ -31,8 +31,9 @@ pub struct LeafShape {
     pub triangles: [u32; MAX_TRIANGLES],
     /// How many.
     pub count: usize,
-    /// Distinct vertices (equal as numbers; -0 equals 0, and the first one's bits stay).
-    pub vertices: [Vec3; 3 * MAX_TRIANGLES],
+    /// Distinct vertices (equal as numbers; -0 equals 0, and the first one's bits stay): x of all, y, z.
+    /// NaN, which equals nothing, behind the last one.
+    pub vertices: [[f32; 3 * MAX_TRIANGLES]; 3],
     /// How many; more than fit a leaf if [`LeafShape::fits`] is false.
     pub vertex_count: usize,
     /// Vertices of the triangles.
@@ -47,7 +48,7 @@ impl LeafShape {
         let mut shape = Self {
             triangles: [0; MAX_TRIANGLES],
             count: 0,
-            vertices: [Vec3::ZERO; 3 * MAX_TRIANGLES],
+            vertices: [[f32::NAN; 3 * MAX_TRIANGLES]; 3],
             vertex_count: 0,
             corners: [[0; 3]; MAX_TRIANGLES],
             mixed: false,
@@ -72,9 +73,10 @@ impl LeafShape {
         let parts = input.parts;
         self.mixed |= self.count > 0 && parts[triangle as usize] != parts[self.triangles[0] as usize];
         for (corner, &p) in input.triangles[triangle as usize].iter().enumerate() {
-            let known = self.vertices[..self.vertex_count].iter().position(|&v| v == p);
-            let at = known.unwrap_or_else(|| {
-                self.vertices[self.vertex_count] = p;
+            let at = self.find(p).unwrap_or_else(|| {
+                for axis in 0..3 {
+                    self.vertices[axis][self.vertex_count] = p[axis];
+                }
                 self.vertex_count += 1;
                 self.vertex_count - 1
             });
@@ -82,6 +84,16 @@ impl LeafShape {
         }
         self.triangles[self.count] = triangle;
         self.count += 1;
+    }
+
+    /// Where a vertex stands. Four are compared at once: which of them is equal cannot be predicted.
+    #[inline(always)]
+    fn find(&self, p: Vec3) -> Option<usize> {
+        (0..self.vertex_count).step_by(4).find_map(|at| {
+            let equal = |axis: usize| Vec4::from_slice(&self.vertices[axis][at..]).cmpeq(Vec4::splat(p[axis]));
+            let mask = (equal(0) & equal(1) & equal(2)).bitmask();
+            (mask != 0).then(|| at + mask.trailing_zeros() as usize)
+        })
     }
 
     /// Whether a leaf can hold it.

@@ -74,7 +74,7 @@ impl<'a> Tree<'a> {
         cancel.check()?;
         let built = tree::build(input, &mut refs, par, cancel)?;
         let stats = built.stats;
-        let (plans, root) = cluster::pack(built.root, input, &refs);
+        let (plans, root) = cluster::pack(built.root, input, &refs, par);
         let bounds = built.bounds;
         Ok(Self { input, refs, plans, bounds, root, depth: stats.depth, nodes: stats.nodes, leaves: stats.leaves, references: stats.references })
     }
