@@ -547,7 +547,10 @@ typedef struct oc_hit {
     double t;
     /** Where, in world space; infinity for a miss. */
     double position[3];
-    /** No original surface lies on the ray before this distance. */
+    /**
+     * No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within
+     * 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes.
+     */
     double t_free;
     /** The id of the part, as given when the model was built; OC_NO_ID for a miss. */
     uint64_t part;
@@ -921,8 +924,8 @@ typedef struct oc_pixels {
 #define OC_WANT_ALL 255
 
 /**
- * Neighbouring rays are alike, as those of neighbouring pixels are: they are traced together, faster.
- * The answers are the same.
+ * Each sixteen rays in a row are near each other and go the same way: they are traced together, faster. The answers are
+ * the same. Not needed for rays from one point, which are recognised.
  */
 #define OC_QUERY_COHERENT 1
 

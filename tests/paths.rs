@@ -1,5 +1,5 @@
-//! Every path gives the same hits to the bit: baseline, AVX2 and AVX-512, single rays and packets (of rays that go
-//! together and of rays that do not), in any order of rays, one thread and two.
+//! Every path gives the same hits to the bit: baseline, AVX2 and AVX-512, single rays, streams and packets (of rays
+//! that go together and of rays that do not), in any order of rays, one thread and two.
 
 mod common;
 
@@ -12,7 +12,7 @@ use outcrop::math::Ray;
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Context, ContextOptions};
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::trace::{PACKET, PacketWalk, TriHit, Walk};
+use outcrop::structure::bvh::trace::{Outcome, PACKET, PacketWalk, Stream, TriHit, Walk};
 
 const RAYS: usize = 40_000;
 
@@ -49,6 +49,33 @@ fn packets(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
     chunks.flat_map(|(i, _)| if i % 2 == 0 { &even[i / 2] } else { &odd[i / 2] }).copied().collect()
 }
 
+fn streams(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
+    let view = tree.view(&tree.snapshot, isa);
+    let hits = trees::closest_each(&view, rays, &mut Stream::new());
+    hits.iter().map(|hit| trees::bits(&view, &hit.expect("every block is there"))).collect()
+}
+
+/// With every third block missing, a stream answers like a single ray, or leaves the ray unfinished.
+fn check_unfinished(tree: &TestTree, rays: &[Ray32], truth: &[Bits], isa: Isa) {
+    let snapshot = tree.snapshot.filtered(|id| id.0 % 3 != 2);
+    let (view, all) = (tree.view(&snapshot, isa), tree.view(&tree.snapshot, isa));
+    let mut walk = Walk::new();
+    let hits = trees::closest_each(&view, rays, &mut Stream::new());
+    let (mut unfinished, mut in_vain) = (0, 0);
+    for ((ray, truth), hit) in rays.iter().zip(truth).zip(hits) {
+        walk.begin(&view, &trees::local(ray));
+        let alone = view.closest(None, &mut walk);
+        unfinished += usize::from(hit.is_none());
+        match hit {
+            Some(hit) => assert_eq!(trees::bits(&all, &hit), *truth, "{}: {ray:?}", isa.name()),
+            // A stream's distances are rounded down, so it may visit a little more.
+            None => in_vain += usize::from(alone == Outcome::Done),
+        }
+    }
+    assert_eq!(unfinished > 0, tree.blocks() > 2);
+    assert!(in_vain * 100 <= unfinished, "{in_vain} of {unfinished}");
+}
+
 fn first_difference(rays: &[Ray32], a: &[Bits], b: &[Bits]) -> Option<String> {
     assert_eq!(a.len(), b.len());
     let i = a.iter().zip(b).position(|(a, b)| a != b)?;
@@ -64,7 +91,9 @@ fn check(soup: Soup) {
         let what = format!("{}, {}", soup.name, isa.name());
         assert_eq!(first_difference(&rays, &truth, &singles(&tree, &rays, isa)), None, "{what}, single");
         assert_eq!(first_difference(&rays, &truth, &packets(&tree, &rays, isa)), None, "{what}, packets");
+        assert_eq!(first_difference(&rays, &truth, &streams(&tree, &rays, isa)), None, "{what}, streams");
         check_any(&tree, &rays, &truth, isa);
+        check_unfinished(&tree, &rays, &truth, isa);
         // Other neighbours in the packets, other leftovers in the walks' memory.
         let turned: Vec<Ray32> = rays.iter().rev().skip(5).copied().collect();
         let turned_truth: Vec<Bits> = truth.iter().rev().skip(5).copied().collect();
@@ -76,6 +105,9 @@ fn check(soup: Soup) {
 fn check_any(tree: &TestTree, rays: &[Ray32], truth: &[Bits], isa: Isa) {
     let view = tree.view(&tree.snapshot, isa);
     let (mut walk, mut packet) = (Walk::new(), PacketWalk::new());
+    let side_by_side = trees::any_each(&view, rays, &mut Stream::new());
+    let differ = side_by_side.iter().zip(truth).position(|(any, truth)| *any != truth.is_some());
+    assert_eq!(differ, None, "{}, any in a stream", isa.name());
     for (rays, truth) in rays.chunks(PACKET).zip(truth.chunks(PACKET)) {
         let together = trees::any16(&view, rays, &mut packet);
         for ((ray, truth), together) in rays.iter().zip(truth).zip(together) {

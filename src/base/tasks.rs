@@ -205,7 +205,12 @@ impl Pool {
     }
 
     /// Runs a job to its end, and returns how it ended: the only way to work on borrowed data.
+    ///
+    /// A single item is worked on by the caller: handing it over takes longer than small work does.
     pub fn run_scoped(&self, items: usize, work: &dyn Work) -> Ending {
+        if items <= 1 {
+            return self.run_here(items, work);
+        }
         // SAFETY: only the lifetime changes. The pointer is followed only until the job's ending is
         // set (`WorkRef::get`), and `wait` below returns only after that: nothing between here and
         // there can unwind or return early.
@@ -218,6 +223,30 @@ impl Pool {
                 return ending;
             }
         }
+    }
+
+    /// Works through all rounds in the caller's thread.
+    fn run_here(&self, mut items: usize, work: &dyn Work) -> Ending {
+        let mut ending = Ending::Finished;
+        let before = WORKING.replace(true);
+        (self.shared.around)(&mut || {
+            let rounds = caught(|| {
+                while items > 0 {
+                    (0..items).try_for_each(|item| work.run(item))?;
+                    items = work.round_done()?;
+                }
+                Ok(())
+            });
+            if let Err(error) = rounds {
+                ending = Ending::Failed(Arc::new(error));
+            }
+        });
+        WORKING.set(before);
+        let _ = caught(|| {
+            work.ended(&ending);
+            Ok(())
+        });
+        ending
     }
 
     fn begin(&self, items: usize, work: WorkRef) -> Job {

@@ -8,7 +8,7 @@ use crate::import::{MeshKey, PartDesc, Sink};
 use crate::residency::{Cache, ModelBlocks};
 use crate::simd::Isa;
 use crate::store::ModelFile;
-use crate::structure::bvh::trace::{LocalRay, Outcome, PacketWalk, TreeView, TriHit, Walk};
+use crate::structure::bvh::trace::{LocalRay, Outcome, PacketWalk, STREAM, Stream, TreeView, TriHit, Walk};
 use crate::structure::bvh::{BvhDecoder, check_links};
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
@@ -124,6 +124,7 @@ fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> Bu
             assert_eq!(walk.best().is_hit(), best.is_hit());
         }
         packets_agree(&view);
+        streams_agree(&view);
         assert!(hits > 50 || triangles.len() < 50, "{hits} hits test little");
     }
     report
@@ -145,8 +146,11 @@ fn packets_agree(view: &TreeView) {
         });
         let active = [0xffff, 0x0f31, 0x8000, 0][n % 4];
         let mut alone = Walk::new();
-        let mut expected = [TriHit::none(0.0); 16];
-        assert_eq!(view.closest_each(None, &rays, &mut alone, &mut expected), (16, Outcome::Done));
+        let expected = rays.map(|ray| {
+            alone.begin(view, &ray);
+            assert_eq!(view.closest(None, &mut alone), Outcome::Done);
+            alone.best()
+        });
         walk.begin(view, &rays, active);
         assert_eq!(view.closest16(None, &mut walk), Outcome::Done);
         for i in (0..16).filter(|i| active >> i & 1 == 1) {
@@ -156,6 +160,26 @@ fn packets_agree(view: &TreeView) {
         assert_eq!(view.any16(None, &mut walk), Outcome::Done);
         for i in (0..16).filter(|i| active >> i & 1 == 1) {
             assert_eq!(walk.best(i).is_hit(), expected[i].is_hit(), "packet {n}, ray {i}");
+        }
+    }
+}
+
+/// Streams of all lengths: the bits of each ray alone.
+fn streams_agree(view: &TreeView) {
+    let (mut stream, mut alone) = (Stream::new(), Walk::new());
+    let all = rays(STREAM);
+    for count in [0, 1, 15, 16, 17, 63, 64, 200, STREAM] {
+        all[..count].iter().enumerate().for_each(|(i, ray)| stream.set(i, ray));
+        let mut hits = vec![TriHit::none(0.0); count];
+        view.closest_each(None, &mut stream, &mut hits);
+        assert_eq!(stream.unfinished(), &[] as &[u32]);
+        let mut any = hits.clone();
+        view.any_each(None, &mut stream, &mut any);
+        for i in 0..count {
+            alone.begin(view, &all[i]);
+            assert_eq!(view.closest(None, &mut alone), Outcome::Done);
+            assert_eq!(hits[i], alone.best(), "{count} rays, ray {i}");
+            assert_eq!(any[i].is_hit(), hits[i].is_hit(), "{count} rays, ray {i}");
         }
     }
 }

@@ -54,7 +54,8 @@ pub struct oc_hit {
     pub t: f64,
     /// Where, in world space; infinity for a miss.
     pub position: [f64; 3],
-    /// No original surface lies on the ray before this distance.
+    /// No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within
+    /// 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes.
     pub t_free: f64,
     /// The id of the part, as given when the model was built; OC_NO_ID for a miss.
     pub part: u64,
@@ -115,8 +116,8 @@ pub const OC_WANT_ALL: oc_want = 255;
 
 /// Flags of oc_query.
 pub type oc_query_flags = u32;
-/// Neighbouring rays are alike, as those of neighbouring pixels are: they are traced together, faster.
-/// The answers are the same.
+/// Each sixteen rays in a row are near each other and go the same way: they are traced together, faster. The answers are
+/// the same. Not needed for rays from one point, which are recognised.
 pub const OC_QUERY_COHERENT: oc_query_flags = 1;
 /// Answer at once: data that is not in memory makes OC_HIT_MISSING. Without it, it is read.
 pub const OC_QUERY_NOW: oc_query_flags = 2;

@@ -94,9 +94,6 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
     // All of one sign, or zero: least and greatest tell, and where one of them is zero, an edge is met.
     let (least, greatest) = (u.min(v).min(w), u.max(v).max(w));
     let inside = zero.le(least).or(greatest.le(zero));
-    if inside.bits() == 0 {
-        return LaneHits { hits: 0, t: zero, u: zero, v: zero };
-    }
     let mut hits = inside.bits();
     let mut det = u + v + w;
     let on_edge = least.eq(zero).or(greatest.eq(zero));

@@ -36,6 +36,14 @@ pub struct Ray {
 }
 
 impl Ray {
+    /// Whether it can hit anything at all: finite, with a direction and an interval.
+    #[inline]
+    pub fn can_hit(&self) -> bool {
+        let size = self.dir.abs().max_element();
+        let is_finite = self.origin.is_finite() && self.dir.is_finite() && self.t_min.is_finite();
+        is_finite && size > 0.0 && self.t_min.max(0.0) <= self.t_max
+    }
+
     /// From `origin` along `dir`, unbounded, exact.
     pub fn new(origin: DVec3, dir: Vec3) -> Self {
         Self { origin, dir, t_min: 0.0, t_max: f64::INFINITY, cone: Cone::ZERO }

@@ -4,8 +4,26 @@ use super::hit::{Hit, HitKind, Want};
 use crate::math::Ray;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{Found, Need, SceneView};
-use crate::structure::bvh::trace::Triangle;
-use glam::DVec3;
+use crate::structure::bvh::trace::{Triangle, TreeView};
+use glam::{DVec3, Vec3};
+
+/// The placed tree of the last hit: the next one is most often of the same.
+pub(crate) struct Trees<'a>(Option<(u32, TreeView<'a>)>);
+
+impl<'a> Trees<'a> {
+    /// None yet.
+    pub fn new() -> Self {
+        Self(None)
+    }
+
+    #[inline(always)]
+    fn get(&mut self, view: &SceneView<'a>, placed: u32) -> &TreeView<'a> {
+        if self.0.is_none_or(|(last, _)| last != placed) {
+            self.0 = None;
+        }
+        &self.0.get_or_insert_with(|| (placed, view.tree(placed))).1
+    }
+}
 
 /// Where a ray meets a triangle, worked out in double precision in the tree's frame.
 #[derive(Debug, Clone, Copy)]
@@ -116,8 +134,8 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 /// each vertex relative to it carry at most 2⁻²³ of 10 reaches; 4 times that is given), so a
 /// surface before t is less than that before it, along the ray, divided by the cosine at which it is met:
 /// 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
-#[inline]
-pub(crate) fn finish(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
+#[inline(always)]
+pub(crate) fn finish<'a>(view: &SceneView<'a>, trees: &mut Trees<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
     if !found.is_hit() {
         // The least that undoes the hit before: what is never asked for is never written.
         if hit.kind != HitKind::Miss {
@@ -133,20 +151,22 @@ pub(crate) fn finish(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit
         hit.instance = scene.instances[placed.instance as usize].id;
     }
     let need = |block| Need { model: placed.model, block };
+    let tree = trees.get(view, found.placed);
     if want.has(Want::PRIM) {
-        hit.prim = u64::from(view.tree(found.placed).prim(&found.tri).map_err(need)?);
+        hit.prim = u64::from(tree.prim(&found.tri).map_err(need)?);
     }
     if want.has(Want::UV) {
         hit.uv = [found.tri.u, found.tri.v];
     }
     if want.any_of(Want(Want::POSITION.0 | Want::NORMAL.0 | Want::PART.0 | Want::ERROR.0)) {
         let block = crate::base::ids::BlockId(found.tri.block);
-        let triangle = view.tree(found.placed).triangle(&found.tri).ok_or(need(block))?;
+        let triangle = tree.triangle(&found.tri).ok_or(need(block))?;
         fill_from_triangle(view, ray, found, &triangle, want, hit);
     }
     Ok(())
 }
 
+#[inline(always)]
 fn fill_from_triangle(view: &SceneView, ray: &Ray, found: &Found, triangle: &Triangle, want: Want, hit: &mut Hit) {
     let placed = &view.scene.placement.placed[found.placed as usize];
     if want.has(Want::PART) {
@@ -154,35 +174,58 @@ fn fill_from_triangle(view: &SceneView, ray: &Ray, found: &Found, triangle: &Tri
         hit.part = view.model_of(found.placed).parts().get(part).map_or(super::hit::NONE, |p| p.id);
     }
     if want.has(Want::NORMAL) {
-        hit.normal = facing_normal(placed, triangle, ray.dir.as_dvec3()).as_vec3();
+        hit.normal = facing_normal(placed, triangle, ray.dir.as_dvec3());
     }
     if want.any_of(Want(Want::POSITION.0 | Want::ERROR.0)) {
-        let meeting = meet(placed, triangle, ray, found);
-        hit.t = meeting.t;
-        if want.has(Want::UV) {
-            hit.uv = meeting.weights.map(|w| w as f32);
-        }
-        let along = ray.dir.as_dvec3() * meeting.t;
-        if want.has(Want::POSITION) {
-            hit.position = ray.origin + along;
-        }
-        if want.has(Want::ERROR) {
-            let size = ray.origin.abs().max_element() + along.abs().max_element();
-            let error = placed.stretch * meeting.gap + placed.position_error + placed.rounding(size);
-            hit.error = crate::scene::placed::not_below(error);
-            let slack = placed.stretch * placed.local_slack() * 64.0 / ray.dir.as_dvec3().length();
-            hit.t_free = (meeting.t - slack).max(ray.t_min);
-        }
+        fill_from_meeting(placed, ray, found, triangle, want, hit);
+    }
+}
+
+/// What needs the hit in double precision.
+#[inline(never)]
+fn fill_from_meeting(placed: &Placed, ray: &Ray, found: &Found, triangle: &Triangle, want: Want, hit: &mut Hit) {
+    let meeting = meet(placed, triangle, ray, found);
+    hit.t = meeting.t;
+    if want.has(Want::UV) {
+        hit.uv = meeting.weights.map(|w| w as f32);
+    }
+    let along = ray.dir.as_dvec3() * meeting.t;
+    if want.has(Want::POSITION) {
+        hit.position = ray.origin + along;
+    }
+    if want.has(Want::ERROR) {
+        let size = ray.origin.abs().max_element() + along.abs().max_element();
+        let error = placed.stretch * meeting.gap + placed.position_error + placed.rounding(size);
+        hit.error = crate::scene::placed::not_below(error);
+        let slack = placed.stretch * placed.local_slack() * 64.0 / ray.dir.as_dvec3().length();
+        hit.t_free = (meeting.t - slack).max(ray.t_min);
     }
 }
 
 /// The unit geometric normal in the world, against `dir`; the ray's own opposite where a triangle
 /// is too thin to have one.
-#[inline]
-pub(crate) fn facing_normal(placed: &Placed, triangle: &Triangle, dir: DVec3) -> DVec3 {
-    let [a, b, c] = triangle.vertices.map(|v| v.as_dvec3());
-    let normal = placed.world_normal((b - a).cross(c - a));
-    match normal.try_normalize() {
+#[inline(always)]
+pub(crate) fn facing_normal(placed: &Placed, triangle: &Triangle, dir: DVec3) -> Vec3 {
+    let [a, b, c] = triangle.vertices;
+    let a = a.as_dvec3();
+    let normal = placed.world_normal((b.as_dvec3() - a).cross(c.as_dvec3() - a));
+    let square = normal.length_squared();
+    if !NORMAL_SQUARES.contains(&square) {
+        return extreme_normal(normal, dir).as_vec3();
+    }
+    // Single precision is what the answer has; a root and a quotient of it take half the time.
+    let scale = f64::from(1.0 / (square as f32).sqrt());
+    (normal * if normal.dot(dir) <= 0.0 { scale } else { -scale }).as_vec3()
+}
+
+/// Squares of lengths whose roots and reciprocals keep all digits of single precision.
+const NORMAL_SQUARES: std::ops::Range<f64> = 1e-36..1e36;
+
+/// A normal that is zero, or so long or short that its square leaves the range of single precision.
+#[cold]
+fn extreme_normal(normal: DVec3, dir: DVec3) -> DVec3 {
+    let size = normal.abs().max_element();
+    match (normal * (1.0 / size)).try_normalize() {
         Some(n) if n.dot(dir) <= 0.0 => n,
         Some(n) => -n,
         None => -dir.normalize_or_zero(),
@@ -255,9 +298,14 @@ mod tests {
         for dir in [-DVec3::Z, DVec3::Z] {
             let n = facing_normal(&p, &t, dir);
             let expected = DVec3::new(1.0, 0.0, 2.0).normalize() * -dir.z.signum();
-            assert!(n.distance(expected) < 1e-12, "{n} {expected}");
+            assert!(n.as_dvec3().distance(expected) < 2e-7, "{n} {expected}");
         }
         let sliver = triangle([[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]);
-        assert_eq!(facing_normal(&p, &sliver, DVec3::X), -DVec3::X);
+        assert_eq!(facing_normal(&p, &sliver, DVec3::X), -Vec3::X);
+        // Too small and too large for single precision's squares.
+        for size in [1e-30f32, 1e15] {
+            let t = triangle([[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]]);
+            assert_eq!(facing_normal(&p, &t, DVec3::Z), -Vec3::Z);
+        }
     }
 }

@@ -7,7 +7,7 @@ pub const NONE: u64 = u64::MAX;
 
 /// What was hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[repr(u8)]
+#[repr(u32)]
 pub enum HitKind {
     /// Nothing within the ray's interval.
     #[default]
@@ -20,29 +20,31 @@ pub enum HitKind {
     Missing = 3,
 }
 
-/// The closest hit of a ray, in world units.
+/// The closest hit of a ray, in world units. (Members in the order of the C struct, so that handing it over is a copy.)
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
 pub struct Hit {
     /// Distance in units of the ray's `|dir|`; infinity for a miss.
     pub t: f64,
     /// Where, in world space.
     pub position: DVec3,
-    /// Unit geometric normal in world space, facing the ray's origin.
-    pub normal: Vec3,
-    /// Weights of the triangle's second and third vertex.
-    pub uv: [f32; 2],
+    /// No original surface lies on the ray before this. Left out are surfaces that the ray meets within 0.9 degrees of
+    /// edge-on, the one that it starts on, and edges that it grazes.
+    pub t_free: f64,
     /// The caller's id of the part.
     pub part: u64,
     /// The caller's id of the instance.
     pub instance: u64,
     /// The triangle's index in the input of its model's build.
     pub prim: u64,
-    /// What was hit.
-    pub kind: HitKind,
+    /// Unit geometric normal in world space, facing the ray's origin.
+    pub normal: Vec3,
+    /// Weights of the triangle's second and third vertex.
+    pub uv: [f32; 2],
     /// Some original surface lies within this distance of `position` (world units).
     pub error: f32,
-    /// No original surface lies on the ray before this.
-    pub t_free: f64,
+    /// What was hit.
+    pub kind: HitKind,
 }
 
 impl Hit {

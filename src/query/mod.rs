@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod batch;
+mod chunk;
 pub(crate) mod finish;
 pub mod hit;
 pub mod overlap;

@@ -5,7 +5,8 @@ use crate::base::error::{Error, Result};
 use crate::base::tasks::{Executor, Pool};
 use crate::residency::Cache;
 use crate::simd::{DenormalsOff, Isa};
-use std::sync::Arc;
+use std::any::Any;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// How much a log line matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -58,6 +59,8 @@ struct Inner {
     log: Option<Log>,
     cache: Arc<Cache>,
     isa: Isa,
+    /// Working memory of batches that have ended, for the next ones.
+    scratch: Mutex<Vec<Box<dyn Any + Send>>>,
 }
 
 impl Context {
@@ -73,7 +76,21 @@ impl Context {
             0 => machine_memory() / 4 * 3,
             bytes => bytes,
         };
-        Ok(Self(Arc::new(Inner { pool, log: options.log, cache: Arc::new(Cache::new(budget)), isa })))
+        Ok(Self(Arc::new(Inner { pool, log: options.log, cache: Arc::new(Cache::new(budget)), isa, scratch: Mutex::default() })))
+    }
+
+    /// Working memory that somebody has given back, or new.
+    pub(crate) fn take_scratch<T: Any + Send + Default>(&self) -> Box<T> {
+        let last = self.0.scratch.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        last.and_then(|last| last.downcast::<T>().ok()).unwrap_or_default()
+    }
+
+    /// Gives working memory back. As much is kept as workers can use at once.
+    pub(crate) fn give_scratch(&self, scratch: Box<dyn Any + Send>) {
+        let mut all = self.0.scratch.lock().unwrap_or_else(PoisonError::into_inner);
+        if all.len() < self.concurrency() + 1 {
+            all.push(scratch);
+        }
     }
 
     /// Runs a small piece of waiting work, if any, in the caller's thread; whether there was one.

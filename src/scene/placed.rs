@@ -163,7 +163,7 @@ impl Placed {
     }
 
     /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale:
-    /// t in the world is `shift + scale * t` there. `None` if the ray surely misses.
+    /// t in the world is `shift + scale * t` there. `None` if the ray surely misses, or cannot hit anything at all.
     ///
     /// Field by field into the caller's memory: passed by value the struct is stored in small pieces and at
     /// once loaded in large ones, which stalls for more than all of the rest takes.
@@ -171,8 +171,9 @@ impl Placed {
     pub fn local(&self, ray: &Ray, best: f64, local: &mut LocalRay) -> Option<(f64, f64)> {
         let size = ray.dir.abs().max_element();
         let org = ray.origin - self.offset;
-        if self.unturned && DIRECTIONS.contains(&size) && org.abs().max_element() <= FAR * self.reach {
-            // The common case: nothing but one rounding.
+        let is_near = org.abs().max_element() <= FAR * self.reach;
+        if self.unturned && is_near && DIRECTIONS.contains(&size) && ray.t_min.abs() < f64::INFINITY {
+            // The common case: nothing but one rounding. What is not a number gets through, to be found by the walk.
             local.org = org.as_vec3();
             local.dir = ray.dir;
             local.t_min = ray.t_min.max(0.0) as f32;
@@ -180,7 +181,7 @@ impl Placed {
             local.cone = ray.cone;
             return Some((0.0, 1.0));
         }
-        let Local { ray, shift, scale } = self.moved(ray, best)?;
+        let Local { ray, shift, scale } = if ray.can_hit() { self.moved(ray, best)? } else { return None };
         *local = ray;
         Some((shift, scale))
     }

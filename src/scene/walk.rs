@@ -12,7 +12,7 @@ use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 use crate::math::{Cone, Ray};
 use crate::residency::Snapshot;
-use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, TriHit, Walk};
+use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Walk};
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
 
@@ -142,7 +142,7 @@ impl SceneWalk {
         self.todo.clear();
         self.at = None;
         self.best = Some(Found::nothing(ray.t_max));
-        if is_valid(ray) {
+        if ray.can_hit() {
             self.todo.extend(view.scene.placement.top.root().map(|root| (root, 0.0)));
         }
     }
@@ -151,13 +151,6 @@ impl SceneWalk {
     pub fn best(&self) -> Found {
         self.best.unwrap_or(Found::nothing(0.0))
     }
-}
-
-/// Whether a ray can hit anything at all.
-#[inline]
-pub(crate) fn is_valid(ray: &Ray) -> bool {
-    let size = ray.dir.abs().max_element();
-    ray.origin.is_finite() && ray.dir.is_finite() && size > 0.0 && ray.t_min.max(0.0) <= ray.t_max && ray.t_min.is_finite()
 }
 
 impl<'a> SceneView<'a> {
@@ -251,14 +244,41 @@ impl<'a> SceneView<'a> {
     }
 }
 
+/// Single rays side by side in a scene. Reusable.
+pub(crate) struct SceneStream {
+    tree: Stream,
+    /// Shift and scale of each ray in the tree.
+    moved: Box<[(f64, f64); STREAM]>,
+    hits: Box<[TriHit; STREAM]>,
+    alone: SceneWalk,
+    unfinished: Vec<u32>,
+}
+
+impl Default for SceneStream {
+    fn default() -> Self {
+        Self {
+            tree: Stream::new(),
+            moved: Box::new([(0.0, 1.0); STREAM]),
+            hits: Box::new([TriHit::none(0.0); STREAM]),
+            alone: SceneWalk::default(),
+            unfinished: Vec::new(),
+        }
+    }
+}
+
+impl SceneStream {
+    /// Rays of the last call without an answer.
+    pub fn unfinished(&self) -> &[u32] {
+        &self.unfinished
+    }
+}
+
 /// The state of sixteen rays in a scene. Reusable.
 pub(crate) struct ScenePacket {
     todo: Vec<(NodeRef, u32)>,
     at: Option<u32>,
     /// Shift and scale of each ray in the tree that the packet is in.
     moved: [(f64, f64); PACKET],
-    /// Of lanes not in `inside` what earlier packets left.
-    local: [LocalRay; PACKET],
     inside: u32,
     tree: PacketWalk,
     best: [Found; PACKET],
@@ -273,7 +293,6 @@ impl Default for ScenePacket {
             todo: Vec::new(),
             at: None,
             moved: [(0.0, 1.0); PACKET],
-            local: [OUTSIDE; PACKET],
             inside: 0,
             tree: PacketWalk::new(),
             best: [Found::nothing(0.0); PACKET],
@@ -291,7 +310,7 @@ impl ScenePacket {
         self.active = 0;
         for (i, it) in rays.iter().enumerate() {
             (self.best[i].t, self.best[i].placed) = (it.ray.t_max, NOTHING);
-            self.active |= (active >> i & u32::from(is_valid(&it.ray))) << i;
+            self.active |= (active >> i & u32::from(it.ray.can_hit())) << i;
         }
         let Some(root) = view.scene.placement.top.root() else { return };
         if let Target::Inner(_) = root.target() {
@@ -343,16 +362,18 @@ impl SceneView<'_> {
         let p = &self.scene.placement.placed[placed as usize];
         let seen_by = self.seen_by(placed);
         walk.inside = 0;
+        let mut local = OUTSIDE;
         for i in bits(mask) {
             if rays[i].mask & seen_by != 0
-                && let Some(moved) = p.local(&rays[i].ray, walk.best[i].t, &mut walk.local[i])
+                && let Some(moved) = p.local(&rays[i].ray, walk.best[i].t, &mut local)
             {
+                walk.tree.set(i, &local);
                 walk.moved[i] = moved;
                 walk.inside |= 1 << i;
             }
         }
         if walk.inside != 0 {
-            walk.tree.begin(&self.tree(placed), &walk.local, walk.inside);
+            walk.tree.start(&self.tree(placed), walk.inside);
             walk.at = Some(placed);
         }
     }
@@ -379,70 +400,91 @@ impl SceneView<'_> {
 
     /// The one placed tree of a scene that has one.
     #[inline]
-    fn only_one(&self) -> Option<u32> {
+    pub fn only_one(&self) -> Option<u32> {
         match self.scene.placement.top.root()?.target() {
             Target::Placed(placed) => Some(placed),
             Target::Inner(_) => None,
         }
     }
 
-    /// Single rays in a row: what [`SceneView::trace`] finds for each, at less cost where the scene is one placed
-    /// tree. Returns how many have ended, in order; the next one needs a block, and is to be begun anew.
-    pub fn trace_each<const ANY: bool>(&self, rays: &[RayWithMask], walk: &mut SceneWalk, found: &mut [Found]) -> (usize, Step) {
-        let Some(placed) = self.only_one() else {
-            for (i, it) in rays.iter().enumerate() {
-                walk.begin(self, &it.ray);
-                let step = self.trace::<ANY>(&it.ray, it.mask, walk);
-                if step != Step::Done {
-                    return (i, step);
-                }
-                found[i] = walk.best();
-            }
-            return (rays.len(), Step::Done);
-        };
-        let mut done = 0;
-        for (rays, found) in rays.chunks(PACKET).zip(found.chunks_mut(PACKET)) {
-            let (n, step) = self.each_in_one::<ANY>(placed, rays, walk, found);
-            done += n;
-            if step != Step::Done {
-                return (done, step);
+    /// Single rays side by side: what [`SceneView::trace`] finds for each, at less cost where the scene is one placed
+    /// tree. `rays`: [`STREAM`] at most; `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need
+    /// a block, or must go alone; they are to be begun anew.
+    pub fn trace_each<const ANY: bool>(&self, rays: &[RayWithMask], walk: &mut SceneStream, found: &mut [Found]) {
+        walk.unfinished.clear();
+        if let Some(placed) = self.only_one() {
+            return self.each_in_one::<ANY>(placed, rays, walk, found);
+        }
+        for (i, it) in rays.iter().enumerate() {
+            walk.alone.begin(self, &it.ray);
+            match self.trace::<ANY>(&it.ray, it.mask, &mut walk.alone) {
+                Step::Done => found[i] = walk.alone.best(),
+                Step::Pending(_) => walk.unfinished.push(i as u32),
             }
         }
-        (done, Step::Done)
     }
 
-    fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[RayWithMask], walk: &mut SceneWalk, found: &mut [Found]) -> (usize, Step) {
+    /// Sixteen rays together in a scene that is one placed tree, if they go the same way (see
+    /// [`PacketWalk::is_coherent`]); else `None`. `Pending`: the rays are to be begun anew, each alone.
+    pub fn trace_together<const ANY: bool>(&self, rays: &[RayWithMask], says: bool, walk: &mut PacketWalk, found: &mut [Found]) -> Option<Step> {
+        let placed = self.only_one()?;
         let p = &self.scene.placement.placed[placed as usize];
         let seen_by = self.seen_by(placed);
-        let mut local = [OUTSIDE; PACKET];
         let mut moved = [(0.0, 1.0); PACKET];
-        for (i, it) in rays.iter().enumerate() {
-            found[i] = Found::nothing(it.ray.t_max);
+        let mut inside = 0;
+        let mut local = OUTSIDE;
+        for (i, it) in rays.iter().enumerate().take(PACKET) {
             if it.mask & seen_by != 0
-                && is_valid(&it.ray)
-                && let Some(way) = p.local(&it.ray, it.ray.t_max, &mut local[i])
+                && let Some(way) = p.local(&it.ray, it.ray.t_max, &mut local)
             {
                 moved[i] = way;
+                inside |= 1 << i;
+                walk.set(i, &local);
             }
         }
         let (tree, filter) = (self.tree(placed), self.filter(placed));
-        let mut hits = [TriHit::none(0.0); PACKET];
-        let (local, hits) = (&local[..rays.len()], &mut hits[..rays.len()]);
-        let (done, outcome) = if ANY {
-            tree.any_each(filter.as_ref(), local, &mut walk.tree, hits)
-        } else {
-            tree.closest_each(filter.as_ref(), local, &mut walk.tree, hits)
-        };
-        for (i, hit) in hits.iter().enumerate().take(done) {
-            found[i].offer::<ANY>(placed, *hit, moved[i].0, moved[i].1);
+        walk.start(&tree, inside);
+        if !walk.is_coherent(&tree, says) {
+            return None;
         }
-        match outcome {
-            Outcome::Done => (done, Step::Done),
-            Outcome::Pending(block) => {
-                // Whoever comes back begins the ray anew.
-                walk.tree = Walk::new();
-                (done, Step::Pending(self.need(placed, block)))
+        let outcome = if ANY { tree.any16(filter.as_ref(), walk) } else { tree.closest16(filter.as_ref(), walk) };
+        if let Outcome::Pending(block) = outcome {
+            return Some(Step::Pending(self.need(placed, block)));
+        }
+        for (i, (it, found)) in rays.iter().zip(found).enumerate() {
+            *found = Found::nothing(it.ray.t_max);
+            if inside >> i & 1 == 1 {
+                found.offer::<ANY>(placed, walk.best(i), moved[i].0, moved[i].1);
             }
+        }
+        Some(Step::Done)
+    }
+
+    fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[RayWithMask], walk: &mut SceneStream, found: &mut [Found]) {
+        let p = &self.scene.placement.placed[placed as usize];
+        let seen_by = self.seen_by(placed);
+        let SceneStream { tree: stream, moved, hits, unfinished, .. } = walk;
+        let hits = &mut hits[..rays.len()];
+        let mut local = OUTSIDE;
+        for (i, it) in rays.iter().enumerate() {
+            match if it.mask & seen_by != 0 { p.local(&it.ray, it.ray.t_max, &mut local) } else { None } {
+                Some(way) => {
+                    stream.set(i, &local);
+                    moved[i] = way;
+                }
+                None => stream.set(i, &OUTSIDE),
+            }
+        }
+        let (tree, filter) = (self.tree(placed), self.filter(placed));
+        if ANY {
+            tree.any_each(filter.as_ref(), stream, hits);
+        } else {
+            tree.closest_each(filter.as_ref(), stream, hits);
+        }
+        unfinished.extend_from_slice(stream.unfinished());
+        for (i, (hit, found)) in hits.iter().zip(found).enumerate() {
+            *found = Found::nothing(rays[i].ray.t_max);
+            found.offer::<ANY>(placed, *hit, moved[i].0, moved[i].1);
         }
     }
 }

@@ -91,6 +91,16 @@ impl Lanes<8> for V8 {
         Self(unsafe { _mm256_max_ps(self.0, o.0) })
     }
     #[inline(always)]
+    fn least(self) -> f32 {
+        // SAFETY: as in `add`.
+        unsafe { least8(self.0) }
+    }
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        // SAFETY: as in `add`.
+        unsafe { greatest8(self.0) }
+    }
+    #[inline(always)]
     fn le(self, o: Self) -> M8 {
         // SAFETY: as in `add`.
         M8(unsafe { _mm256_cmp_ps::<_CMP_LE_OQ>(self.0, o.0) })
@@ -177,6 +187,14 @@ impl Lanes<16> for Pair<V8> {
         Self(self.0.max(o.0), self.1.max(o.1))
     }
     #[inline(always)]
+    fn least(self) -> f32 {
+        self.0.min(self.1).least()
+    }
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        self.0.max(self.1).greatest()
+    }
+    #[inline(always)]
     fn le(self, o: Self) -> Pair<M8> {
         Pair(self.0.le(o.0), self.1.le(o.1))
     }
@@ -250,6 +268,32 @@ impl Simd for Avx2 {
         })
     }
     #[inline(always)]
+    fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[V8; 3]; 3] {
+        // SAFETY: the token vouches.
+        let [near, far, slope] = unsafe { slabs(head, inv, off) };
+        [
+            [V8(near[0]), V8(near[1]), V8(near[2])],
+            [V8(far[0]), V8(far[1]), V8(far[2])],
+            [V8(slope[0]), V8(slope[1]), V8(slope[2])],
+        ]
+    }
+    #[inline(always)]
+    fn transpose16(self, rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16]) {
+        for (down, across) in [(0, 0), (0, 8), (8, 0), (8, 8)] {
+            // SAFETY: the token vouches; the 8 x 8 squares lie inside the arrays.
+            unsafe { transpose8(rows, out, down, across) }
+        }
+    }
+    #[inline(always)]
+    fn far_first(self, enter: V8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+        // SAFETY: the token vouches.
+        unsafe {
+            let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            let mask = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(hits as i32), bits), bits);
+            far_first(enter.0, mask, child, enter_out, child_out);
+        }
+    }
+    #[inline(always)]
     fn splat16(self, v: f32) -> Pair<V8> {
         Pair(self.splat8(v), self.splat8(v))
     }
@@ -260,5 +304,132 @@ impl Simd for Avx2 {
             (Ok(low), Ok(high)) => Pair(self.load8(low), self.load8(high)),
             _ => unreachable!(),
         }
+    }
+}
+
+/// Sorts the children of a node: see `Simd::far_first`. A bitonic network over keys that hold the distance and, in
+/// their last three bits, the lane; distances are not negative, so their bits are in order as integers.
+///
+/// # Safety
+/// The CPU has AVX2; `mask` has all bits set in the lanes to sort first, and none in the others.
+#[inline(always)]
+pub(super) unsafe fn far_first(enter: __m256, mask: __m256i, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+    // SAFETY: the caller vouches for the set; loads and stores are of whole arrays, and need no alignment.
+    unsafe {
+        let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+        let last = _mm256_set1_epi32(7);
+        let key = _mm256_or_si256(_mm256_andnot_si256(last, _mm256_castps_si256(enter)), lanes);
+        // A lane that is not in the set is less than all that are.
+        let k = _mm256_blendv_epi8(_mm256_set1_epi32(-1), key, mask);
+        let k = greater_first::<0xAA>(k, _mm256_shuffle_epi32::<0xB1>(k));
+        let k = greater_first::<0xCC>(k, _mm256_shuffle_epi32::<0x1B>(k));
+        let k = greater_first::<0xAA>(k, _mm256_shuffle_epi32::<0xB1>(k));
+        let reversed = _mm256_setr_epi32(7, 6, 5, 4, 3, 2, 1, 0);
+        let k = greater_first::<0xF0>(k, _mm256_permutevar8x32_epi32(k, reversed));
+        let k = greater_first::<0xCC>(k, _mm256_shuffle_epi32::<0x4E>(k));
+        let k = greater_first::<0xAA>(k, _mm256_shuffle_epi32::<0xB1>(k));
+        let t = _mm256_andnot_si256(last, k);
+        _mm256_storeu_ps(enter_out.as_mut_ptr(), _mm256_castsi256_ps(t));
+        let child = _mm256_cvtepu16_epi32(_mm_loadu_si128(child.as_ptr().cast()));
+        // Of each index only the last three bits count: the lane.
+        let child = _mm256_permutevar8x32_epi32(child, k);
+        _mm256_storeu_si256(child_out.as_mut_ptr().cast(), child);
+    }
+}
+
+/// One layer of the network: lanes of `LESS` keep the lesser of themselves and their partner, the others the
+/// greater.
+#[inline(always)]
+unsafe fn greater_first<const LESS: i32>(k: __m256i, partner: __m256i) -> __m256i {
+    // SAFETY: the caller vouches for AVX2.
+    unsafe { _mm256_blend_epi32::<LESS>(_mm256_max_epi32(k, partner), _mm256_min_epi32(k, partner)) }
+}
+
+/// What a node's grid is to a ray: see `Simd::slabs`.
+///
+/// # Safety
+/// The CPU has AVX2 and FMA.
+#[inline(always)]
+pub(super) unsafe fn slabs(head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[__m256; 3]; 3] {
+    // SAFETY: the caller vouches for the set; loads are of whole arrays, and need no alignment.
+    unsafe {
+        let head = _mm_loadu_si128(head.as_ptr().cast());
+        let inv = _mm_loadu_ps(inv.as_ptr());
+        let origin = _mm256_set_m128(_mm_castsi128_ps(head), _mm_castsi128_ps(head));
+        let off = _mm256_fmadd_ps(origin, _mm256_set_m128(inv, inv), _mm256_loadu_ps(off.as_ptr()));
+        let exponents = _mm_cvtepu8_epi32(_mm_shuffle_epi32::<3>(head));
+        let slope = _mm_mul_ps(_mm_castsi128_ps(_mm_slli_epi32::<23>(exponents)), inv);
+        let slope = _mm256_castps128_ps256(slope);
+        [
+            [lane::<0>(off), lane::<1>(off), lane::<2>(off)],
+            [lane::<4>(off), lane::<5>(off), lane::<6>(off)],
+            [lane::<0>(slope), lane::<1>(slope), lane::<2>(slope)],
+        ]
+    }
+}
+
+/// A lane of `v` in all lanes.
+#[inline(always)]
+unsafe fn lane<const I: i32>(v: __m256) -> __m256 {
+    // SAFETY: the caller vouches for AVX2.
+    unsafe { _mm256_permutevar8x32_ps(v, _mm256_set1_epi32(I)) }
+}
+
+/// Transposes the 8 x 8 square of `rows` that begins at row `down` and column `across`.
+///
+/// # Safety
+/// The CPU has AVX2; `down` and `across` are 8 at most.
+#[inline(always)]
+unsafe fn transpose8(rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16], down: usize, across: usize) {
+    // SAFETY: the caller vouches; loads and stores of eight from 8 at most are inside a row of 16.
+    unsafe {
+        let mut quads = [_mm256_setzero_ps(); 8];
+        for i in 0..2 {
+            let row = |j: usize| rows[down + 4 * i + j].as_ptr().add(across);
+            let (a, b) = (_mm256_loadu_ps(row(0)), _mm256_loadu_ps(row(1)));
+            let (c, d) = (_mm256_loadu_ps(row(2)), _mm256_loadu_ps(row(3)));
+            let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+            let (ab2, cd2) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+            // In each half, four numbers of a column of the input.
+            quads[i] = _mm256_shuffle_ps::<0x44>(ab, cd);
+            quads[2 + i] = _mm256_shuffle_ps::<0xEE>(ab, cd);
+            quads[4 + i] = _mm256_shuffle_ps::<0x44>(ab2, cd2);
+            quads[6 + i] = _mm256_shuffle_ps::<0xEE>(ab2, cd2);
+        }
+        for i in 0..4 {
+            let (a, b) = (quads[2 * i], quads[2 * i + 1]);
+            let low = out[across + i].as_mut_ptr().add(down);
+            _mm256_storeu_ps(low, _mm256_permute2f128_ps::<0x20>(a, b));
+            let high = out[across + 4 + i].as_mut_ptr().add(down);
+            _mm256_storeu_ps(high, _mm256_permute2f128_ps::<0x31>(a, b));
+        }
+    }
+}
+
+/// The least of eight.
+///
+/// # Safety
+/// The CPU has AVX2.
+#[inline(always)]
+pub(super) unsafe fn least8(v: __m256) -> f32 {
+    // SAFETY: the caller vouches.
+    unsafe {
+        let v = _mm_min_ps(_mm256_castps256_ps128(v), _mm256_extractf128_ps::<1>(v));
+        let v = _mm_min_ps(v, _mm_movehl_ps(v, v));
+        _mm_cvtss_f32(_mm_min_ps(v, _mm_movehdup_ps(v)))
+    }
+}
+
+/// The greatest of eight.
+///
+/// # Safety
+/// The CPU has AVX2.
+#[inline(always)]
+pub(super) unsafe fn greatest8(v: __m256) -> f32 {
+    // SAFETY: the caller vouches.
+    unsafe {
+        let v = _mm_max_ps(_mm256_castps256_ps128(v), _mm256_extractf128_ps::<1>(v));
+        let v = _mm_max_ps(v, _mm_movehl_ps(v, v));
+        _mm_cvtss_f32(_mm_max_ps(v, _mm_movehdup_ps(v)))
     }
 }

@@ -1,6 +1,7 @@
 //! AVX-512 (F, VL, DQ, BW): sixteen lanes in a register, and mask registers for both widths.
 
 use super::Op;
+use super::avx2::{far_first, greatest8, least8, slabs};
 use super::lanes::{Lanes, Mask, Simd};
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Sub};
@@ -111,6 +112,16 @@ impl Lanes<8> for V8 {
         Self(unsafe { _mm256_max_ps(self.0, o.0) })
     }
     #[inline(always)]
+    fn least(self) -> f32 {
+        // SAFETY: as in `add`.
+        unsafe { least8(self.0) }
+    }
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        // SAFETY: as in `add`.
+        unsafe { greatest8(self.0) }
+    }
+    #[inline(always)]
     fn le(self, o: Self) -> M8 {
         // SAFETY: as in `add`.
         M8(unsafe { _mm256_cmp_ps_mask::<_CMP_LE_OQ>(self.0, o.0) })
@@ -184,6 +195,16 @@ impl Lanes<16> for V16 {
     fn max(self, o: Self) -> Self {
         // SAFETY: as in `add`.
         Self(unsafe { _mm512_max_ps(self.0, o.0) })
+    }
+    #[inline(always)]
+    fn least(self) -> f32 {
+        // SAFETY: as in `add`.
+        unsafe { _mm512_reduce_min_ps(self.0) }
+    }
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        // SAFETY: as in `add`.
+        unsafe { _mm512_reduce_max_ps(self.0) }
     }
     #[inline(always)]
     fn le(self, o: Self) -> M16 {
@@ -260,6 +281,52 @@ impl Simd for Avx512 {
             let high = _mm256_loadu_ps(table.as_ptr().add(8));
             _mm256_permutex2var_ps(low, index, high)
         })
+    }
+    #[inline(always)]
+    fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[V8; 3]; 3] {
+        // SAFETY: the token vouches.
+        let [near, far, slope] = unsafe { slabs(head, inv, off) };
+        [
+            [V8(near[0]), V8(near[1]), V8(near[2])],
+            [V8(far[0]), V8(far[1]), V8(far[2])],
+            [V8(slope[0]), V8(slope[1]), V8(slope[2])],
+        ]
+    }
+    #[inline(always)]
+    fn transpose16(self, rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16]) {
+        // SAFETY: the token vouches; loads and stores are of whole rows, and need no alignment.
+        unsafe {
+            let mut quads = [_mm512_setzero_ps(); 16];
+            for i in 0..4 {
+                let row = |j: usize| rows[4 * i + j].as_ptr();
+                let (a, b) = (_mm512_loadu_ps(row(0)), _mm512_loadu_ps(row(1)));
+                let (c, d) = (_mm512_loadu_ps(row(2)), _mm512_loadu_ps(row(3)));
+                let (ab, cd) = (_mm512_unpacklo_ps(a, b), _mm512_unpacklo_ps(c, d));
+                let (ab2, cd2) = (_mm512_unpackhi_ps(a, b), _mm512_unpackhi_ps(c, d));
+                // In each quarter, four numbers of a column of the input.
+                quads[i] = _mm512_shuffle_ps::<0x44>(ab, cd);
+                quads[4 + i] = _mm512_shuffle_ps::<0xEE>(ab, cd);
+                quads[8 + i] = _mm512_shuffle_ps::<0x44>(ab2, cd2);
+                quads[12 + i] = _mm512_shuffle_ps::<0xEE>(ab2, cd2);
+            }
+            for i in 0..4 {
+                let [a, b, c, d] = [quads[4 * i], quads[4 * i + 1], quads[4 * i + 2], quads[4 * i + 3]];
+                let (ab, cd) = (_mm512_shuffle_f32x4::<0x88>(a, b), _mm512_shuffle_f32x4::<0x88>(c, d));
+                let (ab2, cd2) = (_mm512_shuffle_f32x4::<0xDD>(a, b), _mm512_shuffle_f32x4::<0xDD>(c, d));
+                _mm512_storeu_ps(out[i].as_mut_ptr(), _mm512_shuffle_f32x4::<0x88>(ab, cd));
+                _mm512_storeu_ps(out[4 + i].as_mut_ptr(), _mm512_shuffle_f32x4::<0x88>(ab2, cd2));
+                _mm512_storeu_ps(out[8 + i].as_mut_ptr(), _mm512_shuffle_f32x4::<0xDD>(ab, cd));
+                _mm512_storeu_ps(out[12 + i].as_mut_ptr(), _mm512_shuffle_f32x4::<0xDD>(ab2, cd2));
+            }
+        }
+    }
+    #[inline(always)]
+    fn far_first(self, enter: V8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+        // SAFETY: the token vouches.
+        unsafe {
+            let mask = _mm256_movm_epi32(hits as __mmask8);
+            far_first(enter.0, mask, child, enter_out, child_out);
+        }
     }
     #[inline(always)]
     fn splat16(self, v: f32) -> V16 {

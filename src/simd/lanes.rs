@@ -29,6 +29,10 @@ pub trait Lanes<const N: usize>:
     fn min(self, o: Self) -> Self;
     /// Elementwise greatest.
     fn max(self, o: Self) -> Self;
+    /// The least lane; none is NaN.
+    fn least(self) -> f32;
+    /// The greatest lane; none is NaN.
+    fn greatest(self) -> f32;
     /// Lanes where `self <= o`; false for NaN.
     fn le(self, o: Self) -> Self::Mask;
     /// Lanes where `self == o`; false for NaN.
@@ -62,6 +66,14 @@ pub trait Simd: Copy {
     fn index8(self, v: &[u8; 8]) -> Self::Index8;
     /// `table[i]` for each index `i`.
     fn lookup16(self, table: &[f32; 16], index: Self::Index8) -> Self::F8;
+    /// `origin[axis] * inv[axis] + off[axis]`, the same with `off[axis + 4]`, and `2^(e - 127) * inv[axis]`, each in all
+    /// lanes, for the three axes. `head`: three floats `origin`, and a word whose three low bytes are `e`.
+    fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[Self::F8; 3]; 3];
+    /// `out[i][j] = rows[j][i]`.
+    fn transpose16(self, rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16]);
+    /// Sorts the children of a node: those in `hits` (bit `i`: lane `i`) come first, by descending `enter` (not
+    /// negative), then whatever. Writes their `enter`, its last three bits cleared, and their `child`.
+    fn far_first(self, enter: Self::F8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]);
     /// All sixteen lanes `v`.
     fn splat16(self, v: f32) -> Self::F16;
     /// Sixteen floats.

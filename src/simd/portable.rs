@@ -88,6 +88,14 @@ impl<const N: usize> Lanes<N> for Array<N> {
         Self(from_fn(|i| if self.0[i] > o.0[i] { self.0[i] } else { o.0[i] }))
     }
     #[inline(always)]
+    fn least(self) -> f32 {
+        self.0.into_iter().fold(f32::INFINITY, f32::min)
+    }
+    #[inline(always)]
+    fn greatest(self) -> f32 {
+        self.0.into_iter().fold(f32::NEG_INFINITY, f32::max)
+    }
+    #[inline(always)]
     fn le(self, o: Self) -> Bits {
         bits::<N>(|i| self.0[i] <= o.0[i])
     }
@@ -139,6 +147,39 @@ impl Simd for Portable {
     #[inline(always)]
     fn lookup16(self, table: &[f32; 16], index: [u8; 8]) -> Array<8> {
         Array(from_fn(|i| table[usize::from(index[i] & 15)]))
+    }
+    #[inline(always)]
+    fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[Array<8>; 3]; 3] {
+        let e = head[3].to_le_bytes();
+        let origin = |axis: usize| f32::from_bits(head[axis]) * inv[axis];
+        [
+            from_fn(|axis| Array([origin(axis) + off[axis]; 8])),
+            from_fn(|axis| Array([origin(axis) + off[axis + 4]; 8])),
+            from_fn(|axis| Array([f32::from_bits(u32::from(e[axis]) << 23) * inv[axis]; 8])),
+        ]
+    }
+    #[inline(always)]
+    fn transpose16(self, rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16]) {
+        for (i, out) in out.iter_mut().enumerate() {
+            for (j, row) in rows.iter().enumerate() {
+                out[j] = row[i];
+            }
+        }
+    }
+    #[inline(always)]
+    fn far_first(self, enter: Array<8>, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+        let met = child.iter().enumerate().filter(|(i, _)| hits >> i & 1 == 1);
+        for (count, (i, &to)) in met.enumerate() {
+            // Lanes of equal distance in descending order, as the other sets have them.
+            let t = f32::from_bits(enter.0[i].to_bits() & !7);
+            let mut at = count;
+            while at > 0 && enter_out[at - 1] <= t {
+                enter_out[at] = enter_out[at - 1];
+                child_out[at] = child_out[at - 1];
+                at -= 1;
+            }
+            (enter_out[at], child_out[at]) = (t, u32::from(to));
+        }
     }
     #[inline(always)]
     fn splat16(self, v: f32) -> Array<16> {

@@ -37,9 +37,34 @@ impl Op for Battery {
             out.extend(s.bytes8(&bytes).to_array().map(f32::to_bits));
             let word = 0x9a7f_0180u32.rotate_left(shift as u32);
             s.powers8(word).iter().for_each(|p| out.extend(p.to_array().map(f32::to_bits)));
+            sorted(s, shift as u32, &a8, &mut out);
+            let plain = b.map(|x| if x.is_nan() { 5.0 } else { x });
+            let (v8, v16) = (s.load8(&first8(&plain)), s.load16(&plain));
+            // Zeros of either sign are equal.
+            out.extend([v8.least(), v8.greatest(), v16.least(), v16.greatest()].map(|x| (x + 0.0).to_bits()));
+            let rows = std::array::from_fn(|i| std::array::from_fn(|j| (16 * i + j + shift) as f32));
+            let mut columns = [[0.0; 16]; 16];
+            s.transpose16(&rows, &mut columns);
+            out.extend(columns.as_flattened().iter().map(|x| x.to_bits()));
             out.extend(s.lookup16(&b, s.index8(&bytes)).to_array().map(f32::to_bits));
         }
         out
+    }
+}
+
+/// Children sorted, of all sorts of sets and with equal distances.
+#[inline(always)]
+fn sorted<S: Simd>(s: S, seed: u32, values: &[f32; 8], out: &mut Vec<u32>) {
+    let enter: [f32; 8] = std::array::from_fn(|i| if values[i].is_nan() { 2.0 } else { values[i].abs() });
+    let child = std::array::from_fn(|i| (i * 1000 + seed as usize) as u16);
+    for k in 0..16u32 {
+        let hits = (seed * 37 + k * 83) & 0xff;
+        let (mut t, mut to) = ([0.0; 8], [0; 8]);
+        s.far_first(s.load8(&enter), hits, &child, &mut t, &mut to);
+        let count = hits.count_ones() as usize;
+        assert!(t[..count].is_sorted_by(|a, b| a >= b));
+        out.extend(t[..count].iter().map(|t| t.to_bits()));
+        out.extend(&to[..count]);
     }
 }
 

@@ -9,7 +9,7 @@ use outcrop::math::Cone;
 use outcrop::residency::{Slot, Snapshot};
 use outcrop::simd::Isa;
 use outcrop::structure::bvh::build::{Par, Tree, TreeInput, TreeOptions};
-use outcrop::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, TreeView, TriHit, Walk};
+use outcrop::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, STREAM, Stream, TreeView, TriHit, Walk};
 
 /// A tree with all its blocks, and the triangles that it holds.
 pub struct TestTree {
@@ -130,6 +130,33 @@ pub fn any16(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) -> Vec<bool
     begin16(view, rays, walk);
     assert_eq!(view.any16(None, walk), Outcome::Done);
     (0..rays.len()).map(|i| walk.best(i).is_hit()).collect()
+}
+
+/// The hits of rays side by side; `None` for those that the stream leaves unfinished.
+pub fn closest_each(view: &TreeView, rays: &[Ray32], stream: &mut Stream) -> Vec<Option<Option<TriHit>>> {
+    let mut all = Vec::new();
+    for rays in rays.chunks(STREAM) {
+        rays.iter().enumerate().for_each(|(i, ray)| stream.set(i, &local(ray)));
+        let mut hits = vec![TriHit::none(0.0); rays.len()];
+        view.closest_each(None, stream, &mut hits);
+        let mut hits: Vec<_> = hits.into_iter().map(|hit| Some(Some(hit).filter(TriHit::is_hit))).collect();
+        stream.unfinished().iter().for_each(|&i| hits[i as usize] = None);
+        all.append(&mut hits);
+    }
+    all
+}
+
+/// Whether rays side by side hit anything; every block is there.
+pub fn any_each(view: &TreeView, rays: &[Ray32], stream: &mut Stream) -> Vec<bool> {
+    let mut all = Vec::new();
+    for rays in rays.chunks(STREAM) {
+        rays.iter().enumerate().for_each(|(i, ray)| stream.set(i, &local(ray)));
+        let mut hits = vec![TriHit::none(0.0); rays.len()];
+        view.any_each(None, stream, &mut hits);
+        assert!(stream.unfinished().is_empty());
+        all.extend(hits.iter().map(TriHit::is_hit));
+    }
+    all
 }
 
 /// Puts up to sixteen rays into the first lanes of a packet.

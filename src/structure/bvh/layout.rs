@@ -118,6 +118,16 @@ impl Node {
         f32::from_bits(u32::from(self.exponent[axis]) << 23)
     }
 
+    /// The origin's bits; and the exponents in the low bytes of a word.
+    #[inline(always)]
+    pub fn head(&self) -> &[u32; 4] {
+        let words: &[u32; NODE_WORDS] = must_cast_ref(self);
+        match words.first_chunk::<4>() {
+            Some(head) => head,
+            None => unreachable!(),
+        }
+    }
+
     /// The three exponents in the low bytes of a word.
     #[inline(always)]
     pub fn exponents(&self) -> u32 {
@@ -281,18 +291,20 @@ impl<'a> Leaf<'a> {
         }
     }
 
-    /// The corners of a triangle.
-    #[inline]
-    pub fn triangle(&self, index: usize) -> [glam::Vec3; 3] {
-        let axes = [0, 1, 2].map(|axis| self.coordinates16(axis));
-        [0, 1, 2].map(|corner| {
-            let v = usize::from(self.corners8(corner)[index]) & (MAX_VERTICES - 1);
-            glam::Vec3::new(axes[0][v], axes[1][v], axes[2][v])
-        })
+    /// The corners of a triangle, below [`MAX_TRIANGLES`].
+    #[inline(always)]
+    pub fn triangle(&self, index: usize) -> [Vec3; 3] {
+        let (x, y, z) = (self.coordinates16(0), self.coordinates16(1), self.coordinates16(2));
+        let mut corners = [Vec3::ZERO; 3];
+        for (c, corner) in corners.iter_mut().enumerate() {
+            let v = usize::from(self.corners8(c)[index & (MAX_TRIANGLES - 1)]) & (MAX_VERTICES - 1);
+            *corner = Vec3::new(x[v], y[v], z[v]);
+        }
+        corners
     }
 
     /// Index into the block's parts of a triangle.
-    #[inline]
+    #[inline(always)]
     pub fn part_of(&self, index: usize) -> usize {
         if self.mixed {
             (self.words[2 + index / 2] >> (16 * (index % 2)) & 0xffff) as usize

@@ -8,11 +8,15 @@
 mod packet;
 mod packet_visit;
 mod ray;
+mod rays16;
 mod single;
+mod stream;
+mod stream_pass;
 mod walk;
 
 pub use packet::{PACKET, PacketWalk};
 pub use ray::{LocalRay, PreparedRay};
+pub use stream::{STREAM, Stream};
 pub use walk::{Counters, Outcome, TriHit, Walk};
 
 use super::layout::{Block, Leaf};
@@ -79,48 +83,23 @@ impl TreeView<'_> {
 
     /// Finds the closest hit of the ray that `walk` has begun (or goes on after `Pending`).
     pub fn closest(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-        let ray = walk.ray;
-        single::run::<false>(self, filter, &[ray], walk, &mut [TriHit::none(0.0)]).1
+        single::run::<false>(self, filter, walk)
     }
 
     /// Finds any hit of the ray that `walk` has begun (or goes on after `Pending`).
     pub fn any(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-        let ray = walk.ray;
-        single::run::<true>(self, filter, &[ray], walk, &mut [TriHit::none(0.0)]).1
+        single::run::<true>(self, filter, walk)
     }
 
-    /// Finds the closest hit of each ray, one after the other: what [`TreeView::closest`] finds, at less
-    /// cost a ray. `hits`: as many as `rays`.
-    ///
-    /// Returns how many rays have ended. With `Pending`, the next one has been put down in `walk`: call again
-    /// with the rays from that one on, and it goes on where it stopped.
-    pub fn closest_each(
-        &self,
-        filter: Option<&PartFilter>,
-        rays: &[LocalRay],
-        walk: &mut Walk,
-        hits: &mut [TriHit],
-    ) -> (usize, Outcome) {
-        single::run::<false>(self, filter, rays, walk, hits)
-    }
-
-    /// Finds any hit of each ray; otherwise like [`TreeView::closest_each`].
-    pub fn any_each(
-        &self,
-        filter: Option<&PartFilter>,
-        rays: &[LocalRay],
-        walk: &mut Walk,
-        hits: &mut [TriHit],
-    ) -> (usize, Outcome) {
-        single::run::<true>(self, filter, rays, walk, hits)
-    }
-
+    #[inline(always)]
     fn leaf_of(&self, hit: &TriHit) -> Option<(Block<'_>, Leaf<'_>, usize)> {
         let block = Block::new(self.snapshot.block(BlockId(hit.block))?);
         Some((block, block.leaf((hit.tri >> 3) as usize), (hit.tri & 7) as usize))
     }
 
-    /// The triangle of a hit; `None` if its block has left the snapshot.
+    /// The triangle of a hit; `None` if its block has left the snapshot. Always inlined: as a call it would write the
+    /// struct in small pieces and read it in large ones, which stalls.
+    #[inline(always)]
     pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
         let (block, leaf, index) = self.leaf_of(hit)?;
         Some(Triangle { vertices: leaf.triangle(index), part: block.part(leaf.part_of(index)) })

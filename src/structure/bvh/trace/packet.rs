@@ -4,10 +4,15 @@
 use super::packet_visit::{self, Shared};
 use super::walk::{Counters, Outcome, Walk};
 use super::{LocalRay, PartFilter, TreeView, TriHit};
+use crate::math::Cone;
 use crate::simd::{Op, Simd, dispatch};
+use glam::Vec3;
 
 /// Rays of a packet.
 pub const PACKET: usize = 16;
+
+/// Distance of origins that are near each other, as a part of the tree's reach.
+const NEAR: f32 = 1.0 / 64.0;
 
 /// Something that some rays still have to visit.
 #[derive(Debug, Clone, Copy)]
@@ -25,7 +30,6 @@ pub(super) struct PacketEntry {
 /// What the rays are, lane by lane. Lanes without a ray repeat one that has.
 #[derive(Debug)]
 pub(super) struct PacketRays {
-    pub local: [LocalRay; PACKET],
     /// Origins and directions by axis.
     pub org: [[f32; PACKET]; 3],
     pub dir: [[f32; PACKET]; 3],
@@ -35,6 +39,17 @@ pub(super) struct PacketRays {
     pub minus_off_near: [[f32; PACKET]; 3],
     pub minus_off_far: [[f32; PACKET]; 3],
     pub shear: [[f32; PACKET]; 3],
+}
+
+impl PacketRays {
+    /// Ray `i` by itself, up to any distance.
+    #[inline(always)]
+    pub fn one(&self, i: usize) -> LocalRay {
+        let (org, dir) = (&self.org, &self.dir);
+        let org = Vec3::new(org[0][i], org[1][i], org[2][i]);
+        let dir = Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
+        LocalRay { org, dir, t_min: self.t_min[i], t_max: f32::INFINITY, cone: Cone::ZERO }
+    }
 }
 
 /// The best hits, lane by lane.
@@ -74,7 +89,6 @@ impl PacketWalk {
     pub fn new() -> Self {
         let zero = [[0.0; PACKET]; 3];
         let rays = PacketRays {
-            local: [LocalRay::NONE; PACKET],
             org: zero,
             dir: zero,
             inv: zero,
@@ -98,7 +112,33 @@ impl PacketWalk {
 
     /// Puts the rays of `active` (bit `i`: ray `i`) at the root of `view`; the others miss.
     pub fn begin(&mut self, view: &TreeView, rays: &[LocalRay; PACKET], active: u32) {
-        dispatch(view.isa, Begin { walk: self, view, rays, active });
+        for (i, ray) in rays.iter().enumerate() {
+            self.set(i, ray);
+        }
+        self.start(view, active);
+    }
+
+    /// Takes ray `i` over, below [`PACKET`]; [`PacketWalk::start`] comes next. (Apart, because a loop that is compiled
+    /// for a wider set gathers the fields, which takes longer than all else here.)
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, ray: &LocalRay) {
+        let (i, r) = (i & (PACKET - 1), &mut self.rays);
+        (r.org[0][i], r.org[1][i], r.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
+        (r.dir[0][i], r.dir[1][i], r.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
+        r.t_min[i] = ray.t_min;
+        self.hits.t[i] = ray.t_max;
+    }
+
+    /// Puts those of the rays taken over that are in `active` at the root of `view`; the others miss.
+    pub fn start(&mut self, view: &TreeView, active: u32) {
+        dispatch(view.isa, Start { walk: self, view, active });
+    }
+
+    /// Whether the rays gain by going together: all directions have the same signs and are greatest on the same axis,
+    /// and all origins are near each other, as those of neighbouring pixels are, unless it `says` so.
+    #[inline]
+    pub fn is_coherent(&self, view: &TreeView, says: bool) -> bool {
+        self.shared.as_ref().is_some_and(|shared| says || shared.spread() <= view.reach * NEAR)
     }
 
     /// The best hit so far of ray `i`.
@@ -124,31 +164,21 @@ impl PacketWalk {
     }
 }
 
-struct Begin<'a, 'v> {
+struct Start<'a, 'v> {
     walk: &'a mut PacketWalk,
     view: &'a TreeView<'v>,
-    rays: &'a [LocalRay; PACKET],
     active: u32,
 }
 
-impl Op for Begin<'_, '_> {
+impl Op for Start<'_, '_> {
     type Out = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Self { walk, view, rays, active } = self;
+        let Self { walk, view, active } = self;
         walk.stack.clear();
-        let r = &mut walk.rays;
-        for i in 0..PACKET {
-            let ray = &rays[i];
-            r.local[i] = *ray;
-            r.t_min[i] = ray.t_min;
-            walk.hits.t[i] = ray.t_max;
-            (r.org[0][i], r.org[1][i], r.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
-            (r.dir[0][i], r.dir[1][i], r.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
-        }
         walk.hits.block = [u32::MAX; PACKET];
-        walk.waiting = packet_visit::valid(s, r, &walk.hits.t) & active & 0xffff;
+        walk.waiting = packet_visit::valid(s, &walk.rays, &walk.hits.t) & active & 0xffff;
         if walk.waiting == 0 || view.is_empty() {
             walk.waiting = 0;
             return;
@@ -156,8 +186,7 @@ impl Op for Begin<'_, '_> {
         if walk.waiting != 0xffff {
             repeat_first(walk);
         }
-        let r = &mut walk.rays;
-        walk.shared = packet_visit::prepare(s, r, view.reach);
+        walk.shared = packet_visit::prepare(s, &mut walk.rays, view.reach);
         walk.stack.push(PacketEntry { t: 0.0, rays: walk.waiting, block: view.root_block, child: view.root });
     }
 }
@@ -169,7 +198,6 @@ fn repeat_first(walk: &mut PacketWalk) {
     let r = &mut walk.rays;
     for i in (0..PACKET).filter(|i| walk.waiting >> i & 1 == 0) {
         walk.hits.t[i] = f32::NEG_INFINITY;
-        r.local[i] = r.local[first];
         r.t_min[i] = r.t_min[first];
         for axis in 0..3 {
             r.org[axis][i] = r.org[axis][first];

@@ -2,70 +2,51 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::walk::{Entry, Outcome, TriHit, Walk};
-use super::{LocalRay, PartFilter, PreparedRay, TreeView};
+use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{Sheared, intersect, shear};
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child, Leaf, Node};
 
-/// Traces `rays` one after the other; the first goes on with `walk` if that was begun or put down.
-/// Returns how many have ended.
-pub(super) fn run<const ANY: bool>(
-    view: &TreeView,
-    filter: Option<&PartFilter>,
-    rays: &[LocalRay],
-    walk: &mut Walk,
-    hits: &mut [TriHit],
-) -> (usize, Outcome) {
-    dispatch(view.isa, Single::<ANY> { view, filter, rays, walk, hits })
+/// Goes on with `walk` until it ends or a block is missing.
+pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
+    dispatch(view.isa, Single::<ANY> { view, filter, walk })
 }
 
 struct Single<'a, 'v, const ANY: bool> {
     view: &'a TreeView<'v>,
     filter: Option<&'a PartFilter<'a>>,
-    rays: &'a [LocalRay],
     walk: &'a mut Walk,
-    hits: &'a mut [TriHit],
 }
 
 impl<const ANY: bool> Op for Single<'_, '_, ANY> {
-    type Out = (usize, Outcome);
+    type Out = Outcome;
 
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> (usize, Outcome) {
-        let Self { view, filter, rays, walk, hits } = self;
-        let mut counters = walk.counters;
-        let mut done = 0;
-        let mut outcome = Outcome::Done;
-        while done < rays.len().min(hits.len()) {
-            let local = &rays[done];
-            if !walk.is_begun {
-                walk.put_at_root(view, local);
-            }
-            if !walk.stack.is_empty() {
-                let ray = PreparedRay::new(local, view.reach);
-                let lanes = RayLanes::new(s, &ray);
-                let stack = &mut walk.stack;
-                outcome = visit::<S, ANY>(s, view, filter, &ray, &lanes, stack, &mut walk.best, &mut counters);
-                walk.is_begun = outcome != Outcome::Done;
-                if walk.is_begun {
-                    break;
-                }
-            }
-            hits[done] = walk.best;
-            done += 1;
+    fn run<S: Simd>(self, s: S) -> Outcome {
+        let Self { view, filter, walk } = self;
+        if walk.stack.is_empty() {
+            return Outcome::Done;
         }
-        walk.counters = counters;
-        (done, outcome)
+        let ray = PreparedRay::new(&walk.ray, view.reach);
+        let lanes = RayLanes::new(s, &ray);
+        visit::<S, ANY>(s, view, filter, &ray, &lanes, &mut walk.stack, &mut walk.best, &mut walk.counters)
     }
+}
+
+/// What the triangle test needs of a ray, in all lanes.
+pub(super) struct LeafRay<S: Simd> {
+    /// In the order `k`.
+    pub org: [S::F8; 3],
+    pub shear: [S::F8; 3],
+    pub t_min: S::F8,
+    /// Axis order, see [`crate::geom::Shear`].
+    pub k: [usize; 3],
 }
 
 /// A ray in all lanes.
 pub(super) struct RayLanes<S: Simd> {
-    org: [S::F8; 3],
-    shear: [S::F8; 3],
-    zero: S::F8,
-    t_min: S::F8,
+    leaf: LeafRay<S>,
     inv: [S::F8; 3],
     minus_off_near: [S::F8; 3],
     minus_off_far: [S::F8; 3],
@@ -76,10 +57,12 @@ impl<S: Simd> RayLanes<S> {
     pub(super) fn new(s: S, ray: &PreparedRay) -> Self {
         let k = ray.shear.k;
         Self {
-            org: splat3(s, [ray.org[k[0]], ray.org[k[1]], ray.org[k[2]]]),
-            shear: splat3(s, ray.shear.s),
-            zero: s.splat8(0.0),
-            t_min: s.splat8(ray.t_min),
+            leaf: LeafRay {
+                org: splat3(s, [ray.org[k[0]], ray.org[k[1]], ray.org[k[2]]]),
+                shear: splat3(s, ray.shear.s),
+                t_min: s.splat8(ray.t_min),
+                k,
+            },
             inv: splat3(s, ray.inv),
             minus_off_near: splat3(s, [-ray.off_near[0], -ray.off_near[1], -ray.off_near[2]]),
             minus_off_far: splat3(s, [-ray.off_far[0], -ray.off_far[1], -ray.off_far[2]]),
@@ -135,7 +118,7 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
                     counters.leaves += 1;
                     let leaf = block.leaf(at);
                     counters.triangles += leaf.triangles as u64;
-                    let found = triangles(s, block, leaf, lanes, ray, filter, best.t);
+                    let found = triangles(s, block, leaf, &lanes.leaf, filter, best.t);
                     if let Some((lane, t, u, v)) = found {
                         let hit = TriHit { t, u, v, block: block_id, tri: (at as u32) << 3 | lane };
                         match is_better(view, &hit, best, counters) {
@@ -197,7 +180,7 @@ fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut super::Count
 #[inline(always)]
 fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, lanes: &RayLanes<S>, t_max: f32) -> (u32, [f32; 8]) {
     let step = s.powers8(node.exponents());
-    let mut enter = lanes.t_min;
+    let mut enter = lanes.leaf.t_min;
     let mut leave = s.splat8(t_max);
     for axis in 0..3 {
         let slope = step[axis] * lanes.inv[axis];
@@ -260,17 +243,16 @@ pub(super) fn triangles<S: Simd>(
     s: S,
     block: Block,
     leaf: Leaf,
-    lanes: &RayLanes<S>,
-    ray: &PreparedRay,
+    lanes: &LeafRay<S>,
     filter: Option<&PartFilter>,
     t_max: f32,
 ) -> Option<(u32, f32, f32, f32)> {
-    let k = ray.shear.k;
+    let k = lanes.k;
     let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
     let a = corner(s, &tables, leaf.corners8(0), lanes);
     let b = corner(s, &tables, leaf.corners8(1), lanes);
     let c = corner(s, &tables, leaf.corners8(2), lanes);
-    let found = intersect(a, b, c, lanes.zero, lanes.t_min, s.splat8(t_max));
+    let found = intersect(a, b, c, s.splat8(0.0), lanes.t_min, s.splat8(t_max));
     let mut hits = found.hits & ((1 << leaf.triangles) - 1);
     if hits == 0 {
         return None;
@@ -299,7 +281,7 @@ pub(super) fn triangles<S: Simd>(
 
 /// One corner of each triangle, sheared. Not a closure: those are not compiled for the set.
 #[inline(always)]
-fn corner<S: Simd>(s: S, tables: &[&[f32; 16]; 3], corners: &[u8; 8], lanes: &RayLanes<S>) -> Sheared<S::F8> {
+fn corner<S: Simd>(s: S, tables: &[&[f32; 16]; 3], corners: &[u8; 8], lanes: &LeafRay<S>) -> Sheared<S::F8> {
     let index = s.index8(corners);
     let x = s.lookup16(tables[0], index) - lanes.org[0];
     let y = s.lookup16(tables[1], index) - lanes.org[1];

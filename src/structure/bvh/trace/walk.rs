@@ -83,8 +83,6 @@ pub struct Walk {
     pub(super) stack: Vec<Entry>,
     pub(super) ray: LocalRay,
     pub(super) best: TriHit,
-    /// Begun, or put down at a missing block: the next call goes on with it.
-    pub(super) is_begun: bool,
     /// What walks with it did.
     pub counters: Counters,
 }
@@ -99,14 +97,13 @@ impl Walk {
     /// For any number of rays.
     pub fn new() -> Self {
         let (ray, best) = (LocalRay::NONE, TriHit::none(0.0));
-        Self { stack: Vec::new(), ray, best, is_begun: false, counters: Counters::default() }
+        Self { stack: Vec::new(), ray, best, counters: Counters::default() }
     }
 
     /// Puts `ray` at the root of `view`. An invalid ray (see [`LocalRay::is_valid`]) misses all.
     pub fn begin(&mut self, view: &super::TreeView, ray: &LocalRay) {
         self.ray = *ray;
         self.put_at_root(view, ray);
-        self.is_begun = true;
     }
 
     /// The best hit so far; [`TriHit::is_hit`] tells whether there is one.

@@ -1,0 +1,242 @@
+//! The rays that a worker answers at a time, and those of them that must wait for blocks.
+
+use super::batch::{Policy, RayWithMask};
+use super::finish::{Trees, finish};
+use super::hit::{Hit, HitKind, Want};
+use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step};
+use crate::structure::bvh::trace::{PACKET, PacketWalk, STREAM};
+
+/// Rays of a chunk: some tens to hundreds of microseconds of work.
+pub(super) const CHUNK: usize = STREAM;
+
+/// What a batch asks of each of its rays.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Task {
+    pub coherent: bool,
+    pub policy: Policy,
+    pub want: Want,
+    /// Any hit will do.
+    pub any: bool,
+}
+
+/// What it takes to trace a chunk. Reusable.
+pub(super) struct Chunk {
+    pub rays: [RayWithMask; CHUNK],
+    found: [Found; CHUNK],
+    stream: SceneStream,
+    packet: ScenePacket,
+    in_one: PacketWalk,
+    /// All misses, or filled with `want`.
+    hits: [Hit; PACKET],
+    want: Want,
+    /// Rays without an answer yet.
+    unfinished: Vec<u32>,
+    /// Groups that must wait, and for which blocks.
+    pub parked: Vec<Group>,
+    pub needs: Vec<Need>,
+}
+
+impl Default for Chunk {
+    fn default() -> Self {
+        Self {
+            rays: [RayWithMask::NONE; CHUNK],
+            found: [Found::nothing(0.0); CHUNK],
+            stream: SceneStream::default(),
+            packet: ScenePacket::default(),
+            in_one: PacketWalk::new(),
+            hits: [Hit::MISS; PACKET],
+            want: Want::NOTHING,
+            unfinished: Vec::new(),
+            parked: Vec::new(),
+            needs: Vec::new(),
+        }
+    }
+}
+
+impl Chunk {
+    /// Traces the first `count` of its rays.
+    pub fn trace(&mut self, view: &SceneView, task: Task, count: usize) {
+        self.unfinished.clear();
+        if self.want != task.want {
+            (self.want, self.hits) = (task.want, [Hit::MISS; PACKET]);
+        }
+        // Packets where neighbours go the same way, all others side by side.
+        let mut scattered = 0;
+        for from in (0..count).step_by(PACKET) {
+            let to = count.min(from + PACKET);
+            let mut together = may_be_alike(&self.rays[from..to]);
+            if together {
+                together = self.trace_packet(view, task, from, to);
+            }
+            if together {
+                self.trace_each(view, task, scattered, from);
+                scattered = to;
+            }
+        }
+        self.trace_each(view, task, scattered, count);
+    }
+
+    fn trace_each(&mut self, view: &SceneView, task: Task, from: usize, to: usize) {
+        if from == to {
+            return;
+        }
+        let (rays, found) = (&self.rays[from..to], &mut self.found[from..to]);
+        if task.any {
+            view.trace_each::<true>(rays, &mut self.stream, found);
+        } else {
+            view.trace_each::<false>(rays, &mut self.stream, found);
+        }
+        self.unfinished.extend(self.stream.unfinished().iter().map(|i| from as u32 + i));
+    }
+
+    /// Sixteen rays together; false if they must go side by side.
+    fn trace_packet(&mut self, view: &SceneView, task: Task, from: usize, to: usize) -> bool {
+        let (rays, found) = (&self.rays[from..to], &mut self.found[from..to]);
+        let step = if view.only_one().is_none() {
+            let Some(rays) = self.rays[from..].first_chunk::<PACKET>() else { return false };
+            self.packet.begin(view, rays, ((1u64 << (to - from)) - 1) as u32);
+            let step = trace16(view, task, rays, &mut self.packet);
+            (from..to).for_each(|i| self.found[i] = *self.packet.best(i - from));
+            Some(step)
+        } else if task.any {
+            view.trace_together::<true>(rays, task.coherent, &mut self.in_one, found)
+        } else {
+            view.trace_together::<false>(rays, task.coherent, &mut self.in_one, found)
+        };
+        match step {
+            None => return false,
+            Some(Step::Done) => {}
+            // Which of its rays had what they needed is not known.
+            Some(Step::Pending(_)) => self.unfinished.extend(from as u32..to as u32),
+        }
+        true
+    }
+
+    /// The answers of a group of sixteen; `None` if it is parked.
+    pub fn finish(&mut self, view: &SceneView, task: Task, first: usize, group: usize, count: usize) -> Option<&[Hit]> {
+        let (from, to) = (group * PACKET, count.min((group + 1) * PACKET));
+        let mut alone = Vec::new();
+        let mut lacking = 0;
+        for &i in self.unfinished.iter().filter(|&&i| (from..to).contains(&(i as usize))) {
+            let i = i as usize;
+            let mut walk = SceneWalk::default();
+            walk.begin(view, &self.rays[i].ray);
+            match trace(view, task, &self.rays[i], &mut walk) {
+                Step::Pending(need) if task.policy == Policy::Exact => {
+                    self.needs.push(need);
+                    alone.push((i - from, walk));
+                }
+                step => {
+                    self.found[i] = walk.best();
+                    lacking |= u32::from(step != Step::Done) << (i - from);
+                }
+            }
+        }
+        let (rays, found) = (&self.rays[from..to], &self.found[from..to]);
+        if alone.is_empty() && finish_group(view, task, rays, found, lacking, &mut self.hits, &mut self.needs) {
+            return Some(&self.hits[..to - from]);
+        }
+        let mut group = Group::new(first + from, rays, found);
+        group.alone = alone;
+        self.parked.push(group);
+        None
+    }
+}
+
+/// Whether rays go into the same octant: what a packet needs at the least. Rays in all directions are told by the first
+/// few.
+#[inline]
+fn may_be_alike(rays: &[RayWithMask]) -> bool {
+    let signs = rays[0].ray.dir.is_negative_bitmask();
+    rays.iter().all(|it| it.ray.dir.is_negative_bitmask() == signs)
+}
+
+fn trace(view: &SceneView, task: Task, it: &RayWithMask, walk: &mut SceneWalk) -> Step {
+    if task.any { view.trace::<true>(&it.ray, it.mask, walk) } else { view.trace::<false>(&it.ray, it.mask, walk) }
+}
+
+fn trace16(view: &SceneView, task: Task, rays: &[RayWithMask; PACKET], packet: &mut ScenePacket) -> Step {
+    if task.any { view.trace16::<true>(rays, packet) } else { view.trace16::<false>(rays, packet) }
+}
+
+/// Works out the hits of up to sixteen rays; false if a block is missing. Rays of `lacking` were answered without a
+/// block that they needed.
+fn finish_group(
+    view: &SceneView,
+    task: Task,
+    rays: &[RayWithMask],
+    found: &[Found],
+    lacking: u32,
+    hits: &mut [Hit; PACKET],
+    needs: &mut Vec<Need>,
+) -> bool {
+    let before = needs.len();
+    let mut trees = Trees::new();
+    for (i, ((it, found), hit)) in rays.iter().zip(found).zip(hits).enumerate() {
+        match (finish(view, &mut trees, &it.ray, found, task.want, hit), task.policy) {
+            (Ok(()), _) if lacking >> i & 1 == 0 => {}
+            (Err(need), Policy::Exact) => needs.push(need),
+            _ => hit.kind = HitKind::Missing,
+        }
+    }
+    needs.len() == before
+}
+
+/// Up to sixteen rays that wait for blocks, with what it takes to take them up again.
+pub(super) struct Group {
+    first: usize,
+    count: usize,
+    rays: [RayWithMask; PACKET],
+    found: [Found; PACKET],
+    /// Rays that were put down alone, each with its walk. All others have ended.
+    alone: Vec<(usize, SceneWalk)>,
+}
+
+impl Group {
+    fn new(first: usize, rays: &[RayWithMask], found: &[Found]) -> Self {
+        let mut group = Self {
+            first,
+            count: rays.len(),
+            rays: [RayWithMask::NONE; PACKET],
+            found: [Found::nothing(0.0); PACKET],
+            alone: Vec::new(),
+        };
+        group.rays[..rays.len()].copy_from_slice(rays);
+        group.found[..found.len()].copy_from_slice(found);
+        group
+    }
+
+    /// Its first ray in the batch.
+    pub fn first(&self) -> usize {
+        self.first
+    }
+
+    /// Its rays.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Goes on; the answers, or `None` if blocks are missing still.
+    pub fn resume<'a>(
+        &mut self,
+        view: &SceneView,
+        task: Task,
+        hits: &'a mut [Hit; PACKET],
+        needs: &mut Vec<Need>,
+    ) -> Option<&'a [Hit]> {
+        let Self { alone, rays, found, count, .. } = self;
+        alone.retain_mut(|(i, walk)| match trace(view, task, &rays[*i], walk) {
+            Step::Pending(need) => {
+                needs.push(need);
+                true
+            }
+            Step::Done => {
+                found[*i] = walk.best();
+                false
+            }
+        });
+        let (rays, found) = (&rays[..*count], &found[..*count]);
+        let done = alone.is_empty() && finish_group(view, task, rays, found, 0, hits, needs);
+        done.then(|| &hits[..*count])
+    }
+}

@@ -1,0 +1,184 @@
+//! Sixteen rays prepared for box and triangle tests at once, field by field.
+#![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
+
+use super::LocalRay;
+use super::ray::{MAX_DIR, MIN_DIR};
+use crate::simd::{Lanes, Mask, Simd};
+
+/// Rays of a group.
+pub(super) const GROUP: usize = 16;
+
+/// Sixteen rays as given, by field.
+#[derive(Debug, Clone)]
+#[repr(C, align(64))]
+pub(super) struct Rays16 {
+    org: [[f32; GROUP]; 3],
+    dir: [[f32; GROUP]; 3],
+    t_min: [f32; GROUP],
+    pub t_max: [f32; GROUP],
+}
+
+/// A prepared ray by itself (see [`super::PreparedRay`]): all that a box test needs in one cache line, and a second
+/// one for the rest. Words, because sixteen rays are prepared by field and then transposed.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct OneRay {
+    line: [f32; 16],
+    rest: [f32; 16],
+}
+
+impl OneRay {
+    pub const NONE: Self = Self { line: [0.0; 16], rest: [0.0; 16] };
+
+    /// Reciprocal direction; the fourth is of no use.
+    #[inline(always)]
+    pub fn inv(&self) -> &[f32; 4] {
+        first(&self.line[0..])
+    }
+
+    /// Less the planes' offsets: near ones, and from the fifth on far ones; the fourth and eighth are of no use.
+    #[inline(always)]
+    pub fn off(&self) -> &[f32; 8] {
+        first(&self.line[4..])
+    }
+
+    /// Least distance.
+    #[inline(always)]
+    pub fn t_min(&self) -> f32 {
+        self.line[12]
+    }
+
+    /// Distance of the best hit.
+    #[inline(always)]
+    pub fn best(&self) -> f32 {
+        self.line[13]
+    }
+
+    #[inline(always)]
+    pub fn set_best(&mut self, t: f32) {
+        self.line[13] = t;
+    }
+
+    /// Where the planes that are met first on each axis begin in a node, in bytes; then, from the fifth on, those that
+    /// are met last.
+    #[inline(always)]
+    pub fn planes(&self) -> &[u8; 8] {
+        let words: &[f32; 2] = first(&self.line[14..]);
+        bytemuck::must_cast_ref(words)
+    }
+
+    /// The axis order of the triangle test, the origin in it, and the shear: see [`crate::geom::Shear`].
+    #[inline(always)]
+    pub fn shear(&self) -> ([usize; 3], [f32; 3], [f32; 3]) {
+        let z = (self.rest[6].to_bits() & 3) as usize;
+        let r = &self.rest;
+        ([(z + 1) % 3, (z + 2) % 3, z], [r[0], r[1], r[2]], [r[3], r[4], r[5]])
+    }
+}
+
+#[inline(always)]
+fn first<const N: usize>(v: &[f32]) -> &[f32; N] {
+    match v.first_chunk::<N>() {
+        Some(first) => first,
+        None => unreachable!(),
+    }
+}
+
+/// Where the low planes of x, y and z begin in a node, in bytes: a byte each.
+const LOW_PLANES: u32 = 0x0020_1810;
+/// From an axis' low planes to its high ones.
+const TO_HIGH: u32 = 24;
+
+impl Rays16 {
+    /// Not valid: all miss.
+    pub const NONE: Self =
+        Self { org: [[0.0; GROUP]; 3], dir: [[0.0; GROUP]; 3], t_min: [0.0; GROUP], t_max: [0.0; GROUP] };
+
+    /// Takes a ray over, not yet prepared.
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, ray: &LocalRay) {
+        let i = i & (GROUP - 1);
+        (self.org[0][i], self.org[1][i], self.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
+        (self.dir[0][i], self.dir[1][i], self.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
+        // A zero that is not negative: distances are sorted by their bits.
+        (self.t_min[i], self.t_max[i]) = (ray.t_min + 0.0, ray.t_max);
+    }
+
+    /// Prepares all rays, as [`super::PreparedRay::new`] does one (which see); returns the valid ones.
+    #[inline(always)]
+    pub fn prepare<S: Simd>(&self, s: S, reach: f32, out: &mut [OneRay; GROUP]) -> u32 {
+        let zero = s.splat16(0.0);
+        let org = [s.load16(&self.org[0]), s.load16(&self.org[1]), s.load16(&self.org[2])];
+        let dir = [s.load16(&self.dir[0]), s.load16(&self.dir[1]), s.load16(&self.dir[2])];
+        let size = [abs(zero, dir[0]), abs(zero, dir[1]), abs(zero, dir[2])];
+        let greatest = size[0].max(size[1]).max(size[2]);
+        let least = greatest * s.splat16(1e-18);
+        let mut lines = [[0.0; GROUP]; 16];
+        let mut negative = [0; 3];
+        for axis in 0..3 {
+            let magnitude = s.splat16(1.0).div(size[axis].max(least));
+            let positive = zero.le(dir[axis]);
+            negative[axis] = !positive.bits();
+            let inv = magnitude.select(positive, zero - magnitude);
+            let slack = magnitude * abs(zero, org[axis]).max(s.splat16(reach)) * s.splat16(1.0 / 524_288.0);
+            let off = org[axis] * inv;
+            lines[axis] = inv.to_array();
+            lines[4 + axis] = (zero - off - slack).to_array();
+            lines[8 + axis] = (slack - off).to_array();
+        }
+        lines[12] = self.t_min;
+        lines[13] = self.t_max;
+        let is_x = size[1].le(size[0]).and(size[2].le(size[0]));
+        let is_y = size[2].le(size[1]);
+        let (x, y) = (is_x.bits(), is_y.bits());
+        let mut rests = [[0.0; GROUP]; 16];
+        for i in 0..GROUP {
+            let signs = (negative[0] >> i & 1) | (negative[1] >> i & 1) << 8 | (negative[2] >> i & 1) << 16;
+            lines[14][i] = f32::from_bits(LOW_PLANES + signs * TO_HIGH);
+            lines[15][i] = f32::from_bits(LOW_PLANES + (0x0001_0101 - signs) * TO_HIGH);
+            // 0 where x is greatest, 1 for y, 2 for z.
+            rests[6][i] = f32::from_bits((1 - (x >> i & 1)) * (2 - (y >> i & 1)));
+        }
+        let [a, b, c] = turned(is_x, is_y, org);
+        (rests[0], rests[1], rests[2]) = (a.to_array(), b.to_array(), c.to_array());
+        let [a, b, c] = turned(is_x, is_y, dir);
+        let scale = s.splat16(1.0).div(c);
+        (rests[3], rests[4], rests[5]) = (a.div(c).to_array(), b.div(c).to_array(), scale.to_array());
+        let (mut line, mut rest) = ([[0.0; 16]; GROUP], [[0.0; 16]; GROUP]);
+        s.transpose16(&lines, &mut line);
+        s.transpose16(&rests, &mut rest);
+        for i in 0..GROUP {
+            out[i] = OneRay { line: line[i], rest: rest[i] };
+        }
+        self.valid(s, org, dir, greatest)
+    }
+
+    /// The rays that [`LocalRay::is_valid`] accepts.
+    #[inline(always)]
+    fn valid<S: Simd>(&self, s: S, org: [S::F16; 3], dir: [S::F16; 3], greatest: S::F16) -> u32 {
+        let zero = s.splat16(0.0);
+        let t_min = s.load16(&self.t_min);
+        let mut ok = s.splat16(MIN_DIR).le(greatest).and(greatest.le(s.splat16(MAX_DIR)));
+        ok = ok.and(zero.le(t_min)).and(t_min.le(s.load16(&self.t_max)));
+        for axis in 0..3 {
+            // NaN is not less than anything.
+            ok = ok.and(abs(zero, org[axis]).le(s.splat16(f32::MAX))).and(abs(zero, dir[axis]).le(s.splat16(MAX_DIR)));
+        }
+        ok.bits()
+    }
+}
+
+#[inline(always)]
+fn abs<L: Lanes<GROUP>>(zero: L, v: L) -> L {
+    v.max(zero - v)
+}
+
+/// The components after the greatest, in turn, and it itself: the order of [`crate::geom::Shear`].
+#[inline(always)]
+fn turned<L: Lanes<GROUP>>(is_x: L::Mask, is_y: L::Mask, [x, y, z]: [L; 3]) -> [L; 3] {
+    [
+        y.select(is_x, z.select(is_y, x)),
+        z.select(is_x, x.select(is_y, y)),
+        x.select(is_x, y.select(is_y, z)),
+    ]
+}

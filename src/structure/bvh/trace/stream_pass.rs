@@ -1,0 +1,257 @@
+//! The phases of a stream.
+
+use super::rays16::OneRay;
+use super::single::{LeafRay, is_better, triangles};
+use super::stream::{
+    AT_LEAVES, BOTTOM, Counts, DEPTH, ENDED, EXTERNALS, LANES, NODES, NOTHING, State, lane, push, push_if,
+};
+use super::walk::{Counters, TriHit};
+use crate::base::ids::BlockId;
+use crate::simd::{Lanes, Mask, Simd, prefetch};
+use crate::structure::bvh::layout::{Block, HEADER_WORDS, NODE_WORDS, Node};
+use bytemuck::bytes_of;
+
+/// Asks for the memory of what a lane goes to, which other lanes' work then hides.
+#[inline(always)]
+fn ask_for(is_large: bool, block: Block, child: u32) {
+    if !is_large {
+        return;
+    }
+    let index = (child & 0x3fff) as usize;
+    let at = if child >> 14 == 0 { HEADER_WORDS + index * NODE_WORDS } else { index };
+    if let Some(words) = block.words().get(at..at + 32) {
+        prefetch(&words[0]);
+        prefetch(&words[16]);
+        prefetch(&words[31]);
+    }
+}
+
+/// Puts a lane at `child` of a block; if that is not in memory, its ray is left unfinished.
+#[inline(always)]
+fn enter(state: &mut State, counts: &mut Counts, lane: usize, block: u32, child: u32) {
+    match state.view.snapshot.block(BlockId(block)) {
+        Some(words) => {
+            state.block[lane] = Block::new(words);
+            (state.block_id[lane], state.child[lane]) = (block, child);
+            ask_for(state.is_large, state.block[lane], child);
+            push(&mut state.rows, counts, child, lane);
+        }
+        None => leave(state, counts, lane),
+    }
+}
+
+/// Leaves a lane's ray to be traced alone.
+#[inline(always)]
+pub(super) fn leave(state: &mut State, counts: &mut Counts, lane: usize) {
+    state.unfinished.push(u32::from(state.ray[lane]));
+    push(&mut state.rows, counts, NOTHING, lane);
+}
+
+/// Follows references to other blocks.
+#[inline(always)]
+pub(super) fn externals(state: &mut State, mut counts: Counts) -> Counts {
+    // A reference may lead to another one: then the lane queues again.
+    while counts[EXTERNALS] > 0 {
+        let (row, count) = (state.rows[EXTERNALS], std::mem::take(&mut counts[EXTERNALS]));
+        state.counters.blocks += count as u64;
+        for i in 0..count {
+            let lane = lane(&row, i);
+            let (block, child) = state.block[lane].external((state.child[lane] & 0x3fff) as usize);
+            enter(state, &mut counts, lane, block, child);
+        }
+    }
+    counts
+}
+
+/// Tests the children of the nodes that walks are at, and moves each on: to the nearest child that it meets, the
+/// others put on its stack, or if it meets none, to what its stack has.
+#[inline(always)]
+pub(super) fn nodes<S: Simd>(s: S, state: &mut State, mut counts: Counts) -> Counts {
+    let (row, count) = (state.rows[NODES], std::mem::take(&mut counts[NODES]));
+    state.counters.nodes += count as u64;
+    let (mut none, mut one, mut several) = ([0; LANES], [0; LANES], [0; LANES]);
+    let (mut nones, mut ones, mut severals) = (0, 0, 0);
+    // Short loops: the CPU then has several lanes under way.
+    for i in 0..count {
+        let lane = lane(&row, i);
+        let node = state.block[lane].node((state.child[lane] & 0x3fff) as usize);
+        let (met, enter) = boxes(s, node, &state.prepared[lane]);
+        state.scratch.enter[lane] = enter.to_array();
+        state.scratch.hits[lane] = met;
+        push_if(&mut none, &mut nones, met == 0, lane);
+        push_if(&mut one, &mut ones, met.count_ones() == 1, lane);
+        push_if(&mut several, &mut severals, met.count_ones() > 1, lane);
+    }
+    for i in 0..severals {
+        let lane = lane(&several, i);
+        let node = state.block[lane].node((state.child[lane] & 0x3fff) as usize);
+        let top = usize::from(state.top[lane]);
+        let (t, child, block) = room(&mut state.stacks[lane], top);
+        let hits = state.scratch.hits[lane];
+        s.far_first(s.load8(&state.scratch.enter[lane]), hits, &node.child, t, child);
+        *block = [state.block_id[lane]; 8];
+        let others = hits.count_ones() as usize - 1;
+        let nearest = child[others & 7];
+        state.top[lane] = (top + others) as u8;
+        state.child[lane] = nearest;
+        ask_for(state.is_large, state.block[lane], nearest);
+        push(&mut state.rows, &mut counts, nearest, lane);
+    }
+    for i in 0..ones {
+        let lane = lane(&one, i);
+        let node = state.block[lane].node((state.child[lane] & 0x3fff) as usize);
+        let child = u32::from(node.child[(state.scratch.hits[lane].trailing_zeros() & 7) as usize]);
+        state.child[lane] = child;
+        ask_for(state.is_large, state.block[lane], child);
+        push(&mut state.rows, &mut counts, child, lane);
+    }
+    // Most rays that miss all end with an empty stack.
+    let mut left = 0;
+    for i in 0..nones {
+        let lane = lane(&none, i);
+        let is_empty = usize::from(state.top[lane]) == BOTTOM;
+        push_if(&mut state.rows[ENDED], &mut counts[ENDED], is_empty, lane);
+        push_if(&mut none, &mut left, !is_empty, lane);
+    }
+    for i in 0..left {
+        pop(s, state, &mut counts, lane(&none, i));
+    }
+    counts
+}
+
+/// The eight entries above `top`; there is room, see [`pop`].
+#[inline(always)]
+fn room(stack: &mut super::stream::Stack, top: usize) -> (&mut [f32; 8], &mut [u32; 8], &mut [u32; 8]) {
+    let top = top.min(DEPTH - 8);
+    let t = stack.t[top..].first_chunk_mut::<8>();
+    let child = stack.child[top..].first_chunk_mut::<8>();
+    match (t, child, stack.block[top..].first_chunk_mut::<8>()) {
+        (Some(t), Some(child), Some(block)) => (t, child, block),
+        _ => unreachable!(),
+    }
+}
+
+/// Takes the uppermost entry that is not beyond the best hit off a lane's stack, and goes there.
+#[inline(always)]
+fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
+    let stack = &state.stacks[lane];
+    let best = s.splat8(state.prepared[lane].best());
+    let mut top = usize::from(state.top[lane]).clamp(BOTTOM, DEPTH);
+    // Not `<`: an equal distance may be a tie that a lower primitive id wins. The bottom always stays.
+    let mut near = eight_below(s, stack, top).le(best).bits();
+    while near == 0 && top > 2 * BOTTOM {
+        top -= 8;
+        near = eight_below(s, stack, top).le(best).bits();
+    }
+    if near == 0 {
+        // The entries down to the bottom were looked at eight at a time: what is left is the bottom's own.
+        (top, near) = (BOTTOM, 0x80);
+    }
+    let above = 7 - (near | 1).ilog2() as usize;
+    let at = (top - 1 - above) & 127;
+    let (child, block) = (stack.child[at.min(DEPTH - 1)], stack.block[at.min(DEPTH - 1)]);
+    state.top[lane] = at as u8;
+    if at > DEPTH - 17 {
+        // The next node's children might not fit.
+        return leave(state, counts, lane);
+    }
+    if let Some(words) = state.view.snapshot.block(BlockId(block)) {
+        state.block[lane] = Block::new(words);
+    }
+    (state.block_id[lane], state.child[lane]) = (block, child);
+    ask_for(state.is_large, state.block[lane], child);
+    push(&mut state.rows, counts, child, lane);
+}
+
+#[inline(always)]
+fn eight_below<S: Simd>(s: S, stack: &super::stream::Stack, top: usize) -> S::F8 {
+    match stack.t[top - 8..].first_chunk::<8>() {
+        Some(eight) => s.load8(eight),
+        None => unreachable!(),
+    }
+}
+
+/// The children whose boxes a ray meets before its best hit, and where it enters each.
+#[inline(always)]
+fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> (u32, S::F8) {
+    let bytes = bytes_of(node);
+    let [near_off, far_off, slope] = s.slabs(node.head(), ray.inv(), ray.off());
+    let mut enter = s.splat8(ray.t_min());
+    let mut leave = s.splat8(ray.best());
+    let planes = ray.planes();
+    for axis in 0..3 {
+        let near = s.bytes8(eight(bytes, planes[axis]));
+        let far = s.bytes8(eight(bytes, planes[axis + 4]));
+        enter = near.mul_add(slope[axis], near_off[axis]).max(enter);
+        leave = far.mul_add(slope[axis], far_off[axis]).min(leave);
+    }
+    (enter.le(leave).bits() & u32::from(node.valid), enter)
+}
+
+#[inline(always)]
+fn eight(bytes: &[u8], at: u8) -> &[u8; 8] {
+    let at = usize::from(at) & 63;
+    match bytes[at..at + 8].first_chunk::<8>() {
+        Some(eight) => eight,
+        None => unreachable!(),
+    }
+}
+
+/// Tests the triangles of the leaves that walks wait at.
+#[inline(always)]
+pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
+    let (row, count) = (state.rows[AT_LEAVES], std::mem::take(&mut counts[AT_LEAVES]));
+    state.counters.leaves += count as u64;
+    for i in 0..count {
+        let lane = lane(&row, i);
+        let ray = leaf_ray(s, &state.prepared[lane]);
+        let at = (state.child[lane] & 0x3fff) as usize;
+        let block = state.block[lane];
+        let leaf = block.leaf(at);
+        state.counters.triangles += leaf.triangles as u64;
+        if let Some((slot, t, u, v)) = triangles(s, block, leaf, &ray, state.filter, state.prepared[lane].best()) {
+            let hit = TriHit { t, u, v, block: state.block_id[lane], tri: (at as u32) << 3 | slot };
+            if !keep(state, lane, &hit) {
+                leave(state, &mut counts, lane);
+                continue;
+            }
+            if ANY {
+                push(&mut state.rows, &mut counts, NOTHING, lane);
+                continue;
+            }
+        }
+        pop(s, state, &mut counts, lane);
+    }
+    counts
+}
+
+#[inline(always)]
+fn leaf_ray<S: Simd>(s: S, ray: &OneRay) -> LeafRay<S> {
+    let (k, org, shear) = ray.shear();
+    LeafRay {
+        org: [s.splat8(org[0]), s.splat8(org[1]), s.splat8(org[2])],
+        shear: [s.splat8(shear[0]), s.splat8(shear[1]), s.splat8(shear[2])],
+        t_min: s.splat8(ray.t_min()),
+        k,
+    }
+}
+
+/// Keeps a hit if it is better than the lane's best; false if a block is missing that decides.
+#[inline(always)]
+fn keep(state: &mut State, lane: usize, hit: &TriHit) -> bool {
+    let ray = state.ray[lane];
+    let Some(best) = state.hits.get_mut(usize::from(ray)) else { return false };
+    // Not the state's own: what a call is given the address of cannot stay in registers.
+    let mut counters = Counters::default();
+    let is_better = is_better(state.view, hit, best, &mut counters);
+    state.counters.ties += counters.ties;
+    match is_better {
+        Ok(true) => {
+            *best = *hit;
+            state.prepared[lane].set_best(hit.t);
+            true
+        }
+        Ok(false) => true,
+        Err(_) => false,
+    }
+}
