@@ -13,6 +13,7 @@
 #include <outcrop.hpp>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -20,6 +21,7 @@
 #include <fstream>
 #include <map>
 #include <string>
+#include <thread>
 
 namespace {
 
@@ -43,6 +45,9 @@ double median(std::vector<double> values) {
 // What Embree's hits hold too.
 const oc_want WANT = OC_WANT_T | OC_WANT_NORMAL | OC_WANT_UV | OC_WANT_PART;
 
+// Rays of a query.
+const std::size_t CHUNK = 1024;
+
 class Outcrop {
   public:
     Outcrop(const std::string &path, unsigned threads) : context_(threads), threads_(threads) {
@@ -65,40 +70,25 @@ class Outcrop {
     }
 
     // Room for the answers, before the clock runs.
-    void prepare(const std::vector<oc_ray> &rays) {
-        hits_.resize(rays.size());
-        blocked_.resize(rays.size());
+    void prepare() {
+        hits_.resize(std::size_t(threads_) * CHUNK);
+        blocked_.resize(std::size_t(threads_) * CHUNK);
     }
 
-    // Traces and shades everything, as EmbreeRays::run does.
+    // Traces and shades everything, as EmbreeRays::run does: each thread asks for a chunk of rays and shades it while
+    // the answers are in its cache. So small a batch is answered in the thread that asks.
     double run(const std::vector<oc_ray> &rays, bool coherent, bool any) {
-        auto query = outcrop::init<oc_query>();
-        query.rays = rays.data();
-        query.count = rays.size();
-        query.want = WANT;
-        query.flags = coherent ? OC_QUERY_COHERENT : 0;
-        if (any) {
-            outcrop::check(oc_scene_any(scene_.get(), &query, blocked_.data(), 0));
-        } else {
-            outcrop::check(oc_scene_closest(scene_.get(), &query, hits_.data(), 0));
-        }
+        std::atomic<std::size_t> next(0);
         std::vector<double> sums(threads_, 0.0);
         std::vector<std::thread> others;
-        auto shade = [&](unsigned me) {
-            const std::size_t first = rays.size() * me / threads_, end = rays.size() * (me + 1) / threads_;
-            double sum = 0;
-            for (std::size_t i = first; i < end; i++) {
-                const float *n = hits_[i].normal, *d = rays[i].direction;
-                if (any) {
-                    sum += blocked_[i];
-                } else if (hits_[i].kind != OC_HIT_MISS) {
-                    sum += std::fabs(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]);
-                }
+        auto work = [&](unsigned me) {
+            for (std::size_t first; (first = next.fetch_add(CHUNK)) < rays.size();) {
+                const std::size_t count = std::min(CHUNK, rays.size() - first);
+                sums[me] += span(&rays[first], count, coherent, any, &hits_[me * CHUNK], &blocked_[me * CHUNK]);
             }
-            sums[me] = sum;
         };
-        for (unsigned i = 1; i < threads_; i++) others.emplace_back(shade, i);
-        shade(0);
+        for (unsigned i = 1; i < threads_; i++) others.emplace_back(work, i);
+        work(0);
         double sum = 0;
         for (std::thread &t : others) t.join();
         for (double s : sums) sum += s;
@@ -106,6 +96,26 @@ class Outcrop {
     }
 
   private:
+    double span(const oc_ray *rays, std::size_t count, bool coherent, bool any, oc_hit *hits, std::uint8_t *blocked) const {
+        auto query = outcrop::init<oc_query>();
+        query.rays = rays;
+        query.count = count;
+        query.want = WANT;
+        query.flags = coherent ? OC_QUERY_COHERENT : 0;
+        double sum = 0;
+        if (any) {
+            outcrop::check(oc_scene_any(scene_.get(), &query, blocked, 0));
+            for (std::size_t i = 0; i < count; i++) sum += blocked[i];
+            return sum;
+        }
+        outcrop::check(oc_scene_closest(scene_.get(), &query, hits, 0));
+        for (std::size_t i = 0; i < count; i++) {
+            const float *n = hits[i].normal, *d = rays[i].direction;
+            if (hits[i].kind != OC_HIT_MISS) sum += std::fabs(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]);
+        }
+        return sum;
+    }
+
     outcrop::context context_;
     unsigned threads_;
     outcrop::model model_;
@@ -205,7 +215,7 @@ double time_embree(EmbreeRays &rays, const Contender &c, const Batch &batch, uns
 }
 
 double time_outcrop(Outcrop &ours, const Batch &batch, bool packets, double *sum = nullptr) {
-    ours.prepare(batch.rays);
+    ours.prepare();
     const double begun = seconds();
     const double s = ours.run(batch.rays, packets, batch.any);
     const double took = seconds() - begun;
