@@ -6,6 +6,7 @@
 //! `t` falls outside of its own box (`tests/exact.rs` bounds how often).
 
 mod packet;
+mod packet_leaf;
 mod packet_visit;
 mod ray;
 mod rays16;

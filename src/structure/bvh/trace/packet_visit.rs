@@ -7,14 +7,16 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PACKET, PacketEntry, PacketRays, PacketWalk};
-use super::single::{self, RayLanes, is_better};
+use super::packet_leaf::leaf;
+use super::single::{self, RayLanes};
 use super::ray::{MAX_DIR, MIN_DIR};
 use super::walk::{Entry, Outcome, TriHit};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
-use crate::geom::watertight::{intersect, shear};
+use crate::geom::Shear;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
-use crate::structure::bvh::layout::{Block, Child, Leaf, Node};
+use crate::structure::bvh::layout::{Block, Child, Node};
+use glam::Vec3;
 
 /// Rays below which each goes on alone.
 const FEW: u32 = 3;
@@ -23,7 +25,7 @@ const FEW: u32 = 3;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shared {
     near: [usize; 3],
-    k: [usize; 3],
+    pub k: [usize; 3],
     /// The origins' extreme on each axis that makes the distance to the near plane least.
     org_near: [f32; 3],
     /// The same for the greatest distance to the far plane.
@@ -230,7 +232,10 @@ fn each_alone<S: Simd, const ANY: bool>(
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize & (PACKET - 1);
-        let ray = PreparedRay::new(&walk.rays.one(i), view.reach);
+        let ray = match &walk.shared {
+            Some(shared) => prepared(&walk.rays, i, shared),
+            None => PreparedRay::new(&walk.rays.one(i), view.reach),
+        };
         let lanes = RayLanes::new(s, &ray);
         let mut best = walk.best(i);
         let stack = &mut walk.alone.stack;
@@ -255,8 +260,23 @@ fn each_alone<S: Simd, const ANY: bool>(
     Outcome::Done
 }
 
+/// Ray `i` by itself, from what the packet has of it.
 #[inline(always)]
-fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
+fn prepared(rays: &PacketRays, i: usize, shared: &Shared) -> PreparedRay {
+    let (near, far) = (&rays.minus_off_near, &rays.minus_off_far);
+    PreparedRay {
+        org: Vec3::new(rays.org[0][i], rays.org[1][i], rays.org[2][i]),
+        inv: [rays.inv[0][i], rays.inv[1][i], rays.inv[2][i]],
+        off_near: [-near[0][i], -near[1][i], -near[2][i]],
+        off_far: [-far[0][i], -far[1][i], -far[2][i]],
+        near: shared.near,
+        shear: Shear { k: shared.k, s: [rays.shear[0][i], rays.shear[1][i], rays.shear[2][i]] },
+        t_min: rays.t_min[i],
+    }
+}
+
+#[inline(always)]
+pub(super) fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
     let h = &mut walk.hits;
     (h.t[i], h.u[i], h.v[i], h.block[i], h.tri[i]) = (best.t, best.u, best.v, best.block, best.tri);
 }
@@ -349,102 +369,4 @@ fn meet<S: Simd>(s: S, planes: &Planes, slot: usize, walk: &PacketWalk) -> u32 {
         leave = far.min(leave);
     }
     enter.le(leave).bits()
-}
-
-/// Tests the triangles of a leaf: eight against each ray or sixteen rays against each, whichever is less.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
-fn leaf<S: Simd, const ANY: bool>(
-    s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
-    walk: &mut PacketWalk,
-    entry: PacketEntry,
-    shared: &Shared,
-    block: Block,
-    at: usize,
-) -> Outcome {
-    let leaf = block.leaf(at);
-    let k = shared.k;
-    if (entry.rays.count_ones() as usize) < leaf.triangles {
-        walk.counters.leaves -= 1;
-        return each_alone::<S, ANY>(s, view, filter, walk, entry);
-    }
-        for i in 0..leaf.triangles {
-        walk.counters.triangles += 1;
-        let Some(hits) = triangle(s, &leaf, i, k, walk, entry.rays) else { continue };
-        if filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
-            continue;
-        }
-        let tri = (at as u32) << 3 | i as u32;
-        if let Err(missing) = keep_better(view, walk, &hits, entry.block, tri) {
-            walk.stack.push(entry);
-            return Outcome::Pending(missing);
-        }
-        if ANY {
-            walk.waiting &= !hits.rays;
-        }
-    }
-    Outcome::Done
-}
-
-/// Hits of one triangle, lane by lane.
-struct TriangleHits {
-    rays: u32,
-    t: [f32; PACKET],
-    u: [f32; PACKET],
-    v: [f32; PACKET],
-}
-
-/// Tests triangle `i` of a leaf against the rays of `active`.
-#[inline(always)]
-fn triangle<S: Simd>(
-    s: S,
-    leaf: &Leaf,
-    i: usize,
-    k: [usize; 3],
-    walk: &PacketWalk,
-    active: u32,
-) -> Option<TriangleHits> {
-    let rays = &walk.rays;
-    let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
-    let org = [s.load16(&rays.org[k[0]]), s.load16(&rays.org[k[1]]), s.load16(&rays.org[k[2]])];
-    let skew = [s.load16(&rays.shear[0]), s.load16(&rays.shear[1]), s.load16(&rays.shear[2])];
-    let mut corners = [org; 3];
-    for (c, corner) in corners.iter_mut().enumerate() {
-        let v = usize::from(leaf.corners8(c)[i & 7]) & 15;
-        for axis in 0..3 {
-            corner[axis] = s.splat16(tables[axis][v]) - org[axis];
-        }
-    }
-    let [a, b, c] = corners;
-    let (a, b, c) = (shear(a, skew), shear(b, skew), shear(c, skew));
-    let found = intersect(a, b, c, s.splat16(0.0), s.load16(&rays.t_min), s.load16(&walk.hits.t));
-    let hits = found.hits & active;
-    if hits == 0 {
-        return None;
-    }
-    Some(TriangleHits { rays: hits, t: found.t.to_array(), u: found.u.to_array(), v: found.v.to_array() })
-}
-
-/// Keeps the hits that are better than what their rays have.
-#[inline(always)]
-fn keep_better(
-    view: &TreeView,
-    walk: &mut PacketWalk,
-    hits: &TriangleHits,
-    block: u32,
-    tri: u32,
-) -> Result<(), BlockId> {
-    let mut rays = hits.rays;
-    while rays != 0 {
-        let i = rays.trailing_zeros() as usize & (PACKET - 1);
-        rays &= rays - 1;
-        let hit = TriHit { t: hits.t[i], u: hits.u[i], v: hits.v[i], block, tri };
-        let best = walk.best(i);
-        if is_better(view, &hit, &best, &mut walk.counters)? {
-            keep(walk, i, &hit);
-        }
-    }
-    Ok(())
 }
