@@ -124,7 +124,7 @@ fn triangle<S: Simd>(
     }
     let [a, b, c] = corners;
     let (a, b, c) = (shear(a, skew), shear(b, skew), shear(c, skew));
-    let found = intersect(a, b, c, s.splat16(0.0), s.load16(&rays.t_min), s.load16(&walk.hits.t));
+    let found = intersect::<16, _, true>(a, b, c, s.splat16(0.0), s.load16(&rays.t_min), s.load16(&walk.hits.t));
     let hits = found.hits & active;
     if hits == 0 {
         return None;

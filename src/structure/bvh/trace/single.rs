@@ -252,7 +252,7 @@ pub(super) fn triangles<S: Simd>(
     let a = corner(s, &tables, leaf.corners8(0), lanes);
     let b = corner(s, &tables, leaf.corners8(1), lanes);
     let c = corner(s, &tables, leaf.corners8(2), lanes);
-    let found = intersect(a, b, c, s.splat8(0.0), lanes.t_min, s.splat8(t_max));
+    let found = intersect::<8, _, false>(a, b, c, s.splat8(0.0), lanes.t_min, s.splat8(t_max));
     let mut hits = found.hits & ((1 << leaf.triangles) - 1);
     if hits == 0 {
         return None;
