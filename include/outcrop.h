@@ -925,7 +925,7 @@ typedef struct oc_pixels {
 
 /**
  * Each sixteen rays in a row are near each other and go the same way: they are traced together, faster. The answers are
- * the same. Not needed for rays from one point, which are recognised.
+ * the same. In a scene of one instance, rays of neighbouring pixels are recognised without it.
  */
 #define OC_QUERY_COHERENT 1
 

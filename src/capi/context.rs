@@ -32,14 +32,17 @@ pub const OC_LOG_DEBUG: oc_log_level = 4;
 
 /// Takes a log line: called from any thread, never under a lock of the library's; must not unwind.
 /// `message` is valid during the call.
+// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_log_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, level: oc_log_level, message: *const c_char)>;
 
 /// A piece of work for the host's threads: call it once with the `task` that came with it.
+// SAFETY, for who calls it: the library's own function; the task that came with it, and once.
 pub type oc_run_fn = Option<unsafe extern "C" fn(task: *mut c_void)>;
 
 /// Takes a piece of work: `run(task)` must be called exactly once, soon, from any thread, also at once
 /// from inside this call. Called from any thread of the host, never under a lock of the library's.
+// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_submit_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, run: oc_run_fn, task: *mut c_void)>;
 
@@ -173,6 +176,7 @@ impl ContextObject {
 struct HostExecutor {
     concurrency: usize,
     user: *mut c_void,
+    // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
     submit: unsafe extern "C" fn(*mut c_void, oc_run_fn, *mut c_void),
 }
 
@@ -218,6 +222,7 @@ impl Executor for HostExecutor {
 
 /// The caller's log function behind the crate's.
 struct HostLog {
+    // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
     log: unsafe extern "C" fn(*mut c_void, oc_log_level, *const c_char),
     user: *mut c_void,
 }

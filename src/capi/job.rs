@@ -72,6 +72,7 @@ unsafe impl Sized32 for oc_progress {
 
 /// Called when work has ended, well or not; from any thread, in which it must return soon and must not
 /// unwind. It may call what is marked `Cheap`. `user` is what was given with the function.
+// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_wake_fn = Option<unsafe extern "C" fn(user: *mut c_void)>;
 
 /// Long work in flight. Releasing its last count cancels it; for a batch of rays that release
@@ -156,6 +157,7 @@ impl Snapshot {
 /// The caller's wake function with its `user`.
 #[derive(Clone, Copy)]
 pub(crate) struct Wake {
+    // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
     call: unsafe extern "C" fn(*mut c_void),
     user: *mut c_void,
 }

@@ -45,10 +45,12 @@ impl ModelObject {
 
 /// Reads `bytes` bytes at `offset` into `buffer`, all of them, and returns 0; anything else is a failure.
 /// Called from any thread, several at once, never under a lock of the library's; must not unwind.
+// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_read_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, offset: u64, buffer: *mut c_void, bytes: u64) -> u32>;
 
 /// Called once, when nothing will be read any more; from any thread.
+// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_close_fn = Option<unsafe extern "C" fn(user: *mut c_void)>;
 
 /// Where a model is read from, if not from a file: a table of the caller's. Read-only.
@@ -80,6 +82,7 @@ unsafe impl Sized32 for oc_io {
 /// The caller's table behind the crate's trait.
 struct HostSource {
     size: u64,
+    // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
     read_at: unsafe extern "C" fn(*mut c_void, u64, *mut c_void, u64) -> u32,
     close: oc_close_fn,
     user: *mut c_void,

@@ -64,11 +64,7 @@ impl Chunk {
         let mut scattered = 0;
         for from in (0..count).step_by(PACKET) {
             let to = count.min(from + PACKET);
-            let mut together = may_be_alike(&self.rays[from..to]);
-            if together {
-                together = self.trace_packet(view, task, from, to);
-            }
-            if together {
+            if may_be_alike(&self.rays[from..to]) && self.trace_packet(view, task, from, to) {
                 self.trace_each(view, task, scattered, from);
                 scattered = to;
             }
@@ -93,6 +89,10 @@ impl Chunk {
     fn trace_packet(&mut self, view: &SceneView, task: Task, from: usize, to: usize) -> bool {
         let (rays, found) = (&self.rays[from..to], &mut self.found[from..to]);
         let step = if view.only_one().is_none() {
+            // Here nobody looks at the rays: only the caller's word tells that they are near each other.
+            if !task.coherent {
+                return false;
+            }
             let Some(rays) = self.rays[from..].first_chunk::<PACKET>() else { return false };
             self.packet.begin(view, rays, ((1u64 << (to - from)) - 1) as u32);
             let step = trace16(view, task, rays, &mut self.packet);

@@ -224,7 +224,7 @@ impl<'a> SceneView<'a> {
             return;
         }
         let p = &self.scene.placement.placed[placed as usize];
-        let mut local = OUTSIDE;
+        let mut local = LocalRay::NONE;
         if let Some((shift, scale)) = p.local(ray, best, &mut local) {
             walk.tree.begin(&self.tree(placed), &local);
             walk.at = Some(At { placed, shift, scale });
@@ -362,7 +362,7 @@ impl SceneView<'_> {
         let p = &self.scene.placement.placed[placed as usize];
         let seen_by = self.seen_by(placed);
         walk.inside = 0;
-        let mut local = OUTSIDE;
+        let mut local = LocalRay::NONE;
         for i in bits(mask) {
             if rays[i].mask & seen_by != 0
                 && let Some(moved) = p.local(&rays[i].ray, walk.best[i].t, &mut local)
@@ -432,7 +432,7 @@ impl SceneView<'_> {
         let seen_by = self.seen_by(placed);
         let mut moved = [(0.0, 1.0); PACKET];
         let mut inside = 0;
-        let mut local = OUTSIDE;
+        let mut local = LocalRay::NONE;
         for (i, it) in rays.iter().enumerate().take(PACKET) {
             if it.mask & seen_by != 0
                 && let Some(way) = p.local(&it.ray, it.ray.t_max, &mut local)
@@ -465,14 +465,14 @@ impl SceneView<'_> {
         let seen_by = self.seen_by(placed);
         let SceneStream { tree: stream, moved, hits, unfinished, .. } = walk;
         let hits = &mut hits[..rays.len()];
-        let mut local = OUTSIDE;
+        let mut local = LocalRay::NONE;
         for (i, it) in rays.iter().enumerate() {
             match if it.mask & seen_by != 0 { p.local(&it.ray, it.ray.t_max, &mut local) } else { None } {
                 Some(way) => {
                     stream.set(i, &local);
                     moved[i] = way;
                 }
-                None => stream.set(i, &OUTSIDE),
+                None => stream.set(i, &LocalRay::NONE),
             }
         }
         let (tree, filter) = (self.tree(placed), self.filter(placed));
@@ -488,10 +488,6 @@ impl SceneView<'_> {
         }
     }
 }
-
-/// A lane without a ray: not valid, so it misses all.
-const OUTSIDE: LocalRay =
-    LocalRay { org: Vec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO };
 
 /// The set bits of a mask, by number.
 pub(crate) fn bits(mut mask: u32) -> impl Iterator<Item = usize> {

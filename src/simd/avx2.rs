@@ -339,6 +339,9 @@ pub(super) unsafe fn far_first(enter: __m256, mask: __m256i, child: &[u16; 8], e
 
 /// One layer of the network: lanes of `LESS` keep the lesser of themselves and their partner, the others the
 /// greater.
+///
+/// # Safety
+/// The CPU has AVX2.
 #[inline(always)]
 unsafe fn greater_first<const LESS: i32>(k: __m256i, partner: __m256i) -> __m256i {
     // SAFETY: the caller vouches for AVX2.
@@ -369,6 +372,9 @@ pub(super) unsafe fn slabs(head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [
 }
 
 /// A lane of `v` in all lanes.
+///
+/// # Safety
+/// The CPU has AVX2.
 #[inline(always)]
 unsafe fn lane<const I: i32>(v: __m256) -> __m256 {
     // SAFETY: the caller vouches for AVX2.

@@ -63,8 +63,10 @@ pub enum Child {
     External(usize),
 }
 
-const KIND_SHIFT: u32 = 14;
-const INDEX_MASK: u32 = (1 << KIND_SHIFT) - 1;
+/// Where a reference's kind begins; see [`Child`].
+pub(super) const KIND_SHIFT: u32 = 14;
+/// The bits of a reference's index.
+pub(super) const INDEX_MASK: u32 = (1 << KIND_SHIFT) - 1;
 
 impl Child {
     /// From a reference's bits. Bits above the 16th are ignored.

@@ -10,7 +10,7 @@ use super::walk::{Counters, TriHit};
 use super::{LocalRay, PartFilter, TreeView};
 use crate::base::ids::BlockId;
 use crate::simd::{Op, Simd, dispatch};
-use crate::structure::bvh::layout::Block;
+use crate::structure::bvh::layout::{Block, KIND_SHIFT};
 
 /// Walks side by side.
 pub(super) const LANES: usize = 64;
@@ -38,7 +38,7 @@ pub(super) struct Stack {
 }
 
 /// A child reference of no kind: the bottom of a stack.
-pub(super) const NOTHING: u32 = 3 << 14;
+pub(super) const NOTHING: u32 = 3 << KIND_SHIFT;
 
 /// State of a stream. Reusable; a new one takes no rays from the last.
 #[derive(Debug)]
@@ -130,7 +130,7 @@ pub(super) fn push_if(row: &mut Row, count: &mut usize, wanted: bool, lane: usiz
 /// [`crate::structure::bvh::layout::Child`]).
 #[inline(always)]
 pub(super) fn push(rows: &mut [Row; 4], counts: &mut Counts, child: u32, lane: usize) {
-    let kind = (child >> 14 & 3) as usize;
+    let kind = (child >> KIND_SHIFT & 3) as usize;
     push_if(&mut rows[NODES], &mut counts[NODES], kind == NODES, lane);
     push_if(&mut rows[AT_LEAVES], &mut counts[AT_LEAVES], kind == AT_LEAVES, lane);
     push_if(&mut rows[EXTERNALS], &mut counts[EXTERNALS], kind == EXTERNALS, lane);

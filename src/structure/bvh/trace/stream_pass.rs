@@ -8,7 +8,7 @@ use super::stream::{
 use super::walk::{Counters, TriHit};
 use crate::base::ids::BlockId;
 use crate::simd::{Lanes, Mask, Simd, prefetch};
-use crate::structure::bvh::layout::{Block, HEADER_WORDS, NODE_WORDS, Node};
+use crate::structure::bvh::layout::{Block, HEADER_WORDS, INDEX_MASK, KIND_SHIFT, NODE_WORDS, Node};
 use bytemuck::bytes_of;
 
 /// Asks for the memory of what a lane goes to, which other lanes' work then hides.
@@ -17,8 +17,8 @@ fn ask_for(is_large: bool, block: Block, child: u32) {
     if !is_large {
         return;
     }
-    let index = (child & 0x3fff) as usize;
-    let at = if child >> 14 == 0 { HEADER_WORDS + index * NODE_WORDS } else { index };
+    let index = (child & INDEX_MASK) as usize;
+    let at = if child >> KIND_SHIFT == NODES as u32 { HEADER_WORDS + index * NODE_WORDS } else { index };
     if let Some(words) = block.words().get(at..at + 32) {
         prefetch(&words[0]);
         prefetch(&words[16]);
@@ -56,7 +56,7 @@ pub(super) fn externals(state: &mut State, mut counts: Counts) -> Counts {
         state.counters.blocks += count as u64;
         for i in 0..count {
             let lane = lane(&row, i);
-            let (block, child) = state.block[lane].external((state.child[lane] & 0x3fff) as usize);
+            let (block, child) = state.block[lane].external((state.child[lane] & INDEX_MASK) as usize);
             enter(state, &mut counts, lane, block, child);
         }
     }
@@ -74,7 +74,7 @@ pub(super) fn nodes<S: Simd>(s: S, state: &mut State, mut counts: Counts) -> Cou
     // Short loops: the CPU then has several lanes under way.
     for i in 0..count {
         let lane = lane(&row, i);
-        let node = state.block[lane].node((state.child[lane] & 0x3fff) as usize);
+        let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
         let (met, enter) = boxes(s, node, &state.prepared[lane]);
         state.scratch.enter[lane] = enter.to_array();
         state.scratch.hits[lane] = met;
@@ -84,7 +84,7 @@ pub(super) fn nodes<S: Simd>(s: S, state: &mut State, mut counts: Counts) -> Cou
     }
     for i in 0..severals {
         let lane = lane(&several, i);
-        let node = state.block[lane].node((state.child[lane] & 0x3fff) as usize);
+        let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
         let top = usize::from(state.top[lane]);
         let (t, child, block) = room(&mut state.stacks[lane], top);
         let hits = state.scratch.hits[lane];
@@ -99,7 +99,7 @@ pub(super) fn nodes<S: Simd>(s: S, state: &mut State, mut counts: Counts) -> Cou
     }
     for i in 0..ones {
         let lane = lane(&one, i);
-        let node = state.block[lane].node((state.child[lane] & 0x3fff) as usize);
+        let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
         let child = u32::from(node.child[(state.scratch.hits[lane].trailing_zeros() & 7) as usize]);
         state.child[lane] = child;
         ask_for(state.is_large, state.block[lane], child);
@@ -151,8 +151,8 @@ fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
     let at = (top - 1 - above) & 127;
     let (child, block) = (stack.child[at.min(DEPTH - 1)], stack.block[at.min(DEPTH - 1)]);
     state.top[lane] = at as u8;
-    if at > DEPTH - 17 {
-        // The next node's children might not fit.
+    // Eight children of the next node, and the eight that are written whatever their number.
+    if at + 16 >= DEPTH {
         return leave(state, counts, lane);
     }
     if let Some(words) = state.view.snapshot.block(BlockId(block)) {
@@ -205,7 +205,7 @@ pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut coun
     for i in 0..count {
         let lane = lane(&row, i);
         let ray = leaf_ray(s, &state.prepared[lane]);
-        let at = (state.child[lane] & 0x3fff) as usize;
+        let at = (state.child[lane] & INDEX_MASK) as usize;
         let block = state.block[lane];
         let leaf = block.leaf(at);
         state.counters.triangles += leaf.triangles as u64;
