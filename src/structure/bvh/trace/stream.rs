@@ -116,25 +116,52 @@ pub(super) const AT_LEAVES: usize = 1;
 pub(super) const EXTERNALS: usize = 2;
 /// Free lanes.
 pub(super) const ENDED: usize = 3;
-/// How many walks are in each row. Phases work on a copy of their own, which stays in registers.
-pub(super) type Counts = [usize; 4];
+/// Lanes in rows by kind, eight bits of a word each for how many they are: the word stays in a register, and putting
+/// a lane into the row of its kind takes no branch.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Counts(u32);
 
-/// Appends `lane` to a row if `wanted`, without a branch.
-#[inline(always)]
-pub(super) fn push_if(row: &mut Row, count: &mut usize, wanted: bool, lane: usize) {
-    row[*count & (LANES - 1)] = lane as u8;
-    *count += usize::from(wanted);
+impl Counts {
+    /// Of a kind.
+    #[inline(always)]
+    pub fn of(self, kind: usize) -> usize {
+        (self.0 >> (8 * kind) & 0xff) as usize
+    }
+
+    /// Whether all rows but one are empty.
+    #[inline(always)]
+    pub fn only(self, kind: usize) -> bool {
+        self.0 & !(0xff << (8 * kind)) == 0
+    }
+
+    /// Empties a row; returns how many there were.
+    #[inline(always)]
+    pub fn take(&mut self, kind: usize) -> usize {
+        let count = self.of(kind);
+        self.0 &= !(0xff << (8 * kind));
+        count
+    }
+
+    /// Appends `lane` to the row of `kind`, 0 to 3.
+    #[inline(always)]
+    pub fn push(&mut self, rows: &mut [Row; 4], kind: usize, lane: usize) {
+        rows[kind & 3][self.of(kind) & (LANES - 1)] = lane as u8;
+        self.0 += 1 << (8 * kind);
+    }
+
+    /// Takes the last lane off a row that has one.
+    #[inline(always)]
+    pub fn pop(&mut self, rows: &[Row; 4], kind: usize) -> usize {
+        self.0 -= 1 << (8 * kind);
+        lane(&rows[kind & 3], self.of(kind))
+    }
 }
 
 /// Puts a lane where its child reference says (the kinds above are those of
 /// [`crate::structure::bvh::layout::Child`]).
 #[inline(always)]
 pub(super) fn push(rows: &mut [Row; 4], counts: &mut Counts, child: u32, lane: usize) {
-    let kind = (child >> KIND_SHIFT & 3) as usize;
-    push_if(&mut rows[NODES], &mut counts[NODES], kind == NODES, lane);
-    push_if(&mut rows[AT_LEAVES], &mut counts[AT_LEAVES], kind == AT_LEAVES, lane);
-    push_if(&mut rows[EXTERNALS], &mut counts[EXTERNALS], kind == EXTERNALS, lane);
-    push_if(&mut rows[ENDED], &mut counts[ENDED], kind == ENDED, lane);
+    counts.push(rows, (child >> KIND_SHIFT & 3) as usize, lane);
 }
 
 /// Lane `i` of a row.
@@ -210,22 +237,23 @@ impl<const ANY: bool> Op for Run<'_, '_, ANY> {
             is_large: view.snapshot.blocks() > LARGE,
         };
         let root = view.snapshot.block(BlockId(view.root_block)).map(Block::new);
-        let mut counts = [0; 4];
+        let mut counts = Counts::default();
         for lane in 0..LANES {
             push(&mut state.rows, &mut counts, NOTHING, lane);
         }
         let mut group = 0;
         loop {
             counts = fill(&mut state, counts, root, &stream.prepared, &mut todo, &mut group);
-            if counts[EXTERNALS] > 0 {
+            if counts.of(EXTERNALS) > 0 {
                 counts = pass::externals(&mut state, counts);
             }
-            if counts[NODES] > 0 {
+            if counts.of(NODES) > 0 {
                 counts = pass::nodes(s, &mut state, counts);
             }
-            if counts[AT_LEAVES] >= LEAVES || counts[AT_LEAVES] > 0 && counts[NODES] == 0 {
+            let waiting = counts.of(AT_LEAVES);
+            if waiting >= LEAVES || waiting > 0 && counts.of(NODES) == 0 {
                 counts = pass::leaves::<S, ANY>(s, &mut state, counts);
-            } else if counts[..ENDED] == [0; ENDED] && group == todo.len() {
+            } else if counts.only(ENDED) && group == todo.len() {
                 break;
             }
         }
@@ -243,15 +271,14 @@ fn fill<'a>(
     todo: &mut [u16; STREAM / GROUP],
     group: &mut usize,
 ) -> Counts {
-    while *group < todo.len() && counts[ENDED] > 0 {
+    while *group < todo.len() && counts.of(ENDED) > 0 {
         if todo[*group] == 0 {
             *group += 1;
             continue;
         }
         let i = todo[*group].trailing_zeros() as usize;
         todo[*group] &= todo[*group] - 1;
-        counts[ENDED] -= 1;
-        let lane = lane(&state.rows[ENDED], counts[ENDED]);
+        let lane = counts.pop(&state.rows, ENDED);
         state.ray[lane] = (*group * GROUP + i) as u16;
         let Some(root) = root else {
             pass::leave(state, &mut counts, lane);

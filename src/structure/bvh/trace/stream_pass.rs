@@ -3,7 +3,7 @@
 use super::rays16::OneRay;
 use super::single::{LeafRay, is_better, triangles};
 use super::stream::{
-    AT_LEAVES, BOTTOM, Counts, DEPTH, ENDED, EXTERNALS, LANES, NODES, NOTHING, State, lane, push, push_if,
+    AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, State, lane, push,
 };
 use super::walk::{Counters, TriHit};
 use crate::base::ids::BlockId;
@@ -51,8 +51,8 @@ pub(super) fn leave(state: &mut State, counts: &mut Counts, lane: usize) {
 #[inline(always)]
 pub(super) fn externals(state: &mut State, mut counts: Counts) -> Counts {
     // A reference may lead to another one: then the lane queues again.
-    while counts[EXTERNALS] > 0 {
-        let (row, count) = (state.rows[EXTERNALS], std::mem::take(&mut counts[EXTERNALS]));
+    while counts.of(EXTERNALS) > 0 {
+        let (row, count) = (state.rows[EXTERNALS], counts.take(EXTERNALS));
         state.counters.blocks += count as u64;
         for i in 0..count {
             let lane = lane(&row, i);
@@ -63,14 +63,19 @@ pub(super) fn externals(state: &mut State, mut counts: Counts) -> Counts {
     counts
 }
 
+/// Rows of lanes by how many children they meet.
+const NONE: usize = 0;
+const ONE: usize = 1;
+const SEVERAL: usize = 2;
+
 /// Tests the children of the nodes that walks are at, and moves each on: to the nearest child that it meets, the
 /// others put on its stack, or if it meets none, to what its stack has.
 #[inline(always)]
 pub(super) fn nodes<S: Simd>(s: S, state: &mut State, mut counts: Counts) -> Counts {
-    let (row, count) = (state.rows[NODES], std::mem::take(&mut counts[NODES]));
+    let (row, count) = (state.rows[NODES], counts.take(NODES));
     state.counters.nodes += count as u64;
-    let (mut none, mut one, mut several) = ([0; LANES], [0; LANES], [0; LANES]);
-    let (mut nones, mut ones, mut severals) = (0, 0, 0);
+    // By the number of children met: none, one, several.
+    let (mut by_met, mut met_counts) = ([[0; LANES]; 4], Counts::default());
     // Short loops: the CPU then has several lanes under way.
     for i in 0..count {
         let lane = lane(&row, i);
@@ -78,12 +83,11 @@ pub(super) fn nodes<S: Simd>(s: S, state: &mut State, mut counts: Counts) -> Cou
         let (met, enter) = boxes(s, node, &state.prepared[lane]);
         state.scratch.enter[lane] = enter.to_array();
         state.scratch.hits[lane] = met;
-        push_if(&mut none, &mut nones, met == 0, lane);
-        push_if(&mut one, &mut ones, met.count_ones() == 1, lane);
-        push_if(&mut several, &mut severals, met.count_ones() > 1, lane);
+        let class = usize::from(met != 0) + usize::from(met & met.wrapping_sub(1) != 0);
+        met_counts.push(&mut by_met, class, lane);
     }
-    for i in 0..severals {
-        let lane = lane(&several, i);
+    for i in 0..met_counts.of(SEVERAL) {
+        let lane = lane(&by_met[SEVERAL], i);
         let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
         let top = usize::from(state.top[lane]);
         let (t, child, block) = room(&mut state.stacks[lane], top);
@@ -97,24 +101,27 @@ pub(super) fn nodes<S: Simd>(s: S, state: &mut State, mut counts: Counts) -> Cou
         ask_for(state.is_large, state.block[lane], nearest);
         push(&mut state.rows, &mut counts, nearest, lane);
     }
-    for i in 0..ones {
-        let lane = lane(&one, i);
+    for i in 0..met_counts.of(ONE) {
+        let lane = lane(&by_met[ONE], i);
         let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
         let child = u32::from(node.child[(state.scratch.hits[lane].trailing_zeros() & 7) as usize]);
         state.child[lane] = child;
         ask_for(state.is_large, state.block[lane], child);
         push(&mut state.rows, &mut counts, child, lane);
     }
-    // Most rays that miss all end with an empty stack.
-    let mut left = 0;
-    for i in 0..nones {
-        let lane = lane(&none, i);
-        let is_empty = usize::from(state.top[lane]) == BOTTOM;
-        push_if(&mut state.rows[ENDED], &mut counts[ENDED], is_empty, lane);
-        push_if(&mut none, &mut left, !is_empty, lane);
+    // Most rays that miss all end with an empty stack: those go to the row of what has ended, the others, for now, to
+    // one that is free here.
+    let mut left = Counts::default();
+    let mut rows = [[0; LANES]; 4];
+    for i in 0..met_counts.of(NONE) {
+        let lane = lane(&by_met[NONE], i);
+        left.push(&mut rows, usize::from(usize::from(state.top[lane]) == BOTTOM), lane);
     }
-    for i in 0..left {
-        pop(s, state, &mut counts, lane(&none, i));
+    for i in 0..left.of(1) {
+        push(&mut state.rows, &mut counts, NOTHING, lane(&rows[1], i));
+    }
+    for i in 0..left.of(0) {
+        pop(s, state, &mut counts, lane(&rows[0], i));
     }
     counts
 }
@@ -200,7 +207,7 @@ fn eight(bytes: &[u8], at: u8) -> &[u8; 8] {
 /// Tests the triangles of the leaves that walks wait at.
 #[inline(always)]
 pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
-    let (row, count) = (state.rows[AT_LEAVES], std::mem::take(&mut counts[AT_LEAVES]));
+    let (row, count) = (state.rows[AT_LEAVES], counts.take(AT_LEAVES));
     state.counters.leaves += count as u64;
     for i in 0..count {
         let lane = lane(&row, i);
