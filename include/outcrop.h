@@ -924,7 +924,7 @@ typedef struct oc_pixels {
 #define OC_WANT_ALL 255
 
 /**
- * Each sixteen rays in a row are near each other and go the same way: they are traced together, faster. The answers are
+ * Each 32 rays in a row are near each other and go the same way: they are traced together, faster. The answers are
  * the same. In a scene of one instance, rays of neighbouring pixels are recognised without it.
  */
 #define OC_QUERY_COHERENT 1

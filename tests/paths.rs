@@ -39,7 +39,7 @@ fn packets(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
         let mut walk = PacketWalk::new();
         let mine = rays.chunks(PACKET).skip(odd).step_by(2);
         let bits = |hits: Vec<Option<TriHit>>| hits.iter().map(|h| trees::bits(&view, h)).collect();
-        mine.map(|chunk| bits(trees::closest16(&view, chunk, &mut walk))).collect::<Vec<Vec<Bits>>>()
+        mine.map(|chunk| bits(trees::closest_together(&view, chunk, &mut walk))).collect::<Vec<Vec<Bits>>>()
     };
     let (even, odd) = std::thread::scope(|s| {
         let odd = s.spawn(|| one(1));
@@ -109,7 +109,7 @@ fn check_any(tree: &TestTree, rays: &[Ray32], truth: &[Bits], isa: Isa) {
     let differ = side_by_side.iter().zip(truth).position(|(any, truth)| *any != truth.is_some());
     assert_eq!(differ, None, "{}, any in a stream", isa.name());
     for (rays, truth) in rays.chunks(PACKET).zip(truth.chunks(PACKET)) {
-        let together = trees::any16(&view, rays, &mut packet);
+        let together = trees::any_together(&view, rays, &mut packet);
         for ((ray, truth), together) in rays.iter().zip(truth).zip(together) {
             assert_eq!(truth.is_some(), trees::any(&view, ray, &mut walk), "{}, any: {ray:?}", isa.name());
             assert_eq!(truth.is_some(), together, "{}, any in a packet: {ray:?}", isa.name());

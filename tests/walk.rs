@@ -116,10 +116,10 @@ fn check_single(case: &Case, ray: &Ray32, holes: &mut Holes) -> Result<usize, Te
 fn check_packet(case: &Case, rays: &[Ray32], holes: &mut Holes) -> Result<(), TestCaseError> {
     let whole = case.tree.view(&case.tree.snapshot, Isa::best());
     let (mut closest, mut any) = (PacketWalk::new(), PacketWalk::new());
-    trees::begin16(&whole, rays, &mut closest);
-    holes.run(Isa::best(), |view| view.closest16(None, &mut closest));
-    trees::begin16(&whole, rays, &mut any);
-    holes.run(Isa::best(), |view| view.any16(None, &mut any));
+    trees::begin_together(&whole, rays, &mut closest);
+    holes.run(Isa::best(), |view| view.closest_together(None, &mut closest));
+    trees::begin_together(&whole, rays, &mut any);
+    holes.run(Isa::best(), |view| view.any_together(None, &mut any));
     let mut walk = Walk::new();
     for (i, ray) in rays.iter().enumerate() {
         let truth = trees::closest(&whole, ray, &mut walk);

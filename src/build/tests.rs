@@ -8,7 +8,9 @@ use crate::import::{MeshKey, PartDesc, Sink};
 use crate::residency::{Cache, ModelBlocks};
 use crate::simd::Isa;
 use crate::store::ModelFile;
-use crate::structure::bvh::trace::{LocalRay, Outcome, PacketWalk, STREAM, Stream, TreeView, TriHit, Walk};
+use crate::structure::bvh::trace::{
+    LocalRay, Outcome, PACKET, PacketWalk, STREAM, Stream, TreeView, TriHit, Walk, first_rays,
+};
 use crate::structure::bvh::{BvhDecoder, check_links};
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
@@ -134,17 +136,17 @@ fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> Bu
 fn packets_agree(view: &TreeView) {
     let mut random = Random(5);
     let mut walk = PacketWalk::new();
-    let all = rays(16 * 20);
+    let all = rays(PACKET * 20);
     for n in 0..60 {
         let eye = random.point() * 1.5;
         let to = random.point() * 0.3 - eye;
         let spread = [0.001, 0.05, 0.5][n % 3];
-        let rays: [LocalRay; 16] = std::array::from_fn(|i| match n / 20 {
+        let rays: [LocalRay; PACKET] = std::array::from_fn(|i| match n / 20 {
             0 => LocalRay { org: eye, dir: to + random.point() * spread, ..all[i] },
             1 => LocalRay { org: eye + random.point() * spread, dir: to, ..all[i] },
-            _ => all[(n - 40) * 16 + i],
+            _ => all[(n - 40) * PACKET + i],
         });
-        let active = [0xffff, 0x0f31, 0x8000, 0][n % 4];
+        let active = [first_rays(PACKET), 0x0310_0f31, 0x8000, 0][n % 4];
         let mut alone = Walk::new();
         let expected = rays.map(|ray| {
             alone.begin(view, &ray);
@@ -152,13 +154,13 @@ fn packets_agree(view: &TreeView) {
             alone.best()
         });
         walk.begin(view, &rays, active);
-        assert_eq!(view.closest16(None, &mut walk), Outcome::Done);
-        for i in (0..16).filter(|i| active >> i & 1 == 1) {
+        assert_eq!(view.closest_together(None, &mut walk), Outcome::Done);
+        for i in (0..PACKET).filter(|i| active >> i & 1 == 1) {
             assert_eq!(walk.best(i), expected[i], "packet {n}, ray {i}");
         }
         walk.begin(view, &rays, active);
-        assert_eq!(view.any16(None, &mut walk), Outcome::Done);
-        for i in (0..16).filter(|i| active >> i & 1 == 1) {
+        assert_eq!(view.any_together(None, &mut walk), Outcome::Done);
+        for i in (0..PACKET).filter(|i| active >> i & 1 == 1) {
             assert_eq!(walk.best(i).is_hit(), expected[i].is_hit(), "packet {n}, ray {i}");
         }
     }

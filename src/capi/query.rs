@@ -116,7 +116,7 @@ pub const OC_WANT_ALL: oc_want = 255;
 
 /// Flags of oc_query.
 pub type oc_query_flags = u32;
-/// Each sixteen rays in a row are near each other and go the same way: they are traced together, faster. The answers are
+/// Each 32 rays in a row are near each other and go the same way: they are traced together, faster. The answers are
 /// the same. In a scene of one instance, rays of neighbouring pixels are recognised without it.
 pub const OC_QUERY_COHERENT: oc_query_flags = 1;
 /// Answer at once: data that is not in memory makes OC_HIT_MISSING. Without it, it is read.

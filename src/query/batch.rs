@@ -38,7 +38,7 @@ pub enum Policy {
 /// Options of a batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct QueryOptions {
-    /// Neighbouring rays are alike (of neighbouring pixels, say): they are traced in packets of 16.
+    /// Neighbouring rays are alike (of neighbouring pixels, say): they are traced in packets of 32.
     /// The answers are the same. In a scene of one placed tree such rays are recognised without it.
     pub coherent: bool,
     /// What to fill.

@@ -4,7 +4,7 @@ use super::batch::{Policy, RayWithMask};
 use super::finish::{Trees, finish};
 use super::hit::{Hit, HitKind, Want};
 use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step};
-use crate::structure::bvh::trace::{PACKET, PacketWalk, STREAM};
+use crate::structure::bvh::trace::{PACKET, PacketWalk, STREAM, first_rays};
 
 /// Rays of a chunk: some tens to hundreds of microseconds of work.
 pub(super) const CHUNK: usize = STREAM;
@@ -85,7 +85,7 @@ impl Chunk {
         self.unfinished.extend(self.stream.unfinished().iter().map(|i| from as u32 + i));
     }
 
-    /// Sixteen rays together; false if they must go side by side.
+    /// A packet's rays together; false if they must go side by side.
     fn trace_packet(&mut self, view: &SceneView, task: Task, from: usize, to: usize) -> bool {
         let (rays, found) = (&self.rays[from..to], &mut self.found[from..to]);
         let step = if view.only_one().is_none() {
@@ -94,8 +94,8 @@ impl Chunk {
                 return false;
             }
             let Some(rays) = self.rays[from..].first_chunk::<PACKET>() else { return false };
-            self.packet.begin(view, rays, ((1u64 << (to - from)) - 1) as u32);
-            let step = trace16(view, task, rays, &mut self.packet);
+            self.packet.begin(view, rays, first_rays(to - from));
+            let step = trace_whole(view, task, rays, &mut self.packet);
             (from..to).for_each(|i| self.found[i] = *self.packet.best(i - from));
             Some(step)
         } else if task.any {
@@ -112,7 +112,7 @@ impl Chunk {
         true
     }
 
-    /// The answers of a group of sixteen; `None` if it is parked.
+    /// The answers of a group of a packet's size; `None` if it is parked.
     pub fn finish(&mut self, view: &SceneView, task: Task, first: usize, group: usize, count: usize) -> Option<&[Hit]> {
         let (from, to) = (group * PACKET, count.min((group + 1) * PACKET));
         let mut alone = Vec::new();
@@ -155,11 +155,11 @@ fn trace(view: &SceneView, task: Task, it: &RayWithMask, walk: &mut SceneWalk) -
     if task.any { view.trace::<true>(&it.ray, it.mask, walk) } else { view.trace::<false>(&it.ray, it.mask, walk) }
 }
 
-fn trace16(view: &SceneView, task: Task, rays: &[RayWithMask; PACKET], packet: &mut ScenePacket) -> Step {
-    if task.any { view.trace16::<true>(rays, packet) } else { view.trace16::<false>(rays, packet) }
+fn trace_whole(view: &SceneView, task: Task, rays: &[RayWithMask; PACKET], packet: &mut ScenePacket) -> Step {
+    if task.any { view.trace_packet::<true>(rays, packet) } else { view.trace_packet::<false>(rays, packet) }
 }
 
-/// Works out the hits of up to sixteen rays; false if a block is missing. Rays of `lacking` were answered without a
+/// Works out the hits of a group of rays; false if a block is missing. Rays of `lacking` were answered without a
 /// block that they needed.
 fn finish_group(
     view: &SceneView,
@@ -182,7 +182,7 @@ fn finish_group(
     needs.len() == before
 }
 
-/// Up to sixteen rays that wait for blocks, with what it takes to take them up again.
+/// Up to a packet's rays that wait for blocks, with what it takes to take them up again.
 pub(super) struct Group {
     first: usize,
     count: usize,

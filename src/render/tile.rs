@@ -1,16 +1,15 @@
 //! Tiles: squares of pixels, the unit of work of a frame.
 
 use super::film::Buffer;
-use super::integrators::direct::{Direct, Layer, Scratch};
+use super::integrators::direct::{ACROSS, DOWN, Direct, Layer, Scratch};
 use crate::math::srgb::Srgb;
 use crate::query::{HitKind, NONE};
 use crate::scene::walk::Need;
+use crate::structure::bvh::trace::PACKET;
 
 /// Pixels along the side of a tile.
 pub(super) const TILE: u32 = 32;
 const PIXELS: usize = (TILE * TILE) as usize;
-/// Pixels along the side of a packet.
-const SIDE: u32 = 4;
 
 /// The pixels of a tile, buffer by buffer, before they go to the film.
 pub(super) struct TilePixels {
@@ -90,14 +89,14 @@ impl TilePixels {
         self.width = (width - x).min(TILE);
         self.height = (height - y).min(TILE);
         let mut tally = Tally::default();
-        for top in (0..self.height).step_by(SIDE as usize) {
-            for left in (0..self.width).step_by(SIDE as usize) {
+        for top in (0..self.height).step_by(DOWN as usize) {
+            for left in (0..self.width).step_by(ACROSS as usize) {
                 if stop() {
                     return None;
                 }
-                let (columns, rows) = ((self.width - left).min(SIDE), (self.height - top).min(SIDE));
-                let inside = |i: u32| i % SIDE < columns && i / SIDE < rows;
-                let active = (0..16).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
+                let (columns, rows) = ((self.width - left).min(ACROSS), (self.height - top).min(DOWN));
+                let inside = |i: u32| i % ACROSS < columns && i / ACROSS < rows;
+                let active = (0..PACKET as u32).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
                 match direct.packet((x + left, y + top), active, scratch) {
                     Ok(()) => self.keep((left, top), active, srgb, scratch, &mut tally),
                     Err(need) => needs.push(need),
@@ -117,7 +116,7 @@ impl TilePixels {
         tally: &mut Tally,
     ) {
         for i in crate::scene::walk::bits(active) {
-            let at = ((top + i as u32 / SIDE) * TILE + left + i as u32 % SIDE) as usize;
+            let at = ((top + i as u32 / ACROSS) * TILE + left + i as u32 % ACROSS) as usize;
             let colour = scratch.colour[i];
             self.linear[at] = colour;
             self.srgb[at] = srgb.pixel(colour);

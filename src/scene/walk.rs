@@ -273,7 +273,7 @@ impl SceneStream {
     }
 }
 
-/// The state of sixteen rays in a scene. Reusable.
+/// The state of a packet's rays in a scene. Reusable.
 pub(crate) struct ScenePacket {
     todo: Vec<(NodeRef, u32)>,
     at: Option<u32>,
@@ -328,15 +328,15 @@ impl ScenePacket {
 }
 
 impl SceneView<'_> {
-    /// Sixteen rays at once: the same hits as [`SceneView::trace`] finds for each alone.
-    pub fn trace16<const ANY: bool>(&self, rays: &[RayWithMask; PACKET], walk: &mut ScenePacket) -> Step {
+    /// A packet's rays together: the same hits as [`SceneView::trace`] finds for each alone.
+    pub fn trace_packet<const ANY: bool>(&self, rays: &[RayWithMask; PACKET], walk: &mut ScenePacket) -> Step {
         loop {
             if let Some(placed) = walk.at {
                 let (tree, filter) = (self.tree(placed), self.filter(placed));
                 let outcome = if ANY {
-                    tree.any16(filter.as_ref(), &mut walk.tree)
+                    tree.any_together(filter.as_ref(), &mut walk.tree)
                 } else {
-                    tree.closest16(filter.as_ref(), &mut walk.tree)
+                    tree.closest_together(filter.as_ref(), &mut walk.tree)
                 };
                 if let Outcome::Pending(block) = outcome {
                     return Step::Pending(self.need(placed, block));
@@ -352,13 +352,13 @@ impl SceneView<'_> {
             }
             let Some((node, mask)) = walk.todo.pop() else { return Step::Done };
             match node.target() {
-                Target::Placed(placed) => self.enter16(rays, placed, mask & walk.active, walk),
-                Target::Inner(index) => self.push_children16(rays, index, mask & walk.active, walk),
+                Target::Placed(placed) => self.enter_packet(rays, placed, mask & walk.active, walk),
+                Target::Inner(index) => self.push_children_packet(rays, index, mask & walk.active, walk),
             }
         }
     }
 
-    fn enter16(&self, rays: &[RayWithMask; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
+    fn enter_packet(&self, rays: &[RayWithMask; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
         let p = &self.scene.placement.placed[placed as usize];
         let seen_by = self.seen_by(placed);
         walk.inside = 0;
@@ -378,7 +378,7 @@ impl SceneView<'_> {
         }
     }
 
-    fn push_children16(&self, rays: &[RayWithMask; PACKET], index: u32, mask: u32, walk: &mut ScenePacket) {
+    fn push_children_packet(&self, rays: &[RayWithMask; PACKET], index: u32, mask: u32, walk: &mut ScenePacket) {
         let node = self.scene.placement.top.node(index);
         let mut met = [0u32; 2];
         let mut nearest = [f64::INFINITY; 2];
@@ -424,7 +424,7 @@ impl SceneView<'_> {
         }
     }
 
-    /// Sixteen rays together in a scene that is one placed tree, if they go the same way (see
+    /// Up to a packet's rays together in a scene that is one placed tree, if they go the same way (see
     /// [`PacketWalk::is_coherent`]); else `None`. `Pending`: the rays are to be begun anew, each alone.
     pub fn trace_together<const ANY: bool>(&self, rays: &[RayWithMask], says: bool, walk: &mut PacketWalk, found: &mut [Found]) -> Option<Step> {
         let placed = self.only_one()?;
@@ -447,7 +447,7 @@ impl SceneView<'_> {
         if !walk.is_coherent(&tree, says) {
             return None;
         }
-        let outcome = if ANY { tree.any16(filter.as_ref(), walk) } else { tree.closest16(filter.as_ref(), walk) };
+        let outcome = if ANY { tree.any_together(filter.as_ref(), walk) } else { tree.closest_together(filter.as_ref(), walk) };
         if let Outcome::Pending(block) = outcome {
             return Some(Step::Pending(self.need(placed, block)));
         }

@@ -298,6 +298,17 @@ impl Simd for Avx2 {
         Pair(self.splat8(v), self.splat8(v))
     }
     #[inline(always)]
+    fn mask16(self, bits: u32) -> Pair<M8> {
+        // SAFETY: the token vouches.
+        unsafe {
+            let (bits, eight) = (_mm256_set1_epi32(bits as i32), _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
+            let low = _mm256_cmpeq_epi32(_mm256_and_si256(bits, eight), eight);
+            let eight = _mm256_slli_epi32::<8>(eight);
+            let high = _mm256_cmpeq_epi32(_mm256_and_si256(bits, eight), eight);
+            Pair(M8(_mm256_castsi256_ps(low)), M8(_mm256_castsi256_ps(high)))
+        }
+    }
+    #[inline(always)]
     fn load16(self, v: &[f32; 16]) -> Pair<V8> {
         let (low, high) = v.split_at(8);
         match (low.try_into(), high.try_into()) {

@@ -334,6 +334,10 @@ impl Simd for Avx512 {
         V16(unsafe { _mm512_set1_ps(v) })
     }
     #[inline(always)]
+    fn mask16(self, bits: u32) -> M16 {
+        M16(bits as __mmask16)
+    }
+    #[inline(always)]
     fn load16(self, v: &[f32; 16]) -> V16 {
         // SAFETY: the token vouches; `v` holds sixteen floats, and the load needs no alignment.
         V16(unsafe { _mm512_loadu_ps(v.as_ptr()) })

@@ -76,6 +76,8 @@ pub trait Simd: Copy {
     fn far_first(self, enter: Self::F8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]);
     /// All sixteen lanes `v`.
     fn splat16(self, v: f32) -> Self::F16;
+    /// The lanes of `bits` (bit `i`: lane `i`).
+    fn mask16(self, bits: u32) -> <Self::F16 as Lanes<16>>::Mask;
     /// Sixteen floats.
     fn load16(self, v: &[f32; 16]) -> Self::F16;
 }

@@ -186,6 +186,10 @@ impl Simd for Portable {
         Array([v; 16])
     }
     #[inline(always)]
+    fn mask16(self, bits: u32) -> Bits {
+        Bits(bits & 0xffff)
+    }
+    #[inline(always)]
     fn load16(self, v: &[f32; 16]) -> Array<16> {
         Array(*v)
     }

@@ -9,7 +9,7 @@ use outcrop::math::Cone;
 use outcrop::residency::{Slot, Snapshot};
 use outcrop::simd::Isa;
 use outcrop::structure::bvh::build::{Par, Tree, TreeInput, TreeOptions};
-use outcrop::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, STREAM, Stream, TreeView, TriHit, Walk};
+use outcrop::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, STREAM, Stream, TreeView, TriHit, Walk, first_rays};
 
 /// A tree with all its blocks, and the triangles that it holds.
 pub struct TestTree {
@@ -118,17 +118,17 @@ pub fn any(view: &TreeView, ray: &Ray32, walk: &mut Walk) -> bool {
     walk.best().is_hit()
 }
 
-/// The hits of up to sixteen rays as a packet; every block is there.
-pub fn closest16(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) -> Vec<Option<TriHit>> {
-    begin16(view, rays, walk);
-    assert_eq!(view.closest16(None, walk), Outcome::Done);
+/// The hits of up to a packet's rays as a packet; every block is there.
+pub fn closest_together(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) -> Vec<Option<TriHit>> {
+    begin_together(view, rays, walk);
+    assert_eq!(view.closest_together(None, walk), Outcome::Done);
     (0..rays.len()).map(|i| Some(walk.best(i)).filter(TriHit::is_hit)).collect()
 }
 
-/// Whether each of up to sixteen rays hits anything; every block is there.
-pub fn any16(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) -> Vec<bool> {
-    begin16(view, rays, walk);
-    assert_eq!(view.any16(None, walk), Outcome::Done);
+/// Whether each of up to a packet's rays hits anything; every block is there.
+pub fn any_together(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) -> Vec<bool> {
+    begin_together(view, rays, walk);
+    assert_eq!(view.any_together(None, walk), Outcome::Done);
     (0..rays.len()).map(|i| walk.best(i).is_hit()).collect()
 }
 
@@ -159,13 +159,13 @@ pub fn any_each(view: &TreeView, rays: &[Ray32], stream: &mut Stream) -> Vec<boo
     all
 }
 
-/// Puts up to sixteen rays into the first lanes of a packet.
-pub fn begin16(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) {
+/// Puts up to a packet's rays into the first lanes of a packet.
+pub fn begin_together(view: &TreeView, rays: &[Ray32], walk: &mut PacketWalk) {
     let mut lanes = [local(&rays[0]); PACKET];
     for (lane, ray) in lanes.iter_mut().zip(rays) {
         *lane = local(ray);
     }
-    walk.begin(view, &lanes, ((1u32 << rays.len()) - 1) & 0xffff);
+    walk.begin(view, &lanes, first_rays(rays.len()));
 }
 
 /// Everything a hit says, as bits: distance, weights and primitive. Not where the triangle is stored: spatial

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Measure how fast rays are traced, in millions a second: single and in packets of 16
+/// Measure how fast rays are traced, in millions a second: single and in packets of 32
 #[derive(clap::Args)]
 pub struct Args {
     /// The model file

@@ -13,6 +13,10 @@ use crate::scene::Light;
 use crate::structure::bvh::trace::PACKET;
 use glam::{DVec3, Vec3};
 
+/// Pixels of a packet, along its rows and its columns.
+pub(crate) const ACROSS: u32 = 8;
+/// See [`ACROSS`].
+pub(crate) const DOWN: u32 = PACKET as u32 / ACROSS;
 /// Transparent surfaces that a ray goes through at most; what is behind counts as background.
 pub(super) const MAX_LAYERS: usize = 32;
 /// In place of what overflows.
@@ -69,7 +73,7 @@ impl Scratch {
     }
 }
 
-/// What renders packets of 4x4 pixels of one picture.
+/// What renders packets of [`ACROSS`] by [`DOWN`] pixels of one picture.
 pub(crate) struct Direct<'a> {
     pub view: SceneView<'a>,
     pub rays: &'a PixelRays,
@@ -103,7 +107,7 @@ struct Lanes {
 }
 
 impl Direct<'_> {
-    /// Renders the pixels of `active` in the 4x4 block at `at` into `scratch`. Sample 0 goes through the
+    /// Renders the pixels of `active` in the block of a packet at `at` into `scratch`. Sample 0 goes through the
     /// middle of the pixel and tells what is seen; all samples weigh the same in the colour.
     pub fn packet(&self, at: (u32, u32), active: u32, scratch: &mut Scratch) -> Result<(), Need> {
         let mut sums = [[0.0f32; 4]; PACKET];
@@ -111,7 +115,7 @@ impl Direct<'_> {
             let (dx, dy) = offset(sample);
             let mut lanes = Lanes { rays: [RayWithMask::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
             for i in bits(active) {
-                let (x, y) = (at.0 + i as u32 % 4, at.1 + i as u32 / 4);
+                let (x, y) = (at.0 + i as u32 % ACROSS, at.1 + i as u32 / ACROSS);
                 let mut ray = self.rays.ray(f64::from(x) + dx, f64::from(y) + dy);
                 if self.poe == 0.0 {
                     ray.cone = Cone::ZERO;
@@ -120,7 +124,7 @@ impl Direct<'_> {
             }
             self.layers(&mut lanes, active, sample == 0, scratch)?;
             for i in bits(active) {
-                let height = 1.0 - (f64::from(at.1 + i as u32 / 4) + dy) as f32 / self.size.1 as f32;
+                let height = 1.0 - (f64::from(at.1 + i as u32 / ACROSS) + dy) as f32 / self.size.1 as f32;
                 let back = self.view.scene.background.at(height);
                 let (through, c) = (lanes.through[i], lanes.colour[i]);
                 let all = [
@@ -152,7 +156,7 @@ impl Direct<'_> {
                 break;
             }
             scratch.camera.begin(&self.view, &lanes.rays, active);
-            if let Step::Pending(need) = self.view.trace16::<false>(&lanes.rays, &mut scratch.camera) {
+            if let Step::Pending(need) = self.view.trace_packet::<false>(&lanes.rays, &mut scratch.camera) {
                 return Err(need);
             }
             let mut surfaces: [Option<Surface>; PACKET] = std::array::from_fn(|_| None);

@@ -62,7 +62,7 @@ impl Direct<'_> {
         packet: &mut ScenePacket,
     ) -> Result<u32, Need> {
         packet.begin(&self.view, rays, asked);
-        match self.view.trace16::<ANY>(rays, packet) {
+        match self.view.trace_packet::<ANY>(rays, packet) {
             Step::Pending(need) => Err(need),
             Step::Done => Ok(bits(asked).filter(|&i| packet.best(i).is_hit()).fold(0, |m, i| m | 1 << i)),
         }

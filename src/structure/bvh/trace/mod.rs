@@ -15,7 +15,7 @@ mod stream;
 mod stream_pass;
 mod walk;
 
-pub use packet::{PACKET, PacketWalk};
+pub use packet::{PACKET, PacketWalk, first_rays};
 pub use ray::{LocalRay, PreparedRay};
 pub use stream::{STREAM, Stream};
 pub use walk::{Counters, Outcome, TriHit, Walk};

@@ -1,4 +1,4 @@
-//! Sixteen coherent rays at a time: their state, and how they enter and leave the kernel.
+//! Coherent rays together: their state, and how they enter and leave the kernel.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet_visit::{self, Shared};
@@ -8,8 +8,33 @@ use crate::math::Cone;
 use crate::simd::{Op, Simd, dispatch};
 use glam::Vec3;
 
+/// Vectors that hold a packet's rays: with two, a node's box tests serve twice as many rays, and of two tests of a
+/// triangle one goes on while the other waits.
+pub(super) const VECTORS: usize = 2;
 /// Rays of a packet.
-pub const PACKET: usize = 16;
+pub const PACKET: usize = 16 * VECTORS;
+/// All of them, a bit each.
+const ALL: u32 = u32::MAX >> (32 - PACKET);
+
+/// The first `count` rays of a packet, a bit each.
+pub const fn first_rays(count: usize) -> u32 {
+    if count < PACKET { (1 << count) - 1 } else { ALL }
+}
+
+/// A number for each ray.
+pub(super) type Row = [[f32; 16]; VECTORS];
+
+/// That of ray `i`.
+#[inline(always)]
+pub(super) fn at(row: &Row, i: usize) -> f32 {
+    row.as_flattened()[i & (PACKET - 1)]
+}
+
+/// That of ray `i`.
+#[inline(always)]
+pub(super) fn at_mut(row: &mut Row, i: usize) -> &mut f32 {
+    &mut row.as_flattened_mut()[i & (PACKET - 1)]
+}
 
 /// Distance of origins that are near each other, as a part of the tree's reach.
 const NEAR: f32 = 1.0 / 64.0;
@@ -29,16 +54,17 @@ pub(super) struct PacketEntry {
 
 /// What the rays are, lane by lane. Lanes without a ray repeat one that has.
 #[derive(Debug)]
+#[repr(C, align(64))]
 pub(super) struct PacketRays {
     /// Origins and directions by axis.
-    pub org: [[f32; PACKET]; 3],
-    pub dir: [[f32; PACKET]; 3],
-    pub t_min: [f32; PACKET],
+    pub org: [Row; 3],
+    pub dir: [Row; 3],
+    pub t_min: Row,
     /// See [`super::PreparedRay`].
-    pub inv: [[f32; PACKET]; 3],
-    pub minus_off_near: [[f32; PACKET]; 3],
-    pub minus_off_far: [[f32; PACKET]; 3],
-    pub shear: [[f32; PACKET]; 3],
+    pub inv: [Row; 3],
+    pub minus_off_near: [Row; 3],
+    pub minus_off_far: [Row; 3],
+    pub shear: [Row; 3],
 }
 
 impl PacketRays {
@@ -46,23 +72,27 @@ impl PacketRays {
     #[inline(always)]
     pub fn one(&self, i: usize) -> LocalRay {
         let (org, dir) = (&self.org, &self.dir);
-        let org = Vec3::new(org[0][i], org[1][i], org[2][i]);
-        let dir = Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
-        LocalRay { org, dir, t_min: self.t_min[i], t_max: f32::INFINITY, cone: Cone::ZERO }
+        let org = Vec3::new(at(&org[0], i), at(&org[1], i), at(&org[2], i));
+        let dir = Vec3::new(at(&dir[0], i), at(&dir[1], i), at(&dir[2], i));
+        LocalRay { org, dir, t_min: at(&self.t_min, i), t_max: f32::INFINITY, cone: Cone::ZERO }
     }
 }
 
 /// The best hits, lane by lane.
 #[derive(Debug)]
+#[repr(C, align(64))]
 pub(super) struct PacketHits {
-    pub t: [f32; PACKET],
-    pub u: [f32; PACKET],
-    pub v: [f32; PACKET],
-    pub block: [u32; PACKET],
-    pub tri: [u32; PACKET],
+    /// Rays that have one; of the others only `t` counts, their greatest distance.
+    pub some: u32,
+    pub t: Row,
+    pub u: Row,
+    pub v: Row,
+    /// Words, kept as floats because vectors are of these.
+    pub block: Row,
+    pub tri: Row,
 }
 
-/// The state of sixteen rays in one tree. Reusable.
+/// The state of a packet's rays in one tree. Reusable.
 #[derive(Debug)]
 pub struct PacketWalk {
     pub(super) stack: Vec<PacketEntry>,
@@ -87,7 +117,8 @@ impl Default for PacketWalk {
 impl PacketWalk {
     /// For any number of packets.
     pub fn new() -> Self {
-        let zero = [[0.0; PACKET]; 3];
+        let none = [[0.0; 16]; VECTORS];
+        let zero = [none; 3];
         let rays = PacketRays {
             org: zero,
             dir: zero,
@@ -95,10 +126,9 @@ impl PacketWalk {
             minus_off_near: zero,
             minus_off_far: zero,
             shear: zero,
-            t_min: [0.0; PACKET],
+            t_min: none,
         };
-        let none = [0.0; PACKET];
-        let hits = PacketHits { t: none, u: none, v: none, block: [u32::MAX; PACKET], tri: [0; PACKET] };
+        let hits = PacketHits { some: 0, t: none, u: none, v: none, block: none, tri: none };
         Self {
             stack: Vec::new(),
             rays,
@@ -122,11 +152,15 @@ impl PacketWalk {
     /// for a wider set gathers the fields, which takes longer than all else here.)
     #[inline(always)]
     pub fn set(&mut self, i: usize, ray: &LocalRay) {
-        let (i, r) = (i & (PACKET - 1), &mut self.rays);
-        (r.org[0][i], r.org[1][i], r.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
-        (r.dir[0][i], r.dir[1][i], r.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
-        r.t_min[i] = ray.t_min;
-        self.hits.t[i] = ray.t_max;
+        let r = &mut self.rays;
+        for (axis, v) in ray.org.to_array().into_iter().enumerate() {
+            *at_mut(&mut r.org[axis], i) = v;
+        }
+        for (axis, v) in ray.dir.to_array().into_iter().enumerate() {
+            *at_mut(&mut r.dir[axis], i) = v;
+        }
+        *at_mut(&mut r.t_min, i) = ray.t_min;
+        *at_mut(&mut self.hits.t, i) = ray.t_max;
     }
 
     /// Puts those of the rays taken over that are in `active` at the root of `view`; the others miss.
@@ -145,10 +179,11 @@ impl PacketWalk {
     #[inline]
     pub fn best(&self, i: usize) -> TriHit {
         let h = &self.hits;
-        if h.block[i] == u32::MAX {
-            return TriHit::none(h.t[i]);
+        if h.some >> i & 1 == 0 {
+            return TriHit::none(at(&h.t, i));
         }
-        TriHit { t: h.t[i], u: h.u[i], v: h.v[i], block: h.block[i], tri: h.tri[i] }
+        let (block, tri) = (at(&h.block, i).to_bits(), at(&h.tri, i).to_bits());
+        TriHit { t: at(&h.t, i), u: at(&h.u, i), v: at(&h.v, i), block, tri }
     }
 
     /// Rays that have not ended.
@@ -177,13 +212,13 @@ impl Op for Start<'_, '_> {
     fn run<S: Simd>(self, s: S) {
         let Self { walk, view, active } = self;
         walk.stack.clear();
-        walk.hits.block = [u32::MAX; PACKET];
-        walk.waiting = packet_visit::valid(s, &walk.rays, &walk.hits.t) & active & 0xffff;
+        walk.hits.some = 0;
+        walk.waiting = packet_visit::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
         if walk.waiting == 0 || view.is_empty() {
             walk.waiting = 0;
             return;
         }
-        if walk.waiting != 0xffff {
+        if walk.waiting != ALL {
             repeat_first(walk);
         }
         walk.shared = packet_visit::prepare(s, &mut walk.rays, view.reach);
@@ -194,14 +229,14 @@ impl Op for Start<'_, '_> {
 /// Fills the lanes without a ray: a ray that ends before it begins meets no box.
 #[cold]
 fn repeat_first(walk: &mut PacketWalk) {
-    let first = walk.waiting.trailing_zeros() as usize & (PACKET - 1);
+    let first = walk.waiting.trailing_zeros() as usize;
     let r = &mut walk.rays;
     for i in (0..PACKET).filter(|i| walk.waiting >> i & 1 == 0) {
-        walk.hits.t[i] = f32::NEG_INFINITY;
-        r.t_min[i] = r.t_min[first];
+        *at_mut(&mut walk.hits.t, i) = f32::NEG_INFINITY;
+        *at_mut(&mut r.t_min, i) = at(&r.t_min, first);
         for axis in 0..3 {
-            r.org[axis][i] = r.org[axis][first];
-            r.dir[axis][i] = r.dir[axis][first];
+            *at_mut(&mut r.org[axis], i) = at(&r.org[axis], first);
+            *at_mut(&mut r.dir[axis], i) = at(&r.dir[axis], first);
         }
     }
 }
@@ -209,13 +244,13 @@ fn repeat_first(walk: &mut PacketWalk) {
 impl TreeView<'_> {
     /// Finds the closest hits of the rays that `walk` has begun (or goes on after `Pending`): the same, to
     /// the bit, as [`TreeView::closest`] finds for each alone.
-    pub fn closest16(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
+    pub fn closest_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
         packet_visit::run::<false>(self, filter, walk)
     }
 
     /// Finds any hit of each ray that `walk` has begun (or goes on after `Pending`). Which one may differ from
     /// what [`TreeView::any`] finds; whether there is one does not.
-    pub fn any16(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
+    pub fn any_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
         packet_visit::run::<true>(self, filter, walk)
     }
 }

@@ -2,14 +2,14 @@
 //! other, whichever is less.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::packet::{PACKET, PacketEntry, PacketWalk};
+use super::packet::{PacketEntry, PacketHits, PacketWalk, VECTORS, at};
 use super::packet_visit::{Shared, keep};
 use super::single::{LeafRay, is_better, triangles};
 use super::walk::{Outcome, TriHit};
 use super::{PartFilter, TreeView};
 use crate::base::ids::BlockId;
-use crate::geom::watertight::{intersect, shear};
-use crate::simd::{Lanes, Simd};
+use crate::geom::watertight::{LaneHits, intersect, shear};
+use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Leaf};
 
 /// Tests the triangles of a leaf: eight against each ray or sixteen rays against each, whichever is less.
@@ -26,26 +26,43 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
     at: usize,
 ) -> Outcome {
     let leaf = block.leaf(at);
-    let k = shared.k;
-    if (entry.rays.count_ones() as usize) < leaf.triangles {
+    let tests = leaf.triangles * vectors(entry.rays);
+    if (entry.rays.count_ones() as usize) < tests {
         return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at);
     }
+    walk.counters.triangles += leaf.triangles as u64;
     for i in 0..leaf.triangles {
-        walk.counters.triangles += 1;
-        let Some(hits) = triangle(s, &leaf, i, k, walk, entry.rays) else { continue };
-        if filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
-            continue;
-        }
-        let tri = (at as u32) << 3 | i as u32;
-        if let Err(missing) = keep_better(view, walk, &hits, entry.block, tri) {
-            walk.stack.push(entry);
-            return Outcome::Pending(missing);
-        }
-        if ANY {
-            walk.waiting &= !hits.rays;
+        for h in 0..VECTORS {
+            let rays = entry.rays >> (16 * h) & 0xffff;
+            if rays == 0 {
+                continue;
+            }
+            let found = triangle(s, &leaf, i, shared.k, walk, h);
+            let hits = found.hits & rays;
+            if hits == 0 || filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
+                continue;
+            }
+            let tri = (at as u32) << 3 | i as u32;
+            if let Err(missing) = keep_better(s, view, walk, h, hits, &found, entry.block, tri) {
+                walk.stack.push(entry);
+                return Outcome::Pending(missing);
+            }
+            if ANY {
+                walk.waiting &= !(hits << (16 * h));
+            }
         }
     }
     Outcome::Done
+}
+
+/// Vectors that hold any of the rays.
+#[inline(always)]
+fn vectors(rays: u32) -> usize {
+    let mut count = 0;
+    for h in 0..VECTORS {
+        count += usize::from(rays >> (16 * h) & 0xffff != 0);
+    }
+    count
 }
 
 /// Tests eight triangles at a time against one ray after the other.
@@ -59,22 +76,22 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     entry: PacketEntry,
     shared: &Shared,
     block: Block,
-    at: usize,
+    leaf_at: usize,
 ) -> Outcome {
-    let (leaf, k) = (block.leaf(at), shared.k);
+    let (leaf, k) = (block.leaf(leaf_at), shared.k);
     let mut rays = entry.rays;
     while rays != 0 {
-        let i = rays.trailing_zeros() as usize & (PACKET - 1);
+        let i = rays.trailing_zeros() as usize;
         let r = &walk.rays;
         let ray = LeafRay {
-            org: [s.splat8(r.org[k[0]][i]), s.splat8(r.org[k[1]][i]), s.splat8(r.org[k[2]][i])],
-            shear: [s.splat8(r.shear[0][i]), s.splat8(r.shear[1][i]), s.splat8(r.shear[2][i])],
-            t_min: s.splat8(r.t_min[i]),
+            org: [s.splat8(at(&r.org[k[0]], i)), s.splat8(at(&r.org[k[1]], i)), s.splat8(at(&r.org[k[2]], i))],
+            shear: [s.splat8(at(&r.shear[0], i)), s.splat8(at(&r.shear[1], i)), s.splat8(at(&r.shear[2], i))],
+            t_min: s.splat8(at(&r.t_min, i)),
             k,
         };
         walk.counters.triangles += leaf.triangles as u64;
-        if let Some((lane, t, u, v)) = triangles(s, block, leaf, &ray, filter, walk.hits.t[i]) {
-            let hit = TriHit { t, u, v, block: entry.block, tri: (at as u32) << 3 | lane };
+        if let Some((lane, t, u, v)) = triangles(s, block, leaf, &ray, filter, at(&walk.hits.t, i)) {
+            let hit = TriHit { t, u, v, block: entry.block, tri: (leaf_at as u32) << 3 | lane };
             let best = walk.best(i);
             match is_better(view, &hit, &best, &mut walk.counters) {
                 Ok(true) => keep(walk, i, &hit),
@@ -93,28 +110,13 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     Outcome::Done
 }
 
-/// Hits of one triangle, lane by lane.
-struct TriangleHits {
-    rays: u32,
-    t: [f32; PACKET],
-    u: [f32; PACKET],
-    v: [f32; PACKET],
-}
-
-/// Tests triangle `i` of a leaf against the rays of `active`.
+/// Tests triangle `i` of a leaf against the rays of a vector.
 #[inline(always)]
-fn triangle<S: Simd>(
-    s: S,
-    leaf: &Leaf,
-    i: usize,
-    k: [usize; 3],
-    walk: &PacketWalk,
-    active: u32,
-) -> Option<TriangleHits> {
+fn triangle<S: Simd>(s: S, leaf: &Leaf, i: usize, k: [usize; 3], walk: &PacketWalk, h: usize) -> LaneHits<S::F16> {
     let rays = &walk.rays;
     let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
-    let org = [s.load16(&rays.org[k[0]]), s.load16(&rays.org[k[1]]), s.load16(&rays.org[k[2]])];
-    let skew = [s.load16(&rays.shear[0]), s.load16(&rays.shear[1]), s.load16(&rays.shear[2])];
+    let org = [s.load16(&rays.org[k[0]][h]), s.load16(&rays.org[k[1]][h]), s.load16(&rays.org[k[2]][h])];
+    let skew = [s.load16(&rays.shear[0][h]), s.load16(&rays.shear[1][h]), s.load16(&rays.shear[2][h])];
     let mut corners = [org; 3];
     for (c, corner) in corners.iter_mut().enumerate() {
         let v = usize::from(leaf.corners8(c)[i & 7]) & 15;
@@ -124,32 +126,64 @@ fn triangle<S: Simd>(
     }
     let [a, b, c] = corners;
     let (a, b, c) = (shear(a, skew), shear(b, skew), shear(c, skew));
-    let found = intersect::<16, _, true>(a, b, c, s.splat16(0.0), s.load16(&rays.t_min), s.load16(&walk.hits.t));
-    let hits = found.hits & active;
-    if hits == 0 {
-        return None;
-    }
-    Some(TriangleHits { rays: hits, t: found.t.to_array(), u: found.u.to_array(), v: found.v.to_array() })
+    intersect::<16, _, true>(a, b, c, s.splat16(0.0), s.load16(&rays.t_min[h]), s.load16(&walk.hits.t[h]))
 }
 
-/// Keeps the hits that are better than what their rays have.
+/// Keeps the hits that are better than what their rays have; as [`is_better`], all at once but for ties.
 #[inline(always)]
-fn keep_better(
+#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
+fn keep_better<S: Simd>(
+    s: S,
     view: &TreeView,
     walk: &mut PacketWalk,
-    hits: &TriangleHits,
+    h: usize,
+    hits: u32,
+    found: &LaneHits<S::F16>,
     block: u32,
     tri: u32,
 ) -> Result<(), BlockId> {
-    let mut rays = hits.rays;
-    while rays != 0 {
-        let i = rays.trailing_zeros() as usize & (PACKET - 1);
-        rays &= rays - 1;
-        let hit = TriHit { t: hits.t[i], u: hits.u[i], v: hits.v[i], block, tri };
-        let best = walk.best(i);
-        if is_better(view, &hit, &best, &mut walk.counters)? {
-            keep(walk, i, &hit);
+    let some = walk.hits.some >> (16 * h) & 0xffff;
+    let t = s.load16(&walk.hits.t[h]);
+    let mut better = hits;
+    // No lane is nearer than its best here: the test took those beyond out.
+    let equal = t.eq(found.t).bits() & hits & some;
+    if equal != 0 {
+        better = untie(view, walk, h, [better, equal], found.t.to_array(), block, tri)?;
+    }
+    let mask = s.mask16(better);
+    let PacketHits { some, t, u, v, block: blocks, tri: tris } = &mut walk.hits;
+    *some |= better << (16 * h);
+    put(s, mask, &mut t[h], found.t);
+    put(s, mask, &mut u[h], found.u);
+    put(s, mask, &mut v[h], found.v);
+    put(s, mask, &mut blocks[h], s.splat16(f32::from_bits(block)));
+    put(s, mask, &mut tris[h], s.splat16(f32::from_bits(tri)));
+    Ok(())
+}
+
+#[inline(always)]
+fn put<S: Simd>(s: S, mask: <S::F16 as Lanes<16>>::Mask, row: &mut [f32; 16], v: S::F16) {
+    *row = v.select(mask, s.load16(row)).to_array();
+}
+
+/// Of the lanes `better`, without those of `equal` whose best stays.
+#[cold]
+#[inline(never)]
+fn untie(
+    view: &TreeView,
+    walk: &mut PacketWalk,
+    h: usize,
+    [mut better, equal]: [u32; 2],
+    t: [f32; 16],
+    block: u32,
+    tri: u32,
+) -> Result<u32, BlockId> {
+    for lane in (0..16).filter(|lane| equal >> lane & 1 == 1) {
+        let best = walk.best(16 * h + lane);
+        let hit = TriHit { t: t[lane], u: 0.0, v: 0.0, block, tri };
+        if !is_better(view, &hit, &best, &mut walk.counters)? {
+            better &= !(1 << lane);
         }
     }
-    Ok(())
+    Ok(better)
 }

@@ -6,7 +6,7 @@
 //! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::packet::{PACKET, PacketEntry, PacketRays, PacketWalk};
+use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
 use super::packet_leaf::leaf;
 use super::single::{self, RayLanes};
 use super::ray::{MAX_DIR, MIN_DIR};
@@ -54,12 +54,8 @@ impl Shared {
 /// together, because the signs or the greatest components of their directions differ.
 #[inline(always)]
 pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32) -> Option<Shared> {
-    let zero = s.splat16(0.0);
-    let dir = [s.load16(&rays.dir[0]), s.load16(&rays.dir[1]), s.load16(&rays.dir[2])];
-    let size = [abs(zero, dir[0]), abs(zero, dir[1]), abs(zero, dir[2])];
-    let kz = greatest_axis(size)?;
+    let kz = greatest_axis(s, rays)?;
     let k = [(kz + 1) % 3, (kz + 2) % 3, kz];
-    let least = size[kz] * s.splat16(1e-18);
     let mut shared = Shared {
         near: [0; 3],
         k,
@@ -70,47 +66,65 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32) -> Optio
         slack: [0.0; 3],
     };
     for axis in 0..3 {
-        let magnitude = s.splat16(1.0).div(size[axis].max(least));
-        let positive = zero.le(dir[axis]);
-        let inv = magnitude.select(positive, zero - magnitude);
-        let negative = match positive.bits() {
-            0xffff => false,
-            0 => true,
+        let (inf, zero) = (s.splat16(f32::INFINITY), s.splat16(0.0));
+        let minus_inf = zero - inf;
+        let (mut org_low, mut org_high, mut inv_low, mut inv_high, mut slacks) = (inf, minus_inf, inf, minus_inf, zero);
+        let mut signs = [0; VECTORS];
+        for h in 0..VECTORS {
+            let dir = s.load16(&rays.dir[axis][h]);
+            let least = abs(zero, s.load16(&rays.dir[kz][h])) * s.splat16(1e-18);
+            let magnitude = s.splat16(1.0).div(abs(zero, dir).max(least));
+            let positive = zero.le(dir);
+            signs[h] = positive.bits();
+            let inv = magnitude.select(positive, zero - magnitude);
+            let org = s.load16(&rays.org[axis][h]);
+            let slack = magnitude * abs(zero, org).max(s.splat16(reach)) * s.splat16(1.0 / 524288.0);
+            let off = org * inv;
+            rays.inv[axis][h] = inv.to_array();
+            rays.minus_off_near[axis][h] = (zero - off - slack).to_array();
+            rays.minus_off_far[axis][h] = (slack - off).to_array();
+            (org_low, org_high) = (org.min(org_low), org.max(org_high));
+            (inv_low, inv_high) = (inv.min(inv_low), inv.max(inv_high));
+            slacks = slack.max(slacks);
+        }
+        let negative = match signs {
+            signs if signs == [0xffff; VECTORS] => false,
+            signs if signs == [0; VECTORS] => true,
             _ => return None,
         };
-        let org = s.load16(&rays.org[axis]);
-        let slack = magnitude * abs(zero, org).max(s.splat16(reach)) * s.splat16(1.0 / 524288.0);
-        let off = org * inv;
-        rays.inv[axis] = inv.to_array();
-        rays.minus_off_near[axis] = (zero - off - slack).to_array();
-        rays.minus_off_far[axis] = (slack - off).to_array();
-        let (low, high) = (org.least(), org.greatest());
+        let (low, high) = (org_low.least(), org_high.greatest());
         shared.near[axis] = if negative { axis + 3 } else { axis };
         (shared.org_near[axis], shared.org_far[axis]) = if negative { (low, high) } else { (high, low) };
-        (shared.inv_min[axis], shared.inv_max[axis]) = (inv.least(), inv.greatest());
-        shared.slack[axis] = 2.0 * slack.greatest();
+        (shared.inv_min[axis], shared.inv_max[axis]) = (inv_low.least(), inv_high.greatest());
+        shared.slack[axis] = 2.0 * slacks.greatest();
     }
-    rays.shear[0] = dir[k[0]].div(dir[kz]).to_array();
-    rays.shear[1] = dir[k[1]].div(dir[kz]).to_array();
-    rays.shear[2] = s.splat16(1.0).div(dir[kz]).to_array();
+    for h in 0..VECTORS {
+        let z = s.load16(&rays.dir[kz][h]);
+        rays.shear[0][h] = s.load16(&rays.dir[k[0]][h]).div(z).to_array();
+        rays.shear[1][h] = s.load16(&rays.dir[k[1]][h]).div(z).to_array();
+        rays.shear[2][h] = s.splat16(1.0).div(z).to_array();
+    }
     Some(shared)
 }
 
 /// The rays that [`super::LocalRay::is_valid`] accepts.
 #[inline(always)]
-pub(super) fn valid<S: Simd>(s: S, rays: &PacketRays, t_max: &[f32; PACKET]) -> u32 {
-    let zero = s.splat16(0.0);
-    let dir = [s.load16(&rays.dir[0]), s.load16(&rays.dir[1]), s.load16(&rays.dir[2])];
-    let size = abs(zero, dir[0]).max(abs(zero, dir[1])).max(abs(zero, dir[2]));
-    let t_min = s.load16(&rays.t_min);
-    let mut ok = s.splat16(MIN_DIR).le(size).and(size.le(s.splat16(MAX_DIR)));
-    ok = ok.and(zero.le(t_min)).and(t_min.le(s.load16(t_max)));
-    for axis in 0..3 {
-        // NaN is not less than anything.
-        let org = abs(zero, s.load16(&rays.org[axis]));
-        ok = ok.and(org.le(s.splat16(f32::MAX))).and(abs(zero, dir[axis]).le(s.splat16(MAX_DIR)));
+pub(super) fn valid<S: Simd>(s: S, rays: &PacketRays, t_max: &Row) -> u32 {
+    let (zero, largest) = (s.splat16(0.0), s.splat16(MAX_DIR));
+    let mut all = 0;
+    for h in 0..VECTORS {
+        let t_min = s.load16(&rays.t_min[h]);
+        let mut ok = zero.le(t_min).and(t_min.le(s.load16(&t_max[h])));
+        let mut size = zero;
+        for axis in 0..3 {
+            let (org, dir) = (abs(zero, s.load16(&rays.org[axis][h])), abs(zero, s.load16(&rays.dir[axis][h])));
+            // NaN is not less than anything.
+            ok = ok.and(org.le(s.splat16(f32::MAX))).and(dir.le(largest));
+            size = dir.max(size);
+        }
+        all |= ok.and(s.splat16(MIN_DIR).le(size)).bits() << (16 * h);
     }
-    ok.bits()
+    all
 }
 
 #[inline(always)]
@@ -120,15 +134,43 @@ fn abs<L: Lanes<16>>(zero: L, v: L) -> L {
 
 /// The axis on which all rays are greatest, ties as in [`crate::geom::Shear`]; `None` where they differ.
 #[inline(always)]
-fn greatest_axis<L: Lanes<16>>([x, y, z]: [L; 3]) -> Option<usize> {
-    let is_x = y.le(x).and(z.le(x)).bits();
-    let is_y = z.le(y).bits() & !is_x;
-    match (is_x, is_y) {
-        (0xffff, _) => Some(0),
-        (0, 0xffff) => Some(1),
-        (0, 0) => Some(2),
+fn greatest_axis<S: Simd>(s: S, rays: &PacketRays) -> Option<usize> {
+    let zero = s.splat16(0.0);
+    let (mut is_x, mut is_y) = ([0; VECTORS], [0; VECTORS]);
+    for h in 0..VECTORS {
+        let x = abs(zero, s.load16(&rays.dir[0][h]));
+        let y = abs(zero, s.load16(&rays.dir[1][h]));
+        let z = abs(zero, s.load16(&rays.dir[2][h]));
+        is_x[h] = y.le(x).and(z.le(x)).bits();
+        is_y[h] = z.le(y).bits() & !is_x[h];
+    }
+    let (all, none) = ([0xffff; VECTORS], [0; VECTORS]);
+    match (is_x == all, is_y == all) {
+        (true, _) => Some(0),
+        (_, true) => Some(1),
+        _ if is_x == none && is_y == none => Some(2),
         _ => None,
     }
+}
+
+/// The greatest distance that any ray may go.
+#[inline(always)]
+fn farthest<S: Simd>(s: S, t: &Row) -> f32 {
+    let mut far = s.load16(&t[0]);
+    for h in 1..VECTORS {
+        far = s.load16(&t[h]).max(far);
+    }
+    far.greatest()
+}
+
+/// The rays that may go as far as `t`, or farther.
+#[inline(always)]
+fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
+    let mut rays = 0;
+    for h in 0..VECTORS {
+        rays |= s.splat16(t).le(s.load16(&far[h])).bits() << (16 * h);
+    }
+    rays
 }
 
 /// Goes on with `walk` until it ends or a block is missing.
@@ -163,12 +205,12 @@ fn visit<S: Simd, const ANY: bool>(
     filter: Option<&PartFilter>,
     walk: &mut PacketWalk,
 ) -> Outcome {
-    let mut far = s.load16(&walk.hits.t).greatest();
+    let mut far = farthest(s, &walk.hits.t);
     while let Some(mut entry) = walk.stack.pop() {
         if entry.t > far {
             continue;
         }
-        entry.rays &= walk.waiting & s.splat16(entry.t).le(s.load16(&walk.hits.t)).bits();
+        entry.rays &= walk.waiting & reaching(s, entry.t, &walk.hits.t);
         let Some(words) = view.snapshot.block(BlockId(entry.block)) else {
             walk.stack.push(entry);
             return Outcome::Pending(BlockId(entry.block));
@@ -181,7 +223,7 @@ fn visit<S: Simd, const ANY: bool>(
                 if outcome != Outcome::Done {
                     return outcome;
                 }
-                far = s.load16(&walk.hits.t).greatest();
+                far = farthest(s, &walk.hits.t);
                 break;
             };
             match Child::from_bits(entry.child) {
@@ -200,7 +242,7 @@ fn visit<S: Simd, const ANY: bool>(
                     if outcome != Outcome::Done {
                         return outcome;
                     }
-                    far = s.load16(&walk.hits.t).greatest();
+                    far = farthest(s, &walk.hits.t);
                     break;
                 }
                 Some(Child::External(index)) => {
@@ -231,7 +273,7 @@ fn each_alone<S: Simd, const ANY: bool>(
 ) -> Outcome {
     let mut rays = entry.rays;
     while rays != 0 {
-        let i = rays.trailing_zeros() as usize & (PACKET - 1);
+        let i = rays.trailing_zeros() as usize;
         let ray = match &walk.shared {
             Some(shared) => prepared(&walk.rays, i, shared),
             None => PreparedRay::new(&walk.rays.one(i), view.reach),
@@ -263,22 +305,34 @@ fn each_alone<S: Simd, const ANY: bool>(
 /// Ray `i` by itself, from what the packet has of it.
 #[inline(always)]
 fn prepared(rays: &PacketRays, i: usize, shared: &Shared) -> PreparedRay {
-    let (near, far) = (&rays.minus_off_near, &rays.minus_off_far);
     PreparedRay {
-        org: Vec3::new(rays.org[0][i], rays.org[1][i], rays.org[2][i]),
-        inv: [rays.inv[0][i], rays.inv[1][i], rays.inv[2][i]],
-        off_near: [-near[0][i], -near[1][i], -near[2][i]],
-        off_far: [-far[0][i], -far[1][i], -far[2][i]],
+        org: Vec3::from_array(three(&rays.org, i)),
+        inv: three(&rays.inv, i),
+        off_near: minus(three(&rays.minus_off_near, i)),
+        off_far: minus(three(&rays.minus_off_far, i)),
         near: shared.near,
-        shear: Shear { k: shared.k, s: [rays.shear[0][i], rays.shear[1][i], rays.shear[2][i]] },
-        t_min: rays.t_min[i],
+        shear: Shear { k: shared.k, s: three(&rays.shear, i) },
+        t_min: at(&rays.t_min, i),
     }
+}
+
+#[inline(always)]
+fn three(rows: &[Row; 3], i: usize) -> [f32; 3] {
+    [at(&rows[0], i), at(&rows[1], i), at(&rows[2], i)]
+}
+
+#[inline(always)]
+fn minus([x, y, z]: [f32; 3]) -> [f32; 3] {
+    [-x, -y, -z]
 }
 
 #[inline(always)]
 pub(super) fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
     let h = &mut walk.hits;
-    (h.t[i], h.u[i], h.v[i], h.block[i], h.tri[i]) = (best.t, best.u, best.v, best.block, best.tri);
+    (*at_mut(&mut h.t, i), *at_mut(&mut h.u, i), *at_mut(&mut h.v, i)) = (best.t, best.u, best.v);
+    *at_mut(&mut h.block, i) = f32::from_bits(best.block);
+    *at_mut(&mut h.tri, i) = f32::from_bits(best.tri);
+    h.some |= u32::from(best.is_hit()) << i;
 }
 
 /// Pushes all but the nearest of the children that any ray meets; returns the nearest.
@@ -359,14 +413,18 @@ fn intervals<S: Simd>(s: S, node: &Node, shared: &Shared, far: f32) -> (u32, [f3
 #[inline(always)]
 fn meet<S: Simd>(s: S, planes: &Planes, slot: usize, walk: &PacketWalk) -> u32 {
     let rays = &walk.rays;
-    let mut enter = s.load16(&rays.t_min);
-    let mut leave = s.load16(&walk.hits.t);
-    for axis in 0..3 {
-        let inv = s.load16(&rays.inv[axis]);
-        let near = s.splat16(planes[axis][0][slot]).mul_add(inv, s.load16(&rays.minus_off_near[axis]));
-        let far = s.splat16(planes[axis][1][slot]).mul_add(inv, s.load16(&rays.minus_off_far[axis]));
-        enter = near.max(enter);
-        leave = far.min(leave);
+    let mut all = 0;
+    for h in 0..VECTORS {
+        let mut enter = s.load16(&rays.t_min[h]);
+        let mut leave = s.load16(&walk.hits.t[h]);
+        for axis in 0..3 {
+            let inv = s.load16(&rays.inv[axis][h]);
+            let near = s.splat16(planes[axis][0][slot]).mul_add(inv, s.load16(&rays.minus_off_near[axis][h]));
+            let far = s.splat16(planes[axis][1][slot]).mul_add(inv, s.load16(&rays.minus_off_far[axis][h]));
+            enter = near.max(enter);
+            leave = far.min(leave);
+        }
+        all |= enter.le(leave).bits() << (16 * h);
     }
-    enter.le(leave).bits()
+    all
 }
