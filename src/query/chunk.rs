@@ -1,10 +1,11 @@
 //! The rays that a worker answers at a time, and those of them that must wait for blocks.
 
-use super::batch::{Policy, RayWithMask};
-use super::finish::{Trees, finish};
+use super::batch::{Hits, Policy, RayWithMask, Rays};
+use super::finish::{Last, finish};
 use super::hit::{Hit, HitKind, Want};
 use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step};
 use crate::structure::bvh::trace::{PACKET, PacketWalk, STREAM, first_rays};
+use std::ops::Range;
 
 /// Rays of a chunk: some tens to hundreds of microseconds of work.
 pub(super) const CHUNK: usize = STREAM;
@@ -19,10 +20,13 @@ pub(super) struct Task {
     pub any: bool,
 }
 
-/// What it takes to trace a chunk. Reusable.
+/// What it takes to answer a chunk. Reusable.
 pub(super) struct Chunk {
-    pub rays: [RayWithMask; CHUNK],
+    /// Rays that go side by side, group by group, and at their end the group that is being looked at.
+    rays: [RayWithMask; CHUNK],
     found: [Found; CHUNK],
+    /// Where the groups begin in the batch.
+    firsts: [usize; CHUNK / PACKET],
     stream: SceneStream,
     packet: ScenePacket,
     in_one: PacketWalk,
@@ -41,6 +45,7 @@ impl Default for Chunk {
         Self {
             rays: [RayWithMask::NONE; CHUNK],
             found: [Found::nothing(0.0); CHUNK],
+            firsts: [0; CHUNK / PACKET],
             stream: SceneStream::default(),
             packet: ScenePacket::default(),
             in_one: PacketWalk::new(),
@@ -54,49 +59,53 @@ impl Default for Chunk {
 }
 
 impl Chunk {
-    /// Traces the first `count` of its rays.
-    pub fn trace(&mut self, view: &SceneView, task: Task, count: usize) {
-        self.unfinished.clear();
+    /// Answers `count` rays of a batch from `first` on, but for those that are `parked`.
+    pub fn run(&mut self, view: &SceneView, task: Task, first: usize, count: usize, rays: &impl Rays, hits: &impl Hits) {
         if self.want != task.want {
             (self.want, self.hits) = (task.want, [Hit::MISS; PACKET]);
         }
-        // Packets where neighbours go the same way, all others side by side.
-        let mut scattered = 0;
+        // Groups that go the same way are answered at once, the others gathered. Only the last may be a part of one.
+        let mut gathered = 0;
         for from in (0..count).step_by(PACKET) {
-            let to = count.min(from + PACKET);
-            if may_be_alike(&self.rays[from..to]) && self.trace_packet(view, task, from, to) {
-                self.trace_each(view, task, scattered, from);
-                scattered = to;
+            let group = gathered..gathered + PACKET.min(count - from);
+            self.firsts[gathered / PACKET] = first + from;
+            rays.read(first + from, &mut self.rays[group.clone()]);
+            self.unfinished.clear();
+            if may_be_alike(&self.rays[group.clone()]) && self.trace_packet(view, task, group.clone()) {
+                self.answer(view, task, group, hits);
+            } else {
+                gathered = group.end;
             }
         }
-        self.trace_each(view, task, scattered, count);
+        self.unfinished.clear();
+        self.trace_each(view, task, gathered);
+        for from in (0..gathered).step_by(PACKET) {
+            self.answer(view, task, from..gathered.min(from + PACKET), hits);
+        }
     }
 
-    fn trace_each(&mut self, view: &SceneView, task: Task, from: usize, to: usize) {
-        if from == to {
-            return;
-        }
-        let (rays, found) = (&self.rays[from..to], &mut self.found[from..to]);
+    fn trace_each(&mut self, view: &SceneView, task: Task, count: usize) {
+        let (rays, found) = (&self.rays[..count], &mut self.found[..count]);
         if task.any {
             view.trace_each::<true>(rays, &mut self.stream, found);
         } else {
             view.trace_each::<false>(rays, &mut self.stream, found);
         }
-        self.unfinished.extend(self.stream.unfinished().iter().map(|i| from as u32 + i));
+        self.unfinished.extend_from_slice(self.stream.unfinished());
     }
 
     /// A packet's rays together; false if they must go side by side.
-    fn trace_packet(&mut self, view: &SceneView, task: Task, from: usize, to: usize) -> bool {
-        let (rays, found) = (&self.rays[from..to], &mut self.found[from..to]);
+    fn trace_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>) -> bool {
+        let (rays, found) = (&self.rays[group.clone()], &mut self.found[group.clone()]);
         let step = if view.only_one().is_none() {
             // Here nobody looks at the rays: only the caller's word tells that they are near each other.
             if !task.coherent {
                 return false;
             }
-            let Some(rays) = self.rays[from..].first_chunk::<PACKET>() else { return false };
-            self.packet.begin(view, rays, first_rays(to - from));
+            let Some(rays) = self.rays[group.start..].first_chunk::<PACKET>() else { return false };
+            self.packet.begin(view, rays, first_rays(group.len()));
             let step = trace_whole(view, task, rays, &mut self.packet);
-            (from..to).for_each(|i| self.found[i] = *self.packet.best(i - from));
+            found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
             Some(step)
         } else if task.any {
             view.trace_together::<true>(rays, task.coherent, &mut self.in_one, found)
@@ -107,39 +116,38 @@ impl Chunk {
             None => return false,
             Some(Step::Done) => {}
             // Which of its rays had what they needed is not known.
-            Some(Step::Pending(_)) => self.unfinished.extend(from as u32..to as u32),
+            Some(Step::Pending(_)) => self.unfinished.extend(group.start as u32..group.end as u32),
         }
         true
     }
 
-    /// The answers of a group of a packet's size; `None` if it is parked.
-    pub fn finish(&mut self, view: &SceneView, task: Task, first: usize, group: usize, count: usize) -> Option<&[Hit]> {
-        let (from, to) = (group * PACKET, count.min((group + 1) * PACKET));
+    /// Writes the answers of a group, or parks it.
+    fn answer(&mut self, view: &SceneView, task: Task, group: Range<usize>, hits: &impl Hits) {
         let mut alone = Vec::new();
         let mut lacking = 0;
-        for &i in self.unfinished.iter().filter(|&&i| (from..to).contains(&(i as usize))) {
+        for &i in self.unfinished.iter().filter(|&&i| group.contains(&(i as usize))) {
             let i = i as usize;
             let mut walk = SceneWalk::default();
             walk.begin(view, &self.rays[i].ray);
             match trace(view, task, &self.rays[i], &mut walk) {
                 Step::Pending(need) if task.policy == Policy::Exact => {
                     self.needs.push(need);
-                    alone.push((i - from, walk));
+                    alone.push((i - group.start, walk));
                 }
                 step => {
                     self.found[i] = walk.best();
-                    lacking |= u32::from(step != Step::Done) << (i - from);
+                    lacking |= u32::from(step != Step::Done) << (i - group.start);
                 }
             }
         }
-        let (rays, found) = (&self.rays[from..to], &self.found[from..to]);
+        let (first, count) = (self.firsts[group.start / PACKET], group.len());
+        let (rays, found) = (&self.rays[group.clone()], &self.found[group]);
         if alone.is_empty() && finish_group(view, task, rays, found, lacking, &mut self.hits, &mut self.needs) {
-            return Some(&self.hits[..to - from]);
+            return hits.write(first, &self.hits[..count]);
         }
-        let mut group = Group::new(first + from, rays, found);
+        let mut group = Group::new(first, rays, found);
         group.alone = alone;
         self.parked.push(group);
-        None
     }
 }
 
@@ -171,9 +179,9 @@ fn finish_group(
     needs: &mut Vec<Need>,
 ) -> bool {
     let before = needs.len();
-    let mut trees = Trees::new();
+    let mut last = Last::new();
     for (i, ((it, found), hit)) in rays.iter().zip(found).zip(hits).enumerate() {
-        match (finish(view, &mut trees, &it.ray, found, task.want, hit), task.policy) {
+        match (finish(view, &mut last, &it.ray, found, task.want, hit), task.policy) {
             (Ok(()), _) if lacking >> i & 1 == 0 => {}
             (Err(need), Policy::Exact) => needs.push(need),
             _ => hit.kind = HitKind::Missing,

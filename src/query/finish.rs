@@ -7,21 +7,59 @@ use crate::scene::walk::{Found, Need, SceneView};
 use crate::structure::bvh::trace::{Triangle, TreeView};
 use glam::{DVec3, Vec3};
 
-/// The placed tree of the last hit: the next one is most often of the same.
-pub(crate) struct Trees<'a>(Option<(u32, TreeView<'a>)>);
+/// What was hit last: the next ray most often hits the same tree, and where rays are denser than triangles, the
+/// same triangle.
+pub(crate) struct Last<'a> {
+    tree: Option<(u32, TreeView<'a>)>,
+    /// The place of `surface`; of nothing at first.
+    block: u32,
+    tri: u32,
+    surface: Surface,
+}
 
-impl<'a> Trees<'a> {
-    /// None yet.
+/// What all hits of a triangle share.
+#[derive(Clone, Copy)]
+struct Surface {
+    triangle: Triangle,
+    normal: WorldNormal,
+    /// The caller's id of its part.
+    part: u64,
+}
+
+impl<'a> Last<'a> {
+    /// Nothing yet.
     pub fn new() -> Self {
-        Self(None)
+        let triangle = Triangle { vertices: [Vec3::ZERO; 3], part: 0 };
+        let normal = WorldNormal { normal: DVec3::ZERO, unit: DVec3::ZERO };
+        Self { tree: None, block: u32::MAX, tri: 0, surface: Surface { triangle, normal, part: super::hit::NONE } }
     }
 
     #[inline(always)]
-    fn get(&mut self, view: &SceneView<'a>, placed: u32) -> &TreeView<'a> {
-        if self.0.is_none_or(|(last, _)| last != placed) {
-            self.0 = None;
+    fn tree(&mut self, view: &SceneView<'a>, placed: u32) -> &TreeView<'a> {
+        if self.tree.is_none_or(|(last, _)| last != placed) {
+            (self.tree, self.block) = (None, u32::MAX);
         }
-        &self.0.get_or_insert_with(|| (placed, view.tree(placed))).1
+        &self.tree.get_or_insert_with(|| (placed, view.tree(placed))).1
+    }
+
+    /// The surface that was found, in the tree that [`Last::tree`] gave last; `None` if its block is not there.
+    #[inline(always)]
+    fn surface(&mut self, view: &SceneView, tree: &TreeView, found: &Found, want: Want) -> Option<&Surface> {
+        if (self.block, self.tri) != (found.tri.block, found.tri.tri) {
+            self.block = u32::MAX;
+            let triangle = tree.triangle(&found.tri)?;
+            let placed = &view.scene.placement.placed[found.placed as usize];
+            self.surface.triangle = triangle;
+            if want.has(Want::PART) {
+                let part = placed.first_part.saturating_add(triangle.part) as usize;
+                self.surface.part = view.model_of(found.placed).parts().get(part).map_or(super::hit::NONE, |p| p.id);
+            }
+            if want.has(Want::NORMAL) {
+                self.surface.normal = WorldNormal::new(placed, &triangle);
+            }
+            (self.block, self.tri) = (found.tri.block, found.tri.tri);
+        }
+        Some(&self.surface)
     }
 }
 
@@ -135,7 +173,7 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 /// surface before t is less than that before it, along the ray, divided by the cosine at which it is met:
 /// 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
 #[inline(always)]
-pub(crate) fn finish<'a>(view: &SceneView<'a>, trees: &mut Trees<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
+pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
     if !found.is_hit() {
         // The least that undoes the hit before: what is never asked for is never written.
         if hit.kind != HitKind::Miss {
@@ -151,7 +189,7 @@ pub(crate) fn finish<'a>(view: &SceneView<'a>, trees: &mut Trees<'a>, ray: &Ray,
         hit.instance = scene.instances[placed.instance as usize].id;
     }
     let need = |block| Need { model: placed.model, block };
-    let tree = trees.get(view, found.placed);
+    let tree = *last.tree(view, found.placed);
     if want.has(Want::PRIM) {
         hit.prim = u64::from(tree.prim(&found.tri).map_err(need)?);
     }
@@ -160,25 +198,18 @@ pub(crate) fn finish<'a>(view: &SceneView<'a>, trees: &mut Trees<'a>, ray: &Ray,
     }
     if want.any_of(Want(Want::POSITION.0 | Want::NORMAL.0 | Want::PART.0 | Want::ERROR.0)) {
         let block = crate::base::ids::BlockId(found.tri.block);
-        let triangle = tree.triangle(&found.tri).ok_or(need(block))?;
-        fill_from_triangle(view, ray, found, &triangle, want, hit);
+        let surface = last.surface(view, &tree, found, want).ok_or(need(block))?;
+        if want.has(Want::PART) {
+            hit.part = surface.part;
+        }
+        if want.has(Want::NORMAL) {
+            hit.normal = surface.normal.facing(ray.dir.as_dvec3());
+        }
+        if want.any_of(Want(Want::POSITION.0 | Want::ERROR.0)) {
+            fill_from_meeting(placed, ray, found, &surface.triangle, want, hit);
+        }
     }
     Ok(())
-}
-
-#[inline(always)]
-fn fill_from_triangle(view: &SceneView, ray: &Ray, found: &Found, triangle: &Triangle, want: Want, hit: &mut Hit) {
-    let placed = &view.scene.placement.placed[found.placed as usize];
-    if want.has(Want::PART) {
-        let part = placed.first_part.saturating_add(triangle.part) as usize;
-        hit.part = view.model_of(found.placed).parts().get(part).map_or(super::hit::NONE, |p| p.id);
-    }
-    if want.has(Want::NORMAL) {
-        hit.normal = facing_normal(placed, triangle, ray.dir.as_dvec3());
-    }
-    if want.any_of(Want(Want::POSITION.0 | Want::ERROR.0)) {
-        fill_from_meeting(placed, ray, found, triangle, want, hit);
-    }
 }
 
 /// What needs the hit in double precision.
@@ -206,16 +237,37 @@ fn fill_from_meeting(placed: &Placed, ray: &Ray, found: &Found, triangle: &Trian
 /// is too thin to have one.
 #[inline(always)]
 pub(crate) fn facing_normal(placed: &Placed, triangle: &Triangle, dir: DVec3) -> Vec3 {
-    let [a, b, c] = triangle.vertices;
-    let a = a.as_dvec3();
-    let normal = placed.world_normal((b.as_dvec3() - a).cross(c.as_dvec3() - a));
-    let square = normal.length_squared();
-    if !NORMAL_SQUARES.contains(&square) {
-        return extreme_normal(normal, dir).as_vec3();
+    WorldNormal::new(placed, triangle).facing(dir)
+}
+
+/// A triangle's normal in the world, on the side from which its corners are seen counter-clockwise.
+#[derive(Clone, Copy)]
+struct WorldNormal {
+    /// Of any length.
+    normal: DVec3,
+    /// Of length 1 to single precision; zero where the square of `normal` leaves its range.
+    unit: DVec3,
+}
+
+impl WorldNormal {
+    #[inline(always)]
+    fn new(placed: &Placed, triangle: &Triangle) -> Self {
+        let [a, b, c] = triangle.vertices;
+        let a = a.as_dvec3();
+        let normal = placed.world_normal((b.as_dvec3() - a).cross(c.as_dvec3() - a));
+        let square = normal.length_squared();
+        // Single precision is what the answer has; a root and a quotient of it take half the time.
+        let scale = if NORMAL_SQUARES.contains(&square) { f64::from(1.0 / (square as f32).sqrt()) } else { 0.0 };
+        Self { normal, unit: normal * scale }
     }
-    // Single precision is what the answer has; a root and a quotient of it take half the time.
-    let scale = f64::from(1.0 / (square as f32).sqrt());
-    (normal * if normal.dot(dir) <= 0.0 { scale } else { -scale }).as_vec3()
+
+    #[inline(always)]
+    fn facing(&self, dir: DVec3) -> Vec3 {
+        if self.unit == DVec3::ZERO {
+            return extreme_normal(self.normal, dir).as_vec3();
+        }
+        (if self.normal.dot(dir) <= 0.0 { self.unit } else { -self.unit }).as_vec3()
+    }
 }
 
 /// Squares of lengths whose roots and reciprocals keep all digits of single precision.

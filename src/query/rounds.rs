@@ -129,14 +129,7 @@ where
     fn run_chunk(&self, item: usize, view: &SceneView, chunk: &mut Chunk) {
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
-        self.rays.read(first, &mut chunk.rays[..count]);
-        let task = self.task();
-        chunk.trace(view, task, count);
-        for group in 0..count.div_ceil(PACKET) {
-            if let Some(hits) = chunk.finish(view, task, first, group, count) {
-                self.hits.write(first + group * PACKET, hits);
-            }
-        }
+        chunk.run(view, self.task(), first, count, &self.rays, &self.hits);
         let parked: usize = chunk.parked.iter().map(|group| group.count()).sum();
         self.shared.answered.fetch_add((count - parked) as u64, Relaxed);
         if parked > 0 {

@@ -4,7 +4,7 @@ use super::model::Tree;
 use super::top::Slabs;
 use crate::base::error::{Error, Result};
 use crate::math::{Cone, DBounds, Ray};
-use crate::structure::bvh::trace::LocalRay;
+use crate::structure::bvh::trace::{LocalRay, USUAL_DIRS};
 use glam::{DAffine3, DMat3, DVec3};
 
 /// A tree seen through an affine map: x -> `linear` x + `offset` takes its frame to the world.
@@ -45,8 +45,6 @@ struct Local {
 /// enters: single precision holds positions to 2⁻²⁴ of the distance, so beyond some reaches the
 /// tree's own detail would be lost.
 const FAR: f64 = 4.0;
-/// Magnitudes of directions that are left as they are.
-const DIRECTIONS: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
 /// The greatest ratio of singular values of a transform.
 const MOST_SKEW: f64 = 1e12;
 
@@ -127,6 +125,18 @@ impl Placed {
         if self.unturned { v } else { self.inverse * v }
     }
 
+    /// Where the tree's zero lies, if that is all that its frame differs by.
+    #[inline]
+    pub fn only_shifted(&self) -> Option<DVec3> {
+        self.unturned.then_some(self.offset)
+    }
+
+    /// How far along an axis an origin may lie, in the tree's frame, without being moved nearer.
+    #[inline]
+    pub fn near(&self) -> f32 {
+        (FAR * self.reach) as f32
+    }
+
     /// A point of the tree's frame in the world.
     #[inline]
     pub fn world_point(&self, p: DVec3) -> DVec3 {
@@ -172,7 +182,7 @@ impl Placed {
         let size = ray.dir.abs().max_element();
         let org = ray.origin - self.offset;
         let is_near = org.abs().max_element() <= FAR * self.reach;
-        if self.unturned && is_near && DIRECTIONS.contains(&size) && ray.t_min.abs() < f64::INFINITY {
+        if self.unturned && is_near && USUAL_DIRS.contains(&size) && ray.t_min.abs() < f64::INFINITY {
             // The common case: nothing but one rounding. What is not a number gets through, to be found by the walk.
             local.org = org.as_vec3();
             local.dir = ray.dir;
@@ -196,7 +206,7 @@ impl Placed {
             org += dir * shift;
         }
         let size = dir.abs().max_element() as f32;
-        if !DIRECTIONS.contains(&size) {
+        if !USUAL_DIRS.contains(&size) {
             // A power of two: exact.
             let size = dir.abs().max_element();
             scale = 0.5f64.powi(size.log2().round().clamp(-1000.0, 1000.0) as i32);

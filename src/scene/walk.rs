@@ -100,7 +100,7 @@ impl Found {
 
     /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree.
     #[inline]
-    fn offer<const ANY: bool>(&mut self, placed: u32, tri: TriHit, shift: f64, scale: f64) {
+    pub(super) fn offer<const ANY: bool>(&mut self, placed: u32, tri: TriHit, shift: f64, scale: f64) {
         if tri.is_hit() {
             let t = shift + scale * f64::from(tri.t);
             // The tree's walk had the best t rounded up: what it found may still be beyond. Where any
@@ -168,7 +168,7 @@ impl<'a> SceneView<'a> {
     }
 
     #[inline]
-    fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
+    pub(super) fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
         let p = &self.scene.placement.placed[placed as usize];
         let hidden = &self.scene.instances[p.instance as usize].parts.hidden;
         (!hidden.is_empty()).then_some(PartFilter { hidden, first_part: p.first_part })
@@ -176,13 +176,13 @@ impl<'a> SceneView<'a> {
 
     /// The mask of the rays that see the placed tree.
     #[inline]
-    fn seen_by(&self, placed: u32) -> u32 {
+    pub(super) fn seen_by(&self, placed: u32) -> u32 {
         let p = &self.scene.placement.placed[placed as usize];
         let instance = &self.scene.instances[p.instance as usize];
         if instance.state.visible { instance.mask } else { 0 }
     }
 
-    fn need(&self, placed: u32, block: BlockId) -> Need {
+    pub(super) fn need(&self, placed: u32, block: BlockId) -> Need {
         Need { model: self.scene.placement.placed[placed as usize].model, block }
     }
 
@@ -246,12 +246,12 @@ impl<'a> SceneView<'a> {
 
 /// Single rays side by side in a scene. Reusable.
 pub(crate) struct SceneStream {
-    tree: Stream,
+    pub(super) tree: Stream,
     /// Shift and scale of each ray in the tree.
-    moved: Box<[(f64, f64); STREAM]>,
-    hits: Box<[TriHit; STREAM]>,
+    pub(super) moved: Box<[(f64, f64); STREAM]>,
+    pub(super) hits: Box<[TriHit; STREAM]>,
     alone: SceneWalk,
-    unfinished: Vec<u32>,
+    pub(super) unfinished: Vec<u32>,
 }
 
 impl Default for SceneStream {
@@ -421,70 +421,6 @@ impl SceneView<'_> {
                 Step::Done => found[i] = walk.alone.best(),
                 Step::Pending(_) => walk.unfinished.push(i as u32),
             }
-        }
-    }
-
-    /// Up to a packet's rays together in a scene that is one placed tree, if they go the same way (see
-    /// [`PacketWalk::is_coherent`]); else `None`. `Pending`: the rays are to be begun anew, each alone.
-    pub fn trace_together<const ANY: bool>(&self, rays: &[RayWithMask], says: bool, walk: &mut PacketWalk, found: &mut [Found]) -> Option<Step> {
-        let placed = self.only_one()?;
-        let p = &self.scene.placement.placed[placed as usize];
-        let seen_by = self.seen_by(placed);
-        let mut moved = [(0.0, 1.0); PACKET];
-        let mut inside = 0;
-        let mut local = LocalRay::NONE;
-        for (i, it) in rays.iter().enumerate().take(PACKET) {
-            if it.mask & seen_by != 0
-                && let Some(way) = p.local(&it.ray, it.ray.t_max, &mut local)
-            {
-                moved[i] = way;
-                inside |= 1 << i;
-                walk.set(i, &local);
-            }
-        }
-        let (tree, filter) = (self.tree(placed), self.filter(placed));
-        walk.start(&tree, inside);
-        if !walk.is_coherent(&tree, says) {
-            return None;
-        }
-        let outcome = if ANY { tree.any_together(filter.as_ref(), walk) } else { tree.closest_together(filter.as_ref(), walk) };
-        if let Outcome::Pending(block) = outcome {
-            return Some(Step::Pending(self.need(placed, block)));
-        }
-        for (i, (it, found)) in rays.iter().zip(found).enumerate() {
-            *found = Found::nothing(it.ray.t_max);
-            if inside >> i & 1 == 1 {
-                found.offer::<ANY>(placed, walk.best(i), moved[i].0, moved[i].1);
-            }
-        }
-        Some(Step::Done)
-    }
-
-    fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[RayWithMask], walk: &mut SceneStream, found: &mut [Found]) {
-        let p = &self.scene.placement.placed[placed as usize];
-        let seen_by = self.seen_by(placed);
-        let SceneStream { tree: stream, moved, hits, unfinished, .. } = walk;
-        let hits = &mut hits[..rays.len()];
-        let mut local = LocalRay::NONE;
-        for (i, it) in rays.iter().enumerate() {
-            match if it.mask & seen_by != 0 { p.local(&it.ray, it.ray.t_max, &mut local) } else { None } {
-                Some(way) => {
-                    stream.set(i, &local);
-                    moved[i] = way;
-                }
-                None => stream.set(i, &LocalRay::NONE),
-            }
-        }
-        let (tree, filter) = (self.tree(placed), self.filter(placed));
-        if ANY {
-            tree.any_each(filter.as_ref(), stream, hits);
-        } else {
-            tree.closest_each(filter.as_ref(), stream, hits);
-        }
-        unfinished.extend_from_slice(stream.unfinished());
-        for (i, (hit, found)) in hits.iter().zip(found).enumerate() {
-            *found = Found::nothing(rays[i].ray.t_max);
-            found.offer::<ANY>(placed, *hit, moved[i].0, moved[i].1);
         }
     }
 }

@@ -112,14 +112,14 @@ pub fn dispatch<O: Op>(isa: Isa, op: O) -> O::Out {
     op.run(Portable::new())
 }
 
-/// Asks the CPU to bring the cache line that holds `data` into the L1; a hint, never a fault.
+/// Asks the CPU to bring the cache line at `data` into the L1; a hint, never a fault, whatever the address.
 #[inline(always)]
-pub fn prefetch<T>(data: &T) {
+pub fn prefetch<T>(data: *const T) {
     #[cfg(target_arch = "x86_64")]
     // SAFETY: a prefetch has no architectural effect, and SSE is part of x86-64.
     unsafe {
         std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(
-            std::ptr::from_ref(data).cast(),
+            data.cast(),
         );
     }
     #[cfg(not(target_arch = "x86_64"))]

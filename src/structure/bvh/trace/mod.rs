@@ -16,7 +16,7 @@ mod stream_pass;
 mod walk;
 
 pub use packet::{PACKET, PacketWalk, first_rays};
-pub use ray::{LocalRay, PreparedRay};
+pub use ray::{LocalRay, PreparedRay, USUAL_DIRS};
 pub use stream::{STREAM, Stream};
 pub use walk::{Counters, Outcome, TriHit, Walk};
 

@@ -163,6 +163,12 @@ impl PacketWalk {
         *at_mut(&mut self.hits.t, i) = ray.t_max;
     }
 
+    /// Whether all rays taken over start within `near` of the tree's zero along each axis, have directions of usual
+    /// magnitude ([`USUAL_DIRS`]) and begin at a finite distance; one below zero is then taken as zero.
+    pub fn is_within(&mut self, view: &TreeView, count: usize, near: f32) -> bool {
+        dispatch(view.isa, Within { walk: self, near }) | !first_rays(count) == u32::MAX
+    }
+
     /// Puts those of the rays taken over that are in `active` at the root of `view`; the others miss.
     pub fn start(&mut self, view: &TreeView, active: u32) {
         dispatch(view.isa, Start { walk: self, view, active });
@@ -184,6 +190,12 @@ impl PacketWalk {
         }
         let (block, tri) = (at(&h.block, i).to_bits(), at(&h.tri, i).to_bits());
         TriHit { t: at(&h.t, i), u: at(&h.u, i), v: at(&h.v, i), block, tri }
+    }
+
+    /// Rays that have a hit.
+    #[inline]
+    pub fn found(&self) -> u32 {
+        self.hits.some
     }
 
     /// Rays that have not ended.
@@ -223,6 +235,20 @@ impl Op for Start<'_, '_> {
         }
         walk.shared = packet_visit::prepare(s, &mut walk.rays, view.reach);
         walk.stack.push(PacketEntry { t: 0.0, rays: walk.waiting, block: view.root_block, child: view.root });
+    }
+}
+
+struct Within<'a> {
+    walk: &'a mut PacketWalk,
+    near: f32,
+}
+
+impl Op for Within<'_> {
+    type Out = u32;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> u32 {
+        packet_visit::within(s, &mut self.walk.rays, self.near)
     }
 }
 

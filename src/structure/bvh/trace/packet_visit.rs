@@ -9,7 +9,7 @@
 use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
 use super::packet_leaf::leaf;
 use super::single::{self, RayLanes};
-use super::ray::{MAX_DIR, MIN_DIR};
+use super::ray::{MAX_DIR, MIN_DIR, USUAL_DIRS};
 use super::walk::{Entry, Outcome, TriHit};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -123,6 +123,28 @@ pub(super) fn valid<S: Simd>(s: S, rays: &PacketRays, t_max: &Row) -> u32 {
             size = dir.max(size);
         }
         all |= ok.and(s.splat16(MIN_DIR).le(size)).bits() << (16 * h);
+    }
+    all
+}
+
+/// See [`super::PacketWalk::is_within`].
+#[inline(always)]
+pub(super) fn within<S: Simd>(s: S, rays: &mut PacketRays, near: f32) -> u32 {
+    let (zero, near) = (s.splat16(0.0), s.splat16(near));
+    let (least, greatest) = (s.splat16(*USUAL_DIRS.start()), s.splat16(*USUAL_DIRS.end()));
+    let mut all = 0;
+    for h in 0..VECTORS {
+        let t_min = s.load16(&rays.t_min[h]);
+        // NaN is not less than anything.
+        let mut ok = abs(zero, t_min).le(s.splat16(f32::MAX));
+        let mut size = zero;
+        for axis in 0..3 {
+            let dir = abs(zero, s.load16(&rays.dir[axis][h]));
+            ok = ok.and(abs(zero, s.load16(&rays.org[axis][h])).le(near)).and(dir.le(greatest));
+            size = dir.max(size);
+        }
+        rays.t_min[h] = t_min.max(zero).to_array();
+        all |= ok.and(least.le(size)).bits() << (16 * h);
     }
     all
 }

@@ -42,6 +42,9 @@ pub const MIN_DIR: f32 = 1e-15;
 /// See [`MIN_DIR`].
 pub const MAX_DIR: f32 = 1e15;
 
+/// Greatest components of directions that need no scaling: within, all of single precision's digits count.
+pub const USUAL_DIRS: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
+
 /// A ray ready for box and triangle tests.
 ///
 /// A box plane at `p` is met at `p * inv - off`. `off_near` and `off_far` differ by twice the

@@ -1,0 +1,112 @@
+//! Rays in a scene that is one placed tree, the most frequent kind: there is no top-level tree to walk.
+
+use super::placed::{Placed, not_below};
+use super::walk::{Found, RayWithMask, SceneStream, SceneView, Step, bits};
+use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, first_rays};
+
+/// Shift and scale of rays that were not moved.
+const UNMOVED: (f64, f64) = (0.0, 1.0);
+
+impl SceneView<'_> {
+    /// Up to a packet's rays together in a scene that is one placed tree, if they go the same way (see
+    /// [`PacketWalk::is_coherent`]); else `None`. `Pending`: the rays are to be begun anew, each alone.
+    pub fn trace_together<const ANY: bool>(
+        &self,
+        rays: &[RayWithMask],
+        says: bool,
+        walk: &mut PacketWalk,
+        found: &mut [Found],
+    ) -> Option<Step> {
+        let placed = self.only_one()?;
+        let p = &self.scene.placement.placed[placed as usize];
+        let (tree, filter) = (self.tree(placed), self.filter(placed));
+        let mut moved = [UNMOVED; PACKET];
+        let seen_by = self.seen_by(placed);
+        let active = match set_unmoved(p, rays, seen_by, walk) {
+            true if walk.is_within(&tree, rays.len(), p.near()) => first_rays(rays.len()),
+            _ => set_moved(p, rays, seen_by, walk, &mut moved),
+        };
+        walk.start(&tree, active);
+        if !walk.is_coherent(&tree, says) {
+            return None;
+        }
+        let outcome = if ANY {
+            tree.any_together(filter.as_ref(), walk)
+        } else {
+            tree.closest_together(filter.as_ref(), walk)
+        };
+        if let Outcome::Pending(block) = outcome {
+            return Some(Step::Pending(self.need(placed, block)));
+        }
+        for (it, found) in rays.iter().zip(&mut *found) {
+            *found = Found::nothing(it.ray.t_max);
+        }
+        for i in bits(walk.found()) {
+            found[i].offer::<ANY>(placed, walk.best(i), moved[i].0, moved[i].1);
+        }
+        Some(Step::Done)
+    }
+
+    pub(super) fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[RayWithMask], walk: &mut SceneStream, found: &mut [Found]) {
+        let p = &self.scene.placement.placed[placed as usize];
+        let seen_by = self.seen_by(placed);
+        let SceneStream { tree: stream, moved, hits, unfinished, .. } = walk;
+        let hits = &mut hits[..rays.len()];
+        let mut local = LocalRay::NONE;
+        for (i, it) in rays.iter().enumerate() {
+            match if it.mask & seen_by != 0 { p.local(&it.ray, it.ray.t_max, &mut local) } else { None } {
+                Some(way) => {
+                    stream.set(i, &local);
+                    moved[i] = way;
+                }
+                None => stream.set(i, &LocalRay::NONE),
+            }
+        }
+        let (tree, filter) = (self.tree(placed), self.filter(placed));
+        if ANY {
+            tree.any_each(filter.as_ref(), stream, hits);
+        } else {
+            tree.closest_each(filter.as_ref(), stream, hits);
+        }
+        unfinished.extend_from_slice(stream.unfinished());
+        for (i, (hit, found)) in hits.iter().zip(found).enumerate() {
+            *found = Found::nothing(rays[i].ray.t_max);
+            found.offer::<ANY>(placed, *hit, moved[i].0, moved[i].1);
+        }
+    }
+}
+
+/// Takes rays into the tree's frame by nothing but a subtraction, which does not do for all: false if that is clear
+/// here, else [`PacketWalk::is_within`] tells.
+#[inline(always)]
+fn set_unmoved(p: &Placed, rays: &[RayWithMask], seen_by: u32, walk: &mut PacketWalk) -> bool {
+    let Some(offset) = p.only_shifted() else { return false };
+    let mut is_seen = true;
+    let mut local = LocalRay::NONE;
+    for (i, it) in rays.iter().enumerate().take(PACKET) {
+        is_seen &= it.mask & seen_by != 0;
+        local.org = (it.ray.origin - offset).as_vec3();
+        local.dir = it.ray.dir;
+        local.t_min = it.ray.t_min as f32;
+        local.t_max = not_below(it.ray.t_max);
+        walk.set(i, &local);
+    }
+    is_seen
+}
+
+/// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.
+#[inline(never)]
+fn set_moved(p: &Placed, rays: &[RayWithMask], seen_by: u32, walk: &mut PacketWalk, moved: &mut [(f64, f64); PACKET]) -> u32 {
+    let mut active = 0;
+    let mut local = LocalRay::NONE;
+    for (i, it) in rays.iter().enumerate().take(PACKET) {
+        if it.mask & seen_by != 0
+            && let Some(way) = p.local(&it.ray, it.ray.t_max, &mut local)
+        {
+            moved[i] = way;
+            active |= 1 << i;
+            walk.set(i, &local);
+        }
+    }
+    active
+}
