@@ -131,7 +131,7 @@ fn nested_shared_mirrored_squashed_and_tied() {
     let world: Vec<Ray> = wide
         .iter()
         .zip(&rays)
-        .map(|(w, r)| Ray { origin: w.org, dir: r.dir, t_min: w.t_min, t_max: w.t_max, cone: Cone::ZERO })
+        .map(|(w, r)| Ray { origin: w.org, dir: r.dir, t_min: w.t_min, t_max: w.t_max, cone: Cone::ZERO, mask: u32::MAX })
         .collect();
     let ask = |coherent| {
         let mut hits = vec![Hit::MISS; world.len()];

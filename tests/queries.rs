@@ -10,7 +10,7 @@ use common::scenes;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use outcrop::math::{DBounds, Ray};
 use outcrop::query::{Hit, HitKind, How, NONE, Policy, QueryOptions, QueryState, Want};
-use outcrop::query::{Hits, Plane, Query, RayWithMask, Rays};
+use outcrop::query::{Hits, Plane, Query, Rays};
 use outcrop::scene::{Model, Scene, SceneState, State};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -206,9 +206,9 @@ fn intervals_masks_and_impossible_rays() {
         fn count(&self) -> usize {
             3
         }
-        fn read(&self, first: usize, out: &mut [RayWithMask]) {
+        fn read(&self, first: usize, out: &mut [Ray]) {
             for (i, out) in out.iter_mut().enumerate() {
-                *out = RayWithMask { ray: self.0, mask: [1, 2, 0][first + i] };
+                *out = Ray { mask: [1, 2, 0][first + i], ..self.0 };
             }
         }
     }
@@ -350,10 +350,10 @@ fn queries_in_the_background_can_be_polled_waited_for_and_cancelled() {
         fn count(&self) -> usize {
             self.0
         }
-        fn read(&self, first: usize, out: &mut [RayWithMask]) {
+        fn read(&self, first: usize, out: &mut [Ray]) {
             for (i, out) in out.iter_mut().enumerate() {
                 let x = ((first + i) % 100) as f64 * 0.01 - 0.5;
-                *out = RayWithMask { ray: Ray::new(DVec3::new(x, 0.1, 5.0), -Vec3::Z), mask: 1 };
+                *out = Ray { mask: 1, ..Ray::new(DVec3::new(x, 0.1, 5.0), -Vec3::Z) };
             }
         }
     }

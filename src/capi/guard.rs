@@ -3,9 +3,11 @@
 
 use super::status::*;
 use crate::base::error::Error;
+use crate::simd::prefetch;
 use std::any::Any;
 use std::cell::{Cell, RefCell};
 use std::ffi::{CStr, CString, c_char};
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Why an entry point fails: an error of the crate, or one that only the C side knows.
@@ -264,6 +266,50 @@ impl<T: Copy> Strided<T> {
     pub(crate) unsafe fn get(&self, index: usize) -> T {
         // SAFETY: within the array, which `new` found to lie in the address space.
         unsafe { self.at(index).read_unaligned() }
+    }
+
+    /// Copies elements from `first` on to `out`, whose elements are the same bytes under another name.
+    ///
+    /// # Safety
+    /// As for `get`, of all of them; the bytes of any `T` are those of some `U`.
+    #[inline]
+    pub(crate) unsafe fn copy_to<U: Copy>(&self, first: usize, out: &mut [U]) {
+        const { assert!(size_of::<T>() == size_of::<U>()) };
+        if self.stride == size_of::<T>() {
+            // SAFETY: within the array, which is tight; `out` is ours alone.
+            unsafe { self.at(first).cast::<u8>().copy_to_nonoverlapping(out.as_mut_ptr().cast(), size_of_val(out)) };
+            return;
+        }
+        for (i, out) in out.iter_mut().enumerate() {
+            // SAFETY: within the array; any `T` is some `U`.
+            *out = unsafe { self.at(first + i).cast::<U>().read_unaligned() };
+        }
+    }
+
+    /// Copies `from`, whose elements are the same bytes under another name, to the elements from `first` on.
+    ///
+    /// # Safety
+    /// As for `set`, of all of them; the bytes of any `U` are those of some `T`, with none between members.
+    #[inline]
+    pub(crate) unsafe fn copy_from<U: Copy>(&self, first: usize, from: &[U]) {
+        const { assert!(size_of::<T>() == size_of::<U>()) };
+        if self.stride == size_of::<T>() {
+            // SAFETY: within the array, which is tight; nobody else uses these elements.
+            unsafe { self.at(first).cast::<u8>().copy_from_nonoverlapping(from.as_ptr().cast(), size_of_val(from)) };
+            return;
+        }
+        for (i, from) in from.iter().enumerate() {
+            // SAFETY: within the array; any `U` is some `T`.
+            unsafe { self.at(first + i).cast::<U>().write_unaligned(*from) };
+        }
+    }
+
+    /// Asks the CPU for the memory of elements that will be read soon. Those beyond the last are ignored.
+    #[inline]
+    pub(crate) fn ask_for(&self, elements: Range<usize>) {
+        for i in elements.start..elements.end.min(self.count) {
+            prefetch(self.at(i));
+        }
     }
 
     /// # Safety

@@ -6,9 +6,8 @@ use super::handles::{self, Shell};
 use super::job::{LongWork, Snapshot, Wake, give_job, oc_job};
 use super::scene::{SceneObject, oc_scene};
 use super::status::oc_status;
-use crate::math::{Cone, Ray};
-use crate::query::{Hit, Hits, Policy, Query, QueryOptions, QueryState, RayWithMask, Rays, Want};
-use glam::{DVec3, Vec3};
+use crate::math::Ray;
+use crate::query::{Hit, Hits, Policy, Query, QueryOptions, QueryState, Rays, Want};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -170,32 +169,41 @@ impl Rays for CRays {
     fn count(&self) -> usize {
         self.0.count
     }
-    fn read(&self, first: usize, out: &mut [RayWithMask]) {
-        for (i, out) in out.iter_mut().enumerate() {
-            // SAFETY: within the array, which the caller keeps readable until the batch has ended.
-            let ray = unsafe { self.0.get(first + i) };
-            out.ray = Ray {
-                origin: DVec3::from_array(ray.origin),
-                dir: Vec3::from_array(ray.direction),
-                t_min: ray.t_min,
-                t_max: if ray.t_max == 0.0 { f64::INFINITY } else { ray.t_max },
-                cone: Cone { a: ray.cone_a, b: ray.cone_b },
-            };
-            out.mask = if ray.mask == 0 { u32::MAX } else { ray.mask };
+    fn read(&self, first: usize, out: &mut [Ray]) {
+        // SAFETY: within the array, which the caller keeps readable until the batch has ended; both structs have the
+        // same members at the same places (see below), numbers all, of which any bits are some.
+        unsafe { self.0.copy_to(first, out) };
+        self.0.ask_for(first + out.len()..first + 2 * out.len());
+        for ray in out {
+            if ray.t_max == 0.0 {
+                ray.t_max = f64::INFINITY;
+            }
+            if ray.mask == 0 {
+                ray.mask = u32::MAX;
+            }
         }
     }
 }
+
+/// Asserts that members of two structs lie at the same places.
+macro_rules! same_places {
+    ($c:ty, $rust:ty: $($theirs:tt is $ours:tt),+) => {
+        const _: () = assert!(size_of::<$c>() == size_of::<$rust>());
+        $(const _: () = assert!(std::mem::offset_of!($c, $theirs) == std::mem::offset_of!($rust, $ours));)+
+    };
+}
+same_places!(oc_ray, Ray: origin is origin, t_min is t_min, t_max is t_max, direction is dir, cone_a is cone, mask is mask);
+same_places!(oc_hit, Hit: t is t, position is position, t_free is t_free, part is part, instance is instance,
+    prim is prim, normal is normal, uv is uv, error is error, kind is kind, reserved is reserved);
 
 /// The caller's hits.
 struct CHits(Strided<oc_hit>);
 
 impl Hits for CHits {
     fn write(&self, first: usize, hits: &[Hit]) {
-        for (i, hit) in hits.iter().enumerate() {
-            // SAFETY: within the array, which the caller leaves to us until the batch has ended; each
-            // index is written by one worker.
-            unsafe { self.0.set(first + i, hit.into()) };
-        }
+        // SAFETY: within the array, which the caller leaves to us until the batch has ended; each index is written by
+        // one worker. Both structs have the same members at the same places, and no bytes between them.
+        unsafe { self.0.copy_from(first, hits) };
     }
 }
 

@@ -5,7 +5,6 @@ use super::rounds::{Batch, Shared};
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job};
 use crate::math::Ray;
-pub use crate::scene::walk::RayWithMask;
 use crate::scene::SceneState;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -15,7 +14,7 @@ pub trait Rays: Sync {
     /// Number of rays.
     fn count(&self) -> usize;
     /// Writes rays `first..first + out.len()`, all below `count`, to `out`.
-    fn read(&self, first: usize, out: &mut [RayWithMask]);
+    fn read(&self, first: usize, out: &mut [Ray]);
 }
 
 /// Where a batch writes its answers: called from any worker, also several at once, each index once.
@@ -167,7 +166,7 @@ impl<T: Rays + ?Sized> Rays for &T {
     fn count(&self) -> usize {
         (**self).count()
     }
-    fn read(&self, first: usize, out: &mut [RayWithMask]) {
+    fn read(&self, first: usize, out: &mut [Ray]) {
         (**self).read(first, out);
     }
 }
@@ -176,7 +175,7 @@ impl Rays for Arc<dyn Rays + Send + Sync> {
     fn count(&self) -> usize {
         (**self).count()
     }
-    fn read(&self, first: usize, out: &mut [RayWithMask]) {
+    fn read(&self, first: usize, out: &mut [Ray]) {
         (**self).read(first, out);
     }
 }
@@ -193,15 +192,12 @@ impl Hits for Arc<dyn Hits + Send + Sync> {
     }
 }
 
-/// Every ray sees everything.
 impl Rays for [Ray] {
     fn count(&self) -> usize {
         self.len()
     }
-    fn read(&self, first: usize, out: &mut [RayWithMask]) {
-        for (out, &ray) in out.iter_mut().zip(&self[first..]) {
-            *out = RayWithMask::new(ray);
-        }
+    fn read(&self, first: usize, out: &mut [Ray]) {
+        out.copy_from_slice(&self[first..first + out.len()]);
     }
 }
 

@@ -1,8 +1,9 @@
 //! The rays that a worker answers at a time, and those of them that must wait for blocks.
 
-use super::batch::{Hits, Policy, RayWithMask, Rays};
+use super::batch::{Hits, Policy, Rays};
 use super::finish::{Last, finish};
 use super::hit::{Hit, HitKind, Want};
+use crate::math::Ray;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step};
 use crate::structure::bvh::trace::{PACKET, PacketWalk, STREAM, first_rays};
 use std::ops::Range;
@@ -23,7 +24,7 @@ pub(super) struct Task {
 /// What it takes to answer a chunk. Reusable.
 pub(super) struct Chunk {
     /// Rays that go side by side, group by group, and at their end the group that is being looked at.
-    rays: [RayWithMask; CHUNK],
+    rays: [Ray; CHUNK],
     found: [Found; CHUNK],
     /// Where the groups begin in the batch.
     firsts: [usize; CHUNK / PACKET],
@@ -43,7 +44,7 @@ pub(super) struct Chunk {
 impl Default for Chunk {
     fn default() -> Self {
         Self {
-            rays: [RayWithMask::NONE; CHUNK],
+            rays: [Ray::NONE; CHUNK],
             found: [Found::nothing(0.0); CHUNK],
             firsts: [0; CHUNK / PACKET],
             stream: SceneStream::default(),
@@ -128,7 +129,7 @@ impl Chunk {
         for &i in self.unfinished.iter().filter(|&&i| group.contains(&(i as usize))) {
             let i = i as usize;
             let mut walk = SceneWalk::default();
-            walk.begin(view, &self.rays[i].ray);
+            walk.begin(view, &self.rays[i]);
             match trace(view, task, &self.rays[i], &mut walk) {
                 Step::Pending(need) if task.policy == Policy::Exact => {
                     self.needs.push(need);
@@ -154,16 +155,16 @@ impl Chunk {
 /// Whether rays go into the same octant: what a packet needs at the least. Rays in all directions are told by the first
 /// few.
 #[inline]
-fn may_be_alike(rays: &[RayWithMask]) -> bool {
-    let signs = rays[0].ray.dir.is_negative_bitmask();
-    rays.iter().all(|it| it.ray.dir.is_negative_bitmask() == signs)
+fn may_be_alike(rays: &[Ray]) -> bool {
+    let signs = rays[0].dir.is_negative_bitmask();
+    rays.iter().all(|it| it.dir.is_negative_bitmask() == signs)
 }
 
-fn trace(view: &SceneView, task: Task, it: &RayWithMask, walk: &mut SceneWalk) -> Step {
-    if task.any { view.trace::<true>(&it.ray, it.mask, walk) } else { view.trace::<false>(&it.ray, it.mask, walk) }
+fn trace(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWalk) -> Step {
+    if task.any { view.trace::<true>(ray, walk) } else { view.trace::<false>(ray, walk) }
 }
 
-fn trace_whole(view: &SceneView, task: Task, rays: &[RayWithMask; PACKET], packet: &mut ScenePacket) -> Step {
+fn trace_whole(view: &SceneView, task: Task, rays: &[Ray; PACKET], packet: &mut ScenePacket) -> Step {
     if task.any { view.trace_packet::<true>(rays, packet) } else { view.trace_packet::<false>(rays, packet) }
 }
 
@@ -172,7 +173,7 @@ fn trace_whole(view: &SceneView, task: Task, rays: &[RayWithMask; PACKET], packe
 fn finish_group(
     view: &SceneView,
     task: Task,
-    rays: &[RayWithMask],
+    rays: &[Ray],
     found: &[Found],
     lacking: u32,
     hits: &mut [Hit; PACKET],
@@ -181,7 +182,7 @@ fn finish_group(
     let before = needs.len();
     let mut last = Last::new();
     for (i, ((it, found), hit)) in rays.iter().zip(found).zip(hits).enumerate() {
-        match (finish(view, &mut last, &it.ray, found, task.want, hit), task.policy) {
+        match (finish(view, &mut last, it, found, task.want, hit), task.policy) {
             (Ok(()), _) if lacking >> i & 1 == 0 => {}
             (Err(need), Policy::Exact) => needs.push(need),
             _ => hit.kind = HitKind::Missing,
@@ -194,18 +195,18 @@ fn finish_group(
 pub(super) struct Group {
     first: usize,
     count: usize,
-    rays: [RayWithMask; PACKET],
+    rays: [Ray; PACKET],
     found: [Found; PACKET],
     /// Rays that were put down alone, each with its walk. All others have ended.
     alone: Vec<(usize, SceneWalk)>,
 }
 
 impl Group {
-    fn new(first: usize, rays: &[RayWithMask], found: &[Found]) -> Self {
+    fn new(first: usize, rays: &[Ray], found: &[Found]) -> Self {
         let mut group = Self {
             first,
             count: rays.len(),
-            rays: [RayWithMask::NONE; PACKET],
+            rays: [Ray::NONE; PACKET],
             found: [Found::nothing(0.0); PACKET],
             alone: Vec::new(),
         };

@@ -45,6 +45,8 @@ pub struct Hit {
     pub error: f32,
     /// What was hit.
     pub kind: HitKind,
+    /// 0: there is nothing between members that is not written.
+    pub reserved: u32,
 }
 
 impl Hit {
@@ -60,6 +62,7 @@ impl Hit {
         kind: HitKind::Miss,
         error: 0.0,
         t_free: f64::INFINITY,
+        reserved: 0,
     };
 }
 

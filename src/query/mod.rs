@@ -9,6 +9,6 @@ pub mod overlap;
 mod rounds;
 mod volume;
 
-pub use batch::{Hits, Policy, Query, QueryOptions, QueryState, QueryStatus, RayWithMask, Rays};
+pub use batch::{Hits, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};
 pub use hit::{Hit, HitKind, NONE, Want};
 pub use overlap::{How, PartOverlap, Plane};

@@ -1,7 +1,8 @@
 //! Rays in a scene that is one placed tree, the most frequent kind: there is no top-level tree to walk.
 
 use super::placed::{Placed, not_below};
-use super::walk::{Found, RayWithMask, SceneStream, SceneView, Step, bits};
+use super::walk::{Found, SceneStream, SceneView, Step, bits};
+use crate::math::Ray;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, first_rays};
 
 /// Shift and scale of rays that were not moved.
@@ -12,7 +13,7 @@ impl SceneView<'_> {
     /// [`PacketWalk::is_coherent`]); else `None`. `Pending`: the rays are to be begun anew, each alone.
     pub fn trace_together<const ANY: bool>(
         &self,
-        rays: &[RayWithMask],
+        rays: &[Ray],
         says: bool,
         walk: &mut PacketWalk,
         found: &mut [Found],
@@ -39,7 +40,7 @@ impl SceneView<'_> {
             return Some(Step::Pending(self.need(placed, block)));
         }
         for (it, found) in rays.iter().zip(&mut *found) {
-            *found = Found::nothing(it.ray.t_max);
+            *found = Found::nothing(it.t_max);
         }
         for i in bits(walk.found()) {
             found[i].offer::<ANY>(placed, walk.best(i), moved[i].0, moved[i].1);
@@ -47,14 +48,14 @@ impl SceneView<'_> {
         Some(Step::Done)
     }
 
-    pub(super) fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[RayWithMask], walk: &mut SceneStream, found: &mut [Found]) {
+    pub(super) fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
         let p = &self.scene.placement.placed[placed as usize];
         let seen_by = self.seen_by(placed);
         let SceneStream { tree: stream, moved, hits, unfinished, .. } = walk;
         let hits = &mut hits[..rays.len()];
         let mut local = LocalRay::NONE;
         for (i, it) in rays.iter().enumerate() {
-            match if it.mask & seen_by != 0 { p.local(&it.ray, it.ray.t_max, &mut local) } else { None } {
+            match if it.mask & seen_by != 0 { p.local(it, it.t_max, &mut local) } else { None } {
                 Some(way) => {
                     stream.set(i, &local);
                     moved[i] = way;
@@ -70,7 +71,7 @@ impl SceneView<'_> {
         }
         unfinished.extend_from_slice(stream.unfinished());
         for (i, (hit, found)) in hits.iter().zip(found).enumerate() {
-            *found = Found::nothing(rays[i].ray.t_max);
+            *found = Found::nothing(rays[i].t_max);
             found.offer::<ANY>(placed, *hit, moved[i].0, moved[i].1);
         }
     }
@@ -79,16 +80,16 @@ impl SceneView<'_> {
 /// Takes rays into the tree's frame by nothing but a subtraction, which does not do for all: false if that is clear
 /// here, else [`PacketWalk::is_within`] tells.
 #[inline(always)]
-fn set_unmoved(p: &Placed, rays: &[RayWithMask], seen_by: u32, walk: &mut PacketWalk) -> bool {
+fn set_unmoved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk) -> bool {
     let Some(offset) = p.only_shifted() else { return false };
     let mut is_seen = true;
     let mut local = LocalRay::NONE;
     for (i, it) in rays.iter().enumerate().take(PACKET) {
         is_seen &= it.mask & seen_by != 0;
-        local.org = (it.ray.origin - offset).as_vec3();
-        local.dir = it.ray.dir;
-        local.t_min = it.ray.t_min as f32;
-        local.t_max = not_below(it.ray.t_max);
+        local.org = (it.origin - offset).as_vec3();
+        local.dir = it.dir;
+        local.t_min = it.t_min as f32;
+        local.t_max = not_below(it.t_max);
         walk.set(i, &local);
     }
     is_seen
@@ -96,12 +97,12 @@ fn set_unmoved(p: &Placed, rays: &[RayWithMask], seen_by: u32, walk: &mut Packet
 
 /// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.
 #[inline(never)]
-fn set_moved(p: &Placed, rays: &[RayWithMask], seen_by: u32, walk: &mut PacketWalk, moved: &mut [(f64, f64); PACKET]) -> u32 {
+fn set_moved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk, moved: &mut [(f64, f64); PACKET]) -> u32 {
     let mut active = 0;
     let mut local = LocalRay::NONE;
     for (i, it) in rays.iter().enumerate().take(PACKET) {
         if it.mask & seen_by != 0
-            && let Some(way) = p.local(&it.ray, it.ray.t_max, &mut local)
+            && let Some(way) = p.local(it, it.t_max, &mut local)
         {
             moved[i] = way;
             active |= 1 << i;

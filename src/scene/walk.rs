@@ -10,34 +10,10 @@ use super::top::{NodeRef, Slabs, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
-use crate::math::{Cone, Ray};
+use crate::math::Ray;
 use crate::residency::Snapshot;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Walk};
-use glam::{DVec3, Vec3};
 use std::sync::Arc;
-
-/// A ray, and which instances it may see: those with a common bit in their mask.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RayWithMask {
-    /// The ray.
-    pub ray: Ray,
-    /// Its mask; all ones sees everything, 0 nothing.
-    pub mask: u32,
-}
-
-impl RayWithMask {
-    /// Sees everything.
-    #[inline]
-    pub fn new(ray: Ray) -> Self {
-        Self { ray, mask: u32::MAX }
-    }
-
-    /// Not a ray: nothing is hit.
-    pub(crate) const NONE: Self = Self {
-        ray: Ray { origin: DVec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO },
-        mask: 0,
-    };
-}
 
 /// A block that a job needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -187,7 +163,7 @@ impl<'a> SceneView<'a> {
     }
 
     /// Finds the closest hit of the ray that `walk` was begun with (or any hit, if `ANY`).
-    pub fn trace<const ANY: bool>(&self, ray: &Ray, mask: u32, walk: &mut SceneWalk) -> Step {
+    pub fn trace<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Step {
         let slabs = Slabs::new(ray);
         let mut best = walk.best();
         loop {
@@ -213,14 +189,14 @@ impl<'a> SceneView<'a> {
                 continue;
             }
             match node.target() {
-                Target::Placed(placed) => self.enter(ray, mask, placed, best.t, walk),
+                Target::Placed(placed) => self.enter(ray, placed, best.t, walk),
                 Target::Inner(index) => self.push_children(&slabs, ray, index, best.t, &mut walk.todo),
             }
         }
     }
 
-    fn enter(&self, ray: &Ray, mask: u32, placed: u32, best: f64, walk: &mut SceneWalk) {
-        if self.seen_by(placed) & mask == 0 {
+    fn enter(&self, ray: &Ray, placed: u32, best: f64, walk: &mut SceneWalk) {
+        if self.seen_by(placed) & ray.mask == 0 {
             return;
         }
         let p = &self.scene.placement.placed[placed as usize];
@@ -304,18 +280,18 @@ impl Default for ScenePacket {
 
 impl ScenePacket {
     /// Puts the rays of `active` (bit `i`: ray `i`) at the root.
-    pub fn begin(&mut self, view: &SceneView, rays: &[RayWithMask; PACKET], active: u32) {
+    pub fn begin(&mut self, view: &SceneView, rays: &[Ray; PACKET], active: u32) {
         self.todo.clear();
         self.at = None;
         self.active = 0;
         for (i, it) in rays.iter().enumerate() {
-            (self.best[i].t, self.best[i].placed) = (it.ray.t_max, NOTHING);
-            self.active |= (active >> i & u32::from(it.ray.can_hit())) << i;
+            (self.best[i].t, self.best[i].placed) = (it.t_max, NOTHING);
+            self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
         let Some(root) = view.scene.placement.top.root() else { return };
         if let Target::Inner(_) = root.target() {
             self.slabs.clear();
-            self.slabs.extend(rays.iter().map(|it| Slabs::new(&it.ray)));
+            self.slabs.extend(rays.iter().map(Slabs::new));
         }
         self.todo.push((root, self.active));
     }
@@ -329,7 +305,7 @@ impl ScenePacket {
 
 impl SceneView<'_> {
     /// A packet's rays together: the same hits as [`SceneView::trace`] finds for each alone.
-    pub fn trace_packet<const ANY: bool>(&self, rays: &[RayWithMask; PACKET], walk: &mut ScenePacket) -> Step {
+    pub fn trace_packet<const ANY: bool>(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Step {
         loop {
             if let Some(placed) = walk.at {
                 let (tree, filter) = (self.tree(placed), self.filter(placed));
@@ -358,14 +334,14 @@ impl SceneView<'_> {
         }
     }
 
-    fn enter_packet(&self, rays: &[RayWithMask; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
+    fn enter_packet(&self, rays: &[Ray; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
         let p = &self.scene.placement.placed[placed as usize];
         let seen_by = self.seen_by(placed);
         walk.inside = 0;
         let mut local = LocalRay::NONE;
         for i in bits(mask) {
             if rays[i].mask & seen_by != 0
-                && let Some(moved) = p.local(&rays[i].ray, walk.best[i].t, &mut local)
+                && let Some(moved) = p.local(&rays[i], walk.best[i].t, &mut local)
             {
                 walk.tree.set(i, &local);
                 walk.moved[i] = moved;
@@ -378,13 +354,13 @@ impl SceneView<'_> {
         }
     }
 
-    fn push_children_packet(&self, rays: &[RayWithMask; PACKET], index: u32, mask: u32, walk: &mut ScenePacket) {
+    fn push_children_packet(&self, rays: &[Ray; PACKET], index: u32, mask: u32, walk: &mut ScenePacket) {
         let node = self.scene.placement.top.node(index);
         let mut met = [0u32; 2];
         let mut nearest = [f64::INFINITY; 2];
         for i in bits(mask) {
             for side in 0..2 {
-                if let Some(t) = walk.slabs[i].enter(&node.bounds[side], rays[i].ray.t_min, walk.best[i].t) {
+                if let Some(t) = walk.slabs[i].enter(&node.bounds[side], rays[i].t_min, walk.best[i].t) {
                     met[side] |= 1 << i;
                     nearest[side] = nearest[side].min(t);
                 }
@@ -410,14 +386,14 @@ impl SceneView<'_> {
     /// Single rays side by side: what [`SceneView::trace`] finds for each, at less cost where the scene is one placed
     /// tree. `rays`: [`STREAM`] at most; `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need
     /// a block, or must go alone; they are to be begun anew.
-    pub fn trace_each<const ANY: bool>(&self, rays: &[RayWithMask], walk: &mut SceneStream, found: &mut [Found]) {
+    pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
         walk.unfinished.clear();
         if let Some(placed) = self.only_one() {
             return self.each_in_one::<ANY>(placed, rays, walk, found);
         }
         for (i, it) in rays.iter().enumerate() {
-            walk.alone.begin(self, &it.ray);
-            match self.trace::<ANY>(&it.ray, it.mask, &mut walk.alone) {
+            walk.alone.begin(self, it);
+            match self.trace::<ANY>(it, &mut walk.alone) {
                 Step::Done => found[i] = walk.alone.best(),
                 Step::Pending(_) => walk.unfinished.push(i as u32),
             }

@@ -47,6 +47,7 @@ impl StoredTree {
             t_min: f64::from(ray.t_min),
             t_max: f64::from(ray.t_max),
             cone: Cone::ZERO,
+            mask: u32::MAX,
         };
         (world, Ray64 { org: world.origin - self.origin, ..ray.wide() })
     }

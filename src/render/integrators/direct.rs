@@ -8,7 +8,7 @@ use crate::query::{HitKind, NONE};
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::placed::not_below;
-use crate::scene::walk::{Found, Need, RayWithMask, ScenePacket, SceneView, Step, bits};
+use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::Light;
 use crate::structure::bvh::trace::PACKET;
 use glam::{DVec3, Vec3};
@@ -100,7 +100,7 @@ struct Surface {
 
 /// The colour of each ray so far.
 struct Lanes {
-    rays: [RayWithMask; PACKET],
+    rays: [Ray; PACKET],
     colour: [Vec3; PACKET],
     /// What is let through to what comes next.
     through: [f32; PACKET],
@@ -113,14 +113,14 @@ impl Direct<'_> {
         let mut sums = [[0.0f32; 4]; PACKET];
         for sample in 0..self.samples {
             let (dx, dy) = offset(sample);
-            let mut lanes = Lanes { rays: [RayWithMask::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
+            let mut lanes = Lanes { rays: [Ray::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
             for i in bits(active) {
                 let (x, y) = (at.0 + i as u32 % ACROSS, at.1 + i as u32 / ACROSS);
                 let mut ray = self.rays.ray(f64::from(x) + dx, f64::from(y) + dy);
                 if self.poe == 0.0 {
                     ray.cone = Cone::ZERO;
                 }
-                lanes.rays[i] = RayWithMask::new(ray);
+                lanes.rays[i] = ray;
             }
             self.layers(&mut lanes, active, sample == 0, scratch)?;
             for i in bits(active) {
@@ -163,7 +163,7 @@ impl Direct<'_> {
             for i in bits(active) {
                 let found = scratch.camera.best(i);
                 if found.is_hit() {
-                    surfaces[i] = Some(self.surface(&lanes.rays[i].ray, found, first && layer == 0)?);
+                    surfaces[i] = Some(self.surface(&lanes.rays[i], found, first && layer == 0)?);
                 } else {
                     active &= !(1 << i);
                 }
@@ -177,7 +177,7 @@ impl Direct<'_> {
                 let opacity = surface.material.opacity;
                 lanes.colour[i] += lit[i] * (lanes.through[i] * opacity);
                 lanes.through[i] *= 1.0 - opacity;
-                lanes.rays[i].ray.t_min = surface.t + surface.leave;
+                lanes.rays[i].t_min = surface.t + surface.leave;
                 if lanes.through[i] < LEAST_TRANSMITTANCE {
                     lanes.through[i] = 0.0;
                     active &= !(1 << i);
@@ -266,15 +266,15 @@ impl Direct<'_> {
         }
         for light in &self.view.scene.lights {
             let mut answer = [Vec3::ZERO; PACKET];
-            let mut shadow = [RayWithMask::NONE; PACKET];
+            let mut shadow = [Ray::NONE; PACKET];
             let mut asked = 0;
             for i in bits(active) {
                 let Some(s) = &surfaces[i] else { continue };
-                let to_eye = -lanes.rays[i].ray.dir;
+                let to_eye = -lanes.rays[i].dir;
                 let Some(aim) = aim(light, s, to_eye) else { continue };
                 answer[i] = s.material.lit(s.normal, to_eye, aim.to_light, aim.irradiance);
                 if answer[i] != Vec3::ZERO && light.shadows && light.kind != LightKind::Headlight {
-                    shadow[i] = RayWithMask::new(aim.shadow);
+                    shadow[i] = aim.shadow;
                     asked |= 1 << i;
                 }
             }
@@ -301,7 +301,7 @@ fn aim(light: &Light, surface: &Surface, to_eye: Vec3) -> Option<Aim> {
     let strength = Vec3::from(light.colour) * light.intensity;
     let from = surface.position + surface.normal.as_dvec3() * surface.leave;
     match light.kind {
-        LightKind::Headlight => Some(Aim { to_light: to_eye, irradiance: strength, shadow: RayWithMask::NONE.ray }),
+        LightKind::Headlight => Some(Aim { to_light: to_eye, irradiance: strength, shadow: Ray::NONE }),
         LightKind::Directional(dir) => {
             let to_light = -dir.try_normalize()?.as_vec3();
             Some(Aim { to_light, irradiance: strength, shadow: Ray::new(from, to_light) })

@@ -3,7 +3,8 @@
 
 use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS};
 use crate::base::ids::BlockId;
-use crate::scene::walk::{Found, Need, RayWithMask, ScenePacket, Step, bits};
+use crate::math::Ray;
+use crate::scene::walk::{Found, Need, ScenePacket, Step, bits};
 use crate::structure::bvh::trace::PACKET;
 
 impl Direct<'_> {
@@ -11,7 +12,7 @@ impl Direct<'_> {
     /// unit directions, and are used up.
     pub(super) fn unshadowed(
         &self,
-        rays: &mut [RayWithMask; PACKET],
+        rays: &mut [Ray; PACKET],
         asked: u32,
         packet: &mut ScenePacket,
     ) -> Result<[f32; PACKET], Need> {
@@ -31,7 +32,7 @@ impl Direct<'_> {
     /// Goes through surfaces, from the one that is lit towards the light, until nothing comes through.
     fn go_through(
         &self,
-        rays: &mut [RayWithMask; PACKET],
+        rays: &mut [Ray; PACKET],
         mut active: u32,
         through: &mut [f32; PACKET],
         packet: &mut ScenePacket,
@@ -44,7 +45,7 @@ impl Direct<'_> {
             for i in bits(active) {
                 let found = packet.best(i);
                 through[i] *= 1.0 - self.opacity(found)?;
-                rays[i].ray.t_min = found.t + self.view.scene.placement.placed[found.placed as usize].extent() * LEAVE;
+                rays[i].t_min = found.t + self.view.scene.placement.placed[found.placed as usize].extent() * LEAVE;
                 if through[i] < LEAST_TRANSMITTANCE {
                     through[i] = 0.0;
                     active &= !(1 << i);
@@ -57,7 +58,7 @@ impl Direct<'_> {
     /// Which of the rays meet something.
     fn met<const ANY: bool>(
         &self,
-        rays: &[RayWithMask; PACKET],
+        rays: &[Ray; PACKET],
         asked: u32,
         packet: &mut ScenePacket,
     ) -> Result<u32, Need> {
