@@ -31,13 +31,14 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
         return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at);
     }
     walk.counters.triangles += leaf.triangles as u64;
-    for i in 0..leaf.triangles {
+    let corners = corners(s, &leaf, shared.k);
+    for i in 0..leaf.triangles.min(8) {
         for h in 0..VECTORS {
             let rays = entry.rays >> (16 * h) & 0xffff;
             if rays == 0 {
                 continue;
             }
-            let found = triangle(s, &leaf, i, shared.k, walk, h);
+            let found = triangle(s, &corners, i, shared.k, walk, h);
             let hits = found.hits & rays;
             if hits == 0 || filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
                 continue;
@@ -110,21 +111,36 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     Outcome::Done
 }
 
-/// Tests triangle `i` of a leaf against the rays of a vector.
+/// The corners of eight triangles, axis by axis in the order `k`.
+type Corners = [[[f32; 8]; 3]; 3];
+
+/// Those of a leaf; past its last triangle, whatever.
 #[inline(always)]
-fn triangle<S: Simd>(s: S, leaf: &Leaf, i: usize, k: [usize; 3], walk: &PacketWalk, h: usize) -> LaneHits<S::F16> {
-    let rays = &walk.rays;
+fn corners<S: Simd>(s: S, leaf: &Leaf, k: [usize; 3]) -> Corners {
     let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
-    let org = [s.load16(&rays.org[k[0]][h]), s.load16(&rays.org[k[1]][h]), s.load16(&rays.org[k[2]][h])];
-    let skew = [s.load16(&rays.shear[0][h]), s.load16(&rays.shear[1][h]), s.load16(&rays.shear[2][h])];
-    let mut corners = [org; 3];
-    for (c, corner) in corners.iter_mut().enumerate() {
-        let v = usize::from(leaf.corners8(c)[i & 7]) & 15;
+    let mut all = [[[0.0; 8]; 3]; 3];
+    for c in 0..3 {
+        let index = s.index8(leaf.corners8(c));
         for axis in 0..3 {
-            corner[axis] = s.splat16(tables[axis][v]) - org[axis];
+            all[c][axis] = s.lookup16(tables[axis], index).to_array();
         }
     }
-    let [a, b, c] = corners;
+    all
+}
+
+/// Tests triangle `i` against the rays of a vector.
+#[inline(always)]
+fn triangle<S: Simd>(s: S, corners: &Corners, i: usize, k: [usize; 3], walk: &PacketWalk, h: usize) -> LaneHits<S::F16> {
+    let rays = &walk.rays;
+    let org = [s.load16(&rays.org[k[0]][h]), s.load16(&rays.org[k[1]][h]), s.load16(&rays.org[k[2]][h])];
+    let skew = [s.load16(&rays.shear[0][h]), s.load16(&rays.shear[1][h]), s.load16(&rays.shear[2][h])];
+    let mut moved = [org; 3];
+    for c in 0..3 {
+        for axis in 0..3 {
+            moved[c][axis] = s.splat16(corners[c][axis][i & 7]) - org[axis];
+        }
+    }
+    let [a, b, c] = moved;
     let (a, b, c) = (shear(a, skew), shear(b, skew), shear(c, skew));
     intersect::<16, _, true>(a, b, c, s.splat16(0.0), s.load16(&rays.t_min[h]), s.load16(&walk.hits.t[h]))
 }
