@@ -1,6 +1,7 @@
 //! From a tree's hit in single precision to the answer in double precision.
 
-use super::hit::{Hit, HitKind, Want};
+use super::hit::{Hit, HitKind, NONE, Want};
+use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{Found, Need, SceneView};
@@ -11,9 +12,8 @@ use glam::{DVec3, Vec3};
 /// same triangle.
 pub(crate) struct Last<'a> {
     tree: Option<(u32, TreeView<'a>)>,
-    /// The place of `surface`; of nothing at first.
-    block: u32,
-    tri: u32,
+    /// Where `surface` is: placed tree, block and triangle. A block that none is at first.
+    place: [u32; 3],
     surface: Surface,
 }
 
@@ -26,38 +26,41 @@ struct Surface {
     part: u64,
 }
 
+/// No surface.
+const NOWHERE: [u32; 3] = [u32::MAX; 3];
+
 impl<'a> Last<'a> {
     /// Nothing yet.
     pub fn new() -> Self {
         let triangle = Triangle { vertices: [Vec3::ZERO; 3], part: 0 };
-        let normal = WorldNormal { normal: DVec3::ZERO, unit: DVec3::ZERO };
-        Self { tree: None, block: u32::MAX, tri: 0, surface: Surface { triangle, normal, part: super::hit::NONE } }
+        Self { tree: None, place: NOWHERE, surface: Surface { triangle, normal: WorldNormal::NONE, part: NONE } }
     }
 
     #[inline(always)]
     fn tree(&mut self, view: &SceneView<'a>, placed: u32) -> &TreeView<'a> {
         if self.tree.is_none_or(|(last, _)| last != placed) {
-            (self.tree, self.block) = (None, u32::MAX);
+            self.tree = None;
         }
         &self.tree.get_or_insert_with(|| (placed, view.tree(placed))).1
     }
 
-    /// The surface that was found, in the tree that [`Last::tree`] gave last; `None` if its block is not there.
+    /// The surface that was found; `None` if its block is not there.
     #[inline(always)]
-    fn surface(&mut self, view: &SceneView, tree: &TreeView, found: &Found, want: Want) -> Option<&Surface> {
-        if (self.block, self.tri) != (found.tri.block, found.tri.tri) {
-            self.block = u32::MAX;
-            let triangle = tree.triangle(&found.tri)?;
+    fn surface(&mut self, view: &SceneView<'a>, found: &Found, want: Want) -> Option<&Surface> {
+        let place = [found.placed, found.tri.block, found.tri.tri];
+        if self.place != place {
+            self.place = NOWHERE;
+            let triangle = self.tree(view, found.placed).triangle(&found.tri)?;
             let placed = &view.scene.placement.placed[found.placed as usize];
             self.surface.triangle = triangle;
             if want.has(Want::PART) {
                 let part = placed.first_part.saturating_add(triangle.part) as usize;
-                self.surface.part = view.model_of(found.placed).parts().get(part).map_or(super::hit::NONE, |p| p.id);
+                self.surface.part = view.model_of(found.placed).parts().get(part).map_or(NONE, |p| p.id);
             }
             if want.has(Want::NORMAL) {
                 self.surface.normal = WorldNormal::new(placed, &triangle);
             }
-            (self.block, self.tri) = (found.tri.block, found.tri.tri);
+            self.place = place;
         }
         Some(&self.surface)
     }
@@ -183,27 +186,24 @@ pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, f
     }
     hit.kind = HitKind::Exact;
     hit.t = found.t;
-    let scene = view.scene;
-    let placed = &scene.placement.placed[found.placed as usize];
+    let placed = &view.scene.placement.placed[found.placed as usize];
     if want.has(Want::INSTANCE) {
-        hit.instance = scene.instances[placed.instance as usize].id;
+        hit.instance = view.scene.instances[placed.instance as usize].id;
     }
     let need = |block| Need { model: placed.model, block };
-    let tree = *last.tree(view, found.placed);
     if want.has(Want::PRIM) {
-        hit.prim = u64::from(tree.prim(&found.tri).map_err(need)?);
+        hit.prim = u64::from(last.tree(view, found.placed).prim(&found.tri).map_err(need)?);
     }
     if want.has(Want::UV) {
         hit.uv = [found.tri.u, found.tri.v];
     }
-    if want.any_of(Want(Want::POSITION.0 | Want::NORMAL.0 | Want::PART.0 | Want::ERROR.0)) {
-        let block = crate::base::ids::BlockId(found.tri.block);
-        let surface = last.surface(view, &tree, found, want).ok_or(need(block))?;
+    if want.any_of(Want::SURFACE) {
+        let surface = last.surface(view, found, want).ok_or(need(BlockId(found.tri.block)))?;
         if want.has(Want::PART) {
             hit.part = surface.part;
         }
         if want.has(Want::NORMAL) {
-            hit.normal = surface.normal.facing(ray.dir.as_dvec3());
+            hit.normal = surface.normal.facing(ray.dir);
         }
         if want.any_of(Want(Want::POSITION.0 | Want::ERROR.0)) {
             fill_from_meeting(placed, ray, found, &surface.triangle, want, hit);
@@ -236,7 +236,7 @@ fn fill_from_meeting(placed: &Placed, ray: &Ray, found: &Found, triangle: &Trian
 /// The unit geometric normal in the world, against `dir`; the ray's own opposite where a triangle
 /// is too thin to have one.
 #[inline(always)]
-pub(crate) fn facing_normal(placed: &Placed, triangle: &Triangle, dir: DVec3) -> Vec3 {
+pub(crate) fn facing_normal(placed: &Placed, triangle: &Triangle, dir: Vec3) -> Vec3 {
     WorldNormal::new(placed, triangle).facing(dir)
 }
 
@@ -245,11 +245,15 @@ pub(crate) fn facing_normal(placed: &Placed, triangle: &Triangle, dir: DVec3) ->
 struct WorldNormal {
     /// Of any length.
     normal: DVec3,
-    /// Of length 1 to single precision; zero where the square of `normal` leaves its range.
-    unit: DVec3,
+    /// Of length 1.
+    unit: Vec3,
+    /// The square of `normal` leaves the range of single precision: `unit` means nothing.
+    is_extreme: bool,
 }
 
 impl WorldNormal {
+    const NONE: Self = Self { normal: DVec3::ZERO, unit: Vec3::ZERO, is_extreme: true };
+
     #[inline(always)]
     fn new(placed: &Placed, triangle: &Triangle) -> Self {
         let [a, b, c] = triangle.vertices;
@@ -257,16 +261,17 @@ impl WorldNormal {
         let normal = placed.world_normal((b.as_dvec3() - a).cross(c.as_dvec3() - a));
         let square = normal.length_squared();
         // Single precision is what the answer has; a root and a quotient of it take half the time.
-        let scale = if NORMAL_SQUARES.contains(&square) { f64::from(1.0 / (square as f32).sqrt()) } else { 0.0 };
-        Self { normal, unit: normal * scale }
+        let unit = (normal * f64::from(1.0 / (square as f32).sqrt())).as_vec3();
+        Self { normal, unit, is_extreme: !NORMAL_SQUARES.contains(&square) }
     }
 
     #[inline(always)]
-    fn facing(&self, dir: DVec3) -> Vec3 {
-        if self.unit == DVec3::ZERO {
+    fn facing(&self, dir: Vec3) -> Vec3 {
+        let dir = dir.as_dvec3();
+        if self.is_extreme {
             return extreme_normal(self.normal, dir).as_vec3();
         }
-        (if self.normal.dot(dir) <= 0.0 { self.unit } else { -self.unit }).as_vec3()
+        if self.normal.dot(dir) <= 0.0 { self.unit } else { -self.unit }
     }
 }
 
@@ -348,16 +353,16 @@ mod tests {
         // The plane x + z = 0 becomes x + 2 z = 0.
         let t = triangle([[0.0, 0.0, 0.0], [1.0, 0.0, -1.0], [0.0, 1.0, 0.0]]);
         for dir in [-DVec3::Z, DVec3::Z] {
-            let n = facing_normal(&p, &t, dir);
+            let n = facing_normal(&p, &t, dir.as_vec3());
             let expected = DVec3::new(1.0, 0.0, 2.0).normalize() * -dir.z.signum();
             assert!(n.as_dvec3().distance(expected) < 2e-7, "{n} {expected}");
         }
         let sliver = triangle([[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]);
-        assert_eq!(facing_normal(&p, &sliver, DVec3::X), -Vec3::X);
+        assert_eq!(facing_normal(&p, &sliver, Vec3::X), -Vec3::X);
         // Too small and too large for single precision's squares.
         for size in [1e-30f32, 1e15] {
             let t = triangle([[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]]);
-            assert_eq!(facing_normal(&p, &t, DVec3::Z), -Vec3::Z);
+            assert_eq!(facing_normal(&p, &t, Vec3::Z), -Vec3::Z);
         }
     }
 }

@@ -98,6 +98,8 @@ impl Want {
     pub const ERROR: Self = Self(64);
     /// Everything.
     pub const ALL: Self = Self(127);
+    /// What the triangle is needed for.
+    pub(crate) const SURFACE: Self = Self(Self::POSITION.0 | Self::NORMAL.0 | Self::PART.0 | Self::ERROR.0);
 
     /// Whether all of `other` is in here.
     #[inline]

@@ -84,6 +84,17 @@ fn set_unmoved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk) ->
     let Some(offset) = p.only_shifted() else { return false };
     let mut is_seen = true;
     let mut local = LocalRay::NONE;
+    if let Some(it) = rays.first().filter(|first| rays.iter().all(|it| begin_alike(it, first))) {
+        local.org = (it.origin - offset).as_vec3();
+        local.t_min = it.t_min as f32;
+        local.t_max = not_below(it.t_max);
+        walk.set_all_but_dirs(&local);
+        for (i, it) in rays.iter().enumerate().take(PACKET) {
+            is_seen &= it.mask & seen_by != 0;
+            walk.set_dir(i, it.dir);
+        }
+        return is_seen;
+    }
     for (i, it) in rays.iter().enumerate().take(PACKET) {
         is_seen &= it.mask & seen_by != 0;
         local.org = (it.origin - offset).as_vec3();
@@ -93,6 +104,14 @@ fn set_unmoved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk) ->
         walk.set(i, &local);
     }
     is_seen
+}
+
+/// Whether two rays have the same origin and interval, to the bit: as those of a perspective camera do.
+#[inline(always)]
+fn begin_alike(a: &Ray, b: &Ray) -> bool {
+    let bits = |ray: &Ray| [ray.origin.x, ray.origin.y, ray.origin.z, ray.t_min, ray.t_max].map(f64::to_bits);
+    let (a, b) = (bits(a), bits(b));
+    (a[0] ^ b[0]) | (a[1] ^ b[1]) | (a[2] ^ b[2]) | (a[3] ^ b[3]) | (a[4] ^ b[4]) == 0
 }
 
 /// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.

@@ -196,7 +196,7 @@ impl Direct<'_> {
         let part = placed.first_part.saturating_add(triangle.part);
         let meeting = meet(placed, &triangle, ray, found);
         let along = ray.dir.as_dvec3() * meeting.t;
-        let normal = facing_normal(placed, &triangle, ray.dir.as_dvec3());
+        let normal = facing_normal(placed, &triangle, ray.dir);
         let mut layer = Layer::MISS;
         if keep {
             let size = ray.origin.abs().max_element() + along.abs().max_element();

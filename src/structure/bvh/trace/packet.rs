@@ -98,8 +98,9 @@ pub struct PacketWalk {
     pub(super) stack: Vec<PacketEntry>,
     pub(super) rays: PacketRays,
     pub(super) hits: PacketHits,
-    /// Set where the rays can go together.
-    pub(super) shared: Option<Shared>,
+    /// Whether the rays can go together, and then what they share.
+    pub(super) together: bool,
+    pub(super) shared: Shared,
     /// Rays that have not ended.
     pub(super) waiting: u32,
     /// For rays that leave the packet.
@@ -133,7 +134,8 @@ impl PacketWalk {
             stack: Vec::new(),
             rays,
             hits,
-            shared: None,
+            together: false,
+            shared: Shared::default(),
             waiting: 0,
             alone: Walk::new(),
             counters: Counters::default(),
@@ -152,15 +154,31 @@ impl PacketWalk {
     /// for a wider set gathers the fields, which takes longer than all else here.)
     #[inline(always)]
     pub fn set(&mut self, i: usize, ray: &LocalRay) {
+        self.set_dir(i, ray.dir);
         let r = &mut self.rays;
         for (axis, v) in ray.org.to_array().into_iter().enumerate() {
             *at_mut(&mut r.org[axis], i) = v;
         }
-        for (axis, v) in ray.dir.to_array().into_iter().enumerate() {
-            *at_mut(&mut r.dir[axis], i) = v;
-        }
         *at_mut(&mut r.t_min, i) = ray.t_min;
         *at_mut(&mut self.hits.t, i) = ray.t_max;
+    }
+
+    /// Takes over the direction of ray `i`, for whose other members [`PacketWalk::set_all_but_dirs`] is called.
+    #[inline(always)]
+    pub fn set_dir(&mut self, i: usize, dir: Vec3) {
+        for (axis, v) in dir.to_array().into_iter().enumerate() {
+            *at_mut(&mut self.rays.dir[axis], i) = v;
+        }
+    }
+
+    /// Takes over origin and interval of all rays: they are those of `ray`.
+    #[inline]
+    pub fn set_all_but_dirs(&mut self, ray: &LocalRay) {
+        for (axis, v) in ray.org.to_array().into_iter().enumerate() {
+            self.rays.org[axis] = [[v; 16]; VECTORS];
+        }
+        self.rays.t_min = [[ray.t_min; 16]; VECTORS];
+        self.hits.t = [[ray.t_max; 16]; VECTORS];
     }
 
     /// Whether all rays taken over start within `near` of the tree's zero along each axis, have directions of usual
@@ -178,7 +196,7 @@ impl PacketWalk {
     /// and all origins are near each other, as those of neighbouring pixels are, unless it `says` so.
     #[inline]
     pub fn is_coherent(&self, view: &TreeView, says: bool) -> bool {
-        self.shared.as_ref().is_some_and(|shared| says || shared.spread() <= view.reach * NEAR)
+        self.together && (says || self.shared.spread() <= view.reach * NEAR)
     }
 
     /// The best hit so far of ray `i`.
@@ -224,7 +242,7 @@ impl Op for Start<'_, '_> {
     fn run<S: Simd>(self, s: S) {
         let Self { walk, view, active } = self;
         walk.stack.clear();
-        walk.hits.some = 0;
+        (walk.hits.some, walk.together) = (0, false);
         walk.waiting = packet_visit::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
         if walk.waiting == 0 || view.is_empty() {
             walk.waiting = 0;
@@ -233,7 +251,7 @@ impl Op for Start<'_, '_> {
         if walk.waiting != ALL {
             repeat_first(walk);
         }
-        walk.shared = packet_visit::prepare(s, &mut walk.rays, view.reach);
+        walk.together = packet_visit::prepare(s, &mut walk.rays, view.reach, &mut walk.shared);
         walk.stack.push(PacketEntry { t: 0.0, rays: walk.waiting, block: view.root_block, child: view.root });
     }
 }

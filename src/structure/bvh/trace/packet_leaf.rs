@@ -31,14 +31,18 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
         return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at);
     }
     walk.counters.triangles += leaf.triangles as u64;
-    let corners = corners(s, &leaf, shared.k);
+    let corners = corners(s, &leaf, shared);
     for i in 0..leaf.triangles.min(8) {
         for h in 0..VECTORS {
             let rays = entry.rays >> (16 * h) & 0xffff;
             if rays == 0 {
                 continue;
             }
-            let found = triangle(s, &corners, i, shared.k, walk, h);
+            let found = if shared.one_origin {
+                triangle::<S, true>(s, &corners, i, shared.k, walk, h)
+            } else {
+                triangle::<S, false>(s, &corners, i, shared.k, walk, h)
+            };
             let hits = found.hits & rays;
             if hits == 0 || filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
                 continue;
@@ -111,33 +115,41 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     Outcome::Done
 }
 
-/// The corners of eight triangles, axis by axis in the order `k`.
+/// The corners of eight triangles, axis by axis in the order of [`Shared::k`].
 type Corners = [[[f32; 8]; 3]; 3];
 
-/// Those of a leaf; past its last triangle, whatever.
+/// Those of a leaf, relative to the rays' origin if it is one; past the leaf's last triangle, whatever.
 #[inline(always)]
-fn corners<S: Simd>(s: S, leaf: &Leaf, k: [usize; 3]) -> Corners {
-    let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
+fn corners<S: Simd>(s: S, leaf: &Leaf, shared: &Shared) -> Corners {
+    let k = shared.k;
     let mut all = [[[0.0; 8]; 3]; 3];
-    for c in 0..3 {
-        let index = s.index8(leaf.corners8(c));
-        for axis in 0..3 {
-            all[c][axis] = s.lookup16(tables[axis], index).to_array();
+    for axis in 0..3 {
+        let table = leaf.coordinates16(k[axis]);
+        let org = s.splat8(if shared.one_origin { shared.org_near[k[axis]] } else { 0.0 });
+        for c in 0..3 {
+            all[c][axis] = (s.lookup16(table, s.index8(leaf.corners8(c))) - org).to_array();
         }
     }
     all
 }
 
-/// Tests triangle `i` against the rays of a vector.
+/// Tests triangle `i` against the rays of a vector. `MOVED`: corners are relative to the origin.
 #[inline(always)]
-fn triangle<S: Simd>(s: S, corners: &Corners, i: usize, k: [usize; 3], walk: &PacketWalk, h: usize) -> LaneHits<S::F16> {
+fn triangle<S: Simd, const MOVED: bool>(
+    s: S,
+    corners: &Corners,
+    i: usize,
+    k: [usize; 3],
+    walk: &PacketWalk,
+    h: usize,
+) -> LaneHits<S::F16> {
     let rays = &walk.rays;
-    let org = [s.load16(&rays.org[k[0]][h]), s.load16(&rays.org[k[1]][h]), s.load16(&rays.org[k[2]][h])];
     let skew = [s.load16(&rays.shear[0][h]), s.load16(&rays.shear[1][h]), s.load16(&rays.shear[2][h])];
-    let mut moved = [org; 3];
-    for c in 0..3 {
-        for axis in 0..3 {
-            moved[c][axis] = s.splat16(corners[c][axis][i & 7]) - org[axis];
+    let mut moved = [skew; 3];
+    for axis in 0..3 {
+        for c in 0..3 {
+            let corner = s.splat16(corners[c][axis][i & 7]);
+            moved[c][axis] = if MOVED { corner } else { corner - s.load16(&rays.org[k[axis]][h]) };
         }
     }
     let [a, b, c] = moved;

@@ -22,26 +22,22 @@ use glam::Vec3;
 const FEW: u32 = 3;
 
 /// What coherent rays share: signs of the direction, axis order of the triangle test, and intervals.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Shared {
     near: [usize; 3],
     pub k: [usize; 3],
     /// The origins' extreme on each axis that makes the distance to the near plane least.
-    org_near: [f32; 3],
+    pub org_near: [f32; 3],
     /// The same for the greatest distance to the far plane.
     org_far: [f32; 3],
     inv_min: [f32; 3],
     inv_max: [f32; 3],
     slack: [f32; 3],
+    /// All rays start at the same point.
+    pub one_origin: bool,
 }
 
 impl Shared {
-    /// Whether all rays start at the same point.
-    #[inline(always)]
-    fn has_one_origin(&self) -> bool {
-        self.org_near == self.org_far
-    }
-
     /// The greatest distance of origins along an axis.
     #[inline(always)]
     pub fn spread(&self) -> f32 {
@@ -50,30 +46,27 @@ impl Shared {
     }
 }
 
-/// Prepares all rays (as [`super::PreparedRay::new`] does one, which see); `None` where they cannot go
-/// together, because the signs or the greatest components of their directions differ.
+/// Prepares all rays (as [`super::PreparedRay::new`] does one, which see), and what they share; false where they cannot
+/// go together, because the signs or the greatest components of their directions differ. (Written in place: returned, the
+/// struct would be stored in small pieces and read at once in large ones.)
 #[inline(always)]
-pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32) -> Option<Shared> {
-    let kz = greatest_axis(s, rays)?;
+pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: &mut Shared) -> bool {
+    let Some(kz) = greatest_axis(s, rays) else { return false };
     let k = [(kz + 1) % 3, (kz + 2) % 3, kz];
-    let mut shared = Shared {
-        near: [0; 3],
-        k,
-        org_near: [0.0; 3],
-        org_far: [0.0; 3],
-        inv_min: [0.0; 3],
-        inv_max: [0.0; 3],
-        slack: [0.0; 3],
-    };
+    let (zero, one) = (s.splat16(0.0), s.splat16(1.0));
+    let mut one_origin = true;
     for axis in 0..3 {
-        let (inf, zero) = (s.splat16(f32::INFINITY), s.splat16(0.0));
-        let minus_inf = zero - inf;
-        let (mut org_low, mut org_high, mut inv_low, mut inv_high, mut slacks) = (inf, minus_inf, inf, minus_inf, zero);
+        let first = s.load16(&rays.org[axis][0]);
+        let origin = s.splat16(rays.org[axis][0][0]);
+        let mut equal = origin.eq(first);
+        let (mut org_low, mut org_high) = (first, first);
+        let (mut inv_low, mut inv_high) = (s.splat16(f32::INFINITY), s.splat16(f32::NEG_INFINITY));
+        let mut slacks = zero;
         let mut signs = [0; VECTORS];
         for h in 0..VECTORS {
             let dir = s.load16(&rays.dir[axis][h]);
             let least = abs(zero, s.load16(&rays.dir[kz][h])) * s.splat16(1e-18);
-            let magnitude = s.splat16(1.0).div(abs(zero, dir).max(least));
+            let magnitude = one.div(abs(zero, dir).max(least));
             let positive = zero.le(dir);
             signs[h] = positive.bits();
             let inv = magnitude.select(positive, zero - magnitude);
@@ -83,6 +76,7 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32) -> Optio
             rays.inv[axis][h] = inv.to_array();
             rays.minus_off_near[axis][h] = (zero - off - slack).to_array();
             rays.minus_off_far[axis][h] = (slack - off).to_array();
+            equal = equal.and(origin.eq(org));
             (org_low, org_high) = (org.min(org_low), org.max(org_high));
             (inv_low, inv_high) = (inv.min(inv_low), inv.max(inv_high));
             slacks = slack.max(slacks);
@@ -90,21 +84,32 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32) -> Optio
         let negative = match signs {
             signs if signs == [0xffff; VECTORS] => false,
             signs if signs == [0; VECTORS] => true,
-            _ => return None,
+            _ => return false,
         };
-        let (low, high) = (org_low.least(), org_high.greatest());
         shared.near[axis] = if negative { axis + 3 } else { axis };
-        (shared.org_near[axis], shared.org_far[axis]) = if negative { (low, high) } else { (high, low) };
         (shared.inv_min[axis], shared.inv_max[axis]) = (inv_low.least(), inv_high.greatest());
-        shared.slack[axis] = 2.0 * slacks.greatest();
+        if equal.bits() == 0xffff {
+            // The most frequent case. The greatest slack is that of the greatest reciprocal, as products keep order.
+            let origin = rays.org[axis][0][0];
+            (shared.org_near[axis], shared.org_far[axis]) = (origin, origin);
+            let steepest = shared.inv_max[axis].abs().max(shared.inv_min[axis].abs());
+            shared.slack[axis] = 2.0 * (steepest * origin.abs().max(reach) * (1.0 / 524288.0));
+        } else {
+            one_origin = false;
+            let (low, high) = (org_low.least(), org_high.greatest());
+            (shared.org_near[axis], shared.org_far[axis]) = if negative { (low, high) } else { (high, low) };
+            shared.slack[axis] = 2.0 * slacks.greatest();
+        }
     }
     for h in 0..VECTORS {
         let z = s.load16(&rays.dir[kz][h]);
         rays.shear[0][h] = s.load16(&rays.dir[k[0]][h]).div(z).to_array();
         rays.shear[1][h] = s.load16(&rays.dir[k[1]][h]).div(z).to_array();
-        rays.shear[2][h] = s.splat16(1.0).div(z).to_array();
+        // The greatest component is no less than the least that counts: this is its reciprocal.
+        rays.shear[2][h] = rays.inv[kz][h];
     }
-    Some(shared)
+    (shared.k, shared.one_origin) = (k, one_origin);
+    true
 }
 
 /// The rays that [`super::LocalRay::is_valid`] accepts.
@@ -227,6 +232,7 @@ fn visit<S: Simd, const ANY: bool>(
     filter: Option<&PartFilter>,
     walk: &mut PacketWalk,
 ) -> Outcome {
+    let shared = walk.shared;
     let mut far = farthest(s, &walk.hits.t);
     while let Some(mut entry) = walk.stack.pop() {
         if entry.t > far {
@@ -239,19 +245,17 @@ fn visit<S: Simd, const ANY: bool>(
         };
         let mut block = Block::new(words);
         while entry.rays != 0 {
-            let together = entry.rays.count_ones() >= FEW;
-            let (Some(shared), true) = (walk.shared.as_ref(), together) else {
+            if !walk.together || entry.rays.count_ones() < FEW {
                 let outcome = each_alone::<S, ANY>(s, view, filter, walk, entry);
                 if outcome != Outcome::Done {
                     return outcome;
                 }
                 far = farthest(s, &walk.hits.t);
                 break;
-            };
+            }
             match Child::from_bits(entry.child) {
                 Some(Child::Node(index)) => {
                     walk.counters.nodes += 1;
-                    let shared = *shared;
                     match nearest_child(s, block.node(index), &shared, far, entry, walk) {
                         Some(nearest) => entry = nearest,
                         None => break,
@@ -259,7 +263,6 @@ fn visit<S: Simd, const ANY: bool>(
                 }
                 Some(Child::Leaf(at)) => {
                     walk.counters.leaves += 1;
-                    let shared = *shared;
                     let outcome = leaf::<S, ANY>(s, view, filter, walk, entry, &shared, block, at);
                     if outcome != Outcome::Done {
                         return outcome;
@@ -296,9 +299,10 @@ fn each_alone<S: Simd, const ANY: bool>(
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
-        let ray = match &walk.shared {
-            Some(shared) => prepared(&walk.rays, i, shared),
-            None => PreparedRay::new(&walk.rays.one(i), view.reach),
+        let ray = if walk.together {
+            prepared(&walk.rays, i, &walk.shared)
+        } else {
+            PreparedRay::new(&walk.rays.one(i), view.reach)
         };
         let lanes = RayLanes::new(s, &ray);
         let mut best = walk.best(i);
@@ -377,7 +381,7 @@ fn nearest_child<S: Simd>(
         // Rays from one point are tested one by one only before leaves: for nodes it costs more than it saves
         // (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of many origins are too wide.
         let mut rays = entry.rays;
-        if !shared.has_one_origin() || matches!(Child::from_bits(child), Some(Child::Leaf(_))) {
+        if !shared.one_origin || matches!(Child::from_bits(child), Some(Child::Leaf(_))) {
             rays &= meet(s, &planes, slot, walk);
             if rays == 0 {
                 continue;
