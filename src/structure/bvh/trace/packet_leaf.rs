@@ -30,9 +30,15 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
     if (entry.rays.count_ones() as usize) < tests {
         return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at);
     }
-    walk.counters.triangles += leaf.triangles as u64;
     let corners = corners(s, &leaf, shared);
-    for i in 0..leaf.triangles.min(8) {
+    let mut todo = all_triangles(leaf.triangles);
+    if shared.one_origin {
+        todo &= !beside(s, &corners, shared);
+    }
+    walk.counters.triangles += u64::from(todo.count_ones());
+    while todo != 0 {
+        let i = todo.trailing_zeros() as usize;
+        todo &= todo - 1;
         for h in 0..VECTORS {
             let rays = entry.rays >> (16 * h) & 0xffff;
             if rays == 0 {
@@ -131,6 +137,36 @@ fn corners<S: Simd>(s: S, leaf: &Leaf, shared: &Shared) -> Corners {
         }
     }
     all
+}
+
+/// A bit for each triangle of a leaf.
+#[inline(always)]
+fn all_triangles(count: usize) -> u32 {
+    (1 << count) - 1
+}
+
+/// The triangles that lie beside all rays: sheared, their corners are all on one side of the origin. For rays between the
+/// extremes of the shear a sheared corner is between what the extremes give, rounding included, as rounded differences
+/// and products keep order: so none of these triangles would be hit.
+#[inline(always)]
+fn beside<S: Simd>(s: S, corners: &Corners, shared: &Shared) -> u32 {
+    let zero = s.splat8(0.0);
+    let mut beside = 0;
+    for axis in 0..2 {
+        let (least, greatest) = (s.splat8(shared.shear_min[axis]), s.splat8(shared.shear_max[axis]));
+        let mut all_low = s.splat8(f32::INFINITY);
+        let mut all_high = s.splat8(f32::NEG_INFINITY);
+        for corner in corners {
+            let (along, z) = (s.load8(&corner[axis]), s.load8(&corner[2]));
+            let (a, b) = (along - least * z, along - greatest * z);
+            all_low = a.min(b).min(all_low);
+            all_high = a.max(b).max(all_high);
+        }
+        // What is not a number, for an overflow, is not less than anything.
+        beside |= zero.le(all_low).bits() & !zero.eq(all_low).bits();
+        beside |= all_high.le(zero).bits() & !zero.eq(all_high).bits();
+    }
+    beside
 }
 
 /// Tests triangle `i` against the rays of a vector. `MOVED`: corners are relative to the origin.

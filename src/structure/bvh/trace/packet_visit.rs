@@ -35,6 +35,9 @@ pub(super) struct Shared {
     slack: [f32; 3],
     /// All rays start at the same point.
     pub one_origin: bool,
+    /// The extremes of the shear along x and along y.
+    pub shear_min: [f32; 2],
+    pub shear_max: [f32; 2],
 }
 
 impl Shared {
@@ -101,13 +104,17 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
             shared.slack[axis] = 2.0 * slacks.greatest();
         }
     }
-    for h in 0..VECTORS {
-        let z = s.load16(&rays.dir[kz][h]);
-        rays.shear[0][h] = s.load16(&rays.dir[k[0]][h]).div(z).to_array();
-        rays.shear[1][h] = s.load16(&rays.dir[k[1]][h]).div(z).to_array();
-        // The greatest component is no less than the least that counts: this is its reciprocal.
-        rays.shear[2][h] = rays.inv[kz][h];
+    for axis in 0..2 {
+        let (mut least, mut greatest) = (s.splat16(f32::INFINITY), s.splat16(f32::NEG_INFINITY));
+        for h in 0..VECTORS {
+            let shear = s.load16(&rays.dir[k[axis]][h]).div(s.load16(&rays.dir[kz][h]));
+            rays.shear[axis][h] = shear.to_array();
+            (least, greatest) = (shear.min(least), shear.max(greatest));
+        }
+        (shared.shear_min[axis], shared.shear_max[axis]) = (least.least(), greatest.greatest());
     }
+    // The greatest component is no less than the least that counts: this is its reciprocal.
+    rays.shear[2] = rays.inv[kz];
     (shared.k, shared.one_origin) = (k, one_origin);
     true
 }
