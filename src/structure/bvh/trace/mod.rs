@@ -7,6 +7,7 @@
 
 mod packet;
 mod packet_leaf;
+mod packet_prepare;
 mod packet_visit;
 mod ray;
 mod rays16;

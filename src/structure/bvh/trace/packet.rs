@@ -1,7 +1,8 @@
 //! Coherent rays together: their state, and how they enter and leave the kernel.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::packet_visit::{self, Shared};
+use super::packet_prepare::{self, Shared};
+use super::packet_visit;
 use super::walk::{Counters, Outcome, Walk};
 use super::{LocalRay, PartFilter, TreeView, TriHit};
 use crate::math::Cone;
@@ -243,7 +244,7 @@ impl Op for Start<'_, '_> {
         let Self { walk, view, active } = self;
         walk.stack.clear();
         (walk.hits.some, walk.together) = (0, false);
-        walk.waiting = packet_visit::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
+        walk.waiting = packet_prepare::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
         if walk.waiting == 0 || view.is_empty() {
             walk.waiting = 0;
             return;
@@ -251,7 +252,7 @@ impl Op for Start<'_, '_> {
         if walk.waiting != ALL {
             repeat_first(walk);
         }
-        walk.together = packet_visit::prepare(s, &mut walk.rays, view.reach, &mut walk.shared);
+        walk.together = packet_prepare::prepare(s, &mut walk.rays, view.reach, &mut walk.shared);
         walk.stack.push(PacketEntry { t: 0.0, rays: walk.waiting, block: view.root_block, child: view.root });
     }
 }
@@ -266,7 +267,7 @@ impl Op for Within<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> u32 {
-        packet_visit::within(s, &mut self.walk.rays, self.near)
+        packet_prepare::within(s, &mut self.walk.rays, self.near)
     }
 }
 

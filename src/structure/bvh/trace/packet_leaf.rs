@@ -3,7 +3,8 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PacketEntry, PacketHits, PacketWalk, VECTORS, at};
-use super::packet_visit::{Shared, keep};
+use super::packet_prepare::Shared;
+use super::packet_visit::keep;
 use super::single::{LeafRay, is_better, triangles};
 use super::walk::{Outcome, TriHit};
 use super::{PartFilter, TreeView};
@@ -31,14 +32,14 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
         return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at);
     }
     let corners = corners(s, &leaf, shared);
-    let mut todo = all_triangles(leaf.triangles);
+    let mut left = all_triangles(leaf.triangles);
     if shared.one_origin {
-        todo &= !beside(s, &corners, shared);
+        left &= !beside(s, &corners, shared);
     }
-    walk.counters.triangles += u64::from(todo.count_ones());
-    while todo != 0 {
-        let i = todo.trailing_zeros() as usize;
-        todo &= todo - 1;
+    walk.counters.triangles += u64::from(left.count_ones());
+    while left != 0 {
+        let i = left.trailing_zeros() as usize;
+        left &= left - 1;
         for h in 0..VECTORS {
             let rays = entry.rays >> (16 * h) & 0xffff;
             if rays == 0 {

@@ -1,0 +1,174 @@
+//! Packets before they start: what each ray needs for box and triangle tests, and what all share.
+#![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
+
+use super::packet::{PacketRays, Row, VECTORS};
+use super::ray::{MAX_DIR, MIN_DIR, USUAL_DIRS};
+use crate::simd::{Lanes, Mask, Simd};
+
+/// What coherent rays share: signs of the direction, axis order of the triangle test, and intervals.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Shared {
+    /// For each axis, which of a node's six runs of planes is met first.
+    pub near: [usize; 3],
+    pub k: [usize; 3],
+    /// The origins' extreme on each axis that makes the distance to the near plane least.
+    pub org_near: [f32; 3],
+    /// The same for the greatest distance to the far plane.
+    pub org_far: [f32; 3],
+    pub inv_min: [f32; 3],
+    pub inv_max: [f32; 3],
+    /// What a plane's distance may be off by.
+    pub slack: [f32; 3],
+    /// All rays start at the same point.
+    pub one_origin: bool,
+    /// The extremes of the shear along x and along y.
+    pub shear_min: [f32; 2],
+    pub shear_max: [f32; 2],
+}
+
+impl Shared {
+    /// The greatest distance of origins along an axis.
+    #[inline(always)]
+    pub fn spread(&self) -> f32 {
+        let along = |axis: usize| (self.org_near[axis] - self.org_far[axis]).abs();
+        along(0).max(along(1)).max(along(2))
+    }
+}
+
+/// Prepares all rays (as [`super::PreparedRay::new`] does one, which see), and what they share; false where they cannot
+/// go together, because the signs or the greatest components of their directions differ. (Written in place: returned, the
+/// struct would be stored in small pieces and read at once in large ones.)
+#[inline(always)]
+pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: &mut Shared) -> bool {
+    let Some(kz) = greatest_axis(s, rays) else { return false };
+    let k = [(kz + 1) % 3, (kz + 2) % 3, kz];
+    let (zero, one) = (s.splat16(0.0), s.splat16(1.0));
+    let mut one_origin = true;
+    for axis in 0..3 {
+        let first = s.load16(&rays.org[axis][0]);
+        let origin = s.splat16(rays.org[axis][0][0]);
+        let mut equal = origin.eq(first);
+        let (mut org_low, mut org_high) = (first, first);
+        let (mut inv_low, mut inv_high) = (s.splat16(f32::INFINITY), s.splat16(f32::NEG_INFINITY));
+        let mut slacks = zero;
+        let mut signs = [0; VECTORS];
+        for h in 0..VECTORS {
+            let dir = s.load16(&rays.dir[axis][h]);
+            let least = abs(zero, s.load16(&rays.dir[kz][h])) * s.splat16(1e-18);
+            let magnitude = one.div(abs(zero, dir).max(least));
+            let positive = zero.le(dir);
+            signs[h] = positive.bits();
+            let inv = magnitude.select(positive, zero - magnitude);
+            let org = s.load16(&rays.org[axis][h]);
+            let slack = magnitude * abs(zero, org).max(s.splat16(reach)) * s.splat16(1.0 / 524288.0);
+            let off = org * inv;
+            rays.inv[axis][h] = inv.to_array();
+            rays.minus_off_near[axis][h] = (zero - off - slack).to_array();
+            rays.minus_off_far[axis][h] = (slack - off).to_array();
+            equal = equal.and(origin.eq(org));
+            (org_low, org_high) = (org.min(org_low), org.max(org_high));
+            (inv_low, inv_high) = (inv.min(inv_low), inv.max(inv_high));
+            slacks = slack.max(slacks);
+        }
+        let negative = match signs {
+            signs if signs == [0xffff; VECTORS] => false,
+            signs if signs == [0; VECTORS] => true,
+            _ => return false,
+        };
+        shared.near[axis] = if negative { axis + 3 } else { axis };
+        (shared.inv_min[axis], shared.inv_max[axis]) = (inv_low.least(), inv_high.greatest());
+        if equal.bits() == 0xffff {
+            // The most frequent case. The greatest slack is that of the greatest reciprocal, as products keep order.
+            let origin = rays.org[axis][0][0];
+            (shared.org_near[axis], shared.org_far[axis]) = (origin, origin);
+            let steepest = shared.inv_max[axis].abs().max(shared.inv_min[axis].abs());
+            shared.slack[axis] = 2.0 * (steepest * origin.abs().max(reach) * (1.0 / 524288.0));
+        } else {
+            one_origin = false;
+            let (low, high) = (org_low.least(), org_high.greatest());
+            (shared.org_near[axis], shared.org_far[axis]) = if negative { (low, high) } else { (high, low) };
+            shared.slack[axis] = 2.0 * slacks.greatest();
+        }
+    }
+    for axis in 0..2 {
+        let (mut least, mut greatest) = (s.splat16(f32::INFINITY), s.splat16(f32::NEG_INFINITY));
+        for h in 0..VECTORS {
+            let shear = s.load16(&rays.dir[k[axis]][h]).div(s.load16(&rays.dir[kz][h]));
+            rays.shear[axis][h] = shear.to_array();
+            (least, greatest) = (shear.min(least), shear.max(greatest));
+        }
+        (shared.shear_min[axis], shared.shear_max[axis]) = (least.least(), greatest.greatest());
+    }
+    // The greatest component is no less than the least that counts: this is its reciprocal.
+    rays.shear[2] = rays.inv[kz];
+    (shared.k, shared.one_origin) = (k, one_origin);
+    true
+}
+
+/// The rays that [`super::LocalRay::is_valid`] accepts.
+#[inline(always)]
+pub(super) fn valid<S: Simd>(s: S, rays: &PacketRays, t_max: &Row) -> u32 {
+    let (zero, largest) = (s.splat16(0.0), s.splat16(MAX_DIR));
+    let mut all = 0;
+    for h in 0..VECTORS {
+        let t_min = s.load16(&rays.t_min[h]);
+        let mut ok = zero.le(t_min).and(t_min.le(s.load16(&t_max[h])));
+        let mut size = zero;
+        for axis in 0..3 {
+            let (org, dir) = (abs(zero, s.load16(&rays.org[axis][h])), abs(zero, s.load16(&rays.dir[axis][h])));
+            // NaN is not less than anything.
+            ok = ok.and(org.le(s.splat16(f32::MAX))).and(dir.le(largest));
+            size = dir.max(size);
+        }
+        all |= ok.and(s.splat16(MIN_DIR).le(size)).bits() << (16 * h);
+    }
+    all
+}
+
+/// See [`super::PacketWalk::is_within`].
+#[inline(always)]
+pub(super) fn within<S: Simd>(s: S, rays: &mut PacketRays, near: f32) -> u32 {
+    let (zero, near) = (s.splat16(0.0), s.splat16(near));
+    let (least, greatest) = (s.splat16(*USUAL_DIRS.start()), s.splat16(*USUAL_DIRS.end()));
+    let mut all = 0;
+    for h in 0..VECTORS {
+        let t_min = s.load16(&rays.t_min[h]);
+        // NaN is not less than anything.
+        let mut ok = abs(zero, t_min).le(s.splat16(f32::MAX));
+        let mut size = zero;
+        for axis in 0..3 {
+            let dir = abs(zero, s.load16(&rays.dir[axis][h]));
+            ok = ok.and(abs(zero, s.load16(&rays.org[axis][h])).le(near)).and(dir.le(greatest));
+            size = dir.max(size);
+        }
+        rays.t_min[h] = t_min.max(zero).to_array();
+        all |= ok.and(least.le(size)).bits() << (16 * h);
+    }
+    all
+}
+
+#[inline(always)]
+fn abs<L: Lanes<16>>(zero: L, v: L) -> L {
+    v.max(zero - v)
+}
+
+/// The axis on which all rays are greatest, ties as in [`crate::geom::Shear`]; `None` where they differ.
+#[inline(always)]
+fn greatest_axis<S: Simd>(s: S, rays: &PacketRays) -> Option<usize> {
+    let zero = s.splat16(0.0);
+    let (mut is_x, mut is_y) = ([0; VECTORS], [0; VECTORS]);
+    for h in 0..VECTORS {
+        let x = abs(zero, s.load16(&rays.dir[0][h]));
+        let y = abs(zero, s.load16(&rays.dir[1][h]));
+        let z = abs(zero, s.load16(&rays.dir[2][h]));
+        is_x[h] = y.le(x).and(z.le(x)).bits();
+        is_y[h] = z.le(y).bits() & !is_x[h];
+    }
+    let (all, none) = ([0xffff; VECTORS], [0; VECTORS]);
+    match (is_x == all, is_y == all) {
+        (true, _) => Some(0),
+        (_, true) => Some(1),
+        _ if is_x == none && is_y == none => Some(2),
+        _ => None,
+    }
+}
