@@ -4,7 +4,7 @@ use super::batch::{Hits, Policy, Rays};
 use super::finish::{Last, finish};
 use super::hit::{Hit, HitKind, Want};
 use crate::math::Ray;
-use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step};
+use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step, bits};
 use crate::structure::bvh::trace::{PACKET, PacketWalk, STREAM, first_rays};
 use std::ops::Range;
 
@@ -72,16 +72,18 @@ impl Chunk {
             self.firsts[gathered / PACKET] = first + from;
             rays.read(first + from, &mut self.rays[group.clone()]);
             self.unfinished.clear();
-            if may_be_alike(&self.rays[group.clone()]) && self.trace_packet(view, task, group.clone()) {
-                self.answer(view, task, group, hits);
-            } else {
-                gathered = group.end;
+            let is_alike = may_be_alike(&self.rays[group.clone()]);
+            match if is_alike { self.trace_packet(view, task, group.clone()) } else { None } {
+                Some(met) => self.answer(view, task, group, met, hits),
+                None => gathered = group.end,
             }
         }
         self.unfinished.clear();
         self.trace_each(view, task, gathered);
         for from in (0..gathered).step_by(PACKET) {
-            self.answer(view, task, from..gathered.min(from + PACKET), hits);
+            let group = from..gathered.min(from + PACKET);
+            let met = hits_of(&self.found[group.clone()]);
+            self.answer(view, task, group, met, hits);
         }
     }
 
@@ -95,35 +97,34 @@ impl Chunk {
         self.unfinished.extend_from_slice(self.stream.unfinished());
     }
 
-    /// A packet's rays together; false if they must go side by side.
-    fn trace_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>) -> bool {
+    /// A packet's rays together; returns those that hit something, or `None` if they must go side by side.
+    fn trace_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>) -> Option<u32> {
         let (rays, found) = (&self.rays[group.clone()], &mut self.found[group.clone()]);
-        let step = if view.only_one().is_none() {
+        let met = if view.only_one().is_none() {
             // Here nobody looks at the rays: only the caller's word tells that they are near each other.
-            if !task.coherent {
-                return false;
-            }
-            let Some(rays) = self.rays[group.start..].first_chunk::<PACKET>() else { return false };
+            let rays = self.rays[group.start..].first_chunk::<PACKET>().filter(|_| task.coherent)?;
             self.packet.begin(view, rays, first_rays(group.len()));
-            let step = trace_whole(view, task, rays, &mut self.packet);
-            found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
-            Some(step)
+            match trace_whole(view, task, rays, &mut self.packet) {
+                Step::Pending(need) => Err(need),
+                Step::Done => {
+                    found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
+                    Ok(hits_of(found))
+                }
+            }
         } else if task.any {
-            view.trace_together::<true>(rays, task.coherent, &mut self.in_one, found)
+            view.trace_together::<true>(rays, task.coherent, &mut self.in_one, found)?
         } else {
-            view.trace_together::<false>(rays, task.coherent, &mut self.in_one, found)
+            view.trace_together::<false>(rays, task.coherent, &mut self.in_one, found)?
         };
-        match step {
-            None => return false,
-            Some(Step::Done) => {}
+        if met.is_err() {
             // Which of its rays had what they needed is not known.
-            Some(Step::Pending(_)) => self.unfinished.extend(group.start as u32..group.end as u32),
+            self.unfinished.extend(group.start as u32..group.end as u32);
         }
-        true
+        Some(met.unwrap_or(0))
     }
 
-    /// Writes the answers of a group, or parks it.
-    fn answer(&mut self, view: &SceneView, task: Task, group: Range<usize>, hits: &impl Hits) {
+    /// Writes the answers of a group, or parks it. `met`: rays that hit something; more may be among the unfinished.
+    fn answer(&mut self, view: &SceneView, task: Task, group: Range<usize>, mut met: u32, hits: &impl Hits) {
         let mut alone = Vec::new();
         let mut lacking = 0;
         for &i in self.unfinished.iter().filter(|&&i| group.contains(&(i as usize))) {
@@ -136,17 +137,19 @@ impl Chunk {
                     alone.push((i - group.start, walk));
                 }
                 step => {
+                    let bit = 1 << (i - group.start);
                     self.found[i] = walk.best();
-                    lacking |= u32::from(step != Step::Done) << (i - group.start);
+                    met = if self.found[i].is_hit() { met | bit } else { met & !bit };
+                    lacking |= if step == Step::Done { 0 } else { bit };
                 }
             }
         }
         let (first, count) = (self.firsts[group.start / PACKET], group.len());
         let (rays, found) = (&self.rays[group.clone()], &self.found[group]);
-        if alone.is_empty() && finish_group(view, task, rays, found, lacking, &mut self.hits, &mut self.needs) {
+        if alone.is_empty() && finish_group(view, task, rays, found, [met, lacking], &mut self.hits, &mut self.needs) {
             return hits.write(first, &self.hits[..count]);
         }
-        let mut group = Group::new(first, rays, found);
+        let mut group = Group::new(first, rays, found, met);
         group.alone = alone;
         self.parked.push(group);
     }
@@ -168,25 +171,39 @@ fn trace_whole(view: &SceneView, task: Task, rays: &[Ray; PACKET], packet: &mut 
     if task.any { view.trace_packet::<true>(rays, packet) } else { view.trace_packet::<false>(rays, packet) }
 }
 
-/// Works out the hits of a group of rays; false if a block is missing. Rays of `lacking` were answered without a
-/// block that they needed.
+/// Those that are hits.
+fn hits_of(found: &[Found]) -> u32 {
+    found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.is_hit()) << i)
+}
+
+/// Works out the hits of a group of rays; false if a block is missing. Rays of `met` hit what was found; rays of `lacking`
+/// were answered without a block that they needed.
 fn finish_group(
     view: &SceneView,
     task: Task,
     rays: &[Ray],
     found: &[Found],
-    lacking: u32,
+    [met, lacking]: [u32; 2],
     hits: &mut [Hit; PACKET],
     needs: &mut Vec<Need>,
 ) -> bool {
     let before = needs.len();
-    let mut last = Last::new();
-    for (i, ((it, found), hit)) in rays.iter().zip(found).zip(hits).enumerate() {
-        match (finish(view, &mut last, it, found, task.want, hit), task.policy) {
-            (Ok(()), _) if lacking >> i & 1 == 0 => {}
-            (Err(need), Policy::Exact) => needs.push(need),
-            _ => hit.kind = HitKind::Missing,
+    for i in bits(!met & first_rays(rays.len())) {
+        // The least that undoes the hit before: what is never asked for is never written.
+        if hits[i].kind != HitKind::Miss {
+            hits[i] = Hit::MISS;
         }
+    }
+    let mut last = Last::new();
+    for i in bits(met & first_rays(rays.len())) {
+        match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
+            (Ok(()), _) => {}
+            (Err(need), Policy::Exact) => needs.push(need),
+            _ => hits[i].kind = HitKind::Missing,
+        }
+    }
+    for i in bits(lacking) {
+        hits[i].kind = HitKind::Missing;
     }
     needs.len() == before
 }
@@ -197,17 +214,20 @@ pub(super) struct Group {
     count: usize,
     rays: [Ray; PACKET],
     found: [Found; PACKET],
+    /// Rays that hit what was found.
+    met: u32,
     /// Rays that were put down alone, each with its walk. All others have ended.
     alone: Vec<(usize, SceneWalk)>,
 }
 
 impl Group {
-    fn new(first: usize, rays: &[Ray], found: &[Found]) -> Self {
+    fn new(first: usize, rays: &[Ray], found: &[Found], met: u32) -> Self {
         let mut group = Self {
             first,
             count: rays.len(),
             rays: [Ray::NONE; PACKET],
             found: [Found::nothing(0.0); PACKET],
+            met,
             alone: Vec::new(),
         };
         group.rays[..rays.len()].copy_from_slice(rays);
@@ -233,7 +253,7 @@ impl Group {
         hits: &'a mut [Hit; PACKET],
         needs: &mut Vec<Need>,
     ) -> Option<&'a [Hit]> {
-        let Self { alone, rays, found, count, .. } = self;
+        let Self { alone, rays, found, count, met, .. } = self;
         alone.retain_mut(|(i, walk)| match trace(view, task, &rays[*i], walk) {
             Step::Pending(need) => {
                 needs.push(need);
@@ -241,11 +261,12 @@ impl Group {
             }
             Step::Done => {
                 found[*i] = walk.best();
+                *met |= u32::from(found[*i].is_hit()) << *i;
                 false
             }
         });
         let (rays, found) = (&rays[..*count], &found[..*count]);
-        let done = alone.is_empty() && finish_group(view, task, rays, found, 0, hits, needs);
+        let done = alone.is_empty() && finish_group(view, task, rays, found, [*met, 0], hits, needs);
         done.then(|| &hits[..*count])
     }
 }

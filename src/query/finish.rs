@@ -177,13 +177,6 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 /// 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
 #[inline(always)]
 pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
-    if !found.is_hit() {
-        // The least that undoes the hit before: what is never asked for is never written.
-        if hit.kind != HitKind::Miss {
-            *hit = Hit::MISS;
-        }
-        return Ok(());
-    }
     hit.kind = HitKind::Exact;
     hit.t = found.t;
     let placed = &view.scene.placement.placed[found.placed as usize];

@@ -1,7 +1,7 @@
 //! Rays in a scene that is one placed tree, the most frequent kind: there is no top-level tree to walk.
 
 use super::placed::{Placed, not_below};
-use super::walk::{Found, SceneStream, SceneView, Step, bits};
+use super::walk::{Found, Need, SceneStream, SceneView, bits};
 use crate::math::Ray;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, first_rays};
 
@@ -10,14 +10,15 @@ const UNMOVED: (f64, f64) = (0.0, 1.0);
 
 impl SceneView<'_> {
     /// Up to a packet's rays together in a scene that is one placed tree, if they go the same way (see
-    /// [`PacketWalk::is_coherent`]); else `None`. `Pending`: the rays are to be begun anew, each alone.
+    /// [`PacketWalk::is_coherent`]); else `None`. Returns the rays that hit something, whose `found` is then written, or
+    /// the block that some ray needs: then they are to be begun anew, each alone.
     pub fn trace_together<const ANY: bool>(
         &self,
         rays: &[Ray],
         says: bool,
         walk: &mut PacketWalk,
         found: &mut [Found],
-    ) -> Option<Step> {
+    ) -> Option<Result<u32, Need>> {
         let placed = self.only_one()?;
         let p = &self.scene.placement.placed[placed as usize];
         let (tree, filter) = (self.tree(placed), self.filter(placed));
@@ -37,15 +38,15 @@ impl SceneView<'_> {
             tree.closest_together(filter.as_ref(), walk)
         };
         if let Outcome::Pending(block) = outcome {
-            return Some(Step::Pending(self.need(placed, block)));
+            return Some(Err(self.need(placed, block)));
         }
-        for (it, found) in rays.iter().zip(&mut *found) {
-            *found = Found::nothing(it.t_max);
-        }
+        let mut hits = 0;
         for i in bits(walk.found()) {
+            found[i] = Found::nothing(rays[i].t_max);
             found[i].offer::<ANY>(placed, walk.best(i), moved[i].0, moved[i].1);
+            hits |= u32::from(found[i].is_hit()) << i;
         }
-        Some(Step::Done)
+        Some(Ok(hits))
     }
 
     pub(super) fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
