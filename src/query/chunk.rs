@@ -129,6 +129,8 @@ impl Chunk {
         let mut lacking = 0;
         for &i in self.unfinished.iter().filter(|&&i| group.contains(&(i as usize))) {
             let i = i as usize;
+            let bit = 1 << (i - group.start);
+            met &= !bit;
             let mut walk = SceneWalk::default();
             walk.begin(view, &self.rays[i]);
             match trace(view, task, &self.rays[i], &mut walk) {
@@ -137,9 +139,8 @@ impl Chunk {
                     alone.push((i - group.start, walk));
                 }
                 step => {
-                    let bit = 1 << (i - group.start);
                     self.found[i] = walk.best();
-                    met = if self.found[i].is_hit() { met | bit } else { met & !bit };
+                    met |= if self.found[i].is_hit() { bit } else { 0 };
                     lacking |= if step == Step::Done { 0 } else { bit };
                 }
             }
