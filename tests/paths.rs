@@ -8,6 +8,7 @@ use common::rays::{Ray32, RayKind, RayMaker};
 use common::scenes::{self, Soup, on_five_models};
 use common::stored;
 use common::trees::{self, TestTree};
+use glam::Vec3;
 use outcrop::math::Ray;
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Context, ContextOptions};
@@ -142,3 +143,75 @@ fn scenes_answer_alike_with_any_threads_and_vectors() {
 }
 
 on_five_models!(check);
+
+/// Rays of a camera in blocks of pixels, some of them odd: in order they go in packets, shuffled they go side by side.
+#[test]
+fn in_order_and_shuffled_rays_have_the_same_hits() {
+    let file = built::parts(&[Part::white(1, scenes::doubles().tris), Part::white(2, scenes::bumpy_sphere(60, 90, 1))]);
+    let tree = stored::trees(&file.path).swap_remove(0);
+    let corners = tree.corners();
+    let mut maker = RayMaker::new(&corners, 21);
+    let rows: Vec<Ray> = (0..4096).map(|_| tree.place(&maker.make(RayKind::Grid)).0).collect();
+    let blocks = (0..64).step_by(4).flat_map(|y| (0..64).step_by(8).map(move |x| (x, y)));
+    let mut rays: Vec<Ray> =
+        blocks.flat_map(|(x, y)| (0..PACKET).map(move |i| (y + i / 8) * 64 + x + i % 8)).map(|i| rows[i]).collect();
+    for (n, ray) in rays.iter_mut().enumerate().skip(700).step_by(97) {
+        match n % 9 {
+            0 => ray.t_min = -1.0,
+            1 => ray.t_min = f64::NAN,
+            2 => ray.t_min = f64::INFINITY,
+            3 => ray.t_max = f64::NAN,
+            4 => ray.mask = 0,
+            5 => ray.dir = Vec3::NAN,
+            6 => ray.dir *= 1e-9,
+            7 => ray.origin -= ray.dir.as_dvec3() * 1e4,
+            _ => ray.t_max = 1e-3,
+        }
+    }
+    // 1657 is prime to 4096: neighbours of the picture end up far apart.
+    let order: Vec<usize> = (0..rays.len()).map(|i| i * 1657 % rays.len()).collect();
+    let shuffled: Vec<Ray> = order.iter().map(|&i| rays[i]).collect();
+    for isa in trees::isas() {
+        let context = Context::new(ContextOptions { threads: 1, isa: Some(isa), ..Default::default() }).expect("a context");
+        let (scene, _) = built::scene(&context, &file);
+        for coherent in [false, true] {
+            let options = QueryOptions { coherent, ..Default::default() };
+            let (mut together, mut apart) = (vec![Hit::MISS; rays.len()], vec![Hit::MISS; rays.len()]);
+            scene.state().closest(&rays, options, &mut together).expect("hits");
+            scene.state().closest(&shuffled, QueryOptions::default(), &mut apart).expect("hits");
+            for (place, &i) in order.iter().enumerate() {
+                assert_eq!(together[i], apart[place], "{isa:?}, coherent {coherent}, ray {i}: {:?}", rays[i]);
+            }
+            let (mut any, mut any_apart) = (vec![2; rays.len()], vec![2; rays.len()]);
+            scene.state().any(&rays, options, &mut any).expect("answers");
+            scene.state().any(&shuffled, QueryOptions::default(), &mut any_apart).expect("answers");
+            assert!(order.iter().zip(&any_apart).all(|(&i, &apart)| any[i] == apart), "{isa:?}, coherent {coherent}");
+        }
+    }
+}
+
+/// Rays of neighbouring pixels are told from others, by direction and by origin.
+#[test]
+fn rays_that_go_together_are_recognised() {
+    let tree = TestTree::around_middle(&scenes::bumpy_sphere(40, 60, 1), 0.0);
+    let view = tree.view(&tree.snapshot, Isa::best());
+    let mut walk = PacketWalk::new();
+    let camera = |spread: f32, apart: f32| -> Vec<Ray32> {
+        let ray = |i: usize| {
+            let (x, y) = ((i % 8) as f32, (i / 8) as f32);
+            let dir = Vec3::new(0.3 + spread * x, 0.2 + spread * y, -1.0);
+            let org = Vec3::new(apart * x, apart * y, 2.0) * tree.reach;
+            Ray32 { kind: RayKind::Grid, org, dir, t_min: 0.0, t_max: f32::INFINITY }
+        };
+        (0..PACKET).map(ray).collect()
+    };
+    let mut is_coherent = |rays: &[Ray32], says: bool| {
+        trees::begin_together(&view, rays, &mut walk);
+        walk.is_coherent(&view, says)
+    };
+    assert!(is_coherent(&camera(0.001, 0.0), false), "one origin");
+    assert!(is_coherent(&camera(0.001, 0.001), false), "origins near each other");
+    assert!(!is_coherent(&camera(0.001, 0.1), false), "origins all over");
+    assert!(is_coherent(&camera(0.001, 0.1), true), "origins all over, but the caller says so");
+    assert!(!is_coherent(&camera(-0.1, 0.0), true), "directions into several octants");
+}
