@@ -8,7 +8,7 @@ use common::rays::{Ray32, RayKind, RayMaker};
 use common::scenes::{self, Soup, on_five_models};
 use common::stored;
 use common::trees::{self, TestTree};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use outcrop::math::Ray;
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Context, ContextOptions};
@@ -153,8 +153,17 @@ fn in_order_and_shuffled_rays_have_the_same_hits() {
     let mut maker = RayMaker::new(&corners, 21);
     let rows: Vec<Ray> = (0..4096).map(|_| tree.place(&maker.make(RayKind::Grid)).0).collect();
     let blocks = (0..64).step_by(4).flat_map(|y| (0..64).step_by(8).map(move |x| (x, y)));
-    let mut rays: Vec<Ray> =
-        blocks.flat_map(|(x, y)| (0..PACKET).map(move |i| (y + i / 8) * 64 + x + i % 8)).map(|i| rows[i]).collect();
+    let blocks: Vec<usize> = blocks.flat_map(|(x, y)| (0..PACKET).map(move |i| (y + i / 8) * 64 + x + i % 8)).collect();
+    // The whole, and a part so small that a triangle has many pixels.
+    let middle = rows[2080].dir;
+    let close = |ray: &Ray| Ray { dir: middle + (ray.dir - middle) * 0.04, ..*ray };
+    let mut rays: Vec<Ray> = blocks.iter().map(|&i| rows[i]).collect();
+    rays.extend(blocks.iter().map(|&i| close(&rows[i])));
+    // And at corners and edges, triangle by triangle.
+    let eye = rows[0].origin;
+    let at = |p: DVec3| Ray { dir: (tree.origin + p - eye).as_vec3(), ..rows[0] };
+    let features = corners.iter().flat_map(|&[a, b, c]| [a, (a + b) * 0.5, b, (b + c) * 0.5, c, (c + a) * 0.5]);
+    rays.extend(features.take(8192).map(at));
     for (n, ray) in rays.iter_mut().enumerate().skip(700).step_by(97) {
         match n % 9 {
             0 => ray.t_min = -1.0,
@@ -168,7 +177,7 @@ fn in_order_and_shuffled_rays_have_the_same_hits() {
             _ => ray.t_max = 1e-3,
         }
     }
-    // 1657 is prime to 4096: neighbours of the picture end up far apart.
+    // 1657 is prime to 16384: neighbours of the picture end up far apart.
     let order: Vec<usize> = (0..rays.len()).map(|i| i * 1657 % rays.len()).collect();
     let shuffled: Vec<Ray> = order.iter().map(|&i| rays[i]).collect();
     for isa in trees::isas() {
