@@ -190,9 +190,16 @@ fn intervals_masks_and_impossible_rays() {
         Ray { t_min: f64::NAN, ..ray },
         Ray { t_max: f64::NAN, ..ray },
         Ray { t_min: 5.0, t_max: 3.0, ..ray },
+        // To single precision the ends are equal, and a surface is between.
+        Ray { t_min: 4.0 + 2e-8, t_max: 4.0 + 1e-8, ..ray },
     ] {
+        let opposite = Ray { dir: -bad.dir, ..bad };
         for options in [SINGLE, COHERENT] {
             assert_eq!(ask(&state, &[bad], options)[0], Hit::MISS, "{bad:?}");
+            assert_eq!(ask(&state, &[bad, opposite, bad], options)[0], Hit::MISS, "{bad:?} side by side");
+            let mut any = [2; 1];
+            state.any(&[bad], options, &mut any).unwrap();
+            assert_eq!(any, [0], "{bad:?}");
         }
     }
     // Lengths of directions do not matter, but for the unit of t.
@@ -442,4 +449,48 @@ fn what_is_not_in_memory_is_read_and_the_answer_is_the_same() {
         assert!(now.iter().any(|h| h.kind == HitKind::Missing));
         assert!(now.iter().all(|h| h.kind != HitKind::Exact));
     }
+}
+
+/// An eye at the border of what is moved nearer to the model: packets and streams agree on who is.
+#[test]
+fn at_the_border_of_near_packets_and_streams_agree() {
+    let context = built::context(0);
+    let file = built::parts(&[Part::white(1, scenes::sphere(30, 60))]);
+    let (scene, _) = built::scene(&context, &file);
+    let options = QueryOptions { want: Want::NOTHING, ..SINGLE };
+    for beyond in [-1e-7, -1e-9, 0.0, 1e-9, 5e-8, 1e-7, 1e-6] {
+        let eye = DVec3::new(0.1, 0.2, 4.0 * (1.0 + beyond));
+        let dir = |i: usize| DVec3::new(0.03 + (i % 8) as f64 * 1e-3, 0.02 + (i / 8) as f64 * 1e-3, -1.0).as_vec3();
+        let rays: Vec<Ray> = (0..320).map(|i| Ray::new(eye, dir(i))).collect();
+        let together = ask(&scene.state(), &rays, options);
+        assert!(together.iter().any(|h| h.kind == HitKind::Exact));
+        for (ray, together) in rays.iter().zip(&together) {
+            // Beside an opposite ray it goes in a stream.
+            let apart = ask(&scene.state(), &[*ray, Ray { dir: -ray.dir, ..*ray }], options)[0];
+            assert_eq!(apart, *together, "{beyond}: {ray:?}");
+        }
+    }
+}
+
+/// Where only the primitive's id is missing, all else is that of the hit, and nothing of what was asked before.
+#[test]
+fn what_is_known_of_a_missing_hit_is_its_own() {
+    let context = built::context(0);
+    let other = built::parts(&[Part::white(99, scenes::cuboid(-DVec3::ONE, DVec3::ONE))]);
+    let (other, _) = built::scene(&context, &other);
+    let file = built::parts(&[Part::white(1, scenes::sphere(150, 300))]);
+    let model = Model::open_cold(&context, &file.path).unwrap();
+    let scene = Scene::new(&context);
+    scene.add_instance(&model, 7, DAffine3::from_translation(DVec3::Z * 0.5)).unwrap();
+    scene.commit().unwrap();
+    let ray = Ray::new(DVec3::new(0.1, 0.2, 4.0), -Vec3::Z);
+    // Its geometry is read, its ids are not.
+    ask(&scene.state(), &[ray], QueryOptions { want: Want::PART | Want::NORMAL, ..SINGLE });
+    for _ in 0..2 {
+        assert_eq!(ask(&other.state(), &[ray], SINGLE)[0].part, 99);
+    }
+    let now = ask(&scene.state(), &[ray], QueryOptions { policy: Policy::Now, ..SINGLE })[0];
+    assert_eq!((now.kind, now.prim, now.part, now.instance), (HitKind::Missing, NONE, 1, 7));
+    let exact = ask(&scene.state(), &[ray], SINGLE)[0];
+    assert_eq!(Hit { kind: HitKind::Exact, prim: exact.prim, ..now }, exact);
 }

@@ -244,7 +244,8 @@ pub unsafe extern "C" fn oc_scene_closest(
     })
 }
 
-/// Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` is ignored.
+/// Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` is ignored. With OC_QUERY_NOW, 1 also
+/// stands for rays of which that is not known.
 ///
 /// `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not
 /// to be used. Thread safety: any thread. Blocks; may read the disk.

@@ -46,8 +46,14 @@ impl Ray {
     #[inline]
     pub fn can_hit(&self) -> bool {
         let size = self.dir.abs().max_element();
-        let is_finite = self.origin.is_finite() && self.dir.is_finite() && self.t_min.is_finite();
-        is_finite && size > 0.0 && self.t_min.max(0.0) <= self.t_max
+        self.origin.is_finite() && self.dir.is_finite() && size > 0.0 && self.has_interval()
+    }
+
+    /// Whether there is anything between its ends. Looked at in double precision: rounded, the ends of an empty interval
+    /// may change places.
+    #[inline]
+    pub fn has_interval(&self) -> bool {
+        self.t_min.abs() < f64::INFINITY && self.t_min.max(0.0) <= self.t_max
     }
 
     /// Not a ray: nothing is hit.

@@ -136,7 +136,7 @@ pub(crate) fn meet(placed: &Placed, triangle: &Triangle, ray: &Ray, found: &Foun
     let plane = Plane::new(triangle);
     let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
     let at = |t: f64| {
-        let t = t.clamp(ray.t_min, ray.t_max);
+        let t = t.max(ray.t_min).min(ray.t_max);
         let (weights, gap) = plane.clamped(org + dir * t);
         Meeting { t, weights, gap }
     };
@@ -184,14 +184,15 @@ pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, f
         hit.instance = view.scene.instances[placed.instance as usize].id;
     }
     let need = |block| Need { model: placed.model, block };
-    if want.has(Want::PRIM) {
-        hit.prim = u64::from(last.tree(view, found.placed).prim(&found.tri).map_err(need)?);
-    }
     if want.has(Want::UV) {
         hit.uv = [found.tri.u, found.tri.v];
     }
     if want.any_of(Want::SURFACE) {
-        let surface = last.surface(view, found, want).ok_or(need(BlockId(found.tri.block)))?;
+        let Some(surface) = last.surface(view, found, want) else {
+            // Nothing of what was there before: that is another ray's.
+            *hit = Hit { t: found.t, ..Hit::MISS };
+            return Err(need(BlockId(found.tri.block)));
+        };
         if want.has(Want::PART) {
             hit.part = surface.part;
         }
@@ -201,6 +202,11 @@ pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, f
         if want.any_of(Want(Want::POSITION.0 | Want::ERROR.0)) {
             fill_from_meeting(placed, ray, found, &surface.triangle, want, hit);
         }
+    }
+    // Last: it is what may be missing, and all else is then known.
+    if want.has(Want::PRIM) {
+        hit.prim = NONE;
+        hit.prim = u64::from(last.tree(view, found.placed).prim(&found.tri).map_err(need)?);
     }
     Ok(())
 }

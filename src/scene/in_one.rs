@@ -83,28 +83,29 @@ impl SceneView<'_> {
 #[inline(always)]
 fn set_unmoved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk) -> bool {
     let Some(offset) = p.only_shifted() else { return false };
-    let mut is_seen = true;
+    let mut is_fine = true;
     let mut local = LocalRay::NONE;
     if let Some(it) = rays.first().filter(|first| rays.iter().all(|it| begin_alike(it, first))) {
+        is_fine = it.has_interval();
         local.org = (it.origin - offset).as_vec3();
         local.t_min = it.t_min as f32;
         local.t_max = not_below(it.t_max);
         walk.set_all_but_dirs(&local);
         for (i, it) in rays.iter().enumerate().take(PACKET) {
-            is_seen &= it.mask & seen_by != 0;
+            is_fine &= it.mask & seen_by != 0;
             walk.set_dir(i, it.dir);
         }
-        return is_seen;
+        return is_fine;
     }
     for (i, it) in rays.iter().enumerate().take(PACKET) {
-        is_seen &= it.mask & seen_by != 0;
+        is_fine &= it.mask & seen_by != 0 && it.has_interval();
         local.org = (it.origin - offset).as_vec3();
         local.dir = it.dir;
         local.t_min = it.t_min as f32;
         local.t_max = not_below(it.t_max);
         walk.set(i, &local);
     }
-    is_seen
+    is_fine
 }
 
 /// Whether two rays have the same origin and interval, to the bit: as those of a perspective camera do.

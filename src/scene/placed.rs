@@ -134,7 +134,8 @@ impl Placed {
     /// How far along an axis an origin may lie, in the tree's frame, without being moved nearer.
     #[inline]
     pub fn near(&self) -> f32 {
-        (FAR * self.reach) as f32
+        // An origin rounded to less than the border was within it before: beyond, single rays and packets would differ.
+        ((FAR * self.reach) as f32).next_down()
     }
 
     /// A point of the tree's frame in the world.
@@ -182,7 +183,7 @@ impl Placed {
         let size = ray.dir.abs().max_element();
         let org = ray.origin - self.offset;
         let is_near = org.abs().max_element() <= FAR * self.reach;
-        if self.unturned && is_near && USUAL_DIRS.contains(&size) && ray.t_min.abs() < f64::INFINITY {
+        if self.unturned && is_near && USUAL_DIRS.contains(&size) && ray.has_interval() {
             // The common case: nothing but one rounding. What is not a number gets through, to be found by the walk.
             local.org = org.as_vec3();
             local.dir = ray.dir;

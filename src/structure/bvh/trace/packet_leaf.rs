@@ -41,7 +41,8 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
         let i = left.trailing_zeros() as usize;
         left &= left - 1;
         for h in 0..VECTORS {
-            let rays = entry.rays >> (16 * h) & 0xffff;
+            // Of those that look for any hit, some may have found one in this leaf.
+            let rays = (entry.rays & walk.waiting) >> (16 * h) & 0xffff;
             if rays == 0 {
                 continue;
             }
@@ -55,7 +56,7 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
                 continue;
             }
             let tri = (at as u32) << 3 | i as u32;
-            if let Err(missing) = keep_better(s, view, walk, h, hits, &found, entry.block, tri) {
+            if let Err(missing) = keep_better::<S, ANY>(s, view, walk, h, hits, &found, entry.block, tri) {
                 walk.stack.push(entry);
                 return Outcome::Pending(missing);
             }
@@ -197,7 +198,7 @@ fn triangle<S: Simd, const MOVED: bool>(
 /// Keeps the hits that are better than what their rays have; as [`is_better`], all at once but for ties.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
-fn keep_better<S: Simd>(
+fn keep_better<S: Simd, const ANY: bool>(
     s: S,
     view: &TreeView,
     walk: &mut PacketWalk,
@@ -210,9 +211,9 @@ fn keep_better<S: Simd>(
     let some = walk.hits.some >> (16 * h) & 0xffff;
     let t = s.load16(&walk.hits.t[h]);
     let mut better = hits;
-    // No lane is nearer than its best here: the test took those beyond out.
+    // No lane of `hits` is farther than its best: the test left those out.
     let equal = t.eq(found.t).bits() & hits & some;
-    if equal != 0 {
+    if !ANY && equal != 0 {
         better = untie(view, walk, h, [better, equal], found.t.to_array(), block, tri)?;
     }
     let mask = s.mask16(better);

@@ -80,6 +80,9 @@ fn visit<S: Simd, const ANY: bool>(
             continue;
         }
         entry.rays &= walk.waiting & reaching(s, entry.t, &walk.hits.t);
+        if entry.rays == 0 {
+            continue;
+        }
         let Some(words) = view.snapshot.block(BlockId(entry.block)) else {
             walk.stack.push(entry);
             return Outcome::Pending(BlockId(entry.block));
