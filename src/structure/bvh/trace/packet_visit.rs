@@ -8,6 +8,8 @@
 
 use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
 use super::packet_leaf::leaf;
+use super::stream::LARGE;
+use super::stream_pass::ask_for;
 use super::packet_prepare::Shared;
 use super::single::{self, RayLanes};
 use super::walk::{Entry, Outcome, TriHit};
@@ -74,6 +76,7 @@ fn visit<S: Simd, const ANY: bool>(
     walk: &mut PacketWalk,
 ) -> Outcome {
     let shared = walk.shared;
+    let is_large = view.snapshot.blocks() > LARGE;
     let mut far = farthest(s, &walk.hits.t);
     while let Some(mut entry) = walk.stack.pop() {
         if entry.t > far {
@@ -100,7 +103,7 @@ fn visit<S: Simd, const ANY: bool>(
             match Child::from_bits(entry.child) {
                 Some(Child::Node(index)) => {
                     walk.counters.nodes += 1;
-                    match nearest_child(s, block.node(index), &shared, far, entry, walk) {
+                    match nearest_child(s, is_large, block, index, &shared, far, entry, walk) {
                         Some(nearest) => entry = nearest,
                         None => break,
                     }
@@ -209,12 +212,15 @@ pub(super) fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
 #[inline(always)]
 fn nearest_child<S: Simd>(
     s: S,
-    node: &Node,
+    is_large: bool,
+    block: Block,
+    index: usize,
     shared: &Shared,
     far: f32,
     entry: PacketEntry,
     walk: &mut PacketWalk,
 ) -> Option<PacketEntry> {
+    let node = block.node(index);
     let (mut mask, t, planes) = intervals(s, node, shared, far);
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
@@ -231,6 +237,7 @@ fn nearest_child<S: Simd>(
                 continue;
             }
         }
+        ask_for(is_large, block, child);
         let mut next = PacketEntry { t: t[slot], rays, block: entry.block, child };
         let Some(first) = nearest else {
             nearest = Some(next);

@@ -26,7 +26,7 @@ const LEAVES: usize = LANES * 3 / 8;
 
 /// Blocks, those with primitive ids among them, of a model for which memory is asked for ahead: 32 MB of geometry.
 /// (Bounce rays: 1.15 to 1.5 times as fast at 10 million triangles; 1.0 at a million, 0.93 at 70 thousand.)
-const LARGE: u32 = 1024;
+pub(super) const LARGE: u32 = 1024;
 
 /// What a walk has still to visit. A walk that needs more room goes on alone, from its beginning.
 #[derive(Debug, Clone)]

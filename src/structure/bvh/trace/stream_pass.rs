@@ -13,7 +13,7 @@ use bytemuck::bytes_of;
 
 /// Asks for the memory of what a lane goes to, which other lanes' work then hides.
 #[inline(always)]
-fn ask_for(is_large: bool, block: Block, child: u32) {
+pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
     if !is_large {
         return;
     }
