@@ -210,6 +210,7 @@ pub(super) fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
 
 /// Pushes all but the nearest of the children that any ray meets; returns the nearest.
 #[inline(always)]
+#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn nearest_child<S: Simd>(
     s: S,
     is_large: bool,

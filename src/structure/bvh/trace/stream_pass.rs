@@ -11,7 +11,7 @@ use crate::simd::{Lanes, Mask, Simd, prefetch};
 use crate::structure::bvh::layout::{Block, HEADER_WORDS, INDEX_MASK, KIND_SHIFT, NODE_WORDS, Node};
 use bytemuck::bytes_of;
 
-/// Asks for the memory of what a lane goes to, which other lanes' work then hides.
+/// Asks, in a large tree, for the memory of what will be visited; other work then hides how long it takes.
 #[inline(always)]
 pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
     if !is_large {
