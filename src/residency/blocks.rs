@@ -1,6 +1,7 @@
 //! The blocks of one opened model: read, checked, decoded once, published in snapshots.
 
 use super::cache::Cache;
+use super::claims::Claims;
 use super::slots::Slot;
 use super::snapshot::Snapshot;
 use crate::base::error::{Error, Result};
@@ -8,9 +9,8 @@ use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 use crate::store::ModelFile;
 use arc_swap::ArcSwap;
-use std::collections::HashSet;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Turns a block's file form into its trace form.
 pub trait Decoder: Send + Sync {
@@ -24,11 +24,8 @@ pub struct ModelBlocks {
     decoder: Box<dyn Decoder>,
     cache: Arc<Cache>,
     published: ArcSwap<Snapshot>,
-    /// Blocks being read now, each by one thread, so that none is decoded twice. Not held while reading:
-    /// a source may be the caller's own function.
-    loading: Mutex<HashSet<BlockId>>,
-    /// Signalled when blocks leave `loading`.
-    loaded: Condvar,
+    /// Blocks being read now, so that none is decoded twice.
+    claims: Claims,
     report: Option<Report>,
     read_again: AtomicU64,
 }
@@ -39,26 +36,12 @@ type Report = Box<dyn Fn(&Error) + Send + Sync>;
 /// Blocks decoded before they are published together.
 const BATCH: usize = 64;
 
-/// Blocks that one thread has taken on; whatever happens, they are given back.
-struct Claim<'a> {
-    blocks: &'a ModelBlocks,
-    ids: Vec<BlockId>,
-}
-
-impl Drop for Claim<'_> {
-    fn drop(&mut self) {
-        let mut loading = self.blocks.loading();
-        loading.retain(|id| self.ids.binary_search(id).is_err());
-        self.blocks.loaded.notify_all();
-    }
-}
-
 impl ModelBlocks {
     /// Of `file`, with nothing in memory.
     pub fn new(file: Arc<ModelFile>, decoder: Box<dyn Decoder>, cache: Arc<Cache>) -> Self {
         let published = ArcSwap::from_pointee(Snapshot::empty(file.block_count()));
-        let (loading, loaded, read_again) = (Mutex::default(), Condvar::new(), AtomicU64::new(0));
-        Self { file, decoder, cache, published, loading, loaded, report: None, read_again }
+        let (claims, read_again) = (Claims::default(), AtomicU64::new(0));
+        Self { file, decoder, cache, published, claims, report: None, read_again }
     }
 
     /// Has `report` told why a block is read again; called from any thread, under no lock.
@@ -84,42 +67,23 @@ impl ModelBlocks {
     pub fn fetch(&self, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
         loop {
             cancel.check()?;
-            let Some(claim) = self.claim(ids) else { return Ok(()) };
+            let Some(claim) = self.claims.claim(|| self.missing(ids), BATCH) else { return Ok(()) };
             let (slots, end) = self.load(&claim.ids, cancel);
             self.publish(slots);
             end?;
         }
     }
 
-    /// Takes on some of those of `ids` that are not in memory; `None` once all are. Waits for those that another
-    /// thread reads: if it fails they are tried again here, so that everybody has an error of their own.
-    fn claim(&self, ids: &[BlockId]) -> Option<Claim<'_>> {
-        let mut loading = self.loading();
-        loop {
-            let present = self.snapshot();
-            let mut missing = ids.iter().copied().filter(|&id| present.block(id).is_none()).peekable();
-            missing.peek()?;
-            let mut mine: Vec<_> = missing.filter(|id| !loading.contains(id)).take(BATCH).collect();
-            if !mine.is_empty() {
-                mine.sort_unstable();
-                mine.dedup();
-                loading.extend(&mine);
-                return Some(Claim { blocks: self, ids: mine });
-            }
-            loading = self.loaded.wait(loading).unwrap_or_else(PoisonError::into_inner);
-        }
-    }
-
-    fn loading(&self) -> MutexGuard<'_, HashSet<BlockId>> {
-        // Every step under the lock leaves a valid state.
-        self.loading.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Those of `ids` that are not in memory.
+    fn missing(&self, ids: &[BlockId]) -> Vec<BlockId> {
+        let present = self.snapshot();
+        ids.iter().copied().filter(|&id| present.block(id).is_none()).collect()
     }
 
     /// Shows `slots` to whoever takes a snapshot from now on.
     pub(super) fn publish(&self, slots: Vec<(BlockId, Slot)>) {
         // The next snapshot is made of the last: one after the other.
-        let _one_at_a_time = self.loading();
-        self.published.store(Arc::new(self.snapshot().with(slots)));
+        self.claims.publishing(|| self.published.store(Arc::new(self.snapshot().with(slots))));
     }
 
     /// Reads, checks and decodes `ids`, in order, up to the first failure.

@@ -8,9 +8,13 @@
 
 mod blocks;
 mod cache;
+mod claims;
+#[cfg(test)]
+mod claims_tests;
 mod fill;
 mod slots;
 mod snapshot;
+mod sync;
 
 pub use blocks::{Decoder, ModelBlocks};
 pub use cache::Cache;

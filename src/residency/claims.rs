@@ -1,0 +1,62 @@
+//! Who reads which block: several threads may need the same one, and none is to be read twice.
+
+use super::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use crate::base::ids::BlockId;
+use std::collections::HashSet;
+
+/// Blocks being read now, each by one thread. Not locked while reading: a source may be the caller's own function.
+#[derive(Default)]
+pub(super) struct Claims {
+    loading: Mutex<HashSet<BlockId>>,
+    /// Signalled when blocks leave `loading`.
+    loaded: Condvar,
+}
+
+impl Claims {
+    /// Takes on up to `most` of the blocks that `missing` names, ascending, each once; `None` once it names none.
+    /// `missing` is asked under the lock, so what was [published](Claims::publishing) before is seen. Waits for blocks
+    /// that another thread reads: if it fails they are tried again here, so that everybody has an error of their own.
+    pub fn claim(&self, missing: impl Fn() -> Vec<BlockId>, most: usize) -> Option<Claim<'_>> {
+        let mut loading = self.lock();
+        loop {
+            let missing = missing();
+            if missing.is_empty() {
+                return None;
+            }
+            let mut mine: Vec<_> = missing.into_iter().filter(|id| !loading.contains(id)).take(most).collect();
+            if !mine.is_empty() {
+                mine.sort_unstable();
+                mine.dedup();
+                loading.extend(&mine);
+                return Some(Claim { claims: self, ids: mine });
+            }
+            loading = self.loaded.wait(loading).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Runs `publish` while nobody else does, and nobody looks for what is missing.
+    pub fn publishing<T>(&self, publish: impl FnOnce() -> T) -> T {
+        let _one_at_a_time = self.lock();
+        publish()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, HashSet<BlockId>> {
+        // Every step under the lock leaves a valid state.
+        self.loading.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Blocks that one thread has taken on; whatever happens, they are given back.
+pub(super) struct Claim<'a> {
+    claims: &'a Claims,
+    /// Ascending.
+    pub ids: Vec<BlockId>,
+}
+
+impl Drop for Claim<'_> {
+    fn drop(&mut self) {
+        let mut loading = self.claims.lock();
+        loading.retain(|id| self.ids.binary_search(id).is_err());
+        self.claims.loaded.notify_all();
+    }
+}
