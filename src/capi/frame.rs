@@ -367,7 +367,7 @@ pub unsafe extern "C" fn oc_frame_pick(frame: *const oc_frame, x: u32, y: u32, o
     boundary(|| unsafe {
         let out = out(out_hit, "out_hit")?;
         handles::with(frame, |frame: &Shell<FrameObject>| {
-            out.write_unaligned((&frame.frame.pick(x, y)?).into());
+            super::query::write_hit(out, &frame.frame.pick(x, y)?);
             Ok(())
         })
     })

@@ -74,24 +74,6 @@ pub struct oc_hit {
     pub reserved: u32,
 }
 
-impl From<&Hit> for oc_hit {
-    fn from(hit: &Hit) -> Self {
-        Self {
-            t: hit.t,
-            position: hit.position.to_array(),
-            t_free: hit.t_free,
-            part: hit.part,
-            instance: hit.instance,
-            prim: hit.prim,
-            normal: hit.normal.to_array(),
-            uv: hit.uv,
-            error: hit.error,
-            kind: hit.kind as u32,
-            reserved: 0,
-        }
-    }
-}
-
 /// Which members of oc_hit to fill, joined with `|`. What is not asked for is not worked for.
 pub type oc_want = u32;
 /// Only `t` and `kind`, which are always filled.
@@ -205,6 +187,15 @@ impl Hits for CHits {
         // one worker. Both structs have the same members at the same places, and no bytes between them.
         unsafe { self.0.copy_from(first, hits) };
     }
+}
+
+/// Writes one hit to the caller's memory.
+///
+/// # Safety
+/// `out` is writable; it need not be aligned.
+pub(super) unsafe fn write_hit(out: *mut oc_hit, hit: &Hit) {
+    // SAFETY: the caller's promise; both structs have the same members at the same places.
+    unsafe { out.cast::<Hit>().write_unaligned(*hit) };
 }
 
 /// The caller's bytes: 1 for a ray that hits anything.

@@ -49,6 +49,7 @@ impl SceneView<'_> {
         Some(Ok(hits))
     }
 
+    /// [`SceneView::trace_each`] in a scene that is one placed tree: side by side.
     pub(super) fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
         let p = &self.scene.placement.placed[placed as usize];
         let seen_by = self.seen_by(placed);

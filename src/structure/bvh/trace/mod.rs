@@ -5,6 +5,7 @@
 //! in packets change what is visited, not the hit. The exception: a sliver met edge-on, whose single-precision
 //! `t` falls outside of its own box (`tests/exact.rs` bounds how often).
 
+mod ahead;
 mod packet;
 mod packet_leaf;
 mod packet_prepare;

@@ -182,7 +182,7 @@ impl PacketWalk {
         self.hits.t = [[ray.t_max; 16]; VECTORS];
     }
 
-    /// Whether all rays taken over start within `near` of the tree's zero along each axis, have directions of usual
+    /// Whether the first `count` rays, which were taken over, all start within `near` of the tree's zero along each axis, have directions of usual
     /// magnitude ([`USUAL_DIRS`]) and begin at a finite distance; one below zero is then taken as zero.
     pub fn is_within(&mut self, view: &TreeView, count: usize, near: f32) -> bool {
         dispatch(view.isa, Within { walk: self, near }) | !first_rays(count) == u32::MAX
@@ -215,11 +215,6 @@ impl PacketWalk {
     #[inline]
     pub fn found(&self) -> u32 {
         self.hits.some
-    }
-
-    /// Rays that have not ended.
-    pub fn waiting(&self) -> u32 {
-        self.waiting
     }
 
     /// What the walks did, packets and rays alone together: a node visited by a packet counts once.

@@ -6,10 +6,9 @@
 //! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
+use super::ahead::{self, ask_for};
 use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
 use super::packet_leaf::leaf;
-use super::stream::LARGE;
-use super::stream_pass::ask_for;
 use super::packet_prepare::Shared;
 use super::single::{self, RayLanes};
 use super::walk::{Entry, Outcome, TriHit};
@@ -76,7 +75,7 @@ fn visit<S: Simd, const ANY: bool>(
     walk: &mut PacketWalk,
 ) -> Outcome {
     let shared = walk.shared;
-    let is_large = view.snapshot.blocks() > LARGE;
+    let is_large = ahead::is_large(view.snapshot);
     let mut far = farthest(s, &walk.hits.t);
     while let Some(mut entry) = walk.stack.pop() {
         if entry.t > far {

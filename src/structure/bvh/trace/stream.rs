@@ -4,6 +4,7 @@
 //!
 //! Hits are those of the walks one by one (`single.rs`): order of visits does not change them.
 
+use super::ahead;
 use super::rays16::{GROUP, OneRay, Rays16};
 use super::stream_pass as pass;
 use super::walk::{Counters, TriHit};
@@ -23,10 +24,6 @@ pub(super) const BOTTOM: usize = 8;
 pub(super) const DEPTH: usize = 112;
 /// Walks waiting at leaves that make a phase for them.
 const LEAVES: usize = LANES * 3 / 8;
-
-/// Blocks, those with primitive ids among them, of a model for which memory is asked for ahead: 32 MB of geometry.
-/// (Bounce rays: 1.15 to 1.5 times as fast at 10 million triangles; 1.0 at a million, 0.93 at 70 thousand.)
-pub(super) const LARGE: u32 = 1024;
 
 /// What a walk has still to visit. A walk that needs more room goes on alone, from its beginning.
 #[derive(Debug, Clone)]
@@ -234,7 +231,7 @@ impl<const ANY: bool> Op for Run<'_, '_, ANY> {
             block_id: [0; LANES],
             block: [Block::new(&[]); LANES],
             counters: stream.counters,
-            is_large: view.snapshot.blocks() > LARGE,
+            is_large: ahead::is_large(view.snapshot),
         };
         let root = view.snapshot.block(BlockId(view.root_block)).map(Block::new);
         let mut counts = Counts::default();

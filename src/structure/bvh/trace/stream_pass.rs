@@ -1,5 +1,6 @@
 //! The phases of a stream.
 
+use super::ahead::ask_for;
 use super::rays16::OneRay;
 use super::single::{LeafRay, is_better, triangles};
 use super::stream::{
@@ -7,24 +8,9 @@ use super::stream::{
 };
 use super::walk::{Counters, TriHit};
 use crate::base::ids::BlockId;
-use crate::simd::{Lanes, Mask, Simd, prefetch};
-use crate::structure::bvh::layout::{Block, HEADER_WORDS, INDEX_MASK, KIND_SHIFT, NODE_WORDS, Node};
+use crate::simd::{Lanes, Mask, Simd};
+use crate::structure::bvh::layout::{Block, INDEX_MASK, Node};
 use bytemuck::bytes_of;
-
-/// Asks, in a large tree, for the memory of what will be visited; other work then hides how long it takes.
-#[inline(always)]
-pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
-    if !is_large {
-        return;
-    }
-    let index = (child & INDEX_MASK) as usize;
-    let at = if child >> KIND_SHIFT == NODES as u32 { HEADER_WORDS + index * NODE_WORDS } else { index };
-    if let Some(words) = block.words().get(at..at + 32) {
-        prefetch(&words[0]);
-        prefetch(&words[16]);
-        prefetch(&words[31]);
-    }
-}
 
 /// Puts a lane at `child` of a block; if that is not in memory, its ray is left unfinished.
 #[inline(always)]

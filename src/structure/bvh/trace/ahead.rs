@@ -1,0 +1,33 @@
+//! Memory asked for ahead, in models that are larger than what caches near a core hold.
+
+use crate::residency::Snapshot;
+use crate::simd::prefetch;
+use crate::structure::bvh::layout::{Block, HEADER_WORDS, INDEX_MASK, KIND_SHIFT, NODE_WORDS};
+
+/// Blocks, those with primitive ids among them, of a model for which memory is asked for ahead: 32 MB of geometry.
+/// (Streams, bounce rays: 1.15 to 1.5 times as fast at 10 million triangles; 1.0 at a million, 0.93 at 70 thousand.)
+const LARGE: u32 = 1024;
+
+/// The kind of references to nodes, see [`crate::structure::bvh::layout::Child`].
+const NODE: u32 = 0;
+
+/// Whether asking ahead pays.
+#[inline(always)]
+pub(super) fn is_large(snapshot: &Snapshot) -> bool {
+    snapshot.blocks() > LARGE
+}
+
+/// Asks, in a large tree, for the memory of what will be visited; other work then hides how long it takes.
+#[inline(always)]
+pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
+    if !is_large {
+        return;
+    }
+    let index = (child & INDEX_MASK) as usize;
+    let at = if child >> KIND_SHIFT == NODE { HEADER_WORDS + index * NODE_WORDS } else { index };
+    if let Some(words) = block.words().get(at..at + 32) {
+        prefetch(&words[0]);
+        prefetch(&words[16]);
+        prefetch(&words[31]);
+    }
+}
