@@ -76,6 +76,7 @@ impl Model {
         let tree = |first_block, block_count, local_parts| TreeRow {
             first_block,
             block_count,
+            coarse_blocks: block_count,
             root: 7,
             origin: [1e7, 0.0, -1.0],
             bounds: [-1.0, -2.0, -3.0, 1.0, 2.0, 3.0],
@@ -324,7 +325,7 @@ fn fields_are_where_the_format_says() {
     assert_eq!(u32_at(160), 2);
     let table = bytes.len() - 232;
     let section = |kind: usize| u64_at(table + 40 * (kind - 1) + 16) as usize;
-    for (kind, row, rows) in [(1, 32, 6), (2, 80, 3), (3, 24, 2), (4, 104, 2), (5, 112, 2)] {
+    for (kind, row, rows) in [(1, 32, 6), (2, 80, 3), (3, 24, 2), (4, 104, 2), (5, 120, 2)] {
         let at = table + 40 * (kind - 1);
         assert_eq!([u32_at(at), u32_at(at + 4)], [kind as u32, row]);
         assert_eq!(u64_at(at + 8), rows);
@@ -337,7 +338,7 @@ fn fields_are_where_the_format_says() {
     assert_eq!([u32_at(parts + 64), u32_at(parts + 144), u32_at(parts + 72)], [u32::MAX, 0, 5]);
     assert_eq!(&bytes[parts + 240..parts + 256], "planeboltØ bolt".as_bytes());
     assert_eq!(f64_at(section(4) + 104 + 80), 5.0);
-    assert_eq!([u32_at(trees + 112), u32_at(trees + 116), u32_at(trees + 216), u32_at(trees + 220)], [1, 1, 1, 30]);
+    assert_eq!([u32_at(trees + 112), u32_at(trees + 120), u32_at(trees + 124), u32_at(trees + 224), u32_at(trees + 228)], [1, 1, 1, 1, 30]);
     assert_eq!([f64_at(trees + 16), f64_at(trees + 32)], [1e7, -1.0]);
 }
 
@@ -445,7 +446,7 @@ prop_compose! {
         let mut first_block = 0;
         rows.into_iter().map(|(block_count, n, p)| {
             let tree = TreeRow {
-                first_block, block_count, root: n, origin: [f64::from(n as u32), 1e300, -0.5],
+                first_block, block_count, coarse_blocks: (n as u32 % 4).clamp(block_count.min(1), block_count), root: n, origin: [f64::from(n as u32), 1e300, -0.5],
                 bounds: [0.0, -1.0, -2.0, f32::MAX, p[0].abs().min(1e30), p[1].abs().min(1.0)].map(|v| if v.is_nan() { 7.0 } else { v }),
                 triangles: n >> 9, references: n >> 8, nodes: n >> 10, leaves: n >> 11, position_error: 1e-30, local_parts: 0, max_stack: n as u32,
             };

@@ -106,6 +106,7 @@ impl Output<'_> {
         let mut row = TreeRow {
             first_block: self.writer.blocks_written(),
             block_count: 0,
+            coarse_blocks: 0,
             root: u64::from(TreeView::EMPTY),
             origin: placed.origin.to_array(),
             bounds: sections::EMPTY_BOUNDS_F32,
@@ -133,6 +134,7 @@ impl Output<'_> {
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         self.progress.advance(span.0 + 0.7 * (span.1 - span.0));
         row.block_count = tree.blocks() as u32;
+        row.coarse_blocks = tree.coarse_blocks() as u32;
         row.root = u64::from(tree.root);
         let Bounds { min, max } = tree.bounds;
         row.bounds = [min.x, min.y, min.z, max.x, max.y, max.z];

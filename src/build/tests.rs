@@ -59,8 +59,7 @@ fn build(triangles: &[[Vec3; 3]], options: BuildOptions) -> (Opened, BuildReport
     let bytes = std::fs::read(&path).expect("file");
     let file = Arc::new(ModelFile::open_path(&path).expect("open"));
     let geometry_blocks = file.header().geometry_blocks;
-    let tree_ends = file.trees().iter().map(|t| t.first_block + t.block_count).collect();
-    let decoder = Box::new(BvhDecoder { geometry_blocks, tree_ends });
+    let decoder = Box::new(BvhDecoder::new(geometry_blocks, file.trees()));
     let blocks = ModelBlocks::new(file, decoder, Arc::new(Cache::new(1 << 30)));
     (Opened { blocks, _folder: folder }, report, bytes)
 }
@@ -228,10 +227,7 @@ fn a_missing_block_is_an_outcome_and_the_walk_goes_on_where_it_stopped() {
         // Each stop fetches one block, into a snapshot that began empty.
         let fresh = ModelBlocks::new(
             opened.blocks.file().clone(),
-            Box::new(BvhDecoder {
-                geometry_blocks: opened.blocks.file().header().geometry_blocks,
-                tree_ends: vec![opened.blocks.file().header().geometry_blocks],
-            }),
+            Box::new(BvhDecoder::new(opened.blocks.file().header().geometry_blocks, opened.blocks.file().trees())),
             Arc::new(Cache::new(1 << 30)),
         );
         let mut snapshot = fresh.snapshot();

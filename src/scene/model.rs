@@ -176,8 +176,7 @@ impl Model {
             let need = used.saturating_add(geometry_bytes);
             return Err(Error::OverBudget { what: "opening the model", need, have: cache.budget() });
         }
-        let tree_ends = file.trees().iter().map(|t| t.first_block + t.block_count).collect();
-        let decoder = BvhDecoder { geometry_blocks: header.geometry_blocks, tree_ends };
+        let decoder = BvhDecoder::new(header.geometry_blocks, file.trees());
         let log = context.clone();
         let again = move |why: &Error| log.log(LogLevel::Warning, &format!("{why}; read once more"));
         let mut blocks =

@@ -84,6 +84,9 @@ pub struct TreeRow {
     pub first_block: u32,
     /// Its geometry blocks.
     pub block_count: u32,
+    /// How many of these, from the first on, are coarse: what all others hang below. At least 1 and at most
+    /// `block_count`, unless that is 0.
+    pub coarse_blocks: u32,
     /// Where tracing begins; the structure's business.
     pub root: u64,
     /// What its f32 positions are relative to, in the tree's own (f64) coordinates; finite.
@@ -173,6 +176,8 @@ impl Tables<'_> {
         each(self.trees, "tree", |_, tree| {
             ensure(u64::from(tree.first_block) == next, "its blocks do not follow the tree before")?;
             next += u64::from(tree.block_count);
+            let coarse = u32::from(tree.block_count > 0)..=tree.block_count;
+            ensure(coarse.contains(&tree.coarse_blocks), "its coarse blocks are not some of its blocks")?;
             ensure(tree.local_parts as usize <= self.parts.len(), "more parts than there are")?;
             ensure(is_finite(&tree.origin), "bad origin")?;
             check_bounds(&tree.bounds.map(f64::from))?;
@@ -280,7 +285,7 @@ impl FileRow for InstanceRow {
 }
 
 impl FileRow for TreeRow {
-    const LEN: usize = 112;
+    const LEN: usize = 120;
     fn encode(&self, out: &mut Vec<u8>) {
         out.put_u32(self.first_block);
         out.put_u32(self.block_count);
@@ -294,9 +299,11 @@ impl FileRow for TreeRow {
         out.put_f64(self.position_error);
         out.put_u32(self.local_parts);
         out.put_u32(self.max_stack);
+        out.put_u32(self.coarse_blocks);
+        out.put_u32(0);
     }
     fn decode(r: &mut ByteReader, _: &mut ByteReader) -> Result<Self, Malformed> {
-        Ok(Self {
+        let row = Self {
             first_block: r.u32()?,
             block_count: r.u32()?,
             root: r.u64()?,
@@ -309,7 +316,10 @@ impl FileRow for TreeRow {
             position_error: r.f64()?,
             local_parts: r.u32()?,
             max_stack: r.u32()?,
-        })
+            coarse_blocks: r.u32()?,
+        };
+        r.zeros(4)?;
+        Ok(row)
     }
 }
 

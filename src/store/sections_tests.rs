@@ -14,6 +14,7 @@ const INSTANCE: InstanceRow = InstanceRow {
 const TREE: TreeRow = TreeRow {
     first_block: 0,
     block_count: 2,
+    coarse_blocks: 1,
     root: u64::MAX,
     origin: [1e7, 2.0, 3.0],
     bounds: [-1.0, -1.0, -1.0, 1.0, 1.0, 1.0],

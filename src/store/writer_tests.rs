@@ -54,6 +54,7 @@ fn write(mut writer: Writer) -> Result<u64> {
 const TREE: TreeRow = TreeRow {
     first_block: 0,
     block_count: 1,
+    coarse_blocks: 1,
     root: 0,
     origin: [0.0; 3],
     bounds: [0.0; 6],

@@ -75,8 +75,7 @@ impl StoredTree {
 pub fn trees(path: &Path) -> Vec<StoredTree> {
     let file = Arc::new(ModelFile::open(Arc::new(FileSource::open(path).expect("a file"))).expect("a model"));
     let geometry = file.header().geometry_blocks;
-    let tree_ends = file.trees().iter().map(|t| t.first_block + t.block_count).collect();
-    let decoder = BvhDecoder { geometry_blocks: geometry, tree_ends };
+    let decoder = BvhDecoder::new(geometry, file.trees());
     let blocks = ModelBlocks::new(Arc::clone(&file), Box::new(decoder), Arc::new(Cache::new(u64::MAX)));
     let all: Vec<BlockId> = (0..file.block_count()).map(BlockId).collect();
     blocks.fetch(&all, &Cancel::new()).expect("all blocks");

@@ -4,24 +4,57 @@ use super::codec::{self, Place};
 use super::layout::{Block, Child};
 use crate::base::ids::BlockId;
 use crate::residency::{Decoder, Snapshot};
+use crate::store::TreeRow;
 
 /// Decodes blocks of a model of structure `bvh`.
 #[derive(Debug, Clone)]
 pub struct BvhDecoder {
-    /// Number of geometry blocks: primitive ids follow them, then colours.
-    pub geometry_blocks: u32,
-    /// One past the last block of each tree, ascending.
-    pub tree_ends: Vec<u32>,
+    /// Primitive ids follow the geometry blocks, then colours.
+    geometry_blocks: u32,
+    /// Of each tree, ascending.
+    trees: Vec<TreeBlocks>,
+}
+
+/// Where the blocks of a tree end.
+#[derive(Debug, Clone, Copy)]
+struct TreeBlocks {
+    /// One past its last coarse block.
+    coarse_end: u32,
+    /// One past its last block.
+    end: u32,
+    /// Its one block holds all of it.
+    is_one: bool,
+}
+
+impl BvhDecoder {
+    /// For a model of `geometry_blocks` geometry blocks, which `trees` divide among them.
+    pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
+        let blocks = |t: &TreeRow| TreeBlocks {
+            coarse_end: t.first_block + t.coarse_blocks,
+            end: t.first_block + t.block_count,
+            is_one: t.block_count == 1,
+        };
+        Self { geometry_blocks, trees: trees.iter().map(blocks).collect() }
+    }
+
+    fn geometry(&self, id: u32, payload: &[u8]) -> Result<Vec<u32>, String> {
+        let tree = self.trees.partition_point(|t| t.end <= id);
+        let tree = self.trees.get(tree).ok_or("it belongs to no tree")?;
+        let is_fine = id >= tree.coarse_end;
+        // Behind a fine block is nothing that it could refer to.
+        let end = if is_fine { id + 1 } else { tree.end };
+        let words = codec::decode_geometry(payload, Place { id, end })?;
+        if !is_fine && !tree.is_one && Block::new(&words).triangles() > 0 {
+            return Err("it holds triangles, and is coarse".into());
+        }
+        Ok(words)
+    }
 }
 
 impl Decoder for BvhDecoder {
     fn decode(&self, id: BlockId, payload: &[u8]) -> Result<Vec<u32>, String> {
         match id.0 / self.geometry_blocks.max(1) {
-            0 => {
-                let tree = self.tree_ends.partition_point(|&end| end <= id.0);
-                let end = *self.tree_ends.get(tree).ok_or("it belongs to no tree")?;
-                codec::decode_geometry(payload, Place { id: id.0, end })
-            }
+            0 => self.geometry(id.0, payload),
             1 => codec::decode_prims(payload),
             _ => codec::decode_colours(payload),
         }

@@ -1,9 +1,11 @@
-//! Which nodes share a block: whole subtrees, bottom up, until the rest fits one block.
+//! Which nodes share a block.
 //!
-//! Each round cuts off the largest subtrees that are at most [`UNIT_WORDS`] words (units) and fills
-//! blocks with consecutive ones, which are neighbours in space; what is left above them is a smaller
-//! tree, and the next round's input. Blocks are numbered from the last round to the first, so that
-//! coarse ones come first and a reference always points to a higher block.
+//! First the **fine** units are cut off: the largest subtrees of at most [`FINE_WORDS`] words. Consecutive
+//! ones, which are neighbours in space, fill blocks that hold all triangles and refer to no other block.
+//! What is left above is nodes alone, and goes into **coarse** blocks, in rounds: each cuts off the largest
+//! subtrees of at most [`COARSE_WORDS`] words, and the next round's input is what remains, until that fits
+//! one block. Blocks are numbered from the last round to the first, fine ones behind all coarse ones, so
+//! that a reference always points to a higher block. A tree that fits one block is that block.
 
 use super::TreeInput;
 use super::par::Par;
@@ -15,8 +17,18 @@ use crate::structure::bvh::layout::{Child, HEADER_WORDS, MAX_WORDS, PAD_WORDS};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UnitId(u32);
 
-/// Words of a unit, at most: small beside a block, so that blocks fill well.
-const UNIT_WORDS: u32 = MAX_WORDS as u32 / 8;
+impl UnitId {
+    /// Of none.
+    pub const NONE: Self = Self(u32::MAX);
+}
+
+/// Words of a fine unit, at most. A node over eight of the largest leaves must fit.
+///
+/// It decides how much of a tree is coarse and read at opening (about 0.7 bytes a triangle), and how many
+/// nodes a walk meets in a block.
+pub const FINE_WORDS: u32 = 768;
+/// Words of a coarse unit, at most: small beside a block, so that blocks fill well.
+const COARSE_WORDS: u32 = MAX_WORDS as u32 / 8;
 
 /// What goes into one block.
 pub struct Plan {
@@ -47,8 +59,18 @@ struct Home {
     node: u32,
 }
 
-/// Packs a tree; returns the blocks in their order and the child reference to the root in block 0.
-pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref], par: &Par) -> (Vec<Plan>, u32) {
+/// The blocks of a tree.
+pub struct Packed {
+    /// In their order.
+    pub plans: Vec<Plan>,
+    /// How many of them are coarse.
+    pub coarse: usize,
+    /// Child reference to the root in block 0.
+    pub root: u32,
+}
+
+/// Packs a tree.
+pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref], par: &Par) -> Packed {
     let mut homes: Vec<Home> = Vec::new();
     let mut rounds: Vec<Vec<Plan>> = Vec::new();
     loop {
@@ -60,7 +82,8 @@ pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref], par: &Par) -> 
             break;
         }
         let mut units = Vec::new();
-        cut(&mut root, homes.len() as u32, &mut units);
+        let most = if rounds.is_empty() { FINE_WORDS } else { COARSE_WORDS };
+        cut(&mut root, most, homes.len() as u32, &mut units);
         let parts = par.map(units.len(), |i| parts_of(&units[i], input, refs));
         rounds.push(fill(units, parts, rounds.len(), &mut homes));
     }
@@ -69,6 +92,7 @@ pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref], par: &Par) -> 
     for r in (0..rounds.len() - 1).rev() {
         first[r] = first[r + 1] + rounds[r + 1].len() as u32;
     }
+    let coarse = if rounds.len() == 1 { 1 } else { first[0] as usize };
     let mut plans: Vec<Plan> = rounds.into_iter().rev().flatten().collect();
     for plan in &mut plans {
         let mut met = Vec::new();
@@ -82,7 +106,7 @@ pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref], par: &Par) -> 
             })
             .collect();
     }
-    (plans, u32::from(Child::Node(0).to_bits()))
+    Packed { plans, coarse, root: u32::from(Child::Node(0).to_bits()) }
 }
 
 /// The parts of all that is left, if it fits one block.
@@ -94,12 +118,12 @@ fn parts_of_last(root: &Inner, input: TreeInput, refs: &[Ref]) -> Option<Vec<u32
 }
 
 #[allow(clippy::vec_box)] // units move between lists; their children lists stay where they are
-/// Cuts off the largest subtrees that are small enough, in depth-first order.
-fn cut(inner: &mut Inner, first_id: u32, units: &mut Vec<Box<Inner>>) {
+/// Cuts off the largest subtrees of at most `most` words, in depth-first order.
+fn cut(inner: &mut Inner, most: u32, first_id: u32, units: &mut Vec<Box<Inner>>) {
     for (_, child) in &mut inner.children {
         let Sub::Inner(below) = child else { continue };
-        if below.words > UNIT_WORDS {
-            cut(below, first_id, units);
+        if below.words > most {
+            cut(below, most, first_id, units);
             continue;
         }
         let id = UnitId(first_id + units.len() as u32);

@@ -26,6 +26,7 @@ use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::math::Bounds;
 use glam::Vec3;
+use tree::Stats;
 
 /// The triangles of one tree, around the tree's origin. All three slices are equally long.
 #[derive(Debug, Clone, Copy)]
@@ -52,6 +53,7 @@ pub struct Tree<'a> {
     input: TreeInput<'a>,
     refs: Vec<refs::Ref>,
     plans: Vec<Plan>,
+    coarse: usize,
     /// Bounds of all triangles.
     pub bounds: Bounds,
     /// Child reference to the root inside block 0.
@@ -74,14 +76,19 @@ impl<'a> Tree<'a> {
         cancel.check()?;
         let built = tree::build(input, &mut refs, par, cancel)?;
         let stats = built.stats;
-        let (plans, root) = cluster::pack(built.root, input, &refs, par);
-        let bounds = built.bounds;
-        Ok(Self { input, refs, plans, bounds, root, depth: stats.depth, nodes: stats.nodes, leaves: stats.leaves, references: stats.references })
+        let cluster::Packed { plans, coarse, root } = cluster::pack(built.root, input, &refs, par);
+        let Stats { depth, nodes, leaves, references } = stats;
+        Ok(Self { input, refs, plans, coarse, bounds: built.bounds, root, depth, nodes, leaves, references })
     }
 
     /// Number of blocks.
     pub fn blocks(&self) -> usize {
         self.plans.len()
+    }
+
+    /// How many of them, from block 0 on, are coarse: nodes alone, over all the others. At least 1.
+    pub fn coarse_blocks(&self) -> usize {
+        self.coarse
     }
 
     /// References to triangles, over all leaves; more than the triangles where splits repeat them.

@@ -6,7 +6,8 @@ use super::partition::{self, Sides};
 use super::refs::Ref;
 use super::sah::{self, Extents, Split};
 use super::spatial::{self, SpatialSplit};
-use super::{TreeInput, cluster::UnitId};
+use super::TreeInput;
+use super::cluster::{FINE_WORDS, UnitId};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::math::Bounds;
@@ -56,6 +57,21 @@ impl Inner {
             _ => 0,
         });
         1 + below.sum::<u32>()
+    }
+
+    /// Puts a node of its own over each leaf, for a node that stays above the fine units: coarse blocks hold
+    /// no triangles. Returns how many.
+    fn wrap_leaves(&mut self) -> u64 {
+        let mut wrapped = 0;
+        for (bounds, sub) in self.children.iter_mut().filter(|(_, c)| matches!(c, Sub::Leaf { .. })) {
+            let leaf = std::mem::replace(sub, Sub::Placed(UnitId::NONE));
+            let mut over = Box::new(Inner { children: vec![(*bounds, leaf)], words: 0 });
+            over.measure();
+            *sub = Sub::Inner(over);
+            wrapped += 1;
+        }
+        self.measure();
+        wrapped
     }
 
     /// Brings `words` up to date after a change below.
@@ -154,8 +170,13 @@ impl Builder<'_> {
             stats.leaves += below.leaves;
             stats.references += below.references;
         }
-        stats.depth += 1;
         inner.measure();
+        if inner.words > FINE_WORDS {
+            let wrapped = inner.wrap_leaves();
+            stats.nodes += wrapped;
+            stats.depth = stats.depth.max(1 + u32::from(wrapped > 0));
+        }
+        stats.depth += 1;
         Ok((inner, stats))
     }
 
