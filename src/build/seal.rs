@@ -16,7 +16,7 @@ use crate::structure::bvh::build::{Par, Tree, TreeInput, TreeOptions, splits_pay
 use crate::structure::bvh::codec;
 use crate::structure::bvh::layout::MAX_TRIANGLES;
 use crate::structure::bvh::trace::TreeView;
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Instant;
@@ -128,6 +128,7 @@ impl Output<'_> {
             parts: &placed.parts,
             prims: &placed.prims,
             colours: &placed.colours,
+            part_colours: &part_colours(index, local_parts, gathered),
         };
         let tree_options = TreeOptions { split_budget: if split { SPLIT_BUDGET } else { 0.0 } };
         let tree = Tree::build(input, &tree_options, &self.par, self.cancel)?;
@@ -281,6 +282,14 @@ fn part_bounds(placed: &Placed, tree: usize, local_parts: u32, gathered: &mut Ga
     for instance in gathered.instances.iter().filter(|i| i.tree as usize == tree) {
         add(instance.first_part, &DAffine3::from_cols_array(&instance.world_from_mesh));
     }
+}
+
+/// Linear colours of a mesh's local parts, as where it is placed first.
+fn part_colours(tree: usize, local_parts: u32, gathered: &Gathered) -> Vec<Vec3> {
+    let placing = gathered.instances.iter().find(|i| i.tree as usize == tree);
+    let first = placing.map_or(0, |i| i.first_part) as usize;
+    let rows = gathered.parts.iter().skip(first).take(local_parts as usize);
+    rows.map(|row| Vec3::from(gathered.materials[row.material as usize].colour)).collect()
 }
 
 /// Bounds of all that is placed.

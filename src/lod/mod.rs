@@ -1,4 +1,10 @@
-//! Stand-ins: voxels and proxies, and the bookkeeping of their accuracy. Nothing of this version makes any:
-//! every hit is exact. What the other rooms already say of them is `math::Cone`, `HitKind` and the `error` of a hit.
-//! Uses base and math.
+//! Stand-ins: what is shown for a part of a tree that is not descended into. `voxel` is what a cell looks like
+//! from each side, composited from what lies in it; `coded` its bytes. Where a cell may stand in is decided by the
+//! walks (`structure::bvh::trace`); what its hits promise by `query::finish`. Uses base and math.
 #![forbid(unsafe_code)]
+
+mod coded;
+mod voxel;
+
+pub use coded::{Coded, Side, VOXEL_WORDS, SIDES_WORDS};
+pub use voxel::{Facet, Voxel, summary_bit};

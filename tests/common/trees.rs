@@ -39,7 +39,7 @@ impl TestTree {
         let local: Vec<[Vec3; 3]> = tris.iter().map(|t| t.map(|v| (v - origin).as_vec3())).collect();
         let parts = vec![0; tris.len()];
         let prims: Vec<u32> = (0..tris.len() as u32).collect();
-        let input = TreeInput { triangles: &local, parts: &parts, prims: &prims, colours: &[] };
+        let input = TreeInput { triangles: &local, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
         let par = Par { threads: 1 };
         let tree = Tree::build(input, &TreeOptions { split_budget }, &par, &Cancel::default()).expect("a tree");
         let geometry = tree.blocks() as u32;

@@ -10,6 +10,12 @@
 //! | 2 x nodes | u16 a node: kind of each child, 2 bits a slot (0 none, 1 node, 2 leaf, 3 external) |
 //! | 8 x externals | u32 block id, u32 child reference |
 //! | 4 x parts | u32 |
+//! | 1 | u8: words of a voxel |
+//! | 4 | u32: the part of all voxels, if those are short |
+//! | 8 x voxels | both words of the first sample, byte by byte: byte 0 of all voxels, byte 1 of all, ...; the count of sides is zero |
+//! | 4 x voxels | with long voxels: part and whether mixed, byte by byte |
+//! | 4 x mixed | with long voxels: summaries of those that are mixed |
+//! | 48 x .. | the sides of voxels that have six, byte by byte |
 //! | 3 x leaves | u8: triangles, vertices, flags of each leaf: three runs |
 //! | 2 x .. | u16: part of each leaf, of each triangle where mixed |
 //! | 3 x triangles | u8: the corners of each leaf as in the trace form, without padding |
@@ -23,10 +29,12 @@
 
 use super::bytes::{Reader, push_varint, unzigzag, zigzag};
 use super::layout::{
-    Block, Child, HEADER_WORDS, LEAF_MIXED, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LEAF_MIXED, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS,
+    Node, PAD_WORDS, SHORT_VOXEL,
     WIDTH, index_words, leaf_words,
 };
 use super::validate::validate;
+use crate::lod::{Coded, SIDES_WORDS, summary_bit};
 use std::collections::HashMap;
 use std::hash::Hasher;
 
@@ -65,6 +73,7 @@ pub fn encode_geometry(words: &[u32]) -> Vec<u8> {
         out.extend(child.to_le_bytes());
     }
     (0..block.parts()).for_each(|i| out.extend(block.part(i).to_le_bytes()));
+    push_voxels(&mut out, &block);
     let leaf = |at: usize| block.leaf(at);
     out.extend(leaves.iter().map(|&at| leaf(at).triangles as u8));
     out.extend(leaves.iter().map(|&at| leaf(at).vertices as u8));
@@ -81,6 +90,76 @@ pub fn encode_geometry(words: &[u32]) -> Vec<u8> {
         push_coordinates(&mut out, vertices.iter().map(|v| v[axis]));
     }
     out
+}
+
+fn push_voxels(out: &mut Vec<u8>, block: &Block) {
+    let is_long = block.voxel_words() == LONG_VOXEL;
+    out.push(block.voxel_words() as u8);
+    out.extend(block.words()[7].to_le_bytes());
+    let voxels: Vec<&[u32]> = (0..block.voxels()).map(|i| block.voxel_at(i)).collect();
+    let first = |v: &[u32]| if Coded::has_sides(v[0]) { v[0] & !0xffff } else { v[0] };
+    push_planes(out, voxels.iter().map(|v| first(v)));
+    push_planes(out, voxels.iter().map(|v| v[1]));
+    if is_long {
+        push_planes(out, voxels.iter().map(|v| v[2]));
+        let mixed = voxels.iter().filter(|v| Coded::part(v[2]).1);
+        mixed.for_each(|v| out.extend(v[3].to_le_bytes()));
+    }
+    let (from, to) = (block.sides_at(), block.first_leaf());
+    for word in 0..SIDES_WORDS {
+        push_planes(out, block.words()[from..to].iter().skip(word).step_by(SIDES_WORDS).copied());
+    }
+}
+
+/// Words, byte by byte: the lowest of all, the next of all, and so on.
+fn push_planes(out: &mut Vec<u8>, words: impl Iterator<Item = u32> + Clone) {
+    (0..4).for_each(|byte| out.extend(words.clone().map(|w| (w >> (8 * byte)) as u8)));
+}
+
+fn read_planes(reader: &mut Reader, count: usize) -> Checked<Vec<u32>> {
+    let planes = reader.take(4 * count)?;
+    let byte = |p: usize, i: usize| u32::from(planes[p * count + i]) << (8 * p);
+    Ok((0..count).map(|i| (0..4).fold(0, |word, p| word | byte(p, i))).collect())
+}
+
+/// Voxels of a block: the words of the header that tell of them, and all after the parts and before the leaves.
+fn read_voxels(reader: &mut Reader, nodes: &[Node], nodes_end: usize) -> Checked<([u32; 4], Vec<u32>)> {
+    let size = usize::from(reader.u8()?);
+    if ![SHORT_VOXEL, LONG_VOXEL].contains(&size) {
+        return wrong("its voxels have an impossible size");
+    }
+    let part = reader.u32()?;
+    let count = nodes.iter().map(|n| n.valid.count_ones() as usize).sum();
+    let (mut firsts, colours) = (read_planes(reader, count)?, read_planes(reader, count)?);
+    let parts = if size == LONG_VOXEL { read_planes(reader, count)? } else { Vec::new() };
+    let mut summaries = Vec::with_capacity(parts.len());
+    for &word in &parts {
+        let (part, is_mixed) = Coded::part(word);
+        summaries.push(if is_mixed { reader.u32()? } else { summary_bit(part) });
+    }
+    let mut six_sided = 0;
+    for first in firsts.iter_mut().filter(|first| Coded::has_sides(**first)) {
+        if *first & 0xffff != 0 || six_sided > 0xffff {
+            return wrong("a voxel's sides are counted");
+        }
+        *first |= six_sided;
+        six_sided += 1;
+    }
+    let sides = (0..SIDES_WORDS).map(|_| read_planes(reader, six_sided as usize)).collect::<Checked<Vec<_>>>()?;
+    let mut words = Vec::with_capacity(nodes.len() + count * size + six_sided as usize * SIDES_WORDS);
+    let mut voxels = 0;
+    for node in nodes {
+        words.push(voxels);
+        voxels += node.valid.count_ones();
+    }
+    for i in 0..count {
+        words.extend([firsts[i], colours[i]]);
+        if size == LONG_VOXEL {
+            words.extend([parts[i], summaries[i]]);
+        }
+    }
+    (0..six_sided as usize).for_each(|i| words.extend(sides.iter().map(|word| word[i])));
+    Ok(([nodes_end as u32, voxels | six_sided << 16, size as u32, part], words))
 }
 
 /// Kinds of a node's children, 2 bits a slot.
@@ -215,7 +294,7 @@ pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     let vertices = reader.u32()? as usize;
     let counts = Counts { triangles, parts, leaves, vertices };
     let externals_at = HEADER_WORDS + nodes * NODE_WORDS;
-    let parts_at = externals_at + 2 * externals;
+    let parts_at = externals_at + EXTERNAL_WORDS * externals;
     if parts_at + parts + PAD_WORDS > MAX_WORDS || nodes == 0 {
         return wrong("its counts do not fit a block");
     }
@@ -232,14 +311,21 @@ pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     if !part_list.is_sorted_by(|a, b| a < b) {
         return wrong("its parts are not in order");
     }
-    let (leaf_words, starts) = read_leaves(&mut reader, &counts, parts_at + parts)?;
+    let (voxel_header, voxel_words) = read_voxels(&mut reader, &table, parts_at + parts)?;
+    words.extend(voxel_header);
+    let leaves_at = parts_at + parts + voxel_words.len();
+    if leaves_at + PAD_WORDS > MAX_WORDS {
+        return wrong("its counts do not fit a block");
+    }
+    let (leaf_words, starts) = read_leaves(&mut reader, &counts, leaves_at)?;
     reader.end()?;
-    link(&mut table, &kinds, &starts, externals)?;
+    let places = link(&mut table, &kinds, &starts, externals)?;
     for node in &table {
         words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(*node));
     }
-    words.extend(links);
+    words.extend(links.iter().zip(places).flat_map(|(&[id, child], place)| [id, child, place]));
     words.extend(part_list);
+    words.extend(voxel_words);
     words.extend(leaf_words);
     words.extend([0; PAD_WORDS]);
     if words.len() > MAX_WORDS {
@@ -267,8 +353,8 @@ fn read_nodes(reader: &mut Reader, nodes: usize) -> Checked<Vec<Node>> {
     Ok(table)
 }
 
-fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Vec<u32>> {
-    let mut words = Vec::with_capacity(2 * count);
+fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Vec<[u32; 2]>> {
+    let mut words = Vec::with_capacity(count);
     for _ in 0..count {
         let (id, child) = (reader.u32()?, reader.u32()?);
         // Always to a later block: no chain of references comes back.
@@ -278,7 +364,7 @@ fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Ve
         if !matches!(Child::from_bits(child), Some(Child::Node(_))) || child > u32::from(u16::MAX) {
             return wrong("it refers to something that is not a node");
         }
-        words.extend([id, child]);
+        words.push([id, child]);
     }
     Ok(words)
 }
@@ -362,8 +448,10 @@ fn read_references(reader: &mut Reader, total: usize, vertices: usize) -> Checke
     if known == vertices { Ok(references) } else { wrong("its vertices do not add up") }
 }
 
-/// Numbers the children of all nodes in the order in which a preorder walk meets them.
-fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[usize], externals: usize) -> Checked<()> {
+/// Numbers the children of all nodes in the order in which a preorder walk meets them; returns where each external
+/// reference hangs (see `layout.rs`).
+fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[usize], externals: usize) -> Checked<Vec<u32>> {
+    let mut places = Vec::with_capacity(externals);
     let (mut next_node, mut next_leaf, mut next_external) = (0, 0, 0);
     // (node, next slot)
     let mut open: Vec<(usize, usize)> = Vec::new();
@@ -392,6 +480,7 @@ fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[usize], externals: usize) -
                 }
                 3 if next_external < externals => {
                     next_external += 1;
+                    places.push(node as u32 | (slot as u32) << 16);
                     Child::External(next_external - 1)
                 }
                 0 => continue,
@@ -401,7 +490,7 @@ fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[usize], externals: usize) -
         }
     }
     let all = next_leaf == leaves.len() && next_external == externals;
-    if all { Ok(()) } else { wrong("something in it is never referred to") }
+    if all { Ok(places) } else { wrong("something in it is never referred to") }
 }
 
 /// Encodes the primitive ids of a block.

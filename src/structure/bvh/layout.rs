@@ -9,9 +9,16 @@
 //! | 0 | nodes (u16), external references (u16) |
 //! | 1 | triangles (u16), parts (u16) |
 //! | 2, 3 | where the external references and the parts begin |
-//! | 4 .. | nodes, [`NODE_WORDS`] each; node 0 first, children after their parents |
-//! | .. | external references: block id, child reference inside it |
+//! | 4 | where the nodes' first voxels begin |
+//! | 5 | voxels (u16), those of six sides (u16) |
+//! | 6 | words of a voxel: 2, or 4 with its parts |
+//! | 7 | with 2: the local part of all voxels; else 0 |
+//! | 8 .. | nodes, [`NODE_WORDS`] each; node 0 first, children after their parents |
+//! | .. | external references: block id, child reference inside it, where it hangs here: node (u16) and slot (u16) |
 //! | .. | parts: local part of the tree, ascending |
+//! | .. | for each node the number of its first voxel |
+//! | .. | voxels (`lod::Coded`): one for each child of each node, in order; of those of six sides the low half of word 0 counts them |
+//! | .. | the sides of those that have six, [`SIDES_WORDS`] each |
 //! | .. | leaves |
 //! | last [`PAD_WORDS`] | zero, so that a vector load at the end of a leaf stays inside |
 //!
@@ -31,6 +38,7 @@
 //! | .. | first, second, third vertex of each triangle: three runs of u8, padded together to a word |
 //! | .. | x of all vertices, then y, then z: f32 |
 
+use crate::lod::{Coded, SIDES_WORDS, Side, summary_bit};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -38,7 +46,13 @@ use glam::Vec3;
 /// Words of a block, at most: 64 KB.
 pub const MAX_WORDS: usize = 16384;
 /// Words before the nodes.
-pub const HEADER_WORDS: usize = 4;
+pub const HEADER_WORDS: usize = 8;
+/// Words of a reference to another block.
+pub const EXTERNAL_WORDS: usize = 3;
+/// Words of a voxel without its parts.
+pub const SHORT_VOXEL: usize = 2;
+/// Words of a voxel with its parts.
+pub const LONG_VOXEL: usize = 4;
 /// Words of a node.
 pub const NODE_WORDS: usize = 20;
 /// Zero words at the end of a block.
@@ -188,7 +202,50 @@ impl<'a> Block<'a> {
 
     /// Where the leaves begin.
     pub fn first_leaf(&self) -> usize {
-        self.words[3] as usize + self.parts()
+        self.sides_at() + self.six_sided() * SIDES_WORDS
+    }
+
+    /// Number of voxels.
+    pub fn voxels(&self) -> usize {
+        (self.words[5] & 0xffff) as usize
+    }
+
+    /// Number of voxels of six sides.
+    pub fn six_sided(&self) -> usize {
+        (self.words[5] >> 16) as usize
+    }
+
+    /// Words of a voxel.
+    #[inline]
+    pub fn voxel_words(&self) -> usize {
+        self.words[6] as usize
+    }
+
+    /// Where the voxels begin.
+    #[inline]
+    pub(super) fn voxels_at(&self) -> usize {
+        self.words[4] as usize + self.nodes()
+    }
+
+    /// Where the voxels' sides begin.
+    #[inline]
+    pub(super) fn sides_at(&self) -> usize {
+        self.voxels_at() + self.voxels() * self.voxel_words()
+    }
+
+    /// Words of voxel `index`.
+    #[inline]
+    pub fn voxel_at(&self, index: usize) -> &'a [u32] {
+        let at = self.voxels_at() + index * self.voxel_words();
+        &self.words[at..at + self.voxel_words()]
+    }
+
+    /// The voxel of the child in `slot` of node `index`.
+    #[inline]
+    pub fn voxel(&self, index: usize, slot: usize) -> StoredVoxel<'a> {
+        let first = self.words[self.words[4] as usize + index] as usize;
+        let before = u32::from(self.node(index).valid) & ((1 << slot) - 1);
+        StoredVoxel { words: self.voxel_at(first + before.count_ones() as usize), block: *self }
     }
 
     /// A node by its index.
@@ -204,8 +261,15 @@ impl<'a> Block<'a> {
     /// An external reference: block id and child reference inside it.
     #[inline(always)]
     pub fn external(&self, index: usize) -> (u32, u32) {
-        let at = self.words[2] as usize + index * 2;
+        let at = self.words[2] as usize + index * EXTERNAL_WORDS;
         (self.words[at], self.words[at + 1])
+    }
+
+    /// Node and slot that an external reference hangs in.
+    #[inline]
+    pub fn place_of_external(&self, index: usize) -> (usize, usize) {
+        let word = self.words[self.words[2] as usize + index * EXTERNAL_WORDS + 2];
+        ((word & 0xffff) as usize, (word >> 16) as usize)
     }
 
     /// The tree's local part at `index` of the block's parts.
@@ -227,6 +291,34 @@ impl<'a> Block<'a> {
             mixed: parts >> 16 & u32::from(LEAF_MIXED) != 0,
             words,
         }
+    }
+}
+
+/// The voxel of a child, in its block.
+#[derive(Debug, Clone, Copy)]
+pub struct StoredVoxel<'a> {
+    words: &'a [u32],
+    block: Block<'a>,
+}
+
+impl StoredVoxel<'_> {
+    /// What is seen of it from `side`: low x, y, z, then high x, y, z.
+    pub fn side(&self, side: usize) -> Side {
+        if !Coded::has_sides(self.words[0]) {
+            return Side::of([self.words[0], self.words[1]]);
+        }
+        let at = self.block.sides_at() + (self.words[0] & 0xffff) as usize * SIDES_WORDS + 2 * side;
+        Side::of([self.block.words[at], self.block.words[at + 1]])
+    }
+
+    /// The tree's local part of which most is seen, and whether there are others.
+    pub fn part(&self) -> (u32, bool) {
+        self.words.get(2).map_or((self.block.words[7], false), |word| Coded::part(*word))
+    }
+
+    /// The bits of all its parts, see [`summary_bit`].
+    pub fn summary(&self) -> u32 {
+        self.words.get(3).copied().unwrap_or_else(|| summary_bit(self.block.words[7]))
     }
 }
 

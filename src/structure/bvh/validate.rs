@@ -5,9 +5,10 @@
 
 use super::codec::Place;
 use super::layout::{
-    Block, Child, HEADER_WORDS, LEAF_MIXED, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, WIDTH,
-    leaf_words,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LEAF_MIXED, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS,
+    Node, PAD_WORDS, SHORT_VOXEL, WIDTH, leaf_words,
 };
+use crate::lod::Coded;
 
 /// Says what is wrong with the words of a geometry block that is at `place`.
 pub fn validate(words: &[u32], place: Place) -> Result<(), String> {
@@ -27,10 +28,12 @@ fn check_header(words: &[u32]) -> Result<(), String> {
     ensure((least..=MAX_WORDS).contains(&words.len()), "its size is not that of a block")?;
     let block = Block::new(words);
     let externals_at = HEADER_WORDS + block.nodes() * NODE_WORDS;
-    let parts_at = externals_at + 2 * block.externals();
-    let tables = [words[2], words[3]] == [externals_at as u32, parts_at as u32];
+    let parts_at = externals_at + EXTERNAL_WORDS * block.externals();
+    let firsts_at = parts_at + block.parts();
+    let tables = [words[2], words[3], words[4]] == [externals_at as u32, parts_at as u32, firsts_at as u32];
     ensure(block.nodes() > 0 && tables, "its tables are not where its counts say")?;
-    ensure(parts_at + block.parts() + PAD_WORDS <= words.len(), "its tables do not fit")?;
+    ensure([SHORT_VOXEL as u32, LONG_VOXEL as u32].contains(&words[6]), "its voxels have an impossible size")?;
+    ensure(block.first_leaf() + PAD_WORDS <= words.len(), "its tables do not fit")?;
     ensure(words[words.len() - PAD_WORDS..].iter().all(|w| *w == 0), "its end is not zero")
 }
 
@@ -40,8 +43,24 @@ fn check_tables(block: &Block, place: Place) -> Result<(), String> {
         let is_node = child <= u32::from(u16::MAX) && matches!(Child::from_bits(child), Some(Child::Node(_)));
         ensure(is_node, "it refers to something that is not a node")?;
     }
+    check_voxels(block)?;
     let ascending = (1..block.parts()).all(|i| block.part(i - 1) < block.part(i));
     ensure(ascending, "its parts are not in order")
+}
+
+/// Each child of each node has a voxel; those of six sides are numbered on.
+fn check_voxels(block: &Block) -> Result<(), String> {
+    let (mut voxels, mut sides) = (0, 0);
+    for i in 0..block.nodes() {
+        ensure(block.words()[block.words()[4] as usize + i] as usize == voxels, "a node's voxels are not its own")?;
+        voxels += block.node(i).valid.count_ones() as usize;
+    }
+    ensure(voxels == block.voxels(), "its voxels do not add up")?;
+    for first in (0..voxels).map(|v| block.voxel_at(v)[0]).filter(|first| Coded::has_sides(*first)) {
+        ensure((first & 0xffff) as usize == sides, "a voxel's sides are not its own")?;
+        sides += 1;
+    }
+    ensure(sides == block.six_sided(), "its voxels' sides do not add up")
 }
 
 /// The first word of each leaf, ascending.
@@ -90,7 +109,10 @@ fn check_nodes(block: &Block, leaves: &[usize]) -> Result<(), String> {
             let met = match Child::from_bits(node.child[slot].into()) {
                 Some(Child::Node(n)) if n > i => met_nodes.get_mut(n),
                 Some(Child::Leaf(at)) => leaves.binary_search(&at).ok().map(|l| &mut met_leaves[l]),
-                Some(Child::External(e)) => met_externals.get_mut(e),
+                Some(Child::External(e)) if e < block.externals() => {
+                    ensure(block.place_of_external(e) == (i, slot), "a reference hangs elsewhere")?;
+                    met_externals.get_mut(e)
+                }
                 _ => None,
             };
             let met = met.ok_or("a node refers to what is not there")?;
@@ -113,12 +135,13 @@ mod tests {
         let mut node: Node = bytemuck::Zeroable::zeroed();
         node.exponent = [127; 3];
         node.valid = 0b11;
-        let leaf_at = HEADER_WORDS + NODE_WORDS + 2 + 1;
+        let leaf_at = HEADER_WORDS + NODE_WORDS + EXTERNAL_WORDS + 1 + 1 + 2 * SHORT_VOXEL;
         node.child[0] = Child::Leaf(leaf_at).to_bits();
         node.child[1] = Child::External(0).to_bits();
-        let mut words = vec![1 | 1 << 16, 1 | 1 << 16, 24, 26];
+        let mut words = vec![1 | 1 << 16, 1 | 1 << 16, 28, 31, 32, 2, SHORT_VOXEL as u32, 7];
         words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(node));
-        words.extend([5, 0, 7]);
+        words.extend([5, 0, 1 << 16, 7]);
+        words.extend([0, 0x00ff_1234, 0x8080_8080, 0x0080_0000, 0xff00_0000]);
         words.extend([1 | 3 << 8, 0, 0x0002_0100]);
         words.extend([0f32, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0].map(f32::to_bits));
         words.extend([0; PAD_WORDS]);
@@ -135,23 +158,29 @@ mod tests {
     #[test]
     fn each_damage_is_found() {
         let nan = f32::NAN.to_bits();
-        let damages: [(usize, u32, &str); 16] = [
+        let damages: [(usize, u32, &str); 22] = [
             (0, 0, "no node"),
             (0, 2 | 1 << 16, "two nodes"),
             (1, 2 | 1 << 16, "two triangles"),
             (1, 1 | 900 << 16, "parts past the end"),
             (2, 25, "another place of the references"),
-            (4, nan, "a grid at NaN"),
-            (7, 0b11 << 24, "a step of nothing"),
-            (7, 0b1 << 24 | 0x7f_7f7f, "a reference that nobody makes"),
-            (8, 1, "a box inside out"),
-            (20, 0x4000 | 28 | 0x8000 << 16, "a reference into a leaf"),
-            (20, 0x8000 | 0x8000 << 16, "the same reference twice"),
-            (20, 0x4000 | 27, "a node that is its own child"),
-            (25, 1 << 16, "a reference too large"),
-            (27, 9 | 3 << 8, "too many triangles in a leaf"),
-            (29, 0x0003_0100, "a corner without a vertex"),
-            (30, nan, "a vertex at NaN"),
+            (4, 33, "another place of the voxels"),
+            (5, 3, "a voxel too many"),
+            (5, 2 | 1 << 16, "sides that no voxel has"),
+            (6, 3, "voxels of no size"),
+            (8, nan, "a grid at NaN"),
+            (11, 0b11 << 24, "a step of nothing"),
+            (11, 0b1 << 24 | 0x7f_7f7f, "a reference that nobody makes"),
+            (12, 1, "a box inside out"),
+            (24, 0x4000 | 38 | 0x8000 << 16, "a reference into a leaf"),
+            (24, 0x8000 | 0x8000 << 16, "the same reference twice"),
+            (24, 0x4000 | 37, "a node that is its own child"),
+            (29, 1 << 16, "a reference too large"),
+            (30, 0, "a reference that hangs elsewhere"),
+            (33, 1 << 24, "a voxel of sides that are not there"),
+            (37, 9 | 3 << 8, "too many triangles in a leaf"),
+            (39, 0x0003_0100, "a corner without a vertex"),
+            (40, nan, "a vertex at NaN"),
         ];
         for (at, word, what) in damages {
             let mut words = sound();

@@ -5,9 +5,9 @@ use super::cluster::Plan;
 use super::leaf::LeafShape;
 use super::refs::Ref;
 use super::tree::{Inner, Sub};
-use crate::math::Bounds;
+use crate::lod::{Coded, SIDES_WORDS};
 use crate::structure::bvh::layout::{
-    Child, HEADER_WORDS, LEAF_MIXED, NODE_WORDS, Node, PAD_WORDS, WIDTH, index_words,
+    Child, EXTERNAL_WORDS, HEADER_WORDS, LEAF_MIXED, LONG_VOXEL, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, index_words,
 };
 use bytemuck::must_cast;
 
@@ -26,9 +26,14 @@ struct Encoder<'a> {
     refs: &'a [Ref],
     parts: &'a [u32],
     nodes: Vec<Node>,
+    /// Number of each node's first voxel, the voxels, and the sides of those that have six.
+    firsts: Vec<u32>,
+    voxels: Vec<[u32; LONG_VOXEL]>,
+    sides: Vec<[u32; SIDES_WORDS]>,
     leaves: Vec<u32>,
     leaves_at: usize,
-    externals: usize,
+    /// Where each external reference hangs: node and slot.
+    externals: Vec<u32>,
     prims: Vec<u32>,
     colours: Vec<[u8; 4]>,
 }
@@ -36,52 +41,94 @@ struct Encoder<'a> {
 /// Encodes block `index` of `plans`, whose block 0 has the id `first_block`.
 pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, refs: &[Ref]) -> TreeBlock {
     let plan = &plans[index];
-    let nodes = plan.roots.iter().map(|r| r.nodes() as usize).sum();
-    let externals_at = HEADER_WORDS + nodes * NODE_WORDS;
-    let parts_at = externals_at + 2 * plan.externals.len();
     let mut encoder = Encoder {
         input,
         refs,
         parts: &plan.parts,
-        nodes: Vec::with_capacity(nodes),
+        nodes: Vec::new(),
+        firsts: Vec::new(),
+        voxels: Vec::new(),
+        sides: Vec::new(),
         leaves: Vec::new(),
-        leaves_at: parts_at + plan.parts.len(),
-        externals: 0,
+        leaves_at: 0,
+        externals: Vec::new(),
         prims: Vec::new(),
         colours: Vec::new(),
     };
     for root in &plan.roots {
+        encoder.voxels_of(root);
+    }
+    let one_part = encoder.one_part();
+    let voxel_words = if one_part.is_some() { SHORT_VOXEL } else { LONG_VOXEL };
+    let externals_at = HEADER_WORDS + encoder.firsts.len() * NODE_WORDS;
+    let parts_at = externals_at + EXTERNAL_WORDS * plan.externals.len();
+    let firsts_at = parts_at + plan.parts.len();
+    let sides_at = firsts_at + encoder.firsts.len() + encoder.voxels.len() * voxel_words;
+    encoder.leaves_at = sides_at + encoder.sides.len() * SIDES_WORDS;
+    for root in &plan.roots {
         encoder.inner(root);
     }
-    debug_assert_eq!(encoder.externals, plan.externals.len());
+    debug_assert_eq!(encoder.externals.len(), plan.externals.len());
     let mut words = vec![
-        nodes as u32 | (plan.externals.len() as u32) << 16,
+        encoder.nodes.len() as u32 | (plan.externals.len() as u32) << 16,
         encoder.prims.len() as u32 | (plan.parts.len() as u32) << 16,
         externals_at as u32,
         parts_at as u32,
+        firsts_at as u32,
+        encoder.voxels.len() as u32 | (encoder.sides.len() as u32) << 16,
+        voxel_words as u32,
+        one_part.unwrap_or(0),
     ];
     for node in &encoder.nodes {
         words.extend(must_cast::<Node, [u32; NODE_WORDS]>(*node));
     }
-    words.extend(plan.externals.iter().flat_map(|&(block, child)| [first_block + block, child]));
+    let externals = plan.externals.iter().zip(&encoder.externals);
+    words.extend(externals.flat_map(|(&(block, child), &place)| [first_block + block, child, place]));
     words.extend(&plan.parts);
+    words.extend(&encoder.firsts);
+    words.extend(encoder.voxels.iter().flat_map(|v| &v[..voxel_words]));
+    words.extend(encoder.sides.as_flattened());
     words.extend(&encoder.leaves);
     words.extend([0; PAD_WORDS]);
     TreeBlock { words, prims: encoder.prims, colours: encoder.colours }
 }
 
 impl Encoder<'_> {
+    /// Adds the voxels of a node's children, and of all nodes below it in its block, in the nodes' order.
+    fn voxels_of(&mut self, inner: &Inner) {
+        self.firsts.push(self.voxels.len() as u32);
+        for (voxel, _) in &inner.children {
+            let Coded { mut words, sides } = voxel.clone();
+            if let Some(sides) = sides {
+                words[0] = words[0] & !0xffff | self.sides.len() as u32;
+                self.sides.push(*sides);
+            }
+            self.voxels.push(words);
+        }
+        for (_, sub) in &inner.children {
+            if let Sub::Inner(below) = sub {
+                self.voxels_of(below);
+            }
+        }
+    }
+
+    /// The part of all voxels, if they have the same one and no other.
+    fn one_part(&self) -> Option<u32> {
+        let (first, mixed) = Coded::part(self.voxels.first()?[2]);
+        (!mixed && self.voxels.iter().all(|v| v[2] == first)).then_some(first)
+    }
+
     /// Adds a node and all below it in its block; returns its index.
     fn inner(&mut self, inner: &Inner) -> usize {
         let index = self.nodes.len();
-        self.nodes.push(quantise(inner));
+        self.nodes.push(inner.node);
         for (slot, (_, sub)) in inner.children.iter().enumerate() {
             let child = match sub {
                 Sub::Inner(below) => Child::Node(self.inner(below)),
                 Sub::Leaf { first, count, .. } => Child::Leaf(self.leaf(*first, *count)),
                 Sub::Placed(_) => {
-                    self.externals += 1;
-                    Child::External(self.externals - 1)
+                    self.externals.push(index as u32 | (slot as u32) << 16);
+                    Child::External(self.externals.len() - 1)
                 }
             };
             self.nodes[index].child[slot] = child.to_bits();
@@ -126,85 +173,5 @@ impl Encoder<'_> {
     fn part(&self, triangle: u32) -> u32 {
         let part = self.input.parts[triangle as usize];
         self.parts.partition_point(|&p| p < part) as u32
-    }
-}
-
-/// A node with its children's boxes on its grid, rounded outward.
-fn quantise(inner: &Inner) -> Node {
-    let all = inner.children.iter().fold(Bounds::EMPTY, |b, (c, _)| b.union(*c));
-    let mut node = Node {
-        origin: all.min.to_array(),
-        exponent: [1; 3],
-        valid: ((1u32 << inner.children.len()) - 1) as u8,
-        planes: [[0; WIDTH]; 6],
-        child: [0; WIDTH],
-    };
-    for axis in 0..3 {
-        node.exponent[axis] = exponent(f64::from(all.max[axis]) - f64::from(all.min[axis]));
-        let step = f64::from(node.step(axis));
-        let origin = f64::from(all.min[axis]);
-        for (slot, (bounds, _)) in inner.children.iter().enumerate() {
-            // Differences of coordinates that are 2^53 apart are rounded: one step outward mends that.
-            let mut low = ((f64::from(bounds.min[axis]) - origin) / step).floor();
-            let mut high = ((f64::from(bounds.max[axis]) - origin) / step).ceil();
-            if origin + low * step > f64::from(bounds.min[axis]) {
-                low -= 1.0;
-            }
-            if origin + high * step < f64::from(bounds.max[axis]) {
-                high += 1.0;
-            }
-            node.planes[axis][slot] = low.clamp(0.0, 255.0) as u8;
-            node.planes[axis + 3][slot] = high.clamp(0.0, 255.0) as u8;
-        }
-    }
-    // Empty slots are masked by `valid`; an inverted box keeps them out of most tests besides.
-    for slot in inner.children.len()..WIDTH {
-        for axis in 0..3 {
-            node.planes[axis][slot] = 255;
-        }
-    }
-    node
-}
-
-/// Biased exponent of the least power of two with 255 steps of which `extent` can be covered.
-fn exponent(extent: f64) -> u8 {
-    // A hair more, for the step outward that `quantise` may take.
-    let extent = extent * (1.0 + 1e-12);
-    let least = (extent / 255.0).max(f64::from(f32::MIN_POSITIVE));
-    let mut e = least.log2().ceil() as i32;
-    while 255.0 * f64::from(e).exp2() < extent {
-        e += 1;
-    }
-    (e + 127).clamp(1, 254) as u8
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::Vec3;
-    use proptest::prelude::*;
-
-    fn point() -> impl Strategy<Value = Vec3> {
-        let c = prop_oneof![-1e6f32..1e6, -1.0f32..1.0, Just(0.0f32), -1e-30f32..1e-30, -1e30f32..1e30];
-        [c.clone(), c.clone(), c].prop_map(Vec3::from_array)
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(2000))]
-        #[test]
-        fn stored_boxes_are_rounded_outward(corners in prop::collection::vec((point(), point()), 1..=8)) {
-            let leaf = || Sub::Leaf { first: 0, count: 1, words: 1 };
-            let children: Vec<_> = corners.iter().map(|(a, b)| (Bounds::of(&[*a, *b]), leaf())).collect();
-            let node = quantise(&Inner { children, words: 0 });
-            for (slot, (a, b)) in corners.iter().enumerate() {
-                let bounds = Bounds::of(&[*a, *b]);
-                for axis in 0..3 {
-                    let at = |q: u8| f64::from(node.origin[axis]) + f64::from(q) * f64::from(node.step(axis));
-                    prop_assert!(at(node.planes[axis][slot]) <= f64::from(bounds.min[axis]));
-                    prop_assert!(f64::from(bounds.max[axis]) <= at(node.planes[axis + 3][slot]));
-                }
-                prop_assert!(node.child_box(slot).contains(&bounds));
-            }
-        }
     }
 }

@@ -11,6 +11,7 @@ mod encode;
 mod leaf;
 pub mod par;
 mod partition;
+mod quantise;
 mod refs;
 mod sah;
 mod spatial;
@@ -24,7 +25,7 @@ pub use spatial::splits_pay;
 
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
-use crate::math::Bounds;
+use crate::math::{Bounds, srgb};
 use glam::Vec3;
 use tree::Stats;
 
@@ -37,9 +38,24 @@ pub struct TreeInput<'a> {
     pub parts: &'a [u32],
     /// Primitive id of each triangle; ascending.
     pub prims: &'a [u32],
-    /// sRGB colour of each triangle, or empty.
+    /// sRGB colour of each triangle, or empty. Alpha 0: that of its part.
     pub colours: &'a [[u8; 4]],
+    /// Linear colour of each local part; those beyond are grey.
+    pub part_colours: &'a [Vec3],
 }
+
+impl TreeInput<'_> {
+    /// Linear colour of a triangle.
+    fn colour(&self, triangle: usize) -> Vec3 {
+        match self.colours.get(triangle) {
+            Some([r, g, b, a]) if *a > 0 => Vec3::from([*r, *g, *b].map(|c| srgb::decode(f32::from(c) / 255.0))),
+            _ => self.part_colours.get(self.parts[triangle] as usize).copied().unwrap_or(GREY),
+        }
+    }
+}
+
+/// Of what has no colour.
+const GREY: Vec3 = Vec3::splat(0.6);
 
 /// Options of a build.
 #[derive(Debug, Clone, Copy)]
@@ -76,7 +92,8 @@ impl<'a> Tree<'a> {
         cancel.check()?;
         let built = tree::build(input, &mut refs, par, cancel)?;
         let stats = built.stats;
-        let cluster::Packed { plans, coarse, root } = cluster::pack(built.root, input, &refs, par);
+        let tree::Sub::Inner(root) = built.root.sub else { return Err(crate::Error::Internal("a tree without a root".into())) };
+        let cluster::Packed { plans, coarse, root } = cluster::pack(root, input, &refs, par);
         let Stats { depth, nodes, leaves, references } = stats;
         Ok(Self { input, refs, plans, coarse, bounds: built.bounds, root, depth, nodes, leaves, references })
     }

@@ -2,6 +2,7 @@
 
 use super::leaf::LeafSize;
 use super::par::Par;
+use super::quantise::{quantise, stored_box};
 use super::partition::{self, Sides};
 use super::refs::Ref;
 use super::sah::{self, Extents, Split};
@@ -10,8 +11,10 @@ use super::TreeInput;
 use super::cluster::{FINE_WORDS, UnitId};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
+use crate::lod::{Coded, Facet, SIDES_WORDS, VOXEL_WORDS, Voxel};
 use crate::math::Bounds;
-use crate::structure::bvh::layout::{MAX_TRIANGLES, NODE_WORDS, WIDTH};
+use crate::structure::bvh::layout::{EXTERNAL_WORDS, MAX_TRIANGLES, NODE_WORDS, Node, WIDTH};
+use glam::Vec3;
 
 /// A node not yet in a block.
 pub enum Sub {
@@ -32,10 +35,23 @@ pub enum Sub {
 
 /// An inner node with its children.
 pub struct Inner {
-    /// Each child with its box.
-    pub children: Vec<(Bounds, Sub)>,
+    /// The children's boxes on its grid; without references.
+    pub node: Node,
+    /// Each child with its voxel, in the order of the node's slots.
+    pub children: Vec<(Coded, Sub)>,
     /// Words of all that hangs below, itself included.
     pub words: u32,
+}
+
+/// A subtree that has no parent yet.
+pub struct Piece {
+    /// Around its children's boxes as they are stored: a box that holds it holds theirs. (So a ray that meets a cell
+    /// meets all those above it, whatever is rounded: which stand-ins it sees does not depend on how it came there.)
+    pub cell: Bounds,
+    /// What it looks like.
+    pub voxel: Voxel,
+    /// Itself.
+    pub sub: Sub,
 }
 
 impl Sub {
@@ -44,7 +60,7 @@ impl Sub {
         match self {
             Sub::Leaf { words, .. } => *words,
             Sub::Inner(inner) => inner.words,
-            Sub::Placed(_) => 2,
+            Sub::Placed(_) => EXTERNAL_WORDS as u32,
         }
     }
 }
@@ -59,24 +75,24 @@ impl Inner {
         1 + below.sum::<u32>()
     }
 
-    /// Puts a node of its own over each leaf, for a node that stays above the fine units: coarse blocks hold
-    /// no triangles. Returns how many.
-    fn wrap_leaves(&mut self) -> u64 {
-        let mut wrapped = 0;
-        for (bounds, sub) in self.children.iter_mut().filter(|(_, c)| matches!(c, Sub::Leaf { .. })) {
-            let leaf = std::mem::replace(sub, Sub::Placed(UnitId::NONE));
-            let mut over = Box::new(Inner { children: vec![(*bounds, leaf)], words: 0 });
-            over.measure();
-            *sub = Sub::Inner(over);
-            wrapped += 1;
-        }
-        self.measure();
-        wrapped
-    }
-
     /// Brings `words` up to date after a change below.
     pub fn measure(&mut self) {
-        self.words = NODE_WORDS as u32 + self.children.iter().map(|(_, c)| c.words()).sum::<u32>();
+        let below = self.children.iter().map(|(voxel, c)| voxel.len() as u32 + c.words());
+        // With the number of its first voxel.
+        self.words = NODE_WORDS as u32 + 1 + below.sum::<u32>();
+    }
+
+    /// A node over one to eight pieces.
+    pub fn over(pieces: Vec<Piece>) -> Piece {
+        let node = quantise(pieces.iter().map(|p| p.cell));
+        let stored: Vec<Bounds> = (0..pieces.len()).map(|slot| stored_box(&node, slot)).collect();
+        let cell = stored.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
+        let voxel = Voxel::over(stored.iter().zip(pieces.iter().map(|p| &p.voxel)));
+        let coded = |(p, stored): (Piece, &Bounds)| (Coded::of(&p.voxel, stored.extent()), p.sub);
+        let children = pieces.into_iter().zip(&stored).map(coded).collect();
+        let mut inner = Box::new(Inner { node, children, words: 0 });
+        inner.measure();
+        Piece { cell, voxel, sub: Sub::Inner(inner) }
     }
 }
 
@@ -96,7 +112,7 @@ pub struct Stats {
 /// What [`build`] returns.
 pub struct Built {
     /// An inner node, always.
-    pub root: Box<Inner>,
+    pub root: Piece,
     /// Of everything.
     pub bounds: Bounds,
     /// Counts.
@@ -149,8 +165,34 @@ pub fn build(input: TreeInput, room: &mut [Ref], par: &Par, cancel: &Cancel) -> 
     Ok(Built { root, bounds, stats })
 }
 
+/// Puts a node of its own over each leaf, for a node that stays above the fine units: coarse blocks hold no
+/// triangles. Returns how many.
+fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
+    // At the most: how many samples they have is not known yet.
+    let words = pieces.iter().map(|p| p.sub.words() + (VOXEL_WORDS + SIDES_WORDS) as u32);
+    if NODE_WORDS as u32 + 1 + words.sum::<u32>() <= FINE_WORDS {
+        return 0;
+    }
+    let is_leaf = |p: &Piece| matches!(p.sub, Sub::Leaf { .. });
+    let wrapped = pieces.iter().filter(|p| is_leaf(p)).count() as u64;
+    let wrap = |p: Piece| if is_leaf(&p) { Inner::over(vec![p]) } else { p };
+    *pieces = std::mem::take(pieces).into_iter().map(wrap).collect();
+    wrapped
+}
+
+/// What the triangles of a leaf look like. Those of which only a piece lies in it count whole.
+fn leaf_voxel(cell: &Bounds, refs: &[Ref], input: TreeInput) -> Voxel {
+    let mut facets = [Facet { normal: Vec3::ZERO, colour: Vec3::ZERO, part: 0 }; MAX_TRIANGLES];
+    for (facet, r) in facets.iter_mut().zip(refs) {
+        let i = r.triangle();
+        let [a, b, c] = input.triangles[i];
+        *facet = Facet { normal: (b - a).cross(c - a), colour: input.colour(i), part: input.parts[i] };
+    }
+    Voxel::of_leaf(cell, &facets[..refs.len().clamp(1, MAX_TRIANGLES)])
+}
+
 impl Builder<'_> {
-    fn inner(&self, range: Range, depth: u32) -> Result<(Box<Inner>, Stats)> {
+    fn inner(&self, range: Range, depth: u32) -> Result<(Piece, Stats)> {
         self.cancel.check()?;
         let count = range.len;
         let ranges = self.split_up(range, depth);
@@ -160,35 +202,32 @@ impl Builder<'_> {
         } else {
             ranges.into_iter().map(finish).collect()
         };
-        let mut inner = Box::new(Inner { children: Vec::with_capacity(done.len()), words: 0 });
+        let mut pieces = Vec::with_capacity(done.len());
         let mut stats = Stats { nodes: 1, ..Stats::default() };
         for child in done {
-            let (bounds, sub, below) = child?;
-            inner.children.push((bounds, sub));
+            let (piece, below) = child?;
+            pieces.push(piece);
             stats.depth = stats.depth.max(below.depth);
             stats.nodes += below.nodes;
             stats.leaves += below.leaves;
             stats.references += below.references;
         }
-        inner.measure();
-        if inner.words > FINE_WORDS {
-            let wrapped = inner.wrap_leaves();
-            stats.nodes += wrapped;
-            stats.depth = stats.depth.max(1 + u32::from(wrapped > 0));
-        }
-        stats.depth += 1;
-        Ok((inner, stats))
+        let wrapped = wrap_leaves(&mut pieces);
+        stats.nodes += wrapped;
+        stats.depth = stats.depth.max(1 + u32::from(wrapped > 0)) + 1;
+        Ok((Inner::over(pieces), stats))
     }
 
-    fn child(&self, range: Range, depth: u32) -> Result<(Bounds, Sub, Stats)> {
-        let bounds = range.extents.bounds();
+    fn child(&self, range: Range, depth: u32) -> Result<(Piece, Stats)> {
         if let Some(size) = range.whole.or_else(|| LeafSize::of(range.refs(), self.input)) {
             let (first, count) = (range.first as u32, range.len as u32);
             let sub = Sub::Leaf { first, count, words: size.words };
-            return Ok((bounds, sub, Stats { depth: 1, nodes: 0, leaves: 1, references: size.triangles.into() }));
+            let cell = range.extents.bounds();
+            let voxel = leaf_voxel(&cell, range.refs(), self.input);
+            let stats = Stats { depth: 1, nodes: 0, leaves: 1, references: size.triangles.into() };
+            return Ok((Piece { cell, voxel, sub }, stats));
         }
-        let (inner, stats) = self.inner(range, depth)?;
-        Ok((bounds, Sub::Inner(inner), stats))
+        self.inner(range, depth)
     }
 
     /// Splits a range into up to eight, the one of the largest box first.

@@ -1,0 +1,228 @@
+//! The bytes of a voxel: one sample where its sides agree, six where they do not (Áfra 2012, section 4.2).
+//!
+//! A sample is two words:
+//!
+//! | bits of word 0 | |
+//! |---|---|
+//! | 0 to 15 | normal: octahedral, two signed bytes (Meyer and others, EGSR 2010) |
+//! | 16 to 23 | length of the mean normal, 255 for 1: how alike the normals are |
+//! | 24 to 31 | flags, of the first sample only |
+//!
+//! | bits of word 1 | |
+//! |---|---|
+//! | 0 to 23 | linear red, green, blue: 255 times the square root of each |
+//! | 24 to 31 | the share that is covered, 255 for 1 |
+//!
+//! The paper packs a sample into 32 bits: 15 of normal, 15 of colour, no spread and no coverage.
+
+use super::voxel::{Sample, Voxel};
+use glam::{Vec2, Vec3};
+
+/// Words of a voxel in its block: a sample, the part, the summary.
+pub const VOXEL_WORDS: usize = 4;
+/// Words of six samples.
+pub const SIDES_WORDS: usize = 12;
+
+/// Flag: there is a sample for each side.
+const SIX: u32 = 1 << 24;
+/// In the part's word: there are several.
+const MIXED: u32 = 1 << 31;
+
+/// Sides agree where no component of a normal differs by more from the mean, in front or behind.
+const NORMALS: f32 = 0.25;
+/// The same for linear colours.
+const COLOURS: f32 = 0.1;
+/// Sides of which less is seen than this part of the most have no say.
+const SEEN: f32 = 0.05;
+
+/// A voxel as stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Coded {
+    /// The sample (the mean of the six, where there are six), the part, the summary of parts.
+    pub words: [u32; VOXEL_WORDS],
+    /// One for each side: low x, y, z, high x, y, z.
+    pub sides: Option<Box<[u32; SIDES_WORDS]>>,
+}
+
+/// What a hit on a stand-in shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Side {
+    /// Unit, of either sign.
+    pub normal: Vec3,
+    /// Length of the mean of unit normals, 0 to 1.
+    pub likeness: f32,
+    /// Linear.
+    pub colour: Vec3,
+    /// The share that is covered, 0 to 1.
+    pub cover: f32,
+}
+
+impl Side {
+    /// From a sample's words.
+    #[inline]
+    pub fn of(words: [u32; 2]) -> Self {
+        let byte = |word: u32, at: u32| (word >> at & 0xff) as f32 * (1.0 / 255.0);
+        let root = Vec3::new(byte(words[1], 0), byte(words[1], 8), byte(words[1], 16));
+        Self { normal: normal(words[0]), likeness: byte(words[0], 16), colour: root * root, cover: byte(words[1], 24) }
+    }
+}
+
+impl Coded {
+    /// Of a voxel whose cell has these edges.
+    pub fn of(voxel: &Voxel, extent: Vec3) -> Self {
+        let faces = [extent.y * extent.z, extent.z * extent.x, extent.x * extent.y];
+        let weights: [f32; 6] = std::array::from_fn(|side| voxel.sides[side].cover * faces[side % 3]);
+        let (mean, agree) = mean(&voxel.sides, &weights);
+        let [a, b] = sample(&mean);
+        let part = voxel.part | if voxel.is_mixed { MIXED } else { 0 };
+        if agree {
+            return Self { words: [a, b, part, voxel.summary], sides: None };
+        }
+        let mut sides = Box::new([0; SIDES_WORDS]);
+        for (words, side) in sides.chunks_exact_mut(2).zip(&voxel.sides) {
+            words.copy_from_slice(&sample(side));
+        }
+        Self { words: [a | SIX, b, part, voxel.summary], sides: Some(sides) }
+    }
+
+    /// Words that it takes.
+    pub fn len(&self) -> usize {
+        VOXEL_WORDS + if self.sides.is_some() { SIDES_WORDS } else { 0 }
+    }
+
+    /// Never.
+    pub fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// Whether the first of a voxel's words says that there are six samples.
+    #[inline]
+    pub fn has_sides(first: u32) -> bool {
+        first & SIX != 0
+    }
+
+    /// The part of a part's word, and whether there are others.
+    #[inline]
+    pub fn part(word: u32) -> (u32, bool) {
+        (word & !MIXED, word & MIXED != 0)
+    }
+}
+
+/// The mean of all sides, and whether it can stand for each.
+fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
+    let most = weights.iter().copied().fold(0.0, f32::max);
+    let first = weights.iter().position(|w| *w == most).unwrap_or(0);
+    let lead = sides[first].normal;
+    // A surface is seen from both of its sides: what faces away from the first is turned.
+    let turned = |s: &Sample| if s.normal.dot(lead) < 0.0 { -s.normal } else { s.normal };
+    let (mut normal, mut colour, mut cover, mut sum) = (Vec3::ZERO, Vec3::ZERO, 0.0, 0.0);
+    for (s, &w) in sides.iter().zip(weights) {
+        let w = if most > 0.0 { w / most } else { 1.0 };
+        (normal, colour, cover, sum) = (normal + turned(s) * w, colour + s.colour * w, cover + s.cover * w, sum + w);
+    }
+    let mut all = Sample { normal: normal / sum, colour: colour / sum, cover: cover / sum };
+    if !(all.normal.is_finite() && all.colour.is_finite() && all.cover.is_finite()) {
+        all = sides[first];
+    }
+    let is_near = |s: &Sample| {
+        let apart = (turned(s) - all.normal).abs().max_element();
+        apart <= NORMALS && (s.colour - all.colour).abs().max_element() <= COLOURS
+    };
+    let agree = sides.iter().zip(weights).all(|(s, &w)| w <= SEEN * most || is_near(s));
+    (all, agree)
+}
+
+fn sample(s: &Sample) -> [u32; 2] {
+    let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
+    let root = |x: f32| byte(x.max(0.0).sqrt());
+    let colour = root(s.colour.x) | root(s.colour.y) << 8 | root(s.colour.z) << 16;
+    let length = s.normal.length();
+    // Never nothing: what has no mean faces up, and its likeness says how little that means.
+    let unit = if length > 1e-6 { s.normal / length } else { Vec3::Z };
+    [octahedral(unit) | byte(length) << 16, colour | byte(s.cover) << 24]
+}
+
+/// A unit vector as a point of an octahedron unfolded to a square, a signed byte each way.
+fn octahedral(n: Vec3) -> u32 {
+    let n = n / (n.x.abs() + n.y.abs() + n.z.abs());
+    let folded = if n.z >= 0.0 {
+        Vec2::new(n.x, n.y)
+    } else {
+        Vec2::new((1.0 - n.y.abs()).copysign(n.x), (1.0 - n.x.abs()).copysign(n.y))
+    };
+    let byte = |x: f32| u32::from((x * 127.0).round() as i8 as u8);
+    byte(folded.x) | byte(folded.y) << 8
+}
+
+/// Undoes [`octahedral`].
+#[inline]
+fn normal(word: u32) -> Vec3 {
+    let part = |at: u32| f32::from((word >> at) as u8 as i8) * (1.0 / 127.0);
+    let (x, y) = (part(0), part(8));
+    let z = 1.0 - x.abs() - y.abs();
+    let n = if z >= 0.0 {
+        Vec3::new(x, y, z)
+    } else {
+        Vec3::new((1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y), z)
+    };
+    // Bytes of -128, which only a damaged file has, are a little beyond the square: finite all the same.
+    n.normalize_or(Vec3::Z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lod::Facet;
+    use crate::math::Bounds;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn normals_keep_to_within_a_degree(x in -1.0f32..1.0, y in -1.0f32..1.0, z in -1.0f32..1.0) {
+            let n = Vec3::new(x, y, z);
+            prop_assume!(n.length() > 1e-3);
+            let n = n.normalize();
+            let back = normal(octahedral(n));
+            prop_assert!(n.dot(back).min(1.0).acos().to_degrees() < 1.0, "{n} {back}");
+        }
+
+        #[test]
+        fn any_words_give_a_unit_normal(a: u32, b: u32) {
+            let side = Side::of([a, b]);
+            prop_assert!((side.normal.length() - 1.0).abs() < 1e-5);
+            prop_assert!(side.colour.max_element() <= 1.0 && side.cover <= 1.0);
+        }
+    }
+
+    fn voxel(facets: &[([f32; 3], [f32; 3])]) -> (Voxel, Vec3) {
+        let cell = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
+        let facets: Vec<_> =
+            facets.iter().map(|(n, c)| Facet { normal: (*n).into(), colour: (*c).into(), part: 9 }).collect();
+        (Voxel::of_leaf(&cell, &facets), Vec3::ONE)
+    }
+
+    const GREY: [f32; 3] = [0.25; 3];
+
+    #[test]
+    fn a_flat_piece_needs_one_sample() {
+        let (v, extent) = voxel(&[([0.6, 0.0, 0.8], GREY), ([0.55, 0.1, 0.82], GREY)]);
+        let coded = Coded::of(&v, extent);
+        assert_eq!((coded.sides.is_none(), Coded::part(coded.words[2])), (true, (9, false)));
+        let side = Side::of([coded.words[0], coded.words[1]]);
+        assert!(side.normal.dot(Vec3::new(0.6, 0.0, 0.8)).abs() > 0.99 && side.likeness > 0.98);
+        assert!(side.colour.distance(GREY.into()) < 0.01);
+    }
+
+    #[test]
+    fn an_edge_or_another_colour_behind_needs_six() {
+        for facets in [[([1.0, 0.0, 0.0], GREY), ([0.0, 1.0, 0.0], GREY)], [([0.0, 0.0, 1.0], GREY), ([1.0, 0.0, 0.0], [0.9; 3])]] {
+            let (v, extent) = voxel(&facets);
+            let coded = Coded::of(&v, extent);
+            let sides = coded.sides.expect("six");
+            assert!(Coded::has_sides(coded.words[0]));
+            // From low x the facet that faces it.
+            let x = Side::of([sides[0], sides[1]]);
+            assert!(x.normal.x < -0.99, "{x:?}");
+        }
+    }
+}

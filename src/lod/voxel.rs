@@ -1,0 +1,310 @@
+//! What a cell looks like from each of its six sides.
+//!
+//! Áfra 2012, section 4.2: an attribute sample for each side of a voxel. There they come from rays or from
+//! rasterised triangles; here from compositing the children's, front to back on a small grid over each side, which
+//! needs no second pass over the triangles and no random numbers.
+
+use crate::math::Bounds;
+use glam::Vec3;
+
+/// Cells of the grid along each edge of a side.
+const GRID: usize = 4;
+
+/// One triangle of a leaf.
+#[derive(Debug, Clone, Copy)]
+pub struct Facet {
+    /// Twice its area times its unit normal, of either sign.
+    pub normal: Vec3,
+    /// Linear.
+    pub colour: Vec3,
+    /// Its part.
+    pub part: u32,
+}
+
+/// What is seen from one side: means over what is visible from there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Mean unit normal, on this side; the shorter, the more the normals differ.
+    pub normal: Vec3,
+    /// Linear.
+    pub colour: Vec3,
+    /// The share of the side that is covered, 0 to 1.
+    pub cover: f32,
+}
+
+impl Sample {
+    const NOTHING: Self = Self { normal: Vec3::ZERO, colour: Vec3::ZERO, cover: 0.0 };
+}
+
+/// A cell's samples and parts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Voxel {
+    /// From low x, y, z, then from high x, y, z.
+    pub sides: [Sample; 6],
+    /// The part of which most is seen.
+    pub part: u32,
+    /// How much is seen of it, in units of area.
+    weight: f32,
+    /// Whether there are others.
+    pub is_mixed: bool,
+    /// The bits of all parts in it ([`summary_bit`]).
+    pub summary: u32,
+}
+
+/// A part's bit in a summary: a set of parts that lacks it lacks the part.
+#[inline]
+pub fn summary_bit(part: u32) -> u32 {
+    // The upper five bits of a product with an odd number near 2^32 divided by the golden ratio.
+    1 << (part.wrapping_mul(0x9E37_79B9) >> 27)
+}
+
+/// Axis and whether it is the high one, of a side.
+#[inline]
+fn axis_of(side: usize) -> (usize, bool) {
+    (side % 3, side >= 3)
+}
+
+/// A sum of samples on its way to a mean.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    normal: Vec3,
+    colour: Vec3,
+    weight: f32,
+}
+
+impl Sum {
+    fn add(&mut self, normal: Vec3, colour: Vec3, weight: f32) {
+        self.normal += normal * weight;
+        self.colour += colour * weight;
+        self.weight += weight;
+    }
+
+    fn mean(&self, cover: f32) -> Sample {
+        if !(self.weight > 0.0 && self.weight.is_finite()) {
+            return Sample::NOTHING;
+        }
+        let by = 1.0 / self.weight;
+        let sample = Sample { normal: self.normal * by, colour: self.colour * by, cover };
+        if sample.normal.is_finite() && sample.colour.is_finite() { sample } else { Sample::NOTHING }
+    }
+}
+
+/// On the side that `side` looks from.
+fn toward(normal: Vec3, side: usize) -> Vec3 {
+    let (axis, high) = axis_of(side);
+    if (normal[axis] < 0.0) == high { -normal } else { normal }
+}
+
+impl Voxel {
+    /// Of a leaf's triangles, at least one, in `cell`.
+    pub fn of_leaf(cell: &Bounds, facets: &[Facet]) -> Self {
+        let extent = cell.extent();
+        let mut sides = [Sample::NOTHING; 6];
+        for (side, sample) in sides.iter_mut().enumerate() {
+            let (axis, _) = axis_of(side);
+            let mut sum = Sum::default();
+            for f in facets {
+                let size = f.normal.length();
+                if size > 0.0 && size.is_finite() {
+                    sum.add(toward(f.normal / size, side), f.colour, f.normal[axis].abs());
+                }
+            }
+            let face = extent[(axis + 1) % 3] * extent[(axis + 2) % 3];
+            // A facet's normal is as long as twice its area.
+            let cover = if face > 0.0 { (0.5 * sum.weight / face).min(1.0) } else { 1.0 };
+            *sample = sum.mean(cover);
+        }
+        let mut voxel = Self { sides, part: facets[0].part, weight: 0.0, is_mixed: false, summary: 0 };
+        voxel.fill_unseen(facets);
+        let parts = facets.iter().map(|f| (f.part, f.normal.length(), summary_bit(f.part), false));
+        voxel.gather_parts(parts);
+        voxel
+    }
+
+    /// Composites the voxels of a node's children, at least one, each in its box.
+    pub fn over<'a>(children: impl Iterator<Item = (&'a Bounds, &'a Voxel)> + Clone) -> Self {
+        let cell = children.clone().fold(Bounds::EMPTY, |all, (b, _)| all.union(*b));
+        let mut sides = [Sample::NOTHING; 6];
+        let mut seen = [0.0f32; 8];
+        for (side, sample) in sides.iter_mut().enumerate() {
+            *sample = composite(&cell, side, children.clone(), &mut seen);
+        }
+        let (mut part, mut parts) = (0, [(0, 0.0, 0, false); 8]);
+        for (i, (_, v)) in children.enumerate().take(8) {
+            (parts[i], part) = ((v.part, seen[i], v.summary, v.is_mixed), i + 1);
+        }
+        let mut voxel = Self { sides, part: parts[0].0, weight: 0.0, is_mixed: false, summary: 0 };
+        voxel.gather_parts(parts[..part].iter().copied());
+        voxel
+    }
+
+    /// A side from which nothing is seen, for all facets are edge-on there, has what the others have.
+    fn fill_unseen(&mut self, facets: &[Facet]) {
+        let mut sum = Sum::default();
+        for f in facets {
+            let size = f.normal.length();
+            if size > 0.0 && size.is_finite() {
+                let unit = f.normal / size;
+                sum.add(if unit.dot(sum.normal) < 0.0 { -unit } else { unit }, f.colour, size);
+            }
+        }
+        let all = sum.mean(0.0);
+        for (side, sample) in self.sides.iter_mut().enumerate() {
+            if sample.cover == 0.0 || sample.normal == Vec3::ZERO {
+                *sample = Sample { normal: toward(all.normal, side), cover: sample.cover, ..all };
+            }
+        }
+    }
+
+    /// Which part is seen most; `parts`: part, how much is seen of it, summary, whether mixed.
+    fn gather_parts(&mut self, parts: impl Iterator<Item = (u32, f32, u32, bool)> + Clone) {
+        let weight_of = |part: u32| parts.clone().filter(|p| p.0 == part).map(|p| p.1).sum::<f32>();
+        (self.part, self.weight) = (self.part, weight_of(self.part));
+        for (part, _, summary, mixed) in parts.clone() {
+            self.is_mixed |= mixed || part != self.part;
+            self.summary |= summary;
+            let weight = if part == self.part { self.weight } else { weight_of(part) };
+            // The least of those that are seen as much: the order of children does not matter.
+            if weight > self.weight || weight == self.weight && part < self.part {
+                (self.part, self.weight) = (part, weight);
+            }
+        }
+    }
+}
+
+/// Looks at the children from one side: what is behind others counts as much as these let through. Adds to `seen`
+/// how much is seen of each.
+fn composite<'a>(
+    cell: &Bounds,
+    side: usize,
+    children: impl Iterator<Item = (&'a Bounds, &'a Voxel)>,
+    seen: &mut [f32; 8],
+) -> Sample {
+    let (axis, high) = axis_of(side);
+    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+    let mut order: [(f32, usize, Option<(&Bounds, &Sample)>); 8] = [(f32::INFINITY, 8, None); 8];
+    for ((slot, entry), (bounds, voxel)) in order.iter_mut().enumerate().zip(children) {
+        let near = if high { -bounds.max[axis] } else { bounds.min[axis] };
+        *entry = (near, slot, Some((bounds, &voxel.sides[side])));
+    }
+    order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut through = [[1.0f32; GRID]; GRID];
+    let mut sum = Sum::default();
+    for (_, slot, child) in order {
+        let Some((bounds, sample)) = child else { break };
+        let (along_u, along_v) = (shares(cell, bounds, u), shares(cell, bounds, v));
+        let mut visible = 0.0;
+        for (row, su) in through.iter_mut().zip(along_u) {
+            for (left, sv) in row.iter_mut().zip(along_v) {
+                let covered = su * sv * sample.cover;
+                visible += *left * covered;
+                *left *= 1.0 - covered;
+            }
+        }
+        // A side of no area is seen as if it were large: all children then lie in one plane or line.
+        sum.add(sample.normal, sample.colour, visible.max(1e-6));
+        let extent = cell.extent();
+        seen[slot & 7] += visible * (extent[u] * extent[v]).max(f32::MIN_POSITIVE);
+    }
+    let left: f32 = through.iter().flatten().sum();
+    sum.mean((1.0 - left / (GRID * GRID) as f32).clamp(0.0, 1.0))
+}
+
+/// The share of each column of the grid that a box takes along an axis.
+fn shares(cell: &Bounds, b: &Bounds, axis: usize) -> [f32; GRID] {
+    let size = cell.max[axis] - cell.min[axis];
+    if !(size > 0.0) {
+        return [1.0; GRID];
+    }
+    let scale = GRID as f32 / size;
+    let (from, to) = ((b.min[axis] - cell.min[axis]) * scale, (b.max[axis] - cell.min[axis]) * scale);
+    let mut out = [0.0; GRID];
+    for (i, share) in out.iter_mut().enumerate() {
+        let low = i as f32;
+        *share = (to.min(low + 1.0) - from.max(low)).clamp(0.0, 1.0);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cell(min: [f32; 3], max: [f32; 3]) -> Bounds {
+        Bounds { min: min.into(), max: max.into() }
+    }
+
+    fn facet(normal: [f32; 3], colour: [f32; 3], part: u32) -> Facet {
+        Facet { normal: normal.into(), colour: colour.into(), part }
+    }
+
+    const RED: [f32; 3] = [1.0, 0.0, 0.0];
+    const BLUE: [f32; 3] = [0.0, 0.0, 1.0];
+
+    #[test]
+    fn a_square_in_its_plane_covers_its_side_and_faces_both_ways() {
+        // Two triangles of the unit square at z = 0, wound differently.
+        let flat = cell([0.0; 3], [1.0, 1.0, 0.0]);
+        let v = Voxel::of_leaf(&flat, &[facet([0.0, 0.0, 1.0], RED, 3), facet([0.0, 0.0, -1.0], RED, 3)]);
+        assert_eq!(v.sides[2].normal, -Vec3::Z);
+        assert_eq!(v.sides[5].normal, Vec3::Z);
+        assert_eq!((v.sides[2].cover, v.part, v.is_mixed, v.summary), (1.0, 3, false, summary_bit(3)));
+    }
+
+    #[test]
+    fn what_is_in_front_hides_what_is_behind() {
+        let (front, back) = (cell([0.0; 3], [1.0, 1.0, 0.1]), cell([0.0, 0.0, 0.9], [1.0, 1.0, 1.0]));
+        let a = Voxel::of_leaf(&front, &[facet([0.0, 0.0, 2.0], RED, 0)]);
+        let b = Voxel::of_leaf(&back, &[facet([0.0, 0.0, 2.0], BLUE, 1)]);
+        let v = Voxel::over([(&front, &a), (&back, &b)].into_iter());
+        assert!(v.sides[2].colour.distance(RED.into()) < 1e-4, "{:?}", v.sides[2]);
+        assert!(v.sides[5].colour.distance(BLUE.into()) < 1e-4, "{:?}", v.sides[5]);
+        assert!(v.is_mixed && v.summary == summary_bit(0) | summary_bit(1));
+    }
+
+    #[test]
+    fn half_covered_sides_let_half_through_and_averages_are_linear() {
+        // A quarter of each side of 1 x 1, twice the area: red before blue, covering a half of its own box.
+        let front = cell([0.0; 3], [1.0, 1.0, 0.1]);
+        let back = cell([0.0, 0.0, 0.5], [1.0, 1.0, 1.0]);
+        let a = Voxel::of_leaf(&front, &[facet([0.0, 0.0, 1.0], RED, 0)]);
+        let b = Voxel::of_leaf(&back, &[facet([0.0, 0.0, 2.0], BLUE, 0)]);
+        let v = Voxel::over([(&front, &a), (&back, &b)].into_iter());
+        // Red is seen by a half, blue through the other half; then nothing is let through.
+        assert!(v.sides[2].colour.distance(Vec3::new(0.5, 0.0, 0.5)) < 1e-4);
+        assert!((v.sides[2].cover - 1.0).abs() < 1e-5);
+        // From behind, blue hides red.
+        assert!(v.sides[5].colour.distance(BLUE.into()) < 1e-4);
+    }
+
+    #[test]
+    fn opposing_sheets_never_cancel_out() {
+        let c = cell([0.0; 3], [1.0; 3]);
+        let v = Voxel::of_leaf(&c, &[facet([0.3, 0.0, 1.0], RED, 0), facet([-0.3, 0.0, -1.0], RED, 0)]);
+        for (side, s) in v.sides.iter().enumerate() {
+            assert!(s.normal.length() > 0.2, "{side}: {s:?}");
+            assert!(s.colour == Vec3::from(RED));
+        }
+    }
+
+    #[test]
+    fn the_order_of_children_does_not_matter_for_the_part() {
+        let boxes = [cell([0.0; 3], [1.0; 3]), cell([1.0, 0.0, 0.0], [2.0, 1.0, 1.0])];
+        let voxels = [7, 4].map(|p| Voxel::of_leaf(&boxes[0], &[facet([0.0, 0.0, 2.0], RED, p)]));
+        let one = Voxel::over(boxes.iter().zip(&voxels));
+        let two = Voxel::over(boxes.iter().zip(voxels.iter().rev()));
+        assert_eq!((one.part, two.part), (4, 4));
+    }
+
+    #[test]
+    fn nothing_is_ever_nan() {
+        for (normal, extent) in [([0.0; 3], 0.0), ([f32::MAX; 3], 1e30), ([1e-38, 0.0, 0.0], 1e-30)] {
+            let c = cell([0.0; 3], [extent; 3]);
+            let leaf = Voxel::of_leaf(&c, &[facet(normal, RED, 0)]);
+            let v = Voxel::over([(&c, &leaf), (&c, &leaf)].into_iter());
+            for s in leaf.sides.iter().chain(&v.sides) {
+                assert!(s.normal.is_finite() && s.colour.is_finite() && (0.0..=1.0).contains(&s.cover), "{s:?}");
+            }
+        }
+    }
+}

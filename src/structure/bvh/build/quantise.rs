@@ -1,0 +1,91 @@
+//! The boxes of a node's children on its grid.
+
+use crate::math::Bounds;
+use crate::structure::bvh::layout::{Node, WIDTH};
+use glam::Vec3;
+
+/// A node with its children's boxes on its grid, rounded outward.
+pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node {
+    let all = children.clone().fold(Bounds::EMPTY, Bounds::union);
+    let mut node = Node {
+        origin: all.min.to_array(),
+        exponent: [1; 3],
+        valid: ((1u32 << children.len()) - 1) as u8,
+        planes: [[0; WIDTH]; 6],
+        child: [0; WIDTH],
+    };
+    for axis in 0..3 {
+        node.exponent[axis] = exponent(f64::from(all.max[axis]) - f64::from(all.min[axis]));
+        let step = f64::from(node.step(axis));
+        let origin = f64::from(all.min[axis]);
+        for (slot, bounds) in children.clone().enumerate() {
+            // Differences of coordinates that are 2^53 apart are rounded: one step outward mends that.
+            let mut low = ((f64::from(bounds.min[axis]) - origin) / step).floor();
+            let mut high = ((f64::from(bounds.max[axis]) - origin) / step).ceil();
+            if origin + low * step > f64::from(bounds.min[axis]) {
+                low -= 1.0;
+            }
+            if origin + high * step < f64::from(bounds.max[axis]) {
+                high += 1.0;
+            }
+            node.planes[axis][slot] = low.clamp(0.0, 255.0) as u8;
+            node.planes[axis + 3][slot] = high.clamp(0.0, 255.0) as u8;
+        }
+    }
+    // Empty slots are masked by `valid`; an inverted box keeps them out of most tests besides.
+    for slot in children.len()..WIDTH {
+        for axis in 0..3 {
+            node.planes[axis][slot] = 255;
+        }
+    }
+    node
+}
+
+/// A child's box as walks see it: planes in single precision. (The grid's planes are outside of the child, whose own
+/// are single-precision numbers: so are the rounded ones.)
+pub fn stored_box(node: &Node, slot: usize) -> Bounds {
+    // A product with a power of two is exact: one rounding.
+    let plane = |axis: usize, row: usize| f32::from(node.planes[row][slot]) * node.step(axis) + node.origin[axis];
+    let corner = |row: usize| Vec3::new(plane(0, row), plane(1, row + 1), plane(2, row + 2));
+    Bounds { min: corner(0), max: corner(3) }
+}
+
+/// Biased exponent of the least power of two with 255 steps of which `extent` can be covered.
+fn exponent(extent: f64) -> u8 {
+    // A hair more, for the step outward that `quantise` may take.
+    let extent = extent * (1.0 + 1e-12);
+    let least = (extent / 255.0).max(f64::from(f32::MIN_POSITIVE));
+    let mut e = least.log2().ceil() as i32;
+    while 255.0 * f64::from(e).exp2() < extent {
+        e += 1;
+    }
+    (e + 127).clamp(1, 254) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn point() -> impl Strategy<Value = Vec3> {
+        let c = prop_oneof![-1e6f32..1e6, -1.0f32..1.0, Just(0.0f32), -1e-30f32..1e-30, -1e30f32..1e30];
+        [c.clone(), c.clone(), c].prop_map(Vec3::from_array)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+        #[test]
+        fn stored_boxes_are_rounded_outward(corners in prop::collection::vec((point(), point()), 1..=8)) {
+            let node = quantise(corners.iter().map(|(a, b)| Bounds::of(&[*a, *b])));
+            for (slot, (a, b)) in corners.iter().enumerate() {
+                let bounds = Bounds::of(&[*a, *b]);
+                for axis in 0..3 {
+                    let at = |q: u8| f64::from(node.origin[axis]) + f64::from(q) * f64::from(node.step(axis));
+                    prop_assert!(at(node.planes[axis][slot]) <= f64::from(bounds.min[axis]));
+                    prop_assert!(f64::from(bounds.max[axis]) <= at(node.planes[axis + 3][slot]));
+                }
+                prop_assert!(node.child_box(slot).contains(&bounds) && stored_box(&node, slot).contains(&bounds));
+            }
+        }
+    }
+}
