@@ -75,6 +75,7 @@ fn view<'a>(opened: &Opened, snapshot: &'a crate::residency::Snapshot, isa: Isa)
         prims_at: file.header().geometry_blocks,
         colours_at: None,
         isa,
+        never_waits: false,
     }
 }
 

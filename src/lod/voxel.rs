@@ -51,11 +51,11 @@ pub struct Voxel {
     pub summary: u32,
 }
 
-/// A part's bit in a summary: a set of parts that lacks it lacks the part.
+/// A part's bit in a summary: a set of parts that lacks it lacks the part. (Parts that are numbered on have bits that are
+/// numbered on: a summary of a shared mesh's parts is that of the model's parts, rotated.)
 #[inline]
 pub fn summary_bit(part: u32) -> u32 {
-    // The upper five bits of a product with an odd number near 2^32 divided by the golden ratio.
-    1 << (part.wrapping_mul(0x9E37_79B9) >> 27)
+    1 << (part % 32)
 }
 
 /// Axis and whether it is the high one, of a side.

@@ -1,6 +1,7 @@
 //! From a tree's hit in single precision to the answer in double precision.
 
 use super::hit::{Hit, HitKind, NONE, Want};
+use super::stand_in;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::scene::placed::Placed;
@@ -177,6 +178,15 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 /// 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
 #[inline(always)]
 pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
+    if found.tri.stand_in().is_some() {
+        let Some(look) = stand_in::look(view, ray, found) else {
+            *hit = Hit { t: found.t, ..Hit::MISS };
+            let model = view.scene.placement.placed[found.placed as usize].model;
+            return Err(Need { model, block: BlockId(found.tri.block) });
+        };
+        stand_in::fill(view, ray, found, &look, want, hit);
+        return Ok(());
+    }
     hit.kind = HitKind::Exact;
     hit.t = found.t;
     let placed = &view.scene.placement.placed[found.placed as usize];

@@ -7,6 +7,7 @@ pub(crate) mod finish;
 pub mod hit;
 pub mod overlap;
 mod rounds;
+pub(crate) mod stand_in;
 mod volume;
 
 pub use batch::{Hits, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};

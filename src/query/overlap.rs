@@ -243,7 +243,7 @@ impl<T: Send> Work for Sweep<'_, T> {
             let state = self.state();
             (state.todo[item], Arc::clone(&state.snapshots))
         };
-        let view = SceneView { scene: self.scene, snapshots: &snapshots };
+        let view = SceneView { scene: self.scene, snapshots: &snapshots, never_waits: false };
         let tree = self.trees[index];
         let result = (self.search)(&view, tree);
         let mut state = self.state();

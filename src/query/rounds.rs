@@ -1,7 +1,7 @@
 //! Batches as jobs in rounds: rays that meet a missing block are parked with their walks, the blocks
 //! fetched, the rays resumed. The answer does not depend on what was in memory.
 
-use super::batch::{Hits, QueryOptions, Rays};
+use super::batch::{Hits, Policy, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
 use super::hit::{Hit, Want};
 use crate::base::error::Result;
@@ -170,7 +170,7 @@ where
             (rounds.first, resumed, Arc::clone(&rounds.snapshots))
         };
         let scene = self.scene.borrow();
-        let view = SceneView { scene, snapshots: &snapshots };
+        let view = SceneView { scene, snapshots: &snapshots, never_waits: self.options.policy == Policy::Now };
         if first {
             let mut chunk = scene.context().take_scratch::<Chunk>();
             self.run_chunk(item, &view, &mut chunk);

@@ -144,7 +144,7 @@ impl Work for Request {
         let mut desk =
             desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let direct = Direct {
-            view: SceneView { scene: &self.scene, snapshots: &snapshots },
+            view: SceneView { scene: &self.scene, snapshots: &snapshots, never_waits: false },
             rays: &self.rays,
             size: (film.width, film.height),
             samples: self.settings.samples,

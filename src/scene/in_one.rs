@@ -94,7 +94,7 @@ fn set_unmoved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk) ->
         walk.set_all_but_dirs(&local);
         for (i, it) in rays.iter().enumerate().take(PACKET) {
             is_fine &= it.mask & seen_by != 0;
-            walk.set_dir(i, it.dir);
+            walk.set_dir(i, it.dir, LocalRay::cone_of(it.cone, it.dir));
         }
         return is_fine;
     }
@@ -102,6 +102,7 @@ fn set_unmoved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk) ->
         is_fine &= it.mask & seen_by != 0 && it.has_interval();
         local.org = (it.origin - offset).as_vec3();
         local.dir = it.dir;
+        local.cone = LocalRay::cone_of(it.cone, it.dir);
         local.t_min = it.t_min as f32;
         local.t_max = not_below(it.t_max);
         walk.set(i, &local);

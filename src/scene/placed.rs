@@ -189,7 +189,7 @@ impl Placed {
             local.dir = ray.dir;
             local.t_min = ray.t_min.max(0.0) as f32;
             local.t_max = not_below(best);
-            local.cone = ray.cone;
+            local.cone = LocalRay::cone_of(ray.cone, ray.dir);
             return Some((0.0, 1.0));
         }
         let Local { ray, shift, scale } = if ray.can_hit() { self.moved(ray, best)? } else { return None };
@@ -213,6 +213,9 @@ impl Placed {
             scale = 0.5f64.powi(size.log2().round().clamp(-1000.0, 1000.0) as i32);
             dir *= scale;
         }
+        // No length grows by more than `stretch`, so no projection by more than its square.
+        let (a, b) = (f64::from(ray.cone.a), f64::from(ray.cone.b));
+        let cone = Cone { a: ((a + b * shift) / self.stretch) as f32, b: (b * scale / self.stretch) as f32 };
         let t_min = (ray.t_min - shift).max(0.0) / scale;
         let t_max = (best - shift) / scale;
         let ray = LocalRay {
@@ -220,7 +223,7 @@ impl Placed {
             dir: dir.as_vec3(),
             t_min: t_min as f32,
             t_max: not_below(t_max),
-            cone: Cone { a: ray.cone.a, b: ray.cone.b },
+            cone: LocalRay::cone_of(cone, dir.as_vec3()),
         };
         Some(Local { ray, shift, scale })
     }

@@ -40,6 +40,8 @@ pub(crate) struct PartStates {
     pub hidden: Vec<u64>,
     /// By index of the part.
     pub shown: HashMap<u32, State>,
+    /// How many parts of `shown` have each bit of a summary (`lod::summary_bit`).
+    bits: [u32; 32],
 }
 
 impl PartStates {
@@ -55,11 +57,19 @@ impl PartStates {
         while self.hidden.last() == Some(&0) {
             self.hidden.pop();
         }
+        let count = &mut self.bits[part as usize % 32];
         if state == State::default() {
-            self.shown.remove(&part);
+            *count -= u32::from(self.shown.remove(&part).is_some());
         } else {
-            self.shown.insert(part, state);
+            *count += u32::from(self.shown.insert(part, state).is_none());
         }
+    }
+
+    /// The summary of the parts that are hidden or look otherwise than in the file, for a mesh whose local part 0 is
+    /// `first_part`.
+    pub fn touched(&self, first_part: u32) -> u32 {
+        let all = self.bits.iter().enumerate().fold(0, |all, (bit, count)| all | u32::from(*count > 0) << bit);
+        all.rotate_right(first_part % 32)
     }
 
     /// Whether light passes through one of the parts whose state has a colour.

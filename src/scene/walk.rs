@@ -93,6 +93,8 @@ impl Found {
 pub(crate) struct SceneView<'a> {
     pub scene: &'a SceneState,
     pub snapshots: &'a Snapshots,
+    /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
+    pub never_waits: bool,
 }
 
 /// The state of one ray in a scene. Reusable.
@@ -134,7 +136,8 @@ impl<'a> SceneView<'a> {
     #[inline]
     pub fn tree(&self, placed: u32) -> TreeView<'a> {
         let p = &self.scene.placement.placed[placed as usize];
-        self.model_of(placed).tree_view(p.tree, &self.snapshots.0[p.model as usize])
+        let view = self.model_of(placed).tree_view(p.tree, &self.snapshots.0[p.model as usize]);
+        TreeView { never_waits: self.never_waits, ..view }
     }
 
     /// A placed tree's model.
@@ -146,8 +149,9 @@ impl<'a> SceneView<'a> {
     #[inline]
     pub(super) fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
         let p = &self.scene.placement.placed[placed as usize];
-        let hidden = &self.scene.instances[p.instance as usize].parts.hidden;
-        (!hidden.is_empty()).then_some(PartFilter { hidden, first_part: p.first_part })
+        let parts = &self.scene.instances[p.instance as usize].parts;
+        let filter = || PartFilter { hidden: &parts.hidden, first_part: p.first_part, touched: parts.touched(p.first_part) };
+        (!parts.shown.is_empty()).then(filter)
     }
 
     /// The mask of the rays that see the placed tree.

@@ -89,6 +89,7 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
             prims_at: geometry,
             colours_at: None,
             isa: Isa::Baseline,
+            never_waits: false,
         };
         let mut tris = BTreeMap::new();
         let visited = view.for_each_leaf(&mut |_| true, &mut |hit, triangle| {

@@ -72,6 +72,7 @@ impl TestTree {
             prims_at: self.geometry,
             colours_at: None,
             isa,
+            never_waits: false,
         }
     }
 

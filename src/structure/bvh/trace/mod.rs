@@ -7,18 +7,21 @@
 
 mod ahead;
 mod packet;
+mod packet_cells;
 mod packet_leaf;
 mod packet_prepare;
 mod packet_visit;
 mod ray;
 mod rays16;
 mod single;
+mod stand_in;
 mod stream;
 mod stream_pass;
 mod walk;
 
 pub use packet::{PACKET, PacketWalk, first_rays};
 pub use ray::{LocalRay, PreparedRay, USUAL_DIRS};
+pub use stand_in::StandIn;
 pub use stream::{STREAM, Stream};
 pub use walk::{Counters, Outcome, TriHit, Walk};
 
@@ -36,6 +39,9 @@ pub struct PartFilter<'a> {
     pub hidden: &'a [u64],
     /// The model's part that the tree's local part 0 is here.
     pub first_part: u32,
+    /// The bits (`lod::summary_bit`) of all local parts that are hidden or look otherwise than in the file: a cell
+    /// with one of them among others does not stand in.
+    pub touched: u32,
 }
 
 impl PartFilter<'_> {
@@ -73,6 +79,8 @@ pub struct TreeView<'a> {
     pub colours_at: Option<u32>,
     /// Vectors to trace with.
     pub isa: Isa,
+    /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
+    pub never_waits: bool,
 }
 
 impl TreeView<'_> {

@@ -66,16 +66,24 @@ pub(super) struct PacketRays {
     pub minus_off_near: [Row; 3],
     pub minus_off_far: [Row; 3],
     pub shear: [Row; 3],
+    /// See [`LocalRay::cone`]: `a`, then `b`.
+    pub cone: [Row; 2],
 }
 
 impl PacketRays {
+    /// Its width.
+    #[inline(always)]
+    pub fn cone(&self, i: usize) -> Cone {
+        Cone { a: at(&self.cone[0], i), b: at(&self.cone[1], i) }
+    }
+
     /// Ray `i` by itself, up to any distance.
     #[inline(always)]
     pub fn one(&self, i: usize) -> LocalRay {
         let (org, dir) = (&self.org, &self.dir);
         let org = Vec3::new(at(&org[0], i), at(&org[1], i), at(&org[2], i));
         let dir = Vec3::new(at(&dir[0], i), at(&dir[1], i), at(&dir[2], i));
-        LocalRay { org, dir, t_min: at(&self.t_min, i), t_max: f32::INFINITY, cone: Cone::ZERO }
+        LocalRay { org, dir, t_min: at(&self.t_min, i), t_max: f32::INFINITY, cone: self.cone(i) }
     }
 }
 
@@ -129,6 +137,7 @@ impl PacketWalk {
             minus_off_far: zero,
             shear: zero,
             t_min: none,
+            cone: [none; 2],
         };
         let hits = PacketHits { some: 0, t: none, u: none, v: none, block: none, tri: none };
         Self {
@@ -155,7 +164,7 @@ impl PacketWalk {
     /// for a wider set gathers the fields, which takes longer than all else here.)
     #[inline(always)]
     pub fn set(&mut self, i: usize, ray: &LocalRay) {
-        self.set_dir(i, ray.dir);
+        self.set_dir(i, ray.dir, ray.cone);
         let r = &mut self.rays;
         for (axis, v) in ray.org.to_array().into_iter().enumerate() {
             *at_mut(&mut r.org[axis], i) = v;
@@ -164,9 +173,11 @@ impl PacketWalk {
         *at_mut(&mut self.hits.t, i) = ray.t_max;
     }
 
-    /// Takes over the direction of ray `i`, for whose other members [`PacketWalk::set_all_but_dirs`] is called.
+    /// Takes over direction and width of ray `i`, for whose other members [`PacketWalk::set_all_but_dirs`] is called.
     #[inline(always)]
-    pub fn set_dir(&mut self, i: usize, dir: Vec3) {
+    pub fn set_dir(&mut self, i: usize, dir: Vec3, cone: Cone) {
+        let r = &mut self.rays;
+        (*at_mut(&mut r.cone[0], i), *at_mut(&mut r.cone[1], i)) = (cone.a, cone.b);
         for (axis, v) in dir.to_array().into_iter().enumerate() {
             *at_mut(&mut self.rays.dir[axis], i) = v;
         }
@@ -274,6 +285,7 @@ fn repeat_first(walk: &mut PacketWalk) {
     for i in (0..PACKET).filter(|i| walk.waiting >> i & 1 == 0) {
         *at_mut(&mut walk.hits.t, i) = f32::NEG_INFINITY;
         *at_mut(&mut r.t_min, i) = at(&r.t_min, first);
+        (*at_mut(&mut r.cone[0], i), *at_mut(&mut r.cone[1], i)) = (at(&r.cone[0], first), at(&r.cone[1], first));
         for axis in 0..3 {
             *at_mut(&mut r.org[axis], i) = at(&r.org[axis], first);
             *at_mut(&mut r.dir[axis], i) = at(&r.dir[axis], first);

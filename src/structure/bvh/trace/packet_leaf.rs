@@ -198,7 +198,7 @@ fn triangle<S: Simd, const MOVED: bool>(
 /// Keeps the hits that are better than what their rays have; as [`is_better`], all at once but for ties.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
-fn keep_better<S: Simd, const ANY: bool>(
+pub(super) fn keep_better<S: Simd, const ANY: bool>(
     s: S,
     view: &TreeView,
     walk: &mut PacketWalk,

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PacketRays, Row, VECTORS};
-use super::ray::{MAX_DIR, MIN_DIR, USUAL_DIRS};
+use super::ray::{BOX_SLACK, MAX_DIR, MIN_DIR, USUAL_DIRS};
 use crate::simd::{Lanes, Mask, Simd};
 
 /// What coherent rays share: signs of the direction, axis order of the triangle test, and intervals.
@@ -24,6 +24,10 @@ pub(super) struct Shared {
     /// The extremes of the shear along x and along y.
     pub shear_min: [f32; 2],
     pub shear_max: [f32; 2],
+    /// The least magnitudes of the directions, and the greatest widths (see [`super::LocalRay::cone`]): what decides
+    /// whether a cell can stand in for any ray.
+    pub dir_min: [f32; 3],
+    pub cone_max: [f32; 2],
 }
 
 impl Shared {
@@ -60,7 +64,7 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
             signs[h] = positive.bits();
             let inv = magnitude.select(positive, zero - magnitude);
             let org = s.load16(&rays.org[axis][h]);
-            let slack = magnitude * abs(zero, org).max(s.splat16(reach)) * s.splat16(1.0 / 524288.0);
+            let slack = magnitude * abs(zero, org).max(s.splat16(reach)) * s.splat16(BOX_SLACK);
             let off = org * inv;
             rays.inv[axis][h] = inv.to_array();
             rays.minus_off_near[axis][h] = (zero - off - slack).to_array();
@@ -82,7 +86,7 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
             let origin = rays.org[axis][0][0];
             (shared.org_near[axis], shared.org_far[axis]) = (origin, origin);
             let steepest = shared.inv_max[axis].abs().max(shared.inv_min[axis].abs());
-            shared.slack[axis] = 2.0 * (steepest * origin.abs().max(reach) * (1.0 / 524288.0));
+            shared.slack[axis] = 2.0 * (steepest * origin.abs().max(reach) * BOX_SLACK);
         } else {
             one_origin = false;
             let (low, high) = (org_low.least(), org_high.greatest());
@@ -98,6 +102,20 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
             (least, greatest) = (shear.min(least), shear.max(greatest));
         }
         (shared.shear_min[axis], shared.shear_max[axis]) = (least.least(), greatest.greatest());
+    }
+    for axis in 0..3 {
+        let mut least = s.splat16(f32::INFINITY);
+        for h in 0..VECTORS {
+            least = abs(zero, s.load16(&rays.dir[axis][h])).min(least);
+        }
+        shared.dir_min[axis] = least.least();
+    }
+    for part in 0..2 {
+        let mut greatest = zero;
+        for h in 0..VECTORS {
+            greatest = s.load16(&rays.cone[part][h]).max(greatest);
+        }
+        shared.cone_max[part] = greatest.greatest();
     }
     // The greatest component is no less than the least that counts: this is its reciprocal.
     rays.shear[2] = rays.inv[kz];

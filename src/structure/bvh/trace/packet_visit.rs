@@ -7,6 +7,7 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::ahead::{self, ask_for};
+use super::packet_cells;
 use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
 use super::packet_leaf::leaf;
 use super::packet_prepare::Shared;
@@ -44,22 +45,28 @@ fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
 
 /// Goes on with `walk` until it ends or a block is missing.
 pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
-    dispatch(view.isa, Packet::<ANY> { view, filter, walk })
+    let exact = !view.never_waits && walk.rays.cone.as_flattened().as_flattened().iter().all(|w| *w == 0.0);
+    if exact {
+        dispatch(view.isa, Packet::<ANY, false> { view, filter, walk })
+    } else {
+        dispatch(view.isa, Packet::<ANY, true> { view, filter, walk })
+    }
 }
 
-struct Packet<'a, 'v, const ANY: bool> {
+/// `LOD`: cells may stand in.
+struct Packet<'a, 'v, const ANY: bool, const LOD: bool> {
     view: &'a TreeView<'v>,
     filter: Option<&'a PartFilter<'a>>,
     walk: &'a mut PacketWalk,
 }
 
-impl<const ANY: bool> Op for Packet<'_, '_, ANY> {
+impl<const ANY: bool, const LOD: bool> Op for Packet<'_, '_, ANY, LOD> {
     type Out = Outcome;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Outcome {
         let Self { view, filter, walk } = self;
-        let outcome = visit::<S, ANY>(s, view, filter, walk);
+        let outcome = visit::<S, ANY, LOD>(s, view, filter, walk);
         if outcome == Outcome::Done {
             walk.waiting = 0;
         }
@@ -68,7 +75,7 @@ impl<const ANY: bool> Op for Packet<'_, '_, ANY> {
 }
 
 #[inline(always)]
-fn visit<S: Simd, const ANY: bool>(
+fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
     view: &TreeView,
     filter: Option<&PartFilter>,
@@ -92,7 +99,7 @@ fn visit<S: Simd, const ANY: bool>(
         let mut block = Block::new(words);
         while entry.rays != 0 {
             if !walk.together || entry.rays.count_ones() < FEW {
-                let outcome = each_alone::<S, ANY>(s, view, filter, walk, entry);
+                let outcome = each_alone::<S, ANY, LOD>(s, view, filter, walk, entry);
                 if outcome != Outcome::Done {
                     return outcome;
                 }
@@ -102,7 +109,12 @@ fn visit<S: Simd, const ANY: bool>(
             match Child::from_bits(entry.child) {
                 Some(Child::Node(index)) => {
                     walk.counters.nodes += 1;
-                    match nearest_child(s, is_large, block, index, &shared, far, entry, walk) {
+                    let nearest =
+                        nearest_child::<S, ANY, LOD>(s, is_large, view, filter, block, index, &shared, far, entry, walk);
+                    if LOD {
+                        far = farthest(s, &walk.hits.t);
+                    }
+                    match nearest {
                         Some(nearest) => entry = nearest,
                         None => break,
                     }
@@ -119,11 +131,17 @@ fn visit<S: Simd, const ANY: bool>(
                 Some(Child::External(index)) => {
                     walk.counters.blocks += 1;
                     let (next, below) = block.external(index);
-                    (entry.block, entry.child) = (next, below);
                     let Some(words) = view.snapshot.block(BlockId(next)) else {
+                        if LOD && view.never_waits {
+                            packet_cells::for_missing::<S, ANY>(s, view, filter, block, index, &shared, entry, walk);
+                            far = farthest(s, &walk.hits.t);
+                            break;
+                        }
+                        (entry.block, entry.child) = (next, below);
                         walk.stack.push(entry);
                         return Outcome::Pending(BlockId(next));
                     };
+                    (entry.block, entry.child) = (next, below);
                     block = Block::new(words);
                 }
                 None => break,
@@ -135,7 +153,7 @@ fn visit<S: Simd, const ANY: bool>(
 
 /// Lets each ray of `entry` visit it alone.
 #[inline(always)]
-fn each_alone<S: Simd, const ANY: bool>(
+fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
     view: &TreeView,
     filter: Option<&PartFilter>,
@@ -156,7 +174,7 @@ fn each_alone<S: Simd, const ANY: bool>(
         stack.clear();
         stack.push(Entry { t: entry.t, block: entry.block, child: entry.child });
         let counters = &mut walk.alone.counters;
-        let outcome = single::visit::<S, ANY>(s, view, filter, &ray, &lanes, stack, &mut best, counters);
+        let outcome = single::visit::<S, ANY, LOD>(s, view, filter, &ray, &lanes, stack, &mut best, counters);
         keep(walk, i, &best);
         if outcome != Outcome::Done {
             // The others first look at this entry later; this one goes on with what it has left.
@@ -185,6 +203,8 @@ fn prepared(rays: &PacketRays, i: usize, shared: &Shared) -> PreparedRay {
         near: shared.near,
         shear: Shear { k: shared.k, s: three(&rays.shear, i) },
         t_min: at(&rays.t_min, i),
+        dir: Vec3::from_array(three(&rays.dir, i)).abs(),
+        cone: rays.cone(i),
     }
 }
 
@@ -210,9 +230,11 @@ pub(super) fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
 /// Pushes all but the nearest of the children that any ray meets; returns the nearest.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
-fn nearest_child<S: Simd>(
+fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
     is_large: bool,
+    view: &TreeView,
+    filter: Option<&PartFilter>,
     block: Block,
     index: usize,
     shared: &Shared,
@@ -221,7 +243,7 @@ fn nearest_child<S: Simd>(
     walk: &mut PacketWalk,
 ) -> Option<PacketEntry> {
     let node = block.node(index);
-    let (mut mask, t, planes) = intervals(s, node, shared, far);
+    let (mut mask, t, planes, small) = intervals::<S, LOD>(s, node, shared, far);
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
     while mask != 0 {
@@ -231,6 +253,12 @@ fn nearest_child<S: Simd>(
         // Rays from one point are tested one by one only before leaves: for nodes it costs more than it saves
         // (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of many origins are too wide.
         let mut rays = entry.rays;
+        if LOD && small >> slot & 1 == 1 {
+            rays = packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, &planes, rays, entry.block, shared, walk);
+            if rays == 0 {
+                continue;
+            }
+        }
         if !shared.one_origin || matches!(Child::from_bits(child), Some(Child::Leaf(_))) {
             rays &= meet(s, &planes, slot, walk);
             if rays == 0 {
@@ -259,11 +287,12 @@ fn nearest_child<S: Simd>(
 }
 
 /// Near and far planes of eight boxes, axis by axis.
-type Planes = [[[f32; 8]; 2]; 3];
+pub(super) type Planes = [[[f32; 8]; 2]; 3];
 
-/// The children that rays between the extremes can meet, no ray's entry before, and the boxes.
+/// The children that rays between the extremes can meet, no ray's entry before, the boxes, and of the children those
+/// that could stand in for some ray.
 #[inline(always)]
-fn intervals<S: Simd>(s: S, node: &Node, shared: &Shared, far: f32) -> (u32, [f32; 8], Planes) {
+fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, far: f32) -> (u32, [f32; 8], Planes, u32) {
     let step = s.powers8(node.exponents());
     let mut enter = s.splat8(0.0);
     let mut leave = s.splat8(far);
@@ -283,7 +312,9 @@ fn intervals<S: Simd>(s: S, node: &Node, shared: &Shared, far: f32) -> (u32, [f3
         enter = near.max(enter);
         leave = far.min(leave);
     }
-    (enter.le(leave).bits() & u32::from(node.valid), enter.to_array(), out)
+    let met = enter.le(leave).bits() & u32::from(node.valid);
+    let small = if LOD { packet_cells::likely(s, &out, leave, shared) & met } else { 0 };
+    (met, enter.to_array(), out, small)
 }
 
 /// The rays that meet the box of a child.

@@ -15,7 +15,8 @@ pub struct LocalRay {
     pub t_min: f32,
     /// Hits beyond this are ignored.
     pub t_max: f32,
-    /// Its footprint; stand-ins are accepted by it (none exist yet: every answer is exact).
+    /// A cell stands in where the sum of its faces' areas, each times |dir| across it, is at most the square of
+    /// `a + b t`. (For a unit direction that sum is the area of its projection.)
     pub cone: Cone,
 }
 
@@ -23,6 +24,16 @@ impl LocalRay {
     /// Not valid: misses all.
     pub const NONE: Self =
         Self { org: Vec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO };
+
+    /// [`LocalRay::cone`] of a ray that is `cone` wide and goes along `dir`.
+    #[inline(always)]
+    pub fn cone_of(cone: Cone, dir: Vec3) -> Cone {
+        if cone == Cone::ZERO {
+            return cone;
+        }
+        let root = dir.length().sqrt();
+        Cone { a: cone.a * root, b: cone.b * root }
+    }
 
     /// Whether it can be traced: all finite but `t_max`, a direction that is not zero.
     #[inline(always)]
@@ -45,6 +56,10 @@ pub const MAX_DIR: f32 = 1e15;
 /// Greatest components of directions that need no scaling: within, all of single precision's digits count.
 pub const USUAL_DIRS: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
 
+/// What a plane's distance may be off by in box tests, as a part of the greatest magnitude of a coordinate over the
+/// direction: the derivation is at [`PreparedRay::new`].
+pub(super) const BOX_SLACK: f32 = 48.0 / 16_777_216.0;
+
 /// A ray ready for box and triangle tests.
 ///
 /// A box plane at `p` is met at `p * inv - off`. `off_near` and `off_far` differ by twice the
@@ -66,6 +81,10 @@ pub struct PreparedRay {
     pub shear: Shear,
     /// Least distance of a hit.
     pub t_min: f32,
+    /// Magnitudes of the direction.
+    pub dir: Vec3,
+    /// See [`LocalRay::cone`].
+    pub cone: Cone,
 }
 
 impl PreparedRay {
@@ -83,7 +102,7 @@ impl PreparedRay {
         let least = ray.dir.abs().max_element() * 1e-18;
         let magnitude = ray.dir.abs().max(Vec3::splat(least));
         let inv = Vec3::ONE / magnitude.copysign(ray.dir);
-        let slack = inv.abs() * ray.org.abs().max(Vec3::splat(reach)) * (1.0 / 524288.0);
+        let slack = inv.abs() * ray.org.abs().max(Vec3::splat(reach)) * BOX_SLACK;
         let off = ray.org * inv;
         let negative = inv.is_negative_bitmask() as usize;
         Self {
@@ -94,6 +113,8 @@ impl PreparedRay {
             near: [3 * (negative & 1), 1 + 3 * (negative >> 1 & 1), 2 + 3 * (negative >> 2 & 1)],
             shear: Shear::new(ray.dir),
             t_min: ray.t_min,
+            dir: ray.dir.abs(),
+            cone: ray.cone,
         }
     }
 }

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::LocalRay;
-use super::ray::{MAX_DIR, MIN_DIR};
+use super::ray::{BOX_SLACK, MAX_DIR, MIN_DIR};
 use crate::simd::{Lanes, Mask, Simd};
 
 /// Rays of a group.
@@ -16,6 +16,7 @@ pub(super) struct Rays16 {
     dir: [[f32; GROUP]; 3],
     t_min: [f32; GROUP],
     pub t_max: [f32; GROUP],
+    cone: [[f32; GROUP]; 2],
 }
 
 /// A prepared ray by itself (see [`super::PreparedRay`]): all that a box test needs in one cache line, and a second
@@ -67,6 +68,12 @@ impl OneRay {
         bytemuck::must_cast_ref(words)
     }
 
+    /// For stand-ins: its width (`a`, `b`), the direction's magnitudes, the origin; and what is of no use.
+    #[inline(always)]
+    pub fn cone(&self) -> &[f32; 8] {
+        first(&self.rest[7..])
+    }
+
     /// The axis order of the triangle test, the origin in it, and the shear: see [`crate::geom::Shear`].
     #[inline(always)]
     pub fn shear(&self) -> ([usize; 3], [f32; 3], [f32; 3]) {
@@ -92,7 +99,7 @@ const TO_HIGH: u32 = 24;
 impl Rays16 {
     /// Not valid: all miss.
     pub const NONE: Self =
-        Self { org: [[0.0; GROUP]; 3], dir: [[0.0; GROUP]; 3], t_min: [0.0; GROUP], t_max: [0.0; GROUP] };
+        Self { org: [[0.0; GROUP]; 3], dir: [[0.0; GROUP]; 3], t_min: [0.0; GROUP], t_max: [0.0; GROUP], cone: [[0.0; GROUP]; 2] };
 
     /// Takes a ray over, not yet prepared.
     #[inline(always)]
@@ -102,6 +109,12 @@ impl Rays16 {
         (self.dir[0][i], self.dir[1][i], self.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
         // A zero that is not negative: distances are sorted by their bits.
         (self.t_min[i], self.t_max[i]) = (ray.t_min + 0.0, ray.t_max);
+        (self.cone[0][i], self.cone[1][i]) = (ray.cone.a, ray.cone.b);
+    }
+
+    /// Whether no ray has a width.
+    pub fn is_exact(&self) -> bool {
+        self.cone.as_flattened().iter().all(|w| *w == 0.0)
     }
 
     /// Prepares all rays, as [`super::PreparedRay::new`] does one (which see); returns the valid ones.
@@ -120,7 +133,7 @@ impl Rays16 {
             let positive = zero.le(dir[axis]);
             negative[axis] = !positive.bits();
             let inv = magnitude.select(positive, zero - magnitude);
-            let slack = magnitude * abs(zero, org[axis]).max(s.splat16(reach)) * s.splat16(1.0 / 524_288.0);
+            let slack = magnitude * abs(zero, org[axis]).max(s.splat16(reach)) * s.splat16(BOX_SLACK);
             let off = org[axis] * inv;
             lines[axis] = inv.to_array();
             lines[4 + axis] = (zero - off - slack).to_array();
@@ -144,6 +157,10 @@ impl Rays16 {
         let [a, b, c] = turned(is_x, is_y, dir);
         let scale = s.splat16(1.0).div(c);
         (rests[3], rests[4], rests[5]) = (a.div(c).to_array(), b.div(c).to_array(), scale.to_array());
+        (rests[7], rests[8]) = (self.cone[0], self.cone[1]);
+        for axis in 0..3 {
+            (rests[9 + axis], rests[12 + axis]) = (size[axis].to_array(), self.org[axis]);
+        }
         let (mut line, mut rest) = ([[0.0; 16]; GROUP], [[0.0; 16]; GROUP]);
         s.transpose16(&lines, &mut line);
         s.transpose16(&rests, &mut rest);

@@ -1,25 +1,32 @@
 //! One ray after the other, eight boxes or triangles at a time.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
+use super::stand_in::{self, CELL_SLACK, ConeRay, Verdict};
 use super::walk::{Entry, Outcome, TriHit, Walk};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{Sheared, intersect, shear};
+use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child, Leaf, Node};
 
 /// Goes on with `walk` until it ends or a block is missing.
 pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-    dispatch(view.isa, Single::<ANY> { view, filter, walk })
+    if walk.ray.cone == Cone::ZERO && !view.never_waits {
+        dispatch(view.isa, Single::<ANY, false> { view, filter, walk })
+    } else {
+        dispatch(view.isa, Single::<ANY, true> { view, filter, walk })
+    }
 }
 
-struct Single<'a, 'v, const ANY: bool> {
+/// `LOD`: cells may stand in.
+struct Single<'a, 'v, const ANY: bool, const LOD: bool> {
     view: &'a TreeView<'v>,
     filter: Option<&'a PartFilter<'a>>,
     walk: &'a mut Walk,
 }
 
-impl<const ANY: bool> Op for Single<'_, '_, ANY> {
+impl<const ANY: bool, const LOD: bool> Op for Single<'_, '_, ANY, LOD> {
     type Out = Outcome;
 
     #[inline(always)]
@@ -30,7 +37,7 @@ impl<const ANY: bool> Op for Single<'_, '_, ANY> {
         }
         let ray = PreparedRay::new(&walk.ray, view.reach);
         let lanes = RayLanes::new(s, &ray);
-        visit::<S, ANY>(s, view, filter, &ray, &lanes, &mut walk.stack, &mut walk.best, &mut walk.counters)
+        visit::<S, ANY, LOD>(s, view, filter, &ray, &lanes, &mut walk.stack, &mut walk.best, &mut walk.counters)
     }
 }
 
@@ -78,7 +85,7 @@ fn splat3<S: Simd>(s: S, v: [f32; 3]) -> [S::F8; 3] {
 /// Visits what is on the stack, nearest first.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
-pub(super) fn visit<S: Simd, const ANY: bool>(
+pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
     view: &TreeView,
     filter: Option<&PartFilter>,
@@ -90,6 +97,7 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
 ) -> Outcome {
     let mut block_id = u32::MAX;
     let mut block = Block::new(&[]);
+    let cells = if LOD { Some(CellLanes::new(s, ray, view.reach)) } else { None };
     while let Some(entry) = stack.pop() {
         // Not `<=`: an equal distance may be a tie that a lower primitive id wins.
         if entry.t > best.t {
@@ -108,7 +116,14 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
                 Some(Child::Node(index)) => {
                     counters.nodes += 1;
                     let node = block.node(index);
-                    let (mask, t) = boxes(s, node, ray, lanes, best.t);
+                    let (mut mask, t, leave) = boxes(s, node, ray, lanes, best.t);
+                    if let Some(cells) = &cells {
+                        mask = stand_ins(s, block, block_id, index, mask, leave, cells, filter, best);
+                        if ANY && best.is_hit() {
+                            stack.clear();
+                            return Outcome::Done;
+                        }
+                    }
                     match push_far_to_near(mask, &t, node, block_id, stack) {
                         Some(nearest) => child = nearest,
                         None => break,
@@ -140,6 +155,14 @@ pub(super) fn visit<S: Simd, const ANY: bool>(
                     counters.blocks += 1;
                     let (next, below) = block.external(index);
                     let Some(words) = view.snapshot.block(BlockId(next)) else {
+                        if let Some(cells) = cells.as_ref().filter(|_| view.never_waits) {
+                            stand_in_for_missing::<S, ANY>(s, block, block_id, index, cells, filter, best);
+                            if ANY && best.is_hit() {
+                                stack.clear();
+                                return Outcome::Done;
+                            }
+                            break;
+                        }
                         stack.push(Entry { t: entry.t, block: next, child: below });
                         return Outcome::Pending(BlockId(next));
                     };
@@ -172,13 +195,21 @@ pub(super) fn is_better(
 #[cold]
 #[inline(never)]
 fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut super::Counters) -> Result<bool, BlockId> {
+    if let Some(answer) = stand_in::untie(hit, best) {
+        return Ok(answer);
+    }
     counters.ties += 1;
-    Ok(view.prim(hit)? < view.prim(best)?)
+    match (view.prim(hit), view.prim(best)) {
+        (Ok(a), Ok(b)) => Ok(a < b),
+        // Who never waits takes the first by its place.
+        _ if view.never_waits => Ok((hit.block, hit.tri) < (best.block, best.tri)),
+        (a, b) => Ok(a? < b?),
+    }
 }
 
-/// The children whose boxes the ray meets before `t_max`, and where it enters each.
+/// The children whose boxes the ray meets before `t_max`, where it enters each, and where it leaves them.
 #[inline(always)]
-fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, lanes: &RayLanes<S>, t_max: f32) -> (u32, [f32; 8]) {
+fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, lanes: &RayLanes<S>, t_max: f32) -> (u32, [f32; 8], S::F8) {
     let step = s.powers8(node.exponents());
     let mut enter = lanes.leaf.t_min;
     let mut leave = s.splat8(t_max);
@@ -192,7 +223,140 @@ fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, lanes: &RayLanes<S>, t_m
         enter = near.max(enter);
         leave = far.min(leave);
     }
-    (enter.le(leave).bits() & u32::from(node.valid), enter.to_array())
+    (enter.le(leave).bits() & u32::from(node.valid), enter.to_array(), leave)
+}
+
+/// A ray as the test of stand-ins needs it.
+pub(super) struct CellLanes<S: Simd> {
+    ray: ConeRay<S::F8>,
+    near: [usize; 3],
+}
+
+impl<S: Simd> CellLanes<S> {
+    #[inline(always)]
+    fn new(s: S, ray: &PreparedRay, reach: f32) -> Self {
+        Self::of(s, ray.org.to_array(), ray.inv, ray.dir.to_array(), ray.near, ray.t_min, ray.cone, reach)
+    }
+
+    /// The parts of a ray as [`PreparedRay`] has them.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)] // one ray's parts, from memory laid out in two ways
+    pub(super) fn of(
+        s: S,
+        org: [f32; 3],
+        inv: [f32; 3],
+        dir: [f32; 3],
+        near: [usize; 3],
+        t_min: f32,
+        cone: Cone,
+        reach: f32,
+    ) -> Self {
+        let slack = |axis: usize| inv[axis].abs() * org[axis].abs().max(reach) * CELL_SLACK;
+        let slack = [slack(0), slack(1), slack(2)];
+        let ray = ConeRay {
+            org: splat3(s, org),
+            inv: splat3(s, inv),
+            dir: splat3(s, dir),
+            slack: splat3(s, slack),
+            t_min: s.splat8(t_min),
+            a: s.splat8(cone.a),
+            b: s.splat8(cone.b),
+        };
+        Self { ray, near }
+    }
+}
+
+/// Planes of eight cells as stored: near ones, far ones.
+#[inline(always)]
+fn stored_planes<S: Simd>(s: S, node: &Node, near: [usize; 3]) -> [[S::F8; 3]; 2] {
+    let step = s.powers8(node.exponents());
+    let zero = s.splat8(0.0);
+    let mut out = [[zero; 3]; 2];
+    for axis in 0..3 {
+        let origin = s.splat8(node.origin[axis]);
+        let (first, last) = planes(node, near[axis]);
+        // Products with powers of two are exact: one rounding, however it is done.
+        out[0][axis] = s.bytes8(first).mul_add(step[axis], origin);
+        out[1][axis] = s.bytes8(last).mul_add(step[axis], origin);
+    }
+    out
+}
+
+/// Of the children in `mask`, those that are still to be visited: cells that stand in are offered to `best` instead.
+/// `leave`: where the ray leaves the boxes, or more.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
+pub(super) fn stand_ins<S: Simd>(
+    s: S,
+    block: Block,
+    block_id: u32,
+    index: usize,
+    mask: u32,
+    leave: S::F8,
+    cells: &CellLanes<S>,
+    filter: Option<&PartFilter>,
+    best: &mut TriHit,
+) -> u32 {
+    let node = block.node(index);
+    let zero = s.splat8(0.0);
+    let [near, far] = stored_planes(s, node, cells.near);
+    let ray = &cells.ray;
+    // First without regard to where exactly the cells are met; a hundredth more, for that is rounded otherwise.
+    let width = ray.a + ray.b * leave;
+    let likely = stand_in::area(near, far, ray.dir, zero).le(width * width * s.splat8(1.01)).bits() & mask;
+    if likely == 0 {
+        return mask;
+    }
+    let met = stand_in::meet(near, far, ray, zero, s.splat8(f32::INFINITY));
+    let t = met.enter.to_array();
+    let (mut left, mut small) = (mask, met.small & likely);
+    while small != 0 {
+        let slot = small.trailing_zeros() as usize & 7;
+        small &= small - 1;
+        match stand_in::judge(block, index, slot, filter) {
+            Verdict::Descend => continue,
+            Verdict::Skip => {}
+            Verdict::Stand => {
+                let tri = stand_in::lod_code(index, slot);
+                offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: block_id, tri });
+            }
+        }
+        left &= !(1 << slot);
+    }
+    left
+}
+
+/// Keeps a stand-in if it is better.
+#[inline(always)]
+fn offer(best: &mut TriHit, hit: TriHit) {
+    let is_better = hit.t < best.t || hit.t == best.t && (!best.is_hit() || stand_in::untie(&hit, best) == Some(true));
+    if is_better {
+        *best = hit;
+    }
+}
+
+/// Offers the cell of external reference `index`, whose block is missing, to `best`. Where any hit will do, a cell that
+/// the ray begins in is none: nothing is known of it.
+#[inline(never)]
+fn stand_in_for_missing<S: Simd, const ANY: bool>(
+    s: S,
+    block: Block,
+    block_id: u32,
+    index: usize,
+    cells: &CellLanes<S>,
+    filter: Option<&PartFilter>,
+    best: &mut TriHit,
+) {
+    let (node, slot) = block.place_of_external(index);
+    let [near, far] = stored_planes(s, block.node(node), cells.near);
+    let met = stand_in::meet(near, far, &cells.ray, s.splat8(0.0), s.splat8(f32::INFINITY));
+    let is_inside = met.outside >> slot & 1 == 0;
+    let skip = stand_in::judge(block, node, slot, filter) == Verdict::Skip;
+    if met.meets >> slot & 1 == 0 || skip || ANY && is_inside {
+        return;
+    }
+    let t = if is_inside { met.leave } else { met.enter }.to_array()[slot & 7];
+    offer(best, TriHit { t, u: 0.0, v: 0.0, block: block_id, tri: stand_in::missing_code(node, slot, is_inside) });
 }
 
 /// The run of planes that is met first, and its opposite.

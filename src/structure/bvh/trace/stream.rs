@@ -76,6 +76,11 @@ impl Stream {
         self.groups[(i / GROUP) & (STREAM / GROUP - 1)].set(i, ray);
     }
 
+    /// Whether no cell can stand in for any of the first rays.
+    fn is_exact(&self, view: &TreeView, count: usize) -> bool {
+        !view.never_waits && self.groups[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
+    }
+
     /// Rays of the last call that met a missing block, or needed a deeper stack: to be traced alone, anew.
     pub fn unfinished(&self) -> &[u32] {
         &self.unfinished
@@ -86,16 +91,25 @@ impl TreeView<'_> {
     /// Finds the closest hits of the first of the rays that `stream` has taken over: what [`TreeView::closest`] finds, at
     /// less cost a ray. `hits`: as many as rays, [`STREAM`] at most. Those in [`Stream::unfinished`] have no answer.
     pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
-        dispatch(self.isa, Run::<false> { view: self, filter, stream, hits });
+        if stream.is_exact(self, hits.len()) {
+            dispatch(self.isa, Run::<false, false> { view: self, filter, stream, hits });
+        } else {
+            dispatch(self.isa, Run::<false, true> { view: self, filter, stream, hits });
+        }
     }
 
     /// Finds whether each ray hits anything; otherwise like [`TreeView::closest_each`]. Which hit is not said.
     pub fn any_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
-        dispatch(self.isa, Run::<true> { view: self, filter, stream, hits });
+        if stream.is_exact(self, hits.len()) {
+            dispatch(self.isa, Run::<true, false> { view: self, filter, stream, hits });
+        } else {
+            dispatch(self.isa, Run::<true, true> { view: self, filter, stream, hits });
+        }
     }
 }
 
-struct Run<'a, 'v, const ANY: bool> {
+/// `LOD`: cells may stand in.
+struct Run<'a, 'v, const ANY: bool, const LOD: bool> {
     view: &'a TreeView<'v>,
     filter: Option<&'a PartFilter<'a>>,
     stream: &'a mut Stream,
@@ -198,7 +212,7 @@ pub(super) struct State<'a> {
     pub is_large: bool,
 }
 
-impl<const ANY: bool> Op for Run<'_, '_, ANY> {
+impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
     type Out = ();
 
     #[inline(always)]
@@ -245,7 +259,7 @@ impl<const ANY: bool> Op for Run<'_, '_, ANY> {
                 counts = pass::externals(&mut state, counts);
             }
             if counts.of(NODES) > 0 {
-                counts = pass::nodes(s, &mut state, counts);
+                counts = pass::nodes::<S, ANY, LOD>(s, &mut state, counts);
             }
             let waiting = counts.of(AT_LEAVES);
             if waiting >= LEAVES || waiting > 0 && counts.of(NODES) == 0 {

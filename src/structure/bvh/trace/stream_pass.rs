@@ -2,12 +2,13 @@
 
 use super::ahead::ask_for;
 use super::rays16::OneRay;
-use super::single::{LeafRay, is_better, triangles};
+use super::single::{self, CellLanes, LeafRay, is_better, triangles};
 use super::stream::{
     AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, State, lane, push,
 };
 use super::walk::{Counters, TriHit};
 use crate::base::ids::BlockId;
+use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, INDEX_MASK, Node};
 use bytemuck::bytes_of;
@@ -57,7 +58,7 @@ const SEVERAL: usize = 2;
 /// Tests the children of the nodes that walks are at, and moves each on: to the nearest child that it meets, the
 /// others put on its stack, or if it meets none, to what its stack has.
 #[inline(always)]
-pub(super) fn nodes<S: Simd>(s: S, state: &mut State, mut counts: Counts) -> Counts {
+pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
     let (row, count) = (state.rows[NODES], counts.take(NODES));
     state.counters.nodes += count as u64;
     // By the number of children met: none, one, several.
@@ -66,7 +67,10 @@ pub(super) fn nodes<S: Simd>(s: S, state: &mut State, mut counts: Counts) -> Cou
     for i in 0..count {
         let lane = lane(&row, i);
         let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
-        let (met, enter) = boxes(s, node, &state.prepared[lane]);
+        let (mut met, enter, leave) = boxes(s, node, &state.prepared[lane]);
+        if LOD && met != 0 {
+            met = stand_ins::<S, ANY>(s, state, lane, met, leave);
+        }
         state.scratch.enter[lane] = enter.to_array();
         state.scratch.hits[lane] = met;
         let class = usize::from(met != 0) + usize::from(met & met.wrapping_sub(1) != 0);
@@ -166,7 +170,7 @@ fn eight_below<S: Simd>(s: S, stack: &super::stream::Stack, top: usize) -> S::F8
 
 /// The children whose boxes a ray meets before its best hit, and where it enters each.
 #[inline(always)]
-fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> (u32, S::F8) {
+fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> (u32, S::F8, S::F8) {
     let bytes = bytes_of(node);
     let [near_off, far_off, slope] = s.slabs(node.head(), ray.inv(), ray.off());
     let mut enter = s.splat8(ray.t_min());
@@ -178,7 +182,33 @@ fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> (u32, S::F8) {
         enter = near.mul_add(slope[axis], near_off[axis]).max(enter);
         leave = far.mul_add(slope[axis], far_off[axis]).min(leave);
     }
-    (enter.le(leave).bits() & u32::from(node.valid), enter)
+    (enter.le(leave).bits() & u32::from(node.valid), enter, leave)
+}
+
+/// As [`single::stand_ins`] for a lane. Where any hit will do and one is found, nothing is left to visit.
+#[inline(always)]
+fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, lane: usize, met: u32, leave: S::F8) -> u32 {
+    let prepared = &state.prepared[lane];
+    let [a, b, x, y, z, org @ ..] = *prepared.cone();
+    let (inv, planes) = (prepared.inv(), prepared.planes());
+    // Planes are told by bytes in a node here, by rows of eight there.
+    let near = |axis: usize| (usize::from(planes[axis]) - 16) / 8;
+    let near = [near(0), near(1), near(2)];
+    let inv = [inv[0], inv[1], inv[2]];
+    let cone = Cone { a, b };
+    let cells = CellLanes::of(s, org, inv, [x, y, z], near, prepared.t_min(), cone, state.view.reach);
+    let node = (state.child[lane] & INDEX_MASK) as usize;
+    let Some(best) = state.hits.get_mut(usize::from(state.ray[lane])) else { return met };
+    let before = (best.t, best.tri, best.block);
+    let left = single::stand_ins(s, state.block[lane], state.block_id[lane], node, met, leave, &cells, state.filter, best);
+    if (best.t, best.tri, best.block) != before {
+        state.prepared[lane].set_best(best.t);
+        if ANY {
+            state.top[lane] = BOTTOM as u8;
+            return 0;
+        }
+    }
+    left
 }
 
 #[inline(always)]
