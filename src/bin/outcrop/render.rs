@@ -36,6 +36,9 @@ pub struct Args {
     /// Rays a pixel
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
     samples: u32,
+    /// Pixels of error: the area, in pixels, that a stand-in may cover; 0 for exact answers
+    #[arg(long, value_name = "P", default_value_t = 0.0)]
+    poe: f32,
     /// The background's linear colour, in place of a gradient
     #[arg(long, value_name = "R,G,B", value_parser = common::point)]
     background: Option<DVec3>,
@@ -98,7 +101,7 @@ pub fn run(args: &Args) -> Outcome {
     let scene = view::alone(&context, &model, lights, background)?;
     let (width, height) = args.size;
     let frame = Frame::new(&context, FrameOptions { width, height, ..FrameOptions::default() })?;
-    let settings = FrameSettings { samples: args.samples, ..FrameSettings::default() };
+    let settings = FrameSettings { samples: args.samples, poe: args.poe, ..FrameSettings::default() };
     frame.request(&scene, &camera, &settings)?;
     let status = finished(&frame, &cancel)?;
     write_png(&frame.map(Buffer::ColourSrgb8)?, &args.output)?;

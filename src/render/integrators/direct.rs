@@ -4,6 +4,7 @@ use super::material::Material;
 use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
 use crate::query::finish::{facing_normal, meet};
+use crate::query::stand_in::{self, Look};
 use crate::query::{HitKind, NONE};
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
@@ -95,7 +96,10 @@ struct Surface {
     /// How far a ray that leaves it begins from it.
     leave: f64,
     layer: Layer,
-    t: f64,
+    /// Where the ray that sees it goes on behind it.
+    next: f64,
+    /// The ray's width here, pixels of error included: rays that leave it begin as wide.
+    width: f32,
 }
 
 /// The colour of each ray so far.
@@ -117,9 +121,8 @@ impl Direct<'_> {
             for i in bits(active) {
                 let (x, y) = (at.0 + i as u32 % ACROSS, at.1 + i as u32 / ACROSS);
                 let mut ray = self.rays.ray(f64::from(x) + dx, f64::from(y) + dy);
-                if self.poe == 0.0 {
-                    ray.cone = Cone::ZERO;
-                }
+                let wide = width_factor(self.poe, x, y, sample);
+                ray.cone = Cone { a: ray.cone.a * wide, b: ray.cone.b * wide };
                 lanes.rays[i] = ray;
             }
             self.layers(&mut lanes, active, sample == 0, scratch)?;
@@ -177,7 +180,7 @@ impl Direct<'_> {
                 let opacity = surface.material.opacity;
                 lanes.colour[i] += lit[i] * (lanes.through[i] * opacity);
                 lanes.through[i] *= 1.0 - opacity;
-                lanes.rays[i].t_min = surface.t + surface.leave;
+                lanes.rays[i].t_min = surface.next;
                 if lanes.through[i] < LEAST_TRANSMITTANCE {
                     lanes.through[i] = 0.0;
                     active &= !(1 << i);
@@ -188,6 +191,9 @@ impl Direct<'_> {
     }
 
     fn surface(&self, ray: &Ray, found: &Found, keep: bool) -> Result<Surface, Need> {
+        if let Some(look) = stand_in::look(&self.view, ray, found) {
+            return self.stand_in(ray, found, &look);
+        }
         let scene = self.view.scene;
         let placed = &scene.placement.placed[found.placed as usize];
         let need = |block| Need { model: placed.model, block };
@@ -216,7 +222,43 @@ impl Direct<'_> {
         let own = || tree.colour(&found.tri).map_err(need);
         let material = self.material(found.placed, part, own)?;
         let leave = placed.extent() * LEAVE;
-        Ok(Surface { position: ray.origin + along, normal, material, leave, layer, t: meeting.t })
+        let (position, width) = (ray.origin + along, width_at(ray, meeting.t));
+        Ok(Surface { position, normal, material, leave, layer, next: meeting.t + leave, width })
+    }
+
+    /// A stand-in as a surface. What it casts begins above its cell: those beside it reach as high where the surface
+    /// goes on as it is.
+    fn stand_in(&self, ray: &Ray, found: &Found, look: &Look) -> Result<Surface, Need> {
+        let scene = self.view.scene;
+        let placed = &scene.placement.placed[found.placed as usize];
+        let model = self.view.model_of(found.placed);
+        let along = ray.dir.as_dvec3() * found.t;
+        let pixel = self.rays.pixel_width(found.t).max(f64::MIN_POSITIVE);
+        let layer = Layer {
+            depth: along.dot(self.rays.forward()) as f32,
+            normal: look.normal.into(),
+            part: model.parts().get(look.part as usize).map_or(NONE, |p| p.id),
+            prim: NONE,
+            instance: scene.instances[placed.instance as usize].id,
+            kind: if look.is_missing { HitKind::Missing } else { HitKind::Lod },
+            error: look.error,
+            error_px: (f64::from(look.error) / pixel) as f32,
+        };
+        let mut material = self.material(found.placed, look.part, || Ok(None))?;
+        let is_recoloured = self.recoloured(found.placed, look.part);
+        if !is_recoloured && (look.is_mixed || model.info().has_colours) {
+            material.colour = look.colour;
+        }
+        let leave = look.above + placed.extent() * LEAVE;
+        let (position, width) = (ray.origin + along, width_at(ray, found.t));
+        Ok(Surface { position, normal: look.normal, material, leave, layer, next: look.leave + placed.extent() * LEAVE, width })
+    }
+
+    /// Whether a part, or its instance, has a colour in place of its own.
+    fn recoloured(&self, placed: u32, part: u32) -> bool {
+        let p = &self.view.scene.placement.placed[placed as usize];
+        let instance = &self.view.scene.instances[p.instance as usize];
+        instance.state.colour.is_some() || instance.parts.shown.get(&part).is_some_and(|s| s.colour.is_some())
     }
 
     /// The part's material, under the states of part and instance; `own` is the triangle's own colour.
@@ -300,21 +342,40 @@ struct Aim {
 fn aim(light: &Light, surface: &Surface, to_eye: Vec3) -> Option<Aim> {
     let strength = Vec3::from(light.colour) * light.intensity;
     let from = surface.position + surface.normal.as_dvec3() * surface.leave;
+    let cone = Cone { a: surface.width, b: 0.0 };
     match light.kind {
         LightKind::Headlight => Some(Aim { to_light: to_eye, irradiance: strength, shadow: Ray::NONE }),
         LightKind::Directional(dir) => {
             let to_light = -dir.try_normalize()?.as_vec3();
-            Some(Aim { to_light, irradiance: strength, shadow: Ray::new(from, to_light) })
+            Some(Aim { to_light, irradiance: strength, shadow: Ray { cone, ..Ray::new(from, to_light) } })
         }
         LightKind::Point(point) => {
             let way = point - from;
             let distance = way.length();
             let to_light = way.try_normalize()?.as_vec3();
             let irradiance = strength * (1.0 / (distance * distance)).min(1e30) as f32;
-            let shadow = Ray { t_max: distance * (1.0 - 1e-6), ..Ray::new(from, to_light) };
+            let shadow = Ray { t_max: distance * (1.0 - 1e-6), cone, ..Ray::new(from, to_light) };
             Some(Aim { to_light, irradiance, shadow })
         }
     }
+}
+
+/// What a pixel's width is multiplied with. The area that a stand-in may cover is spread over an octave, 2^(u - 1/2)
+/// times `poe`, so that one level of detail fades into the next; u is the additive recurrence of the plastic number
+/// (Roberts 2018) over pixels and samples: even, without random numbers, at rest while the camera is.
+fn width_factor(poe: f32, x: u32, y: u32, sample: u32) -> f32 {
+    if poe == 0.0 {
+        return 0.0;
+    }
+    const PLASTIC: f64 = 1.324_717_957_244_746;
+    const GOLDEN: f64 = 1.618_033_988_749_895;
+    let u = (f64::from(x) / PLASTIC + f64::from(y) / (PLASTIC * PLASTIC) + f64::from(sample) / GOLDEN).fract();
+    (f64::from(poe) * (u - 0.5).exp2()).sqrt() as f32
+}
+
+/// A ray's width at distance `t`.
+fn width_at(ray: &Ray, t: f64) -> f32 {
+    ray.cone.a + ray.cone.b * t as f32
 }
 
 /// Where in the pixel a sample lies: the middle first, then the additive recurrence of the plastic number

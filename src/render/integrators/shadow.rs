@@ -3,6 +3,7 @@
 
 use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS};
 use crate::base::ids::BlockId;
+use crate::query::stand_in;
 use crate::math::Ray;
 use crate::scene::walk::{Found, Need, ScenePacket, Step, bits};
 use crate::structure::bvh::trace::PACKET;
@@ -44,8 +45,9 @@ impl Direct<'_> {
             active = self.met::<false>(rays, active, packet)?;
             for i in bits(active) {
                 let found = packet.best(i);
-                through[i] *= 1.0 - self.opacity(found)?;
-                rays[i].t_min = found.t + self.view.scene.placement.placed[found.placed as usize].extent() * LEAVE;
+                through[i] *= 1.0 - self.opacity(&rays[i], found)?;
+                let behind = stand_in::look(&self.view, &rays[i], found).map_or(found.t, |look| look.leave);
+                rays[i].t_min = behind + self.view.scene.placement.placed[found.placed as usize].extent() * LEAVE;
                 if through[i] < LEAST_TRANSMITTANCE {
                     through[i] = 0.0;
                     active &= !(1 << i);
@@ -70,7 +72,10 @@ impl Direct<'_> {
     }
 
     /// The opacity of what was met, under the states of part and instance.
-    fn opacity(&self, found: &Found) -> Result<f32, Need> {
+    fn opacity(&self, ray: &Ray, found: &Found) -> Result<f32, Need> {
+        if let Some(look) = stand_in::look(&self.view, ray, found) {
+            return self.material(found.placed, look.part, || Ok(None)).map(|material| material.opacity);
+        }
         let scene = self.view.scene;
         let placed = &scene.placement.placed[found.placed as usize];
         let missing = Need { model: placed.model, block: BlockId(found.tri.block) };
