@@ -8,6 +8,7 @@ use super::BuildOptions;
 use crate::base::error::Result;
 use crate::base::progress::{Cancel, Phase, Progress};
 use crate::import::UpAxis;
+use crate::lod::SAMPLE_BYTES;
 use crate::math::{Bounds, DBounds};
 use crate::store::{
     Drops, EncodedBlock, Header, InstanceRow, MaterialRow, Options, PartRow, TreeRow, Writer, sections,
@@ -224,6 +225,7 @@ impl Output<'_> {
                 spatial_splits: report.spatial_splits,
                 leaf_triangles: MAX_TRIANGLES as u32,
                 memory_budget: options.memory_budget,
+                sample_bytes: SAMPLE_BYTES as u32,
             },
             ..Header::default()
         };

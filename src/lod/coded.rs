@@ -18,6 +18,8 @@
 use super::voxel::{Sample, Voxel};
 use glam::{Vec2, Vec3};
 
+/// Bytes of a sample.
+pub const SAMPLE_BYTES: usize = 8;
 /// Words of a voxel in its block: a sample, the part, the summary.
 pub const VOXEL_WORDS: usize = 4;
 /// Words of six samples.

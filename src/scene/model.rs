@@ -6,6 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::{Cancel, Phase, Progress};
 use crate::base::units::UpAxis;
+use crate::lod::SAMPLE_BYTES;
 use crate::math::DBounds;
 use crate::residency::{ModelBlocks, Snapshot};
 use crate::store::header::STRUCTURE_BVH;
@@ -166,6 +167,10 @@ impl Model {
         let header = *file.header();
         if header.structure != STRUCTURE_BVH {
             let why = format!("its structure ({}) is not one of this version", header.structure);
+            return Err(Error::corrupt(file.name(), None, why));
+        }
+        if header.options.sample_bytes as usize != SAMPLE_BYTES {
+            let why = format!("samples of {} bytes are not those of this version", header.options.sample_bytes);
             return Err(Error::corrupt(file.name(), None, why));
         }
         let geometry = 0..header.geometry_blocks;

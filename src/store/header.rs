@@ -10,7 +10,7 @@ pub const MAGIC: [u8; 8] = *b"\x8fOCR\r\n\x1a\n";
 /// First bytes of the footer.
 pub const FOOTER_MAGIC: [u8; 8] = *b"\n\x1a\n\rRCO\x8f";
 /// Major and minor format version that is written, and the newest that is read.
-pub const VERSION: (u16, u16) = (0, 1);
+pub const VERSION: (u16, u16) = (0, 2);
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 256;
 /// Bytes of the footer.
@@ -28,7 +28,7 @@ pub const STRUCTURE_LAST: u32 = 4;
 pub const DEFAULT_BLOCK_SIZE: u32 = 64 << 10;
 
 const CHECKSUM_AT: usize = HEADER_LEN - 8;
-const RESERVED_AT: usize = 176;
+const RESERVED_AT: usize = 180;
 const FLAG_COLOURS: u32 = 1;
 const FLAG_SPLITS: u32 = 2;
 
@@ -52,6 +52,8 @@ pub struct Options {
     pub leaf_triangles: u32,
     /// Memory budget of the build in bytes (it decides on the chunks); 0 if there was none.
     pub memory_budget: u64,
+    /// Bytes of one sample of a stand-in; 0 if the structure has none.
+    pub sample_bytes: u32,
 }
 
 /// What is known of a model before anything else of it is read.
@@ -177,6 +179,7 @@ pub(super) fn encode(header: &Header, frame: &Frame) -> Vec<u8> {
     out.put_u32(header.geometry_blocks);
     out.put_u32(header.options.leaf_triangles);
     out.put_u64(header.options.memory_budget);
+    out.put_u32(header.options.sample_bytes);
     debug_assert_eq!(out.len(), RESERVED_AT);
     out.put_zeros_to(CHECKSUM_AT);
     out.put_u64(xxh3_64(&out));
@@ -225,6 +228,7 @@ fn decode_fields(r: &mut ByteReader) -> Result<Header, Malformed> {
         spatial_splits: flags & FLAG_SPLITS != 0,
         leaf_triangles: r.u32()?,
         memory_budget: r.u64()?,
+        sample_bytes: r.u32()?,
     };
     Ok(Header {
         structure,
@@ -283,7 +287,7 @@ mod tests {
             drops: Drops { non_finite: 1, degenerate: 2, out_of_range: 3 },
             geometry_blocks: 2,
             has_colours: true,
-            options: Options { spatial_splits: true, leaf_triangles: 8, memory_budget: 1 << 30 },
+            options: Options { spatial_splits: true, leaf_triangles: 8, memory_budget: 1 << 30, sample_bytes: 8 },
             ..Header::default()
         };
         (header, Frame { file_len: 1000, table_at: 500, table_checksum: 77, sections: 5, blocks: 6 })
@@ -299,9 +303,9 @@ mod tests {
     fn a_newer_format_says_so_whatever_else_changed() {
         let (header, frame) = sample();
         let mut bytes = encode(&header, &frame);
-        for (version, at) in [((0, 2), 10), ((1, 1), 8)] {
+        for (version, at) in [((0, 3), 10), ((1, 2), 8)] {
             let old = bytes[at];
-            bytes[at] = if at == 8 { 1 } else { 2 };
+            bytes[at] = if at == 8 { 1 } else { 3 };
             assert_eq!(decode(&bytes), Err(HeaderError::Newer(version)));
             assert_eq!(decode(&bytes[..12]), Err(HeaderError::Newer(version)));
             bytes[at] = old;
