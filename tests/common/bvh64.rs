@@ -5,6 +5,7 @@
 //! `tests/oracle.rs` holds it to brute force.
 
 use super::brute::{Oracle, Ray64, Tri};
+use super::rounding::point_distance;
 use glam::DVec3;
 
 const LEAF: usize = 4;
@@ -67,6 +68,28 @@ impl Bvh64 {
         self.build(first, first + mid, centroids);
         self.nodes[me].next = self.nodes.len() as u32;
         self.build(first + mid, end, centroids);
+    }
+
+    /// The distance of `p` to the nearest triangle, `most` if that is less.
+    pub fn distance(&self, p: DVec3, most: f64) -> f64 {
+        let to_box = |n: &Node| (p.clamp(n.min, n.max) - p).length();
+        let mut nearest = most;
+        let mut stack = vec![0u32];
+        while let Some(at) = stack.pop() {
+            let Some(node) = self.nodes.get(at as usize).filter(|n| to_box(n) < nearest) else { continue };
+            if node.count > 0 {
+                let leaf = &self.order[node.next as usize..(node.next + node.count) as usize];
+                nearest = leaf.iter().fold(nearest, |d, &i| d.min(point_distance(p, &self.tris[i as usize])));
+                continue;
+            }
+            // The nearer child is looked at first.
+            let mut pair = [at + 1, node.next];
+            if to_box(&self.nodes[pair[0] as usize]) < to_box(&self.nodes[pair[1] as usize]) {
+                pair.swap(0, 1);
+            }
+            stack.extend(pair);
+        }
+        nearest
     }
 
     /// Visits every triangle of leaves whose boxes, grown by `grow`, the line meets in `[t_lo, limit]`; nearer

@@ -122,7 +122,7 @@ fn abs<const N: usize, L: Lanes<N>>(v: L, zero: L) -> L {
 /// The test. `near` and `far`: planes as stored, rounded once, by the sign of the ray's direction.
 #[inline(always)]
 pub(super) fn meet<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], ray: &ConeRay<L>, zero: L, infinity: L) -> Met<L> {
-    let (mut enter, mut leave) = (zero - infinity, infinity);
+    let mut enter = zero - infinity;
     let (mut surely_in, mut surely_out) = (zero - infinity, infinity);
     let mut axis = 0;
     while axis < 3 {
@@ -130,17 +130,18 @@ pub(super) fn meet<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], ray: 
         let to = (far[axis] - ray.org[axis]) * ray.inv[axis];
         // In this order a NaN leaves things as they were.
         enter = from.max(enter);
-        leave = to.min(leave);
         surely_in = (from - ray.slack[axis]).max(surely_in);
         surely_out = (to + ray.slack[axis]).min(surely_out);
         axis += 1;
     }
-    let t = enter.min(leave).max(ray.t_min);
+    // Along an axis that the ray hardly moves on, numbers are beyond all use where it runs in the plane of a side: what
+    // is given way to bounds them.
+    let t = enter.min(surely_out).max(ray.t_min);
     let width = ray.a + ray.b * t;
     let meets = surely_in.le(surely_out).bits() & ray.t_min.le(surely_out).bits();
     let outside = meets & !surely_in.le(ray.t_min).bits();
     let small = outside & area(near, far, ray.dir, zero).le(width * width).bits();
-    Met { meets, outside, small, enter: t, leave: leave.max(t) }
+    Met { meets, outside, small, enter: t, leave: surely_out.max(t) }
 }
 
 /// What parts have to say about a cell that could stand in.

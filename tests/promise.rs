@@ -1,0 +1,208 @@
+//! The promise (design, section 6): within `error` of every hit lies some original surface, and before `t_free` lies
+//! none; a miss is a miss. Checked in double precision against the input's triangles in the world, over stand-ins and
+//! triangles, pixels of error, nested scaled instances, and rays that begin inside.
+
+mod common;
+
+use common::brute::{Oracle, Ray64, Tri};
+use common::built::{self, Built};
+use common::bvh64::Bvh64;
+use common::rays::{Ray32, RayKind, RayMaker};
+use common::rounding::{Rounding, Seen, shift};
+use common::scenes::{self, Soup};
+use glam::{DAffine3, DQuat, DVec3};
+use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::math::{Cone, Ray};
+use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
+use outcrop::scene::{Model, Scene, SceneState};
+use std::sync::Arc;
+
+/// Over five models and five settings a million.
+const RAYS: usize = 40_000;
+const POE: [f32; 5] = [0.5, 1.0, 3.0, 10.0, 32.0];
+/// `t_free` says nothing of surfaces met within 0.9 degrees of edge-on.
+const EDGE_ON: f64 = 1.0 / 64.0;
+
+/// What was seen.
+#[derive(Default)]
+struct Tally {
+    exact: u64,
+    lod: u64,
+    missing: u64,
+    misses: u64,
+    /// Stated over true error, of stand-ins.
+    slack: Vec<f64>,
+}
+
+/// The model placed twice, one placing turned and stretched; in it the mesh is repeated, small and squeezed.
+struct Nested {
+    built: Built,
+    tris: Vec<Tri>,
+}
+
+fn nested(soup: &Soup) -> Nested {
+    let size = soup.tris.iter().flatten().map(|v| v.abs().max_element()).fold(0.0, f64::max);
+    let at = DAffine3::from_scale_rotation_translation;
+    let own = [
+        DAffine3::IDENTITY,
+        at(DVec3::new(0.02, 0.05, 0.03), DQuat::from_rotation_y(0.7), DVec3::splat(size * 1.3)),
+        at(DVec3::splat(3.0), DQuat::from_rotation_x(2.0), DVec3::new(size * 5.0, 0.0, 0.0)),
+    ];
+    let built = built::build(|builder| {
+        builder.part(PartDesc { id: Some(1), ..Default::default() }).expect("a part");
+        builder.part(PartDesc { id: Some(2), ..Default::default() }).expect("a part");
+        let mesh = builder.shared_mesh(2).expect("a mesh");
+        let (low, high) = soup.tris.split_at(soup.tris.len() / 3);
+        builder.triangles(mesh, 0, low, None).expect("triangles");
+        builder.triangles(mesh, 1, high, None).expect("triangles");
+        own.iter().for_each(|m| builder.instance(mesh, *m, 0).expect("an instance"));
+    });
+    let through = |m: &DAffine3, t: &Tri| t.map(|v| m.transform_point3(v));
+    let in_model: Vec<Tri> = own.iter().flat_map(|m| soup.tris.iter().map(|t| through(m, t))).collect();
+    let tris = placings(size).iter().flat_map(|m| in_model.iter().map(|t| through(m, t))).collect();
+    Nested { built, tris }
+}
+
+fn placings(size: f64) -> [DAffine3; 2] {
+    let far = DVec3::new(-size * 9.0, size * 2.0, 0.0);
+    [DAffine3::IDENTITY, DAffine3::from_scale_rotation_translation(DVec3::new(2.0, 0.5, 1.0), DQuat::from_rotation_z(1.0), far)]
+}
+
+fn size_of(soup: &Soup) -> f64 {
+    soup.tris.iter().flatten().map(|v| v.abs().max_element()).fold(0.0, f64::max)
+}
+
+/// A pixel of a picture of some hundred rows, times the pixels of error; some rays have parallel sides.
+fn with_cone(ray: &Ray32, i: usize, poe: f32, size: f64) -> Ray {
+    let wide = ray.wide();
+    let length = wide.dir.length();
+    let (pixel, root) = (0.7 / 300.0, f64::from(poe).sqrt());
+    let cone = match i % 4 {
+        0 => Cone { a: (pixel * size * root) as f32, b: 0.0 },
+        1 => Cone { a: (pixel * 0.1 * size * root) as f32, b: (pixel * length * root) as f32 },
+        _ => Cone { a: 0.0, b: (pixel * length * root) as f32 },
+    };
+    Ray { t_min: wide.t_min, t_max: wide.t_max, cone, ..Ray::new(wide.org, ray.dir) }
+}
+
+fn is_plainly_met(ray: &Ray64, tri: &Tri) -> bool {
+    let normal = (tri[1] - tri[0]).cross(tri[2] - tri[0]).normalize_or_zero();
+    let cosine = normal.dot(ray.dir.normalize()).abs();
+    cosine > EDGE_ON && Seen::new(ray, tri).depth() > shift(ray, tri, Rounding::LOCALISED)
+}
+
+fn judge(oracle: &Bvh64, ray: &Ray, hit: &Hit, tally: &mut Tally) {
+    let wide = Ray64 { org: ray.origin, dir: ray.dir.as_dvec3(), t_min: ray.t_min, t_max: ray.t_max };
+    let free = if hit.kind == HitKind::Miss { ray.t_max } else { hit.t_free };
+    if free > ray.t_min {
+        let before = oracle.all(&wide, free.next_down());
+        // Nor of the surface that the ray starts on.
+        let start = if hit.kind == HitKind::Exact { hit.t - hit.t_free } else { 1e-5 * (1.0 + ray.origin.length()) };
+        let mut before = before.iter().filter(|q| q.t > ray.t_min + start);
+        let seen = before.find(|q| is_plainly_met(&wide, &oracle.tris()[q.prim as usize]));
+        assert_eq!(seen, None, "a surface before t_free: {ray:?}: {hit:?}");
+    }
+    match hit.kind {
+        HitKind::Miss => tally.misses += 1,
+        HitKind::Exact => tally.exact += 1,
+        HitKind::Lod => tally.lod += 1,
+        HitKind::Missing => tally.missing += 1,
+    }
+    if hit.kind == HitKind::Miss {
+        return;
+    }
+    assert!((ray.t_min..=ray.t_max).contains(&hit.t) && hit.t_free <= hit.t, "{ray:?}: {hit:?}");
+    assert!((hit.normal.length() - 1.0).abs() < 1e-4 && hit.normal.dot(ray.dir) <= 1e-4 * ray.dir.length(), "{hit:?}");
+    let stated = f64::from(hit.error);
+    let truth = oracle.distance(hit.position, stated * 1.5);
+    assert!(truth <= stated, "the surface is {truth} away, not {stated}: {ray:?}: {hit:?}");
+    if hit.kind != HitKind::Exact {
+        tally.slack.push(stated / truth.max(stated * 1e-6));
+    }
+}
+
+fn ask(state: &SceneState, rays: &[Ray], coherent: bool, policy: Policy) -> Vec<Hit> {
+    let mut hits = vec![Hit::MISS; rays.len()];
+    state.closest(rays, QueryOptions { coherent, want: Want::ALL, policy }, &mut hits).expect("hits");
+    hits
+}
+
+fn check_scene(name: &str, state: &Arc<SceneState>, oracle: &Bvh64, size: f64, count: usize) {
+    for (p, poe) in POE.into_iter().enumerate() {
+        let made = RayMaker::new(oracle.tris(), 70 + p as u64).batch(count);
+        // A direction that short asks for cones below single precision.
+        let made: Vec<_> = made.into_iter().filter(|r| r.kind != RayKind::Tiny).collect();
+        let rays: Vec<Ray> = made.iter().enumerate().map(|(i, r)| with_cone(r, i, poe, size)).collect();
+        let mut tally = Tally::default();
+        let hits = ask(state, &rays, false, Policy::Exact);
+        for (ray, hit) in rays.iter().zip(&hits) {
+            judge(oracle, ray, hit, &mut tally);
+        }
+        let together = ask(state, &rays, true, Policy::Exact);
+        let other = (0..hits.len()).find(|&i| hits[i] != together[i]);
+        assert_eq!(other.map(|i| (rays[i], hits[i], together[i])), None, "packets see otherwise");
+        for (ray, hit) in rays.iter().zip(&hits).step_by(7) {
+            assert_eq!(*hit, ask(state, &[*ray], false, Policy::Exact)[0], "alone the ray sees otherwise: {ray:?}");
+        }
+        tally.slack.sort_by(f64::total_cmp);
+        let median = tally.slack.get(tally.slack.len() / 2).copied().unwrap_or(0.0);
+        let Tally { exact, lod, missing, misses, .. } = tally;
+        println!("{name}, PoE {poe}: {exact} exact, {lod} lod, {missing} missing, {misses} misses; stated over true error: median {median:.1}");
+        assert_eq!(missing, 0);
+        assert!(lod > 0 || poe < 3.0, "{name}: nothing stands in");
+    }
+}
+
+fn check(soup: &Soup) {
+    let file = built::build(|builder| {
+        for p in 0..5 {
+            builder.part(PartDesc { id: Some(p), ..Default::default() }).expect("a part");
+        }
+        for (i, run) in soup.tris.chunks(64).enumerate() {
+            builder.triangles(MeshKey::DIRECT, (i % 5) as u32, run, None).expect("triangles");
+        }
+    });
+    let context = built::context(2);
+    let (scene, _) = built::scene(&context, &file);
+    check_scene(soup.name, &scene.state(), &Bvh64::new(soup.tris.clone()), size_of(soup), RAYS);
+}
+
+#[test]
+fn on_a_scan() {
+    check(&scenes::scan());
+}
+
+#[test]
+fn on_cad() {
+    check(&scenes::cad());
+}
+
+#[test]
+fn on_slivers() {
+    check(&scenes::slivers());
+}
+
+#[test]
+fn on_doubles() {
+    check(&scenes::doubles());
+}
+
+#[test]
+fn far_from_zero() {
+    check(&scenes::far_from_zero());
+}
+
+#[test]
+fn in_nested_scaled_instances() {
+    let soup = Soup { name: "nested", tris: scenes::bumpy_sphere(60, 90, 3) };
+    let size = size_of(&soup);
+    let Nested { built, tris } = nested(&soup);
+    let context = built::context(2);
+    let model = Model::open(&context, &built.path).expect("a model");
+    let scene = Scene::new(&context);
+    for (id, m) in placings(size).iter().enumerate() {
+        scene.add_instance(&model, id as u64, *m).expect("an instance");
+    }
+    scene.commit().expect("a commit");
+    check_scene(soup.name, &scene.state(), &Bvh64::new(tris), size, RAYS / 2);
+}
