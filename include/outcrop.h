@@ -191,7 +191,11 @@ typedef struct oc_context_desc {
      * OC_ALL_THREADS: one for each core. Ignored with an executor.
      */
     uint32_t threads;
-    /** Bytes that models may hold in memory. 0: three quarters of the machine's. */
+    /**
+     * Bytes that models may hold in memory, with tables and what reading takes; never exceeded. 0: three quarters of the
+     * machine's. A model may be larger: what is used is read, and what has not been used for longest goes. Buffers of
+     * frames and batches come on top.
+     */
     uint64_t memory_budget;
     /** The host's own threads, or NULL. The struct is copied; its `user` must outlive the context. */
     const struct oc_executor *executor;
@@ -1243,8 +1247,9 @@ oc_status oc_job_build_note(const struct oc_job *job,
                             const char **out_text);
 
 /**
- * Opens the model at `path`. OC_STATUS_OVER_BUDGET (see oc_last_error_need) if it does not fit the
- * context's memory budget.
+ * Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is used,
+ * or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET means that
+ * not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do.
  *
  * Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
  * does not.

@@ -122,16 +122,18 @@ fn opening_tells_how_far_it_is_and_counts_the_bytes_of_blocks() {
     });
     let model = Model::open_watched(&built::context(0), source, &progress, &Cancel::new()).expect("a model");
     let seen = seen.lock().expect("the list");
-    assert_eq!(seen.len(), model.info().geometry_blocks as usize);
+    // Neighbours are read together.
+    assert!((3..model.info().geometry_blocks as usize / 2).contains(&seen.len()), "{} reads", seen.len());
     assert!(seen[0] == 0.0 && seen.is_sorted() && seen.last().is_some_and(|&f| 0.2 < f && f < 1.0), "{seen:?}");
     assert_eq!(progress.phase(), Phase::Read);
     let file = ModelFile::open_path(&built.path).expect("the file");
-    let stored: u64 = file.directory()[..seen.len()].iter().map(|row| u64::from(row.stored_len)).sum();
+    let geometry = model.info().geometry_blocks as usize;
+    let stored: u64 = file.directory()[..geometry].iter().map(|row| u64::from(row.stored_len)).sum();
     assert_eq!(progress.bytes_read.load(SeqCst), stored);
 }
 
 #[test]
-fn a_cancel_ends_opening_between_two_blocks_and_gives_the_memory_back() {
+fn a_cancel_ends_opening_between_two_reads_and_gives_the_memory_back() {
     let built = sphere();
     for threads in [0, 2] {
         let context = built::context(threads);
@@ -139,7 +141,7 @@ fn a_cancel_ends_opening_between_two_blocks_and_gives_the_memory_back() {
         let (stop, count) = (cancel.clone(), Arc::clone(&reads));
         let source = watched(&built, move |n, _| {
             count.fetch_add(1, SeqCst);
-            if n == 3 {
+            if n == 1 {
                 stop.cancel();
             }
             Ok(())
@@ -147,7 +149,7 @@ fn a_cancel_ends_opening_between_two_blocks_and_gives_the_memory_back() {
         let opened = Model::open_watched(&context, source, &Progress::default(), &cancel);
         assert!(matches!(opened, Err(Error::Cancelled)));
         // The one that cancelled, those before, and one in flight for each other worker.
-        assert!(reads.load(SeqCst) <= 4 + threads, "{} reads", reads.load(SeqCst));
+        assert!(reads.load(SeqCst) <= 2 + threads, "{} reads", reads.load(SeqCst));
         assert_eq!(context.memory_used(), 0);
     }
 }
@@ -174,14 +176,14 @@ fn a_block_that_cannot_be_read_is_read_once_more() {
             ..Default::default()
         };
         let context = Context::new(options).expect("a context");
-        let source = watched(&built, move |n, buf| if (5..5 + times).contains(&n) { fault(buf) } else { Ok(()) });
+        let source = watched(&built, move |n, buf| if (1..1 + times).contains(&n) { fault(buf) } else { Ok(()) });
         let opened = Model::open_source(&context, source);
         let lines = lines.lock().expect("the log");
         let warnings: Vec<_> = lines.iter().filter(|(level, _)| *level == LogLevel::Warning).collect();
         assert!(warnings.len() == 1 && warnings[0].1.contains("watched"), "{lines:?}");
         match (opened, times) {
             (Ok(model), 1) => assert_eq!(model.blocks_read_again(), 1),
-            (Err(Error::Corrupt { block: Some(5), .. } | Error::Io { .. }), 2) => {}
+            (Err(Error::Corrupt { block: Some(1..), .. } | Error::Io { .. }), 2) => {}
             (opened, _) => panic!("{times} faults: {:?}", opened.map(|m| m.info().clone())),
         }
         drop(lines);

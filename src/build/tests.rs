@@ -5,7 +5,7 @@ use crate::base::ids::BlockId;
 use crate::base::progress::{Cancel, Progress};
 use crate::geom::watertight::{Shear, intersect_one};
 use crate::import::{MeshKey, PartDesc, Sink};
-use crate::residency::{Cache, ModelBlocks};
+use crate::residency::{ModelBlocks, Residency};
 use crate::simd::Isa;
 use crate::store::ModelFile;
 use crate::structure::bvh::trace::{
@@ -60,7 +60,7 @@ fn build(triangles: &[[Vec3; 3]], options: BuildOptions) -> (Opened, BuildReport
     let file = Arc::new(ModelFile::open_path(&path).expect("open"));
     let geometry_blocks = file.header().geometry_blocks;
     let decoder = Box::new(BvhDecoder::new(geometry_blocks, file.trees()));
-    let blocks = ModelBlocks::new(file, decoder, Arc::new(Cache::new(1 << 30)));
+    let blocks = ModelBlocks::new(file, decoder, &Residency::with_budget(1 << 30)).expect("a budget");
     (Opened { blocks, _folder: folder }, report, bytes)
 }
 
@@ -229,8 +229,9 @@ fn a_missing_block_is_an_outcome_and_the_walk_goes_on_where_it_stopped() {
         let fresh = ModelBlocks::new(
             opened.blocks.file().clone(),
             Box::new(BvhDecoder::new(opened.blocks.file().header().geometry_blocks, opened.blocks.file().trees())),
-            Arc::new(Cache::new(1 << 30)),
-        );
+            &Residency::with_budget(1 << 30),
+        )
+        .expect("a budget");
         let mut snapshot = fresh.snapshot();
         walk.begin(&view(&opened, &snapshot, Isa::best()), &ray);
         while let Outcome::Pending(block) = view(&opened, &snapshot, Isa::best()).closest(None, &mut walk) {

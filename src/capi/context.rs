@@ -86,7 +86,9 @@ pub struct oc_context_desc {
     /// Threads that trace. 0: none; then the caller drives, by oc_context_step or by waiting.
     /// OC_ALL_THREADS: one for each core. Ignored with an executor.
     pub threads: u32,
-    /// Bytes that models may hold in memory. 0: three quarters of the machine's.
+    /// Bytes that models may hold in memory, with tables and what reading takes; never exceeded. 0: three quarters of the
+    /// machine's. A model may be larger: what is used is read, and what has not been used for longest goes. Buffers of
+    /// frames and batches come on top.
     pub memory_budget: u64,
     /// The host's own threads, or NULL. The struct is copied; its `user` must outlive the context.
     pub executor: *const oc_executor,
@@ -295,6 +297,7 @@ pub unsafe extern "C" fn oc_context_create(
             memory_budget: desc.memory_budget,
             log,
             isa,
+            ..all
         })?;
         let (isa, threads) = (context.isa().name(), context.concurrency());
         let version = env!("CARGO_PKG_VERSION");

@@ -136,8 +136,9 @@ impl Drop for HostSource {
     }
 }
 
-/// Opens the model at `path`. OC_STATUS_OVER_BUDGET (see oc_last_error_need) if it does not fit the
-/// context's memory budget.
+/// Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is used,
+/// or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET means that
+/// not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do.
 ///
 /// Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
 /// does not.

@@ -1,10 +1,11 @@
 //! The rays that a worker answers at a time, and those of them that must wait for blocks.
 
 use super::batch::{Hits, Policy, Rays};
+use super::asks::Asks;
 use super::finish::{Last, finish};
 use super::hit::{Hit, HitKind, Want};
 use crate::math::Ray;
-use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step, bits};
+use crate::scene::walk::{Found, ScenePacket, SceneStream, SceneView, SceneWalk, Step, bits};
 use crate::structure::bvh::trace::{PACKET, PacketWalk, STREAM, first_rays};
 use std::ops::Range;
 
@@ -36,9 +37,8 @@ pub(super) struct Chunk {
     want: Want,
     /// Rays without an answer yet.
     unfinished: Vec<u32>,
-    /// Groups that must wait, and for which blocks.
+    /// Groups that must wait.
     pub parked: Vec<Group>,
-    pub needs: Vec<Need>,
 }
 
 impl Default for Chunk {
@@ -54,7 +54,6 @@ impl Default for Chunk {
             want: Want::NOTHING,
             unfinished: Vec::new(),
             parked: Vec::new(),
-            needs: Vec::new(),
         }
     }
 }
@@ -125,7 +124,7 @@ impl Chunk {
 
     /// Writes the answers of a group, or parks it. `met`: rays that hit something; more may be among the unfinished.
     fn answer(&mut self, view: &SceneView, task: Task, group: Range<usize>, mut met: u32, hits: &impl Hits) {
-        let mut alone = Vec::new();
+        let mut waiting = Vec::new();
         let mut lacking = 0;
         for &i in self.unfinished.iter().filter(|&&i| group.contains(&(i as usize))) {
             let i = i as usize;
@@ -135,8 +134,7 @@ impl Chunk {
             walk.begin(view, &self.rays[i]);
             match trace(view, task, &self.rays[i], &mut walk) {
                 Step::Pending(need) if task.policy == Policy::Exact => {
-                    self.needs.push(need);
-                    alone.push((i - group.start, walk));
+                    waiting.push(Waiting { ray: i - group.start, walk: Some(walk), asks: Asks::of(need) });
                 }
                 step => {
                     self.found[i] = walk.best();
@@ -147,12 +145,11 @@ impl Chunk {
         }
         let (first, count) = (self.firsts[group.start / PACKET], group.len());
         let (rays, found) = (&self.rays[group.clone()], &self.found[group]);
-        if alone.is_empty() && finish_group(view, task, rays, found, [met, lacking], &mut self.hits, &mut self.needs) {
+        finish_group(view, task, rays, found, [met, lacking], &mut self.hits, &mut waiting);
+        if waiting.is_empty() {
             return hits.write(first, &self.hits[..count]);
         }
-        let mut group = Group::new(first, rays, found, met);
-        group.alone = alone;
-        self.parked.push(group);
+        self.parked.push(Group::new(first, rays, found, &self.hits, waiting));
     }
 }
 
@@ -177,8 +174,8 @@ fn hits_of(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.is_hit()) << i)
 }
 
-/// Works out the hits of a group of rays; false if a block is missing. Rays of `met` hit what was found; rays of `lacking`
-/// were answered without a block that they needed.
+/// Works out the hits of a group of rays; those that lack a block for that go to `waiting`. Rays of `met` hit what was
+/// found; rays of `lacking` were answered without a block that they needed.
 fn finish_group(
     view: &SceneView,
     task: Task,
@@ -186,9 +183,8 @@ fn finish_group(
     found: &[Found],
     [met, lacking]: [u32; 2],
     hits: &mut [Hit; PACKET],
-    needs: &mut Vec<Need>,
-) -> bool {
-    let before = needs.len();
+    waiting: &mut Vec<Waiting>,
+) {
     for i in bits(!met & first_rays(rays.len())) {
         // The least that undoes the hit before: what is never asked for is never written.
         if hits[i].kind != HitKind::Miss {
@@ -199,37 +195,44 @@ fn finish_group(
     for i in bits(met & first_rays(rays.len())) {
         match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
             (Ok(()), _) => {}
-            (Err(need), Policy::Exact) => needs.push(need),
+            (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, walk: None, asks: Asks::of(need) }),
             _ => hits[i].kind = HitKind::Missing,
         }
     }
     for i in bits(lacking) {
         hits[i].kind = HitKind::Missing;
     }
-    needs.len() == before
 }
 
-/// Up to a packet's rays that wait for blocks, with what it takes to take them up again.
+/// A ray that waits for blocks.
+struct Waiting {
+    /// Its place in the group.
+    ray: usize,
+    /// Where it was put down; `None` if it has ended, and only its hit is to be worked out.
+    walk: Option<SceneWalk>,
+    asks: Asks,
+}
+
+/// Up to a packet's rays of which some wait for blocks, with what it takes to take them up again.
 pub(super) struct Group {
     first: usize,
     count: usize,
     rays: [Ray; PACKET],
     found: [Found; PACKET],
-    /// Rays that hit what was found.
-    met: u32,
-    /// Rays that were put down alone, each with its walk. All others have ended.
-    alone: Vec<(usize, SceneWalk)>,
+    /// Those of the rays that do not wait are final.
+    hits: [Hit; PACKET],
+    waiting: Vec<Waiting>,
 }
 
 impl Group {
-    fn new(first: usize, rays: &[Ray], found: &[Found], met: u32) -> Self {
+    fn new(first: usize, rays: &[Ray], found: &[Found], hits: &[Hit; PACKET], waiting: Vec<Waiting>) -> Self {
         let mut group = Self {
             first,
             count: rays.len(),
             rays: [Ray::NONE; PACKET],
             found: [Found::nothing(0.0); PACKET],
-            met,
-            alone: Vec::new(),
+            hits: *hits,
+            waiting,
         };
         group.rays[..rays.len()].copy_from_slice(rays);
         group.found[..found.len()].copy_from_slice(found);
@@ -246,28 +249,38 @@ impl Group {
         self.count
     }
 
-    /// Goes on; the answers, or `None` if blocks are missing still.
-    pub fn resume<'a>(
-        &mut self,
-        view: &SceneView,
-        task: Task,
-        hits: &'a mut [Hit; PACKET],
-        needs: &mut Vec<Need>,
-    ) -> Option<&'a [Hit]> {
-        let Self { alone, rays, found, count, met, .. } = self;
-        alone.retain_mut(|(i, walk)| match trace(view, task, &rays[*i], walk) {
-            Step::Pending(need) => {
-                needs.push(need);
+    /// What each of its rays waits for.
+    pub fn asks(&self) -> impl Iterator<Item = &Asks> {
+        self.waiting.iter().map(|waiting| &waiting.asks)
+    }
+
+    /// Takes up those of its rays whose blocks are there; the answers, or `None` if blocks are missing still.
+    pub fn resume(&mut self, view: &SceneView, task: Task) -> Option<&[Hit]> {
+        let Self { waiting, rays, found, hits, .. } = self;
+        let mut last = Last::new();
+        waiting.retain_mut(|it| {
+            if !it.asks.are_in(view.snapshots) {
+                return true;
+            }
+            let i = it.ray;
+            if let Some(walk) = &mut it.walk {
+                if let Step::Pending(need) = trace(view, task, &rays[i], walk) {
+                    it.asks.push(need);
+                    return true;
+                }
+                (found[i], it.walk) = (walk.best(), None);
+            }
+            hits[i] = Hit::MISS;
+            let lacks = if found[i].is_hit() {
+                finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]).err()
+            } else {
+                None
+            };
+            lacks.is_some_and(|need| {
+                it.asks.push(need);
                 true
-            }
-            Step::Done => {
-                found[*i] = walk.best();
-                *met |= u32::from(found[*i].is_hit()) << *i;
-                false
-            }
+            })
         });
-        let (rays, found) = (&rays[..*count], &found[..*count]);
-        let done = alone.is_empty() && finish_group(view, task, rays, found, [*met, 0], hits, needs);
-        done.then(|| &hits[..*count])
+        self.waiting.is_empty().then_some(&self.hits[..self.count])
     }
 }

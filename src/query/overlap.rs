@@ -7,7 +7,7 @@ use crate::base::tasks::{Ending, Work};
 use crate::math::{Bounds, DBounds};
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
-use crate::scene::walk::{Need, SceneView, Snapshots, fetch};
+use crate::scene::walk::{Hold, Need, SceneView, Snapshots, fetch, take_holding};
 use crate::structure::bvh::trace::Triangle;
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -199,6 +199,7 @@ type Search<'a, T> = &'a (dyn Fn(&SceneView, u32) -> Lacking<T> + Sync);
 fn sweep<T: Send>(scene: &SceneState, trees: &[u32], search: Search<T>) -> Result<Vec<T>> {
     let inner = SweepState {
         snapshots: Arc::new(Snapshots::take(scene)),
+        hold: Hold::default(),
         todo: (0..trees.len()).collect(),
         again: Vec::new(),
         needs: Vec::new(),
@@ -223,6 +224,7 @@ struct Sweep<'a, T> {
 
 struct SweepState<T> {
     snapshots: Arc<Snapshots>,
+    hold: Hold,
     /// Indices of the present round.
     todo: Vec<usize>,
     /// Those that lacked a block.
@@ -263,9 +265,15 @@ impl<T: Send> Work for Sweep<'_, T> {
         if needs.is_empty() {
             return Ok(0);
         }
-        fetch(self.scene, needs)?;
+        let mut hold = {
+            let mut state = self.state();
+            state.snapshots = Arc::new(Snapshots::none());
+            std::mem::take(&mut state.hold)
+        };
+        fetch(self.scene, needs, &mut hold)?;
         let mut state = self.state();
-        state.snapshots = Arc::new(Snapshots::take(self.scene));
+        state.snapshots = Arc::new(take_holding(self.scene, &hold)?);
+        state.hold = hold;
         state.todo = std::mem::take(&mut state.again);
         Ok(state.todo.len())
     }

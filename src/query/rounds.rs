@@ -1,13 +1,20 @@
-//! Batches as jobs in rounds: rays that meet a missing block are parked with their walks, the blocks
-//! fetched, the rays resumed. The answer does not depend on what was in memory.
+//! Batches as jobs in rounds: rays that meet a missing block are parked with their walks, blocks are fetched, the most
+//! wanted first, up to what there is room for, and the rays that have theirs resumed. The answer does not depend on
+//! what was in memory.
+//!
+//! Each round makes progress: what at least one ray waits for is fetched beside what views use, or where they leave no
+//! room, into the reserve, under a lease. Where all is in memory there is one round, and no lease.
 
+use super::asks::plan;
 use super::batch::{Hits, Policy, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
-use super::hit::{Hit, Want};
-use crate::base::error::Result;
+use super::hit::Want;
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use crate::base::progress::Cancel;
 use crate::base::tasks::{Ending, Work};
 use crate::scene::SceneState;
-use crate::scene::walk::{Need, SceneView, Snapshots, fetch};
+use crate::scene::walk::{Hold, Need, SceneView, Snapshots};
 use crate::structure::bvh::trace::PACKET;
 use std::borrow::Borrow;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -74,13 +81,39 @@ pub(super) struct Batch<S, R, H, const ANY: bool> {
 
 struct Rounds {
     snapshots: Arc<Snapshots>,
-    /// Of the present round: groups to resume; empty in the first, where items are chunks of rays.
-    resuming: Vec<Option<Group>>,
+    /// Of the present round; in the first, items are chunks of rays.
+    items: Vec<Option<Item>>,
     first: bool,
-    /// For the next round.
+    /// Blocks are being read: then what has them is to be resumed.
+    fetching: bool,
+    /// What was read for the round to come.
+    hold: Hold,
+    /// For later rounds.
     parked: Vec<Group>,
-    needs: Vec<Need>,
+    /// Chunks that were not begun because too many groups were parked.
+    deferred: Vec<usize>,
 }
+
+/// A piece of work of a round after the first.
+enum Item {
+    /// Rays to be begun.
+    Chunk(usize),
+    /// Blocks of a model to be read, where there is room beside what views use.
+    Fetch(u32, Vec<BlockId>),
+    /// Rays to be gone on with.
+    Resume(Group),
+    /// A round under a lease.
+    Lease,
+}
+
+/// Groups parked at most before chunks that have not begun must wait: some tens of kilobytes each, at worst.
+const MOST_PARKED: usize = 1024;
+
+/// Of the budget, how much a round brings at most: one part in so many. Others hold blocks too.
+const ROUND_SHARE: u64 = 4;
+
+/// Blocks that a worker brings at a time.
+const FETCH: usize = 16;
 
 impl<S, R, H, const ANY: bool> Batch<S, R, H, ANY>
 where
@@ -92,10 +125,12 @@ where
     pub fn new(scene: S, rays: R, hits: H, options: QueryOptions) -> Self {
         let rounds = Rounds {
             snapshots: Arc::new(Snapshots::take(scene.borrow())),
-            resuming: Vec::new(),
+            items: Vec::new(),
             first: true,
+            fetching: false,
+            hold: Hold::default(),
             parked: Vec::new(),
-            needs: Vec::new(),
+            deferred: Vec::new(),
         };
         let count = rays.count();
         Self { scene, rays, hits, options, count, shared: Arc::default(), rounds: Mutex::new(rounds) }
@@ -126,34 +161,147 @@ where
     }
 
     /// A chunk of rays not yet begun.
-    fn run_chunk(&self, item: usize, view: &SceneView, chunk: &mut Chunk) {
+    fn run_chunk(&self, item: usize) {
+        let scene = self.scene.borrow();
+        let snapshots = {
+            let mut rounds = self.rounds();
+            if rounds.parked.len() >= MOST_PARKED {
+                return rounds.deferred.push(item);
+            }
+            if rounds.first && rounds.snapshots.is_current(scene) {
+                Arc::clone(&rounds.snapshots)
+            } else {
+                // What has gone meanwhile is not to be held by the rest of a long batch.
+                let now = Arc::new(Snapshots::take(scene));
+                if rounds.first {
+                    rounds.snapshots = Arc::clone(&now);
+                }
+                now
+            }
+        };
+        let view = SceneView { scene, snapshots: &snapshots, never_waits: self.options.policy == Policy::Now };
+        let mut chunk = scene.context().take_scratch::<Chunk>();
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
-        chunk.run(view, self.task(), first, count, &self.rays, &self.hits);
+        chunk.run(&view, self.task(), first, count, &self.rays, &self.hits);
         let parked: usize = chunk.parked.iter().map(|group| group.count()).sum();
         self.shared.answered.fetch_add((count - parked) as u64, Relaxed);
         if parked > 0 {
-            let mut rounds = self.rounds();
-            rounds.needs.append(&mut chunk.needs);
-            rounds.parked.append(&mut chunk.parked);
+            self.rounds().parked.append(&mut chunk.parked);
         }
+        scene.context().give_scratch(chunk);
     }
 
     /// Takes a parked group as far as it comes.
-    fn resume(&self, view: &SceneView, mut group: Group) {
-        let mut needs = Vec::new();
-        let mut hits = [Hit::MISS; PACKET];
-        match group.resume(view, self.task(), &mut hits, &mut needs) {
+    fn resume(&self, snapshots: &Snapshots, mut group: Group) {
+        let view = SceneView { scene: self.scene.borrow(), snapshots, never_waits: false };
+        let (first, count) = (group.first(), group.count());
+        match group.resume(&view, self.task()) {
             Some(hits) => {
-                self.hits.write(group.first(), hits);
-                self.shared.answered.fetch_add(group.count() as u64, Relaxed);
+                self.hits.write(first, hits);
+                self.shared.answered.fetch_add(count as u64, Relaxed);
             }
-            None => {
-                let mut rounds = self.rounds();
-                rounds.needs.append(&mut needs);
-                rounds.parked.push(group);
-            }
+            None => self.rounds().parked.push(group),
         }
+    }
+
+    /// The blocks to bring, most wanted first, up to `room` bytes.
+    fn plan(&self, rounds: &Rounds, room: u64) -> Vec<Need> {
+        let models = &self.scene.borrow().models;
+        let bytes = |need: Need| models[need.model as usize].blocks().slot_bytes(need.block);
+        plan(rounds.parked.iter().flat_map(Group::asks), room, bytes)
+    }
+
+    /// The parked groups that can go on with what is in `snapshots`.
+    fn take_ready(rounds: &mut Rounds, snapshots: &Snapshots) -> Vec<Group> {
+        let (ready, rest) =
+            std::mem::take(&mut rounds.parked).into_iter().partition(|group| group.asks().any(|a| a.are_in(snapshots)));
+        rounds.parked = rest;
+        ready
+    }
+
+    /// Brings blocks, as far as there is room.
+    fn fetch(&self, model: u32, blocks: &[BlockId]) -> Result<()> {
+        let held = self.scene.borrow().models[model as usize].blocks().bring(blocks, &Cancel::new())?;
+        self.rounds().hold.add(model, held);
+        Ok(())
+    }
+
+    /// A round with blocks of the reserve. Whoever holds the lease waits for nobody who may wait for it: what others of
+    /// the pool take on of this round, they finish.
+    fn run_leased(&self) -> Result<()> {
+        let scene = self.scene.borrow();
+        let mut lease = scene.context().residency().lease();
+        let needs = self.plan(&self.rounds(), lease.room());
+        for same_model in needs.chunk_by(|a, b| a.model == b.model) {
+            let blocks: Vec<BlockId> = same_model.iter().map(|need| need.block).collect();
+            lease.fetch(scene.models[same_model[0].model as usize].blocks(), &blocks, &Cancel::new())?;
+        }
+        let snapshots = Snapshots::leased(scene, &lease)?;
+        let groups = Self::take_ready(&mut self.rounds(), &snapshots);
+        let groups = groups.into_iter().map(|group| Mutex::new(Some(group))).collect();
+        let resuming = Resuming { batch: self, groups, snapshots };
+        match scene.context().pool().run_scoped(resuming.groups.len(), &resuming) {
+            Ending::Finished => Ok(()),
+            Ending::Cancelled => Err(Error::Cancelled),
+            Ending::Failed(error) => Err(Error::clone(&error)),
+        }
+    }
+
+    /// After rays went as far as they came: what they wait for is to be read, or rays are to be begun.
+    fn next_fetch(&self) -> usize {
+        let mut rounds = self.rounds();
+        // What this round held may go.
+        (rounds.snapshots, rounds.hold) = (Arc::new(Snapshots::none()), Hold::default());
+        if rounds.parked.is_empty() {
+            return self.next_resume(&mut rounds, Snapshots::take(self.scene.borrow()));
+        }
+        let room = self.scene.borrow().context().memory_budget() / ROUND_SHARE;
+        let needs = self.plan(&rounds, room);
+        let same_model = needs.chunk_by(|a, b| a.model == b.model);
+        let items = same_model.flat_map(|needs| {
+            let blocks = |needs: &[Need]| needs.iter().map(|need| need.block).collect();
+            needs.chunks(FETCH).map(move |few| Some(Item::Fetch(few[0].model, blocks(few))))
+        });
+        rounds.items = items.collect();
+        rounds.fetching = true;
+        rounds.items.len()
+    }
+
+    /// A round of what can go on, and of chunks not begun while few groups are parked.
+    fn next_resume(&self, rounds: &mut Rounds, snapshots: Snapshots) -> usize {
+        let mut items: Vec<_> = Self::take_ready(rounds, &snapshots).into_iter().map(|g| Some(Item::Resume(g))).collect();
+        if items.is_empty() && !rounds.parked.is_empty() {
+            items.push(Some(Item::Lease));
+        } else {
+            let more = (MOST_PARKED.saturating_sub(rounds.parked.len() + items.len())).div_ceil(CHUNK / PACKET);
+            let from = rounds.deferred.len() - more.min(rounds.deferred.len());
+            items.extend(rounds.deferred.drain(from..).map(|chunk| Some(Item::Chunk(chunk))));
+        }
+        (rounds.items, rounds.snapshots, rounds.fetching) = (items, Arc::new(snapshots), false);
+        rounds.items.len()
+    }
+}
+
+/// Groups gone on with under a lease.
+struct Resuming<'a, S, R, H, const ANY: bool> {
+    batch: &'a Batch<S, R, H, ANY>,
+    groups: Vec<Mutex<Option<Group>>>,
+    snapshots: Snapshots,
+}
+
+impl<S, R, H, const ANY: bool> Work for Resuming<'_, S, R, H, ANY>
+where
+    S: Borrow<SceneState> + Send + Sync,
+    R: Rays + Send + Sync,
+    H: Hits + Send + Sync,
+{
+    fn run(&self, item: usize) -> Result<()> {
+        let group = self.groups[item].lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(group) = group {
+            self.batch.resume(&self.snapshots, group);
+        }
+        Ok(())
     }
 }
 
@@ -164,34 +312,45 @@ where
     H: Hits + Send + Sync,
 {
     fn run(&self, item: usize) -> Result<()> {
-        let (first, resumed, snapshots) = {
+        let (todo, snapshots) = {
             let mut rounds = self.rounds();
-            let resumed = rounds.resuming.get_mut(item).and_then(Option::take);
-            (rounds.first, resumed, Arc::clone(&rounds.snapshots))
+            if rounds.first {
+                drop(rounds);
+                self.run_chunk(item);
+                return Ok(());
+            }
+            (rounds.items.get_mut(item).and_then(Option::take), Arc::clone(&rounds.snapshots))
         };
-        let scene = self.scene.borrow();
-        let view = SceneView { scene, snapshots: &snapshots, never_waits: self.options.policy == Policy::Now };
-        if first {
-            let mut chunk = scene.context().take_scratch::<Chunk>();
-            self.run_chunk(item, &view, &mut chunk);
-            scene.context().give_scratch(chunk);
-        } else if let Some(group) = resumed {
-            self.resume(&view, group);
+        match todo {
+            Some(Item::Chunk(chunk)) => {
+                drop(snapshots);
+                self.run_chunk(chunk);
+            }
+            Some(Item::Resume(group)) => self.resume(&snapshots, group),
+            Some(Item::Fetch(model, blocks)) => self.fetch(model, &blocks)?,
+            Some(Item::Lease) => {
+                self.rounds().snapshots = Arc::new(Snapshots::none());
+                drop(snapshots);
+                self.run_leased()?;
+            }
+            None => {}
         }
         Ok(())
     }
 
     fn round_done(&self) -> Result<usize> {
-        let needs = std::mem::take(&mut self.rounds().needs);
-        if needs.is_empty() {
-            return Ok(0);
-        }
-        fetch(self.scene.borrow(), needs)?;
-        let mut rounds = self.rounds();
-        rounds.snapshots = Arc::new(Snapshots::take(self.scene.borrow()));
-        rounds.first = false;
-        rounds.resuming = std::mem::take(&mut rounds.parked).into_iter().map(Some).collect();
-        Ok(rounds.resuming.len())
+        let hold = {
+            let mut rounds = self.rounds();
+            rounds.first = false;
+            if rounds.parked.is_empty() && rounds.deferred.is_empty() {
+                return Ok(0);
+            }
+            rounds.fetching.then(|| std::mem::take(&mut rounds.hold))
+        };
+        let Some(hold) = hold else { return Ok(self.next_fetch()) };
+        // Without memory for the tables it takes a lease.
+        let snapshots = Snapshots::holding(self.scene.borrow(), &hold).unwrap_or(Snapshots::none());
+        Ok(self.next_resume(&mut self.rounds(), snapshots))
     }
 
     fn ended(&self, ending: &Ending) {

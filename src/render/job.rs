@@ -10,7 +10,7 @@ use crate::base::tasks::{Ending, Work};
 use crate::math::srgb::Srgb;
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
-use crate::scene::walk::{Need, SceneView, Snapshots, fetch};
+use crate::scene::walk::{Hold, Need, SceneView, Snapshots, fetch, take_holding};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Instant;
@@ -41,6 +41,7 @@ pub(super) struct Request {
 
 struct Rounds {
     snapshots: Arc<Snapshots>,
+    hold: Hold,
     /// Of the present round.
     tiles: Arc<Vec<(u32, u32)>>,
     /// To be rendered again.
@@ -74,6 +75,7 @@ impl Request {
         let tiles = tiles_from_the_middle(film.width, film.height);
         let rounds = Rounds {
             snapshots: Arc::new(Snapshots::take(&scene)),
+            hold: Hold::default(),
             tiles: Arc::new(tiles),
             again: Vec::new(),
             needs: Vec::new(),
@@ -183,11 +185,17 @@ impl Work for Request {
         }
         needs.sort_unstable();
         needs.dedup();
-        self.rounds().wanted = self.bytes_of(&needs);
-        fetch(&self.scene, needs)?;
+        let mut hold = {
+            let mut rounds = self.rounds();
+            rounds.wanted = self.bytes_of(&needs);
+            rounds.snapshots = Arc::new(Snapshots::none());
+            std::mem::take(&mut rounds.hold)
+        };
+        fetch(&self.scene, needs, &mut hold)?;
         let mut rounds = self.rounds();
         rounds.wanted = 0;
-        rounds.snapshots = Arc::new(Snapshots::take(&self.scene));
+        rounds.snapshots = Arc::new(take_holding(&self.scene, &hold)?);
+        rounds.hold = hold;
         rounds.tiles = Arc::new(std::mem::take(&mut rounds.again));
         Ok(rounds.tiles.len())
     }

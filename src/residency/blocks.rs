@@ -1,154 +1,230 @@
-//! The blocks of one opened model: read, checked, decoded once, published in snapshots.
+//! The blocks of one opened model, and which of them are in memory.
 
-use super::cache::Cache;
+use super::account::Charge;
+use super::bring::Held;
 use super::claims::Claims;
-use super::slots::Slot;
+use super::core::{Residency, Shared};
+use super::links::Links;
 use super::snapshot::Snapshot;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
-use crate::base::progress::Cancel;
 use crate::store::ModelFile;
 use arc_swap::ArcSwap;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 
-/// Turns a block's file form into its trace form.
+/// What residency has to know of a structure's blocks.
 pub trait Decoder: Send + Sync {
     /// The trace form of block `id`, checked so that a walk can trust it; or what is wrong with it.
     fn decode(&self, id: BlockId, payload: &[u8]) -> std::result::Result<Vec<u32>, String>;
+
+    /// Calls `refer` with each reference of a decoded block to another: the block, and the number in it of what is meant.
+    /// Returns how many such numbers the block itself has. No reference leads to where nothing is: that is checked
+    /// between each two blocks that are ever in memory.
+    fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(BlockId, u32)) -> u32 {
+        let _ = (id, words, refer);
+        u32::MAX
+    }
+
+    /// Whether other blocks hang below this one: such are kept longest.
+    fn is_coarse(&self, id: BlockId) -> bool {
+        let _ = id;
+        false
+    }
+
+    /// Whether the block is read ahead of being asked for, where there is room.
+    fn is_promoted(&self, id: BlockId) -> bool {
+        let _ = id;
+        true
+    }
 }
 
-/// The blocks of an opened model. Thread-safe.
+/// Names a model in its context.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ModelKey(pub(super) u32);
+
+/// The blocks of an opened model. Thread-safe. Dropping it gives its memory back, as soon as nobody holds a snapshot.
 pub struct ModelBlocks {
-    file: Arc<ModelFile>,
-    decoder: Box<dyn Decoder>,
-    cache: Arc<Cache>,
-    published: ArcSwap<Snapshot>,
-    /// Blocks being read now, so that none is decoded twice.
-    claims: Claims,
-    report: Option<Report>,
-    read_again: AtomicU64,
+    pub(super) inner: Arc<Inner>,
 }
 
 /// Told why a block is read again.
 type Report = Box<dyn Fn(&Error) + Send + Sync>;
 
-/// Blocks decoded before they are published together.
-const BATCH: usize = 64;
+pub(super) struct Inner {
+    pub key: ModelKey,
+    pub file: Arc<ModelFile>,
+    pub decoder: Box<dyn Decoder>,
+    pub residency: Arc<Shared>,
+    pub published: ArcSwap<Snapshot>,
+    /// Blocks being read now, so that none is decoded twice.
+    pub claims: Claims,
+    pub links: Links,
+    pub report: Report,
+    pub read_again: AtomicU64,
+    /// Blocks that could not be read or decoded, twice: not to be wanted again.
+    failed: Box<[AtomicBool]>,
+    /// Blocks that stay.
+    pinned: Box<[AtomicBool]>,
+    /// Bytes of all tables, when all is in memory.
+    pub table_bytes: u64,
+    /// Bytes of blocks that stay.
+    pub root_bytes: u64,
+    /// Set once opened: its blocks may be read ahead.
+    pub may_promote: AtomicBool,
+    _tables: Charge,
+}
 
 impl ModelBlocks {
-    /// Of `file`, with nothing in memory.
-    pub fn new(file: Arc<ModelFile>, decoder: Box<dyn Decoder>, cache: Arc<Cache>) -> Self {
-        let published = ArcSwap::from_pointee(Snapshot::empty(file.block_count()));
-        let (claims, read_again) = (Claims::default(), AtomicU64::new(0));
-        Self { file, decoder, cache, published, claims, report: None, read_again }
+    /// Of `file`, with nothing in memory. `roots` stay in memory once they are there.
+    ///
+    /// Fails with `OverBudget` if the budget does not hold the tables, `roots`, the lease of exact jobs and what reading
+    /// needs, beside what must stay of the other models: it names the least that would do.
+    pub fn open(
+        residency: &Residency,
+        file: Arc<ModelFile>,
+        decoder: Box<dyn Decoder>,
+        roots: &[BlockId],
+        report: impl Fn(&Error) + Send + Sync + 'static,
+    ) -> Result<Self> {
+        let count = file.block_count();
+        let [stays, each] = Snapshot::bytes_for(count);
+        let stays = stays + file.memory() + u64::from(count) * 2 + Links::bytes_for(file.header().geometry_blocks);
+        let root_bytes = roots.iter().map(|&id| super::load::slot_bytes(&file, id)).sum();
+        let (key, tables) = residency.shared().admit(stays, stays + each, root_bytes)?;
+        let flags = || (0..count).map(|_| AtomicBool::new(false)).collect::<Box<[_]>>();
+        let (failed, pinned) = (flags(), flags());
+        for root in roots {
+            if let Some(pinned) = pinned.get(root.0 as usize) {
+                pinned.store(true, Relaxed);
+            }
+        }
+        let inner = Arc::new(Inner {
+            key,
+            decoder,
+            residency: Arc::clone(residency.shared()),
+            published: ArcSwap::from_pointee(Snapshot::empty(count)),
+            claims: Claims::default(),
+            links: Links::new(file.header().geometry_blocks),
+            report: Box::new(report),
+            read_again: AtomicU64::new(0),
+            failed,
+            pinned,
+            table_bytes: stays + each,
+            root_bytes,
+            may_promote: AtomicBool::new(false),
+            _tables: tables,
+            file,
+        });
+        residency.shared().register(&inner, root_bytes);
+        Ok(Self { inner })
     }
 
-    /// Has `report` told why a block is read again; called from any thread, under no lock.
-    pub fn reporting(mut self, report: impl Fn(&Error) + Send + Sync + 'static) -> Self {
-        self.report = Some(Box::new(report));
-        self
+    /// [`ModelBlocks::open`] without anything that stays, and nobody told of failures.
+    pub fn new(file: Arc<ModelFile>, decoder: Box<dyn Decoder>, residency: &Residency) -> Result<Self> {
+        Self::open(residency, file, decoder, &[], |_| {})
     }
 
     /// The file.
     pub fn file(&self) -> &Arc<ModelFile> {
-        &self.file
+        &self.inner.file
+    }
+
+    /// What the model is called where blocks of several are wanted.
+    pub fn key(&self) -> ModelKey {
+        self.inner.key
     }
 
     /// What is in memory now. Never blocks.
     pub fn snapshot(&self) -> Arc<Snapshot> {
-        self.published.load_full()
+        self.inner.published.load_full()
     }
 
-    /// Brings `ids` into memory; those that are stay. Reads the disk: blocks.
-    ///
-    /// Fails with `Corrupt` naming the block, `Io`, `OverBudget` or `Cancelled`; blocks fetched before
-    /// the failing one stay.
-    pub fn fetch(&self, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
-        loop {
-            cancel.check()?;
-            let Some(claim) = self.claims.claim(|| self.missing(ids), BATCH) else { return Ok(()) };
-            let (slots, end) = self.load(&claim.ids, cancel);
-            self.publish(slots);
-            end?;
-        }
+    /// Whether `snapshot` is what is in memory now.
+    pub fn is_current(&self, snapshot: &Arc<Snapshot>) -> bool {
+        Arc::ptr_eq(&self.inner.published.load(), snapshot)
     }
 
-    /// Those of `ids` that are not in memory.
-    fn missing(&self, ids: &[BlockId]) -> Vec<BlockId> {
-        let present = self.snapshot();
-        ids.iter().copied().filter(|&id| present.block(id).is_none()).collect()
+    /// Demands that block `id`, whenever it is in memory, has the number `number`: see [`Decoder::links`].
+    pub fn expect_number(&self, id: BlockId, number: u32) -> Result<()> {
+        self.inner.links.expect(id, number).map_err(|why| self.inner.corrupt(id, why))
     }
 
-    /// Shows `slots` to whoever takes a snapshot from now on.
-    pub(super) fn publish(&self, slots: Vec<(BlockId, Slot)>) {
-        // The next snapshot is made of the last: one after the other.
-        self.claims.publishing(|| self.published.store(Arc::new(self.snapshot().with(slots))));
-    }
-
-    /// Reads, checks and decodes `ids`, in order, up to the first failure.
-    pub(super) fn load(&self, ids: &[BlockId], cancel: &Cancel) -> (Vec<(BlockId, Slot)>, Result<()>) {
-        let (mut scratch, mut payload) = (Vec::new(), Vec::new());
-        let mut slots = Vec::with_capacity(ids.len());
-        for &id in ids {
-            match cancel.check().and_then(|()| self.load_one(id, &mut scratch, &mut payload)) {
-                Ok(slot) => slots.push((id, slot)),
-                Err(error) => return (slots, Err(error)),
-            }
-        }
-        (slots, Ok(()))
-    }
-
-    /// A block whose reading or check fails is reported, counted and read once more: a disk or a network may
-    /// have hiccuped.
-    fn load_one(&self, id: BlockId, scratch: &mut Vec<u8>, payload: &mut Vec<u8>) -> Result<Slot> {
-        let words = match self.read_and_decode(id, scratch, payload) {
-            Err(error @ (Error::Corrupt { .. } | Error::Io { .. })) => {
-                self.read_again.fetch_add(1, Relaxed);
-                if let Some(report) = &self.report {
-                    report(&error);
-                }
-                self.read_and_decode(id, scratch, payload)?
-            }
-            first => first?,
-        };
-        self.cache.reserve("a model", Slot::bytes_for(words.len()))?;
-        Ok(Slot::new(&words))
-    }
-
-    fn read_and_decode(&self, id: BlockId, scratch: &mut Vec<u8>, payload: &mut Vec<u8>) -> Result<Vec<u32>> {
-        let corrupt = |why: String| Error::corrupt(self.file.name(), Some(id.0), why);
-        if id.0 >= self.file.block_count() {
-            return Err(corrupt("no such block".into()));
-        }
-        self.file.read_block(id, scratch, payload)?;
-        let words = self.decoder.decode(id, payload).map_err(corrupt)?;
-        if words.len() * 4 != self.file.decoded_len(id) as usize {
-            return Err(corrupt("its decoded size is not what the directory says".into()));
-        }
-        Ok(words)
-    }
-
-    /// How many times a block was read again because it had failed.
+    /// How many times blocks were read again because they had failed.
     pub fn read_again(&self) -> u64 {
-        self.read_again.load(Relaxed)
+        self.inner.read_again.load(Relaxed)
+    }
+
+    /// Bytes of the tables, when all is in memory.
+    pub fn table_bytes(&self) -> u64 {
+        self.inner.table_bytes
+    }
+
+    /// What is in memory now, and `held`; `None` if there is no memory for the table.
+    pub fn snapshot_with(&self, held: &Held) -> Option<Arc<Snapshot>> {
+        let shared = self.snapshot();
+        let absent: Vec<_> = held.iter().filter(|(id, _)| shared.block(*id).is_none()).collect();
+        if absent.is_empty() {
+            return Some(shared);
+        }
+        let changes = absent.into_iter().map(|(id, slot)| (*id, Some(slot.clone()))).collect();
+        shared.changed(changes, Some(&self.inner.residency.main)).map(Arc::new)
+    }
+
+    /// Bytes that the block takes in memory.
+    pub fn slot_bytes(&self, id: BlockId) -> u64 {
+        self.inner.slot_bytes(id)
     }
 
     /// Bytes of the blocks in memory.
     pub fn resident_bytes(&self) -> u64 {
-        let snapshot = self.snapshot();
-        (0..snapshot.blocks()).filter_map(|b| snapshot.block(BlockId(b))).map(|w| size_of_val(w) as u64).sum()
+        self.snapshot().resident().map(|(_, slot)| slot.bytes()).sum()
+    }
+}
+
+impl Inner {
+    /// Whether the block is in memory.
+    pub fn is_there(&self, id: BlockId) -> bool {
+        self.published.load().block(id).is_some()
+    }
+
+    /// Marks a block as one that cannot be had.
+    pub fn set_failed(&self, id: BlockId) {
+        if let Some(failed) = self.failed.get(id.0 as usize) {
+            failed.store(true, Relaxed);
+        }
+    }
+
+    /// Whether the block cannot be had; true for one that does not exist.
+    pub fn is_failed(&self, id: BlockId) -> bool {
+        self.failed.get(id.0 as usize).is_none_or(|f| f.load(Relaxed))
+    }
+
+    /// Whether the block stays once it is in memory.
+    pub fn is_pinned(&self, id: BlockId) -> bool {
+        self.pinned.get(id.0 as usize).is_some_and(|p| p.load(Relaxed))
+    }
+
+    /// Bytes that the block takes in memory.
+    pub fn slot_bytes(&self, id: BlockId) -> u64 {
+        super::load::slot_bytes(&self.file, id)
+    }
+
+    pub fn corrupt(&self, id: BlockId, why: impl Into<String>) -> Error {
+        Error::corrupt(self.file.name(), Some(id.0), why)
     }
 }
 
 impl Drop for ModelBlocks {
     fn drop(&mut self) {
-        self.cache.release(self.resident_bytes());
+        self.inner.residency.forget(&self.inner);
+        // Whoever reads a block of it just now publishes into nothing.
+        self.inner.published.store(Arc::default());
     }
 }
 
 impl std::fmt::Debug for ModelBlocks {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("ModelBlocks").field("blocks", &self.file.block_count()).finish_non_exhaustive()
+        f.debug_struct("ModelBlocks").field("blocks", &self.inner.file.block_count()).finish_non_exhaustive()
     }
 }

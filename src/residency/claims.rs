@@ -14,7 +14,8 @@ pub(super) struct Claims {
 
 impl Claims {
     /// Takes on up to `most` of the blocks that `missing` names, ascending, each once; `None` once it names none.
-    /// `missing` is asked under the lock, so what was [published](Claims::publishing) before is seen. Waits for blocks
+    /// Whoever has a claim publishes before giving it back, and `missing` is asked under the lock: so what was read is seen.
+    /// Waits for blocks
     /// that another thread reads: if it fails they are tried again here, so that everybody has an error of their own.
     pub fn claim(&self, missing: impl Fn() -> Vec<BlockId>, most: usize) -> Option<Claim<'_>> {
         let mut loading = self.lock();
@@ -34,10 +35,22 @@ impl Claims {
         }
     }
 
-    /// Runs `publish` while nobody else does, and nobody looks for what is missing.
-    pub fn publishing<T>(&self, publish: impl FnOnce() -> T) -> T {
-        let _one_at_a_time = self.lock();
-        publish()
+    /// Takes on those of `ids` that nobody reads now and that `missing` accepts; never waits.
+    pub fn try_claim(&self, ids: &[BlockId], missing: impl Fn(BlockId) -> bool) -> Option<Claim<'_>> {
+        let mut loading = self.lock();
+        let mut mine: Vec<_> = ids.iter().copied().filter(|&id| !loading.contains(&id) && missing(id)).collect();
+        if mine.is_empty() {
+            return None;
+        }
+        mine.sort_unstable();
+        mine.dedup();
+        loading.extend(&mine);
+        Some(Claim { claims: self, ids: mine })
+    }
+
+    /// Whether somebody reads the block now.
+    pub fn is_claimed(&self, id: BlockId) -> bool {
+        self.lock().contains(&id)
     }
 
     fn lock(&self) -> MutexGuard<'_, HashSet<BlockId>> {

@@ -1,22 +1,43 @@
 //! How blocks come to be in memory. Knows blocks and a decoder that it is handed, not trees.
 //!
-//! One [`Cache`] a context holds the budget of decoded bytes. Each opened model has its
-//! [`ModelBlocks`]: blocks are read, checked and decoded once, and a [`Snapshot`] says which are in
-//! memory. A snapshot never changes: a job takes one and works with it, and asks for what it missed
-//! between rounds. Nothing is evicted yet: opening refuses a model that the budget cannot hold.
+//! One [`Residency`] a context holds the budget. Each opened model has its [`ModelBlocks`], and a [`Snapshot`] says which
+//! of them are in memory. A snapshot never changes: a job takes one and works with it. A [`View`] says after each pass
+//! what it lacked; what all views want is ranked and read by whoever pumps, threads of ours or not, and what has not
+//! been used for longest goes when room is needed. When what views want does not fit, a factor on their thresholds
+//! rises until it does. Exact jobs bring what they need themselves; where views leave no room they take turns with a
+//! [`Lease`] of a part of the budget that is theirs.
 #![forbid(unsafe_code)]
 
+mod account;
 mod blocks;
-mod cache;
+mod bring;
 mod claims;
 #[cfg(test)]
 mod claims_tests;
+mod core;
+mod evict;
 mod fill;
+mod lease;
+mod links;
+mod load;
+mod pressure;
+mod pump;
+mod rank;
+#[cfg(test)]
+mod scheme_tests;
 mod slots;
 mod snapshot;
 mod sync;
+#[cfg(test)]
+mod tests;
+mod view;
+mod wakeup;
 
-pub use blocks::{Decoder, ModelBlocks};
-pub use cache::Cache;
+pub use self::core::{Residency, ResidencyOptions};
+pub use blocks::{Decoder, ModelBlocks, ModelKey};
+pub use bring::Held;
+pub use lease::Lease;
+pub use pump::Fetchers;
 pub use slots::Slot;
 pub use snapshot::Snapshot;
+pub use view::{View, ViewState, ViewStatus, Wanted};

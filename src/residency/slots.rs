@@ -1,5 +1,6 @@
 //! Memory for one decoded block, on cache-line boundaries.
 
+use super::account::Charge;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Arc;
 
@@ -8,21 +9,30 @@ use std::sync::Arc;
 #[repr(C, align(64))]
 struct Line([u32; 16]);
 
-/// The words of a decoded block; shared, never written again.
+/// The words of a decoded block; shared, never written again. Its memory counts until the last holder lets go,
+/// whether or not the block is still in the latest snapshot.
 #[derive(Debug, Clone)]
 pub struct Slot {
+    // Dropped in this order: what is given back is free by then. `lines` and `_charge` are only ever cloned and dropped
+    // together, so the last of the one goes before the last of the other.
     lines: Arc<[Line]>,
+    _charge: Option<Arc<Charge>>,
 }
 
 impl Slot {
-    /// A copy of `words`, with zeros up to the next cache line.
+    /// A copy of `words`, with zeros up to the next cache line. Counts against no budget.
     pub fn new(words: &[u32]) -> Self {
         let line = |chunk: &[u32]| {
             let mut line = Line([0; 16]);
             line.0[..chunk.len()].copy_from_slice(chunk);
             line
         };
-        Self { lines: words.chunks(16).map(line).collect() }
+        Self { lines: words.chunks(16).map(line).collect(), _charge: None }
+    }
+
+    /// A copy of `words` that is paid for by `charge`.
+    pub(super) fn charged(words: &[u32], charge: Charge) -> Self {
+        Self { _charge: Some(Arc::new(charge)), ..Self::new(words) }
     }
 
     /// The words.
@@ -31,13 +41,13 @@ impl Slot {
         bytemuck::must_cast_slice(&self.lines)
     }
 
-    /// Bytes of memory.
+    /// Bytes of memory for the words.
     pub fn bytes(&self) -> u64 {
         size_of_val(&*self.lines) as u64
     }
 
-    /// Bytes of memory that `words` words will take.
+    /// Bytes of memory that a slot of `words` words takes in all: its lines, and what shares and counts them.
     pub fn bytes_for(words: usize) -> u64 {
-        (words.div_ceil(16) * size_of::<Line>()) as u64
+        ((words.div_ceil(16) + 2) * size_of::<Line>()) as u64
     }
 }

@@ -2,11 +2,12 @@
 //! any number of contexts live side by side.
 
 use crate::base::error::{Error, Result};
-use crate::base::tasks::{Executor, Pool};
-use crate::residency::Cache;
+use crate::base::tasks::{Ending, Executor, Pool, Work};
+use crate::residency::{Fetchers, Residency, ResidencyOptions};
 use crate::simd::{DenormalsOff, Isa};
 use std::any::Any;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// How much a log line matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -33,8 +34,12 @@ pub struct ContextOptions {
     pub threads: usize,
     /// The host's own threads: with it no thread of ours ever exists.
     pub executor: Option<Arc<dyn Executor>>,
-    /// Bytes that models may hold in memory; 0: three quarters of the machine's.
+    /// Bytes that models may hold in memory, tables and working memory of reading included; 0: three quarters of the
+    /// machine's. Never exceeded. A model larger than that opens: what is used is read, and what has not been used for
+    /// longest goes. Buffers of frames and of batches come on top.
     pub memory_budget: u64,
+    /// Whether models that fit the budget are read in the background before all of them was asked for. Default: yes.
+    pub read_ahead: bool,
     /// Receives log lines.
     pub log: Option<Log>,
     /// Instruction set; `None`: the best that the machine has.
@@ -44,7 +49,7 @@ pub struct ContextOptions {
 impl Default for ContextOptions {
     fn default() -> Self {
         let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-        Self { threads, executor: None, memory_budget: 0, log: None, isa: None }
+        Self { threads, executor: None, memory_budget: 0, read_ahead: true, log: None, isa: None }
     }
 }
 
@@ -55,9 +60,12 @@ impl Default for ContextOptions {
 pub struct Context(Arc<Inner>);
 
 struct Inner {
+    /// Before what they use: they end first.
+    _fetchers: Option<Fetchers>,
     pool: Pool,
     log: Option<Log>,
-    cache: Arc<Cache>,
+    residency: Residency,
+    pumping: Arc<Pumping>,
     isa: Isa,
     /// Working memory of batches that have ended, for the next ones.
     scratch: Mutex<Vec<Box<dyn Any + Send>>>,
@@ -76,7 +84,17 @@ impl Context {
             0 => machine_memory() / 4 * 3,
             bytes => bytes,
         };
-        Ok(Self(Arc::new(Inner { pool, log: options.log, cache: Arc::new(Cache::new(budget)), isa, scratch: Mutex::default() })))
+        let residency = Residency::new(ResidencyOptions { budget, promote: options.read_ahead });
+        let fetchers = (pool.threads() > 0).then(|| residency.start(FETCHERS)).transpose()?;
+        let has_fetchers = fetchers.is_some();
+        let pumping = Arc::new(Pumping::of(&residency));
+        let (log, scratch) = (options.log, Mutex::default());
+        let inner = Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, scratch });
+        if !has_fetchers {
+            let weak = Arc::downgrade(&inner);
+            inner.residency.set_waker(Some(Arc::new(move || pump_in_pool(&weak))));
+        }
+        Ok(Self(inner))
     }
 
     /// Working memory that somebody has given back, or new.
@@ -116,12 +134,12 @@ impl Context {
 
     /// The budget in bytes.
     pub fn memory_budget(&self) -> u64 {
-        self.0.cache.budget()
+        self.0.residency.budget()
     }
 
     /// Bytes in use of the budget.
     pub fn memory_used(&self) -> u64 {
-        self.0.cache.used()
+        self.0.residency.used()
     }
 
     /// Writes a log line.
@@ -137,13 +155,65 @@ impl Context {
     }
 
     /// The memory of models.
-    pub(crate) fn cache(&self) -> &Arc<Cache> {
-        &self.0.cache
+    pub(crate) fn residency(&self) -> &Residency {
+        &self.0.residency
     }
 
     /// Whether both are the same context.
     pub fn same(&self, other: &Context) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+/// Threads of ours that read, beside those that trace: mostly asleep, or waiting for the disk.
+const FETCHERS: usize = 2;
+
+/// Reading as a job of the pool, for contexts without threads of ours.
+struct Pumping {
+    residency: Residency,
+    /// The job is there.
+    runs: AtomicBool,
+    /// There may be more to do than when it last looked.
+    again: AtomicBool,
+    did: AtomicBool,
+}
+
+impl Pumping {
+    fn of(residency: &Residency) -> Self {
+        let [runs, again, did] = [const { AtomicBool::new(false) }; 3];
+        Self { residency: residency.clone(), runs, again, did }
+    }
+}
+
+fn pump_in_pool(context: &Weak<Inner>) {
+    let Some(context) = context.upgrade() else { return };
+    context.pumping.again.store(true, SeqCst);
+    if !context.pumping.runs.swap(true, SeqCst) {
+        let work = Arc::clone(&context.pumping);
+        context.pool.submit(1, work);
+    }
+}
+
+impl Work for Pumping {
+    fn run(&self, _: usize) -> Result<()> {
+        self.again.store(false, SeqCst);
+        self.did.store(self.residency.pump(), SeqCst);
+        Ok(())
+    }
+
+    fn round_done(&self) -> Result<usize> {
+        if self.did.load(SeqCst) || self.again.load(SeqCst) {
+            return Ok(1);
+        }
+        self.runs.store(false, SeqCst);
+        // Whoever found it running meanwhile has left it to us.
+        Ok(usize::from(self.again.load(SeqCst) && !self.runs.swap(true, SeqCst)))
+    }
+
+    fn ended(&self, ending: &Ending) {
+        if !matches!(ending, Ending::Finished) {
+            self.runs.store(false, SeqCst);
+        }
     }
 }
 

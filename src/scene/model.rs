@@ -11,9 +11,9 @@ use crate::math::DBounds;
 use crate::residency::{ModelBlocks, Snapshot};
 use crate::store::header::STRUCTURE_BVH;
 use crate::store::{FileSource, Header, InstanceRow, ModelFile, PartRow, Source, TreeRow};
-use crate::structure::bvh::layout::{Block, Child};
+use crate::structure::bvh::layout::Child;
 use crate::structure::bvh::trace::TreeView;
-use crate::structure::bvh::{BvhDecoder, check_links};
+use crate::structure::bvh::BvhDecoder;
 use glam::DVec3;
 use std::collections::HashMap;
 use std::path::Path;
@@ -127,7 +127,10 @@ impl Tree {
 impl Model {
     /// Opens the built file at `path`. Reads the disk.
     ///
-    /// Fails with `Io`, `Corrupt`, `NewerFormat`, or `OverBudget` naming the bytes it needs.
+    /// Reads its tables and its coarse blocks, and all of a small model; the rest when it is used, or in the background. So it
+    /// may be larger than the budget: `OverBudget` means that not even its tables and roots fit beside what models in use
+    /// must keep, and names the least budget that would do. Fails with `Io`, `Corrupt` or `NewerFormat` otherwise; a
+    /// damaged block that is not read yet fails whoever needs it.
     pub fn open(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
         Self::open_source(context, Arc::new(FileSource::open(path)?))
     }
@@ -148,8 +151,7 @@ impl Model {
         Self::open_with(context, source, true, progress, cancel)
     }
 
-    /// For tests: with no block in memory, so that every ray meets missing ones. Links between blocks
-    /// are not checked.
+    /// For tests: with no block in memory, so that every ray meets missing ones, and nothing read ahead.
     #[doc(hidden)]
     pub fn open_cold(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
         Self::open_with(context, Arc::new(FileSource::open(path)?), false, &Progress::default(), &Cancel::new())
@@ -173,24 +175,24 @@ impl Model {
             let why = format!("samples of {} bytes are not those of this version", header.options.sample_bytes);
             return Err(Error::corrupt(file.name(), None, why));
         }
-        let geometry = 0..header.geometry_blocks;
-        let geometry_bytes = geometry.clone().map(|b| u64::from(file.decoded_len(BlockId(b)))).sum();
-        let cache = context.cache();
-        let used = cache.used();
-        if used.saturating_add(geometry_bytes) > cache.budget() {
-            let need = used.saturating_add(geometry_bytes);
-            return Err(Error::OverBudget { what: "opening the model", need, have: cache.budget() });
-        }
+        let trees = trees_of(&file)?;
+        let geometry = (0..header.geometry_blocks).map(BlockId);
+        let geometry_bytes = geometry.map(|b| u64::from(file.decoded_len(b))).sum();
         let decoder = BvhDecoder::new(header.geometry_blocks, file.trees());
         let log = context.clone();
         let again = move |why: &Error| log.log(LogLevel::Warning, &format!("{why}; read once more"));
-        let mut blocks =
-            ModelBlocks::new(Arc::clone(&file), Box::new(decoder), Arc::clone(cache)).reporting(again);
-        let ids: Vec<BlockId> = geometry.map(BlockId).filter(|_| all).collect();
-        blocks.fill(&ids, context.pool(), progress, cancel)?;
-        check_links(&blocks.snapshot(), header.geometry_blocks)
-            .map_err(|(block, why)| Error::corrupt(file.name(), Some(block.0), why))?;
-        let trees = trees_of(&file, &blocks.snapshot())?;
+        let full = trees.iter().filter(|tree| tree.root != TreeView::EMPTY);
+        let roots: Vec<BlockId> = full.clone().map(|tree| BlockId(tree.first_block)).collect();
+        let residency = context.residency();
+        let blocks = ModelBlocks::open(residency, Arc::clone(&file), Box::new(decoder), &roots, again)?;
+        for tree in full {
+            blocks.expect_number(BlockId(tree.first_block), tree.root)?;
+        }
+        if all {
+            blocks.fill(&first_blocks(&file, residency.budget()), context.pool(), progress, cancel)?;
+            blocks.require(&roots, cancel)?;
+            blocks.opened();
+        }
         let parts: Vec<PartInfo> = file.parts().iter().map(|row| part_info(row, &file)).collect();
         let mut part_of_id = HashMap::with_capacity(parts.len());
         for (i, part) in parts.iter().enumerate() {
@@ -228,8 +230,30 @@ impl Model {
         ModelMemory {
             resident: blocks.resident_bytes(),
             geometry: self.0.geometry_bytes,
-            tables: blocks.file().memory(),
+            tables: blocks.table_bytes(),
         }
+    }
+
+    /// Brings all of its geometry into memory, by all workers of the context: false if the budget does not hold it beside
+    /// what is in use. Blocks. What is not used may go again when room is needed. Fails with `Io`, `Corrupt` or
+    /// `Cancelled`.
+    pub fn load(&self, cancel: &Cancel) -> Result<bool> {
+        let blocks = &self.0.blocks;
+        let all: Vec<BlockId> = (0..self.0.info.geometry_blocks).map(BlockId).collect();
+        blocks.fill(&all, self.0.context.pool(), &Progress::default(), cancel)?;
+        let there = blocks.snapshot();
+        Ok(all.iter().all(|&id| there.block(id).is_some()))
+    }
+
+    /// Reads, decodes and validates all of its geometry, and how its blocks hang together, whatever the budget. Blocks.
+    /// Fails with what is wrong with the first block that is.
+    pub fn check(&self, cancel: &Cancel) -> Result<()> {
+        if self.load(cancel)? {
+            return Ok(());
+        }
+        let all: Vec<BlockId> = (0..self.0.info.geometry_blocks).map(BlockId).collect();
+        // A lease holds so many at the least.
+        all.chunks(4).try_for_each(|few| self.0.context.residency().lease().fetch(&self.0.blocks, few, cancel))
     }
 
     /// How many times a block was read again because reading or checking it had failed; the log says why.
@@ -289,16 +313,35 @@ impl Model {
     }
 }
 
-/// Fails if a tree's root does not exist.
-fn trees_of(file: &ModelFile, snapshot: &Snapshot) -> Result<Vec<Tree>> {
+/// Blocks that are read at opening: all of a small model; of others the coarse ones, those nearest to the roots first.
+const OPENING_BYTES: u64 = 16 << 20;
+
+fn first_blocks(file: &ModelFile, budget: u64) -> Vec<BlockId> {
+    let most = OPENING_BYTES.min(budget / 4);
+    let bytes = |id: BlockId| u64::from(file.decoded_len(id));
+    let all: Vec<BlockId> = (0..file.header().geometry_blocks).map(BlockId).collect();
+    if all.iter().map(|&id| bytes(id)).sum::<u64>() <= most {
+        return all;
+    }
+    let coarse = |t: &TreeRow| (0..t.coarse_blocks).map(move |i| (i, t.first_block + i)).collect::<Vec<_>>();
+    let mut by_depth: Vec<(u32, u32)> = file.trees().iter().flat_map(coarse).collect();
+    by_depth.sort_unstable();
+    let mut sum = 0;
+    let fits = |&(depth, id): &(u32, u32)| {
+        sum += bytes(BlockId(id));
+        // The roots in any case.
+        depth == 0 || sum <= most
+    };
+    by_depth.into_iter().take_while(fits).map(|(_, id)| BlockId(id)).collect()
+}
+
+/// Fails if a tree's root is no node. That it exists is checked when its block is read.
+fn trees_of(file: &ModelFile) -> Result<Vec<Tree>> {
     let tree = |row: &TreeRow| {
-        // A block that is not in memory is checked by nobody here.
-        let exists = snapshot.block(BlockId(row.first_block)).is_none_or(|words| {
-            let child = u32::try_from(row.root).ok().and_then(Child::from_bits);
-            matches!(child, Some(Child::Node(n)) if n < Block::new(words).nodes())
-        });
+        let child = u32::try_from(row.root).ok().filter(|root| *root <= u32::from(u16::MAX));
+        let is_node = matches!(child.and_then(Child::from_bits), Some(Child::Node(_)));
         let empty = row.block_count == 0;
-        if !(exists || empty) {
+        if !(is_node || empty) {
             return Err(Error::corrupt(file.name(), Some(row.first_block), "the root of its tree does not exist"));
         }
         let [a, b, c, d, e, f] = row.bounds.map(f64::from);

@@ -7,11 +7,11 @@
 use super::model::Model;
 use super::state::SceneState;
 use super::top::{NodeRef, Slabs, Target};
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 use crate::math::Ray;
-use crate::residency::Snapshot;
+use crate::residency::{Held, Lease, Snapshot};
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Walk};
 use std::sync::Arc;
 
@@ -39,17 +39,68 @@ impl Snapshots {
     pub fn take(scene: &SceneState) -> Self {
         Self(scene.models.iter().map(|m| m.blocks().snapshot()).collect())
     }
+
+    /// Of nothing: what is not held may go.
+    pub fn none() -> Self {
+        Self(Vec::new())
+    }
+
+    /// As it is now, and what is held; `None` if there is no memory for the tables.
+    pub fn holding(scene: &SceneState, hold: &Hold) -> Option<Self> {
+        let nothing = Held::new();
+        let held = |i: usize| hold.0.get(i).unwrap_or(&nothing);
+        let models = scene.models.iter().enumerate();
+        models.map(|(i, model)| model.blocks().snapshot_with(held(i))).collect::<Option<_>>().map(Self)
+    }
+
+    /// With what a lease holds. Fails with `OverBudget` if it holds too much.
+    pub fn leased(scene: &SceneState, lease: &Lease) -> Result<Self> {
+        scene.models.iter().map(|model| lease.snapshot(model.blocks())).collect::<Result<_>>().map(Self)
+    }
+
+    /// Whether this is what is in memory now.
+    pub fn is_current(&self, scene: &SceneState) -> bool {
+        self.0.len() == scene.models.len() && scene.models.iter().zip(&self.0).all(|(m, s)| m.blocks().is_current(s))
+    }
+
+    /// Whether the block is there.
+    pub fn has(&self, need: Need) -> bool {
+        self.0.get(need.model as usize).is_some_and(|snapshot| snapshot.block(need.block).is_some())
+    }
 }
 
-/// Reads what `needs` names. Blocks; starts no threads.
-pub(crate) fn fetch(scene: &SceneState, mut needs: Vec<Need>) -> Result<()> {
+/// Blocks that a job keeps in memory until it has used them, for each model of a scene.
+#[derive(Default)]
+pub(crate) struct Hold(Vec<Held>);
+
+impl Hold {
+    /// Keeps blocks of a model.
+    pub fn add(&mut self, model: u32, held: Held) {
+        let least = model as usize + 1;
+        if self.0.len() < least {
+            self.0.resize_with(least, Held::new);
+        }
+        self.0[model as usize].extend(held);
+    }
+}
+
+/// Reads what `needs` names, and adds it to what is held. Blocks; starts no threads. Whoever held snapshots of the same
+/// job lets go of them before, so that what is in none may go. Fails with `OverBudget` if not all fits.
+pub(crate) fn fetch(scene: &SceneState, mut needs: Vec<Need>, hold: &mut Hold) -> Result<()> {
     needs.sort_unstable();
     needs.dedup();
     for same_model in needs.chunk_by(|a, b| a.model == b.model) {
         let blocks: Vec<BlockId> = same_model.iter().map(|n| n.block).collect();
-        scene.models[same_model[0].model as usize].blocks().fetch(&blocks, &Cancel::new())?;
+        let model = same_model[0].model;
+        hold.add(model, scene.models[model as usize].blocks().fetch(&blocks, &Cancel::new())?);
     }
     Ok(())
+}
+
+/// The snapshots of a job that holds all it has ever needed.
+pub(crate) fn take_holding(scene: &SceneState, hold: &Hold) -> Result<Snapshots> {
+    let have = scene.context().memory_budget();
+    Snapshots::holding(scene, hold).ok_or(Error::OverBudget { what: "tables of blocks in use", need: have + 1, have })
 }
 
 /// Where a ray meets a placed tree.

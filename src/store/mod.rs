@@ -6,6 +6,8 @@ pub mod codec;
 pub mod contents;
 pub mod directory;
 pub mod header;
+#[cfg(unix)]
+mod page_cache;
 pub mod reader;
 pub mod sections;
 pub mod source;

@@ -156,6 +156,29 @@ impl ModelFile {
         open_block(row, scratch, out).map_err(|why| self.damaged_block(id, why.to_string()))
     }
 
+    /// Reads the stored bytes of blocks `first` to `last`, and what is between them, in place of the content of `out`.
+    ///
+    /// Fails with [`Error::Io`], with [`Error::Corrupt`] if the file ends before, with [`Error::BadArgument`] if there are
+    /// no such blocks; `out` is then of no use.
+    pub fn read_stored(&self, first: BlockId, last: BlockId, out: &mut Vec<u8>) -> Result<()> {
+        let rows = self.rows.get(first.0 as usize..=last.0 as usize).unwrap_or_default();
+        let [front, ..] = rows else { return Err(Error::bad_argument("no such blocks")) };
+        let end = rows.last().map_or(0, Row::end);
+        out.resize((end - front.offset) as usize, 0);
+        self.opening().read(front.offset, out)
+    }
+
+    /// Checks block `id` in what [`ModelFile::read_stored`] read from block `first` on, and puts its payload in place of
+    /// the content of `out`. Fails like [`ModelFile::read_block`].
+    pub fn open_stored(&self, id: BlockId, first: BlockId, stored: &[u8], out: &mut Vec<u8>) -> Result<()> {
+        let row = |id: BlockId| self.rows.get(id.0 as usize).ok_or_else(|| Error::bad_argument("no such block"));
+        let (row, front) = (row(id)?, row(first)?);
+        let at = row.offset.checked_sub(front.offset).and_then(|at| usize::try_from(at).ok());
+        let bytes = at.and_then(|at| stored.get(at..)?.get(..row.stored_len as usize));
+        let bytes = bytes.ok_or_else(|| Error::bad_argument("the block is not among those that were read"))?;
+        open_block(row, bytes, out).map_err(|why| self.damaged_block(id, why.to_string()))
+    }
+
     /// Reads the file once more from front to back and checks every byte: checksums and sizes of
     /// blocks, sections and footer, and that padding is zero. Reports its progress, and stops within
     /// some milliseconds once cancelled.

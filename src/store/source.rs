@@ -1,5 +1,7 @@
 //! Where the bytes of a model come from.
 
+#[cfg(unix)]
+use super::page_cache;
 use crate::base::error::{Error, Result};
 use std::fs::File;
 use std::io;
@@ -19,7 +21,7 @@ pub trait Source: Send + Sync {
     fn name(&self) -> &Path;
 }
 
-/// A regular file, read by position.
+/// A regular file, read by position. What is read is not left in the system's page cache, where the system can be told.
 #[derive(Debug)]
 pub struct FileSource {
     #[cfg(unix)]
@@ -44,6 +46,8 @@ impl FileSource {
         }
         let file = File::open(path).map_err(fail)?;
         let len = file.metadata().map_err(fail)?.len();
+        #[cfg(unix)]
+        page_cache::expect_random(&file);
         #[cfg(not(unix))]
         let file = std::sync::Mutex::new(file);
         Ok(Self { file, len, path: path.to_path_buf() })
@@ -56,7 +60,9 @@ impl Source for FileSource {
     }
     #[cfg(unix)]
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> io::Result<()> {
-        std::os::unix::fs::FileExt::read_exact_at(&self.file, buf, offset)
+        std::os::unix::fs::FileExt::read_exact_at(&self.file, buf, offset)?;
+        page_cache::drop_pages(&self.file, offset, buf.len());
+        Ok(())
     }
     #[cfg(not(unix))]
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> io::Result<()> {

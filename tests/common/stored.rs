@@ -8,7 +8,7 @@ use outcrop::base::ids::BlockId;
 use outcrop::base::progress::Cancel;
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind};
-use outcrop::residency::{Cache, ModelBlocks};
+use outcrop::residency::{ModelBlocks, Residency};
 use outcrop::simd::Isa;
 use outcrop::store::{FileSource, ModelFile};
 use outcrop::structure::bvh::BvhDecoder;
@@ -76,7 +76,8 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
     let file = Arc::new(ModelFile::open(Arc::new(FileSource::open(path).expect("a file"))).expect("a model"));
     let geometry = file.header().geometry_blocks;
     let decoder = BvhDecoder::new(geometry, file.trees());
-    let blocks = ModelBlocks::new(Arc::clone(&file), Box::new(decoder), Arc::new(Cache::new(u64::MAX)));
+    let residency = Residency::with_budget(u64::MAX);
+    let blocks = ModelBlocks::new(Arc::clone(&file), Box::new(decoder), &residency).expect("any budget");
     let all: Vec<BlockId> = (0..file.block_count()).map(BlockId).collect();
     blocks.fetch(&all, &Cancel::new()).expect("all blocks");
     let snapshot = blocks.snapshot();

@@ -80,10 +80,11 @@ pub fn run(args: &Args) -> Outcome {
         };
         let context = Context::new(options)?;
         let model = Model::open(&context, &args.model)?;
+        let all_in_memory = model.load(&cancel)?;
         let scene = view::alone(&context, &model, Vec::new(), Background::default())?;
         facts = json!({
             "model": args.model.to_string_lossy(), "triangles": model.info().triangles_placed,
-            "bytes_trace": model.memory().geometry, "isa": context.isa().name(),
+            "bytes_trace": model.memory().geometry, "all_in_memory": all_in_memory, "isa": context.isa().name(),
         });
         let cameras = view::four(&model, args.views.as_deref());
         for &view in &args.view {

@@ -29,9 +29,10 @@ pub fn run(args: &Args) -> Outcome {
     let report = common::watched(&progress, &bar, || file.check(&progress, &cancel));
     bar.finish_and_clear();
     let report = report?;
-    // Opening decodes and validates every block of geometry, and how they hang together.
+    // Then every block of geometry is decoded and validated, and how they hang together.
     let context = Context::new(ContextOptions { memory_budget: args.memory, ..ContextOptions::default() })?;
     let model = Model::open(&context, &args.model)?;
+    model.check(&cancel)?;
     let value = json!({
         "file": args.model.to_string_lossy(), "ok": true, "bytes": report.bytes, "blocks": report.blocks,
         "bytes_payload": report.payload_bytes, "bytes_trace": report.decoded_bytes,

@@ -59,6 +59,30 @@ impl Decoder for BvhDecoder {
             _ => codec::decode_colours(payload),
         }
     }
+
+    fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(BlockId, u32)) -> u32 {
+        if id.0 >= self.geometry_blocks {
+            return 0;
+        }
+        let block = Block::new(words);
+        for (to, child) in (0..block.externals()).map(|i| block.external(i)) {
+            // What is no node was refused when the block was decoded.
+            if let Some(Child::Node(node)) = Child::from_bits(child) {
+                refer(BlockId(to), node as u32);
+            }
+        }
+        block.nodes() as u32
+    }
+
+    fn is_coarse(&self, id: BlockId) -> bool {
+        let tree = self.trees.partition_point(|t| t.end <= id.0);
+        self.trees.get(tree).is_some_and(|tree| id.0 < tree.coarse_end)
+    }
+
+    fn is_promoted(&self, id: BlockId) -> bool {
+        // Primitive ids are read only when asked for.
+        id.0 / self.geometry_blocks.max(1) != 1
+    }
 }
 
 /// Checks what no block can check alone: that references between blocks hit nodes that exist.

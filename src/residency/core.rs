@@ -1,0 +1,301 @@
+//! One for each context: the budget, what is in memory of all models, and who wants what.
+//!
+//! All that changes which blocks are in memory goes through one mutex, which whoever pumps or fetches takes for a
+//! few microseconds; reading and decoding happen outside of it, and those who trace never take it.
+
+use super::account::{Account, Charge};
+use super::blocks::{Inner, ModelKey};
+use super::evict::Victims;
+use super::lease::Reserve;
+use super::pressure::Strain;
+use super::rank::Ranking;
+use super::slots::Slot;
+use super::snapshot::Snapshot;
+use super::sync::{AtomicU32, Mutex, MutexGuard, Ordering::Relaxed, PoisonError};
+use super::view::{Call, ViewCore};
+use super::wakeup::Wakeup;
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Weak};
+
+/// Options of [`Residency::new`].
+#[derive(Debug, Clone, Copy)]
+pub struct ResidencyOptions {
+    /// Bytes for all models together.
+    pub budget: u64,
+    /// Whether what fits is read in the background before it is wanted.
+    pub promote: bool,
+}
+
+/// The memory of all models of a context. Cloning is cheap and gives the same. Thread-safe.
+///
+/// **Snapshots** are immutable; evicting a block publishes a snapshot without it, and whoever holds an older one keeps
+/// what it shows: that is the epoch scheme, each snapshot held being an epoch. There is no thread that owns all
+/// writes: whoever pumps holds one mutex, which those who trace never take.
+///
+/// **The budget** holds tables, slots until their last holder lets go of them, and the working memory of whoever reads.
+/// A part of it, the reserve, is for the lease of exact jobs, so that they end whatever views keep in memory.
+#[derive(Clone)]
+pub struct Residency(Arc<Shared>);
+
+pub(super) struct Shared {
+    options: ResidencyOptions,
+    pub main: Account,
+    pub reserve: Reserve,
+    /// Of `main`, kept free of slots: for tables in the making, and for those who read.
+    pub headroom: u64,
+    pub state: Mutex<State>,
+    /// The last pass begun.
+    pub pass: AtomicU32,
+    /// The factor on thresholds, as bits.
+    pub pressure: AtomicU32,
+    pub wakeup: Wakeup,
+}
+
+/// What the mutex guards.
+pub(super) struct State {
+    pub models: BTreeMap<ModelKey, Weak<Inner>>,
+    next_key: u32,
+    pub views: Vec<Weak<ViewCore>>,
+    pub ranking: Ranking,
+    pub victims: Victims,
+    pub strain: Strain,
+    /// Bytes of slots in the published snapshots.
+    pub resident: u64,
+    /// Bytes of slots being read.
+    pub in_flight: u64,
+    /// Bytes of tables, when all is in memory; and of blocks that stay.
+    tables: u64,
+    pinned: u64,
+}
+
+/// What is to be done once the mutex is given back.
+#[derive(Default)]
+pub(super) struct After {
+    /// Snapshots that are no longer published: letting go of them may free much.
+    pub garbage: Vec<Arc<Snapshot>>,
+    pub calls: Vec<Call>,
+}
+
+impl After {
+    pub fn run(self) {
+        drop(self.garbage);
+        self.calls.into_iter().for_each(|call| call());
+    }
+}
+
+/// Bytes kept free of slots under a budget, and those for the lease.
+fn shares(budget: u64) -> [u64; 2] {
+    [(budget / 16).clamp(1 << 20, 4 << 20), (budget / 8).clamp(1 << 20, 8 << 20)]
+}
+
+/// The least budget that leaves `bytes` beside what [`shares`] takes.
+fn least_budget(bytes: u64) -> u64 {
+    let mut budget = bytes;
+    // Both sides grow with the budget, the right one slower.
+    loop {
+        let more = bytes.saturating_add(shares(budget).iter().sum());
+        if more <= budget {
+            return budget;
+        }
+        budget = more;
+    }
+}
+
+impl Residency {
+    /// With nothing in memory and no threads: see [`Residency::start`].
+    pub fn new(options: ResidencyOptions) -> Self {
+        let [headroom, reserve] = shares(options.budget);
+        let state = State {
+            models: BTreeMap::new(),
+            next_key: 0,
+            views: Vec::new(),
+            ranking: Ranking::default(),
+            victims: Victims::default(),
+            strain: Strain::default(),
+            resident: 0,
+            in_flight: 0,
+            tables: 0,
+            pinned: 0,
+        };
+        Self(Arc::new(Shared {
+            options,
+            main: Account::new(options.budget.saturating_sub(reserve)),
+            reserve: Reserve::new(reserve.min(options.budget)),
+            headroom,
+            state: Mutex::new(state),
+            pass: AtomicU32::new(0),
+            pressure: AtomicU32::new(1f32.to_bits()),
+            wakeup: Wakeup::default(),
+        }))
+    }
+
+    /// With a budget in bytes, reading only what is asked for.
+    pub fn with_budget(budget: u64) -> Self {
+        Self::new(ResidencyOptions { budget, promote: false })
+    }
+
+    /// The budget in bytes.
+    pub fn budget(&self) -> u64 {
+        self.0.options.budget
+    }
+
+    /// Bytes in use of it.
+    pub fn used(&self) -> u64 {
+        self.0.main.used() + self.0.reserve.used()
+    }
+
+    /// A stamp for a pass that no view makes. Later passes have greater ones.
+    pub fn stamp(&self) -> u32 {
+        self.0.next_pass()
+    }
+
+    pub(super) fn shared(&self) -> &Arc<Shared> {
+        &self.0
+    }
+}
+
+impl Shared {
+    pub fn lock(&self) -> MutexGuard<'_, State> {
+        // Every step under the lock leaves a valid state.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn budget(&self) -> u64 {
+        self.options.budget
+    }
+
+    pub fn promotes(&self) -> bool {
+        self.options.promote
+    }
+
+    pub fn next_pass(&self) -> u32 {
+        self.pass.fetch_add(1, Relaxed) + 1
+    }
+
+    /// Bytes that slots may take, given the tables.
+    pub fn capacity(&self, state: &State) -> u64 {
+        self.main.limit().saturating_sub(self.headroom + state.tables)
+    }
+
+    /// A key and what pays for `stays` bytes of tables, for a model whose tables take `tables` bytes at most and of which
+    /// `roots` bytes of blocks stay.
+    pub fn admit(&self, stays: u64, tables: u64, roots: u64) -> Result<(ModelKey, Charge)> {
+        let mut after = After::default();
+        let admitted = {
+            let mut state = self.lock();
+            let need = least_budget(state.tables + tables + state.pinned + roots);
+            if need > self.options.budget {
+                return Err(Error::OverBudget { what: "opening the model", need, have: self.options.budget });
+            }
+            state.tables += tables;
+            state.pinned += roots;
+            // Others may have filled what the tables need.
+            let fits = state.fits(self, 0) || state.free_up(self, 0, &mut after).is_ok();
+            let key = ModelKey(state.next_key);
+            state.next_key += 1;
+            fits.then_some(key)
+        };
+        after.run();
+        let charge = admitted.and_then(|key| Some((key, self.main.charge(stays, 0)?)));
+        charge.ok_or_else(|| {
+            let mut state = self.lock();
+            state.tables -= tables;
+            state.pinned -= roots;
+            let have = self.options.budget;
+            Error::OverBudget { what: "opening the model beside what is in use", need: have + stays + roots, have }
+        })
+    }
+
+    /// Makes a model known.
+    pub fn register(&self, model: &Arc<Inner>, roots: u64) {
+        let mut state = self.lock();
+        state.models.insert(model.key, Arc::downgrade(model));
+        debug_assert!(state.pinned >= roots);
+    }
+
+    /// Takes a model out.
+    pub fn forget(&self, model: &Inner) {
+        {
+            let mut state = self.lock();
+            if state.models.remove(&model.key).is_some() {
+                let snapshot = model.published.load();
+                state.resident -= snapshot.resident().map(|(id, _)| model.slot_bytes(id)).sum::<u64>();
+                state.tables -= model.table_bytes;
+                state.pinned -= model.root_bytes;
+                state.ranking.invalidate();
+            }
+        }
+        self.reserve.forget(model.key);
+        self.wake();
+    }
+
+    /// Shows `slots` to whoever takes a snapshot from now on; false if there is no memory for the table.
+    pub fn publish(&self, model: &Inner, slots: &[(BlockId, Slot)], stamp: u32) -> bool {
+        let mut after = After::default();
+        let done = {
+            let mut state = self.lock();
+            state.publish(self, model, slots, stamp, &mut after)
+        };
+        after.run();
+        done
+    }
+
+    /// There may be something to do.
+    pub fn wake(&self) {
+        self.wakeup.wake();
+    }
+}
+
+impl State {
+    pub fn model(&self, key: ModelKey) -> Option<Arc<Inner>> {
+        self.models.get(&key)?.upgrade()
+    }
+
+    pub fn live_views(&mut self) -> Vec<Arc<ViewCore>> {
+        self.views.retain(|view| view.strong_count() > 0);
+        self.views.iter().filter_map(Weak::upgrade).collect()
+    }
+
+    /// The oldest pass that a view stands on; blocks used since are in use.
+    pub fn oldest_standing(&mut self) -> u32 {
+        self.live_views().iter().map(|view| view.standing()).min().unwrap_or(u32::MAX)
+    }
+
+    /// Whether slots of `need` bytes fit beside what is, and is to be, published.
+    pub fn fits(&self, shared: &Shared, need: u64) -> bool {
+        self.resident + self.in_flight + need <= shared.capacity(self)
+    }
+
+    pub fn publish(
+        &mut self,
+        shared: &Shared,
+        model: &Inner,
+        slots: &[(BlockId, Slot)],
+        stamp: u32,
+        after: &mut After,
+    ) -> bool {
+        if !self.models.contains_key(&model.key) {
+            return false;
+        }
+        let before = model.published.load_full();
+        let new: Vec<_> = slots.iter().filter(|(id, _)| before.block(*id).is_none()).cloned().collect();
+        for (id, _) in &new {
+            before.stamp_at_least(*id, stamp);
+        }
+        let bytes: u64 = new.iter().map(|(id, _)| model.slot_bytes(*id)).sum();
+        let ids: Vec<BlockId> = new.iter().map(|(id, _)| *id).collect();
+        let changes = new.into_iter().map(|(id, slot)| (id, Some(slot))).collect();
+        let Some(next) = before.changed(changes, Some(&shared.main)) else { return false };
+        after.garbage.push(before);
+        after.garbage.push(model.published.swap(Arc::new(next)));
+        self.resident += bytes;
+        for view in self.live_views() {
+            if view.wants_any(model.key, &ids) {
+                after.calls.extend(view.call());
+            }
+        }
+        true
+    }
+}

@@ -1,0 +1,150 @@
+//! Which blocks go first when room is needed.
+//!
+//! A block goes only if no live view stands on a pass that used it, and it is not pinned. Blocks below which nothing
+//! hangs go first, those that were used longest ago before others; then coarse ones, the highest first: references
+//! lead to higher blocks, so a block never goes before those below it.
+
+use super::blocks::{Inner, ModelKey};
+use super::core::{After, Shared, State};
+use super::snapshot::Snapshot;
+use crate::base::ids::BlockId;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// Why there is no room.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Short {
+    /// All that is in memory is in use.
+    InUse,
+    /// Somebody still holds what has gone.
+    ForNow,
+}
+
+/// What may go, in order, as it was when it was listed.
+#[derive(Default)]
+pub(super) struct Victims {
+    order: Vec<Victim>,
+    next: usize,
+}
+
+/// Ordered by who goes first.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Victim {
+    is_coarse: bool,
+    stamp: u32,
+    /// The highest first.
+    below_top: u32,
+    model: ModelKey,
+}
+
+impl Victim {
+    fn of(model: &Inner, id: BlockId, stamp: u32) -> Self {
+        let is_coarse = model.decoder.is_coarse(id);
+        // Coarse ones go by their number alone.
+        Self { is_coarse, stamp: if is_coarse { 0 } else { stamp }, below_top: u32::MAX - id.0, model: model.key }
+    }
+
+    fn id(&self) -> BlockId {
+        BlockId(u32::MAX - self.below_top)
+    }
+}
+
+/// More is freed at once than was asked for: a share of what slots may take, and so many bytes at most.
+const AHEAD_SHARE: u64 = 64;
+const AHEAD: u64 = 1 << 20;
+
+impl State {
+    /// Unpublishes blocks until slots of `need` bytes fit. Their memory is free once `after` has run and nobody holds a
+    /// snapshot that has them.
+    pub fn free_up(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
+        let capacity = shared.capacity(self);
+        let enough = (self.resident + self.in_flight + need).saturating_sub(capacity);
+        let wished = enough + (capacity / AHEAD_SHARE).min(AHEAD);
+        let standing = self.oldest_standing();
+        let (mut freed, mut going) = (0, BTreeMap::<ModelKey, (Arc<Inner>, BTreeSet<BlockId>)>::new());
+        let mut listed = false;
+        while freed < wished {
+            let Some(victim) = self.victims.pop() else {
+                if listed || freed >= enough {
+                    break;
+                }
+                self.list_victims(standing);
+                listed = true;
+                continue;
+            };
+            let Some(model) = self.model(victim.model) else { continue };
+            // It may have been used, or have gone, since it was listed.
+            let stamp = stamp_of_evictable(&model, &model.published.load(), victim.id(), standing);
+            if stamp.is_some_and(|stamp| victim.is_coarse || stamp == victim.stamp) {
+                let bytes = model.slot_bytes(victim.id());
+                let (_, ids) = going.entry(victim.model).or_insert_with(|| (model, BTreeSet::new()));
+                freed += if ids.insert(victim.id()) { bytes } else { 0 };
+            }
+        }
+        if freed < enough {
+            // What would go in vain stays; it is listed anew when next asked for.
+            self.victims.clear();
+            // What is being read is in use only until whoever reads it has it.
+            return Err(if freed + self.in_flight >= enough { Short::ForNow } else { Short::InUse });
+        }
+        let all = going.into_values().all(|(model, ids)| self.unpublish(shared, &model, &ids, after));
+        if all { Ok(()) } else { Err(Short::ForNow) }
+    }
+
+    /// Publishes a snapshot without `ids`; false if there is no memory for the table.
+    fn unpublish(&mut self, shared: &Shared, model: &Inner, ids: &BTreeSet<BlockId>, after: &mut After) -> bool {
+        let before = model.published.load_full();
+        let Some(next) = before.changed(ids.iter().map(|&id| (id, None)).collect(), Some(&shared.main)) else {
+            return false;
+        };
+        after.garbage.push(before);
+        after.garbage.push(model.published.swap(Arc::new(next)));
+        self.resident -= ids.iter().map(|&id| model.slot_bytes(id)).sum::<u64>();
+        true
+    }
+
+    fn list_victims(&mut self, standing: u32) {
+        let models: Vec<_> = self.models.values().filter_map(std::sync::Weak::upgrade).collect();
+        self.victims.clear();
+        for model in &models {
+            let snapshot = model.published.load();
+            let evictable = snapshot.resident().filter_map(|(id, _)| {
+                let stamp = stamp_of_evictable(model, &snapshot, id, standing)?;
+                Some(Victim::of(model, id, stamp))
+            });
+            self.victims.order.extend(evictable);
+        }
+        self.victims.order.sort_unstable();
+    }
+
+    /// Bytes of blocks that cannot go now.
+    pub fn in_use(&mut self) -> u64 {
+        let standing = self.oldest_standing();
+        let models: Vec<_> = self.models.values().filter_map(std::sync::Weak::upgrade).collect();
+        let of_model = |model: &Arc<Inner>| {
+            let snapshot = model.published.load();
+            let used = snapshot.resident().filter(|(id, _)| stamp_of_evictable(model, &snapshot, *id, standing).is_none());
+            used.map(|(id, _)| model.slot_bytes(id)).sum::<u64>()
+        };
+        models.iter().map(of_model).sum()
+    }
+}
+
+/// When the block was last used, if it is in memory and may go.
+fn stamp_of_evictable(model: &Inner, snapshot: &Snapshot, id: BlockId, standing: u32) -> Option<u32> {
+    let stamp = snapshot.stamp(id);
+    (stamp < standing && !model.is_pinned(id) && snapshot.block(id).is_some()).then_some(stamp)
+}
+
+impl Victims {
+    fn pop(&mut self) -> Option<Victim> {
+        let victim = self.order.get(self.next).copied();
+        self.next += 1;
+        victim
+    }
+
+    fn clear(&mut self) {
+        self.order.clear();
+        self.next = 0;
+    }
+}

@@ -1,0 +1,188 @@
+//! The part of the budget that lets exact jobs end, whatever views keep in memory: one holds it at a time.
+
+use super::account::Account;
+use super::blocks::{Inner, ModelBlocks, ModelKey};
+use super::bring::Held;
+use super::core::{Residency, Shared};
+use super::load::{Buffers, RUN_BYTES, runs};
+use super::pump::stored_len;
+use super::rank::Key;
+use super::slots::Slot;
+use super::snapshot::Snapshot;
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use crate::base::progress::Cancel;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+/// The reserve, and what the last leases left in it.
+pub(super) struct Reserve {
+    account: Account,
+    inside: Mutex<Inside>,
+    /// Signalled when the turn passes on.
+    passed: Condvar,
+}
+
+#[derive(Default)]
+struct Inside {
+    /// Numbers given out to those who wait, and the number whose turn it is.
+    given: u64,
+    turn: u64,
+    /// Blocks left by leases, with the lease that used them last.
+    left: HashMap<Key, (Slot, u64)>,
+}
+
+/// Of the reserve, kept free for tables and for reading: one part in so many.
+const WORKING_SHARE: u64 = 3;
+
+impl Reserve {
+    pub fn new(bytes: u64) -> Self {
+        Self { account: Account::new(bytes), inside: Mutex::default(), passed: Condvar::new() }
+    }
+
+    pub fn used(&self) -> u64 {
+        self.account.used()
+    }
+
+    /// Lets go of a model's blocks.
+    pub fn forget(&self, model: ModelKey) {
+        self.lock().left.retain(|(of, _), _| *of != model);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        // Every step under the lock leaves a valid state.
+        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn working(&self) -> u64 {
+        self.account.limit() / WORKING_SHARE
+    }
+}
+
+/// The reserve, held by one job. Blocks that it brings are nobody else's; they are free again when it is dropped and its
+/// snapshots are.
+pub struct Lease {
+    shared: Arc<Shared>,
+    number: u64,
+    held: BTreeMap<ModelKey, Held>,
+}
+
+impl Residency {
+    /// The reserve, once it is this caller's turn: blocks while others hold it, first come, first served.
+    ///
+    /// Whoever holds it must end without waiting for anybody who may wait for it: hold it for a round of work.
+    pub fn lease(&self) -> Lease {
+        let shared = Arc::clone(self.shared());
+        let mut inside = shared.reserve.lock();
+        let number = inside.given;
+        inside.given += 1;
+        while inside.turn != number {
+            inside = shared.reserve.passed.wait(inside).unwrap_or_else(PoisonError::into_inner);
+        }
+        drop(inside);
+        Lease { shared, number, held: BTreeMap::new() }
+    }
+}
+
+impl Lease {
+    /// Bytes of blocks, in memory, that a lease brings together: what [`Lease::fetch`] is asked for at most.
+    pub fn room(&self) -> u64 {
+        self.shared.reserve.account.limit() - self.shared.reserve.working()
+    }
+
+    /// Brings `ids` into the lease. Those that are in memory cost nothing. Reads the disk: blocks.
+    ///
+    /// Fails with `Corrupt` naming the block, `Io`, `Cancelled`, or with `OverBudget` if it has no room for them.
+    pub fn fetch(&mut self, model: &ModelBlocks, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
+        let mut left = ids.to_vec();
+        left.sort_unstable();
+        left.dedup();
+        loop {
+            cancel.check()?;
+            self.hold_what_is_there(&model.inner, &mut left);
+            let there = || {
+                let there = model.snapshot();
+                left.iter().copied().filter(|&id| there.block(id).is_none()).collect::<Vec<_>>()
+            };
+            if left.is_empty() {
+                return Ok(());
+            }
+            let Some(claim) = model.inner.claims.claim(there, usize::MAX) else { continue };
+            if let Some(id) = claim.ids.iter().find(|id| id.0 >= model.inner.file.block_count()) {
+                return Err(model.inner.corrupt(*id, "no such block"));
+            }
+            for run in runs(&model.inner.file, &claim.ids, (self.shared.reserve.working() / 4).min(RUN_BYTES)) {
+                self.load(&model.inner, run, cancel)?;
+            }
+        }
+    }
+
+    /// The blocks in memory now, with those of the lease.
+    pub fn snapshot(&self, model: &ModelBlocks) -> Result<Arc<Snapshot>> {
+        let shared = model.snapshot();
+        let Some(held) = self.held.get(&model.inner.key) else { return Ok(shared) };
+        let changes: Vec<_> = held.iter().map(|(id, slot)| (*id, Some(slot.clone()))).collect();
+        let with = shared.changed(changes, Some(&self.shared.reserve.account));
+        with.map(Arc::new).ok_or_else(|| self.no_room(0))
+    }
+
+    /// Moves those of `left` that are in memory, or that leases have left, to what is held.
+    fn hold_what_is_there(&mut self, model: &Inner, left: &mut Vec<BlockId>) {
+        let there = model.published.load_full();
+        let held = self.held.entry(model.key).or_default();
+        let mut inside = self.shared.reserve.lock();
+        left.retain(|&id| {
+            if held.iter().any(|(of, _)| *of == id) {
+                return false;
+            }
+            let of_lease = inside.left.get_mut(&(model.key, id)).map(|(slot, last)| {
+                *last = self.number;
+                slot.clone()
+            });
+            let slot = of_lease.or_else(|| there.slot(id).cloned());
+            held.extend(slot.iter().map(|slot| (id, slot.clone())));
+            slot.is_none()
+        });
+    }
+
+    fn load(&mut self, model: &Inner, run: &[BlockId], cancel: &Cancel) -> Result<()> {
+        let reserve = &self.shared.reserve;
+        let bytes: u64 = run.iter().map(|&id| model.slot_bytes(id)).sum();
+        let mut charge = reserve.account.charge(bytes, reserve.working());
+        if charge.is_none() {
+            self.drop_what_others_left();
+            charge = reserve.account.charge(bytes, reserve.working());
+        }
+        let mut charge = charge.ok_or_else(|| self.no_room(bytes))?;
+        let stored = run.iter().map(|&id| stored_len(model, id)).sum();
+        let buffers = Buffers::new(&reserve.account, &model.file, stored);
+        let mut buffers = buffers.ok_or_else(|| self.no_room(bytes))?;
+        let loaded = model.load(run, &mut charge, &mut buffers, cancel);
+        let mut inside = reserve.lock();
+        for (id, slot) in &loaded.slots {
+            inside.left.insert((model.key, *id), (slot.clone(), self.number));
+        }
+        drop(inside);
+        self.held.entry(model.key).or_default().extend(loaded.slots);
+        loaded.failed.into_iter().next().map_or(Ok(()), |(_, error)| Err(error))
+    }
+
+    /// Blocks that this lease has not used.
+    fn drop_what_others_left(&self) {
+        self.shared.reserve.lock().left.retain(|_, (_, last)| *last == self.number);
+    }
+
+    fn no_room(&self, bytes: u64) -> Error {
+        let have = self.shared.budget();
+        Error::OverBudget { what: "what an exact answer needs at once", need: have.saturating_add(bytes), have }
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        self.held.clear();
+        self.shared.reserve.lock().turn += 1;
+        self.shared.reserve.passed.notify_all();
+        self.shared.wake();
+    }
+}

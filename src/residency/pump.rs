@@ -1,0 +1,265 @@
+//! Reading what is wanted, a run of neighbours at a time.
+
+use super::account::Charge;
+use super::blocks::Inner;
+use super::core::{After, Residency, Shared, State};
+use super::evict::Short;
+use super::load::{Buffers, RUN_BYTES, goes_with};
+use super::rank::can_be_had;
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use crate::base::progress::Cancel;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, Weak};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// How long a fetcher waits for somebody to let go of a snapshot.
+const STARVED: Duration = Duration::from_millis(2);
+
+/// What came of looking for work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Unit {
+    /// A run was read.
+    Did,
+    /// There is none.
+    Idle,
+    /// There is, but no memory until somebody lets go of a snapshot.
+    Starved,
+}
+
+enum Next {
+    Load(Task),
+    /// Room was made: look once more.
+    Again,
+    Idle,
+    Starved,
+}
+
+/// A run to be read, with what pays for it.
+struct Task {
+    model: Arc<Inner>,
+    ids: Vec<BlockId>,
+    stamp: u32,
+    room: Room,
+}
+
+/// Memory for blocks to come.
+pub(super) struct Room {
+    pub charge: Charge,
+    pub buffers: Buffers,
+    _in_flight: InFlight,
+}
+
+/// Counts bytes as being read.
+struct InFlight {
+    shared: Arc<Shared>,
+    bytes: u64,
+}
+
+impl Drop for InFlight {
+    fn drop(&mut self) {
+        self.shared.lock().in_flight -= self.bytes;
+    }
+}
+
+impl Residency {
+    /// Does a unit of work in this thread, if there is any that is not being done: takes what is wanted most, reads and
+    /// decodes it with its neighbours, makes room and publishes it. Whether there may be more. Thread-safe; blocks while it
+    /// reads, under no lock. False also where there is no memory until somebody lets go of a snapshot.
+    pub fn pump(&self) -> bool {
+        self.shared().unit() == Unit::Did
+    }
+
+    /// Has `waker` called when there is work for [`Residency::pump`]: from any thread, under no lock of ours. Replaces an
+    /// earlier one.
+    pub fn set_waker(&self, waker: Option<Arc<dyn Fn() + Send + Sync>>) {
+        self.shared().wakeup.set_waker(waker);
+    }
+
+    /// Starts threads that pump whenever there is work, and end with what is returned. Fails if a thread cannot be started.
+    pub fn start(&self, threads: usize) -> Result<Fetchers> {
+        let mut fetchers = Fetchers { shared: Arc::downgrade(self.shared()), threads: Vec::new() };
+        for i in 0..threads {
+            let shared = Arc::clone(self.shared());
+            let thread = std::thread::Builder::new()
+                .name(format!("outcrop fetch {i}"))
+                .spawn(move || shared.fetch_until_stopped())
+                .map_err(|e| Error::io("fetcher thread", "start", e))?;
+            fetchers.threads.push(thread);
+        }
+        Ok(fetchers)
+    }
+}
+
+/// Threads that fetch. Dropping it waits until they have ended.
+pub struct Fetchers {
+    shared: Weak<Shared>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Drop for Fetchers {
+    fn drop(&mut self) {
+        if let Some(shared) = self.shared.upgrade() {
+            shared.wakeup.stop();
+        }
+        let me = std::thread::current().id();
+        for thread in self.threads.drain(..) {
+            // The last owner may be a fetcher itself, dropping what a model held.
+            if thread.thread().id() != me {
+                let _ = thread.join();
+            }
+        }
+    }
+}
+
+impl Shared {
+    fn fetch_until_stopped(self: Arc<Self>) {
+        while let Some(seen) = self.wakeup.reasons() {
+            match self.unit() {
+                Unit::Did => {}
+                Unit::Idle => self.wakeup.sleep(seen, None),
+                Unit::Starved => self.wakeup.sleep(seen, Some(STARVED)),
+            }
+        }
+    }
+
+    pub fn unit(self: &Arc<Self>) -> Unit {
+        // Room that was made may go to somebody else, but not for ever.
+        for _ in 0..8 {
+            let mut after = After::default();
+            let next = {
+                let mut state = self.lock();
+                self.next(&mut state, &mut after)
+            };
+            after.run();
+            match next {
+                Next::Again => {}
+                Next::Load(task) => return self.work(task),
+                Next::Idle => return Unit::Idle,
+                Next::Starved => return Unit::Starved,
+            }
+        }
+        Unit::Starved
+    }
+
+    fn next(self: &Arc<Self>, state: &mut State, after: &mut After) -> Next {
+        state.rank();
+        if state.ranking.is_stuck {
+            return Next::Idle;
+        }
+        while let Some((key, id)) = state.ranking.first() {
+            let model = state.model(key).filter(|model| can_be_had(model, id));
+            let Some(model) = model else {
+                state.ranking.pass_over();
+                continue;
+            };
+            let run = state.ranking.run_around(&model, (key, id));
+            let stamp = state.ranking.stamp((key, id));
+            return match self.room_for(state, &model, &run, after) {
+                Ok(Some(room)) => Next::Load(Task { model, ids: run, stamp, room }),
+                Ok(None) => Next::Again,
+                Err(Short::ForNow) => Next::Starved,
+                Err(Short::InUse) => match self.room_for(state, &model, &[id], after) {
+                    Ok(Some(room)) => Next::Load(Task { model, ids: vec![id], stamp, room }),
+                    Ok(None) => Next::Again,
+                    Err(Short::ForNow) => Next::Starved,
+                    Err(Short::InUse) => {
+                        state.overfull(self, stamp, after);
+                        Next::Idle
+                    }
+                },
+            };
+        }
+        state.settle(self, after);
+        self.promotion(state, after)
+    }
+
+    /// Memory for a run; `None` if some was freed and `after` has to run first.
+    fn room_for(
+        self: &Arc<Self>,
+        state: &mut State,
+        model: &Inner,
+        run: &[BlockId],
+        after: &mut After,
+    ) -> std::result::Result<Option<Room>, Short> {
+        let bytes = run.iter().map(|&id| model.slot_bytes(id)).sum();
+        if !state.fits(self, bytes) {
+            state.free_up(self, bytes, after)?;
+            return Ok(None);
+        }
+        let charge = self.main.charge(bytes, self.headroom).ok_or(Short::ForNow)?;
+        let stored = run.iter().map(|&id| stored_len(model, id)).sum();
+        let buffers = Buffers::new(&self.main, &model.file, stored).ok_or(Short::ForNow)?;
+        state.in_flight += bytes;
+        Ok(Some(Room { charge, buffers, _in_flight: InFlight { shared: Arc::clone(self), bytes } }))
+    }
+
+    /// [`Shared::room_for`], with what has to run after.
+    pub fn make_room(self: &Arc<Self>, model: &Inner, run: &[BlockId]) -> std::result::Result<Room, Short> {
+        for _ in 0..8 {
+            let mut after = After::default();
+            let room = {
+                let mut state = self.lock();
+                self.room_for(&mut state, model, run, &mut after)
+            };
+            after.run();
+            if let Some(room) = room? {
+                return Ok(room);
+            }
+        }
+        Err(Short::ForNow)
+    }
+
+    /// All of a model that fits, in the order of the file.
+    fn promotion(self: &Arc<Self>, state: &mut State, after: &mut After) -> Next {
+        if !self.promotes() {
+            return Next::Idle;
+        }
+        let models: Vec<_> = state.models.values().filter_map(Weak::upgrade).collect();
+        for model in models.into_iter().filter(|model| model.may_promote.load(Relaxed)) {
+            let lacking = |id: &BlockId| model.decoder.is_promoted(*id) && can_be_had(&model, *id);
+            let all: Vec<BlockId> = (0..model.file.block_count()).map(BlockId).filter(lacking).collect();
+            let bytes = all.iter().map(|&id| model.slot_bytes(id)).sum();
+            let Some(&first) = all.first().filter(|_| state.fits(self, bytes)) else { continue };
+            let together = all.windows(2).take_while(|w| goes_with(&model.file, [first, w[0], w[1]], RUN_BYTES)).count();
+            let ids = all[..=together].to_vec();
+            match self.room_for(state, &model, &ids, after) {
+                Ok(Some(room)) => return Next::Load(Task { model, ids, stamp: 0, room }),
+                Ok(None) => return Next::Again,
+                Err(Short::ForNow) => return Next::Starved,
+                Err(Short::InUse) => {}
+            }
+        }
+        Next::Idle
+    }
+
+    fn work(self: &Arc<Self>, task: Task) -> Unit {
+        let Task { model, ids, stamp, mut room } = task;
+        let Some(claim) = model.claims.try_claim(&ids, |id| !model.is_there(id)) else { return Unit::Did };
+        let loaded = model.load(&claim.ids, &mut room.charge, &mut room.buffers, &Cancel::new());
+        let published = self.publish(&model, &loaded.slots, stamp);
+        drop(claim);
+        drop(room);
+        if !loaded.failed.is_empty() {
+            loaded.failed.iter().for_each(|(id, _)| model.set_failed(*id));
+            let failed: Vec<BlockId> = loaded.failed.iter().map(|(id, _)| *id).collect();
+            self.tell_those_who_want(&model, &failed);
+        }
+        if published { Unit::Did } else { Unit::Starved }
+    }
+
+    fn tell_those_who_want(&self, model: &Inner, ids: &[BlockId]) {
+        let mut after = After::default();
+        let mut state = self.lock();
+        let views = state.live_views();
+        after.calls.extend(views.iter().filter(|view| view.wants_any(model.key, ids)).filter_map(|view| view.call()));
+        drop(state);
+        after.run();
+    }
+}
+
+/// Bytes of a block in the file.
+pub(super) fn stored_len(model: &Inner, id: BlockId) -> u64 {
+    model.file.directory().get(id.0 as usize).map_or(0, |row| u64::from(row.stored_len))
+}

@@ -1,0 +1,98 @@
+//! What all views want, most wanted first.
+
+use super::blocks::{Inner, ModelKey};
+use super::core::State;
+use super::load::{RUN_BYTES, goes_with};
+use crate::base::ids::BlockId;
+
+/// A block of a model.
+pub(super) type Key = (ModelKey, BlockId);
+
+/// Wants of all views, as they were when it was made.
+#[derive(Default)]
+pub(super) struct Ranking {
+    /// Ascending, each with the last pass that wanted it.
+    wanted: Vec<(Key, u32)>,
+    /// The most wanted first.
+    order: Vec<Key>,
+    next: usize,
+    valid: bool,
+    /// What comes next does not fit, and nothing has changed since that was found.
+    pub is_stuck: bool,
+}
+
+impl Ranking {
+    /// Views want something else, or what they want can be had again.
+    pub fn invalidate(&mut self) {
+        self.valid = false;
+    }
+
+    /// The last pass that wanted the block; 0 for none.
+    pub fn stamp(&self, key: Key) -> u32 {
+        self.wanted.binary_search_by_key(&key, |w| w.0).map_or(0, |at| self.wanted[at].1)
+    }
+
+    /// What is wanted most of what has not been [passed over](Ranking::pass_over).
+    pub fn first(&self) -> Option<Key> {
+        self.order.get(self.next).copied()
+    }
+
+    /// Goes on to the next.
+    pub fn pass_over(&mut self) {
+        self.next += 1;
+    }
+
+    /// Wanted neighbours of a block that are read with it, itself among them, ascending.
+    pub fn run_around(&self, model: &Inner, (key, id): Key) -> Vec<BlockId> {
+        let Ok(at) = self.wanted.binary_search_by_key(&(key, id), |w| w.0) else { return vec![id] };
+        let absent = |&&((of, id), _): &&(Key, u32)| of == key && can_be_had(model, id);
+        let mut run = vec![id];
+        for ((_, before), _) in self.wanted[..at].iter().rev().take_while(absent) {
+            let last = run[run.len() - 1];
+            let joins = goes_with(&model.file, [*before, *before, run[0]], RUN_BYTES);
+            if !(joins && goes_with(&model.file, [*before, last, last], RUN_BYTES)) {
+                break;
+            }
+            run.insert(0, *before);
+        }
+        for ((_, after), _) in self.wanted[at + 1..].iter().take_while(absent) {
+            if !goes_with(&model.file, [run[0], run[run.len() - 1], *after], RUN_BYTES) {
+                break;
+            }
+            run.push(*after);
+        }
+        run
+    }
+}
+
+/// Whether the block is not in memory and may be read.
+pub(super) fn can_be_had(model: &Inner, id: BlockId) -> bool {
+    !model.is_there(id) && !model.is_failed(id) && !model.claims.is_claimed(id)
+}
+
+impl State {
+    /// Ranks anew, if something has changed.
+    pub fn rank(&mut self) {
+        if self.ranking.valid {
+            return;
+        }
+        let mut all: Vec<(Key, f32, u32)> = Vec::new();
+        for view in self.live_views() {
+            view.add_wants(&mut all);
+        }
+        all.sort_unstable_by_key(|want| want.0);
+        let ranking = &mut self.ranking;
+        ranking.wanted.clear();
+        let mut weights: Vec<(f32, Key)> = Vec::with_capacity(all.len());
+        for same in all.chunk_by(|a, b| a.0 == b.0) {
+            let last = same.iter().map(|want| want.2).max().unwrap_or(0);
+            ranking.wanted.push((same[0].0, last));
+            weights.push((same.iter().map(|want| want.1).sum(), same[0].0));
+        }
+        // Lower blocks first among equals: parents before children.
+        weights.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        ranking.order = weights.into_iter().map(|(_, key)| key).collect();
+        (ranking.next, ranking.valid, ranking.is_stuck) = (0, true, false);
+        self.strain.is_full = false;
+    }
+}

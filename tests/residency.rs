@@ -1,0 +1,271 @@
+//! Exact answers within a budget far below the model's size.
+
+mod common;
+
+use common::built::{self, Built, Part};
+use common::rng::Rng;
+use common::scenes;
+use glam::{DAffine3, DVec3};
+use outcrop::base::error::Error;
+use outcrop::base::progress::{Cancel, Progress};
+use outcrop::base::tasks::{Executor, Task};
+use outcrop::build::{BuildOptions, Builder};
+use outcrop::import::generate::{GenerateOptions, generate};
+use outcrop::math::Ray;
+use outcrop::query::{Hit, HitKind, Query, QueryOptions, QueryState};
+use outcrop::scene::{Context, ContextOptions, Model, Scene, SceneState};
+use outcrop::store::{CallbackSource, FileSource, Source};
+use std::io;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::SeqCst};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+/// A file that all tests read.
+struct Large {
+    path: PathBuf,
+    /// Bytes of its geometry in memory.
+    bytes: u64,
+    rays: Vec<Ray>,
+    hits: Vec<Hit>,
+}
+
+fn large() -> &'static Large {
+    static LARGE: OnceLock<Large> = OnceLock::new();
+    LARGE.get_or_init(|| {
+        let folder = Box::leak(Box::new(tempfile::tempdir().expect("a folder")));
+        let path = folder.path().join("bulb.oc");
+        let (progress, options) = (Arc::new(Progress::default()), BuildOptions::default());
+        let mut builder = Builder::new(options, progress, Cancel::new()).expect("a builder");
+        let options = GenerateOptions { triangles: 1_200_000, seed: 0 };
+        generate("mandelbulb", &options, &Cancel::new(), &mut builder).expect("a bulb");
+        builder.finish(&path).expect("a build");
+        let rays = rays(20_000, 5, DVec3::ZERO, 1.2);
+        let context = built::context(2);
+        let (state, model) = scene(&context, Arc::new(FileSource::open(&path).expect("the file"))).expect("it opens");
+        assert!(model.load(&Cancel::new()).expect("it loads"), "all of it fits");
+        let hits = ask(&state, &rays).expect("answers");
+        let met = hits.iter().filter(|h| h.kind == HitKind::Exact).count();
+        assert!(met > rays.len() / 4 && met < rays.len(), "{met}");
+        Large { path, bytes: model.memory().geometry, rays, hits }
+    })
+}
+
+fn rays(count: usize, seed: u64, center: DVec3, radius: f64) -> Vec<Ray> {
+    let mut rng = Rng::new(seed);
+    let ray = |_| {
+        let from = center + rng.direction() * radius * rng.between(0.1, 4.0);
+        let to = center + rng.direction() * radius * rng.unit();
+        Ray::new(from, (to - from).as_vec3())
+    };
+    (0..count).map(ray).collect()
+}
+
+fn scene(context: &Context, source: Arc<dyn Source>) -> outcrop::Result<(Arc<SceneState>, Model)> {
+    let model = Model::open_source(context, source)?;
+    let scene = Scene::new(context);
+    scene.add_instance(&model, 7, DAffine3::IDENTITY)?;
+    scene.commit()?;
+    Ok((scene.state(), model))
+}
+
+fn ask(state: &SceneState, rays: &[Ray]) -> outcrop::Result<Vec<Hit>> {
+    let mut hits = vec![Hit::MISS; rays.len()];
+    state.closest(rays, QueryOptions::default(), &mut hits)?;
+    Ok(hits)
+}
+
+fn same(got: &[Hit], expected: &[Hit], what: &str) {
+    let differ = (0..got.len()).find(|&i| got[i] != expected[i]);
+    assert_eq!(differ.map(|i| (i, got[i], expected[i])), None, "{what}");
+}
+
+/// The host's threads: one for each task.
+struct Spawning;
+
+impl Executor for Spawning {
+    fn concurrency(&self) -> usize {
+        2
+    }
+    fn submit(&self, task: Task) {
+        std::thread::spawn(move || task.run());
+    }
+}
+
+fn context(threads: usize, executor: bool, memory_budget: u64) -> Context {
+    let executor = executor.then(|| Arc::new(Spawning) as Arc<dyn Executor>);
+    Context::new(ContextOptions { threads, executor, memory_budget, ..Default::default() }).expect("a context")
+}
+
+/// Runs `f` while another thread watches that the budget is kept; returns the most that was used.
+fn watched<T>(context: &Context, f: impl FnOnce() -> T) -> (T, u64) {
+    let (stop, most) = (AtomicBool::new(false), AtomicU64::new(0));
+    let result = std::thread::scope(|threads| {
+        threads.spawn(|| {
+            while !stop.load(SeqCst) {
+                most.fetch_max(context.memory_used(), SeqCst);
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        });
+        let result = f();
+        stop.store(true, SeqCst);
+        result
+    });
+    (result, most.into_inner())
+}
+
+#[test]
+fn exact_answers_within_an_eighth_are_those_of_the_whole() {
+    let large = large();
+    let budget = large.bytes / 8;
+    for (threads, executor) in [(1, false), (2, false), (0, false), (0, true)] {
+        let context = context(threads, executor, budget);
+        let (state, model) = scene(&context, Arc::new(FileSource::open(&large.path).unwrap())).expect("it opens");
+        let begun = Instant::now();
+        let (hits, most) = watched(&context, || ask(&state, &large.rays).expect("answers"));
+        let what = format!("{threads} threads, executor {executor}");
+        println!("{what}: {:?}, {most} of {budget} bytes, of {}", begun.elapsed(), large.bytes);
+        same(&hits, &large.hits, &what);
+        assert!(most <= budget && most > budget / 4, "{what}: {most} of {budget}");
+        drop((state, model));
+    }
+}
+
+/// With the least budget there is room for nothing but the lease.
+#[test]
+fn exact_answers_with_the_least_budget_are_those_of_the_whole() {
+    let large = large();
+    let open = |budget| {
+        let context = context(2, false, budget);
+        scene(&context, Arc::new(FileSource::open(&large.path).unwrap())).map(|opened| (context, opened))
+    };
+    let Err(Error::OverBudget { need, have: 4096, .. }) = open(4096).map(drop) else { panic!("a page does not do") };
+    assert!(need < large.bytes / 8, "{need} of {}", large.bytes);
+    assert!(matches!(open(need - 1).map(drop), Err(Error::OverBudget { .. })));
+    let (context, (state, _model)) = open(need).expect("the least does");
+    let count = 3000;
+    // Several at once: they take turns.
+    let (_, most) = watched(&context, || {
+        std::thread::scope(|threads| {
+            for part in 0..2 {
+                let (state, range) = (&state, part * count..(part + 1) * count);
+                threads.spawn(move || {
+                    let hits = ask(state, &large.rays[range.clone()]).expect("answers");
+                    same(&hits, &large.hits[range], "the least budget");
+                });
+            }
+        });
+    });
+    assert!(most <= need, "{most} of {need}");
+}
+
+#[test]
+fn what_was_read_for_rays_is_there_for_the_same_rays() {
+    let large = large();
+    let reads = Arc::new(AtomicUsize::new(0));
+    let (count, file) = (Arc::clone(&reads), FileSource::open(&large.path).unwrap());
+    let len = file.len();
+    let read = move |at: u64, buf: &mut [u8]| {
+        count.fetch_add(1, SeqCst);
+        file.read_at(at, buf)
+    };
+    let context = context(2, false, large.bytes / 4);
+    let (state, _model) = scene(&context, Arc::new(CallbackSource::new("counted", len, Box::new(read)))).unwrap();
+    // Into a corner: few blocks.
+    let rays: Vec<Ray> = (0..400)
+        .map(|i| Ray::new(DVec3::new(0.02 * (i % 20) as f64, 0.02 * (i / 20) as f64, 4.0), -glam::Vec3::Z))
+        .collect();
+    let first = ask(&state, &rays).unwrap();
+    let before = reads.load(SeqCst);
+    for _ in 0..3 {
+        same(&ask(&state, &rays).unwrap(), &first, "once more");
+    }
+    assert_eq!(reads.load(SeqCst), before, "reads for what is there");
+}
+
+fn sphere() -> Built {
+    built::parts(&[Part::white(5, scenes::sphere(150, 300))])
+}
+
+/// The disk fails at call N, once or for good: an answer or an error, and never a wait without end.
+#[test]
+fn a_read_that_fails_anywhere_ends_in_an_answer_or_an_error() {
+    let built = sphere();
+    let bytes: Arc<[u8]> = std::fs::read(&built.path).unwrap().into();
+    let rays = rays(300, 3, DVec3::ZERO, 1.0);
+    let expected = ask(&built::scene(&built::context(0), &built).0.state(), &rays).unwrap();
+    for (threads, for_good) in [(0, false), (0, true), (2, true), (1, false)] {
+        for fail_at in 0.. {
+            let calls = Arc::new(AtomicUsize::new(0));
+            let (count, all) = (Arc::clone(&calls), Arc::clone(&bytes));
+            let read = move |at: u64, buf: &mut [u8]| {
+                let call = count.fetch_add(1, SeqCst);
+                if call == fail_at || call > fail_at && for_good {
+                    return Err(io::ErrorKind::ConnectionReset.into());
+                }
+                buf.copy_from_slice(&all[at as usize..at as usize + buf.len()]);
+                Ok(())
+            };
+            let source = Arc::new(CallbackSource::new("failing", bytes.len() as u64, Box::new(read)));
+            let context = context(threads, false, 3 << 20);
+            let answer = scene(&context, source).and_then(|(state, _)| {
+                let hits = Arc::new(Taken(std::sync::Mutex::new(vec![Hit::MISS; rays.len()])));
+                let asked: Arc<Given> = Arc::new(Given(rays.clone()));
+                let query = Query::closest(&state, asked, hits.clone(), QueryOptions::default())?;
+                let status = query.wait(Duration::from_secs(120));
+                match status.state {
+                    QueryState::Done => Ok(hits.0.lock().unwrap().clone()),
+                    QueryState::Failed => Err(Error::clone(&status.error.expect("a reason"))),
+                    state => panic!("call {fail_at}: {state:?}"),
+                }
+            });
+            match answer {
+                Ok(hits) => same(&hits, &expected, &format!("call {fail_at}")),
+                Err(Error::Io { .. }) => {}
+                Err(e) => panic!("call {fail_at}: {e}"),
+            }
+            if calls.load(SeqCst) <= fail_at {
+                assert!(fail_at > 10);
+                break;
+            }
+        }
+    }
+}
+
+struct Given(Vec<Ray>);
+
+impl outcrop::query::Rays for Given {
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+    fn read(&self, first: usize, out: &mut [Ray]) {
+        out.copy_from_slice(&self.0[first..first + out.len()]);
+    }
+}
+
+struct Taken(std::sync::Mutex<Vec<Hit>>);
+
+impl outcrop::query::Hits for Taken {
+    fn write(&self, first: usize, hits: &[Hit]) {
+        self.0.lock().unwrap()[first..first + hits.len()].copy_from_slice(hits);
+    }
+}
+
+/// In the background, with threads of ours and without.
+#[test]
+fn a_model_that_fits_comes_in_the_background() {
+    let large = large();
+    for (threads, executor) in [(1, false), (0, true), (0, false)] {
+        let context = context(threads, executor, 4 * large.bytes);
+        let (_state, model) = scene(&context, Arc::new(FileSource::open(&large.path).unwrap())).unwrap();
+        let begun = Instant::now();
+        while model.memory().resident < model.memory().geometry {
+            assert!(begun.elapsed() < Duration::from_secs(120));
+            if threads == 0 && !executor {
+                assert!(context.step(), "there is more to do");
+            } else {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        }
+    }
+}
