@@ -157,6 +157,15 @@ fn exact_answers_with_the_least_budget_are_those_of_the_whole() {
         });
     });
     assert!(most <= need, "{most} of {need}");
+    // Boxes too: a visit to most blocks goes on from where it lacked one.
+    let whole = built::context(2);
+    let (whole, _) = scene(&whole, Arc::new(FileSource::open(&large.path).unwrap())).expect("it opens");
+    for half in [0.8, 2.0] {
+        let volume = outcrop::math::DBounds { min: DVec3::splat(-half), max: DVec3::splat(half) };
+        let met = state.overlap_box(&volume).expect("an answer");
+        assert!(!met.is_empty());
+        assert_eq!(met, whole.overlap_box(&volume).expect("an answer"));
+    }
 }
 
 #[test]

@@ -9,6 +9,7 @@ pub mod hit;
 pub mod overlap;
 mod rounds;
 pub(crate) mod stand_in;
+mod sweep;
 mod volume;
 
 pub use batch::{Hits, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};

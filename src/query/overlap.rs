@@ -1,17 +1,15 @@
 //! Which parts meet a box or a frustum: exact, by triangle.
 
+use super::sweep::{Search, sweep};
 use super::volume::{Side, Volume};
 use crate::base::error::{Error, Result};
-use crate::base::ids::BlockId;
-use crate::base::tasks::{Ending, Work};
 use crate::math::{Bounds, DBounds};
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
-use crate::scene::walk::{Hold, Need, SceneView, Snapshots, fetch, take_holding};
-use crate::structure::bvh::trace::Triangle;
+use crate::scene::walk::SceneView;
+use crate::structure::bvh::trace::{LeafSweep, Triangle};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A half space: the points p with `normal · p + d >= 0`. `normal` need not be unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,7 +70,8 @@ impl SceneState {
         let near = |p: &Placed| self.instances[p.instance as usize].state.visible && volume.may_meet(&p.bounds);
         let trees: Vec<u32> = (0..placed.len() as u32).filter(|&i| near(&placed[i as usize])).collect();
         let mut met: BTreeMap<(u32, u32), bool> = BTreeMap::new();
-        for (tree, parts) in trees.iter().zip(sweep(self, &trees, &|view, tree| meet(view, tree, volume))?) {
+        let search: Search<BTreeMap<u32, bool>> = &|view, tree, left, met| meet(view, tree, volume, left, met);
+        for (tree, parts) in trees.iter().zip(sweep(self, &trees, search)?) {
             for (part, inside) in parts {
                 *met.entry((placed[*tree as usize].instance, part)).or_insert(true) &= inside;
             }
@@ -106,11 +105,11 @@ impl SceneState {
         let placed = &self.placement.placed;
         let concerned = |p: &Placed| doubtful.get(&p.instance).is_some_and(|d| d.1.overlaps(&p.bounds));
         let trees: Vec<u32> = (0..placed.len() as u32).filter(|&i| concerned(&placed[i as usize])).collect();
-        let search = |view: &SceneView, tree: u32| {
+        let search: Search<BTreeSet<u32>> = &|view, tree, left, refuted| {
             let (parts, bounds) = &doubtful[&placed[tree as usize].instance];
-            outside(view, tree, volume, parts, bounds)
+            outside(view, tree, volume, (parts, bounds), left, refuted);
         };
-        for (tree, refuted) in trees.iter().zip(sweep(self, &trees, &search)?) {
+        for (tree, refuted) in trees.iter().zip(sweep(self, &trees, search)?) {
             for part in refuted {
                 met.insert((placed[*tree as usize].instance, part), false);
             }
@@ -120,12 +119,12 @@ impl SceneState {
 }
 
 /// The parts of a placed tree that meet the volume, and whether all that was seen of them is inside.
-fn meet(view: &SceneView, tree: u32, volume: &Volume) -> Lacking<Vec<(u32, bool)>> {
+fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut LeafSweep, met: &mut BTreeMap<u32, bool>) {
     let placed = &view.scene.placement.placed[tree as usize];
     let hidden = &view.scene.instances[placed.instance as usize].parts.hidden;
     let hides = |part: u32| hidden.get(part as usize / 64).is_some_and(|w| w >> (part % 64) & 1 == 1);
-    let mut met: BTreeMap<u32, bool> = BTreeMap::new();
-    view.tree(tree).for_each_leaf(
+    view.tree(tree).sweep_leaves(
+        left,
         &mut |b| volume.may_meet(&world_bounds(placed, b)),
         &mut |_, triangle| {
             let part = placed.first_part.saturating_add(triangle.part);
@@ -148,8 +147,7 @@ fn meet(view: &SceneView, tree: u32, volume: &Volume) -> Lacking<Vec<(u32, bool)
                 }
             }
         },
-    )?;
-    Ok(met.into_iter().collect())
+    );
 }
 
 /// Which of `parts` have a triangle in the placed tree that is not inside the volume.
@@ -157,12 +155,13 @@ fn outside(
     view: &SceneView,
     tree: u32,
     volume: &Volume,
-    parts: &BTreeSet<u32>,
-    bounds: &DBounds,
-) -> Lacking<BTreeSet<u32>> {
+    (parts, bounds): (&BTreeSet<u32>, &DBounds),
+    left: &mut LeafSweep,
+    refuted: &mut BTreeSet<u32>,
+) {
     let placed = &view.scene.placement.placed[tree as usize];
-    let mut refuted = BTreeSet::new();
-    view.tree(tree).for_each_leaf(
+    view.tree(tree).sweep_leaves(
+        left,
         &mut |b| {
             let b = world_bounds(placed, b);
             bounds.overlaps(&b) && !volume.holds(&b)
@@ -173,8 +172,7 @@ fn outside(
                 refuted.insert(part);
             }
         },
-    )?;
-    Ok(refuted)
+    );
 }
 
 fn world_triangle(placed: &Placed, triangle: &Triangle) -> [DVec3; 3] {
@@ -187,94 +185,4 @@ fn world_bounds(placed: &Placed, b: &Bounds) -> DBounds {
     let world = placed.world_bounds(&local);
     let slack = DVec3::splat(placed.rounding(0.0));
     DBounds { min: world.min - slack, max: world.max + slack }
-}
-
-/// An answer, or the block that it lacks.
-type Lacking<T> = std::result::Result<T, BlockId>;
-
-/// What is found in one placed tree; a block may be missing.
-type Search<'a, T> = &'a (dyn Fn(&SceneView, u32) -> Lacking<T> + Sync);
-
-/// Searches placed trees in parallel, fetching missing blocks between rounds.
-fn sweep<T: Send>(scene: &SceneState, trees: &[u32], search: Search<T>) -> Result<Vec<T>> {
-    let inner = SweepState {
-        snapshots: Arc::new(Snapshots::take(scene)),
-        hold: Hold::default(),
-        todo: (0..trees.len()).collect(),
-        again: Vec::new(),
-        needs: Vec::new(),
-        results: trees.iter().map(|_| None).collect(),
-    };
-    let sweep = Sweep { scene, trees, search, state: Mutex::new(inner) };
-    match scene.context().pool().run_scoped(trees.len(), &sweep) {
-        Ending::Finished => {}
-        Ending::Cancelled => return Err(Error::Cancelled),
-        Ending::Failed(e) => return Err(Error::clone(&e)),
-    }
-    let state = sweep.state.into_inner().unwrap_or_else(PoisonError::into_inner);
-    Ok(state.results.into_iter().flatten().collect())
-}
-
-struct Sweep<'a, T> {
-    scene: &'a SceneState,
-    trees: &'a [u32],
-    search: Search<'a, T>,
-    state: Mutex<SweepState<T>>,
-}
-
-struct SweepState<T> {
-    snapshots: Arc<Snapshots>,
-    hold: Hold,
-    /// Indices of the present round.
-    todo: Vec<usize>,
-    /// Those that lacked a block.
-    again: Vec<usize>,
-    needs: Vec<Need>,
-    results: Vec<Option<T>>,
-}
-
-impl<T> Sweep<'_, T> {
-    fn state(&self) -> MutexGuard<'_, SweepState<T>> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl<T: Send> Work for Sweep<'_, T> {
-    fn run(&self, item: usize) -> Result<()> {
-        let (index, snapshots) = {
-            let state = self.state();
-            (state.todo[item], Arc::clone(&state.snapshots))
-        };
-        let view = SceneView { scene: self.scene, snapshots: &snapshots, never_waits: false };
-        let tree = self.trees[index];
-        let result = (self.search)(&view, tree);
-        let mut state = self.state();
-        match result {
-            Ok(found) => state.results[index] = Some(found),
-            Err(block) => {
-                let model = self.scene.placement.placed[tree as usize].model;
-                state.needs.push(Need { model, block });
-                state.again.push(index);
-            }
-        }
-        Ok(())
-    }
-
-    fn round_done(&self) -> Result<usize> {
-        let needs = std::mem::take(&mut self.state().needs);
-        if needs.is_empty() {
-            return Ok(0);
-        }
-        let mut hold = {
-            let mut state = self.state();
-            state.snapshots = Arc::new(Snapshots::none());
-            std::mem::take(&mut state.hold)
-        };
-        fetch(self.scene, needs, &mut hold)?;
-        let mut state = self.state();
-        state.snapshots = Arc::new(take_holding(self.scene, &hold)?);
-        state.hold = hold;
-        state.todo = std::mem::take(&mut state.again);
-        Ok(state.todo.len())
-    }
 }

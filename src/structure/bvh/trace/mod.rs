@@ -83,6 +83,25 @@ pub struct TreeView<'a> {
     pub never_waits: bool,
 }
 
+/// What is left of a visit to the leaves of a tree: blocks, and what in them.
+#[derive(Debug, Clone, Default)]
+pub struct LeafSweep {
+    left: Vec<(u32, u32)>,
+}
+
+impl LeafSweep {
+    /// Of the whole tree.
+    pub fn new(view: &TreeView) -> Self {
+        let root = (!view.is_empty()).then_some((view.root_block, view.root));
+        Self { left: root.into_iter().collect() }
+    }
+
+    /// The blocks that it waits for; some may be named several times.
+    pub fn missing(&self) -> impl Iterator<Item = BlockId> {
+        self.left.iter().map(|&(id, _)| BlockId(id))
+    }
+}
+
 impl TreeView<'_> {
     /// Root reference of a tree without triangles.
     pub const EMPTY: u32 = u32::MAX;
@@ -145,15 +164,27 @@ impl TreeView<'_> {
         descend: &mut dyn FnMut(&Bounds) -> bool,
         visit: &mut dyn FnMut(&TriHit, &Triangle),
     ) -> Result<(), BlockId> {
-        if self.is_empty() {
-            return Ok(());
-        }
-        let mut stack = vec![(self.root_block, self.root)];
+        let mut sweep = LeafSweep::new(self);
+        self.sweep_leaves(&mut sweep, descend, visit);
+        sweep.missing().next().map_or(Ok(()), Err)
+    }
+
+    /// Visits the leaves that are in memory of those that `sweep` has still to visit, like [`TreeView::for_each_leaf`]; it
+    /// has ended when nothing is [missing](LeafSweep::missing). Call it again with the same sweep once some of that is
+    /// there.
+    pub fn sweep_leaves(
+        &self,
+        sweep: &mut LeafSweep,
+        descend: &mut dyn FnMut(&Bounds) -> bool,
+        visit: &mut dyn FnMut(&TriHit, &Triangle),
+    ) {
+        let mut stack = std::mem::take(&mut sweep.left);
         while let Some((id, child)) = stack.pop() {
-            let block = Block::new(self.snapshot.block(BlockId(id)).ok_or(BlockId(id))?);
-            self.visit_child(block, id, child, &mut stack, descend, visit);
+            match self.snapshot.block(BlockId(id)) {
+                Some(words) => self.visit_child(Block::new(words), id, child, &mut stack, descend, visit),
+                None => sweep.left.push((id, child)),
+            }
         }
-        Ok(())
     }
 
     fn visit_child(
