@@ -165,21 +165,6 @@ fn cancelled_while_it_writes() {
 }
 
 #[test]
-fn a_budget_that_is_too_small_names_what_is_needed() {
-    let (dir, path) = with_old_file();
-    let options = BuildOptions { memory_budget: 100_000, ..one_thread() };
-    let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).unwrap();
-    let part = builder.part(PartDesc::default()).unwrap();
-    let triangles = vec![[DVec3::ZERO, DVec3::X, DVec3::Y]; 100_000];
-    let refused = builder.triangles(MeshKey::DIRECT, part, &triangles, None);
-    match refused.and_then(|()| builder.finish(&path).map(|_| ())) {
-        Err(Error::OverBudget { need, have, .. }) => assert!(have == 100_000 && need > have),
-        other => panic!("{other:?}"),
-    }
-    assert_untouched(dir.path());
-}
-
-#[test]
 fn what_contradicts_itself_is_refused_where_it_is_said() {
     let mut builder = Builder::new(one_thread(), Arc::new(Progress::default()), Cancel::new()).unwrap();
     let refused = |result: outcrop::Result<()>| assert!(matches!(result, Err(Error::BadArgument(_))), "{result:?}");

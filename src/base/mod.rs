@@ -2,11 +2,13 @@
 
 pub mod bytes;
 pub mod error;
+pub mod faults;
 pub mod ids;
 pub mod progress;
 mod round;
 #[cfg(test)]
 mod round_tests;
+pub mod scratch;
 mod sync;
 pub mod tasks;
 pub mod units;

@@ -1,23 +1,23 @@
 //! Collects input, then makes the file of it.
 
+use super::parts::Assembly;
 use super::report::{BuildReport, PhaseSeconds};
-use super::seal::{self, Gathered};
+use super::seal::{self, Asked, Gathered};
+use super::shares::Shares;
 use super::spool::Spool;
 use super::{BuildOptions, Splits, Structure};
 use crate::base::error::{Error, Result};
 use crate::base::progress::{Cancel, Phase, Progress};
+use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
 use crate::math::srgb;
 use crate::store::{InstanceRow, MaterialRow, PartRow, sections};
+use crate::structure::bvh::build::Par;
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Instant;
-
-/// Bytes of memory that a triangle takes while its tree is built: corners, part and id (44) twice for a
-/// moment, references (32), nodes and leaves (40).
-const BYTES_PER_TRIANGLE: u64 = 160;
 
 /// Share of the whole that reading takes, for the progress.
 const READ_SHARE: f64 = 0.4;
@@ -30,10 +30,14 @@ pub struct Builder {
     progress: Arc<Progress>,
     cancel: Cancel,
     begun: Instant,
+    shares: Shares,
+    space: Arc<ScratchSpace>,
     meshes: Vec<Spool>,
-    parts: Vec<PartRow>,
-    materials: Vec<MaterialRow>,
-    instances: Vec<InstanceRow>,
+    /// Where meshes are that did not fit.
+    spilled: Option<Scratch>,
+    /// Bytes of the meshes in memory.
+    in_memory: u64,
+    assembly: Assembly,
     triangles_in: u64,
     non_finite: u64,
     metres_per_unit: Option<f64>,
@@ -42,7 +46,8 @@ pub struct Builder {
 }
 
 impl Builder {
-    /// With nothing in it. Fails with `BadArgument` where an option is out of its range.
+    /// With nothing in it. Fails with `BadArgument` where an option is out of its range, and with `OverBudget`,
+    /// which names the least, where nothing can be built in the memory allowed.
     pub fn new(options: BuildOptions, progress: Arc<Progress>, cancel: Cancel) -> Result<Self> {
         if let Some(m) = options.metres_per_unit
             && !(m.is_finite() && m > 0.0)
@@ -51,15 +56,19 @@ impl Builder {
         }
         let Structure::Bvh = options.structure;
         let default = MaterialDesc::default();
+        let shares = Shares::of(options.memory_budget)?;
+        let space = ScratchSpace::new(options.temp_dir.as_deref());
         Ok(Self {
+            shares,
+            space,
             options,
             progress,
             cancel,
             begun: Instant::now(),
             meshes: vec![Spool::new(0)],
-            parts: Vec::new(),
-            materials: vec![row_of(default)],
-            instances: Vec::new(),
+            spilled: None,
+            in_memory: 0,
+            assembly: Assembly { parts: Vec::new(), materials: vec![row_of(default)], instances: Vec::new() },
             triangles_in: 0,
             non_finite: 0,
             metres_per_unit: None,
@@ -92,20 +101,19 @@ impl Builder {
     pub fn finish(self, out: &Path) -> Result<BuildReport> {
         let read = self.begun.elapsed().as_secs_f64();
         self.cancel.check()?;
-        let Self { options, progress, cancel, notes, meshes, .. } = self;
+        let Self { options, progress, cancel, notes, meshes, spilled, assembly, shares, space, .. } = self;
         let gathered = Gathered {
             meshes,
-            parts: self.parts,
-            materials: self.materials,
-            instances: self.instances,
+            spilled,
+            assembly,
             triangles_in: self.triangles_in,
             non_finite: self.non_finite,
             metres_per_unit: options.metres_per_unit.or(self.metres_per_unit).unwrap_or(0.0),
             up: options.up.unwrap_or(self.up),
         };
-        let mut report = in_pool(options.threads, |threads| {
-            seal::run(gathered, &options, threads, out, &progress, &cancel, READ_SHARE)
-        })?;
+        let (options, progress, cancel) = (&options, &progress, &cancel);
+        let asked = Asked { options, shares, space, out, progress, cancel, done: READ_SHARE };
+        let mut report = in_pool(options.threads, |threads| seal::run(gathered, &asked, threads))?;
         progress.advance(1.0);
         progress.enter(Phase::Done);
         report.notes = notes;
@@ -113,12 +121,25 @@ impl Builder {
         Ok(report)
     }
 
-    fn check_budget(&self) -> Result<()> {
-        let need = self.triangles_in.saturating_mul(BYTES_PER_TRIANGLE);
-        let have = self.options.memory_budget;
-        if have != 0 && need > have {
-            return Err(Error::OverBudget { what: "building in memory (the input read so far)", need, have });
+    /// Moves all triangles to a scratch file once they are too many.
+    fn spill(&mut self) -> Result<()> {
+        if self.in_memory <= self.shares.spool {
+            return Ok(());
         }
+        let Self { options, cancel, meshes, spilled, space, .. } = self;
+        let file = match spilled.take() {
+            Some(file) => file,
+            None => space.file()?,
+        };
+        let file = &*spilled.insert(file);
+        in_pool(options.threads, |threads| {
+            let par = Par { threads };
+            meshes.iter_mut().try_for_each(|mesh| {
+                cancel.check()?;
+                mesh.spill(file, &par)
+            })
+        })?;
+        self.in_memory = 0;
         Ok(())
     }
 }
@@ -149,17 +170,17 @@ impl Sink for Builder {
     }
 
     fn material(&mut self, material: MaterialDesc) -> Result<MaterialKey> {
-        self.materials.push(row_of(material));
-        Ok(self.materials.len() as u32 - 1)
+        self.assembly.materials.push(row_of(material));
+        Ok(self.assembly.materials.len() as u32 - 1)
     }
 
     fn part(&mut self, part: PartDesc) -> Result<PartKey> {
-        let index = self.parts.len() as u32;
+        let index = self.assembly.parts.len() as u32;
         if part.parent.is_some_and(|p| p >= index) {
             return Err(Error::bad_argument("part: its parent does not exist yet"));
         }
         let material = part.material.unwrap_or(0);
-        if material as usize >= self.materials.len() {
+        if material as usize >= self.assembly.materials.len() {
             return Err(Error::bad_argument("part: its material does not exist"));
         }
         if index >= u32::MAX - 1 {
@@ -167,7 +188,7 @@ impl Sink for Builder {
         }
         let id = part.id.unwrap_or(u64::from(index));
         let bounds = sections::EMPTY_BOUNDS;
-        self.parts.push(PartRow { id, name: part.name, parent: part.parent, material, bounds, triangles: 0 });
+        self.assembly.parts.push(PartRow { id, name: part.name, parent: part.parent, material, bounds, triangles: 0 });
         Ok(index)
     }
 
@@ -186,7 +207,7 @@ impl Sink for Builder {
         positions: &[[DVec3; 3]],
         colours: Option<&[[f32; 3]]>,
     ) -> Result<()> {
-        let parts = self.parts.len() as u32;
+        let parts = self.assembly.parts.len() as u32;
         let Some(spool) = self.meshes.get_mut(mesh.0 as usize) else {
             return Err(Error::bad_argument("triangles: no such mesh"));
         };
@@ -200,6 +221,7 @@ impl Sink for Builder {
         if self.triangles_in + positions.len() as u64 >= u64::from(u32::MAX) {
             return Err(Error::bad_argument("triangles: a model holds fewer than 2^32 - 1 of them"));
         }
+        let before = spool.bytes();
         for (i, corners) in positions.iter().enumerate() {
             let prim = (self.triangles_in + i as u64) as u32;
             if corners.iter().all(|c| c.is_finite()) {
@@ -212,23 +234,24 @@ impl Sink for Builder {
                 self.non_finite += 1;
             }
         }
+        self.in_memory += spool.bytes() - before;
         self.triangles_in += positions.len() as u64;
         self.progress.enter(Phase::Read);
         self.progress.triangles.store(self.triangles_in, Relaxed);
-        self.check_budget()
+        self.spill()
     }
 
     fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()> {
         let spool = self.meshes.get(mesh.0 as usize).filter(|_| mesh != MeshKey::DIRECT);
         let spool = spool.ok_or_else(|| Error::bad_argument("instance: no such shared mesh"))?;
-        if u64::from(first_part) + u64::from(spool.local_parts) > self.parts.len() as u64 {
+        if u64::from(first_part) + u64::from(spool.local_parts) > self.assembly.parts.len() as u64 {
             return Err(Error::bad_argument("instance: its parts do not exist"));
         }
         let columns = world_from_mesh.to_cols_array();
         if !sections::is_invertible(&columns) {
             return Err(Error::bad_argument("instance: its transform is not finite or cannot be undone"));
         }
-        self.instances.push(InstanceRow { tree: mesh.0, first_part, world_from_mesh: columns });
+        self.assembly.instances.push(InstanceRow { tree: mesh.0, first_part, world_from_mesh: columns });
         Ok(())
     }
 

@@ -1,20 +1,34 @@
 //! The bake: meshes in, a model file out, as a list of passes.
 //!
-//! 1. **read** (`spool`): triangles are checked, counted and kept with their parts;
-//! 2. **place** (`origin`): each mesh gets an origin, positions become single precision around it,
-//!    triangles without area are counted and left out;
-//! 3. **build**: each mesh becomes a tree (`structure::bvh::build`);
-//! 4. **write** (`seal`): blocks are encoded in parallel and written in order;
-//! 5. **seal**: tables, checksums, sync, rename.
+//! 1. **read** (`spool`): triangles are checked, counted and kept with their parts; those that do not fit the
+//!    memory budget go, coded, to a temporary;
+//! 2. **place** (`origin`): each mesh gets an origin, positions become single precision around it, triangles
+//!    without area are counted and left out;
+//! 3. **distribute** (`survey`, `regions`, `distribute`), of meshes that do not fit: into chunks of triangles
+//!    that are near each other, each of which fits;
+//! 4. **build** (`mesh`): each chunk becomes a tree (`structure::bvh::build`) and its fine blocks, which are
+//!    put aside; what is above them stays, and is joined to the coarse blocks of the mesh;
+//! 5. **write** (`output`): coarse blocks, then the fine ones; encoded in parallel, written in order;
+//! 6. **seal** (`seal`): ids, colours, tables, checksums, sync, rename.
 //!
-//! Everything is kept in memory: the budget is checked as triangles arrive, and refused with the need.
+//! A mesh that fits is one chunk, and nothing is put aside. What a budget is spent on is in `shares`: the chunks,
+//! and so the bytes of the file, depend on it and never on the number of threads.
 #![forbid(unsafe_code)]
 
+mod batch;
 mod builder;
+mod coding;
+mod distribute;
+mod mesh;
 mod origin;
+mod output;
+mod parts;
+mod regions;
 mod report;
 mod seal;
+mod shares;
 mod spool;
+mod survey;
 
 pub use builder::Builder;
 pub use report::{BuildReport, PhaseSeconds};
@@ -48,12 +62,15 @@ pub enum Structure {
 pub struct BuildOptions {
     /// What to build.
     pub structure: Structure,
-    /// Bytes of memory that the build may use; 0 for no limit. Default 0.
+    /// Bytes of memory that the build may use, at least 32 MiB; 0 for no limit. Default 0. Triangles that do not
+    /// fit go through temporaries, about 25 bytes each, and their tree is built in chunks: files of different
+    /// budgets hold the same triangles in somewhat different trees.
     pub memory_budget: u64,
     /// Threads; 0 for as many as the machine has, 1 to stay wholly in the calling thread. Default 0.
     /// The file does not depend on it.
     pub threads: usize,
-    /// Where temporaries of readers go; the system's default if `None`.
+    /// Where temporaries go; the system's default if `None`. They have no names there, and are gone when the
+    /// build ends in whatever way.
     pub temp_dir: Option<PathBuf>,
     /// Spatial splits. Default: automatic.
     pub splits: Splits,

@@ -3,9 +3,11 @@
 //! One origin a mesh, not one a block: blocks with origins of their own would round a shared vertex
 //! to different points, and open cracks between them.
 
-use super::spool::{Chunk, Spool};
+use super::batch::{self, Batch, Extent};
+use super::spool::{Spool, Taken};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
+use crate::base::scratch::Scratch;
 use crate::math::DBounds;
 use crate::structure::bvh::build::Par;
 use bytemuck::zeroed_vec;
@@ -23,17 +25,13 @@ pub struct Placed {
     pub prims: Vec<u32>,
     /// sRGB of each, or empty.
     pub colours: Vec<[u8; 4]>,
-    /// Left out: no area.
-    pub degenerate: u64,
-    /// Left out: too far from the middle.
-    pub out_of_range: u64,
-    /// The greatest distance between a vertex as read and as stored.
-    pub position_error: f64,
+    /// Of all triangles of the mesh.
+    pub fates: Fates,
 }
 
 /// Coordinates around the origin are at most this: products of two, and reciprocals, must stay in the
 /// range of single precision.
-const FAR: f32 = 1e15;
+pub const FAR: f32 = 1e15;
 
 /// The origin of a mesh: zero where that keeps every coordinate as it is and the mesh is near zero, else
 /// the middle of its bounds, rounded to a multiple of a power of two near a sixteenth of its size (so that
@@ -54,17 +52,32 @@ pub fn choose(bounds: &DBounds, is_single: bool) -> DVec3 {
     if rounded.is_finite() { rounded } else { middle }
 }
 
-/// What becomes of the triangles of a chunk.
-#[derive(Default)]
-struct Judged {
-    keep: Vec<bool>,
-    kept: usize,
-    degenerate: u64,
-    out_of_range: u64,
-    position_error: f64,
+/// What becomes of triangles.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Fates {
+    /// Go into the tree.
+    pub kept: u64,
+    /// Left out: no area.
+    pub degenerate: u64,
+    /// Left out: too far from the middle.
+    pub out_of_range: u64,
+    /// The greatest distance between a vertex as read and as stored.
+    pub position_error: f64,
 }
 
-/// Where the kept triangles of a chunk go.
+impl Fates {
+    /// Of both.
+    pub fn and(self, o: &Self) -> Self {
+        Self {
+            kept: self.kept + o.kept,
+            degenerate: self.degenerate + o.degenerate,
+            out_of_range: self.out_of_range + o.out_of_range,
+            position_error: self.position_error.max(o.position_error),
+        }
+    }
+}
+
+/// Where the kept triangles of a batch go.
 struct Target<'a> {
     triangles: &'a mut [[Vec3; 3]],
     parts: &'a mut [u32],
@@ -72,37 +85,82 @@ struct Target<'a> {
     colours: &'a mut [[u8; 4]],
 }
 
-/// Moves a mesh to its origin; consumes the spool chunk by chunk. Fails with `Cancelled` only.
-pub fn place(spool: Spool, par: &Par, cancel: &Cancel) -> Result<Placed> {
-    let origin = choose(&spool.bounds, spool.is_single());
-    let judge = |i: usize| cancel.check().map(|()| judge(&spool.chunks[i], origin));
-    let judged = par.map(spool.chunks.len(), judge).into_iter().collect::<Result<Vec<Judged>>>()?;
-    let mut all = Placed::of(&judged, origin, spool.has_colours);
-    let targets = targets(&mut all, &judged);
-    let work: Vec<_> = spool.chunks.into_iter().zip(judged.iter().zip(targets)).collect();
-    let fill = |(chunk, (judged, target))| cancel.check().map(|()| fill(chunk, judged, origin, target));
+/// Moves a mesh to its origin; consumes the spool batch by batch. Fails with `Cancelled`, or `Io` where part of
+/// it is in a scratch file.
+pub fn place(spool: Spool, scratch: Option<&Scratch>, par: &Par, cancel: &Cancel) -> Result<Placed> {
+    let origin = choose(&spool.bounds, spool.is_single);
+    let judge = |i: usize| -> Result<Fates> {
+        cancel.check()?;
+        let batch = spool.batch(i, scratch)?;
+        Ok(visit(&batch, origin, |_, _| ()))
+    };
+    let fates = par.map(spool.batches(), judge).into_iter().collect::<Result<Vec<Fates>>>()?;
+    let mut all = Placed::of(&fates, origin, spool.has_colours);
+    let counts: Vec<usize> = fates.iter().map(|f| f.kept as usize).collect();
+    let targets = targets(&mut all, &counts);
+    let work: Vec<_> = spool.take().into_iter().zip(targets).collect();
+    let fill = |(batch, target): (Taken, Target)| -> Result<()> {
+        cancel.check()?;
+        fill(&batch.batch(scratch)?, origin, target);
+        Ok(())
+    };
+    par.map_items(work, fill).into_iter().collect::<Result<()>>()?;
+    Ok(all)
+}
+
+/// Calls `keep` with the index and corners, as stored, of each triangle that goes into the tree.
+pub fn visit(batch: &Batch, origin: DVec3, mut keep: impl FnMut(usize, [Vec3; 3])) -> Fates {
+    let mut fates = Fates::default();
+    for i in 0..batch.positions.len() {
+        let corners = batch.positions.triangle(i);
+        let stored = corners.map(|c| (c - origin).as_vec3());
+        if !stored.iter().all(|c| c.abs().max_element() <= FAR) {
+            fates.out_of_range += 1;
+        } else if !has_area(&stored) {
+            fates.degenerate += 1;
+        } else {
+            fates.kept += 1;
+            let errors = corners.iter().zip(&stored).map(|(c, s)| (*c - (origin + s.as_dvec3())).length_squared());
+            fates.position_error = errors.fold(fates.position_error, f64::max);
+            keep(i, stored);
+        }
+    }
+    fates.position_error = fates.position_error.sqrt();
+    fates
+}
+
+/// The triangles of a chunk, which were placed before.
+pub fn load(extents: &[Extent], from: &Scratch, has_colours: bool, par: &Par, cancel: &Cancel) -> Result<Placed> {
+    let counts: Vec<usize> = extents.iter().map(|e| e.count as usize).collect();
+    let total: usize = counts.iter().sum();
+    let mut all = Placed::of(&[Fates { kept: total as u64, ..Fates::default() }], DVec3::ZERO, has_colours);
+    let work: Vec<_> = extents.iter().zip(targets(&mut all, &counts)).collect();
+    let fill = |(extent, target): (&Extent, Target)| -> Result<()> {
+        cancel.check()?;
+        fill(&batch::read(from, extent)?, DVec3::ZERO, target);
+        Ok(())
+    };
     par.map_items(work, fill).into_iter().collect::<Result<()>>()?;
     Ok(all)
 }
 
 impl Placed {
     /// With room for what is kept, in memory not yet touched: the threads that fill it do that.
-    fn of(judged: &[Judged], origin: DVec3, has_colours: bool) -> Self {
-        let total = judged.iter().map(|j| j.kept).sum();
+    fn of(fates: &[Fates], origin: DVec3, has_colours: bool) -> Self {
+        let all = fates.iter().fold(Fates::default(), Fates::and);
+        let total = all.kept as usize;
         Self {
             origin,
             triangles: zeroed_vec(total),
             parts: zeroed_vec(total),
             prims: zeroed_vec(total),
             colours: zeroed_vec(if has_colours { total } else { 0 }),
-            degenerate: judged.iter().map(|j| j.degenerate).sum(),
-            out_of_range: judged.iter().map(|j| j.out_of_range).sum(),
-            position_error: judged.iter().fold(0.0, |all, j| all.max(j.position_error)),
+            fates: all,
         }
     }
 }
 
-fn targets<'a>(all: &'a mut Placed, judged: &[Judged]) -> Vec<Target<'a>> {
+fn targets<'a>(all: &'a mut Placed, counts: &[usize]) -> Vec<Target<'a>> {
     // Nothing where there is nothing: colours, mostly.
     fn carve<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
         let len = len.min(rest.len());
@@ -112,50 +170,26 @@ fn targets<'a>(all: &'a mut Placed, judged: &[Judged]) -> Vec<Target<'a>> {
     }
     let (mut triangles, mut parts) = (&mut all.triangles[..], &mut all.parts[..]);
     let (mut prims, mut colours) = (&mut all.prims[..], &mut all.colours[..]);
-    let target = |judged: &Judged| Target {
-        triangles: carve(&mut triangles, judged.kept),
-        parts: carve(&mut parts, judged.kept),
-        prims: carve(&mut prims, judged.kept),
-        colours: carve(&mut colours, judged.kept),
+    let mut target = |kept: usize| Target {
+        triangles: carve(&mut triangles, kept),
+        parts: carve(&mut parts, kept),
+        prims: carve(&mut prims, kept),
+        colours: carve(&mut colours, kept),
     };
-    judged.iter().map(target).collect()
+    counts.iter().map(|&kept| target(kept)).collect()
 }
 
-fn stored(corners: &[DVec3; 3], origin: DVec3) -> [Vec3; 3] {
-    corners.map(|c| (c - origin).as_vec3())
-}
-
-fn judge(chunk: &Chunk, origin: DVec3) -> Judged {
-    let count = chunk.positions.len();
-    let mut out = Judged { keep: vec![false; count], ..Judged::default() };
-    for (i, keep) in out.keep.iter_mut().enumerate() {
-        let corners = chunk.positions.triangle(i);
-        let stored = stored(&corners, origin);
-        if !stored.iter().all(|c| c.abs().max_element() <= FAR) {
-            out.out_of_range += 1;
-        } else if !has_area(&stored) {
-            out.degenerate += 1;
-        } else {
-            *keep = true;
-            out.kept += 1;
-            let errors = corners.iter().zip(&stored).map(|(c, s)| (*c - (origin + s.as_dvec3())).length_squared());
-            out.position_error = errors.fold(out.position_error, f64::max);
-        }
-    }
-    out.position_error = out.position_error.sqrt();
-    out
-}
-
-fn fill(chunk: Chunk, judged: &Judged, origin: DVec3, to: Target) {
-    let kept = (0..chunk.positions.len()).filter(|&i| judged.keep[i]);
-    for (at, i) in kept.enumerate() {
-        to.triangles[at] = stored(&chunk.positions.triangle(i), origin);
-        to.parts[at] = chunk.parts[i];
-        to.prims[at] = chunk.prims[i];
+fn fill(batch: &Batch, origin: DVec3, to: Target) {
+    let mut at = 0;
+    visit(batch, origin, |i, stored| {
+        to.triangles[at] = stored;
+        to.parts[at] = batch.parts[i];
+        to.prims[at] = batch.prims[i];
         if !to.colours.is_empty() {
-            to.colours[at] = chunk.colours.get(i).copied().unwrap_or([0; 4]);
+            to.colours[at] = batch.colours.get(i).copied().unwrap_or([0; 4]);
         }
-    }
+        at += 1;
+    });
 }
 
 /// Whether the corners, as stored, do not lie on one line.

@@ -5,6 +5,8 @@
 pub struct PhaseSeconds {
     /// From the builder's creation to the call of `finish`: reading input.
     pub read: f64,
+    /// Of meshes that do not fit the budget: looking at all triangles, and sorting them into chunks.
+    pub distribute: f64,
     /// Origins, rounding, trees.
     pub build: f64,
     /// Encoding, writing, sealing.
@@ -38,10 +40,16 @@ pub struct BuildReport {
     pub leaves: u64,
     /// Geometry blocks.
     pub blocks: u64,
+    /// Of these, coarse ones: nodes alone, read when the model is opened.
+    pub blocks_coarse: u64,
+    /// Pieces that the trees were built in: one a tree, and more of those that do not fit the budget.
+    pub chunks: u64,
     /// Bytes of the trace form of nodes and triangles.
     pub bytes_trace: u64,
     /// Bytes of the file.
     pub bytes: u64,
+    /// Most bytes that temporaries took at any time, without the file's own.
+    pub bytes_temporary: u64,
     /// Bytes of it that are primitive ids.
     pub bytes_ids: u64,
     /// The greatest distance between a vertex of the input and as stored, in units of the model.

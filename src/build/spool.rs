@@ -1,65 +1,52 @@
-//! Triangles of one mesh as they arrive, without loss: single precision where that is exact.
+//! Triangles of one mesh as they arrive, without loss: single precision where that is exact. In memory up to
+//! a limit over all meshes, coded in a scratch file beyond it.
 
+use super::batch::{self, BATCH, Batch, Extent, Positions};
+use crate::base::error::{Error, Result};
+use crate::base::scratch::Scratch;
 use crate::math::DBounds;
-use glam::{DVec3, Vec3};
-
-/// Triangles of a chunk, at most: a chunk is the unit of parallel work afterwards.
-const CHUNK: usize = 1 << 16;
-
-/// Positions of a chunk.
-pub enum Positions {
-    /// Every coordinate is a single-precision number.
-    Single(Vec<[Vec3; 3]>),
-    /// Some are not.
-    Double(Vec<[DVec3; 3]>),
-}
-
-impl Positions {
-    /// Triangles.
-    pub fn len(&self) -> usize {
-        match self {
-            Positions::Single(p) => p.len(),
-            Positions::Double(p) => p.len(),
-        }
-    }
-
-    /// The corners of triangle `i`.
-    pub fn triangle(&self, i: usize) -> [DVec3; 3] {
-        match self {
-            Positions::Single(p) => p[i].map(Vec3::as_dvec3),
-            Positions::Double(p) => p[i],
-        }
-    }
-}
-
-/// Consecutive triangles.
-pub struct Chunk {
-    /// Corners.
-    pub positions: Positions,
-    /// Part of each.
-    pub parts: Vec<u32>,
-    /// Primitive id of each.
-    pub prims: Vec<u32>,
-    /// sRGB of each; empty if none of the chunk has a colour. Alpha 0: the part's material.
-    pub colours: Vec<[u8; 4]>,
-}
+use crate::structure::bvh::build::Par;
+use glam::DVec3;
+use std::borrow::Cow;
 
 /// A mesh being read.
 pub struct Spool {
-    /// In order of arrival.
-    pub chunks: Vec<Chunk>,
-    /// Of all that was kept.
+    /// The first batches, in order of arrival: in the scratch file.
+    spilled: Vec<Extent>,
+    /// The others.
+    kept: Vec<Batch>,
+    /// Bytes of all of them but the last.
+    full: u64,
+    /// Of all that was pushed.
     pub bounds: DBounds,
     /// Local parts that its triangles may name.
     pub local_parts: u32,
     /// Whether any triangle has a colour.
     pub has_colours: bool,
+    /// Whether every coordinate is a single-precision number.
+    pub is_single: bool,
+    /// Triangles.
+    pub triangles: u64,
 }
 
 impl Spool {
     /// An empty mesh.
     pub fn new(local_parts: u32) -> Self {
-        Self { chunks: Vec::new(), bounds: DBounds::EMPTY, local_parts, has_colours: false }
+        Self {
+            spilled: Vec::new(),
+            kept: Vec::new(),
+            full: 0,
+            bounds: DBounds::EMPTY,
+            local_parts,
+            has_colours: false,
+            is_single: true,
+            triangles: 0,
+        }
+    }
+
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        self.full + self.kept.last().map_or(0, Batch::bytes)
     }
 
     /// Adds a triangle whose corners are finite.
@@ -67,37 +54,93 @@ impl Spool {
         let single = corners.map(|c| c.as_vec3());
         let exact = corners.iter().zip(&single).all(|(d, s)| s.as_dvec3() == *d);
         self.bounds = corners.iter().fold(self.bounds, |b, &c| b.with(c));
-        let room = self.chunks.last().is_some_and(|c| {
-            c.parts.len() < CHUNK && matches!(c.positions, Positions::Single(_)) == exact
+        self.is_single &= exact;
+        self.triangles += 1;
+        let room = self.kept.last().is_some_and(|c| {
+            c.parts.len() < BATCH && matches!(c.positions, Positions::Single(_)) == exact
         });
         if !room {
-            // Most meshes are small; one that has filled a chunk will mostly fill the next.
-            let room = self.chunks.last().map_or(0, |c| c.parts.len());
-            let positions = if exact {
-                Positions::Single(Vec::with_capacity(room))
-            } else {
-                Positions::Double(Vec::with_capacity(room))
-            };
-            let (parts, prims, colours) = (Vec::with_capacity(room), Vec::with_capacity(room), Vec::new());
-            self.chunks.push(Chunk { positions, parts, prims, colours });
+            self.full = self.bytes();
+            self.kept.push(self.next_batch(exact));
         }
-        let Some(chunk) = self.chunks.last_mut() else { return };
-        match &mut chunk.positions {
+        let Some(batch) = self.kept.last_mut() else { return };
+        match &mut batch.positions {
             Positions::Single(p) => p.push(single),
             Positions::Double(p) => p.push(*corners),
         }
-        if colour.is_some() || !chunk.colours.is_empty() {
-            // Triangles of the chunk before the first coloured one have none.
-            chunk.colours.resize(chunk.parts.len(), [0; 4]);
-            chunk.colours.push(colour.unwrap_or([0; 4]));
+        if colour.is_some() || !batch.colours.is_empty() {
+            // Triangles of the batch before the first coloured one have none.
+            batch.colours.resize(batch.parts.len(), [0; 4]);
+            batch.colours.push(colour.unwrap_or([0; 4]));
             self.has_colours = true;
         }
-        chunk.parts.push(part);
-        chunk.prims.push(prim);
+        batch.parts.push(part);
+        batch.prims.push(prim);
     }
 
-    /// Whether every coordinate is a single-precision number.
-    pub fn is_single(&self) -> bool {
-        self.chunks.iter().all(|c| matches!(c.positions, Positions::Single(_)))
+    /// Most meshes are small; one that has filled a batch will mostly fill the next.
+    fn next_batch(&self, exact: bool) -> Batch {
+        let last = self.kept.last().map_or(0, |b| b.parts.len());
+        let room = if last == 0 && !self.spilled.is_empty() { BATCH } else { last };
+        let positions = if exact {
+            Positions::Single(Vec::with_capacity(room))
+        } else {
+            Positions::Double(Vec::with_capacity(room))
+        };
+        let (parts, prims) = (Vec::with_capacity(room), Vec::with_capacity(room));
+        Batch { positions, parts, prims, colours: Vec::new() }
+    }
+
+    /// Moves all that is in memory to the scratch file.
+    pub fn spill(&mut self, to: &Scratch, par: &Par) -> Result<()> {
+        let batches: Vec<&Batch> = self.kept.iter().collect();
+        // A few at a time: coded, they take memory too.
+        for few in batches.chunks(8) {
+            self.spilled.extend(batch::write(few, to, par)?);
+        }
+        self.kept = Vec::new();
+        self.full = 0;
+        Ok(())
+    }
+
+    /// Whether part of it, or all, is in a scratch file.
+    pub fn is_spilled(&self) -> bool {
+        !self.spilled.is_empty()
+    }
+
+    /// Batches.
+    pub fn batches(&self) -> usize {
+        self.spilled.len() + self.kept.len()
+    }
+
+    /// A batch, in order of arrival, from the scratch file that it was spilled to.
+    pub fn batch(&self, index: usize, scratch: Option<&Scratch>) -> Result<Cow<'_, Batch>> {
+        match (self.spilled.get(index), scratch) {
+            (Some(extent), Some(scratch)) => batch::read(scratch, extent).map(Cow::Owned),
+            (Some(_), None) => Err(Error::Internal("a mesh has lost its temporary".into())),
+            (None, _) => Ok(Cow::Borrowed(&self.kept[index - self.spilled.len()])),
+        }
+    }
+
+    /// All batches, each to be taken once: with [`Taken::batch`].
+    pub fn take(self) -> Vec<Taken> {
+        self.spilled.into_iter().map(Taken::Spilled).chain(self.kept.into_iter().map(Taken::Kept)).collect()
+    }
+}
+
+/// A batch that leaves its spool.
+pub enum Taken {
+    Spilled(Extent),
+    Kept(Batch),
+}
+
+impl Taken {
+    /// It, from the scratch file if it was spilled.
+    pub fn batch(self, scratch: Option<&Scratch>) -> Result<Batch> {
+        match (self, scratch) {
+            (Taken::Kept(batch), _) => Ok(batch),
+            (Taken::Spilled(extent), Some(scratch)) => batch::read(scratch, &extent),
+            (Taken::Spilled(_), None) => Err(Error::Internal("a mesh has lost its temporary".into())),
+        }
     }
 }

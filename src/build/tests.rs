@@ -270,3 +270,34 @@ fn what_cannot_be_traced_is_dropped_and_counted() {
     assert_eq!(report.triangles_kept, 0);
     ModelFile::open_path(folder.path().join("empty.oc")).expect("opens");
 }
+
+/// A build that spills, in this thread, so that the disk can fail at each of its writes in turn.
+#[test]
+fn a_disk_that_fails_at_any_write_leaves_the_old_file_and_nothing_else() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("model.oc");
+    let triangles: Vec<_> = soup(150_000, 0.01, 0.0).iter().map(|t| t.map(Vec3::as_dvec3)).collect();
+    let build = || {
+        let temp_dir = Some(folder.path().to_path_buf());
+        let options = BuildOptions { threads: 1, memory_budget: 32 << 20, temp_dir, ..BuildOptions::default() };
+        let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new())?;
+        let part = builder.part(PartDesc::default())?;
+        triangles.chunks(4096).try_for_each(|t| builder.triangles(MeshKey::DIRECT, part, t, None))?;
+        builder.finish(&path)
+    };
+    let mut failures = 0;
+    loop {
+        std::fs::write(&path, "old").expect("old file");
+        let (result, failed) = crate::base::faults::fail_at(failures, build);
+        assert_eq!(std::fs::read_dir(folder.path()).expect("folder").count(), 1, "call {failures}");
+        if !failed {
+            assert!(result.expect("no fault").chunks > 2);
+            break;
+        }
+        assert!(matches!(result, Err(crate::Error::Io { .. })), "call {failures}: {result:?}");
+        assert_eq!(std::fs::read(&path).expect("old file"), b"old");
+        failures += 1;
+    }
+    assert!(failures > 15, "{failures} writes test little");
+    ModelFile::open_path(&path).expect("a model");
+}

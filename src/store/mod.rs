@@ -2,6 +2,7 @@
 //! here; `FORMAT.md` beside this file describes it byte by byte. Uses base.
 #![forbid(unsafe_code)]
 
+mod aside;
 pub mod codec;
 pub mod contents;
 pub mod directory;
@@ -14,6 +15,7 @@ pub mod source;
 mod temporary;
 pub mod writer;
 
+pub use aside::Aside;
 pub use codec::{Codec, EncodedBlock};
 pub use header::{Drops, Header, Options};
 pub use reader::{CheckReport, ModelFile};

@@ -1,6 +1,7 @@
 //! A file that appears under its name only when it is whole.
 
 use crate::base::error::{Error, Result};
+use crate::base::faults;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -75,15 +76,16 @@ impl Temporary {
 
 impl Medium for Temporary {
     fn append(&mut self, bytes: &[u8]) -> Result<()> {
-        self.file.write_all(bytes).map_err(|e| Error::io(&self.target, "write", e))
+        faults::writing().and_then(|()| self.file.write_all(bytes)).map_err(|e| Error::io(&self.target, "write", e))
     }
     fn overwrite_start(&mut self, bytes: &[u8]) -> Result<()> {
-        let written = self.file.seek(SeekFrom::Start(0)).and_then(|_| self.file.write_all(bytes));
+        let written = faults::writing().and_then(|()| self.file.seek(SeekFrom::Start(0)));
+        let written = written.and_then(|_| self.file.write_all(bytes));
         written.map_err(|e| Error::io(&self.target, "write", e))
     }
     fn publish(&mut self) -> Result<()> {
         let Some(path) = &self.path else { return Ok(()) };
-        self.file.sync_all().map_err(|e| Error::io(&self.target, "sync", e))?;
+        faults::writing().and_then(|()| self.file.sync_all()).map_err(|e| Error::io(&self.target, "sync", e))?;
         fs::rename(path, &self.target).map_err(|e| Error::io(&self.target, "rename", e))?;
         self.path = None;
         sync_folder(&self.folder).map_err(|e| Error::io(&self.target, "sync the folder", e))

@@ -75,6 +75,12 @@ impl Writer {
         self.rows.len() as u32
     }
 
+    /// The directory so far.
+    #[cfg(test)]
+    pub(super) fn rows(&self) -> Vec<Row> {
+        self.rows.clone()
+    }
+
     /// Writes all that follows the blocks, makes the file durable and gives it its name. Returns its
     /// size in bytes.
     ///

@@ -8,7 +8,7 @@ use outcrop::base::progress::Cancel;
 use outcrop::math::Cone;
 use outcrop::residency::{Slot, Snapshot};
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::build::{Par, Tree, TreeInput, TreeOptions};
+use outcrop::structure::bvh::build::{self, Chunk, Crown, Par, TreeBlock, TreeInput, TreeOptions};
 use outcrop::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, STREAM, Stream, TreeView, TriHit, Walk, first_rays};
 
 /// A tree with all its blocks, and the triangles that it holds.
@@ -41,18 +41,23 @@ impl TestTree {
         let prims: Vec<u32> = (0..tris.len() as u32).collect();
         let input = TreeInput { triangles: &local, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
         let par = Par { threads: 1 };
-        let tree = Tree::build(input, &TreeOptions { split_budget }, &par, &Cancel::default()).expect("a tree");
-        let geometry = tree.blocks() as u32;
+        let options = TreeOptions { split_budget };
+        let built = Chunk::build(input, &options, true, &par, &Cancel::default()).expect("a tree");
+        // Fine blocks refer to no others: where they are is all that they need to know.
+        let (chunk, crown) = (&built.chunk, built.top.map(|top| Crown::over(vec![top]).expect("a crown")));
+        let coarse = crown.iter().flat_map(|c| (0..c.blocks()).map(|i| c.encode(i, 0)));
+        let blocks: Vec<TreeBlock> = coarse.chain((0..chunk.blocks()).map(|i| chunk.encode(i))).collect();
+        let geometry = blocks.len() as u32;
         let mut slots = Vec::new();
-        for i in 0..geometry {
-            let block = tree.encode(i as usize, 0);
+        for (i, block) in (0..).zip(&blocks) {
             slots.push((BlockId(i), Slot::new(&block.words)));
             slots.push((BlockId(geometry + i), Slot::new(&block.prims)));
         }
-        let reach = tree.bounds.min.abs().max(tree.bounds.max.abs()).max_element();
+        let reach = built.bounds.min.abs().max(built.bounds.max.abs()).max_element();
         let stored = local.iter().map(|t| t.map(|v| v.as_dvec3())).collect();
         let snapshot = Snapshot::empty(2 * geometry).with(slots);
-        Self { snapshot, root: tree.root, geometry, reach, stored, origin, references: tree.references() as usize }
+        let references = built.counts.references as usize;
+        Self { snapshot, root: build::root(), geometry, reach, stored, origin, references }
     }
 
     /// Around the middle of the bounds.

@@ -20,7 +20,8 @@ pub struct Args {
     /// The acceleration structure
     #[arg(long, default_value = "bvh", value_parser = ["bvh"])]
     structure: String,
-    /// Bytes of memory that the build may use, with K, M, G or T; 0 for no limit
+    /// Bytes of memory that the build may use, with K, M, G or T, at least 32M; what does not fit goes through
+    /// temporaries. 0: no limit
     #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
     memory: u64,
     /// Threads; 0 for all of the machine's
@@ -80,7 +81,7 @@ pub fn run(args: &Args) -> Outcome {
 }
 
 fn seconds(r: &BuildReport) -> f64 {
-    r.seconds.read + r.seconds.build + r.seconds.write
+    r.seconds.read + r.seconds.distribute + r.seconds.build + r.seconds.write
 }
 
 fn as_json(file: &str, r: &BuildReport) -> Value {
@@ -99,13 +100,17 @@ fn as_json(file: &str, r: &BuildReport) -> Value {
         "nodes": r.nodes,
         "leaves": r.leaves,
         "blocks": r.blocks,
+        "blocks_coarse": r.blocks_coarse,
+        "chunks": r.chunks,
         "bytes": r.bytes,
         "bytes_ids": r.bytes_ids,
         "bytes_trace": r.bytes_trace,
+        "bytes_temporary": r.bytes_temporary,
         "position_error": r.position_error,
         "notes": r.notes,
         "seconds": {
-            "read": r.seconds.read, "build": r.seconds.build, "write": r.seconds.write, "total": seconds(r),
+            "read": r.seconds.read, "distribute": r.seconds.distribute, "build": r.seconds.build,
+            "write": r.seconds.write, "total": seconds(r),
         },
     })
 }
@@ -128,8 +133,12 @@ fn as_text(file: &str, r: &BuildReport) -> String {
             if r.spatial_splits { " (spatial splits)" } else { "" },
         ),
     };
+    let chunks = match r.bytes_temporary {
+        0 => String::new(),
+        n => format!(", into {} by {} of temporaries {:.1}", counted(r.chunks, "chunk"), common::in_bytes(n), r.seconds.distribute),
+    };
     format!(
-        "{file}: {} of {}{dropped}; {}, {}, {}\n{}{sizes}; {:.1} s (read {:.1}, build {:.1}, write {:.1})",
+        "{file}: {} of {}{dropped}; {}, {}, {}\n{}{sizes}; {:.1} s (read {:.1}{}, build {:.1}, write {:.1})",
         r.triangles_kept,
         counted(r.triangles_in, "triangle"),
         counted(r.parts, "part"),
@@ -138,6 +147,7 @@ fn as_text(file: &str, r: &BuildReport) -> String {
         common::in_bytes(r.bytes),
         seconds(r),
         r.seconds.read,
+        chunks,
         r.seconds.build,
         r.seconds.write,
     )

@@ -1,11 +1,12 @@
 //! Which nodes share a block.
 //!
-//! First the **fine** units are cut off: the largest subtrees of at most [`FINE_WORDS`] words. Consecutive
-//! ones, which are neighbours in space, fill blocks that hold all triangles and refer to no other block.
-//! What is left above is nodes alone, and goes into **coarse** blocks, in rounds: each cuts off the largest
-//! subtrees of at most [`COARSE_WORDS`] words, and the next round's input is what remains, until that fits
-//! one block. Blocks are numbered from the last round to the first, fine ones behind all coarse ones, so
-//! that a reference always points to a higher block. A tree that fits one block is that block.
+//! First the **fine** units are cut off ([`fine`]): the largest subtrees of at most [`FINE_WORDS`] words.
+//! Consecutive ones, which are neighbours in space, fill blocks that hold all triangles and refer to no
+//! other block. What is left above is nodes alone, and goes into **coarse** blocks ([`coarse`]), in rounds:
+//! each cuts off the largest subtrees of at most [`COARSE_WORDS`] words, and the next round's input is what
+//! remains, until that fits one block. Blocks are numbered from the last round to the first, fine ones
+//! behind all coarse ones, so that a reference always points to a higher block. A tree that fits one block
+//! is that block ([`whole`]).
 
 use super::TreeInput;
 use super::par::Par;
@@ -15,7 +16,7 @@ use crate::structure::bvh::layout::{Child, HEADER_WORDS, MAX_WORDS, PAD_WORDS};
 
 /// A subtree cut off: which one, over all rounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct UnitId(u32);
+pub struct UnitId(pub u32);
 
 impl UnitId {
     /// Of none.
@@ -51,94 +52,102 @@ impl Plan {
     }
 }
 
-/// Where a unit went: round, block in the round, node in the block.
-#[derive(Clone, Copy)]
-struct Home {
-    round: usize,
-    block: usize,
-    node: u32,
+/// Where a unit went: block in its round, node in the block.
+#[derive(Debug, Clone, Copy)]
+pub struct Home {
+    /// Counted from the first block of the round.
+    pub block: u32,
+    /// Its root.
+    pub node: u32,
 }
 
-/// The blocks of a tree.
-pub struct Packed {
-    /// In their order.
-    pub plans: Vec<Plan>,
-    /// How many of them are coarse.
-    pub coarse: usize,
-    /// Child reference to the root in block 0.
-    pub root: u32,
+/// The one block of a tree that fits one; gives the tree back if it does not.
+pub fn whole(root: Box<Inner>, input: TreeInput, refs: &[Ref]) -> Result<Plan, Box<Inner>> {
+    let words = Plan::EMPTY_WORDS as usize + root.words as usize;
+    // Of a large tree it would take long, and the answer is known.
+    if words > MAX_WORDS {
+        return Err(root);
+    }
+    let parts = parts_of(&root, input, refs);
+    if words + parts.len() > MAX_WORDS {
+        return Err(root);
+    }
+    Ok(Plan { roots: vec![root], parts, ..Plan::new() })
 }
 
-/// Packs a tree.
-pub fn pack(mut root: Box<Inner>, input: TreeInput, refs: &[Ref], par: &Par) -> Packed {
-    let mut homes: Vec<Home> = Vec::new();
-    let mut rounds: Vec<Vec<Plan>> = Vec::new();
-    loop {
-        if let Some(parts) = parts_of_last(&root, input, refs) {
-            let mut plan = Plan::new();
-            plan.parts = parts;
-            plan.roots.push(root);
-            rounds.push(vec![plan]);
-            break;
-        }
-        let mut units = Vec::new();
-        let most = if rounds.is_empty() { FINE_WORDS } else { COARSE_WORDS };
-        cut(&mut root, most, homes.len() as u32, &mut units);
-        let parts = par.map(units.len(), |i| parts_of(&units[i], input, refs));
-        rounds.push(fill(units, parts, rounds.len(), &mut homes));
+/// Cuts all that is fine off some trees; the blocks of that, and where each unit went. All of a tree is a unit
+/// if it is small.
+pub fn fine<'a>(
+    trees: impl Iterator<Item = &'a mut Sub>,
+    input: TreeInput,
+    refs: &[Ref],
+    par: &Par,
+) -> (Vec<Plan>, Vec<Home>) {
+    let mut units = Vec::new();
+    trees.for_each(|tree| cut_child(tree, FINE_WORDS, 0, &mut units));
+    let parts = par.map(units.len(), |i| parts_of(&units[i], input, refs));
+    let mut homes = Vec::with_capacity(units.len());
+    let plans = fill(units.into_iter().zip(parts), &mut homes);
+    (plans, homes)
+}
+
+/// The coarse blocks, in their order, of a tree from which `fine` units were cut off. References to those,
+/// as to all, count blocks from the first of the tree.
+pub fn coarse(mut root: Box<Inner>, fine: &[Home]) -> Vec<Plan> {
+    // Of each round its blocks and the number of its first unit.
+    let mut rounds: Vec<(Vec<Plan>, usize)> = Vec::new();
+    let mut homes = Vec::new();
+    while (Plan::EMPTY_WORDS + root.words) as usize > MAX_WORDS {
+        let (mut units, first) = (Vec::new(), fine.len() + homes.len());
+        cut(&mut root, COARSE_WORDS, first as u32, &mut units);
+        let plans = fill(units.into_iter().map(|unit| (unit, Vec::new())), &mut homes);
+        rounds.push((plans, first));
     }
-    // Final numbers: the last round first.
-    let mut first = vec![0u32; rounds.len()];
-    for r in (0..rounds.len() - 1).rev() {
-        first[r] = first[r + 1] + rounds[r + 1].len() as u32;
+    rounds.push((vec![Plan { roots: vec![root], ..Plan::new() }], fine.len() + homes.len()));
+    // Final numbers: the last round first, fine ones last.
+    let mut firsts = vec![(0usize, rounds.iter().map(|(plans, _)| plans.len() as u32).sum())];
+    for (plans, first_unit) in &rounds {
+        let before = firsts.last().map_or(0, |&(_, block)| block) - plans.len() as u32;
+        firsts.push((*first_unit, before));
     }
-    let coarse = if rounds.len() == 1 { 1 } else { first[0] as usize };
-    let mut plans: Vec<Plan> = rounds.into_iter().rev().flatten().collect();
+    let place = |UnitId(u): UnitId| {
+        let u = u as usize;
+        let home = if u < fine.len() { fine[u] } else { homes[u - fine.len()] };
+        let round = firsts.partition_point(|&(first, _)| first <= u) - 1;
+        (firsts[round].1 + home.block, u32::from(Child::Node(home.node as usize).to_bits()))
+    };
+    let mut plans: Vec<Plan> = rounds.into_iter().rev().flat_map(|(plans, _)| plans).collect();
     for plan in &mut plans {
         let mut met = Vec::new();
         plan.roots.iter().for_each(|root| units_met(root, &mut met));
-        plan.externals = met
-            .into_iter()
-            .map(|UnitId(u)| {
-                let home = homes[u as usize];
-                let child = Child::Node(home.node as usize).to_bits();
-                (first[home.round] + home.block as u32, u32::from(child))
-            })
-            .collect();
+        plan.externals = met.into_iter().map(place).collect();
     }
-    Packed { plans, coarse, root: u32::from(Child::Node(0).to_bits()) }
-}
-
-/// The parts of all that is left, if it fits one block.
-fn parts_of_last(root: &Inner, input: TreeInput, refs: &[Ref]) -> Option<Vec<u32>> {
-    let words = Plan::EMPTY_WORDS as usize + root.words as usize;
-    // Of a large tree it would take long, and the answer is known.
-    let parts = (words <= MAX_WORDS).then(|| parts_of(root, input, refs))?;
-    (words + parts.len() <= MAX_WORDS).then_some(parts)
+    plans
 }
 
 #[allow(clippy::vec_box)] // units move between lists; their children lists stay where they are
 /// Cuts off the largest subtrees of at most `most` words, in depth-first order.
 fn cut(inner: &mut Inner, most: u32, first_id: u32, units: &mut Vec<Box<Inner>>) {
-    for (_, child) in &mut inner.children {
-        let Sub::Inner(below) = child else { continue };
-        if below.words > most {
-            cut(below, most, first_id, units);
-            continue;
-        }
-        let id = UnitId(first_id + units.len() as u32);
-        if let Sub::Inner(unit) = std::mem::replace(child, Sub::Placed(id)) {
-            units.push(unit);
-        }
-    }
+    inner.children.iter_mut().for_each(|(_, child)| cut_child(child, most, first_id, units));
     inner.measure();
 }
 
 #[allow(clippy::vec_box)] // as in `cut`
-/// Fills blocks with consecutive units, given the parts of each.
-fn fill(units: Vec<Box<Inner>>, parts: Vec<Vec<u32>>, round: usize, homes: &mut Vec<Home>) -> Vec<Plan> {
+fn cut_child(child: &mut Sub, most: u32, first_id: u32, units: &mut Vec<Box<Inner>>) {
+    let Sub::Inner(below) = child else { return };
+    if below.words > most {
+        return cut(below, most, first_id, units);
+    }
+    let id = UnitId(first_id + units.len() as u32);
+    if let Sub::Inner(unit) = std::mem::replace(child, Sub::Placed(id)) {
+        units.push(unit);
+    }
+}
+
+/// Fills blocks with consecutive units, given the parts of each; says where each went.
+fn fill(units: impl Iterator<Item = (Box<Inner>, Vec<u32>)>, homes: &mut Vec<Home>) -> Vec<Plan> {
     let mut plans: Vec<Plan> = Vec::new();
-    for (unit, parts) in units.into_iter().zip(parts) {
+    for (unit, parts) in units {
         let fits = |p: &Plan| {
             let together = p.words as usize + p.parts.len() + unit.words as usize + parts.len();
             together <= MAX_WORDS
@@ -148,12 +157,14 @@ fn fill(units: Vec<Box<Inner>>, parts: Vec<Vec<u32>>, round: usize, homes: &mut 
         }
         let block = plans.len() - 1;
         let plan = &mut plans[block];
-        homes.push(Home { round, block, node: plan.nodes });
+        homes.push(Home { block: block as u32, node: plan.nodes });
         plan.nodes += unit.nodes();
         plan.words += unit.words;
-        plan.parts.extend(parts);
-        plan.parts.sort_unstable();
-        plan.parts.dedup();
+        if !parts.is_empty() {
+            plan.parts.extend(parts);
+            plan.parts.sort_unstable();
+            plan.parts.dedup();
+        }
         plan.roots.push(unit);
     }
     plans

@@ -1,6 +1,9 @@
 //! From triangles to blocks: references, binned SAH, wide nodes, leaves, clusters.
 //!
-//! Passes: `refs` (one box a triangle), `sah` and `spatial` (where to split the set, or space), `tree` (wide nodes and leaves), `cluster` (which nodes share a block), `encode` (trace form).
+//! A mesh is built in one or more **chunks**, each in memory: a [`Chunk`] gives its fine blocks and a [`Top`],
+//! the [`Crown`] over all tops gives the coarse blocks. Passes: `refs` (one box a triangle), `sah` and `spatial`
+//! (where to split the set, or space), `tree` (wide nodes and leaves), `cluster` (which nodes share a block),
+//! `join` (one tree of several), `encode` (trace form).
 //! The result depends on the input and the options only, never on the number of threads.
 
 mod chop;
@@ -8,6 +11,7 @@ mod chop;
 mod clip;
 mod cluster;
 mod encode;
+mod join;
 mod leaf;
 pub mod par;
 mod partition;
@@ -26,10 +30,11 @@ pub use spatial::splits_pay;
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::math::{Bounds, srgb};
+use crate::structure::bvh::layout::Child;
 use glam::Vec3;
-use tree::Stats;
+use tree::{Inner, Piece, Sub};
 
-/// The triangles of one tree, around the tree's origin. All three slices are equally long.
+/// The triangles of a chunk, around the tree's origin. All slices are equally long.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeInput<'a> {
     /// Corners; finite, of more than zero area.
@@ -64,38 +69,82 @@ pub struct TreeOptions {
     pub split_budget: f32,
 }
 
-/// A built tree, ready to be encoded block by block.
-pub struct Tree<'a> {
-    input: TreeInput<'a>,
-    refs: Vec<refs::Ref>,
-    plans: Vec<Plan>,
-    coarse: usize,
-    /// Bounds of all triangles.
-    pub bounds: Bounds,
-    /// Child reference to the root inside block 0.
-    pub root: u32,
+/// Counts of a tree, or of a part of one.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
     /// Nodes on the longest way down, leaves included.
     pub depth: u32,
     /// Inner nodes.
     pub nodes: u64,
     /// Leaves.
     pub leaves: u64,
-    references: u64,
+    /// References to triangles, over all leaves; more than the triangles where splits repeat them.
+    pub references: u64,
 }
 
-impl<'a> Tree<'a> {
-    /// Builds the tree of `input`, which must not be empty.
+/// The tree over some of a mesh's triangles, or all: fine blocks, ready to be encoded one by one.
+pub struct Chunk<'a> {
+    input: TreeInput<'a>,
+    refs: Vec<refs::Ref>,
+    plans: Vec<Plan>,
+}
+
+/// What is above the fine blocks of a chunk. It needs nothing of the chunk any more.
+pub struct Top {
+    /// The root, or its children.
+    pieces: Vec<Piece>,
+    units: Vec<cluster::Home>,
+    fine_blocks: u32,
+    /// Of all pieces.
+    counts: Counts,
+}
+
+/// What [`Chunk::build`] makes.
+pub struct BuiltChunk<'a> {
+    /// Its blocks.
+    pub chunk: Chunk<'a>,
+    /// What is above them; none if the chunk is the whole mesh and fits one block, which is all there is of
+    /// the tree then.
+    pub top: Option<Top>,
+    /// Bounds of all triangles.
+    pub bounds: Bounds,
+    /// Counts.
+    pub counts: Counts,
+}
+
+impl<'a> Chunk<'a> {
+    /// Builds the tree of `input`, which must not be empty and, with `is_whole`, is all of the mesh.
     ///
     /// Fails only with [`crate::Error::Cancelled`].
-    pub fn build(input: TreeInput<'a>, options: &TreeOptions, par: &Par, cancel: &Cancel) -> Result<Self> {
+    pub fn build(
+        input: TreeInput<'a>,
+        options: &TreeOptions,
+        is_whole: bool,
+        par: &Par,
+        cancel: &Cancel,
+    ) -> Result<BuiltChunk<'a>> {
         let mut refs = refs::make(input.triangles, options.split_budget, par);
         cancel.check()?;
-        let built = tree::build(input, &mut refs, par, cancel)?;
-        let stats = built.stats;
-        let tree::Sub::Inner(root) = built.root.sub else { return Err(crate::Error::Internal("a tree without a root".into())) };
-        let cluster::Packed { plans, coarse, root } = cluster::pack(root, input, &refs, par);
-        let Stats { depth, nodes, leaves, references } = stats;
-        Ok(Self { input, refs, plans, coarse, bounds: built.bounds, root, depth, nodes, leaves, references })
+        let tree::Built { children, bounds, counts } = tree::build(input, &mut refs, par, cancel)?;
+        let done = |plans, top, refs| BuiltChunk { chunk: Chunk { input, refs, plans }, top, bounds, counts };
+        let mut pieces = children;
+        let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };
+        // The tops of several chunks take the roots' children. A root that stays, or is fine, is made here.
+        if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
+            let Piece { cell, voxel, sub } = Inner::over(pieces);
+            let sub = match sub {
+                Sub::Inner(root) if is_whole => match cluster::whole(root, input, &refs) {
+                    Ok(plan) => return Ok(done(vec![plan], None, refs)),
+                    Err(root) => Sub::Inner(root),
+                },
+                sub => sub,
+            };
+            pieces = vec![Piece { cell, voxel, sub }];
+            below = counts;
+        }
+        let (plans, units) = cluster::fine(pieces.iter_mut().map(|p| &mut p.sub), input, &refs, par);
+        let top = Top { pieces, units, fine_blocks: plans.len() as u32, counts: below };
+        Ok(done(plans, Some(top), refs))
     }
 
     /// Number of blocks.
@@ -103,18 +152,39 @@ impl<'a> Tree<'a> {
         self.plans.len()
     }
 
-    /// How many of them, from block 0 on, are coarse: nodes alone, over all the others. At least 1.
-    pub fn coarse_blocks(&self) -> usize {
-        self.coarse
+    /// The trace form of block `index`.
+    pub fn encode(&self, index: usize) -> TreeBlock {
+        encode::encode(&self.plans, index, 0, self.input, &self.refs)
+    }
+}
+
+/// The coarse blocks of a tree.
+pub struct Crown {
+    plans: Vec<Plan>,
+    /// Of the whole tree.
+    pub counts: Counts,
+}
+
+impl Crown {
+    /// Over the chunks of a mesh, at least one, whose fine blocks follow one another in this order.
+    pub fn over(tops: Vec<Top>) -> Result<Self> {
+        let join::Joined { root, units, counts } = join::join(tops)?;
+        Ok(Self { plans: cluster::coarse(root, &units), counts })
     }
 
-    /// References to triangles, over all leaves; more than the triangles where splits repeat them.
-    pub fn references(&self) -> u64 {
-        self.references
+    /// Number of blocks.
+    pub fn blocks(&self) -> usize {
+        self.plans.len()
     }
 
     /// The trace form of block `index`; `first_block` is the id of the tree's block 0.
     pub fn encode(&self, index: usize, first_block: u32) -> TreeBlock {
-        encode::encode(&self.plans, index, first_block, self.input, &self.refs)
+        let nothing = TreeInput { triangles: &[], parts: &[], prims: &[], colours: &[], part_colours: &[] };
+        encode::encode(&self.plans, index, first_block, nothing, &[])
     }
+}
+
+/// Child reference to the root of a tree inside its block 0.
+pub fn root() -> u32 {
+    Child::Node(0).to_bits().into()
 }

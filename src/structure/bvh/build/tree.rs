@@ -7,7 +7,7 @@ use super::partition::{self, Sides};
 use super::refs::Ref;
 use super::sah::{self, Extents, Split};
 use super::spatial::{self, SpatialSplit};
-use super::TreeInput;
+use super::{Counts, TreeInput};
 use super::cluster::{FINE_WORDS, UnitId};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
@@ -89,34 +89,23 @@ impl Inner {
         let cell = stored.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
         let voxel = Voxel::over(stored.iter().zip(pieces.iter().map(|p| &p.voxel)));
         let coded = |(p, stored): (Piece, &Bounds)| (Coded::of(&p.voxel, stored.extent()), p.sub);
-        let children = pieces.into_iter().zip(&stored).map(coded).collect();
+        // Not collected: that would keep the pieces' memory, which is several times as much.
+        let mut children = Vec::with_capacity(pieces.len());
+        children.extend(pieces.into_iter().zip(&stored).map(coded));
         let mut inner = Box::new(Inner { node, children, words: 0 });
         inner.measure();
         Piece { cell, voxel, sub: Sub::Inner(inner) }
     }
 }
 
-/// Counts of a tree.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Stats {
-    /// Nodes on the longest way down.
-    pub depth: u32,
-    /// Inner nodes.
-    pub nodes: u64,
-    /// Leaves.
-    pub leaves: u64,
-    /// References in leaves.
-    pub references: u64,
-}
-
 /// What [`build`] returns.
 pub struct Built {
-    /// An inner node, always.
-    pub root: Piece,
+    /// The root's children: one to eight.
+    pub children: Vec<Piece>,
     /// Of everything.
     pub bounds: Bounds,
-    /// Counts.
-    pub stats: Stats,
+    /// Counts, the root among them.
+    pub counts: Counts,
 }
 
 /// Below this depth the heuristic gives way to halving, which bounds the depth.
@@ -161,8 +150,8 @@ pub fn build(input: TreeInput, room: &mut [Ref], par: &Par, cancel: &Cancel) -> 
     let bounds = extents.bounds();
     let builder = Builder { input, par, cancel, root_half_area: bounds.half_area() };
     let whole = Range { room, len, first: 0, extents, whole: None };
-    let (root, stats) = builder.inner(whole, 1)?;
-    Ok(Built { root, bounds, stats })
+    let (children, counts) = builder.children(whole, 1)?;
+    Ok(Built { children, bounds, counts })
 }
 
 /// Puts a node of its own over each leaf, for a node that stays above the fine units: coarse blocks hold no
@@ -192,7 +181,13 @@ fn leaf_voxel(cell: &Bounds, refs: &[Ref], input: TreeInput) -> Voxel {
 }
 
 impl Builder<'_> {
-    fn inner(&self, range: Range, depth: u32) -> Result<(Piece, Stats)> {
+    fn inner(&self, range: Range, depth: u32) -> Result<(Piece, Counts)> {
+        let (pieces, counts) = self.children(range, depth)?;
+        Ok((Inner::over(pieces), counts))
+    }
+
+    /// The children of a node over `range`, and the counts of that node.
+    fn children(&self, range: Range, depth: u32) -> Result<(Vec<Piece>, Counts)> {
         self.cancel.check()?;
         let count = range.len;
         let ranges = self.split_up(range, depth);
@@ -203,7 +198,7 @@ impl Builder<'_> {
             ranges.into_iter().map(finish).collect()
         };
         let mut pieces = Vec::with_capacity(done.len());
-        let mut stats = Stats { nodes: 1, ..Stats::default() };
+        let mut stats = Counts { nodes: 1, ..Counts::default() };
         for child in done {
             let (piece, below) = child?;
             pieces.push(piece);
@@ -215,16 +210,16 @@ impl Builder<'_> {
         let wrapped = wrap_leaves(&mut pieces);
         stats.nodes += wrapped;
         stats.depth = stats.depth.max(1 + u32::from(wrapped > 0)) + 1;
-        Ok((Inner::over(pieces), stats))
+        Ok((pieces, stats))
     }
 
-    fn child(&self, range: Range, depth: u32) -> Result<(Piece, Stats)> {
+    fn child(&self, range: Range, depth: u32) -> Result<(Piece, Counts)> {
         if let Some(size) = range.whole.or_else(|| LeafSize::of(range.refs(), self.input)) {
             let (first, count) = (range.first as u32, range.len as u32);
             let sub = Sub::Leaf { first, count, words: size.words };
             let cell = range.extents.bounds();
             let voxel = leaf_voxel(&cell, range.refs(), self.input);
-            let stats = Stats { depth: 1, nodes: 0, leaves: 1, references: size.triangles.into() };
+            let stats = Counts { depth: 1, nodes: 0, leaves: 1, references: size.triangles.into() };
             return Ok((Piece { cell, voxel, sub }, stats));
         }
         self.inner(range, depth)

@@ -1,0 +1,95 @@
+//! Some consecutive triangles of a mesh, in memory or coded in a scratch file.
+
+use super::coding;
+use crate::base::error::{Error, Result};
+use crate::base::scratch::Scratch;
+use glam::{DVec3, Vec3};
+
+/// Triangles of a batch, at most: a batch is the unit of parallel work.
+pub const BATCH: usize = 1 << 15;
+
+/// Positions of a batch.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Positions {
+    /// Every coordinate is a single-precision number.
+    Single(Vec<[Vec3; 3]>),
+    /// Some are not.
+    Double(Vec<[DVec3; 3]>),
+}
+
+impl Positions {
+    /// Triangles.
+    pub fn len(&self) -> usize {
+        match self {
+            Positions::Single(p) => p.len(),
+            Positions::Double(p) => p.len(),
+        }
+    }
+
+    /// The corners of triangle `i`.
+    #[inline]
+    pub fn triangle(&self, i: usize) -> [DVec3; 3] {
+        match self {
+            Positions::Single(p) => p[i].map(Vec3::as_dvec3),
+            Positions::Double(p) => p[i],
+        }
+    }
+}
+
+/// Consecutive triangles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Batch {
+    /// Corners; finite.
+    pub positions: Positions,
+    /// Part of each.
+    pub parts: Vec<u32>,
+    /// Primitive id of each, ascending.
+    pub prims: Vec<u32>,
+    /// sRGB of each; empty if none of the batch has a colour. Alpha 0: the part's material.
+    pub colours: Vec<[u8; 4]>,
+}
+
+impl Batch {
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        let positions = match &self.positions {
+            Positions::Single(p) => size_of::<[Vec3; 3]>() * p.capacity(),
+            Positions::Double(p) => size_of::<[DVec3; 3]>() * p.capacity(),
+        };
+        (positions + 4 * (self.parts.capacity() + self.prims.capacity() + self.colours.capacity())) as u64
+    }
+}
+
+/// A batch in a scratch file.
+#[derive(Debug, Clone, Copy)]
+pub struct Extent {
+    /// First byte.
+    at: u64,
+    /// Bytes.
+    len: u32,
+    /// Triangles.
+    pub count: u32,
+}
+
+/// Codes batches in parallel and writes them in order; where each went.
+pub fn write(
+    batches: &[&Batch],
+    to: &Scratch,
+    par: &crate::structure::bvh::build::Par,
+) -> Result<Vec<Extent>> {
+    let coded = par.map(batches.len(), |i| coding::encode(batches[i]));
+    let mut extents = Vec::with_capacity(batches.len());
+    for (batch, bytes) in batches.iter().zip(coded) {
+        let (len, count) = (bytes.len() as u32, batch.positions.len() as u32);
+        extents.push(Extent { at: to.append(&bytes)?, len, count });
+    }
+    Ok(extents)
+}
+
+/// Reads a batch back.
+pub fn read(from: &Scratch, extent: &Extent) -> Result<Batch> {
+    let mut bytes = vec![0; extent.len as usize];
+    from.read_at(extent.at, &mut bytes)?;
+    let batch = coding::decode(&bytes).filter(|b| b.positions.len() == extent.count as usize);
+    batch.ok_or_else(|| Error::Internal("a temporary does not hold what was written there".into()))
+}

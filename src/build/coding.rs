@@ -1,0 +1,333 @@
+//! A batch as bytes: some ten a triangle of a scan, where memory takes 44.
+//!
+//! | bytes | what |
+//! |---|---|
+//! | 4 | u32: bytes of the rest before LZ4, which all of it is under |
+//! | 4, 4 | u32: triangles, distinct vertices |
+//! | 1 | bit 0: double precision; bit 1: colours |
+//! | .. | parts: runs of equal ones, varints: part, length; until all triangles have one |
+//! | .. | primitive ids: runs of consecutive ones, varints: how many were skipped, length |
+//! | .. | corners, three varints a triangle: 0 a new vertex, else how many back the known one is |
+//! | 3 x 4 x .. or 3 x 8 x .. | x, y, z of the vertices: difference to the one before as ordered integers, zigzag, by byte planes |
+//! | 4 x triangles | colours, by channel |
+
+use super::batch::{Batch, Positions};
+use bytemuck::must_cast;
+use glam::{DVec3, Vec3};
+use lz4_flex::block;
+
+const DOUBLE: u8 = 1;
+const COLOURS: u8 = 2;
+
+/// A coordinate as an unsigned integer in the order of the numbers.
+trait Coordinate: Copy {
+    /// Bytes.
+    const LEN: usize;
+    fn ordered(self) -> u64;
+    fn from_ordered(value: u64) -> Self;
+    /// Small where both are near; as few bytes as a coordinate.
+    fn difference(now: u64, before: u64) -> u64;
+    fn undo_difference(coded: u64, before: u64) -> u64;
+}
+
+impl Coordinate for f32 {
+    const LEN: usize = 4;
+    fn ordered(self) -> u64 {
+        let bits = self.to_bits();
+        u64::from(if bits >> 31 == 0 { bits | 1 << 31 } else { !bits })
+    }
+    fn from_ordered(value: u64) -> Self {
+        let value = value as u32;
+        f32::from_bits(if value >> 31 == 1 { value & !(1 << 31) } else { !value })
+    }
+    fn difference(now: u64, before: u64) -> u64 {
+        let d = (now as u32).wrapping_sub(before as u32) as i32;
+        u64::from((d << 1 ^ d >> 31) as u32)
+    }
+    fn undo_difference(coded: u64, before: u64) -> u64 {
+        let coded = coded as u32;
+        u64::from((before as u32).wrapping_add((coded >> 1) ^ (coded & 1).wrapping_neg()))
+    }
+}
+
+impl Coordinate for f64 {
+    const LEN: usize = 8;
+    fn ordered(self) -> u64 {
+        let bits = self.to_bits();
+        if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
+    }
+    fn from_ordered(value: u64) -> Self {
+        f64::from_bits(if value >> 63 == 1 { value & !(1 << 63) } else { !value })
+    }
+    fn difference(now: u64, before: u64) -> u64 {
+        let d = now.wrapping_sub(before) as i64;
+        (d << 1 ^ d >> 63) as u64
+    }
+    fn undo_difference(coded: u64, before: u64) -> u64 {
+        before.wrapping_add((coded >> 1) ^ (coded & 1).wrapping_neg())
+    }
+}
+
+/// Codes a batch. The same batch gives the same bytes anywhere.
+pub fn encode(batch: &Batch) -> Vec<u8> {
+    let count = batch.positions.len();
+    let mut out = Vec::with_capacity(count * 16);
+    out.extend((count as u32).to_le_bytes());
+    // Vertices: known later.
+    out.extend([0; 4]);
+    let double = if matches!(batch.positions, Positions::Double(_)) { DOUBLE } else { 0 };
+    out.push(double | if batch.colours.is_empty() { 0 } else { COLOURS });
+    push_parts(&mut out, &batch.parts);
+    push_prims(&mut out, &batch.prims);
+    let vertices = match &batch.positions {
+        Positions::Single(p) => push_positions(&mut out, count, |i| p[i].map(|c| c.to_array())),
+        Positions::Double(p) => push_positions(&mut out, count, |i| p[i].map(|c| c.to_array())),
+    };
+    out[4..8].copy_from_slice(&vertices.to_le_bytes());
+    (0..4).for_each(|channel| out.extend(batch.colours.iter().map(|c| c[channel])));
+    block::compress_prepend_size(&out)
+}
+
+fn push_varint(out: &mut Vec<u8>, mut value: u32) {
+    while value >= 0x80 {
+        out.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    out.push(value as u8);
+}
+
+fn push_parts(out: &mut Vec<u8>, parts: &[u32]) {
+    for run in parts.chunk_by(|a, b| a == b) {
+        push_varint(out, run[0]);
+        push_varint(out, run.len() as u32);
+    }
+}
+
+fn push_prims(out: &mut Vec<u8>, prims: &[u32]) {
+    let mut next = 0u32;
+    for run in prims.chunk_by(|a, b| a.wrapping_add(1) == *b) {
+        push_varint(out, run[0].wrapping_sub(next));
+        push_varint(out, run.len() as u32);
+        next = run[0].wrapping_add(run.len() as u32);
+    }
+}
+
+/// Corners and vertices; returns how many of these.
+fn push_positions<C: Coordinate>(out: &mut Vec<u8>, count: usize, triangle: impl Fn(usize) -> [[C; 3]; 3]) -> u32 {
+    let mut vertices: Vec<[u64; 3]> = Vec::with_capacity(count);
+    // The last vertex of each hash: one that was pushed out is written again, which is rare and does no harm.
+    let bits = (usize::BITS - (2 * count).leading_zeros()).max(4);
+    let mut last = vec![0u32; 1 << bits];
+    for corner in (0..count).flat_map(&triangle) {
+        let vertex = corner.map(C::ordered);
+        let slot = &mut last[hash(vertex) >> (64 - bits)];
+        let index = *slot as usize;
+        if index < vertices.len() && vertices[index] == vertex {
+            push_varint(out, (vertices.len() - index) as u32);
+        } else {
+            *slot = vertices.len() as u32;
+            out.push(0);
+            vertices.push(vertex);
+        }
+    }
+    for axis in 0..3 {
+        let start = out.len();
+        out.resize(start + C::LEN * vertices.len(), 0);
+        let planes = &mut out[start..];
+        let mut before = 0;
+        for (i, vertex) in vertices.iter().enumerate() {
+            let coded = C::difference(vertex[axis], before);
+            before = vertex[axis];
+            (0..C::LEN).for_each(|p| planes[p * vertices.len() + i] = (coded >> (8 * p)) as u8);
+        }
+    }
+    vertices.len() as u32
+}
+
+fn hash([x, y, z]: [u64; 3]) -> usize {
+    // Odd numbers without a pattern.
+    let sum = x.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ y.wrapping_mul(0xC2B2_AE3D_27D4_EB4F).rotate_left(21);
+    ((sum ^ z).wrapping_mul(0x2545_F491_4F6C_DD1D)) as usize
+}
+
+/// Bytes being read; `None` where they run out.
+struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(n)?;
+        self.0 = rest;
+        Some(taken)
+    }
+    fn u32(&mut self) -> Option<u32> {
+        self.take(4)?.first_chunk().map(|b| u32::from_le_bytes(*b))
+    }
+    #[inline]
+    fn varint(&mut self) -> Option<u32> {
+        let mut value = 0u32;
+        for shift in [0, 7, 14, 21, 28] {
+            let (&byte, rest) = self.0.split_first()?;
+            self.0 = rest;
+            value |= u32::from(byte & 0x7f) << shift;
+            if byte & 0x80 == 0 {
+                return Some(value);
+            }
+        }
+        None
+    }
+}
+
+/// The batch of what [`encode`] made; `None` of other bytes, mostly.
+pub fn decode(bytes: &[u8]) -> Option<Batch> {
+    let raw = block::decompress_size_prepended(bytes).ok()?;
+    let mut reader = Reader(&raw);
+    let (count, vertices) = (reader.u32()? as usize, reader.u32()? as usize);
+    let flags = reader.take(1)?[0];
+    let parts = read_runs(&mut reader, count, |part, _| (part, 0))?;
+    let mut next = 0u32;
+    let prims = read_runs(&mut reader, count, |skipped, length| {
+        let first = next.wrapping_add(skipped);
+        next = first.wrapping_add(length);
+        (first, 1)
+    })?;
+    let positions = if flags & DOUBLE == 0 {
+        let points = read_positions(&mut reader, count, vertices)?;
+        Positions::Single(points.into_iter().map(must_cast::<[[f32; 3]; 3], [Vec3; 3]>).collect())
+    } else {
+        let points = read_positions::<f64>(&mut reader, count, vertices)?;
+        Positions::Double(points.into_iter().map(|t| t.map(DVec3::from_array)).collect())
+    };
+    let colours = if flags & COLOURS == 0 {
+        Vec::new()
+    } else {
+        let planes = reader.take(4 * count)?;
+        (0..count).map(|i| [0, 1, 2, 3].map(|c| planes[c * count + i])).collect()
+    };
+    reader.0.is_empty().then_some(Batch { positions, parts, prims, colours })
+}
+
+/// Numbers in runs, each of which `run` says from its two varints: the first, and the step to the next.
+fn read_runs(reader: &mut Reader, count: usize, mut run: impl FnMut(u32, u32) -> (u32, u32)) -> Option<Vec<u32>> {
+    let mut all = Vec::with_capacity(count.min(super::batch::BATCH));
+    while all.len() < count {
+        let (value, length) = (reader.varint()?, reader.varint()?);
+        if length == 0 || length as usize > count - all.len() {
+            return None;
+        }
+        let (first, step) = run(value, length);
+        all.extend((0..length).map(|i| first.wrapping_add(i.wrapping_mul(step))));
+    }
+    Some(all)
+}
+
+fn read_positions<C: Coordinate + Default>(
+    reader: &mut Reader,
+    count: usize,
+    vertices: usize,
+) -> Option<Vec<[[C; 3]; 3]>> {
+    let (mut corners, mut known) = (Vec::with_capacity(3 * count.min(super::batch::BATCH)), 0u32);
+    for _ in 0..3 * count {
+        let back = reader.varint()?;
+        corners.push(known.checked_sub(back)?);
+        known += u32::from(back == 0);
+    }
+    if known as usize != vertices {
+        return None;
+    }
+    let mut points = vec![[C::default(); 3]; vertices];
+    for axis in 0..3 {
+        let planes = reader.take(C::LEN.checked_mul(vertices)?)?;
+        let mut before = 0;
+        for (i, point) in points.iter_mut().enumerate() {
+            let coded = (0..C::LEN).fold(0, |c, p| c | u64::from(planes[p * vertices + i]) << (8 * p));
+            before = C::undo_difference(coded, before);
+            point[axis] = C::from_ordered(before);
+        }
+    }
+    Some(corners.chunks_exact(3).map(|c| [0, 1, 2].map(|k| points[c[k] as usize])).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn bits(batch: &Batch) -> (Vec<u64>, bool, &[u32], &[u32], &[[u8; 4]]) {
+        let bits = match &batch.positions {
+            Positions::Single(p) => p.iter().flatten().flat_map(|c| c.to_array()).map(|x| x.to_bits().into()).collect(),
+            Positions::Double(p) => p.iter().flatten().flat_map(|c| c.to_array()).map(f64::to_bits).collect(),
+        };
+        (bits, matches!(batch.positions, Positions::Double(_)), &batch.parts, &batch.prims, &batch.colours)
+    }
+
+    fn batch(numbers: &[(u32, u64, u8)], double: bool, coloured: bool, shared: bool) -> Batch {
+        // Few values: vertices are shared. All: they are not.
+        let single = |n: u64| if shared { (n % 5) as f32 - 2.0 } else { f32::from_bits((n as u32) & 0xff7f_ffff) };
+        let both = |n: u64| if shared { (n % 5) as f64 * -0.1 } else { f64::from_bits(n & !(1 << 62)) };
+        let point = |n: u64| [n, n.rotate_left(13), n.rotate_left(29)];
+        let triangle = |n: u64| [n, n.rotate_left(7), n.rotate_left(45)];
+        let mut next = 0u32;
+        Batch {
+            positions: if double {
+                Positions::Double(numbers.iter().map(|n| triangle(n.1).map(|p| point(p).map(both).into())).collect())
+            } else {
+                Positions::Single(numbers.iter().map(|n| triangle(n.1).map(|p| point(p).map(single).into())).collect())
+            },
+            parts: numbers.iter().map(|n| n.0 >> (n.2 % 32)).collect(),
+            prims: numbers
+                .iter()
+                .map(|n| {
+                    next = next.saturating_add(if n.2 < 200 { 1 } else { 1 + n.0 % 100_000 });
+                    next
+                })
+                .collect(),
+            colours: if coloured { numbers.iter().map(|n| n.0.to_le_bytes()).collect() } else { Vec::new() },
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_batch_comes_back_to_the_bit(
+            numbers in prop::collection::vec(any::<(u32, u64, u8)>(), 0..200), double: bool, coloured: bool, shared: bool,
+        ) {
+            let batch = batch(&numbers, double, coloured, shared);
+            let coded = encode(&batch);
+            let back = decode(&coded).expect("what was written");
+            prop_assert_eq!(bits(&back), bits(&batch));
+            for len in 0..coded.len() {
+                prop_assert!(decode(&coded[..len]).is_none());
+            }
+        }
+
+        #[test]
+        fn damage_does_not_panic(
+            numbers in prop::collection::vec(any::<(u32, u64, u8)>(), 1..50), at in any::<prop::sample::Index>(), flip in 1u8..,
+        ) {
+            let mut coded = encode(&batch(&numbers, false, true, true));
+            let at = 4 + at.index(coded.len() - 4);
+            coded[at] ^= flip;
+            let _ = decode(&coded);
+        }
+    }
+
+    #[test]
+    fn a_surface_takes_few_bytes() {
+        let height = |x: usize, y: usize| ((x * 7919 + y * 104_729) % 1000) as f32 * 1e-3;
+        let at = |x: usize, y: usize| Vec3::new(x as f32 * 0.1, y as f32 * 0.1, height(x, y));
+        let triangle = |i: usize| {
+            let (x, y) = (i / 2 % 200, i / 400);
+            let corners = [at(x, y), at(x + 1, y), at(x, y + 1)];
+            if i.is_multiple_of(2) { corners } else { [at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)] }
+        };
+        let count = 30_000;
+        let batch = Batch {
+            positions: Positions::Single((0..count).map(triangle).collect()),
+            parts: vec![3; count],
+            prims: (0..count as u32).collect(),
+            colours: Vec::new(),
+        };
+        let bytes = encode(&batch).len() as f64 / count as f64;
+        println!("{bytes} bytes a triangle");
+        assert!(bytes < 10.0);
+    }
+}

@@ -1,0 +1,152 @@
+//! Blocks on their way to the file: encoded in parallel, in batches, each written while the next is encoded.
+
+use super::report::BuildReport;
+use super::shares::Shares;
+use crate::base::error::Result;
+use crate::base::progress::{Cancel, Progress};
+use crate::base::scratch::{Scratch, ScratchSpace};
+use crate::store::{Aside, EncodedBlock, Writer};
+use crate::structure::bvh::build::{Par, TreeBlock};
+use crate::structure::bvh::codec;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+
+/// Blocks encoded before they are written together.
+const BATCH: usize = 64;
+
+/// The file being written, and what all passes need.
+pub struct Output<'a> {
+    pub writer: Writer,
+    /// Primitive ids of all geometry blocks written so far.
+    pub prims: Aside,
+    /// Colours likewise.
+    pub colours: Aside,
+    pub has_colours: bool,
+    /// Where spilled input is.
+    pub spilled: Option<Scratch>,
+    /// Trees behind the present one.
+    pub trees_left: usize,
+    pub space: Arc<ScratchSpace>,
+    pub shares: Shares,
+    pub report: BuildReport,
+    pub progress: &'a Progress,
+    pub cancel: &'a Cancel,
+    pub par: Par,
+}
+
+/// Of the whole build, the share between two fractions.
+#[derive(Debug, Clone, Copy)]
+pub struct Span(pub f64, pub f64);
+
+impl Span {
+    /// The part of it between two fractions of it.
+    pub fn part(self, from: f64, to: f64) -> Self {
+        let at = |f: f64| self.0 + (self.1 - self.0) * f.clamp(0.0, 1.0);
+        Self(at(from), at(to))
+    }
+}
+
+struct Encoded {
+    geometry: EncodedBlock,
+    prims: EncodedBlock,
+    colours: Option<EncodedBlock>,
+    trace_bytes: u32,
+}
+
+/// Blocks of a tree put aside: all of them come behind the coarse ones, which are known last.
+pub struct FineAside {
+    geometry: Aside,
+    prims: Aside,
+    colours: Aside,
+}
+
+impl FineAside {
+    /// Blocks of geometry.
+    pub fn blocks(&self) -> usize {
+        self.geometry.len()
+    }
+}
+
+impl Output<'_> {
+    /// Nothing aside yet.
+    pub fn fine_aside(&self) -> FineAside {
+        let aside = || Aside::new(self.shares.aside, &self.space);
+        FineAside { geometry: aside(), prims: aside(), colours: aside() }
+    }
+
+    /// Encodes `count` blocks and writes them.
+    pub fn write_blocks(&mut self, count: usize, block: impl Fn(usize) -> TreeBlock + Sync, span: Span) -> Result<()> {
+        let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
+        each_batch(count, &par, cancel, |i| encode(&block(i), has_colours), |block, done| {
+            self.report.bytes_trace += u64::from(block.trace_bytes);
+            self.writer.encoded_block(block.geometry)?;
+            self.prims.push(block.prims)?;
+            block.colours.map_or(Ok(()), |c| self.colours.push(c))?;
+            progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
+            progress.advance(span.part(done, 1.0).0);
+            Ok(())
+        })
+    }
+
+    /// Encodes `count` blocks and puts them aside.
+    pub fn put_aside(
+        &mut self,
+        count: usize,
+        block: impl Fn(usize) -> TreeBlock + Sync,
+        aside: &mut FineAside,
+        span: Span,
+    ) -> Result<()> {
+        let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
+        each_batch(count, &par, cancel, |i| encode(&block(i), has_colours), |block, done| {
+            self.report.bytes_trace += u64::from(block.trace_bytes);
+            aside.geometry.push(block.geometry)?;
+            aside.prims.push(block.prims)?;
+            block.colours.map_or(Ok(()), |c| aside.colours.push(c))?;
+            progress.advance(span.part(done, 1.0).0);
+            Ok(())
+        })
+    }
+
+    /// Writes what was put aside.
+    pub fn write_aside(&mut self, aside: FineAside) -> Result<()> {
+        aside.geometry.write_to(&mut self.writer, self.cancel)?;
+        self.progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
+        self.prims.append(aside.prims)?;
+        self.colours.append(aside.colours)
+    }
+}
+
+/// Makes `count` things in parallel and takes them in order, each batch while the next is made. `take` hears what
+/// share of them it has then.
+fn each_batch<T: Send>(
+    count: usize,
+    par: &Par,
+    cancel: &Cancel,
+    make: impl Fn(usize) -> T + Sync + Send,
+    mut take: impl FnMut(T, f64) -> Result<()> + Send,
+) -> Result<()> {
+    let batch = |from: usize| par.map(BATCH.min(count.saturating_sub(from)), |i| make(from + i));
+    let mut ready = batch(0);
+    for from in (0..count).step_by(BATCH) {
+        cancel.check()?;
+        let done = |i: usize| (from + i + 1) as f64 / count as f64;
+        let mut take_all = || ready.drain(..).enumerate().try_for_each(|(i, made)| take(made, done(i)));
+        let (next, taken) = par.join(|| batch(from + BATCH), &mut take_all);
+        taken?;
+        ready = next;
+    }
+    Ok(())
+}
+
+fn encode(block: &TreeBlock, has_colours: bool) -> Encoded {
+    let trace_bytes = 4 * block.words.len() as u32;
+    let beside = 4 * block.prims.len() as u32;
+    // Also for a block of nodes alone: each geometry block has one of colours, or the ids do not fit.
+    let colours = has_colours.then(|| codec::encode_colours(&block.colours));
+    Encoded {
+        geometry: EncodedBlock::encode(&codec::encode_geometry(&block.words), trace_bytes),
+        prims: EncodedBlock::encode(&codec::encode_prims(&block.prims), beside),
+        colours: colours.map(|c| EncodedBlock::encode(&c, beside)),
+        trace_bytes,
+    }
+}

@@ -1,0 +1,84 @@
+//! Bounds and counts of parts, mesh by mesh.
+
+use super::survey::OfPart;
+use crate::math::{Bounds, DBounds};
+use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow};
+use glam::{DAffine3, DVec3, Vec3};
+use std::collections::BTreeMap;
+
+/// Parts, what they look like, and where shared meshes are placed.
+pub struct Assembly {
+    pub parts: Vec<PartRow>,
+    pub materials: Vec<MaterialRow>,
+    pub instances: Vec<InstanceRow>,
+}
+
+/// Bounds and count of each part that has triangles.
+pub fn count(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> {
+    let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
+    let mut at = 0;
+    // Neighbours mostly share their part.
+    for run in parts.chunk_by(|a, b| a == b) {
+        let of = all.entry(run[0]).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
+        let corners = triangles[at..at + run.len()].iter().flatten();
+        of.bounds = corners.fold(of.bounds, |b, &p| b.with(p));
+        of.count += run.len() as u64;
+        at += run.len();
+    }
+    all
+}
+
+impl Assembly {
+    /// Adds what is in a mesh around `origin`: in tree 0 by part, in others by local part, wherever it is placed.
+    pub fn add(&mut self, tree: usize, origin: DVec3, of_parts: &BTreeMap<u32, OfPart>) {
+        let Self { parts, instances, .. } = self;
+        let mut add = |first: u32, world_from_mesh: &DAffine3| {
+            for (&part, of) in of_parts {
+                let row = &mut parts[first as usize + part as usize];
+                let local = DBounds { min: of.bounds.min.as_dvec3() + origin, max: of.bounds.max.as_dvec3() + origin };
+                row.bounds = flat(&unflat(&row.bounds).union(local.transformed(world_from_mesh)));
+                row.triangles += of.count;
+            }
+        };
+        if tree == 0 {
+            add(0, &DAffine3::IDENTITY);
+            return;
+        }
+        for instance in instances.iter().filter(|i| i.tree as usize == tree) {
+            add(instance.first_part, &DAffine3::from_cols_array(&instance.world_from_mesh));
+        }
+    }
+}
+
+impl Assembly {
+    /// Linear colours of a mesh's local parts, as where it is placed first.
+    pub fn colours(&self, tree: usize, local_parts: u32) -> Vec<Vec3> {
+        let placing = self.instances.iter().find(|i| i.tree as usize == tree);
+        let first = placing.map_or(0, |i| i.first_part) as usize;
+        let rows = self.parts.iter().skip(first).take(local_parts as usize);
+        rows.map(|row| Vec3::from(self.materials[row.material as usize].colour)).collect()
+    }
+}
+
+/// Bounds of all that is placed.
+pub fn model_bounds(trees: &[TreeRow], instances: &[InstanceRow]) -> [f64; 6] {
+    let of_tree = |t: &TreeRow| {
+        let [a, b, c, d, e, f] = t.bounds.map(f64::from);
+        let origin = DVec3::from_array(t.origin);
+        DBounds { min: DVec3::new(a, b, c) + origin, max: DVec3::new(d, e, f) + origin }
+    };
+    let direct = trees.first().map_or(DBounds::EMPTY, of_tree);
+    let all = instances.iter().fold(direct, |all, i| {
+        let m = DAffine3::from_cols_array(&i.world_from_mesh);
+        all.union(of_tree(&trees[i.tree as usize]).transformed(&m))
+    });
+    flat(&all)
+}
+
+fn flat(b: &DBounds) -> [f64; 6] {
+    [b.min.x, b.min.y, b.min.z, b.max.x, b.max.y, b.max.z]
+}
+
+fn unflat(b: &[f64; 6]) -> DBounds {
+    DBounds { min: DVec3::new(b[0], b[1], b[2]), max: DVec3::new(b[3], b[4], b[5]) }
+}

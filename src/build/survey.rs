@@ -1,0 +1,163 @@
+//! One look at all triangles of a mesh that is built in chunks: what is kept, where, and how much in each cell
+//! of a grid.
+
+use super::batch::Batch;
+use super::origin::{self, Fates};
+use crate::base::error::Result;
+use crate::base::progress::Cancel;
+use crate::math::Bounds;
+use crate::structure::bvh::build::Par;
+use glam::{DVec3, Vec3};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+/// Cells of the grid along each axis.
+pub const SIDE: usize = 64;
+
+/// Batches looked at together. Not the number of threads: the order of what is written would be another.
+pub const TOGETHER: usize = 8;
+
+/// Triangles looked at to know their shape.
+const SAMPLES: u64 = 1 << 16;
+
+/// Where the batches of a mesh, or of a part of it, come from.
+pub trait Batches: Sync {
+    /// How many.
+    fn len(&self) -> usize;
+    /// One of them.
+    fn batch(&self, index: usize) -> Result<Cow<'_, Batch>>;
+    /// Triangles, over all.
+    fn triangles(&self) -> u64;
+    /// What stored positions are relative to.
+    fn origin(&self) -> DVec3;
+    /// Of the middles of all triangles, or more, around the origin.
+    fn bounds(&self) -> Bounds;
+}
+
+/// A grid of cubes over a box.
+#[derive(Debug, Clone, Copy)]
+pub struct Grid {
+    low: Vec3,
+    /// Cells in a unit of length, on all axes.
+    scale: f32,
+}
+
+impl Grid {
+    /// Over `bounds`.
+    pub fn over(bounds: &Bounds) -> Self {
+        // Halves first: the difference of two finite numbers may not be one.
+        let half = (bounds.max * 0.5 - bounds.min * 0.5).max_element();
+        let scale = if half > 0.0 { (SIDE as f32 * 0.5 / half).min(f32::MAX) } else { 0.0 };
+        Self { low: bounds.min, scale }
+    }
+
+    /// The cell of a point, on each axis; points outside belong to the nearest.
+    #[inline]
+    pub fn cell(&self, point: Vec3) -> [usize; 3] {
+        let at = (point - self.low) * self.scale;
+        at.to_array().map(|x| (x as usize).min(SIDE - 1))
+    }
+}
+
+/// Index of a cell among all.
+#[inline]
+pub fn index([x, y, z]: [usize; 3]) -> usize {
+    (z * SIDE + y) * SIDE + x
+}
+
+/// The middle of a triangle's box.
+#[inline]
+pub fn middle([a, b, c]: &[Vec3; 3]) -> Vec3 {
+    a.min(*b).min(*c) * 0.5 + a.max(*b).max(*c) * 0.5
+}
+
+/// Of the triangles of one part.
+#[derive(Debug, Clone, Copy)]
+pub struct OfPart {
+    /// Around the origin.
+    pub bounds: Bounds,
+    /// How many.
+    pub count: u64,
+}
+
+/// What was found.
+pub struct Survey {
+    /// Of all triangles.
+    pub fates: Fates,
+    /// Each part that has any.
+    pub parts: BTreeMap<u32, OfPart>,
+    /// The grid.
+    pub grid: Grid,
+    /// Triangles in each cell.
+    pub histogram: Vec<u32>,
+    /// Some triangles, evenly spread over the input.
+    pub samples: Vec<[Vec3; 3]>,
+}
+
+/// What was found in one batch.
+struct Found {
+    fates: Fates,
+    parts: Vec<(u32, OfPart)>,
+    cells: Vec<u32>,
+    samples: Vec<[Vec3; 3]>,
+}
+
+/// Looks at all of `source`. `seen` hears how many triangles it has looked at.
+pub fn survey(source: &dyn Batches, par: &Par, cancel: &Cancel, mut seen: impl FnMut(u64)) -> Result<Survey> {
+    let grid = Grid::over(&source.bounds());
+    let mut all = Survey {
+        fates: Fates::default(),
+        parts: BTreeMap::new(),
+        grid,
+        histogram: vec![0; SIDE * SIDE * SIDE],
+        samples: Vec::new(),
+    };
+    let step = (source.triangles() / SAMPLES).max(1) as usize;
+    let mut before = 0;
+    for first in (0..source.len()).step_by(TOGETHER) {
+        cancel.check()?;
+        let found = par.map(TOGETHER.min(source.len() - first), |i| -> Result<Found> {
+            Ok(look(&*source.batch(first + i)?, source.origin(), &grid, step))
+        });
+        for found in found {
+            let found = found?;
+            before += found.fates.kept + found.fates.degenerate + found.fates.out_of_range;
+            all.add(found);
+        }
+        seen(before);
+    }
+    Ok(all)
+}
+
+fn look(batch: &Batch, origin: DVec3, grid: &Grid, step: usize) -> Found {
+    let (mut parts, mut cells, mut samples): (Vec<(u32, OfPart)>, _, _) = (Vec::new(), Vec::new(), Vec::new());
+    let fates = origin::visit(batch, origin, |i, triangle| {
+        let part = batch.parts[i];
+        let here = Bounds::of(&triangle);
+        match parts.last_mut() {
+            Some((last, of)) if *last == part => {
+                of.bounds = of.bounds.union(here);
+                of.count += 1;
+            }
+            _ => parts.push((part, OfPart { bounds: here, count: 1 })),
+        }
+        cells.push(index(grid.cell(middle(&triangle))) as u32);
+        if (batch.prims[i] as usize).is_multiple_of(step) {
+            samples.push(triangle);
+        }
+    });
+    Found { fates, parts, cells, samples }
+}
+
+impl Survey {
+    fn add(&mut self, found: Found) {
+        self.fates = self.fates.and(&found.fates);
+        for (part, of) in found.parts {
+            let all = self.parts.entry(part).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
+            all.bounds = all.bounds.union(of.bounds);
+            all.count += of.count;
+        }
+        found.cells.iter().for_each(|&cell| self.histogram[cell as usize] += 1);
+        self.samples.extend(found.samples);
+    }
+}

@@ -1,0 +1,159 @@
+//! Blocks put aside until their place in the file is known.
+
+use super::codec::{Codec, EncodedBlock};
+use super::writer::Writer;
+use crate::base::error::Result;
+use crate::base::progress::Cancel;
+use crate::base::scratch::{Scratch, ScratchSpace};
+use std::sync::Arc;
+
+/// Read back at once, about.
+const PIECE: usize = 1 << 20;
+
+/// Blocks in the order in which they came, in memory up to a limit and in a scratch file beyond it.
+pub struct Aside {
+    blocks: Vec<Kept>,
+    /// Stored bytes of the last blocks, which are not in the file.
+    buffer: Vec<u8>,
+    limit: usize,
+    space: Arc<ScratchSpace>,
+    file: Option<Scratch>,
+}
+
+/// All of a block but its bytes.
+struct Kept {
+    stored_len: u32,
+    payload_len: u32,
+    decoded_len: u32,
+    codec: Codec,
+    checksum: u64,
+}
+
+impl Aside {
+    /// With at most `limit` bytes, and a block more, in memory.
+    pub fn new(limit: usize, space: &Arc<ScratchSpace>) -> Self {
+        Self { blocks: Vec::new(), buffer: Vec::new(), limit, space: space.clone(), file: None }
+    }
+
+    /// Blocks so far.
+    pub fn len(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.blocks.is_empty()
+    }
+
+    /// Adds a block. Fails with `Io` where scratch files cannot be written.
+    pub fn push(&mut self, block: EncodedBlock) -> Result<()> {
+        let EncodedBlock { stored, payload_len, decoded_len, codec, checksum } = block;
+        self.blocks.push(Kept { stored_len: stored.len() as u32, payload_len, decoded_len, codec, checksum });
+        self.add(&stored)
+    }
+
+    fn add(&mut self, stored: &[u8]) -> Result<()> {
+        self.buffer.extend_from_slice(stored);
+        if self.buffer.len() > self.limit {
+            let file = match self.file.take() {
+                Some(file) => file,
+                None => self.space.file()?,
+            };
+            self.file.insert(file).append(&self.buffer)?;
+            self.buffer.clear();
+        }
+        Ok(())
+    }
+
+    /// Adds all blocks of another, which was made alike.
+    pub fn append(&mut self, other: Self) -> Result<()> {
+        if self.blocks.is_empty() {
+            *self = other;
+            return Ok(());
+        }
+        let mut rest = &other.blocks[..];
+        if let Some(file) = &other.file {
+            let (mut at, mut piece) = (0, Vec::new());
+            while at < file.len() {
+                let (count, len) = first_piece(rest, file.len() - at);
+                piece.resize(len, 0);
+                file.read_at(at, &mut piece)?;
+                self.add(&piece)?;
+                (rest, at) = (&rest[count..], at + len as u64);
+            }
+        }
+        self.add(&other.buffer)?;
+        self.blocks.extend(other.blocks);
+        Ok(())
+    }
+
+    /// Writes all of them, in their order.
+    pub fn write_to(self, writer: &mut Writer, cancel: &Cancel) -> Result<()> {
+        let mut rest = &self.blocks[..];
+        if let Some(file) = &self.file {
+            let (mut at, mut piece) = (0, Vec::new());
+            while at < file.len() {
+                let (count, len) = first_piece(rest, file.len() - at);
+                piece.resize(len, 0);
+                file.read_at(at, &mut piece)?;
+                let (now, later) = rest.split_at(count);
+                write_all(now, &piece, writer, cancel)?;
+                (rest, at) = (later, at + len as u64);
+            }
+        }
+        write_all(rest, &self.buffer, writer, cancel)
+    }
+}
+
+/// How many of the blocks make about a piece, of `left` bytes that some of them fill; and their bytes.
+fn first_piece(blocks: &[Kept], left: u64) -> (usize, usize) {
+    let (mut count, mut len) = (0, 0);
+    while count < blocks.len() && len < PIECE && (len as u64) < left {
+        len += blocks[count].stored_len as usize;
+        count += 1;
+    }
+    (count, len)
+}
+
+/// Writes blocks whose stored bytes follow one another in `bytes`.
+fn write_all(blocks: &[Kept], mut bytes: &[u8], writer: &mut Writer, cancel: &Cancel) -> Result<()> {
+    cancel.check()?;
+    for &Kept { stored_len, payload_len, decoded_len, codec, checksum } in blocks {
+        let (stored, rest) = bytes.split_at(stored_len as usize);
+        bytes = rest;
+        let stored = stored.to_vec();
+        writer.encoded_block(EncodedBlock { stored, payload_len, decoded_len, codec, checksum })?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::ids::BlockId;
+
+    #[test]
+    fn blocks_come_back_in_order_from_file_and_memory() {
+        let dir = tempfile::tempdir().unwrap();
+        let space = ScratchSpace::new(Some(dir.path()));
+        let block = |i: u32| EncodedBlock::encode(&vec![i as u8; 1 + (i as usize * 7919) % 30_000], i);
+        for (limit, blocks) in [(0, 200), (100, 200), (usize::MAX, 200), (1000, 0), (1000, 1)] {
+            let files = [false, true].map(|through| {
+                let path = dir.path().join(format!("{through}"));
+                let mut writer = Writer::create(&path).unwrap();
+                let mut aside = Aside::new(limit, &space);
+                for i in 0..blocks {
+                    if through {
+                        aside.push(block(i)).unwrap();
+                    } else {
+                        assert_eq!(writer.encoded_block(block(i)).unwrap(), BlockId(i));
+                    }
+                }
+                aside.write_to(&mut writer, &Cancel::new()).unwrap();
+                (writer.bytes_written(), writer.rows())
+            });
+            assert_eq!(files[0], files[1], "{limit} {blocks}");
+        }
+        assert!(space.peak() > 1 << 10);
+    }
+}
