@@ -253,13 +253,11 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         // Rays from one point are tested one by one only before leaves: for nodes it costs more than it saves
         // (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of many origins are too wide.
         let mut rays = entry.rays;
-        if LOD && small >> slot & 1 == 1 {
+        let is_small = LOD && small >> slot & 1 == 1;
+        if is_small {
             rays = packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, &planes, rays, entry.block, shared, walk);
-            if rays == 0 {
-                continue;
-            }
         }
-        if !shared.one_origin || matches!(Child::from_bits(child), Some(Child::Leaf(_))) {
+        if is_small || !shared.one_origin || matches!(Child::from_bits(child), Some(Child::Leaf(_))) {
             rays &= meet(s, &planes, slot, walk);
             if rays == 0 {
                 continue;
