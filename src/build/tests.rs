@@ -76,6 +76,7 @@ fn view<'a>(opened: &Opened, snapshot: &'a crate::residency::Snapshot, isa: Isa)
         colours_at: None,
         isa,
         never_waits: false,
+        stamp: 1,
     }
 }
 

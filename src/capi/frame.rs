@@ -165,7 +165,7 @@ fn snapshot(status: &FrameStatus) -> Snapshot {
     let base = match (status.state, &status.error) {
         (FrameState::Idle, _) => Snapshot { state: OC_STATE_IDLE, ..Snapshot::running() },
         (FrameState::Running, _) => Snapshot::running(),
-        (FrameState::Converged, _) => Snapshot::done(),
+        (FrameState::Converged | FrameState::CompleteWithinBudget, _) => Snapshot::done(),
         (FrameState::Failed, Some(error)) => Snapshot::ended_with(error),
         (FrameState::Cancelled | FrameState::Failed, _) => Snapshot::cancelled(),
     };

@@ -75,6 +75,8 @@ pub(super) struct Batch<S, R, H, const ANY: bool> {
     hits: H,
     options: QueryOptions,
     count: usize,
+    /// Of the blocks that it uses.
+    stamp: u32,
     shared: Arc<Shared>,
     rounds: Mutex<Rounds>,
 }
@@ -133,7 +135,8 @@ where
             deferred: Vec::new(),
         };
         let count = rays.count();
-        Self { scene, rays, hits, options, count, shared: Arc::default(), rounds: Mutex::new(rounds) }
+        let stamp = scene.borrow().context().residency().stamp();
+        Self { scene, rays, hits, options, count, stamp, shared: Arc::default(), rounds: Mutex::new(rounds) }
     }
 
     /// Items of the first round.
@@ -179,7 +182,7 @@ where
                 now
             }
         };
-        let view = SceneView { scene, snapshots: &snapshots, never_waits: self.options.policy == Policy::Now };
+        let view = SceneView { scene, snapshots: &snapshots, never_waits: self.options.policy == Policy::Now, stamp: self.stamp };
         let mut chunk = scene.context().take_scratch::<Chunk>();
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
@@ -194,7 +197,7 @@ where
 
     /// Takes a parked group as far as it comes.
     fn resume(&self, snapshots: &Snapshots, mut group: Group) {
-        let view = SceneView { scene: self.scene.borrow(), snapshots, never_waits: false };
+        let view = SceneView { scene: self.scene.borrow(), snapshots, never_waits: false, stamp: self.stamp };
         let (first, count) = (group.first(), group.count());
         match group.resume(&view, self.task()) {
             Some(hits) => {

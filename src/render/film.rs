@@ -175,6 +175,20 @@ impl Film {
         }
     }
 
+    /// A copy of the buffers, into those of `spare` where they fit. For while no tile is rendered.
+    pub fn copy(&self, spare: Option<Spare>) -> Spare {
+        let size = (self.width, self.height);
+        let mut spare = spare.filter(|s| s.size == size);
+        let buffers = Buffer::ALL.map(|b| {
+            let from = self.buffers[b as usize].as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
+            let old = spare.as_mut().and_then(|s| s.buffers[b as usize].take());
+            let mut to = old.unwrap_or_else(|| Pixels::new(size.0, size.1, b));
+            to.0.copy_from_slice(&from.0);
+            Some(to)
+        });
+        Spare { size, buffers }
+    }
+
     /// The buffers, for another picture.
     pub fn into_spare(self) -> Spare {
         let bare = |b: Option<Mutex<Pixels>>| b.map(|m| m.into_inner().unwrap_or_else(PoisonError::into_inner));

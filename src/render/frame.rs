@@ -4,12 +4,12 @@
 //! rendered belongs to its job, and what nobody holds any more is used again.
 
 use super::film::{Buffer, Film, Mapped, Outputs, Picture, Spare, Target};
-use super::job::{Asked, Owner, Request};
-use super::status::{FrameState, FrameStatus};
+use super::job::{Asked, End, Owner, Request};
+use super::status::{FrameState, FrameStatus, Progress};
 use crate::base::error::{Error, Result};
-use crate::base::tasks::{Ending, Job};
 use crate::math::srgb::Srgb;
 use crate::query::{Hit, Policy, QueryOptions, Want};
+use crate::residency::View;
 use crate::scene::camera::PixelRays;
 use crate::scene::{Camera, Context, SceneState};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
@@ -64,11 +64,13 @@ type Wake = Arc<dyn Fn() + Send + Sync>;
 /// What a frame shares with its jobs.
 struct Shared {
     inner: Mutex<Inner>,
-    /// Signalled when a request has ended, and when its job was begun.
+    /// Signalled when a request has ended, and when a better picture is there.
     changed: Condvar,
     /// Held while a request waits for those before it: one after the other, or two would wait for each other.
     beginning: Mutex<()>,
     srgb: Arc<Srgb>,
+    /// What it uses and wants of the models' blocks.
+    view: Arc<View>,
 }
 
 struct Inner {
@@ -77,13 +79,11 @@ struct Inner {
     targets: Vec<(Buffer, Arc<dyn Target>)>,
     /// The last request.
     request: Option<Arc<Request>>,
-    /// Its job; `None` between the two moments at which a request is taken and its job begun.
-    job: Option<Job>,
     requests: u64,
     /// Requests that have not ended: the last, and replaced ones with tiles in flight.
     unfinished: u32,
     /// How the last request ended, and when.
-    ending: Option<(Ending, Instant)>,
+    ending: Option<(End, Instant)>,
     /// The last complete picture.
     front: Option<Arc<Picture>>,
     /// Buffers to use again.
@@ -121,7 +121,6 @@ impl Frame {
             outputs: options.outputs,
             targets: options.targets,
             request: None,
-            job: None,
             requests: 0,
             unfinished: 0,
             ending: None,
@@ -129,7 +128,16 @@ impl Frame {
             spare: None,
             wake: None,
         };
-        let shared = Arc::new(Shared { inner: Mutex::new(inner), changed: Condvar::new(), beginning: Mutex::new(()), srgb: Arc::new(Srgb::new()) });
+        let view = Arc::new(context.residency().view());
+        let (changed, beginning, srgb) = (Condvar::new(), Mutex::new(()), Arc::new(Srgb::new()));
+        let shared = Arc::new(Shared { inner: Mutex::new(inner), changed, beginning, srgb, view });
+        let weak = Arc::downgrade(&shared);
+        shared.view.on_change(Some(Arc::new(move || {
+            let request = weak.upgrade().and_then(|shared| shared.inner().request.clone());
+            if let Some(request) = request {
+                request.news();
+            }
+        })));
         Ok(Self { context: context.clone(), shared })
     }
 
@@ -158,22 +166,12 @@ impl Frame {
                 break inner.begin(&self.shared, scene, rays, settings);
             }
         };
-        if let Some((request, job)) = before {
-            stop(&request, job.as_ref());
+        if let Some(before) = before {
+            before.stop();
         }
         self.settle(1);
         drop(one_at_a_time);
-        let job = self.context.pool().submit(request.items(), Arc::clone(&request) as Arc<_>);
-        let mut inner = self.shared.inner();
-        let current = inner.request.as_ref().is_some_and(|r| Arc::ptr_eq(r, &request));
-        if current && inner.ending.is_none() {
-            inner.job = Some(job);
-            self.shared.changed.notify_all();
-        } else if !current {
-            // Replaced while it was being begun.
-            drop(inner);
-            stop(&request, Some(&job));
-        }
+        request.start();
         Ok(())
     }
 
@@ -196,25 +194,31 @@ impl Frame {
                 drop(inner);
                 return self.poll();
             }
-            match inner.job.clone() {
+            let request = inner.request.clone();
+            let waits_for_blocks = request.as_ref().is_some_and(|request| request.is_waiting());
+            match request.and_then(|request| request.job()) {
                 Some(job) => {
                     drop(inner);
-                    job.wait(left);
+                    job.wait(left.min(Duration::from_millis(100)));
                 }
-                // Another thread is just beginning it.
-                None => drop(self.shared.changed.wait_timeout(inner, left.min(Duration::from_secs(3600)))),
+                None if waits_for_blocks && self.context.threads() == 0 => {
+                    // It waits for blocks, and nobody else may read them.
+                    drop(inner);
+                    if !self.context.step() {
+                        std::thread::sleep(left.min(Duration::from_millis(1)));
+                    }
+                }
+                // Each pass and each ending tells; some other pass may have been begun meanwhile.
+                None => drop(self.shared.changed.wait_timeout(inner, left.min(Duration::from_millis(20)))),
             }
         }
     }
 
     /// Cancels what runs; takes effect within a tile. The last complete picture stays mapped and whole.
     pub fn cancel(&self) {
-        let (request, job) = {
-            let inner = self.shared.inner();
-            (inner.request.clone(), inner.job.clone())
-        };
+        let request = self.shared.inner().request.clone();
         if let Some(request) = request {
-            stop(&request, job.as_ref());
+            request.stop();
         }
     }
 
@@ -295,16 +299,6 @@ impl Drop for Frame {
     }
 }
 
-/// Cancels a request, begun or not.
-fn stop(request: &Request, job: Option<&Job>) {
-    request.stop();
-    if let Some(job) = job {
-        job.cancel();
-    }
-}
-
-type Replaced = (Arc<Request>, Option<Job>);
-
 impl Inner {
     /// Makes a request the last one; returns it, and the one before if it still runs.
     fn begin(
@@ -313,24 +307,26 @@ impl Inner {
         scene: &Arc<SceneState>,
         rays: PixelRays,
         settings: &FrameSettings,
-    ) -> (Arc<Request>, Option<Replaced>) {
+    ) -> (Arc<Request>, Option<Arc<Request>>) {
         self.requests += 1;
         self.unfinished += 1;
         let film = Film::new(self.size, self.outputs, &self.targets, self.spare.take());
         let owner: Weak<Shared> = Arc::downgrade(shared);
-        let request = Arc::new(Request::new(Asked {
+        let is_same = |r: &Arc<Request>| Arc::ptr_eq(&r.scene, scene) && r.rays == rays && r.settings == *settings;
+        let request = Request::new(Asked {
             number: self.requests,
             scene: Arc::clone(scene),
             rays,
             settings: *settings,
             film,
             srgb: Arc::clone(&shared.srgb),
+            view: Arc::clone(&shared.view),
+            unchanged: self.request.as_ref().is_some_and(is_same),
             owner,
-        }));
+        });
         let running = self.ending.is_none();
-        let before = self.request.replace(Arc::clone(&request)).map(|r| (r, self.job.take()));
+        let before = self.request.replace(Arc::clone(&request));
         self.ending = None;
-        self.job = None;
         (request, before.filter(|_| running))
     }
 }
@@ -343,13 +339,39 @@ impl Shared {
 }
 
 impl Owner for Shared {
-    fn ended(&self, request: &Request, film: Film, ending: &Ending) {
+    fn improved(&self, request: &Request, film: &Film) {
+        let spare = {
+            let mut inner = self.inner();
+            if inner.requests != request.number {
+                return;
+            }
+            inner.spare.take()
+        };
+        // Under no lock: it is some megabytes.
+        let picture = film.copy(spare).into_picture(request.number, Arc::clone(&request.scene), request.rays);
+        let wake = {
+            let mut inner = self.inner();
+            let newer = inner.front.as_ref().is_none_or(|p| p.request <= request.number);
+            let old = if newer { inner.front.replace(Arc::new(picture)) } else { Some(Arc::new(picture)) };
+            // Unless somebody has it mapped.
+            if let Some(old) = old.and_then(Arc::into_inner) {
+                inner.spare = Some(old.into_spare());
+            }
+            inner.wake.clone().filter(|_| newer)
+        };
+        self.changed.notify_all();
+        if let Some(wake) = wake {
+            wake();
+        }
+    }
+
+    fn ended(&self, request: &Request, film: Film, ending: &End) {
         let wake = {
             let mut inner = self.inner();
             inner.unfinished -= 1;
-            let newer = inner.front.as_ref().is_none_or(|p| p.request < request.number);
+            let newer = inner.front.as_ref().is_none_or(|p| p.request <= request.number);
             let buffers = film.into_spare();
-            if matches!(ending, Ending::Finished) && newer {
+            if matches!(ending, End::Converged | End::Budget) && newer {
                 let picture = buffers.into_picture(request.number, Arc::clone(&request.scene), request.rays);
                 let old = inner.front.replace(Arc::new(picture));
                 // Unless somebody has it mapped.
@@ -361,7 +383,6 @@ impl Owner for Shared {
             }
             if inner.requests == request.number {
                 inner.ending = Some((ending.clone(), Instant::now()));
-                inner.job = None;
                 inner.wake.clone()
             } else {
                 None
@@ -374,41 +395,33 @@ impl Owner for Shared {
     }
 }
 
-fn status_of(request: &Request, ending: Option<(Ending, Instant)>) -> FrameStatus {
-    let (tally, wanted) = request.tally();
+fn status_of(request: &Request, ending: Option<(End, Instant)>) -> FrameStatus {
+    let Progress { fraction, tally, wanted, effective_poe, pictures, seconds_to_go } = request.progress();
     let (state, error) = match &ending {
         None => (FrameState::Running, None),
-        Some((Ending::Finished, _)) => (FrameState::Converged, None),
-        Some((Ending::Cancelled, _)) => (FrameState::Cancelled, None),
-        Some((Ending::Failed(error), _)) => (FrameState::Failed, Some(Arc::clone(error))),
+        Some((End::Converged, _)) => (FrameState::Converged, None),
+        Some((End::Budget, _)) => (FrameState::CompleteWithinBudget, None),
+        Some((End::Cancelled, _)) => (FrameState::Cancelled, None),
+        Some((End::Failed(error), _)) => (FrameState::Failed, Some(Arc::clone(error))),
     };
-    let fraction = match state {
-        FrameState::Converged => 1.0,
-        _ => request.pixels_done() as f64 / request.pixels as f64,
-    };
+    let is_complete = matches!(state, FrameState::Converged | FrameState::CompleteWithinBudget);
     let until = ending.map_or_else(Instant::now, |(_, at)| at);
-    let seconds = until.saturating_duration_since(request.begun).as_secs_f64();
-    let seconds_to_go = match state {
-        FrameState::Running if fraction > 0.0 => seconds * (1.0 - fraction) / fraction,
-        FrameState::Running => f64::INFINITY,
-        _ => 0.0,
-    };
     FrameStatus {
         state,
         request: request.number,
-        fraction,
+        fraction: if is_complete { 1.0 } else { fraction },
+        pictures,
         pixels_exact: tally.exact,
         pixels_lod: tally.lod,
         pixels_missing: tally.missing,
         pixels_total: request.pixels,
         worst_error_px: tally.error_max,
         mean_error_px: (tally.error_sum / tally.hits.max(1) as f64) as f32,
-        // Every answer is exact whatever is asked: there are no stand-ins yet.
-        effective_poe: 0.0,
+        effective_poe,
         bytes_resident: request.scene.resident_bytes(),
-        bytes_wanted: wanted,
-        seconds_to_go,
-        seconds,
+        bytes_wanted: if state == FrameState::Running || is_complete { wanted } else { 0 },
+        seconds_to_go: if state == FrameState::Running { seconds_to_go } else { 0.0 },
+        seconds: until.saturating_duration_since(request.begun).as_secs_f64(),
         error,
     }
 }

@@ -1,24 +1,44 @@
-//! One request of a frame as a job: tiles in rounds. A tile that lacks a block is rendered again once the
-//! block is there; the film sees it only when it is whole.
+//! One request of a frame: passes over its tiles, each a job of the pool.
+//!
+//! The first pass renders all tiles from what is in memory, with stand-ins for what is not: the picture is whole at
+//! once. What it lacked is wanted; when some of that has come, a pass renders the tiles that lacked something again,
+//! and so on until nothing is lacking. Then passes with more samples. What decides is in `passes.rs`; nobody waits here:
+//! between passes a request is nothing but a state that the residency's news wakes.
 
 use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
 use super::integrators::direct::{Direct, Scratch};
-use super::tile::{Tally, TilePixels, tiles_from_the_middle};
-use crate::base::error::Result;
-use crate::base::tasks::{Ending, Work};
+use super::passes::{Next, Passes, Seen, effective_poe};
+use super::status::Progress;
+use super::tile::{TilePixels, tiles_from_the_middle};
+use crate::base::error::{Error, Result};
+use crate::base::tasks::{Ending, Job, Work};
 use crate::math::srgb::Srgb;
+use crate::residency::{View, Wanted};
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
-use crate::scene::walk::{Hold, Need, SceneView, Snapshots, fetch, take_holding};
+use crate::scene::walk::{SceneView, Snapshots};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Instant;
 
-/// Told when a request has ended.
+/// How a request ended.
+#[derive(Debug, Clone)]
+pub(super) enum End {
+    /// As exact as asked.
+    Converged,
+    /// All that fits the budget, or can be read, is shown.
+    Budget,
+    Cancelled,
+    Failed(Arc<Error>),
+}
+
+/// Told how a request comes along. Called under no lock.
 pub(super) trait Owner: Send + Sync {
-    /// `request` has ended with `film`; called once, under no lock.
-    fn ended(&self, request: &Request, film: Film, ending: &Ending);
+    /// The film of `request` shows a whole picture, better than the last.
+    fn improved(&self, request: &Request, film: &Film);
+    /// `request` has ended with `film`; called once.
+    fn ended(&self, request: &Request, film: Film, end: &End);
 }
 
 /// A request being rendered.
@@ -30,25 +50,38 @@ pub(super) struct Request {
     pub begun: Instant,
     pub pixels: u64,
     pub size: (u32, u32),
+    me: Weak<Request>,
     owner: Weak<dyn Owner>,
+    view: Arc<View>,
+    /// It shows the same as the request before.
+    unchanged: bool,
     srgb: Arc<Srgb>,
-    /// Taken when the job ends.
+    corners: Vec<(u32, u32)>,
+    /// Taken when the request ends.
     film: Mutex<Option<Arc<Film>>>,
     stop: AtomicBool,
+    /// Of the present pass.
     pixels_done: AtomicU64,
-    rounds: Mutex<Rounds>,
+    running: Mutex<Running>,
 }
 
-struct Rounds {
-    snapshots: Arc<Snapshots>,
-    hold: Hold,
-    /// Of the present round.
-    tiles: Arc<Vec<(u32, u32)>>,
-    /// To be rendered again.
-    again: Vec<(u32, u32)>,
-    needs: Vec<Need>,
-    wanted: u64,
-    tally: Tally,
+/// Where a request is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    Running,
+    /// For blocks to come.
+    Waiting,
+    Ended,
+}
+
+struct Running {
+    phase: Phase,
+    passes: Passes,
+    /// Of the present pass.
+    snapshots: Option<Arc<Snapshots>>,
+    stamp: u32,
+    never_waits: bool,
+    job: Option<Job>,
     free: Vec<Box<Desk>>,
 }
 
@@ -66,24 +99,25 @@ pub(super) struct Asked {
     pub settings: FrameSettings,
     pub film: Film,
     pub srgb: Arc<Srgb>,
+    pub view: Arc<View>,
+    pub unchanged: bool,
     pub owner: Weak<dyn Owner>,
 }
 
 impl Request {
-    pub fn new(asked: Asked) -> Self {
-        let Asked { number, scene, rays, settings, film, srgb, owner } = asked;
-        let tiles = tiles_from_the_middle(film.width, film.height);
-        let rounds = Rounds {
-            snapshots: Arc::new(Snapshots::take(&scene)),
-            hold: Hold::default(),
-            tiles: Arc::new(tiles),
-            again: Vec::new(),
-            needs: Vec::new(),
-            wanted: 0,
-            tally: Tally::default(),
+    pub fn new(asked: Asked) -> Arc<Self> {
+        let Asked { number, scene, rays, settings, film, srgb, view, unchanged, owner } = asked;
+        let corners = tiles_from_the_middle(film.width, film.height);
+        let running = Running {
+            phase: Phase::Running,
+            passes: Passes::new(corners.len(), settings.samples),
+            snapshots: None,
+            stamp: 0,
+            never_waits: true,
+            job: None,
             free: Vec::new(),
         };
-        Self {
+        Arc::new_cyclic(|me| Self {
             number,
             scene,
             rays,
@@ -91,125 +125,215 @@ impl Request {
             begun: Instant::now(),
             size: (film.width, film.height),
             pixels: u64::from(film.width) * u64::from(film.height),
+            me: me.clone(),
             owner,
+            view,
+            unchanged,
             srgb,
+            corners,
             film: Mutex::new(Some(Arc::new(film))),
             stop: AtomicBool::new(false),
             pixels_done: AtomicU64::new(0),
-            rounds: Mutex::new(rounds),
+            running: Mutex::new(running),
+        })
+    }
+
+    /// Begins the first pass; once.
+    pub fn start(&self) {
+        let mut running = self.running();
+        if running.phase == Phase::Running {
+            running.passes.begin_all();
+            self.begin_pass(running, true);
         }
     }
 
-    /// Tiles of the first round.
-    pub fn items(&self) -> usize {
-        self.rounds().tiles.len()
+    /// Blocks that it wants may have come, or will not.
+    pub fn news(&self) {
+        let mut running = self.running();
+        running.passes.has_news = true;
+        if running.phase == Phase::Waiting {
+            running.phase = Phase::Running;
+            drop(running);
+            self.go_on();
+        }
     }
 
-    /// Makes tiles in flight end within a packet.
+    /// Makes tiles in flight end within a packet, and it all, soon or at once.
     pub fn stop(&self) {
         self.stop.store(true, Relaxed);
+        let job = {
+            let mut running = self.running();
+            if running.phase == Phase::Waiting {
+                running.phase = Phase::Ended;
+                drop(running);
+                return self.finish(&End::Cancelled);
+            }
+            running.job.clone()
+        };
+        if let Some(job) = job {
+            job.cancel();
+        }
     }
 
-    /// Pixels of finished tiles.
-    pub fn pixels_done(&self) -> u64 {
-        self.pixels_done.load(Relaxed)
+    /// The job of the present pass; `None` between two.
+    pub fn job(&self) -> Option<Job> {
+        self.running().job.clone()
     }
 
-    /// What finished tiles add up to, and the bytes of blocks now being waited for.
-    pub fn tally(&self) -> (Tally, u64) {
-        let rounds = self.rounds();
-        (rounds.tally, rounds.wanted)
+    /// Whether it is between two passes, until blocks come.
+    pub fn is_waiting(&self) -> bool {
+        self.running().phase == Phase::Waiting
     }
 
-    fn rounds(&self) -> MutexGuard<'_, Rounds> {
-        self.rounds.lock().unwrap_or_else(PoisonError::into_inner)
+    /// How far it is.
+    pub fn progress(&self) -> Progress {
+        let wanted = self.view.status().bytes_wanted;
+        let share = self.pixels_done.load(Relaxed) as f64 / self.pixels as f64;
+        let mut running = self.running();
+        running.passes.progress(share, wanted, self.settings.poe, self.begun.elapsed().as_secs_f64())
+    }
+
+    fn running(&self) -> MutexGuard<'_, Running> {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn film(&self) -> Option<Arc<Film>> {
         self.film.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    fn bytes_of(&self, needs: &[Need]) -> u64 {
-        let bytes = |n: &Need| self.scene.models[n.model as usize].blocks().file().decoded_len(n.block);
-        needs.iter().map(|n| u64::from(bytes(n))).sum()
+    /// Begins the pass that is laid out; `afresh`: with a stamp of its own, and the pressure of now.
+    fn begin_pass(&self, mut running: MutexGuard<Running>, afresh: bool) {
+        if afresh {
+            let first = running.stamp == 0;
+            running.stamp = self.view.begin_pass(first && !self.unchanged);
+            running.passes.pressure = self.view.pressure();
+        }
+        let snapshots = Snapshots::take(&self.scene);
+        // Where all is in memory, walks need not look out for what is not.
+        running.never_waits = !snapshots.is_whole(&self.scene);
+        running.snapshots = Some(Arc::new(snapshots));
+        let items = running.passes.items();
+        drop(running);
+        self.pixels_done.store(0, Relaxed);
+        let Some(me) = self.me.upgrade() else { return };
+        let job = self.scene.context().pool().submit(items, me);
+        let mut running = self.running();
+        // It may have ended already, and others begun.
+        if running.phase == Phase::Running && job.ending().is_none() && running.snapshots.is_some() {
+            running.job = Some(job.clone());
+        }
+        drop(running);
+        if self.stop.load(Relaxed) {
+            job.cancel();
+        }
+    }
+
+    /// After a pass, or on news: what comes next.
+    fn go_on(&self) {
+        let wants: Vec<Wanted> = {
+            let running = self.running();
+            let key = |model: u32| self.scene.models[model as usize].blocks().key();
+            let wants = running.passes.wants();
+            wants.iter().map(|(n, weight)| Wanted { model: key(n.model), block: n.block, weight }).collect()
+        };
+        // Under no lock of ours: it takes the residency's.
+        self.view.want(&wants);
+        let seen = Seen { wants: self.view.status().state, pressure: self.view.pressure() };
+        let mut running = self.running();
+        if self.stop.load(Relaxed) {
+            running.phase = Phase::Ended;
+            drop(running);
+            return self.finish(&End::Cancelled);
+        }
+        match running.passes.next(seen, self.settings.poe) {
+            Next::Pass { afresh } => self.begin_pass(running, afresh),
+            Next::Wait => running.phase = Phase::Waiting,
+            Next::End { is_converged } => {
+                running.phase = Phase::Ended;
+                drop(running);
+                self.finish(if is_converged { &End::Converged } else { &End::Budget });
+            }
+        }
+    }
+
+    fn finish(&self, end: &End) {
+        let film = self.film.lock().unwrap_or_else(PoisonError::into_inner).take();
+        {
+            let mut running = self.running();
+            running.free.clear();
+            (running.snapshots, running.job) = (None, None);
+        }
+        // No tile is in flight any more: the film is ours alone.
+        let film = film.and_then(|f| Arc::try_unwrap(f).ok());
+        if let (Some(owner), Some(film)) = (self.owner.upgrade(), film) {
+            owner.ended(self, film, end);
+        }
     }
 }
 
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
         let Some(film) = self.film() else { return Ok(()) };
-        let (tiles, snapshots, desk) = {
-            let mut rounds = self.rounds();
-            (Arc::clone(&rounds.tiles), Arc::clone(&rounds.snapshots), rounds.free.pop())
+        let (index, samples, poe, stamp, never_waits, snapshots, desk) = {
+            let mut running = self.running();
+            let Some(snapshots) = running.snapshots.clone() else { return Ok(()) };
+            let passes = &running.passes;
+            let poe = effective_poe(self.settings.poe, passes.pressure);
+            let (index, samples) = (passes.tile(item), passes.samples);
+            (index, samples, poe, running.stamp, running.never_waits, snapshots, running.free.pop())
         };
-        let tile = tiles[item];
+        let tile = self.corners[index];
         let mut desk =
             desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let direct = Direct {
-            view: SceneView { scene: &self.scene, snapshots: &snapshots, never_waits: false },
+            view: SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, stamp },
             rays: &self.rays,
             size: (film.width, film.height),
-            samples: self.settings.samples,
+            samples,
             ambient: self.settings.ambient,
-            poe: self.settings.poe,
+            poe,
             srgb: &self.srgb,
             prims: film.wants(Buffer::Primitive),
         };
-        let mut needs = Vec::new();
         let stop = || self.stop.load(Relaxed);
         let Desk { pixels, scratch } = &mut *desk;
-        let tally = pixels.render(&direct, tile, &self.srgb, scratch, &mut needs, stop);
-        let whole = needs.is_empty();
-        if let (Some(_), true) = (&tally, whole) {
+        scratch.wants.clear();
+        let tally = pixels.render(&direct, tile, &self.srgb, scratch, stop);
+        if tally.is_some() {
             film.take(tile.0, tile.1, pixels);
-            let pixels = u64::from(pixels.width) * u64::from(pixels.height);
-            self.pixels_done.fetch_add(pixels, Relaxed);
+            self.pixels_done.fetch_add(u64::from(pixels.width) * u64::from(pixels.height), Relaxed);
+            scratch.wants.add_up();
         }
-        let mut rounds = self.rounds();
-        match tally {
-            Some(tally) if whole => rounds.tally.add(&tally),
-            Some(_) => {
-                rounds.needs.append(&mut needs);
-                rounds.again.push(tile);
-            }
-            None => {}
+        let mut running = self.running();
+        if let Some(tally) = tally {
+            running.passes.done(index, tally, &desk.scratch.wants);
         }
-        rounds.free.push(desk);
+        running.free.push(desk);
         Ok(())
     }
 
-    fn round_done(&self) -> Result<usize> {
-        let mut needs = std::mem::take(&mut self.rounds().needs);
-        if needs.is_empty() {
-            return Ok(0);
-        }
-        needs.sort_unstable();
-        needs.dedup();
-        let mut hold = {
-            let mut rounds = self.rounds();
-            rounds.wanted = self.bytes_of(&needs);
-            rounds.snapshots = Arc::new(Snapshots::none());
-            std::mem::take(&mut rounds.hold)
-        };
-        fetch(&self.scene, needs, &mut hold)?;
-        let mut rounds = self.rounds();
-        rounds.wanted = 0;
-        rounds.snapshots = Arc::new(take_holding(&self.scene, &hold)?);
-        rounds.hold = hold;
-        rounds.tiles = Arc::new(std::mem::take(&mut rounds.again));
-        Ok(rounds.tiles.len())
-    }
-
     fn ended(&self, ending: &Ending) {
-        let film = self.film.lock().unwrap_or_else(PoisonError::into_inner).take();
-        // No tile is in flight any more: the film is ours alone.
-        let film = film.and_then(|f| Arc::try_unwrap(f).ok());
-        self.rounds().free.clear();
-        // Stopped before it was a job to be cancelled: its tiles were passed over.
-        let cut_short = matches!(ending, Ending::Finished) && self.pixels_done() < self.pixels;
-        let ending = if cut_short { &Ending::Cancelled } else { ending };
-        if let (Some(owner), Some(film)) = (self.owner.upgrade(), film) {
-            owner.ended(self, film, ending);
+        {
+            let mut running = self.running();
+            (running.snapshots, running.job) = (None, None);
         }
+        let end = match ending {
+            Ending::Failed(error) => Some(End::Failed(Arc::clone(error))),
+            Ending::Cancelled => Some(End::Cancelled),
+            Ending::Finished => self.stop.load(Relaxed).then_some(End::Cancelled),
+        };
+        if let Some(end) = end {
+            self.running().phase = Phase::Ended;
+            return self.finish(&end);
+        }
+        let is_last = {
+            let mut running = self.running();
+            running.passes.pass_ended();
+            running.passes.nothing_is_lacking(self.settings.samples)
+        };
+        if let (Some(film), Some(owner), false) = (self.film(), self.owner.upgrade(), is_last) {
+            owner.improved(self, &film);
+        }
+        self.go_on();
     }
 }

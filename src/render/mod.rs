@@ -5,8 +5,10 @@ pub mod film;
 pub mod frame;
 mod integrators;
 mod job;
+mod passes;
 pub mod status;
 mod tile;
+pub(crate) mod wants;
 
 pub use film::{Buffer, Mapped, Outputs, Target};
 pub use frame::{Frame, FrameOptions, FrameSettings};

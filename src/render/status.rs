@@ -1,5 +1,6 @@
 //! How far a frame is.
 
+use super::tile::Tally;
 use crate::base::error::Error;
 use std::sync::Arc;
 
@@ -10,7 +11,7 @@ pub enum FrameState {
     /// Nothing was requested yet.
     #[default]
     Idle = 0,
-    /// Rendering.
+    /// Rendering, or waiting for data to render more exactly.
     Running = 1,
     /// The last request is complete, as exact as asked.
     Converged = 2,
@@ -18,6 +19,21 @@ pub enum FrameState {
     Cancelled = 3,
     /// The last request failed; `error` says why. The picture before it is still whole.
     Failed = 4,
+    /// The last request is complete, coarser than asked: all that fits the memory budget, or can be read, is shown.
+    CompleteWithinBudget = 5,
+}
+
+/// How far a request is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Progress {
+    pub fraction: f64,
+    pub tally: Tally,
+    /// Bytes of blocks that are wanted and not in memory.
+    pub wanted: u64,
+    pub effective_poe: f32,
+    /// Whole pictures so far.
+    pub pictures: u32,
+    pub seconds_to_go: f64,
 }
 
 /// Status of the last request of a frame.
@@ -27,8 +43,11 @@ pub struct FrameStatus {
     pub state: FrameState,
     /// Counts the requests of this frame, from 1; 0: none yet. Says to which request a status belongs.
     pub request: u64,
-    /// Fraction done: 0 at the request, 1 when converged, never going back in between.
+    /// Fraction done: 0 at the request, 1 when complete, never going back in between.
     pub fraction: f64,
+    /// Whole pictures that the request has made so far: the first from what was in memory, each more exact than the
+    /// last. From 1 on there is one to be mapped.
+    pub pictures: u32,
     /// Pixels whose answer is exact (hits on original triangles, and exact misses).
     pub pixels_exact: u64,
     /// Pixels that show a stand-in as fine as asked.
@@ -41,7 +60,7 @@ pub struct FrameStatus {
     pub worst_error_px: f32,
     /// Mean error in pixels, over pixels that hit something.
     pub mean_error_px: f32,
-    /// Pixels of error in force.
+    /// Pixels of error in force: more than asked where what is seen does not fit the memory budget.
     pub effective_poe: f32,
     /// Bytes of blocks in memory, of the scene's models.
     pub bytes_resident: u64,

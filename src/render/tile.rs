@@ -4,7 +4,6 @@ use super::film::Buffer;
 use super::integrators::direct::{ACROSS, DOWN, Direct, Layer, Scratch};
 use crate::math::srgb::Srgb;
 use crate::query::{HitKind, NONE};
-use crate::scene::walk::Need;
 use crate::structure::bvh::trace::PACKET;
 
 /// Pixels along the side of a tile.
@@ -74,7 +73,7 @@ impl TilePixels {
         &all[at..at + self.width as usize * size]
     }
 
-    /// Renders the tile whose left upper pixel is (`x`, `y`). Blocks that are missing go to `needs`; then the
+    /// Renders the tile whose left upper pixel is (`x`, `y`). Blocks that are missing go to the scratch's wants; then the
     /// tile is to be rendered again. `None` if `stop` said so between two packets.
     pub fn render(
         &mut self,
@@ -82,7 +81,6 @@ impl TilePixels {
         (x, y): (u32, u32),
         srgb: &Srgb,
         scratch: &mut Scratch,
-        needs: &mut Vec<Need>,
         stop: impl Fn() -> bool,
     ) -> Option<Tally> {
         let (width, height) = direct.size;
@@ -97,10 +95,11 @@ impl TilePixels {
                 let (columns, rows) = ((self.width - left).min(ACROSS), (self.height - top).min(DOWN));
                 let inside = |i: u32| i % ACROSS < columns && i / ACROSS < rows;
                 let active = (0..PACKET as u32).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
-                match direct.packet((x + left, y + top), active, scratch) {
-                    Ok(()) => self.keep((left, top), active, srgb, scratch, &mut tally),
-                    Err(need) => needs.push(need),
+                if let Err(need) = direct.packet((x + left, y + top), active, scratch) {
+                    // Only a root can be lacking so, and roots stay; then it is wanted before all else.
+                    scratch.wants.add(need, f32::MAX);
                 }
+                self.keep((left, top), active, srgb, scratch, &mut tally);
             }
         }
         Some(tally)

@@ -113,13 +113,17 @@ impl View {
             let snapshot = model.published.load();
             same.iter().for_each(|((_, id), _)| snapshot.stamp_at_least(*id, running));
         }
+        // Who wants nothing, and wanted nothing, gives nobody anything to do; unless room was short.
+        let is_news = !list.is_empty() || !self.core.lock().list.is_empty() || self.pressure() > 1.0;
         *self.core.lock() = Wants { list, stamp: running };
         if running != 0 {
             self.core.standing.store(running, Relaxed);
         }
         state.ranking.invalidate();
         drop(state);
-        self.shared.wake();
+        if is_news {
+            self.shared.wake();
+        }
     }
 
     /// What the view's threshold is to be multiplied by, at least 1: more than that when what all views want does not fit
@@ -170,7 +174,9 @@ impl Drop for View {
             state.views.retain(|view| !std::ptr::eq(view.as_ptr(), Arc::as_ptr(&self.core)));
             state.ranking.invalidate();
         }
-        self.shared.wake();
+        if !self.core.lock().list.is_empty() || self.pressure() > 1.0 {
+            self.shared.wake();
+        }
     }
 }
 

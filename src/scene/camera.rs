@@ -97,7 +97,7 @@ impl Camera {
 }
 
 /// A camera made ready for one picture size: gives the ray of any point of the picture.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelRays {
     eye: DVec3,
     forward: DVec3,

@@ -309,6 +309,7 @@ impl Model {
             colours_at: self.0.info.has_colours.then_some(2 * geometry_blocks),
             isa: self.0.context.isa(),
             never_waits: false,
+            stamp: 0,
         }
     }
 }

@@ -63,6 +63,14 @@ impl Snapshots {
         self.0.len() == scene.models.len() && scene.models.iter().zip(&self.0).all(|(m, s)| m.blocks().is_current(s))
     }
 
+    /// Whether all geometry is there.
+    pub fn is_whole(&self, scene: &SceneState) -> bool {
+        let is_whole = |(model, snapshot): (&Model, &Arc<Snapshot>)| {
+            (0..model.info().geometry_blocks).all(|id| snapshot.block(BlockId(id)).is_some())
+        };
+        scene.models.iter().zip(&self.0).all(is_whole)
+    }
+
     /// Whether the block is there.
     pub fn has(&self, need: Need) -> bool {
         self.0.get(need.model as usize).is_some_and(|snapshot| snapshot.block(need.block).is_some())
@@ -146,6 +154,8 @@ pub(crate) struct SceneView<'a> {
     pub snapshots: &'a Snapshots,
     /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
     pub never_waits: bool,
+    /// The pass that visits, see `residency::View`.
+    pub stamp: u32,
 }
 
 /// The state of one ray in a scene. Reusable.
@@ -183,12 +193,18 @@ impl SceneWalk {
 }
 
 impl<'a> SceneView<'a> {
+    /// The block that a hit stands in for, if that is missing.
+    pub fn wanted(&self, found: &Found) -> Option<Need> {
+        let block = self.tree(found.placed).wanted(&found.tri)?;
+        Some(self.need(found.placed, BlockId(block)))
+    }
+
     /// A placed tree's view.
     #[inline]
     pub fn tree(&self, placed: u32) -> TreeView<'a> {
         let p = &self.scene.placement.placed[placed as usize];
         let view = self.model_of(placed).tree_view(p.tree, &self.snapshots.0[p.model as usize]);
-        TreeView { never_waits: self.never_waits, ..view }
+        TreeView { never_waits: self.never_waits, stamp: self.stamp, ..view }
     }
 
     /// A placed tree's model.

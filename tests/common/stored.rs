@@ -91,6 +91,7 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
             colours_at: None,
             isa: Isa::Baseline,
             never_waits: false,
+            stamp: 1,
         };
         let mut tris = BTreeMap::new();
         let visited = view.for_each_leaf(&mut |_| true, &mut |hit, triangle| {

@@ -78,6 +78,7 @@ impl TestTree {
             colours_at: None,
             isa,
             never_waits: false,
+            stamp: 1,
         }
     }
 

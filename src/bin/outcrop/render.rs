@@ -129,7 +129,7 @@ fn finished(frame: &Frame, cancel: &Cancel) -> Result<FrameStatus, Failure> {
     };
     bar.finish_and_clear();
     match (status.state, &status.error) {
-        (FrameState::Converged, _) => Ok(status),
+        (FrameState::Converged | FrameState::CompleteWithinBudget, _) => Ok(status),
         (FrameState::Cancelled, _) => Err(Error::Cancelled.into()),
         (_, Some(error)) => Err(Failure::Frame(error.to_string())),
         (state, None) => Err(Failure::Frame(format!("the frame ended as {state:?}"))),

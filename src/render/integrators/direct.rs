@@ -1,6 +1,7 @@
 //! Direct light: headlights, points, directions; layers of transparent surfaces by continuing the ray.
 
 use super::material::Material;
+use crate::render::wants::Wants;
 use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
 use crate::query::finish::{facing_normal, meet};
@@ -57,7 +58,8 @@ impl Layer {
 /// Memory of a worker, and the pixels of its packet.
 pub(crate) struct Scratch {
     camera: ScenePacket,
-    shadow: ScenePacket,
+    pub(super) shadow: ScenePacket,
+    pub wants: Wants,
     /// Linear RGB and alpha.
     pub colour: [[f32; 4]; PACKET],
     pub first: [Layer; PACKET],
@@ -68,6 +70,7 @@ impl Scratch {
         Self {
             camera: ScenePacket::default(),
             shadow: ScenePacket::default(),
+            wants: Wants::default(),
             colour: [[0.0; 4]; PACKET],
             first: [Layer::MISS; PACKET],
         }
@@ -163,10 +166,11 @@ impl Direct<'_> {
                 return Err(need);
             }
             let mut surfaces: [Option<Surface>; PACKET] = std::array::from_fn(|_| None);
+            let Scratch { camera, wants, .. } = &mut *scratch;
             for i in bits(active) {
-                let found = scratch.camera.best(i);
+                let found = camera.best(i);
                 if found.is_hit() {
-                    surfaces[i] = Some(self.surface(&lanes.rays[i], found, first && layer == 0)?);
+                    surfaces[i] = Some(self.surface(&lanes.rays[i], found, first && layer == 0, wants)?);
                 } else {
                     active &= !(1 << i);
                 }
@@ -190,9 +194,9 @@ impl Direct<'_> {
         Ok(())
     }
 
-    fn surface(&self, ray: &Ray, found: &Found, keep: bool) -> Result<Surface, Need> {
+    fn surface(&self, ray: &Ray, found: &Found, keep: bool, wants: &mut Wants) -> Result<Surface, Need> {
         if let Some(look) = stand_in::look(&self.view, ray, found) {
-            return self.stand_in(ray, found, &look);
+            return self.stand_in(ray, found, &look, wants);
         }
         let scene = self.view.scene;
         let placed = &scene.placement.placed[found.placed as usize];
@@ -212,14 +216,21 @@ impl Direct<'_> {
                 depth: along.dot(self.rays.forward()) as f32,
                 normal: normal.into(),
                 part: self.view.model_of(found.placed).parts().get(part as usize).map_or(NONE, |p| p.id),
-                prim: if self.prims { u64::from(tree.prim(&found.tri).map_err(need)?) } else { NONE },
+                prim: match if self.prims { tree.prim(&found.tri) } else { Ok(u32::MAX) } {
+                    Ok(u32::MAX) => NONE,
+                    Ok(prim) => u64::from(prim),
+                    Err(block) => self.later(need(block), wants).map(|()| NONE)?,
+                },
                 instance: scene.instances[placed.instance as usize].id,
                 kind: HitKind::Exact,
                 error,
                 error_px: (f64::from(error) / pixel) as f32,
             };
         }
-        let own = || tree.colour(&found.tri).map_err(need);
+        let own = || match tree.colour(&found.tri) {
+            Ok(colour) => Ok(colour),
+            Err(block) => self.later(need(block), wants).map(|()| None),
+        };
         let material = self.material(found.placed, part, own)?;
         let leave = placed.extent() * LEAVE;
         let (position, width) = (ray.origin + along, width_at(ray, meeting.t));
@@ -228,12 +239,15 @@ impl Direct<'_> {
 
     /// A stand-in as a surface. What it casts begins above its cell: those beside it reach as high where the surface
     /// goes on as it is.
-    fn stand_in(&self, ray: &Ray, found: &Found, look: &Look) -> Result<Surface, Need> {
+    fn stand_in(&self, ray: &Ray, found: &Found, look: &Look, wants: &mut Wants) -> Result<Surface, Need> {
         let scene = self.view.scene;
         let placed = &scene.placement.placed[found.placed as usize];
         let model = self.view.model_of(found.placed);
         let along = ray.dir.as_dvec3() * found.t;
         let pixel = self.rays.pixel_width(found.t).max(f64::MIN_POSITIVE);
+        if let Some(need) = self.view.wanted(found) {
+            wants.add(need, (f64::from(look.error) / pixel).min(1e6) as f32);
+        }
         let layer = Layer {
             depth: along.dot(self.rays.forward()) as f32,
             normal: look.normal.into(),
@@ -252,6 +266,15 @@ impl Direct<'_> {
         let leave = look.above + placed.extent() * LEAVE;
         let (position, width) = (ray.origin + along, width_at(ray, found.t));
         Ok(Surface { position, normal: look.normal, material, leave, layer, next: look.leave + placed.extent() * LEAVE, width })
+    }
+
+    /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.
+    fn later(&self, need: Need, wants: &mut Wants) -> Result<(), Need> {
+        if !self.view.never_waits {
+            return Err(need);
+        }
+        wants.add(need, 1.0);
+        Ok(())
     }
 
     /// Whether a part, or its instance, has a colour in place of its own.
@@ -320,7 +343,7 @@ impl Direct<'_> {
                     asked |= 1 << i;
                 }
             }
-            let through = self.unshadowed(&mut shadow, asked, &mut scratch.shadow)?;
+            let through = self.unshadowed(&mut shadow, asked, scratch)?;
             for i in bits(active) {
                 sum[i] += answer[i] * through[i];
             }

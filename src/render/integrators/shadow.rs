@@ -1,7 +1,7 @@
 //! Shadow rays, in packets. Transparent surfaces let through the share of light that they let through of what
 //! is seen behind them.
 
-use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS};
+use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS, Scratch};
 use crate::base::ids::BlockId;
 use crate::query::stand_in;
 use crate::math::Ray;
@@ -15,13 +15,19 @@ impl Direct<'_> {
         &self,
         rays: &mut [Ray; PACKET],
         asked: u32,
-        packet: &mut ScenePacket,
+        scratch: &mut Scratch,
     ) -> Result<[f32; PACKET], Need> {
+        let Scratch { shadow: packet, wants, .. } = scratch;
         let mut through = [1.0; PACKET];
         if asked == 0 {
             return Ok(through);
         }
         let dark = self.met::<true>(rays, asked, packet)?;
+        for i in bits(dark) {
+            if let Some(need) = self.view.wanted(packet.best(i)) {
+                wants.add(need, 1.0);
+            }
+        }
         if self.view.scene.see_through {
             self.go_through(rays, dark, &mut through, packet)?;
         } else {

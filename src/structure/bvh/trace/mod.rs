@@ -81,6 +81,8 @@ pub struct TreeView<'a> {
     pub isa: Isa,
     /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
     pub never_waits: bool,
+    /// The pass that visits: blocks that it uses stay while it is stood on.
+    pub stamp: u32,
 }
 
 /// What is left of a visit to the leaves of a tree: blocks, and what in them.
@@ -109,6 +111,12 @@ impl TreeView<'_> {
     /// Whether the tree has no triangles.
     pub fn is_empty(&self) -> bool {
         self.root == Self::EMPTY
+    }
+
+    /// The words of a block that a walk goes through, if it is in memory.
+    #[inline(always)]
+    fn visit(&self, block: u32) -> Option<&[u32]> {
+        self.snapshot.visit(BlockId(block), self.stamp)
     }
 
     /// Finds the closest hit of the ray that `walk` has begun (or goes on after `Pending`).

@@ -92,7 +92,7 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
         if entry.rays == 0 {
             continue;
         }
-        let Some(words) = view.snapshot.block(BlockId(entry.block)) else {
+        let Some(words) = view.visit(entry.block) else {
             walk.stack.push(entry);
             return Outcome::Pending(BlockId(entry.block));
         };
@@ -131,7 +131,7 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                 Some(Child::External(index)) => {
                     walk.counters.blocks += 1;
                     let (next, below) = block.external(index);
-                    let Some(words) = view.snapshot.block(BlockId(next)) else {
+                    let Some(words) = view.visit(next) else {
                         if LOD && view.never_waits {
                             packet_cells::for_missing::<S, ANY>(s, view, filter, block, index, &shared, entry, walk);
                             far = farthest(s, &walk.hits.t);

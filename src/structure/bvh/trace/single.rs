@@ -104,7 +104,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
             continue;
         }
         if entry.block != block_id {
-            let Some(words) = view.snapshot.block(BlockId(entry.block)) else {
+            let Some(words) = view.visit(entry.block) else {
                 stack.push(entry);
                 return Outcome::Pending(BlockId(entry.block));
             };
@@ -154,7 +154,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                 Some(Child::External(index)) => {
                     counters.blocks += 1;
                     let (next, below) = block.external(index);
-                    let Some(words) = view.snapshot.block(BlockId(next)) else {
+                    let Some(words) = view.visit(next) else {
                         if let Some(cells) = cells.as_ref().filter(|_| view.never_waits) {
                             stand_in_for_missing::<S, ANY>(s, block, block_id, index, cells, filter, best);
                             if ANY && best.is_hit() {

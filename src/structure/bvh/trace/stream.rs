@@ -9,7 +9,6 @@ use super::rays16::{GROUP, OneRay, Rays16};
 use super::stream_pass as pass;
 use super::walk::{Counters, TriHit};
 use super::{LocalRay, PartFilter, TreeView};
-use crate::base::ids::BlockId;
 use crate::simd::{Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, KIND_SHIFT};
 
@@ -247,7 +246,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             counters: stream.counters,
             is_large: ahead::is_large(view.snapshot),
         };
-        let root = view.snapshot.block(BlockId(view.root_block)).map(Block::new);
+        let root = view.visit(view.root_block).map(Block::new);
         let mut counts = Counts::default();
         for lane in 0..LANES {
             push(&mut state.rows, &mut counts, NOTHING, lane);

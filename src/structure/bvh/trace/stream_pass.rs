@@ -7,7 +7,6 @@ use super::stream::{
     AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, State, lane, push,
 };
 use super::walk::{Counters, TriHit};
-use crate::base::ids::BlockId;
 use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, INDEX_MASK, Node};
@@ -16,7 +15,7 @@ use bytemuck::bytes_of;
 /// Puts a lane at `child` of a block; if that is not in memory, its ray is left unfinished.
 #[inline(always)]
 fn enter(state: &mut State, counts: &mut Counts, lane: usize, block: u32, child: u32) {
-    match state.view.snapshot.block(BlockId(block)) {
+    match state.view.visit(block) {
         Some(words) => {
             state.block[lane] = Block::new(words);
             (state.block_id[lane], state.child[lane]) = (block, child);
@@ -152,7 +151,7 @@ fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
     if at + 16 >= DEPTH {
         return leave(state, counts, lane);
     }
-    if let Some(words) = state.view.snapshot.block(BlockId(block)) {
+    if let Some(words) = state.view.visit(block) {
         state.block[lane] = Block::new(words);
     }
     (state.block_id[lane], state.child[lane]) = (block, child);

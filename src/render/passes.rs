@@ -1,0 +1,258 @@
+//! Which passes a request needs: what each tile lacked, and what comes next.
+
+use super::status::Progress;
+use super::tile::Tally;
+use super::wants::Wants;
+use crate::residency::ViewState;
+use std::sync::Arc;
+
+/// What is known when a pass has ended.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    /// How its wants stand.
+    pub wants: ViewState,
+    /// By what the pixels of error are to be multiplied.
+    pub pressure: f32,
+}
+
+/// What comes next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Next {
+    /// A pass over the tiles that are laid out; `afresh`: over all, at the pressure of now.
+    Pass { afresh: bool },
+    /// Nothing, until blocks come.
+    Wait,
+    /// The request has ended.
+    End { is_converged: bool },
+}
+
+/// Pixels of error to begin with, where exact answers are asked for and the budget does not allow them.
+const LEAST_POE: f32 = 0.5;
+
+/// The pixels of error in force.
+pub(super) fn effective_poe(asked: f32, pressure: f32) -> f32 {
+    if pressure > 1.0 { asked.max(LEAST_POE) * pressure } else { asked }
+}
+
+/// What a tile shows.
+#[derive(Clone, Default)]
+struct Tile {
+    tally: Tally,
+    wants: Wants,
+}
+
+/// The passes of a request.
+pub(super) struct Passes {
+    tiles: Vec<Tile>,
+    /// The tiles of the present pass.
+    todo: Arc<Vec<usize>>,
+    /// Samples of a pixel in it.
+    pub samples: u32,
+    asked_samples: u32,
+    pub pressure: f32,
+    /// Since the last decision.
+    pub has_news: bool,
+    /// Passes that have ended.
+    ended: u32,
+    /// Of what was wanted, the most bytes at a time.
+    most_wanted: u64,
+    fraction: f64,
+}
+
+/// Samples of a pass, and of the next.
+const MORE_SAMPLES: u32 = 4;
+
+impl Passes {
+    /// Over so many tiles, until pixels have so many samples.
+    pub fn new(tiles: usize, samples: u32) -> Self {
+        Self {
+            tiles: vec![Tile::default(); tiles],
+            todo: Arc::default(),
+            samples: 1,
+            asked_samples: samples,
+            pressure: 1.0,
+            has_news: false,
+            ended: 0,
+            most_wanted: 0,
+            fraction: 0.0,
+        }
+    }
+
+    /// Lays out a pass over all tiles.
+    pub fn begin_all(&mut self) {
+        self.todo = Arc::new((0..self.tiles.len()).collect());
+        self.has_news = false;
+    }
+
+    fn begin_lacking(&mut self) {
+        self.todo = Arc::new((0..self.tiles.len()).filter(|&i| !self.tiles[i].wants.is_empty()).collect());
+        self.has_news = false;
+    }
+
+    /// Tiles of the pass that is laid out.
+    pub fn items(&self) -> usize {
+        self.todo.len()
+    }
+
+    /// The tile that is item `item` of the pass.
+    pub fn tile(&self, item: usize) -> usize {
+        self.todo[item]
+    }
+
+    /// A tile was rendered.
+    pub fn done(&mut self, tile: usize, tally: Tally, wants: &Wants) {
+        self.tiles[tile] = Tile { tally, wants: wants.clone() };
+    }
+
+    /// All tiles of a pass were rendered.
+    pub fn pass_ended(&mut self) {
+        self.ended += 1;
+    }
+
+    /// What all tiles lack.
+    pub fn wants(&self) -> Wants {
+        let mut all = Wants::default();
+        self.tiles.iter().for_each(|tile| all.append(&tile.wants));
+        all.add_up();
+        all
+    }
+
+    /// Whether the pass that has ended was the last.
+    pub fn nothing_is_lacking(&self, samples: u32) -> bool {
+        self.samples == samples && self.tiles.iter().all(|tile| tile.wants.is_empty())
+    }
+
+    /// What comes after a pass, or after news; a pass is then laid out.
+    pub fn next(&mut self, seen: Seen, asked_poe: f32) -> Next {
+        if seen.pressure != self.pressure {
+            // All tiles get coarser, or finer, together.
+            self.samples = 1;
+            self.begin_all();
+            return Next::Pass { afresh: true };
+        }
+        if self.tiles.iter().any(|tile| !tile.wants.is_empty()) {
+            return match seen.wants {
+                ViewState::Busy if !self.has_news => Next::Wait,
+                ViewState::Satisfied | ViewState::Busy => {
+                    self.begin_lacking();
+                    Next::Pass { afresh: false }
+                }
+                ViewState::Full | ViewState::Failed => Next::End { is_converged: false },
+            };
+        }
+        if self.samples < self.asked_samples {
+            self.samples = (self.samples * MORE_SAMPLES).min(self.asked_samples);
+            self.begin_all();
+            return Next::Pass { afresh: false };
+        }
+        Next::End { is_converged: effective_poe(asked_poe, self.pressure) == asked_poe }
+    }
+
+    /// How far it is, when `share` of the present pass is done, `wanted` bytes are lacking, and so many seconds have gone.
+    pub fn progress(&mut self, share: f64, wanted: u64, asked_poe: f32, seconds: f64) -> Progress {
+        self.most_wanted = self.most_wanted.max(wanted);
+        let come = (self.most_wanted - wanted) as f64 / self.most_wanted.max(1) as f64;
+        // The first pass is most of what there is to see; then blocks, then samples.
+        let first = if self.asked_samples > 1 { 0.5 } else { 0.9 };
+        let now = match (self.ended, self.samples) {
+            (0, _) => first * share,
+            (_, 1) => first + 0.09 * come,
+            _ => 0.6 + 0.39 * f64::from(self.samples) / f64::from(self.asked_samples) * share,
+        };
+        self.fraction = self.fraction.max(now.clamp(0.0, 0.999));
+        let mut tally = Tally::default();
+        self.tiles.iter().for_each(|tile| tally.add(&tile.tally));
+        let seconds_to_go = match (self.ended, come) {
+            (0, _) if share > 0.0 => seconds * (1.0 - share) / share,
+            (0, _) => f64::INFINITY,
+            (_, come) if wanted > 0 && come > 0.0 => seconds * (1.0 - come) / come,
+            _ if wanted > 0 => f64::INFINITY,
+            _ => seconds * (1.0 - self.fraction),
+        };
+        let effective_poe = effective_poe(asked_poe, self.pressure);
+        Progress { fraction: self.fraction, tally, wanted, effective_poe, pictures: self.ended, seconds_to_go }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::ids::BlockId;
+    use crate::scene::walk::Need;
+
+    const CALM: Seen = Seen { wants: ViewState::Satisfied, pressure: 1.0 };
+    const BUSY: Seen = Seen { wants: ViewState::Busy, pressure: 1.0 };
+
+    fn lacking() -> Wants {
+        let mut wants = Wants::default();
+        wants.add(Need { model: 0, block: BlockId(5) }, 1.0);
+        wants
+    }
+
+    fn render(passes: &mut Passes, wants: impl Fn(usize) -> Wants) {
+        for item in 0..passes.items() {
+            let tile = passes.tile(item);
+            passes.done(tile, Tally::default(), &wants(tile));
+        }
+        passes.pass_ended();
+    }
+
+    #[test]
+    fn tiles_that_lacked_something_are_rendered_again_once_something_came() {
+        let mut passes = Passes::new(4, 1);
+        passes.begin_all();
+        render(&mut passes, |tile| if tile == 2 { lacking() } else { Wants::default() });
+        assert_eq!(passes.next(BUSY, 0.0), Next::Wait);
+        passes.has_news = true;
+        assert_eq!(passes.next(BUSY, 0.0), Next::Pass { afresh: false });
+        assert_eq!((passes.items(), passes.tile(0)), (1, 2));
+        render(&mut passes, |_| Wants::default());
+        assert_eq!(passes.next(CALM, 0.0), Next::End { is_converged: true });
+    }
+
+    #[test]
+    fn samples_come_last_and_pressure_begins_anew() {
+        let mut passes = Passes::new(2, 8);
+        passes.begin_all();
+        render(&mut passes, |_| Wants::default());
+        for samples in [4, 8] {
+            assert_eq!(passes.next(CALM, 1.0), Next::Pass { afresh: false });
+            assert_eq!((passes.samples, passes.items()), (samples, 2));
+        }
+        let pressed = Seen { pressure: 1.25, ..CALM };
+        assert_eq!(passes.next(pressed, 1.0), Next::Pass { afresh: true });
+        passes.pressure = 1.25;
+        assert_eq!(passes.samples, 1);
+        while passes.next(pressed, 1.0) != (Next::End { is_converged: false }) {}
+        assert_eq!((effective_poe(1.0, 1.25), effective_poe(0.0, 1.0), effective_poe(0.0, 2.0)), (1.25, 0.0, 1.0));
+    }
+
+    #[test]
+    fn what_cannot_come_ends_it() {
+        for wants in [ViewState::Full, ViewState::Failed] {
+            let mut passes = Passes::new(1, 1);
+            passes.begin_all();
+            render(&mut passes, |_| lacking());
+            assert_eq!(passes.next(Seen { wants, pressure: 1.0 }, 0.0), Next::End { is_converged: false });
+        }
+    }
+
+    #[test]
+    fn the_fraction_never_goes_back() {
+        let mut passes = Passes::new(1, 1);
+        passes.begin_all();
+        let mut last = 0.0;
+        for (share, wanted) in [(0.1, 0), (0.9, 0), (1.0, 1000)] {
+            let now = passes.progress(share, wanted, 0.0, 1.0).fraction;
+            assert!(now >= last);
+            last = now;
+        }
+        render(&mut passes, |_| lacking());
+        assert_eq!(passes.next(BUSY, 0.0), Next::Wait);
+        for wanted in [1000, 2000, 500, 900, 0] {
+            let now = passes.progress(0.3, wanted, 0.0, 1.0);
+            assert!(now.fraction >= last && now.fraction < 1.0 && now.pictures == 1);
+            last = now.fraction;
+        }
+    }
+}
