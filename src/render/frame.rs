@@ -84,6 +84,8 @@ struct Inner {
     unfinished: u32,
     /// How the last request ended, and when.
     ending: Option<(End, Instant)>,
+    /// Whoever is to be woken of the ending is being told: waits return after that.
+    waking: bool,
     /// The last complete picture.
     front: Option<Arc<Picture>>,
     /// Buffers to use again.
@@ -124,6 +126,7 @@ impl Frame {
             requests: 0,
             unfinished: 0,
             ending: None,
+            waking: false,
             front: None,
             spare: None,
             wake: None,
@@ -190,7 +193,7 @@ impl Frame {
         loop {
             let inner = self.shared.inner();
             let left = deadline.map_or(Duration::MAX, |d| d.saturating_duration_since(Instant::now()));
-            if inner.ending.is_some() || inner.request.is_none() || left.is_zero() {
+            if inner.ending.is_some() && !inner.waking || inner.request.is_none() || left.is_zero() {
                 drop(inner);
                 return self.poll();
             }
@@ -383,6 +386,7 @@ impl Owner for Shared {
             }
             if inner.requests == request.number {
                 inner.ending = Some((ending.clone(), Instant::now()));
+                inner.waking = inner.wake.is_some();
                 inner.wake.clone()
             } else {
                 None
@@ -391,6 +395,8 @@ impl Owner for Shared {
         self.changed.notify_all();
         if let Some(wake) = wake {
             wake();
+            self.inner().waking = false;
+            self.changed.notify_all();
         }
     }
 }

@@ -7,9 +7,8 @@
 use super::model::Model;
 use super::state::SceneState;
 use super::top::{NodeRef, Slabs, Target};
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::ids::BlockId;
-use crate::base::progress::Cancel;
 use crate::math::Ray;
 use crate::residency::{Held, Lease, Snapshot};
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Walk};
@@ -90,25 +89,6 @@ impl Hold {
         }
         self.0[model as usize].extend(held);
     }
-}
-
-/// Reads what `needs` names, and adds it to what is held. Blocks; starts no threads. Whoever held snapshots of the same
-/// job lets go of them before, so that what is in none may go. Fails with `OverBudget` if not all fits.
-pub(crate) fn fetch(scene: &SceneState, mut needs: Vec<Need>, hold: &mut Hold) -> Result<()> {
-    needs.sort_unstable();
-    needs.dedup();
-    for same_model in needs.chunk_by(|a, b| a.model == b.model) {
-        let blocks: Vec<BlockId> = same_model.iter().map(|n| n.block).collect();
-        let model = same_model[0].model;
-        hold.add(model, scene.models[model as usize].blocks().fetch(&blocks, &Cancel::new())?);
-    }
-    Ok(())
-}
-
-/// The snapshots of a job that holds all it has ever needed.
-pub(crate) fn take_holding(scene: &SceneState, hold: &Hold) -> Result<Snapshots> {
-    let have = scene.context().memory_budget();
-    Snapshots::holding(scene, hold).ok_or(Error::OverBudget { what: "tables of blocks in use", need: have + 1, have })
 }
 
 /// Where a ray meets a placed tree.

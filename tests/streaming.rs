@@ -1,0 +1,257 @@
+//! Frames of models that are not in memory, or do not fit: a whole picture at once, finer as blocks come, inside the
+//! budget, and quiet when the camera rests.
+
+mod common;
+
+use common::built;
+use glam::{DAffine3, DVec3};
+use outcrop::base::progress::{Cancel, Progress};
+use outcrop::build::{BuildOptions, Builder};
+use outcrop::import::generate::{GenerateOptions, generate};
+use outcrop::query::HitKind;
+use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs};
+use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene, SceneState};
+use outcrop::store::{CallbackSource, FileSource, Source};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::SeqCst};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+const LONG: Duration = Duration::from_secs(120);
+const SIZE: (u32, u32) = (200, 150);
+
+/// A model that all tests look at.
+struct Bulb {
+    path: PathBuf,
+    /// Bytes of its geometry in memory.
+    bytes: u64,
+}
+
+fn bulb() -> &'static Bulb {
+    static BULB: OnceLock<Bulb> = OnceLock::new();
+    BULB.get_or_init(|| {
+        let folder = Box::leak(Box::new(tempfile::tempdir().expect("a folder")));
+        let path = folder.path().join("bulb.oc");
+        let mut builder =
+            Builder::new(BuildOptions::default(), Arc::new(Progress::default()), Cancel::new()).expect("a builder");
+        let options = GenerateOptions { triangles: 1_000_000, seed: 0 };
+        generate("mandelbulb", &options, &Cancel::new(), &mut builder).expect("a bulb");
+        builder.finish(&path).expect("a build");
+        let bytes = Model::open(&built::context(0), &path).expect("it opens").memory().geometry;
+        Bulb { path, bytes }
+    })
+}
+
+fn context(threads: usize, memory_budget: u64) -> Context {
+    let options = ContextOptions { threads, memory_budget, read_ahead: false, ..Default::default() };
+    Context::new(options).expect("a context")
+}
+
+/// A source that counts its reads.
+fn counted(reads: &Arc<AtomicU64>) -> Arc<dyn Source> {
+    let (file, reads) = (FileSource::open(&bulb().path).expect("the file"), Arc::clone(reads));
+    let read = move |at: u64, buf: &mut [u8]| {
+        reads.fetch_add(1, SeqCst);
+        file.read_at(at, buf)
+    };
+    let len = std::fs::metadata(&bulb().path).expect("the file").len();
+    Arc::new(CallbackSource::new("bulb", len, Box::new(read)))
+}
+
+fn scene(context: &Context, source: Arc<dyn Source>) -> Arc<SceneState> {
+    let model = Model::open_source(context, source).expect("it opens");
+    let scene = Scene::new(context);
+    scene.add_instance(&model, 7, DAffine3::IDENTITY).expect("an instance");
+    scene.commit().expect("a commit");
+    scene.state()
+}
+
+fn frame(context: &Context) -> Frame {
+    let options = FrameOptions { width: SIZE.0, height: SIZE.1, outputs: Outputs::ALL, ..Default::default() };
+    Frame::new(context, options).expect("a frame")
+}
+
+/// From around the model, near and far; some from inside.
+fn camera(i: usize) -> Camera {
+    let a = i as f64 * 2.4;
+    let distance = [2.6, 1.6, 4.0, 0.9][i % 4];
+    let eye = DVec3::new(a.cos(), a.sin(), 0.4 * (a * 0.7).sin()) * distance;
+    Camera::Perspective { eye, at: DVec3::new(0.1, 0.0, 0.2), up: DVec3::Z, fov_y_degrees: 40.0 }
+}
+
+/// Waits until the last request has a picture.
+fn first_picture(frame: &Frame) -> FrameStatus {
+    loop {
+        let status = frame.wait(Duration::from_millis(1));
+        if status.pictures > 0 || status.state != FrameState::Running {
+            return status;
+        }
+    }
+}
+
+fn kinds(frame: &Frame) -> Vec<u8> {
+    frame.map(Buffer::Kind).expect("a picture").bytes().to_vec()
+}
+
+/// What the picture shows when all is in memory and exact.
+fn exact(camera: &Camera) -> Vec<Vec<u8>> {
+    static WHOLE: OnceLock<(Context, Arc<SceneState>)> = OnceLock::new();
+    let (context, state) = WHOLE.get_or_init(|| {
+        let context = context(2, 0);
+        let model = Model::open(&context, &bulb().path).expect("it opens");
+        assert!(model.load(&Cancel::new()).expect("it loads"));
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 7, DAffine3::IDENTITY).expect("an instance");
+        scene.commit().expect("a commit");
+        let state = scene.state();
+        (context, state)
+    });
+    let frame = frame(context);
+    frame.request(state, camera, &FrameSettings::default()).expect("a request");
+    let status = frame.wait(LONG);
+    assert_eq!((status.state, status.pixels_exact), (FrameState::Converged, status.pixels_total));
+    Buffer::ALL.iter().map(|&b| frame.map(b).expect("a picture").bytes().to_vec()).collect()
+}
+
+/// Every pixel of the exact picture that something covers is covered.
+fn assert_covered(frame: &Frame, camera: &Camera) -> f64 {
+    let exact = &exact(camera)[Buffer::Kind as usize];
+    let now = kinds(frame);
+    let (mut both, mut either) = (0, 0);
+    for (i, (&now, &exact)) in now.iter().zip(exact).enumerate() {
+        assert!(now != HitKind::Miss as u8 || exact == HitKind::Miss as u8, "a hole at pixel {i}");
+        both += u32::from(now != 0 && exact != 0);
+        either += u32::from(now != 0 || exact != 0);
+    }
+    f64::from(both) / f64::from(either.max(1))
+}
+
+#[test]
+fn the_first_picture_is_whole_and_the_last_is_exact() {
+    for threads in [0, 2] {
+        let context = context(threads, 0);
+        let reads = Arc::new(AtomicU64::new(0));
+        let state = scene(&context, counted(&reads));
+        let frame = frame(&context);
+        let camera = camera(0);
+        frame.request(&state, &camera, &FrameSettings::default()).expect("a request");
+        let first = first_picture(&frame);
+        assert!(first.pixels_missing > 0 && first.worst_error_px > 0.0, "{first:?}");
+        assert_eq!(first.pixels_exact + first.pixels_lod + first.pixels_missing, first.pixels_total);
+        let overlap = assert_covered(&frame, &camera);
+        println!("first picture: mean error {:.1} px, overlap {overlap:.3}", first.mean_error_px);
+        assert!(overlap > 0.9);
+        let last = frame.wait(LONG);
+        assert_eq!((last.state, last.pixels_exact, last.bytes_wanted), (FrameState::Converged, last.pixels_total, 0));
+        assert_eq!((last.fraction, last.effective_poe), (1.0, 0.0));
+        for (buffer, exact) in Buffer::ALL.into_iter().zip(exact(&camera)) {
+            assert!(frame.map(buffer).expect("a picture").bytes() == exact, "{buffer:?} is not what it is in memory");
+        }
+    }
+}
+
+#[test]
+fn the_same_stand_ins_with_any_threads_and_vectors() {
+    let mut seen = Vec::new();
+    for (threads, isa) in [(1, None), (2, None), (2, Some(outcrop::simd::Isa::Baseline)), (1, Some(outcrop::simd::Isa::Avx2))] {
+        if isa.is_some_and(|isa| !isa.is_available()) {
+            continue;
+        }
+        let context = Context::new(ContextOptions { threads, isa, read_ahead: false, ..Default::default() }).expect("a context");
+        let model = Model::open(&context, &bulb().path).expect("it opens");
+        assert!(model.load(&Cancel::new()).expect("it loads"));
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 7, DAffine3::IDENTITY).expect("an instance");
+        scene.commit().expect("a commit");
+        let frame = frame(&context);
+        let mut all = Vec::new();
+        for poe in [0.5, 3.0, 32.0] {
+            frame.request(&scene.state(), &camera(1), &FrameSettings { poe, ..Default::default() }).expect("a request");
+            let status = frame.wait(LONG);
+            assert_eq!(status.state, FrameState::Converged);
+            assert!(status.pixels_lod > 0, "{status:?}");
+            all.push(Buffer::ALL.map(|b| frame.map(b).expect("a picture").bytes().to_vec()));
+        }
+        seen.push(all);
+    }
+    assert!(seen.windows(2).all(|w| w[0] == w[1]), "the picture depends on threads or vectors");
+}
+
+#[test]
+fn a_flight_with_teleports_in_a_small_budget() {
+    let budget = bulb().bytes / 6;
+    let context = context(2, budget);
+    let reads = Arc::new(AtomicU64::new(0));
+    let state = scene(&context, counted(&reads));
+    let (stop, most) = (AtomicBool::new(false), AtomicU64::new(0));
+    std::thread::scope(|threads| {
+        threads.spawn(|| {
+            while !stop.load(SeqCst) {
+                most.fetch_max(context.memory_used(), SeqCst);
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        });
+        let frames = [frame(&context), frame(&context)];
+        for i in 0..12 {
+            for (k, frame) in frames.iter().enumerate() {
+                let settings = FrameSettings { poe: 1.0, ..Default::default() };
+                frame.request(&state, &camera(i + 5 * k), &settings).expect("a request");
+            }
+            for (k, frame) in frames.iter().enumerate() {
+                first_picture(frame);
+                assert_covered(frame, &camera(i + 5 * k));
+            }
+            let seen = frames[0].pick(SIZE.0 / 2, SIZE.1 / 2).expect("a pick");
+            assert!(seen.kind == HitKind::Exact || seen.kind == HitKind::Miss, "{seen:?}");
+        }
+        // At rest: it ends, says how coarse it is, and is quiet.
+        for (k, frame) in frames.iter().enumerate() {
+            let status = frame.wait(LONG);
+            let ended = [FrameState::Converged, FrameState::CompleteWithinBudget].contains(&status.state);
+            assert!(ended && status.pixels_missing == 0, "{status:?}");
+            assert!(status.effective_poe >= 1.0, "{status:?}");
+            assert_eq!(status.state == FrameState::Converged, status.effective_poe == 1.0);
+            println!("frame {k} ended with {} pixels of error, {} pictures", status.effective_poe, status.pictures);
+            assert_covered(frame, &camera(11 + 5 * k));
+        }
+        let quiet = Instant::now();
+        std::thread::sleep(Duration::from_millis(300));
+        let before = reads.load(SeqCst);
+        std::thread::sleep(Duration::from_millis(500));
+        assert_eq!(reads.load(SeqCst), before, "still reading {:?} after the frames ended", quiet.elapsed());
+        stop.store(true, SeqCst);
+    });
+    let most = most.into_inner();
+    println!("{most} of {budget} bytes at the most");
+    assert!(most <= budget);
+}
+
+#[test]
+fn a_resting_camera_sees_better_pictures_and_is_woken_for_each() {
+    let context = context(2, 0);
+    let reads = Arc::new(AtomicU64::new(0));
+    let state = scene(&context, counted(&reads));
+    let frame = frame(&context);
+    let woken = Arc::new(AtomicU64::new(0));
+    let count = Arc::clone(&woken);
+    frame.set_wake(Some(Arc::new(move || {
+        count.fetch_add(1, SeqCst);
+    })));
+    frame.request(&state, &camera(3), &FrameSettings { samples: 8, poe: 0.5, ..Default::default() }).expect("a request");
+    let (mut fraction, mut pictures, mut error) = (0.0, 0, f32::INFINITY);
+    let last = loop {
+        let status = frame.wait(Duration::from_millis(2));
+        assert!(status.fraction >= fraction && status.pictures >= pictures, "{status:?}");
+        if status.pictures > pictures && pictures > 0 {
+            assert!(status.mean_error_px <= error * 1.5, "{status:?}, it was {error}");
+            error = status.mean_error_px;
+        }
+        (fraction, pictures) = (status.fraction, status.pictures);
+        if status.state != FrameState::Running {
+            break status;
+        }
+    };
+    assert_eq!((last.state, last.pixels_missing), (FrameState::Converged, 0));
+    // The first, at least one with blocks that came, those with 4 and 8 samples.
+    assert!(last.pictures >= 4 && woken.load(SeqCst) >= u64::from(last.pictures), "{last:?}, woken {woken:?} times");
+}
