@@ -224,7 +224,7 @@ typedef struct oc_build_desc {
     uint32_t struct_size;
     /** An OC_STRUCTURE_ number. */
     oc_structure structure;
-    /** Bytes of memory that the build may use. 0: no limit. */
+    /** Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no limit. */
     uint64_t memory_budget;
     /** The folder of temporary files; NULL: the system's. */
     const char *temp_dir;

@@ -13,7 +13,9 @@ use outcrop::Error;
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder, Splits};
-use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
+use outcrop::import::collect::Collector;
+use outcrop::import::generate::{GenerateOptions, generate_file};
+use outcrop::import::{MaterialDesc, MeshKey, PartDesc, ReadOptions, Sink, read_file};
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::residency::{ModelBlocks, Residency};
 use outcrop::scene::{Model, Scene};
@@ -295,4 +297,23 @@ fn cancelled_at_any_moment() {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
     assert!(cancelled > 3, "{cancelled}");
+}
+
+#[test]
+fn vertices_that_do_not_fit_are_read_from_a_temporary() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bulb.ply");
+    let bulb = GenerateOptions { triangles: 60_000, seed: 0 };
+    generate_file("mandelbulb", &bulb, &Cancel::new(), &path, &mut |_| ()).unwrap();
+    let read = |memory| {
+        let options = ReadOptions { temp_dir: Some(folder.path().into()), memory };
+        let mut all = Collector::new();
+        read_file(&path, &options, &mut all).unwrap();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        all
+    };
+    let (kept, spilled) = (read(0), read(100_000));
+    assert!(kept.received > 50_000 && kept.direct() == spilled.direct());
+    let nowhere = ReadOptions { temp_dir: Some(folder.path().join("nowhere")), memory: 100_000 };
+    assert!(matches!(read_file(&path, &nowhere, &mut Collector::new()), Err(Error::Io { .. })));
 }

@@ -86,7 +86,7 @@ impl Builder {
     /// [`import::read_file`].
     pub fn add_files(&mut self, paths: &[impl AsRef<Path>]) -> Result<()> {
         self.progress.enter(Phase::Read);
-        let options = ReadOptions { temp_dir: self.options.temp_dir.clone() };
+        let options = ReadOptions { temp_dir: self.options.temp_dir.clone(), memory: self.shares.reader };
         import::read_files(paths, &options, self)
     }
 

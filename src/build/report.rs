@@ -48,7 +48,7 @@ pub struct BuildReport {
     pub bytes_trace: u64,
     /// Bytes of the file.
     pub bytes: u64,
-    /// Most bytes that temporaries took at any time, without the file's own.
+    /// Most bytes that temporaries took at any time, without those of readers and the file itself.
     pub bytes_temporary: u64,
     /// Bytes of it that are primitive ids.
     pub bytes_ids: u64,

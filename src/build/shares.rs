@@ -24,6 +24,8 @@ const BYTES_WAITING: u64 = 48;
 pub struct Shares {
     /// Bytes of input kept in memory while it is read; what is more goes to a scratch file.
     pub spool: u64,
+    /// Bytes of vertices that a reader keeps; 0: no limit.
+    pub reader: u64,
     /// Triangles built at once.
     pub chunk: u64,
     /// Triangles that wait, over all chunks, while a mesh is distributed.
@@ -36,7 +38,7 @@ impl Shares {
     /// Of a budget in bytes; 0: no limit. Fails with `OverBudget` below the least.
     pub fn of(budget: u64) -> Result<Self> {
         if budget == 0 {
-            return Ok(Self { spool: u64::MAX, chunk: u64::MAX, waiting: u64::MAX, aside: usize::MAX });
+            return Ok(Self { spool: u64::MAX, reader: 0, chunk: u64::MAX, waiting: u64::MAX, aside: usize::MAX });
         }
         if budget < LEAST {
             return Err(Error::OverBudget { what: "building a model", need: LEAST, have: budget });
@@ -45,6 +47,7 @@ impl Shares {
         Ok(Self {
             // What is in memory when all has been read, and no more than that, is built in memory.
             spool: free / BYTES_PER_TRIANGLE * BYTES_KEPT,
+            reader: free / 4,
             // Not all: the upper nodes of chunks that are done, and their blocks, stay.
             chunk: free / 8 * 5 / BYTES_PER_TRIANGLE,
             waiting: free / 4 / BYTES_WAITING,
@@ -72,7 +75,7 @@ mod tests {
         for budget in [LEAST, 100 << 20, 512 << 20, 1 << 40] {
             let s = Shares::of(budget).unwrap();
             assert!(s.chunk * BYTES_PER_TRIANGLE + FIXED + 3 * s.aside as u64 <= budget);
-            assert!(s.spool + 2 * s.waiting * BYTES_WAITING + FIXED <= budget);
+            assert!(s.spool + s.reader + FIXED <= budget && s.spool + 2 * s.waiting * BYTES_WAITING + FIXED <= budget);
         }
     }
 }

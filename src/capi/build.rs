@@ -89,7 +89,7 @@ pub struct oc_build_desc {
     pub struct_size: u32,
     /// An OC_STRUCTURE_ number.
     pub structure: oc_structure,
-    /// Bytes of memory that the build may use. 0: no limit.
+    /// Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no limit.
     pub memory_budget: u64,
     /// The folder of temporary files; NULL: the system's.
     pub temp_dir: *const c_char,

@@ -114,27 +114,28 @@ pub trait Sink {
 /// Options of [`read_file`].
 #[derive(Debug, Clone, Default)]
 pub struct ReadOptions {
-    /// Where vertices may be spilled, for formats that index globally; the system's default if `None`.
-    /// At present no reader spills: they keep 12 or 24 bytes a vertex in memory.
+    /// Where vertices are spilled; the system's default if `None`.
     pub temp_dir: Option<std::path::PathBuf>,
+    /// Bytes of positions that a reader may keep in memory, for formats that index globally; 0 for no limit. PLY
+    /// keeps to it and spills the others. OBJ keeps 24 bytes a vertex, PLY colours 3 or 12, glTF its buffers.
+    pub memory: u64,
 }
 
 /// Reads the mesh file at `path` into `sink`; the format is told by content first, by ending second.
 ///
 /// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`) and our raw soup ([`raw`]). Memory is bounded by
-/// the file's size (12 or 24 bytes a vertex for formats that index globally), never by what a header
-/// claims. A file is a part named after its stem, unless it names parts of its own.
+/// the file's size (12 or 24 bytes a vertex for formats that index globally, fewer with
+/// [`ReadOptions::memory`]), never by what a header claims. A file is a part named after its stem, unless it names parts of its own.
 ///
 /// Fails with [`crate::Error::Parse`] naming line or byte; with `Io` if the file cannot be read; with
 /// the sink's own errors. A mesh file without triangles is fine (with a note to the sink); a file
 /// that is not a mesh is not. What the sink received before an error stays received.
 pub fn read_file(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
-    let _ = options;
     let mut input = input::Input::open(path)?;
     let total = input.total();
     sink.at(0, total);
     match detect::format(&mut input)? {
-        detect::Format::Ply => ply::read(&mut input, sink)?,
+        detect::Format::Ply => ply::read(&mut input, options, sink)?,
         detect::Format::Obj => obj::read(&mut input, sink)?,
         detect::Format::Gltf => gltf::read(&mut input, sink)?,
         detect::Format::Raw => raw::read(&mut input, sink)?,

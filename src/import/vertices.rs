@@ -1,29 +1,197 @@
-//! Vertices of formats that index them globally, in as few bytes as hold them exactly.
+//! Vertices of formats that index them globally, in as few bytes as hold them exactly: in memory up to a limit, in a
+//! scratch file, page by page, beyond it.
 
+use super::ReadOptions;
+use crate::base::error::{Error, Result};
+use crate::base::scratch::{Scratch, ScratchSpace};
 use glam::DVec3;
+use std::cell::RefCell;
+use std::sync::Arc;
+
+/// Vertices of a page: neighbours in a file mostly are in space, and in the faces that follow.
+const PAGE: usize = 4096;
 
 /// Positions by index: 12 or 24 bytes each.
-pub(crate) enum Vertices {
+pub(crate) struct Vertices {
+    held: Held,
+    spilled: Option<Spilled>,
+    limit: u64,
+    space: Arc<ScratchSpace>,
+}
+
+/// What is in memory; of a spilled list the last, until it is complete.
+pub(crate) enum Held {
     /// Every coordinate of the file fits single precision.
     Single(Vec<[f32; 3]>),
     /// Some may not.
     Double(Vec<[f64; 3]>),
 }
 
-impl Vertices {
-    pub(crate) fn len(&self) -> usize {
+struct Spilled {
+    file: Scratch,
+    count: usize,
+    pages: RefCell<Pages>,
+}
+
+/// Pages in memory, each where its number says, and the first error of reading one.
+struct Pages {
+    slots: Vec<(usize, Vec<u8>)>,
+    failed: Option<Error>,
+}
+
+impl Held {
+    fn len(&self) -> usize {
         match self {
-            Vertices::Single(v) => v.len(),
-            Vertices::Double(v) => v.len(),
+            Held::Single(v) => v.len(),
+            Held::Double(v) => v.len(),
         }
     }
 
-    /// The position of vertex `i`, if there is one.
+    /// Bytes of a vertex.
+    fn each(&self) -> usize {
+        match self {
+            Held::Single(_) => 12,
+            Held::Double(_) => 24,
+        }
+    }
+
+    fn bytes(&self) -> &[u8] {
+        match self {
+            Held::Single(v) => bytemuck::cast_slice(v),
+            Held::Double(v) => bytemuck::cast_slice(v),
+        }
+    }
+}
+
+impl Vertices {
+    /// None yet, and room for `capacity` of them.
+    pub(crate) fn new(single: bool, capacity: usize, options: &ReadOptions) -> Self {
+        let limit = if options.memory == 0 { u64::MAX } else { options.memory };
+        let room = |each: u64| capacity.min(usize::try_from(limit / each).unwrap_or(usize::MAX).saturating_add(PAGE));
+        let held = if single {
+            Held::Single(Vec::with_capacity(room(12)))
+        } else {
+            Held::Double(Vec::with_capacity(room(24)))
+        };
+        Self { held, spilled: None, limit, space: ScratchSpace::new(options.temp_dir.as_deref()) }
+    }
+
+    /// To add some. [`Vertices::settle`] is to be called now and then.
+    pub(crate) fn held(&mut self) -> &mut Held {
+        &mut self.held
+    }
+
+    /// Spills if there are too many in memory.
+    pub(crate) fn settle(&mut self) -> Result<()> {
+        let most = if self.spilled.is_some() { self.limit.min(1 << 20) } else { self.limit };
+        if self.held.bytes().len() as u64 > most { self.spill() } else { Ok(()) }
+    }
+
+    /// To be called once all are there.
+    pub(crate) fn complete(&mut self) -> Result<()> {
+        if self.spilled.is_some() { self.spill() } else { Ok(()) }
+    }
+
+    fn spill(&mut self) -> Result<()> {
+        let page = (PAGE * self.held.each()) as u64;
+        let spilled = match self.spilled.take() {
+            Some(spilled) => spilled,
+            None => {
+                let slots = (self.limit / page).max(4) as usize;
+                let slots = (0..slots).map(|_| (usize::MAX, Vec::new())).collect();
+                let pages = RefCell::new(Pages { slots, failed: None });
+                Spilled { file: self.space.file()?, count: 0, pages }
+            }
+        };
+        let spilled = self.spilled.insert(spilled);
+        spilled.file.append(self.held.bytes())?;
+        spilled.count += self.held.len();
+        // Its memory too, which the pages take now.
+        match &mut self.held {
+            Held::Single(v) => *v = Vec::new(),
+            Held::Double(v) => *v = Vec::new(),
+        }
+        Ok(())
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.held.len() + self.spilled.as_ref().map_or(0, |s| s.count)
+    }
+
+    /// The position of vertex `i`, if there is one. Where it cannot be read, [`Vertices::check`] says why.
     #[inline]
     pub(crate) fn get(&self, i: usize) -> Option<DVec3> {
-        match self {
-            Vertices::Single(v) => v.get(i).map(|p| DVec3::from(p.map(f64::from))),
-            Vertices::Double(v) => v.get(i).map(|&p| DVec3::from(p)),
+        if let Some(spilled) = &self.spilled {
+            return spilled.get(i, self.held.each());
+        }
+        match &self.held {
+            Held::Single(v) => v.get(i).map(|p| DVec3::from(p.map(f64::from))),
+            Held::Double(v) => v.get(i).map(|&p| DVec3::from(p)),
+        }
+    }
+
+    /// Fails if a vertex could not be read.
+    pub(crate) fn check(&self) -> Result<()> {
+        let failed = self.spilled.as_ref().and_then(|s| s.pages.borrow_mut().failed.take());
+        failed.map_or(Ok(()), Err)
+    }
+}
+
+impl Spilled {
+    fn get(&self, i: usize, each: usize) -> Option<DVec3> {
+        if i >= self.count {
+            return None;
+        }
+        let pages = &mut *self.pages.borrow_mut();
+        let (page, count) = (i / PAGE, pages.slots.len());
+        let slot = &mut pages.slots[page % count];
+        if slot.0 != page {
+            slot.1.resize(each * PAGE.min(self.count - page * PAGE), 0);
+            slot.0 = page;
+            if let Err(e) = self.file.read_at((page * PAGE * each) as u64, &mut slot.1) {
+                slot.0 = usize::MAX;
+                pages.failed.get_or_insert(e);
+                return None;
+            }
+        }
+        let bytes = &slot.1[i % PAGE * each..][..each];
+        let four = |at: usize| bytes[at..].first_chunk().map_or(0.0, |b| f64::from(f32::from_ne_bytes(*b)));
+        let eight = |at: usize| bytes[at..].first_chunk().map_or(0.0, |b| f64::from_ne_bytes(*b));
+        Some(if each == 12 {
+            DVec3::new(four(0), four(4), four(8))
+        } else {
+            DVec3::new(eight(0), eight(8), eight(16))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spilled_or_not_they_are_the_same() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |i: usize| [i as f64, -0.25 * i as f64, 1e6 - i as f64];
+        for (single, memory) in [(true, 0), (true, 100_000), (false, 100_000), (false, 1)] {
+            let options = ReadOptions { temp_dir: Some(dir.path().into()), memory };
+            let mut vertices = Vertices::new(single, 50_000, &options);
+            for i in 0..50_000 {
+                match vertices.held() {
+                    Held::Single(v) => v.push(at(i).map(|x| x as f32)),
+                    Held::Double(v) => v.push(at(i)),
+                }
+                if i % 1000 == 0 {
+                    vertices.settle().unwrap();
+                }
+            }
+            vertices.complete().unwrap();
+            assert_eq!((vertices.len(), vertices.spilled.is_some()), (50_000, memory > 0));
+            for i in (0..50_000).map(|i| i * 7919 % 50_000) {
+                assert_eq!(vertices.get(i), Some(at(i).into()));
+            }
+            assert_eq!(vertices.get(50_000), None);
+            vertices.check().unwrap();
         }
     }
 }

@@ -232,6 +232,7 @@ impl<'a> Faces<'a> {
 
     fn hand_over(&mut self, input: &Input, sink: &mut dyn Sink) -> Result<()> {
         sink.at(input.offset(), input.total());
+        self.vertices.positions.check()?;
         self.batch.flush(sink)
     }
 

@@ -19,7 +19,7 @@ mod values;
 mod vertices;
 
 use super::input::Input;
-use super::{MaterialDesc, PartDesc, Sink};
+use super::{MaterialDesc, PartDesc, ReadOptions, Sink};
 use crate::base::error::Result;
 use faces::{Faces, INDEX_LISTS};
 use header::{Coding, Element, Header, Kind, Type};
@@ -27,12 +27,12 @@ use values::{Ascii, Binary, Values};
 use vertices::VertexTable;
 
 /// Reads a PLY file from its beginning.
-pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
+pub(crate) fn read(input: &mut Input, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
     let header = header::read(input)?;
     match header.coding {
-        Coding::Ascii => read_elements(&mut Ascii::new(input), header, sink),
-        Coding::Little => read_elements(&mut Binary::<false>::new(input), header, sink),
-        Coding::Big => read_elements(&mut Binary::<true>::new(input), header, sink),
+        Coding::Ascii => read_elements(&mut Ascii::new(input), header, options, sink),
+        Coding::Little => read_elements(&mut Binary::<false>::new(input), header, options, sink),
+        Coding::Big => read_elements(&mut Binary::<true>::new(input), header, options, sink),
     }
 }
 
@@ -42,7 +42,12 @@ fn index_list(element: &Element) -> Option<usize> {
     element.list(&INDEX_LISTS).filter(|_| makes_triangles)
 }
 
-fn read_elements(values: &mut impl Values, header: Header, sink: &mut dyn Sink) -> Result<()> {
+fn read_elements(
+    values: &mut impl Values,
+    header: Header,
+    options: &ReadOptions,
+    sink: &mut dyn Sink,
+) -> Result<()> {
     let (body, body_line) = (values.input().offset(), values.input().line());
     let vertex = header.element("vertex");
     let first_faces = header.elements.iter().position(|e| index_list(e).is_some());
@@ -52,7 +57,7 @@ fn read_elements(values: &mut impl Values, header: Header, sink: &mut dyn Sink) 
         for element in &header.elements[..vertex] {
             skip_rows(values, element, sink)?;
         }
-        table = vertices::read(values, &header.elements[vertex], header.coding, sink)?;
+        table = vertices::read(values, &header.elements[vertex], header.coding, options, sink)?;
         rest = vertex + 1;
         if first_faces.is_some_and(|faces| faces < vertex) {
             // Faces before vertices: the vertices were fetched ahead, now from the beginning.

@@ -6,7 +6,8 @@ use crate::base::error::Result;
 use crate::import::Sink;
 use crate::import::colour;
 use crate::import::input::Input;
-use crate::import::vertices::Vertices;
+use crate::import::ReadOptions;
+use crate::import::vertices::{Held, Vertices};
 
 /// What faces refer to.
 pub(crate) struct VertexTable {
@@ -24,7 +25,7 @@ enum Colours {
 impl VertexTable {
     /// Without vertices.
     pub(crate) fn empty() -> Self {
-        Self { positions: Vertices::Single(Vec::new()), colours: None }
+        Self { positions: Vertices::new(true, 0, &ReadOptions::default()), colours: None }
     }
 
     /// Linear colour of vertex `i`.
@@ -67,6 +68,7 @@ pub(crate) fn read(
     values: &mut impl Values,
     element: &Element,
     coding: Coding,
+    options: &ReadOptions,
     sink: &mut dyn Sink,
 ) -> Result<VertexTable> {
     let axis = |name| element.scalar(&[name]);
@@ -79,23 +81,22 @@ pub(crate) fn read(
     if let (true, true, None, Some(stride)) = (coding != Coding::Ascii, single, channels, element.row_bytes())
         && let Some(offsets) = float_offsets(element, axes)
     {
-        let positions = read_floats(values.input(), element.count, stride, offsets, coding == Coding::Big, sink)?;
-        return Ok(VertexTable { positions: Vertices::Single(positions), colours: None });
+        let rows = Rows { count: element.count, stride, offsets, big: coding == Coding::Big };
+        let positions = read_floats(values.input(), rows, options, sink)?;
+        return Ok(VertexTable { positions, colours: None });
     }
     let input = values.input();
     let fits = input.remaining() / element.least_bytes(coding).max(1) + 1;
     let capacity = element.count.min(fits) as usize;
     let mut table = VertexTable {
-        positions: match single {
-            true => Vertices::Single(Vec::with_capacity(capacity)),
-            false => Vertices::Double(Vec::with_capacity(capacity)),
-        },
+        positions: Vertices::new(single, capacity, options),
         colours: channels.map(|c| match c.iter().all(|&(_, ty)| ty == Type::U8) {
             true => Colours::Bytes(Vec::with_capacity(capacity)),
             false => Colours::Linear(Vec::with_capacity(capacity)),
         }),
     };
     read_rows(values, element, axes, channels, &mut table, sink)?;
+    table.positions.complete()?;
     Ok(table)
 }
 
@@ -117,6 +118,7 @@ fn read_rows(
     for n in 0..element.count {
         if n.is_multiple_of(16384) {
             super::tick(values.input(), sink)?;
+            table.positions.settle()?;
         }
         for (property, &target) in element.properties.iter().zip(&targets) {
             match property.kind {
@@ -130,9 +132,9 @@ fn read_rows(
         }
         values.end_row()?;
         let [x, y, z, r, g, b, _] = row;
-        match &mut table.positions {
-            Vertices::Single(v) => v.push([x as f32, y as f32, z as f32]),
-            Vertices::Double(v) => v.push([x, y, z]),
+        match table.positions.held() {
+            Held::Single(v) => v.push([x as f32, y as f32, z as f32]),
+            Held::Double(v) => v.push([x, y, z]),
         }
         match (&mut table.colours, channels) {
             (Some(Colours::Bytes(c)), _) => c.push([r as u8, g as u8, b as u8]),
@@ -162,22 +164,27 @@ fn float_offsets(element: &Element, axes: Channels) -> Option<[usize; 3]> {
     Some(offsets)
 }
 
-/// The usual case: floats at fixed places, many rows at a time. `big`: most significant byte first.
-fn read_floats(
-    input: &mut Input,
+/// Rows of fixed size.
+struct Rows {
     count: u64,
     stride: u64,
+    /// Of x, y, z in a row.
     offsets: [usize; 3],
+    /// Most significant byte first.
     big: bool,
-    sink: &mut dyn Sink,
-) -> Result<Vec<[f32; 3]>> {
+}
+
+/// The usual case: floats at fixed places, many rows at a time.
+fn read_floats(input: &mut Input, rows: Rows, options: &ReadOptions, sink: &mut dyn Sink) -> Result<Vertices> {
+    let Rows { count, stride, offsets, big } = rows;
     if count.checked_mul(stride).is_none_or(|bytes| bytes > input.remaining()) {
         return Err(truncated(input));
     }
-    let mut positions = Vec::with_capacity(count as usize);
+    let mut positions = Vertices::new(true, count as usize, options);
     let stride = stride as usize;
     while (positions.len() as u64) < count {
         super::tick(input, sink)?;
+        positions.settle()?;
         if !input.ensure(stride)? {
             return Err(truncated(input));
         }
@@ -187,8 +194,13 @@ fn read_floats(
             let four = row[at..].first_chunk().copied().unwrap_or_default();
             if big { f32::from_be_bytes(four) } else { f32::from_le_bytes(four) }
         };
-        positions.extend(bytes.chunks_exact(stride).map(|row| offsets.map(|at| axis(row, at))));
+        let points = bytes.chunks_exact(stride).map(|row| offsets.map(|at| axis(row, at)));
+        match positions.held() {
+            Held::Single(v) => v.extend(points),
+            Held::Double(v) => v.extend(points.map(|p| p.map(f64::from))),
+        }
         input.consume(rows * stride);
     }
+    positions.complete()?;
     Ok(positions)
 }
