@@ -182,6 +182,9 @@ typedef void (*oc_log_fn)(void *user, oc_log_level level, const char *message);
 /** Vector instructions. */
 typedef uint32_t oc_instruction_set;
 
+/** Flags of oc_context_desc. */
+typedef uint32_t oc_context_flags;
+
 /** What a context is made with. All zeros: no threads, three quarters of the machine's memory. */
 typedef struct oc_context_desc {
     /** Set by OC_INIT. */
@@ -192,9 +195,12 @@ typedef struct oc_context_desc {
      */
     uint32_t threads;
     /**
-     * Bytes that models may hold in memory, with tables and what reading takes; never exceeded. 0: three quarters of the
-     * machine's. A model may be larger: what is used is read, and what has not been used for longest goes. Buffers of
-     * frames and batches come on top.
+     * Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three
+     * quarters of the machine's; more than the machine has is refused. A model may be larger, many times: its coarse
+     * blocks are read when it is opened, what is used is read then, and what has not been used for longest goes. What has
+     * to stay is small: tables, the blocks at the roots, and a few megabytes to read with; if not even those fit, opening fails
+     * with OC_STATUS_OVER_BUDGET and oc_last_error_need names the least budget that would do. Where what frames show does
+     * not fit they get coarser, evenly; exact queries take longer. Buffers of frames and batches come on top.
      */
     uint64_t memory_budget;
     /** The host's own threads, or NULL. The struct is copied; its `user` must outlive the context. */
@@ -205,8 +211,8 @@ typedef struct oc_context_desc {
     void *log_user;
     /** An OC_INSTRUCTION_SET_ number. 0: the best that the machine has. All give the same answers. */
     oc_instruction_set instruction_set;
-    /** Must be 0. */
-    uint32_t reserved;
+    /** OC_CONTEXT_ flags, joined with `|`. */
+    oc_context_flags flags;
 } oc_context_desc;
 
 /** What can be asked of a context. */
@@ -516,7 +522,13 @@ typedef struct oc_ray {
     double t_max;
     /** Where it goes; need not be unit. Zero, or not finite: the ray misses. */
     float direction[3];
-    /** Its footprint: the width at distance t is cone_a + cone_b * t, in world units. 0 and 0: exact. */
+    /**
+     * Its footprint: its width at t is cone_a + cone_b * t, in world units (with t as in oc_hit, in units of the direction's
+     * length). A stand-in is accepted where the area of its box's projection along the ray is at most the square of the
+     * width there. So for p pixels of error: the width of a pixel, times the square root of p. Of a camera with a field of
+     * view a pixel is 2 tan(fov_y / 2) / height wide at distance 1: that is cone_b, cone_a is 0; of an orthographic one it is
+     * cone_a, and cone_b is 0. 0 and 0: exact. Below 0, or not a number: counts as 0; infinite: as coarse as there is.
+     */
     float cone_a;
     /** See `cone_a`. */
     float cone_b;
@@ -642,7 +654,7 @@ typedef struct oc_frame_settings {
     uint32_t struct_size;
     /** Rays for a pixel's colour, up to 1024; the other buffers take the pixel's middle. 0: 1. */
     uint32_t samples;
-    /** Pixels of error: the area, in pixels, that a stand-in may cover. 0: exact. */
+    /** Pixels of error: the area, in pixels, that a stand-in may cover; finite, not below 0. 0: exact. */
     float poe;
     /** Light from everywhere, so that nothing is black. 0: 0.15; below 0: none. */
     float ambient;
@@ -652,7 +664,7 @@ typedef struct oc_frame_settings {
 typedef struct oc_frame_accuracy {
     /** Set by OC_INIT. */
     uint32_t struct_size;
-    /** The pixels of error in force. */
+    /** The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. */
     float effective_poe;
     /** Counts the requests of this frame, from 1; 0: none yet. */
     uint64_t request;
@@ -664,18 +676,25 @@ typedef struct oc_frame_accuracy {
     uint64_t pixels_missing;
     /** Pixels of the picture. */
     uint64_t pixels_total;
-    /** Bytes in memory of what the scene shows. */
+    /** Bytes in memory of the models that the scene shows. */
     uint64_t bytes_resident;
-    /** Bytes wanted that are not in memory. */
+    /**
+     * Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what did not
+     * fit, or could not be read.
+     */
     uint64_t bytes_wanted;
     /** Seconds since the request, until it ended. */
     double seconds;
-    /** Estimated seconds to go; infinity if unknown. */
+    /** Estimated seconds to go; 0 when nothing runs, infinity if unknown. */
     double seconds_to_go;
     /** Largest error in pixels. */
     float worst_error;
-    /** Mean error in pixels. */
+    /** Mean error in pixels, over pixels that show something. */
     float mean_error;
+    /** Whole pictures that the request has made so far, each more exact than the last. From 1 on there is one to map. */
+    uint32_t pictures;
+    /** An OC_STATE_ number, as oc_frame_poll tells it. */
+    oc_state state;
 } oc_frame_accuracy;
 
 /** The element of a buffer. */
@@ -759,6 +778,12 @@ typedef struct oc_pixels {
 /** Failed. Of what it would have written nothing is to be used. */
 #define OC_STATE_FAILED 4
 
+/**
+ * Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose picture
+ * is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches. No error.
+ */
+#define OC_STATE_COMPLETE_WITHIN_BUDGET 5
+
 /** Nothing begun, or neither build nor load. */
 #define OC_PHASE_WAITING 0
 
@@ -801,6 +826,12 @@ typedef struct oc_pixels {
 /** AVX-512. */
 #define OC_INSTRUCTION_SET_AVX512 3
 
+/**
+ * Nothing is read before it is asked for. Without it a model that fits the memory budget is read in the background, all of
+ * it, when nothing more urgent is to be read.
+ */
+#define OC_CONTEXT_NO_READ_AHEAD 1
+
 /** The library's version, as OC_HEADER_VERSION is made. */
 #define OC_PROPERTY_VERSION 1
 
@@ -821,6 +852,9 @@ typedef struct oc_pixels {
 
 /** The newest format of models that can be opened: major * 65536 + minor. */
 #define OC_PROPERTY_FORMAT 7
+
+/** Bytes in use of the memory budget now. */
+#define OC_PROPERTY_MEMORY_USED 8
 
 /** Rays leave the eye. */
 #define OC_CAMERA_PERSPECTIVE 0
@@ -894,10 +928,17 @@ typedef struct oc_pixels {
 /** An original triangle. */
 #define OC_HIT_EXACT 1
 
-/** A stand-in, as fine as asked for. */
+/**
+ * A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray would
+ * meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of which most is
+ * seen; `uv` and `prim` are those of a miss.
+ */
 #define OC_HIT_LOD 2
 
-/** Data that is not in memory was needed. */
+/**
+ * A stand-in, coarser than asked for: what is below it is not in memory (frames and OC_QUERY_NOW only). Otherwise as
+ * OC_HIT_LOD. If the ray begins inside of the cell, `t` is where it leaves it, and `t_free` is t_min: nothing of it is known to be free.
+ */
 #define OC_HIT_MISSING 3
 
 /** Only `t` and `kind`, which are always filled. */
@@ -933,7 +974,11 @@ typedef struct oc_pixels {
  */
 #define OC_QUERY_COHERENT 1
 
-/** Answer at once: data that is not in memory makes OC_HIT_MISSING. Without it, it is read. */
+/**
+ * Answer at once, from what is in memory: stand-ins are hit in place of what is not, as OC_HIT_MISSING. Nothing is read, nor
+ * asked for (oc_scene_prefetch_box does that). Without it, what is needed is read, and answers do not depend on what was in
+ * memory.
+ */
 #define OC_QUERY_NOW 2
 
 /** Some of it is inside or touches. */
@@ -1092,7 +1137,8 @@ OC_API void oc_job_release(struct oc_job *job);
  * Makes a context. `header_version` is OC_HEADER_VERSION, so that a program and a library that do not
  * belong together say so instead of crashing. `desc` may be NULL: all defaults.
  *
- * OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set;
+ * OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set, or has less
+ * memory than the budget;
  * OC_STATUS_IO if a thread cannot be started.
  * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
  */
@@ -1535,6 +1581,13 @@ oc_status oc_frame_create(const struct oc_context *context,
  * Begins a picture of the committed scene, and returns at once. What the frame was rendering is
  * cancelled and replaced. `settings` may be NULL: all defaults.
  *
+ * The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
+ * soon as it is there, long before the request ends; each later picture is more exact. The request ends as OC_STATE_DONE
+ * when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the memory budget, or
+ * some of it cannot be read.
+ *
+ * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,
+ * or a camera out of its ranges; then what the frame was rendering goes on.
  * Thread safety: any thread. Cheap.
  */
 OC_API
@@ -1581,15 +1634,19 @@ oc_status oc_frame_resize(struct oc_frame *frame,
                           uint32_t height);
 
 /**
- * Has `wake` called whenever a request ends; NULL: nobody is called.
+ * Has `wake` called whenever a better picture can be mapped, and when a request ends; NULL: nobody is called.
  *
  * `user` must stay usable until `wake` was replaced or the frame released.
  * Thread safety: any thread. Cheap.
  */
-OC_API oc_status oc_frame_set_wake(struct oc_frame *frame, oc_wake_fn wake, void *user);
+OC_API
+oc_status oc_frame_set_wake(struct oc_frame *frame,
+                            oc_wake_fn wake,
+                            void *user);
 
 /**
- * How true the picture of the last request is.
+ * How true the picture of the last request is: as far as its last pass over the picture has come. Of each pixel a stand-in's
+ * error is how far from what is shown the surface may lie, in pixels.
  *
  * Thread safety: any thread. Cheap.
  */

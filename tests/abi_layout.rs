@@ -38,7 +38,7 @@ fn layouts() -> Vec<Layout> {
     layouts! {
         oc_progress { struct_size, state, fraction, done, total, bytes, need, error, phase }
         oc_executor { struct_size, concurrency, user, submit }
-        oc_context_desc { struct_size, threads, memory_budget, executor, log, log_user, instruction_set, reserved }
+        oc_context_desc { struct_size, threads, memory_budget, executor, log, log_user, instruction_set, flags }
         oc_camera { struct_size, kind, eye, at, up, fov_y, height }
         oc_build_desc { struct_size, structure, memory_budget, temp_dir, metres_per_unit, up, splits, threads, reserved }
         oc_material { struct_size, colour, opacity, metalness, roughness, reserved }
@@ -73,7 +73,7 @@ fn layouts() -> Vec<Layout> {
         oc_frame_settings { struct_size, samples, poe, ambient }
         oc_frame_accuracy {
             struct_size, effective_poe, request, pixels_exact, pixels_lod, pixels_missing, pixels_total,
-            bytes_resident, bytes_wanted, seconds, seconds_to_go, worst_error, mean_error,
+            bytes_resident, bytes_wanted, seconds, seconds_to_go, worst_error, mean_error, pictures, state,
         }
         oc_pixels { struct_size, format, width, height, data, row_pitch, size, mapping }
     }

@@ -42,7 +42,7 @@ class ContextDesc(_Sized):
     _fields_ = [
         ("struct_size", c.c_uint32), ("threads", c.c_uint32), ("memory_budget", c.c_uint64),
         ("executor", c.c_void_p), ("log", c.c_void_p), ("log_user", c.c_void_p),
-        ("instruction_set", c.c_uint32), ("reserved", c.c_uint32),
+        ("instruction_set", c.c_uint32), ("flags", c.c_uint32),
     ]
 
 

@@ -1,7 +1,7 @@
 //! The context: threads, log and memory budget that all else hangs on.
 
 use super::background::{Product, Task, WaitersWork};
-use super::guard::{Failure, Sized32, boundary, out, read, read_or_default, reserved};
+use super::guard::{Failure, Sized32, boundary, out, read, read_or_default};
 use super::handles::{self, Shell, handle};
 use super::job::{oc_job, give_job};
 use super::status::oc_status;
@@ -77,6 +77,12 @@ pub const OC_INSTRUCTION_SET_AVX2: oc_instruction_set = 2;
 /// AVX-512.
 pub const OC_INSTRUCTION_SET_AVX512: oc_instruction_set = 3;
 
+/// Flags of oc_context_desc.
+pub type oc_context_flags = u32;
+/// Nothing is read before it is asked for. Without it a model that fits the memory budget is read in the background, all of
+/// it, when nothing more urgent is to be read.
+pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
+
 /// What a context is made with. All zeros: no threads, three quarters of the machine's memory.
 #[repr(C)]
 #[derive(Clone, Copy)]
@@ -86,9 +92,12 @@ pub struct oc_context_desc {
     /// Threads that trace. 0: none; then the caller drives, by oc_context_step or by waiting.
     /// OC_ALL_THREADS: one for each core. Ignored with an executor.
     pub threads: u32,
-    /// Bytes that models may hold in memory, with tables and what reading takes; never exceeded. 0: three quarters of the
-    /// machine's. A model may be larger: what is used is read, and what has not been used for longest goes. Buffers of
-    /// frames and batches come on top.
+    /// Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three
+    /// quarters of the machine's; more than the machine has is refused. A model may be larger, many times: its coarse
+    /// blocks are read when it is opened, what is used is read then, and what has not been used for longest goes. What has
+    /// to stay is small: tables, the blocks at the roots, and a few megabytes to read with; if not even those fit, opening fails
+    /// with OC_STATUS_OVER_BUDGET and oc_last_error_need names the least budget that would do. Where what frames show does
+    /// not fit they get coarser, evenly; exact queries take longer. Buffers of frames and batches come on top.
     pub memory_budget: u64,
     /// The host's own threads, or NULL. The struct is copied; its `user` must outlive the context.
     pub executor: *const oc_executor,
@@ -98,8 +107,8 @@ pub struct oc_context_desc {
     pub log_user: *mut c_void,
     /// An OC_INSTRUCTION_SET_ number. 0: the best that the machine has. All give the same answers.
     pub instruction_set: oc_instruction_set,
-    /// Must be 0.
-    pub reserved: u32,
+    /// OC_CONTEXT_ flags, joined with `|`.
+    pub flags: oc_context_flags,
 }
 
 // SAFETY: `repr(C)`, words, pointers and a nullable function; `struct_size` first.
@@ -267,7 +276,8 @@ unsafe fn host_executor(executor: *const oc_executor) -> super::guard::Checked<O
 /// Makes a context. `header_version` is OC_HEADER_VERSION, so that a program and a library that do not
 /// belong together say so instead of crashing. `desc` may be NULL: all defaults.
 ///
-/// OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set;
+/// OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set, or has less
+/// memory than the budget;
 /// OC_STATUS_IO if a thread cannot be started.
 /// Ownership: the caller owns a count. Thread safety: any thread. Cheap.
 /// # Safety
@@ -283,7 +293,9 @@ pub unsafe extern "C" fn oc_context_create(
         let out = out(out_context, "out_context")?;
         check_version(header_version)?;
         let desc = read_or_default(desc)?;
-        reserved(desc.reserved, "oc_context_desc.reserved")?;
+        if desc.flags & !OC_CONTEXT_NO_READ_AHEAD != 0 {
+            return super::guard::bad(format!("oc_context_desc.flags {:#x}: some are unknown", desc.flags));
+        }
         let isa = instruction_set(desc.instruction_set)?;
         let host = host_executor(desc.executor)?;
         let log = desc.log.map(|log| {
@@ -295,6 +307,7 @@ pub unsafe extern "C" fn oc_context_create(
             threads: if desc.threads == OC_ALL_THREADS { all.threads } else { desc.threads as usize },
             executor: host.clone().map(|h| h as Arc<dyn Executor>),
             memory_budget: desc.memory_budget,
+            read_ahead: desc.flags & OC_CONTEXT_NO_READ_AHEAD == 0,
             log,
             isa,
             ..all
@@ -368,6 +381,8 @@ pub const OC_PROPERTY_INSTRUCTION_SET: oc_property = 5;
 pub const OC_PROPERTY_MAX_FRAME_SIZE: oc_property = 6;
 /// The newest format of models that can be opened: major * 65536 + minor.
 pub const OC_PROPERTY_FORMAT: oc_property = 7;
+/// Bytes in use of the memory budget now.
+pub const OC_PROPERTY_MEMORY_USED: oc_property = 8;
 
 /// Asks for a property. OC_STATUS_INVALID_ARGUMENT for one that this library does not know.
 ///
@@ -389,6 +404,7 @@ pub unsafe extern "C" fn oc_context_property(
                 OC_PROPERTY_THREADS => context.context.threads() as u64,
                 OC_PROPERTY_CONCURRENCY => context.context.concurrency() as u64,
                 OC_PROPERTY_MEMORY_BUDGET => context.context.memory_budget(),
+                OC_PROPERTY_MEMORY_USED => context.context.memory_used(),
                 OC_PROPERTY_INSTRUCTION_SET => u64::from(context.context.isa() as u32),
                 OC_PROPERTY_MAX_FRAME_SIZE => 65536,
                 OC_PROPERTY_FORMAT => u64::from(VERSION.0) << 16 | u64::from(VERSION.1),

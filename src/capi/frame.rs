@@ -111,7 +111,7 @@ pub struct oc_frame_settings {
     pub struct_size: u32,
     /// Rays for a pixel's colour, up to 1024; the other buffers take the pixel's middle. 0: 1.
     pub samples: u32,
-    /// Pixels of error: the area, in pixels, that a stand-in may cover. 0: exact.
+    /// Pixels of error: the area, in pixels, that a stand-in may cover; finite, not below 0. 0: exact.
     pub poe: f32,
     /// Light from everywhere, so that nothing is black. 0: 0.15; below 0: none.
     pub ambient: f32,
@@ -140,6 +140,13 @@ impl oc_frame_settings {
 /// Begins a picture of the committed scene, and returns at once. What the frame was rendering is
 /// cancelled and replaced. `settings` may be NULL: all defaults.
 ///
+/// The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
+/// soon as it is there, long before the request ends; each later picture is more exact. The request ends as OC_STATE_DONE
+/// when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the memory budget, or
+/// some of it cannot be read.
+///
+/// OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,
+/// or a camera out of its ranges; then what the frame was rendering goes on.
 /// Thread safety: any thread. Cheap.
 /// # Safety
 /// Live handles; `camera` initialised; `settings` initialised or NULL.
@@ -161,11 +168,16 @@ pub unsafe extern "C" fn oc_frame_request(
     })
 }
 
+fn state_of(status: &FrameStatus) -> oc_state {
+    snapshot(status).state
+}
+
 fn snapshot(status: &FrameStatus) -> Snapshot {
     let base = match (status.state, &status.error) {
         (FrameState::Idle, _) => Snapshot { state: OC_STATE_IDLE, ..Snapshot::running() },
         (FrameState::Running, _) => Snapshot::running(),
-        (FrameState::Converged | FrameState::CompleteWithinBudget, _) => Snapshot::done(),
+        (FrameState::Converged, _) => Snapshot::done(),
+        (FrameState::CompleteWithinBudget, _) => Snapshot::within_budget(),
         (FrameState::Failed, Some(error)) => Snapshot::ended_with(error),
         (FrameState::Cancelled | FrameState::Failed, _) => Snapshot::cancelled(),
     };
@@ -259,7 +271,7 @@ pub unsafe extern "C" fn oc_frame_resize(frame: *mut oc_frame, width: u32, heigh
     })
 }
 
-/// Has `wake` called whenever a request ends; NULL: nobody is called.
+/// Has `wake` called whenever a better picture can be mapped, and when a request ends; NULL: nobody is called.
 ///
 /// `user` must stay usable until `wake` was replaced or the frame released.
 /// Thread safety: any thread. Cheap.
@@ -289,7 +301,7 @@ pub unsafe extern "C" fn oc_frame_set_wake(frame: *mut oc_frame, wake: oc_wake_f
 pub struct oc_frame_accuracy {
     /// Set by OC_INIT.
     pub struct_size: u32,
-    /// The pixels of error in force.
+    /// The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget.
     pub effective_poe: f32,
     /// Counts the requests of this frame, from 1; 0: none yet.
     pub request: u64,
@@ -301,26 +313,34 @@ pub struct oc_frame_accuracy {
     pub pixels_missing: u64,
     /// Pixels of the picture.
     pub pixels_total: u64,
-    /// Bytes in memory of what the scene shows.
+    /// Bytes in memory of the models that the scene shows.
     pub bytes_resident: u64,
-    /// Bytes wanted that are not in memory.
+    /// Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what did not
+    /// fit, or could not be read.
     pub bytes_wanted: u64,
     /// Seconds since the request, until it ended.
     pub seconds: f64,
-    /// Estimated seconds to go; infinity if unknown.
+    /// Estimated seconds to go; 0 when nothing runs, infinity if unknown.
     pub seconds_to_go: f64,
     /// Largest error in pixels.
     pub worst_error: f32,
-    /// Mean error in pixels.
+    /// Mean error in pixels, over pixels that show something.
     pub mean_error: f32,
+    /// Whole pictures that the request has made so far, each more exact than the last. From 1 on there is one to map.
+    pub pictures: u32,
+    /// An OC_STATE_ number, as oc_frame_poll tells it.
+    pub state: oc_state,
 }
 
 // SAFETY: `repr(C)`, numbers without padding, `struct_size` first.
 unsafe impl Sized32 for oc_frame_accuracy {
     const NAME: &'static str = "oc_frame_accuracy";
+    // `pictures` and `state` came later.
+    const FIRST_SIZE: usize = std::mem::offset_of!(oc_frame_accuracy, pictures);
 }
 
-/// How true the picture of the last request is.
+/// How true the picture of the last request is: as far as its last pass over the picture has come. Of each pixel a stand-in's
+/// error is how far from what is shown the surface may lie, in pixels.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
@@ -349,6 +369,8 @@ pub unsafe extern "C" fn oc_frame_get_accuracy(
                 seconds_to_go: status.seconds_to_go,
                 worst_error: status.worst_error_px,
                 mean_error: status.mean_error_px,
+                pictures: status.pictures,
+                state: state_of(&status),
             });
             Ok(())
         })

@@ -22,6 +22,9 @@ pub const OC_STATE_DONE: oc_state = 2;
 pub const OC_STATE_CANCELLED: oc_state = 3;
 /// Failed. Of what it would have written nothing is to be used.
 pub const OC_STATE_FAILED: oc_state = 4;
+/// Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose picture
+/// is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches. No error.
+pub const OC_STATE_COMPLETE_WITHIN_BUDGET: oc_state = 5;
 
 /// What a build or load is doing.
 pub type oc_phase = u32;
@@ -123,6 +126,10 @@ impl Snapshot {
 
     pub(crate) fn done() -> Self {
         Self { state: OC_STATE_DONE, ..Self::running() }
+    }
+
+    pub(crate) fn within_budget() -> Self {
+        Self { state: OC_STATE_COMPLETE_WITHIN_BUDGET, ..Self::running() }
     }
 
     pub(crate) fn cancelled() -> Self {

@@ -23,7 +23,11 @@ pub struct oc_ray {
     pub t_max: f64,
     /// Where it goes; need not be unit. Zero, or not finite: the ray misses.
     pub direction: [f32; 3],
-    /// Its footprint: the width at distance t is cone_a + cone_b * t, in world units. 0 and 0: exact.
+    /// Its footprint: its width at t is cone_a + cone_b * t, in world units (with t as in oc_hit, in units of the direction's
+    /// length). A stand-in is accepted where the area of its box's projection along the ray is at most the square of the
+    /// width there. So for p pixels of error: the width of a pixel, times the square root of p. Of a camera with a field of
+    /// view a pixel is 2 tan(fov_y / 2) / height wide at distance 1: that is cone_b, cone_a is 0; of an orthographic one it is
+    /// cone_a, and cone_b is 0. 0 and 0: exact. Below 0, or not a number: counts as 0; infinite: as coarse as there is.
     pub cone_a: f32,
     /// See `cone_a`.
     pub cone_b: f32,
@@ -37,9 +41,12 @@ pub type oc_hit_kind = u32;
 pub const OC_HIT_MISS: oc_hit_kind = 0;
 /// An original triangle.
 pub const OC_HIT_EXACT: oc_hit_kind = 1;
-/// A stand-in, as fine as asked for.
+/// A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray would
+/// meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of which most is
+/// seen; `uv` and `prim` are those of a miss.
 pub const OC_HIT_LOD: oc_hit_kind = 2;
-/// Data that is not in memory was needed.
+/// A stand-in, coarser than asked for: what is below it is not in memory (frames and OC_QUERY_NOW only). Otherwise as
+/// OC_HIT_LOD. If the ray begins inside of the cell, `t` is where it leaves it, and `t_free` is t_min: nothing of it is known to be free.
 pub const OC_HIT_MISSING: oc_hit_kind = 3;
 
 /// The id where there is none: of a miss, or not asked for.
@@ -100,7 +107,9 @@ pub type oc_query_flags = u32;
 /// Each 32 rays in a row are near each other and go the same way: they are traced together, faster. The answers are
 /// the same. In a scene of one instance, rays of neighbouring pixels are recognised without it.
 pub const OC_QUERY_COHERENT: oc_query_flags = 1;
-/// Answer at once: data that is not in memory makes OC_HIT_MISSING. Without it, it is read.
+/// Answer at once, from what is in memory: stand-ins are hit in place of what is not, as OC_HIT_MISSING. Nothing is read, nor
+/// asked for (oc_scene_prefetch_box does that). Without it, what is needed is read, and answers do not depend on what was in
+/// memory.
 pub const OC_QUERY_NOW: oc_query_flags = 2;
 
 /// A batch of rays.

@@ -2,8 +2,9 @@
 
 use glam::{DVec3, Vec3};
 
-/// A ray's footprint: width `a + b * t` at distance parameter `t`, in scene units.
-/// `ZERO` asks for exact answers.
+/// A ray's footprint: width `a + b * t` at distance parameter `t`, in scene units. A stand-in is accepted where the area
+/// of its cell's projection is at most the square of the width: for p pixels of error take the pixel's width times the
+/// square root of p. `ZERO` asks for exact answers.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(C)]
 pub struct Cone {
@@ -16,6 +17,12 @@ pub struct Cone {
 impl Cone {
     /// No footprint: only original triangles may answer.
     pub const ZERO: Self = Self { a: 0.0, b: 0.0 };
+
+    /// With 0 for what is below 0 or not a number: so queries take cones.
+    #[inline]
+    pub fn or_zero(self) -> Self {
+        Self { a: self.a.max(0.0), b: self.b.max(0.0) }
+    }
 }
 
 /// A ray in double-precision origin and single-precision direction.

@@ -70,6 +70,7 @@ impl Chunk {
             let group = gathered..gathered + PACKET.min(count - from);
             self.firsts[gathered / PACKET] = first + from;
             rays.read(first + from, &mut self.rays[group.clone()]);
+            self.rays[group.clone()].iter_mut().for_each(|ray| ray.cone = ray.cone.or_zero());
             self.unfinished.clear();
             let is_alike = may_be_alike(&self.rays[group.clone()]);
             match if is_alike { self.trace_packet(view, task, group.clone()) } else { None } {

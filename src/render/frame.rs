@@ -12,6 +12,7 @@ use crate::query::{Hit, Policy, QueryOptions, Want};
 use crate::residency::View;
 use crate::scene::camera::PixelRays;
 use crate::scene::{Camera, Context, SceneState};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
@@ -283,8 +284,8 @@ impl Frame {
         Mapped::of(picture, buffer).ok_or_else(missing)
     }
 
-    /// Calls `wake` when a request ends (converged, cancelled or failed), from any thread, never under a
-    /// lock of ours. It must not block; it may call the frame's cheap methods. `None`: nobody is called.
+    /// Calls `wake` when a better picture can be mapped, and when a request ends (well, cancelled or failed), from any
+    /// thread, never under a lock of ours. It must not block; it may call the frame's cheap methods. `None`: nobody is called.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
         self.shared.inner().wake = wake;
     }
@@ -364,7 +365,7 @@ impl Owner for Shared {
         };
         self.changed.notify_all();
         if let Some(wake) = wake {
-            wake();
+            call(&wake);
         }
     }
 
@@ -394,11 +395,16 @@ impl Owner for Shared {
         };
         self.changed.notify_all();
         if let Some(wake) = wake {
-            wake();
+            call(&wake);
             self.inner().waking = false;
             self.changed.notify_all();
         }
     }
+}
+
+/// A panic in it is the caller's alone: the request goes on.
+fn call(wake: &Wake) {
+    let _ = catch_unwind(AssertUnwindSafe(|| wake()));
 }
 
 fn status_of(request: &Request, ending: Option<(End, Instant)>) -> FrameStatus {

@@ -35,7 +35,7 @@ pub struct ContextOptions {
     /// The host's own threads: with it no thread of ours ever exists.
     pub executor: Option<Arc<dyn Executor>>,
     /// Bytes that models may hold in memory, tables and working memory of reading included; 0: three quarters of the
-    /// machine's. Never exceeded. A model larger than that opens: what is used is read, and what has not been used for
+    /// machine's; more than that has is refused. Never exceeded. A model larger than that opens: what is used is read, and what has not been used for
     /// longest goes. Buffers of frames and of batches come on top.
     pub memory_budget: u64,
     /// Whether models that fit the budget are read in the background before all of them was asked for. Default: yes.
@@ -73,17 +73,15 @@ struct Inner {
 
 impl Context {
     /// A new context. Fails with [`Error::Io`] if threads cannot be started, with
-    /// [`Error::BadArgument`] if the machine lacks the instruction set.
+    /// [`Error::BadArgument`] if the machine lacks the instruction set, or has less memory than the budget. (Too small a budget is
+    /// found when a model is opened: the least depends on it.)
     pub fn new(options: ContextOptions) -> Result<Self> {
         let isa = options.isa.unwrap_or_else(Isa::best);
         if !isa.is_available() {
             return Err(Error::bad_argument(format!("this machine does not have {}", isa.name())));
         }
+        let budget = budget_of(options.memory_budget, machine_memory())?;
         let pool = Pool::new(options.threads, options.executor, without_denormals)?;
-        let budget = match options.memory_budget {
-            0 => machine_memory() / 4 * 3,
-            bytes => bytes,
-        };
         let residency = Residency::new(ResidencyOptions { budget, promote: options.read_ahead });
         let fetchers = (pool.threads() > 0).then(|| residency.start(FETCHERS)).transpose()?;
         let has_fetchers = fetchers.is_some();
@@ -223,11 +221,44 @@ fn without_denormals(work: &mut dyn FnMut()) {
     work();
 }
 
-/// Bytes of memory of the machine; 8 GB where it does not say.
-fn machine_memory() -> u64 {
+/// The budget, where `asked` is asked for and the machine has `there` bytes, if it says. A budget that it cannot hold is
+/// refused, not cut: who relies on its size should know.
+fn budget_of(asked: u64, there: Option<u64>) -> Result<u64> {
+    match (asked, there) {
+        (0, there) => Ok(there.unwrap_or(UNKNOWN_MEMORY) / 4 * 3),
+        (asked, Some(there)) if asked > there => {
+            let what = format!("a memory budget of {asked} bytes is more than the {there} that the machine has");
+            Err(Error::BadArgument(what))
+        }
+        (asked, _) => Ok(asked),
+    }
+}
+
+/// Bytes of memory, where the machine does not say.
+const UNKNOWN_MEMORY: u64 = 8 << 30;
+
+/// Bytes of memory of the machine, if it says.
+fn machine_memory() -> Option<u64> {
     let total = |text: String| {
         let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:").map(str::to_owned))?;
         line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok().map(|kb| kb << 10)
     };
-    std::fs::read_to_string("/proc/meminfo").ok().and_then(total).unwrap_or(8 << 30)
+    std::fs::read_to_string("/proc/meminfo").ok().and_then(total)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_budget_is_what_was_asked_or_refused() {
+        let gb = 1u64 << 30;
+        assert_eq!(budget_of(0, Some(16 * gb)).ok(), Some(12 * gb));
+        assert_eq!(budget_of(0, None).ok(), Some(6 * gb));
+        for (asked, there) in [(1, Some(gb)), (gb, Some(gb)), (u64::MAX, None)] {
+            assert_eq!(budget_of(asked, there).ok(), Some(asked));
+        }
+        let refused = budget_of(gb + 1, Some(gb)).map_err(|e| e.to_string());
+        assert!(refused.is_err_and(|why| why.contains("1073741825") && why.contains("1073741824")));
+    }
 }

@@ -4,6 +4,7 @@
 #include "check.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 /* Struct sizes that no header ever had; the memory behind them is as small as the struct, so that a read or write
@@ -97,10 +98,13 @@ static oc_context *contexts(void) {
     OC_INIT(&desc);
     desc.instruction_set = 4;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
-    desc.instruction_set = 0, desc.reserved = 1;
+    desc.instruction_set = 0, desc.flags = 2;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
+    desc.flags = OC_CONTEXT_NO_READ_AHEAD, desc.memory_budget = UINT64_MAX; /* more than there is */
+    INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
+    CHECK(strstr(oc_last_error(), "18446744073709551615"));
     CHECK(c == NULL);
-    desc.reserved = 0, desc.instruction_set = OC_INSTRUCTION_SET_BASELINE;
+    desc.memory_budget = 0, desc.instruction_set = OC_INSTRUCTION_SET_BASELINE;
     uint64_t set = 77;
     OK(oc_context_create(OC_HEADER_VERSION, &desc, &c));
     OK(oc_context_property(c, OC_PROPERTY_INSTRUCTION_SET, &set));
@@ -461,6 +465,79 @@ static void models(oc_context *c) {
     oc_model_release(m);
 }
 
+/* A budget that is too small says what would do, and that does. */
+static void budgets(void) {
+    oc_context *c;
+    oc_context_desc desc;
+    oc_model *m = NULL;
+    oc_job *job;
+    oc_progress progress;
+    uint64_t used = 0;
+    OC_INIT(&desc);
+    OC_INIT(&progress);
+    desc.memory_budget = 1;
+    OK(oc_context_create(OC_HEADER_VERSION, &desc, &c));
+    EXPECT(OC_STATUS_OVER_BUDGET, oc_model_open(c, file("m.oc"), &m));
+    const uint64_t need = oc_last_error_need();
+    char text[32];
+    snprintf(text, sizeof text, "%llu", (unsigned long long)need);
+    CHECK(m == NULL && need > 1 && strstr(oc_last_error(), text));
+    OK(oc_model_load(c, file("m.oc"), NULL, &job));
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_FAILED && progress.error == OC_STATUS_OVER_BUDGET && progress.need == need);
+    oc_job_release(job);
+    oc_context_release(c);
+
+    desc.memory_budget = need - 1;
+    OK(oc_context_create(OC_HEADER_VERSION, &desc, &c));
+    EXPECT(OC_STATUS_OVER_BUDGET, oc_model_open(c, file("m.oc"), &m));
+    oc_context_release(c);
+    desc.memory_budget = need;
+    OK(oc_context_create(OC_HEADER_VERSION, &desc, &c));
+    OK(oc_model_open(c, file("m.oc"), &m));
+    OK(oc_context_property(c, OC_PROPERTY_MEMORY_USED, &used));
+    CHECK(used > 0 && used <= need);
+    oc_model_release(m);
+    oc_context_release(c);
+}
+
+/* A model in memory, and how much of it its owner admits. */
+typedef struct {
+    unsigned char bytes[1 << 16];
+    size_t size;
+} bytes_of_model;
+
+static uint32_t read_bytes(void *user, uint64_t offset, void *buffer, uint64_t bytes) {
+    const bytes_of_model *model = (const bytes_of_model *)user;
+    if (offset > model->size || bytes > model->size - offset) return 1;
+    memcpy(buffer, model->bytes + offset, (size_t)bytes);
+    return 0;
+}
+
+/* Sources that are shorter or longer than they say. */
+static void lying_sources(oc_context *c) {
+    static bytes_of_model model;
+    oc_model *m = NULL;
+    oc_io io;
+    OC_INIT(&io);
+    FILE *f = fopen(file("m.oc"), "rb");
+    CHECK(f);
+    model.size = fread(model.bytes, 1, sizeof model.bytes, f);
+    CHECK(!fclose(f) && model.size > 1000 && model.size < sizeof model.bytes);
+    io.read_at = read_bytes, io.user = &model, io.name = "a liar";
+    const uint64_t sizes[] = {0, 1, 63, model.size / 2, model.size - 1, model.size + 1, model.size + 4096, 2 * model.size,
+                              UINT64_MAX};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        io.size = sizes[i];
+        const oc_status status = oc_model_open_io(c, &io, &m);
+        CHECK(status == OC_STATUS_CORRUPT || status == OC_STATUS_IO);
+        CHECK(m == NULL && strstr(oc_last_error(), "a liar"));
+    }
+    io.size = model.size;
+    OK(oc_model_open_io(c, &io, &m));
+    oc_model_release(m);
+}
+
 static oc_scene *scenes(oc_context *c) {
     oc_scene *s0 = NULL;
     oc_model *m;
@@ -596,6 +673,14 @@ static void queries(oc_scene *s0) {
     CHECK(hit->kind == OC_HIT_EXACT && hit->part == 7 && hit->instance == 1 && hit->prim == 0);
     OK(oc_scene_any(s0, &q, &any, 0));
     CHECK(any == 1);
+    /* Footprints that are none count as 0. */
+    const float widths[4][2] = {{NAN, NAN}, {-1e9f, 0}, {0, -1e9f}, {-INFINITY, NAN}};
+    for (int i = 0; i < 4; i++) {
+        ray.cone_a = widths[i][0], ray.cone_b = widths[i][1];
+        OK(oc_scene_closest(s0, &q, hit, 0));
+        CHECK(hit->kind == OC_HIT_EXACT && hit->part == 7 && hit->prim == 0);
+    }
+    ray.cone_a = ray.cone_b = 0;
     OK(oc_scene_any_start(s0, &q, &any, 0, &job));
     oc_job_release(job); /* waits until nobody touches `any` */
     int woken = 0;
@@ -727,8 +812,13 @@ static void frames(oc_context *c, oc_scene *s0) {
     camera.eye[2] = 5;
     settings.samples = 0xffffffff;
     INVALID(oc_frame_request(f, s0, &camera, &settings));
-    settings.samples = 0, settings.poe = NAN;
-    INVALID(oc_frame_request(f, s0, &camera, &settings));
+    settings.samples = 0;
+    const float bad_poes[] = {NAN, -1, -1e-30f, INFINITY, -INFINITY};
+    for (int i = 0; i < 5; i++) {
+        settings.poe = bad_poes[i];
+        INVALID(oc_frame_request(f, s0, &camera, &settings));
+        CHECK(strstr(oc_last_error(), "poe"));
+    }
     settings.poe = 0, settings.ambient = NAN;
     INVALID(oc_frame_request(f, s0, &camera, &settings));
     oc_context *other;
@@ -752,6 +842,13 @@ static void frames(oc_context *c, oc_scene *s0) {
     INVALID(oc_frame_get_accuracy(NULL, &accuracy));
     INVALID(oc_frame_get_accuracy(f, NULL));
     GARBAGE_SIZES(oc_frame_accuracy, oc_frame_get_accuracy(f, s));
+    accuracy.pictures = 77, accuracy.state = 78;
+    accuracy.struct_size = (uint32_t)offsetof(oc_frame_accuracy, pictures); /* of an older header */
+    OK(oc_frame_get_accuracy(f, &accuracy));
+    CHECK(accuracy.request == 1 && accuracy.pictures == 77 && accuracy.state == 78);
+    OC_INIT(&accuracy);
+    OK(oc_frame_get_accuracy(f, &accuracy));
+    CHECK(accuracy.pictures == 1 && accuracy.state == OC_STATE_DONE && accuracy.pixels_exact == 12);
     INVALID(oc_frame_cancel(NULL));
     INVALID(oc_frame_pick(NULL, 0, 0, &hit));
     INVALID(oc_frame_pick(f, 0, 0, NULL));
@@ -800,6 +897,8 @@ int main(int argc, char **argv) {
     contents_of_builds(c);
     jobs(c);
     models(c);
+    budgets();
+    lying_sources(c);
     oc_scene *s0 = scenes(c);
     queries(s0);
     overlaps(s0);
