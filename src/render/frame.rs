@@ -181,11 +181,11 @@ impl Frame {
 
     /// How far the last request is. Never blocks.
     pub fn poll(&self) -> FrameStatus {
-        let (request, ending) = {
+        let (request, ending, shown) = {
             let inner = self.shared.inner();
-            (inner.request.clone(), inner.ending.clone())
+            (inner.request.clone(), inner.ending.clone(), inner.front.as_ref().map(|picture| picture.request))
         };
-        request.map_or_else(FrameStatus::default, |r| status_of(&r, ending))
+        request.map_or_else(FrameStatus::default, |r| status_of(&r, ending, shown == Some(r.number)))
     }
 
     /// Waits until the last request has ended, `timeout` at most. Works itself where the context has no threads.
@@ -370,6 +370,7 @@ impl Owner for Shared {
     }
 
     fn ended(&self, request: &Request, film: Film, ending: &End) {
+        let mut cut_short = false;
         let wake = {
             let mut inner = self.inner();
             inner.unfinished -= 1;
@@ -386,6 +387,7 @@ impl Owner for Shared {
                 inner.spare = Some(buffers);
             }
             if inner.requests == request.number {
+                cut_short = matches!(ending, End::Cancelled | End::Failed(_));
                 inner.ending = Some((ending.clone(), Instant::now()));
                 inner.waking = inner.wake.is_some();
                 inner.wake.clone()
@@ -393,6 +395,10 @@ impl Owner for Shared {
                 None
             }
         };
+        if cut_short {
+            // Its pass has not ended by itself: what it used may go, and who waited for its end need not.
+            self.view.want(&[]);
+        }
         self.changed.notify_all();
         if let Some(wake) = wake {
             call(&wake);
@@ -407,7 +413,8 @@ fn call(wake: &Wake) {
     let _ = catch_unwind(AssertUnwindSafe(|| wake()));
 }
 
-fn status_of(request: &Request, ending: Option<(End, Instant)>) -> FrameStatus {
+/// `is_shown`: the last complete picture is the request's.
+fn status_of(request: &Request, ending: Option<(End, Instant)>, is_shown: bool) -> FrameStatus {
     let Progress { fraction, tally, wanted, effective_poe, pictures, seconds_to_go } = request.progress();
     let (state, error) = match &ending {
         None => (FrameState::Running, None),
@@ -422,7 +429,8 @@ fn status_of(request: &Request, ending: Option<(End, Instant)>) -> FrameStatus {
         state,
         request: request.number,
         fraction: if is_complete { 1.0 } else { fraction },
-        pictures,
+        // A pass that has ended is a picture once that is there to be mapped.
+        pictures: if is_shown { pictures.max(1) } else { 0 },
         pixels_exact: tally.exact,
         pixels_lod: tally.lod,
         pixels_missing: tally.missing,

@@ -213,7 +213,8 @@ impl Shared {
 
     /// All of a model that fits, in the order of the file.
     fn promotion(self: &Arc<Self>, state: &mut State, after: &mut After) -> Next {
-        if !self.promotes() {
+        // Who renders comes first: what is lacking is not known before a pass has ended.
+        if !self.promotes() || state.live_views().iter().any(|view| view.is_passing()) {
             return Next::Idle;
         }
         let models: Vec<_> = state.models.values().filter_map(Weak::upgrade).collect();

@@ -115,6 +115,8 @@ impl View {
         }
         // Who wants nothing, and wanted nothing, gives nobody anything to do; unless room was short.
         let is_news = !list.is_empty() || !self.core.lock().list.is_empty() || self.pressure() > 1.0;
+        // What is read ahead waits while a pass runs.
+        let is_news = is_news || self.shared.promotes() && !state.models.is_empty();
         *self.core.lock() = Wants { list, stamp: running };
         if running != 0 {
             self.core.standing.store(running, Relaxed);
@@ -174,7 +176,7 @@ impl Drop for View {
             state.views.retain(|view| !std::ptr::eq(view.as_ptr(), Arc::as_ptr(&self.core)));
             state.ranking.invalidate();
         }
-        if !self.core.lock().list.is_empty() || self.pressure() > 1.0 {
+        if !self.core.lock().list.is_empty() || self.pressure() > 1.0 || self.core.is_passing() {
             self.shared.wake();
         }
     }
@@ -188,6 +190,11 @@ impl ViewCore {
     /// The oldest pass that it stands on.
     pub fn standing(&self) -> u32 {
         self.standing.load(Relaxed)
+    }
+
+    /// Whether a pass has begun and not ended.
+    pub fn is_passing(&self) -> bool {
+        self.running.load(Relaxed) != self.wanted_at()
     }
 
     /// The pass that its wants are of.

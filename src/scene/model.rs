@@ -315,7 +315,7 @@ impl Model {
 }
 
 /// Blocks that are read at opening: all of a small model; of others the coarse ones, those nearest to the roots first.
-const OPENING_BYTES: u64 = 16 << 20;
+const OPENING_BYTES: u64 = 48 << 20;
 
 fn first_blocks(file: &ModelFile, budget: u64) -> Vec<BlockId> {
     let most = OPENING_BYTES.min(budget / 4);

@@ -380,14 +380,14 @@ fn read_leaves(reader: &mut Reader, counts: &Counts, at: usize) -> Checked<(Vec<
     if !sizes_ok || sum != counts.triangles {
         return wrong("its leaves do not add up");
     }
-    let mut parts = Vec::with_capacity(n);
-    for (t, m) in triangles.iter().zip(mixed) {
-        let each = (0..if *m == 1 { *t } else { 1 }).map(|_| reader.u16()).collect::<Checked<Vec<u16>>>()?;
-        if each.iter().any(|p| usize::from(*p) >= counts.parts) {
-            return wrong("a triangle's part is not in its table");
-        }
-        parts.push(each);
+    // Of each leaf one, or of a mixed one that of each triangle.
+    let of_leaf = |(t, m): (&u8, &u8)| if *m == 1 { usize::from(*t) } else { 1 };
+    let all_parts = reader.take(2 * triangles.iter().zip(mixed).map(of_leaf).sum::<usize>())?;
+    let parts: Vec<u16> = all_parts.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+    if parts.iter().any(|p| usize::from(*p) >= counts.parts) {
+        return wrong("a triangle's part is not in its table");
     }
+    let mut parts = &parts[..];
     let corners = reader.take(3 * sum)?;
     let total: usize = vertices.iter().map(|v| usize::from(*v)).sum();
     let references = read_references(reader, total, counts.vertices)?;
@@ -398,7 +398,8 @@ fn read_leaves(reader: &mut Reader, counts: &Counts, at: usize) -> Checked<(Vec<
         return wrong("a vertex is not finite");
     }
 
-    let (mut words, mut starts) = (Vec::new(), Vec::with_capacity(n));
+    let room = n * leaf_words(1, 0, false) + total * 3 + sum;
+    let (mut words, mut starts) = (Vec::with_capacity(room), Vec::with_capacity(n));
     let (mut first, mut first_vertex) = (0, 0);
     for i in 0..n {
         let (t, v, m) = (usize::from(triangles[i]), usize::from(vertices[i]), mixed[i] == 1);
@@ -410,10 +411,12 @@ fn read_leaves(reader: &mut Reader, counts: &Counts, at: usize) -> Checked<(Vec<
         let end = words.len() + leaf_words(t, v, m);
         let flags = if m { u32::from(LEAF_MIXED) } else { 0 };
         words.push(t as u32 | (v as u32) << 8 | (first as u32) << 16);
-        words.push(u32::from(parts[i][0]) | flags << 16);
+        let (own, others) = parts.split_at(if m { t } else { 1 });
+        parts = others;
+        words.push(u32::from(own[0]) | flags << 16);
         if m {
             let pair = |p: &[u16]| u32::from(p[0]) | p.get(1).map_or(0, |q| u32::from(*q)) << 16;
-            words.extend(parts[i].chunks(2).map(pair));
+            words.extend(own.chunks(2).map(pair));
         }
         let mut bytes = [0u8; 4 * index_words(MAX_TRIANGLES)];
         bytes[..3 * t].copy_from_slice(corners);

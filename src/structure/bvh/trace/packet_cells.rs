@@ -98,7 +98,7 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
 
 /// Offers the cell of external reference `index`, whose block is missing, to the rays of `entry`. Where any hit will
 /// do, a cell that a ray begins in is none: nothing is known of it.
-#[inline(never)]
+#[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state
 pub(super) fn for_missing<S: Simd, const ANY: bool>(
     s: S,

@@ -337,7 +337,7 @@ fn offer(best: &mut TriHit, hit: TriHit) {
 
 /// Offers the cell of external reference `index`, whose block is missing, to `best`. Where any hit will do, a cell that
 /// the ray begins in is none: nothing is known of it.
-#[inline(never)]
+#[inline(always)]
 fn stand_in_for_missing<S: Simd, const ANY: bool>(
     s: S,
     block: Block,
