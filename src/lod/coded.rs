@@ -70,14 +70,14 @@ impl Side {
 }
 
 impl Coded {
-    /// Of a voxel whose cell has these edges.
-    pub fn of(voxel: &Voxel, extent: Vec3) -> Self {
+    /// Of a voxel whose cell has these edges. `may_have_sides`: a sample for each side is kept where one does not do.
+    pub fn of(voxel: &Voxel, extent: Vec3, may_have_sides: bool) -> Self {
         let faces = [extent.y * extent.z, extent.z * extent.x, extent.x * extent.y];
         let weights: [f32; 6] = std::array::from_fn(|side| voxel.sides[side].cover * faces[side % 3]);
         let (mean, agree) = mean(&voxel.sides, &weights);
         let [a, b] = sample(&mean);
         let part = voxel.part | if voxel.is_mixed { MIXED } else { 0 };
-        if agree {
+        if agree || !may_have_sides {
             return Self { words: [a, b, part, voxel.summary], sides: None };
         }
         let mut sides = Box::new([0; SIDES_WORDS]);
@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn a_flat_piece_needs_one_sample() {
         let (v, extent) = voxel(&[([0.6, 0.0, 0.8], GREY), ([0.55, 0.1, 0.82], GREY)]);
-        let coded = Coded::of(&v, extent);
+        let coded = Coded::of(&v, extent, true);
         assert_eq!((coded.sides.is_none(), Coded::part(coded.words[2])), (true, (9, false)));
         let side = Side::of([coded.words[0], coded.words[1]]);
         assert!(side.normal.dot(Vec3::new(0.6, 0.0, 0.8)).abs() > 0.99 && side.likeness > 0.98);
@@ -219,7 +219,7 @@ mod tests {
     fn an_edge_or_another_colour_behind_needs_six() {
         for facets in [[([1.0, 0.0, 0.0], GREY), ([0.0, 1.0, 0.0], GREY)], [([0.0, 0.0, 1.0], GREY), ([1.0, 0.0, 0.0], [0.9; 3])]] {
             let (v, extent) = voxel(&facets);
-            let coded = Coded::of(&v, extent);
+            let coded = Coded::of(&v, extent, true);
             let sides = coded.sides.expect("six");
             assert!(Coded::has_sides(coded.words[0]));
             // From low x the facet that faces it.

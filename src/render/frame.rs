@@ -376,7 +376,7 @@ impl Owner for Shared {
             inner.unfinished -= 1;
             let newer = inner.front.as_ref().is_none_or(|p| p.request <= request.number);
             let buffers = film.into_spare();
-            if matches!(ending, End::Converged | End::Budget) && newer {
+            if matches!(ending, End::Converged | End::Budget(_)) && newer {
                 let picture = buffers.into_picture(request.number, Arc::clone(&request.scene), request.rays);
                 let old = inner.front.replace(Arc::new(picture));
                 // Unless somebody has it mapped.
@@ -419,7 +419,7 @@ fn status_of(request: &Request, ending: Option<(End, Instant)>, is_shown: bool) 
     let (state, error) = match &ending {
         None => (FrameState::Running, None),
         Some((End::Converged, _)) => (FrameState::Converged, None),
-        Some((End::Budget, _)) => (FrameState::CompleteWithinBudget, None),
+        Some((End::Budget(unreadable), _)) => (FrameState::CompleteWithinBudget, unreadable.clone()),
         Some((End::Cancelled, _)) => (FrameState::Cancelled, None),
         Some((End::Failed(error), _)) => (FrameState::Failed, Some(Arc::clone(error))),
     };

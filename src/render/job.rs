@@ -11,13 +11,14 @@ use super::integrators::direct::{Direct, Scratch};
 use super::passes::{Next, Passes, Seen, effective_poe};
 use super::status::Progress;
 use super::tile::{TilePixels, tiles_from_the_middle};
+use super::wants::Wants;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job, Work};
 use crate::math::srgb::Srgb;
 use crate::residency::{View, Wanted};
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
-use crate::scene::walk::{SceneView, Snapshots};
+use crate::scene::walk::{Need, SceneView, Snapshots};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Instant;
@@ -27,8 +28,8 @@ use std::time::Instant;
 pub(super) enum End {
     /// As exact as asked.
     Converged,
-    /// All that fits the budget, or can be read, is shown.
-    Budget,
+    /// All that fits the budget, or can be read, is shown; what could not be read.
+    Budget(Option<Arc<Error>>),
     Cancelled,
     Failed(Arc<Error>),
 }
@@ -230,12 +231,10 @@ impl Request {
 
     /// After a pass, or on news: what comes next.
     fn go_on(&self) {
-        let wants: Vec<Wanted> = {
-            let running = self.running();
-            let key = |model: u32| self.scene.models[model as usize].blocks().key();
-            let wants = running.passes.wants();
-            wants.iter().map(|(n, weight)| Wanted { model: key(n.model), block: n.block, weight }).collect()
-        };
+        let lacking = self.running().passes.wants();
+        let key = |model: u32| self.scene.models[model as usize].blocks().key();
+        let wants: Vec<Wanted> =
+            lacking.iter().map(|(n, weight)| Wanted { model: key(n.model), block: n.block, weight }).collect();
         // Under no lock of ours: it takes the residency's.
         self.view.want(&wants);
         let seen = Seen { wants: self.view.status().state, pressure: self.view.pressure() };
@@ -251,9 +250,17 @@ impl Request {
             Next::End { is_converged } => {
                 running.phase = Phase::Ended;
                 drop(running);
-                self.finish(if is_converged { &End::Converged } else { &End::Budget });
+                self.finish(&if is_converged { End::Converged } else { End::Budget(self.unreadable(&lacking)) });
             }
         }
+    }
+
+    /// The first of the blocks that could not be read.
+    fn unreadable(&self, lacking: &Wants) -> Option<Arc<Error>> {
+        let blocks = |need: Need| self.scene.models[need.model as usize].blocks();
+        let (need, _) = lacking.iter().find(|(need, _)| blocks(*need).has_failed(need.block))?;
+        let why = "it cannot be read, or is damaged: a stand-in is shown for it";
+        Some(Arc::new(Error::corrupt(blocks(need).file().name(), Some(need.block.0), why)))
     }
 
     fn finish(&self, end: &End) {

@@ -70,6 +70,6 @@ pub struct FrameStatus {
     pub seconds_to_go: f64,
     /// Seconds since the request, until it ended.
     pub seconds: f64,
-    /// Why it failed.
+    /// Why it failed; or, of a complete picture, what could not be read and is shown as a stand-in.
     pub error: Option<Arc<Error>>,
 }

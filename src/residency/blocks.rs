@@ -135,6 +135,11 @@ impl ModelBlocks {
         self.inner.key
     }
 
+    /// Whether views have been told that the block does not come, for it could not be read or was damaged, twice.
+    pub fn has_failed(&self, id: BlockId) -> bool {
+        self.inner.is_failed(id)
+    }
+
     /// What is in memory now. Never blocks.
     pub fn snapshot(&self) -> Arc<Snapshot> {
         self.inner.published.load_full()

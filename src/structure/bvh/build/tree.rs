@@ -88,7 +88,11 @@ impl Inner {
         let stored: Vec<Bounds> = (0..pieces.len()).map(|slot| stored_box(&node, slot)).collect();
         let cell = stored.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
         let voxel = Voxel::over(stored.iter().zip(pieces.iter().map(|p| &p.voxel)));
-        let coded = |(p, stored): (Piece, &Bounds)| (Coded::of(&p.voxel, stored.extent()), p.sub);
+        // A leaf's own triangles are at hand wherever its sides could be told apart.
+        let coded = |(p, stored): (Piece, &Bounds)| {
+            let may_have_sides = !matches!(p.sub, Sub::Leaf { .. });
+            (Coded::of(&p.voxel, stored.extent(), may_have_sides), p.sub)
+        };
         // Not collected: that would keep the pieces' memory, which is several times as much.
         let mut children = Vec::with_capacity(pieces.len());
         children.extend(pieces.into_iter().zip(&stored).map(coded));
