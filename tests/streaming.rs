@@ -129,7 +129,8 @@ fn assert_covered(frame: &Frame, camera: &Camera) -> f64 {
 #[test]
 fn the_first_picture_is_whole_and_the_last_is_exact() {
     for threads in [0, 2] {
-        let context = context(threads, 0);
+        // A quarter of it is read at opening, and all fits.
+        let context = context(threads, bulb().bytes * 2);
         let reads = Arc::new(AtomicU64::new(0));
         let state = scene(&context, counted(&reads));
         let frame = frame(&context);
@@ -228,7 +229,7 @@ fn a_flight_with_teleports_in_a_small_budget() {
 
 #[test]
 fn a_resting_camera_sees_better_pictures_and_is_woken_for_each() {
-    let context = context(2, 0);
+    let context = context(2, bulb().bytes * 2);
     let reads = Arc::new(AtomicU64::new(0));
     let state = scene(&context, counted(&reads));
     let frame = frame(&context);
