@@ -27,11 +27,13 @@ pub const SIDES_WORDS: usize = 12;
 
 /// Flag: there is a sample for each side.
 const SIX: u32 = 1 << 24;
+/// Flag: its colours count; else those of its part do, as that is shown now.
+const COLOURED: u32 = 1 << 25;
 /// In the part's word: there are several.
 const MIXED: u32 = 1 << 31;
 
 /// Sides agree where no component of a normal differs by more from the mean, in front or behind.
-const NORMALS: f32 = 0.25;
+const NORMALS: f32 = 0.3;
 /// The same for linear colours.
 const COLOURS: f32 = 0.1;
 /// Sides of which less is seen than this part of the most have no say.
@@ -75,14 +77,18 @@ impl Coded {
         let faces = [extent.y * extent.z, extent.z * extent.x, extent.x * extent.y];
         let weights: [f32; 6] = std::array::from_fn(|side| voxel.sides[side].cover * faces[side % 3]);
         let (mean, agree) = mean(&voxel.sides, &weights);
+        let (coloured, colours) =
+            if voxel.is_mixed || voxel.has_own_colours { (COLOURED, u32::MAX) } else { (0, !0xff_ffff) };
         let [a, b] = sample(&mean);
+        let (a, b) = (a | coloured, b & colours);
         let part = voxel.part | if voxel.is_mixed { MIXED } else { 0 };
         if agree || !may_have_sides {
             return Self { words: [a, b, part, voxel.summary], sides: None };
         }
         let mut sides = Box::new([0; SIDES_WORDS]);
         for (words, side) in sides.chunks_exact_mut(2).zip(&voxel.sides) {
-            words.copy_from_slice(&sample(side));
+            let [first, second] = sample(side);
+            words.copy_from_slice(&[first, second & colours]);
         }
         Self { words: [a | SIX, b, part, voxel.summary], sides: Some(sides) }
     }
@@ -101,6 +107,12 @@ impl Coded {
     #[inline]
     pub fn has_sides(first: u32) -> bool {
         first & SIX != 0
+    }
+
+    /// Whether the first of a voxel's words says that its colours count, and not those of its part.
+    #[inline]
+    pub fn has_colours(first: u32) -> bool {
+        first & COLOURED != 0
     }
 
     /// The part of a part's word, and whether there are others.
@@ -199,7 +211,7 @@ mod tests {
     fn voxel(facets: &[([f32; 3], [f32; 3])]) -> (Voxel, Vec3) {
         let cell = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
         let facets: Vec<_> =
-            facets.iter().map(|(n, c)| Facet { normal: (*n).into(), colour: (*c).into(), part: 9 }).collect();
+            facets.iter().map(|(n, c)| Facet { normal: (*n).into(), colour: (*c).into(), part: 9, is_own_colour: true }).collect();
         (Voxel::of_leaf(&cell, &facets), Vec3::ONE)
     }
 

@@ -19,6 +19,8 @@ pub struct Facet {
     pub colour: Vec3,
     /// Its part.
     pub part: u32,
+    /// Whether the colour is its own, not that of its part.
+    pub is_own_colour: bool,
 }
 
 /// What is seen from one side: means over what is visible from there.
@@ -49,6 +51,8 @@ pub struct Voxel {
     pub is_mixed: bool,
     /// The bits of all parts in it ([`summary_bit`]).
     pub summary: u32,
+    /// Whether some of it has a colour other than that of its part.
+    pub has_own_colours: bool,
 }
 
 /// A part's bit in a summary: a set of parts that lacks it lacks the part. (Parts that are numbered on have bits that are
@@ -114,7 +118,8 @@ impl Voxel {
             let cover = if face > 0.0 { (0.5 * sum.weight / face).min(1.0) } else { 1.0 };
             *sample = sum.mean(cover);
         }
-        let mut voxel = Self { sides, part: facets[0].part, weight: 0.0, is_mixed: false, summary: 0 };
+        let has_own_colours = facets.iter().any(|f| f.is_own_colour);
+        let mut voxel = Self { sides, part: facets[0].part, weight: 0.0, is_mixed: false, summary: 0, has_own_colours };
         voxel.fill_unseen(facets);
         let parts = facets.iter().map(|f| (f.part, f.normal.length(), summary_bit(f.part), false));
         voxel.gather_parts(parts);
@@ -129,11 +134,12 @@ impl Voxel {
         for (side, sample) in sides.iter_mut().enumerate() {
             *sample = composite(&cell, side, children.clone(), &mut seen);
         }
+        let has_own_colours = children.clone().any(|(_, v)| v.has_own_colours);
         let (mut part, mut parts) = (0, [(0, 0.0, 0, false); 8]);
         for (i, (_, v)) in children.enumerate().take(8) {
             (parts[i], part) = ((v.part, seen[i], v.summary, v.is_mixed), i + 1);
         }
-        let mut voxel = Self { sides, part: parts[0].0, weight: 0.0, is_mixed: false, summary: 0 };
+        let mut voxel = Self { sides, part: parts[0].0, weight: 0.0, is_mixed: false, summary: 0, has_own_colours };
         voxel.gather_parts(parts[..part].iter().copied());
         voxel
     }
@@ -235,7 +241,7 @@ mod tests {
     }
 
     fn facet(normal: [f32; 3], colour: [f32; 3], part: u32) -> Facet {
-        Facet { normal: normal.into(), colour: colour.into(), part }
+        Facet { normal: normal.into(), colour: colour.into(), part, is_own_colour: true }
     }
 
     const RED: [f32; 3] = [1.0, 0.0, 0.0];

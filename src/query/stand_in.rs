@@ -25,10 +25,8 @@ pub(crate) struct Look {
     pub normal: Vec3,
     /// The model's part of which most is seen.
     pub part: u32,
-    /// Whether there are others.
-    pub is_mixed: bool,
-    /// Linear: the mean over all that is seen from this side.
-    pub colour: Vec3,
+    /// Linear: the mean over all that is seen from this side; `None`: that of the part.
+    pub colour: Option<Vec3>,
     /// See the module.
     pub error: f32,
     /// See the module.
@@ -54,7 +52,7 @@ fn look_at(view: &SceneView, ray: &Ray, found: &Found, stand_in: StandIn) -> Opt
     let crossing = Crossing::of(placed, ray, &cell);
     let voxel = block.voxel(stand_in.node, stand_in.slot);
     let side = voxel.side(if stand_in.is_inside { crossing.last } else { crossing.first });
-    let (part, is_mixed) = voxel.part();
+    let (part, _) = voxel.part();
     let dir = ray.dir.as_dvec3();
     let normal = placed.world_normal(side.normal.as_dvec3()).try_normalize().unwrap_or(-dir.normalize_or_zero());
     let normal = if normal.dot(dir) <= 0.0 { normal } else { -normal };
@@ -72,8 +70,7 @@ fn look_at(view: &SceneView, ray: &Ray, found: &Found, stand_in: StandIn) -> Opt
         is_missing: stand_in.is_missing,
         normal: normal.as_vec3(),
         part: placed.first_part.saturating_add(part),
-        is_mixed,
-        colour: side.colour,
+        colour: voxel.has_colours().then_some(side.colour),
         error,
         t_free: free.max(ray.t_min),
         leave: crossing.leave.max(found.t),

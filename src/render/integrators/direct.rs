@@ -259,9 +259,8 @@ impl Direct<'_> {
             error_px: (f64::from(look.error) / pixel) as f32,
         };
         let mut material = self.material(found.placed, look.part, || Ok(None))?;
-        let is_recoloured = self.recoloured(found.placed, look.part);
-        if !is_recoloured && (look.is_mixed || model.info().has_colours) {
-            material.colour = look.colour;
+        if let Some(colour) = look.colour.filter(|_| !self.recoloured(found.placed, look.part)) {
+            material.colour = colour;
         }
         let leave = look.above + placed.extent() * LEAVE;
         let (position, width) = (ray.origin + along, width_at(ray, found.t));

@@ -311,6 +311,11 @@ impl StoredVoxel<'_> {
         Side::of([self.block.words[at], self.block.words[at + 1]])
     }
 
+    /// Whether its colours count, and not those of its part.
+    pub fn has_colours(&self) -> bool {
+        Coded::has_colours(self.words[0])
+    }
+
     /// The tree's local part of which most is seen, and whether there are others.
     pub fn part(&self) -> (u32, bool) {
         self.words.get(2).map_or((self.block.words[7], false), |word| Coded::part(*word))

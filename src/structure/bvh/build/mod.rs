@@ -50,11 +50,11 @@ pub struct TreeInput<'a> {
 }
 
 impl TreeInput<'_> {
-    /// Linear colour of a triangle.
-    fn colour(&self, triangle: usize) -> Vec3 {
+    /// Linear colour of a triangle, and whether it is its own.
+    fn colour(&self, triangle: usize) -> (Vec3, bool) {
         match self.colours.get(triangle) {
-            Some([r, g, b, a]) if *a > 0 => Vec3::from([*r, *g, *b].map(|c| srgb::decode(f32::from(c) / 255.0))),
-            _ => self.part_colours.get(self.parts[triangle] as usize).copied().unwrap_or(GREY),
+            Some([r, g, b, a]) if *a > 0 => (Vec3::from([*r, *g, *b].map(|c| srgb::decode(f32::from(c) / 255.0))), true),
+            _ => (self.part_colours.get(self.parts[triangle] as usize).copied().unwrap_or(GREY), false),
         }
     }
 }

@@ -90,7 +90,11 @@ impl Inner {
         let voxel = Voxel::over(stored.iter().zip(pieces.iter().map(|p| &p.voxel)));
         // A leaf's own triangles are at hand wherever its sides could be told apart.
         let coded = |(p, stored): (Piece, &Bounds)| {
-            let may_have_sides = !matches!(p.sub, Sub::Leaf { .. });
+            let is_leaf = |sub: &Sub| matches!(sub, Sub::Leaf { .. });
+            let may_have_sides = match &p.sub {
+                Sub::Inner(wrapped) if wrapped.children.len() == 1 => !is_leaf(&wrapped.children[0].1),
+                sub => !is_leaf(sub),
+            };
             (Coded::of(&p.voxel, stored.extent(), may_have_sides), p.sub)
         };
         // Not collected: that would keep the pieces' memory, which is several times as much.
@@ -175,11 +179,12 @@ fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
 
 /// What the triangles of a leaf look like. Those of which only a piece lies in it count whole.
 fn leaf_voxel(cell: &Bounds, refs: &[Ref], input: TreeInput) -> Voxel {
-    let mut facets = [Facet { normal: Vec3::ZERO, colour: Vec3::ZERO, part: 0 }; MAX_TRIANGLES];
+    let mut facets = [Facet { normal: Vec3::ZERO, colour: Vec3::ZERO, part: 0, is_own_colour: false }; MAX_TRIANGLES];
     for (facet, r) in facets.iter_mut().zip(refs) {
         let i = r.triangle();
         let [a, b, c] = input.triangles[i];
-        *facet = Facet { normal: (b - a).cross(c - a), colour: input.colour(i), part: input.parts[i] };
+        let (colour, is_own_colour) = input.colour(i);
+        *facet = Facet { normal: (b - a).cross(c - a), colour, part: input.parts[i], is_own_colour };
     }
     Voxel::of_leaf(cell, &facets[..refs.len().clamp(1, MAX_TRIANGLES)])
 }
