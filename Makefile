@@ -1,4 +1,4 @@
-# make demo   a picture of an airliner of two million triangles (or of MODEL=file), and a pick
+# make demo   pictures of an airliner of two million triangles (or of MODEL=file), the first and the last, and a pick
 # make test   everything that must hold
 # make contact-sheet   every mesh of the models folder in one picture, target/contact-sheet.png, and a table
 # make header writes include/outcrop.h anew from src/capi
@@ -54,4 +54,4 @@ header:
 	OUTCROP_WRITE_HEADER=1 $(CARGO) test --locked --test abi_header -- --exact header_is_up_to_date
 
 clean:
-	rm -rf $(BUILD) target demo.png
+	rm -rf $(BUILD) target first.png converged.png

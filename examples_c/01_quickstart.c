@@ -1,6 +1,8 @@
 /* From a mesh file to a picture and the answer to a click.
  *
- *     01_quickstart MESH MODEL.oc PICTURE.png
+ *     01_quickstart MESH MODEL.oc PICTURE.png [FIRST.png]
+ *
+ * FIRST.png is the very first picture after the model was opened, long before all of it is read.
  */
 #define _POSIX_C_SOURCE 200112L
 #include <outcrop.h>
@@ -8,6 +10,7 @@
 #include "png.h"
 
 #include <math.h>
+#include <time.h>
 #include <unistd.h>
 
 /* Ends the program with the reason if a call fails. */
@@ -50,6 +53,59 @@ static void build_model(oc_context *context, const char *mesh, const char *out) 
            report.seconds_read + report.seconds_build + report.seconds_write);
     oc_job_release(job);
     oc_build_release(build);
+}
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* How true the present picture is. */
+static void say_how_true(const oc_frame_accuracy *a) {
+    const double share = 100 / (double)a->pixels_total;
+    printf("  %5.2f s, picture %u: %.0f %% exact, %.0f %% as fine as asked, %.0f %% coarser; error %.2f pixels (worst %.1f), %.1f MB in "
+           "memory, %.1f MB wanted",
+           a->seconds, (unsigned)a->pictures, share * (double)a->pixels_exact, share * (double)a->pixels_lod,
+           share * (double)a->pixels_missing, (double)a->mean_error, (double)a->worst_error, (double)a->bytes_resident * 1e-6,
+           (double)a->bytes_wanted * 1e-6);
+    if (a->state == OC_STATE_RUNNING && isfinite(a->seconds_to_go)) printf(", about %.1f s to go", a->seconds_to_go);
+    if (a->state == OC_STATE_COMPLETE_WITHIN_BUDGET) printf("; all that fits, as at %.2f pixels of error", (double)a->effective_poe);
+    printf("\n");
+}
+
+static void write_picture(const char *path, const oc_pixels *p) {
+    if (png_write(path, (const unsigned char *)p->data, p->width, p->height, (size_t)p->row_pitch)) {
+        perror(path);
+        exit(1);
+    }
+}
+
+/* Waits until the picture gets no better, and says how true it is meanwhile. Gives the first one, mapped. */
+static oc_pixels watch(oc_frame *frame) {
+    oc_pixels first;
+    oc_progress progress;
+    oc_frame_accuracy accuracy;
+    double said = 0;
+    OC_INIT(&first);
+    OC_INIT(&progress);
+    OC_INIT(&accuracy);
+    do {
+        CHECK(oc_frame_wait(frame, 2, &progress));
+        CHECK(oc_frame_get_accuracy(frame, &accuracy));
+        if (!accuracy.pictures) continue;
+        /* A window would show it now; it stays as it is for as long as it is mapped. */
+        if (!first.mapping) CHECK(oc_frame_map(frame, OC_BUFFER_COLOUR_SRGB8, &first));
+        if (said == 0 || accuracy.seconds > said + 0.25) {
+            said = accuracy.seconds;
+            say_how_true(&accuracy);
+        }
+    } while (progress.state == OC_STATE_RUNNING);
+    if (progress.state == OC_STATE_FAILED) check(progress.error, "rendering");
+    if (progress.error) printf("not all could be read: %s\n", oc_last_error());
+    CHECK(oc_frame_get_accuracy(frame, &accuracy));
+    say_how_true(&accuracy);
+    return first;
 }
 
 static double dot(const double *a, const double *b) {
@@ -121,8 +177,8 @@ static void say_what_is_at(const oc_frame *frame, const oc_model *model, uint32_
 }
 
 int main(int argc, char **argv) {
-    if (argc != 4) {
-        fprintf(stderr, "usage: %s MESH MODEL.oc PICTURE.png\n", argv[0]);
+    if (argc != 4 && argc != 5) {
+        fprintf(stderr, "usage: %s MESH MODEL.oc PICTURE.png [FIRST.png]\n", argv[0]);
         return 2;
     }
     oc_context *context;
@@ -137,7 +193,9 @@ int main(int argc, char **argv) {
     oc_camera camera;
     OC_INIT(&info);
     OC_INIT(&camera);
+    const double begun = now();
     CHECK(oc_model_open(context, argv[2], &model));
+    printf("opened in %.3f s\n", now() - begun);
     CHECK(oc_model_get_info(model, &info));
     CHECK(oc_model_get_view(model, 0, &camera));
     if (info.triangles_placed) fit(&camera, &info, 1280.0 / 800);
@@ -147,29 +205,20 @@ int main(int argc, char **argv) {
     oc_frame *frame;
     oc_frame_desc size;
     oc_frame_settings settings;
-    oc_progress progress;
     OC_INIT(&size);
     OC_INIT(&settings);
-    OC_INIT(&progress);
     size.width = 1280;
     size.height = 800;
     settings.samples = 9;
     CHECK(oc_frame_create(context, &size, &frame));
     CHECK(oc_frame_request(frame, scene, &camera, &settings));
-    do {
-        CHECK(oc_frame_wait(frame, 100, &progress));
-        bar("rendering", &progress);
-    } while (progress.state == OC_STATE_RUNNING);
-    check(progress.error, "rendering");
-
-    oc_pixels pixels;
-    OC_INIT(&pixels);
-    CHECK(oc_frame_map(frame, OC_BUFFER_COLOUR_SRGB8, &pixels));
-    if (png_write(argv[3], (const unsigned char *)pixels.data, pixels.width, pixels.height, (size_t)pixels.row_pitch)) {
-        perror(argv[3]);
-        return 1;
-    }
-    oc_mapping_release(pixels.mapping);
+    oc_pixels first = watch(frame), last;
+    OC_INIT(&last);
+    CHECK(oc_frame_map(frame, OC_BUFFER_COLOUR_SRGB8, &last));
+    write_picture(argv[3], &last);
+    if (argc == 5) write_picture(argv[4], &first);
+    oc_mapping_release(first.mapping);
+    oc_mapping_release(last.mapping);
     say_what_is_at(frame, model, size.width / 2, size.height / 2);
 
     oc_frame_release(frame);

@@ -1,10 +1,11 @@
 // The same mesh, rays and shading through outcrop and through Embree: do they agree hit by hit, and how fast are they?
 //
-//     03_compare_embree MESH.ply MODEL.oc [--rounds 5] [--size 1024x768] [--threads 2]
+//     03_compare_embree MESH.ply MODEL.oc [--rounds 5] [--size 1024x768] [--threads 2] [--poe 1,3]
 //     03_compare_embree torus:TRIANGLES MODEL.oc ...
 //
 // MODEL.oc is built if it is not there. Speed is measured in pairs, turn by turn, so that a busy machine slows both;
-// the ratio is that of each pair. Ends with 1 if a disagreement cannot be explained, never because of a time.
+// the ratio is that of each pair. With --poe outcrop also answers from stand-ins that cover at most so many pixels, against
+// Embree's exact hits, and how far off it is stands beside. Ends with 1 if a disagreement cannot be explained, never because of a time.
 #include "compare/agreement.hpp"
 #include "compare/embree.hpp"
 #include "compare/mesh.hpp"
@@ -20,6 +21,7 @@
 #include <cstring>
 #include <fstream>
 #include <map>
+#include <sstream>
 #include <string>
 #include <thread>
 
@@ -28,6 +30,7 @@ namespace {
 struct Options {
     std::string mesh, model;
     unsigned rounds = 5, width = 1024, height = 768, threads = 2;
+    std::vector<double> poes;
 };
 
 double seconds() {
@@ -57,10 +60,15 @@ class Outcrop {
         scene_ = outcrop::scene(context_);
         scene_.add_instance(model_, 1);
         scene_.commit();
+        // All of it, before anything is measured.
+        const double low[3] = {-INFINITY, -INFINITY, -INFINITY}, high[3] = {INFINITY, INFINITY, INFINITY};
+        scene_.prefetch(low, high).wait();
+        read_seconds_ = seconds() - begun;
     }
 
     const outcrop::model &model() const { return model_; }
     double open_seconds() const { return open_seconds_; }
+    double read_seconds() const { return read_seconds_; }
 
     std::vector<oc_hit> closest(const std::vector<oc_ray> &rays, oc_want want, bool coherent) const {
         return scene_.closest(rays, want, coherent ? OC_QUERY_COHERENT : 0);
@@ -120,7 +128,7 @@ class Outcrop {
     unsigned threads_;
     outcrop::model model_;
     outcrop::scene scene_;
-    double open_seconds_ = 0;
+    double open_seconds_ = 0, read_seconds_ = 0;
     std::vector<oc_hit> hits_;
     std::vector<std::uint8_t> blocked_;
 };
@@ -251,12 +259,56 @@ void duel(Outcrop &ours, EmbreeRays &rays, const Contender &c, const Batch &batc
     result.rays += double(batch.rays.size());
 }
 
+// How far stand-ins are off, over rays of all views.
+struct Accuracy {
+    double rays = 0, hits = 0, lod = 0, both = 0, pixels_off = 0, border = 0;
+
+    void add(const std::vector<oc_ray> &rays_, const std::vector<oc_hit> &ours, const std::vector<RTCRayHit> &theirs, double poe) {
+        for (std::size_t i = 0; i < rays_.size(); i++) {
+            const bool we_hit = ours[i].kind != OC_HIT_MISS, they_hit = theirs[i].hit.geomID != RTC_INVALID_GEOMETRY_ID;
+            rays++;
+            hits += we_hit;
+            lod += ours[i].kind == OC_HIT_LOD;
+            border += we_hit != they_hit;
+            if (!we_hit || !they_hit) continue;
+            both++;
+            const double t = double(theirs[i].ray.tfar), pixel = double(rays_[i].cone_b) / std::sqrt(poe) * t;
+            pixels_off += std::fabs(ours[i].t - t) / pixel;
+        }
+    }
+    void print() const {
+        std::printf("                    %.1f %% stand-ins, mean depth error %.3f pixels, %.3f %% of the rays hit only for one of both\n",
+                    100 * lod / hits, pixels_off / both, 100 * border / rays);
+    }
+};
+
+// Primary rays whose stand-ins may cover some pixels, against Embree's best call of any kind.
+void measure_poe(Outcrop &ours, EmbreeRays &rays, const Contender &best, const Options &options, unsigned threads,
+                 const std::vector<View> &views) {
+    for (double poe : options.poes) {
+        Duel all;
+        Accuracy accuracy;
+        for (const View &view : views) {
+            const Batch batch = {"primary", primary_rays(view, options.width, options.height, poe), false, true};
+            rays.prepare(batch.rays, EmbreeRays::SINGLE, false);
+            rays.run(best.scene->get(), false, threads);
+            accuracy.add(batch.rays, ours.closest(batch.rays, OC_WANT_T, true), rays.hits(), poe);
+            duel(ours, rays, best, batch, true, threads, options.rounds, all);
+        }
+        char name[32];
+        std::snprintf(name, sizeof name, "PoE %g", poe);
+        report("primary", name, all, best.name);
+        accuracy.print();
+    }
+}
+
 void measure(const Options &options, unsigned threads, const std::vector<Contender> &contenders,
              const std::vector<View> &views, double step) {
     Outcrop ours(options.model, threads);
     EmbreeRays rays;
     std::map<std::string, Duel> single, packet;
     std::map<std::string, Contender> best_single, best_packet;
+    Contender best_of_all = contenders.front(); // for primary rays
     const char *const kinds[] = {"primary", "shadow", "bounce"};
     std::printf("\n%u thread%s, %u x %u rays, %zu views, %u pairs each\n", threads, threads > 1 ? "s" : "", options.width,
                 options.height, views.size(), options.rounds);
@@ -266,7 +318,7 @@ void measure(const Options &options, unsigned threads, const std::vector<Contend
             if (!best_single.count(batch.name)) {
                 // Every call, to find Embree's best.
                 std::printf("  %-8s Embree, every call, first view:", batch.name);
-                double fastest_single = 0, fastest_packet = 0, sum = 0, our_sum = 0;
+                double fastest_single = 0, fastest_packet = 0, fastest_of_all = 0, sum = 0, our_sum = 0;
                 for (const Contender &c : contenders) {
                     const double warm = time_embree(rays, c, batch, threads);
                     const double took = std::min(warm, time_embree(rays, c, batch, threads, &sum));
@@ -274,6 +326,7 @@ void measure(const Options &options, unsigned threads, const std::vector<Contend
                     std::printf(" %s %.2f", c.name.c_str(), speed);
                     const bool alone = c.call == EmbreeRays::SINGLE;
                     double &fastest = alone ? fastest_single : fastest_packet;
+                    if (speed > fastest_of_all && batch.name == std::string("primary")) fastest_of_all = speed, best_of_all = c;
                     if (speed > fastest) fastest = speed, (alone ? best_single : best_packet)[batch.name] = c;
                 }
                 time_outcrop(ours, batch, true, &our_sum);
@@ -287,6 +340,7 @@ void measure(const Options &options, unsigned threads, const std::vector<Contend
         report(kind, "single", single[kind], best_single[kind].name);
         report(kind, "packets", packet[kind], best_packet[kind].name);
     }
+    measure_poe(ours, rays, best_of_all, options, threads, views);
 }
 
 // --- the whole -------------------------------------------------------------------------------------------
@@ -300,6 +354,15 @@ bool parse(int argc, char **argv, Options &options) {
             options.rounds = unsigned(std::atoi(value)), i++;
         } else if (argument == "--threads") {
             options.threads = unsigned(std::atoi(value)), i++;
+        } else if (argument == "--poe") {
+            for (std::istringstream list(value); list.good();) {
+                std::string one;
+                std::getline(list, one, ',');
+                const double poe = std::atof(one.c_str());
+                if (!(poe > 0) || !std::isfinite(poe)) return false;
+                options.poes.push_back(poe);
+            }
+            i++;
         } else if (argument == "--size") {
             if (std::sscanf(value, "%ux%u", &options.width, &options.height) != 2) return false;
             i++;
@@ -338,8 +401,8 @@ int run(const Options &options) {
     {
         const Outcrop ours(options.model, options.threads);
         const oc_model_info info = ours.model().info();
-        std::printf("outcrop:              opened in %5.2f s, %6.1f bytes a triangle with its vertices, %.1f in the file\n",
-                    ours.open_seconds(), double(info.geometry_bytes) / double(info.triangles_stored),
+        std::printf("outcrop:              opened in %5.3f s, read in %.2f s, %6.1f bytes a triangle with its vertices, %.1f in the file\n",
+                    ours.open_seconds(), ours.read_seconds(), double(info.geometry_bytes) / double(info.triangles_stored),
                     double(info.file_bytes) / double(info.triangles_stored));
         step = 1e-5 * length(v3(info.bounds_max) - v3(info.bounds_min));
         for (std::uint32_t i = 0; i < 4; i++) {
@@ -374,7 +437,7 @@ int run(const Options &options) {
 int main(int argc, char **argv) {
     Options options;
     if (!parse(argc, argv, options)) {
-        std::fprintf(stderr, "usage: %s MESH.ply|torus:TRIANGLES MODEL.oc [--rounds N] [--size WxH] [--threads N]\n", argv[0]);
+        std::fprintf(stderr, "usage: %s MESH.ply|torus:TRIANGLES MODEL.oc [--rounds N] [--size WxH] [--threads N] [--poe P,P]\n", argv[0]);
         return 2;
     }
     try {

@@ -1,5 +1,6 @@
 #!/bin/sh
-# `make demo`: builds a model, renders it to demo.png and says what lies at a pixel.
+# `make demo`: builds a model, opens it, renders it and says what lies at a pixel: first.png is the very first picture after
+# it was opened, converged.png the last.
 #
 #   MODEL=file TRIANGLES=n demo.sh BUILD_DIR
 set -eu
@@ -14,5 +15,5 @@ if [ -z "$model" ]; then
         echo "$wanted" > "$model.made"
     fi
 fi
-"$build/examples/01_quickstart_shared" "$model" "$build/demo.oc" demo.png
-echo "demo.png is ready"
+"$build/examples/01_quickstart_shared" "$model" "$build/demo.oc" converged.png first.png
+echo "first.png and converged.png are ready"

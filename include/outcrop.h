@@ -118,7 +118,7 @@ typedef uint32_t oc_state;
 /** What a build or load is doing. */
 typedef uint32_t oc_phase;
 
-/** How far long work is: the same for builds, loads, batches of rays and frames. */
+/** How far long work is: the same for builds, loads, batches of rays, prefetches and frames. */
 typedef struct oc_progress {
     /** Set by OC_INIT. */
     uint32_t struct_size;
@@ -126,22 +126,25 @@ typedef struct oc_progress {
     oc_state state;
     /** From 0 to 1, never going back. */
     double fraction;
-    /** What is done: triangles read (builds), rays answered (batches), pixels (frames). */
+    /** What is done: triangles read (builds), rays answered (batches), pixels (frames), blocks read (prefetches). */
     uint64_t done;
     /** Of how many; 0 where that is not known. */
     uint64_t total;
-    /** Bytes read and written so far. */
+    /** Bytes read and written so far (builds, loads); in memory (frames, prefetches). */
     uint64_t bytes;
     /** The least budget in bytes that would do, if it failed with OC_STATUS_OVER_BUDGET; else 0. */
     uint64_t need;
-    /** Why it failed or was cancelled; oc_last_error has the reason in words after a poll or wait. */
+    /**
+     * Why it failed or was cancelled, or of a frame that ended as OC_STATE_COMPLETE_WITHIN_BUDGET, why some of it could not
+     * be read. oc_last_error has the reason in words after a poll or wait.
+     */
     oc_status error;
     /** An OC_PHASE_ number (builds and loads). */
     oc_phase phase;
 } oc_progress;
 
 /**
- * Called when work has ended, well or not; from any thread, in which it must return soon and must not
+ * Called when work has ended, well or not, and for frames also when there is a better picture; from any thread, in which it must return soon and must not
  * unwind. It may call what is marked `Cheap`. `user` is what was given with the function.
  */
 typedef void (*oc_wake_fn)(void *user);
@@ -780,7 +783,7 @@ typedef struct oc_pixels {
 
 /**
  * Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose picture
- * is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches. No error.
+ * is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches.
  */
 #define OC_STATE_COMPLETE_WITHIN_BUDGET 5
 
@@ -1584,7 +1587,7 @@ oc_status oc_frame_create(const struct oc_context *context,
  * The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
  * soon as it is there, long before the request ends; each later picture is more exact. The request ends as OC_STATE_DONE
  * when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the memory budget, or
- * some of it cannot be read.
+ * some of it cannot be read (then oc_progress.error says so).
  *
  * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,
  * or a camera out of its ranges; then what the frame was rendering goes on.
@@ -1697,6 +1700,43 @@ OC_API void oc_mapping_retain(struct oc_mapping *mapping);
  * Thread safety: any thread. Cheap.
  */
 OC_API void oc_mapping_release(struct oc_mapping *mapping);
+
+/**
+ * Begins to read, in the background, what of the committed scene lies in a box: blocks below cells that meet it and are longer
+ * than `cell` (world units; 0: all of them), those below the longest cells first. What frames and queries ask for comes
+ * before, and no picture gets coarser for it.
+ *
+ * The job counts blocks and their bytes in memory. It ends as OC_STATE_DONE when all is in memory, as
+ * OC_STATE_COMPLETE_WITHIN_BUDGET when no more fits beside what frames use, as OC_STATE_FAILED when some of it cannot be read (the
+ * rest then is, as far as it fits). What was read stays until room is needed and nothing else has been used less lately.
+ * Releasing the job ends the reading.
+ *
+ * `low`, `high`: three doubles each, world space. OC_STATUS_INVALID_ARGUMENT for NaN, or a `cell` below 0.
+ * Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_prefetch_box(const struct oc_scene *scene,
+                                const double *low,
+                                const double *high,
+                                double cell,
+                                struct oc_job **out_job);
+
+/**
+ * Begins to read, in the background, what a picture of `width` by `height` pixels of the committed scene would need at `poe`
+ * pixels of error (0: exact), the most visible first, as far as a ray in every fourth pixel of every fourth row finds it;
+ * without shadows and what is behind transparent surfaces. For the view that comes next, for instance. As
+ * oc_scene_prefetch_box otherwise.
+ *
+ * OC_STATUS_INVALID_ARGUMENT for a bad camera or size, or a `poe` that is not finite or below 0.
+ * Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_prefetch_camera(const struct oc_scene *scene,
+                                   const struct oc_camera *camera,
+                                   uint32_t width,
+                                   uint32_t height,
+                                   float poe,
+                                   struct oc_job **out_job);
 
 #ifdef __cplusplus
 }  // extern "C"

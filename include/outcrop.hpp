@@ -310,6 +310,16 @@ class scene : public scene_handle {
         found.resize(static_cast<std::size_t>(count));
         return found;
     }
+    job prefetch(const double (&low)[3], const double (&high)[3], double cell = 0) const {
+        job j;
+        check(oc_scene_prefetch_box(get(), low, high, cell, j.put()));
+        return j;
+    }
+    job prefetch(const oc_camera &camera, std::uint32_t width, std::uint32_t height, float poe = 0) const {
+        job j;
+        check(oc_scene_prefetch_camera(get(), &camera, width, height, poe, j.put()));
+        return j;
+    }
 
   private:
     static oc_query batch(const std::vector<oc_ray> &rays, oc_want want, oc_query_flags flags) {

@@ -19,6 +19,7 @@ const SOURCES: &[&str] = &[
     "overlap.rs",
     "frame.rs",
     "pixels.rs",
+    "prefetch.rs",
 ];
 
 fn root() -> PathBuf {

@@ -71,7 +71,51 @@ fn from_generator_to_picture() {
     assert_eq!(rows.len(), 3);
     assert!(rows.iter().all(|r| r["hits"].as_u64().unwrap() > 0 && r["mrays_single"].as_f64().unwrap() > 0.0));
 
+    let args = ["bench", "a.oc", "--size", "64x48", "--runs", "1", "--view", "0", "--threads", "1", "--poe", "0,1,10", "--cache", "64M"];
+    let bench = json(dir, &args);
+    let rows = bench["results"].as_array().unwrap();
+    let member = |i: usize, name: &str| rows[i][name].as_f64().unwrap();
+    assert_eq!(rows.len(), 3);
+    assert_eq!((member(0, "lod"), member(0, "mean_error_px"), member(0, "border")), (0.0, 0.0, 0.0));
+    assert!(member(1, "lod") > 0.1 && member(2, "lod") >= member(1, "lod"), "{bench}");
+    assert!(member(1, "mean_error_px") > 0.0 && member(2, "mean_error_px") > member(1, "mean_error_px"), "{bench}");
+    assert!((0..3).all(|i| member(i, "p999_error_px") >= member(i, "mean_error_px") && member(i, "mrays") > 0.0));
+    assert!(member(0, "bytes_working_set") >= member(2, "bytes_working_set") && member(2, "bytes_working_set") > 0.0);
+
     assert_eq!(names(dir), ["a.oc", "a.ply", "a.png"]);
+}
+
+/// A model larger than its memory: the first picture, the best that fits, and what is asked for and does not.
+#[test]
+fn pictures_in_a_small_cache() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    json(dir, &["generate", "mandelbulb", "--triangles", "1M", "-o", "b.ply"]);
+    json(dir, &["build", "b.ply", "-o", "b.oc"]);
+    let render = ["render", "b.oc", "-o", "b.png", "--size", "320x240", "--samples", "1", "--cache", "12M"];
+    let with = |more: &[&str]| json(dir, &[&render, more].concat());
+    let first = with(&["--until", "first"]);
+    let share = |picture: &Value, name: &str| picture["pixels"][name].as_f64().unwrap() / picture["pixels"]["total"].as_f64().unwrap();
+    assert!(first["pictures"].as_u64().unwrap() >= 1);
+    assert!(share(&first, "exact") + share(&first, "lod") + share(&first, "missing") == 1.0, "{first}");
+    let best = with(&["--until", "complete"]);
+    assert_eq!(best["state"], "complete_within_budget");
+    assert!(best["effective_poe"].as_f64().unwrap() > 0.0 && best["bytes_resident"].as_u64().unwrap() <= 12 << 20, "{best}");
+    assert!(best["mean_error_px"].as_f64().unwrap() <= first["mean_error_px"].as_f64().unwrap(), "{first} {best}");
+    let coarse = with(&["--until", "converged", "--poe", "30"]);
+    assert_eq!((coarse["state"].as_str(), coarse["effective_poe"].as_f64()), (Some("converged"), Some(30.0)));
+    assert_eq!((coarse["bytes_wanted"].as_u64(), coarse["fraction"].as_f64()), (Some(0), Some(1.0)));
+    let soon = with(&["--until", "0.05"]);
+    assert!(soon["seconds"]["first"].as_f64().unwrap() <= soon["seconds"]["render"].as_f64().unwrap() + 0.05, "{soon}");
+    std::fs::remove_file(dir.join("b.png")).unwrap();
+    fails(dir, &[&render[..], &["--until", "converged"]].concat(), 1, "does not converge");
+    fails(dir, &[&render[..], &["--poe=-1"]].concat(), 2, "poe");
+    fails(dir, &[&render[..], &["--poe", "nan"]].concat(), 2, "poe");
+    fails(dir, &[&render[..], &["--until", "soon"]].concat(), 2, "seconds");
+    fails(dir, &["bench", "b.oc", "--poe", "0,-1"], 2, "0 or more");
+    fails(dir, &["render", "b.oc", "-o", "b.png", "--cache", "1000T"], 2, "more than");
+    fails(dir, &["render", "b.oc", "-o", "b.png", "--cache", "1M"], 1, "at least");
+    assert_eq!(names(dir), ["b.oc", "b.ply"]);
 }
 
 #[test]

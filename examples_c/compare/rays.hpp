@@ -49,8 +49,10 @@ inline View make_view(const oc_camera &camera, double aspect) {
     return v;
 }
 
-// One ray a pixel, in blocks of 4 x 4 pixels; width and height are multiples of 4.
-inline std::vector<oc_ray> primary_rays(const View &v, unsigned width, unsigned height) {
+// One ray a pixel, in blocks of 4 x 4 pixels; width and height are multiples of 4. `poe`: pixels of error, the area in pixels
+// that outcrop's stand-ins may cover.
+inline std::vector<oc_ray> primary_rays(const View &v, unsigned width, unsigned height, double poe = 0) {
+    const double wide = std::sqrt(poe) * 2 * length(v.up) / height;
     std::vector<oc_ray> rays;
     rays.reserve(std::size_t(width) * height);
     for (unsigned y0 = 0; y0 < height; y0 += 4) {
@@ -59,6 +61,7 @@ inline std::vector<oc_ray> primary_rays(const View &v, unsigned width, unsigned 
                 const double x = x0 + i % 4 + 0.5, y = y0 + i / 4 + 0.5;
                 const V3 d = v.forward + v.right * (2 * x / width - 1) + v.up * (1 - 2 * y / height);
                 rays.push_back(make_ray(v.eye, unit(d), 0));
+                rays.back().cone_b = float(wide / length(d));
             }
         }
     }

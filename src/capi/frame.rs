@@ -143,7 +143,7 @@ impl oc_frame_settings {
 /// The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
 /// soon as it is there, long before the request ends; each later picture is more exact. The request ends as OC_STATE_DONE
 /// when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the memory budget, or
-/// some of it cannot be read.
+/// some of it cannot be read (then oc_progress.error says so).
 ///
 /// OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,
 /// or a camera out of its ranges; then what the frame was rendering goes on.
@@ -177,7 +177,11 @@ fn snapshot(status: &FrameStatus) -> Snapshot {
         (FrameState::Idle, _) => Snapshot { state: OC_STATE_IDLE, ..Snapshot::running() },
         (FrameState::Running, _) => Snapshot::running(),
         (FrameState::Converged, _) => Snapshot::done(),
-        (FrameState::CompleteWithinBudget, _) => Snapshot::within_budget(),
+        (FrameState::CompleteWithinBudget, None) => Snapshot::within_budget(),
+        // What could not be read.
+        (FrameState::CompleteWithinBudget, Some(error)) => {
+            Snapshot { state: OC_STATE_COMPLETE_WITHIN_BUDGET, ..Snapshot::ended_with(error) }
+        }
         (FrameState::Failed, Some(error)) => Snapshot::ended_with(error),
         (FrameState::Cancelled | FrameState::Failed, _) => Snapshot::cancelled(),
     };

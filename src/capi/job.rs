@@ -1,4 +1,4 @@
-//! Long work as a handle: builds, loads and batches of rays.
+//! Long work as a handle: builds, loads, batches of rays and prefetches.
 
 use super::background::Product;
 use super::guard::{Checked, Fill, Sized32, bad, boundary, keep_error, out, status_of};
@@ -23,7 +23,7 @@ pub const OC_STATE_CANCELLED: oc_state = 3;
 /// Failed. Of what it would have written nothing is to be used.
 pub const OC_STATE_FAILED: oc_state = 4;
 /// Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose picture
-/// is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches. No error.
+/// is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches.
 pub const OC_STATE_COMPLETE_WITHIN_BUDGET: oc_state = 5;
 
 /// What a build or load is doing.
@@ -44,7 +44,7 @@ pub const OC_PHASE_DONE: oc_phase = 5;
 /// A timeout without an end.
 pub const OC_FOREVER: u32 = 0xFFFFFFFF;
 
-/// How far long work is: the same for builds, loads, batches of rays and frames.
+/// How far long work is: the same for builds, loads, batches of rays, prefetches and frames.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_progress {
@@ -54,15 +54,16 @@ pub struct oc_progress {
     pub state: oc_state,
     /// From 0 to 1, never going back.
     pub fraction: f64,
-    /// What is done: triangles read (builds), rays answered (batches), pixels (frames).
+    /// What is done: triangles read (builds), rays answered (batches), pixels (frames), blocks read (prefetches).
     pub done: u64,
     /// Of how many; 0 where that is not known.
     pub total: u64,
-    /// Bytes read and written so far.
+    /// Bytes read and written so far (builds, loads); in memory (frames, prefetches).
     pub bytes: u64,
     /// The least budget in bytes that would do, if it failed with OC_STATUS_OVER_BUDGET; else 0.
     pub need: u64,
-    /// Why it failed or was cancelled; oc_last_error has the reason in words after a poll or wait.
+    /// Why it failed or was cancelled, or of a frame that ended as OC_STATE_COMPLETE_WITHIN_BUDGET, why some of it could not
+    /// be read. oc_last_error has the reason in words after a poll or wait.
     pub error: oc_status,
     /// An OC_PHASE_ number (builds and loads).
     pub phase: oc_phase,
@@ -73,7 +74,7 @@ unsafe impl Sized32 for oc_progress {
     const NAME: &'static str = "oc_progress";
 }
 
-/// Called when work has ended, well or not; from any thread, in which it must return soon and must not
+/// Called when work has ended, well or not, and for frames also when there is a better picture; from any thread, in which it must return soon and must not
 /// unwind. It may call what is marked `Cheap`. `user` is what was given with the function.
 // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_wake_fn = Option<unsafe extern "C" fn(user: *mut c_void)>;
@@ -185,7 +186,7 @@ impl Wake {
     }
 }
 
-/// Builds, loads and batches behind one handle.
+/// Builds, loads, batches and prefetches behind one handle.
 pub(crate) trait LongWork: Send + Sync {
     fn poll(&self) -> Snapshot;
     /// `None` waits without an end.

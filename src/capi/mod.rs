@@ -16,6 +16,7 @@ pub mod job;
 pub mod model;
 pub mod overlap;
 pub mod pixels;
+pub mod prefetch;
 pub mod query;
 pub mod report;
 pub mod scene;

@@ -96,7 +96,7 @@ struct Inner {
 
 const MOST_PIXELS_ALONG: u32 = 1 << 16;
 
-fn check_size(width: u32, height: u32) -> Result<()> {
+pub(super) fn check_size(width: u32, height: u32) -> Result<()> {
     let fine = |n: u32| (1..=MOST_PIXELS_ALONG).contains(&n);
     if fine(width) && fine(height) { Ok(()) } else { Err(Error::bad_argument("a frame has 1 to 65536 pixels along each side")) }
 }

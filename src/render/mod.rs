@@ -6,10 +6,12 @@ pub mod frame;
 mod integrators;
 mod job;
 mod passes;
+pub mod prefetch;
 pub mod status;
 mod tile;
 pub(crate) mod wants;
 
 pub use film::{Buffer, Mapped, Outputs, Target};
 pub use frame::{Frame, FrameOptions, FrameSettings};
+pub use prefetch::{Prefetch, PrefetchState, PrefetchStatus};
 pub use status::{FrameState, FrameStatus};

@@ -151,6 +151,15 @@ impl Residency {
         self.0.next_pass()
     }
 
+    /// Bytes that blocks may take beside those that stay, those being read, and those that live views, or passes from
+    /// `stamp` on, have used.
+    pub fn room_beside(&self, stamp: u32) -> u64 {
+        let mut state = self.0.lock();
+        let standing = state.oldest_standing().min(stamp);
+        let used = state.used_since(standing) + state.in_flight;
+        self.0.capacity(&state).saturating_sub(used)
+    }
+
     pub(super) fn shared(&self) -> &Arc<Shared> {
         &self.0
     }

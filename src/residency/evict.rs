@@ -120,6 +120,11 @@ impl State {
     /// Bytes of blocks that cannot go now.
     pub fn in_use(&mut self) -> u64 {
         let standing = self.oldest_standing();
+        self.used_since(standing)
+    }
+
+    /// Bytes of blocks that stay, or that passes from `standing` on have used.
+    pub fn used_since(&self, standing: u32) -> u64 {
         let models: Vec<_> = self.models.values().filter_map(std::sync::Weak::upgrade).collect();
         let of_model = |model: &Arc<Inner>| {
             let snapshot = model.published.load();

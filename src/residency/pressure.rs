@@ -39,6 +39,12 @@ impl State {
     pub fn overfull(&mut self, shared: &Shared, stamp: u32, after: &mut After) {
         // Nothing changes until views do.
         self.ranking.is_stuck = true;
+        if stamp == 0 {
+            // Wanted by nobody who looks: no picture gets coarser for that.
+            let views = self.live_views();
+            after.calls.extend(views.iter().filter(|view| view.wanted_at() == 0).filter_map(|view| view.call()));
+            return;
+        }
         if stamp <= self.strain.changed_at {
             return;
         }

@@ -157,11 +157,11 @@ impl Shared {
             let run = state.ranking.run_around(&model, (key, id));
             let stamp = state.ranking.stamp((key, id));
             return match self.room_for(state, &model, &run, after) {
-                Ok(Some(room)) => Next::Load(Task { model, ids: run, stamp, room }),
+                Ok(Some(room)) => Next::Load(Task { model, ids: run, stamp: self.used_at(stamp), room }),
                 Ok(None) => Next::Again,
                 Err(Short::ForNow) => Next::Starved,
                 Err(Short::InUse) => match self.room_for(state, &model, &[id], after) {
-                    Ok(Some(room)) => Next::Load(Task { model, ids: vec![id], stamp, room }),
+                    Ok(Some(room)) => Next::Load(Task { model, ids: vec![id], stamp: self.used_at(stamp), room }),
                     Ok(None) => Next::Again,
                     Err(Short::ForNow) => Next::Starved,
                     Err(Short::InUse) => {
@@ -173,6 +173,12 @@ impl Shared {
         }
         state.settle(self, after);
         self.promotion(state, after)
+    }
+
+    /// What counts as the last use of a block that a pass with `stamp` wanted; who wants without passes counts as one who uses
+    /// it now, or what came first would be the first to go.
+    fn used_at(&self, stamp: u32) -> u32 {
+        if stamp == 0 { self.pass.load(Relaxed) } else { stamp }
     }
 
     /// Memory for a run; `None` if some was freed and `after` has to run first.

@@ -27,6 +27,11 @@ impl Ranking {
         self.valid = false;
     }
 
+    /// Whether what comes next does not fit.
+    pub fn is_refused(&self) -> bool {
+        self.valid && self.is_stuck
+    }
+
     /// The last pass that wanted the block; 0 for none.
     pub fn stamp(&self, key: Key) -> u32 {
         self.wanted.binary_search_by_key(&key, |w| w.0).map_or(0, |at| self.wanted[at].1)

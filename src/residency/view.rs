@@ -45,7 +45,8 @@ pub struct ViewStatus {
 
 /// A live view: what it uses is not evicted, and what it wants is read. Thread-safe; meant to be driven by one thread.
 ///
-/// It makes passes: [`View::begin_pass`], then take snapshots, trace with the stamp, let go of the snapshots, and say
+/// It makes passes (but for who only reads ahead: wants of a view without passes come last to room, and are refused when it is
+/// short): [`View::begin_pass`], then take snapshots, trace with the stamp, let go of the snapshots, and say
 /// with [`View::want`] what was missing. Dropping it withdraws its wants.
 pub struct View {
     core: Arc<ViewCore>,
@@ -151,7 +152,7 @@ impl View {
         let state = match (failed, waiting) {
             (0, 0) => ViewState::Satisfied,
             (_, 0) => ViewState::Failed,
-            _ if is_full(&state) => ViewState::Full,
+            _ if is_full(&state) || wants.stamp == 0 && state.ranking.is_refused() => ViewState::Full,
             _ => ViewState::Busy,
         };
         ViewStatus { bytes_wanted, state }

@@ -291,6 +291,12 @@ impl Model {
         &self.0.trees
     }
 
+    /// Block of a tree's root, and the reference to it in there; see [`TreeView::root`].
+    pub(crate) fn root(&self, tree: u32) -> (u32, u32) {
+        let tree = &self.0.trees[tree as usize];
+        (tree.first_block, tree.root)
+    }
+
     pub(crate) fn blocks(&self) -> &ModelBlocks {
         &self.0.blocks
     }

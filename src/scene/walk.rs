@@ -209,7 +209,7 @@ impl<'a> SceneView<'a> {
         if instance.state.visible { instance.mask } else { 0 }
     }
 
-    pub(super) fn need(&self, placed: u32, block: BlockId) -> Need {
+    pub(crate) fn need(&self, placed: u32, block: BlockId) -> Need {
         Need { model: self.scene.placement.placed[placed as usize].model, block }
     }
 

@@ -733,6 +733,51 @@ static void overlaps(oc_scene *s0) {
     free(found);
 }
 
+static void prefetches(oc_scene *s0) {
+    double low[3] = {-1, -1, -1}, high[3] = {2, 2, 2};
+    oc_camera camera;
+    oc_job *job = NULL;
+    oc_progress progress;
+    oc_model *model = NULL;
+    int woken = 0;
+    OC_INIT(&camera);
+    OC_INIT(&progress);
+    camera.eye[0] = 3;
+    INVALID(oc_scene_prefetch_box(NULL, low, high, 0, &job));
+    INVALID(oc_scene_prefetch_box(s0, NULL, high, 0, &job));
+    INVALID(oc_scene_prefetch_box(s0, low, NULL, 0, &job));
+    INVALID(oc_scene_prefetch_box(s0, low, high, NAN, &job));
+    INVALID(oc_scene_prefetch_box(s0, low, high, -1, &job));
+    INVALID(oc_scene_prefetch_box(s0, low, high, 0, NULL));
+    low[1] = NAN;
+    INVALID(oc_scene_prefetch_box(s0, low, high, 0, &job));
+    low[1] = -1;
+    INVALID(oc_scene_prefetch_camera(NULL, &camera, 8, 8, 0, &job));
+    INVALID(oc_scene_prefetch_camera(s0, NULL, 8, 8, 0, &job));
+    INVALID(oc_scene_prefetch_camera(s0, &camera, 0, 8, 0, &job));
+    INVALID(oc_scene_prefetch_camera(s0, &camera, 8, 65537, 0, &job));
+    INVALID(oc_scene_prefetch_camera(s0, &camera, 8, 8, NAN, &job));
+    INVALID(oc_scene_prefetch_camera(s0, &camera, 8, 8, -1, &job));
+    INVALID(oc_scene_prefetch_camera(s0, &camera, 8, 8, 0, NULL));
+    GARBAGE_SIZES(oc_camera, oc_scene_prefetch_camera(s0, s, 8, 8, 0, &job));
+    CHECK(job == NULL);
+    OK(oc_scene_prefetch_box(s0, low, high, 0, &job));
+    OK(oc_job_set_wake(job, wake, &woken));
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_DONE && progress.fraction == 1 && progress.error == OC_STATUS_OK && woken == 1);
+    EXPECT(OC_STATUS_INVALID_STATE, oc_job_model(job, &model));
+    oc_job_release(job);
+    OK(oc_scene_prefetch_camera(s0, &camera, 64, 48, 1, &job));
+    OK(oc_job_wait(job, OC_FOREVER, &progress));
+    CHECK(progress.state == OC_STATE_DONE);
+    OK(oc_job_cancel(job)); /* too late */
+    OK(oc_job_poll(job, &progress));
+    CHECK(progress.state == OC_STATE_DONE);
+    oc_job_release(job);
+    OK(oc_scene_prefetch_camera(s0, &camera, 64, 48, 1, &job));
+    oc_job_release(job); /* before anybody began it */
+}
+
 static void frames(oc_context *c, oc_scene *s0) {
     oc_frame *f = NULL;
     oc_frame_desc desc;
@@ -902,6 +947,7 @@ int main(int argc, char **argv) {
     oc_scene *s0 = scenes(c);
     queries(s0);
     overlaps(s0);
+    prefetches(s0);
     frames(c, s0);
     oc_context_release(c); /* before what was made from it */
     oc_scene_release(s0);

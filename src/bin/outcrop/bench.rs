@@ -1,5 +1,6 @@
 //! `outcrop bench`.
 
+use crate::accuracy::{self, Task};
 use crate::common::{self, Failure, Outcome};
 use crate::rays::Kind;
 use crate::view;
@@ -15,7 +16,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Measure how fast rays are traced, in millions a second: single and in packets of 32
+/// Measure how fast rays are traced, in millions a second: single and in packets of 32, or at some pixels of error
 #[derive(clap::Args)]
 pub struct Args {
     /// The model file
@@ -42,12 +43,24 @@ pub struct Args {
     /// Instruction set
     #[arg(long, value_parser = ["baseline", "avx2", "avx512"])]
     isa: Option<String>,
-    /// Bytes of memory for the model, with K, M, G or T; 0 for three quarters of the machine's
-    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
-    memory: u64,
+    /// Bytes of memory for the model, with K, M, G or T, which may be less than it needs; 0 for three quarters of the
+    /// machine's
+    #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    cache: u64,
+    /// Pixels of error: measure rays of pixels in packets whose stand-ins may cover so many pixels, in place of exact ones, and
+    /// how far off their answers are
+    #[arg(long, value_name = "POE", value_delimiter = ',', conflicts_with = "rays", value_parser = pixels_of_error)]
+    poe: Vec<f32>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+}
+
+fn pixels_of_error(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(poe) if (0.0..=f32::MAX).contains(&poe) => Ok(poe),
+        _ => Err("wanted is a finite number, 0 or more".into()),
+    }
 }
 
 /// Median millions of rays a second of one way to trace, and what was hit.
@@ -69,16 +82,17 @@ pub fn run(args: &Args) -> Outcome {
         "avx2" => Isa::Avx2,
         _ => Isa::Baseline,
     });
-    let (mut rows, mut facts) = (Vec::new(), Value::Null);
-    let bar = common::progress_bar((args.threads.len() * args.view.len() * args.rays.len()) as u64);
+    let (mut rows, mut rough, mut facts) = (Vec::new(), Vec::new(), Value::Null);
+    let kinds = if args.poe.is_empty() { &args.rays[..] } else { &[] };
+    let bar = common::progress_bar((args.threads.len() * args.view.len() * kinds.len().max(1)) as u64);
     for &threads in &args.threads {
         let options = ContextOptions {
             threads: threads.into(),
-            memory_budget: args.memory,
+            memory_budget: args.cache,
             isa,
             ..ContextOptions::default()
         };
-        let context = Context::new(options)?;
+        let context = Context::new(options.clone())?;
         let model = Model::open(&context, &args.model)?;
         let all_in_memory = model.load(&cancel)?;
         let scene = view::alone(&context, &model, Vec::new(), Background::default())?;
@@ -88,7 +102,13 @@ pub fn run(args: &Args) -> Outcome {
         });
         let cameras = view::four(&model, args.views.as_deref());
         for &view in &args.view {
-            for &kind in &args.rays {
+            if !args.poe.is_empty() {
+                let task = Task { path: &args.model, options: options.clone(), size: args.size, runs: args.runs };
+                let found = accuracy::rows(&task, &scene, &cameras[usize::from(view)], &args.poe, &cancel)?;
+                rough.extend(found.into_iter().map(|row| row.at(view, threads)));
+                bar.inc(1);
+            }
+            for &kind in kinds {
                 let rays = kind.rays(&scene, &cameras[usize::from(view)], args.size)?;
                 rows.push(measure(&scene, kind, &rays, args.runs, &cancel)?.at(view, threads));
                 bar.inc(1);
@@ -96,8 +116,12 @@ pub fn run(args: &Args) -> Outcome {
         }
     }
     bar.finish_and_clear();
-    let value = as_json(facts, args, &rows);
-    common::print(args.json, &value, &as_text(&value, &rows))
+    let mut value = as_json(facts, args, &rows);
+    if args.poe.is_empty() {
+        return common::print(args.json, &value, &as_text(&value, &rows));
+    }
+    value["results"] = accuracy::as_json(&rough);
+    common::print(args.json, &value, &(heading(&value) + &accuracy::as_text(&rough)))
 }
 
 impl Row {
@@ -164,14 +188,18 @@ fn as_json(facts: Value, args: &Args, rows: &[Row]) -> Value {
     value
 }
 
-fn as_text(facts: &Value, rows: &[Row]) -> String {
-    let mut text = format!(
-        "{}: {} triangles, {}; Mrays/s, median of {}\nview  rays     threads  single  packet  hits\n",
+fn heading(facts: &Value) -> String {
+    format!(
+        "{}: {} triangles, {}; Mrays/s, median of {}\n",
         facts["model"].as_str().unwrap_or_default(),
         facts["triangles"],
         facts["isa"].as_str().unwrap_or_default(),
         facts["runs"]
-    );
+    )
+}
+
+fn as_text(facts: &Value, rows: &[Row]) -> String {
+    let mut text = heading(facts) + "view  rays     threads  single  packet  hits\n";
     for r in rows {
         let part = 100.0 * r.hits as f64 / r.rays.max(1) as f64;
         text += &format!(

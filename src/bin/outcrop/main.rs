@@ -4,6 +4,7 @@
 //! 0 done, 1 failed, 2 wrong usage.
 #![forbid(unsafe_code)]
 
+mod accuracy;
 mod bench;
 mod build;
 mod check;

@@ -2,7 +2,7 @@
 
 use crate::common::Failure;
 use glam::{DVec3, Vec3};
-use outcrop::math::Ray;
+use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, QueryOptions, Want};
 use outcrop::scene::{Camera, SceneState};
 use std::f64::consts::TAU;
@@ -33,7 +33,8 @@ impl Kind {
 
     /// The rays of this kind for a picture of `size` by `camera`.
     pub fn rays(self, scene: &SceneState, camera: &Camera, size: (u32, u32)) -> Result<Vec<Ray>, Failure> {
-        let primary = primary(camera, size)?;
+        let mut primary = primary(camera, size)?;
+        primary.iter_mut().for_each(|ray| ray.cone = Cone::ZERO);
         if self == Kind::Primary {
             return Ok(primary);
         }
@@ -57,7 +58,8 @@ fn above(hit: &Hit) -> DVec3 {
     hit.position + hit.normal.as_dvec3() * (size * 1e-6)
 }
 
-fn primary(camera: &Camera, (width, height): (u32, u32)) -> Result<Vec<Ray>, Failure> {
+/// Through the middles of pixels, each as wide as its pixel.
+pub fn primary(camera: &Camera, (width, height): (u32, u32)) -> Result<Vec<Ray>, Failure> {
     let pixels = camera.prepare(width, height)?;
     let mut rays = Vec::with_capacity(width as usize * height as usize);
     for (y, x) in tiles(height).flat_map(|y| tiles(width).map(move |x| (y, x))) {

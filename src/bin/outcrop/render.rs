@@ -10,6 +10,7 @@ use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKi
 use serde_json::{Value, json};
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// Render a picture of a model as PNG
@@ -45,12 +46,50 @@ pub struct Args {
     /// Threads; 0 for all of the machine's
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
-    /// Bytes of memory for models, with K, M, G or T; 0 for three quarters of the machine's
-    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
-    memory: u64,
+    /// Bytes of memory for models, with K, M, G or T, which may be less than they need; 0 for three quarters of the
+    /// machine's
+    #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
+    cache: u64,
+    /// When to take the picture: "first", as soon as there is one; "complete", when it gets no better; "converged", the same, but
+    /// a failure if it is coarser than asked; or after so many seconds
+    #[arg(long, value_name = "first|complete|converged|SECONDS", default_value = "complete", value_parser = until)]
+    until: Until,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+}
+
+/// When a picture is taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Until {
+    First,
+    Complete,
+    Converged,
+    Seconds(f64),
+}
+
+fn until(text: &str) -> Result<Until, String> {
+    match text {
+        "first" => Ok(Until::First),
+        "complete" => Ok(Until::Complete),
+        "converged" => Ok(Until::Converged),
+        _ => match text.parse() {
+            Ok(seconds) if (0.0..1e9).contains(&seconds) => Ok(Until::Seconds(seconds)),
+            _ => Err("wanted is first, complete, converged or a number of seconds".into()),
+        },
+    }
+}
+
+impl Until {
+    /// Whether a picture as good as `status` says is taken.
+    fn is_reached(self, status: &FrameStatus) -> bool {
+        let is_whole = status.pictures > 0;
+        match self {
+            Until::First => is_whole,
+            Until::Seconds(seconds) => is_whole && status.seconds >= seconds,
+            Until::Complete | Until::Converged => false,
+        }
+    }
 }
 
 /// Parses a light.
@@ -83,7 +122,7 @@ fn usual_lights(camera: &Camera) -> Vec<Light> {
 /// Runs the verb.
 pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
-    let defaults = ContextOptions { memory_budget: args.memory, ..ContextOptions::default() };
+    let defaults = ContextOptions { memory_budget: args.cache, ..ContextOptions::default() };
     let threads = if args.threads == 0 { defaults.threads } else { args.threads };
     let context = Context::new(ContextOptions { threads, ..defaults })?;
     let begun = Instant::now();
@@ -102,34 +141,81 @@ pub fn run(args: &Args) -> Outcome {
     let (width, height) = args.size;
     let frame = Frame::new(&context, FrameOptions { width, height, ..FrameOptions::default() })?;
     let settings = FrameSettings { samples: args.samples, poe: args.poe, ..FrameSettings::default() };
+    let first = Arc::new(OnceLock::new());
+    let seen = Arc::clone(&first);
+    frame.set_wake(Some(Arc::new(move || {
+        let _ = seen.set(Instant::now());
+    })));
+    let asked = Instant::now();
     frame.request(&scene, &camera, &settings)?;
-    let status = finished(&frame, &cancel)?;
-    write_png(&frame.map(Buffer::ColourSrgb8)?, &args.output)?;
-    let text = format!(
-        "{}: {width}x{height}, opened in {seconds_open:.2} s, rendered in {:.2} s",
+    let status = taken(&frame, args.until, &cancel)?;
+    let picture = frame.map(Buffer::ColourSrgb8)?;
+    frame.cancel();
+    let seconds_first = first.get().map_or(status.seconds, |first| first.duration_since(asked).as_secs_f64());
+    write_png(&picture, &args.output)?;
+    let seconds = [seconds_open, seconds_first];
+    common::print(args.json, &as_json(args, &camera, seconds, &status), &as_text(args, seconds, &status))
+}
+
+fn as_text(args: &Args, [open, first]: [f64; 2], status: &FrameStatus) -> String {
+    let (width, height) = args.size;
+    let mut text = format!(
+        "{}: {width}x{height}, opened in {open:.2} s, first picture after {first:.2} s, this one after {:.2} s",
         args.output.display(),
         status.seconds
     );
-    common::print(args.json, &as_json(args, &camera, seconds_open, &status), &text)
+    if status.state != FrameState::Converged || args.poe > 0.0 {
+        let share = |pixels: u64| 100.0 * pixels as f64 / status.pixels_total.max(1) as f64;
+        text += &format!(
+            "\nerror {:.2} pixels in the mean, {:.1} at worst; {:.1} % of the pixels exact, {:.1} % as fine as asked, {:.1} % coarser",
+            status.mean_error_px,
+            status.worst_error_px,
+            share(status.pixels_exact),
+            share(status.pixels_lod),
+            share(status.pixels_missing)
+        );
+    }
+    if status.state == FrameState::CompleteWithinBudget {
+        let poe = status.effective_poe;
+        text += &format!("\ncoarser than asked: all that fits the budget is shown, as at {poe:.2} pixels of error");
+    }
+    text
+}
+
+/// How a state is called.
+fn name_of(state: FrameState) -> &'static str {
+    match state {
+        FrameState::Idle => "idle",
+        FrameState::Running => "running",
+        FrameState::Converged => "converged",
+        FrameState::Cancelled => "cancelled",
+        FrameState::Failed => "failed",
+        FrameState::CompleteWithinBudget => "complete_within_budget",
+    }
 }
 
 /// Waits for the picture, showing how far it is.
-fn finished(frame: &Frame, cancel: &Cancel) -> Result<FrameStatus, Failure> {
+fn taken(frame: &Frame, until: Until, cancel: &Cancel) -> Result<FrameStatus, Failure> {
     let bar = common::progress_bar(1000);
     bar.set_message("rendering");
     let status = loop {
         if cancel.is_cancelled() {
             frame.cancel();
         }
-        let status = frame.wait(Duration::from_millis(100));
-        if status.state != FrameState::Running {
+        let pause = if matches!(until, Until::First | Until::Seconds(_)) { 1 } else { 100 };
+        let status = frame.wait(Duration::from_millis(pause));
+        if status.state != FrameState::Running || until.is_reached(&status) {
             break status;
         }
         bar.set_position((status.fraction * 1000.0) as u64);
     };
     bar.finish_and_clear();
     match (status.state, &status.error) {
-        (FrameState::Converged | FrameState::CompleteWithinBudget, _) => Ok(status),
+        (FrameState::CompleteWithinBudget, _) if until == Until::Converged => {
+            let (poe, bytes) = (status.effective_poe, common::in_bytes(status.bytes_wanted));
+            Err(Failure::Frame(format!("the picture does not converge: the budget allows {poe:.2} pixels of error, {bytes} are lacking")))
+        }
+        (FrameState::Converged | FrameState::CompleteWithinBudget | FrameState::Running, _) => Ok(status),
         (FrameState::Cancelled, _) => Err(Error::Cancelled.into()),
         (_, Some(error)) => Err(Failure::Frame(error.to_string())),
         (state, None) => Err(Failure::Frame(format!("the frame ended as {state:?}"))),
@@ -159,7 +245,7 @@ fn write_png(picture: &Mapped, path: &Path) -> Outcome {
     Ok(renamed?)
 }
 
-fn as_json(args: &Args, camera: &Camera, seconds_open: f64, status: &FrameStatus) -> Value {
+fn as_json(args: &Args, camera: &Camera, [open, first]: [f64; 2], status: &FrameStatus) -> Value {
     let (Camera::Perspective { eye, at, up, .. } | Camera::Orthographic { eye, at, up, .. }) = camera;
     json!({
         "file": args.output.to_string_lossy(),
@@ -173,15 +259,33 @@ fn as_json(args: &Args, camera: &Camera, seconds_open: f64, status: &FrameStatus
             "exact": status.pixels_exact, "lod": status.pixels_lod, "missing": status.pixels_missing,
             "total": status.pixels_total,
         },
+        "state": name_of(status.state),
+        "fraction": status.fraction,
+        "pictures": status.pictures,
+        "poe": args.poe,
+        "effective_poe": status.effective_poe,
         "worst_error_px": status.worst_error_px,
+        "mean_error_px": status.mean_error_px,
         "bytes_resident": status.bytes_resident,
-        "seconds": { "open": seconds_open, "render": status.seconds },
+        "bytes_wanted": status.bytes_wanted,
+        "seconds_to_go": status.seconds_to_go.is_finite().then_some(status.seconds_to_go),
+        "seconds": { "open": open, "first": first, "render": status.seconds },
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ends_are_understood() {
+        let words = ["first", "complete", "converged", "0", "2.5"].map(until);
+        let meant = [Until::First, Until::Complete, Until::Converged, Until::Seconds(0.0), Until::Seconds(2.5)];
+        assert_eq!(words, meant.map(Ok));
+        for bad in ["", "soon", "-1", "nan", "inf", "1s"] {
+            assert!(until(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn lights_are_understood() {

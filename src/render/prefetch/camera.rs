@@ -1,0 +1,70 @@
+//! Which blocks the rays of some pixels lack.
+
+use super::Lacking;
+use crate::math::Cone;
+use crate::query::stand_in;
+use crate::scene::camera::PixelRays;
+use crate::scene::walk::{SceneView, SceneWalk, Step};
+
+/// Rays that have not yet met what they would meet.
+pub(super) struct InView {
+    rays: PixelRays,
+    /// Widths are those of pixels times this.
+    widen: f32,
+    /// Pixels to be looked at in this pass.
+    todo: Vec<(u32, u32)>,
+    /// Those that lacked something.
+    waiting: Vec<(u32, u32)>,
+    walk: SceneWalk,
+}
+
+/// Of so many pixels along each side one is looked at.
+const STEP: usize = 4;
+
+/// Rays at a time.
+const PIECE: usize = 256;
+
+/// Frames dither thresholds between half an octave below and above: the finest is needed.
+const FINEST: f32 = 0.707;
+
+impl InView {
+    pub fn new(rays: PixelRays, size: (u32, u32), poe: f32) -> Self {
+        let middles = |n: u32| (0..n).step_by(STEP).map(move |at| (at + STEP as u32 / 2).min(n - 1));
+        let waiting = middles(size.1).flat_map(|y| middles(size.0).map(move |x| (x, y))).collect();
+        Self { rays, widen: (poe * FINEST).sqrt(), todo: Vec::new(), waiting, walk: SceneWalk::default() }
+    }
+
+    pub fn begin(&mut self) {
+        self.todo.append(&mut self.waiting);
+    }
+
+    /// Whether there is more to look at in this pass.
+    pub fn step(&mut self, view: &SceneView, lacking: &mut Lacking) -> bool {
+        for _ in 0..PIECE {
+            let Some(pixel) = self.todo.pop() else { return false };
+            if self.look(view, pixel, lacking) {
+                self.waiting.push(pixel);
+            }
+        }
+        true
+    }
+
+    /// Whether the ray lacks something.
+    fn look(&mut self, view: &SceneView, (x, y): (u32, u32), lacking: &mut Lacking) -> bool {
+        let mut ray = self.rays.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let pixel = ray.cone;
+        ray.cone = Cone { a: pixel.a * self.widen, b: pixel.b * self.widen };
+        self.walk.begin(view, &ray);
+        if let Step::Pending(need) = view.trace::<false>(&ray, &mut self.walk) {
+            // A root.
+            lacking.add(need, f32::MAX);
+            return true;
+        }
+        let found = self.walk.best();
+        let Some(need) = found.is_hit().then(|| view.wanted(&found)).flatten() else { return false };
+        let width = f64::from(pixel.a) + f64::from(pixel.b) * found.t;
+        let error = stand_in::look(view, &ray, &found).map_or(0.0, |look| look.error);
+        lacking.add(need, (f64::from(error) / width.max(f64::MIN_POSITIVE)) as f32);
+        true
+    }
+}
