@@ -252,6 +252,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    #[allow(clippy::type_complexity)] // what is compared, and no more
     fn bits(batch: &Batch) -> (Vec<u64>, bool, &[u32], &[u32], &[[u8; 4]]) {
         let bits = match &batch.positions {
             Positions::Single(p) => p.iter().flatten().flat_map(|c| c.to_array()).map(|x| x.to_bits().into()).collect(),

@@ -90,9 +90,9 @@ fn slabs(cells: Cells, axis: usize, histogram: &[u32]) -> Vec<(u64, Cells)> {
         if count > 0 {
             let (sum, bounds) = &mut slabs[cell[axis] - cells.low[axis]];
             *sum += u64::from(count);
-            for a in 0..3 {
-                bounds.low[a] = bounds.low[a].min(cell[a]);
-                bounds.high[a] = bounds.high[a].max(cell[a] + 1);
+            for (a, &at) in cell.iter().enumerate() {
+                bounds.low[a] = bounds.low[a].min(at);
+                bounds.high[a] = bounds.high[a].max(at + 1);
             }
         }
     }

@@ -310,7 +310,6 @@ pub unsafe extern "C" fn oc_context_create(
             read_ahead: desc.flags & OC_CONTEXT_NO_READ_AHEAD == 0,
             log,
             isa,
-            ..all
         })?;
         let (isa, threads) = (context.isa().name(), context.concurrency());
         let version = env!("CARGO_PKG_VERSION");

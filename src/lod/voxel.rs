@@ -178,6 +178,9 @@ impl Voxel {
     }
 }
 
+/// A child's box, and what of it is seen from the side.
+type Seen<'a> = (&'a Bounds, &'a Sample);
+
 /// Looks at the children from one side: what is behind others counts as much as these let through. Adds to `seen`
 /// how much is seen of each.
 fn composite<'a>(
@@ -188,7 +191,7 @@ fn composite<'a>(
 ) -> Sample {
     let (axis, high) = axis_of(side);
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-    let mut order: [(f32, usize, Option<(&Bounds, &Sample)>); 8] = [(f32::INFINITY, 8, None); 8];
+    let mut order: [(f32, usize, Option<Seen>); 8] = [(f32::INFINITY, 8, None); 8];
     for ((slot, entry), (bounds, voxel)) in order.iter_mut().enumerate().zip(children) {
         let near = if high { -bounds.max[axis] } else { bounds.min[axis] };
         *entry = (near, slot, Some((bounds, &voxel.sides[side])));
@@ -219,7 +222,7 @@ fn composite<'a>(
 /// The share of each column of the grid that a box takes along an axis.
 fn shares(cell: &Bounds, b: &Bounds, axis: usize) -> [f32; GRID] {
     let size = cell.max[axis] - cell.min[axis];
-    if !(size > 0.0) {
+    if size.is_nan() || size <= 0.0 {
         return [1.0; GRID];
     }
     let scale = GRID as f32 / size;

@@ -97,6 +97,7 @@ struct Rounds {
 }
 
 /// A piece of work of a round after the first.
+#[allow(clippy::large_enum_variant)] // there are few, and each is moved once
 enum Item {
     /// Rays to be begun.
     Chunk(usize),

@@ -40,7 +40,7 @@ pub(crate) struct Look {
 /// The stand-in that `found` is, if it is one and its block is there.
 #[inline]
 pub(crate) fn look(view: &SceneView, ray: &Ray, found: &Found) -> Option<Look> {
-    Some(look_at(view, ray, found, found.tri.stand_in()?)?)
+    look_at(view, ray, found, found.tri.stand_in()?)
 }
 
 #[inline(never)]
