@@ -63,7 +63,7 @@ pub struct BuildOptions {
     /// What to build.
     pub structure: Structure,
     /// Bytes of memory that the build may use, at least 32 MiB; 0 for no limit. Default 0. Triangles that do not
-    /// fit go through temporaries, about 25 bytes each, and their tree is built in chunks: files of different
+    /// fit go through temporaries, about 20 bytes each, up to 80 where they are split, and their tree is built in chunks: files of different
     /// budgets hold the same triangles in somewhat different trees.
     pub memory_budget: u64,
     /// Threads; 0 for as many as the machine has, 1 to stay wholly in the calling thread. Default 0.
