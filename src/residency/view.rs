@@ -24,7 +24,7 @@ pub struct Wanted {
 /// Whether what a view wants comes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ViewState {
-    /// All is in memory.
+    /// All that can be read is in memory, some of it since it was wanted: another pass has less to want.
     Satisfied,
     /// It is being read, or will be.
     Busy,
@@ -141,16 +141,20 @@ impl View {
         let state = self.shared.lock();
         let wants = self.core.lock();
         let (mut bytes_wanted, mut failed, mut waiting) = (0, 0, 0);
+        let mut came = wants.list.len();
         for same in wants.list.chunk_by(|a, b| a.0.0 == b.0.0) {
             let Some(model) = state.model(same[0].0.0) else { continue };
             let snapshot = model.published.load();
             for id in same.iter().map(|((_, id), _)| *id).filter(|id| snapshot.block(*id).is_none()) {
                 bytes_wanted += u64::from(model.file.decoded_len(id));
                 *(if model.is_failed(id) { &mut failed } else { &mut waiting }) += 1;
+                came -= 1;
             }
         }
         let state = match (failed, waiting) {
             (0, 0) => ViewState::Satisfied,
+            // Else what came last would not be shown.
+            (_, 0) if came > 0 => ViewState::Satisfied,
             (_, 0) => ViewState::Failed,
             _ if is_full(&state) || wants.stamp == 0 && state.ranking.is_refused() => ViewState::Full,
             _ => ViewState::Busy,

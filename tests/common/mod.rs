@@ -14,6 +14,7 @@
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
 //! | [`trees`] | the trees under test, with any blocks missing |
+//! | [`sources`] | sources that fail, stall and dawdle |
 // Each test binary uses its own share of this folder.
 #![allow(dead_code)]
 
@@ -26,5 +27,6 @@ pub mod rays;
 pub mod rng;
 pub mod rounding;
 pub mod scenes;
+pub mod sources;
 pub mod stored;
 pub mod trees;
