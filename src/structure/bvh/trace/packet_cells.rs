@@ -66,10 +66,8 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
     planes: &Planes,
     rays: u32,
     block_id: u32,
-    shared: &Shared,
     walk: &mut PacketWalk,
 ) -> u32 {
-    let _ = shared;
     let near = [planes[0][0][slot & 7], planes[1][0][slot & 7], planes[2][0][slot & 7]];
     let far = [planes[0][1][slot & 7], planes[1][1][slot & 7], planes[2][1][slot & 7]];
     let mut left = rays;

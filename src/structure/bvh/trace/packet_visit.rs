@@ -255,7 +255,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         let mut rays = entry.rays;
         let is_small = LOD && small >> slot & 1 == 1;
         if is_small {
-            rays = packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, &planes, rays, entry.block, shared, walk);
+            rays = packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, &planes, rays, entry.block, walk);
         }
         if is_small || !shared.one_origin || matches!(Child::from_bits(child), Some(Child::Leaf(_))) {
             rays &= meet(s, &planes, slot, walk);
