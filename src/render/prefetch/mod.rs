@@ -81,6 +81,7 @@ struct Inner {
 }
 
 /// What is to be looked for.
+#[allow(clippy::large_enum_variant)] // one for each prefetch
 enum Aim {
     Box(InBox),
     View(InView),
