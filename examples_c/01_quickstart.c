@@ -96,7 +96,7 @@ static oc_pixels watch(oc_frame *frame) {
         if (!accuracy.pictures) continue;
         /* A window would show it now; it stays as it is for as long as it is mapped. */
         if (!first.mapping) CHECK(oc_frame_map(frame, OC_BUFFER_COLOUR_SRGB8, &first));
-        if (said == 0 || accuracy.seconds > said + 0.25) {
+        if (said == 0 || accuracy.seconds > 1.5 * said + 0.1) {
             said = accuracy.seconds;
             say_how_true(&accuracy);
         }
