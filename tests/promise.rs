@@ -14,8 +14,10 @@ use glam::{DAffine3, DQuat, DVec3};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
-use outcrop::scene::{Model, Scene, SceneState};
+use outcrop::render::{Frame, FrameOptions, FrameSettings};
+use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene, SceneState};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 
 /// Over five models and five settings a million.
 const RAYS: usize = 40_000;
@@ -165,6 +167,120 @@ fn check(soup: &Soup) {
     let context = built::context(2);
     let (scene, _) = built::scene(&context, &file);
     check_scene(soup.name, &scene.state(), &Bvh64::new(soup.tris.clone()), size_of(soup), RAYS);
+}
+
+/// Turns a frame around the scene until told to end, so that blocks come and go.
+fn look_around(context: &Context, state: &Arc<SceneState>, stop: &AtomicBool) {
+    let options = FrameOptions { width: 64, height: 48, ..Default::default() };
+    let frame = Frame::new(context, options).expect("a frame");
+    let bounds = state.bounds();
+    let (middle, size) = ((bounds.min + bounds.max) * 0.5, (bounds.max - bounds.min).length());
+    for i in 0.. {
+        if stop.load(SeqCst) {
+            return;
+        }
+        let a = i as f64 * 2.4;
+        let eye = middle + DVec3::new(a.cos(), a.sin(), (a * 0.7).sin()) * size * [0.8, 0.3, 0.1][i % 3];
+        let camera = Camera::Perspective { eye, at: middle + size * 0.01, up: DVec3::Z, fov_y_degrees: 50.0 };
+        frame.request(state, &camera, &FrameSettings { poe: 1.0, ..Default::default() }).expect("a request");
+        frame.wait(std::time::Duration::from_millis(30));
+    }
+}
+
+/// Stops the others at the end, also of a test that fails.
+struct AtEnd<'a>(&'a AtomicBool);
+
+impl Drop for AtEnd<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, SeqCst);
+    }
+}
+
+/// Answers of what is in memory now, that much of the model's size at most, while frames have it come and go.
+fn check_cold(name: &str, path: &std::path::Path, places: &[DAffine3], oracle: &Bvh64, size: f64, count: usize) {
+    let whole = Model::open(&built::context(2), path).expect("a model").memory();
+    // Nothing read but what opening must, then an eighth of it.
+    for share in [64, 8] {
+        let open = |memory_budget| {
+            let options = ContextOptions { threads: 2, memory_budget, read_ahead: false, ..Default::default() };
+            let context = Context::new(options).expect("a context");
+            Model::open(&context, path).map(|model| (context, model))
+        };
+        // A model that small needs more than its share.
+        let (context, model) = open(whole.geometry / share).unwrap_or_else(|e| match e {
+            outcrop::Error::OverBudget { need, .. } => open(need + whole.geometry / share).expect("the least does"),
+            e => panic!("{e}"),
+        });
+        let scene = Scene::new(&context);
+        for (id, m) in places.iter().enumerate() {
+            scene.add_instance(&model, id as u64, *m).expect("an instance");
+        }
+        scene.commit().expect("a commit");
+        let (state, stop, mut tally) = (scene.state(), AtomicBool::new(false), Tally::default());
+        std::thread::scope(|threads| {
+            let _stops = AtEnd(&stop);
+            threads.spawn(|| look_around(&context, &state, &stop));
+            for (p, poe) in POE.into_iter().enumerate().step_by(2) {
+                let made = RayMaker::new(oracle.tris(), 90 + p as u64 + share).batch(count);
+                let made = made.into_iter().filter(|r| r.kind != RayKind::Tiny);
+                let rays: Vec<Ray> = made.enumerate().map(|(i, r)| with_cone(&r, i, poe, size)).collect();
+                for (n, few) in rays.chunks(500).enumerate() {
+                    for (ray, hit) in few.iter().zip(&ask(&state, few, n % 2 == 0, Policy::Now)) {
+                        judge(oracle, ray, hit, &mut tally);
+                    }
+                }
+            }
+        });
+        let Tally { exact, lod, missing, misses, .. } = tally;
+        println!("{name}, 1/{share} in memory: {exact} exact, {lod} lod, {missing} missing, {misses} misses");
+        assert!(missing > 50 && misses > 50, "{name}: {missing} missing, {misses} misses");
+    }
+}
+
+#[test]
+fn of_what_is_in_memory_of_a_scan() {
+    let soup = Soup { name: "bumps", tris: scenes::bumpy_sphere(250, 400, 5) };
+    let file = built::build(|builder| {
+        builder.part(PartDesc { id: Some(1), ..Default::default() }).expect("a part");
+        builder.triangles(MeshKey::DIRECT, 0, &soup.tris, None).expect("triangles");
+    });
+    check_cold(soup.name, &file.path, &[DAffine3::IDENTITY], &Bvh64::new(soup.tris.clone()), size_of(&soup), 6000);
+}
+
+#[test]
+fn of_what_is_in_memory_of_nested_scaled_instances() {
+    let soup = Soup { name: "nested", tris: scenes::bumpy_sphere(150, 250, 3) };
+    let size = size_of(&soup);
+    let Nested { built, tris } = nested(&soup);
+    check_cold(soup.name, &built.path, &placings(size), &Bvh64::new(tris), size, 4000);
+}
+
+/// A ray that begins in the cell of a stand-in for what is missing knows nothing of what is before the hit.
+#[test]
+fn rays_that_begin_in_a_missing_cell_are_free_of_nothing() {
+    let tris = scenes::bumpy_sphere(250, 400, 5);
+    let oracle = Bvh64::new(tris.clone());
+    let file = built::build(|builder| {
+        builder.part(PartDesc { id: Some(1), ..Default::default() }).expect("a part");
+        builder.triangles(MeshKey::DIRECT, 0, &tris, None).expect("triangles");
+    });
+    let whole = Model::open(&built::context(0), &file.path).expect("a model").memory().geometry;
+    let options = ContextOptions { threads: 0, memory_budget: 3 * whole, read_ahead: false, ..Default::default() };
+    let context = Context::new(options).expect("a context");
+    let (scene, _model) = built::scene(&context, &file);
+    let (mut rng, mut tally, mut inside) = (common::rng::Rng::new(4), Tally::default(), 0);
+    let rays: Vec<Ray> = (0..4000)
+        .map(|_| {
+            let tri = tris[rng.below(tris.len())];
+            let near = tri[0] + rng.direction() * rng.between(0.0, 0.01);
+            Ray { t_min: rng.between(0.0, 0.001), ..Ray::new(near, rng.direction().as_vec3()) }
+        })
+        .collect();
+    for (ray, hit) in rays.iter().zip(&ask(&scene.state(), &rays, false, Policy::Now)) {
+        judge(&oracle, ray, hit, &mut tally);
+        inside += usize::from(hit.kind == HitKind::Missing && hit.t_free == ray.t_min);
+    }
+    assert!(inside > 200, "{inside}");
 }
 
 #[test]

@@ -8,13 +8,14 @@ use glam::{DAffine3, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::query::HitKind;
+use outcrop::math::Ray;
+use outcrop::query::{Hit, HitKind, QueryOptions};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs};
-use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene, SceneState};
-use outcrop::store::{CallbackSource, FileSource, Source};
+use outcrop::scene::{Camera, Context, ContextOptions, Light, LightKind, Model, Scene, SceneState};
+use outcrop::store::{CallbackSource, FileSource, ModelFile, Source};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::SeqCst};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
 const LONG: Duration = Duration::from_secs(120);
@@ -255,4 +256,110 @@ fn a_resting_camera_sees_better_pictures_and_is_woken_for_each() {
     assert_eq!((last.state, last.pixels_missing), (FrameState::Converged, 0));
     // The first, at least one with blocks that came, those with 4 and 8 samples.
     assert!(last.pictures >= 4 && woken.load(SeqCst) >= u64::from(last.pictures), "{last:?}, woken {woken:?} times");
+}
+
+/// Whatever is lacking for shadows is wanted too: a picture that has converged is that of the whole model.
+#[test]
+fn a_picture_that_has_converged_is_exact_from_inside_and_in_shadow() {
+    let towards = DVec3::new(-0.6, 0.5, -0.7);
+    let light = Light { kind: LightKind::Directional(towards), colour: [1.0; 3], intensity: 1.0, shadows: true };
+    let picture = |camera: &Camera, is_cold: bool| {
+        let context = context(2, if is_cold { bulb().bytes * 3 / 2 } else { 0 });
+        let model = Model::open(&context, &bulb().path).expect("it opens");
+        assert!(is_cold || model.load(&Cancel::new()).expect("it loads"));
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 7, DAffine3::IDENTITY).expect("an instance");
+        scene.set_lights(vec![light]).expect("a light");
+        scene.commit().expect("a commit");
+        let frame = frame(&context);
+        frame.request(&scene.state(), camera, &FrameSettings::default()).expect("a request");
+        let first = first_picture(&frame);
+        assert_eq!(first.pixels_missing > 0, is_cold, "{first:?}");
+        let status = frame.wait(LONG);
+        assert_eq!((status.state, status.pixels_exact), (FrameState::Converged, status.pixels_total));
+        Buffer::ALL.map(|b| frame.map(b).expect("a picture").bytes().to_vec())
+    };
+    // Far, and so near that cells around the eye are missing.
+    for (eye, at) in [(DVec3::new(2.4, 0.6, 0.5), DVec3::ZERO), (DVec3::new(0.9, 0.3, 0.2), DVec3::new(0.0, 0.4, 0.0))] {
+        let camera = Camera::Perspective { eye, at, up: DVec3::Z, fov_y_degrees: 60.0 };
+        let pictures = [false, true].map(|is_cold| picture(&camera, is_cold));
+        for buffer in Buffer::ALL {
+            let [exact, now] = pictures.each_ref().map(|picture| &picture[buffer as usize]);
+            let differ = exact.iter().zip(now).filter(|(a, b)| a != b).count();
+            assert_eq!(differ, 0, "{buffer:?} from {eye}: bytes that differ of {}", exact.len());
+        }
+    }
+}
+
+/// Each read of a block, by where it begins.
+type Places = Arc<Mutex<Vec<u64>>>;
+
+fn noted(places: &Places) -> Arc<dyn Source> {
+    let places = Arc::clone(places);
+    common::sources::meddled(&bulb().path, move |at, _| {
+        places.lock().expect("the list").push(at);
+        Ok(())
+    })
+}
+
+/// What a frame shows stays in memory while others press: what it read is not read again, by nobody, and to render the
+/// same once more reads nothing.
+#[test]
+fn what_a_resting_frame_uses_stays() {
+    let context = context(2, bulb().bytes);
+    let places = Places::default();
+    let state = scene(&context, noted(&places));
+    let settings = FrameSettings { poe: 4.0, ..Default::default() };
+    let resting = frame(&context);
+    let blocks = common::sources::blocks(&bulb().path);
+    let geometry = ModelFile::open_path(&bulb().path).expect("the file").header().geometry_blocks as usize;
+    let reads = || places.lock().expect("the list").len();
+    let render = |frame: &Frame, i| {
+        frame.request(&state, &camera(i), &settings).expect("a request");
+        let status = frame.wait(LONG);
+        assert!([FrameState::Converged, FrameState::CompleteWithinBudget].contains(&status.state), "{status:?}");
+        status
+    };
+    let opened = reads();
+    assert_eq!(render(&resting, 0).state, FrameState::Converged);
+    let used = places.lock().expect("the list")[opened..].to_vec();
+    assert!(used.len() > 10, "{}", used.len());
+    let picture = Buffer::ALL.map(|b| resting.map(b).expect("a picture").bytes().to_vec());
+    let (other, mut poe, mut is_calm) = (frame(&context), settings.poe, true);
+    for round in 0..4 {
+        let before = reads();
+        // Exact answers from all over the model, and another view that moves.
+        let mut rng = common::rng::Rng::new(round);
+        let rays: Vec<Ray> = (0..1500)
+            .map(|_| {
+                let from = rng.direction() * 3.0;
+                Ray::new(from, (rng.direction() * 0.9 - from).as_vec3())
+            })
+            .collect();
+        let mut hits = vec![Hit::MISS; rays.len()];
+        state.closest(&rays, QueryOptions::default(), &mut hits).expect("answers");
+        other.request(&state, &camera(round as usize + 1), &settings).expect("a request");
+        other.wait(LONG);
+        let since = places.lock().expect("the list")[before..].to_vec();
+        assert!(since.len() > 5, "nobody presses: {}", since.len());
+        let again: Vec<_> = since.iter().filter(|at| used.contains(at)).collect();
+        // A frame that was made coarser used less since.
+        assert!(!is_calm || again.is_empty(), "round {round}: {} of {} blocks were read again", again.len(), used.len());
+        // Others rest: the same view, once more, and yet once more.
+        let mut before = reads();
+        for _ in 0..3 {
+            let status = render(&resting, 0);
+            if status.effective_poe != poe {
+                (poe, is_calm, before) = (status.effective_poe, false, reads());
+            }
+            if status.effective_poe == 4.0 {
+                let now = Buffer::ALL.map(|b| resting.map(b).expect("a picture").bytes().to_vec());
+                assert!(now == picture, "round {round}: another picture of the same");
+            }
+        }
+        let places = places.lock().expect("the list")[before..].to_vec();
+        let kind = |at: &u64| blocks.iter().position(|b| b.start == *at).map(|i| (i, i >= geometry));
+        let late: Vec<_> = places.iter().map(kind).collect();
+        assert!(late.is_empty(), "round {round}: reads for the same view of (block, of ids): {late:?}");
+    }
 }

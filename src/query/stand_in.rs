@@ -21,9 +21,11 @@ use glam::{DVec3, Vec3};
 pub(crate) struct Look {
     /// For want of the block below.
     pub is_missing: bool,
+    /// Where it is hit, in units of the ray's direction.
+    pub t: f64,
     /// Unit, in the world, facing the ray.
     pub normal: Vec3,
-    /// The model's part of which most is seen.
+    /// The model's part of which most is seen; none of the model's if that is hidden.
     pub part: u32,
     /// Linear: the mean over all that is seen from this side; `None`: that of the part.
     pub colour: Option<Vec3>,
@@ -53,27 +55,33 @@ fn look_at(view: &SceneView, ray: &Ray, found: &Found, stand_in: StandIn) -> Opt
     let voxel = block.voxel(stand_in.node, stand_in.slot);
     let side = voxel.side(if stand_in.is_inside { crossing.last } else { crossing.first });
     let (part, _) = voxel.part();
+    // Only for want of what is below: what else it holds may be visible.
+    let is_hidden = stand_in.is_missing && view.filter(found.placed).is_some_and(|filter| filter.hides(part));
     let dir = ray.dir.as_dvec3();
     let normal = placed.world_normal(side.normal.as_dvec3()).try_normalize().unwrap_or(-dir.normalize_or_zero());
     let normal = if normal.dot(dir) <= 0.0 { normal } else { -normal };
-    let position = ray.origin + dir * found.t;
+    // In a cell that it begins in, the ray sees the far side.
+    let t = if stand_in.is_inside { found.t.max(crossing.leave) } else { found.t };
+    let t = t.min(ray.t_max).max(ray.t_min);
+    let position = ray.origin + dir * t;
     let here = placed.local_point(position);
     let (low, high) = (cell.min.as_dvec3(), cell.max.as_dvec3());
     let farthest = (here - low).abs().max((here - high).abs()).length();
-    let size = ray.origin.abs().max_element() + (dir * found.t).abs().max_element();
+    let size = ray.origin.abs().max_element() + (dir * t).abs().max_element();
     let error = not_below(placed.stretch * farthest + placed.position_error + placed.rounding(size));
     let slack = placed.stretch * placed.local_slack() * 64.0 / dir.length();
-    let free = if stand_in.is_inside { ray.t_min } else { found.t.min(crossing.enter) - slack };
+    let free = if stand_in.is_inside { ray.t_min } else { t.min(crossing.enter) - slack };
     let corner = |i: usize| DVec3::new([low, high][i & 1].x, [low, high][i >> 1 & 1].y, [low, high][i >> 2].z);
     let above = (0..8).map(|i| (placed.world_point(corner(i)) - position).dot(normal)).fold(0.0, f64::max);
     Some(Look {
         is_missing: stand_in.is_missing,
+        t,
         normal: normal.as_vec3(),
-        part: placed.first_part.saturating_add(part),
+        part: if is_hidden { u32::MAX } else { placed.first_part.saturating_add(part) },
         colour: voxel.has_colours().then_some(side.colour),
         error,
         t_free: free.max(ray.t_min),
-        leave: crossing.leave.max(found.t),
+        leave: crossing.leave.max(t),
         above,
     })
 }
@@ -113,7 +121,7 @@ impl Crossing {
 pub(super) fn fill(view: &SceneView, ray: &Ray, found: &Found, look: &Look, want: Want, hit: &mut Hit) {
     let placed = &view.scene.placement.placed[found.placed as usize];
     hit.kind = if look.is_missing { HitKind::Missing } else { HitKind::Lod };
-    hit.t = found.t;
+    hit.t = look.t;
     if want.has(Want::INSTANCE) {
         hit.instance = view.scene.instances[placed.instance as usize].id;
     }
@@ -127,7 +135,7 @@ pub(super) fn fill(view: &SceneView, ray: &Ray, found: &Found, look: &Look, want
         hit.normal = look.normal;
     }
     if want.has(Want::POSITION) {
-        hit.position = ray.origin + ray.dir.as_dvec3() * found.t;
+        hit.position = ray.origin + ray.dir.as_dvec3() * look.t;
     }
     if want.has(Want::ERROR) {
         (hit.error, hit.t_free) = (look.error, look.t_free);

@@ -56,14 +56,15 @@ impl Snapshot {
     }
 
     /// [`Snapshot::block`], and notes that the block is used in the pass with `stamp`: what a pass that is still stood
-    /// on has used is not evicted. Writes only where the stamp is another.
+    /// on has used is not evicted. Writes only where the stamp is an earlier one.
     #[inline(always)]
     pub fn visit(&self, id: BlockId, stamp: u32) -> Option<&[u32]> {
         let words = self.block(id)?;
         if let Some(last) = self.stamps.get(id.0 as usize)
-            && last.load(Relaxed) != stamp
+            && last.load(Relaxed) < stamp
         {
-            last.store(stamp, Relaxed);
+            // Not over a later pass that uses it too.
+            last.fetch_max(stamp, Relaxed);
         }
         Some(words)
     }

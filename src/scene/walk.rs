@@ -194,7 +194,7 @@ impl<'a> SceneView<'a> {
     }
 
     #[inline]
-    pub(super) fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
+    pub(crate) fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
         let p = &self.scene.placement.placed[placed as usize];
         let parts = &self.scene.instances[p.instance as usize].parts;
         let filter = || PartFilter { hidden: &parts.hidden, first_part: p.first_part, touched: parts.touched(p.first_part) };

@@ -243,8 +243,8 @@ impl Direct<'_> {
         let scene = self.view.scene;
         let placed = &scene.placement.placed[found.placed as usize];
         let model = self.view.model_of(found.placed);
-        let along = ray.dir.as_dvec3() * found.t;
-        let pixel = self.rays.pixel_width(found.t).max(f64::MIN_POSITIVE);
+        let along = ray.dir.as_dvec3() * look.t;
+        let pixel = self.rays.pixel_width(look.t).max(f64::MIN_POSITIVE);
         if let Some(need) = self.view.wanted(found) {
             wants.add(need, (f64::from(look.error) / pixel).min(1e6) as f32);
         }
@@ -263,7 +263,7 @@ impl Direct<'_> {
             material.colour = colour;
         }
         let leave = look.above + placed.extent() * LEAVE;
-        let (position, width) = (ray.origin + along, width_at(ray, found.t));
+        let (position, width) = (ray.origin + along, width_at(ray, look.t));
         Ok(Surface { position, normal: look.normal, material, leave, layer, next: look.leave + placed.extent() * LEAVE, width })
     }
 

@@ -158,7 +158,7 @@ impl TreeView<'_> {
     fn beside(&self, hit: &TriHit, offset: u32) -> Result<u32, BlockId> {
         let Some((_, leaf, index)) = self.leaf_of(hit) else { return Err(BlockId(hit.block)) };
         let id = BlockId(hit.block + offset);
-        let words = self.snapshot.block(id).ok_or(id)?;
+        let words = self.visit(id.0).ok_or(id)?;
         // Only a file made up to be wrong has fewer words than its block has triangles.
         Ok(words.get(leaf.first + index).copied().unwrap_or(u32::MAX))
     }

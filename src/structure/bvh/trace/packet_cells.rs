@@ -129,7 +129,7 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
         let inside = met.meets & here & !outside;
         if !ANY && inside != 0 {
             let tri = stand_in::missing_code(node, slot, true);
-            offer::<S, ANY>(s, view, walk, h, inside, met.leave, entry.block, tri);
+            offer::<S, ANY>(s, view, walk, h, inside, met.enter, entry.block, tri);
         }
     }
 }

@@ -355,7 +355,7 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     if met.meets >> slot & 1 == 0 || skip || ANY && is_inside {
         return;
     }
-    let t = if is_inside { met.leave } else { met.enter }.to_array()[slot & 7];
+    let t = met.enter.to_array()[slot & 7];
     offer(best, TriHit { t, u: 0.0, v: 0.0, block: block_id, tri: stand_in::missing_code(node, slot, is_inside) });
 }
 

@@ -21,7 +21,7 @@ pub(super) const CELL_SLACK: f32 = 8.0 / 16_777_216.0;
 const LOD: u32 = 1 << 31;
 /// A stand-in for a block that is not in memory.
 const MISSING: u32 = 1 << 30;
-/// Of those, one that the ray begins in: `t` is where it leaves it.
+/// Of those, one that the ray begins in: `t` is where it begins, for nothing is known of what is nearest from there on.
 const INSIDE: u32 = 1 << 29;
 const FLAGS: u32 = LOD | MISSING | INSIDE;
 
@@ -34,7 +34,7 @@ pub struct StandIn {
     pub slot: usize,
     /// For want of the block below.
     pub is_missing: bool,
-    /// The ray begins in it, and `t` is where it leaves it.
+    /// The ray begins in it: `t` is where it begins, to be shown where it leaves it.
     pub is_inside: bool,
 }
 
@@ -101,8 +101,6 @@ pub(super) struct Met<L> {
     pub small: u32,
     /// Where the ray enters the cell, where it begins if that is later.
     pub enter: L,
-    /// Where it leaves it.
-    pub leave: L,
 }
 
 /// The sum of the areas of a cell's faces, each times |dir| across it.
@@ -141,7 +139,7 @@ pub(super) fn meet<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], ray: 
     let meets = surely_in.le(surely_out).bits() & ray.t_min.le(surely_out).bits();
     let outside = meets & !surely_in.le(ray.t_min).bits();
     let small = outside & area(near, far, ray.dir, zero).le(width * width).bits();
-    Met { meets, outside, small, enter: t, leave: surely_out.max(t) }
+    Met { meets, outside, small, enter: t }
 }
 
 /// What parts have to say about a cell that could stand in.
