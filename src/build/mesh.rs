@@ -13,7 +13,7 @@ use crate::base::error::Result;
 use crate::base::progress::Phase;
 use crate::base::scratch::Scratch;
 use crate::math::Bounds;
-use crate::store::{TreeRow, sections};
+use crate::store::TreeRow;
 use crate::structure::bvh::build::{self, Chunk, Counts, Crown, Top, TreeInput, TreeOptions, splits_pay};
 use crate::structure::bvh::trace::TreeView;
 use glam::{DVec3, Vec3};
@@ -61,18 +61,9 @@ impl Output<'_> {
     ) -> Result<TreeRow> {
         let row = TreeRow {
             first_block: self.writer.blocks_written(),
-            block_count: 0,
-            coarse_blocks: 0,
             root: u64::from(TreeView::EMPTY),
-            origin: [0.0; 3],
-            bounds: sections::EMPTY_BOUNDS_F32,
-            triangles: 0,
-            references: 0,
-            nodes: 0,
-            leaves: 0,
-            position_error: 0.0,
             local_parts: spool.local_parts,
-            max_stack: 0,
+            ..TreeRow::EMPTY
         };
         if spool.is_spilled() && spool.triangles > self.shares.chunk {
             self.in_chunks(spool, options, index, assembly, row, span)

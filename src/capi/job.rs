@@ -180,6 +180,11 @@ impl Wake {
         wake.map(|call| Self { call, user })
     }
 
+    /// As the library's own calls take it.
+    pub(crate) fn into_fn(self) -> Arc<dyn Fn() + Send + Sync> {
+        Arc::new(move || self.call())
+    }
+
     pub(crate) fn call(self) {
         // SAFETY: the caller gave both for this.
         unsafe { (self.call)(self.user) }
@@ -195,7 +200,9 @@ pub(crate) trait LongWork: Send + Sync {
     /// Replaces the wake function; called at once if the work has ended.
     fn set_wake(&self, wake: Option<Wake>);
     /// What a build or load left behind.
-    fn product(&self) -> Option<Arc<Product>>;
+    fn product(&self) -> Option<Arc<Product>> {
+        None
+    }
 }
 
 /// A timeout in milliseconds as the header has it.

@@ -1,6 +1,5 @@
 //! Reading ahead of being asked.
 
-use super::background::Product;
 use super::guard::{Checked, bad, boundary, out, read};
 use super::handles::{self, Shell};
 use super::job::{LongWork, Snapshot, Wake, give_job, oc_job};
@@ -40,10 +39,7 @@ impl LongWork for PrefetchWork {
         self.0.cancel();
     }
     fn set_wake(&self, wake: Option<Wake>) {
-        self.0.set_wake(wake.map(|wake| Arc::new(move || wake.call()) as Arc<dyn Fn() + Send + Sync>));
-    }
-    fn product(&self) -> Option<Arc<Product>> {
-        None
+        self.0.set_wake(wake.map(Wake::into_fn));
     }
 }
 

@@ -1,6 +1,5 @@
 //! Batches of rays over a committed scene.
 
-use super::background::Product;
 use super::guard::{Checked, Sized32, Strided, bad, boundary, out, read, reserved};
 use super::handles::{self, Shell};
 use super::job::{LongWork, Snapshot, Wake, give_job, oc_job};
@@ -296,10 +295,7 @@ impl LongWork for QueryWork {
         self.0.cancel();
     }
     fn set_wake(&self, wake: Option<Wake>) {
-        self.0.set_wake(wake.map(|wake| Arc::new(move || wake.call()) as Arc<dyn Fn() + Send + Sync>));
-    }
-    fn product(&self) -> Option<Arc<Product>> {
-        None
+        self.0.set_wake(wake.map(Wake::into_fn));
     }
 }
 

@@ -3,7 +3,7 @@
 use super::sweep::{Search, sweep};
 use super::volume::{Side, Volume};
 use crate::base::error::{Error, Result};
-use crate::math::{Bounds, DBounds};
+use crate::math::DBounds;
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
 use crate::scene::walk::SceneView;
@@ -125,7 +125,7 @@ fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut LeafSweep, met:
     let hides = |part: u32| hidden.get(part as usize / 64).is_some_and(|w| w >> (part % 64) & 1 == 1);
     view.tree(tree).sweep_leaves(
         left,
-        &mut |b| volume.may_meet(&world_bounds(placed, b)),
+        &mut |b| volume.may_meet(&placed.world_bounds(b)),
         &mut |_, triangle| {
             let part = placed.first_part.saturating_add(triangle.part);
             // Settled: met, and not inside.
@@ -163,7 +163,7 @@ fn outside(
     view.tree(tree).sweep_leaves(
         left,
         &mut |b| {
-            let b = world_bounds(placed, b);
+            let b = placed.world_bounds(b);
             bounds.overlaps(&b) && !volume.holds(&b)
         },
         &mut |_, triangle| {
@@ -177,12 +177,4 @@ fn outside(
 
 fn world_triangle(placed: &Placed, triangle: &Triangle) -> [DVec3; 3] {
     triangle.vertices.map(|v| placed.world_point(v.as_dvec3()))
-}
-
-/// Around a box of the tree's frame, rounding included.
-fn world_bounds(placed: &Placed, b: &Bounds) -> DBounds {
-    let local = DBounds { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
-    let world = placed.world_bounds(&local);
-    let slack = DVec3::splat(placed.rounding(0.0));
-    DBounds { min: world.min - slack, max: world.max + slack }
 }

@@ -53,21 +53,7 @@ fn file(wrong: Option<u32>) -> Vec<u8> {
         writer.block(&payload, words as u32 * 4).expect("a block");
     }
     let header = Header { geometry_blocks: BLOCKS, ..Header::default() };
-    let tree = TreeRow {
-        first_block: 0,
-        block_count: BLOCKS,
-        coarse_blocks: COARSE,
-        root: 0,
-        origin: [0.0; 3],
-        bounds: [0.0; 6],
-        triangles: 0,
-        references: 0,
-        nodes: 0,
-        leaves: 0,
-        position_error: 0.0,
-        local_parts: 0,
-        max_stack: 0,
-    };
+    let tree = TreeRow { block_count: BLOCKS, coarse_blocks: COARSE, bounds: [0.0; 6], ..TreeRow::EMPTY };
     writer.finish(&header, &[], &[], &[], &[tree]).expect("a model");
     std::fs::read(&path).expect("the file")
 }

@@ -3,7 +3,7 @@
 use super::model::Tree;
 use super::top::Slabs;
 use crate::base::error::{Error, Result};
-use crate::math::{Cone, DBounds, Ray};
+use crate::math::{Bounds, Cone, DBounds, Ray};
 use crate::structure::bvh::trace::{LocalRay, USUAL_DIRS};
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -150,9 +150,12 @@ impl Placed {
         self.stretch * self.reach
     }
 
-    /// Around a box of the tree's frame, in the world.
-    pub fn world_bounds(&self, b: &DBounds) -> DBounds {
-        b.transformed(&DAffine3 { matrix3: self.linear, translation: self.offset })
+    /// Around a box of the tree's frame, in the world, rounding included.
+    pub fn world_bounds(&self, b: &Bounds) -> DBounds {
+        let local = DBounds { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
+        let world = local.transformed(&DAffine3 { matrix3: self.linear, translation: self.offset });
+        let slack = DVec3::splat(self.rounding(0.0));
+        DBounds { min: world.min - slack, max: world.max + slack }
     }
 
     /// A normal (not unit) of the tree's frame in the world, not unit: by the inverse transpose.

@@ -8,8 +8,8 @@
 //! Soundness: a vector of a set can only be made through that set's token, and a token only exists
 //! where [`dispatch`] has checked the CPU. So the operations themselves are safe to call.
 //!
-//! All sets give the same bits (no approximate reciprocals) but for `mul_add` and `slabs`, which only box tests use:
-//! these are conservative by more than its rounding.
+//! All sets give the same bits (no approximate reciprocals) but for `mul_add` and `slabs`. Box tests use them, which are
+//! conservative by more than their rounding; and planes of cells, whose products are exact, so that there is one rounding.
 
 mod lanes;
 mod portable;

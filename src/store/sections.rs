@@ -109,6 +109,25 @@ pub struct TreeRow {
     pub max_stack: u32,
 }
 
+impl TreeRow {
+    /// Of no triangles, and no blocks.
+    pub const EMPTY: Self = Self {
+        first_block: 0,
+        block_count: 0,
+        coarse_blocks: 0,
+        root: 0,
+        origin: [0.0; 3],
+        bounds: EMPTY_BOUNDS_F32,
+        triangles: 0,
+        references: 0,
+        nodes: 0,
+        leaves: 0,
+        position_error: 0.0,
+        local_parts: 0,
+        max_stack: 0,
+    };
+}
+
 /// Whether the transform (column-major 3x4) is finite and can be undone: its determinant is neither
 /// zero nor beyond the range of normal numbers.
 pub fn is_invertible(m: &[f64; 12]) -> bool {

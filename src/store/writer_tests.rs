@@ -51,21 +51,7 @@ fn write(mut writer: Writer) -> Result<u64> {
     writer.finish(&header, &[], &[], &[], &[TREE])
 }
 
-const TREE: TreeRow = TreeRow {
-    first_block: 0,
-    block_count: 1,
-    coarse_blocks: 1,
-    root: 0,
-    origin: [0.0; 3],
-    bounds: [0.0; 6],
-    triangles: 0,
-    references: 0,
-    nodes: 0,
-    leaves: 0,
-    position_error: 0.0,
-    local_parts: 0,
-    max_stack: 0,
-};
+const TREE: TreeRow = TreeRow { block_count: 1, coarse_blocks: 1, bounds: [0.0; 6], ..TreeRow::EMPTY };
 
 #[test]
 fn a_disk_that_fails_at_any_call_leaves_the_old_file_and_nothing_else() {

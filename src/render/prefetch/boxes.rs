@@ -1,12 +1,10 @@
 //! Which blocks lie below the cells that meet a box.
 
 use super::Lacking;
-use crate::math::{Bounds, DBounds};
+use crate::math::DBounds;
 use crate::scene::SceneState;
-use crate::scene::placed::Placed;
 use crate::scene::walk::SceneView;
 use crate::structure::bvh::layout::{Block, Child, WIDTH};
-use glam::DVec3;
 
 /// The way down to what is missing; goes on from there in the next pass.
 pub(super) struct InBox {
@@ -79,7 +77,7 @@ impl InBox {
         let placed = &view.scene.placement.placed[place.placed as usize];
         let node = block.node(index);
         for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
-            let cell = world_bounds(placed, &node.child_box(slot));
+            let cell = placed.world_bounds(&node.child_box(slot));
             let length = longest(&cell);
             if length <= self.cell || !self.bounds.overlaps(&cell) {
                 continue;
@@ -97,11 +95,4 @@ impl InBox {
 
 fn longest(b: &DBounds) -> f64 {
     b.extent().max_element()
-}
-
-/// Around a box of the tree's frame, rounding included.
-fn world_bounds(placed: &Placed, b: &Bounds) -> DBounds {
-    let world = placed.world_bounds(&DBounds { min: b.min.as_dvec3(), max: b.max.as_dvec3() });
-    let slack = DVec3::splat(placed.rounding(0.0));
-    DBounds { min: world.min - slack, max: world.max + slack }
 }

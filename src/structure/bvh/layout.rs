@@ -38,7 +38,7 @@
 //! | .. | first, second, third vertex of each triangle: three runs of u8, padded together to a word |
 //! | .. | x of all vertices, then y, then z: f32 |
 
-use crate::lod::{Coded, SIDES_WORDS, Side, summary_bit};
+use crate::lod::{Coded, SIDES_WORDS, Side, VOXEL_WORDS, summary_bit};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -52,7 +52,7 @@ pub const EXTERNAL_WORDS: usize = 3;
 /// Words of a voxel without its parts.
 pub const SHORT_VOXEL: usize = 2;
 /// Words of a voxel with its parts.
-pub const LONG_VOXEL: usize = 4;
+pub const LONG_VOXEL: usize = VOXEL_WORDS;
 /// Words of a node.
 pub const NODE_WORDS: usize = 20;
 /// Zero words at the end of a block.
@@ -148,6 +148,20 @@ impl Node {
     #[inline(always)]
     pub fn exponents(&self) -> u32 {
         u32::from_le_bytes([self.exponent[0], self.exponent[1], self.exponent[2], 0])
+    }
+
+    /// A plane of a child as walks see it, rounded once: `row` counts low x, y, z, high x, y, z.
+    #[inline(always)]
+    pub fn stored_plane(&self, row: usize, slot: usize) -> f32 {
+        // A product with a power of two is exact: one rounding.
+        f32::from(self.planes[row][slot & (WIDTH - 1)]) * self.step(row % 3) + self.origin[row % 3]
+    }
+
+    /// A child's box as walks see it. (The grid's planes are outside of the child, whose own are single-precision
+    /// numbers: so are the rounded ones.)
+    pub fn stored_box(&self, slot: usize) -> Bounds {
+        let corner = |low: usize| Vec3::from_array([0, 1, 2].map(|axis| self.stored_plane(low + axis, slot)));
+        Bounds { min: corner(0), max: corner(3) }
     }
 
     /// The box of a child, rounded outward once more where the grid's sum is not exact.

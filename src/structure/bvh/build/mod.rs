@@ -34,7 +34,7 @@ use crate::structure::bvh::layout::Child;
 use glam::Vec3;
 use tree::{Inner, Piece, Sub};
 
-/// The triangles of a chunk, around the tree's origin. All slices are equally long.
+/// The triangles of a chunk, around the tree's origin. The first three slices are equally long.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeInput<'a> {
     /// Corners; finite, of more than zero area.

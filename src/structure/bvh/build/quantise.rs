@@ -2,7 +2,6 @@
 
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{Node, WIDTH};
-use glam::Vec3;
 
 /// A node with its children's boxes on its grid, rounded outward.
 pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node {
@@ -41,15 +40,6 @@ pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node
     node
 }
 
-/// A child's box as walks see it: planes in single precision. (The grid's planes are outside of the child, whose own
-/// are single-precision numbers: so are the rounded ones.)
-pub fn stored_box(node: &Node, slot: usize) -> Bounds {
-    // A product with a power of two is exact: one rounding.
-    let plane = |axis: usize, row: usize| f32::from(node.planes[row][slot]) * node.step(axis) + node.origin[axis];
-    let corner = |row: usize| Vec3::new(plane(0, row), plane(1, row + 1), plane(2, row + 2));
-    Bounds { min: corner(0), max: corner(3) }
-}
-
 /// Biased exponent of the least power of two with 255 steps of which `extent` can be covered.
 fn exponent(extent: f64) -> u8 {
     // A hair more, for the step outward that `quantise` may take.
@@ -65,6 +55,7 @@ fn exponent(extent: f64) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
     use proptest::prelude::*;
 
     fn point() -> impl Strategy<Value = Vec3> {
@@ -84,7 +75,7 @@ mod tests {
                     prop_assert!(at(node.planes[axis][slot]) <= f64::from(bounds.min[axis]));
                     prop_assert!(f64::from(bounds.max[axis]) <= at(node.planes[axis + 3][slot]));
                 }
-                prop_assert!(node.child_box(slot).contains(&bounds) && stored_box(&node, slot).contains(&bounds));
+                prop_assert!(node.child_box(slot).contains(&bounds) && node.stored_box(slot).contains(&bounds));
             }
         }
     }

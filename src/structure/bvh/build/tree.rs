@@ -2,7 +2,7 @@
 
 use super::leaf::LeafSize;
 use super::par::Par;
-use super::quantise::{quantise, stored_box};
+use super::quantise::quantise;
 use super::partition::{self, Sides};
 use super::refs::Ref;
 use super::sah::{self, Extents, Split};
@@ -85,7 +85,7 @@ impl Inner {
     /// A node over one to eight pieces.
     pub fn over(pieces: Vec<Piece>) -> Piece {
         let node = quantise(pieces.iter().map(|p| p.cell));
-        let stored: Vec<Bounds> = (0..pieces.len()).map(|slot| stored_box(&node, slot)).collect();
+        let stored: Vec<Bounds> = (0..pieces.len()).map(|slot| node.stored_box(slot)).collect();
         let cell = stored.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
         let voxel = Voxel::over(stored.iter().zip(pieces.iter().map(|p| &p.voxel)));
         // A leaf's own triangles are at hand wherever its sides could be told apart.

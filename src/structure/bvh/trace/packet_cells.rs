@@ -5,6 +5,7 @@ use super::packet::{PacketEntry, PacketWalk, VECTORS};
 use super::packet_leaf::keep_better;
 use super::packet_prepare::Shared;
 use super::packet_visit::Planes;
+use super::ray::abs;
 use super::stand_in::{self, CELL_SLACK, ConeRay, Met, Verdict};
 use super::{PartFilter, TreeView};
 use crate::geom::watertight::LaneHits;
@@ -46,11 +47,6 @@ fn meet<S: Simd>(s: S, near: [f32; 3], far: [f32; 3], reach: f32, walk: &PacketW
         (first[axis], last[axis]) = (s.splat16(near[axis]), s.splat16(far[axis]));
     }
     stand_in::meet(first, last, &ray, zero, s.splat16(f32::INFINITY))
-}
-
-#[inline(always)]
-fn abs<L: Lanes<16>>(zero: L, v: L) -> L {
-    v.max(zero - v)
 }
 
 /// Lets the cell in `slot` stand in for those of `rays` for which it is small enough; returns the others.
@@ -113,7 +109,7 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
         return;
     }
     let it = block.node(node);
-    let plane = |row: usize| f32::from(it.planes[row][slot & 7]) * it.step(row % 3) + it.origin[row % 3];
+    let plane = |row: usize| it.stored_plane(row, slot);
     let other = |row: usize| if row < 3 { row + 3 } else { row - 3 };
     let near = [plane(shared.near[0]), plane(shared.near[1]), plane(shared.near[2])];
     let far = [plane(other(shared.near[0])), plane(other(shared.near[1])), plane(other(shared.near[2]))];

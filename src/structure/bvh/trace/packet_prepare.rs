@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PacketRays, Row, VECTORS};
-use super::ray::{BOX_SLACK, MAX_DIR, MIN_DIR, USUAL_DIRS};
+use super::ray::{BOX_SLACK, MAX_DIR, MIN_DIR, USUAL_DIRS, abs};
 use crate::simd::{Lanes, Mask, Simd};
 
 /// What coherent rays share: signs of the direction, axis order of the triangle test, and intervals.
@@ -163,11 +163,6 @@ pub(super) fn within<S: Simd>(s: S, rays: &mut PacketRays, near: f32) -> u32 {
         all |= ok.and(least.le(size)).bits() << (16 * h);
     }
     all
-}
-
-#[inline(always)]
-fn abs<L: Lanes<16>>(zero: L, v: L) -> L {
-    v.max(zero - v)
 }
 
 /// The axis on which all rays are greatest, ties as in [`crate::geom::Shear`]; `None` where they differ.

@@ -2,6 +2,7 @@
 
 use crate::geom::Shear;
 use crate::math::Cone;
+use crate::simd::Lanes;
 use glam::Vec3;
 
 /// A ray in a tree's own frame. `t` is shared with the world ray: the direction is not unit.
@@ -55,6 +56,12 @@ pub const MAX_DIR: f32 = 1e15;
 
 /// Greatest components of directions that need no scaling: within, all of single precision's digits count.
 pub const USUAL_DIRS: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
+
+/// Magnitudes.
+#[inline(always)]
+pub(super) fn abs<const N: usize, L: Lanes<N>>(zero: L, v: L) -> L {
+    v.max(zero - v)
+}
 
 /// What a plane's distance may be off by in box tests, as a part of the greatest magnitude of a coordinate over the
 /// direction: the derivation is at [`PreparedRay::new`].

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::LocalRay;
-use super::ray::{BOX_SLACK, MAX_DIR, MIN_DIR};
+use super::ray::{BOX_SLACK, MAX_DIR, MIN_DIR, abs};
 use crate::simd::{Lanes, Mask, Simd};
 
 /// Rays of a group.
@@ -183,11 +183,6 @@ impl Rays16 {
         }
         ok.bits()
     }
-}
-
-#[inline(always)]
-fn abs<L: Lanes<GROUP>>(zero: L, v: L) -> L {
-    v.max(zero - v)
 }
 
 /// The components after the greatest, in turn, and it itself: the order of [`crate::geom::Shear`].

@@ -9,6 +9,7 @@
 //! projection along the ray, the sum of |dir| times the areas of its faces, with the square of the ray's width.
 
 use super::{PartFilter, TreeView};
+use super::ray::abs;
 use super::walk::TriHit;
 use crate::simd::{Lanes, Mask};
 use crate::structure::bvh::layout::Block;
@@ -48,12 +49,6 @@ impl TriHit {
         let place = (self.tri & !FLAGS) as usize;
         let (is_missing, is_inside) = (self.tri & MISSING != 0, self.tri & INSIDE != 0);
         Some(StandIn { node: place >> 3, slot: place & 7, is_missing, is_inside })
-    }
-
-    /// Whether it was a stand-in for a block that is not in memory.
-    #[inline(always)]
-    pub fn is_missing(&self) -> bool {
-        self.tri & MISSING != 0 && self.is_hit()
     }
 }
 
@@ -106,15 +101,10 @@ pub(super) struct Met<L> {
 /// The sum of the areas of a cell's faces, each times |dir| across it.
 #[inline(always)]
 pub(super) fn area<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], dir: [L; 3], zero: L) -> L {
-    let x = abs(far[0] - near[0], zero);
-    let y = abs(far[1] - near[1], zero);
-    let z = abs(far[2] - near[2], zero);
+    let x = abs(zero, far[0] - near[0]);
+    let y = abs(zero, far[1] - near[1]);
+    let z = abs(zero, far[2] - near[2]);
     dir[0] * (y * z) + dir[1] * (z * x) + dir[2] * (x * y)
-}
-
-#[inline(always)]
-fn abs<const N: usize, L: Lanes<N>>(v: L, zero: L) -> L {
-    v.max(zero - v)
 }
 
 /// The test. `near` and `far`: planes as stored, rounded once, by the sign of the ray's direction.
