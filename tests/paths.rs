@@ -9,7 +9,7 @@ use common::scenes::{self, Soup, on_five_models};
 use common::stored;
 use common::trees::{self, TestTree};
 use glam::{DVec3, Vec3};
-use outcrop::math::Ray;
+use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Context, ContextOptions};
 use outcrop::simd::Isa;
@@ -210,7 +210,7 @@ fn rays_that_go_together_are_recognised() {
             let (x, y) = ((i % 8) as f32, (i / 8) as f32);
             let dir = Vec3::new(0.3 + spread * x, 0.2 + spread * y, -1.0);
             let org = Vec3::new(apart * x, apart * y, 2.0) * tree.reach;
-            Ray32 { kind: RayKind::Grid, org, dir, t_min: 0.0, t_max: f32::INFINITY }
+            Ray32 { kind: RayKind::Grid, org, dir, t_min: 0.0, t_max: f32::INFINITY, cone: Cone::ZERO }
         };
         (0..PACKET).map(ray).collect()
     };

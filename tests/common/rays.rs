@@ -6,6 +6,7 @@
 use super::brute::{Ray64, Tri};
 use super::rng::Rng;
 use glam::{DVec3, Vec3};
+use outcrop::math::Cone;
 
 /// How a ray was made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -71,6 +72,8 @@ pub struct Ray32 {
     pub dir: Vec3,
     pub t_min: f32,
     pub t_max: f32,
+    /// See [`outcrop::structure::bvh::trace::LocalRay::cone`].
+    pub cone: Cone,
 }
 
 impl Ray32 {
@@ -79,7 +82,7 @@ impl Ray32 {
         if dir == Vec3::ZERO || !dir.is_finite() {
             dir = Vec3::X;
         }
-        Self { kind, org: org.as_vec3(), dir, t_min: 0.0, t_max: f32::INFINITY }
+        Self { kind, org: org.as_vec3(), dir, t_min: 0.0, t_max: f32::INFINITY, cone: Cone::ZERO }
     }
 
     /// The same ray in double precision, exactly.

@@ -5,7 +5,6 @@ use super::rays::Ray32;
 use glam::{DVec3, Vec3};
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::Cancel;
-use outcrop::math::Cone;
 use outcrop::residency::{Slot, Snapshot};
 use outcrop::simd::Isa;
 use outcrop::structure::bvh::build::{self, Chunk, Crown, Par, TreeBlock, TreeInput, TreeOptions};
@@ -103,7 +102,7 @@ impl TestTree {
 
 /// A ray as the tree takes it.
 pub fn local(ray: &Ray32) -> LocalRay {
-    LocalRay { org: ray.org, dir: ray.dir, t_min: ray.t_min, t_max: ray.t_max, cone: Cone::ZERO }
+    LocalRay { org: ray.org, dir: ray.dir, t_min: ray.t_min, t_max: ray.t_max, cone: ray.cone }
 }
 
 /// As the oracle takes it.

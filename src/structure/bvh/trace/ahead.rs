@@ -1,5 +1,7 @@
 //! Memory asked for ahead, in models that are larger than what caches near a core hold.
 
+use super::TreeView;
+use crate::base::ids::BlockId;
 use crate::residency::Snapshot;
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, HEADER_WORDS, INDEX_MASK, KIND_SHIFT, NODE_WORDS};
@@ -10,6 +12,8 @@ const LARGE: u32 = 1024;
 
 /// The kind of references to nodes, see [`crate::structure::bvh::layout::Child`].
 const NODE: u32 = 0;
+/// That of references to other blocks.
+const EXTERNAL: u32 = 2;
 
 /// Whether asking ahead pays.
 #[inline(always)]
@@ -29,5 +33,23 @@ pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
         prefetch(&words[0]);
         prefetch(&words[16]);
         prefetch(&words[31]);
+    }
+}
+
+/// Follows a reference of `block`, number `id`, to another block that is in memory, and asks for the memory of what will be
+/// visited: several such waits then go on at once. Of others says where they are.
+#[inline(always)]
+pub(super) fn follow(is_large: bool, view: &TreeView, block: Block, id: u32, child: u32) -> (u32, u32) {
+    if child >> KIND_SHIFT != EXTERNAL {
+        ask_for(is_large, block, child);
+        return (id, child);
+    }
+    let (next, below) = block.external((child & INDEX_MASK) as usize);
+    match view.snapshot.block(BlockId(next)) {
+        Some(words) => {
+            ask_for(is_large, Block::new(words), below);
+            (next, below)
+        }
+        None => (id, child),
     }
 }

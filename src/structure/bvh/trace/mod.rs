@@ -8,6 +8,7 @@
 mod ahead;
 mod packet;
 mod packet_cells;
+mod packet_few;
 mod packet_leaf;
 mod packet_prepare;
 mod packet_visit;

@@ -63,8 +63,6 @@ pub(super) struct PacketRays {
     pub t_min: Row,
     /// See [`super::PreparedRay`].
     pub inv: [Row; 3],
-    pub minus_off_near: [Row; 3],
-    pub minus_off_far: [Row; 3],
     pub shear: [Row; 3],
     /// See [`LocalRay::cone`]: `a`, then `b`.
     pub cone: [Row; 2],
@@ -133,8 +131,6 @@ impl PacketWalk {
             org: zero,
             dir: zero,
             inv: zero,
-            minus_off_near: zero,
-            minus_off_far: zero,
             shear: zero,
             t_min: none,
             cone: [none; 2],

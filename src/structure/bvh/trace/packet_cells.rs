@@ -4,52 +4,65 @@
 use super::packet::{PacketEntry, PacketWalk, VECTORS};
 use super::packet_leaf::keep_better;
 use super::packet_prepare::Shared;
-use super::packet_visit::Planes;
+use super::packet_visit::Boxes;
 use super::ray::abs;
-use super::stand_in::{self, CELL_SLACK, ConeRay, Met, Verdict};
+use super::single;
+use super::stand_in::{self, SLACK, ConeRay, Met, Verdict};
 use super::{PartFilter, TreeView};
 use crate::geom::watertight::LaneHits;
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::Block;
+use crate::structure::bvh::layout::{Block, Node};
 
 /// The children that could stand in for some ray: by the least directions and the greatest widths.
 #[inline(always)]
-pub(super) fn likely<S: Simd>(s: S, planes: &Planes, leave: S::F8, shared: &Shared) -> u32 {
-    let near = [s.load8(&planes[0][0]), s.load8(&planes[1][0]), s.load8(&planes[2][0])];
-    let far = [s.load8(&planes[0][1]), s.load8(&planes[1][1]), s.load8(&planes[2][1])];
-    let dir = [s.splat8(shared.dir_min[0]), s.splat8(shared.dir_min[1]), s.splat8(shared.dir_min[2])];
+pub(super) fn likely<S: Simd>(s: S, area: S::F8, leave: S::F8, shared: &Shared) -> u32 {
     let width = s.splat8(shared.cone_max[0]) + s.splat8(shared.cone_max[1]) * leave;
     // A hundredth more, for where the cell is met is rounded otherwise.
-    stand_in::area(near, far, dir, s.splat8(0.0)).le(width * width * s.splat8(1.01)).bits()
+    area.le(width * width * s.splat8(1.01)).bits()
 }
 
-/// What a vector of rays meets of a cell between planes `near` and `far`.
+/// Puts what the test needs of cells between planes as stored into `out`.
 #[inline(always)]
-fn meet<S: Simd>(s: S, near: [f32; 3], far: [f32; 3], reach: f32, walk: &PacketWalk, h: usize) -> Met<S::F16> {
-    let (rays, zero) = (&walk.rays, s.splat16(0.0));
-    let mut ray = ConeRay {
-        org: [zero; 3],
-        inv: [zero; 3],
-        dir: [zero; 3],
-        slack: [zero; 3],
-        t_min: s.load16(&rays.t_min[h]),
-        a: s.load16(&rays.cone[0][h]),
-        b: s.load16(&rays.cone[1][h]),
-    };
-    let (mut first, mut last) = ([zero; 3], [zero; 3]);
+pub(super) fn cells<S: Simd>(s: S, near: [S::F8; 3], far: [S::F8; 3], faces: [S::F8; 3], shared: &Shared, out: &mut Boxes) {
     for axis in 0..3 {
-        (ray.org[axis], ray.inv[axis]) = (s.load16(&rays.org[axis][h]), s.load16(&rays.inv[axis][h]));
-        ray.dir[axis] = abs(zero, s.load16(&rays.dir[axis][h]));
-        let far = abs(zero, ray.org[axis]).max(s.splat16(reach));
-        ray.slack[axis] = abs(zero, ray.inv[axis]) * far * s.splat16(CELL_SLACK);
+        out.faces[axis] = (faces[axis] * s.splat8(shared.sign[axis])).to_array();
+        if !shared.one_origin {
+            out.stored[axis] = [near[axis].to_array(), far[axis].to_array()];
+        }
     }
-    for axis in 0..3 {
-        (first[axis], last[axis]) = (s.splat16(near[axis]), s.splat16(far[axis]));
-    }
-    stand_in::meet(first, last, &ray, zero, s.splat16(f32::INFINITY))
 }
 
-/// Lets the cell in `slot` stand in for those of `rays` for which it is small enough; returns the others.
+/// Where a vector of rays crosses the cell in `slot`.
+#[inline(always)]
+fn cross<S: Simd>(s: S, boxes: &Boxes, slot: usize, shared: &Shared, reach: f32, walk: &PacketWalk, h: usize) -> [S::F16; 2] {
+    let (rays, zero) = (&walk.rays, s.splat16(0.0));
+    let (mut first, mut last, mut inv) = ([zero; 3], [zero; 3], [zero; 3]);
+    for axis in 0..3 {
+        inv[axis] = s.load16(&rays.inv[axis][h]);
+        let planes = if shared.one_origin { &boxes.planes[axis] } else { &boxes.stored[axis] };
+        (first[axis], last[axis]) = (s.splat16(planes[0][slot & 7]), s.splat16(planes[1][slot & 7]));
+        if !shared.one_origin {
+            let org = s.load16(&rays.org[axis][h]);
+            let slack = abs(zero, org).max(s.splat16(reach)) * s.splat16(SLACK * shared.sign[axis]);
+            (first[axis], last[axis]) = (first[axis] - slack - org, last[axis] + slack - org);
+        }
+    }
+    stand_in::cross(first, last, inv)
+}
+
+/// What is decided of the cell in `slot` by where a vector of rays crosses it.
+#[inline(always)]
+fn meet<S: Simd>(s: S, boxes: &Boxes, slot: usize, crossing: [S::F16; 2], walk: &PacketWalk, h: usize) -> Met<S::F16> {
+    let (rays, zero) = (&walk.rays, s.splat16(0.0));
+    let (mut dir, mut faces) = ([zero; 3], [zero; 3]);
+    for axis in 0..3 {
+        (dir[axis], faces[axis]) = (s.load16(&rays.dir[axis][h]), s.splat16(boxes.faces[axis][slot & 7]));
+    }
+    let (t_min, a, b) = (s.load16(&rays.t_min[h]), s.load16(&rays.cone[0][h]), s.load16(&rays.cone[1][h]));
+    stand_in::meet(crossing, faces, &ConeRay { dir, t_min, a, b })
+}
+
+/// Lets the cell in `slot` stand in for those rays of `entry` for which it is small enough; returns the others that meet its box.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn stand_in<S: Simd, const ANY: bool>(
@@ -59,35 +72,58 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
     block: Block,
     node: usize,
     slot: usize,
-    planes: &Planes,
-    rays: u32,
-    block_id: u32,
+    boxes: &Boxes,
+    shared: &Shared,
+    entry: PacketEntry,
     walk: &mut PacketWalk,
 ) -> u32 {
-    let near = [planes[0][0][slot & 7], planes[1][0][slot & 7], planes[2][0][slot & 7]];
-    let far = [planes[0][1][slot & 7], planes[1][1][slot & 7], planes[2][1][slot & 7]];
-    let mut left = rays;
+    let zero = s.splat16(0.0);
+    let mut crossings = [[zero; 2]; VECTORS];
+    let mut left = 0;
     for h in 0..VECTORS {
-        let here = rays >> (16 * h) & 0xffff;
+        crossings[h] = cross(s, boxes, slot, shared, view.reach, walk, h);
+        let [enter, leave] = crossings[h];
+        let here = enter.max(s.load16(&walk.rays.t_min[h])).le(leave.min(s.load16(&walk.hits.t[h])));
+        left |= here.bits() << (16 * h);
+    }
+    left &= entry.rays;
+    if left == 0 {
+        return 0;
+    }
+    for h in 0..VECTORS {
+        let here = left >> (16 * h) & 0xffff;
         if here == 0 {
             continue;
         }
-        let met = meet(s, near, far, view.reach, walk, h);
+        let met = meet(s, boxes, slot, crossings[h], walk, h);
         let small = met.small & here;
         if small == 0 {
             continue;
         }
         match stand_in::judge(block, node, slot, filter) {
-            Verdict::Descend => return rays,
+            Verdict::Descend => continue,
             Verdict::Skip => {}
             Verdict::Stand => {
                 let tri = stand_in::lod_code(node, slot);
-                offer::<S, ANY>(s, view, walk, h, small, met.enter, block_id, tri);
+                offer::<S, ANY>(s, view, walk, h, small, met.enter, entry.block, tri);
             }
         }
         left &= !(small << (16 * h));
     }
     left
+}
+
+/// All cells of a node.
+#[inline(always)]
+fn all_cells<S: Simd>(s: S, node: &Node, shared: &Shared) -> Boxes {
+    let mut out = Boxes::NONE;
+    let [near, far] = single::stored_planes(s, node, shared.near);
+    for axis in 0..3 {
+        let (slack, org) = (s.splat8(shared.slack[axis]), s.splat8(shared.org_near[axis]));
+        out.planes[axis] = [(near[axis] - slack - org).to_array(), (far[axis] + slack - org).to_array()];
+        out.stored[axis] = [near[axis].to_array(), far[axis].to_array()];
+    }
+    out
 }
 
 /// Offers the cell of external reference `index`, whose block is missing, to the rays of `entry`. Where any hit will
@@ -108,20 +144,19 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
     if stand_in::judge(block, node, slot, filter) == Verdict::Skip {
         return;
     }
-    let it = block.node(node);
-    let plane = |row: usize| it.stored_plane(row, slot);
-    let other = |row: usize| if row < 3 { row + 3 } else { row - 3 };
-    let near = [plane(shared.near[0]), plane(shared.near[1]), plane(shared.near[2])];
-    let far = [plane(other(shared.near[0])), plane(other(shared.near[1])), plane(other(shared.near[2]))];
+    let boxes = &all_cells(s, block.node(node), shared);
     for h in 0..VECTORS {
         let here = entry.rays >> (16 * h) & 0xffff;
         if here == 0 {
             continue;
         }
-        let met = meet(s, near, far, view.reach, walk, h);
+        let met = meet(s, boxes, slot, cross(s, boxes, slot, shared, view.reach, walk, h), walk, h);
+        let here = here & met.enter.le(s.load16(&walk.hits.t[h])).bits();
         let outside = met.outside & here;
         let tri = stand_in::missing_code(node, slot, false);
-        offer::<S, ANY>(s, view, walk, h, outside, met.enter, entry.block, tri);
+        if outside != 0 {
+            offer::<S, ANY>(s, view, walk, h, outside, met.enter, entry.block, tri);
+        }
         let inside = met.meets & here & !outside;
         if !ANY && inside != 0 {
             let tri = stand_in::missing_code(node, slot, true);
@@ -130,7 +165,7 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
     }
 }
 
-/// Keeps a stand-in for those of `rays`, lanes of vector `h`, for which it is better.
+/// Keeps a stand-in for those of `rays`, lanes of vector `h` with nothing nearer, for which it is better.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn offer<S: Simd, const ANY: bool>(
@@ -143,15 +178,11 @@ fn offer<S: Simd, const ANY: bool>(
     block: u32,
     tri: u32,
 ) {
-    let hits = rays & t.le(s.load16(&walk.hits.t[h])).bits();
-    if hits == 0 {
-        return;
-    }
     let zero = s.splat16(0.0);
-    let found = LaneHits { hits, t, u: zero, v: zero };
+    let found = LaneHits { hits: rays, t, u: zero, v: zero };
     // Between stand-ins nothing can be missing: places decide.
-    let _ = keep_better::<S, ANY>(s, view, walk, h, hits, &found, block, tri);
+    let _ = keep_better::<S, ANY>(s, view, walk, h, rays, &found, block, tri);
     if ANY {
-        walk.waiting &= !(hits << (16 * h));
+        walk.waiting &= !(rays << (16 * h));
     }
 }

@@ -2,8 +2,12 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PacketRays, Row, VECTORS};
-use super::ray::{BOX_SLACK, MAX_DIR, MIN_DIR, USUAL_DIRS, abs};
+use super::ray::{MAX_DIR, MIN_DIR, USUAL_DIRS, abs};
+use super::stand_in::slack;
 use crate::simd::{Lanes, Mask, Simd};
+
+/// Boxes with an area of this part of a packet's are tested ray by ray.
+const NARROW: f32 = 2.0;
 
 /// What coherent rays share: signs of the direction, axis order of the triangle test, and intervals.
 #[derive(Debug, Clone, Copy, Default)]
@@ -17,13 +21,17 @@ pub(super) struct Shared {
     pub org_far: [f32; 3],
     pub inv_min: [f32; 3],
     pub inv_max: [f32; 3],
-    /// What a plane's distance may be off by.
+    /// How far planes give way: see [`super::stand_in::slack`].
     pub slack: [f32; 3],
+    /// The directions' signs.
+    pub sign: [f32; 3],
     /// All rays start at the same point.
     pub one_origin: bool,
     /// The extremes of the shear along x and along y.
     pub shear_min: [f32; 2],
     pub shear_max: [f32; 2],
+    /// The area that the packet covers at a distance, over its square.
+    pub spread_area: f32,
     /// The least magnitudes of the directions, and the greatest widths (see [`super::LocalRay::cone`]): what decides
     /// whether a cell can stand in for any ray.
     pub dir_min: [f32; 3],
@@ -54,7 +62,6 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
         let mut equal = origin.eq(first);
         let (mut org_low, mut org_high) = (first, first);
         let (mut inv_low, mut inv_high) = (s.splat16(f32::INFINITY), s.splat16(f32::NEG_INFINITY));
-        let mut slacks = zero;
         let mut signs = [0; VECTORS];
         for h in 0..VECTORS {
             let dir = s.load16(&rays.dir[axis][h]);
@@ -64,15 +71,10 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
             signs[h] = positive.bits();
             let inv = magnitude.select(positive, zero - magnitude);
             let org = s.load16(&rays.org[axis][h]);
-            let slack = magnitude * abs(zero, org).max(s.splat16(reach)) * s.splat16(BOX_SLACK);
-            let off = org * inv;
             rays.inv[axis][h] = inv.to_array();
-            rays.minus_off_near[axis][h] = (zero - off - slack).to_array();
-            rays.minus_off_far[axis][h] = (slack - off).to_array();
             equal = equal.and(origin.eq(org));
             (org_low, org_high) = (org.min(org_low), org.max(org_high));
             (inv_low, inv_high) = (inv.min(inv_low), inv.max(inv_high));
-            slacks = slack.max(slacks);
         }
         let negative = match signs {
             signs if signs == [0xffff; VECTORS] => false,
@@ -81,18 +83,17 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
         };
         shared.near[axis] = if negative { axis + 3 } else { axis };
         (shared.inv_min[axis], shared.inv_max[axis]) = (inv_low.least(), inv_high.greatest());
-        if equal.bits() == 0xffff {
-            // The most frequent case. The greatest slack is that of the greatest reciprocal, as products keep order.
-            let origin = rays.org[axis][0][0];
-            (shared.org_near[axis], shared.org_far[axis]) = (origin, origin);
-            let steepest = shared.inv_max[axis].abs().max(shared.inv_min[axis].abs());
-            shared.slack[axis] = 2.0 * (steepest * origin.abs().max(reach) * BOX_SLACK);
+        let (low, high) = if equal.bits() == 0xffff {
+            // The most frequent case.
+            (rays.org[axis][0][0], rays.org[axis][0][0])
         } else {
             one_origin = false;
-            let (low, high) = (org_low.least(), org_high.greatest());
-            (shared.org_near[axis], shared.org_far[axis]) = if negative { (low, high) } else { (high, low) };
-            shared.slack[axis] = 2.0 * slacks.greatest();
-        }
+            (org_low.least(), org_high.greatest())
+        };
+        (shared.org_near[axis], shared.org_far[axis]) = if negative { (low, high) } else { (high, low) };
+        let (far, inv) = (low.abs().max(high.abs()), rays.inv[axis][0][0]);
+        shared.slack[axis] = slack(far, inv, reach);
+        shared.sign[axis] = 1.0f32.copysign(inv);
     }
     for axis in 0..2 {
         let (mut least, mut greatest) = (s.splat16(f32::INFINITY), s.splat16(f32::NEG_INFINITY));
@@ -110,6 +111,8 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
         }
         shared.dir_min[axis] = least.least();
     }
+    let across = |axis: usize| shared.shear_max[axis] - shared.shear_min[axis];
+    shared.spread_area = across(0) * across(1) * shared.dir_min[kz] * shared.dir_min[kz] * NARROW;
     for part in 0..2 {
         let mut greatest = zero;
         for h in 0..VECTORS {

@@ -6,12 +6,15 @@
 //! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::ahead::{self, ask_for};
+use super::ahead;
 use super::packet_cells;
 use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
+use super::packet_few;
 use super::packet_leaf::leaf;
 use super::packet_prepare::Shared;
+use super::ray::BOX_SLACK;
 use super::single::{self, RayLanes};
+use super::stand_in;
 use super::walk::{Entry, Outcome, TriHit};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -21,7 +24,7 @@ use crate::structure::bvh::layout::{Block, Child, Node};
 use glam::Vec3;
 
 /// Rays below which each goes on alone.
-const FEW: u32 = 3;
+const FEW: u32 = 1;
 
 /// The greatest distance that any ray may go.
 #[inline(always)]
@@ -114,10 +117,14 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     if LOD {
                         far = farthest(s, &walk.hits.t);
                     }
-                    match nearest {
-                        Some(nearest) => entry = nearest,
-                        None => break,
+                    let Some(nearest) = nearest else { break };
+                    if nearest.block != entry.block {
+                        walk.counters.blocks += 1;
+                        // It is there: the reference was followed.
+                        let Some(words) = view.visit(nearest.block) else { break };
+                        block = Block::new(words);
                     }
+                    entry = nearest;
                 }
                 Some(Child::Leaf(at)) => {
                     walk.counters.leaves += 1;
@@ -164,7 +171,7 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
         let ray = if walk.together {
-            prepared(&walk.rays, i, &walk.shared)
+            prepared(&walk.rays, i, &walk.shared, view.reach)
         } else {
             PreparedRay::new(&walk.rays.one(i), view.reach)
         };
@@ -192,14 +199,17 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
     Outcome::Done
 }
 
-/// Ray `i` by itself, from what the packet has of it.
+/// Ray `i` by itself, from what the packet has of it: as [`PreparedRay::new`] makes it.
 #[inline(always)]
-fn prepared(rays: &PacketRays, i: usize, shared: &Shared) -> PreparedRay {
+fn prepared(rays: &PacketRays, i: usize, shared: &Shared, reach: f32) -> PreparedRay {
+    let (org, inv) = (Vec3::from_array(three(&rays.org, i)), Vec3::from_array(three(&rays.inv, i)));
+    let slack = inv.abs() * org.abs().max(Vec3::splat(reach)) * BOX_SLACK;
+    let off = org * inv;
     PreparedRay {
-        org: Vec3::from_array(three(&rays.org, i)),
-        inv: three(&rays.inv, i),
-        off_near: minus(three(&rays.minus_off_near, i)),
-        off_far: minus(three(&rays.minus_off_far, i)),
+        org,
+        inv: inv.to_array(),
+        off_near: (off + slack).to_array(),
+        off_far: (off - slack).to_array(),
         near: shared.near,
         shear: Shear { k: shared.k, s: three(&rays.shear, i) },
         t_min: at(&rays.t_min, i),
@@ -211,11 +221,6 @@ fn prepared(rays: &PacketRays, i: usize, shared: &Shared) -> PreparedRay {
 #[inline(always)]
 fn three(rows: &[Row; 3], i: usize) -> [f32; 3] {
     [at(&rows[0], i), at(&rows[1], i), at(&rows[2], i)]
-}
-
-#[inline(always)]
-fn minus([x, y, z]: [f32; 3]) -> [f32; 3] {
-    [-x, -y, -z]
 }
 
 #[inline(always)]
@@ -243,28 +248,33 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     walk: &mut PacketWalk,
 ) -> Option<PacketEntry> {
     let node = block.node(index);
-    let (mut mask, t, planes, small) = intervals::<S, LOD>(s, node, shared, far);
+    let boxes = intervals::<S, LOD>(s, node, shared, far);
+    let mut mask = boxes.met;
+    let is_few = shared.one_origin && entry.rays.count_ones() <= packet_few::FEW;
+    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, filter, block, index, &boxes, entry, walk) } else { [0; 8] };
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
     while mask != 0 {
         let slot = mask.trailing_zeros() as usize & 7;
         mask &= mask - 1;
         let child = u32::from(node.child[slot]);
-        // Rays from one point are tested one by one only before leaves: for nodes it costs more than it saves
-        // (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of many origins are too wide.
-        let mut rays = entry.rays;
-        let is_small = LOD && small >> slot & 1 == 1;
-        if is_small {
-            rays = packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, &planes, rays, entry.block, walk);
+        // Rays from one point are tested one by one only before leaves and what is narrower than the packet: for wider nodes
+        // it costs more than it saves (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of many origins are
+        // too wide.
+        let rays = if is_few {
+            few[slot]
+        } else if LOD && boxes.small >> slot & 1 == 1 {
+            packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, &boxes, shared, entry, walk)
+        } else if !shared.one_origin || boxes.narrow >> slot & 1 == 1 || is_leaf(child) {
+            meet(s, &boxes.planes, slot, shared, entry.rays, walk)
+        } else {
+            entry.rays
+        };
+        if rays == 0 {
+            continue;
         }
-        if is_small || !shared.one_origin || matches!(Child::from_bits(child), Some(Child::Leaf(_))) {
-            rays &= meet(s, &planes, slot, walk);
-            if rays == 0 {
-                continue;
-            }
-        }
-        ask_for(is_large, block, child);
-        let mut next = PacketEntry { t: t[slot], rays, block: entry.block, child };
+        let (id, child) = ahead::follow(is_large, view, block, entry.block, child);
+        let mut next = PacketEntry { t: boxes.enter[slot], rays, block: id, child };
         let Some(first) = nearest else {
             nearest = Some(next);
             continue;
@@ -284,53 +294,96 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     nearest
 }
 
-/// Near and far planes of eight boxes, axis by axis.
+#[inline(always)]
+fn is_leaf(child: u32) -> bool {
+    matches!(Child::from_bits(child), Some(Child::Leaf(_)))
+}
+
+/// Near and far planes of eight boxes, axis by axis; less the origin, where rays share it.
 pub(super) type Planes = [[[f32; 8]; 2]; 3];
 
-/// The children that rays between the extremes can meet, no ray's entry before, the boxes, and of the children those
-/// that could stand in for some ray.
+/// The eight children of a node as all rays of a packet see them.
+pub(super) struct Boxes {
+    /// Those that rays between the extremes can meet.
+    pub met: u32,
+    /// Of these, those that are narrower than the packet.
+    pub narrow: u32,
+    /// Of these, those that could stand in for some ray.
+    pub small: u32,
+    /// No ray enters them before.
+    pub enter: [f32; 8],
+    /// Outward by [`Shared::slack`].
+    pub planes: Planes,
+    /// Only where one is small: the planes as stored, where rays do not share the origin; and areas of faces, signed as the
+    /// directions are.
+    pub stored: Planes,
+    pub faces: [[f32; 8]; 3],
+}
+
+impl Boxes {
+    pub const NONE: Self = {
+        let none = [[[0.0; 8]; 2]; 3];
+        Self { met: 0, narrow: 0, small: 0, enter: [0.0; 8], planes: none, stored: none, faces: [[0.0; 8]; 3] }
+    };
+}
+
+/// The test of all children against all rays at once.
 #[inline(always)]
-fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, far: f32) -> (u32, [f32; 8], Planes, u32) {
+fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, far: f32) -> Boxes {
     let step = s.powers8(node.exponents());
-    let mut enter = s.splat8(0.0);
+    let zero = s.splat8(0.0);
+    let mut enter = zero;
     let mut leave = s.splat8(far);
-    let mut out = [[[0.0; 8]; 2]; 3];
+    let (mut first, mut last) = ([zero; 3], [zero; 3]);
+    let mut out = Boxes::NONE;
     for axis in 0..3 {
         let (near, far) = single::planes(node, shared.near[axis]);
         let origin = s.splat8(node.origin[axis]);
-        let near = s.bytes8(near).mul_add(step[axis], origin);
-        let far = s.bytes8(far).mul_add(step[axis], origin);
-        out[axis] = [near.to_array(), far.to_array()];
-        let (low, high) = (s.splat8(shared.inv_min[axis]), s.splat8(shared.inv_max[axis]));
-        let near = near - s.splat8(shared.org_near[axis]);
-        let far = far - s.splat8(shared.org_far[axis]);
+        first[axis] = s.bytes8(near).mul_add(step[axis], origin);
+        last[axis] = s.bytes8(far).mul_add(step[axis], origin);
         let slack = s.splat8(shared.slack[axis]);
-        let near = (near * low).min(near * high) - slack;
-        let far = (far * low).max(far * high) + slack;
-        enter = near.max(enter);
-        leave = far.min(leave);
+        let (near, far) = (first[axis] - slack, last[axis] + slack);
+        let (from, to) = (near - s.splat8(shared.org_near[axis]), far - s.splat8(shared.org_far[axis]));
+        out.planes[axis] = if shared.one_origin { [from.to_array(), to.to_array()] } else { [near.to_array(), far.to_array()] };
+        // Rounded products keep order: no ray between the extremes has less, or more.
+        let (low, high) = (s.splat8(shared.inv_min[axis]), s.splat8(shared.inv_max[axis]));
+        enter = (from * low).min(from * high).max(enter);
+        leave = (to * low).max(to * high).min(leave);
     }
-    let met = enter.le(leave).bits() & u32::from(node.valid);
-    let small = if LOD { packet_cells::likely(s, &out, leave, shared) & met } else { 0 };
-    (met, enter.to_array(), out, small)
+    out.met = enter.le(leave).bits() & u32::from(node.valid);
+    out.enter = enter.to_array();
+    let faces = stand_in::faces(first, last, zero);
+    let dir = [s.splat8(shared.dir_min[0]), s.splat8(shared.dir_min[1]), s.splat8(shared.dir_min[2])];
+    let area = stand_in::area(faces, dir);
+    out.narrow = area.le(leave * leave * s.splat8(shared.spread_area)).bits();
+    if LOD {
+        out.small = packet_cells::likely(s, area, leave, shared) & out.met;
+        if out.small != 0 {
+            packet_cells::cells(s, first, last, faces, shared, &mut out);
+        }
+    }
+    out
 }
 
-/// The rays that meet the box of a child.
+/// Those of `rays` that meet the box of a child.
 #[inline(always)]
-fn meet<S: Simd>(s: S, planes: &Planes, slot: usize, walk: &PacketWalk) -> u32 {
-    let rays = &walk.rays;
+fn meet<S: Simd>(s: S, planes: &Planes, slot: usize, shared: &Shared, rays: u32, walk: &PacketWalk) -> u32 {
     let mut all = 0;
     for h in 0..VECTORS {
-        let mut enter = s.load16(&rays.t_min[h]);
+        let mut enter = s.load16(&walk.rays.t_min[h]);
         let mut leave = s.load16(&walk.hits.t[h]);
         for axis in 0..3 {
-            let inv = s.load16(&rays.inv[axis][h]);
-            let near = s.splat16(planes[axis][0][slot]).mul_add(inv, s.load16(&rays.minus_off_near[axis][h]));
-            let far = s.splat16(planes[axis][1][slot]).mul_add(inv, s.load16(&rays.minus_off_far[axis][h]));
-            enter = near.max(enter);
-            leave = far.min(leave);
+            let inv = s.load16(&walk.rays.inv[axis][h]);
+            let mut near = s.splat16(planes[axis][0][slot]);
+            let mut far = s.splat16(planes[axis][1][slot]);
+            if !shared.one_origin {
+                let org = s.load16(&walk.rays.org[axis][h]);
+                (near, far) = (near - org, far - org);
+            }
+            enter = (near * inv).max(enter);
+            leave = (far * inv).min(leave);
         }
         all |= enter.le(leave).bits() << (16 * h);
     }
-    all
+    all & rays
 }

@@ -65,7 +65,7 @@ pub(super) fn abs<const N: usize, L: Lanes<N>>(zero: L, v: L) -> L {
 
 /// What a plane's distance may be off by in box tests, as a part of the greatest magnitude of a coordinate over the
 /// direction: the derivation is at [`PreparedRay::new`].
-pub(super) const BOX_SLACK: f32 = 48.0 / 16_777_216.0;
+pub(super) const BOX_SLACK: f32 = 64.0 / 16_777_216.0;
 
 /// A ray ready for box and triangle tests.
 ///

@@ -1,7 +1,7 @@
 //! One ray after the other, eight boxes or triangles at a time.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::stand_in::{self, CELL_SLACK, ConeRay, Verdict};
+use super::stand_in::{self, ConeRay, Met, Verdict};
 use super::walk::{Entry, Outcome, TriHit, Walk};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -229,6 +229,9 @@ fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, lanes: &RayLanes<S>, t_m
 /// A ray as the test of stand-ins needs it.
 pub(super) struct CellLanes<S: Simd> {
     ray: ConeRay<S::F8>,
+    inv: [S::F8; 3],
+    org: [S::F8; 3],
+    slack: [S::F8; 3],
     near: [usize; 3],
 }
 
@@ -251,24 +254,29 @@ impl<S: Simd> CellLanes<S> {
         cone: Cone,
         reach: f32,
     ) -> Self {
-        let slack = |axis: usize| inv[axis].abs() * org[axis].abs().max(reach) * CELL_SLACK;
-        let slack = [slack(0), slack(1), slack(2)];
-        let ray = ConeRay {
-            org: splat3(s, org),
-            inv: splat3(s, inv),
-            dir: splat3(s, dir),
-            slack: splat3(s, slack),
-            t_min: s.splat8(t_min),
-            a: s.splat8(cone.a),
-            b: s.splat8(cone.b),
-        };
-        Self { ray, near }
+        let mut slack = [0.0; 3];
+        for axis in 0..3 {
+            slack[axis] = stand_in::slack(org[axis], inv[axis], reach);
+        }
+        let (t_min, a, b) = (s.splat8(t_min), s.splat8(cone.a), s.splat8(cone.b));
+        let ray = ConeRay { dir: splat3(s, dir), t_min, a, b };
+        Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near }
+    }
+
+    /// What it meets of cells between planes as stored, with these faces.
+    #[inline(always)]
+    fn meet(&self, mut near: [S::F8; 3], mut far: [S::F8; 3], faces: [S::F8; 3]) -> Met<S::F8> {
+        for axis in 0..3 {
+            near[axis] = near[axis] - self.slack[axis] - self.org[axis];
+            far[axis] = far[axis] + self.slack[axis] - self.org[axis];
+        }
+        stand_in::meet(stand_in::cross(near, far, self.inv), faces, &self.ray)
     }
 }
 
 /// Planes of eight cells as stored: near ones, far ones.
 #[inline(always)]
-fn stored_planes<S: Simd>(s: S, node: &Node, near: [usize; 3]) -> [[S::F8; 3]; 2] {
+pub(super) fn stored_planes<S: Simd>(s: S, node: &Node, near: [usize; 3]) -> [[S::F8; 3]; 2] {
     let step = s.powers8(node.exponents());
     let zero = s.splat8(0.0);
     let mut out = [[zero; 3]; 2];
@@ -297,19 +305,31 @@ pub(super) fn stand_ins<S: Simd>(
     filter: Option<&PartFilter>,
     best: &mut TriHit,
 ) -> u32 {
-    let node = block.node(index);
-    let zero = s.splat8(0.0);
-    let [near, far] = stored_planes(s, node, cells.near);
+    let [near, far] = stored_planes(s, block.node(index), cells.near);
     let ray = &cells.ray;
     // First without regard to where exactly the cells are met; a hundredth more, for that is rounded otherwise.
     let width = ray.a + ray.b * leave;
-    let likely = stand_in::area(near, far, ray.dir, zero).le(width * width * s.splat8(1.01)).bits() & mask;
+    let faces = stand_in::faces(near, far, s.splat8(0.0));
+    let likely = stand_in::area(faces, ray.dir).le(width * width * s.splat8(1.01)).bits() & mask;
     if likely == 0 {
         return mask;
     }
-    let met = stand_in::meet(near, far, ray, zero, s.splat8(f32::INFINITY));
-    let t = met.enter.to_array();
-    let (mut left, mut small) = (mask, met.small & likely);
+    let met = cells.meet(near, far, faces);
+    mask & !offers(met.small & likely, &met.enter.to_array(), block, block_id, index, filter, best)
+}
+
+/// Offers the cells in `small`, entered at `t`, to `best`; returns those for which nothing is left to visit.
+#[inline(always)]
+pub(super) fn offers(
+    mut small: u32,
+    t: &[f32; 8],
+    block: Block,
+    block_id: u32,
+    index: usize,
+    filter: Option<&PartFilter>,
+    best: &mut TriHit,
+) -> u32 {
+    let mut settled = 0;
     while small != 0 {
         let slot = small.trailing_zeros() as usize & 7;
         small &= small - 1;
@@ -321,9 +341,9 @@ pub(super) fn stand_ins<S: Simd>(
                 offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: block_id, tri });
             }
         }
-        left &= !(1 << slot);
+        settled |= 1 << slot;
     }
-    left
+    settled
 }
 
 /// Keeps a stand-in if it is better.
@@ -349,7 +369,7 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
 ) {
     let (node, slot) = block.place_of_external(index);
     let [near, far] = stored_planes(s, block.node(node), cells.near);
-    let met = stand_in::meet(near, far, &cells.ray, s.splat8(0.0), s.splat8(f32::INFINITY));
+    let met = cells.meet(near, far, near);
     let is_inside = met.outside >> slot & 1 == 0;
     let skip = stand_in::judge(block, node, slot, filter) == Verdict::Skip;
     if met.meets >> slot & 1 == 0 || skip || ANY && is_inside {

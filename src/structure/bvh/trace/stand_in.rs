@@ -7,6 +7,9 @@
 //!
 //! Metric: Áfra 2012, section 6.2, compares the radius of the enclosing sphere; here it is the area of the cell's own
 //! projection along the ray, the sum of |dir| times the areas of its faces, with the square of the ray's width.
+//!
+//! A plane `p` is met at `((p - slack) - org) * inv` at the earliest. The two differences and the product are rounded once
+//! each and `inv` once, on magnitudes of at most `2 m` with `m = max(|org|, reach)`: `7 h m |inv|` in all, `h = 2^-24`.
 
 use super::{PartFilter, TreeView};
 use super::ray::abs;
@@ -14,9 +17,9 @@ use super::walk::TriHit;
 use crate::simd::{Lanes, Mask};
 use crate::structure::bvh::layout::Block;
 
-/// What a plane's distance may be off by here, as a part of the greatest magnitude of a coordinate over the direction:
-/// three roundings and that of the reciprocal, on twice the magnitude: 7 times 2^-24; 8 are given.
-pub(super) const CELL_SLACK: f32 = 8.0 / 16_777_216.0;
+/// How much larger a cell is taken, as a part of the greatest magnitude of a coordinate: 7 h for rounding (see the module), the
+/// rest as in [`super::ray::BOX_SLACK`], for packets test the boxes of triangles so too.
+pub(super) const SLACK: f32 = 32.0 / 16_777_216.0;
 
 /// In [`TriHit::tri`]: a stand-in, as fine as asked for or finer.
 const LOD: u32 = 1 << 31;
@@ -74,12 +77,8 @@ pub(super) fn untie(hit: &TriHit, best: &TriHit) -> Option<bool> {
 /// Rays as the test needs them: many of them, or one in all lanes.
 #[derive(Clone, Copy)]
 pub(super) struct ConeRay<L> {
-    pub org: [L; 3],
-    pub inv: [L; 3],
-    /// Magnitudes of the direction.
+    /// Magnitudes of the direction; or, with faces of the same sign, the direction.
     pub dir: [L; 3],
-    /// See [`CELL_SLACK`].
-    pub slack: [L; 3],
     pub t_min: L,
     /// Width, see [`super::LocalRay::cone`].
     pub a: L,
@@ -98,37 +97,45 @@ pub(super) struct Met<L> {
     pub enter: L,
 }
 
-/// The sum of the areas of a cell's faces, each times |dir| across it.
+/// How far planes give way for a ray with origin `org` along an axis on which it goes as `inv` is signed: what is taken from
+/// those that are met first, and added to those that are met last.
 #[inline(always)]
-pub(super) fn area<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], dir: [L; 3], zero: L) -> L {
+pub(super) fn slack(org: f32, inv: f32, reach: f32) -> f32 {
+    (org.abs().max(reach) * SLACK).copysign(inv)
+}
+
+/// The areas of cells' faces between planes as stored.
+#[inline(always)]
+pub(super) fn faces<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], zero: L) -> [L; 3] {
     let x = abs(zero, far[0] - near[0]);
     let y = abs(zero, far[1] - near[1]);
     let z = abs(zero, far[2] - near[2]);
-    dir[0] * (y * z) + dir[1] * (z * x) + dir[2] * (x * y)
+    [y * z, z * x, x * y]
 }
 
-/// The test. `near` and `far`: planes as stored, rounded once, by the sign of the ray's direction.
+/// The sum of the areas of a cell's faces, each times |dir| across it.
 #[inline(always)]
-pub(super) fn meet<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], ray: &ConeRay<L>, zero: L, infinity: L) -> Met<L> {
-    let mut enter = zero - infinity;
-    let (mut surely_in, mut surely_out) = (zero - infinity, infinity);
-    let mut axis = 0;
-    while axis < 3 {
-        let from = (near[axis] - ray.org[axis]) * ray.inv[axis];
-        let to = (far[axis] - ray.org[axis]) * ray.inv[axis];
-        // In this order a NaN leaves things as they were.
-        enter = from.max(enter);
-        surely_in = (from - ray.slack[axis]).max(surely_in);
-        surely_out = (to + ray.slack[axis]).min(surely_out);
-        axis += 1;
-    }
-    // Along an axis that the ray hardly moves on, numbers are beyond all use where it runs in the plane of a side: what
-    // is given way to bounds them.
-    let t = enter.min(surely_out).max(ray.t_min);
+pub(super) fn area<const N: usize, L: Lanes<N>>(faces: [L; 3], dir: [L; 3]) -> L {
+    dir[0] * faces[0] + dir[1] * faces[1] + dir[2] * faces[2]
+}
+
+/// Where rays enter cells and where they leave them; of cells that are larger by what single precision may do to where planes
+/// are met. So where one is entered is no farther than where the ray enters the cell itself, and at most that much outside of it.
+#[inline(always)]
+pub(super) fn cross<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], inv: [L; 3]) -> [L; 2] {
+    let enter = (near[0] * inv[0]).max(near[1] * inv[1]).max(near[2] * inv[2]);
+    let leave = (far[0] * inv[0]).min(far[1] * inv[1]).min(far[2] * inv[2]);
+    [enter, leave]
+}
+
+/// What is decided of cells by where rays cross them.
+#[inline(always)]
+pub(super) fn meet<const N: usize, L: Lanes<N>>([enter, leave]: [L; 2], faces: [L; 3], ray: &ConeRay<L>) -> Met<L> {
+    let t = enter.max(ray.t_min);
     let width = ray.a + ray.b * t;
-    let meets = surely_in.le(surely_out).bits() & ray.t_min.le(surely_out).bits();
-    let outside = meets & !surely_in.le(ray.t_min).bits();
-    let small = outside & area(near, far, ray.dir, zero).le(width * width).bits();
+    let meets = t.le(leave).bits();
+    let outside = meets & !enter.le(ray.t_min).bits();
+    let small = outside & area(faces, ray.dir).le(width * width).bits();
     Met { meets, outside, small, enter: t }
 }
 

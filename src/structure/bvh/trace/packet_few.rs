@@ -1,0 +1,85 @@
+//! Nodes that few rays of a packet meet: all eight children against one ray after the other.
+#![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
+
+use super::packet::{PacketEntry, PacketWalk, at};
+use super::packet_visit::{Boxes, keep};
+use super::stand_in::{self, ConeRay};
+use super::{PartFilter, single};
+use crate::simd::{Lanes, Mask, Simd};
+use crate::structure::bvh::layout::Block;
+
+/// Rays up to which this is less work than one child against all rays after the other.
+pub(super) const FEW: u32 = 4;
+
+/// The rays of `entry` that each child is still to be visited by: those that meet it and for which it does not stand in. Rays
+/// share their origin.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
+pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
+    s: S,
+    filter: Option<&PartFilter>,
+    block: Block,
+    index: usize,
+    boxes: &Boxes,
+    entry: PacketEntry,
+    walk: &mut PacketWalk,
+) -> [u32; 8] {
+    let mut out = [0; 8];
+    let mut rays = entry.rays;
+    while rays != 0 {
+        let i = rays.trailing_zeros() as usize;
+        rays &= rays - 1;
+        let mut met = one::<S, ANY, LOD>(s, filter, block, index, boxes, entry.block, i, walk);
+        while met != 0 {
+            out[met.trailing_zeros() as usize & 7] |= 1 << i;
+            met &= met - 1;
+        }
+    }
+    out
+}
+
+/// The children that ray `i` has still to visit.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
+fn one<S: Simd, const ANY: bool, const LOD: bool>(
+    s: S,
+    filter: Option<&PartFilter>,
+    block: Block,
+    index: usize,
+    boxes: &Boxes,
+    block_id: u32,
+    i: usize,
+    walk: &mut PacketWalk,
+) -> u32 {
+    let zero = s.splat8(0.0);
+    let (mut near, mut far, mut inv) = ([zero; 3], [zero; 3], [zero; 3]);
+    for axis in 0..3 {
+        (near[axis], far[axis]) = (s.load8(&boxes.planes[axis][0]), s.load8(&boxes.planes[axis][1]));
+        inv[axis] = s.splat8(at(&walk.rays.inv[axis], i));
+    }
+    let [enter, leave] = stand_in::cross(near, far, inv);
+    let t_min = s.splat8(at(&walk.rays.t_min, i));
+    let met = enter.max(t_min).le(leave.min(s.splat8(at(&walk.hits.t, i)))).bits() & boxes.met;
+    if !LOD || met & boxes.small == 0 {
+        return met;
+    }
+    let (mut dir, mut faces) = ([zero; 3], [zero; 3]);
+    for axis in 0..3 {
+        (dir[axis], faces[axis]) = (s.splat8(at(&walk.rays.dir[axis], i)), s.load8(&boxes.faces[axis]));
+    }
+    let cone = walk.rays.cone(i);
+    let ray = ConeRay { dir, t_min, a: s.splat8(cone.a), b: s.splat8(cone.b) };
+    let cells = stand_in::meet([enter, leave], faces, &ray);
+    let small = cells.small & met & boxes.small;
+    if small == 0 {
+        return met;
+    }
+    let mut best = walk.best(i);
+    let settled = single::offers(small, &cells.enter.to_array(), block, block_id, index, filter, &mut best);
+    keep(walk, i, &best);
+    if ANY && best.is_hit() {
+        walk.waiting &= !(1 << i);
+        return 0;
+    }
+    met & !settled
+}
