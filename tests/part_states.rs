@@ -16,7 +16,7 @@ use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Ou
 use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene, State};
 use std::time::Duration;
 
-const POE: [f32; 4] = [0.5, 3.0, 10.0, 32.0];
+const POE: [f32; 5] = [0.5, 3.0, 10.0, 32.0, 100.0];
 const SIZE: (u32, u32) = (160, 120);
 /// Parts, more than a summary has bits.
 const PARTS: u64 = 40;

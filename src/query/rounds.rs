@@ -101,8 +101,8 @@ struct Rounds {
 enum Item {
     /// Rays to be begun.
     Chunk(usize),
-    /// Blocks of a model to be read, where there is room beside what views use.
-    Fetch(u32, Vec<BlockId>),
+    /// Blocks to be read, where there is room beside what views use.
+    Fetch(Vec<Need>),
     /// Rays to be gone on with.
     Resume(Group),
     /// A round under a lease.
@@ -115,7 +115,7 @@ const MOST_PARKED: usize = 1024;
 /// Of the budget, how much a round brings at most: one part in so many. Others hold blocks too.
 const ROUND_SHARE: u64 = 4;
 
-/// Blocks that a worker brings at a time.
+/// Blocks of a model that a worker brings at a time.
 const FETCH: usize = 16;
 
 impl<S, R, H, const ANY: bool> Batch<S, R, H, ANY>
@@ -225,9 +225,15 @@ where
     }
 
     /// Brings blocks, as far as there is room.
-    fn fetch(&self, model: u32, blocks: &[BlockId]) -> Result<()> {
-        let held = self.scene.borrow().models[model as usize].blocks().bring(blocks, &Cancel::new())?;
-        self.rounds().hold.add(model, held);
+    fn fetch(&self, needs: &[Need]) -> Result<()> {
+        for same_model in needs.chunk_by(|a, b| a.model == b.model) {
+            let model = same_model[0].model;
+            for few in same_model.chunks(FETCH) {
+                let blocks: Vec<BlockId> = few.iter().map(|need| need.block).collect();
+                let held = self.scene.borrow().models[model as usize].blocks().bring(&blocks, &Cancel::new())?;
+                self.rounds().hold.add(model, held);
+            }
+        }
         Ok(())
     }
 
@@ -262,12 +268,10 @@ where
         }
         let room = self.scene.borrow().context().memory_budget() / ROUND_SHARE;
         let needs = self.plan(&rounds, room);
-        let same_model = needs.chunk_by(|a, b| a.model == b.model);
-        let items = same_model.flat_map(|needs| {
-            let blocks = |needs: &[Need]| needs.iter().map(|need| need.block).collect();
-            needs.chunks(FETCH).map(move |few| Some(Item::Fetch(few[0].model, blocks(few))))
-        });
-        rounds.items = items.collect();
+        // A worker is left for frames, which are not to wait for the disk.
+        let readers = self.scene.borrow().context().concurrency().saturating_sub(1).max(1);
+        let share = needs.len().div_ceil(readers).max(1);
+        rounds.items = needs.chunks(share).map(|needs| Some(Item::Fetch(needs.to_vec()))).collect();
         rounds.fetching = true;
         rounds.items.len()
     }
@@ -331,7 +335,7 @@ where
                 self.run_chunk(chunk);
             }
             Some(Item::Resume(group)) => self.resume(&snapshots, group),
-            Some(Item::Fetch(model, blocks)) => self.fetch(model, &blocks)?,
+            Some(Item::Fetch(needs)) => self.fetch(&needs)?,
             Some(Item::Lease) => {
                 self.rounds().snapshots = Arc::new(Snapshots::none());
                 drop(snapshots);

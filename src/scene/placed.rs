@@ -43,8 +43,9 @@ struct Local {
 
 /// A ray's origin farther from the tree than this many times its reach is moved to where the ray
 /// enters: single precision holds positions to 2⁻²⁴ of the distance, so beyond some reaches the
-/// tree's own detail would be lost.
-const FAR: f64 = 4.0;
+/// tree's own detail would be lost. (Rays that are moved no longer share an origin, and take three times as long: so far that
+/// cameras that show the whole are not moved.)
+const FAR: f64 = 6.0;
 /// The greatest ratio of singular values of a transform.
 const MOST_SKEW: f64 = 1e12;
 

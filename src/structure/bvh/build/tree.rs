@@ -121,6 +121,10 @@ const DEEP: u32 = 32;
 /// Ranges larger than this are given to other threads.
 const TASK: usize = 4096;
 
+/// In nodes over more triangles, ranges of so many are not split any further: each becomes a fine unit over full leaves. (Split to
+/// the last slot, as before, a third of an airliner's nodes held a single leaf.)
+const OPEN: usize = 48;
+
 /// Relative costs: entering a leaf, and each of its triangles.
 const LEAF_COST: f32 = 1.2;
 const TRIANGLE_COST: f32 = 0.12;
@@ -237,10 +241,11 @@ impl Builder<'_> {
     /// Splits a range into up to eight, the one of the largest box first.
     fn split_up<'r>(&self, range: Range<'r>, depth: u32) -> Vec<Range<'r>> {
         let mut ranges = Vec::with_capacity(WIDTH);
+        let least = if range.len > OPEN { OPEN } else { 1 };
         ranges.push(range);
         while ranges.len() < WIDTH {
             let area = |r: &Range| r.extents.bounds().half_area();
-            let open = (0..ranges.len()).filter(|&i| ranges[i].whole.is_none() && ranges[i].len > 1);
+            let open = (0..ranges.len()).filter(|&i| ranges[i].whole.is_none() && ranges[i].len > least);
             // The first of the largest: `max_by` would take the last.
             let Some(at) = open.reduce(|a, b| if area(&ranges[b]) > area(&ranges[a]) { b } else { a }) else {
                 break;
