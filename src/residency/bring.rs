@@ -54,7 +54,7 @@ impl ModelBlocks {
     /// False if there was no room for all.
     fn bring_claimed(&self, claim: &Claim, left: &mut Vec<BlockId>, held: &mut Held, cancel: &Cancel) -> Result<bool> {
         let (inner, shared) = (&self.inner, &self.inner.residency);
-        let stamp = shared.pass.load(std::sync::atomic::Ordering::Relaxed);
+        let stamp = shared.now();
         if let Some(id) = claim.ids.iter().find(|id| id.0 >= inner.file.block_count()) {
             return Err(inner.corrupt(*id, "no such block"));
         }

@@ -10,7 +10,7 @@ use super::lease::Reserve;
 use super::pressure::Strain;
 use super::rank::Ranking;
 use super::slots::Slot;
-use super::snapshot::Snapshot;
+use super::snapshot::{LANES, NO_VIEW, Snapshot, lane};
 use super::sync::{AtomicU32, Mutex, MutexGuard, Ordering::Relaxed, PoisonError};
 use super::view::{Call, ViewCore};
 use super::wakeup::Wakeup;
@@ -148,15 +148,16 @@ impl Residency {
 
     /// A stamp for a pass that no view makes. Later passes have greater ones.
     pub fn stamp(&self) -> u32 {
-        self.0.next_pass()
+        self.0.next_pass(NO_VIEW)
     }
 
     /// Bytes that blocks may take beside those that stay, those being read, and those that live views, or passes from
     /// `stamp` on, have used.
     pub fn room_beside(&self, stamp: u32) -> u64 {
         let mut state = self.0.lock();
-        let standing = state.oldest_standing().min(stamp);
-        let used = state.used_since(standing) + state.in_flight;
+        let mut standing = state.standing();
+        standing[lane(stamp)] = standing[lane(stamp)].min(stamp);
+        let used = state.used_since(&standing) + state.in_flight;
         self.0.capacity(&state).saturating_sub(used)
     }
 
@@ -179,8 +180,14 @@ impl Shared {
         self.options.promote
     }
 
-    pub fn next_pass(&self) -> u32 {
-        self.pass.fetch_add(1, Relaxed) + 1
+    /// The stamp of a pass that begins now.
+    pub fn next_pass(&self, lane: u32) -> u32 {
+        (self.pass.fetch_add(1, Relaxed) + 1) * LANES as u32 + lane
+    }
+
+    /// The stamp of what somebody uses now who is no view. Passes that begin later have greater ones.
+    pub fn now(&self) -> u32 {
+        self.pass.load(Relaxed) * LANES as u32 + NO_VIEW
     }
 
     /// Bytes that slots may take, given the tables.
@@ -267,9 +274,20 @@ impl State {
         self.views.iter().filter_map(Weak::upgrade).collect()
     }
 
-    /// The oldest pass that a view stands on; blocks used since are in use.
-    pub fn oldest_standing(&mut self) -> u32 {
-        self.live_views().iter().map(|view| view.standing()).min().unwrap_or(u32::MAX)
+    /// In each lane the oldest pass that a view stands on; blocks used there since are in use.
+    pub fn standing(&mut self) -> [u32; LANES] {
+        let mut oldest = [u32::MAX; LANES];
+        for view in self.live_views() {
+            let of_lane = &mut oldest[lane(view.lane)];
+            *of_lane = view.standing().min(*of_lane);
+        }
+        oldest
+    }
+
+    /// The lane that fewest views are in.
+    pub fn free_lane(&mut self) -> u32 {
+        let views = self.live_views();
+        (0..NO_VIEW).min_by_key(|lane| views.iter().filter(|view| view.lane == *lane).count()).unwrap_or(0)
     }
 
     /// Whether slots of `need` bytes fit beside what is, and is to be, published.

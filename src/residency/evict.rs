@@ -6,7 +6,7 @@
 
 use super::blocks::{Inner, ModelKey};
 use super::core::{After, Shared, State};
-use super::snapshot::Snapshot;
+use super::snapshot::{LANES, Snapshot};
 use crate::base::ids::BlockId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -60,7 +60,7 @@ impl State {
         let capacity = shared.capacity(self);
         let enough = (self.resident + self.in_flight + need).saturating_sub(capacity);
         let wished = enough + (capacity / AHEAD_SHARE).min(AHEAD);
-        let standing = self.oldest_standing();
+        let standing = self.standing();
         let (mut freed, mut going) = (0, BTreeMap::<ModelKey, (Arc<Inner>, BTreeSet<BlockId>)>::new());
         let mut listed = false;
         while freed < wished {
@@ -68,13 +68,13 @@ impl State {
                 if listed || freed >= enough {
                     break;
                 }
-                self.list_victims(standing);
+                self.list_victims(&standing);
                 listed = true;
                 continue;
             };
             let Some(model) = self.model(victim.model) else { continue };
             // It may have been used, or have gone, since it was listed.
-            let stamp = stamp_of_evictable(&model, &model.published.load(), victim.id(), standing);
+            let stamp = stamp_of_evictable(&model, &model.published.load(), victim.id(), &standing);
             if stamp.is_some_and(|stamp| victim.is_coarse || stamp == victim.stamp) {
                 let bytes = model.slot_bytes(victim.id());
                 let (_, ids) = going.entry(victim.model).or_insert_with(|| (model, BTreeSet::new()));
@@ -103,7 +103,7 @@ impl State {
         true
     }
 
-    fn list_victims(&mut self, standing: u32) {
+    fn list_victims(&mut self, standing: &[u32; LANES]) {
         let models: Vec<_> = self.models.values().filter_map(std::sync::Weak::upgrade).collect();
         self.victims.clear();
         for model in &models {
@@ -119,12 +119,12 @@ impl State {
 
     /// Bytes of blocks that cannot go now.
     pub fn in_use(&mut self) -> u64 {
-        let standing = self.oldest_standing();
-        self.used_since(standing)
+        let standing = self.standing();
+        self.used_since(&standing)
     }
 
-    /// Bytes of blocks that stay, or that passes from `standing` on have used.
-    pub fn used_since(&self, standing: u32) -> u64 {
+    /// Bytes of blocks that stay, or that passes from `standing` on have used, lane by lane.
+    pub fn used_since(&self, standing: &[u32; LANES]) -> u64 {
         let models: Vec<_> = self.models.values().filter_map(std::sync::Weak::upgrade).collect();
         let of_model = |model: &Arc<Inner>| {
             let snapshot = model.published.load();
@@ -136,9 +136,11 @@ impl State {
 }
 
 /// When the block was last used, if it is in memory and may go.
-fn stamp_of_evictable(model: &Inner, snapshot: &Snapshot, id: BlockId, standing: u32) -> Option<u32> {
-    let stamp = snapshot.stamp(id);
-    (stamp < standing && !model.is_pinned(id) && snapshot.block(id).is_some()).then_some(stamp)
+fn stamp_of_evictable(model: &Inner, snapshot: &Snapshot, id: BlockId, standing: &[u32; LANES]) -> Option<u32> {
+    let stamps = snapshot.stamps(id);
+    let is_used = stamps.iter().zip(standing).any(|(stamp, standing)| stamp >= standing);
+    let may_go = !is_used && !model.is_pinned(id) && snapshot.block(id).is_some();
+    may_go.then(|| stamps.into_iter().fold(0, u32::max))
 }
 
 impl Victims {

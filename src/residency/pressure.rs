@@ -75,7 +75,7 @@ impl State {
         // Powers of the step, so that going up and down again gives 1.
         let steps = (factor.ln() / STEP.ln()).round();
         self.strain.factor = STEP.powi(steps as i32).max(1.0);
-        self.strain.changed_at = shared.pass.load(Relaxed);
+        self.strain.changed_at = shared.now();
         shared.pressure.store(self.strain.factor.to_bits(), Relaxed);
     }
 

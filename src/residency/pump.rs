@@ -178,7 +178,7 @@ impl Shared {
     /// What counts as the last use of a block that a pass with `stamp` wanted; who wants without passes counts as one who uses
     /// it now, or what came first would be the first to go.
     fn used_at(&self, stamp: u32) -> u32 {
-        if stamp == 0 { self.pass.load(Relaxed) } else { stamp }
+        if stamp == 0 { self.now() } else { stamp }
     }
 
     /// Memory for a run; `None` if some was freed and `after` has to run first.

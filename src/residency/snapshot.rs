@@ -9,6 +9,18 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// Blocks of a page: a new snapshot copies only the pages that change.
 const PAGE: usize = 64;
 
+/// Lanes of stamps. A stamp is the number of a pass times [`LANES`], plus the lane of who made it: so what one view used is not
+/// taken as used by another that has rested since. More views than lanes share them.
+pub(super) const LANES: usize = 4;
+/// The lane of who is no view.
+pub(super) const NO_VIEW: u32 = LANES as u32 - 1;
+
+/// The lane of a stamp.
+#[inline(always)]
+pub(super) fn lane(stamp: u32) -> usize {
+    stamp as usize % LANES
+}
+
 /// A page, and what pays for it.
 #[derive(Debug)]
 struct Page {
@@ -28,8 +40,8 @@ const PAGE_BYTES: u64 = size_of::<Page>() as u64 + 16;
 pub struct Snapshot {
     pages: Vec<Arc<Page>>,
     blocks: u32,
-    /// When each block was last used. Shared by all snapshots of a model.
-    stamps: Arc<[AtomicU32]>,
+    /// When each block was last used in each lane. Shared by all snapshots of a model.
+    stamps: Arc<[[AtomicU32; LANES]]>,
     _charge: Charge,
 }
 
@@ -38,14 +50,14 @@ impl Snapshot {
     pub fn empty(blocks: u32) -> Self {
         let page = Arc::new(Page { slots: [const { None }; PAGE], _charge: Charge::default() });
         let count = (blocks as usize).div_ceil(PAGE);
-        let stamps = (0..count * PAGE).map(|_| AtomicU32::new(0)).collect();
+        let stamps = (0..count * PAGE).map(|_| [const { AtomicU32::new(0) }; LANES]).collect();
         Self { pages: vec![page; count], blocks, stamps, _charge: Charge::default() }
     }
 
     /// Bytes that the table of a model with `blocks` blocks takes: `[what stays, what each snapshot adds at most]`.
     pub(super) fn bytes_for(blocks: u32) -> [u64; 2] {
         let pages = u64::from(blocks).div_ceil(PAGE as u64);
-        [pages * (PAGE as u64 * 4), pages * (PAGE_BYTES + 8)]
+        [pages * (PAGE * LANES * 4) as u64, pages * (PAGE_BYTES + 8)]
     }
 
     /// The words of a block, if it is in memory. An id beyond the last block is never in memory.
@@ -60,7 +72,8 @@ impl Snapshot {
     #[inline(always)]
     pub fn visit(&self, id: BlockId, stamp: u32) -> Option<&[u32]> {
         let words = self.block(id)?;
-        if let Some(last) = self.stamps.get(id.0 as usize)
+        if let Some(lanes) = self.stamps.get(id.0 as usize)
+            && let last = &lanes[lane(stamp)]
             && last.load(Relaxed) < stamp
         {
             // Not over a later pass that uses it too.
@@ -83,15 +96,15 @@ impl Snapshot {
         })
     }
 
-    /// The pass that last used a block; 0 for none.
-    pub(super) fn stamp(&self, id: BlockId) -> u32 {
-        self.stamps.get(id.0 as usize).map_or(0, |s| s.load(Relaxed))
+    /// The passes that last used a block, in each lane; 0 for none.
+    pub(super) fn stamps(&self, id: BlockId) -> [u32; LANES] {
+        self.stamps.get(id.0 as usize).map_or([0; LANES], |lanes| std::array::from_fn(|lane| lanes[lane].load(Relaxed)))
     }
 
     /// Notes that a block is used in a pass, unless a later one used it.
     pub(super) fn stamp_at_least(&self, id: BlockId, stamp: u32) {
-        if let Some(last) = self.stamps.get(id.0 as usize) {
-            last.fetch_max(stamp, Relaxed);
+        if let Some(lanes) = self.stamps.get(id.0 as usize) {
+            lanes[lane(stamp)].fetch_max(stamp, Relaxed);
         }
     }
 
@@ -178,7 +191,9 @@ mod tests {
         let snapshot = Snapshot::empty(2).with([(BlockId(1), Slot::new(&[5]))]);
         assert_eq!(snapshot.visit(BlockId(1), 9).map(|w| w[0]), Some(5));
         assert!(snapshot.visit(BlockId(0), 9).is_none() && snapshot.visit(BlockId(u32::MAX), 9).is_none());
-        snapshot.stamp_at_least(BlockId(1), 4);
-        assert_eq!([0, 1, 64].map(|b| snapshot.stamp(BlockId(b))), [0, 9, 0]);
+        // Of the same lane, and of another.
+        snapshot.stamp_at_least(BlockId(1), 5);
+        snapshot.stamp_at_least(BlockId(1), 7);
+        assert_eq!([0, 1, 64].map(|b| snapshot.stamps(BlockId(b))), [[0; 4], [0, 9, 0, 7], [0; 4]]);
     }
 }

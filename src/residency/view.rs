@@ -54,6 +54,8 @@ pub struct View {
 }
 
 pub(super) struct ViewCore {
+    /// Of its stamps.
+    pub lane: u32,
     /// The older of the passes that it stands on; `u32::MAX` before the first.
     standing: AtomicU32,
     /// The last pass begun.
@@ -73,14 +75,17 @@ struct Wants {
 impl Residency {
     /// A view that wants nothing yet.
     pub fn view(&self) -> View {
+        let shared = Arc::clone(self.shared());
+        let mut state = shared.lock();
         let core = Arc::new(ViewCore {
+            lane: state.free_lane(),
             standing: AtomicU32::new(u32::MAX),
             running: AtomicU32::new(0),
             wants: Mutex::default(),
             on_change: Mutex::default(),
         });
-        let shared = Arc::clone(self.shared());
-        shared.lock().views.push(Arc::downgrade(&core));
+        state.views.push(Arc::downgrade(&core));
+        drop(state);
         View { core, shared }
     }
 }
@@ -92,7 +97,7 @@ impl View {
     /// Ask for the [pressure](View::pressure) after this.
     pub fn begin_pass(&self, changed: bool) -> u32 {
         let mut state = self.shared.lock();
-        let stamp = self.shared.next_pass();
+        let stamp = self.shared.next_pass(self.core.lane);
         let before = self.core.running.swap(stamp, Relaxed);
         self.core.standing.store(if before == 0 { stamp } else { before }, Relaxed);
         if changed {
