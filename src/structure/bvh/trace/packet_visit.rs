@@ -1,6 +1,7 @@
 //! The kernel of packets. A node's boxes are tested against all rays at once, by intervals of their origins
-//! and reciprocal directions; boxes of leaves that pass are tested ray by ray too, sixteen in a vector.
-//! Where few rays are left, each goes on alone (`single.rs`).
+//! and reciprocal directions; boxes that pass and are of leaves, or narrower than the packet, are tested ray by ray too, sixteen
+//! in a vector. Where few rays meet a node they are tested one after the other (`packet_few.rs`). Rays that cannot go
+//! together go alone (`single.rs`).
 //!
 //! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for
 //! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
@@ -8,23 +9,17 @@
 
 use super::ahead;
 use super::packet_cells;
-use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
+use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
 use super::packet_few;
 use super::packet_leaf::leaf;
 use super::packet_prepare::Shared;
-use super::ray::BOX_SLACK;
 use super::single::{self, RayLanes};
 use super::stand_in;
 use super::walk::{Entry, Outcome, TriHit};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
-use crate::geom::Shear;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child, Node};
-use glam::Vec3;
-
-/// Rays below which each goes on alone.
-const FEW: u32 = 1;
 
 /// The greatest distance that any ray may go.
 #[inline(always)]
@@ -101,7 +96,7 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
         };
         let mut block = Block::new(words);
         while entry.rays != 0 {
-            if !walk.together || entry.rays.count_ones() < FEW {
+            if !walk.together {
                 let outcome = each_alone::<S, ANY, LOD>(s, view, filter, walk, entry);
                 if outcome != Outcome::Done {
                     return outcome;
@@ -170,11 +165,7 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
-        let ray = if walk.together {
-            prepared(&walk.rays, i, &walk.shared, view.reach)
-        } else {
-            PreparedRay::new(&walk.rays.one(i), view.reach)
-        };
+        let ray = PreparedRay::new(&walk.rays.one(i), view.reach);
         let lanes = RayLanes::new(s, &ray);
         let mut best = walk.best(i);
         let stack = &mut walk.alone.stack;
@@ -197,30 +188,6 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
         rays &= rays - 1;
     }
     Outcome::Done
-}
-
-/// Ray `i` by itself, from what the packet has of it: as [`PreparedRay::new`] makes it.
-#[inline(always)]
-fn prepared(rays: &PacketRays, i: usize, shared: &Shared, reach: f32) -> PreparedRay {
-    let (org, inv) = (Vec3::from_array(three(&rays.org, i)), Vec3::from_array(three(&rays.inv, i)));
-    let slack = inv.abs() * org.abs().max(Vec3::splat(reach)) * BOX_SLACK;
-    let off = org * inv;
-    PreparedRay {
-        org,
-        inv: inv.to_array(),
-        off_near: (off + slack).to_array(),
-        off_far: (off - slack).to_array(),
-        near: shared.near,
-        shear: Shear { k: shared.k, s: three(&rays.shear, i) },
-        t_min: at(&rays.t_min, i),
-        dir: Vec3::from_array(three(&rays.dir, i)).abs(),
-        cone: rays.cone(i),
-    }
-}
-
-#[inline(always)]
-fn three(rows: &[Row; 3], i: usize) -> [f32; 3] {
-    [at(&rows[0], i), at(&rows[1], i), at(&rows[2], i)]
 }
 
 #[inline(always)]

@@ -2,7 +2,7 @@
 //!
 //! The test is written once, over any number of lanes, with operations that round alike everywhere: single rays,
 //! packets and streams, on any instruction set, see the same stand-ins to the bit. What walks visit does not depend on
-//! it otherwise: their own box tests give way by more than this one (see [`super::PreparedRay::new`]), and cells nest as
+//! it otherwise: their own box tests give way by as much at least (see [`super::PreparedRay::new`]), and cells nest as
 //! stored, so whoever meets a cell here has met all cells above it there.
 //!
 //! Metric: Áfra 2012, section 6.2, compares the radius of the enclosing sphere; here it is the area of the cell's own
