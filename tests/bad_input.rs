@@ -5,8 +5,7 @@ mod common;
 
 use common::built;
 use glam::DVec3;
-use outcrop::base::progress::{Cancel, Progress};
-use outcrop::build::{BuildOptions, Builder};
+use outcrop::base::progress::Cancel;
 use outcrop::import::generate::{GenerateOptions, generate};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, QueryOptions};
@@ -21,14 +20,11 @@ use std::time::Duration;
 fn bulb() -> &'static [u8] {
     static BULB: OnceLock<Vec<u8>> = OnceLock::new();
     BULB.get_or_init(|| {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("bulb.oc");
-        let mut builder =
-            Builder::new(BuildOptions::default(), Arc::new(Progress::default()), Cancel::new()).expect("a builder");
         let options = GenerateOptions { triangles: 300_000, seed: 0 };
-        generate("mandelbulb", &options, &Cancel::new(), &mut builder).expect("a bulb");
-        builder.finish(&path).expect("a build");
-        std::fs::read(path).expect("the file")
+        let bulb = built::build(|sink| {
+            generate("mandelbulb", &options, &Cancel::new(), sink).expect("a bulb");
+        });
+        std::fs::read(bulb.path).expect("the file")
     })
 }
 
