@@ -4,6 +4,7 @@ use super::batch::{Hits, Policy, Rays};
 use super::asks::Asks;
 use super::finish::{Last, finish};
 use super::hit::{Hit, HitKind, Want};
+use super::stand_in;
 use crate::math::Ray;
 use crate::scene::walk::{Found, ScenePacket, SceneStream, SceneView, SceneWalk, Step, bits};
 use crate::structure::bvh::trace::{PACKET, PacketWalk, STREAM, first_rays};
@@ -193,6 +194,7 @@ fn finish_group(
         }
     }
     let mut last = Last::new();
+    stand_in::ask_for(view, found, met & first_rays(rays.len()));
     for i in bits(met & first_rays(rays.len())) {
         match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
             (Ok(()), _) => {}

@@ -11,16 +11,15 @@
 use super::hit::{Hit, HitKind, NONE, Want};
 use crate::math::{Bounds, Ray};
 use crate::scene::placed::{Placed, not_below};
-use crate::scene::walk::{Found, SceneView};
-use crate::structure::bvh::layout::Block;
+use crate::scene::walk::{Found, SceneView, bits};
+use crate::simd::prefetch;
+use crate::structure::bvh::layout::{Block, StoredVoxel};
 use crate::structure::bvh::trace::StandIn;
-use glam::{DVec3, Vec3};
+use glam::{Vec3};
 
-/// A stand-in as a ray sees it.
+/// A stand-in as a ray sees it. What not everybody asks for is worked out when asked for.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Look {
-    /// For want of the block below.
-    pub is_missing: bool,
+pub(crate) struct Look<'a> {
     /// Where it is hit, in units of the ray's direction.
     pub t: f64,
     /// Unit, in the world, facing the ray.
@@ -29,61 +28,126 @@ pub(crate) struct Look {
     pub part: u32,
     /// Linear: the mean over all that is seen from this side; `None`: that of the part.
     pub colour: Option<Vec3>,
-    /// See the module.
-    pub error: f32,
-    /// See the module.
-    pub t_free: f64,
-    /// Where the ray leaves the cell.
-    pub leave: f64,
-    /// How far the cell reaches above the hit along the normal.
-    pub above: f64,
+    placed: &'a Placed,
+    ray: &'a Ray,
+    block: Block<'a>,
+    place: StandIn,
+}
+
+/// Asks for the memory of what [`look`] reads of what was found for the rays of `met`: many such waits then go on at once.
+#[inline]
+pub(super) fn ask_for(view: &SceneView, found: &[Found], met: u32) {
+    let mut have_sides = 0;
+    for i in bits(met) {
+        let Some(voxel) = voxel_of(view, &found[i]) else { continue };
+        prefetch(voxel.words().as_ptr());
+        have_sides |= 1 << i;
+    }
+    for i in bits(have_sides) {
+        let Some(voxel) = voxel_of(view, &found[i]).filter(StoredVoxel::has_sides) else { continue };
+        let sides = voxel.sides();
+        prefetch(sides.as_ptr());
+        prefetch(&sides[sides.len() - 1]);
+    }
+}
+
+#[inline]
+fn voxel_of<'a>(view: &SceneView<'a>, found: &Found) -> Option<StoredVoxel<'a>> {
+    let place = found.tri.stand_in()?;
+    Some(view.block_of(found)?.voxel(place.node, place.slot))
 }
 
 /// The stand-in that `found` is, if it is one and its block is there.
 #[inline]
-pub(crate) fn look(view: &SceneView, ray: &Ray, found: &Found) -> Option<Look> {
+pub(crate) fn look<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found) -> Option<Look<'a>> {
     look_at(view, ray, found, found.tri.stand_in()?)
 }
 
-#[inline(never)]
-fn look_at(view: &SceneView, ray: &Ray, found: &Found, stand_in: StandIn) -> Option<Look> {
+#[inline]
+fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn) -> Option<Look<'a>> {
     let placed = &view.scene.placement.placed[found.placed as usize];
-    let words = view.tree(found.placed).snapshot.block(crate::base::ids::BlockId(found.tri.block))?;
-    let block = Block::new(words);
-    let cell = block.node(stand_in.node).child_box(stand_in.slot);
-    let crossing = Crossing::of(placed, ray, &cell);
-    let voxel = block.voxel(stand_in.node, stand_in.slot);
-    let side = voxel.side(if stand_in.is_inside { crossing.last } else { crossing.first });
+    let block = view.block_of(found)?;
+    let voxel = block.voxel(place.node, place.slot);
+    let mut t = found.t;
+    let mut from = 0;
+    if voxel.has_sides() || place.is_inside {
+        let crossing = Crossing::of(placed, ray, &cell(block, place));
+        from = if place.is_inside { crossing.last } else { crossing.first };
+        // In a cell that it begins in, the ray sees the far side.
+        t = if place.is_inside { t.max(crossing.leave) } else { t };
+    }
+    let side = voxel.side(from);
     let (part, _) = voxel.part();
     // Only for want of what is below: what else it holds may be visible.
-    let is_hidden = stand_in.is_missing && view.filter(found.placed).is_some_and(|filter| filter.hides(part));
-    let dir = ray.dir.as_dvec3();
-    let normal = placed.world_normal(side.normal.as_dvec3()).try_normalize().unwrap_or(-dir.normalize_or_zero());
-    let normal = if normal.dot(dir) <= 0.0 { normal } else { -normal };
-    // In a cell that it begins in, the ray sees the far side.
-    let t = if stand_in.is_inside { found.t.max(crossing.leave) } else { found.t };
-    let t = t.min(ray.t_max).max(ray.t_min);
-    let position = ray.origin + dir * t;
-    let here = placed.local_point(position);
-    let (low, high) = (cell.min.as_dvec3(), cell.max.as_dvec3());
-    let farthest = (here - low).abs().max((here - high).abs()).length();
-    let size = ray.origin.abs().max_element() + (dir * t).abs().max_element();
-    let error = not_below(placed.stretch * farthest + placed.position_error + placed.rounding(size));
-    let slack = placed.stretch * placed.local_slack() * 64.0 / dir.length();
-    let free = if stand_in.is_inside { ray.t_min } else { t.min(crossing.enter) - slack };
-    let corner = |i: usize| DVec3::new([low, high][i & 1].x, [low, high][i >> 1 & 1].y, [low, high][i >> 2].z);
-    let above = (0..8).map(|i| (placed.world_point(corner(i)) - position).dot(normal)).fold(0.0, f64::max);
+    let is_hidden = place.is_missing && view.filter(found.placed).is_some_and(|filter| filter.hides(part));
     Some(Look {
-        is_missing: stand_in.is_missing,
-        t,
-        normal: normal.as_vec3(),
+        t: t.min(ray.t_max).max(ray.t_min),
+        normal: facing(placed, side.normal, ray.dir),
         part: if is_hidden { u32::MAX } else { placed.first_part.saturating_add(part) },
         colour: voxel.has_colours().then_some(side.colour),
-        error,
-        t_free: free.max(ray.t_min),
-        leave: crossing.leave.max(t),
-        above,
+        placed,
+        ray,
+        block,
+        place,
     })
+}
+
+fn cell(block: Block, place: StandIn) -> Bounds {
+    block.node(place.node).child_box(place.slot)
+}
+
+/// A unit normal of the tree's frame in the world, against `dir`.
+#[inline]
+fn facing(placed: &Placed, normal: Vec3, dir: Vec3) -> Vec3 {
+    let normal = if placed.only_shifted().is_some() {
+        normal
+    } else {
+        let turned = placed.world_normal(normal.as_dvec3()).try_normalize();
+        turned.unwrap_or(-dir.as_dvec3().normalize_or_zero()).as_vec3()
+    };
+    if normal.dot(dir) <= 0.0 { normal } else { -normal }
+}
+
+impl Look<'_> {
+    /// For want of the block below.
+    pub fn is_missing(&self) -> bool {
+        self.place.is_missing
+    }
+
+    /// See the module.
+    pub fn error(&self) -> f32 {
+        let along = self.ray.dir.as_dvec3() * self.t;
+        let here = self.placed.local_point(self.ray.origin + along);
+        let cell = cell(self.block, self.place);
+        let farthest = (here - cell.min.as_dvec3()).abs().max((here - cell.max.as_dvec3()).abs()).length();
+        let size = self.ray.origin.abs().max_element() + along.abs().max_element();
+        not_below(self.placed.stretch * farthest + self.placed.position_error + self.placed.rounding(size))
+    }
+
+    /// See the module.
+    pub fn t_free(&self) -> f64 {
+        let slack = self.placed.stretch * self.placed.local_slack() * 64.0 / self.ray.dir.as_dvec3().length();
+        let free = if self.place.is_inside { self.ray.t_min } else { self.t.min(self.crossing().enter) - slack };
+        free.max(self.ray.t_min)
+    }
+
+    /// Where the ray leaves the cell.
+    pub fn leave(&self) -> f64 {
+        self.crossing().leave.max(self.t)
+    }
+
+    /// How far the cell reaches above the hit along the normal.
+    pub fn above(&self) -> f64 {
+        let here = self.placed.local_point(self.ray.origin + self.ray.dir.as_dvec3() * self.t);
+        let normal = self.placed.gradient(self.normal.as_dvec3());
+        let cell = cell(self.block, self.place);
+        let (low, high) = ((cell.min.as_dvec3() - here) * normal, (cell.max.as_dvec3() - here) * normal);
+        low.max(high).element_sum().max(0.0)
+    }
+
+    fn crossing(&self) -> Crossing {
+        Crossing::of(self.placed, self.ray, &cell(self.block, self.place))
+    }
 }
 
 /// Where a ray enters and leaves a cell, in units of the world's ray, and by which sides: low x, y, z, high x, y, z.
@@ -97,6 +161,7 @@ struct Crossing {
 impl Crossing {
     fn of(placed: &Placed, ray: &Ray, cell: &Bounds) -> Self {
         let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
+        let inv = dir.recip();
         let mut it = Self { enter: f64::NEG_INFINITY, leave: f64::INFINITY, first: 0, last: 0 };
         for axis in 0..3 {
             let towards = dir[axis] >= 0.0;
@@ -104,7 +169,7 @@ impl Crossing {
             let (near, far) = if towards { (low, high) } else { (high, low) };
             // What is seen, on entering and through the cell, is what faces the ray.
             let side = if towards { axis } else { axis + 3 };
-            let (from, to) = ((near - org[axis]) / dir[axis], (far - org[axis]) / dir[axis]);
+            let (from, to) = ((near - org[axis]) * inv[axis], (far - org[axis]) * inv[axis]);
             // Not so for NaN, of rays in a plane of the cell.
             if from > it.enter {
                 (it.enter, it.first) = (from, side);
@@ -120,7 +185,7 @@ impl Crossing {
 /// Fills what `want` asks of `hit` from a stand-in.
 pub(super) fn fill(view: &SceneView, ray: &Ray, found: &Found, look: &Look, want: Want, hit: &mut Hit) {
     let placed = &view.scene.placement.placed[found.placed as usize];
-    hit.kind = if look.is_missing { HitKind::Missing } else { HitKind::Lod };
+    hit.kind = if look.is_missing() { HitKind::Missing } else { HitKind::Lod };
     hit.t = look.t;
     if want.has(Want::INSTANCE) {
         hit.instance = view.scene.instances[placed.instance as usize].id;
@@ -138,7 +203,7 @@ pub(super) fn fill(view: &SceneView, ray: &Ray, found: &Found, look: &Look, want
         hit.position = ray.origin + ray.dir.as_dvec3() * look.t;
     }
     if want.has(Want::ERROR) {
-        (hit.error, hit.t_free) = (look.error, look.t_free);
+        (hit.error, hit.t_free) = (look.error(), look.t_free());
     }
     if want.has(Want::PRIM) {
         hit.prim = NONE;

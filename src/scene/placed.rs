@@ -165,6 +165,12 @@ impl Placed {
         if self.unturned { n } else { self.inverse.transpose() * n }
     }
 
+    /// How fast `n` times a point of the world changes with the point's place in the tree's frame.
+    #[inline]
+    pub fn gradient(&self, n: DVec3) -> DVec3 {
+        if self.unturned { n } else { self.linear.transpose() * n }
+    }
+
     /// Bounds of rounding in `world_point(local_point(p))`, for points within `size` of zero in the world.
     #[inline]
     pub fn rounding(&self, size: f64) -> f64 {

@@ -11,6 +11,7 @@ use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::residency::{Held, Lease, Snapshot};
+use crate::structure::bvh::layout::Block;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Walk};
 use std::sync::Arc;
 
@@ -185,6 +186,14 @@ impl<'a> SceneView<'a> {
         let p = &self.scene.placement.placed[placed as usize];
         let view = self.model_of(placed).tree_view(p.tree, &self.snapshots.0[p.model as usize]);
         TreeView { never_waits: self.never_waits, stamp: self.stamp, ..view }
+    }
+
+    /// The block of a hit; `None` if it is not there.
+    #[inline]
+    pub fn block_of(&self, found: &Found) -> Option<Block<'a>> {
+        let model = self.scene.placement.placed[found.placed as usize].model;
+        let snapshot: &'a Snapshot = &self.snapshots.0[model as usize];
+        snapshot.block(BlockId(found.tri.block)).map(Block::new)
     }
 
     /// A placed tree's model.

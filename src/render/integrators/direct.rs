@@ -245,8 +245,9 @@ impl Direct<'_> {
         let model = self.view.model_of(found.placed);
         let along = ray.dir.as_dvec3() * look.t;
         let pixel = self.rays.pixel_width(look.t).max(f64::MIN_POSITIVE);
+        let error = look.error();
         if let Some(need) = self.view.wanted(found) {
-            wants.add(need, (f64::from(look.error) / pixel).min(1e6) as f32);
+            wants.add(need, (f64::from(error) / pixel).min(1e6) as f32);
         }
         let layer = Layer {
             depth: along.dot(self.rays.forward()) as f32,
@@ -254,17 +255,17 @@ impl Direct<'_> {
             part: model.parts().get(look.part as usize).map_or(NONE, |p| p.id),
             prim: NONE,
             instance: scene.instances[placed.instance as usize].id,
-            kind: if look.is_missing { HitKind::Missing } else { HitKind::Lod },
-            error: look.error,
-            error_px: (f64::from(look.error) / pixel) as f32,
+            kind: if look.is_missing() { HitKind::Missing } else { HitKind::Lod },
+            error,
+            error_px: (f64::from(error) / pixel) as f32,
         };
         let mut material = self.material(found.placed, look.part, || Ok(None))?;
         if let Some(colour) = look.colour.filter(|_| !self.recoloured(found.placed, look.part)) {
             material.colour = colour;
         }
-        let leave = look.above + placed.extent() * LEAVE;
+        let leave = look.above() + placed.extent() * LEAVE;
         let (position, width) = (ray.origin + along, width_at(ray, look.t));
-        Ok(Surface { position, normal: look.normal, material, leave, layer, next: look.leave + placed.extent() * LEAVE, width })
+        Ok(Surface { position, normal: look.normal, material, leave, layer, next: look.leave() + placed.extent() * LEAVE, width })
     }
 
     /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.

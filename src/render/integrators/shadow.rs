@@ -52,7 +52,7 @@ impl Direct<'_> {
             for i in bits(active) {
                 let found = packet.best(i);
                 through[i] *= 1.0 - self.opacity(&rays[i], found)?;
-                let behind = stand_in::look(&self.view, &rays[i], found).map_or(found.t, |look| look.leave);
+                let behind = stand_in::look(&self.view, &rays[i], found).map_or(found.t, |look| look.leave());
                 rays[i].t_min = behind + self.view.scene.placement.placed[found.placed as usize].extent() * LEAVE;
                 if through[i] < LEAST_TRANSMITTANCE {
                     through[i] = 0.0;

@@ -62,7 +62,7 @@ impl InView {
         }
         let found = self.walk.best();
         let Some(need) = found.is_hit().then(|| view.wanted(&found)).flatten() else { return false };
-        let (t, error) = stand_in::look(view, &ray, &found).map_or((found.t, 0.0), |look| (look.t, look.error));
+        let (t, error) = stand_in::look(view, &ray, &found).map_or((found.t, 0.0), |look| (look.t, look.error()));
         let width = f64::from(pixel.a) + f64::from(pixel.b) * t;
         lacking.add(need, (f64::from(error) / width.max(f64::MIN_POSITIVE)) as f32);
         true

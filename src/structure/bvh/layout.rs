@@ -316,21 +316,43 @@ pub struct StoredVoxel<'a> {
 }
 
 impl StoredVoxel<'_> {
+    /// Its words, but for those of its sides.
+    #[inline]
+    pub fn words(&self) -> &[u32] {
+        self.words
+    }
+
+    /// Whether it has a sample for each side.
+    #[inline]
+    pub fn has_sides(&self) -> bool {
+        Coded::has_sides(self.words[0])
+    }
+
     /// What is seen of it from `side`: low x, y, z, then high x, y, z.
+    #[inline]
     pub fn side(&self, side: usize) -> Side {
-        if !Coded::has_sides(self.words[0]) {
+        if !self.has_sides() {
             return Side::of([self.words[0], self.words[1]]);
         }
-        let at = self.block.sides_at() + (self.words[0] & 0xffff) as usize * SIDES_WORDS + 2 * side;
-        Side::of([self.block.words[at], self.block.words[at + 1]])
+        let sides = self.sides();
+        Side::of([sides[2 * side], sides[2 * side + 1]])
+    }
+
+    /// The words of its sides' samples, if it has them.
+    #[inline]
+    pub fn sides(&self) -> &[u32] {
+        let at = self.block.sides_at() + (self.words[0] & 0xffff) as usize * SIDES_WORDS;
+        &self.block.words[at..at + SIDES_WORDS]
     }
 
     /// Whether its colours count, and not those of its part.
+    #[inline]
     pub fn has_colours(&self) -> bool {
         Coded::has_colours(self.words[0])
     }
 
     /// The tree's local part of which most is seen, and whether there are others.
+    #[inline]
     pub fn part(&self) -> (u32, bool) {
         self.words.get(2).map_or((self.block.words[7], false), |word| Coded::part(*word))
     }
