@@ -103,12 +103,15 @@ impl Output<'_> {
         self.progress.enter(Phase::Write);
         let Some(top) = built.top else {
             (row.block_count, row.coarse_blocks) = (1, 1);
-            self.write_blocks(1, |i| chunk.encode(i), span)?;
+            let mut none = self.fine_aside();
+            self.write_blocks(1, |i| chunk.encode(i), &mut none, span)?;
             return Ok(rooted(row, &built.counts));
         };
         let crown = Crown::over(vec![top])?;
         self.coarse(&crown, chunk.blocks(), &mut row)?;
-        self.write_blocks(chunk.blocks(), |i| chunk.encode(i), span)?;
+        let mut leaves = self.fine_aside();
+        self.write_blocks(chunk.blocks(), |i| chunk.encode(i), &mut leaves, span)?;
+        self.write_aside(leaves)?;
         Ok(row)
     }
 
@@ -149,7 +152,7 @@ impl Output<'_> {
         let split = asked_for_splits(options.splits).unwrap_or_else(|| splits_pay(&found.samples));
         self.report.seconds.distribute += begun.elapsed().as_secs_f64();
         let part_colours = assembly.colours(index, row.local_parts);
-        let mut aside = self.fine_aside();
+        let mut aside = [self.fine_aside(), self.fine_aside()];
         let (mut tops, mut bounds, mut done) = (Vec::new(), Bounds::EMPTY, 0);
         for bucket in &buckets {
             let part = |done: u64| 0.25 + 0.7 * done as f64 / found.fates.kept as f64;
@@ -166,8 +169,10 @@ impl Output<'_> {
         self.progress.enter(Phase::Write);
         row.bounds = flat(&bounds);
         let crown = Crown::over(tops)?;
-        self.coarse(&crown, aside.blocks(), &mut row)?;
-        self.write_aside(aside)?;
+        let [nodes, leaves] = aside;
+        self.coarse(&crown, nodes.blocks(), &mut row)?;
+        self.write_aside(nodes)?;
+        self.write_aside(leaves)?;
         Ok(row)
     }
 
@@ -178,7 +183,7 @@ impl Output<'_> {
         from: &Scratch,
         part_colours: &[Vec3],
         split: bool,
-        aside: &mut super::output::FineAside,
+        aside: &mut [super::output::FineAside; 2],
         span: Span,
     ) -> Result<(Top, Bounds)> {
         let begun = Instant::now();
@@ -195,13 +200,14 @@ impl Output<'_> {
         Ok((top, built.bounds))
     }
 
-    /// Writes the coarse blocks, and says in `row` what the tree is with `fine` blocks behind them.
+    /// Writes the coarse blocks, and says in `row` what the tree is with `fine` blocks, and as many leaf blocks, behind them.
     fn coarse(&mut self, crown: &Crown, fine: usize, row: &mut TreeRow) -> Result<()> {
         row.coarse_blocks = crown.blocks() as u32;
-        row.block_count = row.coarse_blocks + fine as u32;
+        row.block_count = row.coarse_blocks + 2 * fine as u32;
         *row = rooted(*row, &crown.counts);
         let (first, at) = (row.first_block, self.progress.fraction());
-        self.write_blocks(crown.blocks(), |i| crown.encode(i, first), Span(at, at))
+        let mut none = self.fine_aside();
+        self.write_blocks(crown.blocks(), |i| (crown.encode(i, first), None), &mut none, Span(at, at))
     }
 
     fn judged(&mut self, fates: &origin::Fates, origin: DVec3, row: &mut TreeRow) {

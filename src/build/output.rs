@@ -65,6 +65,13 @@ impl FineAside {
     pub fn blocks(&self) -> usize {
         self.geometry.len()
     }
+
+    fn push(&mut self, block: Encoded, report: &mut BuildReport) -> Result<()> {
+        report.bytes_trace += u64::from(block.trace_bytes);
+        self.geometry.push(block.geometry)?;
+        self.prims.push(block.prims)?;
+        block.colours.map_or(Ok(()), |c| self.colours.push(c))
+    }
 }
 
 impl Output<'_> {
@@ -74,34 +81,39 @@ impl Output<'_> {
         FineAside { geometry: aside(), prims: aside(), colours: aside() }
     }
 
-    /// Encodes `count` blocks and writes them.
-    pub fn write_blocks(&mut self, count: usize, block: impl Fn(usize) -> TreeBlock + Sync, span: Span) -> Result<()> {
+    /// Encodes `count` blocks and writes them; puts their leaf blocks aside, which come behind all of them.
+    pub fn write_blocks(
+        &mut self,
+        count: usize,
+        block: impl Fn(usize) -> (TreeBlock, Option<TreeBlock>) + Sync,
+        leaves: &mut FineAside,
+        span: Span,
+    ) -> Result<()> {
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(count, &par, cancel, |i| encode(&block(i), has_colours), |block, done| {
+        each_batch(count, &par, cancel, |i| encode_both(block(i), has_colours), |(block, leaf_block), done| {
             self.report.bytes_trace += u64::from(block.trace_bytes);
             self.writer.encoded_block(block.geometry)?;
             self.prims.push(block.prims)?;
             block.colours.map_or(Ok(()), |c| self.colours.push(c))?;
+            leaf_block.map_or(Ok(()), |block| leaves.push(block, &mut self.report))?;
             progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
             progress.advance(span.part(done, 1.0).0);
             Ok(())
         })
     }
 
-    /// Encodes `count` blocks and puts them aside.
+    /// Encodes `count` blocks and puts them aside, and their leaf blocks likewise.
     pub fn put_aside(
         &mut self,
         count: usize,
-        block: impl Fn(usize) -> TreeBlock + Sync,
-        aside: &mut FineAside,
+        block: impl Fn(usize) -> (TreeBlock, Option<TreeBlock>) + Sync,
+        [nodes, leaves]: &mut [FineAside; 2],
         span: Span,
     ) -> Result<()> {
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(count, &par, cancel, |i| encode(&block(i), has_colours), |block, done| {
-            self.report.bytes_trace += u64::from(block.trace_bytes);
-            aside.geometry.push(block.geometry)?;
-            aside.prims.push(block.prims)?;
-            block.colours.map_or(Ok(()), |c| aside.colours.push(c))?;
+        each_batch(count, &par, cancel, |i| encode_both(block(i), has_colours), |(block, leaf_block), done| {
+            nodes.push(block, &mut self.report)?;
+            leaf_block.map_or(Ok(()), |block| leaves.push(block, &mut self.report))?;
             progress.advance(span.part(done, 1.0).0);
             Ok(())
         })
@@ -138,13 +150,19 @@ fn each_batch<T: Send>(
     Ok(())
 }
 
-fn encode(block: &TreeBlock, has_colours: bool) -> Encoded {
+fn encode_both((block, leaves): (TreeBlock, Option<TreeBlock>), has_colours: bool) -> (Encoded, Option<Encoded>) {
+    let words = leaves.as_ref().map(|leaves| &leaves.words[..]);
+    (encode(&block, words, has_colours), leaves.as_ref().map(|leaves| encode(leaves, None, has_colours)))
+}
+
+/// `leaves`: the words of its leaf block.
+fn encode(block: &TreeBlock, leaves: Option<&[u32]>, has_colours: bool) -> Encoded {
     let trace_bytes = 4 * block.words.len() as u32;
     let beside = 4 * block.prims.len() as u32;
-    // Also for a block of nodes alone: each geometry block has one of colours, or the ids do not fit.
+    // Also for a block without triangles: each geometry block has one of colours, or the ids do not fit.
     let colours = has_colours.then(|| codec::encode_colours(&block.colours));
     Encoded {
-        geometry: EncodedBlock::encode(&codec::encode_geometry(&block.words), trace_bytes),
+        geometry: EncodedBlock::encode(&codec::encode_geometry(&block.words, leaves), trace_bytes),
         prims: EncodedBlock::encode(&codec::encode_prims(&block.prims), beside),
         colours: colours.map(|c| EncodedBlock::encode(&c, beside)),
         trace_bytes,

@@ -72,6 +72,7 @@ fn view<'a>(opened: &Opened, snapshot: &'a crate::residency::Snapshot, isa: Isa)
         root_block: tree.first_block,
         root: tree.root as u32,
         reach: tree.bounds.iter().fold(0.0, |m, b| m.max(b.abs())),
+        leaves_at: crate::structure::bvh::leaves_at(tree),
         prims_at: file.header().geometry_blocks,
         colours_at: None,
         isa,

@@ -4,7 +4,7 @@ use super::account::Charge;
 use super::bring::Held;
 use super::claims::Claims;
 use super::core::{Residency, Shared};
-use super::links::Links;
+use super::links::{Links, Reference};
 use super::snapshot::Snapshot;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
@@ -18,10 +18,9 @@ pub trait Decoder: Send + Sync {
     /// The trace form of block `id`, checked so that a walk can trust it; or what is wrong with it.
     fn decode(&self, id: BlockId, payload: &[u8]) -> std::result::Result<Vec<u32>, String>;
 
-    /// Calls `refer` with each reference of a decoded block to another: the block, and the number in it of what is meant.
-    /// Returns how many such numbers the block itself has. No reference leads to where nothing is: that is checked
-    /// between each two blocks that are ever in memory.
-    fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(BlockId, u32)) -> u32 {
+    /// Calls `refer` with what a decoded block says of others. Returns how many numbers the block itself has. No reference
+    /// leads to where nothing is: that is checked between each two blocks that are ever in memory.
+    fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(Reference)) -> u32 {
         let _ = (id, words, refer);
         u32::MAX
     }

@@ -7,16 +7,27 @@
 use crate::base::ids::BlockId;
 use std::sync::{Mutex, PoisonError};
 
+/// What a block says of another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reference {
+    /// That it has this number.
+    To(BlockId, u32),
+    /// What all that say this of the same block must say alike.
+    Agreed(BlockId, u32),
+}
+
 /// What is known of the blocks that may be referred to.
 pub(super) struct Links {
     known: Mutex<Box<[Known]>>,
 }
 
-/// Of one block: numbers below `needed` are referred to, and it has numbers below `has`; `UNKNOWN` until it was read.
+/// Of one block: numbers below `needed` are referred to, and it has numbers below `has`; `UNKNOWN` until it was read. What was
+/// said of it by who said so first.
 #[derive(Clone, Copy)]
 struct Known {
     needed: u32,
     has: u32,
+    agreed: Option<u32>,
 }
 
 const UNKNOWN: u32 = u32::MAX;
@@ -24,7 +35,7 @@ const UNKNOWN: u32 = u32::MAX;
 impl Links {
     /// Of a model's first `blocks` blocks; others are not referred to.
     pub fn new(blocks: u32) -> Self {
-        Self { known: Mutex::new(vec![Known { needed: 0, has: UNKNOWN }; blocks as usize].into()) }
+        Self { known: Mutex::new(vec![Known { needed: 0, has: UNKNOWN, agreed: None }; blocks as usize].into()) }
     }
 
     /// Bytes of the table.
@@ -38,7 +49,7 @@ impl Links {
     }
 
     /// Notes a block that has `has` numbers and refers to `references`.
-    pub fn check(&self, id: BlockId, has: u32, references: &[(BlockId, u32)]) -> Result<(), String> {
+    pub fn check(&self, id: BlockId, has: u32, references: &[Reference]) -> Result<(), String> {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(own) = known.get_mut(id.0 as usize) {
             if own.needed > has {
@@ -46,7 +57,10 @@ impl Links {
             }
             own.has = own.has.min(has);
         }
-        references.iter().try_for_each(|&(to, number)| refer(&mut known, to, number))
+        references.iter().try_for_each(|&reference| match reference {
+            Reference::To(to, number) => refer(&mut known, to, number),
+            Reference::Agreed(of, number) => agree(&mut known, of, number),
+        })
     }
 }
 
@@ -60,6 +74,11 @@ fn refer(known: &mut [Known], to: BlockId, number: u32) -> Result<(), String> {
     Ok(())
 }
 
+fn agree(known: &mut [Known], of: BlockId, number: u32) -> Result<(), String> {
+    let of = known.get_mut(of.0 as usize).ok_or("it goes with a block that is not there")?;
+    if *of.agreed.get_or_insert(number) == number { Ok(()) } else { Err("it and the block that goes with it differ".into()) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,15 +86,20 @@ mod tests {
     #[test]
     fn whichever_comes_first_both_are_checked() {
         let links = Links::new(4);
-        let to = |number| [(BlockId(2), number)];
+        let to = |number| [Reference::To(BlockId(2), number)];
         links.check(BlockId(0), 1, &to(4)).expect("the target is not known yet");
         links.check(BlockId(2), 4, &[]).expect_err("has too few");
         links.check(BlockId(2), 5, &[]).expect("has enough");
         links.check(BlockId(1), 1, &to(5)).expect_err("refers to too much");
-        links.check(BlockId(1), 1, &[(BlockId(4), 0)]).expect_err("refers to no block");
+        links.check(BlockId(1), 1, &[Reference::To(BlockId(4), 0)]).expect_err("refers to no block");
         links.expect(BlockId(2), 4).expect("is there");
         links.expect(BlockId(2), 5).expect_err("is not");
         links.check(BlockId(9), 0, &to(0)).expect("a block that nobody refers to");
+        let both = |number| [Reference::Agreed(BlockId(1), number)];
+        links.check(BlockId(0), 1, &both(7)).expect("the first to say so");
+        links.check(BlockId(1), 1, &both(8)).expect_err("says otherwise");
+        links.check(BlockId(1), 1, &both(7)).expect("says the same");
+        links.check(BlockId(1), 1, &[Reference::Agreed(BlockId(4), 7)]).expect_err("no such block");
         links.expect(BlockId(3), u32::MAX).expect_err("no such number");
     }
 }

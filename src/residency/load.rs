@@ -114,7 +114,7 @@ impl Inner {
             return Err(self.corrupt(id, "its decoded size is not what the directory says"));
         }
         let mut references = Vec::new();
-        let has = self.decoder.links(id, &words, &mut |to, number| references.push((to, number)));
+        let has = self.decoder.links(id, &words, &mut |reference| references.push(reference));
         self.links.check(id, has, &references).map_err(|why| self.corrupt(id, why))?;
         Ok(Slot::charged(&words, charge.split(self.slot_bytes(id))))
     }

@@ -37,6 +37,7 @@ pub use self::core::{Residency, ResidencyOptions};
 pub use blocks::{Decoder, ModelBlocks, ModelKey};
 pub use bring::Held;
 pub use lease::Lease;
+pub use links::Reference;
 pub use pump::Fetchers;
 pub use slots::Slot;
 pub use snapshot::Snapshot;

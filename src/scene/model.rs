@@ -13,7 +13,7 @@ use crate::store::header::STRUCTURE_BVH;
 use crate::store::{FileSource, Header, InstanceRow, ModelFile, PartRow, Source, TreeRow};
 use crate::structure::bvh::layout::Child;
 use crate::structure::bvh::trace::TreeView;
-use crate::structure::bvh::BvhDecoder;
+use crate::structure::bvh::{BvhDecoder, leaves_at};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::path::Path;
@@ -105,6 +105,8 @@ struct Inner {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tree {
     first_block: u32,
+    /// See [`TreeView::leaves_at`].
+    leaves_at: u32,
     root: u32,
     /// Where its own frame has its zero, in mesh coordinates.
     pub origin: DVec3,
@@ -120,7 +122,7 @@ pub(crate) struct Tree {
 impl Tree {
     /// A tree that exists only as bounds.
     pub fn for_tests(origin: DVec3, bounds: DBounds, reach: f32) -> Self {
-        Self { first_block: 0, root: TreeView::EMPTY, origin, bounds, reach, position_error: 0.0 }
+        Self { first_block: 0, leaves_at: 0, root: TreeView::EMPTY, origin, bounds, reach, position_error: 0.0 }
     }
 }
 
@@ -311,6 +313,7 @@ impl Model {
             root_block: tree.first_block,
             root: tree.root,
             reach: tree.reach,
+            leaves_at: tree.leaves_at,
             prims_at: geometry_blocks,
             colours_at: self.0.info.has_colours.then_some(2 * geometry_blocks),
             isa: self.0.context.isa(),
@@ -342,7 +345,7 @@ fn first_blocks(file: &ModelFile, budget: u64) -> Vec<BlockId> {
     by_depth.into_iter().take_while(fits).map(|(_, id)| BlockId(id)).collect()
 }
 
-/// Fails if a tree's root is no node. That it exists is checked when its block is read.
+/// Fails if a tree's root is no node, or its blocks do not add up. That it exists is checked when its block is read.
 fn trees_of(file: &ModelFile) -> Result<Vec<Tree>> {
     let tree = |row: &TreeRow| {
         let child = u32::try_from(row.root).ok().filter(|root| *root <= u32::from(u16::MAX));
@@ -351,10 +354,14 @@ fn trees_of(file: &ModelFile) -> Result<Vec<Tree>> {
         if !(is_node || empty) {
             return Err(Error::corrupt(file.name(), Some(row.first_block), "the root of its tree does not exist"));
         }
+        if !(row.block_count - row.coarse_blocks).is_multiple_of(2) {
+            return Err(Error::corrupt(file.name(), Some(row.first_block), "its tree has a fine block without a leaf block"));
+        }
         let [a, b, c, d, e, f] = row.bounds.map(f64::from);
         let reach = row.bounds.iter().filter(|x| x.is_finite()).fold(0.0f32, |r, x| r.max(x.abs()));
         Ok(Tree {
             first_block: row.first_block,
+            leaves_at: leaves_at(row),
             root: if empty { TreeView::EMPTY } else { row.root as u32 },
             origin: DVec3::from(row.origin),
             bounds: if empty { DBounds::EMPTY } else { DBounds { min: DVec3::new(a, b, c), max: DVec3::new(d, e, f) } },

@@ -87,6 +87,7 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
             root_block: row.first_block,
             root: if row.block_count == 0 { TreeView::EMPTY } else { row.root as u32 },
             reach: 1.0,
+            leaves_at: outcrop::structure::bvh::leaves_at(row),
             prims_at: geometry,
             colours_at: None,
             isa: Isa::Baseline,

@@ -14,6 +14,7 @@ use outcrop::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, STRE
 pub struct TestTree {
     pub snapshot: Snapshot,
     root: u32,
+    leaves_at: u32,
     geometry: u32,
     /// Greatest coordinate.
     pub reach: f32,
@@ -45,7 +46,10 @@ impl TestTree {
         // Fine blocks refer to no others: where they are is all that they need to know.
         let (chunk, crown) = (&built.chunk, built.top.map(|top| Crown::over(vec![top]).expect("a crown")));
         let coarse = crown.iter().flat_map(|c| (0..c.blocks()).map(|i| c.encode(i, 0)));
-        let blocks: Vec<TreeBlock> = coarse.chain((0..chunk.blocks()).map(|i| chunk.encode(i))).collect();
+        let (fine, leaves): (Vec<TreeBlock>, Vec<Option<TreeBlock>>) = (0..chunk.blocks()).map(|i| chunk.encode(i)).unzip();
+        let leaves: Vec<TreeBlock> = leaves.into_iter().flatten().collect();
+        let leaves_at = leaves.len() as u32;
+        let blocks: Vec<TreeBlock> = coarse.chain(fine).chain(leaves).collect();
         let geometry = blocks.len() as u32;
         let mut slots = Vec::new();
         for (i, block) in (0..).zip(&blocks) {
@@ -56,7 +60,7 @@ impl TestTree {
         let stored = local.iter().map(|t| t.map(|v| v.as_dvec3())).collect();
         let snapshot = Snapshot::empty(2 * geometry).with(slots);
         let references = built.counts.references as usize;
-        Self { snapshot, root: build::root(), geometry, reach, stored, origin, references }
+        Self { snapshot, root: build::root(), leaves_at, geometry, reach, stored, origin, references }
     }
 
     /// Around the middle of the bounds.
@@ -73,6 +77,7 @@ impl TestTree {
             root_block: 0,
             root: self.root,
             reach: self.reach,
+            leaves_at: self.leaves_at,
             prims_at: self.geometry,
             colours_at: None,
             isa,

@@ -70,10 +70,9 @@ impl InBox {
 
     fn visit(&mut self, view: &SceneView, block: Block, place: Place) {
         let Some(Child::Node(index)) = Child::from_bits(place.child) else { return };
-        // Behind a block without references is nothing that could be missing.
-        if block.externals() == 0 {
-            return;
-        }
+        // Leaves are of the one block of their tree, or in another: once is enough for all of a node.
+        let leaf_block = place.block + view.tree(place.placed).leaves_at;
+        let mut has_leaves = leaf_block == place.block;
         let placed = &view.scene.placement.placed[place.placed as usize];
         let node = block.node(index);
         for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
@@ -86,6 +85,7 @@ impl InBox {
             let (block, child) = match Child::from_bits(child) {
                 Some(Child::Node(_)) => (place.block, child),
                 Some(Child::External(i)) => block.external(i),
+                Some(Child::Leaf(_)) if !std::mem::replace(&mut has_leaves, true) => (leaf_block, child),
                 _ => continue,
             };
             self.todo.push(Place { block, child, length: length as f32, ..place });

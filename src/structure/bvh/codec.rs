@@ -2,67 +2,88 @@
 //!
 //! | bytes | what |
 //! |---|---|
-//! | 1 | 1: geometry, 2: primitive ids, 3: colours |
-//! | **geometry** | |
-//! | 2 x 5 | u16: nodes, external references, triangles, parts, leaves |
-//! | 4 | u32: distinct vertices |
+//! | 1 | what follows |
+//! | **1: nodes and leaves** | all of 2, then all of 3 |
+//! | **2: nodes** | |
+//! | 2 x 3 | u16: nodes, external references, leaves |
 //! | 64 x nodes | nodes without child references, byte by byte: byte 0 of all nodes, byte 1 of all, ... |
 //! | 2 x nodes | u16 a node: kind of each child, 2 bits a slot (0 none, 1 node, 2 leaf, 3 external) |
 //! | 8 x externals | u32 block id, u32 child reference |
-//! | 4 x parts | u32 |
 //! | 1 | u8: words of a voxel |
 //! | 4 | u32: the part of all voxels, if those are short |
 //! | 8 x voxels | both words of the first sample, byte by byte: byte 0 of all voxels, byte 1 of all, ...; the count of sides is zero |
 //! | 4 x voxels | with long voxels: part and whether mixed, byte by byte |
 //! | 4 x mixed | with long voxels: summaries of those that are mixed |
 //! | 48 x .. | the sides of voxels that have six, byte by byte |
+//! | 2, leaves | not in 1: u16: where the first leaf begins in its block; u8: words of each |
+//! | **3: leaves** | |
+//! | 2 x 3 | u16: triangles, parts, leaves |
+//! | 4 | u32: distinct vertices |
+//! | 4 x parts | u32 |
 //! | 3 x leaves | u8: triangles, vertices, flags of each leaf: three runs |
 //! | 2 x .. | u16: part of each leaf, of each triangle where mixed |
 //! | 3 x triangles | u8: the corners of each leaf as in the trace form, without padding |
 //! | .. | for each leaf's vertices a variable-length number: 0 a new one, else how many back |
 //! | 4 x vertices x 3 | x, y, z: difference to the one before, as ordered integers, zigzag, in four byte planes |
-//! | **primitive ids** | u32 count, then zigzag differences as variable-length numbers |
-//! | **colours** | u32 count, then red, green, blue, alpha: four runs of u8 |
+//! | **4: primitive ids** | u32 count, then zigzag differences as variable-length numbers |
+//! | **5: colours** | u32 count, then red, green, blue, alpha: four runs of u8 |
 //!
 //! Child references need no bytes: nodes, leaves and external references are numbered in the order in
 //! which a preorder walk meets them. Positions are kept to the bit.
 
-use super::bytes::{Reader, push_varint, unzigzag, zigzag};
+use super::bytes::Reader;
+pub use super::codec_beside::{decode_colours, decode_prims, encode_colours, encode_prims};
+use super::codec_leaves::{Leaves, leaves_in_order, push_leaves, read_leaves};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LEAF_MIXED, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS,
-    Node, PAD_WORDS, SHORT_VOXEL,
-    WIDTH, index_words, leaf_words,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, WIDTH,
 };
 use super::validate::validate;
 use crate::lod::{Coded, SIDES_WORDS, summary_bit};
-use std::collections::HashMap;
-use std::hash::Hasher;
 
 /// First byte of a payload.
-const GEOMETRY: u8 = 1;
-const PRIMS: u8 = 2;
-const COLOURS: u8 = 3;
+const ALL: u8 = 1;
+const NODES: u8 = 2;
+const LEAVES: u8 = 3;
+pub(super) const PRIMS: u8 = 4;
+pub(super) const COLOURS: u8 = 5;
 
 /// Bytes of a node before its child references.
 const NODE_BYTES: usize = 64;
 
 /// What is wrong with a payload, in a few words.
-type Checked<T> = Result<T, String>;
+pub(super) type Checked<T> = Result<T, String>;
 
-fn wrong<T>(why: &str) -> Checked<T> {
+pub(super) fn wrong<T>(why: &str) -> Checked<T> {
     Err(why.to_string())
 }
 
-/// Encodes the trace form of a geometry block.
-pub fn encode_geometry(words: &[u32]) -> Vec<u8> {
+/// Encodes the trace form of a geometry block. `leaves`: that of its leaf block, if it has one.
+pub fn encode_geometry(words: &[u32], leaves: Option<&[u32]>) -> Vec<u8> {
     let block = Block::new(words);
-    let leaves = leaves_in_order(&block);
-    let (indices, vertices) = share_vertices(&block, &leaves);
-    let mut out = vec![GEOMETRY];
-    for count in [block.nodes(), block.externals(), block.triangles(), block.parts(), leaves.len()] {
+    if block.nodes() == 0 {
+        let mut out = vec![LEAVES];
+        push_leaves(&mut out, &block);
+        return out;
+    }
+    let holds_all = block.first_leaf() + PAD_WORDS < words.len();
+    let mut out = vec![if holds_all { ALL } else { NODES }];
+    let elsewhere = leaves.map(Block::new);
+    let starts = leaves_in_order(elsewhere.as_ref().unwrap_or(&block));
+    push_nodes(&mut out, &block, starts.len());
+    if holds_all {
+        push_leaves(&mut out, &block);
+    } else {
+        let begin = elsewhere.map_or(0, |block| block.first_leaf());
+        out.extend((begin as u16).to_le_bytes());
+        out.extend(elsewhere.iter().flat_map(|block| starts.iter().map(|&at| block.leaf(at).len() as u8)));
+    }
+    out
+}
+
+fn push_nodes(out: &mut Vec<u8>, block: &Block, leaves: usize) {
+    for count in [block.nodes(), block.externals(), leaves] {
         out.extend((count as u16).to_le_bytes());
     }
-    out.extend((vertices.len() as u32).to_le_bytes());
     let nodes: Vec<&Node> = (0..block.nodes()).map(|i| block.node(i)).collect();
     for byte in 0..NODE_BYTES {
         out.extend(nodes.iter().map(|n| bytemuck::bytes_of(*n)[byte]));
@@ -72,24 +93,7 @@ pub fn encode_geometry(words: &[u32]) -> Vec<u8> {
         out.extend(id.to_le_bytes());
         out.extend(child.to_le_bytes());
     }
-    (0..block.parts()).for_each(|i| out.extend(block.part(i).to_le_bytes()));
-    push_voxels(&mut out, &block);
-    let leaf = |at: usize| block.leaf(at);
-    out.extend(leaves.iter().map(|&at| leaf(at).triangles as u8));
-    out.extend(leaves.iter().map(|&at| leaf(at).vertices as u8));
-    out.extend(leaves.iter().map(|&at| u8::from(leaf(at).is_mixed())));
-    for leaf in leaves.iter().map(|&at| leaf(at)) {
-        let parts = if leaf.is_mixed() { leaf.triangles } else { 1 };
-        (0..parts).for_each(|i| out.extend((leaf.part_of(i) as u16).to_le_bytes()));
-    }
-    for leaf in leaves.iter().map(|&at| leaf(at)) {
-        (0..3).for_each(|c| out.extend(&leaf.corners8(c)[..leaf.triangles]));
-    }
-    out.extend(indices);
-    for axis in 0..3 {
-        push_coordinates(&mut out, vertices.iter().map(|v| v[axis]));
-    }
-    out
+    push_voxels(out, block);
 }
 
 fn push_voxels(out: &mut Vec<u8>, block: &Block) {
@@ -123,7 +127,7 @@ fn read_planes(reader: &mut Reader, count: usize) -> Checked<Vec<u32>> {
 }
 
 /// Voxels of a block: the words of the header that tell of them, and all after the parts and before the leaves.
-fn read_voxels(reader: &mut Reader, nodes: &[Node], nodes_end: usize) -> Checked<([u32; 4], Vec<u32>)> {
+fn read_voxels(reader: &mut Reader, nodes: &[Node]) -> Checked<([u32; 3], Vec<u32>)> {
     let size = usize::from(reader.u8()?);
     if ![SHORT_VOXEL, LONG_VOXEL].contains(&size) {
         return wrong("its voxels have an impossible size");
@@ -159,7 +163,7 @@ fn read_voxels(reader: &mut Reader, nodes: &[Node], nodes_end: usize) -> Checked
         }
     }
     (0..six_sided as usize).for_each(|i| words.extend(sides.iter().map(|word| word[i])));
-    Ok(([nodes_end as u32, voxels | six_sided << 16, size as u32, part], words))
+    Ok(([voxels | six_sided << 16, size as u32, part], words))
 }
 
 /// Kinds of a node's children, 2 bits a slot.
@@ -174,168 +178,139 @@ fn kinds(node: &Node) -> u16 {
     })
 }
 
-/// Where the leaves of a block begin, in the order in which they lie.
-fn leaves_in_order(block: &Block) -> Vec<usize> {
-    let mut leaves = Vec::new();
-    let mut at = block.first_leaf();
-    while at + PAD_WORDS < block.words().len() {
-        leaves.push(at);
-        at += block.leaf(at).len();
-    }
-    leaves
+/// What a block may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Holds {
+    /// Nodes and leaves: the one block of a tree.
+    All,
+    /// Nodes over other blocks.
+    Nodes,
+    /// Nodes over the leaves of a leaf block.
+    NodesOverLeaves,
+    /// Leaves.
+    Leaves,
 }
 
-/// Numbers the vertices of a block anew, once each: references of the leaves, and the vertices' bits.
-fn share_vertices(block: &Block, leaves: &[usize]) -> (Vec<u8>, Vec<[u32; 3]>) {
-    let mut references = Vec::new();
-    let mut vertices: Vec<[u32; 3]> = Vec::new();
-    let corners = leaves.iter().map(|&at| block.leaf(at).vertices).sum();
-    let mut known = HashMap::with_capacity_and_hasher(corners, BuildVertexHasher::default());
-    for leaf in leaves.iter().map(|&at| block.leaf(at)) {
-        let axes = [0, 1, 2].map(|a| leaf.coordinates16(a));
-        for v in 0..leaf.vertices {
-            let vertex = axes.map(|a| a[v].to_bits());
-            let key = (u64::from(vertex[0]) << 32 | u64::from(vertex[1]), vertex[2]);
-            let index = *known.entry(key).or_insert(vertices.len());
-            push_varint(&mut references, (vertices.len() - index) as u32);
-            if index == vertices.len() {
-                vertices.push(vertex);
-            }
-        }
-    }
-    (references, vertices)
-}
-
-type BuildVertexHasher = std::hash::BuildHasherDefault<VertexHasher>;
-
-/// Enough for the vertices of one block, and a tenth of the time of a general hash.
-#[derive(Default)]
-struct VertexHasher(u64);
-
-impl Hasher for VertexHasher {
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|&b| self.write_u64(u64::from(b)));
-    }
-
-    fn write_u32(&mut self, x: u32) {
-        self.write_u64(u64::from(x));
-    }
-
-    fn write_u64(&mut self, x: u64) {
-        // An odd number near 2^64 divided by the golden ratio; the table takes its bits from both ends.
-        let product = u128::from(self.0 ^ x ^ 0x2545_F491_4F6C_DD1D) * 0x9E37_79B9_7F4A_7C15;
-        self.0 = product as u64 ^ (product >> 64) as u64;
-    }
-
-    fn finish(&self) -> u64 {
-        self.0
-    }
-}
-
-/// Floats of one sign order like integers; the other half mirrored.
-fn ordered(bits: u32) -> u32 {
-    if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
-}
-
-fn unordered(value: u32) -> u32 {
-    if value >> 31 == 1 { value & !(1 << 31) } else { !value }
-}
-
-fn push_coordinates(out: &mut Vec<u8>, bits: impl Iterator<Item = u32>) {
-    let mut before = 0u32;
-    let coded: Vec<u32> = bits
-        .map(|b| {
-            let now = ordered(b);
-            let difference = now.wrapping_sub(before) as i32;
-            before = now;
-            zigzag(difference)
-        })
-        .collect();
-    for plane in 0..4 {
-        out.extend(coded.iter().map(|c| (c >> (8 * plane)) as u8));
-    }
-}
-
-fn read_coordinates(reader: &mut Reader, count: usize) -> Checked<Vec<u32>> {
-    let planes = reader.take(4 * count)?;
-    let mut before = 0u32;
-    let value = |i: usize| {
-        let coded = (0..4).fold(0, |c, p| c | u32::from(planes[p * count + i]) << (8 * p));
-        before = before.wrapping_add(unzigzag(coded) as u32);
-        unordered(before)
-    };
-    Ok((0..count).map(value).collect())
-}
-
-/// What a block's references may point at.
+/// What a block is, and what its references may point at.
 #[derive(Debug, Clone, Copy)]
 pub struct Place {
     /// The block's own id.
     pub id: u32,
-    /// One past the last geometry block of its tree.
+    /// One past the last block of its tree that has nodes.
     pub end: u32,
+    /// What it must be.
+    pub holds: Holds,
 }
 
-struct Counts {
-    triangles: usize,
-    parts: usize,
+/// Nodes as read.
+struct Nodes {
+    table: Vec<Node>,
+    kinds: Vec<u16>,
+    externals: Vec<[u32; 2]>,
     leaves: usize,
-    vertices: usize,
+    /// Header words of the voxels, but for where they begin, and the voxels.
+    voxels: ([u32; 3], Vec<u32>),
 }
 
 /// Decodes a geometry block and checks all that a walk relies on.
 pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     let mut reader = Reader::new(payload);
-    if reader.u8()? != GEOMETRY {
-        return wrong("not a geometry block");
+    let kind = match place.holds {
+        Holds::All => ALL,
+        Holds::Nodes | Holds::NodesOverLeaves => NODES,
+        Holds::Leaves => LEAVES,
+    };
+    if reader.u8()? != kind {
+        return wrong("not the kind of block that it should be");
     }
-    let mut count = || reader.u16().map(usize::from);
-    let (nodes, externals, triangles, parts, leaves) = (count()?, count()?, count()?, count()?, count()?);
-    let vertices = reader.u32()? as usize;
-    let counts = Counts { triangles, parts, leaves, vertices };
-    let externals_at = HEADER_WORDS + nodes * NODE_WORDS;
-    let parts_at = externals_at + EXTERNAL_WORDS * externals;
-    if parts_at + parts + PAD_WORDS > MAX_WORDS || nodes == 0 {
-        return wrong("its counts do not fit a block");
-    }
-    let mut words = vec![
-        nodes as u32 | (externals as u32) << 16,
-        triangles as u32 | (parts as u32) << 16,
-        externals_at as u32,
-        parts_at as u32,
-    ];
-    let mut table = read_nodes(&mut reader, nodes)?;
-    let kinds: Vec<u16> = (0..nodes).map(|_| reader.u16()).collect::<Checked<_>>()?;
-    let links = read_externals(&mut reader, externals, place)?;
-    let part_list: Vec<u32> = (0..parts).map(|_| reader.u32()).collect::<Checked<_>>()?;
-    if !part_list.is_sorted_by(|a, b| a < b) {
-        return wrong("its parts are not in order");
-    }
-    let (voxel_header, voxel_words) = read_voxels(&mut reader, &table, parts_at + parts)?;
-    words.extend(voxel_header);
-    let leaves_at = parts_at + parts + voxel_words.len();
-    if leaves_at + PAD_WORDS > MAX_WORDS {
-        return wrong("its counts do not fit a block");
-    }
-    let (leaf_words, starts) = read_leaves(&mut reader, &counts, leaves_at)?;
+    let words = match place.holds {
+        Holds::All => {
+            let (nodes, leaves) = (read_nodes(&mut reader, place)?, read_leaves(&mut reader)?);
+            if leaves.starts.len() != nodes.leaves {
+                return wrong("its leaves do not add up");
+            }
+            let at = nodes_end(&nodes) + leaves.parts.len();
+            let starts: Vec<usize> = leaves.starts.iter().map(|start| at + start).collect();
+            trace_form(Some((nodes, &starts)), Some(leaves))?
+        }
+        Holds::Leaves => trace_form(None, Some(read_leaves(&mut reader)?))?,
+        Holds::Nodes | Holds::NodesOverLeaves => {
+            let nodes = read_nodes(&mut reader, place)?;
+            let starts = read_starts(&mut reader, nodes.leaves)?;
+            if place.holds == Holds::Nodes && !starts.is_empty() {
+                return wrong("it holds leaves, and is coarse");
+            }
+            trace_form(Some((nodes, &starts)), None)?
+        }
+    };
     reader.end()?;
-    let places = link(&mut table, &kinds, &starts, externals)?;
-    for node in &table {
-        words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(*node));
-    }
-    words.extend(links.iter().zip(places).flat_map(|(&[id, child], place)| [id, child, place]));
-    words.extend(part_list);
-    words.extend(voxel_words);
-    words.extend(leaf_words);
-    words.extend([0; PAD_WORDS]);
-    if words.len() > MAX_WORDS {
-        return wrong("it is larger than a block may be");
-    }
     debug_assert_eq!(validate(&words, place), Ok(()));
     Ok(words)
 }
 
-fn read_nodes(reader: &mut Reader, nodes: usize) -> Checked<Vec<Node>> {
+/// Words of nodes' part of a block, without the parts.
+fn nodes_end(nodes: &Nodes) -> usize {
+    HEADER_WORDS + nodes.table.len() * NODE_WORDS + nodes.externals.len() * EXTERNAL_WORDS + nodes.voxels.1.len()
+}
+
+/// Where the leaves of a leaf block begin.
+fn read_starts(reader: &mut Reader, leaves: usize) -> Checked<Vec<usize>> {
+    let mut at = usize::from(reader.u16()?);
+    let mut starts = Vec::with_capacity(leaves);
+    for &words in reader.take(leaves)? {
+        starts.push(at);
+        at += usize::from(words);
+    }
+    if at + PAD_WORDS > MAX_WORDS { wrong("its leaves do not fit a block") } else { Ok(starts) }
+}
+
+/// A block of nodes, whose leaves begin at the places given, of leaves, or of both.
+fn trace_form(nodes: Option<(Nodes, &[usize])>, leaves: Option<Leaves>) -> Checked<Vec<u32>> {
+    let parts: &[u32] = leaves.as_ref().map_or(&[], |leaves| &leaves.parts);
+    let triangles = leaves.as_ref().map_or(0, |leaves| leaves.triangles);
+    let (mut table, mut links, mut places) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut voxel_header, mut voxel_words) = ([0, SHORT_VOXEL as u32, 0], Vec::new());
+    if let Some((mut nodes, starts)) = nodes {
+        places = link(&mut nodes.table, &nodes.kinds, starts, nodes.externals.len())?;
+        (table, links, (voxel_header, voxel_words)) = (nodes.table, nodes.externals, nodes.voxels);
+    }
+    let externals_at = HEADER_WORDS + table.len() * NODE_WORDS;
+    let parts_at = externals_at + EXTERNAL_WORDS * links.len();
+    let mut words = vec![
+        table.len() as u32 | (links.len() as u32) << 16,
+        triangles as u32 | (parts.len() as u32) << 16,
+        externals_at as u32,
+        parts_at as u32,
+        (parts_at + parts.len()) as u32,
+    ];
+    words.extend(voxel_header);
+    for node in &table {
+        words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(*node));
+    }
+    words.extend(links.iter().zip(places).flat_map(|(&[id, child], place)| [id, child, place]));
+    words.extend(parts);
+    words.extend(voxel_words);
+    if let Some(leaves) = leaves {
+        words.extend(leaves.words);
+    }
+    words.extend([0; PAD_WORDS]);
+    if words.len() > MAX_WORDS { wrong("it is larger than a block may be") } else { Ok(words) }
+}
+
+fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
+    let mut count = || reader.u16().map(usize::from);
+    let (nodes, externals, leaves) = (count()?, count()?, count()?);
+    if HEADER_WORDS + nodes * NODE_WORDS + EXTERNAL_WORDS * externals + PAD_WORDS > MAX_WORDS || nodes == 0 {
+        return wrong("its counts do not fit a block");
+    }
+    let table = read_table(reader, nodes)?;
+    let kinds: Vec<u16> = (0..nodes).map(|_| reader.u16()).collect::<Checked<_>>()?;
+    let externals = read_externals(reader, externals, place)?;
+    let voxels = read_voxels(reader, &table)?;
+    Ok(Nodes { table, kinds, externals, leaves, voxels })
+}
+
+fn read_table(reader: &mut Reader, nodes: usize) -> Checked<Vec<Node>> {
     let bytes = reader.take(NODE_BYTES * nodes)?;
     let mut table: Vec<Node> = vec![bytemuck::Zeroable::zeroed(); nodes];
     for (i, node) in table.iter_mut().enumerate() {
@@ -367,88 +342,6 @@ fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Ve
         words.push([id, child]);
     }
     Ok(words)
-}
-
-/// The words of all leaves, and where each begins when the first begins at `at`.
-fn read_leaves(reader: &mut Reader, counts: &Counts, at: usize) -> Checked<(Vec<u32>, Vec<usize>)> {
-    let n = counts.leaves;
-    let (triangles, vertices, mixed) = (reader.take(n)?, reader.take(n)?, reader.take(n)?);
-    let sizes_ok = triangles.iter().all(|t| (1..=MAX_TRIANGLES).contains(&usize::from(*t)))
-        && vertices.iter().all(|v| (3..=MAX_VERTICES).contains(&usize::from(*v)))
-        && mixed.iter().all(|m| *m <= 1);
-    let sum: usize = triangles.iter().map(|t| usize::from(*t)).sum();
-    if !sizes_ok || sum != counts.triangles {
-        return wrong("its leaves do not add up");
-    }
-    // Of each leaf one, or of a mixed one that of each triangle.
-    let of_leaf = |(t, m): (&u8, &u8)| if *m == 1 { usize::from(*t) } else { 1 };
-    let all_parts = reader.take(2 * triangles.iter().zip(mixed).map(of_leaf).sum::<usize>())?;
-    let parts: Vec<u16> = all_parts.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
-    if parts.iter().any(|p| usize::from(*p) >= counts.parts) {
-        return wrong("a triangle's part is not in its table");
-    }
-    let mut parts = &parts[..];
-    let corners = reader.take(3 * sum)?;
-    let total: usize = vertices.iter().map(|v| usize::from(*v)).sum();
-    let references = read_references(reader, total, counts.vertices)?;
-    let axes = [(); 3].map(|_| read_coordinates(reader, counts.vertices));
-    let [x, y, z] = axes;
-    let axes = [x?, y?, z?];
-    if axes.iter().flatten().any(|b| !f32::from_bits(*b).is_finite()) {
-        return wrong("a vertex is not finite");
-    }
-
-    let room = n * leaf_words(1, 0, false) + total * 3 + sum;
-    let (mut words, mut starts) = (Vec::with_capacity(room), Vec::with_capacity(n));
-    let (mut first, mut first_vertex) = (0, 0);
-    for i in 0..n {
-        let (t, v, m) = (usize::from(triangles[i]), usize::from(vertices[i]), mixed[i] == 1);
-        starts.push(at + words.len());
-        let corners = &corners[3 * first..3 * (first + t)];
-        if corners.iter().any(|c| usize::from(*c) >= v) {
-            return wrong("a corner is not among its leaf's vertices");
-        }
-        let end = words.len() + leaf_words(t, v, m);
-        let flags = if m { u32::from(LEAF_MIXED) } else { 0 };
-        words.push(t as u32 | (v as u32) << 8 | (first as u32) << 16);
-        let (own, others) = parts.split_at(if m { t } else { 1 });
-        parts = others;
-        words.push(u32::from(own[0]) | flags << 16);
-        if m {
-            let pair = |p: &[u16]| u32::from(p[0]) | p.get(1).map_or(0, |q| u32::from(*q)) << 16;
-            words.extend(own.chunks(2).map(pair));
-        }
-        let mut bytes = [0u8; 4 * index_words(MAX_TRIANGLES)];
-        bytes[..3 * t].copy_from_slice(corners);
-        let word = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-        words.extend(bytes[..4 * index_words(t)].chunks_exact(4).map(word));
-        for axis in &axes {
-            words.extend(references[first_vertex..first_vertex + v].iter().map(|r| axis[*r]));
-        }
-        debug_assert_eq!(words.len(), end);
-        first += t;
-        first_vertex += v;
-    }
-    Ok((words, starts))
-}
-
-/// Indices among the distinct vertices of all leaves' vertices.
-fn read_references(reader: &mut Reader, total: usize, vertices: usize) -> Checked<Vec<usize>> {
-    let mut known = 0;
-    let mut references = Vec::with_capacity(total);
-    for _ in 0..total {
-        let back = reader.varint()? as usize;
-        if back > known {
-            return wrong("a vertex reference reaches before the first");
-        }
-        if back == 0 {
-            known += 1;
-            references.push(known - 1);
-        } else {
-            references.push(known - back);
-        }
-    }
-    if known == vertices { Ok(references) } else { wrong("its vertices do not add up") }
 }
 
 /// Numbers the children of all nodes in the order in which a preorder walk meets them; returns where each external
@@ -494,59 +387,4 @@ fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[usize], externals: usize) -
     }
     let all = next_leaf == leaves.len() && next_external == externals;
     if all { Ok(places) } else { wrong("something in it is never referred to") }
-}
-
-/// Encodes the primitive ids of a block.
-pub fn encode_prims(prims: &[u32]) -> Vec<u8> {
-    let mut out = vec![PRIMS];
-    out.extend((prims.len() as u32).to_le_bytes());
-    let mut before = 0u32;
-    for &p in prims {
-        push_varint(&mut out, zigzag(p.wrapping_sub(before) as i32));
-        before = p;
-    }
-    out
-}
-
-/// Decodes the primitive ids of a block: one word each.
-pub fn decode_prims(payload: &[u8]) -> Checked<Vec<u32>> {
-    let mut reader = Reader::new(payload);
-    if reader.u8()? != PRIMS {
-        return wrong("not a block of primitive ids");
-    }
-    let count = reader.u32()? as usize;
-    if count > reader.left() {
-        return wrong("it has fewer ids than it says");
-    }
-    let mut before = 0u32;
-    let mut next = || -> Checked<u32> {
-        before = before.wrapping_add(unzigzag(reader.varint()?) as u32);
-        Ok(before)
-    };
-    let prims = (0..count).map(|_| next()).collect::<Checked<Vec<u32>>>()?;
-    reader.end()?;
-    Ok(prims)
-}
-
-/// Encodes the colours of a block's triangles.
-pub fn encode_colours(colours: &[[u8; 4]]) -> Vec<u8> {
-    let mut out = vec![COLOURS];
-    out.extend((colours.len() as u32).to_le_bytes());
-    (0..4).for_each(|channel| out.extend(colours.iter().map(|c| c[channel])));
-    out
-}
-
-/// Decodes the colours of a block's triangles: one word each, red in the lowest byte.
-pub fn decode_colours(payload: &[u8]) -> Checked<Vec<u32>> {
-    let mut reader = Reader::new(payload);
-    if reader.u8()? != COLOURS {
-        return wrong("not a block of colours");
-    }
-    let count = reader.u32()? as usize;
-    if reader.left() != count.saturating_mul(4) {
-        return wrong("its colours do not add up");
-    }
-    let runs = reader.take(4 * count)?;
-    let colour = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|c| runs[c * count + i]));
-    Ok((0..count).map(colour).collect())
 }

@@ -1,9 +1,9 @@
 //! Hands residency the decoding of this structure's blocks.
 
-use super::codec::{self, Place};
-use super::layout::{Block, Child};
+use super::codec::{self, Holds, Place};
+use super::layout::{Block, Child, PAD_WORDS, WIDTH};
 use crate::base::ids::BlockId;
-use crate::residency::{Decoder, Snapshot};
+use crate::residency::{Decoder, Reference, Snapshot};
 use crate::store::TreeRow;
 
 /// Decodes blocks of a model of structure `bvh`.
@@ -20,10 +20,16 @@ pub struct BvhDecoder {
 struct TreeBlocks {
     /// One past its last coarse block.
     coarse_end: u32,
-    /// One past its last block.
+    /// One past its last fine block, and its last leaf block: as many of these as of those.
+    fine_end: u32,
     end: u32,
     /// Its one block holds all of it.
     is_one: bool,
+}
+
+/// What to add to a fine block's id for the id of its leaf block; 0 for a tree of one block.
+pub fn leaves_at(tree: &TreeRow) -> u32 {
+    (tree.block_count - tree.coarse_blocks) / 2
 }
 
 impl BvhDecoder {
@@ -31,23 +37,29 @@ impl BvhDecoder {
     pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
         let blocks = |t: &TreeRow| TreeBlocks {
             coarse_end: t.first_block + t.coarse_blocks,
+            fine_end: t.first_block + t.coarse_blocks + leaves_at(t),
             end: t.first_block + t.block_count,
             is_one: t.block_count == 1,
         };
         Self { geometry_blocks, trees: trees.iter().map(blocks).collect() }
     }
 
+    /// The tree that a geometry block is of.
+    fn tree_of(&self, id: u32) -> Option<&TreeBlocks> {
+        self.trees.get(self.trees.partition_point(|t| t.end <= id))
+    }
+
     fn geometry(&self, id: u32, payload: &[u8]) -> Result<Vec<u32>, String> {
-        let tree = self.trees.partition_point(|t| t.end <= id);
-        let tree = self.trees.get(tree).ok_or("it belongs to no tree")?;
-        let is_fine = id >= tree.coarse_end;
-        // Behind a fine block is nothing that it could refer to.
-        let end = if is_fine { id + 1 } else { tree.end };
-        let words = codec::decode_geometry(payload, Place { id, end })?;
-        if !is_fine && !tree.is_one && Block::new(&words).triangles() > 0 {
-            return Err("it holds triangles, and is coarse".into());
-        }
-        Ok(words)
+        let tree = self.tree_of(id).ok_or("it belongs to no tree")?;
+        let holds = match id {
+            _ if tree.is_one => Holds::All,
+            id if id < tree.coarse_end => Holds::Nodes,
+            id if id < tree.fine_end => Holds::NodesOverLeaves,
+            _ => Holds::Leaves,
+        };
+        // A fine block refers to no other.
+        let end = if holds == Holds::NodesOverLeaves { id + 1 } else { tree.fine_end };
+        codec::decode_geometry(payload, Place { id, end, holds })
     }
 }
 
@@ -60,7 +72,7 @@ impl Decoder for BvhDecoder {
         }
     }
 
-    fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(BlockId, u32)) -> u32 {
+    fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(Reference)) -> u32 {
         if id.0 >= self.geometry_blocks {
             return 0;
         }
@@ -68,21 +80,60 @@ impl Decoder for BvhDecoder {
         for (to, child) in (0..block.externals()).map(|i| block.external(i)) {
             // What is no node was refused when the block was decoded.
             if let Some(Child::Node(node)) = Child::from_bits(child) {
-                refer(BlockId(to), node as u32);
+                refer(Reference::To(BlockId(to), node as u32));
             }
+        }
+        if let Some(tree) = self.tree_of(id.0).filter(|tree| !tree.is_one && id.0 >= tree.coarse_end) {
+            let is_leaf_block = id.0 >= tree.fine_end;
+            let leaf_block = if is_leaf_block { id.0 } else { id.0 + tree.end - tree.fine_end };
+            let starts = if is_leaf_block { starts_of(&block) } else { starts_named(&block) };
+            refer(Reference::Agreed(BlockId(leaf_block), digest(&starts)));
         }
         block.nodes() as u32
     }
 
     fn is_coarse(&self, id: BlockId) -> bool {
-        let tree = self.trees.partition_point(|t| t.end <= id.0);
-        self.trees.get(tree).is_some_and(|tree| id.0 < tree.coarse_end)
+        self.tree_of(id.0).is_some_and(|tree| id.0 < tree.coarse_end)
     }
 
     fn is_promoted(&self, id: BlockId) -> bool {
         // Primitive ids are read only when asked for.
         id.0 / self.geometry_blocks.max(1) != 1
     }
+}
+
+/// Where the leaves of a leaf block begin.
+fn starts_of(block: &Block) -> Vec<u32> {
+    let (mut at, end) = (block.first_leaf(), block.words().len() - PAD_WORDS);
+    let mut starts = Vec::new();
+    while at < end {
+        starts.push(at as u32);
+        at += block.leaf(at).len();
+    }
+    starts
+}
+
+/// Where they begin as a fine block has it: its nodes meet them in their order.
+fn starts_named(block: &Block) -> Vec<u32> {
+    let nodes = (0..block.nodes()).map(|i| block.node(i));
+    let children = nodes.flat_map(|n| (0..WIDTH).filter(|s| n.valid >> s & 1 == 1).map(|s| u32::from(n.child[s])));
+    let mut starts: Vec<u32> = children
+        .filter_map(|child| match Child::from_bits(child) {
+            Some(Child::Leaf(at)) => Some(at as u32),
+            _ => None,
+        })
+        .collect();
+    starts.sort_unstable();
+    starts
+}
+
+/// A number by which two lists are told apart: no accident makes it equal, and where a forger does a walk ends at a check
+/// of bounds.
+fn digest(starts: &[u32]) -> u32 {
+    let mixed = starts.iter().fold(starts.len() as u64, |sum, &start| {
+        (sum.rotate_left(23) ^ u64::from(start)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+    });
+    (mixed ^ mixed >> 32) as u32
 }
 
 /// Checks what no block can check alone: that references between blocks hit nodes that exist.

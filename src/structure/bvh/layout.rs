@@ -19,8 +19,12 @@
 //! | .. | for each node the number of its first voxel |
 //! | .. | voxels (`lod::Coded`): one for each child of each node, in order; of those of six sides the low half of word 0 counts them |
 //! | .. | the sides of those that have six, [`SIDES_WORDS`] each |
-//! | .. | leaves |
+//! | .. | leaves, unless they are in a block of their own |
 //! | last [`PAD_WORDS`] | zero, so that a vector load at the end of a leaf stays inside |
+//!
+//! The leaves below a fine block's nodes are in another block, its **leaf block**, which has no nodes: whoever is shown
+//! stand-ins has no use for triangles. A reference to a leaf then counts words there. Which block that is the tree says
+//! (`trace::TreeView::leaves_at`). A tree of one block has them in that.
 //!
 //! A **node** has up to eight children. Their boxes are stored in 8 bits a plane on a grid of the
 //! node's own: `origin + q * 2^(exponent - 127)`, rounded outward, after Ylitie, Karras, Laine,
@@ -71,7 +75,7 @@ pub const LEAF_MIXED: u16 = 1;
 pub enum Child {
     /// A node of the same block, by its index.
     Node(usize),
-    /// A leaf of the same block, by its first word.
+    /// A leaf by its first word: of the same block, or of the leaf block that goes with it.
     Leaf(usize),
     /// Something in another block, by its index in the external references.
     External(usize),
@@ -93,6 +97,12 @@ impl Child {
             2 => Some(Child::External(index)),
             _ => None,
         }
+    }
+
+    /// Whether a reference's bits are those of a leaf.
+    #[inline(always)]
+    pub fn is_leaf(bits: u32) -> bool {
+        bits >> KIND_SHIFT & 3 == 1
     }
 
     /// As a reference's bits.

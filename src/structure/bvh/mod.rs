@@ -3,10 +3,12 @@
 pub mod build;
 mod bytes;
 pub mod codec;
+mod codec_beside;
+mod codec_leaves;
 mod decoder;
 pub mod layout;
 pub mod trace;
 mod validate;
 
-pub use decoder::{BvhDecoder, check_links};
+pub use decoder::{BvhDecoder, check_links, leaves_at};
 pub use validate::validate;

@@ -3,7 +3,7 @@
 //! The file form is checked while it is decoded (`codec.rs`); references between blocks, which no block
 //! can check alone, by `check_links`.
 
-use super::codec::Place;
+use super::codec::{Holds, Place};
 use super::layout::{
     Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LEAF_MIXED, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS,
     Node, PAD_WORDS, SHORT_VOXEL, WIDTH, leaf_words,
@@ -16,7 +16,14 @@ pub fn validate(words: &[u32], place: Place) -> Result<(), String> {
     let block = Block::new(words);
     check_tables(&block, place)?;
     let leaves = check_leaves(&block)?;
-    check_nodes(&block, &leaves)
+    let has = [block.nodes() > 0, !leaves.is_empty()];
+    let should = match place.holds {
+        Holds::All => [true, true],
+        Holds::Leaves => [false, true],
+        Holds::Nodes | Holds::NodesOverLeaves => [true, false],
+    };
+    ensure(has == should, "it is another kind of block")?;
+    check_nodes(&block, &leaves, place.holds)
 }
 
 fn ensure(holds: bool, why: &str) -> Result<(), String> {
@@ -24,14 +31,14 @@ fn ensure(holds: bool, why: &str) -> Result<(), String> {
 }
 
 fn check_header(words: &[u32]) -> Result<(), String> {
-    let least = HEADER_WORDS + NODE_WORDS + PAD_WORDS;
+    let least = HEADER_WORDS + PAD_WORDS;
     ensure((least..=MAX_WORDS).contains(&words.len()), "its size is not that of a block")?;
     let block = Block::new(words);
     let externals_at = HEADER_WORDS + block.nodes() * NODE_WORDS;
     let parts_at = externals_at + EXTERNAL_WORDS * block.externals();
     let firsts_at = parts_at + block.parts();
     let tables = [words[2], words[3], words[4]] == [externals_at as u32, parts_at as u32, firsts_at as u32];
-    ensure(block.nodes() > 0 && tables, "its tables are not where its counts say")?;
+    ensure(tables, "its tables are not where its counts say")?;
     ensure([SHORT_VOXEL as u32, LONG_VOXEL as u32].contains(&words[6]), "its voxels have an impossible size")?;
     ensure(block.first_leaf() + PAD_WORDS <= words.len(), "its tables do not fit")?;
     ensure(words[words.len() - PAD_WORDS..].iter().all(|w| *w == 0), "its end is not zero")
@@ -98,15 +105,21 @@ fn check_grid(node: &Node) -> Result<(), String> {
 }
 
 /// Nodes refer downward, and nothing has two parents: a walk ends, and meets each leaf once.
-fn check_nodes(block: &Block, leaves: &[usize]) -> Result<(), String> {
+fn check_nodes(block: &Block, leaves: &[usize], holds: Holds) -> Result<(), String> {
     let mut met_nodes = vec![false; block.nodes()];
     let mut met_leaves = vec![false; leaves.len()];
     let mut met_externals = vec![false; block.externals()];
+    let mut met_elsewhere = Vec::new();
     for i in 0..block.nodes() {
         let node = block.node(i);
         check_grid(node)?;
         for slot in (0..WIDTH).filter(|s| node.valid >> s & 1 == 1) {
             let met = match Child::from_bits(node.child[slot].into()) {
+                // That there is such a leaf no block can check alone.
+                Some(Child::Leaf(at)) if holds == Holds::NodesOverLeaves => {
+                    met_elsewhere.push(at);
+                    continue;
+                }
                 Some(Child::Node(n)) if n > i => met_nodes.get_mut(n),
                 Some(Child::Leaf(at)) => leaves.binary_search(&at).ok().map(|l| &mut met_leaves[l]),
                 Some(Child::External(e)) if e < block.externals() => {
@@ -119,7 +132,12 @@ fn check_nodes(block: &Block, leaves: &[usize]) -> Result<(), String> {
             ensure(!std::mem::replace(met, true), "something in it is referred to twice")?;
         }
     }
+    met_elsewhere.sort_unstable();
+    ensure(met_elsewhere.is_sorted_by(|a, b| a < b), "something in it is referred to twice")?;
     // Nodes may be roots that only other blocks refer to.
+    if holds == Holds::Leaves {
+        return Ok(());
+    }
     let all = met_leaves.iter().chain(&met_externals).all(|m| *m);
     ensure(all, "something in it is never referred to")
 }
@@ -128,7 +146,7 @@ fn check_nodes(block: &Block, leaves: &[usize]) -> Result<(), String> {
 mod tests {
     use super::*;
 
-    const PLACE: Place = Place { id: 3, end: 9 };
+    const PLACE: Place = Place { id: 3, end: 9, holds: Holds::All };
 
     /// A node over one leaf of one triangle and one external reference.
     fn sound() -> Vec<u32> {
@@ -151,8 +169,8 @@ mod tests {
     #[test]
     fn a_sound_block_passes_at_its_place_only() {
         validate(&sound(), PLACE).unwrap();
-        assert!(validate(&sound(), Place { id: 5, end: 9 }).is_err());
-        assert!(validate(&sound(), Place { id: 3, end: 5 }).is_err());
+        assert!(validate(&sound(), Place { id: 5, ..PLACE }).is_err());
+        assert!(validate(&sound(), Place { end: 5, ..PLACE }).is_err());
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Which nodes share a block.
 //!
 //! First the **fine** units are cut off ([`fine`]): the largest subtrees of at most [`FINE_WORDS`] words.
-//! Consecutive ones, which are neighbours in space, fill blocks that hold all triangles and refer to no
-//! other block. What is left above is nodes alone, and goes into **coarse** blocks ([`coarse`]), in rounds:
+//! Consecutive ones, which are neighbours in space, fill blocks that refer to no other block, each with a leaf block
+//! for what is below its nodes. What is left above is nodes alone, and goes into **coarse** blocks ([`coarse`]), in rounds:
 //! each cuts off the largest subtrees of at most [`COARSE_WORDS`] words, and the next round's input is what
 //! remains, until that fits one block. Blocks are numbered from the last round to the first, fine ones
 //! behind all coarse ones, so that a reference always points to a higher block. A tree that fits one block
@@ -31,7 +31,7 @@ pub const FINE_WORDS: u32 = 1024;
 /// Words of a coarse unit, at most: small beside a block, so that blocks fill well.
 const COARSE_WORDS: u32 = MAX_WORDS as u32 / 8;
 
-/// What goes into one block.
+/// What goes into one block, or into one of nodes and its leaf block.
 pub struct Plan {
     /// Subtrees, roots in order of their nodes.
     pub roots: Vec<Box<Inner>>,
@@ -39,7 +39,10 @@ pub struct Plan {
     pub parts: Vec<u32>,
     /// For each unit referred to, in the order met by a preorder walk: block and child reference.
     pub externals: Vec<(u32, u32)>,
-    words: u32,
+    /// The leaves go into a block of their own.
+    pub has_leaf_block: bool,
+    /// Of the nodes' block, and of the leaf block.
+    words: [u32; 2],
     nodes: u32,
 }
 
@@ -48,7 +51,7 @@ impl Plan {
 
     fn new() -> Self {
         let (roots, parts, externals) = (Vec::new(), Vec::new(), Vec::new());
-        Self { roots, parts, externals, words: Self::EMPTY_WORDS, nodes: 0 }
+        Self { roots, parts, externals, has_leaf_block: false, words: [Self::EMPTY_WORDS; 2], nodes: 0 }
     }
 }
 
@@ -87,7 +90,8 @@ pub fn fine<'a>(
     trees.for_each(|tree| cut_child(tree, FINE_WORDS, 0, &mut units));
     let parts = par.map(units.len(), |i| parts_of(&units[i], input, refs));
     let mut homes = Vec::with_capacity(units.len());
-    let plans = fill(units.into_iter().zip(parts), &mut homes);
+    let mut plans = fill(units.into_iter().zip(parts), &mut homes);
+    plans.iter_mut().for_each(|plan| plan.has_leaf_block = true);
     (plans, homes)
 }
 
@@ -148,9 +152,11 @@ fn cut_child(child: &mut Sub, most: u32, first_id: u32, units: &mut Vec<Box<Inne
 fn fill(units: impl Iterator<Item = (Box<Inner>, Vec<u32>)>, homes: &mut Vec<Home>) -> Vec<Plan> {
     let mut plans: Vec<Plan> = Vec::new();
     for (unit, parts) in units {
+        let of_leaves = unit.leaf_words();
+        let of_nodes = unit.words - of_leaves;
         let fits = |p: &Plan| {
-            let together = p.words as usize + p.parts.len() + unit.words as usize + parts.len();
-            together <= MAX_WORDS
+            let leaves = (p.words[1] + of_leaves) as usize + p.parts.len() + parts.len();
+            (p.words[0] + of_nodes) as usize <= MAX_WORDS && leaves <= MAX_WORDS
         };
         if !plans.last().is_some_and(fits) {
             plans.push(Plan::new());
@@ -159,7 +165,8 @@ fn fill(units: impl Iterator<Item = (Box<Inner>, Vec<u32>)>, homes: &mut Vec<Hom
         let plan = &mut plans[block];
         homes.push(Home { block: block as u32, node: plan.nodes });
         plan.nodes += unit.nodes();
-        plan.words += unit.words;
+        plan.words[0] += of_nodes;
+        plan.words[1] += of_leaves;
         if !parts.is_empty() {
             plan.parts.extend(parts);
             plan.parts.sort_unstable();

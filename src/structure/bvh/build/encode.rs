@@ -1,4 +1,4 @@
-//! From a plan to the trace form of its block, with the primitive ids and colours beside it.
+//! From a plan to the trace form of its block, or of its two, with the primitive ids and colours beside it.
 
 use super::TreeInput;
 use super::cluster::Plan;
@@ -12,6 +12,7 @@ use crate::structure::bvh::layout::{
 use bytemuck::must_cast;
 
 /// One encoded block.
+#[derive(Default)]
 pub struct TreeBlock {
     /// The trace form.
     pub words: Vec<u32>,
@@ -38,8 +39,8 @@ struct Encoder<'a> {
     colours: Vec<[u8; 4]>,
 }
 
-/// Encodes block `index` of `plans`, whose block 0 has the id `first_block`.
-pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, refs: &[Ref]) -> TreeBlock {
+/// Encodes block `index` of `plans`, whose block 0 has the id `first_block`: it, and its leaf block if it has one.
+pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, refs: &[Ref]) -> (TreeBlock, Option<TreeBlock>) {
     let plan = &plans[index];
     let mut encoder = Encoder {
         input,
@@ -62,16 +63,18 @@ pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, 
     let voxel_words = if one_part.is_some() { SHORT_VOXEL } else { LONG_VOXEL };
     let externals_at = HEADER_WORDS + encoder.firsts.len() * NODE_WORDS;
     let parts_at = externals_at + EXTERNAL_WORDS * plan.externals.len();
-    let firsts_at = parts_at + plan.parts.len();
+    let own_parts: &[u32] = if plan.has_leaf_block { &[] } else { &plan.parts };
+    let firsts_at = parts_at + own_parts.len();
     let sides_at = firsts_at + encoder.firsts.len() + encoder.voxels.len() * voxel_words;
-    encoder.leaves_at = sides_at + encoder.sides.len() * SIDES_WORDS;
+    let leaves_at = sides_at + encoder.sides.len() * SIDES_WORDS;
+    encoder.leaves_at = if plan.has_leaf_block { HEADER_WORDS + plan.parts.len() } else { leaves_at };
     for root in &plan.roots {
         encoder.inner(root);
     }
     debug_assert_eq!(encoder.externals.len(), plan.externals.len());
     let mut words = vec![
         encoder.nodes.len() as u32 | (plan.externals.len() as u32) << 16,
-        encoder.prims.len() as u32 | (plan.parts.len() as u32) << 16,
+        if plan.has_leaf_block { 0 } else { encoder.prims.len() as u32 | (plan.parts.len() as u32) << 16 },
         externals_at as u32,
         parts_at as u32,
         firsts_at as u32,
@@ -84,13 +87,28 @@ pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, 
     }
     let externals = plan.externals.iter().zip(&encoder.externals);
     words.extend(externals.flat_map(|(&(block, child), &place)| [first_block + block, child, place]));
-    words.extend(&plan.parts);
+    words.extend(own_parts);
     words.extend(&encoder.firsts);
     words.extend(encoder.voxels.iter().flat_map(|v| &v[..voxel_words]));
     words.extend(encoder.sides.as_flattened());
-    words.extend(&encoder.leaves);
+    let Encoder { leaves, prims, colours, .. } = encoder;
+    if !plan.has_leaf_block {
+        words.extend(&leaves);
+        words.extend([0; PAD_WORDS]);
+        return (TreeBlock { words, prims, colours }, None);
+    }
     words.extend([0; PAD_WORDS]);
-    TreeBlock { words, prims: encoder.prims, colours: encoder.colours }
+    let leaves = leaf_block(&plan.parts, &leaves, prims.len());
+    (TreeBlock { words, ..TreeBlock::default() }, Some(TreeBlock { words: leaves, prims, colours }))
+}
+
+fn leaf_block(parts: &[u32], leaves: &[u32], triangles: usize) -> Vec<u32> {
+    let (first, end) = (HEADER_WORDS as u32, (HEADER_WORDS + parts.len()) as u32);
+    let mut words = vec![0, triangles as u32 | (parts.len() as u32) << 16, first, first, end, 0, SHORT_VOXEL as u32, 0];
+    words.extend(parts);
+    words.extend(leaves);
+    words.extend([0; PAD_WORDS]);
+    words
 }
 
 impl Encoder<'_> {

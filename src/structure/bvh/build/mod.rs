@@ -1,6 +1,6 @@
 //! From triangles to blocks: references, binned SAH, wide nodes, leaves, clusters.
 //!
-//! A mesh is built in one or more **chunks**, each in memory: a [`Chunk`] gives its fine blocks and a [`Top`],
+//! A mesh is built in one or more **chunks**, each in memory: a [`Chunk`] gives its fine and leaf blocks and a [`Top`],
 //! the [`Crown`] over all tops gives the coarse blocks. Passes: `refs` (one box a triangle), `sah` and `spatial`
 //! (where to split the set, or space), `tree` (wide nodes and leaves), `cluster` (which nodes share a block),
 //! `join` (one tree of several), `encode` (trace form).
@@ -82,7 +82,7 @@ pub struct Counts {
     pub references: u64,
 }
 
-/// The tree over some of a mesh's triangles, or all: fine blocks, ready to be encoded one by one.
+/// The tree over some of a mesh's triangles, or all: fine and leaf blocks, ready to be encoded one by one.
 pub struct Chunk<'a> {
     input: TreeInput<'a>,
     refs: Vec<refs::Ref>,
@@ -152,8 +152,8 @@ impl<'a> Chunk<'a> {
         self.plans.len()
     }
 
-    /// The trace form of block `index`.
-    pub fn encode(&self, index: usize) -> TreeBlock {
+    /// The trace form of block `index`; that of its leaf block, unless it is all of the tree.
+    pub fn encode(&self, index: usize) -> (TreeBlock, Option<TreeBlock>) {
         encode::encode(&self.plans, index, 0, self.input, &self.refs)
     }
 }
@@ -180,7 +180,7 @@ impl Crown {
     /// The trace form of block `index`; `first_block` is the id of the tree's block 0.
     pub fn encode(&self, index: usize, first_block: u32) -> TreeBlock {
         let nothing = TreeInput { triangles: &[], parts: &[], prims: &[], colours: &[], part_colours: &[] };
-        encode::encode(&self.plans, index, first_block, nothing, &[])
+        encode::encode(&self.plans, index, first_block, nothing, &[]).0
     }
 }
 

@@ -75,6 +75,16 @@ impl Inner {
         1 + below.sum::<u32>()
     }
 
+    /// Words of the leaves in its block.
+    pub fn leaf_words(&self) -> u32 {
+        let below = self.children.iter().map(|(_, c)| match c {
+            Sub::Inner(inner) => inner.leaf_words(),
+            Sub::Leaf { words, .. } => *words,
+            Sub::Placed(_) => 0,
+        });
+        below.sum()
+    }
+
     /// Brings `words` up to date after a change below.
     pub fn measure(&mut self) {
         let below = self.children.iter().map(|(voxel, c)| voxel.len() as u32 + c.words());

@@ -26,7 +26,7 @@ pub use stand_in::StandIn;
 pub use stream::{STREAM, Stream};
 pub use walk::{Counters, Outcome, TriHit, Walk};
 
-use super::layout::{Block, Leaf};
+use super::layout::{Block, Child, Leaf, WIDTH};
 use crate::base::ids::BlockId;
 use crate::math::Bounds;
 use crate::residency::Snapshot;
@@ -74,6 +74,8 @@ pub struct TreeView<'a> {
     pub root: u32,
     /// Greatest magnitude of a coordinate of the tree.
     pub reach: f32,
+    /// What to add to a fine block's id for the id of its leaf block; 0 for a tree of one block.
+    pub leaves_at: u32,
     /// What to add to a block's id for the id of the block with its primitive ids.
     pub prims_at: u32,
     /// The same for its colours; `None` if the model has none.
@@ -118,6 +120,18 @@ impl TreeView<'_> {
     #[inline(always)]
     fn visit(&self, block: u32) -> Option<&[u32]> {
         self.snapshot.visit(BlockId(block), self.stamp)
+    }
+
+    /// The block that a child reference of block `id` counts words or nodes in.
+    #[inline(always)]
+    fn block_of(&self, id: u32, child: u32) -> u32 {
+        id + if Child::is_leaf(child) { self.leaves_at } else { 0 }
+    }
+
+    /// Whether the leaves below the nodes of a block are not in memory.
+    #[inline(always)]
+    fn lacks_leaves(&self, id: u32) -> bool {
+        self.snapshot.block(BlockId(id + self.leaves_at)).is_none()
     }
 
     /// Finds the closest hit of the ray that `walk` has begun (or goes on after `Pending`).
@@ -205,14 +219,14 @@ impl TreeView<'_> {
         descend: &mut dyn FnMut(&Bounds) -> bool,
         visit: &mut dyn FnMut(&TriHit, &Triangle),
     ) {
-        use super::layout::{Child, WIDTH};
         match Child::from_bits(child) {
             Some(Child::External(i)) => stack.push(block.external(i)),
             Some(Child::Node(i)) => {
                 let node = block.node(i);
                 for slot in (0..WIDTH).rev().filter(|s| node.valid >> s & 1 == 1) {
                     if descend(&node.child_box(slot)) {
-                        stack.push((id, u32::from(node.child[slot])));
+                        let child = u32::from(node.child[slot]);
+                        stack.push((self.block_of(id, child), child));
                     }
                 }
             }

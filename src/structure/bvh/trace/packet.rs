@@ -47,7 +47,7 @@ pub(super) struct PacketEntry {
     pub t: f32,
     /// The rays that may.
     pub rays: u32,
-    /// The block that holds the reference.
+    /// The block that it is in; of a reference to another block, the one that holds that.
     pub block: u32,
     /// The child reference.
     pub child: u32,

@@ -126,8 +126,7 @@ fn all_cells<S: Simd>(s: S, node: &Node, shared: &Shared) -> Boxes {
     out
 }
 
-/// Offers the cell of external reference `index`, whose block is missing, to the rays of `entry`. Where any hit will
-/// do, a cell that a ray begins in is none: nothing is known of it.
+/// Offers the cell in a node's slot, below which a block is missing, to the rays of `entry`. Where any hit will do, a cell that a ray begins in is none: nothing is known of it.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state
 pub(super) fn for_missing<S: Simd, const ANY: bool>(
@@ -135,12 +134,11 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
     view: &TreeView,
     filter: Option<&PartFilter>,
     block: Block,
-    index: usize,
+    (node, slot): (usize, usize),
     shared: &Shared,
     entry: PacketEntry,
     walk: &mut PacketWalk,
 ) {
-    let (node, slot) = block.place_of_external(index);
     if stand_in::judge(block, node, slot, filter) == Verdict::Skip {
         return;
     }

@@ -114,9 +114,12 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     }
                     let Some(nearest) = nearest else { break };
                     if nearest.block != entry.block {
-                        walk.counters.blocks += 1;
-                        // It is there: the reference was followed.
-                        let Some(words) = view.visit(nearest.block) else { break };
+                        walk.counters.blocks += u64::from(!is_leaf(nearest.child));
+                        let Some(words) = view.visit(nearest.block) else {
+                            // A leaf block: references to others are followed only if they are there.
+                            walk.stack.push(nearest);
+                            return Outcome::Pending(BlockId(nearest.block));
+                        };
                         block = Block::new(words);
                     }
                     entry = nearest;
@@ -135,7 +138,8 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let (next, below) = block.external(index);
                     let Some(words) = view.visit(next) else {
                         if LOD && view.never_waits {
-                            packet_cells::for_missing::<S, ANY>(s, view, filter, block, index, &shared, entry, walk);
+                            let place = block.place_of_external(index);
+                            packet_cells::for_missing::<S, ANY>(s, view, filter, block, place, &shared, entry, walk);
                             far = farthest(s, &walk.hits.t);
                             break;
                         }
@@ -219,6 +223,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     let mut mask = boxes.met;
     let is_few = shared.one_origin && entry.rays.count_ones() <= packet_few::FEW;
     let few = if is_few { packet_few::each::<S, ANY, LOD>(s, filter, block, index, &boxes, entry, walk) } else { [0; 8] };
+    let lacks_leaves = LOD && view.never_waits && mask != 0 && view.lacks_leaves(entry.block);
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
     while mask != 0 {
@@ -238,6 +243,11 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
             entry.rays
         };
         if rays == 0 {
+            continue;
+        }
+        if lacks_leaves && is_leaf(child) {
+            let entry = PacketEntry { rays, ..entry };
+            packet_cells::for_missing::<S, ANY>(s, view, filter, block, (index, slot), shared, entry, walk);
             continue;
         }
         let (id, child) = ahead::follow(is_large, view, block, entry.block, child);
@@ -263,7 +273,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
 
 #[inline(always)]
 fn is_leaf(child: u32) -> bool {
-    matches!(Child::from_bits(child), Some(Child::Leaf(_)))
+    Child::is_leaf(child)
 }
 
 /// Near and far planes of eight boxes, axis by axis; less the origin, where rays share it.

@@ -119,15 +119,23 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let (mut mask, t, leave) = boxes(s, node, ray, lanes, best.t);
                     if let Some(cells) = &cells {
                         mask = stand_ins(s, block, block_id, index, mask, leave, cells, filter, best);
+                        if view.never_waits && mask != 0 && view.lacks_leaves(block_id) {
+                            mask = for_missing_leaves::<S, ANY>(s, block, block_id, index, mask, cells, filter, best);
+                        }
                         if ANY && best.is_hit() {
                             stack.clear();
                             return Outcome::Done;
                         }
                     }
-                    match push_far_to_near(mask, &t, node, block_id, stack) {
-                        Some(nearest) => child = nearest,
-                        None => break,
+                    let Some(nearest) = push_far_to_near(mask, &t, node, view, block_id, stack) else { break };
+                    if nearest.block != block_id {
+                        let Some(words) = view.visit(nearest.block) else {
+                            stack.push(nearest);
+                            return Outcome::Pending(BlockId(nearest.block));
+                        };
+                        (block_id, block) = (nearest.block, Block::new(words));
                     }
+                    child = nearest.child;
                 }
                 Some(Child::Leaf(at)) => {
                     counters.leaves += 1;
@@ -156,7 +164,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let (next, below) = block.external(index);
                     let Some(words) = view.visit(next) else {
                         if let Some(cells) = cells.as_ref().filter(|_| view.never_waits) {
-                            stand_in_for_missing::<S, ANY>(s, block, block_id, index, cells, filter, best);
+                            stand_in_for_missing::<S, ANY>(s, block, block_id, block.place_of_external(index), cells, filter, best);
                             if ANY && best.is_hit() {
                                 stack.clear();
                                 return Outcome::Done;
@@ -355,19 +363,41 @@ fn offer(best: &mut TriHit, hit: TriHit) {
     }
 }
 
-/// Offers the cell of external reference `index`, whose block is missing, to `best`. Where any hit will do, a cell that
-/// the ray begins in is none: nothing is known of it.
+/// Offers the cells of those of the children in `mask` that are leaves, which are missing, to `best`; returns the others.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
+pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
+    s: S,
+    block: Block,
+    block_id: u32,
+    index: usize,
+    mask: u32,
+    cells: &CellLanes<S>,
+    filter: Option<&PartFilter>,
+    best: &mut TriHit,
+) -> u32 {
+    let leaves = stand_in::leaves(block.node(index));
+    let mut missing = mask & leaves;
+    while missing != 0 {
+        let slot = missing.trailing_zeros() as usize;
+        missing &= missing - 1;
+        stand_in_for_missing::<S, ANY>(s, block, block_id, (index, slot), cells, filter, best);
+    }
+    mask & !leaves
+}
+
+/// Offers the cell in a node's slot, below which a block is missing, to `best`. Where any hit will do, a cell that the ray
+/// begins in is none: nothing is known of it.
 #[inline(always)]
 fn stand_in_for_missing<S: Simd, const ANY: bool>(
     s: S,
     block: Block,
     block_id: u32,
-    index: usize,
+    (node, slot): (usize, usize),
     cells: &CellLanes<S>,
     filter: Option<&PartFilter>,
     best: &mut TriHit,
 ) {
-    let (node, slot) = block.place_of_external(index);
     let [near, far] = stored_planes(s, block.node(node), cells.near);
     let met = cells.meet(near, far, near);
     let is_inside = met.outside >> slot & 1 == 0;
@@ -389,15 +419,22 @@ pub(super) fn planes(node: &Node, near: usize) -> (&[u8; 8], &[u8; 8]) {
 
 /// Pushes all but the nearest of the children in `mask`, farthest first; returns the nearest.
 #[inline(always)]
-fn push_far_to_near(mut mask: u32, t: &[f32; 8], node: &Node, block: u32, stack: &mut Vec<Entry>) -> Option<u32> {
+fn push_far_to_near(
+    mut mask: u32,
+    t: &[f32; 8],
+    node: &Node,
+    view: &TreeView,
+    block: u32,
+    stack: &mut Vec<Entry>,
+) -> Option<Entry> {
     if mask == 0 {
         return None;
     }
-    let mut nearest = entry(mask.trailing_zeros(), t, node, block);
+    let mut nearest = entry(mask.trailing_zeros(), t, node, view, block);
     mask &= mask - 1;
     let bottom = stack.len();
     while mask != 0 {
-        let mut next = entry(mask.trailing_zeros(), t, node, block);
+        let mut next = entry(mask.trailing_zeros(), t, node, view, block);
         mask &= mask - 1;
         if next.t < nearest.t {
             std::mem::swap(&mut next, &mut nearest);
@@ -410,14 +447,15 @@ fn push_far_to_near(mut mask: u32, t: &[f32; 8], node: &Node, block: u32, stack:
         }
         stack[at] = next;
     }
-    Some(nearest.child)
+    Some(nearest)
 }
 
 #[inline(always)]
-fn entry(slot: u32, t: &[f32; 8], node: &Node, block: u32) -> Entry {
+fn entry(slot: u32, t: &[f32; 8], node: &Node, view: &TreeView, block: u32) -> Entry {
     // The mask keeps a slot below eight; `& 7` spares the check.
     let slot = slot as usize & 7;
-    Entry { t: t[slot], block, child: u32::from(node.child[slot]) }
+    let child = u32::from(node.child[slot]);
+    Entry { t: t[slot], block: view.block_of(block, child), child }
 }
 
 /// The nearest hit in a leaf: lane, distance and weights. The lowest lane of equal ones, which has the

@@ -15,7 +15,7 @@ use super::{PartFilter, TreeView};
 use super::ray::abs;
 use super::walk::TriHit;
 use crate::simd::{Lanes, Mask};
-use crate::structure::bvh::layout::Block;
+use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 
 /// How much larger a cell is taken, as a part of the greatest magnitude of a coordinate: 7 h for rounding (see the module), the
 /// rest as in [`super::ray::BOX_SLACK`], for packets test the boxes of triangles so too.
@@ -139,6 +139,16 @@ pub(super) fn meet<const N: usize, L: Lanes<N>>([enter, leave]: [L; 2], faces: [
     Met { meets, outside, small, enter: t }
 }
 
+/// The children of a node that are leaves.
+#[inline(always)]
+pub(super) fn leaves(node: &Node) -> u32 {
+    let mut leaves = 0;
+    for slot in 0..WIDTH {
+        leaves |= u32::from(Child::is_leaf(u32::from(node.child[slot]))) << slot;
+    }
+    leaves & u32::from(node.valid)
+}
+
 /// What parts have to say about a cell that could stand in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
@@ -176,8 +186,9 @@ impl<'a> TreeView<'a> {
         let stand_in = hit.stand_in().filter(|s| s.is_missing)?;
         let block = Block::new(self.snapshot.block(crate::base::ids::BlockId(hit.block))?);
         let child = u32::from(block.node(stand_in.node).child[stand_in.slot]);
-        match crate::structure::bvh::layout::Child::from_bits(child) {
-            Some(crate::structure::bvh::layout::Child::External(i)) => Some(block.external(i).0),
+        match Child::from_bits(child) {
+            Some(Child::External(i)) => Some(block.external(i).0),
+            Some(Child::Leaf(_)) => Some(hit.block + self.leaves_at),
             _ => None,
         }
     }

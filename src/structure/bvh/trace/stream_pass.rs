@@ -9,7 +9,7 @@ use super::stream::{
 use super::walk::{Counters, TriHit};
 use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::{Block, INDEX_MASK, Node};
+use crate::structure::bvh::layout::{Block, Child, INDEX_MASK, Node};
 use bytemuck::bytes_of;
 
 /// Puts a lane at `child` of a block; if that is not in memory, its ray is left unfinished.
@@ -24,6 +24,12 @@ fn enter(state: &mut State, counts: &mut Counts, lane: usize, block: u32, child:
         }
         None => leave(state, counts, lane),
     }
+}
+
+/// Asks for the memory of a node that a lane goes to. Leaves are elsewhere.
+#[inline(always)]
+fn ask_for_node(state: &State, lane: usize, child: u32) {
+    ask_for(state.is_large && !Child::is_leaf(child), state.block[lane], child);
 }
 
 /// Leaves a lane's ray to be traced alone.
@@ -87,7 +93,7 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
         let nearest = child[others & 7];
         state.top[lane] = (top + others) as u8;
         state.child[lane] = nearest;
-        ask_for(state.is_large, state.block[lane], nearest);
+        ask_for_node(state, lane, nearest);
         push(&mut state.rows, &mut counts, nearest, lane);
     }
     for i in 0..met_counts.of(ONE) {
@@ -95,7 +101,7 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
         let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
         let child = u32::from(node.child[(state.scratch.hits[lane].trailing_zeros() & 7) as usize]);
         state.child[lane] = child;
-        ask_for(state.is_large, state.block[lane], child);
+        ask_for_node(state, lane, child);
         push(&mut state.rows, &mut counts, child, lane);
     }
     // Most rays that miss all end with an empty stack: those go to the row of what has ended, the others, for now, to
@@ -155,7 +161,7 @@ fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
         state.block[lane] = Block::new(words);
     }
     (state.block_id[lane], state.child[lane]) = (block, child);
-    ask_for(state.is_large, state.block[lane], child);
+    ask_for_node(state, lane, child);
     push(&mut state.rows, counts, child, lane);
 }
 
@@ -199,7 +205,11 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, lane: usize, met
     let node = (state.child[lane] & INDEX_MASK) as usize;
     let Some(best) = state.hits.get_mut(usize::from(state.ray[lane])) else { return met };
     let before = (best.t, best.tri, best.block);
-    let left = single::stand_ins(s, state.block[lane], state.block_id[lane], node, met, leave, &cells, state.filter, best);
+    let (block, id) = (state.block[lane], state.block_id[lane]);
+    let mut left = single::stand_ins(s, block, id, node, met, leave, &cells, state.filter, best);
+    if left != 0 && state.view.never_waits && state.view.lacks_leaves(id) {
+        left = single::for_missing_leaves::<S, ANY>(s, block, id, node, left, &cells, state.filter, best);
+    }
     if (best.t, best.tri, best.block) != before {
         state.prepared[lane].set_best(best.t);
         if ANY {
@@ -222,8 +232,9 @@ fn eight(bytes: &[u8], at: u8) -> &[u8; 8] {
 /// Tests the triangles of the leaves that walks wait at.
 #[inline(always)]
 pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
-    let (row, count) = (state.rows[AT_LEAVES], counts.take(AT_LEAVES));
+    let (mut row, mut count) = (state.rows[AT_LEAVES], counts.take(AT_LEAVES));
     state.counters.leaves += count as u64;
+    count = enter_leaves(state, &mut counts, &mut row, count);
     for i in 0..count {
         let lane = lane(&row, i);
         let ray = leaf_ray(s, &state.prepared[lane]);
@@ -245,6 +256,27 @@ pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut coun
         pop(s, state, &mut counts, lane);
     }
     counts
+}
+
+/// Takes the first `count` lanes of a row from their nodes' blocks to those of the leaves; returns how many stay, for these
+/// are in memory.
+#[inline(always)]
+fn enter_leaves(state: &mut State, counts: &mut Counts, row: &mut [u8; LANES], count: usize) -> usize {
+    let mut stay = 0;
+    for i in 0..count {
+        let lane = lane(row, i);
+        let id = state.block_id[lane] + state.view.leaves_at;
+        match state.view.visit(id) {
+            Some(words) => {
+                (state.block[lane], state.block_id[lane]) = (Block::new(words), id);
+                ask_for(state.is_large, state.block[lane], state.child[lane]);
+                row[stay & (LANES - 1)] = lane as u8;
+                stay += 1;
+            }
+            None => leave(state, counts, lane),
+        }
+    }
+    stay
 }
 
 #[inline(always)]

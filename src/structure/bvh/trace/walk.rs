@@ -71,7 +71,7 @@ impl std::ops::AddAssign for Counters {
 pub(super) struct Entry {
     /// Where the ray enters it.
     pub t: f32,
-    /// The block that holds the reference.
+    /// The block that it is in; of a reference to another block, the one that holds that.
     pub block: u32,
     /// The child reference.
     pub child: u32,

@@ -1,0 +1,59 @@
+//! What is beside the triangles of a block, in the file form: see `codec.rs`, of which these are sections 4 and 5.
+
+use super::bytes::{Reader, push_varint, unzigzag, zigzag};
+use super::codec::{COLOURS, Checked, PRIMS, wrong};
+
+/// Encodes the primitive ids of a block.
+pub fn encode_prims(prims: &[u32]) -> Vec<u8> {
+    let mut out = vec![PRIMS];
+    out.extend((prims.len() as u32).to_le_bytes());
+    let mut before = 0u32;
+    for &p in prims {
+        push_varint(&mut out, zigzag(p.wrapping_sub(before) as i32));
+        before = p;
+    }
+    out
+}
+
+/// Decodes the primitive ids of a block: one word each.
+pub fn decode_prims(payload: &[u8]) -> Checked<Vec<u32>> {
+    let mut reader = Reader::new(payload);
+    if reader.u8()? != PRIMS {
+        return wrong("not a block of primitive ids");
+    }
+    let count = reader.u32()? as usize;
+    if count > reader.left() {
+        return wrong("it has fewer ids than it says");
+    }
+    let mut before = 0u32;
+    let mut next = || -> Checked<u32> {
+        before = before.wrapping_add(unzigzag(reader.varint()?) as u32);
+        Ok(before)
+    };
+    let prims = (0..count).map(|_| next()).collect::<Checked<Vec<u32>>>()?;
+    reader.end()?;
+    Ok(prims)
+}
+
+/// Encodes the colours of a block's triangles.
+pub fn encode_colours(colours: &[[u8; 4]]) -> Vec<u8> {
+    let mut out = vec![COLOURS];
+    out.extend((colours.len() as u32).to_le_bytes());
+    (0..4).for_each(|channel| out.extend(colours.iter().map(|c| c[channel])));
+    out
+}
+
+/// Decodes the colours of a block's triangles: one word each, red in the lowest byte.
+pub fn decode_colours(payload: &[u8]) -> Checked<Vec<u32>> {
+    let mut reader = Reader::new(payload);
+    if reader.u8()? != COLOURS {
+        return wrong("not a block of colours");
+    }
+    let count = reader.u32()? as usize;
+    if reader.left() != count.saturating_mul(4) {
+        return wrong("its colours do not add up");
+    }
+    let runs = reader.take(4 * count)?;
+    let colour = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|c| runs[c * count + i]));
+    Ok((0..count).map(colour).collect())
+}
