@@ -7,9 +7,10 @@ use super::stream::{
     AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, State, lane, push,
 };
 use super::walk::{Counters, TriHit};
+use crate::base::ids::BlockId;
 use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::{Block, Child, INDEX_MASK, Node};
+use crate::structure::bvh::layout::{Block, INDEX_MASK, Node};
 use bytemuck::bytes_of;
 
 /// Puts a lane at `child` of a block; if that is not in memory, its ray is left unfinished.
@@ -26,10 +27,11 @@ fn enter(state: &mut State, counts: &mut Counts, lane: usize, block: u32, child:
     }
 }
 
-/// Asks for the memory of a node that a lane goes to. Leaves are elsewhere.
+/// Asks for the memory of a node that a lane goes to. (For leaves, which are elsewhere, it asks for nothing of use: to tell
+/// them apart costs more.)
 #[inline(always)]
 fn ask_for_node(state: &State, lane: usize, child: u32) {
-    ask_for(state.is_large && !Child::is_leaf(child), state.block[lane], child);
+    ask_for(state.is_large, state.block[lane], child);
 }
 
 /// Leaves a lane's ray to be traced alone.
@@ -42,15 +44,17 @@ pub(super) fn leave(state: &mut State, counts: &mut Counts, lane: usize) {
 /// Follows references to other blocks.
 #[inline(always)]
 pub(super) fn externals(state: &mut State, mut counts: Counts) -> Counts {
-    // A reference may lead to another one: then the lane queues again.
-    while counts.of(EXTERNALS) > 0 {
-        let (row, count) = (state.rows[EXTERNALS], counts.take(EXTERNALS));
-        state.counters.blocks += count as u64;
-        for i in 0..count {
-            let lane = lane(&row, i);
-            let (block, child) = state.block[lane].external((state.child[lane] & INDEX_MASK) as usize);
-            enter(state, &mut counts, lane, block, child);
-        }
+    let (row, count) = (state.rows[EXTERNALS], counts.take(EXTERNALS));
+    state.counters.blocks += count as u64;
+    // Where they lead is known before the first of these waits for what is there.
+    for i in 0..count {
+        let lane = lane(&row, i);
+        let (block, child) = state.block[lane].external((state.child[lane] & INDEX_MASK) as usize);
+        (state.block_id[lane], state.child[lane]) = (block, child);
+    }
+    for i in 0..count {
+        let lane = lane(&row, i);
+        enter(state, &mut counts, lane, state.block_id[lane], state.child[lane]);
     }
     counts
 }
@@ -157,7 +161,8 @@ fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
     if at + 16 >= DEPTH {
         return leave(state, counts, lane);
     }
-    if let Some(words) = state.view.visit(block) {
+    // It was visited when this was put there.
+    if let Some(words) = state.view.snapshot.block(BlockId(block)) {
         state.block[lane] = Block::new(words);
     }
     (state.block_id[lane], state.child[lane]) = (block, child);
