@@ -12,8 +12,9 @@ use crate::scene::light::LightKind;
 use crate::scene::placed::not_below;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::Light;
-use crate::structure::bvh::trace::PACKET;
+use crate::structure::bvh::trace::{PACKET, PacketWalk};
 use glam::{DVec3, Vec3};
+use std::sync::OnceLock;
 
 /// Pixels of a packet, along its rows and its columns.
 pub(crate) const ACROSS: u32 = 8;
@@ -58,6 +59,8 @@ impl Layer {
 /// Memory of a worker, and the pixels of its packet.
 pub(crate) struct Scratch {
     camera: ScenePacket,
+    in_one: PacketWalk,
+    found: [Found; PACKET],
     pub(super) shadow: ScenePacket,
     pub wants: Wants,
     /// Linear RGB and alpha.
@@ -69,6 +72,8 @@ impl Scratch {
     pub fn new() -> Self {
         Self {
             camera: ScenePacket::default(),
+            in_one: PacketWalk::new(),
+            found: [Found::nothing(0.0); PACKET],
             shadow: ScenePacket::default(),
             wants: Wants::default(),
             colour: [[0.0; 4]; PACKET],
@@ -161,19 +166,11 @@ impl Direct<'_> {
             if active == 0 {
                 break;
             }
-            scratch.camera.begin(&self.view, &lanes.rays, active);
-            if let Step::Pending(need) = self.view.trace_packet::<false>(&lanes.rays, &mut scratch.camera) {
-                return Err(need);
-            }
+            active &= self.trace(&lanes.rays, active, layer == 0, scratch)?;
             let mut surfaces: [Option<Surface>; PACKET] = std::array::from_fn(|_| None);
-            let Scratch { camera, wants, .. } = &mut *scratch;
+            let Scratch { found, wants, .. } = &mut *scratch;
             for i in bits(active) {
-                let found = camera.best(i);
-                if found.is_hit() {
-                    surfaces[i] = Some(self.surface(&lanes.rays[i], found, first && layer == 0, wants)?);
-                } else {
-                    active &= !(1 << i);
-                }
+                surfaces[i] = Some(self.surface(&lanes.rays[i], &found[i], first && layer == 0, wants)?);
             }
             let lit = self.light(lanes, &surfaces, active, scratch)?;
             for i in bits(active) {
@@ -192,6 +189,25 @@ impl Direct<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Finds what rays hit; returns those that hit something, of `active` and perhaps others. `all`: most of them are active.
+    fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<u32, Need> {
+        let Scratch { camera, in_one, found, .. } = scratch;
+        let together = if all { self.view.trace_together::<false>(rays, true, in_one, found) } else { None };
+        if let Some(hits) = together {
+            return hits;
+        }
+        camera.begin(&self.view, rays, active);
+        if let Step::Pending(need) = self.view.trace_packet::<false>(rays, camera) {
+            return Err(need);
+        }
+        let mut hits = 0;
+        for i in bits(active) {
+            found[i] = *camera.best(i);
+            hits |= u32::from(found[i].is_hit()) << i;
+        }
+        Ok(hits)
     }
 
     fn surface(&self, ray: &Ray, found: &Found, keep: bool, wants: &mut Wants) -> Result<Surface, Need> {
@@ -263,9 +279,12 @@ impl Direct<'_> {
         if let Some(colour) = look.colour.filter(|_| !self.recoloured(found.placed, look.part)) {
             material.colour = colour;
         }
-        let leave = look.above() + placed.extent() * LEAVE;
         let (position, width) = (ray.origin + along, width_at(ray, look.t));
-        Ok(Surface { position, normal: look.normal, material, leave, layer, next: look.leave() + placed.extent() * LEAVE, width })
+        // Only for what lights cast, and only where the ray goes on.
+        let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
+        let leave = if casts { look.above() } else { 0.0 } + placed.extent() * LEAVE;
+        let next = if material.opacity < 1.0 { look.leave() } else { look.t } + placed.extent() * LEAVE;
+        Ok(Surface { position, normal: look.normal, material, leave, layer, next, width })
     }
 
     /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.
@@ -392,8 +411,23 @@ fn width_factor(poe: f32, x: u32, y: u32, sample: u32) -> f32 {
     }
     const PLASTIC: f64 = 1.324_717_957_244_746;
     const GOLDEN: f64 = 1.618_033_988_749_895;
-    let u = (f64::from(x) / PLASTIC + f64::from(y) / (PLASTIC * PLASTIC) + f64::from(sample) / GOLDEN).fract();
-    (f64::from(poe) * (u - 0.5).exp2()).sqrt() as f32
+    // Of a period of 2^32, which sums go around.
+    const STEPS: [u32; 3] = [steps(1.0 / PLASTIC), steps(1.0 / (PLASTIC * PLASTIC)), steps(1.0 / GOLDEN)];
+    let u = x.wrapping_mul(STEPS[0]).wrapping_add(y.wrapping_mul(STEPS[1])).wrapping_add(sample.wrapping_mul(STEPS[2]));
+    poe.sqrt() * OCTAVE.get_or_init(octave)[(u >> (32 - OCTAVE_BITS)) as usize]
+}
+
+const fn steps(part: f64) -> u32 {
+    (part * 4_294_967_296.0) as u32
+}
+
+const OCTAVE_BITS: u32 = 8;
+
+/// Square roots of 2^(u - 1/2), u over 0 to 1.
+static OCTAVE: OnceLock<[f32; 1 << OCTAVE_BITS]> = OnceLock::new();
+
+fn octave() -> [f32; 1 << OCTAVE_BITS] {
+    std::array::from_fn(|i| (0.5 * ((i as f64 + 0.5) / f64::from(1 << OCTAVE_BITS) - 0.5)).exp2() as f32)
 }
 
 /// A ray's width at distance `t`.
