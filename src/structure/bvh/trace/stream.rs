@@ -206,6 +206,8 @@ pub(super) struct State<'a> {
     pub child: [u32; LANES],
     pub block_id: [u32; LANES],
     pub block: [Block<'a>; LANES],
+    /// Of the walks at leaves, those that are in the leaves' blocks.
+    pub entered: usize,
     pub counters: Counters,
     /// The tree is larger than what caches near a core hold: memory is asked for ahead.
     pub is_large: bool,
@@ -243,6 +245,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             child: [0; LANES],
             block_id: [0; LANES],
             block: [Block::new(&[]); LANES],
+            entered: 0,
             counters: stream.counters,
             is_large: ahead::is_large(view.snapshot),
         };
@@ -260,6 +263,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             if counts.of(NODES) > 0 {
                 counts = pass::nodes::<S, ANY, LOD>(s, &mut state, counts);
             }
+            pass::enter_leaves(&mut state, counts);
             let waiting = counts.of(AT_LEAVES);
             if waiting >= LEAVES || waiting > 0 && counts.of(NODES) == 0 {
                 counts = pass::leaves::<S, ANY>(s, &mut state, counts);

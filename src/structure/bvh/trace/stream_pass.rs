@@ -237,11 +237,15 @@ fn eight(bytes: &[u8], at: u8) -> &[u8; 8] {
 /// Tests the triangles of the leaves that walks wait at.
 #[inline(always)]
 pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
-    let (mut row, mut count) = (state.rows[AT_LEAVES], counts.take(AT_LEAVES));
+    let (row, count) = (state.rows[AT_LEAVES], counts.take(AT_LEAVES));
     state.counters.leaves += count as u64;
-    count = enter_leaves(state, &mut counts, &mut row, count);
+    state.entered = 0;
     for i in 0..count {
         let lane = lane(&row, i);
+        if state.block[lane].words().is_empty() {
+            leave(state, &mut counts, lane);
+            continue;
+        }
         let ray = leaf_ray(s, &state.prepared[lane]);
         let at = (state.child[lane] & INDEX_MASK) as usize;
         let block = state.block[lane];
@@ -263,25 +267,18 @@ pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut coun
     counts
 }
 
-/// Takes the first `count` lanes of a row from their nodes' blocks to those of the leaves; returns how many stay, for these
-/// are in memory.
+/// Takes lanes that have come to leaves since the last time from their nodes' blocks to those of the leaves: no words if that is
+/// not in memory.
 #[inline(always)]
-fn enter_leaves(state: &mut State, counts: &mut Counts, row: &mut [u8; LANES], count: usize) -> usize {
-    let mut stay = 0;
-    for i in 0..count {
-        let lane = lane(row, i);
+pub(super) fn enter_leaves(state: &mut State, counts: Counts) {
+    let count = counts.of(AT_LEAVES);
+    for i in state.entered..count {
+        let lane = lane(&state.rows[AT_LEAVES], i);
         let id = state.block_id[lane] + state.view.leaves_at;
-        match state.view.visit(id) {
-            Some(words) => {
-                (state.block[lane], state.block_id[lane]) = (Block::new(words), id);
-                ask_for(state.is_large, state.block[lane], state.child[lane]);
-                row[stay & (LANES - 1)] = lane as u8;
-                stay += 1;
-            }
-            None => leave(state, counts, lane),
-        }
+        (state.block[lane], state.block_id[lane]) = (Block::new(state.view.visit(id).unwrap_or(&[])), id);
+        ask_for(state.is_large, state.block[lane], state.child[lane]);
     }
-    stay
+    state.entered = count;
 }
 
 #[inline(always)]
