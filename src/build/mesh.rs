@@ -94,7 +94,7 @@ impl Output<'_> {
         let split = asked_for_splits(options.splits).unwrap_or_else(|| splits_pay(&placed.triangles));
         let (par, cancel) = (self.par, self.cancel);
         let part_colours = assembly.colours(index, row.local_parts);
-        let built = Chunk::build(input(&placed, &part_colours), &self.split(split), true, &par, cancel)?;
+        let built = Chunk::build(input(&placed, &part_colours), &self.split(split, 0.0), true, &par, cancel)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         let chunk = built.chunk;
         row.bounds = flat(&built.bounds);
@@ -143,6 +143,7 @@ impl Output<'_> {
         let mut seen = |seen: u64| progress.advance(at(seen));
         let buckets = distributor.chunks(&mesh, &found.grid, &found.histogram, &mut seen)?;
         let origin = mesh.origin;
+        let mesh_half_area = spool.bounds.half_area() as f32;
         drop(spool);
         if self.trees_left == 0 {
             self.spilled = None;
@@ -158,7 +159,7 @@ impl Output<'_> {
             let part = |done: u64| 0.25 + 0.7 * done as f64 / found.fates.kept as f64;
             let here = span.part(part(done), part(done + bucket.triangles));
             done += bucket.triangles;
-            let (top, its_bounds) = self.chunk(bucket, &buckets_in, &part_colours, split, &mut aside, here)?;
+            let (top, its_bounds) = self.chunk(bucket, &buckets_in, &part_colours, (split, mesh_half_area), &mut aside, here)?;
             tops.push(top);
             bounds = bounds.union(its_bounds);
         }
@@ -182,14 +183,14 @@ impl Output<'_> {
         bucket: &Bucket,
         from: &Scratch,
         part_colours: &[Vec3],
-        split: bool,
+        (split, mesh_half_area): (bool, f32),
         aside: &mut [super::output::FineAside; 2],
         span: Span,
     ) -> Result<(Top, Bounds)> {
         let begun = Instant::now();
         let placed = origin::load(&bucket.extents, from, self.has_colours, &self.par, self.cancel)?;
         let (par, cancel) = (self.par, self.cancel);
-        let built = Chunk::build(input(&placed, part_colours), &self.split(split), false, &par, cancel)?;
+        let built = Chunk::build(input(&placed, part_colours), &self.split(split, mesh_half_area), false, &par, cancel)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         self.report.chunks += 1;
         let span = span.part(0.7, 1.0);
@@ -219,9 +220,9 @@ impl Output<'_> {
         row.position_error = fates.position_error;
     }
 
-    fn split(&mut self, split: bool) -> TreeOptions {
+    fn split(&mut self, split: bool, mesh_half_area: f32) -> TreeOptions {
         self.report.spatial_splits |= split;
-        TreeOptions { split_budget: if split { SPLIT_BUDGET } else { 0.0 } }
+        TreeOptions { split_budget: if split { SPLIT_BUDGET } else { 0.0 }, mesh_half_area }
     }
 }
 

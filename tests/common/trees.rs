@@ -41,7 +41,7 @@ impl TestTree {
         let prims: Vec<u32> = (0..tris.len() as u32).collect();
         let input = TreeInput { triangles: &local, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
         let par = Par { threads: 1 };
-        let options = TreeOptions { split_budget };
+        let options = TreeOptions { split_budget, mesh_half_area: 0.0 };
         let built = Chunk::build(input, &options, true, &par, &Cancel::default()).expect("a tree");
         // Fine blocks refer to no others: where they are is all that they need to know.
         let (chunk, crown) = (&built.chunk, built.top.map(|top| Crown::over(vec![top]).expect("a crown")));

@@ -67,6 +67,9 @@ const GREY: Vec3 = Vec3::splat(0.6);
 pub struct TreeOptions {
     /// References that spatial splits may add, as a share of the triangles; 0 for no splits.
     pub split_budget: f32,
+    /// Half the area of the box of the whole mesh, if this is a part of it: what overlaps little as part of that is not split.
+    /// (By the box of the part, as if it were all, an airliner in three chunks had 9.1 million references instead of 7.6.)
+    pub mesh_half_area: f32,
 }
 
 /// Counts of a tree, or of a part of one.
@@ -125,7 +128,7 @@ impl<'a> Chunk<'a> {
     ) -> Result<BuiltChunk<'a>> {
         let mut refs = refs::make(input.triangles, options.split_budget, par);
         cancel.check()?;
-        let tree::Built { children, bounds, counts } = tree::build(input, &mut refs, par, cancel)?;
+        let tree::Built { children, bounds, counts } = tree::build(input, &mut refs, options.mesh_half_area, par, cancel)?;
         let done = |plans, top, refs| BuiltChunk { chunk: Chunk { input, refs, plans }, top, bounds, counts };
         let mut pieces = children;
         let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };

@@ -32,8 +32,8 @@ pub struct SpatialSplit {
 }
 
 /// Whether the sides of an object split overlap so much that dividing space may be better.
-pub fn is_worth_a_look(split: &Split, root_half_area: f32) -> bool {
-    split.left.intersection(split.right).half_area() > OVERLAP * root_half_area
+pub fn is_worth_a_look(split: &Split, mesh_half_area: f32) -> bool {
+    split.left.intersection(split.right).half_area() > OVERLAP * mesh_half_area
 }
 
 /// The cheapest plane between bins of equal width, or `None` where there is none.

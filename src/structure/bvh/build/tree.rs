@@ -143,7 +143,7 @@ struct Builder<'a> {
     input: TreeInput<'a>,
     par: &'a Par,
     cancel: &'a Cancel,
-    root_half_area: f32,
+    mesh_half_area: f32,
 }
 
 /// A range on its way to becoming a child.
@@ -166,11 +166,11 @@ impl Range<'_> {
 
 /// Builds the tree over the references of `room`, one for each triangle and behind them free room for
 /// copies (none: no spatial splits). They are reordered: leaves are ranges of them.
-pub fn build(input: TreeInput, room: &mut [Ref], par: &Par, cancel: &Cancel) -> Result<Built> {
+pub fn build(input: TreeInput, room: &mut [Ref], mesh_half_area: f32, par: &Par, cancel: &Cancel) -> Result<Built> {
     let len = input.triangles.len();
     let extents = Extents::of(&room[..len], par);
     let bounds = extents.bounds();
-    let builder = Builder { input, par, cancel, root_half_area: bounds.half_area() };
+    let builder = Builder { input, par, cancel, mesh_half_area: bounds.half_area().max(mesh_half_area) };
     let whole = Range { room, len, first: 0, extents, whole: None };
     let (children, counts) = builder.children(whole, 1)?;
     Ok(Built { children, bounds, counts })
@@ -296,7 +296,7 @@ impl Builder<'_> {
 
     /// The best way to divide space, where that is better than dividing the set.
     fn spatial(&self, refs: &[Ref], room: usize, extents: &Extents, split: &Split) -> Option<SpatialSplit> {
-        if room == refs.len() || !spatial::is_worth_a_look(split, self.root_half_area) {
+        if room == refs.len() || !spatial::is_worth_a_look(split, self.mesh_half_area) {
             return None;
         }
         let found = spatial::find(refs, self.input.triangles, &extents.bounds(), self.par)?;
