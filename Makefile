@@ -1,7 +1,7 @@
 # make demo   pictures of an airliner of two million triangles (or of MODEL=file), the first and the last, and a pick
 # make test   everything that must hold
 # make contact-sheet   every mesh of the models folder in one picture, target/contact-sheet.png, and a table
-# make figures  what level of detail comes to on 10 and 40 million triangles: first pictures, bytes, times, a flight in 64 MB
+# make figures  what level of detail comes to on 10 and 40 million triangles: first pictures, bytes, times, a flight in 64 MB (as root it empties the cache of files)
 # make header writes include/outcrop.h anew from src/capi
 #
 # Both set themselves up: on a fresh Debian 12 with Rust 1.89 or later nothing else is needed.

@@ -89,7 +89,7 @@ fn overlap(a: &[u8], b: &[u8]) -> f64 {
     count(|a, b| a && b) / count(|a, b| a || b).max(1.0)
 }
 
-/// Pages that the system keeps of files, given up where it lets us.
+/// The pages that the whole system keeps of files, given up where it lets us, as root.
 fn forget_files() {
     let _ = std::fs::write("/proc/sys/vm/drop_caches", "3");
 }

@@ -100,8 +100,7 @@ fn with_blocks<T>(file: &Arc<ModelFile>, f: impl FnOnce(&ModelBlocks) -> T) -> T
 fn check(made: &Made) -> Vec<stored::StoredTree> {
     let file = Arc::new(ModelFile::open_path(&made.path).unwrap());
     file.check(&Progress::default(), &Cancel::new()).unwrap();
-    let geometry = file.header().geometry_blocks;
-    with_blocks(&file, |blocks| check_links(&blocks.snapshot(), geometry).unwrap());
+    with_blocks(&file, |blocks| check_links(&blocks.snapshot(), file.trees()).unwrap());
     stored::trees(&made.path)
 }
 

@@ -21,7 +21,7 @@ use std::borrow::Cow;
 use std::time::Instant;
 
 /// Share of splitting: references added, at most, for each triangle.
-const SPLIT_BUDGET: f32 = 1.0;
+const SPLIT_BUDGET: f32 = 0.5;
 
 /// A spooled mesh that is looked at and left where it is.
 struct Waiting<'a> {

@@ -111,7 +111,7 @@ fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> Bu
     let kept: Vec<BlockId> = (0..opened.blocks.file().block_count()).map(BlockId).collect();
     opened.blocks.fetch(&kept, &Cancel::new()).expect("fetch");
     let snapshot = opened.blocks.snapshot();
-    check_links(&snapshot, opened.blocks.file().header().geometry_blocks).expect("links");
+    check_links(&snapshot, opened.blocks.file().trees()).expect("links");
     for isa in Isa::ALL.into_iter().filter(|i| i.is_available()) {
         let view = view(&opened, &snapshot, isa);
         let mut walk = Walk::new();

@@ -15,7 +15,7 @@ use crate::scene::walk::{Found, SceneView, bits};
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, StoredVoxel};
 use crate::structure::bvh::trace::StandIn;
-use glam::{Vec3};
+use glam::Vec3;
 
 /// A stand-in as a ray sees it. What not everybody asks for is worked out when asked for.
 #[derive(Debug, Clone, Copy)]

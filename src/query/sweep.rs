@@ -75,8 +75,9 @@ impl<T: Send> Sweep<'_, T> {
         (open, needs)
     }
 
-    /// The first of the needs, by model, up to `room` bytes, and one at least.
-    fn first_of(&self, needs: &BTreeSet<Need>, room: u64) -> Vec<(u32, Vec<BlockId>)> {
+    /// The last of the needs, by model, up to `room` bytes, and one at least: leaf blocks come behind what they hang below, so that
+    /// what is begun is ended before more is.
+    fn last_of(&self, needs: &BTreeSet<Need>, room: u64) -> Vec<(u32, Vec<BlockId>)> {
         let mut sum = 0;
         let bytes = |need: &Need| self.scene.models[need.model as usize].blocks().slot_bytes(need.block);
         let fits = |need: &&Need| {
@@ -84,7 +85,8 @@ impl<T: Send> Sweep<'_, T> {
             sum += bytes(need);
             first || sum <= room
         };
-        let chosen: Vec<Need> = needs.iter().take_while(fits).copied().collect();
+        let mut chosen: Vec<Need> = needs.iter().rev().take_while(fits).copied().collect();
+        chosen.reverse();
         let of_model = |few: &[Need]| (few[0].model, few.iter().map(|need| need.block).collect());
         chosen.chunk_by(|a, b| a.model == b.model).map(of_model).collect()
     }
@@ -92,7 +94,7 @@ impl<T: Send> Sweep<'_, T> {
     /// Brings some of the needs beside what views use; `None` if there is no room for any.
     fn bring(&self, needs: &BTreeSet<Need>) -> Result<Option<Snapshots>> {
         let mut hold = Hold::default();
-        for (model, blocks) in self.first_of(needs, self.scene.context().memory_budget() / ROUND_SHARE) {
+        for (model, blocks) in self.last_of(needs, self.scene.context().memory_budget() / ROUND_SHARE) {
             hold.add(model, self.scene.models[model as usize].blocks().bring(&blocks, &Cancel::new())?);
         }
         let snapshots = Snapshots::holding(self.scene, &hold);
@@ -102,7 +104,7 @@ impl<T: Send> Sweep<'_, T> {
     /// Goes on with blocks of the reserve, here: whoever holds it waits for nobody.
     fn visit_leased(&self, open: &[usize], needs: &BTreeSet<Need>) -> Result<()> {
         let mut lease = self.scene.context().residency().lease();
-        for (model, blocks) in self.first_of(needs, lease.room()) {
+        for (model, blocks) in self.last_of(needs, lease.room()) {
             lease.fetch(self.scene.models[model as usize].blocks(), &blocks, &Cancel::new())?;
         }
         let snapshots = Snapshots::leased(self.scene, &lease)?;

@@ -25,7 +25,13 @@ pub trait Decoder: Send + Sync {
         u32::MAX
     }
 
-    /// Whether other blocks hang below this one: such are kept longest.
+    /// The block that alone hangs below this one.
+    fn leaf_block(&self, id: BlockId) -> Option<BlockId> {
+        let _ = id;
+        None
+    }
+
+    /// Whether any number of blocks hang below this one: such are kept longest.
     fn is_coarse(&self, id: BlockId) -> bool {
         let _ = id;
         false

@@ -1,8 +1,8 @@
 //! Which blocks go first when room is needed.
 //!
-//! A block goes only if no live view stands on a pass that used it, and it is not pinned. Blocks below which nothing
-//! hangs go first, those that were used longest ago before others; then coarse ones, the highest first: references
-//! lead to higher blocks, so a block never goes before those below it.
+//! A block goes only if no live view stands on a pass that used it, and it is not pinned. Fine and leaf blocks go first, those
+//! that were used longest ago before others; then coarse ones, the highest first: references lead to higher blocks, and a fine
+//! block counts as used whenever its leaf block was, so a block never goes before those below it.
 
 use super::blocks::{Inner, ModelKey};
 use super::core::{After, Shared, State};
@@ -137,7 +137,11 @@ impl State {
 
 /// When the block was last used, if it is in memory and may go.
 fn stamp_of_evictable(model: &Inner, snapshot: &Snapshot, id: BlockId, standing: &[u32; LANES]) -> Option<u32> {
-    let stamps = snapshot.stamps(id);
+    let mut stamps = snapshot.stamps(id);
+    if let Some(below) = model.decoder.leaf_block(id).filter(|below| snapshot.block(*below).is_some()) {
+        let of_leaves = snapshot.stamps(below);
+        stamps = std::array::from_fn(|lane| stamps[lane].max(of_leaves[lane]));
+    }
     let is_used = stamps.iter().zip(standing).any(|(stamp, standing)| stamp >= standing);
     let may_go = !is_used && !model.is_pinned(id) && snapshot.block(id).is_some();
     may_go.then(|| stamps.into_iter().fold(0, u32::max))

@@ -13,7 +13,7 @@ pub enum Reference {
     /// That it has this number.
     To(BlockId, u32),
     /// What all that say this of the same block must say alike.
-    Agreed(BlockId, u32),
+    Agreed(BlockId, u64),
 }
 
 /// What is known of the blocks that may be referred to.
@@ -27,7 +27,7 @@ pub(super) struct Links {
 struct Known {
     needed: u32,
     has: u32,
-    agreed: Option<u32>,
+    agreed: Option<u64>,
 }
 
 const UNKNOWN: u32 = u32::MAX;
@@ -74,7 +74,7 @@ fn refer(known: &mut [Known], to: BlockId, number: u32) -> Result<(), String> {
     Ok(())
 }
 
-fn agree(known: &mut [Known], of: BlockId, number: u32) -> Result<(), String> {
+fn agree(known: &mut [Known], of: BlockId, number: u64) -> Result<(), String> {
     let of = known.get_mut(of.0 as usize).ok_or("it goes with a block that is not there")?;
     if *of.agreed.get_or_insert(number) == number { Ok(()) } else { Err("it and the block that goes with it differ".into()) }
 }

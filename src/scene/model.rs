@@ -354,8 +354,9 @@ fn trees_of(file: &ModelFile) -> Result<Vec<Tree>> {
         if !(is_node || empty) {
             return Err(Error::corrupt(file.name(), Some(row.first_block), "the root of its tree does not exist"));
         }
-        if !(row.block_count - row.coarse_blocks).is_multiple_of(2) {
-            return Err(Error::corrupt(file.name(), Some(row.first_block), "its tree has a fine block without a leaf block"));
+        let below = row.block_count - row.coarse_blocks;
+        if !below.is_multiple_of(2) || below == 0 && row.block_count > 1 {
+            return Err(Error::corrupt(file.name(), Some(row.first_block), "its tree has not as many fine blocks as leaf blocks"));
         }
         let [a, b, c, d, e, f] = row.bounds.map(f64::from);
         let reach = row.bounds.iter().filter(|x| x.is_finite()).fold(0.0f32, |r, x| r.max(x.abs()));

@@ -5,6 +5,7 @@ use crate::math::DBounds;
 use crate::scene::SceneState;
 use crate::scene::walk::SceneView;
 use crate::structure::bvh::layout::{Block, Child, WIDTH};
+use std::collections::HashSet;
 
 /// The way down to what is missing; goes on from there in the next pass.
 pub(super) struct InBox {
@@ -17,6 +18,8 @@ pub(super) struct InBox {
     todo: Vec<Place>,
     /// Whose blocks are missing.
     waiting: Vec<Place>,
+    /// Leaf blocks that were asked for, each with its placed tree.
+    leaf_blocks: HashSet<(u32, u32)>,
 }
 
 /// A node in some block, and the length of its cell in the world.
@@ -33,7 +36,7 @@ const PIECE: usize = 4096;
 
 impl InBox {
     pub fn new(bounds: DBounds, cell: f64) -> Self {
-        Self { bounds, cell, is_begun: false, todo: Vec::new(), waiting: Vec::new() }
+        Self { bounds, cell, is_begun: false, todo: Vec::new(), waiting: Vec::new(), leaf_blocks: HashSet::new() }
     }
 
     pub fn begin(&mut self, scene: &SceneState) {
@@ -70,9 +73,9 @@ impl InBox {
 
     fn visit(&mut self, view: &SceneView, block: Block, place: Place) {
         let Some(Child::Node(index)) = Child::from_bits(place.child) else { return };
-        // Leaves are of the one block of their tree, or in another: once is enough for all of a node.
+        // Behind leaves is nothing: their block is asked for, once, by the first node over any of them.
         let leaf_block = place.block + view.tree(place.placed).leaves_at;
-        let mut has_leaves = leaf_block == place.block;
+        let is_here = view.tree(place.placed).snapshot.block(crate::base::ids::BlockId(leaf_block)).is_some();
         let placed = &view.scene.placement.placed[place.placed as usize];
         let node = block.node(index);
         for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
@@ -85,7 +88,7 @@ impl InBox {
             let (block, child) = match Child::from_bits(child) {
                 Some(Child::Node(_)) => (place.block, child),
                 Some(Child::External(i)) => block.external(i),
-                Some(Child::Leaf(_)) if !std::mem::replace(&mut has_leaves, true) => (leaf_block, child),
+                Some(Child::Leaf(_)) if !is_here && self.leaf_blocks.insert((place.placed, leaf_block)) => (leaf_block, child),
                 _ => continue,
             };
             self.todo.push(Place { block, child, length: length as f32, ..place });

@@ -35,7 +35,8 @@ use super::bytes::Reader;
 pub use super::codec_beside::{decode_colours, decode_prims, encode_colours, encode_prims};
 use super::codec_leaves::{Leaves, leaves_in_order, push_leaves, read_leaves};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, WIDTH,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
+    SHORT_VOXEL, WIDTH, leaf_words,
 };
 use super::validate::validate;
 use crate::lod::{Coded, SIDES_WORDS, summary_bit};
@@ -230,6 +231,9 @@ pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
                 return wrong("its leaves do not add up");
             }
             let at = nodes_end(&nodes) + leaves.parts.len();
+            if at + leaves.words.len() + PAD_WORDS > MAX_WORDS {
+                return wrong("it is larger than a block may be");
+            }
             let starts: Vec<usize> = leaves.starts.iter().map(|start| at + start).collect();
             trace_form(Some((nodes, &starts)), Some(leaves))?
         }
@@ -253,11 +257,21 @@ fn nodes_end(nodes: &Nodes) -> usize {
     HEADER_WORDS + nodes.table.len() * NODE_WORDS + nodes.externals.len() * EXTERNAL_WORDS + nodes.voxels.1.len()
 }
 
+/// Words of leaves: one triangle, and eight over sixteen vertices in several parts.
+const LEAST_LEAF: usize = leaf_words(1, 3, false);
+const LARGEST_LEAF: usize = leaf_words(MAX_TRIANGLES, MAX_VERTICES, true);
+
 /// Where the leaves of a leaf block begin.
 fn read_starts(reader: &mut Reader, leaves: usize) -> Checked<Vec<usize>> {
     let mut at = usize::from(reader.u16()?);
     let mut starts = Vec::with_capacity(leaves);
+    if at < HEADER_WORDS && leaves > 0 {
+        return wrong("its leaves begin where none can");
+    }
     for &words in reader.take(leaves)? {
+        if !(LEAST_LEAF..=LARGEST_LEAF).contains(&usize::from(words)) {
+            return wrong("a leaf has a size that none has");
+        }
         starts.push(at);
         at += usize::from(words);
     }

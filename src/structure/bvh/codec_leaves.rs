@@ -147,6 +147,9 @@ pub(super) fn read_leaves(reader: &mut Reader) -> Checked<Leaves> {
     let (triangles, parts, leaves) = (count()?, count()?, count()?);
     let counts = Counts { triangles, parts, leaves, vertices: reader.u32()? as usize };
     let parts: Vec<u32> = (0..parts).map(|_| reader.u32()).collect::<Checked<_>>()?;
+    if leaves == 0 {
+        return wrong("it has no leaves");
+    }
     if !parts.is_sorted_by(|a, b| a < b) {
         return wrong("its parts are not in order");
     }

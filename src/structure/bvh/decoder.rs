@@ -1,10 +1,12 @@
 //! Hands residency the decoding of this structure's blocks.
 
 use super::codec::{self, Holds, Place};
-use super::layout::{Block, Child, PAD_WORDS, WIDTH};
+use super::codec_leaves::leaves_in_order;
+use super::layout::{Block, Child, WIDTH};
 use crate::base::ids::BlockId;
 use crate::residency::{Decoder, Reference, Snapshot};
 use crate::store::TreeRow;
+use std::hash::{BuildHasher, RandomState};
 
 /// Decodes blocks of a model of structure `bvh`.
 #[derive(Debug, Clone)]
@@ -13,6 +15,9 @@ pub struct BvhDecoder {
     geometry_blocks: u32,
     /// Of each tree, ascending.
     trees: Vec<TreeBlocks>,
+    /// By a number that depends on it two lists are told apart. It is drawn anew each time: nobody can make a file whose lists differ
+    /// and are taken for equal.
+    key: RandomState,
 }
 
 /// Where the blocks of a tree end.
@@ -20,9 +25,12 @@ pub struct BvhDecoder {
 struct TreeBlocks {
     /// One past its last coarse block.
     coarse_end: u32,
-    /// One past its last fine block, and its last leaf block: as many of these as of those.
+    /// One past its last fine block.
     fine_end: u32,
+    /// One past its last leaf block.
     end: u32,
+    /// See [`leaves_at`].
+    leaves_at: u32,
     /// Its one block holds all of it.
     is_one: bool,
 }
@@ -39,9 +47,10 @@ impl BvhDecoder {
             coarse_end: t.first_block + t.coarse_blocks,
             fine_end: t.first_block + t.coarse_blocks + leaves_at(t),
             end: t.first_block + t.block_count,
+            leaves_at: leaves_at(t),
             is_one: t.block_count == 1,
         };
-        Self { geometry_blocks, trees: trees.iter().map(blocks).collect() }
+        Self { geometry_blocks, trees: trees.iter().map(blocks).collect(), key: RandomState::new() }
     }
 
     /// The tree that a geometry block is of.
@@ -85,11 +94,16 @@ impl Decoder for BvhDecoder {
         }
         if let Some(tree) = self.tree_of(id.0).filter(|tree| !tree.is_one && id.0 >= tree.coarse_end) {
             let is_leaf_block = id.0 >= tree.fine_end;
-            let leaf_block = if is_leaf_block { id.0 } else { id.0 + tree.end - tree.fine_end };
-            let starts = if is_leaf_block { starts_of(&block) } else { starts_named(&block) };
-            refer(Reference::Agreed(BlockId(leaf_block), digest(&starts)));
+            let leaf_block = if is_leaf_block { id.0 } else { id.0 + tree.leaves_at };
+            let starts = if is_leaf_block { leaves_in_order(&block) } else { leaves_named(&block) };
+            refer(Reference::Agreed(BlockId(leaf_block), self.key.hash_one(starts)));
         }
         block.nodes() as u32
+    }
+
+    fn leaf_block(&self, id: BlockId) -> Option<BlockId> {
+        let tree = self.tree_of(id.0).filter(|tree| (tree.coarse_end..tree.fine_end).contains(&id.0))?;
+        Some(BlockId(id.0 + tree.leaves_at))
     }
 
     fn is_coarse(&self, id: BlockId) -> bool {
@@ -102,24 +116,13 @@ impl Decoder for BvhDecoder {
     }
 }
 
-/// Where the leaves of a leaf block begin.
-fn starts_of(block: &Block) -> Vec<u32> {
-    let (mut at, end) = (block.first_leaf(), block.words().len() - PAD_WORDS);
-    let mut starts = Vec::new();
-    while at < end {
-        starts.push(at as u32);
-        at += block.leaf(at).len();
-    }
-    starts
-}
-
-/// Where they begin as a fine block has it: its nodes meet them in their order.
-fn starts_named(block: &Block) -> Vec<u32> {
+/// Where the leaves of a fine block's leaf block begin, as it has it.
+fn leaves_named(block: &Block) -> Vec<usize> {
     let nodes = (0..block.nodes()).map(|i| block.node(i));
     let children = nodes.flat_map(|n| (0..WIDTH).filter(|s| n.valid >> s & 1 == 1).map(|s| u32::from(n.child[s])));
-    let mut starts: Vec<u32> = children
+    let mut starts: Vec<usize> = children
         .filter_map(|child| match Child::from_bits(child) {
-            Some(Child::Leaf(at)) => Some(at as u32),
+            Some(Child::Leaf(at)) => Some(at),
             _ => None,
         })
         .collect();
@@ -127,19 +130,11 @@ fn starts_named(block: &Block) -> Vec<u32> {
     starts
 }
 
-/// A number by which two lists are told apart: no accident makes it equal, and where a forger does a walk ends at a check
-/// of bounds.
-fn digest(starts: &[u32]) -> u32 {
-    let mixed = starts.iter().fold(starts.len() as u64, |sum, &start| {
-        (sum.rotate_left(23) ^ u64::from(start)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
-    });
-    (mixed ^ mixed >> 32) as u32
-}
-
-/// Checks what no block can check alone: that references between blocks hit nodes that exist.
-/// Blocks that are not in memory are passed over. Fails with the block and what is wrong.
-pub fn check_links(snapshot: &Snapshot, geometry_blocks: u32) -> Result<(), (BlockId, String)> {
-    for id in (0..geometry_blocks).map(BlockId) {
+/// Checks what no block can check alone: that references between blocks hit nodes that exist, and that fine blocks know where
+/// the leaves of their leaf blocks begin. Blocks that are not in memory are passed over. Fails with the block and what is wrong.
+pub fn check_links(snapshot: &Snapshot, trees: &[TreeRow]) -> Result<(), (BlockId, String)> {
+    let ids = |tree: &TreeRow| (tree.first_block..tree.first_block + tree.block_count).map(BlockId);
+    for (tree, id) in trees.iter().flat_map(|tree| ids(tree).map(move |id| (tree, id))) {
         let Some(block) = snapshot.block(id).map(Block::new) else { continue };
         for (to, child) in (0..block.externals()).map(|i| block.external(i)) {
             let Some(target) = snapshot.block(BlockId(to)).map(Block::new) else { continue };
@@ -147,6 +142,18 @@ pub fn check_links(snapshot: &Snapshot, geometry_blocks: u32) -> Result<(), (Blo
             if !exists {
                 return Err((id, format!("it refers to a node that block {to} does not have")));
             }
+        }
+        let coarse_end = tree.first_block + tree.coarse_blocks;
+        let leaves = BlockId(id.0 + leaves_at(tree));
+        if !(coarse_end..coarse_end + leaves_at(tree)).contains(&id.0) {
+            continue;
+        }
+        let Some(target) = snapshot.block(leaves).map(Block::new) else { continue };
+        let named = leaves_named(&block);
+        let triangles = |starts: &[usize]| starts.iter().map(|&at| target.leaf(at).triangles).sum::<usize>();
+        // What is in memory ends with a whole line, zeros that are no leaves.
+        if !leaves_in_order(&target).starts_with(&named) || triangles(&named) != target.triangles() {
+            return Err((id, format!("its leaves are not those of block {}", leaves.0)));
         }
     }
     Ok(())

@@ -193,7 +193,7 @@ pub struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// Over words that `validate` has accepted.
+    /// Over words that `validate` has accepted; or over none, as a place for some.
     #[inline(always)]
     pub fn new(words: &'a [u32]) -> Self {
         Self { words }

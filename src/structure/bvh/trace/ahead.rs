@@ -36,12 +36,12 @@ pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
     }
 }
 
-/// Follows a reference of `block`, number `id`, to another block that is in memory, or to leaves wherever they are, and asks for the memory of what will be
-/// visited: several such waits then go on at once. Of others says where they are.
+/// Follows a reference of `block`, number `id`, to another block that is in memory, or to leaves wherever they are, and asks for
+/// the memory of what will be visited: several such waits then go on at once. Of others says where they are.
 #[inline(always)]
 pub(super) fn follow(is_large: bool, view: &TreeView, block: Block, id: u32, child: u32) -> (u32, u32) {
     if Child::is_leaf(child) {
-        let leaves = id + view.leaves_at;
+        let leaves = view.block_of(id, child);
         if let Some(words) = view.snapshot.block(BlockId(leaves)) {
             ask_for(is_large, Block::new(words), child);
         }

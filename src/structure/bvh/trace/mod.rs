@@ -128,7 +128,7 @@ impl TreeView<'_> {
         id + if Child::is_leaf(child) { self.leaves_at } else { 0 }
     }
 
-    /// Whether the leaves below the nodes of a block are not in memory.
+    /// Whether the leaves below the nodes of a fine block are not in memory. Of coarse blocks, over no leaves, it says nothing.
     #[inline(always)]
     fn lacks_leaves(&self, id: u32) -> bool {
         self.snapshot.block(BlockId(id + self.leaves_at)).is_none()

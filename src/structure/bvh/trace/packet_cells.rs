@@ -126,7 +126,8 @@ fn all_cells<S: Simd>(s: S, node: &Node, shared: &Shared) -> Boxes {
     out
 }
 
-/// Offers the cell in a node's slot, below which a block is missing, to the rays of `entry`. Where any hit will do, a cell that a ray begins in is none: nothing is known of it.
+/// Offers the cell in a node's slot, below which a block is missing, to the rays of `entry`. Where any hit will do, a cell that a
+/// ray begins in is none: nothing is known of it.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state
 pub(super) fn for_missing<S: Simd, const ANY: bool>(

@@ -114,7 +114,7 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     }
                     let Some(nearest) = nearest else { break };
                     if nearest.block != entry.block {
-                        walk.counters.blocks += u64::from(!is_leaf(nearest.child));
+                        walk.counters.blocks += u64::from(!Child::is_leaf(nearest.child));
                         let Some(words) = view.visit(nearest.block) else {
                             // A leaf block: references to others are followed only if they are there.
                             walk.stack.push(nearest);
@@ -237,7 +237,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
             few[slot]
         } else if LOD && boxes.small >> slot & 1 == 1 {
             packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, &boxes, shared, entry, walk)
-        } else if !shared.one_origin || boxes.narrow >> slot & 1 == 1 || is_leaf(child) {
+        } else if !shared.one_origin || boxes.narrow >> slot & 1 == 1 || Child::is_leaf(child) {
             meet(s, &boxes.planes, slot, shared, entry.rays, walk)
         } else {
             entry.rays
@@ -245,7 +245,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         if rays == 0 {
             continue;
         }
-        if lacks_leaves && is_leaf(child) {
+        if lacks_leaves && Child::is_leaf(child) {
             let entry = PacketEntry { rays, ..entry };
             packet_cells::for_missing::<S, ANY>(s, view, filter, block, (index, slot), shared, entry, walk);
             continue;
@@ -269,11 +269,6 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         walk.stack[at] = next;
     }
     nearest
-}
-
-#[inline(always)]
-fn is_leaf(child: u32) -> bool {
-    Child::is_leaf(child)
 }
 
 /// Near and far planes of eight boxes, axis by axis; less the origin, where rays share it.
