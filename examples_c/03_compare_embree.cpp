@@ -3,7 +3,7 @@
 //     03_compare_embree MESH.ply MODEL.oc [--rounds 5] [--size 1024x768] [--threads 2] [--poe 1,3]
 //     03_compare_embree torus:TRIANGLES MODEL.oc ...
 //
-// MODEL.oc is built if it is not there. Speed is measured in pairs, turn by turn, so that a busy machine slows both;
+// MODEL.oc is built if it is not there, or of another format. Speed is measured in pairs, turn by turn, so that a busy machine slows both;
 // the ratio is that of each pair. With --poe outcrop also answers from stand-ins that cover at most so many pixels, against
 // Embree's exact hits, and how far off it is stands beside. Ends with 1 if a disagreement cannot be explained, never because of a time.
 #include "compare/agreement.hpp"
@@ -132,6 +132,19 @@ class Outcrop {
     std::vector<oc_hit> hits_;
     std::vector<std::uint8_t> blocked_;
 };
+
+// Whether there is a model that this version reads.
+bool opens(const std::string &path) {
+    if (!std::ifstream(path.c_str())) return false;
+    try {
+        outcrop::context context(1);
+        context.open(path);
+        return true;
+    } catch (const outcrop::error &e) {
+        std::fprintf(stderr, "%s: built anew\n", e.what());
+        return false;
+    }
+}
 
 void build(const Options &options, const Mesh &mesh) {
     const outcrop::context context(options.threads);
@@ -389,7 +402,7 @@ int run(const Options &options) {
                                                                 : PlyReader(options.mesh).read();
     std::printf("%zu triangles, %zu vertices\n", mesh.triangles(), mesh.positions.size() / 3);
     if (mesh.indices.empty()) throw std::runtime_error("there is nothing to trace");
-    if (!std::ifstream(options.model.c_str())) build(options, mesh);
+    if (!opens(options.model)) build(options, mesh);
 
     auto timed = [&](RTCBuildQuality quality, RTCSceneFlags flags, const char *name) {
         const double begun = seconds();
