@@ -1,6 +1,6 @@
 //! What level of detail comes to on large models: the first picture, bytes and time over pixels of error, time over triangles,
-//! and a flight in a small budget. `make figures` runs them, which takes some minutes and 6 GB of `target/figures`; times are
-//! printed, and what does not depend on the machine must hold.
+//! and a flight in a small budget. `make figures` runs them, which takes some minutes and a GB of `target/figures`; times are
+//! printed, as is what misses its line; budget, bytes and coverage must hold.
 
 use glam::{DAffine3, DVec3};
 use outcrop::scene::{ContextOptions, SceneState};

@@ -103,15 +103,12 @@ impl Output<'_> {
         self.progress.enter(Phase::Write);
         let Some(top) = built.top else {
             (row.block_count, row.coarse_blocks) = (1, 1);
-            let mut none = self.fine_aside();
-            self.write_blocks(1, |i| chunk.encode(i), &mut none, span)?;
+            self.write_blocks(1, |i| chunk.encode(i), span)?;
             return Ok(rooted(row, &built.counts));
         };
         let crown = Crown::over(vec![top])?;
         self.coarse(&crown, chunk.blocks(), &mut row)?;
-        let mut leaves = self.fine_aside();
-        self.write_blocks(chunk.blocks(), |i| chunk.encode(i), &mut leaves, span)?;
-        self.write_aside(leaves)?;
+        self.write_blocks(chunk.blocks(), |i| chunk.encode(i), span)?;
         Ok(row)
     }
 
@@ -207,8 +204,7 @@ impl Output<'_> {
         row.block_count = row.coarse_blocks + 2 * fine as u32;
         *row = rooted(*row, &crown.counts);
         let (first, at) = (row.first_block, self.progress.fraction());
-        let mut none = self.fine_aside();
-        self.write_blocks(crown.blocks(), |i| (crown.encode(i, first), None), &mut none, Span(at, at))
+        self.write_blocks(crown.blocks(), |i| (crown.encode(i, first), None), Span(at, at))
     }
 
     fn judged(&mut self, fates: &origin::Fates, origin: DVec3, row: &mut TreeRow) {

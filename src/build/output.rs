@@ -81,14 +81,14 @@ impl Output<'_> {
         FineAside { geometry: aside(), prims: aside(), colours: aside() }
     }
 
-    /// Encodes `count` blocks and writes them; puts their leaf blocks aside, which come behind all of them.
+    /// Encodes `count` blocks and writes them, and behind all of them their leaf blocks.
     pub fn write_blocks(
         &mut self,
         count: usize,
         block: impl Fn(usize) -> (TreeBlock, Option<TreeBlock>) + Sync,
-        leaves: &mut FineAside,
         span: Span,
     ) -> Result<()> {
+        let mut leaves = self.fine_aside();
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
         each_batch(count, &par, cancel, |i| encode_both(block(i), has_colours), |(block, leaf_block), done| {
             self.report.bytes_trace += u64::from(block.trace_bytes);
@@ -99,7 +99,8 @@ impl Output<'_> {
             progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
             progress.advance(span.part(done, 1.0).0);
             Ok(())
-        })
+        })?;
+        self.write_aside(leaves)
     }
 
     /// Encodes `count` blocks and puts them aside, and their leaf blocks likewise.

@@ -3,6 +3,16 @@
 use super::bytes::{Reader, push_varint, unzigzag, zigzag};
 use super::codec::{COLOURS, Checked, PRIMS, wrong};
 
+/// Reads kind and count, which are what all of these begin with.
+fn begin<'a>(payload: &'a [u8], kind: u8, other: &str) -> Checked<(Reader<'a>, usize)> {
+    let mut reader = Reader::new(payload);
+    if reader.u8()? != kind {
+        return wrong(other);
+    }
+    let count = reader.u32()? as usize;
+    Ok((reader, count))
+}
+
 /// Encodes the primitive ids of a block.
 pub fn encode_prims(prims: &[u32]) -> Vec<u8> {
     let mut out = vec![PRIMS];
@@ -17,11 +27,7 @@ pub fn encode_prims(prims: &[u32]) -> Vec<u8> {
 
 /// Decodes the primitive ids of a block: one word each.
 pub fn decode_prims(payload: &[u8]) -> Checked<Vec<u32>> {
-    let mut reader = Reader::new(payload);
-    if reader.u8()? != PRIMS {
-        return wrong("not a block of primitive ids");
-    }
-    let count = reader.u32()? as usize;
+    let (mut reader, count) = begin(payload, PRIMS, "not a block of primitive ids")?;
     if count > reader.left() {
         return wrong("it has fewer ids than it says");
     }
@@ -45,11 +51,7 @@ pub fn encode_colours(colours: &[[u8; 4]]) -> Vec<u8> {
 
 /// Decodes the colours of a block's triangles: one word each, red in the lowest byte.
 pub fn decode_colours(payload: &[u8]) -> Checked<Vec<u32>> {
-    let mut reader = Reader::new(payload);
-    if reader.u8()? != COLOURS {
-        return wrong("not a block of colours");
-    }
-    let count = reader.u32()? as usize;
+    let (mut reader, count) = begin(payload, COLOURS, "not a block of colours")?;
     if reader.left() != count.saturating_mul(4) {
         return wrong("its colours do not add up");
     }

@@ -124,7 +124,7 @@ impl TreeView<'_> {
 
     /// The block that a child reference of block `id` counts words or nodes in.
     #[inline(always)]
-    fn block_of(&self, id: u32, child: u32) -> u32 {
+    fn home_of(&self, id: u32, child: u32) -> u32 {
         id + if Child::is_leaf(child) { self.leaves_at } else { 0 }
     }
 
@@ -226,7 +226,7 @@ impl TreeView<'_> {
                 for slot in (0..WIDTH).rev().filter(|s| node.valid >> s & 1 == 1) {
                     if descend(&node.child_box(slot)) {
                         let child = u32::from(node.child[slot]);
-                        stack.push((self.block_of(id, child), child));
+                        stack.push((self.home_of(id, child), child));
                     }
                 }
             }

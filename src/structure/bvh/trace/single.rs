@@ -455,7 +455,7 @@ fn entry(slot: u32, t: &[f32; 8], node: &Node, view: &TreeView, block: u32) -> E
     // The mask keeps a slot below eight; `& 7` spares the check.
     let slot = slot as usize & 7;
     let child = u32::from(node.child[slot]);
-    Entry { t: t[slot], block: view.block_of(block, child), child }
+    Entry { t: t[slot], block: view.home_of(block, child), child }
 }
 
 /// The nearest hit in a leaf: lane, distance and weights. The lowest lane of equal ones, which has the

@@ -1,4 +1,7 @@
 //! The phases of a stream.
+//!
+//! Walks ask for the memory of what they go to, of nodes and of leaves alike, though leaves are in another block and are asked
+//! for again there: to tell them apart costs more.
 
 use super::ahead::ask_for;
 use super::rays16::OneRay;
@@ -25,13 +28,6 @@ fn enter(state: &mut State, counts: &mut Counts, lane: usize, block: u32, child:
         }
         None => leave(state, counts, lane),
     }
-}
-
-/// Asks for the memory of a node that a lane goes to. (For leaves, which are elsewhere, it asks for nothing of use: to tell
-/// them apart costs more.)
-#[inline(always)]
-fn ask_for_node(state: &State, lane: usize, child: u32) {
-    ask_for(state.is_large, state.block[lane], child);
 }
 
 /// Leaves a lane's ray to be traced alone.
@@ -97,7 +93,7 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
         let nearest = child[others & 7];
         state.top[lane] = (top + others) as u8;
         state.child[lane] = nearest;
-        ask_for_node(state, lane, nearest);
+        ask_for(state.is_large, state.block[lane], nearest);
         push(&mut state.rows, &mut counts, nearest, lane);
     }
     for i in 0..met_counts.of(ONE) {
@@ -105,7 +101,7 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
         let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
         let child = u32::from(node.child[(state.scratch.hits[lane].trailing_zeros() & 7) as usize]);
         state.child[lane] = child;
-        ask_for_node(state, lane, child);
+        ask_for(state.is_large, state.block[lane], child);
         push(&mut state.rows, &mut counts, child, lane);
     }
     // Most rays that miss all end with an empty stack: those go to the row of what has ended, the others, for now, to
@@ -166,7 +162,7 @@ fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
         state.block[lane] = Block::new(words);
     }
     (state.block_id[lane], state.child[lane]) = (block, child);
-    ask_for_node(state, lane, child);
+    ask_for(state.is_large, state.block[lane], child);
     push(&mut state.rows, counts, child, lane);
 }
 
