@@ -690,9 +690,12 @@ typedef struct oc_frame_accuracy {
     double seconds;
     /** Estimated seconds to go; 0 when nothing runs, infinity if unknown. */
     double seconds_to_go;
-    /** Largest error in pixels. */
+    /**
+     * Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or OC_BUFFER_ERROR is
+     * asked for.
+     */
     float worst_error;
-    /** Mean error in pixels, over pixels that show something. */
+    /** Mean error in pixels, over pixels that show something; of triangles as above. */
     float mean_error;
     /** Whole pictures that the request has made so far, each more exact than the last. From 1 on there is one to map. */
     uint32_t pictures;

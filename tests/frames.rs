@@ -247,6 +247,27 @@ fn the_same_bits_at_any_number_of_threads_and_with_any_vectors() {
 }
 
 #[test]
+fn a_buffer_is_the_same_whatever_else_is_asked_for() {
+    let context = built::context(2);
+    let scene = busy_scene(&context);
+    let camera = perspective(DVec3::new(4.0, 3.0, 7.0), DVec3::ZERO);
+    for poe in [0.0, 30.0] {
+        let settings = FrameSettings { poe, ..Default::default() };
+        let rendered = |outputs: Outputs| {
+            let frame = Frame::new(&context, FrameOptions { width: 150, height: 97, outputs, ..Default::default() }).unwrap();
+            frame.request(&scene.state(), &camera, &settings).unwrap();
+            assert_eq!(frame.wait(LONG).state, FrameState::Converged);
+            frame
+        };
+        let all = rendered(Outputs::ALL);
+        for buffer in Buffer::ALL {
+            let alone = rendered(Outputs::of(buffer)).map(buffer).unwrap();
+            assert!(alone.bytes() == all.map(buffer).unwrap().bytes(), "{buffer:?} at PoE {poe}");
+        }
+    }
+}
+
+#[test]
 fn what_is_not_in_memory_is_read_and_the_picture_is_the_same() {
     let context = built::context(2);
     let file = built::parts(&fine_sphere());

@@ -326,9 +326,10 @@ pub struct oc_frame_accuracy {
     pub seconds: f64,
     /// Estimated seconds to go; 0 when nothing runs, infinity if unknown.
     pub seconds_to_go: f64,
-    /// Largest error in pixels.
+    /// Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or OC_BUFFER_ERROR is
+    /// asked for.
     pub worst_error: f32,
-    /// Mean error in pixels, over pixels that show something.
+    /// Mean error in pixels, over pixels that show something; of triangles as above.
     pub mean_error: f32,
     /// Whole pictures that the request has made so far, each more exact than the last. From 1 on there is one to map.
     pub pictures: u32,

@@ -39,15 +39,15 @@ impl Srgb {
     /// A level of 8 bits; NaN gives 0.
     #[inline]
     pub fn level(&self, linear: f32) -> u8 {
-        // A cast saturates, and makes 0 of NaN.
-        let step = (linear * (STEPS - 1) as f32 + 0.5) as usize;
-        self.from_linear[step.min(STEPS - 1)]
+        // A cast saturates, and makes 0 of NaN. (To a signed word: others take three times as long.)
+        let step = (linear * (STEPS - 1) as f32 + 0.5) as i32;
+        self.from_linear[step.clamp(0, STEPS as i32 - 1) as usize]
     }
 
     /// Colour and alpha as sRGB bytes; alpha stays linear.
     #[inline]
     pub fn pixel(&self, c: [f32; 4]) -> [u8; 4] {
-        let alpha = (c[3].clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+        let alpha = ((c[3] * 255.0 + 0.5) as i32).clamp(0, 255) as u8;
         [self.level(c[0]), self.level(c[1]), self.level(c[2]), alpha]
     }
 

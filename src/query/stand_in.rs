@@ -36,7 +36,7 @@ pub(crate) struct Look<'a> {
 
 /// Asks for the memory of what [`look`] reads of what was found for the rays of `met`: many such waits then go on at once.
 #[inline]
-pub(super) fn ask_for(view: &SceneView, found: &[Found], met: u32) {
+pub(crate) fn ask_for(view: &SceneView, found: &[Found], met: u32) {
     let mut have_sides = 0;
     for i in bits(met) {
         let Some(voxel) = voxel_of(view, &found[i]) else { continue };
@@ -93,7 +93,7 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
 }
 
 fn cell(block: Block, place: StandIn) -> Bounds {
-    block.node(place.node).child_box(place.slot)
+    block.node(place.node).stored_box(place.slot)
 }
 
 /// A unit normal of the tree's frame in the world, against `dir`.

@@ -149,9 +149,15 @@ impl Film {
         Self { width: size.0, height: size.1, buffers, targets: targets.to_vec() }
     }
 
-    /// Whether anybody wants this buffer.
-    pub fn wants(&self, buffer: Buffer) -> bool {
-        self.buffers[buffer as usize].is_some() || self.targets.iter().any(|(b, _)| *b == buffer)
+    /// The buffers that anybody wants.
+    pub fn wanted(&self) -> Outputs {
+        let mut all = Outputs(0);
+        for buffer in Buffer::ALL {
+            if self.buffers[buffer as usize].is_some() || self.targets.iter().any(|(b, _)| *b == buffer) {
+                all = all | Outputs::of(buffer);
+            }
+        }
+        all
     }
 
     /// Takes a tile whose left upper pixel is (`x`, `y`).

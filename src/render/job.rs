@@ -7,7 +7,7 @@
 
 use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
-use super::integrators::direct::{Direct, Scratch};
+use super::integrators::direct::{Asks, Direct, Scratch};
 use super::passes::{Next, Passes, Seen, effective_poe};
 use super::status::Progress;
 use super::tile::{TilePixels, tiles_from_the_middle};
@@ -292,6 +292,8 @@ impl Work for Request {
         let tile = self.corners[index];
         let mut desk =
             desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
+        let wanted = film.wanted();
+        let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
         let direct = Direct {
             view: SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, stamp },
             rays: &self.rays,
@@ -300,12 +302,16 @@ impl Work for Request {
             ambient: self.settings.ambient,
             poe,
             srgb: &self.srgb,
-            prims: film.wants(Buffer::Primitive),
+            asks: Asks {
+                ids: any(&[Buffer::Part, Buffer::Instance]),
+                prims: any(&[Buffer::Primitive]),
+                precise: any(&[Buffer::Depth, Buffer::Error]),
+            },
         };
         let stop = || self.stop.load(Relaxed);
         let Desk { pixels, scratch } = &mut *desk;
         scratch.wants.clear();
-        let tally = pixels.render(&direct, tile, &self.srgb, scratch, stop);
+        let tally = pixels.render(&direct, tile, wanted, scratch, stop);
         if tally.is_some() {
             film.take(tile.0, tile.1, pixels);
             self.pixels_done.fetch_add(u64::from(pixels.width) * u64::from(pixels.height), Relaxed);

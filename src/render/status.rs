@@ -56,9 +56,9 @@ pub struct FrameStatus {
     pub pixels_missing: u64,
     /// Pixels of the picture.
     pub pixels_total: u64,
-    /// Largest error in pixels.
+    /// Largest error in pixels. That of triangles, what rounding does, counts only where depth or error are asked for.
     pub worst_error_px: f32,
-    /// Mean error in pixels, over pixels that hit something.
+    /// Mean error in pixels, over pixels that hit something; of triangles as above.
     pub mean_error_px: f32,
     /// Pixels of error in force: more than asked where what is seen does not fit the memory budget.
     pub effective_poe: f32,

@@ -1,9 +1,10 @@
 //! Tiles: squares of pixels, the unit of work of a frame.
 
-use super::film::Buffer;
+use super::film::{Buffer, Outputs};
 use super::integrators::direct::{ACROSS, DOWN, Direct, Layer, Scratch};
 use crate::math::srgb::Srgb;
-use crate::query::{HitKind, NONE};
+use crate::query::HitKind;
+use crate::scene::walk::bits;
 use crate::structure::bvh::trace::PACKET;
 
 /// Pixels along the side of a tile.
@@ -79,7 +80,7 @@ impl TilePixels {
         &mut self,
         direct: &Direct,
         (x, y): (u32, u32),
-        srgb: &Srgb,
+        wanted: Outputs,
         scratch: &mut Scratch,
         stop: impl Fn() -> bool,
     ) -> Option<Tally> {
@@ -99,49 +100,52 @@ impl TilePixels {
                     // Only a root can be lacking so, and roots stay; then it is wanted before all else.
                     scratch.wants.add(need, f32::MAX);
                 }
-                self.keep((left, top), active, srgb, scratch, &mut tally);
+                self.keep((left, top), active, wanted, direct.srgb, scratch);
+                tally.count(active, scratch);
             }
         }
         Some(tally)
     }
 
-    /// Takes over the pixels of a packet.
-    fn keep(
-        &mut self,
-        (left, top): (u32, u32),
-        active: u32,
-        srgb: &Srgb,
-        scratch: &Scratch,
-        tally: &mut Tally,
-    ) {
-        for i in crate::scene::walk::bits(active) {
-            let at = ((top + i as u32 / ACROSS) * TILE + left + i as u32 % ACROSS) as usize;
-            let colour = scratch.colour[i];
-            self.linear[at] = colour;
-            self.srgb[at] = srgb.pixel(colour);
-            let Layer { depth, normal, part, prim, instance, kind, error, error_px } = scratch.first[i];
-            self.depth[at] = depth;
-            self.normal[at] = normal;
-            self.part[at] = part;
-            self.prim[at] = prim;
-            self.instance[at] = instance;
-            self.kind[at] = kind as u8;
-            self.error[at] = error;
-            match kind {
-                HitKind::Miss | HitKind::Exact => tally.exact += 1,
-                HitKind::Lod => tally.lod += 1,
-                HitKind::Missing => tally.missing += 1,
-            }
-            if instance != NONE || kind != HitKind::Miss {
-                tally.hits += 1;
-                tally.error_sum += f64::from(error_px);
-                tally.error_max = tally.error_max.max(error_px);
+    /// Takes over what is `wanted` of the pixels of a packet.
+    fn keep(&mut self, (left, top): (u32, u32), active: u32, wanted: Outputs, srgb: &Srgb, scratch: &Scratch) {
+        let at = |i: usize| ((top + i as u32 / ACROSS) * TILE + left + i as u32 % ACROSS) as usize;
+        let Scratch { colour, first, .. } = scratch;
+        for buffer in Buffer::ALL.into_iter().filter(|b| wanted.has(*b)) {
+            let active = bits(active);
+            match buffer {
+                Buffer::ColourSrgb8 => active.for_each(|i| self.srgb[at(i)] = srgb.pixel(colour[i])),
+                Buffer::ColourLinear => active.for_each(|i| self.linear[at(i)] = colour[i]),
+                Buffer::Depth => active.for_each(|i| self.depth[at(i)] = first[i].depth),
+                Buffer::Normal => active.for_each(|i| self.normal[at(i)] = first[i].normal),
+                Buffer::Part => active.for_each(|i| self.part[at(i)] = first[i].part),
+                Buffer::Primitive => active.for_each(|i| self.prim[at(i)] = first[i].prim),
+                Buffer::Instance => active.for_each(|i| self.instance[at(i)] = first[i].instance),
+                Buffer::Kind => active.for_each(|i| self.kind[at(i)] = first[i].kind as u8),
+                Buffer::Error => active.for_each(|i| self.error[at(i)] = first[i].error),
             }
         }
     }
 }
 
 impl Tally {
+    /// Adds the pixels of a packet.
+    fn count(&mut self, active: u32, scratch: &Scratch) {
+        for i in bits(active) {
+            let Layer { kind, error_px, .. } = scratch.first[i];
+            match kind {
+                HitKind::Miss | HitKind::Exact => self.exact += 1,
+                HitKind::Lod => self.lod += 1,
+                HitKind::Missing => self.missing += 1,
+            }
+            if kind != HitKind::Miss {
+                self.hits += 1;
+                self.error_sum += f64::from(error_px);
+                self.error_max = self.error_max.max(error_px);
+            }
+        }
+    }
+
     pub fn add(&mut self, o: &Tally) {
         self.exact += o.exact;
         self.lod += o.lod;

@@ -12,7 +12,7 @@ use crate::scene::light::LightKind;
 use crate::scene::placed::not_below;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::Light;
-use crate::structure::bvh::trace::{PACKET, PacketWalk};
+use crate::structure::bvh::trace::{PACKET, PacketWalk, Triangle};
 use glam::{DVec3, Vec3};
 use std::sync::OnceLock;
 
@@ -29,6 +29,17 @@ pub(super) const LEAST_TRANSMITTANCE: f32 = 1.0 / 512.0;
 /// Offset of rays that leave a surface, as a share of its tree's reach: 32 times what single precision may put
 /// between a point of a surface and the surface (2⁻²⁴ of twice the reach).
 pub(super) const LEAVE: f64 = 1.0 / 262_144.0;
+
+/// What of what is seen first anybody asks for. What nobody does is not worked for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Asks {
+    /// Part and instance.
+    pub ids: bool,
+    /// Primitive ids.
+    pub prims: bool,
+    /// Depth and error of triangles in double precision; without, they count as exact.
+    pub precise: bool,
+}
 
 /// What is seen first in a pixel.
 #[derive(Debug, Clone, Copy)]
@@ -92,8 +103,7 @@ pub(crate) struct Direct<'a> {
     /// Pixels of error; 0 asks for exact answers.
     pub poe: f32,
     pub srgb: &'a Srgb,
-    /// Whether primitive ids are asked for.
-    pub prims: bool,
+    pub asks: Asks,
 }
 
 /// A surface that was hit.
@@ -103,7 +113,6 @@ struct Surface {
     material: Material,
     /// How far a ray that leaves it begins from it.
     leave: f64,
-    layer: Layer,
     /// Where the ray that sees it goes on behind it.
     next: f64,
     /// The ray's width here, pixels of error included: rays that leave it begin as wide.
@@ -134,9 +143,13 @@ impl Direct<'_> {
                 lanes.rays[i] = ray;
             }
             self.layers(&mut lanes, active, sample == 0, scratch)?;
+            let mut backs = [[0.0; 4]; DOWN as usize];
+            for (row, back) in backs.iter_mut().enumerate() {
+                let height = 1.0 - (f64::from(at.1 + row as u32) + dy) as f32 / self.size.1 as f32;
+                *back = self.view.scene.background.at(height);
+            }
             for i in bits(active) {
-                let height = 1.0 - (f64::from(at.1 + i as u32 / ACROSS) + dy) as f32 / self.size.1 as f32;
-                let back = self.view.scene.background.at(height);
+                let back = backs[i / ACROSS as usize];
                 let (through, c) = (lanes.through[i], lanes.colour[i]);
                 let all = [
                     c.x + through * back[0],
@@ -167,17 +180,19 @@ impl Direct<'_> {
                 break;
             }
             active &= self.trace(&lanes.rays, active, layer == 0, scratch)?;
+            if active == 0 {
+                break;
+            }
             let mut surfaces: [Option<Surface>; PACKET] = std::array::from_fn(|_| None);
-            let Scratch { found, wants, .. } = &mut *scratch;
+            let Scratch { found, wants, first: seen, .. } = &mut *scratch;
+            stand_in::ask_for(&self.view, found, active);
             for i in bits(active) {
-                surfaces[i] = Some(self.surface(&lanes.rays[i], &found[i], first && layer == 0, wants)?);
+                let seen = if first && layer == 0 { Some(&mut seen[i]) } else { None };
+                surfaces[i] = Some(self.surface(&lanes.rays[i], &found[i], seen, wants)?);
             }
             let lit = self.light(lanes, &surfaces, active, scratch)?;
             for i in bits(active) {
                 let Some(surface) = &surfaces[i] else { continue };
-                if first && layer == 0 {
-                    scratch.first[i] = surface.layer;
-                }
                 let opacity = surface.material.opacity;
                 lanes.colour[i] += lit[i] * (lanes.through[i] * opacity);
                 lanes.through[i] *= 1.0 - opacity;
@@ -210,38 +225,32 @@ impl Direct<'_> {
         Ok(hits)
     }
 
-    fn surface(&self, ray: &Ray, found: &Found, keep: bool, wants: &mut Wants) -> Result<Surface, Need> {
+    /// The surface that was found; and, if it is `seen` first, what is asked of that.
+    fn surface(&self, ray: &Ray, found: &Found, seen: Option<&mut Layer>, wants: &mut Wants) -> Result<Surface, Need> {
         if let Some(look) = stand_in::look(&self.view, ray, found) {
-            return self.stand_in(ray, found, &look, wants);
+            return self.stand_in(ray, found, &look, seen, wants);
         }
-        let scene = self.view.scene;
-        let placed = &scene.placement.placed[found.placed as usize];
+        let placed = &self.view.scene.placement.placed[found.placed as usize];
         let need = |block| Need { model: placed.model, block };
         let tree = self.view.tree(found.placed);
         let triangle = tree.triangle(&found.tri).ok_or(need(crate::base::ids::BlockId(found.tri.block)))?;
         let part = placed.first_part.saturating_add(triangle.part);
-        let meeting = meet(placed, &triangle, ray, found);
-        let along = ray.dir.as_dvec3() * meeting.t;
         let normal = facing_normal(placed, &triangle, ray.dir);
-        let mut layer = Layer::MISS;
-        if keep {
-            let size = ray.origin.abs().max_element() + along.abs().max_element();
-            let error = not_below(placed.stretch * meeting.gap + placed.position_error + placed.rounding(size));
-            let pixel = self.rays.pixel_width(meeting.t);
-            layer = Layer {
-                depth: along.dot(self.rays.forward()) as f32,
-                normal: normal.into(),
-                part: self.view.model_of(found.placed).parts().get(part as usize).map_or(NONE, |p| p.id),
-                prim: match if self.prims { tree.prim(&found.tri) } else { Ok(u32::MAX) } {
+        if let Some(seen) = seen {
+            (seen.kind, seen.normal) = (HitKind::Exact, normal.into());
+            if self.asks.precise {
+                self.measure(ray, found, &triangle, seen);
+            }
+            if self.asks.ids {
+                self.name(found.placed, part, seen);
+            }
+            if self.asks.prims {
+                seen.prim = match tree.prim(&found.tri) {
                     Ok(u32::MAX) => NONE,
                     Ok(prim) => u64::from(prim),
                     Err(block) => self.later(need(block), wants).map(|()| NONE)?,
-                },
-                instance: scene.instances[placed.instance as usize].id,
-                kind: HitKind::Exact,
-                error,
-                error_px: (f64::from(error) / pixel) as f32,
-            };
+                };
+            }
         }
         let own = || match tree.colour(&found.tri) {
             Ok(colour) => Ok(colour),
@@ -249,32 +258,59 @@ impl Direct<'_> {
         };
         let material = self.material(found.placed, part, own)?;
         let leave = placed.extent() * LEAVE;
-        let (position, width) = (ray.origin + along, width_at(ray, meeting.t));
-        Ok(Surface { position, normal, material, leave, layer, next: meeting.t + leave, width })
+        let position = ray.origin + ray.dir.as_dvec3() * found.t;
+        Ok(Surface { position, normal, material, leave, next: found.t + leave, width: width_at(ray, found.t) })
+    }
+
+    /// Depth and error of a triangle's hit, in double precision.
+    #[inline(never)]
+    fn measure(&self, ray: &Ray, found: &Found, triangle: &Triangle, seen: &mut Layer) {
+        let placed = &self.view.scene.placement.placed[found.placed as usize];
+        let meeting = meet(placed, triangle, ray, found);
+        let along = ray.dir.as_dvec3() * meeting.t;
+        let size = ray.origin.abs().max_element() + along.abs().max_element();
+        seen.depth = along.dot(self.rays.forward()) as f32;
+        seen.error = not_below(placed.stretch * meeting.gap + placed.position_error + placed.rounding(size));
+        seen.error_px = (f64::from(seen.error) / self.rays.pixel_width(meeting.t)) as f32;
+    }
+
+    /// The caller's ids of a part and its instance.
+    fn name(&self, placed: u32, part: u32, seen: &mut Layer) {
+        let scene = self.view.scene;
+        let instance = scene.placement.placed[placed as usize].instance;
+        seen.part = self.view.model_of(placed).parts().get(part as usize).map_or(NONE, |p| p.id);
+        seen.instance = scene.instances[instance as usize].id;
     }
 
     /// A stand-in as a surface. What it casts begins above its cell: those beside it reach as high where the surface
     /// goes on as it is.
-    fn stand_in(&self, ray: &Ray, found: &Found, look: &Look, wants: &mut Wants) -> Result<Surface, Need> {
+    fn stand_in(
+        &self,
+        ray: &Ray,
+        found: &Found,
+        look: &Look,
+        seen: Option<&mut Layer>,
+        wants: &mut Wants,
+    ) -> Result<Surface, Need> {
         let scene = self.view.scene;
         let placed = &scene.placement.placed[found.placed as usize];
-        let model = self.view.model_of(found.placed);
         let along = ray.dir.as_dvec3() * look.t;
-        let pixel = self.rays.pixel_width(look.t).max(f64::MIN_POSITIVE);
-        let error = look.error();
-        if let Some(need) = self.view.wanted(found) {
-            wants.add(need, (f64::from(error) / pixel).min(1e6) as f32);
+        let wanted = self.view.wanted(found);
+        if wanted.is_some() || seen.is_some() {
+            let error = look.error();
+            let error_px = error / (self.rays.pixel_width(look.t).max(f64::MIN_POSITIVE) as f32);
+            if let Some(need) = wanted {
+                wants.add(need, error_px.min(1e6));
+            }
+            if let Some(seen) = seen {
+                seen.kind = if look.is_missing() { HitKind::Missing } else { HitKind::Lod };
+                (seen.normal, seen.error, seen.error_px) = (look.normal.into(), error, error_px);
+                seen.depth = along.dot(self.rays.forward()) as f32;
+                if self.asks.ids {
+                    self.name(found.placed, look.part, seen);
+                }
+            }
         }
-        let layer = Layer {
-            depth: along.dot(self.rays.forward()) as f32,
-            normal: look.normal.into(),
-            part: model.parts().get(look.part as usize).map_or(NONE, |p| p.id),
-            prim: NONE,
-            instance: scene.instances[placed.instance as usize].id,
-            kind: if look.is_missing() { HitKind::Missing } else { HitKind::Lod },
-            error,
-            error_px: (f64::from(error) / pixel) as f32,
-        };
         let mut material = self.material(found.placed, look.part, || Ok(None))?;
         if let Some(colour) = look.colour.filter(|_| !self.recoloured(found.placed, look.part)) {
             material.colour = colour;
@@ -284,7 +320,7 @@ impl Direct<'_> {
         let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
         let leave = if casts { look.above() } else { 0.0 } + placed.extent() * LEAVE;
         let next = if material.opacity < 1.0 { look.leave() } else { look.t } + placed.extent() * LEAVE;
-        Ok(Surface { position, normal: look.normal, material, leave, layer, next, width })
+        Ok(Surface { position, normal: look.normal, material, leave, next, width })
     }
 
     /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.
@@ -349,25 +385,47 @@ impl Direct<'_> {
             }
         }
         for light in &self.view.scene.lights {
-            let mut answer = [Vec3::ZERO; PACKET];
-            let mut shadow = [Ray::NONE; PACKET];
-            let mut asked = 0;
+            if light.kind != LightKind::Headlight {
+                self.cast(light, lanes, surfaces, active, &mut sum, scratch)?;
+                continue;
+            }
+            // What the eye sees it sees too.
             for i in bits(active) {
                 let Some(s) = &surfaces[i] else { continue };
                 let to_eye = -lanes.rays[i].dir;
-                let Some(aim) = aim(light, s, to_eye) else { continue };
-                answer[i] = s.material.lit(s.normal, to_eye, aim.to_light, aim.irradiance);
-                if answer[i] != Vec3::ZERO && light.shadows && light.kind != LightKind::Headlight {
-                    shadow[i] = aim.shadow;
-                    asked |= 1 << i;
-                }
-            }
-            let through = self.unshadowed(&mut shadow, asked, scratch)?;
-            for i in bits(active) {
-                sum[i] += answer[i] * through[i];
+                sum[i] += s.material.lit(s.normal, to_eye, to_eye, Vec3::from(light.colour) * light.intensity);
             }
         }
         Ok(sum)
+    }
+
+    /// Adds up a light that may cast shadows.
+    fn cast(
+        &self,
+        light: &Light,
+        lanes: &Lanes,
+        surfaces: &[Option<Surface>; PACKET],
+        active: u32,
+        sum: &mut [Vec3; PACKET],
+        scratch: &mut Scratch,
+    ) -> Result<(), Need> {
+        let mut answer = [Vec3::ZERO; PACKET];
+        let mut shadow = [Ray::NONE; PACKET];
+        let mut asked = 0;
+        for i in bits(active) {
+            let Some(s) = &surfaces[i] else { continue };
+            let Some(aim) = aim(light, s) else { continue };
+            answer[i] = s.material.lit(s.normal, -lanes.rays[i].dir, aim.to_light, aim.irradiance);
+            if answer[i] != Vec3::ZERO && light.shadows {
+                shadow[i] = aim.shadow;
+                asked |= 1 << i;
+            }
+        }
+        let through = self.unshadowed(&mut shadow, asked, scratch)?;
+        for i in bits(active) {
+            sum[i] += answer[i] * through[i];
+        }
+        Ok(())
     }
 }
 
@@ -380,13 +438,13 @@ struct Aim {
     shadow: Ray,
 }
 
-/// `None` where the light does not reach at all.
-fn aim(light: &Light, surface: &Surface, to_eye: Vec3) -> Option<Aim> {
+/// `None` where the light does not reach at all, or is a headlight.
+fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
     let strength = Vec3::from(light.colour) * light.intensity;
     let from = surface.position + surface.normal.as_dvec3() * surface.leave;
     let cone = Cone { a: surface.width, b: 0.0 };
     match light.kind {
-        LightKind::Headlight => Some(Aim { to_light: to_eye, irradiance: strength, shadow: Ray::NONE }),
+        LightKind::Headlight => None,
         LightKind::Directional(dir) => {
             let to_light = -dir.try_normalize()?.as_vec3();
             Some(Aim { to_light, irradiance: strength, shadow: Ray { cone, ..Ray::new(from, to_light) } })

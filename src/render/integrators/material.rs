@@ -47,12 +47,15 @@ impl Material {
         if smooth <= 0.0 {
             return Vec3::ZERO;
         }
-        let half = (to_eye + to_light).normalize_or_zero();
-        let exponent = 2.0 / self.roughness.max(0.05).powi(4);
+        // A headlight's is where the eye is.
+        let half = if to_eye == to_light { to_eye } else { (to_eye + to_light).normalize_or_zero() };
+        // A whole number: powers of those take a fifth of the time of others.
+        let square = self.roughness.max(0.05) * self.roughness.max(0.05);
+        let exponent = (2.0 / (square * square) + 0.5) as i32;
         let facing = Vec3::splat(0.04).lerp(self.colour, self.metalness);
         let grazing = (1.0 - half.dot(to_light).clamp(0.0, 1.0)).powi(5);
         let reflectance = facing + (Vec3::ONE - facing) * grazing;
-        let lobe = (exponent + 8.0) / 8.0 * normal.dot(half).max(0.0).powf(exponent);
+        let lobe = (exponent as f32 + 8.0) / 8.0 * normal.dot(half).max(0.0).powi(exponent);
         // Bounded, so that a mirror does not burn out.
         reflectance * (lobe * smooth).min(8.0)
     }

@@ -169,9 +169,10 @@ impl Node {
 
     /// A child's box as walks see it. (The grid's planes are outside of the child, whose own are single-precision
     /// numbers: so are the rounded ones.)
+    #[inline]
     pub fn stored_box(&self, slot: usize) -> Bounds {
-        let corner = |low: usize| Vec3::from_array([0, 1, 2].map(|axis| self.stored_plane(low + axis, slot)));
-        Bounds { min: corner(0), max: corner(3) }
+        let at = |row: usize| self.stored_plane(row, slot);
+        Bounds { min: Vec3::new(at(0), at(1), at(2)), max: Vec3::new(at(3), at(4), at(5)) }
     }
 
     /// The box of a child, rounded outward once more where the grid's sum is not exact.
