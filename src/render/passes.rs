@@ -46,6 +46,8 @@ pub(super) struct Passes {
     tiles: Vec<Tile>,
     /// The tiles of the present pass.
     todo: Arc<Vec<usize>>,
+    /// The present pass looks at some pixels only, for what they lack.
+    pub is_glimpse: bool,
     /// Samples of a pixel in it.
     pub samples: u32,
     asked_samples: u32,
@@ -68,6 +70,7 @@ impl Passes {
         Self {
             tiles: vec![Tile::default(); tiles],
             todo: Arc::default(),
+            is_glimpse: false,
             samples: 1,
             asked_samples: samples,
             pressure: 1.0,
@@ -78,8 +81,15 @@ impl Passes {
         }
     }
 
+    /// Lays out a glimpse of all tiles.
+    pub fn begin_glimpse(&mut self) {
+        self.begin_all();
+        self.is_glimpse = true;
+    }
+
     /// Lays out a pass over all tiles.
     pub fn begin_all(&mut self) {
+        self.is_glimpse = false;
         self.todo = Arc::new((0..self.tiles.len()).collect());
         self.has_news = false;
     }
@@ -106,7 +116,7 @@ impl Passes {
 
     /// All tiles of a pass were rendered.
     pub fn pass_ended(&mut self) {
-        self.ended += 1;
+        self.ended += u32::from(!self.is_glimpse);
     }
 
     /// What all tiles lack.

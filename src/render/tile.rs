@@ -96,7 +96,7 @@ impl TilePixels {
                 let (columns, rows) = ((self.width - left).min(ACROSS), (self.height - top).min(DOWN));
                 let inside = |i: u32| i % ACROSS < columns && i / ACROSS < rows;
                 let active = (0..PACKET as u32).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
-                if let Err(need) = direct.packet((x + left, y + top), active, scratch) {
+                if let Err(need) = direct.packet((x + left, y + top), (1, 1), active, scratch) {
                     // Only a root can be lacking so, and roots stay; then it is wanted before all else.
                     scratch.wants.add(need, f32::MAX);
                 }
@@ -105,6 +105,17 @@ impl TilePixels {
             }
         }
         Some(tally)
+    }
+
+    /// Looks at a packet's pixels, spread over the tile whose left upper pixel is (`x`, `y`), for what they lack.
+    pub fn glimpse(direct: &Direct, (x, y): (u32, u32), scratch: &mut Scratch) {
+        const APART: (u32, u32) = (TILE / ACROSS, TILE / DOWN);
+        let at = (x + APART.0 / 2, y + APART.1 / 2);
+        let inside = |i: u32| at.0 + i % ACROSS * APART.0 < direct.size.0 && at.1 + i / ACROSS * APART.1 < direct.size.1;
+        let active = (0..PACKET as u32).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
+        if let Err(need) = direct.packet(at, APART, active, scratch) {
+            scratch.wants.add(need, f32::MAX);
+        }
     }
 
     /// Takes over what is `wanted` of the pixels of a packet.

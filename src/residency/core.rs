@@ -8,6 +8,7 @@ use super::blocks::{Inner, ModelKey};
 use super::evict::Victims;
 use super::lease::Reserve;
 use super::pressure::Strain;
+use super::pump::Ahead;
 use super::rank::Ranking;
 use super::slots::Slot;
 use super::snapshot::{LANES, NO_VIEW, Snapshot, lane};
@@ -59,6 +60,7 @@ pub(super) struct State {
     next_key: u32,
     pub views: Vec<Weak<ViewCore>>,
     pub ranking: Ranking,
+    pub ahead: Ahead,
     pub victims: Victims,
     pub strain: Strain,
     /// Bytes of slots in the published snapshots.
@@ -112,6 +114,7 @@ impl Residency {
             next_key: 0,
             views: Vec::new(),
             ranking: Ranking::default(),
+            ahead: Ahead::default(),
             victims: Victims::default(),
             strain: Strain::default(),
             resident: 0,

@@ -113,6 +113,51 @@ impl Drop for Fetchers {
     }
 }
 
+/// What of a model is still to be read ahead.
+#[derive(Default)]
+pub(super) struct Ahead {
+    model: Weak<Inner>,
+    /// Descending: the next comes last. Some may have come meanwhile.
+    left: Vec<BlockId>,
+    /// Of what is left.
+    bytes: u64,
+}
+
+impl State {
+    /// The next run to be read ahead: of a model of which all fits, in the order of the file. (Models are looked through only when
+    /// what was found before is done: a block at a time, with a million of them, would take minutes.)
+    fn next_ahead(&mut self, shared: &Shared) -> Option<(Arc<Inner>, Vec<BlockId>)> {
+        let begun = self.ahead.model.upgrade();
+        if let Some(run) = begun.and_then(|model| Some((Arc::clone(&model), self.run_ahead(shared, &model)?))) {
+            return Some(run);
+        }
+        let models: Vec<_> = self.models.values().filter_map(Weak::upgrade).collect();
+        models.into_iter().filter(|model| model.may_promote.load(Relaxed)).find_map(|model| {
+            let is_lacking = |id: &BlockId| model.decoder.is_promoted(*id) && can_be_had(&model, *id);
+            let left: Vec<BlockId> = (0..model.file.block_count()).rev().map(BlockId).filter(is_lacking).collect();
+            let bytes = left.iter().map(|&id| model.slot_bytes(id)).sum();
+            self.ahead = Ahead { model: Arc::downgrade(&model), left, bytes };
+            Some((Arc::clone(&model), self.run_ahead(shared, &model)?))
+        })
+    }
+
+    fn run_ahead(&mut self, shared: &Shared, model: &Inner) -> Option<Vec<BlockId>> {
+        let ahead = &mut self.ahead;
+        while let Some(id) = ahead.left.pop_if(|id| !can_be_had(model, *id)) {
+            ahead.bytes -= model.slot_bytes(id);
+        }
+        let (&first, bytes) = (ahead.left.last()?, ahead.bytes);
+        let mut run = vec![first];
+        for &next in ahead.left.iter().rev().skip(1) {
+            if !can_be_had(model, next) || !goes_with(&model.file, [first, run[run.len() - 1], next], RUN_BYTES) {
+                break;
+            }
+            run.push(next);
+        }
+        self.fits(shared, bytes).then_some(run)
+    }
+}
+
 impl Shared {
     fn fetch_until_stopped(self: Arc<Self>) {
         while let Some(seen) = self.wakeup.reasons() {
@@ -217,28 +262,19 @@ impl Shared {
         Err(Short::ForNow)
     }
 
-    /// All of a model that fits, in the order of the file.
+    /// What is next of all that is to be read ahead.
     fn promotion(self: &Arc<Self>, state: &mut State, after: &mut After) -> Next {
         // Who renders comes first: what is lacking is not known before a pass has ended.
         if !self.promotes() || state.live_views().iter().any(|view| view.is_passing()) {
             return Next::Idle;
         }
-        let models: Vec<_> = state.models.values().filter_map(Weak::upgrade).collect();
-        for model in models.into_iter().filter(|model| model.may_promote.load(Relaxed)) {
-            let lacking = |id: &BlockId| model.decoder.is_promoted(*id) && can_be_had(&model, *id);
-            let all: Vec<BlockId> = (0..model.file.block_count()).map(BlockId).filter(lacking).collect();
-            let bytes = all.iter().map(|&id| model.slot_bytes(id)).sum();
-            let Some(&first) = all.first().filter(|_| state.fits(self, bytes)) else { continue };
-            let together = all.windows(2).take_while(|w| goes_with(&model.file, [first, w[0], w[1]], RUN_BYTES)).count();
-            let ids = all[..=together].to_vec();
-            match self.room_for(state, &model, &ids, after) {
-                Ok(Some(room)) => return Next::Load(Task { model, ids, stamp: 0, room }),
-                Ok(None) => return Next::Again,
-                Err(Short::ForNow) => return Next::Starved,
-                Err(Short::InUse) => {}
-            }
+        let Some((model, ids)) = state.next_ahead(self) else { return Next::Idle };
+        match self.room_for(state, &model, &ids, after) {
+            Ok(Some(room)) => Next::Load(Task { model, ids, stamp: 0, room }),
+            Ok(None) => Next::Again,
+            Err(Short::ForNow) => Next::Starved,
+            Err(Short::InUse) => Next::Idle,
         }
-        Next::Idle
     }
 
     fn work(self: &Arc<Self>, task: Task) -> Unit {

@@ -22,12 +22,11 @@ pub struct Slot {
 impl Slot {
     /// A copy of `words`, with zeros up to the next cache line. Counts against no budget.
     pub fn new(words: &[u32]) -> Self {
-        let line = |chunk: &[u32]| {
-            let mut line = Line([0; 16]);
-            line.0[..chunk.len()].copy_from_slice(chunk);
-            line
-        };
-        Self { lines: words.chunks(16).map(line).collect(), _charge: None }
+        let mut lines: Arc<[Line]> = std::iter::repeat_n(Line([0; 16]), words.len().div_ceil(16)).collect();
+        if let Some(lines) = Arc::get_mut(&mut lines) {
+            bytemuck::must_cast_slice_mut(lines)[..words.len()].copy_from_slice(words);
+        }
+        Self { lines, _charge: None }
     }
 
     /// A copy of `words` that is paid for by `charge`.

@@ -163,8 +163,9 @@ impl Context {
     }
 }
 
-/// Threads of ours that read, beside those that trace: mostly asleep, or waiting for the disk.
-const FETCHERS: usize = 2;
+/// Threads of ours that read, beside those that trace: mostly asleep, or waiting for the disk, which does more when asked for
+/// more at once (two: 430 MB decoded a second, four: 570).
+const FETCHERS: usize = 4;
 
 /// Reading as a job of the pool, for contexts without threads of ours.
 struct Pumping {

@@ -128,15 +128,15 @@ struct Lanes {
 }
 
 impl Direct<'_> {
-    /// Renders the pixels of `active` in the block of a packet at `at` into `scratch`. Sample 0 goes through the
-    /// middle of the pixel and tells what is seen; all samples weigh the same in the colour.
-    pub fn packet(&self, at: (u32, u32), active: u32, scratch: &mut Scratch) -> Result<(), Need> {
+    /// Renders the pixels of `active` in the block of a packet at `at`, so far `apart`, into `scratch`. Sample 0 goes through
+    /// the middle of the pixel and tells what is seen; all samples weigh the same in the colour.
+    pub fn packet(&self, at: (u32, u32), apart: (u32, u32), active: u32, scratch: &mut Scratch) -> Result<(), Need> {
         let mut sums = [[0.0f32; 4]; PACKET];
         for sample in 0..self.samples {
             let (dx, dy) = offset(sample);
             let mut lanes = Lanes { rays: [Ray::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
             for i in bits(active) {
-                let (x, y) = (at.0 + i as u32 % ACROSS, at.1 + i as u32 / ACROSS);
+                let (x, y) = (at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1);
                 let mut ray = self.rays.ray(f64::from(x) + dx, f64::from(y) + dy);
                 let wide = width_factor(self.poe, x, y, sample);
                 ray.cone = Cone { a: ray.cone.a * wide, b: ray.cone.b * wide };
@@ -145,7 +145,7 @@ impl Direct<'_> {
             self.layers(&mut lanes, active, sample == 0, scratch)?;
             let mut backs = [[0.0; 4]; DOWN as usize];
             for (row, back) in backs.iter_mut().enumerate() {
-                let height = 1.0 - (f64::from(at.1 + row as u32) + dy) as f32 / self.size.1 as f32;
+                let height = 1.0 - (f64::from(at.1 + row as u32 * apart.1) + dy) as f32 / self.size.1 as f32;
                 *back = self.view.scene.background.at(height);
             }
             for i in bits(active) {

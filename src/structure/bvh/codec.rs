@@ -117,14 +117,17 @@ fn push_voxels(out: &mut Vec<u8>, block: &Block) {
 }
 
 /// Words, byte by byte: the lowest of all, the next of all, and so on.
-fn push_planes(out: &mut Vec<u8>, words: impl Iterator<Item = u32> + Clone) {
+pub(super) fn push_planes(out: &mut Vec<u8>, words: impl Iterator<Item = u32> + Clone) {
     (0..4).for_each(|byte| out.extend(words.clone().map(|w| (w >> (8 * byte)) as u8)));
 }
 
-fn read_planes(reader: &mut Reader, count: usize) -> Checked<Vec<u32>> {
-    let planes = reader.take(4 * count)?;
-    let byte = |p: usize, i: usize| u32::from(planes[p * count + i]) << (8 * p);
-    Ok((0..count).map(|i| (0..4).fold(0, |word, p| word | byte(p, i))).collect())
+/// Undoes [`push_planes`].
+pub(super) fn read_planes(reader: &mut Reader, count: usize) -> Checked<Vec<u32>> {
+    let (a, b) = (reader.take(count)?, reader.take(count)?);
+    let (c, d) = (reader.take(count)?, reader.take(count)?);
+    // One after the other in all four: a loop that becomes vectors.
+    let bytes = a.iter().zip(b).zip(c.iter().zip(d));
+    Ok(bytes.map(|((a, b), (c, d))| u32::from_le_bytes([*a, *b, *c, *d])).collect())
 }
 
 /// Voxels of a block: the words of the header that tell of them, and all after the parts and before the leaves.
@@ -327,9 +330,13 @@ fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
 fn read_table(reader: &mut Reader, nodes: usize) -> Checked<Vec<Node>> {
     let bytes = reader.take(NODE_BYTES * nodes)?;
     let mut table: Vec<Node> = vec![bytemuck::Zeroable::zeroed(); nodes];
-    for (i, node) in table.iter_mut().enumerate() {
-        let raw = bytemuck::bytes_of_mut(node);
-        (0..NODE_BYTES).for_each(|b| raw[b] = bytes[b * nodes + i]);
+    for (b, column) in bytes.chunks_exact(nodes).enumerate() {
+        let raw: &mut [u8] = bytemuck::must_cast_slice_mut(&mut table);
+        for (node, byte) in raw.chunks_exact_mut(size_of::<Node>()).zip(column) {
+            node[b] = *byte;
+        }
+    }
+    for node in &table {
         let grid_ok = node.exponent.iter().all(|e| (1..=254).contains(e));
         if !grid_ok || !node.origin.iter().all(|o| o.is_finite()) || node.valid == 0 {
             return wrong("a node's grid is impossible");

@@ -1,7 +1,7 @@
 //! The leaves of a block in the file form: see `codec.rs`, of which this is section 3.
 
 use super::bytes::{Reader, push_varint, unzigzag, zigzag};
-use super::codec::{Checked, wrong};
+use super::codec::{Checked, push_planes, read_planes, wrong};
 use super::layout::{Block, LEAF_MIXED, MAX_TRIANGLES, MAX_VERTICES, PAD_WORDS, index_words, leaf_words};
 use std::collections::HashMap;
 use std::hash::Hasher;
@@ -118,20 +118,18 @@ fn push_coordinates(out: &mut Vec<u8>, bits: impl Iterator<Item = u32>) {
             zigzag(difference)
         })
         .collect();
-    for plane in 0..4 {
-        out.extend(coded.iter().map(|c| (c >> (8 * plane)) as u8));
-    }
+    push_planes(out, coded.iter().copied());
 }
 
 fn read_coordinates(reader: &mut Reader, count: usize) -> Checked<Vec<u32>> {
-    let planes = reader.take(4 * count)?;
-    let mut before = 0u32;
-    let value = |i: usize| {
-        let coded = (0..4).fold(0, |c, p| c | u32::from(planes[p * count + i]) << (8 * p));
-        before = before.wrapping_add(unzigzag(coded) as u32);
-        unordered(before)
-    };
-    Ok((0..count).map(value).collect())
+    let mut words = read_planes(reader, count)?;
+    let (mut before, mut are_finite) = (0u32, true);
+    for word in &mut words {
+        before = before.wrapping_add(unzigzag(*word) as u32);
+        *word = unordered(before);
+        are_finite &= f32::from_bits(*word).is_finite();
+    }
+    if are_finite { Ok(words) } else { wrong("a vertex is not finite") }
 }
 
 struct Counts {
@@ -182,9 +180,6 @@ fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Ve
     let axes = [(); 3].map(|_| read_coordinates(reader, counts.vertices));
     let [x, y, z] = axes;
     let axes = [x?, y?, z?];
-    if axes.iter().flatten().any(|b| !f32::from_bits(*b).is_finite()) {
-        return wrong("a vertex is not finite");
-    }
 
     let room = n * leaf_words(1, 0, false) + total * 3 + sum;
     let (mut words, mut starts) = (Vec::with_capacity(room), Vec::with_capacity(n));
