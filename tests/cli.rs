@@ -111,6 +111,7 @@ fn pictures_in_a_small_cache() {
     std::fs::remove_file(dir.join("b.png")).unwrap();
     fails(dir, &[&render[..], &["--until", "converged"]].concat(), 1, "does not converge");
     fails(dir, &[&render[..], &["--poe=-1"]].concat(), 2, "poe");
+    fails(dir, &[&render[..], &["--poe", "-1"]].concat(), 2, "0 or more");
     fails(dir, &[&render[..], &["--poe", "nan"]].concat(), 2, "poe");
     fails(dir, &[&render[..], &["--until", "soon"]].concat(), 2, "seconds");
     fails(dir, &["bench", "b.oc", "--poe", "0,-1"], 2, "0 or more");

@@ -49,7 +49,7 @@ pub struct Args {
     cache: u64,
     /// Pixels of error: measure rays of pixels in packets whose stand-ins may cover so many pixels, in place of exact ones, and
     /// how far off their answers are
-    #[arg(long, value_name = "POE", value_delimiter = ',', conflicts_with = "rays", value_parser = pixels_of_error)]
+    #[arg(long, value_name = "POE", value_delimiter = ',', conflicts_with = "rays", allow_negative_numbers = true, value_parser = pixels_of_error)]
     poe: Vec<f32>,
     /// Print one JSON object
     #[arg(long)]

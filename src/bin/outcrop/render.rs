@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
     samples: u32,
     /// Pixels of error: the area, in pixels, that a stand-in may cover; 0 for exact answers
-    #[arg(long, value_name = "P", default_value_t = 0.0)]
+    #[arg(long, value_name = "P", default_value_t = 0.0, allow_negative_numbers = true)]
     poe: f32,
     /// The background's linear colour, in place of a gradient
     #[arg(long, value_name = "R,G,B", value_parser = common::point)]
