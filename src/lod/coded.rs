@@ -67,7 +67,7 @@ impl Side {
     pub fn of(words: [u32; 2]) -> Self {
         let byte = |word: u32, at: u32| (word >> at & 0xff) as f32 * (1.0 / 255.0);
         let root = Vec3::new(byte(words[1], 0), byte(words[1], 8), byte(words[1], 16));
-        Self { normal: normal(words[0]), likeness: byte(words[0], 16), colour: root * root, cover: byte(words[1], 24) }
+        Self { normal: stored_normal(words[0]), likeness: byte(words[0], 16), colour: root * root, cover: byte(words[1], 24) }
     }
 }
 
@@ -168,9 +168,9 @@ fn octahedral(n: Vec3) -> u32 {
     byte(folded.x) | byte(folded.y) << 8
 }
 
-/// Undoes [`octahedral`].
-#[inline]
-fn normal(word: u32) -> Vec3 {
+/// The unit normal in the low half of a sample's first word. (Inlined always: many at once are vectors then.)
+#[inline(always)]
+pub fn stored_normal(word: u32) -> Vec3 {
     let part = |at: u32| f32::from((word >> at) as u8 as i8) * (1.0 / 127.0);
     let (x, y) = (part(0), part(8));
     let z = 1.0 - x.abs() - y.abs();
@@ -196,7 +196,7 @@ mod tests {
             let n = Vec3::new(x, y, z);
             prop_assume!(n.length() > 1e-3);
             let n = n.normalize();
-            let back = normal(octahedral(n));
+            let back = stored_normal(octahedral(n));
             prop_assert!(n.dot(back).min(1.0).acos().to_degrees() < 1.0, "{n} {back}");
         }
 

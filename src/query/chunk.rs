@@ -5,9 +5,11 @@ use super::asks::Asks;
 use super::finish::{Last, finish};
 use super::hit::{Hit, HitKind, Want};
 use super::stand_in;
+use super::simple::Simple;
 use crate::math::Ray;
+use crate::scene::InOne;
 use crate::scene::walk::{Found, ScenePacket, SceneStream, SceneView, SceneWalk, Step, bits};
-use crate::structure::bvh::trace::{PACKET, PacketWalk, STREAM, first_rays};
+use crate::structure::bvh::trace::{PACKET, STREAM, first_rays};
 use std::ops::Range;
 
 /// Rays of a chunk: some tens to hundreds of microseconds of work.
@@ -32,7 +34,8 @@ pub(super) struct Chunk {
     firsts: [usize; CHUNK / PACKET],
     stream: SceneStream,
     packet: ScenePacket,
-    in_one: PacketWalk,
+    in_one: InOne,
+    simple: Simple,
     /// All misses, or filled with `want`.
     hits: [Hit; PACKET],
     want: Want,
@@ -50,7 +53,8 @@ impl Default for Chunk {
             firsts: [0; CHUNK / PACKET],
             stream: SceneStream::default(),
             packet: ScenePacket::default(),
-            in_one: PacketWalk::new(),
+            in_one: InOne::default(),
+            simple: Simple::default(),
             hits: [Hit::MISS; PACKET],
             want: Want::NOTHING,
             unfinished: Vec::new(),
@@ -74,9 +78,14 @@ impl Chunk {
             self.rays[group.clone()].iter_mut().for_each(|ray| ray.cone = ray.cone.or_zero());
             self.unfinished.clear();
             let is_alike = may_be_alike(&self.rays[group.clone()]);
-            match if is_alike { self.trace_packet(view, task, group.clone()) } else { None } {
-                Some(met) => self.answer(view, task, group, met, hits),
-                None => gathered = group.end,
+            if !is_alike {
+                gathered = group.end;
+            } else if view.only_one().is_some() {
+                gathered = self.run_in_one(view, task, group, hits);
+            } else if let Some(met) = self.trace_packet(view, task, group.clone()) {
+                self.answer(view, task, group, met, hits);
+            } else {
+                gathered = group.end;
             }
         }
         self.unfinished.clear();
@@ -98,30 +107,49 @@ impl Chunk {
         self.unfinished.extend_from_slice(self.stream.unfinished());
     }
 
+    /// Answers a group in a scene that is one placed tree; returns where the next is to be gathered: behind this one if it
+    /// must go side by side.
+    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, hits: &impl Hits) -> usize {
+        let rays = &self.rays[group.clone()];
+        let met = if task.any {
+            self.in_one.trace::<true>(view, rays, task.coherent)
+        } else {
+            self.in_one.trace::<false>(view, rays, task.coherent)
+        };
+        let (start, met) = match met {
+            None => return group.end,
+            Some(Ok(met)) => {
+                if self.simple.answer(view, task.want, rays, &self.in_one, met, &mut self.hits) {
+                    hits.write(self.firsts[group.start / PACKET], &self.hits[..group.len()]);
+                    return group.start;
+                }
+                for i in bits(met) {
+                    self.found[group.start + i] = self.in_one.found(view, i);
+                }
+                (group.start, met)
+            }
+            Some(Err(_)) => {
+                // Which of its rays had what they needed is not known.
+                self.unfinished.extend(group.start as u32..group.end as u32);
+                (group.start, 0)
+            }
+        };
+        self.answer(view, task, group, met, hits);
+        start
+    }
+
     /// A packet's rays together; returns those that hit something, or `None` if they must go side by side.
     fn trace_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>) -> Option<u32> {
-        let (rays, found) = (&self.rays[group.clone()], &mut self.found[group.clone()]);
-        let met = if view.only_one().is_none() {
-            // Here nobody looks at the rays: only the caller's word tells that they are near each other.
-            let rays = self.rays[group.start..].first_chunk::<PACKET>().filter(|_| task.coherent)?;
-            self.packet.begin(view, rays, first_rays(group.len()));
-            match trace_whole(view, task, rays, &mut self.packet) {
-                Step::Pending(need) => Err(need),
-                Step::Done => {
-                    found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
-                    Ok(hits_of(found))
-                }
-            }
-        } else if task.any {
-            view.trace_together::<true>(rays, task.coherent, &mut self.in_one, found)?
-        } else {
-            view.trace_together::<false>(rays, task.coherent, &mut self.in_one, found)?
-        };
-        if met.is_err() {
-            // Which of its rays had what they needed is not known.
+        // Nobody has looked at the rays: only the caller's word tells that they are near each other.
+        let rays = self.rays[group.start..].first_chunk::<PACKET>().filter(|_| task.coherent)?;
+        self.packet.begin(view, rays, first_rays(group.len()));
+        if let Step::Pending(_) = trace_whole(view, task, rays, &mut self.packet) {
             self.unfinished.extend(group.start as u32..group.end as u32);
+            return Some(0);
         }
-        Some(met.unwrap_or(0))
+        let found = &mut self.found[group];
+        found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
+        Some(hits_of(found))
     }
 
     /// Writes the answers of a group, or parks it. `met`: rays that hit something; more may be among the unfinished.
@@ -176,6 +204,17 @@ fn hits_of(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.is_hit()) << i)
 }
 
+/// Makes the hits of these rays misses.
+#[inline]
+pub(super) fn forget(rays: u32, hits: &mut [Hit; PACKET]) {
+    for i in bits(rays) {
+        // The least that undoes the hit before: what is never asked for is never written.
+        if hits[i].kind != HitKind::Miss {
+            hits[i] = Hit::MISS;
+        }
+    }
+}
+
 /// Works out the hits of a group of rays; those that lack a block for that go to `waiting`. Rays of `met` hit what was
 /// found; rays of `lacking` were answered without a block that they needed.
 fn finish_group(
@@ -187,15 +226,11 @@ fn finish_group(
     hits: &mut [Hit; PACKET],
     waiting: &mut Vec<Waiting>,
 ) {
-    for i in bits(!met & first_rays(rays.len())) {
-        // The least that undoes the hit before: what is never asked for is never written.
-        if hits[i].kind != HitKind::Miss {
-            hits[i] = Hit::MISS;
-        }
-    }
+    let met = met & first_rays(rays.len());
+    forget(!met & first_rays(rays.len()), hits);
     let mut last = Last::new();
-    stand_in::ask_for(view, found, met & first_rays(rays.len()));
-    for i in bits(met & first_rays(rays.len())) {
+    stand_in::ask_for(view, found, met);
+    for i in bits(met) {
         match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
             (Ok(()), _) => {}
             (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, walk: None, asks: Asks::of(need) }),

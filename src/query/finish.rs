@@ -269,9 +269,7 @@ impl WorldNormal {
         let a = a.as_dvec3();
         let normal = placed.world_normal((b.as_dvec3() - a).cross(c.as_dvec3() - a));
         let square = normal.length_squared();
-        // Single precision is what the answer has; a root and a quotient of it take half the time.
-        let unit = (normal * f64::from(1.0 / (square as f32).sqrt())).as_vec3();
-        Self { normal, unit, is_extreme: !NORMAL_SQUARES.contains(&square) }
+        Self { normal, unit: unit(normal, square), is_extreme: is_extreme(square) }
     }
 
     #[inline(always)]
@@ -280,8 +278,27 @@ impl WorldNormal {
         if self.is_extreme {
             return extreme_normal(self.normal, dir).as_vec3();
         }
-        if self.normal.dot(dir) <= 0.0 { self.unit } else { -self.unit }
+        if faces_away(self.normal, dir) { -self.unit } else { self.unit }
     }
+}
+
+/// A normal of length 1, from one whose square is not [extreme](is_extreme). Single precision is what the answer has; a root and
+/// a quotient of it take half the time.
+#[inline(always)]
+pub(super) fn unit(normal: DVec3, square: f64) -> Vec3 {
+    (normal * f64::from(1.0 / (square as f32).sqrt())).as_vec3()
+}
+
+/// Whether the square of a normal leaves the range of single precision.
+#[inline(always)]
+pub(super) fn is_extreme(square: f64) -> bool {
+    !NORMAL_SQUARES.contains(&square)
+}
+
+/// Whether a normal faces the way that `dir` goes.
+#[inline(always)]
+pub(super) fn faces_away(normal: DVec3, dir: DVec3) -> bool {
+    normal.dot(dir) > 0.0
 }
 
 /// Squares of lengths whose roots and reciprocals keep all digits of single precision.

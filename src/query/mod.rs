@@ -8,7 +8,9 @@ pub(crate) mod finish;
 pub mod hit;
 pub mod overlap;
 mod rounds;
+mod simple;
 pub(crate) mod stand_in;
+mod surfaces;
 mod sweep;
 mod volume;
 

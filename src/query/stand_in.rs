@@ -105,7 +105,13 @@ fn facing(placed: &Placed, normal: Vec3, dir: Vec3) -> Vec3 {
         let turned = placed.world_normal(normal.as_dvec3()).try_normalize();
         turned.unwrap_or(-dir.as_dvec3().normalize_or_zero()).as_vec3()
     };
-    if normal.dot(dir) <= 0.0 { normal } else { -normal }
+    if faces_away(normal, dir) { -normal } else { normal }
+}
+
+/// Whether a normal faces the way that `dir` goes.
+#[inline(always)]
+pub(super) fn faces_away(normal: Vec3, dir: Vec3) -> bool {
+    normal.dot(dir) > 0.0
 }
 
 impl Look<'_> {

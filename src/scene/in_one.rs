@@ -8,26 +8,31 @@ use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, first_
 /// Shift and scale of rays that were not moved.
 const UNMOVED: (f64, f64) = (0.0, 1.0);
 
-impl SceneView<'_> {
-    /// Up to a packet's rays together in a scene that is one placed tree, if they go the same way (see
-    /// [`PacketWalk::is_coherent`]); else `None`. Returns the rays that hit something, whose `found` is then written, or
-    /// the block that some ray needs: then they are to be begun anew, each alone.
-    pub fn trace_together<const ANY: bool>(
-        &self,
-        rays: &[Ray],
-        says: bool,
-        walk: &mut PacketWalk,
-        found: &mut [Found],
-    ) -> Option<Result<u32, Need>> {
-        let placed = self.only_one()?;
-        let p = &self.scene.placement.placed[placed as usize];
-        let (tree, filter) = (self.tree(placed), self.filter(placed));
-        let mut moved = [UNMOVED; PACKET];
-        let seen_by = self.seen_by(placed);
-        let active = match set_unmoved(p, rays, seen_by, walk) {
-            true if walk.is_within(&tree, rays.len(), p.near()) => first_rays(rays.len()),
-            _ => set_moved(p, rays, seen_by, walk, &mut moved),
-        };
+/// Up to a packet's rays together in a scene that is one placed tree. Reusable.
+pub(crate) struct InOne {
+    pub walk: PacketWalk,
+    /// Shift and scale of each ray in the tree, if any was moved.
+    moved: [(f64, f64); PACKET],
+    is_moved: bool,
+}
+
+impl Default for InOne {
+    fn default() -> Self {
+        Self { walk: PacketWalk::new(), moved: [UNMOVED; PACKET], is_moved: false }
+    }
+}
+
+impl InOne {
+    /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]); else `None`. Returns those that hit
+    /// something, or the block that some ray needs: then they are to be begun anew, each alone.
+    pub fn trace<const ANY: bool>(&mut self, view: &SceneView, rays: &[Ray], says: bool) -> Option<Result<u32, Need>> {
+        let placed = view.only_one()?;
+        let p = &view.scene.placement.placed[placed as usize];
+        let (tree, filter) = (view.tree(placed), view.filter(placed));
+        let seen_by = view.seen_by(placed);
+        let Self { walk, moved, is_moved } = self;
+        *is_moved = !(set_unmoved(p, rays, seen_by, walk) && walk.is_within(&tree, rays.len(), p.near()));
+        let active = if *is_moved { set_moved(p, rays, seen_by, walk, moved) } else { first_rays(rays.len()) };
         walk.start(&tree, active);
         if !walk.is_coherent(&tree, says) {
             return None;
@@ -38,17 +43,34 @@ impl SceneView<'_> {
             tree.closest_together(filter.as_ref(), walk)
         };
         if let Outcome::Pending(block) = outcome {
-            return Some(Err(self.need(placed, block)));
+            return Some(Err(view.need(placed, block)));
         }
-        let mut hits = 0;
-        for i in bits(walk.found()) {
-            found[i] = Found::nothing(rays[i].t_max);
-            found[i].offer::<ANY>(placed, walk.best(i), moved[i].0, moved[i].1);
-            hits |= u32::from(found[i].is_hit()) << i;
+        let mut hits = walk.found();
+        for i in bits(hits) {
+            // The walk had the greatest distance rounded up: what it found may still be beyond. Where any will do there is no
+            // other to fall back on, and it is met to rounding.
+            let is_within = ANY || self.distance(i) <= rays[i].t_max;
+            hits &= !(u32::from(!is_within) << i);
         }
         Some(Ok(hits))
     }
 
+    /// How far ray `i` goes to its hit.
+    #[inline]
+    pub fn distance(&self, i: usize) -> f64 {
+        let (shift, scale) = if self.is_moved { self.moved[i] } else { UNMOVED };
+        shift + scale * f64::from(self.walk.distances()[i])
+    }
+
+    /// The hit of ray `i` of those that hit something in `view`.
+    #[inline]
+    pub fn found(&self, view: &SceneView, i: usize) -> Found {
+        let placed = view.only_one().unwrap_or(0);
+        Found { t: self.distance(i), placed, tri: self.walk.best(i) }
+    }
+}
+
+impl SceneView<'_> {
     /// [`SceneView::trace_each`] in a scene that is one placed tree: side by side.
     pub(super) fn each_in_one<const ANY: bool>(&self, placed: u32, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
         let p = &self.scene.placement.placed[placed as usize];

@@ -15,6 +15,7 @@ pub(crate) mod walk;
 
 pub use camera::Camera;
 pub use edit::Scene;
+pub(crate) use in_one::InOne;
 pub use context::{Context, ContextOptions, LogLevel};
 pub use light::{Background, Light, LightKind};
 pub use model::{Model, ModelInfo, ModelMemory, PartInfo};

@@ -316,6 +316,17 @@ impl Simd for Avx2 {
             _ => unreachable!(),
         }
     }
+    #[inline(always)]
+    fn same16(self, v: &[f32; 16], mask: u32, bits: u32) -> u32 {
+        let Pair(low, high) = self.load16(v);
+        // SAFETY: the token vouches.
+        unsafe {
+            let (mask, bits) = (_mm256_set1_epi32(mask as i32), _mm256_set1_epi32(bits as i32));
+            let low = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_castps_si256(low.0), mask), bits);
+            let high = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_castps_si256(high.0), mask), bits);
+            Pair(M8(_mm256_castsi256_ps(low)), M8(_mm256_castsi256_ps(high))).bits()
+        }
+    }
 }
 
 /// Sorts the children of a node: see `Simd::far_first`. A bitonic network over keys that hold the distance and, in

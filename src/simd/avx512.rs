@@ -342,4 +342,12 @@ impl Simd for Avx512 {
         // SAFETY: the token vouches; `v` holds sixteen floats, and the load needs no alignment.
         V16(unsafe { _mm512_loadu_ps(v.as_ptr()) })
     }
+    #[inline(always)]
+    fn same16(self, v: &[f32; 16], mask: u32, bits: u32) -> u32 {
+        // SAFETY: the token vouches.
+        unsafe {
+            let words = _mm512_and_si512(_mm512_castps_si512(self.load16(v).0), _mm512_set1_epi32(mask as i32));
+            u32::from(_mm512_cmpeq_epi32_mask(words, _mm512_set1_epi32(bits as i32)))
+        }
+    }
 }

@@ -80,4 +80,6 @@ pub trait Simd: Copy {
     fn mask16(self, bits: u32) -> <Self::F16 as Lanes<16>>::Mask;
     /// Sixteen floats.
     fn load16(self, v: &[f32; 16]) -> Self::F16;
+    /// The lanes (bit `i`: lane `i`) whose bits in `mask` are those of `bits`.
+    fn same16(self, v: &[f32; 16], mask: u32, bits: u32) -> u32;
 }

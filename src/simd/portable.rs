@@ -193,4 +193,12 @@ impl Simd for Portable {
     fn load16(self, v: &[f32; 16]) -> Array<16> {
         Array(*v)
     }
+    #[inline(always)]
+    fn same16(self, v: &[f32; 16], mask: u32, bits: u32) -> u32 {
+        let mut same = 0;
+        for (i, v) in v.iter().enumerate() {
+            same |= u32::from(v.to_bits() & mask == bits) << i;
+        }
+        same
+    }
 }

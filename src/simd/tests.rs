@@ -47,6 +47,7 @@ impl Op for Battery {
             s.transpose16(&rows, &mut columns);
             out.extend(columns.as_flattened().iter().map(|x| x.to_bits()));
             out.extend(s.lookup16(&b, s.index8(&bytes)).to_array().map(f32::to_bits));
+            out.extend([s.same16(&b, u32::MAX, VALUES[3].to_bits()), s.same16(&b, 1 << 31, 1 << 31)]);
         }
         out
     }

@@ -11,8 +11,8 @@ use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::placed::not_below;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
-use crate::scene::Light;
-use crate::structure::bvh::trace::{PACKET, PacketWalk, Triangle};
+use crate::scene::{InOne, Light};
+use crate::structure::bvh::trace::{PACKET, Triangle};
 use glam::{DVec3, Vec3};
 use std::sync::OnceLock;
 
@@ -70,7 +70,7 @@ impl Layer {
 /// Memory of a worker, and the pixels of its packet.
 pub(crate) struct Scratch {
     camera: ScenePacket,
-    in_one: PacketWalk,
+    in_one: InOne,
     found: [Found; PACKET],
     pub(super) shadow: ScenePacket,
     pub wants: Wants,
@@ -83,7 +83,7 @@ impl Scratch {
     pub fn new() -> Self {
         Self {
             camera: ScenePacket::default(),
-            in_one: PacketWalk::new(),
+            in_one: InOne::default(),
             found: [Found::nothing(0.0); PACKET],
             shadow: ScenePacket::default(),
             wants: Wants::default(),
@@ -209,9 +209,13 @@ impl Direct<'_> {
     /// Finds what rays hit; returns those that hit something, of `active` and perhaps others. `all`: most of them are active.
     fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<u32, Need> {
         let Scratch { camera, in_one, found, .. } = scratch;
-        let together = if all { self.view.trace_together::<false>(rays, true, in_one, found) } else { None };
+        let together = if all { in_one.trace::<false>(&self.view, rays, true) } else { None };
         if let Some(hits) = together {
-            return hits;
+            let hits = hits?;
+            for i in bits(hits) {
+                found[i] = in_one.found(&self.view, i);
+            }
+            return Ok(hits);
         }
         camera.begin(&self.view, rays, active);
         if let Step::Pending(need) = self.view.trace_packet::<false>(rays, camera) {

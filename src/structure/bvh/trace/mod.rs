@@ -20,7 +20,7 @@ mod stream;
 mod stream_pass;
 mod walk;
 
-pub use packet::{PACKET, PacketWalk, first_rays};
+pub use packet::{PACKET, PacketSurfaces, PacketWalk, first_rays};
 pub use ray::{LocalRay, PreparedRay, USUAL_DIRS};
 pub use stand_in::StandIn;
 pub use stream::{STREAM, Stream};

@@ -3,10 +3,12 @@
 
 use super::packet_prepare::{self, Shared};
 use super::packet_visit;
+use super::stand_in;
 use super::walk::{Counters, Outcome, Walk};
 use super::{LocalRay, PartFilter, TreeView, TriHit};
 use crate::math::Cone;
-use crate::simd::{Op, Simd, dispatch};
+use crate::simd::{Isa, Op, Simd, dispatch};
+use bytemuck::must_cast_ref;
 use glam::Vec3;
 
 /// Vectors that hold a packet's rays: with two, a node's box tests serve twice as many rays, and of two tests of a
@@ -224,12 +226,81 @@ impl PacketWalk {
         self.hits.some
     }
 
+    /// The distance of the best hit of each ray, or how far it went.
+    #[inline]
+    pub fn distances(&self) -> &[f32; PACKET] {
+        must_cast_ref(&self.hits.t)
+    }
+
+    /// Weights of the second and third vertex at the best hit of ray `i`, if that is a triangle.
+    #[inline]
+    pub fn weights(&self, i: usize) -> [f32; 2] {
+        [at(&self.hits.u, i), at(&self.hits.v, i)]
+    }
+
+    /// What the rays of `lanes`, which all have hits, have hit: rays with hits on the same triangle together.
+    pub fn hits(&self, isa: Isa, lanes: u32, out: &mut PacketSurfaces) {
+        dispatch(isa, Hits { walk: self, lanes, out });
+    }
+
     /// What the walks did, packets and rays alone together: a node visited by a packet counts once.
     pub fn counters(&self) -> Counters {
         let mut all = self.counters;
         all += self.alone.counters;
         all
     }
+}
+
+/// What a packet's rays have hit. Reusable.
+#[derive(Debug)]
+pub struct PacketSurfaces {
+    /// The rays that hit stand-ins.
+    pub cells: u32,
+    /// How many triangles were hit.
+    pub count: usize,
+    /// For each, the rays that hit it.
+    pub rays: [u32; PACKET],
+}
+
+impl Default for PacketSurfaces {
+    fn default() -> Self {
+        Self { cells: 0, count: 0, rays: [0; PACKET] }
+    }
+}
+
+struct Hits<'a> {
+    walk: &'a PacketWalk,
+    lanes: u32,
+    out: &'a mut PacketSurfaces,
+}
+
+impl Op for Hits<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Self { walk, lanes, out } = self;
+        let PacketHits { block, tri, .. } = &walk.hits;
+        let mut left = lanes & same(s, tri, stand_in::FLAGS, 0);
+        (out.cells, out.count) = (lanes & !left, 0);
+        while left != 0 {
+            let i = left.trailing_zeros() as usize;
+            let like = same(s, tri, u32::MAX, at(tri, i).to_bits()) & same(s, block, u32::MAX, at(block, i).to_bits());
+            out.rays[out.count & (PACKET - 1)] = left & like;
+            out.count += 1;
+            left &= !like;
+        }
+    }
+}
+
+/// The rays whose words' bits in `mask` are those of `bits`.
+#[inline(always)]
+fn same<S: Simd>(s: S, row: &Row, mask: u32, bits: u32) -> u32 {
+    let mut all = 0;
+    for h in 0..VECTORS {
+        all |= s.same16(&row[h], mask, bits) << (16 * h);
+    }
+    all
 }
 
 struct Start<'a, 'v> {

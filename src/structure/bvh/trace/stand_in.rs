@@ -27,7 +27,8 @@ const LOD: u32 = 1 << 31;
 const MISSING: u32 = 1 << 30;
 /// Of those, one that the ray begins in: `t` is where it begins, for nothing is known of what is nearest from there on.
 const INSIDE: u32 = 1 << 29;
-const FLAGS: u32 = LOD | MISSING | INSIDE;
+/// The bits of which a triangle has none.
+pub(super) const FLAGS: u32 = LOD | MISSING | INSIDE;
 
 /// A stand-in that was hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
