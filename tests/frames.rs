@@ -267,6 +267,56 @@ fn a_buffer_is_the_same_whatever_else_is_asked_for() {
     }
 }
 
+/// Packets of plain pictures are worked out all at once, others surface by surface. Asking for depths makes all the latter:
+/// nothing else may change by that, whatever the materials, states and lights, in exact pictures and with stand-ins, with any
+/// vectors.
+#[test]
+fn plain_packets_show_to_the_bit_what_others_show() {
+    use outcrop::scene::{Context, ContextOptions};
+    use outcrop::simd::Isa;
+    let material = |colour, metalness, roughness, opacity| MaterialDesc { colour, metalness, roughness, opacity };
+    let part = |id, material, tris| Part { id, material, tris };
+    let model = built::parts(&[
+        part(1, material([0.9, 0.3, 0.1], 0.0, 0.6, 1.0), scenes::bumpy_sphere(150, 300, 4)),
+        part(2, material([0.2, 0.8, 0.4], 0.7, 0.2, 1.0), scenes::boxes(500, 3)),
+        part(3, material([0.3, 0.3, 0.9], 0.2, 0.0, 1.0), scenes::blocks(12, 2)),
+        part(4, material([0.5, 0.6, 0.7], 0.0, 1.0, 0.4), scenes::plane_grid(6, -0.8)),
+        part(5, material([1.0, 1.0, 0.2], 1.0, 0.05, 1.0), scenes::slivers().tris),
+    ]);
+    for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+        let context = Context::new(ContextOptions { threads: 2, isa: Some(isa), ..Default::default() }).unwrap();
+        let (scene, _) = built::scene(&context, &model);
+        let blue = LightKind::Headlight;
+        scene.set_lights(vec![Light::HEADLIGHT, Light { kind: blue, colour: [0.1, 0.2, 0.9], intensity: 0.5, shadows: false }]).unwrap();
+        scene.set_part_state(7, 1, State { colour: Some([0.1, 0.9, 0.9, 1.0]), ..State::default() }).unwrap();
+        scene.set_part_state(7, 3, State { selected: true, ..State::default() }).unwrap();
+        scene.set_part_state(7, 5, State { visible: false, ..State::default() }).unwrap();
+        scene.commit().unwrap();
+        for (poe, samples) in [(0.0, 1), (2.0, 3), (300.0, 1), (3000.0, 2)] {
+            let settings = FrameSettings { poe, samples, ..Default::default() };
+            let camera = perspective(DVec3::new(3.0, 1.5, 4.0), DVec3::new(0.2, 0.0, 0.0));
+            let rendered = |outputs: Outputs| {
+                let options = FrameOptions { width: 173, height: 110, outputs, ..Default::default() };
+                let frame = Frame::new(&context, options).unwrap();
+                frame.request(&scene.state(), &camera, &settings).unwrap();
+                let status = frame.wait(LONG);
+                assert_eq!(status.state, FrameState::Converged);
+                (frame, status)
+            };
+            const NOT_PLAIN: [Buffer; 3] = [Buffer::Depth, Buffer::Error, Buffer::Primitive];
+            let asked = Buffer::ALL.into_iter().filter(|b| !NOT_PLAIN.contains(b)).fold(Outputs(0), |all, b| all | Outputs::of(b));
+            let ((plain, a), (other, b)) = (rendered(asked), rendered(Outputs::ALL));
+            for buffer in Buffer::ALL.into_iter().filter(|b| !NOT_PLAIN.contains(b)) {
+                let (plain, other) = (plain.map(buffer).unwrap(), other.map(buffer).unwrap());
+                assert!(plain.bytes() == other.bytes(), "{buffer:?} at PoE {poe}, {isa:?}");
+            }
+            assert_eq!((a.pixels_exact, a.pixels_lod, a.pixels_missing), (b.pixels_exact, b.pixels_lod, b.pixels_missing));
+            assert!((a.worst_error_px == b.worst_error_px) || a.pixels_lod == 0, "{a:?}, {b:?}");
+            assert!(poe < 300.0 || a.pixels_lod > 500, "{a:?}");
+        }
+    }
+}
+
 #[test]
 fn what_is_not_in_memory_is_read_and_the_picture_is_the_same() {
     let context = built::context(2);

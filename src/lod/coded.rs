@@ -65,10 +65,20 @@ impl Side {
     /// From a sample's words.
     #[inline]
     pub fn of(words: [u32; 2]) -> Self {
-        let byte = |word: u32, at: u32| (word >> at & 0xff) as f32 * (1.0 / 255.0);
-        let root = Vec3::new(byte(words[1], 0), byte(words[1], 8), byte(words[1], 16));
-        Self { normal: stored_normal(words[0]), likeness: byte(words[0], 16), colour: root * root, cover: byte(words[1], 24) }
+        let (likeness, cover) = (byte(words[0], 16), byte(words[1], 24));
+        Self { normal: stored_normal(words[0]), likeness, colour: stored_colour(words[1]), cover }
     }
+}
+
+fn byte(word: u32, at: u32) -> f32 {
+    (word >> at & 0xff) as f32 * (1.0 / 255.0)
+}
+
+/// The linear colour in a sample's second word.
+#[inline]
+pub fn stored_colour(word: u32) -> Vec3 {
+    let root = Vec3::new(byte(word, 0), byte(word, 8), byte(word, 16));
+    root * root
 }
 
 impl Coded {

@@ -6,5 +6,5 @@
 mod coded;
 mod voxel;
 
-pub use coded::{Coded, SAMPLE_BYTES, SIDES_WORDS, Side, VOXEL_WORDS, stored_normal};
+pub use coded::{Coded, SAMPLE_BYTES, SIDES_WORDS, Side, VOXEL_WORDS, stored_colour, stored_normal};
 pub use voxel::{Facet, Voxel, summary_bit};

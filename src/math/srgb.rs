@@ -1,4 +1,5 @@
 //! Linear colour to the sRGB of screens and files, and back (IEC 61966-2-1).
+#![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
 /// The sRGB-coded value of a linear one in [0, 1].
 pub fn encode(linear: f32) -> f32 {
@@ -39,16 +40,43 @@ impl Srgb {
     /// A level of 8 bits; NaN gives 0.
     #[inline]
     pub fn level(&self, linear: f32) -> u8 {
-        // A cast saturates, and makes 0 of NaN. (To a signed word: others take three times as long.)
-        let step = (linear * (STEPS - 1) as f32 + 0.5) as i32;
-        self.from_linear[step.clamp(0, STEPS as i32 - 1) as usize]
+        self.from_linear[Self::step(linear) as usize]
+    }
+
+    #[inline(always)]
+    fn step(linear: f32) -> u32 {
+        whole(linear, STEPS - 1)
+    }
+
+    #[inline(always)]
+    fn alpha(linear: f32) -> u32 {
+        whole(linear, 255)
     }
 
     /// Colour and alpha as sRGB bytes; alpha stays linear.
     #[inline]
     pub fn pixel(&self, c: [f32; 4]) -> [u8; 4] {
-        let alpha = ((c[3] * 255.0 + 0.5) as i32).clamp(0, 255) as u8;
-        [self.level(c[0]), self.level(c[1]), self.level(c[2]), alpha]
+        [self.level(c[0]), self.level(c[1]), self.level(c[2]), Self::alpha(c[3]) as u8]
+    }
+
+    /// [`Srgb::pixel`] of many: of a row for each of red, green, blue and alpha. (Inlined always: most of it becomes vectors.)
+    #[inline(always)]
+    pub fn pixels<const N: usize>(&self, rows: &[[f32; N]; 4], out: &mut [[u8; 4]; N]) {
+        let (mut steps, mut alphas) = ([[0; N]; 3], [0; N]);
+        for c in 0..3 {
+            for i in 0..N {
+                steps[c][i] = Self::step(rows[c][i]);
+            }
+        }
+        for i in 0..N {
+            alphas[i] = Self::alpha(rows[3][i]);
+        }
+        for i in 0..N {
+            for c in 0..3 {
+                out[i][c] = self.from_linear[steps[c][i] as usize & (STEPS - 1)];
+            }
+            out[i][3] = alphas[i] as u8;
+        }
     }
 
     /// Linear colour of three sRGB bytes.
@@ -56,6 +84,16 @@ impl Srgb {
     pub fn linear(&self, c: [u8; 4]) -> [f32; 3] {
         [c[0], c[1], c[2]].map(|x| self.to_linear[x as usize])
     }
+}
+
+/// The nearest of `steps` from 0 to 1, 0 for NaN. Added to 2^23 a number loses its fraction, and what is left is in its low bits:
+/// a cast, which saturates, would not become vectors.
+#[inline(always)]
+fn whole(linear: f32, steps: usize) -> u32 {
+    let step = linear * steps as f32;
+    let step = if step > 0.0 { step } else { 0.0 };
+    let step = if step < steps as f32 { step } else { steps as f32 };
+    (step + 8_388_608.0).to_bits() & 0x7f_ffff
 }
 
 impl Default for Srgb {

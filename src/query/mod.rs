@@ -10,7 +10,7 @@ pub mod overlap;
 mod rounds;
 mod simple;
 pub(crate) mod stand_in;
-mod surfaces;
+pub(crate) mod surfaces;
 mod sweep;
 mod volume;
 

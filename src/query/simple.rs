@@ -40,7 +40,7 @@ impl Simple {
             return without_surfaces(want, rays, traced, met, hits);
         }
         let Self { surfaces } = self;
-        if !surfaces.look(view, only, rays, &traced.walk, met) {
+        if !surfaces.look::<false>(view, only, |i| (rays[i].origin, rays[i].dir), &traced.walk, met) {
             return false;
         }
         forget(!met & first_rays(rays.len()), hits);

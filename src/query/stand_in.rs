@@ -15,7 +15,7 @@ use crate::scene::walk::{Found, SceneView, bits};
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, StoredVoxel};
 use crate::structure::bvh::trace::StandIn;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// A stand-in as a ray sees it. What not everybody asks for is worked out when asked for.
 #[derive(Debug, Clone, Copy)]
@@ -96,6 +96,14 @@ fn cell(block: Block, place: StandIn) -> Bounds {
     block.node(place.node).stored_box(place.slot)
 }
 
+/// The error of a hit `along` from a ray's origin, which is `here` in the tree's frame, on a cell. See the module.
+#[inline(always)]
+pub(super) fn error_at(placed: &Placed, origin: DVec3, along: DVec3, here: DVec3, cell: &Bounds) -> f32 {
+    let farthest = (here - cell.min.as_dvec3()).abs().max((here - cell.max.as_dvec3()).abs()).length();
+    let size = origin.abs().max_element() + along.abs().max_element();
+    not_below(placed.stretch * farthest + placed.position_error + placed.rounding(size))
+}
+
 /// A unit normal of the tree's frame in the world, against `dir`.
 #[inline]
 fn facing(placed: &Placed, normal: Vec3, dir: Vec3) -> Vec3 {
@@ -124,10 +132,7 @@ impl Look<'_> {
     pub fn error(&self) -> f32 {
         let along = self.ray.dir.as_dvec3() * self.t;
         let here = self.placed.local_point(self.ray.origin + along);
-        let cell = cell(self.block, self.place);
-        let farthest = (here - cell.min.as_dvec3()).abs().max((here - cell.max.as_dvec3()).abs()).length();
-        let size = self.ray.origin.abs().max_element() + along.abs().max_element();
-        not_below(self.placed.stretch * farthest + self.placed.position_error + self.placed.rounding(size))
+        error_at(self.placed, self.ray.origin, along, here, &cell(self.block, self.place))
     }
 
     /// See the module.

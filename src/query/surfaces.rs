@@ -4,8 +4,9 @@
 
 use super::{finish, stand_in};
 use crate::base::ids::BlockId;
-use crate::lod::stored_normal;
-use crate::math::Ray;
+use crate::lod::{stored_colour, stored_normal};
+use crate::math::Bounds;
+use crate::scene::placed::Placed;
 use crate::scene::walk::{SceneView, bits};
 use crate::simd::{Op, Simd, dispatch, prefetch};
 use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
@@ -19,7 +20,7 @@ const FEW: usize = PACKET / 2;
 
 /// A triangle that rays of a packet hit.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Facet {
+pub(crate) struct Facet {
     /// The rays that hit it.
     pub rays: u32,
     /// Its normal in the world, of any length.
@@ -33,7 +34,7 @@ pub(super) struct Facet {
 /// What the rays of a packet see. Reusable.
 #[derive(Debug)]
 #[repr(C, align(64))]
-pub(super) struct Surfaces {
+pub(crate) struct Surfaces {
     /// Corners of triangles, axis by axis; so many triangles as were hit.
     corners: [[Row<f32>; 3]; 3],
     /// Their normals of any length, and of length 1.
@@ -52,6 +53,10 @@ pub(super) struct Surfaces {
     /// See [`Surfaces::cell`].
     normal: [Row<f32>; 3],
     part_of_cell: Row<u32>,
+    /// For pictures: the words of cells' colours, those of which they count, and their boxes.
+    colour: Row<u32>,
+    coloured: u32,
+    boxes: [Row<f32>; 6],
     hits: PacketSurfaces,
 }
 
@@ -72,6 +77,9 @@ impl Default for Surfaces {
             word: [0; PACKET],
             normal: none,
             part_of_cell: [0; PACKET],
+            colour: [0; PACKET],
+            coloured: 0,
+            boxes: [[0.0; PACKET]; 6],
             hits: PacketSurfaces::default(),
         }
     }
@@ -81,10 +89,20 @@ impl Surfaces {
     /// Looks at what rays hit in a scene's one placed tree, `placed`, whose frame differs from the world by its zero only;
     /// `met`: those with hits in `walk`. False if that cannot be told here: of stand-ins for what is missing, of what is no
     /// longer in memory, and of normals that single precision cannot tell.
-    pub fn look(&mut self, view: &SceneView, placed: u32, rays: &[Ray], walk: &PacketWalk, met: u32) -> bool {
+    ///
+    /// `ray`: origin and direction of one. `PICTURE`: what pictures need of stand-ins too.
+    pub fn look<const PICTURE: bool>(
+        &mut self,
+        view: &SceneView,
+        placed: u32,
+        ray: impl Fn(usize) -> (DVec3, Vec3),
+        walk: &PacketWalk,
+        met: u32,
+    ) -> bool {
         walk.hits(view.tree(placed).isa, met, &mut self.hits);
+        self.coloured = 0;
         (self.hits.count == 0 || self.look_at_triangles(view, placed, walk))
-            && (self.hits.cells == 0 || self.look_at_cells(view, placed, rays, walk))
+            && (self.hits.cells == 0 || self.look_at_cells::<PICTURE>(view, placed, ray, walk))
     }
 
     /// The triangles that were hit.
@@ -108,6 +126,39 @@ impl Surfaces {
         (Vec3::new(self.normal[0][i], self.normal[1][i], self.normal[2][i]), self.part_of_cell[i])
     }
 
+    /// Those of which the colour counts, and not that of the part.
+    pub fn coloured(&self) -> u32 {
+        self.coloured
+    }
+
+    /// The linear colour that ray `i` of those sees.
+    #[inline]
+    pub fn colour_of_cell(&self, i: usize) -> Vec3 {
+        stored_colour(self.colour[i])
+    }
+
+    /// Unit normals against the rays, whose directions are `dir`, and parts, ray by ray.
+    pub fn each(&self, dir: &[Row<f32>; 3], normals: &mut [Row<f32>; 3], parts: &mut Row<u32>) {
+        for facet in self.triangles() {
+            for i in bits(facet.rays) {
+                let turn = finish::faces_away(facet.across, DVec3::new(dir[0][i].into(), dir[1][i].into(), dir[2][i].into()));
+                let normal = if turn { -facet.unit } else { facet.unit };
+                (normals[0][i], normals[1][i], normals[2][i]) = (normal.x, normal.y, normal.z);
+                parts[i] = facet.part;
+            }
+        }
+        for i in bits(self.cells()) {
+            (normals[0][i], normals[1][i], normals[2][i]) = (self.normal[0][i], self.normal[1][i], self.normal[2][i]);
+            parts[i] = self.part_of_cell[i];
+        }
+    }
+
+    /// Errors of the hits of rays that begin at `eye` on cells, `t` from there, in the world; of other rays whatever.
+    pub fn errors(&self, view: &SceneView, placed: u32, eye: DVec3, t: &Row<f32>, out: &mut Row<f32>) {
+        let isa = view.tree(placed).isa;
+        dispatch(isa, Errors { all: self, placed: &view.scene.placement.placed[placed as usize], eye, t, out });
+    }
+
     /// False if one is no longer in memory, or has a normal that single precision cannot tell.
     fn look_at_triangles(&mut self, view: &SceneView, placed: u32, walk: &PacketWalk) -> bool {
         let tree = view.tree(placed);
@@ -128,7 +179,13 @@ impl Surfaces {
     }
 
     /// False if one stands in for what is missing, or is no longer in memory.
-    fn look_at_cells(&mut self, view: &SceneView, placed: u32, rays: &[Ray], walk: &PacketWalk) -> bool {
+    fn look_at_cells<const PICTURE: bool>(
+        &mut self,
+        view: &SceneView,
+        placed: u32,
+        ray: impl Fn(usize) -> (DVec3, Vec3),
+        walk: &PacketWalk,
+    ) -> bool {
         let tree = view.tree(placed);
         let placed = &view.scene.placement.placed[placed as usize];
         let mut here: [Option<(StoredVoxel, &Node, usize)>; PACKET] = [None; PACKET];
@@ -140,15 +197,23 @@ impl Surfaces {
             let voxel = block.voxel(cell.node, cell.slot);
             prefetch(voxel.words().as_ptr());
             here[i] = Some((voxel, block.node(cell.node), cell.slot));
+            let (_, dir) = ray(i);
             for axis in 0..3 {
-                self.dir[axis][i] = rays[i].dir[axis];
+                self.dir[axis][i] = dir[axis];
             }
         }
-        let mut have_sides = 0;
+        let (mut have_sides, mut coloured) = (0, 0);
         for i in bits(self.hits.cells) {
             let Some((voxel, node, slot)) = &here[i] else { continue };
             self.word[i] = voxel.words()[0];
             self.part_of_cell[i] = placed.first_part.saturating_add(voxel.part().0);
+            if PICTURE {
+                self.colour[i] = voxel.words()[1];
+                coloured |= u32::from(voxel.has_colours()) << i;
+                for row in 0..6 {
+                    self.boxes[row][i] = node.stored_plane(row, *slot);
+                }
+            }
             if !voxel.has_sides() {
                 continue;
             }
@@ -156,7 +221,8 @@ impl Surfaces {
             let sides = voxel.sides();
             prefetch(sides.as_ptr());
             prefetch(&sides[sides.len() - 1]);
-            let (org, dir) = (placed.local_point(rays[i].origin), placed.local_vector(rays[i].dir.as_dvec3()));
+            let (org, dir) = ray(i);
+            let (org, dir) = (placed.local_point(org), placed.local_vector(dir.as_dvec3()));
             for axis in 0..3 {
                 let row = if dir[axis] >= 0.0 { axis } else { axis + 3 };
                 self.planes[axis][i] = node.stored_plane(row, *slot);
@@ -167,9 +233,14 @@ impl Surfaces {
             dispatch(tree.isa, SidesOfCells(self));
             for i in bits(have_sides) {
                 let Some((voxel, ..)) = &here[i] else { continue };
-                self.word[i] = voxel.sides()[2 * self.side[i] as usize];
+                let (sides, at) = (voxel.sides(), 2 * self.side[i] as usize);
+                self.word[i] = sides[at];
+                if PICTURE {
+                    self.colour[i] = sides[at + 1];
+                }
             }
         }
+        self.coloured = coloured;
         dispatch(tree.isa, OfCells(self));
         true
     }
@@ -241,6 +312,35 @@ impl Op for OfCells<'_> {
             normal[0][i] = if turn { -n.x } else { n.x };
             normal[1][i] = if turn { -n.y } else { n.y };
             normal[2][i] = if turn { -n.z } else { n.z };
+        }
+    }
+}
+
+/// Works out [`Surfaces::errors`].
+struct Errors<'a> {
+    all: &'a Surfaces,
+    placed: &'a Placed,
+    eye: DVec3,
+    t: &'a Row<f32>,
+    out: &'a mut Row<f32>,
+}
+
+impl Op for Errors<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { all: Surfaces { dir, boxes, .. }, placed, eye, t, out } = self;
+        // A copy: it stays as it is while `out` is written.
+        let placed = *placed;
+        let Some(offset) = placed.only_shifted() else { return };
+        for i in 0..PACKET {
+            let along = Vec3::new(dir[0][i], dir[1][i], dir[2][i]).as_dvec3() * f64::from(t[i]);
+            let cell = Bounds {
+                min: Vec3::new(boxes[0][i], boxes[1][i], boxes[2][i]),
+                max: Vec3::new(boxes[3][i], boxes[4][i], boxes[5][i]),
+            };
+            out[i] = stand_in::error_at(&placed, eye, along, eye + along - offset, &cell);
         }
     }
 }

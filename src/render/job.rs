@@ -12,6 +12,7 @@
 use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
 use super::integrators::direct::{Asks, Direct, Scratch};
+use super::integrators::plain;
 use super::passes::{Next, Passes, Seen, effective_poe};
 use super::status::Progress;
 use super::tile::{Tally, TilePixels, tiles_from_the_middle};
@@ -337,19 +338,23 @@ impl Work for Request {
             desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
+        let view = SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, stamp };
+        let asks = Asks {
+            ids: any(&[Buffer::Part, Buffer::Instance]),
+            prims: any(&[Buffer::Primitive]),
+            precise: any(&[Buffer::Depth, Buffer::Error]),
+            normals: any(&[Buffer::Normal]),
+        };
         let direct = Direct {
-            view: SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, stamp },
+            view,
             rays: &self.rays,
             size: (film.width, film.height),
             samples,
             ambient: self.settings.ambient,
             poe,
             srgb: &self.srgb,
-            asks: Asks {
-                ids: any(&[Buffer::Part, Buffer::Instance]),
-                prims: any(&[Buffer::Primitive]),
-                precise: any(&[Buffer::Depth, Buffer::Error]),
-            },
+            asks,
+            plain: plain::tree_of(&view, &self.rays, asks),
         };
         let stop = || self.stop.load(Relaxed);
         let Desk { pixels, scratch } = &mut *desk;

@@ -1,10 +1,11 @@
 //! Tiles: squares of pixels, the unit of work of a frame.
 
 use super::film::{Buffer, Outputs};
-use super::integrators::direct::{ACROSS, DOWN, Direct, Layer, Scratch};
+use super::integrators::direct::{ACROSS, DOWN, Direct, Scratch};
+use super::integrators::first::First;
 use crate::math::srgb::Srgb;
-use crate::query::HitKind;
 use crate::scene::walk::bits;
+use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::bvh::trace::PACKET;
 
 /// Pixels along the side of a tile.
@@ -94,14 +95,14 @@ impl TilePixels {
                     return None;
                 }
                 let (columns, rows) = ((self.width - left).min(ACROSS), (self.height - top).min(DOWN));
-                let inside = |i: u32| i % ACROSS < columns && i / ACROSS < rows;
-                let active = (0..PACKET as u32).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
+                let row = (1 << columns) - 1;
+                let active = (0..rows).fold(0u32, |all, y| all | row << (y * ACROSS));
                 if let Err(need) = direct.packet((x + left, y + top), (1, 1), active, scratch) {
                     // Only a root can be lacking so, and roots stay; then it is wanted before all else.
                     scratch.wants.add(need, f32::MAX);
                 }
-                self.keep((left, top), active, wanted, direct.srgb, scratch);
-                tally.count(active, scratch);
+                self.keep((left, top), (columns, rows), wanted, direct.srgb, scratch);
+                tally.count(active, &scratch.first);
             }
         }
         Some(tally)
@@ -118,42 +119,62 @@ impl TilePixels {
         }
     }
 
-    /// Takes over what is `wanted` of the pixels of a packet.
-    fn keep(&mut self, (left, top): (u32, u32), active: u32, wanted: Outputs, srgb: &Srgb, scratch: &Scratch) {
-        let at = |i: usize| ((top + i as u32 / ACROSS) * TILE + left + i as u32 % ACROSS) as usize;
+    /// Takes over what is `wanted` of the pixels of a packet, so many columns and rows of them.
+    fn keep(&mut self, (left, top): (u32, u32), (columns, rows): (u32, u32), wanted: Outputs, srgb: &Srgb, scratch: &Scratch) {
         let Scratch { colour, first, .. } = scratch;
+        let mut coded = [[0; 4]; PACKET];
+        if wanted.has(Buffer::ColourSrgb8) {
+            dispatch(Isa::best(), Code { srgb, colour, coded: &mut coded });
+        }
         for buffer in Buffer::ALL.into_iter().filter(|b| wanted.has(*b)) {
-            let active = bits(active);
-            match buffer {
-                Buffer::ColourSrgb8 => active.for_each(|i| self.srgb[at(i)] = srgb.pixel(colour[i])),
-                Buffer::ColourLinear => active.for_each(|i| self.linear[at(i)] = colour[i]),
-                Buffer::Depth => active.for_each(|i| self.depth[at(i)] = first[i].depth),
-                Buffer::Normal => active.for_each(|i| self.normal[at(i)] = first[i].normal),
-                Buffer::Part => active.for_each(|i| self.part[at(i)] = first[i].part),
-                Buffer::Primitive => active.for_each(|i| self.prim[at(i)] = first[i].prim),
-                Buffer::Instance => active.for_each(|i| self.instance[at(i)] = first[i].instance),
-                Buffer::Kind => active.for_each(|i| self.kind[at(i)] = first[i].kind as u8),
-                Buffer::Error => active.for_each(|i| self.error[at(i)] = first[i].error),
+            for row in 0..rows {
+                let at = ((top + row) * TILE + left) as usize;
+                let (to, from) = (at..at + columns as usize, (row * ACROSS) as usize..(row * ACROSS + columns) as usize);
+                match buffer {
+                    Buffer::ColourSrgb8 => self.srgb[to].copy_from_slice(&coded[from]),
+                    Buffer::ColourLinear => {
+                        self.linear[to].iter_mut().zip(from).for_each(|(to, i)| *to = std::array::from_fn(|c| colour[c][i]));
+                    }
+                    Buffer::Depth => self.depth[to].copy_from_slice(&first.depth[from]),
+                    Buffer::Normal => self.normal[to].copy_from_slice(&first.normal[from]),
+                    Buffer::Part => self.part[to].copy_from_slice(&first.part[from]),
+                    Buffer::Primitive => self.prim[to].copy_from_slice(&first.prim[from]),
+                    Buffer::Instance => self.instance[to].copy_from_slice(&first.instance[from]),
+                    Buffer::Kind => self.kind[to].iter_mut().zip(from).for_each(|(to, i)| *to = first.kind(i) as u8),
+                    Buffer::Error => self.error[to].copy_from_slice(&first.error[from]),
+                }
             }
         }
     }
 }
 
+/// Makes bytes of a packet's colours.
+struct Code<'a> {
+    srgb: &'a Srgb,
+    colour: &'a [[f32; PACKET]; 4],
+    coded: &'a mut [[u8; 4]; PACKET],
+}
+
+impl Op for Code<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        self.srgb.pixels(self.colour, self.coded);
+    }
+}
+
 impl Tally {
     /// Adds the pixels of a packet.
-    fn count(&mut self, active: u32, scratch: &Scratch) {
-        for i in bits(active) {
-            let Layer { kind, error_px, .. } = scratch.first[i];
-            match kind {
-                HitKind::Miss | HitKind::Exact => self.exact += 1,
-                HitKind::Lod => self.lod += 1,
-                HitKind::Missing => self.missing += 1,
-            }
-            if kind != HitKind::Miss {
-                self.hits += 1;
-                self.error_sum += f64::from(error_px);
-                self.error_max = self.error_max.max(error_px);
-            }
+    fn count(&mut self, active: u32, first: &First) {
+        let count = |pixels: u32| u64::from((pixels & active).count_ones());
+        self.exact += count(!(first.lod | first.missing));
+        self.lod += count(first.lod);
+        self.missing += count(first.missing);
+        self.hits += count(first.met);
+        for i in bits(first.inexact & active) {
+            self.error_sum += f64::from(first.error_px[i]);
+            self.error_max = self.error_max.max(first.error_px[i]);
         }
     }
 

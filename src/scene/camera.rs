@@ -3,7 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::units::UpAxis;
 use crate::math::{Cone, DBounds, Ray};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// A camera in world space. All lengths in world units, double precision.
 ///
@@ -133,20 +133,33 @@ impl PixelRays {
     /// pixel's footprint (its width at `t`).
     #[inline]
     pub fn ray(&self, x: f64, y: f64) -> Ray {
-        let offset = self.right * (x - self.half.0) + self.down * (y - self.half.1);
         if self.perspective {
-            let dir = self.forward + offset;
-            let inverse = 1.0 / dir.length();
-            Ray {
-                cone: Cone { a: 0.0, b: (self.pixel * inverse) as f32 },
-                ..Ray::new(self.eye, (dir * inverse).as_vec3())
-            }
+            let (dir, width) = self.toward(x, y);
+            Ray { cone: Cone { a: 0.0, b: width }, ..Ray::new(self.eye, dir) }
         } else {
             Ray {
                 cone: Cone { a: self.pixel as f32, b: 0.0 },
-                ..Ray::new(self.eye + offset, self.forward.as_vec3())
+                ..Ray::new(self.eye + self.offset(x, y), self.forward.as_vec3())
             }
         }
+    }
+
+    /// Whether rays leave the eye.
+    pub fn is_perspective(&self) -> bool {
+        self.perspective
+    }
+
+    /// Direction of the ray through a picture point, and its width at distance 1; of a perspective camera.
+    #[inline(always)]
+    pub fn toward(&self, x: f64, y: f64) -> (Vec3, f32) {
+        let dir = self.forward + self.offset(x, y);
+        let inverse = 1.0 / dir.length();
+        ((dir * inverse).as_vec3(), (self.pixel * inverse) as f32)
+    }
+
+    #[inline(always)]
+    fn offset(&self, x: f64, y: f64) -> DVec3 {
+        self.right * (x - self.half.0) + self.down * (y - self.half.1)
     }
 }
 

@@ -4,6 +4,7 @@ use super::placed::{Placed, not_below};
 use super::walk::{Found, Need, SceneStream, SceneView, bits};
 use crate::math::Ray;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, first_rays};
+use glam::DVec3;
 
 /// Shift and scale of rays that were not moved.
 const UNMOVED: (f64, f64) = (0.0, 1.0);
@@ -53,6 +54,36 @@ impl InOne {
             hits &= !(u32::from(!is_within) << i);
         }
         Some(Ok(hits))
+    }
+
+    /// [`InOne::trace`] of a camera's rays that all begin at `eye` and are near each other, of those in `active`. `dir`: axis by
+    /// axis; `width`: of each ray at distance 1. `None`: they must be traced otherwise.
+    pub fn trace_camera(
+        &mut self,
+        view: &SceneView,
+        eye: DVec3,
+        dir: &[[f32; PACKET]; 3],
+        width: &[f32; PACKET],
+        active: u32,
+    ) -> Option<Result<u32, Need>> {
+        let placed = view.only_one()?;
+        let p = &view.scene.placement.placed[placed as usize];
+        let (tree, filter, walk) = (view.tree(placed), view.filter(placed), &mut self.walk);
+        let org = (eye - p.only_shifted()?).as_vec3();
+        self.is_moved = false;
+        walk.set_all_but_dirs(&LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE });
+        let is_plain = view.seen_by(placed) != 0 && walk.set_dirs(dir, width) && walk.is_within(&tree, PACKET, p.near());
+        if !is_plain {
+            return None;
+        }
+        walk.start(&tree, active);
+        if !walk.is_coherent(&tree, true) {
+            return None;
+        }
+        match tree.closest_together(filter.as_ref(), walk) {
+            Outcome::Done => Some(Ok(walk.found())),
+            Outcome::Pending(block) => Some(Err(view.need(placed, block))),
+        }
     }
 
     /// How far ray `i` goes to its hit.

@@ -172,7 +172,7 @@ impl Placed {
     }
 
     /// Bounds of rounding in `world_point(local_point(p))`, for points within `size` of zero in the world.
-    #[inline]
+    #[inline(always)]
     pub fn rounding(&self, size: f64) -> f64 {
         (size + self.offset.abs().max_element() + self.stretch * self.reach) * (8.0 * f64::EPSILON)
     }
@@ -249,7 +249,7 @@ impl Placed {
 }
 
 /// The least single not below `x`.
-#[inline]
+#[inline(always)]
 pub(crate) fn not_below(x: f64) -> f32 {
     let single = x as f32;
     if f64::from(single) < x { single.next_up() } else { single }

@@ -1,6 +1,9 @@
 //! Direct light: headlights, points, directions; layers of transparent surfaces by continuing the ray.
 
 use super::material::Material;
+use super::plain::{self, Plain};
+use super::first::{First, Layer};
+use super::sampling::{Widths, offset};
 use crate::render::wants::Wants;
 use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
@@ -14,7 +17,6 @@ use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::{InOne, Light};
 use crate::structure::bvh::trace::{PACKET, Triangle};
 use glam::{DVec3, Vec3};
-use std::sync::OnceLock;
 
 /// Pixels of a packet, along its rows and its columns.
 pub(crate) const ACROSS: u32 = 8;
@@ -39,44 +41,20 @@ pub(crate) struct Asks {
     pub prims: bool,
     /// Depth and error of triangles in double precision; without, they count as exact.
     pub precise: bool,
-}
-
-/// What is seen first in a pixel.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Layer {
-    pub depth: f32,
-    pub normal: [f32; 3],
-    pub part: u64,
-    pub prim: u64,
-    pub instance: u64,
-    pub kind: HitKind,
-    pub error: f32,
-    pub error_px: f32,
-}
-
-impl Layer {
-    const MISS: Self = Self {
-        depth: f32::INFINITY,
-        normal: [0.0; 3],
-        part: NONE,
-        prim: NONE,
-        instance: NONE,
-        kind: HitKind::Miss,
-        error: 0.0,
-        error_px: 0.0,
-    };
+    pub normals: bool,
 }
 
 /// Memory of a worker, and the pixels of its packet.
 pub(crate) struct Scratch {
     camera: ScenePacket,
-    in_one: InOne,
+    pub(super) in_one: InOne,
+    pub(super) plain: Plain,
     found: [Found; PACKET],
     pub(super) shadow: ScenePacket,
     pub wants: Wants,
-    /// Linear RGB and alpha.
-    pub colour: [[f32; 4]; PACKET],
-    pub first: [Layer; PACKET],
+    /// Linear RGB and alpha: a row of the packet's pixels each.
+    pub colour: [[f32; PACKET]; 4],
+    pub first: First,
 }
 
 impl Scratch {
@@ -84,11 +62,12 @@ impl Scratch {
         Self {
             camera: ScenePacket::default(),
             in_one: InOne::default(),
+            plain: Plain::default(),
             found: [Found::nothing(0.0); PACKET],
             shadow: ScenePacket::default(),
             wants: Wants::default(),
-            colour: [[0.0; 4]; PACKET],
-            first: [Layer::MISS; PACKET],
+            colour: [[0.0; PACKET]; 4],
+            first: First::NOTHING,
         }
     }
 }
@@ -104,6 +83,8 @@ pub(crate) struct Direct<'a> {
     pub poe: f32,
     pub srgb: &'a Srgb,
     pub asks: Asks,
+    /// See [`super::plain::tree_of`].
+    pub plain: Option<u32>,
 }
 
 /// A surface that was hit.
@@ -119,6 +100,19 @@ struct Surface {
     width: f32,
 }
 
+/// The pixels of a packet, in one sample.
+#[derive(Clone, Copy)]
+pub(super) struct Pixels {
+    /// The first.
+    pub at: (u32, u32),
+    /// How far apart they are.
+    pub apart: (u32, u32),
+    /// The point in a pixel that its ray goes through.
+    pub point: (f64, f64),
+    pub sample: u32,
+    pub widths: Widths,
+}
+
 /// The colour of each ray so far.
 struct Lanes {
     rays: [Ray; PACKET],
@@ -131,55 +125,65 @@ impl Direct<'_> {
     /// Renders the pixels of `active` in the block of a packet at `at`, so far `apart`, into `scratch`. Sample 0 goes through
     /// the middle of the pixel and tells what is seen; all samples weigh the same in the colour.
     pub fn packet(&self, at: (u32, u32), apart: (u32, u32), active: u32, scratch: &mut Scratch) -> Result<(), Need> {
-        let mut sums = [[0.0f32; 4]; PACKET];
+        scratch.colour = [[0.0; PACKET]; 4];
+        let point = |i: usize| (at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1);
+        let widths = Widths::of(self.poe);
         for sample in 0..self.samples {
             let (dx, dy) = offset(sample);
-            let mut lanes = Lanes { rays: [Ray::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
-            for i in bits(active) {
-                let (x, y) = (at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1);
-                let mut ray = self.rays.ray(f64::from(x) + dx, f64::from(y) + dy);
-                let wide = width_factor(self.poe, x, y, sample);
-                ray.cone = Cone { a: ray.cone.a * wide, b: ray.cone.b * wide };
-                lanes.rays[i] = ray;
-            }
-            self.layers(&mut lanes, active, sample == 0, scratch)?;
             let mut backs = [[0.0; 4]; DOWN as usize];
             for (row, back) in backs.iter_mut().enumerate() {
                 let height = 1.0 - (f64::from(at.1 + row as u32 * apart.1) + dy) as f32 / self.size.1 as f32;
                 *back = self.view.scene.background.at(height);
             }
+            let pixels = Pixels { at, apart, point: (dx, dy), sample, widths };
+            let met = match self.plain(&pixels, active, &backs, scratch) {
+                plain::Outcome::Done => {
+                    add(&mut scratch.colour, scratch.plain.light());
+                    continue;
+                }
+                plain::Outcome::Met(met) => Some(met),
+                plain::Outcome::NotPlain => None,
+            };
+            let mut lanes = Lanes { rays: [Ray::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
+            for i in bits(active) {
+                let mut ray = self.rays.ray(f64::from(point(i).0) + dx, f64::from(point(i).1) + dy);
+                let wide = widths.factor(point(i).0, point(i).1, sample);
+                ray.cone = Cone { a: ray.cone.a * wide, b: ray.cone.b * wide };
+                lanes.rays[i] = ray;
+            }
+            self.layers(&mut lanes, active, met, sample == 0, scratch)?;
+            let mut all = [[0.0; PACKET]; 4];
             for i in bits(active) {
                 let back = backs[i / ACROSS as usize];
                 let (through, c) = (lanes.through[i], lanes.colour[i]);
-                let all = [
-                    c.x + through * back[0],
-                    c.y + through * back[1],
-                    c.z + through * back[2],
-                    1.0 - through + through * back[3],
-                ];
-                for (sum, c) in sums[i].iter_mut().zip(all) {
-                    // Squares of infinite lights and the like end here.
-                    *sum += if c.is_finite() { c } else { BRIGHTEST };
+                for axis in 0..3 {
+                    all[axis][i] = c[axis] + through * back[axis];
                 }
+                all[3][i] = 1.0 - through + through * back[3];
             }
+            add(&mut scratch.colour, &all);
         }
-        let weight = 1.0 / self.samples as f32;
-        for i in bits(active) {
-            scratch.colour[i] = sums[i].map(|c| c * weight);
+        if self.samples > 1 {
+            let weight = 1.0 / self.samples as f32;
+            scratch.colour.as_flattened_mut().iter_mut().for_each(|c| *c *= weight);
         }
         Ok(())
     }
 
     /// Goes through surfaces, front to back, until nothing is let through.
-    fn layers(&self, lanes: &mut Lanes, mut active: u32, first: bool, scratch: &mut Scratch) -> Result<(), Need> {
+    /// `met`: the rays that hit something, if they were traced already, in the scratch's `in_one`.
+    fn layers(&self, lanes: &mut Lanes, mut active: u32, met: Option<u32>, first: bool, scratch: &mut Scratch) -> Result<(), Need> {
         if first {
-            scratch.first = [Layer::MISS; PACKET];
+            scratch.first = First::NOTHING;
         }
         for layer in 0..MAX_LAYERS {
             if active == 0 {
                 break;
             }
-            active &= self.trace(&lanes.rays, active, layer == 0, scratch)?;
+            active &= match met.filter(|_| layer == 0) {
+                Some(met) => self.found_in_one(met, scratch),
+                None => self.trace(&lanes.rays, active, layer == 0, scratch)?,
+            };
             if active == 0 {
                 break;
             }
@@ -187,8 +191,13 @@ impl Direct<'_> {
             let Scratch { found, wants, first: seen, .. } = &mut *scratch;
             stand_in::ask_for(&self.view, found, active);
             for i in bits(active) {
-                let seen = if first && layer == 0 { Some(&mut seen[i]) } else { None };
-                surfaces[i] = Some(self.surface(&lanes.rays[i], &found[i], seen, wants)?);
+                let is_first = first && layer == 0;
+                let mut noted = Layer::MISS;
+                let note = is_first.then_some(&mut noted);
+                surfaces[i] = Some(self.surface(&lanes.rays[i], &found[i], note, wants)?);
+                if is_first {
+                    seen.set(i, &noted);
+                }
             }
             let lit = self.light(lanes, &surfaces, active, scratch)?;
             for i in bits(active) {
@@ -212,10 +221,7 @@ impl Direct<'_> {
         let together = if all { in_one.trace::<false>(&self.view, rays, true) } else { None };
         if let Some(hits) = together {
             let hits = hits?;
-            for i in bits(hits) {
-                found[i] = in_one.found(&self.view, i);
-            }
-            return Ok(hits);
+            return Ok(self.found_in_one(hits, scratch));
         }
         camera.begin(&self.view, rays, active);
         if let Step::Pending(need) = self.view.trace_packet::<false>(rays, camera) {
@@ -227,6 +233,14 @@ impl Direct<'_> {
             hits |= u32::from(found[i].is_hit()) << i;
         }
         Ok(hits)
+    }
+
+    /// Takes over what the rays of `hits` were found to hit together; returns these.
+    fn found_in_one(&self, hits: u32, scratch: &mut Scratch) -> u32 {
+        for i in bits(hits) {
+            scratch.found[i] = scratch.in_one.found(&self.view, i);
+        }
+        hits
     }
 
     /// The surface that was found; and, if it is `seen` first, what is asked of that.
@@ -246,7 +260,7 @@ impl Direct<'_> {
                 self.measure(ray, found, &triangle, seen);
             }
             if self.asks.ids {
-                self.name(found.placed, part, seen);
+                (seen.part, seen.instance) = self.ids(found.placed, part);
             }
             if self.asks.prims {
                 seen.prim = match tree.prim(&found.tri) {
@@ -279,11 +293,17 @@ impl Direct<'_> {
     }
 
     /// The caller's ids of a part and its instance.
-    fn name(&self, placed: u32, part: u32, seen: &mut Layer) {
+    pub(super) fn ids(&self, placed: u32, part: u32) -> (u64, u64) {
         let scene = self.view.scene;
         let instance = scene.placement.placed[placed as usize].instance;
-        seen.part = self.view.model_of(placed).parts().get(part as usize).map_or(NONE, |p| p.id);
-        seen.instance = scene.instances[instance as usize].id;
+        let id = self.view.model_of(placed).parts().get(part as usize).map_or(NONE, |p| p.id);
+        (id, scene.instances[instance as usize].id)
+    }
+
+    /// An error of a stand-in, `t` from the eye, in pixels.
+    #[inline]
+    pub(super) fn in_pixels(&self, error: f32, t: f64) -> f32 {
+        error / (self.rays.pixel_width(t).max(f64::MIN_POSITIVE) as f32)
     }
 
     /// A stand-in as a surface. What it casts begins above its cell: those beside it reach as high where the surface
@@ -302,7 +322,7 @@ impl Direct<'_> {
         let wanted = self.view.wanted(found);
         if wanted.is_some() || seen.is_some() {
             let error = look.error();
-            let error_px = error / (self.rays.pixel_width(look.t).max(f64::MIN_POSITIVE) as f32);
+            let error_px = self.in_pixels(error, look.t);
             if let Some(need) = wanted {
                 wants.add(need, error_px.min(1e6));
             }
@@ -311,7 +331,7 @@ impl Direct<'_> {
                 (seen.normal, seen.error, seen.error_px) = (look.normal.into(), error, error_px);
                 seen.depth = along.dot(self.rays.forward()) as f32;
                 if self.asks.ids {
-                    self.name(found.placed, look.part, seen);
+                    (seen.part, seen.instance) = self.ids(found.placed, look.part);
                 }
             }
         }
@@ -337,7 +357,7 @@ impl Direct<'_> {
     }
 
     /// Whether a part, or its instance, has a colour in place of its own.
-    fn recoloured(&self, placed: u32, part: u32) -> bool {
+    pub(super) fn recoloured(&self, placed: u32, part: u32) -> bool {
         let p = &self.view.scene.placement.placed[placed as usize];
         let instance = &self.view.scene.instances[p.instance as usize];
         instance.state.colour.is_some() || instance.parts.shown.get(&part).is_some_and(|s| s.colour.is_some())
@@ -433,6 +453,14 @@ impl Direct<'_> {
     }
 }
 
+/// Adds a sample's colours.
+fn add(sums: &mut [[f32; PACKET]; 4], colours: &[[f32; PACKET]; 4]) {
+    for (sum, c) in sums.as_flattened_mut().iter_mut().zip(colours.as_flattened()) {
+        // Squares of infinite lights and the like end here.
+        *sum += if c.is_finite() { *c } else { BRIGHTEST };
+    }
+}
+
 /// A light as a point of a surface sees it.
 struct Aim {
     /// Unit.
@@ -464,44 +492,7 @@ fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
     }
 }
 
-/// What a pixel's width is multiplied with. The area that a stand-in may cover is spread over an octave, 2^(u - 1/2)
-/// times `poe`, so that one level of detail fades into the next; u is the additive recurrence of the plastic number
-/// (Roberts 2018) over pixels and samples: even, without random numbers, at rest while the camera is.
-fn width_factor(poe: f32, x: u32, y: u32, sample: u32) -> f32 {
-    if poe == 0.0 {
-        return 0.0;
-    }
-    const PLASTIC: f64 = 1.324_717_957_244_746;
-    const GOLDEN: f64 = 1.618_033_988_749_895;
-    // Of a period of 2^32, which sums go around.
-    const STEPS: [u32; 3] = [steps(1.0 / PLASTIC), steps(1.0 / (PLASTIC * PLASTIC)), steps(1.0 / GOLDEN)];
-    let u = x.wrapping_mul(STEPS[0]).wrapping_add(y.wrapping_mul(STEPS[1])).wrapping_add(sample.wrapping_mul(STEPS[2]));
-    poe.sqrt() * OCTAVE.get_or_init(octave)[(u >> (32 - OCTAVE_BITS)) as usize]
-}
-
-const fn steps(part: f64) -> u32 {
-    (part * 4_294_967_296.0) as u32
-}
-
-const OCTAVE_BITS: u32 = 8;
-
-/// Square roots of 2^(u - 1/2), u over 0 to 1: a step is a third of a percent. (To work them out for each pixel took a tenth of
-/// the time of a picture.)
-static OCTAVE: OnceLock<[f32; 1 << OCTAVE_BITS]> = OnceLock::new();
-
-fn octave() -> [f32; 1 << OCTAVE_BITS] {
-    std::array::from_fn(|i| (0.5 * ((i as f64 + 0.5) / f64::from(1 << OCTAVE_BITS) - 0.5)).exp2() as f32)
-}
-
 /// A ray's width at distance `t`.
 fn width_at(ray: &Ray, t: f64) -> f32 {
     ray.cone.a + ray.cone.b * t as f32
-}
-
-/// Where in the pixel a sample lies: the middle first, then the additive recurrence of the plastic number
-/// (Roberts 2018), which covers the square evenly however many are taken.
-fn offset(sample: u32) -> (f64, f64) {
-    const PLASTIC: f64 = 1.324_717_957_244_746;
-    let n = f64::from(sample);
-    ((0.5 + n / PLASTIC).fract(), (0.5 + n / (PLASTIC * PLASTIC)).fract())
 }

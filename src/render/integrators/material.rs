@@ -31,33 +31,11 @@ impl Material {
     /// answers with the irradiance: factors of pi are left out on both sides.
     #[inline]
     pub fn lit(&self, normal: Vec3, to_eye: Vec3, to_light: Vec3, irradiance: Vec3) -> Vec3 {
-        let cosine = normal.dot(to_light);
-        if cosine <= 0.0 {
-            return Vec3::ZERO;
-        }
-        // Metals keep some diffuse light: there is no environment for them to mirror.
-        let diffuse = self.colour * (1.0 - 0.6 * self.metalness);
-        (diffuse + self.highlight(normal, to_eye, to_light)) * cosine * irradiance
-    }
-
-    /// Blinn's distribution, normalised, with Schlick's reflectance; faded out towards full roughness.
-    #[inline]
-    fn highlight(&self, normal: Vec3, to_eye: Vec3, to_light: Vec3) -> Vec3 {
-        let smooth = (1.0 - self.roughness) * (1.0 - self.roughness);
-        if smooth <= 0.0 {
-            return Vec3::ZERO;
-        }
         // A headlight's is where the eye is.
         let half = if to_eye == to_light { to_eye } else { (to_eye + to_light).normalize_or_zero() };
-        // A whole number: powers of those take a fifth of the time of others.
-        let square = self.roughness.max(0.05) * self.roughness.max(0.05);
-        let exponent = (2.0 / (square * square) + 0.5) as i32;
-        let facing = Vec3::splat(0.04).lerp(self.colour, self.metalness);
-        let grazing = (1.0 - half.dot(to_light).clamp(0.0, 1.0)).powi(5);
-        let reflectance = facing + (Vec3::ONE - facing) * grazing;
-        let lobe = (exponent as f32 + 8.0) / 8.0 * normal.dot(half).max(0.0).powi(exponent);
-        // Bounded, so that a mirror does not burn out.
-        reflectance * (lobe * smooth).min(8.0)
+        let gloss = Gloss::of(self);
+        let lobe = power(normal.dot(half).max(0.0), gloss.exponent);
+        gloss.lit(self.colour, normal.dot(to_light), half.dot(to_light), lobe, irradiance)
     }
 
     /// Light from everywhere.
@@ -65,6 +43,73 @@ impl Material {
     pub fn ambient(&self, ambient: f32) -> Vec3 {
         self.colour * ambient + self.glow
     }
+}
+
+/// What of a material does not depend on its colour.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Gloss {
+    metalness: f32,
+    /// The share of light that is diffuse.
+    diffuse: f32,
+    /// How much of a highlight there is; 0: none.
+    smooth: f32,
+    /// A whole number: powers of those take a fifth of the time of others.
+    pub exponent: u32,
+}
+
+impl Gloss {
+    #[inline(always)]
+    pub fn of(material: &Material) -> Self {
+        let square = material.roughness.max(0.05) * material.roughness.max(0.05);
+        Self {
+            metalness: material.metalness,
+            // Metals keep some diffuse light: there is no environment for them to mirror.
+            diffuse: 1.0 - 0.6 * material.metalness,
+            smooth: (1.0 - material.roughness) * (1.0 - material.roughness),
+            exponent: (2.0 / (square * square) + 0.5) as u32,
+        }
+    }
+
+    /// See [`Material::lit`]. `cosine`: between normal and light; `aslant`: between light and half vector; `lobe`: the cosine
+    /// between normal and half vector, raised to the exponent. The highlight is Blinn's distribution, normalised, with Schlick's
+    /// reflectance; faded out towards full roughness.
+    #[inline(always)]
+    pub fn lit(&self, colour: Vec3, cosine: f32, aslant: f32, lobe: f32, irradiance: Vec3) -> Vec3 {
+        let facing = Vec3::splat(0.04).lerp(colour, self.metalness);
+        let grazing = power(1.0 - aslant.clamp(0.0, 1.0), 5);
+        let reflectance = facing + (Vec3::ONE - facing) * grazing;
+        let lobe = (self.exponent as f32 + 8.0) / 8.0 * lobe;
+        // Bounded, so that a mirror does not burn out.
+        let highlight = if self.smooth > 0.0 { reflectance * (lobe * self.smooth).min(8.0) } else { Vec3::ZERO };
+        let lit = (colour * self.diffuse + highlight) * cosine * irradiance;
+        if cosine > 0.0 { lit } else { Vec3::ZERO }
+    }
+}
+
+/// `x` raised to `n`.
+#[inline(always)]
+fn power(x: f32, n: u32) -> f32 {
+    let (mut all, mut square, mut left) = (1.0, x, n);
+    while left != 0 {
+        all *= if left & 1 == 1 { square } else { 1.0 };
+        square *= square;
+        left >>= 1;
+    }
+    all
+}
+
+/// Raises each of `x` to `n`, as [`power`] does one.
+#[inline(always)]
+pub(super) fn powers<const N: usize>(x: &[f32; N], n: u32, out: &mut [f32; N]) {
+    let (mut all, mut square, mut left) = ([1.0; N], *x, n);
+    while left != 0 {
+        for i in 0..N {
+            all[i] *= if left & 1 == 1 { square[i] } else { 1.0 };
+            square[i] *= square[i];
+        }
+        left >>= 1;
+    }
+    *out = all;
 }
 
 #[cfg(test)]

@@ -1,5 +1,8 @@
 //! How a pixel gets its colour.
 
 pub mod direct;
+pub mod first;
 pub mod material;
+pub mod plain;
+mod sampling;
 mod shadow;

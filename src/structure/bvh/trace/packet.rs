@@ -8,7 +8,7 @@ use super::walk::{Counters, Outcome, Walk};
 use super::{LocalRay, PartFilter, TreeView, TriHit};
 use crate::math::Cone;
 use crate::simd::{Isa, Op, Simd, dispatch};
-use bytemuck::must_cast_ref;
+use bytemuck::{must_cast, must_cast_ref};
 use glam::Vec3;
 
 /// Vectors that hold a packet's rays: with two, a node's box tests serve twice as many rays, and of two tests of a
@@ -189,6 +189,19 @@ impl PacketWalk {
         }
         self.rays.t_min = [[ray.t_min; 16]; VECTORS];
         self.hits.t = [[ray.t_max; 16]; VECTORS];
+    }
+
+    /// Takes over directions, axis by axis, and widths at distance 1 of all rays; false if a direction is not unit: then the
+    /// width is not that of [`LocalRay::cone_of`].
+    #[inline]
+    pub fn set_dirs(&mut self, dir: &[[f32; PACKET]; 3], width: &[f32; PACKET]) -> bool {
+        let mut is_unit = true;
+        for i in 0..PACKET {
+            is_unit &= LocalRay::is_unit(Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
+        }
+        self.rays.dir = must_cast(*dir);
+        self.rays.cone = [[[0.0; 16]; VECTORS], must_cast(*width)];
+        is_unit
     }
 
     /// Whether the first `count` rays, which were taken over, all start within `near` of the tree's zero along each axis, have directions of usual

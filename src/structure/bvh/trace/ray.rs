@@ -32,14 +32,19 @@ impl LocalRay {
     /// [`LocalRay::cone`] of a ray that is `cone` wide and goes along `dir`.
     #[inline(always)]
     pub fn cone_of(cone: Cone, dir: Vec3) -> Cone {
-        let square = dir.length_squared();
         // Roots take as long as all else that is done to take a ray over, and most directions are unit as far as single
         // precision goes: what is left out is a quarter of this.
-        if cone == Cone::ZERO || (square - 1.0).abs() <= UNIT {
+        if cone == Cone::ZERO || Self::is_unit(dir) {
             return cone;
         }
-        let root = square.sqrt().sqrt();
+        let root = dir.length_squared().sqrt().sqrt();
         Cone { a: cone.a * root, b: cone.b * root }
+    }
+
+    /// Whether a direction is unit as far as single precision goes.
+    #[inline(always)]
+    pub fn is_unit(dir: Vec3) -> bool {
+        (dir.length_squared() - 1.0).abs() <= UNIT
     }
 
     /// Whether it can be traced: all finite but `t_max`, a direction that is not zero.

@@ -1,0 +1,247 @@
+//! Plain packets of pictures, worked out in vectors from the pixel to its colour: one placed tree that is not turned, seen in
+//! perspective, lit by headlights, opaque where the rays hit it, and nothing asked for that takes double precision or what is
+//! beside the triangles. All others, and those that meet what is missing, go through `direct.rs`, which this agrees with to the
+//! bit.
+#![allow(clippy::needless_range_loop)] // rows of several arrays at once
+
+use super::direct::{ACROSS, Asks, DOWN, Direct, Pixels, Scratch};
+use super::material::{Gloss, Material, powers};
+use crate::query::surfaces::Surfaces;
+use crate::query::NONE;
+use crate::scene::InOne;
+use crate::scene::camera::PixelRays;
+use crate::scene::light::LightKind;
+use crate::scene::walk::{SceneView, bits};
+use crate::simd::{Isa, Op, Simd, dispatch};
+use crate::structure::bvh::trace::PACKET;
+use glam::Vec3;
+
+/// A number for each pixel of a packet.
+type Row<T> = [T; PACKET];
+/// A vector for each, axis by axis.
+type Vectors = [Row<f32>; 3];
+
+/// Memory of a worker.
+#[derive(Default)]
+pub(super) struct Plain {
+    surfaces: Surfaces,
+    rows: Rows,
+}
+
+#[repr(C, align(64))]
+struct Rows {
+    /// Directions of the rays, and their widths at distance 1, pixels of error included.
+    dir: Vectors,
+    width: Row<f32>,
+    /// Normals, parts and colours of what is seen.
+    normal: Vectors,
+    part: Row<u32>,
+    colour: Vectors,
+    /// The light that comes from there, or from behind; and alpha.
+    lit: [Row<f32>; 4],
+    /// Errors of stand-ins.
+    error: Row<f32>,
+}
+
+impl Default for Rows {
+    fn default() -> Self {
+        let none = [0.0; PACKET];
+        let (dir, part) = ([none; 3], [0; PACKET]);
+        Self { dir, width: none, normal: dir, part, colour: dir, lit: [none; 4], error: none }
+    }
+}
+
+impl Plain {
+    /// Linear RGB and alpha of each pixel.
+    pub fn light(&self) -> &[Row<f32>; 4] {
+        &self.rows.lit
+    }
+}
+
+/// What became of a packet.
+pub(super) enum Outcome {
+    /// It is done.
+    Done,
+    /// It is not plain; these of its rays hit something, as the scratch's `in_one` has it.
+    Met(u32),
+    /// It is not plain.
+    NotPlain,
+}
+
+/// The placed tree of plain packets, if a picture can have such.
+pub(crate) fn tree_of(view: &SceneView, rays: &PixelRays, asks: Asks) -> Option<u32> {
+    let placed = view.only_one()?;
+    let is_lit_plainly = view.scene.lights.iter().all(|light| light.kind == LightKind::Headlight);
+    let is_unturned = view.scene.placement.placed[placed as usize].only_shifted().is_some();
+    let asks_little = !asks.prims && !asks.precise && view.tree(placed).colours_at.is_none();
+    (is_lit_plainly && is_unturned && rays.is_perspective() && asks_little).then_some(placed)
+}
+
+impl Direct<'_> {
+    /// Renders one sample of the pixels of `active`: the [light](Plain::light) of each, and, of the first sample, what is seen
+    /// there. `backs`: what is behind all, row by row.
+    pub(super) fn plain(
+        &self,
+        pixels: &Pixels,
+        active: u32,
+        backs: &[[f32; 4]; DOWN as usize],
+        scratch: &mut Scratch,
+    ) -> Outcome {
+        let Some(placed) = self.plain else { return Outcome::NotPlain };
+        let Scratch { in_one, plain: Plain { surfaces, rows }, .. } = scratch;
+        let isa = self.view.tree(placed).isa;
+        dispatch(isa, CameraRays { rays: self.rays, pixels, rows });
+        let eye = self.rays.eye();
+        let Some(Ok(met)) = in_one.trace_camera(&self.view, eye, &rows.dir, &rows.width, active) else { return Outcome::NotPlain };
+        let dir = &rows.dir;
+        let ray = |i: usize| (eye, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
+        if !surfaces.look::<true>(&self.view, placed, ray, &in_one.walk, met) {
+            return Outcome::Met(met);
+        }
+        surfaces.each(&rows.dir, &mut rows.normal, &mut rows.part);
+        for (row, back) in backs.iter().enumerate() {
+            for (all, back) in rows.lit.iter_mut().zip(back) {
+                all[row * ACROSS as usize..][..ACROSS as usize].fill(*back);
+            }
+        }
+        let mut left = met;
+        while left != 0 {
+            let part = rows.part[left.trailing_zeros() as usize];
+            let like = left & same(&rows.part, part);
+            // Colours of triangles' own there are none.
+            let Ok(material) = self.material(placed, part, || Ok(None)) else { return Outcome::Met(met) };
+            if material.opacity != 1.0 {
+                return Outcome::Met(met);
+            }
+            self.shade(isa, placed, part, &material, like, surfaces, rows);
+            left &= !like;
+        }
+        if pixels.sample == 0 {
+            self.note_first(placed, met, scratch);
+        }
+        Outcome::Done
+    }
+
+    /// Lights the pixels of `like`, which see a part of `material`.
+    #[allow(clippy::too_many_arguments)] // a packet's whole state
+    fn shade(&self, isa: Isa, placed: u32, part: u32, material: &Material, like: u32, surfaces: &Surfaces, rows: &mut Rows) {
+        for (axis, colour) in rows.colour.iter_mut().enumerate() {
+            *colour = [material.colour[axis]; PACKET];
+        }
+        if surfaces.coloured() & like != 0 && !self.recoloured(placed, part) {
+            for i in bits(surfaces.coloured() & like) {
+                let colour = surfaces.colour_of_cell(i);
+                for axis in 0..3 {
+                    rows.colour[axis][i] = colour[axis];
+                }
+            }
+        }
+        dispatch(isa, Shade { direct: self, material, like, rows });
+    }
+
+    /// What is seen first in each pixel.
+    fn note_first(&self, placed: u32, met: u32, scratch: &mut Scratch) {
+        let Scratch { in_one: InOne { walk, .. }, plain: Plain { surfaces, rows }, first, .. } = scratch;
+        let cells = surfaces.cells();
+        (first.met, first.lod, first.missing, first.inexact) = (met, cells, 0, cells);
+        if cells != 0 {
+            surfaces.errors(&self.view, placed, self.rays.eye(), walk.distances(), &mut rows.error);
+            for i in 0..PACKET {
+                first.error_px[i] = self.in_pixels(rows.error[i], f64::from(walk.distances()[i]));
+            }
+        }
+        if self.asks.normals {
+            first.normal = [[0.0; 3]; PACKET];
+            bits(met).for_each(|i| first.normal[i] = [rows.normal[0][i], rows.normal[1][i], rows.normal[2][i]]);
+        }
+        if self.asks.ids {
+            (first.part, first.instance) = ([NONE; PACKET], [NONE; PACKET]);
+            bits(met).for_each(|i| (first.part[i], first.instance[i]) = self.ids(placed, rows.part[i]));
+        }
+    }
+}
+
+/// The lanes that are `value`.
+#[inline]
+fn same(row: &Row<u32>, value: u32) -> u32 {
+    let mut same = 0;
+    for (i, v) in row.iter().enumerate() {
+        same |= u32::from(*v == value) << i;
+    }
+    same
+}
+
+/// Makes the rays of a packet's pixels.
+struct CameraRays<'a> {
+    rays: &'a PixelRays,
+    pixels: &'a Pixels,
+    rows: &'a mut Rows,
+}
+
+impl Op for CameraRays<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { rays, pixels, rows: Rows { dir, width, .. } } = self;
+        // Copies: they stay as they are while the rows are written.
+        let (rays, Pixels { at, apart, point, sample, widths }) = (*rays, *pixels);
+        for i in 0..PACKET {
+            let (x, y) = (at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1);
+            let (to, one) = rays.toward(f64::from(x) + point.0, f64::from(y) + point.1);
+            (dir[0][i], dir[1][i], dir[2][i], width[i]) = (to.x, to.y, to.z, one);
+        }
+        // Apart, for it looks up a table.
+        for i in 0..PACKET {
+            width[i] *= widths.factor(at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1, sample);
+        }
+    }
+}
+
+/// Adds up ambient light and headlights, as `Direct::light` does.
+struct Shade<'a, 'd> {
+    direct: &'a Direct<'d>,
+    material: &'a Material,
+    like: u32,
+    rows: &'a mut Rows,
+}
+
+impl Op for Shade<'_, '_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { direct, material, like, rows: Rows { dir, normal, colour, lit, .. } } = self;
+        let (gloss, glow, ambient) = (Gloss::of(material), material.glow, direct.ambient);
+        let (mut cosine, mut aslant, mut lobe) = ([0.0; PACKET], [0.0; PACKET], [0.0; PACKET]);
+        let mut facing = [0.0; PACKET];
+        for i in 0..PACKET {
+            let to_eye = -Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
+            cosine[i] = Vec3::new(normal[0][i], normal[1][i], normal[2][i]).dot(to_eye);
+            aslant[i] = to_eye.dot(to_eye);
+            facing[i] = cosine[i].max(0.0);
+        }
+        powers(&facing, gloss.exponent, &mut lobe);
+        let mut sum = [[0.0; PACKET]; 3];
+        for i in 0..PACKET {
+            let own = Vec3::new(colour[0][i], colour[1][i], colour[2][i]) * ambient + glow;
+            (sum[0][i], sum[1][i], sum[2][i]) = (own.x, own.y, own.z);
+        }
+        for light in &direct.view.scene.lights {
+            let strength = Vec3::from(light.colour) * light.intensity;
+            for i in 0..PACKET {
+                let colour = Vec3::new(colour[0][i], colour[1][i], colour[2][i]);
+                let add = gloss.lit(colour, cosine[i], aslant[i], lobe[i], strength);
+                (sum[0][i], sum[1][i], sum[2][i]) = (sum[0][i] + add.x, sum[1][i] + add.y, sum[2][i] + add.z);
+            }
+        }
+        for axis in 0..3 {
+            for i in 0..PACKET {
+                lit[axis][i] = if like >> i & 1 == 1 { sum[axis][i] } else { lit[axis][i] };
+            }
+        }
+        for i in 0..PACKET {
+            lit[3][i] = if like >> i & 1 == 1 { 1.0 } else { lit[3][i] };
+        }
+    }
+}
