@@ -5,10 +5,12 @@
 //
 // MODEL.oc is built if it is not there, or of another format. Speed is measured in pairs, turn by turn, so that a busy machine slows both;
 // the ratio is that of each pair. With --poe outcrop also answers from stand-ins that cover at most so many pixels, against
-// Embree's exact hits, and how far off it is stands beside. Ends with 1 if a disagreement cannot be explained, never because of a time.
+// Embree's exact hits, and how far off it is stands beside: rays that are given and hits that are handed back; and pictures, from
+// the camera to bytes. Ends with 1 if a disagreement cannot be explained, never because of a time.
 #include "compare/agreement.hpp"
 #include "compare/embree.hpp"
 #include "compare/mesh.hpp"
+#include "compare/picture.hpp"
 #include "compare/rays.hpp"
 
 #include <outcrop.hpp>
@@ -81,6 +83,15 @@ class Outcrop {
     void prepare() {
         hits_.resize(std::size_t(threads_) * CHUNK);
         blocked_.resize(std::size_t(threads_) * CHUNK);
+    }
+
+    // A picture of red, green, blue and alpha.
+    outcrop::frame frame(unsigned width, unsigned height) const { return outcrop::frame(context_, width, height); }
+    void render(outcrop::frame &frame, const oc_camera &camera, double poe) const {
+        auto settings = outcrop::init<oc_frame_settings>();
+        settings.poe = float(poe);
+        frame.request(scene_, camera, settings);
+        frame.wait();
     }
 
     // Traces and shades everything, as EmbreeRays::run does: each thread asks for a chunk of rays and shades it while
@@ -295,18 +306,71 @@ struct Accuracy {
     }
 };
 
+// Embree's best call for a view's primary rays.
+const Contender *best_for(EmbreeRays &rays, const std::vector<Contender> &contenders, const Batch &batch, unsigned threads) {
+    const Contender *best = nullptr;
+    double least = 0;
+    for (const Contender &c : contenders) {
+        const double warm = time_embree(rays, c, batch, threads);
+        const double took = std::min(warm, time_embree(rays, c, batch, threads));
+        if (!best || took < least) best = &c, least = took;
+    }
+    return best;
+}
+
+// Embree's best packets for pictures of a view.
+const Contender &best_for_pictures(const std::vector<Contender> &contenders, const Options &options, unsigned threads,
+                                   const View &view, const Look &look) {
+    EmbreePicture picture(options.width, options.height, look);
+    const Contender *best = nullptr;
+    double least = 0;
+    for (const Contender &c : contenders) {
+        if (c.call != EmbreeRays::PACKET4 && c.call != EmbreeRays::PACKET8 && c.call != EmbreeRays::PACKET16) continue;
+        for (int run = 0; run < 3; run++) {
+            const double begun = seconds();
+            picture.render(c.scene->get(), view, c.call, threads);
+            const double took = seconds() - begun;
+            if (!best || took < least) best = &c, least = took;
+        }
+    }
+    return *best;
+}
+
+// Pictures at some pixels of error against Embree's exact ones.
+void measure_pictures(Outcrop &ours, const Contender &c, const Options &options, unsigned threads, unsigned v, const View &view,
+                      double poe) {
+    outcrop::frame frame = ours.frame(options.width, options.height);
+    EmbreePicture theirs(options.width, options.height, Look(ours.model().part(0)));
+    const oc_camera camera = ours.model().view(v);
+    ours.render(frame, camera, poe);
+    theirs.render(c.scene->get(), view, c.call, threads);
+    Duel duel;
+    std::vector<double> a, b;
+    for (unsigned r = 0; r < 3 * options.rounds; r++) { // they are short
+        const double begun = seconds();
+        ours.render(frame, camera, poe);
+        const double between = seconds();
+        theirs.render(c.scene->get(), view, c.call, threads);
+        a.push_back(between - begun), b.push_back(seconds() - between);
+        duel.ratios.push_back(b.back() / a.back());
+    }
+    const outcrop::pixels pixels = frame.map();
+    const oc_frame_accuracy accuracy = frame.accuracy();
+    std::printf("  picture  PoE %-4g outcrop %7.2f ms        Embree %7.2f ms (%s)   ratio %.3f  [%.3f .. %.3f]\n", poe, 1e3 * median(a),
+                1e3 * median(b), c.name.c_str(), median(duel.ratios), *std::min_element(duel.ratios.begin(), duel.ratios.end()),
+                *std::max_element(duel.ratios.begin(), duel.ratios.end()));
+    std::printf("                    stated mean error %.3f pixels; colours differ by %.2f of 255 in the mean\n",
+                double(accuracy.mean_error),
+                difference(static_cast<const std::uint8_t *>(pixels.data()), theirs.pixels().data(),
+                           std::size_t(options.width) * options.height));
+}
+
 // Primary rays whose stand-ins may cover some pixels, against Embree's exact ones by whichever call is best for the view.
 void measure_poe(Outcrop &ours, EmbreeRays &rays, const std::vector<Contender> &contenders, const Options &options,
                  unsigned threads, const std::vector<View> &views) {
     for (std::size_t v = 0; !options.poes.empty() && v < views.size(); v++) {
         const Batch exact = {"primary", primary_rays(views[v], options.width, options.height), false, true};
-        const Contender *best = nullptr;
-        double least = 0;
-        for (const Contender &c : contenders) {
-            const double warm = time_embree(rays, c, exact, threads);
-            const double took = std::min(warm, time_embree(rays, c, exact, threads));
-            if (!best || took < least) best = &c, least = took;
-        }
+        const Contender *best = best_for(rays, contenders, exact, threads);
         std::printf("  view %zu\n", v + 1);
         for (double poe : options.poes) {
             Duel one;
@@ -321,6 +385,9 @@ void measure_poe(Outcrop &ours, EmbreeRays &rays, const std::vector<Contender> &
             report("primary", name, one, best->name);
             accuracy.print();
         }
+        const Contender &packets = best_for_pictures(contenders, options, threads, views[v], Look(ours.model().part(0)));
+        measure_pictures(ours, packets, options, threads, unsigned(v), views[v], 0);
+        for (double poe : options.poes) measure_pictures(ours, packets, options, threads, unsigned(v), views[v], poe);
     }
 }
 
