@@ -17,6 +17,7 @@ use super::passes::{Next, Passes, Seen, effective_poe};
 use super::status::Progress;
 use super::tile::{Tally, TilePixels, tiles_from_the_middle};
 use super::wants::Wants;
+use crate::math::DBounds;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job, Work};
 use crate::math::srgb::Srgb;
@@ -355,6 +356,7 @@ impl Work for Request {
             srgb: &self.srgb,
             asks,
             plain: plain::tree_of(&view, &self.rays, asks),
+            within: self.rays.rectangle_of(&with_cells(self.scene.bounds())),
         };
         let stop = || self.stop.load(Relaxed);
         let Desk { pixels, scratch } = &mut *desk;
@@ -404,4 +406,10 @@ impl Work for Request {
         }
         self.go_on();
     }
+}
+
+/// What stand-ins of what is in `bounds` may reach to: planes of cells are rounded outward to less than a hundredth of theirs.
+fn with_cells(bounds: DBounds) -> DBounds {
+    let slack = bounds.extent() * (1.0 / 64.0);
+    DBounds { min: bounds.min - slack, max: bounds.max + slack }
 }

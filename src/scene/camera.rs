@@ -3,7 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::units::UpAxis;
 use crate::math::{Cone, DBounds, Ray};
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 /// A camera in world space. All lengths in world units, double precision.
 ///
@@ -144,6 +144,29 @@ impl PixelRays {
         }
     }
 
+    /// The least and the greatest points of the picture that rays through `bounds` go through, a pixel more for rounding;
+    /// `None` if some of it is not in front of the eye, or a pixel is not more than what rounding does.
+    pub fn rectangle_of(&self, bounds: &DBounds) -> Option<[DVec2; 2]> {
+        let (mut least, mut greatest) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for corner in 0..8 {
+            let high = |axis: usize| corner >> axis & 1 == 1;
+            let side = |axis: usize| if high(axis) { bounds.max[axis] } else { bounds.min[axis] };
+            let from_eye = DVec3::new(side(0), side(1), side(2)) - self.eye;
+            // How much larger than at distance 1 a pixel is there.
+            let scale = if self.perspective { from_eye.dot(self.forward) } else { 1.0 };
+            let size = from_eye.abs().max_element();
+            let is_in_front = !self.perspective || scale > 1e-3 * size;
+            // Not so of what is not a number.
+            if !is_in_front || self.pixel * scale < 1e-6 * size {
+                return None;
+            }
+            let along = |pixel: DVec3, half: f64| from_eye.dot(pixel) / (pixel.length_squared() * scale) + half;
+            let point = DVec2::new(along(self.right, self.half.0), along(self.down, self.half.1));
+            (least, greatest) = (least.min(point), greatest.max(point));
+        }
+        Some([least - DVec2::ONE, greatest + DVec2::ONE])
+    }
+
     /// Whether rays leave the eye.
     pub fn is_perspective(&self) -> bool {
         self.perspective
@@ -182,4 +205,63 @@ pub(crate) fn default_views(bounds: &DBounds, up: UpAxis) -> [Camera; 4] {
         Camera::Perspective { eye: at + from * distance, at, up, fov_y_degrees }
     };
     [view(30.0, 20.0, distance), view(-120.0, 35.0, distance), view(30.0, 20.0, distance / 4.0), view(-120.0, 35.0, distance / 4.0)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn point() -> impl Strategy<Value = DVec3> {
+        [-10.0..10.0, -10.0..10.0, -10.0..10.0].prop_map(DVec3::from)
+    }
+
+    proptest! {
+        /// Whatever a pixel's ray meets of a box lies in the box's rectangle.
+        #[test]
+        fn rays_through_a_box_are_in_its_rectangle(
+            eye in point(), at in point(), a in point(), b in point(), inside in [0.0..1.0, 0.0..1.0, 0.0..1.0],
+            is_perspective: bool,
+        ) {
+            let up = DVec3::new(0.1, 0.2, 1.0);
+            let camera = match is_perspective {
+                true => Camera::Perspective { eye, at, up, fov_y_degrees: 60.0 },
+                false => Camera::Orthographic { eye, at, up, height: 7.0 },
+            };
+            let rays = camera.prepare(320, 200);
+            prop_assume!(rays.is_ok());
+            let rays = rays.expect("a camera");
+            let bounds = DBounds::of(&[a, b]);
+            let Some([least, greatest]) = rays.rectangle_of(&bounds) else {
+                let is_all_before = (0..8).all(|i| {
+                    let corner = DVec3::new([a.x, b.x][i & 1], [a.y, b.y][i >> 1 & 1], [a.z, b.z][i >> 2]);
+                    (corner - eye).dot(rays.forward()) > 0.05 * (corner - eye).length()
+                });
+                prop_assert!(is_perspective && !is_all_before);
+                return Ok(());
+            };
+            // The pixel that a point of the box is seen in, found by its angle: another formula than the one tested.
+            let target = a + (b - a) * DVec3::from(inside);
+            let seen = |x: f64, y: f64| {
+                let ray = rays.ray(x, y);
+                let along = (target - ray.origin).dot(ray.dir.as_dvec3());
+                let apart = (ray.origin + ray.dir.as_dvec3() * along).distance(target);
+                match is_perspective {
+                    true if along <= 0.0 => f64::INFINITY,
+                    true => apart / along,
+                    false => apart,
+                }
+            };
+            let (mut x, mut y, mut step) = (160.0, 100.0, 4096.0);
+            while step > 1e-3 {
+                let better = [(step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step)];
+                match better.into_iter().find(|(dx, dy)| seen(x + dx, y + dy) < seen(x, y)) {
+                    Some((dx, dy)) => (x, y) = (x + dx, y + dy),
+                    None => step /= 2.0,
+                }
+            }
+            prop_assume!(seen(x, y) < 1e-4);
+            prop_assert!(least.x <= x && x <= greatest.x && least.y <= y && y <= greatest.y, "{x} {y}: {least} {greatest}");
+        }
+    }
 }

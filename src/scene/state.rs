@@ -124,8 +124,7 @@ impl SceneState {
 
     /// Around all instances, hidden ones too, in world space; empty if there is nothing.
     pub fn bounds(&self) -> crate::math::DBounds {
-        let all = self.placement.placed.iter();
-        all.fold(crate::math::DBounds::EMPTY, |b, p| b.union(p.bounds))
+        self.placement.top.bounds(|placed| self.placement.placed[placed as usize].bounds)
     }
 
     /// Bytes of its models' blocks in memory.

@@ -83,6 +83,15 @@ impl TopTree {
         tree
     }
 
+    /// Around all, given what it was built over.
+    pub fn bounds(&self, placed: impl Fn(u32) -> DBounds) -> DBounds {
+        match self.root.map(NodeRef::target) {
+            None => DBounds::EMPTY,
+            Some(Target::Placed(index)) => placed(index),
+            Some(Target::Inner(index)) => self.node(index).bounds[0].union(self.node(index).bounds[1]),
+        }
+    }
+
     /// Where walks begin; `None` if there is nothing.
     #[inline]
     pub fn root(&self) -> Option<NodeRef> {

@@ -16,7 +16,7 @@ use crate::scene::placed::not_below;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::{InOne, Light};
 use crate::structure::bvh::trace::{PACKET, Triangle};
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 /// Pixels of a packet, along its rows and its columns.
 pub(crate) const ACROSS: u32 = 8;
@@ -85,6 +85,8 @@ pub(crate) struct Direct<'a> {
     pub asks: Asks,
     /// See [`super::plain::tree_of`].
     pub plain: Option<u32>,
+    /// Beyond these points of the picture nothing is seen; if that is known.
+    pub within: Option<[DVec2; 2]>,
 }
 
 /// A surface that was hit.
@@ -128,12 +130,20 @@ impl Direct<'_> {
         scratch.colour = [[0.0; PACKET]; 4];
         let point = |i: usize| (at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1);
         let widths = Widths::of(self.poe);
+        let is_empty = self.is_empty(at, apart);
+        if is_empty {
+            scratch.first = First::NOTHING;
+        }
         for sample in 0..self.samples {
             let (dx, dy) = offset(sample);
             let mut backs = [[0.0; 4]; DOWN as usize];
             for (row, back) in backs.iter_mut().enumerate() {
                 let height = 1.0 - (f64::from(at.1 + row as u32 * apart.1) + dy) as f32 / self.size.1 as f32;
                 *back = self.view.scene.background.at(height);
+            }
+            if is_empty {
+                add(&mut scratch.colour, &rows_of(&backs));
+                continue;
             }
             let pixels = Pixels { at, apart, point: (dx, dy), sample, widths };
             let met = match self.plain(&pixels, active, &backs, scratch) {
@@ -168,6 +178,15 @@ impl Direct<'_> {
             scratch.colour.as_flattened_mut().iter_mut().for_each(|c| *c *= weight);
         }
         Ok(())
+    }
+
+    /// Whether nothing is seen in the block of a packet.
+    fn is_empty(&self, at: (u32, u32), apart: (u32, u32)) -> bool {
+        let Some([least, greatest]) = self.within else { return false };
+        let first = DVec2::new(at.0.into(), at.1.into());
+        let last = first + DVec2::new(f64::from(apart.0 * (ACROSS - 1) + 1), f64::from(apart.1 * (DOWN - 1) + 1));
+        // Not so of what is not a number.
+        last.x < least.x || last.y < least.y || first.x > greatest.x || first.y > greatest.y
     }
 
     /// Goes through surfaces, front to back, until nothing is let through.
@@ -451,6 +470,17 @@ impl Direct<'_> {
         }
         Ok(())
     }
+}
+
+/// The colours behind the rows of a packet, for each of its pixels.
+pub(super) fn rows_of(backs: &[[f32; 4]; DOWN as usize]) -> [[f32; PACKET]; 4] {
+    let mut rows = [[0.0; PACKET]; 4];
+    for (row, back) in backs.iter().enumerate() {
+        for (all, back) in rows.iter_mut().zip(back) {
+            all[row * ACROSS as usize..][..ACROSS as usize].fill(*back);
+        }
+    }
+    rows
 }
 
 /// Adds a sample's colours.

@@ -4,7 +4,7 @@
 //! bit.
 #![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
-use super::direct::{ACROSS, Asks, DOWN, Direct, Pixels, Scratch};
+use super::direct::{ACROSS, Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::material::{Gloss, Material, powers};
 use crate::query::surfaces::Surfaces;
 use crate::query::NONE;
@@ -99,11 +99,7 @@ impl Direct<'_> {
             return Outcome::Met(met);
         }
         surfaces.each(&rows.dir, &mut rows.normal, &mut rows.part);
-        for (row, back) in backs.iter().enumerate() {
-            for (all, back) in rows.lit.iter_mut().zip(back) {
-                all[row * ACROSS as usize..][..ACROSS as usize].fill(*back);
-            }
-        }
+        rows.lit = rows_of(backs);
         let mut left = met;
         while left != 0 {
             let part = rows.part[left.trailing_zeros() as usize];
