@@ -12,6 +12,8 @@ const UNMOVED: (f64, f64) = (0.0, 1.0);
 /// Up to a packet's rays together in a scene that is one placed tree. Reusable.
 pub(crate) struct InOne {
     pub walk: PacketWalk,
+    /// For rays that cannot go together.
+    others: Box<PacketWalk>,
     /// Shift and scale of each ray in the tree, if any was moved.
     moved: [(f64, f64); PACKET],
     is_moved: bool,
@@ -19,7 +21,7 @@ pub(crate) struct InOne {
 
 impl Default for InOne {
     fn default() -> Self {
-        Self { walk: PacketWalk::new(), moved: [UNMOVED; PACKET], is_moved: false }
+        Self { walk: PacketWalk::new(), others: Box::default(), moved: [UNMOVED; PACKET], is_moved: false }
     }
 }
 
@@ -31,7 +33,7 @@ impl InOne {
         let p = &view.scene.placement.placed[placed as usize];
         let (tree, filter) = (view.tree(placed), view.filter(placed));
         let seen_by = view.seen_by(placed);
-        let Self { walk, moved, is_moved } = self;
+        let Self { walk, moved, is_moved, .. } = self;
         *is_moved = !(set_unmoved(p, rays, seen_by, walk) && walk.is_within(&tree, rays.len(), p.near()));
         let active = if *is_moved { set_moved(p, rays, seen_by, walk, moved) } else { first_rays(rays.len()) };
         walk.start(&tree, active);
@@ -68,21 +70,36 @@ impl InOne {
     ) -> Option<Result<u32, Need>> {
         let placed = view.only_one()?;
         let p = &view.scene.placement.placed[placed as usize];
-        let (tree, filter, walk) = (view.tree(placed), view.filter(placed), &mut self.walk);
+        let (tree, filter) = (view.tree(placed), view.filter(placed));
         let org = (eye - p.only_shifted()?).as_vec3();
+        let begin = LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE };
+        let Self { walk, others, .. } = self;
         self.is_moved = false;
-        walk.set_all_but_dirs(&LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE });
-        let is_plain = view.seen_by(placed) != 0 && walk.set_dirs(dir, width) && walk.is_within(&tree, PACKET, p.near());
-        if !is_plain {
-            return None;
-        }
-        walk.start(&tree, active);
-        if !walk.is_coherent(&tree, true) {
-            return None;
-        }
-        match tree.closest_together(filter.as_ref(), walk) {
-            Outcome::Done => Some(Ok(walk.found())),
-            Outcome::Pending(block) => Some(Err(view.need(placed, block))),
+        let (mut are_apart, mut left) = (false, active);
+        loop {
+            walk.set_all_but_dirs(&begin);
+            let is_plain = view.seen_by(placed) != 0 && walk.set_dirs(dir, width) && walk.is_within(&tree, PACKET, p.near());
+            if !is_plain {
+                return None;
+            }
+            let class = if are_apart { walk.alike(left) } else { active };
+            walk.start(&tree, class);
+            if !are_apart && !walk.is_coherent(&tree, true) {
+                // Those to either side of a plane through the eye go one after the other.
+                are_apart = true;
+                continue;
+            }
+            if let Outcome::Pending(block) = tree.closest_together(filter.as_ref(), walk) {
+                return Some(Err(view.need(placed, block)));
+            }
+            if left != active {
+                walk.join(class, others);
+            }
+            left &= !class;
+            if left == 0 {
+                return Some(Ok(walk.found()));
+            }
+            std::mem::swap(walk, others);
         }
     }
 

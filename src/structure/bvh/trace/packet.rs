@@ -215,6 +215,32 @@ impl PacketWalk {
         dispatch(view.isa, Start { walk: self, view, active });
     }
 
+    /// The rays of `among` that could go together with the first of them: by directions as taken over.
+    pub fn alike(&self, among: u32) -> u32 {
+        let class = |i: usize| {
+            let dir = self.rays.one(i).dir;
+            let size = dir.abs();
+            // Ties as in `packet_prepare::greatest_axis`.
+            let is_x = size.y <= size.x && size.z <= size.x;
+            (dir.cmpge(Vec3::ZERO).bitmask(), is_x, !is_x && size.z <= size.y)
+        };
+        let first = class(among.trailing_zeros() as usize & (PACKET - 1));
+        (0..PACKET).filter(|&i| among >> i & 1 == 1 && class(i) == first).fold(0, |all, i| all | 1 << i)
+    }
+
+    /// The hits of the rays of `lanes`, and those of `others` for the rest.
+    pub fn join(&mut self, lanes: u32, others: &PacketWalk) {
+        let (hits, others) = (&mut self.hits, &others.hits);
+        hits.some = hits.some & lanes | others.some & !lanes;
+        let rows = [&mut hits.t, &mut hits.u, &mut hits.v, &mut hits.block, &mut hits.tri];
+        let of_others = [&others.t, &others.u, &others.v, &others.block, &others.tri];
+        for (row, other) in rows.into_iter().zip(of_others) {
+            for i in (0..PACKET).filter(|i| lanes >> i & 1 == 0) {
+                *at_mut(row, i) = at(other, i);
+            }
+        }
+    }
+
     /// Whether the rays gain by going together: all directions have the same signs and are greatest on the same axis,
     /// and all origins are near each other, as those of neighbouring pixels are, unless it `says` so.
     #[inline]
