@@ -1,5 +1,6 @@
 // Whole pictures, each side its own way: from the camera to bytes of sRGB, lit by a headlight. Embree gets packets in blocks of
-// pixels, tile by tile, with rays made and surfaces shaded in loops that compilers make vectors of.
+// pixels, tile by tile, with rays made and surfaces shaded in loops that compilers make vectors of. All surfaces look as the
+// model's first part does: for models of one.
 #ifndef COMPARE_PICTURE_HPP
 #define COMPARE_PICTURE_HPP
 
@@ -87,32 +88,40 @@ class EmbreePicture {
             valid[k] = y + k / 4 < height_ ? -1 : 0;
         }
         Packet<N>::intersect(valid, scene, arguments, &h);
-        float shade[3][N];
-        const float square = look_.roughness * look_.roughness;
-        const int exponent = int(2 / (square * square) + 0.5f);
-        const float smooth = (1 - look_.roughness) * (1 - look_.roughness) * (float(exponent) + 8) / 8;
+        // Stage by stage, so that each is a loop over the packet.
+        float cosine[N], power[N], lobe[N], shade[3][N];
         for (int k = 0; k < N; k++) {
             const float nx = h.hit.Ng_x[k], ny = h.hit.Ng_y[k], nz = h.hit.Ng_z[k];
             const float dot = nx * h.ray.dir_x[k] + ny * h.ray.dir_y[k] + nz * h.ray.dir_z[k];
-            const float cosine = std::fabs(dot) / std::sqrt(nx * nx + ny * ny + nz * nz);
-            float lobe = 1, power = cosine;
-            for (int n = exponent; n; n >>= 1, power *= power) lobe *= n & 1 ? power : 1;
-            const float shine = std::min(lobe * smooth, 8.0f);
-            for (int c = 0; c < 3; c++) {
-                const float own = look_.colour[c], facing = 0.04f + (own - 0.04f) * look_.metalness;
-                shade[c][k] = own * look_.ambient + (own * (1 - 0.6f * look_.metalness) + facing * shine) * cosine;
+            cosine[k] = std::fabs(dot) / std::sqrt(std::max(nx * nx + ny * ny + nz * nz, 1e-37f));
+            power[k] = cosine[k], lobe[k] = 1;
+        }
+        const float roughness = std::max(look_.roughness, 0.05f), square = roughness * roughness;
+        const unsigned exponent = unsigned(2 / (square * square) + 0.5f);
+        const float smooth = (1 - look_.roughness) * (1 - look_.roughness) * (float(exponent) + 8) / 8;
+        for (unsigned n = exponent; n; n >>= 1) {
+            for (int k = 0; k < N; k++) lobe[k] *= n & 1 ? power[k] : 1, power[k] *= power[k];
+        }
+        for (int c = 0; c < 3; c++) {
+            const float own = look_.colour[c], facing = 0.04f + (own - 0.04f) * look_.metalness;
+            const float ambient = own * look_.ambient, diffuse = own * (1 - 0.6f * look_.metalness);
+            for (int k = 0; k < N; k++) {
+                const float lit = ambient + (diffuse + facing * std::min(lobe[k] * smooth, 8.0f)) * cosine[k];
+                shade[c][k] = std::min(std::max(0.0f, lit), 1.0f) * (STEPS - 1) + 0.5f;
             }
         }
-        for (int k = 0; k < N; k++) {
-            if (!valid[k]) continue;
-            std::uint8_t *to = &pixels_[4 * ((y + k / 4) * std::size_t(width_) + x + k % 4)];
-            const bool hit = h.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID;
-            const float high = 1 - (float(y + k / 4) + 0.5f) / float(height_);
+        for (int row = 0; row < N / 4 && y + row < height_; row++) {
+            const float high = 1 - (float(y + row) + 0.5f) / float(height_);
+            std::uint8_t behind[3];
             for (int c = 0; c < 3; c++) {
-                const float linear = hit ? shade[c][k] : look_.bottom[c] + (look_.top[c] - look_.bottom[c]) * high;
-                to[c] = levels_[int(std::min(std::max(linear, 0.0f), 1.0f) * (STEPS - 1) + 0.5f)];
+                behind[c] = levels_[int((look_.bottom[c] + (look_.top[c] - look_.bottom[c]) * high) * (STEPS - 1) + 0.5f)];
             }
-            to[3] = 255;
+            for (int k = 4 * row; k < 4 * row + 4; k++) {
+                std::uint8_t *to = &pixels_[4 * ((y + row) * std::size_t(width_) + x + k % 4)];
+                const bool hit = h.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID;
+                for (int c = 0; c < 3; c++) to[c] = hit ? levels_[int(shade[c][k])] : behind[c];
+                to[3] = 255;
+            }
         }
     }
 

@@ -37,12 +37,6 @@ impl Srgb {
         Self { from_linear, to_linear: std::array::from_fn(|i| decode(i as f32 / 255.0)) }
     }
 
-    /// A level of 8 bits; NaN gives 0.
-    #[inline]
-    pub fn level(&self, linear: f32) -> u8 {
-        self.from_linear[Self::step(linear) as usize]
-    }
-
     #[inline(always)]
     fn step(linear: f32) -> u32 {
         whole(linear, STEPS - 1)
@@ -53,13 +47,8 @@ impl Srgb {
         whole(linear, 255)
     }
 
-    /// Colour and alpha as sRGB bytes; alpha stays linear.
-    #[inline]
-    pub fn pixel(&self, c: [f32; 4]) -> [u8; 4] {
-        [self.level(c[0]), self.level(c[1]), self.level(c[2]), Self::alpha(c[3]) as u8]
-    }
-
-    /// [`Srgb::pixel`] of many: of a row for each of red, green, blue and alpha. (Inlined always: most of it becomes vectors.)
+    /// Colours as sRGB bytes, of a row for each of red, green, blue and alpha; alpha stays linear. NaN gives 0. (Inlined always:
+    /// most of it becomes vectors.)
     #[inline(always)]
     pub fn pixels<const N: usize>(&self, rows: &[[f32; N]; 4], out: &mut [[u8; 4]; N]) {
         let (mut steps, mut alphas) = ([[0; N]; 3], [0; N]);
@@ -106,13 +95,19 @@ impl Default for Srgb {
 mod tests {
     use super::*;
 
+    fn bytes(srgb: &Srgb, c: [f32; 4]) -> [u8; 4] {
+        let mut out = [[0; 4]; 1];
+        srgb.pixels(&c.map(|c| [c]), &mut out);
+        out[0]
+    }
+
     #[test]
     fn levels_are_those_of_the_standard() {
         assert_eq!((level(0.0), level(1.0), level(0.5)), (0, 255, 188));
         assert!((decode(0.5) - 0.214_041).abs() < 1e-6 && (encode(0.214_041) - 0.5).abs() < 1e-6);
         assert_eq!((level(f32::NAN), level(-1.0), level(2.0)), (0, 0, 255));
         let srgb = Srgb::new();
-        assert!((0..=1000).map(|i| i as f32 / 1000.0).all(|x| srgb.level(x).abs_diff(level(x)) <= 1));
+        assert!((0..=1000).map(|i| i as f32 / 1000.0).all(|x| bytes(&srgb, [x; 4])[0].abs_diff(level(x)) <= 1));
     }
 
     #[test]
@@ -120,8 +115,9 @@ mod tests {
         let srgb = Srgb::new();
         for level in 0..=255u8 {
             let linear = srgb.linear([level; 4])[0];
-            assert_eq!(srgb.level(linear), level);
+            assert_eq!(bytes(&srgb, [linear; 4])[..3], [level; 3]);
         }
-        assert_eq!(srgb.pixel([f32::NAN, -1.0, 9.0, 0.5]), [0, 0, 255, 128]);
+        assert_eq!(bytes(&srgb, [f32::NAN, -1.0, f32::INFINITY, 0.4]), [0, 0, 255, 102]);
+        assert_eq!(bytes(&srgb, [0.0, f32::NEG_INFINITY, 9.0, 2.0]), [0, 0, 255, 255]);
     }
 }

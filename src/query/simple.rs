@@ -96,7 +96,12 @@ fn without_surfaces(want: Want, rays: &[Ray], traced: &InOne, met: u32, hits: &m
         match at.stand_in() {
             None => {}
             Some(cell) if cell.is_missing => return false,
-            Some(_) => (hit.kind, hit.t) = (HitKind::Lod, hit.t.min(rays[i].t_max).max(rays[i].t_min)),
+            Some(_) => {
+                (hit.kind, hit.t) = (HitKind::Lod, hit.t.min(rays[i].t_max).max(rays[i].t_min));
+                if want.has(Want::UV) {
+                    hit.uv = [0.0; 2];
+                }
+            }
         }
     }
     true

@@ -25,6 +25,7 @@ use crate::residency::{View, ViewState, Wanted};
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
 use crate::scene::walk::{Need, SceneView, Snapshots};
+use glam::DVec3;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
@@ -354,6 +355,7 @@ impl Work for Request {
             ambient: self.settings.ambient,
             poe,
             srgb: &self.srgb,
+            isa: self.scene.context().isa(),
             asks,
             plain: plain::tree_of(&view, &self.rays, asks),
             within: self.rays.rectangle_of(&with_cells(self.scene.bounds())),
@@ -408,8 +410,9 @@ impl Work for Request {
     }
 }
 
-/// What stand-ins of what is in `bounds` may reach to: planes of cells are rounded outward to less than a hundredth of theirs.
+/// What stand-ins of what is in `bounds` may reach to: planes of cells are rounded outward to less than a hundredth of theirs, and
+/// met a little before.
 fn with_cells(bounds: DBounds) -> DBounds {
-    let slack = bounds.extent() * (1.0 / 64.0);
+    let slack = bounds.extent() * (1.0 / 64.0) + DVec3::splat(bounds.extent().max_element() * 1e-4);
     DBounds { min: bounds.min - slack, max: bounds.max + slack }
 }

@@ -5,7 +5,7 @@ use super::integrators::direct::{ACROSS, DOWN, Direct, Scratch};
 use super::integrators::first::First;
 use crate::math::srgb::Srgb;
 use crate::scene::walk::bits;
-use crate::simd::{Isa, Op, Simd, dispatch};
+use crate::simd::{Op, Simd, dispatch};
 use crate::structure::bvh::trace::PACKET;
 
 /// Pixels along the side of a tile.
@@ -101,7 +101,7 @@ impl TilePixels {
                     // Only a root can be lacking so, and roots stay; then it is wanted before all else.
                     scratch.wants.add(need, f32::MAX);
                 }
-                self.keep((left, top), (columns, rows), wanted, direct.srgb, scratch);
+                self.keep((left, top), (columns, rows), wanted, direct, scratch);
                 tally.count(active, &scratch.first);
             }
         }
@@ -120,11 +120,11 @@ impl TilePixels {
     }
 
     /// Takes over what is `wanted` of the pixels of a packet, so many columns and rows of them.
-    fn keep(&mut self, (left, top): (u32, u32), (columns, rows): (u32, u32), wanted: Outputs, srgb: &Srgb, scratch: &Scratch) {
+    fn keep(&mut self, (left, top): (u32, u32), (columns, rows): (u32, u32), wanted: Outputs, direct: &Direct, scratch: &Scratch) {
         let Scratch { colour, first, .. } = scratch;
         let mut coded = [[0; 4]; PACKET];
         if wanted.has(Buffer::ColourSrgb8) {
-            dispatch(Isa::best(), Code { srgb, colour, coded: &mut coded });
+            dispatch(direct.isa, Code { srgb: direct.srgb, colour, coded: &mut coded });
         }
         for buffer in Buffer::ALL.into_iter().filter(|b| wanted.has(*b)) {
             for row in 0..rows {

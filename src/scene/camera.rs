@@ -156,8 +156,8 @@ impl PixelRays {
             let scale = if self.perspective { from_eye.dot(self.forward) } else { 1.0 };
             let size = from_eye.abs().max_element();
             let is_in_front = !self.perspective || scale > 1e-3 * size;
-            // Not so of what is not a number.
-            if !is_in_front || self.pixel * scale < 1e-6 * size {
+            let is_fine = self.pixel * scale >= 1e-6 * size;
+            if !(from_eye.is_finite() && is_in_front && is_fine) {
                 return None;
             }
             let along = |pixel: DVec3, half: f64| from_eye.dot(pixel) / (pixel.length_squared() * scale) + half;

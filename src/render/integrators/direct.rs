@@ -15,6 +15,7 @@ use crate::scene::light::LightKind;
 use crate::scene::placed::not_below;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::{InOne, Light};
+use crate::simd::Isa;
 use crate::structure::bvh::trace::{PACKET, Triangle};
 use glam::{DVec2, DVec3, Vec3};
 
@@ -82,6 +83,7 @@ pub(crate) struct Direct<'a> {
     /// Pixels of error; 0 asks for exact answers.
     pub poe: f32,
     pub srgb: &'a Srgb,
+    pub isa: Isa,
     pub asks: Asks,
     /// See [`super::plain::tree_of`].
     pub plain: Option<u32>,
@@ -190,6 +192,7 @@ impl Direct<'_> {
     }
 
     /// Goes through surfaces, front to back, until nothing is let through.
+    ///
     /// `met`: the rays that hit something, if they were traced already, in the scratch's `in_one`.
     fn layers(&self, lanes: &mut Lanes, mut active: u32, met: Option<u32>, first: bool, scratch: &mut Scratch) -> Result<(), Need> {
         if first {

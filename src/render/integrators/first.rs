@@ -29,7 +29,7 @@ impl Layer {
     };
 }
 
-/// What is seen first in the pixels of a packet. What nobody asks for may be that of another.
+/// What is seen first in the pixels of a packet. What nobody asks for may be that of an earlier packet.
 pub(crate) struct First {
     /// Pixels that see something, and of these such that see a stand-in, as fine as asked for or for what is missing.
     pub met: u32,

@@ -14,7 +14,7 @@ use crate::scene::light::LightKind;
 use crate::scene::walk::{SceneView, bits};
 use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::bvh::trace::PACKET;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// A number for each pixel of a packet.
 type Row<T> = [T; PACKET];
@@ -72,7 +72,10 @@ pub(super) enum Outcome {
 pub(crate) fn tree_of(view: &SceneView, rays: &PixelRays, asks: Asks) -> Option<u32> {
     let placed = view.only_one()?;
     let is_lit_plainly = view.scene.lights.iter().all(|light| light.kind == LightKind::Headlight);
-    let is_unturned = view.scene.placement.placed[placed as usize].only_shifted().is_some();
+    let p = &view.scene.placement.placed[placed as usize];
+    // From farther away rays are moved nearer.
+    let is_near = |offset: DVec3| (rays.eye() - offset).abs().max_element() < f64::from(p.near());
+    let is_unturned = p.only_shifted().is_some_and(is_near) && view.seen_by(placed) != 0;
     let asks_little = !asks.prims && !asks.precise && view.tree(placed).colours_at.is_none();
     (is_lit_plainly && is_unturned && rays.is_perspective() && asks_little).then_some(placed)
 }
@@ -89,7 +92,7 @@ impl Direct<'_> {
     ) -> Outcome {
         let Some(placed) = self.plain else { return Outcome::NotPlain };
         let Scratch { in_one, plain: Plain { surfaces, rows }, .. } = scratch;
-        let isa = self.view.tree(placed).isa;
+        let isa = self.isa;
         dispatch(isa, CameraRays { rays: self.rays, pixels, rows });
         let eye = self.rays.eye();
         let Some(Ok(met)) = in_one.trace_camera(&self.view, eye, &rows.dir, &rows.width, active) else { return Outcome::NotPlain };
