@@ -89,6 +89,7 @@ impl TilePixels {
         self.width = (width - x).min(TILE);
         self.height = (height - y).min(TILE);
         let mut tally = Tally::default();
+        let entries = direct.entries((x, y), (self.width, self.height));
         for top in (0..self.height).step_by(DOWN as usize) {
             for left in (0..self.width).step_by(ACROSS as usize) {
                 if stop() {
@@ -97,7 +98,7 @@ impl TilePixels {
                 let (columns, rows) = ((self.width - left).min(ACROSS), (self.height - top).min(DOWN));
                 let row = (1 << columns) - 1;
                 let active = (0..rows).fold(0u32, |all, y| all | row << (y * ACROSS));
-                if let Err(need) = direct.packet((x + left, y + top), (1, 1), active, scratch) {
+                if let Err(need) = direct.packet((x + left, y + top), (1, 1), active, entries.as_ref(), scratch) {
                     // Only a root can be lacking so, and roots stay; then it is wanted before all else.
                     scratch.wants.add(need, f32::MAX);
                 }
@@ -114,7 +115,7 @@ impl TilePixels {
         let at = (x + APART.0 / 2, y + APART.1 / 2);
         let inside = |i: u32| at.0 + i % ACROSS * APART.0 < direct.size.0 && at.1 + i / ACROSS * APART.1 < direct.size.1;
         let active = (0..PACKET as u32).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
-        if let Err(need) = direct.packet(at, APART, active, scratch) {
+        if let Err(need) = direct.packet(at, APART, active, None, scratch) {
             scratch.wants.add(need, f32::MAX);
         }
     }

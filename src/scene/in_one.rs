@@ -3,7 +3,7 @@
 use super::placed::{Placed, not_below};
 use super::walk::{Found, Need, SceneStream, SceneView, bits};
 use crate::math::Ray;
-use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, first_rays};
+use crate::structure::bvh::trace::{Entries, LocalRay, Outcome, PACKET, PacketWalk, first_rays};
 use glam::DVec3;
 
 /// Shift and scale of rays that were not moved.
@@ -59,7 +59,7 @@ impl InOne {
     }
 
     /// [`InOne::trace`] of a camera's rays that all begin at `eye` and are near each other, of those in `active`. `dir`: axis by
-    /// axis; `width`: of each ray at distance 1. `None`: they must be traced otherwise.
+    /// axis; `width`: of each ray at distance 1; `entries`: of a beam around them, if there is one. `None`: they must be traced otherwise.
     pub fn trace_camera(
         &mut self,
         view: &SceneView,
@@ -67,6 +67,7 @@ impl InOne {
         dir: &[[f32; PACKET]; 3],
         width: &[f32; PACKET],
         active: u32,
+        entries: Option<&Entries>,
     ) -> Option<Result<u32, Need>> {
         let placed = view.only_one()?;
         let p = &view.scene.placement.placed[placed as usize];
@@ -88,6 +89,9 @@ impl InOne {
                 // Those to either side of a plane through the eye go one after the other.
                 are_apart = true;
                 continue;
+            }
+            if let Some(entries) = entries {
+                walk.enter(&tree, entries);
             }
             if let Outcome::Pending(block) = tree.closest_together(filter.as_ref(), walk) {
                 return Some(Err(view.need(placed, block)));

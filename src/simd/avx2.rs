@@ -208,8 +208,8 @@ impl Lanes<16> for Pair<V8> {
     }
     #[inline(always)]
     fn from_array_like(like: Self, v: [f32; 16]) -> Self {
-        let half = |from: usize| V8::from_array_like(like.0, std::array::from_fn(|i| v[from + i]));
-        Self(half(0), half(8))
+        let [low, high]: [[f32; 8]; 2] = bytemuck::must_cast(v);
+        Self(V8::from_array_like(like.0, low), V8::from_array_like(like.1, high))
     }
     #[inline(always)]
     fn to_array(self) -> [f32; 16] {

@@ -16,7 +16,7 @@ use crate::scene::placed::not_below;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::{InOne, Light};
 use crate::simd::Isa;
-use crate::structure::bvh::trace::{PACKET, Triangle};
+use crate::structure::bvh::trace::{Entries, PACKET, Triangle};
 use glam::{DVec2, DVec3, Vec3};
 
 /// Pixels of a packet, along its rows and its columns.
@@ -128,7 +128,15 @@ struct Lanes {
 impl Direct<'_> {
     /// Renders the pixels of `active` in the block of a packet at `at`, so far `apart`, into `scratch`. Sample 0 goes through
     /// the middle of the pixel and tells what is seen; all samples weigh the same in the colour.
-    pub fn packet(&self, at: (u32, u32), apart: (u32, u32), active: u32, scratch: &mut Scratch) -> Result<(), Need> {
+    /// `entries`: of a rectangle that the packet is in, see [`Direct::entries`].
+    pub fn packet(
+        &self,
+        at: (u32, u32),
+        apart: (u32, u32),
+        active: u32,
+        entries: Option<&Entries>,
+        scratch: &mut Scratch,
+    ) -> Result<(), Need> {
         scratch.colour = [[0.0; PACKET]; 4];
         let point = |i: usize| (at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1);
         let widths = Widths::of(self.poe);
@@ -148,7 +156,7 @@ impl Direct<'_> {
                 continue;
             }
             let pixels = Pixels { at, apart, point: (dx, dy), sample, widths };
-            let met = match self.plain(&pixels, active, &backs, scratch) {
+            let met = match self.plain(&pixels, active, &backs, entries, scratch) {
                 plain::Outcome::Done => {
                     add(&mut scratch.colour, scratch.plain.light());
                     continue;

@@ -6,6 +6,7 @@
 
 use super::direct::{ACROSS, Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::material::{Gloss, Material, powers};
+use super::sampling::Widths;
 use crate::query::surfaces::Surfaces;
 use crate::query::NONE;
 use crate::scene::InOne;
@@ -13,7 +14,7 @@ use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::walk::{SceneView, bits};
 use crate::simd::{Isa, Op, Simd, dispatch};
-use crate::structure::bvh::trace::PACKET;
+use crate::structure::bvh::trace::{Beam, Entries, PACKET};
 use glam::{DVec3, Vec3};
 
 /// A number for each pixel of a packet.
@@ -81,6 +82,18 @@ pub(crate) fn tree_of(view: &SceneView, rays: &PixelRays, asks: Asks) -> Option<
 }
 
 impl Direct<'_> {
+    /// What the plain packets of a rectangle of so many pixels begin at, from its left upper one on; `None`: at the root.
+    pub fn entries(&self, (x, y): (u32, u32), (width, height): (u32, u32)) -> Option<Entries> {
+        let placed = self.plain?;
+        let tree = self.view.tree(placed);
+        let offset = self.view.scene.placement.placed[placed as usize].only_shifted()?;
+        let corner = |x: u32, y: u32| self.rays.toward(x.into(), y.into()).0;
+        let corners = [corner(x, y), corner(x + width, y), corner(x, y + height), corner(x + width, y + height)];
+        let pixel = Widths::of(self.poe).greatest() * self.rays.pixel_width(1.0) as f32;
+        let beam = Beam::new(&tree, (self.rays.eye() - offset).as_vec3(), &corners, self.rays.forward().as_vec3(), pixel)?;
+        Entries::of(&tree, &beam)
+    }
+
     /// Renders one sample of the pixels of `active`: the [light](Plain::light) of each, and, of the first sample, what is seen
     /// there. `backs`: what is behind all, row by row.
     pub(super) fn plain(
@@ -88,6 +101,7 @@ impl Direct<'_> {
         pixels: &Pixels,
         active: u32,
         backs: &[[f32; 4]; DOWN as usize],
+        entries: Option<&Entries>,
         scratch: &mut Scratch,
     ) -> Outcome {
         let Some(placed) = self.plain else { return Outcome::NotPlain };
@@ -95,7 +109,8 @@ impl Direct<'_> {
         let isa = self.isa;
         dispatch(isa, CameraRays { rays: self.rays, pixels, rows });
         let eye = self.rays.eye();
-        let Some(Ok(met)) = in_one.trace_camera(&self.view, eye, &rows.dir, &rows.width, active) else { return Outcome::NotPlain };
+        let met = in_one.trace_camera(&self.view, eye, &rows.dir, &rows.width, active, entries);
+        let Some(Ok(met)) = met else { return Outcome::NotPlain };
         let dir = &rows.dir;
         let ray = |i: usize| (eye, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
         if !surfaces.look::<true>(&self.view, placed, ray, &in_one.walk, met) {

@@ -19,6 +19,11 @@ impl Widths {
         Self { root: poe.sqrt(), octave: OCTAVE.get_or_init(octave) }
     }
 
+    /// No factor is greater.
+    pub fn greatest(&self) -> f32 {
+        self.root * self.octave[self.octave.len() - 1]
+    }
+
     #[inline(always)]
     pub fn factor(&self, x: u32, y: u32, sample: u32) -> f32 {
         const GOLDEN: f64 = 1.618_033_988_749_895;

@@ -37,26 +37,28 @@ pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
 }
 
 /// Follows a reference of `block`, number `id`, to another block that is in memory, or to leaves wherever they are, and asks for
-/// the memory of what will be visited: several such waits then go on at once. Of others says where they are.
+/// the memory of what will be visited: several such waits then go on at once. Of others says where they are. Last is whether what is
+/// visited is there, if it is a leaf.
 #[inline(always)]
-pub(super) fn follow(is_large: bool, view: &TreeView, block: Block, id: u32, child: u32) -> (u32, u32) {
+pub(super) fn follow(is_large: bool, view: &TreeView, block: Block, id: u32, child: u32) -> (u32, u32, bool) {
     if Child::is_leaf(child) {
         let leaves = view.home_of(id, child);
-        if let Some(words) = view.snapshot.block(BlockId(leaves)) {
+        let words = view.snapshot.block(BlockId(leaves));
+        if let Some(words) = words {
             ask_for(is_large, Block::new(words), child);
         }
-        return (leaves, child);
+        return (leaves, child, words.is_some());
     }
     if child >> KIND_SHIFT != EXTERNAL {
         ask_for(is_large, block, child);
-        return (id, child);
+        return (id, child, true);
     }
     let (next, below) = block.external((child & INDEX_MASK) as usize);
     match view.snapshot.block(BlockId(next)) {
         Some(words) => {
             ask_for(is_large, Block::new(words), below);
-            (next, below)
+            (next, below, true)
         }
-        None => (id, child),
+        None => (id, child, true),
     }
 }

@@ -7,6 +7,7 @@
 
 mod ahead;
 mod packet;
+mod packet_beam;
 mod packet_cells;
 mod packet_few;
 mod packet_leaf;
@@ -20,6 +21,7 @@ mod stream;
 mod stream_pass;
 mod walk;
 
+pub use packet_beam::{Beam, Entries};
 pub use packet::{PACKET, PacketSurfaces, PacketWalk, first_rays};
 pub use ray::{LocalRay, PreparedRay, USUAL_DIRS};
 pub use stand_in::StandIn;

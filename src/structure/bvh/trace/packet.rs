@@ -1,6 +1,7 @@
 //! Coherent rays together: their state, and how they enter and leave the kernel.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
+use super::packet_beam::{Enter, Entries};
 use super::packet_prepare::{self, Shared};
 use super::packet_visit;
 use super::stand_in;
@@ -213,6 +214,11 @@ impl PacketWalk {
     /// Puts those of the rays taken over that are in `active` at the root of `view`; the others miss.
     pub fn start(&mut self, view: &TreeView, active: u32) {
         dispatch(view.isa, Start { walk: self, view, active });
+    }
+
+    /// Lets rays that were just started begin at entries, if they are of a beam's.
+    pub fn enter(&mut self, view: &TreeView, entries: &Entries) {
+        dispatch(view.isa, Enter { walk: self, entries });
     }
 
     /// The rays of `among` that could go together with the first of them: by directions as taken over.

@@ -5,7 +5,7 @@
 use super::packet::{PacketEntry, PacketHits, PacketWalk, VECTORS, at};
 use super::packet_prepare::Shared;
 use super::packet_visit::keep;
-use super::single::{LeafRay, is_better, triangles};
+use super::single::{is_better, nearest};
 use super::walk::{Outcome, TriHit};
 use super::{PartFilter, TreeView};
 use crate::base::ids::BlockId;
@@ -27,14 +27,14 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
     at: usize,
 ) -> Outcome {
     let leaf = block.leaf(at);
-    let tests = leaf.triangles * vectors(entry.rays);
-    if (entry.rays.count_ones() as usize) < tests {
-        return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at);
-    }
     let corners = corners(s, &leaf, shared);
     let mut left = all_triangles(leaf.triangles);
     if shared.one_origin {
         left &= !beside(s, &corners, shared);
+    }
+    let tests = left.count_ones() * vectors(entry.rays);
+    if entry.rays.count_ones() < tests {
+        return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at, &corners);
     }
     walk.counters.triangles += u64::from(left.count_ones());
     while left != 0 {
@@ -70,10 +70,10 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
 
 /// Vectors that hold any of the rays.
 #[inline(always)]
-fn vectors(rays: u32) -> usize {
+fn vectors(rays: u32) -> u32 {
     let mut count = 0;
     for h in 0..VECTORS {
-        count += usize::from(rays >> (16 * h) & 0xffff != 0);
+        count += u32::from(rays >> (16 * h) & 0xffff != 0);
     }
     count
 }
@@ -90,20 +90,26 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     shared: &Shared,
     block: Block,
     leaf_at: usize,
+    corners: &Corners,
 ) -> Outcome {
     let (leaf, k) = (block.leaf(leaf_at), shared.k);
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
         let r = &walk.rays;
-        let ray = LeafRay {
-            org: [s.splat8(at(&r.org[k[0]], i)), s.splat8(at(&r.org[k[1]], i)), s.splat8(at(&r.org[k[2]], i))],
-            shear: [s.splat8(at(&r.shear[0], i)), s.splat8(at(&r.shear[1], i)), s.splat8(at(&r.shear[2], i))],
-            t_min: s.splat8(at(&r.t_min, i)),
-            k,
-        };
+        let skew = [s.splat8(at(&r.shear[0], i)), s.splat8(at(&r.shear[1], i)), s.splat8(at(&r.shear[2], i))];
+        let zero = s.splat8(0.0);
+        let mut moved = [[zero; 3]; 3];
+        for axis in 0..3 {
+            for c in 0..3 {
+                let corner = s.load8(&corners[c][axis]);
+                moved[c][axis] = if shared.one_origin { corner } else { corner - s.splat8(at(&r.org[k[axis]], i)) };
+            }
+        }
+        let [a, b, c] = moved;
+        let sheared = [shear(a, skew), shear(b, skew), shear(c, skew)];
         walk.counters.triangles += leaf.triangles as u64;
-        if let Some((lane, t, u, v)) = triangles(s, block, leaf, &ray, filter, at(&walk.hits.t, i)) {
+        if let Some((lane, t, u, v)) = nearest(s, block, leaf, sheared, s.splat8(at(&r.t_min, i)), filter, at(&walk.hits.t, i)) {
             let hit = TriHit { t, u, v, block: entry.block, tri: (leaf_at as u32) << 3 | lane };
             let best = walk.best(i);
             match is_better(view, &hit, &best, &mut walk.counters) {

@@ -82,6 +82,8 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     let shared = walk.shared;
     let is_large = ahead::is_large(view.snapshot);
     let mut far = farthest(s, &walk.hits.t);
+    // One for all nodes: making it takes as long as filling it.
+    let mut boxes = Boxes::NONE;
     while let Some(mut entry) = walk.stack.pop() {
         if entry.t > far {
             continue;
@@ -107,9 +109,10 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
             match Child::from_bits(entry.child) {
                 Some(Child::Node(index)) => {
                     walk.counters.nodes += 1;
+                    intervals::<S, LOD>(s, block.node(index), &shared, far, &mut boxes);
                     let nearest =
-                        nearest_child::<S, ANY, LOD>(s, is_large, view, filter, block, index, &shared, far, entry, walk);
-                    if LOD {
+                        nearest_child::<S, ANY, LOD>(s, is_large, view, filter, block, index, &boxes, &shared, entry, walk);
+                    if LOD && (boxes.small != 0 || view.never_waits) {
                         far = farthest(s, &walk.hits.t);
                     }
                     let Some(nearest) = nearest else { break };
@@ -213,17 +216,15 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     filter: Option<&PartFilter>,
     block: Block,
     index: usize,
+    boxes: &Boxes,
     shared: &Shared,
-    far: f32,
     entry: PacketEntry,
     walk: &mut PacketWalk,
 ) -> Option<PacketEntry> {
     let node = block.node(index);
-    let boxes = intervals::<S, LOD>(s, node, shared, far);
     let mut mask = boxes.met;
     let is_few = shared.one_origin && entry.rays.count_ones() <= packet_few::FEW;
-    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, filter, block, index, &boxes, entry, walk) } else { [0; 8] };
-    let lacks_leaves = LOD && view.never_waits && mask != 0 && view.lacks_leaves(entry.block);
+    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, filter, block, index, boxes, entry, walk) } else { [0; 8] };
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
     while mask != 0 {
@@ -236,7 +237,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         let rays = if is_few {
             few[slot]
         } else if LOD && boxes.small >> slot & 1 == 1 {
-            packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, &boxes, shared, entry, walk)
+            packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, boxes, shared, entry, walk)
         } else if !shared.one_origin || boxes.narrow >> slot & 1 == 1 || Child::is_leaf(child) {
             meet(s, &boxes.planes, slot, shared, entry.rays, walk)
         } else {
@@ -245,12 +246,12 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         if rays == 0 {
             continue;
         }
-        if lacks_leaves && Child::is_leaf(child) {
+        let (id, child, is_there) = ahead::follow(is_large, view, block, entry.block, child);
+        if LOD && view.never_waits && !is_there {
             let entry = PacketEntry { rays, ..entry };
             packet_cells::for_missing::<S, ANY>(s, view, filter, block, (index, slot), shared, entry, walk);
             continue;
         }
-        let (id, child) = ahead::follow(is_large, view, block, entry.block, child);
         let mut next = PacketEntry { t: boxes.enter[slot], rays, block: id, child };
         let Some(first) = nearest else {
             nearest = Some(next);
@@ -260,15 +261,21 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
             nearest = Some(next);
             next = first;
         }
-        let mut at = walk.stack.len();
-        walk.stack.push(next);
-        while at > bottom && walk.stack[at - 1].t < next.t {
-            walk.stack[at] = walk.stack[at - 1];
-            at -= 1;
-        }
-        walk.stack[at] = next;
+        push_sorted(&mut walk.stack, bottom, next);
     }
     nearest
+}
+
+/// Pushes an entry below those above `bottom` that are nearer.
+#[inline(always)]
+pub(super) fn push_sorted(stack: &mut Vec<PacketEntry>, bottom: usize, next: PacketEntry) {
+    let mut at = stack.len();
+    stack.push(next);
+    while at > bottom && stack[at - 1].t < next.t {
+        stack[at] = stack[at - 1];
+        at -= 1;
+    }
+    stack[at] = next;
 }
 
 /// Near and far planes of eight boxes, axis by axis; less the origin, where rays share it.
@@ -286,7 +293,7 @@ pub(super) struct Boxes {
     pub enter: [f32; 8],
     /// Outward by [`Shared::slack`].
     pub planes: Planes,
-    /// Only where one is small: the planes as stored, where rays do not share the origin; and areas of faces, signed as the
+    /// Only if one is small: the planes as stored, where rays do not share the origin; and areas of faces, signed as the
     /// directions are.
     pub stored: Planes,
     pub faces: [[f32; 8]; 3],
@@ -299,15 +306,13 @@ impl Boxes {
     };
 }
 
-/// The test of all children against all rays at once.
+/// The test of all children against all rays at once, into `out`.
 #[inline(always)]
-fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, far: f32) -> Boxes {
+pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, far: f32, out: &mut Boxes) {
     let step = s.powers8(node.exponents());
     let zero = s.splat8(0.0);
-    let mut enter = zero;
-    let mut leave = s.splat8(far);
     let (mut first, mut last) = ([zero; 3], [zero; 3]);
-    let mut out = Boxes::NONE;
+    let (mut from, mut to) = ([zero; 3], [zero; 3]);
     for axis in 0..3 {
         let (near, far) = single::planes(node, shared.near[axis]);
         let origin = s.splat8(node.origin[axis]);
@@ -315,13 +320,11 @@ fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, far: 
         last[axis] = s.bytes8(far).mul_add(step[axis], origin);
         let slack = s.splat8(shared.slack[axis]);
         let (near, far) = (first[axis] - slack, last[axis] + slack);
-        let (from, to) = (near - s.splat8(shared.org_near[axis]), far - s.splat8(shared.org_far[axis]));
-        out.planes[axis] = if shared.one_origin { [from.to_array(), to.to_array()] } else { [near.to_array(), far.to_array()] };
-        // Rounded products keep order: no ray between the extremes has less, or more.
-        let (low, high) = (s.splat8(shared.inv_min[axis]), s.splat8(shared.inv_max[axis]));
-        enter = (from * low).min(from * high).max(enter);
-        leave = (to * low).max(to * high).min(leave);
+        (from[axis], to[axis]) = (near - s.splat8(shared.org_near[axis]), far - s.splat8(shared.org_far[axis]));
+        let planes = if shared.one_origin { [from[axis], to[axis]] } else { [near, far] };
+        out.planes[axis] = [planes[0].to_array(), planes[1].to_array()];
     }
+    let [enter, leave] = cross(s, from, to, shared, far);
     out.met = enter.le(leave).bits() & u32::from(node.valid);
     out.enter = enter.to_array();
     let faces = stand_in::faces(first, last, zero);
@@ -331,10 +334,23 @@ fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, far: 
     if LOD {
         out.small = packet_cells::likely(s, area, leave, shared) & out.met;
         if out.small != 0 {
-            packet_cells::cells(s, first, last, faces, shared, &mut out);
+            packet_cells::cells(s, first, last, faces, shared, out);
         }
     }
-    out
+}
+
+/// Where the first of all rays enters boxes between planes less the extremes of the origins, and where the last leaves them, up to
+/// `far`.
+#[inline(always)]
+pub(super) fn cross<S: Simd>(s: S, from: [S::F8; 3], to: [S::F8; 3], shared: &Shared, far: f32) -> [S::F8; 2] {
+    let (mut enter, mut leave) = (s.splat8(0.0), s.splat8(far));
+    for axis in 0..3 {
+        // Rounded products keep order: no ray between the extremes has less, or more.
+        let (low, high) = (s.splat8(shared.inv_min[axis]), s.splat8(shared.inv_max[axis]));
+        enter = (from[axis] * low).min(from[axis] * high).max(enter);
+        leave = (to[axis] * low).max(to[axis] * high).min(leave);
+    }
+    [enter, leave]
 }
 
 /// Those of `rays` that meet the box of a child.

@@ -474,7 +474,21 @@ pub(super) fn triangles<S: Simd>(
     let a = corner(s, &tables, leaf.corners8(0), lanes);
     let b = corner(s, &tables, leaf.corners8(1), lanes);
     let c = corner(s, &tables, leaf.corners8(2), lanes);
-    let found = intersect::<8, _, false>(a, b, c, s.splat8(0.0), lanes.t_min, s.splat8(t_max));
+    nearest(s, block, leaf, [a, b, c], lanes.t_min, filter, t_max)
+}
+
+/// The same of a leaf's triangles whose corners are sheared.
+#[inline(always)]
+pub(super) fn nearest<S: Simd>(
+    s: S,
+    block: Block,
+    leaf: Leaf,
+    [a, b, c]: [Sheared<S::F8>; 3],
+    t_min: S::F8,
+    filter: Option<&PartFilter>,
+    t_max: f32,
+) -> Option<(u32, f32, f32, f32)> {
+    let found = intersect::<8, _, false>(a, b, c, s.splat8(0.0), t_min, s.splat8(t_max));
     let mut hits = found.hits & ((1 << leaf.triangles) - 1);
     if hits == 0 {
         return None;
