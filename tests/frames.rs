@@ -274,6 +274,7 @@ fn a_buffer_is_the_same_whatever_else_is_asked_for() {
 fn plain_packets_show_to_the_bit_what_others_show() {
     use outcrop::scene::{Context, ContextOptions};
     use outcrop::simd::Isa;
+    const TINY: f64 = 1e-11;
     let material = |colour, metalness, roughness, opacity| MaterialDesc { colour, metalness, roughness, opacity };
     let part = |id, material, tris| Part { id, material, tris };
     let model = built::parts(&[
@@ -282,7 +283,13 @@ fn plain_packets_show_to_the_bit_what_others_show() {
         part(3, material([0.3, 0.3, 0.9], 0.2, 0.0, 1.0), scenes::blocks(12, 2)),
         part(4, material([0.5, 0.6, 0.7], 0.0, 1.0, 0.4), scenes::plane_grid(6, -0.8)),
         part(5, material([1.0, 1.0, 0.2], 1.0, 0.05, 1.0), scenes::slivers().tris),
+        // So small that the squares of normals leave the range of single precision.
+        part(6, material([0.4, 0.9, 0.2], 0.3, 0.3, 1.0), scenes::sphere(20, 40).into_iter().map(|t| t.map(|v| scenes::rounded(v * TINY))).collect()),
     ]);
+    let cameras = [
+        perspective(DVec3::new(3.0, 1.5, 4.0), DVec3::new(0.2, 0.0, 0.0)),
+        perspective(DVec3::new(-2.0, -1.5, -2.5) * TINY, DVec3::ZERO),
+    ];
     for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
         let context = Context::new(ContextOptions { threads: 2, isa: Some(isa), ..Default::default() }).unwrap();
         let (scene, _) = built::scene(&context, &model);
@@ -292,13 +299,12 @@ fn plain_packets_show_to_the_bit_what_others_show() {
         scene.set_part_state(7, 3, State { selected: true, ..State::default() }).unwrap();
         scene.set_part_state(7, 5, State { visible: false, ..State::default() }).unwrap();
         scene.commit().unwrap();
-        for (poe, samples) in [(0.0, 1), (2.0, 3), (300.0, 1), (3000.0, 2)] {
+        for (poe, samples, camera) in [(0.0, 1, 0), (2.0, 3, 0), (300.0, 1, 0), (3000.0, 2, 0), (0.0, 1, 1)] {
             let settings = FrameSettings { poe, samples, ..Default::default() };
-            let camera = perspective(DVec3::new(3.0, 1.5, 4.0), DVec3::new(0.2, 0.0, 0.0));
             let rendered = |outputs: Outputs| {
                 let options = FrameOptions { width: 173, height: 110, outputs, ..Default::default() };
                 let frame = Frame::new(&context, options).unwrap();
-                frame.request(&scene.state(), &camera, &settings).unwrap();
+                frame.request(&scene.state(), &cameras[camera], &settings).unwrap();
                 let status = frame.wait(LONG);
                 assert_eq!(status.state, FrameState::Converged);
                 (frame, status)
@@ -313,6 +319,8 @@ fn plain_packets_show_to_the_bit_what_others_show() {
             assert_eq!((a.pixels_exact, a.pixels_lod, a.pixels_missing), (b.pixels_exact, b.pixels_lod, b.pixels_missing));
             assert!((a.worst_error_px == b.worst_error_px) || a.pixels_lod == 0, "{a:?}, {b:?}");
             assert!(poe < 300.0 || a.pixels_lod > 500, "{a:?}");
+            let tiny = plain.map(Buffer::Part).unwrap().ids().unwrap().iter().filter(|id| **id == 6).count();
+            assert_eq!(tiny > 5000, camera == 1, "{tiny} pixels of the small sphere");
         }
     }
 }

@@ -117,6 +117,7 @@ mod tests {
             let linear = srgb.linear([level; 4])[0];
             assert_eq!(bytes(&srgb, [linear; 4])[..3], [level; 3]);
         }
+        assert_eq!(bytes(&srgb, [f32::NAN, -1.0, 9.0, 0.5]), [0, 0, 255, 128]);
         assert_eq!(bytes(&srgb, [f32::NAN, -1.0, f32::INFINITY, 0.4]), [0, 0, 255, 102]);
         assert_eq!(bytes(&srgb, [0.0, f32::NEG_INFINITY, 9.0, 2.0]), [0, 0, 255, 255]);
     }

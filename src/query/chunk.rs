@@ -77,14 +77,13 @@ impl Chunk {
             rays.read(first + from, &mut self.rays[group.clone()]);
             self.rays[group.clone()].iter_mut().for_each(|ray| ray.cone = ray.cone.or_zero());
             self.unfinished.clear();
-            let is_alike = may_be_alike(&self.rays[group.clone()]);
-            if !is_alike {
-                gathered = group.end;
-            } else if view.only_one().is_some() {
-                gathered = self.run_in_one(view, task, group, hits);
-            } else if let Some(met) = self.trace_packet(view, task, group.clone()) {
-                self.answer(view, task, group, met, hits);
-            } else {
+            let is_answered = may_be_alike(&self.rays[group.clone()])
+                && if view.only_one().is_some() {
+                    self.run_in_one(view, task, group.clone(), hits)
+                } else {
+                    self.run_packet(view, task, group.clone(), hits)
+                };
+            if !is_answered {
                 gathered = group.end;
             }
         }
@@ -107,49 +106,51 @@ impl Chunk {
         self.unfinished.extend_from_slice(self.stream.unfinished());
     }
 
-    /// Answers a group in a scene that is one placed tree; returns where the next is to be gathered: behind this one if it
-    /// must go side by side.
-    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, hits: &impl Hits) -> usize {
+    /// Answers a group in a scene that is one placed tree; false if it must go side by side.
+    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, hits: &impl Hits) -> bool {
         let rays = &self.rays[group.clone()];
         let met = if task.any {
             self.in_one.trace::<true>(view, rays, task.coherent)
         } else {
             self.in_one.trace::<false>(view, rays, task.coherent)
         };
-        let (start, met) = match met {
-            None => return group.end,
-            Some(Ok(met)) => {
-                if self.simple.answer(view, task.want, rays, &self.in_one, met, &mut self.hits) {
-                    hits.write(self.firsts[group.start / PACKET], &self.hits[..group.len()]);
-                    return group.start;
-                }
-                for i in bits(met) {
-                    self.found[group.start + i] = self.in_one.found(view, i);
-                }
-                (group.start, met)
+        let Some(met) = met else { return false };
+        if let Ok(met) = met {
+            if self.simple.answer(view, task.want, rays, &self.in_one, met, &mut self.hits) {
+                hits.write(self.firsts[group.start / PACKET], &self.hits[..group.len()]);
+                return true;
             }
-            Some(Err(_)) => {
-                // Which of its rays had what they needed is not known.
-                self.unfinished.extend(group.start as u32..group.end as u32);
-                (group.start, 0)
+            for i in bits(met) {
+                self.found[group.start + i] = self.in_one.found(view, i);
             }
-        };
-        self.answer(view, task, group, met, hits);
-        start
+        }
+        self.answer_traced(view, task, group, met.ok(), hits);
+        true
     }
 
-    /// A packet's rays together; returns those that hit something, or `None` if they must go side by side.
-    fn trace_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>) -> Option<u32> {
+    /// Answers a group together; false if it must go side by side.
+    fn run_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>, hits: &impl Hits) -> bool {
         // Nobody has looked at the rays: only the caller's word tells that they are near each other.
-        let rays = self.rays[group.start..].first_chunk::<PACKET>().filter(|_| task.coherent)?;
+        let rays = self.rays[group.start..].first_chunk::<PACKET>().filter(|_| task.coherent);
+        let Some(rays) = rays else { return false };
         self.packet.begin(view, rays, first_rays(group.len()));
-        if let Step::Pending(_) = trace_whole(view, task, rays, &mut self.packet) {
+        let is_done = trace_whole(view, task, rays, &mut self.packet) == Step::Done;
+        let met = is_done.then(|| {
+            let found = &mut self.found[group.clone()];
+            found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
+            hits_of(found)
+        });
+        self.answer_traced(view, task, group, met, hits);
+        true
+    }
+
+    /// [`Chunk::answer`] of a group whose rays went together. `met`: those that hit something, `None` if some ray lacked a block.
+    fn answer_traced(&mut self, view: &SceneView, task: Task, group: Range<usize>, met: Option<u32>, hits: &impl Hits) {
+        if met.is_none() {
+            // Which of its rays had what they needed is not known.
             self.unfinished.extend(group.start as u32..group.end as u32);
-            return Some(0);
         }
-        let found = &mut self.found[group];
-        found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
-        Some(hits_of(found))
+        self.answer(view, task, group, met.unwrap_or(0), hits);
     }
 
     /// Writes the answers of a group, or parks it. `met`: rays that hit something; more may be among the unfinished.

@@ -250,55 +250,44 @@ pub(crate) fn facing_normal(placed: &Placed, triangle: &Triangle, dir: Vec3) -> 
 }
 
 /// A triangle's normal in the world, on the side from which its corners are seen counter-clockwise.
-#[derive(Clone, Copy)]
-struct WorldNormal {
+#[derive(Debug, Clone, Copy)]
+pub(super) struct WorldNormal {
     /// Of any length.
-    normal: DVec3,
+    pub across: DVec3,
     /// Of length 1.
-    unit: Vec3,
-    /// The square of `normal` leaves the range of single precision: `unit` means nothing.
-    is_extreme: bool,
+    pub unit: Vec3,
+    /// The square of `across` leaves the range of single precision: `unit` means nothing.
+    pub is_extreme: bool,
 }
 
 impl WorldNormal {
-    const NONE: Self = Self { normal: DVec3::ZERO, unit: Vec3::ZERO, is_extreme: true };
+    const NONE: Self = Self { across: DVec3::ZERO, unit: Vec3::ZERO, is_extreme: true };
 
     #[inline(always)]
     fn new(placed: &Placed, triangle: &Triangle) -> Self {
         let [a, b, c] = triangle.vertices;
         let a = a.as_dvec3();
-        let normal = placed.world_normal((b.as_dvec3() - a).cross(c.as_dvec3() - a));
-        let square = normal.length_squared();
-        Self { normal, unit: unit(normal, square), is_extreme: is_extreme(square) }
+        Self::of(placed.world_normal((b.as_dvec3() - a).cross(c.as_dvec3() - a)))
     }
 
+    /// From one of any length.
     #[inline(always)]
-    fn facing(&self, dir: Vec3) -> Vec3 {
+    pub fn of(across: DVec3) -> Self {
+        let square = across.length_squared();
+        // Single precision is what the answer has; a root and a quotient of it take half the time.
+        let unit = (across * f64::from(1.0 / (square as f32).sqrt())).as_vec3();
+        Self { across, unit, is_extreme: !NORMAL_SQUARES.contains(&square) }
+    }
+
+    /// Of length 1, against `dir`; where a triangle is too thin to have a normal, the opposite of `dir`.
+    #[inline(always)]
+    pub fn facing(&self, dir: Vec3) -> Vec3 {
         let dir = dir.as_dvec3();
         if self.is_extreme {
-            return extreme_normal(self.normal, dir).as_vec3();
+            return extreme_normal(self.across, dir).as_vec3();
         }
-        if faces_away(self.normal, dir) { -self.unit } else { self.unit }
+        if self.across.dot(dir) > 0.0 { -self.unit } else { self.unit }
     }
-}
-
-/// A normal of length 1, from one whose square is not [extreme](is_extreme). Single precision is what the answer has; a root and
-/// a quotient of it take half the time.
-#[inline(always)]
-pub(super) fn unit(normal: DVec3, square: f64) -> Vec3 {
-    (normal * f64::from(1.0 / (square as f32).sqrt())).as_vec3()
-}
-
-/// Whether the square of a normal leaves the range of single precision.
-#[inline(always)]
-pub(super) fn is_extreme(square: f64) -> bool {
-    !NORMAL_SQUARES.contains(&square)
-}
-
-/// Whether a normal faces the way that `dir` goes.
-#[inline(always)]
-pub(super) fn faces_away(normal: DVec3, dir: DVec3) -> bool {
-    normal.dot(dir) > 0.0
 }
 
 /// Squares of lengths whose roots and reciprocals keep all digits of single precision.

@@ -3,7 +3,7 @@
 
 use super::chunk::forget;
 use super::hit::{Hit, HitKind, NONE, Want};
-use super::finish::faces_away;
+use super::stand_in::within;
 use super::surfaces::Surfaces;
 use crate::math::Ray;
 use crate::scene::InOne;
@@ -36,73 +36,55 @@ impl Simple {
         if placed.only_shifted().is_none() {
             return false;
         }
-        if !want.any_of(Want::SURFACE) {
-            return without_surfaces(want, rays, traced, met, hits);
-        }
-        let Self { surfaces } = self;
-        if !surfaces.look::<false>(view, only, |i| (rays[i].origin, rays[i].dir), &traced.walk, met) {
+        let sees_surfaces = want.any_of(Want::SURFACE);
+        let ray = |i: usize| (rays[i].origin, rays[i].dir);
+        if sees_surfaces && !self.surfaces.look::<false>(view, only, ray, &traced.walk, met) {
             return false;
         }
         forget(!met & first_rays(rays.len()), hits);
-        let parts = view.model_of(only).parts();
-        let id_of = |part: u32| parts.get(part as usize).map_or(NONE, |part| part.id);
-        for facet in surfaces.triangles() {
-            let id = if want.has(Want::PART) { id_of(facet.part) } else { NONE };
-            for i in bits(facet.rays) {
-                let hit = &mut hits[i];
-                (hit.kind, hit.t, hit.part) = (HitKind::Exact, traced.distance(i), id);
-                if want.has(Want::UV) {
-                    hit.uv = traced.walk.weights(i);
-                }
-                if want.has(Want::NORMAL) {
-                    let turn = faces_away(facet.across, rays[i].dir.as_dvec3());
-                    hit.normal = if turn { -facet.unit } else { facet.unit };
-                }
-            }
-        }
-        for i in bits(surfaces.cells()) {
-            let (hit, (normal, part)) = (&mut hits[i], surfaces.cell(i));
-            (hit.kind, hit.t) = (HitKind::Lod, traced.distance(i).min(rays[i].t_max).max(rays[i].t_min));
+        let instance = view.scene.instances[placed.instance as usize].id;
+        for i in bits(met) {
+            let (hit, at, t) = (&mut hits[i], traced.walk.best(i), traced.distance(i));
+            let (kind, t, uv) = match at.stand_in() {
+                None => (HitKind::Exact, t, [at.u, at.v]),
+                Some(cell) if cell.is_missing => return false,
+                Some(_) => (HitKind::Lod, within(t, &rays[i]), [0.0; 2]),
+            };
+            (hit.kind, hit.t) = (kind, t);
             if want.has(Want::UV) {
-                hit.uv = [0.0; 2];
+                hit.uv = uv;
             }
-            if want.has(Want::PART) {
-                hit.part = id_of(part);
-            }
-            if want.has(Want::NORMAL) {
-                hit.normal = normal;
+            if want.has(Want::INSTANCE) {
+                hit.instance = instance;
             }
         }
-        if want.has(Want::INSTANCE) {
-            let instance = view.scene.instances[placed.instance as usize].id;
-            bits(met).for_each(|i| hits[i].instance = instance);
+        if sees_surfaces {
+            self.add_surfaces(view, only, want, rays, hits);
         }
         true
     }
-}
 
-/// [`Simple::answer`] where nothing is asked of what was hit, as whether anything is.
-fn without_surfaces(want: Want, rays: &[Ray], traced: &InOne, met: u32, hits: &mut [Hit; PACKET]) -> bool {
-    if want.has(Want::INSTANCE) {
-        return false;
-    }
-    forget(!met & first_rays(rays.len()), hits);
-    for i in bits(met) {
-        let (hit, at) = (&mut hits[i], traced.walk.best(i));
-        (hit.kind, hit.t) = (HitKind::Exact, traced.distance(i));
-        if want.has(Want::UV) {
-            hit.uv = [at.u, at.v];
-        }
-        match at.stand_in() {
-            None => {}
-            Some(cell) if cell.is_missing => return false,
-            Some(_) => {
-                (hit.kind, hit.t) = (HitKind::Lod, hit.t.min(rays[i].t_max).max(rays[i].t_min));
-                if want.has(Want::UV) {
-                    hit.uv = [0.0; 2];
+    /// Parts and normals of what was looked at.
+    fn add_surfaces(&self, view: &SceneView, only: u32, want: Want, rays: &[Ray], hits: &mut [Hit; PACKET]) {
+        let parts = view.model_of(only).parts();
+        let id_of = |part: u32| parts.get(part as usize).map_or(NONE, |part| part.id);
+        for triangle in self.surfaces.triangles() {
+            let id = if want.has(Want::PART) { id_of(triangle.part) } else { NONE };
+            for i in bits(triangle.rays) {
+                hits[i].part = id;
+                if want.has(Want::NORMAL) {
+                    hits[i].normal = triangle.normal.facing(rays[i].dir);
                 }
             }
         }
+        for i in bits(self.surfaces.cells()) {
+            let (normal, part) = self.surfaces.cell(i);
+            if want.has(Want::PART) {
+                hits[i].part = id_of(part);
+            }
+            if want.has(Want::NORMAL) {
+                hits[i].normal = normal;
+            }
+        }
     }
-    true
 }

@@ -76,12 +76,12 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
         // In a cell that it begins in, the ray sees the far side.
         t = if place.is_inside { t.max(crossing.leave) } else { t };
     }
-    let side = voxel.side(from);
+    let side = voxel.side(from as usize);
     let (part, _) = voxel.part();
     // Only for want of what is below: what else it holds may be visible.
     let is_hidden = place.is_missing && view.filter(found.placed).is_some_and(|filter| filter.hides(part));
     Some(Look {
-        t: t.min(ray.t_max).max(ray.t_min),
+        t: within(t, ray),
         normal: facing(placed, side.normal, ray.dir),
         part: if is_hidden { u32::MAX } else { placed.first_part.saturating_add(part) },
         colour: voxel.has_colours().then_some(side.colour),
@@ -90,6 +90,12 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
         block,
         place,
     })
+}
+
+/// Where a cell is hit, in the ray's interval: it may be entered before, or be seen where the ray leaves it.
+#[inline(always)]
+pub(super) fn within(t: f64, ray: &Ray) -> f64 {
+    t.min(ray.t_max).max(ray.t_min)
 }
 
 fn cell(block: Block, place: StandIn) -> Bounds {
@@ -165,32 +171,46 @@ impl Look<'_> {
 struct Crossing {
     enter: f64,
     leave: f64,
-    first: usize,
-    last: usize,
+    first: u32,
+    last: u32,
 }
 
 impl Crossing {
     fn of(placed: &Placed, ray: &Ray, cell: &Bounds) -> Self {
         let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
-        let inv = dir.recip();
-        let mut it = Self { enter: f64::NEG_INFINITY, leave: f64::INFINITY, first: 0, last: 0 };
+        let (low, high, towards) = (cell.min.as_dvec3(), cell.max.as_dvec3(), dir.cmpge(DVec3::ZERO));
+        let (enter, first) = entered(org, dir, DVec3::select(towards, low, high));
+        let to = (DVec3::select(towards, high, low) - org) * dir.recip();
+        let (mut leave, mut last) = (f64::INFINITY, 0);
         for axis in 0..3 {
-            let towards = dir[axis] >= 0.0;
-            let (low, high) = (f64::from(cell.min[axis]), f64::from(cell.max[axis]));
-            let (near, far) = if towards { (low, high) } else { (high, low) };
-            // What is seen, on entering and through the cell, is what faces the ray.
-            let side = if towards { axis } else { axis + 3 };
-            let (from, to) = ((near - org[axis]) * inv[axis], (far - org[axis]) * inv[axis]);
-            // Not so for NaN, of rays in a plane of the cell.
-            if from > it.enter {
-                (it.enter, it.first) = (from, side);
-            }
-            if to < it.leave {
-                (it.leave, it.last) = (to, side);
+            // Not so for NaN, as in `entered`.
+            if to[axis] < leave {
+                (leave, last) = (to[axis], side_towards(axis, dir[axis]));
             }
         }
-        it
+        Self { enter, leave, first, last }
     }
+}
+
+/// The side of a cell that faces a ray which goes by `dir` along an axis: what is seen, on entering and through the cell.
+#[inline(always)]
+pub(super) fn side_towards(axis: usize, dir: f64) -> u32 {
+    if dir >= 0.0 { axis as u32 } else { axis as u32 + 3 }
+}
+
+/// Where a ray enters a cell, and by which side: where it meets the last of the planes that face it, which are at `near`.
+#[inline(always)]
+pub(super) fn entered(org: DVec3, dir: DVec3, near: DVec3) -> (f64, u32) {
+    let from = ((near - org) * dir.recip()).to_array();
+    let dir = dir.to_array();
+    let (mut enter, mut side) = (f64::NEG_INFINITY, 0);
+    for axis in 0..3 {
+        // Not so for NaN, of rays in a plane of the cell.
+        let is_later = from[axis] > enter;
+        side = if is_later { side_towards(axis, dir[axis]) } else { side };
+        enter = if is_later { from[axis] } else { enter };
+    }
+    (enter, side)
 }
 
 /// Fills what `want` asks of `hit` from a stand-in.

@@ -2,13 +2,14 @@
 //! other, and the arithmetic goes over all rays in vectors. The answers are, to the bit, those of [`super::finish`] and of
 //! [`super::stand_in`], which do the same for one ray.
 
-use super::{finish, stand_in};
+use super::finish::WorldNormal;
+use super::stand_in;
 use crate::base::ids::BlockId;
 use crate::lod::{stored_colour, stored_normal};
 use crate::math::Bounds;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{SceneView, bits};
-use crate::simd::{Op, Simd, dispatch, prefetch};
+use crate::simd::{Isa, Op, Simd, dispatch, prefetch};
 use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
 use crate::structure::bvh::trace::{PACKET, PacketSurfaces, PacketWalk};
 use glam::{DVec3, Vec3};
@@ -20,13 +21,10 @@ const FEW: usize = PACKET / 2;
 
 /// A triangle that rays of a packet hit.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Facet {
+pub(super) struct HitTriangle {
     /// The rays that hit it.
     pub rays: u32,
-    /// Its normal in the world, of any length.
-    pub across: DVec3,
-    /// The same of length 1.
-    pub unit: Vec3,
+    pub normal: WorldNormal,
     /// The model's part.
     pub part: u32,
 }
@@ -37,7 +35,7 @@ pub(crate) struct Facet {
 pub(crate) struct Surfaces {
     /// Corners of triangles, axis by axis; so many triangles as were hit.
     corners: [[Row<f32>; 3]; 3],
-    /// Their normals of any length, and of length 1.
+    /// Their normals, as [`WorldNormal`] has them.
     across: [Row<f64>; 3],
     unit: [Row<f32>; 3],
     is_extreme: Row<u32>,
@@ -87,8 +85,8 @@ impl Default for Surfaces {
 
 impl Surfaces {
     /// Looks at what rays hit in a scene's one placed tree, `placed`, whose frame differs from the world by its zero only;
-    /// `met`: those with hits in `walk`. False if that cannot be told here: of stand-ins for what is missing, of what is no
-    /// longer in memory, and of normals that single precision cannot tell.
+    /// `met`: those with hits in `walk`. False if that cannot be told here: of stand-ins for what is missing, and of what is no
+    /// longer in memory.
     ///
     /// `ray`: origin and direction of one. `PICTURE`: what pictures need of stand-ins too.
     pub fn look<const PICTURE: bool>(
@@ -106,11 +104,14 @@ impl Surfaces {
     }
 
     /// The triangles that were hit.
-    pub fn triangles(&self) -> impl Iterator<Item = Facet> {
-        (0..self.hits.count).map(|s| Facet {
+    pub(super) fn triangles(&self) -> impl Iterator<Item = HitTriangle> {
+        (0..self.hits.count).map(|s| HitTriangle {
             rays: self.hits.rays[s],
-            across: DVec3::new(self.across[0][s], self.across[1][s], self.across[2][s]),
-            unit: Vec3::new(self.unit[0][s], self.unit[1][s], self.unit[2][s]),
+            normal: WorldNormal {
+                across: DVec3::new(self.across[0][s], self.across[1][s], self.across[2][s]),
+                unit: Vec3::new(self.unit[0][s], self.unit[1][s], self.unit[2][s]),
+                is_extreme: self.is_extreme[s] != 0,
+            },
             part: self.part[s],
         })
     }
@@ -138,13 +139,20 @@ impl Surfaces {
     }
 
     /// Unit normals against the rays, whose directions are `dir`, and parts, ray by ray.
-    pub fn each(&self, dir: &[Row<f32>; 3], normals: &mut [Row<f32>; 3], parts: &mut Row<u32>) {
-        for facet in self.triangles() {
-            for i in bits(facet.rays) {
-                let turn = finish::faces_away(facet.across, DVec3::new(dir[0][i].into(), dir[1][i].into(), dir[2][i].into()));
-                let normal = if turn { -facet.unit } else { facet.unit };
+    pub fn each(&self, isa: Isa, dir: &[Row<f32>; 3], normals: &mut [Row<f32>; 3], parts: &mut Row<u32>) {
+        for triangle in self.triangles() {
+            let unit = triangle.normal.unit;
+            for i in bits(triangle.rays) {
+                (normals[0][i], normals[1][i], normals[2][i]) = (unit.x, unit.y, unit.z);
+                parts[i] = triangle.part;
+            }
+        }
+        let doubtful = dispatch(isa, Facing { dir, normals });
+        for triangle in self.triangles() {
+            let left = if triangle.normal.is_extreme { triangle.rays } else { triangle.rays & doubtful };
+            for i in bits(left) {
+                let normal = triangle.normal.facing(Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
                 (normals[0][i], normals[1][i], normals[2][i]) = (normal.x, normal.y, normal.z);
-                parts[i] = facet.part;
             }
         }
         for i in bits(self.cells()) {
@@ -159,12 +167,11 @@ impl Surfaces {
         dispatch(isa, Errors { all: self, placed: &view.scene.placement.placed[placed as usize], eye, t, out });
     }
 
-    /// False if one is no longer in memory, or has a normal that single precision cannot tell.
+    /// False if one is no longer in memory.
     fn look_at_triangles(&mut self, view: &SceneView, placed: u32, walk: &PacketWalk) -> bool {
         let tree = view.tree(placed);
         let first_part = view.scene.placement.placed[placed as usize].first_part;
-        let count = self.hits.count;
-        for s in 0..count {
+        for s in 0..self.hits.count {
             let i = self.hits.rays[s].trailing_zeros() as usize;
             let Some(triangle) = tree.triangle(&walk.best(i)) else { return false };
             for (c, corner) in triangle.vertices.iter().enumerate() {
@@ -175,7 +182,7 @@ impl Surfaces {
             self.part[s] = first_part.saturating_add(triangle.part);
         }
         dispatch(tree.isa, OfTriangles(self));
-        self.is_extreme[..count].iter().all(|it| *it == 0)
+        true
     }
 
     /// False if one stands in for what is missing, or is no longer in memory.
@@ -224,8 +231,7 @@ impl Surfaces {
             let (org, dir) = ray(i);
             let (org, dir) = (placed.local_point(org), placed.local_vector(dir.as_dvec3()));
             for axis in 0..3 {
-                let row = if dir[axis] >= 0.0 { axis } else { axis + 3 };
-                self.planes[axis][i] = node.stored_plane(row, *slot);
+                self.planes[axis][i] = node.stored_plane(stand_in::side_towards(axis, dir[axis]) as usize, *slot);
                 (self.local[0][axis][i], self.local[1][axis][i]) = (org[axis], dir[axis]);
             }
         }
@@ -246,7 +252,7 @@ impl Surfaces {
     }
 }
 
-/// Works out normals of triangles, and whether single precision does for them.
+/// Works out normals of triangles.
 struct OfTriangles<'a>(&'a mut Surfaces);
 
 impl Op for OfTriangles<'_> {
@@ -266,16 +272,14 @@ fn first_triangles<const N: usize>(all: &mut Surfaces) {
         let corner = DVec3::new(f64::from(a[0][i]), f64::from(a[1][i]), f64::from(a[2][i]));
         let ab = DVec3::new(f64::from(b[0][i]), f64::from(b[1][i]), f64::from(b[2][i])) - corner;
         let ac = DVec3::new(f64::from(c[0][i]), f64::from(c[1][i]), f64::from(c[2][i])) - corner;
-        let n = ab.cross(ac);
-        let square = n.length_squared();
-        let one = finish::unit(n, square);
-        (across[0][i], across[1][i], across[2][i]) = (n.x, n.y, n.z);
-        (unit[0][i], unit[1][i], unit[2][i]) = (one.x, one.y, one.z);
-        is_extreme[i] = u32::from(finish::is_extreme(square));
+        let n = WorldNormal::of(ab.cross(ac));
+        (across[0][i], across[1][i], across[2][i]) = (n.across.x, n.across.y, n.across.z);
+        (unit[0][i], unit[1][i], unit[2][i]) = (n.unit.x, n.unit.y, n.unit.z);
+        is_extreme[i] = u32::from(n.is_extreme);
     }
 }
 
-/// Works out by which side each ray enters its cell: the axis whose plane is met last. As `stand_in::Crossing`.
+/// Works out by which side each ray enters its cell.
 struct SidesOfCells<'a>(&'a mut Surfaces);
 
 impl Op for SidesOfCells<'_> {
@@ -285,15 +289,37 @@ impl Op for SidesOfCells<'_> {
     fn run<S: Simd>(self, _: S) {
         let Surfaces { local: [org, dir], planes, side, .. } = self.0;
         for i in 0..PACKET {
-            let (mut enter, mut first) = (f64::NEG_INFINITY, 0);
-            for axis in 0..3 {
-                let here = if dir[axis][i] >= 0.0 { axis as u32 } else { axis as u32 + 3 };
-                let from = (f64::from(planes[axis][i]) - org[axis][i]) * (1.0 / dir[axis][i]);
-                first = if from > enter { here } else { first };
-                enter = if from > enter { from } else { enter };
-            }
-            side[i] = first;
+            let near = DVec3::new(f64::from(planes[0][i]), f64::from(planes[1][i]), f64::from(planes[2][i]));
+            let (org, dir) = (DVec3::new(org[0][i], org[1][i], org[2][i]), DVec3::new(dir[0][i], dir[1][i], dir[2][i]));
+            side[i] = stand_in::entered(org, dir, near).1;
         }
+    }
+}
+
+/// Turns unit normals against unit directions; returns the rays for which single precision cannot tell which side they see.
+struct Facing<'a> {
+    dir: &'a [Row<f32>; 3],
+    normals: &'a mut [Row<f32>; 3],
+}
+
+/// Cosines of unit vectors that are farther from zero than this have the sign of the exact ones, which are those of
+/// [`WorldNormal::facing`] to double precision: eight times what components and sums are rounded by.
+const SURE: f32 = 1.0 / (1 << 20) as f32;
+
+impl Op for Facing<'_> {
+    type Out = u32;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) -> u32 {
+        let Self { dir, normals: [x, y, z] } = self;
+        let mut is_doubtful = [0; PACKET];
+        for i in 0..PACKET {
+            let cosine = x[i] * dir[0][i] + y[i] * dir[1][i] + z[i] * dir[2][i];
+            let turn = if cosine > 0.0 { -1.0 } else { 1.0 };
+            (x[i], y[i], z[i]) = (x[i] * turn, y[i] * turn, z[i] * turn);
+            is_doubtful[i] = u32::from(cosine.abs() <= SURE) << i;
+        }
+        is_doubtful.iter().fold(0, |all, it| all | it)
     }
 }
 

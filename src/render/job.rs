@@ -17,7 +17,6 @@ use super::passes::{Next, Passes, Seen, effective_poe};
 use super::status::Progress;
 use super::tile::{Tally, TilePixels, tiles_from_the_middle};
 use super::wants::Wants;
-use crate::math::DBounds;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job, Work};
 use crate::math::srgb::Srgb;
@@ -25,7 +24,6 @@ use crate::residency::{View, ViewState, Wanted};
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
 use crate::scene::walk::{Need, SceneView, Snapshots};
-use glam::DVec3;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
@@ -355,10 +353,9 @@ impl Work for Request {
             ambient: self.settings.ambient,
             poe,
             srgb: &self.srgb,
-            isa: self.scene.context().isa(),
             asks,
             plain: plain::tree_of(&view, &self.rays, asks),
-            within: self.rays.rectangle_of(&with_cells(self.scene.bounds())),
+            within: self.rays.rectangle_of(&self.scene.bounds_of_hits()),
         };
         let stop = || self.stop.load(Relaxed);
         let Desk { pixels, scratch } = &mut *desk;
@@ -408,11 +405,4 @@ impl Work for Request {
         }
         self.go_on();
     }
-}
-
-/// What stand-ins of what is in `bounds` may reach to: planes of cells are rounded outward to less than a hundredth of theirs, and
-/// met a little before.
-fn with_cells(bounds: DBounds) -> DBounds {
-    let slack = bounds.extent() * (1.0 / 64.0) + DVec3::splat(bounds.extent().max_element() * 1e-4);
-    DBounds { min: bounds.min - slack, max: bounds.max + slack }
 }

@@ -125,7 +125,7 @@ impl TilePixels {
         let Scratch { colour, first, .. } = scratch;
         let mut coded = [[0; 4]; PACKET];
         if wanted.has(Buffer::ColourSrgb8) {
-            dispatch(direct.isa, Code { srgb: direct.srgb, colour, coded: &mut coded });
+            dispatch(direct.isa(), Code { srgb: direct.srgb, colour, coded: &mut coded });
         }
         for buffer in Buffer::ALL.into_iter().filter(|b| wanted.has(*b)) {
             for row in 0..rows {

@@ -69,7 +69,7 @@ impl InOne {
         active: u32,
         entries: Option<&Entries>,
     ) -> Option<Result<u32, Need>> {
-        let placed = view.only_one()?;
+        let placed = view.only_one().filter(|&placed| view.seen_by(placed) != 0)?;
         let p = &view.scene.placement.placed[placed as usize];
         let (tree, filter) = (view.tree(placed), view.filter(placed));
         let org = (eye - p.only_shifted()?).as_vec3();
@@ -79,8 +79,7 @@ impl InOne {
         let (mut are_apart, mut left) = (false, active);
         loop {
             walk.set_all_but_dirs(&begin);
-            let is_plain = view.seen_by(placed) != 0 && walk.set_dirs(dir, width) && walk.is_within(&tree, PACKET, p.near());
-            if !is_plain {
+            if !(walk.set_dirs(dir, width) && walk.is_within(&tree, PACKET, p.near())) {
                 return None;
             }
             let class = if are_apart { walk.alike(left) } else { active };

@@ -5,7 +5,8 @@ use super::light::{Background, Light};
 use super::model::Model;
 use super::placed::Placed;
 use super::top::TopTree;
-use glam::DAffine3;
+use crate::math::DBounds;
+use glam::{DAffine3, DVec3};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -123,8 +124,16 @@ impl SceneState {
     }
 
     /// Around all instances, hidden ones too, in world space; empty if there is nothing.
-    pub fn bounds(&self) -> crate::math::DBounds {
+    pub fn bounds(&self) -> DBounds {
         self.placement.top.bounds(|placed| self.placement.placed[placed as usize].bounds)
+    }
+
+    /// Around all that rays can hit, which stand-ins make more than [`SceneState::bounds`]: planes of cells are rounded outward by
+    /// less than a hundredth of their node's size, and met a little before.
+    pub(crate) fn bounds_of_hits(&self) -> DBounds {
+        let bounds = self.bounds();
+        let slack = bounds.extent() * (1.0 / 64.0) + DVec3::splat(bounds.extent().max_element() * 1e-4);
+        DBounds { min: bounds.min - slack, max: bounds.max + slack }
     }
 
     /// Bytes of its models' blocks in memory.

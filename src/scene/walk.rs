@@ -212,7 +212,7 @@ impl<'a> SceneView<'a> {
 
     /// The mask of the rays that see the placed tree.
     #[inline]
-    pub(crate) fn seen_by(&self, placed: u32) -> u32 {
+    pub(super) fn seen_by(&self, placed: u32) -> u32 {
         let p = &self.scene.placement.placed[placed as usize];
         let instance = &self.scene.instances[p.instance as usize];
         if instance.state.visible { instance.mask } else { 0 }

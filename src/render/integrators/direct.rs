@@ -1,4 +1,5 @@
 //! Direct light: headlights, points, directions; layers of transparent surfaces by continuing the ray.
+#![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
 use super::material::Material;
 use super::plain::{self, Plain};
@@ -15,7 +16,7 @@ use crate::scene::light::LightKind;
 use crate::scene::placed::not_below;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::{InOne, Light};
-use crate::simd::Isa;
+use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::bvh::trace::{Entries, PACKET, Triangle};
 use glam::{DVec2, DVec3, Vec3};
 
@@ -83,7 +84,6 @@ pub(crate) struct Direct<'a> {
     /// Pixels of error; 0 asks for exact answers.
     pub poe: f32,
     pub srgb: &'a Srgb,
-    pub isa: Isa,
     pub asks: Asks,
     /// See [`super::plain::tree_of`].
     pub plain: Option<u32>,
@@ -108,13 +108,41 @@ struct Surface {
 #[derive(Clone, Copy)]
 pub(super) struct Pixels {
     /// The first.
-    pub at: (u32, u32),
+    at: (u32, u32),
     /// How far apart they are.
-    pub apart: (u32, u32),
-    /// The point in a pixel that its ray goes through.
-    pub point: (f64, f64),
+    apart: (u32, u32),
+    /// Where in its pixel each ray goes through.
+    offset: (f64, f64),
     pub sample: u32,
-    pub widths: Widths,
+    widths: Widths,
+}
+
+impl Pixels {
+    /// That of ray `i`.
+    #[inline(always)]
+    fn pixel(&self, i: usize) -> (u32, u32) {
+        (self.at.0 + i as u32 % ACROSS * self.apart.0, self.at.1 + i as u32 / ACROSS * self.apart.1)
+    }
+
+    /// The point of the picture that ray `i` goes through.
+    #[inline(always)]
+    pub fn point(&self, i: usize) -> (f64, f64) {
+        let (x, y) = self.pixel(i);
+        (f64::from(x) + self.offset.0, f64::from(y) + self.offset.1)
+    }
+
+    /// Which step of an octave the width of ray `i` is at.
+    #[inline(always)]
+    pub fn step(&self, i: usize) -> u32 {
+        let (x, y) = self.pixel(i);
+        Widths::step(x, y, self.sample)
+    }
+
+    /// What the width of a ray at a step is multiplied with.
+    #[inline(always)]
+    pub fn width(&self, step: u32) -> f32 {
+        self.widths.factor(step)
+    }
 }
 
 /// The colour of each ray so far.
@@ -126,6 +154,11 @@ struct Lanes {
 }
 
 impl Direct<'_> {
+    /// What packets are worked out with.
+    pub fn isa(&self) -> Isa {
+        self.view.scene.context().isa()
+    }
+
     /// Renders the pixels of `active` in the block of a packet at `at`, so far `apart`, into `scratch`. Sample 0 goes through
     /// the middle of the pixel and tells what is seen; all samples weigh the same in the colour.
     /// `entries`: of a rectangle that the packet is in, see [`Direct::entries`].
@@ -138,27 +171,25 @@ impl Direct<'_> {
         scratch: &mut Scratch,
     ) -> Result<(), Need> {
         scratch.colour = [[0.0; PACKET]; 4];
-        let point = |i: usize| (at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1);
         let widths = Widths::of(self.poe);
         let is_empty = self.is_empty(at, apart);
         if is_empty {
             scratch.first = First::NOTHING;
         }
         for sample in 0..self.samples {
-            let (dx, dy) = offset(sample);
+            let pixels = Pixels { at, apart, offset: offset(sample), sample, widths };
             let mut backs = [[0.0; 4]; DOWN as usize];
             for (row, back) in backs.iter_mut().enumerate() {
-                let height = 1.0 - (f64::from(at.1 + row as u32 * apart.1) + dy) as f32 / self.size.1 as f32;
+                let height = 1.0 - pixels.point(row * ACROSS as usize).1 as f32 / self.size.1 as f32;
                 *back = self.view.scene.background.at(height);
             }
             if is_empty {
-                add(&mut scratch.colour, &rows_of(&backs));
+                self.add(&mut scratch.colour, &rows_of(&backs));
                 continue;
             }
-            let pixels = Pixels { at, apart, point: (dx, dy), sample, widths };
             let met = match self.plain(&pixels, active, &backs, entries, scratch) {
                 plain::Outcome::Done => {
-                    add(&mut scratch.colour, scratch.plain.light());
+                    self.add(&mut scratch.colour, scratch.plain.light());
                     continue;
                 }
                 plain::Outcome::Met(met) => Some(met),
@@ -166,8 +197,8 @@ impl Direct<'_> {
             };
             let mut lanes = Lanes { rays: [Ray::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
             for i in bits(active) {
-                let mut ray = self.rays.ray(f64::from(point(i).0) + dx, f64::from(point(i).1) + dy);
-                let wide = widths.factor(point(i).0, point(i).1, sample);
+                let ((x, y), wide) = (pixels.point(i), pixels.width(pixels.step(i)));
+                let mut ray = self.rays.ray(x, y);
                 ray.cone = Cone { a: ray.cone.a * wide, b: ray.cone.b * wide };
                 lanes.rays[i] = ray;
             }
@@ -181,13 +212,17 @@ impl Direct<'_> {
                 }
                 all[3][i] = 1.0 - through + through * back[3];
             }
-            add(&mut scratch.colour, &all);
+            self.add(&mut scratch.colour, &all);
         }
         if self.samples > 1 {
             let weight = 1.0 / self.samples as f32;
             scratch.colour.as_flattened_mut().iter_mut().for_each(|c| *c *= weight);
         }
         Ok(())
+    }
+
+    fn add(&self, sums: &mut [[f32; PACKET]; 4], colours: &[[f32; PACKET]; 4]) {
+        dispatch(self.isa(), Add { sums, colours });
     }
 
     /// Whether nothing is seen in the block of a packet.
@@ -495,10 +530,24 @@ pub(super) fn rows_of(backs: &[[f32; 4]; DOWN as usize]) -> [[f32; PACKET]; 4] {
 }
 
 /// Adds a sample's colours.
-fn add(sums: &mut [[f32; PACKET]; 4], colours: &[[f32; PACKET]; 4]) {
-    for (sum, c) in sums.as_flattened_mut().iter_mut().zip(colours.as_flattened()) {
-        // Squares of infinite lights and the like end here.
-        *sum += if c.is_finite() { *c } else { BRIGHTEST };
+struct Add<'a> {
+    sums: &'a mut [[f32; PACKET]; 4],
+    colours: &'a [[f32; PACKET]; 4],
+}
+
+impl Op for Add<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { sums, colours } = self;
+        for c in 0..4 {
+            for i in 0..PACKET {
+                let colour = colours[c][i];
+                // Squares of infinite lights and the like end here.
+                sums[c][i] += if colour.is_finite() { colour } else { BRIGHTEST };
+            }
+        }
     }
 }
 

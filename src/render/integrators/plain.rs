@@ -4,7 +4,7 @@
 //! bit.
 #![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
-use super::direct::{ACROSS, Asks, DOWN, Direct, Pixels, Scratch, rows_of};
+use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::material::{Gloss, Material, powers};
 use super::sampling::Widths;
 use crate::query::surfaces::Surfaces;
@@ -13,7 +13,7 @@ use crate::scene::InOne;
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::walk::{SceneView, bits};
-use crate::simd::{Isa, Op, Simd, dispatch};
+use crate::simd::{Op, Simd, dispatch};
 use crate::structure::bvh::trace::{Beam, Entries, PACKET};
 use glam::{DVec3, Vec3};
 
@@ -76,7 +76,7 @@ pub(crate) fn tree_of(view: &SceneView, rays: &PixelRays, asks: Asks) -> Option<
     let p = &view.scene.placement.placed[placed as usize];
     // From farther away rays are moved nearer.
     let is_near = |offset: DVec3| (rays.eye() - offset).abs().max_element() < f64::from(p.near());
-    let is_unturned = p.only_shifted().is_some_and(is_near) && view.seen_by(placed) != 0;
+    let is_unturned = p.only_shifted().is_some_and(is_near);
     let asks_little = !asks.prims && !asks.precise && view.tree(placed).colours_at.is_none();
     (is_lit_plainly && is_unturned && rays.is_perspective() && asks_little).then_some(placed)
 }
@@ -106,8 +106,7 @@ impl Direct<'_> {
     ) -> Outcome {
         let Some(placed) = self.plain else { return Outcome::NotPlain };
         let Scratch { in_one, plain: Plain { surfaces, rows }, .. } = scratch;
-        let isa = self.isa;
-        dispatch(isa, CameraRays { rays: self.rays, pixels, rows });
+        dispatch(self.isa(), CameraRays { rays: self.rays, pixels, rows });
         let eye = self.rays.eye();
         let met = in_one.trace_camera(&self.view, eye, &rows.dir, &rows.width, active, entries);
         let Some(Ok(met)) = met else { return Outcome::NotPlain };
@@ -116,7 +115,7 @@ impl Direct<'_> {
         if !surfaces.look::<true>(&self.view, placed, ray, &in_one.walk, met) {
             return Outcome::Met(met);
         }
-        surfaces.each(&rows.dir, &mut rows.normal, &mut rows.part);
+        surfaces.each(self.isa(), &rows.dir, &mut rows.normal, &mut rows.part);
         rows.lit = rows_of(backs);
         let mut left = met;
         while left != 0 {
@@ -127,7 +126,7 @@ impl Direct<'_> {
             if material.opacity != 1.0 {
                 return Outcome::Met(met);
             }
-            self.shade(isa, placed, part, &material, like, surfaces, rows);
+            self.shade(placed, part, &material, like, surfaces, rows);
             left &= !like;
         }
         if pixels.sample == 0 {
@@ -137,8 +136,7 @@ impl Direct<'_> {
     }
 
     /// Lights the pixels of `like`, which see a part of `material`.
-    #[allow(clippy::too_many_arguments)] // a packet's whole state
-    fn shade(&self, isa: Isa, placed: u32, part: u32, material: &Material, like: u32, surfaces: &Surfaces, rows: &mut Rows) {
+    fn shade(&self, placed: u32, part: u32, material: &Material, like: u32, surfaces: &Surfaces, rows: &mut Rows) {
         for (axis, colour) in rows.colour.iter_mut().enumerate() {
             *colour = [material.colour[axis]; PACKET];
         }
@@ -150,7 +148,7 @@ impl Direct<'_> {
                 }
             }
         }
-        dispatch(isa, Shade { direct: self, material, like, rows });
+        dispatch(self.isa(), Shade { direct: self, material, like, rows });
     }
 
     /// What is seen first in each pixel.
@@ -199,15 +197,19 @@ impl Op for CameraRays<'_> {
     fn run<S: Simd>(self, _: S) {
         let Self { rays, pixels, rows: Rows { dir, width, .. } } = self;
         // Copies: they stay as they are while the rows are written.
-        let (rays, Pixels { at, apart, point, sample, widths }) = (*rays, *pixels);
+        let (rays, pixels) = (*rays, *pixels);
         for i in 0..PACKET {
-            let (x, y) = (at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1);
-            let (to, one) = rays.toward(f64::from(x) + point.0, f64::from(y) + point.1);
+            let (x, y) = pixels.point(i);
+            let (to, one) = rays.toward(x, y);
             (dir[0][i], dir[1][i], dir[2][i], width[i]) = (to.x, to.y, to.z, one);
+        }
+        let mut steps = [0; PACKET];
+        for i in 0..PACKET {
+            steps[i] = pixels.step(i);
         }
         // Apart, for it looks up a table.
         for i in 0..PACKET {
-            width[i] *= widths.factor(at.0 + i as u32 % ACROSS * apart.0, at.1 + i as u32 / ACROSS * apart.1, sample);
+            width[i] *= pixels.width(steps[i]);
         }
     }
 }
@@ -249,13 +251,17 @@ impl Op for Shade<'_, '_> {
                 (sum[0][i], sum[1][i], sum[2][i]) = (sum[0][i] + add.x, sum[1][i] + add.y, sum[2][i] + add.z);
             }
         }
+        let mut mask = [0; PACKET];
+        for i in 0..PACKET {
+            mask[i] = 0u32.wrapping_sub(like >> i & 1);
+        }
         for axis in 0..3 {
             for i in 0..PACKET {
-                lit[axis][i] = if like >> i & 1 == 1 { sum[axis][i] } else { lit[axis][i] };
+                lit[axis][i] = f32::from_bits(sum[axis][i].to_bits() & mask[i] | lit[axis][i].to_bits() & !mask[i]);
             }
         }
         for i in 0..PACKET {
-            lit[3][i] = if like >> i & 1 == 1 { 1.0 } else { lit[3][i] };
+            lit[3][i] = f32::from_bits(1.0f32.to_bits() & mask[i] | lit[3][i].to_bits() & !mask[i]);
         }
     }
 }

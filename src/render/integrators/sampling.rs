@@ -24,13 +24,20 @@ impl Widths {
         self.root * self.octave[self.octave.len() - 1]
     }
 
+    /// The step of the octave that a pixel's sample is at.
     #[inline(always)]
-    pub fn factor(&self, x: u32, y: u32, sample: u32) -> f32 {
+    pub fn step(x: u32, y: u32, sample: u32) -> u32 {
         const GOLDEN: f64 = 1.618_033_988_749_895;
         // Of a period of 2^32, which sums go around.
         const STEPS: [u32; 3] = [steps(1.0 / PLASTIC), steps(1.0 / (PLASTIC * PLASTIC)), steps(1.0 / GOLDEN)];
         let u = x.wrapping_mul(STEPS[0]).wrapping_add(y.wrapping_mul(STEPS[1])).wrapping_add(sample.wrapping_mul(STEPS[2]));
-        self.root * self.octave[(u >> (32 - OCTAVE_BITS)) as usize]
+        u >> (32 - OCTAVE_BITS)
+    }
+
+    /// What the width at a step is multiplied with.
+    #[inline(always)]
+    pub fn factor(&self, step: u32) -> f32 {
+        self.root * self.octave[step as usize & ((1 << OCTAVE_BITS) - 1)]
     }
 }
 

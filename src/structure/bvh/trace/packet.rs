@@ -277,12 +277,6 @@ impl PacketWalk {
         must_cast_ref(&self.hits.t)
     }
 
-    /// Weights of the second and third vertex at the best hit of ray `i`, if that is a triangle.
-    #[inline]
-    pub fn weights(&self, i: usize) -> [f32; 2] {
-        [at(&self.hits.u, i), at(&self.hits.v, i)]
-    }
-
     /// What the rays of `lanes`, which all have hits, have hit: rays with hits on the same triangle together.
     pub fn hits(&self, isa: Isa, lanes: u32, out: &mut PacketSurfaces) {
         dispatch(isa, Hits { walk: self, lanes, out });
