@@ -144,7 +144,7 @@ impl Op for Grow<'_, '_> {
         while let Some(at) = entries.highest() {
             let level = std::mem::replace(&mut entries.level[at], CLOSED);
             let (mut id, mut child) = (entries.block[at], entries.child[at]);
-            let Some(mut words) = view.visit(id) else { return None };
+            let mut words = view.visit(id)?;
             if let Some(Child::External(index)) = Child::from_bits(child) {
                 (id, child) = Block::new(words).external(index);
                 // Cells may stand in for what is missing: packets see to that.
