@@ -175,9 +175,15 @@ impl PixelRays {
     /// Direction of the ray through a picture point, and its width at distance 1; of a perspective camera.
     #[inline(always)]
     pub fn toward(&self, x: f64, y: f64) -> (Vec3, f32) {
-        let dir = self.forward + self.offset(x, y);
+        let dir = self.across(x, y);
         let inverse = 1.0 / dir.length();
         ((dir * inverse).as_vec3(), (self.pixel * inverse) as f32)
+    }
+
+    /// The same of the length that it has up to the plane at distance 1: linear in the point.
+    #[inline(always)]
+    pub fn across(&self, x: f64, y: f64) -> DVec3 {
+        self.forward + self.offset(x, y)
     }
 
     #[inline(always)]

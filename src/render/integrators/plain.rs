@@ -87,10 +87,10 @@ impl Direct<'_> {
         let placed = self.plain?;
         let tree = self.view.tree(placed);
         let offset = self.view.scene.placement.placed[placed as usize].only_shifted()?;
-        let corner = |x: u32, y: u32| self.rays.toward(x.into(), y.into()).0;
+        let corner = |x: u32, y: u32| self.rays.across(x.into(), y.into()).as_vec3();
         let corners = [corner(x, y), corner(x + width, y), corner(x, y + height), corner(x + width, y + height)];
         let pixel = Widths::of(self.poe).greatest() * self.rays.pixel_width(1.0) as f32;
-        let beam = Beam::new(&tree, (self.rays.eye() - offset).as_vec3(), &corners, self.rays.forward().as_vec3(), pixel)?;
+        let beam = Beam::new(&tree, (self.rays.eye() - offset).as_vec3(), &corners, pixel)?;
         Entries::of(&tree, &beam)
     }
 

@@ -2,7 +2,7 @@
 //! them visits these once, and each packet begins at what the beam meets further down, up to eight boxes, with one test.
 //!
 //! Source: Reshetov, Soupikov, Hurley, "Multi-Level Ray Tracing Algorithm", SIGGRAPH 2005, section 4 (entry points). Deviation:
-//! up to eight of them, in place of one.
+//! up to eight of them, in place of one. Answers are those from the root (see `mod.rs` for the order of visits).
 #![allow(clippy::needless_range_loop)] // axes index several arrays at once
 
 use super::packet::{PacketEntry, PacketWalk};
@@ -28,14 +28,13 @@ pub struct Beam {
 }
 
 impl Beam {
-    /// The rays from `org`, in the tree's frame, through the rectangle that `corners` go through, unit directions as `forward` across
-    /// it; each of at most `width` at distance 1. `None` if they go to either side of a plane along two axes.
-    pub fn new(view: &TreeView, org: Vec3, corners: &[Vec3; 4], forward: Vec3, width: f32) -> Option<Self> {
-        // Up to a plane across `forward`: there directions are linear, and their extremes are those of the corners.
+    /// The rays from `org`, in the tree's frame, through a rectangle with these `corners` seen from there; each of at most `width` at
+    /// distance 1. `None` if they go to either side of a plane along two axes.
+    pub fn new(view: &TreeView, org: Vec3, corners: &[Vec3; 4], width: f32) -> Option<Self> {
+        // Up to the rectangle: there the extremes of the directions are those of the corners.
         let (mut least, mut greatest, mut length) = (Vec3::INFINITY, Vec3::NEG_INFINITY, 0.0f32);
         for corner in corners {
-            let to = *corner / corner.dot(forward);
-            (least, greatest, length) = (least.min(to), greatest.max(to), length.max(to.length()));
+            (least, greatest, length) = (least.min(*corner), greatest.max(*corner), length.max(corner.length()));
         }
         let give = Vec3::splat(length * ROUNDED);
         (least, greatest, length) = (least - give, greatest + give, length * (1.0 + ROUNDED));
