@@ -125,6 +125,30 @@ fn packets_of_a_beam_visit_less() {
     assert!(tally.from_entries * 100 < tally.from_root * 85, "{tally:?}");
 }
 
+/// Nearly across the view, where the rays of a tile differ least.
+#[test]
+fn beams_of_wide_pictures_lose_nothing_at_their_border() {
+    let rays = Camera::Perspective { eye: DVec3::ZERO, at: DVec3::new(0.5, 0.7, -0.4), up: DVec3::Y, fov_y_degrees: 179.99 };
+    let rays = rays.prepare(1024, 1024).expect("a camera");
+    // A patch across the corner, whose triangles are smaller than a pixel.
+    let (middle, side) = (rays.across(64.0, 64.0).normalize(), rays.across(128.0, 0.0).normalize());
+    let (right, down) = ((side - middle).normalize(), (side - middle).cross(middle).normalize());
+    let n = 400;
+    let at = |i: usize, j: usize| (middle + (right * (i as f64 / n as f64 - 0.5) + down * (j as f64 / n as f64 - 0.5)) * 0.1) * 8.0;
+    let cell = |i: usize, j: usize| [[at(i, j), at(i + 1, j), at(i, j + 1)], [at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]];
+    let tris: Vec<_> = (0..n * n).flat_map(|k| cell(k % n, k / n)).collect();
+    let tree = TestTree::build(&tris, DVec3::ZERO, 0.0);
+    let view = tree.view(&tree.snapshot, Isa::best());
+    let (mut rng, mut tally) = (Rng::new(9), Tally::default());
+    for poe in [0.0, 1.0] {
+        for i in 0..TILES * TILES {
+            compare(&view, &view, &rays, (i % TILES * TILE, i / TILES * TILE), poe, &mut rng, &mut tally);
+        }
+    }
+    println!("{tally:?}");
+    assert!(tally.hits > 10_000 && tally.with_entries > 0, "{tally:?}");
+}
+
 #[test]
 fn beams_to_both_sides_are_none() {
     let tree = TestTree::around_middle(&scenes::bumpy_sphere(20, 20, 1), 0.0);
