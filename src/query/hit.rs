@@ -24,7 +24,8 @@ pub enum HitKind {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C)]
 pub struct Hit {
-    /// Distance in units of the ray's `|dir|`; infinity for a miss.
+    /// Distance in units of the ray's `|dir|`; infinity for a miss. In double precision with [`Want::POSITION`] or [`Want::ERROR`];
+    /// without, in single precision, which tells little where triangles are thousands of times longer than wide.
     pub t: f64,
     /// Where, in world space.
     pub position: DVec3,
