@@ -564,8 +564,8 @@ typedef uint32_t oc_hit_kind;
 typedef struct oc_hit {
     /**
      * Distance in units of the direction's length; infinity for a miss. In double precision with `OC_WANT_POSITION` or
-     * `OC_WANT_ERROR`; without, in single precision, and on triangles thousands of times longer than wide near the ray's
-     * origin it may be off by more than its last digits.
+     * `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
+     * than its last digits.
      */
     double t;
     /** Where, in world space; infinity for a miss. */

@@ -56,8 +56,8 @@ pub const OC_NO_ID: u64 = 0xFFFFFFFFFFFFFFFF;
 #[derive(Clone, Copy)]
 pub struct oc_hit {
     /// Distance in units of the direction's length; infinity for a miss. In double precision with `OC_WANT_POSITION` or
-    /// `OC_WANT_ERROR`; without, in single precision, and on triangles thousands of times longer than wide near the ray's
-    /// origin it may be off by more than its last digits.
+    /// `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
+    /// than its last digits.
     pub t: f64,
     /// Where, in world space; infinity for a miss.
     pub position: [f64; 3],

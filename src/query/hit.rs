@@ -25,7 +25,7 @@ pub enum HitKind {
 #[repr(C)]
 pub struct Hit {
     /// Distance in units of the ray's `|dir|`; infinity for a miss. In double precision with [`Want::POSITION`] or [`Want::ERROR`];
-    /// without, in single precision, which tells little where triangles are thousands of times longer than wide.
+    /// without, in single precision, and on long thin triangles near the ray's origin it may be off by more than its last digits.
     pub t: f64,
     /// Where, in world space.
     pub position: DVec3,

@@ -221,6 +221,7 @@ impl Direct<'_> {
         Ok(())
     }
 
+    /// See [`Add`].
     fn add(&self, sums: &mut [[f32; PACKET]; 4], colours: &[[f32; PACKET]; 4]) {
         dispatch(self.isa(), Add { sums, colours });
     }

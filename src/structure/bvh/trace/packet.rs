@@ -5,7 +5,7 @@ use super::packet_beam::{Enter, Entries};
 use super::packet_prepare::{self, Shared};
 use super::packet_visit;
 use super::stand_in;
-use super::walk::{Counters, Outcome, Walk};
+use super::walk::{Counters, Entered, Outcome, Walk};
 use super::{LocalRay, PartFilter, TreeView, TriHit};
 use crate::math::Cone;
 use crate::simd::{Isa, Op, Simd, dispatch};
@@ -54,6 +54,13 @@ pub(super) struct PacketEntry {
     pub block: u32,
     /// The child reference.
     pub child: u32,
+}
+
+impl Entered for PacketEntry {
+    #[inline(always)]
+    fn t(&self) -> f32 {
+        self.t
+    }
 }
 
 /// What the rays are, lane by lane. Lanes without a ray repeat one that has.

@@ -7,8 +7,9 @@
 
 use super::packet::{PacketEntry, PacketWalk};
 use super::packet_prepare::Shared;
-use super::packet_visit::{Boxes, Planes, cross, intervals, push_sorted};
+use super::packet_visit::{Boxes, Planes, cross, intervals};
 use super::stand_in::slack;
+use super::walk::push_sorted;
 use super::TreeView;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child};
@@ -16,7 +17,7 @@ use glam::Vec3;
 
 /// Boxes that packets begin at, at most: one test's.
 const MOST: usize = 8;
-/// Directions give way by this part of their greatest component, for what rays and corners are rounded by.
+/// Directions give way by this part of the longest, for what rays and corners are rounded by.
 const ROUNDED: f32 = 1e-6;
 /// Below all levels.
 const CLOSED: u32 = u32::MAX;

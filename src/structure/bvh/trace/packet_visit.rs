@@ -15,7 +15,7 @@ use super::packet_leaf::leaf;
 use super::packet_prepare::Shared;
 use super::single::{self, RayLanes};
 use super::stand_in;
-use super::walk::{Entry, Outcome, TriHit};
+use super::walk::{Entry, Outcome, TriHit, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
@@ -264,18 +264,6 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         push_sorted(&mut walk.stack, bottom, next);
     }
     nearest
-}
-
-/// Pushes an entry below those above `bottom` that are nearer.
-#[inline(always)]
-pub(super) fn push_sorted(stack: &mut Vec<PacketEntry>, bottom: usize, next: PacketEntry) {
-    let mut at = stack.len();
-    stack.push(next);
-    while at > bottom && stack[at - 1].t < next.t {
-        stack[at] = stack[at - 1];
-        at -= 1;
-    }
-    stack[at] = next;
 }
 
 /// Near and far planes of eight boxes, axis by axis; less the origin, where rays share it.

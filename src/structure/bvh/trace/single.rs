@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::stand_in::{self, ConeRay, Met, Verdict};
-use super::walk::{Entry, Outcome, TriHit, Walk};
+use super::walk::{Entry, Outcome, TriHit, Walk, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{Sheared, intersect, shear};
@@ -439,13 +439,7 @@ fn push_far_to_near(
         if next.t < nearest.t {
             std::mem::swap(&mut next, &mut nearest);
         }
-        let mut at = stack.len();
-        stack.push(next);
-        while at > bottom && stack[at - 1].t < next.t {
-            stack[at] = stack[at - 1];
-            at -= 1;
-        }
-        stack[at] = next;
+        push_sorted(stack, bottom, next);
     }
     Some(nearest)
 }

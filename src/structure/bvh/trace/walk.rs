@@ -121,3 +121,28 @@ impl Walk {
         }
     }
 }
+
+/// Something on a stack that no ray enters before a distance.
+pub(super) trait Entered: Copy {
+    /// The distance.
+    fn t(&self) -> f32;
+}
+
+impl Entered for Entry {
+    #[inline(always)]
+    fn t(&self) -> f32 {
+        self.t
+    }
+}
+
+/// Pushes an entry below those above `bottom` that are nearer.
+#[inline(always)]
+pub(super) fn push_sorted<E: Entered>(stack: &mut Vec<E>, bottom: usize, next: E) {
+    let mut at = stack.len();
+    stack.push(next);
+    while at > bottom && stack[at - 1].t() < next.t() {
+        stack[at] = stack[at - 1];
+        at -= 1;
+    }
+    stack[at] = next;
+}
