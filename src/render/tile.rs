@@ -6,11 +6,15 @@ use super::integrators::first::First;
 use crate::math::srgb::Srgb;
 use crate::scene::walk::bits;
 use crate::simd::{Op, Simd, dispatch};
-use crate::structure::bvh::trace::PACKET;
+use crate::structure::bvh::trace::{BUNDLE, PACKET};
+use std::ops::Range;
 
 /// Pixels along the side of a tile.
 pub(super) const TILE: u32 = 32;
 const PIXELS: usize = (TILE * TILE) as usize;
+/// Its packets: as many as a bundle has.
+const PACKETS: usize = PIXELS / PACKET;
+const _: () = assert!(PACKETS == BUNDLE);
 
 /// The pixels of a tile, buffer by buffer, before they go to the film.
 pub(super) struct TilePixels {
@@ -89,21 +93,26 @@ impl TilePixels {
         self.width = (width - x).min(TILE);
         self.height = (height - y).min(TILE);
         let mut tally = Tally::default();
-        let entries = direct.entries((x, y), (self.width, self.height));
-        for top in (0..self.height).step_by(DOWN as usize) {
-            for left in (0..self.width).step_by(ACROSS as usize) {
+        let mut sums = [[[0.0; PACKET]; 4]; PACKETS];
+        let blocks: [Block; PACKETS] = std::array::from_fn(|i| Block::new(i as u32, self.width, self.height));
+        for sample in 0..direct.samples {
+            let packets = blocks.each_ref().map(|it| (direct.pixels((x + it.left, y + it.top), (1, 1), sample), it.active()));
+            direct.begin(&packets, scratch);
+            for (i, (pixels, active)) in packets.iter().enumerate().filter(|(_, (_, active))| *active != 0) {
                 if stop() {
                     return None;
                 }
-                let (columns, rows) = ((self.width - left).min(ACROSS), (self.height - top).min(DOWN));
-                let row = (1 << columns) - 1;
-                let active = (0..rows).fold(0u32, |all, y| all | row << (y * ACROSS));
-                if let Err(need) = direct.packet((x + left, y + top), (1, 1), active, entries.as_ref(), scratch) {
+                if let Err(need) = direct.packet(pixels, *active, Some(i), &mut sums[i], scratch) {
                     // Only a root can be lacking so, and roots stay; then it is wanted before all else.
                     scratch.wants.add(need, f32::MAX);
                 }
-                self.keep((left, top), (columns, rows), wanted, direct, scratch);
-                tally.count(active, &scratch.first);
+                if sample == 0 {
+                    self.keep_first(&blocks[i], wanted, &scratch.first);
+                    tally.count(*active, &scratch.first);
+                }
+                if sample + 1 == direct.samples {
+                    self.keep_colours(&blocks[i], wanted, direct, &mut sums[i]);
+                }
             }
         }
         Some(tally)
@@ -115,27 +124,19 @@ impl TilePixels {
         let at = (x + APART.0 / 2, y + APART.1 / 2);
         let inside = |i: u32| at.0 + i % ACROSS * APART.0 < direct.size.0 && at.1 + i / ACROSS * APART.1 < direct.size.1;
         let active = (0..PACKET as u32).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
-        if let Err(need) = direct.packet(at, APART, active, None, scratch) {
+        let mut sums = [[0.0; PACKET]; 4];
+        if let Err(need) = direct.packet(&direct.pixels(at, APART, 0), active, None, &mut sums, scratch) {
             scratch.wants.add(need, f32::MAX);
         }
     }
 
-    /// Takes over what is `wanted` of the pixels of a packet, so many columns and rows of them.
-    fn keep(&mut self, (left, top): (u32, u32), (columns, rows): (u32, u32), wanted: Outputs, direct: &Direct, scratch: &Scratch) {
-        let Scratch { colour, first, .. } = scratch;
-        let mut coded = [[0; 4]; PACKET];
-        if wanted.has(Buffer::ColourSrgb8) {
-            dispatch(direct.isa(), Code { srgb: direct.srgb, colour, coded: &mut coded });
-        }
-        for buffer in Buffer::ALL.into_iter().filter(|b| wanted.has(*b)) {
-            for row in 0..rows {
-                let at = ((top + row) * TILE + left) as usize;
-                let (to, from) = (at..at + columns as usize, (row * ACROSS) as usize..(row * ACROSS + columns) as usize);
+    /// Takes over what is `wanted` of what is seen first in the pixels of a packet.
+    fn keep_first(&mut self, block: &Block, wanted: Outputs, first: &First) {
+        const COLOURS: [Buffer; 2] = [Buffer::ColourSrgb8, Buffer::ColourLinear];
+        for buffer in Buffer::ALL.into_iter().filter(|b| wanted.has(*b) && !COLOURS.contains(b)) {
+            for (to, from) in block.rows() {
                 match buffer {
-                    Buffer::ColourSrgb8 => self.srgb[to].copy_from_slice(&coded[from]),
-                    Buffer::ColourLinear => {
-                        self.linear[to].iter_mut().zip(from).for_each(|(to, i)| *to = std::array::from_fn(|c| colour[c][i]));
-                    }
+                    Buffer::ColourSrgb8 | Buffer::ColourLinear => {}
                     Buffer::Depth => self.depth[to].copy_from_slice(&first.depth[from]),
                     Buffer::Normal => self.normal[to].copy_from_slice(&first.normal[from]),
                     Buffer::Part => self.part[to].copy_from_slice(&first.part[from]),
@@ -146,6 +147,58 @@ impl TilePixels {
                 }
             }
         }
+    }
+
+    /// Takes over the colours that are `wanted` of the pixels of a packet. `sums`: those of all samples.
+    fn keep_colours(&mut self, block: &Block, wanted: Outputs, direct: &Direct, sums: &mut [[f32; PACKET]; 4]) {
+        if direct.samples > 1 {
+            let weight = 1.0 / direct.samples as f32;
+            sums.as_flattened_mut().iter_mut().for_each(|c| *c *= weight);
+        }
+        if wanted.has(Buffer::ColourSrgb8) {
+            let mut coded = [[0; 4]; PACKET];
+            dispatch(direct.isa(), Code { srgb: direct.srgb, colour: sums, coded: &mut coded });
+            for (to, from) in block.rows() {
+                self.srgb[to].copy_from_slice(&coded[from]);
+            }
+        }
+        if wanted.has(Buffer::ColourLinear) {
+            for (to, from) in block.rows() {
+                self.linear[to].iter_mut().zip(from).for_each(|(to, i)| *to = std::array::from_fn(|c| sums[c][i]));
+            }
+        }
+    }
+}
+
+/// The pixels of a packet in its tile.
+struct Block {
+    left: u32,
+    top: u32,
+    columns: u32,
+    rows: u32,
+}
+
+impl Block {
+    /// That of packet `i` of a tile of so many pixels; with none, if it is beside.
+    fn new(i: u32, width: u32, height: u32) -> Self {
+        const ALONG: u32 = TILE / ACROSS;
+        let (left, top) = (i % ALONG * ACROSS, i / ALONG * DOWN);
+        Self { left, top, columns: width.saturating_sub(left).min(ACROSS), rows: height.saturating_sub(top).min(DOWN) }
+    }
+
+    /// A bit for each of the packet's rays through one of them.
+    fn active(&self) -> u32 {
+        let row = (1 << self.columns) - 1;
+        (0..self.rows).fold(0u32, |all, y| all | row << (y * ACROSS))
+    }
+
+    /// Of each row, its pixels in the tile and in the packet.
+    fn rows(&self) -> impl Iterator<Item = (Range<usize>, Range<usize>)> + use<> {
+        let Self { left, top, columns, rows } = *self;
+        (0..rows).map(move |row| {
+            let at = ((top + row) * TILE + left) as usize;
+            (at..at + columns as usize, (row * ACROSS) as usize..(row * ACROSS + columns) as usize)
+        })
     }
 }
 

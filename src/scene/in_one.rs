@@ -3,7 +3,7 @@
 use super::placed::{Placed, not_below};
 use super::walk::{Found, Need, SceneStream, SceneView, bits};
 use crate::math::Ray;
-use crate::structure::bvh::trace::{Entries, LocalRay, Outcome, PACKET, PacketWalk, first_rays};
+use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, first_rays};
 use glam::DVec3;
 
 /// Shift and scale of rays that were not moved.
@@ -11,7 +11,7 @@ const UNMOVED: (f64, f64) = (0.0, 1.0);
 
 /// Up to a packet's rays together in a scene that is one placed tree. Reusable.
 pub(crate) struct InOne {
-    pub walk: PacketWalk,
+    pub walk: Box<PacketWalk>,
     /// For rays that cannot go together.
     others: Box<PacketWalk>,
     /// Shift and scale of each ray in the tree, if any was moved.
@@ -21,7 +21,7 @@ pub(crate) struct InOne {
 
 impl Default for InOne {
     fn default() -> Self {
-        Self { walk: PacketWalk::new(), others: Box::default(), moved: [UNMOVED; PACKET], is_moved: false }
+        Self { walk: Box::default(), others: Box::default(), moved: [UNMOVED; PACKET], is_moved: false }
     }
 }
 
@@ -58,42 +58,25 @@ impl InOne {
         Some(Ok(hits))
     }
 
-    /// [`InOne::trace`] of a camera's rays that all begin at `eye` and are near each other, of those in `active`. `dir`: axis by
-    /// axis; `width`: of each ray at distance 1; `entries`: of a beam around them, if there is one. `None`: they must be traced otherwise.
-    pub fn trace_camera(
-        &mut self,
-        view: &SceneView,
-        eye: DVec3,
-        dir: &[[f32; PACKET]; 3],
-        width: &[f32; PACKET],
-        active: u32,
-        entries: Option<&Entries>,
-    ) -> Option<Result<u32, Need>> {
-        let placed = view.only_one().filter(|&placed| view.seen_by(placed) != 0)?;
-        let p = &view.scene.placement.placed[placed as usize];
-        let (tree, filter) = (view.tree(placed), view.filter(placed));
-        let org = (eye - p.only_shifted()?).as_vec3();
-        let begin = LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE };
+    /// [`InOne::trace`] of those in `active` of a camera's rays. `None`: they must be traced otherwise.
+    pub fn trace_camera(&mut self, view: &SceneView, rays: &CameraRays, active: u32) -> Option<Result<u32, Need>> {
+        let camera = InCamera::of(view)?;
         let Self { walk, others, .. } = self;
         self.is_moved = false;
         let (mut are_apart, mut left) = (false, active);
         loop {
-            walk.set_all_but_dirs(&begin);
-            if !(walk.set_dirs(dir, width) && walk.is_within(&tree, PACKET, p.near())) {
+            if !camera.take(rays, walk) {
                 return None;
             }
             let class = if are_apart { walk.alike(left) } else { active };
-            walk.start(&tree, class);
-            if !are_apart && !walk.is_coherent(&tree, true) {
+            walk.start(&camera.tree, class);
+            if !are_apart && !walk.is_coherent(&camera.tree, true) {
                 // Those to either side of a plane through the eye go one after the other.
                 are_apart = true;
                 continue;
             }
-            if let Some(entries) = entries {
-                walk.enter(&tree, entries);
-            }
-            if let Outcome::Pending(block) = tree.closest_together(filter.as_ref(), walk) {
-                return Some(Err(view.need(placed, block)));
+            if let Err(need) = camera.go_on(view, walk) {
+                return Some(Err(need));
             }
             if left != active {
                 walk.join(class, others);
@@ -104,6 +87,12 @@ impl InOne {
             }
             std::mem::swap(walk, others);
         }
+    }
+
+    /// Takes over a walk of camera's rays, in exchange for another.
+    pub fn take(&mut self, walk: &mut Box<PacketWalk>) {
+        std::mem::swap(&mut self.walk, walk);
+        self.is_moved = false;
     }
 
     /// How far ray `i` goes to its hit.
@@ -118,6 +107,58 @@ impl InOne {
     pub fn found(&self, view: &SceneView, i: usize) -> Found {
         let placed = view.only_one().unwrap_or(0);
         Found { t: self.distance(i), placed, tri: self.walk.best(i) }
+    }
+}
+
+/// Rays of a camera that all begin at `eye` and are near each other.
+pub(crate) struct CameraRays<'a> {
+    pub eye: DVec3,
+    /// Axis by axis.
+    pub dir: &'a [[f32; PACKET]; 3],
+    /// Of each at distance 1.
+    pub width: &'a [f32; PACKET],
+}
+
+/// A placed tree that a camera's rays only have to be shifted into, and that they see.
+pub(crate) struct InCamera<'a> {
+    placed: u32,
+    offset: DVec3,
+    near: f32,
+    pub tree: TreeView<'a>,
+    pub filter: Option<PartFilter<'a>>,
+}
+
+impl<'a> InCamera<'a> {
+    /// That of a scene, if it is one.
+    pub fn of(view: &'a SceneView) -> Option<Self> {
+        let placed = view.only_one().filter(|&placed| view.seen_by(placed) != 0)?;
+        let p = &view.scene.placement.placed[placed as usize];
+        let (tree, filter) = (view.tree(placed), view.filter(placed));
+        Some(Self { placed, offset: p.only_shifted()?, near: p.near(), tree, filter })
+    }
+
+    /// Puts rays into a walk, to be started; false if they must be traced otherwise.
+    fn take(&self, rays: &CameraRays, walk: &mut PacketWalk) -> bool {
+        let org = (rays.eye - self.offset).as_vec3();
+        walk.set_all_but_dirs(&LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE });
+        walk.set_dirs(rays.dir, rays.width) && walk.is_within(&self.tree, PACKET, self.near)
+    }
+
+    /// Starts a walk with those of the rays in `active`; false if they must be traced otherwise.
+    pub fn start(&self, rays: &CameraRays, active: u32, walk: &mut PacketWalk) -> bool {
+        if !self.take(rays, walk) {
+            return false;
+        }
+        walk.start(&self.tree, active);
+        walk.is_coherent(&self.tree, true)
+    }
+
+    /// Goes on with a walk to its end: the rays that hit something.
+    pub fn go_on(&self, view: &SceneView, walk: &mut PacketWalk) -> Result<u32, Need> {
+        match self.tree.closest_together(self.filter.as_ref(), walk) {
+            Outcome::Done => Ok(walk.found()),
+            Outcome::Pending(block) => Err(view.need(self.placed, block)),
+        }
     }
 }
 

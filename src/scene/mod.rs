@@ -10,7 +10,7 @@ pub mod model;
 pub(crate) mod placed;
 pub mod state;
 pub mod top;
-mod in_one;
+pub(crate) mod in_one;
 pub(crate) mod walk;
 
 pub use camera::Camera;

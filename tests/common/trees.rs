@@ -37,7 +37,8 @@ impl TestTree {
     /// Builds the tree of `tris` (each with an area), rounded to f32 around `origin`.
     pub fn build(tris: &[Tri], origin: DVec3, split_budget: f32) -> Self {
         let local: Vec<[Vec3; 3]> = tris.iter().map(|t| t.map(|v| (v - origin).as_vec3())).collect();
-        let parts = vec![0; tris.len()];
+        // Runs of three parts in turn.
+        let parts: Vec<u32> = (0..tris.len() as u32).map(|i| i / 50 % 3).collect();
         let prims: Vec<u32> = (0..tris.len() as u32).collect();
         let input = TreeInput { triangles: &local, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
         let par = Par { threads: 1 };

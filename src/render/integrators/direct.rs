@@ -17,7 +17,7 @@ use crate::scene::placed::not_below;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::{InOne, Light};
 use crate::simd::{Isa, Op, Simd, dispatch};
-use crate::structure::bvh::trace::{Entries, PACKET, Triangle};
+use crate::structure::bvh::trace::{PACKET, Triangle};
 use glam::{DVec2, DVec3, Vec3};
 
 /// Pixels of a packet, along its rows and its columns.
@@ -54,8 +54,6 @@ pub(crate) struct Scratch {
     found: [Found; PACKET],
     pub(super) shadow: ScenePacket,
     pub wants: Wants,
-    /// Linear RGB and alpha: a row of the packet's pixels each.
-    pub colour: [[f32; PACKET]; 4],
     pub first: First,
 }
 
@@ -68,7 +66,6 @@ impl Scratch {
             found: [Found::nothing(0.0); PACKET],
             shadow: ScenePacket::default(),
             wants: Wants::default(),
-            colour: [[0.0; PACKET]; 4],
             first: First::NOTHING,
         }
     }
@@ -106,7 +103,7 @@ struct Surface {
 
 /// The pixels of a packet, in one sample.
 #[derive(Clone, Copy)]
-pub(super) struct Pixels {
+pub(crate) struct Pixels {
     /// The first.
     at: (u32, u32),
     /// How far apart they are.
@@ -159,66 +156,61 @@ impl Direct<'_> {
         self.view.scene.context().isa()
     }
 
-    /// Renders the pixels of `active` in the block of a packet at `at`, so far `apart`, into `scratch`. Sample 0 goes through
-    /// the middle of the pixel and tells what is seen; all samples weigh the same in the colour.
-    /// `entries`: of a rectangle that the packet is in, see [`Direct::entries`].
+    /// Renders a sample of the pixels of `active`: adds their light to `sums`, and puts what is seen first there, of sample 0, into
+    /// `scratch`. `begun`: the packet's number, if its tile was [begun](Self::begin).
     pub fn packet(
         &self,
-        at: (u32, u32),
-        apart: (u32, u32),
+        pixels: &Pixels,
         active: u32,
-        entries: Option<&Entries>,
+        begun: Option<usize>,
+        sums: &mut [[f32; PACKET]; 4],
         scratch: &mut Scratch,
     ) -> Result<(), Need> {
-        scratch.colour = [[0.0; PACKET]; 4];
-        let widths = Widths::of(self.poe);
-        let is_empty = self.is_empty(at, apart);
-        if is_empty {
-            scratch.first = First::NOTHING;
+        let mut backs = [[0.0; 4]; DOWN as usize];
+        for (row, back) in backs.iter_mut().enumerate() {
+            let height = 1.0 - pixels.point(row * ACROSS as usize).1 as f32 / self.size.1 as f32;
+            *back = self.view.scene.background.at(height);
         }
-        for sample in 0..self.samples {
-            let pixels = Pixels { at, apart, offset: offset(sample), sample, widths };
-            let mut backs = [[0.0; 4]; DOWN as usize];
-            for (row, back) in backs.iter_mut().enumerate() {
-                let height = 1.0 - pixels.point(row * ACROSS as usize).1 as f32 / self.size.1 as f32;
-                *back = self.view.scene.background.at(height);
+        if self.is_empty(pixels) {
+            if pixels.sample == 0 {
+                scratch.first = First::NOTHING;
             }
-            if is_empty {
-                self.add(&mut scratch.colour, &rows_of(&backs));
-                continue;
-            }
-            let met = match self.plain(&pixels, active, &backs, entries, scratch) {
-                plain::Outcome::Done => {
-                    self.add(&mut scratch.colour, scratch.plain.light());
-                    continue;
-                }
-                plain::Outcome::Met(met) => Some(met),
-                plain::Outcome::NotPlain => None,
-            };
-            let mut lanes = Lanes { rays: [Ray::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
-            for i in bits(active) {
-                let ((x, y), wide) = (pixels.point(i), pixels.width(pixels.step(i)));
-                let mut ray = self.rays.ray(x, y);
-                ray.cone = Cone { a: ray.cone.a * wide, b: ray.cone.b * wide };
-                lanes.rays[i] = ray;
-            }
-            self.layers(&mut lanes, active, met, sample == 0, scratch)?;
-            let mut all = [[0.0; PACKET]; 4];
-            for i in bits(active) {
-                let back = backs[i / ACROSS as usize];
-                let (through, c) = (lanes.through[i], lanes.colour[i]);
-                for axis in 0..3 {
-                    all[axis][i] = c[axis] + through * back[axis];
-                }
-                all[3][i] = 1.0 - through + through * back[3];
-            }
-            self.add(&mut scratch.colour, &all);
+            self.add(sums, &rows_of(&backs));
+            return Ok(());
         }
-        if self.samples > 1 {
-            let weight = 1.0 / self.samples as f32;
-            scratch.colour.as_flattened_mut().iter_mut().for_each(|c| *c *= weight);
+        let met = match self.plain(pixels, active, &backs, begun, scratch) {
+            plain::Outcome::Done => {
+                self.add(sums, scratch.plain.light());
+                return Ok(());
+            }
+            plain::Outcome::Met(met) => Some(met),
+            plain::Outcome::NotPlain => None,
+        };
+        let mut lanes = Lanes { rays: [Ray::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
+        for i in bits(active) {
+            let ((x, y), wide) = (pixels.point(i), pixels.width(pixels.step(i)));
+            let mut ray = self.rays.ray(x, y);
+            ray.cone = Cone { a: ray.cone.a * wide, b: ray.cone.b * wide };
+            lanes.rays[i] = ray;
         }
+        self.layers(&mut lanes, active, met, pixels.sample == 0, scratch)?;
+        let mut all = [[0.0; PACKET]; 4];
+        for i in bits(active) {
+            let back = backs[i / ACROSS as usize];
+            let (through, c) = (lanes.through[i], lanes.colour[i]);
+            for axis in 0..3 {
+                all[axis][i] = c[axis] + through * back[axis];
+            }
+            all[3][i] = 1.0 - through + through * back[3];
+        }
+        self.add(sums, &all);
         Ok(())
+    }
+
+    /// The pixels of a packet at `at`, so far `apart`, in a sample. Sample 0 goes through the middle of the pixel and tells what is
+    /// seen; all samples weigh the same in the colour.
+    pub fn pixels(&self, at: (u32, u32), apart: (u32, u32), sample: u32) -> Pixels {
+        Pixels { at, apart, offset: offset(sample), sample, widths: Widths::of(self.poe) }
     }
 
     /// See [`Add`].
@@ -227,7 +219,7 @@ impl Direct<'_> {
     }
 
     /// Whether nothing is seen in the block of a packet.
-    fn is_empty(&self, at: (u32, u32), apart: (u32, u32)) -> bool {
+    pub(super) fn is_empty(&self, &Pixels { at, apart, .. }: &Pixels) -> bool {
         let Some([least, greatest]) = self.within else { return false };
         let first = DVec2::new(at.0.into(), at.1.into());
         let last = first + DVec2::new(f64::from(apart.0 * (ACROSS - 1) + 1), f64::from(apart.1 * (DOWN - 1) + 1));

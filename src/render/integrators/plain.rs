@@ -6,15 +6,14 @@
 
 use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::material::{Gloss, Material, powers};
-use super::sampling::Widths;
 use crate::query::surfaces::Surfaces;
 use crate::query::NONE;
-use crate::scene::InOne;
+use crate::scene::in_one::{CameraRays, InCamera, InOne};
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::walk::{SceneView, bits};
 use crate::simd::{Op, Simd, dispatch};
-use crate::structure::bvh::trace::{Beam, Entries, PACKET};
+use crate::structure::bvh::trace::{BUNDLE, Bundle, PACKET};
 use glam::{DVec3, Vec3};
 
 /// A number for each pixel of a packet.
@@ -27,6 +26,9 @@ type Vectors = [Row<f32>; 3];
 pub(super) struct Plain {
     surfaces: Surfaces,
     rows: Rows,
+    /// The packets of a tile, and those of them that were begun there.
+    bundle: Bundle,
+    begun: u32,
 }
 
 #[repr(C, align(64))]
@@ -82,35 +84,53 @@ pub(crate) fn tree_of(view: &SceneView, rays: &PixelRays, asks: Asks) -> Option<
 }
 
 impl Direct<'_> {
-    /// What the plain packets of a rectangle of so many pixels begin at, from its left upper one on; `None`: at the root.
-    pub fn entries(&self, (x, y): (u32, u32), (width, height): (u32, u32)) -> Option<Entries> {
-        let placed = self.plain?;
-        let tree = self.view.tree(placed);
-        let offset = self.view.scene.placement.placed[placed as usize].only_shifted()?;
-        let corner = |x: u32, y: u32| self.rays.across(x.into(), y.into()).as_vec3();
-        let corners = [corner(x, y), corner(x + width, y), corner(x, y + height), corner(x + width, y + height)];
-        let pixel = Widths::of(self.poe).greatest() * self.rays.pixel_width(1.0) as f32;
-        let beam = Beam::new(&tree, (self.rays.eye() - offset).as_vec3(), &corners, pixel)?;
-        Entries::of(&tree, &beam)
+    /// Begins the plain ones of a tile's packets together. `packets`: of each its pixels, and those of them that count.
+    pub(crate) fn begin(&self, packets: &[(Pixels, u32); BUNDLE], scratch: &mut Scratch) {
+        let Plain { rows, bundle, begun, .. } = &mut scratch.plain;
+        *begun = 0;
+        let Some(camera) = self.plain.and_then(|_| InCamera::of(&self.view)) else { return };
+        for (i, (pixels, active)) in packets.iter().enumerate() {
+            if *active != 0 && !self.is_empty(pixels) {
+                let rays = self.camera_rays(pixels, rows);
+                *begun |= u32::from(camera.start(&rays, *active, bundle.packet(i))) << i;
+            }
+        }
+        bundle.closest(&camera.tree, camera.filter.as_ref(), *begun);
+    }
+
+    /// Makes the rays of a packet's pixels.
+    fn camera_rays<'a>(&self, pixels: &Pixels, rows: &'a mut Rows) -> CameraRays<'a> {
+        dispatch(self.isa(), MakeRays { rays: self.rays, pixels, rows });
+        CameraRays { eye: self.rays.eye(), dir: &rows.dir, width: &rows.width }
+    }
+
+    /// Traces a packet: number `begun`, if it was [begun](Self::begin), or else its pixels. `None` if it is not plain.
+    fn trace_plain(&self, pixels: &Pixels, active: u32, begun: Option<usize>, scratch: &mut Scratch) -> Option<u32> {
+        let Scratch { in_one, plain: Plain { rows, bundle, begun: all, .. }, .. } = scratch;
+        let Some(i) = begun.filter(|i| *all >> i & 1 == 1) else {
+            let rays = self.camera_rays(pixels, rows);
+            return in_one.trace_camera(&self.view, &rays, active)?.ok();
+        };
+        let met = InCamera::of(&self.view)?.go_on(&self.view, bundle.packet(i)).ok()?;
+        rows.dir = *bundle.packet(i).dirs();
+        in_one.take(bundle.packet(i));
+        Some(met)
     }
 
     /// Renders one sample of the pixels of `active`: the [light](Plain::light) of each, and, of the first sample, what is seen
-    /// there. `backs`: what is behind all, row by row.
+    /// there. `backs`: what is behind all, row by row; `begun`: the packet's number, if its tile was [begun](Self::begin).
     pub(super) fn plain(
         &self,
         pixels: &Pixels,
         active: u32,
         backs: &[[f32; 4]; DOWN as usize],
-        entries: Option<&Entries>,
+        begun: Option<usize>,
         scratch: &mut Scratch,
     ) -> Outcome {
         let Some(placed) = self.plain else { return Outcome::NotPlain };
-        let Scratch { in_one, plain: Plain { surfaces, rows }, .. } = scratch;
-        dispatch(self.isa(), CameraRays { rays: self.rays, pixels, rows });
-        let eye = self.rays.eye();
-        let met = in_one.trace_camera(&self.view, eye, &rows.dir, &rows.width, active, entries);
-        let Some(Ok(met)) = met else { return Outcome::NotPlain };
-        let dir = &rows.dir;
+        let Some(met) = self.trace_plain(pixels, active, begun, scratch) else { return Outcome::NotPlain };
+        let Scratch { in_one, plain: Plain { surfaces, rows, .. }, .. } = scratch;
+        let (eye, dir) = (self.rays.eye(), &rows.dir);
         let ray = |i: usize| (eye, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
         if !surfaces.look::<true>(&self.view, placed, ray, &in_one.walk, met) {
             return Outcome::Met(met);
@@ -153,7 +173,7 @@ impl Direct<'_> {
 
     /// What is seen first in each pixel.
     fn note_first(&self, placed: u32, met: u32, scratch: &mut Scratch) {
-        let Scratch { in_one: InOne { walk, .. }, plain: Plain { surfaces, rows }, first, .. } = scratch;
+        let Scratch { in_one: InOne { walk, .. }, plain: Plain { surfaces, rows, .. }, first, .. } = scratch;
         let cells = surfaces.cells();
         (first.met, first.lod, first.missing, first.inexact) = (met, cells, 0, cells);
         if cells != 0 {
@@ -184,13 +204,13 @@ fn same(row: &Row<u32>, value: u32) -> u32 {
 }
 
 /// Makes the rays of a packet's pixels.
-struct CameraRays<'a> {
+struct MakeRays<'a> {
     rays: &'a PixelRays,
     pixels: &'a Pixels,
     rows: &'a mut Rows,
 }
 
-impl Op for CameraRays<'_> {
+impl Op for MakeRays<'_> {
     type Out = ();
 
     #[inline(always)]

@@ -19,11 +19,6 @@ impl Widths {
         Self { root: poe.sqrt(), octave: OCTAVE.get_or_init(octave) }
     }
 
-    /// No factor is greater.
-    pub fn greatest(&self) -> f32 {
-        self.root * self.octave[self.octave.len() - 1]
-    }
-
     /// The step of the octave that a pixel's sample is at.
     #[inline(always)]
     pub fn step(x: u32, y: u32, sample: u32) -> u32 {

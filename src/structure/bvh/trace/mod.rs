@@ -6,8 +6,9 @@
 //! `t` falls outside of its own box (`tests/exact.rs` bounds how often).
 
 mod ahead;
+mod bundle;
+mod bundle_leaf;
 mod packet;
-mod packet_beam;
 mod packet_cells;
 mod packet_few;
 mod packet_leaf;
@@ -21,7 +22,7 @@ mod stream;
 mod stream_pass;
 mod walk;
 
-pub use packet_beam::{Beam, Entries};
+pub use bundle::{BUNDLE, Bundle};
 pub use packet::{PACKET, PacketSurfaces, PacketWalk, first_rays};
 pub use ray::{LocalRay, PreparedRay, USUAL_DIRS};
 pub use stand_in::StandIn;

@@ -1,7 +1,6 @@
 //! Coherent rays together: their state, and how they enter and leave the kernel.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::packet_beam::{Enter, Entries};
 use super::packet_prepare::{self, Shared};
 use super::packet_visit;
 use super::stand_in;
@@ -223,11 +222,6 @@ impl PacketWalk {
         dispatch(view.isa, Start { walk: self, view, active });
     }
 
-    /// Lets rays that were just started begin at entries, if they are of a beam's.
-    pub fn enter(&mut self, view: &TreeView, entries: &Entries) {
-        dispatch(view.isa, Enter { walk: self, entries });
-    }
-
     /// The rays of `among` that could go together with the first of them: by directions as taken over.
     pub fn alike(&self, among: u32) -> u32 {
         let class = |i: usize| {
@@ -282,6 +276,12 @@ impl PacketWalk {
     #[inline]
     pub fn distances(&self) -> &[f32; PACKET] {
         must_cast_ref(&self.hits.t)
+    }
+
+    /// The directions, axis by axis.
+    #[inline]
+    pub fn dirs(&self) -> &[[f32; PACKET]; 3] {
+        must_cast_ref(&self.rays.dir)
     }
 
     /// What the rays of `lanes`, which all have hits, have hit: rays with hits on the same triangle together.

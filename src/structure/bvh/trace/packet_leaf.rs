@@ -81,7 +81,7 @@ fn vectors(rays: u32) -> u32 {
 /// Tests eight triangles at a time against one ray after the other.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
-fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
+pub(super) fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     s: S,
     view: &TreeView,
     filter: Option<&PartFilter>,
@@ -130,11 +130,11 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
 }
 
 /// The corners of eight triangles, axis by axis in the order of [`Shared::k`].
-type Corners = [[[f32; 8]; 3]; 3];
+pub(super) type Corners = [[[f32; 8]; 3]; 3];
 
 /// Those of a leaf, relative to the rays' origin if it is one; past the leaf's last triangle, whatever.
 #[inline(always)]
-fn corners<S: Simd>(s: S, leaf: &Leaf, shared: &Shared) -> Corners {
+pub(super) fn corners<S: Simd>(s: S, leaf: &Leaf, shared: &Shared) -> Corners {
     let k = shared.k;
     let mut all = [[[0.0; 8]; 3]; 3];
     for axis in 0..3 {
@@ -149,7 +149,7 @@ fn corners<S: Simd>(s: S, leaf: &Leaf, shared: &Shared) -> Corners {
 
 /// A bit for each triangle of a leaf.
 #[inline(always)]
-fn all_triangles(count: usize) -> u32 {
+pub(super) fn all_triangles(count: usize) -> u32 {
     (1 << count) - 1
 }
 
@@ -179,7 +179,7 @@ fn beside<S: Simd>(s: S, corners: &Corners, shared: &Shared) -> u32 {
 
 /// Tests triangle `i` against the rays of a vector. `MOVED`: corners are relative to the origin.
 #[inline(always)]
-fn triangle<S: Simd, const MOVED: bool>(
+pub(super) fn triangle<S: Simd, const MOVED: bool>(
     s: S,
     corners: &Corners,
     i: usize,

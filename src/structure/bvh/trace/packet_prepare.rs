@@ -30,6 +30,8 @@ pub(super) struct Shared {
     /// The extremes of the shear along x and along y.
     pub shear_min: [f32; 2],
     pub shear_max: [f32; 2],
+    /// The same of each vector's rays.
+    pub shears: [[[f32; 2]; 2]; VECTORS],
     /// The area that the packet covers at a distance, over its square.
     pub spread_area: f32,
     /// The least magnitudes of the directions, and the greatest widths (see [`super::LocalRay::cone`]): what decides
@@ -96,13 +98,15 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
         shared.sign[axis] = 1.0f32.copysign(inv);
     }
     for axis in 0..2 {
-        let (mut least, mut greatest) = (s.splat16(f32::INFINITY), s.splat16(f32::NEG_INFINITY));
+        let (mut least, mut greatest) = (f32::INFINITY, f32::NEG_INFINITY);
         for h in 0..VECTORS {
             let shear = s.load16(&rays.dir[k[axis]][h]).div(s.load16(&rays.dir[kz][h]));
             rays.shear[axis][h] = shear.to_array();
-            (least, greatest) = (shear.min(least), shear.max(greatest));
+            let ends = [shear.least(), shear.greatest()];
+            shared.shears[h][axis] = ends;
+            (least, greatest) = (least.min(ends[0]), greatest.max(ends[1]));
         }
-        (shared.shear_min[axis], shared.shear_max[axis]) = (least.least(), greatest.greatest());
+        (shared.shear_min[axis], shared.shear_max[axis]) = (least, greatest);
     }
     for axis in 0..3 {
         let mut least = s.splat16(f32::INFINITY);

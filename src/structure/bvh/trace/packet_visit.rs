@@ -23,7 +23,7 @@ use crate::structure::bvh::layout::{Block, Child, Node};
 
 /// The greatest distance that any ray may go.
 #[inline(always)]
-fn farthest<S: Simd>(s: S, t: &Row) -> f32 {
+pub(super) fn farthest<S: Simd>(s: S, t: &Row) -> f32 {
     let mut far = s.load16(&t[0]);
     for h in 1..VECTORS {
         far = s.load16(&t[h]).max(far);
@@ -33,7 +33,7 @@ fn farthest<S: Simd>(s: S, t: &Row) -> f32 {
 
 /// The rays that may go as far as `t`, or farther.
 #[inline(always)]
-fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
+pub(super) fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
     let mut rays = 0;
     for h in 0..VECTORS {
         rays |= s.splat16(t).le(s.load16(&far[h])).bits() << (16 * h);
@@ -43,12 +43,16 @@ fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
 
 /// Goes on with `walk` until it ends or a block is missing.
 pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
-    let exact = !view.never_waits && walk.rays.cone.as_flattened().as_flattened().iter().all(|w| *w == 0.0);
-    if exact {
+    if is_exact(view, walk) {
         dispatch(view.isa, Packet::<ANY, false> { view, filter, walk })
     } else {
         dispatch(view.isa, Packet::<ANY, true> { view, filter, walk })
     }
+}
+
+/// Whether no cell stands in for anything.
+pub(super) fn is_exact(view: &TreeView, walk: &PacketWalk) -> bool {
+    !view.never_waits && walk.rays.cone.as_flattened().as_flattened().iter().all(|w| *w == 0.0)
 }
 
 /// `LOD`: cells may stand in.
@@ -64,7 +68,8 @@ impl<const ANY: bool, const LOD: bool> Op for Packet<'_, '_, ANY, LOD> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Outcome {
         let Self { view, filter, walk } = self;
-        let outcome = visit::<S, ANY, LOD>(s, view, filter, walk);
+        let mut boxes = Boxes::NONE;
+        let outcome = visit::<S, ANY, LOD>(s, view, filter, walk, &mut boxes);
         if outcome == Outcome::Done {
             walk.waiting = 0;
         }
@@ -72,18 +77,18 @@ impl<const ANY: bool, const LOD: bool> Op for Packet<'_, '_, ANY, LOD> {
     }
 }
 
+/// Visits what is on the stack. `boxes`: for one node after the other, as making it takes as long as filling it.
 #[inline(always)]
-fn visit<S: Simd, const ANY: bool, const LOD: bool>(
+pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
     view: &TreeView,
     filter: Option<&PartFilter>,
     walk: &mut PacketWalk,
+    boxes: &mut Boxes,
 ) -> Outcome {
     let shared = walk.shared;
     let is_large = ahead::is_large(view.snapshot);
     let mut far = farthest(s, &walk.hits.t);
-    // One for all nodes: making it takes as long as filling it.
-    let mut boxes = Boxes::NONE;
     while let Some(mut entry) = walk.stack.pop() {
         if entry.t > far {
             continue;
@@ -109,9 +114,9 @@ fn visit<S: Simd, const ANY: bool, const LOD: bool>(
             match Child::from_bits(entry.child) {
                 Some(Child::Node(index)) => {
                     walk.counters.nodes += 1;
-                    intervals::<S, LOD>(s, block.node(index), &shared, far, &mut boxes);
+                    intervals::<S, LOD>(s, block.node(index), &shared, far, boxes);
                     let nearest =
-                        nearest_child::<S, ANY, LOD>(s, is_large, view, filter, block, index, &boxes, &shared, entry, walk);
+                        nearest_child::<S, ANY, LOD>(s, is_large, view, filter, block, index, boxes, &shared, entry, walk);
                     if LOD && (boxes.small != 0 || view.never_waits) {
                         far = farthest(s, &walk.hits.t);
                     }
