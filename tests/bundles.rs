@@ -73,24 +73,36 @@ impl Case<'_> {
         let org = rays.eye().as_vec3();
         let Pair { root, bundle } = pair;
         let mut packets = Vec::new();
-        // Of one in four tiles some packets do not take part, and some pixels do not count.
-        let some = if rng.below(4) == 0 { [rng.below(1 << 31) as u32, rng.below(1 << 31) as u32] } else { [u32::MAX; 2] };
+        // In one of four tiles some packets do not take part, some pixels do not count, and packets differ.
+        let is_mixed = rng.below(4) == 0;
+        let mut some = |rng: &mut Rng| if is_mixed { (rng.below(1 << 16) | rng.below(1 << 16) << 16) as u32 } else { u32::MAX };
+        let among = some(rng);
         for p in 0..BUNDLE {
             let at = (x + p as u32 % 4 * 8, y + p as u32 / 4 * 4);
             let mut locals = [LocalRay::NONE; PACKET];
+            let (mut org, mut wide, mut reach) = (org, self.poe.sqrt(), [0.0, f32::INFINITY]);
+            if is_mixed {
+                match rng.below(8) {
+                    0 => org.x += 0.01,
+                    1 => wide = 0.0,
+                    2 => reach = [org.length() * 0.9, org.length() * 1.1],
+                    _ => {}
+                }
+            }
             for (i, local) in locals.iter_mut().enumerate() {
                 let (px, py) = (at.0 + i as u32 % 8, at.1 + i as u32 / 8);
                 // Anywhere in the pixel, borders included.
                 let (dx, dy) = [(0.5, 0.5), (0.0, 1.0), (rng.unit(), rng.unit())][rng.below(3)];
                 let (dir, one) = rays.toward(f64::from(px) + dx, f64::from(py) + dy);
-                *local = LocalRay { org, dir, t_max: f32::INFINITY, cone: Cone { a: 0.0, b: one * self.poe.sqrt() }, ..LocalRay::NONE };
+                *local = LocalRay { org, dir, t_min: reach[0], t_max: reach[1], cone: Cone { a: 0.0, b: one * wide } };
             }
-            bundle.packet(p).begin(&self.view, &locals, some[1]);
-            packets.push(locals);
+            let active = some(rng);
+            bundle.packet(p).begin(&self.view, &locals, active);
+            packets.push((locals, active));
         }
-        bundle.closest(&self.view, self.filter.as_ref(), some[0]);
-        for (p, locals) in packets.iter().enumerate() {
-            root.begin(&self.view, locals, some[1]);
+        bundle.closest(&self.view, self.filter.as_ref(), among);
+        for (p, (locals, active)) in packets.iter().enumerate() {
+            root.begin(&self.view, locals, *active);
             // Not for the same: what is met first may make a block needless.
             let waited = self.finish(root) | self.finish(bundle.packet(p));
             for (i, local) in locals.iter().enumerate() {

@@ -94,9 +94,12 @@ impl TilePixels {
         self.height = (height - y).min(TILE);
         let mut tally = Tally::default();
         let mut sums = [[[0.0; PACKET]; 4]; PACKETS];
-        let blocks: [Block; PACKETS] = std::array::from_fn(|i| Block::new(i as u32, self.width, self.height));
+        let patches: [Patch; PACKETS] = std::array::from_fn(|i| Patch::new(i as u32, self.width, self.height));
         for sample in 0..direct.samples {
-            let packets = blocks.each_ref().map(|it| (direct.pixels((x + it.left, y + it.top), (1, 1), sample), it.active()));
+            if stop() {
+                return None;
+            }
+            let packets = patches.each_ref().map(|it| (direct.pixels((x + it.left, y + it.top), (1, 1), sample), it.active()));
             direct.begin(&packets, scratch);
             for (i, (pixels, active)) in packets.iter().enumerate().filter(|(_, (_, active))| *active != 0) {
                 if stop() {
@@ -107,11 +110,11 @@ impl TilePixels {
                     scratch.wants.add(need, f32::MAX);
                 }
                 if sample == 0 {
-                    self.keep_first(&blocks[i], wanted, &scratch.first);
+                    self.keep_first(&patches[i], wanted, &scratch.first);
                     tally.count(*active, &scratch.first);
                 }
                 if sample + 1 == direct.samples {
-                    self.keep_colours(&blocks[i], wanted, direct, &mut sums[i]);
+                    self.keep_colours(&patches[i], wanted, direct, &mut sums[i]);
                 }
             }
         }
@@ -131,12 +134,12 @@ impl TilePixels {
     }
 
     /// Takes over what is `wanted` of what is seen first in the pixels of a packet.
-    fn keep_first(&mut self, block: &Block, wanted: Outputs, first: &First) {
-        const COLOURS: [Buffer; 2] = [Buffer::ColourSrgb8, Buffer::ColourLinear];
-        for buffer in Buffer::ALL.into_iter().filter(|b| wanted.has(*b) && !COLOURS.contains(b)) {
-            for (to, from) in block.rows() {
+    fn keep_first(&mut self, patch: &Patch, wanted: Outputs, first: &First) {
+        for buffer in Buffer::ALL.into_iter().filter(|b| wanted.has(*b)) {
+            for (to, from) in patch.rows() {
                 match buffer {
-                    Buffer::ColourSrgb8 | Buffer::ColourLinear => {}
+                    // See `keep_colours`.
+                    Buffer::ColourSrgb8 | Buffer::ColourLinear => break,
                     Buffer::Depth => self.depth[to].copy_from_slice(&first.depth[from]),
                     Buffer::Normal => self.normal[to].copy_from_slice(&first.normal[from]),
                     Buffer::Part => self.part[to].copy_from_slice(&first.part[from]),
@@ -150,7 +153,7 @@ impl TilePixels {
     }
 
     /// Takes over the colours that are `wanted` of the pixels of a packet. `sums`: those of all samples.
-    fn keep_colours(&mut self, block: &Block, wanted: Outputs, direct: &Direct, sums: &mut [[f32; PACKET]; 4]) {
+    fn keep_colours(&mut self, patch: &Patch, wanted: Outputs, direct: &Direct, sums: &mut [[f32; PACKET]; 4]) {
         if direct.samples > 1 {
             let weight = 1.0 / direct.samples as f32;
             sums.as_flattened_mut().iter_mut().for_each(|c| *c *= weight);
@@ -158,12 +161,12 @@ impl TilePixels {
         if wanted.has(Buffer::ColourSrgb8) {
             let mut coded = [[0; 4]; PACKET];
             dispatch(direct.isa(), Code { srgb: direct.srgb, colour: sums, coded: &mut coded });
-            for (to, from) in block.rows() {
+            for (to, from) in patch.rows() {
                 self.srgb[to].copy_from_slice(&coded[from]);
             }
         }
         if wanted.has(Buffer::ColourLinear) {
-            for (to, from) in block.rows() {
+            for (to, from) in patch.rows() {
                 self.linear[to].iter_mut().zip(from).for_each(|(to, i)| *to = std::array::from_fn(|c| sums[c][i]));
             }
         }
@@ -171,14 +174,14 @@ impl TilePixels {
 }
 
 /// The pixels of a packet in its tile.
-struct Block {
+struct Patch {
     left: u32,
     top: u32,
     columns: u32,
     rows: u32,
 }
 
-impl Block {
+impl Patch {
     /// That of packet `i` of a tile of so many pixels; with none, if it is beside.
     fn new(i: u32, width: u32, height: u32) -> Self {
         const ALONG: u32 = TILE / ACROSS;

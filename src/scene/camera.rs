@@ -182,7 +182,7 @@ impl PixelRays {
 
     /// The same of the length that it has up to the plane at distance 1: linear in the point.
     #[inline(always)]
-    pub fn across(&self, x: f64, y: f64) -> DVec3 {
+    fn across(&self, x: f64, y: f64) -> DVec3 {
         self.forward + self.offset(x, y)
     }
 

@@ -60,12 +60,12 @@ impl InOne {
 
     /// [`InOne::trace`] of those in `active` of a camera's rays. `None`: they must be traced otherwise.
     pub fn trace_camera(&mut self, view: &SceneView, rays: &CameraRays, active: u32) -> Option<Result<u32, Need>> {
-        let camera = InCamera::of(view)?;
+        let camera = CameraTree::of(view)?;
         let Self { walk, others, .. } = self;
         self.is_moved = false;
         let (mut are_apart, mut left) = (false, active);
         loop {
-            if !camera.take(rays, walk) {
+            if !camera.set(rays, walk) {
                 return None;
             }
             let class = if are_apart { walk.alike(left) } else { active };
@@ -120,7 +120,7 @@ pub(crate) struct CameraRays<'a> {
 }
 
 /// A placed tree that a camera's rays only have to be shifted into, and that they see.
-pub(crate) struct InCamera<'a> {
+pub(crate) struct CameraTree<'a> {
     placed: u32,
     offset: DVec3,
     near: f32,
@@ -128,7 +128,7 @@ pub(crate) struct InCamera<'a> {
     pub filter: Option<PartFilter<'a>>,
 }
 
-impl<'a> InCamera<'a> {
+impl<'a> CameraTree<'a> {
     /// That of a scene, if it is one.
     pub fn of(view: &'a SceneView) -> Option<Self> {
         let placed = view.only_one().filter(|&placed| view.seen_by(placed) != 0)?;
@@ -138,7 +138,7 @@ impl<'a> InCamera<'a> {
     }
 
     /// Puts rays into a walk, to be started; false if they must be traced otherwise.
-    fn take(&self, rays: &CameraRays, walk: &mut PacketWalk) -> bool {
+    fn set(&self, rays: &CameraRays, walk: &mut PacketWalk) -> bool {
         let org = (rays.eye - self.offset).as_vec3();
         walk.set_all_but_dirs(&LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE });
         walk.set_dirs(rays.dir, rays.width) && walk.is_within(&self.tree, PACKET, self.near)
@@ -146,7 +146,7 @@ impl<'a> InCamera<'a> {
 
     /// Starts a walk with those of the rays in `active`; false if they must be traced otherwise.
     pub fn start(&self, rays: &CameraRays, active: u32, walk: &mut PacketWalk) -> bool {
-        if !self.take(rays, walk) {
+        if !self.set(rays, walk) {
             return false;
         }
         walk.start(&self.tree, active);

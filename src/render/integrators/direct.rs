@@ -157,12 +157,12 @@ impl Direct<'_> {
     }
 
     /// Renders a sample of the pixels of `active`: adds their light to `sums`, and puts what is seen first there, of sample 0, into
-    /// `scratch`. `begun`: the packet's number, if its tile was [begun](Self::begin).
+    /// `scratch`. `number`: the packet's in its tile, if that was [begun](Self::begin).
     pub fn packet(
         &self,
         pixels: &Pixels,
         active: u32,
-        begun: Option<usize>,
+        number: Option<usize>,
         sums: &mut [[f32; PACKET]; 4],
         scratch: &mut Scratch,
     ) -> Result<(), Need> {
@@ -178,7 +178,7 @@ impl Direct<'_> {
             self.add(sums, &rows_of(&backs));
             return Ok(());
         }
-        let met = match self.plain(pixels, active, &backs, begun, scratch) {
+        let met = match self.plain(pixels, active, &backs, number, scratch) {
             plain::Outcome::Done => {
                 self.add(sums, scratch.plain.light());
                 return Ok(());

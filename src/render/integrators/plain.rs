@@ -8,7 +8,8 @@ use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::material::{Gloss, Material, powers};
 use crate::query::surfaces::Surfaces;
 use crate::query::NONE;
-use crate::scene::in_one::{CameraRays, InCamera, InOne};
+use crate::scene::InOne;
+use crate::scene::in_one::{CameraRays, CameraTree};
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::walk::{SceneView, bits};
@@ -84,11 +85,11 @@ pub(crate) fn tree_of(view: &SceneView, rays: &PixelRays, asks: Asks) -> Option<
 }
 
 impl Direct<'_> {
-    /// Begins the plain ones of a tile's packets together. `packets`: of each its pixels, and those of them that count.
+    /// Begins the plain ones of a tile's packets, and traces them for as far as they go together. `packets`: of each its pixels, and those of them that count.
     pub(crate) fn begin(&self, packets: &[(Pixels, u32); BUNDLE], scratch: &mut Scratch) {
         let Plain { rows, bundle, begun, .. } = &mut scratch.plain;
         *begun = 0;
-        let Some(camera) = self.plain.and_then(|_| InCamera::of(&self.view)) else { return };
+        let Some(camera) = self.plain.and_then(|_| CameraTree::of(&self.view)) else { return };
         for (i, (pixels, active)) in packets.iter().enumerate() {
             if *active != 0 && !self.is_empty(pixels) {
                 let rays = self.camera_rays(pixels, rows);
@@ -104,31 +105,31 @@ impl Direct<'_> {
         CameraRays { eye: self.rays.eye(), dir: &rows.dir, width: &rows.width }
     }
 
-    /// Traces a packet: number `begun`, if it was [begun](Self::begin), or else its pixels. `None` if it is not plain.
-    fn trace_plain(&self, pixels: &Pixels, active: u32, begun: Option<usize>, scratch: &mut Scratch) -> Option<u32> {
-        let Scratch { in_one, plain: Plain { rows, bundle, begun: all, .. }, .. } = scratch;
-        let Some(i) = begun.filter(|i| *all >> i & 1 == 1) else {
+    /// Traces a packet: as it was [begun](Self::begin) under its number, if it was, or else its pixels. `None` if it is not plain.
+    fn trace_plain(&self, pixels: &Pixels, active: u32, number: Option<usize>, scratch: &mut Scratch) -> Option<u32> {
+        let Scratch { in_one, plain: Plain { rows, bundle, begun, .. }, .. } = scratch;
+        let Some(i) = number.filter(|i| *begun >> i & 1 == 1) else {
             let rays = self.camera_rays(pixels, rows);
             return in_one.trace_camera(&self.view, &rays, active)?.ok();
         };
-        let met = InCamera::of(&self.view)?.go_on(&self.view, bundle.packet(i)).ok()?;
+        let met = CameraTree::of(&self.view)?.go_on(&self.view, bundle.packet(i)).ok()?;
         rows.dir = *bundle.packet(i).dirs();
         in_one.take(bundle.packet(i));
         Some(met)
     }
 
     /// Renders one sample of the pixels of `active`: the [light](Plain::light) of each, and, of the first sample, what is seen
-    /// there. `backs`: what is behind all, row by row; `begun`: the packet's number, if its tile was [begun](Self::begin).
+    /// there. `backs`: what is behind all, row by row; `number`: the packet's in its tile, if that was [begun](Self::begin).
     pub(super) fn plain(
         &self,
         pixels: &Pixels,
         active: u32,
         backs: &[[f32; 4]; DOWN as usize],
-        begun: Option<usize>,
+        number: Option<usize>,
         scratch: &mut Scratch,
     ) -> Outcome {
         let Some(placed) = self.plain else { return Outcome::NotPlain };
-        let Some(met) = self.trace_plain(pixels, active, begun, scratch) else { return Outcome::NotPlain };
+        let Some(met) = self.trace_plain(pixels, active, number, scratch) else { return Outcome::NotPlain };
         let Scratch { in_one, plain: Plain { surfaces, rows, .. }, .. } = scratch;
         let (eye, dir) = (self.rays.eye(), &rows.dir);
         let ray = |i: usize| (eye, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));

@@ -8,21 +8,20 @@
 //! Answers are those from the root (see `mod.rs` for the order of visits).
 #![allow(clippy::needless_range_loop)] // axes index several arrays at once
 
-use super::TreeView;
 use super::ahead;
 use super::bundle_leaf;
 use super::packet::{PACKET, PacketEntry, PacketWalk, Row, VECTORS, at_mut};
 use super::packet_prepare::Shared;
 use super::packet_visit::{self, Boxes, farthest, intervals};
 use super::walk::{Counters, Entered, push_sorted};
-use super::PartFilter;
+use super::{PartFilter, TreeView};
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child};
 
 /// Packets of a bundle: as many as a packet has rays, a lane each.
 pub const BUNDLE: usize = PACKET;
 /// Nodes that no more packets than these meet are left to them: where leaves are wide, and where they are not. (Instructions for a
-/// pixel at 10 million triangles, exact, near and whole: 428 and 663 with 2 everywhere, 504 and 584 with 16.)
+/// pixel at 10 million triangles, exact, near and whole: 429 and 672 with 2 everywhere, 504 and 584 with 16.)
 const FEW: [u32; 2] = [2, 16];
 /// A leaf that so many packets meet is wide: testing it for all of them pays.
 const WIDE: u32 = 3;
@@ -53,15 +52,17 @@ impl Entered for BundleEntry {
     }
 }
 
-/// What the packets that go together are, lane by lane.
+/// What the packets that go together are.
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub(super) struct Class {
+    /// What they share. Of what differs between them, `inv_min`, `inv_max`, `dir_min` and `cone_max` are the extremes of all; the
+    /// rest is that of one of them, and of no use.
     pub shared: Shared,
-    /// Extremes of the reciprocal directions, axis by axis.
+    /// Lane by lane, extremes of the reciprocal directions, axis by axis.
     inv_min: [Row; 3],
     inv_max: [Row; 3],
-    /// How far any ray may go; nowhere in the lanes of other packets.
+    /// Lane by lane, how far any ray may go; nowhere in the lanes of other packets.
     pub far: Row,
 }
 
@@ -79,7 +80,7 @@ pub struct Bundle {
     pub(super) packets: Vec<Box<PacketWalk>>,
     stack: Vec<BundleEntry>,
     pub(super) class: Class,
-    /// What the bundle did, packets by themselves aside: a node that it visits counts once.
+    /// What the bundle did for all its packets, nodes and leaves: those count once. All else, triangles too, the packets count.
     pub counters: Counters,
 }
 
@@ -105,33 +106,32 @@ impl Bundle {
             left |= (among >> i & u32::from(fits)) << i;
         }
         while left != 0 {
-            let packets = self.alike(left);
+            let (packets, is_exact) = self.alike(view, left);
             left &= !packets;
-            if packets.count_ones() >= LEAST {
-                if self.is_exact(view, packets) {
-                    dispatch(view.isa, Together::<false> { bundle: self, view, filter, packets });
-                } else {
-                    dispatch(view.isa, Together::<true> { bundle: self, view, filter, packets });
-                }
+            if packets.count_ones() < LEAST {
+                continue;
+            }
+            if is_exact {
+                dispatch(view.isa, Together::<false> { bundle: self, view, filter, packets });
+            } else {
+                dispatch(view.isa, Together::<true> { bundle: self, view, filter, packets });
             }
         }
     }
 
-    /// Whether no cell stands in for anything.
-    fn is_exact(&self, view: &TreeView, among: u32) -> bool {
-        self.packets.iter().enumerate().all(|(i, packet)| among >> i & 1 == 0 || packet_visit::is_exact(view, packet))
-    }
-
-    /// The packets of `among` that can go together with the first of them.
-    fn alike(&self, among: u32) -> u32 {
-        let first = &self.packets[among.trailing_zeros() as usize].shared;
+    /// The packets of `among` that can go together with the first of them; and whether no cell stands in for anything.
+    fn alike(&self, view: &TreeView, among: u32) -> (u32, bool) {
+        let first = &self.packets[among.trailing_zeros() as usize];
+        let (first, is_exact) = (&first.shared, packet_visit::is_exact(view, first));
         let mut alike = 0;
         for (i, packet) in self.packets.iter().enumerate() {
             let it = &packet.shared;
-            let is_alike = it.near == first.near && it.k == first.k && it.org_near == first.org_near;
+            let mut is_alike = it.near == first.near && it.k == first.k && it.org_near == first.org_near;
+            // Where no cell stands in, none is looked at.
+            is_alike &= packet_visit::is_exact(view, packet) == is_exact;
             alike |= (among >> i & u32::from(is_alike)) << i;
         }
-        alike
+        (alike, is_exact)
     }
 }
 
@@ -175,7 +175,7 @@ impl<const LOD: bool> Op for Together<'_, '_, LOD> {
                         }
                         left += u32::from(!is_few || packets <= FEW[0]);
                     }
-                    // What is followed no further is missing.
+                    // The root, if it refers to another block.
                     _ => {}
                 }
             }
@@ -261,11 +261,7 @@ fn node<S: Simd>(
     while mask != 0 {
         let slot = mask.trailing_zeros() as usize & 7;
         mask &= mask - 1;
-        let planes = [
-            [boxes.planes[0][0][slot], boxes.planes[0][1][slot]],
-            [boxes.planes[1][0][slot], boxes.planes[1][1][slot]],
-            [boxes.planes[2][0][slot], boxes.planes[2][1][slot]],
-        ];
+        let planes = boxes.planes_of(slot);
         let child = u32::from(node.child[slot]);
         let (id, child, is_there) = ahead::follow(is_large, view, block, entry.block, child);
         if !is_there || matches!(Child::from_bits(child), Some(Child::External(_))) {

@@ -5,7 +5,7 @@ use super::bundle::{BUNDLE, Bundle, BundleEntry};
 use super::packet::{PacketEntry, PacketWalk, VECTORS, at_mut};
 use super::packet_leaf::{Corners, all_triangles, corners, keep_better, leaf_ray_by_ray, triangle};
 use super::packet_prepare::Shared;
-use super::packet_visit::farthest;
+use super::packet_visit::{farthest, meet};
 use super::{PartFilter, TreeView};
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Leaf};
@@ -70,16 +70,17 @@ pub(super) fn leaf<S: Simd>(
     block: Block,
     at: usize,
 ) {
+    let Bundle { packets, class, counters, .. } = bundle;
     let leaf = block.leaf(at);
-    let corners = corners(s, &leaf, &bundle.class.shared);
-    let outline = outline(s, &corners, &bundle.class.shared);
+    let corners = corners(s, &leaf, &class.shared);
+    let outline = outline(s, &corners, &class.shared);
     let all = all_triangles(leaf.triangles);
-    bundle.counters.leaves += 1;
+    counters.leaves += 1;
     let mut left = entry.packets;
     while left != 0 {
         let p = left.trailing_zeros() as usize & (BUNDLE - 1);
         left &= left - 1;
-        let walk = &mut bundle.packets[p];
+        let walk = &mut packets[p];
         let mut triangles = [0; VECTORS];
         for h in 0..VECTORS {
             triangles[h] = across(s, &outline, &walk.shared, h) & all;
@@ -87,13 +88,13 @@ pub(super) fn leaf<S: Simd>(
         if triangles == [0; VECTORS] {
             continue;
         }
-        let rays = meet(s, &entry.planes, walk) & walk.waiting;
+        let rays = meet(s, &entry.planes, true, walk) & walk.waiting;
         if rays == 0 {
             continue;
         }
         let own = PacketEntry { t: entry.t, rays, block: entry.block, child: entry.child };
-        packet(s, view, filter, walk, own, block, &leaf, at, &corners, triangles);
-        *at_mut(&mut bundle.class.far, p) = farthest(s, &bundle.packets[p].hits.t);
+        packet(s, view, filter, walk, own, &class.shared, block, &leaf, at, &corners, triangles);
+        *at_mut(&mut class.far, p) = farthest(s, &walk.hits.t);
     }
 }
 
@@ -106,22 +107,25 @@ fn packet<S: Simd>(
     filter: Option<&PartFilter>,
     walk: &mut PacketWalk,
     entry: PacketEntry,
+    shared: &Shared,
     block: Block,
     leaf: &Leaf,
     at: usize,
     corners: &Corners,
     triangles: [u32; VECTORS],
 ) {
-    let shared = walk.shared;
-    let mut tests = 0;
+    let (mut tests, mut all) = (0, 0);
     for h in 0..VECTORS {
-        tests += triangles[h].count_ones() * u32::from(entry.rays >> (16 * h) & 0xffff != 0);
+        if entry.rays >> (16 * h) & 0xffff != 0 {
+            tests += triangles[h].count_ones();
+            all |= triangles[h];
+        }
     }
     if entry.rays.count_ones() < tests {
-        let _ = leaf_ray_by_ray::<S, false>(s, view, filter, walk, entry, &shared, block, at, corners);
+        let _ = leaf_ray_by_ray::<S, false>(s, view, filter, walk, entry, shared, block, at, corners);
         return;
     }
-    walk.counters.triangles += u64::from(tests);
+    walk.counters.triangles += u64::from(all.count_ones());
     for h in 0..VECTORS {
         let rays = entry.rays >> (16 * h) & 0xffff;
         if rays == 0 {
@@ -143,21 +147,4 @@ fn packet<S: Simd>(
             }
         }
     }
-}
-
-/// Those of a packet's rays that meet a box between planes.
-#[inline(always)]
-fn meet<S: Simd>(s: S, planes: &[[f32; 2]; 3], walk: &PacketWalk) -> u32 {
-    let mut all = 0;
-    for h in 0..VECTORS {
-        let mut enter = s.load16(&walk.rays.t_min[h]);
-        let mut leave = s.load16(&walk.hits.t[h]);
-        for axis in 0..3 {
-            let inv = s.load16(&walk.rays.inv[axis][h]);
-            enter = (s.splat16(planes[axis][0]) * inv).max(enter);
-            leave = (s.splat16(planes[axis][1]) * inv).min(leave);
-        }
-        all |= enter.le(leave).bits() << (16 * h);
-    }
-    all
 }

@@ -30,7 +30,7 @@ pub(super) struct Shared {
     /// The extremes of the shear along x and along y.
     pub shear_min: [f32; 2],
     pub shear_max: [f32; 2],
-    /// The same of each vector's rays.
+    /// The same of each vector's rays: vector, axis, least and greatest.
     pub shears: [[[f32; 2]; 2]; VECTORS],
     /// The area that the packet covers at a distance, over its square.
     pub spread_area: f32,

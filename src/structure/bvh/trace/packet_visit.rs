@@ -33,7 +33,7 @@ pub(super) fn farthest<S: Simd>(s: S, t: &Row) -> f32 {
 
 /// The rays that may go as far as `t`, or farther.
 #[inline(always)]
-pub(super) fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
+fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
     let mut rays = 0;
     for h in 0..VECTORS {
         rays |= s.splat16(t).le(s.load16(&far[h])).bits() << (16 * h);
@@ -244,7 +244,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         } else if LOD && boxes.small >> slot & 1 == 1 {
             packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, boxes, shared, entry, walk)
         } else if !shared.one_origin || boxes.narrow >> slot & 1 == 1 || Child::is_leaf(child) {
-            meet(s, &boxes.planes, slot, shared, entry.rays, walk)
+            meet(s, &boxes.planes_of(slot), shared.one_origin, walk) & entry.rays
         } else {
             entry.rays
         };
@@ -297,6 +297,13 @@ impl Boxes {
         let none = [[[0.0; 8]; 2]; 3];
         Self { met: 0, narrow: 0, small: 0, enter: [0.0; 8], planes: none, stored: none, faces: [[0.0; 8]; 3] }
     };
+
+    /// The near and the far plane of the box in `slot`, axis by axis.
+    #[inline(always)]
+    pub fn planes_of(&self, slot: usize) -> [[f32; 2]; 3] {
+        let ([x, y, z], slot) = (&self.planes, slot & 7);
+        [[x[0][slot], x[1][slot]], [y[0][slot], y[1][slot]], [z[0][slot], z[1][slot]]]
+    }
 }
 
 /// The test of all children against all rays at once, into `out`.
@@ -346,18 +353,18 @@ pub(super) fn cross<S: Simd>(s: S, from: [S::F8; 3], to: [S::F8; 3], shared: &Sh
     [enter, leave]
 }
 
-/// Those of `rays` that meet the box of a child.
+/// The rays that meet a box between planes, which are less the origin if it is one.
 #[inline(always)]
-fn meet<S: Simd>(s: S, planes: &Planes, slot: usize, shared: &Shared, rays: u32, walk: &PacketWalk) -> u32 {
+pub(super) fn meet<S: Simd>(s: S, planes: &[[f32; 2]; 3], one_origin: bool, walk: &PacketWalk) -> u32 {
     let mut all = 0;
     for h in 0..VECTORS {
         let mut enter = s.load16(&walk.rays.t_min[h]);
         let mut leave = s.load16(&walk.hits.t[h]);
         for axis in 0..3 {
             let inv = s.load16(&walk.rays.inv[axis][h]);
-            let mut near = s.splat16(planes[axis][0][slot]);
-            let mut far = s.splat16(planes[axis][1][slot]);
-            if !shared.one_origin {
+            let mut near = s.splat16(planes[axis][0]);
+            let mut far = s.splat16(planes[axis][1]);
+            if !one_origin {
                 let org = s.load16(&walk.rays.org[axis][h]);
                 (near, far) = (near - org, far - org);
             }
@@ -366,5 +373,5 @@ fn meet<S: Simd>(s: S, planes: &Planes, slot: usize, shared: &Shared, rays: u32,
         }
         all |= enter.le(leave).bits() << (16 * h);
     }
-    all & rays
+    all
 }
