@@ -75,7 +75,7 @@ impl Case<'_> {
         let mut packets = Vec::new();
         // In one of four tiles some packets do not take part, some pixels do not count, and packets differ.
         let is_mixed = rng.below(4) == 0;
-        let mut some = |rng: &mut Rng| if is_mixed { (rng.below(1 << 16) | rng.below(1 << 16) << 16) as u32 } else { u32::MAX };
+        let some = |rng: &mut Rng| if is_mixed { (rng.below(1 << 16) | rng.below(1 << 16) << 16) as u32 } else { u32::MAX };
         let among = some(rng);
         for p in 0..BUNDLE {
             let at = (x + p as u32 % 4 * 8, y + p as u32 / 4 * 4);
