@@ -703,7 +703,7 @@ typedef struct oc_frame_accuracy {
     float mean_error;
     /**
      * Whole pictures that the request has made so far: the first from what was in memory, each with more of what the last
-     * lacked. The very first of a frame waits for that, 50 ms at most. From 1 on there is one to map.
+     * lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to map.
      */
     uint32_t pictures;
     /** An OC_STATE_ number, as oc_frame_poll tells it. */

@@ -332,7 +332,7 @@ pub struct oc_frame_accuracy {
     /// Mean error in pixels, over pixels that show something; of triangles as above.
     pub mean_error: f32,
     /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the last
-    /// lacked. The very first of a frame waits for that, 50 ms at most. From 1 on there is one to map.
+    /// lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to map.
     pub pictures: u32,
     /// An OC_STATE_ number, as oc_frame_poll tells it.
     pub state: oc_state,

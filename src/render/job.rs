@@ -29,7 +29,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 /// How long the first picture of a frame may wait for blocks.
-const GLIMPSES: Duration = Duration::from_millis(50);
+const GLIMPSES: Duration = Duration::from_millis(80);
 
 /// How a request ended.
 #[derive(Debug, Clone)]

@@ -46,7 +46,7 @@ pub struct FrameStatus {
     /// Fraction done: 0 at the request, 1 when complete, never going back in between.
     pub fraction: f64,
     /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the last
-    /// lacked. The very first of a frame waits for that, 50 ms at most. From 1 on there is one to be mapped.
+    /// lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to be mapped.
     pub pictures: u32,
     /// Pixels whose answer is exact (hits on original triangles, and exact misses).
     pub pixels_exact: u64,
