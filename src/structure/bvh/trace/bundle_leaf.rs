@@ -2,13 +2,13 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::bundle::{BUNDLE, Bundle, BundleEntry};
-use super::packet::{PacketEntry, PacketWalk, VECTORS, at_mut};
-use super::packet_leaf::{Corners, all_triangles, corners, keep_better, leaf_ray_by_ray, triangle};
+use super::packet::{PacketEntry, VECTORS, at_mut};
+use super::packet_leaf::{Corners, all_triangles, corners, test};
 use super::packet_prepare::Shared;
 use super::packet_visit::{farthest, meet};
 use super::{PartFilter, TreeView};
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::{Block, Leaf};
+use crate::structure::bvh::layout::Block;
 
 /// Corners nearer than this, along the greatest axis, have no outline.
 const NEAREST: f32 = 1e-28;
@@ -93,58 +93,8 @@ pub(super) fn leaf<S: Simd>(
             continue;
         }
         let own = PacketEntry { t: entry.t, rays, block: entry.block, child: entry.child };
-        packet(s, view, filter, walk, own, &class.shared, block, &leaf, at, &corners, triangles);
+        // What is missing stays on its stack.
+        let _ = test::<S, false>(s, view, filter, walk, own, &class.shared, block, &leaf, at, &corners, triangles);
         *at_mut(&mut class.far, p) = farthest(s, &walk.hits.t);
-    }
-}
-
-/// Tests some triangles of a leaf, other ones for each half, against a packet; if a block is missing for that, leaves it to the packet.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
-fn packet<S: Simd>(
-    s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
-    walk: &mut PacketWalk,
-    entry: PacketEntry,
-    shared: &Shared,
-    block: Block,
-    leaf: &Leaf,
-    at: usize,
-    corners: &Corners,
-    triangles: [u32; VECTORS],
-) {
-    let (mut tests, mut all) = (0, 0);
-    for h in 0..VECTORS {
-        if entry.rays >> (16 * h) & 0xffff != 0 {
-            tests += triangles[h].count_ones();
-            all |= triangles[h];
-        }
-    }
-    if entry.rays.count_ones() < tests {
-        let _ = leaf_ray_by_ray::<S, false>(s, view, filter, walk, entry, shared, block, at, corners);
-        return;
-    }
-    walk.counters.triangles += u64::from(all.count_ones());
-    for h in 0..VECTORS {
-        let rays = entry.rays >> (16 * h) & 0xffff;
-        if rays == 0 {
-            continue;
-        }
-        let mut left = triangles[h];
-        while left != 0 {
-            let i = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let found = triangle::<S, true>(s, corners, i, shared.k, walk, h);
-            let hits = found.hits & rays;
-            if hits == 0 || filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
-                continue;
-            }
-            let tri = (at as u32) << 3 | i as u32;
-            if keep_better::<S, false>(s, view, walk, h, hits, &found, entry.block, tri).is_err() {
-                walk.stack.push(entry);
-                return;
-            }
-        }
     }
 }

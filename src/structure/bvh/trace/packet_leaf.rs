@@ -32,9 +32,34 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
     if shared.one_origin {
         left &= !beside(s, &corners, shared);
     }
-    let tests = left.count_ones() * vectors(entry.rays);
+    test::<S, ANY>(s, view, filter, walk, entry, shared, block, &leaf, at, &corners, [left; VECTORS])
+}
+
+/// Tests some triangles of a leaf, those of each vector's rays, against a packet.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
+pub(super) fn test<S: Simd, const ANY: bool>(
+    s: S,
+    view: &TreeView,
+    filter: Option<&PartFilter>,
+    walk: &mut PacketWalk,
+    entry: PacketEntry,
+    shared: &Shared,
+    block: Block,
+    leaf: &Leaf,
+    at: usize,
+    corners: &Corners,
+    triangles: [u32; VECTORS],
+) -> Outcome {
+    let (mut tests, mut left) = (0, 0);
+    for h in 0..VECTORS {
+        if entry.rays >> (16 * h) & 0xffff != 0 {
+            tests += triangles[h].count_ones();
+            left |= triangles[h];
+        }
+    }
     if entry.rays.count_ones() < tests {
-        return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at, &corners);
+        return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at, corners);
     }
     walk.counters.triangles += u64::from(left.count_ones());
     while left != 0 {
@@ -43,13 +68,13 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
         for h in 0..VECTORS {
             // Of those that look for any hit, some may have found one in this leaf.
             let rays = (entry.rays & walk.waiting) >> (16 * h) & 0xffff;
-            if rays == 0 {
+            if rays == 0 || triangles[h] >> i & 1 == 0 {
                 continue;
             }
             let found = if shared.one_origin {
-                triangle::<S, true>(s, &corners, i, shared.k, walk, h)
+                triangle::<S, true>(s, corners, i, shared.k, walk, h)
             } else {
-                triangle::<S, false>(s, &corners, i, shared.k, walk, h)
+                triangle::<S, false>(s, corners, i, shared.k, walk, h)
             };
             let hits = found.hits & rays;
             if hits == 0 || filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
@@ -68,20 +93,10 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
     Outcome::Done
 }
 
-/// Vectors that hold any of the rays.
-#[inline(always)]
-fn vectors(rays: u32) -> u32 {
-    let mut count = 0;
-    for h in 0..VECTORS {
-        count += u32::from(rays >> (16 * h) & 0xffff != 0);
-    }
-    count
-}
-
 /// Tests eight triangles at a time against one ray after the other.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
-pub(super) fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
+fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     s: S,
     view: &TreeView,
     filter: Option<&PartFilter>,
@@ -179,7 +194,7 @@ fn beside<S: Simd>(s: S, corners: &Corners, shared: &Shared) -> u32 {
 
 /// Tests triangle `i` against the rays of a vector. `MOVED`: corners are relative to the origin.
 #[inline(always)]
-pub(super) fn triangle<S: Simd, const MOVED: bool>(
+fn triangle<S: Simd, const MOVED: bool>(
     s: S,
     corners: &Corners,
     i: usize,
