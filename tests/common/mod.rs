@@ -10,6 +10,7 @@
 //! | [`bvh64`] | the same answers faster, from a plain f64 BVH that `tests/oracle.rs` checks against `brute` |
 //! | [`rounding`] | how far single precision may move things: the bounds, derived, not tuned |
 //! | [`errors`] | what agreeing means: ties, grazing, distance, normal, part; and a summary that asserts |
+//! | [`picture`] | errors between two pictures, each with its formula |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
@@ -23,6 +24,7 @@ pub mod built;
 pub mod bvh64;
 pub mod errors;
 pub mod models;
+pub mod picture;
 pub mod rays;
 pub mod rng;
 pub mod rounding;
