@@ -11,6 +11,8 @@
 //! | [`rounding`] | how far single precision may move things: the bounds, derived, not tuned |
 //! | [`errors`] | what agreeing means: ties, grazing, distance, normal, part; and a summary that asserts |
 //! | [`picture`] | errors between two pictures, each with its formula |
+//! | [`perceived`] | how much two pictures differ to the eye: FLIP and SSIM |
+//! | [`popping`] | what changes from frame to frame although the model does not |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
@@ -24,7 +26,9 @@ pub mod built;
 pub mod bvh64;
 pub mod errors;
 pub mod models;
+pub mod perceived;
 pub mod picture;
+pub mod popping;
 pub mod rays;
 pub mod rng;
 pub mod rounding;
