@@ -1,6 +1,9 @@
 //! The bytes of a voxel: one sample where its sides agree, six where they do not (Áfra 2012, section 4.2).
 //!
-//! A sample is two words:
+//! A voxel begins with a sample, of two words. Of a voxel of six sides that has the mean normal, and in its second word which of the
+//! block's voxels of six sides this is. The slabs across the normal (`slabs.rs`) are not with it but in the node: walks ask for them.
+//!
+//! A sample:
 //!
 //! | bits of word 0 | |
 //! |---|---|
@@ -15,6 +18,7 @@
 //!
 //! The paper packs a sample into 32 bits: 15 of normal, 15 of colour, no spread and no coverage.
 
+use super::slabs::{Content, Middle};
 use super::voxel::{Sample, Voxel};
 use glam::{Vec2, Vec3};
 
@@ -42,10 +46,13 @@ const SEEN: f32 = 0.05;
 /// A voxel as stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coded {
-    /// The sample (the mean of the six, where there are six), the part, the summary of parts.
+    /// The sample (the mean of the six, where there are six, of which the second word has nothing yet), the part, the summary of
+    /// parts.
     pub words: [u32; VOXEL_WORDS],
     /// One for each side: low x, y, z, high x, y, z.
     pub sides: Option<Box<[u32; SIDES_WORDS]>>,
+    /// The slabs.
+    pub slabs: u32,
 }
 
 /// What a hit on a stand-in shows.
@@ -82,8 +89,9 @@ pub fn stored_colour(word: u32) -> Vec3 {
 }
 
 impl Coded {
-    /// Of a voxel whose cell has these edges. `may_have_sides`: a sample for each side is kept where one does not do.
-    pub fn of(voxel: &Voxel, extent: Vec3, may_have_sides: bool) -> Self {
+    /// Of a voxel and what its cell holds. `may_have_sides`: a sample for each side is kept where one does not do.
+    pub fn of(voxel: &Voxel, cell: Middle, content: &Content, may_have_sides: bool) -> Self {
+        let extent = cell.half;
         let faces = [extent.y * extent.z, extent.z * extent.x, extent.x * extent.y];
         let weights: [f32; 6] = std::array::from_fn(|side| voxel.sides[side].cover * faces[side % 3]);
         let (mean, agree) = mean(&voxel.sides, &weights);
@@ -92,15 +100,16 @@ impl Coded {
         let [a, b] = sample(&mean);
         let (a, b) = (a | coloured, b & colours);
         let part = voxel.part | if voxel.is_mixed { MIXED } else { 0 };
+        let slabs = content.slabs(a, cell);
         if agree || !may_have_sides {
-            return Self { words: [a, b, part, voxel.summary], sides: None };
+            return Self { words: [a, b, part, voxel.summary], sides: None, slabs };
         }
         let mut sides = Box::new([0; SIDES_WORDS]);
         for (words, side) in sides.chunks_exact_mut(2).zip(&voxel.sides) {
             let [first, second] = sample(side);
             words.copy_from_slice(&[first, second & colours]);
         }
-        Self { words: [a | SIX, b, part, voxel.summary], sides: Some(sides) }
+        Self { words: [a | SIX, 0, part, voxel.summary], sides: Some(sides), slabs }
     }
 
     /// Words that it takes.
@@ -167,7 +176,7 @@ fn sample(s: &Sample) -> [u32; 2] {
 }
 
 /// A unit vector as a point of an octahedron unfolded to a square, a signed byte each way.
-fn octahedral(n: Vec3) -> u32 {
+pub(super) fn octahedral(n: Vec3) -> u32 {
     let n = n / (n.x.abs() + n.y.abs() + n.z.abs());
     let folded = if n.z >= 0.0 {
         Vec2::new(n.x, n.y)
@@ -178,19 +187,24 @@ fn octahedral(n: Vec3) -> u32 {
     byte(folded.x) | byte(folded.y) << 8
 }
 
-/// The unit normal in the low half of a sample's first word. (Inlined always: many at once are vectors then.)
+/// The direction of the normal in the low half of a sample's first word: on the octahedron, not unit.
 #[inline(always)]
-pub fn stored_normal(word: u32) -> Vec3 {
+pub(super) fn octahedral_axis(word: u32) -> Vec3 {
     let part = |at: u32| f32::from((word >> at) as u8 as i8) * (1.0 / 127.0);
     let (x, y) = (part(0), part(8));
     let z = 1.0 - x.abs() - y.abs();
-    let n = if z >= 0.0 {
+    if z >= 0.0 {
         Vec3::new(x, y, z)
     } else {
         Vec3::new((1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y), z)
-    };
+    }
+}
+
+/// The unit normal in the low half of a sample's first word. (Inlined always: many at once are vectors then.)
+#[inline(always)]
+pub fn stored_normal(word: u32) -> Vec3 {
     // Bytes of -128, which only a damaged file has, are a little beyond the square: finite all the same.
-    n.normalize_or(Vec3::Z)
+    octahedral_axis(word).normalize_or(Vec3::Z)
 }
 
 #[cfg(test)]
@@ -218,19 +232,20 @@ mod tests {
         }
     }
 
-    fn voxel(facets: &[([f32; 3], [f32; 3])]) -> (Voxel, Vec3) {
-        let cell = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
+    const CELL: Bounds = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
+
+    fn coded(facets: &[([f32; 3], [f32; 3])]) -> Coded {
         let facets: Vec<_> =
             facets.iter().map(|(n, c)| Facet { normal: (*n).into(), colour: (*c).into(), part: 9, is_own_colour: true }).collect();
-        (Voxel::of_leaf(&cell, &facets), Vec3::ONE)
+        let cell = Middle { at: CELL.center(), half: CELL.extent() * 0.5 };
+        Coded::of(&Voxel::of_leaf(&CELL, &facets), cell, &Content::of_points(vec![CELL.min, CELL.max]), true)
     }
 
     const GREY: [f32; 3] = [0.25; 3];
 
     #[test]
     fn a_flat_piece_needs_one_sample() {
-        let (v, extent) = voxel(&[([0.6, 0.0, 0.8], GREY), ([0.55, 0.1, 0.82], GREY)]);
-        let coded = Coded::of(&v, extent, true);
+        let coded = coded(&[([0.6, 0.0, 0.8], GREY), ([0.55, 0.1, 0.82], GREY)]);
         assert_eq!((coded.sides.is_none(), Coded::part(coded.words[2])), (true, (9, false)));
         let side = Side::of([coded.words[0], coded.words[1]]);
         assert!(side.normal.dot(Vec3::new(0.6, 0.0, 0.8)).abs() > 0.99 && side.likeness > 0.98);
@@ -240,8 +255,7 @@ mod tests {
     #[test]
     fn an_edge_or_another_colour_behind_needs_six() {
         for facets in [[([1.0, 0.0, 0.0], GREY), ([0.0, 1.0, 0.0], GREY)], [([0.0, 0.0, 1.0], GREY), ([1.0, 0.0, 0.0], [0.9; 3])]] {
-            let (v, extent) = voxel(&facets);
-            let coded = Coded::of(&v, extent, true);
+            let coded = coded(&facets);
             let sides = coded.sides.expect("six");
             assert!(Coded::has_sides(coded.words[0]));
             // From low x the facet that faces it.

@@ -4,11 +4,12 @@
 //! the distance from the hit to the cell's farthest corner, plus that. Measured from the hit's position as given, in
 //! double precision: what single precision did to `t` does not enter.
 //!
-//! **t_free.** A cell's box holds all that it stands for, and the walk takes the nearest of all boxes and triangles: no
-//! original surface lies on the ray before it enters the box, up to what single precision may have moved (as for exact
-//! hits, `finish.rs`). In a stand-in for missing data that the ray begins in nothing is known to be free.
+//! **t_free.** A cell's box and slabs hold all that it stands for, and the walk takes the nearest of all of these and of triangles,
+//! each where it is entered or before: no original surface lies on the ray before the hit, up to what single precision may have
+//! moved (as for exact hits, `finish.rs`). In a stand-in for missing data that the ray begins in nothing is known to be free.
 
 use super::hit::{Hit, HitKind, NONE, Want};
+use crate::lod::farthest;
 use crate::math::{Bounds, Ray};
 use crate::scene::placed::{Placed, not_below};
 use crate::scene::walk::{Found, SceneView, bits};
@@ -144,7 +145,7 @@ impl Look<'_> {
     /// See the module.
     pub fn t_free(&self) -> f64 {
         let slack = self.placed.stretch * self.placed.local_slack() * 64.0 / self.ray.dir.as_dvec3().length();
-        let free = if self.place.is_inside { self.ray.t_min } else { self.t.min(self.crossing().enter) - slack };
+        let free = if self.place.is_inside { self.ray.t_min } else { self.t - slack };
         free.max(self.ray.t_min)
     }
 
@@ -153,13 +154,12 @@ impl Look<'_> {
         self.crossing().leave.max(self.t)
     }
 
-    /// How far the cell reaches above the hit along the normal.
+    /// How far what it stands for reaches above the hit along the normal, or farther.
     pub fn above(&self) -> f64 {
         let here = self.placed.local_point(self.ray.origin + self.ray.dir.as_dvec3() * self.t);
         let normal = self.placed.gradient(self.normal.as_dvec3());
         let cell = cell(self.block, self.place);
-        let (low, high) = ((cell.min.as_dvec3() - here) * normal, (cell.max.as_dvec3() - here) * normal);
-        low.max(high).element_sum().max(0.0)
+        (farthest(&cell, &self.block.node(self.place.node).stored_slabs(self.place.slot), normal) - here.dot(normal)).max(0.0)
     }
 
     fn crossing(&self) -> Crossing {
@@ -167,9 +167,8 @@ impl Look<'_> {
     }
 }
 
-/// Where a ray enters and leaves a cell, in units of the world's ray, and by which sides: low x, y, z, high x, y, z.
+/// Where a ray leaves a cell, in units of the world's ray, and by which sides it enters and leaves: low x, y, z, high x, y, z.
 struct Crossing {
-    enter: f64,
     leave: f64,
     first: u32,
     last: u32,
@@ -179,7 +178,7 @@ impl Crossing {
     fn of(placed: &Placed, ray: &Ray, cell: &Bounds) -> Self {
         let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
         let (low, high, towards) = (cell.min.as_dvec3(), cell.max.as_dvec3(), dir.cmpge(DVec3::ZERO));
-        let (enter, first) = entered(org, dir, DVec3::select(towards, low, high));
+        let (_, first) = entered(org, dir, DVec3::select(towards, low, high));
         let to = (DVec3::select(towards, high, low) - org) * dir.recip();
         let (mut leave, mut last) = (f64::INFINITY, 0);
         for axis in 0..3 {
@@ -188,7 +187,7 @@ impl Crossing {
                 (leave, last) = (to[axis], side_towards(axis, dir[axis]));
             }
         }
-        Self { enter, leave, first, last }
+        Self { leave, first, last }
     }
 }
 

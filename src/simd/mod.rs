@@ -12,6 +12,7 @@
 //! conservative by more than their rounding; and planes of cells, whose products are exact, so that there is one rounding.
 
 mod lanes;
+mod one;
 mod portable;
 #[cfg(target_arch = "x86_64")]
 mod avx2;

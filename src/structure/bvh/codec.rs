@@ -11,7 +11,7 @@
 //! | 8 x externals | u32 block id, u32 child reference |
 //! | 1 | u8: words of a voxel |
 //! | 4 | u32: the part of all voxels, if those are short |
-//! | 8 x voxels | both words of the first sample, byte by byte: byte 0 of all voxels, byte 1 of all, ...; the count of sides is zero |
+//! | 12 x voxels | both words of the first sample and the slabs, byte by byte: byte 0 of all voxels, byte 1 of all, ...; the count of sides is zero |
 //! | 4 x voxels | with long voxels: part and whether mixed, byte by byte |
 //! | 4 x mixed | with long voxels: summaries of those that are mixed |
 //! | 48 x .. | the sides of voxels that have six, byte by byte |
@@ -97,14 +97,17 @@ fn push_nodes(out: &mut Vec<u8>, block: &Block, leaves: usize) {
     push_voxels(out, block);
 }
 
-fn push_voxels(out: &mut Vec<u8>, block: &Block) {
+fn push_voxels<'a>(out: &mut Vec<u8>, block: &Block<'a>) {
     let is_long = block.voxel_words() == LONG_VOXEL;
     out.push(block.voxel_words() as u8);
     out.extend(block.words()[7].to_le_bytes());
     let voxels: Vec<&[u32]> = (0..block.voxels()).map(|i| block.voxel_at(i)).collect();
-    let first = |v: &[u32]| if Coded::has_sides(v[0]) { v[0] & !0xffff } else { v[0] };
-    push_planes(out, voxels.iter().map(|v| first(v)));
-    push_planes(out, voxels.iter().map(|v| v[1]));
+    let children = |node: &'a Node| (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1).map(|slot| node.slabs[slot]);
+    let slabs: Vec<u32> = (0..block.nodes()).flat_map(|i| children(block.node(i))).collect();
+    let second = |v: &[u32]| if Coded::has_sides(v[0]) { 0 } else { v[1] };
+    push_planes(out, voxels.iter().map(|v| v[0]));
+    push_planes(out, voxels.iter().map(|v| second(v)));
+    push_planes(out, slabs.iter().copied());
     if is_long {
         push_planes(out, voxels.iter().map(|v| v[2]));
         let mixed = voxels.iter().filter(|v| Coded::part(v[2]).1);
@@ -131,14 +134,16 @@ pub(super) fn read_planes(reader: &mut Reader, count: usize) -> Checked<Vec<u32>
 }
 
 /// Voxels of a block: the words of the header that tell of them, and all after the parts and before the leaves.
-fn read_voxels(reader: &mut Reader, nodes: &[Node]) -> Checked<([u32; 3], Vec<u32>)> {
+/// Nodes get their children's slabs.
+fn read_voxels(reader: &mut Reader, nodes: &mut [Node]) -> Checked<([u32; 3], Vec<u32>)> {
     let size = usize::from(reader.u8()?);
     if ![SHORT_VOXEL, LONG_VOXEL].contains(&size) {
         return wrong("its voxels have an impossible size");
     }
     let part = reader.u32()?;
     let count = nodes.iter().map(|n| n.valid.count_ones() as usize).sum();
-    let (mut firsts, colours) = (read_planes(reader, count)?, read_planes(reader, count)?);
+    let (firsts, mut seconds) = (read_planes(reader, count)?, read_planes(reader, count)?);
+    let slabs = read_planes(reader, count)?;
     let parts = if size == LONG_VOXEL { read_planes(reader, count)? } else { Vec::new() };
     let mut summaries = Vec::with_capacity(parts.len());
     for &word in &parts {
@@ -146,11 +151,11 @@ fn read_voxels(reader: &mut Reader, nodes: &[Node]) -> Checked<([u32; 3], Vec<u3
         summaries.push(if is_mixed { reader.u32()? } else { summary_bit(part) });
     }
     let mut six_sided = 0;
-    for first in firsts.iter_mut().filter(|first| Coded::has_sides(**first)) {
-        if *first & 0xffff != 0 || six_sided > 0xffff {
+    for (_, second) in firsts.iter().zip(&mut seconds).filter(|(first, _)| Coded::has_sides(**first)) {
+        if *second != 0 || six_sided > 0xffff {
             return wrong("a voxel's sides are counted");
         }
-        *first |= six_sided;
+        *second = six_sided;
         six_sided += 1;
     }
     let sides = (0..SIDES_WORDS).map(|_| read_planes(reader, six_sided as usize)).collect::<Checked<Vec<_>>>()?;
@@ -158,10 +163,13 @@ fn read_voxels(reader: &mut Reader, nodes: &[Node]) -> Checked<([u32; 3], Vec<u3
     let mut voxels = 0;
     for node in nodes {
         words.push(voxels);
-        voxels += node.valid.count_ones();
+        for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
+            (node.slabs[slot], node.normal[slot]) = (slabs[voxels as usize], firsts[voxels as usize] as u16);
+            voxels += 1;
+        }
     }
     for i in 0..count {
-        words.extend([firsts[i], colours[i]]);
+        words.extend([firsts[i], seconds[i]]);
         if size == LONG_VOXEL {
             words.extend([parts[i], summaries[i]]);
         }
@@ -301,6 +309,7 @@ fn trace_form(nodes: Option<(Nodes, &[usize])>, leaves: Option<Leaves>) -> Check
         (parts_at + parts.len()) as u32,
     ];
     words.extend(voxel_header);
+    words.resize(HEADER_WORDS, 0);
     for node in &table {
         words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(*node));
     }
@@ -320,10 +329,10 @@ fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
     if HEADER_WORDS + nodes * NODE_WORDS + EXTERNAL_WORDS * externals + PAD_WORDS > MAX_WORDS || nodes == 0 {
         return wrong("its counts do not fit a block");
     }
-    let table = read_table(reader, nodes)?;
+    let mut table = read_table(reader, nodes)?;
     let kinds: Vec<u16> = (0..nodes).map(|_| reader.u16()).collect::<Checked<_>>()?;
     let externals = read_externals(reader, externals, place)?;
-    let voxels = read_voxels(reader, &table)?;
+    let voxels = read_voxels(reader, &mut table)?;
     Ok(Nodes { table, kinds, externals, leaves, voxels })
 }
 

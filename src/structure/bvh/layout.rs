@@ -13,11 +13,12 @@
 //! | 5 | voxels (u16), those of six sides (u16) |
 //! | 6 | words of a voxel: 2, or 4 with its parts |
 //! | 7 | with 2: the local part of all voxels; else 0 |
-//! | 8 .. | nodes, [`NODE_WORDS`] each; node 0 first, children after their parents |
+//! | 8 to 15 | zero, so that nodes begin with cache lines |
+//! | 16 .. | nodes, [`NODE_WORDS`] each; node 0 first, children after their parents |
 //! | .. | external references: block id, child reference inside it, where it hangs here: node (u16) and slot (u16) |
 //! | .. | parts: local part of the tree, ascending |
 //! | .. | for each node the number of its first voxel |
-//! | .. | voxels (`lod::Coded`): one for each child of each node, in order; of those of six sides the low half of word 0 counts them |
+//! | .. | voxels (`lod::Coded`): one for each child of each node, in order; of those of six sides word 1 counts them |
 //! | .. | the sides of those that have six, [`SIDES_WORDS`] each |
 //! | .. | leaves, unless they are in a block of their own |
 //! | last [`PAD_WORDS`] | zero, so that a vector load at the end of a leaf stays inside |
@@ -42,7 +43,7 @@
 //! | .. | first, second, third vertex of each triangle: three runs of u8, padded together to a word |
 //! | .. | x of all vertices, then y, then z: f32 |
 
-use crate::lod::{Coded, SIDES_WORDS, Side, VOXEL_WORDS, summary_bit};
+use crate::lod::{Coded, Middle, SIDES_WORDS, Side, Slabs, VOXEL_WORDS, summary_bit};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -50,7 +51,7 @@ use glam::Vec3;
 /// Words of a block, at most: 64 KB.
 pub const MAX_WORDS: usize = 16384;
 /// Words before the nodes.
-pub const HEADER_WORDS: usize = 8;
+pub const HEADER_WORDS: usize = 16;
 /// Words of a reference to another block.
 pub const EXTERNAL_WORDS: usize = 3;
 /// Words of a voxel without its parts.
@@ -58,7 +59,7 @@ pub const SHORT_VOXEL: usize = 2;
 /// Words of a voxel with its parts.
 pub const LONG_VOXEL: usize = VOXEL_WORDS;
 /// Words of a node.
-pub const NODE_WORDS: usize = 20;
+pub const NODE_WORDS: usize = 32;
 /// Zero words at the end of a block.
 pub const PAD_WORDS: usize = 16;
 /// Children of a node, at most.
@@ -117,7 +118,7 @@ impl Child {
     }
 }
 
-/// An inner node: 80 bytes.
+/// An inner node: two cache lines.
 ///
 /// Invariants, checked by `validate`: `origin` finite; exponents in 1..=254; in each valid slot
 /// `low <= high` on each axis; references in range, to nodes only with a greater index.
@@ -134,6 +135,10 @@ pub struct Node {
     pub planes: [[u8; WIDTH]; 6],
     /// References to the children.
     pub child: [u16; WIDTH],
+    /// The slabs of their voxels (`lod::Slabs`).
+    pub slabs: [u32; WIDTH],
+    /// The normals that these are across, as in the voxels.
+    pub normal: [u16; WIDTH],
 }
 const _: () = assert!(size_of::<Node>() == NODE_WORDS * 4);
 
@@ -165,6 +170,25 @@ impl Node {
     pub fn stored_plane(&self, row: usize, slot: usize) -> f32 {
         // A product with a power of two is exact: one rounding.
         f32::from(self.planes[row][slot & (WIDTH - 1)]) * self.step(row % 3) + self.origin[row % 3]
+    }
+
+    /// Where in the box of a child its content is.
+    #[inline(always)]
+    pub fn stored_slabs(&self, slot: usize) -> Slabs {
+        let slot = slot & (WIDTH - 1);
+        Slabs::stored(self.slabs[slot], self.normal[slot].into(), self.stored_middle(slot))
+    }
+
+    /// A child's box as its slabs see it.
+    #[inline(always)]
+    pub fn stored_middle(&self, slot: usize) -> Middle {
+        let slot = slot & (WIDTH - 1);
+        let at = |axis: usize| {
+            let (low, high) = (self.planes[axis][slot], self.planes[axis + 3][slot]);
+            f32::from(u16::from(low) + u16::from(high)) * (0.5 * self.step(axis)) + self.origin[axis]
+        };
+        let half = |axis: usize| f32::from(self.planes[axis + 3][slot].wrapping_sub(self.planes[axis][slot])) * (0.5 * self.step(axis));
+        Middle { at: Vec3::new(at(0), at(1), at(2)), half: Vec3::new(half(0), half(1), half(2)) }
     }
 
     /// A child's box as walks see it. (The grid's planes are outside of the child, whose own are single-precision
@@ -352,7 +376,7 @@ impl StoredVoxel<'_> {
     /// The words of its sides' samples, if it has them.
     #[inline]
     pub fn sides(&self) -> &[u32] {
-        let at = self.block.sides_at() + (self.words[0] & 0xffff) as usize * SIDES_WORDS;
+        let at = self.block.sides_at() + self.words[1] as usize * SIDES_WORDS;
         &self.block.words[at..at + SIDES_WORDS]
     }
 

@@ -39,6 +39,7 @@ fn check_header(words: &[u32]) -> Result<(), String> {
     let firsts_at = parts_at + block.parts();
     let tables = [words[2], words[3], words[4]] == [externals_at as u32, parts_at as u32, firsts_at as u32];
     ensure(tables, "its tables are not where its counts say")?;
+    ensure(words[8..HEADER_WORDS].iter().all(|w| *w == 0), "its header does not end with zeros")?;
     ensure([SHORT_VOXEL as u32, LONG_VOXEL as u32].contains(&words[6]), "its voxels have an impossible size")?;
     ensure(block.first_leaf() + PAD_WORDS <= words.len(), "its tables do not fit")?;
     ensure(words[words.len() - PAD_WORDS..].iter().all(|w| *w == 0), "its end is not zero")
@@ -63,8 +64,14 @@ fn check_voxels(block: &Block) -> Result<(), String> {
         voxels += block.node(i).valid.count_ones() as usize;
     }
     ensure(voxels == block.voxels(), "its voxels do not add up")?;
-    for first in (0..voxels).map(|v| block.voxel_at(v)[0]).filter(|first| Coded::has_sides(*first)) {
-        ensure((first & 0xffff) as usize == sides, "a voxel's sides are not its own")?;
+    for i in 0..block.nodes() {
+        for slot in (0..WIDTH).filter(|slot| block.node(i).valid >> slot & 1 == 1) {
+            let normal = block.voxel(i, slot).words()[0] as u16;
+            ensure(block.node(i).normal[slot] == normal, "a node's normals are not its voxels'")?;
+        }
+    }
+    for voxel in (0..voxels).map(|v| block.voxel_at(v)).filter(|voxel| Coded::has_sides(voxel[0])) {
+        ensure(voxel[1] as usize == sides, "a voxel's sides are not its own")?;
         sides += 1;
     }
     ensure(sides == block.six_sided(), "its voxels' sides do not add up")
@@ -156,7 +163,9 @@ mod tests {
         let leaf_at = HEADER_WORDS + NODE_WORDS + EXTERNAL_WORDS + 1 + 1 + 2 * SHORT_VOXEL;
         node.child[0] = Child::Leaf(leaf_at).to_bits();
         node.child[1] = Child::External(0).to_bits();
-        let mut words = vec![1 | 1 << 16, 1 | 1 << 16, 28, 31, 32, 2, SHORT_VOXEL as u32, 7];
+        node.normal[..2].copy_from_slice(&[0x1234, 0]);
+        let mut words = vec![1 | 1 << 16, 1 | 1 << 16, 48, 51, 52, 2, SHORT_VOXEL as u32, 7];
+        words.resize(HEADER_WORDS, 0);
         words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(node));
         words.extend([5, 0, 1 << 16, 7]);
         words.extend([0, 0x00ff_1234, 0x8080_8080, 0x0080_0000, 0xff00_0000]);
@@ -176,7 +185,7 @@ mod tests {
     #[test]
     fn each_damage_is_found() {
         let nan = f32::NAN.to_bits();
-        let damages: [(usize, u32, &str); 22] = [
+        let damages: [(usize, u32, &str); 24] = [
             (0, 0, "no node"),
             (0, 2 | 1 << 16, "two nodes"),
             (1, 2 | 1 << 16, "two triangles"),
@@ -186,19 +195,21 @@ mod tests {
             (5, 3, "a voxel too many"),
             (5, 2 | 1 << 16, "sides that no voxel has"),
             (6, 3, "voxels of no size"),
-            (8, nan, "a grid at NaN"),
-            (11, 0b11 << 24, "a step of nothing"),
-            (11, 0b1 << 24 | 0x7f_7f7f, "a reference that nobody makes"),
-            (12, 1, "a box inside out"),
-            (24, 0x4000 | 38 | 0x8000 << 16, "a reference into a leaf"),
-            (24, 0x8000 | 0x8000 << 16, "the same reference twice"),
-            (24, 0x4000 | 37, "a node that is its own child"),
-            (29, 1 << 16, "a reference too large"),
-            (30, 0, "a reference that hangs elsewhere"),
-            (33, 1 << 24, "a voxel of sides that are not there"),
-            (37, 9 | 3 << 8, "too many triangles in a leaf"),
-            (39, 0x0003_0100, "a corner without a vertex"),
-            (40, nan, "a vertex at NaN"),
+            (9, 1, "a word where none is"),
+            (16, nan, "a grid at NaN"),
+            (19, 0b11 << 24, "a step of nothing"),
+            (19, 0b1 << 24 | 0x7f_7f7f, "a reference that nobody makes"),
+            (20, 1, "a box inside out"),
+            (32, 0x4000 | 58 | 0x8000 << 16, "a reference into a leaf"),
+            (32, 0x8000 | 0x8000 << 16, "the same reference twice"),
+            (32, 0x4000 | 57, "a node that is its own child"),
+            (44, 0x1235, "another normal"),
+            (49, 1 << 16, "a reference too large"),
+            (50, 0, "a reference that hangs elsewhere"),
+            (53, 1 << 24, "a voxel of sides that are not there"),
+            (57, 9 | 3 << 8, "too many triangles in a leaf"),
+            (59, 0x0003_0100, "a corner without a vertex"),
+            (60, nan, "a vertex at NaN"),
         ];
         for (at, word, what) in damages {
             let mut words = sound();

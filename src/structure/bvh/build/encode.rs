@@ -82,6 +82,7 @@ pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, 
         voxel_words as u32,
         one_part.unwrap_or(0),
     ];
+    words.resize(HEADER_WORDS, 0);
     for node in &encoder.nodes {
         words.extend(must_cast::<Node, [u32; NODE_WORDS]>(*node));
     }
@@ -105,6 +106,7 @@ pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, 
 fn leaf_block(parts: &[u32], leaves: &[u32], triangles: usize) -> Vec<u32> {
     let (first, end) = (HEADER_WORDS as u32, (HEADER_WORDS + parts.len()) as u32);
     let mut words = vec![0, triangles as u32 | (parts.len() as u32) << 16, first, first, end, 0, SHORT_VOXEL as u32, 0];
+    words.resize(HEADER_WORDS, 0);
     words.extend(parts);
     words.extend(leaves);
     words.extend([0; PAD_WORDS]);
@@ -116,9 +118,9 @@ impl Encoder<'_> {
     fn voxels_of(&mut self, inner: &Inner) {
         self.firsts.push(self.voxels.len() as u32);
         for (voxel, _) in &inner.children {
-            let Coded { mut words, sides } = voxel.clone();
+            let Coded { mut words, sides, .. } = voxel.clone();
             if let Some(sides) = sides {
-                words[0] = words[0] & !0xffff | self.sides.len() as u32;
+                words[1] = self.sides.len() as u32;
                 self.sides.push(*sides);
             }
             self.voxels.push(words);

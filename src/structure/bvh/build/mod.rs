@@ -134,7 +134,7 @@ impl<'a> Chunk<'a> {
         let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };
         // The tops of several chunks take the roots' children. A root that stays, or is fine, is made here.
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
-            let Piece { cell, voxel, sub } = Inner::over(pieces);
+            let Piece { cell, voxel, content, sub } = Inner::over(pieces);
             let sub = match sub {
                 Sub::Inner(root) if is_whole => match cluster::whole(root, input, &refs) {
                     Ok(plan) => return Ok(done(vec![plan], None, refs)),
@@ -142,7 +142,7 @@ impl<'a> Chunk<'a> {
                 },
                 sub => sub,
             };
-            pieces = vec![Piece { cell, voxel, sub }];
+            pieces = vec![Piece { cell, voxel, content, sub }];
             below = counts;
         }
         let (plans, units) = cluster::fine(pieces.iter_mut().map(|p| &mut p.sub), input, &refs, par);

@@ -12,6 +12,8 @@ pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node
         valid: ((1u32 << children.len()) - 1) as u8,
         planes: [[0; WIDTH]; 6],
         child: [0; WIDTH],
+        slabs: [0; WIDTH],
+        normal: [0; WIDTH],
     };
     for axis in 0..3 {
         node.exponent[axis] = exponent(f64::from(all.max[axis]) - f64::from(all.min[axis]));

@@ -11,7 +11,7 @@ use super::{Counts, TreeInput};
 use super::cluster::{FINE_WORDS, UnitId};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
-use crate::lod::{Coded, Facet, SIDES_WORDS, VOXEL_WORDS, Voxel};
+use crate::lod::{Coded, Content, Facet, SIDES_WORDS, VOXEL_WORDS, Slabs, Voxel};
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{EXTERNAL_WORDS, MAX_TRIANGLES, NODE_WORDS, Node, WIDTH};
 use glam::Vec3;
@@ -50,6 +50,8 @@ pub struct Piece {
     pub cell: Bounds,
     /// What it looks like.
     pub voxel: Voxel,
+    /// Where in the cell that is.
+    pub content: Content,
     /// Itself.
     pub sub: Sub,
 }
@@ -94,25 +96,32 @@ impl Inner {
 
     /// A node over one to eight pieces.
     pub fn over(pieces: Vec<Piece>) -> Piece {
-        let node = quantise(pieces.iter().map(|p| p.cell));
+        let mut node = quantise(pieces.iter().map(|p| p.cell));
         let stored: Vec<Bounds> = (0..pieces.len()).map(|slot| node.stored_box(slot)).collect();
         let cell = stored.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
         let voxel = Voxel::over(stored.iter().zip(pieces.iter().map(|p| &p.voxel)));
         // A leaf's own triangles are at hand wherever its sides could be told apart.
-        let coded = |(p, stored): (Piece, &Bounds)| {
+        let (mut slabs, mut normals) = ([0; WIDTH], [0; WIDTH]);
+        let mut contents = Vec::with_capacity(pieces.len());
+        let coded = |(slot, (p, stored)): (usize, (Piece, &Bounds))| {
             let is_leaf = |sub: &Sub| matches!(sub, Sub::Leaf { .. });
             let may_have_sides = match &p.sub {
                 Sub::Inner(wrapped) if wrapped.children.len() == 1 => !is_leaf(&wrapped.children[0].1),
                 sub => !is_leaf(sub),
             };
-            (Coded::of(&p.voxel, stored.extent(), may_have_sides), p.sub)
+            let middle = node.stored_middle(slot);
+            let coded = Coded::of(&p.voxel, middle, &p.content, may_have_sides);
+            (slabs[slot], normals[slot]) = (coded.slabs, coded.words[0] as u16);
+            contents.push((p.content, *stored, Slabs::stored(coded.slabs, coded.words[0], middle)));
+            (coded, p.sub)
         };
         // Not collected: that would keep the pieces' memory, which is several times as much.
         let mut children = Vec::with_capacity(pieces.len());
-        children.extend(pieces.into_iter().zip(&stored).map(coded));
+        children.extend(pieces.into_iter().zip(&stored).enumerate().map(coded));
+        (node.slabs, node.normal) = (slabs, normals);
         let mut inner = Box::new(Inner { node, children, words: 0 });
         inner.measure();
-        Piece { cell, voxel, sub: Sub::Inner(inner) }
+        Piece { cell, voxel, content: Content::over(contents), sub: Sub::Inner(inner) }
     }
 }
 
@@ -243,7 +252,8 @@ impl Builder<'_> {
             let cell = range.extents.bounds();
             let voxel = leaf_voxel(&cell, range.refs(), self.input);
             let stats = Counts { depth: 1, nodes: 0, leaves: 1, references: size.triangles.into() };
-            return Ok((Piece { cell, voxel, sub }, stats));
+            let corners = range.refs().iter().flat_map(|r| self.input.triangles[r.triangle()]);
+            return Ok((Piece { cell, voxel, content: Content::of_points(corners.collect()), sub }, stats));
         }
         self.inner(range, depth)
     }

@@ -7,9 +7,10 @@ use super::packet_prepare::Shared;
 use super::packet_visit::Boxes;
 use super::ray::abs;
 use super::single;
-use super::stand_in::{self, SLACK, ConeRay, Met, Verdict};
+use super::stand_in::{self, SLACK, ConeRay, Met, SlabRay, Verdict};
 use super::{PartFilter, TreeView};
 use crate::geom::watertight::LaneHits;
+use crate::lod::Slabs;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Node};
 
@@ -62,6 +63,26 @@ fn meet<S: Simd>(s: S, boxes: &Boxes, slot: usize, crossing: [S::F16; 2], walk: 
     stand_in::meet(crossing, faces, &ConeRay { dir, t_min, a, b })
 }
 
+/// What is left of the ways of a vector of rays through a cell inside of its slabs.
+#[inline(always)]
+fn within<S: Simd>(s: S, slabs: &Slabs, shared: &Shared, reach: f32, walk: &PacketWalk, h: usize, way: [S::F16; 2]) -> [S::F16; 2] {
+    let (rays, zero) = (&walk.rays, s.splat16(0.0));
+    let mut dir = [zero; 3];
+    for axis in 0..3 {
+        dir[axis] = s.load16(&rays.dir[axis][h]);
+    }
+    if shared.one_origin {
+        // Where planes are needs no direction.
+        let one = SlabRay::new(shared.org_near, [0.0; 3], reach);
+        return stand_in::within_of_one(dir, &one, slabs, way);
+    }
+    let mut org = [zero; 3];
+    for axis in 0..3 {
+        org[axis] = s.load16(&rays.org[axis][h]);
+    }
+    SlabRay::new(org, dir, reach).within(slabs, way)
+}
+
 /// Lets the cell in `slot` stand in for those rays of `entry` for which it is small enough; returns the others that meet its box.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
@@ -105,7 +126,12 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
             Verdict::Skip => {}
             Verdict::Stand => {
                 let tri = stand_in::lod_code(node, slot);
-                offer::<S, ANY>(s, view, walk, h, small, met.enter, entry.block, tri);
+                let slabs = block.node(node).stored_slabs(slot);
+                let [enter, leave] = within(s, &slabs, shared, view.reach, walk, h, [met.enter, crossings[h][1]]);
+                let hits = small & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
+                if hits != 0 {
+                    offer::<S, ANY>(s, view, walk, h, hits, enter, entry.block, tri);
+                }
             }
         }
         left &= !(small << (16 * h));
@@ -144,19 +170,23 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
         return;
     }
     let boxes = &all_cells(s, block.node(node), shared);
+    let slabs = block.node(node).stored_slabs(slot);
     for h in 0..VECTORS {
         let here = entry.rays >> (16 * h) & 0xffff;
         if here == 0 {
             continue;
         }
-        let met = meet(s, boxes, slot, cross(s, boxes, slot, shared, view.reach, walk, h), walk, h);
-        let here = here & met.enter.le(s.load16(&walk.hits.t[h])).bits();
-        let outside = met.outside & here;
+        let crossing = cross(s, boxes, slot, shared, view.reach, walk, h);
+        let met = meet(s, boxes, slot, crossing, walk, h);
+        let far = s.load16(&walk.hits.t[h]);
+        let [enter, leave] = within(s, &slabs, shared, view.reach, walk, h, [met.enter, crossing[1]]);
+        let outside = met.outside & here & enter.le(leave.min(far)).bits();
+        let here = here & met.enter.le(far).bits();
         let tri = stand_in::missing_code(node, slot, false);
         if outside != 0 {
-            offer::<S, ANY>(s, view, walk, h, outside, met.enter, entry.block, tri);
+            offer::<S, ANY>(s, view, walk, h, outside, enter, entry.block, tri);
         }
-        let inside = met.meets & here & !outside;
+        let inside = met.meets & here & !met.outside;
         if !ANY && inside != 0 {
             let tri = stand_in::missing_code(node, slot, true);
             offer::<S, ANY>(s, view, walk, h, inside, met.enter, entry.block, tri);

@@ -3,7 +3,7 @@
 
 use super::packet::{PacketEntry, PacketWalk, at};
 use super::packet_visit::{Boxes, keep};
-use super::stand_in::{self, ConeRay};
+use super::stand_in::{self, ConeRay, SlabRay};
 use super::{PartFilter, single};
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Block;
@@ -17,6 +17,7 @@ pub(super) const FEW: u32 = 4;
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
+    reach: f32,
     filter: Option<&PartFilter>,
     block: Block,
     index: usize,
@@ -29,7 +30,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
         rays &= rays - 1;
-        let mut met = one::<S, ANY, LOD>(s, filter, block, index, boxes, entry.block, i, walk);
+        let mut met = one::<S, ANY, LOD>(s, reach, filter, block, index, boxes, entry.block, i, walk);
         while met != 0 {
             out[met.trailing_zeros() as usize & 7] |= 1 << i;
             met &= met - 1;
@@ -43,6 +44,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn one<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
+    reach: f32,
     filter: Option<&PartFilter>,
     block: Block,
     index: usize,
@@ -64,8 +66,10 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return met;
     }
     let (mut dir, mut faces) = ([zero; 3], [zero; 3]);
+    let (mut one_org, mut one_dir) = ([0.0; 3], [0.0; 3]);
     for axis in 0..3 {
-        (dir[axis], faces[axis]) = (s.splat8(at(&walk.rays.dir[axis], i)), s.load8(&boxes.faces[axis]));
+        (one_org[axis], one_dir[axis]) = (at(&walk.rays.org[axis], i), at(&walk.rays.dir[axis], i));
+        (dir[axis], faces[axis]) = (s.splat8(one_dir[axis]), s.load8(&boxes.faces[axis]));
     }
     let cone = walk.rays.cone(i);
     let ray = ConeRay { dir, t_min, a: s.splat8(cone.a), b: s.splat8(cone.b) };
@@ -75,7 +79,8 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return met;
     }
     let mut best = walk.best(i);
-    let settled = single::offers(small, &cells.enter.to_array(), block, block_id, index, filter, &mut best);
+    let ray = SlabRay::new(one_org, one_dir, reach);
+    let settled = single::offers::<S>(small, [cells.enter, leave], &ray, block, block_id, index, filter, &mut best);
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);

@@ -229,7 +229,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     let node = block.node(index);
     let mut mask = boxes.met;
     let is_few = shared.one_origin && entry.rays.count_ones() <= packet_few::FEW;
-    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, filter, block, index, boxes, entry, walk) } else { [0; 8] };
+    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, view.reach, filter, block, index, boxes, entry, walk) } else { [0; 8] };
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
     while mask != 0 {

@@ -1,7 +1,7 @@
 //! One ray after the other, eight boxes or triangles at a time.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::stand_in::{self, ConeRay, Met, Verdict};
+use super::stand_in::{self, ConeRay, SlabRay, Verdict};
 use super::walk::{Entry, Outcome, TriHit, Walk, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -241,6 +241,9 @@ pub(super) struct CellLanes<S: Simd> {
     org: [S::F8; 3],
     slack: [S::F8; 3],
     near: [usize; 3],
+    /// Origin and direction.
+    one: [f32; 6],
+    reach: f32,
 }
 
 impl<S: Simd> CellLanes<S> {
@@ -262,23 +265,31 @@ impl<S: Simd> CellLanes<S> {
         cone: Cone,
         reach: f32,
     ) -> Self {
-        let mut slack = [0.0; 3];
+        let (mut slack, mut one) = ([0.0; 3], [0.0; 6]);
         for axis in 0..3 {
             slack[axis] = stand_in::slack(org[axis], inv[axis], reach);
+            (one[axis], one[axis + 3]) = (org[axis], dir[axis].copysign(inv[axis]));
         }
         let (t_min, a, b) = (s.splat8(t_min), s.splat8(cone.a), s.splat8(cone.b));
         let ray = ConeRay { dir: splat3(s, dir), t_min, a, b };
-        Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near }
+        Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near, one, reach }
     }
 
-    /// What it meets of cells between planes as stored, with these faces.
+    /// Where it enters and leaves cells between planes as stored.
     #[inline(always)]
-    fn meet(&self, mut near: [S::F8; 3], mut far: [S::F8; 3], faces: [S::F8; 3]) -> Met<S::F8> {
+    fn cross(&self, mut near: [S::F8; 3], mut far: [S::F8; 3]) -> [S::F8; 2] {
         for axis in 0..3 {
             near[axis] = near[axis] - self.slack[axis] - self.org[axis];
             far[axis] = far[axis] + self.slack[axis] - self.org[axis];
         }
-        stand_in::meet(stand_in::cross(near, far, self.inv), faces, &self.ray)
+        stand_in::cross(near, far, self.inv)
+    }
+
+    /// As slabs need it.
+    #[inline(always)]
+    fn slab_ray(&self) -> SlabRay<f32> {
+        let [x, y, z, dir @ ..] = self.one;
+        SlabRay::new([x, y, z], dir, self.reach)
     }
 }
 
@@ -322,21 +333,29 @@ pub(super) fn stand_ins<S: Simd>(
     if likely == 0 {
         return mask;
     }
-    let met = cells.meet(near, far, faces);
-    mask & !offers(met.small & likely, &met.enter.to_array(), block, block_id, index, filter, best)
+    let crossing = cells.cross(near, far);
+    let met = stand_in::meet(crossing, faces, ray);
+    let small = met.small & likely;
+    if small == 0 {
+        return mask;
+    }
+    mask & !offers::<S>(small, [met.enter, crossing[1]], &cells.slab_ray(), block, block_id, index, filter, best)
 }
 
-/// Offers the cells in `small`, entered at `t`, to `best`; returns those for which nothing is left to visit.
+/// Offers the cells in `small`, crossed from `enter` to `leave`, to `best`; returns those for which nothing is left to visit.
 #[inline(always)]
-pub(super) fn offers(
+#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
+pub(super) fn offers<S: Simd>(
     mut small: u32,
-    t: &[f32; 8],
+    [enter, leave]: [S::F8; 2],
+    ray: &SlabRay<f32>,
     block: Block,
     block_id: u32,
     index: usize,
     filter: Option<&PartFilter>,
     best: &mut TriHit,
 ) -> u32 {
+    let (t, last) = (enter.to_array(), leave.to_array());
     let mut settled = 0;
     while small != 0 {
         let slot = small.trailing_zeros() as usize & 7;
@@ -344,14 +363,34 @@ pub(super) fn offers(
         match stand_in::judge(block, index, slot, filter) {
             Verdict::Descend => continue,
             Verdict::Skip => {}
+            // It is met there or farther.
+            Verdict::Stand if t[slot] > best.t => {}
             Verdict::Stand => {
                 let tri = stand_in::lod_code(index, slot);
-                offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: block_id, tri });
+                offer_within([t[slot], last[slot]], ray, block, block_id, (index, slot), tri, best);
             }
         }
         settled |= 1 << slot;
     }
     settled
+}
+
+/// Offers the cell in a node's slot, crossed from `enter` to `leave`, to `best` where the ray enters its slabs too, if it does.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
+fn offer_within(
+    [enter, leave]: [f32; 2],
+    ray: &SlabRay<f32>,
+    block: Block,
+    block_id: u32,
+    (node, slot): (usize, usize),
+    tri: u32,
+    best: &mut TriHit,
+) {
+    let [enter, leave] = ray.within(&block.node(node).stored_slabs(slot), [enter, leave]);
+    if enter <= leave {
+        offer(best, TriHit { t: enter, u: 0.0, v: 0.0, block: block_id, tri });
+    }
 }
 
 /// Keeps a stand-in if it is better.
@@ -399,14 +438,19 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     best: &mut TriHit,
 ) {
     let [near, far] = stored_planes(s, block.node(node), cells.near);
-    let met = cells.meet(near, far, near);
+    let crossing = cells.cross(near, far);
+    let met = stand_in::meet(crossing, near, &cells.ray);
     let is_inside = met.outside >> slot & 1 == 0;
     let skip = stand_in::judge(block, node, slot, filter) == Verdict::Skip;
     if met.meets >> slot & 1 == 0 || skip || ANY && is_inside {
         return;
     }
-    let t = met.enter.to_array()[slot & 7];
-    offer(best, TriHit { t, u: 0.0, v: 0.0, block: block_id, tri: stand_in::missing_code(node, slot, is_inside) });
+    let (t, last) = (met.enter.to_array()[slot & 7], crossing[1].to_array()[slot & 7]);
+    let tri = stand_in::missing_code(node, slot, is_inside);
+    if is_inside {
+        return offer(best, TriHit { t, u: 0.0, v: 0.0, block: block_id, tri });
+    }
+    offer_within([t, last], &cells.slab_ray(), block, block_id, (node, slot), tri, best);
 }
 
 /// The run of planes that is met first, and its opposite.
