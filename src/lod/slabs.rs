@@ -63,6 +63,23 @@ impl Slabs {
     }
 }
 
+impl Slabs {
+    /// Of no cell.
+    pub const NONE: Self = Self { all: [Slab { axis: Vec3::Z, low: 0.0, high: 0.0 }; 2], count: 1 };
+
+    /// The one across the normal.
+    #[inline(always)]
+    pub fn first(&self) -> &Slab {
+        &self.all[0]
+    }
+
+    /// The other one, if there is one.
+    #[inline(always)]
+    pub fn second(&self) -> Option<&Slab> {
+        (self.count == 2).then_some(&self.all[1])
+    }
+}
+
 impl std::ops::Deref for Slabs {
     type Target = [Slab];
 

@@ -7,10 +7,9 @@ use super::packet_prepare::Shared;
 use super::packet_visit::Boxes;
 use super::ray::abs;
 use super::single;
-use super::stand_in::{self, SLACK, ConeRay, Met, SlabRay, Verdict};
+use super::stand_in::{self, SLACK, ConeRay, Met, Origin, Verdict};
 use super::{PartFilter, TreeView};
 use crate::geom::watertight::LaneHits;
-use crate::lod::Slabs;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Node};
 
@@ -63,24 +62,33 @@ fn meet<S: Simd>(s: S, boxes: &Boxes, slot: usize, crossing: [S::F16; 2], walk: 
     stand_in::meet(crossing, faces, &ConeRay { dir, t_min, a, b })
 }
 
-/// What is left of the ways of a vector of rays through a cell inside of its slabs.
+/// What is left of the ways of a vector of rays through the cell in `slot` inside of its slabs.
 #[inline(always)]
-fn within<S: Simd>(s: S, slabs: &Slabs, shared: &Shared, reach: f32, walk: &PacketWalk, h: usize, way: [S::F16; 2]) -> [S::F16; 2] {
+#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
+fn within<S: Simd>(
+    s: S,
+    node: &Node,
+    slot: usize,
+    boxes: &mut Boxes,
+    shared: &Shared,
+    reach: f32,
+    walk: &PacketWalk,
+    h: usize,
+    way: [S::F16; 2],
+) -> [S::F16; 2] {
     let (rays, zero) = (&walk.rays, s.splat16(0.0));
     let mut dir = [zero; 3];
     for axis in 0..3 {
         dir[axis] = s.load16(&rays.dir[axis][h]);
     }
     if shared.one_origin {
-        // Where planes are needs no direction.
-        let one = SlabRay::new(shared.org_near, [0.0; 3], reach);
-        return stand_in::within_of_one(dir, &one, slabs, way);
+        return boxes.slabs(node, slot, shared.org_near, reach).within(dir, way);
     }
     let mut org = [zero; 3];
     for axis in 0..3 {
         org[axis] = s.load16(&rays.org[axis][h]);
     }
-    SlabRay::new(org, dir, reach).within(slabs, way)
+    Origin::new(org, reach).within(dir, &node.stored_slabs(slot), way)
 }
 
 /// Lets the cell in `slot` stand in for those rays of `entry` for which it is small enough; returns the others that meet its box.
@@ -93,7 +101,7 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
     block: Block,
     node: usize,
     slot: usize,
-    boxes: &Boxes,
+    boxes: &mut Boxes,
     shared: &Shared,
     entry: PacketEntry,
     walk: &mut PacketWalk,
@@ -126,8 +134,7 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
             Verdict::Skip => {}
             Verdict::Stand => {
                 let tri = stand_in::lod_code(node, slot);
-                let slabs = block.node(node).stored_slabs(slot);
-                let [enter, leave] = within(s, &slabs, shared, view.reach, walk, h, [met.enter, crossings[h][1]]);
+                let [enter, leave] = within(s, block.node(node), slot, boxes, shared, view.reach, walk, h, [met.enter, crossings[h][1]]);
                 let hits = small & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
                 if hits != 0 {
                     offer::<S, ANY>(s, view, walk, h, hits, enter, entry.block, tri);
@@ -169,8 +176,7 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
     if stand_in::judge(block, node, slot, filter) == Verdict::Skip {
         return;
     }
-    let boxes = &all_cells(s, block.node(node), shared);
-    let slabs = block.node(node).stored_slabs(slot);
+    let boxes = &mut all_cells(s, block.node(node), shared);
     for h in 0..VECTORS {
         let here = entry.rays >> (16 * h) & 0xffff;
         if here == 0 {
@@ -179,7 +185,7 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
         let crossing = cross(s, boxes, slot, shared, view.reach, walk, h);
         let met = meet(s, boxes, slot, crossing, walk, h);
         let far = s.load16(&walk.hits.t[h]);
-        let [enter, leave] = within(s, &slabs, shared, view.reach, walk, h, [met.enter, crossing[1]]);
+        let [enter, leave] = within(s, block.node(node), slot, boxes, shared, view.reach, walk, h, [met.enter, crossing[1]]);
         let outside = met.outside & here & enter.le(leave.min(far)).bits();
         let here = here & met.enter.le(far).bits();
         let tri = stand_in::missing_code(node, slot, false);

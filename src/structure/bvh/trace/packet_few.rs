@@ -3,10 +3,10 @@
 
 use super::packet::{PacketEntry, PacketWalk, at};
 use super::packet_visit::{Boxes, keep};
-use super::stand_in::{self, ConeRay, SlabRay};
+use super::stand_in::{self, ConeRay, SeenSlabs};
 use super::{PartFilter, single};
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::Block;
+use crate::structure::bvh::layout::{Block, Node};
 
 /// Rays up to which this is less work than one child against all rays after the other.
 pub(super) const FEW: u32 = 4;
@@ -21,7 +21,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     filter: Option<&PartFilter>,
     block: Block,
     index: usize,
-    boxes: &Boxes,
+    boxes: &mut Boxes,
     entry: PacketEntry,
     walk: &mut PacketWalk,
 ) -> [u32; 8] {
@@ -48,7 +48,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     filter: Option<&PartFilter>,
     block: Block,
     index: usize,
-    boxes: &Boxes,
+    boxes: &mut Boxes,
     block_id: u32,
     i: usize,
     walk: &mut PacketWalk,
@@ -66,10 +66,10 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return met;
     }
     let (mut dir, mut faces) = ([zero; 3], [zero; 3]);
-    let (mut one_org, mut one_dir) = ([0.0; 3], [0.0; 3]);
+    let (mut org, mut one) = ([0.0; 3], [0.0; 3]);
     for axis in 0..3 {
-        (one_org[axis], one_dir[axis]) = (at(&walk.rays.org[axis], i), at(&walk.rays.dir[axis], i));
-        (dir[axis], faces[axis]) = (s.splat8(one_dir[axis]), s.load8(&boxes.faces[axis]));
+        (org[axis], one[axis]) = (at(&walk.rays.org[axis], i), at(&walk.rays.dir[axis], i));
+        (dir[axis], faces[axis]) = (s.splat8(one[axis]), s.load8(&boxes.faces[axis]));
     }
     let cone = walk.rays.cone(i);
     let ray = ConeRay { dir, t_min, a: s.splat8(cone.a), b: s.splat8(cone.b) };
@@ -79,12 +79,27 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return met;
     }
     let mut best = walk.best(i);
-    let ray = SlabRay::new(one_org, one_dir, reach);
-    let settled = single::offers::<S>(small, [cells.enter, leave], &ray, block, block_id, index, filter, &mut best);
+    let mut slabs = InPacket { boxes, node: block.node(index), org, reach };
+    let settled = single::offers::<S, _>(small, [cells.enter, leave], one, &mut slabs, block, block_id, index, filter, &mut best);
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);
         return 0;
     }
     met & !settled
+}
+
+/// Slabs of a node's cells, kept for all rays of a packet.
+struct InPacket<'a> {
+    boxes: &'a mut Boxes,
+    node: &'a Node,
+    org: [f32; 3],
+    reach: f32,
+}
+
+impl single::CellSlabs for InPacket<'_> {
+    #[inline(always)]
+    fn of(&mut self, slot: usize) -> SeenSlabs {
+        *self.boxes.slabs(self.node, slot, self.org, self.reach)
+    }
 }

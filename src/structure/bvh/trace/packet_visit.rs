@@ -14,7 +14,7 @@ use super::packet_few;
 use super::packet_leaf::leaf;
 use super::packet_prepare::Shared;
 use super::single::{self, RayLanes};
-use super::stand_in;
+use super::stand_in::{self, Origin, SeenSlabs};
 use super::walk::{Entry, Outcome, TriHit, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -221,7 +221,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     filter: Option<&PartFilter>,
     block: Block,
     index: usize,
-    boxes: &Boxes,
+    boxes: &mut Boxes,
     shared: &Shared,
     entry: PacketEntry,
     walk: &mut PacketWalk,
@@ -290,13 +290,28 @@ pub(super) struct Boxes {
     /// directions are.
     pub stored: Planes,
     pub faces: [[f32; 8]; 3],
+    /// Slabs as the one origin sees them, of those in `seen`.
+    slabs: [SeenSlabs; 8],
+    seen: u32,
 }
 
 impl Boxes {
     pub const NONE: Self = {
         let none = [[[0.0; 8]; 2]; 3];
-        Self { met: 0, narrow: 0, small: 0, enter: [0.0; 8], planes: none, stored: none, faces: [[0.0; 8]; 3] }
+        let faces = [[0.0; 8]; 3];
+        Self { met: 0, narrow: 0, small: 0, enter: [0.0; 8], planes: none, stored: none, faces, slabs: [SeenSlabs::NONE; 8], seen: 0 }
     };
+
+    /// The slabs of the child in `slot` of the node, as seen from the one origin; worked out once.
+    #[inline(always)]
+    pub fn slabs(&mut self, node: &Node, slot: usize, org: [f32; 3], reach: f32) -> &SeenSlabs {
+        let slot = slot & 7;
+        if self.seen >> slot & 1 == 0 {
+            self.slabs[slot] = SeenSlabs::new(node.stored_slabs(slot), &Origin::new(org, reach));
+            self.seen |= 1 << slot;
+        }
+        &self.slabs[slot]
+    }
 
     /// The near and the far plane of the box in `slot`, axis by axis.
     #[inline(always)]
@@ -332,6 +347,7 @@ pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Sh
     let area = stand_in::area(faces, dir);
     out.narrow = area.le(leave * leave * s.splat8(shared.spread_area)).bits();
     if LOD {
+        out.seen = 0;
         out.small = packet_cells::likely(s, area, leave, shared) & out.met;
         if out.small != 0 {
             packet_cells::cells(s, first, last, faces, shared, out);

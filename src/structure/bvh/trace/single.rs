@@ -1,7 +1,7 @@
 //! One ray after the other, eight boxes or triangles at a time.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::stand_in::{self, ConeRay, SlabRay, Verdict};
+use super::stand_in::{self, ConeRay, Origin, SeenSlabs, Verdict};
 use super::walk::{Entry, Outcome, TriHit, Walk, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -285,11 +285,30 @@ impl<S: Simd> CellLanes<S> {
         stand_in::cross(near, far, self.inv)
     }
 
-    /// As slabs need it.
+    /// Its direction, and the slabs of a node's cells as it sees them.
     #[inline(always)]
-    fn slab_ray(&self) -> SlabRay<f32> {
+    fn slabs<'n>(&self, node: &'n Node) -> ([f32; 3], Anew<'n>) {
         let [x, y, z, dir @ ..] = self.one;
-        SlabRay::new([x, y, z], dir, self.reach)
+        (dir, Anew { node, from: Origin::new([x, y, z], self.reach) })
+    }
+}
+
+/// Slabs of a node's cells, as a ray sees them.
+pub(super) trait CellSlabs {
+    /// Of the cell in `slot`.
+    fn of(&mut self, slot: usize) -> SeenSlabs;
+}
+
+/// Worked out each time.
+struct Anew<'n> {
+    node: &'n Node,
+    from: Origin<f32>,
+}
+
+impl CellSlabs for Anew<'_> {
+    #[inline(always)]
+    fn of(&mut self, slot: usize) -> SeenSlabs {
+        SeenSlabs::new(self.node.stored_slabs(slot), &self.from)
     }
 }
 
@@ -339,16 +358,19 @@ pub(super) fn stand_ins<S: Simd>(
     if small == 0 {
         return mask;
     }
-    mask & !offers::<S>(small, [met.enter, crossing[1]], &cells.slab_ray(), block, block_id, index, filter, best)
+    let (dir, mut slabs) = cells.slabs(block.node(index));
+    mask & !offers::<S, _>(small, [met.enter, crossing[1]], dir, &mut slabs, block, block_id, index, filter, best)
 }
 
-/// Offers the cells in `small`, crossed from `enter` to `leave`, to `best`; returns those for which nothing is left to visit.
+/// Offers the cells in `small`, crossed from `enter` to `leave` by a ray along `dir`, to `best`; returns those for which nothing is
+/// left to visit.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
-pub(super) fn offers<S: Simd>(
+pub(super) fn offers<S: Simd, C: CellSlabs>(
     mut small: u32,
     [enter, leave]: [S::F8; 2],
-    ray: &SlabRay<f32>,
+    dir: [f32; 3],
+    slabs: &mut C,
     block: Block,
     block_id: u32,
     index: usize,
@@ -367,7 +389,7 @@ pub(super) fn offers<S: Simd>(
             Verdict::Stand if t[slot] > best.t => {}
             Verdict::Stand => {
                 let tri = stand_in::lod_code(index, slot);
-                offer_within([t[slot], last[slot]], ray, block, block_id, (index, slot), tri, best);
+                offer_within([t[slot], last[slot]], dir, &slabs.of(slot), block_id, tri, best);
             }
         }
         settled |= 1 << slot;
@@ -377,17 +399,15 @@ pub(super) fn offers<S: Simd>(
 
 /// Offers the cell in a node's slot, crossed from `enter` to `leave`, to `best` where the ray enters its slabs too, if it does.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
 fn offer_within(
-    [enter, leave]: [f32; 2],
-    ray: &SlabRay<f32>,
-    block: Block,
+    way: [f32; 2],
+    dir: [f32; 3],
+    slabs: &SeenSlabs,
     block_id: u32,
-    (node, slot): (usize, usize),
     tri: u32,
     best: &mut TriHit,
 ) {
-    let [enter, leave] = ray.within(&block.node(node).stored_slabs(slot), [enter, leave]);
+    let [enter, leave] = slabs.within(dir, way);
     if enter <= leave {
         offer(best, TriHit { t: enter, u: 0.0, v: 0.0, block: block_id, tri });
     }
@@ -450,7 +470,8 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     if is_inside {
         return offer(best, TriHit { t, u: 0.0, v: 0.0, block: block_id, tri });
     }
-    offer_within([t, last], &cells.slab_ray(), block, block_id, (node, slot), tri, best);
+    let (dir, mut slabs) = cells.slabs(block.node(node));
+    offer_within([t, last], dir, &slabs.of(slot), block_id, tri, best);
 }
 
 /// The run of planes that is met first, and its opposite.

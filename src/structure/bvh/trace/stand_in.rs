@@ -152,66 +152,94 @@ pub(super) fn meet<const N: usize, L: Lanes<N>>([enter, leave]: [L; 2], faces: [
     Met { meets, outside, small, enter: t }
 }
 
-/// Rays as slabs need them: many of them, or one, for which `L` is `f32`.
+/// Where rays begin, as slabs need it: many of them, or one, for which `L` is `f32`.
 #[derive(Clone, Copy)]
-pub(super) struct SlabRay<L> {
+pub(super) struct Origin<L> {
     org: [L; 3],
-    /// With its signs.
-    dir: [L; 3],
     slack: L,
 }
 
 /// A slab's planes, each less the slack and where rays begin along its axis.
 #[derive(Clone, Copy)]
-pub(super) struct Planes<L> {
+struct Planes<L> {
     low: L,
     high: L,
 }
 
-impl<L> SlabRay<L> {
-    /// Rays of a tree whose coordinates are at most `reach` in magnitude.
+impl Planes<f32> {
+    /// In all lanes of vectors such as `like`.
     #[inline(always)]
-    pub fn new<const N: usize>(org: [L; 3], dir: [L; 3], reach: f32) -> Self
+    fn in_all<const N: usize, L: Lanes<N>>(self, like: L) -> Planes<L> {
+        Planes { low: splat(like, self.low), high: splat(like, self.high) }
+    }
+}
+
+impl<L> Origin<L> {
+    /// Of rays of a tree whose coordinates are at most `reach` in magnitude.
+    #[inline(always)]
+    pub fn new<const N: usize>(org: [L; 3], reach: f32) -> Self
     where
         L: Lanes<N>,
     {
         let zero = splat(org[0], 0.0);
         let size = abs(zero, org[0]).max(abs(zero, org[1])).max(abs(zero, org[2])).max(splat(zero, reach));
-        Self { org, dir, slack: size * splat(zero, SLAB_SLACK) }
+        Self { org, slack: size * splat(zero, SLAB_SLACK) }
     }
 
-    /// A slab's planes as the rays see them.
     #[inline(always)]
     fn planes<const N: usize>(&self, slab: &Slab) -> Planes<L>
     where
         L: Lanes<N>,
     {
-        let Self { org, slack, .. } = *self;
+        let Self { org, slack } = *self;
         let from = org[0] * splat(slack, slab.axis.x) + org[1] * splat(slack, slab.axis.y) + org[2] * splat(slack, slab.axis.z);
         Planes { low: splat(slack, slab.low) - slack - from, high: splat(slack, slab.high) + slack - from }
     }
 
-    /// What is left of rays' ways through a cell, `[enter, leave]`, inside of its slabs: none where one is entered after it is left.
+    /// What is left inside of slabs of the ways of rays that go along `dir`, `[enter, leave]`: none where one is entered after it is
+    /// left.
     #[inline(always)]
-    pub fn within<const N: usize>(&self, slabs: &Slabs, mut way: [L; 2]) -> [L; 2]
+    pub fn within<const N: usize>(&self, dir: [L; 3], slabs: &Slabs, mut way: [L; 2]) -> [L; 2]
     where
         L: Lanes<N>,
     {
         for slab in slabs.iter() {
-            way = between(self.dir, slab, self.planes(slab), way);
+            way = between(dir, slab, self.planes(slab), way);
         }
         way
     }
 }
 
-/// The same for rays that go along `dir` and begin where the one ray `from` does.
-#[inline(always)]
-pub(super) fn within_of_one<const N: usize, L: Lanes<N>>(dir: [L; 3], from: &SlabRay<f32>, slabs: &Slabs, mut way: [L; 2]) -> [L; 2] {
-    for slab in slabs.iter() {
-        let Planes { low, high } = from.planes(slab);
-        way = between(dir, slab, Planes { low: splat(dir[0], low), high: splat(dir[0], high) }, way);
+/// Slabs as rays from one point see them.
+#[derive(Clone, Copy)]
+pub(super) struct SeenSlabs {
+    slabs: Slabs,
+    planes: [Planes<f32>; 2],
+}
+
+impl SeenSlabs {
+    /// Of no cell.
+    pub const NONE: Self = Self { slabs: Slabs::NONE, planes: [Planes { low: 0.0, high: 0.0 }; 2] };
+
+    /// Those of a cell, from a point.
+    #[inline(always)]
+    pub fn new(slabs: Slabs, from: &Origin<f32>) -> Self {
+        let mut planes = [from.planes(slabs.first()); 2];
+        if let Some(second) = slabs.second() {
+            planes[1] = from.planes(second);
+        }
+        Self { slabs, planes }
     }
-    way
+
+    /// As [`Origin::within`].
+    #[inline(always)]
+    pub fn within<const N: usize, L: Lanes<N>>(&self, dir: [L; 3], mut way: [L; 2]) -> [L; 2] {
+        way = between(dir, self.slabs.first(), self.planes[0].in_all(dir[0]), way);
+        match self.slabs.second() {
+            Some(second) => between(dir, second, self.planes[1].in_all(dir[0]), way),
+            None => way,
+        }
+    }
 }
 
 /// What is left of rays' ways between a slab's planes.
