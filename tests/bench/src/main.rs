@@ -3,6 +3,7 @@
 
 mod accuracy;
 mod builds;
+mod charts;
 mod cold;
 #[path = "../../common/mod.rs"]
 mod common;
@@ -35,6 +36,8 @@ enum Command {
     Run(Chosen),
     /// Write the expected answers anew, after a meant change
     Expect(Chosen),
+    /// Measure what there are no results of, and draw the charts
+    Charts(Chosen),
 }
 
 #[derive(clap::Args)]
@@ -62,6 +65,7 @@ fn main() -> ExitCode {
     let done = match Command::parse() {
         Command::Run(chosen) => run(false, |benchmark, scene| chosen.has(benchmark, scene)),
         Command::Expect(chosen) => run(true, |benchmark, scene| chosen.has(benchmark, scene)),
+        Command::Charts(chosen) => draw(&chosen),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -70,6 +74,18 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Charts, of results that are there now or already.
+fn draw(chosen: &Chosen) -> Outcome {
+    let known = record::read(&record::path())?;
+    let is_known = |benchmark: &Benchmark, scene: &str| known.iter().any(|r| r.benchmark == benchmark.name && r.scene == scene);
+    let is_lacking = |benchmark: &Benchmark, scene: &str| chosen.has(benchmark, scene) && !is_known(benchmark, scene);
+    let data = data()?;
+    if data.benchmarks.iter().any(|benchmark| benchmark.scenes.iter().any(|scene| is_lacking(benchmark, scene))) {
+        run(false, is_lacking)?;
+    }
+    charts::draw(&record::read(&record::path())?, &charts::folder())
 }
 
 fn data() -> Result<Data, Failure> {
