@@ -12,7 +12,7 @@ use common::rays::RayMaker;
 use common::rounding::{Rounding, U};
 use common::{scenes, stored};
 use glam::{DAffine3, DQuat, DVec3};
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::scene::{Model, Scene};
@@ -167,4 +167,33 @@ fn nested_shared_mirrored_squashed_and_tied() {
     assert!(!seen.keys().any(|(instance, _)| *instance == 5), "what lies on top of another came first");
     // All placements but the tiny one and what is hidden behind others were met.
     assert!(seen.len() >= 30, "{} of 40 placed parts were met", seen.len());
+}
+
+#[test]
+fn the_file_itself_says_where_its_triangles_are() {
+    let file = build();
+    let flat = flatten(&file);
+    let placed = placements();
+    let instances = placed.iter().map(|(id, m)| stored::Instance { path: &file.path, id: *id, world_from_model: *m });
+    let world = stored::world(&instances.collect::<Vec<_>>());
+    assert!(world.tris == flat.tris, "other triangles, or in another order");
+    let names: Vec<_> = world.names.iter().map(|n| (n.instance, n.part, n.prim)).collect();
+    assert!(names == flat.names, "other names");
+}
+
+#[test]
+fn placed_triangles_have_their_parts_colours() {
+    let colours = [[0.25, 0.5, 1.0], [1.0, 0.0, 0.125]];
+    let parts = colours.map(|colour| built::Part {
+        id: 1 + (colour[1] * 2.0) as u64,
+        material: MaterialDesc { colour, ..built::WHITE },
+        tris: scenes::cuboid(-DVec3::ONE, DVec3::ONE),
+    });
+    let file = built::parts(&parts);
+    let here = stored::Instance { path: &file.path, id: 9, world_from_model: DAffine3::IDENTITY };
+    let world = stored::world(&[here]);
+    assert_eq!(world.names.len(), 24);
+    for name in &world.names {
+        assert_eq!((name.instance, name.colour), (9, colours[if name.part == 2 { 0 } else { 1 }]));
+    }
 }

@@ -8,9 +8,14 @@
 //! | [`rng`] | seeded random numbers |
 //! | [`brute`] | ray against triangle in f64, closest, any, all, by looking at every triangle |
 //! | [`bvh64`] | the same answers faster, from a plain f64 BVH that `tests/oracle.rs` checks against `brute` |
+//! | [`samples`] | means over a square by low-discrepancy samples, with their standard errors |
+//! | [`view`] | a camera's rays |
+//! | [`light`] | coverage of pixels, ambient occlusion, direct light; `tests/oracle_light.rs` checks them against closed forms |
 //! | [`rounding`] | how far single precision may move things: the bounds, derived, not tuned |
 //! | [`errors`] | what agreeing means: ties, grazing, distance, normal, part; and a summary that asserts |
 //! | [`picture`] | errors between two pictures, each with its formula |
+//! | [`perceived`] | how much two pictures differ to the eye: FLIP and SSIM |
+//! | [`popping`] | what changes from frame to frame although the model does not |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
@@ -23,12 +28,17 @@ pub mod brute;
 pub mod built;
 pub mod bvh64;
 pub mod errors;
+pub mod light;
 pub mod models;
+pub mod perceived;
 pub mod picture;
+pub mod popping;
 pub mod rays;
 pub mod rng;
 pub mod rounding;
+pub mod samples;
 pub mod scenes;
 pub mod sources;
 pub mod stored;
 pub mod trees;
+pub mod view;

@@ -1,9 +1,10 @@
-//! What a built file stores: every tree's triangles around its origin, by primitive, read through the public API.
+//! What a built file stores, read through the public API: every tree's triangles around its origin, by primitive, and those of a
+//! scene's instances in world space.
 
 use super::brute::{Ray64, Tri};
 use super::errors::Answer;
 use super::rays::Ray32;
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::Cancel;
 use outcrop::math::{Cone, Ray};
@@ -107,4 +108,56 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
         StoredTree { origin: DVec3::from(row.origin), position_error: row.position_error, tris }
     };
     file.trees().iter().map(read).collect()
+}
+
+/// A model in a scene: its file, the caller's id of the instance, where it is.
+pub struct Instance<'a> {
+    pub path: &'a Path,
+    pub id: u64,
+    pub world_from_model: DAffine3,
+}
+
+/// A scene's triangles in world space, as an oracle takes them.
+#[derive(Default)]
+pub struct World {
+    pub tris: Vec<Tri>,
+    /// Whose each is.
+    pub names: Vec<Name>,
+}
+
+/// What a hit says of a triangle, and its part's material.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Name {
+    pub instance: u64,
+    pub part: u64,
+    pub prim: u64,
+    /// Linear red, green, blue.
+    pub colour: [f32; 3],
+}
+
+/// The triangles of all instances, in the order in which these are added: of each the directly placed ones, then those of its
+/// model's own instances of shared meshes.
+pub fn world(instances: &[Instance]) -> World {
+    let mut out = World::default();
+    for instance in instances {
+        let file = ModelFile::open_path(instance.path).expect("a model");
+        let trees = trees(instance.path);
+        let mut place = |tree: u32, first_part: u32, world_from_mesh: DAffine3| {
+            let tree = &trees[tree as usize];
+            for (prim, part, corners) in &tree.tris {
+                let part = &file.parts()[(first_part + part) as usize];
+                let colour = file.materials()[part.material as usize].colour;
+                out.tris.push(corners.map(|corner| world_from_mesh.transform_point3(tree.origin + corner)));
+                out.names.push(Name { instance: instance.id, part: part.id, prim: u64::from(*prim), colour });
+            }
+        };
+        if !trees.is_empty() {
+            place(0, 0, instance.world_from_model);
+        }
+        for row in file.instances() {
+            let model_from_mesh = DAffine3::from_cols_array(&row.world_from_mesh);
+            place(row.tree, row.first_part, instance.world_from_model * model_from_mesh);
+        }
+    }
+    out
 }
