@@ -44,6 +44,7 @@ pub fn of_depths(off: picture::Spread, seen: &[f32], truth: &[f32]) -> Accuracy 
         overlap: silhouette.overlap,
         coverage: picture::coverage_ratio(covered(seen), covered(truth)),
         differ: (silhouette.lost + silhouette.added) as f64 / truth.len().max(1) as f64,
+        flip: None,
     }
 }
 
@@ -76,10 +77,14 @@ impl Truth {
         Ok(Self { tree, oracle })
     }
 
+    /// Its judge: it takes as long to make as the oracle.
+    pub fn judge(&self) -> Judge<'_> {
+        Judge::new(&self.oracle, Rounding::LOCALISED)
+    }
+
     /// Judges a sample of exact answers (`tests/common/errors.rs`); fails with the first ones that are wrong. Of shadow rays it
     /// takes whether they hit.
-    pub fn judge(&self, id: &str, batch: &Batch, hits: &[Hit]) -> Outcome {
-        let judge = Judge::new(&self.oracle, Rounding::LOCALISED);
+    pub fn check(&self, judge: &Judge, id: &str, batch: &Batch, hits: &[Hit]) -> Outcome {
         let mut summary = Summary::default();
         let mut wrong = Vec::new();
         let stride = batch.rays.len().div_ceil(SAMPLE).max(1);

@@ -5,7 +5,7 @@ use crate::common::sources::meddled;
 use crate::data::{Bytes, Residency};
 use crate::failure::Failure;
 use crate::ours::Ours;
-use crate::pictures;
+use crate::pictures::{self, Shown};
 use crate::record::{Cold, Moment, Outcomes, Record};
 use crate::trace::Task;
 use outcrop::scene::{Context, ContextOptions, Model};
@@ -42,7 +42,7 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
         let loaded = Ours::open(&path, Residency::All, 0)?;
         for &view in &benchmark.views {
             let camera = loaded.camera(task.scene, view);
-            let truth = pictures::exact(&loaded, &camera, benchmark.size)?;
+            let truth = Shown::exact(&loaded, &camera, benchmark.size)?;
             for &Bytes(rate) in &benchmark.rates {
                 for budget in benchmark.residency.iter().map(|r| if let Residency::Budget(bytes) = r { *bytes } else { 0 }) {
                     let poe = benchmark.poe.first().copied().unwrap_or(0.0);
@@ -77,7 +77,7 @@ fn watch(
     camera: &outcrop::Camera,
     size: (u32, u32),
     poe: f32,
-    truth: &[f32],
+    truth: &Shown,
     begun: Instant,
 ) -> Result<Vec<Moment>, Failure> {
     let frame = pictures::frame(&ours.context, size)?;
@@ -88,7 +88,7 @@ fn watch(
         let is_over = status.state != FrameState::Running;
         if status.pictures > pictures || is_over {
             pictures = status.pictures;
-            shown.push((begun.elapsed().as_secs_f64(), pictures::depths(&frame)?));
+            shown.push((begun.elapsed().as_secs_f64(), Shown::of(&frame)?));
         }
         if is_over {
             break;
@@ -97,8 +97,6 @@ fn watch(
             return Err(Failure::new(format!("a picture does not come to rest: {status:?}")));
         }
     }
-    let moment = |(seconds, depths): (f64, Vec<f32>)| {
-        Ok(Moment { seconds, accuracy: pictures::errors(camera, size, &depths, truth)? })
-    };
+    let moment = |(seconds, shown): (f64, Shown)| Ok(Moment { seconds, accuracy: shown.errors(truth, camera, size)? });
     shown.into_iter().map(moment).collect()
 }

@@ -56,7 +56,7 @@ struct Chosen {
 impl Chosen {
     fn has(&self, benchmark: &Benchmark, scene: &str) -> bool {
         let among = |names: &[String], name: &str| names.is_empty() || names.iter().any(|n| n == name);
-        let is_asked_for = self.only.iter().any(|name| *name == benchmark.name);
+        let is_asked_for = self.only.contains(&benchmark.name);
         (self.full || !benchmark.full || is_asked_for) && among(&self.only, &benchmark.name) && among(&self.scene, scene)
     }
 }

@@ -1,7 +1,7 @@
 //! Measures pictures: frames from the camera to bytes of colour, at rest.
 
 use crate::accuracy;
-use crate::common::picture;
+use crate::common::{perceived, picture};
 use crate::data::{Case, Residency};
 use crate::expected::Expected;
 use crate::failure::Failure;
@@ -30,29 +30,41 @@ fn render(frame: &Frame, ours: &Ours, camera: &Camera, poe: f32) -> Result<Frame
     }
 }
 
-pub fn depths(frame: &Frame) -> Result<Vec<f32>, Failure> {
-    Ok(frame.map(Buffer::Depth)?.floats().ok_or_else(|| Failure::new("depths are floats"))?.to_vec())
+/// What a picture shows.
+pub struct Shown {
+    pub depths: Vec<f32>,
+    /// sRGB and alpha.
+    pub colours: Vec<u8>,
 }
 
-/// Against exact depths, in pixels.
-pub fn errors(camera: &Camera, (width, height): (u32, u32), seen: &[f32], truth: &[f32]) -> Result<Accuracy, Failure> {
-    let pixels = camera.prepare(width, height)?;
-    let off = picture::depth_pixels(seen, truth, |depth| pixels.pixel_width(depth));
-    Ok(accuracy::of_depths(off, seen, truth))
-}
+impl Shown {
+    pub fn of(frame: &Frame) -> Result<Self, Failure> {
+        let depths = frame.map(Buffer::Depth)?.floats().ok_or_else(|| Failure::new("depths are floats"))?.to_vec();
+        Ok(Self { depths, colours: frame.map(Buffer::ColourSrgb8)?.bytes().to_vec() })
+    }
 
-/// The exact picture's depths.
-pub fn exact(ours: &Ours, camera: &Camera, size: (u32, u32)) -> Result<Vec<f32>, Failure> {
-    let frame = frame(&ours.context, size)?;
-    render(&frame, ours, camera, 0.0)?;
-    depths(&frame)
+    /// The exact picture.
+    pub fn exact(ours: &Ours, camera: &Camera, size: (u32, u32)) -> Result<Self, Failure> {
+        let frame = frame(&ours.context, size)?;
+        render(&frame, ours, camera, 0.0)?;
+        Self::of(&frame)
+    }
+
+    /// Against the exact picture: depths in pixels, and FLIP.
+    pub fn errors(&self, truth: &Self, camera: &Camera, (width, height): (u32, u32)) -> Result<Accuracy, Failure> {
+        let pixels = camera.prepare(width, height)?;
+        let off = picture::depth_pixels(&self.depths, &truth.depths, |depth| pixels.pixel_width(depth));
+        let [seen, wanted] = [self, truth].map(|shown| picture::Colours::Srgb8(&shown.colours));
+        let flip = perceived::flip(seen, wanted, width as usize).mean;
+        Ok(Accuracy { flip: Some(flip), ..accuracy::of_depths(off, &self.depths, &truth.depths) })
+    }
 }
 
 /// All settings of a case, each in turn with the exact picture.
 pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Result<Vec<Record>, Failure> {
     let size = task.benchmark.size;
     let camera = loaded.camera(task.scene, case.view);
-    let truth = exact(loaded, &camera, size)?;
+    let truth = Shown::exact(loaded, &camera, size)?;
     let mut records = Vec::new();
     let threads = if task.is_only_expecting { &[0][..] } else { &task.benchmark.threads };
     for &threads in threads {
@@ -61,15 +73,15 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
         for &poe in &task.benchmark.poe {
             let id = task.benchmark.id(&task.scene.row.name, case, poe);
             let status = render(&one, &ours, &camera, poe)?;
-            let seen = depths(&one)?;
+            let seen = Shown::of(&one)?;
             let kinds = one.map(Buffer::Kind)?.bytes().to_vec();
             let hits = kinds.iter().filter(|kind| **kind != 0).count();
-            let bytes = [one.map(Buffer::ColourSrgb8)?.bytes(), one.map(Buffer::Depth)?.bytes(), &kinds].concat();
+            let bytes = [&seen.colours, one.map(Buffer::Depth)?.bytes(), &kinds].concat();
             task.book.check(&id, Expected::of_bytes(hits, &bytes))?;
             if task.is_only_expecting {
                 continue;
             }
-            let accuracy = errors(&camera, size, &seen, &truth)?;
+            let accuracy = seen.errors(&truth, &camera, size)?;
             let timed = |frame: &Frame, poe: f32| {
                 let begun = Instant::now();
                 render(frame, &ours, &camera, poe).expect("it did before");
@@ -84,7 +96,7 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
                 bytes_working_set: Some(working_set(path, &camera, size, poe)?),
                 stand_ins: Some(status.pixels_lod),
             };
-            let count = truth.len();
+            let count = truth.depths.len();
             let mrays = count as f64 / seconds.median / 1e6;
             eprintln!("{id}, {threads} threads: {:.1} ms; {:.3} px", seconds.median * 1e3, accuracy.mean_px);
             let residency = case.residency.name();
@@ -94,7 +106,7 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
                 side, is_peer: false, call, residency, view, rays, poe, threads, count, hits, seconds, mrays, against, counters, accuracy,
             };
             let triangles = ours.model.info().triangles_in;
-            records.push(task.record(format!("{id}/{}/{threads}", case.structure), triangles, Outcomes::Trace(trace)));
+            records.push(task.record(format!("{id}/{}/{threads}", case.structure), triangles, Outcomes::Trace(Box::new(trace))));
         }
     }
     Ok(records)

@@ -35,11 +35,18 @@ pub struct Run {
     pub compiled_for: String,
 }
 
+impl Record {
+    /// If it is one of rays.
+    pub fn trace(&self) -> Option<&Trace> {
+        if let Outcomes::Trace(trace) = &self.result { Some(trace) } else { None }
+    }
+}
+
 /// What was measured.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "measure", rename_all = "lowercase")]
 pub enum Outcomes {
-    Trace(Trace),
+    Trace(Box<Trace>),
     Cold(Cold),
     Build(Built),
 }
@@ -100,6 +107,8 @@ pub struct Accuracy {
     pub coverage: f64,
     /// Share of rays that hit only in one of both.
     pub differ: f64,
+    /// Mean FLIP, of pictures (`tests/common/perceived.rs`).
+    pub flip: Option<f64>,
 }
 
 /// A picture from nothing in memory.
@@ -239,7 +248,7 @@ pub mod tests {
             accuracy: Accuracy { mean_px, overlap: 1.0 - mean_px / 100.0, coverage: 1.0, ..Accuracy::default() },
         };
         let key = format!("{scene} {side} {rays} {poe}");
-        record(scene, &key, Outcomes::Trace(trace))
+        record(scene, &key, Outcomes::Trace(Box::new(trace)))
     }
 
     pub fn record(scene: &str, key: &str, result: Outcomes) -> Record {

@@ -1,6 +1,7 @@
 //! Measures rays: outcrop at each setting and its peers, each in turn with the same opponent.
 
 use crate::accuracy::{self, Truth};
+use crate::common::errors::Judge;
 use crate::data::{Benchmark, Case, RayKind, Residency};
 use crate::expected::{Book, Expected};
 use crate::failure::Failure;
@@ -16,7 +17,7 @@ use outcrop::math::Ray;
 use outcrop::query::HitKind;
 use outcrop::simd::Isa;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -40,47 +41,53 @@ impl Task<'_> {
 
 /// All cases of a benchmark on one scene.
 pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
-    let mut bench = Bench { models: BTreeMap::new(), peers: Vec::new() };
-    let mut records = Vec::new();
+    let (mut records, mut peers) = (Vec::new(), Vec::new());
     if !task.is_only_expecting && !task.benchmark.peers.is_empty() {
-        bench.peers = all_peers(task)?;
+        peers = all_peers(task)?;
     }
-    for case in task.benchmark.cases() {
-        if !bench.models.contains_key(&case.structure) {
-            let path = task.scene.model(&case.structure)?;
-            let (ours, truth) = (Ours::open(&path, Residency::All, 0)?, Truth::of(&path)?);
-            bench.models.insert(case.structure.clone(), Opened { path, ours, truth });
+    for structure in &task.benchmark.structures {
+        let path = task.scene.model(structure)?;
+        let ours = Ours::open(&path, Residency::All, 0)?;
+        let cases = || task.benchmark.cases().into_iter().filter(|case| case.structure == *structure);
+        let (pictures, rays): (Vec<Case>, Vec<Case>) = cases().partition(|case| case.rays == RayKind::Picture);
+        for case in pictures {
+            records.extend(pictures::measure(task, &case, &path, &ours)?);
         }
-        let model = &bench.models[&case.structure];
-        if case.rays == RayKind::Picture {
-            records.extend(pictures::measure(task, &case, &model.path, &model.ours)?);
-        } else {
-            records.extend(rays(task, &case, model, &bench.peers)?);
+        if rays.is_empty() {
+            continue;
+        }
+        let truth = Truth::of(&path)?;
+        let model = Opened { path: &path, ours: &ours, truth: &truth, judge: truth.judge() };
+        for case in rays {
+            records.extend(rays_of(task, &case, &model, &peers)?);
         }
     }
     Ok(records)
 }
 
-/// What the cases of a scene share.
-struct Bench {
-    models: BTreeMap<String, Opened>,
-    peers: Vec<(&'static str, &'static str, Box<dyn Peer>)>,
-}
-
-struct Opened {
-    path: PathBuf,
+/// A model under test.
+struct Opened<'a> {
+    path: &'a Path,
     /// All in memory.
-    ours: Ours,
-    truth: Truth,
+    ours: &'a Ours,
+    truth: &'a Truth,
+    judge: Judge<'a>,
 }
 
-fn all_peers(task: &Task) -> Result<Vec<(&'static str, &'static str, Box<dyn Peer>)>, Failure> {
+/// A peer that was built.
+struct Rival {
+    name: &'static str,
+    quality: &'static str,
+    peer: Box<dyn Peer>,
+}
+
+/// Every peer in every quality that it is traced with.
+fn all_peers(task: &Task) -> Result<Vec<Rival>, Failure> {
     let mesh = Arc::new(task.scene.mesh()?);
     let builds = task.benchmark.peers.iter().flat_map(|peer| peers::builds(peer, true));
     let built = |build: peers::Build| {
         eprintln!("{}: {} builds ({})", task.scene.row.name, build.peer, build.quality);
-        let built = build.build(&mesh, 0)?;
-        Some((build.peer, build.quality, built))
+        Some(Rival { name: build.peer, quality: build.quality, peer: build.build(&mesh, 0)? })
     };
     Ok(builds.filter_map(built).collect())
 }
@@ -97,7 +104,7 @@ struct Contender<'a> {
     hits: usize,
 }
 
-fn rays(task: &mut Task, case: &Case, model: &Opened, peers: &[(&'static str, &'static str, Box<dyn Peer>)]) -> Result<Vec<Record>, Failure> {
+fn rays_of(task: &mut Task, case: &Case, model: &Opened, peers: &[Rival]) -> Result<Vec<Record>, Failure> {
     let camera = model.ours.camera(task.scene, case.view);
     let batch = Batch::new(case.rays, &model.ours.state, &camera, task.benchmark.size)?;
     eprintln!("{}: {} rays", task.benchmark.id(&task.scene.row.name, case, 0.0), batch.rays.len());
@@ -106,9 +113,9 @@ fn rays(task: &mut Task, case: &Case, model: &Opened, peers: &[(&'static str, &'
     }
     let opened;
     let ours = match case.residency {
-        Residency::All => &model.ours,
+        Residency::All => model.ours,
         other => {
-            opened = Ours::open(&model.path, other, 0)?;
+            opened = Ours::open(model.path, other, 0)?;
             &opened
         }
     };
@@ -145,33 +152,33 @@ fn our_side<'a>(
     let expected = Expected::of_hits(&hits);
     let id = task.benchmark.id(&task.scene.row.name, case, poe);
     if poe == 0.0 {
-        model.truth.judge(&id, batch, &hits)?;
+        model.truth.check(&model.judge, &id, batch, &hits)?;
     }
     let met = expected.hits;
     task.book.check(&id, expected)?;
     let stand_ins = hits.iter().filter(|hit| hit.kind == HitKind::Lod).count() as u64;
     let counters = Counters {
         bytes_model: Some(ours.model.memory().geometry),
-        bytes_working_set: Some(ours::working_set(&model.path, &rays, batch)?),
+        bytes_working_set: Some(ours::working_set(model.path, &rays, batch)?),
         // Any hits do not say what they are.
         stand_ins: (!batch.is_any()).then_some(stand_ins),
     };
     let accuracy = accuracy::of_rays(&batch.rays, &ours::answers(&hits), truth);
-    let run = Box::new(Ready::new(ours, &model.path, case.residency, batch, rays));
+    let run = Box::new(Ready::new(ours, model.path, case.residency, batch, rays));
     let (side, call) = (case.structure.clone(), if batch.is_coherent() { "coherent" } else { "any order" });
     Ok(Contender { side, is_peer: false, call: call.into(), poe, run, counters, accuracy, hits: met })
 }
 
 /// The fastest way of asking each peer, of two runs each.
 fn best_calls<'a>(
-    peers: &'a [(&'static str, &'static str, Box<dyn Peer>)],
+    peers: &'a [Rival],
     batch: &Batch,
     threads: usize,
     truth: &[Answer],
 ) -> Result<Vec<Contender<'a>>, Failure> {
     let mut best: BTreeMap<&str, (f64, Contender<'a>)> = BTreeMap::new();
     let exact: Vec<Ray> = batch.at(0.0);
-    for (name, quality, peer) in peers {
+    for Rival { name, quality, peer } in peers {
         for call in peer.calls(batch) {
             let mut run = peer.ready(call, batch, &exact);
             let took = timed(&mut *run, threads).min(timed(&mut *run, threads));
@@ -257,5 +264,5 @@ fn result(
         counters: contender.counters.clone(),
         accuracy: contender.accuracy.clone(),
     };
-    task.record(format!("{id}/{}/{threads}", contender.side), triangles, Outcomes::Trace(trace))
+    task.record(format!("{id}/{}/{threads}", contender.side), triangles, Outcomes::Trace(Box::new(trace)))
 }

@@ -177,7 +177,8 @@ fn places(legend: &[(String, Look)], width: u32) -> impl DoubleEndedIterator<Ite
 fn looks(legend: &[(String, Look)], name: &str) -> (RGBColor, usize) {
     let coloured = legend.iter().filter(|(_, look)| *look != Look::Front);
     let at = coloured.clone().position(|(n, _)| n == name).unwrap_or(0);
-    (COLOURS[at % COLOURS.len()], at)
+    // With more names than colours the shapes shift: no two names look alike.
+    (COLOURS[at % COLOURS.len()], at + at / COLOURS.len())
 }
 
 fn draw_legend(area: &Drawn, legend: &[(String, Look)]) -> Result<(), Failure> {
@@ -245,8 +246,11 @@ fn draw_panel(panel: &Panel, area: &Drawn, legend: &[(String, Look)]) -> Result<
                 chart.draw_series(at.iter().map(|&at| Mark { at, colour, shape })).map_err(wrong)?;
             }
         }
-        let written = curve.points.iter().zip(&at).filter(|(point, _)| !point.label.is_empty());
-        let text = written.map(|(point, &at)| EmptyElement::at(at) + Text::new(point.label.clone(), (7, -16), font(11)));
+        // Beside a curve that rises there is room below it.
+        let rises = |i: usize| at.get(i + 1).map_or(i > 0 && at[i].1 > at[i - 1].1, |next| next.1 > at[i].1);
+        let beside = |i: usize| if rises(i) { (7, 3) } else { (7, -16) };
+        let written = curve.points.iter().enumerate().filter(|(_, point)| !point.label.is_empty());
+        let text = written.map(|(i, point)| EmptyElement::at(at[i]) + Text::new(point.label.clone(), beside(i), font(11)));
         chart.draw_series(text).map_err(wrong)?;
     }
     Ok(())

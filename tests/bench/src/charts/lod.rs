@@ -4,21 +4,21 @@
 use super::axis::Axis;
 use super::draw::{Curve, Look, Panel, Point, Sheet};
 use super::pick::{self, Sum};
-use crate::record::{Outcomes, Record};
+use crate::record::Record;
 
 /// Settings that have a curve over triangles.
 const SHOWN: [f32; 4] = [0.0, 1.0, 3.0, 10.0];
 
 pub fn sheet(records: &[Record]) -> Option<Sheet> {
     // Models of all sizes, those of the full benchmark too.
-    let of = |r: &&Record| r.benchmark.starts_with("pictures") && matches!(&r.result, Outcomes::Trace(t) if t.rays == "picture");
+    let of = |r: &&Record| r.benchmark.starts_with("pictures") && r.trace().is_some_and(|t| t.rays == "picture");
     let mut all: Vec<&Record> = records.iter().filter(of).collect();
     all.sort_by_key(|r| r.triangles);
     let scenes = pick::scenes(all.iter().copied());
     let mut sizes: Vec<(String, f64, Vec<Sum>)> = Vec::new();
     for (scene, title) in scenes {
         let of_scene = || all.iter().filter(|r| r.scene == scene);
-        let traces = of_scene().filter_map(|r| if let Outcomes::Trace(t) = &r.result { Some(t) } else { None });
+        let traces = of_scene().filter_map(|r| r.trace());
         sizes.push((title.to_owned(), of_scene().next()?.triangles as f64 / 1e6, pick::views_together(traces)));
     }
     let over_triangles = Panel {

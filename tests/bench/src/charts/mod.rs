@@ -3,6 +3,7 @@
 mod axis;
 mod builds;
 mod cold;
+mod coverage;
 mod draw;
 mod lod;
 mod mark;
@@ -28,6 +29,7 @@ pub fn folder() -> PathBuf {
 fn sheets(records: &[Record]) -> Vec<(&'static str, Sheet)> {
     let all = [
         ("speed", speed::sheet(records)),
+        ("coverage", coverage::sheet(records)),
         ("memory", memory::sheet(records)),
         ("lod", lod::sheet(records)),
         ("cold", cold::sheet(records)),
@@ -67,7 +69,7 @@ mod tests {
         let mut all = Vec::new();
         for scene in ["a scan", "a soup"] {
             for rays in ["primary", "shadow", "bounce", "picture"] {
-                for (poe, mrays, off) in [(0.0, 10.0, 0.0), (1.0, 14.0, 0.5), (10.0, 20.0, 2.0)] {
+                for (poe, mrays, off) in [(0.0, 10.0, 0.0), (1.0, 14.0, 0.5), (3.0, 16.0, 1.0), (10.0, 20.0, 2.0)] {
                     let mut one = trace(scene, "bvh", rays, poe, mrays, off);
                     one.benchmark = if rays == "picture" { "pictures" } else { "speed" }.into();
                     all.push(one.clone());
@@ -96,12 +98,15 @@ mod tests {
             };
             all.push(record("a scan", &format!("cold {budget}"), Outcomes::Cold(cold)));
         }
-        for (side, quality) in [("bvh", "default"), ("embree", "low"), ("embree", "high")] {
+        let outcome = |side: &str, quality: &str| {
             let seconds = Spread { median: 0.5, least: 0.4, most: 0.9 };
             let (side, is_peer) = (side.to_owned(), side != "bvh");
             let bytes_file = (!is_peer).then_some(14_000_000);
-            let built = Built { side, is_peer, quality: quality.into(), threads: 2, seconds, bytes_model: 30_000_000, bytes_file };
-            all.push(record("a scan", &format!("build {quality}"), Outcomes::Build(built)));
+            Outcomes::Build(Built { side, is_peer, quality: quality.into(), threads: 2, seconds, bytes_model: 30_000_000, bytes_file })
+        };
+        for (side, quality) in [("bvh", "default"), ("embree", "low"), ("embree", "high")] {
+            all.push(record("a scan", &format!("build {quality}"), outcome(side, quality)));
+            all.push(record("a CAD soup", &format!("soup {quality}"), outcome(side, quality)));
         }
         all
     }
@@ -109,7 +114,7 @@ mod tests {
     #[test]
     fn every_chart_is_drawn_and_can_be_read() {
         let drawn = sheets(&records());
-        assert_eq!(drawn.iter().map(|s| s.0).collect::<Vec<_>>(), ["speed", "memory", "lod", "cold", "builds"]);
+        assert_eq!(drawn.iter().map(|s| s.0).collect::<Vec<_>>(), ["speed", "coverage", "memory", "lod", "cold", "builds"]);
         for (name, sheet) in drawn {
             let svg = draw::svg(&sheet).expect("a chart");
             let parsed = Document::parse(&svg).expect("an XML file");

@@ -1,14 +1,13 @@
 //! Which records a chart takes, and several views taken together.
 
 use super::draw::{Curve, Look, Point};
-use crate::record::{Accuracy, Counters, Outcomes, Record, Trace};
+use crate::record::{Accuracy, Counters, Record, Trace};
 use std::collections::BTreeMap;
 
 /// Records of rays of one benchmark: the full one if it was measured, at the most threads.
 pub fn traces<'a>(records: &'a [Record], benchmark: &str) -> Vec<(&'a Record, &'a Trace)> {
     let of = |name: &str| -> Vec<(&Record, &Trace)> {
-        let named = records.iter().filter(|r| r.benchmark == name);
-        named.filter_map(|r| if let Outcomes::Trace(t) = &r.result { Some((r, t)) } else { None }).collect()
+        records.iter().filter(|r| r.benchmark == name).filter_map(|r| Some((r, r.trace()?))).collect()
     };
     let full = of(&format!("{benchmark}-full"));
     let mut all = if full.is_empty() { of(benchmark) } else { full };
@@ -26,7 +25,6 @@ pub struct Sum {
     pub mrays: f64,
     /// Seconds of a view.
     pub seconds: f64,
-    pub views: usize,
     pub counters: Counters,
     pub accuracy: Accuracy,
 }
@@ -55,7 +53,6 @@ fn together(group: &[&Trace]) -> Sum {
         poe: group[0].poe,
         mrays: count / seconds / 1e6,
         seconds: seconds / n,
-        views: group.len(),
         counters: Counters {
             bytes_model: bytes(|c| c.bytes_model),
             bytes_working_set: bytes(|c| c.bytes_working_set),
@@ -69,6 +66,7 @@ fn together(group: &[&Trace]) -> Sum {
             overlap: mean(|a| a.overlap),
             coverage: mean(|a| a.coverage),
             differ: mean(|a| a.differ),
+            flip: None,
         },
     }
 }
@@ -127,7 +125,7 @@ mod tests {
         let picked = traces(&records, "speed");
         let sums = views_together(picked.iter().map(|(_, t)| *t));
         // 2 million rays in 1/10 + 1/30 seconds.
-        assert_eq!((sums.len(), sums[0].views), (1, 2));
+        assert_eq!(sums.len(), 1);
         assert!((sums[0].mrays - 15.0).abs() < 1e-9 && (sums[0].accuracy.mean_px - 2.0).abs() < 1e-9);
     }
 

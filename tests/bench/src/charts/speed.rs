@@ -16,19 +16,15 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         for (scene, title) in &scenes {
             let of = traces.iter().filter(|(r, t)| r.scene == *scene && t.rays == kind).map(|(_, t)| *t);
             let sums = pick::views_together(of);
-            if kind == "primary" {
-                gains.extend(gain(&sums, 1.0));
+            if let ("primary", Some(one), Some(three)) = (kind, gain(&sums, 1.0), gain(&sums, 3.0)) {
+                let name = title.split(" (").next().unwrap_or(title);
+                gains.push(format!("{name} {one:.2} and {three:.2}"));
             }
             panels.push(panel(kind, title, &sums));
         }
     }
     let first = traces.first()?;
-    let ratios: Vec<String> = gains.iter().map(|gain| format!("{gain:.2}")).collect();
-    let title = format!(
-        "Rays of the whole, one pixel of error: {} times as fast as Embree's exact ones ({})",
-        ratios.join(", "),
-        scenes.iter().map(|(_, title)| title.split(" (").next().unwrap_or(title)).collect::<Vec<_>>().join(", ")
-    );
+    let title = format!("Primary rays at 1 and 3 pixels of error, times as fast as Embree's exact ones: {}", gains.join(", "));
     let what = format!("{} threads; numbers at points: pixels of error.", first.1.threads);
     let foot = pick::foot(traces.iter().map(|(r, _)| *r), &what);
     (!gains.is_empty()).then_some(Sheet { title, foot, columns: scenes.len(), panels })

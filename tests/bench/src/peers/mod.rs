@@ -16,8 +16,11 @@ pub struct Build {
     pub peer: &'static str,
     /// Its quality or preset.
     pub quality: &'static str,
-    build: fn(&Arc<Mesh>, &str, usize) -> Option<Box<dyn Peer>>,
+    build: Builder,
 }
+
+/// Of a mesh, with a quality and a number of threads, 0 for all.
+type Builder = fn(&Arc<Mesh>, &str, usize) -> Option<Box<dyn Peer>>;
 
 impl Build {
     /// Builds with so many threads; `None` after a message where the peer is not on this machine.
