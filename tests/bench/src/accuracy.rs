@@ -28,8 +28,11 @@ pub fn of_rays(rays: &[Ray], seen: &[Answer], truth: &[Answer]) -> Accuracy {
         0.0 => 0.0,
         away => away / f64::from(ray.cone.a + ray.cone.b * b.t as f32),
     });
+    let off: Vec<f64> = off.collect();
+    let far = off.iter().filter(|off| **off > 1.0).count() as f64 / rays.len().max(1) as f64;
     let depths = |all: &[Answer]| -> Vec<f32> { all.iter().map(|a| a.t as f32).collect() };
-    of_depths(picture::Spread::of(off), &depths(seen), &depths(truth))
+    let accuracy = of_depths(picture::Spread::of(off), &depths(seen), &depths(truth));
+    Accuracy { otherwise: Some(accuracy.differ + far), ..accuracy }
 }
 
 /// Of pictures: errors that were worked out, and what depths say of coverage.
@@ -44,6 +47,7 @@ pub fn of_depths(off: picture::Spread, seen: &[f32], truth: &[f32]) -> Accuracy 
         overlap: silhouette.overlap,
         coverage: picture::coverage_ratio(covered(seen), covered(truth)),
         differ: (silhouette.lost + silhouette.added) as f64 / truth.len().max(1) as f64,
+        otherwise: None,
         flip: None,
     }
 }
@@ -135,6 +139,8 @@ mod tests {
         let accuracy = of_rays(&[ray; 4], &seen, &truth);
         assert!((accuracy.worst_px - 10.0).abs() < 1e-6 && (accuracy.mean_px - 5.0).abs() < 1e-6, "{accuracy:?}");
         assert_eq!((accuracy.overlap, accuracy.coverage, accuracy.differ), (0.5, 1.0, 0.5));
+        // One is ten pixels off, one is lost, one is added.
+        assert_eq!(accuracy.otherwise, Some(0.75));
         assert!(assert_peer_agrees("x", &accuracy, &[ray; 4], &seen, &truth).is_err());
         let same = of_rays(&[ray; 4], &truth, &truth);
         assert_eq!((same.mean_px, same.overlap, same.differ), (0.0, 1.0, 0.0));

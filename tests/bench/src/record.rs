@@ -107,6 +107,8 @@ pub struct Accuracy {
     pub coverage: f64,
     /// Share of rays that hit only in one of both.
     pub differ: f64,
+    /// Share of rays that hit only in one of both, or end more than the width of a pixel's ray away; of pictures none.
+    pub otherwise: Option<f64>,
     /// Mean FLIP, of pictures (`tests/common/perceived.rs`).
     pub flip: Option<f64>,
 }

@@ -66,6 +66,7 @@ fn together(group: &[&Trace]) -> Sum {
             overlap: mean(|a| a.overlap),
             coverage: mean(|a| a.coverage),
             differ: mean(|a| a.differ),
+            otherwise: group.iter().map(|t| t.accuracy.otherwise).sum::<Option<f64>>().map(|sum| sum / n),
             flip: None,
         },
     }

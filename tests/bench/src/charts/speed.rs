@@ -37,13 +37,14 @@ fn gain(sums: &[Sum], poe: f32) -> Option<f64> {
     Some(ours.mrays / embree.mrays)
 }
 
-/// How far off a side is: any hits know no distance, but whether they are hits.
+/// How far off a side is. Any hits know no distance, but whether they are hits; of diffuse rays many hit what exact ones pass by,
+/// which a mean distance would not show.
 fn error(kind: &str, sum: &Sum) -> f64 {
     // Peers differ from exact answers by their rounding alone.
     match (kind, sum.is_peer) {
         (_, true) => 0.0,
-        ("shadow", _) => 100.0 * sum.accuracy.differ,
-        _ => sum.accuracy.mean_px,
+        ("primary", _) => sum.accuracy.mean_px,
+        _ => 100.0 * sum.accuracy.otherwise.unwrap_or(0.0),
     }
 }
 
@@ -52,7 +53,7 @@ fn panel(kind: &str, title: &str, sums: &[Sum]) -> Panel {
     curves.push(Curve { name: "Pareto front".into(), look: Look::Front, points: front(kind, sums) });
     let x = match kind {
         "shadow" => "rays answered otherwise, %",
-        "bounce" => "mean error, widths of the ray",
+        "bounce" => "rays that end more than a width elsewhere, %",
         _ => "mean depth error, pixels",
     };
     Panel { title: format!("{title}: {kind} rays"), x: Axis::log(x), y: Axis::linear("million rays a second"), curves }
