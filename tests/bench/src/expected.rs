@@ -4,6 +4,7 @@ use crate::failure::{Failure, Outcome};
 use outcrop::query::{Hit, HitKind};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::PathBuf;
 use xxhash_rust::xxh3::Xxh3;
 
@@ -37,6 +38,12 @@ impl Expected {
     }
 }
 
+impl fmt::Display for Expected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} hits of hash {}", self.hits, self.hash)
+    }
+}
+
 /// All expected answers, by case.
 pub struct Book {
     known: BTreeMap<String, Expected>,
@@ -64,7 +71,7 @@ impl Book {
         let advice = "; after a meant change: make bench-expect";
         match self.known.get(id) {
             Some(wanted) if *wanted == got => Ok(()),
-            Some(wanted) => Err(Failure::new(format!("{id}: wrong answers: {got:?}, expected {wanted:?}{advice}"))),
+            Some(wanted) => Err(Failure::new(format!("{id}: wrong answers: {got}, expected are {wanted}{advice}"))),
             None => Err(Failure::new(format!("{id}: no answers are expected yet{advice}"))),
         }
     }
