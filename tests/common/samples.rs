@@ -20,7 +20,8 @@ pub struct Samples {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Estimate {
     pub mean: f64,
-    /// The standard deviation expected of `mean`: that of the rounds, s / sqrt(rounds).
+    /// The standard deviation expected of `mean`: that of the rounds, s / sqrt(rounds). 0 where all rounds agree, which
+    /// is not proof: what takes less than one part in points * rounds of the square may have been missed.
     pub error: f64,
 }
 
