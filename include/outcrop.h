@@ -358,7 +358,10 @@ typedef struct oc_build_report {
  */
 typedef uint32_t (*oc_read_fn)(void *user, uint64_t offset, void *buffer, uint64_t bytes);
 
-/** Called once, when nothing will be read any more; from any thread. */
+/**
+ * Called once, when nothing will be read any more; from any thread, and perhaps a moment after the last handle was released,
+ * when a thread that was still tracing or reading lets go of the model: `user` must stay valid until then.
+ */
 typedef void (*oc_close_fn)(void *user);
 
 /** Where a model is read from, if not from a file: a table of the caller's. Read-only. */
@@ -677,7 +680,7 @@ typedef struct oc_frame_accuracy {
     uint64_t request;
     /** Pixels whose answer is exact. */
     uint64_t pixels_exact;
-    /** Pixels that show a stand-in as fine as asked. */
+    /** Pixels that show a stand-in as fine as `effective_poe` asks for. */
     uint64_t pixels_lod;
     /** Pixels that show a stand-in for missing data. */
     uint64_t pixels_missing;
@@ -686,8 +689,8 @@ typedef struct oc_frame_accuracy {
     /** Bytes in memory of the models that the scene shows. */
     uint64_t bytes_resident;
     /**
-     * Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what did not
-     * fit, or could not be read.
+     * Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what could not
+     * be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
      */
     uint64_t bytes_wanted;
     /** Seconds since the request, until it ended. */
@@ -1188,7 +1191,8 @@ OC_API void oc_context_retain(struct oc_context *context);
  * Takes a count back. Objects made from the context keep what they need of it; its threads end with the
  * last of them. NULL does nothing.
  *
- * Thread safety: any thread. Blocks until threads have ended.
+ * Thread safety: any thread. Blocks until threads have ended, if nothing else keeps the context any more: a frame or job that was
+ * released while it ran keeps it for a moment longer.
  */
 OC_API
 void oc_context_release(struct oc_context *context);
@@ -1595,8 +1599,9 @@ oc_status oc_frame_create(const struct oc_context *context,
  * cancelled and replaced. `settings` may be NULL: all defaults.
  *
  * The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
- * soon as it is there, long before the request ends; each later picture is more exact. The request ends as OC_STATE_DONE
- * when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the memory budget, or
+ * soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked for does not fit
+ * the memory budget: then pictures get coarser step by step, everywhere alike, until all that they need does. The request ends
+ * as OC_STATE_DONE when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or
  * some of it cannot be read (then oc_progress.error says so).
  *
  * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,

@@ -141,8 +141,9 @@ impl oc_frame_settings {
 /// cancelled and replaced. `settings` may be NULL: all defaults.
 ///
 /// The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
-/// soon as it is there, long before the request ends; each later picture is more exact. The request ends as OC_STATE_DONE
-/// when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the memory budget, or
+/// soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked for does not fit
+/// the memory budget: then pictures get coarser step by step, everywhere alike, until all that they need does. The request ends
+/// as OC_STATE_DONE when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or
 /// some of it cannot be read (then oc_progress.error says so).
 ///
 /// OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,
@@ -311,7 +312,7 @@ pub struct oc_frame_accuracy {
     pub request: u64,
     /// Pixels whose answer is exact.
     pub pixels_exact: u64,
-    /// Pixels that show a stand-in as fine as asked.
+    /// Pixels that show a stand-in as fine as `effective_poe` asks for.
     pub pixels_lod: u64,
     /// Pixels that show a stand-in for missing data.
     pub pixels_missing: u64,
@@ -319,8 +320,8 @@ pub struct oc_frame_accuracy {
     pub pixels_total: u64,
     /// Bytes in memory of the models that the scene shows.
     pub bytes_resident: u64,
-    /// Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what did not
-    /// fit, or could not be read.
+    /// Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what could not
+    /// be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
     pub bytes_wanted: u64,
     /// Seconds since the request, until it ended.
     pub seconds: f64,

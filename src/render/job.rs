@@ -257,6 +257,8 @@ impl Request {
         if self.running().passes.is_glimpse {
             return self.after_glimpse(wants.is_empty());
         }
+        // Who had less room before may have more than is known yet: whoever ends now would end coarser than need be.
+        self.view.ease();
         let seen = Seen { wants: self.view.status().state, pressure: self.view.pressure() };
         let mut running = self.running();
         if self.stop.load(Relaxed) {

@@ -193,12 +193,7 @@ impl Shared {
         if state.ranking.is_stuck {
             return Next::Idle;
         }
-        while let Some((key, id)) = state.ranking.first() {
-            let model = state.model(key).filter(|model| can_be_had(model, id));
-            let Some(model) = model else {
-                state.ranking.pass_over();
-                continue;
-            };
+        while let Some((model, (key, id))) = state.first_to_be_had() {
             let run = state.ranking.run_around(&model, (key, id));
             let stamp = state.ranking.stamp((key, id));
             return match self.room_for(state, &model, &run, after) {
@@ -218,6 +213,19 @@ impl Shared {
         }
         state.settle(self, after);
         self.promotion(state, after)
+    }
+
+    /// Lowers the pressure, if nothing that views want is left to be read and there is room.
+    pub fn ease(&self) {
+        let mut after = After::default();
+        {
+            let mut state = self.lock();
+            state.rank();
+            if !state.ranking.is_stuck && state.first_to_be_had().is_none() {
+                state.settle(self, &mut after);
+            }
+        }
+        after.run();
     }
 
     /// What counts as the last use of a block that a pass with `stamp` wanted; who wants without passes counts as one who uses

@@ -20,6 +20,11 @@ pub fn frame(context: &Context, (width, height): (u32, u32)) -> Result<Frame, Fa
     Ok(Frame::new(context, FrameOptions { width, height, outputs, ..FrameOptions::default() })?)
 }
 
+/// A frame with what a viewer shows: what is timed.
+fn colours(context: &Context, (width, height): (u32, u32)) -> Result<Frame, Failure> {
+    Ok(Frame::new(context, FrameOptions { width, height, outputs: Outputs::COLOUR, ..FrameOptions::default() })?)
+}
+
 /// Asks for a picture, and waits until it rests.
 fn render(frame: &Frame, ours: &Ours, camera: &Camera, poe: f32) -> Result<FrameStatus, Failure> {
     frame.request(&ours.state, camera, &FrameSettings { poe, ..FrameSettings::default() })?;
@@ -69,7 +74,7 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
     let threads = if task.is_only_expecting { &[0][..] } else { &task.benchmark.threads };
     for &threads in threads {
         let ours = Ours::open(path, Residency::All, threads)?;
-        let [one, other] = [frame(&ours.context, size)?, frame(&ours.context, size)?];
+        let one = frame(&ours.context, size)?;
         // All answers are looked at before anything is timed.
         let mut looks = Vec::new();
         for &poe in &task.benchmark.poe {
@@ -85,6 +90,8 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
         if task.is_only_expecting {
             continue;
         }
+        drop(one);
+        let [one, other] = [colours(&ours.context, size)?, colours(&ours.context, size)?];
         for (poe, id, seen, hits, stand_ins) in looks {
             let accuracy = seen.errors(&truth, &camera, size)?;
             let timed = |frame: &Frame, poe: f32| {
