@@ -193,26 +193,26 @@ impl Shared {
         if state.ranking.is_stuck {
             return Next::Idle;
         }
-        while let Some((model, (key, id))) = state.first_to_be_had() {
-            let run = state.ranking.run_around(&model, (key, id));
-            let stamp = state.ranking.stamp((key, id));
-            return match self.room_for(state, &model, &run, after) {
-                Ok(Some(room)) => Next::Load(Task { model, ids: run, stamp: self.used_at(stamp), room }),
+        let Some((model, (key, id))) = state.first_to_be_had() else {
+            state.settle(self, after);
+            return self.promotion(state, after);
+        };
+        let run = state.ranking.run_around(&model, (key, id));
+        let stamp = state.ranking.stamp((key, id));
+        match self.room_for(state, &model, &run, after) {
+            Ok(Some(room)) => Next::Load(Task { model, ids: run, stamp: self.used_at(stamp), room }),
+            Ok(None) => Next::Again,
+            Err(Short::ForNow) => Next::Starved,
+            Err(Short::InUse) => match self.room_for(state, &model, &[id], after) {
+                Ok(Some(room)) => Next::Load(Task { model, ids: vec![id], stamp: self.used_at(stamp), room }),
                 Ok(None) => Next::Again,
                 Err(Short::ForNow) => Next::Starved,
-                Err(Short::InUse) => match self.room_for(state, &model, &[id], after) {
-                    Ok(Some(room)) => Next::Load(Task { model, ids: vec![id], stamp: self.used_at(stamp), room }),
-                    Ok(None) => Next::Again,
-                    Err(Short::ForNow) => Next::Starved,
-                    Err(Short::InUse) => {
-                        state.overfull(self, stamp, after);
-                        Next::Idle
-                    }
-                },
-            };
+                Err(Short::InUse) => {
+                    state.overfull(self, stamp, after);
+                    Next::Idle
+                }
+            },
         }
-        state.settle(self, after);
-        self.promotion(state, after)
     }
 
     /// Lowers the pressure, if nothing that views want is left to be read and there is room.
