@@ -215,17 +215,23 @@ impl Shared {
         }
     }
 
-    /// Lowers the pressure, if nothing that views want is left to be read and there is room.
-    pub fn ease(&self) {
+    /// Lowers the pressure, if nothing that views want is left to be read and there is room. Whether that is not known yet, for
+    /// something is being read.
+    pub fn ease(&self) -> bool {
         let mut after = After::default();
         {
             let mut state = self.lock();
             state.rank();
-            if !state.ranking.is_stuck && state.first_to_be_had().is_none() {
-                state.settle(self, &mut after);
+            if state.ranking.is_stuck || state.first_to_be_had().is_some() {
+                return false;
             }
+            if state.in_flight > 0 {
+                return true;
+            }
+            state.settle(self, &mut after);
         }
         after.run();
+        false
     }
 
     /// What counts as the last use of a block that a pass with `stamp` wanted; who wants without passes counts as one who uses
