@@ -31,9 +31,6 @@ use std::time::{Duration, Instant};
 /// How long the first picture of a frame may wait for blocks.
 const GLIMPSES: Duration = Duration::from_millis(80);
 
-/// How long a request that would end coarser than asked waits for what is being read for nobody any more.
-const LAST_READS: Duration = Duration::from_millis(500);
-
 /// How a request ended.
 #[derive(Debug, Clone)]
 pub(super) enum End {
@@ -260,9 +257,6 @@ impl Request {
         if self.running().passes.is_glimpse {
             return self.after_glimpse(wants.is_empty());
         }
-        if wants.is_empty() {
-            self.ease();
-        }
         let seen = Seen { wants: self.view.status().state, pressure: self.view.pressure() };
         let mut running = self.running();
         if self.stop.load(Relaxed) {
@@ -278,14 +272,6 @@ impl Request {
                 drop(running);
                 self.finish(&if is_converged { End::Converged } else { End::Budget(self.unreadable(&lacking)) });
             }
-        }
-    }
-
-    /// There may be more room than is known yet, after a camera has moved: who ended now would end coarser than need be.
-    fn ease(&self) {
-        let begun = Instant::now();
-        while self.view.ease() && !self.stop.load(Relaxed) && begun.elapsed() < LAST_READS {
-            std::thread::sleep(Duration::from_micros(500));
         }
     }
 

@@ -4,7 +4,6 @@ use super::blocks::{Inner, ModelKey};
 use super::core::State;
 use super::load::{RUN_BYTES, goes_with};
 use crate::base::ids::BlockId;
-use std::sync::Arc;
 
 /// A block of a model.
 pub(super) type Key = (ModelKey, BlockId);
@@ -77,17 +76,6 @@ pub(super) fn can_be_had(model: &Inner, id: BlockId) -> bool {
 }
 
 impl State {
-    /// What is wanted most of what may be read, and its model.
-    pub fn first_to_be_had(&mut self) -> Option<(Arc<Inner>, Key)> {
-        while let Some((key, id)) = self.ranking.first() {
-            if let Some(model) = self.model(key).filter(|model| can_be_had(model, id)) {
-                return Some((model, (key, id)));
-            }
-            self.ranking.pass_over();
-        }
-        None
-    }
-
     /// Ranks anew, if something has changed.
     pub fn rank(&mut self) {
         if self.ranking.valid {

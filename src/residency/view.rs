@@ -141,12 +141,6 @@ impl View {
         f32::from_bits(self.shared.pressure.load(Relaxed))
     }
 
-    /// For a view that has all it wants and would end: lowers the pressure, if there is room and it has not been done yet; views are
-    /// told as ever. True if something is being read: ask again after that.
-    pub fn ease(&self) -> bool {
-        self.pressure() > 1.0 && self.shared.ease()
-    }
-
     /// How its wants stand.
     pub fn status(&self) -> ViewStatus {
         let state = self.shared.lock();
