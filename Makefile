@@ -7,7 +7,7 @@
 # make bench-expect  writes the answers anew that benchmarks expect, after a meant change
 # make header writes include/outcrop.h anew from src/capi
 #
-# Both set themselves up: on a fresh Debian 12 with Rust 1.89 or later nothing else is needed.
+# All set themselves up: on a fresh Debian 12 with Rust 1.89 or later nothing else is needed.
 
 CARGO  ?= cargo
 CMAKE  ?= cmake

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::picture;
+use common::{picture, sources};
 use glam::{DAffine3, DVec3};
 use outcrop::scene::{ContextOptions, SceneState};
 use outcrop::{Buffer, Camera, Context, Frame, FrameOptions, FrameSettings, FrameState, Model, Outputs, Scene};
@@ -96,18 +96,13 @@ fn depth_error(now: &[f32], exact: &[f32]) -> f64 {
     picture::depth_pixels(now, exact, |depth| pixel * depth).mean
 }
 
-/// The pages that the whole system keeps of files, given up where it lets us, as root.
-fn forget_files() {
-    let _ = std::fs::write("/proc/sys/vm/drop_caches", "3");
-}
-
 #[test]
 #[ignore = "measures large models: make figures"]
 fn first_pictures() {
     println!("model                view  open s  first s  stated px  true px  silhouette  decoded MB  rest s");
     for path in [model("mandelbulb", 10, "512M"), model("airliner", 5, "1G")] {
         for view in 0..4 {
-            forget_files();
+            sources::forget_files();
             let begun = Instant::now();
             let it = open(&path, ContextOptions { threads: 2, memory_budget: 4 << 30, ..Default::default() });
             let opened = begun.elapsed().as_secs_f64();

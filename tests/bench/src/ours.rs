@@ -1,5 +1,6 @@
 //! outcrop's side.
 
+use crate::common::sources;
 use crate::data::Residency;
 use crate::failure::Failure;
 use crate::rays::Batch;
@@ -111,7 +112,7 @@ struct Room {
 impl Run for Ready<'_> {
     fn prepare(&mut self) {
         if self.cold.is_some() {
-            forget_files();
+            sources::forget_files();
         }
     }
 
@@ -140,9 +141,4 @@ impl Run for Ready<'_> {
     fn answers(&self) -> Vec<Answer> {
         self.answers.clone()
     }
-}
-
-/// Empties the system's memory of files where it lets us, as root. Elsewhere cold runs read from it.
-fn forget_files() {
-    let _ = std::fs::write("/proc/sys/vm/drop_caches", "3");
 }

@@ -132,8 +132,6 @@ pub fn builder(threads: usize) -> Result<Builder, Failure> {
 fn formula(name: &str, row: &SceneRow) -> Result<Vec<[DVec3; 3]>, Failure> {
     match name {
         "wire_forest" => Ok(scenes::wire_forest(row.count, 24, row.seed)),
-        "boxes" => Ok(scenes::boxes(row.count, row.seed)),
-        "bumpy_sphere" => Ok(scenes::bumpy_sphere(row.count, row.count, row.seed)),
         _ => Err(Failure::new(format!("scene {:?}: no formula {name:?}", row.name))),
     }
 }
