@@ -270,6 +270,44 @@ fn a_flight_with_teleports_in_a_small_budget() {
     assert!(most <= budget);
 }
 
+/// A frame that had to be coarse, for the whole model was seen exactly, and is then moved to where all that is seen fits, ended
+/// complete within the budget, at some pixels of error, as often as it looked for the pressure before a fetcher had lowered it.
+#[test]
+fn what_fits_is_shown_as_asked_whatever_was_seen_before() {
+    let context = context(2, bulb().bytes / 4);
+    let (scene, frame) = (scene(&context, counted(&Arc::default())), frame(&context));
+    let exactly = FrameSettings { poe: 0.0, ..Default::default() };
+    let near = Camera::Perspective { eye: DVec3::new(1.3, 0.5, 0.5), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 6.0 };
+    for i in 0..8 {
+        frame.request(&scene, &camera(2 * i), &exactly).expect("a request");
+        assert_eq!(frame.wait(LONG).state, FrameState::CompleteWithinBudget);
+        frame.request(&scene, &near, &exactly).expect("a request");
+        let status = frame.wait(LONG);
+        assert_eq!((status.state, status.effective_poe), (FrameState::Converged, 0.0));
+    }
+}
+
+/// What frames use goes where a model that is being opened needs its place: their pictures are there, and get coarser when they are
+/// next asked for.
+#[test]
+fn another_model_opens_although_frames_use_the_whole_budget() {
+    let context = context(2, bulb().bytes / 3);
+    let (first, frame) = (scene(&context, counted(&Arc::default())), frame(&context));
+    let exactly = FrameSettings { poe: 0.0, ..Default::default() };
+    let mut others = Vec::new();
+    for i in 0..6 {
+        frame.request(&first, &camera(i), &exactly).expect("a request");
+        // At rest, and in the midst of it.
+        if i % 2 == 0 {
+            assert_eq!(frame.wait(LONG).state, FrameState::CompleteWithinBudget);
+        }
+        others.push(Model::open_source(&context, counted(&Arc::default())).expect("it opens beside"));
+        assert!(context.memory_used() <= context.memory_budget());
+    }
+    assert_eq!(frame.wait(LONG).state, FrameState::CompleteWithinBudget);
+    assert_covered(&frame, &camera(5));
+}
+
 #[test]
 fn a_resting_camera_sees_better_pictures_and_is_woken_for_each() {
     let context = context(2, bulb().bytes * 2);

@@ -128,11 +128,7 @@ impl oc_frame_settings {
         FrameSettings {
             poe: self.poe,
             samples: if self.samples == 0 { default.samples } else { self.samples },
-            ambient: match self.ambient {
-                0.0 => default.ambient,
-                a if a < 0.0 => 0.0,
-                a => a,
-            },
+            ambient: if self.ambient == 0.0 { default.ambient } else { self.ambient },
         }
     }
 }
