@@ -575,7 +575,8 @@ typedef struct oc_hit {
     double position[3];
     /**
      * No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within
-     * 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes.
+     * 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less than
+     * `t`, by what rounding may have done.
      */
     double t_free;
     /** The id of the part, as given when the model was built; OC_NO_ID for a miss. */
@@ -695,7 +696,10 @@ typedef struct oc_frame_accuracy {
     uint64_t bytes_wanted;
     /** Seconds since the request, until it ended. */
     double seconds;
-    /** Estimated seconds to go; 0 when nothing runs, infinity if unknown. */
+    /**
+     * Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has come; what
+     * better pictures will want besides is not known. 0 when nothing runs, infinity if unknown.
+     */
     double seconds_to_go;
     /**
      * Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or OC_BUFFER_ERROR is
@@ -1602,7 +1606,8 @@ oc_status oc_frame_create(const struct oc_context *context,
  * soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked for does not fit
  * the memory budget: then pictures get coarser step by step, everywhere alike, until all that they need does. The request ends
  * as OC_STATE_DONE when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or
- * some of it cannot be read (then oc_progress.error says so).
+ * some of it cannot be had (then oc_progress.error is OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is
+ * damaged; the next request asks for it again).
  *
  * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,
  * or a camera out of its ranges; then what the frame was rendering goes on.
@@ -1663,7 +1668,7 @@ oc_status oc_frame_set_wake(struct oc_frame *frame,
                             void *user);
 
 /**
- * How true the picture of the last request is: as far as its last pass over the picture has come. Of each pixel a stand-in's
+ * How true the last whole picture of the last request is (before there is one: as far as it has come). Of each pixel a stand-in's
  * error is how far from what is shown the surface may lie, in pixels.
  *
  * Thread safety: any thread. Cheap.
