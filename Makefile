@@ -2,9 +2,12 @@
 # make test   everything that must hold
 # make contact-sheet   every mesh of the models folder in one picture, target/contact-sheet.png, and a table
 # make figures  what level of detail comes to on 10 and 40 million triangles: first pictures, bytes, times, a flight in 64 MB (as root it empties the cache of files)
+# make bench    speed and accuracy together, beside Embree, obvhs and parry3d, in some minutes: target/bench/results.jsonl; FULL=1: all of it, in an hour
+# make charts   the results as charts in tests/bench/charts; measures what there are no results of; FULL=1: likewise
+# make bench-expect  writes the answers anew that benchmarks expect, after a meant change
 # make header writes include/outcrop.h anew from src/capi
 #
-# Both set themselves up: on a fresh Debian 12 with Rust 1.89 or later nothing else is needed.
+# All set themselves up: on a fresh Debian 12 with Rust 1.89 or later nothing else is needed.
 
 CARGO  ?= cargo
 CMAKE  ?= cmake
@@ -13,7 +16,7 @@ PREFIX := $(CURDIR)/$(BUILD)/prefix
 # Triangles of the demo's airliner.
 TRIANGLES ?= 2000000
 
-.PHONY: help setup test lint unit package examples ctest demo contact-sheet figures header clean
+.PHONY: help setup test lint unit package examples ctest demo contact-sheet figures bench bench-expect charts header clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -25,10 +28,11 @@ test: setup lint unit ctest
 	@echo "make test: all passed"
 
 lint: setup
-	$(CARGO) clippy --locked --all-targets -- -D warnings
+	$(CARGO) clippy --locked --workspace --all-targets -- -D warnings
 
 unit: setup
 	$(CARGO) test --locked
+	$(CARGO) test --locked -p outcrop-bench
 
 # Installed to one place and moved to another: a package that minds does not pass.
 package: setup
@@ -53,6 +57,19 @@ contact-sheet: setup
 
 figures: setup
 	$(CARGO) test --locked --release --test figures -- --ignored --nocapture --test-threads 1
+
+# Peers may choose their vector instructions when they are compiled: they get this machine's. outcrop chooses when it runs.
+BENCH = RUSTFLAGS="-C target-cpu=native" $(CARGO) run --locked --release -p outcrop-bench --
+ALL   = $(if $(FULL),--full)
+
+bench: setup
+	$(BENCH) run $(ALL)
+
+charts: setup
+	$(BENCH) charts $(ALL)
+
+bench-expect: setup
+	$(BENCH) expect --full
 
 header:
 	OUTCROP_WRITE_HEADER=1 $(CARGO) test --locked --test abi_header -- --exact header_is_up_to_date

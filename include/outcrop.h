@@ -358,7 +358,10 @@ typedef struct oc_build_report {
  */
 typedef uint32_t (*oc_read_fn)(void *user, uint64_t offset, void *buffer, uint64_t bytes);
 
-/** Called once, when nothing will be read any more; from any thread. */
+/**
+ * Called once, when nothing will be read any more; from any thread, and perhaps a moment after the last handle was released,
+ * when a thread that was still tracing or reading lets go of the model: `user` must stay valid until then.
+ */
 typedef void (*oc_close_fn)(void *user);
 
 /** Where a model is read from, if not from a file: a table of the caller's. Read-only. */
@@ -572,7 +575,8 @@ typedef struct oc_hit {
     double position[3];
     /**
      * No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within
-     * 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes.
+     * 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less than
+     * `t`, by what rounding may have done.
      */
     double t_free;
     /** The id of the part, as given when the model was built; OC_NO_ID for a miss. */
@@ -677,7 +681,7 @@ typedef struct oc_frame_accuracy {
     uint64_t request;
     /** Pixels whose answer is exact. */
     uint64_t pixels_exact;
-    /** Pixels that show a stand-in as fine as asked. */
+    /** Pixels that show a stand-in as fine as `effective_poe` asks for. */
     uint64_t pixels_lod;
     /** Pixels that show a stand-in for missing data. */
     uint64_t pixels_missing;
@@ -686,13 +690,16 @@ typedef struct oc_frame_accuracy {
     /** Bytes in memory of the models that the scene shows. */
     uint64_t bytes_resident;
     /**
-     * Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what did not
-     * fit, or could not be read.
+     * Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what could not
+     * be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
      */
     uint64_t bytes_wanted;
     /** Seconds since the request, until it ended. */
     double seconds;
-    /** Estimated seconds to go; 0 when nothing runs, infinity if unknown. */
+    /**
+     * Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has come; what
+     * better pictures will want besides is not known. 0 when nothing runs, infinity if unknown.
+     */
     double seconds_to_go;
     /**
      * Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or OC_BUFFER_ERROR is
@@ -1188,7 +1195,8 @@ OC_API void oc_context_retain(struct oc_context *context);
  * Takes a count back. Objects made from the context keep what they need of it; its threads end with the
  * last of them. NULL does nothing.
  *
- * Thread safety: any thread. Blocks until threads have ended.
+ * Thread safety: any thread. Blocks until threads have ended, if nothing else keeps the context any more: a frame or job that was
+ * released while it ran keeps it for a moment longer.
  */
 OC_API
 void oc_context_release(struct oc_context *context);
@@ -1595,9 +1603,11 @@ oc_status oc_frame_create(const struct oc_context *context,
  * cancelled and replaced. `settings` may be NULL: all defaults.
  *
  * The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
- * soon as it is there, long before the request ends; each later picture is more exact. The request ends as OC_STATE_DONE
- * when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the memory budget, or
- * some of it cannot be read (then oc_progress.error says so).
+ * soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked for does not fit
+ * the memory budget: then pictures get coarser step by step, everywhere alike, until all that they need does. The request ends
+ * as OC_STATE_DONE when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or
+ * some of it cannot be had (then oc_progress.error is OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is
+ * damaged; the next request asks for it again).
  *
  * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,
  * or a camera out of its ranges; then what the frame was rendering goes on.
@@ -1658,7 +1668,7 @@ oc_status oc_frame_set_wake(struct oc_frame *frame,
                             void *user);
 
 /**
- * How true the picture of the last request is: as far as its last pass over the picture has come. Of each pixel a stand-in's
+ * How true the last whole picture of the last request is (before there is one: as far as it has come). Of each pixel a stand-in's
  * error is how far from what is shown the surface may lie, in pixels.
  *
  * Thread safety: any thread. Cheap.

@@ -92,7 +92,7 @@ fn pictures_in_a_small_cache() {
     let dir = dir.path();
     json(dir, &["generate", "mandelbulb", "--triangles", "1M", "-o", "b.ply"]);
     json(dir, &["build", "b.ply", "-o", "b.oc"]);
-    let render = ["render", "b.oc", "-o", "b.png", "--size", "320x240", "--samples", "1", "--cache", "12M"];
+    let render = ["render", "b.oc", "-o", "b.png", "--size", "320x240", "--samples", "1", "--cache", "12MB"];
     let with = |more: &[&str]| json(dir, &[&render, more].concat());
     let first = with(&["--until", "first"]);
     let share = |picture: &Value, name: &str| picture["pixels"][name].as_f64().unwrap() / picture["pixels"]["total"].as_f64().unwrap();
@@ -110,6 +110,9 @@ fn pictures_in_a_small_cache() {
     assert!(soon["seconds"]["first"].as_f64().unwrap() <= soon["seconds"]["render"].as_f64().unwrap() + 0.05, "{soon}");
     std::fs::remove_file(dir.join("b.png")).unwrap();
     fails(dir, &[&render[..], &["--until", "converged"]].concat(), 1, "does not converge");
+    let short = outcrop(dir, &[&render[..], &["--until", "converged", "--json"]].concat());
+    let said: Value = serde_json::from_slice(&short.stdout).unwrap();
+    assert_eq!((short.status.code(), &said["state"], &said["file"]), (Some(1), &best["state"], &Value::Null));
     fails(dir, &[&render[..], &["--poe=-1"]].concat(), 2, "poe");
     fails(dir, &[&render[..], &["--poe", "-1"]].concat(), 2, "0 or more");
     fails(dir, &[&render[..], &["--poe", "nan"]].concat(), 2, "poe");

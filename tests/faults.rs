@@ -152,8 +152,14 @@ fn judge_queries(state: &SceneState, is_expected: impl Fn(&Error) -> bool) -> bo
     true
 }
 
-fn names_a_block(error: Option<&Error>, path: &Path) -> bool {
-    matches!(error, Some(Error::Corrupt { file, block: Some(_), .. }) if file == path)
+/// The error says that a block of the file could not be read.
+fn names_an_unread_block(error: Option<&Error>, at: &Path) -> bool {
+    matches!(error, Some(Error::Io { path, source, .. }) if path == at && source.to_string().starts_with("block "))
+}
+
+/// The error says that a block of the file is not what was written.
+fn names_a_damaged_block(error: Option<&Error>, at: &Path) -> bool {
+    matches!(error, Some(Error::Corrupt { file, block: Some(_), .. }) if file == at)
 }
 
 /// The disk fails at each read of a frame in turn.
@@ -182,7 +188,7 @@ fn fails_at_each_read(threads: usize, for_good: bool, step: usize) {
         assert!(model.blocks_read_again() > 0 && warned, "{what}");
         if for_good {
             assert_eq!(status.state, FrameState::CompleteWithinBudget, "{what}");
-            assert!(names_a_block(status.error.as_deref(), path), "{what}");
+            assert!(names_an_unread_block(status.error.as_deref(), path), "{what}");
             assert_eq!(status.fraction, 1.0);
             judge(&frame, false);
         } else {
@@ -204,6 +210,38 @@ fn a_read_that_fails_once_is_made_up_for() {
 fn a_disk_that_fails_for_good_leaves_stand_ins() {
     fails_at_each_read(0, true, 1);
     fails_at_each_read(2, true, 3);
+}
+
+/// A network is gone for a while: what could not be read is asked for again by the next request; and said once, not by each.
+#[test]
+fn a_disk_that_is_back_is_read_again() {
+    let path = &whole().built.path;
+    for threads in [0, 2] {
+        let gone = Arc::new(AtomicBool::new(false));
+        let is_gone = Arc::clone(&gone);
+        let source = meddled(path, move |_, _| match is_gone.load(SeqCst) {
+            true => Err(io::ErrorKind::NetworkUnreachable.into()),
+            false => Ok(()),
+        });
+        let (context, lines) = context(threads);
+        let (state, _model) = open(&context, source).expect("it opens");
+        let said = || lines.lock().expect("the log").len();
+        let frame = frame(&context);
+        gone.store(true, SeqCst);
+        let mut once = 0;
+        for request in 0..3 {
+            let status = render(&frame, &state);
+            assert_eq!(status.state, FrameState::CompleteWithinBudget, "{status:?}");
+            assert!(names_an_unread_block(status.error.as_deref(), path), "{status:?}");
+            judge(&frame, false);
+            once = if request == 0 { said() } else { once };
+            assert_eq!((said(), once > 0), (once, true));
+        }
+        gone.store(false, SeqCst);
+        let status = render(&frame, &state);
+        assert!(status.state == FrameState::Converged && status.error.is_none(), "{status:?}");
+        assert_eq!(judge(&frame, true), 0);
+    }
 }
 
 #[test]
@@ -306,7 +344,7 @@ fn a_file_that_is_replaced_shows_nothing_of_the_other() {
             assert_eq!((status.state, stand_ins), (FrameState::Converged, 0), "{what}");
         } else {
             assert_eq!(status.state, FrameState::CompleteWithinBudget, "{what}");
-            assert!(names_a_block(status.error.as_deref(), &path), "{what}: {status:?}");
+            assert!(names_a_damaged_block(status.error.as_deref(), &path), "{what}: {status:?}");
             assert!(stand_ins > 0, "{what}");
         }
         let answered = judge_queries(&state, |e| matches!(e, Error::Io { .. } | Error::Corrupt { .. }));

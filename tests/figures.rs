@@ -2,6 +2,9 @@
 //! and a flight in a small budget. `make figures` runs them, which takes some minutes and a GB of `target/figures`; times are
 //! printed, as is what misses its line; budget, bytes and coverage must hold.
 
+mod common;
+
+use common::{picture, sources};
 use glam::{DAffine3, DVec3};
 use outcrop::scene::{ContextOptions, SceneState};
 use outcrop::{Buffer, Camera, Context, Frame, FrameOptions, FrameSettings, FrameState, Model, Outputs, Scene};
@@ -90,20 +93,7 @@ fn depths(frame: &Frame) -> Vec<f32> {
 /// How far depths are off on the mean, in pixels of a default view, where both pictures show something.
 fn depth_error(now: &[f32], exact: &[f32]) -> f64 {
     let pixel = 2.0 * 20f64.to_radians().tan() / f64::from(SIZE.1);
-    let both = now.iter().zip(exact).map(|(a, b)| (f64::from(*a), f64::from(*b))).filter(|(a, b)| a.is_finite() && b.is_finite());
-    let (sum, count) = both.fold((0.0, 0.0), |(sum, count), (a, b)| (sum + (a - b).abs() / (pixel * b), count + 1.0));
-    sum / f64::max(count, 1.0)
-}
-
-/// Both, either.
-fn overlap(a: &[u8], b: &[u8]) -> f64 {
-    let count = |f: fn(bool, bool) -> bool| a.iter().zip(b).filter(|(a, b)| f(**a != 0, **b != 0)).count() as f64;
-    count(|a, b| a && b) / count(|a, b| a || b).max(1.0)
-}
-
-/// The pages that the whole system keeps of files, given up where it lets us, as root.
-fn forget_files() {
-    let _ = std::fs::write("/proc/sys/vm/drop_caches", "3");
+    picture::depth_pixels(now, exact, |depth| pixel * depth).mean
 }
 
 #[test]
@@ -112,7 +102,7 @@ fn first_pictures() {
     println!("model                view  open s  first s  stated px  true px  silhouette  decoded MB  rest s");
     for path in [model("mandelbulb", 10, "512M"), model("airliner", 5, "1G")] {
         for view in 0..4 {
-            forget_files();
+            sources::forget_files();
             let begun = Instant::now();
             let it = open(&path, ContextOptions { threads: 2, memory_budget: 4 << 30, ..Default::default() });
             let opened = begun.elapsed().as_secs_f64();
@@ -126,7 +116,9 @@ fn first_pictures() {
             let early_depths = depths(&frame);
             let last = rest(&frame);
             let (ended, late) = (begun.elapsed().as_secs_f64(), kinds(&frame));
-            let (silhouette, off) = (overlap(&early, &late), depth_error(&early_depths, &depths(&frame)));
+            let late_depths = depths(&frame);
+            let silhouette = picture::silhouette(&early_depths, &late_depths).overlap;
+            let off = depth_error(&early_depths, &late_depths);
             println!(
                 "{:20} {view:>4} {opened:>7.3} {at:>8.3} {:>10.2} {off:>8.2} {silhouette:>11.3} {:>11.1} {ended:>7.2}",
                 path.file_stem().unwrap_or_default().to_string_lossy(),

@@ -6,6 +6,7 @@ mod common;
 use common::built;
 use common::sources::{Gate, OpensAtEnd};
 use glam::{DAffine3, DVec3};
+use outcrop::base::error::Error;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::generate::{GenerateOptions, generate};
@@ -268,6 +269,51 @@ fn a_flight_with_teleports_in_a_small_budget() {
     let most = most.into_inner();
     println!("{most} of {budget} bytes at the most");
     assert!(most <= budget);
+}
+
+/// A frame that had to be coarse, for the whole model was seen exactly, and is then moved to where all that is seen fits, ended
+/// complete within the budget, at some pixels of error, as often as it looked for the pressure before a fetcher had lowered it.
+#[test]
+fn what_fits_is_shown_as_asked_whatever_was_seen_before() {
+    let context = context(2, bulb().bytes / 4);
+    let (scene, frame) = (scene(&context, counted(&Arc::default())), frame(&context));
+    let exactly = FrameSettings { poe: 0.0, ..Default::default() };
+    let near = Camera::Perspective { eye: DVec3::new(1.3, 0.5, 0.5), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 6.0 };
+    for i in 0..8 {
+        frame.request(&scene, &camera(2 * i), &exactly).expect("a request");
+        assert_eq!(frame.wait(LONG).state, FrameState::CompleteWithinBudget);
+        frame.request(&scene, &near, &exactly).expect("a request");
+        let status = frame.wait(LONG);
+        assert_eq!((status.state, status.effective_poe), (FrameState::Converged, 0.0));
+    }
+}
+
+/// What frames use goes where a model that is being opened needs its place: their pictures are there, and get coarser when they are
+/// next asked for. So models open until the budget is too small for what must stay of them.
+#[test]
+fn models_open_although_frames_use_the_whole_budget() {
+    let context = context(2, bulb().bytes / 3);
+    let (first, frame) = (scene(&context, counted(&Arc::default())), frame(&context));
+    let exactly = FrameSettings { poe: 0.0, ..Default::default() };
+    let mut others = Vec::new();
+    let refused = loop {
+        let i = others.len();
+        frame.request(&first, &camera(i), &exactly).expect("a request");
+        // At rest, and in the midst of it.
+        if i % 4 == 0 {
+            assert_eq!(frame.wait(LONG).state, FrameState::CompleteWithinBudget);
+            assert_covered(&frame, &camera(i));
+        }
+        match Model::open_source(&context, counted(&Arc::default())) {
+            Ok(other) => others.push(other),
+            Err(why) => break why,
+        }
+        assert!(context.memory_used() <= context.memory_budget());
+    };
+    let text = refused.to_string();
+    assert!(matches!(refused, Error::OverBudget { .. }) && !text.contains("beside what is in use"), "{text}");
+    assert!(others.len() > 8 && text.contains("bulb"), "{} models, then {text}", others.len());
+    println!("{} models, then {text}", others.len());
 }
 
 #[test]

@@ -58,7 +58,7 @@ pub enum Error {
     /// The budget in bytes is too small for the work.
     OverBudget {
         /// What needs it.
-        what: &'static str,
+        what: String,
         /// The least budget, in bytes, that would do.
         need: u64,
         /// The budget in force, in bytes.
@@ -115,7 +115,9 @@ impl Clone for Error {
             Error::NewerFormat { file, found, supported } => {
                 Error::NewerFormat { file: file.clone(), found: *found, supported: *supported }
             }
-            Error::OverBudget { what, need, have } => Error::OverBudget { what, need: *need, have: *have },
+            Error::OverBudget { what, need, have } => {
+                Error::OverBudget { what: what.clone(), need: *need, have: *have }
+            }
             Error::Cancelled => Error::Cancelled,
             Error::Io { path, doing, source } => Error::Io { path: path.clone(), doing, source: again(source) },
             Error::Internal(what) => Error::Internal(what.clone()),

@@ -41,7 +41,7 @@ impl Shares {
             return Ok(Self { spool: u64::MAX, reader: 0, chunk: u64::MAX, waiting: u64::MAX, aside: usize::MAX });
         }
         if budget < LEAST {
-            return Err(Error::OverBudget { what: "building a model", need: LEAST, have: budget });
+            return Err(Error::OverBudget { what: "building a model".into(), need: LEAST, have: budget });
         }
         let free = budget - FIXED;
         Ok(Self {

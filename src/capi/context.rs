@@ -427,7 +427,8 @@ pub unsafe extern "C" fn oc_context_retain(context: *mut oc_context) {
 /// Takes a count back. Objects made from the context keep what they need of it; its threads end with the
 /// last of them. NULL does nothing.
 ///
-/// Thread safety: any thread. Blocks until threads have ended.
+/// Thread safety: any thread. Blocks until threads have ended, if nothing else keeps the context any more: a frame or job that was
+/// released while it ran keeps it for a moment longer.
 /// # Safety
 /// NULL or a live handle of which the caller owns a count.
 #[unsafe(no_mangle)]

@@ -128,11 +128,7 @@ impl oc_frame_settings {
         FrameSettings {
             poe: self.poe,
             samples: if self.samples == 0 { default.samples } else { self.samples },
-            ambient: match self.ambient {
-                0.0 => default.ambient,
-                a if a < 0.0 => 0.0,
-                a => a,
-            },
+            ambient: if self.ambient == 0.0 { default.ambient } else { self.ambient },
         }
     }
 }
@@ -141,9 +137,11 @@ impl oc_frame_settings {
 /// cancelled and replaced. `settings` may be NULL: all defaults.
 ///
 /// The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
-/// soon as it is there, long before the request ends; each later picture is more exact. The request ends as OC_STATE_DONE
-/// when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the memory budget, or
-/// some of it cannot be read (then oc_progress.error says so).
+/// soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked for does not fit
+/// the memory budget: then pictures get coarser step by step, everywhere alike, until all that they need does. The request ends
+/// as OC_STATE_DONE when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or
+/// some of it cannot be had (then oc_progress.error is OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is
+/// damaged; the next request asks for it again).
 ///
 /// OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,
 /// or a camera out of its ranges; then what the frame was rendering goes on.
@@ -311,7 +309,7 @@ pub struct oc_frame_accuracy {
     pub request: u64,
     /// Pixels whose answer is exact.
     pub pixels_exact: u64,
-    /// Pixels that show a stand-in as fine as asked.
+    /// Pixels that show a stand-in as fine as `effective_poe` asks for.
     pub pixels_lod: u64,
     /// Pixels that show a stand-in for missing data.
     pub pixels_missing: u64,
@@ -319,12 +317,13 @@ pub struct oc_frame_accuracy {
     pub pixels_total: u64,
     /// Bytes in memory of the models that the scene shows.
     pub bytes_resident: u64,
-    /// Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what did not
-    /// fit, or could not be read.
+    /// Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what could not
+    /// be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
     pub bytes_wanted: u64,
     /// Seconds since the request, until it ended.
     pub seconds: f64,
-    /// Estimated seconds to go; 0 when nothing runs, infinity if unknown.
+    /// Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has come; what
+    /// better pictures will want besides is not known. 0 when nothing runs, infinity if unknown.
     pub seconds_to_go: f64,
     /// Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or OC_BUFFER_ERROR is
     /// asked for.
@@ -345,7 +344,7 @@ unsafe impl Sized32 for oc_frame_accuracy {
     const FIRST_SIZE: usize = std::mem::offset_of!(oc_frame_accuracy, pictures);
 }
 
-/// How true the picture of the last request is: as far as its last pass over the picture has come. Of each pixel a stand-in's
+/// How true the last whole picture of the last request is (before there is one: as far as it has come). Of each pixel a stand-in's
 /// error is how far from what is shown the surface may lie, in pixels.
 ///
 /// Thread safety: any thread. Cheap.

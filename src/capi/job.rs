@@ -145,8 +145,10 @@ impl Snapshot {
 
     /// Fills the caller's struct, and keeps the reason of a failure for `oc_last_error`.
     pub(crate) fn report(self, fill: Fill<oc_progress>) {
-        if let Some(error) = &self.error {
-            keep_error(error);
+        match &self.error {
+            Some(error) => keep_error(error),
+            None if self.status == OC_STATUS_CANCELLED => keep_error(&Error::Cancelled),
+            None => {}
         }
         fill.with(oc_progress {
             struct_size: 0,

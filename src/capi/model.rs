@@ -49,7 +49,8 @@ impl ModelObject {
 pub type oc_read_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, offset: u64, buffer: *mut c_void, bytes: u64) -> u32>;
 
-/// Called once, when nothing will be read any more; from any thread.
+/// Called once, when nothing will be read any more; from any thread, and perhaps a moment after the last handle was released,
+/// when a thread that was still tracing or reading lets go of the model: `user` must stay valid until then.
 // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_close_fn = Option<unsafe extern "C" fn(user: *mut c_void)>;
 

@@ -62,7 +62,8 @@ pub struct oc_hit {
     /// Where, in world space; infinity for a miss.
     pub position: [f64; 3],
     /// No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within
-    /// 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes.
+    /// 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less than
+    /// `t`, by what rounding may have done.
     pub t_free: f64,
     /// The id of the part, as given when the model was built; OC_NO_ID for a miss.
     pub part: u64,

@@ -42,7 +42,7 @@ pub struct FrameSettings {
     pub poe: f32,
     /// Rays for a pixel's colour, 1 to 1024; the other buffers take the ray of the pixel's middle.
     pub samples: u32,
-    /// Light from everywhere, so that nothing is black; 0 or more.
+    /// Light from everywhere, so that nothing is black; below 0: none.
     pub ambient: f32,
 }
 
@@ -104,9 +104,11 @@ pub(super) fn check_size(width: u32, height: u32) -> Result<()> {
 impl FrameSettings {
     /// Fails with [`Error::BadArgument`] if a number is out of its range.
     pub fn check(&self) -> Result<()> {
-        let number = |x: f32| x.is_finite() && x >= 0.0;
-        if !number(self.poe) || !number(self.ambient) {
-            return Err(Error::bad_argument("frame: poe and ambient must be finite, 0 or more"));
+        if !self.poe.is_finite() || self.poe < 0.0 {
+            return Err(Error::bad_argument(format!("frame: poe is {}; it must be finite, 0 or more", self.poe)));
+        }
+        if !self.ambient.is_finite() {
+            return Err(Error::bad_argument(format!("frame: ambient is {}; it must be finite", self.ambient)));
         }
         if !(1..=1024).contains(&self.samples) {
             return Err(Error::bad_argument("frame: samples must be 1 to 1024"));

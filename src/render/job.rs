@@ -13,7 +13,7 @@ use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
 use super::integrators::direct::{Asks, Direct, Scratch};
 use super::integrators::plain;
-use super::passes::{Next, Passes, Seen, effective_poe};
+use super::passes::{Next, Now, Passes, Seen, effective_poe};
 use super::status::Progress;
 use super::tile::{Tally, TilePixels, tiles_from_the_middle};
 use super::wants::Wants;
@@ -30,6 +30,9 @@ use std::time::{Duration, Instant};
 
 /// How long the first picture of a frame may wait for blocks.
 const GLIMPSES: Duration = Duration::from_millis(80);
+
+/// How long a request that would end coarser than asked waits for what is being read for nobody any more.
+const LAST_READS: Duration = Duration::from_millis(500);
 
 /// How a request ended.
 #[derive(Debug, Clone)]
@@ -71,6 +74,8 @@ pub(super) struct Request {
     /// Taken when the request ends.
     film: Mutex<Option<Arc<Film>>>,
     stop: AtomicBool,
+    /// Bytes that had come when it began.
+    come_before: u64,
     /// Of the present pass.
     pixels_done: AtomicU64,
     running: Mutex<Running>,
@@ -140,6 +145,7 @@ impl Request {
             pixels: u64::from(film.width) * u64::from(film.height),
             me: me.clone(),
             owner,
+            come_before: view.bytes_come(),
             view,
             unchanged,
             may_glimpse,
@@ -152,8 +158,9 @@ impl Request {
         })
     }
 
-    /// Begins the first pass; once.
+    /// Begins the first pass; once. What could not be read for earlier requests is asked for again.
     pub fn start(&self) {
+        self.scene.models.iter().for_each(|model| model.blocks().forget_failures());
         let mut running = self.running();
         if running.phase == Phase::Running {
             if self.may_glimpse && !Snapshots::take(&self.scene).is_whole(&self.scene) {
@@ -208,7 +215,9 @@ impl Request {
         let wanted = self.view.status().bytes_wanted;
         let share = self.pixels_done.load(Relaxed) as f64 / self.pixels as f64;
         let mut running = self.running();
-        running.passes.progress(share, wanted, self.settings.poe, self.begun.elapsed().as_secs_f64())
+        let come = self.view.bytes_come() - self.come_before;
+        let now = Now { share, wanted, come, seconds: self.begun.elapsed().as_secs_f64() };
+        running.passes.progress(now, self.settings.poe)
     }
 
     fn running(&self) -> MutexGuard<'_, Running> {
@@ -257,6 +266,9 @@ impl Request {
         if self.running().passes.is_glimpse {
             return self.after_glimpse(wants.is_empty());
         }
+        if wants.is_empty() {
+            self.ease();
+        }
         let seen = Seen { wants: self.view.status().state, pressure: self.view.pressure() };
         let mut running = self.running();
         if self.stop.load(Relaxed) {
@@ -272,6 +284,14 @@ impl Request {
                 drop(running);
                 self.finish(&if is_converged { End::Converged } else { End::Budget(self.unreadable(&lacking)) });
             }
+        }
+    }
+
+    /// There may be more room than is known yet, after a camera has moved: who ended now would end coarser than need be.
+    fn ease(&self) {
+        let begun = Instant::now();
+        while self.view.ease() && !self.stop.load(Relaxed) && begun.elapsed() < LAST_READS {
+            std::thread::sleep(Duration::from_micros(500));
         }
     }
 
@@ -300,10 +320,8 @@ impl Request {
 
     /// The first of the blocks that could not be read.
     fn unreadable(&self, lacking: &Wants) -> Option<Arc<Error>> {
-        let blocks = |need: Need| self.scene.models[need.model as usize].blocks();
-        let (need, _) = lacking.iter().find(|(need, _)| blocks(*need).has_failed(need.block))?;
-        let why = "it cannot be read, or is damaged: a stand-in is shown for it";
-        Some(Arc::new(Error::corrupt(blocks(need).file().name(), Some(need.block.0), why)))
+        let why = |need: Need| self.scene.models[need.model as usize].blocks().why_failed(need.block);
+        lacking.iter().find_map(|(need, _)| why(need)).map(Arc::new)
     }
 
     fn finish(&self, end: &End) {
@@ -350,7 +368,7 @@ impl Work for Request {
             rays: &self.rays,
             size: (film.width, film.height),
             samples,
-            ambient: self.settings.ambient,
+            ambient: self.settings.ambient.max(0.0),
             poe,
             srgb: &self.srgb,
             asks,

@@ -15,6 +15,19 @@ pub(super) struct Seen {
     pub pressure: f32,
 }
 
+/// Where the present pass is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Now {
+    /// The share of it that is done.
+    pub share: f64,
+    /// Bytes that are lacking.
+    pub wanted: u64,
+    /// Bytes that have come since the request.
+    pub come: u64,
+    /// Seconds since the request.
+    pub seconds: f64,
+}
+
 /// What comes next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Next {
@@ -58,6 +71,8 @@ pub(super) struct Passes {
     ended: u32,
     /// Of what was wanted, the most bytes at a time.
     most_wanted: u64,
+    /// What the passes that have ended show.
+    shown: Tally,
     fraction: f64,
 }
 
@@ -77,6 +92,7 @@ impl Passes {
             has_news: false,
             ended: 0,
             most_wanted: 0,
+            shown: Tally::default(),
             fraction: 0.0,
         }
     }
@@ -117,6 +133,13 @@ impl Passes {
     /// All tiles of a pass were rendered.
     pub fn pass_ended(&mut self) {
         self.ended += u32::from(!self.is_glimpse);
+        self.shown = self.tally();
+    }
+
+    fn tally(&self) -> Tally {
+        let mut sum = Tally::default();
+        self.tiles.iter().for_each(|tile| sum.add(&tile.tally));
+        sum
     }
 
     /// What all tiles lack.
@@ -158,8 +181,9 @@ impl Passes {
         Next::End { is_converged: effective_poe(asked_poe, self.pressure) == asked_poe }
     }
 
-    /// How far it is, when `share` of the present pass is done, `wanted` bytes are lacking, and so many seconds have gone.
-    pub fn progress(&mut self, share: f64, wanted: u64, asked_poe: f32, seconds: f64) -> Progress {
+    /// How far it is, at `asked_poe` pixels of error.
+    pub fn progress(&mut self, now: Now, asked_poe: f32) -> Progress {
+        let Now { share, wanted, come: bytes_come, seconds } = now;
         self.most_wanted = self.most_wanted.max(wanted);
         let come = (self.most_wanted - wanted) as f64 / self.most_wanted.max(1) as f64;
         // The first pass is most of what there is to see; then blocks, then samples.
@@ -170,14 +194,12 @@ impl Passes {
             _ => 0.6 + 0.39 * f64::from(self.samples) / f64::from(self.asked_samples) * share,
         };
         self.fraction = self.fraction.max(now.clamp(0.0, 0.999));
-        let mut tally = Tally::default();
-        self.tiles.iter().for_each(|tile| tally.add(&tile.tally));
-        let seconds_to_go = match (self.ended, come) {
-            (0, _) if share > 0.0 => seconds * (1.0 - share) / share,
-            (0, _) => f64::INFINITY,
-            (_, come) if wanted > 0 && come > 0.0 => seconds * (1.0 - come) / come,
-            _ if wanted > 0 => f64::INFINITY,
-            _ => seconds * (1.0 - self.fraction),
+        let tally = if self.ended == 0 { self.tally() } else { self.shown };
+        let as_fast = |left: f64, done: f64| if done > 0.0 { seconds * left / done } else { f64::INFINITY };
+        let seconds_to_go = match self.ended {
+            0 => as_fast(1.0 - share, share),
+            _ if wanted > 0 => as_fast(wanted as f64, bytes_come as f64),
+            _ => as_fast(1.0 - self.fraction, self.fraction),
         };
         let effective_poe = effective_poe(asked_poe, self.pressure);
         Progress { fraction: self.fraction, tally, wanted, effective_poe, pictures: self.ended, seconds_to_go }
@@ -248,20 +270,42 @@ mod tests {
     }
 
     #[test]
+    fn counts_are_those_of_the_picture_that_is_shown() {
+        let mut passes = Passes::new(2, 4);
+        passes.begin_all();
+        let of = |exact| Tally { exact, ..Tally::default() };
+        let counted = |passes: &mut Passes| {
+            passes.progress(Now { share: 0.5, wanted: 0, come: 0, seconds: 1.0 }, 0.0).tally.exact
+        };
+        passes.done(0, of(3), &Wants::default());
+        assert_eq!(counted(&mut passes), 3);
+        passes.done(1, of(4), &Wants::default());
+        passes.pass_ended();
+        assert_eq!(passes.next(CALM, 0.0), Next::Pass { afresh: false });
+        passes.done(0, of(1), &Wants::default());
+        assert_eq!(counted(&mut passes), 7);
+        passes.done(1, of(1), &Wants::default());
+        passes.pass_ended();
+        assert_eq!(counted(&mut passes), 2);
+    }
+
+    #[test]
     fn the_fraction_never_goes_back() {
         let mut passes = Passes::new(1, 1);
         passes.begin_all();
         let mut last = 0.0;
         for (share, wanted) in [(0.1, 0), (0.9, 0), (1.0, 1000)] {
-            let now = passes.progress(share, wanted, 0.0, 1.0).fraction;
+            let now = passes.progress(Now { share, wanted, come: 0, seconds: 1.0 }, 0.0).fraction;
             assert!(now >= last);
             last = now;
         }
         render(&mut passes, |_| lacking());
         assert_eq!(passes.next(BUSY, 0.0), Next::Wait);
         for wanted in [1000, 2000, 500, 900, 0] {
-            let now = passes.progress(0.3, wanted, 0.0, 1.0);
+            let now = passes.progress(Now { share: 0.3, wanted, come: 500, seconds: 1.0 }, 0.0);
             assert!(now.fraction >= last && now.fraction < 1.0 && now.pictures == 1);
+            // 500 bytes a second.
+            assert!(wanted == 0 || now.seconds_to_go == wanted as f64 / 500.0);
             last = now.fraction;
         }
     }

@@ -66,7 +66,8 @@ pub struct FrameStatus {
     pub bytes_resident: u64,
     /// Bytes of blocks wanted and not yet in memory.
     pub bytes_wanted: u64,
-    /// Estimated seconds to go; 0 when not running, infinity when unknown.
+    /// Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has come. What
+    /// better pictures will want besides is not known. 0 when not running, infinity when unknown.
     pub seconds_to_go: f64,
     /// Seconds since the request, until it ended.
     pub seconds: f64,

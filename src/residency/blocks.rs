@@ -4,6 +4,7 @@ use super::account::Charge;
 use super::bring::Held;
 use super::claims::Claims;
 use super::core::{Residency, Shared};
+use super::failures::{Failure, Failures};
 use super::links::{Links, Reference};
 use super::snapshot::Snapshot;
 use crate::base::error::{Error, Result};
@@ -67,8 +68,7 @@ pub(super) struct Inner {
     pub links: Links,
     pub report: Report,
     pub read_again: AtomicU64,
-    /// Blocks that could not be read or decoded, twice: not to be wanted again.
-    failed: Box<[AtomicBool]>,
+    pub failures: Failures,
     /// Blocks that stay.
     pinned: Box<[AtomicBool]>,
     /// Bytes of all tables, when all is in memory.
@@ -96,9 +96,8 @@ impl ModelBlocks {
         let [stays, each] = Snapshot::bytes_for(count);
         let stays = stays + file.memory() + u64::from(count) * 2 + Links::bytes_for(file.header().geometry_blocks);
         let root_bytes = roots.iter().map(|&id| super::load::slot_bytes(&file, id)).sum();
-        let (key, tables) = residency.shared().admit(stays, stays + each, root_bytes)?;
-        let flags = || (0..count).map(|_| AtomicBool::new(false)).collect::<Box<[_]>>();
-        let (failed, pinned) = (flags(), flags());
+        let (key, tables) = residency.shared().admit(file.name(), stays, stays + each, root_bytes)?;
+        let pinned = (0..count).map(|_| AtomicBool::new(false)).collect::<Box<[_]>>();
         for root in roots {
             if let Some(pinned) = pinned.get(root.0 as usize) {
                 pinned.store(true, Relaxed);
@@ -113,7 +112,7 @@ impl ModelBlocks {
             links: Links::new(file.header().geometry_blocks),
             report: Box::new(report),
             read_again: AtomicU64::new(0),
-            failed,
+            failures: Failures::new(count),
             pinned,
             table_bytes: stays + each,
             root_bytes,
@@ -140,9 +139,25 @@ impl ModelBlocks {
         self.inner.key
     }
 
-    /// Whether views have been told that the block does not come, for it could not be read or was damaged, twice.
-    pub fn has_failed(&self, id: BlockId) -> bool {
-        self.inner.is_failed(id)
+    /// Why views have been told that the block does not come: it could not be read, or was damaged, twice.
+    pub fn why_failed(&self, id: BlockId) -> Option<Error> {
+        let name = self.inner.file.name();
+        match self.inner.failures.of(id)? {
+            Failure::Unreadable => {
+                let text = format!("block {} could not be read: a stand-in is shown for it", id.0);
+                Some(Error::io(name, "read", std::io::Error::other(text)))
+            }
+            Failure::Damaged => Some(self.inner.corrupt(id, "it is damaged: a stand-in is shown for it")),
+        }
+    }
+
+    /// Blocks that failed are asked for again from now on: a disk or a network may be back. (Only what is damaged for good is then
+    /// read in vain, once for each that asks.)
+    pub fn forget_failures(&self) {
+        if self.inner.failures.forget() {
+            let _ = self.inner.residency.lock().ranking.invalidate();
+            self.inner.residency.wake();
+        }
     }
 
     /// What is in memory now. Never blocks.
@@ -196,18 +211,6 @@ impl Inner {
     /// Whether the block is in memory.
     pub fn is_there(&self, id: BlockId) -> bool {
         self.published.load().block(id).is_some()
-    }
-
-    /// Marks a block as one that cannot be had.
-    pub fn set_failed(&self, id: BlockId) {
-        if let Some(failed) = self.failed.get(id.0 as usize) {
-            failed.store(true, Relaxed);
-        }
-    }
-
-    /// Whether the block cannot be had; true for one that does not exist.
-    pub fn is_failed(&self, id: BlockId) -> bool {
-        self.failed.get(id.0 as usize).is_none_or(|f| f.load(Relaxed))
     }
 
     /// Whether the block stays once it is in memory.

@@ -82,7 +82,8 @@ impl ModelBlocks {
         if held.len() < wanted.len() {
             let bytes: u64 = wanted.iter().map(|&id| self.inner.slot_bytes(id)).sum();
             let have = self.inner.residency.budget();
-            return Err(Error::OverBudget { what: "what is needed at once", need: have.saturating_add(bytes), have });
+            let what = format!("{}: what is needed at once", self.inner.file.name().display());
+            return Err(Error::OverBudget { what, need: have.saturating_add(bytes), have });
         }
         Ok(held)
     }

@@ -12,13 +12,15 @@ use super::pump::Ahead;
 use super::rank::Ranking;
 use super::slots::Slot;
 use super::snapshot::{LANES, NO_VIEW, Snapshot, lane};
-use super::sync::{AtomicU32, Mutex, MutexGuard, Ordering::Relaxed, PoisonError};
+use super::sync::{AtomicU32, AtomicU64, Mutex, MutexGuard, Ordering::Relaxed, PoisonError};
 use super::view::{Call, ViewCore};
 use super::wakeup::Wakeup;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::{Arc, Weak};
+use std::time::{Duration, Instant};
 
 /// Options of [`Residency::new`].
 #[derive(Debug, Clone, Copy)]
@@ -51,6 +53,8 @@ pub(super) struct Shared {
     pub pass: AtomicU32,
     /// The factor on thresholds, as bits.
     pub pressure: AtomicU32,
+    /// Bytes of blocks that have come so far.
+    pub come: AtomicU64,
     pub wakeup: Wakeup,
 }
 
@@ -71,6 +75,9 @@ pub(super) struct State {
     tables: u64,
     pinned: u64,
 }
+
+/// How long opening a model waits at most for others to let go of memory.
+pub(super) const FOR_ROOM: Duration = Duration::from_secs(2);
 
 /// What is to be done once the mutex is given back.
 #[derive(Default)]
@@ -130,6 +137,7 @@ impl Residency {
             state: Mutex::new(state),
             pass: AtomicU32::new(0),
             pressure: AtomicU32::new(1f32.to_bits()),
+            come: AtomicU64::new(0),
             wakeup: Wakeup::default(),
         }))
     }
@@ -198,33 +206,49 @@ impl Shared {
         self.main.limit().saturating_sub(self.headroom + state.tables)
     }
 
-    /// A key and what pays for `stays` bytes of tables, for a model whose tables take `tables` bytes at most and of which
-    /// `roots` bytes of blocks stay.
-    pub fn admit(&self, stays: u64, tables: u64, roots: u64) -> Result<(ModelKey, Charge)> {
-        let mut after = After::default();
-        let admitted = {
+    /// A key and what pays for `stays` bytes of tables, for the model `name` whose tables take `tables` bytes at most and of
+    /// which `roots` bytes of blocks stay. What others use goes if it must: then it waits until passes that hold it have ended,
+    /// [`FOR_ROOM`] at most.
+    pub fn admit(&self, name: &Path, stays: u64, tables: u64, roots: u64) -> Result<(ModelKey, Charge)> {
+        let have = self.options.budget;
+        let key = {
             let mut state = self.lock();
             let need = least_budget(state.tables + tables + state.pinned + roots);
-            if need > self.options.budget {
-                return Err(Error::OverBudget { what: "opening the model", need, have: self.options.budget });
+            if need > have {
+                return Err(Error::OverBudget { what: format!("opening {}", name.display()), need, have });
             }
             state.tables += tables;
             state.pinned += roots;
-            // Others may have filled what the tables need.
-            let fits = state.fits(self, 0) || state.free_up(self, 0, &mut after).is_ok();
-            let key = ModelKey(state.next_key);
             state.next_key += 1;
-            fits.then_some(key)
+            ModelKey(state.next_key - 1)
+        };
+        let begun = Instant::now();
+        loop {
+            let charge = if self.takes_room(0) { self.main.charge(stays, 0) } else { None };
+            if let Some(charge) = charge {
+                return Ok((key, charge));
+            }
+            if begun.elapsed() >= FOR_ROOM {
+                let mut state = self.lock();
+                state.tables -= tables;
+                state.pinned -= roots;
+                let what = format!("opening {} beside what is in use", name.display());
+                return Err(Error::OverBudget { what, need: have + stays + roots, have });
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Makes room for slots of `bytes` for what must be in memory, whoever uses what goes for it; false if somebody holds that for
+    /// now.
+    pub fn takes_room(&self, bytes: u64) -> bool {
+        let mut after = After::default();
+        let is_free = {
+            let mut state = self.lock();
+            state.fits(self, bytes) || state.free_up_whoever_uses_it(self, bytes, &mut after).is_ok()
         };
         after.run();
-        let charge = admitted.and_then(|key| Some((key, self.main.charge(stays, 0)?)));
-        charge.ok_or_else(|| {
-            let mut state = self.lock();
-            state.tables -= tables;
-            state.pinned -= roots;
-            let have = self.options.budget;
-            Error::OverBudget { what: "opening the model beside what is in use", need: have + stays + roots, have }
-        })
+        is_free
     }
 
     /// Makes a model known.
@@ -243,7 +267,7 @@ impl Shared {
                 state.resident -= snapshot.resident().map(|(id, _)| model.slot_bytes(id)).sum::<u64>();
                 state.tables -= model.table_bytes;
                 state.pinned -= model.root_bytes;
-                state.ranking.invalidate();
+                let _ = state.ranking.invalidate();
             }
         }
         self.reserve.forget(model.key);
@@ -321,6 +345,7 @@ impl State {
         after.garbage.push(before);
         after.garbage.push(model.published.swap(Arc::new(next)));
         self.resident += bytes;
+        shared.come.fetch_add(bytes, Relaxed);
         for view in self.live_views() {
             if view.wants_any(model.key, &ids) {
                 after.calls.extend(view.call());

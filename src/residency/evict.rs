@@ -54,13 +54,29 @@ const AHEAD_SHARE: u64 = 64;
 const AHEAD: u64 = 1 << 20;
 
 impl State {
-    /// Unpublishes blocks until slots of `need` bytes fit. Their memory is free once `after` has run and nobody holds a
-    /// snapshot that has them.
+    /// Unpublishes blocks that no live view uses until slots of `need` bytes fit. Their memory is free once `after` has run and
+    /// nobody holds a snapshot that has them.
     pub fn free_up(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
+        let standing = self.standing();
+        self.free_up_beside(shared, need, &standing, after)
+    }
+
+    /// The same, also of blocks that views use: pictures that are there stay, and what runs ends with what it holds.
+    pub fn free_up_whoever_uses_it(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
+        self.free_up_beside(shared, need, &[u32::MAX; LANES], after)
+    }
+
+    /// Of blocks that no pass from `standing` on has used, lane by lane.
+    fn free_up_beside(
+        &mut self,
+        shared: &Shared,
+        need: u64,
+        standing: &[u32; LANES],
+        after: &mut After,
+    ) -> Result<(), Short> {
         let capacity = shared.capacity(self);
         let enough = (self.resident + self.in_flight + need).saturating_sub(capacity);
         let wished = enough + (capacity / AHEAD_SHARE).min(AHEAD);
-        let standing = self.standing();
         let (mut freed, mut going) = (0, BTreeMap::<ModelKey, (Arc<Inner>, BTreeSet<BlockId>)>::new());
         let mut listed = false;
         while freed < wished {
@@ -68,13 +84,13 @@ impl State {
                 if listed || freed >= enough {
                     break;
                 }
-                self.list_victims(&standing);
+                self.list_victims(standing);
                 listed = true;
                 continue;
             };
             let Some(model) = self.model(victim.model) else { continue };
             // It may have been used, or have gone, since it was listed.
-            let stamp = stamp_of_evictable(&model, &model.published.load(), victim.id(), &standing);
+            let stamp = stamp_of_evictable(&model, &model.published.load(), victim.id(), standing);
             if stamp.is_some_and(|stamp| victim.is_coarse || stamp == victim.stamp) {
                 let bytes = model.slot_bytes(victim.id());
                 let (_, ids) = going.entry(victim.model).or_insert_with(|| (model, BTreeSet::new()));

@@ -1,13 +1,15 @@
 //! Opening a model: many blocks at once, by all workers of a context.
 
 use super::blocks::ModelBlocks;
+use super::core::FOR_ROOM;
 use super::load::{RUN_BYTES, runs};
 use super::pump::stored_len;
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::{Cancel, Progress};
 use crate::base::tasks::{Ending, Pool, Work};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::time::{Duration, Instant};
 
 /// Blocks being read by several workers.
 struct Filling<'a> {
@@ -48,14 +50,24 @@ impl ModelBlocks {
         let filling = Filling { blocks: self, shares, progress, cancel, read: AtomicU64::new(0), total };
         match pool.run_scoped(filling.shares.len(), &filling) {
             Ending::Finished => Ok(()),
-            Ending::Cancelled => Err(crate::Error::Cancelled),
+            Ending::Cancelled => Err(Error::Cancelled),
             Ending::Failed(error) => Err((*error).clone()),
         }
     }
 
-    /// Brings `ids` into memory; fails with `OverBudget` if there is no room.
+    /// Brings `ids` into memory, whoever uses what has to go for them; fails with `OverBudget` if there is no room.
     pub fn require(&self, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
-        self.fetch(ids, cancel).map(drop)
+        let bytes = ids.iter().map(|&id| self.slot_bytes(id)).sum();
+        let begun = Instant::now();
+        loop {
+            match self.fetch(ids, cancel) {
+                Err(Error::OverBudget { .. }) if begun.elapsed() < FOR_ROOM => {}
+                fetched => return fetched.map(drop),
+            }
+            if !self.inner.residency.takes_room(bytes) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
     }
 
     /// Says that it is opened: from now on what fits is read ahead.

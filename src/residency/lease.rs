@@ -123,7 +123,7 @@ impl Lease {
         let Some(held) = self.held.get(&model.inner.key) else { return Ok(shared) };
         let changes: Vec<_> = held.iter().map(|(id, slot)| (*id, Some(slot.clone()))).collect();
         let with = shared.changed(changes, Some(&self.shared.reserve.account));
-        with.map(Arc::new).ok_or_else(|| self.no_room(0))
+        with.map(Arc::new).ok_or_else(|| self.no_room(&model.inner, 0))
     }
 
     /// Moves those of `left` that are in memory, or that leases have left, to what is held.
@@ -153,10 +153,10 @@ impl Lease {
             self.drop_what_others_left();
             charge = reserve.account.charge(bytes, reserve.working());
         }
-        let mut charge = charge.ok_or_else(|| self.no_room(bytes))?;
+        let mut charge = charge.ok_or_else(|| self.no_room(model, bytes))?;
         let stored = run.iter().map(|&id| stored_len(model, id)).sum();
         let buffers = Buffers::new(&reserve.account, &model.file, stored);
-        let mut buffers = buffers.ok_or_else(|| self.no_room(bytes))?;
+        let mut buffers = buffers.ok_or_else(|| self.no_room(model, bytes))?;
         let loaded = model.load(run, &mut charge, &mut buffers, cancel);
         let mut inside = reserve.lock();
         for (id, slot) in &loaded.slots {
@@ -172,9 +172,10 @@ impl Lease {
         self.shared.reserve.lock().left.retain(|_, (_, last)| *last == self.number);
     }
 
-    fn no_room(&self, bytes: u64) -> Error {
+    fn no_room(&self, model: &Inner, bytes: u64) -> Error {
         let have = self.shared.budget();
-        Error::OverBudget { what: "what an exact answer needs at once", need: have.saturating_add(bytes), have }
+        let what = format!("{}: what an exact answer needs at once", model.file.name().display());
+        Error::OverBudget { what, need: have.saturating_add(bytes), have }
     }
 }
 

@@ -68,7 +68,8 @@ impl Buffers {
 
 impl Inner {
     /// Reads, checks and decodes `run`, ascending neighbours, paid for by `charge`. A block whose reading or check fails
-    /// is reported, counted and read once more, alone: a disk or a network may have hiccuped. Ends early once cancelled.
+    /// is counted, reported (once, until it comes) and read once more, alone: a disk or a network may have hiccuped. Ends early
+    /// once cancelled.
     pub fn load(&self, run: &[BlockId], charge: &mut Charge, buffers: &mut Buffers, cancel: &Cancel) -> Loaded {
         let mut loaded = Loaded::default();
         let (Some(&first), Some(&last)) = (run.first(), run.last()) else { return loaded };
@@ -88,13 +89,18 @@ impl Inner {
                 Err(error @ (Error::Corrupt { .. } | Error::Io { .. })) => {
                     alone = true;
                     self.read_again.fetch_add(1, Relaxed);
-                    (self.report)(&error);
+                    if self.failures.is_news(id) {
+                        (self.report)(&error);
+                    }
                     self.load_alone(id, charge, buffers)
                 }
                 slot => slot,
             };
             match slot {
-                Ok(slot) => loaded.slots.push((id, slot)),
+                Ok(slot) => {
+                    self.failures.has_come(id);
+                    loaded.slots.push((id, slot));
+                }
                 Err(error) => loaded.failed.push((id, error)),
             }
         }

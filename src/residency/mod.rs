@@ -16,6 +16,7 @@ mod claims;
 mod claims_tests;
 mod core;
 mod evict;
+mod failures;
 mod fill;
 mod lease;
 mod links;

@@ -193,31 +193,45 @@ impl Shared {
         if state.ranking.is_stuck {
             return Next::Idle;
         }
-        while let Some((key, id)) = state.ranking.first() {
-            let model = state.model(key).filter(|model| can_be_had(model, id));
-            let Some(model) = model else {
-                state.ranking.pass_over();
-                continue;
-            };
-            let run = state.ranking.run_around(&model, (key, id));
-            let stamp = state.ranking.stamp((key, id));
-            return match self.room_for(state, &model, &run, after) {
-                Ok(Some(room)) => Next::Load(Task { model, ids: run, stamp: self.used_at(stamp), room }),
+        let Some((model, (key, id))) = state.first_to_be_had() else {
+            state.settle(self, after);
+            return self.promotion(state, after);
+        };
+        let run = state.ranking.run_around(&model, (key, id));
+        let stamp = state.ranking.stamp((key, id));
+        match self.room_for(state, &model, &run, after) {
+            Ok(Some(room)) => Next::Load(Task { model, ids: run, stamp: self.used_at(stamp), room }),
+            Ok(None) => Next::Again,
+            Err(Short::ForNow) => Next::Starved,
+            Err(Short::InUse) => match self.room_for(state, &model, &[id], after) {
+                Ok(Some(room)) => Next::Load(Task { model, ids: vec![id], stamp: self.used_at(stamp), room }),
                 Ok(None) => Next::Again,
                 Err(Short::ForNow) => Next::Starved,
-                Err(Short::InUse) => match self.room_for(state, &model, &[id], after) {
-                    Ok(Some(room)) => Next::Load(Task { model, ids: vec![id], stamp: self.used_at(stamp), room }),
-                    Ok(None) => Next::Again,
-                    Err(Short::ForNow) => Next::Starved,
-                    Err(Short::InUse) => {
-                        state.overfull(self, stamp, after);
-                        Next::Idle
-                    }
-                },
-            };
+                Err(Short::InUse) => {
+                    state.overfull(self, stamp, after);
+                    Next::Idle
+                }
+            },
         }
-        state.settle(self, after);
-        self.promotion(state, after)
+    }
+
+    /// Lowers the pressure, if nothing that views want is left to be read and there is room. Whether that is not known yet, for
+    /// something is being read.
+    pub fn ease(&self) -> bool {
+        let mut after = After::default();
+        {
+            let mut state = self.lock();
+            state.rank();
+            if state.ranking.is_stuck || state.first_to_be_had().is_some() {
+                return false;
+            }
+            if state.in_flight > 0 {
+                return true;
+            }
+            state.settle(self, &mut after);
+        }
+        after.run();
+        false
     }
 
     /// What counts as the last use of a block that a pass with `stamp` wanted; who wants without passes counts as one who uses
@@ -285,7 +299,7 @@ impl Shared {
         drop(claim);
         drop(room);
         if !loaded.failed.is_empty() {
-            loaded.failed.iter().for_each(|(id, _)| model.set_failed(*id));
+            loaded.failed.iter().for_each(|(id, why)| model.failures.set(*id, why));
             let failed: Vec<BlockId> = loaded.failed.iter().map(|(id, _)| *id).collect();
             self.tell_those_who_want(&model, &failed);
         }

@@ -4,6 +4,7 @@ use super::blocks::{Inner, ModelKey};
 use super::core::State;
 use super::load::{RUN_BYTES, goes_with};
 use crate::base::ids::BlockId;
+use std::sync::Arc;
 
 /// A block of a model.
 pub(super) type Key = (ModelKey, BlockId);
@@ -22,9 +23,11 @@ pub(super) struct Ranking {
 }
 
 impl Ranking {
-    /// Views want something else, or what they want can be had again.
-    pub fn invalidate(&mut self) {
-        self.valid = false;
+    /// Views want something else, or what they want can be had again. Whether somebody has been told that it does not fit, and
+    /// relies on being told again: then a fetcher has to look.
+    #[must_use]
+    pub fn invalidate(&mut self) -> bool {
+        std::mem::replace(&mut self.valid, false) && self.is_stuck
     }
 
     /// Whether what comes next does not fit.
@@ -72,10 +75,21 @@ impl Ranking {
 
 /// Whether the block is not in memory and may be read.
 pub(super) fn can_be_had(model: &Inner, id: BlockId) -> bool {
-    !model.is_there(id) && !model.is_failed(id) && !model.claims.is_claimed(id)
+    !model.is_there(id) && !model.failures.has(id) && !model.claims.is_claimed(id)
 }
 
 impl State {
+    /// What is wanted most of what may be read, and its model.
+    pub fn first_to_be_had(&mut self) -> Option<(Arc<Inner>, Key)> {
+        while let Some((key, id)) = self.ranking.first() {
+            if let Some(model) = self.model(key).filter(|model| can_be_had(model, id)) {
+                return Some((model, (key, id)));
+            }
+            self.ranking.pass_over();
+        }
+        None
+    }
+
     /// Ranks anew, if something has changed.
     pub fn rank(&mut self) {
         if self.ranking.valid {

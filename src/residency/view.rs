@@ -127,9 +127,9 @@ impl View {
         if running != 0 {
             self.core.standing.store(running, Relaxed);
         }
-        state.ranking.invalidate();
+        let must_look = state.ranking.invalidate();
         drop(state);
-        if is_news {
+        if is_news || must_look {
             self.shared.wake();
         }
     }
@@ -139,6 +139,17 @@ impl View {
     /// never get less.
     pub fn pressure(&self) -> f32 {
         f32::from_bits(self.shared.pressure.load(Relaxed))
+    }
+
+    /// For a view that has all it wants and would end: lowers the pressure, if there is room and it has not been done yet; views are
+    /// told as ever. True if something is being read: ask again after that.
+    pub fn ease(&self) -> bool {
+        self.pressure() > 1.0 && self.shared.ease()
+    }
+
+    /// Bytes of blocks that have come to all models since the beginning.
+    pub fn bytes_come(&self) -> u64 {
+        self.shared.come.load(Relaxed)
     }
 
     /// How its wants stand.
@@ -152,7 +163,7 @@ impl View {
             let snapshot = model.published.load();
             for id in same.iter().map(|((_, id), _)| *id).filter(|id| snapshot.block(*id).is_none()) {
                 bytes_wanted += u64::from(model.file.decoded_len(id));
-                *(if model.is_failed(id) { &mut failed } else { &mut waiting }) += 1;
+                *(if model.failures.has(id) { &mut failed } else { &mut waiting }) += 1;
                 came -= 1;
             }
         }
@@ -181,12 +192,12 @@ fn is_full(state: &State) -> bool {
 
 impl Drop for View {
     fn drop(&mut self) {
-        {
+        let must_look = {
             let mut state = self.shared.lock();
             state.views.retain(|view| !std::ptr::eq(view.as_ptr(), Arc::as_ptr(&self.core)));
-            state.ranking.invalidate();
-        }
-        if !self.core.lock().list.is_empty() || self.pressure() > 1.0 || self.core.is_passing() {
+            state.ranking.invalidate()
+        };
+        if must_look || !self.core.lock().list.is_empty() || self.pressure() > 1.0 || self.core.is_passing() {
             self.shared.wake();
         }
     }

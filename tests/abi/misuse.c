@@ -359,6 +359,7 @@ static void jobs(oc_context *c) {
     OK(oc_job_cancel(job));
     OK(oc_job_wait(job, OC_FOREVER, &progress));
     CHECK(progress.state == OC_STATE_CANCELLED && progress.error == OC_STATUS_CANCELLED);
+    CHECK(strcmp(oc_last_error(), "cancelled") == 0);
     CHECK(!fopen(file("never.oc"), "rb"));
     oc_job_release(job);
 

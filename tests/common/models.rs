@@ -1,17 +1,23 @@
 //! The models folder, and readers just good enough for the four files that the oracle uses.
 //!
-//! `OUTCROP_MODELS` names the folder, else it is `../shared/models` beside the crate. Without it tests fall
+//! `OUTCROP_MODELS` names the folder, else it is `../shared/models` beside the checkout. Without it tests fall
 //! back or skip, loudly; under CI (`CI` is set) that is a failure unless `OUTCROP_ALLOW_MISSING_MODELS` is set.
 
 use super::brute::Tri;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
+/// The folder of the workspace: `tests/bench` is a package below it.
+pub fn checkout() -> &'static Path {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    package.ancestors().find(|folder| folder.join("Cargo.lock").is_file()).unwrap_or(package)
+}
+
 /// The models folder, if it is there.
 pub fn folder() -> Option<PathBuf> {
     let path = match std::env::var_os("OUTCROP_MODELS") {
         Some(p) => PathBuf::from(p),
-        None => Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/models"),
+        None => checkout().join("../shared/models"),
     };
     path.is_dir().then_some(path)
 }

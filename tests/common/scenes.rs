@@ -174,3 +174,31 @@ pub fn plane_grid(n: usize, z: f64) -> Vec<Tri> {
         })
         .collect()
 }
+
+/// A forest of `wires` thin closed tubes on a round clearing of radius 10, each bent in `segments` pieces, from 2 to 6 high and
+/// 4 to 12 thousandths thick: at every distance from which the whole is seen they are thinner than a pixel.
+pub fn wire_forest(wires: usize, segments: usize, seed: u64) -> Vec<Tri> {
+    let mut rng = Rng::new(seed);
+    (0..wires).flat_map(|_| wire(&mut rng, segments)).collect()
+}
+
+/// A tube of five sides along a bent line, pointed at both ends.
+fn wire(rng: &mut Rng, segments: usize) -> Vec<Tri> {
+    const SIDES: usize = 5;
+    let (way, far) = (rng.between(0.0, TAU), 10.0 * rng.unit().sqrt());
+    let (height, radius) = (rng.between(2.0, 6.0), rng.between(0.002, 0.006));
+    let (toward, bend, sway) = (rng.between(0.0, TAU), rng.between(0.0, 0.3), rng.between(0.0, 0.1));
+    let line = |i: usize| {
+        let s = i as f64 / segments as f64;
+        let aside = height * (bend * s * s + sway * (3.0 * PI * s).sin());
+        DVec3::new(far * way.cos() + aside * toward.cos(), far * way.sin() + aside * toward.sin(), height * s)
+    };
+    let at = |i: usize, j: usize| {
+        let thick = if i == 0 || i == segments { 0.0 } else { radius };
+        let angle = TAU * (j % SIDES) as f64 / SIDES as f64;
+        rounded(line(i) + DVec3::new(angle.cos(), angle.sin(), 0.0) * thick)
+    };
+    let cells = (0..segments).flat_map(|i| (0..SIDES).map(move |j| (i, j)));
+    let quads = cells.map(|(i, j)| [at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)]);
+    quads.flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).filter(has_area).collect()
+}

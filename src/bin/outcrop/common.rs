@@ -49,9 +49,10 @@ impl From<outcrop::Error> for Failure {
     }
 }
 
-/// Parses a size in bytes: digits, then optionally K, M, G or T (powers of 1024).
+/// Parses a size in bytes: digits, then optionally K, M, G or T (powers of 1024), with B or iB or without.
 pub fn byte_size(text: &str) -> Result<u64, String> {
-    scaled(text, 1024)
+    let number = text.strip_suffix("iB").or(text.strip_suffix('B')).unwrap_or(text);
+    scaled(number, 1024)
 }
 
 /// Parses a count: digits, then optionally K, M or G (powers of 1000).
@@ -62,7 +63,7 @@ pub fn count(text: &str) -> Result<u64, String> {
 fn scaled(text: &str, thousand: u64) -> Result<u64, String> {
     let (digits, power) = match text.char_indices().next_back() {
         Some((at, suffix)) if !suffix.is_ascii_digit() => {
-            let power = "KMGT".find(suffix.to_ascii_uppercase()).ok_or(format!("unknown suffix {suffix:?}"))?;
+            let power = "KMGT".find(suffix.to_ascii_uppercase()).ok_or(format!("unknown suffix {suffix:?}: K, M, G or T"))?;
             (&text[..at], power as u32 + 1)
         }
         _ => (text, 0),

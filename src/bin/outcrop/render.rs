@@ -149,6 +149,17 @@ pub fn run(args: &Args) -> Outcome {
     let asked = Instant::now();
     frame.request(&scene, &camera, &settings)?;
     let status = taken(&frame, args.until, &cancel)?;
+    if args.until == Until::Converged && status.state == FrameState::CompleteWithinBudget {
+        let seconds = [seconds_open, status.seconds];
+        if args.json {
+            let mut value = as_json(args, &camera, seconds, &status);
+            value["file"] = Value::Null;
+            common::print(true, &value, "")?;
+        }
+        let (poe, bytes) = (status.effective_poe, common::in_bytes(status.bytes_wanted));
+        let why = format!("the budget allows {poe:.2} pixels of error, {bytes} are lacking; no picture is written");
+        return Err(Failure::Frame(format!("the picture does not converge: {why}")));
+    }
     let picture = frame.map(Buffer::ColourSrgb8)?;
     frame.cancel();
     let seconds_first = first.get().map_or(status.seconds, |first| first.duration_since(asked).as_secs_f64());
@@ -211,10 +222,6 @@ fn taken(frame: &Frame, until: Until, cancel: &Cancel) -> Result<FrameStatus, Fa
     };
     bar.finish_and_clear();
     match (status.state, &status.error) {
-        (FrameState::CompleteWithinBudget, _) if until == Until::Converged => {
-            let (poe, bytes) = (status.effective_poe, common::in_bytes(status.bytes_wanted));
-            Err(Failure::Frame(format!("the picture does not converge: the budget allows {poe:.2} pixels of error, {bytes} are lacking")))
-        }
         (FrameState::Converged | FrameState::CompleteWithinBudget | FrameState::Running, _) => Ok(status),
         (FrameState::Cancelled, _) => Err(Error::Cancelled.into()),
         (_, Some(error)) => Err(Failure::Frame(error.to_string())),

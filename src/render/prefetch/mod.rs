@@ -160,6 +160,7 @@ impl Prefetch {
     }
 
     fn begin(scene: &Arc<SceneState>, aim: Aim) -> Self {
+        scene.models.iter().for_each(|model| model.blocks().forget_failures());
         let residency = scene.context().residency();
         let walk = Walk {
             aim,

@@ -1,0 +1,70 @@
+//! What level of detail comes to: a picture's time over triangles with and without, and its time and working set over pixels of
+//! error (Áfra 2012, figures 7 and 8).
+
+use super::axis::Axis;
+use super::draw::{Curve, Look, Panel, Point, Sheet};
+use super::pick::{self, Sum};
+use crate::record::Record;
+
+/// Settings that have a curve over triangles.
+const SHOWN: [f32; 4] = [0.0, 1.0, 3.0, 10.0];
+
+pub fn sheet(records: &[Record]) -> Option<Sheet> {
+    // Models of all sizes, those of the full benchmark too.
+    let of = |r: &&Record| r.benchmark.starts_with("pictures") && r.trace().is_some_and(|t| t.rays == "picture");
+    let mut all: Vec<&Record> = records.iter().filter(of).collect();
+    all.sort_by_key(|r| r.triangles);
+    let scenes = pick::scenes(all.iter().copied());
+    let mut sizes: Vec<(String, f64, Vec<Sum>)> = Vec::new();
+    for (scene, title) in scenes {
+        let of_scene = || all.iter().filter(|r| r.scene == scene);
+        let traces = of_scene().filter_map(|r| r.trace());
+        sizes.push((title.to_owned(), of_scene().next()?.triangles as f64 / 1e6, pick::views_together(traces)));
+    }
+    let over_triangles = Panel {
+        title: "Time of a picture over triangles".into(),
+        x: Axis::log("million triangles"),
+        y: Axis::linear("milliseconds a picture"),
+        curves: SHOWN.iter().filter_map(|&poe| curve_at(&sizes, poe)).collect(),
+    };
+    let over_poe = |title: &str, label: &str, y: &dyn Fn(&Sum) -> Option<f64>| {
+        let curve = |(name, _, sums): &(String, f64, Vec<Sum>)| {
+            let points = sums.iter().filter_map(|s| Some(point(f64::from(s.poe), y(s)?)));
+            Curve { name: name.clone(), look: Look::Line, points: points.collect() }
+        };
+        Panel {
+            title: title.into(),
+            x: Axis::log("pixels of error"),
+            y: Axis::linear(label),
+            curves: sizes.iter().map(curve).collect(),
+        }
+    };
+    let time = over_poe("Time over pixels of error", "milliseconds a picture", &|s| Some(s.seconds * 1e3));
+    let set = over_poe("Working set over pixels of error", "MB decoded", &|s| Some(s.counters.bytes_working_set? as f64 / 1e6));
+    let (smallest, largest) = (sizes.first()?, sizes.last()?);
+    let grown = |poe: f32| Some(at(&largest.2, poe)?.seconds / at(&smallest.2, poe)?.seconds);
+    let title = format!(
+        "From {} to {} million triangles an exact picture takes {:.2} times as long, one at 3 pixels of error {:.2} times",
+        super::axis::written((smallest.1 * 100.0).round() / 100.0),
+        super::axis::written((largest.1 * 100.0).round() / 100.0),
+        grown(0.0)?,
+        grown(3.0).or_else(|| grown(10.0))?
+    );
+    let foot = pick::foot(all.iter().copied(), "Mandelbulb, whole, 1024 x 768, all in memory but for the working set.");
+    Some(Sheet { title, foot, columns: 3, panels: vec![over_triangles, time, set] })
+}
+
+fn point(x: f64, y: f64) -> Point {
+    Point { x, y, label: String::new() }
+}
+
+fn at(sums: &[Sum], poe: f32) -> Option<&Sum> {
+    sums.iter().find(|s| s.poe == poe)
+}
+
+fn curve_at(sizes: &[(String, f64, Vec<Sum>)], poe: f32) -> Option<Curve> {
+    let points: Vec<Point> =
+        sizes.iter().filter_map(|(_, millions, sums)| Some(point(*millions, at(sums, poe)?.seconds * 1e3))).collect();
+    let name = if poe == 0.0 { "exact".to_owned() } else { format!("PoE {poe}") };
+    (!points.is_empty()).then_some(Curve { name, look: Look::Line, points })
+}

@@ -1,0 +1,102 @@
+//! Measures a picture's error over the seconds since its model was opened with nothing in memory, from a source that gives so many
+//! bytes a second.
+
+use crate::common::sources::meddled;
+use crate::data::{Bytes, Residency};
+use crate::failure::Failure;
+use crate::ours::Ours;
+use crate::pictures::{self, Shown};
+use crate::record::{Cold, Moment, Outcomes, Record};
+use crate::trace::Task;
+use outcrop::scene::{Context, ContextOptions, Model};
+use outcrop::store::Source;
+use outcrop::{FrameSettings, FrameState};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// A disk that serves one read after the other, each taking its bytes' share of a second.
+fn throttled(path: &Path, rate: u64) -> Arc<dyn Source> {
+    let free_at = Mutex::new(Instant::now());
+    meddled(path, move |_, bytes| {
+        let takes = Duration::from_secs_f64(bytes.len() as f64 / rate as f64);
+        let done = {
+            let mut free_at = free_at.lock().expect("no reader panics");
+            *free_at = (*free_at).max(Instant::now()) + takes;
+            *free_at
+        };
+        std::thread::sleep(done.saturating_duration_since(Instant::now()));
+        Ok(())
+    })
+}
+
+/// All budgets and rates of a benchmark on one scene.
+pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
+    let mut records = Vec::new();
+    if task.is_only_expecting {
+        return Ok(records);
+    }
+    let benchmark = task.benchmark;
+    for structure in &benchmark.structures {
+        let path = task.scene.model(structure)?;
+        let loaded = Ours::open(&path, Residency::All, 0)?;
+        for &view in &benchmark.views {
+            let camera = loaded.camera(task.scene, view);
+            let truth = Shown::exact(&loaded, &camera, benchmark.size)?;
+            for &Bytes(rate) in &benchmark.rates {
+                for budget in benchmark.residency.iter().map(|r| if let Residency::Budget(bytes) = r { *bytes } else { 0 }) {
+                    let poe = benchmark.poe.first().copied().unwrap_or(0.0);
+                    let threads = benchmark.threads[0];
+                    let options = ContextOptions { threads, memory_budget: budget, ..ContextOptions::default() };
+                    let context = Context::new(options)?;
+                    let source = throttled(&path, rate);
+                    let begun = Instant::now();
+                    let model = Model::open_source(&context, source)?;
+                    let opened_seconds = begun.elapsed().as_secs_f64();
+                    let ours = Ours::with(context, model)?;
+                    let pictures = watch(&ours, &camera, benchmark.size, poe, &truth, begun)?;
+                    let last = pictures.last().map_or(0.0, |m| m.seconds);
+                    let megabytes = |bytes: u64| bytes >> 20;
+                    let scene = &task.scene.row.name;
+                    let key = format!("{}/{scene}/{structure}/view {view}/{}M/{}M a second", benchmark.name, megabytes(budget), megabytes(rate));
+                    eprintln!("{key}: {} pictures, {last:.2} s", pictures.len());
+                    let bytes_resident = ours.model.memory().resident;
+                    let structure = structure.clone();
+                    let cold = Cold { structure, view, poe, threads, budget, rate, opened_seconds, pictures, bytes_resident };
+                    records.push(task.record(key, ours.model.info().triangles_in, Outcomes::Cold(cold)));
+                }
+            }
+        }
+    }
+    Ok(records)
+}
+
+/// Every picture until the frame rests.
+fn watch(
+    ours: &Ours,
+    camera: &outcrop::Camera,
+    size: (u32, u32),
+    poe: f32,
+    truth: &Shown,
+    begun: Instant,
+) -> Result<Vec<Moment>, Failure> {
+    let frame = pictures::frame(&ours.context, size)?;
+    frame.request(&ours.state, camera, &FrameSettings { poe, ..FrameSettings::default() })?;
+    let (mut shown, mut pictures) = (Vec::new(), 0);
+    loop {
+        let status = frame.wait(Duration::from_millis(2));
+        let is_over = status.state != FrameState::Running;
+        if status.pictures > pictures || is_over {
+            pictures = status.pictures;
+            shown.push((begun.elapsed().as_secs_f64(), Shown::of(&frame)?));
+        }
+        if is_over {
+            break;
+        }
+        if begun.elapsed() > Duration::from_secs(300) {
+            return Err(Failure::new(format!("a picture does not come to rest: {status:?}")));
+        }
+    }
+    let moment = |(seconds, shown): (f64, Shown)| Ok(Moment { seconds, accuracy: shown.errors(truth, camera, size)? });
+    shown.into_iter().map(moment).collect()
+}

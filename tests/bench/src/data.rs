@@ -1,0 +1,358 @@
+//! The benchmarks as data: what `benchmarks.toml` says, checked once.
+
+use outcrop::scene::Camera;
+use serde::Deserialize;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Edge of the blocks of pixels in whose order rays go.
+pub const TILE: u32 = 4;
+
+/// All scenes and benchmarks.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Data {
+    #[serde(rename = "scene")]
+    pub scenes: Vec<SceneRow>,
+    #[serde(rename = "benchmark")]
+    pub benchmarks: Vec<Benchmark>,
+}
+
+/// A scene: exactly one of `generator`, `formula` and `file` says where its triangles come from.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneRow {
+    pub name: String,
+    /// As charts call it.
+    pub title: String,
+    /// A generator of the crate, with the number of triangles and the seed.
+    pub generator: Option<String>,
+    #[serde(default)]
+    pub triangles: u64,
+    #[serde(default)]
+    pub seed: u64,
+    /// A scene of `tests/common/scenes.rs`, with the number of its things.
+    pub formula: Option<String>,
+    #[serde(default)]
+    pub count: usize,
+    /// A file of the models folder; where it is missing the scene's benchmarks are skipped.
+    pub file: Option<String>,
+    /// Views 4, 5 and so on; 0 to 3 are the model's own (`Model::views`).
+    #[serde(default, rename = "camera")]
+    pub cameras: Vec<CameraRow>,
+}
+
+/// A perspective view.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraRow {
+    pub eye: [f64; 3],
+    pub at: [f64; 3],
+    pub up: [f64; 3],
+    pub fov_y_degrees: f64,
+}
+
+impl SceneRow {
+    /// View `view`, given the model's own.
+    pub fn camera(&self, own: &[Camera; 4], view: usize) -> Camera {
+        if let Some(camera) = own.get(view) {
+            return *camera;
+        }
+        let CameraRow { eye, at, up, fov_y_degrees } = self.cameras[view - own.len()];
+        Camera::Perspective { eye: eye.into(), at: at.into(), up: up.into(), fov_y_degrees }
+    }
+}
+
+/// Scenes, views, structures, residencies, settings and kinds of rays: every combination is a case.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Benchmark {
+    pub name: String,
+    pub measure: Measure,
+    pub scenes: Vec<String>,
+    /// See [`SceneRow::camera`].
+    #[serde(default)]
+    pub views: Vec<usize>,
+    #[serde(default)]
+    pub structures: Vec<String>,
+    #[serde(default)]
+    pub residency: Vec<Residency>,
+    /// Pixels of error.
+    #[serde(default)]
+    pub poe: Vec<f32>,
+    #[serde(default)]
+    pub rays: Vec<RayKind>,
+    pub threads: Vec<usize>,
+    #[serde(default)]
+    pub peers: Vec<String>,
+    /// Pixels of the picture whose rays these are.
+    pub size: (u32, u32),
+    /// Pairs of each.
+    #[serde(default = "five")]
+    pub rounds: usize,
+    /// Bytes a second that a throttled source gives, for `measure = "cold"`.
+    #[serde(default)]
+    pub rates: Vec<Bytes>,
+    /// Only with `FULL=1`: it takes long, or much memory.
+    #[serde(default)]
+    pub full: bool,
+}
+
+fn five() -> usize {
+    5
+}
+
+/// What is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Measure {
+    /// Time of tracing rays, or of whole pictures.
+    Trace,
+    /// Error of a picture over the seconds since its model was opened with nothing in memory.
+    Cold,
+    /// Time and size of building.
+    Build,
+}
+
+/// What is traced.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RayKind {
+    /// Through the middles of pixels, closest hit.
+    Primary,
+    /// From what is seen to a light, any hit.
+    Shadow,
+    /// From what is seen anywhere over the surface, cosine-weighted, closest hit.
+    Bounce,
+    /// A frame, from the camera to bytes of colour.
+    Picture,
+}
+
+impl RayKind {
+    pub fn name(self) -> &'static str {
+        match self {
+            RayKind::Primary => "primary",
+            RayKind::Shadow => "shadow",
+            RayKind::Bounce => "bounce",
+            RayKind::Picture => "picture",
+        }
+    }
+}
+
+/// What is in memory: "all", "cold" or a budget in bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum Residency {
+    /// The whole model, before the clock runs.
+    All,
+    /// As much as fits so many bytes.
+    Budget(u64),
+    /// Nothing, and the file is not in the system's memory either where we may empty that.
+    Cold,
+}
+
+impl TryFrom<String> for Residency {
+    type Error = String;
+    fn try_from(text: String) -> Result<Self, String> {
+        Ok(match text.as_str() {
+            "all" => Residency::All,
+            "cold" => Residency::Cold,
+            _ => Residency::Budget(Bytes::try_from(text)?.0),
+        })
+    }
+}
+
+impl Residency {
+    pub fn name(self) -> String {
+        match self {
+            Residency::All => "all".into(),
+            Residency::Cold => "cold".into(),
+            Residency::Budget(bytes) => format!("{}M", bytes >> 20),
+        }
+    }
+}
+
+/// A number of bytes: digits, then K, M or G (powers of 1024).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub struct Bytes(pub u64);
+
+impl TryFrom<String> for Bytes {
+    type Error = String;
+    fn try_from(text: String) -> Result<Self, String> {
+        let wrong = || format!("{text:?} is no number of bytes: digits, then K, M or G");
+        let unit = text.chars().next_back().and_then(|c| "KMG".find(c)).ok_or_else(wrong)?;
+        let digits: u64 = text[..text.len() - 1].parse().map_err(|_| wrong())?;
+        Ok(Self(digits << (10 * (unit + 1))))
+    }
+}
+
+/// One measurement of rays or pictures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    pub view: usize,
+    pub structure: String,
+    pub residency: Residency,
+    pub rays: RayKind,
+}
+
+impl Benchmark {
+    /// Every combination but for the settings, which share their rays.
+    pub fn cases(&self) -> Vec<Case> {
+        let mut all = Vec::new();
+        for structure in &self.structures {
+            for &residency in &self.residency {
+                for &view in &self.views {
+                    let case = |&rays: &RayKind| Case { view, structure: structure.clone(), residency, rays };
+                    all.extend(self.rays.iter().map(case));
+                }
+            }
+        }
+        all
+    }
+
+    /// What expected answers are kept under. Threads are not in it: the answers do not depend on them.
+    pub fn id(&self, scene: &str, case: &Case, poe: f32) -> String {
+        let Case { view, structure, residency, rays } = case;
+        let (residency, rays) = (residency.name(), rays.name());
+        format!("{}/{scene}/{structure}/{residency}/view {view}/{rays}/PoE {poe}", self.name)
+    }
+}
+
+/// The structures that a model can be built with; the next one is a name more.
+pub const STRUCTURES: [&str; 1] = ["bvh"];
+
+/// Peers by name.
+pub const PEERS: [&str; 3] = ["embree", "obvhs", "parry3d"];
+
+impl Data {
+    /// Reads and checks a file.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+        Self::parse(&text).map_err(|e| format!("{}: {e}", path.display()))
+    }
+
+    /// Checks a text: every name is known, every combination makes sense.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let data: Self = toml::from_str(text).map_err(|e| e.to_string())?;
+        let mut names = BTreeSet::new();
+        for scene in &data.scenes {
+            scene.check()?;
+            if !names.insert(scene.name.as_str()) {
+                return Err(format!("two scenes are called {:?}", scene.name));
+            }
+        }
+        let mut benchmarks = BTreeSet::new();
+        for benchmark in &data.benchmarks {
+            benchmark.check(&names)?;
+            for scene in benchmark.scenes.iter().map(|name| data.scene(name)) {
+                if let Some(view) = benchmark.views.iter().find(|&&view| view >= 4 + scene.cameras.len()) {
+                    return Err(format!("benchmark {:?}: scene {:?} has no view {view}", benchmark.name, scene.name));
+                }
+            }
+            if !benchmarks.insert(benchmark.name.as_str()) {
+                return Err(format!("two benchmarks are called {:?}", benchmark.name));
+            }
+        }
+        Ok(data)
+    }
+
+    pub fn scene(&self, name: &str) -> &SceneRow {
+        self.scenes.iter().find(|s| s.name == name).expect("scenes of benchmarks were looked up when they were read")
+    }
+}
+
+impl SceneRow {
+    fn check(&self) -> Result<(), String> {
+        let sources = [&self.generator, &self.formula, &self.file].into_iter().flatten().count();
+        if sources != 1 {
+            return Err(format!("scene {:?} has {sources} of generator, formula and file, not one", self.name));
+        }
+        if self.generator.is_some() && self.triangles == 0 || self.formula.is_some() && self.count == 0 {
+            return Err(format!("scene {:?} has no size", self.name));
+        }
+        Ok(())
+    }
+}
+
+impl Benchmark {
+    fn check(&self, scenes: &BTreeSet<&str>) -> Result<(), String> {
+        let fault = |what: String| Err(format!("benchmark {:?}: {what}", self.name));
+        if let Some(unknown) = self.scenes.iter().find(|s| !scenes.contains(s.as_str())) {
+            return fault(format!("no scene {unknown:?}"));
+        }
+        if let Some(unknown) = self.structures.iter().find(|s| !STRUCTURES.contains(&s.as_str())) {
+            return fault(format!("no structure {unknown:?}; there are {}", STRUCTURES.join(", ")));
+        }
+        if let Some(unknown) = self.peers.iter().find(|s| !PEERS.contains(&s.as_str())) {
+            return fault(format!("no peer {unknown:?}; there are {}", PEERS.join(", ")));
+        }
+        if self.scenes.is_empty() || self.threads.is_empty() || self.threads.contains(&0) || self.rounds == 0 {
+            return fault("scenes, threads and rounds are at least one each".into());
+        }
+        if self.poe.iter().any(|p| !(0.0..1e6).contains(p)) {
+            return fault("pixels of error are 0 or more".into());
+        }
+        let has_budget = self.residency.iter().any(|r| matches!(r, Residency::Budget(_)));
+        if self.measure == Measure::Trace && has_budget && self.rays.contains(&RayKind::Picture) {
+            return fault("a picture in a budget is as coarse as it must be: nothing can be expected of it".into());
+        }
+        let (width, height) = self.size;
+        if width == 0 || height == 0 || width % TILE != 0 || height % TILE != 0 {
+            return fault(format!("a picture's sides are multiples of {TILE}"));
+        }
+        let lacks_rays = self.cases().is_empty() || self.poe.first() != Some(&0.0);
+        match self.measure {
+            Measure::Trace if lacks_rays => fault("tracing takes structures, residency, views, rays and PoE, 0 first".into()),
+            Measure::Cold if self.views.is_empty() || self.rates.is_empty() || self.residency.is_empty() => {
+                fault("cold pictures take views, budgets and rates".into())
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SCENE: &str = "[[scene]]\nname = 'a'\ntitle = 'A'\ngenerator = 'mandelbulb'\ntriangles = 1000\n";
+    const TRACE: &str = "[[benchmark]]\nname = 'b'\nmeasure = 'trace'\nscenes = ['a']\nviews = [0, 2]\nstructures = ['bvh']\n\
+        residency = ['all', '64M']\npoe = [0, 1]\nrays = ['primary', 'shadow']\nthreads = [1]\nsize = [8, 8]\n";
+
+    #[test]
+    fn the_data_of_this_folder_is_in_order() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let data = Data::read(&folder.join("benchmarks.toml")).expect("the benchmarks");
+        assert!(data.benchmarks.iter().any(|b| !b.full) && data.benchmarks.iter().any(|b| b.full));
+    }
+
+    #[test]
+    fn every_combination_is_a_case() {
+        let data = Data::parse(&format!("{SCENE}{TRACE}")).expect("data");
+        let benchmark = &data.benchmarks[0];
+        let ids: BTreeSet<String> = benchmark.cases().iter().map(|c| benchmark.id("a", c, 1.0)).collect();
+        assert_eq!(ids.len(), 8);
+        assert!(ids.contains("b/a/bvh/64M/view 2/shadow/PoE 1"), "{ids:?}");
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused() {
+        let wrong = |from: &str, to: &str| {
+            let text = format!("{SCENE}{TRACE}");
+            assert!(text.contains(from), "{from}");
+            Data::parse(&text.replace(from, to)).expect_err(to)
+        };
+        assert!(wrong("['a']", "['c']").contains("no scene"));
+        assert!(wrong("['bvh']", "['octree']").contains("no structure"));
+        assert!(wrong("[0, 2]", "[0, 4]").contains("no view 4"));
+        assert!(wrong("'shadow'", "'picture'").contains("budget"));
+        assert!(wrong("triangles = 1000", "").contains("no size"));
+        assert!(wrong("generator = 'mandelbulb'", "").contains("not one"));
+        assert!(wrong("poe = [0, 1]", "poe = [1]").contains("0 first"));
+        assert!(wrong("size = [8, 8]", "size = [8, 9]").contains("multiples"));
+        assert!(wrong("64M", "64X").contains("bytes"));
+        assert!(wrong("threads = [1]", "threads = [0]").contains("at least one"));
+        assert!(wrong("name = 'b'", "name = 'b'\npeer = 'x'").contains("peer"));
+    }
+}

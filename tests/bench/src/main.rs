@@ -1,0 +1,117 @@
+//! Measures outcrop beside other ray tracers, speed and accuracy together, and draws the charts. `make bench` and `make charts`
+//! are how it is used; `benchmarks.toml` says what is measured.
+
+mod accuracy;
+mod builds;
+mod charts;
+mod cold;
+#[path = "../../common/mod.rs"]
+mod common;
+mod data;
+mod expected;
+mod failure;
+mod ours;
+mod pairs;
+mod peers;
+mod pictures;
+mod rays;
+mod record;
+mod scenes;
+mod sides;
+mod trace;
+
+use clap::Parser;
+use data::{Benchmark, Data, Measure};
+use expected::Book;
+use failure::{Failure, Outcome};
+use scenes::Scene;
+use std::path::Path;
+use std::process::ExitCode;
+use trace::Task;
+
+/// Measure outcrop beside other ray tracers, and draw the charts
+#[derive(Parser)]
+enum Command {
+    /// Measure, and append the results to target/bench/results.jsonl
+    Run(Chosen),
+    /// Write the expected answers anew, after a meant change
+    Expect(Chosen),
+    /// Measure what there are no results of, and draw the charts
+    Charts(Chosen),
+}
+
+#[derive(clap::Args)]
+struct Chosen {
+    /// Also what takes long or much memory
+    #[arg(long)]
+    full: bool,
+    /// Only benchmarks of these names
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    only: Vec<String>,
+    /// Only these scenes
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    scene: Vec<String>,
+}
+
+impl Chosen {
+    fn has(&self, benchmark: &Benchmark, scene: &str) -> bool {
+        let among = |names: &[String], name: &str| names.is_empty() || names.iter().any(|n| n == name);
+        let is_asked_for = self.only.contains(&benchmark.name);
+        (self.full || !benchmark.full || is_asked_for) && among(&self.only, &benchmark.name) && among(&self.scene, scene)
+    }
+}
+
+fn main() -> ExitCode {
+    let done = match Command::parse() {
+        Command::Run(chosen) => run(false, |benchmark, scene| chosen.has(benchmark, scene)),
+        Command::Expect(chosen) => run(true, |benchmark, scene| chosen.has(benchmark, scene)),
+        Command::Charts(chosen) => draw(&chosen),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(why) => {
+            eprintln!("bench: {why}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Charts, of results that are there now or already.
+fn draw(chosen: &Chosen) -> Outcome {
+    let known = record::read(&record::path())?;
+    let is_known = |benchmark: &Benchmark, scene: &str| known.iter().any(|r| r.benchmark == benchmark.name && r.scene == scene);
+    let is_lacking = |benchmark: &Benchmark, scene: &str| chosen.has(benchmark, scene) && !is_known(benchmark, scene);
+    let data = data()?;
+    if data.benchmarks.iter().any(|benchmark| benchmark.scenes.iter().any(|scene| is_lacking(benchmark, scene))) {
+        run(false, is_lacking)?;
+    }
+    charts::draw(&record::read(&record::path())?, &charts::folder())
+}
+
+fn data() -> Result<Data, Failure> {
+    Ok(Data::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("benchmarks.toml"))?)
+}
+
+/// Measures what is picked, scene by scene; or only writes down what its answers are.
+fn run(is_only_expecting: bool, picks: impl Fn(&Benchmark, &str) -> bool) -> Outcome {
+    let data = data()?;
+    let mut book = Book::open(is_only_expecting)?;
+    let mut found = 0;
+    for benchmark in &data.benchmarks {
+        for name in benchmark.scenes.iter().filter(|scene| picks(benchmark, scene)) {
+            found += 1;
+            let Some(scene) = Scene::find(data.scene(name))? else { continue };
+            let mut task = Task { benchmark, scene: &scene, book: &mut book, is_only_expecting };
+            let records = match benchmark.measure {
+                Measure::Trace => trace::measure(&mut task)?,
+                Measure::Cold => cold::measure(&mut task)?,
+                Measure::Build => builds::measure(&mut task)?,
+            };
+            record::append(&record::path(), &records)?;
+        }
+    }
+    if found == 0 {
+        return Err(Failure::new("no such benchmark or scene"));
+    }
+    book.close()
+}

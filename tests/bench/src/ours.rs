@@ -1,0 +1,144 @@
+//! outcrop's side.
+
+use crate::common::sources;
+use crate::data::Residency;
+use crate::failure::Failure;
+use crate::rays::Batch;
+use crate::scenes::Scene;
+use crate::sides::{Answer, Run, deal};
+use glam::DAffine3;
+use outcrop::base::progress::Cancel;
+use outcrop::math::Ray;
+use outcrop::query::{Hit, HitKind, QueryOptions, Want};
+use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene as OurScene, SceneState};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Rays that are asked at once: their answers stay in a thread's own cache, and the thread that asks answers.
+const ASKED: usize = 1024;
+
+/// What peers tell of a hit too.
+const WANT: Want = Want(Want::NORMAL.0 | Want::UV.0 | Want::PART.0);
+
+/// An opened model in a scene of its own.
+pub struct Ours {
+    pub context: Context,
+    pub model: Model,
+    pub state: Arc<SceneState>,
+}
+
+impl Ours {
+    /// Opens the model at `path`, and brings into memory what `residency` says.
+    pub fn open(path: &Path, residency: Residency, threads: usize) -> Result<Self, Failure> {
+        let memory_budget = if let Residency::Budget(bytes) = residency { bytes } else { 0 };
+        let options = ContextOptions { threads, memory_budget, read_ahead: false, ..ContextOptions::default() };
+        let context = Context::new(options)?;
+        let model = if residency == Residency::Cold { Model::open_cold(&context, path)? } else { Model::open(&context, path)? };
+        if residency == Residency::All && !model.load(&Cancel::new())? {
+            return Err(Failure::new(format!("{}: it does not fit this machine's memory", path.display())));
+        }
+        Self::with(context, model)
+    }
+
+    pub fn with(context: Context, model: Model) -> Result<Self, Failure> {
+        let scene = OurScene::new(&context);
+        scene.add_instance(&model, 1, DAffine3::IDENTITY)?;
+        scene.commit()?;
+        Ok(Self { state: scene.state(), context, model })
+    }
+
+    pub fn camera(&self, scene: &Scene, view: usize) -> Camera {
+        scene.row.camera(&self.model.views(), view)
+    }
+
+    /// All that is known of each hit; of any hits only their kind.
+    pub fn hits(&self, rays: &[Ray], batch: &Batch) -> Result<Vec<Hit>, Failure> {
+        let mut hits = vec![Hit::MISS; rays.len()];
+        let options = QueryOptions { coherent: batch.is_coherent(), ..QueryOptions::default() };
+        if batch.is_any() {
+            let mut met = vec![0u8; rays.len()];
+            self.state.any(rays, options, &mut met)?;
+            hits.iter_mut().zip(met).filter(|(_, met)| *met != 0).for_each(|(hit, _)| *hit = SHADOWED);
+        } else {
+            self.state.closest(rays, options, &mut hits)?;
+        }
+        Ok(hits)
+    }
+}
+
+const SHADOWED: Hit = Hit { t: 0.0, kind: HitKind::Exact, ..Hit::MISS };
+
+/// As all sides tell hits.
+pub fn answers(hits: &[Hit]) -> Vec<Answer> {
+    hits.iter().map(|hit| Answer { t: hit.t }).collect()
+}
+
+/// Bytes of the blocks that rays visit in a model with none in memory.
+pub fn working_set(path: &Path, rays: &[Ray], batch: &Batch) -> Result<u64, Failure> {
+    let cold = Ours::open(path, Residency::Cold, 0)?;
+    let options = QueryOptions { coherent: batch.is_coherent(), want: WANT, ..QueryOptions::default() };
+    if batch.is_any() {
+        cold.state.any(rays, options, &mut vec![0; rays.len()])?;
+    } else {
+        cold.state.closest(rays, options, &mut vec![Hit::MISS; rays.len()])?;
+    }
+    Ok(cold.model.memory().resident)
+}
+
+/// Rays that outcrop traces; a cold model is opened anew for each run, which counts.
+pub struct Ready<'a> {
+    ours: &'a Ours,
+    cold: Option<PathBuf>,
+    is_any: bool,
+    is_coherent: bool,
+    rays: Vec<Ray>,
+    answers: Vec<Answer>,
+}
+
+impl<'a> Ready<'a> {
+    pub fn new(ours: &'a Ours, path: &Path, residency: Residency, batch: &Batch, rays: Vec<Ray>) -> Self {
+        let cold = (residency == Residency::Cold).then(|| path.to_owned());
+        let (is_any, is_coherent) = (batch.is_any(), batch.is_coherent());
+        Self { ours, cold, is_any, is_coherent, answers: vec![Answer::MISS; rays.len()], rays }
+    }
+}
+
+/// What a thread keeps between chunks.
+struct Room {
+    hits: Vec<Hit>,
+    met: Vec<u8>,
+}
+
+impl Run for Ready<'_> {
+    fn prepare(&mut self) {
+        if self.cold.is_some() {
+            sources::forget_files();
+        }
+    }
+
+    fn run(&mut self, threads: usize) -> f64 {
+        let opened = self.cold.as_ref().map(|path| Ours::open(path, Residency::Cold, threads).expect("it opened before"));
+        let state = &opened.as_ref().unwrap_or(self.ours).state;
+        let (is_any, is_coherent) = (self.is_any, self.is_coherent);
+        let options = QueryOptions { coherent: is_coherent, want: WANT, ..QueryOptions::default() };
+        let chunks = self.rays.chunks(ASKED).zip(self.answers.chunks_mut(ASKED));
+        let room = || Room { hits: vec![Hit::MISS; ASKED], met: vec![0; ASKED] };
+        deal(threads, chunks, room, |room, (rays, answers)| {
+            if is_any {
+                let met = &mut room.met[..rays.len()];
+                state.any(rays, options, met).expect("the file was read before");
+                answers.iter_mut().zip(&*met).for_each(|(a, met)| a.t = if *met != 0 { 0.0 } else { f64::INFINITY });
+                return met.iter().map(|met| f64::from(*met)).sum();
+            }
+            let hits = &mut room.hits[..rays.len()];
+            state.closest(rays, options, hits).expect("the file was read before");
+            answers.iter_mut().zip(&*hits).for_each(|(a, hit)| a.t = hit.t);
+            let met = rays.iter().zip(&*hits).filter(|(_, hit)| hit.kind != HitKind::Miss);
+            met.map(|(ray, hit)| f64::from(hit.normal.dot(ray.dir).abs())).sum()
+        })
+    }
+
+    fn answers(&self) -> Vec<Answer> {
+        self.answers.clone()
+    }
+}

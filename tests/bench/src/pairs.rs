@@ -1,0 +1,83 @@
+//! Pairs in turn, and what is told of them.
+
+use serde::{Deserialize, Serialize};
+
+/// Median and ends of some measurements.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    pub median: f64,
+    pub least: f64,
+    pub most: f64,
+}
+
+impl Spread {
+    /// Of at least one value; the median of an even number is the mean of the two in the middle.
+    pub fn of(values: &[f64]) -> Self {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let (n, half) = (sorted.len(), sorted.len() / 2);
+        let median = if n % 2 == 1 { sorted[half] } else { (sorted[half - 1] + sorted[half]) / 2.0 };
+        Self { median, least: sorted[0], most: sorted[n - 1] }
+    }
+}
+
+/// Seconds of two sides, pair by pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pairs {
+    pub a: Vec<f64>,
+    pub b: Vec<f64>,
+}
+
+impl Pairs {
+    /// Measures A B A B, after one of each that warms caches and does not count.
+    pub fn in_turn(rounds: usize, mut a: impl FnMut() -> f64, mut b: impl FnMut() -> f64) -> Self {
+        a();
+        b();
+        let (a, b) = (0..rounds).map(|_| (a(), b())).unzip();
+        Self { a, b }
+    }
+
+    /// How many times as fast A is as B, of each pair.
+    pub fn ratio(&self) -> Spread {
+        let ratios: Vec<f64> = self.a.iter().zip(&self.b).map(|(a, b)| b / a).collect();
+        Spread::of(&ratios)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::RefCell;
+
+    #[test]
+    fn medians_and_ends() {
+        assert_eq!(Spread::of(&[3.0]), Spread { median: 3.0, least: 3.0, most: 3.0 });
+        assert_eq!(Spread::of(&[5.0, 1.0, 2.0]), Spread { median: 2.0, least: 1.0, most: 5.0 });
+        assert_eq!(Spread::of(&[5.0, 1.0, 2.0, 4.0]).median, 3.0);
+    }
+
+    #[test]
+    fn sides_take_turns_and_the_first_pair_warms() {
+        let order = RefCell::new(String::new());
+        let mut times = [9.0, 1.0, 2.0, 4.0].into_iter();
+        let a = || {
+            order.borrow_mut().push('a');
+            times.next().expect("four runs")
+        };
+        let b = || {
+            order.borrow_mut().push('b');
+            4.0
+        };
+        let pairs = Pairs::in_turn(3, a, b);
+        assert_eq!(*order.borrow(), "abababab");
+        assert_eq!(pairs.a, [1.0, 2.0, 4.0]);
+        assert_eq!(pairs.ratio(), Spread { median: 2.0, least: 1.0, most: 4.0 });
+    }
+
+    #[test]
+    fn a_ratio_is_of_pairs_not_of_medians() {
+        // A busy machine slows both of a pair: the ratio stays.
+        let pairs = Pairs { a: vec![1.0, 10.0, 3.0], b: vec![2.0, 20.0, 6.0] };
+        assert_eq!(pairs.ratio(), Spread { median: 2.0, least: 2.0, most: 2.0 });
+    }
+}

@@ -1,0 +1,221 @@
+//! Embree's side: each of its calls, for single rays, packets and streams.
+
+use super::Peer;
+use super::embree_calls::{Context, NONE, Options, RtcHit, RtcHits, RtcRay, RtcRayHit, RtcRayHits, RtcRays, Scene, Valid};
+use crate::rays::Batch;
+use crate::scenes::Mesh;
+use crate::sides::{Answer, CHUNK, Run, deal};
+use glam::Vec3;
+use outcrop::math::Ray;
+use std::sync::Arc;
+
+struct Embree {
+    scene: Scene,
+    mesh_bytes: u64,
+}
+
+/// Qualities are Embree's; "compact" is its medium quality with the flag of that name.
+pub fn build(mesh: &Arc<Mesh>, quality: &str, threads: usize) -> Option<Box<dyn Peer>> {
+    let number = ["low", "medium", "high"].iter().position(|q| *q == quality).unwrap_or(1);
+    let options = Options { quality: number as i32, is_compact: quality == "compact", threads };
+    match Scene::new(mesh, options) {
+        Ok(scene) => Some(Box::new(Embree { scene, mesh_bytes: mesh.bytes() })),
+        Err(why) => {
+            eprintln!("skipped: Embree ({why}; Debian's package is libembree-dev)");
+            None
+        }
+    }
+}
+
+impl Peer for Embree {
+    fn version(&self) -> String {
+        format!("Embree {}", self.scene.version())
+    }
+
+    fn bytes(&self) -> u64 {
+        self.scene.bytes() + self.mesh_bytes
+    }
+
+    fn calls(&self, _: &Batch) -> Vec<&'static str> {
+        vec!["1", "4", "8", "16", "1M"]
+    }
+
+    fn ready<'a>(&'a self, call: &str, batch: &Batch, rays: &[Ray]) -> Box<dyn Run + 'a> {
+        let asked = Asked { scene: &self.scene, is_coherent: batch.is_coherent(), is_any: batch.is_any(), rays: rays.to_vec() };
+        match call {
+            "4" => Box::new(Packets::<4> { asked, shadows: Vec::new(), hits: Vec::new() }),
+            "8" => Box::new(Packets::<8> { asked, shadows: Vec::new(), hits: Vec::new() }),
+            "16" => Box::new(Packets::<16> { asked, shadows: Vec::new(), hits: Vec::new() }),
+            _ => Box::new(Singles { asked, is_stream: call == "1M", shadows: Vec::new(), hits: Vec::new() }),
+        }
+    }
+}
+
+struct Asked<'a> {
+    scene: &'a Scene,
+    is_coherent: bool,
+    is_any: bool,
+    rays: Vec<Ray>,
+}
+
+impl Asked<'_> {
+    fn context(&self) -> Context {
+        Context::new(self.is_coherent)
+    }
+}
+
+fn rtc_ray(ray: &Ray) -> RtcRay {
+    RtcRay {
+        org: ray.origin.as_vec3().to_array(),
+        tnear: ray.t_min as f32,
+        dir: ray.dir.to_array(),
+        tfar: ray.t_max as f32,
+        mask: u32::MAX,
+        ..RtcRay::default()
+    }
+}
+
+/// How directly a surface faces a ray.
+fn facing(normal: [f32; 3], dir: [f32; 3]) -> f64 {
+    f64::from(Vec3::from(normal).normalize_or_zero().dot(dir.into()).abs())
+}
+
+/// Embree marks a blocked ray with minus infinity.
+fn is_blocked(tfar: f32) -> bool {
+    tfar < 0.0
+}
+
+fn closest(geometry: u32, tfar: f32) -> Answer {
+    if geometry == NONE { Answer::MISS } else { Answer { t: f64::from(tfar) } }
+}
+
+fn any(tfar: f32) -> Answer {
+    if is_blocked(tfar) { Answer { t: 0.0 } } else { Answer::MISS }
+}
+
+struct Singles<'a> {
+    asked: Asked<'a>,
+    is_stream: bool,
+    shadows: Vec<RtcRay>,
+    hits: Vec<RtcRayHit>,
+}
+
+impl Run for Singles<'_> {
+    fn prepare(&mut self) {
+        let rays = self.asked.rays.iter().map(rtc_ray);
+        if self.asked.is_any {
+            self.shadows = rays.collect();
+        } else {
+            let hit = RtcHit { prim: NONE, geometry: NONE, instance: NONE, ..RtcHit::default() };
+            self.hits = rays.map(|ray| RtcRayHit { ray, hit }).collect();
+        }
+    }
+
+    fn run(&mut self, threads: usize) -> f64 {
+        let (asked, is_stream) = (&self.asked, self.is_stream);
+        let context = || asked.context();
+        if asked.is_any {
+            return deal(threads, self.shadows.chunks_mut(CHUNK), context, |context, rays| {
+                let call = if is_stream { Scene::occluded_stream } else { Scene::occluded };
+                call(asked.scene, context, rays);
+                rays.iter().map(|ray| f64::from(u8::from(is_blocked(ray.tfar)))).sum()
+            });
+        }
+        deal(threads, self.hits.chunks_mut(CHUNK), context, |context, rays| {
+            let call = if is_stream { Scene::intersect_stream } else { Scene::intersect };
+            call(asked.scene, context, rays);
+            rays.iter().filter(|r| r.hit.geometry != NONE).map(|r| facing(r.hit.normal, r.ray.dir)).sum()
+        })
+    }
+
+    fn answers(&self) -> Vec<Answer> {
+        if self.asked.is_any {
+            return self.shadows.iter().map(|ray| any(ray.tfar)).collect();
+        }
+        self.hits.iter().map(|r| closest(r.hit.geometry, r.ray.tfar)).collect()
+    }
+}
+
+struct Packets<'a, const N: usize> {
+    asked: Asked<'a>,
+    shadows: Vec<RtcRays<N>>,
+    hits: Vec<RtcRayHits<N>>,
+}
+
+/// The rays of a packet; what is beyond the last one repeats it, and is not valid.
+fn packet<const N: usize>(rays: &[Ray]) -> RtcRays<N> {
+    let lanes: [RtcRay; N] = std::array::from_fn(|i| rtc_ray(&rays[i.min(rays.len() - 1)]));
+    RtcRays {
+        org: std::array::from_fn(|axis| lanes.map(|ray| ray.org[axis])),
+        tnear: lanes.map(|ray| ray.tnear),
+        dir: std::array::from_fn(|axis| lanes.map(|ray| ray.dir[axis])),
+        time: [0.0; N],
+        tfar: lanes.map(|ray| ray.tfar),
+        mask: [u32::MAX; N],
+        id: [0; N],
+        flags: [0; N],
+    }
+}
+
+const fn nothing<const N: usize>() -> RtcHits<N> {
+    RtcHits { normal: [[0.0; N]; 3], uv: [[0.0; N]; 2], prim: [NONE; N], geometry: [NONE; N], instance: [NONE; N] }
+}
+
+impl<const N: usize> Packets<'_, N> {
+    /// How many rays of packet `i` there are.
+    fn rays_of(count: usize, i: usize) -> usize {
+        (count - i * N).min(N)
+    }
+
+    fn valid(rays: usize) -> Valid<N> {
+        Valid(std::array::from_fn(|i| if i < rays { -1 } else { 0 }))
+    }
+}
+
+impl<const N: usize> Run for Packets<'_, N> {
+    fn prepare(&mut self) {
+        let packets = self.asked.rays.chunks(N).map(packet);
+        if self.asked.is_any {
+            self.shadows = packets.collect();
+        } else {
+            self.hits = packets.map(|rays| RtcRayHits { rays, hits: nothing() }).collect();
+        }
+    }
+
+    fn run(&mut self, threads: usize) -> f64 {
+        let (asked, count) = (&self.asked, self.asked.rays.len());
+        let context = || asked.context();
+        if asked.is_any {
+            let chunks = self.shadows.chunks_mut(CHUNK / N).enumerate();
+            return deal(threads, chunks, context, |context, (chunk, packets)| {
+                let mut sum = 0.0;
+                for (i, rays) in packets.iter_mut().enumerate() {
+                    let lanes = Self::rays_of(count, chunk * (CHUNK / N) + i);
+                    asked.scene.occluded_packet(context, &Self::valid(lanes), rays);
+                    sum += rays.tfar[..lanes].iter().filter(|t| is_blocked(**t)).count() as f64;
+                }
+                sum
+            });
+        }
+        let chunks = self.hits.chunks_mut(CHUNK / N).enumerate();
+        deal(threads, chunks, context, |context, (chunk, packets)| {
+            let mut sum = 0.0;
+            for (i, rays) in packets.iter_mut().enumerate() {
+                let lanes = Self::rays_of(count, chunk * (CHUNK / N) + i);
+                asked.scene.intersect_packet(context, &Self::valid(lanes), rays);
+                let met = (0..lanes).filter(|&k| rays.hits.geometry[k] != NONE);
+                sum += met.map(|k| facing(rays.hits.normal.map(|n| n[k]), rays.rays.dir.map(|d| d[k]))).sum::<f64>();
+            }
+            sum
+        })
+    }
+
+    fn answers(&self) -> Vec<Answer> {
+        let count = self.asked.rays.len();
+        if self.asked.is_any {
+            return self.shadows.iter().flat_map(|packet| packet.tfar.map(any)).take(count).collect();
+        }
+        let answers = |p: &RtcRayHits<N>| -> [Answer; N] { std::array::from_fn(|k| closest(p.hits.geometry[k], p.rays.tfar[k])) };
+        self.hits.iter().flat_map(answers).take(count).collect()
+    }
+}

@@ -1,0 +1,327 @@
+//! Embree 3.13 as C declares it: the few calls and layouts that are used, from `embree3/rtcore*.h`. All that is unsafe in this
+//! package is here. The library is opened when it is asked for, so that nothing but its measurements needs it.
+
+use crate::scenes::Mesh;
+use libloading::Library;
+use std::ffi::{CString, c_char, c_int, c_uint, c_void};
+use std::ptr;
+use std::sync::{Arc, OnceLock};
+use std::sync::atomic::{AtomicI64, Ordering::Relaxed};
+
+/// `RTC_INVALID_GEOMETRY_ID`.
+pub const NONE: u32 = u32::MAX;
+
+/// `RTCRay`.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(C, align(16))]
+pub struct RtcRay {
+    pub org: [f32; 3],
+    pub tnear: f32,
+    pub dir: [f32; 3],
+    pub time: f32,
+    pub tfar: f32,
+    pub mask: u32,
+    pub id: u32,
+    pub flags: u32,
+}
+
+/// `RTCHit`.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(C, align(16))]
+pub struct RtcHit {
+    pub normal: [f32; 3],
+    pub uv: [f32; 2],
+    pub prim: u32,
+    pub geometry: u32,
+    pub instance: u32,
+}
+
+/// `RTCRayHit`.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(C)]
+pub struct RtcRayHit {
+    pub ray: RtcRay,
+    pub hit: RtcHit,
+}
+
+/// `RTCRay4`, `RTCRay8` and `RTCRay16`.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub struct RtcRays<const N: usize> {
+    pub org: [[f32; N]; 3],
+    pub tnear: [f32; N],
+    pub dir: [[f32; N]; 3],
+    pub time: [f32; N],
+    pub tfar: [f32; N],
+    pub mask: [u32; N],
+    pub id: [u32; N],
+    pub flags: [u32; N],
+}
+
+/// `RTCHit4`, `RTCHit8` and `RTCHit16`. Aligned like what it is in, which C does not need.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub struct RtcHits<const N: usize> {
+    pub normal: [[f32; N]; 3],
+    pub uv: [[f32; N]; 2],
+    pub prim: [u32; N],
+    pub geometry: [u32; N],
+    pub instance: [u32; N],
+}
+
+/// `RTCRayHit4`, `RTCRayHit8` and `RTCRayHit16`.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct RtcRayHits<const N: usize> {
+    pub rays: RtcRays<N>,
+    pub hits: RtcHits<N>,
+}
+
+const _: () = assert!(size_of::<RtcRay>() == 48 && size_of::<RtcHit>() == 32 && size_of::<RtcRayHit>() == 80);
+const _: () = assert!(size_of::<RtcRays<4>>() == 192 && size_of::<RtcRayHits<4>>() == 320);
+const _: () = assert!(size_of::<RtcRays<8>>() == 384 && size_of::<RtcRayHits<8>>() == 640);
+const _: () = assert!(size_of::<RtcRays<16>>() == 768 && size_of::<RtcRayHits<16>>() == 1280);
+
+/// `RTCIntersectContext`; with the member that some builds of the library add at the end.
+#[derive(Debug, Clone)]
+#[repr(C)]
+pub struct Context {
+    flags: c_int,
+    filter: *const c_void,
+    instance: u32,
+    min_width_distance_factor: f32,
+}
+
+impl Context {
+    /// As `rtcInitIntersectContext` sets it, and whether rays are coherent.
+    pub fn new(is_coherent: bool) -> Self {
+        Self { flags: c_int::from(is_coherent), filter: ptr::null(), instance: NONE, min_width_distance_factor: 0.0 }
+    }
+}
+
+/// Which of a packet's rays are traced (-1) and which are not (0).
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub struct Valid<const N: usize>(pub [c_int; N]);
+
+type Handle = *mut c_void;
+type Monitor = unsafe extern "C" fn(*mut c_void, isize, bool) -> bool;
+type One = unsafe extern "C" fn(Handle, *mut Context, *mut c_void);
+type Stream = unsafe extern "C" fn(Handle, *mut Context, *mut c_void, c_uint, usize);
+type Packet = unsafe extern "C" fn(*const c_int, Handle, *mut Context, *mut c_void);
+type SharedBuffer = unsafe extern "C" fn(Handle, c_uint, c_uint, c_uint, *const c_void, usize, usize, usize);
+
+macro_rules! calls {
+    ($($field:ident, $symbol:literal, $kind:ty;)*) => {
+        /// The library's functions.
+        struct Calls {
+            $($field: $kind,)*
+            /// Loaded as long as its functions are here.
+            _library: Library,
+        }
+
+        impl Calls {
+            /// Opened once, and never closed: threads of its own still run when its last device is gone.
+            fn get() -> Result<&'static Self, String> {
+                static CALLS: OnceLock<Result<Calls, String>> = OnceLock::new();
+                CALLS.get_or_init(|| Self::open().map_err(|e| e.to_string())).as_ref().map_err(Clone::clone)
+            }
+
+            fn open() -> Result<Self, libloading::Error> {
+                // SAFETY: Debian's library has no constructors that need anything of the program.
+                let library = unsafe { Library::new("libembree3.so.3") }?;
+                // SAFETY: each type is that of the function in the headers of 3.13.
+                unsafe { Ok(Self { $($field: *library.get::<$kind>($symbol)?,)* _library: library }) }
+            }
+        }
+    };
+}
+
+calls! {
+    new_device, b"rtcNewDevice\0", unsafe extern "C" fn(*const c_char) -> Handle;
+    release_device, b"rtcReleaseDevice\0", unsafe extern "C" fn(Handle);
+    device_error, b"rtcGetDeviceError\0", unsafe extern "C" fn(Handle) -> c_int;
+    device_property, b"rtcGetDeviceProperty\0", unsafe extern "C" fn(Handle, c_int) -> isize;
+    set_monitor, b"rtcSetDeviceMemoryMonitorFunction\0", unsafe extern "C" fn(Handle, Monitor, *mut c_void);
+    new_scene, b"rtcNewScene\0", unsafe extern "C" fn(Handle) -> Handle;
+    set_scene_quality, b"rtcSetSceneBuildQuality\0", unsafe extern "C" fn(Handle, c_int);
+    set_scene_flags, b"rtcSetSceneFlags\0", unsafe extern "C" fn(Handle, c_int);
+    commit_scene, b"rtcCommitScene\0", unsafe extern "C" fn(Handle);
+    release_scene, b"rtcReleaseScene\0", unsafe extern "C" fn(Handle);
+    new_geometry, b"rtcNewGeometry\0", unsafe extern "C" fn(Handle, c_int) -> Handle;
+    set_shared_buffer, b"rtcSetSharedGeometryBuffer\0", SharedBuffer;
+    set_geometry_quality, b"rtcSetGeometryBuildQuality\0", unsafe extern "C" fn(Handle, c_int);
+    commit_geometry, b"rtcCommitGeometry\0", unsafe extern "C" fn(Handle);
+    attach_geometry, b"rtcAttachGeometry\0", unsafe extern "C" fn(Handle, Handle) -> c_uint;
+    release_geometry, b"rtcReleaseGeometry\0", unsafe extern "C" fn(Handle);
+    intersect, b"rtcIntersect1\0", One;
+    occluded, b"rtcOccluded1\0", One;
+    intersect_stream, b"rtcIntersect1M\0", Stream;
+    occluded_stream, b"rtcOccluded1M\0", Stream;
+    intersect4, b"rtcIntersect4\0", Packet;
+    intersect8, b"rtcIntersect8\0", Packet;
+    intersect16, b"rtcIntersect16\0", Packet;
+    occluded4, b"rtcOccluded4\0", Packet;
+    occluded8, b"rtcOccluded8\0", Packet;
+    occluded16, b"rtcOccluded16\0", Packet;
+}
+
+/// How a scene is built.
+#[derive(Debug, Clone, Copy)]
+pub struct Options {
+    /// `RTCBuildQuality`: low, medium, high.
+    pub quality: c_int,
+    /// `RTC_SCENE_FLAG_COMPACT`.
+    pub is_compact: bool,
+    /// Of the build; 0 for all.
+    pub threads: usize,
+}
+
+/// A committed scene of one mesh.
+pub struct Scene {
+    calls: &'static Calls,
+    device: Handle,
+    scene: Handle,
+    bytes: Box<AtomicI64>,
+    mesh: Arc<Mesh>,
+    /// With one vertex more than the mesh: Embree reads 16 bytes at the last one.
+    vertices: Vec<[f32; 3]>,
+}
+
+// SAFETY: of a committed scene only its size is read and rays are traced, for which Embree takes any thread, several at once.
+unsafe impl Sync for Scene {}
+
+/// `RTC_DEVICE_PROPERTY_VERSION`, which is major, minor and patch in two decimal digits each.
+const VERSION: c_int = 0;
+
+unsafe extern "C" fn monitor(bytes: *mut c_void, change: isize, _is_done: bool) -> bool {
+    // SAFETY: what `Scene::new` gave, which goes after the device.
+    unsafe { &*bytes.cast::<AtomicI64>() }.fetch_add(change as i64, Relaxed);
+    true
+}
+
+impl Scene {
+    /// Builds; fails with what is lacking.
+    pub fn new(mesh: &Arc<Mesh>, options: Options) -> Result<Self, String> {
+        let calls = Calls::get()?;
+        let config = CString::new(format!("threads={}", options.threads)).expect("no zero in it");
+        // SAFETY: a string that ends in zero.
+        let device = unsafe { (calls.new_device)(config.as_ptr()) };
+        if device.is_null() {
+            return Err("Embree does not start".into());
+        }
+        let vertices: Vec<[f32; 3]> = mesh.vertices.iter().copied().chain([[0.0; 3]]).collect();
+        let bytes = Box::new(AtomicI64::new(0));
+        // SAFETY: a live device and a counter that outlives it.
+        let scene = unsafe {
+            (calls.set_monitor)(device, monitor, ptr::from_ref(&*bytes).cast_mut().cast());
+            (calls.new_scene)(device)
+        };
+        let built = Self { calls, device, scene, bytes, mesh: Arc::clone(mesh), vertices };
+        built.commit(options);
+        // SAFETY: a live device.
+        match unsafe { (built.calls.device_error)(device) } {
+            0 => Ok(built),
+            error => Err(format!("Embree cannot build the scene: error {error}")),
+        }
+    }
+
+    fn commit(&self, options: Options) {
+        const TRIANGLE: c_int = 0;
+        const INDEX: c_uint = 0;
+        const VERTEX: c_uint = 1;
+        const UINT3: c_uint = 0x5003;
+        const FLOAT3: c_uint = 0x9003;
+        const COMPACT: c_int = 1 << 1;
+        let c = self.calls;
+        let (vertices, triangles) = (&self.vertices, &self.mesh.triangles);
+        // SAFETY: live handles; buffers of the stated counts, which stay where they are and as they are while the scene lives.
+        unsafe {
+            (c.set_scene_quality)(self.scene, options.quality);
+            (c.set_scene_flags)(self.scene, if options.is_compact { COMPACT } else { 0 });
+            let geometry = (c.new_geometry)(self.device, TRIANGLE);
+            (c.set_shared_buffer)(geometry, VERTEX, 0, FLOAT3, vertices.as_ptr().cast(), 0, 12, vertices.len() - 1);
+            (c.set_shared_buffer)(geometry, INDEX, 0, UINT3, triangles.as_ptr().cast(), 0, 12, triangles.len());
+            (c.set_geometry_quality)(geometry, options.quality);
+            (c.commit_geometry)(geometry);
+            (c.attach_geometry)(self.scene, geometry);
+            (c.release_geometry)(geometry);
+            (c.commit_scene)(self.scene);
+        }
+    }
+
+    /// Bytes of the structure alone.
+    pub fn bytes(&self) -> u64 {
+        self.bytes.load(Relaxed).max(0) as u64
+    }
+
+    /// As "3.13.5".
+    pub fn version(&self) -> String {
+        // SAFETY: a live device.
+        let version = unsafe { (self.calls.device_property)(self.device, VERSION) };
+        format!("{}.{}.{}", version / 10000, version / 100 % 100, version % 100)
+    }
+
+    /// Closest hits, ray by ray.
+    pub fn intersect(&self, context: &mut Context, rays: &mut [RtcRayHit]) {
+        for ray in rays {
+            // SAFETY: a committed scene, and one aligned ray with room for its hit.
+            unsafe { (self.calls.intersect)(self.scene, context, ptr::from_mut(ray).cast()) }
+        }
+    }
+
+    /// Any hits, ray by ray: `tfar` becomes minus infinity.
+    pub fn occluded(&self, context: &mut Context, rays: &mut [RtcRay]) {
+        for ray in rays {
+            // SAFETY: a committed scene, and one aligned ray.
+            unsafe { (self.calls.occluded)(self.scene, context, ptr::from_mut(ray).cast()) }
+        }
+    }
+
+    /// Closest hits of a stream.
+    pub fn intersect_stream(&self, context: &mut Context, rays: &mut [RtcRayHit]) {
+        let (count, stride) = (rays.len() as c_uint, size_of::<RtcRayHit>());
+        // SAFETY: a committed scene, and as many rays as stated, one after the other.
+        unsafe { (self.calls.intersect_stream)(self.scene, context, rays.as_mut_ptr().cast(), count, stride) }
+    }
+
+    /// Any hits of a stream.
+    pub fn occluded_stream(&self, context: &mut Context, rays: &mut [RtcRay]) {
+        let (count, stride) = (rays.len() as c_uint, size_of::<RtcRay>());
+        // SAFETY: a committed scene, and as many rays as stated, one after the other.
+        unsafe { (self.calls.occluded_stream)(self.scene, context, rays.as_mut_ptr().cast(), count, stride) }
+    }
+
+    /// Closest hits of a packet of 4, 8 or 16.
+    pub fn intersect_packet<const N: usize>(&self, context: &mut Context, valid: &Valid<N>, rays: &mut RtcRayHits<N>) {
+        let call = self.of_width::<N>([self.calls.intersect4, self.calls.intersect8, self.calls.intersect16]);
+        // SAFETY: a committed scene, and a packet of the call's width with its mask, both aligned to 64 bytes.
+        unsafe { call(valid.0.as_ptr(), self.scene, context, ptr::from_mut(rays).cast()) }
+    }
+
+    /// Any hits of a packet of 4, 8 or 16.
+    pub fn occluded_packet<const N: usize>(&self, context: &mut Context, valid: &Valid<N>, rays: &mut RtcRays<N>) {
+        let call = self.of_width::<N>([self.calls.occluded4, self.calls.occluded8, self.calls.occluded16]);
+        // SAFETY: a committed scene, and a packet of the call's width with its mask, both aligned to 64 bytes.
+        unsafe { call(valid.0.as_ptr(), self.scene, context, ptr::from_mut(rays).cast()) }
+    }
+
+    fn of_width<const N: usize>(&self, [four, eight, sixteen]: [Packet; 3]) -> Packet {
+        const { assert!(N == 4 || N == 8 || N == 16) };
+        match N {
+            4 => four,
+            8 => eight,
+            _ => sixteen,
+        }
+    }
+}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        // SAFETY: both are live, and nobody uses them any more.
+        unsafe {
+            (self.calls.release_scene)(self.scene);
+            (self.calls.release_device)(self.device);
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! Measures pictures: frames from the camera to bytes of colour, at rest.
+
+use crate::accuracy;
+use crate::common::{perceived, picture};
+use crate::data::{Case, Residency};
+use crate::expected::Expected;
+use crate::failure::Failure;
+use crate::ours::Ours;
+use crate::pairs::{Pairs, Spread};
+use crate::record::{Accuracy, Against, Counters, Outcomes, Record, Trace};
+use crate::trace::Task;
+use outcrop::scene::{Camera, Context};
+use outcrop::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// A frame with all that is compared.
+pub fn frame(context: &Context, (width, height): (u32, u32)) -> Result<Frame, Failure> {
+    let outputs = Outputs::COLOUR | Outputs::of(Buffer::Depth) | Outputs::of(Buffer::Kind);
+    Ok(Frame::new(context, FrameOptions { width, height, outputs, ..FrameOptions::default() })?)
+}
+
+/// A frame with what a viewer shows: what is timed.
+fn colours(context: &Context, (width, height): (u32, u32)) -> Result<Frame, Failure> {
+    Ok(Frame::new(context, FrameOptions { width, height, outputs: Outputs::COLOUR, ..FrameOptions::default() })?)
+}
+
+/// Asks for a picture, and waits until it rests.
+fn render(frame: &Frame, ours: &Ours, camera: &Camera, poe: f32) -> Result<FrameStatus, Failure> {
+    frame.request(&ours.state, camera, &FrameSettings { poe, ..FrameSettings::default() })?;
+    let status = frame.wait(Duration::from_secs(600));
+    match status.state {
+        FrameState::Converged => Ok(status),
+        _ => Err(Failure::new(format!("a picture does not converge: {status:?}"))),
+    }
+}
+
+/// What a picture shows.
+pub struct Shown {
+    pub depths: Vec<f32>,
+    /// sRGB and alpha.
+    pub colours: Vec<u8>,
+}
+
+impl Shown {
+    pub fn of(frame: &Frame) -> Result<Self, Failure> {
+        let depths = frame.map(Buffer::Depth)?.floats().ok_or_else(|| Failure::new("depths are floats"))?.to_vec();
+        Ok(Self { depths, colours: frame.map(Buffer::ColourSrgb8)?.bytes().to_vec() })
+    }
+
+    /// The exact picture.
+    pub fn exact(ours: &Ours, camera: &Camera, size: (u32, u32)) -> Result<Self, Failure> {
+        let frame = frame(&ours.context, size)?;
+        render(&frame, ours, camera, 0.0)?;
+        Self::of(&frame)
+    }
+
+    /// Against the exact picture: depths in pixels, and FLIP.
+    pub fn errors(&self, truth: &Self, camera: &Camera, (width, height): (u32, u32)) -> Result<Accuracy, Failure> {
+        let pixels = camera.prepare(width, height)?;
+        let off = picture::depth_pixels(&self.depths, &truth.depths, |depth| pixels.pixel_width(depth));
+        let [seen, wanted] = [self, truth].map(|shown| picture::Colours::Srgb8(&shown.colours));
+        let flip = perceived::flip(seen, wanted, width as usize).mean;
+        Ok(Accuracy { flip: Some(flip), ..accuracy::of_depths(off, &self.depths, &truth.depths) })
+    }
+}
+
+/// All settings of a case, each in turn with the exact picture.
+pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Result<Vec<Record>, Failure> {
+    let size = task.benchmark.size;
+    let camera = loaded.camera(task.scene, case.view);
+    let truth = Shown::exact(loaded, &camera, size)?;
+    let mut records = Vec::new();
+    let threads = if task.is_only_expecting { &[0][..] } else { &task.benchmark.threads };
+    for &threads in threads {
+        let ours = Ours::open(path, Residency::All, threads)?;
+        let one = frame(&ours.context, size)?;
+        // All answers are looked at before anything is timed.
+        let mut looks = Vec::new();
+        for &poe in &task.benchmark.poe {
+            let id = task.benchmark.id(&task.scene.row.name, case, poe);
+            let stand_ins = render(&one, &ours, &camera, poe)?.pixels_lod;
+            let seen = Shown::of(&one)?;
+            let kinds = one.map(Buffer::Kind)?.bytes().to_vec();
+            let hits = kinds.iter().filter(|kind| **kind != 0).count();
+            let bytes = [&seen.colours, one.map(Buffer::Depth)?.bytes(), &kinds].concat();
+            task.book.check(&id, Expected::of_bytes(hits, &bytes))?;
+            looks.push((poe, id, seen, hits, stand_ins));
+        }
+        if task.is_only_expecting {
+            continue;
+        }
+        drop(one);
+        let [one, other] = [colours(&ours.context, size)?, colours(&ours.context, size)?];
+        for (poe, id, seen, hits, stand_ins) in looks {
+            let accuracy = seen.errors(&truth, &camera, size)?;
+            let timed = |frame: &Frame, poe: f32| {
+                let begun = Instant::now();
+                render(frame, &ours, &camera, poe).expect("it did before");
+                begun.elapsed().as_secs_f64()
+            };
+            let pairs = Pairs::in_turn(task.benchmark.rounds, || timed(&one, poe), || timed(&other, 0.0));
+            let (seconds, exactly) = (Spread::of(&pairs.a), Spread::of(&pairs.b));
+            let (side, call) = (case.structure.clone(), "frame".to_owned());
+            let against = Against { side: side.clone(), call: "exact frame".into(), seconds: exactly, ratio: pairs.ratio() };
+            let counters = Counters {
+                bytes_model: Some(ours.model.memory().geometry),
+                bytes_working_set: Some(working_set(path, &camera, size, poe)?),
+                stand_ins: Some(stand_ins),
+            };
+            let count = truth.depths.len();
+            let mrays = count as f64 / seconds.median / 1e6;
+            eprintln!("{id}, {threads} threads: {:.1} ms; {:.3} px", seconds.median * 1e3, accuracy.mean_px);
+            let residency = case.residency.name();
+            let (view, rays) = (case.view, case.rays.name().into());
+            let against = Some(against);
+            let trace = Trace {
+                side, is_peer: false, call, residency, view, rays, poe, threads, count, hits, seconds, mrays, against, counters, accuracy,
+            };
+            let triangles = ours.model.info().triangles_in;
+            records.push(task.record(format!("{id}/{}/{threads}", case.structure), triangles, Outcomes::Trace(Box::new(trace))));
+        }
+    }
+    Ok(records)
+}
+
+/// Bytes of the blocks that a picture takes, of a model with none in memory.
+fn working_set(path: &Path, camera: &Camera, size: (u32, u32), poe: f32) -> Result<u64, Failure> {
+    let cold = Ours::open(path, Residency::Cold, 1)?;
+    render(&frame(&cold.context, size)?, &cold, camera, poe)?;
+    Ok(cold.model.memory().resident)
+}

@@ -1,0 +1,172 @@
+//! Scenes: their triangles for peers and the oracle, and the models built of them, kept in `target/bench`.
+
+use crate::common::{models, scenes};
+use crate::data::SceneRow;
+use crate::failure::{Failure, Outcome};
+use glam::DVec3;
+use outcrop::base::progress::{Cancel, Progress};
+use outcrop::build::{BuildOptions, BuildReport, Builder};
+use outcrop::import::collect::Collector;
+use outcrop::import::generate::{GenerateOptions, generate};
+use outcrop::import::{MeshKey, PartDesc, ReadOptions, Sink, read_file};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Triangles in single precision, corners shared: what peers take.
+#[derive(Debug, Clone, Default)]
+pub struct Mesh {
+    pub vertices: Vec<[f32; 3]>,
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Mesh {
+    /// Shares equal corners. A primitive is an index into the input, also here.
+    pub fn of(triangles: impl Iterator<Item = [DVec3; 3]>) -> Self {
+        let mut mesh = Self::default();
+        let mut known = HashMap::new();
+        for corners in triangles {
+            let triangle = corners.map(|corner| {
+                let corner = corner.as_vec3().to_array();
+                *known.entry(corner.map(f32::to_bits)).or_insert_with(|| {
+                    mesh.vertices.push(corner);
+                    mesh.vertices.len() as u32 - 1
+                })
+            });
+            mesh.triangles.push(triangle);
+        }
+        mesh
+    }
+
+    /// Bytes of vertices and indices.
+    pub fn bytes(&self) -> u64 {
+        (12 * self.vertices.len() + 12 * self.triangles.len()) as u64
+    }
+}
+
+/// A scene that is here.
+pub struct Scene {
+    pub row: SceneRow,
+    source: Source,
+}
+
+enum Source {
+    Generator(String),
+    Triangles(Vec<[DVec3; 3]>),
+    File(PathBuf),
+}
+
+impl Scene {
+    /// `None` after a message if it is of a file that is not here.
+    pub fn find(row: &SceneRow) -> Result<Option<Self>, Failure> {
+        let source = match (&row.generator, &row.formula, &row.file) {
+            (Some(name), ..) => Source::Generator(name.clone()),
+            (_, Some(name), _) => Source::Triangles(formula(name, row)?),
+            (_, _, Some(file)) => match models::find(file) {
+                Some(path) => Source::File(path),
+                None => return Ok(None),
+            },
+            _ => return Err(Failure::new(format!("scene {:?} comes from nowhere", row.name))),
+        };
+        Ok(Some(Self { row: row.clone(), source }))
+    }
+
+    /// Sends its triangles to a sink.
+    pub fn fill(&self, sink: &mut dyn Sink) -> Outcome {
+        match &self.source {
+            Source::Generator(name) => {
+                let options = GenerateOptions { triangles: self.row.triangles, seed: self.row.seed };
+                generate(name, &options, &Cancel::new(), sink)?;
+            }
+            Source::Triangles(triangles) => {
+                let part = sink.part(PartDesc { id: Some(1), name: self.row.name.clone(), ..PartDesc::default() })?;
+                sink.triangles(MeshKey::DIRECT, part, triangles, None)?;
+            }
+            Source::File(path) => read_file(path, &ReadOptions::default(), sink)?,
+        }
+        Ok(())
+    }
+
+    /// Its triangles where they are seen.
+    pub fn mesh(&self) -> Result<Mesh, Failure> {
+        let mut collector = Collector::new();
+        self.fill(&mut collector)?;
+        Ok(Mesh::of(collector.placed().map(|t| t.positions)))
+    }
+
+    /// Builds it as it would be built from files: the clock of the caller also counts making the triangles.
+    pub fn build(&self, threads: usize, to: &Path) -> Result<BuildReport, Failure> {
+        let mut builder = builder(threads)?;
+        self.fill(&mut builder)?;
+        Ok(builder.finish(to)?)
+    }
+
+    /// Its model, built by this very program: one that an older version has left is built anew.
+    pub fn model(&self, structure: &str) -> Result<PathBuf, Failure> {
+        let folder = folder().join("models");
+        std::fs::create_dir_all(&folder)?;
+        let program = std::fs::read(std::env::current_exe()?)?;
+        let stem = format!("{}-{structure}-", self.row.name);
+        let name = format!("{stem}{:016x}.oc", xxhash_rust::xxh3::xxh3_64(&program));
+        let path = folder.join(&name);
+        if !path.is_file() {
+            for old in std::fs::read_dir(&folder)?.flatten() {
+                if old.file_name().to_string_lossy().starts_with(&stem) {
+                    std::fs::remove_file(old.path())?;
+                }
+            }
+            eprintln!("building {}", self.row.name);
+            self.build(0, &path)?;
+        }
+        Ok(path)
+    }
+}
+
+/// A builder with so many threads; 0 for all.
+pub fn builder(threads: usize) -> Result<Builder, Failure> {
+    let options = BuildOptions { threads, ..BuildOptions::default() };
+    Ok(Builder::new(options, Arc::new(Progress::default()), Cancel::new())?)
+}
+
+/// A scene of `tests/common/scenes.rs`.
+fn formula(name: &str, row: &SceneRow) -> Result<Vec<[DVec3; 3]>, Failure> {
+    match name {
+        "wire_forest" => Ok(scenes::wire_forest(row.count, 24, row.seed)),
+        _ => Err(Failure::new(format!("scene {:?}: no formula {name:?}", row.name))),
+    }
+}
+
+/// Where results and models are kept.
+pub fn folder() -> PathBuf {
+    models::checkout().join("target/bench")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corners_are_shared_and_primitives_keep_their_numbers() {
+        let [a, b, c, d] = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+        let mesh = Mesh::of([[a, b, c], [c, b, d], [a, b, c]].into_iter());
+        assert_eq!(mesh.vertices.len(), 4);
+        assert_eq!(mesh.triangles, [[0, 1, 2], [2, 1, 3], [0, 1, 2]]);
+        assert_eq!(mesh.bytes(), 84);
+    }
+
+    #[test]
+    fn a_wire_forest_is_closed_and_thin() {
+        let tris = scenes::wire_forest(7, 24, 1);
+        // Every edge has a neighbour that runs the other way.
+        let mut edges = HashMap::new();
+        for tri in &tris {
+            for i in 0..3 {
+                let [from, to] = [tri[i], tri[(i + 1) % 3]].map(|v| v.to_array().map(f64::to_bits));
+                *edges.entry((from.min(to), from.max(to))).or_insert(0) += if from < to { 1 } else { -1 };
+            }
+        }
+        assert!(!edges.is_empty() && edges.values().all(|&n| n == 0), "an open edge");
+        let area: f64 = tris.iter().map(|t| (t[1] - t[0]).cross(t[2] - t[0]).length() / 2.0).sum();
+        assert!(area < 7.0 * 7.0 * std::f64::consts::TAU * 0.006, "{area}");
+    }
+}
