@@ -99,7 +99,12 @@ struct Surface {
     next: f64,
     /// The ray's width here, pixels of error included: rays that leave it begin as wide.
     width: f32,
+    /// Up to here from it, rays that leave it look for nothing but triangles.
+    near: f64,
 }
+
+/// The diagonal of a cube that may stand in for a ray of so much width.
+const DIAGONAL: f32 = 1.732_050_8;
 
 /// The pixels of a packet, in one sample.
 #[derive(Clone, Copy)]
@@ -335,7 +340,11 @@ impl Direct<'_> {
         let material = self.material(found.placed, part, own)?;
         let leave = placed.extent() * LEAVE;
         let position = ray.origin + ray.dir.as_dvec3() * found.t;
-        Ok(Surface { position, normal, material, leave, next: found.t + leave, width: width_at(ray, found.t) })
+        let width = width_at(ray, found.t);
+        // Cells of the surface itself are beside it, and stand out. (Áfra 2012, section 6.2, begins behind them, in the open; here
+        // what is near is looked for exactly, so that no wall is passed.)
+        let near = f64::from(width * DIAGONAL);
+        Ok(Surface { position, normal, material, leave, next: found.t + leave, width, near })
     }
 
     /// Depth and error of a triangle's hit, in double precision.
@@ -402,7 +411,7 @@ impl Direct<'_> {
         let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
         let leave = if casts { look.above() } else { 0.0 } + placed.extent() * LEAVE;
         let next = if material.opacity < 1.0 { look.leave() } else { look.t } + placed.extent() * LEAVE;
-        Ok(Surface { position, normal: look.normal, material, leave, next, width })
+        Ok(Surface { position, normal: look.normal, material, leave, next, width, near: 0.0 })
     }
 
     /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.
@@ -553,7 +562,7 @@ struct Aim {
     shadow: Ray,
 }
 
-/// `None` where the light does not reach at all, or is a headlight.
+/// `None` where the light does not reach at all, or is a headlight. The shadow ray's `t_min` is [`Surface::near`].
 fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
     let strength = Vec3::from(light.colour) * light.intensity;
     let from = surface.position + surface.normal.as_dvec3() * surface.leave;
@@ -562,14 +571,15 @@ fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
         LightKind::Headlight => None,
         LightKind::Directional(dir) => {
             let to_light = -dir.try_normalize()?.as_vec3();
-            Some(Aim { to_light, irradiance: strength, shadow: Ray { cone, ..Ray::new(from, to_light) } })
+            Some(Aim { to_light, irradiance: strength, shadow: Ray { cone, t_min: surface.near, ..Ray::new(from, to_light) } })
         }
         LightKind::Point(point) => {
             let way = point - from;
             let distance = way.length();
             let to_light = way.try_normalize()?.as_vec3();
             let irradiance = strength * (1.0 / (distance * distance)).min(1e30) as f32;
-            let shadow = Ray { t_max: distance * (1.0 - 1e-6), cone, ..Ray::new(from, to_light) };
+            let t_max = distance * (1.0 - 1e-6);
+            let shadow = Ray { t_min: surface.near.min(t_max), t_max, cone, ..Ray::new(from, to_light) };
             Some(Aim { to_light, irradiance, shadow })
         }
     }

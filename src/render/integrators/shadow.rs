@@ -3,14 +3,15 @@
 
 use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS, Scratch};
 use crate::base::ids::BlockId;
+use crate::render::wants::Wants;
 use crate::query::stand_in;
-use crate::math::Ray;
+use crate::math::{Cone, Ray};
 use crate::scene::walk::{Found, Need, ScenePacket, Step, bits};
 use crate::structure::bvh::trace::PACKET;
 
 impl Direct<'_> {
     /// The share of light that comes through along each of the rays of `asked`; 1 for the others. Rays have
-    /// unit directions, and are used up.
+    /// unit directions, and are used up; up to their `t_min` nothing may stand in.
     pub(super) fn unshadowed(
         &self,
         rays: &mut [Ray; PACKET],
@@ -22,11 +23,21 @@ impl Direct<'_> {
         if asked == 0 {
             return Ok(through);
         }
-        let dark = self.met::<true>(rays, asked, packet)?;
-        for i in bits(dark) {
-            if let Some(need) = self.view.wanted(packet.best(i)) {
-                wants.add(need, 1.0);
+        let mut dark = 0;
+        let near = bits(asked).filter(|&i| rays[i].t_min > 0.0).fold(0, |m, i| m | 1 << i);
+        if near != 0 {
+            let mut short = [Ray::NONE; PACKET];
+            for i in bits(near) {
+                short[i] = Ray { t_min: 0.0, t_max: rays[i].t_min, cone: Cone::ZERO, ..rays[i] };
             }
+            dark = self.met::<true>(&short, near, packet)?;
+            self.want(dark, packet, wants);
+            bits(dark).for_each(|i| rays[i].t_min = 0.0);
+        }
+        if asked & !dark != 0 {
+            let far = self.met::<true>(rays, asked & !dark, packet)?;
+            self.want(far, packet, wants);
+            dark |= far;
         }
         if self.view.scene.see_through {
             self.go_through(rays, dark, &mut through, packet)?;
@@ -34,6 +45,15 @@ impl Direct<'_> {
             bits(dark).for_each(|i| through[i] = 0.0);
         }
         Ok(through)
+    }
+
+    /// Asks for what stands in, on rays that met something, for want of a block.
+    fn want(&self, met: u32, packet: &ScenePacket, wants: &mut Wants) {
+        for i in bits(met) {
+            if let Some(need) = self.view.wanted(packet.best(i)) {
+                wants.add(need, 1.0);
+            }
+        }
     }
 
     /// Goes through surfaces, from the one that is lit towards the light, until nothing comes through.
