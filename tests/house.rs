@@ -14,7 +14,7 @@ const ROOMS: [(&str, &[&str]); 14] = [
     ("math", &[]),
     ("simd", &["math"]),
     ("geom", &["base", "math", "simd"]),
-    ("lod", &["base", "math"]),
+    ("lod", &["base", "math", "simd"]),
     ("store", &["base"]),
     ("import", &["base", "math", "geom"]),
     ("residency", &["base", "store"]),

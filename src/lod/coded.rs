@@ -18,8 +18,9 @@
 //!
 //! The paper packs a sample into 32 bits: 15 of normal, 15 of colour, no spread and no coverage.
 
-use super::slabs::{Content, Middle};
+use super::slabs::{Content, Middle, abs, normal_bytes, splat};
 use super::voxel::{Sample, Voxel};
+use crate::simd::Lanes;
 use glam::{Vec2, Vec3};
 
 /// Bytes of a sample.
@@ -90,9 +91,9 @@ pub fn stored_colour(word: u32) -> Vec3 {
 
 impl Coded {
     /// Of a voxel and what its cell holds. `may_have_sides`: a sample for each side is kept where one does not do.
-    pub fn of(voxel: &Voxel, cell: Middle, content: &Content, may_have_sides: bool) -> Self {
-        let extent = cell.half;
-        let faces = [extent.y * extent.z, extent.z * extent.x, extent.x * extent.y];
+    pub fn of(voxel: &Voxel, cell: &Middle<f32>, content: &Content, may_have_sides: bool) -> Self {
+        let [x, y, z] = cell.half;
+        let faces = [y * z, z * x, x * y];
         let weights: [f32; 6] = std::array::from_fn(|side| voxel.sides[side].cover * faces[side % 3]);
         let (mean, agree) = mean(&voxel.sides, &weights);
         let (coloured, colours) =
@@ -187,24 +188,22 @@ pub(super) fn octahedral(n: Vec3) -> u32 {
     byte(folded.x) | byte(folded.y) << 8
 }
 
-/// The direction of the normal in the low half of a sample's first word: on the octahedron, not unit.
+/// The direction of a normal from its two signed bytes: on the octahedron, not unit.
 #[inline(always)]
-pub(super) fn octahedral_axis(word: u32) -> Vec3 {
-    let part = |at: u32| f32::from((word >> at) as u8 as i8) * (1.0 / 127.0);
-    let (x, y) = (part(0), part(8));
-    let z = 1.0 - x.abs() - y.abs();
-    if z >= 0.0 {
-        Vec3::new(x, y, z)
-    } else {
-        Vec3::new((1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y), z)
-    }
+pub(super) fn octahedral_axis<const N: usize, L: Lanes<N>>([x, y]: [L; 2]) -> [L; 3] {
+    let zero = splat(x, 0.0);
+    let (x, y) = (x * splat(x, 1.0 / 127.0), y * splat(x, 1.0 / 127.0));
+    let z = splat(x, 1.0) - abs(x) - abs(y);
+    // Corners of the square are folded down.
+    let fold = (zero - z).max(zero);
+    [(x - fold).select(zero.le(x), x + fold), (y - fold).select(zero.le(y), y + fold), z]
 }
 
 /// The unit normal in the low half of a sample's first word. (Inlined always: many at once are vectors then.)
 #[inline(always)]
 pub fn stored_normal(word: u32) -> Vec3 {
     // Bytes of -128, which only a damaged file has, are a little beyond the square: finite all the same.
-    octahedral_axis(word).normalize_or(Vec3::Z)
+    Vec3::from(octahedral_axis(normal_bytes(word))).normalize_or(Vec3::Z)
 }
 
 #[cfg(test)]
@@ -237,8 +236,8 @@ mod tests {
     fn coded(facets: &[([f32; 3], [f32; 3])]) -> Coded {
         let facets: Vec<_> =
             facets.iter().map(|(n, c)| Facet { normal: (*n).into(), colour: (*c).into(), part: 9, is_own_colour: true }).collect();
-        let cell = Middle { at: CELL.center(), half: CELL.extent() * 0.5 };
-        Coded::of(&Voxel::of_leaf(&CELL, &facets), cell, &Content::of_points(vec![CELL.min, CELL.max]), true)
+        let cell = Middle { at: CELL.center().to_array(), half: (CELL.extent() * 0.5).to_array() };
+        Coded::of(&Voxel::of_leaf(&CELL, &facets), &cell, &Content::of_points(vec![CELL.min, CELL.max]), true)
     }
 
     const GREY: [f32; 3] = [0.25; 3];

@@ -4,17 +4,20 @@
 //! the distance from the hit to the cell's farthest corner, plus that. Measured from the hit's position as given, in
 //! double precision: what single precision did to `t` does not enter.
 //!
+//! Where the cell's level says that all of the region in which it is met is nearer to original surface (`lod::Fill`), that is its error.
+//! Not so where a ray begins in a cell, for it is not met there; nor where single precision has moved the hit off that region.
+//!
 //! **t_free.** A cell's box and slabs hold all that it stands for, and the walk takes the nearest of all of these and of triangles,
 //! each where it is entered or before: no original surface lies on the ray before the hit, up to what single precision may have
 //! moved (as for exact hits, `finish.rs`). In a stand-in for missing data that the ray begins in nothing is known to be free.
 
 use super::hit::{Hit, HitKind, NONE, Want};
-use crate::lod::farthest;
+use crate::lod::{farthest, holds, limit, surely_holds};
 use crate::math::{Bounds, Ray};
 use crate::scene::placed::{Placed, not_below};
 use crate::scene::walk::{Found, SceneView, bits};
 use crate::simd::prefetch;
-use crate::structure::bvh::layout::{Block, StoredVoxel};
+use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
 use crate::structure::bvh::trace::StandIn;
 use glam::{DVec3, Vec3};
 
@@ -31,6 +34,7 @@ pub(crate) struct Look<'a> {
     pub colour: Option<Vec3>,
     placed: &'a Placed,
     ray: &'a Ray,
+    reach: f32,
     block: Block<'a>,
     place: StandIn,
 }
@@ -88,6 +92,7 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
         colour: voxel.has_colours().then_some(side.colour),
         placed,
         ray,
+        reach: view.tree(found.placed).reach,
         block,
         place,
     })
@@ -103,12 +108,32 @@ fn cell(block: Block, place: StandIn) -> Bounds {
     block.node(place.node).stored_box(place.slot)
 }
 
-/// The error of a hit `along` from a ray's origin, which is `here` in the tree's frame, on a cell. See the module.
+/// How far original surface is at most from a hit at `here` on the cell in `slot` of a node, as a part of its diagonal, by what the
+/// cell's level says; infinitely far if that says nothing of there. `reach`: of the tree's coordinates, `origin` the ray's in its frame.
+#[inline]
+pub(super) fn near(node: &Node, slot: usize, reach: f32, origin: DVec3, here: impl FnOnce() -> DVec3) -> f64 {
+    let Some(limit) = limit(node.level(slot)) else { return f64::INFINITY };
+    let cell = node.stored_box(slot);
+    let diagonal = (cell.max.as_dvec3() - cell.min.as_dvec3()).length();
+    let size = origin.abs().max_element().max(f64::from(reach));
+    let is_near = surely_holds(diagonal, size) || holds(&cell, &node.stored_slabs(slot), in_cell(here(), &cell));
+    if is_near { limit } else { f64::INFINITY }
+}
+
 #[inline(always)]
-pub(super) fn error_at(placed: &Placed, origin: DVec3, along: DVec3, here: DVec3, cell: &Bounds) -> f32 {
-    let farthest = (here - cell.min.as_dvec3()).abs().max((here - cell.max.as_dvec3()).abs()).length();
+fn in_cell(here: DVec3, cell: &Bounds) -> DVec3 {
+    here.max(cell.min.as_dvec3()).min(cell.max.as_dvec3())
+}
+
+/// The error of a hit `along` from a ray's origin, which is `here` in the tree's frame, on a cell; `near` is [`near`]. See the module.
+#[inline(always)]
+pub(super) fn error_at(placed: &Placed, origin: DVec3, along: DVec3, here: DVec3, cell: &Bounds, near: f64) -> f32 {
+    let (low, high) = (cell.min.as_dvec3(), cell.max.as_dvec3());
+    let farthest = (here - low).abs().max((here - high).abs()).length();
+    // Not so for NaN, of cells that are points.
+    let nearest = ((high - low).length() * near + here.distance(in_cell(here, cell))).min(farthest);
     let size = origin.abs().max_element() + along.abs().max_element();
-    not_below(placed.stretch * farthest + placed.position_error + placed.rounding(size))
+    not_below(placed.stretch * nearest + placed.position_error + placed.rounding(size))
 }
 
 /// A unit normal of the tree's frame in the world, against `dir`.
@@ -139,7 +164,12 @@ impl Look<'_> {
     pub fn error(&self) -> f32 {
         let along = self.ray.dir.as_dvec3() * self.t;
         let here = self.placed.local_point(self.ray.origin + along);
-        error_at(self.placed, self.ray.origin, along, here, &cell(self.block, self.place))
+        let near = if self.place.is_inside {
+            f64::INFINITY
+        } else {
+            near(self.block.node(self.place.node), self.place.slot, self.reach, self.placed.local_point(self.ray.origin), || here)
+        };
+        error_at(self.placed, self.ray.origin, along, here, &cell(self.block, self.place), near)
     }
 
     /// See the module.

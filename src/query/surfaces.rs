@@ -55,6 +55,8 @@ pub(crate) struct Surfaces {
     colour: Row<u32>,
     coloured: u32,
     boxes: [Row<f32>; 6],
+    /// See [`stand_in::near`].
+    near: Row<f64>,
     hits: PacketSurfaces,
 }
 
@@ -78,6 +80,7 @@ impl Default for Surfaces {
             colour: [0; PACKET],
             coloured: 0,
             boxes: [[0.0; PACKET]; 6],
+            near: [0.0; PACKET],
             hits: PacketSurfaces::default(),
         }
     }
@@ -220,6 +223,9 @@ impl Surfaces {
                 for row in 0..6 {
                     self.boxes[row][i] = node.stored_plane(row, *slot);
                 }
+                let (org, dir) = ray(i);
+                let here = || placed.local_point(org + dir.as_dvec3() * f64::from(walk.best(i).t));
+                self.near[i] = stand_in::near(node, *slot, tree.reach, placed.local_point(org), here);
             }
             if !voxel.has_sides() {
                 continue;
@@ -356,7 +362,7 @@ impl Op for Errors<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { all: Surfaces { dir, boxes, .. }, placed, eye, t, out } = self;
+        let Self { all: Surfaces { dir, boxes, near, .. }, placed, eye, t, out } = self;
         // A copy: it stays as it is while `out` is written.
         let placed = *placed;
         let Some(offset) = placed.only_shifted() else { return };
@@ -366,7 +372,7 @@ impl Op for Errors<'_> {
                 min: Vec3::new(boxes[0][i], boxes[1][i], boxes[2][i]),
                 max: Vec3::new(boxes[3][i], boxes[4][i], boxes[5][i]),
             };
-            out[i] = stand_in::error_at(&placed, eye, along, eye + along - offset, &cell);
+            out[i] = stand_in::error_at(&placed, eye, along, eye + along - offset, &cell, near[i]);
         }
     }
 }

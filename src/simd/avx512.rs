@@ -268,6 +268,14 @@ impl Simd for Avx512 {
         V8(unsafe { _mm256_cvtepi32_ps(self.index8(v)) })
     }
     #[inline(always)]
+    fn fields8(self, words: &[u32; 8], from: u32, count: u32) -> V8 {
+        // SAFETY: the token vouches; `words` are eight, and the load needs no alignment.
+        V8(unsafe {
+            let words = _mm256_srl_epi32(_mm256_loadu_si256(words.as_ptr().cast()), _mm_cvtsi32_si128(from as i32));
+            _mm256_cvtepi32_ps(_mm256_and_si256(words, _mm256_set1_epi32((1 << count) - 1)))
+        })
+    }
+    #[inline(always)]
     fn index8(self, v: &[u8; 8]) -> __m256i {
         // SAFETY: the token vouches.
         unsafe { _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(i64::from_le_bytes(*v))) }

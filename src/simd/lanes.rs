@@ -62,6 +62,8 @@ pub trait Simd: Copy {
     fn powers8(self, word: u32) -> [Self::F8; 3];
     /// Eight bytes as floats 0 to 255.
     fn bytes8(self, v: &[u8; 8]) -> Self::F8;
+    /// Of eight words `count` bits, below 24, from bit `from` on, as floats.
+    fn fields8(self, words: &[u32; 8], from: u32, count: u32) -> Self::F8;
     /// Eight indices from bytes; only their low four bits count.
     fn index8(self, v: &[u8; 8]) -> Self::Index8;
     /// `table[i]` for each index `i`.

@@ -141,6 +141,10 @@ impl Simd for Portable {
         Array(from_fn(|i| f32::from(v[i])))
     }
     #[inline(always)]
+    fn fields8(self, words: &[u32; 8], from: u32, count: u32) -> Array<8> {
+        Array(from_fn(|i| (words[i] >> from & ((1 << count) - 1)) as f32))
+    }
+    #[inline(always)]
     fn index8(self, v: &[u8; 8]) -> [u8; 8] {
         *v
     }

@@ -35,6 +35,10 @@ impl Op for Battery {
             eight(s.load8(&a8), s.load8(&b8), s.splat8(2.5), &mut out);
             let bytes = std::array::from_fn(|i| (i * 37 + shift * 11) as u8);
             out.extend(s.bytes8(&bytes).to_array().map(f32::to_bits));
+            let words = std::array::from_fn(|i| 0x9e37_79b9u32.wrapping_mul((i + shift * 8) as u32));
+            for (from, count) in [(0, 7), (shift as u32, 5), (30, 2)] {
+                out.extend(s.fields8(&words, from, count).to_array().map(f32::to_bits));
+            }
             let word = 0x9a7f_0180u32.rotate_left(shift as u32);
             s.powers8(word).iter().for_each(|p| out.extend(p.to_array().map(f32::to_bits)));
             sorted(s, shift as u32, &a8, &mut out);

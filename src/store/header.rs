@@ -10,7 +10,7 @@ pub const MAGIC: [u8; 8] = *b"\x8fOCR\r\n\x1a\n";
 /// First bytes of the footer.
 pub const FOOTER_MAGIC: [u8; 8] = *b"\n\x1a\n\rRCO\x8f";
 /// Major and minor format version that is written, and the newest that is read.
-pub const VERSION: (u16, u16) = (0, 3);
+pub const VERSION: (u16, u16) = (0, 4);
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 256;
 /// Bytes of the footer.

@@ -163,8 +163,9 @@ fn read_voxels(reader: &mut Reader, nodes: &mut [Node]) -> Checked<([u32; 3], Ve
     let mut voxels = 0;
     for node in nodes {
         words.push(voxels);
-        for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
-            (node.slabs[slot], node.normal[slot]) = (slabs[voxels as usize], firsts[voxels as usize] as u16);
+        let valid = node.valid;
+        for slot in (0..WIDTH).filter(|slot| valid >> slot & 1 == 1) {
+            node.set_slabs(slot, slabs[voxels as usize], firsts[voxels as usize] as u16);
             voxels += 1;
         }
     }

@@ -43,7 +43,7 @@
 //! | .. | first, second, third vertex of each triangle: three runs of u8, padded together to a word |
 //! | .. | x of all vertices, then y, then z: f32 |
 
-use crate::lod::{Coded, Middle, SIDES_WORDS, Side, Slabs, VOXEL_WORDS, summary_bit};
+use crate::lod::{self, Coded, LEVEL, Middle, SIDES_WORDS, Side, Slabs, VOXEL_WORDS, summary_bit};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -137,8 +137,9 @@ pub struct Node {
     pub child: [u16; WIDTH],
     /// The slabs of their voxels (`lod::Slabs`).
     pub slabs: [u32; WIDTH],
-    /// The normals that these are across, as in the voxels.
-    pub normal: [u16; WIDTH],
+    /// The normals that these are across: the two bytes of the voxels', each with its highest bit turned, which makes a signed
+    /// byte one that counts from -128.
+    pub normal: [[u8; WIDTH]; 2],
 }
 const _: () = assert!(size_of::<Node>() == NODE_WORDS * 4);
 
@@ -172,23 +173,47 @@ impl Node {
         f32::from(self.planes[row][slot & (WIDTH - 1)]) * self.step(row % 3) + self.origin[row % 3]
     }
 
+    /// The low half of a child's voxel's first word.
+    #[inline(always)]
+    pub fn stored_normal(&self, slot: usize) -> u16 {
+        let slot = slot & (WIDTH - 1);
+        u16::from_le_bytes([self.normal[0][slot], self.normal[1][slot]]) ^ 0x8080
+    }
+
+    /// Takes a child's slabs, and the low half of its voxel's first word.
+    pub fn set_slabs(&mut self, slot: usize, slabs: u32, normal: u16) {
+        self.slabs[slot] = slabs;
+        [self.normal[0][slot], self.normal[1][slot]] = (normal ^ 0x8080).to_le_bytes();
+    }
+
+    /// How near to a child's content all of the region inside of its slabs is (`lod::limit`).
+    #[inline(always)]
+    pub fn level(&self, slot: usize) -> u32 {
+        self.slabs[slot & (WIDTH - 1)] >> LEVEL.0
+    }
+
+    /// Takes that, of a child of which it is not known yet.
+    pub fn set_level(&mut self, slot: usize, level: u32) {
+        self.slabs[slot] |= level << LEVEL.0;
+    }
+
     /// Where in the box of a child its content is.
     #[inline(always)]
-    pub fn stored_slabs(&self, slot: usize) -> Slabs {
-        let slot = slot & (WIDTH - 1);
-        Slabs::stored(self.slabs[slot], self.normal[slot].into(), self.stored_middle(slot))
+    pub fn stored_slabs(&self, slot: usize) -> Slabs<f32> {
+        let word = self.slabs[slot & (WIDTH - 1)];
+        lod::slabs(lod::fields(word), lod::normal_bytes(self.stored_normal(slot).into()), &self.stored_middle(slot))
     }
 
     /// A child's box as its slabs see it.
     #[inline(always)]
-    pub fn stored_middle(&self, slot: usize) -> Middle {
+    pub fn stored_middle(&self, slot: usize) -> Middle<f32> {
         let slot = slot & (WIDTH - 1);
         let at = |axis: usize| {
             let (low, high) = (self.planes[axis][slot], self.planes[axis + 3][slot]);
             f32::from(u16::from(low) + u16::from(high)) * (0.5 * self.step(axis)) + self.origin[axis]
         };
         let half = |axis: usize| f32::from(self.planes[axis + 3][slot].wrapping_sub(self.planes[axis][slot])) * (0.5 * self.step(axis));
-        Middle { at: Vec3::new(at(0), at(1), at(2)), half: Vec3::new(half(0), half(1), half(2)) }
+        Middle { at: [at(0), at(1), at(2)], half: [half(0), half(1), half(2)] }
     }
 
     /// A child's box as walks see it. (The grid's planes are outside of the child, whose own are single-precision

@@ -67,7 +67,7 @@ fn check_voxels(block: &Block) -> Result<(), String> {
     for i in 0..block.nodes() {
         for slot in (0..WIDTH).filter(|slot| block.node(i).valid >> slot & 1 == 1) {
             let normal = block.voxel(i, slot).words()[0] as u16;
-            ensure(block.node(i).normal[slot] == normal, "a node's normals are not its voxels'")?;
+            ensure(block.node(i).stored_normal(slot) == normal, "a node's normals are not its voxels'")?;
         }
     }
     for voxel in (0..voxels).map(|v| block.voxel_at(v)).filter(|voxel| Coded::has_sides(voxel[0])) {
@@ -163,7 +163,8 @@ mod tests {
         let leaf_at = HEADER_WORDS + NODE_WORDS + EXTERNAL_WORDS + 1 + 1 + 2 * SHORT_VOXEL;
         node.child[0] = Child::Leaf(leaf_at).to_bits();
         node.child[1] = Child::External(0).to_bits();
-        node.normal[..2].copy_from_slice(&[0x1234, 0]);
+        node.set_slabs(0, 0, 0x1234);
+        node.set_slabs(1, 0, 0);
         let mut words = vec![1 | 1 << 16, 1 | 1 << 16, 48, 51, 52, 2, SHORT_VOXEL as u32, 7];
         words.resize(HEADER_WORDS, 0);
         words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(node));

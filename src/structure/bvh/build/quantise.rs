@@ -13,7 +13,7 @@ pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node
         planes: [[0; WIDTH]; 6],
         child: [0; WIDTH],
         slabs: [0; WIDTH],
-        normal: [0; WIDTH],
+        normal: [[0; WIDTH]; 2],
     };
     for axis in 0..3 {
         node.exponent[axis] = exponent(f64::from(all.max[axis]) - f64::from(all.min[axis]));

@@ -11,7 +11,7 @@ use super::{Counts, TreeInput};
 use super::cluster::{FINE_WORDS, UnitId};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
-use crate::lod::{Coded, Content, Facet, SIDES_WORDS, VOXEL_WORDS, Slabs, Voxel};
+use crate::lod::{Coded, Content, Facet, Fill, SIDES_WORDS, VOXEL_WORDS, Voxel};
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{EXTERNAL_WORDS, MAX_TRIANGLES, NODE_WORDS, Node, WIDTH};
 use glam::Vec3;
@@ -101,7 +101,6 @@ impl Inner {
         let cell = stored.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
         let voxel = Voxel::over(stored.iter().zip(pieces.iter().map(|p| &p.voxel)));
         // A leaf's own triangles are at hand wherever its sides could be told apart.
-        let (mut slabs, mut normals) = ([0; WIDTH], [0; WIDTH]);
         let mut contents = Vec::with_capacity(pieces.len());
         let coded = |(slot, (p, stored)): (usize, (Piece, &Bounds))| {
             let is_leaf = |sub: &Sub| matches!(sub, Sub::Leaf { .. });
@@ -109,16 +108,16 @@ impl Inner {
                 Sub::Inner(wrapped) if wrapped.children.len() == 1 => !is_leaf(&wrapped.children[0].1),
                 sub => !is_leaf(sub),
             };
-            let middle = node.stored_middle(slot);
-            let coded = Coded::of(&p.voxel, middle, &p.content, may_have_sides);
-            (slabs[slot], normals[slot]) = (coded.slabs, coded.words[0] as u16);
-            contents.push((p.content, *stored, Slabs::stored(coded.slabs, coded.words[0], middle)));
+            let coded = Coded::of(&p.voxel, &node.stored_middle(slot), &p.content, may_have_sides);
+            node.set_slabs(slot, coded.slabs, coded.words[0] as u16);
+            let (slabs, fill) = (node.stored_slabs(slot), Fill::of(&p.content, stored));
+            node.set_level(slot, fill.level(stored, &slabs));
+            contents.push((p.content, *stored, slabs, fill));
             (coded, p.sub)
         };
         // Not collected: that would keep the pieces' memory, which is several times as much.
         let mut children = Vec::with_capacity(pieces.len());
         children.extend(pieces.into_iter().zip(&stored).enumerate().map(coded));
-        (node.slabs, node.normal) = (slabs, normals);
         let mut inner = Box::new(Inner { node, children, words: 0 });
         inner.measure();
         Piece { cell, voxel, content: Content::over(contents), sub: Sub::Inner(inner) }

@@ -8,6 +8,7 @@
 mod ahead;
 mod bundle;
 mod bundle_leaf;
+mod cell_slabs;
 mod packet;
 mod packet_cells;
 mod packet_few;

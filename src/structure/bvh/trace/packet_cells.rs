@@ -1,13 +1,14 @@
 //! Stand-ins for packets: one cell at a time against all rays that come to it.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
+use super::cell_slabs::{self, Origin};
 use super::packet::{PacketEntry, PacketWalk, VECTORS};
 use super::packet_leaf::keep_better;
 use super::packet_prepare::Shared;
 use super::packet_visit::Boxes;
 use super::ray::abs;
 use super::single;
-use super::stand_in::{self, SLACK, ConeRay, Met, Origin, Verdict};
+use super::stand_in::{self, SLACK, ConeRay, Met, Verdict};
 use super::{PartFilter, TreeView};
 use crate::geom::watertight::LaneHits;
 use crate::simd::{Lanes, Mask, Simd};
@@ -81,14 +82,15 @@ fn within<S: Simd>(
     for axis in 0..3 {
         dir[axis] = s.load16(&rays.dir[axis][h]);
     }
-    if shared.one_origin {
-        return boxes.slabs(node, slot, shared.org_near, reach).within(dir, way);
+    let mut slabs = boxes.slabs(s, node, shared, reach).one(s, slot);
+    if !shared.one_origin {
+        let mut org = [zero; 3];
+        for axis in 0..3 {
+            org[axis] = s.load16(&rays.org[axis][h]);
+        }
+        slabs = Origin::new(org, s.splat16(reach), zero).see(&slabs);
     }
-    let mut org = [zero; 3];
-    for axis in 0..3 {
-        org[axis] = s.load16(&rays.org[axis][h]);
-    }
-    Origin::new(org, reach).within(dir, &node.stored_slabs(slot), way)
+    cell_slabs::within(dir, &slabs, way, s.splat16(1.0))
 }
 
 /// Lets the cell in `slot` stand in for those rays of `entry` for which it is small enough; returns the others that meet its box.

@@ -2,11 +2,12 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PacketEntry, PacketWalk, at};
+use super::packet_prepare::Shared;
 use super::packet_visit::{Boxes, keep};
-use super::stand_in::{self, ConeRay, SeenSlabs};
-use super::{PartFilter, single};
+use super::stand_in::{self, ConeRay};
+use super::{PartFilter, cell_slabs, single};
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::{Block, Node};
+use crate::structure::bvh::layout::Block;
 
 /// Rays up to which this is less work than one child against all rays after the other.
 pub(super) const FEW: u32 = 4;
@@ -22,6 +23,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     block: Block,
     index: usize,
     boxes: &mut Boxes,
+    shared: &Shared,
     entry: PacketEntry,
     walk: &mut PacketWalk,
 ) -> [u32; 8] {
@@ -30,7 +32,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
         rays &= rays - 1;
-        let mut met = one::<S, ANY, LOD>(s, reach, filter, block, index, boxes, entry.block, i, walk);
+        let mut met = one::<S, ANY, LOD>(s, reach, filter, block, index, boxes, shared, entry.block, i, walk);
         while met != 0 {
             out[met.trailing_zeros() as usize & 7] |= 1 << i;
             met &= met - 1;
@@ -49,6 +51,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     block: Block,
     index: usize,
     boxes: &mut Boxes,
+    shared: &Shared,
     block_id: u32,
     i: usize,
     walk: &mut PacketWalk,
@@ -66,10 +69,8 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return met;
     }
     let (mut dir, mut faces) = ([zero; 3], [zero; 3]);
-    let (mut org, mut one) = ([0.0; 3], [0.0; 3]);
     for axis in 0..3 {
-        (org[axis], one[axis]) = (at(&walk.rays.org[axis], i), at(&walk.rays.dir[axis], i));
-        (dir[axis], faces[axis]) = (s.splat8(one[axis]), s.load8(&boxes.faces[axis]));
+        (dir[axis], faces[axis]) = (s.splat8(at(&walk.rays.dir[axis], i)), s.load8(&boxes.faces[axis]));
     }
     let cone = walk.rays.cone(i);
     let ray = ConeRay { dir, t_min, a: s.splat8(cone.a), b: s.splat8(cone.b) };
@@ -79,27 +80,13 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return met;
     }
     let mut best = walk.best(i);
-    let mut slabs = InPacket { boxes, node: block.node(index), org, reach };
-    let settled = single::offers::<S, _>(small, [cells.enter, leave], one, &mut slabs, block, block_id, index, filter, &mut best);
+    let slabs = boxes.slabs(s, block.node(index), shared, reach).all(s);
+    let way = cell_slabs::within(dir, &slabs, [cells.enter, leave], s.splat8(1.0));
+    let settled = single::offers::<S>(small, way, block, block_id, index, filter, &mut best);
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);
         return 0;
     }
     met & !settled
-}
-
-/// Slabs of a node's cells, kept for all rays of a packet.
-struct InPacket<'a> {
-    boxes: &'a mut Boxes,
-    node: &'a Node,
-    org: [f32; 3],
-    reach: f32,
-}
-
-impl single::CellSlabs for InPacket<'_> {
-    #[inline(always)]
-    fn of(&mut self, slot: usize) -> SeenSlabs {
-        *self.boxes.slabs(self.node, slot, self.org, self.reach)
-    }
 }

@@ -8,13 +8,14 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::ahead;
+use super::cell_slabs::{self, Eight, Origin};
 use super::packet_cells;
 use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
 use super::packet_few;
 use super::packet_leaf::leaf;
 use super::packet_prepare::Shared;
 use super::single::{self, RayLanes};
-use super::stand_in::{self, Origin, SeenSlabs};
+use super::stand_in;
 use super::walk::{Entry, Outcome, TriHit, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -229,7 +230,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     let node = block.node(index);
     let mut mask = boxes.met;
     let is_few = shared.one_origin && entry.rays.count_ones() <= packet_few::FEW;
-    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, view.reach, filter, block, index, boxes, entry, walk) } else { [0; 8] };
+    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, view.reach, filter, block, index, boxes, shared, entry, walk) } else { [0; 8] };
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
     while mask != 0 {
@@ -286,31 +287,36 @@ pub(super) struct Boxes {
     pub enter: [f32; 8],
     /// Outward by [`Shared::slack`].
     pub planes: Planes,
-    /// Only if one is small: the planes as stored, where rays do not share the origin; and areas of faces, signed as the
-    /// directions are.
+    /// Only if one is small: the planes as stored, where rays do not share the origin; and what areas of faces count
+    /// for, signed as the directions are.
     pub stored: Planes,
     pub faces: [[f32; 8]; 3],
-    /// Slabs as the one origin sees them, of those in `seen`.
-    slabs: [SeenSlabs; 8],
-    seen: u32,
+    /// Their slabs, if these are known: as the one origin sees them, or as stored, where rays do not share it.
+    slabs: Eight,
+    has_slabs: bool,
 }
 
 impl Boxes {
     pub const NONE: Self = {
         let none = [[[0.0; 8]; 2]; 3];
         let faces = [[0.0; 8]; 3];
-        Self { met: 0, narrow: 0, small: 0, enter: [0.0; 8], planes: none, stored: none, faces, slabs: [SeenSlabs::NONE; 8], seen: 0 }
+        let slabs = Eight::NONE;
+        Self { met: 0, narrow: 0, small: 0, enter: [0.0; 8], planes: none, stored: none, faces, slabs, has_slabs: false }
     };
 
-    /// The slabs of the child in `slot` of the node, as seen from the one origin; worked out once.
+    /// The slabs of the node's children; worked out once.
     #[inline(always)]
-    pub fn slabs(&mut self, node: &Node, slot: usize, org: [f32; 3], reach: f32) -> &SeenSlabs {
-        let slot = slot & 7;
-        if self.seen >> slot & 1 == 0 {
-            self.slabs[slot] = SeenSlabs::new(node.stored_slabs(slot), &Origin::new(org, reach));
-            self.seen |= 1 << slot;
+    pub fn slabs<S: Simd>(&mut self, s: S, node: &Node, shared: &Shared, reach: f32) -> &Eight {
+        if !self.has_slabs {
+            let mut slabs = cell_slabs::of_node(s, node);
+            if shared.one_origin {
+                let [x, y, z] = shared.org_near;
+                slabs = Origin::new([s.splat8(x), s.splat8(y), s.splat8(z)], s.splat8(reach), s.splat8(0.0)).see(&slabs);
+            }
+            self.slabs.set(&slabs);
+            self.has_slabs = true;
         }
-        &self.slabs[slot]
+        &self.slabs
     }
 
     /// The near and the far plane of the box in `slot`, axis by axis.
@@ -347,10 +353,11 @@ pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Sh
     let area = stand_in::area(faces, dir);
     out.narrow = area.le(leave * leave * s.splat8(shared.spread_area)).bits();
     if LOD {
-        out.seen = 0;
-        out.small = packet_cells::likely(s, area, leave, shared) & out.met;
+        out.has_slabs = false;
+        let share = cell_slabs::shares(s, node);
+        out.small = packet_cells::likely(s, area * share, leave, shared) & out.met;
         if out.small != 0 {
-            packet_cells::cells(s, first, last, faces, shared, out);
+            packet_cells::cells(s, first, last, stand_in::counted(faces, share), shared, out);
         }
     }
 }

@@ -1,7 +1,8 @@
 //! One ray after the other, eight boxes or triangles at a time.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::stand_in::{self, ConeRay, Origin, SeenSlabs, Verdict};
+use super::cell_slabs::{self, Origin};
+use super::stand_in::{self, ConeRay, Verdict};
 use super::walk::{Entry, Outcome, TriHit, Walk, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -241,8 +242,7 @@ pub(super) struct CellLanes<S: Simd> {
     org: [S::F8; 3],
     slack: [S::F8; 3],
     near: [usize; 3],
-    /// Origin and direction.
-    one: [f32; 6],
+    dir: [f32; 3],
     reach: f32,
 }
 
@@ -265,14 +265,14 @@ impl<S: Simd> CellLanes<S> {
         cone: Cone,
         reach: f32,
     ) -> Self {
-        let (mut slack, mut one) = ([0.0; 3], [0.0; 6]);
+        let (mut slack, mut signed) = ([0.0; 3], [0.0; 3]);
         for axis in 0..3 {
             slack[axis] = stand_in::slack(org[axis], inv[axis], reach);
-            (one[axis], one[axis + 3]) = (org[axis], dir[axis].copysign(inv[axis]));
+            signed[axis] = dir[axis].copysign(inv[axis]);
         }
         let (t_min, a, b) = (s.splat8(t_min), s.splat8(cone.a), s.splat8(cone.b));
         let ray = ConeRay { dir: splat3(s, dir), t_min, a, b };
-        Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near, one, reach }
+        Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near, dir: signed, reach }
     }
 
     /// Where it enters and leaves cells between planes as stored.
@@ -285,30 +285,11 @@ impl<S: Simd> CellLanes<S> {
         stand_in::cross(near, far, self.inv)
     }
 
-    /// Its direction, and the slabs of a node's cells as it sees them.
+    /// What is left of its ways through a node's cells inside of their slabs.
     #[inline(always)]
-    fn slabs<'n>(&self, node: &'n Node) -> ([f32; 3], Anew<'n>) {
-        let [x, y, z, dir @ ..] = self.one;
-        (dir, Anew { node, from: Origin::new([x, y, z], self.reach) })
-    }
-}
-
-/// Slabs of a node's cells, as a ray sees them.
-pub(super) trait CellSlabs {
-    /// Of the cell in `slot`.
-    fn of(&mut self, slot: usize) -> SeenSlabs;
-}
-
-/// Worked out each time.
-struct Anew<'n> {
-    node: &'n Node,
-    from: Origin<f32>,
-}
-
-impl CellSlabs for Anew<'_> {
-    #[inline(always)]
-    fn of(&mut self, slot: usize) -> SeenSlabs {
-        SeenSlabs::new(self.node.stored_slabs(slot), &self.from)
+    fn within(&self, s: S, node: &Node, way: [S::F8; 2]) -> [S::F8; 2] {
+        let from = Origin::new(self.org, s.splat8(self.reach), s.splat8(0.0));
+        cell_slabs::within(splat3(s, self.dir), &from.see(&cell_slabs::of_node(s, node)), way, s.splat8(1.0))
     }
 }
 
@@ -348,6 +329,7 @@ pub(super) fn stand_ins<S: Simd>(
     // First without regard to where exactly the cells are met; a hundredth more, for that is rounded otherwise.
     let width = ray.a + ray.b * leave;
     let faces = stand_in::faces(near, far, s.splat8(0.0));
+    let faces = stand_in::counted(faces, cell_slabs::shares(s, block.node(index)));
     let likely = stand_in::area(faces, ray.dir).le(width * width * s.splat8(1.01)).bits() & mask;
     if likely == 0 {
         return mask;
@@ -358,26 +340,24 @@ pub(super) fn stand_ins<S: Simd>(
     if small == 0 {
         return mask;
     }
-    let (dir, mut slabs) = cells.slabs(block.node(index));
-    mask & !offers::<S, _>(small, [met.enter, crossing[1]], dir, &mut slabs, block, block_id, index, filter, best)
+    let way = cells.within(s, block.node(index), [met.enter, crossing[1]]);
+    mask & !offers::<S>(small, way, block, block_id, index, filter, best)
 }
 
-/// Offers the cells in `small`, crossed from `enter` to `leave` by a ray along `dir`, to `best`; returns those for which nothing is
-/// left to visit.
+/// Offers the cells in `small`, which a ray crosses inside of their slabs from `enter` to `leave`, if it does, to `best`; returns
+/// those for which nothing is left to visit.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
-pub(super) fn offers<S: Simd, C: CellSlabs>(
+pub(super) fn offers<S: Simd>(
     mut small: u32,
     [enter, leave]: [S::F8; 2],
-    dir: [f32; 3],
-    slabs: &mut C,
     block: Block,
     block_id: u32,
     index: usize,
     filter: Option<&PartFilter>,
     best: &mut TriHit,
 ) -> u32 {
-    let (t, last) = (enter.to_array(), leave.to_array());
+    let crosses = enter.le(leave).bits();
+    let t = enter.to_array();
     let mut settled = 0;
     while small != 0 {
         let slot = small.trailing_zeros() as usize & 7;
@@ -385,32 +365,15 @@ pub(super) fn offers<S: Simd, C: CellSlabs>(
         match stand_in::judge(block, index, slot, filter) {
             Verdict::Descend => continue,
             Verdict::Skip => {}
-            // It is met there or farther.
-            Verdict::Stand if t[slot] > best.t => {}
+            Verdict::Stand if crosses >> slot & 1 == 0 => {}
             Verdict::Stand => {
                 let tri = stand_in::lod_code(index, slot);
-                offer_within([t[slot], last[slot]], dir, &slabs.of(slot), block_id, tri, best);
+                offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: block_id, tri });
             }
         }
         settled |= 1 << slot;
     }
     settled
-}
-
-/// Offers the cell in a node's slot, crossed from `enter` to `leave`, to `best` where the ray enters its slabs too, if it does.
-#[inline(always)]
-fn offer_within(
-    way: [f32; 2],
-    dir: [f32; 3],
-    slabs: &SeenSlabs,
-    block_id: u32,
-    tri: u32,
-    best: &mut TriHit,
-) {
-    let [enter, leave] = slabs.within(dir, way);
-    if enter <= leave {
-        offer(best, TriHit { t: enter, u: 0.0, v: 0.0, block: block_id, tri });
-    }
 }
 
 /// Keeps a stand-in if it is better.
@@ -465,13 +428,14 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     if met.meets >> slot & 1 == 0 || skip || ANY && is_inside {
         return;
     }
-    let (t, last) = (met.enter.to_array()[slot & 7], crossing[1].to_array()[slot & 7]);
     let tri = stand_in::missing_code(node, slot, is_inside);
+    let [mut enter, leave] = cells.within(s, block.node(node), [met.enter, crossing[1]]);
     if is_inside {
-        return offer(best, TriHit { t, u: 0.0, v: 0.0, block: block_id, tri });
+        enter = met.enter;
+    } else if enter.le(leave).bits() >> slot & 1 == 0 {
+        return;
     }
-    let (dir, mut slabs) = cells.slabs(block.node(node));
-    offer_within([t, last], dir, &slabs.of(slot), block_id, tri, best);
+    offer(best, TriHit { t: enter.to_array()[slot & 7], u: 0.0, v: 0.0, block: block_id, tri });
 }
 
 /// The run of planes that is met first, and its opposite.

@@ -8,30 +8,21 @@
 //! Metric: Áfra 2012, section 6.2, compares the radius of the enclosing sphere; here it is the area of the cell's own
 //! projection along the ray, the sum of |dir| times the areas of its faces, with the square of the ray's width.
 //!
-//! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`lod`); who misses them misses what the
-//! cell holds, for certain, and passes. Only rays that begin in a cell do not ask for slabs.
+//! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`cell_slabs.rs`); who misses them misses
+//! what the cell holds, for certain, and passes. Only rays that begin in a cell do not ask for slabs.
 //!
 //! A plane `p` is met at `((p - slack) - org) * inv` at the earliest. The two differences and the product are rounded once
 //! each and `inv` once, on magnitudes of at most `2 m` with `m = max(|org|, reach)`: `7 h m |inv|` in all, `h = 2^-24`.
-//!
-//! A slab's plane is at `low = axis . p`, with `|axis| <= 1` and the sum of its components' magnitudes at most `3^0.5`, and met at
-//! `((low - slack) - org . axis) / (dir . axis)`. Products and sums of `org . axis` are off by `5 h 3^0.5 m` at most, those of the
-//! cell's ends along the axis (which where planes are at the ends are all that says where) by as much, those of `dir . axis` by
-//! `5 h |dir|` times `t`, where `t |dir|` is at most `2 3^0.5 m`, differences and the quotient by `8 h 3^0.5 m`: 50 h m in all.
 
 use super::{PartFilter, TreeView};
 use super::ray::abs;
 use super::walk::TriHit;
-use crate::lod::{Slab, Slabs};
 use crate::simd::{Lanes, Mask};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 
 /// How much larger a cell is taken, as a part of the greatest magnitude of a coordinate: 7 h for rounding (see the module), the
 /// rest as in [`super::ray::BOX_SLACK`], for packets test the boxes of triangles so too.
 pub(super) const SLACK: f32 = 32.0 / 16_777_216.0;
-
-/// The same for slabs: 50 h (see the module), and what is left of 64.
-const SLAB_SLACK: f32 = 64.0 / 16_777_216.0;
 
 /// In [`TriHit::tri`]: a stand-in, as fine as asked for or finer.
 const LOD: u32 = 1 << 31;
@@ -126,6 +117,12 @@ pub(super) fn faces<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], zero
     [y * z, z * x, x * y]
 }
 
+/// What they count for where cells may stand in: see [`super::cell_slabs::shares`].
+#[inline(always)]
+pub(super) fn counted<const N: usize, L: Lanes<N>>(faces: [L; 3], share: L) -> [L; 3] {
+    [faces[0] * share, faces[1] * share, faces[2] * share]
+}
+
 /// The sum of the areas of a cell's faces, each times |dir| across it.
 #[inline(always)]
 pub(super) fn area<const N: usize, L: Lanes<N>>(faces: [L; 3], dir: [L; 3]) -> L {
@@ -150,112 +147,6 @@ pub(super) fn meet<const N: usize, L: Lanes<N>>([enter, leave]: [L; 2], faces: [
     let outside = meets & !enter.le(ray.t_min).bits();
     let small = outside & area(faces, ray.dir).le(width * width).bits();
     Met { meets, outside, small, enter: t }
-}
-
-/// Where rays begin, as slabs need it: many of them, or one, for which `L` is `f32`.
-#[derive(Clone, Copy)]
-pub(super) struct Origin<L> {
-    org: [L; 3],
-    slack: L,
-}
-
-/// A slab's planes, each less the slack and where rays begin along its axis.
-#[derive(Clone, Copy)]
-struct Planes<L> {
-    low: L,
-    high: L,
-}
-
-impl Planes<f32> {
-    /// In all lanes of vectors such as `like`.
-    #[inline(always)]
-    fn in_all<const N: usize, L: Lanes<N>>(self, like: L) -> Planes<L> {
-        Planes { low: splat(like, self.low), high: splat(like, self.high) }
-    }
-}
-
-impl<L> Origin<L> {
-    /// Of rays of a tree whose coordinates are at most `reach` in magnitude.
-    #[inline(always)]
-    pub fn new<const N: usize>(org: [L; 3], reach: f32) -> Self
-    where
-        L: Lanes<N>,
-    {
-        let zero = splat(org[0], 0.0);
-        let size = abs(zero, org[0]).max(abs(zero, org[1])).max(abs(zero, org[2])).max(splat(zero, reach));
-        Self { org, slack: size * splat(zero, SLAB_SLACK) }
-    }
-
-    #[inline(always)]
-    fn planes<const N: usize>(&self, slab: &Slab) -> Planes<L>
-    where
-        L: Lanes<N>,
-    {
-        let Self { org, slack } = *self;
-        let from = org[0] * splat(slack, slab.axis.x) + org[1] * splat(slack, slab.axis.y) + org[2] * splat(slack, slab.axis.z);
-        Planes { low: splat(slack, slab.low) - slack - from, high: splat(slack, slab.high) + slack - from }
-    }
-
-    /// What is left inside of slabs of the ways of rays that go along `dir`, `[enter, leave]`: none where one is entered after it is
-    /// left.
-    #[inline(always)]
-    pub fn within<const N: usize>(&self, dir: [L; 3], slabs: &Slabs, mut way: [L; 2]) -> [L; 2]
-    where
-        L: Lanes<N>,
-    {
-        for slab in slabs.iter() {
-            way = between(dir, slab, self.planes(slab), way);
-        }
-        way
-    }
-}
-
-/// Slabs as rays from one point see them.
-#[derive(Clone, Copy)]
-pub(super) struct SeenSlabs {
-    slabs: Slabs,
-    planes: [Planes<f32>; 2],
-}
-
-impl SeenSlabs {
-    /// Of no cell.
-    pub const NONE: Self = Self { slabs: Slabs::NONE, planes: [Planes { low: 0.0, high: 0.0 }; 2] };
-
-    /// Those of a cell, from a point.
-    #[inline(always)]
-    pub fn new(slabs: Slabs, from: &Origin<f32>) -> Self {
-        let mut planes = [from.planes(slabs.first()); 2];
-        if let Some(second) = slabs.second() {
-            planes[1] = from.planes(second);
-        }
-        Self { slabs, planes }
-    }
-
-    /// As [`Origin::within`].
-    #[inline(always)]
-    pub fn within<const N: usize, L: Lanes<N>>(&self, dir: [L; 3], mut way: [L; 2]) -> [L; 2] {
-        way = between(dir, self.slabs.first(), self.planes[0].in_all(dir[0]), way);
-        match self.slabs.second() {
-            Some(second) => between(dir, second, self.planes[1].in_all(dir[0]), way),
-            None => way,
-        }
-    }
-}
-
-/// What is left of rays' ways between a slab's planes.
-#[inline(always)]
-fn between<const N: usize, L: Lanes<N>>(dir: [L; 3], slab: &Slab, planes: Planes<L>, [enter, leave]: [L; 2]) -> [L; 2] {
-    let axis = [splat(enter, slab.axis.x), splat(enter, slab.axis.y), splat(enter, slab.axis.z)];
-    let inv = splat(enter, 1.0).div(dir[0] * axis[0] + dir[1] * axis[1] + dir[2] * axis[2]);
-    let (low, high) = (planes.low * inv, planes.high * inv);
-    // Along a slab they are infinite, of either sign; in this order a NaN leaves the interval as it was, or wider.
-    [low.min(high).max(enter), high.max(low).min(leave)]
-}
-
-/// `v` in all lanes; `like` is any vector.
-#[inline(always)]
-fn splat<const N: usize, L: Lanes<N>>(like: L, v: f32) -> L {
-    L::from_array_like(like, [v; N])
 }
 
 /// The children of a node that are leaves.

@@ -1,0 +1,388 @@
+//! How near to original surface all of the region is in which a cell is met: the part of its box inside of its slabs.
+//!
+//! The box is divided into 4x4x4 **subcells**, of diagonal `D/4` where `D` is the box's. A subcell is **occupied**, to within a
+//! distance `d`, if original surface is known within `d` of some point of it. Where the region's points are all in subcells that are
+//! at most `k` steps from an occupied one, a step being to a neighbour across a side, an edge or a corner, each is within
+//! `(k + 1) D/4 + d` of original surface: along each axis a point of a subcell and one of another that is `k` steps away are at most
+//! `k + 1` subcells apart.
+//!
+//! Of a content whose triangles are known, points of these occupy subcells, to within nothing. Of others the pieces' subcells do:
+//! each occupied one of diagonal `p` has a point within `d'` of original surface, and its middle is within `p/2` of that point; so
+//! the subcell that this middle is in is occupied to within `p/2 + d'`. As `p` is of half the size from level to level, `d` tends
+//! to `D/8`.
+//!
+//! What is stored is a [`level`]: the greatest of a few limits, as parts of `D`, that the distance keeps to.
+//!
+//! **Where cells stand in.** It is what a stand-in's error may be that bounds it, and not its box: for a cell of which nothing is
+//! known, both are the same. A cell of area `A` and diagonal `D` whose level says `c D` counts as one of area `s A`, where `s >= c^2`:
+//! that of a cell of the same shape and of diagonal `s^0.5 D`, which is no less than `c D`. So if `s A` is as large as may be,
+//! the error is no greater than the diagonal of a cell of the same shape whose own area is as large as may be, as it is of cells of
+//! which nothing is known.
+//!
+//! Hits are in the region up to what single precision moves them by. So the region is taken larger, by [`MARGIN`] of `D` across the
+//! slabs' planes, and what is said of it holds for all that [`holds`].
+
+use super::slabs::{Content, Slabs};
+use crate::math::Bounds;
+use glam::{DVec3, Vec3};
+
+/// Of each level: all of the region is within this part of the box's diagonal of original surface. The first says nothing. (Of the
+/// Mandelbulb's cells of at most 256 triangles 80 % are of the third, of larger ones 60 % of the second, most others of the first.)
+const LIMITS: [f64; 4] = [f64::INFINITY, 0.83, 0.63, 0.53];
+/// By how much less each level more makes a cell's area count where it may stand in. See the module: no less than the square of the
+/// limit.
+pub const LESS: f32 = 0.3;
+/// What it counts for at least.
+pub const LEAST: f32 = 0.4;
+/// By how much the region is taken larger across its slabs' planes, as a part of the box's diagonal.
+const MARGIN: f64 = 1.0 / 32.0;
+/// What double precision rounds by is less, as a part of the box's diagonal.
+const ROUNDING: f64 = 1e-6;
+/// Of contents of more triangles than this fewer points of each are looked at.
+const FEW: usize = 8;
+
+/// What is known of where in a box there is original surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Fill {
+    /// Bit `x + 4 y + 16 z`: the subcell is occupied.
+    occupied: u64,
+    /// To within this.
+    within: f64,
+}
+
+impl Fill {
+    /// Of what `cell` holds.
+    pub fn of(content: &Content, cell: &Bounds) -> Self {
+        let grid = Grid::of(cell);
+        let mut out = Self { occupied: 0, within: 0.0 };
+        let triangles = content.triangles();
+        for triangle in triangles {
+            let [a, b, c] = triangle.map(|v| v.as_dvec3());
+            if triangles.len() <= FEW {
+                out.add_triangle(&grid, a, b - a, c - a);
+            } else {
+                [a, b, c, (a + b + c) * (1.0 / 3.0)].iter().for_each(|p| out.add_point(&grid, *p));
+            }
+        }
+        for (cell, _, fill) in content.cells() {
+            out.add_piece(&grid, &Grid::of(cell), fill);
+        }
+        out
+    }
+
+    /// Points of a triangle, of whose corners two are at `b` and `c` from the other one: each side is divided in three.
+    fn add_triangle(&mut self, grid: &Grid, a: DVec3, b: DVec3, c: DVec3) {
+        for i in 0..4 {
+            for j in 0..4 - i {
+                self.add_point(grid, a + b * (f64::from(i) * (1.0 / 3.0)) + c * (f64::from(j) * (1.0 / 3.0)));
+            }
+        }
+    }
+
+    #[inline]
+    fn add_point(&mut self, grid: &Grid, p: DVec3) {
+        // Of a piece of a triangle the rest is elsewhere.
+        if p.cmpge(grid.low).all() && p.cmple(grid.high).all() {
+            self.occupied |= grid.subcell(p);
+        }
+    }
+
+    fn add_piece(&mut self, grid: &Grid, piece: &Grid, fill: &Self) {
+        self.within = self.within.max(piece.size.length() * 0.5 + fill.within);
+        let mut left = fill.occupied;
+        while left != 0 {
+            self.occupied |= grid.subcell(piece.middle(left.trailing_zeros()));
+            left &= left - 1;
+        }
+    }
+
+    /// The level of the part of `cell` inside of `slabs`.
+    pub fn level(&self, cell: &Bounds, slabs: &Slabs<f32>) -> u32 {
+        let grid = Grid::of(cell);
+        let diagonal = (grid.high - grid.low).length();
+        let region = grid.region(slabs, diagonal * MARGIN);
+        let mut near = self.occupied;
+        for steps in 1..=4 {
+            if region & !near == 0 {
+                let distance = f64::from(steps) * 0.25 + self.within / diagonal + ROUNDING;
+                return (1..4).rev().find(|&level| distance <= LIMITS[level as usize]).unwrap_or(0);
+            }
+            near = with_neighbours(near);
+        }
+        0
+    }
+}
+
+/// How far original surface is at most from all that [`holds`], as a part of the box's diagonal; or nothing is known.
+#[inline]
+pub fn limit(level: u32) -> Option<f64> {
+    (level > 0).then(|| LIMITS[(level & 3) as usize])
+}
+
+/// Whether a point of a cell's box is inside of its slabs, or outside by no more than is allowed for.
+#[inline]
+pub fn holds(cell: &Bounds, slabs: &Slabs<f32>, p: DVec3) -> bool {
+    let margin = (cell.max.as_dvec3() - cell.min.as_dvec3()).length() * MARGIN;
+    slabs.iter().all(|slab| {
+        let at = Vec3::from(slab.axis).as_dvec3().dot(p);
+        at >= f64::from(slab.low) - margin && at <= f64::from(slab.high) + margin
+    })
+}
+
+/// Whether points that single precision moves off the region by what it does of rays at coordinates of at most `size` in magnitude
+/// are sure to be what [`holds`], of a box of this diagonal.
+///
+/// A slab's planes give way by 64 h size, and where they are met is off by 50 h size (`cell_slabs.rs`); those of the box by 32 and 7,
+/// so that to take a point to the box moves it by `39 3^0.5` of them; ends of the ray's interval are off by `2 3^0.5`. All of this is
+/// less than 256 h size, and `h = 2^-24`.
+#[inline(always)]
+pub fn surely_holds(diagonal: f64, size: f64) -> bool {
+    const MOST: f64 = 256.0 / 16_777_216.0;
+    diagonal * MARGIN >= size * MOST
+}
+
+/// A box's subcells.
+struct Grid {
+    low: DVec3,
+    high: DVec3,
+    /// Of a subcell.
+    size: DVec3,
+    per_size: DVec3,
+}
+
+impl Grid {
+    fn of(cell: &Bounds) -> Self {
+        let (low, high) = (cell.min.as_dvec3(), cell.max.as_dvec3());
+        let size = (high - low) * 0.25;
+        // Along an axis on which the box is flat all is in the first.
+        let per_size = DVec3::select(size.cmpgt(DVec3::ZERO), size.recip(), DVec3::ZERO);
+        Self { low, high, size, per_size }
+    }
+
+    /// The subcell that a point is in.
+    fn subcell(&self, p: DVec3) -> u64 {
+        let at = (p - self.low) * self.per_size;
+        // A cast takes what is below zero to zero.
+        let [x, y, z] = [at.x, at.y, at.z].map(|v| (v as u32).min(3));
+        1 << (x + 4 * y + 16 * z)
+    }
+
+    fn middle(&self, bit: u32) -> DVec3 {
+        let at = DVec3::new(f64::from(bit & 3), f64::from(bit >> 2 & 3), f64::from(bit >> 4));
+        self.low + self.size * (at + 0.5)
+    }
+
+    /// The subcells that may have points inside of slabs that are larger by `margin`.
+    fn region(&self, slabs: &Slabs<f32>, margin: f64) -> u64 {
+        let mut region = u64::MAX;
+        for (axis, mask) in [FIRST_X, FIRST_Y, FIRST_Z].into_iter().enumerate() {
+            if self.size[axis] <= 0.0 {
+                region &= mask;
+            }
+        }
+        for slab in slabs {
+            let axis = Vec3::from(slab.axis).as_dvec3();
+            let step = axis * self.size;
+            let reach = step.abs().element_sum() * 0.5 + margin;
+            let (low, high) = (f64::from(slab.low) - reach, f64::from(slab.high) + reach);
+            let first = self.middle(0).dot(axis);
+            let mut inside = 0;
+            for row in 0..16u32 {
+                let at = first + step.y * f64::from(row & 3) + step.z * f64::from(row >> 2);
+                let mut bits = 0;
+                for x in 0..4u32 {
+                    let at = at + step.x * f64::from(x);
+                    bits |= u64::from(at >= low && at <= high) << x;
+                }
+                inside |= bits << (4 * row);
+            }
+            region &= inside;
+        }
+        region
+    }
+}
+
+/// The subcells that are first along an axis.
+const FIRST_X: u64 = 0x1111_1111_1111_1111;
+const FIRST_Y: u64 = 0x000f_000f_000f_000f;
+const FIRST_Z: u64 = 0xffff;
+
+/// Subcells and all that touch them.
+fn with_neighbours(cells: u64) -> u64 {
+    let x = cells | (cells << 1 & !FIRST_X) | (cells & !FIRST_X) >> 1;
+    let y = x | (x << 4 & !FIRST_Y) | (x & !FIRST_Y) >> 4;
+    y | y << 16 | y >> 16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::slabs::{Middle, fields, normal_bytes, slabs};
+    use super::*;
+    use proptest::prelude::*;
+
+    type Tri = [Vec3; 3];
+
+    /// Distance of a point from a triangle (Ericson, "Real-Time Collision Detection", 2004, section 5.1.5, by its feature planes).
+    fn distance(p: DVec3, tri: &Tri) -> f64 {
+        let [a, b, c] = tri.map(|v| v.as_dvec3());
+        let edge = |a: DVec3, b: DVec3| {
+            let along = b - a;
+            let t = ((p - a).dot(along) / along.length_squared()).clamp(0.0, 1.0);
+            p.distance(a + along * if t.is_nan() { 0.0 } else { t })
+        };
+        let n = (b - a).cross(c - a);
+        let inside = [(a, b), (b, c), (c, a)].iter().all(|&(from, to)| n.cross(to - from).dot(p - from) >= 0.0);
+        let plane = (p - a).dot(n).abs() / n.length();
+        let edges = edge(a, b).min(edge(b, c)).min(edge(c, a));
+        if inside && plane.is_finite() { plane.min(edges) } else { edges }
+    }
+
+    /// A piece as the builder has it: its content with its box, slabs and what is known of it.
+    fn piece(content: &Content, cell: Bounds, normal: u16) -> (Slabs<f32>, Fill) {
+        let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
+        let word = content.slabs(normal.into(), &middle);
+        (slabs(fields(word), normal_bytes(normal.into()), &middle), Fill::of(content, &cell))
+    }
+
+    fn around(triangles: &[Tri]) -> Bounds {
+        Bounds::of(triangles.as_flattened())
+    }
+
+    /// A piece over eight or fewer with nothing kept of triangles, as of large contents; of each the normal.
+    fn over(pieces: &[(Content, Bounds, u16)]) -> (Content, Bounds) {
+        let cell = pieces.iter().fold(Bounds::EMPTY, |all, (_, cell, _)| all.union(*cell));
+        let coded = pieces.iter().map(|(content, cell, normal)| {
+            let (slabs, fill) = piece(content, *cell, *normal);
+            (*cell, slabs, fill)
+        });
+        (Content::of_cells(coded.collect()), cell)
+    }
+
+    /// Checks points of a piece's region against all triangles; returns the level.
+    fn check(content: &Content, cell: Bounds, normal: u16, all: &[Tri], points: &[[f64; 3]]) -> Result<u32, TestCaseError> {
+        let (slabs, fill) = piece(content, cell, normal);
+        let level = fill.level(&cell, &slabs);
+        let Some(limit) = limit(level) else { return Ok(level) };
+        let (low, extent) = (cell.min.as_dvec3(), cell.max.as_dvec3() - cell.min.as_dvec3());
+        for p in points.iter().map(|p| low + extent * DVec3::from(*p)).filter(|p| holds(&cell, &slabs, *p)) {
+            let nearest = all.iter().map(|t| distance(p, t)).fold(f64::INFINITY, f64::min);
+            prop_assert!(nearest <= limit * extent.length(), "level {level}: {p} is {nearest} away");
+        }
+        Ok(level)
+    }
+
+    fn point() -> impl Strategy<Value = [f64; 3]> {
+        // Corners and sides are where it is tight.
+        let along = prop_oneof![Just(0.0), Just(1.0), 0.0..1.0f64];
+        [along.clone(), along.clone(), along]
+    }
+
+    /// Triangles about a bent sheet in the unit box, small and large, some off it.
+    fn sheet() -> impl Strategy<Value = Vec<Tri>> {
+        let corner = || [0.0f32..1.0, 0.0f32..1.0, -0.05f32..0.05];
+        let one = (corner(), 0.02f32..0.6, [corner(), corner()]);
+        (prop::collection::vec(one, 1..80), -0.5f32..0.5, -0.5f32..0.5).prop_map(|(all, slope, bend)| {
+            let lift = |[x, y, z]: [f32; 3]| Vec3::new(x, y, z + slope * x + bend * y * y);
+            let tri = |(a, size, [b, c]): ([f32; 3], f32, [[f32; 3]; 2])| {
+                let to = |b: [f32; 3]| [0, 1, 2].map(|k| a[k] + (b[k] - a[k]) * size);
+                [lift(a), lift(to(b)), lift(to(c))]
+            };
+            all.into_iter().map(tri).collect()
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn all_of_a_leafs_region_is_as_near_as_its_level_says(
+            triangles in sheet(), normal: u16, points in prop::collection::vec(point(), 100),
+        ) {
+            let content = Content::of_points(triangles.as_flattened().to_vec());
+            check(&content, around(&triangles), normal, &triangles, &points)?;
+            // And of a part of it, as spatial splits make them.
+            let cell = around(&triangles);
+            check(&content, Bounds { max: cell.max - cell.extent() * 0.4, ..cell }, normal, &triangles, &points)?;
+        }
+
+        #[test]
+        fn all_of_an_inner_cells_region_is_as_near_as_its_level_says(
+            triangles in sheet(), normal: u16, points in prop::collection::vec(point(), 100),
+        ) {
+            // Three levels: by quarters in x and y, then halves in x, then all.
+            let quarter = |i: usize| {
+                let within = |v: f32, k: usize| ((v * 4.0) as usize).min(3) == k;
+                let here: Vec<Tri> = triangles.iter().filter(|t| within(t[0].x, i & 3) && within(t[0].y, i >> 2)).copied().collect();
+                let cell = around(&here);
+                (!here.is_empty()).then(|| (Content::of_points(here.as_flattened().to_vec()), cell, normal.wrapping_add(i as u16)))
+            };
+            let mut halves = Vec::new();
+            for half in 0..4 {
+                let below: Vec<_> = (0..4).filter_map(|i| quarter(4 * half + i)).collect();
+                if !below.is_empty() {
+                    let (content, cell) = over(&below);
+                    check(&content, cell, normal, &triangles, &points)?;
+                    halves.push((content, cell, normal));
+                }
+            }
+            let (content, cell) = over(&halves);
+            check(&content, cell, normal, &triangles, &points)?;
+        }
+    }
+
+    /// A wall of `n` by `n` squares, up to a share of its width, slanted.
+    fn wall(n: u32, share: f32) -> Vec<Tri> {
+        let at = |i: u32, j: u32| {
+            let (x, y) = (i as f32 / n as f32, j as f32 / n as f32);
+            Vec3::new(x, y, 0.5 * x + 0.25 * y)
+        };
+        let squares = (0..n * n).map(|k| (k % n, k / n)).filter(|(i, _)| (*i as f32) < share * n as f32);
+        squares.flat_map(|(i, j)| [[at(i, j), at(i + 1, j), at(i, j + 1)], [at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]]).collect()
+    }
+
+    const TO_WALL: Vec3 = Vec3::new(-0.5, -0.25, 1.0);
+
+    #[test]
+    fn a_wall_is_near_everywhere_and_a_strip_of_it_is_not() {
+        let normal = super::super::coded::octahedral(TO_WALL.normalize()) as u16;
+        let (whole, strip) = (wall(8, 1.0), wall(8, 0.1));
+        let content = |triangles: &[Tri]| Content::of_points(triangles.as_flattened().to_vec());
+        let (slabs, fill) = piece(&content(&whole), around(&whole), normal);
+        assert_eq!(fill.level(&around(&whole), &slabs), 3);
+        assert_eq!(Fill::of(&content(&strip), &around(&whole)).level(&around(&whole), &slabs), 0);
+        assert_eq!(Fill::of(&Content::default(), &around(&whole)).level(&around(&whole), &slabs), 0);
+    }
+
+    #[test]
+    fn a_wall_of_pieces_is_near_everywhere() {
+        let normal = super::super::coded::octahedral(TO_WALL.normalize()) as u16;
+        let all = wall(16, 1.0);
+        let pieces: Vec<_> = (0..4)
+            .map(|k| {
+                let here: Vec<Tri> = all.iter().filter(|t| (t[0].x >= 0.5) == (k & 1 == 1) && (t[0].y >= 0.5) == (k & 2 == 2)).copied().collect();
+                (Content::of_points(here.as_flattened().to_vec()), around(&here), normal)
+            })
+            .collect();
+        let (content, cell) = over(&pieces);
+        let (slabs, fill) = piece(&content, cell, normal);
+        assert!(fill.level(&cell, &slabs) >= 2, "{fill:?}");
+        assert!(fill.within > 0.0);
+    }
+
+    #[test]
+    fn areas_count_for_no_less_than_the_square_of_the_limit() {
+        for level in 1..4 {
+            let share = (1.0 - LESS * level as f32).max(LEAST);
+            let limit = limit(level).expect("a limit");
+            assert!(f64::from(share) >= limit * limit, "{level}: {share} {limit}");
+        }
+    }
+
+    #[test]
+    fn neighbours_are_those_that_touch() {
+        for bit in 0..64u32 {
+            let at = |b: u32| [b & 3, b >> 2 & 3, b >> 4];
+            let near = |b: u32| (0..3).all(|k| at(b)[k].abs_diff(at(bit)[k]) <= 1);
+            let expected = (0..64).filter(|b| near(*b)).fold(0, |all, b| all | 1u64 << b);
+            assert_eq!(with_neighbours(1 << bit), expected, "{bit}");
+        }
+    }
+}
