@@ -12,8 +12,8 @@ use outcrop::query::{Hit, HitKind, QueryOptions};
 use outcrop::scene::{Context, ContextOptions, SceneState};
 
 const RAYS: usize = 4000;
-/// A pixel, as a share of the distance: of 300 rows at 40 degrees.
-const PIXEL: f32 = 0.7 / 300.0;
+/// A pixel, as a share of the distance: of 24 rows at 40 degrees, so that there are triangles smaller than pixels.
+const PIXEL: f32 = 0.7 / 24.0;
 
 fn sphere() -> Vec<Tri> {
     scenes::sphere(200, 400)

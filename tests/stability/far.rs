@@ -29,6 +29,7 @@ fn the_same_picture_at_any_accuracy() {
     let here = Stage::placed(&file.path, &places(DVec3::ZERO), setting.clone());
     let there = Stage::placed(&file.path, &places(FAR), setting);
     // Eyes on small fractions, so that moving them rounds nothing.
+    let mut stand_ins = 0;
     for (eye, at) in [(DVec3::new(4.5, 5.25, 3.125), DVec3::ZERO), (DVec3::new(1.25, -1.5, 0.25), DVec3::new(0.5, 0.0, 0.25))] {
         for poe in POE {
             let truth = here.picture(&perspective(eye, at), poe);
@@ -37,7 +38,10 @@ fn the_same_picture_at_any_accuracy() {
             for buffer in Buffer::ALL.into_iter().filter(|b| *b != Buffer::Error) {
                 assert_eq!(differing(&truth, &far, buffer), 0, "PoE {poe}, {buffer:?}: pixels differ");
             }
-            assert!(truth.covered().filter(|c| *c).count() > 2000 && (poe < 1.0 || truth.stand_ins() > 500), "PoE {poe}");
+            assert!(truth.covered().filter(|c| *c).count() > 2000, "PoE {poe}: little is seen");
+            stand_ins += truth.stand_ins();
+            println!("PoE {poe}: the same, {} stand-ins", truth.stand_ins());
         }
     }
+    assert!(stand_ins > 1000, "{stand_ins}");
 }

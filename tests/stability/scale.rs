@@ -17,24 +17,28 @@ const LAND: f64 = 1e6;
 /// Where the detail is: above the land.
 const PLACE: DVec3 = DVec3::new(123_456.0, -65_432.0, 40_000.0);
 
-/// Both at a hundred thousand triangles.
+/// Both at four hundred thousand triangles.
 struct Files {
     land: Built,
     detail: Built,
+    /// Bytes of the geometry of either in memory, whichever has less.
+    bytes: u64,
 }
 
 fn files() -> &'static Files {
     static FILES: OnceLock<Files> = OnceLock::new();
     FILES.get_or_init(|| {
-        let n = 224;
+        let n = 448;
         let hilly = |v: DVec3| {
             let v = v / n as f64 - DVec3::new(0.5, 0.5, 0.0);
             scenes::rounded((v + DVec3::Z * 0.02 * (v.x * 30.0).sin() * (v.y * 40.0).cos()) * LAND)
         };
         let land: Vec<Tri> = scenes::plane_grid(n, 0.0).into_iter().map(|t| t.map(hilly)).collect();
-        let detail = scenes::bumpy_sphere(224, 224, 8);
+        let detail = scenes::bumpy_sphere(448, 448, 8);
         let [land, detail] = [land, detail].map(|tris| built::parts(&[Part::white(1, tris)]));
-        Files { land, detail }
+        let bytes = |file: &Built| Model::open(&built::context(0), &file.path).expect("it opens").memory().geometry;
+        let bytes = bytes(&land).min(bytes(&detail));
+        Files { land, detail, bytes }
     })
 }
 
@@ -54,7 +58,9 @@ fn counted(context: &Context, file: &Built) -> (Model, Count) {
 /// What a picture reads of the land and of the detail after these were opened, as shares of the files.
 fn cost(camera: &Camera, poe: f32, threads: usize, isa: Isa) -> [f64; 2] {
     let setting = Setting::default();
-    let options = ContextOptions { threads, isa: Some(isa), read_ahead: false, ..Default::default() };
+    // Both fit, but neither is so small beside it that all of it is read when it is opened.
+    let memory_budget = files().bytes * 39 / 10;
+    let options = ContextOptions { threads, isa: Some(isa), memory_budget, read_ahead: false, ..Default::default() };
     let context = Context::new(options).expect("a context");
     let scene = lit(&context, &setting);
     let (land, of_land) = counted(&context, &files().land);

@@ -21,9 +21,9 @@ fn colour(rng: &mut Rng) -> MaterialDesc {
 fn soup() -> Vec<Part> {
     let mut rng = Rng::new(777);
     let mut parts = Vec::new();
-    for _ in 0..300 {
-        let at = rng.inside(DVec3::ZERO, DVec3::splat(3.0));
-        let size = rng.inside(DVec3::splat(0.1), DVec3::ONE);
+    for _ in 0..1500 {
+        let at = rng.inside(DVec3::ZERO, DVec3::splat(3.7));
+        let size = rng.inside(DVec3::splat(0.02), DVec3::splat(0.3));
         let own: Vec<Tri> = scenes::cuboid(scenes::rounded(at), scenes::rounded(at + size));
         let moved = own.iter().map(|t| t.map(|v| v + DVec3::splat(MILLIONTH))).collect();
         let jitter = |rng: &mut Rng| {

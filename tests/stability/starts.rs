@@ -70,11 +70,11 @@ fn no_false_shadow_on_a_bumpy_plane() {
     check_plane("bumpy plane", plane(|x, y| 0.06 * (2.0 * x).sin() * (1.7 * y).cos()));
 }
 
-/// A room of single sheets, each of 40 by 40 cells and not quite flat, turned.
+/// A room of single sheets, each of 100 by 100 cells and not quite flat, turned.
 fn room() -> (Vec<Tri>, DQuat) {
     let mut rng = Rng::new(5);
     let turn = DQuat::from_axis_angle(rng.direction(), 0.7);
-    let n = 40;
+    let n = 100;
     let face = |k: usize, z: f64| {
         let place = move |v: DVec3| DVec3::from(std::array::from_fn(|i| v[(i + k) % 3]));
         scenes::plane_grid(n, z).into_iter().map(move |t| t.map(place))

@@ -16,8 +16,8 @@ pub enum State {
 /// A measure that misses its line.
 pub struct Missed {
     pub measure: &'static str,
-    /// Pixels of error at which it does.
-    pub at: &'static [f32],
+    /// Pixels of error at which it does, and the most that it may come to: a little more than when this was written.
+    pub at: &'static [(f32, f64)],
 }
 
 /// Parts that are not there yet.
@@ -48,8 +48,8 @@ pub const DESIGN: [Row; 14] = [
         tests: &["thin::coverage_of_wires", "thin::coverage_of_leaf_cards"],
         state: Misses {
             measures: &[
-                Missed { measure: "wires: coverage", at: &[0.5, 1.0, 3.0, 10.0] },
-                Missed { measure: "leaf cards: coverage", at: &[0.5, 1.0, 3.0, 10.0] },
+                Missed { measure: "wires: coverage", at: &[(0.5, 4.2), (1.0, 5.4), (3.0, 7.1), (10.0, 8.5)] },
+                Missed { measure: "leaf cards: coverage", at: &[(0.5, 0.32), (1.0, 0.64), (3.0, 1.6), (10.0, 1.8)] },
             ],
             why: "stand-ins are shown as solid boxes: what is thinner than its cell is as thick as that",
         },
@@ -64,7 +64,13 @@ pub const DESIGN: [Row; 14] = [
         fails: "opposing sheets, averaged normals",
         must: "never NaN or black; mean brightness within 2 % (Wald's bias)",
         tests: &["normals::opposing_sheets", "normals::thin_plates"],
-        state: Holds,
+        state: Misses {
+            measures: &[
+                Missed { measure: "plates: black pixels", at: &[(0.5, 10.0), (1.0, 12.0), (3.0, 12.0), (10.0, 45.0)] },
+                Missed { measure: "plates: brightness", at: &[(10.0, 0.035)] },
+            ],
+            why: "a box is lit by its mean normal: seen along the plates in it, it is black where these are thinner than a pixel",
+        },
     },
     Row {
         fails: "secondary rays that start on a stand-in",
@@ -74,7 +80,17 @@ pub const DESIGN: [Row; 14] = [
             "starts::no_false_shadow_on_a_bumpy_plane",
             "starts::no_light_into_a_closed_box",
         ],
-        state: Holds,
+        state: Misses {
+            measures: &[
+                Missed { measure: "flat plane: false shadow", at: &[(0.5, 0.05), (1.0, 0.09), (3.0, 0.03), (10.0, 0.03)] },
+                Missed { measure: "flat plane: brightness", at: &[(0.5, 0.05), (1.0, 0.09), (3.0, 0.03), (10.0, 0.06)] },
+                Missed { measure: "bumpy plane: false shadow", at: &[(0.5, 0.04), (1.0, 0.09), (3.0, 0.03), (10.0, 0.03)] },
+                Missed { measure: "bumpy plane: brightness", at: &[(0.5, 0.04), (1.0, 0.09), (3.0, 0.03), (10.0, 0.06)] },
+                Missed { measure: "closed box: lit from outside", at: &[(3.0, 10.0), (10.0, 20.0)] },
+            ],
+            why: "shadow rays start where the stand-in's box is met, beyond a distance of its own size: at times the next \
+                  stand-in shades them, at times they start behind a wall",
+        },
     },
     Row {
         fails: "cache far smaller than the working set",
@@ -122,9 +138,14 @@ pub const DESIGN: [Row; 14] = [
         tests: &[
             "degenerate::what_is_no_triangle_is_counted_and_left_out",
             "degenerate::slivers_doubles_one_and_none_are_rendered",
+            "degenerate::one_corner_astray_costs_no_other_triangle",
             "failing_builds::nothing_is_a_model_too",
         ],
-        state: Holds,
+        state: Misses {
+            measures: &[Missed { measure: "one corner astray: triangles lost", at: &[(0.0, 10_620.0)] }],
+            why: "the origin of a mesh in double precision is the middle of its bounds, however far out one corner takes it: \
+                  all others are out of range, or the same point",
+        },
     },
     Row {
         fails: "poles, extraordinary vertices, creases, spiky displacement, cusps",
@@ -169,14 +190,21 @@ pub const BESIDES: [Row; 1] = [Row {
     fails: "stand-ins of all kinds",
     must: "mean radiance within 1 % at PoE 1, 3 % at PoE 10, on five models",
     tests: &["brightness::of_five_models"],
-    state: Holds,
+    state: Misses {
+        measures: &[
+            Missed { measure: "radiance without shadows", at: &[(1.0, 0.03), (3.0, 0.1), (10.0, 0.1)] },
+            Missed { measure: "radiance with shadows", at: &[(1.0, 0.5), (3.0, 0.5), (10.0, 0.5)] },
+        ],
+        why: "a cell's mean normal is of all that is in it, also of what nobody sees (the inner sides of blocks); shadows begin too \
+              early at stand-ins",
+    },
 }];
 
 pub fn rows() -> impl Iterator<Item = &'static Row> {
     DESIGN.iter().chain(&BESIDES)
 }
 
-fn missed_at(measure: &str) -> &'static [f32] {
+fn missed_at(measure: &str) -> &'static [(f32, f64)] {
     let lists = rows().filter_map(|row| match row.state {
         Misses { measures, .. } => Some(measures),
         _ => None,
@@ -193,13 +221,15 @@ pub fn judge(measure: &str, values: &[(f32, f64, f64)]) {
         // A NaN does not meet it.
         let is_met = value <= line;
         println!("{measure}, PoE {poe}: {value:.4}, the line is {line}{}", if is_met { "" } else { ": missed" });
-        match (is_met, missed.contains(&poe)) {
-            (true, true) => wrong.push(format!("PoE {poe}: {value} meets the line of {line}: bring the table up to date")),
-            (false, false) => wrong.push(format!("PoE {poe}: {value} misses the line of {line}")),
+        match (is_met, missed.iter().find(|m| m.0 == poe)) {
+            (true, Some(_)) => wrong.push(format!("PoE {poe}: {value} meets the line of {line}: bring the table up to date")),
+            (false, None) => wrong.push(format!("PoE {poe}: {value} misses the line of {line}")),
+            // Nor does a NaN keep to this.
+            (false, Some((_, most))) if !(value <= *most) => wrong.push(format!("PoE {poe}: {value} is worse than {most}")),
             _ => (),
         }
     }
-    let unknown = missed.iter().filter(|poe| values.iter().all(|v| v.0 != **poe));
-    wrong.extend(unknown.map(|poe| format!("PoE {poe}: said to be missed, but not measured")));
+    let unknown = missed.iter().filter(|m| values.iter().all(|v| v.0 != m.0));
+    wrong.extend(unknown.map(|m| format!("PoE {}: said to be missed, but not measured", m.0)));
     assert!(wrong.is_empty(), "{measure}:\n{}", wrong.join("\n"));
 }

@@ -41,8 +41,8 @@ fn leaf_cards(count: usize) -> (Vec<Tri>, [Camera; 2]) {
     (tris, [camera(DVec3::new(3.0, -12.0, 4.0)), camera(DVec3::new(-1.0, 5.5, -1.0))])
 }
 
-/// What is covered in the middles of pixels stays so; how much of all pixels, `at_most` times too much, is judged.
-fn check(name: &str, (tris, cameras): (Vec<Tri>, [Camera; 2]), at_most: [f64; POE.len()]) {
+/// What is covered in the middles of pixels stays so; how much of all pixels is, is judged.
+fn check(name: &str, (tris, cameras): (Vec<Tri>, [Camera; 2])) {
     let setting = Setting { size: SIZE, samples: 16, ..Setting::default() };
     let file = built::parts(&[Part::white(1, tris.clone())]);
     let stage = Stage::new(&file.path, setting);
@@ -67,19 +67,16 @@ fn check(name: &str, (tris, cameras): (Vec<Tri>, [Camera; 2]), at_most: [f64; PO
             }
         }
     }
-    for ((ratio, poe), at_most) in ratios.iter().zip(POE).zip(at_most) {
-        assert!(*ratio <= at_most, "{name}, PoE {poe}: {ratio} times the coverage, {at_most} before");
-    }
     let off: Vec<_> = ratios.iter().zip(POE).map(|(ratio, poe)| (poe, (ratio - 1.0).abs(), LINE)).collect();
     judge(&format!("{name}: coverage"), &off);
 }
 
 #[test]
 fn coverage_of_wires() {
-    check("wires", wires(), [9.0; 5]);
+    check("wires", wires());
 }
 
 #[test]
 fn coverage_of_leaf_cards() {
-    check("leaf cards", leaf_cards(20_000), [9.0; 5]);
+    check("leaf cards", leaf_cards(20_000));
 }
