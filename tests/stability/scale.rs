@@ -102,7 +102,7 @@ fn costs(camera: &Camera) -> Vec<(f32, [f64; 2])> {
 fn far_away_the_detail_costs_next_to_nothing() {
     let costs = costs(&far());
     assert!(costs[0].1[0] > 0.3, "the land is not looked at");
-    assert!(costs.iter().all(|(_, [_, detail])| *detail <= 0.05), "{costs:?}");
+    assert!(costs.iter().all(|(_, [_, detail])| *detail <= 0.01), "{costs:?}");
     // And all that is seen of it is less than a pixel.
     let stage = Stage::new(&files().detail.path, Setting::default());
     let shown = stage.picture(&perspective(DVec3::new(0.0, -1.1, 0.9) * LAND - PLACE, -PLACE), 1.0);
@@ -113,5 +113,6 @@ fn far_away_the_detail_costs_next_to_nothing() {
 fn near_the_detail_the_rest_costs_next_to_nothing() {
     let costs = costs(&near());
     assert!(costs[0].1[1] > 0.3, "the detail is not looked at");
-    assert!(costs.iter().all(|(_, [land, _])| *land <= 0.05), "{costs:?}");
+    // One read of neighbouring blocks may be 7 % of it.
+    assert!(costs.iter().all(|(_, [land, _])| *land <= 0.1), "{costs:?}");
 }
