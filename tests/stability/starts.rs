@@ -1,12 +1,14 @@
 //! Secondary rays that start on a stand-in: they neither meet the surface that it stands for nor pass it.
 
-use super::pictures::{POE, Setting, Stage, perspective, sun};
+use super::pictures::{POE, Picture, Setting, Stage, perspective, sun};
 use super::table::judge;
 use crate::common::brute::Tri;
 use crate::common::built::{self, Part};
 use crate::common::rng::Rng;
 use crate::common::scenes;
 use glam::{DQuat, DVec3};
+use outcrop::query::HitKind;
+use outcrop::render::Buffer;
 use outcrop::scene::{Light, LightKind};
 
 /// A plane of 160 by 160 cells, 0.1 each, around zero; turned, so that the boxes of its cells are thick.
@@ -27,6 +29,13 @@ fn shadow(now: &[f64], exact: &[f64]) -> (f64, f64) {
     (lost as f64 / lit().count() as f64, sum / truth)
 }
 
+/// Of the pixels in false shadow, the share that shows triangles: rays that start there meet the stand-ins beside them.
+fn exact_hits(picture: &Picture, exact: &[f64]) -> f64 {
+    let kinds = picture.bytes(Buffer::Kind).iter().zip(picture.luminance()).zip(exact);
+    let lost: Vec<u8> = kinds.filter(|((_, now), y)| **y > 0.05 && *now < 0.5 * **y).map(|((kind, _), _)| *kind).collect();
+    lost.iter().filter(|kind| **kind == HitKind::Exact as u8).count() as f64 / lost.len().max(1) as f64
+}
+
 fn check_plane(name: &str, tris: Vec<Tri>) {
     // Steep, slanting, and from a point; one after the other.
     let turn = DQuat::from_rotation_x(0.6) * DQuat::from_rotation_y(0.4);
@@ -45,8 +54,9 @@ fn check_plane(name: &str, tris: Vec<Tri>) {
                 let picture = stage.picture(&camera, poe);
                 let (lost, ratio) = shadow(&picture.luminance(), &exact);
                 println!(
-                    "{name}, {:?}, PoE {poe}: {lost:.4} in false shadow, {ratio:.4} of the brightness, {} stand-ins",
+                    "{name}, {:?}, PoE {poe}: {lost:.4} in false shadow, {:.2} of these exact hits; {ratio:.4} of the brightness; {} stand-ins",
                     light.kind,
+                    exact_hits(&picture, &exact),
                     picture.stand_ins()
                 );
                 assert!(poe < 3.0 || picture.stand_ins() > 500, "{name}, PoE {poe}: nothing stands in");
