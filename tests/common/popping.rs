@@ -50,7 +50,7 @@ pub fn pop(before: Shown, after: Shown, width: usize, threshold: f64) -> Pop {
 }
 
 /// Pixels of the largest set of `marked` pixels that are joined by sides.
-pub fn largest_patch(mut marked: Vec<bool>, width: usize) -> usize {
+fn largest_patch(mut marked: Vec<bool>, width: usize) -> usize {
     let mut largest = 0;
     let mut edge = Vec::new();
     for first in 0..marked.len() {

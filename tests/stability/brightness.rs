@@ -26,15 +26,16 @@ fn five() -> [(&'static str, Vec<Tri>); 5] {
 
 #[test]
 fn of_five_models() {
-    for shadows in [false, true] {
-        let mut off = [0.0f64; POE.len()];
-        for (name, tris) in five() {
+    // Without shadows and with.
+    let mut off = [[0.0f64; POE.len()]; 2];
+    for (name, tris) in five() {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        tris.iter().flatten().for_each(|v| (low, high) = (low.min(*v), high.max(*v)));
+        let (middle, size) = ((low + high) * 0.5, (high - low).length());
+        let file = built::parts(&[Part::white(1, tris)]);
+        for (shadows, off) in [false, true].into_iter().zip(&mut off) {
             let sun = Light { shadows, ..sun(DVec3::new(-1.0, 2.0, -2.5)) };
             let lights = vec![Light { intensity: 0.4, ..Light::HEADLIGHT }, sun];
-            let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-            tris.iter().flatten().for_each(|v| (low, high) = (low.min(*v), high.max(*v)));
-            let (middle, size) = ((low + high) * 0.5, (high - low).length());
-            let file = built::parts(&[Part::white(1, tris)]);
             let stage = Stage::new(&file.path, Setting { lights, ambient: 0.1, samples: 4, ..Setting::default() });
             for from in [DVec3::new(0.6, -0.9, 0.5), DVec3::new(-0.8, 0.3, 0.25)] {
                 let camera = Camera::Perspective { eye: middle + from * size, at: middle, up: DVec3::Z, fov_y_degrees: 45.0 };
@@ -48,7 +49,8 @@ fn of_five_models() {
                 off.iter_mut().zip(ratios).for_each(|(off, ratio)| *off = off.max((ratio - 1.0).abs()));
             }
         }
-        let name = if shadows { "radiance with shadows" } else { "radiance without shadows" };
+    }
+    for (name, off) in ["radiance without shadows", "radiance with shadows"].into_iter().zip(off) {
         judge(name, &std::array::from_fn::<_, 5, _>(|p| (POE[p], off[p], line(POE[p]))));
     }
 }

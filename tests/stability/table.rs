@@ -156,8 +156,11 @@ pub const DESIGN: [Row; 14] = [
     Row {
         fails: "continuous zoom",
         must: "no pop larger than the PoE explains",
-        tests: &["zoom::onto_a_mandelbulb", "zoom::onto_a_soup"],
-        state: Holds,
+        tests: &["zoom::onto_a_mandelbulb", "zoom::onto_a_soup", "zoom::onto_wires"],
+        state: Misses {
+            measures: &[Missed { measure: "wires: largest patch that pops", at: &[(0.5, 130.0), (1.0, 130.0), (3.0, 200.0), (10.0, 230.0)] }],
+            why: "wires shown as solid boxes change their thickness with the box, whole lengths of them at once",
+        },
     },
     Row {
         fails: "curved mirrors",
@@ -193,7 +196,7 @@ pub const BESIDES: [Row; 1] = [Row {
     state: Misses {
         measures: &[
             Missed { measure: "radiance without shadows", at: &[(1.0, 0.03), (3.0, 0.1), (10.0, 0.1)] },
-            Missed { measure: "radiance with shadows", at: &[(1.0, 0.5), (3.0, 0.5), (10.0, 0.5)] },
+            Missed { measure: "radiance with shadows", at: &[(1.0, 0.025), (3.0, 0.09), (10.0, 0.13)] },
         ],
         why: "a cell's mean normal is of all that is in it, also of what nobody sees (the inner sides of blocks); shadows begin too \
               early at stand-ins",
@@ -224,9 +227,13 @@ pub fn judge(measure: &str, values: &[(f32, f64, f64)]) {
         match (is_met, missed.iter().find(|m| m.0 == poe)) {
             (true, Some(_)) => wrong.push(format!("PoE {poe}: {value} meets the line of {line}: bring the table up to date")),
             (false, None) => wrong.push(format!("PoE {poe}: {value} misses the line of {line}")),
-            // Nor does a NaN keep to this.
-            (false, Some((_, most))) if !(value <= *most) => wrong.push(format!("PoE {poe}: {value} is worse than {most}")),
-            _ => (),
+            (false, Some((_, most))) => {
+                let is_as_bad_as_known = value <= *most;
+                if !is_as_bad_as_known {
+                    wrong.push(format!("PoE {poe}: {value} is worse than {most}"));
+                }
+            }
+            (true, None) => (),
         }
     }
     let unknown = missed.iter().filter(|m| values.iter().all(|v| v.0 != m.0));
