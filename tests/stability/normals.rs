@@ -2,7 +2,7 @@
 //! in for them is never a NaN, never black where the exact picture is lit, and as bright on the whole.
 
 use super::pictures::{POE, Setting, Stage, perspective};
-use super::table::judge;
+use super::table::judge_each;
 use crate::common::brute::Tri;
 use crate::common::built::{self, Part};
 use crate::common::picture::radiance_ratio;
@@ -76,8 +76,8 @@ fn check(name: &str, tris: Vec<Tri>, cameras: &[Camera]) {
             off[p] = off[p].max((ratio - 1.0).abs());
         }
     }
-    judge(&format!("{name}: black pixels"), &std::array::from_fn::<_, 5, _>(|p| (POE[p], black[p] as f64, 0.0)));
-    judge(&format!("{name}: brightness"), &std::array::from_fn::<_, 5, _>(|p| (POE[p], off[p], LINE)));
+    judge_each(&format!("{name}: black pixels"), black.map(|n| n as f64), 0.0);
+    judge_each(&format!("{name}: brightness"), off, LINE);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Secondary rays that start on a stand-in: they neither meet the surface that it stands for nor pass it.
 
 use super::pictures::{POE, Picture, Setting, Stage, perspective, sun};
-use super::table::judge;
+use super::table::judge_each;
 use crate::common::brute::Tri;
 use crate::common::built::{self, Part};
 use crate::common::rng::Rng;
@@ -65,8 +65,8 @@ fn check_plane(name: &str, tris: Vec<Tri>) {
             }
         }
     }
-    judge(&format!("{name}: false shadow"), &std::array::from_fn::<_, 5, _>(|p| (POE[p], false_shadow[p], 0.0)));
-    judge(&format!("{name}: brightness"), &std::array::from_fn::<_, 5, _>(|p| (POE[p], off[p], 0.01)));
+    judge_each(&format!("{name}: false shadow"), false_shadow, 0.0);
+    judge_each(&format!("{name}: brightness"), off, 0.01);
 }
 
 #[test]
@@ -120,5 +120,5 @@ fn no_light_into_a_closed_box() {
             lit[p] += bright;
         }
     }
-    judge("closed box: lit from outside", &std::array::from_fn::<_, 5, _>(|p| (POE[p], lit[p] as f64, 0.0)));
+    judge_each("closed box: lit from outside", lit.map(|n| n as f64), 0.0);
 }

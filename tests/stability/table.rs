@@ -3,6 +3,8 @@
 //! A line that present parts miss is missed by a measure: [`judge`] holds each measure to its line at every pixels of error,
 //! but where the table says that it is missed; there it must be missed, or the table is out of date.
 
+use super::pictures::POE;
+
 /// What is known of a row.
 pub enum State {
     /// Shown by the tests.
@@ -205,6 +207,11 @@ pub const BESIDES: [Row; 1] = [Row {
 
 pub fn rows() -> impl Iterator<Item = &'static Row> {
     DESIGN.iter().chain(&BESIDES)
+}
+
+/// [`judge`] of a value at each of [`POE`], all with one line.
+pub fn judge_each(measure: &str, values: [f64; POE.len()], line: f64) {
+    judge(measure, &std::array::from_fn::<_, { POE.len() }, _>(|p| (POE[p], values[p], line)));
 }
 
 fn missed_at(measure: &str) -> &'static [(f32, f64)] {

@@ -25,7 +25,7 @@ fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
     }
 }
 
-/// The names of a file's tests: functions right below `#[test]`, but for other attributes and comments.
+/// The names of a file's tests that run: functions right below `#[test]`, but for other attributes and comments.
 fn tests_of(file: &str) -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     let mut is_test = false;
@@ -35,7 +35,7 @@ fn tests_of(file: &str) -> BTreeSet<String> {
         } else if let Some(name) = line.strip_prefix("fn ").filter(|_| is_test) {
             names.extend(name.split('(').next().map(str::to_owned));
             is_test = false;
-        } else if !line.starts_with("#[") && !line.starts_with("//") {
+        } else if line.starts_with("#[ignore") || !line.starts_with("#[") && !line.starts_with("//") {
             is_test = false;
         }
     }
@@ -119,7 +119,7 @@ fn what_is_said_to_be_missed_is_measured() {
             let (scene, what) = missed.measure.split_once(": ").unwrap_or((missed.measure, missed.measure));
             let of_row = row.tests.iter().filter_map(|test| test.split_once("::"));
             let is_measured = of_row.map(|(file, _)| text(&root().join(file_of(file)))).any(|file| {
-                file.contains("judge(") && file.contains(&format!("\"{scene}")) && file.contains(&format!("{what}\""))
+                file.contains("judge") && file.contains(&format!("\"{scene}")) && file.contains(&format!("{what}\""))
             });
             assert!(is_measured, "no test of its row measures {}", missed.measure);
         }
