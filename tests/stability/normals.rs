@@ -30,7 +30,7 @@ fn sheets() -> Vec<Tri> {
     upper.chain(lower).collect()
 }
 
-/// Plates ten thousandths as thick as long, closed, turned anyhow.
+/// Plates a ten-thousandth as thick as long, closed, turned anyhow.
 fn plates() -> Vec<Tri> {
     let mut rng = Rng::new(21);
     let plate = |_| {
@@ -68,7 +68,8 @@ fn check(name: &str, tris: Vec<Tri>, cameras: &[Camera]) {
         for (p, poe) in POE.into_iter().enumerate() {
             let picture = stage.picture(camera, poe);
             let now = picture.luminance();
-            black[p] += (0..now.len()).filter(|&i| least_nearby(&truth, i, poe).is_some_and(|least| now[i] < 0.25 * least)).count();
+            let is_black = |i: &usize| least_nearby(&truth, *i, poe).is_some_and(|least| now[*i] < 0.25 * least);
+            black[p] += (0..now.len()).filter(is_black).count();
             // Where the exact picture shows something: what is added around it is another row's.
             let ratio = radiance_ratio(picture.colours(), exact.colours(), |i| truth[i] > 0.0);
             println!("{name}, PoE {poe}: {ratio:.4} of the brightness, {} stand-ins", picture.stand_ins());

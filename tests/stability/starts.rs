@@ -54,7 +54,7 @@ fn check_plane(name: &str, tris: Vec<Tri>) {
                 let picture = stage.picture(&camera, poe);
                 let (lost, ratio) = shadow(&picture.luminance(), &exact);
                 println!(
-                    "{name}, {:?}, PoE {poe}: {lost:.4} in false shadow, {:.2} of these exact hits; {ratio:.4} of the brightness; {} stand-ins",
+                    "{name}, {:.1?}, PoE {poe}: {lost:.4} in false shadow, {:.2} of these exact hits; {ratio:.4} of the light; {} stand-ins",
                     light.kind,
                     exact_hits(&picture, &exact),
                     picture.stand_ins()

@@ -90,8 +90,8 @@ pub const DESIGN: [Row; 14] = [
                 Missed { measure: "bumpy plane: brightness", at: &[(0.5, 0.04), (1.0, 0.09), (3.0, 0.03), (10.0, 0.06)] },
                 Missed { measure: "closed box: lit from outside", at: &[(3.0, 10.0), (10.0, 20.0)] },
             ],
-            why: "shadow rays start where the stand-in's box is met, beyond a distance of its own size: at times the next \
-                  stand-in shades them, at times they start behind a wall",
+            why: "the shadow rays of triangles meet the stand-ins beside them, whose boxes reach above the surface; those of \
+                  stand-ins begin a cell higher, which in a corner may be behind the wall; light of a point is told that much nearer",
         },
     },
     Row {
@@ -200,8 +200,8 @@ pub const BESIDES: [Row; 1] = [Row {
             Missed { measure: "radiance without shadows", at: &[(1.0, 0.03), (3.0, 0.1), (10.0, 0.1)] },
             Missed { measure: "radiance with shadows", at: &[(1.0, 0.025), (3.0, 0.09), (10.0, 0.13)] },
         ],
-        why: "a cell's mean normal is of all that is in it, also of what nobody sees (the inner sides of blocks); shadows begin too \
-              early at stand-ins",
+        why: "a cell's mean normal is of all that is in it, also of what nobody sees (the inner sides of blocks), and boxes show \
+              more of it than there is along outlines",
     },
 }];
 

@@ -11,8 +11,8 @@
 //! (2 * 2^(1/4) sqrt(PoE) + 2)^2
 //! ```
 //!
-//! pixels: 14, 19, 37 and 91 at 0.5, 1, 3 and 10 pixels of error. (When the pixels of error jump to 8 times as many from one frame to the
-//! next, the patches of the soup are of 29, 489 and 887 at the last three.)
+//! pixels: 14, 19, 37 and 91 at 0.5, 1, 3 and 10 pixels of error. (When the pixels of error jump to 8 times as many from one
+//! frame to the next, the patches of the soup are of 29, 489 and 887 at the last three.)
 
 use super::pictures::{Picture, Setting, Stage, perspective, sun};
 use super::table::judge;
