@@ -48,6 +48,18 @@ struct Disk {
     gate: Arc<Gate>,
 }
 
+impl Disk {
+    /// Whether reads stop: what was under way may still end, on a busy machine late, but nothing new begins.
+    fn comes_to_rest(&self) -> bool {
+        let mut last = self.reads.load(SeqCst);
+        (0..20).any(|_| {
+            std::thread::sleep(Duration::from_millis(100));
+            let now = self.reads.load(SeqCst);
+            std::mem::replace(&mut last, now) == now
+        })
+    }
+}
+
 /// The scan with a small share of it in memory, as little as it opens with.
 fn opened(threads: usize, isa: outcrop::simd::Isa, disk: &Disk) -> (Arc<SceneState>, Frame) {
     let open = |memory_budget| {
@@ -96,11 +108,7 @@ fn covered_and_quiet_at_rest() {
             assert!(status.effective_poe >= poe, "{status:?}");
             coarser += usize::from(status.effective_poe > poe);
             assert_eq!(Picture::of(&frame).holes(&scan().exact[i]), 0, "PoE {poe}, {threads} threads, {}", isa.name());
-            // What was under way may still end.
-            std::thread::sleep(Duration::from_millis(50));
-            let before = disk.reads.load(SeqCst);
-            std::thread::sleep(Duration::from_millis(100));
-            assert_eq!(disk.reads.load(SeqCst), before, "PoE {poe}: still reading after the frame has ended");
+            assert!(disk.comes_to_rest(), "PoE {poe}: still reading after the frame has ended");
         }
     }
     println!("{coarser} pictures did not fit as fine as asked");

@@ -160,7 +160,10 @@ pub const DESIGN: [Row; 14] = [
         must: "no pop larger than the PoE explains",
         tests: &["zoom::onto_a_mandelbulb", "zoom::onto_a_soup", "zoom::onto_wires"],
         state: Misses {
-            measures: &[Missed { measure: "wires: largest patch that pops", at: &[(0.5, 130.0), (1.0, 130.0), (3.0, 200.0), (10.0, 230.0)] }],
+            measures: &[Missed {
+                measure: "wires: largest patch that pops",
+                at: &[(0.5, 130.0), (1.0, 130.0), (3.0, 200.0), (10.0, 230.0)],
+            }],
             why: "wires shown as solid boxes change their thickness with the box, whole lengths of them at once",
         },
     },
