@@ -84,8 +84,7 @@ fn what_is_no_triangle_is_counted_and_left_out() {
     }
 }
 
-/// One corner astray among coordinates that are no floats: range, and what they are rounded to, is counted from the middle of
-/// the mesh, which it moves.
+/// One corner astray among coordinates that are no floats, which are rounded around the middle of the mesh: it does not move that.
 #[test]
 fn one_corner_astray_costs_no_other_triangle() {
     let thirds = |t: Tri| t.map(|v| v / 3.0);

@@ -574,12 +574,13 @@ fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
             Some(Aim { to_light, irradiance: strength, shadow: Ray { cone, t_min: surface.near, ..Ray::new(from, to_light) } })
         }
         LightKind::Point(point) => {
-            let way = point - from;
-            let distance = way.length();
+            let way = point - surface.position;
             let to_light = way.try_normalize()?.as_vec3();
-            let irradiance = strength * (1.0 / (distance * distance)).min(1e30) as f32;
-            let t_max = distance * (1.0 - 1e-6);
-            let shadow = Ray { t_min: surface.near.min(t_max), t_max, cone, ..Ray::new(from, to_light) };
+            let irradiance = strength * (1.0 / way.length_squared()).min(1e30) as f32;
+            // Where it begins is nearer to the light by a cell, or behind it.
+            let way = point - from;
+            let t_max = way.length() * (1.0 - 1e-6);
+            let shadow = Ray { t_min: surface.near.min(t_max), t_max, cone, ..Ray::new(from, way.try_normalize()?.as_vec3()) };
             Some(Aim { to_light, irradiance, shadow })
         }
     }
