@@ -56,8 +56,8 @@ impl Spool {
         let exact = corners.iter().zip(&single).all(|(d, s)| s.as_dvec3() == *d);
         if !origin::is_too_large(corners) {
             self.bounds = corners.iter().fold(self.bounds, |b, &c| b.with(c));
+            self.is_single &= exact;
         }
-        self.is_single &= exact;
         self.triangles += 1;
         let room = self.kept.last().is_some_and(|c| {
             c.parts.len() < BATCH && matches!(c.positions, Positions::Single(_)) == exact
