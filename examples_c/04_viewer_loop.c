@@ -2,7 +2,8 @@
  *
  *     04_viewer_loop MODEL.oc LAST.png
  *
- * There is no window here: where one would draw, a line is printed. Nothing of this thread ever waits for the disk.
+ * There is no window here: where one would draw, a line is printed. Once the model is open nothing in this
+ * thread waits for the disk.
  */
 #define _POSIX_C_SOURCE 200809L
 #define _FILE_OFFSET_BITS 64
@@ -10,6 +11,7 @@
 
 #include "png.h"
 
+#include <errno.h>
 #include <fcntl.h>
 #include <math.h>
 #include <pthread.h>
@@ -34,6 +36,7 @@ static uint32_t read_at(void *user, uint64_t offset, void *buffer, uint64_t byte
     char *to = buffer;
     while (bytes) {
         const ssize_t got = pread(from->file, to, (size_t)bytes, (off_t)offset);
+        if (got < 0 && errno == EINTR) continue;
         if (got <= 0) return 1; /* the library tries again, and shows a stand-in meanwhile */
         to += got;
         offset += (uint64_t)got;

@@ -1609,7 +1609,7 @@ oc_status oc_frame_create(const struct oc_context *context,
  * some of it cannot be had (then oc_progress.error is OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is
  * damaged; the next request asks for it again).
  *
- * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number, a `poe` below 0 or infinite, more than 1024 samples,
+ * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number or infinite, a `poe` below 0, more than 1024 samples,
  * or a camera out of its ranges; then what the frame was rendering goes on.
  * Thread safety: any thread. Cheap.
  */

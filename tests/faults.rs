@@ -238,6 +238,8 @@ fn a_disk_that_is_back_is_read_again() {
             assert_eq!((said(), once > 0), (once, true));
         }
         gone.store(false, SeqCst);
+        // They are asked for again four times a second at most.
+        std::thread::sleep(Duration::from_millis(300));
         let status = render(&frame, &state);
         assert!(status.state == FrameState::Converged && status.error.is_none(), "{status:?}");
         assert_eq!(judge(&frame, true), 0);

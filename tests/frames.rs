@@ -567,3 +567,29 @@ fn a_thousand_requests_and_cancels_while_queries_run() {
     println!("meanwhile {} batches of 4096 rays and {} pictures", asked.load(SeqCst), pictures.load(SeqCst));
     assert!(asked.load(SeqCst) > 0 && pictures.load(SeqCst) > 0);
 }
+
+/// Once a frame is gone nobody is in its wake function any more: what that uses may go too.
+#[test]
+fn dropping_a_frame_waits_for_whoever_is_being_woken() {
+    let context = built::context(2);
+    let (scene, _) = built::scene(&context, &built::parts(&fine_sphere()));
+    let mut called = 0;
+    for i in 0..30 {
+        let frame = frame(&context, 64, 48);
+        let counts = Arc::new([const { AtomicUsize::new(0) }; 2]);
+        let within = Arc::clone(&counts);
+        frame.set_wake(Some(Arc::new(move || {
+            within[0].fetch_add(1, SeqCst);
+            std::thread::sleep(Duration::from_millis(5));
+            within[1].fetch_add(1, SeqCst);
+        })));
+        let settings = FrameSettings { samples: 4, ..Default::default() };
+        frame.request(&scene.state(), &perspective(DVec3::new(1.0, 2.0, 4.0), DVec3::ZERO), &settings).expect("a request");
+        std::thread::sleep(Duration::from_millis(i));
+        drop(frame);
+        let [begun, ended] = [0, 1].map(|at| counts[at].load(SeqCst));
+        assert_eq!(begun, ended, "somebody is still in the wake function");
+        called += begun;
+    }
+    assert!(called > 0);
+}

@@ -33,6 +33,14 @@ pub struct Placed {
 /// range of single precision.
 pub const FAR: f32 = 1e15;
 
+/// Whether a triangle is out of range around any origin: it has no say in where that is, or one corner astray would cost all others.
+pub fn is_too_large(corners: &[DVec3; 3]) -> bool {
+    let [a, b, c] = *corners;
+    // Halves, for the difference of two finite numbers may not be one.
+    let half = (a.max(b).max(c) * 0.5 - a.min(b).min(c) * 0.5).max_element();
+    half > f64::from(FAR)
+}
+
 /// The origin of a mesh: zero where that keeps every coordinate as it is and the mesh is near zero, else
 /// the middle of its bounds, rounded to a multiple of a power of two near a sixteenth of its size (so that
 /// moving a mesh by such multiples does not change what is stored).

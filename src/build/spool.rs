@@ -1,6 +1,7 @@
 //! Triangles of one mesh as they arrive, without loss: single precision where that is exact. In memory up to
 //! a limit over all meshes, coded in a scratch file beyond it.
 
+use super::origin;
 use super::batch::{self, BATCH, Batch, Extent, Positions};
 use crate::base::error::{Error, Result};
 use crate::base::scratch::Scratch;
@@ -17,7 +18,7 @@ pub struct Spool {
     kept: Vec<Batch>,
     /// Bytes of all of them but the last.
     full: u64,
-    /// Of all that was pushed.
+    /// Of all that was pushed and may be stored.
     pub bounds: DBounds,
     /// Local parts that its triangles may name.
     pub local_parts: u32,
@@ -53,8 +54,10 @@ impl Spool {
     pub fn push(&mut self, corners: &[DVec3; 3], part: u32, prim: u32, colour: Option<[u8; 4]>) {
         let single = corners.map(|c| c.as_vec3());
         let exact = corners.iter().zip(&single).all(|(d, s)| s.as_dvec3() == *d);
-        self.bounds = corners.iter().fold(self.bounds, |b, &c| b.with(c));
-        self.is_single &= exact;
+        if !origin::is_too_large(corners) {
+            self.bounds = corners.iter().fold(self.bounds, |b, &c| b.with(c));
+            self.is_single &= exact;
+        }
         self.triangles += 1;
         let room = self.kept.last().is_some_and(|c| {
             c.parts.len() < BATCH && matches!(c.positions, Positions::Single(_)) == exact

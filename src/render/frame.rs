@@ -14,6 +14,7 @@ use crate::scene::camera::PixelRays;
 use crate::scene::{Camera, Context, SceneState};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::thread::ThreadId;
 use std::time::{Duration, Instant};
 
 /// What a frame is made with.
@@ -87,6 +88,8 @@ struct Inner {
     ending: Option<(End, Instant)>,
     /// Whoever is to be woken of the ending is being told: waits return after that.
     waking: bool,
+    /// Threads that are calling a wake function.
+    callers: Vec<ThreadId>,
     /// The last complete picture.
     front: Option<Arc<Picture>>,
     /// Buffers to use again.
@@ -130,6 +133,7 @@ impl Frame {
             unfinished: 0,
             ending: None,
             waking: false,
+            callers: Vec::new(),
             front: None,
             spare: None,
             wake: None,
@@ -299,13 +303,22 @@ impl Drop for Frame {
         self.shared.inner().wake = None;
         self.cancel();
         let mut inner = self.shared.inner();
-        while inner.unfinished > 0 {
+        // Nor is anybody being woken; but who is may be who drops it.
+        let me = std::thread::current().id();
+        while inner.unfinished > 0 || inner.callers.iter().any(|caller| *caller != me) {
             inner = self.shared.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
 
 impl Inner {
+    /// The wake function, if there is one, of which it is noted that this thread calls it.
+    fn wake_to_call(&mut self) -> Option<Wake> {
+        let wake = self.wake.clone()?;
+        self.callers.push(std::thread::current().id());
+        Some(wake)
+    }
+
     /// Makes a request the last one; returns it, and the one before if it still runs.
     fn begin(
         &mut self,
@@ -339,6 +352,19 @@ impl Inner {
 }
 
 impl Shared {
+    /// Calls what was [to be called](Inner::wake_to_call). A panic in it is the caller's alone: the request goes on.
+    fn call(&self, wake: Option<Wake>) {
+        let Some(wake) = wake else { return };
+        let _ = catch_unwind(AssertUnwindSafe(|| wake()));
+        let me = std::thread::current().id();
+        let mut inner = self.inner();
+        if let Some(at) = inner.callers.iter().position(|caller| *caller == me) {
+            inner.callers.swap_remove(at);
+        }
+        drop(inner);
+        self.changed.notify_all();
+    }
+
     fn inner(&self) -> MutexGuard<'_, Inner> {
         // Every step under the lock leaves a valid state.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
@@ -364,12 +390,10 @@ impl Owner for Shared {
             if let Some(old) = old.and_then(Arc::into_inner) {
                 inner.spare = Some(old.into_spare());
             }
-            inner.wake.clone().filter(|_| newer)
+            if newer { inner.wake_to_call() } else { None }
         };
         self.changed.notify_all();
-        if let Some(wake) = wake {
-            call(&wake);
-        }
+        self.call(wake);
     }
 
     fn ended(&self, request: &Request, film: Film, ending: &End) {
@@ -382,6 +406,7 @@ impl Owner for Shared {
             if matches!(ending, End::Converged | End::Budget(_)) && newer {
                 let picture = buffers.into_picture(request.number, Arc::clone(&request.scene), request.rays);
                 let old = inner.front.replace(Arc::new(picture));
+                request.is_shown();
                 // Unless somebody has it mapped.
                 if let Some(old) = old.and_then(Arc::into_inner) {
                     inner.spare = Some(old.into_spare());
@@ -393,7 +418,7 @@ impl Owner for Shared {
                 cut_short = matches!(ending, End::Cancelled | End::Failed(_));
                 inner.ending = Some((ending.clone(), Instant::now()));
                 inner.waking = inner.wake.is_some();
-                inner.wake.clone()
+                inner.wake_to_call()
             } else {
                 None
             }
@@ -403,17 +428,12 @@ impl Owner for Shared {
             self.view.want(&[]);
         }
         self.changed.notify_all();
-        if let Some(wake) = wake {
-            call(&wake);
+        if wake.is_some() {
+            self.call(wake);
             self.inner().waking = false;
             self.changed.notify_all();
         }
     }
-}
-
-/// A panic in it is the caller's alone: the request goes on.
-fn call(wake: &Wake) {
-    let _ = catch_unwind(AssertUnwindSafe(|| wake()));
 }
 
 /// `is_shown`: the last complete picture is the request's.

@@ -210,6 +210,11 @@ impl Request {
         self.running().phase == Phase::Waiting
     }
 
+    /// The picture of the last pass is there to be mapped.
+    pub fn is_shown(&self) {
+        self.running().passes.is_shown();
+    }
+
     /// How far it is.
     pub fn progress(&self) -> Progress {
         let wanted = self.view.status().bytes_wanted;
@@ -269,7 +274,11 @@ impl Request {
         if wants.is_empty() {
             self.ease();
         }
-        let seen = Seen { wants: self.view.status().state, pressure: self.view.pressure() };
+        // Before it is known whether they come: a request of another frame may ask for them again.
+        let unreadable = self.unreadable(&lacking);
+        let stamp = self.running().stamp;
+        let (wants, pressure) = (self.view.status().state, self.view.pressure());
+        let seen = Seen { wants, pressure, is_stale: self.view.is_stale(stamp) };
         let mut running = self.running();
         if self.stop.load(Relaxed) {
             running.phase = Phase::Ended;
@@ -282,7 +291,7 @@ impl Request {
             Next::End { is_converged } => {
                 running.phase = Phase::Ended;
                 drop(running);
-                self.finish(&if is_converged { End::Converged } else { End::Budget(self.unreadable(&lacking)) });
+                self.finish(&if is_converged { End::Converged } else { End::Budget(unreadable) });
             }
         }
     }
@@ -342,14 +351,13 @@ impl Request {
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
         let Some(film) = self.film() else { return Ok(()) };
-        let (index, is_glimpse, samples, poe, stamp, never_waits, snapshots, desk) = {
+        let (index, is_glimpse, samples, pressure, stamp, never_waits, snapshots, desk) = {
             let mut running = self.running();
             let Some(snapshots) = running.snapshots.clone() else { return Ok(()) };
             let passes = &running.passes;
-            let poe = effective_poe(self.settings.poe, passes.pressure);
-            let (index, samples) = (passes.tile(item), passes.samples);
+            let (index, samples, pressure) = (passes.tile(item), passes.samples, passes.pressure);
             let (stamp, never_waits) = (running.stamp, running.never_waits);
-            (index, passes.is_glimpse, samples, poe, stamp, never_waits, snapshots, running.free.pop())
+            (index, passes.is_glimpse, samples, pressure, stamp, never_waits, snapshots, running.free.pop())
         };
         let tile = self.corners[index];
         let mut desk =
@@ -369,7 +377,8 @@ impl Work for Request {
             size: (film.width, film.height),
             samples,
             ambient: self.settings.ambient.max(0.0),
-            poe,
+            poe: effective_poe(self.settings.poe, pressure),
+            is_pressed: pressure > 1.0,
             srgb: &self.srgb,
             asks,
             plain: plain::tree_of(&view, &self.rays, asks),
@@ -413,13 +422,14 @@ impl Work for Request {
             return self.finish(&end);
         }
         let is_picture = {
-            let mut running = self.running();
-            running.passes.pass_ended();
-            // The last is shown by its end.
-            !running.passes.is_glimpse && !running.passes.nothing_is_lacking(self.settings.samples)
+            let passes = &self.running().passes;
+            // The last is shown by its end; of what is pressed it may not be the last.
+            let is_last = passes.nothing_is_lacking(self.settings.samples) && passes.pressure == 1.0;
+            !passes.is_glimpse && !is_last
         };
         if let (Some(film), Some(owner), true) = (self.film(), self.owner.upgrade(), is_picture) {
             owner.improved(self, &film);
+            self.running().passes.is_shown();
         }
         self.go_on();
     }

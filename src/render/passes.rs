@@ -13,6 +13,8 @@ pub(super) struct Seen {
     pub wants: ViewState,
     /// By what the pixels of error are to be multiplied.
     pub pressure: f32,
+    /// That has changed since the pass began, if only to and fro: its wants are no longer heard.
+    pub is_stale: bool,
 }
 
 /// Where the present pass is.
@@ -67,11 +69,11 @@ pub(super) struct Passes {
     pub pressure: f32,
     /// Since the last decision.
     pub has_news: bool,
-    /// Passes that have ended.
+    /// Pictures that were shown.
     ended: u32,
     /// Of what was wanted, the most bytes at a time.
     most_wanted: u64,
-    /// What the passes that have ended show.
+    /// What the last of them shows.
     shown: Tally,
     fraction: f64,
 }
@@ -130,9 +132,9 @@ impl Passes {
         self.tiles[tile] = Tile { tally, wants: wants.clone() };
     }
 
-    /// All tiles of a pass were rendered.
-    pub fn pass_ended(&mut self) {
-        self.ended += u32::from(!self.is_glimpse);
+    /// All tiles of a pass were rendered, and the picture is there to be mapped.
+    pub fn is_shown(&mut self) {
+        self.ended += 1;
         self.shown = self.tally();
     }
 
@@ -157,7 +159,7 @@ impl Passes {
 
     /// What comes after a pass, or after news; a pass is then laid out.
     pub fn next(&mut self, seen: Seen, asked_poe: f32) -> Next {
-        if seen.pressure != self.pressure {
+        if seen.is_stale || seen.pressure != self.pressure {
             // All tiles get coarser, or finer, together.
             self.samples = 1;
             self.begin_all();
@@ -212,8 +214,8 @@ mod tests {
     use crate::base::ids::BlockId;
     use crate::scene::walk::Need;
 
-    const CALM: Seen = Seen { wants: ViewState::Satisfied, pressure: 1.0 };
-    const BUSY: Seen = Seen { wants: ViewState::Busy, pressure: 1.0 };
+    const CALM: Seen = Seen { wants: ViewState::Satisfied, pressure: 1.0, is_stale: false };
+    const BUSY: Seen = Seen { wants: ViewState::Busy, pressure: 1.0, is_stale: false };
 
     fn lacking() -> Wants {
         let mut wants = Wants::default();
@@ -226,7 +228,7 @@ mod tests {
             let tile = passes.tile(item);
             passes.done(tile, Tally::default(), &wants(tile));
         }
-        passes.pass_ended();
+        passes.is_shown();
     }
 
     #[test]
@@ -255,6 +257,8 @@ mod tests {
         assert_eq!(passes.next(pressed, 1.0), Next::Pass { afresh: true });
         passes.pressure = 1.25;
         assert_eq!(passes.samples, 1);
+        let stale = Seen { is_stale: true, ..pressed };
+        assert_eq!(passes.next(stale, 1.0), Next::Pass { afresh: true });
         while passes.next(pressed, 1.0) != (Next::End { is_converged: false }) {}
         assert_eq!((effective_poe(1.0, 1.25), effective_poe(0.0, 1.0), effective_poe(0.0, 2.0)), (1.25, 0.0, 1.0));
     }
@@ -265,7 +269,7 @@ mod tests {
             let mut passes = Passes::new(1, 1);
             passes.begin_all();
             render(&mut passes, |_| lacking());
-            assert_eq!(passes.next(Seen { wants, pressure: 1.0 }, 0.0), Next::End { is_converged: false });
+            assert_eq!(passes.next(Seen { wants, ..CALM }, 0.0), Next::End { is_converged: false });
         }
     }
 
@@ -280,12 +284,12 @@ mod tests {
         passes.done(0, of(3), &Wants::default());
         assert_eq!(counted(&mut passes), 3);
         passes.done(1, of(4), &Wants::default());
-        passes.pass_ended();
+        passes.is_shown();
         assert_eq!(passes.next(CALM, 0.0), Next::Pass { afresh: false });
         passes.done(0, of(1), &Wants::default());
         assert_eq!(counted(&mut passes), 7);
         passes.done(1, of(1), &Wants::default());
-        passes.pass_ended();
+        passes.is_shown();
         assert_eq!(counted(&mut passes), 2);
     }
 

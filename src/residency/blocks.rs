@@ -9,6 +9,7 @@ use super::links::{Links, Reference};
 use super::snapshot::Snapshot;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::progress::Cancel;
 use crate::store::ModelFile;
 use arc_swap::ArcSwap;
 use std::sync::Arc;
@@ -91,12 +92,13 @@ impl ModelBlocks {
         decoder: Box<dyn Decoder>,
         roots: &[BlockId],
         report: impl Fn(&Error) + Send + Sync + 'static,
+        cancel: &Cancel,
     ) -> Result<Self> {
         let count = file.block_count();
         let [stays, each] = Snapshot::bytes_for(count);
         let stays = stays + file.memory() + u64::from(count) * 2 + Links::bytes_for(file.header().geometry_blocks);
         let root_bytes = roots.iter().map(|&id| super::load::slot_bytes(&file, id)).sum();
-        let (key, tables) = residency.shared().admit(file.name(), stays, stays + each, root_bytes)?;
+        let (key, tables) = residency.shared().admit(file.name(), [stays, stays + each, root_bytes], cancel)?;
         let pinned = (0..count).map(|_| AtomicBool::new(false)).collect::<Box<[_]>>();
         for root in roots {
             if let Some(pinned) = pinned.get(root.0 as usize) {
@@ -126,7 +128,7 @@ impl ModelBlocks {
 
     /// [`ModelBlocks::open`] without anything that stays, and nobody told of failures.
     pub fn new(file: Arc<ModelFile>, decoder: Box<dyn Decoder>, residency: &Residency) -> Result<Self> {
-        Self::open(residency, file, decoder, &[], |_| {})
+        Self::open(residency, file, decoder, &[], |_| {}, &Cancel::new())
     }
 
     /// The file.
@@ -151,8 +153,8 @@ impl ModelBlocks {
         }
     }
 
-    /// Blocks that failed are asked for again from now on: a disk or a network may be back. (Only what is damaged for good is then
-    /// read in vain, once for each that asks.)
+    /// Blocks that failed are asked for again from now on, by all who want them: a disk or a network may be back. (What is damaged for
+    /// good is then read in vain; this counts four times a second at most.)
     pub fn forget_failures(&self) {
         if self.inner.failures.forget() {
             let _ = self.inner.residency.lock().ranking.invalidate();

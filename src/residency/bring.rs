@@ -35,7 +35,9 @@ impl ModelBlocks {
                 return Ok(held);
             }
             let Some(claim) = self.inner.claims.claim(absent, AT_ONCE) else { continue };
-            if !self.bring_claimed(&claim, &mut left, &mut held, cancel)? {
+            let brought = self.bring_claimed(&claim, &mut left, &mut held, cancel);
+            self.inner.residency.give_back(&self.inner, claim);
+            if !brought? {
                 return Ok(held);
             }
         }

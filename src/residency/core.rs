@@ -17,6 +17,7 @@ use super::view::{Call, ViewCore};
 use super::wakeup::Wakeup;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::progress::Cancel;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Weak};
@@ -209,7 +210,12 @@ impl Shared {
     /// A key and what pays for `stays` bytes of tables, for the model `name` whose tables take `tables` bytes at most and of
     /// which `roots` bytes of blocks stay. What others use goes if it must: then it waits until passes that hold it have ended,
     /// [`FOR_ROOM`] at most.
-    pub fn admit(&self, name: &Path, stays: u64, tables: u64, roots: u64) -> Result<(ModelKey, Charge)> {
+    pub fn admit(
+        &self,
+        name: &Path,
+        [stays, tables, roots]: [u64; 3],
+        cancel: &Cancel,
+    ) -> Result<(ModelKey, Charge)> {
         let have = self.options.budget;
         let key = {
             let mut state = self.lock();
@@ -228,10 +234,17 @@ impl Shared {
             if let Some(charge) = charge {
                 return Ok((key, charge));
             }
-            if begun.elapsed() >= FOR_ROOM {
-                let mut state = self.lock();
-                state.tables -= tables;
-                state.pinned -= roots;
+            let cancelled = cancel.check();
+            if cancelled.is_err() || begun.elapsed() >= FOR_ROOM {
+                {
+                    let mut state = self.lock();
+                    state.tables -= tables;
+                    state.pinned -= roots;
+                    let _ = state.ranking.invalidate();
+                }
+                // There is more room again.
+                self.wake();
+                cancelled?;
                 let what = format!("opening {} beside what is in use", name.display());
                 return Err(Error::OverBudget { what, need: have + stays + roots, have });
             }

@@ -2,7 +2,9 @@
 
 use crate::base::error::Error;
 use crate::base::ids::BlockId;
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering::AcqRel, Ordering::Relaxed, Ordering::Release};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Why a block cannot be had.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,19 +27,25 @@ pub(super) struct Failures {
     blocks: Box<[AtomicU8]>,
     /// Some have failed since they were forgotten.
     any: AtomicBool,
+    /// When they were forgotten last.
+    forgotten: Mutex<Option<Instant>>,
 }
+
+/// They are not forgotten more often than that: a camera that moves asks each time, and what fails slowly would never have failed.
+const OFTEN: Duration = Duration::from_millis(250);
 
 impl Failures {
     /// Of so many blocks, of which none has failed.
     pub fn new(count: u32) -> Self {
-        Self { blocks: (0..count).map(|_| AtomicU8::new(0)).collect(), any: AtomicBool::new(false) }
+        Self { blocks: (0..count).map(|_| AtomicU8::new(0)).collect(), any: AtomicBool::new(false), forgotten: Mutex::default() }
     }
 
     /// Marks a block as one that cannot be had.
     pub fn set(&self, id: BlockId, why: &Error) {
         if let Some(block) = self.blocks.get(id.0 as usize) {
             block.fetch_or(if matches!(why, Error::Io { .. }) { UNREADABLE } else { DAMAGED }, Relaxed);
-            self.any.store(true, Relaxed);
+            // Who sees it sees the block's.
+            self.any.store(true, Release);
         }
     }
 
@@ -56,24 +64,31 @@ impl Failures {
         self.of(id).is_some()
     }
 
-    /// All may be asked for again. Whether any had failed.
+    /// All may be asked for again, unless they were forgotten just now. Whether any had failed.
     pub fn forget(&self) -> bool {
-        let any = self.any.swap(false, Relaxed);
-        if any {
-            for block in &self.blocks {
-                block.fetch_and(!FAILED, Relaxed);
-            }
+        if !self.any.load(Relaxed) {
+            return false;
         }
-        any
+        let now = Instant::now();
+        let mut forgotten = self.forgotten.lock().unwrap_or_else(PoisonError::into_inner);
+        if forgotten.is_some_and(|last| now.duration_since(last) < OFTEN) {
+            return false;
+        }
+        *forgotten = Some(now);
+        self.any.swap(false, AcqRel);
+        for block in self.blocks.iter().filter(|block| block.load(Relaxed) & FAILED != 0) {
+            block.fetch_and(!FAILED, Relaxed);
+        }
+        true
     }
 
-    /// Whether this is to be said of the block: once, until it has come.
-    pub fn is_news(&self, id: BlockId) -> bool {
+    /// Whether this is to be said of the block now: once, until it has come.
+    pub fn say_once(&self, id: BlockId) -> bool {
         self.blocks.get(id.0 as usize).is_none_or(|block| block.fetch_or(SAID, Relaxed) & SAID == 0)
     }
 
     /// The block has come.
-    pub fn has_come(&self, id: BlockId) {
+    pub fn came(&self, id: BlockId) {
         if let Some(block) = self.blocks.get(id.0 as usize).filter(|block| block.load(Relaxed) != 0) {
             block.store(0, Relaxed);
         }

@@ -55,18 +55,18 @@ impl ModelBlocks {
         }
     }
 
-    /// Brings `ids` into memory, whoever uses what has to go for them; fails with `OverBudget` if there is no room.
+    /// Brings `ids` into memory, whoever uses what has to go for them: waits until passes that hold that have ended, [`FOR_ROOM`] at
+    /// most. Fails with `OverBudget` if there is no room.
     pub fn require(&self, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
-        let bytes = ids.iter().map(|&id| self.slot_bytes(id)).sum();
         let begun = Instant::now();
         loop {
             match self.fetch(ids, cancel) {
                 Err(Error::OverBudget { .. }) if begun.elapsed() < FOR_ROOM => {}
                 fetched => return fetched.map(drop),
             }
-            if !self.inner.residency.takes_room(bytes) {
-                std::thread::sleep(Duration::from_millis(1));
-            }
+            let absent = ids.iter().filter(|id| !self.inner.is_there(**id));
+            self.inner.residency.takes_room(absent.map(|&id| self.slot_bytes(id)).sum());
+            std::thread::sleep(Duration::from_millis(1));
         }
     }
 

@@ -3,6 +3,7 @@
 use super::account::Account;
 use super::blocks::{Inner, ModelBlocks, ModelKey};
 use super::bring::Held;
+use super::claims::Claim;
 use super::core::{Residency, Shared};
 use super::load::{Buffers, RUN_BYTES, runs};
 use super::pump::stored_len;
@@ -108,13 +109,21 @@ impl Lease {
                 return Ok(());
             }
             let Some(claim) = model.inner.claims.claim(there, usize::MAX) else { continue };
-            if let Some(id) = claim.ids.iter().find(|id| id.0 >= model.inner.file.block_count()) {
-                return Err(model.inner.corrupt(*id, "no such block"));
-            }
-            for run in runs(&model.inner.file, &claim.ids, (self.shared.reserve.working() / 4).min(RUN_BYTES)) {
-                self.load(&model.inner, run, cancel)?;
-            }
+            let loaded = self.load_claimed(&model.inner, &claim, cancel);
+            // What a lease holds, nobody else sees.
+            self.shared.give_back(&model.inner, claim);
+            loaded?;
         }
+    }
+
+    fn load_claimed(&mut self, model: &Inner, claim: &Claim, cancel: &Cancel) -> Result<()> {
+        if let Some(id) = claim.ids.iter().find(|id| id.0 >= model.file.block_count()) {
+            return Err(model.corrupt(*id, "no such block"));
+        }
+        for run in runs(&model.file, &claim.ids, (self.shared.reserve.working() / 4).min(RUN_BYTES)) {
+            self.load(model, run, cancel)?;
+        }
+        Ok(())
     }
 
     /// The blocks in memory now, with those of the lease.

@@ -89,7 +89,7 @@ impl Inner {
                 Err(error @ (Error::Corrupt { .. } | Error::Io { .. })) => {
                     alone = true;
                     self.read_again.fetch_add(1, Relaxed);
-                    if self.failures.is_news(id) {
+                    if self.failures.say_once(id) {
                         (self.report)(&error);
                     }
                     self.load_alone(id, charge, buffers)
@@ -98,7 +98,7 @@ impl Inner {
             };
             match slot {
                 Ok(slot) => {
-                    self.failures.has_come(id);
+                    self.failures.came(id);
                     loaded.slots.push((id, slot));
                 }
                 Err(error) => loaded.failed.push((id, error)),

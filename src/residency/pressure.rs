@@ -21,7 +21,7 @@ const AMPLE: f64 = 0.8;
 pub(super) struct Strain {
     pub factor: f32,
     /// The last pass begun before the factor changed.
-    changed_at: u32,
+    pub changed_at: u32,
     /// A camera has moved since the factor last rose.
     pub may_fall: bool,
     /// What is wanted does not fit, and the factor cannot rise.

@@ -2,6 +2,7 @@
 
 use super::account::Charge;
 use super::blocks::Inner;
+use super::claims::Claim;
 use super::core::{After, Residency, Shared, State};
 use super::evict::Short;
 use super::load::{Buffers, RUN_BYTES, goes_with};
@@ -215,8 +216,8 @@ impl Shared {
         }
     }
 
-    /// Lowers the pressure, if nothing that views want is left to be read and there is room. Whether that is not known yet, for
-    /// something is being read.
+    /// Lowers the pressure, if nothing that views want is left to be read and there is room. True: something is being read that may
+    /// leave room; ask again.
     pub fn ease(&self) -> bool {
         let mut after = After::default();
         {
@@ -226,7 +227,7 @@ impl Shared {
                 return false;
             }
             if state.in_flight > 0 {
-                return true;
+                return state.strain.may_fall;
             }
             state.settle(self, &mut after);
         }
@@ -296,14 +297,33 @@ impl Shared {
         let Some(claim) = model.claims.try_claim(&ids, |id| !model.is_there(id)) else { return Unit::Did };
         let loaded = model.load(&claim.ids, &mut room.charge, &mut room.buffers, &Cancel::new());
         let published = self.publish(&model, &loaded.slots, stamp);
-        drop(claim);
+        // Before others may read them, who may be luckier.
+        loaded.failed.iter().for_each(|(id, why)| model.failures.set(*id, why));
+        self.give_back(&model, claim);
         drop(room);
         if !loaded.failed.is_empty() {
-            loaded.failed.iter().for_each(|(id, why)| model.failures.set(*id, why));
             let failed: Vec<BlockId> = loaded.failed.iter().map(|(id, _)| *id).collect();
             self.tell_those_who_want(&model, &failed);
         }
         if published { Unit::Did } else { Unit::Starved }
+    }
+
+    /// Ends a claim. Whoever looked for something to read meanwhile has passed over its blocks: those that have not come are to be
+    /// looked at again.
+    pub fn give_back(&self, model: &Inner, claim: Claim) {
+        let left: Vec<BlockId> = claim.ids.iter().copied().filter(|id| !model.is_there(*id) && !model.failures.has(*id)).collect();
+        drop(claim);
+        let is_wanted = !left.is_empty() && {
+            let mut state = self.lock();
+            let is_wanted = state.live_views().iter().any(|view| view.wants_any(model.key, &left));
+            is_wanted && {
+                let _ = state.ranking.invalidate();
+                true
+            }
+        };
+        if is_wanted {
+            self.wake();
+        }
     }
 
     fn tell_those_who_want(&self, model: &Inner, ids: &[BlockId]) {

@@ -94,7 +94,7 @@ fn rig_with(options: ResidencyOptions, bytes: Vec<u8>, on_read: OnRead) -> Resul
     let told = Arc::new(Mutex::new(Vec::new()));
     let tell = Arc::clone(&told);
     let report = move |e: &Error| tell.lock().expect("the list").push(e.to_string());
-    let blocks = ModelBlocks::open(&residency, file, Box::new(Numbers), &[BlockId(0)], report)?;
+    let blocks = ModelBlocks::open(&residency, file, Box::new(Numbers), &[BlockId(0)], report, &Cancel::new())?;
     blocks.require(&[BlockId(0)], &Cancel::new())?;
     source.reads.store(0, SeqCst);
     Ok(Rig { residency, blocks, source, told })

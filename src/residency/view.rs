@@ -141,6 +141,11 @@ impl View {
         f32::from_bits(self.shared.pressure.load(Relaxed))
     }
 
+    /// Whether the pressure has changed since the pass with `stamp` began.
+    pub fn is_stale(&self, stamp: u32) -> bool {
+        stamp <= self.shared.lock().strain.changed_at
+    }
+
     /// For a view that has all it wants and would end: lowers the pressure, if there is room and it has not been done yet; views are
     /// told as ever. True if something is being read: ask again after that.
     pub fn ease(&self) -> bool {

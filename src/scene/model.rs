@@ -186,7 +186,7 @@ impl Model {
         let full = trees.iter().filter(|tree| tree.root != TreeView::EMPTY);
         let roots: Vec<BlockId> = full.clone().map(|tree| BlockId(tree.first_block)).collect();
         let residency = context.residency();
-        let blocks = ModelBlocks::open(residency, Arc::clone(&file), Box::new(decoder), &roots, again)?;
+        let blocks = ModelBlocks::open(residency, Arc::clone(&file), Box::new(decoder), &roots, again, cancel)?;
         for tree in full {
             blocks.expect_number(BlockId(tree.first_block), tree.root)?;
         }

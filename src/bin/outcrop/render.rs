@@ -157,7 +157,10 @@ pub fn run(args: &Args) -> Outcome {
             common::print(true, &value, "")?;
         }
         let (poe, bytes) = (status.effective_poe, common::in_bytes(status.bytes_wanted));
-        let why = format!("the budget allows {poe:.2} pixels of error, {bytes} are lacking; no picture is written");
+        let why = match &status.error {
+            Some(error) => format!("{error}; no picture is written"),
+            None => format!("the budget allows {poe:.2} pixels of error, {bytes} are lacking; no picture is written"),
+        };
         return Err(Failure::Frame(format!("the picture does not converge: {why}")));
     }
     let picture = frame.map(Buffer::ColourSrgb8)?;

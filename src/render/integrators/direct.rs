@@ -80,6 +80,8 @@ pub(crate) struct Direct<'a> {
     pub ambient: f32,
     /// Pixels of error; 0 asks for exact answers.
     pub poe: f32,
+    /// They are more than was asked for: what is seen does not fit the budget.
+    pub is_pressed: bool,
     pub srgb: &'a Srgb,
     pub asks: Asks,
     /// See [`super::plain::tree_of`].
@@ -342,8 +344,8 @@ impl Direct<'_> {
         let position = ray.origin + ray.dir.as_dvec3() * found.t;
         let width = width_at(ray, found.t);
         // Cells of the surface itself are beside it, and stand out. (Áfra 2012, section 6.2, begins behind them, in the open; here
-        // what is near is looked for exactly, so that no wall is passed.)
-        let near = f64::from(width * DIAGONAL);
+        // what is near is looked for exactly, so that no wall is passed; not where that would ask for the more, the less fits.)
+        let near = if self.is_pressed { 0.0 } else { f64::from(width * DIAGONAL) };
         Ok(Surface { position, normal, material, leave, next: found.t + leave, width, near })
     }
 
@@ -574,12 +576,13 @@ fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
             Some(Aim { to_light, irradiance: strength, shadow: Ray { cone, t_min: surface.near, ..Ray::new(from, to_light) } })
         }
         LightKind::Point(point) => {
-            let way = point - from;
-            let distance = way.length();
+            let way = point - surface.position;
             let to_light = way.try_normalize()?.as_vec3();
-            let irradiance = strength * (1.0 / (distance * distance)).min(1e30) as f32;
-            let t_max = distance * (1.0 - 1e-6);
-            let shadow = Ray { t_min: surface.near.min(t_max), t_max, cone, ..Ray::new(from, to_light) };
+            let irradiance = strength * (1.0 / way.length_squared()).min(1e30) as f32;
+            // Where it begins is nearer to the light by a cell, or behind it.
+            let way = point - from;
+            let t_max = way.length() * (1.0 - 1e-6);
+            let shadow = Ray { t_min: surface.near.min(t_max), t_max, cone, ..Ray::new(from, way.try_normalize()?.as_vec3()) };
             Some(Aim { to_light, irradiance, shadow })
         }
     }

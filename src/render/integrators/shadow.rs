@@ -11,7 +11,7 @@ use crate::structure::bvh::trace::PACKET;
 
 impl Direct<'_> {
     /// The share of light that comes through along each of the rays of `asked`; 1 for the others. Rays have
-    /// unit directions, and are used up; up to their `t_min` nothing may stand in.
+    /// unit directions, and are used up. Up to their `t_min` triangles are looked for alone, whatever their cones.
     pub(super) fn unshadowed(
         &self,
         rays: &mut [Ray; PACKET],
@@ -32,7 +32,8 @@ impl Direct<'_> {
             }
             dark = self.met::<true>(&short, near, packet)?;
             self.want(dark, packet, wants);
-            bits(dark).for_each(|i| rays[i].t_min = 0.0);
+            // What they go through, too: cells of their own surface are among what is near.
+            bits(dark).for_each(|i| (rays[i].t_min, rays[i].cone) = (0.0, Cone::ZERO));
         }
         if asked & !dark != 0 {
             let far = self.met::<true>(rays, asked & !dark, packet)?;

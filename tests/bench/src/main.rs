@@ -5,6 +5,7 @@ mod accuracy;
 mod builds;
 mod charts;
 mod cold;
+mod counted;
 #[path = "../../common/mod.rs"]
 mod common;
 mod data;

@@ -92,6 +92,21 @@ pub struct Counters {
     pub bytes_working_set: Option<u64>,
     /// Hits that were stand-ins.
     pub stand_ins: Option<u64>,
+    /// Of single rays (`counted.rs`), of a model of one tree.
+    pub each: Option<PerRay>,
+}
+
+/// What is done for a ray, on the mean.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct PerRay {
+    /// Nodes whose children's boxes were tested.
+    pub nodes: f64,
+    /// Leaves visited.
+    pub leaves: f64,
+    /// Triangles tested.
+    pub triangles: f64,
+    /// Times that the walk went from one block to another.
+    pub blocks: f64,
 }
 
 /// How far answers are off those of exact rays, in widths of a ray that covers a pixel (`tests/common/picture.rs`).
@@ -246,6 +261,7 @@ pub mod tests {
                 bytes_model: Some(30_000_000),
                 bytes_working_set: (!is_peer).then_some((20e6 / (1.0 + poe)) as u64),
                 stand_ins: Some(7),
+                each: Some(PerRay { nodes: 9.25, leaves: 2.0, triangles: 5.5, blocks: 1.0 }),
             },
             accuracy: Accuracy { mean_px, overlap: 1.0 - mean_px / 100.0, coverage: 1.0, ..Accuracy::default() },
         };

@@ -2,6 +2,7 @@
 
 use crate::accuracy::{self, Truth};
 use crate::common::errors::Judge;
+use crate::counted::OneTree;
 use crate::data::{Benchmark, Case, RayKind, Residency};
 use crate::expected::{Book, Expected};
 use crate::failure::Failure;
@@ -57,7 +58,8 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
             continue;
         }
         let truth = Truth::of(&path)?;
-        let model = Opened { path: &path, ours: &ours, truth: &truth, judge: truth.judge() };
+        let tree = OneTree::of(&path)?;
+        let model = Opened { path: &path, ours: &ours, truth: &truth, judge: truth.judge(), tree };
         for case in rays {
             records.extend(rays_of(task, &case, &model, &peers)?);
         }
@@ -72,6 +74,7 @@ struct Opened<'a> {
     ours: &'a Ours,
     truth: &'a Truth,
     judge: Judge<'a>,
+    tree: Option<OneTree>,
 }
 
 /// A peer that was built.
@@ -162,6 +165,7 @@ fn our_side<'a>(
         bytes_working_set: Some(ours::working_set(model.path, &rays, batch)?),
         // Any hits do not say what they are.
         stand_ins: (!batch.is_any()).then_some(stand_ins),
+        each: model.tree.as_ref().map(|tree| tree.count(&rays, batch.is_any())),
     };
     let accuracy = accuracy::of_rays(&batch.rays, &ours::answers(&hits), truth);
     let run = Box::new(Ready::new(ours, model.path, case.residency, batch, rays));

@@ -1,0 +1,36 @@
+//! Stability: what must hold where the methods fail (design, section 10), row by row, each as a generated, seeded scene with
+//! a pass line that is a property: at 0, 0.5, 1, 3 and 10 pixels of error, with one thread and two, on each vector path.
+//!
+//! [`table`] says which test shows which row, where present parts miss a line, and which rows wait for later parts.
+//! `cargo test --test stability -- --nocapture` prints what is measured.
+
+mod common;
+
+#[path = "stability/awkward.rs"]
+mod awkward;
+#[path = "stability/brightness.rs"]
+mod brightness;
+#[path = "stability/degenerate.rs"]
+mod degenerate;
+#[path = "stability/far.rs"]
+mod far;
+#[path = "stability/normals.rs"]
+mod normals;
+#[path = "stability/pictures.rs"]
+mod pictures;
+#[path = "stability/scale.rs"]
+mod scale;
+#[path = "stability/small_cache.rs"]
+mod small_cache;
+#[path = "stability/soups.rs"]
+mod soups;
+#[path = "stability/starts.rs"]
+mod starts;
+#[path = "stability/table.rs"]
+mod table;
+#[path = "stability/thin.rs"]
+mod thin;
+#[path = "stability/up_to_date.rs"]
+mod up_to_date;
+#[path = "stability/zoom.rs"]
+mod zoom;

@@ -1,0 +1,248 @@
+//! The rows of design, section 10, and what shows that they hold.
+//!
+//! A line that present parts miss is missed by a measure: [`judge`] holds each measure to its line at every pixels of error,
+//! but where the table says that it is missed; there it must be missed, or the table is out of date.
+
+use super::pictures::POE;
+
+/// What is known of a row.
+pub enum State {
+    /// Shown by the tests.
+    Holds,
+    /// Shown by the tests, but for these measures, which miss their lines.
+    Misses { measures: &'static [Missed], why: &'static str },
+    /// The part of the row that the tests do not show waits for this part.
+    Pending(Later),
+}
+
+/// A measure that misses its line.
+pub struct Missed {
+    pub measure: &'static str,
+    /// Pixels of error at which it does, and the most that it may come to: a little more than when this was written.
+    pub at: &'static [(f32, f64)],
+}
+
+/// Parts that are not there yet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Later {
+    /// Subdivision surfaces and NURBS: the structure `patch`.
+    Patches,
+    /// Rays that mirrors send on, with the differentials that their cones are made of.
+    Mirrors,
+}
+
+pub struct Row {
+    /// Where the methods fail, and what must hold there, word for word.
+    pub fails: &'static str,
+    pub must: &'static str,
+    /// `file::test`, of files in this folder or beside it.
+    pub tests: &'static [&'static str],
+    pub state: State,
+}
+
+use State::{Holds, Misses, Pending};
+
+/// Section 10, in its order.
+pub const DESIGN: [Row; 14] = [
+    Row {
+        fails: "wires, pins, leaves thinner than a voxel",
+        must: "mean coverage within 3 % of the oracle at every PoE up to 10",
+        tests: &["thin::coverage_of_wires", "thin::coverage_of_leaf_cards"],
+        state: Misses {
+            measures: &[
+                Missed { measure: "wires: coverage", at: &[(0.5, 4.2), (1.0, 5.4), (3.0, 7.1), (10.0, 8.5)] },
+                Missed { measure: "leaf cards: coverage", at: &[(0.5, 0.32), (1.0, 0.64), (3.0, 1.6), (10.0, 1.8)] },
+            ],
+            why: "stand-ins are shown as solid boxes: what is thinner than its cell is as thick as that",
+        },
+    },
+    Row {
+        fails: "jittered, overlapping, coincident parts (777)",
+        must: "same picture at any thread count; no flicker between equal frames",
+        tests: &["soups::jittered_and_coincident_parts_do_not_flicker"],
+        state: Holds,
+    },
+    Row {
+        fails: "opposing sheets, averaged normals",
+        must: "never NaN or black; mean brightness within 2 % (Wald's bias)",
+        tests: &["normals::opposing_sheets", "normals::thin_plates"],
+        state: Misses {
+            measures: &[
+                Missed { measure: "plates: black pixels", at: &[(0.5, 10.0), (1.0, 12.0), (3.0, 12.0), (10.0, 45.0)] },
+                Missed { measure: "plates: brightness", at: &[(10.0, 0.035)] },
+            ],
+            why: "a box is lit by its mean normal: seen along the plates in it, it is black where these are thinner than a pixel",
+        },
+    },
+    Row {
+        fails: "secondary rays that start on a stand-in",
+        must: "no false shadow on a lit plane; no light into a closed box",
+        tests: &[
+            "starts::no_false_shadow_on_a_lit_plane",
+            "starts::no_false_shadow_on_a_bumpy_plane",
+            "starts::no_light_into_a_closed_box",
+        ],
+        state: Misses {
+            measures: &[
+                Missed { measure: "flat plane: false shadow", at: &[(1.0, 0.001), (3.0, 0.005), (10.0, 0.018)] },
+                Missed { measure: "flat plane: brightness", at: &[(3.0, 0.014), (10.0, 0.03)] },
+                Missed { measure: "bumpy plane: brightness", at: &[(3.0, 0.015), (10.0, 0.03)] },
+                Missed { measure: "bumpy plane: false shadow", at: &[(1.0, 0.001), (3.0, 0.004), (10.0, 0.018)] },
+                Missed { measure: "closed box: lit from outside", at: &[(3.0, 10.0), (10.0, 20.0)] },
+            ],
+            why: "the shadow rays of stand-ins begin a cell higher, where others may reach as high; in a corner that may be behind the \
+                  wall; and to the light of a point they are nearer than what they stand for",
+        },
+    },
+    Row {
+        fails: "cache far smaller than the working set",
+        must: "every pixel that the exact picture covers is covered; bounded frame time; reads stop when the camera rests",
+        tests: &[
+            "small_cache::covered_and_quiet_at_rest",
+            "streaming::a_flight_with_teleports_in_a_small_budget",
+            "streaming::what_a_resting_frame_uses_stays",
+        ],
+        state: Holds,
+    },
+    Row {
+        fails: "camera teleports",
+        must: "whole picture from stand-ins in the next frame",
+        tests: &["small_cache::a_teleport_shows_a_whole_picture_at_once"],
+        state: Holds,
+    },
+    Row {
+        fails: "detail ranging over 10⁶ in scale",
+        must: "cost grows with what is seen, not with what exists",
+        tests: &["scale::far_away_the_detail_costs_next_to_nothing", "scale::near_the_detail_the_rest_costs_next_to_nothing"],
+        state: Holds,
+    },
+    Row {
+        fails: "coordinates 10⁷ units from zero",
+        must: "same picture as at zero",
+        tests: &["far::the_same_picture_at_any_accuracy", "far_away::the_same_picture_to_the_pixel"],
+        state: Holds,
+    },
+    Row {
+        fails: "rays in split planes, along axes, from surfaces; zero, denormal, infinite components",
+        must: "no miss of a closed mesh, no NaN, no hang",
+        tests: &[
+            "awkward::no_cone_leaves_a_closed_mesh",
+            "awkward::impossible_cones_end_and_are_sane",
+            "robust_rays::no_ray_leaves_a_closed_mesh",
+            "robust_rays::rays_from_surfaces_go_in_and_stay_in",
+            "robust_rays::impossible_and_extreme_rays_end_and_are_sane",
+        ],
+        state: Holds,
+    },
+    Row {
+        fails: "NaN, degenerate, sliver, duplicate, single, no triangles",
+        must: "counted, reported, rendered or refused; no crash",
+        tests: &[
+            "degenerate::what_is_no_triangle_is_counted_and_left_out",
+            "degenerate::slivers_doubles_one_and_none_are_rendered",
+            "degenerate::one_corner_astray_costs_no_other_triangle",
+            "failing_builds::nothing_is_a_model_too",
+        ],
+        state: Holds,
+    },
+    Row {
+        fails: "poles, extraordinary vertices, creases, spiky displacement, cusps",
+        must: "no crack, no hole; Newton failure falls back",
+        tests: &[],
+        state: Pending(Later::Patches),
+    },
+    Row {
+        fails: "continuous zoom",
+        must: "no pop larger than the PoE explains",
+        tests: &["zoom::onto_a_mandelbulb", "zoom::onto_a_soup", "zoom::onto_wires"],
+        state: Misses {
+            measures: &[Missed {
+                measure: "wires: largest patch that pops",
+                at: &[(0.5, 130.0), (1.0, 130.0), (3.0, 200.0), (10.0, 230.0)],
+            }],
+            why: "wires shown as solid boxes change their thickness with the box, whole lengths of them at once",
+        },
+    },
+    Row {
+        fails: "curved mirrors",
+        must: "metric from differentials; no blocky reflection",
+        tests: &[],
+        state: Pending(Later::Mirrors),
+    },
+    Row {
+        fails: "truncated, corrupt, swapped, vanishing files; read errors; full disk; kill at any moment",
+        must: "clear error or stand-in; nothing lost, nothing wrong shown",
+        tests: &[
+            "hostile_oc::any_flipped_byte_of_a_small_model",
+            "hostile_oc::any_length_of_a_small_model",
+            "hostile_oc::a_damaged_model_gives_no_other_picture",
+            "faults::a_disk_that_fails_for_good_leaves_stand_ins",
+            "faults::a_damaged_block_is_reported_and_stood_in_for",
+            "faults::a_file_that_is_replaced_shows_nothing_of_the_other",
+            "bad_input::a_source_gets_shorter_while_it_is_open",
+            "failing_builds::cancelled_while_it_writes",
+            "failing_builds::cancelled_at_any_moment",
+            "store/ending_early::killed_the_old_file_stays_and_the_next_build_tidies_up",
+            "store/ending_early::out_of_space_the_old_file_stays_and_the_temporary_goes",
+        ],
+        state: Holds,
+    },
+];
+
+/// Lines that are asked for besides.
+pub const BESIDES: [Row; 1] = [Row {
+    fails: "stand-ins of all kinds",
+    must: "mean radiance within 1 % at PoE 1, 3 % at PoE 10, on five models",
+    tests: &["brightness::of_five_models"],
+    state: Misses {
+        measures: &[
+            Missed { measure: "radiance without shadows", at: &[(1.0, 0.03), (3.0, 0.1), (10.0, 0.1)] },
+            Missed { measure: "radiance with shadows", at: &[(1.0, 0.025), (3.0, 0.09), (10.0, 0.13)] },
+        ],
+        why: "a cell's mean normal is of all that is in it, also of what nobody sees (the inner sides of blocks), and boxes show \
+              more of it than there is along outlines",
+    },
+}];
+
+pub fn rows() -> impl Iterator<Item = &'static Row> {
+    DESIGN.iter().chain(&BESIDES)
+}
+
+/// [`judge`] of a value at each of [`POE`], all with one line.
+pub fn judge_each(measure: &str, values: [f64; POE.len()], line: f64) {
+    judge(measure, &std::array::from_fn::<_, { POE.len() }, _>(|p| (POE[p], values[p], line)));
+}
+
+fn missed_at(measure: &str) -> &'static [(f32, f64)] {
+    let lists = rows().filter_map(|row| match row.state {
+        Misses { measures, .. } => Some(measures),
+        _ => None,
+    });
+    lists.flatten().find(|m| m.measure == measure).map_or(&[], |m| m.at)
+}
+
+/// Holds a measure to its line: of each pixels of error its value, and the line, which is met by values of at most that.
+/// Prints them; panics where the table says otherwise.
+pub fn judge(measure: &str, values: &[(f32, f64, f64)]) {
+    let missed = missed_at(measure);
+    let mut wrong = Vec::new();
+    for &(poe, value, line) in values {
+        // A NaN does not meet it.
+        let is_met = value <= line;
+        println!("{measure}, PoE {poe}: {value:.4}, the line is {line}{}", if is_met { "" } else { ": missed" });
+        match (is_met, missed.iter().find(|m| m.0 == poe)) {
+            (true, Some(_)) => wrong.push(format!("PoE {poe}: {value} meets the line of {line}: bring the table up to date")),
+            (false, None) => wrong.push(format!("PoE {poe}: {value} misses the line of {line}")),
+            (false, Some((_, most))) => {
+                let is_as_bad_as_known = value <= *most;
+                if !is_as_bad_as_known {
+                    wrong.push(format!("PoE {poe}: {value} is worse than {most}"));
+                }
+            }
+            (true, None) => (),
+        }
+    }
+    let unknown = missed.iter().filter(|m| values.iter().all(|v| v.0 != m.0));
+    wrong.extend(unknown.map(|m| format!("PoE {}: said to be missed, but not measured", m.0)));
+    assert!(wrong.is_empty(), "{measure}:\n{}", wrong.join("\n"));
+}
