@@ -33,7 +33,7 @@ const LIMITS: [f64; 4] = [f64::INFINITY, 0.83, 0.63, 0.53];
 /// limit.
 pub const LESS: f32 = 0.3;
 /// What it counts for at least.
-pub const LEAST: f32 = 0.4;
+pub const LEAST: f32 = 0.29;
 /// By how much the region is taken larger across its slabs' planes, as a part of the box's diagonal.
 const MARGIN: f64 = 1.0 / 32.0;
 /// What double precision rounds by is less, as a part of the box's diagonal.
@@ -113,10 +113,10 @@ impl Fill {
     }
 }
 
-/// How far original surface is at most from all that [`holds`], as a part of the box's diagonal; or nothing is known.
-#[inline]
-pub fn limit(level: u32) -> Option<f64> {
-    (level > 0).then(|| LIMITS[(level & 3) as usize])
+/// How far original surface is at most from all that [`holds`], as a part of the box's diagonal; infinitely far if that is not known.
+#[inline(always)]
+pub fn limit(level: u32) -> f64 {
+    LIMITS[(level & 3) as usize]
 }
 
 /// Whether a point of a cell's box is inside of its slabs, or outside by no more than is allowed for.
@@ -129,16 +129,15 @@ pub fn holds(cell: &Bounds, slabs: &Slabs<f32>, p: DVec3) -> bool {
     })
 }
 
-/// Whether points that single precision moves off the region by what it does of rays at coordinates of at most `size` in magnitude
-/// are sure to be what [`holds`], of a box of this diagonal.
+/// The least diagonal of a box for which points are sure to be what [`holds`], of rays from `origin` through a tree whose coordinates
+/// are at most `reach` in magnitude: whatever single precision moves them off the region by.
 ///
-/// A slab's planes give way by 64 h size, and where they are met is off by 50 h size (`cell_slabs.rs`); those of the box by 32 and 7,
-/// so that to take a point to the box moves it by `39 3^0.5` of them; ends of the ray's interval are off by `2 3^0.5`. All of this is
-/// less than 256 h size, and `h = 2^-24`.
-#[inline(always)]
-pub fn surely_holds(diagonal: f64, size: f64) -> bool {
-    const MOST: f64 = 256.0 / 16_777_216.0;
-    diagonal * MARGIN >= size * MOST
+/// Of the greatest of these coordinates, and with `h = 2^-24`: a slab's planes give way by 64 h, and where they are met is off by
+/// 50 h (`cell_slabs.rs`); those of the box by 32 and 7, so that to take a point to the box moves it by `39 3^0.5`; ends of the ray's
+/// interval are off by `2 3^0.5`. All of this is less than 256 h.
+#[inline]
+pub fn sure_from(origin: DVec3, reach: f32) -> f64 {
+    origin.abs().max_element().max(f64::from(reach)) * (256.0 / 16_777_216.0 / MARGIN)
 }
 
 /// A box's subcells.
@@ -262,7 +261,7 @@ mod tests {
     fn check(content: &Content, cell: Bounds, normal: u16, all: &[Tri], points: &[[f64; 3]]) -> Result<u32, TestCaseError> {
         let (slabs, fill) = piece(content, cell, normal);
         let level = fill.level(&cell, &slabs);
-        let Some(limit) = limit(level) else { return Ok(level) };
+        let limit = limit(level);
         let (low, extent) = (cell.min.as_dvec3(), cell.max.as_dvec3() - cell.min.as_dvec3());
         for p in points.iter().map(|p| low + extent * DVec3::from(*p)).filter(|p| holds(&cell, &slabs, *p)) {
             let nearest = all.iter().map(|t| distance(p, t)).fold(f64::INFINITY, f64::min);
@@ -371,8 +370,7 @@ mod tests {
     fn areas_count_for_no_less_than_the_square_of_the_limit() {
         for level in 1..4 {
             let share = (1.0 - LESS * level as f32).max(LEAST);
-            let limit = limit(level).expect("a limit");
-            assert!(f64::from(share) >= limit * limit, "{level}: {share} {limit}");
+            assert!(f64::from(share) >= limit(level) * limit(level), "{level}: {share}");
         }
     }
 

@@ -10,6 +10,6 @@ mod slabs;
 mod voxel;
 
 pub use coded::{Coded, SAMPLE_BYTES, SIDES_WORDS, Side, VOXEL_WORDS, stored_colour, stored_normal};
-pub use fill::{Fill, LEAST, LESS, holds, limit, surely_holds};
+pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
 pub use slabs::{Content, FIELDS, LEVEL, Middle, Slab, Slabs, farthest, fields, normal_bytes, slabs};
 pub use voxel::{Facet, Voxel, summary_bit};

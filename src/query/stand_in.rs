@@ -12,7 +12,7 @@
 //! moved (as for exact hits, `finish.rs`). In a stand-in for missing data that the ray begins in nothing is known to be free.
 
 use super::hit::{Hit, HitKind, NONE, Want};
-use crate::lod::{farthest, holds, limit, surely_holds};
+use crate::lod::{farthest, holds, limit, sure_from};
 use crate::math::{Bounds, Ray};
 use crate::scene::placed::{Placed, not_below};
 use crate::scene::walk::{Found, SceneView, bits};
@@ -109,15 +109,17 @@ fn cell(block: Block, place: StandIn) -> Bounds {
 }
 
 /// How far original surface is at most from a hit at `here` on the cell in `slot` of a node, as a part of its diagonal, by what the
-/// cell's level says; infinitely far if that says nothing of there. `reach`: of the tree's coordinates, `origin` the ray's in its frame.
+/// cell's level says; infinitely far if that says nothing of there. `sure`: see [`sure_from`].
 #[inline]
-pub(super) fn near(node: &Node, slot: usize, reach: f32, origin: DVec3, here: impl FnOnce() -> DVec3) -> f64 {
-    let Some(limit) = limit(node.level(slot)) else { return f64::INFINITY };
-    let cell = node.stored_box(slot);
-    let diagonal = (cell.max.as_dvec3() - cell.min.as_dvec3()).length();
-    let size = origin.abs().max_element().max(f64::from(reach));
-    let is_near = surely_holds(diagonal, size) || holds(&cell, &node.stored_slabs(slot), in_cell(here(), &cell));
-    if is_near { limit } else { f64::INFINITY }
+pub(super) fn near(node: &Node, slot: usize, sure: f64, here: DVec3) -> f64 {
+    let (limit, cell) = (limit(node.level(slot)), node.stored_box(slot));
+    let is_sure = limit == f64::INFINITY || diagonal(&cell) >= sure;
+    if is_sure || holds(&cell, &node.stored_slabs(slot), in_cell(here, &cell)) { limit } else { f64::INFINITY }
+}
+
+#[inline(always)]
+pub(super) fn diagonal(cell: &Bounds) -> f64 {
+    (cell.max.as_dvec3() - cell.min.as_dvec3()).length()
 }
 
 #[inline(always)]
@@ -131,7 +133,7 @@ pub(super) fn error_at(placed: &Placed, origin: DVec3, along: DVec3, here: DVec3
     let (low, high) = (cell.min.as_dvec3(), cell.max.as_dvec3());
     let farthest = (here - low).abs().max((here - high).abs()).length();
     // Not so for NaN, of cells that are points.
-    let nearest = ((high - low).length() * near + here.distance(in_cell(here, cell))).min(farthest);
+    let nearest = (diagonal(cell) * near + here.distance(in_cell(here, cell))).min(farthest);
     let size = origin.abs().max_element() + along.abs().max_element();
     not_below(placed.stretch * nearest + placed.position_error + placed.rounding(size))
 }
@@ -167,7 +169,8 @@ impl Look<'_> {
         let near = if self.place.is_inside {
             f64::INFINITY
         } else {
-            near(self.block.node(self.place.node), self.place.slot, self.reach, self.placed.local_point(self.ray.origin), || here)
+            let sure = sure_from(self.placed.local_point(self.ray.origin), self.reach);
+            near(self.block.node(self.place.node), self.place.slot, sure, here)
         };
         error_at(self.placed, self.ray.origin, along, here, &cell(self.block, self.place), near)
     }

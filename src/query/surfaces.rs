@@ -5,7 +5,7 @@
 use super::finish::WorldNormal;
 use super::stand_in;
 use crate::base::ids::BlockId;
-use crate::lod::{stored_colour, stored_normal};
+use crate::lod::{limit, stored_colour, stored_normal, sure_from};
 use crate::math::Bounds;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{SceneView, bits};
@@ -55,7 +55,7 @@ pub(crate) struct Surfaces {
     colour: Row<u32>,
     coloured: u32,
     boxes: [Row<f32>; 6],
-    /// See [`stand_in::near`].
+    /// What their levels say, see `lod::limit`.
     near: Row<f64>,
     hits: PacketSurfaces,
 }
@@ -164,10 +164,34 @@ impl Surfaces {
         }
     }
 
-    /// Errors of the hits of rays that begin at `eye` on cells, `t` from there, in the world; of other rays whatever.
-    pub fn errors(&self, view: &SceneView, placed: u32, eye: DVec3, t: &Row<f32>, out: &mut Row<f32>) {
-        let isa = view.tree(placed).isa;
-        dispatch(isa, Errors { all: self, placed: &view.scene.placement.placed[placed as usize], eye, t, out });
+    /// Errors of the hits of `walk`'s rays, which begin at `eye`, on cells, in the world; of other rays whatever.
+    pub fn errors(&self, view: &SceneView, placed: u32, eye: DVec3, walk: &PacketWalk, out: &mut Row<f32>) {
+        let tree = view.tree(placed);
+        let placed = &view.scene.placement.placed[placed as usize];
+        let local = placed.local_point(eye);
+        let sure = sure_from(local, tree.reach);
+        let doubtful = dispatch(tree.isa, Errors { all: self, placed, eye, sure, t: walk.distances(), out });
+        for i in bits(doubtful & self.cells()) {
+            let hit = walk.best(i);
+            let along = self.dir_of(i).as_dvec3() * f64::from(hit.t);
+            let here = placed.local_point(eye + along);
+            let near = match (hit.stand_in(), tree.snapshot.block(BlockId(hit.block))) {
+                (Some(cell), Some(words)) => stand_in::near(Block::new(words).node(cell.node), cell.slot, sure, here),
+                _ => f64::INFINITY,
+            };
+            out[i] = stand_in::error_at(placed, eye, along, here, &self.box_of(i), near);
+        }
+    }
+
+    fn dir_of(&self, i: usize) -> Vec3 {
+        Vec3::new(self.dir[0][i], self.dir[1][i], self.dir[2][i])
+    }
+
+    /// That of a cell.
+    #[inline(always)]
+    fn box_of(&self, i: usize) -> Bounds {
+        let b = &self.boxes;
+        Bounds { min: Vec3::new(b[0][i], b[1][i], b[2][i]), max: Vec3::new(b[3][i], b[4][i], b[5][i]) }
     }
 
     /// False if one is no longer in memory.
@@ -223,9 +247,7 @@ impl Surfaces {
                 for row in 0..6 {
                     self.boxes[row][i] = node.stored_plane(row, *slot);
                 }
-                let (org, dir) = ray(i);
-                let here = || placed.local_point(org + dir.as_dvec3() * f64::from(walk.best(i).t));
-                self.near[i] = stand_in::near(node, *slot, tree.reach, placed.local_point(org), here);
+                self.near[i] = limit(node.level(*slot));
             }
             if !voxel.has_sides() {
                 continue;
@@ -348,31 +370,33 @@ impl Op for OfCells<'_> {
     }
 }
 
-/// Works out [`Surfaces::errors`].
+/// Works out [`Surfaces::errors`]; returns the rays for which it must be seen where in their cells they hit (see
+/// [`stand_in::near`]), of others than those of cells whatever.
 struct Errors<'a> {
     all: &'a Surfaces,
     placed: &'a Placed,
     eye: DVec3,
+    sure: f64,
     t: &'a Row<f32>,
     out: &'a mut Row<f32>,
 }
 
 impl Op for Errors<'_> {
-    type Out = ();
+    type Out = u32;
 
     #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let Self { all: Surfaces { dir, boxes, near, .. }, placed, eye, t, out } = self;
+    fn run<S: Simd>(self, _: S) -> u32 {
+        let Self { all, placed, eye, sure, t, out } = self;
         // A copy: it stays as it is while `out` is written.
         let placed = *placed;
-        let Some(offset) = placed.only_shifted() else { return };
+        let Some(offset) = placed.only_shifted() else { return 0 };
+        let mut is_doubtful = [0; PACKET];
         for i in 0..PACKET {
-            let along = Vec3::new(dir[0][i], dir[1][i], dir[2][i]).as_dvec3() * f64::from(t[i]);
-            let cell = Bounds {
-                min: Vec3::new(boxes[0][i], boxes[1][i], boxes[2][i]),
-                max: Vec3::new(boxes[3][i], boxes[4][i], boxes[5][i]),
-            };
-            out[i] = stand_in::error_at(&placed, eye, along, eye + along - offset, &cell, near[i]);
+            let along = Vec3::new(all.dir[0][i], all.dir[1][i], all.dir[2][i]).as_dvec3() * f64::from(t[i]);
+            let (cell, near) = (all.box_of(i), all.near[i]);
+            out[i] = stand_in::error_at(&placed, eye, along, eye + along - offset, &cell, near);
+            is_doubtful[i] = u32::from(near < f64::INFINITY && stand_in::diagonal(&cell) < sure) << i;
         }
+        is_doubtful.iter().fold(0, |all, it| all | it)
     }
 }

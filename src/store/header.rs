@@ -303,9 +303,9 @@ mod tests {
     fn a_newer_format_says_so_whatever_else_changed() {
         let (header, frame) = sample();
         let mut bytes = encode(&header, &frame);
-        for (version, at) in [((0, 4), 10), ((1, 3), 8)] {
+        for (version, at) in [((0, 5), 10), ((1, 4), 8)] {
             let old = bytes[at];
-            bytes[at] = if at == 8 { 1 } else { 4 };
+            bytes[at] = if at == 8 { 1 } else { 5 };
             assert_eq!(decode(&bytes), Err(HeaderError::Newer(version)));
             assert_eq!(decode(&bytes[..12]), Err(HeaderError::Newer(version)));
             bytes[at] = old;

@@ -178,7 +178,7 @@ impl Direct<'_> {
         let cells = surfaces.cells();
         (first.met, first.lod, first.missing, first.inexact) = (met, cells, 0, cells);
         if cells != 0 {
-            surfaces.errors(&self.view, placed, self.rays.eye(), walk.distances(), &mut rows.error);
+            surfaces.errors(&self.view, placed, self.rays.eye(), walk, &mut rows.error);
             for i in 0..PACKET {
                 first.error_px[i] = self.in_pixels(rows.error[i], f64::from(walk.distances()[i]));
             }
