@@ -77,6 +77,7 @@ fn view<'a>(opened: &Opened, snapshot: &'a crate::residency::Snapshot, isa: Isa)
         colours_at: None,
         isa,
         never_waits: false,
+        is_solid: false,
         stamp: 1,
     }
 }

@@ -30,6 +30,22 @@ pub const VOXEL_WORDS: usize = 4;
 /// Words of six samples.
 pub const SIDES_WORDS: usize = 12;
 
+/// Where the share of rays that pass a voxel begins.
+const PASS: u32 = 26;
+/// Of levels up to this one the region may be passed.
+pub const PASSING: u32 = 1;
+
+/// The bits that a share of passing rays, in 64ths, adds to a voxel's first word.
+pub fn pass_bits(share: u8) -> u32 {
+    u32::from(share & 63) << PASS
+}
+
+/// The share in a voxel's first word.
+#[inline]
+pub fn passing(word: u32) -> u32 {
+    word >> PASS
+}
+
 /// Flag: there is a sample for each side.
 const SIX: u32 = 1 << 24;
 /// Flag: its colours count; else those of its part do, as that is shown now.

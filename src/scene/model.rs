@@ -318,6 +318,7 @@ impl Model {
             colours_at: self.0.info.has_colours.then_some(2 * geometry_blocks),
             isa: self.0.context.isa(),
             never_waits: false,
+            is_solid: false,
             stamp: 0,
         }
     }

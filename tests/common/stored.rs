@@ -93,6 +93,7 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
             colours_at: None,
             isa: Isa::Baseline,
             never_waits: false,
+            is_solid: false,
             stamp: 1,
         };
         let mut tris = BTreeMap::new();

@@ -83,6 +83,7 @@ impl TestTree {
             colours_at: None,
             isa,
             never_waits: false,
+            is_solid: false,
             stamp: 1,
         }
     }

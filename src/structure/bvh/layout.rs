@@ -43,7 +43,7 @@
 //! | .. | first, second, third vertex of each triangle: three runs of u8, padded together to a word |
 //! | .. | x of all vertices, then y, then z: f32 |
 
-use crate::lod::{self, Coded, LEVEL, Middle, SIDES_WORDS, Side, Slabs, VOXEL_WORDS, summary_bit};
+use crate::lod::{self, Coded, LEVEL, PASSING, passing, Middle, SIDES_WORDS, Side, Slabs, VOXEL_WORDS, summary_bit};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -195,6 +195,12 @@ impl Node {
     /// Takes that, of a child of which it is not known yet.
     pub fn set_level(&mut self, slot: usize, level: u32) {
         self.slabs[slot] |= level << LEVEL.0;
+    }
+
+    /// Rays may pass a child: what walks look at its voxel for, which costs. So of all children that may not, its level is greater.
+    pub fn may_pass(&mut self, slot: usize) {
+        let level = self.level(slot).min(PASSING);
+        self.slabs[slot] = self.slabs[slot] & !(3 << LEVEL.0) | level << LEVEL.0;
     }
 
     /// Where in the box of a child its content is.
@@ -415,6 +421,12 @@ impl StoredVoxel<'_> {
     #[inline]
     pub fn part(&self) -> (u32, bool) {
         self.words.get(2).map_or((self.block.words[7], false), |word| Coded::part(*word))
+    }
+
+    /// The share of rays that pass it, in 64ths.
+    #[inline]
+    pub fn passing(&self) -> u32 {
+        passing(self.words[0])
     }
 
     /// The bits of all its parts, see [`summary_bit`].

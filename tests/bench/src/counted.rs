@@ -52,6 +52,7 @@ impl OneTree {
             colours_at: None,
             isa: Isa::Baseline,
             never_waits: false,
+            is_solid: false,
             stamp: 1,
         };
         let (mut walk, mut count) = (Walk::new(), 0);

@@ -15,6 +15,7 @@ mod join;
 mod leaf;
 pub mod par;
 mod partition;
+mod pass;
 mod quantise;
 mod refs;
 mod sah;
@@ -134,7 +135,9 @@ impl<'a> Chunk<'a> {
         let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };
         // The tops of several chunks take the roots' children. A root that stays, or is fine, is made here.
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
-            let Piece { cell, voxel, content, sub } = Inner::over(pieces);
+            let mut root = [Inner::over(pieces)];
+            pass::mark(&mut root, input, &refs, par);
+            let [Piece { cell, voxel, content, sub }] = root;
             let sub = match sub {
                 Sub::Inner(root) if is_whole => match cluster::whole(root, input, &refs) {
                     Ok(plan) => return Ok(done(vec![plan], None, refs)),
@@ -144,6 +147,8 @@ impl<'a> Chunk<'a> {
             };
             pieces = vec![Piece { cell, voxel, content, sub }];
             below = counts;
+        } else {
+            pass::mark(&mut pieces, input, &refs, par);
         }
         let (plans, units) = cluster::fine(pieces.iter_mut().map(|p| &mut p.sub), input, &refs, par);
         let top = Top { pieces, units, fine_blocks: plans.len() as u32, counts: below };

@@ -15,6 +15,7 @@ mod packet_few;
 mod packet_leaf;
 mod packet_prepare;
 mod packet_visit;
+mod pass;
 mod ray;
 mod rays16;
 mod single;
@@ -88,6 +89,8 @@ pub struct TreeView<'a> {
     pub isa: Isa,
     /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
     pub never_waits: bool,
+    /// Whether no ray passes a cell that stands in: what is hit then has nothing before it.
+    pub is_solid: bool,
     /// The pass that visits: blocks that it uses stay while it is stood on.
     pub stamp: u32,
 }

@@ -3,6 +3,7 @@
 
 use super::packet_prepare::{self, Shared};
 use super::packet_visit;
+use super::pass::Passing;
 use super::stand_in;
 use super::walk::{Counters, Entered, Outcome, Walk};
 use super::{LocalRay, PartFilter, TreeView, TriHit};
@@ -84,6 +85,13 @@ impl PacketRays {
         Cone { a: at(&self.cone[0], i), b: at(&self.cone[1], i) }
     }
 
+    /// Ray `i`, as cells see it that rays pass.
+    #[inline(always)]
+    pub fn passing(&self, i: usize) -> Passing {
+        let (org, dir) = (&self.org, &self.dir);
+        Passing { org: [at(&org[0], i), at(&org[1], i), at(&org[2], i)], dir: [at(&dir[0], i), at(&dir[1], i), at(&dir[2], i)] }
+    }
+
     /// Ray `i` by itself, up to any distance.
     #[inline(always)]
     pub fn one(&self, i: usize) -> LocalRay {
@@ -119,6 +127,8 @@ pub struct PacketWalk {
     pub(super) shared: Shared,
     /// Rays that have not ended.
     pub(super) waiting: u32,
+    /// Rays that passed a stand-in.
+    pub(super) passed: u32,
     /// For rays that leave the packet.
     pub(super) alone: Walk,
     /// What the walks did.
@@ -152,6 +162,7 @@ impl PacketWalk {
             together: false,
             shared: Shared::default(),
             waiting: 0,
+            passed: 0,
             alone: Walk::new(),
             counters: Counters::default(),
         }
@@ -237,8 +248,9 @@ impl PacketWalk {
 
     /// The hits of the rays of `lanes`, and those of `others` for the rest.
     pub fn join(&mut self, lanes: u32, others: &PacketWalk) {
-        let (hits, others) = (&mut self.hits, &others.hits);
+        let (hits, others, passed) = (&mut self.hits, &others.hits, others.passed);
         hits.some = hits.some & lanes | others.some & !lanes;
+        self.passed = self.passed & lanes | passed & !lanes;
         let rows = [&mut hits.t, &mut hits.u, &mut hits.v, &mut hits.block, &mut hits.tri];
         let of_others = [&others.t, &others.u, &others.v, &others.block, &others.tri];
         for (row, other) in rows.into_iter().zip(of_others) {
@@ -264,6 +276,19 @@ impl PacketWalk {
         }
         let (block, tri) = (at(&h.block, i).to_bits(), at(&h.tri, i).to_bits());
         TriHit { t: at(&h.t, i), u: at(&h.u, i), v: at(&h.v, i), block, tri }
+    }
+
+    /// Takes down that ray `i` passed so many stand-ins.
+    #[inline(always)]
+    pub(super) fn has_passed(&mut self, i: usize, count: u64) {
+        self.passed |= u32::from(count > 0) << i;
+        self.counters.passed += count;
+    }
+
+    /// Rays that passed a stand-in: before what they hit there may be surface, and a miss may be none.
+    #[inline]
+    pub fn passed(&self) -> u32 {
+        self.passed
     }
 
     /// Rays that have a hit.
@@ -362,7 +387,7 @@ impl Op for Start<'_, '_> {
     fn run<S: Simd>(self, s: S) {
         let Self { walk, view, active } = self;
         walk.stack.clear();
-        (walk.hits.some, walk.together) = (0, false);
+        (walk.hits.some, walk.passed, walk.together) = (0, 0, false);
         walk.waiting = packet_prepare::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
         if walk.waiting == 0 || view.is_empty() {
             walk.waiting = 0;

@@ -11,6 +11,7 @@ use super::single;
 use super::stand_in::{self, SLACK, ConeRay, Met, Verdict};
 use super::{PartFilter, TreeView};
 use crate::geom::watertight::LaneHits;
+use crate::lod::PASSING;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Node};
 
@@ -137,7 +138,10 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
             Verdict::Stand => {
                 let tri = stand_in::lod_code(node, slot);
                 let [enter, leave] = within(s, block.node(node), slot, boxes, shared, view.reach, walk, h, [met.enter, crossings[h][1]]);
-                let hits = small & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
+                let mut hits = small & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
+                if !view.is_solid && block.node(node).level(slot) <= PASSING {
+                    hits = stopped(block, node, slot, &enter.to_array(), walk, h, hits);
+                }
                 if hits != 0 {
                     offer::<S, ANY>(s, view, walk, h, hits, enter, entry.block, tri);
                 }
@@ -146,6 +150,21 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
         left &= !(small << (16 * h));
     }
     left
+}
+
+/// Of the rays `hits` of vector `h`, which enter a cell's region at `enter`, those that do not pass it.
+#[inline(never)]
+fn stopped(block: Block, node: usize, slot: usize, enter: &[f32; 16], walk: &mut PacketWalk, h: usize, hits: u32) -> u32 {
+    let (mut left, mut stopped) = (hits, hits);
+    while left != 0 {
+        let lane = left.trailing_zeros() as usize & 15;
+        left &= left - 1;
+        if walk.rays.passing(16 * h + lane).passes(block, node, slot, enter[lane]) {
+            stopped &= !(1 << lane);
+            walk.has_passed(16 * h + lane, 1);
+        }
+    }
+    stopped
 }
 
 /// All cells of a node.

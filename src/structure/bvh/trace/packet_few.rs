@@ -5,7 +5,7 @@ use super::packet::{PacketEntry, PacketWalk, at};
 use super::packet_prepare::Shared;
 use super::packet_visit::{Boxes, keep};
 use super::stand_in::{self, ConeRay};
-use super::{PartFilter, cell_slabs, single};
+use super::{PartFilter, TreeView, cell_slabs, single};
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Block;
 
@@ -18,7 +18,7 @@ pub(super) const FEW: u32 = 4;
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
-    reach: f32,
+    view: &TreeView,
     filter: Option<&PartFilter>,
     block: Block,
     index: usize,
@@ -32,7 +32,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
         rays &= rays - 1;
-        let mut met = one::<S, ANY, LOD>(s, reach, filter, block, index, boxes, shared, entry.block, i, walk);
+        let mut met = one::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry.block, i, walk);
         while met != 0 {
             out[met.trailing_zeros() as usize & 7] |= 1 << i;
             met &= met - 1;
@@ -46,7 +46,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn one<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
-    reach: f32,
+    view: &TreeView,
     filter: Option<&PartFilter>,
     block: Block,
     index: usize,
@@ -80,9 +80,11 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return met;
     }
     let mut best = walk.best(i);
-    let slabs = boxes.slabs(s, block.node(index), shared, reach).all(s);
+    let slabs = boxes.slabs(s, block.node(index), shared, view.reach).all(s);
     let way = cell_slabs::within(dir, &slabs, [cells.enter, leave], s.splat8(1.0));
-    let settled = single::offers::<S>(small, way, block, block_id, index, filter, &mut best);
+    let (passing, mut passed) = (walk.rays.passing(i), 0);
+    let settled = single::offers::<S>(view, small, way, &passing, block, block_id, index, filter, &mut best, &mut passed);
+    walk.has_passed(i, passed);
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);

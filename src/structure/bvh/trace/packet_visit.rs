@@ -185,7 +185,9 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
         stack.clear();
         stack.push(Entry { t: entry.t, block: entry.block, child: entry.child });
         let counters = &mut walk.alone.counters;
+        let before = counters.passed;
         let outcome = single::visit::<S, ANY, LOD>(s, view, filter, &ray, &lanes, stack, &mut best, counters);
+        walk.passed |= u32::from(walk.alone.counters.passed != before) << i;
         keep(walk, i, &best);
         if outcome != Outcome::Done {
             // The others first look at this entry later; this one goes on with what it has left.
@@ -230,7 +232,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     let node = block.node(index);
     let mut mask = boxes.met;
     let is_few = shared.one_origin && entry.rays.count_ones() <= packet_few::FEW;
-    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, view.reach, filter, block, index, boxes, shared, entry, walk) } else { [0; 8] };
+    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry, walk) } else { [0; 8] };
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
     while mask != 0 {

@@ -2,6 +2,7 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::cell_slabs::{self, Origin};
+use super::pass::Passing;
 use super::stand_in::{self, ConeRay, Verdict};
 use super::walk::{Entry, Outcome, TriHit, Walk, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
@@ -119,7 +120,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let node = block.node(index);
                     let (mut mask, t, leave) = boxes(s, node, ray, lanes, best.t);
                     if let Some(cells) = &cells {
-                        mask = stand_ins(s, block, block_id, index, mask, leave, cells, filter, best);
+                        mask = stand_ins(s, view, block, block_id, index, mask, leave, cells, filter, best, &mut counters.passed);
                         if view.never_waits && mask != 0 && view.lacks_leaves(block_id) {
                             mask = for_missing_leaves::<S, ANY>(s, block, block_id, index, mask, cells, filter, best);
                         }
@@ -242,7 +243,7 @@ pub(super) struct CellLanes<S: Simd> {
     org: [S::F8; 3],
     slack: [S::F8; 3],
     near: [usize; 3],
-    dir: [f32; 3],
+    one: Passing,
     reach: f32,
 }
 
@@ -272,7 +273,8 @@ impl<S: Simd> CellLanes<S> {
         }
         let (t_min, a, b) = (s.splat8(t_min), s.splat8(cone.a), s.splat8(cone.b));
         let ray = ConeRay { dir: splat3(s, dir), t_min, a, b };
-        Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near, dir: signed, reach }
+        let one = Passing { org, dir: signed };
+        Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near, one, reach }
     }
 
     /// Where it enters and leaves cells between planes as stored.
@@ -289,7 +291,7 @@ impl<S: Simd> CellLanes<S> {
     #[inline(always)]
     fn within(&self, s: S, node: &Node, way: [S::F8; 2]) -> [S::F8; 2] {
         let from = Origin::new(self.org, s.splat8(self.reach), s.splat8(0.0));
-        cell_slabs::within(splat3(s, self.dir), &from.see(&cell_slabs::of_node(s, node)), way, s.splat8(1.0))
+        cell_slabs::within(splat3(s, self.one.dir), &from.see(&cell_slabs::of_node(s, node)), way, s.splat8(1.0))
     }
 }
 
@@ -315,6 +317,7 @@ pub(super) fn stored_planes<S: Simd>(s: S, node: &Node, near: [usize; 3]) -> [[S
 #[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
 pub(super) fn stand_ins<S: Simd>(
     s: S,
+    view: &TreeView,
     block: Block,
     block_id: u32,
     index: usize,
@@ -323,6 +326,7 @@ pub(super) fn stand_ins<S: Simd>(
     cells: &CellLanes<S>,
     filter: Option<&PartFilter>,
     best: &mut TriHit,
+    passed: &mut u64,
 ) -> u32 {
     let [near, far] = stored_planes(s, block.node(index), cells.near);
     let ray = &cells.ray;
@@ -341,20 +345,24 @@ pub(super) fn stand_ins<S: Simd>(
         return mask;
     }
     let way = cells.within(s, block.node(index), [met.enter, crossing[1]]);
-    mask & !offers::<S>(small, way, block, block_id, index, filter, best)
+    mask & !offers::<S>(view, small, way, &cells.one, block, block_id, index, filter, best, passed)
 }
 
 /// Offers the cells in `small`, which a ray crosses inside of their slabs from `enter` to `leave`, if it does, to `best`; returns
-/// those for which nothing is left to visit.
+/// those for which nothing is left to visit. Adds to `passed` how many it passes.
 #[inline(always)]
+#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
 pub(super) fn offers<S: Simd>(
+    view: &TreeView,
     mut small: u32,
     [enter, leave]: [S::F8; 2],
+    ray: &Passing,
     block: Block,
     block_id: u32,
     index: usize,
     filter: Option<&PartFilter>,
     best: &mut TriHit,
+    passed: &mut u64,
 ) -> u32 {
     let crosses = enter.le(leave).bits();
     let t = enter.to_array();
@@ -366,6 +374,7 @@ pub(super) fn offers<S: Simd>(
             Verdict::Descend => continue,
             Verdict::Skip => {}
             Verdict::Stand if crosses >> slot & 1 == 0 => {}
+            Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => *passed += 1,
             Verdict::Stand => {
                 let tri = stand_in::lod_code(index, slot);
                 offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: block_id, tri });

@@ -43,6 +43,8 @@ pub struct Stream {
     prepared: Box<[[OneRay; GROUP]; STREAM / GROUP]>,
     pub(super) stacks: Box<[Stack; LANES]>,
     unfinished: Vec<u32>,
+    /// Rays that passed a stand-in, a bit each.
+    passed: [u64; STREAM / 64],
     /// What the walks did.
     pub counters: Counters,
 }
@@ -66,7 +68,7 @@ impl Stream {
     pub fn new() -> Self {
         let mut stack = Stack { t: [0.0; DEPTH], child: [NOTHING; DEPTH], block: [0; DEPTH] };
         stack.t[..BOTTOM].fill(f32::NEG_INFINITY);
-        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), counters: Counters::default() }
+        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: [0; STREAM / 64], counters: Counters::default() }
     }
 
     /// Takes ray `i` over, below [`STREAM`].
@@ -78,6 +80,12 @@ impl Stream {
     /// Whether no cell can stand in for any of the first rays.
     fn is_exact(&self, view: &TreeView, count: usize) -> bool {
         !view.never_waits && self.groups[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
+    }
+
+    /// Whether ray `i` of the last call passed a stand-in: before what it hit there may be surface, and a miss may be none.
+    #[inline]
+    pub fn has_passed(&self, i: usize) -> bool {
+        self.passed[(i / 64) & (STREAM / 64 - 1)] >> (i % 64) & 1 == 1
     }
 
     /// Rays of the last call that met a missing block, or needed a deeper stack: to be traced alone, anew.
@@ -194,6 +202,7 @@ pub(super) struct State<'a> {
     pub stacks: &'a mut [Stack; LANES],
     pub hits: &'a mut [TriHit],
     pub unfinished: &'a mut Vec<u32>,
+    pub passed: &'a mut [u64; STREAM / 64],
     pub rows: [Row; 4],
     pub scratch: Scratch,
     /// The ray.
@@ -222,6 +231,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
         let count = hits.len().min(STREAM);
         let hits = &mut hits[..count];
         stream.unfinished.clear();
+        stream.passed = [0; STREAM / 64];
         let mut todo = [0u16; STREAM / GROUP];
         for (g, hits) in hits.chunks_mut(GROUP).enumerate() {
             let rays = &stream.groups[g];
@@ -237,6 +247,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             stacks: &mut stream.stacks,
             hits,
             unfinished: &mut stream.unfinished,
+            passed: &mut stream.passed,
             rows: [[0; LANES]; 4],
             scratch: Scratch { enter: [[0.0; 8]; LANES], hits: [0; LANES] },
             ray: [0; LANES],

@@ -54,6 +54,8 @@ pub struct Counters {
     pub blocks: u64,
     /// Ties that primitive ids had to decide.
     pub ties: u64,
+    /// Stand-ins that a ray passed.
+    pub passed: u64,
 }
 
 impl std::ops::AddAssign for Counters {
@@ -63,6 +65,7 @@ impl std::ops::AddAssign for Counters {
         self.triangles += o.triangles;
         self.blocks += o.blocks;
         self.ties += o.ties;
+        self.passed += o.passed;
     }
 }
 
