@@ -95,7 +95,7 @@ fn is_plainly_met(ray: &Ray64, tri: &Tri) -> bool {
 
 fn judge(oracle: &Bvh64, ray: &Ray, hit: &Hit, tally: &mut Tally) {
     let wide = Ray64 { org: ray.origin, dir: ray.dir.as_dvec3(), t_min: ray.t_min, t_max: ray.t_max };
-    let free = if hit.kind == HitKind::Miss { ray.t_max } else { hit.t_free };
+    let free = hit.t_free.min(ray.t_max);
     if free > ray.t_min {
         let before = oracle.all(&wide, free.next_down());
         // Nor of the surface that the ray starts on.

@@ -30,20 +30,23 @@ pub const VOXEL_WORDS: usize = 4;
 /// Words of six samples.
 pub const SIDES_WORDS: usize = 12;
 
-/// Where the share of rays that pass a voxel begins.
-const PASS: u32 = 26;
+/// Where in word 0 it is said how many rays it stops.
+const STOPS: u32 = 26;
 /// Of levels up to this one the region may be passed.
 pub const PASSING: u32 = 1;
 
-/// The bits that a share of passing rays, in 64ths, adds to a voxel's first word.
-pub fn pass_bits(share: u8) -> u32 {
-    u32::from(share & 63) << PASS
+/// What a stop code adds to a voxel's first word: the share of rays that it stops is the square of the code's 63rd part, so that
+/// of a few leaves in a large cell not too much is seen; code 0 stops all.
+pub fn stop_bits(code: u8) -> u32 {
+    u32::from(code & 63) << STOPS
 }
 
-/// The share in a voxel's first word.
+/// How many of 4096 rays a voxel stops by its first word; 0: it stops all.
 #[inline]
-pub fn passing(word: u32) -> u32 {
-    word >> PASS
+pub fn stopped(word: u32) -> u32 {
+    let code = word >> STOPS;
+    // 63 squared is 3969: 4096 of the greatest.
+    code * code + (code * code >> 5)
 }
 
 /// Flag: there is a sample for each side.

@@ -9,7 +9,7 @@ mod fill;
 mod slabs;
 mod voxel;
 
-pub use coded::{Coded, PASSING, SAMPLE_BYTES, SIDES_WORDS, Side, VOXEL_WORDS, pass_bits, passing, stored_colour, stored_normal};
+pub use coded::{Coded, PASSING, SAMPLE_BYTES, SIDES_WORDS, Side, VOXEL_WORDS, stop_bits, stopped, stored_colour, stored_normal};
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
 pub use slabs::{Content, FIELDS, LEVEL, Middle, Slab, Slabs, farthest, fields, normal_bytes, slabs};
 pub use voxel::{Facet, Voxel, summary_bit};

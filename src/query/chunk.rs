@@ -2,7 +2,7 @@
 
 use super::batch::{Hits, Policy, Rays};
 use super::asks::Asks;
-use super::finish::{Last, finish};
+use super::finish::{Last, finish, free};
 use super::hit::{Hit, HitKind, Want};
 use super::stand_in;
 use super::simple::Simple;
@@ -120,8 +120,9 @@ impl Chunk {
                 hits.write(self.firsts[group.start / PACKET], &self.hits[..group.len()]);
                 return true;
             }
-            for i in bits(met) {
-                self.found[group.start + i] = self.in_one.found(view, i);
+            for i in 0..group.len() {
+                let nothing = Found { passed: self.in_one.passed() >> i & 1 == 1, ..Found::nothing(0.0) };
+                self.found[group.start + i] = if met >> i & 1 == 1 { self.in_one.found(view, i) } else { nothing };
             }
         }
         self.answer_traced(view, task, group, met.ok(), hits);
@@ -238,6 +239,18 @@ fn finish_group(
             _ => hits[i].kind = HitKind::Missing,
         }
     }
+    if task.want.has(Want::ERROR) {
+        for i in (0..rays.len()).filter(|&i| found[i].passed) {
+            if waiting.iter().any(|it| it.ray == i) {
+                continue;
+            }
+            match (free(view, &rays[i], &mut hits[i]), task.policy) {
+                (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, walk: None, asks: Asks::of(need) }),
+                (Err(_), Policy::Now) => hits[i].t_free = rays[i].t_min,
+                (Ok(()), _) => {}
+            }
+        }
+    }
     for i in bits(lacking) {
         hits[i].kind = HitKind::Missing;
     }
@@ -310,12 +323,15 @@ impl Group {
                 (found[i], it.walk) = (walk.best(), None);
             }
             hits[i] = Hit::MISS;
-            let lacks = if found[i].is_hit() {
-                finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]).err()
+            let mut ends = if found[i].is_hit() {
+                finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i])
             } else {
-                None
+                Ok(())
             };
-            lacks.is_some_and(|need| {
+            if ends.is_ok() && found[i].passed && task.want.has(Want::ERROR) {
+                ends = free(view, &rays[i], &mut hits[i]);
+            }
+            ends.err().is_some_and(|need| {
                 it.asks.push(need);
                 true
             })

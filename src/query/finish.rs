@@ -5,7 +5,7 @@ use super::stand_in;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::scene::placed::Placed;
-use crate::scene::walk::{Found, Need, SceneView};
+use crate::scene::walk::{Found, Need, SceneView, SceneWalk, Step};
 use crate::structure::bvh::trace::{Triangle, TreeView};
 use glam::{DVec3, Vec3};
 
@@ -221,6 +221,23 @@ pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, f
     Ok(())
 }
 
+/// Takes `t_free` of a ray that passed stand-ins down to where it hits when it passes none; fails with the block that is needed.
+/// (That walk visits no more than the one that passed: what stands in then did so before, and its hit is no farther.)
+#[cold]
+pub(super) fn free(view: &SceneView, ray: &Ray, hit: &mut Hit) -> Result<(), Need> {
+    let (view, mut walk) = (SceneView { is_solid: true, ..*view }, SceneWalk::default());
+    walk.begin(&view, ray);
+    if let Step::Pending(need) = view.trace::<false>(ray, &mut walk) {
+        return Err(need);
+    }
+    let (found, mut first) = (walk.best(), Hit::MISS);
+    if found.is_hit() {
+        finish(&view, &mut Last::new(), ray, &found, Want::ERROR, &mut first)?;
+    }
+    hit.t_free = hit.t_free.min(first.t_free);
+    Ok(())
+}
+
 /// What needs the hit in double precision.
 #[inline(never)]
 fn fill_from_meeting(placed: &Placed, ray: &Ray, found: &Found, triangle: &Triangle, want: Want, hit: &mut Hit) {
@@ -320,7 +337,7 @@ mod tests {
     }
 
     fn found(t: f64) -> Found {
-        Found { t, placed: 0, tri: TriHit { t: t as f32, u: 0.3, v: 0.3, block: 0, tri: 0 } }
+        Found { t, placed: 0, tri: TriHit { t: t as f32, u: 0.3, v: 0.3, block: 0, tri: 0 }, passed: false }
     }
 
     #[test]

@@ -183,7 +183,7 @@ where
                 now
             }
         };
-        let view = SceneView { scene, snapshots: &snapshots, never_waits: self.options.policy == Policy::Now, stamp: self.stamp };
+        let view = SceneView { scene, snapshots: &snapshots, never_waits: self.options.policy == Policy::Now, is_solid: false, stamp: self.stamp };
         let mut chunk = scene.context().take_scratch::<Chunk>();
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
@@ -198,7 +198,7 @@ where
 
     /// Takes a parked group as far as it comes.
     fn resume(&self, snapshots: &Snapshots, mut group: Group) {
-        let view = SceneView { scene: self.scene.borrow(), snapshots, never_waits: false, stamp: self.stamp };
+        let view = SceneView { scene: self.scene.borrow(), snapshots, never_waits: false, is_solid: false, stamp: self.stamp };
         let (first, count) = (group.first(), group.count());
         match group.resume(&view, self.task()) {
             Some(hits) => {

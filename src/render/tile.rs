@@ -225,8 +225,9 @@ impl Tally {
     /// Adds the pixels of a packet.
     fn count(&mut self, active: u32, first: &First) {
         let count = |pixels: u32| u64::from((pixels & active).count_ones());
-        self.exact += count(!(first.lod | first.missing));
-        self.lod += count(first.lod);
+        let lod = first.lod | first.passed;
+        self.exact += count(!(lod | first.missing));
+        self.lod += count(lod);
         self.missing += count(first.missing);
         self.hits += count(first.met);
         for i in bits(first.inexact & active) {

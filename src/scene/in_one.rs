@@ -102,11 +102,17 @@ impl InOne {
         shift + scale * f64::from(self.walk.distances()[i])
     }
 
+    /// Rays that passed a stand-in.
+    #[inline]
+    pub fn passed(&self) -> u32 {
+        self.walk.passed()
+    }
+
     /// The hit of ray `i` of those that hit something in `view`.
     #[inline]
     pub fn found(&self, view: &SceneView, i: usize) -> Found {
         let placed = view.only_one().unwrap_or(0);
-        Found { t: self.distance(i), placed, tri: self.walk.best(i) }
+        Found { t: self.distance(i), placed, tri: self.walk.best(i), passed: self.passed() >> i & 1 == 1 }
     }
 }
 
@@ -189,6 +195,7 @@ impl SceneView<'_> {
         for (i, (hit, found)) in hits.iter().zip(found).enumerate() {
             *found = Found::nothing(rays[i].t_max);
             found.offer::<ANY>(placed, *hit, moved[i].0, moved[i].1);
+            found.passed = stream.has_passed(i);
         }
     }
 }

@@ -100,6 +100,8 @@ pub(crate) struct Found {
     /// Index of the placed tree; `NOTHING` for none.
     pub placed: u32,
     pub tri: TriHit,
+    /// Whether the ray passed a stand-in on its way, or behind the hit: what is before the hit may not be free, and a miss may be none.
+    pub passed: bool,
 }
 
 const NOTHING: u32 = u32::MAX;
@@ -107,7 +109,7 @@ const NOTHING: u32 = u32::MAX;
 impl Found {
     /// Nothing up to `t`.
     pub const fn nothing(t: f64) -> Self {
-        Self { t, placed: NOTHING, tri: TriHit::none(0.0) }
+        Self { t, placed: NOTHING, tri: TriHit::none(0.0), passed: false }
     }
 
     pub fn is_hit(&self) -> bool {
@@ -122,7 +124,7 @@ impl Found {
             // The tree's walk had the best t rounded up: what it found may still be beyond. Where any
             // will do there is no other to fall back on, and t_max is met to rounding.
             if ANY || t < self.t || t == self.t && placed < self.placed {
-                *self = Self { t, placed, tri };
+                *self = Self { t, placed, tri, passed: self.passed };
             }
         }
     }
@@ -135,6 +137,8 @@ pub(crate) struct SceneView<'a> {
     pub snapshots: &'a Snapshots,
     /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
     pub never_waits: bool,
+    /// Whether no ray passes a stand-in.
+    pub is_solid: bool,
     /// The pass that visits, see `residency::View`.
     pub stamp: u32,
 }
@@ -185,7 +189,7 @@ impl<'a> SceneView<'a> {
     pub fn tree(&self, placed: u32) -> TreeView<'a> {
         let p = &self.scene.placement.placed[placed as usize];
         let view = self.model_of(placed).tree_view(p.tree, &self.snapshots.0[p.model as usize]);
-        TreeView { never_waits: self.never_waits, stamp: self.stamp, ..view }
+        TreeView { never_waits: self.never_waits, is_solid: self.is_solid, stamp: self.stamp, ..view }
     }
 
     /// The block of a hit; `None` if it is not there.
@@ -239,6 +243,7 @@ impl<'a> SceneView<'a> {
                 }
                 walk.at = None;
                 best.offer::<ANY>(placed, walk.tree.best(), shift, scale);
+                best.passed |= walk.tree.has_passed();
                 walk.best = Some(best);
                 if ANY && best.is_hit() {
                     return Step::Done;
@@ -345,7 +350,7 @@ impl ScenePacket {
         self.at = None;
         self.active = 0;
         for (i, it) in rays.iter().enumerate() {
-            (self.best[i].t, self.best[i].placed) = (it.t_max, NOTHING);
+            (self.best[i].t, self.best[i].placed, self.best[i].passed) = (it.t_max, NOTHING, false);
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
         let Some(root) = view.scene.placement.top.root() else { return };
@@ -381,6 +386,7 @@ impl SceneView<'_> {
                 for i in bits(walk.inside) {
                     let (shift, scale) = walk.moved[i];
                     walk.best[i].offer::<ANY>(placed, walk.tree.best(i), shift, scale);
+                    walk.best[i].passed |= walk.tree.passed() >> i & 1 == 1;
                     if ANY && walk.best[i].is_hit() {
                         walk.active &= !(1 << i);
                     }

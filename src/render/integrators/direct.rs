@@ -245,10 +245,14 @@ impl Direct<'_> {
             if active == 0 {
                 break;
             }
-            active &= match met.filter(|_| layer == 0) {
+            let (hits, passed) = match met.filter(|_| layer == 0) {
                 Some(met) => self.found_in_one(met, scratch),
                 None => self.trace(&lanes.rays, active, layer == 0, scratch)?,
             };
+            if first && layer == 0 {
+                scratch.first.passed = passed & active & !hits;
+            }
+            active &= hits;
             if active == 0 {
                 break;
             }
@@ -280,8 +284,8 @@ impl Direct<'_> {
         Ok(())
     }
 
-    /// Finds what rays hit; returns those that hit something, of `active` and perhaps others. `all`: most of them are active.
-    fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<u32, Need> {
+    /// Finds what rays hit; returns those that hit something and those that passed stand-ins, of `active` and perhaps others. `all`: most of them are active.
+    fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<(u32, u32), Need> {
         let Scratch { camera, in_one, found, .. } = scratch;
         let together = if all { in_one.trace::<false>(&self.view, rays, true) } else { None };
         if let Some(hits) = together {
@@ -292,20 +296,21 @@ impl Direct<'_> {
         if let Step::Pending(need) = self.view.trace_packet::<false>(rays, camera) {
             return Err(need);
         }
-        let mut hits = 0;
+        let (mut hits, mut passed) = (0, 0);
         for i in bits(active) {
             found[i] = *camera.best(i);
             hits |= u32::from(found[i].is_hit()) << i;
+            passed |= u32::from(found[i].passed) << i;
         }
-        Ok(hits)
+        Ok((hits, passed))
     }
 
-    /// Takes over what the rays of `hits` were found to hit together; returns these.
-    fn found_in_one(&self, hits: u32, scratch: &mut Scratch) -> u32 {
+    /// Takes over what the rays of `hits` were found to hit together; returns these, and those that passed stand-ins.
+    fn found_in_one(&self, hits: u32, scratch: &mut Scratch) -> (u32, u32) {
         for i in bits(hits) {
             scratch.found[i] = scratch.in_one.found(&self.view, i);
         }
-        hits
+        (hits, scratch.in_one.passed())
     }
 
     /// The surface that was found; and, if it is `seen` first, what is asked of that.

@@ -35,6 +35,8 @@ pub(crate) struct First {
     pub met: u32,
     pub lod: u32,
     pub missing: u32,
+    /// Pixels that see nothing, but only as they passed stand-ins.
+    pub passed: u32,
     /// Pixels with an error; what is in `error_px` of others does not count.
     pub inexact: u32,
     pub error_px: [f32; PACKET],
@@ -52,6 +54,7 @@ impl First {
         met: 0,
         lod: 0,
         missing: 0,
+        passed: 0,
         inexact: 0,
         error_px: [0.0; PACKET],
         depth: [Layer::MISS.depth; PACKET],

@@ -177,6 +177,7 @@ impl Direct<'_> {
         let Scratch { in_one: InOne { walk, .. }, plain: Plain { surfaces, rows, .. }, first, .. } = scratch;
         let cells = surfaces.cells();
         (first.met, first.lod, first.missing, first.inexact) = (met, cells, 0, cells);
+        first.passed = walk.passed() & !met;
         if cells != 0 {
             surfaces.errors(&self.view, placed, self.rays.eye(), walk, &mut rows.error);
             for i in 0..PACKET {

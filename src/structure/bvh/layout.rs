@@ -43,7 +43,7 @@
 //! | .. | first, second, third vertex of each triangle: three runs of u8, padded together to a word |
 //! | .. | x of all vertices, then y, then z: f32 |
 
-use crate::lod::{self, Coded, LEVEL, PASSING, passing, Middle, SIDES_WORDS, Side, Slabs, VOXEL_WORDS, summary_bit};
+use crate::lod::{self, Coded, LEVEL, PASSING, stopped, Middle, SIDES_WORDS, Side, Slabs, VOXEL_WORDS, summary_bit};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -423,10 +423,10 @@ impl StoredVoxel<'_> {
         self.words.get(2).map_or((self.block.words[7], false), |word| Coded::part(*word))
     }
 
-    /// The share of rays that pass it, in 64ths.
+    /// How many of 4096 rays it stops; 0: it stops all.
     #[inline]
-    pub fn passing(&self) -> u32 {
-        passing(self.words[0])
+    pub fn stopped(&self) -> u32 {
+        stopped(self.words[0])
     }
 
     /// The bits of all its parts, see [`summary_bit`].

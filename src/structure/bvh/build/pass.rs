@@ -12,7 +12,7 @@ use super::TreeInput;
 use super::par::Par;
 use super::refs::Ref;
 use super::tree::{Inner, Piece, Sub};
-use crate::lod::{Slabs, pass_bits};
+use crate::lod::{Slabs, stop_bits};
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{Node, WIDTH};
 use glam::Vec3;
@@ -31,6 +31,12 @@ const ALL_FOUND: f32 = 0.7;
 const NEAR: f32 = 0.125;
 /// By how much regions are larger than stored, as a part of the diagonal: flat ones have no lines.
 const GIVE: f32 = 1.0 / 512.0;
+
+fn par_(i: usize, or: f32) -> f32 {
+    static P: std::sync::OnceLock<Vec<f32>> = std::sync::OnceLock::new();
+    let all = P.get_or_init(|| std::env::var("OCP").map(|s| s.split(',').map(|x| x.parse().unwrap_or(f32::NAN)).collect()).unwrap_or_default());
+    all.get(i).copied().filter(|x| !x.is_nan()).unwrap_or(or)
+}
 
 /// What lines meet.
 struct Scene<'a> {
@@ -51,14 +57,15 @@ struct Cell<'a> {
 pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par) {
     let scene = Scene { pieces, input, refs };
     let mut small = Vec::new();
-    pieces.iter().for_each(|p| gather_small(&p.sub, &mut small));
-    let shares = par.map(small.len(), |i| scene.of_small(small[i]));
+    pieces.iter().for_each(|p| gather_small(&p.sub, 0, &mut 0, &mut small));
+    let mut shares = par.map(small.len(), |i| scene.of_small(small[i].0));
+    agree(&small, &mut shares);
     let mut large = Vec::new();
     let mut next = shares.iter();
     pieces.iter().for_each(|p| {
         scene.gather_large(&p.sub, &mut next, &mut large);
     });
-    let of_large = par.map(large.len(), |i| large[i].map_or(0, |cell| scene.share(&cell, LINES[1])));
+    let of_large = par.map(large.len(), |i| large[i].map_or(0, |cell| scene.share(&cell, par_(8, LINES[1] as f32) as usize)));
     let (mut of_small, mut of_large) = (shares.into_iter(), of_large.into_iter());
     for piece in pieces {
         if let Sub::Inner(inner) = &mut piece.sub {
@@ -67,24 +74,38 @@ pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par) {
     }
 }
 
-/// References below.
-fn references(sub: &Sub) -> u64 {
-    match sub {
-        Sub::Leaf { count, .. } => u64::from(*count),
-        Sub::Inner(inner) => inner.children.iter().map(|(_, c)| references(c)).sum(),
-        Sub::Placed(_) => 0,
+/// The largest subtrees of at most [`SMALL`] references, in their order, each with the number of the node that it hangs in.
+fn gather_small<'a>(sub: &'a Sub, parent: usize, nodes: &mut usize, out: &mut Vec<(&'a Inner, usize)>) {
+    if let Sub::Inner(inner) = sub {
+        if is_small(inner) {
+            out.push((inner, parent));
+        } else {
+            *nodes += 1;
+            let here = *nodes;
+            inner.children.iter().for_each(|(_, c)| gather_small(c, here, nodes, out));
+        }
     }
 }
 
-/// The largest subtrees of at most [`SMALL`] references, in their order.
-fn gather_small<'a>(sub: &'a Sub, out: &mut Vec<&'a Inner>) {
-    if let Sub::Inner(inner) = sub {
-        if is_small(inner) {
-            out.push(inner);
-        } else {
-            inner.children.iter().for_each(|(_, c)| gather_small(c, out));
+/// Of small subtrees that hang in one node all are walls if most are: a small piece of a wall, at a corner of it, may look otherwise.
+fn agree(small: &[(&Inner, usize)], shares: &mut [Vec<u8>]) {
+    let mut cells = std::collections::HashMap::new();
+    for ((inner, parent), shares) in small.iter().zip(shares.iter()) {
+        let sums: &mut (usize, usize) = cells.entry(*parent).or_default();
+        let count = count(inner);
+        *sums = (sums.0 + count, sums.1 + if shares.is_empty() { count } else { 0 });
+    }
+    for ((_, parent), shares) in small.iter().zip(shares) {
+        let (all, of_walls) = cells[parent];
+        if 4 * of_walls >= 3 * all {
+            shares.clear();
         }
     }
+}
+
+/// Cells below.
+fn count(inner: &Inner) -> usize {
+    inner.children.iter().map(|(_, sub)| 1 + if let Sub::Inner(below) = sub { count(below) } else { 0 }).sum()
 }
 
 fn is_small(inner: &Inner) -> bool {
@@ -129,38 +150,59 @@ impl Scene<'_> {
             let [_, pass, find] = self.ask(cell, PROBES[1]);
             (passed, found) = (passed + pass, found + find);
         }
-        if found >= ALL_FOUND * passed {
+        let first = found / passed.max(1e-9);
+        let mut is_wall = found >= par_(0, ALL_FOUND) * passed;
+        if !is_wall && par_(7, 0.0) > 0.0 {
+            (passed, found) = (0.0, 0.0);
+            for cell in &all {
+                let [_, pass, find] = self.ask(cell, par_(7, 0.0) as usize);
+                (passed, found) = (passed + pass, found + find);
+            }
+            is_wall = found >= par_(0, ALL_FOUND) * passed;
+        }
+        if par_(9, 0.0) > 0.0 {
+            println!("SMALL {:.2} {:.2} {}", first, found / passed.max(1e-9), all.len());
+        }
+        if is_wall {
             return Vec::new();
         }
-        all.iter().map(|cell| self.share(cell, LINES[0])).collect()
+        all.iter().map(|cell| self.share(cell, par_(3, LINES[0] as f32) as usize)).collect()
     }
 
-    /// The cells above small subtrees, in their order; nothing for walls. Whether all below are.
-    fn gather_large<'a>(&self, sub: &'a Sub, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Option<Cell<'a>>>) -> bool {
-        let Sub::Inner(inner) = sub else { return true };
+    /// The cells above small subtrees, in their order; nothing for those that are of walls for a quarter or more. How many cells are
+    /// below, and how many of those are walls'.
+    fn gather_large<'a>(&self, sub: &'a Sub, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Option<Cell<'a>>>) -> [usize; 2] {
+        let Sub::Inner(inner) = sub else { return [1, 1] };
         if is_small(inner) {
-            return small.next().is_none_or(|shares| shares.iter().all(|s| *s == 0));
+            let cells = count(inner);
+            return [cells, small.next().map_or(cells, |shares| if shares.is_empty() { cells } else { 0 })];
         }
-        let mut is_wall = true;
+        let mut sums = [0; 2];
         for cell in cells(inner) {
             let at = out.len();
             out.push(None);
-            let wall = self.gather_large(cell.sub, small, out);
-            if !wall {
+            let [all, of_walls] = self.gather_large(cell.sub, small, out);
+            if 4 * of_walls < all {
                 out[at] = Some(cell);
             }
-            is_wall &= wall;
+            sums = [sums[0] + all, sums[1] + of_walls];
         }
-        is_wall
+        sums
     }
 
     /// The share of a cell, as stored.
     fn share(&self, cell: &Cell, lines: usize) -> u8 {
         let [all, passed, found] = self.ask(cell, lines);
-        if found >= FOUND * passed || all <= 0.0 {
+        if par_(9, 0.0) > 1.0 {
+            println!("CELL {:.2} {:.2} {}", found / passed.max(1e-9), passed / all.max(1e-9), lines);
+        }
+        if found >= par_(1, FOUND) * passed || all <= 0.0 {
             return 0;
         }
-        (passed / all * 64.0).round().min(63.0) as u8
+        {
+            let stops = 1.0 - (passed - par_(10, 1.0) * found) / all * par_(6, 1.0);
+            (stops.max(0.0).sqrt() * 63.0).round().clamp(1.0, 63.0) as u8
+        }
     }
 
     /// Weights: of all lines, of those that pass, and of those of them that find other surface near the cell.
@@ -169,7 +211,7 @@ impl Scene<'_> {
         let region = Region::of(cell);
         for i in 0..lines {
             let Some((line, way)) = region.line(i) else { continue };
-            let weight = 1.0 / (way[1] - way[0]);
+            let weight = (way[1] - way[0]).powf(-par_(4, 1.0));
             sums[0] += weight;
             if self.meets(cell.sub, &line, way) {
                 continue;
@@ -231,8 +273,8 @@ fn apply_all(inner: &mut Inner, shares: &mut std::vec::IntoIter<u8>) {
 }
 
 fn set(inner: &mut Inner, slot: usize, share: u8) {
-    if share > 0 {
-        inner.children[slot].0.words[0] |= pass_bits(share);
+    if (1..63).contains(&share) {
+        inner.children[slot].0.words[0] |= stop_bits(share);
         inner.node.may_pass(slot);
     }
 }
@@ -275,7 +317,7 @@ impl Region {
         }
         let words = [bounds.min, bounds.max].map(|v| v.to_array().map(f32::to_bits));
         let seed = words.as_flattened().iter().fold(0x9e37_79b9, |h: u32, w| (h ^ w).wrapping_mul(0x85eb_ca6b).rotate_left(13));
-        Self { bounds, slabs, axes, low, high, near: diagonal * NEAR, seed }
+        Self { bounds, slabs, axes, low, high, near: diagonal * par_(2, NEAR), seed }
     }
 
     /// Line `i`, and its way through the region; nothing if the point that it would go through is outside.

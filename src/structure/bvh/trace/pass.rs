@@ -26,14 +26,16 @@ impl Passing {
 
     #[inline(never)]
     fn is_let_through(&self, block: Block, node: usize, slot: usize, t: f32) -> bool {
-        let share = block.voxel(node, slot).passing();
-        share > 0 && self.hash(block.node(node), slot, t) >> 26 < share
+        let stopped = block.voxel(node, slot).stopped();
+        stopped > 0 && self.hash(block.node(node), slot, t) >> 20 >= stopped
     }
 
     fn hash(&self, node: &Node, slot: usize, t: f32) -> u32 {
         let cell = node.stored_box(slot).extent();
         // The power of two that is as large or just less: its reciprocal is one too.
-        let exponent = (cell.max_element().to_bits() >> 23).clamp(1, 253);
+        static P: std::sync::OnceLock<f32> = std::sync::OnceLock::new();
+        let by = P.get_or_init(|| std::env::var("OCG").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0));
+        let exponent = ((cell.max_element() * by).to_bits() >> 23).clamp(1, 253);
         let per_size = f32::from_bits((254 - exponent) << 23);
         let mut hash = exponent;
         for axis in 0..3 {

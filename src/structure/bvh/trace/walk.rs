@@ -88,6 +88,8 @@ pub struct Walk {
     pub(super) best: TriHit,
     /// What walks with it did.
     pub counters: Counters,
+    /// Of these, the stand-ins that were passed before this ray began.
+    passed_before: u64,
 }
 
 impl Default for Walk {
@@ -100,7 +102,7 @@ impl Walk {
     /// For any number of rays.
     pub fn new() -> Self {
         let (ray, best) = (LocalRay::NONE, TriHit::none(0.0));
-        Self { stack: Vec::new(), ray, best, counters: Counters::default() }
+        Self { stack: Vec::new(), ray, best, counters: Counters::default(), passed_before: 0 }
     }
 
     /// Puts `ray` at the root of `view`. An invalid ray (see [`LocalRay::is_valid`]) misses all.
@@ -115,9 +117,16 @@ impl Walk {
         self.best
     }
 
+    /// Whether the ray passed a stand-in: before what it hit there may be surface, and a miss may be none.
+    #[inline]
+    pub fn has_passed(&self) -> bool {
+        self.counters.passed != self.passed_before
+    }
+
     #[inline(always)]
     pub(super) fn put_at_root(&mut self, view: &super::TreeView, ray: &LocalRay) {
         self.stack.clear();
+        self.passed_before = self.counters.passed;
         self.best = TriHit::none(ray.t_max);
         if ray.is_valid() && !view.is_empty() {
             self.stack.push(Entry { t: ray.t_min, block: view.root_block, child: view.root });
