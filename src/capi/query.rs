@@ -42,7 +42,8 @@ pub const OC_HIT_MISS: oc_hit_kind = 0;
 pub const OC_HIT_EXACT: oc_hit_kind = 1;
 /// A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray would
 /// meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of which most is
-/// seen; `uv` and `prim` are those of a miss.
+/// seen; `uv` and `prim` are those of a miss. Of cells that hold wires, leaves and the like, as many rays are let through as pass what
+/// they hold: see `t_free`.
 pub const OC_HIT_LOD: oc_hit_kind = 2;
 /// A stand-in, coarser than asked for: what is below it is not in memory (frames and OC_QUERY_NOW only). Otherwise as
 /// OC_HIT_LOD. If the ray begins inside of the cell, `t` is where it leaves it, and `t_free` is t_min: nothing of it is known to be free.
@@ -63,7 +64,8 @@ pub struct oc_hit {
     pub position: [f64; 3],
     /// No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within
     /// 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less than
-    /// `t`, by what rounding may have done.
+    /// `t`, by what rounding may have done. Of a miss it is infinity, unless the ray was let through a stand-in: then it is where
+    /// that, or what else would have been hit, is met; so it is of hits behind one.
     pub t_free: f64,
     /// The id of the part, as given when the model was built; OC_NO_ID for a miss.
     pub part: u64,

@@ -9,7 +9,8 @@
 //! |---|---|
 //! | 0 to 15 | normal: octahedral, two signed bytes (Meyer and others, EGSR 2010) |
 //! | 16 to 23 | length of the mean normal, 255 for 1: how alike the normals are |
-//! | 24 to 31 | flags, of the first sample only |
+//! | 24, 25 | flags, of the first sample only |
+//! | 26 to 31 | of the first sample only: how many rays it stops, see [`stop_bits`] |
 //!
 //! | bits of word 1 | |
 //! |---|---|
@@ -247,6 +248,14 @@ mod tests {
             let side = Side::of([a, b]);
             prop_assert!((side.normal.length() - 1.0).abs() < 1e-5);
             prop_assert!(side.colour.max_element() <= 1.0 && side.cover <= 1.0);
+        }
+    }
+
+    #[test]
+    fn stop_codes_stop_by_their_squares() {
+        for code in 0..64u8 {
+            let share = f64::from(stopped(stop_bits(code) | 0x3ff_ffff)) / 4096.0;
+            assert!((share - (f64::from(code) / 63.0).powi(2)).abs() < 1e-3, "{code}: {share}");
         }
     }
 

@@ -30,7 +30,8 @@ pub struct Hit {
     /// Where, in world space.
     pub position: DVec3,
     /// No original surface lies on the ray before this. Left out are surfaces that the ray meets within 0.9 degrees of
-    /// edge-on, the one that it starts on, and edges that it grazes.
+    /// edge-on, the one that it starts on, and edges that it grazes. Finite for a miss if the ray passed stand-ins: then, as of hits behind
+    /// these, it is that of the hit that there would be if no ray passed any.
     pub t_free: f64,
     /// The caller's id of the part.
     pub part: u64,

@@ -9,7 +9,8 @@
 //!
 //! **t_free.** A cell's box and slabs hold all that it stands for, and the walk takes the nearest of all of these and of triangles,
 //! each where it is entered or before: no original surface lies on the ray before the hit, up to what single precision may have
-//! moved (as for exact hits, `finish.rs`). In a stand-in for missing data that the ray begins in nothing is known to be free.
+//! moved (as for exact hits, `finish.rs`). Where the ray passed stand-ins (`trace::pass`), that is so of the hit of a walk that passes
+//! none, and its `t_free` counts (`finish::free`). In a stand-in for missing data that the ray begins in nothing is known to be free.
 
 use super::hit::{Hit, HitKind, NONE, Want};
 use crate::lod::{farthest, holds, limit, sure_from};

@@ -48,7 +48,7 @@ pub struct FrameStatus {
     /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the last
     /// lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to be mapped.
     pub pictures: u32,
-    /// Pixels whose answer is exact (hits on original triangles, and exact misses).
+    /// Pixels whose answer is exact (hits on original triangles, and misses that passed no stand-in).
     pub pixels_exact: u64,
     /// Pixels that show a stand-in as fine as asked.
     pub pixels_lod: u64,

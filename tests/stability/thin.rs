@@ -1,4 +1,4 @@
-//! Wires and leaves thinner than a voxel: their mean coverage is the oracle's, and none is lost.
+//! Wires and leaves thinner than a voxel: their mean coverage is the oracle's.
 
 use super::pictures::{POE, Setting, Stage};
 use super::table::judge_each;
@@ -41,7 +41,7 @@ fn leaf_cards(count: usize) -> (Vec<Tri>, [Camera; 2]) {
     (tris, [camera(DVec3::new(3.0, -12.0, 4.0)), camera(DVec3::new(-1.0, 5.5, -1.0))])
 }
 
-/// What is covered in the middles of pixels stays so; how much of all pixels is, is judged.
+/// How much of all pixels is covered is judged. (Not which: where a cell stands in, some rays that would hit pass, and others hit.)
 fn check(name: &str, (tris, cameras): (Vec<Tri>, [Camera; 2])) {
     let setting = Setting { size: SIZE, samples: 16, ..Setting::default() };
     let file = built::parts(&[Part::white(1, tris.clone())]);
