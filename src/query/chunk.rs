@@ -211,7 +211,7 @@ fn hits_of(found: &[Found]) -> u32 {
 pub(super) fn forget(rays: u32, hits: &mut [Hit; PACKET]) {
     for i in bits(rays) {
         // The least that undoes the hit before: what is never asked for is never written.
-        if hits[i].kind != HitKind::Miss {
+        if hits[i].kind != HitKind::Miss || hits[i].t_free < f64::INFINITY {
             hits[i] = Hit::MISS;
         }
     }
