@@ -35,12 +35,13 @@ const FOUND: f32 = 0.7;
 /// How near, as a part of the cell's diagonal.
 const NEAR: f32 = 0.125;
 /// How many of the lines that pass a cell, and find other surface near it, count as stopped. (Coverage of wires in two views, PoE 0.5 to
-/// 10: with none 0.91 to 0.98 of the exact, with half 0.96 to 1.01, with all 1.02 to 1.05. Leaf cards hardly care.)
-const BESIDE: f32 = 0.67;
-/// Lines through a cell of a small subtree, and through a larger one. (With a quarter of these 1.05 of the coverage of wires and 1.04 of
-/// that of leaf cards is seen: short ways are seldom found, and weigh much. Lines that all weigh the same, from a block's sides: wires
-/// that all stand are 0.90 to 1.00 then, for an upright cell stops more rays from the side than on the mean over all directions.)
-const LINES: [usize; 2] = [128, 256];
+/// 10, 128 lines: with none 0.91 to 0.98 of the exact, with half 0.96 to 1.01, with all 1.02 to 1.05. Leaf cards hardly care.)
+const BESIDE: f32 = 0.4;
+/// Lines through a cell of a small subtree, and through a larger one. (With half of these 1.03 to 1.08 of the coverage of wires is seen,
+/// for short ways are seldom found and weigh much; with four times as many 0.95 to 1.01, and more of the lines beside must count as
+/// stopped. Lines that all weigh the same, from a block's sides: wires that all stand are 0.90 to 1.00 then, for an upright cell stops
+/// more rays from the side than on the mean over all directions.)
+const LINES: [usize; 2] = [32, 128];
 /// By how much regions are larger than stored, as a part of the diagonal: flat ones have no lines.
 const GIVE: f32 = 1.0 / 512.0;
 
