@@ -576,7 +576,8 @@ typedef struct oc_hit {
     /**
      * No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within
      * 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less than
-     * `t`, by what rounding may have done.
+     * `t`, by what rounding may have done. Of a miss it is infinity, unless the ray was let through a stand-in: then it is where
+     * that, or what else would have been hit, is met; so it is of hits behind one.
      */
     double t_free;
     /** The id of the part, as given when the model was built; OC_NO_ID for a miss. */
@@ -679,9 +680,9 @@ typedef struct oc_frame_accuracy {
     float effective_poe;
     /** Counts the requests of this frame, from 1; 0: none yet. */
     uint64_t request;
-    /** Pixels whose answer is exact. */
+    /** Pixels whose answer is exact: triangles, and background that no stand-in is before. */
     uint64_t pixels_exact;
-    /** Pixels that show a stand-in as fine as `effective_poe` asks for. */
+    /** Pixels that show a stand-in as fine as `effective_poe` asks for, or the background through one. */
     uint64_t pixels_lod;
     /** Pixels that show a stand-in for missing data. */
     uint64_t pixels_missing;
@@ -951,7 +952,8 @@ typedef struct oc_pixels {
 /**
  * A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray would
  * meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of which most is
- * seen; `uv` and `prim` are those of a miss.
+ * seen; `uv` and `prim` are those of a miss. Of cells that hold wires, leaves and the like, as many rays are let through as pass what
+ * they hold: see `t_free`.
  */
 #define OC_HIT_LOD 2
 
