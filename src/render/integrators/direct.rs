@@ -95,8 +95,8 @@ struct Surface {
     position: DVec3,
     normal: Vec3,
     material: Material,
-    /// How far a ray that leaves it begins from it.
-    leave: f64,
+    /// Where rays that leave it begin.
+    from: DVec3,
     /// Where the ray that sees it goes on behind it.
     next: f64,
     /// The ray's width here, pixels of error included: rays that leave it begin as wide.
@@ -105,6 +105,12 @@ struct Surface {
     near: f64,
 }
 
+/// How much higher than what it stands for a stand-in's rays begin, as a part of the ray's width: the tops of those beside it are not
+/// quite where its own is. (Without, lit planes have up to 1.5 % of false shadow; from a tenth on, none; up to four tenths no light
+/// gets into a closed box.)
+const BESIDE: f64 = 0.125;
+/// To gain height a ray is followed back by no more than this many times of it.
+const FARTHEST_BACK: f64 = 4.0;
 /// The diagonal of a cube that may stand in for a ray of so much width.
 const DIAGONAL: f32 = 1.732_050_8;
 
@@ -346,7 +352,9 @@ impl Direct<'_> {
         // Cells of the surface itself are beside it, and stand out. (Áfra 2012, section 6.2, begins behind them, in the open; here
         // what is near is looked for exactly, so that no wall is passed; not where that would ask for the more, the less fits.)
         let near = if self.is_pressed { 0.0 } else { f64::from(width * DIAGONAL) };
-        Ok(Surface { position, normal, material, leave, next: found.t + leave, width, near })
+        let seen_from = if self.is_pressed { back(ray, found.t, normal, BESIDE * f64::from(width)) } else { position };
+        let from = seen_from + normal.as_dvec3() * leave;
+        Ok(Surface { position, normal, material, from, next: found.t + leave, width, near })
     }
 
     /// Depth and error of a triangle's hit, in double precision.
@@ -375,8 +383,8 @@ impl Direct<'_> {
         error / (self.rays.pixel_width(t).max(f64::MIN_POSITIVE) as f32)
     }
 
-    /// A stand-in as a surface. What it casts begins above its cell: those beside it reach as high where the surface
-    /// goes on as it is.
+    /// A stand-in as a surface. What it casts begins above its cell, and above those beside it where the surface goes on as it is: on the
+    /// ray that sees it. (Áfra 2012, section 6.2, begins a cell's diagonal along the light: behind a wall that is nearer.)
     fn stand_in(
         &self,
         ray: &Ray,
@@ -411,9 +419,11 @@ impl Direct<'_> {
         let (position, width) = (ray.origin + along, width_at(ray, look.t));
         // Only for what lights cast, and only where the ray goes on.
         let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
-        let leave = if casts { look.above() } else { 0.0 } + placed.extent() * LEAVE;
-        let next = if material.opacity < 1.0 { look.leave() } else { look.t } + placed.extent() * LEAVE;
-        Ok(Surface { position, normal: look.normal, material, leave, next, width, near: 0.0 })
+        let extent = placed.extent() * LEAVE;
+        let above = if casts { look.above() } else { 0.0 };
+        let from = back(ray, look.t, look.normal, above + BESIDE * f64::from(width)) + look.normal.as_dvec3() * extent;
+        let next = if material.opacity < 1.0 { look.leave() } else { look.t } + extent;
+        Ok(Surface { position, normal: look.normal, material, from, next, width, near: 0.0 })
     }
 
     /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.
@@ -567,7 +577,7 @@ struct Aim {
 /// `None` where the light does not reach at all, or is a headlight. The shadow ray's `t_min` is [`Surface::near`].
 fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
     let strength = Vec3::from(light.colour) * light.intensity;
-    let from = surface.position + surface.normal.as_dvec3() * surface.leave;
+    let from = surface.from;
     let cone = Cone { a: surface.width, b: 0.0 };
     match light.kind {
         LightKind::Headlight => None,
@@ -586,6 +596,16 @@ fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
             Some(Aim { to_light, irradiance, shadow })
         }
     }
+}
+
+/// Where a ray came by that is as high as `above` the surface of this normal that it sees at `t`: nothing is between the two, so that
+/// what begins there is behind no wall.
+fn back(ray: &Ray, t: f64, normal: Vec3, above: f64) -> DVec3 {
+    let dir = ray.dir.as_dvec3();
+    let length = dir.length();
+    let facing = f64::from(-normal.dot(ray.dir)) / length;
+    let by = above / (facing.max(1.0 / FARTHEST_BACK) * length);
+    ray.origin + dir * (t - by).max(ray.t_min)
 }
 
 /// A ray's width at distance `t`.
