@@ -78,8 +78,21 @@ impl Side {
     }
 }
 
+#[inline(always)]
 fn byte(word: u32, at: u32) -> f32 {
     (word >> at & 0xff) as f32 * (1.0 / 255.0)
+}
+
+/// The share that is covered, in a sample's second word.
+#[inline(always)]
+pub(super) fn stored_cover(word: u32) -> f32 {
+    byte(word, 24)
+}
+
+/// The share of what has the normal of a sample's first word that faces anywhere (`seen.rs`): less than 1, so that it has some normal.
+#[inline(always)]
+pub(super) fn stored_spread(word: u32) -> f32 {
+    (3.0 - 3.0 * byte(word, 16)).min(1.0 - 1.0 / 256.0)
 }
 
 /// The linear colour in a sample's second word.
@@ -166,7 +179,7 @@ fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
     (all, agree)
 }
 
-fn sample(s: &Sample) -> [u32; 2] {
+pub(super) fn sample(s: &Sample) -> [u32; 2] {
     let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
     let root = |x: f32| byte(x.max(0.0).sqrt());
     let colour = root(s.colour.x) | root(s.colour.y) << 8 | root(s.colour.z) << 16;

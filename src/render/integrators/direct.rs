@@ -5,6 +5,7 @@ use super::material::Material;
 use super::plain::{self, Plain};
 use super::first::{First, Layer};
 use super::sampling::{Widths, offset};
+use crate::lod::Facing;
 use crate::render::wants::Wants;
 use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
@@ -94,6 +95,7 @@ pub(crate) struct Direct<'a> {
 struct Surface {
     position: DVec3,
     normal: Vec3,
+    facing: Facing,
     material: Material,
     /// How far a ray that leaves it begins from it.
     leave: f64,
@@ -346,7 +348,8 @@ impl Direct<'_> {
         // Cells of the surface itself are beside it, and stand out. (Áfra 2012, section 6.2, begins behind them, in the open; here
         // what is near is looked for exactly, so that no wall is passed; not where that would ask for the more, the less fits.)
         let near = if self.is_pressed { 0.0 } else { f64::from(width * DIAGONAL) };
-        Ok(Surface { position, normal, material, leave, next: found.t + leave, width, near })
+        let facing = Facing::flat(normal);
+        Ok(Surface { position, normal, facing, material, leave, next: found.t + leave, width, near })
     }
 
     /// Depth and error of a triangle's hit, in double precision.
@@ -413,7 +416,7 @@ impl Direct<'_> {
         let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
         let leave = if casts { look.above() } else { 0.0 } + placed.extent() * LEAVE;
         let next = if material.opacity < 1.0 { look.leave() } else { look.t } + placed.extent() * LEAVE;
-        Ok(Surface { position, normal: look.normal, material, leave, next, width, near: 0.0 })
+        Ok(Surface { position, normal: look.normal, facing: look.facing, material, leave, next, width, near: 0.0 })
     }
 
     /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.
@@ -486,7 +489,7 @@ impl Direct<'_> {
             for i in bits(active) {
                 let Some(s) = &surfaces[i] else { continue };
                 let to_eye = -lanes.rays[i].dir;
-                sum[i] += s.material.lit(s.normal, to_eye, to_eye, Vec3::from(light.colour) * light.intensity);
+                sum[i] += s.material.lit(s.normal, &s.facing, to_eye, to_eye, Vec3::from(light.colour) * light.intensity);
             }
         }
         Ok(sum)
@@ -508,7 +511,7 @@ impl Direct<'_> {
         for i in bits(active) {
             let Some(s) = &surfaces[i] else { continue };
             let Some(aim) = aim(light, s) else { continue };
-            answer[i] = s.material.lit(s.normal, -lanes.rays[i].dir, aim.to_light, aim.irradiance);
+            answer[i] = s.material.lit(s.normal, &s.facing, -lanes.rays[i].dir, aim.to_light, aim.irradiance);
             if answer[i] != Vec3::ZERO && light.shadows {
                 shadow[i] = aim.shadow;
                 asked |= 1 << i;

@@ -1,0 +1,163 @@
+//! What a ray sees of a voxel that has a sample for each side: three of them, blended.
+//!
+//! A cell is seen through the three of its sides that face the ray, each by as much as there is to see: the share of the side that is
+//! covered, of its area as the ray sees it. Not by which side the ray enters: a tall cell of a few blocks shows their tops, though its
+//! own top is small. (Áfra 2012, section 4.2, takes the sample of the side that is entered.)
+//!
+//! How much of the light comes back is told by the lengths of mean normals. Seen from one side, a flat piece has one of length 1, and so has
+//! a block, of which just a face is seen; a sphere's is 2/3 long, and facets that face anywhere come to the same. So of what a length lacks
+//! of 1 three times as much is taken to face anywhere, and the rest as the mean does. Blended without making them unit again, blocks,
+//! spheres and flat pieces then answer a light where the eye is as they do, seen from anywhere.
+
+use super::coded::{stored_colour, stored_cover, stored_normal, stored_spread};
+use glam::Vec3;
+
+/// Of a side of which nothing is seen, so that there always is a blend.
+const LEAST_SEEN: f32 = 1e-6;
+
+/// Shares of three sides, that add up to 1.
+///
+/// `extent`: of the cell; `dir`: of the ray in the cell's frame; `seconds`: the second words of the samples of the sides across x, y and z
+/// that face the ray.
+#[inline(always)]
+pub fn shares(extent: Vec3, dir: Vec3, seconds: [u32; 3]) -> [f32; 3] {
+    let (e, d) = (in_proportion(extent), in_proportion(dir.abs()));
+    let covers = Vec3::from(seconds.map(stored_cover));
+    let seen = (covers * Vec3::new(e.y * e.z, e.z * e.x, e.x * e.y) + LEAST_SEEN) * d;
+    (seen / (seen.x + seen.y + seen.z)).to_array()
+}
+
+/// The largest component of a vector of no negative ones made 1: no product of them overflows.
+#[inline(always)]
+fn in_proportion(v: Vec3) -> Vec3 {
+    let most = v.x.max(v.y).max(v.z);
+    let is_usual = most > 1e-30 && most < 1e30;
+    let by = if is_usual { 1.0 / most } else { 0.0 };
+    // Of what is out of all proportion, all alike.
+    let rest = if is_usual { 0.0 } else { 1.0 };
+    Vec3::new(
+        if is_usual { v.x * by } else { rest },
+        if is_usual { v.y * by } else { rest },
+        if is_usual { v.z * by } else { rest },
+    )
+}
+
+/// How what is seen answers light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Facing {
+    /// Normals against the ray, each as long as its share.
+    pub normals: [Vec3; 3],
+    /// The share that faces anywhere; less than 1.
+    pub spread: f32,
+}
+
+impl Facing {
+    /// All with one unit normal.
+    pub fn flat(normal: Vec3) -> Self {
+        Self { normals: [normal, Vec3::ZERO, Vec3::ZERO], spread: 0.0 }
+    }
+
+    /// Of the first `SIDES` of samples' first words, by their shares; `facing`: gives a normal of the cell's frame in the world, against
+    /// the ray.
+    #[inline(always)]
+    pub fn of<const SIDES: usize>(firsts: [u32; 3], shares: [f32; 3], facing: impl Fn(Vec3) -> Vec3) -> Self {
+        let (mut normals, mut spread) = ([Vec3::ZERO; 3], 0.0);
+        for side in 0..SIDES {
+            let anywhere = stored_spread(firsts[side]);
+            normals[side] = facing(stored_normal(firsts[side])) * (shares[side] * (1.0 - anywhere));
+            spread += shares[side] * anywhere;
+        }
+        Self { normals, spread }
+    }
+
+    /// The mean cosine between normals and a direction, of those that face it.
+    pub fn cosine(&self, to: Vec3) -> f32 {
+        self.normals.iter().map(|n| n.dot(to).max(0.0)).sum()
+    }
+
+    /// The mean of normals, as long as its share.
+    #[inline(always)]
+    pub fn mean(&self) -> Vec3 {
+        // From zero: the sign of a zero must not depend on how many there are.
+        Vec3::ZERO + self.normals[0] + self.normals[1] + self.normals[2]
+    }
+}
+
+/// The linear colour of samples' second words, by their shares.
+#[inline(always)]
+pub fn blended_colour(seconds: [u32; 3], shares: [f32; 3]) -> Vec3 {
+    let mut colour = Vec3::ZERO;
+    for (second, share) in seconds.into_iter().zip(shares) {
+        colour += stored_colour(second) * share;
+    }
+    colour
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lod::coded::sample;
+    use crate::lod::voxel::Sample;
+
+    fn words(normal: Vec3, cover: f32) -> [u32; 2] {
+        sample(&Sample { normal, colour: Vec3::ONE, cover })
+    }
+
+    /// What comes back of a light where the eye is.
+    fn answer(sides: [[u32; 2]; 3], extent: Vec3, dir: Vec3) -> f32 {
+        let shares = shares(extent, dir, sides.map(|s| s[1]));
+        let facing = Facing::of::<3>(sides.map(|s| s[0]), shares, |n| if n.dot(dir) > 0.0 { -n } else { n });
+        facing.mean().dot(-dir) + facing.spread * 2.0 / 3.0
+    }
+
+    const DIRS: [Vec3; 4] = [Vec3::new(-1.0, -1.0, -1.0), Vec3::new(-1.0, -0.2, -3.0), Vec3::new(-1.0, -1.0, 0.0), Vec3::new(0.0, 0.0, -1.0)];
+
+    #[test]
+    fn a_cuboid_answers_as_its_faces_do() {
+        let extent = Vec3::new(1.0, 2.0, 5.0);
+        let sides = [Vec3::X, Vec3::Y, Vec3::Z].map(|n| words(n, 1.0));
+        for dir in DIRS.map(Vec3::normalize) {
+            let faces = Vec3::new(10.0, 5.0, 2.0) * dir.abs();
+            let expected = faces.dot(dir.abs()) / faces.element_sum();
+            assert!((answer(sides, extent, dir) - expected).abs() < 1e-4, "{dir}");
+        }
+    }
+
+    #[test]
+    fn a_sphere_answers_as_a_sphere() {
+        let sides = [Vec3::X, Vec3::Y, Vec3::Z].map(|n| words(n * (2.0 / 3.0), 0.785));
+        for dir in DIRS.map(Vec3::normalize) {
+            assert!((answer(sides, Vec3::ONE, dir) - 2.0 / 3.0).abs() < 3e-3, "{dir}");
+        }
+    }
+
+    #[test]
+    fn a_flat_piece_answers_with_the_cosine_though_sides_see_it_from_front_and_behind() {
+        let normal = Vec3::new(2.0, -1.0, 2.0) / 3.0;
+        let sides = [normal, -normal, normal].map(|n| words(n, 0.5));
+        for dir in DIRS.map(Vec3::normalize) {
+            assert!((answer(sides, Vec3::ONE, dir) - normal.dot(dir).abs()).abs() < 0.01, "{dir}");
+        }
+    }
+
+    #[test]
+    fn blocks_in_a_tall_cell_show_their_tops() {
+        // Of the walls a twentieth is covered, of the top all.
+        let sides = [words(Vec3::X, 0.05), words(Vec3::Y, 0.05), words(Vec3::Z, 1.0)];
+        let dir = -Vec3::ONE.normalize();
+        let [x, _, z] = shares(Vec3::new(1.0, 1.0, 5.0), dir, sides.map(|s| s[1]));
+        assert!(x < 0.2 && z > 0.6, "{x} {z}");
+    }
+
+    #[test]
+    fn nothing_is_ever_nan() {
+        for extent in [0.0, 1e-40, 1.0, 1e38].map(Vec3::splat).into_iter().chain([Vec3::new(0.0, 1e30, 1e-30)]) {
+            for dir in [Vec3::ZERO, Vec3::X, Vec3::splat(f32::INFINITY), Vec3::splat(1e-40)] {
+                for seconds in [[0; 3], [u32::MAX; 3]] {
+                    let shares = shares(extent, dir, seconds);
+                    assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-5, "{extent} {dir}: {shares:?}");
+                }
+            }
+        }
+    }
+}
