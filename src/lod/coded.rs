@@ -89,10 +89,10 @@ pub(super) fn stored_cover(word: u32) -> f32 {
     byte(word, 24)
 }
 
-/// The share of what has the normal of a sample's first word that faces anywhere (`seen.rs`): less than 1, so that it has some normal.
+/// The length of the mean normal, in a sample's first word.
 #[inline(always)]
-pub(super) fn stored_spread(word: u32) -> f32 {
-    (3.0 - 3.0 * byte(word, 16)).min(1.0 - 1.0 / 256.0)
+pub(super) fn stored_likeness(word: u32) -> f32 {
+    byte(word, 16)
 }
 
 /// The linear colour in a sample's second word.

@@ -89,7 +89,7 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
         }
         shares = lod::shares(cell(block, place).extent(), dir.as_vec3(), seconds);
     }
-    let facing = Facing::of::<3>(firsts, shares, |normal| facing(placed, normal, ray.dir));
+    let facing = Facing::of::<3>(firsts, shares, to_eye(ray.dir), |normal| facing(placed, normal, ray.dir));
     let (part, _) = voxel.part();
     // Only for want of what is below: what else it holds may be visible.
     let is_hidden = place.is_missing && view.filter(found.placed).is_some_and(|filter| filter.hides(part));
@@ -164,6 +164,12 @@ fn facing(placed: &Placed, normal: Vec3, dir: Vec3) -> Vec3 {
 pub(super) fn unit(sum: Vec3, dir: Vec3) -> Vec3 {
     // Nothing is left of opposite ones across the ray.
     sum.normalize_or(-dir)
+}
+
+/// The unit vector against a direction, which is no vector or infinite at worst.
+#[inline(always)]
+pub(super) fn to_eye(dir: Vec3) -> Vec3 {
+    -dir.normalize_or_zero()
 }
 
 /// Whether a normal faces the way that `dir` goes.

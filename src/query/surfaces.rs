@@ -49,9 +49,8 @@ pub(crate) struct Surfaces {
     /// See [`Surfaces::cell`].
     normal: [Row<f32>; 3],
     part_of_cell: Row<u32>,
-    /// For pictures: see [`Surfaces::facing`].
+    /// For pictures: see [`Surfaces::along`].
     along: Row<f32>,
-    spread: Row<f32>,
     /// The cells of which the colours count; all boxes, and those of cells that have a sample for each side if it is not for pictures.
     coloured: u32,
     boxes: [Row<f32>; 6],
@@ -77,7 +76,6 @@ impl Default for Surfaces {
             normal: none,
             part_of_cell: [0; PACKET],
             along: [0.0; PACKET],
-            spread: [0.0; PACKET],
             coloured: 0,
             boxes: [[0.0; PACKET]; 6],
             near: [0.0; PACKET],
@@ -130,9 +128,9 @@ impl Surfaces {
         (Vec3::new(self.normal[0][i], self.normal[1][i], self.normal[2][i]), self.part_of_cell[i])
     }
 
-    /// Of each ray of those, the cosine between the ray and what faces it, by its share, and the share that faces anywhere.
-    pub fn facing(&self) -> (&Row<f32>, &Row<f32>) {
-        (&self.along, &self.spread)
+    /// Of each ray of those, the mean cosine between the ray and what it sees.
+    pub fn along(&self) -> &Row<f32> {
+        &self.along
     }
 
     /// Those of which the colour counts, and not that of the part.
@@ -364,7 +362,7 @@ impl Op for OfCells<'_> {
 /// The same of the first `SIDES` of three samples: the others have no share.
 #[inline(always)]
 fn facing<const SIDES: usize>(all: &mut Surfaces) {
-    let Surfaces { dir, firsts, shares, normal, along, spread, .. } = all;
+    let Surfaces { dir, firsts, shares, normal, along, .. } = all;
     for i in 0..PACKET {
         let dir = Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
         let against = |n: Vec3| {
@@ -374,12 +372,13 @@ fn facing<const SIDES: usize>(all: &mut Surfaces) {
         let facing = Facing::of::<SIDES>(
             [firsts[0][i], firsts[1][i], firsts[2][i]],
             [shares[0][i], shares[1][i], shares[2][i]],
+            stand_in::to_eye(dir),
             against,
         );
         let mean = facing.mean();
         let n = stand_in::unit(mean, dir);
         (normal[0][i], normal[1][i], normal[2][i]) = (n.x, n.y, n.z);
-        (along[i], spread[i]) = (mean.dot(-dir), facing.spread);
+        along[i] = mean.dot(-dir);
     }
 }
 

@@ -2,7 +2,6 @@
 
 use crate::lod::Facing;
 use glam::Vec3;
-use std::f32::consts::PI;
 
 /// A surface's answer to light.
 #[derive(Debug, Clone, Copy)]
@@ -30,23 +29,17 @@ impl Material {
 
     /// Light of `irradiance` (on a surface facing it) from the direction `to_light`, seen from `to_eye`.
     /// All directions unit, the normal on the eye's side. A white matt surface that faces the light
-    /// answers with the irradiance: factors of pi are left out on both sides. `facing`: what answers; `normal`: its direction, where highlights
-    /// are.
+    /// answers with the irradiance: factors of pi are left out on both sides. `facing`: what answers; `normal`: where its highlight is.
     #[inline]
     pub fn lit(&self, normal: Vec3, facing: &Facing, to_eye: Vec3, to_light: Vec3, irradiance: Vec3) -> Vec3 {
         // A headlight's is where the eye is.
         let is_ahead = to_eye == to_light;
         let half = if is_ahead { to_eye } else { (to_eye + to_light).normalize_or_zero() };
+        // All that is seen faces the eye.
+        let cosine = if is_ahead { facing.mean().dot(to_light) } else { facing.cosine(to_light) };
         let gloss = Gloss::of(self);
         let lobe = power(normal.dot(half).max(0.0), gloss.exponent);
-        let (cosine, phase) = match (is_ahead, facing.spread > 0.0) {
-            // All faces it.
-            (true, _) => (facing.mean().dot(to_light), SPHERE_AHEAD),
-            (false, true) => (facing.cosine(to_light), sphere(to_eye.dot(to_light))),
-            (false, false) => (facing.cosine(to_light), 0.0),
-        };
-        let lit = Towards { cosine, aslant: half.dot(to_light), lobe, anywhere: facing.spread * phase };
-        gloss.lit(self.colour, lit, irradiance)
+        gloss.lit(self.colour, cosine, half.dot(to_light), lobe, irradiance)
     }
 
     /// Light from everywhere.
@@ -81,45 +74,21 @@ impl Gloss {
         }
     }
 
-    /// See [`Material::lit`]. The highlight is Blinn's distribution, normalised, with Schlick's reflectance; faded out towards full
-    /// roughness.
+    /// See [`Material::lit`]. `cosine`: between normal and light; `aslant`: between light and half vector; `lobe`: the cosine
+    /// between normal and half vector, raised to the exponent. The highlight is Blinn's distribution, normalised, with Schlick's
+    /// reflectance; faded out towards full roughness.
     #[inline(always)]
-    pub fn lit(&self, colour: Vec3, Towards { cosine, aslant, lobe, anywhere }: Towards, irradiance: Vec3) -> Vec3 {
+    pub fn lit(&self, colour: Vec3, cosine: f32, aslant: f32, lobe: f32, irradiance: Vec3) -> Vec3 {
         let facing = Vec3::splat(0.04).lerp(colour, self.metalness);
         let grazing = power(1.0 - aslant.clamp(0.0, 1.0), 5);
         let reflectance = facing + (Vec3::ONE - facing) * grazing;
         let lobe = (self.exponent as f32 + 8.0) / 8.0 * lobe;
         // Bounded, so that a mirror does not burn out.
         let highlight = if self.smooth > 0.0 { reflectance * (lobe * self.smooth).min(8.0) } else { Vec3::ZERO };
-        let cosine = if cosine > 0.0 { cosine } else { 0.0 };
-        ((colour * self.diffuse + highlight) * cosine + colour * (self.diffuse * anywhere)) * irradiance
+        let lit = (colour * self.diffuse + highlight) * cosine * irradiance;
+        if cosine > 0.0 { lit } else { Vec3::ZERO }
     }
 }
-
-/// How a surface faces a light.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Towards {
-    /// Between normals and light, by their shares.
-    pub cosine: f32,
-    /// Between light and half vector.
-    pub aslant: f32,
-    /// The cosine between normal and half vector, raised to [`Gloss::exponent`].
-    pub lobe: f32,
-    /// The cosine of what faces anywhere, times its share.
-    pub anywhere: f32,
-}
-
-/// The mean cosine of a matt sphere that is seen from where `cosine` is that between eye and light: what surfaces that face
-/// anywhere come to. (Lambert, Photometria, 1760; "Lambert's phase function".)
-#[inline]
-fn sphere(cosine: f32) -> f32 {
-    let c = cosine.clamp(-1.0, 1.0);
-    let phase = (1.0 - c * c).sqrt() + (PI - c.acos()) * c;
-    (phase * (SPHERE_AHEAD / PI)).max(0.0)
-}
-
-/// [`sphere`] where the eye is at the light.
-pub(super) const SPHERE_AHEAD: f32 = 2.0 / 3.0;
 
 /// `x` raised to `n`.
 #[inline(always)]
@@ -151,10 +120,6 @@ mod tests {
         Material { colour: Vec3::ONE, opacity: 1.0, metalness: 0.0, roughness, glow: Vec3::ZERO }
     }
 
-    fn spread(normal: Vec3, spread: f32) -> Facing {
-        Facing { spread, ..Facing::flat(normal * (1.0 - spread)) }
-    }
-
     #[test]
     fn white_matt_answers_with_the_cosine() {
         for cosine in [1.0f32, 0.5, 0.25, 0.0] {
@@ -165,39 +130,13 @@ mod tests {
         assert_eq!(white(0.2).lit(Vec3::Z, &Facing::flat(Vec3::Z), Vec3::Z, -Vec3::Z, Vec3::ONE), Vec3::ZERO);
     }
 
-    /// Against a sum over the side of a sphere that the eye sees.
-    #[test]
-    fn what_faces_anywhere_answers_as_a_sphere() {
-        for angle in [0.0f32, 0.4, 1.0, 1.6, 2.5, 3.1] {
-            let light = Vec3::new(angle.sin(), 0.0, angle.cos());
-            let (mut sum, mut area) = (0.0f64, 0.0f64);
-            for y in 0..400 {
-                for x in 0..400 {
-                    let (x, y) = ((x as f32 - 199.5) / 200.0, (y as f32 - 199.5) / 200.0);
-                    let square = 1.0 - x * x - y * y;
-                    if square > 0.0 {
-                        area += 1.0;
-                        sum += f64::from(Vec3::new(x, y, square.sqrt()).dot(light).max(0.0));
-                    }
-                }
-            }
-            let lit = white(1.0).lit(Vec3::Y, &spread(Vec3::Y, 1.0), Vec3::Z, light, Vec3::ONE);
-            assert!((f64::from(lit.x) - sum / area).abs() < 2e-3, "{angle}: {lit}, {}", sum / area);
-            let half = white(1.0).lit(Vec3::Z, &spread(Vec3::Z, 0.5), Vec3::Z, light, Vec3::ONE);
-            assert!((half.x - 0.5 * (light.z.max(0.0) + lit.x)).abs() < 1e-6);
-        }
-        assert_eq!(SPHERE_AHEAD, sphere(1.0));
-    }
-
     #[test]
     fn nothing_makes_nan() {
         for roughness in [0.0, 0.05, 0.5, 1.0] {
             for light in [Vec3::Z, -Vec3::Z, Vec3::X, Vec3::ZERO] {
                 for metalness in [0.0, 1.0] {
                     let m = Material { metalness, ..white(roughness) };
-                    for spread in [0.0, 0.5, 1.0] {
-                        assert!(m.lit(Vec3::Z, &self::spread(Vec3::Z, spread), -light, light, Vec3::splat(1e6)).is_finite());
-                    }
+                    assert!(m.lit(Vec3::Z, &Facing::flat(Vec3::Z), -light, light, Vec3::splat(1e6)).is_finite());
                 }
             }
         }

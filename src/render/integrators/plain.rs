@@ -5,7 +5,7 @@
 #![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
 use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
-use super::material::{Gloss, Material, SPHERE_AHEAD, Towards, powers};
+use super::material::{Gloss, Material, powers};
 use crate::query::surfaces::Surfaces;
 use crate::query::NONE;
 use crate::scene::InOne;
@@ -252,7 +252,7 @@ impl Op for Shade<'_, '_> {
         let Self { direct, material, like, surfaces, rows: Rows { dir, normal, colour, lit, .. } } = self;
         let (gloss, glow, ambient) = (Gloss::of(material), material.glow, direct.ambient);
         let (mut cosine, mut aslant, mut lobe) = ([0.0; PACKET], [0.0; PACKET], [0.0; PACKET]);
-        let (mut facing, mut anywhere) = ([0.0; PACKET], [0.0; PACKET]);
+        let mut facing = [0.0; PACKET];
         for i in 0..PACKET {
             let to_eye = -Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
             cosine[i] = Vec3::new(normal[0][i], normal[1][i], normal[2][i]).dot(to_eye);
@@ -261,11 +261,9 @@ impl Op for Shade<'_, '_> {
         }
         powers(&facing, gloss.exponent, &mut lobe);
         if surfaces.cells() != 0 {
-            let (cells, (along, spread)) = (surfaces.cells(), surfaces.facing());
+            let (cells, along) = (surfaces.cells(), surfaces.along());
             for i in 0..PACKET {
-                let is_cell = cells >> i & 1 == 1;
-                cosine[i] = if is_cell { along[i] } else { cosine[i] };
-                anywhere[i] = if is_cell { spread[i] * SPHERE_AHEAD } else { 0.0 };
+                cosine[i] = if cells >> i & 1 == 1 { along[i] } else { cosine[i] };
             }
         }
         let mut sum = [[0.0; PACKET]; 3];
@@ -277,7 +275,7 @@ impl Op for Shade<'_, '_> {
             let strength = Vec3::from(light.colour) * light.intensity;
             for i in 0..PACKET {
                 let colour = Vec3::new(colour[0][i], colour[1][i], colour[2][i]);
-                let add = gloss.lit(colour, Towards { cosine: cosine[i], aslant: aslant[i], lobe: lobe[i], anywhere: anywhere[i] }, strength);
+                let add = gloss.lit(colour, cosine[i], aslant[i], lobe[i], strength);
                 (sum[0][i], sum[1][i], sum[2][i]) = (sum[0][i] + add.x, sum[1][i] + add.y, sum[2][i] + add.z);
             }
         }
