@@ -168,6 +168,7 @@ fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
         (normal, colour, cover, sum) = (normal + turned(s) * w, colour + s.colour * w, cover + s.cover * w, sum + w);
     }
     let mut all = Sample { normal: normal / sum, colour: colour / sum, cover: cover / sum };
+    all.normal = all.normal.normalize_or_zero() * if crate::lod::seen::var(1) == 3 { all.normal.length() } else { likeness(sides, weights, all.normal.normalize_or(lead)) };
     if !(all.normal.is_finite() && all.colour.is_finite() && all.cover.is_finite()) {
         all = sides[first];
     }
@@ -177,6 +178,22 @@ fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
     };
     let agree = sides.iter().zip(weights).all(|(s, &w)| w <= SEEN * most || is_near(s));
     (all, agree)
+}
+
+/// How long a mean normal says best how alike all normals are: 1 if all are that of `unit` or its opposite, 2/3 if no more than in other
+/// directions, as on spheres, and on blocks too.
+///
+/// What a side sees, its normals times how much of each is seen, is a column of the sum of n n' over area; of that the part along the
+/// normal counts (`seen.rs`).
+fn likeness(sides: &[Sample; 6], weights: &[f32; 6], unit: Vec3) -> f32 {
+    let (mut along, mut all) = (0.0, 0.0);
+    for (side, (s, &w)) in sides.iter().zip(weights).enumerate() {
+        let (axis, seen) = (side % 3, s.normal * if side < 3 { -w } else { w });
+        along += unit[axis] * seen.dot(unit);
+        all += seen[axis];
+    }
+    let share = along / all;
+    if share.is_finite() { (0.5 + 0.5 * share).clamp(2.0 / 3.0, 1.0) } else { 1.0 }
 }
 
 pub(super) fn sample(s: &Sample) -> [u32; 2] {

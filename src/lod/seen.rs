@@ -20,7 +20,7 @@ const LEAST_SEEN: f32 = 1e-6;
 /// `extent`: of the cell; `dir`: of the ray in the cell's frame; `seconds`: the second words of the samples of the sides across x, y and z
 /// that face the ray.
 #[inline(always)]
-pub fn shares(extent: Vec3, dir: Vec3, seconds: [u32; 3]) -> [f32; 3] {
+pub fn shares(extent: Vec3, dir: Vec3, firsts: [u32; 3], seconds: [u32; 3]) -> [f32; 3] {
     let (e, d) = (in_proportion(extent), in_proportion(dir.abs()));
     let g = |c: f32| match var(0) {
         1 => if c > 0.0 { 1.0 } else { 0.0 },
@@ -29,6 +29,8 @@ pub fn shares(extent: Vec3, dir: Vec3, seconds: [u32; 3]) -> [f32; 3] {
         _ => c,
     };
     let covers = Vec3::from(seconds.map(|s| g(stored_cover(s))));
+    let alike = Vec3::from(firsts.map(stored_likeness));
+    let covers = match var(3) { 1 => covers * alike, 2 => covers * alike * alike, _ => covers };
     let e = if var(2) == 1 { Vec3::ONE } else { e };
     let seen = (covers * Vec3::new(e.y * e.z, e.z * e.x, e.x * e.y) + LEAST_SEEN) * d;
     (seen / (seen.x + seen.y + seen.z)).to_array()
@@ -143,7 +145,7 @@ mod tests {
 
     /// What comes back of a light where the eye is.
     fn answer(sides: [[u32; 2]; 3], extent: Vec3, dir: Vec3) -> f32 {
-        let shares = shares(extent, dir, sides.map(|s| s[1]));
+        let shares = shares(extent, dir, sides.map(|s| s[0]), sides.map(|s| s[1]));
         let facing = Facing::of::<3>(sides.map(|s| s[0]), shares, -dir, |n| if n.dot(dir) > 0.0 { -n } else { n });
         facing.mean().dot(-dir)
     }
@@ -183,7 +185,7 @@ mod tests {
         // Of the walls a twentieth is covered, of the top all.
         let sides = [words(Vec3::X, 0.05), words(Vec3::Y, 0.05), words(Vec3::Z, 1.0)];
         let dir = -Vec3::ONE.normalize();
-        let [x, _, z] = shares(Vec3::new(1.0, 1.0, 5.0), dir, sides.map(|s| s[1]));
+        let [x, _, z] = shares(Vec3::new(1.0, 1.0, 5.0), dir, sides.map(|s| s[0]), sides.map(|s| s[1]));
         assert!(x < 0.2 && z > 0.6, "{x} {z}");
     }
 
@@ -192,7 +194,7 @@ mod tests {
         for extent in [0.0, 1e-40, 1.0, 1e38].map(Vec3::splat).into_iter().chain([Vec3::new(0.0, 1e30, 1e-30)]) {
             for dir in [Vec3::ZERO, Vec3::X, Vec3::splat(f32::INFINITY), Vec3::splat(1e-40)] {
                 for seconds in [[0; 3], [u32::MAX; 3]] {
-                    let shares = shares(extent, dir, seconds);
+                    let shares = shares(extent, dir, [u32::MAX; 3], seconds);
                     assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-5, "{extent} {dir}: {shares:?}");
                 }
             }

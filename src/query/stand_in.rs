@@ -87,7 +87,7 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
             let at = 2 * side_towards(axis, dir[axis]) as usize;
             (firsts[axis], seconds[axis]) = (sides[at], sides[at + 1]);
         }
-        shares = lod::shares(cell(block, place).extent(), dir.as_vec3(), seconds);
+        shares = lod::shares(cell(block, place).extent(), dir.as_vec3(), firsts, seconds);
     }
     let facing = Facing::of::<3>(firsts, shares, to_eye(ray.dir), |normal| facing(placed, normal, ray.dir));
     let (part, _) = voxel.part();

@@ -340,7 +340,7 @@ impl Op for OfCells<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let Self { all, have_sides } = self;
-        let Surfaces { dir, seconds, boxes, shares: rows, .. } = all;
+        let Surfaces { dir, firsts, seconds, boxes, shares: rows, .. } = all;
         if have_sides == 0 {
             *rows = [[1.0; PACKET], [0.0; PACKET], [0.0; PACKET]];
             return facing::<1>(all);
@@ -348,8 +348,9 @@ impl Op for OfCells<'_> {
         for i in 0..PACKET {
             let low = Vec3::new(boxes[0][i], boxes[1][i], boxes[2][i]);
             let extent = Vec3::new(boxes[3][i], boxes[4][i], boxes[5][i]) - low;
-            let [x, y, z] =
-                shares(extent, Vec3::new(dir[0][i], dir[1][i], dir[2][i]), [seconds[0][i], seconds[1][i], seconds[2][i]]);
+            let dir = Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
+            let words = |rows: &[Row<u32>; 3]| [rows[0][i], rows[1][i], rows[2][i]];
+            let [x, y, z] = shares(extent, dir, words(firsts), words(seconds));
             let has_sides = have_sides >> i & 1 == 1;
             rows[0][i] = if has_sides { x } else { 1.0 };
             rows[1][i] = if has_sides { y } else { 0.0 };
