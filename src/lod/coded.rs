@@ -168,7 +168,6 @@ fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
         (normal, colour, cover, sum) = (normal + turned(s) * w, colour + s.colour * w, cover + s.cover * w, sum + w);
     }
     let mut all = Sample { normal: normal / sum, colour: colour / sum, cover: cover / sum };
-    all.normal = all.normal.normalize_or_zero() * if crate::lod::seen::var(1) == 3 { all.normal.length() } else { likeness(sides, weights, all.normal.normalize_or(lead)) };
     if !(all.normal.is_finite() && all.colour.is_finite() && all.cover.is_finite()) {
         all = sides[first];
     }
@@ -177,6 +176,9 @@ fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
         apart <= NORMALS && (s.colour - all.colour).abs().max_element() <= COLOURS
     };
     let agree = sides.iter().zip(weights).all(|(s, &w)| w <= SEEN * most || is_near(s));
+    // Sides that do not agree are still one sample in leaves: how they answer light is told by its length.
+    all.normal = all.normal.normalize_or_zero();
+    all.normal *= likeness(sides, weights, all.normal);
     (all, agree)
 }
 
@@ -279,6 +281,17 @@ mod tests {
         let side = Side::of([coded.words[0], coded.words[1]]);
         assert!(side.normal.dot(Vec3::new(0.6, 0.0, 0.8)).abs() > 0.99 && side.likeness > 0.98);
         assert!(side.colour.distance(GREY.into()) < 0.01);
+    }
+
+    #[test]
+    fn one_sample_of_a_cube_is_as_alike_as_of_a_sphere() {
+        let faces = [Vec3::X, Vec3::Y, Vec3::Z].map(|n| (n.to_array(), GREY));
+        let facets = faces.map(|(n, c)| Facet { normal: n.into(), colour: c.into(), part: 9, is_own_colour: true });
+        let cell = Middle { at: CELL.center().to_array(), half: (CELL.extent() * 0.5).to_array() };
+        let content = Content::of_points(vec![CELL.min, CELL.max]);
+        let coded = Coded::of(&Voxel::of_leaf(&CELL, &facets), &cell, &content, false);
+        assert!(coded.sides.is_none());
+        assert!((stored_likeness(coded.words[0]) - 2.0 / 3.0).abs() < 0.01);
     }
 
     #[test]

@@ -1,13 +1,11 @@
-//! What a ray sees of a voxel that has a sample for each side: three of them, blended.
+//! What a ray sees of a voxel, and how that answers light.
 //!
-//! A cell is seen through the three of its sides that face the ray, each by as much as there is to see: the share of the side that is
-//! covered, of its area as the ray sees it. Not by which side the ray enters: a tall cell of a few blocks shows their tops, though its
-//! own top is small. (Áfra 2012, section 4.2, takes the sample of the side that is entered.)
+//! A voxel of six samples is seen through the three of its sides that face the ray, each by as much as there is to see: the share of the
+//! side that is covered, of its area as the ray sees it; and the less, the more the normals differ that it sees, for of these some
+//! are seen from behind, and in a closed surface they are hidden. Not by which side the ray enters: a tall cell of a few blocks shows their
+//! tops, though its own top is small. (Áfra 2012, section 4.2, takes the sample of the side that is entered.)
 //!
-//! How much of the light comes back is told by the lengths of mean normals. Seen from one side, a flat piece has one of length 1, and so has
-//! a block, of which just a face is seen; a sphere's is 2/3 long, and facets that face anywhere come to the same. So of what a length lacks
-//! of 1 three times as much is taken to face anywhere, and the rest as the mean does. Blended without making them unit again, blocks,
-//! spheres and flat pieces then answer a light where the eye is as they do, seen from anywhere.
+//! How much of the light comes back is told by the lengths of mean normals: see [`visible`].
 
 use super::coded::{stored_colour, stored_cover, stored_likeness, stored_normal};
 use glam::Vec3;
@@ -17,38 +15,26 @@ const LEAST_SEEN: f32 = 1e-6;
 
 /// Shares of three sides, that add up to 1.
 ///
-/// `extent`: of the cell; `dir`: of the ray in the cell's frame; `seconds`: the second words of the samples of the sides across x, y and z
-/// that face the ray.
+/// `extent`: of the cell; `dir`: of the ray in the cell's frame; `firsts`, `seconds`: the words of the samples of the sides across x, y and
+/// z that face the ray.
 #[inline(always)]
 pub fn shares(extent: Vec3, dir: Vec3, firsts: [u32; 3], seconds: [u32; 3]) -> [f32; 3] {
     let (e, d) = (in_proportion(extent), in_proportion(dir.abs()));
-    let g = |c: f32| match var(0) {
-        1 => if c > 0.0 { 1.0 } else { 0.0 },
-        2 => -(1.0 - 0.9 * c).ln(),
-        3 => -(1.0 - 0.995 * c).ln(),
-        _ => c,
-    };
-    let covers = Vec3::from(seconds.map(|s| g(stored_cover(s))));
     let alike = Vec3::from(firsts.map(stored_likeness));
-    let covers = match var(3) { 1 => covers * alike, 2 => covers * alike * alike, _ => covers };
-    let e = if var(2) == 1 { Vec3::ONE } else { e };
-    let seen = (covers * Vec3::new(e.y * e.z, e.z * e.x, e.x * e.y) + LEAST_SEEN) * d;
+    let covered = Vec3::from(seconds.map(stored_cover)) * Vec3::new(e.y * e.z, e.z * e.x, e.x * e.y);
+    // Squared: once is slivers 3 thousandths brighter at 1 pixel of error, not at all 21 (tests/bench/NOTES.md).
+    let seen = (covered * alike * alike + LEAST_SEEN) * d;
     (seen / (seen.x + seen.y + seen.z)).to_array()
 }
 
-/// The largest component of a vector of no negative ones made 1: no product of them overflows.
+/// With its largest component made 1: no product of them overflows. All 1 if that cannot be.
 #[inline(always)]
 fn in_proportion(v: Vec3) -> Vec3 {
     let most = v.x.max(v.y).max(v.z);
     let is_usual = most > 1e-30 && most < 1e30;
-    let by = if is_usual { 1.0 / most } else { 0.0 };
-    // Of what is out of all proportion, all alike.
-    let rest = if is_usual { 0.0 } else { 1.0 };
-    Vec3::new(
-        if is_usual { v.x * by } else { rest },
-        if is_usual { v.y * by } else { rest },
-        if is_usual { v.z * by } else { rest },
-    )
+    let (by, or) = if is_usual { (1.0 / most, 0.0) } else { (0.0, 1.0) };
+    // What is infinite must not be multiplied with zero.
+    Vec3::new(v.x.min(1e30), v.y.min(1e30), v.z.min(1e30)) * by + or
 }
 
 /// How what is seen answers light.
@@ -91,25 +77,21 @@ impl Facing {
     }
 }
 
-/// The mean of the normals that are seen, of those whose mean seen along `normal` is `likeness` long.
+/// The mean of the normals that are seen, of those whose mean seen along `normal` is `likeness` long; all unit, `normal` on the eye's side.
 ///
-/// As if the normals were those of a spheroid, flat where they are alike and a sphere where their mean is 2/3 long: its projected area and
-/// the mean of its visible normals have closed forms. (Heitz and others, The SGGX microflake distribution, 2015.) With T the mean of
-/// n n', over area, the mean is T e / A(e), and A(e) goes as the root of e' T e; T is 2 l - 1 along the normal and 1 - l across,
-/// which is so for those that are nearly alike, and for spheres.
+/// As if the normals were those of a spheroid, flat where they are alike and a sphere where their mean is 2/3 long: projected area and
+/// mean visible normal of such have closed forms. (Heitz and others, The SGGX microflake distribution, SIGGRAPH 2015.) With T the mean of
+/// n n' over area, the latter is T e / A, and A goes as the root of e' T e. T is 2 l - 1 along the normal and 1 - l across: exact
+/// where normals are nearly alike, and for spheres. Light from where the eye is comes back as l times the root of c^2 + r (1 - c^2), c the
+/// cosine, r their ratio: of flat pieces c, of spheres 2/3 from anywhere.
 #[inline(always)]
 fn visible(normal: Vec3, likeness: f32, to_eye: Vec3) -> Vec3 {
-    let across = if var(1) == 1 { 0.0 } else { (1.0 - likeness) / (2.0 * likeness - 1.0).max(1.0 - likeness).max(1e-6) };
-    let likeness = if var(1) == 1 { 1.0 } else if var(1) == 2 { likeness.max(2.0/3.0) } else { likeness };
+    // No more than a sphere's: from other sides there are other samples.
+    let across = (1.0 - likeness) / (2.0 * likeness - 1.0).max(1.0 - likeness).max(1e-6);
     let cosine = normal.dot(to_eye).max(0.0);
     let leaning = normal * cosine + (to_eye - normal * cosine) * across;
     let length = (cosine * cosine + across * (1.0 - cosine * cosine).max(0.0)).sqrt();
-    if length > 1e-6 { leaning * (likeness / length) } else { normal * 1e-6 }
-}
-
-pub fn var(i: usize) -> i32 {
-    static V: std::sync::OnceLock<[i32; 4]> = std::sync::OnceLock::new();
-    V.get_or_init(|| [0, 1, 2, 3].map(|i| std::env::var(format!("OC_V{i}")).ok().and_then(|v| v.parse().ok()).unwrap_or(0)))[i]
+    leaning * if length > 1e-6 { likeness / length } else { 0.0 }
 }
 
 /// The mean cosine between `to` and normals around `mean`, of those that face it; as if their cosines were spread evenly, as widely as
@@ -187,6 +169,38 @@ mod tests {
         let dir = -Vec3::ONE.normalize();
         let [x, _, z] = shares(Vec3::new(1.0, 1.0, 5.0), dir, sides.map(|s| s[0]), sides.map(|s| s[1]));
         assert!(x < 0.2 && z > 0.6, "{x} {z}");
+    }
+
+    /// Against a sum over the side of a sphere that the eye sees.
+    #[test]
+    fn a_sphere_answers_lights_beside_the_eye() {
+        let [first, _] = words(Vec3::Z * (2.0 / 3.0), 1.0);
+        let facing = Facing::of::<1>([first; 3], [1.0, 0.0, 0.0], Vec3::Z, |n| n);
+        for angle in [0.0f32, 0.4, 1.0, 1.6, 2.5, 3.1] {
+            let light = Vec3::new(angle.sin(), 0.0, angle.cos());
+            let (mut sum, mut area) = (0.0f64, 0.0f64);
+            for at in 0..160_000 {
+                let (x, y) = (((at % 400) as f32 - 199.5) / 200.0, ((at / 400) as f32 - 199.5) / 200.0);
+                let square = 1.0 - x * x - y * y;
+                if square > 0.0 {
+                    area += 1.0;
+                    sum += f64::from(Vec3::new(x, y, square.sqrt()).dot(light).max(0.0));
+                }
+            }
+            let answer = f64::from(facing.cosine(light));
+            assert!((answer - sum / area).abs() < 0.02, "{angle}: {answer}, {}", sum / area);
+        }
+    }
+
+    #[test]
+    fn alike_normals_answer_as_one_from_anywhere() {
+        let normal = Vec3::new(2.0, -1.0, 2.0) / 3.0;
+        let facing = Facing::of::<1>([words(normal, 1.0)[0]; 3], [1.0, 0.0, 0.0], Vec3::X, |n| n);
+        for light in DIRS.map(|d| -d.normalize()) {
+            assert!((facing.cosine(light) - normal.dot(light).max(0.0)).abs() < 0.01, "{light}");
+            assert!((facing.mean() - normal).length() < 0.01);
+        }
+        assert!((Facing::flat(normal).mean() - normal).length() < 1e-6);
     }
 
     #[test]
