@@ -8,7 +8,7 @@
 //! | bits of word 0 | |
 //! |---|---|
 //! | 0 to 15 | normal: octahedral, two signed bytes (Meyer and others, EGSR 2010) |
-//! | 16 to 23 | length of the mean normal, 255 for 1: how alike the normals are |
+//! | 16 to 23 | how alike the normals are, 255 for 1: of a side the length of its mean normal, of one sample what `likeness` says |
 //! | 24 to 31 | flags, of the first sample only |
 //!
 //! | bits of word 1 | |
@@ -61,7 +61,7 @@ pub struct Coded {
 pub struct Side {
     /// Unit, of either sign.
     pub normal: Vec3,
-    /// Length of the mean of unit normals, 0 to 1.
+    /// How alike the normals are, 0 to 1.
     pub likeness: f32,
     /// Linear.
     pub colour: Vec3,
