@@ -132,7 +132,8 @@ mod tests {
         facing.mean().dot(-dir)
     }
 
-    const DIRS: [Vec3; 4] = [Vec3::new(-1.0, -1.0, -1.0), Vec3::new(-1.0, -0.2, -3.0), Vec3::new(-1.0, -1.0, 0.0), Vec3::new(0.0, 0.0, -1.0)];
+    const DIRS: [Vec3; 4] =
+        [Vec3::NEG_ONE, Vec3::new(-1.0, -0.2, -3.0), Vec3::new(-1.0, -1.0, 0.0), Vec3::new(0.0, 0.0, -1.0)];
 
     #[test]
     fn a_cuboid_answers_as_its_faces_do() {
