@@ -5,6 +5,8 @@ use super::material::Material;
 use super::plain::{self, Plain};
 use super::first::{First, Layer};
 use super::sampling::{Widths, offset};
+use super::surface::{BESIDE, DIAGONAL, Surface, aim, back, width_at};
+use crate::lod::Facing;
 use crate::render::wants::Wants;
 use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
@@ -18,7 +20,7 @@ use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::{InOne, Light};
 use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::bvh::trace::{PACKET, Triangle};
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, Vec3};
 
 /// Pixels of a packet, along its rows and its columns.
 pub(crate) const ACROSS: u32 = 8;
@@ -89,30 +91,6 @@ pub(crate) struct Direct<'a> {
     /// Beyond these points of the picture nothing is seen; if that is known.
     pub within: Option<[DVec2; 2]>,
 }
-
-/// A surface that was hit.
-struct Surface {
-    position: DVec3,
-    normal: Vec3,
-    material: Material,
-    /// Where rays that leave it begin.
-    from: DVec3,
-    /// Where the ray that sees it goes on behind it.
-    next: f64,
-    /// The ray's width here, pixels of error included: rays that leave it begin as wide.
-    width: f32,
-    /// Up to here from it, rays that leave it look for nothing but triangles.
-    near: f64,
-}
-
-/// How much higher than what it stands for a stand-in's rays begin, as a part of the ray's width: the tops of those beside it are not
-/// quite where its own is. (Without, lit planes have up to 1.5 % of false shadow; from a tenth on, none; up to four tenths no light
-/// gets into a closed box.)
-const BESIDE: f64 = 0.125;
-/// To gain height a ray is followed back by no more than this many times of it.
-const FARTHEST_BACK: f64 = 4.0;
-/// The diagonal of a cube that may stand in for a ray of so much width.
-const DIAGONAL: f32 = 1.732_050_8;
 
 /// The pixels of a packet, in one sample.
 #[derive(Clone, Copy)]
@@ -354,7 +332,8 @@ impl Direct<'_> {
         let near = if self.is_pressed { 0.0 } else { f64::from(width * DIAGONAL) };
         let seen_from = if self.is_pressed { back(ray, found.t, normal, BESIDE * f64::from(width)) } else { position };
         let from = seen_from + normal.as_dvec3() * leave;
-        Ok(Surface { position, normal, material, from, next: found.t + leave, width, near })
+        let facing = Facing::flat(normal);
+        Ok(Surface { position, normal, facing, material, from, next: found.t + leave, width, near })
     }
 
     /// Depth and error of a triangle's hit, in double precision.
@@ -423,7 +402,7 @@ impl Direct<'_> {
         let above = if casts { look.above() } else { 0.0 };
         let from = back(ray, look.t, look.normal, above + BESIDE * f64::from(width)) + look.normal.as_dvec3() * extent;
         let next = if material.opacity < 1.0 { look.leave() } else { look.t } + extent;
-        Ok(Surface { position, normal: look.normal, material, from, next, width, near: 0.0 })
+        Ok(Surface { position, normal: look.normal, facing: look.facing, material, from, next, width, near: 0.0 })
     }
 
     /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.
@@ -496,7 +475,7 @@ impl Direct<'_> {
             for i in bits(active) {
                 let Some(s) = &surfaces[i] else { continue };
                 let to_eye = -lanes.rays[i].dir;
-                sum[i] += s.material.lit(s.normal, to_eye, to_eye, Vec3::from(light.colour) * light.intensity);
+                sum[i] += s.material.lit(s.normal, &s.facing, to_eye, to_eye, Vec3::from(light.colour) * light.intensity);
             }
         }
         Ok(sum)
@@ -518,7 +497,7 @@ impl Direct<'_> {
         for i in bits(active) {
             let Some(s) = &surfaces[i] else { continue };
             let Some(aim) = aim(light, s) else { continue };
-            answer[i] = s.material.lit(s.normal, -lanes.rays[i].dir, aim.to_light, aim.irradiance);
+            answer[i] = s.material.lit(s.normal, &s.facing, -lanes.rays[i].dir, aim.to_light, aim.irradiance);
             if answer[i] != Vec3::ZERO && light.shadows {
                 shadow[i] = aim.shadow;
                 asked |= 1 << i;
@@ -563,52 +542,4 @@ impl Op for Add<'_> {
             }
         }
     }
-}
-
-/// A light as a point of a surface sees it.
-struct Aim {
-    /// Unit.
-    to_light: Vec3,
-    /// On a surface that faces it.
-    irradiance: Vec3,
-    shadow: Ray,
-}
-
-/// `None` where the light does not reach at all, or is a headlight. The shadow ray's `t_min` is [`Surface::near`].
-fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
-    let strength = Vec3::from(light.colour) * light.intensity;
-    let from = surface.from;
-    let cone = Cone { a: surface.width, b: 0.0 };
-    match light.kind {
-        LightKind::Headlight => None,
-        LightKind::Directional(dir) => {
-            let to_light = -dir.try_normalize()?.as_vec3();
-            Some(Aim { to_light, irradiance: strength, shadow: Ray { cone, t_min: surface.near, ..Ray::new(from, to_light) } })
-        }
-        LightKind::Point(point) => {
-            let way = point - surface.position;
-            let to_light = way.try_normalize()?.as_vec3();
-            let irradiance = strength * (1.0 / way.length_squared()).min(1e30) as f32;
-            // Where it begins is nearer to the light by a cell, or behind it.
-            let way = point - from;
-            let t_max = way.length() * (1.0 - 1e-6);
-            let shadow = Ray { t_min: surface.near.min(t_max), t_max, cone, ..Ray::new(from, way.try_normalize()?.as_vec3()) };
-            Some(Aim { to_light, irradiance, shadow })
-        }
-    }
-}
-
-/// Where a ray came by that is as high as `above` the surface of this normal that it sees at `t`: nothing is between the two, so that
-/// what begins there is behind no wall.
-fn back(ray: &Ray, t: f64, normal: Vec3, above: f64) -> DVec3 {
-    let dir = ray.dir.as_dvec3();
-    let length = dir.length();
-    let facing = f64::from(-normal.dot(ray.dir)) / length;
-    let by = above / (facing.max(1.0 / FARTHEST_BACK) * length);
-    ray.origin + dir * (t - by).max(ray.t_min)
-}
-
-/// A ray's width at distance `t`.
-fn width_at(ray: &Ray, t: f64) -> f32 {
-    ray.cone.a + ray.cone.b * t as f32
 }
