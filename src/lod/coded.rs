@@ -91,7 +91,7 @@ pub(super) fn stored_cover(word: u32) -> f32 {
 
 /// The length of the mean normal, in a sample's first word.
 #[inline(always)]
-pub(super) fn stored_likeness(word: u32) -> f32 {
+pub fn stored_likeness(word: u32) -> f32 {
     byte(word, 16)
 }
 

@@ -85,7 +85,7 @@ impl Facing {
 /// where normals are nearly alike, and for spheres. Light from where the eye is comes back as l times the root of c^2 + r (1 - c^2), c the
 /// cosine, r their ratio: of flat pieces c, of spheres 2/3 from anywhere.
 #[inline(always)]
-fn visible(normal: Vec3, likeness: f32, to_eye: Vec3) -> Vec3 {
+pub fn visible(normal: Vec3, likeness: f32, to_eye: Vec3) -> Vec3 {
     // No more than a sphere's: from other sides there are other samples.
     let across = (1.0 - likeness) / (2.0 * likeness - 1.0).max(1.0 - likeness).max(1e-6);
     let cosine = normal.dot(to_eye).max(0.0);

@@ -5,7 +5,7 @@
 use super::finish::WorldNormal;
 use super::stand_in;
 use crate::base::ids::BlockId;
-use crate::lod::{Facing, blended_colour, limit, shares, sure_from};
+use crate::lod::{blended_colour, limit, shares, stored_likeness, stored_normal, sure_from, visible};
 use crate::math::Bounds;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{SceneView, bits};
@@ -360,27 +360,38 @@ impl Op for OfCells<'_> {
     }
 }
 
-/// The same of the first `SIDES` of three samples: the others have no share.
+/// The same of the first `SIDES` of three samples: the others have no share. As [`lod::Facing`], in loops that become vectors: one for
+/// each step.
 #[inline(always)]
 fn facing<const SIDES: usize>(all: &mut Surfaces) {
     let Surfaces { dir, firsts, shares, normal, along, .. } = all;
+    let mut to_eye = [[0.0f32; PACKET]; 3];
     for i in 0..PACKET {
-        let dir = Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
-        let against = |n: Vec3| {
-            let turn = stand_in::faces_away(n, dir);
-            Vec3::new(if turn { -n.x } else { n.x }, if turn { -n.y } else { n.y }, if turn { -n.z } else { n.z })
-        };
-        let to_eye = stand_in::to_eye(dir);
-        let facing = Facing::of::<SIDES>(
-            [firsts[0][i], firsts[1][i], firsts[2][i]],
-            [shares[0][i], shares[1][i], shares[2][i]],
-            to_eye,
-            against,
-        );
-        let mean = facing.mean();
-        let n = stand_in::unit(mean, to_eye);
+        let e = stand_in::to_eye(Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
+        (to_eye[0][i], to_eye[1][i], to_eye[2][i]) = (e.x, e.y, e.z);
+    }
+    let mut mean = [[0.0f32; PACKET]; 3];
+    let mut side_normal = [[0.0f32; PACKET]; 3];
+    for side in 0..SIDES {
+        for i in 0..PACKET {
+            let n = stored_normal(firsts[side][i]);
+            let turn = stand_in::faces_away(n, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
+            side_normal[0][i] = if turn { -n.x } else { n.x };
+            side_normal[1][i] = if turn { -n.y } else { n.y };
+            side_normal[2][i] = if turn { -n.z } else { n.z };
+        }
+        for i in 0..PACKET {
+            let n = Vec3::new(side_normal[0][i], side_normal[1][i], side_normal[2][i]);
+            let e = Vec3::new(to_eye[0][i], to_eye[1][i], to_eye[2][i]);
+            let seen = visible(n, stored_likeness(firsts[side][i]), e) * shares[side][i];
+            (mean[0][i], mean[1][i], mean[2][i]) = (mean[0][i] + seen.x, mean[1][i] + seen.y, mean[2][i] + seen.z);
+        }
+    }
+    for i in 0..PACKET {
+        let mean = Vec3::new(mean[0][i], mean[1][i], mean[2][i]);
+        let n = stand_in::unit(mean, Vec3::new(to_eye[0][i], to_eye[1][i], to_eye[2][i]));
         (normal[0][i], normal[1][i], normal[2][i]) = (n.x, n.y, n.z);
-        along[i] = mean.dot(-dir);
+        along[i] = -(mean.x * dir[0][i] + mean.y * dir[1][i] + mean.z * dir[2][i]);
     }
 }
 
