@@ -8,7 +8,7 @@
 //! | bits of word 0 | |
 //! |---|---|
 //! | 0 to 15 | normal: octahedral, two signed bytes (Meyer and others, EGSR 2010) |
-//! | 16 to 23 | length of the mean normal, 255 for 1: how alike the normals are |
+//! | 16 to 23 | how alike the normals are, 255 for 1: of a side the length of its mean normal, of one sample what `likeness` says |
 //! | 24, 25 | flags, of the first sample only |
 //! | 26 to 31 | of the first sample only: how many rays it stops, see [`stop_bits`] |
 //!
@@ -81,7 +81,7 @@ pub struct Coded {
 pub struct Side {
     /// Unit, of either sign.
     pub normal: Vec3,
-    /// Length of the mean of unit normals, 0 to 1.
+    /// How alike the normals are, 0 to 1.
     pub likeness: f32,
     /// Linear.
     pub colour: Vec3,
@@ -98,8 +98,21 @@ impl Side {
     }
 }
 
+#[inline(always)]
 fn byte(word: u32, at: u32) -> f32 {
     (word >> at & 0xff) as f32 * (1.0 / 255.0)
+}
+
+/// The share that is covered, in a sample's second word.
+#[inline(always)]
+pub(super) fn stored_cover(word: u32) -> f32 {
+    byte(word, 24)
+}
+
+/// The length of the mean normal, in a sample's first word.
+#[inline(always)]
+pub fn stored_likeness(word: u32) -> f32 {
+    byte(word, 16)
 }
 
 /// The linear colour in a sample's second word.
@@ -183,10 +196,29 @@ fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
         apart <= NORMALS && (s.colour - all.colour).abs().max_element() <= COLOURS
     };
     let agree = sides.iter().zip(weights).all(|(s, &w)| w <= SEEN * most || is_near(s));
+    // Sides that do not agree are still one sample in leaves: how they answer light is told by its length.
+    all.normal = all.normal.normalize_or_zero();
+    all.normal *= likeness(sides, weights, all.normal);
     (all, agree)
 }
 
-fn sample(s: &Sample) -> [u32; 2] {
+/// How long a mean normal says best how alike all normals are: 1 if all are that of `unit` or its opposite, 2/3 if no more than in other
+/// directions, as on spheres, and on blocks too.
+///
+/// What a side sees, its normals times how much of each is seen, is a column of the sum of n n' over area; of that the part along the
+/// normal counts (`seen.rs`).
+fn likeness(sides: &[Sample; 6], weights: &[f32; 6], unit: Vec3) -> f32 {
+    let (mut along, mut all) = (0.0, 0.0);
+    for (side, (s, &w)) in sides.iter().zip(weights).enumerate() {
+        let (axis, seen) = (side % 3, s.normal * if side < 3 { -w } else { w });
+        along += unit[axis] * seen.dot(unit);
+        all += seen[axis];
+    }
+    let share = along / all;
+    if share.is_finite() { (0.5 + 0.5 * share).clamp(2.0 / 3.0, 1.0) } else { 1.0 }
+}
+
+pub(super) fn sample(s: &Sample) -> [u32; 2] {
     let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
     let root = |x: f32| byte(x.max(0.0).sqrt());
     let colour = root(s.colour.x) | root(s.colour.y) << 8 | root(s.colour.z) << 16;
@@ -277,6 +309,17 @@ mod tests {
         let side = Side::of([coded.words[0], coded.words[1]]);
         assert!(side.normal.dot(Vec3::new(0.6, 0.0, 0.8)).abs() > 0.99 && side.likeness > 0.98);
         assert!(side.colour.distance(GREY.into()) < 0.01);
+    }
+
+    #[test]
+    fn one_sample_of_a_cube_is_as_alike_as_of_a_sphere() {
+        let faces = [Vec3::X, Vec3::Y, Vec3::Z].map(|n| (n.to_array(), GREY));
+        let facets = faces.map(|(n, c)| Facet { normal: n.into(), colour: c.into(), part: 9, is_own_colour: true });
+        let cell = Middle { at: CELL.center().to_array(), half: (CELL.extent() * 0.5).to_array() };
+        let content = Content::of_points(vec![CELL.min, CELL.max]);
+        let coded = Coded::of(&Voxel::of_leaf(&CELL, &facets), &cell, &content, false);
+        assert!(coded.sides.is_none());
+        assert!((stored_likeness(coded.words[0]) - 2.0 / 3.0).abs() < 0.01);
     }
 
     #[test]

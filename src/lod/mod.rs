@@ -1,15 +1,19 @@
 //! Stand-ins: what is shown for a part of a tree that is not descended into. `voxel` is what a cell looks like from each side,
-//! composited from what lies in it; `slabs` where in the cell that is, and `fill` how near to it all of that; `coded` their bytes.
+//! composited from what lies in it, `seen` what a ray sees of that; `slabs` where in the cell that is, and `fill` how near to it all of that; `coded` their bytes.
 //! Where a cell may stand in is decided by the walks (`structure::bvh::trace`); what its hits promise by `query::finish`. Uses base, math
 //! and simd.
 #![forbid(unsafe_code)]
 
 mod coded;
 mod fill;
+mod seen;
 mod slabs;
 mod voxel;
 
-pub use coded::{Coded, PASSING, SAMPLE_BYTES, SIDES_WORDS, Side, VOXEL_WORDS, stop_bits, stopped, stored_colour, stored_normal};
+pub use coded::{
+    Coded, PASSING, SAMPLE_BYTES, SIDES_WORDS, Side, VOXEL_WORDS, stop_bits, stopped, stored_colour, stored_likeness, stored_normal,
+};
+pub use seen::{Facing, blended_colour, shares, visible};
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
 pub use slabs::{Content, FIELDS, LEVEL, Middle, Slab, Slabs, farthest, fields, normal_bytes, slabs};
 pub use voxel::{Facet, Voxel, summary_bit};

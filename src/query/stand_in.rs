@@ -13,7 +13,7 @@
 //! none, and its `t_free` counts (`finish::free`). In a stand-in for missing data that the ray begins in nothing is known to be free.
 
 use super::hit::{Hit, HitKind, NONE, Want};
-use crate::lod::{farthest, holds, limit, sure_from};
+use crate::lod::{self, Facing, blended_colour, farthest, holds, limit, sure_from};
 use crate::math::{Bounds, Ray};
 use crate::scene::placed::{Placed, not_below};
 use crate::scene::walk::{Found, SceneView, bits};
@@ -29,6 +29,8 @@ pub(crate) struct Look<'a> {
     pub t: f64,
     /// Unit, in the world, facing the ray.
     pub normal: Vec3,
+    /// How it answers light, in the world.
+    pub facing: Facing,
     /// The model's part of which most is seen; none of the model's if that is hidden.
     pub part: u32,
     /// Linear: the mean over all that is seen from this side; `None`: that of the part.
@@ -75,22 +77,29 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
     let block = view.block_of(found)?;
     let voxel = block.voxel(place.node, place.slot);
     let mut t = found.t;
-    let mut from = 0;
-    if voxel.has_sides() || place.is_inside {
-        let crossing = Crossing::of(placed, ray, &cell(block, place));
-        from = if place.is_inside { crossing.last } else { crossing.first };
+    if place.is_inside {
         // In a cell that it begins in, the ray sees the far side.
-        t = if place.is_inside { t.max(crossing.leave) } else { t };
+        t = t.max(leave(placed, ray, &cell(block, place)));
     }
-    let side = voxel.side(from as usize);
+    let (mut firsts, mut seconds, mut shares) = ([voxel.words()[0]; 3], [voxel.words()[1]; 3], [1.0, 0.0, 0.0]);
+    if voxel.has_sides() {
+        let (sides, dir) = (voxel.sides(), placed.local_vector(ray.dir.as_dvec3()));
+        for axis in 0..3 {
+            let at = 2 * side_towards(axis, dir[axis]) as usize;
+            (firsts[axis], seconds[axis]) = (sides[at], sides[at + 1]);
+        }
+        shares = lod::shares(cell(block, place).extent(), dir.as_vec3(), firsts, seconds);
+    }
+    let facing = Facing::of::<3>(firsts, shares, to_eye(ray.dir), |normal| facing(placed, normal, ray.dir));
     let (part, _) = voxel.part();
     // Only for want of what is below: what else it holds may be visible.
     let is_hidden = place.is_missing && view.filter(found.placed).is_some_and(|filter| filter.hides(part));
     Some(Look {
         t: within(t, ray),
-        normal: facing(placed, side.normal, ray.dir),
+        normal: unit(facing.mean(), to_eye(ray.dir)),
+        facing,
         part: if is_hidden { u32::MAX } else { placed.first_part.saturating_add(part) },
-        colour: voxel.has_colours().then_some(side.colour),
+        colour: voxel.has_colours().then(|| blended_colour(seconds, shares)),
         placed,
         ray,
         reach: view.tree(found.placed).reach,
@@ -151,6 +160,18 @@ fn facing(placed: &Placed, normal: Vec3, dir: Vec3) -> Vec3 {
     if faces_away(normal, dir) { -normal } else { normal }
 }
 
+/// The direction of a sum of normals; `to_eye`, unit, where nothing is left of opposite ones.
+#[inline(always)]
+pub(super) fn unit(sum: Vec3, to_eye: Vec3) -> Vec3 {
+    sum.normalize_or(to_eye)
+}
+
+/// The unit vector against a direction, which is no vector or infinite at worst.
+#[inline(always)]
+pub(super) fn to_eye(dir: Vec3) -> Vec3 {
+    -dir.normalize_or_zero()
+}
+
 /// Whether a normal faces the way that `dir` goes.
 #[inline(always)]
 pub(super) fn faces_away(normal: Vec3, dir: Vec3) -> bool {
@@ -185,7 +206,7 @@ impl Look<'_> {
 
     /// Where the ray leaves the cell.
     pub fn leave(&self) -> f64 {
-        self.crossing().leave.max(self.t)
+        leave(self.placed, self.ray, &cell(self.block, self.place)).max(self.t)
     }
 
     /// How far what it stands for reaches above the hit along the normal, or farther.
@@ -195,55 +216,20 @@ impl Look<'_> {
         let cell = cell(self.block, self.place);
         (farthest(&cell, &self.block.node(self.place.node).stored_slabs(self.place.slot), normal) - here.dot(normal)).max(0.0)
     }
-
-    fn crossing(&self) -> Crossing {
-        Crossing::of(self.placed, self.ray, &cell(self.block, self.place))
-    }
 }
 
-/// Where a ray leaves a cell, in units of the world's ray, and by which sides it enters and leaves: low x, y, z, high x, y, z.
-struct Crossing {
-    leave: f64,
-    first: u32,
-    last: u32,
+/// Where a ray leaves a cell, in units of the world's ray.
+fn leave(placed: &Placed, ray: &Ray, cell: &Bounds) -> f64 {
+    let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
+    let far = DVec3::select(dir.cmpge(DVec3::ZERO), cell.max.as_dvec3(), cell.min.as_dvec3());
+    // Not where it goes along a plane of the cell: that is NaN.
+    ((far - org) * dir.recip()).to_array().into_iter().fold(f64::INFINITY, f64::min)
 }
 
-impl Crossing {
-    fn of(placed: &Placed, ray: &Ray, cell: &Bounds) -> Self {
-        let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
-        let (low, high, towards) = (cell.min.as_dvec3(), cell.max.as_dvec3(), dir.cmpge(DVec3::ZERO));
-        let (_, first) = entered(org, dir, DVec3::select(towards, low, high));
-        let to = (DVec3::select(towards, high, low) - org) * dir.recip();
-        let (mut leave, mut last) = (f64::INFINITY, 0);
-        for axis in 0..3 {
-            // Not so for NaN, as in `entered`.
-            if to[axis] < leave {
-                (leave, last) = (to[axis], side_towards(axis, dir[axis]));
-            }
-        }
-        Self { leave, first, last }
-    }
-}
-
-/// The side of a cell that faces a ray which goes by `dir` along an axis: what is seen, on entering and through the cell.
+/// The side of a cell that faces a ray which goes by `dir` along an axis: low x, y, z, high x, y, z.
 #[inline(always)]
 pub(super) fn side_towards(axis: usize, dir: f64) -> u32 {
     if dir >= 0.0 { axis as u32 } else { axis as u32 + 3 }
-}
-
-/// Where a ray enters a cell, and by which side: where it meets the last of the planes that face it, which are at `near`.
-#[inline(always)]
-pub(super) fn entered(org: DVec3, dir: DVec3, near: DVec3) -> (f64, u32) {
-    let from = ((near - org) * dir.recip()).to_array();
-    let dir = dir.to_array();
-    let (mut enter, mut side) = (f64::NEG_INFINITY, 0);
-    for axis in 0..3 {
-        // Not so for NaN, of rays in a plane of the cell.
-        let is_later = from[axis] > enter;
-        side = if is_later { side_towards(axis, dir[axis]) } else { side };
-        enter = if is_later { from[axis] } else { enter };
-    }
-    (enter, side)
 }
 
 /// Fills what `want` asks of `hit` from a stand-in.

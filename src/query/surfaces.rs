@@ -5,7 +5,7 @@
 use super::finish::WorldNormal;
 use super::stand_in;
 use crate::base::ids::BlockId;
-use crate::lod::{limit, stored_colour, stored_normal, sure_from};
+use crate::lod::{blended_colour, limit, shares, stored_likeness, stored_normal, sure_from, visible};
 use crate::math::Bounds;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{SceneView, bits};
@@ -40,19 +40,18 @@ pub(crate) struct Surfaces {
     unit: [Row<f32>; 3],
     is_extreme: Row<u32>,
     part: Row<u32>,
-    /// Of rays that hit cells: their directions; and where a cell has a sample for each side, origin and direction in the
-    /// tree's frame and the planes that are met first.
+    /// Of rays that hit cells: their directions, the samples of the sides that they see, and the shares of these; of cells of one sample
+    /// that of all is the first.
     dir: [Row<f32>; 3],
-    local: [[Row<f64>; 3]; 2],
-    planes: [Row<f32>; 3],
-    /// The side that a cell is entered by, and the word of its normal.
-    side: Row<u32>,
-    word: Row<u32>,
+    firsts: [Row<u32>; 3],
+    seconds: [Row<u32>; 3],
+    shares: [Row<f32>; 3],
     /// See [`Surfaces::cell`].
     normal: [Row<f32>; 3],
     part_of_cell: Row<u32>,
-    /// For pictures: the words of cells' colours, those of which they count, and their boxes.
-    colour: Row<u32>,
+    /// For pictures: see [`Surfaces::along`].
+    along: Row<f32>,
+    /// The cells of which the colours count; all boxes, and those of cells that have a sample for each side if it is not for pictures.
     coloured: u32,
     boxes: [Row<f32>; 6],
     /// What their levels say, see `lod::limit`.
@@ -71,13 +70,12 @@ impl Default for Surfaces {
             is_extreme: [0; PACKET],
             part: [0; PACKET],
             dir: none,
-            local: [precise; 2],
-            planes: none,
-            side: [0; PACKET],
-            word: [0; PACKET],
+            firsts: [[0; PACKET]; 3],
+            seconds: [[0; PACKET]; 3],
+            shares: none,
             normal: none,
             part_of_cell: [0; PACKET],
-            colour: [0; PACKET],
+            along: [0.0; PACKET],
             coloured: 0,
             boxes: [[0.0; PACKET]; 6],
             near: [0.0; PACKET],
@@ -130,6 +128,11 @@ impl Surfaces {
         (Vec3::new(self.normal[0][i], self.normal[1][i], self.normal[2][i]), self.part_of_cell[i])
     }
 
+    /// Of each ray of those, the mean cosine between the ray and what it sees.
+    pub fn along(&self) -> &Row<f32> {
+        &self.along
+    }
+
     /// Those of which the colour counts, and not that of the part.
     pub fn coloured(&self) -> u32 {
         self.coloured
@@ -138,7 +141,7 @@ impl Surfaces {
     /// The linear colour that ray `i` of those sees.
     #[inline]
     pub fn colour_of_cell(&self, i: usize) -> Vec3 {
-        stored_colour(self.colour[i])
+        blended_colour(self.seconds.map(|row| row[i]), self.shares.map(|row| row[i]))
     }
 
     /// Unit normals against the rays, whose directions are `dir`, and parts, ray by ray.
@@ -150,7 +153,7 @@ impl Surfaces {
                 parts[i] = triangle.part;
             }
         }
-        let doubtful = dispatch(isa, Facing { dir, normals });
+        let doubtful = dispatch(isa, Turn { dir, normals });
         for triangle in self.triangles() {
             let left = if triangle.normal.is_extreme { triangle.rays } else { triangle.rays & doubtful };
             for i in bits(left) {
@@ -239,43 +242,34 @@ impl Surfaces {
         let (mut have_sides, mut coloured) = (0, 0);
         for i in bits(self.hits.cells) {
             let Some((voxel, node, slot)) = &here[i] else { continue };
-            self.word[i] = voxel.words()[0];
+            (self.firsts[0][i], self.seconds[0][i]) = (voxel.words()[0], voxel.words()[1]);
             self.part_of_cell[i] = placed.first_part.saturating_add(voxel.part().0);
             if PICTURE {
-                self.colour[i] = voxel.words()[1];
                 coloured |= u32::from(voxel.has_colours()) << i;
+                self.near[i] = limit(node.level(*slot));
+            }
+            if PICTURE || voxel.has_sides() {
                 for row in 0..6 {
                     self.boxes[row][i] = node.stored_plane(row, *slot);
                 }
-                self.near[i] = limit(node.level(*slot));
             }
-            if !voxel.has_sides() {
-                continue;
-            }
-            have_sides |= 1 << i;
-            let sides = voxel.sides();
-            prefetch(sides.as_ptr());
-            prefetch(&sides[sides.len() - 1]);
-            let (org, dir) = ray(i);
-            let (org, dir) = (placed.local_point(org), placed.local_vector(dir.as_dvec3()));
-            for axis in 0..3 {
-                self.planes[axis][i] = node.stored_plane(stand_in::side_towards(axis, dir[axis]) as usize, *slot);
-                (self.local[0][axis][i], self.local[1][axis][i]) = (org[axis], dir[axis]);
+            if voxel.has_sides() {
+                have_sides |= 1 << i;
+                let sides = voxel.sides();
+                prefetch(sides.as_ptr());
+                prefetch(&sides[sides.len() - 1]);
             }
         }
-        if have_sides != 0 {
-            dispatch(tree.isa, SidesOfCells(self));
-            for i in bits(have_sides) {
-                let Some((voxel, ..)) = &here[i] else { continue };
-                let (sides, at) = (voxel.sides(), 2 * self.side[i] as usize);
-                self.word[i] = sides[at];
-                if PICTURE {
-                    self.colour[i] = sides[at + 1];
-                }
+        for i in bits(have_sides) {
+            let Some((voxel, ..)) = &here[i] else { continue };
+            let sides = voxel.sides();
+            for axis in 0..3 {
+                let at = 2 * stand_in::side_towards(axis, f64::from(self.dir[axis][i])) as usize;
+                (self.firsts[axis][i], self.seconds[axis][i]) = (sides[at], sides[at + 1]);
             }
         }
         self.coloured = coloured;
-        dispatch(tree.isa, OfCells(self));
+        dispatch(tree.isa, OfCells { all: self, have_sides });
         true
     }
 }
@@ -307,25 +301,8 @@ fn first_triangles<const N: usize>(all: &mut Surfaces) {
     }
 }
 
-/// Works out by which side each ray enters its cell.
-struct SidesOfCells<'a>(&'a mut Surfaces);
-
-impl Op for SidesOfCells<'_> {
-    type Out = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let Surfaces { local: [org, dir], planes, side, .. } = self.0;
-        for i in 0..PACKET {
-            let near = DVec3::new(f64::from(planes[0][i]), f64::from(planes[1][i]), f64::from(planes[2][i]));
-            let (org, dir) = (DVec3::new(org[0][i], org[1][i], org[2][i]), DVec3::new(dir[0][i], dir[1][i], dir[2][i]));
-            side[i] = stand_in::entered(org, dir, near).1;
-        }
-    }
-}
-
 /// Turns unit normals against unit directions; returns the rays for which single precision cannot tell which side they see.
-struct Facing<'a> {
+struct Turn<'a> {
     dir: &'a [Row<f32>; 3],
     normals: &'a mut [Row<f32>; 3],
 }
@@ -334,7 +311,7 @@ struct Facing<'a> {
 /// [`WorldNormal::facing`] to double precision: eight times what components and sums are rounded by.
 const SURE: f32 = 1.0 / (1 << 20) as f32;
 
-impl Op for Facing<'_> {
+impl Op for Turn<'_> {
     type Out = u32;
 
     #[inline(always)]
@@ -351,22 +328,70 @@ impl Op for Facing<'_> {
     }
 }
 
-/// Works out normals of cells.
-struct OfCells<'a>(&'a mut Surfaces);
+/// Works out how cells face the rays; `have_sides`: those that have a sample for each side.
+struct OfCells<'a> {
+    all: &'a mut Surfaces,
+    have_sides: u32,
+}
 
 impl Op for OfCells<'_> {
     type Out = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Surfaces { dir, word, normal, .. } = self.0;
-        for i in 0..PACKET {
-            let n = stored_normal(word[i]);
-            let turn = stand_in::faces_away(n, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
-            normal[0][i] = if turn { -n.x } else { n.x };
-            normal[1][i] = if turn { -n.y } else { n.y };
-            normal[2][i] = if turn { -n.z } else { n.z };
+        let Self { all, have_sides } = self;
+        let Surfaces { dir, firsts, seconds, boxes, shares: rows, .. } = all;
+        if have_sides == 0 {
+            *rows = [[1.0; PACKET], [0.0; PACKET], [0.0; PACKET]];
+            return facing::<1>(all);
         }
+        for i in 0..PACKET {
+            let low = Vec3::new(boxes[0][i], boxes[1][i], boxes[2][i]);
+            let extent = Vec3::new(boxes[3][i], boxes[4][i], boxes[5][i]) - low;
+            let dir = Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
+            let words = |rows: &[Row<u32>; 3]| [rows[0][i], rows[1][i], rows[2][i]];
+            let [x, y, z] = shares(extent, dir, words(firsts), words(seconds));
+            let has_sides = have_sides >> i & 1 == 1;
+            rows[0][i] = if has_sides { x } else { 1.0 };
+            rows[1][i] = if has_sides { y } else { 0.0 };
+            rows[2][i] = if has_sides { z } else { 0.0 };
+        }
+        facing::<3>(all);
+    }
+}
+
+/// The same of the first `SIDES` of three samples: the others have no share. As [`lod::Facing`], in loops that become vectors: one for
+/// each step.
+#[inline(always)]
+fn facing<const SIDES: usize>(all: &mut Surfaces) {
+    let Surfaces { dir, firsts, shares, normal, along, .. } = all;
+    let mut to_eye = [[0.0f32; PACKET]; 3];
+    for i in 0..PACKET {
+        let e = stand_in::to_eye(Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
+        (to_eye[0][i], to_eye[1][i], to_eye[2][i]) = (e.x, e.y, e.z);
+    }
+    let mut mean = [[0.0f32; PACKET]; 3];
+    let mut side_normal = [[0.0f32; PACKET]; 3];
+    for side in 0..SIDES {
+        for i in 0..PACKET {
+            let n = stored_normal(firsts[side][i]);
+            let turn = stand_in::faces_away(n, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
+            side_normal[0][i] = if turn { -n.x } else { n.x };
+            side_normal[1][i] = if turn { -n.y } else { n.y };
+            side_normal[2][i] = if turn { -n.z } else { n.z };
+        }
+        for i in 0..PACKET {
+            let n = Vec3::new(side_normal[0][i], side_normal[1][i], side_normal[2][i]);
+            let e = Vec3::new(to_eye[0][i], to_eye[1][i], to_eye[2][i]);
+            let seen = visible(n, stored_likeness(firsts[side][i]), e) * shares[side][i];
+            (mean[0][i], mean[1][i], mean[2][i]) = (mean[0][i] + seen.x, mean[1][i] + seen.y, mean[2][i] + seen.z);
+        }
+    }
+    for i in 0..PACKET {
+        let mean = Vec3::new(mean[0][i], mean[1][i], mean[2][i]);
+        let n = stand_in::unit(mean, Vec3::new(to_eye[0][i], to_eye[1][i], to_eye[2][i]));
+        (normal[0][i], normal[1][i], normal[2][i]) = (n.x, n.y, n.z);
+        along[i] = -(mean.x * dir[0][i] + mean.y * dir[1][i] + mean.z * dir[2][i]);
     }
 }
 

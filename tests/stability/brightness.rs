@@ -1,6 +1,6 @@
 //! Mean radiance of five models, of what the exact picture covers: by the light of the eye and a sun, with and without shadows.
 
-use super::pictures::{POE, Setting, Stage, sun};
+use super::pictures::{POE, Picture, Setting, Stage, sun};
 use super::table::judge;
 use crate::common::brute::Tri;
 use crate::common::built::{self, Part};
@@ -42,10 +42,18 @@ fn of_five_models() {
                 let exact = stage.picture(&camera, 0.0);
                 let is_covered: Vec<bool> = exact.coverage().map(|c| c > 0.0).collect();
                 assert!(is_covered.iter().filter(|c| **c).count() > 500, "{name}: little is seen");
-                let ratios = POE.map(|poe| {
-                    radiance_ratio(stage.picture(&camera, poe).colours(), exact.colours(), |i| is_covered[i])
-                });
-                println!("{name}, shadows {shadows}: {ratios:.4?} of the radiance");
+                let covered = |picture: &Picture| -> f64 {
+                    picture.coverage().zip(&is_covered).filter(|(_, counts)| **counts).map(|(c, _)| c).sum()
+                };
+                let (ratios, coverages): (Vec<f64>, Vec<f64>) = POE
+                    .map(|poe| {
+                        let picture = stage.picture(&camera, poe);
+                        let ratio = radiance_ratio(picture.colours(), exact.colours(), |i| is_covered[i]);
+                        (ratio, covered(&picture) / covered(&exact))
+                    })
+                    .into_iter()
+                    .unzip();
+                println!("{name}, shadows {shadows}: {ratios:.4?} of the radiance, {coverages:.4?} of the coverage");
                 off.iter_mut().zip(ratios).for_each(|(off, ratio)| *off = off.max((ratio - 1.0).abs()));
             }
         }

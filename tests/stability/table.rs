@@ -61,11 +61,11 @@ pub const DESIGN: [Row; 14] = [
         must: "never NaN or black; mean brightness within 2 % (Wald's bias)",
         tests: &["normals::opposing_sheets", "normals::thin_plates"],
         state: Misses {
-            measures: &[
-                Missed { measure: "plates: black pixels", at: &[(0.5, 10.0), (1.0, 12.0), (3.0, 12.0), (10.0, 45.0)] },
-                Missed { measure: "plates: brightness", at: &[(10.0, 0.035)] },
-            ],
-            why: "a box is lit by its mean normal: seen along the plates in it, it is black where these are thinner than a pixel",
+            measures: &[Missed {
+                measure: "plates: brightness",
+                at: &[(0.5, 0.03), (1.0, 0.075), (3.0, 0.11), (10.0, 0.125)],
+            }],
+            why: "stand-ins cover more of pixels than plates between which the exact picture shows the background",
         },
     },
     Row {
@@ -76,17 +76,7 @@ pub const DESIGN: [Row; 14] = [
             "starts::no_false_shadow_on_a_bumpy_plane",
             "starts::no_light_into_a_closed_box",
         ],
-        state: Misses {
-            measures: &[
-                Missed { measure: "flat plane: false shadow", at: &[(1.0, 0.001), (3.0, 0.005), (10.0, 0.018)] },
-                Missed { measure: "flat plane: brightness", at: &[(3.0, 0.014), (10.0, 0.03)] },
-                Missed { measure: "bumpy plane: brightness", at: &[(3.0, 0.015), (10.0, 0.03)] },
-                Missed { measure: "bumpy plane: false shadow", at: &[(1.0, 0.001), (3.0, 0.004), (10.0, 0.018)] },
-                Missed { measure: "closed box: lit from outside", at: &[(1.0, 11.0), (3.0, 70.0), (10.0, 77.0)] },
-            ],
-            why: "the shadow rays of stand-ins begin a cell higher, where others may reach as high; in a corner that may be behind the \
-                  wall; and to the light of a point they are nearer than what they stand for",
-        },
+        state: Holds,
     },
     Row {
         fails: "cache far smaller than the working set",
@@ -152,9 +142,9 @@ pub const DESIGN: [Row; 14] = [
         state: Misses {
             measures: &[Missed {
                 measure: "wires: largest patch that pops",
-                at: &[(0.5, 130.0), (1.0, 130.0), (3.0, 200.0), (10.0, 230.0)],
+                at: &[(0.5, 35.0), (1.0, 38.0), (3.0, 55.0)],
             }],
-            why: "wires shown as solid boxes change their thickness with the box, whole lengths of them at once",
+            why: "wires shown as solid pieces of boxes change their thickness with the box, whole lengths of them at once",
         },
     },
     Row {
@@ -190,11 +180,11 @@ pub const BESIDES: [Row; 1] = [Row {
     tests: &["brightness::of_five_models"],
     state: Misses {
         measures: &[
-            Missed { measure: "radiance without shadows", at: &[(1.0, 0.03), (3.0, 0.1), (10.0, 0.1)] },
-            Missed { measure: "radiance with shadows", at: &[(1.0, 0.025), (3.0, 0.09), (10.0, 0.13)] },
+            Missed { measure: "radiance without shadows", at: &[(0.5, 0.04), (1.0, 0.075), (3.0, 0.1), (10.0, 0.085)] },
+            Missed { measure: "radiance with shadows", at: &[(0.5, 0.045), (1.0, 0.08), (3.0, 0.105), (10.0, 0.19)] },
         ],
-        why: "a cell's mean normal is of all that is in it, also of what nobody sees (the inner sides of blocks), and boxes show \
-              more of it than there is along outlines",
+        why: "leaves have one sample, which tells no faces of blocks apart; stand-ins cover more than there is along outlines; and what \
+              they cast begins a cell higher",
     },
 }];
 

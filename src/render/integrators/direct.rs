@@ -5,6 +5,8 @@ use super::material::Material;
 use super::plain::{self, Plain};
 use super::first::{First, Layer};
 use super::sampling::{Widths, offset};
+use super::surface::{BESIDE, DIAGONAL, Surface, aim, back, width_at};
+use crate::lod::Facing;
 use crate::render::wants::Wants;
 use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
@@ -18,7 +20,7 @@ use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::{InOne, Light};
 use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::bvh::trace::{PACKET, Triangle};
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, Vec3};
 
 /// Pixels of a packet, along its rows and its columns.
 pub(crate) const ACROSS: u32 = 8;
@@ -89,24 +91,6 @@ pub(crate) struct Direct<'a> {
     /// Beyond these points of the picture nothing is seen; if that is known.
     pub within: Option<[DVec2; 2]>,
 }
-
-/// A surface that was hit.
-struct Surface {
-    position: DVec3,
-    normal: Vec3,
-    material: Material,
-    /// How far a ray that leaves it begins from it.
-    leave: f64,
-    /// Where the ray that sees it goes on behind it.
-    next: f64,
-    /// The ray's width here, pixels of error included: rays that leave it begin as wide.
-    width: f32,
-    /// Up to here from it, rays that leave it look for nothing but triangles.
-    near: f64,
-}
-
-/// The diagonal of a cube that may stand in for a ray of so much width.
-const DIAGONAL: f32 = 1.732_050_8;
 
 /// The pixels of a packet, in one sample.
 #[derive(Clone, Copy)]
@@ -351,7 +335,10 @@ impl Direct<'_> {
         // Cells of the surface itself are beside it, and stand out. (Áfra 2012, section 6.2, begins behind them, in the open; here
         // what is near is looked for exactly, so that no wall is passed; not where that would ask for the more, the less fits.)
         let near = if self.is_pressed { 0.0 } else { f64::from(width * DIAGONAL) };
-        Ok(Surface { position, normal, material, leave, next: found.t + leave, width, near })
+        let seen_from = if self.is_pressed { back(ray, found.t, normal, BESIDE * f64::from(width)) } else { position };
+        let from = seen_from + normal.as_dvec3() * leave;
+        let facing = Facing::flat(normal);
+        Ok(Surface { position, normal, facing, material, from, next: found.t + leave, width, near })
     }
 
     /// Depth and error of a triangle's hit, in double precision.
@@ -380,8 +367,8 @@ impl Direct<'_> {
         error / (self.rays.pixel_width(t).max(f64::MIN_POSITIVE) as f32)
     }
 
-    /// A stand-in as a surface. What it casts begins above its cell: those beside it reach as high where the surface
-    /// goes on as it is.
+    /// A stand-in as a surface. What it casts begins above its cell, and above those beside it where the surface goes on as it is: on the
+    /// ray that sees it. (Áfra 2012, section 6.2, begins a cell's diagonal along the light: behind a wall that is nearer.)
     fn stand_in(
         &self,
         ray: &Ray,
@@ -416,9 +403,11 @@ impl Direct<'_> {
         let (position, width) = (ray.origin + along, width_at(ray, look.t));
         // Only for what lights cast, and only where the ray goes on.
         let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
-        let leave = if casts { look.above() } else { 0.0 } + placed.extent() * LEAVE;
-        let next = if material.opacity < 1.0 { look.leave() } else { look.t } + placed.extent() * LEAVE;
-        Ok(Surface { position, normal: look.normal, material, leave, next, width, near: 0.0 })
+        let extent = placed.extent() * LEAVE;
+        let above = if casts { look.above() } else { 0.0 };
+        let from = back(ray, look.t, look.normal, above + BESIDE * f64::from(width)) + look.normal.as_dvec3() * extent;
+        let next = if material.opacity < 1.0 { look.leave() } else { look.t } + extent;
+        Ok(Surface { position, normal: look.normal, facing: look.facing, material, from, next, width, near: 0.0 })
     }
 
     /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.
@@ -491,7 +480,7 @@ impl Direct<'_> {
             for i in bits(active) {
                 let Some(s) = &surfaces[i] else { continue };
                 let to_eye = -lanes.rays[i].dir;
-                sum[i] += s.material.lit(s.normal, to_eye, to_eye, Vec3::from(light.colour) * light.intensity);
+                sum[i] += s.material.lit(s.normal, &s.facing, to_eye, to_eye, Vec3::from(light.colour) * light.intensity);
             }
         }
         Ok(sum)
@@ -513,7 +502,7 @@ impl Direct<'_> {
         for i in bits(active) {
             let Some(s) = &surfaces[i] else { continue };
             let Some(aim) = aim(light, s) else { continue };
-            answer[i] = s.material.lit(s.normal, -lanes.rays[i].dir, aim.to_light, aim.irradiance);
+            answer[i] = s.material.lit(s.normal, &s.facing, -lanes.rays[i].dir, aim.to_light, aim.irradiance);
             if answer[i] != Vec3::ZERO && light.shadows {
                 shadow[i] = aim.shadow;
                 asked |= 1 << i;
@@ -558,42 +547,4 @@ impl Op for Add<'_> {
             }
         }
     }
-}
-
-/// A light as a point of a surface sees it.
-struct Aim {
-    /// Unit.
-    to_light: Vec3,
-    /// On a surface that faces it.
-    irradiance: Vec3,
-    shadow: Ray,
-}
-
-/// `None` where the light does not reach at all, or is a headlight. The shadow ray's `t_min` is [`Surface::near`].
-fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
-    let strength = Vec3::from(light.colour) * light.intensity;
-    let from = surface.position + surface.normal.as_dvec3() * surface.leave;
-    let cone = Cone { a: surface.width, b: 0.0 };
-    match light.kind {
-        LightKind::Headlight => None,
-        LightKind::Directional(dir) => {
-            let to_light = -dir.try_normalize()?.as_vec3();
-            Some(Aim { to_light, irradiance: strength, shadow: Ray { cone, t_min: surface.near, ..Ray::new(from, to_light) } })
-        }
-        LightKind::Point(point) => {
-            let way = point - surface.position;
-            let to_light = way.try_normalize()?.as_vec3();
-            let irradiance = strength * (1.0 / way.length_squared()).min(1e30) as f32;
-            // Where it begins is nearer to the light by a cell, or behind it.
-            let way = point - from;
-            let t_max = way.length() * (1.0 - 1e-6);
-            let shadow = Ray { t_min: surface.near.min(t_max), t_max, cone, ..Ray::new(from, way.try_normalize()?.as_vec3()) };
-            Some(Aim { to_light, irradiance, shadow })
-        }
-    }
-}
-
-/// A ray's width at distance `t`.
-fn width_at(ray: &Ray, t: f64) -> f32 {
-    ray.cone.a + ray.cone.b * t as f32
 }

@@ -1,5 +1,6 @@
 //! How surfaces answer light: Lambert's diffuse term and a Blinn highlight. Two-sided, never NaN.
 
+use crate::lod::Facing;
 use glam::Vec3;
 
 /// A surface's answer to light.
@@ -28,14 +29,17 @@ impl Material {
 
     /// Light of `irradiance` (on a surface facing it) from the direction `to_light`, seen from `to_eye`.
     /// All directions unit, the normal on the eye's side. A white matt surface that faces the light
-    /// answers with the irradiance: factors of pi are left out on both sides.
+    /// answers with the irradiance: factors of pi are left out on both sides. `facing`: what answers; `normal`: where its highlight is.
     #[inline]
-    pub fn lit(&self, normal: Vec3, to_eye: Vec3, to_light: Vec3, irradiance: Vec3) -> Vec3 {
+    pub fn lit(&self, normal: Vec3, facing: &Facing, to_eye: Vec3, to_light: Vec3, irradiance: Vec3) -> Vec3 {
         // A headlight's is where the eye is.
-        let half = if to_eye == to_light { to_eye } else { (to_eye + to_light).normalize_or_zero() };
+        let is_ahead = to_eye == to_light;
+        let half = if is_ahead { to_eye } else { (to_eye + to_light).normalize_or_zero() };
+        // All that is seen faces the eye.
+        let cosine = if is_ahead { facing.mean().dot(to_light) } else { facing.cosine(to_light) };
         let gloss = Gloss::of(self);
         let lobe = power(normal.dot(half).max(0.0), gloss.exponent);
-        gloss.lit(self.colour, normal.dot(to_light), half.dot(to_light), lobe, irradiance)
+        gloss.lit(self.colour, cosine, half.dot(to_light), lobe, irradiance)
     }
 
     /// Light from everywhere.
@@ -120,10 +124,10 @@ mod tests {
     fn white_matt_answers_with_the_cosine() {
         for cosine in [1.0f32, 0.5, 0.25, 0.0] {
             let light = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
-            let lit = white(1.0).lit(Vec3::Z, Vec3::Z, light, Vec3::ONE);
+            let lit = white(1.0).lit(Vec3::Z, &Facing::flat(Vec3::Z), Vec3::Z, light, Vec3::ONE);
             assert!((lit - Vec3::splat(cosine)).abs().max_element() < 1e-6, "{lit}");
         }
-        assert_eq!(white(0.2).lit(Vec3::Z, Vec3::Z, -Vec3::Z, Vec3::ONE), Vec3::ZERO);
+        assert_eq!(white(0.2).lit(Vec3::Z, &Facing::flat(Vec3::Z), Vec3::Z, -Vec3::Z, Vec3::ONE), Vec3::ZERO);
     }
 
     #[test]
@@ -132,7 +136,7 @@ mod tests {
             for light in [Vec3::Z, -Vec3::Z, Vec3::X, Vec3::ZERO] {
                 for metalness in [0.0, 1.0] {
                     let m = Material { metalness, ..white(roughness) };
-                    assert!(m.lit(Vec3::Z, -light, light, Vec3::splat(1e6)).is_finite());
+                    assert!(m.lit(Vec3::Z, &Facing::flat(Vec3::Z), -light, light, Vec3::splat(1e6)).is_finite());
                 }
             }
         }

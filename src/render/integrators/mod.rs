@@ -6,3 +6,4 @@ pub mod material;
 pub mod plain;
 mod sampling;
 mod shadow;
+mod surface;

@@ -169,7 +169,7 @@ impl Direct<'_> {
                 }
             }
         }
-        dispatch(self.isa(), Shade { direct: self, material, like, rows });
+        dispatch(self.isa(), Shade { direct: self, material, like, surfaces, rows });
     }
 
     /// What is seen first in each pixel.
@@ -241,6 +241,7 @@ struct Shade<'a, 'd> {
     direct: &'a Direct<'d>,
     material: &'a Material,
     like: u32,
+    surfaces: &'a Surfaces,
     rows: &'a mut Rows,
 }
 
@@ -249,7 +250,7 @@ impl Op for Shade<'_, '_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { direct, material, like, rows: Rows { dir, normal, colour, lit, .. } } = self;
+        let Self { direct, material, like, surfaces, rows: Rows { dir, normal, colour, lit, .. } } = self;
         let (gloss, glow, ambient) = (Gloss::of(material), material.glow, direct.ambient);
         let (mut cosine, mut aslant, mut lobe) = ([0.0; PACKET], [0.0; PACKET], [0.0; PACKET]);
         let mut facing = [0.0; PACKET];
@@ -260,6 +261,12 @@ impl Op for Shade<'_, '_> {
             facing[i] = cosine[i].max(0.0);
         }
         powers(&facing, gloss.exponent, &mut lobe);
+        if surfaces.cells() != 0 {
+            let (cells, along) = (surfaces.cells(), surfaces.along());
+            for i in 0..PACKET {
+                cosine[i] = if cells >> i & 1 == 1 { along[i] } else { cosine[i] };
+            }
+        }
         let mut sum = [[0.0; PACKET]; 3];
         for i in 0..PACKET {
             let own = Vec3::new(colour[0][i], colour[1][i], colour[2][i]) * ambient + glow;

@@ -43,7 +43,7 @@
 //! | .. | first, second, third vertex of each triangle: three runs of u8, padded together to a word |
 //! | .. | x of all vertices, then y, then z: f32 |
 
-use crate::lod::{self, Coded, LEVEL, PASSING, stopped, Middle, SIDES_WORDS, Side, Slabs, VOXEL_WORDS, summary_bit};
+use crate::lod::{self, Coded, LEVEL, Middle, PASSING, SIDES_WORDS, Slabs, VOXEL_WORDS, stopped, summary_bit};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -392,16 +392,6 @@ impl StoredVoxel<'_> {
     #[inline]
     pub fn has_sides(&self) -> bool {
         Coded::has_sides(self.words[0])
-    }
-
-    /// What is seen of it from `side`: low x, y, z, then high x, y, z.
-    #[inline]
-    pub fn side(&self, side: usize) -> Side {
-        if !self.has_sides() {
-            return Side::of([self.words[0], self.words[1]]);
-        }
-        let sides = self.sides();
-        Side::of([sides[2 * side], sides[2 * side + 1]])
     }
 
     /// The words of its sides' samples, if it has them.
