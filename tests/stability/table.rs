@@ -71,7 +71,8 @@ pub const DESIGN: [Row; 14] = [
                 measure: "plates: brightness",
                 at: &[(0.5, 0.03), (1.0, 0.075), (3.0, 0.11), (10.0, 0.125)],
             }],
-            why: "stand-ins cover more of pixels than plates between which the exact picture shows the background",
+            why: "stand-ins cover more than plates between which the exact picture shows the background; what the light has to do with \
+                  it is not known",
         },
     },
     Row {
