@@ -10,7 +10,7 @@ mod seen;
 mod slabs;
 mod voxel;
 
-pub use coded::{Coded, SAMPLE_BYTES, SIDES_WORDS, Side, VOXEL_WORDS, stored_colour, stored_likeness, stored_normal};
+pub use coded::{Coded, SAMPLE_BYTES, SIDES_WORDS, VOXEL_WORDS, stored_colour, stored_likeness, stored_normal};
 pub use seen::{Facing, blended_colour, shares, visible};
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
 pub use slabs::{Content, FIELDS, LEVEL, Middle, Slab, Slabs, farthest, fields, normal_bytes, slabs};
