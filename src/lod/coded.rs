@@ -76,28 +76,6 @@ pub struct Coded {
     pub slabs: u32,
 }
 
-/// What a hit on a stand-in shows.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Side {
-    /// Unit, of either sign.
-    pub normal: Vec3,
-    /// How alike the normals are, 0 to 1.
-    pub likeness: f32,
-    /// Linear.
-    pub colour: Vec3,
-    /// The share that is covered, 0 to 1.
-    pub cover: f32,
-}
-
-impl Side {
-    /// From a sample's words.
-    #[inline]
-    pub fn of(words: [u32; 2]) -> Self {
-        let (likeness, cover) = (byte(words[0], 16), byte(words[1], 24));
-        Self { normal: stored_normal(words[0]), likeness, colour: stored_colour(words[1]), cover }
-    }
-}
-
 #[inline(always)]
 fn byte(word: u32, at: u32) -> f32 {
     (word >> at & 0xff) as f32 * (1.0 / 255.0)
@@ -264,6 +242,27 @@ mod tests {
     use crate::lod::Facet;
     use crate::math::Bounds;
     use proptest::prelude::*;
+
+    /// A sample, taken apart.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    struct Side {
+        /// Unit, of either sign.
+        normal: Vec3,
+        /// How alike the normals are, 0 to 1.
+        likeness: f32,
+        /// Linear.
+        colour: Vec3,
+        /// The share that is covered, 0 to 1.
+        cover: f32,
+    }
+
+    impl Side {
+        /// From a sample's words.
+        fn of(words: [u32; 2]) -> Self {
+            let (likeness, cover) = (byte(words[0], 16), byte(words[1], 24));
+            Self { normal: stored_normal(words[0]), likeness, colour: stored_colour(words[1]), cover }
+        }
+    }
 
     proptest! {
         #[test]

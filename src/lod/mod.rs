@@ -11,7 +11,7 @@ mod slabs;
 mod voxel;
 
 pub use coded::{
-    Coded, PASSING, SAMPLE_BYTES, SIDES_WORDS, Side, VOXEL_WORDS, stop_bits, stopped, stored_colour, stored_likeness, stored_normal,
+    Coded, PASSING, SAMPLE_BYTES, SIDES_WORDS, VOXEL_WORDS, stop_bits, stopped, stored_colour, stored_likeness, stored_normal,
 };
 pub use seen::{Facing, blended_colour, shares, visible};
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};

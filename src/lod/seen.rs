@@ -52,12 +52,12 @@ impl Facing {
         Self { normals: [normal, Vec3::ZERO, Vec3::ZERO], shares: [1.0, 0.0, 0.0] }
     }
 
-    /// Of the first `SIDES` of samples' first words, by their shares; `facing`: gives a normal of the cell's frame in the world, against
+    /// Of samples' first words, by their shares; `facing`: gives a normal of the cell's frame in the world, against
     /// the ray; `to_eye`: against the ray too, unit.
     #[inline(always)]
-    pub fn of<const SIDES: usize>(firsts: [u32; 3], shares: [f32; 3], to_eye: Vec3, facing: impl Fn(Vec3) -> Vec3) -> Self {
+    pub fn of(firsts: [u32; 3], shares: [f32; 3], to_eye: Vec3, facing: impl Fn(Vec3) -> Vec3) -> Self {
         let mut normals = [Vec3::ZERO; 3];
-        for side in 0..SIDES {
+        for side in 0..3 {
             normals[side] = visible(facing(stored_normal(firsts[side])), stored_likeness(firsts[side]), to_eye);
         }
         Self { normals, shares }
@@ -128,7 +128,7 @@ mod tests {
     /// What comes back of a light where the eye is.
     fn answer(sides: [[u32; 2]; 3], extent: Vec3, dir: Vec3) -> f32 {
         let shares = shares(extent, dir, sides.map(|s| s[0]), sides.map(|s| s[1]));
-        let facing = Facing::of::<3>(sides.map(|s| s[0]), shares, -dir, |n| if n.dot(dir) > 0.0 { -n } else { n });
+        let facing = Facing::of(sides.map(|s| s[0]), shares, -dir, |n| if n.dot(dir) > 0.0 { -n } else { n });
         facing.mean().dot(-dir)
     }
 
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn a_sphere_answers_lights_beside_the_eye() {
         let [first, _] = words(Vec3::Z * (2.0 / 3.0), 1.0);
-        let facing = Facing::of::<1>([first; 3], [1.0, 0.0, 0.0], Vec3::Z, |n| n);
+        let facing = Facing::of([first; 3], [1.0, 0.0, 0.0], Vec3::Z, |n| n);
         for angle in [0.0f32, 0.4, 1.0, 1.6, 2.5, 3.1] {
             let light = Vec3::new(angle.sin(), 0.0, angle.cos());
             let (mut sum, mut area) = (0.0f64, 0.0f64);
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn alike_normals_answer_as_one_from_anywhere() {
         let normal = Vec3::new(2.0, -1.0, 2.0) / 3.0;
-        let facing = Facing::of::<1>([words(normal, 1.0)[0]; 3], [1.0, 0.0, 0.0], Vec3::X, |n| n);
+        let facing = Facing::of([words(normal, 1.0)[0]; 3], [1.0, 0.0, 0.0], Vec3::X, |n| n);
         for light in DIRS.map(|d| -d.normalize()) {
             assert!((facing.cosine(light) - normal.dot(light).max(0.0)).abs() < 0.01, "{light}");
             assert!((facing.mean() - normal).length() < 0.01);

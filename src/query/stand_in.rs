@@ -90,7 +90,7 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
         }
         shares = lod::shares(cell(block, place).extent(), dir.as_vec3(), firsts, seconds);
     }
-    let facing = Facing::of::<3>(firsts, shares, to_eye(ray.dir), |normal| facing(placed, normal, ray.dir));
+    let facing = Facing::of(firsts, shares, to_eye(ray.dir), |normal| facing(placed, normal, ray.dir));
     let (part, _) = voxel.part();
     // Only for want of what is below: what else it holds may be visible.
     let is_hidden = place.is_missing && view.filter(found.placed).is_some_and(|filter| filter.hides(part));

@@ -360,7 +360,7 @@ impl Op for OfCells<'_> {
     }
 }
 
-/// The same of the first `SIDES` of three samples: the others have no share. As [`lod::Facing`], in loops that become vectors: one for
+/// The same of the first `SIDES` of three samples: the others have no share. As [`Facing`](crate::lod::Facing), in loops that become vectors: one for
 /// each step.
 #[inline(always)]
 fn facing<const SIDES: usize>(all: &mut Surfaces) {

@@ -65,7 +65,8 @@ pub const DESIGN: [Row; 14] = [
                 measure: "plates: brightness",
                 at: &[(0.5, 0.03), (1.0, 0.075), (3.0, 0.11), (10.0, 0.125)],
             }],
-            why: "stand-ins cover more of pixels than plates between which the exact picture shows the background",
+            why: "stand-ins cover more than plates between which the exact picture shows the background; what the light has to do with \
+                  it is not known",
         },
     },
     Row {
@@ -183,8 +184,8 @@ pub const BESIDES: [Row; 1] = [Row {
             Missed { measure: "radiance without shadows", at: &[(0.5, 0.04), (1.0, 0.075), (3.0, 0.1), (10.0, 0.085)] },
             Missed { measure: "radiance with shadows", at: &[(0.5, 0.045), (1.0, 0.08), (3.0, 0.105), (10.0, 0.19)] },
         ],
-        why: "leaves have one sample, which tells no faces of blocks apart; stand-ins cover more than there is along outlines; and what \
-              they cast begins a cell higher",
+        why: "cells are larger than at the same pixels of error before they were judged by what they hold; leaves have one sample, which \
+              tells no faces of blocks apart, probably most of it there; and stand-ins cover more than there is along outlines",
     },
 }];
 

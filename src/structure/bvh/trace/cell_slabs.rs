@@ -94,7 +94,7 @@ pub(super) fn of_node<S: Simd>(s: S, node: &Node) -> Slabs<S::F8> {
 
 /// What part of the areas of a node's cells counts where they may stand in (`lod::Fill`).
 #[inline(always)]
-pub(super) fn shares<S: Simd>(s: S, node: &Node) -> S::F8 {
+pub(super) fn area_shares<S: Simd>(s: S, node: &Node) -> S::F8 {
     let (from, count) = LEVEL;
     (s.splat8(1.0) - s.fields8(&node.slabs, from, count) * s.splat8(LESS)).max(s.splat8(LEAST))
 }

@@ -356,7 +356,7 @@ pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Sh
     out.narrow = area.le(leave * leave * s.splat8(shared.spread_area)).bits();
     if LOD {
         out.has_slabs = false;
-        let share = cell_slabs::shares(s, node);
+        let share = cell_slabs::area_shares(s, node);
         out.small = packet_cells::likely(s, area * share, leave, shared) & out.met;
         if out.small != 0 {
             packet_cells::cells(s, first, last, stand_in::counted(faces, share), shared, out);

@@ -333,7 +333,7 @@ pub(super) fn stand_ins<S: Simd>(
     // First without regard to where exactly the cells are met; a hundredth more, for that is rounded otherwise.
     let width = ray.a + ray.b * leave;
     let faces = stand_in::faces(near, far, s.splat8(0.0));
-    let faces = stand_in::counted(faces, cell_slabs::shares(s, block.node(index)));
+    let faces = stand_in::counted(faces, cell_slabs::area_shares(s, block.node(index)));
     let likely = stand_in::area(faces, ray.dir).le(width * width * s.splat8(1.01)).bits() & mask;
     if likely == 0 {
         return mask;

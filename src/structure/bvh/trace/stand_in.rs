@@ -117,7 +117,7 @@ pub(super) fn faces<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], zero
     [y * z, z * x, x * y]
 }
 
-/// What they count for where cells may stand in: see [`super::cell_slabs::shares`].
+/// What they count for where cells may stand in: see [`super::cell_slabs::area_shares`].
 #[inline(always)]
 pub(super) fn counted<const N: usize, L: Lanes<N>>(faces: [L; 3], share: L) -> [L; 3] {
     [faces[0] * share, faces[1] * share, faces[2] * share]
