@@ -13,6 +13,7 @@ mod cluster;
 mod encode;
 mod join;
 mod leaf;
+mod lines;
 pub mod par;
 mod partition;
 mod pass;

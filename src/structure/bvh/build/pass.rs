@@ -16,20 +16,19 @@
 //! Cells over several chunks (`join`) let nothing pass.
 
 use super::TreeInput;
+use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};
 use super::par::Par;
 use super::refs::Ref;
 use super::tree::{Inner, Piece, Sub};
 use crate::lod::{Slabs, stop_bits};
 use crate::math::Bounds;
-use crate::structure::bvh::layout::{Node, WIDTH};
-use glam::Vec3;
+use crate::simd::{Isa, Op, Simd, dispatch};
 use std::collections::HashMap;
-use std::f32::consts::TAU;
 
 /// A subtree of at most so many references is looked at as a whole first.
 const SMALL: u64 = 256;
-/// So many of its cells, with so many lines each. (Twice as many lines: builds of scans take a sixth longer.)
-const PROBES: [usize; 2] = [8, 4];
+/// So many of its cells, with eight lines each.
+const PROBES: usize = 8;
 /// Its cells are walls if so many of the lines that pass one find other surface near it.
 const FOUND: f32 = 0.7;
 /// How near, as a part of the cell's diagonal.
@@ -37,13 +36,11 @@ const NEAR: f32 = 0.125;
 /// How many of the lines that pass a cell, and find other surface near it, count as stopped. (Coverage of wires in two views, PoE 0.5 to
 /// 10, 128 lines: with none 0.91 to 0.98 of the exact, with half 0.96 to 1.01, with all 1.02 to 1.05. Leaf cards hardly care.)
 const BESIDE: f32 = 0.4;
-/// Lines through a cell of a small subtree, and through a larger one. (With half of these 1.03 to 1.08 of the coverage of wires is seen,
-/// for short ways are seldom found and weigh much; with four times as many 0.95 to 1.01, and more of the lines beside must count as
-/// stopped. Lines that all weigh the same, from a block's sides: wires that all stand are 0.90 to 1.00 then, for an upright cell stops
-/// more rays from the side than on the mean over all directions.)
-const LINES: [usize; 2] = [32, 128];
-/// By how much regions are larger than stored, as a part of the diagonal: flat ones have no lines.
-const GIVE: f32 = 1.0 / 512.0;
+/// Groups of eight lines through a cell of a small subtree, and through a larger one. (With half of these 1.03 to 1.08 of the coverage of
+/// wires is seen, for short ways are seldom found and weigh much; with four times as many 0.95 to 1.01, and more of the lines beside must
+/// count as stopped. Lines that all weigh the same, from a block's sides: wires that all stand are 0.90 to 1.00 then, for an upright cell
+/// stops more rays from the side than on the mean over all directions.)
+const LINES: [usize; 2] = [4, 16];
 
 /// What lines meet.
 struct Scene<'a> {
@@ -64,15 +61,15 @@ struct Cell<'a> {
 pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par) {
     let scene = Scene { pieces, input, refs };
     let (mut small, mut nodes) = (Vec::new(), 0);
-    pieces.iter().for_each(|p| gather_small(&p.sub, 0, &mut nodes, &mut small));
-    let mut codes = par.map(small.len(), |i| scene.of_small(small[i].0));
+    pieces.iter().for_each(|p| gather_small(&p.sub, None, 0, &mut nodes, &mut small));
+    let mut codes = par.map(small.len(), |i| dispatch(Isa::best(), OfSmall { scene: &scene, small: small[i] }));
     agree(&small, &mut codes);
     let mut large = Vec::new();
     let mut next = codes.iter();
     pieces.iter().for_each(|p| {
-        scene.gather_large(&p.sub, &mut next, &mut large);
+        scene.gather_large(&p.sub, None, &mut next, &mut large);
     });
-    let of_large = par.map(large.len(), |i| large[i].map_or(0, |cell| scene.code(&cell, LINES[1])));
+    let of_large = par.map(large.len(), |i| large[i].map_or(0, |(cell, above)| dispatch(Isa::best(), OfLarge { scene: &scene, cell, above })));
     let (mut of_small, mut of_large) = (codes.into_iter(), of_large.into_iter());
     for piece in pieces {
         if let Sub::Inner(inner) = &mut piece.sub {
@@ -81,29 +78,39 @@ pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par) {
     }
 }
 
-/// The largest subtrees of at most [`SMALL`] references, in their order, each with the number of the node that it hangs in.
-fn gather_small<'a>(sub: &'a Sub, parent: usize, nodes: &mut usize, out: &mut Vec<(&'a Inner, usize)>) {
+/// One of the largest subtrees of at most [`SMALL`] references.
+#[derive(Clone, Copy)]
+struct Small<'a> {
+    inner: &'a Inner,
+    /// The node that it hangs in; none if it is a piece.
+    above: Option<&'a Inner>,
+    /// The number of that node.
+    number: usize,
+}
+
+/// The largest subtrees of at most [`SMALL`] references, in their order.
+fn gather_small<'a>(sub: &'a Sub, above: Option<&'a Inner>, number: usize, nodes: &mut usize, out: &mut Vec<Small<'a>>) {
     if let Sub::Inner(inner) = sub {
         if is_small(inner) {
-            out.push((inner, parent));
+            out.push(Small { inner, above, number });
         } else {
             *nodes += 1;
             let here = *nodes;
-            inner.children.iter().for_each(|(_, c)| gather_small(c, here, nodes, out));
+            inner.children.iter().for_each(|(_, c)| gather_small(c, Some(inner), here, nodes, out));
         }
     }
 }
 
 /// Of small subtrees that hang in one node all are walls if most are: a small piece of a wall, at a corner of it, may look otherwise.
-fn agree(small: &[(&Inner, usize)], codes: &mut [Vec<u8>]) {
+fn agree(small: &[Small], codes: &mut [Vec<u8>]) {
     let mut cells: HashMap<usize, (usize, usize)> = HashMap::new();
-    for ((inner, parent), codes) in small.iter().zip(codes.iter()) {
-        let sums = cells.entry(*parent).or_default();
-        let count = count(inner);
+    for (small, codes) in small.iter().zip(codes.iter()) {
+        let sums = cells.entry(small.number).or_default();
+        let count = count(small.inner);
         *sums = (sums.0 + count, sums.1 + if codes.is_empty() { count } else { 0 });
     }
-    for ((_, parent), codes) in small.iter().zip(codes) {
-        let (all, of_walls) = cells[parent];
+    for (small, codes) in small.iter().zip(codes) {
+        let (all, of_walls) = cells[&small.number];
         if 4 * of_walls >= 3 * all {
             codes.clear();
         }
@@ -146,32 +153,155 @@ fn all_cells<'a>(inner: &'a Inner, out: &mut Vec<Cell<'a>>) {
     }
 }
 
-impl Scene<'_> {
-    /// The codes of all cells of a small subtree, in their order; none if all are walls.
-    fn of_small(&self, inner: &Inner) -> Vec<u8> {
-        let mut all = Vec::new();
+/// The codes of all cells of a small subtree, in their order; none if all are walls.
+struct OfSmall<'a> {
+    scene: &'a Scene<'a>,
+    small: Small<'a>,
+}
+
+impl Op for OfSmall<'_> {
+    type Out = Vec<u8>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Vec<u8> {
+        let Self { scene, small: Small { inner, above, .. } } = self;
+        let (mut all, mut asked, mut with) = (Vec::new(), Vec::new(), Scratch::new());
         all_cells(inner, &mut all);
-        let is_wall = self.are_walls(all.iter().step_by((all.len() / PROBES[0]).max(1)), PROBES[1]);
-        // By chance not, perhaps: the more is looked at.
-        if is_wall || self.are_walls(all.iter(), LINES[0] / 4) {
+        let mut sums = Asked::default();
+        for cell in all.iter().step_by((all.len() / PROBES).max(1)) {
+            sums.add(scene.ask_small(s, cell, above, [0, 1], &mut with));
+        }
+        if sums.is_wall() {
             return Vec::new();
         }
-        all.iter().map(|cell| self.code(cell, LINES[0])).collect()
+        // By chance not, perhaps: the more is looked at.
+        sums = Asked::default();
+        for cell in &all {
+            let one = scene.ask_small(s, cell, above, [0, 1], &mut with);
+            sums.add(one);
+            asked.push(one);
+        }
+        if sums.is_wall() {
+            return Vec::new();
+        }
+        for (cell, asked) in all.iter().zip(&mut asked) {
+            asked.add(scene.ask_small(s, cell, above, [1, LINES[0]], &mut with));
+        }
+        asked.iter().map(Asked::code).collect()
+    }
+}
+
+/// A larger cell that is to be asked, and what its node hangs in, if that is no piece.
+type Large<'a> = Option<(Cell<'a>, Option<&'a Inner>)>;
+
+/// The code of a cell that is larger.
+struct OfLarge<'a> {
+    scene: &'a Scene<'a>,
+    cell: Cell<'a>,
+    above: Option<&'a Inner>,
+}
+
+impl Op for OfLarge<'_> {
+    type Out = u8;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> u8 {
+        let Self { scene, cell, above } = self;
+        let (region, mut lines, mut stack) = (Region::of(&cell.bounds, &cell.slabs), Lines::new(), Vec::new());
+        lines.through(&region, [0, LINES[1]]);
+        let mut passed = NONE;
+        for i in numbers(&lines.all) {
+            stack.push(cell.sub);
+            put(&mut passed, i, !scene.meets(s, &lines.one(i, 0.0), &mut stack));
+        }
+        let found = scene.beside(s, &lines, &passed, region.diagonal * NEAR, above, &mut stack);
+        Asked { all: lines.weight(&lines.all), passed: lines.weight(&passed), found: lines.weight(&found) }.code()
+    }
+}
+
+/// Of the lines through a cell's region, some looked at.
+#[derive(Clone, Copy, Default)]
+struct Asked {
+    /// How many there are, in some unit.
+    all: f32,
+    /// How many of these pass what it holds.
+    passed: f32,
+    /// How many of those find other surface near it.
+    found: f32,
+}
+
+impl Asked {
+    fn add(&mut self, o: Self) {
+        (self.all, self.passed, self.found) = (self.all + o.all, self.passed + o.passed, self.found + o.found);
     }
 
-    /// Whether cells are walls, by so many lines each.
-    fn are_walls<'a>(&self, cells: impl Iterator<Item = &'a Cell<'a>>, lines: usize) -> bool {
-        let (mut passed, mut found) = (0.0, 0.0);
-        for cell in cells {
-            let [_, pass, find] = self.ask(cell, lines);
-            (passed, found) = (passed + pass, found + find);
+    fn is_wall(&self) -> bool {
+        self.found >= FOUND * self.passed
+    }
+
+    /// The stop code, see [`stop_bits`].
+    fn code(&self) -> u8 {
+        if self.all == 0.0 {
+            return 0;
         }
-        found >= FOUND * passed
+        let stops = 1.0 - (self.passed - BESIDE * self.found) / self.all;
+        // The greatest stops all, as no code does.
+        (stops.max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63
+    }
+}
+
+/// What asking of small cells needs.
+struct Scratch<'a> {
+    lines: Lines,
+    triangles: Vec<u32>,
+    stack: Vec<&'a Sub>,
+}
+
+impl Scratch<'_> {
+    fn new() -> Self {
+        Self { lines: Lines::new(), triangles: Vec::new(), stack: Vec::new() }
+    }
+}
+
+impl<'a> Scene<'a> {
+    /// Asks `groups` (first, end) of the lines through a cell that holds few triangles: each of these is asked of all lines, and so is each
+    /// of those around the ways of the lines that pass.
+    #[inline(always)]
+    fn ask_small<S: Simd>(&self, s: S, cell: &Cell, above: Option<&'a Inner>, groups: [usize; 2], with: &mut Scratch<'a>) -> Asked {
+        let Scratch { lines, triangles, stack } = with;
+        let region = Region::of(&cell.bounds, &cell.slabs);
+        lines.through(&region, groups);
+        triangles.clear();
+        self.below(cell.sub, triangles);
+        let mut passed = lines.all;
+        for triangle in triangles.iter() {
+            if !lines.leave(s, &mut passed, 0.0, &self.input.triangles[*triangle as usize]) {
+                break;
+            }
+        }
+        let found = self.beside(s, lines, &passed, region.diagonal * NEAR, above, stack);
+        Asked { all: lines.weight(&lines.all), passed: lines.weight(&passed), found: lines.weight(&found) }
+    }
+
+    /// Those of the lines that meet anything `above` on their ways, each longer by `near` at both ends. (Anything in the whole chunk is nearly
+    /// the same, but builds of an airliner take three times as long: many boxes overlap everywhere.)
+    #[inline(always)]
+    fn beside<S: Simd>(&self, s: S, lines: &Lines, among: &Set, near: f32, above: Option<&'a Inner>, stack: &mut Vec<&'a Sub>) -> Set {
+        let mut found = NONE;
+        for i in numbers(among) {
+            let line = lines.one(i, near);
+            match above {
+                Some(inner) => stack.extend(inner.children.iter().map(|(_, sub)| sub)),
+                None => stack.extend(self.pieces.iter().map(|p| &p.sub)),
+            }
+            put(&mut found, i, self.meets(s, &line, stack));
+        }
+        found
     }
 
     /// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls. How many cells
     /// are below, and how many of these are walls.
-    fn gather_large<'a>(&self, sub: &'a Sub, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Option<Cell<'a>>>) -> [usize; 2] {
+    fn gather_large(&self, sub: &'a Sub, above: Option<&'a Inner>, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
         let Sub::Inner(inner) = sub else { return [1, 1] };
         if is_small(inner) {
             let cells = count(inner);
@@ -181,68 +311,51 @@ impl Scene<'_> {
         for cell in cells(inner) {
             let at = out.len();
             out.push(None);
-            let [all, of_walls] = self.gather_large(cell.sub, small, out);
+            let [all, of_walls] = self.gather_large(cell.sub, Some(inner), small, out);
             if 4 * of_walls < all {
-                out[at] = Some(cell);
+                out[at] = Some((cell, above));
             }
             sums = [sums[0] + all, sums[1] + of_walls];
         }
         sums
     }
 
-    /// The stop code of a cell, see [`stop_bits`].
-    fn code(&self, cell: &Cell, lines: usize) -> u8 {
-        let [all, passed, found] = self.ask(cell, lines);
-        if all == 0.0 {
-            return 0;
-        }
-        let stops = 1.0 - (passed - BESIDE * found) / all;
-        // The greatest stops all, as no code does.
-        (stops.max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63
+    fn refs(&self, first: u32, count: u32) -> &[Ref] {
+        &self.refs[first as usize..(first + count) as usize]
     }
 
-    /// Of the lines through a cell's region, some looked at, how many there are (in some unit), how many of these pass what it holds, and
-    /// how many of those find other surface near it.
-    fn ask(&self, cell: &Cell, lines: usize) -> [f32; 3] {
-        let mut sums = [0.0; 3];
-        let region = Region::of(cell);
-        for i in 0..lines {
-            let Some((line, way)) = region.line(i) else { continue };
-            // Points are the more often on a line, the longer its way.
-            let weight = 1.0 / (way[1] - way[0]);
-            sums[0] += weight;
-            if self.meets(cell.sub, &line, way) {
-                continue;
-            }
-            sums[1] += weight;
-            let near = [way[0] - region.near, way[1] + region.near];
-            if self.pieces.iter().any(|p| line.crosses(&p.cell, near) && self.meets(&p.sub, &line, near)) {
-                sums[2] += weight;
-            }
-        }
-        sums
-    }
-
-    /// Whether a line meets a triangle below on its way.
-    fn meets(&self, sub: &Sub, line: &Line, way: [f32; 2]) -> bool {
+    /// The triangles below.
+    fn below(&self, sub: &Sub, out: &mut Vec<u32>) {
         match sub {
-            Sub::Leaf { first, count, .. } => {
-                let refs = &self.refs[*first as usize..(*first + *count) as usize];
-                refs.iter().any(|r| line.meets(&self.input.triangles[r.triangle()], way))
-            }
-            Sub::Inner(inner) => {
-                let mut met = line.boxes(&inner.node, way);
-                while met != 0 {
-                    let slot = met.trailing_zeros() as usize;
-                    met &= met - 1;
-                    if inner.children.get(slot).is_some_and(|(_, sub)| self.meets(sub, line, way)) {
+            Sub::Leaf { first, count, .. } => out.extend(self.refs(*first, *count).iter().map(|r| r.triangle() as u32)),
+            Sub::Inner(inner) => inner.children.iter().for_each(|(_, sub)| self.below(sub, out)),
+            Sub::Placed(_) => {}
+        }
+    }
+
+    /// Whether a line meets a triangle below those on the stack, which is left empty.
+    #[inline(always)]
+    fn meets<S: Simd>(&self, s: S, line: &Line, stack: &mut Vec<&'a Sub>) -> bool {
+        while let Some(sub) = stack.pop() {
+            match sub {
+                Sub::Leaf { first, count, .. } => {
+                    if self.refs(*first, *count).iter().any(|r| line.meets(&self.input.triangles[r.triangle()])) {
+                        stack.clear();
                         return true;
                     }
                 }
-                false
+                Sub::Inner(inner) => {
+                    let mut met = line.boxes(s, &inner.node);
+                    while met != 0 {
+                        let slot = met.trailing_zeros() as usize;
+                        met &= met - 1;
+                        stack.extend(inner.children.get(slot).map(|(_, sub)| sub));
+                    }
+                }
+                Sub::Placed(_) => {}
             }
-            Sub::Placed(_) => false,
         }
+        false
     }
 }
 
@@ -274,138 +387,5 @@ fn set(inner: &mut Inner, slot: usize, code: u8) {
     if code > 0 {
         inner.children[slot].0.words[0] |= stop_bits(code);
         inner.node.may_pass(slot);
-    }
-}
-
-/// A cell's region, and a block around it along its slabs' axes.
-struct Region {
-    bounds: Bounds,
-    slabs: Slabs<f32>,
-    /// Unit: across the slabs, and along both.
-    axes: [Vec3; 3],
-    /// The block's ends along these.
-    low: Vec3,
-    high: Vec3,
-    near: f32,
-    seed: u32,
-}
-
-impl Region {
-    fn of(cell: &Cell) -> Self {
-        let diagonal = cell.bounds.extent().length();
-        let give = (diagonal * GIVE).max(f32::MIN_POSITIVE);
-        let bounds = Bounds { min: cell.bounds.min - give, max: cell.bounds.max + give };
-        let mut slabs = cell.slabs;
-        for slab in &mut slabs {
-            (slab.low, slab.high) = (slab.low - give, slab.high + give);
-        }
-        let lengths = slabs.map(|s| Vec3::from(s.axis).length());
-        let across = Vec3::from(slabs[0].axis) / lengths[0];
-        let second = Vec3::from(slabs[1].axis) / lengths[1];
-        let axes = [across, second, across.cross(second)];
-        let (middle, half) = (bounds.center(), bounds.extent() * 0.5);
-        let (mut low, mut high) = (Vec3::ZERO, Vec3::ZERO);
-        for k in 0..3 {
-            let (at, reach) = (middle.dot(axes[k]), half.dot(axes[k].abs()));
-            (low[k], high[k]) = (at - reach, at + reach);
-            if k < 2 {
-                (low[k], high[k]) = (low[k].max(slabs[k].low / lengths[k]), high[k].min(slabs[k].high / lengths[k]));
-            }
-        }
-        let words = [bounds.min, bounds.max].map(|v| v.to_array().map(f32::to_bits));
-        let seed = words.as_flattened().iter().fold(0x9e37_79b9, |h: u32, w| (h ^ w).wrapping_mul(0x85eb_ca6b).rotate_left(13));
-        Self { bounds, slabs, axes, low, high, near: diagonal * NEAR, seed }
-    }
-
-    /// Five numbers from 0 to 1, spread evenly over all `i`: powers of the generalised golden ratio (Roberts, "The Unreasonable
-    /// Effectiveness of Quasirandom Sequences", 2018), turned by where the cell is.
-    fn numbers(&self, i: usize) -> [f32; 5] {
-        const STEPS: [f64; 5] = [0.855_669_5, 0.732_170_3, 0.626_495_8, 0.536_073_4, 0.458_701_6];
-        let mut turn = self.seed;
-        STEPS.map(|step| {
-            turn = (turn ^ turn >> 15).wrapping_mul(0x2c1b_3c6d);
-            turn = (turn ^ turn >> 12).wrapping_mul(0x297a_2d39);
-            ((f64::from(turn) / 4_294_967_296.0 + step * (i + 1) as f64).fract() as f32).min(1.0)
-        })
-    }
-
-    /// A line through point `i` of those spread evenly over the block, any way, and its way through the region; nothing if the point is
-    /// outside.
-    fn line(&self, i: usize) -> Option<(Line, [f32; 2])> {
-        let [x, y, z, height, angle] = self.numbers(i);
-        let at = self.low + (self.high - self.low) * Vec3::new(x, y, z);
-        let org = self.axes[0] * at.x + self.axes[1] * at.y + self.axes[2] * at.z;
-        if !(org.cmpge(self.bounds.min).all() && org.cmple(self.bounds.max).all()) {
-            return None;
-        }
-        let height = height * 2.0 - 1.0;
-        let across = (1.0 - height * height).max(0.0).sqrt();
-        let line = Line::new(org, Vec3::new(across * (TAU * angle).cos(), across * (TAU * angle).sin(), height));
-        let mut way = line.through(&self.bounds);
-        for slab in &self.slabs {
-            let axis = Vec3::from(slab.axis);
-            let (from, along) = (org.dot(axis), 1.0 / line.dir.dot(axis));
-            let (a, b) = ((slab.low - from) * along, (slab.high - from) * along);
-            way = [way[0].max(a.min(b)), way[1].min(a.max(b))];
-        }
-        (way[1] > way[0]).then_some((line, way))
-    }
-}
-
-/// A line through a point, in both directions.
-struct Line {
-    org: Vec3,
-    dir: Vec3,
-    inv: Vec3,
-}
-
-impl Line {
-    fn new(org: Vec3, dir: Vec3) -> Self {
-        let inv = dir.abs().max(Vec3::splat(1e-12)).copysign(dir).recip();
-        Self { org, dir, inv }
-    }
-
-    fn through(&self, b: &Bounds) -> [f32; 2] {
-        let (a, b) = ((b.min - self.org) * self.inv, (b.max - self.org) * self.inv);
-        [a.min(b).max_element(), a.max(b).min_element()]
-    }
-
-    fn crosses(&self, b: &Bounds, way: [f32; 2]) -> bool {
-        let [enter, leave] = self.through(b);
-        enter.max(way[0]) <= leave.min(way[1])
-    }
-
-    /// The children of a node whose boxes it crosses.
-    fn boxes(&self, node: &Node, way: [f32; 2]) -> u32 {
-        let (mut enter, mut leave) = ([way[0]; WIDTH], [way[1]; WIDTH]);
-        for axis in 0..3 {
-            let step = node.step(axis) * self.inv[axis];
-            let from = (node.origin[axis] - self.org[axis]) * self.inv[axis];
-            for slot in 0..WIDTH {
-                let a = f32::from(node.planes[axis][slot]) * step + from;
-                let b = f32::from(node.planes[axis + 3][slot]) * step + from;
-                enter[slot] = enter[slot].max(a.min(b));
-                leave[slot] = leave[slot].min(a.max(b));
-            }
-        }
-        let mut met = 0;
-        for slot in 0..WIDTH {
-            // Flat boxes are met to rounding only.
-            let give = (enter[slot].abs() + leave[slot].abs()) * 1e-5;
-            met |= u32::from(enter[slot] <= leave[slot] + give) << slot;
-        }
-        met & u32::from(node.valid)
-    }
-
-    /// Möller and Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997.
-    fn meets(&self, [a, b, c]: &[Vec3; 3], way: [f32; 2]) -> bool {
-        let (ab, ac) = (*b - *a, *c - *a);
-        let p = self.dir.cross(ac);
-        let inv = 1.0 / ab.dot(p);
-        let from = self.org - *a;
-        let u = from.dot(p) * inv;
-        let q = from.cross(ab);
-        let (v, t) = (self.dir.dot(q) * inv, ac.dot(q) * inv);
-        u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= way[0] && t <= way[1]
     }
 }

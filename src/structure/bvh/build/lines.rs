@@ -1,0 +1,303 @@
+//! Lines through a cell's region, its box inside of its slabs, and which of them meet triangles: eight at a time.
+//!
+//! Lines are uniform over all that cross the region, once each is weighed by one over its way through it: through points spread evenly over
+//! a block around the region, any way.
+
+use crate::lod::Slabs;
+use crate::math::Bounds;
+use crate::simd::{Lanes, Mask, Simd};
+use crate::structure::bvh::layout::Node;
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// Lines of a group.
+const GROUP: usize = 8;
+/// Groups at most.
+const GROUPS: usize = 16;
+/// By how much regions are larger than stored, as a part of the diagonal: flat ones have no lines.
+const GIVE: f32 = 1.0 / 512.0;
+
+type Row = [f32; GROUP];
+
+/// Some of the lines: of each group, a bit for each.
+pub type Set = [u8; GROUPS];
+/// No line.
+pub const NONE: Set = [0; GROUPS];
+
+/// Lines through a region.
+pub struct Lines {
+    groups: usize,
+    /// A point of each; where the way through the region begins and ends is counted from it.
+    org: [[Row; 3]; GROUPS],
+    /// Unit, to some ten thousandths.
+    dir: [[Row; 3]; GROUPS],
+    way: [[Row; 2]; GROUPS],
+    weight: [Row; GROUPS],
+    /// Those that there are.
+    pub all: Set,
+}
+
+/// A cell's region, and a block around it along its slabs' axes.
+pub struct Region {
+    bounds: Bounds,
+    slabs: Slabs<f32>,
+    /// Unit: across the slabs, and along both.
+    axes: [Vec3; 3],
+    /// The block's ends along these.
+    low: Vec3,
+    high: Vec3,
+    /// Of the cell.
+    pub diagonal: f32,
+    /// By how much each of the five numbers of all lines is turned.
+    turns: [f32; 5],
+}
+
+/// One line, and from where to where.
+pub struct Line {
+    org: Vec3,
+    dir: Vec3,
+    inv: Vec3,
+    way: [f32; 2],
+}
+
+impl Region {
+    pub fn of(bounds: &Bounds, slabs: &Slabs<f32>) -> Self {
+        let diagonal = bounds.extent().length();
+        let give = (diagonal * GIVE).max(f32::MIN_POSITIVE);
+        let words = [bounds.min, bounds.max].map(|v| v.to_array().map(f32::to_bits));
+        let mut turn = words.as_flattened().iter().fold(0x9e37_79b9, |h: u32, w| (h ^ w).wrapping_mul(0x85eb_ca6b).rotate_left(13));
+        let turns = [(); 5].map(|()| {
+            turn = (turn ^ turn >> 15).wrapping_mul(0x2c1b_3c6d);
+            turn = (turn ^ turn >> 12).wrapping_mul(0x297a_2d39);
+            (turn >> 8) as f32 / (1 << 24) as f32
+        });
+        let bounds = Bounds { min: bounds.min - give, max: bounds.max + give };
+        let mut slabs = *slabs;
+        for slab in &mut slabs {
+            (slab.low, slab.high) = (slab.low - give, slab.high + give);
+        }
+        let lengths = slabs.map(|s| Vec3::from(s.axis).length());
+        let across = Vec3::from(slabs[0].axis) / lengths[0];
+        let second = Vec3::from(slabs[1].axis) / lengths[1];
+        let axes = [across, second, across.cross(second)];
+        let (middle, half) = (bounds.center(), bounds.extent() * 0.5);
+        let (mut low, mut high) = (Vec3::ZERO, Vec3::ZERO);
+        for k in 0..3 {
+            let (at, reach) = (middle.dot(axes[k]), half.dot(axes[k].abs()));
+            (low[k], high[k]) = (at - reach, at + reach);
+            if k < 2 {
+                (low[k], high[k]) = (low[k].max(slabs[k].low / lengths[k]), high[k].min(slabs[k].high / lengths[k]));
+            }
+        }
+        Self { bounds, slabs, axes, low, high, diagonal, turns }
+    }
+}
+
+/// Five numbers from 0 to 1 for each line, spread evenly: multiples of powers of the generalised golden ratio's reciprocal (Roberts, "The
+/// Unreasonable Effectiveness of Quasirandom Sequences", 2018).
+static SPREAD: [[Row; 5]; GROUPS] = spread();
+
+const fn spread() -> [[Row; 5]; GROUPS] {
+    const STEPS: [f64; 5] = [0.855_669_5, 0.732_170_3, 0.626_495_8, 0.536_073_4, 0.458_701_6];
+    let mut out = [[[0.0; GROUP]; 5]; GROUPS];
+    let mut i = 0;
+    while i < GROUPS * GROUP * 5 {
+        let (line, k) = (i / 5, i % 5);
+        let at = STEPS[k] * (line + 1) as f64;
+        out[line / GROUP][k][line % GROUP] = (at - at as u32 as f64) as f32;
+        i += 1;
+    }
+    out
+}
+
+/// The cosine of a number of turns from 0 to 1, to 0.0002.
+#[inline(always)]
+fn cos_of_turns(turns: f32) -> f32 {
+    let s = (2.0 * turns - 1.0).abs() - 0.5;
+    let x = s * s;
+    s * (PI + x * (-5.167_713 + x * (2.550_164 + x * -0.599_265)))
+}
+
+impl Lines {
+    pub fn new() -> Self {
+        const ROWS: [Row; 3] = [[0.0; GROUP]; 3];
+        Self { groups: 0, org: [ROWS; GROUPS], dir: [ROWS; GROUPS], way: [[[0.0; GROUP]; 2]; GROUPS], weight: [[0.0; GROUP]; GROUPS], all: NONE }
+    }
+
+    /// Takes the lines of groups `first` to `end` through `region`.
+    #[inline(always)]
+    pub fn through(&mut self, region: &Region, [first, end]: [usize; 2]) {
+        self.groups = (end - first).min(GROUPS);
+        self.all = NONE;
+        for group in 0..self.groups {
+            self.make(region, group, &SPREAD[(first + group) % GROUPS]);
+        }
+    }
+
+    /// A step a loop, so that each becomes vectors.
+    #[inline(always)]
+    fn make(&mut self, region: &Region, group: usize, spread: &[Row; 5]) {
+        let (org, dir, way) = (&mut self.org[group], &mut self.dir[group], &mut self.way[group]);
+        let mut at = *spread;
+        for k in 0..5 {
+            for i in 0..GROUP {
+                let turned = at[k][i] + region.turns[k];
+                at[k][i] = if turned >= 1.0 { turned - 1.0 } else { turned };
+            }
+        }
+        for k in 0..3 {
+            for i in 0..GROUP {
+                at[k][i] = region.low[k] + (region.high[k] - region.low[k]) * at[k][i];
+            }
+        }
+        let axes = &region.axes;
+        for axis in 0..3 {
+            for i in 0..GROUP {
+                org[axis][i] = axes[0][axis] * at[0][i] + axes[1][axis] * at[1][i] + axes[2][axis] * at[2][i];
+            }
+        }
+        for i in 0..GROUP {
+            let height = at[3][i] * 2.0 - 1.0;
+            let across = (1.0 - height * height).max(0.0).sqrt();
+            let quarter = if at[4][i] < 0.25 { at[4][i] + 0.75 } else { at[4][i] - 0.25 };
+            dir[0][i] = across * cos_of_turns(at[4][i]);
+            dir[1][i] = across * cos_of_turns(quarter);
+            dir[2][i] = height;
+        }
+        *way = [[f32::NEG_INFINITY; GROUP], [f32::INFINITY; GROUP]];
+        for axis in 0..3 {
+            let (low, high) = (region.bounds.min[axis], region.bounds.max[axis]);
+            for i in 0..GROUP {
+                let inv = 1.0 / dir[axis][i].abs().max(1e-12).copysign(dir[axis][i]);
+                let (a, b) = ((low - org[axis][i]) * inv, (high - org[axis][i]) * inv);
+                way[0][i] = way[0][i].max(a.min(b));
+                way[1][i] = way[1][i].min(a.max(b));
+            }
+        }
+        for slab in &region.slabs {
+            let [x, y, z] = slab.axis;
+            for i in 0..GROUP {
+                let along = dir[0][i] * x + dir[1][i] * y + dir[2][i] * z;
+                let from = org[0][i] * x + org[1][i] * y + org[2][i] * z;
+                let inv = 1.0 / along.abs().max(1e-30).copysign(along);
+                let (a, b) = ((slab.low - from) * inv, (slab.high - from) * inv);
+                way[0][i] = way[0][i].max(a.min(b));
+                way[1][i] = way[1][i].min(a.max(b));
+            }
+        }
+        // The point itself is in the region, or the line has nothing to do with it.
+        for i in 0..GROUP {
+            self.weight[group][i] = 1.0 / (way[1][i] - way[0][i]).max(f32::MIN_POSITIVE);
+            let is_in = way[0][i] <= 0.0 && way[1][i] >= 0.0 && way[1][i] > way[0][i];
+            self.all[group] |= u8::from(is_in) << i;
+        }
+    }
+
+    /// The weights of some of them.
+    #[inline(always)]
+    pub fn weight(&self, set: &Set) -> f32 {
+        let mut sum = 0.0;
+        for group in 0..self.groups {
+            for i in 0..GROUP {
+                sum += if set[group] >> i & 1 == 1 { self.weight[group][i] } else { 0.0 };
+            }
+        }
+        sum
+    }
+
+    /// Takes those out of `set` that meet a triangle on their ways, each longer by `near` at both ends; whether any are left. (Möller and
+    /// Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997.)
+    #[inline(always)]
+    pub fn leave<S: Simd>(&self, s: S, set: &mut Set, near: f32, triangle: &[Vec3; 3]) -> bool {
+        let [a, b, c] = triangle;
+        let corner = splat3(s, *a);
+        let (ab, ac) = (splat3(s, *b - *a), splat3(s, *c - *a));
+        let (zero, one, near) = (s.splat8(0.0), s.splat8(1.0), s.splat8(near));
+        let mut left = 0;
+        for group in 0..self.groups {
+            if set[group] == 0 {
+                continue;
+            }
+            let (org, dir, way) = (&self.org[group], &self.dir[group], &self.way[group]);
+            let dir = [s.load8(&dir[0]), s.load8(&dir[1]), s.load8(&dir[2])];
+            let from = [s.load8(&org[0]) - corner[0], s.load8(&org[1]) - corner[1], s.load8(&org[2]) - corner[2]];
+            let p = cross(dir, ac);
+            let q = cross(from, ab);
+            let inv = one.div(dot(ab, p));
+            let (u, v, t) = (dot(from, p) * inv, dot(dir, q) * inv, dot(ac, q) * inv);
+            let inside = zero.le(u).and(zero.le(v)).and((u + v).le(one));
+            let met = inside.and((s.load8(&way[0]) - near).le(t)).and(t.le(s.load8(&way[1]) + near)).bits();
+            set[group] &= !(met as u8);
+            left |= set[group];
+        }
+        left != 0
+    }
+
+    /// Line `i` alone, its way longer by `near` at both ends.
+    pub fn one(&self, i: usize, near: f32) -> Line {
+        let (group, i) = (i / GROUP, i % GROUP);
+        let three = |rows: &[Row; 3]| Vec3::new(rows[0][i], rows[1][i], rows[2][i]);
+        let (org, dir) = (three(&self.org[group]), three(&self.dir[group]));
+        let inv = dir.abs().max(Vec3::splat(1e-12)).copysign(dir).recip();
+        let way = [self.way[group][0][i] - near, self.way[group][1][i] + near];
+        Line { org, dir, inv, way }
+    }
+}
+
+/// Puts line `i` into a set, if so.
+pub fn put(set: &mut Set, i: usize, is_in: bool) {
+    set[i / GROUP] |= u8::from(is_in) << (i % GROUP);
+}
+
+/// Which lines are in a set.
+pub fn numbers(set: &Set) -> impl Iterator<Item = usize> {
+    set.iter().enumerate().flat_map(|(group, bits)| (0..GROUP).filter(move |i| bits >> i & 1 == 1).map(move |i| group * GROUP + i))
+}
+
+impl Line {
+    /// The children of a node whose boxes it crosses on its way.
+    #[inline(always)]
+    pub fn boxes<S: Simd>(&self, s: S, node: &Node) -> u32 {
+        let step = s.powers8(node.exponents());
+        let (mut enter, mut leave) = (s.splat8(self.way[0]), s.splat8(self.way[1]));
+        for axis in 0..3 {
+            let inv = s.splat8(self.inv[axis]);
+            let from = s.splat8(node.origin[axis]) - s.splat8(self.org[axis]);
+            let a = (s.bytes8(&node.planes[axis]) * step[axis] + from) * inv;
+            let b = (s.bytes8(&node.planes[axis + 3]) * step[axis] + from) * inv;
+            enter = enter.max(a.min(b));
+            leave = leave.min(a.max(b));
+        }
+        // Flat boxes are met to rounding only.
+        let zero = s.splat8(0.0);
+        let sizes = enter.max(zero - enter) + leave.max(zero - leave);
+        enter.le(leave + sizes * s.splat8(1e-5)).bits() & u32::from(node.valid)
+    }
+
+    /// Whether it meets a triangle on its way.
+    pub fn meets(&self, [a, b, c]: &[Vec3; 3]) -> bool {
+        let (ab, ac) = (*b - *a, *c - *a);
+        let p = self.dir.cross(ac);
+        let inv = 1.0 / ab.dot(p);
+        let from = self.org - *a;
+        let u = from.dot(p) * inv;
+        let q = from.cross(ab);
+        let (v, t) = (self.dir.dot(q) * inv, ac.dot(q) * inv);
+        u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= self.way[0] && t <= self.way[1]
+    }
+}
+
+#[inline(always)]
+fn splat3<S: Simd>(s: S, v: Vec3) -> [S::F8; 3] {
+    [s.splat8(v.x), s.splat8(v.y), s.splat8(v.z)]
+}
+
+#[inline(always)]
+fn dot<V: Lanes<8>>(a: [V; 3], b: [V; 3]) -> V {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn cross<V: Lanes<8>>(a: [V; 3], b: [V; 3]) -> [V; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
