@@ -3,6 +3,7 @@
 //! Lines are uniform over all that cross the region, once each is weighed by one over its way through it: through points spread evenly over
 //! a block around the region, any way.
 
+use super::refs::Ref;
 use crate::lod::Slabs;
 use crate::math::Bounds;
 use crate::simd::{Lanes, Mask, Simd};
@@ -272,6 +273,17 @@ impl Line {
         let zero = s.splat8(0.0);
         let sizes = enter.max(zero - enter) + leave.max(zero - leave);
         enter.le(leave + sizes * s.splat8(1e-5)).bits() & u32::from(node.valid)
+    }
+
+    /// Whether it crosses a reference's box on its way.
+    #[inline(always)]
+    pub fn crosses(&self, r: &Ref) -> bool {
+        // Nothing is multiplied with what is in `w`, see there.
+        let (org, inv) = (self.org.extend(1.0), self.inv.extend(1.0));
+        let (a, b) = ((r.low - org) * inv, (r.high - org) * inv);
+        let enter = a.min(b).with_w(self.way[0]).max_element();
+        let leave = a.max(b).with_w(self.way[1]).min_element();
+        enter <= leave + (enter.abs() + leave.abs()) * 1e-5
     }
 
     /// Whether it meets a triangle on its way.

@@ -36,7 +36,10 @@ const NEAR: f32 = 0.125;
 /// How many of the lines that pass a cell, and find other surface near it, count as stopped. (Coverage of wires in two views, PoE 0.5 to
 /// 10, 128 lines: with none 0.91 to 0.98 of the exact, with half 0.96 to 1.01, with all 1.02 to 1.05. Leaf cards hardly care.)
 const BESIDE: f32 = 0.4;
-/// Groups of eight lines through a cell of a small subtree, and through a larger one. (With half of these 1.03 to 1.08 of the coverage of
+/// Of a group of lines those of which it is asked what is near.
+const HALF: u8 = 0b0101_0101;
+/// Groups of eight lines through a cell of a small subtree, and through a larger one; it is asked of a quarter of these groups what is near
+/// the lines. (With half of these 1.03 to 1.08 of the coverage of
 /// wires is seen, for short ways are seldom found and weigh much; with four times as many 0.95 to 1.01, and more of the lines beside must
 /// count as stopped. Lines that all weigh the same, from a block's sides: wires that all stand are 0.90 to 1.00 then, for an upright cell
 /// stops more rays from the side than on the mean over all directions.)
@@ -61,7 +64,7 @@ struct Cell<'a> {
 pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par) {
     let scene = Scene { pieces, input, refs };
     let (mut small, mut nodes) = (Vec::new(), 0);
-    pieces.iter().for_each(|p| gather_small(&p.sub, None, 0, &mut nodes, &mut small));
+    pieces.iter().for_each(|p| gather_small(&p.sub, (None, 0), &mut nodes, &mut small));
     let mut codes = par.map(small.len(), |i| dispatch(Isa::best(), OfSmall { scene: &scene, small: small[i] }));
     agree(&small, &mut codes);
     let mut large = Vec::new();
@@ -82,21 +85,21 @@ pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par) {
 #[derive(Clone, Copy)]
 struct Small<'a> {
     inner: &'a Inner,
-    /// The node that it hangs in; none if it is a piece.
+    /// The node that it hangs in, if it is no piece.
     above: Option<&'a Inner>,
-    /// The number of that node.
+    /// That node's number.
     number: usize,
 }
 
 /// The largest subtrees of at most [`SMALL`] references, in their order.
-fn gather_small<'a>(sub: &'a Sub, above: Option<&'a Inner>, number: usize, nodes: &mut usize, out: &mut Vec<Small<'a>>) {
+fn gather_small<'a>(sub: &'a Sub, (above, number): (Option<&'a Inner>, usize), nodes: &mut usize, out: &mut Vec<Small<'a>>) {
     if let Sub::Inner(inner) = sub {
         if is_small(inner) {
             out.push(Small { inner, above, number });
         } else {
             *nodes += 1;
-            let here = *nodes;
-            inner.children.iter().for_each(|(_, c)| gather_small(c, Some(inner), here, nodes, out));
+            let here = (Some(&**inner), *nodes);
+            inner.children.iter().for_each(|(_, c)| gather_small(c, here, nodes, out));
         }
     }
 }
@@ -214,8 +217,7 @@ impl Op for OfLarge<'_> {
             stack.push(cell.sub);
             put(&mut passed, i, !scene.meets(s, &lines.one(i, 0.0), &mut stack));
         }
-        let found = scene.beside(s, &lines, &passed, region.diagonal * NEAR, above, &mut stack);
-        Asked { all: lines.weight(&lines.all), passed: lines.weight(&passed), found: lines.weight(&found) }.code()
+        scene.asked(s, &lines, &passed, LINES[1] / 4, region.diagonal * NEAR, above, &mut stack).code()
     }
 }
 
@@ -226,17 +228,20 @@ struct Asked {
     all: f32,
     /// How many of these pass what it holds.
     passed: f32,
-    /// How many of those find other surface near it.
+    /// Of how many of those it was asked whether they find other surface near it.
+    sought: f32,
+    /// How many do.
     found: f32,
 }
 
 impl Asked {
     fn add(&mut self, o: Self) {
-        (self.all, self.passed, self.found) = (self.all + o.all, self.passed + o.passed, self.found + o.found);
+        (self.all, self.passed) = (self.all + o.all, self.passed + o.passed);
+        (self.sought, self.found) = (self.sought + o.sought, self.found + o.found);
     }
 
     fn is_wall(&self) -> bool {
-        self.found >= FOUND * self.passed
+        self.found >= FOUND * self.sought
     }
 
     /// The stop code, see [`stop_bits`].
@@ -244,7 +249,8 @@ impl Asked {
         if self.all == 0.0 {
             return 0;
         }
-        let stops = 1.0 - (self.passed - BESIDE * self.found) / self.all;
+        let found = self.found / self.sought.max(f32::MIN_POSITIVE);
+        let stops = 1.0 - self.passed * (1.0 - BESIDE * found) / self.all;
         // The greatest stops all, as no code does.
         (stops.max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63
     }
@@ -279,24 +285,28 @@ impl<'a> Scene<'a> {
                 break;
             }
         }
-        let found = self.beside(s, lines, &passed, region.diagonal * NEAR, above, stack);
-        Asked { all: lines.weight(&lines.all), passed: lines.weight(&passed), found: lines.weight(&found) }
+        let seek = if groups[0] == 0 { 1 } else { 0 };
+        self.asked(s, lines, &passed, seek, region.diagonal * NEAR, above, stack)
     }
 
-    /// Those of the lines that meet anything `above` on their ways, each longer by `near` at both ends. (Anything in the whole chunk is nearly
-    /// the same, but builds of an airliner take three times as long: many boxes overlap everywhere.)
+    /// What there is to be said of lines of which some passed; those in the first groups of them are asked if they meet anything `above` on
+    /// their ways, each longer by `near` at both ends. (Anything in the whole chunk is nearly the same, but in an airliner, where many boxes
+    /// overlap, ten times the work.)
     #[inline(always)]
-    fn beside<S: Simd>(&self, s: S, lines: &Lines, among: &Set, near: f32, above: Option<&'a Inner>, stack: &mut Vec<&'a Sub>) -> Set {
-        let mut found = NONE;
-        for i in numbers(among) {
+    fn asked<S: Simd>(&self, s: S, lines: &Lines, passed: &Set, groups: usize, near: f32, above: Option<&'a Inner>, stack: &mut Vec<&'a Sub>) -> Asked {
+        let (mut sought, mut found) = (NONE, NONE);
+        for group in 0..groups {
+            sought[group] = passed[group] & HALF;
+        }
+        for i in numbers(&sought) {
             let line = lines.one(i, near);
             match above {
-                Some(inner) => stack.extend(inner.children.iter().map(|(_, sub)| sub)),
+                Some(inner) => push_crossed(s, &line, inner, stack),
                 None => stack.extend(self.pieces.iter().map(|p| &p.sub)),
             }
             put(&mut found, i, self.meets(s, &line, stack));
         }
-        found
+        Asked { all: lines.weight(&lines.all), passed: lines.weight(passed), sought: lines.weight(&sought), found: lines.weight(&found) }
     }
 
     /// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls. How many cells
@@ -339,23 +349,29 @@ impl<'a> Scene<'a> {
         while let Some(sub) = stack.pop() {
             match sub {
                 Sub::Leaf { first, count, .. } => {
-                    if self.refs(*first, *count).iter().any(|r| line.meets(&self.input.triangles[r.triangle()])) {
+                    if self.refs(*first, *count).iter().any(|r| line.crosses(r) && line.meets(&self.input.triangles[r.triangle()])) {
                         stack.clear();
                         return true;
                     }
                 }
                 Sub::Inner(inner) => {
-                    let mut met = line.boxes(s, &inner.node);
-                    while met != 0 {
-                        let slot = met.trailing_zeros() as usize;
-                        met &= met - 1;
-                        stack.extend(inner.children.get(slot).map(|(_, sub)| sub));
-                    }
+                    push_crossed(s, line, inner, stack);
                 }
                 Sub::Placed(_) => {}
             }
         }
         false
+    }
+}
+
+/// Puts the children whose boxes a line crosses onto the stack.
+#[inline(always)]
+fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a Inner, stack: &mut Vec<&'a Sub>) {
+    let mut met = line.boxes(s, &inner.node);
+    while met != 0 {
+        let slot = met.trailing_zeros() as usize;
+        met &= met - 1;
+        stack.extend(inner.children.get(slot).map(|(_, sub)| sub));
     }
 }
 
