@@ -92,14 +92,24 @@ impl Region {
         }
         Self { bounds, slabs, axes, low, high, diagonal, turns }
     }
+
+    /// Lines from now on go on with the numbers behind those of all groups.
+    pub fn go_on(&mut self) {
+        for k in 0..5 {
+            let turned = f64::from(self.turns[k]) + STEPS[k] * (GROUPS * GROUP) as f64;
+            self.turns[k] = (turned - turned.floor()) as f32;
+        }
+    }
 }
 
-/// Five numbers from 0 to 1 for each line, spread evenly: multiples of powers of the generalised golden ratio's reciprocal (Roberts, "The
-/// Unreasonable Effectiveness of Quasirandom Sequences", 2018).
+/// Powers of the reciprocal of the generalised golden ratio of five dimensions (Roberts, "The Unreasonable Effectiveness of Quasirandom
+/// Sequences", 2018).
+const STEPS: [f64; 5] = [0.855_669_5, 0.732_170_3, 0.626_495_8, 0.536_073_4, 0.458_701_6];
+
+/// Five numbers from 0 to 1 for each line, spread evenly: multiples of these.
 static SPREAD: [[Row; 5]; GROUPS] = spread();
 
 const fn spread() -> [[Row; 5]; GROUPS] {
-    const STEPS: [f64; 5] = [0.855_669_5, 0.732_170_3, 0.626_495_8, 0.536_073_4, 0.458_701_6];
     let mut out = [[[0.0; GROUP]; 5]; GROUPS];
     let mut i = 0;
     while i < GROUPS * GROUP * 5 {
@@ -206,14 +216,14 @@ impl Lines {
         sum
     }
 
-    /// Takes those out of `set` that meet a triangle on their ways, each longer by `near` at both ends; whether any are left. (Möller and
+    /// Takes those out of `set` that meet a triangle on their ways; whether any are left. (Möller and
     /// Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997.)
     #[inline(always)]
-    pub fn leave<S: Simd>(&self, s: S, set: &mut Set, near: f32, triangle: &[Vec3; 3]) -> bool {
+    pub fn leave<S: Simd>(&self, s: S, set: &mut Set, triangle: &[Vec3; 3]) -> bool {
         let [a, b, c] = triangle;
         let corner = splat3(s, *a);
         let (ab, ac) = (splat3(s, *b - *a), splat3(s, *c - *a));
-        let (zero, one, near) = (s.splat8(0.0), s.splat8(1.0), s.splat8(near));
+        let (zero, one) = (s.splat8(0.0), s.splat8(1.0));
         let mut left = 0;
         for group in 0..self.groups {
             if set[group] == 0 {
@@ -227,7 +237,7 @@ impl Lines {
             let inv = one.div(dot(ab, p));
             let (u, v, t) = (dot(from, p) * inv, dot(dir, q) * inv, dot(ac, q) * inv);
             let inside = zero.le(u).and(zero.le(v)).and((u + v).le(one));
-            let met = inside.and((s.load8(&way[0]) - near).le(t)).and(t.le(s.load8(&way[1]) + near)).bits();
+            let met = inside.and(s.load8(&way[0]).le(t)).and(t.le(s.load8(&way[1]))).bits();
             set[group] &= !(met as u8);
             left |= set[group];
         }
@@ -251,8 +261,8 @@ pub fn put(set: &mut Set, i: usize, is_in: bool) {
 }
 
 /// Which lines are in a set.
-pub fn numbers(set: &Set) -> impl Iterator<Item = usize> {
-    set.iter().enumerate().flat_map(|(group, bits)| (0..GROUP).filter(move |i| bits >> i & 1 == 1).map(move |i| group * GROUP + i))
+pub fn numbers(set: Set) -> impl Iterator<Item = usize> {
+    set.into_iter().enumerate().flat_map(|(group, bits)| (0..GROUP).filter(move |i| bits >> i & 1 == 1).map(move |i| group * GROUP + i))
 }
 
 impl Line {

@@ -27,7 +27,7 @@ use std::collections::HashMap;
 
 /// A subtree of at most so many references is looked at as a whole first.
 const SMALL: u64 = 256;
-/// So many of its cells, with eight lines each.
+/// So many of its cells, with half a group of lines each.
 const PROBES: usize = 8;
 /// Its cells are walls if so many of the lines that pass one find other surface near it.
 const FOUND: f32 = 0.7;
@@ -39,11 +39,14 @@ const BESIDE: f32 = 0.4;
 /// Of a group of lines those of which it is asked what is near.
 const HALF: u8 = 0b0101_0101;
 /// Groups of eight lines through a cell of a small subtree, and through a larger one; it is asked of a quarter of these groups what is near
-/// the lines. (With half of these 1.03 to 1.08 of the coverage of
-/// wires is seen, for short ways are seldom found and weigh much; with four times as many 0.95 to 1.01, and more of the lines beside must
-/// count as stopped. Lines that all weigh the same, from a block's sides: wires that all stand are 0.90 to 1.00 then, for an upright cell
-/// stops more rays from the side than on the mean over all directions.)
+/// the lines. (With half of these 1.03 to 1.08 of the coverage of wires is seen, for short ways are seldom found and weigh much; with four
+/// times as many 0.95 to 1.01, and more of the lines beside must count as stopped. Lines that all weigh the same, from a block's sides: wires
+/// that all stand are 0.90 to 1.00 then, for an upright cell stops more rays from the side than on the mean over all directions.)
 const LINES: [usize; 2] = [4, 16];
+/// A larger cell that stops no more than this is asked about again,
+const SPARSE: f32 = 0.5;
+/// so many times in all. (At PoE 10 few cells are in view: after one time wires had 1.04 of their coverage in one view of two.)
+const ROUNDS: usize = 4;
 
 /// What lines meet.
 struct Scene<'a> {
@@ -146,6 +149,12 @@ fn cells(inner: &Inner) -> impl Iterator<Item = Cell<'_>> {
     all.map(|(slot, (_, sub))| Cell { bounds: inner.node.stored_box(slot), slabs: inner.node.stored_slabs(slot), sub })
 }
 
+impl Cell<'_> {
+    fn region(&self) -> Region {
+        Region::of(&self.bounds, &self.slabs)
+    }
+}
+
 /// Of all cells below, in their order.
 fn all_cells<'a>(inner: &'a Inner, out: &mut Vec<Cell<'a>>) {
     for cell in cells(inner) {
@@ -168,11 +177,11 @@ impl Op for OfSmall<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Vec<u8> {
         let Self { scene, small: Small { inner, above, .. } } = self;
-        let (mut all, mut asked, mut with) = (Vec::new(), Vec::new(), Scratch::new());
+        let (mut all, mut asked, mut asker) = (Vec::new(), Vec::new(), Asker::new(scene, above));
         all_cells(inner, &mut all);
         let mut sums = Asked::default();
         for cell in all.iter().step_by((all.len() / PROBES).max(1)) {
-            sums.add(scene.ask_small(s, cell, above, [0, 1], &mut with));
+            sums.add(asker.alone(s, cell.sub, &cell.region(), 1, HALF));
         }
         if sums.is_wall() {
             return Vec::new();
@@ -180,7 +189,7 @@ impl Op for OfSmall<'_> {
         // By chance not, perhaps: the more is looked at.
         sums = Asked::default();
         for cell in &all {
-            let one = scene.ask_small(s, cell, above, [0, 1], &mut with);
+            let one = asker.together(s, cell, [0, 1], 1);
             sums.add(one);
             asked.push(one);
         }
@@ -188,7 +197,7 @@ impl Op for OfSmall<'_> {
             return Vec::new();
         }
         for (cell, asked) in all.iter().zip(&mut asked) {
-            asked.add(scene.ask_small(s, cell, above, [1, LINES[0]], &mut with));
+            asked.add(asker.together(s, cell, [1, LINES[0]], 0));
         }
         asked.iter().map(Asked::code).collect()
     }
@@ -210,14 +219,15 @@ impl Op for OfLarge<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> u8 {
         let Self { scene, cell, above } = self;
-        let (region, mut lines, mut stack) = (Region::of(&cell.bounds, &cell.slabs), Lines::new(), Vec::new());
-        lines.through(&region, [0, LINES[1]]);
-        let mut passed = NONE;
-        for i in numbers(&lines.all) {
-            stack.push(cell.sub);
-            put(&mut passed, i, !scene.meets(s, &lines.one(i, 0.0), &mut stack));
+        let (mut region, mut asker, mut sums) = (cell.region(), Asker::new(scene, above), Asked::default());
+        for _ in 0..ROUNDS {
+            sums.add(asker.alone(s, cell.sub, &region, LINES[1], 0xff));
+            if sums.stops() > SPARSE {
+                break;
+            }
+            region.go_on();
         }
-        scene.asked(s, &lines, &passed, LINES[1] / 4, region.diagonal * NEAR, above, &mut stack).code()
+        sums.code()
     }
 }
 
@@ -244,71 +254,109 @@ impl Asked {
         self.found >= FOUND * self.sought
     }
 
+    /// The share of them that counts as stopped.
+    fn stops(&self) -> f32 {
+        let found = self.found / self.sought.max(f32::MIN_POSITIVE);
+        1.0 - self.passed * (1.0 - BESIDE * found) / self.all.max(f32::MIN_POSITIVE)
+    }
+
     /// The stop code, see [`stop_bits`].
     fn code(&self) -> u8 {
-        if self.all == 0.0 {
-            return 0;
-        }
-        let found = self.found / self.sought.max(f32::MIN_POSITIVE);
-        let stops = 1.0 - self.passed * (1.0 - BESIDE * found) / self.all;
         // The greatest stops all, as no code does.
-        (stops.max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63
+        (self.stops().max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63
     }
 }
 
-/// What asking of small cells needs.
-struct Scratch<'a> {
+/// Asks lines through cells.
+struct Asker<'a> {
+    scene: &'a Scene<'a>,
+    /// Below this is what may be near, if it is said.
+    above: Option<&'a Inner>,
     lines: Lines,
     triangles: Vec<u32>,
     stack: Vec<&'a Sub>,
 }
 
-impl Scratch<'_> {
-    fn new() -> Self {
-        Self { lines: Lines::new(), triangles: Vec::new(), stack: Vec::new() }
+impl<'a> Asker<'a> {
+    fn new(scene: &'a Scene<'a>, above: Option<&'a Inner>) -> Self {
+        Self { scene, above, lines: Lines::new(), triangles: Vec::new(), stack: Vec::new() }
     }
-}
 
-impl<'a> Scene<'a> {
-    /// Asks `groups` (first, end) of the lines through a cell that holds few triangles: each of these is asked of all lines, and so is each
-    /// of those around the ways of the lines that pass.
+    /// Asks `some` of each of so many groups of lines, each alone, down the tree; and of a quarter of the groups what is near.
     #[inline(always)]
-    fn ask_small<S: Simd>(&self, s: S, cell: &Cell, above: Option<&'a Inner>, groups: [usize; 2], with: &mut Scratch<'a>) -> Asked {
-        let Scratch { lines, triangles, stack } = with;
-        let region = Region::of(&cell.bounds, &cell.slabs);
-        lines.through(&region, groups);
-        triangles.clear();
-        self.below(cell.sub, triangles);
-        let mut passed = lines.all;
-        for triangle in triangles.iter() {
-            if !lines.leave(s, &mut passed, 0.0, &self.input.triangles[*triangle as usize]) {
+    fn alone<S: Simd>(&mut self, s: S, sub: &'a Sub, region: &Region, groups: usize, some: u8) -> Asked {
+        self.lines.through(region, [0, groups]);
+        self.lines.all.iter_mut().for_each(|group| *group &= some);
+        let mut passed = NONE;
+        for i in numbers(self.lines.all) {
+            self.stack.push(sub);
+            let line = self.lines.one(i, 0.0);
+            put(&mut passed, i, !self.meets(s, &line));
+        }
+        self.asked(s, &passed, groups.div_ceil(4), region.diagonal * NEAR)
+    }
+
+    /// Asks `groups` (first, end) of the lines together about each of the triangles in a cell, of which there are few; and of the first
+    /// `seek` of these groups what is near.
+    #[inline(always)]
+    fn together<S: Simd>(&mut self, s: S, cell: &Cell, groups: [usize; 2], seek: usize) -> Asked {
+        let region = cell.region();
+        self.lines.through(&region, groups);
+        self.triangles.clear();
+        self.scene.below(cell.sub, &mut self.triangles);
+        let mut passed = self.lines.all;
+        for triangle in &self.triangles {
+            if !self.lines.leave(s, &mut passed, &self.scene.input.triangles[*triangle as usize]) {
                 break;
             }
         }
-        let seek = if groups[0] == 0 { 1 } else { 0 };
-        self.asked(s, lines, &passed, seek, region.diagonal * NEAR, above, stack)
+        self.asked(s, &passed, seek, region.diagonal * NEAR)
     }
 
-    /// What there is to be said of lines of which some passed; those in the first groups of them are asked if they meet anything `above` on
-    /// their ways, each longer by `near` at both ends. (Anything in the whole chunk is nearly the same, but in an airliner, where many boxes
-    /// overlap, ten times the work.)
+    /// What there is to be said of lines of which some passed; half of those in the first groups are asked if they meet anything below
+    /// `above` on their ways, each longer by `near` at both ends. (Anything in the whole chunk is nearly the same, but in an airliner, where
+    /// many boxes overlap, ten times the work.)
     #[inline(always)]
-    fn asked<S: Simd>(&self, s: S, lines: &Lines, passed: &Set, groups: usize, near: f32, above: Option<&'a Inner>, stack: &mut Vec<&'a Sub>) -> Asked {
+    fn asked<S: Simd>(&mut self, s: S, passed: &Set, groups: usize, near: f32) -> Asked {
         let (mut sought, mut found) = (NONE, NONE);
         for group in 0..groups {
             sought[group] = passed[group] & HALF;
         }
-        for i in numbers(&sought) {
-            let line = lines.one(i, near);
-            match above {
-                Some(inner) => push_crossed(s, &line, inner, stack),
-                None => stack.extend(self.pieces.iter().map(|p| &p.sub)),
+        for i in numbers(sought) {
+            let line = self.lines.one(i, near);
+            match self.above {
+                Some(inner) => push_crossed(s, &line, inner, &mut self.stack),
+                None => self.stack.extend(self.scene.pieces.iter().map(|p| &p.sub)),
             }
-            put(&mut found, i, self.meets(s, &line, stack));
+            put(&mut found, i, self.meets(s, &line));
         }
-        Asked { all: lines.weight(&lines.all), passed: lines.weight(passed), sought: lines.weight(&sought), found: lines.weight(&found) }
+        let weight = |set| self.lines.weight(set);
+        Asked { all: weight(&self.lines.all), passed: weight(passed), sought: weight(&sought), found: weight(&found) }
     }
 
+    /// Whether a line meets a triangle below those on the stack, which is left empty.
+    #[inline(always)]
+    fn meets<S: Simd>(&mut self, s: S, line: &Line) -> bool {
+        let (scene, stack) = (self.scene, &mut self.stack);
+        while let Some(sub) = stack.pop() {
+            match sub {
+                Sub::Leaf { first, count, .. } => {
+                    if scene.refs(*first, *count).iter().any(|r| line.crosses(r) && line.meets(&scene.input.triangles[r.triangle()])) {
+                        stack.clear();
+                        return true;
+                    }
+                }
+                Sub::Inner(inner) => {
+                    push_crossed(s, line, inner, stack);
+                }
+                Sub::Placed(_) => {}
+            }
+        }
+        false
+    }
+}
+
+impl<'a> Scene<'a> {
     /// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls. How many cells
     /// are below, and how many of these are walls.
     fn gather_large(&self, sub: &'a Sub, above: Option<&'a Inner>, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
@@ -341,26 +389,6 @@ impl<'a> Scene<'a> {
             Sub::Inner(inner) => inner.children.iter().for_each(|(_, sub)| self.below(sub, out)),
             Sub::Placed(_) => {}
         }
-    }
-
-    /// Whether a line meets a triangle below those on the stack, which is left empty.
-    #[inline(always)]
-    fn meets<S: Simd>(&self, s: S, line: &Line, stack: &mut Vec<&'a Sub>) -> bool {
-        while let Some(sub) = stack.pop() {
-            match sub {
-                Sub::Leaf { first, count, .. } => {
-                    if self.refs(*first, *count).iter().any(|r| line.crosses(r) && line.meets(&self.input.triangles[r.triangle()])) {
-                        stack.clear();
-                        return true;
-                    }
-                }
-                Sub::Inner(inner) => {
-                    push_crossed(s, line, inner, stack);
-                }
-                Sub::Placed(_) => {}
-            }
-        }
-        false
     }
 }
 
