@@ -48,7 +48,13 @@ pub const DESIGN: [Row; 14] = [
         fails: "wires, pins, leaves thinner than a voxel",
         must: "mean coverage within 3 % of the oracle at every PoE up to 10",
         tests: &["thin::coverage_of_wires", "thin::coverage_of_leaf_cards"],
-        state: Holds,
+        state: Misses {
+            measures: &[
+                Missed { measure: "wires: coverage", at: &[(3.0, 0.058), (10.0, 0.077)] },
+                Missed { measure: "leaf cards: coverage", at: &[(3.0, 0.048), (10.0, 0.073)] },
+            ],
+            why: "the worst of six views; on the mean of them all are within 2 %: how many rays a cell stops is one number for all directions",
+        },
     },
     Row {
         fails: "jittered, overlapping, coincident parts (777)",

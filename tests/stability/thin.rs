@@ -45,8 +45,8 @@ fn leaf_cards(count: usize) -> (Vec<Tri>, [Camera; VIEWS]) {
     (tris, eyes.map(|eye| camera(eye.into())))
 }
 
-/// How much of all pixels is covered is judged, on the mean of all views. (Not which: where a cell stands in, some rays that would hit pass,
-/// and others hit. In one view, of a few hundred pixels, what is covered is a matter of chance.)
+/// How much of all pixels is covered is judged, in the worst view. (Not which: where a cell stands in, some rays that would hit pass,
+/// and others hit.)
 fn check(name: &str, (tris, cameras): (Vec<Tri>, [Camera; VIEWS])) {
     let setting = Setting { size: SIZE, samples: 16, ..Setting::default() };
     let file = built::parts(&[Part::white(1, tris.clone())]);
@@ -65,7 +65,10 @@ fn check(name: &str, (tris, cameras): (Vec<Tri>, [Camera; VIEWS])) {
             let now = coverage_ratio(picture.coverage(), truth.iter().copied());
             println!("{name}, PoE {poe}: {} holes, {now:.3} of the oracle's coverage, {} stand-ins", picture.holes(&exact), picture.stand_ins());
             assert!(poe < 1.0 || picture.stand_ins() > 100, "{name}, PoE {poe}: nothing stands in");
-            *ratio += now / VIEWS as f64;
+            // The worst of all views.
+            if (now - 1.0).abs() > (*ratio - 1.0).abs() || *ratio == 0.0 {
+                *ratio = now;
+            }
         }
     }
     judge_each(&format!("{name}: coverage"), ratios.map(|ratio| (ratio - 1.0).abs()), LINE);

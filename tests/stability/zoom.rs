@@ -54,7 +54,7 @@ fn check(name: &str, file: &Built, camera: impl Fn(f64) -> Camera) {
     }
     for (n, poe) in stand_ins.into_iter().zip(POE) {
         println!("{name}, PoE {poe}: {} of {} pixels show stand-ins", n / FRAMES, SIZE.0 * SIZE.1);
-        assert!(poe < 1.0 || n > 50 * FRAMES, "{name}, PoE {poe}: nothing stands in");
+        assert!(poe < 1.0 || n > 100 * FRAMES, "{name}, PoE {poe}: nothing stands in");
     }
     let line = |poe: f32| (2.0 * 2f64.powf(0.25) * f64::from(poe).sqrt() + 2.0).powi(2);
     let patches: [_; POE.len()] = std::array::from_fn(|p| (POE[p], pops[p] as f64, line(POE[p])));

@@ -36,12 +36,12 @@ const NEAR: f32 = 0.125;
 /// How many of the lines that pass a cell, and find other surface near it, count as stopped. (Coverage of wires from afar and from among
 /// them, PoE 10: with none 1.02 and 0.96 of the exact, with this 1.05 and 0.98, with 0.4 1.06 and 1.00. Leaf cards hardly care.)
 const BESIDE: f32 = 0.2;
-/// In so many nodes and leaves what is near a line is sought.
+/// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and leaf cards.)
 const SEEK: usize = 64;
 /// Of a group of lines those of which it is asked what is near.
 const HALF: u8 = 0b0101_0101;
-/// Groups of eight lines through a cell of a small subtree, and through a larger one; it is asked of a quarter of these groups what is near
-/// the lines. (With half of these 1.03 to 1.08 of the coverage of wires is seen, for short ways are seldom found and weigh much; with four
+/// Groups of eight lines through a cell of a small subtree, and through a larger one; of half of the lines of a quarter of these
+/// groups it is asked what is near. (With half of these 1.03 to 1.08 of the coverage of wires is seen, for short ways are seldom found and weigh much; with four
 /// times as many 0.95 to 1.01, and more of the lines beside must count as stopped. Lines that all weigh the same, from a block's sides: wires
 /// that all stand are 0.90 to 1.00 then, for an upright cell stops more rays from the side than on the mean over all directions.)
 const LINES: [usize; 2] = [4, 16];
@@ -75,7 +75,7 @@ pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par) {
     let mut large = Vec::new();
     let mut next = codes.iter();
     pieces.iter().for_each(|p| {
-        scene.gather_large(&p.sub, None, &mut next, &mut large);
+        gather_large(&p.sub, None, &mut next, &mut large);
     });
     let of_large = par.map(large.len(), |i| large[i].map_or(0, |(cell, above)| dispatch(Isa::best(), OfLarge { scene: &scene, cell, above })));
     let (mut of_small, mut of_large) = (codes.into_iter(), of_large.into_iter());
@@ -123,6 +123,27 @@ fn agree(small: &[Small], codes: &mut [Vec<u8>]) {
             codes.clear();
         }
     }
+}
+
+/// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls. How many cells
+/// are below, and how many of these are walls.
+fn gather_large<'a>(sub: &'a Sub, above: Option<&'a Inner>, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
+    let Sub::Inner(inner) = sub else { return [1, 1] };
+    if is_small(inner) {
+        let cells = count(inner);
+        return [cells, small.next().map_or(cells, |codes| if codes.is_empty() { cells } else { 0 })];
+    }
+    let mut sums = [0; 2];
+    for cell in cells(inner) {
+        let at = out.len();
+        out.push(None);
+        let [all, of_walls] = gather_large(cell.sub, Some(inner), small, out);
+        if 4 * of_walls < all {
+            out[at] = Some((cell, above));
+        }
+        sums = [sums[0] + all, sums[1] + of_walls];
+    }
+    sums
 }
 
 /// Cells below.
@@ -364,28 +385,7 @@ impl<'a> Asker<'a> {
     }
 }
 
-impl<'a> Scene<'a> {
-    /// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls. How many cells
-    /// are below, and how many of these are walls.
-    fn gather_large(&self, sub: &'a Sub, above: Option<&'a Inner>, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
-        let Sub::Inner(inner) = sub else { return [1, 1] };
-        if is_small(inner) {
-            let cells = count(inner);
-            return [cells, small.next().map_or(cells, |codes| if codes.is_empty() { cells } else { 0 })];
-        }
-        let mut sums = [0; 2];
-        for cell in cells(inner) {
-            let at = out.len();
-            out.push(None);
-            let [all, of_walls] = self.gather_large(cell.sub, Some(inner), small, out);
-            if 4 * of_walls < all {
-                out[at] = Some((cell, above));
-            }
-            sums = [sums[0] + all, sums[1] + of_walls];
-        }
-        sums
-    }
-
+impl Scene<'_> {
     fn refs(&self, first: u32, count: u32) -> &[Ref] {
         &self.refs[first as usize..(first + count) as usize]
     }
