@@ -1,9 +1,10 @@
 //! Triangles that are none, hardly any, or all there is: counted by reason and left out, or rendered.
 
 use super::pictures::{POE, Picture, Setting, Stage, perspective, sun};
-use super::table::judge;
+use super::table::{judge, judge_each};
 use crate::common::brute::Tri;
 use crate::common::built::{self, Part};
+use crate::common::picture::coverage_ratio;
 use crate::common::rng::Rng;
 use crate::common::scenes;
 use glam::DVec3;
@@ -13,6 +14,8 @@ use outcrop::render::Buffer;
 use outcrop::scene::{Camera, Light};
 use std::path::Path;
 use std::sync::Arc;
+
+const SLIVERS: &str = "slivers";
 
 fn camera() -> Camera {
     perspective(DVec3::new(3.0, -4.0, 2.5), DVec3::ZERO)
@@ -26,13 +29,13 @@ fn build(path: &Path, tris: &[Tri]) -> BuildReport {
 }
 
 /// What is counted of the triangles, and their pictures at each pixels of error.
-fn made(tris: &[Tri]) -> (BuildReport, Vec<Picture>) {
+fn made(tris: &[Tri]) -> (BuildReport, [Picture; POE.len()]) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("model.oc");
     let report = build(&path, tris);
     let lights = vec![Light::HEADLIGHT, sun(DVec3::new(1.0, 2.0, -3.0))];
     let stage = Stage::new(&path, Setting { lights, samples: 2, ..Setting::default() });
-    (report, POE.into_iter().map(|poe| stage.picture(&camera(), poe)).collect())
+    (report, POE.map(|poe| stage.picture(&camera(), poe)))
 }
 
 fn ball() -> Vec<Tri> {
@@ -108,7 +111,7 @@ fn slivers_doubles_one_and_none_are_rendered() {
     let three_times = [ball(), ball(), ball()].concat();
     let large = [[DVec3::new(-1.0, -1.0, 0.0), DVec3::new(1.0, -1.0, 0.0), DVec3::new(0.0, 1.0, 0.5)]];
     let cases: [(&str, Vec<Tri>, bool); 5] = [
-        ("slivers", slivers, true),
+        (SLIVERS, slivers, true),
         ("doubles", three_times, true),
         ("one", large.to_vec(), true),
         ("none", Vec::new(), false),
@@ -119,9 +122,14 @@ fn slivers_doubles_one_and_none_are_rendered() {
         assert_eq!(report.triangles_in, tris.len() as u64);
         for (picture, poe) in pictures.iter().zip(POE) {
             println!("{name}, PoE {poe}: {} of {} triangles, {} pixels", report.triangles_kept, tris.len(), covered(picture));
-            assert_eq!(picture.holes(&pictures[0]), 0, "{name}, PoE {poe}: holes");
+            // Slivers are wires: rays pass what stands in for them, as many as pass them.
+            assert!(name == SLIVERS || picture.holes(&pictures[0]) == 0, "{name}, PoE {poe}: holes");
             assert!(covered(picture) > 200 || !is_seen, "{name}, PoE {poe}: not seen");
             assert!(report.triangles_kept > 0 || covered(picture) == 0, "{name}, PoE {poe}: nothing is seen as something");
+        }
+        if name == SLIVERS {
+            let ratios = pictures.each_ref().map(|p| coverage_ratio(p.coverage(), pictures[0].coverage()));
+            judge_each("slivers: coverage", ratios.map(|ratio| (ratio - 1.0).abs()), 0.03);
         }
     }
     // Three times the same is the same.

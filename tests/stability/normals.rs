@@ -1,11 +1,11 @@
 //! Sheets that face away from each other, far closer than a voxel: the mean of their normals is next to nothing. What stands
-//! in for them is never a NaN, never black where the exact picture is lit, and as bright on the whole.
+//! in for them is never a NaN, never black where the exact picture is lit, and as bright and as much on the whole.
 
 use super::pictures::{POE, Setting, Stage, perspective};
 use super::table::judge_each;
 use crate::common::brute::Tri;
 use crate::common::built::{self, Part};
-use crate::common::picture::radiance_ratio;
+use crate::common::picture::{coverage_ratio, radiance_ratio};
 use crate::common::rng::Rng;
 use crate::common::scenes;
 use glam::{DQuat, DVec3};
@@ -14,6 +14,8 @@ use outcrop::scene::{Camera, Light, LightKind};
 const SIZE: (u32, u32) = (96, 72);
 /// Off a mean brightness, as a share of it: Wald's bias.
 const LINE: f64 = 0.02;
+/// Off a mean coverage, as a share of it.
+const COVERAGE_LINE: f64 = 0.03;
 
 /// Two wavy sheets of 120 by 120 cells, a thousandth of a cell apart, the lower one wound the other way; tilted, so that
 /// cells' boxes are thick.
@@ -52,14 +54,25 @@ fn least_nearby(exact: &[f64], pixel: usize, poe: f32) -> Option<f64> {
     (exact[pixel] > 0.1).then(|| nearby.filter(|y| *y > 0.0).fold(f64::INFINITY, f64::min))
 }
 
+/// What there is.
+enum Kind {
+    /// Closed as seen from any side: what is not shown is black.
+    Closed,
+    /// Pieces with gaps between them. Rays pass what stands in for such, as many as pass them, so how much is shown is one measure, and
+    /// whether it is black another: of pixels all of whose rays hit something. (One ray of a pixel alone may see a plate almost from
+    /// its edge, as dark as that is.)
+    Gaps,
+}
+
 /// By the light of the eye, and by one beside it that nothing shades: whatever is seen is lit.
-fn check(name: &str, tris: Vec<Tri>, cameras: &[Camera]) {
+fn check(name: &str, kind: Kind, tris: Vec<Tri>, cameras: &[Camera]) {
     let aside = Light { kind: LightKind::Directional(DVec3::new(0.2, 0.3, -1.0)), intensity: 0.5, ..Light::HEADLIGHT };
     let setting = Setting { lights: vec![Light::HEADLIGHT, aside], size: SIZE, samples: 4, ..Setting::default() };
     let file = built::parts(&[Part::white(1, tris)]);
     let stage = Stage::new(&file.path, setting);
     let mut off = [0.0f64; POE.len()];
     let mut black = [0usize; POE.len()];
+    let mut covered = [0.0f64; POE.len()];
     for camera in cameras {
         let exact = stage.picture(camera, 0.0);
         let truth = exact.luminance();
@@ -67,18 +80,22 @@ fn check(name: &str, tris: Vec<Tri>, cameras: &[Camera]) {
         assert!(lit * 5 > truth.len(), "{name}: {lit} pixels are lit");
         for (p, poe) in POE.into_iter().enumerate() {
             let picture = stage.picture(camera, poe);
-            let now = picture.luminance();
-            let is_black = |i: &usize| least_nearby(&truth, *i, poe).is_some_and(|least| now[*i] < 0.25 * least);
-            black[p] += (0..now.len()).filter(is_black).count();
+            let (now, shown) = (picture.luminance(), picture.coverage().collect::<Vec<_>>());
+            let judged: Vec<usize> = (0..now.len()).filter(|i| matches!(kind, Kind::Closed) || shown[*i] == 1.0).collect();
+            assert!(judged.len() * 5 > truth.len(), "{name}, PoE {poe}: {} pixels are judged", judged.len());
+            let is_black = |i: &&usize| least_nearby(&truth, **i, poe).is_some_and(|least| now[**i] < 0.25 * least);
+            black[p] += judged.iter().filter(is_black).count();
             // Where the exact picture shows something: what is added around it is another row's.
             let ratio = radiance_ratio(picture.colours(), exact.colours(), |i| truth[i] > 0.0);
             println!("{name}, PoE {poe}: {ratio:.4} of the brightness, {} stand-ins", picture.stand_ins());
             assert!(poe < 3.0 || picture.stand_ins() > 500, "{name}, PoE {poe}: nothing stands in");
             off[p] = off[p].max((ratio - 1.0).abs());
+            covered[p] = covered[p].max((coverage_ratio(picture.coverage(), exact.coverage()) - 1.0).abs());
         }
     }
     judge_each(&format!("{name}: black pixels"), black.map(|n| n as f64), 0.0);
     judge_each(&format!("{name}: brightness"), off, LINE);
+    judge_each(&format!("{name}: coverage"), covered, COVERAGE_LINE);
 }
 
 #[test]
@@ -88,7 +105,7 @@ fn opposing_sheets() {
         perspective(DVec3::new(-3.0, 5.0, -12.0), DVec3::ZERO),
         perspective(DVec3::new(9.0, -2.0, 3.0), DVec3::ZERO),
     ];
-    check("sheets", sheets(), &cameras);
+    check("sheets", Kind::Closed, sheets(), &cameras);
 }
 
 #[test]
@@ -97,5 +114,5 @@ fn thin_plates() {
         perspective(DVec3::new(4.0, -14.0, 8.0), DVec3::ZERO),
         Camera::Orthographic { eye: DVec3::new(-9.0, 9.0, -9.0), at: DVec3::ZERO, up: DVec3::Z, height: 9.0 },
     ];
-    check("plates", plates(), &cameras);
+    check("plates", Kind::Gaps, plates(), &cameras);
 }

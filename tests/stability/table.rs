@@ -69,10 +69,10 @@ pub const DESIGN: [Row; 14] = [
         state: Misses {
             measures: &[Missed {
                 measure: "plates: brightness",
-                at: &[(0.5, 0.03), (1.0, 0.075), (3.0, 0.11), (10.0, 0.125)],
+                at: &[(3.0, 0.036), (10.0, 0.052)],
             }],
-            why: "stand-ins cover more than plates between which the exact picture shows the background; what the light has to do with \
-                  it is not known",
+            why: "measured where the exact picture shows something, so that rays which pass count, and those that hit beside do not; of \
+                  the whole picture it is 2.4 and 2.9 %",
         },
     },
     Row {
@@ -149,9 +149,10 @@ pub const DESIGN: [Row; 14] = [
         state: Misses {
             measures: &[Missed {
                 measure: "wires: largest patch that pops",
-                at: &[(0.5, 35.0), (1.0, 38.0), (3.0, 55.0)],
+                at: &[(0.5, 32.0), (1.0, 35.0)],
             }],
-            why: "wires shown as solid pieces of boxes change their thickness with the box, whole lengths of them at once",
+            why: "which rays pass is fixed to the wires, which move over the pixels: neighbouring pixels change in the same frame by chance, \
+                  along whole lengths of upright ones",
         },
     },
     Row {
@@ -187,8 +188,8 @@ pub const BESIDES: [Row; 1] = [Row {
     tests: &["brightness::of_five_models"],
     state: Misses {
         measures: &[
-            Missed { measure: "radiance without shadows", at: &[(0.5, 0.04), (1.0, 0.075), (3.0, 0.1), (10.0, 0.085)] },
-            Missed { measure: "radiance with shadows", at: &[(0.5, 0.045), (1.0, 0.08), (3.0, 0.105), (10.0, 0.19)] },
+            Missed { measure: "radiance without shadows", at: &[(0.5, 0.04), (1.0, 0.075), (3.0, 0.1), (10.0, 0.07)] },
+            Missed { measure: "radiance with shadows", at: &[(0.5, 0.04), (1.0, 0.07), (3.0, 0.105), (10.0, 0.17)] },
         ],
         why: "cells are larger than at the same pixels of error before they were judged by what they hold; leaves have one sample, which \
               tells no faces of blocks apart, probably most of it there; and stand-ins cover more than there is along outlines",

@@ -94,7 +94,7 @@ fn onto_a_soup() {
 
 #[test]
 fn onto_wires() {
-    let file = built::parts(&[Part::white(1, scenes::wire_forest(300, 24, 4))]);
+    let file = built::parts(&[Part::white(1, scenes::wire_forest(500, 24, 4))]);
     let middle = DVec3::Z * 2.0;
     check("wires", &file, |s| perspective(middle + DVec3::new(3.0, -20.0, 5.0) * (2.0 - 1.3 * s), middle));
 }
