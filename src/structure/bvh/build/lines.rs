@@ -54,11 +54,16 @@ pub struct Region {
 }
 
 /// One line, and from where to where.
-pub struct Line {
+pub struct Line<'a> {
     org: Vec3,
-    dir: Vec3,
     inv: Vec3,
     way: [f32; 2],
+    /// By how much that is longer than in `lines`, at both ends.
+    near: f32,
+    lines: &'a Lines,
+    /// Where it is among these.
+    group: usize,
+    bit: u8,
 }
 
 impl Region {
@@ -216,42 +221,47 @@ impl Lines {
         sum
     }
 
-    /// Takes those out of `set` that meet a triangle on their ways; whether any are left. (Möller and
-    /// Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997.)
+    /// Takes those out of `set` that meet a triangle on their ways; whether any are left.
     #[inline(always)]
     pub fn leave<S: Simd>(&self, s: S, set: &mut Set, triangle: &[Vec3; 3]) -> bool {
-        let [a, b, c] = triangle;
-        let corner = splat3(s, *a);
-        let (ab, ac) = (splat3(s, *b - *a), splat3(s, *c - *a));
-        let (zero, one) = (s.splat8(0.0), s.splat8(1.0));
         let mut left = 0;
         for group in 0..self.groups {
-            if set[group] == 0 {
-                continue;
+            if set[group] != 0 {
+                set[group] &= !self.met(s, group, 0.0, triangle);
+                left |= set[group];
             }
-            let (org, dir, way) = (&self.org[group], &self.dir[group], &self.way[group]);
-            let dir = [s.load8(&dir[0]), s.load8(&dir[1]), s.load8(&dir[2])];
-            let from = [s.load8(&org[0]) - corner[0], s.load8(&org[1]) - corner[1], s.load8(&org[2]) - corner[2]];
-            let p = cross(dir, ac);
-            let q = cross(from, ab);
-            let inv = one.div(dot(ab, p));
-            let (u, v, t) = (dot(from, p) * inv, dot(dir, q) * inv, dot(ac, q) * inv);
-            let inside = zero.le(u).and(zero.le(v)).and((u + v).le(one));
-            let met = inside.and(s.load8(&way[0]).le(t)).and(t.le(s.load8(&way[1]))).bits();
-            set[group] &= !(met as u8);
-            left |= set[group];
         }
         left != 0
     }
 
+    /// Of a group, those that meet a triangle on their ways, each longer by `near` at both ends. (Möller and Trumbore, "Fast, Minimum
+    /// Storage Ray/Triangle Intersection", 1997.)
+    #[inline(always)]
+    fn met<S: Simd>(&self, s: S, group: usize, near: f32, triangle: &[Vec3; 3]) -> u8 {
+        let [a, b, c] = triangle;
+        let corner = splat3(s, *a);
+        let (ab, ac) = (splat3(s, *b - *a), splat3(s, *c - *a));
+        let (zero, one, near) = (s.splat8(0.0), s.splat8(1.0), s.splat8(near));
+        let (org, dir, way) = (&self.org[group], &self.dir[group], &self.way[group]);
+        let dir = [s.load8(&dir[0]), s.load8(&dir[1]), s.load8(&dir[2])];
+        let from = [s.load8(&org[0]) - corner[0], s.load8(&org[1]) - corner[1], s.load8(&org[2]) - corner[2]];
+        let p = cross(dir, ac);
+        let q = cross(from, ab);
+        let inv = one.div(dot(ab, p));
+        let (u, v, t) = (dot(from, p) * inv, dot(dir, q) * inv, dot(ac, q) * inv);
+        let inside = zero.le(u).and(zero.le(v)).and((u + v).le(one));
+        let met = inside.and((s.load8(&way[0]) - near).le(t)).and(t.le(s.load8(&way[1]) + near));
+        met.bits() as u8
+    }
+
     /// Line `i` alone, its way longer by `near` at both ends.
-    pub fn one(&self, i: usize, near: f32) -> Line {
+    pub fn one(&self, i: usize, near: f32) -> Line<'_> {
         let (group, i) = (i / GROUP, i % GROUP);
         let three = |rows: &[Row; 3]| Vec3::new(rows[0][i], rows[1][i], rows[2][i]);
         let (org, dir) = (three(&self.org[group]), three(&self.dir[group]));
         let inv = dir.abs().max(Vec3::splat(1e-12)).copysign(dir).recip();
         let way = [self.way[group][0][i] - near, self.way[group][1][i] + near];
-        Line { org, dir, inv, way }
+        Line { org, inv, way, near, lines: self, group, bit: 1 << i }
     }
 }
 
@@ -265,7 +275,7 @@ pub fn numbers(set: Set) -> impl Iterator<Item = usize> {
     set.into_iter().enumerate().flat_map(|(group, bits)| (0..GROUP).filter(move |i| bits >> i & 1 == 1).map(move |i| group * GROUP + i))
 }
 
-impl Line {
+impl Line<'_> {
     /// The children of a node whose boxes it crosses on its way.
     #[inline(always)]
     pub fn boxes<S: Simd>(&self, s: S, node: &Node) -> u32 {
@@ -297,15 +307,9 @@ impl Line {
     }
 
     /// Whether it meets a triangle on its way.
-    pub fn meets(&self, [a, b, c]: &[Vec3; 3]) -> bool {
-        let (ab, ac) = (*b - *a, *c - *a);
-        let p = self.dir.cross(ac);
-        let inv = 1.0 / ab.dot(p);
-        let from = self.org - *a;
-        let u = from.dot(p) * inv;
-        let q = from.cross(ab);
-        let (v, t) = (self.dir.dot(q) * inv, ac.dot(q) * inv);
-        u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= self.way[0] && t <= self.way[1]
+    #[inline(always)]
+    pub fn meets<S: Simd>(&self, s: S, triangle: &[Vec3; 3]) -> bool {
+        self.lines.met(s, self.group, self.near, triangle) & self.bit != 0
     }
 }
 

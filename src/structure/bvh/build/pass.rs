@@ -313,8 +313,7 @@ impl<'a> Asker<'a> {
         let mut passed = NONE;
         for i in numbers(self.lines.all) {
             self.stack.push(sub);
-            let line = self.lines.one(i, 0.0);
-            put(&mut passed, i, !self.meets(s, &line, usize::MAX));
+            put(&mut passed, i, !self.scene.meets(s, &self.lines.one(i, 0.0), usize::MAX, &mut self.stack));
         }
         self.asked(s, &passed, groups.div_ceil(4), region.diagonal * NEAR)
     }
@@ -351,16 +350,17 @@ impl<'a> Asker<'a> {
             if let Some(inner) = self.above {
                 push_crossed(s, &line, inner, &mut self.stack);
             }
-            put(&mut found, i, self.meets(s, &line, SEEK));
+            put(&mut found, i, self.scene.meets(s, &line, SEEK, &mut self.stack));
         }
         let weight = |set| self.lines.weight(set);
         Asked { all: weight(&self.lines.all), passed: weight(passed), sought: weight(&sought), found: weight(&found) }
     }
+}
 
+impl<'a> Scene<'a> {
     /// Whether a line meets a triangle below those on the stack, which is left empty: in the first `at_most` nodes and leaves that it crosses.
     #[inline(always)]
-    fn meets<S: Simd>(&mut self, s: S, line: &Line, at_most: usize) -> bool {
-        let (scene, stack) = (self.scene, &mut self.stack);
+    fn meets<S: Simd>(&self, s: S, line: &Line, at_most: usize, stack: &mut Vec<&'a Sub>) -> bool {
         let mut left = at_most;
         while let Some(sub) = stack.pop() {
             if left == 0 {
@@ -370,9 +370,11 @@ impl<'a> Asker<'a> {
             left -= 1;
             match sub {
                 Sub::Leaf { first, count, .. } => {
-                    if scene.refs(*first, *count).iter().any(|r| line.crosses(r) && line.meets(&scene.input.triangles[r.triangle()])) {
-                        stack.clear();
-                        return true;
+                    for r in self.refs(*first, *count) {
+                        if line.crosses(r) && line.meets(s, &self.input.triangles[r.triangle()]) {
+                            stack.clear();
+                            return true;
+                        }
                     }
                 }
                 Sub::Inner(inner) => {
@@ -383,9 +385,7 @@ impl<'a> Asker<'a> {
         }
         false
     }
-}
 
-impl Scene<'_> {
     fn refs(&self, first: u32, count: u32) -> &[Ref] {
         &self.refs[first as usize..(first + count) as usize]
     }
