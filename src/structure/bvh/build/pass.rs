@@ -41,9 +41,9 @@ const SEEK: usize = 64;
 /// Of a group of lines those of which it is asked what is near.
 const HALF: u8 = 0b0101_0101;
 /// Groups of eight lines through a cell of a small subtree, and through a larger one; of half of the lines of a quarter of these
-/// groups it is asked what is near. (With half of these 1.03 to 1.08 of the coverage of wires is seen, for short ways are seldom found and weigh much; with four
-/// times as many 0.95 to 1.01, and more of the lines beside must count as stopped. Lines that all weigh the same, from a block's sides: wires
-/// that all stand are 0.90 to 1.00 then, for an upright cell stops more rays from the side than on the mean over all directions.)
+/// groups it is asked what is near. (With half of these, 1.03 to 1.08 of the coverage of wires is seen: short ways are seldom found, and
+/// weigh much. With four times as many, 0.95 to 1.01. With lines that all weigh the same, from a block's sides, 0.90 to 1.00 where all
+/// wires stand: an upright cell stops more rays from the side than on the mean over all directions.)
 const LINES: [usize; 2] = [4, 16];
 /// A larger cell that stops no more than this is asked about again,
 const SPARSE: f32 = 0.5;

@@ -9,7 +9,8 @@
 //! projection along the ray, the sum of |dir| times the areas of its faces, with the square of the ray's width.
 //!
 //! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`cell_slabs.rs`); who misses them misses
-//! what the cell holds, for certain, and passes. Of cells that are no walls some of those that do not miss them pass too (`pass.rs`). Only rays that begin in a cell do not ask for slabs.
+//! what the cell holds, for certain, and passes. Of cells that are no walls some of those that do not miss them pass too (`pass.rs`).
+//! Only rays that begin in a cell do not ask for slabs.
 //!
 //! A plane `p` is met at `((p - slack) - org) * inv` at the earliest. The two differences and the product are rounded once
 //! each and `inv` once, on magnitudes of at most `2 m` with `m = max(|org|, reach)`: `7 h m |inv|` in all, `h = 2^-24`.
