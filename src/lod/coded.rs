@@ -47,7 +47,8 @@ pub fn stop_bits(code: u8) -> u32 {
 pub fn stopped(word: u32) -> u32 {
     let code = word >> STOPS;
     // 63 squared is 3969: 4096 of the greatest.
-    code * code + (code * code >> 5)
+    let square = code * code;
+    square + (square >> 5)
 }
 
 /// Flag: there is a sample for each side.

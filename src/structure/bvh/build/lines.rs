@@ -2,6 +2,7 @@
 //!
 //! Lines are uniform over all that cross the region, once each is weighed by one over its way through it: through points spread evenly over
 //! a block around the region, any way.
+#![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::refs::Ref;
 use crate::lod::Slabs;
