@@ -680,9 +680,9 @@ typedef struct oc_frame_accuracy {
     float effective_poe;
     /** Counts the requests of this frame, from 1; 0: none yet. */
     uint64_t request;
-    /** Pixels whose answer is exact: triangles, and background that no stand-in is before. */
+    /** Pixels whose answer is exact: triangles and background that no stand-in is before. */
     uint64_t pixels_exact;
-    /** Pixels that show a stand-in as fine as `effective_poe` asks for, or the background through one. */
+    /** Pixels that show a stand-in as fine as `effective_poe` asks for, or through one what is behind it. */
     uint64_t pixels_lod;
     /** Pixels that show a stand-in for missing data. */
     uint64_t pixels_missing;
@@ -943,7 +943,7 @@ typedef struct oc_pixels {
 /** From infinitely far away. */
 #define OC_LIGHT_DIRECTIONAL 2
 
-/** Nothing between t_min and t_max. */
+/** Nothing between t_min and t_max, or the ray was let through what stands in there: see `t_free`. */
 #define OC_HIT_MISS 0
 
 /** An original triangle. */
@@ -1524,7 +1524,7 @@ oc_status oc_scene_closest(const struct oc_scene *scene,
 
 /**
  * Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` is ignored. With OC_QUERY_NOW, 1 also
- * stands for rays of which that is not known.
+ * stands for rays of which that is not known. With a footprint, 0 may also be a ray that stand-ins let through.
  *
  * `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not
  * to be used. Thread safety: any thread. Blocks; may read the disk.

@@ -11,7 +11,7 @@ use outcrop::base::progress::{Cancel, Progress};
 use outcrop::base::tasks::{Executor, Task};
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::generate::{GenerateOptions, generate};
-use outcrop::math::Ray;
+use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Query, QueryOptions, QueryState};
 use outcrop::scene::{Context, ContextOptions, Model, Scene, SceneState};
 use outcrop::store::{CallbackSource, FileSource, Source};
@@ -166,6 +166,37 @@ fn exact_answers_with_the_least_budget_are_those_of_the_whole() {
         assert!(!met.is_empty());
         assert_eq!(met, whole.overlap_box(&volume).expect("an answer"));
     }
+}
+
+/// Rays that pass stand-ins walk twice, and lack blocks in both.
+#[test]
+fn rays_that_pass_stand_ins_end_with_the_least_budget() {
+    let file = built::parts(&[Part::white(1, scenes::wire_forest(1500, 24, 6))]);
+    let open = |context: &Context| scene(context, Arc::new(FileSource::open(&file.path).unwrap()));
+    let mut rng = Rng::new(9);
+    let rays: Vec<Ray> = (0..1500)
+        .map(|i| {
+            // From among them, and from afar.
+            let far = [2.0, 60.0][i % 2];
+            let from = DVec3::Z * 2.0 + rng.direction() * far * rng.between(0.3, 1.0);
+            let to = rng.inside(DVec3::new(-9.0, -9.0, 0.0), DVec3::new(9.0, 9.0, 6.0));
+            let dir = (to - from).normalize().as_vec3();
+            Ray { cone: Cone { a: 0.0, b: [0.003, 0.01][i / 2 % 2] }, ..Ray::new(from, dir) }
+        })
+        .collect();
+    let whole = built::context(2);
+    let (state, model) = open(&whole).expect("it opens");
+    assert!(model.load(&Cancel::new()).expect("it loads"), "all of it fits");
+    let expected = ask(&state, &rays).expect("answers");
+    let passed = expected.iter().filter(|h| h.kind == HitKind::Miss && h.t_free < f64::INFINITY).count();
+    assert!(passed > 50, "{passed} passed");
+    let Err(Error::OverBudget { need, .. }) = open(&context(2, false, 4096)) else { panic!("a page does not do") };
+    let least = context(2, false, need);
+    let (state, _model) = open(&least).expect("the least does");
+    let (hits, most) = watched(&least, || ask(&state, &rays).expect("answers"));
+    println!("{passed} of {} passed, {most} of {need} bytes", rays.len());
+    same(&hits, &expected, "the least budget");
+    assert!(most <= need, "{most} of {need}");
 }
 
 #[test]

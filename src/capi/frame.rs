@@ -307,9 +307,9 @@ pub struct oc_frame_accuracy {
     pub effective_poe: f32,
     /// Counts the requests of this frame, from 1; 0: none yet.
     pub request: u64,
-    /// Pixels whose answer is exact: triangles, and background that no stand-in is before.
+    /// Pixels whose answer is exact: triangles and background that no stand-in is before.
     pub pixels_exact: u64,
-    /// Pixels that show a stand-in as fine as `effective_poe` asks for, or the background through one.
+    /// Pixels that show a stand-in as fine as `effective_poe` asks for, or through one what is behind it.
     pub pixels_lod: u64,
     /// Pixels that show a stand-in for missing data.
     pub pixels_missing: u64,

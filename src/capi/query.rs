@@ -36,7 +36,7 @@ pub struct oc_ray {
 
 /// What was hit.
 pub type oc_hit_kind = u32;
-/// Nothing between t_min and t_max.
+/// Nothing between t_min and t_max, or the ray was let through what stands in there: see `t_free`.
 pub const OC_HIT_MISS: oc_hit_kind = 0;
 /// An original triangle.
 pub const OC_HIT_EXACT: oc_hit_kind = 1;
@@ -249,7 +249,7 @@ pub unsafe extern "C" fn oc_scene_closest(
 }
 
 /// Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` is ignored. With OC_QUERY_NOW, 1 also
-/// stands for rays of which that is not known.
+/// stands for rays of which that is not known. With a footprint, 0 may also be a ray that stand-ins let through.
 ///
 /// `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not
 /// to be used. Thread safety: any thread. Blocks; may read the disk.

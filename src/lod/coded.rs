@@ -46,7 +46,7 @@ pub fn stop_bits(code: u8) -> u32 {
 #[inline]
 pub fn stopped(word: u32) -> u32 {
     let code = word >> STOPS;
-    // 63 squared is 3969: 4096 of the greatest.
+    // The square of 63 is 3969: 4093 of the greatest, which is never written.
     let square = code * code;
     square + (square >> 5)
 }

@@ -2,13 +2,13 @@
 
 use super::batch::{Hits, Policy, Rays};
 use super::asks::Asks;
-use super::finish::{Last, finish, free};
+use super::finish::{Last, begin_free, finish, free};
 use super::hit::{Hit, HitKind, Want};
 use super::stand_in;
 use super::simple::Simple;
 use crate::math::Ray;
 use crate::scene::InOne;
-use crate::scene::walk::{Found, ScenePacket, SceneStream, SceneView, SceneWalk, Step, bits};
+use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step, bits};
 use crate::structure::bvh::trace::{PACKET, STREAM, first_rays};
 use std::ops::Range;
 
@@ -121,8 +121,7 @@ impl Chunk {
                 return true;
             }
             for i in 0..group.len() {
-                let nothing = Found { passed: self.in_one.passed() >> i & 1 == 1, ..Found::nothing(0.0) };
-                self.found[group.start + i] = if met >> i & 1 == 1 { self.in_one.found(view, i) } else { nothing };
+                self.found[group.start + i] = self.in_one.found(view, i, met >> i & 1 == 1);
             }
         }
         self.answer_traced(view, task, group, met.ok(), hits);
@@ -166,7 +165,7 @@ impl Chunk {
             walk.begin(view, &self.rays[i]);
             match trace(view, task, &self.rays[i], &mut walk) {
                 Step::Pending(need) if task.policy == Policy::Exact => {
-                    waiting.push(Waiting { ray: i - group.start, walk: Some(walk), asks: Asks::of(need) });
+                    waiting.push(Waiting { ray: i - group.start, left: Left::Walk(walk), asks: Asks::of(need) });
                 }
                 step => {
                     self.found[i] = walk.best();
@@ -235,17 +234,18 @@ fn finish_group(
     for i in bits(met) {
         match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
             (Ok(()), _) => {}
-            (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, walk: None, asks: Asks::of(need) }),
+            (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, left: Left::Hit, asks: Asks::of(need) }),
             _ => hits[i].kind = HitKind::Missing,
         }
     }
     if task.want.has(Want::ERROR) {
-        for i in (0..rays.len()).filter(|&i| found[i].passed) {
+        for i in (0..rays.len()).filter(|&i| found[i].has_passed()) {
             if waiting.iter().any(|it| it.ray == i) {
                 continue;
             }
-            match (free(view, &rays[i], &mut hits[i]), task.policy) {
-                (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, walk: None, asks: Asks::of(need) }),
+            let mut walk = begin_free(view, &rays[i]);
+            match (free(view, &rays[i], &mut walk, &mut hits[i]), task.policy) {
+                (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, left: Left::Free(walk), asks: Asks::of(need) }),
                 (Err(_), Policy::Now) => hits[i].t_free = rays[i].t_min,
                 (Ok(()), _) => {}
             }
@@ -260,9 +260,17 @@ fn finish_group(
 struct Waiting {
     /// Its place in the group.
     ray: usize,
-    /// Where it was put down; `None` if it has ended, and only its hit is to be worked out.
-    walk: Option<SceneWalk>,
+    left: Left,
     asks: Asks,
+}
+
+/// What is left to be done for a ray, each with where it was put down.
+enum Left {
+    Walk(SceneWalk),
+    /// To work out its hit.
+    Hit,
+    /// To see from where on it is not free, see [`free`]: its hit is worked out.
+    Free(SceneWalk),
 }
 
 /// Up to a packet's rays of which some wait for blocks, with what it takes to take them up again.
@@ -315,22 +323,7 @@ impl Group {
                 return true;
             }
             let i = it.ray;
-            if let Some(walk) = &mut it.walk {
-                if let Step::Pending(need) = trace(view, task, &rays[i], walk) {
-                    it.asks.push(need);
-                    return true;
-                }
-                (found[i], it.walk) = (walk.best(), None);
-            }
-            hits[i] = Hit::MISS;
-            let mut ends = if found[i].is_hit() {
-                finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i])
-            } else {
-                Ok(())
-            };
-            if ends.is_ok() && found[i].passed && task.want.has(Want::ERROR) {
-                ends = free(view, &rays[i], &mut hits[i]);
-            }
+            let ends = go_on(view, task, &rays[i], &mut it.left, &mut last, &mut found[i], &mut hits[i]);
             ends.err().is_some_and(|need| {
                 it.asks.push(need);
                 true
@@ -338,4 +331,33 @@ impl Group {
         });
         self.waiting.is_empty().then_some(&self.hits[..self.count])
     }
+}
+
+/// Does what is left for a ray, up to a block that is needed.
+fn go_on<'a>(
+    view: &SceneView<'a>,
+    task: Task,
+    ray: &Ray,
+    left: &mut Left,
+    last: &mut Last<'a>,
+    found: &mut Found,
+    hit: &mut Hit,
+) -> Result<(), Need> {
+    if let Left::Walk(walk) = left {
+        if let Step::Pending(need) = trace(view, task, ray, walk) {
+            return Err(need);
+        }
+        (*found, *left) = (walk.best(), Left::Hit);
+    }
+    if let Left::Hit = left {
+        *hit = Hit::MISS;
+        if found.is_hit() {
+            finish(view, last, ray, found, task.want, hit)?;
+        }
+        if !(found.has_passed() && task.want.has(Want::ERROR)) {
+            return Ok(());
+        }
+        *left = Left::Free(begin_free(view, ray));
+    }
+    if let Left::Free(walk) = left { free(view, ray, walk, hit) } else { Ok(()) }
 }

@@ -221,13 +221,25 @@ pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, f
     Ok(())
 }
 
-/// Takes `t_free` of a ray that passed stand-ins down to where it hits when it passes none; fails with the block that is needed.
-/// (That walk visits no more than the one that passed: what stands in then did so before, and its hit is no farther.)
+/// A walk for [`free`].
 #[cold]
-pub(super) fn free(view: &SceneView, ray: &Ray, hit: &mut Hit) -> Result<(), Need> {
-    let (view, mut walk) = (SceneView { is_solid: true, ..*view }, SceneWalk::default());
-    walk.begin(&view, ray);
-    if let Step::Pending(need) = view.trace::<false>(ray, &mut walk) {
+pub(super) fn begin_free(view: &SceneView, ray: &Ray) -> SceneWalk {
+    let mut walk = SceneWalk::default();
+    walk.begin(&solid(view), ray);
+    walk
+}
+
+/// With stand-ins that no ray passes.
+fn solid<'a>(view: &SceneView<'a>) -> SceneView<'a> {
+    SceneView { is_solid: true, ..*view }
+}
+
+/// Goes on with the walk of a ray that passed stand-ins, now passing none, and takes `t_free` down to where it hits; fails with the block that
+/// is needed to go on again.
+#[cold]
+pub(super) fn free(view: &SceneView, ray: &Ray, walk: &mut SceneWalk, hit: &mut Hit) -> Result<(), Need> {
+    let view = solid(view);
+    if let Step::Pending(need) = view.trace::<false>(ray, walk) {
         return Err(need);
     }
     let (found, mut first) = (walk.best(), Hit::MISS);
@@ -337,7 +349,7 @@ mod tests {
     }
 
     fn found(t: f64) -> Found {
-        Found { t, placed: 0, tri: TriHit { t: t as f32, u: 0.3, v: 0.3, block: 0, tri: 0 }, passed: false }
+        Found { placed: 0, tri: TriHit { t: t as f32, u: 0.3, v: 0.3, block: 0, tri: 0 }, ..Found::nothing(t) }
     }
 
     #[test]

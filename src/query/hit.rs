@@ -9,7 +9,7 @@ pub const NONE: u64 = u64::MAX;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u32)]
 pub enum HitKind {
-    /// Nothing within the ray's interval.
+    /// Nothing within the ray's interval, or the ray was let through what stands in there: see [`Hit::t_free`].
     #[default]
     Miss = 0,
     /// An original triangle.

@@ -48,9 +48,9 @@ pub struct FrameStatus {
     /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the last
     /// lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to be mapped.
     pub pictures: u32,
-    /// Pixels whose answer is exact (hits on original triangles, and misses that passed no stand-in).
+    /// Pixels whose answer is exact (hits on original triangles and misses, of rays that passed no stand-in before).
     pub pixels_exact: u64,
-    /// Pixels that show a stand-in as fine as asked.
+    /// Pixels that show a stand-in as fine as asked, or what is behind one.
     pub pixels_lod: u64,
     /// Pixels that show a stand-in for missing data.
     pub pixels_missing: u64,

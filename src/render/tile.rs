@@ -225,7 +225,7 @@ impl Tally {
     /// Adds the pixels of a packet.
     fn count(&mut self, active: u32, first: &First) {
         let count = |pixels: u32| u64::from((pixels & active).count_ones());
-        let lod = first.lod | first.passed;
+        let lod = (first.lod | first.passed) & !first.missing;
         self.exact += count(!(lod | first.missing));
         self.lod += count(lod);
         self.missing += count(first.missing);

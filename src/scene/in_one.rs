@@ -1,7 +1,7 @@
 //! Rays in a scene that is one placed tree, the most frequent kind: there is no top-level tree to walk.
 
 use super::placed::{Placed, not_below};
-use super::walk::{Found, Need, SceneStream, SceneView, bits};
+use super::walk::{Found, NOTHING, Need, SceneStream, SceneView, bits};
 use crate::math::Ray;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, first_rays};
 use glam::DVec3;
@@ -98,21 +98,27 @@ impl InOne {
     /// How far ray `i` goes to its hit.
     #[inline]
     pub fn distance(&self, i: usize) -> f64 {
+        self.in_world(i, self.walk.distances()[i])
+    }
+
+    #[inline]
+    fn in_world(&self, i: usize, t: f32) -> f64 {
         let (shift, scale) = if self.is_moved { self.moved[i] } else { UNMOVED };
-        shift + scale * f64::from(self.walk.distances()[i])
+        shift + scale * f64::from(t)
     }
 
-    /// Rays that passed a stand-in.
+    /// Rays that passed a stand-in on their ways to their hits, or as far as they go.
     #[inline]
-    pub fn passed(&self) -> u32 {
-        self.walk.passed()
+    pub fn have_passed(&self) -> u32 {
+        let (passed, t) = (self.walk.passed(), self.walk.distances());
+        (0..PACKET).fold(0, |all, i| all | u32::from(passed[i] <= t[i]) << i)
     }
 
-    /// The hit of ray `i` of those that hit something in `view`.
+    /// What ray `i` finds in `view`; `met`: it hits something.
     #[inline]
-    pub fn found(&self, view: &SceneView, i: usize) -> Found {
-        let placed = view.only_one().unwrap_or(0);
-        Found { t: self.distance(i), placed, tri: self.walk.best(i), passed: self.passed() >> i & 1 == 1 }
+    pub fn found(&self, view: &SceneView, i: usize, met: bool) -> Found {
+        let placed = view.only_one().filter(|_| met).unwrap_or(NOTHING);
+        Found { t: self.distance(i), placed, tri: self.walk.best(i), passed: self.in_world(i, self.walk.passed()[i]) }
     }
 }
 
@@ -194,8 +200,7 @@ impl SceneView<'_> {
         unfinished.extend_from_slice(stream.unfinished());
         for (i, (hit, found)) in hits.iter().zip(found).enumerate() {
             *found = Found::nothing(rays[i].t_max);
-            found.offer::<ANY>(placed, *hit, moved[i].0, moved[i].1);
-            found.passed = stream.has_passed(i);
+            found.offer::<ANY>(placed, *hit, stream.passed()[i], moved[i].0, moved[i].1);
         }
     }
 }

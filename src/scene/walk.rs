@@ -100,25 +100,35 @@ pub(crate) struct Found {
     /// Index of the placed tree; `NOTHING` for none.
     pub placed: u32,
     pub tri: TriHit,
-    /// Whether the ray passed a stand-in on its way, or behind the hit: what is before the hit may not be free, and a miss may be none.
-    pub passed: bool,
+    /// Where the ray passed a stand-in first, in the same unit: infinity if it passed none. It may be behind the hit, and then may or may
+    /// not be told.
+    pub passed: f64,
 }
 
-const NOTHING: u32 = u32::MAX;
+pub(super) const NOTHING: u32 = u32::MAX;
 
 impl Found {
     /// Nothing up to `t`.
     pub const fn nothing(t: f64) -> Self {
-        Self { t, placed: NOTHING, tri: TriHit::none(0.0), passed: false }
+        Self { t, placed: NOTHING, tri: TriHit::none(0.0), passed: f64::INFINITY }
     }
 
     pub fn is_hit(&self) -> bool {
         self.placed != NOTHING
     }
 
-    /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree.
+    /// Whether the ray passed a stand-in on its way to the hit, or as far as it goes: what is before the hit may not be free, and a miss may
+    /// be none.
     #[inline]
-    pub(super) fn offer<const ANY: bool>(&mut self, placed: u32, tri: TriHit, shift: f64, scale: f64) {
+    pub fn has_passed(&self) -> bool {
+        self.passed <= self.t
+    }
+
+    /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree; and where the ray `passed` a stand-in in it, if
+    /// that is nearer.
+    #[inline]
+    pub(super) fn offer<const ANY: bool>(&mut self, placed: u32, tri: TriHit, passed: f32, shift: f64, scale: f64) {
+        self.passed = self.passed.min(shift + scale * f64::from(passed));
         if tri.is_hit() {
             let t = shift + scale * f64::from(tri.t);
             // The tree's walk had the best t rounded up: what it found may still be beyond. Where any
@@ -242,8 +252,7 @@ impl<'a> SceneView<'a> {
                     return Step::Pending(self.need(placed, block));
                 }
                 walk.at = None;
-                best.offer::<ANY>(placed, walk.tree.best(), shift, scale);
-                best.passed |= walk.tree.has_passed();
+                best.offer::<ANY>(placed, walk.tree.best(), walk.tree.passed(), shift, scale);
                 walk.best = Some(best);
                 if ANY && best.is_hit() {
                     return Step::Done;
@@ -350,7 +359,7 @@ impl ScenePacket {
         self.at = None;
         self.active = 0;
         for (i, it) in rays.iter().enumerate() {
-            (self.best[i].t, self.best[i].placed, self.best[i].passed) = (it.t_max, NOTHING, false);
+            (self.best[i].t, self.best[i].placed, self.best[i].passed) = (it.t_max, NOTHING, f64::INFINITY);
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
         let Some(root) = view.scene.placement.top.root() else { return };
@@ -385,8 +394,7 @@ impl SceneView<'_> {
                 walk.at = None;
                 for i in bits(walk.inside) {
                     let (shift, scale) = walk.moved[i];
-                    walk.best[i].offer::<ANY>(placed, walk.tree.best(i), shift, scale);
-                    walk.best[i].passed |= walk.tree.passed() >> i & 1 == 1;
+                    walk.best[i].offer::<ANY>(placed, walk.tree.best(i), walk.tree.passed()[i], shift, scale);
                     if ANY && walk.best[i].is_hit() {
                         walk.active &= !(1 << i);
                     }

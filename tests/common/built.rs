@@ -3,7 +3,7 @@
 use super::brute::Tri;
 use glam::DAffine3;
 use outcrop::base::progress::{Cancel, Progress};
-use outcrop::build::{BuildOptions, Builder};
+use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
 use std::path::PathBuf;
@@ -34,14 +34,17 @@ pub struct Built {
 
 /// Builds a file; `fill` pushes into the sink.
 pub fn build(fill: impl FnOnce(&mut Builder)) -> Built {
+    build_with(BuildOptions { threads: 1, ..Default::default() }, fill).0
+}
+
+/// The same with options; and what is said of the build.
+pub fn build_with(options: BuildOptions, fill: impl FnOnce(&mut Builder)) -> (Built, BuildReport) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("model.oc");
-    let mut builder =
-        Builder::new(BuildOptions { threads: 1, ..Default::default() }, Arc::new(Progress::default()), Cancel::new())
-            .expect("a builder");
+    let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
     fill(&mut builder);
-    builder.finish(&path).expect("a build");
-    Built { path, _folder: folder }
+    let report = builder.finish(&path).expect("a build");
+    (Built { path, _folder: folder }, report)
 }
 
 /// Pushes a part's triangles into `mesh`.

@@ -3,10 +3,11 @@
 
 use super::pictures::{POE, ways};
 use crate::common::brute::Tri;
-use crate::common::built::{self, Part};
+use crate::common::built::{self, Built, Part};
 use crate::common::rng::Rng;
 use crate::common::scenes;
 use glam::{DVec3, Vec3};
+use outcrop::build::BuildOptions;
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, QueryOptions};
 use outcrop::scene::{Context, ContextOptions, SceneState};
@@ -20,11 +21,10 @@ fn sphere() -> Vec<Tri> {
 }
 
 /// Faces in the planes that builders split at.
-fn grid_box() -> Vec<Tri> {
-    let n = 64;
+fn grid_box(n: usize) -> Vec<Tri> {
     let face = |k: usize, z: f64| {
         let turn = move |v: DVec3| DVec3::from(std::array::from_fn(|i| v[(i + k) % 3]));
-        scenes::plane_grid(n, z).into_iter().map(move |t| t.map(turn).map(|v| v / 32.0 - 1.0))
+        scenes::plane_grid(n, z).into_iter().map(move |t| t.map(turn).map(|v| v / (0.5 * n as f64) - 1.0))
     };
     (0..3).flat_map(|k| face(k, 0.0).chain(face(k, n as f64))).collect()
 }
@@ -91,13 +91,12 @@ fn assert_sane(ray: &Ray, hit: &Hit) {
 }
 
 /// The same in every way, one answer of a kind.
-fn in_all_ways(tris: &[Tri], rays: &[Ray], mut check: impl FnMut(&Ray, &Hit)) -> usize {
-    let file = built::parts(&[Part::white(1, tris.to_vec())]);
+fn in_all_ways(file: &Built, rays: &[Ray], mut check: impl FnMut(&Ray, &Hit)) -> usize {
     let mut truth: Option<Vec<Hit>> = None;
     for (threads, isa) in ways() {
         let options = ContextOptions { threads, isa: Some(isa), ..Default::default() };
         let context = Context::new(options).expect("a context");
-        let (scene, _) = built::scene(&context, &file);
+        let (scene, _) = built::scene(&context, file);
         for coherent in [false, true] {
             let hits = ask(&scene.state(), rays, coherent);
             rays.iter().zip(&hits).for_each(|(ray, hit)| check(ray, hit));
@@ -110,9 +109,24 @@ fn in_all_ways(tris: &[Tri], rays: &[Ray], mut check: impl FnMut(&Ray, &Hit)) ->
 
 #[test]
 fn no_cone_leaves_a_closed_mesh() {
-    for (name, tris) in [("sphere", sphere()), ("grid box", grid_box())] {
+    // In one piece, or in several chunks, which are built without knowing what is beside them.
+    let whole = |tris: &[Tri]| built::parts(&[Part::white(1, tris.to_vec())]);
+    let in_chunks = |tris: &[Tri]| {
+        let options = BuildOptions { threads: 1, memory_budget: 32 << 20, ..Default::default() };
+        let (file, report) = built::build_with(options, |builder| built::push(builder, &Part::white(1, tris.to_vec())));
+        assert!(report.chunks > 2, "{} chunks", report.chunks);
+        file
+    };
+    let fine_box = grid_box(128);
+    let cases = [
+        ("sphere", sphere(), whole(&sphere())),
+        ("grid box", grid_box(64), whole(&grid_box(64))),
+        ("sphere in chunks", sphere(), in_chunks(&sphere())),
+        ("grid box in chunks", fine_box.clone(), in_chunks(&fine_box)),
+    ];
+    for (name, tris, file) in cases {
         for poe in POE {
-            let stand_ins = in_all_ways(&tris, &rays(&tris, poe), |ray, hit| {
+            let stand_ins = in_all_ways(&file, &rays(&tris, poe), |ray, hit| {
                 assert!(hit.kind != HitKind::Miss, "{name}, PoE {poe}: {ray:?} left");
                 assert_sane(ray, hit);
             });
@@ -134,7 +148,8 @@ fn impossible_cones_end_and_are_sane() {
         Ray { cone, t_min, t_max, ..Ray::new(origin, direction(&mut rng)) }
     };
     let rays: Vec<Ray> = (0..RAYS).map(ray).collect();
-    let stand_ins = in_all_ways(&scenes::sphere(60, 90), &rays, |ray, hit| {
+    let file = built::parts(&[Part::white(1, scenes::sphere(60, 90))]);
+    let stand_ins = in_all_ways(&file, &rays, |ray, hit| {
         let clamped = Ray { t_min: ray.t_min.max(0.0), ..*ray };
         assert_sane(&clamped, hit);
     });

@@ -47,10 +47,10 @@ pub const DESIGN: [Row; 14] = [
     Row {
         fails: "wires, pins, leaves thinner than a voxel",
         must: "mean coverage within 3 % of the oracle at every PoE up to 10",
-        tests: &["thin::coverage_of_wires", "thin::coverage_of_leaf_cards"],
+        tests: &["thin::coverage_of_wires", "thin::coverage_of_leaf_cards", "thin::a_wall_behind_wires_is_not_exact"],
         state: Misses {
             measures: &[
-                Missed { measure: "wires: coverage", at: &[(3.0, 0.058), (10.0, 0.077)] },
+                Missed { measure: "wires: coverage", at: &[(3.0, 0.06), (10.0, 0.08)] },
                 Missed { measure: "leaf cards: coverage", at: &[(3.0, 0.048), (10.0, 0.073)] },
             ],
             why: "the worst of six views; on the mean of them all are within 2 %: how many rays a cell stops is one number for all directions",
@@ -149,7 +149,7 @@ pub const DESIGN: [Row; 14] = [
         state: Misses {
             measures: &[Missed {
                 measure: "wires: largest patch that pops",
-                at: &[(0.5, 32.0), (1.0, 35.0)],
+                at: &[(0.5, 32.0), (1.0, 35.0), (3.0, 40.0)],
             }],
             why: "which rays pass is fixed to the wires, which move over the pixels: neighbouring pixels change in the same frame by chance, \
                   along whole lengths of upright ones",

@@ -234,7 +234,7 @@ impl Direct<'_> {
                 None => self.trace(&lanes.rays, active, layer == 0, scratch)?,
             };
             if first && layer == 0 {
-                scratch.first.passed = passed & active & !hits;
+                scratch.first.passed = passed & active;
             }
             active &= hits;
             if active == 0 {
@@ -268,7 +268,8 @@ impl Direct<'_> {
         Ok(())
     }
 
-    /// Finds what rays hit; returns those that hit something and those that passed stand-ins, of `active` and perhaps others. `all`: most of them are active.
+    /// Finds what rays hit; returns those that hit something and those that passed stand-ins before, of `active` and perhaps others. `all`:
+    /// most of them are active.
     fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<(u32, u32), Need> {
         let Scratch { camera, in_one, found, .. } = scratch;
         let together = if all { in_one.trace::<false>(&self.view, rays, true) } else { None };
@@ -284,7 +285,7 @@ impl Direct<'_> {
         for i in bits(active) {
             found[i] = *camera.best(i);
             hits |= u32::from(found[i].is_hit()) << i;
-            passed |= u32::from(found[i].passed) << i;
+            passed |= u32::from(found[i].has_passed()) << i;
         }
         Ok((hits, passed))
     }
@@ -292,9 +293,9 @@ impl Direct<'_> {
     /// Takes over what the rays of `hits` were found to hit together; returns these, and those that passed stand-ins.
     fn found_in_one(&self, hits: u32, scratch: &mut Scratch) -> (u32, u32) {
         for i in bits(hits) {
-            scratch.found[i] = scratch.in_one.found(&self.view, i);
+            scratch.found[i] = scratch.in_one.found(&self.view, i, true);
         }
-        (hits, scratch.in_one.passed())
+        (hits, scratch.in_one.have_passed())
     }
 
     /// The surface that was found; and, if it is `seen` first, what is asked of that.

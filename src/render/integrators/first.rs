@@ -35,7 +35,7 @@ pub(crate) struct First {
     pub met: u32,
     pub lod: u32,
     pub missing: u32,
-    /// Pixels that see nothing, but only as they passed stand-ins.
+    /// Pixels whose rays passed stand-ins before what they see, or before nothing.
     pub passed: u32,
     /// Pixels with an error; what is in `error_px` of others does not count.
     pub inexact: u32,

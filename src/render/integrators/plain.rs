@@ -8,7 +8,6 @@ use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::material::{Gloss, Material, powers};
 use crate::query::surfaces::Surfaces;
 use crate::query::NONE;
-use crate::scene::InOne;
 use crate::scene::in_one::{CameraRays, CameraTree};
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
@@ -174,10 +173,10 @@ impl Direct<'_> {
 
     /// What is seen first in each pixel.
     fn note_first(&self, placed: u32, met: u32, scratch: &mut Scratch) {
-        let Scratch { in_one: InOne { walk, .. }, plain: Plain { surfaces, rows, .. }, first, .. } = scratch;
-        let cells = surfaces.cells();
+        let Scratch { in_one, plain: Plain { surfaces, rows, .. }, first, .. } = scratch;
+        let (cells, walk) = (surfaces.cells(), &in_one.walk);
         (first.met, first.lod, first.missing, first.inexact) = (met, cells, 0, cells);
-        first.passed = walk.passed() & !met;
+        first.passed = in_one.have_passed();
         if cells != 0 {
             surfaces.errors(&self.view, placed, self.rays.eye(), walk, &mut rows.error);
             for i in 0..PACKET {

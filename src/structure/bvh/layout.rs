@@ -197,7 +197,7 @@ impl Node {
         self.slabs[slot] |= level << LEVEL.0;
     }
 
-    /// Rays may pass a child: what walks look at its voxel for, which costs. So of all children that may not, its level is greater.
+    /// Rays may pass a child: walks look at its voxel for how many. They need not at those of greater levels.
     pub fn may_pass(&mut self, slot: usize) {
         let level = self.level(slot).min(PASSING);
         self.slabs[slot] = self.slabs[slot] & !(3 << LEVEL.0) | level << LEVEL.0;

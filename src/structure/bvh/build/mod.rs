@@ -137,7 +137,7 @@ impl<'a> Chunk<'a> {
         // The tops of several chunks take the roots' children. A root that stays, or is fine, is made here.
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
             let mut root = [Inner::over(pieces)];
-            pass::mark(&mut root, input, &refs, par);
+            pass::mark(&mut root, input, &refs, par, cancel)?;
             let [Piece { cell, voxel, content, sub }] = root;
             let sub = match sub {
                 Sub::Inner(root) if is_whole => match cluster::whole(root, input, &refs) {
@@ -149,7 +149,7 @@ impl<'a> Chunk<'a> {
             pieces = vec![Piece { cell, voxel, content, sub }];
             below = counts;
         } else {
-            pass::mark(&mut pieces, input, &refs, par);
+            pass::mark(&mut pieces, input, &refs, par, cancel)?;
         }
         let (plans, units) = cluster::fine(pieces.iter_mut().map(|p| &mut p.sub), input, &refs, par);
         let top = Top { pieces, units, fine_blocks: plans.len() as u32, counts: below };

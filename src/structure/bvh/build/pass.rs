@@ -13,13 +13,16 @@
 //! The same lines for all cells, turned by where the cell is: what is off by chance in one cell is not in the next. Nothing depends on
 //! the number of threads.
 //!
-//! Cells over several chunks (`join`) let nothing pass.
+//! Of a model of several chunks, cells over more than one of them and those right below a chunk's root (`join`) let nothing pass; and what is
+//! near is sought in the chunk alone, so that at its ends fewer are walls of themselves: not so many that `agree` would not make up for it.
 
 use super::TreeInput;
 use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};
 use super::par::Par;
 use super::refs::Ref;
 use super::tree::{Inner, Piece, Sub};
+use crate::base::error::Result;
+use crate::base::progress::Cancel;
 use crate::lod::{Slabs, stop_bits};
 use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
@@ -27,7 +30,7 @@ use std::collections::HashMap;
 
 /// A subtree of at most so many references is looked at as a whole first.
 const SMALL: u64 = 256;
-/// So many of its cells, with half a group of lines each.
+/// At least so many half groups of lines in all, through some of its cells.
 const PROBES: usize = 8;
 /// Its cells are walls if so many of the lines that pass one find other surface near it.
 const FOUND: f32 = 0.7;
@@ -65,25 +68,34 @@ struct Cell<'a> {
     sub: &'a Sub,
 }
 
-/// Works out how many rays all cells below `pieces` stop.
-pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par) {
+/// Works out how many rays all cells below `pieces` stop. Fails only with [`crate::Error::Cancelled`].
+pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par, cancel: &Cancel) -> Result<()> {
     let scene = Scene { pieces, input, refs };
     let (mut small, mut nodes) = (Vec::new(), 0);
     pieces.iter().for_each(|p| gather_small(&p.sub, (None, 0), &mut nodes, &mut small));
-    let mut codes = par.map(small.len(), |i| dispatch(Isa::best(), OfSmall { scene: &scene, small: small[i] }));
+    let codes = par.map(small.len(), |i| {
+        cancel.check()?;
+        Ok(dispatch(Isa::best(), OfSmall { scene: &scene, small: small[i] }))
+    });
+    let mut codes = codes.into_iter().collect::<Result<Vec<_>>>()?;
     agree(&small, &mut codes);
     let mut large = Vec::new();
     let mut next = codes.iter();
     pieces.iter().for_each(|p| {
         gather_large(&p.sub, None, &mut next, &mut large);
     });
-    let of_large = par.map(large.len(), |i| large[i].map_or(0, |(cell, above)| dispatch(Isa::best(), OfLarge { scene: &scene, cell, above })));
+    let of_large = par.map(large.len(), |i| {
+        cancel.check()?;
+        Ok(large[i].map_or(0, |(cell, above)| dispatch(Isa::best(), OfLarge { scene: &scene, cell, above })))
+    });
+    let of_large = of_large.into_iter().collect::<Result<Vec<_>>>()?;
     let (mut of_small, mut of_large) = (codes.into_iter(), of_large.into_iter());
     for piece in pieces {
         if let Sub::Inner(inner) = &mut piece.sub {
             apply(inner, &mut of_small, &mut of_large);
         }
     }
+    Ok(())
 }
 
 /// One of the largest subtrees of at most [`SMALL`] references.
@@ -204,7 +216,8 @@ impl Op for OfSmall<'_> {
         all_cells(inner, &mut all);
         let mut sums = Asked::default();
         for cell in all.iter().step_by((all.len() / PROBES).max(1)) {
-            sums.add(asker.alone(s, cell.sub, &cell.region(), 1, HALF));
+            let groups = PROBES.div_ceil(all.len());
+            sums.add(asker.alone(s, cell.sub, &cell.region(), groups, HALF, groups));
         }
         if sums.is_wall() {
             return Vec::new();
@@ -244,7 +257,7 @@ impl Op for OfLarge<'_> {
         let Self { scene, cell, above } = self;
         let (mut region, mut asker, mut sums) = (cell.region(), Asker::new(scene, above), Asked::default());
         for _ in 0..ROUNDS {
-            sums.add(asker.alone(s, cell.sub, &region, LINES[1], 0xff));
+            sums.add(asker.alone(s, cell.sub, &region, LINES[1], 0xff, LINES[1] / 4));
             if sums.stops() > SPARSE {
                 break;
             }
@@ -273,8 +286,9 @@ impl Asked {
         (self.sought, self.found) = (self.sought + o.sought, self.found + o.found);
     }
 
+    /// Where no line passes there is nothing to be let through; not so if there was no line.
     fn is_wall(&self) -> bool {
-        self.found >= FOUND * self.sought
+        self.all > 0.0 && self.found >= FOUND * self.sought
     }
 
     /// The share of them that counts as stopped.
@@ -285,8 +299,9 @@ impl Asked {
 
     /// The stop code, see [`stop_bits`].
     fn code(&self) -> u8 {
-        // The greatest stops all, as no code does.
-        (self.stops().max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63
+        let stops = self.stops();
+        // The greatest stops all, as no code does; and so does what is too small for single precision.
+        if stops.is_finite() { (stops.max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63 } else { 0 }
     }
 }
 
@@ -305,9 +320,9 @@ impl<'a> Asker<'a> {
         Self { scene, above, lines: Lines::new(), triangles: Vec::new(), stack: Vec::new() }
     }
 
-    /// Asks `some` of each of so many groups of lines, each alone, down the tree; and of a quarter of the groups what is near.
+    /// Asks `some` of each of so many groups of lines, each alone, down the tree; and of the first `seek` of these groups what is near.
     #[inline(always)]
-    fn alone<S: Simd>(&mut self, s: S, sub: &'a Sub, region: &Region, groups: usize, some: u8) -> Asked {
+    fn alone<S: Simd>(&mut self, s: S, sub: &'a Sub, region: &Region, groups: usize, some: u8, seek: usize) -> Asked {
         self.lines.through(region, [0, groups]);
         self.lines.all.iter_mut().for_each(|group| *group &= some);
         let mut passed = NONE;
@@ -315,7 +330,7 @@ impl<'a> Asker<'a> {
             self.stack.push(sub);
             put(&mut passed, i, !self.scene.meets(s, &self.lines.one(i, 0.0), usize::MAX, &mut self.stack));
         }
-        self.asked(s, &passed, groups.div_ceil(4), region.diagonal * NEAR)
+        self.asked(s, &passed, seek, region.diagonal * NEAR)
     }
 
     /// Asks `groups` (first, end) of the lines together about each of the triangles in a cell, of which there are few; and of the first

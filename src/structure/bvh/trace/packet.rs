@@ -127,8 +127,8 @@ pub struct PacketWalk {
     pub(super) shared: Shared,
     /// Rays that have not ended.
     pub(super) waiting: u32,
-    /// Rays that passed a stand-in.
-    pub(super) passed: u32,
+    /// Where each ray passed a stand-in first; infinity if it passed none.
+    pub(super) passed: Row,
     /// For rays that leave the packet.
     pub(super) alone: Walk,
     /// What the walks did.
@@ -162,7 +162,7 @@ impl PacketWalk {
             together: false,
             shared: Shared::default(),
             waiting: 0,
-            passed: 0,
+            passed: [[f32::INFINITY; 16]; VECTORS],
             alone: Walk::new(),
             counters: Counters::default(),
         }
@@ -248,11 +248,10 @@ impl PacketWalk {
 
     /// The hits of the rays of `lanes`, and those of `others` for the rest.
     pub fn join(&mut self, lanes: u32, others: &PacketWalk) {
-        let (hits, others, passed) = (&mut self.hits, &others.hits, others.passed);
+        let (hits, others, passed) = (&mut self.hits, &others.hits, &others.passed);
         hits.some = hits.some & lanes | others.some & !lanes;
-        self.passed = self.passed & lanes | passed & !lanes;
-        let rows = [&mut hits.t, &mut hits.u, &mut hits.v, &mut hits.block, &mut hits.tri];
-        let of_others = [&others.t, &others.u, &others.v, &others.block, &others.tri];
+        let rows = [&mut hits.t, &mut hits.u, &mut hits.v, &mut hits.block, &mut hits.tri, &mut self.passed];
+        let of_others = [&others.t, &others.u, &others.v, &others.block, &others.tri, passed];
         for (row, other) in rows.into_iter().zip(of_others) {
             for i in (0..PACKET).filter(|i| lanes >> i & 1 == 0) {
                 *at_mut(row, i) = at(other, i);
@@ -278,17 +277,10 @@ impl PacketWalk {
         TriHit { t: at(&h.t, i), u: at(&h.u, i), v: at(&h.v, i), block, tri }
     }
 
-    /// Takes down that ray `i` passed so many stand-ins.
-    #[inline(always)]
-    pub(super) fn has_passed(&mut self, i: usize, count: u64) {
-        self.passed |= u32::from(count > 0) << i;
-        self.counters.passed += count;
-    }
-
-    /// Rays that passed a stand-in: before what they hit there may be surface, and a miss may be none.
+    /// Where each ray passed a stand-in first, see [`Walk::passed`].
     #[inline]
-    pub fn passed(&self) -> u32 {
-        self.passed
+    pub fn passed(&self) -> &[f32; PACKET] {
+        must_cast_ref(&self.passed)
     }
 
     /// Rays that have a hit.
@@ -387,7 +379,8 @@ impl Op for Start<'_, '_> {
     fn run<S: Simd>(self, s: S) {
         let Self { walk, view, active } = self;
         walk.stack.clear();
-        (walk.hits.some, walk.passed, walk.together) = (0, 0, false);
+        (walk.hits.some, walk.together) = (0, false);
+        walk.passed = [[f32::INFINITY; 16]; VECTORS];
         walk.waiting = packet_prepare::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
         if walk.waiting == 0 || view.is_empty() {
             walk.waiting = 0;

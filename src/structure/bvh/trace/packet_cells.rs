@@ -2,11 +2,12 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::cell_slabs::{self, Origin};
-use super::packet::{PacketEntry, PacketWalk, VECTORS};
+use super::packet::{PacketEntry, PacketWalk, VECTORS, at_mut};
 use super::packet_leaf::keep_better;
 use super::packet_prepare::Shared;
 use super::packet_visit::Boxes;
 use super::ray::abs;
+use super::pass::Sieve;
 use super::single;
 use super::stand_in::{self, SLACK, ConeRay, Met, Verdict};
 use super::{PartFilter, TreeView};
@@ -140,7 +141,7 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
                 let [enter, leave] = within(s, block.node(node), slot, boxes, shared, view.reach, walk, h, [met.enter, crossings[h][1]]);
                 let mut hits = small & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
                 if !view.is_solid && block.node(node).level(slot) <= PASSING {
-                    hits = stopped(block, node, slot, &enter.to_array(), walk, h, hits);
+                    hits = stopped(Sieve::of(block, node, slot), &enter.to_array(), walk, h, hits);
                 }
                 if hits != 0 {
                     offer::<S, ANY>(s, view, walk, h, hits, enter, entry.block, tri);
@@ -154,14 +155,16 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
 
 /// Of the rays `hits` of vector `h`, which enter a cell's region at `enter`, those that do not pass it.
 #[inline(never)]
-fn stopped(block: Block, node: usize, slot: usize, enter: &[f32; 16], walk: &mut PacketWalk, h: usize, hits: u32) -> u32 {
+fn stopped(sieve: Option<Sieve>, enter: &[f32; 16], walk: &mut PacketWalk, h: usize, hits: u32) -> u32 {
+    let Some(sieve) = sieve else { return hits };
     let (mut left, mut stopped) = (hits, hits);
     while left != 0 {
         let lane = left.trailing_zeros() as usize & 15;
         left &= left - 1;
-        if walk.rays.passing(16 * h + lane).passes(block, node, slot, enter[lane]) {
+        if sieve.is_passed(&walk.rays.passing(16 * h + lane), enter[lane]) {
             stopped &= !(1 << lane);
-            walk.has_passed(16 * h + lane, 1);
+            let passed = at_mut(&mut walk.passed, 16 * h + lane);
+            *passed = passed.min(enter[lane]);
         }
     }
     stopped

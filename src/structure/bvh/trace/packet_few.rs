@@ -1,7 +1,7 @@
 //! Nodes that few rays of a packet meet: all eight children against one ray after the other.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::packet::{PacketEntry, PacketWalk, at};
+use super::packet::{PacketEntry, PacketWalk, at, at_mut};
 use super::packet_prepare::Shared;
 use super::packet_visit::{Boxes, keep};
 use super::stand_in::{self, ConeRay};
@@ -82,9 +82,8 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     let mut best = walk.best(i);
     let slabs = boxes.slabs(s, block.node(index), shared, view.reach).all(s);
     let way = cell_slabs::within(dir, &slabs, [cells.enter, leave], s.splat8(1.0));
-    let (passing, mut passed) = (walk.rays.passing(i), 0);
-    let settled = single::offers::<S>(view, small, way, &passing, block, block_id, index, filter, &mut best, &mut passed);
-    walk.has_passed(i, passed);
+    let (passing, passed) = (walk.rays.passing(i), at_mut(&mut walk.passed, i));
+    let settled = single::offers::<S>(view, small, way, &passing, block, block_id, index, filter, &mut best, passed);
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);

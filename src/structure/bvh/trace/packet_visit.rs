@@ -184,10 +184,8 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
         let stack = &mut walk.alone.stack;
         stack.clear();
         stack.push(Entry { t: entry.t, block: entry.block, child: entry.child });
-        let counters = &mut walk.alone.counters;
-        let before = counters.passed;
-        let outcome = single::visit::<S, ANY, LOD>(s, view, filter, &ray, &lanes, stack, &mut best, counters);
-        walk.passed |= u32::from(walk.alone.counters.passed != before) << i;
+        let (passed, counters) = (at_mut(&mut walk.passed, i), &mut walk.alone.counters);
+        let outcome = single::visit::<S, ANY, LOD>(s, view, filter, &ray, &lanes, stack, &mut best, passed, counters);
         keep(walk, i, &best);
         if outcome != Outcome::Done {
             // The others first look at this entry later; this one goes on with what it has left.

@@ -1,6 +1,6 @@
 //! Which rays pass a cell that stands in: as many as pass what it holds.
 //!
-//! Where a ray enters the cell's region says so, by a hash over a grid a quarter as wide as the cell: fixed to the object, so that
+//! Where a ray enters the cell's region says so, by a hash over a grid an eighth to a quarter as wide as the cell is long: fixed to the object, so that
 //! nothing swims; and cells that overlap, which mostly hold parts of the same thing, mostly decide alike, so that it is not covered by
 //! each of them anew. (On a grid as wide as the cell what is seen of a few cells is a matter of chance: wires at PoE 10 had 0.87 to 1.13
 //! of their coverage.) Only cells whose level is low are asked (`lod::PASSING`): the voxel is looked at for that.
@@ -8,7 +8,7 @@
 //! One ray at a time, in the same steps by all walks: they see the same to the bit.
 
 use crate::lod::PASSING;
-use crate::structure::bvh::layout::{Block, Node};
+use crate::structure::bvh::layout::Block;
 
 /// A ray, as all walks have it to the bit.
 #[derive(Clone, Copy)]
@@ -22,26 +22,39 @@ impl Passing {
     /// Whether it passes the cell in `slot` of a node, whose region it enters at `t`.
     #[inline(always)]
     pub fn passes(&self, block: Block, node: usize, slot: usize, t: f32) -> bool {
-        block.node(node).level(slot) <= PASSING && self.is_let_through(block, node, slot, t)
+        block.node(node).level(slot) <= PASSING && Sieve::of(block, node, slot).is_some_and(|sieve| sieve.is_passed(self, t))
     }
+}
 
+/// A cell that some rays pass.
+pub(super) struct Sieve {
+    /// How many of 4096 rays it stops.
+    stopped: u32,
+    /// The exponent of the cells of its grid, as a number of single precision has it.
+    exponent: u32,
+}
+
+impl Sieve {
+    /// The cell in `slot` of a node; `None` if it stops all.
     #[inline(never)]
-    fn is_let_through(&self, block: Block, node: usize, slot: usize, t: f32) -> bool {
+    pub fn of(block: Block, node: usize, slot: usize) -> Option<Self> {
         let stopped = block.voxel(node, slot).stopped();
-        stopped > 0 && self.hash(block.node(node), slot, t) >> 20 >= stopped
-    }
-
-    fn hash(&self, node: &Node, slot: usize, t: f32) -> u32 {
-        let cell = node.stored_box(slot).extent();
+        let cell = block.node(node).stored_box(slot).extent();
         // The greatest power of two that is no more than a quarter of it: its reciprocal is one too.
         let exponent = (cell.max_element().to_bits() >> 23).clamp(3, 253) - 2;
-        let per_size = f32::from_bits((254 - exponent) << 23);
-        let mut hash = exponent;
+        (stopped > 0).then_some(Self { stopped, exponent })
+    }
+
+    /// By a ray that enters its region at `t`.
+    #[inline(always)]
+    pub fn is_passed(&self, ray: &Passing, t: f32) -> bool {
+        let per_size = f32::from_bits((254 - self.exponent) << 23);
+        let mut hash = self.exponent;
         for axis in 0..3 {
-            let at = (self.org[axis] + self.dir[axis] * t) * per_size;
+            let at = (ray.org[axis] + ray.dir[axis] * t) * per_size;
             hash = mix(hash ^ (at.floor() as i32 as u32));
         }
-        hash
+        hash >> 20 >= self.stopped
     }
 }
 

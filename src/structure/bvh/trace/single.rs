@@ -39,7 +39,7 @@ impl<const ANY: bool, const LOD: bool> Op for Single<'_, '_, ANY, LOD> {
         }
         let ray = PreparedRay::new(&walk.ray, view.reach);
         let lanes = RayLanes::new(s, &ray);
-        visit::<S, ANY, LOD>(s, view, filter, &ray, &lanes, &mut walk.stack, &mut walk.best, &mut walk.counters)
+        visit::<S, ANY, LOD>(s, view, filter, &ray, &lanes, &mut walk.stack, &mut walk.best, &mut walk.passed, &mut walk.counters)
     }
 }
 
@@ -95,6 +95,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     lanes: &RayLanes<S>,
     stack: &mut Vec<Entry>,
     best: &mut TriHit,
+    passed: &mut f32,
     counters: &mut super::Counters,
 ) -> Outcome {
     let mut block_id = u32::MAX;
@@ -120,7 +121,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let node = block.node(index);
                     let (mut mask, t, leave) = boxes(s, node, ray, lanes, best.t);
                     if let Some(cells) = &cells {
-                        mask = stand_ins(s, view, block, block_id, index, mask, leave, cells, filter, best, &mut counters.passed);
+                        mask = stand_ins(s, view, block, block_id, index, mask, leave, cells, filter, best, passed);
                         if view.never_waits && mask != 0 && view.lacks_leaves(block_id) {
                             mask = for_missing_leaves::<S, ANY>(s, block, block_id, index, mask, cells, filter, best);
                         }
@@ -326,7 +327,7 @@ pub(super) fn stand_ins<S: Simd>(
     cells: &CellLanes<S>,
     filter: Option<&PartFilter>,
     best: &mut TriHit,
-    passed: &mut u64,
+    passed: &mut f32,
 ) -> u32 {
     let [near, far] = stored_planes(s, block.node(index), cells.near);
     let ray = &cells.ray;
@@ -349,7 +350,7 @@ pub(super) fn stand_ins<S: Simd>(
 }
 
 /// Offers the cells in `small`, which a ray crosses inside of their slabs from `enter` to `leave`, if it does, to `best`; returns
-/// those for which nothing is left to visit. Adds to `passed` how many it passes.
+/// those for which nothing is left to visit. Takes `passed` down to where it passes one.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
 pub(super) fn offers<S: Simd>(
@@ -362,7 +363,7 @@ pub(super) fn offers<S: Simd>(
     index: usize,
     filter: Option<&PartFilter>,
     best: &mut TriHit,
-    passed: &mut u64,
+    passed: &mut f32,
 ) -> u32 {
     let crosses = enter.le(leave).bits();
     let t = enter.to_array();
@@ -374,7 +375,7 @@ pub(super) fn offers<S: Simd>(
             Verdict::Descend => continue,
             Verdict::Skip => {}
             Verdict::Stand if crosses >> slot & 1 == 0 => {}
-            Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => *passed += 1,
+            Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => *passed = passed.min(t[slot]),
             Verdict::Stand => {
                 let tri = stand_in::lod_code(index, slot);
                 offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: block_id, tri });

@@ -43,8 +43,8 @@ pub struct Stream {
     prepared: Box<[[OneRay; GROUP]; STREAM / GROUP]>,
     pub(super) stacks: Box<[Stack; LANES]>,
     unfinished: Vec<u32>,
-    /// Rays that passed a stand-in, a bit each.
-    passed: [u64; STREAM / 64],
+    /// Where each ray passed a stand-in first; infinity if it passed none.
+    passed: Box<[f32; STREAM]>,
     /// What the walks did.
     pub counters: Counters,
 }
@@ -68,7 +68,7 @@ impl Stream {
     pub fn new() -> Self {
         let mut stack = Stack { t: [0.0; DEPTH], child: [NOTHING; DEPTH], block: [0; DEPTH] };
         stack.t[..BOTTOM].fill(f32::NEG_INFINITY);
-        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: [0; STREAM / 64], counters: Counters::default() }
+        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), counters: Counters::default() }
     }
 
     /// Takes ray `i` over, below [`STREAM`].
@@ -82,10 +82,10 @@ impl Stream {
         !view.never_waits && self.groups[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
     }
 
-    /// Whether ray `i` of the last call passed a stand-in: before what it hit there may be surface, and a miss may be none.
+    /// Where each ray of the last call passed a stand-in first, see [`Walk::passed`](super::Walk::passed).
     #[inline]
-    pub fn has_passed(&self, i: usize) -> bool {
-        self.passed[(i / 64) & (STREAM / 64 - 1)] >> (i % 64) & 1 == 1
+    pub fn passed(&self) -> &[f32; STREAM] {
+        &self.passed
     }
 
     /// Rays of the last call that met a missing block, or needed a deeper stack: to be traced alone, anew.
@@ -202,7 +202,7 @@ pub(super) struct State<'a> {
     pub stacks: &'a mut [Stack; LANES],
     pub hits: &'a mut [TriHit],
     pub unfinished: &'a mut Vec<u32>,
-    pub passed: &'a mut [u64; STREAM / 64],
+    pub passed: &'a mut [f32; STREAM],
     pub rows: [Row; 4],
     pub scratch: Scratch,
     /// The ray.
@@ -231,7 +231,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
         let count = hits.len().min(STREAM);
         let hits = &mut hits[..count];
         stream.unfinished.clear();
-        stream.passed = [0; STREAM / 64];
+        stream.passed.fill(f32::INFINITY);
         let mut todo = [0u16; STREAM / GROUP];
         for (g, hits) in hits.chunks_mut(GROUP).enumerate() {
             let rays = &stream.groups[g];

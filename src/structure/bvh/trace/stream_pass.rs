@@ -207,13 +207,8 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, lane: usize, met
     let Some(best) = state.hits.get_mut(usize::from(state.ray[lane])) else { return met };
     let before = (best.t, best.tri, best.block);
     let (block, id) = (state.block[lane], state.block_id[lane]);
-    let mut passed = 0;
-    let mut left = single::stand_ins(s, state.view, block, id, node, met, leave, &cells, state.filter, best, &mut passed);
-    if passed > 0 {
-        let ray = usize::from(state.ray[lane]);
-        state.passed[(ray / 64) & (STREAM / 64 - 1)] |= 1 << (ray % 64);
-        state.counters.passed += passed;
-    }
+    let passed = &mut state.passed[usize::from(state.ray[lane]) & (STREAM - 1)];
+    let mut left = single::stand_ins(s, state.view, block, id, node, met, leave, &cells, state.filter, best, passed);
     if left != 0 && state.view.never_waits && state.view.lacks_leaves(id) {
         left = single::for_missing_leaves::<S, ANY>(s, block, id, node, left, &cells, state.filter, best);
     }

@@ -54,8 +54,6 @@ pub struct Counters {
     pub blocks: u64,
     /// Ties that primitive ids had to decide.
     pub ties: u64,
-    /// Stand-ins that a ray passed.
-    pub passed: u64,
 }
 
 impl std::ops::AddAssign for Counters {
@@ -65,7 +63,6 @@ impl std::ops::AddAssign for Counters {
         self.triangles += o.triangles;
         self.blocks += o.blocks;
         self.ties += o.ties;
-        self.passed += o.passed;
     }
 }
 
@@ -88,8 +85,8 @@ pub struct Walk {
     pub(super) best: TriHit,
     /// What walks with it did.
     pub counters: Counters,
-    /// Of these, the stand-ins that were passed before this ray began.
-    passed_before: u64,
+    /// Where the ray passed a stand-in first; infinity if it passed none.
+    pub(super) passed: f32,
 }
 
 impl Default for Walk {
@@ -102,7 +99,7 @@ impl Walk {
     /// For any number of rays.
     pub fn new() -> Self {
         let (ray, best) = (LocalRay::NONE, TriHit::none(0.0));
-        Self { stack: Vec::new(), ray, best, counters: Counters::default(), passed_before: 0 }
+        Self { stack: Vec::new(), ray, best, counters: Counters::default(), passed: f32::INFINITY }
     }
 
     /// Puts `ray` at the root of `view`. An invalid ray (see [`LocalRay::is_valid`]) misses all.
@@ -117,16 +114,17 @@ impl Walk {
         self.best
     }
 
-    /// Whether the ray passed a stand-in: before what it hit there may be surface, and a miss may be none.
+    /// Where the ray passed a stand-in first; infinity if it passed none. (Up to the hit, if there is one, that is the same whatever the
+    /// order; behind it, it may be found or not.) From there on there may be surface.
     #[inline]
-    pub fn has_passed(&self) -> bool {
-        self.counters.passed != self.passed_before
+    pub fn passed(&self) -> f32 {
+        self.passed
     }
 
     #[inline(always)]
     pub(super) fn put_at_root(&mut self, view: &super::TreeView, ray: &LocalRay) {
         self.stack.clear();
-        self.passed_before = self.counters.passed;
+        self.passed = f32::INFINITY;
         self.best = TriHit::none(ray.t_max);
         if ray.is_valid() && !view.is_empty() {
             self.stack.push(Entry { t: ray.t_min, block: view.root_block, child: view.root });
