@@ -1033,7 +1033,10 @@ typedef struct oc_pixels {
 /** 1 byte: an OC_HIT_ number. */
 #define OC_BUFFER_KIND 7
 
-/** 1 float: some original surface lies within this distance of what is shown; world units. */
+/**
+ * 1 float: some original surface lies within this distance of what is shown; world units. Infinity where a triangle, or nothing, is seen
+ * through stand-ins that let the ray pass: there something nearer may be.
+ */
 #define OC_BUFFER_ERROR 8
 
 /** 4 bytes. */

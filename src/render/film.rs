@@ -25,7 +25,8 @@ pub enum Buffer {
     Instance = 6,
     /// 1 byte: a [`crate::query::HitKind`].
     Kind = 7,
-    /// 1 float: [`crate::query::Hit::error`], world units.
+    /// 1 float: [`crate::query::Hit::error`], world units; infinity where a triangle or nothing is seen through stand-ins, before which
+    /// something may be.
     Error = 8,
 }
 

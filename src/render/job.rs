@@ -364,7 +364,10 @@ impl Work for Request {
             desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
-        let view = SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, is_solid: false, stamp };
+        // Where memory does not do, what stands in is as solid as what stands in for missing data: cells as large as that let rays
+        // through walls near the eye.
+        let is_solid = pressure > 1.0;
+        let view = SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, is_solid, stamp };
         let asks = Asks {
             ids: any(&[Buffer::Part, Buffer::Instance]),
             prims: any(&[Buffer::Primitive]),

@@ -146,7 +146,7 @@ impl TilePixels {
                     Buffer::Primitive => self.prim[to].copy_from_slice(&first.prim[from]),
                     Buffer::Instance => self.instance[to].copy_from_slice(&first.instance[from]),
                     Buffer::Kind => self.kind[to].iter_mut().zip(from).for_each(|(to, i)| *to = first.kind(i) as u8),
-                    Buffer::Error => self.error[to].copy_from_slice(&first.error[from]),
+                    Buffer::Error => self.error[to].iter_mut().zip(from).for_each(|(to, i)| *to = first.error(i)),
                 }
             }
         }

@@ -111,7 +111,8 @@ impl InOne {
     #[inline]
     pub fn have_passed(&self) -> u32 {
         let (passed, t) = (self.walk.passed(), self.walk.distances());
-        (0..PACKET).fold(0, |all, i| all | u32::from(passed[i] <= t[i]) << i)
+        // Not where both are infinite.
+        (0..PACKET).fold(0, |all, i| all | u32::from(passed[i] <= t[i].min(f32::MAX)) << i)
     }
 
     /// What ray `i` finds in `view`; `met`: it hits something.

@@ -121,7 +121,8 @@ impl Found {
     /// be none.
     #[inline]
     pub fn has_passed(&self) -> bool {
-        self.passed <= self.t
+        // Not where both are infinite.
+        self.passed <= self.t.min(f64::MAX)
     }
 
     /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree; and where the ray `passed` a stand-in in it, if

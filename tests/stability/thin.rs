@@ -130,6 +130,9 @@ fn a_wall_behind_wires_is_not_exact() {
             println!("PoE {poe}: {through} pixels show the wall for a wire; {lod} lod, {} of them stand-ins", picture.stand_ins());
             assert!(through > 50, "PoE {poe}: {through} pixels through stand-ins");
             assert!(lod as usize >= picture.stand_ins() + through, "PoE {poe}: {lod} lod, {through} through stand-ins");
+            let errors = picture.bytes(Buffer::Error).chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+            let mut seen = errors.zip(parts.iter().zip(&truth));
+            assert!(seen.all(|(error, (now, truth))| (*now, *truth) != (2, 1) || error == f32::INFINITY), "PoE {poe}: an error that is none");
         }
     }
 }

@@ -75,6 +75,11 @@ impl First {
         (self.error[i], self.error_px[i]) = (seen.error, seen.error_px);
     }
 
+    /// The error of pixel `i`: infinite for what is not a stand-in and is seen through one.
+    pub fn error(&self, i: usize) -> f32 {
+        if (self.passed & !self.lod & !self.missing) >> i & 1 == 1 { f32::INFINITY } else { self.error[i] }
+    }
+
     /// What pixel `i` sees.
     pub fn kind(&self, i: usize) -> HitKind {
         match (self.met >> i & 1, self.lod >> i & 1, self.missing >> i & 1) {
