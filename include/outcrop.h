@@ -676,7 +676,10 @@ typedef struct oc_frame_settings {
 typedef struct oc_frame_accuracy {
     /** Set by OC_INIT. */
     uint32_t struct_size;
-    /** The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. */
+    /**
+     * The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget.
+     * Where that is more than was asked for, no stand-in lets rays through.
+     */
     float effective_poe;
     /** Counts the requests of this frame, from 1; 0: none yet. */
     uint64_t request;

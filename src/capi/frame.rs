@@ -304,6 +304,7 @@ pub struct oc_frame_accuracy {
     /// Set by OC_INIT.
     pub struct_size: u32,
     /// The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget.
+    /// Where that is more than was asked for, no stand-in lets rays through.
     pub effective_poe: f32,
     /// Counts the requests of this frame, from 1; 0: none yet.
     pub request: u64,

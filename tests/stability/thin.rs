@@ -61,8 +61,8 @@ fn empty_squares(now: &[f64], truth: &[f64]) -> usize {
     squares.filter(|&(x, y)| mean(truth, x, y) >= SEEN && mean(now, x, y) == 0.0).count()
 }
 
-/// How much of all pixels is covered is judged, in the worst view; and nowhere nothing is seen of what is there. (Not which: where a cell stands in, some rays that would hit pass,
-/// and others hit.)
+/// How much of all pixels is covered is judged, in the worst view; and nowhere nothing is seen of what is there. (Not which: where a cell
+/// stands in, some rays that would hit pass, and others hit.)
 fn check(name: &str, (tris, cameras): (Vec<Tri>, [Camera; VIEWS])) {
     let setting = Setting { size: SIZE, samples: 16, ..Setting::default() };
     let file = built::parts(&[Part::white(1, tris.clone())]);

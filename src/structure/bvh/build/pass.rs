@@ -14,7 +14,8 @@
 //! the number of threads.
 //!
 //! Of a model of several chunks, cells over more than one of them and those right below a chunk's root (`join`) let nothing pass; and what is
-//! near is sought in the chunk alone, so that at its ends fewer are walls of themselves: not so many that `agree` would not make up for it.
+//! near is sought in the chunk alone, so that at its ends fewer cells are walls of themselves. (`tests/stability/awkward.rs`: closed meshes of
+//! several chunks stay closed all the same.)
 
 use super::TreeInput;
 use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};

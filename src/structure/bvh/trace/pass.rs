@@ -1,7 +1,7 @@
 //! Which rays pass a cell that stands in: as many as pass what it holds.
 //!
-//! Where a ray enters the cell's region says so, by a hash over a grid an eighth to a quarter as wide as the cell is long: fixed to the object, so that
-//! nothing swims; and cells that overlap, which mostly hold parts of the same thing, mostly decide alike, so that it is not covered by
+//! Where a ray enters the cell's region says so, by a hash over a grid an eighth to a quarter as wide as the cell is long: fixed to the
+//! object, so that nothing swims; and cells that overlap, which mostly hold parts of the same thing, mostly decide alike, so that it is not covered by
 //! each of them anew. (On a grid as wide as the cell what is seen of a few cells is a matter of chance: wires at PoE 10 had 0.87 to 1.13
 //! of their coverage.) Only cells whose level is low are asked (`lod::PASSING`): the voxel is looked at for that.
 //!
