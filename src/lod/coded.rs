@@ -8,7 +8,7 @@
 //! | bits of word 0 | |
 //! |---|---|
 //! | 0 to 15 | normal: octahedral, two signed bytes (Meyer and others, EGSR 2010) |
-//! | 16 to 23 | how alike the normals are, 255 for 1: of a side the length of its mean normal, of one sample what `likeness` says |
+//! | 16 to 23 | how alike the normals are, 255 for 1: of a side the length of its mean normal, of one sample what `likeness` says, or 0: see below |
 //! | 24, 25 | flags, of the first sample only |
 //! | 26 to 31 | of the first sample only: how many rays it stops, see [`stop_bits`] |
 //!
@@ -16,6 +16,10 @@
 //! |---|---|
 //! | 0 to 23 | linear red, green, blue: 255 times the square root of each |
 //! | 24 to 31 | the share that is covered, 255 for 1 |
+//!
+//! One sample of what faces along the axes (likeness 0; leaves only, most of machines and buildings) has in place of a normal the shares that are covered of the
+//! sides across x, y and z, in proportion; what a ray sees of it is three samples, see [`Coded::along_axes`]. Signs are those of the
+//! mean normal, for the slabs.
 //!
 //! The paper packs a sample into 32 bits: 15 of normal, 15 of colour, no spread and no coverage.
 
@@ -62,8 +66,13 @@ const MIXED: u32 = 1 << 31;
 const NORMALS: f32 = 0.3;
 /// The same for linear colours.
 const COLOURS: f32 = 0.1;
+/// One sample faces along the axes where this part of what sides see does. (All of blocks; two thirds of spheres.)
+const ALONG: f32 = 0.9;
 /// Sides of which less is seen than this part of the most have no say.
 const SEEN: f32 = 0.05;
+
+/// The bytes of normals along x, y and z.
+const AXES: [u32; 3] = [127, 127 << 8, 0];
 
 /// A voxel as stored.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,7 +119,10 @@ impl Coded {
         let (mean, agree) = mean(&voxel.sides, &weights);
         let (coloured, colours) =
             if voxel.is_mixed || voxel.has_own_colours { (COLOURED, u32::MAX) } else { (0, !0xff_ffff) };
-        let [a, b] = sample(&mean);
+        let [mut a, b] = sample(&mean);
+        if !agree && !may_have_sides && faces_along_axes(&voxel.sides, &weights) {
+            a = covers(&voxel.sides, mean.normal);
+        }
         let (a, b) = (a | coloured, b & colours);
         let part = voxel.part | if voxel.is_mixed { MIXED } else { 0 };
         let slabs = content.slabs(a, cell);
@@ -139,6 +151,21 @@ impl Coded {
     #[inline]
     pub fn has_sides(first: u32) -> bool {
         first & SIX != 0
+    }
+
+    /// Whether the first of a voxel's words says that its one sample is of what faces along the axes.
+    #[inline]
+    pub fn is_along_axes(first: u32) -> bool {
+        first & (SIX | 0xff << 16) == 0
+    }
+
+    /// The words of three samples, of the sides across x, y and z, for the one of what faces along the axes.
+    #[inline]
+    pub fn along_axes(first: u32, second: u32) -> ([u32; 3], [u32; 3]) {
+        let cover = stored_normal(first).abs();
+        let most = 255.0 / cover.max_element();
+        let seconds = cover.to_array().map(|c| second & 0xff_ffff | ((c * most + 0.5) as u32) << 24);
+        (AXES.map(|axis| axis | 255 << 16), seconds)
     }
 
     /// Whether the first of a voxel's words says that its colours count, and not those of its part.
@@ -176,7 +203,7 @@ fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
     };
     let agree = sides.iter().zip(weights).all(|(s, &w)| w <= SEEN * most || is_near(s));
     // Sides that do not agree are still one sample in leaves: how they answer light is told by its length.
-    all.normal = all.normal.normalize_or_zero();
+    all.normal = all.normal.normalize_or(Vec3::Z);
     all.normal *= likeness(sides, weights, all.normal);
     (all, agree)
 }
@@ -195,6 +222,18 @@ fn likeness(sides: &[Sample; 6], weights: &[f32; 6], unit: Vec3) -> f32 {
     }
     let share = along / all;
     if share.is_finite() { (0.5 + 0.5 * share).clamp(2.0 / 3.0, 1.0) } else { 1.0 }
+}
+
+/// Whether most that sides see faces along the axis that they look along.
+fn faces_along_axes(sides: &[Sample; 6], weights: &[f32; 6]) -> bool {
+    let along: f32 = sides.iter().zip(weights).enumerate().map(|(side, (s, &w))| s.normal[side % 3].abs() * w).sum();
+    along >= ALONG * weights.iter().sum::<f32>()
+}
+
+/// The first word of one sample for what faces along the axes; `mean` has its signs.
+fn covers(sides: &[Sample; 6], mean: Vec3) -> u32 {
+    let cover = Vec3::from(std::array::from_fn::<_, 3, _>(|axis| sides[axis].cover.max(sides[axis + 3].cover)));
+    octahedral(if cover.max_element() > 0.0 { cover } else { Vec3::ONE }.copysign(mean))
 }
 
 pub(super) fn sample(s: &Sample) -> [u32; 2] {

@@ -13,7 +13,7 @@
 //! none, and its `t_free` counts (`finish::free`). In a stand-in for missing data that the ray begins in nothing is known to be free.
 
 use super::hit::{Hit, HitKind, NONE, Want};
-use crate::lod::{self, Facing, blended_colour, farthest, holds, limit, sure_from};
+use crate::lod::{self, Coded, Facing, blended_colour, farthest, holds, limit, sure_from};
 use crate::math::{Bounds, Ray};
 use crate::scene::placed::{Placed, not_below};
 use crate::scene::walk::{Found, SceneView, bits};
@@ -82,12 +82,9 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
         t = t.max(leave(placed, ray, &cell(block, place)));
     }
     let (mut firsts, mut seconds, mut shares) = ([voxel.words()[0]; 3], [voxel.words()[1]; 3], [1.0, 0.0, 0.0]);
-    if voxel.has_sides() {
-        let (sides, dir) = (voxel.sides(), placed.local_vector(ray.dir.as_dvec3()));
-        for axis in 0..3 {
-            let at = 2 * side_towards(axis, dir[axis]) as usize;
-            (firsts[axis], seconds[axis]) = (sides[at], sides[at + 1]);
-        }
+    if voxel.has_sides() || voxel.is_along_axes() {
+        let dir = placed.local_vector(ray.dir.as_dvec3());
+        (firsts, seconds) = three(&voxel, dir);
         shares = lod::shares(cell(block, place).extent(), dir.as_vec3(), firsts, seconds);
     }
     let facing = Facing::of(firsts, shares, to_eye(ray.dir), |normal| facing(placed, normal, ray.dir));
@@ -106,6 +103,16 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
         block,
         place,
     })
+}
+
+/// The samples' words of the sides across x, y and z that face a ray which goes by `dir`, of a voxel that tells them apart.
+#[inline(always)]
+pub(super) fn three(voxel: &StoredVoxel, dir: DVec3) -> ([u32; 3], [u32; 3]) {
+    if !voxel.has_sides() {
+        return Coded::along_axes(voxel.words()[0], voxel.words()[1]);
+    }
+    let at: [usize; 3] = std::array::from_fn(|axis| 2 * side_towards(axis, dir[axis]) as usize);
+    (at.map(|at| voxel.sides()[at]), at.map(|at| voxel.sides()[at + 1]))
 }
 
 /// Where a cell is hit, in the ray's interval: it may be entered before, or be seen where the ray leaves it.
@@ -228,7 +235,7 @@ fn leave(placed: &Placed, ray: &Ray, cell: &Bounds) -> f64 {
 
 /// The side of a cell that faces a ray which goes by `dir` along an axis: low x, y, z, high x, y, z.
 #[inline(always)]
-pub(super) fn side_towards(axis: usize, dir: f64) -> u32 {
+fn side_towards(axis: usize, dir: f64) -> u32 {
     if dir >= 0.0 { axis as u32 } else { axis as u32 + 3 }
 }
 

@@ -51,7 +51,7 @@ pub(crate) struct Surfaces {
     part_of_cell: Row<u32>,
     /// For pictures: see [`Surfaces::along`].
     along: Row<f32>,
-    /// The cells of which the colours count; all boxes, and those of cells that have a sample for each side if it is not for pictures.
+    /// The cells of which the colours count; all boxes, and those of cells that tell their sides apart if it is not for pictures.
     coloured: u32,
     boxes: [Row<f32>; 6],
     /// What their levels say, see `lod::limit`.
@@ -239,7 +239,7 @@ impl Surfaces {
                 self.dir[axis][i] = dir[axis];
             }
         }
-        let (mut have_sides, mut coloured) = (0, 0);
+        let (mut have_three, mut coloured) = (0, 0);
         for i in bits(self.hits.cells) {
             let Some((voxel, node, slot)) = &here[i] else { continue };
             (self.firsts[0][i], self.seconds[0][i]) = (voxel.words()[0], voxel.words()[1]);
@@ -248,28 +248,29 @@ impl Surfaces {
                 coloured |= u32::from(voxel.has_colours()) << i;
                 self.near[i] = limit(node.level(*slot));
             }
-            if PICTURE || voxel.has_sides() {
+            let is_along_axes = voxel.is_along_axes();
+            if PICTURE || voxel.has_sides() || is_along_axes {
                 for row in 0..6 {
                     self.boxes[row][i] = node.stored_plane(row, *slot);
                 }
             }
+            have_three |= u32::from(is_along_axes) << i;
             if voxel.has_sides() {
-                have_sides |= 1 << i;
+                have_three |= 1 << i;
                 let sides = voxel.sides();
                 prefetch(sides.as_ptr());
                 prefetch(&sides[sides.len() - 1]);
             }
         }
-        for i in bits(have_sides) {
+        for i in bits(have_three) {
             let Some((voxel, ..)) = &here[i] else { continue };
-            let sides = voxel.sides();
+            let (firsts, seconds) = stand_in::three(voxel, self.dir_of(i).as_dvec3());
             for axis in 0..3 {
-                let at = 2 * stand_in::side_towards(axis, f64::from(self.dir[axis][i])) as usize;
-                (self.firsts[axis][i], self.seconds[axis][i]) = (sides[at], sides[at + 1]);
+                (self.firsts[axis][i], self.seconds[axis][i]) = (firsts[axis], seconds[axis]);
             }
         }
         self.coloured = coloured;
-        dispatch(tree.isa, OfCells { all: self, have_sides });
+        dispatch(tree.isa, OfCells { all: self, have_three });
         true
     }
 }
@@ -328,10 +329,10 @@ impl Op for Turn<'_> {
     }
 }
 
-/// Works out how cells face the rays; `have_sides`: those that have a sample for each side.
+/// Works out how cells face the rays; `have_three`: those that have a sample for each side.
 struct OfCells<'a> {
     all: &'a mut Surfaces,
-    have_sides: u32,
+    have_three: u32,
 }
 
 impl Op for OfCells<'_> {
@@ -339,9 +340,9 @@ impl Op for OfCells<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { all, have_sides } = self;
+        let Self { all, have_three } = self;
         let Surfaces { dir, firsts, seconds, boxes, shares: rows, .. } = all;
-        if have_sides == 0 {
+        if have_three == 0 {
             *rows = [[1.0; PACKET], [0.0; PACKET], [0.0; PACKET]];
             return facing::<1>(all);
         }
@@ -351,10 +352,10 @@ impl Op for OfCells<'_> {
             let dir = Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
             let words = |rows: &[Row<u32>; 3]| [rows[0][i], rows[1][i], rows[2][i]];
             let [x, y, z] = shares(extent, dir, words(firsts), words(seconds));
-            let has_sides = have_sides >> i & 1 == 1;
-            rows[0][i] = if has_sides { x } else { 1.0 };
-            rows[1][i] = if has_sides { y } else { 0.0 };
-            rows[2][i] = if has_sides { z } else { 0.0 };
+            let has_three = have_three >> i & 1 == 1;
+            rows[0][i] = if has_three { x } else { 1.0 };
+            rows[1][i] = if has_three { y } else { 0.0 };
+            rows[2][i] = if has_three { z } else { 0.0 };
         }
         facing::<3>(all);
     }

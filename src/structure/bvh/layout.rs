@@ -394,6 +394,12 @@ impl StoredVoxel<'_> {
         Coded::has_sides(self.words[0])
     }
 
+    /// Whether its one sample is of what faces along the axes.
+    #[inline]
+    pub fn is_along_axes(&self) -> bool {
+        Coded::is_along_axes(self.words[0])
+    }
+
     /// The words of its sides' samples, if it has them.
     #[inline]
     pub fn sides(&self) -> &[u32] {
