@@ -350,15 +350,47 @@ mod tests {
         assert!(side.colour.distance(GREY.into()) < 0.01);
     }
 
-    #[test]
-    fn one_sample_of_a_cube_is_as_alike_as_of_a_sphere() {
-        let faces = [Vec3::X, Vec3::Y, Vec3::Z].map(|n| (n.to_array(), GREY));
-        let facets = faces.map(|(n, c)| Facet { normal: n.into(), colour: c.into(), part: 9, is_own_colour: true });
-        let cell = Middle { at: CELL.center().to_array(), half: (CELL.extent() * 0.5).to_array() };
-        let content = Content::of_points(vec![CELL.min, CELL.max]);
-        let coded = Coded::of(&Voxel::of_leaf(&CELL, &facets), &cell, &content, false);
+    /// One sample of facets with these doubled areas times normals, that fill `cell`.
+    fn one_sample(cell: Bounds, normals: &[Vec3]) -> Coded {
+        let facet = |n: &Vec3| Facet { normal: *n, colour: GREY.into(), part: 9, is_own_colour: true };
+        let facets: Vec<_> = normals.iter().map(facet).collect();
+        let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
+        let coded = Coded::of(&Voxel::of_leaf(&cell, &facets), &middle, &Content::of_points(vec![cell.min, cell.max]), false);
         assert!(coded.sides.is_none());
-        assert!((stored_likeness(coded.words[0]) - 2.0 / 3.0).abs() < 0.01);
+        coded
+    }
+
+    #[test]
+    fn one_sample_of_faces_along_axes_tells_how_much_of_each() {
+        // A tall cell of which the walls across x are whole, those across y half, the top a quarter.
+        let cell = Bounds { min: Vec3::ZERO, max: Vec3::new(1.0, 1.0, 4.0) };
+        let Coded { words: [a, b, ..], .. } = one_sample(cell, &[Vec3::X * 8.0, Vec3::NEG_Y * 4.0, Vec3::Z * 0.5]);
+        assert!(Coded::is_along_axes(a));
+        let (firsts, seconds) = Coded::along_axes(a, b);
+        for axis in 0..3 {
+            let side = Side::of([firsts[axis], seconds[axis]]);
+            assert_eq!((side.normal, side.likeness), (Vec3::AXES[axis], 1.0));
+            assert!((side.cover - [1.0, 0.5, 0.25][axis]).abs() < 0.02, "{axis}: {}", side.cover);
+            assert!(side.colour.distance(GREY.into()) < 0.01);
+        }
+    }
+
+    #[test]
+    fn one_sample_of_a_sphere_is_as_alike_as_normals_can_be_at_least() {
+        // From all directions alike: of the corners and faces of an icosahedron.
+        let golden = 0.5 + 1.25f32.sqrt();
+        let corners = [Vec3::new(0.0, 1.0, golden), Vec3::new(1.0, golden, 0.0), Vec3::new(golden, 0.0, 1.0)];
+        let all = corners.into_iter().flat_map(|c| [c, Vec3::new(-c.x, c.y, c.z), Vec3::new(c.x, -c.y, c.z), Vec3::new(c.x, c.y, -c.z)]);
+        let normals: Vec<_> = all.map(|n| n.normalize() * 0.2).collect();
+        let [a, ..] = one_sample(CELL, &normals).words;
+        assert!(!Coded::is_along_axes(a));
+        assert!((stored_likeness(a) - 2.0 / 3.0).abs() < 0.02, "{}", stored_likeness(a));
+    }
+
+    #[test]
+    fn one_sample_without_any_normal_is_none_of_axes() {
+        let [a, ..] = one_sample(CELL, &[Vec3::ZERO]).words;
+        assert!(!Coded::is_along_axes(a) && stored_likeness(a) >= 0.6);
     }
 
     #[test]
