@@ -205,6 +205,11 @@ fn hits_of(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.is_hit()) << i)
 }
 
+/// Those that passed stand-ins.
+fn passed_by(found: &[Found]) -> u32 {
+    found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.has_passed()) << i)
+}
+
 /// Makes the hits of these rays misses.
 #[inline]
 pub(super) fn forget(rays: u32, hits: &mut [Hit; PACKET]) {
@@ -231,24 +236,22 @@ fn finish_group(
     forget(!met & first_rays(rays.len()), hits);
     let mut last = Last::new();
     stand_in::ask_for(view, found, met);
-    for i in bits(met) {
+    let waits = waiting.iter().fold(0, |all, it| all | 1 << it.ray);
+    let more = if task.want.has(Want::ERROR) { passed_by(found) & !waits } else { 0 };
+    for i in bits(met & !more) {
         match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
             (Ok(()), _) => {}
             (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, left: Left::Hit, asks: Asks::of(need) }),
             _ => hits[i].kind = HitKind::Missing,
         }
     }
-    if task.want.has(Want::ERROR) {
-        for i in (0..rays.len()).filter(|&i| found[i].has_passed()) {
-            if waiting.iter().any(|it| it.ray == i) {
-                continue;
-            }
-            let mut walk = begin_free(view, &rays[i]);
-            match (free(view, &rays[i], &mut walk, &mut hits[i]), task.policy) {
-                (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, left: Left::Free(walk), asks: Asks::of(need) }),
-                (Err(_), Policy::Now) => hits[i].t_free = rays[i].t_min,
-                (Ok(()), _) => {}
-            }
+    for i in bits(more) {
+        let (mut left, mut found) = (Left::Hit, found[i]);
+        match (go_on(view, task, &rays[i], &mut left, &mut last, &mut found, &mut hits[i]), task.policy, &left) {
+            (Ok(()), ..) => {}
+            (Err(need), Policy::Exact, _) => waiting.push(Waiting { ray: i, left, asks: Asks::of(need) }),
+            (Err(_), Policy::Now, Left::Free(_)) => hits[i].t_free = rays[i].t_min,
+            _ => hits[i].kind = HitKind::Missing,
         }
     }
     for i in bits(lacking) {

@@ -8,12 +8,9 @@ use crate::common::picture::coverage_ratio;
 use crate::common::rng::Rng;
 use crate::common::scenes;
 use glam::DVec3;
-use outcrop::base::progress::{Cancel, Progress};
-use outcrop::build::{BuildOptions, BuildReport, Builder};
+use outcrop::build::{BuildOptions, BuildReport};
 use outcrop::render::Buffer;
 use outcrop::scene::{Camera, Light};
-use std::path::Path;
-use std::sync::Arc;
 
 const SLIVERS: &str = "slivers";
 
@@ -21,20 +18,12 @@ fn camera() -> Camera {
     perspective(DVec3::new(3.0, -4.0, 2.5), DVec3::ZERO)
 }
 
-fn build(path: &Path, tris: &[Tri]) -> BuildReport {
-    let options = BuildOptions { threads: 1, ..Default::default() };
-    let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
-    built::push(&mut builder, &Part::white(1, tris.to_vec()));
-    builder.finish(path).expect("a build")
-}
-
 /// What is counted of the triangles, and their pictures at each pixels of error.
 fn made(tris: &[Tri]) -> (BuildReport, [Picture; POE.len()]) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("model.oc");
-    let report = build(&path, tris);
+    let options = BuildOptions { threads: 1, ..Default::default() };
+    let (built, report) = built::build_with(options, |builder| built::push(builder, &Part::white(1, tris.to_vec())));
     let lights = vec![Light::HEADLIGHT, sun(DVec3::new(1.0, 2.0, -3.0))];
-    let stage = Stage::new(&path, Setting { lights, samples: 2, ..Setting::default() });
+    let stage = Stage::new(&built.path, Setting { lights, samples: 2, ..Setting::default() });
     (report, POE.map(|poe| stage.picture(&camera(), poe)))
 }
 

@@ -15,10 +15,13 @@ pub enum State {
     Pending(Later),
 }
 
+/// What a missed measure comes to is at least this part of what the table says that it may: else the table says too little.
+const CLOSE: f64 = 0.8;
+
 /// A measure that misses its line.
 pub struct Missed {
     pub measure: &'static str,
-    /// Pixels of error at which it does, and the most that it may come to: a little more than when this was written.
+    /// Pixels of error at which it does, and the most that it may come to: a little more than when this was written, see [`CLOSE`].
     pub at: &'static [(f32, f64)],
 }
 
@@ -50,10 +53,11 @@ pub const DESIGN: [Row; 14] = [
         tests: &["thin::coverage_of_wires", "thin::coverage_of_leaf_cards", "thin::a_wall_behind_wires_is_not_exact"],
         state: Misses {
             measures: &[
-                Missed { measure: "wires: coverage", at: &[(3.0, 0.06), (10.0, 0.08)] },
+                Missed { measure: "wires: coverage", at: &[(3.0, 0.053), (10.0, 0.075)] },
                 Missed { measure: "leaf cards: coverage", at: &[(3.0, 0.048), (10.0, 0.073)] },
             ],
-            why: "the worst of six views; on the mean of them all are within 2 %: how many rays a cell stops is one number for all directions",
+            why: "the worst of six views, the mean of which keeps to the line; seen whole both are too thick, wires from among them too \
+                  thin: walls are told from what stands alone by few lines, and how many rays a cell stops is one number for all directions",
         },
     },
     Row {
@@ -188,11 +192,11 @@ pub const BESIDES: [Row; 1] = [Row {
     tests: &["brightness::of_five_models"],
     state: Misses {
         measures: &[
-            Missed { measure: "radiance without shadows", at: &[(0.5, 0.04), (1.0, 0.075), (3.0, 0.1), (10.0, 0.07)] },
-            Missed { measure: "radiance with shadows", at: &[(0.5, 0.04), (1.0, 0.07), (3.0, 0.105), (10.0, 0.17)] },
+            Missed { measure: "radiance without shadows", at: &[(0.5, 0.018), (1.0, 0.034), (3.0, 0.044), (10.0, 0.045)] },
+            Missed { measure: "radiance with shadows", at: &[(0.5, 0.023), (1.0, 0.035), (3.0, 0.08), (10.0, 0.132)] },
         ],
-        why: "cells are larger than at the same pixels of error before they were judged by what they hold; leaves have one sample, which \
-              tells no faces of blocks apart, probably most of it there; and stand-ins cover more than there is along outlines",
+        why: "blocks, and with shadows machines: boxes that nothing is near count as walls, so that all cells above them stop every ray, \
+              and what stands in covers and shadows more than there is",
     },
 }];
 
@@ -229,6 +233,8 @@ pub fn judge(measure: &str, values: &[(f32, f64, f64)]) {
                 let is_as_bad_as_known = value <= *most;
                 if !is_as_bad_as_known {
                     wrong.push(format!("PoE {poe}: {value} is worse than {most}"));
+                } else if value < CLOSE * most {
+                    wrong.push(format!("PoE {poe}: {value} is far better than {most}: bring the table up to date"));
                 }
             }
             (true, None) => (),

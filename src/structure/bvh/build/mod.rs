@@ -32,6 +32,7 @@ pub use spatial::splits_pay;
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::math::{Bounds, srgb};
+use crate::simd::Isa;
 use crate::structure::bvh::layout::Child;
 use glam::Vec3;
 use tree::{Inner, Piece, Sub};
@@ -137,7 +138,7 @@ impl<'a> Chunk<'a> {
         // The tops of several chunks take the roots' children. A root that stays, or is fine, is made here.
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
             let mut root = [Inner::over(pieces)];
-            pass::mark(&mut root, input, &refs, par, cancel)?;
+            pass::mark(&mut root, input, &refs, Isa::best(), par, cancel)?;
             let [Piece { cell, voxel, content, sub }] = root;
             let sub = match sub {
                 Sub::Inner(root) if is_whole => match cluster::whole(root, input, &refs) {
@@ -149,7 +150,7 @@ impl<'a> Chunk<'a> {
             pieces = vec![Piece { cell, voxel, content, sub }];
             below = counts;
         } else {
-            pass::mark(&mut pieces, input, &refs, par, cancel)?;
+            pass::mark(&mut pieces, input, &refs, Isa::best(), par, cancel)?;
         }
         let (plans, units) = cluster::fine(pieces.iter_mut().map(|p| &mut p.sub), input, &refs, par);
         let top = Top { pieces, units, fine_blocks: plans.len() as u32, counts: below };

@@ -69,14 +69,14 @@ struct Cell<'a> {
     sub: &'a Sub,
 }
 
-/// Works out how many rays all cells below `pieces` stop. Fails only with [`crate::Error::Cancelled`].
-pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par, cancel: &Cancel) -> Result<()> {
+/// Works out how many rays all cells below `pieces` stop, the same with any vectors. Fails only with [`crate::Error::Cancelled`].
+pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par: &Par, cancel: &Cancel) -> Result<()> {
     let scene = Scene { pieces, input, refs };
     let (mut small, mut nodes) = (Vec::new(), 0);
     pieces.iter().for_each(|p| gather_small(&p.sub, (None, 0), &mut nodes, &mut small));
     let codes = par.map(small.len(), |i| {
         cancel.check()?;
-        Ok(dispatch(Isa::best(), OfSmall { scene: &scene, small: small[i] }))
+        Ok(dispatch(isa, OfSmall { scene: &scene, small: small[i] }))
     });
     let mut codes = codes.into_iter().collect::<Result<Vec<_>>>()?;
     agree(&small, &mut codes);
@@ -87,7 +87,7 @@ pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], par: &Par, can
     });
     let of_large = par.map(large.len(), |i| {
         cancel.check()?;
-        Ok(large[i].map_or(0, |(cell, above)| dispatch(Isa::best(), OfLarge { scene: &scene, cell, above })))
+        Ok(large[i].map_or(0, |(cell, above)| dispatch(isa, OfLarge { scene: &scene, cell, above })))
     });
     let of_large = of_large.into_iter().collect::<Result<Vec<_>>>()?;
     let (mut of_small, mut of_large) = (codes.into_iter(), of_large.into_iter());
@@ -457,3 +457,7 @@ fn set(inner: &mut Inner, slot: usize, code: u8) {
         inner.node.may_pass(slot);
     }
 }
+
+#[cfg(test)]
+#[path = "pass_tests.rs"]
+mod tests;

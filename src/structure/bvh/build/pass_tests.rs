@@ -1,0 +1,215 @@
+//! How many rays cells stop, against closed forms and lines that are drawn by chance, counted in double precision.
+
+use super::super::{refs, tree};
+use super::*;
+use glam::{DVec3, Vec3};
+
+struct Random(u64);
+
+impl Random {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn inside(&mut self) -> DVec3 {
+        DVec3::new(self.unit(), self.unit(), self.unit()) * 2.0 - 1.0
+    }
+
+    fn direction(&mut self) -> DVec3 {
+        loop {
+            let at = self.inside();
+            if at.length_squared() <= 1.0 && at.length_squared() > 1e-6 {
+                return at.normalize();
+            }
+        }
+    }
+}
+
+/// A built tree, marked; fails as [`mark`] does.
+fn marked(triangles: &[[Vec3; 3]], isa: Isa, threads: usize, cancel: &Cancel) -> Result<(Vec<Piece>, Vec<Ref>)> {
+    let parts = vec![0; triangles.len()];
+    let prims: Vec<u32> = (0..triangles.len() as u32).collect();
+    let input = TreeInput { triangles, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
+    let par = Par { threads };
+    let mut refs = refs::make(triangles, 0.5, &par);
+    let built = tree::build(input, &mut refs, 0.0, &par, &Cancel::new()).expect("a tree");
+    let mut pieces = vec![Inner::over(built.children)];
+    mark(&mut pieces, input, &refs, isa, &par, cancel)?;
+    Ok((pieces, refs))
+}
+
+/// What was said of each cell: the share of rays that it stops, and itself.
+fn stops(pieces: &[Piece]) -> Vec<(f64, Cell<'_>)> {
+    let (mut cells, mut words) = (Vec::new(), Vec::new());
+    for piece in pieces {
+        let Sub::Inner(inner) = &piece.sub else { panic!("a piece is an inner node") };
+        all_cells(inner, &mut cells);
+        first_words(inner, &mut words);
+    }
+    let share = |word: &u32| match crate::lod::stopped(*word) {
+        0 => 1.0,
+        stopped => f64::from(stopped) / 4096.0,
+    };
+    words.iter().map(share).zip(cells).collect()
+}
+
+fn first_words(inner: &Inner, out: &mut Vec<u32>) {
+    for (coded, sub) in &inner.children {
+        out.push(coded.words[0]);
+        if let Sub::Inner(below) = sub {
+            first_words(below, out);
+        }
+    }
+}
+
+fn quad(at: Vec3, u: Vec3, v: Vec3) -> [[Vec3; 3]; 2] {
+    [[at, at + u, at + u + v], [at, at + u + v, at + v]]
+}
+
+/// Squares on a grid of units, turned anyhow, so small that hardly one is behind another.
+fn cards(side: usize) -> Vec<[Vec3; 3]> {
+    let mut random = Random(5);
+    let mut out = Vec::new();
+    for i in 0..side * side * side {
+        let at = Vec3::new((i % side) as f32, (i / side % side) as f32, (i / side / side) as f32);
+        let (u, v) = random.direction().as_vec3().any_orthonormal_pair();
+        out.extend(quad(at, u * 0.2, v * 0.2));
+    }
+    out
+}
+
+fn best(triangles: &[[Vec3; 3]]) -> (Vec<Piece>, Vec<Ref>) {
+    marked(triangles, Isa::best(), 2, &Cancel::new()).expect("marked")
+}
+
+/// The share of lines by chance through a cell's region that meet what it holds: with points even over a sphere's disks across any direction.
+fn counted(cell: &Cell, triangles: &[[Vec3; 3]], refs: &[Ref], random: &mut Random) -> f64 {
+    let (middle, radius) = (cell.bounds.center().as_dvec3(), f64::from(cell.bounds.extent().length()) * 0.5);
+    let mut below = Vec::new();
+    gather(cell.sub, refs, &mut below);
+    let (mut all, mut met) = (0.0, 0.0);
+    while all < 3000.0 {
+        let dir = random.direction();
+        let (u, v) = dir.any_orthonormal_pair();
+        let (x, y) = (random.unit() * 2.0 - 1.0, random.unit() * 2.0 - 1.0);
+        let org = middle + (u * x + v * y) * radius;
+        let mut way = [f64::NEG_INFINITY, f64::INFINITY];
+        let mut clip = |low: f64, high: f64, from: f64, along: f64| {
+            let (a, b) = ((low - from) / along, (high - from) / along);
+            way = [way[0].max(a.min(b)), way[1].min(a.max(b))];
+        };
+        for axis in 0..3 {
+            clip(cell.bounds.min[axis].into(), cell.bounds.max[axis].into(), org[axis], dir[axis]);
+        }
+        for slab in &cell.slabs {
+            let axis = Vec3::from(slab.axis).as_dvec3();
+            clip(slab.low.into(), slab.high.into(), org.dot(axis), dir.dot(axis));
+        }
+        if way[0] < way[1] {
+            all += 1.0;
+            met += f64::from(u8::from(below.iter().any(|t| meets(org, dir, &triangles[*t]))));
+        }
+    }
+    met / all
+}
+
+fn gather(sub: &Sub, refs: &[Ref], out: &mut Vec<usize>) {
+    match sub {
+        Sub::Leaf { first, count, .. } => out.extend(refs[*first as usize..(first + count) as usize].iter().map(Ref::triangle)),
+        Sub::Inner(inner) => inner.children.iter().for_each(|(_, sub)| gather(sub, refs, out)),
+        Sub::Placed(_) => {}
+    }
+}
+
+fn meets(org: DVec3, dir: DVec3, triangle: &[Vec3; 3]) -> bool {
+    let [a, b, c] = triangle.map(|v| v.as_dvec3() - org);
+    let volumes = [b.cross(c).dot(dir), c.cross(a).dot(dir), a.cross(b).dot(dir)];
+    volumes.iter().all(|v| *v >= 0.0) || volumes.iter().all(|v| *v <= 0.0)
+}
+
+#[test]
+fn sparse_cells_stop_as_many_as_lines_by_chance_meet() {
+    let triangles = cards(14);
+    let (pieces, refs) = best(&triangles);
+    let (mut random, mut ratios) = (Random(3), Vec::new());
+    for (stops, cell) in stops(&pieces) {
+        // Of a small subtree's cell 32 lines are asked, of larger ones some hundreds: each is a matter of chance, the mean is not.
+        if cell.bounds.extent().min_element() > 1.0 {
+            ratios.push(stops / counted(&cell, &triangles, &refs, &mut random));
+        }
+    }
+    assert!(ratios.len() > 50, "{}", ratios.len());
+    let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+    // A fifth of what finds another square near counts as stopped, and of few lines short ways are seldom found.
+    assert!((0.9..1.15).contains(&mean), "{mean}");
+}
+
+#[test]
+fn a_closed_wall_stops_all() {
+    let wall = |i: usize| quad(Vec3::new((i % 64) as f32, (i / 64) as f32, ((i * 7) % 5) as f32 * 1e-3), Vec3::X * 1.01, Vec3::Y * 1.01);
+    let (pieces, _) = best(&(0..64 * 64).flat_map(wall).collect::<Vec<_>>());
+    let all = stops(&pieces);
+    assert!(all.len() > 500);
+    for (stops, cell) in all {
+        assert_eq!(stops, 1.0, "{:?}", cell.bounds);
+    }
+}
+
+/// A sphere with bumps, of `n` by `2 n` quads.
+fn ball(n: usize) -> Vec<[Vec3; 3]> {
+    let at = |i: usize, j: usize| {
+        let (lat, lon) = (std::f32::consts::PI * i as f32 / n as f32, std::f32::consts::PI * (j % (2 * n)) as f32 / n as f32);
+        let r = 1.0 + 0.05 * (9.0 * lat).sin() * (7.0 * lon).cos();
+        Vec3::new(lat.sin() * lon.cos(), lat.sin() * lon.sin(), lat.cos()) * r
+    };
+    let quads = (0..n).flat_map(|i| (0..2 * n).map(move |j| (i, j)));
+    let two = |(i, j)| [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]];
+    quads.flat_map(two).filter(|t| (t[1] - t[0]).cross(t[2] - t[0]).length() > 0.0).collect()
+}
+
+#[test]
+fn a_closed_ball_stops_all() {
+    for n in [60, 100] {
+        let (pieces, _) = best(&ball(n));
+        for (stops, cell) in stops(&pieces) {
+            assert_eq!(stops, 1.0, "{n}: {:?}", cell.bounds);
+        }
+    }
+}
+
+#[test]
+fn the_codes_are_the_same_with_any_vectors_and_threads() {
+    let triangles = cards(7);
+    let codes = |isa, threads| {
+        let (pieces, _) = marked(&triangles, isa, threads, &Cancel::new()).expect("marked");
+        let mut words = Vec::new();
+        pieces.iter().for_each(|p| if let Sub::Inner(inner) = &p.sub { first_words(inner, &mut words) });
+        words
+    };
+    let expected = codes(Isa::Baseline, 1);
+    for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+        for threads in [1, 2] {
+            assert!(codes(isa, threads) == expected, "{isa:?}, {threads} threads");
+        }
+    }
+}
+
+#[test]
+fn asking_can_be_cancelled() {
+    let cancel = Cancel::new();
+    cancel.cancel();
+    let ends = marked(&cards(5), Isa::best(), 1, &cancel);
+    assert!(matches!(ends, Err(crate::Error::Cancelled)));
+}
+
+#[test]
+fn what_says_nothing_stops_all() {
+    assert_eq!(Asked::default().code(), 0);
+    assert!(!Asked::default().is_wall());
+    let half = Asked { all: 8.0, passed: 4.0, sought: 4.0, found: 0.0 };
+    assert_eq!((half.stops(), half.is_wall()), (0.5, false));
+    // None passes: it stops all, and is a wall of itself.
+    let none = Asked { all: 8.0, ..Asked::default() };
+    assert_eq!((none.code(), none.is_wall()), (0, true));
+}
