@@ -348,6 +348,10 @@ impl Request {
     }
 }
 
+/// Pixels of error up to which rays pass what stands in for want of memory, as what is as coarse as asked. Much larger cells let rays
+/// through walls near the eye: of a Mandelbulb, seen from inside at tens of pixels of error, one pixel in a thousand.
+const PASSED_UP_TO: f32 = 16.0;
+
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
         let Some(film) = self.film() else { return Ok(()) };
@@ -364,9 +368,9 @@ impl Work for Request {
             desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
-        // Where memory does not do, what stands in is as solid as what stands in for missing data: cells as large as that let rays
-        // through walls near the eye.
-        let is_solid = pressure > 1.0;
+        let poe = effective_poe(self.settings.poe, pressure);
+        // Where memory does not do by far, what stands in is as solid as what stands in for missing data.
+        let is_solid = pressure > 1.0 && poe > PASSED_UP_TO;
         let view = SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, is_solid, stamp };
         let asks = Asks {
             ids: any(&[Buffer::Part, Buffer::Instance]),
@@ -380,7 +384,7 @@ impl Work for Request {
             size: (film.width, film.height),
             samples,
             ambient: self.settings.ambient.max(0.0),
-            poe: effective_poe(self.settings.poe, pressure),
+            poe,
             is_pressed: pressure > 1.0,
             srgb: &self.srgb,
             asks,

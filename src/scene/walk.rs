@@ -148,7 +148,7 @@ pub(crate) struct SceneView<'a> {
     pub snapshots: &'a Snapshots,
     /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
     pub never_waits: bool,
-    /// Whether no ray passes a stand-in.
+    /// Whether no ray passes a cell that stands in.
     pub is_solid: bool,
     /// The pass that visits, see `residency::View`.
     pub stamp: u32,

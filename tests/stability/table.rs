@@ -50,7 +50,12 @@ pub const DESIGN: [Row; 14] = [
     Row {
         fails: "wires, pins, leaves thinner than a voxel",
         must: "mean coverage within 3 % of the oracle at every PoE up to 10",
-        tests: &["thin::coverage_of_wires", "thin::coverage_of_leaf_cards", "thin::a_wall_behind_wires_is_not_exact"],
+        tests: &[
+            "thin::coverage_of_wires",
+            "thin::coverage_of_leaf_cards",
+            "thin::wires_in_a_small_budget",
+            "thin::a_wall_behind_wires_is_not_exact",
+        ],
         state: Misses {
             measures: &[
                 Missed { measure: "wires: coverage", at: &[(3.0, 0.053), (10.0, 0.075)] },

@@ -1,6 +1,6 @@
 //! Wires and leaves thinner than a voxel: their mean coverage is the oracle's.
 
-use super::pictures::{LONG, POE, Picture, Setting, Stage, frame, sun};
+use super::pictures::{LONG, POE, Picture, Setting, Stage, frame, lit, sun};
 use super::table::judge_each;
 use crate::common::brute::Tri;
 use crate::common::built::{self, Part};
@@ -11,9 +11,9 @@ use crate::common::rng::Rng;
 use crate::common::samples::Samples;
 use crate::common::scenes;
 use crate::common::view::View;
-use glam::DVec3;
-use outcrop::render::{Buffer, FrameSettings};
-use outcrop::scene::{Camera, Light};
+use glam::{DAffine3, DVec3};
+use outcrop::render::{Buffer, FrameSettings, FrameState};
+use outcrop::scene::{Camera, Context, ContextOptions, Light, Model as Opened};
 
 const SIZE: (u32, u32) = (96, 72);
 const VIEWS: usize = 6;
@@ -154,4 +154,34 @@ fn a_wall_behind_wires_is_not_exact() {
             assert!(seen.all(|(error, (now, truth))| (*now, *truth) != (2, 1) || error == f32::INFINITY), "PoE {poe}: an error that is none");
         }
     }
+}
+
+/// Where memory does not do for what is seen, wires are as thick as at as many pixels of error that are asked for.
+#[test]
+fn wires_in_a_small_budget() {
+    let file = built::parts(&[Part::white(1, scenes::wire_forest(4000, 24, 3))]);
+    let cameras = wires().1;
+    let setting = Setting { size: SIZE, ..Setting::default() };
+    let stage = Stage::new(&file.path, setting.clone());
+    let bytes = Opened::open(&built::context(0), &file.path).expect("a model").memory().geometry;
+    let mut largest = 0f32;
+    for share in [2, 3] {
+        let options = ContextOptions { threads: 2, memory_budget: bytes / share, ..Default::default() };
+        let context = Context::new(options).expect("a context");
+        let model = Opened::open(&context, &file.path).expect("a model");
+        let scene = lit(&context, &setting);
+        scene.add_instance(&model, 0, DAffine3::IDENTITY).expect("an instance");
+        scene.commit().expect("a commit");
+        let frame = frame(&context, SIZE);
+        for (v, camera) in cameras.iter().enumerate() {
+            frame.request(&scene.state(), camera, &FrameSettings { ambient: 0.0, ..Default::default() }).expect("a request");
+            let status = frame.wait(LONG);
+            assert_eq!(status.state, FrameState::CompleteWithinBudget, "it all fits: {status:?}");
+            let [seen, asked] = [Picture::of(&frame), stage.quick(camera, status.effective_poe)].map(|p| p.coverage().sum::<f64>());
+            println!("1/{share} of {bytes} bytes, view {v}, PoE {}: {:.3} of what is seen when that is asked for", status.effective_poe, seen / asked);
+            assert!((seen / asked - 1.0).abs() < LINE, "view {v}, PoE {}: {seen} for {asked}", status.effective_poe);
+            largest = largest.max(status.effective_poe);
+        }
+    }
+    assert!((3.0..16.0).contains(&largest), "{largest} pixels of error are not what is to be looked at");
 }
