@@ -348,9 +348,9 @@ impl Request {
     }
 }
 
-/// Pixels of error up to which rays pass what stands in for want of memory, as what is as coarse as asked. Much larger cells let rays
-/// through walls near the eye: of a Mandelbulb, seen from inside at tens of pixels of error, one pixel in a thousand.
-const PASSED_UP_TO: f32 = 16.0;
+/// Pixels of error up to which rays pass what stands in for want of memory, as what is as coarse as asked. Larger cells let rays through
+/// walls near the eye: of a Mandelbulb, seen from inside at 9 pixels of error, through one pixel in a thousand.
+const PASSED_UP_TO: f32 = 4.0;
 
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
