@@ -165,7 +165,7 @@ fn wires_in_a_small_budget() {
     let stage = Stage::new(&file.path, setting.clone());
     let bytes = Opened::open(&built::context(0), &file.path).expect("a model").memory().geometry;
     let mut largest = 0f32;
-    for budget in [bytes * 2 / 3, bytes / 2] {
+    for budget in [bytes * 9 / 16, bytes / 2] {
         let options = ContextOptions { threads: 2, memory_budget: budget, ..Default::default() };
         let context = Context::new(options).expect("a context");
         let model = Opened::open(&context, &file.path).expect("a model");
