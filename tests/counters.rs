@@ -45,8 +45,8 @@ fn tiled(rows: &[Ray32]) -> Vec<Ray32> {
     blocks.flat_map(|(x, y)| (0..32).map(move |i| rows[(y + i / 8) * 64 + x + i % 8])).collect()
 }
 
-fn per_ray(counters: &Counters) -> [u64; 4] {
-    [counters.nodes, counters.leaves, counters.triangles, counters.blocks]
+fn per_ray(counters: &Counters) -> [u64; 5] {
+    [counters.nodes, counters.leaves, counters.triangles, counters.blocks, counters.leaf_lines]
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn what_walks_visit_is_pinned() {
     };
     let near: Vec<Ray32> = camera.chunks(PACKET * BUNDLE).flat_map(near).collect();
     let found = [count(&camera, &tree), count(&mixed, &tree), count(&wide, &tree), count(&near, &tree)].map(|paths| paths.map(|c| per_ray(&c)));
-    println!("nodes, leaves, triangles, blocks of single rays, streams, packets, bundles: {found:?}");
+    println!("nodes, leaves, triangles, blocks, lines of leaves of single rays, streams, packets, bundles: {found:?}");
     assert_eq!(found, PINNED);
     // Side by side or one by one: nearly the same. Packets share what they visit.
     for [single, stream, ..] in found {

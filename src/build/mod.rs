@@ -48,6 +48,20 @@ pub enum Splits {
     On,
 }
 
+impl Splits {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::Off, Self::On];
+
+    /// As command lines and benchmarks call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Off => "off",
+            Self::On => "on",
+        }
+    }
+}
+
 /// The acceleration structure of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u32)]
@@ -55,6 +69,18 @@ pub enum Structure {
     /// Wide, quantised bounding volume hierarchy.
     #[default]
     Bvh = 1,
+}
+
+impl Structure {
+    /// All of them.
+    pub const ALL: [Self; 1] = [Self::Bvh];
+
+    /// As command lines and benchmarks call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Bvh => "bvh",
+        }
+    }
 }
 
 /// Options of a build. The default is what most models want.

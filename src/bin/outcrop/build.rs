@@ -18,8 +18,8 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT.oc")]
     output: PathBuf,
     /// The acceleration structure
-    #[arg(long, default_value = "bvh", value_parser = ["bvh"])]
-    structure: String,
+    #[arg(long, default_value = "bvh", value_parser = common::one_of(Structure::ALL, Structure::name))]
+    structure: Structure,
     /// Bytes of memory that the build may use, with K, M, G or T, at least 32M; what does not fit goes through
     /// temporaries. 0: no limit
     #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
@@ -31,8 +31,8 @@ pub struct Args {
     #[arg(long, value_name = "FOLDER")]
     temp: Option<PathBuf>,
     /// Spatial splits: for long thin parts
-    #[arg(long, default_value = "auto", value_parser = ["auto", "on", "off"])]
-    splits: String,
+    #[arg(long, default_value = "auto", value_parser = common::one_of(Splits::ALL, Splits::name))]
+    splits: Splits,
     /// Length unit in metres, in place of what the files say
     #[arg(long, value_name = "METRES")]
     unit: Option<f64>,
@@ -48,15 +48,11 @@ pub struct Args {
 pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
     let options = BuildOptions {
-        structure: Structure::Bvh,
+        structure: args.structure,
         memory_budget: args.memory,
         threads: args.threads,
         temp_dir: args.temp.clone(),
-        splits: match args.splits.as_str() {
-            "on" => Splits::On,
-            "off" => Splits::Off,
-            _ => Splits::Auto,
-        },
+        splits: args.splits,
         metres_per_unit: args.unit,
         up: args.up.as_deref().map(|up| match up {
             "x" => UpAxis::X,

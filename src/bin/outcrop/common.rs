@@ -1,5 +1,6 @@
 //! What the verbs share: failures, sizes, counts and points in arguments, Ctrl-C, progress bars.
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use outcrop::base::progress::{Cancel, Phase, Progress};
@@ -47,6 +48,12 @@ impl From<outcrop::Error> for Failure {
     fn from(e: outcrop::Error) -> Self {
         Failure::Failed(e)
     }
+}
+
+/// An option that is one of these, by name.
+pub fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(all: [T; N], name: fn(T) -> &'static str) -> impl TypedValueParser<Value = T> {
+    let find = move |text: String| all.into_iter().find(|&it| name(it) == text).expect("only these names are possible");
+    PossibleValuesParser::new(all.map(name)).map(find)
 }
 
 /// Parses a size in bytes: digits, then optionally K, M, G or T (powers of 1024), with B or iB or without.

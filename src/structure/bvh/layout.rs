@@ -60,6 +60,8 @@ pub const SHORT_VOXEL: usize = 2;
 pub const LONG_VOXEL: usize = VOXEL_WORDS;
 /// Words of a node.
 pub const NODE_WORDS: usize = 32;
+/// Words of a cache line; blocks begin with one.
+pub const LINE_WORDS: usize = 16;
 /// Zero words at the end of a block.
 pub const PAD_WORDS: usize = 16;
 /// Children of a node, at most.
@@ -466,6 +468,12 @@ impl<'a> Leaf<'a> {
     /// Words that it takes.
     pub fn len(&self) -> usize {
         leaf_words(self.triangles, self.vertices, self.mixed)
+    }
+
+    /// Cache lines that it is in, if it begins at word `at` of its block.
+    #[inline(always)]
+    pub fn lines(&self, at: usize) -> usize {
+        (at + self.len() - 1) / LINE_WORDS - at / LINE_WORDS + 1
     }
 
     /// Never: a leaf has a triangle at least.

@@ -47,9 +47,19 @@ pub fn of_depths(off: picture::Spread, seen: &[f32], truth: &[f32]) -> Accuracy 
         overlap: silhouette.overlap,
         coverage: picture::coverage_ratio(covered(seen), covered(truth)),
         differ: (silhouette.lost + silhouette.added) as f64 / truth.len().max(1) as f64,
-        otherwise: None,
-        flip: None,
+        ..Accuracy::default()
     }
+}
+
+/// By how much stand-ins state a larger error than they have, on the mean, in widths of a pixel's ray: of those that exact rays hit too, the
+/// stated error less the distance from the exact hit. None where nothing stands in.
+pub fn slack(rays: &[Ray], hits: &[Hit], truth: &[Answer]) -> Option<f64> {
+    let both = rays.iter().zip(hits.iter().zip(truth)).filter(|(_, (hit, exact))| hit.kind == HitKind::Lod && exact.is_hit());
+    let each = both.map(|(ray, (hit, exact))| {
+        (f64::from(hit.error) - (hit.t - exact.t).abs()) / f64::from(ray.cone.a + ray.cone.b * exact.t as f32)
+    });
+    let (count, sum) = each.fold((0u32, 0.0), |(count, sum), slack| (count + 1, sum + slack));
+    (count > 0).then(|| sum / f64::from(count))
 }
 
 /// Fails if a peer's hits are not ours but for what rounding explains.

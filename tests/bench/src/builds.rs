@@ -1,14 +1,18 @@
 //! Measures builds: from triangles in memory to a file that is whole, beside peers that build in memory.
 
-use crate::failure::Failure;
+use crate::data::StructureRow;
+use crate::expected::Expected;
+use crate::failure::{Failure, Outcome};
 use crate::pairs::Spread;
 use crate::peers;
 use crate::record::{Built, Outcomes, Record};
 use crate::scenes::{self, Mesh};
 use crate::trace::Task;
 use glam::{DVec3, Vec3};
-use outcrop::build::BuildReport;
-use outcrop::import::{MeshKey, PartDesc, Sink};
+use outcrop::build::{BuildReport, Builder};
+use outcrop::import::{MeshKey, PartDesc, PartKey, Sink};
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -25,21 +29,25 @@ struct Side {
     bytes_file: Option<u64>,
 }
 
-/// All ways of building one scene, in turn.
+/// All ways of building one scene, in turn. What outcrop builds is looked at: the same file, to the byte, each time.
 pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     let mut records = Vec::new();
+    let mesh = Arc::new(task.scene.mesh()?);
+    let structures: Vec<&StructureRow> = task.benchmark.structures.iter().map(|name| task.data.structure(name)).collect();
     if task.is_only_expecting {
+        for structure in structures {
+            ours(task, &mesh, structure, 0)?;
+        }
         return Ok(records);
     }
-    let mesh = Arc::new(task.scene.mesh()?);
     for &threads in &task.benchmark.threads {
         let mut sides: Vec<Side> = Vec::new();
         for round in 0..task.benchmark.rounds {
             eprintln!("{}/{}: builds, {threads} threads, round {}", task.benchmark.name, task.scene.row.name, round + 1);
-            let begun = Instant::now();
-            let report = ours(&mesh, threads)?;
-            let seconds = begun.elapsed().as_secs_f64();
-            add(&mut sides, "bvh", "default", false, seconds, report.bytes_trace, Some(report.bytes));
+            for structure in &structures {
+                let (seconds, report) = ours(task, &mesh, structure, threads)?;
+                add(&mut sides, &structure.name, "default", false, seconds, report.bytes_trace, Some(report.bytes));
+            }
             for build in task.benchmark.peers.iter().flat_map(|peer| peers::builds(peer, false)) {
                 let begun = Instant::now();
                 let Some(built) = build.build(&mesh, threads) else { continue };
@@ -66,18 +74,38 @@ fn add(sides: &mut Vec<Side>, name: &str, quality: &'static str, is_peer: bool, 
     }
 }
 
-/// outcrop's build, into a file that goes again.
-fn ours(mesh: &Mesh, threads: usize) -> Result<BuildReport, Failure> {
+/// Seconds of outcrop's build, into a file that is compared with the expected one and goes again.
+fn ours(task: &mut Task, mesh: &Mesh, structure: &StructureRow, threads: usize) -> Result<(f64, BuildReport), Failure> {
     std::fs::create_dir_all(scenes::folder())?;
     let folder = tempfile::tempdir_in(scenes::folder())?;
-    let mut builder = scenes::builder(threads)?;
-    let part = builder.part(PartDesc::default())?;
+    let path = folder.path().join("model.oc");
+    let begun = Instant::now();
+    let mut builder = scenes::builder(structure, threads)?;
+    push(&mut builder, mesh)?;
+    let report = builder.finish(&path)?;
+    let seconds = begun.elapsed().as_secs_f64();
+    let id = format!("{}/{}/{}/file", task.benchmark.name, task.scene.row.name, structure.name);
+    task.book.check(&id, Expected::of_bytes(report.triangles_in as usize, &std::fs::read(&path)?))?;
+    Ok((seconds, report))
+}
+
+/// All parts with their triangles.
+fn push(builder: &mut Builder, mesh: &Mesh) -> Outcome {
     let corner = |i: u32| Vec3::from(mesh.vertices[i as usize]).as_dvec3();
     let mut pushed: Vec<[DVec3; 3]> = Vec::with_capacity(PUSHED);
-    for triangles in mesh.triangles.chunks(PUSHED) {
-        pushed.clear();
-        pushed.extend(triangles.iter().map(|t| t.map(corner)));
-        builder.triangles(MeshKey::DIRECT, part, &pushed, None)?;
+    let mut keys: HashMap<u32, PartKey> = HashMap::new();
+    let mut at = 0;
+    for run in mesh.parts.chunk_by(|a, b| a == b) {
+        let key = match keys.entry(run[0]) {
+            Entry::Occupied(known) => *known.get(),
+            Entry::Vacant(new) => *new.insert(builder.part(PartDesc::default())?),
+        };
+        for triangles in mesh.triangles[at..at + run.len()].chunks(PUSHED) {
+            pushed.clear();
+            pushed.extend(triangles.iter().map(|t| t.map(corner)));
+            builder.triangles(MeshKey::DIRECT, key, &pushed, None)?;
+        }
+        at += run.len();
     }
-    Ok(builder.finish(&folder.path().join("model.oc"))?)
+    Ok(())
 }

@@ -3,7 +3,7 @@
 
 use crate::common::sources::meddled;
 use crate::data::{Bytes, Residency};
-use crate::failure::Failure;
+use crate::failure::{Failure, Outcome};
 use crate::ours::Ours;
 use crate::pictures::{self, Shown};
 use crate::record::{Cold, Moment, Outcomes, Record};
@@ -38,7 +38,7 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     }
     let benchmark = task.benchmark;
     for structure in &benchmark.structures {
-        let path = task.scene.model(structure)?;
+        let path = task.scene.model(task.data.structure(structure))?;
         let loaded = Ours::open(&path, Residency::All, 0)?;
         for &view in &benchmark.views {
             let camera = loaded.camera(task.scene, view);
@@ -71,6 +71,17 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     Ok(records)
 }
 
+/// What has converged is the exact picture, and what has not says so.
+fn check(state: &FrameState, last: &Shown, truth: &Shown) -> Outcome {
+    let is_exact = last == truth;
+    match state {
+        FrameState::Converged if is_exact => Ok(()),
+        FrameState::Converged => Err(Failure::new("wrong answers: a picture that has converged is not the exact one")),
+        FrameState::CompleteWithinBudget => Ok(()),
+        other => Err(Failure::new(format!("a picture ends as {other:?}"))),
+    }
+}
+
 /// Every picture until the frame rests.
 fn watch(
     ours: &Ours,
@@ -91,6 +102,7 @@ fn watch(
             shown.push((begun.elapsed().as_secs_f64(), Shown::of(&frame)?));
         }
         if is_over {
+            check(&status.state, &shown.last().expect("a picture was just taken").1, truth)?;
             break;
         }
         if begun.elapsed() > Duration::from_secs(300) {

@@ -11,6 +11,7 @@ use outcrop::residency::{ModelBlocks, Residency};
 use outcrop::simd::Isa;
 use outcrop::store::ModelFile;
 use outcrop::structure::bvh::trace::{LocalRay, Outcome, TreeView, Walk};
+use outcrop::structure::bvh::layout::{EXTERNAL_WORDS, LINE_WORDS, NODE_WORDS};
 use outcrop::structure::bvh::{BvhDecoder, leaves_at};
 use std::path::Path;
 use std::sync::Arc;
@@ -66,11 +67,16 @@ impl OneTree {
         }
         let each = |n: u64| n as f64 / f64::from(count.max(1));
         let counted = walk.counters;
+        // A node is lines of its own. A reference to another block is found by the header, in two lines more.
+        let lines = counted.nodes * (NODE_WORDS / LINE_WORDS) as u64 + counted.leaf_lines + 2 * counted.blocks;
+        let words = counted.nodes * NODE_WORDS as u64 + counted.leaf_lines * LINE_WORDS as u64 + counted.blocks * (EXTERNAL_WORDS + 1) as u64;
         PerRay {
             nodes: each(counted.nodes),
             leaves: each(counted.leaves),
             triangles: each(counted.triangles),
             blocks: each(counted.blocks),
+            bytes: each(4 * words),
+            lines: each(lines),
         }
     }
 }
@@ -94,6 +100,7 @@ mod tests {
         let any = tree.count(&vec![toward(-1.0); 32], true);
         assert!(any.triangles <= hits.triangles && any.triangles >= 1.0, "{any:?}");
         let passes = tree.count(&vec![toward(2.0); 32], false);
-        assert_eq!((passes.nodes, passes.triangles), (1.0, 0.0));
+        assert_eq!((passes.nodes, passes.triangles, passes.lines, passes.bytes), (1.0, 0.0, 2.0, 128.0));
+        assert!(hits.lines > 2.0 && hits.bytes > 128.0, "{hits:?}");
     }
 }

@@ -1,5 +1,6 @@
 //! The benchmarks as data: what `benchmarks.toml` says, checked once.
 
+use outcrop::build::{BuildOptions, Splits, Structure};
 use outcrop::scene::Camera;
 use serde::Deserialize;
 use std::collections::BTreeSet;
@@ -8,14 +9,47 @@ use std::path::Path;
 /// Edge of the blocks of pixels in whose order rays go.
 pub const TILE: u32 = 4;
 
-/// All scenes and benchmarks.
+/// All structures, scenes and benchmarks.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Data {
+    #[serde(rename = "structure")]
+    pub structures: Vec<StructureRow>,
     #[serde(rename = "scene")]
     pub scenes: Vec<SceneRow>,
     #[serde(rename = "benchmark")]
     pub benchmarks: Vec<Benchmark>,
+}
+
+/// A way to build models. Whatever the crate can build is a row of data.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StructureRow {
+    /// As benchmarks and charts call it.
+    pub name: String,
+    /// [`Structure::name`].
+    pub structure: String,
+    /// [`Splits::name`].
+    #[serde(default = "automatic")]
+    pub splits: String,
+}
+
+fn automatic() -> String {
+    Splits::default().name().into()
+}
+
+impl StructureRow {
+    /// How it is built; a message for what the crate does not know.
+    pub fn options(&self) -> Result<BuildOptions, String> {
+        let unknown = |what: &str| format!("structure {:?}: no {what}", self.name);
+        let structure = Structure::ALL.into_iter().find(|s| s.name() == self.structure);
+        let splits = Splits::ALL.into_iter().find(|s| s.name() == self.splits);
+        Ok(BuildOptions {
+            structure: structure.ok_or_else(|| unknown(&format!("structure {:?}", self.structure)))?,
+            splits: splits.ok_or_else(|| unknown(&format!("splits {:?}", self.splits)))?,
+            ..BuildOptions::default()
+        })
+    }
 }
 
 /// A scene: exactly one of `generator`, `formula` and `file` says where its triangles come from.
@@ -211,6 +245,10 @@ impl Benchmark {
         all
     }
 
+    fn cases_of_pictures(&self) -> usize {
+        self.structures.len() * self.views.len() * self.residency.len()
+    }
+
     /// What expected answers are kept under. Threads are not in it: the answers do not depend on them.
     pub fn id(&self, scene: &str, case: &Case, poe: f32) -> String {
         let Case { view, structure, residency, rays } = case;
@@ -218,9 +256,6 @@ impl Benchmark {
         format!("{}/{scene}/{structure}/{residency}/view {view}/{rays}/PoE {poe}", self.name)
     }
 }
-
-/// The structures that a model can be built with; the next one is a name more.
-pub const STRUCTURES: [&str; 1] = ["bvh"];
 
 /// Peers by name.
 pub const PEERS: [&str; 3] = ["embree", "obvhs", "parry3d"];
@@ -235,6 +270,13 @@ impl Data {
     /// Checks a text: every name is known, every combination makes sense.
     pub fn parse(text: &str) -> Result<Self, String> {
         let data: Self = toml::from_str(text).map_err(|e| e.to_string())?;
+        let mut structures = BTreeSet::new();
+        for structure in &data.structures {
+            structure.options()?;
+            if !structures.insert(structure.name.as_str()) {
+                return Err(format!("two structures are called {:?}", structure.name));
+            }
+        }
         let mut names = BTreeSet::new();
         for scene in &data.scenes {
             scene.check()?;
@@ -244,7 +286,7 @@ impl Data {
         }
         let mut benchmarks = BTreeSet::new();
         for benchmark in &data.benchmarks {
-            benchmark.check(&names)?;
+            benchmark.check(&names, &structures)?;
             for scene in benchmark.scenes.iter().map(|name| data.scene(name)) {
                 if let Some(view) = benchmark.views.iter().find(|&&view| view >= 4 + scene.cameras.len()) {
                     return Err(format!("benchmark {:?}: scene {:?} has no view {view}", benchmark.name, scene.name));
@@ -255,6 +297,10 @@ impl Data {
             }
         }
         Ok(data)
+    }
+
+    pub fn structure(&self, name: &str) -> &StructureRow {
+        self.structures.iter().find(|s| s.name == name).expect("structures of benchmarks were looked up when they were read")
     }
 
     pub fn scene(&self, name: &str) -> &SceneRow {
@@ -276,13 +322,13 @@ impl SceneRow {
 }
 
 impl Benchmark {
-    fn check(&self, scenes: &BTreeSet<&str>) -> Result<(), String> {
+    fn check(&self, scenes: &BTreeSet<&str>, structures: &BTreeSet<&str>) -> Result<(), String> {
         let fault = |what: String| Err(format!("benchmark {:?}: {what}", self.name));
         if let Some(unknown) = self.scenes.iter().find(|s| !scenes.contains(s.as_str())) {
             return fault(format!("no scene {unknown:?}"));
         }
-        if let Some(unknown) = self.structures.iter().find(|s| !STRUCTURES.contains(&s.as_str())) {
-            return fault(format!("no structure {unknown:?}; there are {}", STRUCTURES.join(", ")));
+        if let Some(unknown) = self.structures.iter().find(|s| !structures.contains(s.as_str())) {
+            return fault(format!("no structure {unknown:?}"));
         }
         if let Some(unknown) = self.peers.iter().find(|s| !PEERS.contains(&s.as_str())) {
             return fault(format!("no peer {unknown:?}; there are {}", PEERS.join(", ")));
@@ -304,9 +350,10 @@ impl Benchmark {
         let lacks_rays = self.cases().is_empty() || self.poe.first() != Some(&0.0);
         match self.measure {
             Measure::Trace if lacks_rays => fault("tracing takes structures, residency, views, rays and PoE, 0 first".into()),
-            Measure::Cold if self.views.is_empty() || self.rates.is_empty() || self.residency.is_empty() => {
-                fault("cold pictures take views, budgets and rates".into())
+            Measure::Cold if self.cases_of_pictures() == 0 || self.rates.is_empty() => {
+                fault("cold pictures take structures, views, budgets and rates".into())
             }
+            Measure::Build if self.structures.is_empty() => fault("builds take structures".into()),
             _ => Ok(()),
         }
     }
@@ -316,6 +363,7 @@ impl Benchmark {
 mod tests {
     use super::*;
 
+    const STRUCTURE: &str = "[[structure]]\nname = 'bvh'\nstructure = 'bvh'\nsplits = 'off'\n";
     const SCENE: &str = "[[scene]]\nname = 'a'\ntitle = 'A'\ngenerator = 'mandelbulb'\ntriangles = 1000\n";
     const TRACE: &str = "[[benchmark]]\nname = 'b'\nmeasure = 'trace'\nscenes = ['a']\nviews = [0, 2]\nstructures = ['bvh']\n\
         residency = ['all', '64M']\npoe = [0, 1]\nrays = ['primary', 'shadow']\nthreads = [1]\nsize = [8, 8]\n";
@@ -329,7 +377,7 @@ mod tests {
 
     #[test]
     fn every_combination_is_a_case() {
-        let data = Data::parse(&format!("{SCENE}{TRACE}")).expect("data");
+        let data = Data::parse(&format!("{STRUCTURE}{SCENE}{TRACE}")).expect("data");
         let benchmark = &data.benchmarks[0];
         let ids: BTreeSet<String> = benchmark.cases().iter().map(|c| benchmark.id("a", c, 1.0)).collect();
         assert_eq!(ids.len(), 8);
@@ -339,12 +387,14 @@ mod tests {
     #[test]
     fn what_makes_no_sense_is_refused() {
         let wrong = |from: &str, to: &str| {
-            let text = format!("{SCENE}{TRACE}");
+            let text = format!("{STRUCTURE}{SCENE}{TRACE}");
             assert!(text.contains(from), "{from}");
             Data::parse(&text.replace(from, to)).expect_err(to)
         };
         assert!(wrong("['a']", "['c']").contains("no scene"));
         assert!(wrong("['bvh']", "['octree']").contains("no structure"));
+        assert!(wrong("structure = 'bvh'", "structure = 'octree'").contains("no structure \"octree\""));
+        assert!(wrong("splits = 'off'", "splits = 'many'").contains("no splits"));
         assert!(wrong("[0, 2]", "[0, 4]").contains("no view 4"));
         assert!(wrong("'shadow'", "'picture'").contains("budget"));
         assert!(wrong("triangles = 1000", "").contains("no size"));

@@ -68,7 +68,8 @@ impl Book {
             self.known.insert(id.into(), got);
             return Ok(());
         }
-        let advice = "; after a meant change: make bench-expect";
+        let name = id.split('/').next().unwrap_or(id);
+        let advice = format!("; after a meant change: make bench-expect, or for this one ONLY={name}");
         match self.known.get(id) {
             Some(wanted) if *wanted == got => Ok(()),
             Some(wanted) => Err(Failure::new(format!("{id}: wrong answers: {got}, expected are {wanted}{advice}"))),

@@ -26,6 +26,7 @@ use data::{Benchmark, Data, Measure};
 use expected::Book;
 use failure::{Failure, Outcome};
 use scenes::Scene;
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::ExitCode;
 use trace::Task;
@@ -37,8 +38,17 @@ enum Command {
     Run(Chosen),
     /// Write the expected answers anew, after a meant change
     Expect(Chosen),
-    /// Measure what there are no results of, and draw the charts
-    Charts(Chosen),
+    /// Measure what there are no results of, by this version on this machine, and draw the charts
+    Charts(Drawn),
+}
+
+#[derive(clap::Args)]
+struct Drawn {
+    #[command(flatten)]
+    chosen: Chosen,
+    /// Also take results of other versions
+    #[arg(long)]
+    keep: bool,
 }
 
 #[derive(clap::Args)]
@@ -66,7 +76,7 @@ fn main() -> ExitCode {
     let done = match Command::parse() {
         Command::Run(chosen) => run(false, |benchmark, scene| chosen.has(benchmark, scene)),
         Command::Expect(chosen) => run(true, |benchmark, scene| chosen.has(benchmark, scene)),
-        Command::Charts(chosen) => draw(&chosen),
+        Command::Charts(Drawn { chosen, keep }) => draw(&chosen, keep),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -77,16 +87,30 @@ fn main() -> ExitCode {
     }
 }
 
-/// Charts, of results that are there now or already.
-fn draw(chosen: &Chosen) -> Outcome {
-    let known = record::read(&record::path())?;
-    let is_known = |benchmark: &Benchmark, scene: &str| known.iter().any(|r| r.benchmark == benchmark.name && r.scene == scene);
-    let is_lacking = |benchmark: &Benchmark, scene: &str| chosen.has(benchmark, scene) && !is_known(benchmark, scene);
+/// Charts, of results that are there now or already; says of which.
+fn draw(chosen: &Chosen, keep: bool) -> Outcome {
     let data = data()?;
-    if data.benchmarks.iter().any(|benchmark| benchmark.scenes.iter().any(|scene| is_lacking(benchmark, scene))) {
+    let (mut known, now) = (record::read(&record::path())?, trace::run_now());
+    // Of a changed tree nobody knows what was measured.
+    known.retain(|r| keep || r.run.machine == now.machine && r.run.isa == now.isa && r.run.commit == now.commit && !r.run.is_changed());
+    let of = |benchmark: &Benchmark, scene: &str| known.iter().rfind(|r| r.benchmark == benchmark.name && r.scene == scene);
+    let is_lacking = |benchmark: &Benchmark, scene: &str| chosen.has(benchmark, scene) && of(benchmark, scene).is_none();
+    let all = || data.benchmarks.iter().flat_map(|benchmark| benchmark.scenes.iter().map(move |scene| (benchmark, scene)));
+    for (benchmark, scene) in all() {
+        if let Some(last) = of(benchmark, scene) {
+            let (name, run) = (&benchmark.name, &last.run);
+            eprintln!("{name}/{scene}: there are results of version {}, {}: not measured anew", run.commit, run.date);
+        }
+    }
+    let mut is_measured: BTreeSet<(String, String)> = known.iter().map(|r| (r.benchmark.clone(), r.scene.clone())).collect();
+    let lacking: Vec<_> = all().filter(|(benchmark, scene)| is_lacking(benchmark, scene)).collect();
+    is_measured.extend(lacking.iter().map(|(benchmark, scene)| (benchmark.name.clone(), (*scene).clone())));
+    if !lacking.is_empty() {
         run(false, is_lacking)?;
     }
-    charts::draw(&record::read(&record::path())?, &charts::folder())
+    let mut records = record::read(&record::path())?;
+    records.retain(|r| is_measured.contains(&(r.benchmark.clone(), r.scene.clone())));
+    charts::draw(&records, &charts::folder())
 }
 
 fn data() -> Result<Data, Failure> {
@@ -102,7 +126,7 @@ fn run(is_only_expecting: bool, picks: impl Fn(&Benchmark, &str) -> bool) -> Out
         for name in benchmark.scenes.iter().filter(|scene| picks(benchmark, scene)) {
             found += 1;
             let Some(scene) = Scene::find(data.scene(name))? else { continue };
-            let mut task = Task { benchmark, scene: &scene, book: &mut book, is_only_expecting };
+            let mut task = Task { data: &data, benchmark, scene: &scene, book: &mut book, is_only_expecting };
             let records = match benchmark.measure {
                 Measure::Trace => trace::measure(&mut task)?,
                 Measure::Cold => cold::measure(&mut task)?,

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 /// A frame with all that is compared.
 pub fn frame(context: &Context, (width, height): (u32, u32)) -> Result<Frame, Failure> {
-    let outputs = Outputs::COLOUR | Outputs::of(Buffer::Depth) | Outputs::of(Buffer::Kind);
+    let outputs = Outputs::COLOUR | Outputs::of(Buffer::Depth) | Outputs::of(Buffer::Normal) | Outputs::of(Buffer::Kind);
     Ok(Frame::new(context, FrameOptions { width, height, outputs, ..FrameOptions::default() })?)
 }
 
@@ -36,16 +36,22 @@ fn render(frame: &Frame, ours: &Ours, camera: &Camera, poe: f32) -> Result<Frame
 }
 
 /// What a picture shows.
+#[derive(PartialEq)]
 pub struct Shown {
     pub depths: Vec<f32>,
+    /// Three floats a pixel; 0 where nothing is hit.
+    pub normals: Vec<f32>,
     /// sRGB and alpha.
     pub colours: Vec<u8>,
 }
 
 impl Shown {
     pub fn of(frame: &Frame) -> Result<Self, Failure> {
-        let depths = frame.map(Buffer::Depth)?.floats().ok_or_else(|| Failure::new("depths are floats"))?.to_vec();
-        Ok(Self { depths, colours: frame.map(Buffer::ColourSrgb8)?.bytes().to_vec() })
+        let floats = |buffer| -> Result<Vec<f32>, Failure> {
+            Ok(frame.map(buffer)?.floats().ok_or_else(|| Failure::new("depths and normals are floats"))?.to_vec())
+        };
+        let (depths, normals) = (floats(Buffer::Depth)?, floats(Buffer::Normal)?);
+        Ok(Self { depths, normals, colours: frame.map(Buffer::ColourSrgb8)?.bytes().to_vec() })
     }
 
     /// The exact picture.
@@ -55,13 +61,15 @@ impl Shown {
         Self::of(&frame)
     }
 
-    /// Against the exact picture: depths in pixels, and FLIP.
+    /// Against the exact picture: depths in pixels, normals in degrees, FLIP and SSIM.
     pub fn errors(&self, truth: &Self, camera: &Camera, (width, height): (u32, u32)) -> Result<Accuracy, Failure> {
         let pixels = camera.prepare(width, height)?;
         let off = picture::depth_pixels(&self.depths, &truth.depths, |depth| pixels.pixel_width(depth));
         let [seen, wanted] = [self, truth].map(|shown| picture::Colours::Srgb8(&shown.colours));
-        let flip = perceived::flip(seen, wanted, width as usize).mean;
-        Ok(Accuracy { flip: Some(flip), ..accuracy::of_depths(off, &self.depths, &truth.depths) })
+        let flip = Some(perceived::flip(seen, wanted, width as usize).mean);
+        let ssim = Some(perceived::ssim(seen, wanted, width as usize));
+        let normal_degrees = Some(picture::normal_angle(&self.normals, &truth.normals).mean);
+        Ok(Accuracy { flip, ssim, normal_degrees, ..accuracy::of_depths(off, &self.depths, &truth.depths) })
     }
 }
 

@@ -107,6 +107,10 @@ pub struct PerRay {
     pub triangles: f64,
     /// Times that the walk went from one block to another.
     pub blocks: f64,
+    /// Of nodes, of the cache lines of leaves, and of references to other blocks; what tells of a hit is not in it.
+    pub bytes: f64,
+    /// Cache lines of 64 bytes that these are in, each counted as often as it is visited.
+    pub lines: f64,
 }
 
 /// How far answers are off those of exact rays, in widths of a ray that covers a pixel (`tests/common/picture.rs`).
@@ -124,8 +128,14 @@ pub struct Accuracy {
     pub differ: f64,
     /// Share of rays that hit only in one of both, or end more than the width of a pixel's ray away; of pictures none.
     pub otherwise: Option<f64>,
+    /// By how much stand-ins state a larger error than they have, on the mean, of rays.
+    pub slack_px: Option<f64>,
+    /// Mean angle between normals, of pictures.
+    pub normal_degrees: Option<f64>,
     /// Mean FLIP, of pictures (`tests/common/perceived.rs`).
     pub flip: Option<f64>,
+    /// Mean SSIM, of pictures.
+    pub ssim: Option<f64>,
 }
 
 /// A picture from nothing in memory.
@@ -164,15 +174,26 @@ pub struct Built {
     pub bytes_file: Option<u64>,
 }
 
+/// Behind a commit that is not all of what was measured.
+const CHANGED: &str = ", changed";
+
 impl Run {
+    /// Whether it is of no commit.
+    pub fn is_changed(&self) -> bool {
+        self.commit.ends_with(CHANGED)
+    }
+
     /// Of this machine, now.
     pub fn now(isa: &str) -> Self {
         let said = |program: &str, arguments: &[&str]| {
             let output = Command::new(program).args(arguments).output().ok().filter(|o| o.status.success());
             output.map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned())
         };
-        let commit = said("git", &["rev-parse", "--short", "HEAD"]).unwrap_or_else(|| "unknown".into());
-        let is_changed = said("git", &["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
+        // Texts and charts change no results.
+        let measured = ["--", ".", ":!*.md", ":!tests/bench/charts"];
+        let git = |arguments: &[&str]| said("git", &[arguments, &measured].concat());
+        let commit = git(&["log", "-1", "--format=%h"]).unwrap_or_else(|| "unknown".into());
+        let is_changed = git(&["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
         let compiled_for = if cfg!(target_feature = "avx512f") {
             "AVX-512"
         } else if cfg!(target_feature = "avx2") {
@@ -183,7 +204,7 @@ impl Run {
         Self {
             machine: machine(),
             isa: isa.into(),
-            commit: if is_changed { format!("{commit}, changed") } else { commit },
+            commit: if is_changed { format!("{commit}{CHANGED}") } else { commit },
             date: said("date", &["-u", "+%Y-%m-%d %H:%M"]).unwrap_or_else(|| "unknown".into()),
             compiled_for: compiled_for.into(),
         }
@@ -242,6 +263,8 @@ pub mod tests {
     /// A record of rays, for charts too.
     pub fn trace(scene: &str, side: &str, rays: &str, poe: f32, mrays: f64, mean_px: f64) -> Record {
         let seconds = Spread { median: 1.0 / mrays, least: 0.9 / mrays, most: 1.2 / mrays };
+        // Of rays that Embree traces at 12 million a second.
+        let ratio = Spread { median: mrays / 12.0, least: mrays / 13.0, most: mrays / 11.0 };
         let is_peer = side != "bvh";
         let trace = Trace {
             side: side.into(),
@@ -256,12 +279,12 @@ pub mod tests {
             hits: 400_000,
             seconds,
             mrays,
-            against: Some(Against { side: "embree".into(), call: "16 high".into(), seconds, ratio: seconds }),
+            against: (side != "embree").then(|| Against { side: "embree".into(), call: "16 high".into(), seconds, ratio }),
             counters: Counters {
                 bytes_model: Some(30_000_000),
                 bytes_working_set: (!is_peer).then_some((20e6 / (1.0 + poe)) as u64),
                 stand_ins: Some(7),
-                each: Some(PerRay { nodes: 9.25, leaves: 2.0, triangles: 5.5, blocks: 1.0 }),
+                each: Some(PerRay { nodes: 9.25, leaves: 2.0, triangles: 5.5, blocks: 1.0, bytes: 1500.5, lines: 27.0 }),
             },
             accuracy: Accuracy { mean_px, overlap: 1.0 - mean_px / 100.0, coverage: 1.0, ..Accuracy::default() },
         };

@@ -1,7 +1,7 @@
 //! Scenes: their triangles for peers and the oracle, and the models built of them, kept in `target/bench`.
 
 use crate::common::{models, scenes};
-use crate::data::SceneRow;
+use crate::data::{SceneRow, StructureRow};
 use crate::failure::{Failure, Outcome};
 use glam::DVec3;
 use outcrop::base::progress::{Cancel, Progress};
@@ -18,14 +18,16 @@ use std::sync::Arc;
 pub struct Mesh {
     pub vertices: Vec<[f32; 3]>,
     pub triangles: Vec<[u32; 3]>,
+    /// Of each triangle; peers know none.
+    pub parts: Vec<u32>,
 }
 
 impl Mesh {
     /// Shares equal corners. A primitive is an index into the input, also here.
-    pub fn of(triangles: impl Iterator<Item = [DVec3; 3]>) -> Self {
+    pub fn of(triangles: impl Iterator<Item = (u32, [DVec3; 3])>) -> Self {
         let mut mesh = Self::default();
         let mut known = HashMap::new();
-        for corners in triangles {
+        for (part, corners) in triangles {
             let triangle = corners.map(|corner| {
                 let corner = corner.as_vec3().to_array();
                 *known.entry(corner.map(f32::to_bits)).or_insert_with(|| {
@@ -34,6 +36,7 @@ impl Mesh {
                 })
             });
             mesh.triangles.push(triangle);
+            mesh.parts.push(part);
         }
         mesh
     }
@@ -91,40 +94,43 @@ impl Scene {
     pub fn mesh(&self) -> Result<Mesh, Failure> {
         let mut collector = Collector::new();
         self.fill(&mut collector)?;
-        Ok(Mesh::of(collector.placed().map(|t| t.positions)))
+        Ok(Mesh::of(collector.placed().map(|t| (t.part, t.positions))))
     }
 
     /// Builds it as it would be built from files: the clock of the caller also counts making the triangles.
-    pub fn build(&self, threads: usize, to: &Path) -> Result<BuildReport, Failure> {
-        let mut builder = builder(threads)?;
+    pub fn build(&self, structure: &StructureRow, threads: usize, to: &Path) -> Result<BuildReport, Failure> {
+        let mut builder = builder(structure, threads)?;
         self.fill(&mut builder)?;
         Ok(builder.finish(to)?)
     }
 
     /// Its model, built by this very program: one that an older version has left is built anew.
-    pub fn model(&self, structure: &str) -> Result<PathBuf, Failure> {
+    pub fn model(&self, structure: &StructureRow) -> Result<PathBuf, Failure> {
         let folder = folder().join("models");
         std::fs::create_dir_all(&folder)?;
-        let program = std::fs::read(std::env::current_exe()?)?;
-        let stem = format!("{}-{structure}-", self.row.name);
-        let name = format!("{stem}{:016x}.oc", xxhash_rust::xxh3::xxh3_64(&program));
+        let mut made_by = std::fs::read(std::env::current_exe()?)?;
+        made_by.extend(format!("{structure:?}{:?}", self.row).bytes());
+        let stem = format!("{}-{}-", self.row.name, structure.name);
+        let name = format!("{stem}{:016x}.oc", xxhash_rust::xxh3::xxh3_64(&made_by));
         let path = folder.join(&name);
         if !path.is_file() {
             for old in std::fs::read_dir(&folder)?.flatten() {
-                if old.file_name().to_string_lossy().starts_with(&stem) {
+                // What is left of the name is the hash: another structure's name may begin like this one's.
+                let is_of_this = old.file_name().to_string_lossy().strip_prefix(&stem).is_some_and(|hash| !hash.contains('-'));
+                if is_of_this {
                     std::fs::remove_file(old.path())?;
                 }
             }
-            eprintln!("building {}", self.row.name);
-            self.build(0, &path)?;
+            eprintln!("building {}, {}", self.row.name, structure.name);
+            self.build(structure, 0, &path)?;
         }
         Ok(path)
     }
 }
 
 /// A builder with so many threads; 0 for all.
-pub fn builder(threads: usize) -> Result<Builder, Failure> {
-    let options = BuildOptions { threads, ..BuildOptions::default() };
+pub fn builder(structure: &StructureRow, threads: usize) -> Result<Builder, Failure> {
+    let options = BuildOptions { threads, ..structure.options()? };
     Ok(Builder::new(options, Arc::new(Progress::default()), Cancel::new())?)
 }
 
@@ -148,7 +154,7 @@ mod tests {
     #[test]
     fn corners_are_shared_and_primitives_keep_their_numbers() {
         let [a, b, c, d] = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
-        let mesh = Mesh::of([[a, b, c], [c, b, d], [a, b, c]].into_iter());
+        let mesh = Mesh::of([[a, b, c], [c, b, d], [a, b, c]].into_iter().zip([0, 0, 1]).map(|(t, part)| (part, t)));
         assert_eq!(mesh.vertices.len(), 4);
         assert_eq!(mesh.triangles, [[0, 1, 2], [2, 1, 3], [0, 1, 2]]);
         assert_eq!(mesh.bytes(), 84);

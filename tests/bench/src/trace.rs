@@ -3,7 +3,7 @@
 use crate::accuracy::{self, Truth};
 use crate::common::errors::Judge;
 use crate::counted::OneTree;
-use crate::data::{Benchmark, Case, RayKind, Residency};
+use crate::data::{Benchmark, Case, Data, RayKind, Residency};
 use crate::expected::{Book, Expected};
 use crate::failure::Failure;
 use crate::ours::{self, Ours, Ready};
@@ -24,6 +24,7 @@ use std::time::Instant;
 
 /// A benchmark on one scene.
 pub struct Task<'a> {
+    pub data: &'a Data,
     pub benchmark: &'a Benchmark,
     pub scene: &'a Scene,
     pub book: &'a mut Book,
@@ -31,11 +32,16 @@ pub struct Task<'a> {
     pub is_only_expecting: bool,
 }
 
+/// Where and when it is now.
+pub fn run_now() -> At {
+    At::now(Isa::best().name())
+}
+
 impl Task<'_> {
     pub fn record(&self, key: String, triangles: u64, result: Outcomes) -> Record {
         let row = &self.scene.row;
         let (scene, title) = (row.name.clone(), row.title.clone());
-        let run = At::now(Isa::best().name());
+        let run = run_now();
         Record { key, benchmark: self.benchmark.name.clone(), scene, title, triangles, run, result }
     }
 }
@@ -47,7 +53,7 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
         peers = all_peers(task)?;
     }
     for structure in &task.benchmark.structures {
-        let path = task.scene.model(structure)?;
+        let path = task.scene.model(task.data.structure(structure))?;
         let ours = Ours::open(&path, Residency::All, 0)?;
         let cases = || task.benchmark.cases().into_iter().filter(|case| case.structure == *structure);
         let (pictures, rays): (Vec<Case>, Vec<Case>) = cases().partition(|case| case.rays == RayKind::Picture);
@@ -167,7 +173,10 @@ fn our_side<'a>(
         stand_ins: (!batch.is_any()).then_some(stand_ins),
         each: model.tree.as_ref().map(|tree| tree.count(&rays, batch.is_any())),
     };
-    let accuracy = accuracy::of_rays(&batch.rays, &ours::answers(&hits), truth);
+    let accuracy = Accuracy {
+        slack_px: accuracy::slack(&batch.rays, &hits, truth),
+        ..accuracy::of_rays(&batch.rays, &ours::answers(&hits), truth)
+    };
     let run = Box::new(Ready::new(ours, model.path, case.residency, batch, rays));
     let (side, call) = (case.structure.clone(), if batch.is_coherent() { "coherent" } else { "any order" });
     Ok(Contender { side, is_peer: false, call: call.into(), poe, run, counters, accuracy, hits: met })
@@ -250,7 +259,11 @@ fn result(
         format!(", {:.2} [{:.2} .. {:.2}] of {}", a.ratio.median, a.ratio.least, a.ratio.most, a.side)
     });
     let poe = if contender.is_peer { String::new() } else { format!(" PoE {}", contender.poe) };
-    eprintln!("    {}{poe}, {threads} threads: {mrays:.2} Mrays/s{ratio}; {:.3} px", contender.side, contender.accuracy.mean_px);
+    let off = match case.rays {
+        RayKind::Primary => format!("{:.3} px", contender.accuracy.mean_px),
+        _ => format!("{:.2} % otherwise", 100.0 * contender.accuracy.otherwise.unwrap_or(0.0)),
+    };
+    eprintln!("    {}{poe}, {threads} threads: {mrays:.2} Mrays/s{ratio}; {off}", contender.side);
     let trace = Trace {
         side: contender.side.clone(),
         is_peer: contender.is_peer,

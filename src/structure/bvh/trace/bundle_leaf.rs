@@ -76,6 +76,7 @@ pub(super) fn leaf<S: Simd>(
     let outline = outline(s, &corners, &class.shared);
     let all = all_triangles(leaf.triangles);
     counters.leaves += 1;
+    counters.leaf_lines += leaf.lines(at) as u64;
     let mut left = entry.packets;
     while left != 0 {
         let p = left.trailing_zeros() as usize & (BUNDLE - 1);

@@ -135,6 +135,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                 }
                 Some(Child::Leaf(at)) => {
                     walk.counters.leaves += 1;
+                    walk.counters.leaf_lines += block.leaf(at).lines(at) as u64;
                     let outcome = leaf::<S, ANY>(s, view, filter, walk, entry, &shared, block, at);
                     if outcome != Outcome::Done {
                         return outcome;

@@ -143,6 +143,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                 Some(Child::Leaf(at)) => {
                     counters.leaves += 1;
                     let leaf = block.leaf(at);
+                    counters.leaf_lines += leaf.lines(at) as u64;
                     counters.triangles += leaf.triangles as u64;
                     let found = triangles(s, block, leaf, &lanes.leaf, filter, best.t);
                     if let Some((lane, t, u, v)) = found {

@@ -247,6 +247,7 @@ pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut coun
         let at = (state.child[lane] & INDEX_MASK) as usize;
         let block = state.block[lane];
         let leaf = block.leaf(at);
+        state.counters.leaf_lines += leaf.lines(at) as u64;
         state.counters.triangles += leaf.triangles as u64;
         if let Some((slot, t, u, v)) = triangles(s, block, leaf, &ray, state.filter, state.prepared[lane].best()) {
             let hit = TriHit { t, u, v, block: state.block_id[lane], tri: (at as u32) << 3 | slot };

@@ -48,6 +48,8 @@ pub struct Counters {
     pub nodes: u64,
     /// Leaves visited.
     pub leaves: u64,
+    /// Cache lines that these are in.
+    pub leaf_lines: u64,
     /// Triangles tested.
     pub triangles: u64,
     /// Times that the walk went from one block to another.
@@ -60,6 +62,7 @@ impl std::ops::AddAssign for Counters {
     fn add_assign(&mut self, o: Self) {
         self.nodes += o.nodes;
         self.leaves += o.leaves;
+        self.leaf_lines += o.leaf_lines;
         self.triangles += o.triangles;
         self.blocks += o.blocks;
         self.ties += o.ties;

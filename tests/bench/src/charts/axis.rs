@@ -11,6 +11,8 @@ pub struct Axis {
 pub enum Scale {
     /// From 0.
     Linear,
+    /// From the least value to the greatest.
+    Span,
     /// Powers of ten. What is 0 has a place of its own, before all others.
     Log,
 }
@@ -18,6 +20,10 @@ pub enum Scale {
 impl Axis {
     pub fn linear(label: &str) -> Self {
         Self { label: label.into(), scale: Scale::Linear }
+    }
+
+    pub fn span(label: &str) -> Self {
+        Self { label: label.into(), scale: Scale::Span }
     }
 
     pub fn log(label: &str) -> Self {
@@ -29,6 +35,7 @@ impl Axis {
         let values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
         match self.scale {
             Scale::Linear => linear(&values),
+            Scale::Span => span(&values),
             Scale::Log => log(&values),
         }
     }
@@ -50,7 +57,7 @@ impl Place {
     /// The position of a value.
     pub fn of(&self, value: f64) -> f64 {
         match self.scale {
-            Scale::Linear => value,
+            Scale::Linear | Scale::Span => value,
             Scale::Log if value <= 0.0 => self.zero,
             Scale::Log => value.log10(),
         }
@@ -69,11 +76,32 @@ pub fn written(value: f64) -> String {
     format!("{rounded}")
 }
 
+/// A round step, of which up to six make so much.
+fn step_of(most: f64) -> f64 {
+    let power = 10f64.powf((most / 5.0).log10().floor());
+    [1.0, 2.0, 5.0, 10.0].map(|s| s * power).into_iter().find(|s| most / s <= 6.0).unwrap_or(power * 10.0)
+}
+
+/// The multiples of a step from one value to another.
+fn multiples(step: f64, from: f64, to: f64) -> impl Iterator<Item = f64> {
+    ((from / step).ceil() as i64..=(to / step).floor() as i64).map(move |i| step * i as f64)
+}
+
+fn span(values: &[f64]) -> Place {
+    let (least, most) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
+    if least > most {
+        return linear(&[]);
+    }
+    let room = ((most - least) * 0.08).max(most.abs() * 1e-3).max(f64::MIN_POSITIVE);
+    let ends = (least - room, most + room);
+    let ticks = multiples(step_of(ends.1 - ends.0), ends.0, ends.1).map(|t| (t, written(t))).collect();
+    Place { scale: Scale::Span, ends, ticks, zero: 0.0 }
+}
+
 fn linear(values: &[f64]) -> Place {
     let most = values.iter().copied().fold(0.0, f64::max);
     let most = if most > 0.0 { most } else { 1.0 };
-    let power = 10f64.powf((most / 5.0).log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].map(|s| s * power).into_iter().find(|s| most / s <= 6.0).unwrap_or(power * 10.0);
+    let step = step_of(most);
     let count = (most / step).floor() as usize;
     let ticks = (0..=count + 1).map(|i| step * i as f64).filter(|t| *t <= most * 1.08).map(|t| (t, written(t))).collect();
     Place { scale: Scale::Linear, ends: (0.0, most * 1.08), ticks, zero: 0.0 }
@@ -92,7 +120,8 @@ fn log(values: &[f64]) -> Place {
         ticks.push((zero, "0".to_owned()));
     }
     // Few decades have room for more than their powers of ten.
-    let within: &[f64] = if most - least > 3.0 { &[1.0] } else if most - least > 1.2 { &[1.0, 3.0] } else { &[1.0, 2.0, 5.0] };
+    let within: &[f64] = if most - least > 3.0 { &[1.0] } else if most - least > 2.0 { &[1.0, 3.0] } else { &[1.0, 2.0, 5.0] };
+    let zeros = ticks.len();
     for decade in (least.floor() as i32 - 1)..=(most.ceil() as i32) {
         for factor in within {
             let value = factor * 10f64.powi(decade);
@@ -101,6 +130,12 @@ fn log(values: &[f64]) -> Place {
                 ticks.push((at, written(value)));
             }
         }
+    }
+    // Within a small part of a decade: round values as on a linear axis.
+    if ticks.len() < zeros + 2 {
+        let (from, to) = (10f64.powf(least - room), 10f64.powf(ends.1));
+        ticks.truncate(zeros);
+        ticks.extend(multiples(step_of((to - from) * 2.0), from, to).filter(|t| *t > 0.0).map(|t| (t.log10(), written(t))));
     }
     Place { scale: Scale::Log, ends, ticks, zero }
 }
@@ -124,10 +159,22 @@ mod tests {
     #[test]
     fn logarithmic_axes_have_a_place_for_zero() {
         let place = Axis::log("").place([0.0, 0.04, 3.0].into_iter());
-        assert_eq!(texts(&place), ["0", "0.1", "0.3", "1", "3"]);
+        assert_eq!(texts(&place), ["0", "0.05", "0.1", "0.2", "0.5", "1", "2"]);
         assert!(place.of(0.0) < place.of(0.04) && place.ends.0 < place.of(0.0));
         let place = Axis::log("").place([20.0, 90.0].into_iter());
         assert_eq!(texts(&place), ["20", "50", "100"]);
         assert_eq!(texts(&Axis::log("").place([0.0].into_iter())).first(), Some(&"0"));
+        // All between two powers, and two of anything are written.
+        let place = Axis::log("").place([0.0, 31.0, 37.0].into_iter());
+        assert_eq!(texts(&place), ["0", "30", "40"]);
+    }
+
+    #[test]
+    fn a_span_begins_and_ends_with_its_values() {
+        let place = Axis::span("").place([0.96, 1.04].into_iter());
+        assert_eq!(texts(&place), ["0.96", "0.98", "1", "1.02", "1.04"]);
+        assert!(place.ends.0 > 0.94 && place.ends.1 < 1.06);
+        assert!(texts(&Axis::span("").place([1.0, 1.0].into_iter())).contains(&"1"));
+        assert!(!texts(&Axis::span("").place([].into_iter())).is_empty());
     }
 }

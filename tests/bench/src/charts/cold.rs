@@ -13,6 +13,7 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
     let mut rates: Vec<u64> = all.iter().map(|(_, c)| c.rate).collect();
     rates.sort_unstable();
     rates.dedup();
+    let suffix = |structure: &str| pick::suffix(all.iter().map(|(_, c)| c.structure.as_str()), structure);
     let mut panels = Vec::new();
     type Error = fn(&Moment) -> f64;
     let errors: [(&str, Error, f64); 2] = [
@@ -23,25 +24,37 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         for (label, error, least) in errors {
             for rate in &rates {
                 let of = all.iter().filter(|(r, c)| r.scene == scene && c.rate == *rate);
-                let curves: Vec<Curve> = of.map(|(_, cold)| curve(cold, error, least)).collect();
+                let curves: Vec<Curve> = of.map(|(_, cold)| curve(cold, &suffix(&cold.structure), error, least)).collect();
                 let title = format!("{title}, {} MB a second", rate >> 20);
                 panels.push(Panel { title, x: Axis::log("seconds since opening began"), y: Axis::log(label), curves });
             }
         }
     }
-    let first = |c: &&Cold| c.pictures.first().map(|m| m.seconds);
-    let slowest = all.iter().filter_map(|(_, c)| first(c)).fold(0.0, f64::max);
-    let worst = all.iter().filter_map(|(_, c)| Some(c.pictures.first()?.accuracy.mean_px)).fold(0.0, f64::max);
-    let title = format!("From nothing in memory the first whole picture is there after at most {slowest:.2} s, at most {worst:.1} pixels off");
+    let title = format!("From nothing in memory the first whole picture is there after: {}", firsts(&all)?);
     let what = "Exact pictures asked for; what does not fit its budget ends coarser; less than 0.001 pixels or 0.0001 FLIP is drawn as 0.";
     let foot = pick::foot(all.iter().map(|(r, _)| *r), what);
     (!panels.is_empty()).then_some(Sheet { title, foot, columns: rates.len(), panels })
 }
 
+/// Of each budget, of all rates: when the first picture is there, and how far it is off.
+fn firsts(all: &[(&Record, &Cold)]) -> Option<String> {
+    let mut budgets: Vec<u64> = all.iter().map(|(_, c)| c.budget).collect();
+    budgets.sort_unstable();
+    budgets.dedup();
+    let of = |budget: u64| {
+        let first = all.iter().filter(move |(_, c)| c.budget == budget).filter_map(|(_, c)| c.pictures.first());
+        let (seconds, off): (Vec<f64>, Vec<f64>) = first.map(|m| (m.seconds, m.accuracy.mean_px)).unzip();
+        let most = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
+        let least = seconds.iter().copied().fold(f64::INFINITY, f64::min);
+        format!("{} MB {least:.2} to {:.2} s, {:.2} pixels off", budget >> 20, most(&seconds), most(&off))
+    };
+    (!budgets.is_empty()).then(|| budgets.into_iter().map(of).collect::<Vec<_>>().join("; "))
+}
+
 /// Errors below `least` are drawn as none: nobody sees them, and the axis would be theirs.
-fn curve(cold: &Cold, error: fn(&Moment) -> f64, least: f64) -> Curve {
+fn curve(cold: &Cold, suffix: &str, error: fn(&Moment) -> f64, least: f64) -> Curve {
     let drawn = |error: f64| if error < least { 0.0 } else { error };
-    let point = |m: &Moment| Point { x: m.seconds, y: drawn(error(m)), label: String::new() };
+    let point = |m: &Moment| Point::new(m.seconds, drawn(error(m)));
     let points = cold.pictures.iter().map(point).collect();
-    Curve { name: format!("budget {} MB", cold.budget >> 20), look: Look::Line, points }
+    Curve { name: format!("budget {} MB{suffix}", cold.budget >> 20), look: Look::Line, points }
 }

@@ -8,25 +8,26 @@ use crate::record::Record;
 pub fn sheet(records: &[Record]) -> Option<Sheet> {
     let mut traces = pick::traces(records, "speed");
     traces.retain(|(_, t)| t.rays == "primary" && !t.is_peer);
-    let scenes: Vec<(&str, Vec<Sum>)> = pick::scenes(traces.iter().map(|(r, _)| *r))
-        .into_iter()
-        .map(|(scene, title)| {
-            let of = traces.iter().filter(|(r, _)| r.scene == scene).map(|(_, t)| *t);
-            (title, pick::views_together(of))
-        })
-        .collect();
+    let sides = || traces.iter().map(|(_, t)| t.side.as_str());
+    let mut scenes: Vec<(String, Vec<Sum>)> = Vec::new();
+    for (scene, title) in pick::scenes(traces.iter().map(|(r, _)| *r)) {
+        let of = traces.iter().filter(|(r, _)| r.scene == scene).map(|(_, t)| *t);
+        for sums in pick::views_together(of).chunk_by(|a, b| a.side == b.side) {
+            scenes.push((format!("{title}{}", pick::suffix(sides(), &sums[0].side)), sums.to_vec()));
+        }
+    }
     let panel = |title: &str, y: &str, value: fn(&Sum) -> f64| {
-        let point = |s: &Sum| Point { x: f64::from(s.poe), y: value(s), label: String::new() };
-        let curve = |(name, sums): &(&str, Vec<Sum>)| {
-            Curve { name: (*name).into(), look: Look::Line, points: sums.iter().map(point).collect() }
+        let curve = |(name, sums): &(String, Vec<Sum>)| {
+            let points = sums.iter().map(|s| Point::new(f64::from(s.poe), value(s))).collect();
+            Curve { name: name.clone(), look: Look::Line, points }
         };
-        let curves = scenes.iter().map(curve).collect();
-        Panel { title: title.into(), x: Axis::log("pixels of error"), y: Axis::linear(y), curves }
+        let curves: Vec<Curve> = scenes.iter().map(curve).collect();
+        Panel { title: title.into(), x: Axis::log("pixels of error"), y: Axis::span(y), curves }
     };
-    let panels = vec![
-        panel("Mean coverage", "rays that hit over those that hit exactly", |s| s.accuracy.coverage),
-        panel("Silhouette", "hit in both over hit in either", |s| s.accuracy.overlap),
-    ];
+    let mut coverage = panel("Mean coverage", "rays that hit over those that hit exactly", |s| s.accuracy.coverage);
+    let limit = |y: f64| Curve { name: "3 % up to 10 pixels".into(), look: Look::Limit, points: [0.0, 10.0].map(|x| Point::new(x, y)).into() };
+    coverage.curves.extend([limit(1.03), limit(0.97)]);
+    let panels = vec![coverage, panel("Silhouette", "hit in both over hit in either", |s| s.accuracy.overlap)];
     let off = |s: &&Sum| (s.accuracy.coverage - 1.0).abs();
     let (name, worst) = scenes
         .iter()

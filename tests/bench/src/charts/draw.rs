@@ -43,6 +43,14 @@ pub struct Point {
     pub y: f64,
     /// Written beside it.
     pub label: String,
+    /// From the least measured to the most; drawn as a thin line.
+    pub range: Option<(f64, f64)>,
+}
+
+impl Point {
+    pub fn new(x: f64, y: f64) -> Self {
+        Self { x, y, label: String::new(), range: None }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,6 +61,8 @@ pub enum Look {
     Marks,
     /// A broad pale line under all others, through rings.
     Front,
+    /// A thin dark line: what must be kept to.
+    Limit,
 }
 
 /// Told apart by those who see few colours, too (Okabe and Ito).
@@ -173,10 +183,18 @@ fn places(legend: &[(String, Look)], width: u32) -> impl DoubleEndedIterator<Ite
     all.into_iter()
 }
 
+/// Names that look the same on all sheets, by their beginning: they have the first colours.
+const KNOWN: [&str; 4] = ["outcrop, bvh", "Embree", "obvhs", "parry3d"];
+
 /// Colour and mark of a name.
 fn looks(legend: &[(String, Look)], name: &str) -> (RGBColor, usize) {
-    let coloured = legend.iter().filter(|(_, look)| *look != Look::Front);
-    let at = coloured.clone().position(|(n, _)| n == name).unwrap_or(0);
+    let first = |known: &str| legend.iter().position(|(n, _)| n.starts_with(known));
+    let has_known = KNOWN.iter().any(|known| first(known).is_some());
+    let known = |i: usize| KNOWN.iter().position(|known| first(known) == Some(i));
+    let is_coloured = |i: &usize| !matches!(legend[*i].1, Look::Front | Look::Limit);
+    let here = legend.iter().position(|(n, _)| n == name).unwrap_or(0);
+    let others = (0..here).filter(|i| is_coloured(i) && known(*i).is_none()).count();
+    let at = known(here).unwrap_or(others + if has_known { KNOWN.len() } else { 0 });
     // With more names than colours the shapes shift: no two names look alike.
     (COLOURS[at % COLOURS.len()], at + at / COLOURS.len())
 }
@@ -191,6 +209,7 @@ fn draw_legend(area: &Drawn, legend: &[(String, Look)]) -> Result<(), Failure> {
                 area.draw(&PathElement::new([(x, y), (x + 26, y)], PALE.stroke_width(6))).map_err(wrong)?;
                 area.draw(&Circle::new((x + 13, y), 8, INK.stroke_width(1))).map_err(wrong)?;
             }
+            Look::Limit => area.draw(&PathElement::new([(x, y), (x + 26, y)], INK.stroke_width(1))).map_err(wrong)?,
             Look::Line => {
                 area.draw(&PathElement::new([(x, y), (x + 26, y)], colour.stroke_width(2))).map_err(wrong)?;
                 area.draw(&Mark { at: (x + 13, y), colour, shape }).map_err(wrong)?;
@@ -203,7 +222,7 @@ fn draw_legend(area: &Drawn, legend: &[(String, Look)]) -> Result<(), Failure> {
 }
 
 fn draw_panel(panel: &Panel, area: &Drawn, legend: &[(String, Look)]) -> Result<(), Failure> {
-    let (x, y) = (panel.x.place(panel.points().map(|p| p.x)), panel.y.place(panel.points().map(|p| p.y)));
+    let (x, y) = (panel.x.place(panel.points().map(|p| p.x)), panel.y.place(panel.points().flat_map(heights)));
     let font = |size: u32| FontDesc::new(FontFamily::SansSerif, f64::from(size), FontStyle::Normal).color(&INK);
     let bold = FontDesc::new(FontFamily::SansSerif, 15.0, FontStyle::Bold).color(&INK);
     let mut chart = ChartBuilder::on(area)
@@ -233,7 +252,16 @@ fn draw_panel(panel: &Panel, area: &Drawn, legend: &[(String, Look)]) -> Result<
     for curve in curves {
         let (colour, shape) = looks(legend, &curve.name);
         let at: Vec<(f64, f64)> = curve.points.iter().map(|p| (x.of(p.x), y.of(p.y))).collect();
+        for point in &curve.points {
+            if let Some((least, most)) = point.range {
+                let ends = [least, most].map(|end| (x.of(point.x), y.of(end)));
+                chart.draw_series(LineSeries::new(ends, colour.stroke_width(1))).map_err(wrong)?;
+            }
+        }
         match curve.look {
+            Look::Limit => {
+                chart.draw_series(LineSeries::new(at.iter().copied(), INK.stroke_width(1))).map_err(wrong)?;
+            }
             Look::Front => {
                 chart.draw_series(LineSeries::new(at.iter().copied(), PALE.stroke_width(6))).map_err(wrong)?;
                 chart.draw_series(at.iter().map(|&at| Circle::new(at, 8, INK.stroke_width(1)))).map_err(wrong)?;
@@ -254,6 +282,12 @@ fn draw_panel(panel: &Panel, area: &Drawn, legend: &[(String, Look)]) -> Result<
         chart.draw_series(text).map_err(wrong)?;
     }
     Ok(())
+}
+
+/// All heights that a point takes.
+fn heights(point: &Point) -> impl Iterator<Item = f64> + use<> {
+    let (least, most) = point.range.unwrap_or((point.y, point.y));
+    [point.y, least, most].into_iter()
 }
 
 impl Panel {

@@ -4,7 +4,9 @@
 use super::axis::Axis;
 use super::draw::{Curve, Look, Panel, Point, Sheet};
 use super::pick::{self, Sum};
+use crate::pairs::Spread;
 use crate::record::Record;
+use std::collections::BTreeSet;
 
 /// Settings that have a curve over triangles.
 const SHOWN: [f32; 4] = [0.0, 1.0, 3.0, 10.0];
@@ -21,28 +23,28 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         let traces = of_scene().filter_map(|r| r.trace());
         sizes.push((title.to_owned(), of_scene().next()?.triangles as f64 / 1e6, pick::views_together(traces)));
     }
+    let sides: Vec<&str> = sizes.iter().flat_map(|(_, _, sums)| sums.iter().map(|s| s.side.as_str())).collect::<BTreeSet<_>>().into_iter().collect();
+    let suffix = |side: &str| pick::suffix(sides.iter().copied(), side);
+    let by_setting = SHOWN.iter().flat_map(|&poe| sides.iter().map(move |side| (poe, *side)));
     let over_triangles = Panel {
         title: "Time of a picture over triangles".into(),
         x: Axis::log("million triangles"),
         y: Axis::linear("milliseconds a picture"),
-        curves: SHOWN.iter().filter_map(|&poe| curve_at(&sizes, poe)).collect(),
+        curves: by_setting.filter_map(|(poe, side)| curve_at(&sizes, poe, side, &suffix(side))).collect(),
     };
-    let over_poe = |title: &str, label: &str, y: &dyn Fn(&Sum) -> Option<f64>| {
-        let curve = |(name, _, sums): &(String, f64, Vec<Sum>)| {
-            let points = sums.iter().filter_map(|s| Some(point(f64::from(s.poe), y(s)?)));
-            Curve { name: name.clone(), look: Look::Line, points: points.collect() }
+    let over_poe = |title: &str, label: &str, y: &dyn Fn(&Sum) -> Option<Point>| {
+        let each = sizes.iter().flat_map(|size| sides.iter().map(move |side| (size, *side)));
+        let curve = |((name, _, sums), side): (&(String, f64, Vec<Sum>), &str)| {
+            let points = sums.iter().filter(|s| s.side == side).filter_map(y).collect();
+            Curve { name: format!("{name}{}", suffix(side)), look: Look::Line, points }
         };
-        Panel {
-            title: title.into(),
-            x: Axis::log("pixels of error"),
-            y: Axis::linear(label),
-            curves: sizes.iter().map(curve).collect(),
-        }
+        Panel { title: title.into(), x: Axis::log("pixels of error"), y: Axis::linear(label), curves: each.map(curve).collect() }
     };
-    let time = over_poe("Time over pixels of error", "milliseconds a picture", &|s| Some(s.seconds * 1e3));
-    let set = over_poe("Working set over pixels of error", "MB decoded", &|s| Some(s.counters.bytes_working_set? as f64 / 1e6));
+    let time = over_poe("Time over pixels of error", "milliseconds a picture", &|s| Some(time_at(f64::from(s.poe), s)));
+    let megabytes = |s: &Sum| Some(Point::new(f64::from(s.poe), s.counters.bytes_working_set? as f64 / 1e6));
+    let set = over_poe("Working set over pixels of error", "MB decoded", &megabytes);
     let (smallest, largest) = (sizes.first()?, sizes.last()?);
-    let grown = |poe: f32| Some(at(&largest.2, poe)?.seconds / at(&smallest.2, poe)?.seconds);
+    let grown = |poe: f32| Some(at(&largest.2, poe)?.seconds.median / at(&smallest.2, poe)?.seconds.median);
     let title = format!(
         "From {} to {} million triangles an exact picture takes {:.2} times as long, one at 3 pixels of error {:.2} times",
         super::axis::written((smallest.1 * 100.0).round() / 100.0),
@@ -50,21 +52,26 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         grown(0.0)?,
         grown(3.0).or_else(|| grown(10.0))?
     );
-    let foot = pick::foot(all.iter().copied(), "Mandelbulb, whole, 1024 x 768, all in memory but for the working set.");
+    let foot = pick::foot(all.iter().copied(), "Mandelbulb, whole, 1024 x 768, all in memory but for the working set; thin lines: least and most.");
     Some(Sheet { title, foot, columns: 3, panels: vec![over_triangles, time, set] })
 }
 
-fn point(x: f64, y: f64) -> Point {
-    Point { x, y, label: String::new() }
+/// Milliseconds of a picture, from the least to the most.
+fn time_at(x: f64, sum: &Sum) -> Point {
+    let Spread { median, least, most } = sum.seconds;
+    Point { range: Some((least * 1e3, most * 1e3)), ..Point::new(x, median * 1e3) }
 }
 
 fn at(sums: &[Sum], poe: f32) -> Option<&Sum> {
     sums.iter().find(|s| s.poe == poe)
 }
 
-fn curve_at(sizes: &[(String, f64, Vec<Sum>)], poe: f32) -> Option<Curve> {
-    let points: Vec<Point> =
-        sizes.iter().filter_map(|(_, millions, sums)| Some(point(*millions, at(sums, poe)?.seconds * 1e3))).collect();
-    let name = if poe == 0.0 { "exact".to_owned() } else { format!("PoE {poe}") };
+fn curve_at(sizes: &[(String, f64, Vec<Sum>)], poe: f32, side: &str, suffix: &str) -> Option<Curve> {
+    let of = |(_, millions, sums): &(String, f64, Vec<Sum>)| {
+        let sum = sums.iter().find(|s| s.poe == poe && s.side == side)?;
+        Some(time_at(*millions, sum))
+    };
+    let points: Vec<Point> = sizes.iter().filter_map(of).collect();
+    let name = if poe == 0.0 { format!("exact{suffix}") } else { format!("PoE {poe}{suffix}") };
     (!points.is_empty()).then_some(Curve { name, look: Look::Line, points })
 }

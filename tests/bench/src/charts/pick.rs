@@ -1,6 +1,7 @@
 //! Which records a chart takes, and several views taken together.
 
 use super::draw::{Curve, Look, Point};
+use crate::pairs::Spread;
 use crate::record::{Accuracy, Counters, Record, Trace};
 use std::collections::BTreeMap;
 
@@ -22,9 +23,12 @@ pub struct Sum {
     pub side: String,
     pub is_peer: bool,
     pub poe: f32,
-    pub mrays: f64,
-    /// Seconds of a view.
-    pub seconds: f64,
+    /// How many times as fast it is as what all are paired with: median, least and most over pairs, the mean over views. 1 for that itself.
+    pub ratio: Spread,
+    /// What that is.
+    pub opponent: Option<String>,
+    /// Of a view.
+    pub seconds: Spread,
     pub counters: Counters,
     pub accuracy: Accuracy,
 }
@@ -41,7 +45,11 @@ pub fn views_together<'a>(traces: impl Iterator<Item = &'a Trace>) -> Vec<Sum> {
 
 fn together(group: &[&Trace]) -> Sum {
     let n = group.len() as f64;
-    let (count, seconds) = group.iter().fold((0.0, 0.0), |(c, s), t| (c + t.count as f64, s + t.seconds.median));
+    let spread = |of: &dyn Fn(&Trace) -> Spread| {
+        let mean = |end: fn(Spread) -> f64| group.iter().map(|t| end(of(t))).sum::<f64>() / n;
+        Spread { median: mean(|s| s.median), least: mean(|s| s.least), most: mean(|s| s.most) }
+    };
+    let itself = Spread { median: 1.0, least: 1.0, most: 1.0 };
     let mean = |of: fn(&Accuracy) -> f64| group.iter().map(|t| of(&t.accuracy)).sum::<f64>() / n;
     let bytes = |of: fn(&Counters) -> Option<u64>| {
         let all: Option<Vec<u64>> = group.iter().map(|t| of(&t.counters)).collect();
@@ -51,8 +59,9 @@ fn together(group: &[&Trace]) -> Sum {
         side: group[0].side.clone(),
         is_peer: group[0].is_peer,
         poe: group[0].poe,
-        mrays: count / seconds / 1e6,
-        seconds: seconds / n,
+        ratio: spread(&|t| t.against.as_ref().map_or(itself, |a| a.ratio)),
+        opponent: group[0].against.as_ref().map(|a| a.side.clone()),
+        seconds: spread(&|t| t.seconds),
         counters: Counters {
             bytes_model: bytes(|c| c.bytes_model),
             bytes_working_set: bytes(|c| c.bytes_working_set),
@@ -68,7 +77,7 @@ fn together(group: &[&Trace]) -> Sum {
             coverage: mean(|a| a.coverage),
             differ: mean(|a| a.differ),
             otherwise: group.iter().map(|t| t.accuracy.otherwise).sum::<Option<f64>>().map(|sum| sum / n),
-            flip: None,
+            ..Accuracy::default()
         },
     }
 }
@@ -84,6 +93,12 @@ pub fn scenes<'a>(records: impl Iterator<Item = &'a Record>) -> Vec<(&'a str, &'
     all
 }
 
+/// What follows a name where more than one structure is drawn: which it is.
+pub fn suffix<'a>(mut sides: impl Iterator<Item = &'a str>, side: &str) -> String {
+    let is_alone = sides.all(|other| other == side);
+    if is_alone { String::new() } else { format!(", {side}") }
+}
+
 /// As charts call a side.
 pub fn name(side: &str, is_peer: bool) -> String {
     match (side, is_peer) {
@@ -95,12 +110,21 @@ pub fn name(side: &str, is_peer: bool) -> String {
 
 /// One curve a side: structures as lines over their settings, peers as marks.
 pub fn by_side(sums: &[Sum], x: impl Fn(&Sum) -> f64, y: impl Fn(&Sum) -> Option<f64>) -> Vec<Curve> {
+    by_side_within(sums, x, |sum| y(sum).map(|height| (height, None)))
+}
+
+/// Likewise, with the ends of what was measured.
+pub fn by_side_within(
+    sums: &[Sum],
+    x: impl Fn(&Sum) -> f64,
+    y: impl Fn(&Sum) -> Option<(f64, Option<(f64, f64)>)>,
+) -> Vec<Curve> {
     let mut curves: Vec<Curve> = Vec::new();
     for sum in sums {
-        let Some(height) = y(sum) else { continue };
+        let Some((height, range)) = y(sum) else { continue };
         let (called, look) = (name(&sum.side, sum.is_peer), if sum.is_peer { Look::Marks } else { Look::Line });
         let label = if sum.is_peer { String::new() } else { format!("{}", sum.poe) };
-        let point = Point { x: x(sum), y: height, label };
+        let point = Point { x: x(sum), y: height, label, range };
         match curves.iter_mut().find(|curve| curve.name == called) {
             Some(curve) => curve.points.push(point),
             None => curves.push(Curve { name: called, look, points: vec![point] }),
@@ -122,13 +146,23 @@ mod tests {
     use crate::record::tests::trace;
 
     #[test]
-    fn views_are_taken_together_by_rays_and_seconds() {
+    fn views_are_taken_together() {
         let records = [trace("a", "bvh", "primary", 1.0, 10.0, 1.0), trace("a", "bvh", "primary", 1.0, 30.0, 3.0)];
         let picked = traces(&records, "speed");
         let sums = views_together(picked.iter().map(|(_, t)| *t));
-        // 2 million rays in 1/10 + 1/30 seconds.
         assert_eq!(sums.len(), 1);
-        assert!((sums[0].mrays - 15.0).abs() < 1e-9 && (sums[0].accuracy.mean_px - 2.0).abs() < 1e-9);
+        let Sum { ratio, seconds, .. } = &sums[0];
+        // 1/10 and 1/30 of a second, and 10/12 and 30/12 times as fast.
+        assert!((seconds.median - 1.0 / 15.0).abs() < 1e-9 && (ratio.median - 20.0 / 12.0).abs() < 1e-9, "{ratio:?}");
+        assert!(ratio.least < ratio.median && ratio.median < ratio.most);
+        assert!((sums[0].accuracy.mean_px - 2.0).abs() < 1e-9);
+        assert_eq!(sums[0].opponent.as_deref(), Some("embree"));
+    }
+
+    #[test]
+    fn structures_are_named_where_there_are_several() {
+        assert_eq!(suffix(["bvh", "bvh"].into_iter(), "bvh"), "");
+        assert_eq!(suffix(["bvh", "octree"].into_iter(), "bvh"), ", bvh");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use super::draw::{Curve, Look, Panel, Point, Sheet};
 use super::pick::{self, Sum};
-use crate::record::{Record, Trace};
+use crate::record::Record;
 
 const KINDS: [&str; 3] = ["primary", "shadow", "bounce"];
 
@@ -15,9 +15,8 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
     for kind in KINDS {
         for (scene, title) in &scenes {
             let of = traces.iter().filter(|(r, t)| r.scene == *scene && t.rays == kind).map(|(_, t)| *t);
-            let of: Vec<&Trace> = of.collect();
-            let sums = pick::views_together(of.iter().copied());
-            if let ("primary", Some(one), Some(three)) = (kind, gain(&of, 1.0), gain(&of, 3.0)) {
+            let sums = pick::views_together(of);
+            if let ("primary", Some(one), Some(three)) = (kind, gain(&sums, 1.0), gain(&sums, 3.0)) {
                 let name = title.split(" (").next().unwrap_or(title);
                 gains.push(format!("{name} {one:.2} and {three:.2}"));
             }
@@ -26,16 +25,15 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
     }
     let first = traces.first()?;
     let title = format!("Primary rays at 1 and 3 pixels of error, times as fast as Embree's exact ones: {}", gains.join(", "));
-    let what = format!("{} threads; numbers at points: pixels of error.", first.1.threads);
+    let what = format!("{} threads; numbers at points: pixels of error; thin lines: least and most of the pairs.", first.1.threads);
     let foot = pick::foot(traces.iter().map(|(r, _)| *r), &what);
     (!gains.is_empty()).then_some(Sheet { title, foot, columns: scenes.len(), panels })
 }
 
-/// How many times as fast ours is at a setting as Embree: the median over pairs, the mean over views.
-fn gain(traces: &[&Trace], poe: f32) -> Option<f64> {
-    let ours = traces.iter().filter(|t| !t.is_peer && t.poe == poe);
-    let ratios: Vec<f64> = ours.filter_map(|t| t.against.as_ref()).filter(|a| a.side == "embree").map(|a| a.ratio.median).collect();
-    (!ratios.is_empty()).then(|| ratios.iter().sum::<f64>() / ratios.len() as f64)
+/// How many times as fast the first structure is at a setting as Embree.
+fn gain(sums: &[Sum], poe: f32) -> Option<f64> {
+    let ours = sums.iter().find(|s| !s.is_peer && s.poe == poe && s.opponent.as_deref() == Some("embree"));
+    ours.map(|s| s.ratio.median)
 }
 
 /// How far off a side is. Any hits know no distance, but whether they are hits; of diffuse rays many hit what exact ones pass by,
@@ -50,27 +48,29 @@ fn error(kind: &str, sum: &Sum) -> f64 {
 }
 
 fn panel(kind: &str, title: &str, sums: &[Sum]) -> Panel {
-    let mut curves = pick::by_side(sums, |s| error(kind, s), |s| Some(s.mrays));
+    let mut curves = pick::by_side_within(sums, |s| error(kind, s), |s| Some((s.ratio.median, Some((s.ratio.least, s.ratio.most)))));
     curves.push(Curve { name: "Pareto front".into(), look: Look::Front, points: front(kind, sums) });
     let x = match kind {
         "shadow" => "rays answered otherwise, %",
         "bounce" => "rays that end more than a width elsewhere, %",
         _ => "mean depth error, pixels",
     };
-    Panel { title: format!("{title}: {kind} rays"), x: Axis::log(x), y: Axis::linear("million rays a second"), curves }
+    let opponent = sums.iter().find_map(|s| s.opponent.clone()).unwrap_or_default();
+    let y = format!("times as fast as {}, exactly", pick::name(&opponent, opponent == "embree"));
+    Panel { title: format!("{title}: {kind} rays"), x: Axis::log(x), y: Axis::linear(&y), curves }
 }
 
 /// What nothing is both faster and more accurate than, by error.
 fn front(kind: &str, sums: &[Sum]) -> Vec<Point> {
-    let mut all: Vec<(f64, f64)> = sums.iter().map(|s| (error(kind, s), s.mrays)).collect();
+    let mut all: Vec<(f64, f64)> = sums.iter().map(|s| (error(kind, s), s.ratio.median)).collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));
     let mut best = 0.0;
-    all.retain(|(_, mrays)| {
-        let is_front = *mrays > best;
-        best = f64::max(best, *mrays);
+    all.retain(|(_, ratio)| {
+        let is_front = *ratio > best;
+        best = f64::max(best, *ratio);
         is_front
     });
-    all.into_iter().map(|(x, y)| Point { x, y, label: String::new() }).collect()
+    all.into_iter().map(|(x, y)| Point::new(x, y)).collect()
 }
 
 #[cfg(test)]
@@ -88,10 +88,8 @@ mod tests {
         ];
         let traces = pick::traces(&all, "speed");
         let sums = pick::views_together(traces.iter().map(|(_, t)| *t));
-        let front: Vec<(f64, f64)> = front("primary", &sums).iter().map(|p| (p.x, p.y.round())).collect();
-        assert_eq!(front, [(0.0, 12.0), (2.0, 14.0)]);
-        let traces: Vec<&Trace> = traces.iter().map(|(_, t)| *t).collect();
-        let ratio = traces[2].against.as_ref().expect("a pair").ratio.median;
-        assert_eq!((gain(&traces, 3.0), gain(&traces, 7.0)), (Some(ratio), None));
+        let front: Vec<(f64, f64)> = front("primary", &sums).iter().map(|p| (p.x, p.y)).collect();
+        assert_eq!(front, [(0.0, 1.0), (2.0, 14.0 / 12.0)]);
+        assert_eq!((gain(&sums, 3.0), gain(&sums, 7.0)), (Some(14.0 / 12.0), None));
     }
 }

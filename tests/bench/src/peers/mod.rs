@@ -69,7 +69,7 @@ mod tests {
             let at = |x: f64, y: f64| DVec3::new(x, y, z);
             [[at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0)], [at(0.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)]]
         };
-        let mesh = Arc::new(Mesh::of([square(0.0), square(1.0)].into_iter().flatten()));
+        let mesh = Arc::new(Mesh::of([square(0.0), square(1.0)].into_iter().flatten().map(|t| (0, t))));
         let ray = |x: f64, z: f64, t_max: f64| Ray { t_max, ..Ray::new(DVec3::new(x, 0.25, z), Vec3::NEG_Z) };
         let rays = vec![ray(0.5, 3.0, 1e9), ray(0.5, 0.75, 1e9), ray(1.5, 3.0, 1e9), ray(0.5, 3.0, 1.5)];
         let mut asked = 0;
