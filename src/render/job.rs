@@ -348,10 +348,6 @@ impl Request {
     }
 }
 
-/// Pixels of error up to which rays pass what stands in for want of memory, as what is as coarse as asked. Larger cells let rays through
-/// walls near the eye: of a Mandelbulb, seen from inside at 9 pixels of error, through one pixel in a thousand.
-const PASSED_UP_TO: f32 = 4.0;
-
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
         let Some(film) = self.film() else { return Ok(()) };
@@ -369,9 +365,7 @@ impl Work for Request {
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
         let poe = effective_poe(self.settings.poe, pressure);
-        // Where memory does not do by far, what stands in is as solid as what stands in for missing data.
-        let is_solid = pressure > 1.0 && poe > PASSED_UP_TO;
-        let view = SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, is_solid, stamp };
+        let view = SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, is_solid: false, stamp };
         let asks = Asks {
             ids: any(&[Buffer::Part, Buffer::Instance]),
             prims: any(&[Buffer::Primitive]),

@@ -165,7 +165,7 @@ fn wires_in_a_small_budget() {
     let stage = Stage::new(&file.path, setting.clone());
     let bytes = Opened::open(&built::context(0), &file.path).expect("a model").memory().geometry;
     let mut largest = 0f32;
-    for budget in [bytes * 9 / 16, bytes / 2] {
+    for budget in [bytes / 2, bytes / 3, bytes / 4] {
         let options = ContextOptions { threads: 2, memory_budget: budget, ..Default::default() };
         let context = Context::new(options).expect("a context");
         let model = Opened::open(&context, &file.path).expect("a model");
@@ -183,5 +183,5 @@ fn wires_in_a_small_budget() {
             largest = largest.max(status.effective_poe);
         }
     }
-    assert!((1.0..4.0).contains(&largest), "{largest} pixels of error are not what is to be looked at");
+    assert!(largest > 10.0, "{largest} pixels of error are not what is to be looked at");
 }

@@ -43,11 +43,13 @@ pub struct Lines {
     pub all: Set,
 }
 
-/// A cell's region, and a block around it along its slabs' axes.
+/// A cell's region, and a block around it: along its slabs' axes, or its box, whichever is smaller.
 pub struct Region {
     bounds: Bounds,
     slabs: Slabs<f32>,
-    /// Unit: across the slabs, and along both.
+    /// Unit: across the first slab.
+    across: Vec3,
+    /// Unit: of the block.
     axes: [Vec3; 3],
     /// The block's ends along these.
     low: Vec3,
@@ -74,9 +76,10 @@ pub struct Line<'a> {
 }
 
 impl Region {
-    pub fn of(bounds: &Bounds, slabs: &Slabs<f32>) -> Self {
+    /// Of a cell, and of what is so near around it, as a part of its diagonal.
+    pub fn around(bounds: &Bounds, slabs: &Slabs<f32>, near: f32) -> Self {
         let diagonal = bounds.extent().length();
-        let give = (diagonal * GIVE).max(f32::MIN_POSITIVE);
+        let give = (diagonal * (GIVE + near)).max(f32::MIN_POSITIVE);
         let words = [bounds.min, bounds.max].map(|v| v.to_array().map(f32::to_bits));
         let mut turn = words.as_flattened().iter().fold(0x9e37_79b9, |h: u32, w| (h ^ w).wrapping_mul(0x85eb_ca6b).rotate_left(13));
         let turns = [(); 5].map(|()| {
@@ -92,7 +95,7 @@ impl Region {
         let lengths = slabs.map(|s| Vec3::from(s.axis).length());
         let across = Vec3::from(slabs[0].axis) / lengths[0];
         let second = Vec3::from(slabs[1].axis) / lengths[1];
-        let axes = [across, second, across.cross(second)];
+        let mut axes = [across, second, across.cross(second)];
         let (middle, half) = (bounds.center(), bounds.extent() * 0.5);
         let (mut low, mut high) = (Vec3::ZERO, Vec3::ZERO);
         for k in 0..3 {
@@ -103,7 +106,11 @@ impl Region {
             }
         }
         let least = (high - low).min_element() * SHORT;
-        Self { bounds, slabs, axes, low, high, least, diagonal, turns }
+        // Of a rod that the slabs are not along the box is the smaller block.
+        if bounds.extent().element_product() < (high - low).element_product() {
+            (axes, low, high) = (Vec3::AXES, bounds.min, bounds.max);
+        }
+        Self { bounds, slabs, across, axes, low, high, least, diagonal, turns }
     }
 
     /// Lines from now on go on with the numbers behind those of all groups.
@@ -214,6 +221,18 @@ impl Lines {
             self.weight[group][i] = 1.0 / (way[1][i] - way[0][i]).max(region.least);
             let is_in = way[0][i] <= 0.0 && way[1][i] >= 0.0 && way[1][i] > way[0][i];
             self.all[group] |= u8::from(is_in) << i;
+        }
+    }
+
+    /// Leaves those that go steeply through the first slab of their region: at so much of a cosine or more.
+    #[inline(always)]
+    pub fn keep_steep(&mut self, region: &Region, cosine: f32) {
+        for group in 0..self.groups {
+            let dir = &self.dir[group];
+            for i in 0..GROUP {
+                let along = dir[0][i] * region.across.x + dir[1][i] * region.across.y + dir[2][i] * region.across.z;
+                self.all[group] &= !(u8::from(along.abs() < cosine) << i);
+            }
         }
     }
 
@@ -395,7 +414,7 @@ mod tests {
                 let along = by.dot(s.axis.into());
                 Slab { low: s.low + along, high: s.high + along, ..s }
             });
-            let mut region = Region::of(&Bounds { min: bounds.min + by, max: bounds.max + by }, &slabs);
+            let mut region = Region::around(&Bounds { min: bounds.min + by, max: bounds.max + by }, &slabs, 0.0);
             for _ in 0..4 {
                 let [all, left, exact] = dispatch(isa, Share(&region, &moved));
                 // A line through an edge may be seen either way.

@@ -3,10 +3,13 @@
 //! Lines through the region, uniform over all of them, are asked of the triangles below. (So cells as large as may be are right as well
 //! as small ones: nothing is made of what was found for their pieces.) Two things are beside the cell:
 //!
-//! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. Of the lines that pass it most find
-//!   other surface within an eighth of its diagonal: 0.8 to 1 of them in a closed room and a Mandelbulb, 0.1 to 0.5 among wires, less
-//!   than 0.1 among leaf cards. It is asked of some cells of each small subtree together, and where it is so all of these are
-//!   **walls**: of most of a scan no more is worked out than that.
+//! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a small subtree are
+//!   **walls** if what they hold goes on beside them: of the lines that go steeply through a cell's thinner slab, or as near beside it as an
+//!   eighth of its diagonal, and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, over small subtrees: 0.5 to 1
+//!   of them in spheres and scans, 0.2 to 0.4 in a terrain of cubes, 0.1 to 0.3 among machine parts, 0 to 0.1 among wires and leaf
+//!   cards. (Of all lines, which mostly run along a wall, and through the cells alone, which hardly any line passes: 0.8 to 1, and 0.1
+//!   to 0.5 among wires. So cells of single wires were walls, and so were lone boxes, with all cells above them, while curved walls of few triangles
+//!   were none.) Of most of a scan no more is worked out than that.
 //! - A line that passes a piece of a wire beside its end finds the next piece. As cells that overlap mostly decide alike about a ray
 //!   (`trace::pass`), the next one would let it pass too. So a part of these lines counts as stopped: [`BESIDE`].
 //!
@@ -31,23 +34,26 @@ use std::collections::HashMap;
 
 /// A subtree of at most so many references is looked at as a whole first.
 const SMALL: u64 = 256;
-/// At least so many half groups of lines in all, through some of its cells.
-const PROBES: usize = 8;
-/// Its cells are walls if so many of the lines that pass one find other surface near it.
-const FOUND: f32 = 0.7;
+/// Through so many of its cells at least lines are asked, a group through each,
+const PROBES: usize = 16;
+/// those that go through the slab at so much of a cosine.
+const STEEP: f32 = 0.6;
+/// Its cells are walls if so many of those that pass find other surface near,
+const SURE: f32 = 0.65;
+/// or, once a group was asked through each of them, so many.
+const FOUND: f32 = 0.45;
 /// How near, as a part of the cell's diagonal.
 const NEAR: f32 = 0.125;
-/// How many of the lines that pass a cell, and find other surface near it, count as stopped. (Coverage of wires from afar and from among
-/// them, PoE 10: with none 1.02 and 0.96 of the exact, with this 1.05 and 0.98, with 0.4 1.06 and 1.00. Leaf cards hardly care.)
-const BESIDE: f32 = 0.2;
+/// How many of the lines that pass a cell, and find other surface near it, count as stopped: of small subtrees' cells, and of larger ones.
+/// (Coverage of wires at PoE 0.5, 3 and 10, of six views that farthest from 1: as it is 1.03, 1.01 and 0.97; with 0.5 and 0.5, 1.01, 0.95 and 0.96;
+/// with 0.8 and 0.8, 1.07, 1.04 and 1.02. Leaf cards hardly care.)
+const BESIDE: [f32; 2] = [0.55, 0.9];
 /// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and leaf cards.)
 const SEEK: usize = 64;
 /// Of a group of lines those of which it is asked what is near.
 const HALF: u8 = 0b0101_0101;
-/// Groups of eight lines through a cell of a small subtree, and through a larger one; of half of the lines of a quarter of these
-/// groups it is asked what is near. (With half of these, 1.03 to 1.08 of the coverage of wires is seen: short ways are seldom found, and
-/// weigh much. With four times as many, 0.95 to 1.01. With lines that all weigh the same, from a block's sides, 0.90 to 1.00 where all
-/// wires stand: an upright cell stops more rays from the side than on the mean over all directions.)
+/// Groups of eight lines through a cell of a small subtree, and through a larger one; of half of the lines of the first of these, or of a
+/// quarter of them, it is asked what is near. (With twice as many of the first, 1 % less of the coverage of wires, and builds of CAD a tenth slower.)
 const LINES: [usize; 2] = [4, 16];
 /// A larger cell that stops no more than this is asked about again,
 const SPARSE: f32 = 0.5;
@@ -82,9 +88,11 @@ pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par:
     agree(&small, &mut codes);
     let mut large = Vec::new();
     let mut next = codes.iter();
-    pieces.iter().for_each(|p| {
-        gather_large(&p.sub, None, &mut next, &mut large);
-    });
+    for piece in pieces.iter() {
+        if let Sub::Inner(inner) = &piece.sub {
+            gather_large(inner, None, &mut next, &mut large);
+        }
+    }
     let of_large = par.map(large.len(), |i| {
         cancel.check()?;
         Ok(large[i].map_or(0, |(cell, above)| dispatch(isa, OfLarge { scene: &scene, cell, above })))
@@ -138,23 +146,28 @@ fn agree(small: &[Small], codes: &mut [Vec<u8>]) {
     }
 }
 
-/// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls. How many cells
-/// are below, and how many of these are walls.
-fn gather_large<'a>(sub: &'a Sub, above: Option<&'a Inner>, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
-    let Sub::Inner(inner) = sub else { return [1, 1] };
+/// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls, and for leaves beside such.
+/// How many cells are below, and how many of these are walls.
+fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
     if is_small(inner) {
         let cells = count(inner);
         return [cells, small.next().map_or(cells, |codes| if codes.is_empty() { cells } else { 0 })];
     }
-    let mut sums = [0; 2];
+    let (mut sums, mut leaves) = ([0; 2], Vec::new());
+    let ask = |cell, [all, of_walls]: [usize; 2]| (4 * of_walls < all).then_some((cell, above));
     for cell in cells(inner) {
         let at = out.len();
         out.push(None);
-        let [all, of_walls] = gather_large(cell.sub, Some(inner), small, out);
-        if 4 * of_walls < all {
-            out[at] = Some((cell, above));
-        }
-        sums = [sums[0] + all, sums[1] + of_walls];
+        let Sub::Inner(below) = cell.sub else {
+            leaves.push((at, cell));
+            continue;
+        };
+        let counts = gather_large(below, Some(inner), small, out);
+        out[at] = ask(cell, counts);
+        sums = [sums[0] + counts[0], sums[1] + counts[1]];
+    }
+    for (at, cell) in leaves {
+        out[at] = ask(cell, [sums[0].max(1), sums[1]]);
     }
     sums
 }
@@ -187,7 +200,7 @@ fn cells(inner: &Inner) -> impl Iterator<Item = Cell<'_>> {
 
 impl Cell<'_> {
     fn region(&self) -> Region {
-        Region::of(&self.bounds, &self.slabs)
+        Region::around(&self.bounds, &self.slabs, 0.0)
     }
 }
 
@@ -216,27 +229,24 @@ impl Op for OfSmall<'_> {
         let (mut all, mut asked, mut asker) = (Vec::new(), Vec::new(), Asker::new(scene, above));
         all_cells(inner, &mut all);
         let mut sums = Asked::default();
+        let groups = PROBES.div_ceil(all.len());
         for cell in all.iter().step_by((all.len() / PROBES).max(1)) {
-            let groups = PROBES.div_ceil(all.len());
-            sums.add(asker.alone(s, cell.sub, &cell.region(), groups, HALF, groups));
+            sums.add(asker.beside(s, cell, [0, groups]));
         }
-        if sums.is_wall() {
+        if sums.is_wall(SURE) {
             return Vec::new();
         }
         // By chance not, perhaps: the more is looked at.
-        sums = Asked::default();
         for cell in &all {
-            let one = asker.together(s, cell, [0, 1], 1);
-            sums.add(one);
-            asked.push(one);
+            sums.add(asker.beside(s, cell, [groups, groups + 1]));
         }
-        if sums.is_wall() {
+        if sums.is_wall(FOUND) {
             return Vec::new();
         }
-        for (cell, asked) in all.iter().zip(&mut asked) {
-            asked.add(asker.together(s, cell, [1, LINES[0]], 0));
+        for cell in &all {
+            asked.push(asker.together(s, cell, [0, LINES[0]], 1));
         }
-        asked.iter().map(Asked::code).collect()
+        asked.iter().map(|asked| asked.code(BESIDE[0])).collect()
     }
 }
 
@@ -259,12 +269,12 @@ impl Op for OfLarge<'_> {
         let (mut region, mut asker, mut sums) = (cell.region(), Asker::new(scene, above), Asked::default());
         for _ in 0..ROUNDS {
             sums.add(asker.alone(s, cell.sub, &region, LINES[1], 0xff, LINES[1] / 4));
-            if sums.stops() > SPARSE {
+            if sums.stops(BESIDE[1]) > SPARSE {
                 break;
             }
             region.go_on();
         }
-        sums.code()
+        sums.code(BESIDE[1])
     }
 }
 
@@ -288,19 +298,19 @@ impl Asked {
     }
 
     /// Where no line passes there is nothing to be let through; not so if there was no line.
-    fn is_wall(&self) -> bool {
-        self.all > 0.0 && self.found >= FOUND * self.sought
+    fn is_wall(&self, least: f32) -> bool {
+        self.all > 0.0 && self.found >= least * self.sought
     }
 
     /// The share of them that counts as stopped.
-    fn stops(&self) -> f32 {
+    fn stops(&self, beside: f32) -> f32 {
         let found = self.found / self.sought.max(f32::MIN_POSITIVE);
-        1.0 - self.passed * (1.0 - BESIDE * found) / self.all.max(f32::MIN_POSITIVE)
+        1.0 - self.passed * (1.0 - beside * found) / self.all.max(f32::MIN_POSITIVE)
     }
 
     /// The stop code, see [`stop_bits`].
-    fn code(&self) -> u8 {
-        let stops = self.stops();
+    fn code(&self, beside: f32) -> u8 {
+        let stops = self.stops(beside);
         // The greatest stops all, as no code does; and so does what is too small for single precision.
         if stops.is_finite() { (stops.max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63 } else { 0 }
     }
@@ -331,15 +341,23 @@ impl<'a> Asker<'a> {
             self.stack.push(sub);
             put(&mut passed, i, !self.scene.meets(s, &self.lines.one(i, 0.0), usize::MAX, &mut self.stack));
         }
-        self.asked(s, &passed, seek, region.diagonal * NEAR)
+        self.asked(s, &passed, seek, HALF, region.diagonal * NEAR)
     }
 
-    /// Asks `groups` (first, end) of the lines together about each of the triangles in a cell, of which there are few; and of the first
-    /// `seek` of these groups what is near.
+    /// Asks `groups` (first, end) of the lines that go through a cell or near beside it, if they do so steeply; and of all that meet
+    /// nothing in it what is near.
     #[inline(always)]
-    fn together<S: Simd>(&mut self, s: S, cell: &Cell, groups: [usize; 2], seek: usize) -> Asked {
-        let region = cell.region();
+    fn beside<S: Simd>(&mut self, s: S, cell: &Cell<'a>, groups: [usize; 2]) -> Asked {
+        let region = Region::around(&cell.bounds, &cell.slabs, NEAR);
         self.lines.through(&region, groups);
+        self.lines.keep_steep(&region, STEEP);
+        let passed = self.pass_all(s, cell);
+        self.asked(s, &passed, passed.len(), 0xff, region.diagonal * NEAR)
+    }
+
+    /// Those of the lines that meet none of the triangles in a cell, of which there are few.
+    #[inline(always)]
+    fn pass_all<S: Simd>(&mut self, s: S, cell: &Cell) -> Set {
         self.triangles.clear();
         self.scene.below(cell.sub, &mut self.triangles);
         let mut passed = self.lines.all;
@@ -348,17 +366,27 @@ impl<'a> Asker<'a> {
                 break;
             }
         }
-        self.asked(s, &passed, seek, region.diagonal * NEAR)
+        passed
+    }
+
+    /// Asks `groups` (first, end) of the lines together about each of the triangles in a cell, of which there are few; and of the first
+    /// `seek` of these groups what is near.
+    #[inline(always)]
+    fn together<S: Simd>(&mut self, s: S, cell: &Cell, groups: [usize; 2], seek: usize) -> Asked {
+        let region = cell.region();
+        self.lines.through(&region, groups);
+        let passed = self.pass_all(s, cell);
+        self.asked(s, &passed, seek, HALF, region.diagonal * NEAR)
     }
 
     /// What there is to be said of lines of which some passed; half of those in the first groups are asked if they meet anything in the
     /// chunk on their ways, each longer by `near` at both ends: first below `above`, where mostly it is. (Nowhere else: closed spheres and
     /// rooms have holes, for what is beside the cells at its ends is not found.)
     #[inline(always)]
-    fn asked<S: Simd>(&mut self, s: S, passed: &Set, groups: usize, near: f32) -> Asked {
+    fn asked<S: Simd>(&mut self, s: S, passed: &Set, groups: usize, some: u8, near: f32) -> Asked {
         let (mut sought, mut found) = (NONE, NONE);
         for group in 0..groups {
-            sought[group] = passed[group] & HALF;
+            sought[group] = passed[group] & some;
         }
         for i in numbers(sought) {
             let line = self.lines.one(i, near);
