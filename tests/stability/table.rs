@@ -52,13 +52,20 @@ pub const DESIGN: [Row; 14] = [
         must: "mean coverage within 3 % of the oracle at every PoE up to 10",
         tests: &[
             "thin::coverage_of_wires",
+            "thin::coverage_of_other_wires",
             "thin::coverage_of_leaf_cards",
             "thin::wires_in_a_small_budget",
             "thin::a_wall_behind_wires_is_not_exact",
         ],
         state: Misses {
-            measures: &[Missed { measure: "leaf cards: coverage", at: &[(3.0, 0.037), (10.0, 0.058)] }],
-            why: "the worst of six views, the mean of which keeps to the line: few cells are in view, and each lets a ray pass by chance",
+            measures: &[
+                Missed { measure: "wires: coverage", at: &[(10.0, 0.036)] },
+                Missed { measure: "other wires: coverage", at: &[(0.5, 0.055), (1.0, 0.05), (3.0, 0.056), (10.0, 0.106)] },
+                Missed { measure: "other wires: mean coverage", at: &[(10.0, 0.041)] },
+                Missed { measure: "leaf cards: coverage", at: &[(3.0, 0.036), (10.0, 0.058)] },
+            ],
+            why: "the worst of six views, and of one of two forests the mean: how many rays a cell stops is known of some dozens of lines, and is \
+                  one number for all directions; few cells are in view at 10 pixels",
         },
     },
     Row {
@@ -194,7 +201,7 @@ pub const BESIDES: [Row; 1] = [Row {
     state: Misses {
         measures: &[
             Missed { measure: "radiance without shadows", at: &[(1.0, 0.021), (3.0, 0.048), (10.0, 0.043)] },
-            Missed { measure: "radiance with shadows", at: &[(0.5, 0.011), (1.0, 0.024), (3.0, 0.043), (10.0, 0.07)] },
+            Missed { measure: "radiance with shadows", at: &[(1.0, 0.024), (3.0, 0.043), (10.0, 0.07)] },
         ],
         why: "blocks, and with shadows machines: what stands in covers more than there is along outlines, and shadows that begin beside it \
               miss what touches it",
