@@ -269,7 +269,7 @@ impl Op for OfLarge<'_> {
         let Self { scene, cell, above } = self;
         let (mut region, mut asker, mut sums) = (cell.region(), Asker::new(scene, above), Asked::default());
         for _ in 0..ROUNDS {
-            sums.add(asker.alone(s, cell.sub, &region, LINES[1], 0xff, LINES[1] / 4));
+            sums.add(asker.alone(s, cell.sub, &region, LINES[1], LINES[1] / 4));
             if sums.stops(BESIDE[1]) > SPARSE {
                 break;
             }
@@ -332,11 +332,10 @@ impl<'a> Asker<'a> {
         Self { scene, above, lines: Lines::new(), triangles: Vec::new(), stack: Vec::new() }
     }
 
-    /// Asks `some` of each of so many groups of lines, each alone, down the tree; and of the first `seek` of these groups what is near.
+    /// Asks the lines of so many groups, each alone, down the tree; and of the first `seek` of these groups what is near.
     #[inline(always)]
-    fn alone<S: Simd>(&mut self, s: S, sub: &'a Sub, region: &Region, groups: usize, some: u8, seek: usize) -> Asked {
+    fn alone<S: Simd>(&mut self, s: S, sub: &'a Sub, region: &Region, groups: usize, seek: usize) -> Asked {
         self.lines.through(region, [0, groups]);
-        self.lines.all.iter_mut().for_each(|group| *group &= some);
         let mut passed = NONE;
         for i in numbers(self.lines.all) {
             self.stack.push(sub);

@@ -181,7 +181,7 @@ fn ball(n: usize) -> Vec<[Vec3; 3]> {
 
 #[test]
 fn a_closed_ball_stops_all() {
-    for n in [24, 60, 100] {
+    for n in [6, 8, 12, 16, 24, 60, 100] {
         let (pieces, _) = best(&ball(n));
         for (stops, cell) in stops(&pieces) {
             assert_eq!(stops, 1.0, "{n}: {:?}", cell.bounds);

@@ -8,6 +8,7 @@ mod draw;
 mod lod;
 mod mark;
 mod memory;
+mod mended;
 mod pick;
 mod speed;
 mod table5;
@@ -41,7 +42,7 @@ fn sheets(records: &[Record]) -> Vec<(&'static str, Sheet)> {
 /// Draws all into `folder`; says on stderr what each shows.
 pub fn draw(records: &[Record], folder: &Path) -> Outcome {
     std::fs::create_dir_all(folder)?;
-    for (name, sheet) in sheets(records) {
+    for (name, sheet) in sheets(records).into_iter().chain([("mended", mended::sheet()?)]) {
         let svg = draw::svg(&sheet)?;
         let png = draw::png(&svg)?;
         if svg.len() > MOST || png.len() > MOST {
