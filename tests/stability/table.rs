@@ -204,7 +204,7 @@ pub const BESIDES: [Row; 1] = [Row {
             Missed { measure: "radiance with shadows", at: &[(1.0, 0.024), (3.0, 0.043), (10.0, 0.07)] },
         ],
         why: "blocks, and with shadows machines: what stands in covers more than there is along outlines, and shadows that begin beside it \
-              miss what touches it",
+              probably miss what touches it",
     },
 }];
 

@@ -242,7 +242,9 @@ pub fn read(path: &Path) -> Result<Vec<Record>, Failure> {
     };
     let mut records: Vec<Record> = Vec::new();
     for (i, line) in text.lines().enumerate() {
-        let record: Record = serde_json::from_str(line).map_err(|e| format!("{}, line {}: {e}", path.display(), i + 1))?;
+        let advice = "is it of an older version of the benchmarks? Move the file away";
+        let wrong = |e| format!("{}, line {}: {e}; {advice}", path.display(), i + 1);
+        let record: Record = serde_json::from_str(line).map_err(wrong)?;
         match records.iter_mut().find(|r| r.key == record.key) {
             Some(old) => *old = record,
             None => records.push(record),

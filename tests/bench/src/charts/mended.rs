@@ -41,7 +41,7 @@ fn parse(text: &str) -> Result<Sheet, Failure> {
     let data: Data = toml::from_str(text).map_err(|e| Failure::new(format!("mended.toml: {e}")))?;
     let panels = data.mended.iter().map(panel).collect::<Result<Vec<_>, _>>()?;
     let title = "What was mended: errors over pixels of error, before and now".to_owned();
-    let foot = "As the stability suite and benchmarks printed it; mended.toml names the versions.".to_owned();
+    let foot = "As the stability suite and benchmarks printed it; lines without marks: what is asked for.".to_owned();
     Ok(Sheet { title, foot, columns: 3, panels })
 }
 
@@ -57,7 +57,8 @@ fn panel(row: &Row) -> Result<Panel, Failure> {
     if !row.line.is_empty() {
         curves.push(curve("at most", Look::Limit, &row.line)?);
     }
-    Ok(Panel { title: row.title.clone(), x: Axis::log("pixels of error"), y: Axis::log(&row.y), curves })
+    let versions = format!("pixels of error (before: {}; now: {})", row.before.version, row.now.version);
+    Ok(Panel { title: row.title.clone(), x: Axis::log(&versions), y: Axis::log(&row.y), curves })
 }
 
 #[cfg(test)]
