@@ -1,4 +1,5 @@
-//! Errors between two pictures of one view, each defined here and nowhere else, in double precision.
+//! Errors between two pictures of one view, each defined here, in double precision; tests and benchmarks take them from here. (The command
+//! `outcrop bench --poe` cannot: it has the second one in single rays, `src/bin/outcrop/accuracy.rs`.)
 //!
 //! Pictures are plain slices, as [`outcrop::Mapped`] hands them out: a depth of infinity (or NaN) and a normal of 0 say that
 //! nothing is hit. `seen` is the picture that is judged, `truth` the one that it should be; both have the same size.
