@@ -80,8 +80,17 @@ fn frame(context: &Context) -> Frame {
     Frame::new(context, options).expect("a frame")
 }
 
+/// All buffers of one picture: while a frame runs, a better one may come between two of them.
 fn bytes_of(frame: &Frame) -> Vec<Vec<u8>> {
-    Buffer::ALL.iter().map(|&b| frame.map(b).expect("a picture").bytes().to_vec()).collect()
+    let all = || -> Vec<Vec<u8>> { Buffer::ALL.iter().map(|&b| frame.map(b).expect("a picture").bytes().to_vec()).collect() };
+    let mut last = all();
+    loop {
+        let now = all();
+        if now == last {
+            return now;
+        }
+        last = now;
+    }
 }
 
 type Lines = Arc<Mutex<Vec<(LogLevel, String)>>>;
