@@ -364,7 +364,6 @@ impl Work for Request {
             desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
-        let poe = effective_poe(self.settings.poe, pressure);
         let view = SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, is_solid: false, stamp };
         let asks = Asks {
             ids: any(&[Buffer::Part, Buffer::Instance]),
@@ -378,7 +377,7 @@ impl Work for Request {
             size: (film.width, film.height),
             samples,
             ambient: self.settings.ambient.max(0.0),
-            poe,
+            poe: effective_poe(self.settings.poe, pressure),
             is_pressed: pressure > 1.0,
             srgb: &self.srgb,
             asks,

@@ -245,10 +245,6 @@ impl Benchmark {
         all
     }
 
-    fn cases_of_pictures(&self) -> usize {
-        self.structures.len() * self.views.len() * self.residency.len()
-    }
-
     /// What expected answers are kept under. Threads are not in it: the answers do not depend on them.
     pub fn id(&self, scene: &str, case: &Case, poe: f32) -> String {
         let Case { view, structure, residency, rays } = case;
@@ -350,7 +346,7 @@ impl Benchmark {
         let lacks_rays = self.cases().is_empty() || self.poe.first() != Some(&0.0);
         match self.measure {
             Measure::Trace if lacks_rays => fault("tracing takes structures, residency, views, rays and PoE, 0 first".into()),
-            Measure::Cold if self.cases_of_pictures() == 0 || self.rates.is_empty() => {
+            Measure::Cold if [self.structures.is_empty(), self.views.is_empty(), self.residency.is_empty(), self.rates.is_empty()].contains(&true) => {
                 fault("cold pictures take structures, views, budgets and rates".into())
             }
             Measure::Build if self.structures.is_empty() => fault("builds take structures".into()),

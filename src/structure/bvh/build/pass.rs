@@ -4,10 +4,10 @@
 //! as small ones: nothing is made of what was found for their pieces.) Two things are beside the cell:
 //!
 //! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a small subtree are
-//!   **walls** if what they hold goes on beside them: of the lines that go steeply through a cell's thinner slab, or as near beside it as an
-//!   eighth of its diagonal, and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, over small subtrees: 0.5 to 1
-//!   of them in spheres and scans, 0.2 to 0.4 in a terrain of cubes, 0.1 to 0.3 among machine parts, 0 to 0.1 among wires and leaf
-//!   cards. (Of all lines, which mostly run along a wall, and through the cells alone, which hardly any line passes: 0.8 to 1, and 0.1
+//!   **walls** if what they hold goes on beside them: of the lines that go steeply through a cell's first slab, or as near beside it as an
+//!   eighth of its diagonal, and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, over small subtrees, but for one
+//!   in a hundred: 0.5 to 1 of them in spheres and scans, 0.1 to 0.5 in a terrain of cubes, 0.1 to 0.4 among machine parts, 0 to 0.2 among
+//!   wires and leaf cards. (Of all lines, which mostly run along a wall, and through the cells alone, which hardly any line passes: 0.8 to 1, and 0.1
 //!   to 0.5 among wires. So cells of single wires were walls, and so were lone boxes, with all cells above them, while curved walls of few triangles
 //!   were none.) Of most of a scan no more is worked out than that.
 //! - A line that passes a piece of a wire beside its end finds the next piece. As cells that overlap mostly decide alike about a ray
@@ -45,9 +45,9 @@ const FOUND: f32 = 0.45;
 /// How near, as a part of the cell's diagonal.
 const NEAR: f32 = 0.125;
 /// How many of the lines that pass a cell, and find other surface near it, count as stopped: of small subtrees' cells, and of larger ones.
-/// (Coverage of a forest of wires at PoE 0.5, 3 and 10, of six views that farthest from 1: as it is 1.02, 1.00 and 0.97; with 0.5 and 0.5, 1.01,
-/// 0.95 and 0.96; with 0.8 and 0.8, 1.07, 1.04 and 1.02. Of another forest 1.05, 1.05 and 1.10; with 0.55 and 0.9, 1.06, 1.06 and 1.11. Leaf cards
-/// hardly care.)
+/// (Coverage of a forest of wires at PoE 0.5, 3 and 10, of six views that farthest from 1: as it is 1.02, 0.99 and 0.97; with 0.5 and 0.5 0.98,
+/// 0.95 and 0.96, with 0.8 and 0.8 1.07, 1.04 and 1.02, both of twice as many lines. Of another forest 1.05, 1.05 and 1.10; with 0.55 and 0.9 1.06,
+/// 1.06 and 1.11. Leaf cards hardly care.)
 const BESIDE: [f32; 2] = [0.5, 0.75];
 /// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and leaf cards.)
 const SEEK: usize = 64;
@@ -168,6 +168,7 @@ fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, small: &mut std:
         sums = [sums[0] + counts[0], sums[1] + counts[1]];
     }
     for (at, cell) in leaves {
+        // Beside nothing but leaves there are no walls.
         out[at] = ask(cell, [sums[0].max(1), sums[1]]);
     }
     sums
@@ -245,7 +246,7 @@ impl Op for OfSmall<'_> {
             return Vec::new();
         }
         for cell in &all {
-            asked.push(asker.together(s, cell, [0, LINES[0]], 1));
+            asked.push(asker.together(s, cell, LINES[0]));
         }
         asked.iter().map(|asked| asked.code(BESIDE[0])).collect()
     }
@@ -369,17 +370,17 @@ impl<'a> Asker<'a> {
         passed
     }
 
-    /// Asks `groups` (first, end) of the lines together about each of the triangles in a cell, of which there are few; and of the first
-    /// `seek` of these groups what is near.
+    /// Asks the lines of so many groups together about each of the triangles in a cell, of which there are few; and of the first group what
+    /// is near.
     #[inline(always)]
-    fn together<S: Simd>(&mut self, s: S, cell: &Cell, groups: [usize; 2], seek: usize) -> Asked {
+    fn together<S: Simd>(&mut self, s: S, cell: &Cell, groups: usize) -> Asked {
         let region = cell.region();
-        self.lines.through(&region, groups);
+        self.lines.through(&region, [0, groups]);
         let passed = self.pass_all(s, cell);
-        self.asked(s, &passed, seek, HALF, region.diagonal * NEAR)
+        self.asked(s, &passed, 1, HALF, region.diagonal * NEAR)
     }
 
-    /// What there is to be said of lines of which some passed; half of those in the first groups are asked if they meet anything in the
+    /// What there is to be said of lines of which some passed; `some` of each of the first groups are asked if they meet anything in the
     /// chunk on their ways, each longer by `near` at both ends: first below `above`, where mostly it is. (Nowhere else: closed spheres and
     /// rooms have holes, for what is beside the cells at its ends is not found.)
     #[inline(always)]
