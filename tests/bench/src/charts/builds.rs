@@ -51,10 +51,10 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
     let of_kind = |kind: &str| {
         let ours = all.iter().rev().find(|row| !row.1.is_peer && row.1.side == first.1.side && kind_of(row.0) == kind)?;
         let (speed, bytes) = (speed(*ours).y, ours.1.bytes_file? as f64 / ours.0.triangles as f64);
-        Some(format!("{} {speed:.2} and {bytes:.0}", ours.0.title))
+        Some(format!("{} {speed:.2}, {bytes:.0}", ours.0.title))
     };
     let each: Vec<String> = KINDS.into_iter().filter_map(of_kind).collect();
-    let title = format!("Builds, million triangles a second and bytes of the file for each: {}", each.join("; "));
+    let title = format!("Million triangles built a second, bytes of each in the file: {}", each.join("; "));
     let what = format!("{} threads, from triangles in memory; outcrop writes and syncs a file.", first.1.threads);
     let foot = pick::foot(all.iter().map(|(r, _)| *r), &what);
     Some(Sheet { title, foot, columns: 2, panels })
