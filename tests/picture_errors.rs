@@ -3,7 +3,7 @@
 mod common;
 
 use common::picture::{
-    Colours, Silhouette, Spread, coverage_ratio, depth_pixels, depth_relative, luminance, normal_angle, radiance_ratio,
+    Colours, Silhouette, Spread, along_rays, coverage_ratio, depth_pixels, depth_relative, luminance, normal_angle, radiance_ratio,
     silhouette, srgb_decode, srgb_encode,
 };
 
@@ -29,8 +29,10 @@ fn spreads_are_ranks() {
 
 #[test]
 fn nan_is_not_hidden() {
-    let spread = Spread::of([1.0, f64::NAN, 2.0]);
-    assert!(spread.worst.is_nan() && spread.mean.is_nan());
+    for nan in [f64::NAN, -f64::NAN] {
+        let spread = Spread::of([1.0, nan, 2.0]);
+        assert!(spread.worst.is_nan() && spread.mean.is_nan());
+    }
 }
 
 #[test]
@@ -112,4 +114,15 @@ fn srgb_goes_there_and_back() {
     assert!((srgb_decode(0.5) - 0.214_041_140_482_232_55).abs() < 1e-15);
     assert_eq!(Colours::Linear(&[4.0, -1.0, 0.0, 1.0]).coded(0).map(|c| (c * 255.0).round()), [255.0, 0.0, 0.0]);
     assert_eq!(Colours::Srgb8(&[255, 51, 0, 9]).coded(0), [1.0, 0.2, 0.0]);
+}
+
+#[test]
+fn rays_are_off_or_answered_otherwise() {
+    let seen = [1.0, 5.0, f64::INFINITY, f64::INFINITY, 3.0];
+    let truth = [1.0, 4.0, f64::INFINITY, 2.0, 2.5];
+    let (off, otherwise) = along_rays(&seen, &truth, |_, t| 0.25 * t);
+    assert_eq!((off.count, off.worst, otherwise), (3, 1.0, 0.2));
+    // Twice as narrow, two of the three that hit in both are more than a width off.
+    let (off, otherwise) = along_rays(&seen, &truth, |i, t| if i == 0 { t } else { 0.125 * t });
+    assert_eq!((off.worst, otherwise), (2.0, 0.6));
 }

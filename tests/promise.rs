@@ -7,6 +7,7 @@ mod common;
 use common::brute::{Oracle, Ray64, Tri};
 use common::built::{self, Built};
 use common::bvh64::Bvh64;
+use common::promise::slack;
 use common::rays::{Ray32, RayKind, RayMaker};
 use common::rounding::{Rounding, Seen, shift};
 use common::scenes::{self, Soup};
@@ -143,10 +144,10 @@ fn judge(oracle: &Bvh64, ray: &Ray, hit: &Hit, tally: &mut Tally) {
     assert!((ray.t_min..=ray.t_max).contains(&hit.t) && hit.t_free <= hit.t, "{ray:?}: {hit:?}");
     assert!((hit.normal.length() - 1.0).abs() < 1e-4 && hit.normal.dot(ray.dir) <= 1e-4 * ray.dir.length(), "{hit:?}");
     let stated = f64::from(hit.error);
-    let truth = oracle.distance(hit.position, stated * 1.5);
-    assert!(truth <= stated, "the surface is {truth} away, not {stated}: {ray:?}: {hit:?}");
+    let slack = slack(oracle, hit.position, stated);
+    let slack = slack.unwrap_or_else(|truth| panic!("the surface is {truth} away, not {stated}: {ray:?}: {hit:?}"));
     if hit.kind != HitKind::Exact {
-        tally.slack.push(stated / truth.max(stated * 1e-6));
+        tally.slack.push(slack);
     }
 }
 

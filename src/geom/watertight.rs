@@ -78,13 +78,12 @@ pub fn shear<const N: usize, L: Lanes<N>>(p: [L; 3], s: [L; 3]) -> Sheared<L> {
 
 /// Tests each lane's triangle `abc` against that lane's ray.
 ///
-/// `zero`, `t_min`, `t_max`: in each lane 0 and the interval, borders included. `EARLY`: leaves where no lane is inside,
-/// which pays where that can be foreseen, as for neighbouring rays.
+/// `lanes`: those that are asked about; the others are no hits. `zero`, `t_min`, `t_max`: in each lane 0 and the interval, borders
+/// included.
 #[inline(always)]
-pub fn intersect<const N: usize, L: Lanes<N>, const EARLY: bool>(
-    a: Sheared<L>,
-    b: Sheared<L>,
-    c: Sheared<L>,
+pub fn intersect<const N: usize, L: Lanes<N>>(
+    lanes: u32,
+    [a, b, c]: [Sheared<L>; 3],
     zero: L,
     t_min: L,
     t_max: L,
@@ -95,15 +94,18 @@ pub fn intersect<const N: usize, L: Lanes<N>, const EARLY: bool>(
     // All of one sign, or zero: least and greatest tell, and where one of them is zero, an edge is met.
     let (least, greatest) = (u.min(v).min(w), u.max(v).max(w));
     let inside = zero.le(least).or(greatest.le(zero));
-    let mut hits = inside.bits();
-    if EARLY && hits == 0 {
+    let mut hits = inside.bits() & lanes;
+    // Most triangles of a leaf are beside a ray that meets its box.
+    if hits == 0 {
         return LaneHits { hits, t: zero, u: zero, v: zero };
     }
     let mut det = u + v + w;
     let on_edge = least.eq(zero).or(greatest.eq(zero));
     if on_edge.bits() & hits != 0 {
+        // Copied here: what a call is given the address of would be stored before the branch.
+        let corners = [[a.x.to_array(), a.y.to_array()], [b.x.to_array(), b.y.to_array()], [c.x.to_array(), c.y.to_array()]];
         let edges = [u.to_array(), v.to_array(), w.to_array()];
-        let (edges, inside) = exact_edges(&a, &b, &c, edges, on_edge.bits(), hits);
+        let (edges, inside) = exact_edges(&corners, edges, on_edge.bits() & lanes, hits);
         u = L::from_array_like(zero, edges[0]);
         v = L::from_array_like(zero, edges[1]);
         w = L::from_array_like(zero, edges[2]);
@@ -124,17 +126,12 @@ pub fn intersect<const N: usize, L: Lanes<N>, const EARLY: bool>(
 /// a lane's result must not depend on its neighbours. Returns the edges and who is inside.
 #[inline(never)]
 #[cold]
-fn exact_edges<const N: usize, L: Lanes<N>>(
-    a: &Sheared<L>,
-    b: &Sheared<L>,
-    c: &Sheared<L>,
+fn exact_edges<const N: usize>(
+    [[ax, ay], [bx, by], [cx, cy]]: &[[[f32; N]; 2]; 3],
     mut edges: [[f32; N]; 3],
     lanes: u32,
     mut inside: u32,
 ) -> ([[f32; N]; 3], u32) {
-    let (ax, ay) = (a.x.to_array(), a.y.to_array());
-    let (bx, by) = (b.x.to_array(), b.y.to_array());
-    let (cx, cy) = (c.x.to_array(), c.y.to_array());
     let edge = |px: f32, qy: f32, py: f32, qx: f32| {
         f64::from(px) * f64::from(qy) - f64::from(py) * f64::from(qx)
     };
@@ -166,7 +163,7 @@ pub fn intersect_one(
         shear(p, shear_of_ray.s.map(|s| simd.splat8(s)))
     };
     let (t_min, t_max) = (simd.splat8(t_min), simd.splat8(t_max));
-    let found = intersect::<8, _, false>(lane(a), lane(b), lane(c), simd.splat8(0.0), t_min, t_max);
+    let found = intersect::<8, _>(1, [lane(a), lane(b), lane(c)], simd.splat8(0.0), t_min, t_max);
     let first = |l: crate::simd::Array<8>| l.to_array()[0];
     (found.hits & 1 == 1).then(|| TriangleHit { t: first(found.t), u: first(found.u), v: first(found.v) })
 }

@@ -16,6 +16,7 @@
 //! | [`picture`] | errors between two pictures, each with its formula |
 //! | [`perceived`] | how much two pictures differ to the eye: FLIP and SSIM |
 //! | [`popping`] | what changes from frame to frame although the model does not |
+//! | [`promise`] | whether some surface lies within a hit's error |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
@@ -33,6 +34,7 @@ pub mod models;
 pub mod perceived;
 pub mod picture;
 pub mod popping;
+pub mod promise;
 pub mod rays;
 pub mod rng;
 pub mod rounding;

@@ -9,7 +9,9 @@
 //! | depth, relative | abs(d - d0) / d0 | [`depth_relative`] |
 //! | depth, in pixels | abs(d - d0) / w(d0) | [`depth_pixels`] |
 //! | normal | the angle between n and n0 | [`normal_angle`] |
+//! | depth along a ray, in its widths | abs(t - t0) / w(t0) | [`along_rays`] |
 //! | silhouette | covered in both / covered in either | [`silhouette`] |
+//! | rays answered otherwise | (hit in one of both + hit more than a width elsewhere) / all | [`along_rays`] |
 //! | coverage | sum of c / sum of c0 | [`coverage_ratio`] |
 //! | brightness | sum of Y / sum of Y0 | [`radiance_ratio`] |
 
@@ -32,7 +34,8 @@ pub struct Spread {
 impl Spread {
     /// Of errors, which are not negative.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
-        let mut values: Vec<f64> = values.into_iter().collect();
+        // A NaN's sign would sort it first.
+        let mut values: Vec<f64> = values.into_iter().map(f64::abs).collect();
         values.sort_unstable_by(f64::total_cmp);
         let count = values.len();
         let rank = |of_1000: usize| match (count * of_1000).div_ceil(1000) {
@@ -71,6 +74,22 @@ pub fn depth_relative(seen: &[f32], truth: &[f32]) -> Spread {
 /// of an orthographic one, whatever the depth.
 pub fn depth_pixels(seen: &[f32], truth: &[f32], pixel_width: impl Fn(f64) -> f64) -> Spread {
     Spread::of(covered_depths(seen, truth).map(|(d, d0)| (d - d0).abs() / pixel_width(d0)))
+}
+
+/// How far rays' hits are off, in widths of the ray there, of those that hit in both; and the share of all rays that are answered
+/// otherwise: that hit in one of both, or more than a width elsewhere. `seen`, `truth`: distances, infinite where nothing is hit.
+/// `width`: of a ray, by number, at a distance.
+pub fn along_rays(seen: &[f64], truth: &[f64], width: impl Fn(usize, f64) -> f64) -> (Spread, f64) {
+    let (mut off, mut otherwise) = (Vec::new(), 0);
+    for (i, (t, t0)) in pairs(seen, truth).enumerate() {
+        match [t.is_finite(), t0.is_finite()] {
+            [true, true] if t == t0 => off.push(0.0),
+            [true, true] => off.push((t - t0).abs() / width(i, *t0)),
+            [a, b] => otherwise += usize::from(a != b),
+        }
+    }
+    otherwise += off.iter().filter(|off| **off > 1.0).count();
+    (Spread::of(off), otherwise as f64 / seen.len().max(1) as f64)
 }
 
 /// The angle between normals, in degrees, of the pixels where both pictures have one (three floats a pixel, any length).

@@ -41,7 +41,9 @@ pub fn pop(before: Shown, after: Shown, width: usize, threshold: f64) -> Pop {
         (0..3).map(|c| ((s1[c] - s0[c]) - (t1[c] - t0[c])).abs()).max_by(f64::total_cmp).expect("three colours")
     };
     let changes: Vec<f64> = (0..count).map(of_pixel).collect();
-    let popped: Vec<bool> = changes.iter().map(|c| *c > threshold).collect();
+    // So that a NaN pops.
+    #[allow(clippy::neg_cmp_op_on_partial_ord)]
+    let popped: Vec<bool> = changes.iter().map(|c| !(*c <= threshold)).collect();
     Pop {
         pixels: popped.iter().filter(|p| **p).count(),
         largest: largest_patch(popped, width),

@@ -40,10 +40,11 @@ fn camera(i: usize) -> Camera {
     perspective(eye, DVec3::new(0.1, 0.3, 0.2))
 }
 
-/// Counts reads; holds them up while it is shut.
+/// Counts reads and their bytes; holds them up while it is shut.
 #[derive(Clone, Default)]
 struct Disk {
     reads: Arc<AtomicUsize>,
+    bytes: Arc<AtomicUsize>,
     is_shut: Arc<AtomicBool>,
     gate: Arc<Gate>,
 }
@@ -66,8 +67,9 @@ fn opened(threads: usize, isa: outcrop::simd::Isa, disk: &Disk) -> (Arc<SceneSta
         let options = ContextOptions { threads, isa: Some(isa), memory_budget, read_ahead: false, ..Default::default() };
         let context = Context::new(options).expect("a context");
         let on = disk.clone();
-        let source = meddled(&scan().file.path, move |_, _| {
+        let source = meddled(&scan().file.path, move |_, read| {
             on.reads.fetch_add(1, SeqCst);
+            on.bytes.fetch_add(read.len(), SeqCst);
             if on.is_shut.load(SeqCst) {
                 on.gate.pass();
             }
@@ -96,11 +98,13 @@ fn request(frame: &Frame, state: &Arc<SceneState>, i: usize, poe: f32) {
 
 #[test]
 fn covered_and_quiet_at_rest() {
-    let mut coarser = 0;
+    let (mut coarser, mut most) = (0, 0.0f64);
+    let file = std::fs::metadata(&scan().file.path).expect("the file").len() as f64;
     for (threads, isa) in ways() {
         let disk = Disk::default();
         let (state, frame) = opened(threads, isa, &disk);
         for (i, poe) in POE.into_iter().enumerate() {
+            let before = disk.bytes.load(SeqCst);
             request(&frame, &state, i, poe);
             let status = frame.wait(LONG);
             let ended = [FrameState::Converged, FrameState::CompleteWithinBudget].contains(&status.state);
@@ -109,10 +113,17 @@ fn covered_and_quiet_at_rest() {
             coarser += usize::from(status.effective_poe > poe);
             assert_eq!(Picture::of(&frame).holes(&scan().exact[i]), 0, "PoE {poe}, {threads} threads, {}", isa.name());
             assert!(disk.comes_to_rest(), "PoE {poe}: still reading after the frame has ended");
+            // A frame's time is bounded by what it reads and how many pictures it makes of that: nothing goes round and round.
+            let read = (disk.bytes.load(SeqCst) - before) as f64 / file;
+            println!("PoE {poe}, {threads} threads, {}: read {read:.3} of the file, {} pictures", isa.name(), status.pictures);
+            most = most.max(read);
+            assert!(status.pictures < 64, "{status:?}");
         }
     }
-    println!("{coarser} pictures did not fit as fine as asked");
+    println!("{coarser} pictures did not fit as fine as asked; {most:.2} of the file at the most read for one");
     assert!(coarser > 0, "all fits: the cache is not small");
+    // No more than the cache holds.
+    assert!(most <= 0.125, "{most} of the file was read for one picture");
 }
 
 #[test]

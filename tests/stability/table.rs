@@ -104,8 +104,13 @@ pub const DESIGN: [Row; 14] = [
             "small_cache::covered_and_quiet_at_rest",
             "streaming::a_flight_with_teleports_in_a_small_budget",
             "streaming::what_a_resting_frame_uses_stays",
+            "thin::wires_in_a_small_budget",
         ],
-        state: Holds,
+        state: Misses {
+            measures: &[Missed { measure: "wires in a small cache: pixels uncovered", at: &[(1.0, 0.36)] }],
+            why: "rays pass what stands in for thin things by chance: as much is covered (the first row), not the same pixels; of closed things \
+                  nothing is lost",
+        },
     },
     Row {
         fails: "camera teleports",

@@ -87,7 +87,7 @@ impl InBox {
             let child = u32::from(node.child[slot]);
             let (block, child) = match Child::from_bits(child) {
                 Some(Child::Node(_)) => (place.block, child),
-                Some(Child::External(i)) => block.external(i),
+                Some(Child::External(at)) => block.external(at),
                 Some(Child::Leaf(_)) if !is_here && self.leaf_blocks.insert((place.placed, leaf_block)) => (leaf_block, child),
                 _ => continue,
             };

@@ -90,7 +90,7 @@ fn push_nodes(out: &mut Vec<u8>, block: &Block, leaves: usize) {
         out.extend(nodes.iter().map(|n| bytemuck::bytes_of(*n)[byte]));
     }
     nodes.iter().for_each(|n| out.extend(kinds(n).to_le_bytes()));
-    for (id, child) in (0..block.externals()).map(|i| block.external(i)) {
+    for (id, child) in block.all_externals() {
         out.extend(id.to_le_bytes());
         out.extend(child.to_le_bytes());
     }
@@ -379,6 +379,7 @@ fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Ve
 /// reference hangs (see `layout.rs`).
 fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[usize], externals: usize) -> Checked<Vec<u32>> {
     let mut places = Vec::with_capacity(externals);
+    let externals_at = HEADER_WORDS + nodes.len() * NODE_WORDS;
     let (mut next_node, mut next_leaf, mut next_external) = (0, 0, 0);
     // (node, next slot)
     let mut open: Vec<(usize, usize)> = Vec::new();
@@ -408,7 +409,7 @@ fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[usize], externals: usize) -
                 3 if next_external < externals => {
                     next_external += 1;
                     places.push(node as u32 | (slot as u32) << 16);
-                    Child::External(next_external - 1)
+                    Child::External(externals_at + (next_external - 1) * EXTERNAL_WORDS)
                 }
                 0 => continue,
                 _ => return wrong("a node has more children than there are"),

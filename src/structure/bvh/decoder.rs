@@ -86,7 +86,7 @@ impl Decoder for BvhDecoder {
             return 0;
         }
         let block = Block::new(words);
-        for (to, child) in (0..block.externals()).map(|i| block.external(i)) {
+        for (to, child) in block.all_externals() {
             // What is no node was refused when the block was decoded.
             if let Some(Child::Node(node)) = Child::from_bits(child) {
                 refer(Reference::To(BlockId(to), node as u32));
@@ -136,7 +136,7 @@ pub fn check_links(snapshot: &Snapshot, trees: &[TreeRow]) -> Result<(), (BlockI
     let ids = |tree: &TreeRow| (tree.first_block..tree.first_block + tree.block_count).map(BlockId);
     for (tree, id) in trees.iter().flat_map(|tree| ids(tree).map(move |id| (tree, id))) {
         let Some(block) = snapshot.block(id).map(Block::new) else { continue };
-        for (to, child) in (0..block.externals()).map(|i| block.external(i)) {
+        for (to, child) in block.all_externals() {
             let Some(target) = snapshot.block(BlockId(to)).map(Block::new) else { continue };
             let exists = matches!(Child::from_bits(child), Some(Child::Node(n)) if n < target.nodes());
             if !exists {

@@ -80,7 +80,7 @@ pub enum Child {
     Node(usize),
     /// A leaf by its first word: of the same block, or of the leaf block that goes with it.
     Leaf(usize),
-    /// Something in another block, by its index in the external references.
+    /// Something in another block, by the first word of the external reference.
     External(usize),
 }
 
@@ -340,17 +340,29 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// An external reference: block id and child reference inside it.
+    /// An external reference by its first word: block id and child reference inside it.
     #[inline(always)]
-    pub fn external(&self, index: usize) -> (u32, u32) {
-        let at = self.words[2] as usize + index * EXTERNAL_WORDS;
+    pub fn external(&self, at: usize) -> (u32, u32) {
         (self.words[at], self.words[at + 1])
+    }
+
+    /// All external references, in their order.
+    pub fn all_externals(&self) -> impl Iterator<Item = (u32, u32)> + use<'a> {
+        let (block, first) = (*self, self.words[2] as usize);
+        (0..self.externals()).map(move |i| block.external(first + i * EXTERNAL_WORDS))
+    }
+
+    /// The number of the external reference that begins at a word, if one does.
+    pub fn number_of_external(&self, at: usize) -> Option<usize> {
+        let from = at.checked_sub(self.words[2] as usize)?;
+        let number = from / EXTERNAL_WORDS;
+        (from % EXTERNAL_WORDS == 0 && number < self.externals()).then_some(number)
     }
 
     /// Node and slot that an external reference hangs in.
     #[inline]
-    pub fn place_of_external(&self, index: usize) -> (usize, usize) {
-        let word = self.words[self.words[2] as usize + index * EXTERNAL_WORDS + 2];
+    pub fn place_of_external(&self, at: usize) -> (usize, usize) {
+        let word = self.words[at + 2];
         ((word & 0xffff) as usize, (word >> 16) as usize)
     }
 

@@ -46,7 +46,7 @@ fn check_header(words: &[u32]) -> Result<(), String> {
 }
 
 fn check_tables(block: &Block, place: Place) -> Result<(), String> {
-    for (to, child) in (0..block.externals()).map(|i| block.external(i)) {
+    for (to, child) in block.all_externals() {
         ensure(place.id < to && to < place.end, "it refers to a block that it cannot refer to")?;
         let is_node = child <= u32::from(u16::MAX) && matches!(Child::from_bits(child), Some(Child::Node(_)));
         ensure(is_node, "it refers to something that is not a node")?;
@@ -129,9 +129,10 @@ fn check_nodes(block: &Block, leaves: &[usize], holds: Holds) -> Result<(), Stri
                 }
                 Some(Child::Node(n)) if n > i => met_nodes.get_mut(n),
                 Some(Child::Leaf(at)) => leaves.binary_search(&at).ok().map(|l| &mut met_leaves[l]),
-                Some(Child::External(e)) if e < block.externals() => {
-                    ensure(block.place_of_external(e) == (i, slot), "a reference hangs elsewhere")?;
-                    met_externals.get_mut(e)
+                Some(Child::External(at)) => {
+                    let number = block.number_of_external(at).ok_or("a node refers to what is not there")?;
+                    ensure(block.place_of_external(at) == (i, slot), "a reference hangs elsewhere")?;
+                    met_externals.get_mut(number)
                 }
                 _ => None,
             };
@@ -162,7 +163,7 @@ mod tests {
         node.valid = 0b11;
         let leaf_at = HEADER_WORDS + NODE_WORDS + EXTERNAL_WORDS + 1 + 1 + 2 * SHORT_VOXEL;
         node.child[0] = Child::Leaf(leaf_at).to_bits();
-        node.child[1] = Child::External(0).to_bits();
+        node.child[1] = Child::External(HEADER_WORDS + NODE_WORDS).to_bits();
         node.set_slabs(0, 0, 0x1234);
         node.set_slabs(1, 0, 0);
         let mut words = vec![1 | 1 << 16, 1 | 1 << 16, 48, 51, 52, 2, SHORT_VOXEL as u32, 7];
@@ -186,7 +187,7 @@ mod tests {
     #[test]
     fn each_damage_is_found() {
         let nan = f32::NAN.to_bits();
-        let damages: [(usize, u32, &str); 24] = [
+        let damages: [(usize, u32, &str); 26] = [
             (0, 0, "no node"),
             (0, 2 | 1 << 16, "two nodes"),
             (1, 2 | 1 << 16, "two triangles"),
@@ -201,8 +202,10 @@ mod tests {
             (19, 0b11 << 24, "a step of nothing"),
             (19, 0b1 << 24 | 0x7f_7f7f, "a reference that nobody makes"),
             (20, 1, "a box inside out"),
-            (32, 0x4000 | 58 | 0x8000 << 16, "a reference into a leaf"),
-            (32, 0x8000 | 0x8000 << 16, "the same reference twice"),
+            (32, 0x4000 | 58 | 0x8030 << 16, "a reference into a leaf"),
+            (32, 0x4000 | 57 | 0x8031 << 16, "a reference into a reference"),
+            (32, 0x4000 | 57 | 0x8033 << 16, "a reference behind the last"),
+            (32, 0x8030 | 0x8030 << 16, "the same reference twice"),
             (32, 0x4000 | 57, "a node that is its own child"),
             (44, 0x1235, "another normal"),
             (49, 1 << 16, "a reference too large"),

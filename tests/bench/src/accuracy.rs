@@ -4,6 +4,7 @@ use crate::common::brute::{Oracle, Ray64};
 use crate::common::bvh64::Bvh64;
 use crate::common::errors::{Answer as Judged, Judge, Summary, Verdict};
 use crate::common::picture;
+use crate::common::promise::slack;
 use crate::common::rounding::Rounding;
 use crate::common::stored;
 use crate::failure::{Failure, Outcome};
@@ -20,19 +21,14 @@ const SAMPLE: usize = 2000;
 /// More rays than one in so many that a peer answers otherwise are no matter of rounding.
 const PEER_DIFFERS: f64 = 0.002;
 
-/// Of rays with the footprint of a pixel: |t - t0| / w(t0) where both hit, and the rays that hit.
+/// Of rays with the footprint of a pixel.
 pub fn of_rays(rays: &[Ray], seen: &[Answer], truth: &[Answer]) -> Accuracy {
     assert!(rays.len() == seen.len() && rays.len() == truth.len(), "answers of the same rays are compared");
-    let both = rays.iter().zip(seen.iter().zip(truth)).filter(|(_, (a, b))| a.is_hit() && b.is_hit());
-    let off = both.map(|(ray, (a, b))| match (a.t - b.t).abs() {
-        0.0 => 0.0,
-        away => away / f64::from(ray.cone.a + ray.cone.b * b.t as f32),
-    });
-    let off: Vec<f64> = off.collect();
-    let far = off.iter().filter(|off| **off > 1.0).count() as f64 / rays.len().max(1) as f64;
+    let ways = |all: &[Answer]| -> Vec<f64> { all.iter().map(|a| a.t).collect() };
+    let width = |i: usize, t: f64| f64::from(rays[i].cone.a + rays[i].cone.b * t as f32);
+    let (off, otherwise) = picture::along_rays(&ways(seen), &ways(truth), width);
     let depths = |all: &[Answer]| -> Vec<f32> { all.iter().map(|a| a.t as f32).collect() };
-    let accuracy = of_depths(picture::Spread::of(off), &depths(seen), &depths(truth));
-    Accuracy { otherwise: Some(accuracy.differ + far), ..accuracy }
+    Accuracy { otherwise: Some(otherwise), ..of_depths(off, &depths(seen), &depths(truth)) }
 }
 
 /// Of pictures: errors that were worked out, and what depths say of coverage.
@@ -49,17 +45,6 @@ pub fn of_depths(off: picture::Spread, seen: &[f32], truth: &[f32]) -> Accuracy 
         differ: (silhouette.lost + silhouette.added) as f64 / truth.len().max(1) as f64,
         ..Accuracy::default()
     }
-}
-
-/// By how much stand-ins state a larger error than they have, on the mean, in widths of a pixel's ray: of those that exact rays hit too, the
-/// stated error less the distance from the exact hit. None where nothing stands in.
-pub fn slack(rays: &[Ray], hits: &[Hit], truth: &[Answer]) -> Option<f64> {
-    let both = rays.iter().zip(hits.iter().zip(truth)).filter(|(_, (hit, exact))| hit.kind == HitKind::Lod && exact.is_hit());
-    let each = both.map(|(ray, (hit, exact))| {
-        (f64::from(hit.error) - (hit.t - exact.t).abs()) / f64::from(ray.cone.a + ray.cone.b * exact.t as f32)
-    });
-    let (count, sum) = each.fold((0u32, 0.0), |(count, sum), slack| (count + 1, sum + slack));
-    (count > 0).then(|| sum / f64::from(count))
 }
 
 /// Fails if a peer's hits are not ours but for what rounding explains.
@@ -94,6 +79,19 @@ impl Truth {
     /// Its judge: it takes as long to make as the oracle.
     pub fn judge(&self) -> Judge<'_> {
         Judge::new(&self.oracle, Rounding::LOCALISED)
+    }
+
+    /// The median slack (`tests/common/promise.rs`) of a sample of hits that stand in; none where none does. Fails where the promise is broken.
+    pub fn slack(&self, id: &str, hits: &[Hit]) -> Result<Option<f64>, Failure> {
+        let stand_ins: Vec<&Hit> = hits.iter().filter(|hit| hit.kind == HitKind::Lod).collect();
+        let mut all = Vec::new();
+        for hit in stand_ins.iter().step_by(stand_ins.len().div_ceil(SAMPLE).max(1)) {
+            let slack = slack(&self.oracle, hit.position - self.tree.origin, hit.error.into());
+            let broken = |truth| Failure::new(format!("{id}: a hit states {} and is {truth} from any surface: {hit:?}", hit.error));
+            all.push(slack.map_err(broken)?);
+        }
+        all.sort_by(f64::total_cmp);
+        Ok(all.get(all.len() / 2).copied())
     }
 
     /// Judges a sample of exact answers (`tests/common/errors.rs`); fails with the first ones that are wrong. Of shadow rays it

@@ -8,7 +8,7 @@ use crate::failure::Failure;
 use crate::ours::Ours;
 use crate::pairs::{Pairs, Spread};
 use crate::record::{Accuracy, Against, Counters, Outcomes, Record, Trace};
-use crate::trace::Task;
+use crate::trace::{LEAST, Task};
 use outcrop::scene::{Camera, Context};
 use outcrop::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs};
 use std::path::Path;
@@ -104,8 +104,12 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
             let accuracy = seen.errors(&truth, &camera, size)?;
             let timed = |frame: &Frame, poe: f32| {
                 let begun = Instant::now();
-                render(frame, &ours, &camera, poe).expect("it did before");
-                begun.elapsed().as_secs_f64()
+                let mut pictures = 0;
+                while pictures == 0 || begun.elapsed().as_secs_f64() < LEAST {
+                    render(frame, &ours, &camera, poe).expect("it did before");
+                    pictures += 1;
+                }
+                begun.elapsed().as_secs_f64() / f64::from(pictures)
             };
             let pairs = Pairs::in_turn(task.benchmark.rounds, || timed(&one, poe), || timed(&other, 0.0));
             let (seconds, exactly) = (Spread::of(&pairs.a), Spread::of(&pairs.b));

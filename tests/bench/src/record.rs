@@ -128,8 +128,8 @@ pub struct Accuracy {
     pub differ: f64,
     /// Share of rays that hit only in one of both, or end more than the width of a pixel's ray away; of pictures none.
     pub otherwise: Option<f64>,
-    /// By how much stand-ins state a larger error than they have, on the mean, of rays.
-    pub slack_px: Option<f64>,
+    /// Median of stated error over true error of stand-ins, of rays (`tests/common/promise.rs`; where the promise is broken there is no record).
+    pub slack: Option<f64>,
     /// Mean angle between normals, of pictures.
     pub normal_degrees: Option<f64>,
     /// Mean FLIP, of pictures (`tests/common/perceived.rs`).

@@ -33,6 +33,7 @@ struct Encoder<'a> {
     sides: Vec<[u32; SIDES_WORDS]>,
     leaves: Vec<u32>,
     leaves_at: usize,
+    externals_at: usize,
     /// Where each external reference hangs: node and slot.
     externals: Vec<u32>,
     prims: Vec<u32>,
@@ -52,6 +53,7 @@ pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, 
         sides: Vec::new(),
         leaves: Vec::new(),
         leaves_at: 0,
+        externals_at: 0,
         externals: Vec::new(),
         prims: Vec::new(),
         colours: Vec::new(),
@@ -67,6 +69,7 @@ pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, 
     let firsts_at = parts_at + own_parts.len();
     let sides_at = firsts_at + encoder.firsts.len() + encoder.voxels.len() * voxel_words;
     let leaves_at = sides_at + encoder.sides.len() * SIDES_WORDS;
+    encoder.externals_at = externals_at;
     encoder.leaves_at = if plan.has_leaf_block { HEADER_WORDS + plan.parts.len() } else { leaves_at };
     for root in &plan.roots {
         encoder.inner(root);
@@ -147,8 +150,9 @@ impl Encoder<'_> {
                 Sub::Inner(below) => Child::Node(self.inner(below)),
                 Sub::Leaf { first, count, .. } => Child::Leaf(self.leaf(*first, *count)),
                 Sub::Placed(_) => {
+                    let at = self.externals_at + self.externals.len() * EXTERNAL_WORDS;
                     self.externals.push(index as u32 | (slot as u32) << 16);
-                    Child::External(self.externals.len() - 1)
+                    Child::External(at)
                 }
             };
             self.nodes[index].child[slot] = child.to_bits();

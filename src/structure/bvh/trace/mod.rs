@@ -227,7 +227,7 @@ impl TreeView<'_> {
         visit: &mut dyn FnMut(&TriHit, &Triangle),
     ) {
         match Child::from_bits(child) {
-            Some(Child::External(i)) => stack.push(block.external(i)),
+            Some(Child::External(at)) => stack.push(block.external(at)),
             Some(Child::Node(i)) => {
                 let node = block.node(i);
                 for slot in (0..WIDTH).rev().filter(|s| node.valid >> s & 1 == 1) {

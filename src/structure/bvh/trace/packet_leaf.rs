@@ -212,8 +212,8 @@ fn triangle<S: Simd, const MOVED: bool>(
         }
     }
     let [a, b, c] = moved;
-    let (a, b, c) = (shear(a, skew), shear(b, skew), shear(c, skew));
-    intersect::<16, _, true>(a, b, c, s.splat16(0.0), s.load16(&rays.t_min[h]), s.load16(&walk.hits.t[h]))
+    let moved = [shear(a, skew), shear(b, skew), shear(c, skew)];
+    intersect::<16, _>(0xffff, moved, s.splat16(0.0), s.load16(&rays.t_min[h]), s.load16(&walk.hits.t[h]))
 }
 
 /// Keeps the hits that are better than what their rays have; as [`is_better`], all at once but for ties.

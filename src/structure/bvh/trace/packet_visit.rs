@@ -143,12 +143,12 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     far = farthest(s, &walk.hits.t);
                     break;
                 }
-                Some(Child::External(index)) => {
+                Some(Child::External(at)) => {
                     walk.counters.blocks += 1;
-                    let (next, below) = block.external(index);
+                    let (next, below) = block.external(at);
                     let Some(words) = view.visit(next) else {
                         if LOD && view.never_waits {
-                            let place = block.place_of_external(index);
+                            let place = block.place_of_external(at);
                             packet_cells::for_missing::<S, ANY>(s, view, filter, block, place, &shared, entry, walk);
                             far = farthest(s, &walk.hits.t);
                             break;

@@ -163,12 +163,12 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     }
                     break;
                 }
-                Some(Child::External(index)) => {
+                Some(Child::External(at)) => {
                     counters.blocks += 1;
-                    let (next, below) = block.external(index);
+                    let (next, below) = block.external(at);
                     let Some(words) = view.visit(next) else {
                         if let Some(cells) = cells.as_ref().filter(|_| view.never_waits) {
-                            stand_in_for_missing::<S, ANY>(s, block, block_id, block.place_of_external(index), cells, filter, best);
+                            stand_in_for_missing::<S, ANY>(s, block, block_id, block.place_of_external(at), cells, filter, best);
                             if ANY && best.is_hit() {
                                 stack.clear();
                                 return Outcome::Done;
@@ -517,13 +517,13 @@ pub(super) fn nearest<S: Simd>(
     s: S,
     block: Block,
     leaf: Leaf,
-    [a, b, c]: [Sheared<S::F8>; 3],
+    corners: [Sheared<S::F8>; 3],
     t_min: S::F8,
     filter: Option<&PartFilter>,
     t_max: f32,
 ) -> Option<(u32, f32, f32, f32)> {
-    let found = intersect::<8, _, false>(a, b, c, s.splat8(0.0), t_min, s.splat8(t_max));
-    let mut hits = found.hits & ((1 << leaf.triangles) - 1);
+    let found = intersect::<8, _>((1 << leaf.triangles) - 1, corners, s.splat8(0.0), t_min, s.splat8(t_max));
+    let mut hits = found.hits;
     if hits == 0 {
         return None;
     }

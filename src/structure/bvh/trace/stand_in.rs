@@ -198,7 +198,7 @@ impl<'a> TreeView<'a> {
         let block = Block::new(self.snapshot.block(crate::base::ids::BlockId(hit.block))?);
         let child = u32::from(block.node(stand_in.node).child[stand_in.slot]);
         match Child::from_bits(child) {
-            Some(Child::External(i)) => Some(block.external(i).0),
+            Some(Child::External(at)) => Some(block.external(at).0),
             Some(Child::Leaf(_)) => Some(hit.block + self.leaves_at),
             _ => None,
         }

@@ -13,7 +13,7 @@ use super::walk::{Counters, TriHit};
 use crate::base::ids::BlockId;
 use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::{Block, INDEX_MASK, Node};
+use crate::structure::bvh::layout::{Block, Child, INDEX_MASK, Node};
 use bytemuck::bytes_of;
 
 /// Puts a lane at `child` of a block; if that is not in memory, its ray is left unfinished.
@@ -136,6 +136,13 @@ fn room(stack: &mut super::stream::Stack, top: usize) -> (&mut [f32; 8], &mut [u
 /// Takes the uppermost entry that is not beyond the best hit off a lane's stack, and goes there.
 #[inline(always)]
 fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
+    let (child, block) = take(s, state, lane);
+    go(state, counts, lane, child, block);
+}
+
+/// Takes the uppermost entry that is not beyond the best hit off a lane's stack: a child reference, and its block.
+#[inline(always)]
+fn take<S: Simd>(s: S, state: &mut State, lane: usize) -> (u32, u32) {
     let stack = &state.stacks[lane];
     let best = s.splat8(state.prepared[lane].best());
     let mut top = usize::from(state.top[lane]).clamp(BOTTOM, DEPTH);
@@ -151,10 +158,15 @@ fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
     }
     let above = 7 - (near | 1).ilog2() as usize;
     let at = (top - 1 - above) & 127;
-    let (child, block) = (stack.child[at.min(DEPTH - 1)], stack.block[at.min(DEPTH - 1)]);
     state.top[lane] = at as u8;
+    (stack.child[at.min(DEPTH - 1)], stack.block[at.min(DEPTH - 1)])
+}
+
+/// Takes a lane to what it had on its stack.
+#[inline(always)]
+fn go(state: &mut State, counts: &mut Counts, lane: usize, child: u32, block: u32) {
     // Eight children of the next node, and the eight that are written whatever their number.
-    if at + 16 >= DEPTH {
+    if usize::from(state.top[lane]) + 16 >= DEPTH {
         return leave(state, counts, lane);
     }
     // It was visited when this was put there.
@@ -235,34 +247,49 @@ fn eight(bytes: &[u8], at: u8) -> &[u8; 8] {
 #[inline(always)]
 pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
     let (row, count) = (state.rows[AT_LEAVES], counts.take(AT_LEAVES));
-    state.counters.leaves += count as u64;
     state.entered = 0;
     for i in 0..count {
-        let lane = lane(&row, i);
-        if state.block[lane].words().is_empty() {
-            leave(state, &mut counts, lane);
-            continue;
-        }
-        let ray = leaf_ray(s, &state.prepared[lane]);
-        let at = (state.child[lane] & INDEX_MASK) as usize;
-        let block = state.block[lane];
+        leaves_of::<S, ANY>(s, state, &mut counts, lane(&row, i));
+    }
+    counts
+}
+
+/// Those of one walk: the leaf that it waits at, and others of the same block that it has next on its stack. (Leaves of a node mostly
+/// are met together, and are neighbours in memory.)
+#[inline(always)]
+fn leaves_of<S: Simd, const ANY: bool>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
+    let (block, id) = (state.block[lane], state.block_id[lane]);
+    if block.words().is_empty() {
+        return leave(state, counts, lane);
+    }
+    let ray = leaf_ray(s, &state.prepared[lane]);
+    let (mut child, mut top) = (state.child[lane], state.top[lane]);
+    loop {
+        // What comes next is on its way while this one is tested.
+        let (mut next, mut below) = take(s, state, lane);
+        ask_for(state.is_large && Child::is_leaf(next), block, next);
+        let at = (child & INDEX_MASK) as usize;
         let leaf = block.leaf(at);
+        state.counters.leaves += 1;
         state.counters.leaf_lines += leaf.lines(at) as u64;
         state.counters.triangles += leaf.triangles as u64;
         if let Some((slot, t, u, v)) = triangles(s, block, leaf, &ray, state.filter, state.prepared[lane].best()) {
-            let hit = TriHit { t, u, v, block: state.block_id[lane], tri: (at as u32) << 3 | slot };
+            let hit = TriHit { t, u, v, block: id, tri: (at as u32) << 3 | slot };
             if !keep(state, lane, &hit) {
-                leave(state, &mut counts, lane);
-                continue;
+                return leave(state, counts, lane);
             }
             if ANY {
-                push(&mut state.rows, &mut counts, NOTHING, lane);
-                continue;
+                return push(&mut state.rows, counts, NOTHING, lane);
             }
+            // It may be beyond the hit.
+            state.top[lane] = top;
+            (next, below) = take(s, state, lane);
         }
-        pop(s, state, &mut counts, lane);
+        if !Child::is_leaf(next) || below + state.view.leaves_at != id {
+            return go(state, counts, lane, next, below);
+        }
+        (child, top) = (next, state.top[lane]);
     }
-    counts
 }
 
 /// Takes lanes that have come to leaves since the last time from their nodes' blocks to those of the leaves: no words if that is

@@ -25,18 +25,18 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
             for rate in &rates {
                 let of = all.iter().filter(|(r, c)| r.scene == scene && c.rate == *rate);
                 let curves: Vec<Curve> = of.map(|(_, cold)| curve(cold, &suffix(&cold.structure), error, least)).collect();
-                let title = format!("{title}, {} MB a second", rate >> 20);
+                let title = format!("{title}, {} MiB a second", rate >> 20);
                 panels.push(Panel { title, x: Axis::log("seconds since opening began"), y: Axis::log(label), curves });
             }
         }
     }
-    let title = format!("From nothing in memory the first whole picture is there after: {}", firsts(&all)?);
+    let title = format!("First whole picture, from nothing in memory: {}", firsts(&all)?);
     let what = "Exact pictures asked for; what does not fit its budget ends coarser; less than 0.001 pixels or 0.0001 FLIP is drawn as 0.";
     let foot = pick::foot(all.iter().map(|(r, _)| *r), what);
     (!panels.is_empty()).then_some(Sheet { title, foot, columns: rates.len(), panels })
 }
 
-/// Of each budget, of all rates: when the first picture is there, and how far it is off.
+/// Of each budget, of all rates: when the first picture is there, and how far it is off, from the least to the most.
 fn firsts(all: &[(&Record, &Cold)]) -> Option<String> {
     let mut budgets: Vec<u64> = all.iter().map(|(_, c)| c.budget).collect();
     budgets.sort_unstable();
@@ -45,8 +45,9 @@ fn firsts(all: &[(&Record, &Cold)]) -> Option<String> {
         let first = all.iter().filter(move |(_, c)| c.budget == budget).filter_map(|(_, c)| c.pictures.first());
         let (seconds, off): (Vec<f64>, Vec<f64>) = first.map(|m| (m.seconds, m.accuracy.mean_px)).unzip();
         let most = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
-        let least = seconds.iter().copied().fold(f64::INFINITY, f64::min);
-        format!("{} MB {least:.2} to {:.2} s, {:.2} pixels off", budget >> 20, most(&seconds), most(&off))
+        let least = |all: &[f64]| all.iter().copied().fold(f64::INFINITY, f64::min);
+        let (times, pixels) = ([least(&seconds), most(&seconds)], [least(&off), most(&off)]);
+        format!("{} MiB {:.2} to {:.2} s, {:.2} to {:.2} pixels off", budget >> 20, times[0], times[1], pixels[0], pixels[1])
     };
     (!budgets.is_empty()).then(|| budgets.into_iter().map(of).collect::<Vec<_>>().join("; "))
 }
@@ -56,5 +57,5 @@ fn curve(cold: &Cold, suffix: &str, error: fn(&Moment) -> f64, least: f64) -> Cu
     let drawn = |error: f64| if error < least { 0.0 } else { error };
     let point = |m: &Moment| Point::new(m.seconds, drawn(error(m)));
     let points = cold.pictures.iter().map(point).collect();
-    Curve { name: format!("budget {} MB{suffix}", cold.budget >> 20), look: Look::Line, points }
+    Curve { name: format!("budget {} MiB{suffix}", cold.budget >> 20), look: Look::Line, points }
 }

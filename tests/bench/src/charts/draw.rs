@@ -115,7 +115,8 @@ pub fn svg(sheet: &Sheet) -> Result<String, Failure> {
         let (head, rest) = all.split_vertically(TITLE);
         let (keys, rest) = rest.split_vertically(LEGEND * legend_rows);
         let (body, foot) = rest.split_vertically(PANEL.1 * rows);
-        write(&head, &sheet.title, (16, 14), 19, true)?;
+        let size = title_size(&head, &sheet.title)?;
+        write(&head, &sheet.title, (16, 14), size, true)?;
         write(&foot, &sheet.foot, (16, 4), 12, false)?;
         draw_legend(&keys, &legend)?;
         for (panel, area) in sheet.panels.iter().zip(body.split_evenly((rows as usize, sheet.columns))) {
@@ -143,9 +144,24 @@ pub fn png(svg: &str) -> Result<Vec<u8>, Failure> {
 }
 
 fn write(area: &Drawn, text: &str, at: (i32, i32), size: u32, is_bold: bool) -> Result<(), Failure> {
+    area.draw_text(text, &font(size, is_bold).color(&INK), at).map_err(wrong)
+}
+
+fn font(size: u32, is_bold: bool) -> FontDesc<'static> {
     let style = if is_bold { FontStyle::Bold } else { FontStyle::Normal };
-    let style = FontDesc::new(FontFamily::SansSerif, f64::from(size), style).color(&INK);
-    area.draw_text(text, &style, at).map_err(wrong)
+    FontDesc::new(FontFamily::SansSerif, f64::from(size), style)
+}
+
+/// The largest size at which a title fits its sheet; fails where none that can be read does.
+fn title_size(area: &Drawn, title: &str) -> Result<u32, Failure> {
+    let room = area.dim_in_pixel().0.saturating_sub(32);
+    for size in (12..=19).rev() {
+        let style = font(size, true).color(&INK);
+        if area.estimate_text_size(title, &style).map_err(wrong)?.0 <= room {
+            return Ok(size);
+        }
+    }
+    Err(Failure::new(format!("a title that does not fit its sheet: {title}")))
 }
 
 /// Names in the order of their first use, and their looks.

@@ -16,7 +16,7 @@ const PAPER: [(&str, &str, [&str; 6]); 3] = [
 pub fn table(records: &[Record]) -> Option<String> {
     let traces = pick::traces(records, "table5");
     let mut text = String::from(
-        "| model | triangles | primary rays | working set | and shadow rays | working set | and two diffuse rays | working set |\n\
+        "| model | triangles | pictures of primary rays | working set | and shadow rays | working set | and two diffuse rays | working set |\n\
          |---|---|---|---|---|---|---|---|\n",
     );
     let scenes = pick::scenes(traces.iter().map(|(r, _)| *r));
