@@ -22,10 +22,11 @@ pub struct Slot {
 impl Slot {
     /// A copy of `words`, with zeros up to the next cache line. Counts against no budget.
     pub fn new(words: &[u32]) -> Self {
-        let mut lines: Arc<[Line]> = std::iter::repeat_n(Line([0; 16]), words.len().div_ceil(16)).collect();
-        if let Some(lines) = Arc::get_mut(&mut lines) {
-            bytemuck::must_cast_slice_mut(lines)[..words.len()].copy_from_slice(words);
-        }
+        let (whole, rest) = words.as_chunks::<16>();
+        let mut last = Line([0; 16]);
+        last.0[..rest.len()].copy_from_slice(rest);
+        // Of known length: written once, in place.
+        let lines = whole.iter().map(|words| Line(*words)).chain((!rest.is_empty()).then_some(last)).collect();
         Self { lines, _charge: None }
     }
 

@@ -59,6 +59,23 @@ impl<'a> Reader<'a> {
         Err("a number in it is too long".into())
     }
 
+    /// The next `count` variable-length numbers, in turn.
+    #[inline]
+    pub fn varints(&mut self, count: usize, mut each: impl FnMut(u32)) -> Result<(), String> {
+        for _ in 0..count {
+            match *self.rest {
+                // Mostly they take one byte or two, which cannot be foreseen: without a branch.
+                [a, b, ..] if a & b < 0x80 => {
+                    let is_long = a >> 7;
+                    each(u32::from(a & 0x7f) | u32::from(b & (0x7f * is_long)) << 7);
+                    self.rest = &self.rest[1 + usize::from(is_long)..];
+                }
+                _ => each(self.varint()?),
+            }
+        }
+        Ok(())
+    }
+
     /// Fails unless all bytes were read.
     pub fn end(&self) -> Result<(), String> {
         if self.rest.is_empty() { Ok(()) } else { Err("it has bytes that nothing uses".into()) }
@@ -101,13 +118,20 @@ mod tests {
             for v in &values {
                 prop_assert_eq!(reader.varint().map(unzigzag), Ok(*v));
             }
+            let (mut together, mut all) = (Reader::new(&bytes), Vec::new());
+            prop_assert_eq!(together.varints(values.len(), |v| all.push(unzigzag(v))), Ok(()));
+            prop_assert_eq!((all, together.left()), (values, 0));
             prop_assert_eq!(reader.end(), Ok(()));
             prop_assert!(reader.u8().is_err());
         }
 
         #[test]
         fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..8)) {
-            let _ = Reader::new(&bytes).varint();
+            let mut alone = Reader::new(&bytes);
+            let one_by_one: Result<Vec<u32>, String> = (0..4).map(|_| alone.varint()).collect();
+            let mut all = Vec::new();
+            let together = Reader::new(&bytes).varints(4, |v| all.push(v));
+            prop_assert_eq!(one_by_one, together.map(|()| all));
         }
     }
 }

@@ -76,7 +76,7 @@ pub fn encode_geometry(words: &[u32], leaves: Option<&[u32]>) -> Vec<u8> {
     } else {
         let begin = elsewhere.map_or(0, |block| block.first_leaf());
         out.extend((begin as u16).to_le_bytes());
-        out.extend(elsewhere.iter().flat_map(|block| starts.iter().map(|&at| block.leaf(at).len() as u8)));
+        out.extend(elsewhere.iter().flat_map(|block| starts.iter().map(|&at| block.leaf(at.into()).len() as u8)));
     }
     out
 }
@@ -243,20 +243,20 @@ pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
                 return wrong("its leaves do not add up");
             }
             let at = nodes_end(&nodes) + leaves.parts.len();
-            if at + leaves.words.len() + PAD_WORDS > MAX_WORDS {
+            if at + leaves.own().len() + PAD_WORDS > MAX_WORDS {
                 return wrong("it is larger than a block may be");
             }
             let starts: Vec<usize> = leaves.starts.iter().map(|start| at + start).collect();
-            trace_form(Some((nodes, &starts)), Some(leaves))?
+            trace_form(nodes, &starts, Some(leaves))?
         }
-        Holds::Leaves => trace_form(None, Some(read_leaves(&mut reader)?))?,
+        Holds::Leaves => leaf_block(read_leaves(&mut reader)?),
         Holds::Nodes | Holds::NodesOverLeaves => {
             let nodes = read_nodes(&mut reader, place)?;
             let starts = read_starts(&mut reader, nodes.leaves)?;
             if place.holds == Holds::Nodes && !starts.is_empty() {
                 return wrong("it holds leaves, and is coarse");
             }
-            trace_form(Some((nodes, &starts)), None)?
+            trace_form(nodes, &starts, None)?
         }
     };
     reader.end()?;
@@ -290,38 +290,47 @@ fn read_starts(reader: &mut Reader, leaves: usize) -> Checked<Vec<usize>> {
     if at + PAD_WORDS > MAX_WORDS { wrong("its leaves do not fit a block") } else { Ok(starts) }
 }
 
-/// A block of nodes, whose leaves begin at the places given, of leaves, or of both.
-fn trace_form(nodes: Option<(Nodes, &[usize])>, leaves: Option<Leaves>) -> Checked<Vec<u32>> {
+/// A block of leaves.
+fn leaf_block(leaves: Leaves) -> Vec<u32> {
+    let begin = leaves.begin();
+    let Leaves { triangles, parts, mut words, .. } = leaves;
+    let (first, end) = (HEADER_WORDS as u32, begin as u32);
+    words[..8].copy_from_slice(&[0, triangles as u32 | (parts.len() as u32) << 16, first, first, end, 0, SHORT_VOXEL as u32, 0]);
+    words[HEADER_WORDS..begin].copy_from_slice(&parts);
+    words
+}
+
+/// A block of nodes whose leaves begin at the places given, and of these if they are in it.
+fn trace_form(nodes: Nodes, starts: &[usize], leaves: Option<Leaves>) -> Checked<Vec<u32>> {
+    let end = nodes_end(&nodes);
+    let Nodes { mut table, kinds, externals, voxels: (voxel_header, voxel_words), .. } = nodes;
+    let places = link(&mut table, &kinds, starts, externals.len())?;
     let parts: &[u32] = leaves.as_ref().map_or(&[], |leaves| &leaves.parts);
     let triangles = leaves.as_ref().map_or(0, |leaves| leaves.triangles);
-    let (mut table, mut links, mut places) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut voxel_header, mut voxel_words) = ([0, SHORT_VOXEL as u32, 0], Vec::new());
-    if let Some((mut nodes, starts)) = nodes {
-        places = link(&mut nodes.table, &nodes.kinds, starts, nodes.externals.len())?;
-        (table, links, (voxel_header, voxel_words)) = (nodes.table, nodes.externals, nodes.voxels);
-    }
+    let own = leaves.as_ref().map_or(&[][..], Leaves::own);
     let externals_at = HEADER_WORDS + table.len() * NODE_WORDS;
-    let parts_at = externals_at + EXTERNAL_WORDS * links.len();
-    let mut words = vec![
-        table.len() as u32 | (links.len() as u32) << 16,
+    let parts_at = externals_at + EXTERNAL_WORDS * externals.len();
+    let size = end + parts.len() + own.len() + PAD_WORDS;
+    if size > MAX_WORDS {
+        return wrong("it is larger than a block may be");
+    }
+    let mut words = Vec::with_capacity(size);
+    words.extend([
+        table.len() as u32 | (externals.len() as u32) << 16,
         triangles as u32 | (parts.len() as u32) << 16,
         externals_at as u32,
         parts_at as u32,
         (parts_at + parts.len()) as u32,
-    ];
+    ]);
     words.extend(voxel_header);
     words.resize(HEADER_WORDS, 0);
-    for node in &table {
-        words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(*node));
-    }
-    words.extend(links.iter().zip(places).flat_map(|(&[id, child], place)| [id, child, place]));
-    words.extend(parts);
-    words.extend(voxel_words);
-    if let Some(leaves) = leaves {
-        words.extend(leaves.words);
-    }
-    words.extend([0; PAD_WORDS]);
-    if words.len() > MAX_WORDS { wrong("it is larger than a block may be") } else { Ok(words) }
+    words.extend_from_slice(bytemuck::cast_slice(&table));
+    words.extend(externals.iter().zip(places).flat_map(|(&[id, child], place)| [id, child, place]));
+    words.extend_from_slice(parts);
+    words.extend_from_slice(&voxel_words);
+    words.extend_from_slice(own);
+    words.resize(size, 0);
+    Ok(words)
 }
 
 fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {

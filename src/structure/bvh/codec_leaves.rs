@@ -2,7 +2,7 @@
 
 use super::bytes::{Reader, push_varint, unzigzag, zigzag};
 use super::codec::{Checked, push_planes, read_planes, wrong};
-use super::layout::{Block, LEAF_MIXED, MAX_TRIANGLES, MAX_VERTICES, PAD_WORDS, index_words, leaf_words};
+use super::layout::{Block, HEADER_WORDS, LEAF_MIXED, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, PAD_WORDS, index_words, leaf_words};
 use std::collections::HashMap;
 use std::hash::Hasher;
 
@@ -10,14 +10,27 @@ use std::hash::Hasher;
 pub(super) struct Leaves {
     pub triangles: usize,
     pub parts: Vec<u32>,
+    /// Those of a leaf block: zeros in place of its header and its parts, the leaves, and the zeros behind them.
     pub words: Vec<u32>,
     /// Where each begins, from the first.
     pub starts: Vec<usize>,
 }
 
+impl Leaves {
+    /// Where the first begins in `words`.
+    pub fn begin(&self) -> usize {
+        HEADER_WORDS + self.parts.len()
+    }
+
+    /// Their own words.
+    pub fn own(&self) -> &[u32] {
+        &self.words[self.begin()..self.words.len() - PAD_WORDS]
+    }
+}
+
 /// Appends the leaves of a block.
 pub(super) fn push_leaves(out: &mut Vec<u8>, block: &Block) {
-    let leaves = leaves_in_order(block);
+    let leaves: Vec<usize> = leaves_in_order(block).into_iter().map(usize::from).collect();
     let (indices, vertices) = share_vertices(block, &leaves);
     for count in [block.triangles(), block.parts(), leaves.len()] {
         out.extend((count as u16).to_le_bytes());
@@ -42,11 +55,11 @@ pub(super) fn push_leaves(out: &mut Vec<u8>, block: &Block) {
 }
 
 /// Where the leaves of a block begin, in the order in which they lie.
-pub(super) fn leaves_in_order(block: &Block) -> Vec<usize> {
-    let mut leaves = Vec::new();
+pub(super) fn leaves_in_order(block: &Block) -> Vec<u16> {
+    let mut leaves = Vec::with_capacity(block.triangles());
     let mut at = block.first_leaf();
     while at + PAD_WORDS < block.words().len() {
-        leaves.push(at);
+        leaves.push(at as u16);
         at += block.leaf(at).len();
     }
     leaves
@@ -121,16 +134,31 @@ fn push_coordinates(out: &mut Vec<u8>, bits: impl Iterator<Item = u32>) {
     push_planes(out, coded.iter().copied());
 }
 
-fn read_coordinates(reader: &mut Reader, count: usize) -> Checked<Vec<u32>> {
-    let mut words = read_planes(reader, count)?;
-    let (mut before, mut are_finite) = (0u32, true);
-    for word in &mut words {
-        before = before.wrapping_add(unzigzag(*word) as u32);
-        *word = unordered(before);
-        are_finite &= f32::from_bits(*word).is_finite();
+/// The bits of all vertices' coordinates, and a zero behind each vertex. In loops that become vectors, but for the sums.
+fn read_vertices(reader: &mut Reader, count: usize) -> Checked<Vec<[u32; 4]>> {
+    let mut steps = [read_planes(reader, count)?, read_planes(reader, count)?, read_planes(reader, count)?];
+    for steps in &mut steps {
+        steps.iter_mut().for_each(|step| *step = unzigzag(*step) as u32);
     }
-    if are_finite { Ok(words) } else { wrong("a vertex is not finite") }
+    let [x, y, z] = &steps;
+    let mut vertices = Vec::with_capacity(count);
+    let mut sum = [0u32, 0, 0, ordered(0)];
+    vertices.extend(x.iter().zip(y).zip(z).map(|((x, y), z)| {
+        for (sum, step) in sum.iter_mut().zip([x, y, z]) {
+            *sum = sum.wrapping_add(*step);
+        }
+        sum
+    }));
+    let mut infinite = 0;
+    for word in vertices.as_flattened_mut() {
+        *word = unordered(*word);
+        infinite |= u32::from(*word & EXPONENT == EXPONENT);
+    }
+    if infinite == 0 { Ok(vertices) } else { wrong("a vertex is not finite") }
 }
+
+/// Of a float: all bits of it are set where it is infinite or no number.
+const EXPONENT: u32 = 0x7f80_0000;
 
 struct Counts {
     triangles: usize,
@@ -155,7 +183,7 @@ pub(super) fn read_leaves(reader: &mut Reader) -> Checked<Leaves> {
     Ok(Leaves { triangles, parts, words, starts })
 }
 
-/// The words of all leaves, and where each begins, from the first.
+/// [`Leaves::words`] and [`Leaves::starts`].
 fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Vec<usize>)> {
     let n = counts.leaves;
     let (triangles, vertices, mixed) = (reader.take(n)?, reader.take(n)?, reader.take(n)?);
@@ -177,59 +205,62 @@ fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Ve
     let corners = reader.take(3 * sum)?;
     let total: usize = vertices.iter().map(|v| usize::from(*v)).sum();
     let references = read_references(reader, total, counts.vertices)?;
-    let axes = [(); 3].map(|_| read_coordinates(reader, counts.vertices));
-    let [x, y, z] = axes;
-    let axes = [x?, y?, z?];
+    let all_vertices = read_vertices(reader, counts.vertices)?;
 
-    let room = n * leaf_words(1, 0, false) + total * 3 + sum;
-    let (mut words, mut starts) = (Vec::with_capacity(room), Vec::with_capacity(n));
-    let (mut first, mut first_vertex) = (0, 0);
-    for i in 0..n {
+    let sizes = || (0..n).map(|i| leaf_words(triangles[i].into(), vertices[i].into(), mixed[i] == 1));
+    let begin = HEADER_WORDS + counts.parts;
+    let end = begin + sizes().sum::<usize>();
+    if end + PAD_WORDS > MAX_WORDS {
+        return wrong("it is larger than a block may be");
+    }
+    let (mut words, mut starts) = (vec![0; end + PAD_WORDS], Vec::with_capacity(n));
+    let (mut at, mut first, mut first_vertex) = (begin, 0, 0);
+    for (i, size) in sizes().enumerate() {
         let (t, v, m) = (usize::from(triangles[i]), usize::from(vertices[i]), mixed[i] == 1);
-        starts.push(words.len());
-        let corners = &corners[3 * first..3 * (first + t)];
-        if corners.iter().any(|c| usize::from(*c) >= v) {
-            return wrong("a corner is not among its leaf's vertices");
-        }
-        let end = words.len() + leaf_words(t, v, m);
-        let flags = if m { u32::from(LEAF_MIXED) } else { 0 };
-        words.push(t as u32 | (v as u32) << 8 | (first as u32) << 16);
+        starts.push(at - begin);
+        let leaf = &mut words[at..at + size];
         let (own, others) = parts.split_at(if m { t } else { 1 });
         parts = others;
-        words.push(u32::from(own[0]) | flags << 16);
+        let flags = if m { u32::from(LEAF_MIXED) } else { 0 };
+        leaf[0] = t as u32 | (v as u32) << 8 | (first as u32) << 16;
+        leaf[1] = u32::from(own[0]) | flags << 16;
+        let mut rest = &mut leaf[2..];
         if m {
-            let pair = |p: &[u16]| u32::from(p[0]) | p.get(1).map_or(0, |q| u32::from(*q)) << 16;
-            words.extend(own.chunks(2).map(pair));
+            let (pairs, behind) = rest.split_at_mut(t.div_ceil(2));
+            for (word, pair) in pairs.iter_mut().zip(own.chunks(2)) {
+                *word = u32::from(pair[0]) | pair.get(1).map_or(0, |q| u32::from(*q)) << 16;
+            }
+            rest = behind;
         }
-        let mut bytes = [0u8; 4 * index_words(MAX_TRIANGLES)];
-        bytes[..3 * t].copy_from_slice(corners);
-        let word = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-        words.extend(bytes[..4 * index_words(t)].chunks_exact(4).map(word));
-        for axis in &axes {
-            words.extend(references[first_vertex..first_vertex + v].iter().map(|r| axis[*r]));
+        let (indices, coordinates) = rest.split_at_mut(index_words(t));
+        let corners = &corners[3 * first..3 * (first + t)];
+        if corners.iter().fold(0, |most, c| most.max(*c)) >= v as u8 {
+            return wrong("a corner is not among its leaf's vertices");
         }
-        debug_assert_eq!(words.len(), end);
-        first += t;
-        first_vertex += v;
+        bytemuck::cast_slice_mut(indices)[..3 * t].copy_from_slice(corners);
+        let (x, yz) = coordinates.split_at_mut(v);
+        let (y, z) = yz.split_at_mut(v);
+        let own = references[first_vertex..first_vertex + v].iter().map(|r| all_vertices[*r as usize]);
+        for (((x, y), z), vertex) in x.iter_mut().zip(y).zip(z).zip(own) {
+            [*x, *y, *z, _] = vertex;
+        }
+        (at, first, first_vertex) = (at + size, first + t, first_vertex + v);
     }
     Ok((words, starts))
 }
 
 /// Indices among the distinct vertices of all leaves' vertices.
-fn read_references(reader: &mut Reader, total: usize, vertices: usize) -> Checked<Vec<usize>> {
-    let mut known = 0;
+fn read_references(reader: &mut Reader, total: usize, vertices: usize) -> Checked<Vec<u32>> {
+    let (mut known, mut are_known) = (0u32, true);
     let mut references = Vec::with_capacity(total);
-    for _ in 0..total {
-        let back = reader.varint()? as usize;
-        if back > known {
-            return wrong("a vertex reference reaches before the first");
-        }
-        if back == 0 {
-            known += 1;
-            references.push(known - 1);
-        } else {
-            references.push(known - back);
-        }
+    reader.varints(total, |back| {
+        are_known &= back <= known;
+        // None back is a new one.
+        references.push(known.wrapping_sub(back));
+        known += u32::from(back == 0);
+    })?;
+    if !are_known {
+        return wrong("a vertex reference reaches before the first");
     }
-    if known == vertices { Ok(references) } else { wrong("its vertices do not add up") }
+    if known as usize == vertices { Ok(references) } else { wrong("its vertices do not add up") }
 }

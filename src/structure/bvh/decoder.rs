@@ -117,12 +117,12 @@ impl Decoder for BvhDecoder {
 }
 
 /// Where the leaves of a fine block's leaf block begin, as it has it.
-fn leaves_named(block: &Block) -> Vec<usize> {
+fn leaves_named(block: &Block) -> Vec<u16> {
     let nodes = (0..block.nodes()).map(|i| block.node(i));
     let children = nodes.flat_map(|n| (0..WIDTH).filter(|s| n.valid >> s & 1 == 1).map(|s| u32::from(n.child[s])));
-    let mut starts: Vec<usize> = children
+    let mut starts: Vec<u16> = children
         .filter_map(|child| match Child::from_bits(child) {
-            Some(Child::Leaf(at)) => Some(at),
+            Some(Child::Leaf(at)) => Some(at as u16),
             _ => None,
         })
         .collect();
@@ -150,7 +150,7 @@ pub fn check_links(snapshot: &Snapshot, trees: &[TreeRow]) -> Result<(), (BlockI
         }
         let Some(target) = snapshot.block(leaves).map(Block::new) else { continue };
         let named = leaves_named(&block);
-        let triangles = |starts: &[usize]| starts.iter().map(|&at| target.leaf(at).triangles).sum::<usize>();
+        let triangles = |starts: &[u16]| starts.iter().map(|&at| target.leaf(at.into()).triangles).sum::<usize>();
         // What is in memory ends with a whole line, zeros that are no leaves.
         if !leaves_in_order(&target).starts_with(&named) || triangles(&named) != target.triangles() {
             return Err((id, format!("its leaves are not those of block {}", leaves.0)));
