@@ -154,7 +154,8 @@ fn font(size: u32, is_bold: bool) -> FontDesc<'static> {
 
 /// The largest size at which a title fits its sheet; fails where none that can be read does.
 fn title_size(area: &Drawn, title: &str) -> Result<u32, Failure> {
-    let room = area.dim_in_pixel().0.saturating_sub(32);
+    // A tenth is left: letters are drawn somewhat wider than they are estimated.
+    let room = area.dim_in_pixel().0.saturating_sub(32) * 9 / 10;
     for size in (12..=19).rev() {
         let style = font(size, true).color(&INK);
         if area.estimate_text_size(title, &style).map_err(wrong)?.0 <= room {
