@@ -107,7 +107,13 @@ pub fn svg(sheet: &Sheet) -> Result<String, Failure> {
     let rows = sheet.panels.len().div_ceil(sheet.columns) as u32;
     let legend = legend(sheet);
     let legend_rows = legend_rows(&legend, PANEL.0 * sheet.columns as u32);
-    let size = (PANEL.0 * sheet.columns as u32, TITLE + LEGEND * legend_rows + PANEL.1 * rows + FOOT);
+    // As wide as its title takes at the least, which is drawn as large as fits.
+    let width = (PANEL.0 * sheet.columns as u32).max(title_width(&sheet.title, *TITLE_SIZES.start())?);
+    let size = (width, TITLE + LEGEND * legend_rows + PANEL.1 * rows + FOOT);
+    let mut title_size = *TITLE_SIZES.start();
+    for larger in TITLE_SIZES {
+        title_size = if title_width(&sheet.title, larger)? <= width { larger } else { title_size };
+    }
     let mut text = String::new();
     {
         let all = SVGBackend::with_string(&mut text, size).into_drawing_area();
@@ -115,8 +121,7 @@ pub fn svg(sheet: &Sheet) -> Result<String, Failure> {
         let (head, rest) = all.split_vertically(TITLE);
         let (keys, rest) = rest.split_vertically(LEGEND * legend_rows);
         let (body, foot) = rest.split_vertically(PANEL.1 * rows);
-        let size = title_size(&head, &sheet.title)?;
-        write(&head, &sheet.title, (16, 14), size, true)?;
+        write(&head, &sheet.title, (16, 14), title_size, true)?;
         write(&foot, &sheet.foot, (16, 4), 12, false)?;
         draw_legend(&keys, &legend)?;
         for (panel, area) in sheet.panels.iter().zip(body.split_evenly((rows as usize, sheet.columns))) {
@@ -152,17 +157,13 @@ fn font(size: u32, is_bold: bool) -> FontDesc<'static> {
     FontDesc::new(FontFamily::SansSerif, f64::from(size), style)
 }
 
-/// The largest size at which a title fits its sheet; fails where none that can be read does.
-fn title_size(area: &Drawn, title: &str) -> Result<u32, Failure> {
-    // A tenth is left: letters are drawn somewhat wider than they are estimated.
-    let room = area.dim_in_pixel().0.saturating_sub(32) * 9 / 10;
-    for size in (12..=19).rev() {
-        let style = font(size, true).color(&INK);
-        if area.estimate_text_size(title, &style).map_err(wrong)?.0 <= room {
-            return Ok(size);
-        }
-    }
-    Err(Failure::new(format!("a title that does not fit its sheet: {title}")))
+/// Sizes of titles, the least that can be read well first.
+const TITLE_SIZES: std::ops::RangeInclusive<u32> = 12..=19;
+
+/// Pixels that a title takes from one end of its sheet to the other. A tenth more than is estimated: letters are drawn somewhat wider.
+fn title_width(title: &str, size: u32) -> Result<u32, Failure> {
+    let ((left, _), (right, _)) = font(size, true).layout_box(title).map_err(wrong)?;
+    Ok(32 + right.abs_diff(left) * 10 / 9)
 }
 
 /// Names in the order of their first use, and their looks.
