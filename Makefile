@@ -2,7 +2,7 @@
 # make test   everything that must hold
 # make contact-sheet   every mesh of the models folder in one picture, target/contact-sheet.png, and a table
 # make figures  what level of detail comes to on 10 and 40 million triangles: first pictures, bytes, times, a flight in 64 MB (as root it empties the cache of files)
-# make bench    speed and accuracy together, beside Embree, obvhs and parry3d, in some 25 minutes: target/bench/results.jsonl; FULL=1: all of it, in an hour
+# make bench    speed and accuracy together, beside Embree, obvhs and parry3d, in some 25 minutes: target/bench/results.jsonl; FULL=1: all of it, which takes far longer
 # make charts   the results as charts in tests/bench/charts, from nothing in some 25 minutes; measures what there are no results of by this version;
 #               FULL=1: likewise; KEEP=1: takes results of other versions too
 # make bench-expect  writes the answers anew that benchmarks expect, after a meant change; ONLY=name: those of one benchmark

@@ -1,4 +1,4 @@
-//! The promise of a hit (design, section 8): some original surface lies within its error.
+//! The promise of a hit (design, section 6): some original surface lies within its error.
 
 use super::bvh64::Bvh64;
 use glam::DVec3;

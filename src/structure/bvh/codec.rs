@@ -36,7 +36,7 @@ pub use super::codec_beside::{decode_colours, decode_prims, encode_colours, enco
 use super::codec_leaves::{Leaves, leaves_in_order, push_leaves, read_leaves};
 use super::layout::{
     Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
-    SHORT_VOXEL, WIDTH, leaf_words,
+    SHORT_VOXEL, WIDTH, leaf_block_head, leaf_words,
 };
 use super::validate::validate;
 use crate::lod::{Coded, SIDES_WORDS, summary_bit};
@@ -243,9 +243,6 @@ pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
                 return wrong("its leaves do not add up");
             }
             let at = nodes_end(&nodes) + leaves.parts.len();
-            if at + leaves.own().len() + PAD_WORDS > MAX_WORDS {
-                return wrong("it is larger than a block may be");
-            }
             let starts: Vec<usize> = leaves.starts.iter().map(|start| at + start).collect();
             trace_form(nodes, &starts, Some(leaves))?
         }
@@ -294,26 +291,25 @@ fn read_starts(reader: &mut Reader, leaves: usize) -> Checked<Vec<usize>> {
 fn leaf_block(leaves: Leaves) -> Vec<u32> {
     let begin = leaves.begin();
     let Leaves { triangles, parts, mut words, .. } = leaves;
-    let (first, end) = (HEADER_WORDS as u32, begin as u32);
-    words[..8].copy_from_slice(&[0, triangles as u32 | (parts.len() as u32) << 16, first, first, end, 0, SHORT_VOXEL as u32, 0]);
+    words[..8].copy_from_slice(&leaf_block_head(triangles, parts.len()));
     words[HEADER_WORDS..begin].copy_from_slice(&parts);
     words
 }
 
 /// A block of nodes whose leaves begin at the places given, and of these if they are in it.
 fn trace_form(nodes: Nodes, starts: &[usize], leaves: Option<Leaves>) -> Checked<Vec<u32>> {
-    let end = nodes_end(&nodes);
-    let Nodes { mut table, kinds, externals, voxels: (voxel_header, voxel_words), .. } = nodes;
-    let places = link(&mut table, &kinds, starts, externals.len())?;
     let parts: &[u32] = leaves.as_ref().map_or(&[], |leaves| &leaves.parts);
     let triangles = leaves.as_ref().map_or(0, |leaves| leaves.triangles);
     let own = leaves.as_ref().map_or(&[][..], Leaves::own);
-    let externals_at = HEADER_WORDS + table.len() * NODE_WORDS;
-    let parts_at = externals_at + EXTERNAL_WORDS * externals.len();
-    let size = end + parts.len() + own.len() + PAD_WORDS;
+    // Before references are made, which have room for no more.
+    let size = nodes_end(&nodes) + parts.len() + own.len() + PAD_WORDS;
     if size > MAX_WORDS {
         return wrong("it is larger than a block may be");
     }
+    let Nodes { mut table, kinds, externals, voxels: (voxel_header, voxel_words), .. } = nodes;
+    let places = link(&mut table, &kinds, starts, externals.len())?;
+    let externals_at = HEADER_WORDS + table.len() * NODE_WORDS;
+    let parts_at = externals_at + EXTERNAL_WORDS * externals.len();
     let mut words = Vec::with_capacity(size);
     words.extend([
         table.len() as u32 | (externals.len() as u32) << 16,

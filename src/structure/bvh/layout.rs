@@ -244,6 +244,12 @@ impl Node {
     }
 }
 
+/// The first words of a leaf block; those of its header behind them are zero, and its parts follow.
+pub fn leaf_block_head(triangles: usize, parts: usize) -> [u32; 8] {
+    let (first, end) = (HEADER_WORDS as u32, (HEADER_WORDS + parts) as u32);
+    [0, triangles as u32 | (parts as u32) << 16, first, first, end, 0, SHORT_VOXEL as u32, 0]
+}
+
 /// One decoded block, borrowed from its slot.
 #[derive(Debug, Clone, Copy)]
 pub struct Block<'a> {

@@ -21,6 +21,19 @@ impl Spread {
     }
 }
 
+/// Seconds that a measurement lasts at least: so many runs are one. (Of runs of 3 ms ratios spread by a third.)
+const LEAST: f64 = 0.03;
+
+/// Seconds of a run, of so many that they last long enough together. `once`: runs, and says how long that took.
+pub fn steady(mut once: impl FnMut() -> f64) -> f64 {
+    let (mut sum, mut runs) = (0.0, 0);
+    while sum < LEAST {
+        sum += once();
+        runs += 1;
+    }
+    sum / f64::from(runs)
+}
+
 /// Seconds of two sides, pair by pair.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pairs {
@@ -72,6 +85,13 @@ mod tests {
         assert_eq!(*order.borrow(), "abababab");
         assert_eq!(pairs.a, [1.0, 2.0, 4.0]);
         assert_eq!(pairs.ratio(), Spread { median: 2.0, least: 1.0, most: 4.0 });
+    }
+
+    #[test]
+    fn short_runs_are_measured_together() {
+        let mut times = [0.02, 0.04, 9.0].into_iter();
+        assert!((steady(|| times.next().expect("two runs")) - 0.03).abs() < 1e-12);
+        assert_eq!((steady(|| 0.5), times.len()), (0.5, 1));
     }
 
     #[test]

@@ -6,9 +6,9 @@ use crate::data::{Case, Residency};
 use crate::expected::Expected;
 use crate::failure::Failure;
 use crate::ours::Ours;
-use crate::pairs::{Pairs, Spread};
+use crate::pairs::{Pairs, Spread, steady};
 use crate::record::{Accuracy, Against, Counters, Outcomes, Record, Trace};
-use crate::trace::{LEAST, Task};
+use crate::trace::Task;
 use outcrop::scene::{Camera, Context};
 use outcrop::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs};
 use std::path::Path;
@@ -103,13 +103,11 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
         for (poe, id, seen, hits, stand_ins) in looks {
             let accuracy = seen.errors(&truth, &camera, size)?;
             let timed = |frame: &Frame, poe: f32| {
-                let begun = Instant::now();
-                let mut pictures = 0;
-                while pictures == 0 || begun.elapsed().as_secs_f64() < LEAST {
+                steady(|| {
+                    let begun = Instant::now();
                     render(frame, &ours, &camera, poe).expect("it did before");
-                    pictures += 1;
-                }
-                begun.elapsed().as_secs_f64() / f64::from(pictures)
+                    begun.elapsed().as_secs_f64()
+                })
             };
             let pairs = Pairs::in_turn(task.benchmark.rounds, || timed(&one, poe), || timed(&other, 0.0));
             let (seconds, exactly) = (Spread::of(&pairs.a), Spread::of(&pairs.b));

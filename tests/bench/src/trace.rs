@@ -7,7 +7,7 @@ use crate::data::{Benchmark, Case, Data, RayKind, Residency};
 use crate::expected::{Book, Expected};
 use crate::failure::Failure;
 use crate::ours::{self, Ours, Ready};
-use crate::pairs::{Pairs, Spread};
+use crate::pairs::{Pairs, Spread, steady};
 use crate::peers::{self, Peer};
 use crate::pictures;
 use crate::rays::Batch;
@@ -217,19 +217,6 @@ fn timed(run: &mut dyn Run, threads: usize) -> f64 {
     begun.elapsed().as_secs_f64()
 }
 
-/// Seconds that a measurement lasts at least: so many runs are one. (Of runs of 3 ms ratios spread by a third.)
-pub const LEAST: f64 = 0.03;
-
-/// Seconds of a run, of so many that they last long enough.
-fn steady(run: &mut dyn Run, threads: usize) -> f64 {
-    let (mut sum, mut runs) = (0.0, 0);
-    while sum < LEAST {
-        sum += timed(run, threads);
-        runs += 1;
-    }
-    sum / f64::from(runs)
-}
-
 /// Each in pairs with Embree, or where that is missing with the first: ours, exact.
 fn in_turn(task: &Task, case: &Case, batch: &Batch, threads: usize, all: &mut [&mut Contender], triangles: u64) -> Vec<Record> {
     let opponent = all.iter().position(|c| c.side == "embree").unwrap_or(0);
@@ -237,7 +224,7 @@ fn in_turn(task: &Task, case: &Case, batch: &Batch, threads: usize, all: &mut [&
     let mut against_itself = None;
     for i in (0..all.len()).filter(|&i| i != opponent) {
         let [a, b] = all.get_disjoint_mut([i, opponent]).expect("two of them");
-        let pairs = Pairs::in_turn(task.benchmark.rounds, || steady(&mut *a.run, threads), || steady(&mut *b.run, threads));
+        let pairs = Pairs::in_turn(task.benchmark.rounds, || steady(|| timed(&mut *a.run, threads)), || steady(|| timed(&mut *b.run, threads)));
         let (seconds, theirs) = (Spread::of(&pairs.a), Spread::of(&pairs.b));
         let against = Against { side: b.side.clone(), call: b.call.clone(), seconds: theirs, ratio: pairs.ratio() };
         records.push(result(task, case, batch, threads, a, seconds, Some(against), triangles));
@@ -246,7 +233,7 @@ fn in_turn(task: &Task, case: &Case, batch: &Batch, threads: usize, all: &mut [&
     let itself = against_itself.unwrap_or_else(|| {
         let run = &mut *all[opponent].run;
         timed(run, threads);
-        Spread::of(&(0..task.benchmark.rounds).map(|_| steady(run, threads)).collect::<Vec<_>>())
+        Spread::of(&(0..task.benchmark.rounds).map(|_| steady(|| timed(run, threads))).collect::<Vec<_>>())
     });
     records.push(result(task, case, batch, threads, all[opponent], itself, None, triangles));
     records

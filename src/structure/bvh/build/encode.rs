@@ -8,6 +8,7 @@ use super::tree::{Inner, Sub};
 use crate::lod::{Coded, SIDES_WORDS};
 use crate::structure::bvh::layout::{
     Child, EXTERNAL_WORDS, HEADER_WORDS, LEAF_MIXED, LONG_VOXEL, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, index_words,
+    leaf_block_head,
 };
 use bytemuck::must_cast;
 
@@ -107,8 +108,7 @@ pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, 
 }
 
 fn leaf_block(parts: &[u32], leaves: &[u32], triangles: usize) -> Vec<u32> {
-    let (first, end) = (HEADER_WORDS as u32, (HEADER_WORDS + parts.len()) as u32);
-    let mut words = vec![0, triangles as u32 | (parts.len() as u32) << 16, first, first, end, 0, SHORT_VOXEL as u32, 0];
+    let mut words = leaf_block_head(triangles, parts.len()).to_vec();
     words.resize(HEADER_WORDS, 0);
     words.extend(parts);
     words.extend(leaves);
