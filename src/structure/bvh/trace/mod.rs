@@ -9,6 +9,7 @@ mod ahead;
 mod bundle;
 mod bundle_leaf;
 mod cell_slabs;
+mod gauge;
 mod packet;
 mod packet_cells;
 mod packet_few;

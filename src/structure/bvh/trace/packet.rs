@@ -1,6 +1,7 @@
 //! Coherent rays together: their state, and how they enter and leave the kernel.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
+use super::gauge::Gauge;
 use super::packet_prepare::{self, Shared};
 use super::packet_visit;
 use super::pass::Passing;
@@ -131,6 +132,7 @@ pub struct PacketWalk {
     pub(super) passed: Row,
     /// For rays that leave the packet.
     pub(super) alone: Walk,
+    pub(super) gauge: Gauge,
     /// What the walks did.
     pub(super) counters: Counters,
 }
@@ -164,6 +166,7 @@ impl PacketWalk {
             waiting: 0,
             passed: [[f32::INFINITY; 16]; VECTORS],
             alone: Walk::new(),
+            gauge: Gauge::default(),
             counters: Counters::default(),
         }
     }

@@ -5,7 +5,7 @@ use super::cell_slabs::{self, Origin};
 use super::packet::{PacketEntry, PacketWalk, VECTORS, at_mut};
 use super::packet_leaf::keep_better;
 use super::packet_prepare::Shared;
-use super::packet_visit::Boxes;
+use super::packet_visit::{self, Boxes};
 use super::ray::abs;
 use super::pass::Sieve;
 use super::single;
@@ -93,6 +93,32 @@ fn within<S: Simd>(
         slabs = Origin::new(org, s.splat16(reach), zero).see(&slabs);
     }
     cell_slabs::within(dir, &slabs, way, s.splat16(1.0))
+}
+
+/// Of the rays in `rays` those that cross the child in `slot` inside of its slabs.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
+pub(super) fn inside<S: Simd>(
+    s: S,
+    node: &Node,
+    slot: usize,
+    boxes: &mut Boxes,
+    shared: &Shared,
+    reach: f32,
+    walk: &PacketWalk,
+    rays: u32,
+) -> u32 {
+    let planes = boxes.planes_of(slot);
+    let mut left = 0;
+    for h in 0..VECTORS {
+        let here = rays >> (16 * h) & 0xffff;
+        if here != 0 {
+            let way = packet_visit::way(s, &planes, shared.one_origin, walk, h, s.splat16(f32::INFINITY));
+            let [enter, leave] = within(s, node, slot, boxes, shared, reach, walk, h, way);
+            left |= (here & enter.le(leave).bits()) << (16 * h);
+        }
+    }
+    left
 }
 
 /// Lets the cell in `slot` stand in for those rays of `entry` for which it is small enough; returns the others that meet its box.

@@ -12,8 +12,8 @@ use crate::structure::bvh::layout::Block;
 /// Rays up to which this is less work than one child against all rays after the other.
 pub(super) const FEW: u32 = 4;
 
-/// The rays of `entry` that each child is still to be visited by: those that meet it and for which it does not stand in. Rays
-/// share their origin.
+/// The rays of `entry` that each child is still to be visited by: those that meet it, of `leaves` those that do so inside of their
+/// slabs, and for which it does not stand in. Rays share their origin.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
@@ -25,6 +25,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     boxes: &mut Boxes,
     shared: &Shared,
     entry: PacketEntry,
+    leaves: u32,
     walk: &mut PacketWalk,
 ) -> [u32; 8] {
     let mut out = [0; 8];
@@ -32,7 +33,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
         rays &= rays - 1;
-        let mut met = one::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry.block, i, walk);
+        let mut met = one::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry.block, leaves, i, walk);
         while met != 0 {
             out[met.trailing_zeros() as usize & 7] |= 1 << i;
             met &= met - 1;
@@ -53,6 +54,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     boxes: &mut Boxes,
     shared: &Shared,
     block_id: u32,
+    leaves: u32,
     i: usize,
     walk: &mut PacketWalk,
 ) -> u32 {
@@ -64,26 +66,40 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     }
     let [enter, leave] = stand_in::cross(near, far, inv);
     let t_min = s.splat8(at(&walk.rays.t_min, i));
-    let met = enter.max(t_min).le(leave.min(s.splat8(at(&walk.hits.t, i)))).bits() & boxes.met;
-    if !LOD || met & boxes.small == 0 {
+    let mut met = enter.max(t_min).le(leave.min(s.splat8(at(&walk.hits.t, i)))).bits() & boxes.met;
+    let is_likely = LOD && met & boxes.small != 0;
+    if !is_likely && met & leaves == 0 {
         return met;
     }
     let (mut dir, mut faces) = ([zero; 3], [zero; 3]);
     for axis in 0..3 {
         (dir[axis], faces[axis]) = (s.splat8(at(&walk.rays.dir[axis], i)), s.load8(&boxes.faces[axis]));
     }
-    let cone = walk.rays.cone(i);
-    let ray = ConeRay { dir, t_min, a: s.splat8(cone.a), b: s.splat8(cone.b) };
-    let cells = stand_in::meet([enter, leave], faces, &ray);
-    let small = cells.small & met & boxes.small;
+    let (mut small, mut way) = (0, [enter.max(t_min), leave]);
+    if is_likely {
+        let cone = walk.rays.cone(i);
+        let cells = stand_in::meet([enter, leave], faces, &ConeRay { dir, t_min, a: s.splat8(cone.a), b: s.splat8(cone.b) });
+        small = cells.small & met & boxes.small;
+        way[0] = cells.enter;
+    }
+    let leaves = met & leaves & !small;
+    if small | leaves == 0 {
+        return met;
+    }
+    let slabs = boxes.slabs(s, block.node(index), shared, view.reach).all(s);
+    let [enter, leave] = cell_slabs::within(dir, &slabs, way, s.splat8(1.0));
+    let crosses = enter.le(leave).bits();
+    if leaves != 0 {
+        walk.gauge.saw((leaves & !crosses).count_ones());
+        met &= !leaves | crosses;
+    }
     if small == 0 {
         return met;
     }
     let mut best = walk.best(i);
-    let slabs = boxes.slabs(s, block.node(index), shared, view.reach).all(s);
-    let way = cell_slabs::within(dir, &slabs, [cells.enter, leave], s.splat8(1.0));
     let (passing, passed) = (walk.rays.passing(i), at_mut(&mut walk.passed, i));
-    let settled = single::offers::<S>(view, small, way, &passing, block, block_id, index, filter, &mut best, passed);
+    let settled =
+        single::offers(view, small, crosses, &enter.to_array(), &passing, block, block_id, index, filter, &mut best, passed);
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);

@@ -230,8 +230,13 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
 ) -> Option<PacketEntry> {
     let node = block.node(index);
     let mut mask = boxes.met;
+    // Leaves whose slabs are asked: not in place of missing ones.
+    let is_asked = walk.gauge.asks() && !(LOD && view.never_waits && view.lacks_leaves(entry.block));
+    let leaves = if is_asked { stand_in::leaves(node) & mask } else { 0 };
+    let mut beside = 0;
     let is_few = shared.one_origin && entry.rays.count_ones() <= packet_few::FEW;
-    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry, walk) } else { [0; 8] };
+    let few =
+        if is_few { packet_few::each::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry, leaves, walk) } else { [0; 8] };
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
     while mask != 0 {
@@ -241,7 +246,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         // Rays from one point are tested one by one only before leaves and what is narrower than the packet: for wider nodes
         // it costs more than it saves (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of many origins are
         // too wide.
-        let rays = if is_few {
+        let mut rays = if is_few {
             few[slot]
         } else if LOD && boxes.small >> slot & 1 == 1 {
             packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, boxes, shared, entry, walk)
@@ -250,6 +255,10 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         } else {
             entry.rays
         };
+        if !is_few && rays != 0 && leaves >> slot & 1 == 1 {
+            rays = packet_cells::inside(s, node, slot, boxes, shared, view.reach, walk, rays);
+            beside += u32::from(rays == 0);
+        }
         if rays == 0 {
             continue;
         }
@@ -269,6 +278,9 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
             next = first;
         }
         push_sorted(&mut walk.stack, bottom, next);
+    }
+    if leaves != 0 && !is_few {
+        walk.gauge.saw(beside);
     }
     nearest
 }
@@ -353,8 +365,8 @@ pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Sh
     let dir = [s.splat8(shared.dir_min[0]), s.splat8(shared.dir_min[1]), s.splat8(shared.dir_min[2])];
     let area = stand_in::area(faces, dir);
     out.narrow = area.le(leave * leave * s.splat8(shared.spread_area)).bits();
+    out.has_slabs = false;
     if LOD {
-        out.has_slabs = false;
         let share = cell_slabs::area_shares(s, node);
         out.small = packet_cells::likely(s, area * share, leave, shared) & out.met;
         if out.small != 0 {
@@ -382,20 +394,26 @@ pub(super) fn cross<S: Simd>(s: S, from: [S::F8; 3], to: [S::F8; 3], shared: &Sh
 pub(super) fn meet<S: Simd>(s: S, planes: &[[f32; 2]; 3], one_origin: bool, walk: &PacketWalk) -> u32 {
     let mut all = 0;
     for h in 0..VECTORS {
-        let mut enter = s.load16(&walk.rays.t_min[h]);
-        let mut leave = s.load16(&walk.hits.t[h]);
-        for axis in 0..3 {
-            let inv = s.load16(&walk.rays.inv[axis][h]);
-            let mut near = s.splat16(planes[axis][0]);
-            let mut far = s.splat16(planes[axis][1]);
-            if !one_origin {
-                let org = s.load16(&walk.rays.org[axis][h]);
-                (near, far) = (near - org, far - org);
-            }
-            enter = (near * inv).max(enter);
-            leave = (far * inv).min(leave);
-        }
+        let [enter, leave] = way(s, planes, one_origin, walk, h, s.load16(&walk.hits.t[h]));
         all |= enter.le(leave).bits() << (16 * h);
     }
     all
+}
+
+/// The ways of a vector of rays through a box between planes, up to `far`.
+#[inline(always)]
+pub(super) fn way<S: Simd>(s: S, planes: &[[f32; 2]; 3], one_origin: bool, walk: &PacketWalk, h: usize, far: S::F16) -> [S::F16; 2] {
+    let (mut enter, mut leave) = (s.load16(&walk.rays.t_min[h]), far);
+    for axis in 0..3 {
+        let inv = s.load16(&walk.rays.inv[axis][h]);
+        let mut near = s.splat16(planes[axis][0]);
+        let mut far = s.splat16(planes[axis][1]);
+        if !one_origin {
+            let org = s.load16(&walk.rays.org[axis][h]);
+            (near, far) = (near - org, far - org);
+        }
+        enter = (near * inv).max(enter);
+        leave = (far * inv).min(leave);
+    }
+    [enter, leave]
 }

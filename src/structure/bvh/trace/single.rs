@@ -245,7 +245,7 @@ pub(super) struct CellLanes<S: Simd> {
     org: [S::F8; 3],
     slack: [S::F8; 3],
     near: [usize; 3],
-    one: Passing,
+    pub(super) one: Passing,
     reach: f32,
 }
 
@@ -291,7 +291,7 @@ impl<S: Simd> CellLanes<S> {
 
     /// What is left of its ways through a node's cells inside of their slabs.
     #[inline(always)]
-    fn within(&self, s: S, node: &Node, way: [S::F8; 2]) -> [S::F8; 2] {
+    pub(super) fn within(&self, s: S, node: &Node, way: [S::F8; 2]) -> [S::F8; 2] {
         let from = Origin::new(self.org, s.splat8(self.reach), s.splat8(0.0));
         cell_slabs::within(splat3(s, self.one.dir), &from.see(&cell_slabs::of_node(s, node)), way, s.splat8(1.0))
     }
@@ -313,11 +313,39 @@ pub(super) fn stored_planes<S: Simd>(s: S, node: &Node, near: [usize; 3]) -> [[S
     out
 }
 
+/// Cells of a node, as far as needed to tell which may stand in.
+pub(super) struct Cells<S: Simd> {
+    planes: [[S::F8; 3]; 2],
+    faces: [S::F8; 3],
+}
+
+impl<S: Simd> CellLanes<S> {
+    /// The children of a node, and those in `mask` that are small enough where the ray leaves their boxes, or farther: `leave`.
+    #[inline(always)]
+    pub(super) fn likely(&self, s: S, node: &Node, mask: u32, leave: S::F8) -> (Cells<S>, u32) {
+        let planes = stored_planes(s, node, self.near);
+        let faces = stand_in::faces(planes[0], planes[1], s.splat8(0.0));
+        let faces = stand_in::counted(faces, cell_slabs::area_shares(s, node));
+        // A hundredth more, for that is rounded otherwise.
+        let width = self.ray.a + self.ray.b * leave;
+        let likely = stand_in::area(faces, self.ray.dir).le(width * width * s.splat8(1.01)).bits() & mask;
+        (Cells { planes, faces }, likely)
+    }
+
+    /// Of the cells in `likely` those that may stand in; and where the ray crosses all of a node's cells.
+    #[inline(always)]
+    pub(super) fn small(&self, cells: &Cells<S>, likely: u32) -> (u32, [S::F8; 2]) {
+        let crossing = self.cross(cells.planes[0], cells.planes[1]);
+        let met = stand_in::meet(crossing, cells.faces, &self.ray);
+        (met.small & likely, [met.enter, crossing[1]])
+    }
+}
+
 /// Of the children in `mask`, those that are still to be visited: cells that stand in are offered to `best` instead.
 /// `leave`: where the ray leaves the boxes, or more.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
-pub(super) fn stand_ins<S: Simd>(
+fn stand_ins<S: Simd>(
     s: S,
     view: &TreeView,
     block: Block,
@@ -330,34 +358,28 @@ pub(super) fn stand_ins<S: Simd>(
     best: &mut TriHit,
     passed: &mut f32,
 ) -> u32 {
-    let [near, far] = stored_planes(s, block.node(index), cells.near);
-    let ray = &cells.ray;
-    // First without regard to where exactly the cells are met; a hundredth more, for that is rounded otherwise.
-    let width = ray.a + ray.b * leave;
-    let faces = stand_in::faces(near, far, s.splat8(0.0));
-    let faces = stand_in::counted(faces, cell_slabs::area_shares(s, block.node(index)));
-    let likely = stand_in::area(faces, ray.dir).le(width * width * s.splat8(1.01)).bits() & mask;
+    let (these, likely) = cells.likely(s, block.node(index), mask, leave);
     if likely == 0 {
         return mask;
     }
-    let crossing = cells.cross(near, far);
-    let met = stand_in::meet(crossing, faces, ray);
-    let small = met.small & likely;
+    let (small, way) = cells.small(&these, likely);
     if small == 0 {
         return mask;
     }
-    let way = cells.within(s, block.node(index), [met.enter, crossing[1]]);
-    mask & !offers::<S>(view, small, way, &cells.one, block, block_id, index, filter, best, passed)
+    let [enter, leave] = cells.within(s, block.node(index), way);
+    let crosses = enter.le(leave).bits();
+    mask & !offers(view, small, crosses, &enter.to_array(), &cells.one, block, block_id, index, filter, best, passed)
 }
 
-/// Offers the cells in `small`, which a ray crosses inside of their slabs from `enter` to `leave`, if it does, to `best`; returns
+/// Offers the cells in `small`, of which a ray enters those in `crosses` inside of their slabs at `t`, to `best`; returns
 /// those for which nothing is left to visit. Takes `passed` down to where it passes one.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
-pub(super) fn offers<S: Simd>(
+pub(super) fn offers(
     view: &TreeView,
     mut small: u32,
-    [enter, leave]: [S::F8; 2],
+    crosses: u32,
+    t: &[f32; 8],
     ray: &Passing,
     block: Block,
     block_id: u32,
@@ -366,8 +388,6 @@ pub(super) fn offers<S: Simd>(
     best: &mut TriHit,
     passed: &mut f32,
 ) -> u32 {
-    let crosses = enter.le(leave).bits();
-    let t = enter.to_array();
     let mut settled = 0;
     while small != 0 {
         let slot = small.trailing_zeros() as usize & 7;

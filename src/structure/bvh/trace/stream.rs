@@ -5,6 +5,7 @@
 //! Hits are those of the walks one by one (`single.rs`): order of visits does not change them.
 
 use super::ahead;
+use super::gauge::Gauge;
 use super::rays16::{GROUP, OneRay, Rays16};
 use super::stream_pass as pass;
 use super::walk::{Counters, TriHit};
@@ -45,6 +46,7 @@ pub struct Stream {
     unfinished: Vec<u32>,
     /// Where each ray passed a stand-in first; infinity if it passed none.
     passed: Box<[f32; STREAM]>,
+    gauge: Gauge,
     /// What the walks did.
     pub counters: Counters,
 }
@@ -68,7 +70,7 @@ impl Stream {
     pub fn new() -> Self {
         let mut stack = Stack { t: [0.0; DEPTH], child: [NOTHING; DEPTH], block: [0; DEPTH] };
         stack.t[..BOTTOM].fill(f32::NEG_INFINITY);
-        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), counters: Counters::default() }
+        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), gauge: Gauge::default(), counters: Counters::default() }
     }
 
     /// Takes ray `i` over, below [`STREAM`].
@@ -190,9 +192,12 @@ pub(super) fn lane(row: &Row, i: usize) -> usize {
 
 /// What a phase leaves for the next, lane by lane. Not made anew for each: that would cost as much as a phase.
 pub(super) struct Scratch {
-    /// Where the children are entered, and which are.
+    /// Where the children are entered and left, whatever is nearer, and which are met.
     pub enter: [[f32; 8]; LANES],
+    pub leave: [[f32; 8]; LANES],
     pub hits: [u32; LANES],
+    /// Those that may stand in.
+    pub small: [u32; LANES],
 }
 
 /// What the lanes hold.
@@ -217,6 +222,7 @@ pub(super) struct State<'a> {
     pub block: [Block<'a>; LANES],
     /// Of the walks at leaves, those that are in the leaves' blocks.
     pub entered: usize,
+    pub gauge: Gauge,
     pub counters: Counters,
     /// The tree is larger than what caches near a core hold: memory is asked for ahead.
     pub is_large: bool,
@@ -249,7 +255,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             unfinished: &mut stream.unfinished,
             passed: &mut stream.passed,
             rows: [[0; LANES]; 4],
-            scratch: Scratch { enter: [[0.0; 8]; LANES], hits: [0; LANES] },
+            scratch: Scratch { enter: [[0.0; 8]; LANES], leave: [[0.0; 8]; LANES], hits: [0; LANES], small: [0; LANES] },
             ray: [0; LANES],
             top: [0; LANES],
             prepared: [OneRay::NONE; LANES],
@@ -257,6 +263,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             block_id: [0; LANES],
             block: [Block::new(&[]); LANES],
             entered: 0,
+            gauge: stream.gauge,
             counters: stream.counters,
             is_large: ahead::is_large(view.snapshot),
         };
@@ -282,7 +289,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
                 break;
             }
         }
-        stream.counters = state.counters;
+        (stream.gauge, stream.counters) = (state.gauge, state.counters);
     }
 }
 

@@ -4,10 +4,12 @@
 //! for again there: to tell them apart costs more.
 
 use super::ahead::ask_for;
+use super::pass::Passing;
 use super::rays16::OneRay;
 use super::single::{self, CellLanes, LeafRay, is_better, triangles};
+use super::stand_in;
 use super::stream::{
-    AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, STREAM, State, lane, push,
+    AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, STREAM, State, lane, push,
 };
 use super::walk::{Counters, TriHit};
 use crate::base::ids::BlockId;
@@ -66,18 +68,27 @@ const SEVERAL: usize = 2;
 pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
     let (row, count) = (state.rows[NODES], counts.take(NODES));
     state.counters.nodes += count as u64;
-    // By the number of children met: none, one, several.
-    let (mut by_met, mut met_counts) = ([[0; LANES]; 4], Counts::default());
     // Short loops: the CPU then has several lanes under way.
+    let (mut asked, mut asked_counts) = ([[0; LANES]; 4], Counts::default());
     for i in 0..count {
         let lane = lane(&row, i);
         let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
-        let (mut met, enter, leave) = boxes(s, node, &state.prepared[lane]);
-        if LOD && met != 0 {
-            met = stand_ins::<S, ANY>(s, state, lane, met, leave);
-        }
+        let (met, enter, leave) = boxes(s, node, &state.prepared[lane]);
+        let asks = if LOD { likely(s, state, lane, node, met, leave) } else { u32::from(met != 0 && state.gauge.asks()) };
         state.scratch.enter[lane] = enter.to_array();
+        state.scratch.leave[lane] = leave.to_array();
         state.scratch.hits[lane] = met;
+        asked_counts.push(&mut asked, usize::from(asks != 0), lane);
+    }
+    slabs::<S, ANY, LOD>(s, state, &asked[1], asked_counts.of(1));
+    if LOD && state.view.never_waits {
+        missing_leaves::<S, ANY>(s, state, &row, count);
+    }
+    // By the number of children met: none, one, several.
+    let (mut by_met, mut met_counts) = ([[0; LANES]; 4], Counts::default());
+    for i in 0..count {
+        let lane = lane(&row, i);
+        let met = state.scratch.hits[lane];
         let class = usize::from(met != 0) + usize::from(met & met.wrapping_sub(1) != 0);
         met_counts.push(&mut by_met, class, lane);
     }
@@ -186,13 +197,13 @@ fn eight_below<S: Simd>(s: S, stack: &super::stream::Stack, top: usize) -> S::F8
     }
 }
 
-/// The children whose boxes a ray meets before its best hit, and where it enters each.
+/// The children whose boxes a ray meets before its best hit, and where it enters each, and leaves it whatever is nearer.
 #[inline(always)]
 fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> (u32, S::F8, S::F8) {
     let bytes = bytes_of(node);
     let [near_off, far_off, slope] = s.slabs(node.head(), ray.inv(), ray.off());
     let mut enter = s.splat8(ray.t_min());
-    let mut leave = s.splat8(ray.best());
+    let mut leave = s.splat8(f32::INFINITY);
     let planes = ray.planes();
     for axis in 0..3 {
         let near = s.bytes8(eight(bytes, planes[axis]));
@@ -200,38 +211,114 @@ fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> (u32, S::F8, S::F8) {
         enter = near.mul_add(slope[axis], near_off[axis]).max(enter);
         leave = far.mul_add(slope[axis], far_off[axis]).min(leave);
     }
-    (enter.le(leave).bits() & u32::from(node.valid), enter, leave)
+    (enter.le(leave.min(s.splat8(ray.best()))).bits() & u32::from(node.valid), enter, leave)
 }
 
-/// As [`single::stand_ins`] for a lane. Where any hit will do and one is found, nothing is left to visit.
+/// A lane's ray as the test of cells needs it.
 #[inline(always)]
-fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, lane: usize, met: u32, leave: S::F8) -> u32 {
-    let prepared = &state.prepared[lane];
-    let [a, b, x, y, z, org @ ..] = *prepared.cone();
-    let (inv, planes) = (prepared.inv(), prepared.planes());
+fn cell_lanes<S: Simd>(s: S, ray: &OneRay, reach: f32) -> CellLanes<S> {
+    let [a, b, x, y, z, org @ ..] = *ray.cone();
+    let (inv, planes) = (ray.inv(), ray.planes());
     // Planes are told by bytes in a node here, by rows of eight there.
     let near = |axis: usize| (usize::from(planes[axis]) - 16) / 8;
-    let near = [near(0), near(1), near(2)];
-    let inv = [inv[0], inv[1], inv[2]];
-    let cone = Cone { a, b };
-    let cells = CellLanes::of(s, org, inv, [x, y, z], near, prepared.t_min(), cone, state.view.reach);
-    let node = (state.child[lane] & INDEX_MASK) as usize;
-    let Some(best) = state.hits.get_mut(usize::from(state.ray[lane])) else { return met };
-    let before = (best.t, best.tri, best.block);
-    let (block, id) = (state.block[lane], state.block_id[lane]);
-    let passed = &mut state.passed[usize::from(state.ray[lane]) & (STREAM - 1)];
-    let mut left = single::stand_ins(s, state.view, block, id, node, met, leave, &cells, state.filter, best, passed);
-    if left != 0 && state.view.never_waits && state.view.lacks_leaves(id) {
-        left = single::for_missing_leaves::<S, ANY>(s, block, id, node, left, &cells, state.filter, best);
+    CellLanes::of(s, org, [inv[0], inv[1], inv[2]], [x, y, z], [near(0), near(1), near(2)], ray.t_min(), Cone { a, b }, reach)
+}
+
+/// Of the children of a lane's node that are met those whose slabs are to be looked at: such as may stand in, and leaves where that pays.
+#[inline(always)]
+fn likely<S: Simd>(s: S, state: &mut State, lane: usize, node: &Node, met: u32, leave: S::F8) -> u32 {
+    if met == 0 {
+        return 0;
     }
-    if (best.t, best.tri, best.block) != before {
-        state.prepared[lane].set_best(best.t);
-        if ANY {
-            state.top[lane] = BOTTOM as u8;
-            return 0;
+    let ray = &state.prepared[lane];
+    let (_, likely) = cell_lanes(s, ray, state.view.reach).likely(s, node, met, leave.min(s.splat8(ray.best())));
+    let leaves = if state.gauge.asks() { stand_in::leaves(node) & met } else { 0 };
+    likely | leaves
+}
+
+/// Looks at the slabs of the nodes that some lanes are at: children that a ray passes beside its slabs are not met; where cells may
+/// stand in, that is leaves, and what may stand in is offered. (Not nodes there: what stands in below may reach out of their slabs.)
+#[inline(always)]
+fn slabs<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, row: &Row, count: usize) {
+    let (mut offering, mut counts) = ([[0; LANES]; 4], Counts::default());
+    for i in 0..count {
+        let lane = lane(row, i);
+        let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
+        let ray = &state.prepared[lane];
+        let cells = cell_lanes(s, ray, state.view.reach);
+        let met = state.scratch.hits[lane];
+        let mut way = [s.load8(&state.scratch.enter[lane]), s.load8(&state.scratch.leave[lane])];
+        let (mut small, mut leaves) = (0, u32::MAX);
+        if LOD {
+            let (these, likely) = cells.likely(s, node, met, way[1].min(s.splat8(ray.best())));
+            (small, way) = cells.small(&these, likely);
+            let is_there = !state.view.never_waits || !state.view.lacks_leaves(state.block_id[lane]);
+            leaves = if is_there { stand_in::leaves(node) & !small } else { 0 };
+        }
+        let [enter, leave] = cells.within(s, node, way);
+        let crosses = enter.le(leave).bits();
+        let beside = met & leaves & !crosses;
+        state.gauge.saw(beside.count_ones());
+        state.scratch.hits[lane] = met & !beside;
+        if LOD {
+            state.scratch.small[lane] = small | crosses << 8;
+            state.scratch.leave[lane] = enter.to_array();
+            counts.push(&mut offering, usize::from(small != 0), lane);
         }
     }
-    left
+    for i in 0..counts.of(1) {
+        offer::<ANY>(state, lane(&offering[1], i));
+    }
+}
+
+/// Offers a lane the cells of its node that may stand in. Where any hit will do and one is found, nothing is left to visit.
+#[inline(always)]
+fn offer<const ANY: bool>(state: &mut State, lane: usize) {
+    let ray = usize::from(state.ray[lane]) & (STREAM - 1);
+    let [_, _, x, y, z, org @ ..] = *state.prepared[lane].cone();
+    let inv = state.prepared[lane].inv();
+    let passing = Passing { org, dir: [x.copysign(inv[0]), y.copysign(inv[1]), z.copysign(inv[2])] };
+    let node = (state.child[lane] & INDEX_MASK) as usize;
+    let Some(best) = state.hits.get_mut(ray) else { return };
+    let before = (best.t, best.tri, best.block);
+    let (block, id, both) = (state.block[lane], state.block_id[lane], state.scratch.small[lane]);
+    let (t, passed) = (&state.scratch.leave[lane], &mut state.passed[ray]);
+    let settled = single::offers(state.view, both & 0xff, both >> 8, t, &passing, block, id, node, state.filter, best, passed);
+    state.scratch.hits[lane] &= !settled;
+    if (best.t, best.tri, best.block) != before {
+        found::<ANY>(state, lane);
+    }
+}
+
+/// What follows from a stand-in that is a lane's best hit now.
+#[inline(always)]
+fn found<const ANY: bool>(state: &mut State, lane: usize) {
+    let t = state.hits[usize::from(state.ray[lane])].t;
+    state.prepared[lane].set_best(t);
+    if ANY {
+        state.top[lane] = BOTTOM as u8;
+        state.scratch.hits[lane] = 0;
+    }
+}
+
+/// Offers lanes the cells of leaves that are missing, in place of these.
+#[inline(always)]
+fn missing_leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, row: &Row, count: usize) {
+    for i in 0..count {
+        let lane = lane(row, i);
+        let (block, id, left) = (state.block[lane], state.block_id[lane], state.scratch.hits[lane]);
+        if left == 0 || !state.view.lacks_leaves(id) {
+            continue;
+        }
+        let cells = cell_lanes(s, &state.prepared[lane], state.view.reach);
+        let node = (state.child[lane] & INDEX_MASK) as usize;
+        let Some(best) = state.hits.get_mut(usize::from(state.ray[lane])) else { continue };
+        let before = (best.t, best.tri, best.block);
+        state.scratch.hits[lane] = single::for_missing_leaves::<S, ANY>(s, block, id, node, left, &cells, state.filter, best);
+        if (best.t, best.tri, best.block) != before {
+            found::<ANY>(state, lane);
+        }
+    }
 }
 
 #[inline(always)]
