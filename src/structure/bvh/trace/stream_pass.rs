@@ -61,6 +61,14 @@ pub(super) fn externals(state: &mut State, mut counts: Counts) -> Counts {
 const NONE: usize = 0;
 const ONE: usize = 1;
 const SEVERAL: usize = 2;
+/// Or that it is not known yet, for slabs are to be looked at.
+const ASKED: usize = 3;
+
+/// The row of lanes that meet such children.
+#[inline(always)]
+fn class(met: u32) -> usize {
+    usize::from(met != 0) + usize::from(met & met.wrapping_sub(1) != 0)
+}
 
 /// Tests the children of the nodes that walks are at, and moves each on: to the nearest child that it meets, the
 /// others put on its stack, or if it meets none, to what its stack has.
@@ -68,29 +76,28 @@ const SEVERAL: usize = 2;
 pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
     let (row, count) = (state.rows[NODES], counts.take(NODES));
     state.counters.nodes += count as u64;
+    // By the number of children met: none, one, several.
+    let (mut by_met, mut met_counts) = ([[0; LANES]; 4], Counts::default());
+    let asks = LOD || state.gauge.asks();
     // Short loops: the CPU then has several lanes under way.
-    let (mut asked, mut asked_counts) = ([[0; LANES]; 4], Counts::default());
     for i in 0..count {
         let lane = lane(&row, i);
         let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
         let (met, enter, leave) = boxes(s, node, &state.prepared[lane]);
-        let asks = if LOD { likely(s, state, lane, node, met, leave) } else { u32::from(met != 0 && state.gauge.asks()) };
         state.scratch.enter[lane] = enter.to_array();
-        state.scratch.leave[lane] = leave.to_array();
         state.scratch.hits[lane] = met;
-        asked_counts.push(&mut asked, usize::from(asks != 0), lane);
+        if asks {
+            state.scratch.leave[lane] = leave.to_array();
+        }
+        met_counts.push(&mut by_met, if asks && met != 0 { ASKED } else { class(met) }, lane);
     }
-    slabs::<S, ANY, LOD>(s, state, &asked[1], asked_counts.of(1));
-    if LOD && state.view.never_waits {
-        missing_leaves::<S, ANY>(s, state, &row, count);
+    let (asked, asked_count) = (by_met[ASKED], met_counts.take(ASKED));
+    if asked_count > 0 {
+        slabs::<S, ANY, LOD>(s, state, &asked, asked_count);
     }
-    // By the number of children met: none, one, several.
-    let (mut by_met, mut met_counts) = ([[0; LANES]; 4], Counts::default());
-    for i in 0..count {
-        let lane = lane(&row, i);
-        let met = state.scratch.hits[lane];
-        let class = usize::from(met != 0) + usize::from(met & met.wrapping_sub(1) != 0);
-        met_counts.push(&mut by_met, class, lane);
+    for i in 0..asked_count {
+        let lane = lane(&asked, i);
+        met_counts.push(&mut by_met, class(state.scratch.hits[lane]), lane);
     }
     for i in 0..met_counts.of(SEVERAL) {
         let lane = lane(&by_met[SEVERAL], i);
@@ -224,18 +231,6 @@ fn cell_lanes<S: Simd>(s: S, ray: &OneRay, reach: f32) -> CellLanes<S> {
     CellLanes::of(s, org, [inv[0], inv[1], inv[2]], [x, y, z], [near(0), near(1), near(2)], ray.t_min(), Cone { a, b }, reach)
 }
 
-/// Of the children of a lane's node that are met those whose slabs are to be looked at: such as may stand in, and leaves where that pays.
-#[inline(always)]
-fn likely<S: Simd>(s: S, state: &mut State, lane: usize, node: &Node, met: u32, leave: S::F8) -> u32 {
-    if met == 0 {
-        return 0;
-    }
-    let ray = &state.prepared[lane];
-    let (_, likely) = cell_lanes(s, ray, state.view.reach).likely(s, node, met, leave.min(s.splat8(ray.best())));
-    let leaves = if state.gauge.asks() { stand_in::leaves(node) & met } else { 0 };
-    likely | leaves
-}
-
 /// Looks at the slabs of the nodes that some lanes are at: children that a ray passes beside its slabs are not met; where cells may
 /// stand in, that is leaves, and what may stand in is offered. (Not nodes there: what stands in below may reach out of their slabs.)
 #[inline(always)]
@@ -250,15 +245,25 @@ fn slabs<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, row
         let mut way = [s.load8(&state.scratch.enter[lane]), s.load8(&state.scratch.leave[lane])];
         let (mut small, mut leaves) = (0, u32::MAX);
         if LOD {
+            // In place of missing leaves cells stand in.
+            let asks = state.gauge.asks() && !(state.view.never_waits && state.view.lacks_leaves(state.block_id[lane]));
+            leaves = if asks { stand_in::leaves(node) & met } else { 0 };
             let (these, likely) = cells.likely(s, node, met, way[1].min(s.splat8(ray.best())));
+            if likely | leaves == 0 {
+                continue;
+            }
             (small, way) = cells.small(&these, likely);
-            let is_there = !state.view.never_waits || !state.view.lacks_leaves(state.block_id[lane]);
-            leaves = if is_there { stand_in::leaves(node) & !small } else { 0 };
+            leaves &= !small;
+            if small | leaves == 0 {
+                continue;
+            }
         }
         let [enter, leave] = cells.within(s, node, way);
         let crosses = enter.le(leave).bits();
         let beside = met & leaves & !crosses;
-        state.gauge.saw(beside.count_ones());
+        if leaves != 0 {
+            state.gauge.saw(beside.count_ones());
+        }
         state.scratch.hits[lane] = met & !beside;
         if LOD {
             state.scratch.small[lane] = small | crosses << 8;
@@ -268,6 +273,9 @@ fn slabs<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, row
     }
     for i in 0..counts.of(1) {
         offer::<ANY>(state, lane(&offering[1], i));
+    }
+    if LOD && state.view.never_waits {
+        missing_leaves::<S, ANY>(s, state, row, count);
     }
 }
 
