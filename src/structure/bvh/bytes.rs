@@ -23,6 +23,11 @@ impl<'a> Reader<'a> {
         Ok(taken)
     }
 
+    /// The next `n` bytes, which are to be read once more.
+    pub fn ahead(&self, n: usize) -> Result<&'a [u8], String> {
+        Ok(self.rest.get(..n).ok_or("it ends too early")?)
+    }
+
     fn array<const N: usize>(&mut self) -> Result<[u8; N], String> {
         let (taken, rest) = self.rest.split_first_chunk::<N>().ok_or("it ends too early")?;
         self.rest = rest;
@@ -59,21 +64,14 @@ impl<'a> Reader<'a> {
         Err("a number in it is too long".into())
     }
 
-    /// The next `count` variable-length numbers, in turn.
-    #[inline]
-    pub fn varints(&mut self, count: usize, mut each: impl FnMut(u32)) -> Result<(), String> {
-        for _ in 0..count {
-            match *self.rest {
-                // Mostly they take one byte or two, which cannot be foreseen: without a branch.
-                [a, b, ..] if a & b < 0x80 => {
-                    let is_long = a >> 7;
-                    each(u32::from(a & 0x7f) | u32::from(b & (0x7f * is_long)) << 7);
-                    self.rest = &self.rest[1 + usize::from(is_long)..];
-                }
-                _ => each(self.varint()?),
-            }
-        }
-        Ok(())
+    /// Undoes [`push_planes`].
+    #[inline(always)]
+    pub fn planes(&mut self, count: usize) -> Result<impl ExactSizeIterator<Item = u32> + use<'a>, String> {
+        let (a, b) = (self.take(count)?, self.take(count)?);
+        let (c, d) = (self.take(count)?, self.take(count)?);
+        // One after the other in all four: a loop that becomes vectors.
+        let bytes = a.iter().zip(b).zip(c.iter().zip(d));
+        Ok(bytes.map(|((a, b), (c, d))| u32::from_le_bytes([*a, *b, *c, *d])))
     }
 
     /// Fails unless all bytes were read.
@@ -92,6 +90,29 @@ pub fn push_varint(out: &mut Vec<u8>, mut value: u32) {
     out.push(value as u8);
 }
 
+/// Words, byte by byte: the lowest of all, the next of all, and so on.
+pub fn push_planes(out: &mut Vec<u8>, words: impl Iterator<Item = u32> + Clone) {
+    (0..4).for_each(|byte| out.extend(words.clone().map(|w| (w >> (8 * byte)) as u8)));
+}
+
+/// The items, and zeros behind them.
+#[inline(always)]
+pub fn padded<T: Copy + Default>(items: impl ExactSizeIterator<Item = T>, zeros: usize) -> Vec<T> {
+    let mut out = Vec::with_capacity(items.len() + zeros);
+    out.extend(items);
+    out.resize(out.len() + zeros, T::default());
+    out
+}
+
+/// `N` items from `at` on.
+#[inline(always)]
+pub fn piece<T, const N: usize>(from: &[T], at: usize) -> &[T; N] {
+    match from[at..at + N].first_chunk() {
+        Some(piece) => piece,
+        None => unreachable!(),
+    }
+}
+
 /// Small magnitudes to small numbers: 0, -1, 1, -2, ... to 0, 1, 2, 3, ...
 #[inline]
 pub fn zigzag(value: i32) -> u32 {
@@ -99,7 +120,7 @@ pub fn zigzag(value: i32) -> u32 {
 }
 
 /// Undoes [`zigzag`].
-#[inline]
+#[inline(always)]
 pub fn unzigzag(value: u32) -> i32 {
     (value >> 1) as i32 ^ -((value & 1) as i32)
 }
@@ -118,20 +139,8 @@ mod tests {
             for v in &values {
                 prop_assert_eq!(reader.varint().map(unzigzag), Ok(*v));
             }
-            let (mut together, mut all) = (Reader::new(&bytes), Vec::new());
-            prop_assert_eq!(together.varints(values.len(), |v| all.push(unzigzag(v))), Ok(()));
-            prop_assert_eq!((all, together.left()), (values, 0));
             prop_assert_eq!(reader.end(), Ok(()));
             prop_assert!(reader.u8().is_err());
-        }
-
-        #[test]
-        fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..8)) {
-            let mut alone = Reader::new(&bytes);
-            let one_by_one: Result<Vec<u32>, String> = (0..4).map(|_| alone.varint()).collect();
-            let mut all = Vec::new();
-            let together = Reader::new(&bytes).varints(4, |v| all.push(v));
-            prop_assert_eq!(one_by_one, together.map(|()| all));
         }
     }
 }

@@ -1,8 +1,9 @@
 //! The leaves of a block in the file form: see `codec.rs`, of which this is section 3.
 
-use super::bytes::{Reader, push_varint, unzigzag, zigzag};
-use super::codec::{Checked, push_planes, read_planes, wrong};
+use super::bytes::{Reader, padded, piece, unzigzag, zigzag};
+use super::codec::{Checked, wrong};
 use super::layout::{Block, HEADER_WORDS, LEAF_MIXED, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, PAD_WORDS, index_words, leaf_words};
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::hash::Hasher;
 
@@ -31,26 +32,49 @@ impl Leaves {
 /// Appends the leaves of a block.
 pub(super) fn push_leaves(out: &mut Vec<u8>, block: &Block) {
     let leaves: Vec<usize> = leaves_in_order(block).into_iter().map(usize::from).collect();
-    let (indices, vertices) = share_vertices(block, &leaves);
+    let (references, vertices) = share_vertices(block, &leaves);
     for count in [block.triangles(), block.parts(), leaves.len()] {
         out.extend((count as u16).to_le_bytes());
     }
     out.extend((vertices.len() as u32).to_le_bytes());
     (0..block.parts()).for_each(|i| out.extend(block.part(i).to_le_bytes()));
-    let leaf = |at: usize| block.leaf(at);
-    out.extend(leaves.iter().map(|&at| leaf(at).triangles as u8));
-    out.extend(leaves.iter().map(|&at| leaf(at).vertices as u8));
-    out.extend(leaves.iter().map(|&at| u8::from(leaf(at).is_mixed())));
-    for leaf in leaves.iter().map(|&at| leaf(at)) {
-        let parts = if leaf.is_mixed() { leaf.triangles } else { 1 };
-        (0..parts).for_each(|i| out.extend((leaf.part_of(i) as u16).to_le_bytes()));
+    let leaves = || leaves.iter().map(|&at| block.leaf(at));
+    out.extend(leaves().map(|leaf| Shape { triangles: leaf.triangles, vertices: leaf.vertices, is_mixed: leaf.is_mixed() }.to_bits()));
+    let parts = leaves().flat_map(|leaf| (0..if leaf.is_mixed() { leaf.triangles } else { 1 }).map(move |i| leaf.part_of(i) as u16));
+    push_pairs(out, parts);
+    let corners: Vec<u8> = leaves().flat_map(|leaf| (0..3).flat_map(move |c| &leaf.corners8(c)[..leaf.triangles])).copied().collect();
+    out.extend(corners.chunks(2).map(|pair| pair[0] | pair.get(1).copied().unwrap_or(0) << 4));
+    out.extend(references.chunks(8).map(|backs| backs.iter().rev().fold(0, |bits, back| bits << 1 | u8::from(*back > 0))));
+    push_pairs(out, references.iter().filter(|back| **back > 0).map(|back| back - 1));
+    (0..3).for_each(|axis| push_coordinates(out, vertices.iter().map(|v| v[axis])));
+}
+
+/// Appends the low bytes of all, then the high ones.
+fn push_pairs(out: &mut Vec<u8>, numbers: impl Iterator<Item = u16> + Clone) {
+    out.extend(numbers.clone().map(|number| number as u8));
+    out.extend(numbers.map(|number| (number >> 8) as u8));
+}
+
+/// Counts and flag of a leaf, a byte in the file form.
+#[derive(Clone, Copy)]
+struct Shape {
+    triangles: usize,
+    vertices: usize,
+    is_mixed: bool,
+}
+
+impl Shape {
+    fn to_bits(self) -> u8 {
+        (self.triangles - 1) as u8 | ((self.vertices - 3) as u8) << 3 | u8::from(self.is_mixed) << 7
     }
-    for leaf in leaves.iter().map(|&at| leaf(at)) {
-        (0..3).for_each(|c| out.extend(&leaf.corners8(c)[..leaf.triangles]));
+
+    #[inline(always)]
+    fn from_bits(bits: u8) -> Self {
+        Self { triangles: 1 + usize::from(bits & 7), vertices: 3 + usize::from(bits >> 3 & 15), is_mixed: bits >> 7 == 1 }
     }
-    out.extend(indices);
-    for axis in 0..3 {
-        push_coordinates(out, vertices.iter().map(|v| v[axis]));
+
+    fn words(self) -> usize {
+        leaf_words(self.triangles, self.vertices, self.is_mixed)
     }
 }
 
@@ -65,8 +89,9 @@ pub(super) fn leaves_in_order(block: &Block) -> Vec<u16> {
     leaves
 }
 
-/// Numbers the vertices of a block anew, once each: references of the leaves, and the vertices' bits.
-fn share_vertices(block: &Block, leaves: &[usize]) -> (Vec<u8>, Vec<[u32; 3]>) {
+/// Numbers the vertices of a block anew, once each: how far back each vertex of a leaf was new, 0 if it is now; and the vertices' bits.
+/// (All of a block's are fewer than its words, which 16 bits count.)
+fn share_vertices(block: &Block, leaves: &[usize]) -> (Vec<u16>, Vec<[u32; 3]>) {
     let mut references = Vec::new();
     let mut vertices: Vec<[u32; 3]> = Vec::new();
     let corners = leaves.iter().map(|&at| block.leaf(at).vertices).sum();
@@ -77,7 +102,7 @@ fn share_vertices(block: &Block, leaves: &[usize]) -> (Vec<u8>, Vec<[u32; 3]>) {
             let vertex = axes.map(|a| a[v].to_bits());
             let key = (u64::from(vertex[0]) << 32 | u64::from(vertex[1]), vertex[2]);
             let index = *known.entry(key).or_insert(vertices.len());
-            push_varint(&mut references, (vertices.len() - index) as u32);
+            references.push((vertices.len() - index) as u16);
             if index == vertices.len() {
                 vertices.push(vertex);
             }
@@ -121,9 +146,14 @@ fn unordered(value: u32) -> u32 {
     if value >> 31 == 1 { value & !(1 << 31) } else { !value }
 }
 
+/// Coordinates that are packed with as many bits each: so many take whole bytes.
+const GROUP: usize = 16;
+/// Bytes of a group, at most, and what is read behind its last number.
+const WINDOW: usize = 4 * GROUP + 8;
+
 fn push_coordinates(out: &mut Vec<u8>, bits: impl Iterator<Item = u32>) {
     let mut before = 0u32;
-    let coded: Vec<u32> = bits
+    let mut coded: Vec<u32> = bits
         .map(|b| {
             let now = ordered(b);
             let difference = now.wrapping_sub(before) as i32;
@@ -131,30 +161,82 @@ fn push_coordinates(out: &mut Vec<u8>, bits: impl Iterator<Item = u32>) {
             zigzag(difference)
         })
         .collect();
-    push_planes(out, coded.iter().copied());
+    coded.resize(coded.len().next_multiple_of(GROUP), 0);
+    let width = |group: &[u32]| u32::BITS - group.iter().fold(0, |all, number| all | number).leading_zeros();
+    out.extend(coded.chunks(GROUP).map(|group| width(group) as u8));
+    for group in coded.chunks(GROUP) {
+        let (mut bits, mut count) = (0u64, 0);
+        for number in group {
+            bits |= u64::from(*number) << count;
+            count += width(group);
+            while count >= 8 {
+                out.push(bits as u8);
+                (bits, count) = (bits >> 8, count - 8);
+            }
+        }
+    }
 }
 
-/// The bits of all vertices' coordinates, and a zero behind each vertex. In loops that become vectors, but for the sums.
+/// The bits of `count` vertices' coordinates, and a zero behind each vertex, which is read at once.
+#[inline(always)]
 fn read_vertices(reader: &mut Reader, count: usize) -> Checked<Vec<[u32; 4]>> {
-    let mut steps = [read_planes(reader, count)?, read_planes(reader, count)?, read_planes(reader, count)?];
-    for steps in &mut steps {
-        steps.iter_mut().for_each(|step| *step = unzigzag(*step) as u32);
+    let mut vertices = vec![[0; 4]; count.next_multiple_of(GROUP)];
+    for axis in 0..3 {
+        read_steps(reader, axis, &mut vertices)?;
     }
-    let [x, y, z] = &steps;
-    let mut vertices = Vec::with_capacity(count);
-    let mut sum = [0u32, 0, 0, ordered(0)];
-    vertices.extend(x.iter().zip(y).zip(z).map(|((x, y), z)| {
-        for (sum, step) in sum.iter_mut().zip([x, y, z]) {
-            *sum = sum.wrapping_add(*step);
+    if vertices[count..].as_flattened().iter().any(|step| *step != 0) {
+        return wrong("there are coordinates behind the last");
+    }
+    vertices.truncate(count);
+    let (mut sum, mut infinite) = ([0, 0, 0, ordered(0)], [0; 4]);
+    for vertex in &mut vertices {
+        // Four of each at once.
+        for i in 0..4 {
+            sum[i] = unzigzag(vertex[i]).wrapping_add(sum[i] as i32) as u32;
+            vertex[i] = unordered(sum[i]);
+            infinite[i] |= u32::from(vertex[i] & EXPONENT == EXPONENT);
         }
-        sum
-    }));
-    let mut infinite = 0;
-    for word in vertices.as_flattened_mut() {
-        *word = unordered(*word);
-        infinite |= u32::from(*word & EXPONENT == EXPONENT);
     }
-    if infinite == 0 { Ok(vertices) } else { wrong("a vertex is not finite") }
+    if infinite == [0; 4] { Ok(vertices) } else { wrong("a vertex is not finite") }
+}
+
+/// Undoes [`push_coordinates`] but for the sums.
+#[inline(always)]
+fn read_steps(reader: &mut Reader, axis: usize, to: &mut [[u32; 4]]) -> Checked<()> {
+    let widths = reader.take(to.len() / GROUP)?;
+    if widths.iter().fold(0, |most, width| most.max(*width)) > 32 {
+        return wrong("a coordinate has too many bits");
+    }
+    let bytes = widths.iter().map(|width| GROUP / 8 * usize::from(*width)).sum();
+    let window = reader.ahead(bytes + WINDOW);
+    let own = reader.take(bytes)?;
+    let packed = window.map_or_else(|_| Cow::Owned(padded(own.iter().copied(), WINDOW)), Cow::Borrowed);
+    let mut at = 0;
+    for (group, &width) in to.chunks_exact_mut(GROUP).zip(widths) {
+        unpack(piece(&packed, at), width.into(), axis, group);
+        at += GROUP / 8 * usize::from(width);
+    }
+    Ok(())
+}
+
+/// The numbers of a group, `width` bits each, 32 at most.
+#[inline(always)]
+fn unpack(packed: &[u8; WINDOW], width: usize, axis: usize, group: &mut [[u32; 4]]) {
+    let (mask, mut bit) = ((1u64 << width) - 1, 0);
+    let from = |bit: usize| u64::from_le_bytes(*piece(packed, (bit / 8) & (4 * GROUP - 1))) >> (bit % 8);
+    if 2 * width + 7 > 64 {
+        for number in group {
+            number[axis] = (from(bit) & mask) as u32;
+            bit += width;
+        }
+        return;
+    }
+    // Two of one word.
+    for pair in group.chunks_exact_mut(2) {
+        let both = from(bit);
+        (pair[0][axis], pair[1][axis]) = ((both & mask) as u32, (both >> width & mask) as u32);
+        bit += 2 * width;
+    }
 }
 
 /// Of a float: all bits of it are set where it is infinite or no number.
@@ -168,6 +250,7 @@ struct Counts {
 }
 
 /// Reads the leaves of a block, and checks them.
+#[inline(always)]
 pub(super) fn read_leaves(reader: &mut Reader) -> Checked<Leaves> {
     let mut count = || reader.u16().map(usize::from);
     let (triangles, parts, leaves) = (count()?, count()?, count()?);
@@ -184,83 +267,160 @@ pub(super) fn read_leaves(reader: &mut Reader) -> Checked<Leaves> {
 }
 
 /// [`Leaves::words`] and [`Leaves::starts`].
+///
+/// Leaves differ in size, which no branch foresees. So all of their vertices are brought together first, in one loop; then each leaf is
+/// copied in pieces of the largest size that they may have, in the order in which they lie: the next piece overwrites what was too much.
+#[inline(always)]
 fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Vec<usize>)> {
-    let n = counts.leaves;
-    let (triangles, vertices, mixed) = (reader.take(n)?, reader.take(n)?, reader.take(n)?);
-    let sizes_ok = triangles.iter().all(|t| (1..=MAX_TRIANGLES).contains(&usize::from(*t)))
-        && vertices.iter().all(|v| (3..=MAX_VERTICES).contains(&usize::from(*v)))
-        && mixed.iter().all(|m| *m <= 1);
-    let sum: usize = triangles.iter().map(|t| usize::from(*t)).sum();
-    if !sizes_ok || sum != counts.triangles {
+    let shapes = reader.take(counts.leaves)?;
+    let leaves = || shapes.iter().map(|bits| Shape::from_bits(*bits));
+    let sum: usize = leaves().map(|leaf| leaf.triangles).sum();
+    if sum != counts.triangles || leaves().any(|leaf| leaf.vertices > MAX_VERTICES) {
         return wrong("its leaves do not add up");
     }
-    // Of each leaf one, or of a mixed one that of each triangle.
-    let of_leaf = |(t, m): (&u8, &u8)| if *m == 1 { usize::from(*t) } else { 1 };
-    let all_parts = reader.take(2 * triangles.iter().zip(mixed).map(of_leaf).sum::<usize>())?;
-    let parts: Vec<u16> = all_parts.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
-    if parts.iter().any(|p| usize::from(*p) >= counts.parts) {
-        return wrong("a triangle's part is not in its table");
-    }
-    let mut parts = &parts[..];
-    let corners = reader.take(3 * sum)?;
-    let total: usize = vertices.iter().map(|v| usize::from(*v)).sum();
-    let references = read_references(reader, total, counts.vertices)?;
-    let all_vertices = read_vertices(reader, counts.vertices)?;
-
-    let sizes = || (0..n).map(|i| leaf_words(triangles[i].into(), vertices[i].into(), mixed[i] == 1));
     let begin = HEADER_WORDS + counts.parts;
-    let end = begin + sizes().sum::<usize>();
+    let end = begin + leaves().map(Shape::words).sum::<usize>();
     if end + PAD_WORDS > MAX_WORDS {
         return wrong("it is larger than a block may be");
     }
-    let (mut words, mut starts) = (vec![0; end + PAD_WORDS], Vec::with_capacity(n));
-    let (mut at, mut first, mut first_vertex) = (begin, 0, 0);
-    for (i, size) in sizes().enumerate() {
-        let (t, v, m) = (usize::from(triangles[i]), usize::from(vertices[i]), mixed[i] == 1);
-        starts.push(at - begin);
-        let leaf = &mut words[at..at + size];
-        let (own, others) = parts.split_at(if m { t } else { 1 });
-        parts = others;
-        let flags = if m { u32::from(LEAF_MIXED) } else { 0 };
-        leaf[0] = t as u32 | (v as u32) << 8 | (first as u32) << 16;
-        leaf[1] = u32::from(own[0]) | flags << 16;
-        let mut rest = &mut leaf[2..];
-        if m {
-            let (pairs, behind) = rest.split_at_mut(t.div_ceil(2));
-            for (word, pair) in pairs.iter_mut().zip(own.chunks(2)) {
-                *word = u32::from(pair[0]) | pair.get(1).map_or(0, |q| u32::from(*q)) << 16;
-            }
-            rest = behind;
-        }
-        let (indices, coordinates) = rest.split_at_mut(index_words(t));
-        let corners = &corners[3 * first..3 * (first + t)];
-        if corners.iter().fold(0, |most, c| most.max(*c)) >= v as u8 {
-            return wrong("a corner is not among its leaf's vertices");
-        }
-        bytemuck::cast_slice_mut(indices)[..3 * t].copy_from_slice(corners);
-        let (x, yz) = coordinates.split_at_mut(v);
-        let (y, z) = yz.split_at_mut(v);
-        let own = references[first_vertex..first_vertex + v].iter().map(|r| all_vertices[*r as usize]);
-        for (((x, y), z), vertex) in x.iter_mut().zip(y).zip(z).zip(own) {
-            [*x, *y, *z, _] = vertex;
-        }
-        (at, first, first_vertex) = (at + size, first + t, first_vertex + v);
+    // Of each leaf one, or of a mixed one that of each triangle.
+    let all_parts = leaves().map(|leaf| if leaf.is_mixed { leaf.triangles } else { 1 }).sum();
+    let parts = padded(read_pairs(reader, all_parts)?, MAX_TRIANGLES);
+    if usize::from(parts.iter().fold(0, |most, p| most.max(*p))) >= counts.parts {
+        return wrong("a triangle's part is not in its table");
     }
+    let corners = padded(reader.take((3 * sum).div_ceil(2))?.iter().map(|pair| [pair & 15, pair >> 4]), CORNERS / 2);
+    let corners = corners.as_flattened();
+    if corners[3 * sum] != 0 {
+        return wrong("there is a corner behind the last");
+    }
+    let axes = read_all_vertices(reader, leaves().map(|leaf| leaf.vertices).sum(), counts.vertices)?;
+
+    let (mut words, mut starts) = (vec![0; end + PAD_WORDS], Vec::with_capacity(counts.leaves));
+    let (mut at, mut first, mut first_part, mut first_vertex, mut wrong_corners) = (begin, 0, 0, 0, 0);
+    for Shape { triangles: t, vertices: v, is_mixed } in leaves() {
+        starts.push(at - begin);
+        let own = piece(&parts, first_part);
+        put(&mut words, at, &[t as u32 | (v as u32) << 8 | (first as u32) << 16, u32::from(own[0])]);
+        at += 2;
+        first_part += 1;
+        if is_mixed {
+            words[at - 1] |= u32::from(LEAF_MIXED) << 16;
+            put(&mut words, at, &pairs(own, t));
+            at += t.div_ceil(2);
+            first_part += t - 1;
+        }
+        let own = own_corners(piece(corners, 3 * first), t);
+        wrong_corners |= at_least(own, v as u8);
+        let [a, b, c] = own;
+        // In memory they lie as in the file.
+        put(&mut words, at, &[a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32, c as u32, (c >> 32) as u32].map(u32::to_le));
+        at += index_words(t);
+        for axis in axes.chunks_exact(axes.len() / 3) {
+            put::<MAX_VERTICES>(&mut words, at, piece(axis, first_vertex));
+            at += v;
+        }
+        (first, first_vertex) = (first + t, first_vertex + v);
+    }
+    if wrong_corners != 0 {
+        return wrong("a corner is not among its leaf's vertices");
+    }
+    words[end..].fill(0);
     Ok((words, starts))
 }
 
-/// Indices among the distinct vertices of all leaves' vertices.
-fn read_references(reader: &mut Reader, total: usize, vertices: usize) -> Checked<Vec<u32>> {
-    let (mut known, mut are_known) = (0u32, true);
-    let mut references = Vec::with_capacity(total);
-    reader.varints(total, |back| {
-        are_known &= back <= known;
-        // None back is a new one.
-        references.push(known.wrapping_sub(back));
-        known += u32::from(back == 0);
-    })?;
-    if !are_known {
+/// Bytes of a leaf's corners, at most.
+const CORNERS: usize = 3 * MAX_TRIANGLES;
+
+#[inline(always)]
+fn put<const N: usize>(words: &mut [u32], at: usize, piece: &[u32; N]) {
+    words[at..at + N].copy_from_slice(piece);
+}
+
+/// The first `count` parts, two a word, and zeros.
+fn pairs(parts: &[u16; MAX_TRIANGLES], count: usize) -> [u32; MAX_TRIANGLES / 2] {
+    std::array::from_fn(|pair| {
+        let part = |i: usize| if i < count { u32::from(parts[i]) } else { 0 };
+        part(2 * pair) | part(2 * pair + 1) << 16
+    })
+}
+
+/// The corners of `triangles` triangles, and zeros; the first in the lowest byte.
+#[inline(always)]
+fn own_corners(bytes: &[u8; CORNERS], triangles: usize) -> [u64; CORNERS / 8] {
+    let ([a, b, c], word) = (OWN_CORNERS[triangles], |at: usize| u64::from_le_bytes(*piece(bytes, at)));
+    // Not in a loop, which would write them to memory in halves of what is read from there.
+    [word(0) & a, word(8) & b, word(16) & c]
+}
+
+/// All bits of the bytes of the corners of so many triangles.
+const OWN_CORNERS: [[u64; CORNERS / 8]; MAX_TRIANGLES + 1] = {
+    let mut own = [[0; CORNERS / 8]; MAX_TRIANGLES + 1];
+    let mut at = 0;
+    while at < CORNERS * (MAX_TRIANGLES + 1) {
+        let (triangles, byte) = (at / CORNERS, at % CORNERS);
+        if byte < 3 * triangles {
+            own[triangles][byte / 8] |= 0xff << (8 * (byte % 8));
+        }
+        at += 1;
+    }
+    own
+};
+
+/// Not zero where one of the bytes is `limit` or more, which is no more than 128.
+#[inline(always)]
+fn at_least(bytes: [u64; CORNERS / 8], limit: u8) -> u64 {
+    let each = u64::from_le_bytes([1; 8]);
+    let (low, top) = (each * 0x7f, each << 7);
+    // The top bit of each byte: of the sum with what makes `limit` to 128, or its own.
+    bytes.iter().fold(0, |wrong, b| wrong | (((b & low) + each * u64::from(128 - limit)) | b) & top)
+}
+
+/// Undoes [`push_pairs`].
+fn read_pairs<'a>(reader: &mut Reader<'a>, count: usize) -> Checked<impl ExactSizeIterator<Item = u16> + use<'a>> {
+    let (low, high) = (reader.take(count)?, reader.take(count)?);
+    Ok(low.iter().zip(high).map(|(low, high)| u16::from_le_bytes([*low, *high])))
+}
+
+/// The coordinates of the vertices of all leaves, `total` of them, `distinct` distinct: one axis after the other, and room behind each
+/// for a piece to reach there.
+#[inline(always)]
+fn read_all_vertices(reader: &mut Reader, total: usize, distinct: usize) -> Checked<Vec<u32>> {
+    let are_known = reader.take(total.div_ceil(8))?;
+    let old = are_known.iter().map(|bits| bits.count_ones() as usize).sum();
+    let behind = are_known.get(total / 8).map_or(0, |bits| bits >> (total % 8));
+    if old + distinct != total || behind != 0 {
+        return wrong("its vertices do not add up");
+    }
+    let backs = padded(read_pairs(reader, old)?.map(|back| u32::from(back) + 1), 1);
+    let vertices = read_vertices(reader, distinct)?;
+    let are_known: Vec<[u8; 8]> = are_known.iter().map(|bits| bytes_of_bits(*bits)).collect();
+    let (mut known, mut next, mut are_sound) = (0u32, 0, true);
+    let mut axes = vec![0; 3 * (total + MAX_VERTICES)];
+    let (xs, others) = axes.split_at_mut(total + MAX_VERTICES);
+    let (ys, zs) = others.split_at_mut(total + MAX_VERTICES);
+    for (((x, y), z), is_known) in xs[..total].iter_mut().zip(ys).zip(zs).zip(are_known.as_flattened()) {
+        let is_known = u32::from(*is_known);
+        let back = backs[next] & is_known.wrapping_neg();
+        match vertices.get(known.wrapping_sub(back) as usize) {
+            Some(vertex) => [*x, *y, *z, _] = *vertex,
+            None => are_sound = false,
+        }
+        known += 1 - is_known;
+        next += is_known as usize;
+    }
+    if !are_sound {
         return wrong("a vertex reference reaches before the first");
     }
-    if known as usize == vertices { Ok(references) } else { wrong("its vertices do not add up") }
+    Ok(axes)
+}
+
+/// Of each bit a byte, 0 or 1.
+#[inline(always)]
+fn bytes_of_bits(bits: u8) -> [u8; 8] {
+    let each = u64::from_le_bytes([1; 8]);
+    // A copy for each, of which only its own bit is kept; with so much added that this carries to the top bit, or is it.
+    let own = (each * u64::from(bits)) & u64::from_le_bytes([1, 2, 4, 8, 16, 32, 64, 128]);
+    let low = each * 0x7f;
+    ((((own & low) + low) | own) >> 7 & each).to_le_bytes()
 }

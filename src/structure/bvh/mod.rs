@@ -5,6 +5,9 @@ mod bytes;
 pub mod codec;
 mod codec_beside;
 mod codec_leaves;
+mod codec_nodes;
+#[cfg(test)]
+mod codec_tests;
 mod decoder;
 pub mod layout;
 pub mod trace;

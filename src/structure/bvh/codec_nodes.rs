@@ -1,0 +1,290 @@
+//! The nodes of a block in the file form: see `codec.rs`, of which this is section 2.
+
+use super::bytes::{Reader, padded, piece, push_planes};
+use super::codec::{Checked, Place, wrong};
+use super::layout::{
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, WIDTH,
+};
+use crate::lod::{Coded, SIDES_WORDS, summary_bit};
+
+/// Bytes of a node's grid and valid bits.
+const HEAD_BYTES: usize = 16;
+/// The top bit of each byte.
+const TOP_BITS: u64 = u64::from_le_bytes([0x80; 8]);
+/// Bytes of a child's box.
+const BOX_BYTES: usize = 6;
+
+/// Nodes as read.
+pub(super) struct Nodes {
+    pub table: Vec<Node>,
+    pub kinds: Vec<u16>,
+    pub externals: Vec<[u32; 2]>,
+    pub leaves: usize,
+    /// Header words of the voxels, but for where they begin, and the voxels.
+    pub voxels: ([u32; 3], Vec<u32>),
+}
+
+/// A node's grid, and its valid bits.
+fn head(node: &Node) -> [u32; 4] {
+    let ([x, y, z], [i, j, k]) = (node.origin.map(f32::to_bits), node.exponent);
+    [x, y, z, u32::from_le_bytes([i, j, k, node.valid])]
+}
+
+/// The slots that have a child.
+fn slots(node: &Node) -> impl Iterator<Item = usize> + use<> {
+    let valid = node.valid;
+    (0..WIDTH).filter(move |slot| valid >> slot & 1 == 1)
+}
+
+/// Appends the nodes of a block with `leaves` leaves.
+pub(super) fn push_nodes(out: &mut Vec<u8>, block: &Block, leaves: usize) {
+    for count in [block.nodes(), block.externals(), leaves] {
+        out.extend((count as u16).to_le_bytes());
+    }
+    let nodes: Vec<&Node> = (0..block.nodes()).map(|i| block.node(i)).collect();
+    (0..4).for_each(|word| push_planes(out, nodes.iter().map(|n| head(n)[word])));
+    for row in 0..BOX_BYTES {
+        out.extend(nodes.iter().flat_map(|n| slots(n).map(|slot| n.planes[row][slot])));
+    }
+    nodes.iter().for_each(|n| out.extend(kinds(n).to_le_bytes()));
+    let externals: Vec<(u32, u32)> = block.all_externals().collect();
+    push_planes(out, externals.iter().map(|external| external.0));
+    push_planes(out, externals.iter().map(|external| external.1));
+    push_voxels(out, block);
+}
+
+fn push_voxels<'a>(out: &mut Vec<u8>, block: &Block<'a>) {
+    let is_long = block.voxel_words() == LONG_VOXEL;
+    out.push(block.voxel_words() as u8);
+    out.extend(block.words()[7].to_le_bytes());
+    let voxels: Vec<&[u32]> = (0..block.voxels()).map(|i| block.voxel_at(i)).collect();
+    let slabs_of = |node: &'a Node| slots(node).map(|slot| node.slabs[slot]);
+    let slabs: Vec<u32> = (0..block.nodes()).flat_map(|i| slabs_of(block.node(i))).collect();
+    let second = |v: &[u32]| if Coded::has_sides(v[0]) { 0 } else { v[1] };
+    push_planes(out, voxels.iter().map(|v| v[0]));
+    push_planes(out, voxels.iter().map(|v| second(v)));
+    push_planes(out, slabs.iter().copied());
+    if is_long {
+        push_planes(out, voxels.iter().map(|v| v[2]));
+        let mixed = voxels.iter().filter(|v| Coded::part(v[2]).1);
+        mixed.for_each(|v| out.extend(v[3].to_le_bytes()));
+    }
+    let (from, to) = (block.sides_at(), block.first_leaf());
+    for word in 0..SIDES_WORDS {
+        push_planes(out, block.words()[from..to].iter().skip(word).step_by(SIDES_WORDS).copied());
+    }
+}
+
+/// Kinds of a node's children, 2 bits a slot.
+fn kinds(node: &Node) -> u16 {
+    slots(node).fold(0, |bits, slot| {
+        let kind = match Child::from_bits(u32::from(node.child[slot])) {
+            Some(Child::Node(_)) => 1,
+            Some(Child::Leaf(_)) => 2,
+            _ => 3,
+        };
+        bits | kind << (2 * slot)
+    })
+}
+
+/// Reads the nodes of a block, and checks them; all that they refer to is still to be found.
+#[inline(always)]
+pub(super) fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
+    let mut count = || reader.u16().map(usize::from);
+    let (nodes, externals, leaves) = (count()?, count()?, count()?);
+    if HEADER_WORDS + nodes * NODE_WORDS + EXTERNAL_WORDS * externals + PAD_WORDS > MAX_WORDS || nodes == 0 {
+        return wrong("its counts do not fit a block");
+    }
+    // The last bytes of all are the valid bits.
+    let valid = &reader.ahead(HEAD_BYTES * nodes)?[(HEAD_BYTES - 1) * nodes..];
+    let heads: [Vec<u32>; 4] = [reader.planes(nodes)?, reader.planes(nodes)?, reader.planes(nodes)?, reader.planes(nodes)?].map(Iterator::collect);
+    let count = valid.iter().map(|valid| valid.count_ones() as usize).sum();
+    // More follows than a window reaches behind the last.
+    let boxes = reader.ahead(BOX_BYTES * count + WIDTH)?;
+    reader.take(BOX_BYTES * count)?;
+    let kinds: Vec<u16> = reader.take(2 * nodes)?.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+    let externals = read_externals(reader, externals, place)?;
+    let voxels = read_voxels(reader, valid, count)?;
+    let [x, y, z, rest] = &heads;
+    let heads = x.iter().zip(y).zip(z).zip(rest).map(|(((x, y), z), rest)| [*x, *y, *z, *rest]);
+    let table = table(heads, boxes, &voxels)?;
+    Ok(Nodes { table, kinds, externals, leaves, voxels: (voxels.header, voxels.words) })
+}
+
+/// Nodes of these grids and valid bits over children of these boxes, without child references.
+#[inline(always)]
+fn table(heads: impl ExactSizeIterator<Item = [u32; 4]>, boxes: &[u8], voxels: &Voxels) -> Checked<Vec<Node>> {
+    let count = (boxes.len() - WIDTH) / BOX_BYTES;
+    let (low, high) = boxes[..BOX_BYTES * count].split_at(BOX_BYTES * count / 2);
+    if low.iter().zip(high).fold(false, |any, (low, high)| any | (low > high)) {
+        return wrong("a node's box is inside out");
+    }
+    let (mut next, mut grids_ok) = (0, true);
+    let mut table = Vec::with_capacity(heads.len());
+    for [x, y, z, rest] in heads {
+        let [i, j, k, valid] = rest.to_le_bytes();
+        let (origin, exponent) = ([x, y, z].map(f32::from_bits), [i, j, k]);
+        grids_ok &= exponent.iter().fold(true, |all, e| all & (1..=254).contains(e));
+        grids_ok &= origin.iter().fold(valid != 0, |all, o| all & o.is_finite());
+        let way = &WAYS[usize::from(valid)];
+        let spread = |from: &[u8], row: usize| way.spread(piece(from, row * count + next));
+        // The boxes of empty slots are inside out: no ray meets them.
+        let (mut planes, mut normal) = ([[0; WIDTH]; BOX_BYTES], [[0; WIDTH]; 2]);
+        for (row, plane) in planes.iter_mut().enumerate() {
+            let empty = if row < 3 { !way.valid } else { 0 };
+            *plane = (spread(boxes, row) | empty).to_le_bytes();
+        }
+        for (row, bytes) in normal.iter_mut().enumerate() {
+            *bytes = (spread(voxels.normals, row) ^ way.valid & TOP_BITS).to_le_bytes();
+        }
+        let (mut slabs, from) = ([0; WIDTH], piece::<u32, WIDTH>(&voxels.slabs, next));
+        let mut child = 0;
+        for (slot, slabs) in slabs.iter_mut().enumerate() {
+            let is_there = valid >> slot & 1;
+            *slabs = from[child] & u32::from(is_there).wrapping_neg();
+            child += usize::from(is_there);
+        }
+        next += valid.count_ones() as usize;
+        table.push(Node { origin, exponent, valid, planes, child: [0; WIDTH], slabs, normal });
+    }
+    if grids_ok { Ok(table) } else { wrong("a node's grid is impossible") }
+}
+
+fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Vec<[u32; 2]>> {
+    let (ids, children) = (reader.planes(count)?, reader.planes(count)?);
+    let externals: Vec<[u32; 2]> = ids.zip(children).map(|(id, child)| [id, child]).collect();
+    for &[id, child] in &externals {
+        // Always to a later block: no chain of references comes back.
+        if id <= place.id || id >= place.end {
+            return wrong("it refers to a block that it cannot refer to");
+        }
+        if !matches!(Child::from_bits(child), Some(Child::Node(_))) || child > u32::from(u16::MAX) {
+            return wrong("it refers to something that is not a node");
+        }
+    }
+    Ok(externals)
+}
+
+/// Voxels as read.
+struct Voxels<'a> {
+    /// The words of the header that tell of them.
+    header: [u32; 3],
+    /// All words after the parts and before the leaves.
+    words: Vec<u32>,
+    /// Of each child, and zeros.
+    slabs: Vec<u32>,
+    /// The low bytes of all children's normals, then the high ones, then others.
+    normals: &'a [u8],
+}
+
+/// The voxels of nodes with `count` children in all, given the valid bits of each.
+#[inline(always)]
+fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Checked<Voxels<'a>> {
+    let size = usize::from(reader.u8()?);
+    if ![SHORT_VOXEL, LONG_VOXEL].contains(&size) {
+        return wrong("its voxels have an impossible size");
+    }
+    let part = reader.u32()?;
+    let normals = reader.ahead(2 * count + WIDTH)?;
+    let firsts: Vec<u32> = reader.planes(count)?.collect();
+    let mut seconds: Vec<u32> = reader.planes(count)?.collect();
+    let slabs = padded(reader.planes(count)?, WIDTH);
+    let parts: Vec<u32> = if size == LONG_VOXEL { reader.planes(count)?.collect() } else { Vec::new() };
+    let of_mixed = parts.iter().filter(|word| Coded::part(**word).1).count();
+    let of_mixed = padded(reader.take(4 * of_mixed)?.chunks_exact(4).map(|b| u32::from_le_bytes(*piece(b, 0))), 1);
+    let mut next = 0;
+    let summaries = parts.iter().map(|word| {
+        let (part, is_mixed) = Coded::part(*word);
+        let own = of_mixed[next];
+        next += usize::from(is_mixed);
+        if is_mixed { own } else { summary_bit(part) }
+    });
+    let (mut six_sided, mut counted) = (0, 0);
+    for (first, second) in firsts.iter().zip(&mut seconds) {
+        let has_sides = u32::from(Coded::has_sides(*first));
+        counted |= *second * has_sides;
+        *second |= six_sided * has_sides;
+        six_sided += has_sides;
+    }
+    if counted != 0 {
+        return wrong("a voxel's sides are counted");
+    }
+    let sides = six_sided as usize * SIDES_WORDS;
+    let mut words = Vec::with_capacity(valid.len() + count * size + sides);
+    let mut before = 0;
+    words.extend(valid.iter().map(|valid| {
+        before += valid.count_ones();
+        before - valid.count_ones()
+    }));
+    let pairs = firsts.iter().zip(&seconds);
+    if size == LONG_VOXEL {
+        let with_parts = pairs.zip(parts.iter().zip(summaries));
+        let all: Vec<[u32; LONG_VOXEL]> = with_parts.map(|((first, second), (part, summary))| [*first, *second, *part, summary]).collect();
+        words.extend_from_slice(all.as_flattened());
+    } else {
+        let all: Vec<[u32; SHORT_VOXEL]> = pairs.map(|(first, second)| [*first, *second]).collect();
+        words.extend_from_slice(all.as_flattened());
+    }
+    let sides_at = words.len();
+    words.resize(sides_at + sides, 0);
+    for word in 0..SIDES_WORDS {
+        for (side, bits) in words[sides_at..].chunks_exact_mut(SIDES_WORDS).zip(reader.planes(six_sided as usize)?) {
+            side[word] = bits;
+        }
+    }
+    Ok(Voxels { header: [count as u32 | six_sided << 16, size as u32, part], words, slabs, normals })
+}
+
+/// How the bytes of a node's children come to their slots.
+struct Ways {
+    /// In three steps: the bytes of these slots are taken from four, two, one slot below.
+    steps: [u64; 3],
+    /// All bits of the slots that have a child.
+    valid: u64,
+}
+
+impl Ways {
+    const fn new(valid: usize) -> Self {
+        let mut ways = Ways { steps: [0; 3], valid: 0 };
+        let (mut slot, mut child) = (0, 0);
+        while slot < WIDTH {
+            if valid >> slot & 1 == 1 {
+                // Children of later slots have as far to go, or farther: none is overwritten.
+                let far = slot - child;
+                ways.valid |= 0xff << (8 * slot);
+                let mut step = 0;
+                while step < 3 {
+                    if far >> (2 - step) & 1 == 1 {
+                        let gone = far >> (2 - step) << (2 - step);
+                        ways.steps[step] |= 0xff << (8 * (child + gone));
+                    }
+                    step += 1;
+                }
+                child += 1;
+            }
+            slot += 1;
+        }
+        ways
+    }
+
+    /// A byte for each child, in order and before others, to a byte for each slot, zero where there is no child.
+    #[inline(always)]
+    fn spread(&self, bytes: &[u8; WIDTH]) -> u64 {
+        let mut all = u64::from_le_bytes(*bytes);
+        for (step, taken) in self.steps.iter().enumerate() {
+            all = all & !taken | all << (32 >> step) & taken;
+        }
+        all & self.valid
+    }
+}
+
+/// By valid bits.
+static WAYS: [Ways; 256] = {
+    let mut ways = [const { Ways::new(0) }; 256];
+    let mut valid = 0;
+    while valid < 256 {
+        ways[valid] = Ways::new(valid);
+        valid += 1;
+    }
+    ways
+};
