@@ -61,8 +61,69 @@ impl EncodedBlock {
 fn compress(payload: &[u8]) -> Option<Vec<u8>> {
     let mut out = vec![0; block::get_maximum_output_size(payload.len())];
     let len = block::compress_into(payload, &mut out).ok()?;
-    out.truncate(len);
-    (len < payload.len()).then_some(out)
+    let out = without_short_matches(&out[..len], payload);
+    (out.len() < payload.len()).then_some(out)
+}
+
+/// Matches shorter than this save a byte or two, and take as long to decode as long ones.
+const LEAST_MATCH: usize = 6;
+/// What the shortest match of LZ4 is.
+const LZ4_MATCH: usize = 4;
+
+/// LZ4 of `payload` again, short matches as literals: [`LEAST_MATCH`].
+fn without_short_matches(compressed: &[u8], payload: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(compressed.len() + compressed.len() / 16);
+    // In `payload`: where it goes on, and where the literals begin that are not yet written.
+    let (mut at, mut begin) = (0, 0);
+    let mut from = 0;
+    while from < compressed.len() {
+        let token = compressed[from];
+        from += 1;
+        let literals = read_length(compressed, &mut from, token >> 4);
+        (from, at) = (from + literals, at + literals);
+        if from == compressed.len() {
+            break;
+        }
+        let offset = [compressed[from], compressed[from + 1]];
+        from += 2;
+        let longer = read_length(compressed, &mut from, token & 15);
+        if LZ4_MATCH + longer >= LEAST_MATCH {
+            push_sequence(&mut out, &payload[begin..at], longer);
+            out.extend(offset);
+            push_length(&mut out, longer);
+            begin = at + LZ4_MATCH + longer;
+        }
+        at += LZ4_MATCH + longer;
+    }
+    push_sequence(&mut out, &payload[begin..], 0);
+    out
+}
+
+/// A length of which the token has `short`: 15 if bytes follow, up to the first that is not 255.
+fn read_length(compressed: &[u8], from: &mut usize, short: u8) -> usize {
+    let mut length = usize::from(short);
+    let mut goes_on = short == 15;
+    while goes_on {
+        length += usize::from(compressed[*from]);
+        goes_on = compressed[*from] == 255;
+        *from += 1;
+    }
+    length
+}
+
+/// Undoes [`read_length`] but for the token.
+fn push_length(out: &mut Vec<u8>, length: usize) {
+    if let Some(rest) = length.checked_sub(15) {
+        out.extend(std::iter::repeat_n(255, rest / 255));
+        out.push((rest % 255) as u8);
+    }
+}
+
+/// Token and literals of a sequence whose match is by `longer` longer than the shortest.
+fn push_sequence(out: &mut Vec<u8>, literals: &[u8], longer: usize) {
+    out.push((literals.len().min(15) as u8) << 4 | longer.min(15) as u8);
+    push_length(out, literals.len());
+    out.extend(literals);
 }
 
 /// The most bytes that `stored_len` bytes of LZ4 can become: each byte of a length adds at most 255.
