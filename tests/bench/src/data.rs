@@ -146,6 +146,8 @@ pub enum Measure {
     Cold,
     /// Time and size of building.
     Build,
+    /// Time from stored bytes in memory to what rays read.
+    Decode,
 }
 
 /// What is traced.
@@ -350,6 +352,7 @@ impl Benchmark {
                 fault("cold pictures take structures, views, budgets and rates".into())
             }
             Measure::Build if self.structures.is_empty() => fault("builds take structures".into()),
+            Measure::Decode if self.structures.is_empty() || self.threads != [1] => fault("decoding takes structures and one thread".into()),
             _ => Ok(()),
         }
     }
@@ -399,6 +402,9 @@ mod tests {
         assert!(wrong("size = [8, 8]", "size = [8, 9]").contains("multiples"));
         assert!(wrong("64M", "64X").contains("bytes"));
         assert!(wrong("threads = [1]", "threads = [0]").contains("at least one"));
+        let decoding = format!("{STRUCTURE}{SCENE}{}", TRACE.replace("'trace'", "'decode'"));
+        assert!(Data::parse(&decoding).is_ok());
+        assert!(Data::parse(&decoding.replace("threads = [1]", "threads = [2]")).expect_err("two threads").contains("one thread"));
         assert!(wrong("name = 'b'", "name = 'b'\npeer = 'x'").contains("peer"));
     }
 }

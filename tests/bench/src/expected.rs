@@ -29,12 +29,17 @@ impl Expected {
             hash.update(&(h.kind as u32).to_le_bytes());
         }
         let hits = hits.iter().filter(|hit| hit.kind != HitKind::Miss).count();
-        Self { hits, hash: format!("{:016x}", hash.digest()) }
+        Self::of_hash(hits, hash.digest())
+    }
+
+    /// Of a hash of all that is looked at, and how many things that is.
+    pub fn of_hash(count: usize, hash: u64) -> Self {
+        Self { hits: count, hash: format!("{hash:016x}") }
     }
 
     /// Of bytes, one a ray or several a pixel, and the number of those that hit.
     pub fn of_bytes(hits: usize, bytes: &[u8]) -> Self {
-        Self { hits, hash: format!("{:016x}", xxhash_rust::xxh3::xxh3_64(bytes)) }
+        Self::of_hash(hits, xxhash_rust::xxh3::xxh3_64(bytes))
     }
 }
 

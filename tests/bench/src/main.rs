@@ -9,6 +9,7 @@ mod counted;
 #[path = "../../common/mod.rs"]
 mod common;
 mod data;
+mod decode;
 mod expected;
 mod failure;
 mod ours;
@@ -131,6 +132,7 @@ fn run(is_only_expecting: bool, picks: impl Fn(&Benchmark, &str) -> bool) -> Out
                 Measure::Trace => trace::measure(&mut task)?,
                 Measure::Cold => cold::measure(&mut task)?,
                 Measure::Build => builds::measure(&mut task)?,
+                Measure::Decode => decode::measure(&mut task)?,
             };
             record::append(&record::path(), &records)?;
         }

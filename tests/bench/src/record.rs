@@ -49,6 +49,7 @@ pub enum Outcomes {
     Trace(Box<Trace>),
     Cold(Cold),
     Build(Built),
+    Decode(Decoded),
 }
 
 /// Time of tracing rays, or of a picture.
@@ -172,6 +173,20 @@ pub struct Built {
     pub bytes_model: u64,
     /// None for what has no file.
     pub bytes_file: Option<u64>,
+}
+
+/// Decoding of all geometry blocks in one thread; seconds of each step, and of all.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Decoded {
+    pub structure: String,
+    pub bytes_stored: u64,
+    /// As traced.
+    pub bytes_trace: u64,
+    /// Checksum and LZ4.
+    pub opened: Spread,
+    pub decoded: Spread,
+    pub linked: Spread,
+    pub all: Spread,
 }
 
 /// Behind a commit that is not all of what was measured.
@@ -325,10 +340,20 @@ pub mod tests {
             bytes_model: 9,
             bytes_file: None,
         };
+        let decoded = Decoded {
+            structure: "bvh".into(),
+            bytes_stored: 3,
+            bytes_trace: 4,
+            opened: seconds,
+            decoded: seconds,
+            linked: seconds,
+            all: Spread { median: 6.0, ..seconds },
+        };
         let all = [
             trace("a", "bvh", "primary", 0.5, 3.0, 0.1),
             record("a", "cold", Outcomes::Cold(cold)),
             record("a", "build", Outcomes::Build(built)),
+            record("a", "decode", Outcomes::Decode(decoded)),
         ];
         append(&path, &all[..2]).expect("written");
         append(&path, &all[2..]).expect("written");
@@ -336,7 +361,7 @@ pub mod tests {
         let newer = trace("a", "bvh", "primary", 0.5, 4.0, 0.1);
         append(&path, std::slice::from_ref(&newer)).expect("written");
         let now = read(&path).expect("results");
-        assert_eq!((now.len(), &now[0]), (3, &newer));
+        assert_eq!((now.len(), &now[0]), (4, &newer));
         std::fs::write(&path, "{}\n").expect("written");
         assert!(read(&path).expect_err("no record").to_string().contains("line 1"));
     }
