@@ -166,7 +166,7 @@ impl PacketWalk {
             waiting: 0,
             passed: [[f32::INFINITY; 16]; VECTORS],
             alone: Walk::new(),
-            gauge: Gauge::default(),
+            gauge: Gauge::TOGETHER,
             counters: Counters::default(),
         }
     }

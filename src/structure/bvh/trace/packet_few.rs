@@ -28,21 +28,25 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     leaves: u32,
     walk: &mut PacketWalk,
 ) -> [u32; 8] {
-    let mut out = [0; 8];
+    let (mut out, mut all_asked) = ([0; 8], 0u32);
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
         rays &= rays - 1;
-        let mut met = one::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry.block, leaves, i, walk);
+        let (mut met, asked) = one::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry.block, leaves, i, walk);
+        all_asked |= asked;
         while met != 0 {
             out[met.trailing_zeros() as usize & 7] |= 1 << i;
             met &= met - 1;
         }
     }
+    if all_asked != 0 {
+        walk.gauge.saw((0..8).filter(|slot| all_asked >> slot & 1 == 1 && out[*slot] == 0).count() as u32);
+    }
     out
 }
 
-/// The children that ray `i` has still to visit.
+/// The children that ray `i` has still to visit; and those of `leaves` whose boxes it meets.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn one<S: Simd, const ANY: bool, const LOD: bool>(
@@ -57,7 +61,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     leaves: u32,
     i: usize,
     walk: &mut PacketWalk,
-) -> u32 {
+) -> (u32, u32) {
     let zero = s.splat8(0.0);
     let (mut near, mut far, mut inv) = ([zero; 3], [zero; 3], [zero; 3]);
     for axis in 0..3 {
@@ -69,7 +73,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     let mut met = enter.max(t_min).le(leave.min(s.splat8(at(&walk.hits.t, i)))).bits() & boxes.met;
     let is_likely = LOD && met & boxes.small != 0;
     if !is_likely && met & leaves == 0 {
-        return met;
+        return (met, 0);
     }
     let (mut dir, mut faces) = ([zero; 3], [zero; 3]);
     for axis in 0..3 {
@@ -84,17 +88,14 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     }
     let leaves = met & leaves & !small;
     if small | leaves == 0 {
-        return met;
+        return (met, 0);
     }
     let slabs = boxes.slabs(s, block.node(index), shared, view.reach).all(s);
     let [enter, leave] = cell_slabs::within(dir, &slabs, way, s.splat8(1.0));
     let crosses = enter.le(leave).bits();
-    if leaves != 0 {
-        walk.gauge.saw((leaves & !crosses).count_ones());
-        met &= !leaves | crosses;
-    }
+    met &= !leaves | crosses;
     if small == 0 {
-        return met;
+        return (met, leaves);
     }
     let mut best = walk.best(i);
     let (passing, passed) = (walk.rays.passing(i), at_mut(&mut walk.passed, i));
@@ -103,7 +104,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);
-        return 0;
+        return (0, leaves);
     }
-    met & !settled
+    (met & !settled, leaves)
 }
