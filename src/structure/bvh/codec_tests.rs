@@ -221,3 +221,22 @@ proptest! {
         damage(&payload, place, seed);
     }
 }
+
+/// Four bits hold two more than walks have room for; the lengths of all that follows stay right.
+#[test]
+fn a_leaf_of_too_many_vertices_is_refused() {
+    let mut words = leaf_block_head(2, 1).to_vec();
+    words.resize(HEADER_WORDS + 1, 0);
+    for (first, vertices) in [(0, 16), (1, 4)] {
+        words.extend([1 | vertices << 8 | first << 16, 0, 0x0002_0100]);
+        words.extend((0..3 * vertices).map(|i| (i as f32).to_bits()));
+    }
+    words.resize(words.len() + PAD_WORDS, 0);
+    let place = Place { holds: Holds::Leaves, ..PLACE };
+    let mut payload = encode_geometry(&words, None);
+    assert_eq!(decode_geometry(&payload, place), Ok(words));
+    let shapes = 1 + 3 * 2 + 4 + 4;
+    payload[shapes] += 1 << 3;
+    payload[shapes + 1] -= 1 << 3;
+    assert!(decode_geometry(&payload, place).is_err());
+}

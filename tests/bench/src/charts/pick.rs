@@ -169,7 +169,7 @@ mod tests {
     fn full_benchmarks_come_first_and_the_most_threads() {
         let mut records = [trace("a", "bvh", "primary", 0.0, 1.0, 0.0), trace("b", "bvh", "primary", 0.0, 1.0, 0.0)];
         assert_eq!(traces(&records, "speed").len(), 2);
-        records[1].benchmark = "speed-full".into();
+        records[1].benchmark = "large".into();
         let picked = traces(&records, "speed");
         assert_eq!((picked.len(), picked[0].0.scene.as_str()), (1, "b"));
     }
