@@ -83,7 +83,7 @@ fn what_walks_visit_is_pinned() {
 /// Long thin triangles fill little of their boxes, which rays that go alone test alone: of the leaves whose boxes rays meet, slabs leave out the most.
 #[test]
 fn slabs_leave_out_leaves_of_what_is_thin() {
-    let tree = TestTree::around_middle(&scenes::slivers().triangles, 0.0);
+    let tree = TestTree::around_middle(&scenes::slivers().tris, 0.0);
     let mut maker = RayMaker::new(&tree.stored, 7);
     let mixed = maker.batch(RAYS);
     let wide: Vec<Ray32> = mixed.iter().map(|ray| Ray32 { cone: Cone { a: 0.0, b: 1e-6 }, ..*ray }).collect();
