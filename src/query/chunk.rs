@@ -69,6 +69,8 @@ impl Chunk {
         if self.want != task.want {
             (self.want, self.hits) = (task.want, [Hit::MISS; PACKET]);
         }
+        self.in_one.begin_batch();
+        self.packet.begin_batch();
         // Groups that go the same way are answered at once, the others gathered. Only the last may be a part of one.
         let mut gathered = 0;
         for from in (0..count).step_by(PACKET) {

@@ -26,6 +26,11 @@ impl Default for InOne {
 }
 
 impl InOne {
+    /// See [`PacketWalk::begin_batch`].
+    pub fn begin_batch(&mut self) {
+        self.walk.begin_batch();
+    }
+
     /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]); else `None`. Returns those that hit
     /// something, or the block that some ray needs: then they are to be begun anew, each alone.
     pub fn trace<const ANY: bool>(&mut self, view: &SceneView, rays: &[Ray], says: bool) -> Option<Result<u32, Need>> {

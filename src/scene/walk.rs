@@ -354,6 +354,11 @@ impl Default for ScenePacket {
 }
 
 impl ScenePacket {
+    /// See [`PacketWalk::begin_batch`].
+    pub fn begin_batch(&mut self) {
+        self.tree.begin_batch();
+    }
+
     /// Puts the rays of `active` (bit `i`: ray `i`) at the root.
     pub fn begin(&mut self, view: &SceneView, rays: &[Ray; PACKET], active: u32) {
         self.todo.clear();

@@ -171,6 +171,11 @@ impl PacketWalk {
         }
     }
 
+    /// What comes from here on does not depend on what came before: so answers are the same whoever worked on other rays.
+    pub fn begin_batch(&mut self) {
+        self.gauge = Gauge::TOGETHER;
+    }
+
     /// Puts the rays of `active` (bit `i`: ray `i`) at the root of `view`; the others miss.
     pub fn begin(&mut self, view: &TreeView, rays: &[LocalRay; PACKET], active: u32) {
         for (i, ray) in rays.iter().enumerate() {

@@ -213,17 +213,10 @@ fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut super::Count
     counters.ties += 1;
     match (view.prim(hit), view.prim(best)) {
         (Ok(a), Ok(b)) => Ok(a < b),
-        // Who never waits tells triangles by what they are, and those that are the same by their places: of one that spatial splits
-        // put into several leaves it is no matter which was visited.
-        _ if view.never_waits => Ok(shape(view, hit) < shape(view, best)),
+        // Who never waits takes the first by its place.
+        _ if view.never_waits => Ok((hit.block, hit.tri) < (best.block, best.tri)),
         (a, b) => Ok(a? < b?),
     }
-}
-
-/// The corners of a hit's triangle, its part, and where it is.
-fn shape(view: &TreeView, hit: &TriHit) -> (Option<([[u32; 3]; 3], u32)>, u32, u32) {
-    let triangle = view.triangle(hit).map(|t| (t.vertices.map(|v| v.to_array().map(f32::to_bits)), t.part));
-    (triangle, hit.block, hit.tri)
 }
 
 /// The children whose boxes the ray meets before `t_max`, where it enters each, and where it leaves them.

@@ -46,7 +46,6 @@ pub struct Stream {
     unfinished: Vec<u32>,
     /// Where each ray passed a stand-in first; infinity if it passed none.
     passed: Box<[f32; STREAM]>,
-    gauge: Gauge,
     /// What the walks did.
     pub counters: Counters,
 }
@@ -70,7 +69,7 @@ impl Stream {
     pub fn new() -> Self {
         let mut stack = Stack { t: [0.0; DEPTH], child: [NOTHING; DEPTH], block: [0; DEPTH] };
         stack.t[..BOTTOM].fill(f32::NEG_INFINITY);
-        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), gauge: Gauge::ALONE, counters: Counters::default() }
+        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), counters: Counters::default() }
     }
 
     /// Takes ray `i` over, below [`STREAM`].
@@ -263,7 +262,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             block_id: [0; LANES],
             block: [Block::new(&[]); LANES],
             entered: 0,
-            gauge: stream.gauge,
+            gauge: Gauge::ALONE,
             counters: stream.counters,
             is_large: ahead::is_large(view.snapshot),
         };
@@ -289,7 +288,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
                 break;
             }
         }
-        (stream.gauge, stream.counters) = (state.gauge, state.counters);
+        stream.counters = state.counters;
     }
 }
 
