@@ -15,7 +15,7 @@ const RAYS: usize = 8192;
 /// Of the baseline, whose boxes are tested without fused operations: the same on every machine.
 fn count(rays: &[Ray32], tree: &TestTree) -> [Counters; 4] {
     let view = tree.view(&tree.snapshot, Isa::Baseline);
-    let (mut walk, mut stream, mut packet) = (Walk::new(), Stream::new(), PacketWalk::new());
+    let (mut walk, mut stream, mut packet) = (Walk::new(), Stream::of_queries(), PacketWalk::of_queries());
     for ray in rays {
         trees::closest(&view, ray, &mut walk);
     }

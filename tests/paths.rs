@@ -37,7 +37,7 @@ fn singles(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
 fn packets(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
     let one = |odd: usize| {
         let view = tree.view(&tree.snapshot, isa);
-        let mut walk = PacketWalk::new();
+        let mut walk = PacketWalk::of_queries();
         let mine = rays.chunks(PACKET).skip(odd).step_by(2);
         let bits = |hits: Vec<Option<TriHit>>| hits.iter().map(|h| trees::bits(&view, h)).collect();
         mine.map(|chunk| bits(trees::closest_together(&view, chunk, &mut walk))).collect::<Vec<Vec<Bits>>>()
@@ -52,7 +52,7 @@ fn packets(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
 
 fn streams(tree: &TestTree, rays: &[Ray32], isa: Isa) -> Vec<Bits> {
     let view = tree.view(&tree.snapshot, isa);
-    let hits = trees::closest_each(&view, rays, &mut Stream::new());
+    let hits = trees::closest_each(&view, rays, &mut Stream::of_queries());
     hits.iter().map(|hit| trees::bits(&view, &hit.expect("every block is there"))).collect()
 }
 
@@ -61,7 +61,7 @@ fn check_unfinished(tree: &TestTree, rays: &[Ray32], truth: &[Bits], isa: Isa) {
     let snapshot = tree.snapshot.filtered(|id| id.0 % 3 != 2);
     let (view, all) = (tree.view(&snapshot, isa), tree.view(&tree.snapshot, isa));
     let mut walk = Walk::new();
-    let hits = trees::closest_each(&view, rays, &mut Stream::new());
+    let hits = trees::closest_each(&view, rays, &mut Stream::of_queries());
     let (mut unfinished, mut in_vain) = (0, 0);
     for ((ray, truth), hit) in rays.iter().zip(truth).zip(hits) {
         walk.begin(&view, &trees::local(ray));
@@ -105,8 +105,8 @@ fn check(soup: Soup) {
 
 fn check_any(tree: &TestTree, rays: &[Ray32], truth: &[Bits], isa: Isa) {
     let view = tree.view(&tree.snapshot, isa);
-    let (mut walk, mut packet) = (Walk::new(), PacketWalk::new());
-    let side_by_side = trees::any_each(&view, rays, &mut Stream::new());
+    let (mut walk, mut packet) = (Walk::new(), PacketWalk::of_queries());
+    let side_by_side = trees::any_each(&view, rays, &mut Stream::of_queries());
     let differ = side_by_side.iter().zip(truth).position(|(any, truth)| *any != truth.is_some());
     assert_eq!(differ, None, "{}, any in a stream", isa.name());
     for (rays, truth) in rays.chunks(PACKET).zip(truth.chunks(PACKET)) {
@@ -204,7 +204,7 @@ fn in_order_and_shuffled_rays_have_the_same_hits() {
 fn rays_that_go_together_are_recognised() {
     let tree = TestTree::around_middle(&scenes::bumpy_sphere(40, 60, 1), 0.0);
     let view = tree.view(&tree.snapshot, Isa::best());
-    let mut walk = PacketWalk::new();
+    let mut walk = PacketWalk::of_queries();
     let camera = |spread: f32, apart: f32| -> Vec<Ray32> {
         let ray = |i: usize| {
             let (x, y) = ((i % 8) as f32, (i / 8) as f32);

@@ -115,7 +115,7 @@ fn check_single(case: &Case, ray: &Ray32, holes: &mut Holes) -> Result<usize, Te
 
 fn check_packet(case: &Case, rays: &[Ray32], holes: &mut Holes) -> Result<(), TestCaseError> {
     let whole = case.tree.view(&case.tree.snapshot, Isa::best());
-    let (mut closest, mut any) = (PacketWalk::new(), PacketWalk::new());
+    let (mut closest, mut any) = (PacketWalk::of_queries(), PacketWalk::of_queries());
     trees::begin_together(&whole, rays, &mut closest);
     holes.run(Isa::best(), |view| view.closest_together(None, &mut closest));
     trees::begin_together(&whole, rays, &mut any);

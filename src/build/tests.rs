@@ -138,7 +138,7 @@ fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> Bu
 /// Packets of coherent rays, of rays that diverge, and of a few: the bits of each ray alone.
 fn packets_agree(view: &TreeView) {
     let mut random = Random(5);
-    let mut walk = PacketWalk::new();
+    let mut walk = PacketWalk::of_queries();
     let all = rays(PACKET * 20);
     for n in 0..60 {
         let eye = random.point() * 1.5;
@@ -176,7 +176,7 @@ fn seen(view: &TreeView, hit: &TriHit) -> ([u32; 3], Option<u32>) {
 
 /// Streams of all lengths: the bits of each ray alone.
 fn streams_agree(view: &TreeView) {
-    let (mut stream, mut alone) = (Stream::new(), Walk::new());
+    let (mut stream, mut alone) = (Stream::of_queries(), Walk::new());
     let all = rays(STREAM);
     for count in [0, 1, 15, 16, 17, 63, 64, 200, STREAM] {
         all[..count].iter().enumerate().for_each(|(i, ray)| stream.set(i, ray));

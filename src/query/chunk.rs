@@ -51,7 +51,7 @@ impl Default for Chunk {
             rays: [Ray::NONE; CHUNK],
             found: [Found::nothing(0.0); CHUNK],
             firsts: [0; CHUNK / PACKET],
-            stream: SceneStream::default(),
+            stream: SceneStream::of_queries(),
             packet: ScenePacket::default(),
             in_one: InOne::default(),
             simple: Simple::default(),

@@ -318,6 +318,11 @@ impl Default for SceneStream {
 }
 
 impl SceneStream {
+    /// See [`Stream::of_queries`].
+    pub fn of_queries() -> Self {
+        Self { tree: Stream::of_queries(), ..Self::default() }
+    }
+
     /// Rays of the last call without an answer.
     pub fn unfinished(&self) -> &[u32] {
         &self.unfinished

@@ -6,8 +6,8 @@
 //! slabs out where that is too little, but for one node in so many.
 //!
 //! Hits do not depend on it, but for slivers met edge-on (`trace`), of which the triangle test takes rays for hits that pass beyond their
-//! ends: these slabs leave out. So that answers do not depend on who worked on other rays, counts begin anew with each batch; and what never
-//! waits, whose pictures are the same with any threads and vectors, asks for none.
+//! ends: these slabs leave out. So that answers do not depend on who worked on other rays, counts begin anew with each batch of queries. Frames,
+//! whose pictures are the same with any threads and vectors, ask for none: they use walks as these are made.
 
 /// What a test of a node's slabs takes a ray that goes alone, and a packet; and what a child gains that is not visited for them, in the same unit.
 /// (With 3 for packets too shadow rays of a scan of 10 million took a tenth more time.)
@@ -24,14 +24,17 @@ const WEIGHT: i32 = 8;
 /// What slabs have saved lately.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Gauge {
+    is_on: bool,
     test: i32,
     saved: i32,
     skipped: u32,
 }
 
 impl Gauge {
+    /// No slabs are tested.
+    pub const OFF: Self = Self { is_on: false, test: 0, saved: 0, skipped: 0 };
     /// For rays that go alone.
-    pub const ALONE: Self = Self { test: ALONE, saved: 0, skipped: 0 };
+    pub const ALONE: Self = Self { is_on: true, test: ALONE, ..Self::OFF };
     /// For packets.
     pub const TOGETHER: Self = Self { test: TOGETHER, ..Self::ALONE };
 
@@ -39,7 +42,7 @@ impl Gauge {
     #[inline(always)]
     pub fn asks(&mut self) -> bool {
         self.skipped = self.skipped.wrapping_add(1);
-        self.saved >= 0 || self.skipped.is_multiple_of(EVERY)
+        self.is_on && (self.saved >= 0 || self.skipped.is_multiple_of(EVERY))
     }
 
     /// So many children need no visit, of a node whose slabs were tested.
@@ -81,5 +84,7 @@ mod tests {
         assert!(share(&mut gauge, 10_000, |_| 1) < 0.05);
         gauge = Gauge::TOGETHER;
         assert!(share(&mut gauge, 10_000, |_| 2) > 0.999);
+        gauge = Gauge::OFF;
+        assert_eq!(share(&mut gauge, 10_000, |_| 2), 0.0);
     }
 }

@@ -166,12 +166,17 @@ impl PacketWalk {
             waiting: 0,
             passed: [[f32::INFINITY; 16]; VECTORS],
             alone: Walk::new(),
-            gauge: Gauge::TOGETHER,
+            gauge: Gauge::OFF,
             counters: Counters::default(),
         }
     }
 
-    /// What comes from here on does not depend on what came before: so answers are the same whoever worked on other rays.
+    /// For rays of queries, see [`PacketWalk::begin_batch`].
+    pub fn of_queries() -> Self {
+        Self { gauge: Gauge::TOGETHER, ..Self::new() }
+    }
+
+    /// For rays of queries: slabs of cells may spare visits from here on, whatever came before.
     pub fn begin_batch(&mut self) {
         self.gauge = Gauge::TOGETHER;
     }

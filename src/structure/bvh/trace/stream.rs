@@ -46,6 +46,8 @@ pub struct Stream {
     unfinished: Vec<u32>,
     /// Where each ray passed a stand-in first; infinity if it passed none.
     passed: Box<[f32; STREAM]>,
+    /// As each call begins.
+    gauge: Gauge,
     /// What the walks did.
     pub counters: Counters,
 }
@@ -69,7 +71,12 @@ impl Stream {
     pub fn new() -> Self {
         let mut stack = Stack { t: [0.0; DEPTH], child: [NOTHING; DEPTH], block: [0; DEPTH] };
         stack.t[..BOTTOM].fill(f32::NEG_INFINITY);
-        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), counters: Counters::default() }
+        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), gauge: Gauge::OFF, counters: Counters::default() }
+    }
+
+    /// For rays of queries: slabs of cells may spare visits.
+    pub fn of_queries() -> Self {
+        Self { gauge: Gauge::ALONE, ..Self::new() }
     }
 
     /// Takes ray `i` over, below [`STREAM`].
@@ -262,7 +269,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             block_id: [0; LANES],
             block: [Block::new(&[]); LANES],
             entered: 0,
-            gauge: Gauge::ALONE,
+            gauge: stream.gauge,
             counters: stream.counters,
             is_large: ahead::is_large(view.snapshot),
         };

@@ -245,7 +245,8 @@ fn slabs<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, row
         let mut way = [s.load8(&state.scratch.enter[lane]), s.load8(&state.scratch.leave[lane])];
         let (mut small, mut leaves) = (0, u32::MAX);
         if LOD {
-            let asks = !state.view.never_waits && state.gauge.asks();
+            // In place of missing leaves cells stand in.
+            let asks = state.gauge.asks() && !state.view.never_waits;
             leaves = if asks { stand_in::leaves(node) & met } else { 0 };
             let (these, likely) = cells.likely(s, node, met, way[1].min(s.splat8(ray.best())));
             if likely | leaves == 0 {
