@@ -16,10 +16,11 @@ use crate::math::Bounds;
 use glam::Vec3;
 
 /// Overlap of the sides of an object split, as a share of the mesh's box's area, from which splitting space is
-/// considered. What walks gain by it they mostly gain by slabs (`trace/gauge.rs`) already. On the airliner of 5 million, bytes a triangle, and
-/// nanoseconds of a primary, a shadow and a bounce ray: with 3e-4 83.7, 105, 834, 1,080; 1e-3 79.6, 110, 881, 1,135; 3e-3 71.4, 112, 842, 1,203;
-/// without splits 59.1, 149, 1,036, 1,730. (Before slabs 149, 976 and 1,640 with 3e-4.)
-const OVERLAP: f32 = 4e-3;
+/// considered. With less (1e-6: more attempts) the room for copies is gone before the splits that matter:
+/// on the airliner of 5 million a tenth more references, a SAH cost a seventh higher, nearly twice the time. With more less is gained: bytes a
+/// triangle of it, and nanoseconds of a primary, a shadow and a bounce ray of queries, with 3e-4 83.7, 105, 834, 1,080; 1e-3 79.6, 110, 881, 1,135;
+/// 3e-3 71.4, 112, 842, 1,203; 4e-3 69.4; without splits 59.1, 149, 1,036, 1,730. But forests of wires are half a percent farther from their coverage.
+const OVERLAP: f32 = 3e-4;
 
 /// A plane that divides space.
 #[derive(Debug, Clone, Copy)]
