@@ -80,24 +80,26 @@ fn what_walks_visit_is_pinned() {
     assert!(found[3][3][0] * 2 < found[3][2][0] && found[3][3][1] * 3 < found[3][2][1] * 2);
 }
 
-/// Long thin triangles fill little of their boxes, which rays that go alone test alone: of the leaves whose boxes rays meet, slabs leave out the most.
+/// Long thin triangles fill little of their boxes, which is all that single walks test: of the leaves whose boxes rays meet, slabs leave some
+/// out. (Of these, which are of one closed surface, few.)
 #[test]
 fn slabs_leave_out_leaves_of_what_is_thin() {
     let tree = TestTree::around_middle(&scenes::slivers().tris, 0.0);
     let mut maker = RayMaker::new(&tree.stored, 7);
     let mixed = maker.batch(RAYS);
     let wide: Vec<Ray32> = mixed.iter().map(|ray| Ray32 { cone: Cone { a: 0.0, b: 1e-6 }, ..*ray }).collect();
-    for (name, rays) in [("exact", &mixed), ("wide", &wide)] {
+    for (name, rays, most) in [("exact", &mixed, 97), ("wide", &wide, 75)] {
         let [single, stream, ..] = count(rays, &tree).map(|c| per_ray(&c));
         println!("{name}: {single:?}, {stream:?}");
+        assert!(100 * stream[1] < most * single[1] && 100 * stream[2] < most * single[2], "{name}: {single:?} {stream:?}");
     }
 }
 
 /// Camera rays, rays of all kinds, camera rays with a width, camera rays from near; of each, single, stream, packet, bundle. A change of the builder or of the walks changes
 /// them: look whether it is for the better, and write the new ones down.
 const PINNED: [[[u64; 5]; 4]; 4] = [
-    [[27388, 5276, 23972, 4916, 13416], [24699, 4036, 18364, 3968, 10283], [9020, 3871, 18448, 1582, 9824], [8658, 4205, 20325, 1562, 10625]],
-    [[48286, 15363, 71128, 11848, 39501], [47132, 14452, 67039, 11439, 37188], [48286, 15363, 71128, 11848, 39501], [48286, 15363, 71128, 11848, 39501]],
-    [[25648, 202, 1138, 3936, 556], [25648, 96, 524, 3936, 258], [7930, 146, 908, 1080, 400], [7592, 118, 842, 1074, 329]],
-    [[63724, 25476, 107720, 17988, 63060], [61505, 17462, 74395, 16069, 43881], [3622, 1310, 5036, 732, 3182], [1582, 844, 5296, 324, 1986]],
+    [[27388, 5276, 23972, 4916, 13416], [24968, 4380, 19836, 4218, 11126], [9020, 3869, 18448, 1582, 9820], [8658, 4882, 23622, 1562, 12280]],
+    [[48286, 15363, 71128, 11848, 39501], [47002, 14369, 66606, 11346, 36975], [48286, 15363, 71128, 11848, 39501], [48286, 15363, 71128, 11848, 39501]],
+    [[25648, 202, 1138, 3936, 556], [25648, 186, 1038, 3936, 510], [7930, 146, 908, 1080, 400], [7592, 146, 908, 1074, 400]],
+    [[63724, 25476, 107720, 17988, 63060], [61002, 17256, 73468, 15960, 43400], [3622, 1310, 5028, 732, 3182], [1582, 846, 5296, 324, 1992]],
 ];
