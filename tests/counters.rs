@@ -88,11 +88,12 @@ fn slabs_leave_out_leaves_of_what_is_thin() {
     let mut maker = RayMaker::new(&tree.stored, 7);
     let mixed = maker.batch(RAYS);
     let wide: Vec<Ray32> = mixed.iter().map(|ray| Ray32 { cone: Cone { a: 0.0, b: 1e-6 }, ..*ray }).collect();
-    for (name, rays, most) in [("exact", &mixed, 97), ("wide", &wide, 75)] {
-        let [single, stream, ..] = count(rays, &tree).map(|c| per_ray(&c));
-        println!("{name}: {single:?}, {stream:?}");
-        assert!(100 * stream[1] < most * single[1] && 100 * stream[2] < most * single[2], "{name}: {single:?} {stream:?}");
-    }
+    let [single, stream, ..] = count(&mixed, &tree).map(|c| per_ray(&c));
+    println!("{single:?}, {stream:?}");
+    assert!(100 * stream[1] < 97 * single[1] && 100 * stream[2] < 97 * single[2], "{single:?} {stream:?}");
+    // Where cells may stand in none is left out: hits would depend on who asked.
+    let [single, stream, ..] = count(&wide, &tree).map(|c| per_ray(&c));
+    assert!(stream[1].abs_diff(single[1]) * 100 < single[1], "{single:?} {stream:?}");
 }
 
 /// Camera rays, rays of all kinds, camera rays with a width, camera rays from near; of each, single, stream, packet, bundle. A change of the builder or of the walks changes
@@ -100,6 +101,6 @@ fn slabs_leave_out_leaves_of_what_is_thin() {
 const PINNED: [[[u64; 5]; 4]; 4] = [
     [[27388, 5276, 23972, 4916, 13416], [24968, 4380, 19836, 4218, 11126], [9020, 3869, 18448, 1582, 9820], [8658, 4882, 23622, 1562, 12280]],
     [[48286, 15363, 71128, 11848, 39501], [47002, 14369, 66606, 11346, 36975], [48286, 15363, 71128, 11848, 39501], [48286, 15363, 71128, 11848, 39501]],
-    [[25648, 202, 1138, 3936, 556], [25648, 186, 1038, 3936, 510], [7930, 146, 908, 1080, 400], [7592, 146, 908, 1074, 400]],
+    [[25648, 202, 1138, 3936, 556], [25648, 202, 1138, 3936, 556], [7930, 146, 908, 1080, 400], [7592, 146, 908, 1074, 400]],
     [[63724, 25476, 107720, 17988, 63060], [61002, 17256, 73468, 15960, 43400], [3622, 1310, 5028, 732, 3182], [1582, 846, 5296, 324, 1992]],
 ];

@@ -230,8 +230,8 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
 ) -> Option<PacketEntry> {
     let node = block.node(index);
     let mut mask = boxes.met;
-    // Leaves whose slabs are asked: in place of missing ones cells stand in.
-    let is_asked = walk.gauge.asks() && !view.never_waits;
+    // Leaves whose slabs are asked.
+    let is_asked = !LOD && walk.gauge.asks();
     let leaves = if is_asked { stand_in::leaves(node) & mask } else { 0 };
     let mut beside = 0;
     let is_few = shared.one_origin && entry.rays.count_ones() <= packet_few::FEW;

@@ -7,7 +7,6 @@ use super::ahead::ask_for;
 use super::pass::Passing;
 use super::rays16::OneRay;
 use super::single::{self, CellLanes, LeafRay, is_better, triangles};
-use super::stand_in;
 use super::stream::{
     AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, STREAM, State, lane, push,
 };
@@ -232,7 +231,8 @@ fn cell_lanes<S: Simd>(s: S, ray: &OneRay, reach: f32) -> CellLanes<S> {
 }
 
 /// Looks at the slabs of the nodes that some lanes are at: children that a ray passes beside its slabs are not met; where cells may
-/// stand in, that is leaves, and what may stand in is offered. (Not nodes there: what stands in below may reach out of their slabs.)
+/// stand in, what may is offered. (No more there: what stands in below may reach out of a node's slabs; and of a triangle that spatial
+/// splits put into several leaves one's cell may stand in and be passed, while the ray meets the triangle by way of the other.)
 #[inline(always)]
 fn slabs<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, row: &Row, count: usize) {
     let (mut offering, mut counts) = ([[0; LANES]; 4], Counts::default());
@@ -243,32 +243,27 @@ fn slabs<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, row
         let cells = cell_lanes(s, ray, state.view.reach);
         let met = state.scratch.hits[lane];
         let mut way = [s.load8(&state.scratch.enter[lane]), s.load8(&state.scratch.leave[lane])];
-        let (mut small, mut leaves) = (0, u32::MAX);
+        let mut small = 0;
         if LOD {
-            // In place of missing leaves cells stand in.
-            let asks = state.gauge.asks() && !state.view.never_waits;
-            leaves = if asks { stand_in::leaves(node) & met } else { 0 };
             let (these, likely) = cells.likely(s, node, met, way[1].min(s.splat8(ray.best())));
-            if likely | leaves == 0 {
+            if likely == 0 {
                 continue;
             }
             (small, way) = cells.small(&these, likely);
-            leaves &= !small;
-            if small | leaves == 0 {
+            if small == 0 {
                 continue;
             }
         }
         let [enter, leave] = cells.within(s, node, way);
         let crosses = enter.le(leave).bits();
-        let beside = met & leaves & !crosses;
-        if leaves != 0 {
-            state.gauge.saw(beside.count_ones());
+        if !LOD {
+            state.gauge.saw((met & !crosses).count_ones());
+            state.scratch.hits[lane] = met & crosses;
         }
-        state.scratch.hits[lane] = met & !beside;
         if LOD {
             state.scratch.small[lane] = small | crosses << 8;
             state.scratch.leave[lane] = enter.to_array();
-            counts.push(&mut offering, usize::from(small != 0), lane);
+            counts.push(&mut offering, 1, lane);
         }
     }
     for i in 0..counts.of(1) {
