@@ -86,8 +86,8 @@ fn tree(random: &mut Random, nodes: &mut Vec<[Option<Child>; WIDTH]>, counts: &m
 
 const PLACE: Place = Place { id: 3, end: 9, holds: Holds::All };
 
-/// A block with nodes, and its leaf block if it is not all of a tree.
-fn block(seed: u64, holds: Holds) -> (Vec<u32>, Option<Vec<u32>>) {
+/// A block with nodes, and its leaf block if it is not all of a tree; `None` if they are larger than blocks may be.
+fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     let mut random = Random(seed);
     let (mut nodes, mut counts) = (Vec::new(), [0, 0]);
     for _ in 0..1 + random.below(2) {
@@ -118,6 +118,9 @@ fn block(seed: u64, holds: Holds) -> (Vec<u32>, Option<Vec<u32>>) {
     }
     let leaves_at = parts_at + own_parts + firsts.len() + voxels.len() + sides.len();
     let begin = if holds == Holds::All { leaves_at } else { HEADER_WORDS + parts };
+    if leaves_at.max(begin + leaf_words.len()) + PAD_WORDS > MAX_WORDS {
+        return None;
+    }
     let (mut table, mut places) = (Vec::new(), Vec::new());
     let mut slabs = 0;
     for (i, children) in nodes.iter().enumerate() {
@@ -162,7 +165,7 @@ fn block(seed: u64, holds: Holds) -> (Vec<u32>, Option<Vec<u32>>) {
     if holds == Holds::All {
         words.extend(leaf_words);
         words.resize(words.len() + PAD_WORDS, 0);
-        return (words, None);
+        return Some((words, None));
     }
     words.resize(words.len() + PAD_WORDS, 0);
     let mut own = leaf_block_head(triangles, parts).to_vec();
@@ -170,7 +173,7 @@ fn block(seed: u64, holds: Holds) -> (Vec<u32>, Option<Vec<u32>>) {
     own.extend((0..parts).map(|part| 3 * part as u32));
     own.extend(leaf_words);
     own.resize(own.len() + PAD_WORDS, 0);
-    (words, Some(own))
+    Some((words, Some(own)))
 }
 
 /// All truncations, and bytes changed at random: refused, or sound.
@@ -213,8 +216,9 @@ proptest! {
     #[test]
     fn blocks_with_nodes_come_back(seed in any::<u64>(), is_fine in any::<bool>()) {
         let place = Place { holds: if is_fine { Holds::NodesOverLeaves } else { Holds::All }, ..PLACE };
-        let (words, leaves) = block(seed, place.holds);
-        prop_assume!(words.len() <= MAX_WORDS && leaves.as_ref().is_none_or(|leaves| leaves.len() <= MAX_WORDS));
+        let made = block(seed, place.holds);
+        prop_assume!(made.is_some());
+        let (words, leaves) = made.expect("looked at");
         prop_assert_eq!(validate(&words, place), Ok(()));
         let payload = encode_geometry(&words, leaves.as_deref());
         prop_assert_eq!(decode_geometry(&payload, place), Ok(words));
