@@ -5,13 +5,10 @@ use crate::pairs::Spread;
 use crate::record::{Accuracy, Counters, Record, Trace};
 use std::collections::BTreeMap;
 
-/// Records of rays of one benchmark: the full one if it was measured, at the most threads.
+/// Records of rays of one benchmark, at the most threads.
 pub fn traces<'a>(records: &'a [Record], benchmark: &str) -> Vec<(&'a Record, &'a Trace)> {
-    let of = |name: &str| -> Vec<(&Record, &Trace)> {
-        records.iter().filter(|r| r.benchmark == name).filter_map(|r| Some((r, r.trace()?))).collect()
-    };
-    let full = of(&format!("{benchmark}-full"));
-    let mut all = if full.is_empty() { of(benchmark) } else { full };
+    let of_it = records.iter().filter(|r| r.benchmark == benchmark);
+    let mut all: Vec<(&Record, &Trace)> = of_it.filter_map(|r| Some((r, r.trace()?))).collect();
     let most = all.iter().map(|(_, t)| t.threads).max();
     all.retain(|(_, t)| Some(t.threads) == most);
     all
@@ -143,6 +140,7 @@ pub fn foot<'a>(records: impl Iterator<Item = &'a Record>, what: &str) -> String
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::Outcomes;
     use crate::record::tests::trace;
 
     #[test]
@@ -166,11 +164,16 @@ mod tests {
     }
 
     #[test]
-    fn full_benchmarks_come_first_and_the_most_threads() {
+    fn one_benchmark_and_the_most_threads() {
         let mut records = [trace("a", "bvh", "primary", 0.0, 1.0, 0.0), trace("b", "bvh", "primary", 0.0, 1.0, 0.0)];
         assert_eq!(traces(&records, "speed").len(), 2);
-        records[1].benchmark = "large".into();
+        if let Outcomes::Trace(t) = &mut records[0].result {
+            t.threads -= 1;
+        }
         let picked = traces(&records, "speed");
         assert_eq!((picked.len(), picked[0].0.scene.as_str()), (1, "b"));
+        records[1].benchmark = "large".into();
+        assert_eq!(traces(&records, "speed")[0].0.scene, "a");
+        assert_eq!(traces(&records, "large")[0].0.scene, "b");
     }
 }
