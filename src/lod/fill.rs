@@ -55,14 +55,13 @@ impl Fill {
     pub fn of(content: &Content, cell: &Bounds) -> Self {
         let grid = Grid::of(cell);
         let mut out = Self { occupied: 0, within: 0.0 };
-        let triangles = content.triangles();
-        for triangle in triangles {
-            let [a, b, c] = triangle.map(|v| v.as_dvec3());
-            if triangles.len() <= FEW {
-                out.add_triangle(&grid, a, b - a, c - a);
-            } else {
-                [a, b, c, (a + b + c) * (1.0 / 3.0)].iter().for_each(|p| out.add_point(&grid, *p));
-            }
+        let (triangles, corners) = content.triangles();
+        let three = |triangle: &[u16; 3]| triangle.map(|at| corners[usize::from(at)].as_dvec3());
+        if triangles.len() <= FEW {
+            triangles.iter().map(three).for_each(|[a, b, c]| out.add_triangle(&grid, a, b - a, c - a));
+        } else {
+            corners.iter().for_each(|p| out.add_point(&grid, p.as_dvec3()));
+            triangles.iter().map(three).for_each(|[a, b, c]| out.add_point(&grid, (a + b + c) * (1.0 / 3.0)));
         }
         for (cell, _, fill) in content.cells() {
             out.add_piece(&grid, &Grid::of(cell), fill);

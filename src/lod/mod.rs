@@ -1,11 +1,12 @@
 //! Stand-ins: what is shown for a part of a tree that is not descended into. `voxel` is what a cell looks like from each side,
-//! composited from what lies in it, `seen` what a ray sees of that; `slabs` where in the cell that is, and `fill` how near to it all of that; `coded` their bytes.
+//! composited from what lies in it, `seen` what a ray sees of that; `slabs` where in the cell that is (by how far points `reach`), and `fill` how near to it all of that; `coded` their bytes.
 //! Where a cell may stand in is decided by the walks (`structure::bvh::trace`); what its hits promise by `query::finish`. Uses base, math
 //! and simd.
 #![forbid(unsafe_code)]
 
 mod coded;
 mod fill;
+mod reach;
 mod seen;
 mod slabs;
 mod voxel;

@@ -17,9 +17,11 @@
 
 use super::coded::octahedral_axis;
 use super::fill::Fill;
+use super::reach::{AXES, reach};
 use crate::math::Bounds;
 use crate::simd::Lanes;
 use glam::{DVec3, Vec3};
+use std::array::from_fn;
 
 /// The parts of the word, from which bit on and how many: low and high plane across the normal; turn; low and high plane across the
 /// second axis.
@@ -30,12 +32,18 @@ pub const LEVEL: (u32, u32) = (30, 2);
 const STEPS: [u32; 2] = [127, 31];
 /// Ways in which the second axis may be turned.
 const TURNS: u32 = 64;
+/// Turns of which the best is sought first: every so many.
+const COARSE: u32 = TURNS / AXES as u32;
+/// Axes of those between its neighbours, and behind them the one that turns are across.
+const AROUND: usize = 2 * AXES;
+const ACROSS: usize = AROUND - 1;
+const _: () = assert!(2 * COARSE as usize == AROUND);
 /// A second slab of more steps than this is not worth its time.
 const WIDEST: u32 = 20;
 /// What a cell's ends along an axis are off by, as a part of the greatest magnitude of a coordinate: 17 h (`cell_slabs.rs`) and more.
 const ENDS: f64 = 24.0 / 16_777_216.0;
-/// A content of more points than these is kept as the slabs of its pieces.
-const POINTS: usize = 768;
+/// A content of more triangles than these is kept as the slabs of its pieces.
+const TRIANGLES: usize = 256;
 
 /// What lies between two planes: points `p` with `low <= axis . p <= high`. Of one cell, or of one in each lane.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -150,36 +158,50 @@ pub(super) fn splat<const N: usize, L: Lanes<N>>(like: L, v: f32) -> L {
 /// in these there is surface.
 #[derive(Debug, Clone, Default)]
 pub struct Content {
-    /// Three for each triangle.
+    /// Corners of the triangles, those that leaves share once for each leaf.
     points: Vec<Vec3>,
+    /// Each triangle's among these.
+    triangles: Vec<[u16; 3]>,
     cells: Vec<(Bounds, Slabs<f32>, Fill)>,
 }
 
 impl Content {
+    /// Of triangles, each by the places of its corners among `points`, all of which are some triangle's.
+    pub fn of_triangles(points: Vec<Vec3>, triangles: Vec<[u16; 3]>) -> Self {
+        Self { points, triangles, cells: Vec::new() }
+    }
+
     /// Of triangles with these corners, three each.
+    #[cfg(test)]
     pub fn of_points(points: Vec<Vec3>) -> Self {
-        Self { points, cells: Vec::new() }
+        let triangles = (0..points.len() as u16 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        Self::of_triangles(points, triangles)
     }
 
     /// Of pieces in these cells.
     pub fn of_cells(cells: Vec<(Bounds, Slabs<f32>, Fill)>) -> Self {
-        Self { points: Vec::new(), cells }
+        Self { cells, ..Self::default() }
     }
 
     /// Of pieces in their cells, with their slabs.
     pub fn over(pieces: Vec<(Self, Bounds, Slabs<f32>, Fill)>) -> Self {
-        let points = pieces.iter().map(|(c, ..)| c.points.len()).sum();
-        if points <= POINTS && pieces.iter().all(|(c, ..)| c.cells.is_empty()) {
-            let mut all = Vec::with_capacity(points);
-            pieces.iter().for_each(|(c, ..)| all.extend_from_slice(&c.points));
-            return Self::of_points(all);
+        let triangles = pieces.iter().map(|(c, ..)| c.triangles.len()).sum();
+        if triangles > TRIANGLES || pieces.iter().any(|(c, ..)| !c.cells.is_empty()) {
+            return Self::of_cells(pieces.into_iter().map(|(_, cell, slabs, fill)| (cell, slabs, fill)).collect());
         }
-        Self::of_cells(pieces.into_iter().map(|(_, cell, slabs, fill)| (cell, slabs, fill)).collect())
+        let points = pieces.iter().map(|(c, ..)| c.points.len()).sum();
+        let mut all = Self::of_triangles(Vec::with_capacity(points), Vec::with_capacity(triangles));
+        for (content, ..) in &pieces {
+            let first = all.points.len() as u16;
+            all.points.extend_from_slice(&content.points);
+            all.triangles.extend(content.triangles.iter().map(|corners| corners.map(|at| first + at)));
+        }
+        all
     }
 
-    /// The triangles, if they are known.
-    pub fn triangles(&self) -> &[[Vec3; 3]] {
-        self.points.as_chunks().0
+    /// The triangles, if they are known, and all their corners.
+    pub fn triangles(&self) -> (&[[u16; 3]], &[Vec3]) {
+        (&self.triangles, &self.points)
     }
 
     /// If not: its pieces.
@@ -190,68 +212,93 @@ impl Content {
     /// The word of its slabs in `cell`, across the normal in `normal`: outward, so that they hold it.
     pub fn slabs(&self, normal: u32, cell: &Middle<f32>) -> u32 {
         let across = octahedral_axis(normal_bytes(normal));
-        let turn = self.best_turn(across);
-        let [low, high] = self.between(1, turned(across, turn as f32), cell);
-        let [first, last] = self.between(0, across, cell);
+        let near = self.near_best_turn(across);
+        let (turn, axis) = (near.best.0, turned(across, near.best.0 as f32));
+        let [low, high] = between(1, axis, near.reach(near.best.1), cell);
+        let [first, last] = between(0, across, near.reach(ACROSS), cell);
         let second = if high - low > WIDEST { [0, 0, STEPS[1]] } else { [turn, low, high] };
         let all = [first, last, second[0], second[1], second[2]];
         all.iter().zip(FIELDS).fold(0, |word, (steps, (from, _))| word | steps << from)
     }
 
     /// The turn of the second axis along which the content is least wide: of eight, then of those between.
-    fn best_turn(&self, across: [f32; 3]) -> u32 {
-        let width = |turn: u32| {
-            let axis = turned(across, turn as f32);
-            let [low, high] = self.reach(axis);
-            (high - low) / f64::from(Vec3::from(axis).length())
-        };
+    fn near_best_turn(&self, across: [f32; 3]) -> Near<'_> {
+        let axis = |turn: u32| turned(across, (turn % TURNS) as f32);
+        let coarse: [[f32; 3]; AXES] = from_fn(|i| axis(i as u32 * COARSE));
+        let of_points = reach(&self.points, &coarse);
         let mut best = (f64::INFINITY, 0);
-        let mut look = |turn: u32| {
-            let wide = width(turn);
+        for (i, axis) in coarse.into_iter().enumerate() {
+            let wide = width(axis, self.with_cells(axis, of_points[i]));
             if wide < best.0 {
-                best = (wide, turn);
+                best = (wide, i as u32 * COARSE);
             }
-            best.1
-        };
-        let mut at = (0..TURNS).step_by(8).fold(0, |_, turn| look(turn));
+        }
+        let from = best.1 + TURNS + 1 - COARSE;
+        let axes: [[f32; 3]; AROUND] = from_fn(|i| if i == ACROSS { across } else { axis(from + i as u32) });
+        let [one, other] = [0, AXES].map(|at| reach(&self.points, &from_fn(|i| axes[at + i])));
+        let of_points = from_fn(|i| if i < AXES { one[i] } else { other[i - AXES] });
+        let mut near = Near { content: self, axes, of_points, best: (0, 0) };
+        let mut narrowest = (best.0, COARSE as usize - 1);
         for step in [4, 2, 1] {
-            look((at + TURNS - step) % TURNS);
-            at = look((at + step) % TURNS);
+            let middle = narrowest.1;
+            for at in [middle - step, middle + step] {
+                let wide = width(axes[at], near.reach(at));
+                if wide < narrowest.0 {
+                    narrowest = (wide, at);
+                }
+            }
         }
-        at
+        near.best = ((from + narrowest.1 as u32) % TURNS, narrowest.1);
+        near
     }
 
-    /// The steps of the planes across `axis`.
-    fn between(&self, which: usize, axis: [f32; 3], cell: &Middle<f32>) -> [u32; 2] {
-        let [low, high] = self.reach(axis);
-        let range = Range::of(axis, cell, which);
-        let plane = |steps: u32| f64::from(range.plane(steps as f32));
-        let guess = |at: f64| ((at - f64::from(range.from)) / f64::from(range.step)).clamp(0.0, f64::from(STEPS[which]));
-        // What rounding has moved is seen by looking at the planes as walks do.
-        let (mut first, mut last) = (guess(low) as u32, guess(high).ceil() as u32);
-        while first > 0 && plane(first) > low {
-            first -= 1;
-        }
-        while last < STEPS[which] && plane(last) < high {
-            last += 1;
-        }
-        [first, last]
-    }
-
-    /// How far it reaches along `axis`, or farther.
-    fn reach(&self, axis: [f32; 3]) -> [f64; 2] {
+    /// How far it reaches along `axis`, or farther; `of_points`: its points.
+    fn with_cells(&self, axis: [f32; 3], of_points: [f64; 2]) -> [f64; 2] {
+        let [mut low, mut high] = of_points;
         let axis = Vec3::from(axis).as_dvec3();
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for p in &self.points {
-            let at = p.as_dvec3().dot(axis);
-            (low, high) = (low.min(at), high.max(at));
-        }
         for (cell, slabs, _) in &self.cells {
             low = low.min(-farthest(cell, slabs, -axis));
             high = high.max(farthest(cell, slabs, axis));
         }
         [low, high]
     }
+}
+
+/// A content along the axes of turns near the best one, and along the one that these are across.
+struct Near<'a> {
+    content: &'a Content,
+    axes: [[f32; 3]; AROUND],
+    of_points: [[f64; 2]; AROUND],
+    /// The best turn, and where among the axes its own is.
+    best: (u32, usize),
+}
+
+impl Near<'_> {
+    /// How far it reaches along one of the axes, or farther.
+    fn reach(&self, axis: usize) -> [f64; 2] {
+        self.content.with_cells(self.axes[axis], self.of_points[axis])
+    }
+}
+
+/// How wide something is that reaches so far along `axis`, which is of any length.
+fn width(axis: [f32; 3], [low, high]: [f64; 2]) -> f64 {
+    (high - low) / f64::from(Vec3::from(axis).length())
+}
+
+/// The steps of the planes across `axis`, along which a content reaches from `low` to `high`.
+fn between(which: usize, axis: [f32; 3], [low, high]: [f64; 2], cell: &Middle<f32>) -> [u32; 2] {
+    let range = Range::of(axis, cell, which);
+    let plane = |steps: u32| f64::from(range.plane(steps as f32));
+    let guess = |at: f64| ((at - f64::from(range.from)) / f64::from(range.step)).clamp(0.0, f64::from(STEPS[which]));
+    // What rounding has moved is seen by looking at the planes as walks do.
+    let (mut first, mut last) = (guess(low) as u32, guess(high).ceil() as u32);
+    while first > 0 && plane(first) > low {
+        first -= 1;
+    }
+    while last < STEPS[which] && plane(last) < high {
+        last += 1;
+    }
+    [first, last]
 }
 
 /// How far what is in a cell and in its slabs reaches along `axis`, or farther.

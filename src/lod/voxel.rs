@@ -103,16 +103,19 @@ impl Voxel {
     /// Of a leaf's triangles, at least one, in `cell`.
     pub fn of_leaf(cell: &Bounds, facets: &[Facet]) -> Self {
         let extent = cell.extent();
-        let mut sides = [Sample::NOTHING; 6];
-        for (side, sample) in sides.iter_mut().enumerate() {
-            let (axis, _) = axis_of(side);
-            let mut sum = Sum::default();
-            for f in facets {
-                let size = f.normal.length();
-                if size > 0.0 && size.is_finite() {
-                    sum.add(toward(f.normal / size, side), f.colour, f.normal[axis].abs());
+        let mut sums = [Sum::default(); 6];
+        for f in facets {
+            let size = f.normal.length();
+            if size > 0.0 && size.is_finite() {
+                let unit = f.normal / size;
+                for (side, sum) in sums.iter_mut().enumerate() {
+                    sum.add(toward(unit, side), f.colour, f.normal[axis_of(side).0].abs());
                 }
             }
+        }
+        let mut sides = [Sample::NOTHING; 6];
+        for (side, (sample, sum)) in sides.iter_mut().zip(&sums).enumerate() {
+            let (axis, _) = axis_of(side);
             let face = extent[(axis + 1) % 3] * extent[(axis + 2) % 3];
             // A facet's normal is as long as twice its area.
             let cover = if face > 0.0 { (0.5 * sum.weight / face).min(1.0) } else { 1.0 };
@@ -146,6 +149,10 @@ impl Voxel {
 
     /// A side from which nothing is seen, for all facets are edge-on there, has what the others have.
     fn fill_unseen(&mut self, facets: &[Facet]) {
+        let is_unseen = |sample: &Sample| sample.cover == 0.0 || sample.normal == Vec3::ZERO;
+        if !self.sides.iter().any(is_unseen) {
+            return;
+        }
         let mut sum = Sum::default();
         for f in facets {
             let size = f.normal.length();
@@ -156,7 +163,7 @@ impl Voxel {
         }
         let all = sum.mean(0.0);
         for (side, sample) in self.sides.iter_mut().enumerate() {
-            if sample.cover == 0.0 || sample.normal == Vec3::ZERO {
+            if is_unseen(sample) {
                 *sample = Sample { normal: toward(all.normal, side), cover: sample.cover, ..all };
             }
         }

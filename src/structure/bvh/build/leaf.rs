@@ -2,30 +2,12 @@
 
 use super::TreeInput;
 use super::refs::Ref;
+use crate::lod::Content;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, leaf_words};
 use glam::{Vec3, Vec4};
 
-/// What a leaf takes.
-#[derive(Debug, Clone, Copy)]
-pub struct LeafSize {
-    /// Triangles, each once.
-    pub triangles: u32,
-    /// Words in the trace form.
-    pub words: u32,
-}
-
-impl LeafSize {
-    /// Of a leaf of these references, or `None` where they do not fit one.
-    pub fn of(refs: &[Ref], input: TreeInput) -> Option<Self> {
-        if refs.len() > MAX_TRIANGLES {
-            return None;
-        }
-        let shape = LeafShape::of(refs, input);
-        shape.fits().then(|| Self { triangles: shape.count as u32, words: shape.words() as u32 })
-    }
-}
-
-/// A leaf's triangles and vertices, found once to measure and once to write.
+/// A leaf's triangles and vertices, found once to build over it and once to write it.
+#[derive(Debug)]
 pub struct LeafShape {
     /// Triangles by ascending primitive id.
     pub triangles: [u32; MAX_TRIANGLES],
@@ -34,7 +16,7 @@ pub struct LeafShape {
     /// Distinct vertices (equal as numbers; -0 equals 0, and the first one's bits stay): x of all, y, z.
     /// NaN, which equals nothing, behind the last one.
     pub vertices: [[f32; 3 * MAX_TRIANGLES]; 3],
-    /// How many; more than fit a leaf if [`LeafShape::fits`] is false.
+    /// How many.
     pub vertex_count: usize,
     /// Vertices of the triangles.
     pub corners: [[u8; 3]; MAX_TRIANGLES],
@@ -43,6 +25,12 @@ pub struct LeafShape {
 }
 
 impl LeafShape {
+    /// Of these references, if they fit a leaf.
+    pub fn that_fits(refs: &[Ref], input: TreeInput) -> Option<Self> {
+        let shape = (refs.len() <= MAX_TRIANGLES).then(|| Self::of(refs, input))?;
+        (shape.vertex_count <= MAX_VERTICES).then_some(shape)
+    }
+
     /// Of at most [`MAX_TRIANGLES`] references.
     pub fn of(refs: &[Ref], input: TreeInput) -> Self {
         let mut shape = Self {
@@ -89,16 +77,24 @@ impl LeafShape {
     /// Where a vertex stands. Four are compared at once: which of them is equal cannot be predicted.
     #[inline(always)]
     fn find(&self, p: Vec3) -> Option<usize> {
-        (0..self.vertex_count).step_by(4).find_map(|at| {
+        let mut at = 0;
+        while at < self.vertex_count {
             let equal = |axis: usize| Vec4::from_slice(&self.vertices[axis][at..]).cmpeq(Vec4::splat(p[axis]));
             let mask = (equal(0) & equal(1) & equal(2)).bitmask();
-            (mask != 0).then(|| at + mask.trailing_zeros() as usize)
-        })
+            if mask != 0 {
+                return Some(at + mask.trailing_zeros() as usize);
+            }
+            at += 4;
+        }
+        None
     }
 
-    /// Whether a leaf can hold it.
-    pub fn fits(&self) -> bool {
-        self.vertex_count <= MAX_VERTICES
+    /// What its references, one or more, hold.
+    pub fn content(&self, refs: &[Ref]) -> Content {
+        let [x, y, z] = &self.vertices;
+        let points = (0..self.vertex_count).map(|i| Vec3::new(x[i], y[i], z[i])).collect();
+        let place = |r: &Ref| self.triangles[..self.count].iter().position(|&t| t as usize == r.triangle()).unwrap_or(0);
+        Content::of_triangles(points, refs.iter().map(|r| self.corners[place(r)].map(u16::from)).collect())
     }
 
     /// Words in the trace form.

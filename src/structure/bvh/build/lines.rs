@@ -157,18 +157,18 @@ impl Lines {
 
     /// Takes the lines of groups `first` to `end` through `region`.
     #[inline(always)]
-    pub fn through(&mut self, region: &Region, [first, end]: [usize; 2]) {
+    pub fn through<S: Simd>(&mut self, s: S, region: &Region, [first, end]: [usize; 2]) {
         self.groups = (end - first).min(GROUPS);
         self.all = NONE;
         for group in 0..self.groups {
-            self.make(region, group, &SPREAD[(first + group) % GROUPS]);
+            self.make(s, region, group, &SPREAD[(first + group) % GROUPS]);
         }
     }
 
     /// A step a loop, so that each becomes vectors.
     #[inline(always)]
-    fn make(&mut self, region: &Region, group: usize, spread: &[Row; 5]) {
-        let (org, dir, way) = (&mut self.org[group], &mut self.dir[group], &mut self.way[group]);
+    fn make<S: Simd>(&mut self, s: S, region: &Region, group: usize, spread: &[Row; 5]) {
+        let (org, dir) = (&mut self.org[group], &mut self.dir[group]);
         let mut at = *spread;
         for k in 0..5 {
             for i in 0..GROUP {
@@ -195,44 +195,44 @@ impl Lines {
             dir[1][i] = across * cos_of_turns(quarter);
             dir[2][i] = height;
         }
-        *way = [[f32::NEG_INFINITY; GROUP], [f32::INFINITY; GROUP]];
+        let (mut near, mut far) = (s.splat8(f32::NEG_INFINITY), s.splat8(f32::INFINITY));
+        let mut inv = [0.0; GROUP];
         for axis in 0..3 {
-            let (low, high) = (region.bounds.min[axis], region.bounds.max[axis]);
             for i in 0..GROUP {
-                let inv = 1.0 / dir[axis][i].abs().max(1e-12).copysign(dir[axis][i]);
-                let (a, b) = ((low - org[axis][i]) * inv, (high - org[axis][i]) * inv);
-                way[0][i] = way[0][i].max(a.min(b));
-                way[1][i] = way[1][i].min(a.max(b));
+                inv[i] = 1.0 / dir[axis][i].abs().max(1e-12).copysign(dir[axis][i]);
             }
+            let (inv, org) = (s.load8(&inv), s.load8(&org[axis]));
+            let (a, b) = ((s.splat8(region.bounds.min[axis]) - org) * inv, (s.splat8(region.bounds.max[axis]) - org) * inv);
+            (near, far) = (near.max(a.min(b)), far.min(a.max(b)));
         }
         for slab in &region.slabs {
             let [x, y, z] = slab.axis;
+            let mut from = [0.0; GROUP];
             for i in 0..GROUP {
                 let along = dir[0][i] * x + dir[1][i] * y + dir[2][i] * z;
-                let from = org[0][i] * x + org[1][i] * y + org[2][i] * z;
-                let inv = 1.0 / along.abs().max(1e-30).copysign(along);
-                let (a, b) = ((slab.low - from) * inv, (slab.high - from) * inv);
-                way[0][i] = way[0][i].max(a.min(b));
-                way[1][i] = way[1][i].min(a.max(b));
+                from[i] = org[0][i] * x + org[1][i] * y + org[2][i] * z;
+                inv[i] = 1.0 / along.abs().max(1e-30).copysign(along);
             }
+            let (inv, from) = (s.load8(&inv), s.load8(&from));
+            let (a, b) = ((s.splat8(slab.low) - from) * inv, (s.splat8(slab.high) - from) * inv);
+            (near, far) = (near.max(a.min(b)), far.min(a.max(b)));
         }
+        self.way[group] = [near.to_array(), far.to_array()];
+        self.weight[group] = s.splat8(1.0).div((far - near).max(s.splat8(region.least))).to_array();
         // The point itself is in the region, or the line has nothing to do with it.
-        for i in 0..GROUP {
-            self.weight[group][i] = 1.0 / (way[1][i] - way[0][i]).max(region.least);
-            let is_in = way[0][i] <= 0.0 && way[1][i] >= 0.0 && way[1][i] > way[0][i];
-            self.all[group] |= u8::from(is_in) << i;
-        }
+        let zero = s.splat8(0.0);
+        self.all[group] = (near.le(zero).and(zero.le(far)).bits() & !far.le(near).bits()) as u8;
     }
 
     /// Leaves those that go steeply through the first slab of their region: at so much of a cosine or more.
     #[inline(always)]
-    pub fn keep_steep(&mut self, region: &Region, cosine: f32) {
+    pub fn keep_steep<S: Simd>(&mut self, s: S, region: &Region, cosine: f32) {
+        let Vec3 { x, y, z } = region.across;
         for group in 0..self.groups {
             let dir = &self.dir[group];
-            for i in 0..GROUP {
-                let along = dir[0][i] * region.across.x + dir[1][i] * region.across.y + dir[2][i] * region.across.z;
-                self.all[group] &= !(u8::from(along.abs() < cosine) << i);
-            }
+            let along = s.load8(&dir[0]) * s.splat8(x) + s.load8(&dir[1]) * s.splat8(y) + s.load8(&dir[2]) * s.splat8(z);
+            let size = along.max(s.splat8(0.0) - along);
+            self.all[group] &= s.splat8(cosine).le(size).bits() as u8;
         }
     }
 
@@ -378,7 +378,7 @@ mod tests {
 
         fn run<S: Simd>(self, s: S) -> [f32; 3] {
             let mut lines = Lines::new();
-            lines.through(self.0, [0, GROUPS]);
+            lines.through(s, self.0, [0, GROUPS]);
             let (mut left, mut exact) = (lines.all, NONE);
             for triangle in self.1 {
                 lines.leave(s, &mut left, triangle);

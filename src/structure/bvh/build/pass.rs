@@ -180,19 +180,7 @@ fn count(inner: &Inner) -> usize {
 }
 
 fn is_small(inner: &Inner) -> bool {
-    let mut left = SMALL;
-    has_at_most(inner, &mut left)
-}
-
-fn has_at_most(inner: &Inner, left: &mut u64) -> bool {
-    inner.children.iter().all(|(_, sub)| match sub {
-        Sub::Leaf { count, .. } if u64::from(*count) <= *left => {
-            *left -= u64::from(*count);
-            true
-        }
-        Sub::Inner(inner) => has_at_most(inner, left),
-        _ => false,
-    })
+    inner.references <= SMALL
 }
 
 fn cells(inner: &Inner) -> impl Iterator<Item = Cell<'_>> {
@@ -336,7 +324,7 @@ impl<'a> Asker<'a> {
     /// Asks the lines of so many groups, each alone, down the tree; and of the first `seek` of these groups what is near.
     #[inline(always)]
     fn alone<S: Simd>(&mut self, s: S, sub: &'a Sub, region: &Region, groups: usize, seek: usize) -> Asked {
-        self.lines.through(region, [0, groups]);
+        self.lines.through(s, region, [0, groups]);
         let mut passed = NONE;
         for i in numbers(self.lines.all) {
             self.stack.push(sub);
@@ -350,8 +338,8 @@ impl<'a> Asker<'a> {
     #[inline(always)]
     fn beside<S: Simd>(&mut self, s: S, cell: &Cell<'a>, groups: [usize; 2]) -> Asked {
         let region = Region::around(&cell.bounds, &cell.slabs, NEAR);
-        self.lines.through(&region, groups);
-        self.lines.keep_steep(&region, STEEP);
+        self.lines.through(s, &region, groups);
+        self.lines.keep_steep(s, &region, STEEP);
         let passed = self.pass_all(s, cell);
         self.asked(s, &passed, passed.len(), 0xff, region.diagonal * NEAR)
     }
@@ -375,7 +363,7 @@ impl<'a> Asker<'a> {
     #[inline(always)]
     fn together<S: Simd>(&mut self, s: S, cell: &Cell, groups: usize) -> Asked {
         let region = cell.region();
-        self.lines.through(&region, [0, groups]);
+        self.lines.through(s, &region, [0, groups]);
         let passed = self.pass_all(s, cell);
         self.asked(s, &passed, 1, HALF, region.diagonal * NEAR)
     }

@@ -1,6 +1,6 @@
 //! Wide nodes: the binary splits of the heuristic, taken up to eight at a time.
 
-use super::leaf::LeafSize;
+use super::leaf::LeafShape;
 use super::par::Par;
 use super::quantise::quantise;
 use super::partition::{self, Sides};
@@ -41,6 +41,8 @@ pub struct Inner {
     pub children: Vec<(Coded, Sub)>,
     /// Words of all that hangs below, itself included.
     pub words: u32,
+    /// References below when it was made: before what is below went into blocks of its own.
+    pub references: u64,
 }
 
 /// A subtree that has no parent yet.
@@ -63,6 +65,15 @@ impl Sub {
             Sub::Leaf { words, .. } => *words,
             Sub::Inner(inner) => inner.words,
             Sub::Placed(_) => EXTERNAL_WORDS as u32,
+        }
+    }
+
+    /// References below; of what went into another block none.
+    fn references(&self) -> u64 {
+        match self {
+            Sub::Leaf { count, .. } => u64::from(*count),
+            Sub::Inner(inner) => inner.references,
+            Sub::Placed(_) => 0,
         }
     }
 }
@@ -118,7 +129,8 @@ impl Inner {
         // Not collected: that would keep the pieces' memory, which is several times as much.
         let mut children = Vec::with_capacity(pieces.len());
         children.extend(pieces.into_iter().zip(&stored).enumerate().map(coded));
-        let mut inner = Box::new(Inner { node, children, words: 0 });
+        let references = children.iter().map(|(_, sub)| sub.references()).sum();
+        let mut inner = Box::new(Inner { node, children, words: 0, references });
         inner.measure();
         Piece { cell, voxel, content: Content::over(contents), sub: Sub::Inner(inner) }
     }
@@ -162,8 +174,8 @@ struct Range<'r> {
     /// Index of its first reference among all.
     first: usize,
     extents: Extents,
-    /// The heuristic says that it should stay whole, and it may: its size as a leaf.
-    whole: Option<LeafSize>,
+    /// The heuristic says that it should stay whole, and it may: as a leaf.
+    whole: Option<Box<LeafShape>>,
 }
 
 impl Range<'_> {
@@ -245,14 +257,16 @@ impl Builder<'_> {
     }
 
     fn child(&self, range: Range, depth: u32) -> Result<(Piece, Counts)> {
-        if let Some(size) = range.whole.or_else(|| LeafSize::of(range.refs(), self.input)) {
+        let refs = range.refs();
+        let whole = range.whole.as_deref();
+        let found = if whole.is_none() { LeafShape::that_fits(refs, self.input) } else { None };
+        if let Some(shape) = whole.or(found.as_ref()) {
             let (first, count) = (range.first as u32, range.len as u32);
-            let sub = Sub::Leaf { first, count, words: size.words };
+            let sub = Sub::Leaf { first, count, words: shape.words() as u32 };
             let cell = range.extents.bounds();
-            let voxel = leaf_voxel(&cell, range.refs(), self.input);
-            let stats = Counts { depth: 1, nodes: 0, leaves: 1, references: size.triangles.into() };
-            let corners = range.refs().iter().flat_map(|r| self.input.triangles[r.triangle()]);
-            return Ok((Piece { cell, voxel, content: Content::of_points(corners.collect()), sub }, stats));
+            let voxel = leaf_voxel(&cell, refs, self.input);
+            let stats = Counts { depth: 1, nodes: 0, leaves: 1, references: shape.count as u64 };
+            return Ok((Piece { cell, voxel, content: shape.content(refs), sub }, stats));
         }
         self.inner(range, depth)
     }
@@ -286,7 +300,7 @@ impl Builder<'_> {
         let split = if depth < DEEP { sah::find(refs, &extents, self.par) } else { None };
         let spatial = split.as_ref().and_then(|split| self.spatial(refs, room.len(), &extents, split));
         if len <= MAX_TRIANGLES && !pays(&extents, len, split.as_ref(), spatial.as_ref()) {
-            let whole = LeafSize::of(refs, self.input);
+            let whole = LeafShape::that_fits(refs, self.input).map(Box::new);
             if whole.is_some() {
                 return Err(Range { room, len, first, extents, whole });
             }
