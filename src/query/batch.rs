@@ -6,6 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job};
 use crate::math::Ray;
 use crate::scene::SceneState;
+use crate::simd::prefetch;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -197,7 +198,10 @@ impl Rays for [Ray] {
         self.len()
     }
     fn read(&self, first: usize, out: &mut [Ray]) {
-        out.copy_from_slice(&self[first..first + out.len()]);
+        let (now, later) = self[first..].split_at(out.len());
+        out.copy_from_slice(now);
+        // They come while those are traced.
+        later.iter().take(out.len()).for_each(|ray| prefetch(ray));
     }
 }
 

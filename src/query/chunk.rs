@@ -7,7 +7,7 @@ use super::hit::{Hit, HitKind, Want};
 use super::stand_in;
 use super::simple::Simple;
 use crate::math::Ray;
-use crate::scene::InOne;
+use crate::scene::{Alike, InOne};
 use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step, bits};
 use crate::structure::bvh::trace::{PACKET, STREAM, first_rays};
 use std::ops::Range;
@@ -36,8 +36,8 @@ pub(super) struct Chunk {
     packet: ScenePacket,
     in_one: InOne,
     simple: Simple,
-    /// All misses, or filled with `want`.
-    hits: [Hit; PACKET],
+    answers: Answers,
+    /// What those were filled with.
     want: Want,
     /// Rays without an answer yet.
     unfinished: Vec<u32>,
@@ -55,7 +55,7 @@ impl Default for Chunk {
             packet: ScenePacket::default(),
             in_one: InOne::default(),
             simple: Simple::default(),
-            hits: [Hit::MISS; PACKET],
+            answers: Answers::NONE,
             want: Want::NOTHING,
             unfinished: Vec::new(),
             parked: Vec::new(),
@@ -67,7 +67,7 @@ impl Chunk {
     /// Answers `count` rays of a batch from `first` on, but for those that are `parked`.
     pub fn run(&mut self, view: &SceneView, task: Task, first: usize, count: usize, rays: &impl Rays, hits: &impl Hits) {
         if self.want != task.want {
-            (self.want, self.hits) = (task.want, [Hit::MISS; PACKET]);
+            (self.want, self.answers) = (task.want, Answers::NONE);
         }
         self.in_one.begin_batch();
         self.packet.begin_batch();
@@ -77,11 +77,15 @@ impl Chunk {
             let group = gathered..gathered + PACKET.min(count - from);
             self.firsts[gathered / PACKET] = first + from;
             rays.read(first + from, &mut self.rays[group.clone()]);
-            self.rays[group.clone()].iter_mut().for_each(|ray| ray.cone = ray.cone.or_zero());
+            let alike = Alike::of(&self.rays[group.clone()]);
+            if !alike.has_sound_cones() {
+                self.rays[group.clone()].iter_mut().for_each(|ray| ray.cone = ray.cone.or_zero());
+            }
             self.unfinished.clear();
-            let is_answered = may_be_alike(&self.rays[group.clone()])
+            // Into one octant: what a packet needs at the least.
+            let is_answered = alike.is_one_octant()
                 && if view.only_one().is_some() {
-                    self.run_in_one(view, task, group.clone(), hits)
+                    self.run_in_one(view, task, group.clone(), &alike, hits)
                 } else {
                     self.run_packet(view, task, group.clone(), hits)
                 };
@@ -109,17 +113,17 @@ impl Chunk {
     }
 
     /// Answers a group in a scene that is one placed tree; false if it must go side by side.
-    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, hits: &impl Hits) -> bool {
+    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, alike: &Alike, hits: &impl Hits) -> bool {
         let rays = &self.rays[group.clone()];
         let met = if task.any {
-            self.in_one.trace::<true>(view, rays, task.coherent)
+            self.in_one.trace::<true>(view, rays, alike, task.coherent)
         } else {
-            self.in_one.trace::<false>(view, rays, task.coherent)
+            self.in_one.trace::<false>(view, rays, alike, task.coherent)
         };
         let Some(met) = met else { return false };
         if let Ok(met) = met {
-            if self.simple.answer(view, task.want, rays, &self.in_one, met, &mut self.hits) {
-                hits.write(self.firsts[group.start / PACKET], &self.hits[..group.len()]);
+            if self.simple.answer(view, task.want, rays, &self.in_one, met, &mut self.answers) {
+                hits.write(self.firsts[group.start / PACKET], &self.answers.hits[..group.len()]);
                 return true;
             }
             for i in 0..group.len() {
@@ -178,20 +182,12 @@ impl Chunk {
         }
         let (first, count) = (self.firsts[group.start / PACKET], group.len());
         let (rays, found) = (&self.rays[group.clone()], &self.found[group]);
-        finish_group(view, task, rays, found, [met, lacking], &mut self.hits, &mut waiting);
+        finish_group(view, task, rays, found, [met, lacking], &mut self.answers, &mut waiting);
         if waiting.is_empty() {
-            return hits.write(first, &self.hits[..count]);
+            return hits.write(first, &self.answers.hits[..count]);
         }
-        self.parked.push(Group::new(first, rays, found, &self.hits, waiting));
+        self.parked.push(Group::new(first, rays, found, &self.answers.hits, waiting));
     }
-}
-
-/// Whether rays go into the same octant: what a packet needs at the least. Rays in all directions are told by the first
-/// few.
-#[inline]
-fn may_be_alike(rays: &[Ray]) -> bool {
-    let signs = rays[0].dir.is_negative_bitmask();
-    rays.iter().all(|it| it.dir.is_negative_bitmask() == signs)
 }
 
 fn trace(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWalk) -> Step {
@@ -212,14 +208,24 @@ fn passed_by(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.has_passed()) << i)
 }
 
-/// Makes the hits of these rays misses.
-#[inline]
-pub(super) fn forget(rays: u32, hits: &mut [Hit; PACKET]) {
-    for i in bits(rays) {
-        // The least that undoes the hit before: what is never asked for is never written.
-        if hits[i].kind != HitKind::Miss || hits[i].t_free < f64::INFINITY {
-            hits[i] = Hit::MISS;
+/// Answers to a packet's rays, in the same memory packet after packet: what is not asked for stays as it is in [`Hit::MISS`].
+pub(super) struct Answers {
+    hits: [Hit; PACKET],
+    /// Those that may be something else than misses.
+    written: u32,
+}
+
+impl Answers {
+    const NONE: Self = Self { hits: [Hit::MISS; PACKET], written: 0 };
+
+    /// Of other rays: misses, but for those of `met`, which are to be filled. Others that will be written: `more`.
+    #[inline]
+    pub fn begin(&mut self, met: u32, more: u32) -> &mut [Hit; PACKET] {
+        for i in bits(self.written & !met) {
+            self.hits[i] = Hit::MISS;
         }
+        self.written = met | more;
+        &mut self.hits
     }
 }
 
@@ -231,15 +237,15 @@ fn finish_group(
     rays: &[Ray],
     found: &[Found],
     [met, lacking]: [u32; 2],
-    hits: &mut [Hit; PACKET],
+    answers: &mut Answers,
     waiting: &mut Vec<Waiting>,
 ) {
     let met = met & first_rays(rays.len());
-    forget(!met & first_rays(rays.len()), hits);
     let mut last = Last::new();
     stand_in::ask_for(view, found, met);
     let waits = waiting.iter().fold(0, |all, it| all | 1 << it.ray);
     let more = if task.want.has(Want::ERROR) { passed_by(found) & !waits } else { 0 };
+    let hits = answers.begin(met, more | lacking);
     for i in bits(met & !more) {
         match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
             (Ok(()), _) => {}

@@ -1,14 +1,14 @@
 //! Hits of packets that are simple to work out: in a scene of one tree that is not turned, where neither what takes double
 //! precision nor what may have to be read is asked for. What is written is what [`super::finish`] writes.
 
-use super::chunk::forget;
+use super::chunk::Answers;
 use super::hit::{Hit, HitKind, NONE, Want};
 use super::stand_in::within;
 use super::surfaces::Surfaces;
 use crate::math::Ray;
 use crate::scene::InOne;
 use crate::scene::walk::{SceneView, bits};
-use crate::structure::bvh::trace::{PACKET, first_rays};
+use crate::structure::bvh::trace::PACKET;
 
 /// What is not simple.
 const NOT_SIMPLE: Want = Want(Want::POSITION.0 | Want::ERROR.0 | Want::PRIM.0);
@@ -21,7 +21,7 @@ pub(super) struct Simple {
 
 impl Simple {
     /// Works out the hits of the rays that were traced in `traced`, those of `met` with something; false if that is not simple
-    /// for all: then `hits` are not to be used.
+    /// for all: then `answers` are not to be used.
     pub fn answer(
         &mut self,
         view: &SceneView,
@@ -29,7 +29,7 @@ impl Simple {
         rays: &[Ray],
         traced: &InOne,
         met: u32,
-        hits: &mut [Hit; PACKET],
+        answers: &mut Answers,
     ) -> bool {
         let Some(only) = view.only_one().filter(|_| !want.any_of(NOT_SIMPLE)) else { return false };
         let placed = &view.scene.placement.placed[only as usize];
@@ -41,7 +41,7 @@ impl Simple {
         if sees_surfaces && !self.surfaces.look::<false>(view, only, ray, &traced.walk, met) {
             return false;
         }
-        forget(!met & first_rays(rays.len()), hits);
+        let hits = answers.begin(met, 0);
         let instance = view.scene.instances[placed.instance as usize].id;
         for i in bits(met) {
             let (hit, at, t) = (&mut hits[i], traced.walk.best(i), traced.distance(i));

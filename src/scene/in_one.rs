@@ -1,8 +1,9 @@
 //! Rays in a scene that is one placed tree, the most frequent kind: there is no top-level tree to walk.
 
+use super::alike::Alike;
 use super::placed::{Placed, not_below};
 use super::walk::{Found, NOTHING, Need, SceneStream, SceneView, bits};
-use crate::math::Ray;
+use crate::math::{Cone, Ray};
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, first_rays};
 use glam::DVec3;
 
@@ -32,14 +33,14 @@ impl InOne {
     }
 
     /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]); else `None`. Returns those that hit
-    /// something, or the block that some ray needs: then they are to be begun anew, each alone.
-    pub fn trace<const ANY: bool>(&mut self, view: &SceneView, rays: &[Ray], says: bool) -> Option<Result<u32, Need>> {
+    /// something, or the block that some ray needs: then they are to be begun anew, each alone. `alike`: of the rays.
+    pub fn trace<const ANY: bool>(&mut self, view: &SceneView, rays: &[Ray], alike: &Alike, says: bool) -> Option<Result<u32, Need>> {
         let placed = view.only_one()?;
         let p = &view.scene.placement.placed[placed as usize];
         let (tree, filter) = (view.tree(placed), view.filter(placed));
         let seen_by = view.seen_by(placed);
         let Self { walk, moved, is_moved, .. } = self;
-        *is_moved = !(set_unmoved(p, rays, seen_by, walk) && walk.is_within(&tree, rays.len(), p.near()));
+        *is_moved = !(set_unmoved(p, rays, alike, seen_by, walk) && walk.is_within(&tree, rays.len(), p.near()));
         let active = if *is_moved { set_moved(p, rays, seen_by, walk, moved) } else { first_rays(rays.len()) };
         walk.start(&tree, active);
         if !walk.is_coherent(&tree, says) {
@@ -214,22 +215,25 @@ impl SceneView<'_> {
 /// Takes rays into the tree's frame by nothing but a subtraction, which does not do for all: false if that is clear
 /// here, else [`PacketWalk::is_within`] tells.
 #[inline(always)]
-fn set_unmoved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk) -> bool {
+fn set_unmoved(p: &Placed, rays: &[Ray], alike: &Alike, seen_by: u32, walk: &mut PacketWalk) -> bool {
     let Some(offset) = p.only_shifted() else { return false };
-    let mut is_fine = true;
     let mut local = LocalRay::NONE;
-    if let Some(it) = rays.first().filter(|first| rays.iter().all(|it| begin_alike(it, first))) {
-        is_fine = it.has_interval();
+    if let Some(it) = rays.first().filter(|_| alike.is_one_start()) {
+        if !(it.has_interval() && alike.mask().is_some_and(|mask| mask & seen_by != 0)) {
+            return false;
+        }
         local.org = (it.origin - offset).as_vec3();
         local.t_min = it.t_min as f32;
         local.t_max = not_below(it.t_max);
         walk.set_all_but_dirs(&local);
-        for (i, it) in rays.iter().enumerate().take(PACKET) {
-            is_fine &= it.mask & seen_by != 0;
-            walk.set_dir(i, it.dir, LocalRay::cone_of(it.cone, it.dir));
+        if alike.is_exact() {
+            rays.iter().enumerate().take(PACKET).for_each(|(i, it)| walk.set_dir(i, it.dir, Cone::ZERO));
+        } else {
+            rays.iter().enumerate().take(PACKET).for_each(|(i, it)| walk.set_dir(i, it.dir, LocalRay::cone_of(it.cone, it.dir)));
         }
-        return is_fine;
+        return true;
     }
+    let mut is_fine = true;
     for (i, it) in rays.iter().enumerate().take(PACKET) {
         is_fine &= it.mask & seen_by != 0 && it.has_interval();
         local.org = (it.origin - offset).as_vec3();
@@ -240,14 +244,6 @@ fn set_unmoved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk) ->
         walk.set(i, &local);
     }
     is_fine
-}
-
-/// Whether two rays have the same origin and interval, to the bit: as those of a perspective camera do.
-#[inline(always)]
-fn begin_alike(a: &Ray, b: &Ray) -> bool {
-    let bits = |ray: &Ray| [ray.origin.x, ray.origin.y, ray.origin.z, ray.t_min, ray.t_max].map(f64::to_bits);
-    let (a, b) = (bits(a), bits(b));
-    (a[0] ^ b[0]) | (a[1] ^ b[1]) | (a[2] ^ b[2]) | (a[3] ^ b[3]) | (a[4] ^ b[4]) == 0
 }
 
 /// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.

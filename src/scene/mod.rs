@@ -2,6 +2,7 @@
 //! lights, and the state of parts. Camera-independent; jobs read immutable [`SceneState`]s.
 #![forbid(unsafe_code)]
 
+pub(crate) mod alike;
 pub mod camera;
 pub mod context;
 pub mod edit;
@@ -13,6 +14,7 @@ pub mod top;
 pub(crate) mod in_one;
 pub(crate) mod walk;
 
+pub(crate) use alike::Alike;
 pub use camera::Camera;
 pub use edit::Scene;
 pub(crate) use in_one::InOne;

@@ -11,6 +11,7 @@
 //! All sets give the same bits (no approximate reciprocals) but for `mul_add` and `slabs`. Box tests use them, which are
 //! conservative by more than their rounding; and planes of cells, whose products are exact, so that there is one rounding.
 
+mod common;
 mod lanes;
 mod one;
 mod portable;
@@ -19,6 +20,7 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 
+pub use common::Common;
 pub use lanes::{Lanes, Mask, Simd};
 pub use portable::{Array, Portable};
 
