@@ -168,7 +168,8 @@ impl Rays for CRays {
         // SAFETY: within the array, which the caller keeps readable until the batch has ended; both structs have the
         // same members at the same places (see below), numbers all, of which any bits are some.
         unsafe { self.0.copy_to(first, out) };
-        self.0.ask_for(first + out.len()..first + 2 * out.len());
+        // One group ahead is too late.
+        self.0.ask_for(first + 2 * out.len()..first + 3 * out.len());
         for ray in out {
             if ray.t_max == 0.0 {
                 ray.t_max = f64::INFINITY;

@@ -200,8 +200,8 @@ impl Rays for [Ray] {
     fn read(&self, first: usize, out: &mut [Ray]) {
         let (now, later) = self[first..].split_at(out.len());
         out.copy_from_slice(now);
-        // They come while those are traced.
-        later.iter().take(out.len()).for_each(|ray| prefetch(ray));
+        // They come while those and the next ones are traced: one group ahead is too late.
+        later.iter().skip(out.len()).take(out.len()).for_each(|ray| prefetch(ray));
     }
 }
 
