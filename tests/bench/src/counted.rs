@@ -1,5 +1,5 @@
-//! What walks do for rays, counted. Ray by ray, on the baseline: figures of rays, the same on every machine, whatever goes together
-//! when times are taken.
+//! What walks do for rays, counted: ray by ray, and in packets where rays are near each other, on the baseline: the same on every
+//! machine.
 
 use crate::failure::Failure;
 use crate::record::PerRay;
@@ -7,10 +7,10 @@ use glam::DVec3;
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::Cancel;
 use outcrop::math::Ray;
-use outcrop::residency::{ModelBlocks, Residency};
+use outcrop::residency::{ModelBlocks, Residency, Snapshot};
 use outcrop::simd::Isa;
 use outcrop::store::ModelFile;
-use outcrop::structure::bvh::trace::{LocalRay, Outcome, TreeView, Walk};
+use outcrop::structure::bvh::trace::{Counters, LocalRay, Outcome, PACKET, PacketWalk, TreeView, Walk, first_rays};
 use outcrop::structure::bvh::layout::{EXTERNAL_WORDS, LINE_WORDS, NODE_WORDS};
 use outcrop::structure::bvh::{BvhDecoder, leaves_at};
 use std::path::Path;
@@ -41,10 +41,53 @@ impl OneTree {
 
     /// What is done for each of `rays`, on the mean; `is_any`: until anything is hit.
     pub fn count(&self, rays: &[Ray], is_any: bool) -> PerRay {
-        let row = &self.file.trees()[0];
         let snapshot = self.blocks.snapshot();
-        let view = TreeView {
-            snapshot: &snapshot,
+        let view = self.view(&snapshot);
+        let (mut walk, mut count) = (Walk::new(), 0);
+        for ray in rays.iter().step_by(EVERY) {
+            walk.begin(&view, &self.local(ray));
+            let ended = if is_any { view.any(None, &mut walk) } else { view.closest(None, &mut walk) };
+            // Ties ask for primitive ids, which are not here: such a ray is counted up to there.
+            debug_assert!(matches!(ended, Outcome::Done | Outcome::Pending(_)));
+            count += 1;
+        }
+        per_ray(&walk.counters, count)
+    }
+
+    /// What is done for each of `rays` in packets of neighbours, of what packets do their share; those that cannot go together go one by one.
+    pub fn count_together(&self, rays: &[Ray], is_any: bool) -> PerRay {
+        let snapshot = self.blocks.snapshot();
+        let view = self.view(&snapshot);
+        let (mut packet, mut walk, mut count) = (PacketWalk::of_queries(), Walk::new(), 0);
+        packet.begin_batch();
+        for group in rays.chunks(PACKET).step_by(EVERY) {
+            let mut local = [LocalRay::NONE; PACKET];
+            group.iter().zip(&mut local).for_each(|(ray, local)| *local = self.local(ray));
+            packet.begin(&view, &local, first_rays(group.len()));
+            if packet.is_coherent(&view, true) {
+                let _ = if is_any { view.any_together(None, &mut packet) } else { view.closest_together(None, &mut packet) };
+            } else {
+                for ray in &local[..group.len()] {
+                    walk.begin(&view, ray);
+                    let _ = if is_any { view.any(None, &mut walk) } else { view.closest(None, &mut walk) };
+                }
+            }
+            count += group.len();
+        }
+        let mut all = packet.counters();
+        all += walk.counters;
+        per_ray(&all, count)
+    }
+
+    fn local(&self, ray: &Ray) -> LocalRay {
+        let org = (ray.origin - DVec3::from(self.file.trees()[0].origin)).as_vec3();
+        LocalRay { org, dir: ray.dir, t_min: ray.t_min as f32, t_max: ray.t_max as f32, cone: ray.cone }
+    }
+
+    fn view<'a>(&self, snapshot: &'a Snapshot) -> TreeView<'a> {
+        let row = &self.file.trees()[0];
+        TreeView {
+            snapshot,
             root_block: row.first_block,
             root: row.root as u32,
             reach: row.bounds.iter().fold(f32::MIN_POSITIVE, |reach, x| reach.max(x.abs())),
@@ -55,29 +98,22 @@ impl OneTree {
             never_waits: false,
             is_solid: false,
             stamp: 1,
-        };
-        let (mut walk, mut count) = (Walk::new(), 0);
-        for ray in rays.iter().step_by(EVERY) {
-            let org = (ray.origin - DVec3::from(row.origin)).as_vec3();
-            walk.begin(&view, &LocalRay { org, dir: ray.dir, t_min: ray.t_min as f32, t_max: ray.t_max as f32, cone: ray.cone });
-            let ended = if is_any { view.any(None, &mut walk) } else { view.closest(None, &mut walk) };
-            // Ties ask for primitive ids, which are not here: such a ray is counted up to there.
-            debug_assert!(matches!(ended, Outcome::Done | Outcome::Pending(_)));
-            count += 1;
         }
-        let each = |n: u64| n as f64 / f64::from(count.max(1));
-        let counted = walk.counters;
-        // A node is lines of its own. A reference to another block is found by the header, in two lines more.
-        let lines = counted.nodes * (NODE_WORDS / LINE_WORDS) as u64 + counted.leaf_lines + 2 * counted.blocks;
-        let words = counted.nodes * NODE_WORDS as u64 + counted.leaf_lines * LINE_WORDS as u64 + counted.blocks * (EXTERNAL_WORDS + 1) as u64;
-        PerRay {
-            nodes: each(counted.nodes),
-            leaves: each(counted.leaves),
-            triangles: each(counted.triangles),
-            blocks: each(counted.blocks),
-            bytes: each(4 * words),
-            lines: each(lines),
-        }
+    }
+}
+
+fn per_ray(counted: &Counters, rays: usize) -> PerRay {
+    let each = |n: u64| n as f64 / rays.max(1) as f64;
+    // A node is lines of its own. A reference to another block is found by the header, in two lines more.
+    let lines = counted.nodes * (NODE_WORDS / LINE_WORDS) as u64 + counted.leaf_lines + 2 * counted.blocks;
+    let words = counted.nodes * NODE_WORDS as u64 + counted.leaf_lines * LINE_WORDS as u64 + counted.blocks * (EXTERNAL_WORDS + 1) as u64;
+    PerRay {
+        nodes: each(counted.nodes),
+        leaves: each(counted.leaves),
+        triangles: each(counted.triangles),
+        blocks: each(counted.blocks),
+        bytes: each(4 * words),
+        lines: each(lines),
     }
 }
 
@@ -102,5 +138,12 @@ mod tests {
         let passes = tree.count(&vec![toward(2.0); 32], false);
         assert_eq!((passes.nodes, passes.triangles, passes.lines, passes.bytes), (1.0, 0.0, 2.0, 128.0));
         assert!(hits.lines > 2.0 && hits.bytes > 128.0, "{hits:?}");
+        // In packets they share what they visit: of one packet of sixteen one counts.
+        let near = tree.count_together(&vec![toward(-1.0); 64], false);
+        assert!(near.nodes < 0.5 * hits.nodes && near.lines < 0.5 * hits.lines && near.triangles > 0.0, "{near:?} {hits:?}");
+        assert_eq!(tree.count_together(&vec![toward(2.0); 64], false).nodes, 1.0 / 32.0);
+        // Into several octants they go one by one.
+        let apart: Vec<Ray> = (0..32).map(|i| Ray { dir: if i % 2 == 0 { Vec3::Z } else { -Vec3::Z }, ..toward(-1.0) }).collect();
+        assert_eq!(tree.count_together(&apart, false).nodes, tree.count(&apart[..1], false).nodes * 0.5 + tree.count(&apart[1..2], false).nodes * 0.5);
     }
 }

@@ -117,7 +117,7 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
                 bytes_model: Some(ours.model.memory().geometry),
                 bytes_working_set: Some(working_set(path, &camera, size, poe)?),
                 stand_ins: Some(stand_ins),
-                each: None,
+                ..Counters::default()
             };
             let count = truth.depths.len();
             let mrays = count as f64 / seconds.median / 1e6;

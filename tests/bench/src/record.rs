@@ -95,6 +95,9 @@ pub struct Counters {
     pub stand_ins: Option<u64>,
     /// Of single rays (`counted.rs`), of a model of one tree.
     pub each: Option<PerRay>,
+    /// Likewise, of rays that are traced in packets where that is how they are asked.
+    #[serde(default)]
+    pub together: Option<PerRay>,
 }
 
 /// What is done for a ray, on the mean.
@@ -302,6 +305,7 @@ pub mod tests {
                 bytes_working_set: (!is_peer).then_some((20e6 / (1.0 + poe)) as u64),
                 stand_ins: Some(7),
                 each: Some(PerRay { nodes: 9.25, leaves: 2.0, triangles: 5.5, blocks: 1.0, bytes: 1500.5, lines: 27.0 }),
+                together: None,
             },
             accuracy: Accuracy { mean_px, overlap: 1.0 - mean_px / 100.0, coverage: 1.0, ..Accuracy::default() },
         };

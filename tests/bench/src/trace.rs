@@ -183,6 +183,7 @@ fn our_side<'a>(
         // Any hits do not say what they are.
         stand_ins: (!batch.is_any()).then_some(stand_ins),
         each: model.tree.as_ref().map(|tree| tree.count(&rays, batch.is_any())),
+        together: model.tree.as_ref().filter(|_| batch.is_coherent()).map(|tree| tree.count_together(&rays, batch.is_any())),
     };
     let slack = if batch.is_any() { None } else { model.truth.slack(&id, &hits)? };
     let accuracy = Accuracy { slack, ..accuracy::of_rays(&batch.rays, &ours::answers(&hits), truth) };

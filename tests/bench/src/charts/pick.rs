@@ -63,7 +63,7 @@ fn together(group: &[&Trace]) -> Sum {
             bytes_model: bytes(|c| c.bytes_model),
             bytes_working_set: bytes(|c| c.bytes_working_set),
             stand_ins: bytes(|c| c.stand_ins),
-            each: None,
+            ..Counters::default()
         },
         accuracy: Accuracy {
             mean_px: mean(|a| a.mean_px),
