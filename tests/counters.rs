@@ -3,12 +3,16 @@
 
 mod common;
 
+use common::brute::Tri;
 use common::rays::{Ray32, RayKind, RayMaker};
+use common::rng::Rng;
 use common::scenes;
 use common::trees::{self, TestTree};
+use glam::DVec3;
 use outcrop::math::Cone;
 use outcrop::simd::Isa;
 use outcrop::structure::bvh::trace::{BUNDLE, Bundle, Counters, Outcome, PACKET, PacketWalk, Stream, Walk};
+use std::f64::consts::TAU;
 
 const RAYS: usize = 8192;
 
@@ -80,13 +84,33 @@ fn what_walks_visit_is_pinned() {
     assert!(found[3][3][0] * 2 < found[3][2][0] && found[3][3][1] * 3 < found[3][2][1] * 2);
 }
 
-/// Long thin triangles fill little of their boxes, which is all that single walks test: of the leaves whose boxes rays meet, slabs leave some
-/// out. (Of these, which are of one closed surface, few.)
+/// Long triangles of slanted rods.
+fn rods() -> Vec<Tri> {
+    let mut rng = Rng::new(3);
+    let mut any = |size: f64| DVec3::new(rng.between(-size, size), rng.between(-size, size), rng.between(-size, size));
+    let mut all = Vec::new();
+    for _ in 0..400 {
+        let (from, way) = (any(5.0), any(2.0));
+        let (one, other) = way.normalize().any_orthonormal_pair();
+        let at = |k: i32, end: f64| {
+            let (sin, cos) = (f64::from(k % 5) * TAU / 5.0).sin_cos();
+            scenes::rounded(from + way * end + (one * cos + other * sin) * 0.01)
+        };
+        all.extend((0..5).flat_map(|k| [[at(k, 0.0), at(k + 1, 0.0), at(k, 1.0)], [at(k, 1.0), at(k + 1, 0.0), at(k + 1, 1.0)]]));
+    }
+    all
+}
+
+/// Long thin triangles fill little of their boxes, which is all that single walks test: of the leaves whose boxes rays meet, slabs leave out
+/// most. (Of those of one closed surface few.)
 #[test]
 fn slabs_leave_out_leaves_of_what_is_thin() {
+    let tree = TestTree::around_middle(&rods(), 0.0);
+    let [single, stream, ..] = count(&RayMaker::new(&tree.stored, 7).batch(RAYS), &tree).map(|c| per_ray(&c));
+    println!("{single:?}, {stream:?}");
+    assert!(2 * stream[1] < single[1] && 2 * stream[2] < single[2], "{single:?} {stream:?}");
     let tree = TestTree::around_middle(&scenes::slivers().tris, 0.0);
-    let mut maker = RayMaker::new(&tree.stored, 7);
-    let mixed = maker.batch(RAYS);
+    let mixed = RayMaker::new(&tree.stored, 7).batch(RAYS);
     let wide: Vec<Ray32> = mixed.iter().map(|ray| Ray32 { cone: Cone { a: 0.0, b: 1e-6 }, ..*ray }).collect();
     let [single, stream, ..] = count(&mixed, &tree).map(|c| per_ray(&c));
     println!("{single:?}, {stream:?}");

@@ -212,17 +212,17 @@ impl Content {
     /// The word of its slabs in `cell`, across the normal in `normal`: outward, so that they hold it.
     pub fn slabs(&self, normal: u32, cell: &Middle<f32>) -> u32 {
         let across = octahedral_axis(normal_bytes(normal));
-        let near = self.near_best_turn(across);
-        let (turn, axis) = (near.best.0, turned(across, near.best.0 as f32));
-        let [low, high] = between(1, axis, near.reach(near.best.1), cell);
+        let (near, best, turn) = self.near_best_turn(across);
+        let [low, high] = between(1, near.axes[best], near.reach(best), cell);
         let [first, last] = between(0, across, near.reach(ACROSS), cell);
         let second = if high - low > WIDEST { [0, 0, STEPS[1]] } else { [turn, low, high] };
         let all = [first, last, second[0], second[1], second[2]];
         all.iter().zip(FIELDS).fold(0, |word, (steps, (from, _))| word | steps << from)
     }
 
-    /// The turn of the second axis along which the content is least wide: of eight, then of those between.
-    fn near_best_turn(&self, across: [f32; 3]) -> Near<'_> {
+    /// The turn of the second axis along which the content is least wide, of eight, then of those between: it and which axis is its own
+    /// among those around it.
+    fn near_best_turn(&self, across: [f32; 3]) -> (Near<'_>, usize, u32) {
         let axis = |turn: u32| turned(across, (turn % TURNS) as f32);
         let coarse: [[f32; 3]; AXES] = from_fn(|i| axis(i as u32 * COARSE));
         let of_points = reach(&self.points, &coarse);
@@ -237,7 +237,7 @@ impl Content {
         let axes: [[f32; 3]; AROUND] = from_fn(|i| if i == ACROSS { across } else { axis(from + i as u32) });
         let [one, other] = [0, AXES].map(|at| reach(&self.points, &from_fn(|i| axes[at + i])));
         let of_points = from_fn(|i| if i < AXES { one[i] } else { other[i - AXES] });
-        let mut near = Near { content: self, axes, of_points, best: (0, 0) };
+        let near = Near { content: self, axes, of_points };
         let mut narrowest = (best.0, COARSE as usize - 1);
         for step in [4, 2, 1] {
             let middle = narrowest.1;
@@ -248,8 +248,7 @@ impl Content {
                 }
             }
         }
-        near.best = ((from + narrowest.1 as u32) % TURNS, narrowest.1);
-        near
+        (near, narrowest.1, (from + narrowest.1 as u32) % TURNS)
     }
 
     /// How far it reaches along `axis`, or farther; `of_points`: its points.
@@ -269,8 +268,6 @@ struct Near<'a> {
     content: &'a Content,
     axes: [[f32; 3]; AROUND],
     of_points: [[f64; 2]; AROUND],
-    /// The best turn, and where among the axes its own is.
-    best: (u32, usize),
 }
 
 impl Near<'_> {

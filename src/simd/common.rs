@@ -10,7 +10,8 @@ pub struct Common {
 }
 
 impl Common {
-    /// Of some rows. (With the loops of the other, which the compiler does not turn into vectors of a row, it took five times as long.)
+    /// Of some rows. (The loops of the other took 3 ns a row compiled for AVX-512, for compilers do not make vectors of a row of them; with the
+    /// greatest of each word too 9 ns.)
     #[cfg(target_arch = "x86_64")]
     #[inline]
     pub fn of(rows: &[[u32; 16]]) -> Self {

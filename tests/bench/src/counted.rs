@@ -10,7 +10,7 @@ use outcrop::math::Ray;
 use outcrop::residency::{ModelBlocks, Residency, Snapshot};
 use outcrop::simd::Isa;
 use outcrop::store::ModelFile;
-use outcrop::structure::bvh::trace::{Counters, LocalRay, Outcome, PACKET, PacketWalk, TreeView, Walk, first_rays};
+use outcrop::structure::bvh::trace::{Counters, LocalRay, PACKET, PacketWalk, TreeView, Walk, first_rays};
 use outcrop::structure::bvh::layout::{EXTERNAL_WORDS, LINE_WORDS, NODE_WORDS};
 use outcrop::structure::bvh::{BvhDecoder, leaves_at};
 use std::path::Path;
@@ -45,10 +45,7 @@ impl OneTree {
         let view = self.view(&snapshot);
         let (mut walk, mut count) = (Walk::new(), 0);
         for ray in rays.iter().step_by(EVERY) {
-            walk.begin(&view, &self.local(ray));
-            let ended = if is_any { view.any(None, &mut walk) } else { view.closest(None, &mut walk) };
-            // Ties ask for primitive ids, which are not here: such a ray is counted up to there.
-            debug_assert!(matches!(ended, Outcome::Done | Outcome::Pending(_)));
+            alone(&view, &self.local(ray), is_any, &mut walk);
             count += 1;
         }
         per_ray(&walk.counters, count)
@@ -59,18 +56,15 @@ impl OneTree {
         let snapshot = self.blocks.snapshot();
         let view = self.view(&snapshot);
         let (mut packet, mut walk, mut count) = (PacketWalk::of_queries(), Walk::new(), 0);
-        packet.begin_batch();
         for group in rays.chunks(PACKET).step_by(EVERY) {
             let mut local = [LocalRay::NONE; PACKET];
             group.iter().zip(&mut local).for_each(|(ray, local)| *local = self.local(ray));
             packet.begin(&view, &local, first_rays(group.len()));
             if packet.is_coherent(&view, true) {
+                // As far as all can go: see `alone`.
                 let _ = if is_any { view.any_together(None, &mut packet) } else { view.closest_together(None, &mut packet) };
             } else {
-                for ray in &local[..group.len()] {
-                    walk.begin(&view, ray);
-                    let _ = if is_any { view.any(None, &mut walk) } else { view.closest(None, &mut walk) };
-                }
+                local[..group.len()].iter().for_each(|ray| alone(&view, ray, is_any, &mut walk));
             }
             count += group.len();
         }
@@ -100,6 +94,12 @@ impl OneTree {
             stamp: 1,
         }
     }
+}
+
+/// Ties ask for primitive ids, which are not here: such a ray is counted up to there.
+fn alone(view: &TreeView, ray: &LocalRay, is_any: bool, walk: &mut Walk) {
+    walk.begin(view, ray);
+    let _ = if is_any { view.any(None, walk) } else { view.closest(None, walk) };
 }
 
 fn per_ray(counted: &Counters, rays: usize) -> PerRay {
