@@ -99,8 +99,8 @@ struct Shared {
     work_there: Condvar,
     executor: Option<Arc<dyn Executor>>,
     around: Around,
-    /// Whether a waiter has to work itself.
-    waiters_work: bool,
+    /// Threads of its own. Without any a waiter has to work itself.
+    threads: usize,
 }
 
 #[derive(Default)]
@@ -149,6 +149,11 @@ unsafe impl Send for ScopedWork {}
 unsafe impl Sync for ScopedWork {}
 
 impl WorkRef {
+    /// Whoever waits for it works on it.
+    fn is_scoped(&self) -> bool {
+        matches!(self, WorkRef::Scoped(_))
+    }
+
     fn get(&self) -> &dyn Work {
         match self {
             WorkRef::Owned(work) => &**work,
@@ -174,7 +179,7 @@ impl Pool {
             work_there: Condvar::new(),
             executor,
             around,
-            waiters_work: threads == 0,
+            threads,
         });
         let mut pool = Self { shared, threads: Vec::new() };
         for i in 0..threads {
@@ -206,23 +211,19 @@ impl Pool {
 
     /// Runs a job to its end, and returns how it ended: the only way to work on borrowed data.
     ///
-    /// A single item is worked on by the caller: handing it over takes longer than small work does.
+    /// The caller works too, in place of one of the threads: to wake a thread, and to be woken by it, takes longer than small work
+    /// does.
     pub fn run_scoped(&self, items: usize, work: &dyn Work) -> Ending {
         if items <= 1 {
             return self.run_here(items, work);
         }
         // SAFETY: only the lifetime changes. The pointer is followed only until the job's ending is
-        // set (`WorkRef::get`), and `wait` below returns only after that: nothing between here and
-        // there can unwind or return early.
+        // set (`WorkRef::get`), and nobody leaves before that: neither by returning, nor by unwinding (`Ended`).
         let work: *const (dyn Work + 'static) = unsafe {
             std::mem::transmute::<*const (dyn Work + '_), *const (dyn Work + 'static)>(work)
         };
-        let job = self.begin(items, WorkRef::Scoped(ScopedWork(work)));
-        loop {
-            if let Some(ending) = job.wait(Duration::from_secs(3600)) {
-                return ending;
-            }
-        }
+        let job = Ended(self.begin(items, WorkRef::Scoped(ScopedWork(work))));
+        job.0.wait_to_the_end()
     }
 
     /// Works through all rounds in the caller's thread.
@@ -291,7 +292,26 @@ impl Drop for Pool {
     }
 }
 
+/// A job that has ended when this is gone, even where what waits for it unwinds. (Work's panics are caught; what a panic says may panic again when
+/// it is dropped.)
+struct Ended(Job);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        self.0.cancel();
+        self.0.wait_to_the_end();
+    }
+}
+
 impl Job {
+    fn wait_to_the_end(&self) -> Ending {
+        loop {
+            if let Some(ending) = self.wait(Duration::from_secs(3600)) {
+                return ending;
+            }
+        }
+    }
+
     /// Asks the job to end: items not yet begun are dropped. When none is running it has ended when this returns.
     pub fn cancel(&self) {
         self.shared.cancel(&self.inner);
@@ -302,10 +322,10 @@ impl Job {
         lock(&self.inner.state).ending.clone()
     }
 
-    /// Waits for the end, `timeout` at most; works itself where the pool has no threads, and inside other work.
+    /// Waits for the end, `timeout` at most; works itself where the pool has no threads, on scoped work, and inside other work.
     pub fn wait(&self, timeout: Duration) -> Option<Ending> {
         let deadline = Instant::now().checked_add(timeout);
-        let works = self.shared.waiters_work || WORKING.get();
+        let works = self.shared.threads == 0 || self.inner.work.is_scoped() || WORKING.get();
         loop {
             let round = {
                 let state = lock(&self.inner.state);
@@ -382,7 +402,11 @@ impl Shared {
     fn hand_in(self: &Arc<Self>) {
         if let Some(executor) = &self.executor {
             let before = SUBMITTING.replace(true);
-            executor.submit(Task(Some(Arc::clone(self))));
+            // Dropped by a host that panics, it is work left to the others.
+            let _ = caught(|| {
+                executor.submit(Task(Some(Arc::clone(self))));
+                Ok(())
+            });
             SUBMITTING.set(before);
         }
     }
@@ -463,7 +487,9 @@ impl Shared {
             queue.tasks_out += tasks;
             tasks
         };
-        self.work_there.notify_all();
+        for _ in 0..items.min(self.threads).saturating_sub(usize::from(job.work.is_scoped())) {
+            self.work_there.notify_one();
+        }
         for _ in 0..tasks {
             self.hand_in();
         }

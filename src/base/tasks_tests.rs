@@ -160,6 +160,30 @@ fn scoped_work_borrows() {
 }
 
 #[test]
+fn who_runs_scoped_work_does_not_wait_for_busy_threads() {
+    let pool = pool(1);
+    let (begun, begins) = mpsc::channel();
+    let (go, goes) = mpsc::channel::<()>();
+    let (begun, goes) = (Mutex::new(begun), Mutex::new(goes));
+    let busy = Count::new(1, 1, move |_| {
+        let _ = lock(&begun).send(());
+        let _ = lock(&goes).recv();
+        Ok(())
+    });
+    let job = pool.submit(1, busy);
+    begins.recv().unwrap();
+    // In the same thread, all rounds: the only other one is busy until it is told to go on.
+    let me = std::thread::current().id();
+    let work = Count::new(3, 4, move |_| {
+        assert_eq!(std::thread::current().id(), me);
+        Ok(())
+    });
+    assert!(matches!(pool.run_scoped(4, &*work), Ending::Finished));
+    go.send(()).unwrap();
+    assert!(matches!(job.wait(LONG), Some(Ending::Finished)));
+}
+
+#[test]
 fn work_may_wait_for_other_work_in_the_same_pool() {
     let pool = Arc::new(pool(1));
     let inner_pool = Arc::clone(&pool);

@@ -37,8 +37,8 @@ impl Work for Filling<'_> {
 }
 
 impl ModelBlocks {
-    /// Brings `ids`, each named once, into memory as far as there is room, by the workers of `pool`: its own threads, or
-    /// the host's, or the caller's where it has none. Blocks. Neighbours in the file are read together.
+    /// Brings `ids`, each named once, into memory as far as there is room, by the workers of `pool` and the
+    /// caller. Blocks. Neighbours in the file are read together.
     ///
     /// Progress counts bytes read; a cancel takes effect within a block of each worker. Fails like
     /// [`ModelBlocks::bring`].
