@@ -129,8 +129,9 @@ pub fn prefetch<T>(data: *const T) {
     let _ = data;
 }
 
-/// Sets flush-to-zero and denormals-are-zero for the calling thread until dropped: a denormal
-/// operand costs a hundred cycles. Results of ours do not depend on it: error bounds cover it.
+/// Sets the calling thread to flush-to-zero and denormals-are-zero until dropped: a denormal
+/// operand costs a hundred cycles. Results of ours do not depend on it: error bounds cover it. And to what these rely on, whatever a host
+/// has set: rounding to nearest, and no exceptions.
 #[derive(Debug)]
 pub struct DenormalsOff {
     #[cfg(target_arch = "x86_64")]
@@ -140,17 +141,17 @@ pub struct DenormalsOff {
 }
 
 impl DenormalsOff {
-    /// Sets both flags of the calling thread.
+    /// Sets the calling thread.
     #[allow(deprecated)] // reading MXCSR has no replacement but inline assembly
     pub fn set() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
             use std::arch::x86_64::{_mm_getcsr, _mm_setcsr};
-            // SAFETY: SSE is part of x86-64; only FTZ (bit 15) and DAZ (bit 6) change, which mask
-            // no exception and are restored on drop.
+            // SAFETY: SSE is part of x86-64.
             let before = unsafe { _mm_getcsr() };
-            // SAFETY: as above.
-            unsafe { _mm_setcsr(before | 0x8040) };
+            // SAFETY: as above: FTZ (bit 15), DAZ (bit 6), all exceptions masked (bits 7 to 12), rounding to nearest (13 and 14 zero); restored on
+            // drop.
+            unsafe { _mm_setcsr(0x1f80 | 0x8040) };
             Self { before, _not_send: std::marker::PhantomData }
         }
         #[cfg(not(target_arch = "x86_64"))]

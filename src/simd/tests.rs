@@ -122,3 +122,27 @@ fn denormals_are_flushed_only_while_the_guard_lives() {
     }
     assert!(half(f32::MIN_POSITIVE) > 0.0);
 }
+
+#[cfg(target_arch = "x86_64")]
+#[test]
+#[allow(deprecated)] // there is no replacement but inline assembly
+fn rounding_is_to_nearest_whatever_a_host_has_set() {
+    use std::arch::x86_64::{_mm_getcsr, _mm_setcsr};
+    const TO_ZERO: u32 = 0x6000;
+    let third = || std::hint::black_box(1.0f32) / std::hint::black_box(3.0f32);
+    // SAFETY: SSE is part of x86-64; what is set is taken back below.
+    let before = unsafe { _mm_getcsr() };
+    // SAFETY: as above.
+    unsafe { _mm_setcsr(before | TO_ZERO) };
+    let (unguarded, guarded) = (third(), {
+        let _off = DenormalsOff::set();
+        third()
+    });
+    // SAFETY: as above.
+    let after = unsafe { _mm_getcsr() };
+    // SAFETY: as above.
+    unsafe { _mm_setcsr(before) };
+    assert_eq!([guarded, unguarded].map(f32::to_bits), [0x3eaa_aaab, 0x3eaa_aaaa]);
+    assert_eq!(after & TO_ZERO, TO_ZERO);
+    assert_eq!(third().to_bits(), 0x3eaa_aaab);
+}
