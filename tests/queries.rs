@@ -112,7 +112,8 @@ fn camera_rays(eye: DVec3, poe: f32) -> Vec<Ray> {
     rays
 }
 
-/// What packets work out all at once, single rays work out one by one, with whatever is asked for. Compares around zero at
+/// What is worked out for many rays at once is what is worked out for one after the other, with whatever is asked for, of packets and of rays side by side.
+/// (Ids of triangles are never told of many at once: whoever asks for them too has each hit by itself.) Compares around zero at
 /// distances of some `unit`s; returns how many hits were of each kind.
 fn packets_answer_as_single_rays_do(state: &SceneState, unit: f64) -> [usize; 4] {
     let wants = [Want::NORMAL | Want::UV | Want::PART, Want::NORMAL, Want::PART | Want::INSTANCE, Want::UV, Want::NOTHING, Want::ALL];
@@ -129,9 +130,12 @@ fn packets_answer_as_single_rays_do(state: &SceneState, unit: f64) -> [usize; 4]
             let shuffled: Vec<_> = order.iter().map(|&i| rays[i]).collect();
             for want in wants {
                 let together = ask(state, &rays, QueryOptions { want, ..COHERENT });
-                let alone = ask(state, &shuffled, QueryOptions { want, ..SINGLE });
-                for (&i, alone) in order.iter().zip(&alone) {
-                    assert_eq!(together[i], *alone, "{:?}, {want:?}", rays[i]);
+                let side_by_side = ask(state, &shuffled, QueryOptions { want, ..SINGLE });
+                let alone = ask(state, &shuffled, QueryOptions { want: want | Want::PRIM, ..SINGLE });
+                for ((&i, alone), beside) in order.iter().zip(&alone).zip(&side_by_side) {
+                    let prim = if want.has(Want::PRIM) { alone.prim } else { NONE };
+                    assert_eq!(together[i], Hit { prim, ..*alone }, "{:?}, {want:?}", rays[i]);
+                    assert_eq!(together[i], *beside, "{:?}, {want:?}", rays[i]);
                     kinds[alone.kind as usize] += 1;
                 }
             }

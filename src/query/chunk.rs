@@ -122,7 +122,8 @@ impl Chunk {
         };
         let Some(met) = met else { return false };
         if let Ok(met) = met {
-            if self.simple.answer(view, task.want, rays, &self.in_one, met, &mut self.answers) {
+            let distance = |i| self.in_one.distance(i);
+            if self.simple.answer(view, task.want, rays, &*self.in_one.walk, distance, met, &mut self.answers) {
                 hits.write(self.firsts[group.start / PACKET], &self.answers.hits[..group.len()]);
                 return true;
             }
@@ -182,6 +183,9 @@ impl Chunk {
         }
         let (first, count) = (self.firsts[group.start / PACKET], group.len());
         let (rays, found) = (&self.rays[group.clone()], &self.found[group]);
+        if lacking == 0 && waiting.is_empty() && self.simple.answer(view, task.want, rays, found, |i| found[i].t, met, &mut self.answers) {
+            return hits.write(first, &self.answers.hits[..count]);
+        }
         finish_group(view, task, rays, found, [met, lacking], &mut self.answers, &mut waiting);
         if waiting.is_empty() {
             return hits.write(first, &self.answers.hits[..count]);

@@ -1,12 +1,11 @@
-//! Hits of packets that are simple to work out: in a scene of one tree that is not turned, where neither what takes double
+//! Hits of groups of rays that are simple to work out: in a scene of one tree that is not turned, where neither what takes double
 //! precision nor what may have to be read is asked for. What is written is what [`super::finish`] writes.
 
 use super::chunk::Answers;
 use super::hit::{Hit, HitKind, NONE, Want};
 use super::stand_in::within;
-use super::surfaces::Surfaces;
+use super::surfaces::{Surfaces, TreeHits};
 use crate::math::Ray;
-use crate::scene::InOne;
 use crate::scene::walk::{SceneView, bits};
 use crate::structure::bvh::trace::PACKET;
 
@@ -20,14 +19,16 @@ pub(super) struct Simple {
 }
 
 impl Simple {
-    /// Works out the hits of the rays that were traced in `traced`, those of `met` with something; false if that is not simple
+    /// Works out the hits of rays, those of `met` with something in `found`, which they reach at `distance`; false if that is not simple
     /// for all: then `answers` are not to be used.
+    #[allow(clippy::too_many_arguments)] // rays, what they found, and where it goes
     pub fn answer(
         &mut self,
         view: &SceneView,
         want: Want,
         rays: &[Ray],
-        traced: &InOne,
+        found: &(impl TreeHits + ?Sized),
+        distance: impl Fn(usize) -> f64,
         met: u32,
         answers: &mut Answers,
     ) -> bool {
@@ -38,13 +39,13 @@ impl Simple {
         }
         let sees_surfaces = want.any_of(Want::SURFACE);
         let ray = |i: usize| (rays[i].origin, rays[i].dir);
-        if sees_surfaces && !self.surfaces.look::<false>(view, only, ray, &traced.walk, met) {
+        if sees_surfaces && !self.surfaces.look::<false>(view, only, ray, found, met) {
             return false;
         }
         let hits = answers.begin(met, 0);
         let instance = view.scene.instances[placed.instance as usize].id;
         for i in bits(met) {
-            let (hit, at, t) = (&mut hits[i], traced.walk.best(i), traced.distance(i));
+            let (hit, at, t) = (&mut hits[i], found.hit(i), distance(i));
             let (kind, t, uv) = match at.stand_in() {
                 None => (HitKind::Exact, t, [at.u, at.v]),
                 Some(cell) if cell.is_missing => return false,

@@ -1,4 +1,4 @@
-//! Normals and parts of what the rays of a packet hit, all at once: reading them is a few loads a ray that do not wait for each
+//! Normals and parts of what up to a packet's rays hit, together or side by side, all at once: reading them is a few loads a ray that do not wait for each
 //! other, and the arithmetic goes over all rays in vectors. The answers are, to the bit, those of [`super::finish`] and of
 //! [`super::stand_in`], which do the same for one ray.
 
@@ -8,10 +8,10 @@ use crate::base::ids::BlockId;
 use crate::lod::{blended_colour, limit, shares, stored_likeness, stored_normal, sure_from, visible};
 use crate::math::Bounds;
 use crate::scene::placed::Placed;
-use crate::scene::walk::{SceneView, bits};
+use crate::scene::walk::{Found, SceneView, bits};
 use crate::simd::{Isa, Op, Simd, dispatch, prefetch};
 use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
-use crate::structure::bvh::trace::{PACKET, PacketSurfaces, PacketWalk};
+use crate::structure::bvh::trace::{PACKET, PacketSurfaces, PacketWalk, TriHit};
 use glam::{DVec3, Vec3};
 
 /// A number for each ray, or for each triangle that was hit.
@@ -19,7 +19,43 @@ type Row<T> = [T; PACKET];
 /// Triangles up to which half the work does.
 const FEW: usize = PACKET / 2;
 
-/// A triangle that rays of a packet hit.
+/// What rays have hit in a tree, each something.
+pub(crate) trait TreeHits {
+    /// That of ray `i`.
+    fn hit(&self, i: usize) -> TriHit;
+    /// Those of `rays`: on triangles, as far as it is told together where several rays hit the same, and on stand-ins.
+    fn sort(&self, isa: Isa, rays: u32, out: &mut PacketSurfaces);
+}
+
+impl TreeHits for PacketWalk {
+    #[inline]
+    fn hit(&self, i: usize) -> TriHit {
+        self.best(i)
+    }
+    #[inline]
+    fn sort(&self, isa: Isa, rays: u32, out: &mut PacketSurfaces) {
+        self.hits(isa, rays, out);
+    }
+}
+
+impl TreeHits for [Found] {
+    #[inline]
+    fn hit(&self, i: usize) -> TriHit {
+        self[i].tri
+    }
+    #[inline]
+    fn sort(&self, _: Isa, rays: u32, out: &mut PacketSurfaces) {
+        (out.cells, out.count) = (0, 0);
+        for i in bits(rays) {
+            let is_cell = self[i].tri.stand_in().is_some();
+            out.cells |= u32::from(is_cell) << i;
+            out.rays[out.count & (PACKET - 1)] = 1 << i;
+            out.count += usize::from(!is_cell);
+        }
+    }
+}
+
+/// A triangle that rays hit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HitTriangle {
     /// The rays that hit it.
@@ -29,7 +65,7 @@ pub(super) struct HitTriangle {
     pub part: u32,
 }
 
-/// What the rays of a packet see. Reusable.
+/// What up to a packet's rays see. Reusable.
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Surfaces {
@@ -86,7 +122,7 @@ impl Default for Surfaces {
 
 impl Surfaces {
     /// Looks at what rays hit in a scene's one placed tree, `placed`, whose frame differs from the world by its zero only;
-    /// `met`: those with hits in `walk`. False if that cannot be told here: of stand-ins for what is missing, and of what is no
+    /// `met`: those with something in `hits`. False if that cannot be told here: of stand-ins for what is missing, and of what is no
     /// longer in memory.
     ///
     /// `ray`: origin and direction of one. `PICTURE`: what pictures need of stand-ins too.
@@ -95,13 +131,13 @@ impl Surfaces {
         view: &SceneView,
         placed: u32,
         ray: impl Fn(usize) -> (DVec3, Vec3),
-        walk: &PacketWalk,
+        hits: &(impl TreeHits + ?Sized),
         met: u32,
     ) -> bool {
-        walk.hits(view.tree(placed).isa, met, &mut self.hits);
+        hits.sort(view.tree(placed).isa, met, &mut self.hits);
         self.coloured = 0;
-        (self.hits.count == 0 || self.look_at_triangles(view, placed, walk))
-            && (self.hits.cells == 0 || self.look_at_cells::<PICTURE>(view, placed, ray, walk))
+        (self.hits.count == 0 || self.look_at_triangles(view, placed, hits))
+            && (self.hits.cells == 0 || self.look_at_cells::<PICTURE>(view, placed, ray, hits))
     }
 
     /// The triangles that were hit.
@@ -198,12 +234,12 @@ impl Surfaces {
     }
 
     /// False if one is no longer in memory.
-    fn look_at_triangles(&mut self, view: &SceneView, placed: u32, walk: &PacketWalk) -> bool {
+    fn look_at_triangles(&mut self, view: &SceneView, placed: u32, hits: &(impl TreeHits + ?Sized)) -> bool {
         let tree = view.tree(placed);
         let first_part = view.scene.placement.placed[placed as usize].first_part;
         for s in 0..self.hits.count {
             let i = self.hits.rays[s].trailing_zeros() as usize;
-            let Some(triangle) = tree.triangle(&walk.best(i)) else { return false };
+            let Some(triangle) = tree.triangle(&hits.hit(i)) else { return false };
             for (c, corner) in triangle.vertices.iter().enumerate() {
                 for axis in 0..3 {
                     self.corners[c][axis][s] = corner[axis];
@@ -221,13 +257,13 @@ impl Surfaces {
         view: &SceneView,
         placed: u32,
         ray: impl Fn(usize) -> (DVec3, Vec3),
-        walk: &PacketWalk,
+        hits: &(impl TreeHits + ?Sized),
     ) -> bool {
         let tree = view.tree(placed);
         let placed = &view.scene.placement.placed[placed as usize];
         let mut here: [Option<(StoredVoxel, &Node, usize)>; PACKET] = [None; PACKET];
         for i in bits(self.hits.cells) {
-            let hit = walk.best(i);
+            let hit = hits.hit(i);
             let Some(cell) = hit.stand_in().filter(|cell| !cell.is_missing) else { return false };
             let Some(words) = tree.snapshot.block(BlockId(hit.block)) else { return false };
             let block = Block::new(words);

@@ -132,7 +132,7 @@ impl Direct<'_> {
         let Scratch { in_one, plain: Plain { surfaces, rows, .. }, .. } = scratch;
         let (eye, dir) = (self.rays.eye(), &rows.dir);
         let ray = |i: usize| (eye, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
-        if !surfaces.look::<true>(&self.view, placed, ray, &in_one.walk, met) {
+        if !surfaces.look::<true>(&self.view, placed, ray, &*in_one.walk, met) {
             return Outcome::Met(met);
         }
         surfaces.each(self.isa(), &rows.dir, &mut rows.normal, &mut rows.part);

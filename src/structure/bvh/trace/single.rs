@@ -323,13 +323,19 @@ impl<S: Simd> CellLanes<S> {
     /// The children of a node, and those in `mask` that are small enough where the ray leaves their boxes, or farther: `leave`.
     #[inline(always)]
     pub(super) fn likely(&self, s: S, node: &Node, mask: u32, leave: S::F8) -> (Cells<S>, u32) {
-        let planes = stored_planes(s, node, self.near);
-        let faces = stand_in::faces(planes[0], planes[1], s.splat8(0.0));
-        let faces = stand_in::counted(faces, cell_slabs::area_shares(s, node));
+        let cells = self.cells(s, node);
         // A hundredth more, for that is rounded otherwise.
         let width = self.ray.a + self.ray.b * leave;
-        let likely = stand_in::area(faces, self.ray.dir).le(width * width * s.splat8(1.01)).bits() & mask;
-        (Cells { planes, faces }, likely)
+        let likely = stand_in::area(cells.faces, self.ray.dir).le(width * width * s.splat8(1.01)).bits() & mask;
+        (cells, likely)
+    }
+
+    /// The children of a node.
+    #[inline(always)]
+    pub(super) fn cells(&self, s: S, node: &Node) -> Cells<S> {
+        let planes = stored_planes(s, node, self.near);
+        let faces = stand_in::faces(planes[0], planes[1], s.splat8(0.0));
+        Cells { planes, faces: stand_in::counted(faces, cell_slabs::area_shares(s, node)) }
     }
 
     /// Of the cells in `likely` those that may stand in; and where the ray crosses all of a node's cells.

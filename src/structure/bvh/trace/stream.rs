@@ -202,8 +202,9 @@ pub(super) struct Scratch {
     pub enter: [[f32; 8]; LANES],
     pub leave: [[f32; 8]; LANES],
     pub hits: [u32; LANES],
-    /// Those that may stand in.
+    /// Those that may stand in; from the ninth bit on, those of which slabs are met too. And where.
     pub small: [u32; LANES],
+    pub at: [[f32; 8]; LANES],
 }
 
 /// What the lanes hold.
@@ -261,7 +262,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             unfinished: &mut stream.unfinished,
             passed: &mut stream.passed,
             rows: [[0; LANES]; 4],
-            scratch: Scratch { enter: [[0.0; 8]; LANES], leave: [[0.0; 8]; LANES], hits: [0; LANES], small: [0; LANES] },
+            scratch: Scratch { enter: [[0.0; 8]; LANES], leave: [[0.0; 8]; LANES], hits: [0; LANES], small: [0; LANES], at: [[0.0; 8]; LANES] },
             ray: [0; LANES],
             top: [0; LANES],
             prepared: [OneRay::NONE; LANES],

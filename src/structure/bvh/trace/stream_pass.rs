@@ -4,6 +4,7 @@
 //! for again there: to tell them apart costs more.
 
 use super::ahead::ask_for;
+use super::cell_slabs::area_shares;
 use super::pass::Passing;
 use super::rays16::OneRay;
 use super::single::{self, CellLanes, LeafRay, is_better, triangles};
@@ -77,22 +78,34 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
     state.counters.nodes += count as u64;
     // By the number of children met: none, one, several.
     let (mut by_met, mut met_counts) = ([[0; LANES]; 4], Counts::default());
-    let asks = LOD || state.gauge.asks();
+    let asks = !LOD && state.gauge.asks();
+    let slack = s.splat8(state.view.reach * EXTENT_SLACK);
     // Short loops: the CPU then has several lanes under way.
     for i in 0..count {
         let lane = lane(&row, i);
-        let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
-        let (met, enter, leave) = boxes(s, node, &state.prepared[lane]);
-        state.scratch.enter[lane] = enter.to_array();
+        let (node, ray) = (node_of(state, lane), &state.prepared[lane]);
+        let crossed = boxes(s, node, ray);
+        let met = crossed.met;
+        state.scratch.enter[lane] = crossed.enter.to_array();
         state.scratch.hits[lane] = met;
-        if asks {
-            state.scratch.leave[lane] = leave.to_array();
+        let mut is_asked = asks && met != 0;
+        if LOD {
+            let likely = met & likely(s, node, ray, &crossed, slack);
+            state.scratch.small[lane] = likely;
+            is_asked = likely != 0 || state.view.never_waits && met != 0;
         }
-        met_counts.push(&mut by_met, if asks && met != 0 { ASKED } else { class(met) }, lane);
+        if asks {
+            state.scratch.leave[lane] = crossed.leave.to_array();
+        }
+        met_counts.push(&mut by_met, if is_asked { ASKED } else { class(met) }, lane);
     }
     let (asked, asked_count) = (by_met[ASKED], met_counts.take(ASKED));
     if asked_count > 0 {
-        slabs::<S, ANY, LOD>(s, state, &asked, asked_count);
+        if LOD {
+            stand_ins::<S, ANY>(s, state, &asked, asked_count);
+        } else {
+            slabs(s, state, &asked, asked_count);
+        }
     }
     for i in 0..asked_count {
         let lane = lane(&asked, i);
@@ -100,7 +113,7 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
     }
     for i in 0..met_counts.of(SEVERAL) {
         let lane = lane(&by_met[SEVERAL], i);
-        let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
+        let node = node_of(state, lane);
         let top = usize::from(state.top[lane]);
         let (t, child, block) = room(&mut state.stacks[lane], top);
         let hits = state.scratch.hits[lane];
@@ -115,7 +128,7 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
     }
     for i in 0..met_counts.of(ONE) {
         let lane = lane(&by_met[ONE], i);
-        let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
+        let node = node_of(state, lane);
         let child = u32::from(node.child[(state.scratch.hits[lane].trailing_zeros() & 7) as usize]);
         state.child[lane] = child;
         ask_for(state.is_large, state.block[lane], child);
@@ -203,21 +216,54 @@ fn eight_below<S: Simd>(s: S, stack: &super::stream::Stack, top: usize) -> S::F8
     }
 }
 
-/// The children whose boxes a ray meets before its best hit, and where it enters each, and leaves it whatever is nearer.
+/// What a ray meets of the boxes of a node's children.
+struct Crossed<S: Simd> {
+    /// Those that it meets before its best hit.
+    met: u32,
+    enter: S::F8,
+    /// Whatever is nearer.
+    leave: S::F8,
+    /// How far it goes between the planes of each axis.
+    across: [S::F8; 3],
+}
+
 #[inline(always)]
-fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> (u32, S::F8, S::F8) {
+fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> Crossed<S> {
     let bytes = bytes_of(node);
     let [near_off, far_off, slope] = s.slabs(node.head(), ray.inv(), ray.off());
     let mut enter = s.splat8(ray.t_min());
     let mut leave = s.splat8(f32::INFINITY);
+    let mut across = slope;
     let planes = ray.planes();
     for axis in 0..3 {
         let near = s.bytes8(eight(bytes, planes[axis]));
         let far = s.bytes8(eight(bytes, planes[axis + 4]));
         enter = near.mul_add(slope[axis], near_off[axis]).max(enter);
         leave = far.mul_add(slope[axis], far_off[axis]).min(leave);
+        across[axis] = (far - near) * slope[axis];
     }
-    (enter.le(leave.min(s.splat8(ray.best()))).bits() & u32::from(node.valid), enter, leave)
+    let met = enter.le(leave.min(s.splat8(ray.best()))).bits() & u32::from(node.valid);
+    Crossed { met, enter, leave, across }
+}
+
+/// By how much the extents of cells are taken shorter, as a part of the reach: each of the two planes that these are between is rounded to
+/// `2^-24` of that, and so is their difference. (What is rounded here is a part of the extent itself: the hundredth is for that.)
+const EXTENT_SLACK: f32 = 4.0 / 16_777_216.0;
+
+/// The children of a node that may be small enough to stand in, and maybe others: from the way through their boxes, roughly.
+#[inline(always)]
+fn likely<S: Simd>(s: S, node: &Node, ray: &OneRay, crossed: &Crossed<S>, slack: S::F8) -> u32 {
+    let [a, b, dir @ ..] = *ray.cone();
+    let (zero, most) = (s.splat8(0.0), s.splat8(4.0 / EXTENT_SLACK));
+    // The way between planes, times |dir| along the axis, is the cell's extent. What is not a number counts as none, what is infinite as the most
+    // that an extent can be: that is the safe side.
+    let x = (crossed.across[0] * s.splat8(dir[0]) - slack).max(zero).min(slack * most);
+    let y = (crossed.across[1] * s.splat8(dir[1]) - slack).max(zero).min(slack * most);
+    let z = (crossed.across[2] * s.splat8(dir[2]) - slack).max(zero).min(slack * most);
+    let area = y * z * s.splat8(dir[0]) + z * x * s.splat8(dir[1]) + x * y * s.splat8(dir[2]);
+    let width = crossed.leave.min(s.splat8(ray.best())).mul_add(s.splat8(b), s.splat8(a));
+    // A hundredth less, for that is rounded otherwise.
+    (area * area_shares(s, node) * s.splat8(0.99)).le(width * width).bits()
 }
 
 /// A lane's ray as the test of cells needs it.
@@ -230,48 +276,54 @@ fn cell_lanes<S: Simd>(s: S, ray: &OneRay, reach: f32) -> CellLanes<S> {
     CellLanes::of(s, org, [inv[0], inv[1], inv[2]], [x, y, z], [near(0), near(1), near(2)], ray.t_min(), Cone { a, b }, reach)
 }
 
-/// Looks at the slabs of the nodes that some lanes are at: children that a ray passes beside its slabs are not met; where cells may
-/// stand in, what may is offered. (No more there: what stands in below may reach out of a node's slabs; and of a triangle that spatial
-/// splits put into several leaves one's cell may stand in and be passed, while the ray meets the triangle by way of the other.)
+/// Looks at the slabs of the nodes that some lanes are at, where nothing stands in: children that a ray passes beside its slabs are not met.
 #[inline(always)]
-fn slabs<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, row: &Row, count: usize) {
-    let (mut offering, mut counts) = ([[0; LANES]; 4], Counts::default());
+fn slabs<S: Simd>(s: S, state: &mut State, row: &Row, count: usize) {
     for i in 0..count {
         let lane = lane(row, i);
-        let node = state.block[lane].node((state.child[lane] & INDEX_MASK) as usize);
-        let ray = &state.prepared[lane];
-        let cells = cell_lanes(s, ray, state.view.reach);
-        let met = state.scratch.hits[lane];
-        let mut way = [s.load8(&state.scratch.enter[lane]), s.load8(&state.scratch.leave[lane])];
-        let mut small = 0;
-        if LOD {
-            let (these, likely) = cells.likely(s, node, met, way[1].min(s.splat8(ray.best())));
-            if likely == 0 {
-                continue;
-            }
-            (small, way) = cells.small(&these, likely);
-            if small == 0 {
-                continue;
-            }
-        }
-        let [enter, leave] = cells.within(s, node, way);
-        let crosses = enter.le(leave).bits();
-        if !LOD {
-            state.gauge.saw((met & !crosses).count_ones());
-            state.scratch.hits[lane] = met & crosses;
-        }
-        if LOD {
-            state.scratch.small[lane] = small | crosses << 8;
-            state.scratch.leave[lane] = enter.to_array();
-            counts.push(&mut offering, 1, lane);
-        }
+        let cells = cell_lanes(s, &state.prepared[lane], state.view.reach);
+        let way = [s.load8(&state.scratch.enter[lane]), s.load8(&state.scratch.leave[lane])];
+        let [enter, leave] = cells.within(s, node_of(state, lane), way);
+        let (met, crosses) = (state.scratch.hits[lane], enter.le(leave).bits());
+        state.gauge.saw((met & !crosses).count_ones());
+        state.scratch.hits[lane] = met & crosses;
+    }
+}
+
+/// Offers some lanes those cells of the nodes that they are at which may stand in. (Slabs of others are not asked: what stands in below
+/// them may reach out of a node's slabs; and of a triangle that spatial splits put into several leaves one's cell may stand in and be passed,
+/// while the ray meets the triangle by way of the other.) Loop by loop, for fewer and fewer lanes.
+#[inline(always)]
+fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, row: &Row, count: usize) {
+    let (mut rows, mut counts) = ([[0; LANES]; 4], Counts::default());
+    for i in 0..count {
+        let lane = lane(row, i);
+        let cells = cell_lanes(s, &state.prepared[lane], state.view.reach);
+        let (small, [enter, leave]) = cells.small(&cells.cells(s, node_of(state, lane)), state.scratch.small[lane]);
+        state.scratch.small[lane] = small;
+        (state.scratch.at[lane], state.scratch.leave[lane]) = (enter.to_array(), leave.to_array());
+        counts.push(&mut rows, usize::from(small != 0), lane);
     }
     for i in 0..counts.of(1) {
-        offer::<ANY>(state, lane(&offering[1], i));
+        let lane = lane(&rows[1], i);
+        let cells = cell_lanes(s, &state.prepared[lane], state.view.reach);
+        let way = [s.load8(&state.scratch.at[lane]), s.load8(&state.scratch.leave[lane])];
+        let [enter, leave] = cells.within(s, node_of(state, lane), way);
+        state.scratch.small[lane] |= enter.le(leave).bits() << 8;
+        state.scratch.at[lane] = enter.to_array();
     }
-    if LOD && state.view.never_waits {
+    for i in 0..counts.of(1) {
+        offer::<ANY>(state, lane(&rows[1], i));
+    }
+    if state.view.never_waits {
         missing_leaves::<S, ANY>(s, state, row, count);
     }
+}
+
+/// The node that a lane is at.
+#[inline(always)]
+fn node_of<'a>(state: &State<'a>, lane: usize) -> &'a Node {
+    state.block[lane].node((state.child[lane] & INDEX_MASK) as usize)
 }
 
 /// Offers a lane the cells of its node that may stand in. Where any hit will do and one is found, nothing is left to visit.
@@ -285,7 +337,7 @@ fn offer<const ANY: bool>(state: &mut State, lane: usize) {
     let Some(best) = state.hits.get_mut(ray) else { return };
     let before = (best.t, best.tri, best.block);
     let (block, id, both) = (state.block[lane], state.block_id[lane], state.scratch.small[lane]);
-    let (t, passed) = (&state.scratch.leave[lane], &mut state.passed[ray]);
+    let (t, passed) = (&state.scratch.at[lane], &mut state.passed[ray]);
     let settled = single::offers(state.view, both & 0xff, both >> 8, t, &passing, block, id, node, state.filter, best, passed);
     state.scratch.hits[lane] &= !settled;
     if (best.t, best.tri, best.block) != before {
