@@ -13,7 +13,7 @@ use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Context, ContextOptions};
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::trace::{Outcome, PACKET, PacketWalk, Stream, TriHit, Walk};
+use outcrop::structure::bvh::trace::{Outcome, PACKET, PacketWalk, Stream, TreeView, TriHit, Walk};
 
 const RAYS: usize = 40_000;
 
@@ -143,6 +143,45 @@ fn scenes_answer_alike_with_any_threads_and_vectors() {
 }
 
 on_five_models!(check);
+
+/// Rays with a width that begin at neighbouring points, as shadow rays do: packets keep together, and few rays of them come to most nodes. Stand-ins too are
+/// the same to the bit, for what is missing too.
+#[test]
+fn rays_of_neighbouring_points_see_the_same_stand_ins() {
+    let tree = TestTree::around_middle(&scenes::bumpy_sphere(60, 90, 1), 0.0);
+    let (all, holes) = (tree.snapshot.filtered(|_| true), tree.snapshot.filtered(|id| id.0 % 3 != 2));
+    let mut maker = RayMaker::new(&tree.stored, 31);
+    let rows: Vec<Ray32> = (0..16_384).map(|_| maker.make(RayKind::Grid)).collect();
+    let mut walk = Walk::new();
+    let shadow = |ray: &Ray32| {
+        let hit = trees::closest(&tree.view(&all, Isa::Baseline), ray, &mut walk)?;
+        let (org, light) = (ray.org + ray.dir * (hit.t * 0.99), ray.org + 1.5 * Vec3::new(ray.org.y, ray.org.z, ray.org.x));
+        Some(Ray32 { org, dir: light - org, t_min: 0.0, t_max: 2.0, ..*ray })
+    };
+    let exact: Vec<Ray32> = rows.iter().filter_map(shadow).collect();
+    let (mut lods, mut missing) = (0, 0);
+    for width in [0.0, 0.02, 0.1, 0.5] {
+        let rays: Vec<Ray32> = exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.reach, b: width }, ..*ray }).collect();
+        for (isa, (snapshot, never_waits)) in trees::isas().into_iter().flat_map(|isa| [(&all, false), (&holes, true)].map(|it| (isa, it))) {
+            let base = TreeView { never_waits, ..tree.view(snapshot, Isa::Baseline) };
+            let view = TreeView { isa, ..base };
+            let (mut packet, mut stream) = (PacketWalk::of_queries(), Stream::of_queries());
+            let side_by_side = trees::closest_each(&view, &rays, &mut stream);
+            for (rays, beside) in rays.chunks(PACKET).zip(side_by_side.chunks(PACKET)) {
+                let together = trees::closest_together(&view, rays, &mut packet);
+                for ((ray, together), beside) in rays.iter().zip(together).zip(beside) {
+                    let alone = trees::closest(&base, ray, &mut walk);
+                    assert_eq!(together, alone, "{}, a packet, {ray:?}", isa.name());
+                    assert_eq!(beside.unwrap_or(alone), alone, "{}, a stream, {ray:?}", isa.name());
+                    let cell = alone.and_then(|hit| hit.stand_in());
+                    lods += usize::from(cell.is_some_and(|cell| !cell.is_missing));
+                    missing += usize::from(cell.is_some_and(|cell| cell.is_missing));
+                }
+            }
+        }
+    }
+    assert!(lods > exact.len() && missing > exact.len() / 10, "{lods}, {missing} of {}", exact.len());
+}
 
 /// Rays of a camera in blocks of pixels, some of them odd: in order they go in packets, shuffled they go side by side.
 #[test]

@@ -16,10 +16,10 @@ use crate::lod::PASSING;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Node};
 
-/// The children that could stand in for some ray: by the least directions and the greatest widths.
+/// The children that could stand in: for some ray, by what their areas are seen from the least directions, and the greatest widths; or for one.
 #[inline(always)]
-pub(super) fn likely<S: Simd>(s: S, area: S::F8, leave: S::F8, shared: &Shared) -> u32 {
-    let width = s.splat8(shared.cone_max[0]) + s.splat8(shared.cone_max[1]) * leave;
+pub(super) fn likely<S: Simd>(s: S, area: S::F8, leave: S::F8, [a, b]: [f32; 2]) -> u32 {
+    let width = s.splat8(a) + s.splat8(b) * leave;
     // A hundredth more, for where the cell is met is rounded otherwise.
     area.le(width * width * s.splat8(1.01)).bits()
 }

@@ -1,19 +1,32 @@
-//! Nodes that few rays of a packet meet: all eight children against one ray after the other.
+//! Nodes that few rays of a packet come to: all eight children against one ray after the other.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
+use super::cell_slabs::{self, Origin};
 use super::packet::{PacketEntry, PacketWalk, at, at_mut};
 use super::packet_prepare::Shared;
-use super::packet_visit::{Boxes, keep};
+use super::packet_visit::{self, Boxes, keep};
 use super::stand_in::{self, ConeRay};
-use super::{PartFilter, TreeView, cell_slabs, single};
+use super::{PartFilter, TreeView, packet_cells, single};
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::Block;
+use crate::structure::bvh::layout::{Block, Node};
 
 /// Rays up to which this is less work than one child against all rays after the other.
 pub(super) const FEW: u32 = 4;
 
+/// What rays share of a node's children, into `boxes`.
+#[inline(always)]
+pub(super) fn planes<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, boxes: &mut Boxes) {
+    let [[first, last], _] = packet_visit::planes(s, node, shared, boxes);
+    (boxes.met, boxes.small, boxes.has_slabs) = (0, 0, false);
+    if LOD {
+        let faces = stand_in::faces(first, last, s.splat8(0.0));
+        packet_cells::cells(s, first, last, stand_in::counted(faces, cell_slabs::area_shares(s, node)), shared, boxes);
+    }
+}
+
 /// The rays of `entry` that each child is still to be visited by: those that meet it, of `leaves` those that do so inside of their
-/// slabs, and for which it does not stand in. Rays share their origin.
+/// slabs, and for which it does not stand in. `boxes` has the [`planes`], and gets what children are met, from where on, and which of them may
+/// stand in for some ray.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
@@ -30,23 +43,27 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
 ) -> [u32; 8] {
     let (mut out, mut all_asked) = ([0; 8], 0u32);
     let mut rays = entry.rays;
+    let mut first = s.splat8(f32::INFINITY);
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
         rays &= rays - 1;
-        let (mut met, asked) = one::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry.block, leaves, i, walk);
+        let (mut met, asked, enter) = one::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry.block, leaves, i, walk);
+        boxes.met |= met;
+        first = enter.min(first);
         all_asked |= asked;
         while met != 0 {
             out[met.trailing_zeros() as usize & 7] |= 1 << i;
             met &= met - 1;
         }
     }
+    boxes.enter = first.to_array();
     if all_asked != 0 {
         walk.gauge.saw((0..8).filter(|slot| all_asked >> slot & 1 == 1 && out[*slot] == 0).count() as u32);
     }
     out
 }
 
-/// The children that ray `i` has still to visit; and those of `leaves` whose boxes it meets.
+/// The children that ray `i` has still to visit; those of `leaves` whose boxes it meets; and where it enters each box.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn one<S: Simd, const ANY: bool, const LOD: bool>(
@@ -61,41 +78,65 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     leaves: u32,
     i: usize,
     walk: &mut PacketWalk,
-) -> (u32, u32) {
+) -> (u32, u32, S::F8) {
     let zero = s.splat8(0.0);
-    let (mut near, mut far, mut inv) = ([zero; 3], [zero; 3], [zero; 3]);
+    let (mut near, mut far, mut inv, mut org) = ([zero; 3], [zero; 3], [zero; 3], [zero; 3]);
     for axis in 0..3 {
         (near[axis], far[axis]) = (s.load8(&boxes.planes[axis][0]), s.load8(&boxes.planes[axis][1]));
         inv[axis] = s.splat8(at(&walk.rays.inv[axis], i));
+        if !shared.one_origin {
+            org[axis] = s.splat8(at(&walk.rays.org[axis], i));
+            (near[axis], far[axis]) = (near[axis] - org[axis], far[axis] - org[axis]);
+        }
     }
     let [enter, leave] = stand_in::cross(near, far, inv);
     let t_min = s.splat8(at(&walk.rays.t_min, i));
-    let mut met = enter.max(t_min).le(leave.min(s.splat8(at(&walk.hits.t, i)))).bits() & boxes.met;
-    let is_likely = LOD && met & boxes.small != 0;
-    if !is_likely && met & leaves == 0 {
-        return (met, 0);
-    }
-    let (mut dir, mut faces) = ([zero; 3], [zero; 3]);
+    let entered = enter.max(t_min);
+    let within = leave.min(s.splat8(at(&walk.hits.t, i)));
+    let is_met = entered.le(within);
+    let mut met = is_met.bits() & u32::from(block.node(index).valid);
+    // Where it meets none it enters none.
+    let first = entered.select(is_met, s.splat8(f32::INFINITY));
+    let (mut dir, mut faces, mut likely) = ([zero; 3], [zero; 3], 0);
     for axis in 0..3 {
         (dir[axis], faces[axis]) = (s.splat8(at(&walk.rays.dir[axis], i)), s.load8(&boxes.faces[axis]));
     }
-    let (mut small, mut way) = (0, [enter.max(t_min), leave]);
-    if is_likely {
-        let cone = walk.rays.cone(i);
-        let cells = stand_in::meet([enter, leave], faces, &ConeRay { dir, t_min, a: s.splat8(cone.a), b: s.splat8(cone.b) });
-        small = cells.small & met & boxes.small;
-        way[0] = cells.enter;
+    let cone = walk.rays.cone(i);
+    if LOD {
+        likely = met & packet_cells::likely(s, stand_in::area(faces, dir), within, [cone.a, cone.b]);
+    }
+    if likely == 0 && met & leaves == 0 {
+        return (met, 0, first);
+    }
+    let (mut small, mut way) = (0, [entered, leave]);
+    if likely != 0 {
+        let mut crossing = [enter, leave];
+        if !shared.one_origin {
+            for axis in 0..3 {
+                let slack = s.splat8(stand_in::slack(at(&walk.rays.org[axis], i), shared.sign[axis], view.reach));
+                near[axis] = s.load8(&boxes.stored[axis][0]) - slack - org[axis];
+                far[axis] = s.load8(&boxes.stored[axis][1]) + slack - org[axis];
+            }
+            crossing = stand_in::cross(near, far, inv);
+        }
+        let cells = stand_in::meet(crossing, faces, &ConeRay { dir, t_min, a: s.splat8(cone.a), b: s.splat8(cone.b) });
+        small = cells.small & likely;
+        way = [cells.enter, crossing[1]];
     }
     let leaves = met & leaves & !small;
     if small | leaves == 0 {
-        return (met, 0);
+        return (met, 0, first);
     }
-    let slabs = boxes.slabs(s, block.node(index), shared, view.reach).all(s);
+    boxes.small |= small;
+    let mut slabs = boxes.slabs(s, block.node(index), shared, view.reach).all(s);
+    if !shared.one_origin {
+        slabs = Origin::new(org, s.splat8(view.reach), zero).see(&slabs);
+    }
     let [enter, leave] = cell_slabs::within(dir, &slabs, way, s.splat8(1.0));
     let crosses = enter.le(leave).bits();
     met &= !leaves | crosses;
     if small == 0 {
-        return (met, leaves);
+        return (met, leaves, first);
     }
     let mut best = walk.best(i);
     let (passing, passed) = (walk.rays.passing(i), at_mut(&mut walk.passed, i));
@@ -104,7 +145,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);
-        return (0, leaves);
+        return (0, leaves, first);
     }
-    (met & !settled, leaves)
+    (met & !settled, leaves, first)
 }

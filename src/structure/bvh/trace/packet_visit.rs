@@ -1,7 +1,10 @@
 //! The kernel of packets. A node's boxes are tested against all rays at once, by intervals of their origins
 //! and reciprocal directions; boxes that pass and are of leaves, or narrower than the packet, are tested ray by ray too, sixteen
-//! in a vector. Where few rays meet a node they are tested one after the other (`packet_few.rs`). Rays that cannot go
+//! in a vector. Where few rays come to a node they are tested one after the other (`packet_few.rs`). Rays that cannot go
 //! together go alone (`single.rs`).
+//!
+//! What is nearest is visited first. Where any hit will do that is not as good as visiting what has been on the stack for longer, in turns between
+//! parts of the tree: what is asked of memory in one is there when its turn comes.
 //!
 //! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for
 //! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
@@ -115,15 +118,28 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
             match Child::from_bits(entry.child) {
                 Some(Child::Node(index)) => {
                     walk.counters.nodes += 1;
-                    intervals::<S, LOD>(s, block.node(index), &shared, far, boxes);
+                    let bottom = walk.stack.len();
+                    let is_few = entry.rays.count_ones() <= packet_few::FEW;
+                    if is_few {
+                        packet_few::planes::<S, LOD>(s, block.node(index), &shared, boxes);
+                    } else {
+                        intervals::<S, LOD>(s, block.node(index), &shared, far, boxes);
+                    }
                     let nearest =
-                        nearest_child::<S, ANY, LOD>(s, is_large, view, filter, block, index, boxes, &shared, entry, walk);
+                        nearest_child::<S, ANY, LOD>(s, is_large, is_few, view, filter, block, index, boxes, &shared, entry, walk);
                     if LOD && (boxes.small != 0 || view.never_waits) {
                         far = farthest(s, &walk.hits.t);
                     }
                     let Some(nearest) = nearest else { break };
-                    if nearest.block != entry.block {
-                        walk.counters.blocks += u64::from(!Child::is_leaf(nearest.child));
+                    let is_elsewhere = nearest.block != entry.block;
+                    walk.counters.blocks += u64::from(is_elsewhere && !Child::is_leaf(nearest.child));
+                    if ANY && bottom > 0 {
+                        // Its memory was asked for just now, that of an older entry longer ago; and which hit is found is all the same.
+                        let older = std::mem::replace(&mut walk.stack[bottom - 1], nearest);
+                        walk.stack.push(older);
+                        break;
+                    }
+                    if is_elsewhere {
                         let Some(words) = view.visit(nearest.block) else {
                             // A leaf block: references to others are followed only if they are there.
                             walk.stack.push(nearest);
@@ -219,6 +235,7 @@ pub(super) fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
 fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
     is_large: bool,
+    is_few: bool,
     view: &TreeView,
     filter: Option<&PartFilter>,
     block: Block,
@@ -229,21 +246,21 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     walk: &mut PacketWalk,
 ) -> Option<PacketEntry> {
     let node = block.node(index);
-    let mut mask = boxes.met;
     // Leaves whose slabs are asked.
     let is_asked = !LOD && walk.gauge.asks();
-    let leaves = if is_asked { stand_in::leaves(node) & mask } else { 0 };
-    let mut beside = 0;
-    let is_few = shared.one_origin && entry.rays.count_ones() <= packet_few::FEW;
+    let asked = if is_asked { stand_in::leaves(node) } else { 0 };
     let few =
-        if is_few { packet_few::each::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry, leaves, walk) } else { [0; 8] };
+        if is_few { packet_few::each::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry, asked, walk) } else { [0; 8] };
+    let mut mask = boxes.met;
+    let leaves = asked & mask;
+    let mut beside = 0;
     let bottom = walk.stack.len();
     let mut nearest: Option<PacketEntry> = None;
     while mask != 0 {
         let slot = mask.trailing_zeros() as usize & 7;
         mask &= mask - 1;
         let child = u32::from(node.child[slot]);
-        // Rays from one point are tested one by one only before leaves and what is narrower than the packet: for wider nodes
+        // Many rays from one point are tested one by one only before leaves and what is narrower than the packet: for wider nodes
         // it costs more than it saves (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of many origins are
         // too wide.
         let mut rays = if is_few {
@@ -290,23 +307,23 @@ pub(super) type Planes = [[[f32; 8]; 2]; 3];
 
 /// The eight children of a node as all rays of a packet see them.
 pub(super) struct Boxes {
-    /// Those that rays between the extremes can meet.
+    /// Those that rays between the extremes can meet; where few rays come, those that some does.
     pub met: u32,
-    /// Of these, those that are narrower than the packet.
+    /// Of these, those that are narrower than the packet; where few rays come nobody asks.
     pub narrow: u32,
-    /// Of these, those that could stand in for some ray.
+    /// Of these, those that could stand in for some ray; where few rays come, those that do or that it passes.
     pub small: u32,
     /// No ray enters them before.
     pub enter: [f32; 8],
     /// Outward by [`Shared::slack`].
     pub planes: Planes,
-    /// Only if one is small: the planes as stored, where rays do not share the origin; and what areas of faces count
+    /// Only if one is small, or few rays come: the planes as stored, where rays do not share the origin; and what areas of faces count
     /// for, signed as the directions are.
     pub stored: Planes,
     pub faces: [[f32; 8]; 3],
     /// Their slabs, if these are known: as the one origin sees them, or as stored, where rays do not share it.
     slabs: Eight,
-    has_slabs: bool,
+    pub has_slabs: bool,
 }
 
 impl Boxes {
@@ -343,6 +360,27 @@ impl Boxes {
 /// The test of all children against all rays at once, into `out`.
 #[inline(always)]
 pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, far: f32, out: &mut Boxes) {
+    let [[first, last], [from, to]] = planes(s, node, shared, out);
+    let [enter, leave] = cross(s, from, to, shared, far);
+    out.met = enter.le(leave).bits() & u32::from(node.valid);
+    out.enter = enter.to_array();
+    let faces = stand_in::faces(first, last, s.splat8(0.0));
+    let dir = [s.splat8(shared.dir_min[0]), s.splat8(shared.dir_min[1]), s.splat8(shared.dir_min[2])];
+    let area = stand_in::area(faces, dir);
+    out.narrow = area.le(leave * leave * s.splat8(shared.spread_area)).bits();
+    out.has_slabs = false;
+    if LOD {
+        let share = cell_slabs::area_shares(s, node);
+        out.small = packet_cells::likely(s, area * share, leave, shared.cone_max) & out.met;
+        if out.small != 0 {
+            packet_cells::cells(s, first, last, stand_in::counted(faces, share), shared, out);
+        }
+    }
+}
+
+/// The planes of a node's children into `out`; as stored, and outward less the extremes of the origins.
+#[inline(always)]
+pub(super) fn planes<S: Simd>(s: S, node: &Node, shared: &Shared, out: &mut Boxes) -> [[[S::F8; 3]; 2]; 2] {
     let step = s.powers8(node.exponents());
     let zero = s.splat8(0.0);
     let (mut first, mut last) = ([zero; 3], [zero; 3]);
@@ -358,21 +396,7 @@ pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Sh
         let planes = if shared.one_origin { [from[axis], to[axis]] } else { [near, far] };
         out.planes[axis] = [planes[0].to_array(), planes[1].to_array()];
     }
-    let [enter, leave] = cross(s, from, to, shared, far);
-    out.met = enter.le(leave).bits() & u32::from(node.valid);
-    out.enter = enter.to_array();
-    let faces = stand_in::faces(first, last, zero);
-    let dir = [s.splat8(shared.dir_min[0]), s.splat8(shared.dir_min[1]), s.splat8(shared.dir_min[2])];
-    let area = stand_in::area(faces, dir);
-    out.narrow = area.le(leave * leave * s.splat8(shared.spread_area)).bits();
-    out.has_slabs = false;
-    if LOD {
-        let share = cell_slabs::area_shares(s, node);
-        out.small = packet_cells::likely(s, area * share, leave, shared) & out.met;
-        if out.small != 0 {
-            packet_cells::cells(s, first, last, stand_in::counted(faces, share), shared, out);
-        }
-    }
+    [[first, last], [from, to]]
 }
 
 /// Where the first of all rays enters boxes between planes less the extremes of the origins, and where the last leaves them, up to
