@@ -22,8 +22,8 @@
  * Units      are the model's own; angles say theirs; colours are linear, not sRGB.
  * Matrices   are affine, 12 doubles by column: x axis, y axis, z axis, origin.
  * Blocking.  Calls marked `Cheap` never wait for the disk or for other work. Those marked
- *            `Blocks` do; where the context has no threads, they do the work themselves. Those
- *            that trace rays or open models work too where it has some, in place of one of them.
+ *            `Blocks` do; where the context has no threads, they do the work themselves. Queries,
+ *            and opening a model, work too where it has some, in place of one of them.
  */
 
 

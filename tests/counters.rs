@@ -8,7 +8,7 @@ use common::rays::{Ray32, RayKind, RayMaker};
 use common::rng::Rng;
 use common::scenes;
 use common::trees::{self, TestTree};
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use outcrop::math::Cone;
 use outcrop::simd::Isa;
 use outcrop::structure::bvh::trace::{BUNDLE, Bundle, Counters, Outcome, PACKET, PacketWalk, Stream, Walk};
@@ -53,13 +53,20 @@ fn per_ray(counters: &Counters) -> [u64; 5] {
     [counters.nodes, counters.leaves, counters.triangles, counters.blocks, counters.leaf_lines]
 }
 
+fn sphere() -> TestTree {
+    TestTree::around_middle(&scenes::bumpy_sphere(100, 160, 1), 0.0)
+}
+
+fn camera(maker: &mut RayMaker) -> Vec<Ray32> {
+    let rows: Vec<Ray32> = (0..RAYS).map(|_| maker.make(RayKind::Grid)).collect();
+    tiled(&rows)
+}
+
 #[test]
 fn what_walks_visit_is_pinned() {
-    let triangles = scenes::bumpy_sphere(100, 160, 1);
-    let tree = TestTree::around_middle(&triangles, 0.0);
+    let tree = sphere();
     let mut maker = RayMaker::new(&tree.stored, 5);
-    let rows: Vec<Ray32> = (0..RAYS).map(|_| maker.make(RayKind::Grid)).collect();
-    let camera = tiled(&rows);
+    let camera = camera(&mut maker);
     let mixed = maker.batch(RAYS);
     // Wide enough for cells to stand in at all levels.
     let wide = |(i, ray): (usize, &Ray32)| Ray32 { cone: Cone { a: 0.0, b: 0.004 * (1 + i / 32 % 8) as f32 }, ..*ray };
@@ -87,19 +94,9 @@ fn what_walks_visit_is_pinned() {
 /// Shadow rays of neighbouring points: exact ones, then ones with a width.
 #[test]
 fn what_any_hit_visits_is_pinned() {
-    let triangles = scenes::bumpy_sphere(100, 160, 1);
-    let tree = TestTree::around_middle(&triangles, 0.0);
-    let mut maker = RayMaker::new(&tree.stored, 5);
-    let rows: Vec<Ray32> = (0..RAYS).map(|_| maker.make(RayKind::Grid)).collect();
+    let tree = sphere();
     let view = tree.view(&tree.snapshot, Isa::Baseline);
-    // To the side of where they are seen from.
-    let light = |eye: Vec3| eye + 1.5 * Vec3::new(eye.y, eye.z, eye.x);
-    let shadow = |ray: &Ray32| {
-        let hit = trees::closest(&view, ray, &mut Walk::new())?;
-        let org = ray.org + ray.dir * (hit.t * 0.999);
-        Some(Ray32 { org, dir: light(ray.org) - org, t_min: 0.0, t_max: 1.0, ..*ray })
-    };
-    let exact: Vec<Ray32> = tiled(&rows).iter().filter_map(shadow).collect();
+    let exact = trees::shadows(&view, &camera(&mut RayMaker::new(&tree.stored, 5)));
     let wide: Vec<Ray32> = exact.iter().map(|ray| Ray32 { t_min: 0.01, cone: Cone { a: 0.02 * tree.reach, b: 0.0 }, ..*ray }).collect();
     let found = [exact, wide].map(|rays| {
         let (mut walk, mut stream, mut packet) = (Walk::new(), Stream::of_queries(), PacketWalk::of_queries());

@@ -153,12 +153,7 @@ fn rays_of_neighbouring_points_see_the_same_stand_ins() {
     let mut maker = RayMaker::new(&tree.stored, 31);
     let rows: Vec<Ray32> = (0..16_384).map(|_| maker.make(RayKind::Grid)).collect();
     let mut walk = Walk::new();
-    let shadow = |ray: &Ray32| {
-        let hit = trees::closest(&tree.view(&all, Isa::Baseline), ray, &mut walk)?;
-        let (org, light) = (ray.org + ray.dir * (hit.t * 0.99), ray.org + 1.5 * Vec3::new(ray.org.y, ray.org.z, ray.org.x));
-        Some(Ray32 { org, dir: light - org, t_min: 0.0, t_max: 2.0, ..*ray })
-    };
-    let exact: Vec<Ray32> = rows.iter().filter_map(shadow).collect();
+    let exact = trees::shadows(&tree.view(&all, Isa::Baseline), &rows);
     let (mut lods, mut missing) = (0, 0);
     for width in [0.0, 0.02, 0.1, 0.5] {
         let rays: Vec<Ray32> = exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.reach, b: width }, ..*ray }).collect();

@@ -304,7 +304,8 @@ impl Drop for Ended {
 }
 
 impl Job {
-    fn wait_to_the_end(&self) -> Ending {
+    /// [`Job::wait`] for as long as it takes.
+    pub fn wait_to_the_end(&self) -> Ending {
         loop {
             if let Some(ending) = self.wait(Duration::from_secs(3600)) {
                 return ending;

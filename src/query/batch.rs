@@ -156,7 +156,7 @@ impl Query {
 impl Drop for Query {
     fn drop(&mut self) {
         self.job.cancel();
-        while self.job.wait(Duration::from_secs(3600)).is_none() {}
+        self.job.wait_to_the_end();
     }
 }
 

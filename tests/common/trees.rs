@@ -124,6 +124,18 @@ pub fn closest(view: &TreeView, ray: &Ray32, walk: &mut Walk) -> Option<TriHit> 
     Some(walk.best()).filter(TriHit::is_hit)
 }
 
+/// Rays from what rays hit to a light, to the side of where these begin; every block is there.
+pub fn shadows(view: &TreeView, rays: &[Ray32]) -> Vec<Ray32> {
+    let mut walk = Walk::new();
+    let shadow = |ray: &Ray32| {
+        let hit = closest(view, ray, &mut walk)?;
+        let (org, eye) = (ray.org + ray.dir * (hit.t * 0.999), ray.org);
+        let light = eye + 1.5 * Vec3::new(eye.y, eye.z, eye.x);
+        Some(Ray32 { org, dir: light - org, t_min: 0.0, t_max: 1.0, ..*ray })
+    };
+    rays.iter().filter_map(shadow).collect()
+}
+
 /// Whether one ray hits anything; every block is there.
 pub fn any(view: &TreeView, ray: &Ray32, walk: &mut Walk) -> bool {
     walk.begin(view, &local(ray));

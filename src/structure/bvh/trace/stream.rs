@@ -202,7 +202,7 @@ pub(super) struct Scratch {
     pub enter: [[f32; 8]; LANES],
     pub leave: [[f32; 8]; LANES],
     pub hits: [u32; LANES],
-    /// Those that may stand in; from the ninth bit on, those of which slabs are met too. And where.
+    /// Those that may stand in, from the ninth bit on those of which slabs are met too; and where cells are entered. (These are left where `leave` says.)
     pub small: [u32; LANES],
     pub at: [[f32; 8]; LANES],
 }
