@@ -82,10 +82,12 @@ fn what_walks_visit_is_pinned() {
     let found = [count(&camera, &tree), count(&mixed, &tree), count(&wide, &tree), count(&near, &tree)].map(|paths| paths.map(|c| per_ray(&c)));
     println!("nodes, leaves, triangles, blocks, lines of leaves of single rays, streams, packets, bundles: {found:?}");
     assert_eq!(found, PINNED);
-    // Side by side or one by one: nearly the same, but for what slabs save. Packets share what they visit.
+    // Side by side never more than one by one. Sixteen that begin near each other share their first nodes; those that
+    // do not, the uppermost. Packets share what they visit.
     for [single, stream, ..] in found {
-        assert!(stream[0] <= single[0] && single[0] * 4 < stream[0] * 5 && stream[1] <= single[1], "{single:?} {stream:?}");
+        assert!(stream[0] < single[0] && stream[1] <= single[1], "{single:?} {stream:?}");
     }
+    assert!([0, 2, 3].iter().all(|&i| found[i][1][0] * 2 < found[i][0][0]));
     assert!(found[0][2][0] * 4 < found[0][0][0] * 3);
     // So do bundles, of nodes and leaves, which they do not ask for slabs.
     assert!(found[3][3][0] * 2 < found[3][2][0] && found[3][3][1] * 3 < found[3][2][1] * 2);
@@ -151,14 +153,14 @@ fn slabs_leave_out_leaves_of_what_is_thin() {
 /// Camera rays, rays of all kinds, camera rays with a width, camera rays from near; of each, single, stream, packet, bundle. A change of the builder or of the walks changes
 /// them: look whether it is for the better, and write the new ones down.
 const PINNED: [[[u64; 5]; 4]; 4] = [
-    [[27388, 5276, 23972, 4916, 13416], [24968, 4380, 19836, 4218, 11126], [9014, 3829, 18280, 1582, 9723], [8652, 4734, 23026, 1562, 11934]],
-    [[48286, 15363, 71128, 11848, 39501], [47002, 14369, 66606, 11346, 36975], [48286, 15363, 71128, 11848, 39501], [48286, 15363, 71128, 11848, 39501]],
-    [[25648, 202, 1138, 3936, 556], [25648, 202, 1138, 3936, 556], [7928, 142, 892, 1080, 392], [7590, 142, 892, 1074, 392]],
-    [[63724, 25476, 107720, 17988, 63060], [61002, 17256, 73468, 15960, 43400], [3622, 1310, 5020, 732, 3182], [1582, 846, 5296, 324, 1992]],
+    [[27388, 5276, 23972, 4916, 13416], [10640, 4176, 19108, 3966, 10674], [9014, 3829, 18280, 1582, 9723], [8652, 4734, 23026, 1562, 11934]],
+    [[48286, 15363, 71128, 11848, 39501], [38576, 13954, 64816, 11106, 35936], [48286, 15363, 71128, 11848, 39501], [48286, 15363, 71128, 11848, 39501]],
+    [[25648, 202, 1138, 3936, 556], [10110, 198, 1118, 3554, 546], [7928, 142, 892, 1080, 392], [7590, 142, 892, 1074, 392]],
+    [[63724, 25476, 107720, 17988, 63060], [7408, 13602, 59098, 2796, 35124], [3622, 1310, 5020, 732, 3182], [1582, 846, 5296, 324, 1992]],
 ];
 
 /// Of [`what_any_hit_visits_is_pinned`], likewise.
 const PINNED_ANY: [[[u64; 5]; 3]; 2] = [
-    [[16386, 5596, 25180, 4500, 14192], [15174, 3572, 16197, 3878, 9082], [3236, 1543, 8378, 504, 4035]],
-    [[13080, 2620, 12164, 2714, 6728], [13092, 2620, 12154, 2722, 6728], [2276, 1616, 9608, 374, 4126]],
+    [[16386, 5596, 25180, 4500, 14192], [8930, 3430, 15804, 3846, 8804], [3236, 1543, 8378, 504, 4035]],
+    [[13080, 2620, 12164, 2714, 6728], [7014, 2524, 11686, 2600, 6472], [2276, 1616, 9608, 374, 4126]],
 ];

@@ -78,6 +78,9 @@ pub(super) struct Inner {
     pub root_bytes: u64,
     /// Set once opened: its blocks may be read ahead.
     pub may_promote: AtomicBool,
+    /// Set once all of it is in memory; and once huge pages were looked for in that.
+    pub is_complete: AtomicBool,
+    pub is_together: AtomicBool,
     _tables: Charge,
 }
 
@@ -119,6 +122,8 @@ impl ModelBlocks {
             table_bytes: stays + each,
             root_bytes,
             may_promote: AtomicBool::new(false),
+            is_complete: AtomicBool::new(false),
+            is_together: AtomicBool::new(false),
             _tables: tables,
             file,
         });

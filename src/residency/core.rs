@@ -8,7 +8,7 @@ use super::blocks::{Inner, ModelKey};
 use super::evict::Victims;
 use super::lease::Reserve;
 use super::pressure::Strain;
-use super::pump::Ahead;
+use super::pump::{Ahead, Together};
 use super::rank::Ranking;
 use super::slots::Slot;
 use super::snapshot::{LANES, NO_VIEW, Snapshot, lane};
@@ -66,6 +66,7 @@ pub(super) struct State {
     pub views: Vec<Weak<ViewCore>>,
     pub ranking: Ranking,
     pub ahead: Ahead,
+    pub together: Together,
     pub victims: Victims,
     pub strain: Strain,
     /// Bytes of slots in the published snapshots.
@@ -123,6 +124,7 @@ impl Residency {
             views: Vec::new(),
             ranking: Ranking::default(),
             ahead: Ahead::default(),
+            together: Together::default(),
             victims: Victims::default(),
             strain: Strain::default(),
             resident: 0,

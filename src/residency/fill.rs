@@ -70,6 +70,13 @@ impl ModelBlocks {
         }
     }
 
+    /// Says that all of it is in memory: those who read put that together when they have nothing else to do (`huge_pages.rs`).
+    pub fn completed(&self) {
+        if !self.inner.is_complete.swap(true, Relaxed) {
+            self.inner.residency.wake();
+        }
+    }
+
     /// Says that it is opened: from now on what fits is read ahead.
     pub fn opened(&self) {
         self.inner.may_promote.store(true, Relaxed);

@@ -6,8 +6,6 @@
 //! been used for longest goes when room is needed. When what views want does not fit, a factor on their thresholds
 //! rises until it does. Exact jobs bring what they need themselves; where views leave no room they take turns with a
 //! [`Lease`] of a part of the budget that is theirs.
-#![forbid(unsafe_code)]
-
 mod account;
 mod blocks;
 mod bring;
@@ -18,6 +16,7 @@ mod core;
 mod evict;
 mod failures;
 mod fill;
+mod huge_pages;
 mod lease;
 mod links;
 mod load;

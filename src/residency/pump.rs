@@ -5,6 +5,7 @@ use super::blocks::Inner;
 use super::claims::Claim;
 use super::core::{After, Residency, Shared, State};
 use super::evict::Short;
+use super::huge_pages::{Page, filled, put_together};
 use super::load::{Buffers, RUN_BYTES, goes_with};
 use super::rank::can_be_had;
 use crate::base::error::{Error, Result};
@@ -31,6 +32,10 @@ pub(super) enum Unit {
 
 enum Next {
     Load(Task),
+    /// Huge pages to be found in a model of which all is there.
+    Find(Arc<Inner>),
+    /// Those to be put together.
+    Together(Vec<Page>),
     /// Room was made: look once more.
     Again,
     Idle,
@@ -124,7 +129,31 @@ pub(super) struct Ahead {
     bytes: u64,
 }
 
+/// Huge pages of models of which all is in memory.
+#[derive(Default)]
+pub(super) struct Together {
+    /// To be put together still.
+    left: Vec<Page>,
+}
+
+/// Huge pages that are put together at a time: some milliseconds of work.
+const PAGES: usize = 4;
+
 impl State {
+    /// What is to be put together next, if nobody renders, who might wait for the system then.
+    fn next_together(&mut self) -> Next {
+        if self.live_views().iter().any(|view| view.is_passing()) {
+            return Next::Idle;
+        }
+        if !self.together.left.is_empty() {
+            let from = self.together.left.len().saturating_sub(PAGES);
+            return Next::Together(self.together.left.split_off(from));
+        }
+        let models: Vec<_> = self.models.values().filter_map(Weak::upgrade).collect();
+        let mut complete = models.into_iter().filter(|model| model.is_complete.load(Relaxed));
+        complete.find(|model| !model.is_together.swap(true, Relaxed)).map_or(Next::Idle, Next::Find)
+    }
+
     /// The next run to be read ahead: of a model of which all fits, in the order of the file. (Models are looked through only when
     /// what was found before is done: a block at a time, with a million of them, would take minutes.)
     fn next_ahead(&mut self, shared: &Shared) -> Option<(Arc<Inner>, Vec<BlockId>)> {
@@ -136,6 +165,9 @@ impl State {
         models.into_iter().filter(|model| model.may_promote.load(Relaxed)).find_map(|model| {
             let is_lacking = |id: &BlockId| model.decoder.is_promoted(*id) && can_be_had(&model, *id);
             let left: Vec<BlockId> = (0..model.file.block_count()).rev().map(BlockId).filter(is_lacking).collect();
+            if left.is_empty() {
+                model.is_complete.store(true, Relaxed);
+            }
             let bytes = left.iter().map(|&id| model.slot_bytes(id)).sum();
             self.ahead = Ahead { model: Arc::downgrade(&model), left, bytes };
             Some((Arc::clone(&model), self.run_ahead(shared, &model)?))
@@ -182,6 +214,13 @@ impl Shared {
             match next {
                 Next::Again => {}
                 Next::Load(task) => return self.work(task),
+                Next::Find(model) => self.find_pages(&model),
+                Next::Together(pages) => {
+                    if !pages.into_iter().all(put_together) {
+                        self.lock().together.left.clear();
+                    }
+                    return Unit::Did;
+                }
                 Next::Idle => return Unit::Idle,
                 Next::Starved => return Unit::Starved,
             }
@@ -196,7 +235,10 @@ impl Shared {
         }
         let Some((model, (key, id))) = state.first_to_be_had() else {
             state.settle(self, after);
-            return self.promotion(state, after);
+            return match self.promotion(state, after) {
+                Next::Idle => state.next_together(),
+                next => next,
+            };
         };
         let run = state.ranking.run_around(&model, (key, id));
         let stamp = state.ranking.stamp((key, id));
@@ -306,6 +348,12 @@ impl Shared {
             self.tell_those_who_want(&model, &failed);
         }
         if published { Unit::Did } else { Unit::Starved }
+    }
+
+    fn find_pages(&self, model: &Inner) {
+        let there = model.published.load_full();
+        let pages = filled(there.resident().map(|(_, slot)| slot.addresses()));
+        self.lock().together.left.extend(pages);
     }
 
     /// Ends a claim. Whoever looked for something to read meanwhile has passed over its blocks: those that have not come are to be

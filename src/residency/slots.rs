@@ -41,6 +41,12 @@ impl Slot {
         bytemuck::must_cast_slice(&self.lines)
     }
 
+    /// The addresses of its words.
+    pub(super) fn addresses(&self) -> std::ops::Range<usize> {
+        let range = self.lines.as_ptr_range();
+        range.start as usize..range.end as usize
+    }
+
     /// Bytes of memory for the words.
     pub fn bytes(&self) -> u64 {
         size_of_val(&*self.lines) as u64

@@ -244,7 +244,11 @@ impl Model {
         let all: Vec<BlockId> = (0..self.0.info.geometry_blocks).map(BlockId).collect();
         blocks.fill(&all, self.0.context.pool(), &Progress::default(), cancel)?;
         let there = blocks.snapshot();
-        Ok(all.iter().all(|&id| there.block(id).is_some()))
+        let is_all = all.iter().all(|&id| there.block(id).is_some());
+        if is_all {
+            blocks.completed();
+        }
+        Ok(is_all)
     }
 
     /// Reads, decodes and validates all of its geometry, and how its blocks hang together, whatever the budget. Blocks.

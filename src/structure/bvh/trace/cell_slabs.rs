@@ -110,6 +110,14 @@ pub(super) struct Eight([[[f32; 8]; 5]; 2]);
 impl Eight {
     pub const NONE: Self = Self([[[0.0; 8]; 5]; 2]);
 
+    /// Those of a node's cells.
+    #[inline(always)]
+    pub fn of<S: Simd>(s: S, node: &Node) -> Self {
+        let mut eight = Self::NONE;
+        eight.set(&of_node(s, node));
+        eight
+    }
+
     /// Takes over slabs.
     #[inline(always)]
     pub fn set<L: Lanes<8>>(&mut self, slabs: &Slabs<L>) {

@@ -49,7 +49,13 @@ impl Gauge {
     /// So many children need no visit, of a node whose slabs were tested.
     #[inline(always)]
     pub fn saw(&mut self, children: u32) {
-        let saved = children as i32 * CHILD - self.test;
+        self.saw_by(children, 1);
+    }
+
+    /// The same of a node whose slabs were tested for several rays, which need not visit so many children in all.
+    #[inline(always)]
+    pub fn saw_by(&mut self, children: u32, rays: u32) {
+        let saved = children as i32 * CHILD / rays.max(1) as i32 - self.test;
         let saved = if self.saved < 0 { saved * WEIGHT } else { saved };
         self.saved = (self.saved + saved).clamp(-MOST, MOST);
     }

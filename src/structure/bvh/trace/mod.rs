@@ -23,6 +23,7 @@ mod single;
 mod stand_in;
 mod stream;
 mod stream_pass;
+mod stream_start;
 mod walk;
 
 pub use bundle::{BUNDLE, Bundle};

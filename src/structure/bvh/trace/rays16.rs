@@ -91,6 +91,80 @@ fn first<const N: usize>(v: &[f32]) -> &[f32; N] {
     }
 }
 
+/// Sixteen rays prepared, by field: a [`OneRay`] of each is a column.
+#[derive(Debug, Clone)]
+#[repr(C, align(64))]
+pub(super) struct Prepared {
+    lines: [[f32; GROUP]; 16],
+    rests: [[f32; GROUP]; 16],
+    /// Those whose directions are not negative, axis by axis.
+    positive: [u32; 3],
+}
+
+impl Prepared {
+    pub const NONE: Self = Self { lines: [[0.0; GROUP]; 16], rests: [[0.0; GROUP]; 16], positive: [0; 3] };
+
+    /// Reciprocal directions.
+    #[inline(always)]
+    pub fn inv(&self, axis: usize) -> &[f32; GROUP] {
+        &self.lines[axis]
+    }
+
+    /// Less the offsets of planes that are met first, and of those that are met last.
+    #[inline(always)]
+    pub fn off(&self, axis: usize) -> [&[f32; GROUP]; 2] {
+        [&self.lines[4 + axis], &self.lines[8 + axis]]
+    }
+
+    /// Least and greatest distances.
+    #[inline(always)]
+    pub fn interval(&self) -> [&[f32; GROUP]; 2] {
+        [&self.lines[12], &self.lines[13]]
+    }
+
+    /// The rays whose directions are not negative along an axis.
+    #[inline(always)]
+    pub fn positive(&self, axis: usize) -> u32 {
+        self.positive[axis]
+    }
+
+    /// For stand-ins: widths (`a`, `b`).
+    #[inline(always)]
+    pub fn cone(&self) -> [&[f32; GROUP]; 2] {
+        [&self.rests[7], &self.rests[8]]
+    }
+
+    /// For stand-ins: magnitudes of the directions.
+    #[inline(always)]
+    pub fn size(&self, axis: usize) -> &[f32; GROUP] {
+        &self.rests[9 + axis]
+    }
+
+    /// Where they begin.
+    #[inline(always)]
+    pub fn org(&self, axis: usize) -> &[f32; GROUP] {
+        &self.rests[12 + axis]
+    }
+
+    /// Where ray `i` begins.
+    #[inline(always)]
+    pub fn begins_at(&self, i: usize) -> [f32; 3] {
+        let i = i & (GROUP - 1);
+        [self.rests[12][i], self.rests[13][i], self.rests[14][i]]
+    }
+
+    /// Each of the rays by itself.
+    #[inline(always)]
+    pub fn each<S: Simd>(&self, s: S, out: &mut [OneRay; GROUP]) {
+        let (mut line, mut rest) = ([[0.0; 16]; GROUP], [[0.0; 16]; GROUP]);
+        s.transpose16(&self.lines, &mut line);
+        s.transpose16(&self.rests, &mut rest);
+        for i in 0..GROUP {
+            out[i] = OneRay { line: line[i], rest: rest[i] };
+        }
+    }
+}
+
 /// Where the low planes of x, y and z begin in a node, in bytes: a byte each.
 const LOW_PLANES: u32 = 0x0020_1810;
 /// From an axis' low planes to its high ones.
@@ -119,20 +193,19 @@ impl Rays16 {
 
     /// Prepares all rays, as [`super::PreparedRay::new`] does one (which see); returns the valid ones.
     #[inline(always)]
-    pub fn prepare<S: Simd>(&self, s: S, reach: f32, out: &mut [OneRay; GROUP]) -> u32 {
+    pub fn prepare<S: Simd>(&self, s: S, reach: f32, out: &mut Prepared) -> u32 {
         let zero = s.splat16(0.0);
         let org = [s.load16(&self.org[0]), s.load16(&self.org[1]), s.load16(&self.org[2])];
         let dir = [s.load16(&self.dir[0]), s.load16(&self.dir[1]), s.load16(&self.dir[2])];
         let size = [abs(zero, dir[0]), abs(zero, dir[1]), abs(zero, dir[2])];
         let greatest = size[0].max(size[1]).max(size[2]);
         let least = greatest * s.splat16(1e-18);
-        let mut lines = [[0.0; GROUP]; 16];
-        let mut negative = [0; 3];
+        let Prepared { lines, rests, positive } = out;
         for axis in 0..3 {
             let magnitude = s.splat16(1.0).div(size[axis].max(least));
-            let positive = zero.le(dir[axis]);
-            negative[axis] = !positive.bits();
-            let inv = magnitude.select(positive, zero - magnitude);
+            let is_positive = zero.le(dir[axis]);
+            positive[axis] = is_positive.bits();
+            let inv = magnitude.select(is_positive, zero - magnitude);
             let slack = magnitude * abs(zero, org[axis]).max(s.splat16(reach)) * s.splat16(BOX_SLACK);
             let off = org[axis] * inv;
             lines[axis] = inv.to_array();
@@ -144,9 +217,8 @@ impl Rays16 {
         let is_x = size[1].le(size[0]).and(size[2].le(size[0]));
         let is_y = size[2].le(size[1]);
         let (x, y) = (is_x.bits(), is_y.bits());
-        let mut rests = [[0.0; GROUP]; 16];
         for i in 0..GROUP {
-            let signs = (negative[0] >> i & 1) | (negative[1] >> i & 1) << 8 | (negative[2] >> i & 1) << 16;
+            let signs = (!positive[0] >> i & 1) | (!positive[1] >> i & 1) << 8 | (!positive[2] >> i & 1) << 16;
             lines[14][i] = f32::from_bits(LOW_PLANES + signs * TO_HIGH);
             lines[15][i] = f32::from_bits(LOW_PLANES + (0x0001_0101 - signs) * TO_HIGH);
             // 0 where x is greatest, 1 for y, 2 for z.
@@ -160,12 +232,6 @@ impl Rays16 {
         (rests[7], rests[8]) = (self.cone[0], self.cone[1]);
         for axis in 0..3 {
             (rests[9 + axis], rests[12 + axis]) = (size[axis].to_array(), self.org[axis]);
-        }
-        let (mut line, mut rest) = ([[0.0; 16]; GROUP], [[0.0; 16]; GROUP]);
-        s.transpose16(&lines, &mut line);
-        s.transpose16(&rests, &mut rest);
-        for i in 0..GROUP {
-            out[i] = OneRay { line: line[i], rest: rest[i] };
         }
         self.valid(s, org, dir, greatest)
     }

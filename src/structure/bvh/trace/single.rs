@@ -405,7 +405,7 @@ pub(super) fn offers(
             Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => *passed = passed.min(t[slot]),
             Verdict::Stand => {
                 let tri = stand_in::lod_code(index, slot);
-                offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: block_id, tri });
+                let _ = offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: block_id, tri });
             }
         }
         settled |= 1 << slot;
@@ -413,13 +413,14 @@ pub(super) fn offers(
     settled
 }
 
-/// Keeps a stand-in if it is better.
+/// Keeps a stand-in if it is better; returns whether it is.
 #[inline(always)]
-fn offer(best: &mut TriHit, hit: TriHit) {
+pub(super) fn offer(best: &mut TriHit, hit: TriHit) -> bool {
     let is_better = hit.t < best.t || hit.t == best.t && (!best.is_hit() || stand_in::untie(&hit, best) == Some(true));
     if is_better {
         *best = hit;
     }
+    is_better
 }
 
 /// Offers the cells of those of the children in `mask` that are leaves, which are missing, to `best`; returns the others.
@@ -472,7 +473,7 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     } else if enter.le(leave).bits() >> slot & 1 == 0 {
         return;
     }
-    offer(best, TriHit { t: enter.to_array()[slot & 7], u: 0.0, v: 0.0, block: block_id, tri });
+    let _ = offer(best, TriHit { t: enter.to_array()[slot & 7], u: 0.0, v: 0.0, block: block_id, tri });
 }
 
 /// The run of planes that is met first, and its opposite.

@@ -1,6 +1,6 @@
 //! Many single rays at once: walks go on side by side in phases, each one loop over all that are at the same
 //! kind of step. A phase has few branches that could be guessed wrong, and while one walk waits for memory or for a
-//! result, the next ones are already under way.
+//! result, the next ones are already under way. Rays begin sixteen at a time (`stream_start.rs`).
 //!
 //! Hits are those of the walks one by one (`single.rs`): order of visits does not change them.
 
@@ -8,6 +8,7 @@ use super::ahead;
 use super::gauge::Gauge;
 use super::rays16::{GROUP, OneRay, Rays16};
 use super::stream_pass as pass;
+use super::stream_start::{self as start, Group};
 use super::walk::{Counters, TriHit};
 use super::{LocalRay, PartFilter, TreeView};
 use crate::simd::{Op, Simd, dispatch};
@@ -41,7 +42,7 @@ pub(super) const NOTHING: u32 = 3 << KIND_SHIFT;
 #[derive(Debug)]
 pub struct Stream {
     groups: Box<[Rays16; STREAM / GROUP]>,
-    prepared: Box<[[OneRay; GROUP]; STREAM / GROUP]>,
+    group: Box<Group>,
     pub(super) stacks: Box<[Stack; LANES]>,
     unfinished: Vec<u32>,
     /// Where each ray passed a stand-in first; infinity if it passed none.
@@ -71,7 +72,7 @@ impl Stream {
     pub fn new() -> Self {
         let mut stack = Stack { t: [0.0; DEPTH], child: [NOTHING; DEPTH], block: [0; DEPTH] };
         stack.t[..BOTTOM].fill(f32::NEG_INFINITY);
-        Self { groups: boxed(Rays16::NONE), prepared: boxed([OneRay::NONE; GROUP]), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), gauge: Gauge::OFF, counters: Counters::default() }
+        Self { groups: boxed(Rays16::NONE), group: Box::new(Group::NONE), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), gauge: Gauge::OFF, counters: Counters::default() }
     }
 
     /// For rays of queries: slabs of cells may spare visits.
@@ -245,14 +246,8 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
         let hits = &mut hits[..count];
         stream.unfinished.clear();
         stream.passed.fill(f32::INFINITY);
-        let mut todo = [0u16; STREAM / GROUP];
-        for (g, hits) in hits.chunks_mut(GROUP).enumerate() {
-            let rays = &stream.groups[g];
-            let valid = rays.prepare(s, view.reach, &mut stream.prepared[g]) & ((1 << hits.len()) - 1);
-            todo[g] = if view.is_empty() { 0 } else { valid as u16 };
-            for (hit, &t_max) in hits.iter_mut().zip(&rays.t_max) {
-                *hit = TriHit::none(t_max);
-            }
+        for (rays, hits) in stream.groups.iter().zip(hits.chunks_mut(GROUP)) {
+            hits.iter_mut().zip(&rays.t_max).for_each(|(hit, &t_max)| *hit = TriHit::none(t_max));
         }
         let mut state = State {
             view,
@@ -279,9 +274,9 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
         for lane in 0..LANES {
             push(&mut state.rows, &mut counts, NOTHING, lane);
         }
-        let mut group = 0;
+        let mut beginning = Beginning { groups: &stream.groups[..count.div_ceil(GROUP)], next: 0, group: &mut stream.group, root };
         loop {
-            counts = fill(&mut state, counts, root, &stream.prepared, &mut todo, &mut group);
+            counts = beginning.fill::<S, ANY, LOD>(s, &mut state, counts);
             if counts.of(EXTERNALS) > 0 {
                 counts = pass::externals(&mut state, counts);
             }
@@ -292,7 +287,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             let waiting = counts.of(AT_LEAVES);
             if waiting >= LEAVES || waiting > 0 && counts.of(NODES) == 0 {
                 counts = pass::leaves::<S, ANY>(s, &mut state, counts);
-            } else if counts.only(ENDED) && group == todo.len() {
+            } else if counts.only(ENDED) && beginning.next == beginning.groups.len() {
                 break;
             }
         }
@@ -300,33 +295,76 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
     }
 }
 
-/// Gives free lanes to rays that have not begun: at the root, with an empty stack.
-#[inline(always)]
-fn fill<'a>(
-    state: &mut State<'a>,
-    mut counts: Counts,
+/// Rays that have not begun.
+struct Beginning<'a, 'b> {
+    groups: &'b [Rays16],
+    next: usize,
+    /// For one after the other.
+    group: &'b mut Group,
     root: Option<Block<'a>>,
-    prepared: &[[OneRay; GROUP]; STREAM / GROUP],
-    todo: &mut [u16; STREAM / GROUP],
-    group: &mut usize,
-) -> Counts {
-    while *group < todo.len() && counts.of(ENDED) > 0 {
-        if todo[*group] == 0 {
-            *group += 1;
-            continue;
+}
+
+impl<'a> Beginning<'a, '_> {
+    /// Gives free lanes to groups that have not begun.
+    #[inline(always)]
+    fn fill<S: Simd, const ANY: bool, const LOD: bool>(&mut self, s: S, state: &mut State<'a>, mut counts: Counts) -> Counts {
+        while self.next < self.groups.len() && counts.of(ENDED) >= GROUP {
+            counts = self.take(s, state, counts);
+            let rays = self.group.left;
+            // What stands in for missing blocks is looked for by each ray alone.
+            let is_together = self.root.is_some() && !state.view.never_waits;
+            if is_together {
+                start::start::<S, ANY, LOD>(s, state, self.group);
+            }
+            counts = self.go::<S, ANY>(s, state, counts, rays, is_together);
         }
-        let i = todo[*group].trailing_zeros() as usize;
-        todo[*group] &= todo[*group] - 1;
-        let lane = counts.pop(&state.rows, ENDED);
-        state.ray[lane] = (*group * GROUP + i) as u16;
-        let Some(root) = root else {
-            pass::leave(state, &mut counts, lane);
-            continue;
-        };
-        state.prepared[lane] = prepared[*group][i & (GROUP - 1)];
-        state.top[lane] = BOTTOM as u8;
-        (state.block[lane], state.block_id[lane], state.child[lane]) = (root, state.view.root_block, state.view.root);
-        push(&mut state.rows, &mut counts, state.view.root, lane);
+        counts
     }
-    counts
+
+    /// Takes the next group to lanes.
+    #[inline(always)]
+    fn take<S: Simd>(&mut self, s: S, state: &mut State<'a>, mut counts: Counts) -> Counts {
+        let (first, group) = (self.next * GROUP, &mut *self.group);
+        let valid = self.groups[self.next].prepare(s, state.view.reach, &mut group.rays);
+        self.next += 1;
+        let there = (1u32 << (state.hits.len() - first).min(GROUP)) - 1;
+        group.left = if state.view.is_empty() { 0 } else { valid & there };
+        let mut each = [OneRay::NONE; GROUP];
+        group.rays.each(s, &mut each);
+        let mut rays = group.left;
+        while rays != 0 {
+            let i = rays.trailing_zeros() as usize & (GROUP - 1);
+            rays &= rays - 1;
+            let lane = counts.pop(&state.rows, ENDED);
+            group.lanes[i] = lane as u8;
+            (state.ray[lane], state.prepared[lane], state.top[lane]) = ((first + i) as u16, each[i], BOTTOM as u8);
+        }
+        counts
+    }
+
+    /// Puts the lanes of `rays` of the group where they begin: at what is on their stacks, or at the root.
+    #[inline(always)]
+    fn go<S: Simd, const ANY: bool>(&mut self, s: S, state: &mut State<'a>, mut counts: Counts, mut rays: u32, is_together: bool) -> Counts {
+        let is_sorted = ANY || start::are_near(s, self.group, state.view.reach);
+        while rays != 0 {
+            let i = rays.trailing_zeros() as usize & (GROUP - 1);
+            rays &= rays - 1;
+            let lane = self.group.lane(i);
+            match self.root {
+                _ if self.group.left >> i & 1 == 0 => push(&mut state.rows, &mut counts, NOTHING, lane),
+                _ if is_together => {
+                    if !is_sorted {
+                        start::sort(state, lane);
+                    }
+                    pass::pop(s, state, &mut counts, lane);
+                }
+                Some(root) => {
+                    (state.block[lane], state.block_id[lane], state.child[lane]) = (root, state.view.root_block, state.view.root);
+                    push(&mut state.rows, &mut counts, state.view.root, lane);
+                }
+                None => pass::leave(state, &mut counts, lane),
+            }
+        }
+        counts
+    }
 }

@@ -165,7 +165,7 @@ fn room(stack: &mut super::stream::Stack, top: usize) -> (&mut [f32; 8], &mut [u
 
 /// Takes the uppermost entry that is not beyond the best hit off a lane's stack, and goes there.
 #[inline(always)]
-fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
+pub(super) fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
     let (child, block) = take(s, state, lane);
     go(state, counts, lane, child, block);
 }
@@ -326,13 +326,19 @@ fn node_of<'a>(state: &State<'a>, lane: usize) -> &'a Node {
     state.block[lane].node((state.child[lane] & INDEX_MASK) as usize)
 }
 
+/// A lane's ray as what it may pass sees it.
+#[inline(always)]
+pub(super) fn passing(ray: &OneRay) -> Passing {
+    let [_, _, x, y, z, org @ ..] = *ray.cone();
+    let inv = ray.inv();
+    Passing { org, dir: [x.copysign(inv[0]), y.copysign(inv[1]), z.copysign(inv[2])] }
+}
+
 /// Offers a lane the cells of its node that may stand in. Where any hit will do and one is found, nothing is left to visit.
 #[inline(always)]
 fn offer<const ANY: bool>(state: &mut State, lane: usize) {
     let ray = usize::from(state.ray[lane]) & (STREAM - 1);
-    let [_, _, x, y, z, org @ ..] = *state.prepared[lane].cone();
-    let inv = state.prepared[lane].inv();
-    let passing = Passing { org, dir: [x.copysign(inv[0]), y.copysign(inv[1]), z.copysign(inv[2])] };
+    let passing = passing(&state.prepared[lane]);
     let node = (state.child[lane] & INDEX_MASK) as usize;
     let Some(best) = state.hits.get_mut(ray) else { return };
     let before = (best.t, best.tri, best.block);

@@ -1,0 +1,433 @@
+//! The first steps of a stream's rays. Sixteen that follow each other mostly begin near each other: wherever they go, they come to the same nodes at first. Such
+//! nodes are tested once for all of them, a ray in each lane; what few of them meet goes on each one's own stack, where its walk goes on
+//! alone.
+//!
+//! Stacks are filled from what is farthest of where the rays begin to what is nearest of it, which is looked at first.
+#![allow(clippy::needless_range_loop)] // axes and slots index several arrays at once
+
+use super::ahead::ask_for;
+use super::cell_slabs::{self, Eight, Origin, area_shares};
+use super::pass::Sieve;
+use super::ray::abs;
+use super::rays16::{GROUP, Prepared};
+use super::single::{self, stored_planes};
+use super::stand_in::{self, ConeRay, Met, SLACK, Verdict};
+use super::stream::{BOTTOM, DEPTH, LANES, STREAM, State};
+use super::stream_pass as pass;
+use super::walk::TriHit;
+use crate::base::ids::BlockId;
+use crate::lod::{PASSING, Slabs};
+use crate::simd::{Lanes, Mask, Simd};
+use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
+
+/// Rays that make it pay to test a node for all of them at once, at least. (6 to 12 are as good at some pixels of error, 12 is best where nothing
+/// stands in and models are large.)
+const FEWEST: u32 = 10;
+
+/// What is still to be told of a group, at most.
+const ROOM: usize = 40;
+
+/// Something that some of the rays meet.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+struct Entry {
+    /// Where each ray enters it.
+    enter: [f32; GROUP],
+    rays: u32,
+    block: u32,
+    child: u32,
+}
+
+/// A group that begins. Reusable.
+#[derive(Debug, Clone)]
+#[repr(C, align(64))]
+pub(super) struct Group {
+    pub rays: Prepared,
+    /// The lane of each.
+    pub lanes: [u8; GROUP],
+    /// Those that have still to visit anything.
+    pub left: u32,
+    /// What is still to be told, the nearest first, and how much that is.
+    todo: [Entry; ROOM],
+    count: usize,
+    /// How high a stack is, at most.
+    deepest: usize,
+}
+
+impl Group {
+    pub const NONE: Self = Self {
+        rays: Prepared::NONE,
+        lanes: [0; GROUP],
+        left: 0,
+        todo: [Entry { enter: [0.0; GROUP], rays: 0, block: 0, child: 0 }; ROOM],
+        count: 0,
+        deepest: 0,
+    };
+
+    #[inline(always)]
+    pub fn lane(&self, ray: usize) -> usize {
+        usize::from(self.lanes[ray & (GROUP - 1)]) & (LANES - 1)
+    }
+}
+
+/// Puts what each ray of a group meets on its stack, which has nothing on it. Where any hit will do, those that have one are no longer left.
+#[inline(always)]
+pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, group: &mut Group) {
+    let view = state.view;
+    let [t_min, _] = group.rays.interval();
+    group.todo[0] = Entry { enter: *t_min, rays: group.left, block: view.root_block, child: view.root };
+    (group.count, group.deepest) = (1, BOTTOM);
+    // For one node after the other.
+    let mut boxes = Boxes::NONE;
+    while group.count > 0 {
+        group.count -= 1;
+        let mut entry = group.todo[group.count.min(ROOM - 1)];
+        entry.rays &= group.left;
+        // All that is to be told may go on one ray's stack, and eight more with each node.
+        let is_roomy = group.count + WIDTH <= ROOM && group.deepest + group.count + WIDTH + 16 < DEPTH;
+        if is_roomy && entry.rays.count_ones() >= FEWEST {
+            if let Some(Child::External(at)) = Child::from_bits(entry.child)
+                && let Some(next) = follow(state, &entry, at)
+            {
+                (entry.block, entry.child) = next;
+            }
+            if let Some(Child::Node(index)) = Child::from_bits(entry.child)
+                && let Some(words) = view.snapshot.block(BlockId(entry.block))
+            {
+                expand::<S, ANY, LOD>(s, state, group, &entry, Block::new(words), index, &mut boxes);
+                continue;
+            }
+        }
+        hand_over(state, group, &entry);
+    }
+}
+
+/// Where a reference to another block leads, if that is there.
+#[inline(always)]
+fn follow(state: &mut State, entry: &Entry, at: usize) -> Option<(u32, u32)> {
+    let view = state.view;
+    let (next, below) = Block::new(view.snapshot.block(BlockId(entry.block))?).external(at);
+    let _ = view.visit(next)?;
+    state.counters.blocks += 1;
+    Some((next, below))
+}
+
+/// Puts an entry on the stacks of its rays.
+#[inline(always)]
+fn hand_over(state: &mut State, group: &mut Group, entry: &Entry) {
+    let mut rays = entry.rays;
+    while rays != 0 {
+        let ray = rays.trailing_zeros() as usize & (GROUP - 1);
+        rays &= rays - 1;
+        let lane = group.lane(ray);
+        let (stack, top) = (&mut state.stacks[lane], usize::from(state.top[lane]).min(DEPTH - 1));
+        (stack.t[top], stack.child[top], stack.block[top]) = (entry.enter[ray], entry.child, entry.block);
+        state.top[lane] = (top + 1) as u8;
+        group.deepest = group.deepest.max(top + 1);
+    }
+}
+
+/// Tests a node's children, which are to be told then. `boxes`: room for them.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // a node, and who comes to it
+fn expand<'a, S: Simd, const ANY: bool, const LOD: bool>(
+    s: S,
+    state: &mut State<'a>,
+    group: &mut Group,
+    entry: &Entry,
+    block: Block<'a>,
+    index: usize,
+    boxes: &mut Boxes,
+) {
+    state.counters.nodes += 1;
+    let node = block.node(index);
+    cross::<S, LOD>(s, node, &group.rays, entry.rays, boxes);
+    if LOD {
+        stand_ins::<S, ANY>(s, state, group, entry.block, block, index, boxes);
+    } else if state.gauge.asks() {
+        slabs(s, state, group, node, entry.rays.count_ones(), boxes);
+    }
+    let mut any = 0;
+    for slot in 0..WIDTH {
+        boxes.met[slot] &= group.left;
+        any |= u32::from(boxes.met[slot] != 0) << slot;
+    }
+    let order = far_first(s, node, group.rays.begins_at(entry.rays.trailing_zeros() as usize), any);
+    // What is nearest is told last.
+    for i in (0..any.count_ones() as usize).rev() {
+        let slot = order[i & 7] as usize & 7;
+        let child = u32::from(node.child[slot]);
+        if !Child::is_leaf(child) {
+            ask_for(state.is_large, block, child);
+        }
+        let next = &mut group.todo[group.count.min(ROOM - 1)];
+        (next.enter, next.rays, next.block, next.child) = (boxes.enter[slot], boxes.met[slot], entry.block, child);
+        group.count += 1;
+    }
+}
+
+/// The children of a node as the rays see them: who meets each, for whom of these it may be small enough to stand in, and where they enter it.
+struct Boxes {
+    met: [u32; WIDTH],
+    likely: [u32; WIDTH],
+    enter: [[f32; GROUP]; WIDTH],
+    /// Where they leave it; only where nothing stands in.
+    leave: [[f32; GROUP]; WIDTH],
+    /// What areas of faces count for.
+    faces: [[f32; WIDTH]; 3],
+}
+
+impl Boxes {
+    const NONE: Self = Self { met: [0; WIDTH], likely: [0; WIDTH], enter: [[0.0; GROUP]; WIDTH], leave: [[0.0; GROUP]; WIDTH], faces: [[0.0; WIDTH]; 3] };
+}
+
+/// Tests the boxes of a node's children; each gives way by as much as for a ray alone (see [`super::PreparedRay::new`]).
+#[inline(always)]
+fn cross<S: Simd, const LOD: bool>(s: S, node: &Node, rays: &Prepared, asked: u32, out: &mut Boxes) {
+    let zero = s.splat16(0.0);
+    let (mut slope, mut near_off, mut far_off) = ([zero; 3], [zero; 3], [zero; 3]);
+    let mut planes = [[0.0; WIDTH]; 6];
+    for axis in 0..3 {
+        let (inv, origin, [near, far]) = (s.load16(rays.inv(axis)), s.splat16(node.origin[axis]), rays.off(axis));
+        slope[axis] = s.splat16(node.step(axis)) * inv;
+        near_off[axis] = origin.mul_add(inv, s.load16(near));
+        far_off[axis] = origin.mul_add(inv, s.load16(far));
+        planes[axis] = s.bytes8(&node.planes[axis]).to_array();
+        planes[axis + 3] = s.bytes8(&node.planes[axis + 3]).to_array();
+    }
+    if LOD {
+        out.faces = faces(s, node);
+    }
+    let [t_min, t_max] = rays.interval();
+    (out.met, out.likely) = ([0; WIDTH], [0; WIDTH]);
+    for slot in 0..WIDTH {
+        if node.valid >> slot & 1 == 0 {
+            continue;
+        }
+        let (mut enter, mut leave) = (s.load16(t_min), s.load16(t_max));
+        for axis in 0..3 {
+            let positive = s.mask16(rays.positive(axis));
+            let (low, high) = (s.splat16(planes[axis][slot]), s.splat16(planes[axis + 3][slot]));
+            enter = low.select(positive, high).mul_add(slope[axis], near_off[axis]).max(enter);
+            leave = high.select(positive, low).mul_add(slope[axis], far_off[axis]).min(leave);
+        }
+        out.met[slot] = enter.le(leave).bits() & asked;
+        out.enter[slot] = enter.to_array();
+        if LOD {
+            let [a, b] = rays.cone();
+            let area = stand_in::area(
+                [s.splat16(out.faces[0][slot]), s.splat16(out.faces[1][slot]), s.splat16(out.faces[2][slot])],
+                [s.load16(rays.size(0)), s.load16(rays.size(1)), s.load16(rays.size(2))],
+            );
+            let width = leave.mul_add(s.load16(b), s.load16(a));
+            // A hundredth more, for that is rounded otherwise.
+            out.likely[slot] = area.le(width * width * s.splat16(1.01)).bits() & out.met[slot];
+        } else {
+            out.leave[slot] = leave.to_array();
+        }
+    }
+}
+
+/// The slots of `any`, that of what is farthest of `org` first; then whatever.
+#[inline(always)]
+fn far_first<S: Simd>(s: S, node: &Node, org: [f32; 3], any: u32) -> [u32; WIDTH] {
+    let (step, zero) = (s.powers8(node.exponents()), s.splat8(0.0));
+    let mut square = zero;
+    for axis in 0..3 {
+        let from = s.splat8(node.origin[axis] - org[axis]);
+        let low = s.bytes8(&node.planes[axis]).mul_add(step[axis], from);
+        let high = s.bytes8(&node.planes[axis + 3]).mul_add(step[axis], from);
+        let gap = low.max(zero - high).max(zero);
+        square = gap.mul_add(gap, square);
+    }
+    let (mut ignored, mut order) = ([0.0; WIDTH], [0; WIDTH]);
+    s.far_first(square, any, &[0, 1, 2, 3, 4, 5, 6, 7], &mut ignored, &mut order);
+    order
+}
+
+/// What the areas of the faces of a node's cells count for.
+#[inline(always)]
+fn faces<S: Simd>(s: S, node: &Node) -> [[f32; WIDTH]; 3] {
+    let [low, high] = stored_planes(s, node, [0, 1, 2]);
+    let [x, y, z] = stand_in::counted(stand_in::faces(low, high, s.splat8(0.0)), area_shares(s, node));
+    [x.to_array(), y.to_array(), z.to_array()]
+}
+
+/// Takes rays that pass beside the slabs of what they meet out of `boxes`.
+#[inline(always)]
+fn slabs<S: Simd>(s: S, state: &mut State, group: &Group, node: &Node, rays: u32, boxes: &mut Boxes) {
+    let (slabs, cells) = (Eight::of(s, node), Cells::of(s, &group.rays, state.view.reach));
+    let mut beside = 0;
+    for slot in 0..WIDTH {
+        if boxes.met[slot] != 0 {
+            let [enter, leave] = cells.within(s, &slabs.one(s, slot), [s.load16(&boxes.enter[slot]), s.load16(&boxes.leave[slot])]);
+            let crosses = enter.le(leave).bits();
+            beside += (boxes.met[slot] & !crosses).count_ones();
+            boxes.met[slot] &= crosses;
+        }
+    }
+    state.gauge.saw_by(beside, rays);
+}
+
+/// How far apart rays of a group may begin, as a part of the tree's reach, for what is far of one to count as far of all.
+const NEAR: f32 = 1.0 / 64.0;
+
+/// Whether the rays of a group begin near each other: then their stacks are in order. (Those that are not valid count too; they are few.)
+#[inline(always)]
+pub(super) fn are_near<S: Simd>(s: S, group: &Group, reach: f32) -> bool {
+    (0..3).all(|axis| {
+        let org = s.load16(group.rays.org(axis));
+        org.greatest() - org.least() <= reach * NEAR
+    })
+}
+
+/// Brings what is on a lane's stack in order, the farthest first.
+#[inline(always)]
+pub(super) fn sort(state: &mut State, lane: usize) {
+    let (stack, top) = (&mut state.stacks[lane], usize::from(state.top[lane]).min(DEPTH));
+    for end in BOTTOM + 1..top {
+        let (t, child, block) = (stack.t[end], stack.child[end], stack.block[end]);
+        let mut at = end;
+        while at > BOTTOM && stack.t[at - 1] < t {
+            (stack.t[at], stack.child[at], stack.block[at]) = (stack.t[at - 1], stack.child[at - 1], stack.block[at - 1]);
+            at -= 1;
+        }
+        (stack.t[at], stack.child[at], stack.block[at]) = (t, child, block);
+    }
+}
+
+/// Offers rays the cells that may stand in for them, and takes those for which nothing is left to visit out of `boxes`: what a ray alone does
+/// (`single.rs`), to the bit.
+#[inline(always)]
+fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Group, id: u32, block: Block, index: usize, boxes: &mut Boxes) {
+    if boxes.likely.iter().all(|rays| *rays == 0) {
+        return;
+    }
+    let node = block.node(index);
+    let [low, high] = stored_planes(s, node, [0, 1, 2]);
+    let (low, high) = ([low[0].to_array(), low[1].to_array(), low[2].to_array()], [high[0].to_array(), high[1].to_array(), high[2].to_array()]);
+    let mut slabs: Option<Eight> = None;
+    for slot in 0..WIDTH {
+        if boxes.likely[slot] == 0 {
+            continue;
+        }
+        let planes = [[low[0][slot], low[1][slot], low[2][slot]], [high[0][slot], high[1][slot], high[2][slot]]];
+        let cells = Cells::of(s, &group.rays, state.view.reach);
+        let crossing = cells.cross(s, planes);
+        let cell = cells.meet(s, crossing, [boxes.faces[0][slot], boxes.faces[1][slot], boxes.faces[2][slot]]);
+        let small = cell.small & boxes.likely[slot] & group.left;
+        if small == 0 {
+            continue;
+        }
+        match stand_in::judge(block, index, slot, state.filter) {
+            Verdict::Descend => continue,
+            Verdict::Skip => {}
+            Verdict::Stand => {
+                let slabs = slabs.get_or_insert_with(|| Eight::of(s, node));
+                let [enter, leave] = cells.within(s, &slabs.one(s, slot), [cell.enter, crossing[1]]);
+                let crosses = small & enter.le(leave).bits();
+                offer::<ANY>(state, group, id, block, index, slot, crosses, &enter.to_array());
+            }
+        }
+        boxes.met[slot] &= !small;
+    }
+}
+
+/// Rays as the test of cells needs them.
+struct Cells<L> {
+    org: [L; 3],
+    /// Signed as directions are.
+    slack: [L; 3],
+    dir: [L; 3],
+    inv: [L; 3],
+    positive: [u32; 3],
+    ray: ConeRay<L>,
+    reach: L,
+}
+
+impl<L: Lanes<GROUP>> Cells<L> {
+    #[inline(always)]
+    fn of<S: Simd<F16 = L>>(s: S, rays: &Prepared, reach: f32) -> Self {
+        let (zero, reach) = (s.splat16(0.0), s.splat16(reach));
+        let ([t_min, _], [a, b]) = (rays.interval(), rays.cone());
+        let size = [s.load16(rays.size(0)), s.load16(rays.size(1)), s.load16(rays.size(2))];
+        let mut cells = Self {
+            org: [s.load16(rays.org(0)), s.load16(rays.org(1)), s.load16(rays.org(2))],
+            slack: [zero; 3],
+            dir: [zero; 3],
+            inv: [s.load16(rays.inv(0)), s.load16(rays.inv(1)), s.load16(rays.inv(2))],
+            positive: [rays.positive(0), rays.positive(1), rays.positive(2)],
+            ray: ConeRay { dir: size, t_min: s.load16(t_min), a: s.load16(a), b: s.load16(b) },
+            reach,
+        };
+        for axis in 0..3 {
+            let positive = s.mask16(cells.positive[axis]);
+            let slack = abs(zero, cells.org[axis]).max(reach) * s.splat16(SLACK);
+            cells.slack[axis] = slack.select(positive, zero - slack);
+            cells.dir[axis] = size[axis].select(positive, zero - size[axis]);
+        }
+        cells
+    }
+
+    /// Where they enter and leave a cell between planes as stored, low ones and high ones.
+    #[inline(always)]
+    fn cross<S: Simd<F16 = L>>(&self, s: S, [low, high]: [[f32; 3]; 2]) -> [L; 2] {
+        let zero = s.splat16(0.0);
+        let (mut near, mut far) = ([zero; 3], [zero; 3]);
+        for axis in 0..3 {
+            let positive = s.mask16(self.positive[axis]);
+            let (low, high) = (s.splat16(low[axis]), s.splat16(high[axis]));
+            near[axis] = low.select(positive, high) - self.slack[axis] - self.org[axis];
+            far[axis] = high.select(positive, low) + self.slack[axis] - self.org[axis];
+        }
+        stand_in::cross(near, far, self.inv)
+    }
+
+    /// What is decided by that of a cell whose faces count for so much.
+    #[inline(always)]
+    fn meet<S: Simd<F16 = L>>(&self, s: S, crossing: [L; 2], faces: [f32; 3]) -> Met<L> {
+        stand_in::meet(crossing, [s.splat16(faces[0]), s.splat16(faces[1]), s.splat16(faces[2])], &self.ray)
+    }
+
+    /// What is left of their ways through a cell inside of its slabs.
+    #[inline(always)]
+    fn within<S: Simd<F16 = L>>(&self, s: S, slabs: &Slabs<L>, way: [L; 2]) -> [L; 2] {
+        let from = Origin::new(self.org, self.reach, s.splat16(0.0));
+        cell_slabs::within(self.dir, &from.see(slabs), way, s.splat16(1.0))
+    }
+}
+
+/// Offers a cell to the rays in `crosses`, which enter its region at `enter`.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)] // a cell, and who meets it where
+fn offer<const ANY: bool>(
+    state: &mut State,
+    group: &mut Group,
+    id: u32,
+    block: Block,
+    index: usize,
+    slot: usize,
+    mut crosses: u32,
+    enter: &[f32; GROUP],
+) {
+    let is_asked = crosses != 0 && !state.view.is_solid && block.node(index).level(slot) <= PASSING;
+    let sieve = if is_asked { Sieve::of(block, index, slot) } else { None };
+    let tri = stand_in::lod_code(index, slot);
+    while crosses != 0 {
+        let i = crosses.trailing_zeros() as usize & (GROUP - 1);
+        crosses &= crosses - 1;
+        let (lane, t) = (group.lane(i), enter[i]);
+        let ray = usize::from(state.ray[lane]) & (STREAM - 1);
+        if sieve.as_ref().is_some_and(|sieve| sieve.is_passed(&pass::passing(&state.prepared[lane]), t)) {
+            state.passed[ray] = state.passed[ray].min(t);
+            continue;
+        }
+        let Some(best) = state.hits.get_mut(ray) else { continue };
+        if single::offer(best, TriHit { t, u: 0.0, v: 0.0, block: id, tri }) {
+            state.prepared[lane].set_best(t);
+            if ANY {
+                group.left &= !(1 << i);
+            }
+        }
+    }
+}
