@@ -37,6 +37,8 @@ impl Ours {
         if residency == Residency::All && !model.load(&Cancel::new())? {
             return Err(Failure::new(format!("{}: it does not fit this machine's memory", path.display())));
         }
+        // What a context does when nothing is asked of it.
+        while context.step() {}
         Self::with(context, model)
     }
 
