@@ -282,6 +282,8 @@ impl Shared {
                 state.resident -= snapshot.resident().map(|(id, _)| model.slot_bytes(id)).sum::<u64>();
                 state.tables -= model.table_bytes;
                 state.pinned -= model.root_bytes;
+                let State { models, together, .. } = &mut *state;
+                together.forget(models.values().filter_map(Weak::upgrade));
                 let _ = state.ranking.invalidate();
             }
         }

@@ -22,7 +22,7 @@ const STARVED: Duration = Duration::from_millis(2);
 /// What came of looking for work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Unit {
-    /// A run was read.
+    /// A run was read, or some of what is there was put together.
     Did,
     /// There is none.
     Idle,
@@ -134,16 +134,33 @@ pub(super) struct Ahead {
 pub(super) struct Together {
     /// To be put together still.
     left: Vec<Page>,
+    /// The system knows how: one was.
+    works: bool,
 }
 
 /// Huge pages that are put together at a time: some milliseconds of work.
 const PAGES: usize = 4;
 
+impl Together {
+    /// Memory has gone: pages that are left may be somebody else's. They are looked for anew.
+    pub fn forget(&mut self, models: impl Iterator<Item = Arc<Inner>>) {
+        if !self.left.is_empty() {
+            self.left.clear();
+            models.for_each(|model| model.is_together.store(false, Relaxed));
+        }
+    }
+}
+
 impl State {
-    /// What is to be put together next, if nobody renders, who might wait for the system then.
+    /// What is to be put together next, if no view renders, which might wait for the system then. (Queries may wait, for as long as it takes to
+    /// copy a page.)
     fn next_together(&mut self) -> Next {
-        if self.live_views().iter().any(|view| view.is_passing()) {
+        let is_new = |model: Arc<Inner>| model.is_complete.load(Relaxed) && !model.is_together.load(Relaxed);
+        if self.together.left.is_empty() && !self.models.values().filter_map(Weak::upgrade).any(is_new) {
             return Next::Idle;
+        }
+        if self.live_views().iter().any(|view| view.is_passing()) {
+            return Next::Starved;
         }
         if !self.together.left.is_empty() {
             let from = self.together.left.len().saturating_sub(PAGES);
@@ -214,10 +231,16 @@ impl Shared {
             match next {
                 Next::Again => {}
                 Next::Load(task) => return self.work(task),
-                Next::Find(model) => self.find_pages(&model),
+                Next::Find(model) => {
+                    self.find_pages(&model);
+                    return Unit::Did;
+                }
                 Next::Together(pages) => {
-                    if !pages.into_iter().all(put_together) {
-                        self.lock().together.left.clear();
+                    let done = pages.into_iter().filter(|page| put_together(*page)).count();
+                    let together = &mut self.lock().together;
+                    together.works |= done > 0;
+                    if !together.works {
+                        together.left.clear();
                     }
                     return Unit::Did;
                 }
@@ -350,6 +373,7 @@ impl Shared {
         if published { Unit::Did } else { Unit::Starved }
     }
 
+    /// Adds the huge pages that a model's blocks fill to what is to be put together.
     fn find_pages(&self, model: &Inner) {
         let there = model.published.load_full();
         let pages = filled(there.resident().map(|(_, slot)| slot.addresses()));

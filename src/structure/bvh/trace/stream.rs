@@ -345,7 +345,7 @@ impl<'a> Beginning<'a, '_> {
     /// Puts the lanes of `rays` of the group where they begin: at what is on their stacks, or at the root.
     #[inline(always)]
     fn go<S: Simd, const ANY: bool>(&mut self, s: S, state: &mut State<'a>, mut counts: Counts, mut rays: u32, is_together: bool) -> Counts {
-        let is_sorted = ANY || start::are_near(s, self.group, state.view.reach);
+        let is_sorted = ANY || start::are_near(s, self.group, rays, state.view.reach);
         while rays != 0 {
             let i = rays.trailing_zeros() as usize & (GROUP - 1);
             rays &= rays - 1;

@@ -115,6 +115,10 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
         let lane = lane(&by_met[SEVERAL], i);
         let node = node_of(state, lane);
         let top = usize::from(state.top[lane]);
+        if top > DEPTH - 8 {
+            leave(state, &mut counts, lane);
+            continue;
+        }
         let (t, child, block) = room(&mut state.stacks[lane], top);
         let hits = state.scratch.hits[lane];
         s.far_first(s.load8(&state.scratch.enter[lane]), hits, &node.child, t, child);
@@ -151,7 +155,7 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
     counts
 }
 
-/// The eight entries above `top`; there is room, see [`pop`].
+/// The eight entries above `top`, [`DEPTH`] less eight at most.
 #[inline(always)]
 fn room(stack: &mut super::stream::Stack, top: usize) -> (&mut [f32; 8], &mut [u32; 8], &mut [u32; 8]) {
     let top = top.min(DEPTH - 8);

@@ -2,7 +2,7 @@
 //! nodes are tested once for all of them, a ray in each lane; what few of them meet goes on each one's own stack, where its walk goes on
 //! alone.
 //!
-//! Stacks are filled from what is farthest of where the rays begin to what is nearest of it, which is looked at first.
+//! Stacks are filled from what is farthest of where the first ray begins to what is nearest of it, which is looked at first.
 #![allow(clippy::needless_range_loop)] // axes and slots index several arrays at once
 
 use super::ahead::ask_for;
@@ -26,6 +26,9 @@ const FEWEST: u32 = 10;
 
 /// What is still to be told of a group, at most.
 const ROOM: usize = 40;
+
+/// Entries of a stack that are left to walks: eight levels that meet all children.
+const FOR_WALKS: usize = 64;
 
 /// Something that some of the rays meet.
 #[derive(Debug, Clone, Copy)]
@@ -83,8 +86,8 @@ pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
         group.count -= 1;
         let mut entry = group.todo[group.count.min(ROOM - 1)];
         entry.rays &= group.left;
-        // All that is to be told may go on one ray's stack, and eight more with each node.
-        let is_roomy = group.count + WIDTH <= ROOM && group.deepest + group.count + WIDTH + 16 < DEPTH;
+        // All that is to be told may go on one ray's stack, and eight more with each node; and the walk below needs room too.
+        let is_roomy = group.count + WIDTH <= ROOM && group.deepest + group.count + WIDTH + FOR_WALKS < DEPTH;
         if is_roomy && entry.rays.count_ones() >= FEWEST {
             if let Some(Child::External(at)) = Child::from_bits(entry.child)
                 && let Some(next) = follow(state, &entry, at)
@@ -272,11 +275,12 @@ fn slabs<S: Simd>(s: S, state: &mut State, group: &Group, node: &Node, rays: u32
 /// How far apart rays of a group may begin, as a part of the tree's reach, for what is far of one to count as far of all.
 const NEAR: f32 = 1.0 / 64.0;
 
-/// Whether the rays of a group begin near each other: then their stacks are in order. (Those that are not valid count too; they are few.)
+/// Whether `rays` of a group begin near each other: then their stacks are in order.
 #[inline(always)]
-pub(super) fn are_near<S: Simd>(s: S, group: &Group, reach: f32) -> bool {
+pub(super) fn are_near<S: Simd>(s: S, group: &Group, rays: u32, reach: f32) -> bool {
+    let first = group.rays.begins_at(rays.trailing_zeros() as usize);
     (0..3).all(|axis| {
-        let org = s.load16(group.rays.org(axis));
+        let org = s.load16(group.rays.org(axis)).select(s.mask16(rays), s.splat16(first[axis]));
         org.greatest() - org.least() <= reach * NEAR
     })
 }
