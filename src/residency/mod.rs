@@ -6,6 +6,8 @@
 //! been used for longest goes when room is needed. When what views want does not fit, a factor on their thresholds
 //! rises until it does. Exact jobs bring what they need themselves; where views leave no room they take turns with a
 //! [`Lease`] of a part of the budget that is theirs.
+#![deny(unsafe_code)]
+
 mod account;
 mod blocks;
 mod bring;
@@ -16,6 +18,7 @@ mod core;
 mod evict;
 mod failures;
 mod fill;
+#[allow(unsafe_code)] // advice to the system
 mod huge_pages;
 mod lease;
 mod links;
