@@ -78,7 +78,7 @@ pub(super) struct Inner {
     pub root_bytes: u64,
     /// Set once opened: its blocks may be read ahead.
     pub may_promote: AtomicBool,
-    /// Set once all of it is in memory; and once huge pages were looked for in that.
+    /// Set once all of it is in memory, or being read; and once huge pages were looked for in what is there.
     pub is_complete: AtomicBool,
     pub is_together: AtomicBool,
     _tables: Charge,

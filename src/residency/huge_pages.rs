@@ -38,7 +38,7 @@ pub(super) fn filled(pieces: impl Iterator<Item = Range<usize>>) -> Vec<Page> {
 pub(super) fn put_together(page: Page) -> bool {
     /// `MADV_COLLAPSE` of `linux/mman.h`.
     const COLLAPSE: i32 = 25;
-    // SAFETY: what memory holds and who may use it stays as it is, of whoever it is by now; addresses without memory are an error.
+    // SAFETY: what memory holds and who may use it stays as it is, of whoever it is by now; where nothing is mapped it is an error, and memory that was given back may be taken anew, as zeros.
     unsafe { libc::madvise(page.0 as *mut _, PAGE, COLLAPSE) == 0 }
 }
 

@@ -138,7 +138,7 @@ pub(super) struct Together {
     works: bool,
 }
 
-/// Huge pages that are put together at a time: some milliseconds of work.
+/// Huge pages that are put together at a time: some milliseconds of work, tens where the system has to be given memory first.
 const PAGES: usize = 4;
 
 impl Together {
