@@ -557,7 +557,10 @@ typedef struct oc_query {
     const struct oc_ray *rays;
     /** How many. */
     uint64_t count;
-    /** Bytes from a ray to the next; 0: tightly packed. */
+    /**
+     * Bytes from a ray to the next; 0: tightly packed. (Such rays with a t_max and a mask other than 0 are read where they are, others
+     * copied first.)
+     */
     uint64_t stride;
 } oc_query;
 

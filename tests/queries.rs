@@ -8,10 +8,10 @@ use common::bvh64::Bvh64;
 use common::rng::Rng;
 use common::scenes;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use outcrop::math::{Cone, DBounds, Ray};
+use outcrop::math::{DBounds, Ray};
 use outcrop::query::{Hit, HitKind, How, NONE, Policy, QueryOptions, QueryState, Want};
 use outcrop::query::{Hits, Plane, Query, Rays};
-use outcrop::scene::{Camera, Model, Scene, SceneState, State};
+use outcrop::scene::{Model, Scene, SceneState, State};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -95,80 +95,6 @@ fn one_model_single_and_coherent_and_any() {
             assert!(f64::from(hit.uv[0].min(hit.uv[1]).min(1.0 - hit.uv[0] - hit.uv[1])) < 1e-3, "{hit:?} {truth:?}");
         }
     }
-}
-
-/// A camera's rays in blocks of 8 x 4, of which each is a packet.
-fn camera_rays(eye: DVec3, poe: f32) -> Vec<Ray> {
-    let camera = Camera::Perspective { eye, at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 77.0 };
-    let pixels = camera.prepare(128, 128).expect("a camera");
-    let mut rays = Vec::new();
-    for block in 0..16 * 32 {
-        for i in 0..32 {
-            let (x, y) = (block % 16 * 8 + i % 8, block / 16 * 4 + i / 8);
-            let ray = pixels.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
-            rays.push(Ray { cone: Cone { b: ray.cone.b * poe.sqrt(), ..ray.cone }, ..ray });
-        }
-    }
-    rays
-}
-
-/// What is worked out for many rays at once is what is worked out for one after the other, with whatever is asked for, of packets and of rays side by side.
-/// (Ids of triangles are never told of many at once: whoever asks for them too has each hit by itself.) Compares around zero at
-/// distances of some `unit`s; returns how many hits were of each kind.
-fn packets_answer_as_single_rays_do(state: &SceneState, unit: f64) -> [usize; 4] {
-    let wants = [Want::NORMAL | Want::UV | Want::PART, Want::NORMAL, Want::PART | Want::INSTANCE, Want::UV, Want::NOTHING, Want::ALL];
-    let (mut kinds, mut order) = ([0; 4], Vec::new());
-    for (v, eye) in [DVec3::new(0.5, -2.6, 0.3), DVec3::new(-2.0, -0.3, 1.1), DVec3::new(0.9, 0.7, 0.2)].into_iter().enumerate() {
-        for poe in [0.0, 0.3, 3.0, 100.0] {
-            let mut rays = camera_rays(eye * unit, poe);
-            // Some end early, some begin late.
-            for (i, ray) in rays.iter_mut().enumerate().filter(|(i, _)| i / 320 % 3 == v) {
-                (ray.t_min, ray.t_max) = [(0.0, (1.9 + i as f64 * 1e-5) * unit), (1.7 * unit, f64::INFINITY)][i / 32 % 2];
-            }
-            order.clear();
-            order.extend((0..rays.len()).map(|i| i * 7919 % rays.len()));
-            let shuffled: Vec<_> = order.iter().map(|&i| rays[i]).collect();
-            for want in wants {
-                let together = ask(state, &rays, QueryOptions { want, ..COHERENT });
-                let side_by_side = ask(state, &shuffled, QueryOptions { want, ..SINGLE });
-                let alone = ask(state, &shuffled, QueryOptions { want: want | Want::PRIM, ..SINGLE });
-                for ((&i, alone), beside) in order.iter().zip(&alone).zip(&side_by_side) {
-                    let prim = if want.has(Want::PRIM) { alone.prim } else { NONE };
-                    assert_eq!(together[i], Hit { prim, ..*alone }, "{:?}, {want:?}", rays[i]);
-                    assert_eq!(together[i], *beside, "{:?}, {want:?}", rays[i]);
-                    kinds[alone.kind as usize] += 1;
-                }
-            }
-        }
-    }
-    kinds
-}
-
-/// On several parts, with slivers that have no normal, on stand-ins with one sample and with six.
-#[test]
-fn packets_answer_as_single_rays_do_whatever_is_asked() {
-    let context = built::context(2);
-    let mut tris = scenes::bumpy_sphere(120, 240, 5);
-    tris.extend(scenes::boxes(400, 3));
-    let third = tris.len() / 3;
-    let mut slivers = tris.split_off(2 * third);
-    slivers.extend(scenes::slivers().tris);
-    let parts = [(5, tris.split_off(third)), (u64::MAX - 1, tris), (9, slivers)];
-    let file = built::parts(&parts.map(|(id, tris)| Part::white(id, tris)));
-    let (scene, _) = built::scene(&context, &file);
-    let kinds = packets_answer_as_single_rays_do(&scene.state(), 1.0);
-    assert!(kinds[0] > 10_000 && kinds[1] > 10_000 && kinds[2] > 10_000, "{kinds:?}");
-}
-
-/// Triangles so small that the squares of their normals leave the range of single precision.
-#[test]
-fn packets_answer_as_single_rays_do_on_tiny_triangles() {
-    const TINY: f64 = 1e-11;
-    let context = built::context(2);
-    let tris = scenes::bumpy_sphere(60, 120, 5).into_iter().map(|t| t.map(|v| scenes::rounded(v * TINY))).collect();
-    let (scene, _) = built::scene(&context, &built::parts(&[Part::white(1, tris)]));
-    let kinds = packets_answer_as_single_rays_do(&scene.state(), TINY);
-    assert!(kinds[0] > 10_000 && kinds[1] > 10_000 && kinds[2] > 10_000, "{kinds:?}");
 }
 
 #[test]

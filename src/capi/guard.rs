@@ -3,7 +3,7 @@
 
 use super::status::*;
 use crate::base::error::Error;
-use crate::simd::prefetch;
+use crate::simd::prefetch_l2;
 use std::any::Any;
 use std::cell::{Cell, RefCell};
 use std::ffi::{CStr, CString, c_char};
@@ -268,6 +268,22 @@ impl<T: Copy> Strided<T> {
         unsafe { self.at(index).read_unaligned() }
     }
 
+    /// `N` elements from `first` on where they are, under another name; `None` if there are not so many, they do not follow each other tightly,
+    /// or are not where such ones may be.
+    ///
+    /// # Safety
+    /// As for `get`, of all of them, while they are borrowed; the bytes of any `T` are those of some `U`.
+    #[inline]
+    pub(crate) unsafe fn array<U: Copy, const N: usize>(&self, first: usize) -> Option<&[U; N]> {
+        const { assert!(size_of::<T>() == size_of::<U>()) };
+        let is_there = self.count.checked_sub(first).is_some_and(|rest| rest >= N && N > 0);
+        if !is_there || self.stride != size_of::<T>() || !self.at(first).cast::<U>().is_aligned() {
+            return None;
+        }
+        // SAFETY: within the array, which is tight, and aligned; the caller vouches for the rest.
+        Some(unsafe { &*self.at(first).cast::<[U; N]>() })
+    }
+
     /// Copies elements from `first` on to `out`, whose elements are the same bytes under another name.
     ///
     /// # Safety
@@ -304,11 +320,11 @@ impl<T: Copy> Strided<T> {
         }
     }
 
-    /// Asks the CPU for the memory of elements that will be read soon. Those beyond the last are ignored.
+    /// Asks the CPU to bring elements that will be read into the L2. Those beyond the last are ignored.
     #[inline]
     pub(crate) fn ask_for(&self, elements: Range<usize>) {
         for i in elements.start..elements.end.min(self.count) {
-            prefetch(self.at(i));
+            prefetch_l2(self.at(i));
         }
     }
 

@@ -6,7 +6,8 @@ use super::job::{LongWork, Snapshot, Wake, give_job, oc_job};
 use super::scene::{SceneObject, oc_scene};
 use super::status::oc_status;
 use crate::math::Ray;
-use crate::query::{Hit, Hits, Policy, Query, QueryOptions, QueryState, Rays, Want};
+use crate::query::batch::AHEAD;
+use crate::query::{Hit, Hits, PACKET, Policy, Query, QueryOptions, QueryState, Rays, Want};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -132,7 +133,8 @@ pub struct oc_query {
     pub rays: *const oc_ray,
     /// How many.
     pub count: u64,
-    /// Bytes from a ray to the next; 0: tightly packed.
+    /// Bytes from a ray to the next; 0: tightly packed. (Such rays with a t_max and a mask other than 0 are read where they are, others
+    /// copied first.)
     pub stride: u64,
 }
 
@@ -168,8 +170,6 @@ impl Rays for CRays {
         // SAFETY: within the array, which the caller keeps readable until the batch has ended; both structs have the
         // same members at the same places (see below), numbers all, of which any bits are some.
         unsafe { self.0.copy_to(first, out) };
-        // One group ahead is too late.
-        self.0.ask_for(first + 2 * out.len()..first + 3 * out.len());
         for ray in out {
             if ray.t_max == 0.0 {
                 ray.t_max = f64::INFINITY;
@@ -178,6 +178,14 @@ impl Rays for CRays {
                 ray.mask = u32::MAX;
             }
         }
+    }
+    fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
+        self.0.ask_for(first + AHEAD..first + AHEAD + PACKET);
+        // SAFETY: as of `read`; nobody writes them meanwhile.
+        let rays: &[Ray; PACKET] = unsafe { self.0.array(first) }?;
+        // Zeros stand for what `read` puts in their places.
+        let have_zeros = rays.iter().fold(false, |any, ray| any | (ray.t_max == 0.0) | (ray.mask == 0));
+        (!have_zeros).then_some(rays)
     }
 }
 

@@ -1,12 +1,12 @@
 //! Rays as callers give them, and the cone that is a ray's footprint.
 
-use bytemuck::NoUninit;
+use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
 /// A ray's footprint: width `a + b * t` at distance parameter `t`, in scene units. A stand-in is accepted where the area
 /// of its cell's projection is at most the square of the width: for p pixels of error take the pixel's width times the
 /// square root of p. `ZERO` asks for exact answers.
-#[derive(Debug, Clone, Copy, PartialEq, Default, NoUninit)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Cone {
     /// Width at `t` = 0, >= 0.
@@ -32,7 +32,7 @@ impl Cone {
 /// components (below 1.2e-38) count as zero.
 ///
 /// One cache line, laid out as the C struct is: taking rays over from C is a copy.
-#[derive(Debug, Clone, Copy, PartialEq, NoUninit)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Ray {
     /// Where it starts.

@@ -6,9 +6,11 @@ use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job};
 use crate::math::Ray;
 use crate::scene::SceneState;
-use crate::simd::prefetch;
+use crate::simd::prefetch_l2;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+
+pub use crate::structure::bvh::trace::PACKET;
 
 /// Where a batch reads its rays: called from any worker, also several at once, each ray once.
 pub trait Rays: Sync {
@@ -16,6 +18,11 @@ pub trait Rays: Sync {
     fn count(&self) -> usize;
     /// Writes rays `first..first + out.len()`, all below `count`, to `out`.
     fn read(&self, first: usize, out: &mut [Ray]);
+    /// Rays `first..first + PACKET`, all below `count`, where they are, if that is possible: those that [`Rays::read`] writes, without the copy.
+    fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
+        let _ = first;
+        None
+    }
 }
 
 /// Where a batch writes its answers: called from any worker, also several at once, each index once.
@@ -170,6 +177,9 @@ impl<T: Rays + ?Sized> Rays for &T {
     fn read(&self, first: usize, out: &mut [Ray]) {
         (**self).read(first, out);
     }
+    fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
+        (**self).packet(first)
+    }
 }
 
 impl Rays for Arc<dyn Rays + Send + Sync> {
@@ -178,6 +188,9 @@ impl Rays for Arc<dyn Rays + Send + Sync> {
     }
     fn read(&self, first: usize, out: &mut [Ray]) {
         (**self).read(first, out);
+    }
+    fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
+        (**self).packet(first)
     }
 }
 
@@ -193,15 +206,23 @@ impl Hits for Arc<dyn Hits + Send + Sync> {
     }
 }
 
+/// How many rays ahead memory is asked for, into the L2. (Nanoseconds a ray of a small model: 25.4 without, 25.1 into the L1 at any distance, for
+/// there is room there for fewer lines under way than a packet has; into the L2 two packets ahead 22.3, four 22.1, eight 23.2.)
+pub(crate) const AHEAD: usize = 4 * PACKET;
+
 impl Rays for [Ray] {
     fn count(&self) -> usize {
         self.len()
     }
     fn read(&self, first: usize, out: &mut [Ray]) {
-        let (now, later) = self[first..].split_at(out.len());
-        out.copy_from_slice(now);
-        // They come while those and the next ones are traced: one group ahead is too late.
-        later.iter().skip(out.len()).take(out.len()).for_each(|ray| prefetch(ray));
+        out.copy_from_slice(&self[first..first + out.len()]);
+    }
+    fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
+        // They come while those and the next ones are traced.
+        if let Some(later) = self.get(first + AHEAD..first + AHEAD + PACKET) {
+            later.iter().for_each(|ray| prefetch_l2(ray));
+        }
+        self.get(first..)?.first_chunk()
     }
 }
 

@@ -28,7 +28,7 @@ pub(super) struct Task {
 /// What it takes to answer a chunk. Reusable.
 pub(super) struct Chunk {
     /// Rays that go side by side, group by group, and at their end the group that is being looked at.
-    rays: [Ray; CHUNK],
+    rays: Box<[Ray]>,
     found: [Found; CHUNK],
     /// Where the groups begin in the batch.
     firsts: [usize; CHUNK / PACKET],
@@ -48,7 +48,7 @@ pub(super) struct Chunk {
 impl Default for Chunk {
     fn default() -> Self {
         Self {
-            rays: [Ray::NONE; CHUNK],
+            rays: vec![Ray::NONE; CHUNK].into(),
             found: [Found::nothing(0.0); CHUNK],
             firsts: [0; CHUNK / PACKET],
             stream: SceneStream::of_queries(),
@@ -73,33 +73,46 @@ impl Chunk {
         self.packet.begin_batch();
         // Groups that go the same way are answered at once, the others gathered. Only the last may be a part of one.
         let mut gathered = 0;
+        let mut room = [Ray::NONE; PACKET];
         for from in (0..count).step_by(PACKET) {
             let group = gathered..gathered + PACKET.min(count - from);
             self.firsts[gathered / PACKET] = first + from;
-            rays.read(first + from, &mut self.rays[group.clone()]);
-            let alike = Alike::of(&self.rays[group.clone()]);
+            let lent = if group.len() == PACKET { rays.packet(first + from) } else { None };
+            let mut group_rays = match lent {
+                Some(lent) => lent,
+                None => {
+                    rays.read(first + from, &mut room[..group.len()]);
+                    &room
+                }
+            };
+            let alike = Alike::of(&group_rays[..group.len()]);
             if !alike.has_sound_cones() {
-                self.rays[group.clone()].iter_mut().for_each(|ray| ray.cone = ray.cone.or_zero());
+                room = *group_rays;
+                room.iter_mut().for_each(|ray| ray.cone = ray.cone.or_zero());
+                group_rays = &room;
             }
             self.unfinished.clear();
             // Into one octant: what a packet needs at the least.
             let is_answered = alike.is_one_octant()
                 && if view.only_one().is_some() {
-                    self.run_in_one(view, task, group.clone(), &alike, hits)
+                    self.run_in_one(view, task, group.clone(), group_rays, &alike, hits)
                 } else {
-                    self.run_packet(view, task, group.clone(), hits)
+                    self.run_packet(view, task, group.clone(), group_rays, hits)
                 };
             if !is_answered {
+                self.rays[group.clone()].copy_from_slice(&group_rays[..group.len()]);
                 gathered = group.end;
             }
         }
         self.unfinished.clear();
         self.trace_each(view, task, gathered);
+        let rays = std::mem::take(&mut self.rays);
         for from in (0..gathered).step_by(PACKET) {
             let group = from..gathered.min(from + PACKET);
             let met = hits_of(&self.found[group.clone()]);
-            self.answer(view, task, group, met, hits);
+            self.answer(view, task, group.clone(), &rays[group], met, hits);
         }
+        self.rays = rays;
     }
 
     fn trace_each(&mut self, view: &SceneView, task: Task, count: usize) {
@@ -113,13 +126,13 @@ impl Chunk {
     }
 
     /// Answers a group in a scene that is one placed tree; false if it must go side by side.
-    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, alike: &Alike, hits: &impl Hits) -> bool {
-        let rays = &self.rays[group.clone()];
+    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], alike: &Alike, hits: &impl Hits) -> bool {
         let met = if task.any {
-            self.in_one.trace::<true>(view, rays, alike, task.coherent)
+            self.in_one.trace::<true>(view, rays, group.len(), alike, task.coherent)
         } else {
-            self.in_one.trace::<false>(view, rays, alike, task.coherent)
+            self.in_one.trace::<false>(view, rays, group.len(), alike, task.coherent)
         };
+        let rays = &rays[..group.len()];
         let Some(met) = met else { return false };
         if let Ok(met) = met {
             let distance = |i| self.in_one.distance(i);
@@ -131,15 +144,16 @@ impl Chunk {
                 self.found[group.start + i] = self.in_one.found(view, i, met >> i & 1 == 1);
             }
         }
-        self.answer_traced(view, task, group, met.ok(), hits);
+        self.answer_traced(view, task, group, rays, met.ok(), hits);
         true
     }
 
     /// Answers a group together; false if it must go side by side.
-    fn run_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>, hits: &impl Hits) -> bool {
+    fn run_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], hits: &impl Hits) -> bool {
         // Nobody has looked at the rays: only the caller's word tells that they are near each other.
-        let rays = self.rays[group.start..].first_chunk::<PACKET>().filter(|_| task.coherent);
-        let Some(rays) = rays else { return false };
+        if !task.coherent {
+            return false;
+        }
         self.packet.begin(view, rays, first_rays(group.len()));
         let is_done = trace_whole(view, task, rays, &mut self.packet) == Step::Done;
         let met = is_done.then(|| {
@@ -147,21 +161,21 @@ impl Chunk {
             found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
             hits_of(found)
         });
-        self.answer_traced(view, task, group, met, hits);
+        self.answer_traced(view, task, group.clone(), &rays[..group.len()], met, hits);
         true
     }
 
     /// [`Chunk::answer`] of a group whose rays went together. `met`: those that hit something, `None` if some ray lacked a block.
-    fn answer_traced(&mut self, view: &SceneView, task: Task, group: Range<usize>, met: Option<u32>, hits: &impl Hits) {
+    fn answer_traced(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], met: Option<u32>, hits: &impl Hits) {
         if met.is_none() {
             // Which of its rays had what they needed is not known.
             self.unfinished.extend(group.start as u32..group.end as u32);
         }
-        self.answer(view, task, group, met.unwrap_or(0), hits);
+        self.answer(view, task, group, rays, met.unwrap_or(0), hits);
     }
 
     /// Writes the answers of a group, or parks it. `met`: rays that hit something; more may be among the unfinished.
-    fn answer(&mut self, view: &SceneView, task: Task, group: Range<usize>, mut met: u32, hits: &impl Hits) {
+    fn answer(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], mut met: u32, hits: &impl Hits) {
         let mut waiting = Vec::new();
         let mut lacking = 0;
         for &i in self.unfinished.iter().filter(|&&i| group.contains(&(i as usize))) {
@@ -169,8 +183,8 @@ impl Chunk {
             let bit = 1 << (i - group.start);
             met &= !bit;
             let mut walk = SceneWalk::default();
-            walk.begin(view, &self.rays[i]);
-            match trace(view, task, &self.rays[i], &mut walk) {
+            walk.begin(view, &rays[i - group.start]);
+            match trace(view, task, &rays[i - group.start], &mut walk) {
                 Step::Pending(need) if task.policy == Policy::Exact => {
                     waiting.push(Waiting { ray: i - group.start, left: Left::Walk(walk), asks: Asks::of(need) });
                 }
@@ -182,7 +196,7 @@ impl Chunk {
             }
         }
         let (first, count) = (self.firsts[group.start / PACKET], group.len());
-        let (rays, found) = (&self.rays[group.clone()], &self.found[group]);
+        let found = &self.found[group];
         if lacking == 0 && waiting.is_empty() && self.simple.answer(view, task.want, rays, found, |i| found[i].t, met, &mut self.answers) {
             return hits.write(first, &self.answers.hits[..count]);
         }

@@ -3,7 +3,7 @@
 use super::alike::Alike;
 use super::placed::{Placed, not_below};
 use super::walk::{Found, NOTHING, Need, SceneStream, SceneView, bits};
-use crate::math::{Cone, Ray};
+use crate::math::Ray;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, first_rays};
 use glam::DVec3;
 
@@ -33,15 +33,23 @@ impl InOne {
     }
 
     /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]); else `None`. Returns those that hit
-    /// something, or the block that some ray needs: then they are to be begun anew, each alone. `alike`: of the rays.
-    pub fn trace<const ANY: bool>(&mut self, view: &SceneView, rays: &[Ray], alike: &Alike, says: bool) -> Option<Result<u32, Need>> {
+    /// something, or the block that some ray needs: then they are to be begun anew, each alone. The first `count` are rays; `alike`: of
+    /// these.
+    pub fn trace<const ANY: bool>(
+        &mut self,
+        view: &SceneView,
+        rays: &[Ray; PACKET],
+        count: usize,
+        alike: &Alike,
+        says: bool,
+    ) -> Option<Result<u32, Need>> {
         let placed = view.only_one()?;
         let p = &view.scene.placement.placed[placed as usize];
         let (tree, filter) = (view.tree(placed), view.filter(placed));
         let seen_by = view.seen_by(placed);
         let Self { walk, moved, is_moved, .. } = self;
-        *is_moved = !(set_unmoved(p, rays, alike, seen_by, walk) && walk.is_within(&tree, rays.len(), p.near()));
-        let active = if *is_moved { set_moved(p, rays, seen_by, walk, moved) } else { first_rays(rays.len()) };
+        *is_moved = !(set_unmoved(p, &tree, (rays, count), alike, seen_by, walk) && walk.is_within(&tree, count, p.near()));
+        let active = if *is_moved { set_moved(p, &rays[..count], seen_by, walk, moved) } else { first_rays(count) };
         walk.start(&tree, active);
         if !walk.is_coherent(&tree, says) {
             return None;
@@ -215,10 +223,18 @@ impl SceneView<'_> {
 /// Takes rays into the tree's frame by nothing but a subtraction, which does not do for all: false if that is clear
 /// here, else [`PacketWalk::is_within`] tells.
 #[inline(always)]
-fn set_unmoved(p: &Placed, rays: &[Ray], alike: &Alike, seen_by: u32, walk: &mut PacketWalk) -> bool {
+fn set_unmoved(
+    p: &Placed,
+    tree: &TreeView,
+    (rays, count): (&[Ray; PACKET], usize),
+    alike: &Alike,
+    seen_by: u32,
+    walk: &mut PacketWalk,
+) -> bool {
     let Some(offset) = p.only_shifted() else { return false };
     let mut local = LocalRay::NONE;
-    if let Some(it) = rays.first().filter(|_| alike.is_one_start()) {
+    if alike.is_one_start() {
+        let it = &rays[0];
         if !(it.has_interval() && alike.mask().is_some_and(|mask| mask & seen_by != 0)) {
             return false;
         }
@@ -226,15 +242,11 @@ fn set_unmoved(p: &Placed, rays: &[Ray], alike: &Alike, seen_by: u32, walk: &mut
         local.t_min = it.t_min as f32;
         local.t_max = not_below(it.t_max);
         walk.set_all_but_dirs(&local);
-        if alike.is_exact() {
-            rays.iter().enumerate().take(PACKET).for_each(|(i, it)| walk.set_dir(i, it.dir, Cone::ZERO));
-        } else {
-            rays.iter().enumerate().take(PACKET).for_each(|(i, it)| walk.set_dir(i, it.dir, LocalRay::cone_of(it.cone, it.dir)));
-        }
+        walk.set_dirs_of(tree, rays, alike.is_exact());
         return true;
     }
     let mut is_fine = true;
-    for (i, it) in rays.iter().enumerate().take(PACKET) {
+    for (i, it) in rays.iter().enumerate().take(count) {
         is_fine &= it.mask & seen_by != 0 && it.has_interval();
         local.org = (it.origin - offset).as_vec3();
         local.dir = it.dir;

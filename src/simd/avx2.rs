@@ -293,6 +293,12 @@ impl Simd for Avx2 {
         }
     }
     #[inline(always)]
+    fn columns4(self, rows: &[[f32; 16]; 16], first: usize) -> [Pair<V8>; 4] {
+        // SAFETY: the token vouches.
+        let [low, high] = unsafe { [columns4(rows, 0, first), columns4(rows, 8, first)] };
+        [Pair(low[0], high[0]), Pair(low[1], high[1]), Pair(low[2], high[2]), Pair(low[3], high[3])]
+    }
+    #[inline(always)]
     fn far_first(self, enter: V8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
         // SAFETY: the token vouches.
         unsafe {
@@ -409,6 +415,33 @@ pub(super) unsafe fn slabs(head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [
 unsafe fn lane<const I: i32>(v: __m256) -> __m256 {
     // SAFETY: the caller vouches for AVX2.
     unsafe { _mm256_permutevar8x32_ps(v, _mm256_set1_epi32(I)) }
+}
+
+/// Four columns of eight rows from `down` on.
+///
+/// # Safety
+/// The CPU must have AVX2.
+#[inline(always)]
+unsafe fn columns4(rows: &[[f32; 16]; 16], down: usize, first: usize) -> [V8; 4] {
+    let (down, first) = (down.min(8), first.min(12));
+    // SAFETY: the caller vouches; four floats from `first` on are within a row, and loads need no alignment.
+    unsafe {
+        let four = |j: usize| _mm_loadu_ps(rows[down + j].as_ptr().add(first));
+        let mut quads = [_mm256_setzero_ps(); 4];
+        for j in 0..4 {
+            // Rows j and 4 + j: a half each.
+            quads[j] = _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(four(j)), four(4 + j));
+        }
+        let [a, b, c, d] = quads;
+        let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+        let (ab2, cd2) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+        [
+            V8(_mm256_shuffle_ps::<0x44>(ab, cd)),
+            V8(_mm256_shuffle_ps::<0xEE>(ab, cd)),
+            V8(_mm256_shuffle_ps::<0x44>(ab2, cd2)),
+            V8(_mm256_shuffle_ps::<0xEE>(ab2, cd2)),
+        ]
+    }
 }
 
 /// Transposes the 8 x 8 square of `rows` that begins at row `down` and column `across`.

@@ -329,6 +329,29 @@ impl Simd for Avx512 {
         }
     }
     #[inline(always)]
+    fn columns4(self, rows: &[[f32; 16]; 16], first: usize) -> [V16; 4] {
+        let first = first.min(12);
+        // SAFETY: the token vouches; four floats from `first` on are within a row, and loads need no alignment.
+        unsafe {
+            let four = |j: usize| _mm_loadu_ps(rows[j].as_ptr().add(first));
+            let mut quads = [_mm512_setzero_ps(); 4];
+            for j in 0..4 {
+                // Rows j, 4 + j, 8 + j and 12 + j: a quarter each.
+                let low = _mm512_insertf32x4::<1>(_mm512_castps128_ps512(four(j)), four(4 + j));
+                quads[j] = _mm512_insertf32x4::<3>(_mm512_insertf32x4::<2>(low, four(8 + j)), four(12 + j));
+            }
+            let [a, b, c, d] = quads;
+            let (ab, cd) = (_mm512_unpacklo_ps(a, b), _mm512_unpacklo_ps(c, d));
+            let (ab2, cd2) = (_mm512_unpackhi_ps(a, b), _mm512_unpackhi_ps(c, d));
+            [
+                V16(_mm512_shuffle_ps::<0x44>(ab, cd)),
+                V16(_mm512_shuffle_ps::<0xEE>(ab, cd)),
+                V16(_mm512_shuffle_ps::<0x44>(ab2, cd2)),
+                V16(_mm512_shuffle_ps::<0xEE>(ab2, cd2)),
+            ]
+        }
+    }
+    #[inline(always)]
     fn far_first(self, enter: V8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
         // SAFETY: the token vouches.
         unsafe {

@@ -73,6 +73,8 @@ pub trait Simd: Copy {
     fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[Self::F8; 3]; 3];
     /// `out[i][j] = rows[j][i]`.
     fn transpose16(self, rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16]);
+    /// `out[i]` holds `rows[j][first + i]` in lane `j`; `first` is 12 at most.
+    fn columns4(self, rows: &[[f32; 16]; 16], first: usize) -> [Self::F16; 4];
     /// Sorts the children of a node: those in `hits` (bit `i`: lane `i`) come first, by descending `enter` (not
     /// negative), then whatever. Writes their `enter`, its last three bits cleared, and their `child`.
     fn far_first(self, enter: Self::F8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]);

@@ -171,6 +171,16 @@ impl Simd for Portable {
         }
     }
     #[inline(always)]
+    fn columns4(self, rows: &[[f32; 16]; 16], first: usize) -> [Array<16>; 4] {
+        let mut out = [Array([0.0; 16]); 4];
+        for (i, out) in out.iter_mut().enumerate() {
+            for (j, row) in rows.iter().enumerate() {
+                out.0[j] = row[first.min(12) + i];
+            }
+        }
+        out
+    }
+    #[inline(always)]
     fn far_first(self, enter: Array<8>, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
         let met = child.iter().enumerate().filter(|(i, _)| hits >> i & 1 == 1);
         for (count, (i, &to)) in met.enumerate() {

@@ -50,6 +50,10 @@ impl Op for Battery {
             let mut columns = [[0.0; 16]; 16];
             s.transpose16(&rows, &mut columns);
             out.extend(columns.as_flattened().iter().map(|x| x.to_bits()));
+            for first in [0, 10, 12] {
+                let four = s.columns4(&rows, first).map(|column| column.to_array().map(f32::to_bits));
+                assert_eq!(four, [0, 1, 2, 3].map(|i| columns[first + i].map(f32::to_bits)));
+            }
             out.extend(s.lookup16(&b, s.index8(&bytes)).to_array().map(f32::to_bits));
             out.extend([s.same16(&b, u32::MAX, VALUES[3].to_bits()), s.same16(&b, 1 << 31, 1 << 31)]);
         }

@@ -704,6 +704,51 @@ static void queries(oc_scene *s0) {
     free(hit);
 }
 
+/* However rays lie in memory, and whether ends and masks are said or left at 0, the answers are the same. */
+static void ways_to_give_rays(oc_scene *s0) {
+    enum { COUNT = 100, STRIDE = sizeof(oc_ray) + 8 };
+    oc_ray *tight = (oc_ray *)calloc(COUNT, sizeof *tight);
+    unsigned char *loose = (unsigned char *)calloc(COUNT + 1, STRIDE), *crooked = (unsigned char *)calloc(COUNT + 1, sizeof *tight);
+    oc_hit *first = (oc_hit *)calloc(COUNT, sizeof *first), *hits = (oc_hit *)calloc(COUNT, sizeof *hits);
+    uint8_t any[COUNT];
+    int met = 0;
+    oc_query q;
+    OC_INIT(&q);
+    for (int i = 0; i < COUNT; i++) {
+        const oc_ray ray = {{0.03 * (i % 10) + 0.02, 0.15 * (i / 10) + 0.02, -1}, 0, 0, {0, 0, 1}, 0, 0, 0};
+        tight[i] = ray;
+    }
+    q.rays = tight, q.count = COUNT;
+    OK(oc_scene_closest(s0, &q, first, 0));
+    for (int i = 0; i < COUNT; i++) {
+        met += first[i].kind == OC_HIT_EXACT;
+        memcpy(loose + i * STRIDE, &tight[i], sizeof *tight);
+        memcpy(crooked + 4 + i * sizeof *tight, &tight[i], sizeof *tight);
+    }
+    CHECK(met > 10 && met < COUNT);
+    q.rays = (const oc_ray *)loose, q.stride = STRIDE;
+    OK(oc_scene_closest(s0, &q, hits, 0));
+    CHECK(memcmp(first, hits, COUNT * sizeof *hits) == 0);
+    q.rays = (const oc_ray *)(crooked + 4), q.stride = 0;
+    OK(oc_scene_closest(s0, &q, hits, 0));
+    CHECK(memcmp(first, hits, COUNT * sizeof *hits) == 0);
+    /* Some say their ends, some their masks; of the first packet all say both. */
+    for (int i = 0; i < COUNT; i++) {
+        tight[i].t_max = i < 32 || i % 2 ? INFINITY : 0;
+        tight[i].mask = i < 32 || i % 3 ? 0xFFFFFFFF : 0;
+    }
+    q.rays = tight;
+    OK(oc_scene_closest(s0, &q, hits, 0));
+    CHECK(memcmp(first, hits, COUNT * sizeof *hits) == 0);
+    OK(oc_scene_any(s0, &q, any, 0));
+    for (int i = 0; i < COUNT; i++) CHECK(any[i] == (first[i].kind == OC_HIT_EXACT));
+    /* What is said counts: a ray may end before anything is there. */
+    for (int i = 0; i < COUNT; i++) tight[i].t_max = 0.5;
+    OK(oc_scene_closest(s0, &q, hits, 0));
+    for (int i = 0; i < COUNT; i++) CHECK(hits[i].kind == OC_HIT_MISS);
+    free(tight), free(loose), free(crooked), free(first), free(hits);
+}
+
 static void overlaps(oc_scene *s0) {
     double low[3] = {-1, -1, -1}, high[3] = {2, 2, 2};
     oc_plane planes[2] = {{{1, 0, 0}, 1}, {{0, 1, 0}, 1}};
@@ -947,6 +992,7 @@ int main(int argc, char **argv) {
     lying_sources(c);
     oc_scene *s0 = scenes(c);
     queries(s0);
+    ways_to_give_rays(s0);
     overlaps(s0);
     prefetches(s0);
     frames(c, s0);

@@ -272,7 +272,7 @@ impl Direct<'_> {
     /// most of them are active.
     fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<(u32, u32), Need> {
         let Scratch { camera, in_one, found, .. } = scratch;
-        let together = if all { in_one.trace::<false>(&self.view, rays, &Alike::of(rays), true) } else { None };
+        let together = if all { in_one.trace::<false>(&self.view, rays, PACKET, &Alike::of(rays), true) } else { None };
         if let Some(hits) = together {
             let hits = hits?;
             return Ok(self.found_in_one(hits, scratch));

@@ -134,9 +134,10 @@ impl Run for Ready<'_> {
             }
             let hits = &mut room.hits[..rays.len()];
             state.closest(rays, options, hits).expect("the file was read before");
-            answers.iter_mut().zip(&*hits).for_each(|(a, hit)| a.t = hit.t);
-            let met = rays.iter().zip(&*hits).filter(|(_, hit)| hit.kind != HitKind::Miss);
-            met.map(|(ray, hit)| f64::from(hit.normal.dot(ray.dir).abs())).sum()
+            rays.iter().zip(&*hits).zip(answers).map(|((ray, hit), answer)| {
+                answer.t = hit.t;
+                if hit.kind != HitKind::Miss { f64::from(hit.normal.dot(ray.dir).abs()) } else { 0.0 }
+            }).sum()
         })
     }
 

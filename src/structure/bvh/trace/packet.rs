@@ -5,13 +5,15 @@ use super::gauge::Gauge;
 use super::packet_prepare::{self, Shared};
 use super::packet_visit;
 use super::pass::Passing;
+use super::ray::{UNIT, abs};
 use super::stand_in;
 use super::walk::{Counters, Entered, Outcome, Walk};
 use super::{LocalRay, PartFilter, TreeView, TriHit};
-use crate::math::Cone;
-use crate::simd::{Isa, Op, Simd, dispatch};
+use crate::math::{Cone, Ray};
+use crate::simd::{Isa, Lanes, Mask, Op, Simd, dispatch};
 use bytemuck::{must_cast, must_cast_ref};
 use glam::Vec3;
+use std::mem::offset_of;
 
 /// Vectors that hold a packet's rays: with two, a node's box tests serve twice as many rays, and of two tests of a
 /// triangle one goes on while the other waits.
@@ -212,6 +214,12 @@ impl PacketWalk {
         }
     }
 
+    /// [`PacketWalk::set_dir`] of the directions and, unless they are `exact`, the widths of all rays.
+    #[inline]
+    pub fn set_dirs_of(&mut self, view: &TreeView, rays: &[Ray; PACKET], exact: bool) {
+        dispatch(view.isa, SetDirs { walk: self, rays: must_cast_ref(rays), exact });
+    }
+
     /// Takes over origin and interval of all rays: they are those of `ray`.
     #[inline]
     pub fn set_all_but_dirs(&mut self, ray: &LocalRay) {
@@ -377,6 +385,51 @@ fn same<S: Simd>(s: S, row: &Row, mask: u32, bits: u32) -> u32 {
         all |= s.same16(&row[h], mask, bits) << (16 * h);
     }
     all
+}
+
+struct SetDirs<'a> {
+    walk: &'a mut PacketWalk,
+    /// Words of [`Ray`].
+    rays: &'a [[[f32; 16]; 16]; VECTORS],
+    exact: bool,
+}
+
+/// Where those begin: a direction, two widths, a mask.
+const DIR: usize = offset_of!(Ray, dir) / 4;
+const _: () = assert!(offset_of!(Ray, cone) == offset_of!(Ray, dir) + 12 && DIR + 6 == 16);
+
+impl Op for SetDirs<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let r = &mut self.walk.rays;
+        for (h, rays) in self.rays.iter().enumerate() {
+            let [x, y, z, a] = s.columns4(rays, DIR);
+            (r.dir[0][h], r.dir[1][h], r.dir[2][h]) = (x.to_array(), y.to_array(), z.to_array());
+            if self.exact {
+                (r.cone[0][h], r.cone[1][h]) = ([0.0; 16], [0.0; 16]);
+                continue;
+            }
+            let [_, _, b, _] = s.columns4(rays, DIR + 2);
+            (r.cone[0][h], r.cone[1][h]) = (a.to_array(), b.to_array());
+            // As `LocalRay::is_unit` has it.
+            let (zero, one) = (s.splat16(0.0), s.splat16(1.0));
+            if abs(zero, x * x + y * y + z * z - one).le(s.splat16(UNIT)).bits() != 0xffff {
+                cones_of(r, h);
+            }
+        }
+    }
+}
+
+/// Widths of rays that are not unit, see [`LocalRay::cone_of`].
+#[cold]
+fn cones_of(rays: &mut PacketRays, h: usize) {
+    for i in 16 * h..16 * h + 16 {
+        let ray = rays.one(i);
+        let Cone { a, b } = LocalRay::cone_of(ray.cone, ray.dir);
+        (*at_mut(&mut rays.cone[0], i), *at_mut(&mut rays.cone[1], i)) = (a, b);
+    }
 }
 
 struct Start<'a, 'v> {

@@ -22,7 +22,7 @@ pub struct LocalRay {
 }
 
 /// Squares of lengths that are this near to 1 are of unit directions: four roundings of single precision.
-const UNIT: f32 = 4.0 / 16_777_216.0;
+pub(super) const UNIT: f32 = 4.0 / 16_777_216.0;
 
 impl LocalRay {
     /// Not valid: misses all.

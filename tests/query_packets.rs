@@ -1,0 +1,144 @@
+//! Packets of queries: what is worked out for many rays at once is what is worked out for each.
+
+mod common;
+
+use common::built::{self, Part};
+use common::scenes;
+use glam::{DAffine3, DVec3};
+use outcrop::math::{Cone, Ray};
+use outcrop::query::{Hit, HitKind, Hits, NONE, Policy, QueryOptions, Rays, Want};
+use outcrop::scene::{Camera, Scene, SceneState};
+use std::sync::Mutex;
+
+const COHERENT: QueryOptions = QueryOptions { coherent: true, want: Want::ALL, policy: Policy::Exact };
+const SINGLE: QueryOptions = QueryOptions { coherent: false, ..COHERENT };
+
+fn ask(scene: &SceneState, rays: &[Ray], options: QueryOptions) -> Vec<Hit> {
+    let mut hits = vec![Hit::MISS; rays.len()];
+    scene.closest(rays, options, &mut hits).expect("hits");
+    hits
+}
+
+/// A camera's rays in blocks of 8 x 4, of which each is a packet.
+fn camera_rays(eye: DVec3, poe: f32) -> Vec<Ray> {
+    let camera = Camera::Perspective { eye, at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 77.0 };
+    let pixels = camera.prepare(128, 128).expect("a camera");
+    let mut rays = Vec::new();
+    for block in 0..16 * 32 {
+        for i in 0..32 {
+            let (x, y) = (block % 16 * 8 + i % 8, block / 16 * 4 + i / 8);
+            let ray = pixels.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            rays.push(Ray { cone: Cone { b: ray.cone.b * poe.sqrt(), ..ray.cone }, ..ray });
+        }
+    }
+    rays
+}
+
+/// What is worked out for many rays at once is what is worked out for one after the other, with whatever is asked for, of packets and of rays side by side.
+/// (Ids of triangles are never told of many at once: whoever asks for them too has each hit by itself.) Compares around zero at
+/// distances of some `unit`s; returns how many hits were of each kind.
+fn packets_answer_as_single_rays_do(state: &SceneState, unit: f64) -> [usize; 4] {
+    let wants = [Want::NORMAL | Want::UV | Want::PART, Want::NORMAL, Want::PART | Want::INSTANCE, Want::UV, Want::NOTHING, Want::ALL];
+    let (mut kinds, mut order) = ([0; 4], Vec::new());
+    for (v, eye) in [DVec3::new(0.5, -2.6, 0.3), DVec3::new(-2.0, -0.3, 1.1), DVec3::new(0.9, 0.7, 0.2)].into_iter().enumerate() {
+        for poe in [0.0, 0.3, 3.0, 100.0] {
+            let mut rays = camera_rays(eye * unit, poe);
+            // Some end early, some begin late.
+            for (i, ray) in rays.iter_mut().enumerate().filter(|(i, _)| i / 320 % 3 == v) {
+                (ray.t_min, ray.t_max) = [(0.0, (1.9 + i as f64 * 1e-5) * unit), (1.7 * unit, f64::INFINITY)][i / 32 % 2];
+            }
+            // Some are not of length 1: their widths count otherwise.
+            for (i, ray) in rays.iter_mut().enumerate().filter(|(i, _)| i / 320 % 3 == (v + 1) % 3 && i % 5 != 3) {
+                let longer = 1.0 + (i % 7) as f32 * 0.25;
+                (ray.dir, ray.cone.b, ray.t_max) = (ray.dir * longer, ray.cone.b * longer, ray.t_max / f64::from(longer));
+            }
+            order.clear();
+            order.extend((0..rays.len()).map(|i| i * 7919 % rays.len()));
+            let shuffled: Vec<_> = order.iter().map(|&i| rays[i]).collect();
+            for want in wants {
+                let together = ask(state, &rays, QueryOptions { want, ..COHERENT });
+                let side_by_side = ask(state, &shuffled, QueryOptions { want, ..SINGLE });
+                let alone = ask(state, &shuffled, QueryOptions { want: want | Want::PRIM, ..SINGLE });
+                for ((&i, alone), beside) in order.iter().zip(&alone).zip(&side_by_side) {
+                    let prim = if want.has(Want::PRIM) { alone.prim } else { NONE };
+                    assert_eq!(together[i], Hit { prim, ..*alone }, "{:?}, {want:?}", rays[i]);
+                    assert_eq!(together[i], *beside, "{:?}, {want:?}", rays[i]);
+                    kinds[alone.kind as usize] += 1;
+                }
+            }
+        }
+    }
+    kinds
+}
+
+/// Rays that are lent where they are are those that are copied; so are the last ones, which are no whole packet.
+#[test]
+fn rays_that_are_lent_are_answered_as_copied_ones() {
+    struct Copied(Vec<Ray>);
+    impl Rays for Copied {
+        fn count(&self) -> usize {
+            self.0.len()
+        }
+        fn read(&self, first: usize, out: &mut [Ray]) {
+            out.copy_from_slice(&self.0[first..first + out.len()]);
+        }
+    }
+    struct Taken(Mutex<Vec<Hit>>);
+    impl Hits for Taken {
+        fn write(&self, first: usize, hits: &[Hit]) {
+            self.0.lock().unwrap()[first..first + hits.len()].copy_from_slice(hits);
+        }
+    }
+    let context = built::context(2);
+    let tris = scenes::bumpy_sphere(120, 240, 5);
+    let file = built::parts(&[Part::white(5, tris)]);
+    let (one, model) = built::scene(&context, &file);
+    let two = Scene::new(&context);
+    two.add_instance(&model, 1, DAffine3::IDENTITY).unwrap();
+    two.add_instance(&model, 2, DAffine3::from_translation(DVec3::Y)).unwrap();
+    two.commit().unwrap();
+    for state in [one.state(), two.state()] {
+        for poe in [0.0, 3.0] {
+            let mut rays = camera_rays(DVec3::new(0.5, -2.6, 0.3), poe);
+            rays.drain(..4000);
+            rays.truncate(5000);
+            // Widths that are none, of some packets.
+            rays.iter_mut().enumerate().filter(|(i, _)| i / 32 % 4 == 1 && i % 3 == 0).for_each(|(_, ray)| ray.cone.b = -1.0);
+            for options in [SINGLE, COHERENT] {
+                let lent = ask(&state, &rays, options);
+                let taken = Taken(Mutex::new(vec![Hit::MISS; rays.len()]));
+                state.closest_batch(&Copied(rays.clone()), &taken, options).unwrap();
+                assert!(*taken.0.lock().unwrap() == lent);
+                let met = lent.iter().filter(|hit| hit.kind != HitKind::Miss).count();
+                assert!((500..4500).contains(&met), "{met}");
+            }
+        }
+    }
+}
+
+/// On several parts, with slivers that have no normal, on stand-ins with one sample and with six.
+#[test]
+fn packets_answer_as_single_rays_do_whatever_is_asked() {
+    let context = built::context(2);
+    let mut tris = scenes::bumpy_sphere(120, 240, 5);
+    tris.extend(scenes::boxes(400, 3));
+    let third = tris.len() / 3;
+    let mut slivers = tris.split_off(2 * third);
+    slivers.extend(scenes::slivers().tris);
+    let parts = [(5, tris.split_off(third)), (u64::MAX - 1, tris), (9, slivers)];
+    let file = built::parts(&parts.map(|(id, tris)| Part::white(id, tris)));
+    let (scene, _) = built::scene(&context, &file);
+    let kinds = packets_answer_as_single_rays_do(&scene.state(), 1.0);
+    assert!(kinds[0] > 10_000 && kinds[1] > 10_000 && kinds[2] > 10_000, "{kinds:?}");
+}
+
+/// Triangles so small that the squares of their normals leave the range of single precision.
+#[test]
+fn packets_answer_as_single_rays_do_on_tiny_triangles() {
+    const TINY: f64 = 1e-11;
+    let context = built::context(2);
+    let tris = scenes::bumpy_sphere(60, 120, 5).into_iter().map(|t| t.map(|v| scenes::rounded(v * TINY))).collect();
+    let (scene, _) = built::scene(&context, &built::parts(&[Part::white(1, tris)]));
+    let kinds = packets_answer_as_single_rays_do(&scene.state(), TINY);
+    assert!(kinds[0] > 10_000 && kinds[1] > 10_000 && kinds[2] > 10_000, "{kinds:?}");
+}
