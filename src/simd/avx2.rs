@@ -428,9 +428,9 @@ unsafe fn columns4(rows: &[[f32; 16]; 16], down: usize, first: usize) -> [V8; 4]
     unsafe {
         let four = |j: usize| _mm_loadu_ps(rows[down + j].as_ptr().add(first));
         let mut quads = [_mm256_setzero_ps(); 4];
-        for j in 0..4 {
+        for (j, quad) in quads.iter_mut().enumerate() {
             // Rows j and 4 + j: a half each.
-            quads[j] = _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(four(j)), four(4 + j));
+            *quad = _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(four(j)), four(4 + j));
         }
         let [a, b, c, d] = quads;
         let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));

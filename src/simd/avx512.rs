@@ -335,10 +335,10 @@ impl Simd for Avx512 {
         unsafe {
             let four = |j: usize| _mm_loadu_ps(rows[j].as_ptr().add(first));
             let mut quads = [_mm512_setzero_ps(); 4];
-            for j in 0..4 {
+            for (j, quad) in quads.iter_mut().enumerate() {
                 // Rows j, 4 + j, 8 + j and 12 + j: a quarter each.
                 let low = _mm512_insertf32x4::<1>(_mm512_castps128_ps512(four(j)), four(4 + j));
-                quads[j] = _mm512_insertf32x4::<3>(_mm512_insertf32x4::<2>(low, four(8 + j)), four(12 + j));
+                *quad = _mm512_insertf32x4::<3>(_mm512_insertf32x4::<2>(low, four(8 + j)), four(12 + j));
             }
             let [a, b, c, d] = quads;
             let (ab, cd) = (_mm512_unpacklo_ps(a, b), _mm512_unpacklo_ps(c, d));
