@@ -96,19 +96,20 @@ impl Output<'_> {
         let part_colours = assembly.colours(index, row.local_parts);
         let built = Chunk::build(input(&placed, &part_colours), &self.split(split, 0.0), true, &par, cancel)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
-        let chunk = built.chunk;
+        let mut chunk = built.chunk;
+        let plans = chunk.plans();
         row.bounds = flat(&built.bounds);
         let span = span.part(0.7, 1.0);
         self.progress.advance(span.0);
         self.progress.enter(Phase::Write);
         let Some(top) = built.top else {
             (row.block_count, row.coarse_blocks) = (1, 1);
-            self.write_blocks(1, |i| chunk.encode(i), span)?;
+            self.write_blocks(plans, |plan| chunk.encode(plan), span)?;
             return Ok(rooted(row, &built.counts));
         };
         let crown = Crown::over(vec![top])?;
-        self.coarse(&crown, chunk.blocks(), &mut row)?;
-        self.write_blocks(chunk.blocks(), |i| chunk.encode(i), span)?;
+        self.coarse(&crown, plans.len(), &mut row)?;
+        self.write_blocks(plans, |plan| chunk.encode(plan), span)?;
         Ok(row)
     }
 
@@ -192,8 +193,8 @@ impl Output<'_> {
         self.report.chunks += 1;
         let span = span.part(0.7, 1.0);
         self.progress.advance(span.0);
-        let chunk = built.chunk;
-        self.put_aside(chunk.blocks(), |i| chunk.encode(i), aside, span)?;
+        let mut chunk = built.chunk;
+        self.put_aside(chunk.plans(), |plan| chunk.encode(plan), aside, span)?;
         let top = built.top.ok_or_else(|| crate::Error::Internal("a chunk took itself for the whole".into()))?;
         Ok((top, built.bounds))
     }
@@ -204,7 +205,7 @@ impl Output<'_> {
         row.block_count = row.coarse_blocks + 2 * fine as u32;
         *row = rooted(*row, &crown.counts);
         let (first, at) = (row.first_block, self.progress.fraction());
-        self.write_blocks(crown.blocks(), |i| (crown.encode(i, first), None), Span(at, at))
+        self.write_blocks((0..crown.blocks()).collect(), |i| (crown.encode(i, first), None), Span(at, at))
     }
 
     fn judged(&mut self, fates: &origin::Fates, origin: DVec3, row: &mut TreeRow) {

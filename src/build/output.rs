@@ -81,16 +81,16 @@ impl Output<'_> {
         FineAside { geometry: aside(), prims: aside(), colours: aside() }
     }
 
-    /// Encodes `count` blocks and writes them, and behind all of them their leaf blocks.
-    pub fn write_blocks(
+    /// Encodes the blocks of some plans and writes them, and behind all of them their leaf blocks.
+    pub fn write_blocks<P: Send>(
         &mut self,
-        count: usize,
-        block: impl Fn(usize) -> (TreeBlock, Option<TreeBlock>) + Sync,
+        plans: Vec<P>,
+        block: impl Fn(P) -> (TreeBlock, Option<TreeBlock>) + Sync,
         span: Span,
     ) -> Result<()> {
         let mut leaves = self.fine_aside();
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(count, &par, cancel, |i| encode_both(block(i), has_colours), |(block, leaf_block), done| {
+        each_batch(plans, &par, cancel, |plan| encode_both(block(plan), has_colours), |(block, leaf_block), done| {
             self.report.bytes_trace += u64::from(block.trace_bytes);
             self.writer.encoded_block(block.geometry)?;
             self.prims.push(block.prims)?;
@@ -103,16 +103,16 @@ impl Output<'_> {
         self.write_aside(leaves)
     }
 
-    /// Encodes `count` blocks and puts them aside, and their leaf blocks likewise.
-    pub fn put_aside(
+    /// Encodes the blocks of some plans and puts them aside, and their leaf blocks likewise.
+    pub fn put_aside<P: Send>(
         &mut self,
-        count: usize,
-        block: impl Fn(usize) -> (TreeBlock, Option<TreeBlock>) + Sync,
+        plans: Vec<P>,
+        block: impl Fn(P) -> (TreeBlock, Option<TreeBlock>) + Sync,
         [nodes, leaves]: &mut [FineAside; 2],
         span: Span,
     ) -> Result<()> {
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(count, &par, cancel, |i| encode_both(block(i), has_colours), |(block, leaf_block), done| {
+        each_batch(plans, &par, cancel, |plan| encode_both(block(plan), has_colours), |(block, leaf_block), done| {
             nodes.push(block, &mut self.report)?;
             leaf_block.map_or(Ok(()), |block| leaves.push(block, &mut self.report))?;
             progress.advance(span.part(done, 1.0).0);
@@ -129,22 +129,23 @@ impl Output<'_> {
     }
 }
 
-/// Makes `count` things in parallel and takes them in order, each batch while the next is made. `take` hears what
+/// Makes something of each of `all` in parallel and takes that in order, each batch while the next is made. `take` hears what
 /// share of them it has then.
-fn each_batch<T: Send>(
-    count: usize,
+fn each_batch<P: Send, T: Send>(
+    all: Vec<P>,
     par: &Par,
     cancel: &Cancel,
-    make: impl Fn(usize) -> T + Sync + Send,
+    make: impl Fn(P) -> T + Sync + Send,
     mut take: impl FnMut(T, f64) -> Result<()> + Send,
 ) -> Result<()> {
-    let batch = |from: usize| par.map(BATCH.min(count.saturating_sub(from)), |i| make(from + i));
-    let mut ready = batch(0);
+    let (count, mut all) = (all.len(), all.into_iter());
+    let mut batch = || par.map_items(all.by_ref().take(BATCH).collect(), &make);
+    let mut ready = batch();
     for from in (0..count).step_by(BATCH) {
         cancel.check()?;
         let done = |i: usize| (from + i + 1) as f64 / count as f64;
         let mut take_all = || ready.drain(..).enumerate().try_for_each(|(i, made)| take(made, done(i)));
-        let (next, taken) = par.join(|| batch(from + BATCH), &mut take_all);
+        let (next, taken) = par.join(&mut batch, &mut take_all);
         taken?;
         ready = next;
     }

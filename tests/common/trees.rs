@@ -43,11 +43,12 @@ impl TestTree {
         let input = TreeInput { triangles: &local, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
         let par = Par { threads: 1 };
         let options = TreeOptions { split_budget, mesh_half_area: 0.0 };
-        let built = Chunk::build(input, &options, true, &par, &Cancel::default()).expect("a tree");
+        let mut built = Chunk::build(input, &options, true, &par, &Cancel::default()).expect("a tree");
         // Fine blocks refer to no others: where they are is all that they need to know.
+        let plans = built.chunk.plans();
         let (chunk, crown) = (&built.chunk, built.top.map(|top| Crown::over(vec![top]).expect("a crown")));
         let coarse = crown.iter().flat_map(|c| (0..c.blocks()).map(|i| c.encode(i, 0)));
-        let (fine, leaves): (Vec<TreeBlock>, Vec<Option<TreeBlock>>) = (0..chunk.blocks()).map(|i| chunk.encode(i)).unzip();
+        let (fine, leaves): (Vec<TreeBlock>, Vec<Option<TreeBlock>>) = plans.into_iter().map(|plan| chunk.encode(plan)).unzip();
         let leaves: Vec<TreeBlock> = leaves.into_iter().flatten().collect();
         let leaves_at = leaves.len() as u32;
         let blocks: Vec<TreeBlock> = coarse.chain(fine).chain(leaves).collect();

@@ -88,9 +88,9 @@ pub fn fine<'a>(
 ) -> (Vec<Plan>, Vec<Home>) {
     let mut units = Vec::new();
     trees.for_each(|tree| cut_child(tree, FINE_WORDS, 0, &mut units));
-    let parts = par.map(units.len(), |i| parts_of(&units[i], input, refs));
+    let needs = par.map(units.len(), |i| Needs { parts: parts_of(&units[i], input, refs), ..Needs::of(&units[i]) });
     let mut homes = Vec::with_capacity(units.len());
-    let mut plans = fill(units.into_iter().zip(parts), &mut homes);
+    let mut plans = fill(units.into_iter().zip(needs), &mut homes);
     plans.iter_mut().for_each(|plan| plan.has_leaf_block = true);
     (plans, homes)
 }
@@ -104,7 +104,8 @@ pub fn coarse(mut root: Box<Inner>, fine: &[Home]) -> Vec<Plan> {
     while (Plan::EMPTY_WORDS + root.words) as usize > MAX_WORDS {
         let (mut units, first) = (Vec::new(), fine.len() + homes.len());
         cut(&mut root, COARSE_WORDS, first as u32, &mut units);
-        let plans = fill(units.into_iter().map(|unit| (unit, Vec::new())), &mut homes);
+        let needs: Vec<Needs> = units.iter().map(|unit| Needs::of(unit)).collect();
+        let plans = fill(units.into_iter().zip(needs), &mut homes);
         rounds.push((plans, first));
     }
     rounds.push((vec![Plan { roots: vec![root], ..Plan::new() }], fine.len() + homes.len()));
@@ -148,12 +149,27 @@ fn cut_child(child: &mut Sub, most: u32, first_id: u32, units: &mut Vec<Box<Inne
     }
 }
 
-/// Fills blocks with consecutive units, given the parts of each; says where each went.
-fn fill(units: impl Iterator<Item = (Box<Inner>, Vec<u32>)>, homes: &mut Vec<Home>) -> Vec<Plan> {
-    let mut plans: Vec<Plan> = Vec::new();
-    for (unit, parts) in units {
+/// What a unit needs in its block, and in its leaf block.
+struct Needs {
+    /// Local parts of its triangles, ascending.
+    parts: Vec<u32>,
+    nodes: u32,
+    of_nodes: u32,
+    of_leaves: u32,
+}
+
+impl Needs {
+    /// Without parts.
+    fn of(unit: &Inner) -> Self {
         let of_leaves = unit.leaf_words();
-        let of_nodes = unit.words - of_leaves;
+        Self { parts: Vec::new(), nodes: unit.nodes(), of_nodes: unit.words - of_leaves, of_leaves }
+    }
+}
+
+/// Fills blocks with consecutive units, given what each needs; says where each went.
+fn fill(units: impl Iterator<Item = (Box<Inner>, Needs)>, homes: &mut Vec<Home>) -> Vec<Plan> {
+    let mut plans: Vec<Plan> = Vec::new();
+    for (unit, Needs { parts, nodes, of_nodes, of_leaves }) in units {
         let fits = |p: &Plan| {
             let leaves = (p.words[1] + of_leaves) as usize + p.parts.len() + parts.len();
             (p.words[0] + of_nodes) as usize <= MAX_WORDS && leaves <= MAX_WORDS
@@ -164,7 +180,7 @@ fn fill(units: impl Iterator<Item = (Box<Inner>, Vec<u32>)>, homes: &mut Vec<Hom
         let block = plans.len() - 1;
         let plan = &mut plans[block];
         homes.push(Home { block: block as u32, node: plan.nodes });
-        plan.nodes += unit.nodes();
+        plan.nodes += nodes;
         plan.words[0] += of_nodes;
         plan.words[1] += of_leaves;
         if !parts.is_empty() {

@@ -41,9 +41,8 @@ struct Encoder<'a> {
     colours: Vec<[u8; 4]>,
 }
 
-/// Encodes block `index` of `plans`, whose block 0 has the id `first_block`: it, and its leaf block if it has one.
-pub fn encode(plans: &[Plan], index: usize, first_block: u32, input: TreeInput, refs: &[Ref]) -> (TreeBlock, Option<TreeBlock>) {
-    let plan = &plans[index];
+/// Encodes a block of a tree whose block 0 has the id `first_block`: it, and its leaf block if it has one.
+pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> (TreeBlock, Option<TreeBlock>) {
     let mut encoder = Encoder {
         input,
         refs,

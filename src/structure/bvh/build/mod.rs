@@ -157,14 +157,15 @@ impl<'a> Chunk<'a> {
         Ok(done(plans, Some(top), refs))
     }
 
-    /// Number of blocks.
-    pub fn blocks(&self) -> usize {
-        self.plans.len()
+    /// Takes the plans of its blocks, in their order, for [`Chunk::encode`].
+    pub fn plans(&mut self) -> Vec<Plan> {
+        std::mem::take(&mut self.plans)
     }
 
-    /// The trace form of block `index`; that of its leaf block, unless it is all of the tree.
-    pub fn encode(&self, index: usize) -> (TreeBlock, Option<TreeBlock>) {
-        encode::encode(&self.plans, index, 0, self.input, &self.refs)
+    /// The trace form of a block; that of its leaf block, unless it is all of the tree. Its plan goes: to give back what that holds of the tree takes
+    /// a while, which all threads share then.
+    pub fn encode(&self, plan: Plan) -> (TreeBlock, Option<TreeBlock>) {
+        encode::encode(&plan, 0, self.input, &self.refs)
     }
 }
 
@@ -190,7 +191,7 @@ impl Crown {
     /// The trace form of block `index`; `first_block` is the id of the tree's block 0.
     pub fn encode(&self, index: usize, first_block: u32) -> TreeBlock {
         let nothing = TreeInput { triangles: &[], parts: &[], prims: &[], colours: &[], part_colours: &[] };
-        encode::encode(&self.plans, index, first_block, nothing, &[]).0
+        encode::encode(&self.plans[index], first_block, nothing, &[]).0
     }
 }
 

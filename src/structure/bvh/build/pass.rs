@@ -132,27 +132,25 @@ fn gather_small<'a>(sub: &'a Sub, (above, number): (Option<&'a Inner>, usize), n
 }
 
 /// Of small subtrees that hang in one node all are walls if most are: a small piece of a wall, at a corner of it, may look otherwise.
-fn agree(small: &[Small], codes: &mut [Vec<u8>]) {
+fn agree(small: &[Small], codes: &mut [Codes]) {
     let mut cells: HashMap<usize, (usize, usize)> = HashMap::new();
     for (small, codes) in small.iter().zip(codes.iter()) {
         let sums = cells.entry(small.number).or_default();
-        let count = count(small.inner);
-        *sums = (sums.0 + count, sums.1 + if codes.is_empty() { count } else { 0 });
+        *sums = (sums.0 + codes.cells, sums.1 + codes.of_walls());
     }
     for (small, codes) in small.iter().zip(codes) {
         let (all, of_walls) = cells[&small.number];
         if 4 * of_walls >= 3 * all {
-            codes.clear();
+            codes.codes.clear();
         }
     }
 }
 
 /// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls, and for leaves beside such.
 /// How many cells are below, and how many of these are walls.
-fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, small: &mut std::slice::Iter<Vec<u8>>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
+fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, small: &mut std::slice::Iter<Codes>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
     if is_small(inner) {
-        let cells = count(inner);
-        return [cells, small.next().map_or(cells, |codes| if codes.is_empty() { cells } else { 0 })];
+        return small.next().map_or([0; 2], |codes| [codes.cells, codes.of_walls()]);
     }
     let (mut sums, mut leaves) = ([0; 2], Vec::new());
     let ask = |cell, [all, of_walls]: [usize; 2]| (4 * of_walls < all).then_some((cell, above));
@@ -172,11 +170,6 @@ fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, small: &mut std:
         out[at] = ask(cell, [sums[0].max(1), sums[1]]);
     }
     sums
-}
-
-/// Cells below.
-fn count(inner: &Inner) -> usize {
-    inner.children.iter().map(|(_, sub)| 1 + if let Sub::Inner(below) = sub { count(below) } else { 0 }).sum()
 }
 
 fn is_small(inner: &Inner) -> bool {
@@ -204,39 +197,53 @@ fn all_cells<'a>(inner: &'a Inner, out: &mut Vec<Cell<'a>>) {
     }
 }
 
-/// The codes of all cells of a small subtree, in their order; none if all are walls.
+/// What is known of the cells of a small subtree.
+struct Codes {
+    cells: usize,
+    /// Those of all of them, in their order; none if all are walls.
+    codes: Vec<u8>,
+}
+
+impl Codes {
+    /// How many of its cells are walls.
+    fn of_walls(&self) -> usize {
+        if self.codes.is_empty() { self.cells } else { 0 }
+    }
+}
+
+/// Finds the codes of a small subtree.
 struct OfSmall<'a> {
     scene: &'a Scene<'a>,
     small: Small<'a>,
 }
 
 impl Op for OfSmall<'_> {
-    type Out = Vec<u8>;
+    type Out = Codes;
 
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Vec<u8> {
+    fn run<S: Simd>(self, s: S) -> Codes {
         let Self { scene, small: Small { inner, above, .. } } = self;
         let (mut all, mut asked, mut asker) = (Vec::new(), Vec::new(), Asker::new(scene, above));
         all_cells(inner, &mut all);
-        let mut sums = Asked::default();
+        let (mut sums, walls) = (Asked::default(), Codes { cells: all.len(), codes: Vec::new() });
         let groups = PROBES.div_ceil(all.len());
         for cell in all.iter().step_by((all.len() / PROBES).max(1)) {
             sums.add(asker.beside(s, cell, [0, groups]));
         }
         if sums.is_wall(SURE) {
-            return Vec::new();
+            return walls;
         }
         // By chance not, perhaps: the more is looked at.
         for cell in &all {
             sums.add(asker.beside(s, cell, [groups, groups + 1]));
         }
         if sums.is_wall(FOUND) {
-            return Vec::new();
+            return walls;
         }
         for cell in &all {
             asked.push(asker.together(s, cell, LINES[0]));
         }
-        asked.iter().map(|asked| asked.code(BESIDE[0])).collect()
+        Codes { codes: asked.iter().map(|asked| asked.code(BESIDE[0])).collect(), ..walls }
     }
 }
 
@@ -445,9 +452,9 @@ fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a Inner, stack: &mut Ve
 }
 
 /// Hands codes to cells, in the order in which they were gathered.
-fn apply(inner: &mut Inner, small: &mut std::vec::IntoIter<Vec<u8>>, large: &mut std::vec::IntoIter<u8>) {
+fn apply(inner: &mut Inner, small: &mut std::vec::IntoIter<Codes>, large: &mut std::vec::IntoIter<u8>) {
     if is_small(inner) {
-        apply_all(inner, &mut small.next().unwrap_or_default().into_iter());
+        apply_all(inner, &mut small.next().map_or_else(Vec::new, |small| small.codes).into_iter());
         return;
     }
     for slot in 0..inner.children.len() {
