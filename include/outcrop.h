@@ -553,13 +553,13 @@ typedef struct oc_query {
     oc_query_flags flags;
     /** Must be 0. */
     uint32_t reserved;
-    /** The rays. */
+    /** The rays. Nobody may write them until the call has returned, or the job has ended. */
     const struct oc_ray *rays;
     /** How many. */
     uint64_t count;
     /**
-     * Bytes from a ray to the next; 0: tightly packed. (Such rays with a t_max and a mask other than 0 are read where they are, others
-     * copied first.)
+     * Bytes from a ray to the next; 0: tightly packed. (Of these, 32 in a row at an address that oc_ray may have are read where they are if each says
+     * its t_max, INFINITY for none, and its mask, 0xFFFFFFFF for all; others are copied first.)
      */
     uint64_t stride;
 } oc_query;

@@ -412,7 +412,11 @@ fn what_is_not_in_memory_is_read_and_the_answer_is_the_same() {
     let warm = built::context(2);
     let (scene, model) = built::scene(&warm, &file);
     assert!(model.info().geometry_blocks > 20, "{} blocks", model.info().geometry_blocks);
-    let rays = rays(3000, 11, DVec3::ZERO, 1.5);
+    // Packets of rays from one point, and others.
+    let fan = |i: i32| Vec3::new((i % 8 + i / 256 * 8 - 32) as f32 / 40.0, (i / 8 % 32 - 16) as f32 / 20.0, -1.0);
+    let mut all: Vec<Ray> = (0..2048).map(|i| Ray::new(DVec3::new(0.1, 0.2, 3.0), fan(i))).collect();
+    all.extend(rays(3000, 11, DVec3::ZERO, 1.5));
+    let rays = all;
     let expected = ask(&scene.state(), &rays, SINGLE);
     let mut any = vec![0u8; rays.len()];
     let volume = DBounds { min: DVec3::splat(-0.5), max: DVec3::splat(0.6) };

@@ -6,9 +6,10 @@ use common::built::{self, Part};
 use common::scenes;
 use glam::{DAffine3, DVec3};
 use outcrop::math::{Cone, Ray};
-use outcrop::query::{Hit, HitKind, Hits, NONE, Policy, QueryOptions, Rays, Want};
+use outcrop::query::{Hit, HitKind, Hits, NONE, PACKET, Policy, Query, QueryOptions, QueryState, Rays, Want};
 use outcrop::scene::{Camera, Scene, SceneState};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 const COHERENT: QueryOptions = QueryOptions { coherent: true, want: Want::ALL, policy: Policy::Exact };
 const SINGLE: QueryOptions = QueryOptions { coherent: false, ..COHERENT };
@@ -83,6 +84,19 @@ fn rays_that_are_lent_are_answered_as_copied_ones() {
             out.copy_from_slice(&self.0[first..first + out.len()]);
         }
     }
+    struct Lent(Vec<Ray>);
+    impl Rays for Lent {
+        fn count(&self) -> usize {
+            self.0.len()
+        }
+        fn read(&self, first: usize, out: &mut [Ray]) {
+            assert!(out.len() < PACKET, "these are lent");
+            out.copy_from_slice(&self.0[first..first + out.len()]);
+        }
+        fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
+            self.0[first..].first_chunk()
+        }
+    }
     struct Taken(Mutex<Vec<Hit>>);
     impl Hits for Taken {
         fn write(&self, first: usize, hits: &[Hit]) {
@@ -109,6 +123,16 @@ fn rays_that_are_lent_are_answered_as_copied_ones() {
                 let taken = Taken(Mutex::new(vec![Hit::MISS; rays.len()]));
                 state.closest_batch(&Copied(rays.clone()), &taken, options).unwrap();
                 assert!(*taken.0.lock().unwrap() == lent);
+                state.closest_batch(&Lent(rays.clone()), &taken, options).unwrap();
+                assert!(*taken.0.lock().unwrap() == lent);
+                let taken = Arc::new(taken);
+                let query = Query::closest(&state, Arc::new(Lent(rays.clone())), taken.clone(), options).unwrap();
+                assert_eq!(query.wait(Duration::from_secs(60)).state, QueryState::Done);
+                assert!(*taken.0.lock().unwrap() == lent);
+                // The last ones, which are no whole packet, one by one.
+                let last = &rays[rays.len() / PACKET * PACKET..];
+                let each: Vec<Hit> = last.iter().flat_map(|ray| ask(&state, &[*ray], options)).collect();
+                assert!(!last.is_empty() && each == lent[rays.len() - last.len()..]);
                 let met = lent.iter().filter(|hit| hit.kind != HitKind::Miss).count();
                 assert!((500..4500).contains(&met), "{met}");
             }

@@ -97,7 +97,7 @@ impl Output<'_> {
         let built = Chunk::build(input(&placed, &part_colours), &self.split(split, 0.0), true, &par, cancel)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         let mut chunk = built.chunk;
-        let plans = chunk.plans();
+        let plans = chunk.take_plans();
         row.bounds = flat(&built.bounds);
         let span = span.part(0.7, 1.0);
         self.progress.advance(span.0);
@@ -194,7 +194,7 @@ impl Output<'_> {
         let span = span.part(0.7, 1.0);
         self.progress.advance(span.0);
         let mut chunk = built.chunk;
-        self.put_aside(chunk.plans(), |plan| chunk.encode(plan), aside, span)?;
+        self.put_aside(chunk.take_plans(), |plan| chunk.encode(plan), aside, span)?;
         let top = built.top.ok_or_else(|| crate::Error::Internal("a chunk took itself for the whole".into()))?;
         Ok((top, built.bounds))
     }

@@ -81,16 +81,16 @@ impl Output<'_> {
         FineAside { geometry: aside(), prims: aside(), colours: aside() }
     }
 
-    /// Encodes the blocks of some plans and writes them, and behind all of them their leaf blocks.
+    /// Encodes a block of each of `all` and writes it, and behind all of them their leaf blocks.
     pub fn write_blocks<P: Send>(
         &mut self,
-        plans: Vec<P>,
+        all: Vec<P>,
         block: impl Fn(P) -> (TreeBlock, Option<TreeBlock>) + Sync,
         span: Span,
     ) -> Result<()> {
         let mut leaves = self.fine_aside();
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(plans, &par, cancel, |plan| encode_both(block(plan), has_colours), |(block, leaf_block), done| {
+        each_batch(all, &par, cancel, |one| encode_both(block(one), has_colours), |(block, leaf_block), done| {
             self.report.bytes_trace += u64::from(block.trace_bytes);
             self.writer.encoded_block(block.geometry)?;
             self.prims.push(block.prims)?;
@@ -103,16 +103,16 @@ impl Output<'_> {
         self.write_aside(leaves)
     }
 
-    /// Encodes the blocks of some plans and puts them aside, and their leaf blocks likewise.
+    /// Encodes a block of each of `all` and puts it aside, and their leaf blocks likewise.
     pub fn put_aside<P: Send>(
         &mut self,
-        plans: Vec<P>,
+        all: Vec<P>,
         block: impl Fn(P) -> (TreeBlock, Option<TreeBlock>) + Sync,
         [nodes, leaves]: &mut [FineAside; 2],
         span: Span,
     ) -> Result<()> {
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(plans, &par, cancel, |plan| encode_both(block(plan), has_colours), |(block, leaf_block), done| {
+        each_batch(all, &par, cancel, |one| encode_both(block(one), has_colours), |(block, leaf_block), done| {
             nodes.push(block, &mut self.report)?;
             leaf_block.map_or(Ok(()), |block| leaves.push(block, &mut self.report))?;
             progress.advance(span.part(done, 1.0).0);

@@ -275,8 +275,8 @@ impl<T: Copy> Strided<T> {
     /// As for `get`, of all of them, while they are borrowed; the bytes of any `T` are those of some `U`.
     #[inline]
     pub(crate) unsafe fn array<U: Copy, const N: usize>(&self, first: usize) -> Option<&[U; N]> {
-        const { assert!(size_of::<T>() == size_of::<U>()) };
-        let is_there = self.count.checked_sub(first).is_some_and(|rest| rest >= N && N > 0);
+        const { assert!(size_of::<T>() == size_of::<U>() && N > 0) };
+        let is_there = self.count.checked_sub(first).is_some_and(|rest| rest >= N);
         if !is_there || self.stride != size_of::<T>() || !self.at(first).cast::<U>().is_aligned() {
             return None;
         }
@@ -318,6 +318,17 @@ impl<T: Copy> Strided<T> {
             // SAFETY: within the array; any `U` is some `T`.
             unsafe { self.at(first + i).cast::<U>().write_unaligned(*from) };
         }
+    }
+
+    /// Whether any byte from its first element to its last may be one of another's.
+    pub(crate) fn meets<U: Copy>(&self, other: &Strided<U>) -> bool {
+        let (mine, theirs) = (self.extent(), other.extent());
+        mine.start < theirs.end && theirs.start < mine.end
+    }
+
+    fn extent(&self) -> Range<usize> {
+        // Within the address space, as `new` found; of none a NULL.
+        self.base.addr()..self.base.addr() + self.count * self.stride
     }
 
     /// Asks the CPU to bring elements that will be read into the L2. Those beyond the last are ignored.

@@ -6,8 +6,7 @@ use super::job::{LongWork, Snapshot, Wake, give_job, oc_job};
 use super::scene::{SceneObject, oc_scene};
 use super::status::oc_status;
 use crate::math::Ray;
-use crate::query::batch::AHEAD;
-use crate::query::{Hit, Hits, PACKET, Policy, Query, QueryOptions, QueryState, Rays, Want};
+use crate::query::{AHEAD, Hit, Hits, PACKET, Policy, Query, QueryOptions, QueryState, Rays, Want};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -129,12 +128,12 @@ pub struct oc_query {
     pub flags: oc_query_flags,
     /// Must be 0.
     pub reserved: u32,
-    /// The rays.
+    /// The rays. Nobody may write them until the call has returned, or the job has ended.
     pub rays: *const oc_ray,
     /// How many.
     pub count: u64,
-    /// Bytes from a ray to the next; 0: tightly packed. (Such rays with a t_max and a mask other than 0 are read where they are, others
-    /// copied first.)
+    /// Bytes from a ray to the next; 0: tightly packed. (Of these, 32 in a row at an address that oc_ray may have are read where they are if each says
+    /// its t_max, INFINITY for none, and its mask, 0xFFFFFFFF for all; others are copied first.)
     pub stride: u64,
 }
 
@@ -160,16 +159,28 @@ impl oc_query {
 }
 
 /// The caller's rays.
-struct CRays(Strided<oc_ray>);
+struct CRays {
+    rays: Strided<oc_ray>,
+    /// Nothing is written between them meanwhile.
+    may_lend: bool,
+}
+
+impl CRays {
+    /// Those of a batch, and where its answers go.
+    fn new<T: Copy>(query: &oc_query, answers: &Strided<T>) -> Checked<Self> {
+        let rays = Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?;
+        Ok(Self { rays, may_lend: !rays.meets(answers) })
+    }
+}
 
 impl Rays for CRays {
     fn count(&self) -> usize {
-        self.0.count
+        self.rays.count
     }
     fn read(&self, first: usize, out: &mut [Ray]) {
         // SAFETY: within the array, which the caller keeps readable until the batch has ended; both structs have the
         // same members at the same places (see below), numbers all, of which any bits are some.
-        unsafe { self.0.copy_to(first, out) };
+        unsafe { self.rays.copy_to(first, out) };
         for ray in out {
             if ray.t_max == 0.0 {
                 ray.t_max = f64::INFINITY;
@@ -180,10 +191,10 @@ impl Rays for CRays {
         }
     }
     fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
-        self.0.ask_for(first + AHEAD..first + AHEAD + PACKET);
-        // SAFETY: as of `read`; nobody writes them meanwhile.
-        let rays: &[Ray; PACKET] = unsafe { self.0.array(first) }?;
-        // Zeros stand for what `read` puts in their places.
+        self.rays.ask_for(first + AHEAD..first + AHEAD + PACKET);
+        // SAFETY: as of `read`; the caller promises not to write them meanwhile, and we do not either.
+        let rays: &[Ray; PACKET] = if self.may_lend { unsafe { self.rays.array(first) }? } else { return None };
+        // Zeros stand for what `read` puts in their places. Without branches: there are two for each ray otherwise.
         let have_zeros = rays.iter().fold(false, |any, ray| any | (ray.t_max == 0.0) | (ray.mask == 0));
         (!have_zeros).then_some(rays)
     }
@@ -249,8 +260,8 @@ pub unsafe extern "C" fn oc_scene_closest(
     boundary(|| unsafe {
         let query = read(query)?;
         let options = query.options()?;
-        let rays = CRays(Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?);
         let hits = CHits(Strided::new(out_hits, query.count, hit_stride, "out_hits")?);
+        let rays = CRays::new(&query, &hits.0)?;
         handles::with(scene, |scene: &Shell<SceneObject>| {
             Ok(scene.scene.state().closest_batch(&rays, &hits, options)?)
         })
@@ -275,8 +286,8 @@ pub unsafe extern "C" fn oc_scene_any(
     boundary(|| unsafe {
         let query = read(query)?;
         let options = query.options()?;
-        let rays = CRays(Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?);
         let hits = CAny(Strided::new(out_any, query.count, any_stride, "out_any")?);
+        let rays = CRays::new(&query, &hits.0)?;
         handles::with(scene, |scene: &Shell<SceneObject>| {
             Ok(scene.scene.state().any_batch(&rays, &hits, options)?)
         })
@@ -332,8 +343,8 @@ pub unsafe extern "C" fn oc_scene_closest_start(
         let out = out(out_job, "out_job")?;
         let query = read(query)?;
         let options = query.options()?;
-        let rays = CRays(Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?);
         let hits = CHits(Strided::new(out_hits, query.count, hit_stride, "out_hits")?);
+        let rays = CRays::new(&query, &hits.0)?;
         handles::with(scene, |scene: &Shell<SceneObject>| {
             let query = Query::closest(&scene.scene.state(), Arc::new(rays), Arc::new(hits), options)?;
             out.write(give_job(Arc::new(QueryWork(query))));
@@ -361,8 +372,8 @@ pub unsafe extern "C" fn oc_scene_any_start(
         let out = out(out_job, "out_job")?;
         let query = read(query)?;
         let options = query.options()?;
-        let rays = CRays(Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?);
         let hits = CAny(Strided::new(out_any, query.count, any_stride, "out_any")?);
+        let rays = CRays::new(&query, &hits.0)?;
         handles::with(scene, |scene: &Shell<SceneObject>| {
             let query = Query::any(&scene.scene.state(), Arc::new(rays), Arc::new(hits), options)?;
             out.write(give_job(Arc::new(QueryWork(query))));

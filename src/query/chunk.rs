@@ -27,7 +27,8 @@ pub(super) struct Task {
 
 /// What it takes to answer a chunk. Reusable.
 pub(super) struct Chunk {
-    /// Rays that go side by side, group by group, and at their end the group that is being looked at.
+    /// Rays that go side by side, group by group, and behind them room for a group that is copied. Taken out while a chunk runs, for all else is needed
+    /// beside it. (A chunk that panics is not used again.)
     rays: Box<[Ray]>,
     found: [Found; CHUNK],
     /// Where the groups begin in the batch.
@@ -72,25 +73,21 @@ impl Chunk {
         self.in_one.begin_batch();
         self.packet.begin_batch();
         // Groups that go the same way are answered at once, the others gathered. Only the last may be a part of one.
-        let mut gathered = 0;
-        let mut room = [Ray::NONE; PACKET];
+        let (mut gathered, mut end) = (std::mem::take(&mut self.rays), 0);
         for from in (0..count).step_by(PACKET) {
-            let group = gathered..gathered + PACKET.min(count - from);
-            self.firsts[gathered / PACKET] = first + from;
-            let lent = if group.len() == PACKET { rays.packet(first + from) } else { None };
-            let mut group_rays = match lent {
-                Some(lent) => lent,
-                None => {
-                    rays.read(first + from, &mut room[..group.len()]);
-                    &room
-                }
-            };
-            let alike = Alike::of(&group_rays[..group.len()]);
-            if !alike.has_sound_cones() {
-                room = *group_rays;
-                room.iter_mut().for_each(|ray| ray.cone = ray.cone.or_zero());
-                group_rays = &room;
+            let group = end..end + PACKET.min(count - from);
+            let Some(room) = gathered[end..].first_chunk_mut::<PACKET>() else { unreachable!() };
+            self.firsts[end / PACKET] = first + from;
+            let mut lent = if group.len() == PACKET { rays.packet(first + from) } else { None };
+            if lent.is_none() {
+                rays.read(first + from, &mut room[..group.len()]);
             }
+            let alike = Alike::of(&lent.unwrap_or(room)[..group.len()]);
+            if !alike.has_sound_cones() {
+                *room = *lent.take().unwrap_or(room);
+                room.iter_mut().for_each(|ray| ray.cone = ray.cone.or_zero());
+            }
+            let group_rays = lent.unwrap_or(room);
             self.unfinished.clear();
             // Into one octant: what a packet needs at the least.
             let is_answered = alike.is_one_octant()
@@ -100,23 +97,24 @@ impl Chunk {
                     self.run_packet(view, task, group.clone(), group_rays, hits)
                 };
             if !is_answered {
-                self.rays[group.clone()].copy_from_slice(&group_rays[..group.len()]);
-                gathered = group.end;
+                if let Some(lent) = lent {
+                    *room = *lent;
+                }
+                end = group.end;
             }
         }
         self.unfinished.clear();
-        self.trace_each(view, task, gathered);
-        let rays = std::mem::take(&mut self.rays);
-        for from in (0..gathered).step_by(PACKET) {
-            let group = from..gathered.min(from + PACKET);
+        self.trace_each(view, task, &gathered[..end]);
+        for from in (0..end).step_by(PACKET) {
+            let group = from..end.min(from + PACKET);
             let met = hits_of(&self.found[group.clone()]);
-            self.answer(view, task, group.clone(), &rays[group], met, hits);
+            self.answer(view, task, group.clone(), &gathered[group], met, hits);
         }
-        self.rays = rays;
+        self.rays = gathered;
     }
 
-    fn trace_each(&mut self, view: &SceneView, task: Task, count: usize) {
-        let (rays, found) = (&self.rays[..count], &mut self.found[..count]);
+    fn trace_each(&mut self, view: &SceneView, task: Task, rays: &[Ray]) {
+        let found = &mut self.found[..rays.len()];
         if task.any {
             view.trace_each::<true>(rays, &mut self.stream, found);
         } else {

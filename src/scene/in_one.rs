@@ -34,7 +34,7 @@ impl InOne {
 
     /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]); else `None`. Returns those that hit
     /// something, or the block that some ray needs: then they are to be begun anew, each alone. The first `count` are rays; `alike`: of
-    /// these.
+    /// these, maybe with widths that count as none since.
     pub fn trace<const ANY: bool>(
         &mut self,
         view: &SceneView,

@@ -704,20 +704,17 @@ static void queries(oc_scene *s0) {
     free(hit);
 }
 
+enum { COUNT = 100 };
+
 /* However rays lie in memory, and whether ends and masks are said or left at 0, the answers are the same. */
-static void ways_to_give_rays(oc_scene *s0) {
-    enum { COUNT = 100, STRIDE = sizeof(oc_ray) + 8 };
-    oc_ray *tight = (oc_ray *)calloc(COUNT, sizeof *tight);
+static void ways_to_give(oc_scene *s0, oc_ray *tight) {
+    enum { STRIDE = sizeof(oc_ray) + 8 };
     unsigned char *loose = (unsigned char *)calloc(COUNT + 1, STRIDE), *crooked = (unsigned char *)calloc(COUNT + 1, sizeof *tight);
     oc_hit *first = (oc_hit *)calloc(COUNT, sizeof *first), *hits = (oc_hit *)calloc(COUNT, sizeof *hits);
     uint8_t any[COUNT];
     int met = 0;
     oc_query q;
     OC_INIT(&q);
-    for (int i = 0; i < COUNT; i++) {
-        const oc_ray ray = {{0.03 * (i % 10) + 0.02, 0.15 * (i / 10) + 0.02, -1}, 0, 0, {0, 0, 1}, 0, 0, 0};
-        tight[i] = ray;
-    }
     q.rays = tight, q.count = COUNT;
     OK(oc_scene_closest(s0, &q, first, 0));
     for (int i = 0; i < COUNT; i++) {
@@ -732,6 +729,14 @@ static void ways_to_give_rays(oc_scene *s0) {
     q.rays = (const oc_ray *)(crooked + 4), q.stride = 0;
     OK(oc_scene_closest(s0, &q, hits, 0));
     CHECK(memcmp(first, hits, COUNT * sizeof *hits) == 0);
+    /* One by one. */
+    q.count = 1;
+    for (int i = 0; i < COUNT; i++) {
+        q.rays = tight + i;
+        OK(oc_scene_closest(s0, &q, hits + i, 0));
+    }
+    CHECK(memcmp(first, hits, COUNT * sizeof *hits) == 0);
+    q.count = COUNT;
     /* Some say their ends, some their masks; of the first packet all say both. */
     for (int i = 0; i < COUNT; i++) {
         tight[i].t_max = i < 32 || i % 2 ? INFINITY : 0;
@@ -742,11 +747,46 @@ static void ways_to_give_rays(oc_scene *s0) {
     CHECK(memcmp(first, hits, COUNT * sizeof *hits) == 0);
     OK(oc_scene_any(s0, &q, any, 0));
     for (int i = 0; i < COUNT; i++) CHECK(any[i] == (first[i].kind == OC_HIT_EXACT));
+    oc_job *job = NULL;
+    memset(hits, 0, COUNT * sizeof *hits);
+    OK(oc_scene_closest_start(s0, &q, hits, 0, &job));
+    OK(oc_job_wait(job, OC_FOREVER, NULL));
+    oc_job_release(job);
+    CHECK(memcmp(first, hits, COUNT * sizeof *hits) == 0);
+    memcpy(crooked + 8, tight, COUNT * sizeof *tight);
+    q.rays = (const oc_ray *)(crooked + 8);
+    OK(oc_scene_closest(s0, &q, hits, 0));
+    CHECK(memcmp(first, hits, COUNT * sizeof *hits) == 0);
+    /* Answers into the rays themselves, where nothing is left to read: into their masks. */
+    OK(oc_scene_any(s0, &q, crooked + 8 + sizeof *tight - 4, sizeof *tight));
+    for (int i = 0; i < COUNT; i++) CHECK(crooked[8 + (i + 1) * sizeof *tight - 4] == (first[i].kind == OC_HIT_EXACT));
+    /* Widths that are none, of all or of some. */
+    for (int i = 0; i < COUNT; i++) tight[i].cone_b = i < 40 ? NAN : i % 2 ? -1.0f : -INFINITY;
+    q.rays = tight;
+    OK(oc_scene_closest(s0, &q, hits, 0));
+    CHECK(memcmp(first, hits, COUNT * sizeof *hits) == 0);
     /* What is said counts: a ray may end before anything is there. */
     for (int i = 0; i < COUNT; i++) tight[i].t_max = 0.5;
     OK(oc_scene_closest(s0, &q, hits, 0));
     for (int i = 0; i < COUNT; i++) CHECK(hits[i].kind == OC_HIT_MISS);
-    free(tight), free(loose), free(crooked), free(first), free(hits);
+    free(loose), free(crooked), free(first), free(hits);
+}
+
+/* Rays side by side, and from one point, some of them not of length 1. */
+static void ways_to_give_rays(oc_scene *s0) {
+    oc_ray *tight = (oc_ray *)calloc(COUNT, sizeof *tight);
+    for (int i = 0; i < COUNT; i++) {
+        const oc_ray ray = {{0.03 * (i % 10) + 0.02, 0.15 * (i / 10) + 0.02, -1}, 0, 0, {0, 0, 1}, 0, 0, 0};
+        tight[i] = ray;
+    }
+    ways_to_give(s0, tight);
+    for (int i = 0; i < COUNT; i++) {
+        const float size = i % 3 ? 1 : 1.5f;
+        const oc_ray ray = {{0.1, 0.2, -1}, 0, 0, {size * (0.03f * (i % 10) - 0.07f), size * (0.15f * (i / 10) - 0.17f), size}, 0, 0, 0};
+        tight[i] = ray;
+    }
+    ways_to_give(s0, tight);
+    free(tight);
 }
 
 static void overlaps(oc_scene *s0) {

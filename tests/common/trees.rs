@@ -45,7 +45,7 @@ impl TestTree {
         let options = TreeOptions { split_budget, mesh_half_area: 0.0 };
         let mut built = Chunk::build(input, &options, true, &par, &Cancel::default()).expect("a tree");
         // Fine blocks refer to no others: where they are is all that they need to know.
-        let plans = built.chunk.plans();
+        let plans = built.chunk.take_plans();
         let (chunk, crown) = (&built.chunk, built.top.map(|top| Crown::over(vec![top]).expect("a crown")));
         let coarse = crown.iter().flat_map(|c| (0..c.blocks()).map(|i| c.encode(i, 0)));
         let (fine, leaves): (Vec<TreeBlock>, Vec<Option<TreeBlock>>) = plans.into_iter().map(|plan| chunk.encode(plan)).unzip();

@@ -153,7 +153,9 @@ fn cut_child(child: &mut Sub, most: u32, first_id: u32, units: &mut Vec<Box<Inne
 struct Needs {
     /// Local parts of its triangles, ascending.
     parts: Vec<u32>,
+    /// How many nodes.
     nodes: u32,
+    /// Words of these, and of its leaves.
     of_nodes: u32,
     of_leaves: u32,
 }

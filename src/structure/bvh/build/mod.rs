@@ -158,7 +158,7 @@ impl<'a> Chunk<'a> {
     }
 
     /// Takes the plans of its blocks, in their order, for [`Chunk::encode`].
-    pub fn plans(&mut self) -> Vec<Plan> {
+    pub fn take_plans(&mut self) -> Vec<Plan> {
         std::mem::take(&mut self.plans)
     }
 

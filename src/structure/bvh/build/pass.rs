@@ -132,25 +132,26 @@ fn gather_small<'a>(sub: &'a Sub, (above, number): (Option<&'a Inner>, usize), n
 }
 
 /// Of small subtrees that hang in one node all are walls if most are: a small piece of a wall, at a corner of it, may look otherwise.
-fn agree(small: &[Small], codes: &mut [Codes]) {
+fn agree(small: &[Small], known: &mut [Known]) {
     let mut cells: HashMap<usize, (usize, usize)> = HashMap::new();
-    for (small, codes) in small.iter().zip(codes.iter()) {
+    for (small, known) in small.iter().zip(known.iter()) {
         let sums = cells.entry(small.number).or_default();
-        *sums = (sums.0 + codes.cells, sums.1 + codes.of_walls());
+        *sums = (sums.0 + known.cells, sums.1 + known.of_walls());
     }
-    for (small, codes) in small.iter().zip(codes) {
+    for (small, known) in small.iter().zip(known) {
         let (all, of_walls) = cells[&small.number];
         if 4 * of_walls >= 3 * all {
-            codes.codes.clear();
+            known.codes.clear();
         }
     }
 }
 
 /// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls, and for leaves beside such.
 /// How many cells are below, and how many of these are walls.
-fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, small: &mut std::slice::Iter<Codes>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
+fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, small: &mut std::slice::Iter<Known>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
     if is_small(inner) {
-        return small.next().map_or([0; 2], |codes| [codes.cells, codes.of_walls()]);
+        // They come in the same order: there is one for each.
+        return small.next().map_or([0; 2], |known| [known.cells, known.of_walls()]);
     }
     let (mut sums, mut leaves) = ([0; 2], Vec::new());
     let ask = |cell, [all, of_walls]: [usize; 2]| (4 * of_walls < all).then_some((cell, above));
@@ -198,13 +199,14 @@ fn all_cells<'a>(inner: &'a Inner, out: &mut Vec<Cell<'a>>) {
 }
 
 /// What is known of the cells of a small subtree.
-struct Codes {
+struct Known {
+    /// How many there are.
     cells: usize,
-    /// Those of all of them, in their order; none if all are walls.
+    /// A code for each, in their order; none if all are walls.
     codes: Vec<u8>,
 }
 
-impl Codes {
+impl Known {
     /// How many of its cells are walls.
     fn of_walls(&self) -> usize {
         if self.codes.is_empty() { self.cells } else { 0 }
@@ -218,14 +220,14 @@ struct OfSmall<'a> {
 }
 
 impl Op for OfSmall<'_> {
-    type Out = Codes;
+    type Out = Known;
 
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Codes {
+    fn run<S: Simd>(self, s: S) -> Known {
         let Self { scene, small: Small { inner, above, .. } } = self;
         let (mut all, mut asked, mut asker) = (Vec::new(), Vec::new(), Asker::new(scene, above));
         all_cells(inner, &mut all);
-        let (mut sums, walls) = (Asked::default(), Codes { cells: all.len(), codes: Vec::new() });
+        let (mut sums, walls) = (Asked::default(), Known { cells: all.len(), codes: Vec::new() });
         let groups = PROBES.div_ceil(all.len());
         for cell in all.iter().step_by((all.len() / PROBES).max(1)) {
             sums.add(asker.beside(s, cell, [0, groups]));
@@ -243,7 +245,7 @@ impl Op for OfSmall<'_> {
         for cell in &all {
             asked.push(asker.together(s, cell, LINES[0]));
         }
-        Codes { codes: asked.iter().map(|asked| asked.code(BESIDE[0])).collect(), ..walls }
+        Known { codes: asked.iter().map(|asked| asked.code(BESIDE[0])).collect(), ..walls }
     }
 }
 
@@ -452,7 +454,7 @@ fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a Inner, stack: &mut Ve
 }
 
 /// Hands codes to cells, in the order in which they were gathered.
-fn apply(inner: &mut Inner, small: &mut std::vec::IntoIter<Codes>, large: &mut std::vec::IntoIter<u8>) {
+fn apply(inner: &mut Inner, small: &mut std::vec::IntoIter<Known>, large: &mut std::vec::IntoIter<u8>) {
     if is_small(inner) {
         apply_all(inner, &mut small.next().map_or_else(Vec::new, |small| small.codes).into_iter());
         return;

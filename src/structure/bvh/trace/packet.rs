@@ -195,29 +195,20 @@ impl PacketWalk {
     /// for a wider set gathers the fields, which takes longer than all else here.)
     #[inline(always)]
     pub fn set(&mut self, i: usize, ray: &LocalRay) {
-        self.set_dir(i, ray.dir, ray.cone);
         let r = &mut self.rays;
-        for (axis, v) in ray.org.to_array().into_iter().enumerate() {
-            *at_mut(&mut r.org[axis], i) = v;
+        for axis in 0..3 {
+            (*at_mut(&mut r.org[axis], i), *at_mut(&mut r.dir[axis], i)) = (ray.org[axis], ray.dir[axis]);
         }
+        (*at_mut(&mut r.cone[0], i), *at_mut(&mut r.cone[1], i)) = (ray.cone.a, ray.cone.b);
         *at_mut(&mut r.t_min, i) = ray.t_min;
         *at_mut(&mut self.hits.t, i) = ray.t_max;
     }
 
-    /// Takes over direction and width of ray `i`, for whose other members [`PacketWalk::set_all_but_dirs`] is called.
-    #[inline(always)]
-    pub fn set_dir(&mut self, i: usize, dir: Vec3, cone: Cone) {
-        let r = &mut self.rays;
-        (*at_mut(&mut r.cone[0], i), *at_mut(&mut r.cone[1], i)) = (cone.a, cone.b);
-        for (axis, v) in dir.to_array().into_iter().enumerate() {
-            *at_mut(&mut self.rays.dir[axis], i) = v;
-        }
-    }
-
-    /// [`PacketWalk::set_dir`] of the directions and, unless they are `exact`, the widths of all rays.
+    /// Takes over directions and widths ([`LocalRay::cone_of`]; `is_exact`: none has any) of rays of the world in a tree whose frame is only shifted, for whose
+    /// other members [`PacketWalk::set_all_but_dirs`] is called. What [`PacketWalk::start`] leaves out may be anything.
     #[inline]
-    pub fn set_dirs_of(&mut self, view: &TreeView, rays: &[Ray; PACKET], exact: bool) {
-        dispatch(view.isa, SetDirs { walk: self, rays: must_cast_ref(rays), exact });
+    pub fn set_dirs_of(&mut self, view: &TreeView, rays: &[Ray; PACKET], is_exact: bool) {
+        dispatch(view.isa, SetDirs { walk: self, rays: must_cast_ref(rays), is_exact });
     }
 
     /// Takes over origin and interval of all rays: they are those of `ray`.
@@ -391,7 +382,7 @@ struct SetDirs<'a> {
     walk: &'a mut PacketWalk,
     /// Words of [`Ray`].
     rays: &'a [[[f32; 16]; 16]; VECTORS],
-    exact: bool,
+    is_exact: bool,
 }
 
 /// Where those begin: a direction, two widths, a mask.
@@ -407,7 +398,7 @@ impl Op for SetDirs<'_> {
         for (h, rays) in self.rays.iter().enumerate() {
             let [x, y, z, a] = s.columns4(rays, DIR);
             (r.dir[0][h], r.dir[1][h], r.dir[2][h]) = (x.to_array(), y.to_array(), z.to_array());
-            if self.exact {
+            if self.is_exact {
                 (r.cone[0][h], r.cone[1][h]) = ([0.0; 16], [0.0; 16]);
                 continue;
             }
@@ -423,7 +414,7 @@ impl Op for SetDirs<'_> {
 }
 
 /// Widths of rays that are not unit, see [`LocalRay::cone_of`].
-#[cold]
+#[inline(never)]
 fn cones_of(rays: &mut PacketRays, h: usize) {
     for i in 16 * h..16 * h + 16 {
         let ray = rays.one(i);

@@ -311,12 +311,12 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Grou
     let [low, high] = stored_planes(s, node, [0, 1, 2]);
     let (low, high) = ([low[0].to_array(), low[1].to_array(), low[2].to_array()], [high[0].to_array(), high[1].to_array(), high[2].to_array()]);
     let mut slabs: Option<Eight> = None;
+    let cells = Cells::of(s, &group.rays, state.view.reach);
     for slot in 0..WIDTH {
         if boxes.likely[slot] == 0 {
             continue;
         }
         let planes = [[low[0][slot], low[1][slot], low[2][slot]], [high[0][slot], high[1][slot], high[2][slot]]];
-        let cells = Cells::of(s, &group.rays, state.view.reach);
         let crossing = cells.cross(s, planes);
         let cell = cells.meet(s, crossing, [boxes.faces[0][slot], boxes.faces[1][slot], boxes.faces[2][slot]]);
         let small = cell.small & boxes.likely[slot] & group.left;
