@@ -2,12 +2,14 @@
 
 mod common;
 
+use common::brute::Tri;
 use common::built::{self, Part};
+use common::rng::Rng;
 use common::scenes;
 use glam::{DAffine3, DVec3};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Hits, NONE, PACKET, Policy, Query, QueryOptions, QueryState, Rays, Want};
-use outcrop::scene::{Camera, Scene, SceneState};
+use outcrop::scene::{Camera, Model, Scene, SceneState};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -165,4 +167,47 @@ fn packets_answer_as_single_rays_do_on_tiny_triangles() {
     let (scene, _) = built::scene(&context, &built::parts(&[Part::white(1, tris)]));
     let kinds = packets_answer_as_single_rays_do(&scene.state(), TINY);
     assert!(kinds[0] > 10_000 && kinds[1] > 10_000 && kinds[2] > 10_000, "{kinds:?}");
+}
+
+/// Packets that pass by a model need not be traced: at the corners and edges of its bounds, from wherever, no hit may be lost.
+#[test]
+fn packets_beside_a_model_lose_no_hit() {
+    let context = built::context(2);
+    // Triangles in all corners of the bounds, and nothing between.
+    let corner = |i: usize| DVec3::from_array([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 }));
+    let inward = |i: usize, axis: usize| corner(i) * (DVec3::ONE - DVec3::AXES[axis] * 0.25);
+    let tris: Vec<Tri> = (0..8).flat_map(|i| (0..3).map(move |k| [corner(i), inward(i, k), inward(i, (k + 1) % 3)])).collect();
+    let file = built::parts(&[Part::white(5, tris)]);
+    let model = Model::open(&context, &file.path).unwrap();
+    let mut rng = Rng::new(17);
+    let [mut met, mut missed, mut mixed] = [0; 3];
+    for offset in [DVec3::ZERO, DVec3::new(3e4, -2e4, 1e4)] {
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 1, DAffine3::from_translation(offset)).unwrap();
+        scene.commit().unwrap();
+        let state = scene.state();
+        for _ in 0..6000 {
+            // In front of, beside and inside of its sides; near and far.
+            let far = rng.between(-1.0, 8.0).exp2();
+            let eye = rng.direction() * far;
+            let eye = if rng.one_in(3) { DVec3::new(eye.x, 0.3, if rng.one_in(2) { 1.0 } else { eye.z }) } else { eye };
+            let (at, spread) = (corner(rng.below(8)), if rng.one_in(3) { 0.0 } else { rng.between(-24.0, -2.0).exp2() });
+            // At a corner, at an edge, or beside one by more or less.
+            let out = rng.between(-22.0, -2.0).exp2();
+            let at = [at, at * DVec3::new(1.0, 1.0, 0.9), at * (1.0 + out), at * DVec3::new(1.0 + out, 1.0, 0.9)][rng.below(4)];
+            let length = if rng.one_in(2) { 1.0 } else { rng.between(-10.0, 10.0).exp2() };
+            let mut ray = || {
+                let aside = DVec3::new(rng.between(-1.0, 1.0), rng.between(-1.0, 1.0), rng.between(-1.0, 1.0)) * spread;
+                Ray::new(offset + eye, ((at - eye).normalize_or(DVec3::X) * length + aside * length).as_vec3())
+            };
+            let rays: Vec<Ray> = (0..PACKET).map(|_| ray()).collect();
+            let together = ask(&state, &rays, COHERENT);
+            let each: Vec<Hit> = rays.iter().flat_map(|ray| ask(&state, &[*ray], SINGLE)).collect();
+            assert!(together == each, "{:?}", rays[0]);
+            let hits = each.iter().filter(|hit| hit.kind != HitKind::Miss).count();
+            (met, missed) = (met + usize::from(hits == PACKET), missed + usize::from(hits == 0));
+            mixed += usize::from(hits > 0 && hits < PACKET);
+        }
+    }
+    assert!(met > 100 && missed > 500 && mixed > 100, "{met}, {missed}, {mixed}");
 }

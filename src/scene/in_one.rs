@@ -48,7 +48,13 @@ impl InOne {
         let (tree, filter) = (view.tree(placed), view.filter(placed));
         let seen_by = view.seen_by(placed);
         let Self { walk, moved, is_moved, .. } = self;
-        *is_moved = !(set_unmoved(p, &tree, (rays, count), alike, seen_by, walk) && walk.is_within(&tree, count, p.near()));
+        let taken = set_unmoved(p, &tree, (rays, count), alike, seen_by, walk);
+        if taken == Taken::ToPassBy {
+            *is_moved = false;
+            walk.miss();
+            return Some(Ok(0));
+        }
+        *is_moved = !(taken == Taken::Unmoved && walk.is_within(&tree, count, p.near()));
         let active = if *is_moved { set_moved(p, &rays[..count], seen_by, walk, moved) } else { first_rays(count) };
         walk.start(&tree, active);
         if !walk.is_coherent(&tree, says) {
@@ -220,8 +226,47 @@ impl SceneView<'_> {
     }
 }
 
-/// Takes rays into the tree's frame by nothing but a subtraction, which does not do for all: false if that is clear
-/// here, else [`PacketWalk::is_within`] tells.
+/// What became of rays that were to be taken into a tree's frame by nothing but a subtraction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Taken {
+    /// It does not do for them.
+    Not,
+    /// They were; whether it does, [`PacketWalk::is_within`] tells.
+    Unmoved,
+    /// They were, and none comes near the tree.
+    ToPassBy,
+}
+
+/// By what part of what is far away a tree's bounds are taken larger: several times what single precision and the walks' slack lose.
+const ASIDE: f64 = 1.0 / 32_768.0;
+
+/// Whether rays from `origin` whose directions are between `ends` along each axis all pass by a tree: there is no way along any such direction
+/// that is within its bounds on all axes at once. (Most of a picture around a model is beside it: these rays need not be prepared.)
+#[inline(always)]
+fn pass_by(p: &Placed, origin: DVec3, ends: [[f32; 2]; 3]) -> bool {
+    let (low, high) = (p.bounds.min - origin, p.bounds.max - origin);
+    let aside = ASIDE * (low.abs().max(high.abs()).max_element() + p.extent());
+    let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
+    for axis in 0..3 {
+        let [least, greatest] = ends[axis].map(f64::from);
+        let (low, high) = (low[axis] - aside, high[axis] + aside);
+        // Seen along the axis from where the nearer side is in front; what is behind is met by none.
+        let (low, high, least, greatest) = if high < 0.0 { (-high, -low, -greatest, -least) } else { (low, high, least, greatest) };
+        if low > 0.0 {
+            // The fastest comes there first, the slowest leaves it last.
+            enter = if greatest > 0.0 { enter.max(low / greatest) } else { f64::INFINITY };
+        }
+        if least > 0.0 {
+            leave = leave.min(high / least);
+        } else if greatest < 0.0 {
+            leave = leave.min(low / greatest);
+        }
+    }
+    // Not where anything is not a number.
+    enter > leave
+}
+
+/// Takes rays into the tree's frame by nothing but a subtraction, if that may do for all.
 #[inline(always)]
 fn set_unmoved(
     p: &Placed,
@@ -230,20 +275,21 @@ fn set_unmoved(
     alike: &Alike,
     seen_by: u32,
     walk: &mut PacketWalk,
-) -> bool {
-    let Some(offset) = p.only_shifted() else { return false };
+) -> Taken {
+    let Some(offset) = p.only_shifted() else { return Taken::Not };
     let mut local = LocalRay::NONE;
     if alike.is_one_start() {
         let it = &rays[0];
         if !(it.has_interval() && alike.mask().is_some_and(|mask| mask & seen_by != 0)) {
-            return false;
+            return Taken::Not;
         }
         local.org = (it.origin - offset).as_vec3();
         local.t_min = it.t_min as f32;
         local.t_max = not_below(it.t_max);
         walk.set_all_but_dirs(&local);
-        walk.set_dirs_of(tree, rays, alike.is_exact());
-        return true;
+        let ends = walk.set_dirs_of(tree, rays, alike.is_exact());
+        // What fills the lanes of a part of a packet has no say.
+        return if count == PACKET && pass_by(p, it.origin, ends) { Taken::ToPassBy } else { Taken::Unmoved };
     }
     let mut is_fine = true;
     for (i, it) in rays.iter().enumerate().take(count) {
@@ -255,7 +301,7 @@ fn set_unmoved(
         local.t_max = not_below(it.t_max);
         walk.set(i, &local);
     }
-    is_fine
+    if is_fine { Taken::Unmoved } else { Taken::Not }
 }
 
 /// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.
