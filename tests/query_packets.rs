@@ -180,7 +180,7 @@ fn packets_beside_a_model_lose_no_hit() {
     let file = built::parts(&[Part::white(5, tris)]);
     let model = Model::open(&context, &file.path).unwrap();
     let mut rng = Rng::new(17);
-    let [mut met, mut missed, mut mixed] = [0; 3];
+    let [mut met, mut missed, mut mixed, mut beyond] = [0; 4];
     for offset in [DVec3::ZERO, DVec3::new(3e4, -2e4, 1e4)] {
         let scene = Scene::new(&context);
         scene.add_instance(&model, 1, DAffine3::from_translation(offset)).unwrap();
@@ -200,14 +200,23 @@ fn packets_beside_a_model_lose_no_hit() {
                 let aside = DVec3::new(rng.between(-1.0, 1.0), rng.between(-1.0, 1.0), rng.between(-1.0, 1.0)) * spread;
                 Ray::new(offset + eye, ((at - eye).normalize_or(DVec3::X) * length + aside * length).as_vec3())
             };
-            let rays: Vec<Ray> = (0..PACKET).map(|_| ray()).collect();
+            let mut rays: Vec<Ray> = (0..PACKET).map(|_| ray()).collect();
             let together = ask(&state, &rays, COHERENT);
-            let each: Vec<Hit> = rays.iter().flat_map(|ray| ask(&state, &[*ray], SINGLE)).collect();
+            // One less is not looked at for it.
+            let mut each = ask(&state, &rays[1..], SINGLE);
+            each.insert(0, ask(&state, &rays[..1], SINGLE)[0]);
             assert!(together == each, "{:?}", rays[0]);
+            // Stand-ins reach out of the bounds of triangles.
+            let width = [0.003, 0.03, 0.3][rng.below(3)];
+            rays.iter_mut().for_each(|ray| ray.cone.b = width * ray.dir.length());
+            let mut wide = ask(&state, &rays[1..], COHERENT);
+            wide.insert(0, ask(&state, &rays[..1], SINGLE)[0]);
+            assert!(ask(&state, &rays, COHERENT) == wide, "{:?}", rays[0]);
+            beyond += wide.iter().zip(&each).filter(|(wide, exact)| wide.kind == HitKind::Lod && exact.kind == HitKind::Miss).count();
             let hits = each.iter().filter(|hit| hit.kind != HitKind::Miss).count();
             (met, missed) = (met + usize::from(hits == PACKET), missed + usize::from(hits == 0));
             mixed += usize::from(hits > 0 && hits < PACKET);
         }
     }
-    assert!(met > 100 && missed > 500 && mixed > 100, "{met}, {missed}, {mixed}");
+    assert!(met > 100 && missed > 500 && mixed > 100 && beyond > 1000, "{met}, {missed}, {mixed}, {beyond}");
 }

@@ -70,7 +70,7 @@ impl Chunk {
         if self.want != task.want {
             (self.want, self.answers) = (task.want, Answers::NONE);
         }
-        self.in_one.begin_batch();
+        self.in_one.begin_batch(view);
         self.packet.begin_batch();
         // Groups that go the same way are answered at once, the others gathered. Only the last may be a part of one.
         let (mut gathered, mut end) = (std::mem::take(&mut self.rays), 0);

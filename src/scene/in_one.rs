@@ -3,7 +3,9 @@
 use super::alike::Alike;
 use super::placed::{Placed, not_below};
 use super::walk::{Found, NOTHING, Need, SceneStream, SceneView, bits};
-use crate::math::Ray;
+use crate::base::ids::BlockId;
+use crate::math::{Bounds, DBounds, Ray};
+use crate::structure::bvh::layout::{Block, Child, WIDTH};
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, first_rays};
 use glam::DVec3;
 
@@ -18,21 +20,26 @@ pub(crate) struct InOne {
     /// Shift and scale of each ray in the tree, if any was moved.
     moved: [(f64, f64); PACKET],
     is_moved: bool,
+    /// Around all that rays of this batch can hit, in the world; endless where that is not known.
+    around: DBounds,
 }
+
+const ENDLESS: DBounds = DBounds { min: DVec3::NEG_INFINITY, max: DVec3::INFINITY };
 
 impl Default for InOne {
     fn default() -> Self {
-        Self { walk: Box::default(), others: Box::default(), moved: [UNMOVED; PACKET], is_moved: false }
+        Self { walk: Box::default(), others: Box::default(), moved: [UNMOVED; PACKET], is_moved: false, around: ENDLESS }
     }
 }
 
 impl InOne {
-    /// See [`PacketWalk::begin_batch`].
-    pub fn begin_batch(&mut self) {
+    /// See [`PacketWalk::begin_batch`]; what comes until the next one is asked in `view`.
+    pub fn begin_batch(&mut self, view: &SceneView) {
         self.walk.begin_batch();
+        self.around = around_hits(view).unwrap_or(ENDLESS);
     }
 
-    /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]); else `None`. Returns those that hit
+    /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]) or pass by; else `None`. Returns those that hit
     /// something, or the block that some ray needs: then they are to be begun anew, each alone. The first `count` are rays; `alike`: of
     /// these, maybe with widths that count as none since.
     pub fn trace<const ANY: bool>(
@@ -47,8 +54,8 @@ impl InOne {
         let p = &view.scene.placement.placed[placed as usize];
         let (tree, filter) = (view.tree(placed), view.filter(placed));
         let seen_by = view.seen_by(placed);
-        let Self { walk, moved, is_moved, .. } = self;
-        let taken = set_unmoved(p, &tree, (rays, count), alike, seen_by, walk);
+        let Self { walk, moved, is_moved, around, .. } = self;
+        let taken = set_unmoved(p, &tree, around, (rays, count), alike, seen_by, walk);
         if taken == Taken::ToPassBy {
             *is_moved = false;
             walk.miss();
@@ -237,15 +244,29 @@ enum Taken {
     ToPassBy,
 }
 
-/// By what part of what is far away a tree's bounds are taken larger: several times what single precision and the walks' slack lose.
+/// Around all that rays can hit in a scene that is one placed tree whose frame is only shifted: the boxes of its root's children, for a ray that meets a
+/// cell or a leaf has met those of all above it. (Bounds of triangles will not do: cells are rounded outward, and stand in.)
+fn around_hits(view: &SceneView) -> Option<DBounds> {
+    let placed = view.only_one()?;
+    let offset = view.scene.placement.placed[placed as usize].only_shifted()?;
+    let tree = view.tree(placed);
+    let Some(Child::Node(root)) = Child::from_bits(tree.root).filter(|_| !tree.is_empty()) else { return None };
+    let node = Block::new(tree.snapshot.block(BlockId(tree.root_block))?).node(root);
+    let boxes = (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1).map(|slot| node.child_box(slot));
+    let all = boxes.fold(Bounds::EMPTY, Bounds::union);
+    Some(DBounds { min: all.min.as_dvec3() + offset, max: all.max.as_dvec3() + offset })
+}
+
+/// By what part of what is far away that is taken larger, 512 h (`h`: 2^-24): boxes give way by 64 h as walks see them, and are rounded by 24 h (see
+/// [`crate::structure::bvh::trace::PreparedRay::new`]).
 const ASIDE: f64 = 1.0 / 32_768.0;
 
-/// Whether rays from `origin` whose directions are between `ends` along each axis all pass by a tree: there is no way along any such direction
-/// that is within its bounds on all axes at once. (Most of a picture around a model is beside it: these rays need not be prepared.)
+/// Whether rays from `origin` whose directions are between `ends` along each axis all pass by a box: there is no way along any such direction
+/// that is within it on all axes at once. `reach`: of the tree whose content the box holds. (Most of a picture around a model is beside it: these rays need not be prepared.)
 #[inline(always)]
-fn pass_by(p: &Placed, origin: DVec3, ends: [[f32; 2]; 3]) -> bool {
-    let (low, high) = (p.bounds.min - origin, p.bounds.max - origin);
-    let aside = ASIDE * (low.abs().max(high.abs()).max_element() + p.extent());
+fn pass_by(around: &DBounds, reach: f64, origin: DVec3, ends: [[f32; 2]; 3]) -> bool {
+    let (low, high) = (around.min - origin, around.max - origin);
+    let aside = ASIDE * (low.abs().max(high.abs()).max_element() + reach);
     let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
     for axis in 0..3 {
         let [least, greatest] = ends[axis].map(f64::from);
@@ -271,6 +292,7 @@ fn pass_by(p: &Placed, origin: DVec3, ends: [[f32; 2]; 3]) -> bool {
 fn set_unmoved(
     p: &Placed,
     tree: &TreeView,
+    around: &DBounds,
     (rays, count): (&[Ray; PACKET], usize),
     alike: &Alike,
     seen_by: u32,
@@ -289,7 +311,7 @@ fn set_unmoved(
         walk.set_all_but_dirs(&local);
         let ends = walk.set_dirs_of(tree, rays, alike.is_exact());
         // What fills the lanes of a part of a packet has no say.
-        return if count == PACKET && pass_by(p, it.origin, ends) { Taken::ToPassBy } else { Taken::Unmoved };
+        return if count == PACKET && pass_by(around, p.extent(), it.origin, ends) { Taken::ToPassBy } else { Taken::Unmoved };
     }
     let mut is_fine = true;
     for (i, it) in rays.iter().enumerate().take(count) {
@@ -319,4 +341,51 @@ fn set_moved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk, move
         }
     }
     active
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against the slabs of single rays, of all corners of the directions' box and its middle: where one of them meets the box, they do not pass by.
+    #[test]
+    fn who_meets_a_box_does_not_pass_by() {
+        let mut state = 1u32;
+        let mut next = |low: f64, high: f64| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            low + (high - low) * f64::from(state >> 8) / f64::from(1 << 24)
+        };
+        let (mut meet, mut aside) = (0, 0);
+        for _ in 0..50_000 {
+            let min = DVec3::new(next(-3.0, 2.0), next(-3.0, 2.0), next(-3.0, 2.0));
+            let around = DBounds { min, max: min + DVec3::new(next(0.0, 2.0), next(0.0, 2.0), next(0.0, 2.0)) };
+            let origin = DVec3::new(next(-4.0, 4.0), next(-4.0, 4.0), next(-4.0, 4.0));
+            let ends = [0; 3].map(|_| {
+                let middle = next(-1.0, 1.0);
+                let half = if next(0.0, 1.0) < 0.3 { 0.0 } else { next(0.0, 0.3) };
+                if next(0.0, 1.0) < 0.1 { [0.0, 0.0] } else { [(middle - half) as f32, (middle + half) as f32] }
+            });
+            let meets = |dir: DVec3| {
+                let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
+                for axis in 0..3 {
+                    let (low, high) = (around.min[axis] - origin[axis], around.max[axis] - origin[axis]);
+                    if dir[axis] == 0.0 {
+                        leave = if low <= 0.0 && high >= 0.0 { leave } else { -1.0 };
+                    } else {
+                        let (a, b) = (low / dir[axis], high / dir[axis]);
+                        (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
+                    }
+                }
+                enter <= leave
+            };
+            let dir = |i: usize, axis: usize| f64::from([ends[axis][0], ends[axis][1], (ends[axis][0] + ends[axis][1]) * 0.5][i / 3usize.pow(axis as u32) % 3]);
+            let any = (0..27).any(|i| meets(DVec3::new(dir(i, 0), dir(i, 1), dir(i, 2))));
+            let passes = pass_by(&around, 5.0, origin, ends);
+            assert!(!(any && passes), "{around:?}, {origin}, {ends:?}");
+            (meet, aside) = (meet + usize::from(any), aside + usize::from(passes));
+        }
+        assert!(meet > 1000 && aside > 30_000, "{meet}, {aside}");
+        assert!(!pass_by(&ENDLESS, 1.0, DVec3::ONE, [[1.0, 1.0]; 3]));
+        assert!(!pass_by(&DBounds::EMPTY, 1.0, DVec3::ONE, [[1.0, 1.0]; 3]));
+    }
 }
