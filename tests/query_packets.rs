@@ -174,7 +174,9 @@ fn packets_answer_as_single_rays_do_on_tiny_triangles() {
 fn packets_beside_a_model_lose_no_hit() {
     let context = built::context(2);
     // Triangles in all corners of the bounds, and nothing between.
-    let corner = |i: usize| DVec3::from_array([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 }));
+    // Sizes that the grids of nodes do not have.
+    let size = DVec3::new(0.83, 0.91, 1.07).as_vec3().as_dvec3();
+    let corner = |i: usize| DVec3::from_array([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 })) * size;
     let inward = |i: usize, axis: usize| corner(i) * (DVec3::ONE - DVec3::AXES[axis] * 0.25);
     let tris: Vec<Tri> = (0..8).flat_map(|i| (0..3).map(move |k| [corner(i), inward(i, k), inward(i, (k + 1) % 3)])).collect();
     let file = built::parts(&[Part::white(5, tris)]);
