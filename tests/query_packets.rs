@@ -183,7 +183,7 @@ fn packets_beside_a_model_lose_no_hit() {
     let model = Model::open(&context, &file.path).unwrap();
     let mut rng = Rng::new(17);
     let [mut met, mut missed, mut mixed, mut beyond] = [0; 4];
-    for offset in [DVec3::ZERO, DVec3::new(3e4, -2e4, 1e4)] {
+    for offset in [DVec3::ZERO, DVec3::new(3e4, -2e4, 1e4), DVec3::new(3e11, -2e11, 1e11)] {
         let scene = Scene::new(&context);
         scene.add_instance(&model, 1, DAffine3::from_translation(offset)).unwrap();
         scene.commit().unwrap();

@@ -20,7 +20,7 @@ pub(crate) struct InOne {
     /// Shift and scale of each ray in the tree, if any was moved.
     moved: [(f64, f64); PACKET],
     is_moved: bool,
-    /// Around all that rays of this batch can hit, in the world; endless where that is not known.
+    /// Around all that rays of this batch can hit, in the tree's frame; endless where that is not known.
     around: DBounds,
 }
 
@@ -244,17 +244,15 @@ enum Taken {
     ToPassBy,
 }
 
-/// Around all that rays can hit in a scene that is one placed tree whose frame is only shifted: the boxes of its root's children, for a ray that meets a
+/// Around all that rays can hit in a scene that is one placed tree, in that one's frame: the boxes of its root's children, for a ray that meets a
 /// cell or a leaf has met those of all above it. (Bounds of triangles will not do: cells are rounded outward, and stand in.)
 fn around_hits(view: &SceneView) -> Option<DBounds> {
-    let placed = view.only_one()?;
-    let offset = view.scene.placement.placed[placed as usize].only_shifted()?;
-    let tree = view.tree(placed);
+    let tree = view.tree(view.only_one()?);
     let Some(Child::Node(root)) = Child::from_bits(tree.root).filter(|_| !tree.is_empty()) else { return None };
     let node = Block::new(tree.snapshot.block(BlockId(tree.root_block))?).node(root);
     let boxes = (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1).map(|slot| node.child_box(slot));
     let all = boxes.fold(Bounds::EMPTY, Bounds::union);
-    Some(DBounds { min: all.min.as_dvec3() + offset, max: all.max.as_dvec3() + offset })
+    Some(DBounds { min: all.min.as_dvec3(), max: all.max.as_dvec3() })
 }
 
 /// By what part of what is far away that is taken larger, 512 h (`h`: 2^-24): boxes give way by 64 h as walks see them, and are rounded by 24 h (see
@@ -305,13 +303,14 @@ fn set_unmoved(
         if !(it.has_interval() && alike.mask().is_some_and(|mask| mask & seen_by != 0)) {
             return Taken::Not;
         }
-        local.org = (it.origin - offset).as_vec3();
+        let origin = it.origin - offset;
+        local.org = origin.as_vec3();
         local.t_min = it.t_min as f32;
         local.t_max = not_below(it.t_max);
         walk.set_all_but_dirs(&local);
         let ends = walk.set_dirs_of(tree, rays, alike.is_exact());
         // What fills the lanes of a part of a packet has no say.
-        return if count == PACKET && pass_by(around, p.extent(), it.origin, ends) { Taken::ToPassBy } else { Taken::Unmoved };
+        return if count == PACKET && pass_by(around, p.extent(), origin, ends) { Taken::ToPassBy } else { Taken::Unmoved };
     }
     let mut is_fine = true;
     for (i, it) in rays.iter().enumerate().take(count) {
