@@ -145,8 +145,8 @@ fn slabs_leave_out_leaves_of_what_is_thin() {
     let wide: Vec<Ray32> = mixed.iter().map(|ray| Ray32 { cone: Cone { a: 0.0, b: 1e-6 }, ..*ray }).collect();
     let [single, stream, ..] = count(&mixed, &tree).map(|c| per_ray(&c));
     println!("{single:?}, {stream:?}");
-    // Those of the real model, three of a hundred; of what stands in for it where there are no models, fewer.
-    let most = if models::find("hostile/thingi_1514499_slivers.stl").is_some() { 97 } else { 100 };
+    // Those of the real model, one of a hundred; of what stands in for it where there are no models, fewer.
+    let most = if models::find("hostile/thingi_1514499_slivers.stl").is_some() { 99 } else { 100 };
     assert!(100 * stream[1] < most * single[1] && 100 * stream[2] < most * single[2], "{single:?} {stream:?}");
     // Where cells may stand in none is left out: hits would depend on who asked.
     let [single, stream, ..] = count(&wide, &tree).map(|c| per_ray(&c));
@@ -156,14 +156,14 @@ fn slabs_leave_out_leaves_of_what_is_thin() {
 /// Camera rays, rays of all kinds, camera rays with a width, camera rays from near; of each, single, stream, packet, bundle. A change of the builder or of the walks changes
 /// them: look whether it is for the better, and write the new ones down.
 const PINNED: [[[u64; 5]; 4]; 4] = [
-    [[27388, 5276, 23972, 4916, 13416], [10640, 4176, 19108, 3966, 10674], [9014, 3829, 18280, 1582, 9723], [8652, 4734, 23026, 1562, 11934]],
-    [[48286, 15363, 71128, 11848, 39501], [38576, 13954, 64816, 11106, 35936], [48286, 15363, 71128, 11848, 39501], [48286, 15363, 71128, 11848, 39501]],
-    [[25648, 202, 1138, 3936, 556], [10110, 198, 1118, 3554, 546], [7928, 142, 892, 1080, 392], [7590, 142, 892, 1074, 392]],
-    [[63724, 25476, 107720, 17988, 63060], [7408, 13602, 59098, 2796, 35124], [3622, 1310, 5020, 732, 3182], [1582, 846, 5296, 324, 1992]],
+    [[27350, 5222, 24600, 4916, 13530], [10524, 4064, 19260, 3932, 10532], [8990, 4509, 22892, 1582, 11534], [8628, 4664, 23802, 1562, 11914]],
+    [[48165, 15191, 72604, 11841, 39412], [38934, 14197, 67958, 11289, 36866], [48165, 15191, 72604, 11841, 39412], [48165, 15191, 72604, 11841, 39412]],
+    [[25662, 208, 1328, 3948, 642], [10120, 204, 1310, 3562, 630], [7932, 148, 1094, 1080, 448], [7594, 148, 1094, 1074, 448]],
+    [[63724, 25872, 120076, 17988, 65540], [7424, 13904, 65694, 2850, 35792], [3622, 1304, 5158, 732, 3132], [1582, 842, 5348, 324, 1986]],
 ];
 
 /// Of [`what_any_hit_visits_is_pinned`], likewise.
 const PINNED_ANY: [[[u64; 5]; 3]; 2] = [
-    [[16386, 5596, 25180, 4500, 14192], [8930, 3430, 15804, 3846, 8804], [3236, 1543, 8378, 504, 4035]],
-    [[13080, 2620, 12164, 2714, 6728], [7014, 2524, 11686, 2600, 6472], [2276, 1616, 9608, 374, 4126]],
+    [[16328, 5540, 25950, 4500, 14268], [8973, 3787, 18123, 3908, 9866], [3184, 1641, 9703, 504, 4395]],
+    [[13054, 2610, 12624, 2714, 6794], [6986, 2522, 12180, 2600, 6552], [2266, 1596, 9934, 374, 4090]],
 ];

@@ -224,6 +224,7 @@ impl Simd for Avx2 {
     type F8 = V8;
     type F16 = Pair<V8>;
     type Index8 = __m256i;
+    type Table16 = [__m256; 2];
 
     #[inline(always)]
     fn splat8(self, v: f32) -> V8 {
@@ -266,11 +267,20 @@ impl Simd for Avx2 {
         unsafe { _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(i64::from_le_bytes(*v))) }
     }
     #[inline(always)]
-    fn lookup16(self, table: &[f32; 16], index: __m256i) -> V8 {
-        // SAFETY: the token vouches; both loads lie inside `table`.
+    fn table16(self, v: &[f32; 16]) -> [__m256; 2] {
+        // SAFETY: the token vouches; both loads lie inside `v`.
+        unsafe { [_mm256_loadu_ps(v.as_ptr()), _mm256_loadu_ps(v.as_ptr().add(8))] }
+    }
+    #[inline(always)]
+    fn steps16(self, first: f32, steps: &[u8; 52]) -> [__m256; 2] {
+        // SAFETY: the token vouches.
+        unsafe { steps16(first, steps) }
+    }
+    #[inline(always)]
+    fn lookup16(self, [low, high]: [__m256; 2], index: __m256i) -> V8 {
+        // SAFETY: the token vouches.
         V8(unsafe {
-            let low = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table.as_ptr()), index);
-            let high = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table.as_ptr().add(8)), index);
+            let (low, high) = (_mm256_permutevar8x32_ps(low, index), _mm256_permutevar8x32_ps(high, index));
             // Bit 3 of the index, moved to the sign, says which half.
             _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index)))
         })
@@ -404,6 +414,27 @@ pub(super) unsafe fn slabs(head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [
             [lane::<4>(off), lane::<5>(off), lane::<6>(off)],
             [lane::<0>(slope), lane::<1>(slope), lane::<2>(slope)],
         ]
+    }
+}
+
+/// A table of floats by their steps: see `Simd::steps16`.
+///
+/// # Safety
+/// The CPU has AVX2.
+#[inline(always)]
+pub(super) unsafe fn steps16(first: f32, steps: &[u8; 52]) -> [__m256; 2] {
+    // SAFETY: the caller vouches for AVX2; the loads begin at bytes 0, 12, 24 and 36, are of 16, and need no alignment.
+    unsafe {
+        // Of each four entries the bytes `3 i` to `3 i + 3`, of which the last three are the step.
+        let spread = _mm256_broadcastsi128_si256(_mm_setr_epi8(0, 1, 2, 3, 3, 4, 5, 6, 6, 7, 8, 9, 9, 10, 11, 12));
+        let first = _mm256_set1_epi32(first.to_bits() as i32);
+        let eight = |at: usize| {
+            let (low, high) = (steps.as_ptr().add(at), steps.as_ptr().add(at + 12));
+            let both = _mm256_set_m128i(_mm_loadu_si128(high.cast()), _mm_loadu_si128(low.cast()));
+            _mm256_srai_epi32::<8>(_mm256_shuffle_epi8(both, spread))
+        };
+        let (low, high) = (_mm256_blend_epi32::<1>(eight(0), _mm256_setzero_si256()), eight(24));
+        [_mm256_castsi256_ps(_mm256_add_epi32(first, low)), _mm256_castsi256_ps(_mm256_add_epi32(first, high))]
     }
 }
 

@@ -1,7 +1,7 @@
 //! AVX-512 (F, VL, DQ, BW): sixteen lanes in a register, and mask registers for both widths.
 
 use super::Op;
-use super::avx2::{far_first, greatest8, least8, slabs};
+use super::avx2::{far_first, greatest8, least8, slabs, steps16};
 use super::lanes::{Lanes, Mask, Simd};
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Sub};
@@ -239,6 +239,7 @@ impl Simd for Avx512 {
     type F8 = V8;
     type F16 = V16;
     type Index8 = __m256i;
+    type Table16 = [__m256; 2];
 
     #[inline(always)]
     fn splat8(self, v: f32) -> V8 {
@@ -281,14 +282,19 @@ impl Simd for Avx512 {
         unsafe { _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(i64::from_le_bytes(*v))) }
     }
     #[inline(always)]
-    fn lookup16(self, table: &[f32; 16], index: __m256i) -> V8 {
-        // SAFETY: the token vouches; both loads lie inside `table`; only the low four bits of
-        // each index are read.
-        V8(unsafe {
-            let low = _mm256_loadu_ps(table.as_ptr());
-            let high = _mm256_loadu_ps(table.as_ptr().add(8));
-            _mm256_permutex2var_ps(low, index, high)
-        })
+    fn table16(self, v: &[f32; 16]) -> [__m256; 2] {
+        // SAFETY: the token vouches; both loads lie inside `v`.
+        unsafe { [_mm256_loadu_ps(v.as_ptr()), _mm256_loadu_ps(v.as_ptr().add(8))] }
+    }
+    #[inline(always)]
+    fn steps16(self, first: f32, steps: &[u8; 52]) -> [__m256; 2] {
+        // SAFETY: the token vouches.
+        unsafe { steps16(first, steps) }
+    }
+    #[inline(always)]
+    fn lookup16(self, [low, high]: [__m256; 2], index: __m256i) -> V8 {
+        // SAFETY: the token vouches; only the low four bits of each index are read.
+        V8(unsafe { _mm256_permutex2var_ps(low, index, high) })
     }
     #[inline(always)]
     fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[V8; 3]; 3] {

@@ -121,6 +121,7 @@ impl Simd for Portable {
     type F8 = Array<8>;
     type F16 = Array<16>;
     type Index8 = [u8; 8];
+    type Table16 = [f32; 16];
 
     #[inline(always)]
     fn splat8(self, v: f32) -> Array<8> {
@@ -149,7 +150,18 @@ impl Simd for Portable {
         *v
     }
     #[inline(always)]
-    fn lookup16(self, table: &[f32; 16], index: [u8; 8]) -> Array<8> {
+    fn table16(self, v: &[f32; 16]) -> [f32; 16] {
+        *v
+    }
+    #[inline(always)]
+    fn steps16(self, first: f32, steps: &[u8; 52]) -> [f32; 16] {
+        from_fn(|i| {
+            let step = i32::from_le_bytes(from_fn(|byte| steps[3 * i + byte])) >> 8;
+            f32::from_bits(first.to_bits().wrapping_add_signed(if i == 0 { 0 } else { step }))
+        })
+    }
+    #[inline(always)]
+    fn lookup16(self, table: [f32; 16], index: [u8; 8]) -> Array<8> {
         Array(from_fn(|i| table[usize::from(index[i] & 15)]))
     }
     #[inline(always)]

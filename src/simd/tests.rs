@@ -54,7 +54,10 @@ impl Op for Battery {
                 let four = s.columns4(&rows, first).map(|column| column.to_array().map(f32::to_bits));
                 assert_eq!(four, [0, 1, 2, 3].map(|i| columns[first + i].map(f32::to_bits)));
             }
-            out.extend(s.lookup16(&b, s.index8(&bytes)).to_array().map(f32::to_bits));
+            out.extend(s.lookup16(s.table16(&b), s.index8(&bytes)).to_array().map(f32::to_bits));
+            let steps: [u8; 52] = std::array::from_fn(|i| bytes[i % 8].wrapping_mul(37 + i as u8));
+            let all = [[0, 1, 2, 3, 4, 5, 6, 7], [8, 9, 10, 11, 12, 13, 14, 15]];
+            out.extend(all.map(|eight| s.lookup16(s.steps16(b[0], &steps), s.index8(&eight)).to_array().map(f32::to_bits)).as_flattened());
             out.extend([s.same16(&b, u32::MAX, VALUES[3].to_bits()), s.same16(&b, 1 << 31, 1 << 31)]);
         }
         out

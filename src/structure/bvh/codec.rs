@@ -37,9 +37,10 @@ use super::bytes::{Reader, padded, piece};
 pub use super::codec_beside::{decode_colours, decode_prims, encode_colours, encode_prims};
 use super::codec_leaves::{Leaves, leaves_in_order, push_leaves, read_leaves};
 use super::codec_nodes::{Nodes, push_nodes, read_nodes};
+use super::leaf::{APART, LeafForm, MIXED};
 use super::layout::{
     Block, Child, EXTERNAL_WORDS, HEADER_WORDS, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, WIDTH,
-    leaf_block_head, leaf_words,
+    leaf_block_head,
 };
 use super::validate::validate;
 use crate::simd::{Isa, Op, Simd, dispatch};
@@ -171,8 +172,8 @@ fn nodes_end(nodes: &Nodes) -> usize {
 }
 
 /// Words of leaves: one triangle, and eight over sixteen vertices in several parts.
-const LEAST_LEAF: usize = leaf_words(1, 3, false);
-const LARGEST_LEAF: usize = leaf_words(MAX_TRIANGLES, MAX_VERTICES, true);
+const LEAST_LEAF: usize = LeafForm { triangles: 1, vertices: 3, flags: APART }.words();
+const LARGEST_LEAF: usize = LeafForm { triangles: MAX_TRIANGLES, vertices: MAX_VERTICES, flags: MIXED }.words();
 
 /// To leaves that begin at these words.
 fn leaf_references(starts: impl ExactSizeIterator<Item = usize>) -> LeafReferences {

@@ -2,7 +2,8 @@
 
 use super::bytes::{Reader, padded, piece, unzigzag, zigzag};
 use super::codec::{Checked, wrong};
-use super::layout::{Block, HEADER_WORDS, LEAF_MIXED, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, PAD_WORDS, index_words, leaf_words};
+use super::layout::{Block, HEADER_WORDS, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, PAD_WORDS};
+use super::leaf::{APART, LeafForm, MIXED, NEAR, ORDER, index_words, put_coordinates};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::hash::Hasher;
@@ -73,8 +74,11 @@ impl Shape {
         Self { triangles: 1 + usize::from(bits & 7), vertices: 3 + usize::from(bits >> 3 & 15), is_mixed: bits >> 7 == 1 }
     }
 
-    fn words(self) -> usize {
-        leaf_words(self.triangles, self.vertices, self.is_mixed)
+    /// Words that it may take: at the least, and at the most.
+    fn words(self) -> [usize; 2] {
+        let Self { triangles, vertices, is_mixed } = self;
+        let of = |flags: u16| LeafForm { triangles, vertices, flags: flags | if is_mixed { MIXED } else { 0 } }.words();
+        [of(APART | NEAR), of(0)]
     }
 }
 
@@ -97,7 +101,7 @@ fn share_vertices(block: &Block, leaves: &[usize]) -> (Vec<u16>, Vec<[u32; 3]>) 
     let corners = leaves.iter().map(|&at| block.leaf(at).vertices).sum();
     let mut known = HashMap::with_capacity_and_hasher(corners, BuildVertexHasher::default());
     for leaf in leaves.iter().map(|&at| block.leaf(at)) {
-        let axes = [0, 1, 2].map(|a| leaf.coordinates16(a));
+        let axes = [0, 1, 2].map(|a| leaf.coordinates(a).to_array());
         for v in 0..leaf.vertices {
             let vertex = axes.map(|a| a[v].to_bits());
             let key = (u64::from(vertex[0]) << 32 | u64::from(vertex[1]), vertex[2]);
@@ -279,8 +283,8 @@ fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Ve
         return wrong("its leaves do not add up");
     }
     let begin = HEADER_WORDS + counts.parts;
-    let end = begin + leaves().map(Shape::words).sum::<usize>();
-    if end + PAD_WORDS > MAX_WORDS {
+    let [least, most] = leaves().map(Shape::words).fold([begin; 2], |[a, b], [least, most]| [a + least, b + most]);
+    if least + PAD_WORDS > MAX_WORDS {
         return wrong("it is larger than a block may be");
     }
     // Of each leaf one, or of a mixed one that of each triangle.
@@ -296,38 +300,59 @@ fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Ve
     }
     let axes = read_all_vertices(reader, leaves().map(|leaf| leaf.vertices).sum(), counts.vertices)?;
 
-    let (mut words, mut starts) = (vec![0; end + PAD_WORDS], Vec::with_capacity(counts.leaves));
+    let (mut words, mut starts) = (vec![0; most + PAD_WORDS], Vec::with_capacity(counts.leaves));
     let (mut at, mut first, mut first_part, mut first_vertex, mut wrong_corners) = (begin, 0, 0, 0, 0);
     for Shape { triangles: t, vertices: v, is_mixed } in leaves() {
         starts.push(at - begin);
+        let axes = axes.each_ref().map(|axis| piece(axis, first_vertex));
+        let corners = own_corners(piece(corners, 3 * first), t);
+        wrong_corners |= at_least(corners, v as u8);
+        let form = LeafForm::of(t, v, is_mixed, corners == IN_ORDER[t], axes);
         let own = piece(&parts, first_part);
-        put(&mut words, at, &[t as u32 | (v as u32) << 8 | (first as u32) << 16, u32::from(own[0])]);
+        put(&mut words, at, &[t as u32 | (v as u32) << 8 | (first as u32) << 16, u32::from(own[0]) | u32::from(form.flags) << 16]);
         at += 2;
         first_part += 1;
         if is_mixed {
-            words[at - 1] |= u32::from(LEAF_MIXED) << 16;
             put(&mut words, at, &pairs(own, t));
             at += t.div_ceil(2);
             first_part += t - 1;
         }
-        let own = own_corners(piece(corners, 3 * first), t);
-        wrong_corners |= at_least(own, v as u8);
-        let [a, b, c] = own;
-        // In memory they lie as in the file.
-        put(&mut words, at, &[a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32, c as u32, (c >> 32) as u32].map(u32::to_le));
-        at += index_words(t);
-        for axis in axes.chunks_exact(axes.len() / 3) {
-            put::<MAX_VERTICES>(&mut words, at, piece(axis, first_vertex));
-            at += v;
+        if form.flags & APART == 0 {
+            let [a, b, c] = corners;
+            // In memory they lie as in the file.
+            put(&mut words, at, &[a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32, c as u32, (c >> 32) as u32].map(u32::to_le));
+            at += index_words(t);
         }
+        put_coordinates(&mut words[at..], form, axes);
+        at += form.words() - form.head_words();
         (first, first_vertex) = (first + t, first_vertex + v);
     }
     if wrong_corners != 0 {
         return wrong("a corner is not among its leaf's vertices");
     }
-    words[end..].fill(0);
+    if at + PAD_WORDS > MAX_WORDS {
+        return wrong("it is larger than a block may be");
+    }
+    words.truncate(at + PAD_WORDS);
+    words[at..].fill(0);
     Ok((words, starts))
 }
+
+/// The corners of so many triangles with a vertex each of their own, in order; of more than fit a leaf's vertices those of none.
+const IN_ORDER: [[u64; CORNERS / 8]; MAX_TRIANGLES + 1] = {
+    let mut all = [[u64::MAX; CORNERS / 8]; MAX_TRIANGLES + 1];
+    let mut t = 1;
+    while 3 * t <= MAX_VERTICES {
+        all[t] = [0; CORNERS / 8];
+        let mut at = 0;
+        while at < 3 * t {
+            all[t][at / 8] |= (ORDER[at / t][at % t] as u64) << (8 * (at % 8));
+            at += 1;
+        }
+        t += 1;
+    }
+    all
+};
 
 /// Bytes of a leaf's corners, at most.
 const CORNERS: usize = 3 * MAX_TRIANGLES;
@@ -385,7 +410,7 @@ fn read_pairs<'a>(reader: &mut Reader<'a>, count: usize) -> Checked<impl ExactSi
 /// The coordinates of the vertices of all leaves, `total` of them, `distinct` distinct: one axis after the other, and room behind each
 /// for a piece to reach there.
 #[inline(always)]
-fn read_all_vertices(reader: &mut Reader, total: usize, distinct: usize) -> Checked<Vec<u32>> {
+fn read_all_vertices(reader: &mut Reader, total: usize, distinct: usize) -> Checked<[Vec<u32>; 3]> {
     let are_known = reader.take(total.div_ceil(8))?;
     let old = are_known.iter().map(|bits| bits.count_ones() as usize).sum();
     let behind = are_known.get(total / 8).map_or(0, |bits| bits >> (total % 8));
@@ -396,10 +421,9 @@ fn read_all_vertices(reader: &mut Reader, total: usize, distinct: usize) -> Chec
     let vertices = read_vertices(reader, distinct)?;
     let are_known: Vec<[u8; 8]> = are_known.iter().map(|bits| bytes_of_bits(*bits)).collect();
     let (mut known, mut next, mut are_sound) = (0u32, 0, true);
-    let mut axes = vec![0; 3 * (total + MAX_VERTICES)];
-    let (xs, others) = axes.split_at_mut(total + MAX_VERTICES);
-    let (ys, zs) = others.split_at_mut(total + MAX_VERTICES);
-    for (((x, y), z), is_known) in xs[..total].iter_mut().zip(ys).zip(zs).zip(are_known.as_flattened()) {
+    let mut axes = [0, 1, 2].map(|_| vec![0; total + MAX_VERTICES]);
+    let [xs, ys, zs] = &mut axes;
+    for (((x, y), z), is_known) in xs[..total].iter_mut().zip(ys.iter_mut()).zip(zs.iter_mut()).zip(are_known.as_flattened()) {
         let is_known = u32::from(*is_known);
         let back = backs[next] & is_known.wrapping_neg();
         match vertices.get(known.wrapping_sub(back) as usize) {

@@ -1,9 +1,10 @@
 //! Blocks made at random come back as they were; what is damaged is refused, or is a sound block.
 
 use super::codec::{Holds, Place, decode_geometry, encode_geometry};
+use super::leaf::{APART, LeafForm, NEAR};
 use super::layout::{
-    Child, EXTERNAL_WORDS, HEADER_WORDS, LEAF_MIXED, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
-    SHORT_VOXEL, WIDTH, leaf_block_head, leaf_words,
+    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
+    SHORT_VOXEL, WIDTH, leaf_block_head,
 };
 use super::validate::validate;
 use crate::lod::SIDES_WORDS;
@@ -24,27 +25,55 @@ impl Random {
     }
 }
 
-/// Words of `count` leaves over vertices on a small grid, so that some are shared; how many triangles, and where each begins.
+/// Words of `count` leaves, as they should be stored; how many triangles, and where each begins. Half have vertices on a small grid, of which some are
+/// shared; the others' triangles have their own, so near each other that steps from the first fit 24 bits, or just not.
 fn leaves(random: &mut Random, count: usize, parts: usize) -> (Vec<u32>, usize, Vec<usize>) {
     let (mut words, mut triangles, mut starts) = (Vec::new(), 0, Vec::new());
     for _ in 0..count {
-        let (t, v) = (1 + random.below(MAX_TRIANGLES), 3 + random.below(MAX_VERTICES - 2));
+        let is_apart = random.below(2) == 0;
+        let t = 1 + random.below(if is_apart { MAX_VERTICES / 3 } else { MAX_TRIANGLES });
+        let v = if is_apart { 3 * t } else { 3 + random.below(MAX_VERTICES - 2) };
         let (is_mixed, begin) = (random.below(3) == 0, words.len());
         starts.push(begin);
-        words.push(t as u32 | (v as u32) << 8 | (triangles as u32) << 16);
         let mut part = || random.below(parts) as u32;
-        if is_mixed {
-            let own: Vec<u32> = (0..t).map(|_| part()).collect();
-            words.push(own[0] | u32::from(LEAF_MIXED) << 16);
-            words.extend(own.chunks(2).map(|pair| pair[0] | pair.get(1).copied().unwrap_or(0) << 16));
-        } else {
-            words.push(part());
+        let own: Vec<u32> = (0..if is_mixed { t } else { 1 }).map(|_| part()).collect();
+        let in_order = |at: usize| 3 * (at % t) as u8 + (at / t) as u8;
+        let mut corners: Vec<u8> = (0..3 * t).map(|at| if is_apart { in_order(at) } else { random.below(v) as u8 }).collect();
+        if is_apart && random.below(8) == 0 {
+            corners.swap(0, 3 * t - 1);
         }
-        let mut corners: Vec<u8> = (0..3 * t).map(|_| random.below(v) as u8).collect();
-        corners.resize(corners.len().next_multiple_of(4), 0);
-        words.extend(corners.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])));
-        words.extend((0..3 * v).map(|_| (random.below(9) as f32 * 0.3 - 1.0).to_bits()));
-        assert_eq!(words.len() - begin, leaf_words(t, v, is_mixed));
+        let mut axes = [[0; MAX_VERTICES]; 3];
+        for axis in &mut axes {
+            let first = random.below(9) as f32 * 0.3 - 1.0;
+            let step = [-(1 << 23) - 1, -(1 << 23), -1, 0, 3, (1 << 23) - 1, 1 << 23];
+            // The outer ones, which do not fit, in few leaves.
+            let outer = usize::from(random.below(8) > 0);
+            let mut steps = || step[outer + random.below(step.len() - 2 * outer)];
+            *axis = std::array::from_fn(|i| first.to_bits().wrapping_add_signed(if i == 0 { 0 } else { steps() }));
+            if !is_apart {
+                *axis = std::array::from_fn(|_| (random.below(9) as f32 * 0.3 - 1.0).to_bits());
+            }
+        }
+        let form = LeafForm::of(t, v, is_mixed, (0..3 * t).all(|at| corners[at] == in_order(at)), axes.each_ref());
+        words.push(t as u32 | (v as u32) << 8 | (triangles as u32) << 16);
+        words.push(own[0] | u32::from(form.flags) << 16);
+        if is_mixed {
+            words.extend(own.chunks(2).map(|pair| pair[0] | pair.get(1).copied().unwrap_or(0) << 16));
+        }
+        if form.flags & APART == 0 {
+            corners.resize(corners.len().next_multiple_of(4), 0);
+            words.extend(corners.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])));
+        }
+        if form.flags & NEAR == 0 {
+            axes.iter().for_each(|axis| words.extend(&axis[..v]));
+        } else {
+            words.extend(axes.map(|axis| axis[0]));
+            let steps = axes.iter().flat_map(|axis| axis[1..v].iter().map(|bits| bits.wrapping_sub(axis[0])));
+            let mut bytes: Vec<u8> = steps.flat_map(|step| step.to_le_bytes().into_iter().take(3)).collect();
+            bytes.resize(bytes.len().next_multiple_of(4), 0);
+            words.extend(bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+        }
+        assert_eq!(words.len() - begin, form.words());
         triangles += t;
     }
     (words, triangles, starts)

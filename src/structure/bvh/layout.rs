@@ -32,17 +32,9 @@
 //! "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017 (the grid; the
 //! rest of their node differs: explicit 16-bit references instead of a common base).
 //!
-//! A **leaf** holds 1 to [`MAX_TRIANGLES`] triangles over at most [`MAX_VERTICES`] vertices shared
-//! between them: both fit one vector register of 8 and 16 lanes.
-//!
-//! | words | what |
-//! |---|---|
-//! | 0 | triangles (u8), vertices (u8), first triangle's index in the block (u16) |
-//! | 1 | part (u16, index into the block's parts) or, flag set, the first of one for each triangle; flags (u16) |
-//! | .. | with [`LEAF_MIXED`]: a u16 part for each triangle, padded to a word |
-//! | .. | first, second, third vertex of each triangle: three runs of u8, padded together to a word |
-//! | .. | x of all vertices, then y, then z: f32 |
+//! What a **leaf** is `leaf.rs` says.
 
+use super::leaf::Leaf;
 use crate::lod::{self, Coded, LEVEL, Middle, PASSING, SIDES_WORDS, Slabs, VOXEL_WORDS, stopped, summary_bit};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
@@ -70,8 +62,6 @@ pub const WIDTH: usize = 8;
 pub const MAX_TRIANGLES: usize = 8;
 /// Vertices of a leaf, at most.
 pub const MAX_VERTICES: usize = 16;
-/// Leaf flag: its triangles belong to several parts.
-pub const LEAF_MIXED: u16 = 1;
 
 /// What a 16-bit child reference points at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -381,16 +371,7 @@ impl<'a> Block<'a> {
     /// A leaf by its first word.
     #[inline(always)]
     pub fn leaf(&self, at: usize) -> Leaf<'a> {
-        let words = &self.words[at..];
-        let (counts, parts) = (words[0], words[1]);
-        Leaf {
-            triangles: (counts & 0xff) as usize,
-            vertices: (counts >> 8 & 0xff) as usize,
-            first: (counts >> 16) as usize,
-            part: (parts & 0xffff) as usize,
-            mixed: parts >> 16 & u32::from(LEAF_MIXED) != 0,
-            words,
-        }
+        Leaf::at(&self.words[at..])
     }
 }
 
@@ -451,103 +432,6 @@ impl StoredVoxel<'_> {
     }
 }
 
-/// One leaf of a block.
-#[derive(Debug, Clone, Copy)]
-pub struct Leaf<'a> {
-    /// Number of triangles, 1 to [`MAX_TRIANGLES`].
-    pub triangles: usize,
-    /// Number of vertices, 3 to [`MAX_VERTICES`].
-    pub vertices: usize,
-    /// Index of its first triangle among the block's.
-    pub first: usize,
-    part: usize,
-    mixed: bool,
-    words: &'a [u32],
-}
-
-/// Words that the indices of `triangles` triangles take.
-#[inline(always)]
-pub const fn index_words(triangles: usize) -> usize {
-    (3 * triangles).div_ceil(4)
-}
-
-/// Words that a leaf takes.
-pub const fn leaf_words(triangles: usize, vertices: usize, mixed: bool) -> usize {
-    let parts = if mixed { triangles.div_ceil(2) } else { 0 };
-    2 + parts + index_words(triangles) + 3 * vertices
-}
-
-impl<'a> Leaf<'a> {
-    #[inline(always)]
-    fn indices_at(&self) -> usize {
-        2 + if self.mixed { self.triangles.div_ceil(2) } else { 0 }
-    }
-
-    /// Words that it takes.
-    pub fn len(&self) -> usize {
-        leaf_words(self.triangles, self.vertices, self.mixed)
-    }
-
-    /// Cache lines that it is in, if it begins at word `at` of its block.
-    #[inline(always)]
-    pub fn lines(&self, at: usize) -> usize {
-        (at + self.len() - 1) / LINE_WORDS - at / LINE_WORDS + 1
-    }
-
-    /// Never: a leaf has a triangle at least.
-    pub fn is_empty(&self) -> bool {
-        self.triangles == 0
-    }
-
-    /// Vertex numbers of corner `corner` of the triangles, eight at a time: those past the last
-    /// triangle are whatever follows.
-    #[inline(always)]
-    pub fn corners8(&self, corner: usize) -> &'a [u8; 8] {
-        let bytes: &[u8] = bytemuck::cast_slice(&self.words[self.indices_at()..]);
-        match bytes[corner * self.triangles..].first_chunk::<8>() {
-            Some(chunk) => chunk,
-            None => unreachable!(),
-        }
-    }
-
-    /// Coordinates on `axis`, sixteen at a time: those past the last vertex are whatever follows.
-    #[inline(always)]
-    pub fn coordinates16(&self, axis: usize) -> &'a [f32; 16] {
-        let at = self.indices_at() + index_words(self.triangles) + axis * self.vertices;
-        match self.words[at..].first_chunk::<16>() {
-            Some(chunk) => must_cast_ref(chunk),
-            None => unreachable!(),
-        }
-    }
-
-    /// The corners of a triangle, below [`MAX_TRIANGLES`].
-    #[inline(always)]
-    pub fn triangle(&self, index: usize) -> [Vec3; 3] {
-        let (x, y, z) = (self.coordinates16(0), self.coordinates16(1), self.coordinates16(2));
-        let mut corners = [Vec3::ZERO; 3];
-        for (c, corner) in corners.iter_mut().enumerate() {
-            let v = usize::from(self.corners8(c)[index & (MAX_TRIANGLES - 1)]) & (MAX_VERTICES - 1);
-            *corner = Vec3::new(x[v], y[v], z[v]);
-        }
-        corners
-    }
-
-    /// Index into the block's parts of a triangle.
-    #[inline(always)]
-    pub fn part_of(&self, index: usize) -> usize {
-        if self.mixed {
-            (self.words[2 + index / 2] >> (16 * (index % 2)) & 0xffff) as usize
-        } else {
-            self.part
-        }
-    }
-
-    /// Whether its triangles belong to several parts.
-    pub fn is_mixed(&self) -> bool {
-        self.mixed
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -558,11 +442,5 @@ mod tests {
             assert_eq!(Child::from_bits(u32::from(child.to_bits())), Some(child));
         }
         assert_eq!(Child::from_bits(3 << 14), None);
-    }
-
-    #[test]
-    fn the_largest_leaf_fits_many_times() {
-        assert_eq!(leaf_words(8, 16, true), 2 + 4 + 6 + 48);
-        assert_eq!(leaf_words(1, 3, false), 2 + 1 + 9);
     }
 }

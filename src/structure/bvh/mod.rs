@@ -10,6 +10,7 @@ mod codec_nodes;
 mod codec_tests;
 mod decoder;
 pub mod layout;
+pub mod leaf;
 pub mod trace;
 mod validate;
 

@@ -4,9 +4,10 @@
 //! can check alone, by `check_links`.
 
 use super::codec::{Holds, Place};
+use super::leaf::{APART, MIXED, NEAR};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LEAF_MIXED, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS,
-    Node, PAD_WORDS, SHORT_VOXEL, WIDTH, leaf_words,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS,
+    Node, PAD_WORDS, SHORT_VOXEL, WIDTH,
 };
 use crate::lod::Coded;
 
@@ -86,16 +87,18 @@ fn check_leaves(block: &Block) -> Result<Vec<usize>, String> {
         ensure(at + 2 <= end, "a leaf does not fit")?;
         let leaf = block.leaf(at);
         let counts = (1..=MAX_TRIANGLES).contains(&leaf.triangles) && (3..=MAX_VERTICES).contains(&leaf.vertices);
-        ensure(counts && words[at + 1] >> 16 <= u32::from(LEAF_MIXED), "a leaf's counts are impossible")?;
+        ensure(counts && words[at + 1] >> 16 <= u32::from(MIXED | APART | NEAR), "a leaf's counts are impossible")?;
         ensure(leaf.first == triangles, "a leaf's triangles are not numbered on")?;
-        let next = at + leaf_words(leaf.triangles, leaf.vertices, leaf.is_mixed());
+        let next = at + leaf.len();
         ensure(next <= end, "a leaf does not fit")?;
         let all = 0..leaf.triangles;
         ensure(all.clone().all(|t| leaf.part_of(t) < block.parts()), "a triangle's part is not in its table")?;
         let corner_ok = |c: usize| leaf.corners8(c)[..leaf.triangles].iter().all(|v| usize::from(*v) < leaf.vertices);
         ensure((0..3).all(corner_ok), "a corner is not among its leaf's vertices")?;
-        let finite = |axis: usize| leaf.coordinates16(axis)[..leaf.vertices].iter().all(|x| x.is_finite());
-        ensure((0..3).all(finite), "a vertex is not finite")?;
+        let axes = [0, 1, 2].map(|axis| leaf.coordinates(axis).to_array());
+        ensure(axes.iter().all(|axis| axis[..leaf.vertices].iter().all(|x| x.is_finite())), "a vertex is not finite")?;
+        let bits = axes.map(|axis| axis.map(f32::to_bits));
+        ensure(leaf.form() == leaf.form_for(bits.each_ref()), "a leaf is not stored as it should be")?;
         triangles += leaf.triangles;
         starts.push(at);
         at = next;
@@ -171,7 +174,8 @@ mod tests {
         words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(node));
         words.extend([5, 0, 1 << 16, 7]);
         words.extend([0, 0x00ff_1234, 0x8080_8080, 0x0080_0000, 0xff00_0000]);
-        words.extend([1 | 3 << 8, 0, 0x0002_0100]);
+        // Its corners are not in order, so they are stored.
+        words.extend([1 | 3 << 8, 0, 0x0001_0200]);
         words.extend([0f32, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0].map(f32::to_bits));
         words.extend([0; PAD_WORDS]);
         words
@@ -187,7 +191,7 @@ mod tests {
     #[test]
     fn each_damage_is_found() {
         let nan = f32::NAN.to_bits();
-        let damages: [(usize, u32, &str); 26] = [
+        let damages: [(usize, u32, &str); 29] = [
             (0, 0, "no node"),
             (0, 2 | 1 << 16, "two nodes"),
             (1, 2 | 1 << 16, "two triangles"),
@@ -212,6 +216,9 @@ mod tests {
             (50, 0, "a reference that hangs elsewhere"),
             (53, 1 << 24, "a voxel of sides that are not there"),
             (57, 9 | 3 << 8, "too many triangles in a leaf"),
+            (58, 2 << 16, "corners in order that are not"),
+            (58, 4 << 16, "steps where corners are stored"),
+            (59, 0x0002_0100, "corners in order that are stored"),
             (59, 0x0003_0100, "a corner without a vertex"),
             (60, nan, "a vertex at NaN"),
         ];

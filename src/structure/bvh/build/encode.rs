@@ -7,9 +7,10 @@ use super::refs::Ref;
 use super::tree::{Inner, Sub};
 use crate::lod::{Coded, SIDES_WORDS};
 use crate::structure::bvh::layout::{
-    Child, EXTERNAL_WORDS, HEADER_WORDS, LEAF_MIXED, LONG_VOXEL, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, index_words,
+    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_VERTICES, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL,
     leaf_block_head,
 };
+use crate::structure::bvh::leaf::{APART, STEP_BYTES, index_words, put_coordinates};
 use bytemuck::must_cast;
 
 /// One encoded block.
@@ -166,23 +167,25 @@ impl Encoder<'_> {
         let at = self.leaves_at + self.leaves.len();
         let parts: Vec<u32> = shape.triangles[..shape.count].iter().map(|&t| self.part(t)).collect();
         let counts = shape.count as u32 | (shape.vertex_count as u32) << 8 | (self.prims.len() as u32) << 16;
-        let flags = if shape.mixed { LEAF_MIXED } else { 0 };
-        self.leaves.extend([counts, parts[0] | u32::from(flags) << 16]);
+        let (form, bits) = shape.stored();
+        self.leaves.extend([counts, parts[0] | u32::from(form.flags) << 16]);
         if shape.mixed {
             let pair = |p: &[u32]| p[0] | p.get(1).copied().unwrap_or(0) << 16;
             self.leaves.extend(parts.chunks(2).map(pair));
         }
-        let mut bytes = vec![0u8; 4 * index_words(shape.count)];
-        for (t, corners) in shape.corners[..shape.count].iter().enumerate() {
-            for (corner, &v) in corners.iter().enumerate() {
-                bytes[corner * shape.count + t] = v;
+        if form.flags & APART == 0 {
+            let mut bytes = vec![0u8; 4 * index_words(shape.count)];
+            for (t, corners) in shape.corners[..shape.count].iter().enumerate() {
+                for (corner, &v) in corners.iter().enumerate() {
+                    bytes[corner * shape.count + t] = v;
+                }
             }
+            self.leaves.extend(bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
         }
-        let word = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-        self.leaves.extend(bytes.chunks_exact(4).map(word));
-        for axis in &shape.vertices {
-            self.leaves.extend(axis[..shape.vertex_count].iter().map(|x| x.to_bits()));
-        }
+        let own = self.leaves.len();
+        self.leaves.resize(own + 3 * MAX_VERTICES + STEP_BYTES / 4, 0);
+        put_coordinates(&mut self.leaves[own..], form, bits.each_ref());
+        self.leaves.truncate(own + form.words() - form.head_words());
         for &t in &shape.triangles[..shape.count] {
             self.prims.push(self.input.prims[t as usize]);
             if !self.input.colours.is_empty() {

@@ -3,7 +3,8 @@
 use super::TreeInput;
 use super::refs::Ref;
 use crate::lod::Content;
-use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, leaf_words};
+use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES};
+use crate::structure::bvh::leaf::{LeafForm, MIXED};
 use glam::{Vec3, Vec4};
 
 /// A leaf's triangles and vertices, found once to build over it and once to write it.
@@ -25,10 +26,10 @@ pub struct LeafShape {
 }
 
 impl LeafShape {
-    /// Of these references, if they fit a leaf.
-    pub fn that_fits(refs: &[Ref], input: TreeInput) -> Option<Self> {
-        let shape = (refs.len() <= MAX_TRIANGLES).then(|| Self::of(refs, input))?;
-        (shape.vertex_count <= MAX_VERTICES).then_some(shape)
+    /// Whether these references fit a leaf.
+    pub fn fits(refs: &[Ref], input: TreeInput) -> bool {
+        let surely = 3 * refs.len() <= MAX_VERTICES;
+        surely || refs.len() <= MAX_TRIANGLES && Self::of(refs, input).vertex_count <= MAX_VERTICES
     }
 
     /// Of at most [`MAX_TRIANGLES`] references.
@@ -97,8 +98,22 @@ impl LeafShape {
         Content::of_triangles(points, refs.iter().map(|r| self.corners[place(r)].map(u16::from)).collect())
     }
 
+    /// How it is stored, and the bits of its coordinates.
+    pub fn stored(&self) -> (LeafForm, [[u32; MAX_VERTICES]; 3]) {
+        let bits = self.vertices.each_ref().map(|axis| std::array::from_fn(|i| axis[i].to_bits()));
+        (LeafForm::of(self.count, self.vertex_count, self.mixed, self.is_apart(), bits.each_ref()), bits)
+    }
+
+    /// Whether no vertex is shared. Vertices are numbered as corners come, so these are in order then.
+    fn is_apart(&self) -> bool {
+        self.vertex_count == 3 * self.count
+    }
+
     /// Words in the trace form.
     pub fn words(&self) -> usize {
-        leaf_words(self.count, self.vertex_count, self.mixed)
+        if self.is_apart() {
+            return self.stored().0.words();
+        }
+        LeafForm { triangles: self.count, vertices: self.vertex_count, flags: if self.mixed { MIXED } else { 0 } }.words()
     }
 }

@@ -2,14 +2,15 @@
 //!
 //! A mesh is built in one or more **chunks**, each in memory: a [`Chunk`] gives its fine and leaf blocks and a [`Top`],
 //! the [`Crown`] over all tops gives the coarse blocks. Passes: `refs` (one box a triangle), `sah` and `spatial`
-//! (where to split the set, or space), `tree` (wide nodes and leaves), `cluster` (which nodes share a block),
-//! `join` (one tree of several), `encode` (trace form).
+//! (where to split the set, or space), `tree` (wide nodes), `small` and `collapse` (those of small subtrees, and leaves),
+//! `cluster` (which nodes share a block), `join` (one tree of several), `encode` (trace form).
 //! The result depends on the input and the options only, never on the number of threads.
 
 mod chop;
 #[cfg(test)]
 mod clip;
 mod cluster;
+mod collapse;
 mod encode;
 mod join;
 mod leaf;
@@ -20,6 +21,7 @@ mod pass;
 mod quantise;
 mod refs;
 mod sah;
+mod small;
 mod spatial;
 mod sweep;
 mod tree;
@@ -86,6 +88,16 @@ pub struct Counts {
     pub leaves: u64,
     /// References to triangles, over all leaves; more than the triangles where splits repeat them.
     pub references: u64,
+}
+
+impl Counts {
+    /// Adds those of what is below a node; the depth is that below.
+    fn add_below(&mut self, below: Self) {
+        self.depth = self.depth.max(below.depth);
+        self.nodes += below.nodes;
+        self.leaves += below.leaves;
+        self.references += below.references;
+    }
 }
 
 /// The tree over some of a mesh's triangles, or all: fine and leaf blocks, ready to be encoded one by one.

@@ -1,6 +1,5 @@
 //! Wide nodes: the binary splits of the heuristic, taken up to eight at a time.
 
-use super::leaf::LeafShape;
 use super::par::Par;
 use super::quantise::quantise;
 use super::partition::{self, Sides};
@@ -9,6 +8,8 @@ use super::sah::{self, Extents, Split};
 use super::spatial::{self, SpatialSplit};
 use super::{Counts, TreeInput};
 use super::cluster::{FINE_WORDS, UnitId};
+use super::collapse::{LEAF_COST, TRIANGLE_COST};
+use super::small::{self, SMALL};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::lod::{Coded, Content, Facet, Fill, SIDES_WORDS, VOXEL_WORDS, Voxel};
@@ -146,42 +147,31 @@ pub struct Built {
     pub counts: Counts,
 }
 
-/// Below this depth the heuristic gives way to halving, which bounds the depth.
-const DEEP: u32 = 32;
+/// Below this depth the heuristic gives way to halving, which bounds the depth; in small subtrees, so many splits below their roots.
+pub const DEEP: u32 = 32;
 /// Ranges larger than this are given to other threads.
 const TASK: usize = 4096;
 
-/// In nodes over more triangles, ranges of so many are not split any further: each becomes a fine unit over full leaves. (Split to
-/// the last slot, as before, a third of an airliner's nodes held a single leaf.)
-const OPEN: usize = 48;
-
-/// Relative costs: entering a leaf, and each of its triangles.
-const LEAF_COST: f32 = 1.2;
-const TRIANGLE_COST: f32 = 0.12;
-
-struct Builder<'a> {
-    input: TreeInput<'a>,
-    par: &'a Par,
+/// What a tree is built of and with.
+pub struct Builder<'a> {
+    /// The triangles.
+    pub input: TreeInput<'a>,
+    /// Threads.
+    pub par: &'a Par,
     cancel: &'a Cancel,
     mesh_half_area: f32,
 }
 
-/// A range on its way to becoming a child.
-struct Range<'r> {
+/// A range of references on its way to becoming a node.
+pub struct Range<'r> {
     /// Its references, and behind them free room for the copies that spatial splits make.
-    room: &'r mut [Ref],
-    len: usize,
-    /// Index of its first reference among all.
-    first: usize,
-    extents: Extents,
-    /// The heuristic says that it should stay whole, and it may: as a leaf.
-    whole: Option<Box<LeafShape>>,
-}
-
-impl Range<'_> {
-    fn refs(&self) -> &[Ref] {
-        &self.room[..self.len]
-    }
+    pub room: &'r mut [Ref],
+    /// How many they are.
+    pub len: usize,
+    /// Index of the first among all.
+    pub first: usize,
+    /// Of all of them.
+    pub extents: Extents,
 }
 
 /// Builds the tree over the references of `room`, one for each triangle and behind them free room for
@@ -191,14 +181,13 @@ pub fn build(input: TreeInput, room: &mut [Ref], mesh_half_area: f32, par: &Par,
     let extents = Extents::of(&room[..len], par);
     let bounds = extents.bounds();
     let builder = Builder { input, par, cancel, mesh_half_area: bounds.half_area().max(mesh_half_area) };
-    let whole = Range { room, len, first: 0, extents, whole: None };
-    let (children, counts) = builder.children(whole, 1)?;
+    let (children, counts) = builder.children(Range { room, len, first: 0, extents }, 1)?;
     Ok(Built { children, bounds, counts })
 }
 
 /// Puts a node of its own over each leaf, for a node that stays above the fine units: coarse blocks hold no
 /// triangles. Returns how many.
-fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
+pub fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
     // At the most: how many samples they have is not known yet.
     let words = pieces.iter().map(|p| p.sub.words() + (VOXEL_WORDS + SIDES_WORDS) as u32);
     if NODE_WORDS as u32 + 1 + words.sum::<u32>() <= FINE_WORDS {
@@ -212,7 +201,7 @@ fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
 }
 
 /// What the triangles of a leaf look like. Those of which only a piece lies in it count whole.
-fn leaf_voxel(cell: &Bounds, refs: &[Ref], input: TreeInput) -> Voxel {
+pub fn leaf_voxel(cell: &Bounds, refs: &[Ref], input: TreeInput) -> Voxel {
     let mut facets = [Facet { normal: Vec3::ZERO, colour: Vec3::ZERO, part: 0, is_own_colour: false }; MAX_TRIANGLES];
     for (facet, r) in facets.iter_mut().zip(refs) {
         let i = r.triangle();
@@ -232,89 +221,61 @@ impl Builder<'_> {
     /// The children of a node over `range`, and the counts of that node.
     fn children(&self, range: Range, depth: u32) -> Result<(Vec<Piece>, Counts)> {
         self.cancel.check()?;
+        if range.len <= SMALL {
+            return Ok(small::children(self, range));
+        }
         let count = range.len;
         let ranges = self.split_up(range, depth);
-        let finish = |r: Range| self.child(r, depth + 1);
+        let finish = |r: Range| self.inner(r, depth + 1);
         let done: Vec<_> = if count > TASK && self.par.threads > 1 {
             self.par.map_items(ranges, finish)
         } else {
             ranges.into_iter().map(finish).collect()
         };
         let mut pieces = Vec::with_capacity(done.len());
-        let mut stats = Counts { nodes: 1, ..Counts::default() };
+        let mut counts = Counts { nodes: 1, ..Counts::default() };
         for child in done {
             let (piece, below) = child?;
             pieces.push(piece);
-            stats.depth = stats.depth.max(below.depth);
-            stats.nodes += below.nodes;
-            stats.leaves += below.leaves;
-            stats.references += below.references;
+            counts.add_below(below);
         }
-        let wrapped = wrap_leaves(&mut pieces);
-        stats.nodes += wrapped;
-        stats.depth = stats.depth.max(1 + u32::from(wrapped > 0)) + 1;
-        Ok((pieces, stats))
+        counts.depth += 1;
+        Ok((pieces, counts))
     }
 
-    fn child(&self, range: Range, depth: u32) -> Result<(Piece, Counts)> {
-        let refs = range.refs();
-        let whole = range.whole.as_deref();
-        let found = if whole.is_none() { LeafShape::that_fits(refs, self.input) } else { None };
-        if let Some(shape) = whole.or(found.as_ref()) {
-            let (first, count) = (range.first as u32, range.len as u32);
-            let sub = Sub::Leaf { first, count, words: shape.words() as u32 };
-            let cell = range.extents.bounds();
-            let voxel = leaf_voxel(&cell, refs, self.input);
-            let stats = Counts { depth: 1, nodes: 0, leaves: 1, references: shape.count as u64 };
-            return Ok((Piece { cell, voxel, content: shape.content(refs), sub }, stats));
-        }
-        self.inner(range, depth)
-    }
-
-    /// Splits a range into up to eight, the one of the largest box first.
+    /// Splits a range into up to eight, the one of the largest box first. Small ones stay whole.
     fn split_up<'r>(&self, range: Range<'r>, depth: u32) -> Vec<Range<'r>> {
         let mut ranges = Vec::with_capacity(WIDTH);
-        let least = if range.len > OPEN { OPEN } else { 1 };
         ranges.push(range);
         while ranges.len() < WIDTH {
             let area = |r: &Range| r.extents.bounds().half_area();
-            let open = (0..ranges.len()).filter(|&i| ranges[i].whole.is_none() && ranges[i].len > least);
+            let open = (0..ranges.len()).filter(|&i| ranges[i].len > SMALL);
             // The first of the largest: `max_by` would take the last.
             let Some(at) = open.reduce(|a, b| if area(&ranges[b]) > area(&ranges[a]) { b } else { a }) else {
                 break;
             };
-            let parent = ranges.swap_remove(at);
-            match self.halve(parent, depth) {
-                Ok([left, right]) => ranges.extend([left, right]),
-                Err(whole) => ranges.push(whole),
-            }
+            let Range { room, len, first, extents } = ranges.swap_remove(at);
+            let split = if depth < DEEP { sah::find(&room[..len], &extents, self.par) } else { None };
+            ranges.extend(self.halve(room, len, first, &extents, split));
         }
         ranges.sort_by_key(|r| r.first);
         ranges
     }
 
-    /// Splits a range in two, or returns it as a leaf.
-    fn halve<'r>(&self, range: Range<'r>, depth: u32) -> std::result::Result<[Range<'r>; 2], Range<'r>> {
-        let Range { room, len, first, extents, .. } = range;
-        let refs = &room[..len];
-        let split = if depth < DEEP { sah::find(refs, &extents, self.par) } else { None };
-        let spatial = split.as_ref().and_then(|split| self.spatial(refs, room.len(), &extents, split));
-        if len <= MAX_TRIANGLES && !pays(&extents, len, split.as_ref(), spatial.as_ref()) {
-            let whole = LeafShape::that_fits(refs, self.input).map(Box::new);
-            if whole.is_some() {
-                return Err(Range { room, len, first, extents, whole });
-            }
-        }
-        let triangles = self.input.triangles;
-        if let Some((len, sides)) = spatial.and_then(|s| spatial::partition(room, len, &s, triangles, self.par)) {
-            return Ok(self.share_room(room, len, sides, first));
-        }
-        let refs = &mut room[..len];
-        let sides = match &split {
-            Some(split) => partition::by_split(refs, split, self.par),
-            None => partition::by_median(refs, &extents, self.par),
-        };
-        Ok(self.share_room(room, len, sides, first))
+    /// Splits the first `len` references of `room`, which begins at `first`, in two: by `split`, or by a division of space, if there is free room and that
+    /// is better; without either, in equal parts.
+    pub fn halve<'r>(&self, room: &'r mut [Ref], len: usize, first: usize, extents: &Extents, split: Option<Split>) -> [Range<'r>; 2] {
+        let spatial = split.as_ref().and_then(|split| self.spatial(&room[..len], room.len(), extents, split));
+        let divided = spatial.and_then(|s| spatial::partition(room, len, &s, self.input.triangles, self.par));
+        let (len, sides) = divided.unwrap_or_else(|| {
+            let refs = &mut room[..len];
+            let sides = match &split {
+                Some(split) => partition::by_split(refs, split, self.par),
+                None => partition::by_median(refs, extents, self.par),
+            };
+            (len, sides)
+        });
+        share_room(room, len, sides, first)
     }
 
     /// The best way to divide space, where that is better than dividing the set.
@@ -325,27 +286,25 @@ impl Builder<'_> {
         let found = spatial::find(refs, self.input.triangles, &extents.bounds(), self.par)?;
         (found.cost < split.cost).then_some(found)
     }
-
-    /// Gives each side a share of the free room behind `len`, by its size.
-    fn share_room<'r>(&self, room: &'r mut [Ref], len: usize, sides: Sides, first: usize) -> [Range<'r>; 2] {
-        let Sides { middle, left, right } = sides;
-        let free = room.len() - len;
-        let of_left = (free as u64 * middle as u64 / len as u64) as usize;
-        if of_left > 0 {
-            room.copy_within(middle..len, middle + of_left);
-        }
-        let (a, b) = room.split_at_mut(middle + of_left);
-        [
-            Range { room: a, len: middle, first, extents: left, whole: None },
-            Range { room: b, len: len - middle, first: first + middle + of_left, extents: right, whole: None },
-        ]
-    }
 }
 
-/// Whether either split is expected to cost less than a leaf.
-fn pays(extents: &Extents, len: usize, split: Option<&Split>, spatial: Option<&SpatialSplit>) -> bool {
+/// Gives each side a share of the free room behind `len`, by its size.
+fn share_room(room: &mut [Ref], len: usize, sides: Sides, first: usize) -> [Range<'_>; 2] {
+    let Sides { middle, left, right } = sides;
+    let free = room.len() - len;
+    let of_left = (free as u64 * middle as u64 / len as u64) as usize;
+    if of_left > 0 {
+        room.copy_within(middle..len, middle + of_left);
+    }
+    let (a, b) = room.split_at_mut(middle + of_left);
+    [
+        Range { room: a, len: middle, first, extents: left },
+        Range { room: b, len: len - middle, first: first + middle + of_left, extents: right },
+    ]
+}
+
+/// Whether a split is expected to cost less than a leaf.
+pub fn pays(extents: &Extents, len: usize, split: &Split) -> bool {
     let stay = extents.bounds().half_area() * (LEAF_COST + TRIANGLE_COST * len as f32);
-    let sides = |areas: f32, cost: f32| areas * LEAF_COST + TRIANGLE_COST * cost;
-    split.is_some_and(|s| sides(s.side_areas, s.cost) < stay)
-        || spatial.is_some_and(|s| sides(s.side_areas, s.cost) < stay)
+    split.side_areas * LEAF_COST + TRIANGLE_COST * split.cost < stay
 }

@@ -24,6 +24,7 @@ mod stand_in;
 mod stream;
 mod stream_pass;
 mod stream_start;
+mod tables;
 mod walk;
 
 pub use bundle::{BUNDLE, Bundle};
@@ -33,7 +34,8 @@ pub use stand_in::StandIn;
 pub use stream::{STREAM, Stream};
 pub use walk::{Counters, Outcome, TriHit, Walk};
 
-use super::layout::{Block, Child, Leaf, WIDTH};
+use super::layout::{Block, Child, WIDTH};
+use super::leaf::Leaf;
 use crate::base::ids::BlockId;
 use crate::math::Bounds;
 use crate::residency::Snapshot;

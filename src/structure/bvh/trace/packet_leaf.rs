@@ -6,12 +6,14 @@ use super::packet::{PacketEntry, PacketHits, PacketWalk, VECTORS, at};
 use super::packet_prepare::Shared;
 use super::packet_visit::keep;
 use super::single::{is_better, nearest};
+use super::tables::tables;
 use super::walk::{Outcome, TriHit};
 use super::{PartFilter, TreeView};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{LaneHits, intersect, shear};
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::{Block, Leaf};
+use crate::structure::bvh::layout::Block;
+use crate::structure::bvh::leaf::Leaf;
 
 /// Tests the triangles of a leaf: eight against each ray or sixteen rays against each, whichever is less.
 #[inline(always)]
@@ -151,12 +153,11 @@ pub(super) type Corners = [[[f32; 8]; 3]; 3];
 #[inline(always)]
 pub(super) fn corners<S: Simd>(s: S, leaf: &Leaf, shared: &Shared) -> Corners {
     let k = shared.k;
-    let mut all = [[[0.0; 8]; 3]; 3];
+    let (mut all, tables) = ([[[0.0; 8]; 3]; 3], tables(s, leaf, k));
     for axis in 0..3 {
-        let table = leaf.coordinates16(k[axis]);
         let org = s.splat8(if shared.one_origin { shared.org_near[k[axis]] } else { 0.0 });
         for c in 0..3 {
-            all[c][axis] = (s.lookup16(table, s.index8(leaf.corners8(c))) - org).to_array();
+            all[c][axis] = (s.lookup16(tables[axis], s.index8(leaf.corners8(c))) - org).to_array();
         }
     }
     all

@@ -4,13 +4,15 @@
 use super::cell_slabs::{self, Origin};
 use super::pass::Passing;
 use super::stand_in::{self, ConeRay, Verdict};
+use super::tables::tables;
 use super::walk::{Entry, Outcome, TriHit, Walk, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{Sheared, intersect, shear};
 use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
-use crate::structure::bvh::layout::{Block, Child, Leaf, Node};
+use crate::structure::bvh::layout::{Block, Child, Node};
+use crate::structure::bvh::leaf::Leaf;
 
 /// Goes on with `walk` until it ends or a block is missing.
 pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
@@ -531,7 +533,7 @@ pub(super) fn triangles<S: Simd>(
     t_max: f32,
 ) -> Option<(u32, f32, f32, f32)> {
     let k = lanes.k;
-    let tables = [leaf.coordinates16(k[0]), leaf.coordinates16(k[1]), leaf.coordinates16(k[2])];
+    let tables = tables(s, &leaf, k);
     let a = corner(s, &tables, leaf.corners8(0), lanes);
     let b = corner(s, &tables, leaf.corners8(1), lanes);
     let c = corner(s, &tables, leaf.corners8(2), lanes);
@@ -578,7 +580,7 @@ pub(super) fn nearest<S: Simd>(
 
 /// One corner of each triangle, sheared. Not a closure: those are not compiled for the set.
 #[inline(always)]
-fn corner<S: Simd>(s: S, tables: &[&[f32; 16]; 3], corners: &[u8; 8], lanes: &LeafRay<S>) -> Sheared<S::F8> {
+fn corner<S: Simd>(s: S, tables: &[S::Table16; 3], corners: &[u8; 8], lanes: &LeafRay<S>) -> Sheared<S::F8> {
     let index = s.index8(corners);
     let x = s.lookup16(tables[0], index) - lanes.org[0];
     let y = s.lookup16(tables[1], index) - lanes.org[1];

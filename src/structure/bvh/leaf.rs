@@ -1,0 +1,339 @@
+//! A leaf of a block, in the trace form.
+//!
+//! It holds 1 to [`MAX_TRIANGLES`] triangles over at most [`MAX_VERTICES`] vertices shared between them: both fit one vector register of 8 and
+//! 16 lanes.
+//!
+//! | words | what |
+//! |---|---|
+//! | 0 | triangles (u8), vertices (u8), first triangle's index in the block (u16) |
+//! | 1 | part (u16, index into the block's parts) or, if mixed, the first of one for each triangle; flags (u16) |
+//! | .. | with [`MIXED`]: a u16 part for each triangle, padded to a word |
+//! | .. | without [`APART`]: first, second, third vertex of each triangle: three runs of u8, padded together to a word |
+//! | .. | without [`NEAR`]: x of all vertices, then y, then z: f32 |
+//! | .. | with [`NEAR`]: x, y, z of the first vertex: f32; then, of each axis and vertex but the first, how far its bits are from those of the first: i24, x of all, y, z, padded together to a word |
+//!
+//! Which it is follows from what it holds: apart where no vertex is shared and corner `c` of triangle `i` is vertex `3 i + c`; near where it is apart,
+//! has [`LEAST_NEAR`] vertices or more, and all steps fit 24 bits. (Bits of floats of one sign are ordered as these, so steps fit where a coordinate
+//! changes by less than a half or so. Soups of long thin triangles are nine tenths of such leaves, and take 15 of 84 bytes a triangle less; on scans,
+//! which share vertices, as many bytes would go, but how leaves are stored could not be foreseen.)
+
+use super::layout::{LINE_WORDS, MAX_TRIANGLES, MAX_VERTICES};
+use bytemuck::{cast_slice, cast_slice_mut, must_cast_ref};
+use glam::Vec3;
+
+/// Flag: its triangles belong to several parts.
+pub const MIXED: u16 = 1;
+/// Flag: each corner has a vertex of its own, in order.
+pub const APART: u16 = 2;
+/// Flag: coordinates are steps from the first vertex.
+pub const NEAR: u16 = 4;
+
+/// Vertices from which coordinates are stored as steps where they can be.
+pub const LEAST_NEAR: usize = 6;
+
+/// Bytes of the steps of sixteen vertices from one axis of a leaf on, with one before, see [`Coordinates::Near`].
+pub const STEP_BYTES: usize = 52;
+
+/// Vertex numbers of leaves whose triangles have their own, by corner.
+pub const ORDER: [[u8; MAX_TRIANGLES]; 3] = {
+    let mut order = [[0; MAX_TRIANGLES]; 3];
+    let mut at = 0;
+    while at < 3 * MAX_TRIANGLES {
+        // Those past the last triangle that there can be mean nothing.
+        order[at % 3][at / 3] = at as u8 % MAX_VERTICES as u8;
+        at += 1;
+    }
+    order
+};
+
+/// How a leaf is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LeafForm {
+    /// Number of triangles, 1 to [`MAX_TRIANGLES`].
+    pub triangles: usize,
+    /// Number of vertices, 3 to [`MAX_VERTICES`].
+    pub vertices: usize,
+    /// [`MIXED`], [`APART`], [`NEAR`].
+    pub flags: u16,
+}
+
+impl LeafForm {
+    /// That of a leaf, given its corners as [`Leaf::corners8`] tells them, and the bits of its coordinates, axis by axis.
+    #[inline(always)]
+    pub fn of(
+        triangles: usize,
+        vertices: usize,
+        is_mixed: bool,
+        are_in_order: bool,
+        axes: [&[u32; MAX_VERTICES]; 3],
+    ) -> Self {
+        let mut flags = if is_mixed { MIXED } else { 0 };
+        if are_in_order && vertices == 3 * triangles {
+            flags |= APART;
+            if vertices >= LEAST_NEAR && (0..3).all(|axis| is_near(axes[axis], vertices)) {
+                flags |= NEAR;
+            }
+        }
+        Self { triangles, vertices, flags }
+    }
+
+    /// Words before its coordinates.
+    #[inline(always)]
+    pub const fn head_words(&self) -> usize {
+        let parts = if self.flags & MIXED != 0 { self.triangles.div_ceil(2) } else { 0 };
+        2 + parts + if self.flags & APART != 0 { 0 } else { index_words(self.triangles) }
+    }
+
+    /// Words that the leaf takes.
+    #[inline(always)]
+    pub const fn words(&self) -> usize {
+        self.head_words() + if self.flags & NEAR != 0 { 3 + (9 * (self.vertices - 1)).div_ceil(4) } else { 3 * self.vertices }
+    }
+}
+
+/// Words that the indices of `triangles` triangles take.
+#[inline(always)]
+pub const fn index_words(triangles: usize) -> usize {
+    (3 * triangles).div_ceil(4)
+}
+
+/// Whether the steps from the first of `count` numbers to the others fit 24 bits.
+#[inline(always)]
+fn is_near(bits: &[u32; MAX_VERTICES], count: usize) -> bool {
+    let mut beyond = 0;
+    for (i, number) in bits.iter().enumerate() {
+        let above = number.wrapping_sub(bits[0]).wrapping_add(1 << 23) >> 24;
+        beyond |= if i < count { above } else { 0 };
+    }
+    beyond == 0
+}
+
+/// Writes the coordinates of a leaf, given their bits, axis by axis. They take as many words as its form says; what is behind them is overwritten,
+/// up to [`STEP_BYTES`].
+#[inline(always)]
+pub fn put_coordinates(words: &mut [u32], form: LeafForm, axes: [&[u32; MAX_VERTICES]; 3]) {
+    let count = form.vertices;
+    if form.flags & NEAR == 0 {
+        for (axis, bits) in axes.iter().enumerate() {
+            words[axis * count..axis * count + MAX_VERTICES].copy_from_slice(*bits);
+        }
+        return;
+    }
+    let (firsts, steps) = words.split_at_mut(3);
+    let bytes: &mut [u8] = cast_slice_mut(steps);
+    for (axis, bits) in axes.iter().enumerate() {
+        firsts[axis] = bits[0];
+        let own = &mut bytes[3 * axis * (count - 1)..][..STEP_BYTES - 4];
+        for i in 1..MAX_VERTICES {
+            let step = bits[i].wrapping_sub(bits[0]).to_le_bytes();
+            // A byte too many, which the next one overwrites.
+            own[3 * (i - 1)..3 * i + 1].copy_from_slice(&step);
+        }
+    }
+    // What the last axis left behind it, up to the end of the word.
+    let end = 9 * (count - 1);
+    bytes[end..end + 4].fill(0);
+}
+
+/// One leaf of a block.
+#[derive(Debug, Clone, Copy)]
+pub struct Leaf<'a> {
+    /// Number of triangles, 1 to [`MAX_TRIANGLES`].
+    pub triangles: usize,
+    /// Number of vertices, 3 to [`MAX_VERTICES`].
+    pub vertices: usize,
+    /// Index of its first triangle among the block's.
+    pub first: usize,
+    part: usize,
+    flags: u16,
+    words: &'a [u32],
+}
+
+/// Coordinates of a leaf on one axis, sixteen at a time: those past the last vertex are whatever follows.
+#[derive(Debug, Clone, Copy)]
+pub enum Coordinates<'a> {
+    /// As they are.
+    Whole(&'a [f32; MAX_VERTICES]),
+    /// That of the first vertex; and bytes of which `3 i + 1` to `3 i + 3` are the step to vertex `i`, from 1 on.
+    Near(f32, &'a [u8; STEP_BYTES]),
+}
+
+impl Coordinates<'_> {
+    /// Of vertex `index`, below [`MAX_VERTICES`].
+    #[inline(always)]
+    pub fn get(self, index: usize) -> f32 {
+        let index = index & (MAX_VERTICES - 1);
+        match self {
+            Coordinates::Whole(all) => all[index],
+            Coordinates::Near(first, steps) => {
+                let [a, b, c, d] = [0, 1, 2, 3].map(|byte| steps[3 * index + byte]);
+                let step = i32::from_le_bytes([a, b, c, d]) >> 8;
+                f32::from_bits(first.to_bits().wrapping_add_signed(if index == 0 { 0 } else { step }))
+            }
+        }
+    }
+
+    /// Of all vertices.
+    #[inline(always)]
+    pub fn to_array(self) -> [f32; MAX_VERTICES] {
+        std::array::from_fn(|i| self.get(i))
+    }
+}
+
+impl<'a> Leaf<'a> {
+    /// The one whose words these begin with.
+    #[inline(always)]
+    pub fn at(words: &'a [u32]) -> Self {
+        let (counts, parts) = (words[0], words[1]);
+        Self {
+            triangles: (counts & 0xff) as usize,
+            vertices: (counts >> 8 & 0xff) as usize,
+            first: (counts >> 16) as usize,
+            part: (parts & 0xffff) as usize,
+            flags: (parts >> 16) as u16,
+            words,
+        }
+    }
+
+    /// How it is stored.
+    #[inline(always)]
+    pub fn form(&self) -> LeafForm {
+        LeafForm { triangles: self.triangles, vertices: self.vertices, flags: self.flags }
+    }
+
+    /// Words that it takes.
+    pub fn len(&self) -> usize {
+        self.form().words()
+    }
+
+    /// Cache lines that it is in, if it begins at word `at` of its block.
+    #[inline(always)]
+    pub fn lines(&self, at: usize) -> usize {
+        (at + self.len() - 1) / LINE_WORDS - at / LINE_WORDS + 1
+    }
+
+    /// Never: a leaf has a triangle at least.
+    pub fn is_empty(&self) -> bool {
+        self.triangles == 0
+    }
+
+    /// Vertex numbers of corner `corner` of the triangles, eight at a time: those past the last
+    /// triangle are whatever follows.
+    #[inline(always)]
+    pub fn corners8(&self, corner: usize) -> &'a [u8; 8] {
+        if self.flags & APART != 0 {
+            return &ORDER[corner];
+        }
+        let parts = if self.is_mixed() { self.triangles.div_ceil(2) } else { 0 };
+        let bytes: &[u8] = cast_slice(&self.words[2 + parts..]);
+        match bytes[corner * self.triangles..].first_chunk::<8>() {
+            Some(chunk) => chunk,
+            None => unreachable!(),
+        }
+    }
+
+    /// How it should be stored, given the bits of its coordinates.
+    pub fn form_for(&self, axes: [&[u32; MAX_VERTICES]; 3]) -> LeafForm {
+        let is_in_order = |corner: usize| self.corners8(corner)[..self.triangles] == ORDER[corner][..self.triangles];
+        LeafForm::of(self.triangles, self.vertices, self.is_mixed(), (0..3).all(is_in_order), axes)
+    }
+
+    /// Whether its coordinates are steps, on all axes.
+    #[inline(always)]
+    pub fn is_near(&self) -> bool {
+        self.flags & NEAR != 0
+    }
+
+    /// Coordinates on `axis`.
+    #[inline(always)]
+    pub fn coordinates(&self, axis: usize) -> Coordinates<'a> {
+        let at = self.form().head_words();
+        if !self.is_near() {
+            return match self.words[at + axis * self.vertices..].first_chunk::<MAX_VERTICES>() {
+                Some(chunk) => Coordinates::Whole(must_cast_ref(chunk)),
+                None => unreachable!(),
+            };
+        }
+        let bytes: &[u8] = cast_slice(&self.words[at + 2..]);
+        match bytes[3 * axis * (self.vertices - 1)..].first_chunk::<STEP_BYTES>() {
+            Some(steps) => Coordinates::Near(f32::from_bits(self.words[at + axis]), steps),
+            None => unreachable!(),
+        }
+    }
+
+    /// The corners of a triangle, below [`MAX_TRIANGLES`].
+    #[inline(always)]
+    pub fn triangle(&self, index: usize) -> [Vec3; 3] {
+        let [x, y, z] = [self.coordinates(0), self.coordinates(1), self.coordinates(2)];
+        let mut corners = [Vec3::ZERO; 3];
+        for (c, corner) in corners.iter_mut().enumerate() {
+            let v = usize::from(self.corners8(c)[index & (MAX_TRIANGLES - 1)]);
+            *corner = Vec3::new(x.get(v), y.get(v), z.get(v));
+        }
+        corners
+    }
+
+    /// Index into the block's parts of a triangle.
+    #[inline(always)]
+    pub fn part_of(&self, index: usize) -> usize {
+        if self.is_mixed() {
+            (self.words[2 + index / 2] >> (16 * (index % 2)) & 0xffff) as usize
+        } else {
+            self.part
+        }
+    }
+
+    /// Whether its triangles belong to several parts.
+    #[inline(always)]
+    pub fn is_mixed(&self) -> bool {
+        self.flags & MIXED != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A leaf of apart triangles, stored and read again.
+    fn stored(axes: &[[u32; MAX_VERTICES]; 3], triangles: usize) -> (LeafForm, Vec<u32>) {
+        let form = LeafForm::of(triangles, 3 * triangles, false, true, axes.each_ref());
+        let mut words = vec![triangles as u32 | (form.vertices as u32) << 8, u32::from(form.flags) << 16];
+        words.resize(2 + 4 * MAX_VERTICES, 0);
+        put_coordinates(&mut words[form.head_words()..], form, axes.each_ref());
+        (form, words)
+    }
+
+    proptest! {
+        /// Steps of 24 bits are stored as such, and no others; all coordinates come back to the bit.
+        #[test]
+        fn coordinates_come_back(first: [u32; 3], bits in 1u32..31, seed: [[u32; MAX_VERTICES]; 3], triangles in 1usize..=5) {
+            let mut axes = seed;
+            for (axis, first) in axes.iter_mut().zip(first) {
+                axis.iter_mut().for_each(|x| *x = first.wrapping_add_signed((*x as i32) >> bits));
+            }
+            let (form, words) = stored(&axes, triangles);
+            let count = 3 * triangles;
+            let step = |axis: &[u32; MAX_VERTICES], i: usize| i64::from(axis[i].wrapping_sub(axis[0]) as i32);
+            let fit = axes.iter().all(|axis| (0..count).all(|i| (-(1 << 23)..1 << 23).contains(&step(axis, i))));
+            prop_assert_eq!(form.flags, APART | if fit && count >= LEAST_NEAR { NEAR } else { 0 });
+            let leaf = Leaf::at(&words);
+            for (axis, bits) in axes.iter().enumerate() {
+                let all = leaf.coordinates(axis).to_array().map(f32::to_bits);
+                prop_assert_eq!(&all[..count], &bits[..count]);
+            }
+            // Its last word is filled up with zeros.
+            let bytes: &[u8] = cast_slice(&words[..form.words()]);
+            prop_assert!(!leaf.is_near() || bytes[4 * (form.head_words() + 3) + 9 * (count - 1)..].iter().all(|byte| *byte == 0));
+        }
+    }
+
+    #[test]
+    fn sizes() {
+        let words = |triangles, vertices, flags| LeafForm { triangles, vertices, flags }.words();
+        assert_eq!(words(8, 16, MIXED), 2 + 4 + 6 + 48);
+        assert_eq!(words(1, 3, 0), 2 + 1 + 9);
+        assert_eq!(words(1, 3, APART), 2 + 9);
+        assert_eq!(words(5, 15, APART | NEAR), 2 + 3 + 32);
+    }
+}
