@@ -60,7 +60,8 @@ impl Buffers {
     /// Paid for by `account`; `None` if that has too little for a run of `run` bytes of `file`.
     pub fn new(account: &Account, file: &ModelFile, run: u64) -> Option<Self> {
         let largest = u64::from(file.header().block_size);
-        // Stored bytes, a payload (four times a block at most, mostly less than one), and what is decoded.
+        // Stored bytes, a payload (four times a block at most, mostly one or less), and what is decoded. (Arrays that decoding makes meanwhile and
+        // gives back, some three blocks, are not paid for.)
         let charge = account.charge(run + 3 * largest, 0)?;
         Some(Self { _charge: charge, ..Self::default() })
     }

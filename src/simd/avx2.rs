@@ -428,12 +428,12 @@ pub(super) unsafe fn steps16(first: f32, steps: &[u8; 52]) -> [__m256; 2] {
         // Of each four entries the bytes `3 i` to `3 i + 3`, of which the last three are the step.
         let spread = _mm256_broadcastsi128_si256(_mm_setr_epi8(0, 1, 2, 3, 3, 4, 5, 6, 6, 7, 8, 9, 9, 10, 11, 12));
         let first = _mm256_set1_epi32(first.to_bits() as i32);
-        let eight = |at: usize| {
-            let (low, high) = (steps.as_ptr().add(at), steps.as_ptr().add(at + 12));
-            let both = _mm256_set_m128i(_mm_loadu_si128(high.cast()), _mm_loadu_si128(low.cast()));
-            _mm256_srai_epi32::<8>(_mm256_shuffle_epi8(both, spread))
-        };
-        let (low, high) = (_mm256_blend_epi32::<1>(eight(0), _mm256_setzero_si256()), eight(24));
+        let at = steps.as_ptr();
+        let low = _mm256_set_m128i(_mm_loadu_si128(at.add(12).cast()), _mm_loadu_si128(at.cast()));
+        let high = _mm256_set_m128i(_mm_loadu_si128(at.add(36).cast()), _mm_loadu_si128(at.add(24).cast()));
+        let low = _mm256_srai_epi32::<8>(_mm256_shuffle_epi8(low, spread));
+        let high = _mm256_srai_epi32::<8>(_mm256_shuffle_epi8(high, spread));
+        let low = _mm256_blend_epi32::<1>(low, _mm256_setzero_si256());
         [_mm256_castsi256_ps(_mm256_add_epi32(first, low)), _mm256_castsi256_ps(_mm256_add_epi32(first, high))]
     }
 }

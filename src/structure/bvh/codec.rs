@@ -23,7 +23,7 @@
 //! | 4 x parts | u32 |
 //! | leaves | u8: triangles - 1 (3 bits), vertices - 3 (4 bits), whether mixed |
 //! | 2 x .. | part of each leaf, of each triangle where mixed: low bytes, then high bytes |
-//! | 1.5 x triangles | 4 bits each: the corners of each leaf as in the trace form, without padding |
+//! | 1.5 x triangles | 4 bits each: the first corners of each leaf's triangles, the second, the third |
 //! | .. | a bit for each leaf's vertices: whether a leaf before has it |
 //! | 2 x .. | for those how many back it was new, less one: low bytes, then high bytes |
 //! | .. x 3 | x, y, z of the others: difference to the one before, as ordered integers, zigzag; in groups of 16 with as many bits each: u8 of each group, then the groups |
@@ -148,6 +148,9 @@ fn decode(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
                 return wrong("its leaves do not add up");
             }
             let at = nodes_end(&nodes) + leaves.parts.len();
+            if at + leaves.own().len() + PAD_WORDS > MAX_WORDS {
+                return wrong("it is larger than a block may be");
+            }
             let references = leaf_references(leaves.starts.iter().map(|start| at + start));
             trace_form(nodes, &references, Some(leaves))?
         }

@@ -307,7 +307,7 @@ fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Ve
         let axes = axes.each_ref().map(|axis| piece(axis, first_vertex));
         let corners = own_corners(piece(corners, 3 * first), t);
         wrong_corners |= at_least(corners, v as u8);
-        let form = LeafForm::of(t, v, is_mixed, corners == IN_ORDER[t], axes);
+        let form = LeafForm::of(t, v, is_mixed, v == 3 * t && corners == IN_ORDER[t], axes);
         let own = piece(&parts, first_part);
         put(&mut words, at, &[t as u32 | (v as u32) << 8 | (first as u32) << 16, u32::from(own[0]) | u32::from(form.flags) << 16]);
         at += 2;
@@ -323,8 +323,7 @@ fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Ve
             put(&mut words, at, &[a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32, c as u32, (c >> 32) as u32].map(u32::to_le));
             at += index_words(t);
         }
-        put_coordinates(&mut words[at..], form, axes);
-        at += form.words() - form.head_words();
+        at += put_coordinates(&mut words[at..], form, axes);
         (first, first_vertex) = (first + t, first_vertex + v);
     }
     if wrong_corners != 0 {

@@ -62,7 +62,7 @@ fn leaves(random: &mut Random, count: usize, parts: usize) -> (Vec<u32>, usize, 
         }
         if form.flags & APART == 0 {
             corners.resize(corners.len().next_multiple_of(4), 0);
-            words.extend(corners.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])));
+            words.extend(corners.chunks_exact(4).map(|c| u32::from_ne_bytes([c[0], c[1], c[2], c[3]])));
         }
         if form.flags & NEAR == 0 {
             axes.iter().for_each(|axis| words.extend(&axis[..v]));
@@ -71,7 +71,7 @@ fn leaves(random: &mut Random, count: usize, parts: usize) -> (Vec<u32>, usize, 
             let steps = axes.iter().flat_map(|axis| axis[1..v].iter().map(|bits| bits.wrapping_sub(axis[0])));
             let mut bytes: Vec<u8> = steps.flat_map(|step| step.to_le_bytes().into_iter().take(3)).collect();
             bytes.resize(bytes.len().next_multiple_of(4), 0);
-            words.extend(bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+            words.extend(bytes.chunks_exact(4).map(|b| u32::from_ne_bytes([b[0], b[1], b[2], b[3]])));
         }
         assert_eq!(words.len() - begin, form.words());
         triangles += t;

@@ -17,7 +17,7 @@
 //! changes by less than a half or so. Soups of long thin triangles are nine tenths of such leaves, and take 15 of 84 bytes a triangle less; on scans,
 //! which share vertices, as many bytes would go, but how leaves are stored could not be foreseen.)
 
-use super::layout::{LINE_WORDS, MAX_TRIANGLES, MAX_VERTICES};
+use super::layout::{LINE_WORDS, MAX_TRIANGLES, MAX_VERTICES, PAD_WORDS};
 use bytemuck::{cast_slice, cast_slice_mut, must_cast_ref};
 use glam::Vec3;
 
@@ -31,8 +31,12 @@ pub const NEAR: u16 = 4;
 /// Vertices from which coordinates are stored as steps where they can be.
 pub const LEAST_NEAR: usize = 6;
 
-/// Bytes of the steps of sixteen vertices from one axis of a leaf on, with one before, see [`Coordinates::Near`].
+/// Bytes in which the steps of sixteen vertices are on an axis, see [`Coordinates::Near`]: 49, and what vectors read behind them, in four loads of 16
+/// from 0, 12, 24 and 36 on.
 pub const STEP_BYTES: usize = 52;
+
+/// Sixteen numbers are read and written where a leaf has fewer; what follows its last axis is other leaves, or zeros.
+const _: () = assert!(2 * 3 + MAX_VERTICES <= 3 * 3 + PAD_WORDS && 4 * 2 + 6 * 2 + STEP_BYTES <= 4 * 3 + 9 * 2 + 4 * PAD_WORDS);
 
 /// Vertex numbers of leaves whose triangles have their own, by corner.
 pub const ORDER: [[u8; MAX_TRIANGLES]; 3] = {
@@ -58,7 +62,7 @@ pub struct LeafForm {
 }
 
 impl LeafForm {
-    /// That of a leaf, given its corners as [`Leaf::corners8`] tells them, and the bits of its coordinates, axis by axis.
+    /// That of a leaf, given whether its corners are as in [`ORDER`], and the bits of its coordinates, axis by axis.
     #[inline(always)]
     pub fn of(
         triangles: usize,
@@ -70,7 +74,8 @@ impl LeafForm {
         let mut flags = if is_mixed { MIXED } else { 0 };
         if are_in_order && vertices == 3 * triangles {
             flags |= APART;
-            if vertices >= LEAST_NEAR && (0..3).all(|axis| is_near(axes[axis], vertices)) {
+            let [x, y, z] = axes;
+            if vertices >= LEAST_NEAR && is_near(x, vertices) && is_near(y, vertices) && is_near(z, vertices) {
                 flags |= NEAR;
             }
         }
@@ -108,31 +113,33 @@ fn is_near(bits: &[u32; MAX_VERTICES], count: usize) -> bool {
     beyond == 0
 }
 
-/// Writes the coordinates of a leaf, given their bits, axis by axis. They take as many words as its form says; what is behind them is overwritten,
-/// up to [`STEP_BYTES`].
+/// Writes the coordinates of a leaf, given their bits, axis by axis; how many words they take. What is behind them is overwritten, up to sixteen
+/// numbers an axis.
 #[inline(always)]
-pub fn put_coordinates(words: &mut [u32], form: LeafForm, axes: [&[u32; MAX_VERTICES]; 3]) {
+pub fn put_coordinates(words: &mut [u32], form: LeafForm, axes: [&[u32; MAX_VERTICES]; 3]) -> usize {
     let count = form.vertices;
     if form.flags & NEAR == 0 {
         for (axis, bits) in axes.iter().enumerate() {
             words[axis * count..axis * count + MAX_VERTICES].copy_from_slice(*bits);
         }
-        return;
+        return 3 * count;
     }
     let (firsts, steps) = words.split_at_mut(3);
     let bytes: &mut [u8] = cast_slice_mut(steps);
     for (axis, bits) in axes.iter().enumerate() {
         firsts[axis] = bits[0];
-        let own = &mut bytes[3 * axis * (count - 1)..][..STEP_BYTES - 4];
-        for i in 1..MAX_VERTICES {
-            let step = bits[i].wrapping_sub(bits[0]).to_le_bytes();
-            // A byte too many, which the next one overwrites.
-            own[3 * (i - 1)..3 * i + 1].copy_from_slice(&step);
+        let own = &mut bytes[3 * axis * (count - 1)..][..STEP_BYTES];
+        let step = |i: usize| u64::from(bits[i].wrapping_sub(bits[0]) & 0xff_ffff);
+        for i in (1..MAX_VERTICES).step_by(2) {
+            // Two, and two bytes too many, which the next ones overwrite. The last is alone.
+            let both = step(i) | if i + 1 < MAX_VERTICES { step(i + 1) << 24 } else { 0 };
+            own[3 * (i - 1)..3 * i + 5].copy_from_slice(&both.to_le_bytes());
         }
     }
     // What the last axis left behind it, up to the end of the word.
     let end = 9 * (count - 1);
     bytes[end..end + 4].fill(0);
+    3 + end.div_ceil(4)
 }
 
 /// One leaf of a block.

@@ -180,12 +180,12 @@ impl Encoder<'_> {
                     bytes[corner * shape.count + t] = v;
                 }
             }
-            self.leaves.extend(bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+            self.leaves.extend(bytes.chunks_exact(4).map(|b| u32::from_ne_bytes([b[0], b[1], b[2], b[3]])));
         }
         let own = self.leaves.len();
         self.leaves.resize(own + 3 * MAX_VERTICES + STEP_BYTES / 4, 0);
-        put_coordinates(&mut self.leaves[own..], form, bits.each_ref());
-        self.leaves.truncate(own + form.words() - form.head_words());
+        let words = put_coordinates(&mut self.leaves[own..], form, bits.each_ref());
+        self.leaves.truncate(own + words);
         for &t in &shape.triangles[..shape.count] {
             self.prims.push(self.input.prims[t as usize]);
             if !self.input.colours.is_empty() {

@@ -56,7 +56,7 @@ impl Binary {
         if fits && !split.as_ref().is_some_and(|split| pays(extents, len, split)) {
             return id as u32;
         }
-        // What may be one leaf stays in one place: no copies, and free room is left to what is behind.
+        // The halves of what may be one leaf lie behind each other, for that would be a range: no room between them, so no copies.
         let own = if fits { &mut room[..len] } else { room };
         let [left, right] = builder.halve(own, len, first, extents, split);
         let mut half = |half: Range| self.grow(builder, half.room, half.first, half.len, &half.extents, depth + 1);

@@ -264,6 +264,7 @@ impl Builder<'_> {
 
     /// Splits the first `len` references of `room`, which begins at `first`, in two: by `split`, or by a division of space, if there is free room and that
     /// is better; without either, in equal parts.
+    #[inline(never)] // `small` calls itself: its frames should be small
     pub fn halve<'r>(&self, room: &'r mut [Ref], len: usize, first: usize, extents: &Extents, split: Option<Split>) -> [Range<'r>; 2] {
         let spatial = split.as_ref().and_then(|split| self.spatial(&room[..len], room.len(), extents, split));
         let divided = spatial.and_then(|s| spatial::partition(room, len, &s, self.input.triangles, self.par));
