@@ -206,7 +206,7 @@ pub const BESIDES: [Row; 1] = [Row {
     state: Misses {
         measures: &[
             Missed { measure: "radiance without shadows", at: &[(1.0, 0.021), (3.0, 0.048), (10.0, 0.045)] },
-            Missed { measure: "radiance with shadows", at: &[(1.0, 0.024), (3.0, 0.043), (10.0, 0.07)] },
+            Missed { measure: "radiance with shadows", at: &[(0.5, 0.014), (1.0, 0.024), (3.0, 0.045), (10.0, 0.07)] },
         ],
         why: "blocks, and with shadows machines: what stands in covers more than there is along outlines, and shadows that begin beside it \
               probably miss what touches it",
