@@ -183,7 +183,10 @@ impl Coordinates<'_> {
     /// Of all vertices.
     #[inline(always)]
     pub fn to_array(self) -> [f32; MAX_VERTICES] {
-        std::array::from_fn(|i| self.get(i))
+        match self {
+            Coordinates::Whole(all) => *all,
+            Coordinates::Near(..) => std::array::from_fn(|i| self.get(i)),
+        }
     }
 }
 

@@ -26,10 +26,10 @@ pub struct LeafShape {
 }
 
 impl LeafShape {
-    /// Whether these references fit a leaf.
-    pub fn fits(refs: &[Ref], input: TreeInput) -> bool {
-        let surely = 3 * refs.len() <= MAX_VERTICES;
-        surely || refs.len() <= MAX_TRIANGLES && Self::of(refs, input).vertex_count <= MAX_VERTICES
+    /// Of these references, if they fit a leaf.
+    pub fn that_fits(refs: &[Ref], input: TreeInput) -> Option<Self> {
+        let shape = (refs.len() <= MAX_TRIANGLES).then(|| Self::of(refs, input))?;
+        (shape.vertex_count <= MAX_VERTICES).then_some(shape)
     }
 
     /// Of at most [`MAX_TRIANGLES`] references.

@@ -7,18 +7,17 @@ use super::sah::Extents;
 use super::tree::{Builder, DEEP, Inner, Piece, Range, Sub, leaf_voxel, pays, wrap_leaves};
 use super::{Counts, sah};
 use crate::math::Bounds;
-use crate::structure::bvh::layout::WIDTH;
+use crate::structure::bvh::layout::{MAX_VERTICES, WIDTH};
 
-/// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 4,096 shadow rays of scans are 3 % faster
-/// still, but builds take 7 % longer, and cells next to each other are of more different sizes: which of them are parts of walls (`pass`) is told worse,
+/// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 4,096 shadow rays of scans are 4 % faster
+/// still, but cells next to each other are of more different sizes: which of them are parts of walls (`pass`) is told worse,
 /// a closed surface had holes of one pixel.)
 pub const SMALL: usize = 48;
 
-/// References that stay one leaf if they fit one. (To split twos and threes too takes a twentieth of a build longer, and gains nothing.)
+/// References that stay one leaf if they fit one. (To split twos and threes too makes builds some percent longer, and gains nothing.)
 const FEW: usize = 3;
 
 /// A binary tree over a small range; its first node is over all.
-#[derive(Default)]
 struct Binary {
     nodes: Vec<Node>,
     weighed: Vec<Weighed>,
@@ -31,12 +30,15 @@ struct Node {
     first: usize,
     len: usize,
     bounds: Bounds,
+    /// As a leaf, if it fits one only because of what it shares: that had to be found out.
+    shape: Option<Box<LeafShape>>,
 }
 
 /// The children of a node over a small range, and the counts of that node.
 pub fn children(builder: &Builder, range: Range) -> (Vec<Piece>, Counts) {
     let Range { room, len, first, extents } = range;
-    let mut tree = Binary::default();
+    // Room for most: two for each leaf.
+    let mut tree = Binary { nodes: Vec::with_capacity(len), weighed: Vec::with_capacity(len), halves: Vec::with_capacity(len) };
     tree.grow(builder, room, 0, len, &extents, 0);
     tree.wide(builder, room, first, 0)
 }
@@ -45,10 +47,13 @@ impl Binary {
     /// Adds the tree over the first `len` references of `room`, which begins at `first`; the number of its root.
     fn grow(&mut self, builder: &Builder, room: &mut [Ref], first: usize, len: usize, extents: &Extents, depth: u32) -> u32 {
         let (id, bounds) = (self.nodes.len(), extents.bounds());
-        self.nodes.push(Node { first, len, bounds });
+        let surely = 3 * len <= MAX_VERTICES;
+        let shape = if surely { None } else { LeafShape::that_fits(&room[..len], builder.input).map(Box::new) };
+        let fits = surely || shape.is_some();
+        self.nodes.push(Node { first, len, bounds, shape });
         self.halves.push([id as u32; 2]);
+        // Weighed anew below where it is split.
         self.weighed.push(Weighed::leaf(bounds.half_area(), len));
-        let fits = LeafShape::fits(&room[..len], builder.input);
         if fits && len <= FEW {
             return id as u32;
         }
@@ -89,9 +94,10 @@ impl Binary {
 }
 
 /// A leaf, and its counts.
-fn leaf(builder: &Builder, room: &[Ref], start: usize, &Node { first, len, bounds }: &Node) -> (Piece, Counts) {
+fn leaf(builder: &Builder, room: &[Ref], start: usize, &Node { first, len, bounds, ref shape }: &Node) -> (Piece, Counts) {
     let refs = &room[first..first + len];
-    let shape = LeafShape::of(refs, builder.input);
+    let found = if shape.is_none() { Some(LeafShape::of(refs, builder.input)) } else { None };
+    let Some(shape) = shape.as_deref().or(found.as_ref()) else { unreachable!() };
     let sub = Sub::Leaf { first: (start + first) as u32, count: len as u32, words: shape.words() as u32 };
     let voxel = leaf_voxel(&bounds, refs, builder.input);
     let counts = Counts { depth: 1, nodes: 0, leaves: 1, references: shape.count as u64 };
