@@ -5,7 +5,7 @@
 //! item weighs what hangs below it.
 
 use super::cluster::{Home, UnitId};
-use super::tree::{Inner, Piece, Sub};
+use super::tree::{Inner, Piece, Place, Sub};
 use super::{Counts, Top};
 use crate::base::error::{Error, Result};
 use crate::math::Bounds;
@@ -76,7 +76,7 @@ fn over(items: Vec<Item>) -> (Piece, u32, u64) {
         depth = depth.max(its_depth);
         nodes += its_nodes;
     }
-    (Inner::over(pieces), depth + 1, nodes)
+    (Inner::over(pieces, Place::Above), depth + 1, nodes)
 }
 
 /// Splits into up to eight groups, the one of the largest box first.

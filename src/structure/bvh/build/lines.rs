@@ -1,6 +1,6 @@
 //! Lines through a cell's region, its box inside of its slabs, and which of them meet triangles: eight at a time.
 //!
-//! Lines are uniform over all that cross the region, once each is weighed by one over its way through it: through points spread evenly over
+//! Lines are uniform over all that cross the region, once each is weighed by one over its way through it ([`Lines::through`]): through points spread evenly over
 //! a block around the region, any way.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
@@ -16,8 +16,10 @@ use std::f32::consts::PI;
 const GROUP: usize = 8;
 /// Groups at most.
 const GROUPS: usize = 16;
-/// By how much regions are larger than stored, as a part of the diagonal: flat ones have no lines.
-const GIVE: f32 = 1.0 / 512.0;
+/// By how much regions are larger than stored, as a part of the diagonal: flat ones have no lines. (Twice as much, and cells of wires stop a tenth too few.)
+const GIVE: f32 = 1.0 / 1024.0;
+/// By how much ways are longer than in the region where it is asked what they meet, as a part of the diagonal: nothing in it is missed by rounding.
+const ROUNDED: f32 = 1.0 / 512.0;
 
 /// Ways weigh no more than those of this part of the thickness: else one across a corner outweighs all others (of a flat wall's cell
 /// a tenth of all lines seemed to pass, which were one).
@@ -37,6 +39,7 @@ pub struct Lines {
     org: [[Row; 3]; GROUPS],
     /// Unit, to some ten thousandths.
     dir: [[Row; 3]; GROUPS],
+    /// A little longer than in the region.
     way: [[Row; 2]; GROUPS],
     weight: [Row; GROUPS],
     /// Those that there are.
@@ -217,11 +220,17 @@ impl Lines {
             let (a, b) = ((s.splat8(slab.low) - from) * inv, (s.splat8(slab.high) - from) * inv);
             (near, far) = (near.max(a.min(b)), far.min(a.max(b)));
         }
-        self.way[group] = [near.to_array(), far.to_array()];
+        let rounded = s.splat8(region.diagonal * ROUNDED);
+        self.way[group] = [(near - rounded).to_array(), (far + rounded).to_array()];
         self.weight[group] = s.splat8(1.0).div((far - near).max(s.splat8(region.least))).to_array();
         // The point itself is in the region, or the line has nothing to do with it.
         let zero = s.splat8(0.0);
         self.all[group] = (near.le(zero).and(zero.le(far)).bits() & !far.le(near).bits()) as u8;
+    }
+
+    /// They weigh alike from now on. (So they are not uniform over what crosses the region, but none outweighs others.)
+    pub fn weigh_alike(&mut self) {
+        self.weight[..self.groups].fill([1.0; GROUP]);
     }
 
     /// Leaves those that go steeply through the first slab of their region: at so much of a cosine or more.

@@ -37,7 +37,7 @@ use crate::math::{Bounds, srgb};
 use crate::simd::Isa;
 use crate::structure::bvh::layout::Child;
 use glam::Vec3;
-use tree::{Inner, Piece, Sub};
+use tree::{Inner, Piece, Place, Sub};
 
 /// The triangles of a chunk, around the tree's origin. The first three slices are equally long.
 #[derive(Debug, Clone, Copy)]
@@ -149,9 +149,9 @@ impl<'a> Chunk<'a> {
         let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };
         // The tops of several chunks take the roots' children. A root that stays, or is fine, is made here.
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
-            let mut root = [Inner::over(pieces)];
+            let mut root = [Inner::over(pieces, Place::Above)];
             pass::mark(&mut root, input, &refs, Isa::best(), par, cancel)?;
-            let [Piece { cell, voxel, content, sub }] = root;
+            let [Piece { cell, voxel, content, sub, place }] = root;
             let sub = match sub {
                 Sub::Inner(root) if is_whole => match cluster::whole(root, input, &refs) {
                     Ok(plan) => return Ok(done(vec![plan], None, refs)),
@@ -159,7 +159,7 @@ impl<'a> Chunk<'a> {
                 },
                 sub => sub,
             };
-            pieces = vec![Piece { cell, voxel, content, sub }];
+            pieces = vec![Piece { cell, voxel, content, sub, place }];
             below = counts;
         } else {
             pass::mark(&mut pieces, input, &refs, Isa::best(), par, cancel)?;

@@ -3,11 +3,11 @@
 //! Lines through the region, uniform over all of them, are asked of the triangles below. (So cells as large as may be are right as well
 //! as small ones: nothing is made of what was found for their pieces.) Two things are beside the cell:
 //!
-//! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a small subtree are
+//! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a patch (see [`super::tree::PATCH`]) are
 //!   **walls** if what they hold goes on beside them: of the lines that go steeply through a cell's first slab, or as near beside it as an
-//!   eighth of its diagonal, and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, over small subtrees, but for one
-//!   in a hundred: 0.5 to 1 of them in spheres and scans, 0.1 to 0.5 in a terrain of cubes, 0.1 to 0.4 among machine parts, 0 to 0.2 among
-//!   wires and leaf cards. (Of all lines, which mostly run along a wall, and through the cells alone, which hardly any line passes: 0.8 to 1, and 0.1
+//!   eighth of its diagonal, and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, by patches: 0.5 to 1 of them in
+//!   spheres and a scan of a million triangles, 0.1 to 0.4 among plates, less than 0.2 among wires, less than 0.05 among leaf cards; in terrains of
+//!   cubes anything. (Of all lines, which mostly run along a wall, and through the cells alone, which hardly any line passes: 0.8 to 1, and 0.1
 //!   to 0.5 among wires. So cells of single wires were walls, and so were lone boxes, with all cells above them, while curved walls of few triangles
 //!   were none.) Of most of a scan no more is worked out than that.
 //! - A line that passes a piece of a wire beside its end finds the next piece. As cells that overlap mostly decide alike about a ray
@@ -24,7 +24,7 @@ use super::TreeInput;
 use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};
 use super::par::Par;
 use super::refs::Ref;
-use super::tree::{Inner, Piece, Sub};
+use super::tree::{Inner, Piece, Place, Sub};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::lod::{Slabs, stop_bits};
@@ -32,28 +32,28 @@ use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
 use std::collections::HashMap;
 
-/// A subtree of at most so many references is looked at as a whole first.
-const SMALL: u64 = 256;
-/// Through so many of its cells at least lines are asked, a group through each,
+/// Through so many of a patch's cells at least lines are asked, a group through each,
 const PROBES: usize = 16;
 /// those that go through the slab at so much of a cosine.
 const STEEP: f32 = 0.6;
 /// Its cells are walls if so many of those that pass find other surface near,
-const SURE: f32 = 0.65;
-/// or, once a group was asked through each of them, so many.
-const FOUND: f32 = 0.45;
-/// How near, as a part of the cell's diagonal.
-const NEAR: f32 = 0.125;
-/// How many of the lines that pass a cell, and find other surface near it, count as stopped: of small subtrees' cells, and of larger ones.
-/// (Coverage of a forest of wires at PoE 0.5, 3 and 10, of six views that farthest from 1: as it is 1.02, 0.99 and 0.97; with 0.5 and 0.5 0.98,
-/// 0.95 and 0.96, with 0.8 and 0.8 1.07, 1.04 and 1.02, both of twice as many lines. Of another forest 1.05, 1.05 and 1.10; with 0.55 and 0.9 1.06,
-/// 1.06 and 1.11. Leaf cards hardly care.)
-const BESIDE: [f32; 2] = [0.5, 0.75];
+const SURE: f32 = 0.7;
+/// as soon as it is known of so many of these;
+const ENOUGH: f32 = 16.0;
+/// or, once a group was asked through each of them, so many. (Of the patches of a Mandelbulb of a million all find 0.5 or more, 2 of 5,745 less than this, see [`agree`].
+/// With 0.45 small steps in a terrain of cubes close, which brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.9 %.)
+const FOUND: f32 = 0.55;
+/// How near, as a part of the cell's diagonal: to cells of patches, and to larger ones.
+const NEAR: [f32; 2] = [0.125, 0.25];
+/// How many of the lines that pass a cell, and find other surface near it, count as stopped: of nodes in patches, and of larger ones.
+/// (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that farthest from 1: 0.03, 0.02, 0.02 and 0.03 off, and 0.04, 0.04, 0.02
+/// and 0.05. Plates need fewer, wires as many: so leaves ask their patch, see below.)
+const BESIDE: Beside = Beside { of_nodes: 0.5, of_larger: 0.75, of_leaves: 2.0 };
 /// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and leaf cards.)
 const SEEK: usize = 64;
 /// Of a group of lines those of which it is asked what is near.
 const HALF: u8 = 0b0101_0101;
-/// Groups of eight lines through a cell of a small subtree, and through a larger one; of half of the lines of the first of these, or of a
+/// Groups of eight lines through a cell of a patch, and through a larger one; of half of the lines of the first of these, or of a
 /// quarter of them, it is asked what is near. (With twice as many of the first, 1 % less of the coverage of wires, and builds of CAD a tenth slower.)
 const LINES: [usize; 2] = [4, 16];
 /// A larger cell that stops no more than this is asked about again,
@@ -61,11 +61,21 @@ const SPARSE: f32 = 0.5;
 /// so many times in all. (At PoE 10 few cells are in view: after one time wires had 1.04 of their coverage in one view of two.)
 const ROUNDS: usize = 4;
 
+/// See [`BESIDE`].
+#[derive(Clone, Copy)]
+struct Beside {
+    of_nodes: f32,
+    of_larger: f32,
+    /// Of leaves so many times the share of the lines beside their patch's cells that find other surface near: few among plates and cards, more along wires.
+    of_leaves: f32,
+}
+
 /// What lines meet.
 struct Scene<'a> {
     pieces: &'a [Piece],
     input: TreeInput<'a>,
     refs: &'a [Ref],
+    beside: Beside,
 }
 
 /// A cell that is asked about.
@@ -78,103 +88,132 @@ struct Cell<'a> {
 
 /// Works out how many rays all cells below `pieces` stop, the same with any vectors. Fails only with [`crate::Error::Cancelled`].
 pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par: &Par, cancel: &Cancel) -> Result<()> {
-    let scene = Scene { pieces, input, refs };
-    let (mut small, mut nodes) = (Vec::new(), 0);
-    pieces.iter().for_each(|p| gather_small(&p.sub, (None, 0), &mut nodes, &mut small));
-    let codes = par.map(small.len(), |i| {
+    mark_with(BESIDE, pieces, input, refs, isa, par, cancel)
+}
+
+fn mark_with(beside: Beside, pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par: &Par, cancel: &Cancel) -> Result<()> {
+    let scene = Scene { pieces, input, refs, beside };
+    let (mut patches, mut large, mut nodes) = (Vec::new(), Vec::new(), 0);
+    inners(pieces).for_each(|inner| gather_patches(inner, &mut nodes, &mut patches));
+    let known = par.map(patches.len(), |i| {
         cancel.check()?;
-        Ok(dispatch(isa, OfSmall { scene: &scene, small: small[i] }))
+        Ok(dispatch(isa, OfPatch { scene: &scene, patch: patches[i] }))
     });
-    let mut codes = codes.into_iter().collect::<Result<Vec<_>>>()?;
-    agree(&small, &mut codes);
-    let mut large = Vec::new();
-    let mut next = codes.iter();
-    for piece in pieces.iter() {
-        if let Sub::Inner(inner) = &piece.sub {
-            gather_large(inner, None, &mut next, &mut large);
-        }
-    }
-    let of_large = par.map(large.len(), |i| {
+    let mut known = known.into_iter().collect::<Result<Vec<_>>>()?;
+    agree(&patches, &mut known);
+    let mut next = known.iter();
+    inners(pieces).for_each(|inner| {
+        gather_large(inner, None, &mut next, &mut large);
+    });
+    let codes = par.map(large.len(), |i| {
         cancel.check()?;
         Ok(large[i].map_or(0, |(cell, above)| dispatch(isa, OfLarge { scene: &scene, cell, above })))
     });
-    let of_large = of_large.into_iter().collect::<Result<Vec<_>>>()?;
-    let (mut of_small, mut of_large) = (codes.into_iter(), of_large.into_iter());
+    let codes = codes.into_iter().collect::<Result<Vec<_>>>()?;
+    let (mut known, mut codes) = (known.into_iter(), codes.into_iter());
     for piece in pieces {
         if let Sub::Inner(inner) = &mut piece.sub {
-            apply(inner, &mut of_small, &mut of_large);
+            apply(inner, &mut known, &mut codes);
         }
     }
     Ok(())
 }
 
-/// One of the largest subtrees of at most [`SMALL`] references.
-#[derive(Clone, Copy)]
-struct Small<'a> {
-    inner: &'a Inner,
-    /// The node that it hangs in, if it is no piece.
-    above: Option<&'a Inner>,
-    /// That node's number.
-    number: usize,
+fn inners(pieces: &[Piece]) -> impl Iterator<Item = &Inner> {
+    pieces.iter().filter_map(|p| if let Sub::Inner(inner) = &p.sub { Some(&**inner) } else { None })
 }
 
-/// The largest subtrees of at most [`SMALL`] references, in their order.
-fn gather_small<'a>(sub: &'a Sub, (above, number): (Option<&'a Inner>, usize), nodes: &mut usize, out: &mut Vec<Small<'a>>) {
-    if let Sub::Inner(inner) = sub {
-        if is_small(inner) {
-            out.push(Small { inner, above, number });
-        } else {
-            *nodes += 1;
-            let here = (Some(&**inner), *nodes);
-            inner.children.iter().for_each(|(_, c)| gather_small(c, here, nodes, out));
+/// A patch: neighbours in one node, and all below them.
+#[derive(Clone, Copy)]
+struct Patch<'a> {
+    inner: &'a Inner,
+    /// The node's number.
+    number: usize,
+    /// The neighbours, first and end.
+    slots: [usize; 2],
+}
+
+impl<'a> Patch<'a> {
+    /// Its cells, in their order, but for those of the neighbours that are nodes: these are asked like larger ones.
+    fn cells(&self) -> Vec<Cell<'a>> {
+        let mut out = Vec::new();
+        for cell in cells(self.inner).take(self.slots[1]).skip(self.slots[0]) {
+            match cell.sub {
+                Sub::Inner(below) => all_cells(below, &mut out),
+                _ => out.push(cell),
+            }
+        }
+        out
+    }
+}
+
+/// The children of a node, those of a patch together: first and end.
+fn runs(inner: &Inner) -> Vec<[usize; 2]> {
+    let (mut runs, places): (Vec<[usize; 2]>, _) = (Vec::new(), &inner.places[..inner.children.len()]);
+    for (slot, place) in places.iter().enumerate() {
+        match runs.last_mut() {
+            Some([_, end]) if *place == Place::GoesOn => *end = slot + 1,
+            _ => runs.push([slot, slot + 1]),
+        }
+    }
+    runs
+}
+
+/// A child that is larger than patches.
+fn above_patches(inner: &Inner, slot: usize) -> Option<&Inner> {
+    match &inner.children[slot].1 {
+        Sub::Inner(below) if inner.places[slot] == Place::Above => Some(below),
+        _ => None,
+    }
+}
+
+/// The patches below a node, in their order.
+fn gather_patches<'a>(inner: &'a Inner, nodes: &mut usize, out: &mut Vec<Patch<'a>>) {
+    *nodes += 1;
+    let number = *nodes;
+    for slots in runs(inner) {
+        match above_patches(inner, slots[0]) {
+            Some(below) => gather_patches(below, nodes, out),
+            None => out.push(Patch { inner, number, slots }),
         }
     }
 }
 
-/// Of small subtrees that hang in one node all are walls if most are: a small piece of a wall, at a corner of it, may look otherwise.
-fn agree(small: &[Small], known: &mut [Known]) {
-    let mut cells: HashMap<usize, (usize, usize)> = HashMap::new();
-    for (small, known) in small.iter().zip(known.iter()) {
-        let sums = cells.entry(small.number).or_default();
-        *sums = (sums.0 + known.cells, sums.1 + known.of_walls());
+/// Of patches in one node all are walls if those with half of their cells or more are: a small piece of a wall, at a corner of it, may look otherwise.
+/// (Two of a Mandelbulb of a million do. One of them was a hole of one pixel where three quarters had to agree.)
+fn agree(patches: &[Patch], known: &mut [Known]) {
+    let mut cells: HashMap<usize, [usize; 2]> = HashMap::new();
+    for (patch, known) in patches.iter().zip(known.iter()) {
+        let sums = cells.entry(patch.number).or_default();
+        *sums = [sums[0] + known.cells, sums[1] + known.of_walls()];
     }
-    for (small, known) in small.iter().zip(known) {
-        let (all, of_walls) = cells[&small.number];
-        if 4 * of_walls >= 3 * all {
+    for (patch, known) in patches.iter().zip(known) {
+        let [all, of_walls] = cells[&patch.number];
+        if 2 * of_walls >= all {
             known.codes.clear();
         }
     }
 }
 
-/// The cells above small subtrees, in their order; nothing for those of whose cells a quarter or more are walls, and for leaves beside such.
+/// The cells of nodes that are no part of another one in a patch, in their order; nothing for those of whose cells a quarter or more are walls.
 /// How many cells are below, and how many of these are walls.
-fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, small: &mut std::slice::Iter<Known>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
-    if is_small(inner) {
-        // They come in the same order: there is one for each.
-        return small.next().map_or([0; 2], |known| [known.cells, known.of_walls()]);
-    }
-    let (mut sums, mut leaves) = ([0; 2], Vec::new());
-    let ask = |cell, [all, of_walls]: [usize; 2]| (4 * of_walls < all).then_some((cell, above));
-    for cell in cells(inner) {
+fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, patches: &mut std::slice::Iter<Known>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
+    let (mut sums, all) = ([0; 2], cells(inner).collect::<Vec<_>>());
+    for slots in runs(inner) {
         let at = out.len();
-        out.push(None);
-        let Sub::Inner(below) = cell.sub else {
-            leaves.push((at, cell));
-            continue;
+        out.extend((slots[0]..slots[1]).filter(|slot| matches!(all[*slot].sub, Sub::Inner(_))).map(|slot| Some((all[slot], above))));
+        let end = out.len();
+        let counts = match above_patches(inner, slots[0]) {
+            Some(below) => gather_large(below, Some(inner), patches, out),
+            // They come in the same order: there is one for each.
+            None => patches.next().map_or([0; 2], |known| [known.cells, known.of_walls()]),
         };
-        let counts = gather_large(below, Some(inner), small, out);
-        out[at] = ask(cell, counts);
+        if 4 * counts[1] >= counts[0] {
+            out[at..end].fill(None);
+        }
         sums = [sums[0] + counts[0], sums[1] + counts[1]];
     }
-    for (at, cell) in leaves {
-        // Beside nothing but leaves there are no walls.
-        out[at] = ask(cell, [sums[0].max(1), sums[1]]);
-    }
     sums
-}
-
-fn is_small(inner: &Inner) -> bool {
-    inner.references <= SMALL
 }
 
 fn cells(inner: &Inner) -> impl Iterator<Item = Cell<'_>> {
@@ -198,7 +237,7 @@ fn all_cells<'a>(inner: &'a Inner, out: &mut Vec<Cell<'a>>) {
     }
 }
 
-/// What is known of the cells of a small subtree.
+/// What is known of a patch's cells.
 struct Known {
     /// How many there are.
     cells: usize,
@@ -213,27 +252,29 @@ impl Known {
     }
 }
 
-/// Finds the codes of a small subtree.
-struct OfSmall<'a> {
+/// Finds the codes of a patch.
+struct OfPatch<'a> {
     scene: &'a Scene<'a>,
-    small: Small<'a>,
+    patch: Patch<'a>,
 }
 
-impl Op for OfSmall<'_> {
+impl Op for OfPatch<'_> {
     type Out = Known;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Known {
-        let Self { scene, small: Small { inner, above, .. } } = self;
-        let (mut all, mut asked, mut asker) = (Vec::new(), Vec::new(), Asker::new(scene, above));
-        all_cells(inner, &mut all);
+        let Self { scene, patch } = self;
+        let (all, mut asker) = (patch.cells(), Asker::new(scene, Some(patch.inner)));
         let (mut sums, walls) = (Asked::default(), Known { cells: all.len(), codes: Vec::new() });
-        let groups = PROBES.div_ceil(all.len());
-        for cell in all.iter().step_by((all.len() / PROBES).max(1)) {
-            sums.add(asker.beside(s, cell, [0, groups]));
-        }
-        if sums.is_wall(SURE) {
-            return walls;
+        let (groups, step) = (PROBES.div_ceil(all.len()), (all.len() / PROBES).max(1));
+        // A quarter of them at a time, from all over the patch: of most of a scan the first are enough.
+        for quarter in 0..4 {
+            for cell in all.iter().skip(quarter * step).step_by(4 * step) {
+                sums.add(asker.beside(s, cell, [0, groups]));
+            }
+            if (sums.sought >= ENOUGH || quarter == 3) && sums.is_wall(SURE) {
+                return walls;
+            }
         }
         // By chance not, perhaps: the more is looked at.
         for cell in &all {
@@ -242,10 +283,12 @@ impl Op for OfSmall<'_> {
         if sums.is_wall(FOUND) {
             return walls;
         }
-        for cell in &all {
-            asked.push(asker.together(s, cell, LINES[0]));
-        }
-        Known { codes: asked.iter().map(|asked| asked.code(BESIDE[0])).collect(), ..walls }
+        let of_leaves = (scene.beside.of_leaves * sums.near()).min(1.0);
+        let mut code = |cell: &Cell| {
+            let beside = if matches!(cell.sub, Sub::Inner(_)) { scene.beside.of_nodes } else { of_leaves };
+            asker.together(s, cell, LINES[0]).code(beside)
+        };
+        Known { codes: all.iter().map(&mut code).collect(), ..walls }
     }
 }
 
@@ -268,12 +311,12 @@ impl Op for OfLarge<'_> {
         let (mut region, mut asker, mut sums) = (cell.region(), Asker::new(scene, above), Asked::default());
         for _ in 0..ROUNDS {
             sums.add(asker.alone(s, cell.sub, &region, LINES[1], LINES[1] / 4));
-            if sums.stops(BESIDE[1]) > SPARSE {
+            if sums.stops(scene.beside.of_larger) > SPARSE {
                 break;
             }
             region.go_on();
         }
-        sums.code(BESIDE[1])
+        sums.code(scene.beside.of_larger)
     }
 }
 
@@ -301,10 +344,14 @@ impl Asked {
         self.all > 0.0 && self.found >= least * self.sought
     }
 
+    /// Of those that pass, the share that finds other surface near.
+    fn near(&self) -> f32 {
+        self.found / self.sought.max(f32::MIN_POSITIVE)
+    }
+
     /// The share of them that counts as stopped.
     fn stops(&self, beside: f32) -> f32 {
-        let found = self.found / self.sought.max(f32::MIN_POSITIVE);
-        1.0 - self.passed * (1.0 - beside * found) / self.all.max(f32::MIN_POSITIVE)
+        1.0 - self.passed * (1.0 - beside * self.near()) / self.all.max(f32::MIN_POSITIVE)
     }
 
     /// The stop code, see [`stop_bits`].
@@ -339,18 +386,20 @@ impl<'a> Asker<'a> {
             self.stack.push(sub);
             put(&mut passed, i, !self.scene.meets(s, &self.lines.one(i, 0.0), usize::MAX, &mut self.stack));
         }
-        self.asked(s, &passed, seek, HALF, region.diagonal * NEAR)
+        self.asked(s, &passed, seek, HALF, region.diagonal * NEAR[1])
     }
 
     /// Asks `groups` (first, end) of the lines that go through a cell or near beside it, if they do so steeply; and of all that meet
     /// nothing in it what is near.
     #[inline(always)]
     fn beside<S: Simd>(&mut self, s: S, cell: &Cell<'a>, groups: [usize; 2]) -> Asked {
-        let region = Region::around(&cell.bounds, &cell.slabs, NEAR);
+        let region = Region::around(&cell.bounds, &cell.slabs, NEAR[0]);
         self.lines.through(s, &region, groups);
+        // Else a few short ones through the smallest cells outweigh all others.
+        self.lines.weigh_alike();
         self.lines.keep_steep(s, &region, STEEP);
         let passed = self.pass_all(s, cell);
-        self.asked(s, &passed, passed.len(), 0xff, region.diagonal * NEAR)
+        self.asked(s, &passed, passed.len(), 0xff, region.diagonal * NEAR[0])
     }
 
     /// Those of the lines that meet none of the triangles in a cell, of which there are few.
@@ -374,7 +423,7 @@ impl<'a> Asker<'a> {
         let region = cell.region();
         self.lines.through(s, &region, [0, groups]);
         let passed = self.pass_all(s, cell);
-        self.asked(s, &passed, 1, HALF, region.diagonal * NEAR)
+        self.asked(s, &passed, 1, HALF, region.diagonal * NEAR[0])
     }
 
     /// What there is to be said of lines of which some passed; `some` of each of the first groups are asked if they meet anything in the
@@ -454,15 +503,18 @@ fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a Inner, stack: &mut Ve
 }
 
 /// Hands codes to cells, in the order in which they were gathered.
-fn apply(inner: &mut Inner, small: &mut std::vec::IntoIter<Known>, large: &mut std::vec::IntoIter<u8>) {
-    if is_small(inner) {
-        apply_all(inner, &mut small.next().map_or_else(Vec::new, |small| small.codes).into_iter());
-        return;
-    }
-    for slot in 0..inner.children.len() {
-        set(inner, slot, large.next().unwrap_or(0));
-        if let Sub::Inner(below) = &mut inner.children[slot].1 {
-            apply(below, small, large);
+fn apply(inner: &mut Inner, patches: &mut std::vec::IntoIter<Known>, large: &mut std::vec::IntoIter<u8>) {
+    for slots in runs(inner) {
+        let is_patch = above_patches(inner, slots[0]).is_none();
+        let mut codes = if is_patch { patches.next().map_or_else(Vec::new, |known| known.codes).into_iter() } else { Vec::new().into_iter() };
+        for slot in slots[0]..slots[1] {
+            let is_leaf = !matches!(inner.children[slot].1, Sub::Inner(_));
+            set(inner, slot, if is_leaf { codes.next() } else { large.next() }.unwrap_or(0));
+            match &mut inner.children[slot].1 {
+                Sub::Inner(below) if is_patch => apply_all(below, &mut codes),
+                Sub::Inner(below) => apply(below, patches, large),
+                _ => {}
+            }
         }
     }
 }

@@ -4,15 +4,14 @@ use super::collapse::{self, Weighed};
 use super::leaf::LeafShape;
 use super::refs::Ref;
 use super::sah::Extents;
-use super::tree::{Builder, DEEP, Inner, Piece, Range, Sub, leaf_voxel, pays, wrap_leaves};
+use super::tree::{Builder, DEEP, Inner, PATCH, Piece, Place, Range, Sub, leaf_voxel, pays, wrap_leaves};
 use super::{Counts, sah};
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{MAX_VERTICES, WIDTH};
 
-/// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 4,096 shadow rays of scans are 4 % faster
-/// still, but cells next to each other are of more different sizes: which of them are parts of walls (`pass`) is told worse,
-/// a closed surface had holes of one pixel.)
-pub const SMALL: usize = 48;
+/// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 48 exact shadow rays of scans are 4 % slower,
+/// primary and bounce rays 3 %, and models take a thirtieth more.)
+pub const SMALL: usize = 4096;
 
 /// References that stay one leaf if they fit one. (To split twos and threes too makes builds some percent longer, and gains nothing.)
 const FEW: usize = 3;
@@ -32,6 +31,8 @@ struct Node {
     bounds: Bounds,
     /// As a leaf, if it fits one only because of what it shares: that had to be found out.
     shape: Option<Box<LeafShape>>,
+    /// The patch it is in: the number of that one's first node.
+    patch: Option<u32>,
 }
 
 /// The children of a node over a small range, and the counts of that node.
@@ -39,18 +40,19 @@ pub fn children(builder: &Builder, range: Range) -> (Vec<Piece>, Counts) {
     let Range { room, len, first, extents } = range;
     // Room for most: two for each leaf.
     let mut tree = Binary { nodes: Vec::with_capacity(len), weighed: Vec::with_capacity(len), halves: Vec::with_capacity(len) };
-    tree.grow(builder, room, 0, len, &extents, 0);
+    tree.grow(builder, room, [0, len], &extents, 0, None);
     tree.wide(builder, room, first, 0)
 }
 
 impl Binary {
-    /// Adds the tree over the first `len` references of `room`, which begins at `first`; the number of its root.
-    fn grow(&mut self, builder: &Builder, room: &mut [Ref], first: usize, len: usize, extents: &Extents, depth: u32) -> u32 {
+    /// Adds the tree over the first `len` references of `room`, which begins at `first`; the number of its root. All of it is in `patch`, if there is one.
+    fn grow(&mut self, builder: &Builder, room: &mut [Ref], [first, len]: [usize; 2], extents: &Extents, depth: u32, patch: Option<u32>) -> u32 {
         let (id, bounds) = (self.nodes.len(), extents.bounds());
+        let patch = patch.or((len <= PATCH).then_some(id as u32));
         let surely = 3 * len <= MAX_VERTICES;
         let shape = if surely { None } else { LeafShape::that_fits(&room[..len], builder.input).map(Box::new) };
         let fits = surely || shape.is_some();
-        self.nodes.push(Node { first, len, bounds, shape });
+        self.nodes.push(Node { first, len, bounds, shape, patch });
         self.halves.push([id as u32; 2]);
         // Weighed anew below where it is split.
         self.weighed.push(Weighed::leaf(bounds.half_area(), len));
@@ -64,7 +66,7 @@ impl Binary {
         // The halves of what may be one leaf lie behind each other, for that would be a range: no room between them, so no copies.
         let own = if fits { &mut room[..len] } else { room };
         let [left, right] = builder.halve(own, len, first, extents, split);
-        let mut half = |half: Range| self.grow(builder, half.room, half.first, half.len, &half.extents, depth + 1);
+        let mut half = |half: Range| self.grow(builder, half.room, [half.first, half.len], &half.extents, depth + 1, patch);
         let halves = [half(left), half(right)];
         let [left, right] = halves.map(|half| &self.weighed[half as usize]);
         self.weighed[id] = Weighed::inner(bounds.half_area(), left, right, fits.then_some(len));
@@ -76,12 +78,20 @@ impl Binary {
     fn wide(&self, builder: &Builder, room: &[Ref], start: usize, at: u32) -> (Vec<Piece>, Counts) {
         let mut pieces = Vec::with_capacity(WIDTH);
         let mut counts = Counts { nodes: 1, ..Counts::default() };
+        let mut before = self.nodes[at as usize].patch;
         for child in collapse::children(at, &self.weighed, &self.halves) {
+            let node = &self.nodes[child as usize];
+            let place = match node.patch {
+                None => Place::Above,
+                patch if patch == before => Place::GoesOn,
+                _ => Place::Begins,
+            };
+            before = node.patch;
             let (piece, below) = if self.weighed[child as usize].is_leaf {
-                leaf(builder, room, start, &self.nodes[child as usize])
+                leaf(builder, room, start, node, place)
             } else {
                 let (pieces, counts) = self.wide(builder, room, start, child);
-                (Inner::over(pieces), counts)
+                (Inner::over(pieces, place), counts)
             };
             pieces.push(piece);
             counts.add_below(below);
@@ -94,12 +104,12 @@ impl Binary {
 }
 
 /// A leaf, and its counts.
-fn leaf(builder: &Builder, room: &[Ref], start: usize, &Node { first, len, bounds, ref shape }: &Node) -> (Piece, Counts) {
+fn leaf(builder: &Builder, room: &[Ref], start: usize, &Node { first, len, bounds, ref shape, .. }: &Node, place: Place) -> (Piece, Counts) {
     let refs = &room[first..first + len];
     let found = if shape.is_none() { Some(LeafShape::of(refs, builder.input)) } else { None };
     let Some(shape) = shape.as_deref().or(found.as_ref()) else { unreachable!() };
     let sub = Sub::Leaf { first: (start + first) as u32, count: len as u32, words: shape.words() as u32 };
     let voxel = leaf_voxel(&bounds, refs, builder.input);
     let counts = Counts { depth: 1, nodes: 0, leaves: 1, references: shape.count as u64 };
-    (Piece { cell: bounds, voxel, content: shape.content(refs), sub }, counts)
+    (Piece { cell: bounds, voxel, content: shape.content(refs), sub, place }, counts)
 }

@@ -44,6 +44,23 @@ pub struct Inner {
     pub words: u32,
     /// References below when it was made: before what is below went into blocks of its own.
     pub references: u64,
+    /// Of each child, in the order of the slots: where it is of patches.
+    pub places: [Place; WIDTH],
+}
+
+/// A **patch** is a range of the binary splits of at most so many references, and of more below the next split. It is looked at as a whole (`pass`);
+/// what became of it in wide nodes are neighbours: one child or several of one node.
+pub const PATCH: usize = 256;
+
+/// Where a child is of patches, by itself and the one before it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// In none, but over some: a range larger than a patch.
+    Above,
+    /// In another than the child before, or the first of its node: a patch begins with it.
+    Begins,
+    /// In the same as the child before, or as the node that it is a child of.
+    GoesOn,
 }
 
 /// A subtree that has no parent yet.
@@ -57,6 +74,8 @@ pub struct Piece {
     pub content: Content,
     /// Itself.
     pub sub: Sub,
+    /// Where it is of patches.
+    pub place: Place,
 }
 
 impl Sub {
@@ -106,8 +125,8 @@ impl Inner {
         self.words = NODE_WORDS as u32 + 1 + below.sum::<u32>();
     }
 
-    /// A node over one to eight pieces.
-    pub fn over(pieces: Vec<Piece>) -> Piece {
+    /// A node over one to eight pieces; it is at `place` itself.
+    pub fn over(pieces: Vec<Piece>, place: Place) -> Piece {
         let mut node = quantise(pieces.iter().map(|p| p.cell));
         let stored: Vec<Bounds> = (0..pieces.len()).map(|slot| node.stored_box(slot)).collect();
         let cell = stored.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
@@ -127,13 +146,15 @@ impl Inner {
             contents.push((p.content, *stored, slabs, fill));
             (coded, p.sub)
         };
+        let mut places = [Place::GoesOn; WIDTH];
+        places.iter_mut().zip(&pieces).for_each(|(place, piece)| *place = piece.place);
         // Not collected: that would keep the pieces' memory, which is several times as much.
         let mut children = Vec::with_capacity(pieces.len());
         children.extend(pieces.into_iter().zip(&stored).enumerate().map(coded));
         let references = children.iter().map(|(_, sub)| sub.references()).sum();
-        let mut inner = Box::new(Inner { node, children, words: 0, references });
+        let mut inner = Box::new(Inner { node, children, words: 0, references, places });
         inner.measure();
-        Piece { cell, voxel, content: Content::over(contents), sub: Sub::Inner(inner) }
+        Piece { cell, voxel, content: Content::over(contents), sub: Sub::Inner(inner), place }
     }
 }
 
@@ -195,7 +216,10 @@ pub fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
     }
     let is_leaf = |p: &Piece| matches!(p.sub, Sub::Leaf { .. });
     let wrapped = pieces.iter().filter(|p| is_leaf(p)).count() as u64;
-    let wrap = |p: Piece| if is_leaf(&p) { Inner::over(vec![p]) } else { p };
+    let wrap = |p: Piece| {
+        let place = p.place;
+        if is_leaf(&p) { Inner::over(vec![Piece { place: Place::GoesOn, ..p }], place) } else { p }
+    };
     *pieces = std::mem::take(pieces).into_iter().map(wrap).collect();
     wrapped
 }
@@ -214,8 +238,9 @@ pub fn leaf_voxel(cell: &Bounds, refs: &[Ref], input: TreeInput) -> Voxel {
 
 impl Builder<'_> {
     fn inner(&self, range: Range, depth: u32) -> Result<(Piece, Counts)> {
+        let place = if range.len <= PATCH { Place::Begins } else { Place::Above };
         let (pieces, counts) = self.children(range, depth)?;
-        Ok((Inner::over(pieces), counts))
+        Ok((Inner::over(pieces, place), counts))
     }
 
     /// The children of a node over `range`, and the counts of that node.
