@@ -3,9 +3,9 @@
 //! Lines through the region, uniform over all of them, are asked of the triangles below. (So cells as large as may be are right as well
 //! as small ones: nothing is made of what was found for their pieces.) Two things are beside the cell:
 //!
-//! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a patch (see [`super::tree::PATCH`]) are
+//! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a clump (see [`super::tree::CLUMP`]) are
 //!   **walls** if what they hold goes on beside them: of the lines that go steeply through a cell's first slab, or as near beside it as an
-//!   eighth of its diagonal, and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, by patches: 0.5 to 1 of them in
+//!   eighth of its diagonal, and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, by clumps: 0.5 to 1 of them in
 //!   spheres and a scan of a million triangles, 0.1 to 0.4 among plates, less than 0.2 among wires, less than 0.05 among leaf cards; in terrains of
 //!   cubes anything. (Of all lines, which mostly run along a wall, and through the cells alone, which hardly any line passes: 0.8 to 1, and 0.1
 //!   to 0.5 among wires. So cells of single wires were walls, and so were lone boxes, with all cells above them, while curved walls of few triangles
@@ -30,9 +30,8 @@ use crate::base::progress::Cancel;
 use crate::lod::{Slabs, stop_bits};
 use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
-use std::collections::HashMap;
 
-/// Through so many of a patch's cells at least lines are asked, a group through each,
+/// Through about so many of a clump's cells lines are asked, a group through each,
 const PROBES: usize = 16;
 /// those that go through the slab at so much of a cosine.
 const STEEP: f32 = 0.6;
@@ -40,20 +39,20 @@ const STEEP: f32 = 0.6;
 const SURE: f32 = 0.7;
 /// as soon as it is known of so many of these;
 const ENOUGH: f32 = 16.0;
-/// or, once a group was asked through each of them, so many. (Of the patches of a Mandelbulb of a million all find 0.5 or more, 2 of 5,745 less than this, see [`agree`].
-/// With 0.45 small steps in a terrain of cubes close, which brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.9 %.)
+/// or, once a group was asked through each of them, so many. (Of the clumps of a Mandelbulb of a million all find 0.5 or more, 2 of 5,745 less than this, see [`agree`].
+/// With 0.45 small steps in a terrain of cubes close, which brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.9 %, both.)
 const FOUND: f32 = 0.55;
-/// How near, as a part of the cell's diagonal: to cells of patches, and to larger ones.
+/// How near, as a part of the cell's diagonal: to cells in clumps, and to **larger** ones, which are those of nodes above clumps and of each clump's uppermost.
 const NEAR: [f32; 2] = [0.125, 0.25];
-/// How many of the lines that pass a cell, and find other surface near it, count as stopped: of nodes in patches, and of larger ones.
+/// How many of the lines that pass a cell, and find other surface near it, count as stopped: of leaves, of other nodes in clumps, and of larger ones.
 /// (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that farthest from 1: 0.03, 0.02, 0.02 and 0.03 off, and 0.04, 0.04, 0.02
-/// and 0.05. Plates need fewer, wires as many: so leaves ask their patch, see below.)
+/// and 0.05. Plates need fewer, wires as many: so leaves ask their clump, see below.)
 const BESIDE: Beside = Beside { of_nodes: 0.5, of_larger: 0.75, of_leaves: 2.0 };
 /// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and leaf cards.)
 const SEEK: usize = 64;
 /// Of a group of lines those of which it is asked what is near.
 const HALF: u8 = 0b0101_0101;
-/// Groups of eight lines through a cell of a patch, and through a larger one; of half of the lines of the first of these, or of a
+/// Groups of eight lines through a cell in a clump, and through a larger one; of half of the lines of the first of these, or of a
 /// quarter of them, it is asked what is near. (With twice as many of the first, 1 % less of the coverage of wires, and builds of CAD a tenth slower.)
 const LINES: [usize; 2] = [4, 16];
 /// A larger cell that stops no more than this is asked about again,
@@ -66,7 +65,7 @@ const ROUNDS: usize = 4;
 struct Beside {
     of_nodes: f32,
     of_larger: f32,
-    /// Of leaves so many times the share of the lines beside their patch's cells that find other surface near: few among plates and cards, more along wires.
+    /// Of leaves so many times the share of the lines beside their clump's cells that find other surface near: few among plates and cards, more along wires.
     of_leaves: f32,
 }
 
@@ -93,14 +92,15 @@ pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par:
 
 fn mark_with(beside: Beside, pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par: &Par, cancel: &Cancel) -> Result<()> {
     let scene = Scene { pieces, input, refs, beside };
-    let (mut patches, mut large, mut nodes) = (Vec::new(), Vec::new(), 0);
-    inners(pieces).for_each(|inner| gather_patches(inner, &mut nodes, &mut patches));
-    let known = par.map(patches.len(), |i| {
+    let (mut clumps, mut large) = (Vec::new(), Vec::new());
+    inners(pieces).for_each(|inner| gather_clumps(inner, &mut clumps));
+    let known = par.map(clumps.len(), |i| {
         cancel.check()?;
-        Ok(dispatch(isa, OfPatch { scene: &scene, patch: patches[i] }))
+        Ok(dispatch(isa, OfClump { scene: &scene, clump: clumps[i] }))
     });
     let mut known = known.into_iter().collect::<Result<Vec<_>>>()?;
-    agree(&patches, &mut known);
+    let mut next = known.iter_mut();
+    inners(pieces).for_each(|inner| agree(inner, &mut next));
     let mut next = known.iter();
     inners(pieces).for_each(|inner| {
         gather_large(inner, None, &mut next, &mut large);
@@ -116,6 +116,7 @@ fn mark_with(beside: Beside, pieces: &mut [Piece], input: TreeInput, refs: &[Ref
             apply(inner, &mut known, &mut codes);
         }
     }
+    debug_assert!(known.len() == 0 && codes.len() == 0, "each was handed to its own");
     Ok(())
 }
 
@@ -123,18 +124,16 @@ fn inners(pieces: &[Piece]) -> impl Iterator<Item = &Inner> {
     pieces.iter().filter_map(|p| if let Sub::Inner(inner) = &p.sub { Some(&**inner) } else { None })
 }
 
-/// A patch: neighbours in one node, and all below them.
+/// A clump: neighbours in one node, and all below them.
 #[derive(Clone, Copy)]
-struct Patch<'a> {
+struct Clump<'a> {
     inner: &'a Inner,
-    /// The node's number.
-    number: usize,
     /// The neighbours, first and end.
     slots: [usize; 2],
 }
 
-impl<'a> Patch<'a> {
-    /// Its cells, in their order, but for those of the neighbours that are nodes: these are asked like larger ones.
+impl<'a> Clump<'a> {
+    /// Its cells, in their order, but for its uppermost nodes', which are asked as larger ones.
     fn cells(&self) -> Vec<Cell<'a>> {
         let mut out = Vec::new();
         for cell in cells(self.inner).take(self.slots[1]).skip(self.slots[0]) {
@@ -147,66 +146,65 @@ impl<'a> Patch<'a> {
     }
 }
 
-/// The children of a node, those of a patch together: first and end.
+/// The children of a node, those of a clump together: first and end.
 fn runs(inner: &Inner) -> Vec<[usize; 2]> {
-    let (mut runs, places): (Vec<[usize; 2]>, _) = (Vec::new(), &inner.places[..inner.children.len()]);
-    for (slot, place) in places.iter().enumerate() {
-        match runs.last_mut() {
-            Some([_, end]) if *place == Place::GoesOn => *end = slot + 1,
-            _ => runs.push([slot, slot + 1]),
-        }
-    }
-    runs
+    let mut end = 0;
+    let run = |run: &[Place]| {
+        end += run.len();
+        [end - run.len(), end]
+    };
+    inner.places[..inner.children.len()].chunk_by(|_, next| *next == Place::GoesOn).map(run).collect()
 }
 
-/// A child that is larger than patches.
-fn above_patches(inner: &Inner, slot: usize) -> Option<&Inner> {
+/// A child that is larger than clumps.
+fn above_clumps(inner: &Inner, slot: usize) -> Option<&Inner> {
     match &inner.children[slot].1 {
         Sub::Inner(below) if inner.places[slot] == Place::Above => Some(below),
         _ => None,
     }
 }
 
-/// The patches below a node, in their order.
-fn gather_patches<'a>(inner: &'a Inner, nodes: &mut usize, out: &mut Vec<Patch<'a>>) {
-    *nodes += 1;
-    let number = *nodes;
+/// The clumps below a node, in their order.
+fn gather_clumps<'a>(inner: &'a Inner, out: &mut Vec<Clump<'a>>) {
     for slots in runs(inner) {
-        match above_patches(inner, slots[0]) {
-            Some(below) => gather_patches(below, nodes, out),
-            None => out.push(Patch { inner, number, slots }),
+        match above_clumps(inner, slots[0]) {
+            Some(below) => gather_clumps(below, out),
+            None => out.push(Clump { inner, slots }),
         }
     }
 }
 
-/// Of patches in one node all are walls if those with half of their cells or more are: a small piece of a wall, at a corner of it, may look otherwise.
-/// (Two of a Mandelbulb of a million do. One of them was a hole of one pixel where three quarters had to agree.)
-fn agree(patches: &[Patch], known: &mut [Known]) {
-    let mut cells: HashMap<usize, [usize; 2]> = HashMap::new();
-    for (patch, known) in patches.iter().zip(known.iter()) {
-        let sums = cells.entry(patch.number).or_default();
-        *sums = [sums[0] + known.cells, sums[1] + known.of_walls()];
-    }
-    for (patch, known) in patches.iter().zip(known) {
-        let [all, of_walls] = cells[&patch.number];
-        if 2 * of_walls >= all {
-            known.codes.clear();
+/// Of clumps in one node all are walls if those with half of their cells or more are: a small piece of a wall, at a corner of it, may look otherwise.
+/// (Two of a Mandelbulb of a million do. One of them was a hole of one pixel where three quarters had to agree. One that is alone in its node decides
+/// alone: beside a wall there may be a wire.)
+fn agree(inner: &Inner, clumps: &mut std::slice::IterMut<Known>) {
+    let (mut here, mut sums) = (Vec::new(), [0; 2]);
+    for slots in runs(inner) {
+        match above_clumps(inner, slots[0]) {
+            Some(below) => agree(below, clumps),
+            None => here.extend(clumps.next()),
         }
+    }
+    for known in &here {
+        sums = [sums[0] + known.cells, sums[1] + known.of_walls()];
+    }
+    if 2 * sums[1] >= sums[0] {
+        here.iter_mut().for_each(|known| known.codes.clear());
     }
 }
 
-/// The cells of nodes that are no part of another one in a patch, in their order; nothing for those of whose cells a quarter or more are walls.
+/// Of all larger cells, in their order, those to be asked; nothing for those of whose cells a quarter or more are walls.
 /// How many cells are below, and how many of these are walls.
-fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, patches: &mut std::slice::Iter<Known>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
+fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, clumps: &mut std::slice::Iter<Known>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
     let (mut sums, all) = ([0; 2], cells(inner).collect::<Vec<_>>());
     for slots in runs(inner) {
         let at = out.len();
         out.extend((slots[0]..slots[1]).filter(|slot| matches!(all[*slot].sub, Sub::Inner(_))).map(|slot| Some((all[slot], above))));
         let end = out.len();
-        let counts = match above_patches(inner, slots[0]) {
-            Some(below) => gather_large(below, Some(inner), patches, out),
+        let counts = match above_clumps(inner, slots[0]) {
+            Some(below) => gather_large(below, Some(inner), clumps, out),
             // They come in the same order: there is one for each.
-            None => patches.next().map_or([0; 2], |known| [known.cells, known.of_walls()]),
+            None => clumps.next().map_or([0; 2], |known| [known.cells, known.of_walls()]),
         };
         if 4 * counts[1] >= counts[0] {
             out[at..end].fill(None);
@@ -218,7 +216,15 @@ fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, patches: &mut st
 
 fn cells(inner: &Inner) -> impl Iterator<Item = Cell<'_>> {
     let all = inner.children.iter().enumerate();
-    all.map(|(slot, (_, sub))| Cell { bounds: inner.node.stored_box(slot), slabs: inner.node.stored_slabs(slot), sub })
+    all.map(|(slot, (_, sub))| Cell { bounds: inner.node.stored_box(slot), slabs: inner.node.stored_slabs(slot), sub: lone_leaf(sub).unwrap_or(sub) })
+}
+
+/// The leaf that a node was put over ([`super::tree::wrap_leaves`]): its cell is that leaf's, asked once for both.
+fn lone_leaf(sub: &Sub) -> Option<&Sub> {
+    match sub {
+        Sub::Inner(inner) if matches!(inner.children[..], [(_, Sub::Leaf { .. })]) => Some(&inner.children[0].1),
+        _ => None,
+    }
 }
 
 impl Cell<'_> {
@@ -237,7 +243,7 @@ fn all_cells<'a>(inner: &'a Inner, out: &mut Vec<Cell<'a>>) {
     }
 }
 
-/// What is known of a patch's cells.
+/// What is known of a clump's cells.
 struct Known {
     /// How many there are.
     cells: usize,
@@ -252,22 +258,23 @@ impl Known {
     }
 }
 
-/// Finds the codes of a patch.
-struct OfPatch<'a> {
+/// Finds the codes of a clump.
+struct OfClump<'a> {
     scene: &'a Scene<'a>,
-    patch: Patch<'a>,
+    clump: Clump<'a>,
 }
 
-impl Op for OfPatch<'_> {
+impl Op for OfClump<'_> {
     type Out = Known;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Known {
-        let Self { scene, patch } = self;
-        let (all, mut asker) = (patch.cells(), Asker::new(scene, Some(patch.inner)));
+        let Self { scene, clump } = self;
+        let (all, mut asker) = (clump.cells(), Asker::new(scene, Some(clump.inner)));
         let (mut sums, walls) = (Asked::default(), Known { cells: all.len(), codes: Vec::new() });
-        let (groups, step) = (PROBES.div_ceil(all.len()), (all.len() / PROBES).max(1));
-        // A quarter of them at a time, from all over the patch: of most of a scan the first are enough.
+        // One is left for what is asked further.
+        let (groups, step) = (PROBES.div_ceil(all.len()).min(PROBES - 1), (all.len() / PROBES).max(1));
+        // A quarter of them at a time, from all over the clump: of most of a scan the first are enough.
         for quarter in 0..4 {
             for cell in all.iter().skip(quarter * step).step_by(4 * step) {
                 sums.add(asker.beside(s, cell, [0, groups]));
@@ -503,19 +510,24 @@ fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a Inner, stack: &mut Ve
 }
 
 /// Hands codes to cells, in the order in which they were gathered.
-fn apply(inner: &mut Inner, patches: &mut std::vec::IntoIter<Known>, large: &mut std::vec::IntoIter<u8>) {
+fn apply(inner: &mut Inner, clumps: &mut std::vec::IntoIter<Known>, large: &mut std::vec::IntoIter<u8>) {
     for slots in runs(inner) {
-        let is_patch = above_patches(inner, slots[0]).is_none();
-        let mut codes = if is_patch { patches.next().map_or_else(Vec::new, |known| known.codes).into_iter() } else { Vec::new().into_iter() };
+        let is_clump = above_clumps(inner, slots[0]).is_none();
+        let known = if is_clump { clumps.next() } else { None };
+        let mut codes = known.map_or_else(Vec::new, |known| known.codes).into_iter();
         for slot in slots[0]..slots[1] {
-            let is_leaf = !matches!(inner.children[slot].1, Sub::Inner(_));
-            set(inner, slot, if is_leaf { codes.next() } else { large.next() }.unwrap_or(0));
+            if is_leaf(&inner.children[slot].1) {
+                set(inner, slot, codes.next().unwrap_or(0));
+                continue;
+            }
+            set(inner, slot, large.next().unwrap_or(0));
             match &mut inner.children[slot].1 {
-                Sub::Inner(below) if is_patch => apply_all(below, &mut codes),
-                Sub::Inner(below) => apply(below, patches, large),
+                Sub::Inner(below) if is_clump => apply_all(below, &mut codes),
+                Sub::Inner(below) => apply(below, clumps, large),
                 _ => {}
             }
         }
+        debug_assert!(codes.len() == 0, "each of a clump's codes is handed to its cell");
     }
 }
 
@@ -523,16 +535,28 @@ fn apply_all(inner: &mut Inner, codes: &mut std::vec::IntoIter<u8>) {
     for slot in 0..inner.children.len() {
         let Some(code) = codes.next() else { return };
         set(inner, slot, code);
-        if let Sub::Inner(below) = &mut inner.children[slot].1 {
-            apply_all(below, codes);
+        match &mut inner.children[slot].1 {
+            sub if is_leaf(sub) => {}
+            Sub::Inner(below) => apply_all(below, codes),
+            _ => {}
         }
     }
+}
+
+/// Itself, or with a node of its own over it.
+fn is_leaf(sub: &Sub) -> bool {
+    matches!(sub, Sub::Leaf { .. }) || lone_leaf(sub).is_some()
 }
 
 fn set(inner: &mut Inner, slot: usize, code: u8) {
     if code > 0 {
         inner.children[slot].0.words[0] |= stop_bits(code);
         inner.node.may_pass(slot);
+    }
+    match &mut inner.children[slot].1 {
+        sub if lone_leaf(sub).is_none() => {}
+        Sub::Inner(over) => set(over, 0, code),
+        _ => {}
     }
 }
 

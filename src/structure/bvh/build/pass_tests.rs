@@ -57,8 +57,13 @@ fn stops(pieces: &[Piece]) -> Vec<(f64, Cell<'_>)> {
 fn first_words(inner: &Inner, out: &mut Vec<u32>) {
     for (coded, sub) in &inner.children {
         out.push(coded.words[0]);
-        if let Sub::Inner(below) = sub {
-            first_words(below, out);
+        match sub {
+            // One cell, as `cells` has it: one share.
+            Sub::Inner(over) if lone_leaf(sub).is_some() => {
+                assert_eq!(crate::lod::stopped(over.children[0].0.words[0]), crate::lod::stopped(coded.words[0]));
+            }
+            Sub::Inner(below) => first_words(below, out),
+            _ => {}
         }
     }
 }
@@ -149,7 +154,7 @@ fn sparse_cells_stop_as_many_as_lines_by_chance_meet() {
         let (pieces, refs) = alone(&triangles);
         let (mut random, mut ratios) = (Random(3), Vec::new());
         for (stops, cell) in stops(&pieces) {
-            // Of a patch's cell 32 lines are asked, of larger ones some hundreds: each is a matter of chance, the mean is not.
+            // Of a clump's cell 32 lines are asked, of larger ones some hundreds: each is a matter of chance, the mean is not.
             if cell.bounds.extent().min_element() > 1.0 {
                 ratios.push(stops / counted(&cell, &triangles, &refs, &mut random));
             }
@@ -183,7 +188,8 @@ fn cells_of_wires_stop_as_many_as_lines_by_chance_meet() {
     let triangles = forest(300);
     let (pieces, refs) = alone(&triangles);
     let mut random = Random(3);
-    let mut sums = [[0.0; 3]; 4];
+    // How many, what they were said to stop and what they do, the squares of that and of how far the two are apart.
+    let mut sums = [[0.0; 5]; 4];
     for (i, (stops, cell)) in stops(&pieces).into_iter().enumerate() {
         let mut below = Vec::new();
         gather(cell.sub, &refs, &mut below);
@@ -196,12 +202,19 @@ fn cells_of_wires_stop_as_many_as_lines_by_chance_meet() {
         };
         if i % each == 0 {
             let counted = counted(&cell, &triangles, &refs, &mut random);
-            sums[class] = [sums[class][0] + 1.0, sums[class][1] + stops, sums[class][2] + counted];
+            let here = [1.0, stops, counted, counted * counted, (stops - counted).powi(2)];
+            sums[class].iter_mut().zip(here).for_each(|(sum, here)| *sum += here);
         }
     }
-    for [cells, stops, counted] in sums {
+    let mut all = [0.0; 5];
+    for [cells, stops, counted, squares, apart] in sums {
         assert!(cells > 100.0 && (0.9..1.1).contains(&(stops / counted)), "{stops}, {counted} of {cells}");
+        all.iter_mut().zip([cells, stops, counted, squares, apart]).for_each(|(sum, here)| *sum += here);
     }
+    // Each cell has its own: handed to others, codes are apart by twice what they spread.
+    let [cells, _, counted, squares, apart] = all;
+    let spread = squares - counted * counted / cells;
+    assert!(4.0 * apart < spread, "{apart} of {spread}");
 }
 
 #[test]
@@ -237,9 +250,45 @@ fn a_closed_ball_stops_all() {
     }
 }
 
+/// A node's children, and all below: of each clump the triangles, and how many have larger ranges, clumps of several children, leaves under a node.
+fn look(inner: &Inner, refs: &[Ref], clumps: &mut Vec<usize>, seen: &mut [usize; 3]) {
+    let mut below = Vec::new();
+    for slots in runs(inner) {
+        let held = |slot: usize, out: &mut Vec<usize>| {
+            out.clear();
+            gather(&inner.children[slot].1, refs, out);
+            out.len()
+        };
+        if let Some(larger) = above_clumps(inner, slots[0]) {
+            assert!(held(slots[0], &mut below) > tree::CLUMP && slots[1] == slots[0] + 1);
+            seen[0] += 1;
+            look(larger, refs, clumps, seen);
+            continue;
+        }
+        clumps.push((slots[0]..slots[1]).map(|slot| held(slot, &mut below)).sum());
+        seen[1] += usize::from(slots[1] > slots[0] + 1);
+        seen[2] += (slots[0]..slots[1]).filter(|slot| lone_leaf(&inner.children[*slot].1).is_some()).count();
+    }
+}
+
+#[test]
+fn clumps_are_of_so_many_triangles_and_hold_all() {
+    let mut seen = [0; 3];
+    for (triangles, least) in [(forest(300), 150), (ball(60), 60), (ball(6), 1), (ball(100), 160)] {
+        let (pieces, refs) = best(&triangles);
+        let mut clumps = Vec::new();
+        inners(&pieces).for_each(|inner| look(inner, &refs, &mut clumps, &mut seen));
+        // But for what splits repeat.
+        assert!(clumps.len() >= least && clumps.iter().all(|n| (1..=tree::CLUMP * 5 / 4).contains(n)), "{clumps:?}");
+        assert!(clumps.iter().sum::<usize>() >= triangles.len());
+    }
+    assert!(seen.iter().all(|n| *n > 10), "{seen:?}");
+}
+
 #[test]
 fn the_codes_are_the_same_with_any_vectors_and_threads() {
-    let triangles = cards(7);
+    // Walls, cells that let rays pass, and ranges larger than small subtrees.
+    let triangles = [cards(14), ball(60)].concat();
     let codes = |isa, threads| {
         let (pieces, _) = marked(BESIDE, &triangles, isa, threads, &Cancel::new()).expect("marked");
         let mut words = Vec::new();

@@ -1,10 +1,11 @@
-//! Small subtrees: split in two down to what fits a leaf, and below as far as it may pay; then the cheapest of all wide trees over that.
+//! Small subtrees: split in two down to what fits a leaf, and below as far as it may pay; then the cheapest of all wide trees over that, but for the
+//! nodes that [`wrap_leaves`] adds.
 
 use super::collapse::{self, Weighed};
 use super::leaf::LeafShape;
 use super::refs::Ref;
 use super::sah::Extents;
-use super::tree::{Builder, DEEP, Inner, PATCH, Piece, Place, Range, Sub, leaf_voxel, pays, wrap_leaves};
+use super::tree::{Builder, DEEP, Inner, CLUMP, Piece, Place, Range, Sub, leaf_voxel, pays, wrap_leaves};
 use super::{Counts, sah};
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{MAX_VERTICES, WIDTH};
@@ -31,8 +32,8 @@ struct Node {
     bounds: Bounds,
     /// As a leaf, if it fits one only because of what it shares: that had to be found out.
     shape: Option<Box<LeafShape>>,
-    /// The patch it is in: the number of that one's first node.
-    patch: Option<u32>,
+    /// The clump it is in: the number of that one's first node.
+    clump: Option<u32>,
 }
 
 /// The children of a node over a small range, and the counts of that node.
@@ -45,14 +46,14 @@ pub fn children(builder: &Builder, range: Range) -> (Vec<Piece>, Counts) {
 }
 
 impl Binary {
-    /// Adds the tree over the first `len` references of `room`, which begins at `first`; the number of its root. All of it is in `patch`, if there is one.
-    fn grow(&mut self, builder: &Builder, room: &mut [Ref], [first, len]: [usize; 2], extents: &Extents, depth: u32, patch: Option<u32>) -> u32 {
+    /// Adds the tree over the first `len` references of `room`, which begins at `first`; the number of its root. All of it is in `clump`, if there is one.
+    fn grow(&mut self, builder: &Builder, room: &mut [Ref], [first, len]: [usize; 2], extents: &Extents, depth: u32, clump: Option<u32>) -> u32 {
         let (id, bounds) = (self.nodes.len(), extents.bounds());
-        let patch = patch.or((len <= PATCH).then_some(id as u32));
+        let clump = clump.or((len <= CLUMP).then_some(id as u32));
         let surely = 3 * len <= MAX_VERTICES;
         let shape = if surely { None } else { LeafShape::that_fits(&room[..len], builder.input).map(Box::new) };
         let fits = surely || shape.is_some();
-        self.nodes.push(Node { first, len, bounds, shape, patch });
+        self.nodes.push(Node { first, len, bounds, shape, clump });
         self.halves.push([id as u32; 2]);
         // Weighed anew below where it is split.
         self.weighed.push(Weighed::leaf(bounds.half_area(), len));
@@ -66,7 +67,7 @@ impl Binary {
         // The halves of what may be one leaf lie behind each other, for that would be a range: no room between them, so no copies.
         let own = if fits { &mut room[..len] } else { room };
         let [left, right] = builder.halve(own, len, first, extents, split);
-        let mut half = |half: Range| self.grow(builder, half.room, [half.first, half.len], &half.extents, depth + 1, patch);
+        let mut half = |half: Range| self.grow(builder, half.room, [half.first, half.len], &half.extents, depth + 1, clump);
         let halves = [half(left), half(right)];
         let [left, right] = halves.map(|half| &self.weighed[half as usize]);
         self.weighed[id] = Weighed::inner(bounds.half_area(), left, right, fits.then_some(len));
@@ -78,15 +79,15 @@ impl Binary {
     fn wide(&self, builder: &Builder, room: &[Ref], start: usize, at: u32) -> (Vec<Piece>, Counts) {
         let mut pieces = Vec::with_capacity(WIDTH);
         let mut counts = Counts { nodes: 1, ..Counts::default() };
-        let mut before = self.nodes[at as usize].patch;
+        let mut before = None;
         for child in collapse::children(at, &self.weighed, &self.halves) {
             let node = &self.nodes[child as usize];
-            let place = match node.patch {
+            let place = match node.clump {
                 None => Place::Above,
-                patch if patch == before => Place::GoesOn,
+                clump if clump == before => Place::GoesOn,
                 _ => Place::Begins,
             };
-            before = node.patch;
+            before = node.clump;
             let (piece, below) = if self.weighed[child as usize].is_leaf {
                 leaf(builder, room, start, node, place)
             } else {

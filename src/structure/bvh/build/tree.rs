@@ -42,24 +42,22 @@ pub struct Inner {
     pub children: Vec<(Coded, Sub)>,
     /// Words of all that hangs below, itself included.
     pub words: u32,
-    /// References below when it was made: before what is below went into blocks of its own.
-    pub references: u64,
-    /// Of each child, in the order of the slots: where it is of patches.
+    /// Of each child, in the order of the slots.
     pub places: [Place; WIDTH],
 }
 
-/// A **patch** is a range of the binary splits of at most so many references, and of more below the next split. It is looked at as a whole (`pass`);
-/// what became of it in wide nodes are neighbours: one child or several of one node.
-pub const PATCH: usize = 256;
+/// A **clump** is a range of the binary splits of at most so many references, half of a range of more (or all there is). It is looked at as a whole (`pass`);
+/// what became of it in wide nodes are neighbours: one child or several of one node, and all below them.
+pub const CLUMP: usize = 256;
 
-/// Where a child is of patches, by itself and the one before it.
-#[derive(Clone, Copy, PartialEq, Eq)]
+/// Where a child is of clumps. Of what is below one nobody asks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// In none, but over some: a range larger than a patch.
+    /// In none: a range larger than a clump.
     Above,
-    /// In another than the child before, or the first of its node: a patch begins with it.
+    /// A clump begins with it.
     Begins,
-    /// In the same as the child before, or as the node that it is a child of.
+    /// In the same as the child before.
     GoesOn,
 }
 
@@ -74,7 +72,7 @@ pub struct Piece {
     pub content: Content,
     /// Itself.
     pub sub: Sub,
-    /// Where it is of patches.
+    /// As a child.
     pub place: Place,
 }
 
@@ -85,15 +83,6 @@ impl Sub {
             Sub::Leaf { words, .. } => *words,
             Sub::Inner(inner) => inner.words,
             Sub::Placed(_) => EXTERNAL_WORDS as u32,
-        }
-    }
-
-    /// References below; of what went into another block none.
-    fn references(&self) -> u64 {
-        match self {
-            Sub::Leaf { count, .. } => u64::from(*count),
-            Sub::Inner(inner) => inner.references,
-            Sub::Placed(_) => 0,
         }
     }
 }
@@ -151,8 +140,7 @@ impl Inner {
         // Not collected: that would keep the pieces' memory, which is several times as much.
         let mut children = Vec::with_capacity(pieces.len());
         children.extend(pieces.into_iter().zip(&stored).enumerate().map(coded));
-        let references = children.iter().map(|(_, sub)| sub.references()).sum();
-        let mut inner = Box::new(Inner { node, children, words: 0, references, places });
+        let mut inner = Box::new(Inner { node, children, words: 0, places });
         inner.measure();
         Piece { cell, voxel, content: Content::over(contents), sub: Sub::Inner(inner), place }
     }
@@ -170,8 +158,6 @@ pub struct Built {
 
 /// Below this depth the heuristic gives way to halving, which bounds the depth; in small subtrees, so many splits below their roots.
 pub const DEEP: u32 = 32;
-/// Ranges larger than this are given to other threads.
-const TASK: usize = 4096;
 
 /// What a tree is built of and with.
 pub struct Builder<'a> {
@@ -216,9 +202,12 @@ pub fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
     }
     let is_leaf = |p: &Piece| matches!(p.sub, Sub::Leaf { .. });
     let wrapped = pieces.iter().filter(|p| is_leaf(p)).count() as u64;
-    let wrap = |p: Piece| {
-        let place = p.place;
-        if is_leaf(&p) { Inner::over(vec![Piece { place: Place::GoesOn, ..p }], place) } else { p }
+    let wrap = |p: Piece| match is_leaf(&p) {
+        true => {
+            let place = p.place;
+            Inner::over(vec![p], place)
+        }
+        false => p,
     };
     *pieces = std::mem::take(pieces).into_iter().map(wrap).collect();
     wrapped
@@ -238,7 +227,7 @@ pub fn leaf_voxel(cell: &Bounds, refs: &[Ref], input: TreeInput) -> Voxel {
 
 impl Builder<'_> {
     fn inner(&self, range: Range, depth: u32) -> Result<(Piece, Counts)> {
-        let place = if range.len <= PATCH { Place::Begins } else { Place::Above };
+        let place = if range.len <= CLUMP { Place::Begins } else { Place::Above };
         let (pieces, counts) = self.children(range, depth)?;
         Ok((Inner::over(pieces, place), counts))
     }
@@ -249,14 +238,8 @@ impl Builder<'_> {
         if range.len <= SMALL {
             return Ok(small::children(self, range));
         }
-        let count = range.len;
         let ranges = self.split_up(range, depth);
-        let finish = |r: Range| self.inner(r, depth + 1);
-        let done: Vec<_> = if count > TASK && self.par.threads > 1 {
-            self.par.map_items(ranges, finish)
-        } else {
-            ranges.into_iter().map(finish).collect()
-        };
+        let done = self.par.map_items(ranges, |r| self.inner(r, depth + 1));
         let mut pieces = Vec::with_capacity(done.len());
         let mut counts = Counts { nodes: 1, ..Counts::default() };
         for child in done {
