@@ -46,7 +46,7 @@ const FOUND: f32 = 0.55;
 const NEAR: [f32; 2] = [0.125, 0.25];
 /// How many of the lines that pass a cell, and find other surface near it, count as stopped: of leaves, of other nodes in clumps, and of larger ones.
 /// (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that farthest from 1: 0.03, 0.02, 0.02 and 0.03 off, and 0.04, 0.04, 0.02
-/// and 0.05. Plates need fewer, wires as many: so leaves ask their clump, see below.)
+/// and 0.05. Plates need fewer, wires as many: so leaves go by their clump.)
 const BESIDE: Beside = Beside { of_nodes: 0.5, of_larger: 0.75, of_leaves: 2.0 };
 /// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and leaf cards.)
 const SEEK: usize = 64;
