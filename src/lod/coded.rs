@@ -42,8 +42,8 @@ pub const PASSING: u32 = 1;
 
 /// What a stop code adds to a voxel's first word: the share of rays that it stops is the square of the code's 63rd part, so that
 /// of a few leaves in a large cell not too much is seen; code 0 stops all.
-pub fn stop_bits(code: u8) -> u32 {
-    u32::from(code & 63) << STOPS
+pub const fn stop_bits(code: u8) -> u32 {
+    (code as u32 & 63) << STOPS
 }
 
 /// How many of 4096 rays a voxel stops by its first word; 0: it stops all.

@@ -3,14 +3,16 @@
 use super::bytes::{Reader, padded, piece, push_planes};
 use super::codec::{Checked, Place, wrong};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, WIDTH,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, Passed, SHORT_VOXEL, WIDTH, add_passed,
 };
-use crate::lod::{Coded, SIDES_WORDS, summary_bit};
+use crate::lod::{Coded, SIDES_WORDS, stop_bits, summary_bit};
 
 /// Bytes of a node's grid and valid bits.
 const HEAD_BYTES: usize = 16;
 /// The top bit of each byte.
 const TOP_BITS: u64 = u64::from_le_bytes([0x80; 8]);
+/// The stop codes of voxels, in the fourth bytes of their first words.
+const STOP_CODES: u64 = u64::from_le_bytes([(stop_bits(63) >> 24) as u8; 8]);
 /// Bytes of a child's box.
 const BOX_BYTES: usize = 6;
 
@@ -20,6 +22,8 @@ pub(super) struct Nodes {
     pub kinds: Vec<u16>,
     pub externals: Vec<[u32; 2]>,
     pub leaves: usize,
+    /// Which of them rays may pass.
+    pub passed: Passed,
     /// Header words of the voxels, but for where they begin, and the voxels.
     pub voxels: ([u32; 3], Vec<u32>),
 }
@@ -107,19 +111,19 @@ pub(super) fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
     let voxels = read_voxels(reader, valid, count)?;
     let [x, y, z, rest] = &heads;
     let heads = x.iter().zip(y).zip(z).zip(rest).map(|(((x, y), z), rest)| [*x, *y, *z, *rest]);
-    let table = table(heads, boxes, &voxels)?;
-    Ok(Nodes { table, kinds, externals, leaves, voxels: (voxels.header, voxels.words) })
+    let (table, passed) = table(heads, boxes, &voxels)?;
+    Ok(Nodes { table, kinds, externals, leaves, passed, voxels: (voxels.header, voxels.words) })
 }
 
-/// Nodes of these grids and valid bits over children of these boxes, without child references.
+/// Nodes of these grids and valid bits over children of these boxes, without child references; and which of them rays may pass.
 #[inline(always)]
-fn table(heads: impl ExactSizeIterator<Item = [u32; 4]>, boxes: &[u8], voxels: &Voxels) -> Checked<Vec<Node>> {
+fn table(heads: impl ExactSizeIterator<Item = [u32; 4]>, boxes: &[u8], voxels: &Voxels) -> Checked<(Vec<Node>, Passed)> {
     let count = (boxes.len() - WIDTH) / BOX_BYTES;
     let (low, high) = boxes[..BOX_BYTES * count].split_at(BOX_BYTES * count / 2);
     if low.iter().zip(high).fold(false, |any, (low, high)| any | (low > high)) {
         return wrong("a node's box is inside out");
     }
-    let (mut next, mut grids_ok) = (0, true);
+    let (mut next, mut grids_ok, mut passed) = (0, true, Passed::default());
     let mut table = Vec::with_capacity(heads.len());
     for [x, y, z, rest] in heads {
         let [i, j, k, valid] = rest.to_le_bytes();
@@ -135,8 +139,9 @@ fn table(heads: impl ExactSizeIterator<Item = [u32; 4]>, boxes: &[u8], voxels: &
             *plane = (spread(boxes, row) | empty).to_le_bytes();
         }
         for (row, bytes) in normal.iter_mut().enumerate() {
-            *bytes = (spread(voxels.normals, row) ^ way.valid & TOP_BITS).to_le_bytes();
+            *bytes = (spread(voxels.firsts, row) ^ way.valid & TOP_BITS).to_le_bytes();
         }
+        add_passed(&mut passed, table.len(), spread(voxels.firsts, 3) & STOP_CODES != 0);
         let (mut slabs, from) = ([0; WIDTH], piece::<u32, WIDTH>(&voxels.slabs, next));
         let mut child = 0;
         for (slot, slabs) in slabs.iter_mut().enumerate() {
@@ -147,7 +152,7 @@ fn table(heads: impl ExactSizeIterator<Item = [u32; 4]>, boxes: &[u8], voxels: &
         next += valid.count_ones() as usize;
         table.push(Node { origin, exponent, valid, planes, child: [0; WIDTH], slabs, normal });
     }
-    if grids_ok { Ok(table) } else { wrong("a node's grid is impossible") }
+    if grids_ok { Ok((table, passed)) } else { wrong("a node's grid is impossible") }
 }
 
 fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Vec<[u32; 2]>> {
@@ -173,8 +178,8 @@ struct Voxels<'a> {
     words: Vec<u32>,
     /// Of each child, and zeros.
     slabs: Vec<u32>,
-    /// The low bytes of all children's normals, then the high ones, then others.
-    normals: &'a [u8],
+    /// The first bytes of all children's first words, those of their normals, then the second ones, of these too, then the third and the fourth; then others.
+    firsts: &'a [u8],
 }
 
 /// The voxels of nodes with `count` children in all, given the valid bits of each.
@@ -185,7 +190,8 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
         return wrong("its voxels have an impossible size");
     }
     let part = reader.u32()?;
-    let normals = reader.ahead(2 * count + WIDTH)?;
+    // More follows than a window reaches behind the last.
+    let first_bytes = reader.ahead(4 * count + WIDTH)?;
     let firsts: Vec<u32> = reader.planes(count)?.collect();
     let mut seconds: Vec<u32> = reader.planes(count)?.collect();
     let slabs = padded(reader.planes(count)?, WIDTH);
@@ -232,7 +238,7 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
             side[word] = bits;
         }
     }
-    Ok(Voxels { header: [count as u32 | six_sided << 16, size as u32, part], words, slabs, normals })
+    Ok(Voxels { header: [count as u32 | six_sided << 16, size as u32, part], words, slabs, firsts: first_bytes })
 }
 
 /// How the bytes of a node's children come to their slots.

@@ -4,10 +4,10 @@ use super::codec::{Holds, Place, decode_geometry, encode_geometry};
 use super::leaf::{APART, LeafForm, NEAR};
 use super::layout::{
     Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
-    SHORT_VOXEL, WIDTH, leaf_block_head,
+    SHORT_VOXEL, WIDTH, leaf_block_head, put_passed,
 };
 use super::validate::validate;
-use crate::lod::SIDES_WORDS;
+use crate::lod::{SIDES_WORDS, stop_bits};
 use proptest::prelude::*;
 
 /// A generator of repeatable numbers (splitmix64).
@@ -132,9 +132,11 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     let (mut firsts, mut voxels, mut sides) = (Vec::new(), Vec::new(), Vec::new());
     for children in &nodes {
         firsts.push((voxels.len() / size) as u32);
+        // Nodes of which some cells are passed, and such of which none is.
+        let codes = if random.below(3) == 0 { stop_bits(63) } else { 0 };
         for _ in children.iter().flatten() {
             let has_sides = random.below(4) == 0;
-            let first = random.word() & !(1 << 24) | u32::from(has_sides) << 24;
+            let first = random.word() & !(1 << 24 | stop_bits(63)) | u32::from(has_sides) << 24 | random.word() & codes;
             voxels.extend([first, if has_sides { (sides.len() / SIDES_WORDS) as u32 } else { random.word() }]);
             if has_sides {
                 sides.extend((0..SIDES_WORDS).map(|_| random.word()));
@@ -191,6 +193,7 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     words.extend(places.as_flattened());
     words.extend((0..own_parts).map(|part| 3 * part as u32));
     [firsts, voxels, sides].iter().for_each(|run| words.extend(run));
+    put_passed(&mut words);
     if holds == Holds::All {
         words.extend(leaf_words);
         words.resize(words.len() + PAD_WORDS, 0);

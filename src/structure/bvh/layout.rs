@@ -13,7 +13,7 @@
 //! | 5 | voxels (u16), those of six sides (u16) |
 //! | 6 | words of a voxel: 2, or 4 with its parts |
 //! | 7 | with 2: the local part of all voxels; else 0 |
-//! | 8 to 15 | zero, so that nodes begin with cache lines |
+//! | 8 to 15 | for each two nodes a bit: rays may pass a cell of theirs (`lod::stopped`), so that of others no voxel is looked at for that |
 //! | 16 .. | nodes, [`NODE_WORDS`] each; node 0 first, children after their parents |
 //! | .. | external references: block id, child reference inside it, where it hangs here: node (u16) and slot (u16) |
 //! | .. | parts: local part of the tree, ascending |
@@ -42,8 +42,26 @@ use glam::Vec3;
 
 /// Words of a block, at most: 64 KB.
 pub const MAX_WORDS: usize = 16384;
-/// Words before the nodes.
+/// Words before the nodes, which begin with a cache line.
 pub const HEADER_WORDS: usize = 16;
+/// The first word of those that say which nodes rays may pass.
+const PASSED_AT: usize = 8;
+/// Those words.
+pub type Passed = [u32; HEADER_WORDS - PASSED_AT];
+const _: () = assert!(MAX_WORDS / NODE_WORDS <= 2 * 32 * (HEADER_WORDS - PASSED_AT), "a bit for each two nodes");
+
+/// Word and bit of a node there.
+#[inline(always)]
+fn passed_at(node: usize) -> (usize, u32) {
+    (node >> 6 & (HEADER_WORDS - PASSED_AT - 1), node as u32 >> 1 & 31)
+}
+
+/// Adds a node that rays may pass a cell of, if so.
+#[inline(always)]
+pub fn add_passed(passed: &mut Passed, node: usize, may_pass: bool) {
+    let (word, bit) = passed_at(node);
+    passed[word] |= u32::from(may_pass) << bit;
+}
 /// Words of a reference to another block.
 pub const EXTERNAL_WORDS: usize = 3;
 /// Words of a voxel without its parts.
@@ -234,6 +252,12 @@ impl Node {
     }
 }
 
+/// Has the header of a block say which nodes rays may pass.
+pub fn put_passed(words: &mut [u32]) {
+    let passed = Block::new(words).passed();
+    words[PASSED_AT..HEADER_WORDS].copy_from_slice(&passed);
+}
+
 /// The first words of a leaf block; those of its header behind them are zero, and its parts follow.
 pub fn leaf_block_head(triangles: usize, parts: usize) -> [u32; 8] {
     let (first, end) = (HEADER_WORDS as u32, (HEADER_WORDS + parts) as u32);
@@ -276,6 +300,29 @@ impl<'a> Block<'a> {
     /// Number of parts.
     pub fn parts(&self) -> usize {
         (self.words[1] >> 16) as usize
+    }
+
+    /// Whether rays may pass a cell of a node, or of the one beside it; where not, all stop all.
+    #[inline(always)]
+    pub fn may_be_passed(&self, node: usize) -> bool {
+        let (word, bit) = passed_at(node);
+        self.words[PASSED_AT + word] >> bit & 1 == 1
+    }
+
+    /// What the header says of all nodes.
+    pub fn said_to_pass(&self) -> &[u32] {
+        &self.words[PASSED_AT..HEADER_WORDS]
+    }
+
+    /// What it is to say, by the voxels.
+    pub fn passed(&self) -> Passed {
+        let (mut passed, mut first) = (Passed::default(), 0);
+        for node in 0..self.nodes() {
+            let end = first + self.node(node).valid.count_ones() as usize;
+            add_passed(&mut passed, node, (first..end).any(|i| stopped(self.voxel_at(i)[0]) > 0));
+            first = end;
+        }
+        passed
     }
 
     /// Where the leaves begin.

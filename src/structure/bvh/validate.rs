@@ -40,7 +40,6 @@ fn check_header(words: &[u32]) -> Result<(), String> {
     let firsts_at = parts_at + block.parts();
     let tables = [words[2], words[3], words[4]] == [externals_at as u32, parts_at as u32, firsts_at as u32];
     ensure(tables, "its tables are not where its counts say")?;
-    ensure(words[8..HEADER_WORDS].iter().all(|w| *w == 0), "its header does not end with zeros")?;
     ensure([SHORT_VOXEL as u32, LONG_VOXEL as u32].contains(&words[6]), "its voxels have an impossible size")?;
     ensure(block.first_leaf() + PAD_WORDS <= words.len(), "its tables do not fit")?;
     ensure(words[words.len() - PAD_WORDS..].iter().all(|w| *w == 0), "its end is not zero")
@@ -53,6 +52,7 @@ fn check_tables(block: &Block, place: Place) -> Result<(), String> {
         ensure(is_node, "it refers to something that is not a node")?;
     }
     check_voxels(block)?;
+    ensure(block.said_to_pass() == block.passed(), "it does not say which nodes rays may pass")?;
     let ascending = (1..block.parts()).all(|i| block.part(i - 1) < block.part(i));
     ensure(ascending, "its parts are not in order")
 }
@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn each_damage_is_found() {
         let nan = f32::NAN.to_bits();
-        let damages: [(usize, u32, &str); 27] = [
+        let damages: [(usize, u32, &str); 28] = [
             (0, 0, "no node"),
             (0, 2 | 1 << 16, "two nodes"),
             (1, 2 | 1 << 16, "two triangles"),
@@ -203,7 +203,7 @@ mod tests {
             (5, 3, "a voxel too many"),
             (5, 2 | 1 << 16, "sides that no voxel has"),
             (6, 3, "voxels of no size"),
-            (9, 1, "a word where none is"),
+            (8, 1, "rays that pass a node of whose voxels none says so"),
             (16, nan, "a grid at NaN"),
             (19, 0b11 << 24, "a step of nothing"),
             (19, 0b1 << 24 | 0x7f_7f7f, "a reference that nobody makes"),
@@ -217,6 +217,7 @@ mod tests {
             (49, 1 << 16, "a reference too large"),
             (50, 0, "a reference that hangs elsewhere"),
             (53, 1 << 24, "a voxel of sides that are not there"),
+            (53, 0x04ff_1234, "a voxel that rays pass, of which the header does not say so"),
             (57, 9 | 3 << 8, "too many triangles in a leaf"),
             (59, 0x0002_0100, "corners in order that are stored"),
             (59, 0x0003_0100, "a corner without a vertex"),

@@ -7,7 +7,7 @@ use super::refs::Ref;
 use super::tree::{Inner, Sub};
 use crate::lod::{Coded, SIDES_WORDS};
 use crate::structure::bvh::layout::{
-    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_VERTICES, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL,
+    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_VERTICES, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, put_passed,
     leaf_block_head,
 };
 use crate::structure::bvh::leaf::{APART, STEP_BYTES, index_words, put_coordinates};
@@ -96,6 +96,7 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
     words.extend(&encoder.firsts);
     words.extend(encoder.voxels.iter().flat_map(|v| &v[..voxel_words]));
     words.extend(encoder.sides.as_flattened());
+    put_passed(&mut words);
     let Encoder { leaves, prims, colours, .. } = encoder;
     if !plan.has_leaf_block {
         words.extend(&leaves);

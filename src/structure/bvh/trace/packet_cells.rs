@@ -7,12 +7,11 @@ use super::packet_leaf::keep_better;
 use super::packet_prepare::Shared;
 use super::packet_visit::{self, Boxes};
 use super::ray::abs;
-use super::pass::Sieve;
+use super::pass::{Sieve, may_be_passed};
 use super::single;
 use super::stand_in::{self, SLACK, ConeRay, Met, Verdict};
 use super::{PartFilter, TreeView};
 use crate::geom::watertight::LaneHits;
-use crate::lod::PASSING;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Node};
 
@@ -166,7 +165,7 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
                 let tri = stand_in::lod_code(node, slot);
                 let [enter, leave] = within(s, block.node(node), slot, boxes, shared, view.reach, walk, h, [met.enter, crossings[h][1]]);
                 let mut hits = small & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
-                if !view.is_solid && block.node(node).level(slot) <= PASSING {
+                if !view.is_solid && may_be_passed(block, node, slot) {
                     hits = stopped(Sieve::of(block, node, slot), &enter.to_array(), walk, h, hits);
                 }
                 if hits != 0 {

@@ -7,7 +7,7 @@
 
 use super::ahead::ask_for;
 use super::cell_slabs::{self, Eight, Origin, area_shares};
-use super::pass::Sieve;
+use super::pass::{Sieve, may_be_passed};
 use super::ray::abs;
 use super::rays16::{GROUP, Prepared};
 use super::single::{self, stored_planes};
@@ -16,7 +16,7 @@ use super::stream::{BOTTOM, DEPTH, LANES, STREAM, State};
 use super::stream_pass as pass;
 use super::walk::TriHit;
 use crate::base::ids::BlockId;
-use crate::lod::{PASSING, Slabs};
+use crate::lod::Slabs;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 
@@ -414,7 +414,7 @@ fn offer<const ANY: bool>(
     mut crosses: u32,
     enter: &[f32; GROUP],
 ) {
-    let is_asked = crosses != 0 && !state.view.is_solid && block.node(index).level(slot) <= PASSING;
+    let is_asked = crosses != 0 && !state.view.is_solid && may_be_passed(block, index, slot);
     let sieve = if is_asked { Sieve::of(block, index, slot) } else { None };
     let tri = stand_in::lod_code(index, slot);
     while crosses != 0 {
