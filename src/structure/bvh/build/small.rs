@@ -1,5 +1,4 @@
-//! Small subtrees: split in two down to what fits a leaf, and below as far as it may pay; then the cheapest of all wide trees over that, but for the
-//! nodes that [`wrap_leaves`] adds.
+//! Small subtrees: split in two down to what fits a leaf, and below as far as it may pay; then the cheapest of all wide trees over that.
 
 use super::collapse::{self, Weighed};
 use super::leaf::LeafShape;
@@ -8,7 +7,7 @@ use super::sah::Extents;
 use super::tree::{Builder, DEEP, Inner, CLUMP, Piece, Place, Range, Sub, leaf_voxel, pays, wrap_leaves};
 use super::{Counts, sah};
 use crate::math::Bounds;
-use crate::structure::bvh::layout::{MAX_VERTICES, WIDTH};
+use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, WIDTH};
 
 /// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 48 exact shadow rays of scans are 4 % slower,
 /// primary and bounce rays 3 %, and models take a thirtieth more.)
@@ -17,12 +16,18 @@ pub const SMALL: usize = 4096;
 /// References that stay one leaf if they fit one. (To split twos and threes too makes builds some percent longer, and gains nothing.)
 const FEW: usize = 3;
 
+/// Nodes over more references than so many are taken for such whose leaves get nodes of their own ([`wrap_leaves`]), for they are larger than a fine unit, mostly:
+/// where most triangles share vertices, and where they do not. (Without that, as if no leaf got one, airliners take 4 bytes a triangle more.)
+const BARE: [usize; 2] = [128, 64];
+
 /// A binary tree over a small range; its first node is over all.
 struct Binary {
     nodes: Vec<Node>,
     weighed: Vec<Weighed>,
     /// Those of a node; of one that is not split itself.
     halves: Vec<[u32; 2]>,
+    /// Leaves of nodes over more references get nodes of their own.
+    bare: usize,
 }
 
 /// A range of the references.
@@ -36,12 +41,24 @@ struct Node {
     clump: Option<u32>,
 }
 
+impl Node {
+    /// Into a leaf, whatever its triangles share.
+    fn surely_fits(&self) -> bool {
+        surely_fits(self.len)
+    }
+}
+
+fn surely_fits(len: usize) -> bool {
+    3 * len <= MAX_VERTICES
+}
+
 /// The children of a node over a small range, and the counts of that node.
 pub fn children(builder: &Builder, range: Range) -> (Vec<Piece>, Counts) {
     let Range { room, len, first, extents } = range;
     // Room for most: two for each leaf.
-    let mut tree = Binary { nodes: Vec::with_capacity(len), weighed: Vec::with_capacity(len), halves: Vec::with_capacity(len) };
+    let mut tree = Binary { nodes: Vec::with_capacity(len), weighed: Vec::with_capacity(len), halves: Vec::with_capacity(len), bare: 0 };
     tree.grow(builder, room, [0, len], &extents, 0, None);
+    tree.weigh();
     tree.wide(builder, room, first, 0)
 }
 
@@ -50,12 +67,12 @@ impl Binary {
     fn grow(&mut self, builder: &Builder, room: &mut [Ref], [first, len]: [usize; 2], extents: &Extents, depth: u32, clump: Option<u32>) -> u32 {
         let (id, bounds) = (self.nodes.len(), extents.bounds());
         let clump = clump.or((len <= CLUMP).then_some(id as u32));
-        let surely = 3 * len <= MAX_VERTICES;
+        let surely = surely_fits(len);
         let shape = if surely { None } else { LeafShape::that_fits(&room[..len], builder.input).map(Box::new) };
         let fits = surely || shape.is_some();
         self.nodes.push(Node { first, len, bounds, shape, clump });
         self.halves.push([id as u32; 2]);
-        // Weighed anew below where it is split.
+        // What is split is weighed when all is known.
         self.weighed.push(Weighed::leaf(bounds.half_area(), len));
         if fits && len <= FEW {
             return id as u32;
@@ -68,19 +85,30 @@ impl Binary {
         let own = if fits { &mut room[..len] } else { room };
         let [left, right] = builder.halve(own, len, first, extents, split);
         let mut half = |half: Range| self.grow(builder, half.room, [half.first, half.len], &half.extents, depth + 1, clump);
-        let halves = [half(left), half(right)];
-        let [left, right] = halves.map(|half| &self.weighed[half as usize]);
-        self.weighed[id] = Weighed::inner(bounds.half_area(), left, right, fits.then_some(len));
-        self.halves[id] = halves;
+        self.halves[id] = [half(left), half(right)];
         id as u32
+    }
+
+    /// Weighs what is split, halves first.
+    fn weigh(&mut self) {
+        let could_share = self.nodes.iter().filter(|node| !node.surely_fits() && node.len <= MAX_TRIANGLES);
+        let (share, all) = could_share.fold((0, 0), |(share, all), node| (share + u32::from(node.shape.is_some()), all + 1));
+        self.bare = BARE[usize::from(2 * share < all)];
+        for id in (0..self.nodes.len()).rev() {
+            let ([left, right], node) = (self.halves[id].map(|half| half as usize), &self.nodes[id]);
+            if left != id {
+                let leaf = (node.surely_fits() || node.shape.is_some()).then_some(node.len);
+                self.weighed[id] = Weighed::inner(node.bounds.half_area(), &self.weighed[left], &self.weighed[right], leaf, node.len > self.bare);
+            }
+        }
     }
 
     /// The children of a wide node over node `at`, and the counts of that. The first reference of `room` is number `start` of all.
     fn wide(&self, builder: &Builder, room: &[Ref], start: usize, at: u32) -> (Vec<Piece>, Counts) {
         let mut pieces = Vec::with_capacity(WIDTH);
         let mut counts = Counts { nodes: 1, ..Counts::default() };
-        let mut before = None;
-        for child in collapse::children(at, &self.weighed, &self.halves) {
+        let (mut before, wraps) = (None, self.nodes[at as usize].len > self.bare);
+        for child in collapse::children(at, &self.weighed, &self.halves, wraps) {
             let node = &self.nodes[child as usize];
             let place = match node.clump {
                 None => Place::Above,
@@ -88,7 +116,7 @@ impl Binary {
                 _ => Place::Begins,
             };
             before = node.clump;
-            let (piece, below) = if self.weighed[child as usize].is_leaf {
+            let (piece, below) = if self.weighed[child as usize].is_leaf(wraps) {
                 leaf(builder, room, start, node, place)
             } else {
                 let (pieces, counts) = self.wide(builder, room, start, child);
