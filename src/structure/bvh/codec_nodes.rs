@@ -139,9 +139,9 @@ fn table(heads: impl ExactSizeIterator<Item = [u32; 4]>, boxes: &[u8], voxels: &
             *plane = (spread(boxes, row) | empty).to_le_bytes();
         }
         for (row, bytes) in normal.iter_mut().enumerate() {
-            *bytes = (spread(voxels.firsts, row) ^ way.valid & TOP_BITS).to_le_bytes();
+            *bytes = (spread(voxels.first_planes, row) ^ way.valid & TOP_BITS).to_le_bytes();
         }
-        add_passed(&mut passed, table.len(), spread(voxels.firsts, 3) & STOP_CODES != 0);
+        add_passed(&mut passed, table.len(), spread(voxels.first_planes, 3) & STOP_CODES != 0);
         let (mut slabs, from) = ([0; WIDTH], piece::<u32, WIDTH>(&voxels.slabs, next));
         let mut child = 0;
         for (slot, slabs) in slabs.iter_mut().enumerate() {
@@ -178,8 +178,8 @@ struct Voxels<'a> {
     words: Vec<u32>,
     /// Of each child, and zeros.
     slabs: Vec<u32>,
-    /// The first bytes of all children's first words, those of their normals, then the second ones, of these too, then the third and the fourth; then others.
-    firsts: &'a [u8],
+    /// The byte planes of all children's first words, of which 0 and 1 are normals and 3 has flags and stop codes; then others.
+    first_planes: &'a [u8],
 }
 
 /// The voxels of nodes with `count` children in all, given the valid bits of each.
@@ -191,7 +191,7 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
     }
     let part = reader.u32()?;
     // More follows than a window reaches behind the last.
-    let first_bytes = reader.ahead(4 * count + WIDTH)?;
+    let first_planes = reader.ahead(4 * count + WIDTH)?;
     let firsts: Vec<u32> = reader.planes(count)?.collect();
     let mut seconds: Vec<u32> = reader.planes(count)?.collect();
     let slabs = padded(reader.planes(count)?, WIDTH);
@@ -238,7 +238,7 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
             side[word] = bits;
         }
     }
-    Ok(Voxels { header: [count as u32 | six_sided << 16, size as u32, part], words, slabs, firsts: first_bytes })
+    Ok(Voxels { header: [count as u32 | six_sided << 16, size as u32, part], words, slabs, first_planes })
 }
 
 /// How the bytes of a node's children come to their slots.

@@ -483,6 +483,18 @@ impl StoredVoxel<'_> {
 mod tests {
     use super::*;
 
+    /// A bit for each two.
+    #[test]
+    fn who_may_be_passed_is_it_and_the_one_beside() {
+        for node in 0..MAX_WORDS / NODE_WORDS {
+            let mut passed = Passed::default();
+            add_passed(&mut passed, node, true);
+            let words = [[0; PASSED_AT], passed].concat();
+            let may_be = |other| Block::new(&words).may_be_passed(other);
+            assert!((0..MAX_WORDS / NODE_WORDS).all(|other| may_be(other) == (other / 2 == node / 2)), "{node}");
+        }
+    }
+
     #[test]
     fn child_references_round_trip() {
         for child in [Child::Node(0), Child::Node(16383), Child::Leaf(4), Child::External(77)] {

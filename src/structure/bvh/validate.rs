@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn each_damage_is_found() {
         let nan = f32::NAN.to_bits();
-        let damages: [(usize, u32, &str); 28] = [
+        let damages: [(usize, u32, &str); 30] = [
             (0, 0, "no node"),
             (0, 2 | 1 << 16, "two nodes"),
             (1, 2 | 1 << 16, "two triangles"),
@@ -203,6 +203,8 @@ mod tests {
             (5, 3, "a voxel too many"),
             (5, 2 | 1 << 16, "sides that no voxel has"),
             (6, 3, "voxels of no size"),
+            (9, 1, "rays that pass nodes that are not there"),
+            (15, 1 << 31, "the last of these"),
             (8, 1, "rays that pass a node of whose voxels none says so"),
             (16, nan, "a grid at NaN"),
             (19, 0b11 << 24, "a step of nothing"),
@@ -269,6 +271,10 @@ mod tests {
                 }
             }
         }
+        // It has no nodes that rays pass.
+        let mut words = leaf_block(1, APART, 1);
+        words[8] = 1;
+        assert!(validate(&words, place).is_err());
         // What shares vertices is neither apart nor near.
         for flags in [APART, NEAR, APART | NEAR] {
             let mut words = leaf_block(2, APART, 1 << 22);

@@ -41,15 +41,15 @@ impl Weighed {
         Self { below: costs_of_leaf(half_area, triangles).map(|cost| Choice { costs: [cost; WIDTH], of_left: [0; WIDTH], is_leaf: true }) }
     }
 
-    /// What is in two halves, or in a leaf of so many triangles, if it fits one. `wraps`: leaves of a node over it get nodes of their own, and so they do of all
-    /// nodes that it is below.
+    /// What is in two halves, or in a leaf of so many triangles, if it fits one. `wraps`: leaves of a node made of it get nodes of their own, and so they do of
+    /// all nodes above it.
     pub fn inner(half_area: f32, left: &Self, right: &Self, triangles: Option<usize>, wraps: bool) -> Self {
         let of = |which: usize| several(&left.below[which].costs, &right.below[which].costs);
         let wrapped = of(1);
-        // Nothing asks the other any more where leaves get nodes.
+        // Nothing asks `below[0]` of such a node: all above it wrap too.
         let bare = if wraps { wrapped } else { of(0) };
         let least = |costs: &[f32; WIDTH]| costs[1..].iter().fold(f32::INFINITY, |least, cost| least.min(*cost));
-        let node = least(if wraps { &wrapped.0 } else { &bare.0 }) + half_area * NODE_COST;
+        let node = least(&bare.0) + half_area * NODE_COST;
         let leaves = triangles.map_or([f32::INFINITY; 2], |count| costs_of_leaf(half_area, count));
         let choice = |(mut costs, mut of_left): ([f32; WIDTH], [u8; WIDTH]), leaf: f32| {
             let is_leaf = triangles.is_some() && leaf <= node;
@@ -222,32 +222,34 @@ mod tests {
     /// Two leaves of a node of which each leaf gets one: both go into one node.
     #[test]
     fn leaves_go_together_where_each_would_get_a_node() {
-        let [l, r] = [Weighed::leaf(1.0, 4), Weighed::leaf(1.0, 4)];
-        let pair = Weighed::inner(1.2, &l, &r, None, false);
-        let all = [pair, l, r];
-        let halves = [[1, 2], [1, 1], [2, 2]];
-        assert_eq!(children(0, &all, &halves, false), [1, 2]);
-        // As a child of such a node it is cheaper whole than as two.
-        assert!(all[0].below[1].costs[1] == all[0].below[1].costs[0] && all[0].below[0].costs[1] < all[0].below[0].costs[0]);
+        // A root over a pair of leaves, and a third.
+        let halves = [[1, 2], [3, 4], [2, 2], [3, 3], [4, 4]];
+        for (wraps, expected) in [(false, vec![3, 4, 2]), (true, vec![1, 2])] {
+            let leaf = || Weighed::leaf(1.0, 4);
+            let (pair, third) = (Weighed::inner(1.2, &leaf(), &leaf(), None, false), leaf());
+            let root = Weighed::inner(2.0, &pair, &third, None, wraps);
+            let all = [root, pair, third, leaf(), leaf()];
+            assert_eq!(children(0, &all, &halves, wraps), expected);
+        }
     }
 
     #[test]
     fn boxes_without_area_or_beyond_numbers_end() {
-        for area in [0.0, f32::INFINITY] {
+        for (area, wraps) in [(0.0, false), (0.0, true), (f32::INFINITY, false), (f32::INFINITY, true)] {
             let mut tree = Tree::new(40);
             tree.grow(30, &mut (0..60).map(|at| (at * 7, 1.0)));
             for at in (0..tree.weighed.len()).rev() {
                 let [l, r] = tree.halves[at].map(|half| half as usize);
                 tree.weighed[at] = match l == at {
                     true => Weighed::leaf(area, 1),
-                    false => Weighed::inner(area, &tree.weighed[l], &tree.weighed[r], None, false),
+                    false => Weighed::inner(area, &tree.weighed[l], &tree.weighed[r], None, wraps),
                 };
             }
             let (mut open, mut leaves) = (vec![0], 0);
             while let Some(at) = open.pop() {
-                let below = children(at, &tree.weighed, &tree.halves, false);
+                let below = children(at, &tree.weighed, &tree.halves, wraps);
                 assert!((2..=WIDTH).contains(&below.len()));
-                let (leaf, node): (Vec<u32>, Vec<u32>) = below.into_iter().partition(|child| tree.weighed[*child as usize].is_leaf(false));
+                let (leaf, node): (Vec<u32>, Vec<u32>) = below.into_iter().partition(|child| tree.weighed[*child as usize].is_leaf(wraps));
                 leaves += leaf.len();
                 open.extend(node);
             }

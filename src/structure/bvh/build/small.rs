@@ -4,7 +4,7 @@ use super::collapse::{self, Weighed};
 use super::leaf::LeafShape;
 use super::refs::Ref;
 use super::sah::Extents;
-use super::tree::{Builder, DEEP, Inner, CLUMP, Piece, Place, Range, Sub, leaf_voxel, pays, wrap_leaves};
+use super::tree::{Builder, CLUMP, DEEP, Inner, Piece, Place, Range, Sub, leaf_voxel, pays, wrap_leaves};
 use super::{Counts, sah};
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, WIDTH};
@@ -17,7 +17,7 @@ pub const SMALL: usize = 4096;
 const FEW: usize = 3;
 
 /// Nodes over more references than so many are taken for such whose leaves get nodes of their own ([`wrap_leaves`]), for they are larger than a fine unit, mostly:
-/// where most triangles share vertices, and where they do not. (Without that, as if no leaf got one, airliners take 4 bytes a triangle more.)
+/// where most ranges of six to eight triangles fit a leaf by what they share, and where most do not. (Without that, as if no leaf got one, airliners take 4 bytes a triangle more.)
 const BARE: [usize; 2] = [128, 64];
 
 /// A binary tree over a small range; its first node is over all.

@@ -42,7 +42,7 @@ pub struct Inner {
     pub children: Vec<(Coded, Sub)>,
     /// Words of all that hangs below, itself included.
     pub words: u32,
-    /// Of each child, in the order of the slots.
+    /// Where each child is of clumps, in the order of the slots.
     pub places: [Place; WIDTH],
 }
 
