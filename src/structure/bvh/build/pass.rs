@@ -40,13 +40,13 @@ const SURE: f32 = 0.7;
 /// as soon as it is known of so many of these;
 const ENOUGH: f32 = 16.0;
 /// or, once a group was asked through each of them, so many. (Of the clumps of a Mandelbulb of a million all find 0.5 or more, 2 of 5,745 less than this, see [`agree`].
-/// With 0.45 small steps in a terrain of cubes close, which brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.9 %, both.)
+/// With 0.45 small steps in a terrain of cubes close, which brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.7 and 1.0 %.)
 const FOUND: f32 = 0.55;
 /// How near, as a part of the cell's diagonal: to cells in clumps, and to **larger** ones, which are those of nodes above clumps and of each clump's uppermost.
 const NEAR: [f32; 2] = [0.125, 0.25];
 /// How many of the lines that pass a cell, and find other surface near it, count as stopped: of leaves, of other nodes in clumps, and of larger ones.
-/// (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that farthest from 1: 0.03, 0.02, 0.02 and 0.03 off, and 0.04, 0.04, 0.02
-/// and 0.05. Plates need fewer, wires as many: so leaves go by their clump.)
+/// (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that farthest from 1: 0.02, 0.02, 0.03 and 0.03 off, and 0.05, 0.04, 0.02
+/// and 0.04. Plates need fewer, wires as many: so leaves go by their clump.)
 const BESIDE: Beside = Beside { of_nodes: 0.5, of_larger: 0.75, of_leaves: 2.0 };
 /// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and leaf cards.)
 const SEEK: usize = 64;

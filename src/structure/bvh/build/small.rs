@@ -9,8 +9,8 @@ use super::{Counts, sah};
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, WIDTH};
 
-/// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 48 exact shadow rays of scans are 4 % slower,
-/// primary and bounce rays 3 %, and models take a thirtieth more.)
+/// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 48 exact primary rays of scans are 3 to 7 % slower, others
+/// up to 4 %, and models take a thirtieth more.)
 pub const SMALL: usize = 4096;
 
 /// References that stay one leaf if they fit one. (To split twos and threes too makes builds some percent longer, and gains nothing.)
