@@ -85,7 +85,7 @@ impl Output<'_> {
         let placed = origin::place(spool, self.spilled.as_ref(), &self.par, self.cancel)?;
         self.cancel.check()?;
         self.judged(&placed.fates, placed.origin, &mut row);
-        let of_parts = parts::count(&placed.triangles, &placed.parts);
+        let of_parts = parts::count(&placed.triangles, &placed.parts, &self.par);
         assembly.add(index, placed.origin, &of_parts);
         if placed.triangles.is_empty() {
             return Ok(row);

@@ -85,7 +85,7 @@ impl Fates {
     }
 }
 
-/// Where the kept triangles of a batch go.
+/// Where the triangles of a batch go.
 struct Target<'a> {
     triangles: &'a mut [[Vec3; 3]],
     parts: &'a mut [u32],
@@ -97,22 +97,18 @@ struct Target<'a> {
 /// it is in a scratch file.
 pub fn place(spool: Spool, scratch: Option<&Scratch>, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let origin = choose(&spool.bounds, spool.is_single);
-    let judge = |i: usize| -> Result<Fates> {
+    let has_colours = spool.has_colours;
+    let batches = spool.take();
+    let counts: Vec<usize> = batches.iter().map(Taken::len).collect();
+    // With room for all: mostly all are kept.
+    let mut all = Placed::of(counts.iter().sum(), origin, has_colours);
+    let work: Vec<_> = batches.into_iter().zip(targets(&mut all, &counts)).collect();
+    let fill = |(batch, target): (Taken, Target)| -> Result<Fates> {
         cancel.check()?;
-        let batch = spool.batch(i, scratch)?;
-        Ok(visit(&batch, origin, |_, _| ()))
+        Ok(fill(&batch.batch(scratch)?, origin, target))
     };
-    let fates = par.map(spool.batches(), judge).into_iter().collect::<Result<Vec<Fates>>>()?;
-    let mut all = Placed::of(&fates, origin, spool.has_colours);
-    let counts: Vec<usize> = fates.iter().map(|f| f.kept as usize).collect();
-    let targets = targets(&mut all, &counts);
-    let work: Vec<_> = spool.take().into_iter().zip(targets).collect();
-    let fill = |(batch, target): (Taken, Target)| -> Result<()> {
-        cancel.check()?;
-        fill(&batch.batch(scratch)?, origin, target);
-        Ok(())
-    };
-    par.map_items(work, fill).into_iter().collect::<Result<()>>()?;
+    let fates = par.map_items(work, fill).into_iter().collect::<Result<Vec<Fates>>>()?;
+    all.close_gaps(&counts, &fates);
     Ok(all)
 }
 
@@ -141,30 +137,52 @@ pub fn visit(batch: &Batch, origin: DVec3, mut keep: impl FnMut(usize, [Vec3; 3]
 pub fn load(extents: &[Extent], from: &Scratch, has_colours: bool, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let counts: Vec<usize> = extents.iter().map(|e| e.count as usize).collect();
     let total: usize = counts.iter().sum();
-    let mut all = Placed::of(&[Fates { kept: total as u64, ..Fates::default() }], DVec3::ZERO, has_colours);
+    let mut all = Placed::of(total, DVec3::ZERO, has_colours);
     let work: Vec<_> = extents.iter().zip(targets(&mut all, &counts)).collect();
-    let fill = |(extent, target): (&Extent, Target)| -> Result<()> {
+    let fill = |(extent, target): (&Extent, Target)| -> Result<Fates> {
         cancel.check()?;
-        fill(&batch::read(from, extent)?, DVec3::ZERO, target);
-        Ok(())
+        Ok(fill(&batch::read(from, extent)?, DVec3::ZERO, target))
     };
-    par.map_items(work, fill).into_iter().collect::<Result<()>>()?;
+    let fates = par.map_items(work, fill).into_iter().collect::<Result<Vec<Fates>>>()?;
+    all.close_gaps(&counts, &fates);
     Ok(all)
 }
 
 impl Placed {
-    /// With room for what is kept, in memory not yet touched: the threads that fill it do that.
-    fn of(fates: &[Fates], origin: DVec3, has_colours: bool) -> Self {
-        let all = fates.iter().fold(Fates::default(), Fates::and);
-        let total = all.kept as usize;
+    /// With room for so many, in memory not yet touched: the threads that fill it do that.
+    fn of(count: usize, origin: DVec3, has_colours: bool) -> Self {
         Self {
             origin,
-            triangles: zeroed_vec(total),
-            parts: zeroed_vec(total),
-            prims: zeroed_vec(total),
-            colours: zeroed_vec(if has_colours { total } else { 0 }),
-            fates: all,
+            triangles: zeroed_vec(count),
+            parts: zeroed_vec(count),
+            prims: zeroed_vec(count),
+            colours: zeroed_vec(if has_colours { count } else { 0 }),
+            fates: Fates::default(),
         }
+    }
+
+    /// Closes up behind those that are kept, of batches of so many.
+    fn close_gaps(&mut self, counts: &[usize], fates: &[Fates]) {
+        fn keep<T: Copy>(all: &mut Vec<T>, spans: &[(usize, usize)]) {
+            if all.is_empty() {
+                return;
+            }
+            let mut to = 0;
+            for &(from, kept) in spans {
+                if to < from {
+                    all.copy_within(from..from + kept, to);
+                }
+                to += kept;
+            }
+            all.truncate(to);
+        }
+        self.fates = fates.iter().fold(Fates::default(), Fates::and);
+        let begins = counts.iter().scan(0, |at, count| Some(std::mem::replace(at, *at + count)));
+        let spans: Vec<_> = begins.zip(fates.iter().map(|f| f.kept as usize)).collect();
+        keep(&mut self.triangles, &spans);
+        keep(&mut self.parts, &spans);
+        keep(&mut self.prims, &spans);
+        keep(&mut self.colours, &spans);
     }
 }
 
@@ -178,16 +196,17 @@ fn targets<'a>(all: &'a mut Placed, counts: &[usize]) -> Vec<Target<'a>> {
     }
     let (mut triangles, mut parts) = (&mut all.triangles[..], &mut all.parts[..]);
     let (mut prims, mut colours) = (&mut all.prims[..], &mut all.colours[..]);
-    let mut target = |kept: usize| Target {
-        triangles: carve(&mut triangles, kept),
-        parts: carve(&mut parts, kept),
-        prims: carve(&mut prims, kept),
-        colours: carve(&mut colours, kept),
+    let mut target = |count: usize| Target {
+        triangles: carve(&mut triangles, count),
+        parts: carve(&mut parts, count),
+        prims: carve(&mut prims, count),
+        colours: carve(&mut colours, count),
     };
-    counts.iter().map(|&kept| target(kept)).collect()
+    counts.iter().map(|&count| target(count)).collect()
 }
 
-fn fill(batch: &Batch, origin: DVec3, to: Target) {
+/// Puts what is kept of a batch at the front of `to`.
+fn fill(batch: &Batch, origin: DVec3, to: Target) -> Fates {
     let mut at = 0;
     visit(batch, origin, |i, stored| {
         to.triangles[at] = stored;
@@ -197,7 +216,7 @@ fn fill(batch: &Batch, origin: DVec3, to: Target) {
             to.colours[at] = batch.colours.get(i).copied().unwrap_or([0; 4]);
         }
         at += 1;
-    });
+    })
 }
 
 /// Whether the corners, as stored, do not lie on one line.

@@ -2,6 +2,7 @@
 
 use super::survey::OfPart;
 use crate::math::{Bounds, DBounds};
+use crate::structure::bvh::build::Par;
 use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow};
 use glam::{DAffine3, DVec3, Vec3};
 use std::collections::BTreeMap;
@@ -13,8 +14,22 @@ pub struct Assembly {
     pub instances: Vec<InstanceRow>,
 }
 
+/// Triangles that are counted by one thread. What comes out depends on it, not on how many threads there are.
+const CHUNK: usize = 1 << 16;
+
 /// Bounds and count of each part that has triangles.
-pub fn count(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> {
+pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par) -> BTreeMap<u32, OfPart> {
+    let chunks: Vec<_> = triangles.chunks(CHUNK).zip(parts.chunks(CHUNK)).collect();
+    let counted = par.map_items(chunks, |(triangles, parts)| count_chunk(triangles, parts));
+    let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
+    for (part, of) in counted.into_iter().flatten() {
+        let sum = all.entry(part).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
+        (sum.bounds, sum.count) = (sum.bounds.union(of.bounds), sum.count + of.count);
+    }
+    all
+}
+
+fn count_chunk(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> {
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
     let mut at = 0;
     // Neighbours mostly share their part.

@@ -138,6 +138,14 @@ pub enum Taken {
 }
 
 impl Taken {
+    /// Triangles.
+    pub fn len(&self) -> usize {
+        match self {
+            Taken::Kept(batch) => batch.parts.len(),
+            Taken::Spilled(extent) => extent.count as usize,
+        }
+    }
+
     /// It, from the scratch file if it was spilled.
     pub fn batch(self, scratch: Option<&Scratch>) -> Result<Batch> {
         match (self, scratch) {

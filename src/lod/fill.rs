@@ -24,6 +24,7 @@
 
 use super::slabs::{Content, Slabs};
 use crate::math::Bounds;
+use crate::simd::{Isa, Op, Simd, dispatch};
 use glam::{DVec3, Vec3};
 
 /// Of each level: all of the region is within this part of the box's diagonal of original surface. The first says nothing. (Of the
@@ -56,34 +57,11 @@ impl Fill {
         let grid = Grid::of(cell);
         let mut out = Self { occupied: 0, within: 0.0 };
         let (triangles, corners) = content.triangles();
-        let three = |triangle: &[u16; 3]| triangle.map(|at| corners[usize::from(at)].as_dvec3());
-        if triangles.len() <= FEW {
-            triangles.iter().map(three).for_each(|[a, b, c]| out.add_triangle(&grid, a, b - a, c - a));
-        } else {
-            corners.iter().for_each(|p| out.add_point(&grid, p.as_dvec3()));
-            triangles.iter().map(three).for_each(|[a, b, c]| out.add_point(&grid, (a + b + c) * (1.0 / 3.0)));
-        }
+        out.occupied = dispatch(Isa::best(), Points { grid: &grid, triangles, corners });
         for (cell, _, fill) in content.cells() {
             out.add_piece(&grid, &Grid::of(cell), fill);
         }
         out
-    }
-
-    /// Points of a triangle, of whose corners two are at `b` and `c` from the other one: each side is divided in three.
-    fn add_triangle(&mut self, grid: &Grid, a: DVec3, b: DVec3, c: DVec3) {
-        for i in 0..4 {
-            for j in 0..4 - i {
-                self.add_point(grid, a + b * (f64::from(i) * (1.0 / 3.0)) + c * (f64::from(j) * (1.0 / 3.0)));
-            }
-        }
-    }
-
-    #[inline]
-    fn add_point(&mut self, grid: &Grid, p: DVec3) {
-        // Of a piece of a triangle the rest is elsewhere.
-        if p.cmpge(grid.low).all() && p.cmple(grid.high).all() {
-            self.occupied |= grid.subcell(p);
-        }
     }
 
     fn add_piece(&mut self, grid: &Grid, piece: &Grid, fill: &Self) {
@@ -139,6 +117,67 @@ pub fn sure_from(origin: DVec3, reach: f32) -> f64 {
     origin.abs().max_element().max(f64::from(reach)) * (256.0 / 16_777_216.0 / MARGIN)
 }
 
+/// The subcells that points of triangles are in.
+struct Points<'a> {
+    grid: &'a Grid,
+    triangles: &'a [[u16; 3]],
+    corners: &'a [Vec3],
+}
+
+/// Points that are looked at together. Those of a triangle, of which each side is divided in three, are ten; these repeat the last.
+const TOGETHER: usize = 12;
+/// How far along two sides of a triangle each of its points is.
+const ALONG: [[f64; TOGETHER]; 2] = {
+    const THIRD: f64 = 1.0 / 3.0;
+    let (one, two, three) = (THIRD, 2.0 * THIRD, 3.0 * THIRD);
+    [
+        [0.0, 0.0, 0.0, 0.0, one, one, one, two, two, three, three, three],
+        [0.0, one, two, three, 0.0, one, two, 0.0, one, 0.0, 0.0, 0.0],
+    ]
+};
+
+impl Op for Points<'_> {
+    type Out = u64;
+
+    /// Without vectors of ours, which are of single precision: the loops over points become such.
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) -> u64 {
+        let Self { grid, triangles, corners } = self;
+        let mut occupied = [0; TOGETHER];
+        if triangles.len() <= FEW {
+            for triangle in triangles {
+                let [a, b, c] = [0, 1, 2].map(|i| corners[usize::from(triangle[i])].as_dvec3());
+                let (b, c) = (b - a, c - a);
+                let mut points = [[0.0; TOGETHER]; 3];
+                for axis in 0..3 {
+                    for i in 0..TOGETHER {
+                        points[axis][i] = a[axis] + b[axis] * ALONG[0][i] + c[axis] * ALONG[1][i];
+                    }
+                }
+                grid.add(&points, &mut occupied);
+            }
+        } else {
+            for some in corners.chunks(TOGETHER) {
+                let mut points = [[f64::NAN; TOGETHER]; 3];
+                for (i, p) in some.iter().enumerate() {
+                    (points[0][i], points[1][i], points[2][i]) = (f64::from(p.x), f64::from(p.y), f64::from(p.z));
+                }
+                grid.add(&points, &mut occupied);
+            }
+            for some in triangles.chunks(TOGETHER) {
+                let mut points = [[f64::NAN; TOGETHER]; 3];
+                for (i, triangle) in some.iter().enumerate() {
+                    let [a, b, c] = [0, 1, 2].map(|i| corners[usize::from(triangle[i])].as_dvec3());
+                    let p = (a + b + c) * (1.0 / 3.0);
+                    (points[0][i], points[1][i], points[2][i]) = (p.x, p.y, p.z);
+                }
+                grid.add(&points, &mut occupied);
+            }
+        }
+        occupied.iter().fold(0, |all, one| all | one)
+    }
+}
+
 /// A box's subcells.
 struct Grid {
     low: DVec3,
@@ -155,6 +194,27 @@ impl Grid {
         // Along an axis on which the box is flat all is in the first.
         let per_size = DVec3::select(size.cmpgt(DVec3::ZERO), size.recip(), DVec3::ZERO);
         Self { low, high, size, per_size }
+    }
+
+    /// The subcells that points are in, each into a word of its own; of those that are outside, for of a piece of a triangle the rest is elsewhere, or no
+    /// numbers, none.
+    #[inline(always)]
+    fn add(&self, points: &[[f64; TOGETHER]; 3], occupied: &mut [u64; TOGETHER]) {
+        let mut places = [0u64; TOGETHER];
+        let mut inside = [u64::MAX; TOGETHER];
+        for (axis, points) in points.iter().enumerate() {
+            let (low, high, per_size) = (self.low[axis], self.high[axis], self.per_size[axis]);
+            for i in 0..TOGETHER {
+                let p = points[i];
+                inside[i] &= if p >= low && p <= high { u64::MAX } else { 0 };
+                let at = (p - low) * per_size;
+                let place = u64::from(at >= 1.0) + u64::from(at >= 2.0) + u64::from(at >= 3.0);
+                places[i] += place << (2 * axis);
+            }
+        }
+        for i in 0..TOGETHER {
+            occupied[i] |= (1 << places[i]) & inside[i];
+        }
     }
 
     /// The subcell that a point is in.
@@ -290,6 +350,38 @@ mod tests {
     }
 
     proptest! {
+        /// Few triangles by points all over them, many by their corners and middles; each where it is, or nowhere if that is outside.
+        #[test]
+        fn points_are_in_the_subcells_that_they_are_in(triangles in sheet(), few in 1usize..20, shrink in 0.0f32..0.5) {
+            let triangles = &triangles[..triangles.len().min(few)];
+            let content = Content::of_points(triangles.as_flattened().to_vec());
+            let cell = around(triangles);
+            let cell = Bounds { max: cell.max - cell.extent() * shrink, ..cell };
+            let (low, size) = (cell.min.as_dvec3(), (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.25);
+            let mut expected = 0u64;
+            let mut add = |p: DVec3| {
+                if p.cmpge(low).all() && p.cmple(cell.max.as_dvec3()).all() {
+                    let at = |axis: usize| if size[axis] > 0.0 { ((p[axis] - low[axis]) / size[axis]).floor().clamp(0.0, 3.0) as u32 } else { 0 };
+                    expected |= 1 << (at(0) + 4 * at(1) + 16 * at(2));
+                }
+            };
+            for [a, b, c] in triangles.iter().map(|t| t.map(|p| p.as_dvec3())) {
+                if triangles.len() <= FEW {
+                    for (i, j) in (0..4).flat_map(|i| (0..4 - i).map(move |j| (f64::from(i), f64::from(j)))) {
+                        add(a + (b - a) * (i * (1.0 / 3.0)) + (c - a) * (j * (1.0 / 3.0)));
+                    }
+                } else {
+                    [a, b, c, (a + b + c) * (1.0 / 3.0)].into_iter().for_each(&mut add);
+                }
+            }
+            let grid = Grid::of(&cell);
+            let (triangles, corners) = content.triangles();
+            for isa in Isa::ALL {
+                let found = dispatch(isa, Points { grid: &grid, triangles, corners });
+                prop_assert_eq!(found, expected, "{:x} {:x}", found, expected);
+            }
+        }
+
         #[test]
         fn all_of_a_leafs_region_is_as_near_as_its_level_says(
             triangles in sheet(), normal: u16, points in prop::collection::vec(point(), 100),

@@ -1,5 +1,5 @@
 //! Stand-ins: what is shown for a part of a tree that is not descended into. `voxel` is what a cell looks like from each side,
-//! composited from what lies in it, `seen` what a ray sees of that; `slabs` where in the cell that is (by how far points `reach`), and `fill` how near to it all of that; `coded` their bytes.
+//! composited from what lies in it, `seen` what a ray sees of that; `slabs` where in the cell that is (by how far it `reach`es along `turns` of their axes), and `fill` how near to it all of that; `coded` their bytes.
 //! Where a cell may stand in is decided by the walks (`structure::bvh::trace`); what its hits promise by `query::finish`. Uses base, math
 //! and simd.
 #![forbid(unsafe_code)]
@@ -9,12 +9,14 @@ mod fill;
 mod reach;
 mod seen;
 mod slabs;
+mod turns;
 mod voxel;
 
 pub use coded::{
     Coded, PASSING, SAMPLE_BYTES, SIDES_WORDS, VOXEL_WORDS, stop_bits, stopped, stored_colour, stored_likeness, stored_normal,
 };
+pub use reach::farthest;
 pub use seen::{Facing, blended_colour, shares, visible};
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
-pub use slabs::{Content, FIELDS, LEVEL, Middle, Slab, Slabs, farthest, fields, normal_bytes, slabs};
+pub use slabs::{Content, FIELDS, LEVEL, Middle, Slab, Slabs, fields, normal_bytes, slabs};
 pub use voxel::{Facet, Voxel, summary_bit};

@@ -1,75 +1,199 @@
-//! How far points reach along eight axes at once.
+//! How far what a cell holds reaches along axes: eight at once.
 #![allow(clippy::needless_range_loop)] // an axis is a lane of several arrays
 
-use crate::simd::{Isa, Op, Simd, dispatch};
-use glam::Vec3;
+use super::slabs::{Content, Slabs};
+use crate::math::Bounds;
+use glam::{DVec3, Vec3};
 
 /// Axes that are looked along at once: lanes.
 pub const AXES: usize = 8;
+/// So many axes, by component.
+pub type Axes = [[f32; AXES]; 3];
 
-/// The least and the greatest of `axis . p` over all points, for each axis. In double precision, the same with any vectors.
-pub fn reach(points: &[Vec3], axes: &[[f32; 3]; AXES]) -> [[f64; 2]; AXES] {
-    let mut lanes = [[[0.0; HALF]; 3]; 2];
-    for (at, axis) in axes.iter().enumerate() {
-        (0..3).for_each(|k| lanes[at / HALF][k][at % HALF] = f64::from(axis[k]));
-    }
-    let ends = dispatch(Isa::best(), Reach { points, axes: &lanes });
-    std::array::from_fn(|at| ends[at / HALF].map(|row| row[at % HALF]))
-}
-
-/// Lanes of a vector. (Eight at once, or comparisons in place of `min` and `max`: compiled for AVX-512 half as fast.)
+/// Lanes of a vector of double precision. (Eight at once, or comparisons in place of `min` and `max`: compiled for AVX-512 half as fast.)
 const HALF: usize = AXES / 2;
+/// A half of the axes, by component.
+type Half = [[f64; HALF]; 3];
 
-struct Reach<'a> {
-    points: &'a [Vec3],
-    axes: &'a [[[f64; HALF]; 3]; 2],
-}
+/// What a cell's ends along an axis are off by, as a part of the greatest magnitude of a coordinate: 17 h (`cell_slabs.rs`) and more.
+const ENDS: f64 = 24.0 / 16_777_216.0;
 
-impl Op for Reach<'_> {
-    /// Of each half the least, then the greatest.
-    type Out = [[[f64; HALF]; 2]; 2];
-
-    /// Without vectors of ours, which are of single precision: the loops over lanes become such.
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) -> Self::Out {
-        let axes = *self.axes;
-        let mut ends = [[[f64::INFINITY; HALF], [f64::NEG_INFINITY; HALF]]; 2];
-        for p in self.points {
-            let (x, y, z) = (f64::from(p.x), f64::from(p.y), f64::from(p.z));
-            for half in 0..2 {
-                let [along_x, along_y, along_z] = &axes[half];
-                let [low, high] = &mut ends[half];
+/// The least and the greatest of `axis . p` over all that `content` holds, for each axis; of what is known by its pieces' cells no more, or no less. In double precision, the same
+/// with any vectors. (Inlined always: it is compiled for the set of whoever calls.)
+#[inline(always)]
+pub fn reach(content: &Content, axes: &Axes) -> [[f64; AXES]; 2] {
+    let mut halves: [Half; 2] = [[[0.0; HALF]; 3]; 2];
+    for k in 0..3 {
+        for lane in 0..AXES {
+            halves[lane / HALF][k][lane % HALF] = f64::from(axes[k][lane]);
+        }
+    }
+    let mut ends = [[[f64::INFINITY; HALF], [f64::NEG_INFINITY; HALF]]; 2];
+    for p in content.points() {
+        add_point(p, &halves, &mut ends);
+    }
+    for (cell, slabs, _) in content.cells() {
+        for half in 0..2 {
+            let mut back = halves[half];
+            for k in 0..3 {
                 for lane in 0..HALF {
-                    let at = x * along_x[lane] + y * along_y[lane] + z * along_z[lane];
-                    low[lane] = low[lane].min(at);
-                    high[lane] = high[lane].max(at);
+                    back[k][lane] = -back[k][lane];
                 }
             }
+            let (behind, before) = (farthest_of(cell, slabs, &back), farthest_of(cell, slabs, &halves[half]));
+            let [low, high] = &mut ends[half];
+            for lane in 0..HALF {
+                low[lane] = low[lane].min(-behind[lane]);
+                high[lane] = high[lane].max(before[lane]);
+            }
         }
-        ends
     }
+    let mut out = [[0.0; AXES]; 2];
+    for lane in 0..AXES {
+        (out[0][lane], out[1][lane]) = (ends[lane / HALF][0][lane % HALF], ends[lane / HALF][1][lane % HALF]);
+    }
+    out
+}
+
+#[inline(always)]
+fn add_point(p: &Vec3, axes: &[Half; 2], ends: &mut [[[f64; HALF]; 2]; 2]) {
+    let (x, y, z) = (f64::from(p.x), f64::from(p.y), f64::from(p.z));
+    for half in 0..2 {
+        let [along_x, along_y, along_z] = &axes[half];
+        let [low, high] = &mut ends[half];
+        for lane in 0..HALF {
+            let at = x * along_x[lane] + y * along_y[lane] + z * along_z[lane];
+            low[lane] = low[lane].min(at);
+            high[lane] = high[lane].max(at);
+        }
+    }
+}
+
+/// How far what is in a cell and in its slabs reaches along `axis`, or farther.
+pub fn farthest(cell: &Bounds, slabs: &Slabs<f32>, axis: DVec3) -> f64 {
+    farthest_of(cell, slabs, &axis.to_array().map(|component| [component]))[0]
+}
+
+/// The same along some axes.
+///
+/// For any factors `f`, `axis . p = (axis - f0 a0 - f1 a1) . p + f0 (a0 . p) + f1 (a1 . p)`: no more than the cell allows for the
+/// first term, and the slabs for the others. The factor that is best for one slab is zero or takes a component of what is left away.
+/// Planes at a cell's ends are where single precision has these: content may be outside by that, times a factor that may be great.
+#[inline(always)]
+fn farthest_of<const N: usize>(cell: &Bounds, slabs: &Slabs<f32>, axes: &[[f64; N]; 3]) -> [f64; N] {
+    let (centre, half) = ((cell.min.as_dvec3() + cell.max.as_dvec3()) * 0.5, (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.5);
+    let give = (centre.abs() + half).max_element() * ENDS;
+    let (centre, half) = (centre.to_array(), half.to_array());
+    let (mut rest, mut sum) = (*axes, [0.0; N]);
+    for slab in slabs {
+        let across = slab.axis.map(f64::from);
+        let (low, high) = (f64::from(slab.low), f64::from(slab.high));
+        let (mut least, mut factors, mut beyonds) = (in_cell(&centre, &half, &rest), [0.0; N], [0.0; N]);
+        for k in 0..3 {
+            let (mut left, mut factor, mut beyond) = (rest, [0.0; N], [0.0; N]);
+            for lane in 0..N {
+                let by = rest[k][lane] / across[k];
+                let plane = if by > 0.0 { high } else { low };
+                (factor[lane], beyond[lane]) = (by, by * plane + by.abs() * give);
+                for axis in 0..3 {
+                    left[axis][lane] = rest[axis][lane] - across[axis] * by;
+                }
+            }
+            let in_cell = in_cell(&centre, &half, &left);
+            for lane in 0..N {
+                let all = in_cell[lane] + beyond[lane];
+                // Not so for NaN and infinity, of axes without that component.
+                let is_less = all < least[lane];
+                least[lane] = if is_less { all } else { least[lane] };
+                factors[lane] = if is_less { factor[lane] } else { factors[lane] };
+                beyonds[lane] = if is_less { beyond[lane] } else { beyonds[lane] };
+            }
+        }
+        for lane in 0..N {
+            for axis in 0..3 {
+                rest[axis][lane] -= across[axis] * factors[lane];
+            }
+            sum[lane] += beyonds[lane];
+        }
+    }
+    let mut all = in_cell(&centre, &half, &rest);
+    for lane in 0..N {
+        all[lane] += sum[lane];
+    }
+    all
+}
+
+/// How far a cell reaches along some axes, by its middle and half its extent.
+#[inline(always)]
+fn in_cell<const N: usize>(centre: &[f64; 3], half: &[f64; 3], [x, y, z]: &[[f64; N]; 3]) -> [f64; N] {
+    let mut out = [0.0; N];
+    for lane in 0..N {
+        let middle = centre[0] * x[lane] + centre[1] * y[lane] + centre[2] * z[lane];
+        out[lane] = middle + (half[0] * x[lane].abs() + half[1] * y[lane].abs() + half[2] * z[lane].abs());
+    }
+    out
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::slabs::{Middle, fields, normal_bytes, slabs};
+    use super::super::Fill;
     use super::*;
+    use crate::simd::{Isa, Op, Simd, dispatch};
     use proptest::prelude::*;
+
+    struct Reach<'a>(&'a Content, &'a Axes);
+
+    impl Op for Reach<'_> {
+        type Out = [[f64; AXES]; 2];
+
+        #[inline(always)]
+        fn run<S: Simd>(self, _: S) -> Self::Out {
+            reach(self.0, self.1)
+        }
+    }
+
+    fn points() -> impl Strategy<Value = Vec<Vec3>> {
+        prop::collection::vec(prop::array::uniform3(-9.0f32..9.0).prop_map(Vec3::from), 1..20)
+    }
+
+    fn axes() -> impl Strategy<Value = Axes> {
+        prop::array::uniform3(prop::array::uniform8(-1.0f32..1.0))
+    }
+
+    fn axis(axes: &Axes, lane: usize) -> DVec3 {
+        Vec3::from([axes[0][lane], axes[1][lane], axes[2][lane]]).as_dvec3()
+    }
 
     proptest! {
         #[test]
-        fn it_is_that_of_points_one_by_one(
-            points in prop::collection::vec(prop::array::uniform3(-9.0f32..9.0).prop_map(Vec3::from), 0..20),
-            axes in prop::array::uniform8(prop::array::uniform3(-1.0f32..1.0)),
-        ) {
-            let half = |h: usize| std::array::from_fn(|k| std::array::from_fn(|lane| f64::from(axes[h * HALF + lane][k])));
+        fn it_is_that_of_points_one_by_one(points in points(), axes in axes()) {
+            let content = Content::of_points(points.clone());
             for isa in Isa::ALL {
-                let ends = dispatch(isa, Reach { points: &points, axes: &[half(0), half(1)] });
-                for (lane, axis) in axes.into_iter().enumerate() {
-                    let at = |p: &Vec3| p.as_dvec3().dot(Vec3::from(axis).as_dvec3());
-                    let [low, high] = ends[lane / HALF].map(|row| row[lane % HALF]);
-                    prop_assert_eq!(low, points.iter().map(at).fold(f64::INFINITY, f64::min));
-                    prop_assert_eq!(high, points.iter().map(at).fold(f64::NEG_INFINITY, f64::max));
-                    prop_assert_eq!(reach(&points, &axes)[lane], [low, high]);
+                let [low, high] = dispatch(isa, Reach(&content, &axes));
+                for lane in 0..AXES {
+                    let at = |p: &Vec3| p.as_dvec3().dot(axis(&axes, lane));
+                    prop_assert_eq!(low[lane], points.iter().map(at).fold(f64::INFINITY, f64::min));
+                    prop_assert_eq!(high[lane], points.iter().map(at).fold(f64::NEG_INFINITY, f64::max));
+                }
+            }
+        }
+
+        #[test]
+        fn cells_reach_as_far_as_each_by_itself_and_hold_their_points(points in points(), normal: u16, axes in axes()) {
+            let (content, cell) = (Content::of_points(points.clone()), Bounds::of(&points));
+            let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
+            let slabs = slabs(fields(content.slabs(normal.into(), &middle)), normal_bytes(normal.into()), &middle);
+            let large = Content::of_cells(vec![(cell, slabs, Fill::of(&content, &cell))]);
+            for isa in Isa::ALL {
+                let [low, high] = dispatch(isa, Reach(&large, &axes));
+                for lane in 0..AXES {
+                    let along = axis(&axes, lane);
+                    prop_assert_eq!([low[lane], high[lane]], [-farthest(&cell, &slabs, -along), farthest(&cell, &slabs, along)]);
+                    for p in &points {
+                        let at = p.as_dvec3().dot(along);
+                        prop_assert!(low[lane] - 1e-4 <= at && at <= high[lane] + 1e-4, "{} {at} {}", low[lane], high[lane]);
+                    }
                 }
             }
         }

@@ -17,11 +17,10 @@
 
 use super::coded::octahedral_axis;
 use super::fill::Fill;
-use super::reach::{AXES, reach};
+use super::turns::{Narrowest, narrowest};
 use crate::math::Bounds;
 use crate::simd::Lanes;
-use glam::{DVec3, Vec3};
-use std::array::from_fn;
+use glam::Vec3;
 
 /// The parts of the word, from which bit on and how many: low and high plane across the normal; turn; low and high plane across the
 /// second axis.
@@ -31,17 +30,9 @@ pub const LEVEL: (u32, u32) = (30, 2);
 /// Steps of the planes across the normal, and across the second axis.
 const STEPS: [u32; 2] = [127, 31];
 /// Ways in which the second axis may be turned.
-const TURNS: u32 = 64;
-/// Turns of which the best is sought first: every so many.
-const COARSE: u32 = TURNS / AXES as u32;
-/// Axes of those between its neighbours, and behind them the one that turns are across.
-const AROUND: usize = 2 * AXES;
-const ACROSS: usize = AROUND - 1;
-const _: () = assert!(2 * COARSE as usize == AROUND);
+pub(super) const TURNS: u32 = 64;
 /// A second slab of more steps than this is not worth its time.
 const WIDEST: u32 = 20;
-/// What a cell's ends along an axis are off by, as a part of the greatest magnitude of a coordinate: 17 h (`cell_slabs.rs`) and more.
-const ENDS: f64 = 24.0 / 16_777_216.0;
 /// A content of more triangles than these is kept as the slabs of its pieces.
 const TRIANGLES: usize = 256;
 
@@ -131,7 +122,7 @@ impl<L> Range<L> {
 /// It is a fifth to 1 long: `axis`, whose components' magnitudes add up to 1, is `3^-0.5` to 1, the direction across it that the
 /// turn begins with 0.44 to 1, that at right angles to both 0.26 to 1, and what is between these the least of it 0.22.
 #[inline(always)]
-fn turned<const N: usize, L: Lanes<N>>([x, y, z]: [L; 3], turn: L) -> [L; 3] {
+pub(super) fn turned<const N: usize, L: Lanes<N>>([x, y, z]: [L; 3], turn: L) -> [L; 3] {
     let zero = splat(x, 0.0);
     let one = splat(x, 1.0);
     let cos = one - turn * splat(x, 2.0 / TURNS as f32);
@@ -199,6 +190,11 @@ impl Content {
         all
     }
 
+    /// The corners of all triangles, if these are known.
+    pub(super) fn points(&self) -> &[Vec3] {
+        &self.points
+    }
+
     /// The triangles, if they are known, and all their corners.
     pub fn triangles(&self) -> (&[[u16; 3]], &[Vec3]) {
         (&self.triangles, &self.points)
@@ -212,74 +208,13 @@ impl Content {
     /// The word of its slabs in `cell`, across the normal in `normal`: outward, so that they hold it.
     pub fn slabs(&self, normal: u32, cell: &Middle<f32>) -> u32 {
         let across = octahedral_axis(normal_bytes(normal));
-        let (near, best, turn) = self.near_best_turn(across);
-        let [low, high] = between(1, near.axes[best], near.reach(best), cell);
-        let [first, last] = between(0, across, near.reach(ACROSS), cell);
+        let Narrowest { turn, second, along_second, along_normal } = narrowest(self, across);
+        let [low, high] = between(1, second, along_second, cell);
+        let [first, last] = between(0, across, along_normal, cell);
         let second = if high - low > WIDEST { [0, 0, STEPS[1]] } else { [turn, low, high] };
         let all = [first, last, second[0], second[1], second[2]];
         all.iter().zip(FIELDS).fold(0, |word, (steps, (from, _))| word | steps << from)
     }
-
-    /// The turn of the second axis along which the content is least wide, of eight, then of those between: it and which axis is its own
-    /// among those around it.
-    fn near_best_turn(&self, across: [f32; 3]) -> (Near<'_>, usize, u32) {
-        let axis = |turn: u32| turned(across, (turn % TURNS) as f32);
-        let coarse: [[f32; 3]; AXES] = from_fn(|i| axis(i as u32 * COARSE));
-        let of_points = reach(&self.points, &coarse);
-        let mut best = (f64::INFINITY, 0);
-        for (i, axis) in coarse.into_iter().enumerate() {
-            let wide = width(axis, self.with_cells(axis, of_points[i]));
-            if wide < best.0 {
-                best = (wide, i as u32 * COARSE);
-            }
-        }
-        let from = best.1 + TURNS + 1 - COARSE;
-        let axes: [[f32; 3]; AROUND] = from_fn(|i| if i == ACROSS { across } else { axis(from + i as u32) });
-        let [one, other] = [0, AXES].map(|at| reach(&self.points, &from_fn(|i| axes[at + i])));
-        let of_points = from_fn(|i| if i < AXES { one[i] } else { other[i - AXES] });
-        let near = Near { content: self, axes, of_points };
-        let mut narrowest = (best.0, COARSE as usize - 1);
-        for step in [4, 2, 1] {
-            let middle = narrowest.1;
-            for at in [middle - step, middle + step] {
-                let wide = width(axes[at], near.reach(at));
-                if wide < narrowest.0 {
-                    narrowest = (wide, at);
-                }
-            }
-        }
-        (near, narrowest.1, (from + narrowest.1 as u32) % TURNS)
-    }
-
-    /// How far it reaches along `axis`, or farther; `of_points`: its points.
-    fn with_cells(&self, axis: [f32; 3], of_points: [f64; 2]) -> [f64; 2] {
-        let [mut low, mut high] = of_points;
-        let axis = Vec3::from(axis).as_dvec3();
-        for (cell, slabs, _) in &self.cells {
-            low = low.min(-farthest(cell, slabs, -axis));
-            high = high.max(farthest(cell, slabs, axis));
-        }
-        [low, high]
-    }
-}
-
-/// A content along the axes of turns near the best one, and along the one that these are across.
-struct Near<'a> {
-    content: &'a Content,
-    axes: [[f32; 3]; AROUND],
-    of_points: [[f64; 2]; AROUND],
-}
-
-impl Near<'_> {
-    /// How far it reaches along one of the axes, or farther.
-    fn reach(&self, axis: usize) -> [f64; 2] {
-        self.content.with_cells(self.axes[axis], self.of_points[axis])
-    }
-}
-
-/// How wide something is that reaches so far along `axis`, which is of any length.
-fn width(axis: [f32; 3], [low, high]: [f64; 2]) -> f64 {
-    (high - low) / f64::from(Vec3::from(axis).length())
 }
 
 /// The steps of the planes across `axis`, along which a content reaches from `low` to `high`.
@@ -296,34 +231,6 @@ fn between(which: usize, axis: [f32; 3], [low, high]: [f64; 2], cell: &Middle<f3
         last += 1;
     }
     [first, last]
-}
-
-/// How far what is in a cell and in its slabs reaches along `axis`, or farther.
-///
-/// For any factors `f`, `axis . p = (axis - f0 a0 - f1 a1) . p + f0 (a0 . p) + f1 (a1 . p)`: no more than the cell allows for the
-/// first term, and the slabs for the others. The factor that is best for one slab is zero or takes a component of what is left away.
-/// Planes at a cell's ends are where single precision has these: content may be outside by that, times a factor that may be great.
-pub fn farthest(cell: &Bounds, slabs: &Slabs<f32>, axis: DVec3) -> f64 {
-    let (centre, half) = ((cell.min.as_dvec3() + cell.max.as_dvec3()) * 0.5, (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.5);
-    let give = (centre.abs() + half).max_element() * ENDS;
-    let in_cell = |axis: DVec3| centre.dot(axis) + half.dot(axis.abs());
-    let (mut rest, mut sum) = (axis, 0.0);
-    for slab in slabs {
-        let across = Vec3::from(slab.axis).as_dvec3();
-        let mut best = (in_cell(rest), 0.0, 0.0);
-        for k in 0..3 {
-            let factor = rest[k] / across[k];
-            let plane = if factor > 0.0 { slab.high } else { slab.low };
-            let beyond = factor * f64::from(plane) + factor.abs() * give;
-            let all = in_cell(rest - across * factor) + beyond;
-            // Not so for NaN and infinity, of axes without that component.
-            if all < best.0 {
-                best = (all, factor, beyond);
-            }
-        }
-        (rest, sum) = (rest - across * best.1, sum + best.2);
-    }
-    in_cell(rest) + sum
 }
 
 #[cfg(test)]

@@ -9,6 +9,10 @@ use glam::Vec3;
 
 /// Cells of the grid along each edge of a side.
 const GRID: usize = 4;
+/// Children of a node, at most.
+const CHILDREN: usize = 8;
+/// Sides of which all is worked out at once, and two that mean nothing: vectors of four and eight hold as many.
+const LANES: usize = 8;
 
 /// One triangle of a leaf.
 #[derive(Debug, Clone, Copy)]
@@ -129,17 +133,13 @@ impl Voxel {
         voxel
     }
 
-    /// Composites the voxels of a node's children, at least one, each in its box.
+    /// Composites the voxels of a node's children, at least one and at most eight, each in its box.
     pub fn over<'a>(children: impl Iterator<Item = (&'a Bounds, &'a Voxel)> + Clone) -> Self {
         let cell = children.clone().fold(Bounds::EMPTY, |all, (b, _)| all.union(*b));
-        let mut sides = [Sample::NOTHING; 6];
-        let mut seen = [0.0f32; 8];
-        for (side, sample) in sides.iter_mut().enumerate() {
-            *sample = composite(&cell, side, children.clone(), &mut seen);
-        }
+        let (sides, seen) = composite(&cell, children.clone());
         let has_own_colours = children.clone().any(|(_, v)| v.has_own_colours);
-        let (mut part, mut parts) = (0, [(0, 0.0, 0, false); 8]);
-        for (i, (_, v)) in children.enumerate().take(8) {
+        let (mut part, mut parts) = (0, [(0, 0.0, 0, false); CHILDREN]);
+        for (i, (_, v)) in children.enumerate().take(CHILDREN) {
             (parts[i], part) = ((v.part, seen[i], v.summary, v.is_mixed), i + 1);
         }
         let mut voxel = Self { sides, part: parts[0].0, weight: 0.0, is_mixed: false, summary: 0, has_own_colours };
@@ -185,45 +185,90 @@ impl Voxel {
     }
 }
 
-/// A child's box, and what of it is seen from the side.
-type Seen<'a> = (&'a Bounds, &'a Sample);
-
-/// Looks at the children from one side: what is behind others counts as much as these let through. Adds to `seen`
-/// how much is seen of each.
-fn composite<'a>(
-    cell: &Bounds,
-    side: usize,
-    children: impl Iterator<Item = (&'a Bounds, &'a Voxel)>,
-    seen: &mut [f32; 8],
-) -> Sample {
-    let (axis, high) = axis_of(side);
-    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-    let mut order: [(f32, usize, Option<Seen>); 8] = [(f32::INFINITY, 8, None); 8];
-    for ((slot, entry), (bounds, voxel)) in order.iter_mut().enumerate().zip(children) {
-        let near = if high { -bounds.max[axis] } else { bounds.min[axis] };
-        *entry = (near, slot, Some((bounds, &voxel.sides[side])));
-    }
-    order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let mut through = [[1.0f32; GRID]; GRID];
-    let mut sum = Sum::default();
-    for (_, slot, child) in order {
-        let Some((bounds, sample)) = child else { break };
-        let (along_u, along_v) = (shares(cell, bounds, u), shares(cell, bounds, v));
-        let mut visible = 0.0;
-        for (row, su) in through.iter_mut().zip(along_u) {
-            for (left, sv) in row.iter_mut().zip(along_v) {
-                let covered = su * sv * sample.cover;
-                visible += *left * covered;
-                *left *= 1.0 - covered;
-            }
+/// Looks at the children from all sides: what is behind others counts as much as these let through. With how much is seen of each child.
+///
+/// All sides go together, a lane each: from each the child that is nearest first.
+fn composite<'a>(cell: &Bounds, children: impl Iterator<Item = (&'a Bounds, &'a Voxel)>) -> ([Sample; 6], [f32; CHILDREN]) {
+    let mut voxels = [None; CHILDREN];
+    let (mut along, mut near, mut count) = ([[[0.0; GRID]; 3]; CHILDREN], [[0.0; CHILDREN]; 6], 0);
+    for (bounds, voxel) in children.take(CHILDREN) {
+        voxels[count] = Some(voxel);
+        along[count] = [0, 1, 2].map(|axis| shares(cell, bounds, axis));
+        for (side, near) in near.iter_mut().enumerate() {
+            let (axis, high) = axis_of(side);
+            near[count] = if high { -bounds.max[axis] } else { bounds.min[axis] };
         }
-        // A side of no area is seen as if it were large: all children then lie in one plane or line.
-        sum.add(sample.normal, sample.colour, visible.max(1e-6));
-        let extent = cell.extent();
-        seen[slot & 7] += visible * (extent[u] * extent[v]).max(f32::MIN_POSITIVE);
+        count += 1;
     }
-    let left: f32 = through.iter().flatten().sum();
-    sum.mean((1.0 - left / (GRID * GRID) as f32).clamp(0.0, 1.0))
+    let orders = near.map(|near| nearest_first(&near, count));
+    let extent = cell.extent();
+    let mut through = [[1.0; LANES]; GRID * GRID];
+    let (mut sums, mut seen) = ([Sum::default(); 6], [0.0f32; CHILDREN]);
+    let mut seen_of = [[0.0f32; 6]; CHILDREN];
+    for nth in 0..count {
+        let (mut along_u, mut along_v, mut cover) = ([[0.0; LANES]; GRID], [[0.0; LANES]; GRID], [0.0; LANES]);
+        for (side, order) in orders.iter().enumerate() {
+            let (axis, slot) = (side % 3, order[nth]);
+            let Some(voxel) = voxels[slot] else { continue };
+            for i in 0..GRID {
+                (along_u[i][side], along_v[i][side]) = (along[slot][(axis + 1) % 3][i], along[slot][(axis + 2) % 3][i]);
+            }
+            cover[side] = voxel.sides[side].cover;
+        }
+        let visible = cover_grid(&mut through, &along_u, &along_v, &cover);
+        for (side, order) in orders.iter().enumerate() {
+            let (axis, slot) = (side % 3, order[nth]);
+            let Some(voxel) = voxels[slot] else { continue };
+            // A side of no area is seen as if it were large: all children then lie in one plane or line.
+            sums[side].add(voxel.sides[side].normal, voxel.sides[side].colour, visible[side].max(1e-6));
+            seen_of[slot][side] = visible[side] * (extent[(axis + 1) % 3] * extent[(axis + 2) % 3]).max(f32::MIN_POSITIVE);
+        }
+    }
+    for (seen, of) in seen.iter_mut().zip(&seen_of) {
+        of.iter().for_each(|of_side| *seen += of_side);
+    }
+    let mut left = [0.0; LANES];
+    for cell in &through {
+        (0..LANES).for_each(|lane| left[lane] += cell[lane]);
+    }
+    let mut sides = [Sample::NOTHING; 6];
+    for (side, sample) in sides.iter_mut().enumerate() {
+        *sample = sums[side].mean((1.0 - left[side] / (GRID * GRID) as f32).clamp(0.0, 1.0));
+    }
+    (sides, seen)
+}
+
+/// The first `count` slots, the nearest first.
+fn nearest_first(near: &[f32; CHILDREN], count: usize) -> [usize; CHILDREN] {
+    let mut order = [0, 1, 2, 3, 4, 5, 6, 7];
+    for i in 1..count {
+        let (mut at, slot) = (i, order[i]);
+        while at > 0 && near[slot].total_cmp(&near[order[at - 1]]).is_lt() {
+            order[at] = order[at - 1];
+            at -= 1;
+        }
+        order[at] = slot;
+    }
+    order
+}
+
+/// Takes what covers the columns of the grid from what these let through; how much of it is visible. Each side in a lane of its own.
+fn cover_grid(
+    through: &mut [[f32; LANES]; GRID * GRID],
+    along_u: &[[f32; LANES]; GRID],
+    along_v: &[[f32; LANES]; GRID],
+    cover: &[f32; LANES],
+) -> [f32; LANES] {
+    let mut visible = [0.0; LANES];
+    for (i, left) in through.iter_mut().enumerate() {
+        let (su, sv) = (&along_u[i / GRID], &along_v[i % GRID]);
+        for lane in 0..LANES {
+            let covered = su[lane] * sv[lane] * cover[lane];
+            visible[lane] += left[lane] * covered;
+            left[lane] *= 1.0 - covered;
+        }
+    }
+    visible
 }
 
 /// The share of each column of the grid that a box takes along an axis.

@@ -3,9 +3,10 @@
 use super::TreeInput;
 use super::refs::Ref;
 use crate::lod::Content;
+use crate::simd::{Isa, Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES};
 use crate::structure::bvh::leaf::{LeafForm, MIXED};
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 
 /// A leaf's triangles and vertices, found once to build over it and once to write it.
 #[derive(Debug)]
@@ -16,7 +17,7 @@ pub struct LeafShape {
     pub count: usize,
     /// Distinct vertices (equal as numbers; -0 equals 0, and the first one's bits stay): x of all, y, z.
     /// NaN, which equals nothing, behind the last one.
-    pub vertices: [[f32; 3 * MAX_TRIANGLES]; 3],
+    pub vertices: [[f32; CORNERS]; 3],
     /// How many.
     pub vertex_count: usize,
     /// Vertices of the triangles.
@@ -37,7 +38,7 @@ impl LeafShape {
         let mut shape = Self {
             triangles: [0; MAX_TRIANGLES],
             count: 0,
-            vertices: [[f32::NAN; 3 * MAX_TRIANGLES]; 3],
+            vertices: [[f32::NAN; CORNERS]; 3],
             vertex_count: 0,
             corners: [[0; 3]; MAX_TRIANGLES],
             mixed: false,
@@ -46,48 +47,21 @@ impl LeafShape {
         for (slot, r) in order.iter_mut().zip(refs) {
             *slot = r.triangle() as u32;
         }
-        let order = &mut order[..refs.len().min(MAX_TRIANGLES)];
+        let mut positions = Positions([[0.0; CORNERS + 8]; 3]);
         // Input order is that of the primitive ids.
-        order.sort_unstable();
-        for &t in order.iter() {
+        for &t in &sorted(order)[..refs.len().min(MAX_TRIANGLES)] {
             // Spatial splits can bring a triangle into one leaf twice.
             if shape.count == 0 || shape.triangles[shape.count - 1] != t {
-                shape.add(t, input);
-            }
-        }
-        shape
-    }
-
-    fn add(&mut self, triangle: u32, input: TreeInput) {
-        let parts = input.parts;
-        self.mixed |= self.count > 0 && parts[triangle as usize] != parts[self.triangles[0] as usize];
-        for (corner, &p) in input.triangles[triangle as usize].iter().enumerate() {
-            let at = self.find(p).unwrap_or_else(|| {
-                for axis in 0..3 {
-                    self.vertices[axis][self.vertex_count] = p[axis];
+                shape.mixed |= shape.count > 0 && input.parts[t as usize] != input.parts[shape.triangles[0] as usize];
+                for (corner, p) in input.triangles[t as usize].iter().enumerate() {
+                    (0..3).for_each(|axis| positions.0[axis][3 * shape.count + corner] = p[axis]);
                 }
-                self.vertex_count += 1;
-                self.vertex_count - 1
-            });
-            self.corners[self.count][corner] = at as u8;
-        }
-        self.triangles[self.count] = triangle;
-        self.count += 1;
-    }
-
-    /// Where a vertex stands. Four are compared at once: which of them is equal cannot be predicted.
-    #[inline(always)]
-    fn find(&self, p: Vec3) -> Option<usize> {
-        let mut at = 0;
-        while at < self.vertex_count {
-            let equal = |axis: usize| Vec4::from_slice(&self.vertices[axis][at..]).cmpeq(Vec4::splat(p[axis]));
-            let mask = (equal(0) & equal(1) & equal(2)).bitmask();
-            if mask != 0 {
-                return Some(at + mask.trailing_zeros() as usize);
+                shape.triangles[shape.count] = t;
+                shape.count += 1;
             }
-            at += 4;
         }
-        None
+        dispatch(Isa::best(), Share { shape: &mut shape, positions: &positions });
+        shape
     }
 
     /// What its references, one or more, hold.
@@ -115,5 +89,122 @@ impl LeafShape {
             return self.stored().0.words();
         }
         LeafForm { triangles: self.count, vertices: self.vertex_count, flags: if self.mixed { MIXED } else { 0 } }.words()
+    }
+}
+
+/// Corners of a leaf's triangles, at most.
+const CORNERS: usize = 3 * MAX_TRIANGLES;
+
+/// Those of all triangles, axis by axis, in two vectors of sixteen.
+#[repr(align(64))]
+struct Positions([[f32; CORNERS + 8]; 3]);
+const _: () = assert!(CORNERS + 8 == 32);
+
+/// Ascending. Each goes behind as many as are less, or are equal and come before: without branches, for there are few.
+fn sorted(all: [u32; MAX_TRIANGLES]) -> [u32; MAX_TRIANGLES] {
+    let mut out = [0; MAX_TRIANGLES];
+    for (i, &one) in all.iter().enumerate() {
+        let mut before = 0;
+        for (k, &other) in all.iter().enumerate() {
+            before += u32::from(other < one || (other == one && k < i));
+        }
+        out[before as usize & (MAX_TRIANGLES - 1)] = one;
+    }
+    out
+}
+
+/// Finds which corners share vertices: these are numbered as their first corners come.
+struct Share<'a> {
+    shape: &'a mut LeafShape,
+    positions: &'a Positions,
+}
+
+impl Op for Share<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Self { shape, positions: Positions(positions) } = self;
+        let (mut numbers, mut count) = ([0u8; CORNERS + 8], 0);
+        for i in 0..3 * shape.count {
+            let p = [positions[0][i], positions[1][i], positions[2][i]];
+            let mut equal = equal(s, positions, 0, p);
+            if i >= 16 {
+                equal |= self::equal(s, positions, 16, p) << 16;
+            }
+            // Itself at the latest.
+            let first = (equal.trailing_zeros() as usize).min(i);
+            let is_new = first == i;
+            // What is written here stays if it is new.
+            numbers[i] = count as u8;
+            numbers[i] = numbers[first];
+            for (axis, at) in p.into_iter().enumerate() {
+                shape.vertices[axis][count] = at;
+            }
+            count += usize::from(is_new);
+            shape.corners[i / 3][i % 3] = numbers[i];
+        }
+        for axis in 0..3 {
+            shape.vertices[axis][count..].fill(f32::NAN);
+        }
+        shape.vertex_count = count;
+    }
+}
+
+/// Which of sixteen corners are at `p`, as numbers: those that are not numbers are nowhere.
+#[inline(always)]
+fn equal<S: Simd>(s: S, positions: &[[f32; CORNERS + 8]; 3], from: usize, p: [f32; 3]) -> u32 {
+    let mut equal = 0xffff;
+    for axis in 0..3 {
+        let Some(here) = positions[axis][from..].first_chunk::<16>() else { unreachable!() };
+        equal &= s.load16(here).eq(s.splat16(p[axis])).bits();
+    }
+    equal
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Bounds;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Against vertices found one after the other. On a small grid, where most are shared; zeros of both signs are the same.
+        #[test]
+        fn vertices_are_those_that_are_found_one_by_one(
+            corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(-1i32..2)), 1..12),
+            signs: u64, picked in prop::collection::vec(0usize..12, 1..=MAX_TRIANGLES), parts in prop::collection::vec(0u32..2, 12),
+        ) {
+            let number = |x: i32, i: usize| if x == 0 && signs >> (i % 64) & 1 == 1 { -0.0 } else { x as f32 };
+            let vertex = |t: usize, c: usize, p: [i32; 3]| Vec3::new(number(p[0], t + c), number(p[1], 2 * t + c), number(p[2], t + 3 * c));
+            let triangles: Vec<[Vec3; 3]> = corners.iter().enumerate().map(|(t, all)| [0, 1, 2].map(|c| vertex(t, c, all[c]))).collect();
+            let prims: Vec<u32> = (0..triangles.len() as u32).collect();
+            let input = TreeInput { triangles: &triangles, parts: &parts[..triangles.len()], prims: &prims, colours: &[], part_colours: &[] };
+            let picked: Vec<usize> = picked.into_iter().map(|t| t % triangles.len()).collect();
+            let refs: Vec<Ref> = picked.iter().map(|&t| Ref::new(Bounds::of(&triangles[t]), t as u32)).collect();
+            let mut expected = picked.clone();
+            expected.sort_unstable();
+            expected.dedup();
+            let mut vertices: Vec<Vec3> = Vec::new();
+            let mut numbers = Vec::new();
+            for &t in &expected {
+                numbers.push(triangles[t].map(|p| {
+                    let at = vertices.iter().position(|v| *v == p).unwrap_or(vertices.len());
+                    if at == vertices.len() {
+                        vertices.push(p);
+                    }
+                    at as u8
+                }));
+            }
+            let shape = LeafShape::of(&refs, input);
+            prop_assert_eq!(&shape.triangles[..shape.count], &expected.iter().map(|t| *t as u32).collect::<Vec<_>>()[..]);
+            prop_assert_eq!(&shape.corners[..shape.count], &numbers[..]);
+            for axis in 0..3 {
+                let found = shape.vertices[axis][..shape.vertex_count].iter().map(|x| x.to_bits());
+                prop_assert!(found.eq(vertices.iter().map(|v| v[axis].to_bits())));
+                prop_assert!(shape.vertices[axis][shape.vertex_count..].iter().all(|x| x.is_nan()));
+            }
+            prop_assert_eq!(shape.mixed, expected.iter().any(|t| parts[*t] != parts[expected[0]]));
+        }
     }
 }
