@@ -230,7 +230,37 @@ fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::batch::BATCH;
     use super::*;
+
+    /// Triangles that go leave no gaps: of batches of which some, none or all stay, in pieces and whole; with colours and without.
+    #[test]
+    fn what_stays_is_in_order_without_gaps() {
+        let stays = |i: usize| match i / BATCH {
+            0 => i % 3 != 1,
+            1 => false,
+            2 => true,
+            _ => i % 2 == 0,
+        };
+        let count = 4 * BATCH + 77;
+        for (threads, coloured) in [(1, false), (2, true)] {
+            let mut spool = Spool::new(5);
+            for i in 0..count {
+                let (at, high) = (DVec3::X * (i % 1000) as f64, if stays(i) { 1.0 } else { 0.0 });
+                let colour = coloured.then_some([i as u8, (i >> 8) as u8, (i >> 16) as u8, 255]);
+                spool.push(&[at, at + DVec3::Y, at + DVec3::Z * high], i as u32 % 5, i as u32, colour);
+            }
+            let placed = place(spool, None, &Par { threads }, &Cancel::new()).expect("in memory");
+            let expected: Vec<usize> = (0..count).filter(|i| stays(*i)).collect();
+            assert_eq!((placed.fates.kept, placed.fates.degenerate), (expected.len() as u64, (count - expected.len()) as u64));
+            assert!(placed.prims.iter().map(|prim| *prim as usize).eq(expected.iter().copied()));
+            assert!(placed.parts.iter().zip(&expected).all(|(part, i)| *part == *i as u32 % 5));
+            assert!(placed.triangles.iter().zip(&expected).all(|(t, i)| t[0].x - placed.triangles[0][0].x == (i % 1000) as f32));
+            assert_eq!((placed.triangles.len(), placed.parts.len()), (expected.len(), expected.len()));
+            assert_eq!(placed.colours.len(), if coloured { expected.len() } else { 0 });
+            assert!(placed.colours.iter().zip(&expected).all(|(c, i)| *c == [*i as u8, (i >> 8) as u8, (i >> 16) as u8, 255]));
+        }
+    }
 
     fn bounds(low: f64, high: f64) -> DBounds {
         DBounds { min: DVec3::splat(low), max: DVec3::splat(high) }
