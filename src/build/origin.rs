@@ -240,7 +240,7 @@ mod tests {
             0 => i % 3 != 1,
             1 => false,
             2 => true,
-            _ => i % 2 == 0,
+            _ => i.is_multiple_of(2),
         };
         let count = 4 * BATCH + 77;
         for (threads, coloured) in [(1, false), (2, true)] {
