@@ -161,7 +161,7 @@ impl Placed {
         }
     }
 
-    /// Closes up behind those that are kept, of batches of so many.
+    /// Closes up behind those that are kept, of batches of so many. (One thread, a copy of what is behind the first that goes; mostly none does.)
     fn close_gaps(&mut self, counts: &[usize], fates: &[Fates]) {
         fn keep<T: Copy>(all: &mut Vec<T>, spans: &[(usize, usize)]) {
             if all.is_empty() {

@@ -14,17 +14,20 @@ pub struct Assembly {
     pub instances: Vec<InstanceRow>,
 }
 
-/// Triangles that are counted by one thread. What comes out depends on it, not on how many threads there are.
+/// Triangles of a piece of work, and pieces whose counts wait to be added up: where neighbours are all of different parts, counts take more memory than triangles.
 const CHUNK: usize = 1 << 16;
+const TOGETHER: usize = 16;
 
 /// Bounds and count of each part that has triangles.
 pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par) -> BTreeMap<u32, OfPart> {
-    let chunks: Vec<_> = triangles.chunks(CHUNK).zip(parts.chunks(CHUNK)).collect();
-    let counted = par.map_items(chunks, |(triangles, parts)| count_chunk(triangles, parts));
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
-    for (part, of) in counted.into_iter().flatten() {
-        let sum = all.entry(part).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
-        (sum.bounds, sum.count) = (sum.bounds.union(of.bounds), sum.count + of.count);
+    for (triangles, parts) in triangles.chunks(CHUNK * TOGETHER).zip(parts.chunks(CHUNK * TOGETHER)) {
+        let chunks: Vec<_> = triangles.chunks(CHUNK).zip(parts.chunks(CHUNK)).collect();
+        let counted = par.map_items(chunks, |(triangles, parts)| count_chunk(triangles, parts));
+        for (part, of) in counted.into_iter().flatten() {
+            let sum = all.entry(part).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
+            (sum.bounds, sum.count) = (sum.bounds.union(of.bounds), sum.count + of.count);
+        }
     }
     all
 }
@@ -96,4 +99,24 @@ fn flat(b: &DBounds) -> [f64; 6] {
 
 fn unflat(b: &[f64; 6]) -> DBounds {
     DBounds { min: DVec3::new(b[0], b[1], b[2]), max: DVec3::new(b[3], b[4], b[5]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_are_counted_alike_by_any_threads_and_by_one_chunk() {
+        let count = CHUNK * (TOGETHER + 1) + 99;
+        let at = |i: usize| Vec3::new((i % 977) as f32, (i % 13) as f32 - 6.0, (i / 1000) as f32);
+        let triangles: Vec<[Vec3; 3]> = (0..count).map(|i| [at(i), at(i + 1), -at(i / 7)]).collect();
+        // Runs of a part, and triangles each of another.
+        let parts: Vec<u32> = (0..count).map(|i| if i % 5000 < 4000 { (i / 5000) as u32 } else { i as u32 % 7 }).collect();
+        let expected = count_chunk(&triangles, &parts);
+        for threads in [1, 2] {
+            let found = super::count(&triangles, &parts, &Par { threads });
+            assert!(found.keys().eq(expected.keys()));
+            assert!(found.values().zip(expected.values()).all(|(a, b)| (a.bounds, a.count) == (b.bounds, b.count)));
+        }
+    }
 }

@@ -357,12 +357,11 @@ mod tests {
             let content = Content::of_points(triangles.as_flattened().to_vec());
             let cell = around(triangles);
             let cell = Bounds { max: cell.max - cell.extent() * shrink, ..cell };
-            let (low, size) = (cell.min.as_dvec3(), (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.25);
+            let grid = Grid::of(&cell);
             let mut expected = 0u64;
             let mut add = |p: DVec3| {
-                if p.cmpge(low).all() && p.cmple(cell.max.as_dvec3()).all() {
-                    let at = |axis: usize| if size[axis] > 0.0 { ((p[axis] - low[axis]) / size[axis]).floor().clamp(0.0, 3.0) as u32 } else { 0 };
-                    expected |= 1 << (at(0) + 4 * at(1) + 16 * at(2));
+                if p.cmpge(grid.low).all() && p.cmple(grid.high).all() {
+                    expected |= grid.subcell(p);
                 }
             };
             for [a, b, c] in triangles.iter().map(|t| t.map(|p| p.as_dvec3())) {
@@ -374,7 +373,6 @@ mod tests {
                     [a, b, c, (a + b + c) * (1.0 / 3.0)].into_iter().for_each(&mut add);
                 }
             }
-            let grid = Grid::of(&cell);
             let (triangles, corners) = content.triangles();
             for isa in Isa::ALL {
                 let found = dispatch(isa, Points { grid: &grid, triangles, corners });

@@ -290,6 +290,7 @@ fn shares(cell: &Bounds, b: &Bounds, axis: usize) -> [f32; GRID] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn cell(min: [f32; 3], max: [f32; 3]) -> Bounds {
         Bounds { min: min.into(), max: max.into() }
@@ -366,6 +367,72 @@ mod tests {
             for s in leaf.sides.iter().chain(&v.sides) {
                 assert!(s.normal.is_finite() && s.colour.is_finite() && (0.0..=1.0).contains(&s.cover), "{s:?}");
             }
+        }
+    }
+
+    // The twin of `composite`, one side after the other.
+
+    /// A child's box, and what of it is seen from the side.
+    type Seen<'a> = (&'a Bounds, &'a Sample);
+
+    /// Looks at the children from one side: what is behind others counts as much as these let through. Adds to `seen`
+    /// how much is seen of each.
+    fn from_one_side<'a>(
+        cell: &Bounds,
+        side: usize,
+        children: impl Iterator<Item = (&'a Bounds, &'a Voxel)>,
+        seen: &mut [f32; 8],
+    ) -> Sample {
+        let (axis, high) = axis_of(side);
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut order: [(f32, usize, Option<Seen>); 8] = [(f32::INFINITY, 8, None); 8];
+        for ((slot, entry), (bounds, voxel)) in order.iter_mut().enumerate().zip(children) {
+            let near = if high { -bounds.max[axis] } else { bounds.min[axis] };
+            *entry = (near, slot, Some((bounds, &voxel.sides[side])));
+        }
+        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut through = [[1.0f32; GRID]; GRID];
+        let mut sum = Sum::default();
+        for (_, slot, child) in order {
+            let Some((bounds, sample)) = child else { break };
+            let (along_u, along_v) = (shares(cell, bounds, u), shares(cell, bounds, v));
+            let mut visible = 0.0;
+            for (row, su) in through.iter_mut().zip(along_u) {
+                for (left, sv) in row.iter_mut().zip(along_v) {
+                    let covered = su * sv * sample.cover;
+                    visible += *left * covered;
+                    *left *= 1.0 - covered;
+                }
+            }
+            // A side of no area is seen as if it were large: all children then lie in one plane or line.
+            sum.add(sample.normal, sample.colour, visible.max(1e-6));
+            let extent = cell.extent();
+            seen[slot & 7] += visible * (extent[u] * extent[v]).max(f32::MIN_POSITIVE);
+        }
+        let left: f32 = through.iter().flatten().sum();
+        sum.mean((1.0 - left / (GRID * GRID) as f32).clamp(0.0, 1.0))
+    }
+
+    proptest! {
+        /// To the bit, of boxes on a grid: many begin alike, and some are flat.
+        #[test]
+        fn all_sides_together_are_those_one_by_one(
+            boxes in prop::collection::vec(prop::array::uniform3((0i32..4, 0i32..3)), 1..=8),
+            facets in prop::collection::vec((prop::array::uniform3(-1.0f32..1.0), prop::array::uniform3(0.0f32..1.0), 0u32..3), 8),
+        ) {
+            let all: Vec<(Bounds, Voxel)> = boxes.iter().zip(&facets).map(|(at, (normal, colour, part))| {
+                let [low, high] = [0, 1].map(|end| at.map(|(from, size)| (from + end * size) as f32));
+                let b = cell(low, high);
+                (b, Voxel::of_leaf(&b, &[facet(*normal, *colour, *part)]))
+            }).collect();
+            let children = || all.iter().map(|(b, v)| (b, v));
+            let whole = all.iter().fold(Bounds::EMPTY, |whole, (b, _)| whole.union(*b));
+            let (sides, seen) = composite(&whole, children());
+            let mut seen_one_by_one = [0.0; CHILDREN];
+            for (side, found) in sides.iter().enumerate() {
+                prop_assert_eq!(*found, from_one_side(&whole, side, children(), &mut seen_one_by_one), "{}", side);
+            }
+            prop_assert_eq!(seen, seen_one_by_one);
         }
     }
 }

@@ -35,6 +35,10 @@ impl LeafShape {
 
     /// Of at most [`MAX_TRIANGLES`] references.
     pub fn of(refs: &[Ref], input: TreeInput) -> Self {
+        Self::with(Isa::best(), refs, input)
+    }
+
+    fn with(isa: Isa, refs: &[Ref], input: TreeInput) -> Self {
         let mut shape = Self {
             triangles: [0; MAX_TRIANGLES],
             count: 0,
@@ -60,7 +64,7 @@ impl LeafShape {
                 shape.count += 1;
             }
         }
-        dispatch(Isa::best(), Share { shape: &mut shape, positions: &positions });
+        dispatch(isa, Share { shape: &mut shape, positions: &positions });
         shape
     }
 
@@ -196,15 +200,17 @@ mod tests {
                     at as u8
                 }));
             }
-            let shape = LeafShape::of(&refs, input);
-            prop_assert_eq!(&shape.triangles[..shape.count], &expected.iter().map(|t| *t as u32).collect::<Vec<_>>()[..]);
-            prop_assert_eq!(&shape.corners[..shape.count], &numbers[..]);
-            for axis in 0..3 {
-                let found = shape.vertices[axis][..shape.vertex_count].iter().map(|x| x.to_bits());
-                prop_assert!(found.eq(vertices.iter().map(|v| v[axis].to_bits())));
-                prop_assert!(shape.vertices[axis][shape.vertex_count..].iter().all(|x| x.is_nan()));
+            for isa in Isa::ALL {
+                let shape = LeafShape::with(isa, &refs, input);
+                prop_assert_eq!(&shape.triangles[..shape.count], &expected.iter().map(|t| *t as u32).collect::<Vec<_>>()[..]);
+                prop_assert_eq!(&shape.corners[..shape.count], &numbers[..]);
+                for axis in 0..3 {
+                    let found = shape.vertices[axis][..shape.vertex_count].iter().map(|x| x.to_bits());
+                    prop_assert!(found.eq(vertices.iter().map(|v| v[axis].to_bits())));
+                    prop_assert!(shape.vertices[axis][shape.vertex_count..].iter().all(|x| x.is_nan()));
+                }
+                prop_assert_eq!(shape.mixed, expected.iter().any(|t| parts[*t] != parts[expected[0]]));
             }
-            prop_assert_eq!(shape.mixed, expected.iter().any(|t| parts[*t] != parts[expected[0]]));
         }
     }
 }
