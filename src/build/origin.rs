@@ -3,7 +3,7 @@
 //! One origin a mesh, not one a block: blocks with origins of their own would round a shared vertex
 //! to different points, and open cracks between them.
 
-use super::batch::{self, Batch, Extent};
+use super::batch::{Batch, Extent};
 use super::spool::{Spool, Taken};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
@@ -98,18 +98,7 @@ struct Target<'a> {
 pub fn place(spool: Spool, scratch: Option<&Scratch>, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let origin = choose(&spool.bounds, spool.is_single);
     let has_colours = spool.has_colours;
-    let batches = spool.take();
-    let counts: Vec<usize> = batches.iter().map(Taken::len).collect();
-    // With room for all: mostly all are kept.
-    let mut all = Placed::of(counts.iter().sum(), origin, has_colours);
-    let work: Vec<_> = batches.into_iter().zip(targets(&mut all, &counts)).collect();
-    let fill = |(batch, target): (Taken, Target)| -> Result<Fates> {
-        cancel.check()?;
-        Ok(fill(&batch.batch(scratch)?, origin, target))
-    };
-    let fates = par.map_items(work, fill).into_iter().collect::<Result<Vec<Fates>>>()?;
-    all.close_gaps(&counts, &fates);
-    Ok(all)
+    gather(spool.take(), scratch, origin, has_colours, par, cancel)
 }
 
 /// Calls `keep` with the index and corners, as stored, of each triangle that goes into the tree.
@@ -135,13 +124,19 @@ pub fn visit(batch: &Batch, origin: DVec3, mut keep: impl FnMut(usize, [Vec3; 3]
 
 /// The triangles of a chunk, which were placed before.
 pub fn load(extents: &[Extent], from: &Scratch, has_colours: bool, par: &Par, cancel: &Cancel) -> Result<Placed> {
-    let counts: Vec<usize> = extents.iter().map(|e| e.count as usize).collect();
-    let total: usize = counts.iter().sum();
-    let mut all = Placed::of(total, DVec3::ZERO, has_colours);
-    let work: Vec<_> = extents.iter().zip(targets(&mut all, &counts)).collect();
-    let fill = |(extent, target): (&Extent, Target)| -> Result<Fates> {
+    let batches = extents.iter().copied().map(Taken::Spilled).collect();
+    gather(batches, Some(from), DVec3::ZERO, has_colours, par, cancel)
+}
+
+/// What is kept of all batches, around `origin`.
+fn gather(batches: Vec<Taken>, scratch: Option<&Scratch>, origin: DVec3, has_colours: bool, par: &Par, cancel: &Cancel) -> Result<Placed> {
+    let counts: Vec<usize> = batches.iter().map(Taken::len).collect();
+    // With room for all: mostly all are kept.
+    let mut all = Placed::of(counts.iter().sum(), origin, has_colours);
+    let work: Vec<_> = batches.into_iter().zip(targets(&mut all, &counts)).collect();
+    let fill = |(batch, target): (Taken, Target)| -> Result<Fates> {
         cancel.check()?;
-        Ok(fill(&batch::read(from, extent)?, DVec3::ZERO, target))
+        Ok(fill(&batch.batch(scratch)?, origin, target))
     };
     let fates = par.map_items(work, fill).into_iter().collect::<Result<Vec<Fates>>>()?;
     all.close_gaps(&counts, &fates);

@@ -2,8 +2,8 @@
 
 use super::survey::OfPart;
 use crate::math::{Bounds, DBounds};
-use crate::structure::bvh::build::Par;
 use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow};
+use crate::structure::bvh::build::Par;
 use glam::{DAffine3, DVec3, Vec3};
 use std::collections::BTreeMap;
 
@@ -24,10 +24,7 @@ pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par) -> BTreeMap<u32,
     for (triangles, parts) in triangles.chunks(CHUNK * TOGETHER).zip(parts.chunks(CHUNK * TOGETHER)) {
         let chunks: Vec<_> = triangles.chunks(CHUNK).zip(parts.chunks(CHUNK)).collect();
         let counted = par.map_items(chunks, |(triangles, parts)| count_chunk(triangles, parts));
-        for (part, of) in counted.into_iter().flatten() {
-            let sum = all.entry(part).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
-            (sum.bounds, sum.count) = (sum.bounds.union(of.bounds), sum.count + of.count);
-        }
+        counted.into_iter().flatten().for_each(|(part, of)| of.add_to(&mut all, part));
     }
     all
 }
@@ -37,10 +34,9 @@ fn count_chunk(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> 
     let mut at = 0;
     // Neighbours mostly share their part.
     for run in parts.chunk_by(|a, b| a == b) {
-        let of = all.entry(run[0]).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
         let corners = triangles[at..at + run.len()].iter().flatten();
-        of.bounds = corners.fold(of.bounds, |b, &p| b.with(p));
-        of.count += run.len() as u64;
+        let bounds = corners.fold(Bounds::EMPTY, |b, &p| b.with(p));
+        OfPart { bounds, count: run.len() as u64 }.add_to(&mut all, run[0]);
         at += run.len();
     }
     all

@@ -80,6 +80,15 @@ pub struct OfPart {
     pub count: u64,
 }
 
+impl OfPart {
+    /// Adds some of a part's triangles to those of `all` parts.
+    pub fn add_to(self, all: &mut BTreeMap<u32, OfPart>, part: u32) {
+        let sum = all.entry(part).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
+        sum.bounds = sum.bounds.union(self.bounds);
+        sum.count += self.count;
+    }
+}
+
 /// What was found.
 pub struct Survey {
     /// Of all triangles.
@@ -152,11 +161,7 @@ fn look(batch: &Batch, origin: DVec3, grid: &Grid, step: usize) -> Found {
 impl Survey {
     fn add(&mut self, found: Found) {
         self.fates = self.fates.and(&found.fates);
-        for (part, of) in found.parts {
-            let all = self.parts.entry(part).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
-            all.bounds = all.bounds.union(of.bounds);
-            all.count += of.count;
-        }
+        found.parts.into_iter().for_each(|(part, of)| of.add_to(&mut self.parts, part));
         found.cells.iter().for_each(|&cell| self.histogram[cell as usize] += 1);
         self.samples.extend(found.samples);
     }

@@ -208,7 +208,7 @@ fn composite<'a>(cell: &Bounds, children: impl Iterator<Item = (&'a Bounds, &'a 
     for nth in 0..count {
         let (mut along_u, mut along_v, mut cover) = ([[0.0; LANES]; GRID], [[0.0; LANES]; GRID], [0.0; LANES]);
         for (side, order) in orders.iter().enumerate() {
-            let (axis, slot) = (side % 3, order[nth]);
+            let ((axis, _), slot) = (axis_of(side), order[nth]);
             let Some(voxel) = voxels[slot] else { continue };
             for i in 0..GRID {
                 (along_u[i][side], along_v[i][side]) = (along[slot][(axis + 1) % 3][i], along[slot][(axis + 2) % 3][i]);
@@ -217,7 +217,7 @@ fn composite<'a>(cell: &Bounds, children: impl Iterator<Item = (&'a Bounds, &'a 
         }
         let visible = cover_grid(&mut through, &along_u, &along_v, &cover);
         for (side, order) in orders.iter().enumerate() {
-            let (axis, slot) = (side % 3, order[nth]);
+            let ((axis, _), slot) = (axis_of(side), order[nth]);
             let Some(voxel) = voxels[slot] else { continue };
             // A side of no area is seen as if it were large: all children then lie in one plane or line.
             sums[side].add(voxel.sides[side].normal, voxel.sides[side].colour, visible[side].max(1e-6));
