@@ -345,6 +345,15 @@ fn on_slivers() {
     check(&scenes::slivers());
 }
 
+/// The cells of a closed surface are far longer than wide, and let nothing through all the same. (Ten times as long again, and single precision
+/// says how far away such triangles are to no better than the ball is thick.)
+#[test]
+fn on_stretched_balls() {
+    for times in [100.0, 1000.0, 10_000.0] {
+        check(&Soup { name: "stretched", tris: scenes::stretched(times) });
+    }
+}
+
 #[test]
 fn on_doubles() {
     check(&scenes::doubles());

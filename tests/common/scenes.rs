@@ -60,10 +60,13 @@ pub fn cad() -> Soup {
 
 /// Half of its triangles are a thousand times longer than wide.
 pub fn slivers() -> Soup {
-    model_or("slivers", "hostile/thingi_1514499_slivers.stl", || {
-        let stretch = DVec3::new(1000.0, 1.0, 1.0);
-        bumpy_sphere(100, 130, 3).into_iter().map(|t| t.map(|v| rounded(v * stretch))).collect()
-    })
+    model_or("slivers", "hostile/thingi_1514499_slivers.stl", || stretched(1000.0))
+}
+
+/// A closed bumpy ball, so many times longer than wide, and so are its triangles.
+pub fn stretched(times: f64) -> Vec<Tri> {
+    let stretch = DVec3::new(times, 1.0, 1.0);
+    bumpy_sphere(100, 130, 3).into_iter().map(|t| t.map(|v| rounded(v * stretch))).collect()
 }
 
 /// Blocks on an integer grid (coplanar faces, edges met by corners, faces twice) and a chair with every face twice.

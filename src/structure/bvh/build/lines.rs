@@ -16,14 +16,22 @@ use std::f32::consts::PI;
 const GROUP: usize = 8;
 /// Groups at most.
 const GROUPS: usize = 16;
-/// By how much regions are larger than stored, as a part of the diagonal: flat ones have no lines. (Twice as much, and cells of wires stop a tenth too few.)
+/// By how much regions are larger than stored, as a part of the cell's size: flat ones have no lines. (Twice as much, and cells of wires stop a tenth too few.)
 const GIVE: f32 = 1.0 / 1024.0;
-/// By how much ways are longer than in the region where it is asked what they meet, as a part of the diagonal: nothing in it is missed by rounding.
+/// By how much ways are longer than in the region where it is asked what they meet, as a part of the cell's size: nothing in it is missed by rounding.
 const ROUNDED: f32 = 1.0 / 512.0;
 
 /// Ways weigh no more than those of this part of the thickness: else one across a corner outweighs all others (of a flat wall's cell
 /// a tenth of all lines seemed to pass, which were one).
 const SHORT: f32 = 1.0 / 16.0;
+
+/// The size of a cell is its diagonal, or so many times its width if it is longer: what is as near a long thin one as a part of its length is mostly
+/// nowhere near its sides, where a closed surface goes on. (Clumps of a closed ball stretched a thousand times find surface beside 0.07 to 0.6 of their lines
+/// by the diagonal, by this 0.4 to 1, most of them more than 0.9; those of wires, of which few are as long, hardly more than before. With 16 times they
+/// do, and their cells stop too many.)
+const LONG: f32 = 32.0;
+/// It is at least this part of the diagonal, or rounding counts.
+const LEAST: f32 = 1.0 / 16384.0;
 
 type Row = [f32; GROUP];
 
@@ -46,21 +54,18 @@ pub struct Lines {
     pub all: Set,
 }
 
-/// A cell's region, and a block around it: along its slabs' axes, or its box, whichever is smaller.
+/// A cell's region.
 pub struct Region {
     bounds: Bounds,
     slabs: Slabs<f32>,
     /// Unit: across the first slab.
     across: Vec3,
-    /// Unit: of the block.
-    axes: [Vec3; 3],
-    /// The block's ends along these.
-    low: Vec3,
-    high: Vec3,
+    /// Around it.
+    block: Block,
     /// Shorter ways weigh no more.
     least: f32,
-    /// Of the cell.
-    pub diagonal: f32,
+    /// Of the cell: its diagonal; less if it is long, see [`LONG`].
+    pub size: f32,
     /// By how much each of the five numbers of all lines is turned.
     turns: [f32; 5],
 }
@@ -78,11 +83,52 @@ pub struct Line<'a> {
     bit: u8,
 }
 
+/// A block around a cell's region: along its slabs' axes, or its box, whichever is smaller.
+struct Block {
+    /// Unit.
+    axes: [Vec3; 3],
+    /// Its ends along these.
+    low: Vec3,
+    high: Vec3,
+    /// The shortest side along the slabs' axes.
+    thickness: f32,
+}
+
+impl Block {
+    fn around(bounds: &Bounds, slabs: &Slabs<f32>) -> Self {
+        let lengths = slabs.map(|s| Vec3::from(s.axis).length());
+        let [across, second] = [0, 1].map(|k| Vec3::from(slabs[k].axis) / lengths[k]);
+        let axes = [across, second, across.cross(second)];
+        let (middle, half) = (bounds.center(), bounds.extent() * 0.5);
+        let (mut low, mut high) = (Vec3::ZERO, Vec3::ZERO);
+        for k in 0..3 {
+            let (at, reach) = (middle.dot(axes[k]), half.dot(axes[k].abs()));
+            (low[k], high[k]) = (at - reach, at + reach);
+            if k < 2 {
+                (low[k], high[k]) = (low[k].max(slabs[k].low / lengths[k]), high[k].min(slabs[k].high / lengths[k]));
+            }
+        }
+        let thickness = (high - low).min_element();
+        // Of a rod that the slabs are not along the box is the smaller block.
+        if bounds.extent().element_product() < (high - low).element_product() {
+            return Self { axes: Vec3::AXES, low: bounds.min, high: bounds.max, thickness };
+        }
+        Self { axes, low, high, thickness }
+    }
+
+    /// Of its sides neither the longest nor the shortest.
+    fn width(&self) -> f32 {
+        let Vec3 { x, y, z } = self.high - self.low;
+        x.min(y).max(x.max(y).min(z))
+    }
+}
+
 impl Region {
-    /// Of a cell, and of what is so near around it, as a part of its diagonal.
+    /// Of a cell, and of what is so near around it, as a part of its size.
     pub fn around(bounds: &Bounds, slabs: &Slabs<f32>, near: f32) -> Self {
         let diagonal = bounds.extent().length();
-        let give = (diagonal * (GIVE + near)).max(f32::MIN_POSITIVE);
+        let size = diagonal.min(LONG * Block::around(bounds, slabs).width()).max(diagonal * LEAST);
+        let give = (size * (GIVE + near)).max(f32::MIN_POSITIVE);
         let words = [bounds.min, bounds.max].map(|v| v.to_array().map(f32::to_bits));
         let mut turn = words.as_flattened().iter().fold(0x9e37_79b9, |h: u32, w| (h ^ w).wrapping_mul(0x85eb_ca6b).rotate_left(13));
         let turns = [(); 5].map(|()| {
@@ -95,25 +141,11 @@ impl Region {
         for slab in &mut slabs {
             (slab.low, slab.high) = (slab.low - give, slab.high + give);
         }
-        let lengths = slabs.map(|s| Vec3::from(s.axis).length());
-        let across = Vec3::from(slabs[0].axis) / lengths[0];
-        let second = Vec3::from(slabs[1].axis) / lengths[1];
-        let mut axes = [across, second, across.cross(second)];
-        let (middle, half) = (bounds.center(), bounds.extent() * 0.5);
-        let (mut low, mut high) = (Vec3::ZERO, Vec3::ZERO);
-        for k in 0..3 {
-            let (at, reach) = (middle.dot(axes[k]), half.dot(axes[k].abs()));
-            (low[k], high[k]) = (at - reach, at + reach);
-            if k < 2 {
-                (low[k], high[k]) = (low[k].max(slabs[k].low / lengths[k]), high[k].min(slabs[k].high / lengths[k]));
-            }
-        }
-        let least = (high - low).min_element() * SHORT;
-        // Of a rod that the slabs are not along the box is the smaller block.
-        if bounds.extent().element_product() < (high - low).element_product() {
-            (axes, low, high) = (Vec3::AXES, bounds.min, bounds.max);
-        }
-        Self { bounds, slabs, across, axes, low, high, least, diagonal, turns }
+        let across = Vec3::from(slabs[0].axis);
+        let across = across / across.length();
+        let block = Block::around(&bounds, &slabs);
+        let least = block.thickness * SHORT;
+        Self { bounds, slabs, across, block, least, size, turns }
     }
 
     /// Lines from now on go on with the numbers behind those of all groups.
@@ -172,7 +204,7 @@ impl Lines {
     #[inline(always)]
     fn make<S: Simd>(&mut self, s: S, region: &Region, group: usize, spread: &[Row; 5]) {
         let (org, dir) = (&mut self.org[group], &mut self.dir[group]);
-        let mut at = *spread;
+        let (mut at, block) = (*spread, &region.block);
         for k in 0..5 {
             for i in 0..GROUP {
                 let turned = at[k][i] + region.turns[k];
@@ -181,10 +213,10 @@ impl Lines {
         }
         for k in 0..3 {
             for i in 0..GROUP {
-                at[k][i] = region.low[k] + (region.high[k] - region.low[k]) * at[k][i];
+                at[k][i] = block.low[k] + (block.high[k] - block.low[k]) * at[k][i];
             }
         }
-        let axes = &region.axes;
+        let axes = &block.axes;
         for axis in 0..3 {
             for i in 0..GROUP {
                 org[axis][i] = axes[0][axis] * at[0][i] + axes[1][axis] * at[1][i] + axes[2][axis] * at[2][i];
@@ -220,7 +252,7 @@ impl Lines {
             let (a, b) = ((s.splat8(slab.low) - from) * inv, (s.splat8(slab.high) - from) * inv);
             (near, far) = (near.max(a.min(b)), far.min(a.max(b)));
         }
-        let rounded = s.splat8(region.diagonal * ROUNDED);
+        let rounded = s.splat8(region.size * ROUNDED);
         self.way[group] = [(near - rounded).to_array(), (far + rounded).to_array()];
         self.weight[group] = s.splat8(1.0).div((far - near).max(s.splat8(region.least))).to_array();
         // The point itself is in the region, or the line has nothing to do with it.

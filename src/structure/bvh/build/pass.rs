@@ -5,7 +5,7 @@
 //!
 //! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a clump (see [`super::tree::CLUMP`]) are
 //!   **walls** if what they hold goes on beside them: of the lines that go steeply through a cell's first slab, or as near beside it as an
-//!   eighth of its diagonal, and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, by clumps: 0.5 to 1 of them in
+//!   eighth of its size ([`Region`]), and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, by clumps: 0.5 to 1 of them in
 //!   spheres and a scan of a million triangles, 0.1 to 0.4 among plates, less than 0.2 among wires, less than 0.05 among leaf cards; in terrains of
 //!   cubes anything. (Of all lines, which mostly run along a wall, and through the cells alone, which hardly any line passes: 0.8 to 1, and 0.1
 //!   to 0.5 among wires. So cells of single wires were walls, and so were lone boxes, with all cells above them, while curved walls of few triangles
@@ -42,7 +42,7 @@ const ENOUGH: f32 = 16.0;
 /// or, once a group was asked through each of them, so many. (Of the clumps of a Mandelbulb of a million all find 0.5 or more, 2 of 5,745 less than this, see [`agree`].
 /// With 0.45 small steps in a terrain of cubes close, which brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.7 and 1.0 %.)
 const FOUND: f32 = 0.55;
-/// How near, as a part of the cell's diagonal: to cells in clumps, and to **larger** ones, which are those of nodes above clumps and of each clump's uppermost.
+/// How near, as a part of the cell's size: to cells in clumps, and to **larger** ones, which are those of nodes above clumps and of each clump's uppermost.
 const NEAR: [f32; 2] = [0.125, 0.25];
 /// How many of the lines that pass a cell, and find other surface near it, count as stopped: of leaves, of other nodes in clumps, and of larger ones.
 /// (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that farthest from 1: 0.02, 0.02, 0.03 and 0.03 off, and 0.05, 0.04, 0.02
@@ -393,7 +393,7 @@ impl<'a> Asker<'a> {
             self.stack.push(sub);
             put(&mut passed, i, !self.scene.meets(s, &self.lines.one(i, 0.0), usize::MAX, &mut self.stack));
         }
-        self.asked(s, &passed, seek, HALF, region.diagonal * NEAR[1])
+        self.asked(s, &passed, seek, HALF, region.size * NEAR[1])
     }
 
     /// Asks `groups` (first, end) of the lines that go through a cell or near beside it, if they do so steeply; and of all that meet
@@ -406,7 +406,7 @@ impl<'a> Asker<'a> {
         self.lines.weigh_alike();
         self.lines.keep_steep(s, &region, STEEP);
         let passed = self.pass_all(s, cell);
-        self.asked(s, &passed, passed.len(), 0xff, region.diagonal * NEAR[0])
+        self.asked(s, &passed, passed.len(), 0xff, region.size * NEAR[0])
     }
 
     /// Those of the lines that meet none of the triangles in a cell, of which there are few.
@@ -430,7 +430,7 @@ impl<'a> Asker<'a> {
         let region = cell.region();
         self.lines.through(s, &region, [0, groups]);
         let passed = self.pass_all(s, cell);
-        self.asked(s, &passed, 1, HALF, region.diagonal * NEAR[0])
+        self.asked(s, &passed, 1, HALF, region.size * NEAR[0])
     }
 
     /// What there is to be said of lines of which some passed; `some` of each of the first groups are asked if they meet anything in the
