@@ -25,10 +25,10 @@ const ROUNDED: f32 = 1.0 / 512.0;
 /// a tenth of all lines seemed to pass, which were one).
 const SHORT: f32 = 1.0 / 16.0;
 
-/// The size of a cell is its diagonal, or so many times its width if it is longer: what is as near a long thin one as a part of its length is mostly
-/// nowhere near its sides, where a closed surface goes on. (Clumps of a closed ball stretched a thousand times find surface beside 0.07 to 0.6 of their lines
-/// by the diagonal, by this 0.4 to 1, most of them more than 0.9; those of wires, of which few are as long, hardly more than before. With 16 times they
-/// do, and their cells stop too many.)
+/// The size of a cell is the smaller of its diagonal and so many times its width: what lies within an eighth of a long thin cell's length is mostly far
+/// from its sides, where a closed surface goes on. (Clumps of a closed ball stretched a thousand times along an axis find surface beside 0.07 to 0.6 of their
+/// lines by the diagonal, by this 0.4 to 1, most of them more than 0.9; those of wires, of which few are as long, hardly more than before. With 16 times they
+/// do, and their cells stop too many. Of cells along no axis slabs are stored in steps of a 31st of their reach: they are wider than what they hold, and gain little.)
 const LONG: f32 = 32.0;
 /// It is at least this part of the diagonal, or rounding counts.
 const LEAST: f32 = 1.0 / 16384.0;
