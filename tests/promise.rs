@@ -334,6 +334,7 @@ fn on_cad() {
 
 /// Of which rays pass stand-ins.
 const WIRES: &str = "wires";
+/// Of which none does.
 const STRETCHED: &str = "stretched";
 
 /// A miss that passed a stand-in says from where on something may be.

@@ -1,7 +1,7 @@
 //! Lines through a cell's region, its box inside of its slabs, and which of them meet triangles: eight at a time.
 //!
 //! Lines are uniform over all that cross the region, once each is weighed by one over its way through it ([`Lines::through`]): through points spread evenly over
-//! a block around the region, any way.
+//! a box around the region, any way.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::refs::Ref;
@@ -61,7 +61,7 @@ pub struct Region {
     /// Unit: across the first slab.
     across: Vec3,
     /// Around it.
-    block: Block,
+    oriented: OrientedBox,
     /// Shorter ways weigh no more.
     least: f32,
     /// Of the cell: its diagonal; less if it is long, see [`LONG`].
@@ -83,8 +83,8 @@ pub struct Line<'a> {
     bit: u8,
 }
 
-/// A block around a cell's region: along its slabs' axes, or its box, whichever is smaller.
-struct Block {
+/// Around a cell's region: along its slabs' axes, or its box, whichever has less volume.
+struct OrientedBox {
     /// Unit.
     axes: [Vec3; 3],
     /// Its ends along these.
@@ -94,7 +94,7 @@ struct Block {
     thickness: f32,
 }
 
-impl Block {
+impl OrientedBox {
     fn around(bounds: &Bounds, slabs: &Slabs<f32>) -> Self {
         let lengths = slabs.map(|s| Vec3::from(s.axis).length());
         let [across, second] = [0, 1].map(|k| Vec3::from(slabs[k].axis) / lengths[k]);
@@ -109,7 +109,7 @@ impl Block {
             }
         }
         let thickness = (high - low).min_element();
-        // Of a rod that the slabs are not along the box is the smaller block.
+        // Of a rod that the slabs are not along the box is smaller.
         if bounds.extent().element_product() < (high - low).element_product() {
             return Self { axes: Vec3::AXES, low: bounds.min, high: bounds.max, thickness };
         }
@@ -127,7 +127,7 @@ impl Region {
     /// Of a cell, and of what is so near around it, as a part of its size.
     pub fn around(bounds: &Bounds, slabs: &Slabs<f32>, near: f32) -> Self {
         let diagonal = bounds.extent().length();
-        let size = diagonal.min(LONG * Block::around(bounds, slabs).width()).max(diagonal * LEAST);
+        let size = diagonal.min(LONG * OrientedBox::around(bounds, slabs).width()).max(diagonal * LEAST);
         let give = (size * (GIVE + near)).max(f32::MIN_POSITIVE);
         let words = [bounds.min, bounds.max].map(|v| v.to_array().map(f32::to_bits));
         let mut turn = words.as_flattened().iter().fold(0x9e37_79b9, |h: u32, w| (h ^ w).wrapping_mul(0x85eb_ca6b).rotate_left(13));
@@ -143,9 +143,9 @@ impl Region {
         }
         let across = Vec3::from(slabs[0].axis);
         let across = across / across.length();
-        let block = Block::around(&bounds, &slabs);
-        let least = block.thickness * SHORT;
-        Self { bounds, slabs, across, block, least, size, turns }
+        let oriented = OrientedBox::around(&bounds, &slabs);
+        let least = oriented.thickness * SHORT;
+        Self { bounds, slabs, across, oriented, least, size, turns }
     }
 
     /// Lines from now on go on with the numbers behind those of all groups.
@@ -204,7 +204,7 @@ impl Lines {
     #[inline(always)]
     fn make<S: Simd>(&mut self, s: S, region: &Region, group: usize, spread: &[Row; 5]) {
         let (org, dir) = (&mut self.org[group], &mut self.dir[group]);
-        let (mut at, block) = (*spread, &region.block);
+        let (mut at, oriented) = (*spread, &region.oriented);
         for k in 0..5 {
             for i in 0..GROUP {
                 let turned = at[k][i] + region.turns[k];
@@ -213,10 +213,10 @@ impl Lines {
         }
         for k in 0..3 {
             for i in 0..GROUP {
-                at[k][i] = block.low[k] + (block.high[k] - block.low[k]) * at[k][i];
+                at[k][i] = oriented.low[k] + (oriented.high[k] - oriented.low[k]) * at[k][i];
             }
         }
-        let axes = &block.axes;
+        let axes = &oriented.axes;
         for axis in 0..3 {
             for i in 0..GROUP {
                 org[axis][i] = axes[0][axis] * at[0][i] + axes[1][axis] * at[1][i] + axes[2][axis] * at[2][i];
