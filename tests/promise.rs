@@ -390,3 +390,11 @@ fn check_nested(soup: &Soup) {
     scene.commit().expect("a commit");
     check_scene(soup.name, &scene.state(), &Bvh64::new(tris), size, RAYS / 2);
 }
+
+/// Triangles as thin as roundings are far from right angles, in placings that squeeze.
+#[test]
+fn in_nested_scaled_instances_of_turned_slivers() {
+    let turn = DQuat::from_rotation_z(0.7) * DQuat::from_rotation_y(0.7);
+    let tris = scenes::stretched(1000.0).into_iter().map(|t| t.map(|v| scenes::rounded(turn * v)));
+    check_nested(&Soup { name: "turned", tris: tris.filter(scenes::has_area).collect() });
+}

@@ -165,10 +165,11 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 /// lies on the stored triangle, the input's within `position_error` of it (in the world). So an
 /// original surface lies within
 ///
-/// `error` = s · gap + position_error + r, r = 8 · 2⁻⁵² (|origin| + |t dir| + |offset| + s · reach),
+/// `error` = s · gap + position_error + r, r = l (|origin| + |t dir| + |offset| + s · reach),
 ///
 /// where r covers what double precision loses: position has two roundings a component, the way to
-/// the tree's frame a subtraction and a product of three terms, and back the same. Single precision
+/// the tree's frame a subtraction and a product of three terms, and back the same; l is 8 · 2⁻⁵² of M's terms times its
+/// inverse's, and what the product of both differs from the identity by: 8 · 2⁻⁵² of what is not turned. Single precision
 /// does not enter: it chose the triangle, and the gap tells how well.
 ///
 /// **t_free.** A nearer surface that single precision put behind this one: the walk sees ray and

@@ -28,6 +28,8 @@ pub(crate) struct Placed {
     local_bounds: DBounds,
     /// Largest singular value of `linear`: no distance grows by more.
     pub stretch: f64,
+    /// What the way to the tree's frame and back loses, as a part of what goes through.
+    loss: f64,
     /// How far stored vertices may lie from the input's, in the world.
     pub position_error: f64,
     /// Around it in the world, rounding included.
@@ -80,6 +82,14 @@ pub(crate) fn largest_singular_value(m: &DMat3) -> f64 {
     greatest.max(0.0).sqrt() * size * (1.0 + 1e-12)
 }
 
+/// How far `there` of `back` of a point may be from it, as a part of the greatest coordinate: what the product differs from
+/// the identity by, and eight roundings of its terms (which are large where a transform is skewed).
+fn loss(there: &DMat3, back: &DMat3) -> f64 {
+    let greatest_row = |m: DMat3| (m.abs() * DVec3::ONE).max_element();
+    let terms = there.abs() * back.abs();
+    greatest_row(*there * *back - DMat3::IDENTITY) + greatest_row(terms) * (8.0 * f64::EPSILON)
+}
+
 impl Placed {
     /// `tree` of a model whose mesh coordinates `world_from_mesh` takes to the world.
     pub fn new(tree: &Tree, ids: [u32; 4], world_from_mesh: &DAffine3) -> Self {
@@ -94,6 +104,7 @@ impl Placed {
             let slack = terms * (16.0 * f64::EPSILON);
             bounds = DBounds { min: bounds.min - slack, max: bounds.max + slack };
         }
+        let inverse = linear.inverse();
         let [model, index, instance, first_part] = ids;
         Self {
             model,
@@ -101,12 +112,13 @@ impl Placed {
             instance,
             first_part,
             linear,
-            inverse: linear.inverse(),
+            inverse,
             offset,
             unturned: linear == DMat3::IDENTITY,
             reach: f64::from(tree.reach),
             local_bounds: tree.bounds,
             stretch,
+            loss: loss(&linear, &inverse).max(loss(&inverse, &linear)),
             position_error: tree.position_error * stretch,
             bounds,
         }
@@ -174,13 +186,13 @@ impl Placed {
     /// Bounds of rounding in `world_point(local_point(p))`, for points within `size` of zero in the world.
     #[inline(always)]
     pub fn rounding(&self, size: f64) -> f64 {
-        (size + self.offset.abs().max_element() + self.stretch * self.reach) * (8.0 * f64::EPSILON)
+        (size + self.offset.abs().max_element() + self.stretch * self.reach) * self.loss
     }
 
     /// How far apart, in local units, single precision may put a ray of [`Placed::local`] and the real one.
     #[inline]
     pub fn local_slack(&self) -> f64 {
-        self.reach * (2.0 * FAR + 2.0) * f64::from(f32::EPSILON) * 4.0
+        self.reach * (2.0 * FAR + 2.0) * (f64::from(f32::EPSILON) * 4.0 + self.loss)
     }
 
     /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale:
@@ -279,6 +291,25 @@ mod tests {
             let greatest = d.iter().fold(0.0f64, |s, &x| s.max(x));
             let found = largest_singular_value(&m);
             assert!((found / greatest - 1.0).abs() < 1e-9, "{d:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn there_and_back_loses_no_more_than_said() {
+        let turns = [DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-1.1), DQuat::from_rotation_z(2.3)];
+        let [first, second] = turns.map(DMat3::from_quat);
+        for skew in [1.0, 30.0, 1e4, 1e8, 1e11] {
+            let linear = first * DMat3::from_diagonal(DVec3::new(skew, 1.0, skew.sqrt())) * second;
+            let placed = Placed::for_tests(DVec3::ZERO, 1.0, &DAffine3 { matrix3: linear, translation: DVec3::new(5.0, -7.0, 3.0) });
+            let bound = placed.rounding(7.0 + skew);
+            let mut worst = 0.0f64;
+            for i in 0..1000 {
+                let at = DVec3::new(f64::from(i) * 0.618, f64::from(i) * 0.755, f64::from(i) * 0.57).fract() * (7.0 + skew);
+                worst = worst.max(placed.world_point(placed.local_point(at)).distance(at));
+            }
+            assert!(worst <= bound && bound < 1e4 * worst, "{skew}: {worst:e}, said {bound:e}");
+            // Eight roundings of coordinates, whatever the transform, would not do.
+            assert!(skew < 1e4 || worst > (14.0 + 2.0 * skew) * 8.0 * f64::EPSILON, "{skew}: {worst:e}");
         }
     }
 

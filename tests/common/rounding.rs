@@ -152,22 +152,29 @@ pub fn segment_distance(a: DVec2, b: DVec2) -> f64 {
     if s > 0.0 && s < 1.0 { a.perp_dot(b).abs() / len2.sqrt() } else { (a + ab * s).length() }
 }
 
-/// Distance of `p` to the triangle, in world units (Ericson, "Real-Time Collision Detection", 2005, 5.1.5: by regions).
+/// Distance of `p` to the triangle, in world units: never less than it is but for roundings of coordinates, for it is that to a point of the
+/// triangle. (A plane's normal is not that good: of a sliver it is off by as many roundings as the sliver is longer than wide.)
 pub fn point_distance(p: DVec3, tri: &Tri) -> f64 {
     let [a, b, c] = *tri;
-    let n = (b - a).cross(c - a);
-    let n2 = n.length_squared();
-    if n2 > 0.0 {
-        let inside = |x: DVec3, y: DVec3| (y - x).cross(p - x).dot(n) >= 0.0;
-        if inside(a, b) && inside(b, c) && inside(c, a) {
-            return (p - a).dot(n).abs() / n2.sqrt();
-        }
-    }
     let seg = |x: DVec3, y: DVec3| {
         let xy = y - x;
         let l2 = xy.length_squared();
         let s = if l2 > 0.0 { ((p - x).dot(xy) / l2).clamp(0.0, 1.0) } else { 0.0 };
-        (p - (x + xy * s)).length()
+        ((p - x) - xy * s).length()
     };
-    seg(a, b).min(seg(b, c)).min(seg(c, a))
+    seg(a, b).min(seg(b, c)).min(seg(c, a)).min(plane_distance(p - a, b - a, c - a))
+}
+
+/// Distance of `p` to the point of a triangle with a corner at zero that is beneath it, or to one near that.
+fn plane_distance(p: DVec3, b: DVec3, c: DVec3) -> f64 {
+    let n = b.cross(c);
+    let n2 = n.length_squared();
+    let (mut u, mut v) = (0.0, 0.0);
+    // The first step's rest is short, so the second's roundings are.
+    for _ in 0..if n2 > 0.0 { 2 } else { 0 } {
+        let rest = p - b * u - c * v;
+        u = (u + rest.cross(c).dot(n) / n2).clamp(0.0, 1.0);
+        v = (v + b.cross(rest).dot(n) / n2).clamp(0.0, 1.0 - u);
+    }
+    (p - b * u - c * v).length()
 }
