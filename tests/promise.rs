@@ -182,7 +182,7 @@ fn check_scene(name: &str, state: &Arc<SceneState>, oracle: &Bvh64, size: f64, c
         assert!(lod > 0 || poe < 3.0, "{name}: nothing stands in");
         // Of closed things few.
         assert!(passed > 0 || poe < 3.0 || name != WIRES, "{name}: no ray passes a stand-in");
-        assert!(passed * 20 <= misses || name == WIRES, "{name}: {passed} of {misses} passed");
+        assert!(passed * 20 <= misses || [WIRES, TURNED].contains(&name), "{name}: {passed} of {misses} passed");
         assert!(passed == 0 || name != STRETCHED, "{name}: {passed} of {misses} passed");
     }
 }
@@ -336,6 +336,8 @@ fn on_cad() {
 const WIRES: &str = "wires";
 /// Of which none does.
 const STRETCHED: &str = "stretched";
+/// Of which some do: along no axis, boxes of long thin triangles are so wide that each cell holds both sides of what they are of.
+const TURNED: &str = "turned";
 
 /// A miss that passed a stand-in says from where on something may be.
 #[test]
@@ -391,10 +393,10 @@ fn check_nested(soup: &Soup) {
     check_scene(soup.name, &scene.state(), &Bvh64::new(tris), size, RAYS / 2);
 }
 
-/// Triangles as thin as roundings are far from right angles, in placings that squeeze.
+/// Of triangles a thousand times longer than wide errors are stated, in placings that squeeze.
 #[test]
 fn in_nested_scaled_instances_of_turned_slivers() {
     let turn = DQuat::from_rotation_z(0.7) * DQuat::from_rotation_y(0.7);
     let tris = scenes::stretched(1000.0).into_iter().map(|t| t.map(|v| scenes::rounded(turn * v)));
-    check_nested(&Soup { name: "turned", tris: tris.filter(scenes::has_area).collect() });
+    check_nested(&Soup { name: TURNED, tris: tris.filter(scenes::has_area).collect() });
 }
