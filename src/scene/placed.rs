@@ -189,10 +189,11 @@ impl Placed {
         (size + self.offset.abs().max_element() + self.stretch * self.reach) * self.loss
     }
 
-    /// How far apart, in local units, single precision may put a ray of [`Placed::local`] and the real one.
+    /// How far apart, in local units, a ray of [`Placed::local`] and the real one may be: four times what single precision loses, of which one
+    /// is left for the way to the tree's frame; of skewed transforms twice what that loses, if it is more.
     #[inline]
     pub fn local_slack(&self) -> f64 {
-        self.reach * (2.0 * FAR + 2.0) * (f64::from(f32::EPSILON) * 4.0 + self.loss)
+        self.reach * (2.0 * FAR + 2.0) * (f64::from(f32::EPSILON) * 4.0).max(2.0 * self.loss)
     }
 
     /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale:
