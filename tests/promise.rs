@@ -400,3 +400,25 @@ fn in_nested_scaled_instances_of_turned_slivers() {
     let tris = scenes::stretched(1000.0).into_iter().map(|t| t.map(|v| scenes::rounded(turn * v)));
     check_nested(&Soup { name: TURNED, tris: tris.filter(scenes::has_area).collect() });
 }
+
+/// Placings whose singular values are up to a hundred million apart: what double precision loses on the way there and back is stated.
+#[test]
+fn in_skewed_instances() {
+    let tris = scenes::bumpy_sphere(40, 60, 3);
+    for skew in [1e2f64, 1e4, 1e6, 1e8] {
+        let turns = DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-1.1);
+        let squeeze = DAffine3::from_scale(DVec3::new(skew.sqrt(), 1.0, 1.0 / skew.sqrt()));
+        let place = DAffine3::from_quat(turns) * squeeze * DAffine3::from_quat(DQuat::from_rotation_z(2.3));
+        let place = DAffine3 { translation: DVec3::new(3.0, -5.0, 7.0), ..place };
+        let file = built::parts(&[built::Part::white(1, tris.clone())]);
+        let context = built::context(2);
+        let model = Model::open(&context, &file.path).expect("a model");
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 1, place).expect("an instance");
+        scene.commit().expect("a commit");
+        let world: Vec<Tri> = tris.iter().map(|t| t.map(|v| place.transform_point3(v))).collect();
+        let soup = Soup { name: "skewed", tris: world.clone() };
+        println!("{skew:e}");
+        check_scene(soup.name, &scene.state(), &Bvh64::new(world), size_of(&soup), RAYS / 8);
+    }
+}
