@@ -1,6 +1,5 @@
 //! Batches of rays: what they read, what they write, and how they are asked.
 
-use super::chunk::CHUNK;
 use super::hit::{Hit, HitKind, Want};
 use super::rounds::{Batch, Shared};
 use crate::base::error::{Error, Result};
@@ -31,16 +30,7 @@ pub trait Rays: Sync {
 pub trait Hits: Sync {
     /// Takes the answers to rays `first..first + hits.len()`. For [`Query::any`] only `kind` counts.
     fn write(&self, first: usize, hits: &[Hit]);
-    /// Calls `answer` once, with what takes answers as [`Hits::write`] does: of rays `first..first + count` alone, which nobody else writes meanwhile.
-    /// (What takes a lock takes one here, not one for every few rays: each waits until all that was written before is there.)
-    fn write_within(&self, first: usize, count: usize, answer: &mut dyn FnMut(&mut Put)) {
-        let _ = (first, count);
-        answer(&mut |first, hits| self.write(first, hits));
-    }
 }
-
-/// Takes the answers to some rays, from the given one on.
-pub type Put<'a> = dyn FnMut(usize, &[Hit]) + 'a;
 
 /// What to do about data that is not in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -209,17 +199,11 @@ impl<T: Hits + ?Sized> Hits for &T {
     fn write(&self, first: usize, hits: &[Hit]) {
         (**self).write(first, hits);
     }
-    fn write_within(&self, first: usize, count: usize, answer: &mut dyn FnMut(&mut Put)) {
-        (**self).write_within(first, count, answer);
-    }
 }
 
 impl Hits for Arc<dyn Hits + Send + Sync> {
     fn write(&self, first: usize, hits: &[Hit]) {
         (**self).write(first, hits);
-    }
-    fn write_within(&self, first: usize, count: usize, answer: &mut dyn FnMut(&mut Put)) {
-        (**self).write_within(first, count, answer);
     }
 }
 
@@ -247,8 +231,8 @@ struct Slices<'a, T, F: Fn(&[Hit], &mut [T])> {
     put: F,
 }
 
-/// Rays of a run: those of a chunk.
-const RUN: usize = CHUNK;
+/// Rays of a run: a whole number of what a batch writes at once.
+const RUN: usize = 1024;
 
 impl<'a, T, F: Fn(&[Hit], &mut [T])> Slices<'a, T, F> {
     fn new(all: &'a mut [T], put: F) -> Self {
@@ -258,12 +242,9 @@ impl<'a, T, F: Fn(&[Hit], &mut [T])> Slices<'a, T, F> {
 
 impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, T, F> {
     fn write(&self, first: usize, hits: &[Hit]) {
-        self.write_within(first, hits.len(), &mut |put| put(first, hits));
-    }
-    fn write_within(&self, first: usize, count: usize, answer: &mut dyn FnMut(&mut Put)) {
-        debug_assert!(first % RUN + count <= RUN);
+        debug_assert!(first % RUN + hits.len() <= RUN);
         let mut run = self.runs[first / RUN].lock().unwrap_or_else(PoisonError::into_inner);
-        answer(&mut |first, hits| (self.put)(hits, &mut run[first % RUN..][..hits.len()]));
+        (self.put)(hits, &mut run[first % RUN..][..hits.len()]);
     }
 }
 

@@ -1,6 +1,6 @@
 //! The rays that a worker answers at a time, and those of them that must wait for blocks.
 
-use super::batch::{Policy, Put, Rays};
+use super::batch::{Hits, Policy, Rays};
 use super::asks::Asks;
 use super::finish::{Last, begin_free, finish, free};
 use super::hit::{Hit, HitKind, Want};
@@ -66,7 +66,7 @@ impl Default for Chunk {
 
 impl Chunk {
     /// Answers `count` rays of a batch from `first` on, but for those that are `parked`.
-    pub fn run(&mut self, view: &SceneView, task: Task, first: usize, count: usize, rays: &impl Rays, put: &mut Put) {
+    pub fn run(&mut self, view: &SceneView, task: Task, first: usize, count: usize, rays: &impl Rays, hits: &impl Hits) {
         if self.want != task.want {
             (self.want, self.answers) = (task.want, Answers::NONE);
         }
@@ -92,9 +92,9 @@ impl Chunk {
             // Into one octant: what a packet needs at the least.
             let is_answered = alike.is_one_octant()
                 && if view.only_one().is_some() {
-                    self.run_in_one(view, task, group.clone(), group_rays, &alike, put)
+                    self.run_in_one(view, task, group.clone(), group_rays, &alike, hits)
                 } else {
-                    self.run_packet(view, task, group.clone(), group_rays, put)
+                    self.run_packet(view, task, group.clone(), group_rays, hits)
                 };
             if !is_answered {
                 if let Some(lent) = lent {
@@ -108,7 +108,7 @@ impl Chunk {
         for from in (0..end).step_by(PACKET) {
             let group = from..end.min(from + PACKET);
             let met = hits_of(&self.found[group.clone()]);
-            self.answer(view, task, group.clone(), &gathered[group], met, put);
+            self.answer(view, task, group.clone(), &gathered[group], met, hits);
         }
         self.rays = gathered;
     }
@@ -124,7 +124,7 @@ impl Chunk {
     }
 
     /// Answers a group in a scene that is one placed tree; false if it must go side by side.
-    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], alike: &Alike, put: &mut Put) -> bool {
+    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], alike: &Alike, hits: &impl Hits) -> bool {
         let met = if task.any {
             self.in_one.trace::<true>(view, rays, group.len(), alike, task.coherent)
         } else {
@@ -135,19 +135,19 @@ impl Chunk {
         if let Ok(met) = met {
             let distance = |i| self.in_one.distance(i);
             if self.simple.answer(view, task.want, rays, &*self.in_one.walk, distance, met, &mut self.answers) {
-                put(self.firsts[group.start / PACKET], &self.answers.hits[..group.len()]);
+                hits.write(self.firsts[group.start / PACKET], &self.answers.hits[..group.len()]);
                 return true;
             }
             for i in 0..group.len() {
                 self.found[group.start + i] = self.in_one.found(view, i, met >> i & 1 == 1);
             }
         }
-        self.answer_traced(view, task, group, rays, met.ok(), put);
+        self.answer_traced(view, task, group, rays, met.ok(), hits);
         true
     }
 
     /// Answers a group together; false if it must go side by side.
-    fn run_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], put: &mut Put) -> bool {
+    fn run_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], hits: &impl Hits) -> bool {
         // Nobody has looked at the rays: only the caller's word tells that they are near each other.
         if !task.coherent {
             return false;
@@ -159,21 +159,21 @@ impl Chunk {
             found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
             hits_of(found)
         });
-        self.answer_traced(view, task, group.clone(), &rays[..group.len()], met, put);
+        self.answer_traced(view, task, group.clone(), &rays[..group.len()], met, hits);
         true
     }
 
     /// [`Chunk::answer`] of a group whose rays went together. `met`: those that hit something, `None` if some ray lacked a block.
-    fn answer_traced(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], met: Option<u32>, put: &mut Put) {
+    fn answer_traced(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], met: Option<u32>, hits: &impl Hits) {
         if met.is_none() {
             // Which of its rays had what they needed is not known.
             self.unfinished.extend(group.start as u32..group.end as u32);
         }
-        self.answer(view, task, group, rays, met.unwrap_or(0), put);
+        self.answer(view, task, group, rays, met.unwrap_or(0), hits);
     }
 
     /// Writes the answers of a group, or parks it. `met`: rays that hit something; more may be among the unfinished.
-    fn answer(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], mut met: u32, put: &mut Put) {
+    fn answer(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], mut met: u32, hits: &impl Hits) {
         let mut waiting = Vec::new();
         let mut lacking = 0;
         for &i in self.unfinished.iter().filter(|&&i| group.contains(&(i as usize))) {
@@ -196,11 +196,11 @@ impl Chunk {
         let (first, count) = (self.firsts[group.start / PACKET], group.len());
         let found = &self.found[group];
         if lacking == 0 && waiting.is_empty() && self.simple.answer(view, task.want, rays, found, |i| found[i].t, met, &mut self.answers) {
-            return put(first, &self.answers.hits[..count]);
+            return hits.write(first, &self.answers.hits[..count]);
         }
         finish_group(view, task, rays, found, [met, lacking], &mut self.answers, &mut waiting);
         if waiting.is_empty() {
-            return put(first, &self.answers.hits[..count]);
+            return hits.write(first, &self.answers.hits[..count]);
         }
         self.parked.push(Group::new(first, rays, found, &self.answers.hits, waiting));
     }

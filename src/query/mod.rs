@@ -14,6 +14,6 @@ pub(crate) mod surfaces;
 mod sweep;
 mod volume;
 
-pub use batch::{AHEAD, Hits, PACKET, Policy, Put, Query, QueryOptions, QueryState, QueryStatus, Rays};
+pub use batch::{AHEAD, Hits, PACKET, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};
 pub use hit::{Hit, HitKind, NONE, Want};
 pub use overlap::{How, PartOverlap, Plane};

@@ -187,7 +187,7 @@ where
         let mut chunk = scene.context().take_scratch::<Chunk>();
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
-        self.hits.write_within(first, count, &mut |put| chunk.run(&view, self.task(), first, count, &self.rays, put));
+        chunk.run(&view, self.task(), first, count, &self.rays, &self.hits);
         let parked: usize = chunk.parked.iter().map(|group| group.count()).sum();
         self.shared.answered.fetch_add((count - parked) as u64, Relaxed);
         if parked > 0 {
