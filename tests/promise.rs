@@ -183,6 +183,7 @@ fn check_scene(name: &str, state: &Arc<SceneState>, oracle: &Bvh64, size: f64, c
         // Of closed things few.
         assert!(passed > 0 || poe < 3.0 || name != WIRES, "{name}: no ray passes a stand-in");
         assert!(passed * 20 <= misses || [WIRES, TURNED].contains(&name), "{name}: {passed} of {misses} passed");
+        assert!(passed * 2 <= exact + lod || name != TURNED, "{name}: {passed} passed, {exact} and {lod} hit");
         assert!(passed == 0 || name != STRETCHED, "{name}: {passed} of {misses} passed");
     }
 }
@@ -353,7 +354,7 @@ fn on_slivers() {
 /// The cells of a closed surface are far longer than wide, and let nothing through all the same.
 #[test]
 fn on_stretched_balls() {
-    for times in [100.0, 1000.0, 10_000.0, 1_000_000.0] {
+    for times in [100.0, 1000.0, 10_000.0, 100_000.0, 1_000_000.0] {
         println!("{times} times");
         check(&Soup { name: STRETCHED, tris: scenes::stretched(times) });
     }
@@ -401,7 +402,10 @@ fn turned_ball(times: f64) -> Soup {
 /// What is hit is nearest, and where; but some rays pass.
 #[test]
 fn on_a_stretched_ball_along_no_axis() {
-    check(&turned_ball(10_000.0));
+    for times in [100.0, 10_000.0] {
+        println!("{times} times");
+        check(&turned_ball(times));
+    }
 }
 
 /// Of triangles a thousand times longer than wide errors are stated, in placings that squeeze.
@@ -410,11 +414,12 @@ fn in_nested_scaled_instances_of_turned_slivers() {
     check_nested(&turned_ball(1000.0));
 }
 
-/// Placings whose singular values are up to a hundred million apart: what double precision loses on the way there and back is stated.
+/// Placings whose singular values are up to 10^10 apart: what double precision loses on the way there and back is stated. (`t_free` says little: of the
+/// longest axis single precision loses more than the shortest is thick.)
 #[test]
 fn in_skewed_instances() {
     let tris = scenes::bumpy_sphere(40, 60, 3);
-    for skew in [1e2f64, 1e4, 1e6, 1e8] {
+    for skew in [1e2f64, 1e4, 1e6, 1e8, 1e10] {
         let turns = DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-1.1);
         let squeeze = DAffine3::from_scale(DVec3::new(skew.sqrt(), 1.0, 1.0 / skew.sqrt()));
         let place = DAffine3::from_quat(turns) * squeeze * DAffine3::from_quat(DQuat::from_rotation_z(2.3));

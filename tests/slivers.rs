@@ -1,4 +1,4 @@
-//! Exact rays at triangles up to a hundred thousand times longer than wide: pipes of such, against the input's triangles in double precision.
+//! Exact rays at triangles up to eight hundred thousand times longer than wide: pipes of such, against the input's triangles in double precision.
 
 mod common;
 
@@ -26,8 +26,8 @@ fn pipe(length: f64, radius: f64, sides: usize, turn: DQuat) -> Vec<Tri> {
     (0..sides).flat_map(side).collect()
 }
 
-/// Single precision orders surfaces that are as near as a hundredth of the radius; of what it says of the sides of one pipe as to which is nearer nothing
-/// is wrong, whatever direction it has. (With edges in single precision throughout 27 of 20,000 rays were answered with the far side, or the next one.)
+/// Surfaces nearer to each other than a hundredth of the radius may be told in the wrong order, the two sides of a pipe never. (With edge functions in single
+/// precision throughout 27 of 20,000 rays were answered with another side at 160,000 times, 288 at 800,000.)
 #[test]
 fn the_nearer_side_of_a_pipe_is_hit() {
     for turned in [0.0, 0.7] {

@@ -2,8 +2,8 @@
 //!
 //! Source: Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013, sections 2
 //! and 3. Deviations: both windings hit; `t` comes from one division per batch of lanes; where an
-//! edge function is exactly zero in single precision, or a triangle is seen far longer than wide, all three are evaluated again in double
-//! precision, in which the products are exact.
+//! edge function is exactly zero in single precision, or a triangle is seen far longer than wide, edge
+//! functions, weights and `t` are worked out again in double precision, in which the products are exact.
 //!
 //! One body serves eight triangles against a ray, sixteen rays against a triangle, and the scalar
 //! twin of the tests. No fused multiply-add: an edge shared by two triangles must give exactly
@@ -88,10 +88,10 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
     t_min: L,
     t_max: L,
 ) -> LaneHits<L> {
-    let of = [c.x * b.y, a.x * c.y, b.x * a.y];
-    let u = of[0] - c.y * b.x;
-    let v = of[1] - a.y * c.x;
-    let w = of[2] - b.y * a.x;
+    let products = [c.x * b.y, a.x * c.y, b.x * a.y];
+    let u = products[0] - c.y * b.x;
+    let v = products[1] - a.y * c.x;
+    let w = products[2] - b.y * a.x;
     // All of one sign, or zero: least and greatest tell, and where one of them is zero, an edge is met.
     let (least, greatest) = (u.min(v).min(w), u.max(v).max(w));
     let inside = zero.le(least).or(greatest.le(zero));
@@ -102,9 +102,12 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
     }
     let det = u + v + w;
     let on_edge = least.eq(zero).or(greatest.eq(zero));
-    let of = of[0].max(of[1]).max(of[2]).max(zero - of[0].min(of[1]).min(of[2]));
-    let is_thin = det.max(zero - det).le(of * L::from_array_like(zero, [THIN; N]));
-    let (on_edge, doubtful) = (on_edge.bits() & hits, on_edge.or(is_thin).bits() & hits);
+    // The other three differ from these by no more than `det`, as all signs are alike.
+    let greatest = products[0].max(products[1]).max(products[2]);
+    let least = products[0].min(products[1]).min(products[2]);
+    let thin = greatest.max(zero - least) * L::from_array_like(zero, [THIN; N]);
+    let is_thin = det.max(zero - det).le(thin.max(L::from_array_like(zero, [TINY; N])));
+    let doubtful = on_edge.or(is_thin).bits() & hits;
     let rdet = L::from_array_like(zero, [1.0; N]).div(det);
     // Weights first: the sum of unweighted products would leave single precision's range for models of
     // less than 1e-12 or more than 1e12 units.
@@ -118,7 +121,7 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
             [c.x.to_array(), c.y.to_array(), c.z.to_array()],
         ];
         let mut all = [found.t.to_array(), found.u.to_array(), found.v.to_array()];
-        found.hits = hits & !exactly(&corners, &mut all, doubtful, on_edge);
+        found.hits = hits & !exactly(&corners, &mut all, doubtful);
         found.t = L::from_array_like(zero, all[0]);
         found.u = L::from_array_like(zero, all[1]);
         found.v = L::from_array_like(zero, all[2]);
@@ -127,31 +130,30 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
     found
 }
 
-/// Where a triangle's area is no more than this part of the products that its edges are differences of, these are evaluated again: rounding takes a part of the
-/// products. (Of a triangle 10 units long and 0.00006 wide single precision said how far away it is to a tenth.)
+/// Where twice a triangle's area is no more than this part of the products that its edge functions are differences of, these are evaluated again: rounding takes
+/// a part of the products. (Of a triangle 10 units long and 0.00006 wide single precision said how far away it is to a tenth.)
 const THIN: f32 = 1.0 / 1024.0;
+/// And where it is no more than this: products lose digits where single precision ends.
+const TINY: f32 = 1e-30;
 
 /// Evaluates `lanes` in double precision, in which the edges' products are exact, and leaves the others as they are: a lane's result must not depend on its
-/// neighbours. `found`: distances, and weights of the second and third vertex. Returns those of `on_edge` that are outside. (Of others nobody is told to be: the
-/// triangle beyond the edge may have been told otherwise, and the ray would pass between both. They are met where they are nearest.)
+/// neighbours. `found`: distances, and weights of the second and third vertex. Returns those that are outside, which only those can be that met an edge: rounded
+/// products keep order, so where a difference of two is not zero its sign is right.
 #[inline(never)]
 #[cold]
-fn exactly<const N: usize>([a, b, c]: &[[[f32; N]; 3]; 3], found: &mut [[f32; N]; 3], lanes: u32, on_edge: u32) -> u32 {
+fn exactly<const N: usize>([a, b, c]: &[[[f32; N]; 3]; 3], found: &mut [[f32; N]; 3], lanes: u32) -> u32 {
     let mut outside = 0;
     for i in (0..N).filter(|i| lanes >> i & 1 == 1) {
         let [a, b, c] = [a, b, c].map(|p| [f64::from(p[0][i]), f64::from(p[1][i]), f64::from(p[2][i])]);
         let edge = |p: [f64; 3], q: [f64; 3]| p[0] * q[1] - p[1] * q[0];
-        let edges = [edge(c, b), edge(a, c), edge(b, a)];
-        let sign = edges.iter().sum::<f64>().signum();
-        let [u, v, w] = edges.map(|edge| (edge * sign).max(0.0));
+        let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
         let det = u + v + w;
-        outside |= u32::from(det == 0.0 || edges.iter().any(|edge| edge * sign < 0.0)) << i;
-        if det > 0.0 {
-            let t = (u * a[2] + v * b[2] + w * c[2]) / det;
-            (found[0][i], found[1][i], found[2][i]) = (t as f32, (v / det) as f32, (w / det) as f32);
-        }
+        let is_inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
+        outside |= u32::from(!is_inside || det == 0.0) << i;
+        let t = (u * a[2] + v * b[2] + w * c[2]) / det;
+        (found[0][i], found[1][i], found[2][i]) = (t as f32, (v / det) as f32, (w / det) as f32);
     }
-    outside & on_edge
+    outside
 }
 
 /// The scalar twin: one ray, one triangle. The same bits as a lane of [`intersect`].
@@ -242,7 +244,7 @@ mod tests {
         }
     }
 
-    /// Seen at 20 degrees or more, a point of a triangle ten units long and up to a million times longer than wide is as far away as its plane.
+    /// Seen at 20 degrees or more, the distance to a triangle ten units long and up to a million times longer than wide is that to its plane, to 0.002.
     #[test]
     fn slivers_are_as_far_away_as_they_are() {
         let mut state = 7u64;

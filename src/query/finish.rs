@@ -168,13 +168,13 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 /// `error` = s · gap + position_error + r, r = l (|origin| + |t dir| + |offset| + s · reach),
 ///
 /// where r covers what double precision loses: position has two roundings a component, the way to
-/// the tree's frame a subtraction and a product of three terms, and back the same; l is 8 · 2⁻⁵² of M's terms times its
-/// inverse's, and what the product of both differs from the identity by: 8 · 2⁻⁵² of what is not turned. Single precision
+/// the tree's frame a subtraction and a product of three terms, and back the same; l is 8 · 2⁻⁵² where M is the identity, otherwise
+/// as much of its terms times its inverse's, and what their product differs from the identity by. Single precision
 /// does not enter: it chose the triangle, and the gap tells how well.
 ///
 /// **t_free.** A nearer surface that single precision put behind this one: the walk sees ray and
-/// triangles moved by at most `Placed::local_slack` (the origin is within 4 reaches, so it and
-/// each vertex relative to it carry at most 2⁻²³ of 10 reaches; 4 times that is given), so a
+/// triangles moved by at most `Placed::slack` (the origin is within 6 reaches, so it and each vertex
+/// relative to it carry at most 2⁻²³ of 14 reaches; 4 times that is given, and 2 r where M is not the identity), so a
 /// surface before t is less than that before it, along the ray, divided by the cosine at which it is met:
 /// 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
 #[inline(always)]
@@ -267,7 +267,7 @@ fn fill_from_meeting(placed: &Placed, ray: &Ray, found: &Found, triangle: &Trian
         let size = ray.origin.abs().max_element() + along.abs().max_element();
         let error = placed.stretch * meeting.gap + placed.position_error + placed.rounding(size);
         hit.error = crate::scene::placed::not_below(error);
-        let slack = placed.stretch * placed.local_slack() * 64.0 / ray.dir.as_dvec3().length();
+        let slack = placed.slack(size) * 64.0 / ray.dir.as_dvec3().length();
         hit.t_free = (meeting.t - slack).max(ray.t_min);
     }
 }

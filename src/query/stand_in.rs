@@ -206,7 +206,9 @@ impl Look<'_> {
 
     /// See the module.
     pub fn t_free(&self) -> f64 {
-        let slack = self.placed.stretch * self.placed.local_slack() * 64.0 / self.ray.dir.as_dvec3().length();
+        let along = self.ray.dir.as_dvec3() * self.t;
+        let size = self.ray.origin.abs().max_element() + along.abs().max_element();
+        let slack = self.placed.slack(size) * 64.0 / self.ray.dir.as_dvec3().length();
         let free = if self.place.is_inside { self.ray.t_min } else { self.t - slack };
         free.max(self.ray.t_min)
     }

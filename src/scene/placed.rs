@@ -82,12 +82,11 @@ pub(crate) fn largest_singular_value(m: &DMat3) -> f64 {
     greatest.max(0.0).sqrt() * size * (1.0 + 1e-12)
 }
 
-/// How far `there` of `back` of a point may be from it, as a part of the greatest coordinate: what the product differs from
+/// How far `there` of `back` of a point may be from it (a length), as a part of the greatest coordinate: what the product differs from
 /// the identity by, and eight roundings of its terms (which are large where a transform is skewed).
 fn loss(there: &DMat3, back: &DMat3) -> f64 {
-    let greatest_row = |m: DMat3| (m.abs() * DVec3::ONE).max_element();
-    let terms = there.abs() * back.abs();
-    greatest_row(*there * *back - DMat3::IDENTITY) + greatest_row(terms) * (8.0 * f64::EPSILON)
+    let rows = |m: DMat3| (m.abs() * DVec3::ONE).length();
+    rows(*there * *back - DMat3::IDENTITY) + rows(there.abs() * back.abs()) * (8.0 * f64::EPSILON)
 }
 
 impl Placed {
@@ -118,7 +117,7 @@ impl Placed {
             reach: f64::from(tree.reach),
             local_bounds: tree.bounds,
             stretch,
-            loss: loss(&linear, &inverse).max(loss(&inverse, &linear)),
+            loss: if linear == DMat3::IDENTITY { 8.0 * f64::EPSILON } else { loss(&linear, &inverse).max(loss(&inverse, &linear)) },
             position_error: tree.position_error * stretch,
             bounds,
         }
@@ -189,11 +188,12 @@ impl Placed {
         (size + self.offset.abs().max_element() + self.stretch * self.reach) * self.loss
     }
 
-    /// How far apart, in local units, a ray of [`Placed::local`] and the real one may be: four times what single precision loses, of which one
-    /// is left for the way to the tree's frame; of skewed transforms twice what that loses, if it is more.
+    /// How far apart, in the world, single precision may put a ray of [`Placed::local`] and the real one, of which points within `size` of zero are asked. (Four times
+    /// that of origins that are not moved nearer; of transforms also what is lost on the way to the tree's frame, before origins are.)
     #[inline]
-    pub fn local_slack(&self) -> f64 {
-        self.reach * (2.0 * FAR + 2.0) * (f64::from(f32::EPSILON) * 4.0).max(2.0 * self.loss)
+    pub fn slack(&self, size: f64) -> f64 {
+        let single = self.stretch * (self.reach * (2.0 * FAR + 2.0) * f64::from(f32::EPSILON) * 4.0);
+        if self.unturned { single } else { single + 2.0 * self.rounding(size) }
     }
 
     /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale:

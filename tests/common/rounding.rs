@@ -169,9 +169,12 @@ pub fn point_distance(p: DVec3, tri: &Tri) -> f64 {
 fn plane_distance(p: DVec3, b: DVec3, c: DVec3) -> f64 {
     let n = b.cross(c);
     let n2 = n.length_squared();
+    if n2 <= 0.0 {
+        return p.length();
+    }
     let (mut u, mut v) = (0.0, 0.0);
     // The first step's rest is short, so the second's roundings are.
-    for _ in 0..if n2 > 0.0 { 2 } else { 0 } {
+    for _ in 0..2 {
         let rest = p - b * u - c * v;
         u = (u + rest.cross(c).dot(n) / n2).clamp(0.0, 1.0);
         v = (v + b.cross(rest).dot(n) / n2).clamp(0.0, 1.0 - u);
