@@ -383,14 +383,19 @@ fn in_nested_scaled_instances_of_wires() {
 fn check_nested(soup: &Soup) {
     let size = size_of(soup);
     let Nested { built, tris } = nested(soup);
+    check_placed(soup.name, &built, &placings(size), tris, size, RAYS / 2);
+}
+
+/// A model in some places, against the triangles `tris` in the world.
+fn check_placed(name: &str, built: &Built, places: &[DAffine3], tris: Vec<Tri>, size: f64, count: usize) {
     let context = built::context(2);
     let model = Model::open(&context, &built.path).expect("a model");
     let scene = Scene::new(&context);
-    for (id, m) in placings(size).iter().enumerate() {
+    for (id, m) in places.iter().enumerate() {
         scene.add_instance(&model, id as u64, *m).expect("an instance");
     }
     scene.commit().expect("a commit");
-    check_scene(soup.name, &scene.state(), &Bvh64::new(tris), size, RAYS / 2);
+    check_scene(name, &scene.state(), &Bvh64::new(tris), size, count);
 }
 
 fn turned_ball(times: f64) -> Soup {
@@ -424,15 +429,9 @@ fn in_skewed_instances() {
         let squeeze = DAffine3::from_scale(DVec3::new(skew.sqrt(), 1.0, 1.0 / skew.sqrt()));
         let place = DAffine3::from_quat(turns) * squeeze * DAffine3::from_quat(DQuat::from_rotation_z(2.3));
         let place = DAffine3 { translation: DVec3::new(3.0, -5.0, 7.0), ..place };
-        let file = built::parts(&[built::Part::white(1, tris.clone())]);
-        let context = built::context(2);
-        let model = Model::open(&context, &file.path).expect("a model");
-        let scene = Scene::new(&context);
-        scene.add_instance(&model, 1, place).expect("an instance");
-        scene.commit().expect("a commit");
-        let world: Vec<Tri> = tris.iter().map(|t| t.map(|v| place.transform_point3(v))).collect();
-        let soup = Soup { name: "skewed", tris: world.clone() };
+        let built = built::parts(&[built::Part::white(1, tris.clone())]);
+        let world = Soup { name: "skewed", tris: tris.iter().map(|t| t.map(|v| place.transform_point3(v))).collect() };
         println!("{skew:e}");
-        check_scene(soup.name, &scene.state(), &Bvh64::new(world), size_of(&soup), RAYS / 8);
+        check_placed(world.name, &built, &[place], world.tris.clone(), size_of(&world), RAYS / 8);
     }
 }

@@ -264,11 +264,9 @@ fn fill_from_meeting(placed: &Placed, ray: &Ray, found: &Found, triangle: &Trian
         hit.position = ray.origin + along;
     }
     if want.has(Want::ERROR) {
-        let size = ray.origin.abs().max_element() + along.abs().max_element();
-        let error = placed.stretch * meeting.gap + placed.position_error + placed.rounding(size);
+        let error = placed.stretch * meeting.gap + placed.position_error + placed.rounding_along(ray.origin, along);
         hit.error = crate::scene::placed::not_below(error);
-        let slack = placed.slack(size) * 64.0 / ray.dir.as_dvec3().length();
-        hit.t_free = (meeting.t - slack).max(ray.t_min);
+        hit.t_free = (meeting.t - placed.slack(ray, meeting.t)).max(ray.t_min);
     }
 }
 

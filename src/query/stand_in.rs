@@ -151,8 +151,7 @@ pub(super) fn error_at(placed: &Placed, origin: DVec3, along: DVec3, here: DVec3
     let farthest = (here - low).abs().max((here - high).abs()).length();
     // Not so for NaN, of cells that are points.
     let nearest = (diagonal(cell) * near + here.distance(in_cell(here, cell))).min(farthest);
-    let size = origin.abs().max_element() + along.abs().max_element();
-    not_below(placed.stretch * nearest + placed.position_error + placed.rounding(size))
+    not_below(placed.stretch * nearest + placed.position_error + placed.rounding_along(origin, along))
 }
 
 /// A unit normal of the tree's frame in the world, against `dir`.
@@ -206,10 +205,7 @@ impl Look<'_> {
 
     /// See the module.
     pub fn t_free(&self) -> f64 {
-        let along = self.ray.dir.as_dvec3() * self.t;
-        let size = self.ray.origin.abs().max_element() + along.abs().max_element();
-        let slack = self.placed.slack(size) * 64.0 / self.ray.dir.as_dvec3().length();
-        let free = if self.place.is_inside { self.ray.t_min } else { self.t - slack };
+        let free = if self.place.is_inside { self.ray.t_min } else { self.t - self.placed.slack(self.ray, self.t) };
         free.max(self.ray.t_min)
     }
 

@@ -103,7 +103,7 @@ impl Placed {
             let slack = terms * (16.0 * f64::EPSILON);
             bounds = DBounds { min: bounds.min - slack, max: bounds.max + slack };
         }
-        let inverse = linear.inverse();
+        let (inverse, unturned) = (linear.inverse(), linear == DMat3::IDENTITY);
         let [model, index, instance, first_part] = ids;
         Self {
             model,
@@ -113,11 +113,11 @@ impl Placed {
             linear,
             inverse,
             offset,
-            unturned: linear == DMat3::IDENTITY,
+            unturned,
             reach: f64::from(tree.reach),
             local_bounds: tree.bounds,
             stretch,
-            loss: if linear == DMat3::IDENTITY { 8.0 * f64::EPSILON } else { loss(&linear, &inverse).max(loss(&inverse, &linear)) },
+            loss: if unturned { 8.0 * f64::EPSILON } else { loss(&linear, &inverse).max(loss(&inverse, &linear)) },
             position_error: tree.position_error * stretch,
             bounds,
         }
@@ -188,12 +188,20 @@ impl Placed {
         (size + self.offset.abs().max_element() + self.stretch * self.reach) * self.loss
     }
 
-    /// How far apart, in the world, single precision may put a ray of [`Placed::local`] and the real one, of which points within `size` of zero are asked. (Four times
-    /// that of origins that are not moved nearer; of transforms also what is lost on the way to the tree's frame, before origins are.)
+    /// [`Placed::rounding`] of what is `along` from `origin`.
+    #[inline(always)]
+    pub fn rounding_along(&self, origin: DVec3, along: DVec3) -> f64 {
+        self.rounding(origin.abs().max_element() + along.abs().max_element())
+    }
+
+    /// How far before a hit at `t` a surface may be that walks put behind it, in units of the ray's direction: how far apart a ray of [`Placed::local`] and the real
+    /// one may be (four times what single precision loses; of transforms also what is lost on the way to the tree's frame), at a cosine of 1/64.
     #[inline]
-    pub fn slack(&self, size: f64) -> f64 {
+    pub fn slack(&self, ray: &Ray, t: f64) -> f64 {
+        let dir = ray.dir.as_dvec3();
         let single = self.stretch * (self.reach * (2.0 * FAR + 2.0) * f64::from(f32::EPSILON) * 4.0);
-        if self.unturned { single } else { single + 2.0 * self.rounding(size) }
+        let apart = if self.unturned { single } else { single + 2.0 * self.rounding_along(ray.origin, dir * t) };
+        apart * 64.0 / dir.length()
     }
 
     /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale:

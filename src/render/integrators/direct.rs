@@ -348,9 +348,8 @@ impl Direct<'_> {
         let placed = &self.view.scene.placement.placed[found.placed as usize];
         let meeting = meet(placed, triangle, ray, found);
         let along = ray.dir.as_dvec3() * meeting.t;
-        let size = ray.origin.abs().max_element() + along.abs().max_element();
         seen.depth = along.dot(self.rays.forward()) as f32;
-        seen.error = not_below(placed.stretch * meeting.gap + placed.position_error + placed.rounding(size));
+        seen.error = not_below(placed.stretch * meeting.gap + placed.position_error + placed.rounding_along(ray.origin, along));
         seen.error_px = (f64::from(seen.error) / self.rays.pixel_width(meeting.t)) as f32;
     }
 
