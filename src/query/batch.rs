@@ -1,7 +1,7 @@
 //! Batches of rays: what they read, what they write, and how they are asked.
 
 use super::hit::{Hit, HitKind, Want};
-use super::rounds::{Batch, Shared};
+use super::rounds::{Batch, Shared, answer};
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job};
 use crate::math::Ray;
@@ -276,22 +276,11 @@ impl SceneState {
 
     /// [`SceneState::closest`] from any source of rays to any taker of hits, without copies. Blocks.
     pub fn closest_batch(&self, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
-        let batch = Batch::<_, _, _, false>::new(self, rays, hits, options);
-        ended(self.context().pool().run_scoped(batch.items(), &batch))
+        answer::<false>(self, rays, hits, options)
     }
 
     /// [`SceneState::any`] from any source of rays to any taker of hits, without copies. Blocks.
     pub fn any_batch(&self, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
-        let batch = Batch::<_, _, _, true>::new(self, rays, hits, options);
-        ended(self.context().pool().run_scoped(batch.items(), &batch))
-    }
-}
-
-/// The error of a blocking call, moved out where nobody else holds it.
-fn ended(ending: Ending) -> Result<()> {
-    match ending {
-        Ending::Finished => Ok(()),
-        Ending::Cancelled => Err(Error::Cancelled),
-        Ending::Failed(error) => Err(Error::clone(&error)),
+        answer::<true>(self, rays, hits, options)
     }
 }

@@ -12,6 +12,9 @@ use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, Scene
 use crate::structure::bvh::trace::{PACKET, STREAM, first_rays};
 use std::ops::Range;
 
+/// Rays of a group that go each alone, at most: to prepare a packet takes longer than they do.
+const ALONE: usize = 2;
+
 /// Rays of a chunk: some tens to hundreds of microseconds of work.
 pub(super) const CHUNK: usize = STREAM;
 
@@ -35,6 +38,7 @@ pub(super) struct Chunk {
     firsts: [usize; CHUNK / PACKET],
     stream: SceneStream,
     packet: ScenePacket,
+    alone: SceneWalk,
     in_one: InOne,
     simple: Simple,
     answers: Answers,
@@ -54,6 +58,7 @@ impl Default for Chunk {
             firsts: [0; CHUNK / PACKET],
             stream: SceneStream::of_queries(),
             packet: ScenePacket::default(),
+            alone: SceneWalk::default(),
             in_one: InOne::default(),
             simple: Simple::default(),
             answers: Answers::NONE,
@@ -70,8 +75,10 @@ impl Chunk {
         if self.want != task.want {
             (self.want, self.answers) = (task.want, Answers::NONE);
         }
-        self.in_one.begin_batch(view);
-        self.packet.begin_batch();
+        if count > ALONE {
+            self.in_one.begin_batch(view);
+            self.packet.begin_batch();
+        }
         // Groups that go the same way are answered at once, the others gathered. Only the last may be a part of one.
         let (mut gathered, mut end) = (std::mem::take(&mut self.rays), 0);
         for from in (0..count).step_by(PACKET) {
@@ -89,6 +96,10 @@ impl Chunk {
             }
             let group_rays = lent.unwrap_or(room);
             self.unfinished.clear();
+            if group.len() <= ALONE {
+                self.run_alone(view, task, group.clone(), &group_rays[..group.len()], hits);
+                continue;
+            }
             // Into one octant: what a packet needs at the least.
             let is_answered = alike.is_one_octant()
                 && if view.only_one().is_some() {
@@ -104,7 +115,9 @@ impl Chunk {
             }
         }
         self.unfinished.clear();
-        self.trace_each(view, task, &gathered[..end]);
+        if end > 0 {
+            self.trace_each(view, task, &gathered[..end]);
+        }
         for from in (0..end).step_by(PACKET) {
             let group = from..end.min(from + PACKET);
             let met = hits_of(&self.found[group.clone()]);
@@ -121,6 +134,22 @@ impl Chunk {
             view.trace_each::<false>(rays, &mut self.stream, found);
         }
         self.unfinished.extend_from_slice(self.stream.unfinished());
+    }
+
+    /// Answers a group of few rays.
+    fn run_alone(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], hits: &impl Hits) {
+        let mut met = 0;
+        for (i, ray) in rays.iter().enumerate() {
+            self.alone.begin(view, ray);
+            if trace(view, task, ray, &mut self.alone) == Step::Done {
+                let found = self.alone.best();
+                met |= u32::from(found.is_hit()) << i;
+                self.found[group.start + i] = found;
+            } else {
+                self.unfinished.push((group.start + i) as u32);
+            }
+        }
+        self.answer(view, task, group, rays, met, hits);
     }
 
     /// Answers a group in a scene that is one placed tree; false if it must go side by side.

@@ -2,6 +2,8 @@
 //! wanted first, up to what there is room for, and the rays that have theirs resumed. The answer does not depend on
 //! what was in memory.
 //!
+//! A batch of one chunk is answered at once, without what rounds take; only what must wait for blocks goes on in rounds.
+//!
 //! Each round makes progress: what at least one ray waits for is fetched beside what views use, or where they leave no
 //! room, into the reserve, under a lease. Where all is in memory there is one round, and no lease.
 
@@ -65,6 +67,77 @@ impl Shared {
 
     fn end(&self) -> MutexGuard<'_, (Option<Ending>, Option<Wake>)> {
         self.end.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Answers a batch of closest hits, or of any hits if `ANY`. Blocks.
+pub(super) fn answer<const ANY: bool>(scene: &SceneState, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
+    let pool = scene.context().pool();
+    if rays.count() > CHUNK {
+        let batch = Batch::<_, _, _, ANY>::new(scene, rays, hits, options);
+        return ended(pool.run_scoped(batch.items(), &batch));
+    }
+    let at_once = AtOnce { scene, rays, hits, task: task_of::<ANY>(options), parked: Mutex::default() };
+    ended(pool.run_scoped(rays.count().min(1), &at_once))?;
+    let parked = at_once.parked.into_inner().unwrap_or_else(PoisonError::into_inner);
+    if parked.is_empty() {
+        return Ok(());
+    }
+    let batch = Batch::<_, _, _, ANY>::rest(scene, rays, hits, options, parked);
+    ended(pool.run_scoped(batch.round_done()?, &batch))
+}
+
+/// The error of a blocking call, moved out where nobody else holds it.
+fn ended(ending: Ending) -> Result<()> {
+    match ending {
+        Ending::Finished => Ok(()),
+        Ending::Cancelled => Err(Error::Cancelled),
+        Ending::Failed(error) => Err(Error::clone(&error)),
+    }
+}
+
+fn task_of<const ANY: bool>(options: QueryOptions) -> Task {
+    let want = if ANY { Want::NOTHING } else { options.want };
+    Task { coherent: options.coherent, policy: options.policy, want, any: ANY }
+}
+
+/// Answers `count` rays from `first` on; returns those that must wait.
+fn run_chunk(
+    scene: &SceneState,
+    snapshots: &Snapshots,
+    stamp: u32,
+    task: Task,
+    (first, count): (usize, usize),
+    rays: &impl Rays,
+    hits: &impl Hits,
+) -> Vec<Group> {
+    let view = SceneView { scene, snapshots, never_waits: task.policy == Policy::Now, is_solid: false, stamp };
+    let mut chunk = scene.context().take_scratch::<Chunk>();
+    chunk.run(&view, task, first, count, rays, hits);
+    let parked = std::mem::take(&mut chunk.parked);
+    scene.context().give_scratch(chunk);
+    parked
+}
+
+/// A batch of one chunk.
+struct AtOnce<'a> {
+    scene: &'a SceneState,
+    rays: &'a dyn Rays,
+    hits: &'a dyn Hits,
+    task: Task,
+    /// What must wait for blocks.
+    parked: Mutex<Vec<Group>>,
+}
+
+impl Work for AtOnce<'_> {
+    fn run(&self, _: usize) -> Result<()> {
+        let snapshots = Snapshots::take(self.scene);
+        let stamp = self.scene.context().residency().stamp();
+        let parked = run_chunk(self.scene, &snapshots, stamp, self.task, (0, self.rays.count()), &self.rays, &self.hits);
+        if !parked.is_empty() {
+            *self.parked.lock().unwrap_or_else(PoisonError::into_inner) = parked;
+        }
+        Ok(())
     }
 }
 
@@ -140,6 +213,13 @@ where
         Self { scene, rays, hits, options, count, stamp, shared: Arc::default(), rounds: Mutex::new(rounds) }
     }
 
+    /// What is left of a batch of which all but `parked` is answered.
+    fn rest(scene: S, rays: R, hits: H, options: QueryOptions, parked: Vec<Group>) -> Self {
+        let batch = Self::new(scene, rays, hits, options);
+        batch.rounds().parked = parked;
+        batch
+    }
+
     /// Items of the first round.
     pub fn items(&self) -> usize {
         self.count.div_ceil(CHUNK)
@@ -160,8 +240,7 @@ where
     }
 
     fn task(&self) -> Task {
-        let want = if ANY { Want::NOTHING } else { self.options.want };
-        Task { coherent: self.options.coherent, policy: self.options.policy, want, any: ANY }
+        task_of::<ANY>(self.options)
     }
 
     /// A chunk of rays not yet begun.
@@ -183,17 +262,14 @@ where
                 now
             }
         };
-        let view = SceneView { scene, snapshots: &snapshots, never_waits: self.options.policy == Policy::Now, is_solid: false, stamp: self.stamp };
-        let mut chunk = scene.context().take_scratch::<Chunk>();
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
-        chunk.run(&view, self.task(), first, count, &self.rays, &self.hits);
-        let parked: usize = chunk.parked.iter().map(|group| group.count()).sum();
-        self.shared.answered.fetch_add((count - parked) as u64, Relaxed);
-        if parked > 0 {
-            self.rounds().parked.append(&mut chunk.parked);
+        let mut parked = run_chunk(scene, &snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
+        let waiting: usize = parked.iter().map(Group::count).sum();
+        self.shared.answered.fetch_add((count - waiting) as u64, Relaxed);
+        if waiting > 0 {
+            self.rounds().parked.append(&mut parked);
         }
-        scene.context().give_scratch(chunk);
     }
 
     /// Takes a parked group as far as it comes.

@@ -4,8 +4,8 @@ use super::alike::Alike;
 use super::placed::{Placed, not_below};
 use super::walk::{Found, NOTHING, Need, SceneStream, SceneView, bits};
 use crate::base::ids::BlockId;
-use crate::math::{Bounds, DBounds, Ray};
-use crate::structure::bvh::layout::{Block, Child, WIDTH};
+use crate::math::{DBounds, Ray};
+use crate::structure::bvh::layout::{Block, Child};
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, first_rays};
 use glam::DVec3;
 
@@ -249,9 +249,7 @@ enum Taken {
 fn around_hits(view: &SceneView) -> Option<DBounds> {
     let tree = view.tree(view.only_one()?);
     let Some(Child::Node(root)) = Child::from_bits(tree.root).filter(|_| !tree.is_empty()) else { return None };
-    let node = Block::new(tree.snapshot.block(BlockId(tree.root_block))?).node(root);
-    let boxes = (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1).map(|slot| node.child_box(slot));
-    let all = boxes.fold(Bounds::EMPTY, Bounds::union);
+    let all = Block::new(tree.snapshot.block(BlockId(tree.root_block))?).node(root).children_box();
     Some(DBounds { min: all.min.as_dvec3(), max: all.max.as_dvec3() })
 }
 

@@ -242,8 +242,26 @@ impl Node {
 
     /// The box of a child, rounded outward once more where the grid's sum is not exact.
     pub fn child_box(&self, slot: usize) -> Bounds {
+        self.box_between(self.planes.map(|planes| planes[slot]))
+    }
+
+    /// The smallest box around those of all children; of none, there is nothing in it.
+    pub fn children_box(&self) -> Bounds {
+        if self.valid == 0 {
+            return Bounds::EMPTY;
+        }
+        // What is larger on the grid is not smaller in space: one plane of each row decides.
+        let outermost = |row: usize, is_high: bool| {
+            let planes = self.planes[row].iter().enumerate().filter(|(slot, _)| self.valid >> slot & 1 == 1).map(|(_, plane)| *plane);
+            if is_high { planes.fold(0, u8::max) } else { planes.fold(u8::MAX, u8::min) }
+        };
+        self.box_between(std::array::from_fn(|row| outermost(row, row >= 3)))
+    }
+
+    /// The box between planes on the grid: low ones, then high ones.
+    fn box_between(&self, planes: [u8; 6]) -> Bounds {
         let at = |axis: usize, plane: usize| {
-            let offset = f64::from(self.planes[plane][slot]) * f64::from(self.step(axis));
+            let offset = f64::from(planes[plane]) * f64::from(self.step(axis));
             f64::from(self.origin[axis]) + offset
         };
         let low = |axis: usize| (at(axis, axis) as f32).next_down();

@@ -79,6 +79,8 @@ mod tests {
                 }
                 prop_assert!(node.child_box(slot).contains(&bounds) && node.stored_box(slot).contains(&bounds));
             }
+            let boxes = (0..corners.len()).map(|slot| node.child_box(slot));
+            prop_assert_eq!(node.children_box(), boxes.fold(Bounds::EMPTY, Bounds::union));
         }
     }
 }
