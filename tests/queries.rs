@@ -499,6 +499,32 @@ fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
             assert_eq!(model.memory().resident > 0, is_cold);
         }
     }
+    // Without waiting, of a model of which a part is in memory.
+    let model = Model::open_cold(&context, &file.path).unwrap();
+    let part = Scene::new(&context);
+    part.add_instance(&model, 7, DAffine3::IDENTITY).unwrap();
+    part.commit().unwrap();
+    ask(&part.state(), &rays[..9], SINGLE);
+    for options in [QueryOptions { policy: Policy::Now, ..SINGLE }, QueryOptions { policy: Policy::Now, want: Want::NORMAL | Want::UV, ..SINGLE }] {
+        let now = ask(&part.state(), &rays, options);
+        for kind in [HitKind::Miss, HitKind::Exact, HitKind::Missing] {
+            assert!(now.iter().any(|hit| hit.kind == kind), "{kind:?}");
+        }
+        for (ray, now) in rays.iter().zip(&now) {
+            assert_eq!(ask(&part.state(), &[*ray], options)[0], *now, "{ray:?}");
+        }
+    }
+    // From several threads, each by itself.
+    std::thread::scope(|scope| {
+        for first in 0..4 {
+            let (scene, rays, expected) = (&scene, &rays, &expected);
+            scope.spawn(move || {
+                for i in (0..rays.len()).map(|i| (i + first * 300) % rays.len()) {
+                    assert_eq!(ask(&scene.state(), &rays[i..=i], SINGLE)[0], expected[i], "{:?}", rays[i]);
+                }
+            });
+        }
+    });
 }
 
 /// An eye at the border of what is moved nearer to the model: packets and streams agree on who is.

@@ -226,6 +226,13 @@ impl Pool {
         job.0.wait_to_the_end()
     }
 
+    /// Does something small in the caller's thread, set up as a worker's is; it must not wait for work. A panic becomes an error.
+    pub fn here<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let (mut work, mut done) = (Some(work), None);
+        (self.shared.around)(&mut || done = work.take().map(caught));
+        done.unwrap_or_else(|| Err(Error::Internal("what is to be around work did not do it".into())))
+    }
+
     /// Works through all rounds in the caller's thread.
     fn run_here(&self, mut items: usize, work: &dyn Work) -> Ending {
         let mut ending = Ending::Finished;

@@ -248,6 +248,19 @@ impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, T, F> {
     }
 }
 
+/// Answers to a slice of one run at most.
+struct Slice<'a, T, F: Fn(&[Hit], &mut [T])> {
+    run: Mutex<&'a mut [T]>,
+    put: F,
+}
+
+impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slice<'_, T, F> {
+    fn write(&self, first: usize, hits: &[Hit]) {
+        let mut run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+        (self.put)(hits, &mut run[first..][..hits.len()]);
+    }
+}
+
 fn same_length(rays: usize, hits: usize) -> Result<()> {
     let text = || format!("there are {rays} rays and room for {hits} hits");
     if rays == hits { Ok(()) } else { Err(Error::BadArgument(text())) }
@@ -261,7 +274,11 @@ impl SceneState {
     /// not to be used.
     pub fn closest(&self, rays: &[Ray], options: QueryOptions, hits: &mut [Hit]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
-        self.closest_batch(&rays, &Slices::new(hits, |hits, out: &mut [Hit]| out.copy_from_slice(hits)), options)
+        let put = |hits: &[Hit], out: &mut [Hit]| out.copy_from_slice(hits);
+        if hits.len() <= RUN {
+            return self.closest_batch(&rays, &Slice { run: Mutex::new(hits), put }, options);
+        }
+        self.closest_batch(&rays, &Slices::new(hits, put), options)
     }
 
     /// Writes 1 for each ray that hits anything within its interval, else 0. Like
@@ -271,6 +288,9 @@ impl SceneState {
         let put = |hits: &[Hit], out: &mut [u8]| {
             out.iter_mut().zip(hits).for_each(|(out, hit)| *out = u8::from(hit.kind != HitKind::Miss));
         };
+        if hits.len() <= RUN {
+            return self.any_batch(&rays, &Slice { run: Mutex::new(hits), put }, options);
+        }
         self.any_batch(&rays, &Slices::new(hits, put), options)
     }
 

@@ -12,9 +12,6 @@ use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, Scene
 use crate::structure::bvh::trace::{PACKET, STREAM, first_rays};
 use std::ops::Range;
 
-/// Rays of a group that go each alone, at most: to prepare a packet takes longer than they do.
-const ALONE: usize = 2;
-
 /// Rays of a chunk: some tens to hundreds of microseconds of work.
 pub(super) const CHUNK: usize = STREAM;
 
@@ -38,7 +35,6 @@ pub(super) struct Chunk {
     firsts: [usize; CHUNK / PACKET],
     stream: SceneStream,
     packet: ScenePacket,
-    alone: SceneWalk,
     in_one: InOne,
     simple: Simple,
     answers: Answers,
@@ -58,7 +54,6 @@ impl Default for Chunk {
             firsts: [0; CHUNK / PACKET],
             stream: SceneStream::of_queries(),
             packet: ScenePacket::default(),
-            alone: SceneWalk::default(),
             in_one: InOne::default(),
             simple: Simple::default(),
             answers: Answers::NONE,
@@ -75,10 +70,8 @@ impl Chunk {
         if self.want != task.want {
             (self.want, self.answers) = (task.want, Answers::NONE);
         }
-        if count > ALONE {
-            self.in_one.begin_batch(view);
-            self.packet.begin_batch();
-        }
+        self.in_one.begin_batch(view);
+        self.packet.begin_batch();
         // Groups that go the same way are answered at once, the others gathered. Only the last may be a part of one.
         let (mut gathered, mut end) = (std::mem::take(&mut self.rays), 0);
         for from in (0..count).step_by(PACKET) {
@@ -96,10 +89,6 @@ impl Chunk {
             }
             let group_rays = lent.unwrap_or(room);
             self.unfinished.clear();
-            if group.len() <= ALONE {
-                self.run_alone(view, task, group.clone(), &group_rays[..group.len()], hits);
-                continue;
-            }
             // Into one octant: what a packet needs at the least.
             let is_answered = alike.is_one_octant()
                 && if view.only_one().is_some() {
@@ -134,22 +123,6 @@ impl Chunk {
             view.trace_each::<false>(rays, &mut self.stream, found);
         }
         self.unfinished.extend_from_slice(self.stream.unfinished());
-    }
-
-    /// Answers a group of few rays.
-    fn run_alone(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], hits: &impl Hits) {
-        let mut met = 0;
-        for (i, ray) in rays.iter().enumerate() {
-            self.alone.begin(view, ray);
-            if trace(view, task, ray, &mut self.alone) == Step::Done {
-                let found = self.alone.best();
-                met |= u32::from(found.is_hit()) << i;
-                self.found[group.start + i] = found;
-            } else {
-                self.unfinished.push((group.start + i) as u32);
-            }
-        }
-        self.answer(view, task, group, rays, met, hits);
     }
 
     /// Answers a group in a scene that is one placed tree; false if it must go side by side.
@@ -235,7 +208,7 @@ impl Chunk {
     }
 }
 
-fn trace(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWalk) -> Step {
+pub(super) fn trace(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWalk) -> Step {
     if task.any { view.trace::<true>(ray, walk) } else { view.trace::<false>(ray, walk) }
 }
 

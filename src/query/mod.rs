@@ -1,6 +1,7 @@
 //! Questions to a scene: closest and any hits in batches, overlaps of boxes and frusta by part.
 #![forbid(unsafe_code)]
 
+mod alone;
 mod asks;
 pub mod batch;
 mod chunk;

@@ -2,11 +2,13 @@
 //! wanted first, up to what there is room for, and the rays that have theirs resumed. The answer does not depend on
 //! what was in memory.
 //!
-//! A batch of one chunk is answered at once, without what rounds take; only what must wait for blocks goes on in rounds.
+//! A batch of one chunk is answered at once, without what rounds take, and one or two rays without what a chunk takes; only what must wait for blocks goes
+//! on in rounds.
 //!
 //! Each round makes progress: what at least one ray waits for is fetched beside what views use, or where they leave no
 //! room, into the reserve, under a lease. Where all is in memory there is one round, and no lease.
 
+use super::alone::{self, ALONE};
 use super::asks::plan;
 use super::batch::{Hits, Policy, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
@@ -77,7 +79,11 @@ pub(super) fn answer<const ANY: bool>(scene: &SceneState, rays: &dyn Rays, hits:
         let batch = Batch::<_, _, _, ANY>::new(scene, rays, hits, options);
         return ended(pool.run_scoped(batch.items(), &batch));
     }
-    let at_once = AtOnce { scene, rays, hits, task: task_of::<ANY>(options), parked: Mutex::default() };
+    let task = task_of::<ANY>(options);
+    if rays.count() <= ALONE && alone::answer(scene, task, rays, hits)? {
+        return Ok(());
+    }
+    let at_once = AtOnce { scene, rays, hits, task, parked: Mutex::default() };
     ended(pool.run_scoped(rays.count().min(1), &at_once))?;
     let parked = at_once.parked.into_inner().unwrap_or_else(PoisonError::into_inner);
     if parked.is_empty() {

@@ -6,7 +6,7 @@ use super::claims::Claims;
 use super::core::{Residency, Shared};
 use super::failures::{Failure, Failures};
 use super::links::{Links, Reference};
-use super::snapshot::Snapshot;
+use super::snapshot::{Shown, Snapshot};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
@@ -170,6 +170,11 @@ impl ModelBlocks {
     /// What is in memory now. Never blocks.
     pub fn snapshot(&self) -> Arc<Snapshot> {
         self.inner.published.load_full()
+    }
+
+    /// [`ModelBlocks::snapshot`] without a count that threads share, to be let go soon, by this thread: there are few at a time that cost nothing.
+    pub fn shown(&self) -> Shown {
+        self.inner.published.load()
     }
 
     /// Whether `snapshot` is what is in memory now.

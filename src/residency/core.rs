@@ -165,6 +165,11 @@ impl Residency {
         self.0.next_pass(NO_VIEW)
     }
 
+    /// That of the pass that began last, as of who is no view: for what uses few blocks, often. (A new one is written to each block that it visits.)
+    pub fn now(&self) -> u32 {
+        self.0.now()
+    }
+
     /// Bytes that blocks may take beside those that stay, those being read, and those that live views, or passes from
     /// `stamp` on, have used.
     pub fn room_beside(&self, stamp: u32) -> u64 {

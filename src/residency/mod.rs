@@ -43,5 +43,5 @@ pub use lease::Lease;
 pub use links::Reference;
 pub use pump::Fetchers;
 pub use slots::Slot;
-pub use snapshot::Snapshot;
+pub use snapshot::{Shown, Snapshot};
 pub use view::{View, ViewState, ViewStatus, Wanted};

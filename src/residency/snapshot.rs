@@ -45,6 +45,9 @@ pub struct Snapshot {
     _charge: Charge,
 }
 
+/// A snapshot, held: by a count of its own, or for a moment without ([`super::ModelBlocks::shown`]).
+pub type Shown = arc_swap::Guard<Arc<Snapshot>>;
+
 impl Snapshot {
     /// Of a model with `blocks` blocks, none in memory.
     pub fn empty(blocks: u32) -> Self {

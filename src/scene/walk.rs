@@ -10,10 +10,9 @@ use super::top::{NodeRef, Slabs, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
-use crate::residency::{Held, Lease, Snapshot};
+use crate::residency::{Held, Lease, Shown, Snapshot};
 use crate::structure::bvh::layout::Block;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Walk};
-use std::sync::Arc;
 
 /// A block that a job needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -32,12 +31,23 @@ pub(crate) enum Step {
 }
 
 /// What is in memory of a scene's models, at one moment.
-pub(crate) struct Snapshots(Vec<Arc<Snapshot>>);
+pub(crate) struct Snapshots(Vec<Shown>);
 
 impl Snapshots {
     /// As it is now.
     pub fn take(scene: &SceneState) -> Self {
-        Self(scene.models.iter().map(|m| m.blocks().snapshot()).collect())
+        Self(scene.models.iter().map(|m| Shown::from_inner(m.blocks().snapshot())).collect())
+    }
+
+    /// As it is now, in the room of what was there; for a moment in one thread.
+    pub fn lend(&mut self, scene: &SceneState) {
+        self.0.clear();
+        self.0.extend(scene.models.iter().map(|m| m.blocks().shown()));
+    }
+
+    /// Of nothing, in the same room.
+    pub fn clear(&mut self) {
+        self.0.clear();
     }
 
     /// Of nothing: what is not held may go.
@@ -50,12 +60,12 @@ impl Snapshots {
         let nothing = Held::new();
         let held = |i: usize| hold.0.get(i).unwrap_or(&nothing);
         let models = scene.models.iter().enumerate();
-        models.map(|(i, model)| model.blocks().snapshot_with(held(i))).collect::<Option<_>>().map(Self)
+        models.map(|(i, model)| model.blocks().snapshot_with(held(i)).map(Shown::from_inner)).collect::<Option<_>>().map(Self)
     }
 
     /// With what a lease holds. Fails with `OverBudget` if it holds too much.
     pub fn leased(scene: &SceneState, lease: &Lease) -> Result<Self> {
-        scene.models.iter().map(|model| lease.snapshot(model.blocks())).collect::<Result<_>>().map(Self)
+        scene.models.iter().map(|model| lease.snapshot(model.blocks()).map(Shown::from_inner)).collect::<Result<_>>().map(Self)
     }
 
     /// Whether this is what is in memory now.
@@ -65,7 +75,7 @@ impl Snapshots {
 
     /// Whether all geometry is there.
     pub fn is_whole(&self, scene: &SceneState) -> bool {
-        let is_whole = |(model, snapshot): (&Model, &Arc<Snapshot>)| {
+        let is_whole = |(model, snapshot): (&Model, &Shown)| {
             (0..model.info().geometry_blocks).all(|id| snapshot.block(BlockId(id)).is_some())
         };
         scene.models.iter().zip(&self.0).all(is_whole)

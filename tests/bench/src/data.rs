@@ -4,6 +4,7 @@ use outcrop::build::{BuildOptions, Splits, Structure};
 use outcrop::scene::Camera;
 use serde::Deserialize;
 use std::collections::BTreeSet;
+use std::num::NonZeroUsize;
 use std::path::Path;
 
 /// Edge of the blocks of pixels in whose order rays go.
@@ -117,6 +118,10 @@ pub struct Benchmark {
     #[serde(default)]
     pub rays: Vec<RayKind>,
     pub threads: Vec<usize>,
+    /// Rays that outcrop is asked for in a call; of 1, peers are asked for single ones too. (Of 1,024 the answers stay in a thread's own cache, and the
+    /// thread that asks answers.)
+    #[serde(default = "many")]
+    pub asked: NonZeroUsize,
     #[serde(default)]
     pub peers: Vec<String>,
     /// Pixels of the picture whose rays these are.
@@ -130,6 +135,10 @@ pub struct Benchmark {
     /// Only with `FULL=1`: it takes long, or much memory.
     #[serde(default)]
     pub full: bool,
+}
+
+fn many() -> NonZeroUsize {
+    const { NonZeroUsize::new(1024).expect("not zero") }
 }
 
 fn five() -> usize {

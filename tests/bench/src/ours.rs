@@ -5,7 +5,7 @@ use crate::data::Residency;
 use crate::failure::Failure;
 use crate::rays::Batch;
 use crate::scenes::Scene;
-use crate::sides::{Answer, Run, deal};
+use crate::sides::{Answer, CHUNK, Run, deal};
 use glam::DAffine3;
 use outcrop::base::progress::Cancel;
 use outcrop::math::Ray;
@@ -13,9 +13,6 @@ use outcrop::query::{Hit, HitKind, QueryOptions, Want};
 use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene as OurScene, SceneState};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// Rays that are asked at once: their answers stay in a thread's own cache, and the thread that asks answers.
-const ASKED: usize = 1024;
 
 /// What peers tell of a hit too.
 const WANT: Want = Want(Want::NORMAL.0 | Want::UV.0 | Want::PART.0);
@@ -93,15 +90,17 @@ pub struct Ready<'a> {
     cold: Option<PathBuf>,
     is_any: bool,
     is_coherent: bool,
+    /// Rays a call.
+    asked: usize,
     rays: Vec<Ray>,
     answers: Vec<Answer>,
 }
 
 impl<'a> Ready<'a> {
-    pub fn new(ours: &'a Ours, path: &Path, residency: Residency, batch: &Batch, rays: Vec<Ray>) -> Self {
+    pub fn new(ours: &'a Ours, path: &Path, residency: Residency, batch: &Batch, asked: usize, rays: Vec<Ray>) -> Self {
         let cold = (residency == Residency::Cold).then(|| path.to_owned());
         let (is_any, is_coherent) = (batch.is_any(), batch.is_coherent());
-        Self { ours, cold, is_any, is_coherent, answers: vec![Answer::MISS; rays.len()], rays }
+        Self { ours, cold, is_any, is_coherent, asked, answers: vec![Answer::MISS; rays.len()], rays }
     }
 }
 
@@ -123,9 +122,10 @@ impl Run for Ready<'_> {
         let state = &opened.as_ref().unwrap_or(self.ours).state;
         let (is_any, is_coherent) = (self.is_any, self.is_coherent);
         let options = QueryOptions { coherent: is_coherent, want: WANT, ..QueryOptions::default() };
-        let chunks = self.rays.chunks(ASKED).zip(self.answers.chunks_mut(ASKED));
-        let room = || Room { hits: vec![Hit::MISS; ASKED], met: vec![0; ASKED] };
-        deal(threads, chunks, room, |room, (rays, answers)| {
+        let asked = self.asked;
+        let chunks = self.rays.chunks(CHUNK).zip(self.answers.chunks_mut(CHUNK));
+        let room = || Room { hits: vec![Hit::MISS; asked], met: vec![0; asked] };
+        let ask = |room: &mut Room, (rays, answers): (&[Ray], &mut [Answer])| -> f64 {
             if is_any {
                 let met = &mut room.met[..rays.len()];
                 state.any(rays, options, met).expect("the file was read before");
@@ -138,6 +138,9 @@ impl Run for Ready<'_> {
                 answer.t = hit.t;
                 if hit.kind != HitKind::Miss { f64::from(hit.normal.dot(ray.dir).abs()) } else { 0.0 }
             }).sum()
+        };
+        deal(threads, chunks, room, |room, (rays, answers)| {
+            rays.chunks(asked).zip(answers.chunks_mut(asked)).map(|call| ask(room, call)).sum()
         })
     }
 

@@ -150,7 +150,7 @@ fn rays_of(task: &mut Task, case: &Case, model: &Opened, peers: &[Rival]) -> Res
     let mut records = Vec::new();
     for &threads in &task.benchmark.threads {
         let mut all: Vec<&mut Contender> = contenders.iter_mut().collect();
-        let mut others = best_calls(peers, &batch, threads, &truth)?;
+        let mut others = best_calls(peers, task.benchmark.asked.get(), &batch, threads, &truth)?;
         all.extend(others.iter_mut());
         records.extend(in_turn(task, case, &batch, threads, &mut all, model.ours.model.info().triangles_in));
     }
@@ -187,14 +187,16 @@ fn our_side<'a>(
     };
     let slack = if batch.is_any() { None } else { model.truth.slack(&id, &hits)? };
     let accuracy = Accuracy { slack, ..accuracy::of_rays(&batch.rays, &ours::answers(&hits), truth) };
-    let run = Box::new(Ready::new(ours, model.path, case.residency, batch, rays));
-    let (side, call) = (case.structure.clone(), if batch.is_coherent() { "coherent" } else { "any order" });
-    Ok(Contender { side, is_peer: false, call: call.into(), poe, run, counters, accuracy, hits: met })
+    let run = Box::new(Ready::new(ours, model.path, case.residency, batch, task.benchmark.asked.get(), rays));
+    let call = if batch.is_coherent() { "coherent" } else { "any order" };
+    let (side, call) = (case.structure.clone(), format!("{call}, {} a call", task.benchmark.asked));
+    Ok(Contender { side, is_peer: false, call, poe, run, counters, accuracy, hits: met })
 }
 
-/// The fastest way of asking each peer, of two runs each.
+/// The fastest way of asking each peer, of two runs each; where ours are asked one by one, so are theirs.
 fn best_calls<'a>(
     peers: &'a [Rival],
+    asked: usize,
     batch: &Batch,
     threads: usize,
     truth: &[Answer],
@@ -202,7 +204,7 @@ fn best_calls<'a>(
     let mut best: BTreeMap<&str, (f64, Contender<'a>)> = BTreeMap::new();
     let exact: Vec<Ray> = batch.at(0.0);
     for Rival { name, quality, peer } in peers {
-        for call in peer.calls(batch) {
+        for call in peer.calls(batch).into_iter().filter(|call| asked > 1 || *call == "1") {
             let mut run = peer.ready(call, batch, &exact);
             let took = timed(&mut *run, threads).min(timed(&mut *run, threads));
             if best.get(name).is_some_and(|(least, _)| *least <= took) {
