@@ -263,7 +263,7 @@ pub unsafe extern "C" fn oc_scene_closest(
         let hits = CHits(Strided::new(out_hits, query.count, hit_stride, "out_hits")?);
         let rays = CRays::new(&query, &hits.0)?;
         handles::with(scene, |scene: &Shell<SceneObject>| {
-            Ok(scene.scene.state().closest_batch(&rays, &hits, options)?)
+            Ok(scene.scene.shown().closest_batch(&rays, &hits, options)?)
         })
     })
 }
@@ -289,7 +289,7 @@ pub unsafe extern "C" fn oc_scene_any(
         let hits = CAny(Strided::new(out_any, query.count, any_stride, "out_any")?);
         let rays = CRays::new(&query, &hits.0)?;
         handles::with(scene, |scene: &Shell<SceneObject>| {
-            Ok(scene.scene.state().any_batch(&rays, &hits, options)?)
+            Ok(scene.scene.shown().any_batch(&rays, &hits, options)?)
         })
     })
 }

@@ -137,8 +137,10 @@ struct AtOnce<'a> {
 
 impl Work for AtOnce<'_> {
     fn run(&self, _: usize) -> Result<()> {
-        let snapshots = Snapshots::take(self.scene);
-        let stamp = self.scene.context().residency().stamp();
+        // Neither a count nor a stamp of its own: threads share both, and a new stamp is written to each block that is visited.
+        let mut snapshots = Snapshots::none();
+        snapshots.lend(self.scene);
+        let stamp = self.scene.context().residency().now();
         let parked = run_chunk(self.scene, &snapshots, stamp, self.task, (0, self.rays.count()), &self.rays, &self.hits);
         if !parked.is_empty() {
             *self.parked.lock().unwrap_or_else(PoisonError::into_inner) = parked;

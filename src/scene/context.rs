@@ -1,13 +1,14 @@
 //! The context: workers, log and memory budget that everything else hangs on. No global state:
 //! any number of contexts live side by side.
 
+use super::room::Rooms;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Executor, Pool, Work};
 use crate::residency::{Fetchers, Residency, ResidencyOptions};
 use crate::simd::{DenormalsOff, Isa};
 use std::any::Any;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Weak};
 
 /// How much a log line matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -68,7 +69,7 @@ struct Inner {
     pumping: Arc<Pumping>,
     isa: Isa,
     /// Working memory of batches that have ended, for the next ones.
-    scratch: Mutex<Vec<Box<dyn Any + Send>>>,
+    scratch: Rooms,
 }
 
 impl Context {
@@ -86,7 +87,8 @@ impl Context {
         let fetchers = (pool.threads() > 0).then(|| residency.start(FETCHERS)).transpose()?;
         let has_fetchers = fetchers.is_some();
         let pumping = Arc::new(Pumping::of(&residency));
-        let (log, scratch) = (options.log, Mutex::default());
+        // As much is kept as workers can use at once, and a caller.
+        let (log, scratch) = (options.log, Rooms::new(pool.concurrency() + 1));
         let inner = Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, scratch });
         if !has_fetchers {
             let weak = Arc::downgrade(&inner);
@@ -97,16 +99,12 @@ impl Context {
 
     /// Working memory that somebody has given back, or new.
     pub(crate) fn take_scratch<T: Any + Send + Default>(&self) -> Box<T> {
-        let last = self.0.scratch.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        last.and_then(|last| last.downcast::<T>().ok()).unwrap_or_default()
+        self.0.scratch.take()
     }
 
-    /// Gives working memory back. As much is kept as workers can use at once.
+    /// Gives working memory back.
     pub(crate) fn give_scratch(&self, scratch: Box<dyn Any + Send>) {
-        let mut all = self.0.scratch.lock().unwrap_or_else(PoisonError::into_inner);
-        if all.len() < self.concurrency() + 1 {
-            all.push(scratch);
-        }
+        self.0.scratch.give(scratch);
     }
 
     /// Runs a small piece of waiting work, if any, in the caller's thread; whether there was one.

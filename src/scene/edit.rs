@@ -7,6 +7,7 @@ use super::placed::{Placed, check_transform};
 use super::state::{Instance, PartStates, Placement, SceneState, State};
 use super::top::TopTree;
 use crate::base::error::{Error, Result};
+use arc_swap::{ArcSwap, Guard};
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,9 +17,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub struct Scene {
     context: Context,
     draft: Mutex<Draft>,
+    /// Changed under the lock of the draft. (Read without: by each call that asks for rays.)
+    committed: ArcSwap<SceneState>,
 }
 
-/// What the next commit makes visible, and what the last one did.
+/// What the next commit makes visible.
 struct Draft {
     /// In the order added; removed ones leave `None` until the next commit.
     instances: Vec<Option<Draftee>>,
@@ -28,7 +31,6 @@ struct Draft {
     background: Background,
     /// Whether anything moved, came or went since the last commit.
     moved: bool,
-    committed: Arc<SceneState>,
 }
 
 #[derive(Clone)]
@@ -46,7 +48,7 @@ impl Scene {
     pub fn new(context: &Context) -> Self {
         let lights = vec![Light::HEADLIGHT];
         let background = Background::default();
-        let committed = Arc::new(SceneState {
+        let committed = ArcSwap::from_pointee(SceneState {
             see_through: false,
             context: context.clone(),
             models: Vec::new(),
@@ -56,8 +58,8 @@ impl Scene {
             background,
         });
         let (instances, index) = (Vec::new(), HashMap::new());
-        let draft = Draft { instances, index, lights, background, moved: false, committed };
-        Self { context: context.clone(), draft: Mutex::new(draft) }
+        let draft = Draft { instances, index, lights, background, moved: false };
+        Self { context: context.clone(), draft: Mutex::new(draft), committed }
     }
 
     /// The context.
@@ -175,11 +177,11 @@ impl Scene {
         let placement = if draft.moved {
             Arc::new(place(kept(), &instances)?)
         } else {
-            Arc::clone(&draft.committed.placement)
+            Arc::clone(&self.committed.load().placement)
         };
         let see_through = models.iter().any(Model::see_through)
             || instances.iter().any(|i| i.state.see_through() || i.parts.see_through());
-        draft.committed = Arc::new(SceneState {
+        self.committed.store(Arc::new(SceneState {
             see_through,
             context: self.context.clone(),
             models,
@@ -187,14 +189,19 @@ impl Scene {
             placement,
             lights: draft.lights.clone(),
             background: draft.background,
-        });
+        }));
         draft.moved = false;
         Ok(())
     }
 
     /// The state of the last commit (an empty scene before the first). Cheap.
     pub fn state(&self) -> Arc<SceneState> {
-        Arc::clone(&self.draft().committed)
+        self.committed.load_full()
+    }
+
+    /// [`Scene::state`] without a count that threads share, for the length of a call.
+    pub(crate) fn shown(&self) -> Guard<Arc<SceneState>> {
+        self.committed.load()
     }
 
     fn draft(&self) -> MutexGuard<'_, Draft> {

@@ -9,6 +9,7 @@ pub mod edit;
 pub mod light;
 pub mod model;
 pub(crate) mod placed;
+mod room;
 pub mod state;
 pub mod top;
 pub(crate) mod in_one;
