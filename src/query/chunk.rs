@@ -132,6 +132,7 @@ impl Chunk {
         self.unfinished.extend_from_slice(self.stream.unfinished());
     }
 
+    #[inline(never)]
     fn trace_few(&mut self, view: &SceneView, task: Task, rays: &[Ray]) {
         for (i, ray) in rays.iter().enumerate() {
             self.alone.begin(view, ray);
