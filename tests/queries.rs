@@ -8,7 +8,7 @@ use common::bvh64::Bvh64;
 use common::rng::Rng;
 use common::scenes;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use outcrop::math::{Cone, DBounds, Ray};
+use outcrop::math::{DBounds, Ray};
 use outcrop::query::{Hit, HitKind, How, NONE, Policy, QueryOptions, QueryState, Want};
 use outcrop::query::{Hits, Plane, Query, Rays};
 use outcrop::scene::{Model, Scene, SceneState, State};
@@ -453,78 +453,6 @@ fn what_is_not_in_memory_is_read_and_the_answer_is_the_same() {
         assert!(now.iter().any(|h| h.kind == HitKind::Missing));
         assert!(now.iter().all(|h| h.kind != HitKind::Exact));
     }
-}
-
-/// Batches of one chunk are answered at once, and rays of which there are one or two each alone; what lacks blocks goes on in rounds. Each answer is that of the
-/// whole batch, in a model of which nothing is in memory as in one of which all is, and is written once.
-#[test]
-fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
-    struct Once(Mutex<Vec<Option<Hit>>>);
-    impl Hits for Once {
-        fn write(&self, first: usize, hits: &[Hit]) {
-            for (place, hit) in self.0.lock().unwrap()[first..].iter_mut().zip(hits) {
-                assert!(place.replace(*hit).is_none(), "written twice");
-            }
-        }
-    }
-    let parts = [Part::white(1, scenes::sphere(150, 300)), Part::white(2, scenes::boxes(3000, 4))];
-    let file = built::parts(&parts);
-    let context = built::context(1);
-    let (scene, _) = built::scene(&context, &file);
-    let mut rays = rays(600, 12, DVec3::ZERO, 3.0);
-    let fan = |i: i32| Vec3::new((i % 8 - 4) as f32 / 40.0, (i / 8 % 75 - 37) as f32 / 40.0, -1.0);
-    rays.extend((0..600).map(|i| Ray { cone: Cone { b: 0.003 * (i % 3) as f32, ..Cone::ZERO }, ..Ray::new(DVec3::new(0.1, 0.2, 3.0), fan(i)) }));
-    // Widths that are none.
-    rays.iter_mut().step_by(17).for_each(|ray| ray.cone.a = -1.0);
-    let expected = ask(&scene.state(), &rays, SINGLE);
-    let met = expected.iter().filter(|hit| hit.kind != HitKind::Miss).count();
-    assert!((300..1100).contains(&met), "{met} of {}", rays.len());
-    for few in [1, 2, 3, 33, 34, 600, 1200] {
-        for is_cold in [false, true] {
-            let model = Model::open_cold(&context, &file.path).unwrap();
-            let cold = Scene::new(&context);
-            cold.add_instance(&model, 7, DAffine3::IDENTITY).unwrap();
-            cold.commit().unwrap();
-            let state = if is_cold { cold.state() } else { scene.state() };
-            for (rays, expected) in rays.chunks(few).zip(expected.chunks(few)) {
-                let once = Once(Mutex::new(vec![None; rays.len()]));
-                state.closest_batch(&rays, &once, SINGLE).unwrap();
-                let got: Vec<Hit> = once.0.into_inner().unwrap().into_iter().map(|hit| hit.expect("written")).collect();
-                let differ = (0..got.len()).find(|&i| got[i] != expected[i]);
-                assert_eq!(differ.map(|i| (got[i], expected[i])), None, "{few} at a time, cold: {is_cold}");
-                let mut any = vec![2u8; rays.len()];
-                state.any(rays, COHERENT, &mut any).unwrap();
-                assert!(expected.iter().zip(&any).all(|(h, &a)| u8::from(h.kind != HitKind::Miss) == a), "{few} at a time, cold: {is_cold}");
-            }
-            assert_eq!(model.memory().resident > 0, is_cold);
-        }
-    }
-    // Without waiting, of a model of which a part is in memory.
-    let model = Model::open_cold(&context, &file.path).unwrap();
-    let part = Scene::new(&context);
-    part.add_instance(&model, 7, DAffine3::IDENTITY).unwrap();
-    part.commit().unwrap();
-    ask(&part.state(), &rays[..9], SINGLE);
-    for options in [QueryOptions { policy: Policy::Now, ..SINGLE }, QueryOptions { policy: Policy::Now, want: Want::NORMAL | Want::UV, ..SINGLE }] {
-        let now = ask(&part.state(), &rays, options);
-        for kind in [HitKind::Miss, HitKind::Exact, HitKind::Missing] {
-            assert!(now.iter().any(|hit| hit.kind == kind), "{kind:?}");
-        }
-        for (ray, now) in rays.iter().zip(&now) {
-            assert_eq!(ask(&part.state(), &[*ray], options)[0], *now, "{ray:?}");
-        }
-    }
-    // From several threads, each by itself.
-    std::thread::scope(|scope| {
-        for first in 0..4 {
-            let (scene, rays, expected) = (&scene, &rays, &expected);
-            scope.spawn(move || {
-                for i in (0..rays.len()).map(|i| (i + first * 300) % rays.len()) {
-                    assert_eq!(ask(&scene.state(), &rays[i..=i], SINGLE)[0], expected[i], "{:?}", rays[i]);
-                }
-            });
-        }
-    });
 }
 
 /// An eye at the border of what is moved nearer to the model: packets and streams agree on who is.

@@ -1,5 +1,6 @@
-//! A call for one or two rays, answered in the caller's thread. Hosts ask so from many threads at once: it takes no lock and no memory of the heap, and writes
-//! nothing that other threads write. What does not come to an end so is for batches: what lacks a block, and what takes a second walk.
+//! A call for one or two rays, answered in the caller's thread. Hosts ask so from many threads at once: but for a thread's first call it takes no memory of the
+//! heap, and it writes nothing that other threads write but the stamps of blocks, once after each pass. (In scenes of more than seven models snapshots are counted:
+//! `arc_swap` has eight a thread that are not.) What does not come to an end so is for batches: what lacks a block, and what takes a second walk.
 
 use super::batch::{Hits, Policy, Rays};
 use super::chunk::{Task, trace};
@@ -28,7 +29,8 @@ thread_local! {
 pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn Hits) -> Result<bool> {
     let count = rays.count().min(ALONE);
     scene.context().pool().here(|| {
-        let kept = KEPT.take();
+        // A thread that ends has none any more.
+        let kept = KEPT.try_with(Cell::take).ok().flatten();
         let mut kept = kept.unwrap_or_else(|| Box::new(Kept { walk: SceneWalk::default(), snapshots: Snapshots::none() }));
         let Kept { walk, snapshots } = &mut *kept;
         snapshots.lend(scene);
@@ -44,7 +46,7 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
             is_done && one(&view, task, ray, walk, &mut last, hit)
         });
         snapshots.clear();
-        KEPT.set(Some(kept));
+        let _ = KEPT.try_with(|place| place.set(Some(kept)));
         if is_done {
             hits.write(0, &answers[..count]);
         }

@@ -16,7 +16,7 @@ pub use crate::structure::bvh::trace::PACKET;
 pub trait Rays: Sync {
     /// Number of rays.
     fn count(&self) -> usize;
-    /// Writes rays `first..first + out.len()`, all below `count`, to `out`.
+    /// Writes rays `first..first + out.len()`, all below `count`, to `out`. The same rays may be asked for again.
     fn read(&self, first: usize, out: &mut [Ray]);
     /// Rays `first..first + PACKET`, all below `count`, where they are, if that is possible: those that [`Rays::read`] writes, which is asked for them
     /// otherwise. Those [`AHEAD`] of them, if there are any, mostly come soon: their memory may be asked for.

@@ -12,9 +12,6 @@ use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, Scene
 use crate::structure::bvh::trace::{PACKET, STREAM, first_rays};
 use std::ops::Range;
 
-/// Rays of a chunk that are left to go side by side and go one by one, at most: so few take longer to begin than to walk.
-const FEW: usize = 4;
-
 /// Rays of a chunk: some tens to hundreds of microseconds of work.
 pub(super) const CHUNK: usize = STREAM;
 
@@ -37,7 +34,6 @@ pub(super) struct Chunk {
     /// Where the groups begin in the batch.
     firsts: [usize; CHUNK / PACKET],
     stream: SceneStream,
-    alone: SceneWalk,
     packet: ScenePacket,
     in_one: InOne,
     simple: Simple,
@@ -57,7 +53,6 @@ impl Default for Chunk {
             found: [Found::nothing(0.0); CHUNK],
             firsts: [0; CHUNK / PACKET],
             stream: SceneStream::of_queries(),
-            alone: SceneWalk::default(),
             packet: ScenePacket::default(),
             in_one: InOne::default(),
             simple: Simple::default(),
@@ -109,10 +104,8 @@ impl Chunk {
             }
         }
         self.unfinished.clear();
-        if end > FEW {
+        if end > 0 {
             self.trace_each(view, task, &gathered[..end]);
-        } else {
-            self.trace_few(view, task, &gathered[..end]);
         }
         for from in (0..end).step_by(PACKET) {
             let group = from..end.min(from + PACKET);
@@ -130,19 +123,6 @@ impl Chunk {
             view.trace_each::<false>(rays, &mut self.stream, found);
         }
         self.unfinished.extend_from_slice(self.stream.unfinished());
-    }
-
-    #[inline(never)]
-    fn trace_few(&mut self, view: &SceneView, task: Task, rays: &[Ray]) {
-        for (i, ray) in rays.iter().enumerate() {
-            self.alone.begin(view, ray);
-            if trace(view, task, ray, &mut self.alone) == Step::Done {
-                self.found[i] = self.alone.best();
-            } else {
-                self.found[i] = Found::nothing(0.0);
-                self.unfinished.push(i as u32);
-            }
-        }
     }
 
     /// Answers a group in a scene that is one placed tree; false if it must go side by side.

@@ -2,8 +2,8 @@
 //! wanted first, up to what there is room for, and the rays that have theirs resumed. The answer does not depend on
 //! what was in memory.
 //!
-//! A batch of one chunk is answered at once, without what rounds take, and one or two rays without what a chunk takes; only what must wait for blocks goes
-//! on in rounds.
+//! A call that blocks answers a batch of one chunk at once, without what rounds take, and one or two rays without what a chunk takes; only what must wait for
+//! blocks goes on in rounds.
 //!
 //! Each round makes progress: what at least one ray waits for is fetched beside what views use, or where they leave no
 //! room, into the reserve, under a lease. Where all is in memory there is one round, and no lease.
@@ -75,6 +75,9 @@ impl Shared {
 /// Answers a batch of closest hits, or of any hits if `ANY`. Blocks.
 pub(super) fn answer<const ANY: bool>(scene: &SceneState, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
     let pool = scene.context().pool();
+    if rays.count() == 0 {
+        return Ok(());
+    }
     if rays.count() > CHUNK {
         let batch = Batch::<_, _, _, ANY>::new(scene, rays, hits, options);
         return ended(pool.run_scoped(batch.items(), &batch));
@@ -84,13 +87,13 @@ pub(super) fn answer<const ANY: bool>(scene: &SceneState, rays: &dyn Rays, hits:
         return Ok(());
     }
     let at_once = AtOnce { scene, rays, hits, task, parked: Mutex::default() };
-    ended(pool.run_scoped(rays.count().min(1), &at_once))?;
+    ended(pool.run_scoped(1, &at_once))?;
     let parked = at_once.parked.into_inner().unwrap_or_else(PoisonError::into_inner);
     if parked.is_empty() {
         return Ok(());
     }
     let batch = Batch::<_, _, _, ANY>::rest(scene, rays, hits, options, parked);
-    ended(pool.run_scoped(batch.round_done()?, &batch))
+    ended(pool.run_scoped(pool.here(|| batch.round_done())?, &batch))
 }
 
 /// The error of a blocking call, moved out where nobody else holds it.

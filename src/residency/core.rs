@@ -165,7 +165,8 @@ impl Residency {
         self.0.next_pass(NO_VIEW)
     }
 
-    /// That of the pass that began last, as of who is no view: for what uses few blocks, often. (A new one is written to each block that it visits.)
+    /// The stamp of the last pass begun, or of the last blocks that came, in the lane of who is no view. Calls that begin no pass of their own use it: a block is
+    /// written to once after each, and all that they use between two counts as used at one time.
     pub fn now(&self) -> u32 {
         self.0.now()
     }
@@ -204,7 +205,7 @@ impl Shared {
         (self.pass.fetch_add(1, Relaxed) + 1) * LANES as u32 + lane
     }
 
-    /// The stamp of what somebody uses now who is no view. Passes that begin later have greater ones.
+    /// The stamp of what somebody uses now who is no view. Passes that begin later have greater ones, and so has what is used after other blocks have come.
     pub fn now(&self) -> u32 {
         self.pass.load(Relaxed) * LANES as u32 + NO_VIEW
     }
@@ -366,6 +367,8 @@ impl State {
         let Some(next) = before.changed(changes, Some(&shared.main)) else { return false };
         after.garbage.push(before);
         after.garbage.push(model.published.swap(Arc::new(next)));
+        // What calls use from here on, which begin no passes, counts as used later than what was used before.
+        shared.pass.fetch_add(1, Relaxed);
         self.resident += bytes;
         shared.come.fetch_add(bytes, Relaxed);
         for view in self.live_views() {

@@ -413,6 +413,21 @@ fn a_model_of_which_all_is_there_is_put_together_once() {
     rig.check();
 }
 
+/// Calls for few rays begin no pass: what they use all the time stays while other blocks come and go.
+#[test]
+fn what_calls_use_all_the_time_stays() {
+    let rig = rig(budget_for(0.05), false);
+    // Of what was used last at the same time, the last by number goes first.
+    let often = BlockId(400);
+    rig.blocks.fetch(&[often], &Cancel::new()).expect("room");
+    for id in 100..390 {
+        assert!(rig.blocks.snapshot().visit(often, rig.residency.now()).is_some(), "it went before {id} came");
+        rig.blocks.fetch(&[BlockId(id)], &Cancel::new()).expect("room");
+    }
+    let there = rig.there().len();
+    assert!(there < 100, "{there} of 290 are there: nothing had to go");
+}
+
 #[test]
 fn leases_take_turns_and_views_keep_what_they_use() {
     let rig = Arc::new(rig(budget_for(0.05), false));

@@ -1,7 +1,7 @@
 //! The context: workers, log and memory budget that everything else hangs on. No global state:
 //! any number of contexts live side by side.
 
-use super::room::Rooms;
+use super::scratch::Scratch;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Executor, Pool, Work};
 use crate::residency::{Fetchers, Residency, ResidencyOptions};
@@ -69,7 +69,7 @@ struct Inner {
     pumping: Arc<Pumping>,
     isa: Isa,
     /// Working memory of batches that have ended, for the next ones.
-    scratch: Rooms,
+    scratch: Scratch,
 }
 
 impl Context {
@@ -87,8 +87,9 @@ impl Context {
         let fetchers = (pool.threads() > 0).then(|| residency.start(FETCHERS)).transpose()?;
         let has_fetchers = fetchers.is_some();
         let pumping = Arc::new(Pumping::of(&residency));
-        // As much is kept as workers can use at once, and a caller.
-        let (log, scratch) = (options.log, Rooms::new(pool.concurrency() + 1));
+        // As much is kept as workers can use at once, or the host's threads that ask, and one more.
+        let threads = std::thread::available_parallelism().map_or(1, usize::from).max(pool.concurrency());
+        let (log, scratch) = (options.log, Scratch::new(threads + 1));
         let inner = Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, scratch });
         if !has_fetchers {
             let weak = Arc::downgrade(&inner);

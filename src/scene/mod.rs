@@ -9,7 +9,7 @@ pub mod edit;
 pub mod light;
 pub mod model;
 pub(crate) mod placed;
-mod room;
+mod scratch;
 pub mod state;
 pub mod top;
 pub(crate) mod in_one;

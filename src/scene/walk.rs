@@ -478,12 +478,12 @@ impl SceneView<'_> {
         }
     }
 
-    /// Single rays side by side: what [`SceneView::trace`] finds for each, at less cost where the scene is one placed
+    /// Single rays side by side, but for [`FEW`] and less: what [`SceneView::trace`] finds for each, at less cost where the scene is one placed
     /// tree. `rays`: [`STREAM`] at most; `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need
     /// a block, or must go alone; they are to be begun anew.
     pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
         walk.unfinished.clear();
-        if let Some(placed) = self.only_one() {
+        if let Some(placed) = self.only_one().filter(|_| rays.len() > FEW) {
             return self.each_in_one::<ANY>(placed, rays, walk, found);
         }
         for (i, it) in rays.iter().enumerate() {
@@ -495,6 +495,9 @@ impl SceneView<'_> {
         }
     }
 }
+
+/// Rays that go one after the other, at most: so few take longer to begin side by side than to walk.
+const FEW: usize = 4;
 
 /// The set bits of a mask, by number.
 pub(crate) fn bits(mut mask: u32) -> impl Iterator<Item = usize> {

@@ -52,8 +52,17 @@ impl Ours {
 
     /// All that is known of each hit; of any hits only their kind.
     pub fn hits(&self, rays: &[Ray], batch: &Batch) -> Result<Vec<Hit>, Failure> {
+        self.wanted(rays, batch, Want::ALL)
+    }
+
+    /// What is asked of each where time is taken, all in one call.
+    pub fn asked_as_timed(&self, rays: &[Ray], batch: &Batch) -> Result<Vec<Hit>, Failure> {
+        self.wanted(rays, batch, WANT)
+    }
+
+    fn wanted(&self, rays: &[Ray], batch: &Batch, want: Want) -> Result<Vec<Hit>, Failure> {
         let mut hits = vec![Hit::MISS; rays.len()];
-        let options = QueryOptions { coherent: batch.is_coherent(), ..QueryOptions::default() };
+        let options = QueryOptions { coherent: batch.is_coherent(), want, ..QueryOptions::default() };
         if batch.is_any() {
             let mut met = vec![0u8; rays.len()];
             self.state.any(rays, options, &mut met)?;
@@ -92,7 +101,7 @@ pub struct Ready<'a> {
     is_coherent: bool,
     /// Rays a call.
     asked: usize,
-    rays: Vec<Ray>,
+    pub rays: Vec<Ray>,
     answers: Vec<Answer>,
 }
 

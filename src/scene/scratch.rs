@@ -1,5 +1,5 @@
-//! Working memory that is used again, in places of which each thread has one of its own as long as there are enough: then none waits for another, nor
-//! writes where another reads.
+//! Working memory that is used again. It lies in places that threads look at from different ones on: mostly none waits for another, nor writes where
+//! another reads.
 
 use std::any::Any;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -11,7 +11,7 @@ use std::sync::{Mutex, TryLockError};
 struct Place(Mutex<Option<Box<dyn Any + Send>>>);
 
 /// As many places as are kept at most.
-pub(super) struct Rooms(Box<[Place]>);
+pub(super) struct Scratch(Box<[Place]>);
 
 static NEXT: AtomicUsize = AtomicUsize::new(0);
 
@@ -20,7 +20,7 @@ thread_local! {
     static HOME: usize = NEXT.fetch_add(1, Relaxed);
 }
 
-impl Rooms {
+impl Scratch {
     /// `count`: at least 1.
     pub fn new(count: usize) -> Self {
         Self((0..count.max(1)).map(|_| Place::default()).collect())
@@ -45,7 +45,7 @@ impl Rooms {
 
     /// What `look` first finds, from the thread's own place on. Places that others look at are left out.
     fn first<R>(&self, mut look: impl FnMut(&mut Option<Box<dyn Any + Send>>) -> Option<R>) -> Option<R> {
-        // A thread that ends has no home any more.
+        // It may be the last that a thread does.
         let home = HOME.try_with(|home| *home).unwrap_or(0) % self.0.len();
         let (before, from) = self.0.split_at(home);
         from.iter().chain(before).find_map(|place| match place.0.try_lock() {
@@ -62,35 +62,43 @@ mod tests {
 
     #[test]
     fn what_is_given_back_is_taken_again_as_far_as_there_are_places() {
-        let rooms = Rooms::new(2);
-        let mut three: Vec<Box<Vec<u32>>> = (0..3).map(|_| rooms.take()).collect();
+        let scratch = Scratch::new(2);
+        let mut three: Vec<Box<Vec<u32>>> = (0..3).map(|_| scratch.take()).collect();
         assert!(three.iter().all(|it| it.is_empty()));
         three.iter_mut().enumerate().for_each(|(i, it)| it.push(i as u32));
-        three.into_iter().for_each(|it| rooms.give(it));
+        three.into_iter().for_each(|it| scratch.give(it));
         // Of another kind there is none.
-        assert_eq!(*rooms.take::<u64>(), 0);
-        let again: Vec<Box<Vec<u32>>> = (0..3).map(|_| rooms.take()).collect();
+        assert_eq!(*scratch.take::<u64>(), 0);
+        let again: Vec<Box<Vec<u32>>> = (0..3).map(|_| scratch.take()).collect();
         let mut found: Vec<u32> = again.iter().flat_map(|it| it.iter().copied()).collect();
         found.sort_unstable();
         assert_eq!(found, [0, 1]);
     }
 
+    /// Each piece has a number, and nobody takes one that is taken.
     #[test]
-    fn threads_do_not_get_what_others_have() {
-        let rooms = Rooms::new(3);
+    fn what_a_thread_has_taken_no_other_gets() {
+        #[derive(Default)]
+        struct Piece(usize);
+        let scratch = Scratch::new(3);
+        let taken: Vec<AtomicUsize> = (0..=20_000).map(|_| AtomicUsize::new(0)).collect();
+        let made = AtomicUsize::new(0);
         std::thread::scope(|scope| {
-            for thread in 0..4u64 {
-                let rooms = &rooms;
-                scope.spawn(move || {
-                    for i in 0..5000 {
-                        let mut it = rooms.take::<[u64; 2]>();
-                        *it = [thread, i];
-                        std::hint::black_box(&mut it);
-                        assert_eq!(*it, [thread, i]);
-                        rooms.give(it);
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..5000 {
+                        let mut piece = scratch.take::<Piece>();
+                        if piece.0 == 0 {
+                            piece.0 = made.fetch_add(1, Relaxed) + 1;
+                        }
+                        assert_eq!(taken[piece.0].fetch_add(1, Relaxed), 0);
+                        taken[piece.0].fetch_sub(1, Relaxed);
+                        scratch.give(piece);
                     }
                 });
             }
         });
+        let made = made.into_inner();
+        assert!((1..20_000).contains(&made), "{made} of 20000 were new");
     }
 }
