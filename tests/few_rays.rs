@@ -2,8 +2,8 @@
 
 mod common;
 
+use common::asked::{ask, rays};
 use common::built::{self, Part};
-use common::rng::Rng;
 use common::scenes;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use outcrop::math::{Cone, Ray};
@@ -14,23 +14,6 @@ use std::sync::{Arc, Mutex};
 
 const COHERENT: QueryOptions = QueryOptions { coherent: true, want: Want::ALL, policy: Policy::Exact };
 const SINGLE: QueryOptions = QueryOptions { coherent: false, ..COHERENT };
-
-fn rays(count: usize, seed: u64, center: DVec3, radius: f64) -> Vec<Ray> {
-    let mut rng = Rng::new(seed);
-    (0..count)
-        .map(|_| {
-            let from = center + rng.direction() * radius * rng.between(0.1, 4.0);
-            let to = center + rng.direction() * radius * rng.unit();
-            Ray::new(from, (to - from).as_vec3() * rng.between(0.1, 3.0) as f32)
-        })
-        .collect()
-}
-
-fn ask(scene: &SceneState, rays: &[Ray], options: QueryOptions) -> Vec<Hit> {
-    let mut hits = vec![Hit::MISS; rays.len()];
-    scene.closest(rays, options, &mut hits).expect("hits");
-    hits
-}
 
 /// Batches of one chunk are answered at once, and rays of which there are one or two each alone; what lacks blocks goes on in rounds. Each answer is that of the
 /// whole batch, in a model of which nothing is in memory as in one of which all is, and is written once.

@@ -2,6 +2,7 @@
 
 mod common;
 
+use common::asked::{ask, rays};
 use common::brute::{Oracle, Ray64, Tri};
 use common::built::{self, Part};
 use common::bvh64::Bvh64;
@@ -24,23 +25,6 @@ fn sphere() -> Vec<Tri> {
 
 fn moved(tris: &[Tri], m: &DAffine3) -> Vec<Tri> {
     tris.iter().map(|t| t.map(|v| m.transform_point3(v))).collect()
-}
-
-fn rays(count: usize, seed: u64, center: DVec3, radius: f64) -> Vec<Ray> {
-    let mut rng = Rng::new(seed);
-    (0..count)
-        .map(|_| {
-            let from = center + rng.direction() * radius * rng.between(0.1, 4.0);
-            let to = center + rng.direction() * radius * rng.unit();
-            Ray::new(from, (to - from).as_vec3() * rng.between(0.1, 3.0) as f32)
-        })
-        .collect()
-}
-
-fn ask(scene: &SceneState, rays: &[Ray], options: QueryOptions) -> Vec<Hit> {
-    let mut hits = vec![Hit::MISS; rays.len()];
-    scene.closest(rays, options, &mut hits).expect("hits");
-    hits
 }
 
 /// Compares with the oracle over `tris`; `slack` is what single precision may do to a silhouette.

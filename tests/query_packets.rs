@@ -3,6 +3,7 @@
 mod common;
 
 use common::brute::Tri;
+use common::asked::ask;
 use common::built::{self, Part};
 use common::rng::Rng;
 use common::scenes;
@@ -15,12 +16,6 @@ use std::time::Duration;
 
 const COHERENT: QueryOptions = QueryOptions { coherent: true, want: Want::ALL, policy: Policy::Exact };
 const SINGLE: QueryOptions = QueryOptions { coherent: false, ..COHERENT };
-
-fn ask(scene: &SceneState, rays: &[Ray], options: QueryOptions) -> Vec<Hit> {
-    let mut hits = vec![Hit::MISS; rays.len()];
-    scene.closest(rays, options, &mut hits).expect("hits");
-    hits
-}
 
 /// A camera's rays in blocks of 8 x 4, of which each is a packet.
 fn camera_rays(eye: DVec3, poe: f32) -> Vec<Ray> {

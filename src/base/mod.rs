@@ -12,3 +12,4 @@ pub mod scratch;
 mod sync;
 pub mod tasks;
 pub mod units;
+pub mod working;

@@ -226,21 +226,15 @@ impl Rays for [Ray] {
 }
 
 /// Answers to a slice, cut into runs that are written apart: each run is locked by one writer at a time.
-struct Slices<'a, T, F: Fn(&[Hit], &mut [T])> {
-    runs: Vec<Mutex<&'a mut [T]>>,
+struct Slices<'s, 'a, T, F: Fn(&[Hit], &mut [T])> {
+    runs: &'s [Mutex<&'a mut [T]>],
     put: F,
 }
 
 /// Rays of a run: a whole number of what a batch writes at once.
 const RUN: usize = 1024;
 
-impl<'a, T, F: Fn(&[Hit], &mut [T])> Slices<'a, T, F> {
-    fn new(all: &'a mut [T], put: F) -> Self {
-        Self { runs: all.chunks_mut(RUN).map(Mutex::new).collect(), put }
-    }
-}
-
-impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, T, F> {
+impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, '_, T, F> {
     fn write(&self, first: usize, hits: &[Hit]) {
         debug_assert!(first % RUN + hits.len() <= RUN);
         let mut run = self.runs[first / RUN].lock().unwrap_or_else(PoisonError::into_inner);
@@ -248,17 +242,14 @@ impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, T, F> {
     }
 }
 
-/// Answers to a slice of one run at most.
-struct Slice<'a, T, F: Fn(&[Hit], &mut [T])> {
-    run: Mutex<&'a mut [T]>,
-    put: F,
-}
-
-impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slice<'_, T, F> {
-    fn write(&self, first: usize, hits: &[Hit]) {
-        let mut run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
-        (self.put)(hits, &mut run[first..][..hits.len()]);
+/// Has `ask` write to a slice, as `put` says.
+fn into_slice<T: Send>(out: &mut [T], put: impl Fn(&[Hit], &mut [T]) + Sync, ask: impl FnOnce(&dyn Hits) -> Result<()>) -> Result<()> {
+    if out.len() <= RUN {
+        // Few are asked for often: without a list.
+        return ask(&Slices { runs: &[Mutex::new(out)], put });
     }
+    let runs: Vec<_> = out.chunks_mut(RUN).map(Mutex::new).collect();
+    ask(&Slices { runs: &runs, put })
 }
 
 fn same_length(rays: usize, hits: usize) -> Result<()> {
@@ -274,11 +265,7 @@ impl SceneState {
     /// not to be used.
     pub fn closest(&self, rays: &[Ray], options: QueryOptions, hits: &mut [Hit]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
-        let put = |hits: &[Hit], out: &mut [Hit]| out.copy_from_slice(hits);
-        if hits.len() <= RUN {
-            return self.closest_batch(&rays, &Slice { run: Mutex::new(hits), put }, options);
-        }
-        self.closest_batch(&rays, &Slices::new(hits, put), options)
+        into_slice(hits, |hits, out| out.copy_from_slice(hits), |hits| self.closest_batch(&rays, hits, options))
     }
 
     /// Writes 1 for each ray that hits anything within its interval, else 0. Like
@@ -288,10 +275,7 @@ impl SceneState {
         let put = |hits: &[Hit], out: &mut [u8]| {
             out.iter_mut().zip(hits).for_each(|(out, hit)| *out = u8::from(hit.kind != HitKind::Miss));
         };
-        if hits.len() <= RUN {
-            return self.any_batch(&rays, &Slice { run: Mutex::new(hits), put }, options);
-        }
-        self.any_batch(&rays, &Slices::new(hits, put), options)
+        into_slice(hits, put, |hits| self.any_batch(&rays, hits, options))
     }
 
     /// [`SceneState::closest`] from any source of rays to any taker of hits, without copies. Blocks.

@@ -111,7 +111,7 @@ fn task_of<const ANY: bool>(options: QueryOptions) -> Task {
 }
 
 /// Answers `count` rays from `first` on; returns those that must wait.
-fn run_chunk(
+fn trace_chunk(
     scene: &SceneState,
     snapshots: &Snapshots,
     stamp: u32,
@@ -144,7 +144,7 @@ impl Work for AtOnce<'_> {
         let mut snapshots = Snapshots::none();
         snapshots.lend(self.scene);
         let stamp = self.scene.context().residency().now();
-        let parked = run_chunk(self.scene, &snapshots, stamp, self.task, (0, self.rays.count()), &self.rays, &self.hits);
+        let parked = trace_chunk(self.scene, &snapshots, stamp, self.task, (0, self.rays.count()), &self.rays, &self.hits);
         if !parked.is_empty() {
             *self.parked.lock().unwrap_or_else(PoisonError::into_inner) = parked;
         }
@@ -275,7 +275,7 @@ where
         };
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
-        let mut parked = run_chunk(scene, &snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
+        let mut parked = trace_chunk(scene, &snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
         let waiting: usize = parked.iter().map(Group::count).sum();
         self.shared.answered.fetch_add((count - waiting) as u64, Relaxed);
         if waiting > 0 {

@@ -1,9 +1,9 @@
 //! The context: workers, log and memory budget that everything else hangs on. No global state:
 //! any number of contexts live side by side.
 
-use super::scratch::Scratch;
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Executor, Pool, Work};
+use crate::base::working::WorkingMemory;
 use crate::residency::{Fetchers, Residency, ResidencyOptions};
 use crate::simd::{DenormalsOff, Isa};
 use std::any::Any;
@@ -69,7 +69,7 @@ struct Inner {
     pumping: Arc<Pumping>,
     isa: Isa,
     /// Working memory of batches that have ended, for the next ones.
-    scratch: Scratch,
+    scratch: WorkingMemory,
 }
 
 impl Context {
@@ -89,7 +89,7 @@ impl Context {
         let pumping = Arc::new(Pumping::of(&residency));
         // As much is kept as workers can use at once, or the host's threads that ask, and one more.
         let threads = std::thread::available_parallelism().map_or(1, usize::from).max(pool.concurrency());
-        let (log, scratch) = (options.log, Scratch::new(threads + 1));
+        let (log, scratch) = (options.log, WorkingMemory::new(threads + 1));
         let inner = Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, scratch });
         if !has_fetchers {
             let weak = Arc::downgrade(&inner);

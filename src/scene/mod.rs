@@ -9,7 +9,6 @@ pub mod edit;
 pub mod light;
 pub mod model;
 pub(crate) mod placed;
-mod scratch;
 pub mod state;
 pub mod top;
 pub(crate) mod in_one;

@@ -17,6 +17,7 @@
 //! | [`perceived`] | how much two pictures differ to the eye: FLIP and SSIM |
 //! | [`popping`] | what changes from frame to frame although the model does not |
 //! | [`promise`] | whether some surface lies within a hit's error |
+//! | [`asked`] | plain rays of the world around something, and a scene's answers |
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
@@ -25,6 +26,7 @@
 // Each test binary uses its own share of this folder.
 #![allow(dead_code)]
 
+pub mod asked;
 pub mod brute;
 pub mod built;
 pub mod bvh64;

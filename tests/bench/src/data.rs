@@ -118,7 +118,7 @@ pub struct Benchmark {
     #[serde(default)]
     pub rays: Vec<RayKind>,
     pub threads: Vec<usize>,
-    /// Rays that outcrop is asked for in a call; of 1, peers are asked for single ones too. (Of 1,024 the answers stay in a thread's own cache, and the
+    /// Rays that outcrop is asked for in a call, up to what a thread takes at a time (`sides::CHUNK`); of 1, peers are asked for single ones too. (Of 1,024 the answers stay in a thread's own cache, and the
     /// thread that asks answers.)
     #[serde(default = "many")]
     pub asked: NonZeroUsize,

@@ -101,7 +101,7 @@ pub struct Ready<'a> {
     is_coherent: bool,
     /// Rays a call.
     asked: usize,
-    pub rays: Vec<Ray>,
+    rays: Vec<Ray>,
     answers: Vec<Answer>,
 }
 

@@ -187,13 +187,14 @@ fn our_side<'a>(
     };
     let slack = if batch.is_any() { None } else { model.truth.slack(&id, &hits)? };
     let accuracy = Accuracy { slack, ..accuracy::of_rays(&batch.rays, &ours::answers(&hits), truth) };
+    // However many are asked for at once, and whatever of each hit.
+    let whole = (case.residency == Residency::All).then(|| ours.asked_as_timed(&rays, batch)).transpose()?;
     let mut run = Box::new(Ready::new(ours, model.path, case.residency, batch, task.benchmark.asked.get(), rays));
-    if case.residency == Residency::All {
-        // However many are asked for at once, and whatever of each hit.
+    if let Some(whole) = whole {
         run.run(1);
-        let (whole, asked) = (ours::answers(&ours.asked_as_timed(&run.rays, batch)?), run.answers());
+        let (whole, asked) = (ours::answers(&whole), run.answers());
         if let Some(i) = (0..whole.len()).find(|&i| whole[i] != asked[i]) {
-            return Err(Failure::new(format!("{id}: ray {i} of a call by itself ends at {}, of all at {}", asked[i].t, whole[i].t)));
+            return Err(Failure::new(format!("{id}: ray {i} of calls as timed ends at {}, of one call at {}", asked[i].t, whole[i].t)));
         }
     }
     let call = if batch.is_coherent() { "coherent" } else { "any order" };

@@ -11,7 +11,7 @@ use std::sync::{Mutex, TryLockError};
 struct Place(Mutex<Option<Box<dyn Any + Send>>>);
 
 /// As many places as are kept at most.
-pub(super) struct Scratch(Box<[Place]>);
+pub struct WorkingMemory(Box<[Place]>);
 
 static NEXT: AtomicUsize = AtomicUsize::new(0);
 
@@ -20,7 +20,7 @@ thread_local! {
     static HOME: usize = NEXT.fetch_add(1, Relaxed);
 }
 
-impl Scratch {
+impl WorkingMemory {
     /// `count`: at least 1.
     pub fn new(count: usize) -> Self {
         Self((0..count.max(1)).map(|_| Place::default()).collect())
@@ -62,14 +62,14 @@ mod tests {
 
     #[test]
     fn what_is_given_back_is_taken_again_as_far_as_there_are_places() {
-        let scratch = Scratch::new(2);
-        let mut three: Vec<Box<Vec<u32>>> = (0..3).map(|_| scratch.take()).collect();
+        let memory = WorkingMemory::new(2);
+        let mut three: Vec<Box<Vec<u32>>> = (0..3).map(|_| memory.take()).collect();
         assert!(three.iter().all(|it| it.is_empty()));
         three.iter_mut().enumerate().for_each(|(i, it)| it.push(i as u32));
-        three.into_iter().for_each(|it| scratch.give(it));
+        three.into_iter().for_each(|it| memory.give(it));
         // Of another kind there is none.
-        assert_eq!(*scratch.take::<u64>(), 0);
-        let again: Vec<Box<Vec<u32>>> = (0..3).map(|_| scratch.take()).collect();
+        assert_eq!(*memory.take::<u64>(), 0);
+        let again: Vec<Box<Vec<u32>>> = (0..3).map(|_| memory.take()).collect();
         let mut found: Vec<u32> = again.iter().flat_map(|it| it.iter().copied()).collect();
         found.sort_unstable();
         assert_eq!(found, [0, 1]);
@@ -80,20 +80,20 @@ mod tests {
     fn what_a_thread_has_taken_no_other_gets() {
         #[derive(Default)]
         struct Piece(usize);
-        let scratch = Scratch::new(3);
+        let memory = WorkingMemory::new(3);
         let taken: Vec<AtomicUsize> = (0..=20_000).map(|_| AtomicUsize::new(0)).collect();
         let made = AtomicUsize::new(0);
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 scope.spawn(|| {
                     for _ in 0..5000 {
-                        let mut piece = scratch.take::<Piece>();
+                        let mut piece = memory.take::<Piece>();
                         if piece.0 == 0 {
                             piece.0 = made.fetch_add(1, Relaxed) + 1;
                         }
                         assert_eq!(taken[piece.0].fetch_add(1, Relaxed), 0);
                         taken[piece.0].fetch_sub(1, Relaxed);
-                        scratch.give(piece);
+                        memory.give(piece);
                     }
                 });
             }
