@@ -2,7 +2,7 @@
 //! heap, and it writes nothing that other threads write but the stamps of blocks, once after each pass. (In scenes of more than seven models snapshots are counted:
 //! `arc_swap` has eight a thread that are not.) What does not come to an end so is for batches: what lacks a block, and what takes a second walk.
 
-use super::batch::{Hits, Policy, Rays};
+use super::batch::{Hits, Rays};
 use super::chunk::{Task, trace};
 use super::finish::{Last, finish};
 use super::hit::{Hit, Want};
@@ -36,7 +36,7 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
         snapshots.lend(scene);
         // Not a stamp of its own: each block that it visits would be written to.
         let stamp = scene.context().residency().now();
-        let view = SceneView { scene, snapshots, never_waits: task.policy == Policy::Now, is_solid: false, stamp };
+        let view = task.view(scene, snapshots, stamp);
         let (mut two, mut answers) = ([Ray::NONE; ALONE], [Hit::MISS; ALONE]);
         rays.read(0, &mut two[..count]);
         let mut last = Last::new();
@@ -60,9 +60,7 @@ fn one<'a>(view: &SceneView<'a>, task: Task, ray: &Ray, walk: &mut SceneWalk, la
     if trace(view, task, ray, walk) != Step::Done {
         return false;
     }
-    let found = walk.best();
-    if found.has_passed() && task.want.has(Want::ERROR) {
-        return false;
-    }
-    !found.is_hit() || finish(view, last, ray, &found, task.want, hit).is_ok()
+    let mut found = walk.best();
+    let is_whole = !found.is_hit() || finish(view, last, ray, &mut found, task.want, hit).is_ok();
+    is_whole && !(found.has_passed() && task.want.has(Want::ERROR))
 }

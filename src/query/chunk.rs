@@ -7,8 +7,8 @@ use super::hit::{Hit, HitKind, Want};
 use super::stand_in;
 use super::simple::Simple;
 use crate::math::Ray;
-use crate::scene::{Alike, InOne};
-use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Step, bits};
+use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Snapshots, Step, bits};
+use crate::scene::{Alike, InOne, SceneState};
 use crate::structure::bvh::trace::{PACKET, STREAM, first_rays};
 use std::ops::Range;
 
@@ -23,6 +23,15 @@ pub(super) struct Task {
     pub want: Want,
     /// Any hit will do.
     pub any: bool,
+}
+
+impl Task {
+    /// What its rays are traced in. Intervals are of the distances that are answered: where these are in double precision, so are those. (Any hits answer
+    /// as closest ones would whose distances are.)
+    pub fn view<'a>(self, scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> SceneView<'a> {
+        let looks_beyond = self.any || self.want.any_of(Want::MEETING);
+        SceneView { never_waits: self.policy == Policy::Now, looks_beyond, ..SceneView::new(scene, snapshots, stamp) }
+    }
 }
 
 /// What it takes to answer a chunk. Reusable.
@@ -264,14 +273,17 @@ fn finish_group(
     let waits = waiting.iter().fold(0, |all, it| all | 1 << it.ray);
     let more = if task.want.has(Want::ERROR) { passed_by(found) & !waits } else { 0 };
     let hits = answers.begin(met, more | lacking);
+    let mut later = more;
     for i in bits(met & !more) {
-        match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
-            (Ok(()), _) => {}
+        let mut found = found[i];
+        match (finish(view, &mut last, &rays[i], &mut found, task.want, &mut hits[i]), task.policy) {
+            // What it found in the end may be behind what it passed.
+            (Ok(()), _) => later |= u32::from(found.has_passed() && task.want.has(Want::ERROR)) << i,
             (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, left: Left::Hit, asks: Asks::of(need) }),
             _ => hits[i].kind = HitKind::Missing,
         }
     }
-    for i in bits(more) {
+    for i in bits(later) {
         let (mut left, mut found) = (Left::Hit, found[i]);
         match (go_on(view, task, &rays[i], &mut left, &mut last, &mut found, &mut hits[i]), task.policy, &left) {
             (Ok(()), ..) => {}

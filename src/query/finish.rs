@@ -131,13 +131,14 @@ impl Plane {
 ///
 /// The ray's t is where it meets the triangle's plane. Nearly edge-on that is ill-conditioned, and
 /// the walk's own t, or the one nearest to the triangle's point, may leave a smaller gap: the
-/// smallest wins. So the answer is judged by its outcome: `gap` is measured, not estimated.
+/// smallest wins. So the answer is judged by its outcome: `gap` is measured, not estimated. The ray's interval has no say: where it meets
+/// a triangle is the same in any.
 #[inline]
 pub(crate) fn meet(placed: &Placed, triangle: &Triangle, ray: &Ray, found: &Found) -> Meeting {
     let plane = Plane::new(triangle);
     let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
     let at = |t: f64| {
-        let t = t.max(ray.t_min).min(ray.t_max);
+        let t = t.max(0.0);
         let (weights, gap) = plane.clamped(org + dir * t);
         Meeting { t, weights, gap }
     };
@@ -158,7 +159,41 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 }
 
 /// Fills what `want` asks of `hit`, which is [`Hit::MISS`] or was filled with the same `want`; fails with the
-/// block that is needed.
+/// block that is needed. Where the view looks beyond the ends of rays, and what was found turns out to be outside of the interval, `found` becomes
+/// what is behind that, or nothing, and so the hit.
+#[inline(always)]
+pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &mut Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
+    let is_within = work_out(view, last, ray, found, want, hit)?;
+    if !is_within { go_past(view, ray, found, want, hit) } else { Ok(()) }
+}
+
+/// Takes a ray past what it finds outside of its interval: begun anew, with all of that left out, until what it finds is within. (Rays that begin right
+/// at a surface, as whoever peels off layer after layer asks for them; of others one in some ten thousand.)
+#[cold]
+#[inline(never)]
+fn go_past(view: &SceneView, ray: &Ray, found: &mut Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
+    let (mut except, mut walk, mut now) = (Vec::<(u32, Vec<[u32; 2]>)>::new(), SceneWalk::default(), *found);
+    loop {
+        let place = [now.tri.block, now.tri.tri];
+        match except.iter_mut().find(|(placed, _)| *placed == now.placed) {
+            Some((_, places)) => places.push(place),
+            None => except.push((now.placed, vec![place])),
+        }
+        let view = SceneView { except: &except, ..*view };
+        walk.begin(&view, ray);
+        *hit = Hit::MISS;
+        if let Step::Pending(need) = view.trace::<false>(ray, &mut walk) {
+            return Err(need);
+        }
+        now = walk.best();
+        if !now.is_hit() || work_out(&view, &mut Last::new(), ray, &now, want, hit)? {
+            *found = now;
+            return Ok(());
+        }
+    }
+}
+
+/// [`finish`] of just this hit; false if it is not within the ray's interval after all.
 ///
 /// **Error bound.** Let M be the placed tree's map to the world, s its largest singular value. The answer is
 /// `position` = origin + t · dir, rounded; `meet` knows a triangle's point q with |M⁻¹ position − q| = `gap`. M q
@@ -178,15 +213,19 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 /// surface before t is less than that before it, along the ray, divided by the cosine at which it is met:
 /// 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
 #[inline(always)]
-pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
-    if found.tri.stand_in().is_some() {
+fn work_out<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<bool, Need> {
+    if let Some(cell) = found.tri.stand_in() {
+        // What a cell that is met before the ray begins holds is met one by one. What is missing cannot be.
+        if view.looks_beyond && !cell.is_missing && !(ray.t_min..=ray.t_max).contains(&found.t) {
+            return Ok(false);
+        }
         let Some(look) = stand_in::look(view, ray, found) else {
             *hit = Hit { t: found.t, ..Hit::MISS };
             let model = view.scene.placement.placed[found.placed as usize].model;
             return Err(Need { model, block: BlockId(found.tri.block) });
         };
         stand_in::fill(view, ray, found, &look, want, hit);
-        return Ok(());
+        return Ok(true);
     }
     hit.kind = HitKind::Exact;
     hit.t = found.t;
@@ -198,7 +237,9 @@ pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, f
     if want.has(Want::UV) {
         hit.uv = [found.tri.u, found.tri.v];
     }
-    if want.any_of(Want::SURFACE) {
+    let mut is_within = true;
+    let is_near_end = view.looks_beyond && !want.any_of(Want::MEETING) && placed.is_near_end(ray, found.t);
+    if want.any_of(Want::SURFACE) || is_near_end {
         let Some(surface) = last.surface(view, found, want) else {
             // Nothing of what was there before: that is another ray's.
             *hit = Hit { t: found.t, ..Hit::MISS };
@@ -210,16 +251,20 @@ pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, f
         if want.has(Want::NORMAL) {
             hit.normal = surface.normal.facing(ray.dir);
         }
-        if want.any_of(Want(Want::POSITION.0 | Want::ERROR.0)) {
+        if want.any_of(Want::MEETING) || is_near_end {
             fill_from_meeting(placed, ray, found, &surface.triangle, want, hit);
+            is_within = !view.looks_beyond || (ray.t_min..=ray.t_max).contains(&hit.t);
         }
+    }
+    if !is_within {
+        return Ok(false);
     }
     // Last: it is what may be missing, and all else is then known.
     if want.has(Want::PRIM) {
         hit.prim = NONE;
         hit.prim = u64::from(last.tree(view, found.placed).prim(&found.tri).map_err(need)?);
     }
-    Ok(())
+    Ok(true)
 }
 
 /// A walk for [`free`].
@@ -230,9 +275,9 @@ pub(super) fn begin_free(view: &SceneView, ray: &Ray) -> SceneWalk {
     walk
 }
 
-/// With stand-ins that no ray passes.
+/// With stand-ins that no ray passes. What is a little before a ray begins is not to count as the first on it.
 fn solid<'a>(view: &SceneView<'a>) -> SceneView<'a> {
-    SceneView { is_solid: true, ..*view }
+    SceneView { is_solid: true, looks_beyond: false, ..*view }
 }
 
 /// Goes on with the walk of a ray that passed stand-ins, now passing none, and takes `t_free` down to where it hits; fails with the block that
@@ -243,9 +288,9 @@ pub(super) fn free(view: &SceneView, ray: &Ray, walk: &mut SceneWalk, hit: &mut 
     if let Step::Pending(need) = view.trace::<false>(ray, walk) {
         return Err(need);
     }
-    let (found, mut first) = (walk.best(), Hit::MISS);
+    let (mut found, mut first) = (walk.best(), Hit::MISS);
     if found.is_hit() {
-        finish(&view, &mut Last::new(), ray, &found, Want::ERROR, &mut first)?;
+        finish(&view, &mut Last::new(), ray, &mut found, Want::ERROR, &mut first)?;
     }
     hit.t_free = hit.t_free.min(first.t_free);
     Ok(())

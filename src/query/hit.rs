@@ -100,6 +100,8 @@ impl Want {
     pub const ERROR: Self = Self(64);
     /// Everything.
     pub const ALL: Self = Self(127);
+    /// What takes where the ray meets the triangle in double precision.
+    pub(crate) const MEETING: Self = Self(Self::POSITION.0 | Self::ERROR.0);
     /// What the triangle is needed for.
     pub(crate) const SURFACE: Self = Self(Self::POSITION.0 | Self::NORMAL.0 | Self::PART.0 | Self::ERROR.0);
 

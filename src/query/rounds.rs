@@ -10,7 +10,7 @@
 
 use super::alone::{self, ALONE};
 use super::asks::plan;
-use super::batch::{Hits, Policy, QueryOptions, Rays};
+use super::batch::{Hits, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
 use super::hit::Want;
 use crate::base::error::{Error, Result};
@@ -120,7 +120,7 @@ fn trace_chunk(
     rays: &impl Rays,
     hits: &impl Hits,
 ) -> Vec<Group> {
-    let view = SceneView { scene, snapshots, never_waits: task.policy == Policy::Now, is_solid: false, stamp };
+    let view = task.view(scene, snapshots, stamp);
     let mut chunk = scene.context().take_scratch::<Chunk>();
     chunk.run(&view, task, first, count, rays, hits);
     let parked = std::mem::take(&mut chunk.parked);
@@ -285,7 +285,7 @@ where
 
     /// Takes a parked group as far as it comes.
     fn resume(&self, snapshots: &Snapshots, mut group: Group) {
-        let view = SceneView { scene: self.scene.borrow(), snapshots, never_waits: false, is_solid: false, stamp: self.stamp };
+        let view = SceneView { never_waits: false, ..self.task().view(self.scene.borrow(), snapshots, self.stamp) };
         let (first, count) = (group.first(), group.count());
         match group.resume(&view, self.task()) {
             Some(hits) => {

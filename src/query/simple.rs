@@ -37,6 +37,9 @@ impl Simple {
         if placed.only_shifted().is_none() {
             return false;
         }
+        if view.looks_beyond && bits(met).any(|i| placed.is_near_end(&rays[i], distance(i))) {
+            return false;
+        }
         let sees_surfaces = want.any_of(Want::SURFACE);
         let ray = |i: usize| (rays[i].origin, rays[i].dir);
         if sees_surfaces && !self.surfaces.look::<false>(view, only, ray, found, met) {

@@ -21,7 +21,7 @@ const ROUND_SHARE: u64 = 4;
 /// not depend on it.
 pub(super) fn sweep<T: Send + Default>(scene: &SceneState, trees: &[u32], search: Search<T>) -> Result<Vec<T>> {
     let snapshots = Arc::new(Snapshots::take(scene));
-    let view = SceneView { scene, snapshots: &snapshots, never_waits: false, is_solid: false, stamp: scene.context().residency().stamp() };
+    let view = SceneView::new(scene, &snapshots, scene.context().residency().stamp());
     let begun = |&tree: &u32| Mutex::new((LeafSweep::new(&view.tree(tree)), T::default()));
     let visits = trees.iter().map(begun).collect();
     let state = State { snapshots: Arc::clone(&snapshots), open: (0..trees.len()).collect() };
@@ -57,7 +57,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl<T: Send> Sweep<'_, T> {
     fn visit(&self, index: usize, snapshots: &Snapshots) {
-        let view = SceneView { scene: self.scene, snapshots, never_waits: false, is_solid: false, stamp: self.scene.context().residency().stamp() };
+        let view = SceneView::new(self.scene, snapshots, self.scene.context().residency().stamp());
         let (left, found) = &mut *lock(&self.visits[index]);
         (self.search)(&view, self.trees[index], left, found);
     }

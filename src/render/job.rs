@@ -364,7 +364,7 @@ impl Work for Request {
             desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
-        let view = SceneView { scene: &self.scene, snapshots: &snapshots, never_waits, is_solid: false, stamp };
+        let view = SceneView { never_waits, ..SceneView::new(&self.scene, &snapshots, stamp) };
         let asks = Asks {
             ids: any(&[Buffer::Part, Buffer::Instance]),
             prims: any(&[Buffer::Primitive]),

@@ -1,7 +1,7 @@
 //! Rays in a scene that is one placed tree, the most frequent kind: there is no top-level tree to walk.
 
 use super::alike::Alike;
-use super::placed::{Placed, not_below};
+use super::placed::Placed;
 use super::walk::{Found, NOTHING, Need, SceneStream, SceneView, bits};
 use crate::base::ids::BlockId;
 use crate::math::{DBounds, Ray};
@@ -55,14 +55,14 @@ impl InOne {
         let (tree, filter) = (view.tree(placed), view.filter(placed));
         let seen_by = view.seen_by(placed);
         let Self { walk, moved, is_moved, around, .. } = self;
-        let taken = set_unmoved(p, &tree, around, (rays, count), alike, seen_by, walk);
+        let taken = set_unmoved(p, &tree, around, (rays, count), alike, (seen_by, view.looks_beyond), walk);
         if taken == Taken::ToPassBy {
             *is_moved = false;
             walk.miss();
             return Some(Ok(0));
         }
         *is_moved = !(taken == Taken::Unmoved && walk.is_within(&tree, count, p.near()));
-        let active = if *is_moved { set_moved(p, &rays[..count], seen_by, walk, moved) } else { first_rays(count) };
+        let active = if *is_moved { set_moved(p, &rays[..count], (seen_by, view.looks_beyond), walk, moved) } else { first_rays(count) };
         walk.start(&tree, active);
         if !walk.is_coherent(&tree, says) {
             return None;
@@ -78,8 +78,8 @@ impl InOne {
         let mut hits = walk.found();
         for i in bits(hits) {
             // The walk had the greatest distance rounded up: what it found may still be beyond. Where any will do there is no
-            // other to fall back on, and it is met to rounding.
-            let is_within = ANY || self.distance(i) <= rays[i].t_max;
+            // other to fall back on, and it is met to rounding; who looks beyond decides later.
+            let is_within = ANY || view.looks_beyond || self.distance(i) <= rays[i].t_max;
             hits &= !(u32::from(!is_within) << i);
         }
         Some(Ok(hits))
@@ -211,7 +211,7 @@ impl SceneView<'_> {
         let hits = &mut hits[..rays.len()];
         let mut local = LocalRay::NONE;
         for (i, it) in rays.iter().enumerate() {
-            match if it.mask & seen_by != 0 { p.local(it, it.t_max, &mut local) } else { None } {
+            match if it.mask & seen_by != 0 { p.local(it, it.t_max, self.looks_beyond, &mut local) } else { None } {
                 Some(way) => {
                     stream.set(i, &local);
                     moved[i] = way;
@@ -228,7 +228,7 @@ impl SceneView<'_> {
         unfinished.extend_from_slice(stream.unfinished());
         for (i, (hit, found)) in hits.iter().zip(found).enumerate() {
             *found = Found::nothing(rays[i].t_max);
-            found.offer::<ANY>(placed, *hit, stream.passed()[i], moved[i].0, moved[i].1);
+            found.offer::<ANY>(self.looks_beyond, placed, *hit, stream.passed()[i], moved[i].0, moved[i].1);
         }
     }
 }
@@ -291,7 +291,7 @@ fn set_unmoved(
     around: &DBounds,
     (rays, count): (&[Ray; PACKET], usize),
     alike: &Alike,
-    seen_by: u32,
+    (seen_by, beyond): (u32, bool),
     walk: &mut PacketWalk,
 ) -> Taken {
     let Some(offset) = p.only_shifted() else { return Taken::Not };
@@ -303,8 +303,8 @@ fn set_unmoved(
         }
         let origin = it.origin - offset;
         local.org = origin.as_vec3();
-        local.t_min = it.t_min as f32;
-        local.t_max = not_below(it.t_max);
+        let least = || rays[..count].iter().fold(f32::INFINITY, |least, it| least.min(it.dir.abs().max_element()));
+        [local.t_min, local.t_max] = p.ends([it.t_min, it.t_max], origin, least, beyond);
         walk.set_all_but_dirs(&local);
         let ends = walk.set_dirs_of(tree, rays, alike.is_exact());
         // What fills the lanes of a part of a packet has no say.
@@ -313,11 +313,11 @@ fn set_unmoved(
     let mut is_fine = true;
     for (i, it) in rays.iter().enumerate().take(count) {
         is_fine &= it.mask & seen_by != 0 && it.has_interval();
-        local.org = (it.origin - offset).as_vec3();
+        let origin = it.origin - offset;
+        local.org = origin.as_vec3();
         local.dir = it.dir;
         local.cone = LocalRay::cone_of(it.cone, it.dir);
-        local.t_min = it.t_min as f32;
-        local.t_max = not_below(it.t_max);
+        [local.t_min, local.t_max] = p.ends([it.t_min, it.t_max], origin, || it.dir.abs().max_element(), beyond);
         walk.set(i, &local);
     }
     if is_fine { Taken::Unmoved } else { Taken::Not }
@@ -325,12 +325,12 @@ fn set_unmoved(
 
 /// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.
 #[inline(never)]
-fn set_moved(p: &Placed, rays: &[Ray], seen_by: u32, walk: &mut PacketWalk, moved: &mut [(f64, f64); PACKET]) -> u32 {
+fn set_moved(p: &Placed, rays: &[Ray], (seen_by, beyond): (u32, bool), walk: &mut PacketWalk, moved: &mut [(f64, f64); PACKET]) -> u32 {
     let mut active = 0;
     let mut local = LocalRay::NONE;
     for (i, it) in rays.iter().enumerate().take(PACKET) {
         if it.mask & seen_by != 0
-            && let Some(way) = p.local(it, it.t_max, &mut local)
+            && let Some(way) = p.local(it, it.t_max, beyond, &mut local)
         {
             moved[i] = way;
             active |= 1 << i;

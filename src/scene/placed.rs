@@ -48,6 +48,9 @@ struct Local {
 /// tree's own detail would be lost. (Rays that are moved no longer share an origin, and take three times as long: so far that
 /// cameras that show the whole are not moved.)
 const FAR: f64 = 6.0;
+/// By what part of how far coordinates reach walks may find hits before or behind where double precision puts them, but for triangles met
+/// within some 4 degrees of edge-on: 64 roundings. Four are of origin and corners, as many of the test itself, each over the cosine.
+const BEYOND: f64 = 1.0 / 262_144.0;
 /// The greatest ratio of singular values of a transform.
 const MOST_SKEW: f64 = 1e12;
 
@@ -204,13 +207,47 @@ impl Placed {
         apart * 64.0 / dir.length()
     }
 
+    /// The ends of a ray's interval as walks take them, in a frame that differs from the world by its zero only. `org`: its origin there; `dir`: greatest
+    /// component of its direction. See [`Placed::rounded`].
+    #[inline(always)]
+    pub fn ends(&self, ends: [f64; 2], org: DVec3, dir: impl Fn() -> f32, beyond: bool) -> [f32; 2] {
+        // Most begin at zero, and go on for ever.
+        if !(ends[0] > 0.0 || ends[1] < f64::INFINITY) {
+            return [0.0, f32::INFINITY];
+        }
+        self.rounded(ends, org, f64::from(dir()), beyond)
+    }
+
+    /// Ends of an interval in single precision: `beyond`, so much farther that nothing within is lost, and what is found may be outside; else the
+    /// nearest within, and at the far end the nearest not within.
+    #[inline(always)]
+    fn rounded(&self, [t_min, t_max]: [f64; 2], org: DVec3, dir: f64, beyond: bool) -> [f32; 2] {
+        let by = if beyond { BEYOND * (org.abs().max_element() + self.reach) / dir } else { 0.0 };
+        [not_below((t_min - by).max(0.0)), not_below(t_max + by)]
+    }
+
+    /// Whether a hit at `t` of a ray that is not certain to be within its interval may be outside of it, seen in double precision.
+    #[inline(always)]
+    pub fn is_near_end(&self, ray: &Ray, t: f64) -> bool {
+        if !(ray.t_min > 0.0 || ray.t_max < f64::INFINITY) {
+            return false;
+        }
+        // In the world a direction is shorter than in the tree's frame by `stretch` and a root of three, at most.
+        let far = 2.0 * BEYOND * (FAR + 1.0) * self.extent();
+        let dir = f64::from(ray.dir.abs().max_element());
+        // Where anything is not a number it may.
+        let is_within = (t - ray.t_min) * dir > far && (ray.t_max - t) * dir > far;
+        !is_within
+    }
+
     /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale:
-    /// t in the world is `shift + scale * t` there. `None` if the ray surely misses, or cannot hit anything at all.
+    /// t in the world is `shift + scale * t` there. `None` if the ray surely misses, or cannot hit anything at all. `beyond`: see
+    /// [`super::walk::SceneView::looks_beyond`].
     ///
     /// Field by field into the caller's memory: passed by value the struct is stored in small pieces and at
     /// once loaded in large ones, which stalls for more than all of the rest takes.
     #[inline(always)]
-    pub fn local(&self, ray: &Ray, best: f64, local: &mut LocalRay) -> Option<(f64, f64)> {
+    pub fn local(&self, ray: &Ray, best: f64, beyond: bool, local: &mut LocalRay) -> Option<(f64, f64)> {
         let size = ray.dir.abs().max_element();
         let org = ray.origin - self.offset;
         let is_near = org.abs().max_element() <= FAR * self.reach;
@@ -218,19 +255,18 @@ impl Placed {
             // The common case: nothing but one rounding. What is not a number gets through, to be found by the walk.
             local.org = org.as_vec3();
             local.dir = ray.dir;
-            local.t_min = ray.t_min.max(0.0) as f32;
-            local.t_max = not_below(best);
+            [local.t_min, local.t_max] = self.ends([ray.t_min, best], org, || size, beyond);
             local.cone = LocalRay::cone_of(ray.cone, ray.dir);
             return Some((0.0, 1.0));
         }
-        let Local { ray, shift, scale } = if ray.can_hit() { self.moved(ray, best)? } else { return None };
+        let Local { ray, shift, scale } = if ray.can_hit() { self.moved(ray, best, beyond)? } else { return None };
         *local = ray;
         Some((shift, scale))
     }
 
     /// [`Placed::local`] where the ray must be turned, scaled, or moved nearer.
     #[inline(never)]
-    fn moved(&self, ray: &Ray, best: f64) -> Option<Local> {
+    fn moved(&self, ray: &Ray, best: f64, beyond: bool) -> Option<Local> {
         let (mut org, mut dir) = (self.local_point(ray.origin), self.local_vector(ray.dir.as_dvec3()));
         let (mut shift, mut scale) = (0.0, 1.0);
         if org.abs().max_element() > FAR * self.reach {
@@ -247,13 +283,17 @@ impl Placed {
         // No length grows by more than `stretch`, so no projection by more than its square.
         let (a, b) = (f64::from(ray.cone.a), f64::from(ray.cone.b));
         let cone = Cone { a: ((a + b * shift) / self.stretch) as f32, b: (b * scale / self.stretch) as f32 };
-        let t_min = (ray.t_min - shift).max(0.0) / scale;
-        let t_max = (best - shift) / scale;
+        let ends = [ray.t_min, best].map(|t| (t - shift) / scale);
+        let [mut t_min, t_max] = self.rounded(ends, org, dir.abs().max_element(), beyond);
+        // What a sum of two rounds away is not to put it before where the ray begins.
+        while !beyond && shift + scale * f64::from(t_min) < ray.t_min {
+            t_min = t_min.next_up();
+        }
         let ray = LocalRay {
             org: org.as_vec3(),
             dir: dir.as_vec3(),
-            t_min: t_min as f32,
-            t_max: not_below(t_max),
+            t_min,
+            t_max,
             cone: LocalRay::cone_of(cone, dir.as_vec3()),
         };
         Some(Local { ray, shift, scale })

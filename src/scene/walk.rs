@@ -138,13 +138,14 @@ impl Found {
     /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree; and where the ray `passed` a stand-in in it, if
     /// that is nearer.
     #[inline]
-    pub(super) fn offer<const ANY: bool>(&mut self, placed: u32, tri: TriHit, passed: f32, shift: f64, scale: f64) {
+    pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, placed: u32, tri: TriHit, passed: f32, shift: f64, scale: f64) {
         self.passed = self.passed.min(shift + scale * f64::from(passed));
         if tri.is_hit() {
             let t = shift + scale * f64::from(tri.t);
             // The tree's walk had the best t rounded up: what it found may still be beyond. Where any
-            // will do there is no other to fall back on, and t_max is met to rounding.
-            if ANY || t < self.t || t == self.t && placed < self.placed {
+            // will do there is no other to fall back on, and t_max is met to rounding; the first of who looks `beyond` is for that one to judge.
+            let takes_any = ANY || beyond && !self.is_hit();
+            if takes_any || t < self.t || t == self.t && placed < self.placed {
                 *self = Self { t, placed, tri, passed: self.passed };
             }
         }
@@ -162,6 +163,11 @@ pub(crate) struct SceneView<'a> {
     pub is_solid: bool,
     /// The pass that visits, see `residency::View`.
     pub stamp: u32,
+    /// Whether walks look so far beyond the ends of rays' intervals that nothing is lost that double precision puts within: whoever takes a
+    /// hit then sees whether it is. Else intervals hold in single precision.
+    pub looks_beyond: bool,
+    /// What a ray that is traced alone passes through: of placed trees, see [`PartFilter::except`].
+    pub except: &'a [(u32, Vec<[u32; 2]>)],
 }
 
 /// The state of one ray in a scene. Reusable.
@@ -199,6 +205,11 @@ impl SceneWalk {
 }
 
 impl<'a> SceneView<'a> {
+    /// For exact walks that wait for blocks.
+    pub fn new(scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> Self {
+        Self { scene, snapshots, never_waits: false, is_solid: false, stamp, looks_beyond: false, except: &[] }
+    }
+
     /// The block that a hit stands in for, if that is missing.
     pub fn wanted(&self, found: &Found) -> Option<Need> {
         let block = self.tree(found.placed).wanted(&found.tri)?;
@@ -231,8 +242,9 @@ impl<'a> SceneView<'a> {
     pub(crate) fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
         let p = &self.scene.placement.placed[placed as usize];
         let parts = &self.scene.instances[p.instance as usize].parts;
-        let filter = || PartFilter { hidden: &parts.hidden, first_part: p.first_part, touched: parts.touched(p.first_part) };
-        (!parts.shown.is_empty()).then(filter)
+        let except = self.except.iter().find(|(of, _)| *of == placed).map_or(&[][..], |(_, these)| these);
+        let filter = || PartFilter { hidden: &parts.hidden, first_part: p.first_part, touched: parts.touched(p.first_part), except };
+        (!(parts.shown.is_empty() && except.is_empty())).then(filter)
     }
 
     /// The mask of the rays that see the placed tree.
@@ -263,7 +275,7 @@ impl<'a> SceneView<'a> {
                     return Step::Pending(self.need(placed, block));
                 }
                 walk.at = None;
-                best.offer::<ANY>(placed, walk.tree.best(), walk.tree.passed(), shift, scale);
+                best.offer::<ANY>(self.looks_beyond, placed, walk.tree.best(), walk.tree.passed(), shift, scale);
                 walk.best = Some(best);
                 if ANY && best.is_hit() {
                     return Step::Done;
@@ -286,7 +298,7 @@ impl<'a> SceneView<'a> {
         }
         let p = &self.scene.placement.placed[placed as usize];
         let mut local = LocalRay::NONE;
-        if let Some((shift, scale)) = p.local(ray, best, &mut local) {
+        if let Some((shift, scale)) = p.local(ray, best, self.looks_beyond, &mut local) {
             walk.tree.begin(&self.tree(placed), &local);
             walk.at = Some(At { placed, shift, scale });
         }
@@ -415,7 +427,7 @@ impl SceneView<'_> {
                 walk.at = None;
                 for i in bits(walk.inside) {
                     let (shift, scale) = walk.moved[i];
-                    walk.best[i].offer::<ANY>(placed, walk.tree.best(i), walk.tree.passed()[i], shift, scale);
+                    walk.best[i].offer::<ANY>(self.looks_beyond, placed, walk.tree.best(i), walk.tree.passed()[i], shift, scale);
                     if ANY && walk.best[i].is_hit() {
                         walk.active &= !(1 << i);
                     }
@@ -436,7 +448,7 @@ impl SceneView<'_> {
         let mut local = LocalRay::NONE;
         for i in bits(mask) {
             if rays[i].mask & seen_by != 0
-                && let Some(moved) = p.local(&rays[i], walk.best[i].t, &mut local)
+                && let Some(moved) = p.local(&rays[i], walk.best[i].t, self.looks_beyond, &mut local)
             {
                 walk.tree.set(i, &local);
                 walk.moved[i] = moved;

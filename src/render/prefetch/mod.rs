@@ -397,7 +397,7 @@ impl Walk {
     /// A small piece; whether there is more.
     fn step(&mut self, scene: &SceneState, stamp: u32) -> bool {
         let Some(snapshots) = &self.snapshots else { return false };
-        let view = SceneView { scene, snapshots, never_waits: true, is_solid: false, stamp };
+        let view = SceneView { never_waits: true, ..SceneView::new(scene, snapshots, stamp) };
         match &mut self.aim {
             Aim::Box(walk) => walk.step(&view, &mut self.lacking),
             Aim::View(walk) => walk.step(&view, &mut self.lacking),

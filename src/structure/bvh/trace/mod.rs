@@ -42,8 +42,8 @@ use crate::residency::Snapshot;
 use crate::simd::Isa;
 use glam::Vec3;
 
-/// Parts that rays pass through.
-#[derive(Debug, Clone, Copy)]
+/// What rays pass through.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct PartFilter<'a> {
     /// Bit `i % 64` of word `i / 64`: the model's part `i` is hidden. Parts beyond are visible.
     pub hidden: &'a [u64],
@@ -52,6 +52,8 @@ pub struct PartFilter<'a> {
     /// The bits (`lod::summary_bit`) of all local parts that are hidden or look otherwise than in the file: a cell
     /// with one of them among others does not stand in.
     pub touched: u32,
+    /// Triangles, and cells that do not stand in: blocks, and places in them as [`TriHit::tri`] has them. Only walks of single rays look at it.
+    pub except: &'a [[u32; 2]],
 }
 
 impl PartFilter<'_> {
@@ -60,6 +62,12 @@ impl PartFilter<'_> {
     pub fn hides(&self, local_part: u32) -> bool {
         let part = u64::from(self.first_part) + u64::from(local_part);
         self.hidden.get((part / 64) as usize).is_some_and(|word| word >> (part % 64) & 1 == 1)
+    }
+
+    /// Whether this place is one of those excepted.
+    #[inline]
+    fn excepts(&self, block: u32, tri: u32) -> bool {
+        self.except.contains(&[block, tri])
     }
 }
 
