@@ -174,6 +174,7 @@ fn what_contradicts_itself_is_refused_where_it_is_said() {
     refused(builder.part(PartDesc { parent: Some(0), ..PartDesc::default() }).map(|_| ()));
     refused(builder.part(PartDesc { material: Some(9), ..PartDesc::default() }).map(|_| ()));
     refused(builder.shared_mesh(0).map(|_| ()));
+    refused(builder.shared_mesh(u32::MAX).map(|_| ()));
     let part = builder.part(PartDesc::default()).unwrap();
     let mesh = builder.shared_mesh(2).unwrap();
     refused(builder.triangles(mesh, 2, &some, None));
@@ -188,6 +189,33 @@ fn what_contradicts_itself_is_refused_where_it_is_said() {
     let dir = tempfile::tempdir().unwrap();
     let report = builder.finish(&dir.path().join("model.oc")).unwrap();
     assert_eq!((report.triangles_in, report.instances), (0, 1));
+}
+
+/// A mesh of more parts than there are can be placed nowhere; one that is placed nowhere cannot be seen.
+#[test]
+fn a_shared_mesh_that_is_placed_nowhere_is_left_out_and_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let some = [[DVec3::ZERO, DVec3::X, DVec3::Y], [DVec3::ZERO, DVec3::X, DVec3::Z]];
+    let build = |name: &str, unplaced: &[u32]| {
+        let mut builder = Builder::new(one_thread(), Arc::new(Progress::default()), Cancel::new()).unwrap();
+        let part = builder.part(PartDesc::default()).unwrap();
+        let mesh = builder.shared_mesh(1).unwrap();
+        builder.triangles(mesh, 0, &some, None).unwrap();
+        builder.instance(mesh, DAffine3::IDENTITY, part).unwrap();
+        for &parts in unplaced {
+            let mesh = builder.shared_mesh(parts).unwrap();
+            builder.triangles(mesh, parts - 1, &some[..1], None).unwrap();
+        }
+        let path = dir.path().join(name);
+        let report = builder.finish(&path).unwrap();
+        assert_eq!((report.triangles_in, report.triangles_kept), (2 + unplaced.len() as u64, 2));
+        ModelFile::open_path(&path).unwrap();
+        report
+    };
+    assert!(build("placed.oc", &[]).notes.is_empty());
+    let report = build("not.oc", &[1, 5, u32::MAX - 1]);
+    assert_eq!(report.notes.len(), 3);
+    assert_eq!(report.notes[1], "shared mesh 3 is placed nowhere: its 1 triangles are left out");
 }
 
 #[test]

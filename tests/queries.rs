@@ -387,6 +387,45 @@ fn queries_in_the_background_can_be_polled_waited_for_and_cancelled() {
     }
 }
 
+/// Whoever is woken may let go of the batch: nobody waits for himself.
+#[test]
+fn a_batch_may_be_dropped_in_its_own_wake_function() {
+    struct One;
+    impl Rays for One {
+        fn count(&self) -> usize {
+            5000
+        }
+        fn read(&self, _: usize, out: &mut [Ray]) {
+            out.fill(Ray::new(DVec3::new(0.1, 0.1, 5.0), -Vec3::Z));
+        }
+    }
+    struct Nowhere;
+    impl Hits for Nowhere {
+        fn write(&self, _: usize, _: &[Hit]) {}
+    }
+    for threads in [0, 1, 2] {
+        let context = built::context(threads);
+        let file = built::parts(&[Part::white(1, sphere())]);
+        let (scene, _) = built::scene(&context, &file);
+        for i in 0..200 {
+            let handle = Arc::new(Query::closest(&scene.state(), Arc::new(One), Arc::new(Nowhere), COHERENT).unwrap());
+            let (told, hears) = std::sync::mpsc::channel();
+            let last = Mutex::new(Some(Arc::clone(&handle)));
+            handle.set_wake(Some(Arc::new(move || {
+                drop(last.lock().unwrap().take());
+                told.send(()).unwrap();
+            })));
+            if i % 3 == 0 {
+                handle.cancel();
+            }
+            drop(handle);
+            while hears.recv_timeout(Duration::from_millis(if threads == 0 { 0 } else { 20_000 })).is_err() {
+                assert!(threads == 0 && context.step(), "waits for itself");
+            }
+        }
+    }
+}
+
 /// Every ray meets missing blocks, is put down, and resumed when they have been read: the answers are those of the
 /// model that is in memory as a whole, whatever else was fetched before.
 #[test]

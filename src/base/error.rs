@@ -64,6 +64,13 @@ pub enum Error {
         /// The budget in force, in bytes.
         have: u64,
     },
+    /// The machine: it gives no memory of this size.
+    NoMemory {
+        /// What needs it.
+        what: String,
+        /// How much, in bytes.
+        bytes: u64,
+    },
     /// The work was cancelled by its owner.
     Cancelled,
     /// The machine: reading or writing failed.
@@ -118,6 +125,7 @@ impl Clone for Error {
             Error::OverBudget { what, need, have } => {
                 Error::OverBudget { what: what.clone(), need: *need, have: *have }
             }
+            Error::NoMemory { what, bytes } => Error::NoMemory { what: what.clone(), bytes: *bytes },
             Error::Cancelled => Error::Cancelled,
             Error::Io { path, doing, source } => Error::Io { path: path.clone(), doing, source: again(source) },
             Error::Internal(what) => Error::Internal(what.clone()),
@@ -158,6 +166,7 @@ impl fmt::Display for Error {
             Error::OverBudget { what, need, have } => {
                 write!(f, "{what} needs a budget of at least {need} bytes, it has {have}")
             }
+            Error::NoMemory { what, bytes } => write!(f, "{what}: the system gives no {bytes} bytes of memory"),
             Error::Cancelled => write!(f, "cancelled"),
             Error::Io { path, doing, source } => {
                 write!(f, "{}: {doing} failed: {source}", path.display())

@@ -4,6 +4,7 @@ pub mod bytes;
 pub mod error;
 pub mod faults;
 pub mod ids;
+pub mod memory;
 pub mod progress;
 mod round;
 #[cfg(test)]

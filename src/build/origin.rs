@@ -6,11 +6,11 @@
 use super::batch::{Batch, Extent};
 use super::spool::{Spool, Taken};
 use crate::base::error::Result;
+use crate::base::memory::zeroed;
 use crate::base::progress::Cancel;
 use crate::base::scratch::Scratch;
 use crate::math::DBounds;
 use crate::structure::bvh::build::Par;
-use bytemuck::zeroed_vec;
 use glam::{DVec3, Vec3};
 
 /// A mesh ready for its tree.
@@ -132,7 +132,7 @@ pub fn load(extents: &[Extent], from: &Scratch, has_colours: bool, par: &Par, ca
 fn gather(batches: Vec<Taken>, scratch: Option<&Scratch>, origin: DVec3, has_colours: bool, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let counts: Vec<usize> = batches.iter().map(Taken::len).collect();
     // With room for all: mostly all are kept.
-    let mut all = Placed::of(counts.iter().sum(), origin, has_colours);
+    let mut all = Placed::of(counts.iter().sum(), origin, has_colours)?;
     let work: Vec<_> = batches.into_iter().zip(targets(&mut all, &counts)).collect();
     let fill = |(batch, target): (Taken, Target)| -> Result<Fates> {
         cancel.check()?;
@@ -145,15 +145,16 @@ fn gather(batches: Vec<Taken>, scratch: Option<&Scratch>, origin: DVec3, has_col
 
 impl Placed {
     /// With room for so many, in memory not yet touched: the threads that fill it do that.
-    fn of(count: usize, origin: DVec3, has_colours: bool) -> Self {
-        Self {
+    fn of(count: usize, origin: DVec3, has_colours: bool) -> Result<Self> {
+        let what = "triangles of a mesh";
+        Ok(Self {
             origin,
-            triangles: zeroed_vec(count),
-            parts: zeroed_vec(count),
-            prims: zeroed_vec(count),
-            colours: zeroed_vec(if has_colours { count } else { 0 }),
+            triangles: zeroed(count, what)?,
+            parts: zeroed(count, what)?,
+            prims: zeroed(count, what)?,
+            colours: zeroed(if has_colours { count } else { 0 }, what)?,
             fates: Fates::default(),
-        }
+        })
     }
 
     /// Closes up behind those that are kept, of batches of so many. (One thread, a copy of what is behind the first that goes; mostly none does.)

@@ -119,6 +119,22 @@ pub(crate) unsafe fn with<H: Handle>(
     })
 }
 
+/// [`with`], with a count of its own for as long as it takes: for calls that may call back, as whoever is called may release the handle. (Not all
+/// do so: threads that ask a scene one ray a call would meet in the count.)
+///
+/// # Safety
+/// As for [`borrow_any`].
+pub(crate) unsafe fn with_count<H: Handle>(
+    handle: *const H,
+    f: impl FnOnce(&Shell<H::Object>) -> Checked<()>,
+) -> Checked<()> {
+    // SAFETY: the caller's contract; the count that is taken keeps it alive.
+    unsafe {
+        let _count = share(handle)?;
+        with(handle, f)
+    }
+}
+
 /// Adds a count; NULL and what is no handle of this kind are left alone.
 ///
 /// # Safety

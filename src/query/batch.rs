@@ -90,8 +90,8 @@ pub struct QueryStatus {
     pub error: Option<Arc<Error>>,
 }
 
-/// A batch in flight. Dropping it cancels and waits until nobody reads its rays or writes its hits.
-/// Thread-safe.
+/// A batch in flight. Dropping it cancels and waits until nobody reads its rays or writes its hits, nor calls its wake function, but for the call that it is
+/// dropped in. Thread-safe.
 pub struct Query {
     job: Job,
     shared: Arc<Shared>,
@@ -145,7 +145,9 @@ impl Query {
 
     /// Waits until it has ended, `timeout` at most. Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> QueryStatus {
-        let _ = self.job.wait(timeout);
+        if !self.shared.is_called_here() {
+            let _ = self.job.wait(timeout);
+        }
         self.poll()
     }
 
@@ -164,7 +166,9 @@ impl Query {
 impl Drop for Query {
     fn drop(&mut self) {
         self.job.cancel();
-        self.job.wait_to_the_end();
+        if !self.shared.is_called_here() {
+            self.job.wait_to_the_end();
+        }
     }
 }
 

@@ -23,6 +23,7 @@ use crate::structure::bvh::trace::PACKET;
 use std::borrow::Borrow;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::ThreadId;
 
 /// Called when a batch has ended.
 pub(super) type Wake = Arc<dyn Fn() + Send + Sync>;
@@ -31,7 +32,15 @@ pub(super) type Wake = Arc<dyn Fn() + Send + Sync>;
 #[derive(Default)]
 pub(super) struct Shared {
     answered: AtomicU64,
-    end: Mutex<(Option<Ending>, Option<Wake>)>,
+    end: Mutex<End>,
+}
+
+#[derive(Default)]
+struct End {
+    ending: Option<Ending>,
+    wake: Option<Wake>,
+    /// Who is calling it, before the job counts as ended.
+    caller: Option<ThreadId>,
 }
 
 impl Shared {
@@ -42,14 +51,14 @@ impl Shared {
 
     /// How it ended; `None` while it runs.
     pub fn ending(&self) -> Option<Ending> {
-        self.end().0.clone()
+        self.end().ending.clone()
     }
 
     /// Whom to call at the end; at once if that was before.
     pub fn set_wake(&self, wake: Option<Wake>) {
         let mut end = self.end();
-        if end.0.is_none() {
-            end.1 = wake;
+        if end.ending.is_none() {
+            end.wake = wake;
         } else if let Some(wake) = wake {
             drop(end);
             wake();
@@ -59,15 +68,22 @@ impl Shared {
     fn ended(&self, ending: &Ending) {
         let wake = {
             let mut end = self.end();
-            end.0 = Some(ending.clone());
-            end.1.take()
+            end.ending = Some(ending.clone());
+            end.caller = end.wake.is_some().then(|| std::thread::current().id());
+            end.wake.take()
         };
         if let Some(wake) = wake {
             wake();
+            self.end().caller = None;
         }
     }
 
-    fn end(&self) -> MutexGuard<'_, (Option<Ending>, Option<Wake>)> {
+    /// Whether this is within the call at the end: nothing else is left of the batch then, and whoever waited for that would wait for himself.
+    pub fn is_called_here(&self) -> bool {
+        self.end().caller == Some(std::thread::current().id())
+    }
+
+    fn end(&self) -> MutexGuard<'_, End> {
         self.end.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

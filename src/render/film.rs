@@ -1,6 +1,8 @@
 //! The buffers of a picture: while it is rendered, and when it is complete.
 
 use super::tile::TilePixels;
+use crate::base::error::Result;
+use crate::base::memory::zeroed;
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -109,9 +111,9 @@ const BUFFERS: usize = Buffer::ALL.len();
 struct Pixels(Vec<u64>);
 
 impl Pixels {
-    fn new(width: u32, height: u32, buffer: Buffer) -> Self {
+    fn new((width, height): (u32, u32), buffer: Buffer) -> Result<Self> {
         let bytes = width as usize * height as usize * buffer.pixel_bytes();
-        Self(vec![0; bytes.div_ceil(8)])
+        zeroed(bytes.div_ceil(8), &format!("a buffer of {width}x{height} pixels")).map(Self)
     }
     fn bytes(&self) -> &[u8] {
         bytemuck::cast_slice(&self.0)
@@ -133,21 +135,15 @@ pub(super) struct Spare {
 }
 
 impl Film {
-    /// With buffers for `outputs`; those of `spare` where they fit.
+    /// With buffers for `outputs`; those of `spare` where they fit. Fails with `NoMemory`.
     pub fn new(
         size: (u32, u32),
         outputs: Outputs,
         targets: &[(Buffer, Arc<dyn Target>)],
         spare: Option<Spare>,
-    ) -> Self {
-        let mut spare = spare.filter(|s| s.size == size);
-        let buffers = Buffer::ALL.map(|b| {
-            outputs.has(b).then(|| {
-                let old = spare.as_mut().and_then(|s| s.buffers[b as usize].take());
-                Mutex::new(old.unwrap_or_else(|| Pixels::new(size.0, size.1, b)))
-            })
-        });
-        Self { width: size.0, height: size.1, buffers, targets: targets.to_vec() }
+    ) -> Result<Self> {
+        let buffers = Spare::of(size, outputs, spare)?.buffers.map(|pixels| pixels.map(Mutex::new));
+        Ok(Self { width: size.0, height: size.1, buffers, targets: targets.to_vec() })
     }
 
     /// The buffers that anybody wants.
@@ -182,18 +178,16 @@ impl Film {
         }
     }
 
-    /// A copy of the buffers, into those of `spare` where they fit. For while no tile is rendered.
-    pub fn copy(&self, spare: Option<Spare>) -> Spare {
-        let size = (self.width, self.height);
-        let mut spare = spare.filter(|s| s.size == size);
-        let buffers = Buffer::ALL.map(|b| {
-            let from = self.buffers[b as usize].as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
-            let old = spare.as_mut().and_then(|s| s.buffers[b as usize].take());
-            let mut to = old.unwrap_or_else(|| Pixels::new(size.0, size.1, b));
-            to.0.copy_from_slice(&from.0);
-            Some(to)
-        });
-        Spare { size, buffers }
+    /// A copy of the buffers, into those of `spare` where they fit. For while no tile is rendered. Fails with `NoMemory`.
+    pub fn copy(&self, spare: Option<Spare>) -> Result<Spare> {
+        let outputs = Buffer::ALL.iter().filter(|b| self.buffers[**b as usize].is_some()).fold(Outputs(0), |all, b| all | Outputs::of(*b));
+        let mut copy = Spare::of((self.width, self.height), outputs, spare)?;
+        for (to, from) in copy.buffers.iter_mut().zip(&self.buffers) {
+            if let (Some(to), Some(from)) = (to, from) {
+                to.0.copy_from_slice(&from.lock().unwrap_or_else(PoisonError::into_inner).0);
+            }
+        }
+        Ok(copy)
     }
 
     /// The buffers, for another picture.
@@ -204,6 +198,21 @@ impl Film {
 }
 
 impl Spare {
+    /// Buffers for `outputs`, with whatever in them; those of `old` where they fit. Fails with `NoMemory`.
+    pub fn of(size: (u32, u32), outputs: Outputs, old: Option<Spare>) -> Result<Self> {
+        let mut buffers = old.filter(|s| s.size == size).map_or_else(Default::default, |s| s.buffers);
+        for b in Buffer::ALL {
+            let place = &mut buffers[b as usize];
+            let wanted = outputs.has(b);
+            match place {
+                Some(_) if !wanted => *place = None,
+                None if wanted => *place = Some(Pixels::new(size, b)?),
+                _ => {}
+            }
+        }
+        Ok(Self { size, buffers })
+    }
+
     /// The buffers as a complete picture.
     pub fn into_picture(self, request: u64, scene: Arc<SceneState>, rays: PixelRays) -> Picture {
         Picture { width: self.size.0, height: self.size.1, request, scene, rays, buffers: self.buffers }

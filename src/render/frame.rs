@@ -121,7 +121,7 @@ impl FrameSettings {
 }
 
 impl Frame {
-    /// A frame with buffers. `BadArgument` if the size is out of range.
+    /// A frame with buffers. `BadArgument` if the size is out of range, `NoMemory` if there is none for the buffers.
     pub fn new(context: &Context, options: FrameOptions) -> Result<Self> {
         check_size(options.width, options.height)?;
         let inner = Inner {
@@ -135,7 +135,7 @@ impl Frame {
             waking: false,
             callers: Vec::new(),
             front: None,
-            spare: None,
+            spare: Some(Spare::of((options.width, options.height), options.outputs, None)?),
             wake: None,
         };
         let view = Arc::new(context.residency().view());
@@ -159,8 +159,8 @@ impl Frame {
     /// Begins a picture of `scene` from `camera`; returns at once. What ran before is cancelled; if the frame
     /// has targets, its tiles in flight are waited for, so that nobody else writes to them.
     ///
-    /// Fails with `BadArgument` for a bad camera or settings, or a scene of another context;
-    /// then what ran goes on.
+    /// Fails with `BadArgument` for a bad camera or settings, or a scene of another context, and with `NoMemory` where there is none for
+    /// buffers beside those that are shown; then what ran goes on.
     pub fn request(&self, scene: &Arc<SceneState>, camera: &Camera, settings: &FrameSettings) -> Result<()> {
         if !scene.context().same(&self.context) {
             return Err(Error::bad_argument("the scene belongs to another context"));
@@ -173,7 +173,7 @@ impl Frame {
             let rays = camera.prepare(size.0, size.1)?;
             let mut inner = self.shared.inner();
             if inner.size == size {
-                break inner.begin(&self.shared, scene, rays, settings);
+                break inner.begin(&self.shared, scene, rays, settings)?;
             }
         };
         if let Some(before) = before {
@@ -234,15 +234,17 @@ impl Frame {
 
     /// Changes the size for requests from now on; cancels what runs. The last complete picture keeps its
     /// size until the next is complete. Targets are dropped, and not written any more when this returns.
-    /// `BadArgument` if out of range.
+    /// `BadArgument` if out of range, `NoMemory` if there is none for the buffers; then nothing has changed.
     pub fn resize(&self, width: u32, height: u32) -> Result<()> {
         check_size(width, height)?;
+        let outputs = self.shared.inner().outputs;
+        let spare = Spare::of((width, height), outputs, None)?;
         self.cancel();
         self.settle(0);
         let mut inner = self.shared.inner();
         inner.size = (width, height);
         inner.targets.clear();
-        inner.spare = None;
+        inner.spare = Some(spare);
         Ok(())
     }
 
@@ -326,10 +328,10 @@ impl Inner {
         scene: &Arc<SceneState>,
         rays: PixelRays,
         settings: &FrameSettings,
-    ) -> (Arc<Request>, Option<Arc<Request>>) {
+    ) -> Result<(Arc<Request>, Option<Arc<Request>>)> {
+        let film = Film::new(self.size, self.outputs, &self.targets, self.spare.take())?;
         self.requests += 1;
         self.unfinished += 1;
-        let film = Film::new(self.size, self.outputs, &self.targets, self.spare.take());
         let owner: Weak<Shared> = Arc::downgrade(shared);
         let is_same = |r: &Arc<Request>| Arc::ptr_eq(&r.scene, scene) && r.rays == rays && r.settings == *settings;
         let request = Request::new(Asked {
@@ -347,7 +349,7 @@ impl Inner {
         let running = self.ending.is_none();
         let before = self.request.replace(Arc::clone(&request));
         self.ending = None;
-        (request, before.filter(|_| running))
+        Ok((request, before.filter(|_| running)))
     }
 }
 
@@ -380,8 +382,9 @@ impl Owner for Shared {
             }
             inner.spare.take()
         };
-        // Under no lock: it is some megabytes.
-        let picture = film.copy(spare).into_picture(request.number, Arc::clone(&request.scene), request.rays);
+        // Under no lock: it is some megabytes. Where there is no memory for it the picture is shown when it is finished.
+        let Ok(copy) = film.copy(spare) else { return };
+        let picture = copy.into_picture(request.number, Arc::clone(&request.scene), request.rays);
         let wake = {
             let mut inner = self.inner();
             let newer = inner.front.as_ref().is_none_or(|p| p.request <= request.number);

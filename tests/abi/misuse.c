@@ -54,6 +54,18 @@ static void wake(void *user) {
     ++*(int *)user;
 }
 
+/* A job, and when it was released in its own wake function. */
+typedef struct { oc_job *job; int released; } own_job;
+static void release_own(void *user) {
+    own_job *own = (own_job *)user;
+    oc_progress progress;
+    OC_INIT(&progress);
+    OK(oc_job_wait(own->job, OC_FOREVER, &progress)); /* it has ended: nothing to wait for */
+    CHECK(progress.state == OC_STATE_DONE || progress.state == OC_STATE_CANCELLED);
+    oc_job_release(own->job);
+    own->released++;
+}
+
 static int log_lines[5];
 static void count_lines(void *user, oc_log_level level, const char *message) {
     CHECK(user == log_lines && level >= OC_LOG_ERROR && level <= OC_LOG_DEBUG && *message);
@@ -624,7 +636,7 @@ static oc_scene *scenes(oc_context *c) {
     return s0;
 }
 
-static void queries(oc_scene *s0) {
+static void queries(oc_context *c, oc_scene *s0) {
     oc_ray ray = {{0.1, 0.1, -1}, 0, 0, {0, 0, 1}, 0, 0, 0};
     oc_query q;
     oc_hit *hit = (oc_hit *)malloc(sizeof *hit);
@@ -694,6 +706,23 @@ static void queries(oc_scene *s0) {
     OK(oc_job_set_wake(job, wake, &woken)); /* it has ended: called at once */
     CHECK(woken == 2);
     oc_job_release(job);
+    /* Released in its own wake function, from wherever that is called: from set_wake, wait or cancel here, or by a thread of the context. */
+    for (int i = 0; i < 300; i++) {
+        own_job own = {NULL, 0};
+        OK(oc_scene_closest_start(s0, &q, hit, 0, &own.job));
+        oc_job *job = own.job;
+        oc_job_retain(job);
+        OK(oc_job_set_wake(job, release_own, &own));
+        if (i % 3 == 1) OK(oc_job_cancel(job));
+        OK(oc_job_wait(job, OC_FOREVER, &progress));
+        CHECK(own.released == 1);
+        oc_job_release(job);
+        /* Without a count beside it. */
+        own.released = 0;
+        OK(oc_scene_any_start(s0, &q, &any, 0, &own.job));
+        OK(oc_job_set_wake(own.job, release_own, &own));
+        while (!*(volatile int *)&own.released) OK(oc_context_step(c));
+    }
     /* Rays that cannot hit. */
     const float directions[4][3] = {{0, 0, 0}, {NAN, 0, 1}, {INFINITY, 0, 0}, {0, 0, -1}};
     for (int i = 0; i < 4; i++) {
@@ -1031,7 +1060,7 @@ int main(int argc, char **argv) {
     budgets();
     lying_sources(c);
     oc_scene *s0 = scenes(c);
-    queries(s0);
+    queries(c, s0);
     ways_to_give_rays(s0);
     overlaps(s0);
     prefetches(s0);
