@@ -7,13 +7,16 @@
  * Rules that hold everywhere
  *
  * Status.    Every call that can fail returns an oc_status. Outputs are written only when it is
- *            OC_STATUS_OK. oc_last_error() has the reason in words.
+ *            OC_STATUS_OK. oc_last_error() has the reason in words. NULL where a pointer is asked
+ *            for, a number out of the range said and a flag that is not known are
+ *            OC_STATUS_INVALID_ARGUMENT in all calls.
  * Structs    that you fill begin with `struct_size`: OC_INIT(&s), or oc_init(&s, sizeof s) where
  *            there are no macros, zeroes a struct and sets it. Zero means the default everywhere.
  * Objects    are counted: whoever gets one through an `out_` parameter owns one count, gives it
  *            back with oc_*_release, and may add one with oc_*_retain. Releasing NULL does
  *            nothing. An object keeps alive what it was made from. Objects of two contexts never
- *            mix.
+ *            mix. An object of another kind than a call wants is refused; one that was released
+ *            for the last time is gone: what a call does with it is undefined.
  * const      means that the object does not change; calls that take it const may run at the same
  *            time in any threads. Others say so under `Thread safety`.
  * Pointers   may be NULL only where that is said. A count of 0 ignores its pointer. A stride is in
@@ -194,7 +197,7 @@ typedef struct oc_context_desc {
     /** Set by OC_INIT. */
     uint32_t struct_size;
     /**
-     * Threads that trace. 0: none; then the caller drives, by oc_context_step or by waiting.
+     * Threads that trace, up to 4096. 0: none; then the caller drives, by oc_context_step or by waiting.
      * OC_ALL_THREADS: one for each core. Ignored with an executor.
      */
     uint32_t threads;
@@ -236,7 +239,7 @@ typedef struct oc_build_desc {
     oc_structure structure;
     /** Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no limit. */
     uint64_t memory_budget;
-    /** The folder of temporary files; NULL: the system's. */
+    /** The folder of temporary files; NULL: the system's (`TMPDIR`, where that is set). Not looked at before the first is written. */
     const char *temp_dir;
     /** Length unit, in place of what the input says. 0: as the input says. */
     double metres_per_unit;
@@ -245,8 +248,8 @@ typedef struct oc_build_desc {
     /** An OC_SPLITS_ number. */
     oc_splits splits;
     /**
-     * Threads. 0: as many as the context has; OC_ALL_THREADS: one for each core. In a context without
-     * threads of its own a build has the one thread that does it. The file does not depend on it.
+     * Threads, up to 4096; the build starts its own. 0: as many as the context has; OC_ALL_THREADS: one for each core. In a context
+     * without threads of its own a build has the one thread that does it. The file does not depend on it.
      */
     uint32_t threads;
     /** Must be 0. */
@@ -275,7 +278,7 @@ typedef struct oc_part {
     uint32_t struct_size;
     /** A number of oc_build_add_material; 0: the default material. */
     uint32_t material;
-    /** The caller's own id, new in this build; hits and pictures tell it. */
+    /** The caller's own id, new in this build, and not OC_NO_ID; hits and pictures tell it. */
     uint64_t id;
     /** The id of the part above it, added before; used if `has_parent` is 1. */
     uint64_t parent;
@@ -570,8 +573,9 @@ typedef uint32_t oc_hit_kind;
 /** The closest hit of a ray; an element of an array. What was not asked for is as for a miss. */
 typedef struct oc_hit {
     /**
-     * Distance in units of the direction's length; infinity for a miss. In double precision with `OC_WANT_POSITION` or
-     * `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
+     * Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what lies behind a hit is found
+     * from the next number after its `t` on. (Not what is nearer to it than `t` less `t_free`: such surfaces may be taken for each other.) In double
+     * precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
      * than its last digits.
      */
     double t;
@@ -780,6 +784,12 @@ typedef struct oc_pixels {
 
 /** The machine: reading or writing failed, or a thread could not be started. */
 #define OC_STATUS_IO 500
+
+/**
+ * The machine: it gave no memory for something large (a picture, the meshes of a build); `oc_last_error` says how many bytes for what. Nothing
+ * changed, or it is as after any other error. (Where it gives none for something small the process ends, as Rust programs do.)
+ */
+#define OC_STATUS_OUT_OF_MEMORY 501
 
 /**
  * Us: a defect in the library. The object is poisoned. What it was is in oc_last_error, and for background work in
@@ -1139,7 +1149,8 @@ OC_API oc_status oc_job_cancel(const struct oc_job *job);
  * Has `wake` called once, when the job ends; if it has ended already, now, from this call. Replaces an
  * earlier one; NULL: nobody is called.
  *
- * `user` must stay usable until `wake` was called or replaced.
+ * `user` must stay usable until `wake` was called or replaced. `wake` may release the job; then what the job was for is done, and its
+ * arrays are the caller's again.
  * Thread safety: any thread. Cheap.
  */
 OC_API
@@ -1149,7 +1160,7 @@ oc_status oc_job_set_wake(const struct oc_job *job,
 
 /**
  * The model that a job of oc_model_load has opened. OC_STATUS_INVALID_STATE before it is done, or
- * if it failed.
+ * if it failed; of a job of another kind, that or OC_STATUS_INVALID_ARGUMENT.
  *
  * Ownership: the caller owns a count of the model. Thread safety: any thread. Cheap.
  */
@@ -1161,9 +1172,11 @@ OC_API void oc_job_retain(struct oc_job *job);
 /**
  * Takes a count back; with the last one the job is cancelled. NULL does nothing.
  *
- * Thread safety: any thread. Blocks for a batch of rays, until nobody uses its arrays; else cheap.
+ * Thread safety: any thread, also from the job's own wake function. Blocks for a batch of rays, until nobody uses its arrays and the wake
+ * function, if it is just being called by another thread, has returned; else cheap.
  */
-OC_API void oc_job_release(struct oc_job *job);
+OC_API
+void oc_job_release(struct oc_job *job);
 
 /**
  * Makes a context. `header_version` is OC_HEADER_VERSION, so that a program and a library that do not
@@ -1180,7 +1193,7 @@ oc_status oc_context_create(uint32_t header_version,
                             struct oc_context **out_context);
 
 /**
- * Does one small piece of waiting work in this thread, if there is any: a few milliseconds of a frame or a
+ * Does one small piece of waiting work in this thread, if there is any: some tens of microseconds to a few milliseconds of a frame or a
  * batch of rays, or a whole build or load of a context without threads. `out_did`, which may be NULL,
  * gets 1 if there was any, else 0.
  *
@@ -1234,8 +1247,9 @@ oc_status oc_build_add_file(struct oc_build *build,
                             const char *path);
 
 /**
- * Begins to make the file at `path`, in the background: a thread of the context's, one task of the executor, or,
- * without either, inside oc_job_wait or oc_context_step. Nothing can be added any more.
+ * Begins to make the file at `path`, in the background: in a thread that is started for it, one task of the executor, or,
+ * where the context has neither threads nor an executor, inside oc_job_wait or oc_context_step. Nothing can be added any more, also
+ * if OC_STATUS_IO says that the thread could not be started.
  *
  * The file appears under its name when the job is done; until then what was there stays. If the job fails or is
  * cancelled no temporary is left.
@@ -1300,8 +1314,8 @@ oc_status oc_build_add_instance(struct oc_build *build,
  * Adds triangles of one part from the caller's memory. NaN, infinite and flat ones may be among them: they
  * are counted and left out.
  *
- * OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_OVER_BUDGET if the
- * build's memory is used up: the build can then only be released.
+ * OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_IO if the temporary that takes what is beyond
+ * the build's budget cannot be written: the build can then only be released.
  * Thread safety: any thread. Blocks while it copies.
  */
 OC_API
@@ -1309,11 +1323,14 @@ oc_status oc_build_add_triangles(struct oc_build *build,
                                  const struct oc_triangles *triangles);
 
 /**
- * What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed.
+ * What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed; of a job of another kind, that or
+ * OC_STATUS_INVALID_ARGUMENT.
  *
  * Thread safety: any thread. Cheap.
  */
-OC_API oc_status oc_job_build_report(const struct oc_job *job, struct oc_build_report *out_report);
+OC_API
+oc_status oc_job_build_report(const struct oc_job *job,
+                              struct oc_build_report *out_report);
 
 /**
  * Something that the user should know about an input, though it could be read; `index` below the report's `notes`.
@@ -1414,7 +1431,7 @@ OC_API void oc_model_release(struct oc_model *model);
 OC_API oc_status oc_scene_create(const struct oc_context *context, struct oc_scene **out_scene);
 
 /**
- * Adds a model as an instance with the caller's own `id`, which must be new in the scene.
+ * Adds a model as an instance with the caller's own `id`, which must be new in the scene, and not OC_NO_ID.
  * `world_from_model`: 12 doubles, invertible; NULL leaves the model where it is.
  *
  * Ownership: the scene keeps the model alive. Thread safety: any thread. Cheap.
@@ -1485,7 +1502,7 @@ OC_API oc_status oc_scene_clear_part_looks(struct oc_scene *scene, uint64_t inst
 /**
  * Replaces all lights; none at all leaves the ambient light of the frame.
  *
- * `lights`: `count` of them, `stride` bytes apart (0: tightly packed). Thread safety: any thread. Cheap.
+ * `lights`: `count` of them, up to 65536, `stride` bytes apart (0: tightly packed). Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_scene_set_lights(struct oc_scene *scene,
@@ -1533,7 +1550,7 @@ oc_status oc_scene_closest(const struct oc_scene *scene,
                            uint64_t hit_stride);
 
 /**
- * Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` is ignored. With OC_QUERY_NOW, 1 also
+ * Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` changes nothing (but is checked). With OC_QUERY_NOW, 1 also
  * stands for rays of which that is not known. With a footprint, 0 may also be a ray that stand-ins let through.
  *
  * `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not
@@ -1588,7 +1605,7 @@ oc_status oc_scene_overlap_box(const struct oc_scene *scene,
                                uint64_t *out_count);
 
 /**
- * Finds the visible parts that meet the intersection of half spaces (a frustum has 6), exactly: by triangle.
+ * Finds the visible parts that meet the intersection of half spaces (a frustum has 6; 1 to 4096), exactly: by triangle.
  *
  * The list comes out as that of oc_scene_overlap_box. Thread safety: any thread. Blocks; may read the disk.
  */
@@ -1601,7 +1618,8 @@ oc_status oc_scene_overlap_frustum(const struct oc_scene *scene,
                                    uint64_t *out_count);
 
 /**
- * Makes a frame. `desc` may be NULL: all defaults.
+ * Makes a frame. `desc` may be NULL: all defaults. OC_STATUS_OUT_OF_MEMORY if the system gives none for its buffers. (Most systems give
+ * memory that they have not, as long as nobody writes there: a picture larger than the machine's memory may end the process later.)
  *
  * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
  */
@@ -1622,7 +1640,8 @@ oc_status oc_frame_create(const struct oc_context *context,
  * damaged; the next request asks for it again).
  *
  * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number or infinite, a `poe` below 0, more than 1024 samples,
- * or a camera out of its ranges; then what the frame was rendering goes on.
+ * or a camera out of its ranges; OC_STATUS_OUT_OF_MEMORY if the system gives none for a picture beside the one that can be mapped; then what the
+ * frame was rendering goes on.
  * Thread safety: any thread. Cheap.
  */
 OC_API
@@ -1659,7 +1678,7 @@ oc_status oc_frame_cancel(struct oc_frame *frame);
 
 /**
  * Changes the size from the next request on; cancels what is rendering and lets go of the targets. The last
- * complete picture keeps its size until the next is complete.
+ * complete picture keeps its size until the next is complete. OC_STATUS_OUT_OF_MEMORY as for oc_frame_create; then nothing changes.
  *
  * Thread safety: any thread. Blocks until nobody writes to the targets any more.
  */

@@ -91,7 +91,7 @@ pub struct oc_build_desc {
     pub structure: oc_structure,
     /// Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no limit.
     pub memory_budget: u64,
-    /// The folder of temporary files; NULL: the system's.
+    /// The folder of temporary files; NULL: the system's (`TMPDIR`, where that is set). Not looked at before the first is written.
     pub temp_dir: *const c_char,
     /// Length unit, in place of what the input says. 0: as the input says.
     pub metres_per_unit: f64,
@@ -99,8 +99,8 @@ pub struct oc_build_desc {
     pub up: u32,
     /// An OC_SPLITS_ number.
     pub splits: oc_splits,
-    /// Threads. 0: as many as the context has; OC_ALL_THREADS: one for each core. In a context without
-    /// threads of its own a build has the one thread that does it. The file does not depend on it.
+    /// Threads, up to 4096; the build starts its own. 0: as many as the context has; OC_ALL_THREADS: one for each core. In a context
+    /// without threads of its own a build has the one thread that does it. The file does not depend on it.
     pub threads: u32,
     /// Must be 0.
     pub reserved: u32,
@@ -121,10 +121,18 @@ fn threads(asked: u32, context: &ContextObject) -> usize {
     }
 }
 
+/// More threads than any machine has: a number that was not meant.
+pub(super) fn check_threads(asked: u32, name: &str) -> Checked<()> {
+    if asked <= MOST_THREADS || asked == OC_ALL_THREADS { Ok(()) } else { bad(format!("{name} is {asked}; up to {MOST_THREADS}")) }
+}
+
+const MOST_THREADS: u32 = 4096;
+
 /// # Safety
 /// The pointers in `desc` are as its members say.
 unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<BuildOptions> {
     reserved(desc.reserved, "oc_build_desc.reserved")?;
+    check_threads(desc.threads, "oc_build_desc.threads")?;
     let structure = match desc.structure {
         OC_STRUCTURE_DEFAULT | OC_STRUCTURE_BVH => Structure::Bvh,
         other => return bad(format!("oc_build_desc.structure {other} is unknown")),
@@ -205,8 +213,9 @@ pub unsafe extern "C" fn oc_build_add_file(build: *mut oc_build, path: *const c_
     })
 }
 
-/// Begins to make the file at `path`, in the background: a thread of the context's, one task of the executor, or,
-/// without either, inside oc_job_wait or oc_context_step. Nothing can be added any more.
+/// Begins to make the file at `path`, in the background: in a thread that is started for it, one task of the executor, or,
+/// where the context has neither threads nor an executor, inside oc_job_wait or oc_context_step. Nothing can be added any more, also
+/// if OC_STATUS_IO says that the thread could not be started.
 ///
 /// The file appears under its name when the job is done; until then what was there stays. If the job fails or is
 /// cancelled no temporary is left.

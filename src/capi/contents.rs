@@ -2,6 +2,7 @@
 
 use super::build::{Input, oc_build, with_input};
 use super::guard::{self, Checked, Sized32, bad, boundary, out, read, reserved};
+use super::query::check_id;
 use super::status::oc_status;
 use super::view::transform;
 use crate::import::{MaterialDesc, MeshKey, PartDesc, PartKey, Sink};
@@ -80,7 +81,7 @@ pub struct oc_part {
     pub struct_size: u32,
     /// A number of oc_build_add_material; 0: the default material.
     pub material: u32,
-    /// The caller's own id, new in this build; hits and pictures tell it.
+    /// The caller's own id, new in this build, and not OC_NO_ID; hits and pictures tell it.
     pub id: u64,
     /// The id of the part above it, added before; used if `has_parent` is 1.
     pub parent: u64,
@@ -108,6 +109,7 @@ pub unsafe extern "C" fn oc_build_add_part(build: *mut oc_build, part: *const oc
     boundary(|| unsafe {
         let part = read(part)?;
         reserved(part.reserved, "oc_part.reserved")?;
+        check_id(part.id)?;
         let name = guard::optional_text(part.name, "oc_part.name")?.unwrap_or("").to_string();
         with_input(build, |input| input.add_part(&part, name))
     })

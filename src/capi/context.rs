@@ -89,7 +89,7 @@ pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
 pub struct oc_context_desc {
     /// Set by OC_INIT.
     pub struct_size: u32,
-    /// Threads that trace. 0: none; then the caller drives, by oc_context_step or by waiting.
+    /// Threads that trace, up to 4096. 0: none; then the caller drives, by oc_context_step or by waiting.
     /// OC_ALL_THREADS: one for each core. Ignored with an executor.
     pub threads: u32,
     /// Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three
@@ -296,6 +296,7 @@ pub unsafe extern "C" fn oc_context_create(
         if desc.flags & !OC_CONTEXT_NO_READ_AHEAD != 0 {
             return super::guard::bad(format!("oc_context_desc.flags {:#x}: some are unknown", desc.flags));
         }
+        super::build::check_threads(desc.threads, "oc_context_desc.threads")?;
         let isa = instruction_set(desc.instruction_set)?;
         let host = host_executor(desc.executor)?;
         let log = desc.log.map(|log| {
@@ -343,7 +344,7 @@ fn check_version(header: u32) -> super::guard::Checked<()> {
     )))
 }
 
-/// Does one small piece of waiting work in this thread, if there is any: a few milliseconds of a frame or a
+/// Does one small piece of waiting work in this thread, if there is any: some tens of microseconds to a few milliseconds of a frame or a
 /// batch of rays, or a whole build or load of a context without threads. `out_did`, which may be NULL,
 /// gets 1 if there was any, else 0.
 ///

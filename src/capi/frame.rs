@@ -80,7 +80,8 @@ unsafe fn options(desc: *const oc_frame_desc) -> Checked<FrameOptions> {
     Ok(FrameOptions { width, height, outputs, targets })
 }
 
-/// Makes a frame. `desc` may be NULL: all defaults.
+/// Makes a frame. `desc` may be NULL: all defaults. OC_STATUS_OUT_OF_MEMORY if the system gives none for its buffers. (Most systems give
+/// memory that they have not, as long as nobody writes there: a picture larger than the machine's memory may end the process later.)
 ///
 /// Ownership: the caller owns a count. Thread safety: any thread. Cheap.
 /// # Safety
@@ -144,7 +145,8 @@ impl oc_frame_settings {
 /// damaged; the next request asks for it again).
 ///
 /// OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number or infinite, a `poe` below 0, more than 1024 samples,
-/// or a camera out of its ranges; then what the frame was rendering goes on.
+/// or a camera out of its ranges; OC_STATUS_OUT_OF_MEMORY if the system gives none for a picture beside the one that can be mapped; then what the
+/// frame was rendering goes on.
 /// Thread safety: any thread. Cheap.
 /// # Safety
 /// Live handles; `camera` initialised; `settings` initialised or NULL.
@@ -260,7 +262,7 @@ pub unsafe extern "C" fn oc_frame_cancel(frame: *mut oc_frame) -> oc_status {
 }
 
 /// Changes the size from the next request on; cancels what is rendering and lets go of the targets. The last
-/// complete picture keeps its size until the next is complete.
+/// complete picture keeps its size until the next is complete. OC_STATUS_OUT_OF_MEMORY as for oc_frame_create; then nothing changes.
 ///
 /// Thread safety: any thread. Blocks until nobody writes to the targets any more.
 /// # Safety

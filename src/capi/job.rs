@@ -305,7 +305,7 @@ pub unsafe extern "C" fn oc_job_set_wake(job: *const oc_job, wake: oc_wake_fn, u
 }
 
 /// The model that a job of oc_model_load has opened. OC_STATUS_INVALID_STATE before it is done, or
-/// if it failed.
+/// if it failed; of a job of another kind, that or OC_STATUS_INVALID_ARGUMENT.
 ///
 /// Ownership: the caller owns a count of the model. Thread safety: any thread. Cheap.
 /// # Safety

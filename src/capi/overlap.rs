@@ -97,7 +97,7 @@ pub unsafe extern "C" fn oc_scene_overlap_box(
     })
 }
 
-/// Finds the visible parts that meet the intersection of half spaces (a frustum has 6), exactly: by triangle.
+/// Finds the visible parts that meet the intersection of half spaces (a frustum has 6; 1 to 4096), exactly: by triangle.
 ///
 /// The list comes out as that of oc_scene_overlap_box. Thread safety: any thread. Blocks; may read the disk.
 /// # Safety
@@ -116,6 +116,9 @@ pub unsafe extern "C" fn oc_scene_overlap_frustum(
         let out_count = out(out_count, "out_count")?;
         if plane_count > MAX_PLANES {
             return bad(format!("{plane_count} planes; at most {MAX_PLANES}"));
+        }
+        if plane_count == 0 {
+            return bad("plane_count is 0: without planes there is no volume");
         }
         let planes = Strided::new(planes, plane_count, 0, "planes")?;
         let parts = Strided::new(out_parts, capacity, 0, "out_parts")?;

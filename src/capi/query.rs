@@ -52,12 +52,18 @@ pub const OC_HIT_MISSING: oc_hit_kind = 3;
 /// The id where there is none: of a miss, or not asked for.
 pub const OC_NO_ID: u64 = 0xFFFFFFFFFFFFFFFF;
 
+/// Nothing may be called as nothing is.
+pub(super) fn check_id(id: u64) -> Checked<()> {
+    if id == OC_NO_ID { bad("OC_NO_ID is nothing's id") } else { Ok(()) }
+}
+
 /// The closest hit of a ray; an element of an array. What was not asked for is as for a miss.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_hit {
-    /// Distance in units of the direction's length; infinity for a miss. In double precision with `OC_WANT_POSITION` or
-    /// `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
+    /// Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what lies behind a hit is found
+    /// from the next number after its `t` on. (Not what is nearer to it than `t` less `t_free`: such surfaces may be taken for each other.) In double
+    /// precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
     /// than its last digits.
     pub t: f64,
     /// Where, in world space; infinity for a miss.
@@ -268,7 +274,7 @@ pub unsafe extern "C" fn oc_scene_closest(
     })
 }
 
-/// Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` is ignored. With OC_QUERY_NOW, 1 also
+/// Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` changes nothing (but is checked). With OC_QUERY_NOW, 1 also
 /// stands for rays of which that is not known. With a footprint, 0 may also be a ray that stand-ins let through.
 ///
 /// `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not

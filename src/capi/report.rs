@@ -67,7 +67,8 @@ unsafe impl Sized32 for oc_build_report {
     const NAME: &'static str = "oc_build_report";
 }
 
-/// What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed.
+/// What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed; of a job of another kind, that or
+/// OC_STATUS_INVALID_ARGUMENT.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety

@@ -4,6 +4,7 @@ use super::context::{ContextObject, oc_context};
 use super::guard::{Checked, Sized32, Strided, bad, boundary, out, read, read_or_default, reserved};
 use super::handles::{self, Shell, handle};
 use super::model::{ModelObject, oc_model};
+use super::query::check_id;
 use super::status::oc_status;
 use super::view::transform;
 use crate::scene::{Background, Light, LightKind, Scene, State};
@@ -129,7 +130,7 @@ pub unsafe extern "C" fn oc_scene_create(context: *const oc_context, out_scene: 
     })
 }
 
-/// Adds a model as an instance with the caller's own `id`, which must be new in the scene.
+/// Adds a model as an instance with the caller's own `id`, which must be new in the scene, and not OC_NO_ID.
 /// `world_from_model`: 12 doubles, invertible; NULL leaves the model where it is.
 ///
 /// Ownership: the scene keeps the model alive. Thread safety: any thread. Cheap.
@@ -145,6 +146,7 @@ pub unsafe extern "C" fn oc_scene_add_instance(
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let model: &Shell<ModelObject> = handles::borrow(model)?;
+        check_id(id)?;
         handles::with(scene, |scene: &Shell<SceneObject>| {
             Ok(scene.scene.add_instance(&model.model, id, transform(world_from_model))?)
         })
@@ -255,7 +257,7 @@ const MAX_LIGHTS: u64 = 65536;
 
 /// Replaces all lights; none at all leaves the ambient light of the frame.
 ///
-/// `lights`: `count` of them, `stride` bytes apart (0: tightly packed). Thread safety: any thread. Cheap.
+/// `lights`: `count` of them, up to 65536, `stride` bytes apart (0: tightly packed). Thread safety: any thread. Cheap.
 /// # Safety
 /// Live handle; the array is as said.
 #[unsafe(no_mangle)]

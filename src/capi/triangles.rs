@@ -88,7 +88,7 @@ impl Soup {
         };
         let name = "oc_triangles.indices";
         let (indices, corners) = match t.index {
-            OC_INDEX_NONE if t.indices.is_null() => (Indices::None, count),
+            OC_INDEX_NONE if t.indices.is_null() && t.index_count == 0 => (Indices::None, count),
             OC_INDEX_NONE => return bad("oc_triangles: there are indices, but oc_triangles.index does not say which"),
             OC_INDEX_U32 => (Indices::U32(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count),
             OC_INDEX_U64 => (Indices::U64(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count),
@@ -160,8 +160,8 @@ const BATCH: usize = 4096;
 /// Adds triangles of one part from the caller's memory. NaN, infinite and flat ones may be among them: they
 /// are counted and left out.
 ///
-/// OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_OVER_BUDGET if the
-/// build's memory is used up: the build can then only be released.
+/// OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_IO if the temporary that takes what is beyond
+/// the build's budget cannot be written: the build can then only be released.
 /// Thread safety: any thread. Blocks while it copies.
 /// # Safety
 /// Live handle; `triangles` initialised, its arrays as said.

@@ -5,7 +5,7 @@ use super::stand_in;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::scene::placed::Placed;
-use crate::scene::walk::{Found, Need, SceneView, SceneWalk, Step};
+use crate::scene::walk::{Ends, Found, Need, SceneView, SceneWalk, Step};
 use crate::structure::bvh::trace::{Triangle, TreeView};
 use glam::{DVec3, Vec3};
 
@@ -127,14 +127,14 @@ impl Plane {
     }
 }
 
-/// Meets the triangle again, in double precision.
+/// Meets the triangle again, in double precision. `found`: where the walk met it.
 ///
 /// The ray's t is where it meets the triangle's plane. Nearly edge-on that is ill-conditioned, and
 /// the walk's own t, or the one nearest to the triangle's point, may leave a smaller gap: the
 /// smallest wins. So the answer is judged by its outcome: `gap` is measured, not estimated. The ray's interval has no say: where it meets
 /// a triangle is the same in any.
 #[inline]
-pub(crate) fn meet(placed: &Placed, triangle: &Triangle, ray: &Ray, found: &Found) -> Meeting {
+pub(crate) fn meet(placed: &Placed, triangle: &Triangle, ray: &Ray, found: f64) -> Meeting {
     let plane = Plane::new(triangle);
     let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
     let at = |t: f64| {
@@ -143,10 +143,10 @@ pub(crate) fn meet(placed: &Placed, triangle: &Triangle, ray: &Ray, found: &Foun
         Meeting { t, weights, gap }
     };
     let t = plane.normal.dot(plane.corner - org) / plane.normal.dot(dir);
-    let best = if t.is_finite() { at(t) } else { at(found.t) };
+    let best = if t.is_finite() { at(t) } else { at(found) };
     // In the plane to rounding, and within the triangle: nothing to gain.
     let rounding = (org.abs().max_element() + dir.abs().max_element() * best.t.abs()) * 1e-14;
-    if best.gap <= rounding { best } else { least_gap(&plane, org, dir, [best, at(found.t)], at) }
+    if best.gap <= rounding { best } else { least_gap(&plane, org, dir, [best, at(found)], at) }
 }
 
 /// The better of two meetings, and of that with the ray's point nearest to the better's.
@@ -163,34 +163,49 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
 /// what is behind that, or nothing, and so the hit.
 #[inline(always)]
 pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &mut Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
-    let is_within = work_out(view, last, ray, found, want, hit)?;
-    if !is_within { go_past(view, ray, found, want, hit) } else { Ok(()) }
+    if work_out(view, last, ray, found, want, hit)? { Ok(()) } else { go_past(view, ray, found, want, hit) }
 }
 
-/// Takes a ray past what it finds outside of its interval: begun anew, with all of that left out, until what it finds is within. (Rays that begin right
-/// at a surface, as whoever peels off layer after layer asks for them; of others one in some ten thousand.)
+/// Takes a ray past what it finds outside of its interval: begun anew, each hit seen in double precision. (Rays that begin right at a surface, as whoever
+/// peels off layer after layer asks for them; of others one in some ten thousand.)
 #[cold]
 #[inline(never)]
 fn go_past(view: &SceneView, ray: &Ray, found: &mut Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
-    let (mut except, mut walk, mut now) = (Vec::<(u32, Vec<[u32; 2]>)>::new(), SceneWalk::default(), *found);
-    loop {
-        let place = [now.tri.block, now.tri.tri];
-        match except.iter_mut().find(|(placed, _)| *placed == now.placed) {
-            Some((_, places)) => places.push(place),
-            None => except.push((now.placed, vec![place])),
-        }
-        let view = SceneView { except: &except, ..*view };
-        walk.begin(&view, ray);
-        *hit = Hit::MISS;
-        if let Step::Pending(need) = view.trace::<false>(ray, &mut walk) {
-            return Err(need);
-        }
-        now = walk.best();
-        if !now.is_hit() || work_out(&view, &mut Last::new(), ray, &now, want, hit)? {
-            *found = now;
-            return Ok(());
-        }
+    *hit = Hit::MISS;
+    let judge = Judge { placed: &view.scene.placement.placed, ray };
+    let view = SceneView { within: Some(&judge), ..*view };
+    let mut walk = SceneWalk::default();
+    walk.begin(&view, ray);
+    if let Step::Pending(need) = view.trace::<false>(ray, &mut walk) {
+        return Err(need);
     }
+    let behind = walk.best();
+    if behind.is_hit() {
+        let is_within = work_out(&view, &mut Last::new(), ray, &behind, want, hit)?;
+        debug_assert!(is_within, "{ray:?}: {behind:?}");
+    }
+    *found = behind;
+    Ok(())
+}
+
+/// Which hits are within a ray's interval, as [`work_out`] sees it.
+#[derive(Debug)]
+struct Judge<'a> {
+    placed: &'a [Placed],
+    ray: &'a Ray,
+}
+
+impl Ends for Judge<'_> {
+    fn triangle(&self, placed: u32, triangle: &Triangle, t: f64) -> bool {
+        is_within(self.ray, meet(&self.placed[placed as usize], triangle, self.ray, t).t)
+    }
+    fn cell(&self, t: f64) -> bool {
+        is_within(self.ray, t)
+    }
+}
+
+fn is_within(ray: &Ray, t: f64) -> bool {
+    (ray.t_min..=ray.t_max).contains(&t)
 }
 
 /// [`finish`] of just this hit; false if it is not within the ray's interval after all.
@@ -216,7 +231,7 @@ fn go_past(view: &SceneView, ray: &Ray, found: &mut Found, want: Want, hit: &mut
 fn work_out<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<bool, Need> {
     if let Some(cell) = found.tri.stand_in() {
         // What a cell that is met before the ray begins holds is met one by one. What is missing cannot be.
-        if view.looks_beyond && !cell.is_missing && !(ray.t_min..=ray.t_max).contains(&found.t) {
+        if view.looks_beyond && !cell.is_missing && !is_within(ray, found.t) {
             return Ok(false);
         }
         let Some(look) = stand_in::look(view, ray, found) else {
@@ -237,7 +252,7 @@ fn work_out<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Fo
     if want.has(Want::UV) {
         hit.uv = [found.tri.u, found.tri.v];
     }
-    let mut is_within = true;
+    let mut within = true;
     let is_near_end = view.looks_beyond && !want.any_of(Want::MEETING) && placed.is_near_end(ray, found.t);
     if want.any_of(Want::SURFACE) || is_near_end {
         let Some(surface) = last.surface(view, found, want) else {
@@ -253,10 +268,10 @@ fn work_out<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Fo
         }
         if want.any_of(Want::MEETING) || is_near_end {
             fill_from_meeting(placed, ray, found, &surface.triangle, want, hit);
-            is_within = !view.looks_beyond || (ray.t_min..=ray.t_max).contains(&hit.t);
+            within = !view.looks_beyond || is_within(ray, hit.t);
         }
     }
-    if !is_within {
+    if !within {
         return Ok(false);
     }
     // Last: it is what may be missing, and all else is then known.
@@ -299,7 +314,7 @@ pub(super) fn free(view: &SceneView, ray: &Ray, walk: &mut SceneWalk, hit: &mut 
 /// What needs the hit in double precision.
 #[inline(never)]
 fn fill_from_meeting(placed: &Placed, ray: &Ray, found: &Found, triangle: &Triangle, want: Want, hit: &mut Hit) {
-    let meeting = meet(placed, triangle, ray, found);
+    let meeting = meet(placed, triangle, ray, found.t);
     hit.t = meeting.t;
     if want.has(Want::UV) {
         hit.uv = meeting.weights.map(|w| w as f32);
@@ -381,7 +396,6 @@ fn extreme_normal(normal: DVec3, dir: DVec3) -> DVec3 {
 mod tests {
     use super::*;
     use crate::scene::placed::Placed;
-    use crate::structure::bvh::trace::TriHit;
     use glam::{DAffine3, DMat3, Vec3};
 
     fn placed(offset: DVec3, linear: DMat3) -> Placed {
@@ -392,17 +406,13 @@ mod tests {
         Triangle { vertices: v.map(Vec3::from), part: 0 }
     }
 
-    fn found(t: f64) -> Found {
-        Found { placed: 0, tri: TriHit { t: t as f32, u: 0.3, v: 0.3, block: 0, tri: 0 }, ..Found::nothing(t) }
-    }
-
     #[test]
     fn far_from_zero_the_distance_keeps_its_digits() {
         let offset = DVec3::new(1e7, -2e7, 3e7);
         let p = placed(offset, DMat3::IDENTITY);
         let t = triangle([[0.0, 0.0, 0.5], [1.0, 0.0, 0.5], [0.0, 1.0, 0.5]]);
         let ray = Ray::new(offset + DVec3::new(0.25, 0.25, 4.0), Vec3::new(0.0, 0.0, -1.0));
-        let m = meet(&p, &t, &ray, &found(3.4999));
+        let m = meet(&p, &t, &ray, 3.4999);
         assert!((m.t - 3.5).abs() < 1e-8, "{m:?}");
         assert!((m.weights[0] - 0.25).abs() < 1e-8 && m.gap < 1e-8);
     }
@@ -426,11 +436,11 @@ mod tests {
         let p = placed(DVec3::ZERO, DMat3::IDENTITY);
         let t = triangle([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
         let ray = Ray::new(DVec3::new(-1.0, 0.25, 0.0), Vec3::X);
-        let m = meet(&p, &t, &ray, &found(1.25));
+        let m = meet(&p, &t, &ray, 1.25);
         assert!((1.0..=1.75).contains(&m.t) && m.gap < 1e-6, "{m:?}");
         // And a hair above it, tilted by less than single precision shows.
         let ray = Ray::new(DVec3::new(-1.0, 0.25, 1e-9), Vec3::new(1.0, 0.0, -1e-12));
-        let m = meet(&p, &t, &ray, &found(1.25));
+        let m = meet(&p, &t, &ray, 1.25);
         assert!((1.0..=1.75).contains(&m.t) && m.gap < 1e-8, "{m:?}");
     }
 

@@ -12,7 +12,7 @@ use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::residency::{Held, Lease, Shown, Snapshot};
 use crate::structure::bvh::layout::Block;
-use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Walk};
+use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Triangle, Walk, Within};
 
 /// A block that a job needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -166,8 +166,30 @@ pub(crate) struct SceneView<'a> {
     /// Whether walks look so far beyond the ends of rays' intervals that nothing is lost that double precision puts within: whoever takes a
     /// hit then sees whether it is. Else intervals hold in single precision.
     pub looks_beyond: bool,
-    /// What a ray that is traced alone passes through: of placed trees, see [`PartFilter::except`].
-    pub except: &'a [(u32, Vec<[u32; 2]>)],
+    /// What is asked of each hit of a ray that is traced alone, if anything: see [`PartFilter::within`].
+    pub within: Option<&'a dyn Ends>,
+}
+
+/// [`Within`] for all placed trees, and in the world's distances.
+pub(crate) trait Ends: std::fmt::Debug + Sync {
+    fn triangle(&self, placed: u32, triangle: &Triangle, t: f64) -> bool;
+    fn cell(&self, t: f64) -> bool;
+}
+
+/// In one of the trees.
+#[derive(Debug)]
+struct EndsIn<'a> {
+    ends: &'a dyn Ends,
+    at: At,
+}
+
+impl Within for EndsIn<'_> {
+    fn triangle(&self, triangle: &Triangle, t: f32) -> bool {
+        self.ends.triangle(self.at.placed, triangle, self.at.in_world(t))
+    }
+    fn cell(&self, t: f32) -> bool {
+        self.ends.cell(self.at.in_world(t))
+    }
 }
 
 /// The state of one ray in a scene. Reusable.
@@ -185,6 +207,12 @@ struct At {
     placed: u32,
     shift: f64,
     scale: f64,
+}
+
+impl At {
+    fn in_world(&self, t: f32) -> f64 {
+        self.shift + self.scale * f64::from(t)
+    }
 }
 
 impl SceneWalk {
@@ -207,7 +235,7 @@ impl SceneWalk {
 impl<'a> SceneView<'a> {
     /// For exact walks that wait for blocks.
     pub fn new(scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> Self {
-        Self { scene, snapshots, never_waits: false, is_solid: false, stamp, looks_beyond: false, except: &[] }
+        Self { scene, snapshots, never_waits: false, is_solid: false, stamp, looks_beyond: false, within: None }
     }
 
     /// The block that a hit stands in for, if that is missing.
@@ -242,9 +270,8 @@ impl<'a> SceneView<'a> {
     pub(crate) fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
         let p = &self.scene.placement.placed[placed as usize];
         let parts = &self.scene.instances[p.instance as usize].parts;
-        let except = self.except.iter().find(|(of, _)| *of == placed).map_or(&[][..], |(_, these)| these);
-        let filter = || PartFilter { hidden: &parts.hidden, first_part: p.first_part, touched: parts.touched(p.first_part), except };
-        (!(parts.shown.is_empty() && except.is_empty())).then(filter)
+        let filter = || PartFilter { hidden: &parts.hidden, first_part: p.first_part, touched: parts.touched(p.first_part), within: None };
+        (!parts.shown.is_empty()).then(filter)
     }
 
     /// The mask of the rays that see the placed tree.
@@ -264,8 +291,12 @@ impl<'a> SceneView<'a> {
         let slabs = Slabs::new(ray);
         let mut best = walk.best();
         loop {
-            if let Some(At { placed, shift, scale }) = walk.at {
-                let (tree, filter) = (self.tree(placed), self.filter(placed));
+            if let Some(at @ At { placed, shift, scale }) = walk.at {
+                let (tree, mut filter) = (self.tree(placed), self.filter(placed));
+                let within = self.within.map(|ends| EndsIn { ends, at });
+                if let Some(within) = &within {
+                    filter = Some(PartFilter { within: Some(within), ..filter.unwrap_or_default() });
+                }
                 let outcome = if ANY {
                     tree.any(filter.as_ref(), &mut walk.tree)
                 } else {

@@ -721,7 +721,7 @@ static void queries(oc_context *c, oc_scene *s0) {
         own.released = 0;
         OK(oc_scene_any_start(s0, &q, &any, 0, &own.job));
         OK(oc_job_set_wake(own.job, release_own, &own));
-        while (!*(volatile int *)&own.released) OK(oc_context_step(c));
+        while (!*(volatile int *)&own.released) OK(oc_context_step(c, NULL));
     }
     /* Rays that cannot hit. */
     const float directions[4][3] = {{0, 0, 0}, {NAN, 0, 1}, {INFINITY, 0, 0}, {0, 0, -1}};

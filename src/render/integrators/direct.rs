@@ -346,7 +346,7 @@ impl Direct<'_> {
     #[inline(never)]
     fn measure(&self, ray: &Ray, found: &Found, triangle: &Triangle, seen: &mut Layer) {
         let placed = &self.view.scene.placement.placed[found.placed as usize];
-        let meeting = meet(placed, triangle, ray, found);
+        let meeting = meet(placed, triangle, ray, found.t);
         let along = ray.dir.as_dvec3() * meeting.t;
         seen.depth = along.dot(self.rays.forward()) as f32;
         seen.error = not_below(placed.stretch * meeting.gap + placed.position_error + placed.rounding_along(ray.origin, along));

@@ -52,8 +52,16 @@ pub struct PartFilter<'a> {
     /// The bits (`lod::summary_bit`) of all local parts that are hidden or look otherwise than in the file: a cell
     /// with one of them among others does not stand in.
     pub touched: u32,
-    /// Triangles, and cells that do not stand in: blocks, and places in them as [`TriHit::tri`] has them. Only walks of single rays look at it.
-    pub except: &'a [[u32; 2]],
+    /// What is asked of each hit besides, if anything. Only walks of single rays ask.
+    pub within: Option<&'a dyn Within>,
+}
+
+/// Who knows better than single precision what is within a ray's interval.
+pub trait Within: std::fmt::Debug + Sync {
+    /// Whether a triangle that is met at `t` is.
+    fn triangle(&self, triangle: &Triangle, t: f32) -> bool;
+    /// Whether a cell that is met at `t` is: else what it holds is asked.
+    fn cell(&self, t: f32) -> bool;
 }
 
 impl PartFilter<'_> {
@@ -64,10 +72,11 @@ impl PartFilter<'_> {
         self.hidden.get((part / 64) as usize).is_some_and(|word| word >> (part % 64) & 1 == 1)
     }
 
-    /// Whether this place is one of those excepted.
+    /// Whether rays pass through triangle `i` of a leaf, which is met at `t`.
     #[inline]
-    fn excepts(&self, block: u32, tri: u32) -> bool {
-        self.except.contains(&[block, tri])
+    fn passes(&self, block: Block, leaf: &Leaf, i: usize, t: f32) -> bool {
+        let part = || block.part(leaf.part_of(i));
+        self.hides(part()) || self.within.is_some_and(|within| !within.triangle(&Triangle { vertices: leaf.triangle(i), part: part() }, t))
     }
 }
 

@@ -109,7 +109,7 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     leaf_at: usize,
     corners: &Corners,
 ) -> Outcome {
-    let (leaf, k, place) = (block.leaf(leaf_at), shared.k, [entry.block, leaf_at as u32]);
+    let (leaf, k) = (block.leaf(leaf_at), shared.k);
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
@@ -126,7 +126,7 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
         let [a, b, c] = moved;
         let sheared = [shear(a, skew), shear(b, skew), shear(c, skew)];
         walk.counters.triangles += leaf.triangles as u64;
-        if let Some((lane, t, u, v)) = nearest(s, block, leaf, place, sheared, s.splat8(at(&r.t_min, i)), filter, at(&walk.hits.t, i)) {
+        if let Some((lane, t, u, v)) = nearest(s, block, leaf, sheared, s.splat8(at(&r.t_min, i)), filter, at(&walk.hits.t, i)) {
             let hit = TriHit { t, u, v, block: entry.block, tri: (leaf_at as u32) << 3 | lane };
             let best = walk.best(i);
             match is_better(view, &hit, &best, &mut walk.counters) {

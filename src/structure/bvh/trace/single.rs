@@ -147,7 +147,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let leaf = block.leaf(at);
                     counters.leaf_lines += leaf.lines(at) as u64;
                     counters.triangles += leaf.triangles as u64;
-                    let found = triangles(s, block, leaf, [block_id, at as u32], &lanes.leaf, filter, best.t);
+                    let found = triangles(s, block, leaf, &lanes.leaf, filter, best.t);
                     if let Some((lane, t, u, v)) = found {
                         let hit = TriHit { t, u, v, block: block_id, tri: (at as u32) << 3 | lane };
                         match is_better(view, &hit, best, counters) {
@@ -402,7 +402,7 @@ pub(super) fn offers(
         small &= small - 1;
         match stand_in::judge(block, index, slot, filter) {
             Verdict::Descend => continue,
-            Verdict::Stand if filter.is_some_and(|filter| filter.excepts(block_id, stand_in::lod_code(index, slot))) => continue,
+            Verdict::Stand if filter.and_then(|filter| filter.within).is_some_and(|within| !within.cell(t[slot])) => continue,
             Verdict::Skip => {}
             Verdict::Stand if crosses >> slot & 1 == 0 => {}
             Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => *passed = passed.min(t[slot]),
@@ -522,14 +522,13 @@ fn entry(slot: u32, t: &[f32; 8], node: &Node, view: &TreeView, block: u32) -> E
     Entry { t: t[slot], block: view.home_of(block, child), child }
 }
 
-/// The nearest hit in a leaf, which begins at a word of a block: lane, distance and weights. The lowest lane of equal ones, which has the
+/// The nearest hit in a leaf: lane, distance and weights. The lowest lane of equal ones, which has the
 /// lowest primitive id.
 #[inline(always)]
 pub(super) fn triangles<S: Simd>(
     s: S,
     block: Block,
     leaf: Leaf,
-    place: [u32; 2],
     lanes: &LeafRay<S>,
     filter: Option<&PartFilter>,
     t_max: f32,
@@ -539,17 +538,15 @@ pub(super) fn triangles<S: Simd>(
     let a = corner(s, &tables, leaf.corners8(0), lanes);
     let b = corner(s, &tables, leaf.corners8(1), lanes);
     let c = corner(s, &tables, leaf.corners8(2), lanes);
-    nearest(s, block, leaf, place, [a, b, c], lanes.t_min, filter, t_max)
+    nearest(s, block, leaf, [a, b, c], lanes.t_min, filter, t_max)
 }
 
 /// The same of a leaf's triangles whose corners are sheared.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // a leaf, a ray, and what it passes through
 pub(super) fn nearest<S: Simd>(
     s: S,
     block: Block,
     leaf: Leaf,
-    [block_id, at]: [u32; 2],
     corners: [Sheared<S::F8>; 3],
     t_min: S::F8,
     filter: Option<&PartFilter>,
@@ -560,14 +557,13 @@ pub(super) fn nearest<S: Simd>(
     if hits == 0 {
         return None;
     }
+    let t = found.t.to_array();
     if let Some(filter) = filter {
         for i in 0..leaf.triangles {
-            let passes = || filter.hides(block.part(leaf.part_of(i))) || filter.excepts(block_id, at << 3 | i as u32);
-            let hidden = hits >> i & 1 == 1 && passes();
-            hits &= !(u32::from(hidden) << i);
+            let passes = hits >> i & 1 == 1 && filter.passes(block, &leaf, i, t[i]);
+            hits &= !(u32::from(passes) << i);
         }
     }
-    let t = found.t.to_array();
     if hits == 0 {
         return None;
     }

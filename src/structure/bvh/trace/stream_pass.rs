@@ -425,7 +425,7 @@ fn leaves_of<S: Simd, const ANY: bool>(s: S, state: &mut State, counts: &mut Cou
         state.counters.leaves += 1;
         state.counters.leaf_lines += leaf.lines(at) as u64;
         state.counters.triangles += leaf.triangles as u64;
-        if let Some((slot, t, u, v)) = triangles(s, block, leaf, [id, at as u32], &ray, state.filter, state.prepared[lane].best()) {
+        if let Some((slot, t, u, v)) = triangles(s, block, leaf, &ray, state.filter, state.prepared[lane].best()) {
             let hit = TriHit { t, u, v, block: id, tri: (at as u32) << 3 | slot };
             if !keep(state, lane, &hit) {
                 return leave(state, counts, lane);
