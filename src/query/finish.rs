@@ -204,7 +204,8 @@ impl Ends for Judge<'_> {
     }
 }
 
-fn is_within(ray: &Ray, t: f64) -> bool {
+#[inline(always)]
+pub(super) fn is_within(ray: &Ray, t: f64) -> bool {
     (ray.t_min..=ray.t_max).contains(&t)
 }
 

@@ -2,6 +2,7 @@
 //! precision nor what may have to be read is asked for. What is written is what [`super::finish`] writes.
 
 use super::chunk::Answers;
+use super::finish::is_within;
 use super::hit::{Hit, HitKind, NONE, Want};
 use super::stand_in::within;
 use super::surfaces::{Surfaces, TreeHits};
@@ -37,7 +38,11 @@ impl Simple {
         if placed.only_shifted().is_none() {
             return false;
         }
-        if view.looks_beyond && bits(met).any(|i| placed.is_near_end(&rays[i], distance(i))) {
+        let may_be_outside = |i: usize| {
+            let (ray, t) = (&rays[i], distance(i));
+            placed.is_near_end(ray, t) && (found.hit(i).stand_in().is_none() || !is_within(ray, t))
+        };
+        if view.looks_beyond && bits(met).any(may_be_outside) {
             return false;
         }
         let sees_surfaces = want.any_of(Want::SURFACE);

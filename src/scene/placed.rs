@@ -222,22 +222,29 @@ impl Placed {
     /// nearest within, and at the far end the nearest not within.
     #[inline(always)]
     fn rounded(&self, [t_min, t_max]: [f64; 2], org: DVec3, dir: f64, beyond: bool) -> [f32; 2] {
-        let by = if beyond { BEYOND * (org.abs().max_element() + self.reach) / dir } else { 0.0 };
-        [not_below((t_min - by).max(0.0)), not_below(t_max + by)]
+        if !beyond {
+            return [not_below(t_min.max(0.0)), not_below(t_max)];
+        }
+        // Of directions that are about as long as units a division is spared. What the two are rounded by is less than `by`, wherever anything can be hit.
+        let over = if dir >= 0.5 { 2.0 } else { 1.0 / dir };
+        let by = BEYOND * (org.abs().max_element() + self.reach) * over;
+        [(t_min - by).max(0.0) as f32, (t_max + by) as f32]
     }
 
-    /// Whether a hit at `t` of a ray that is not certain to be within its interval may be outside of it, seen in double precision.
+    /// Whether a triangle's hit at `t` by a walk that looks beyond the ray's ends may be outside of them, seen in double precision.
     #[inline(always)]
     pub fn is_near_end(&self, ray: &Ray, t: f64) -> bool {
-        if !(ray.t_min > 0.0 || ray.t_max < f64::INFINITY) {
+        let (begins, ends) = (ray.t_min > 0.0, ray.t_max < f64::INFINITY);
+        if !(begins || ends) {
             return false;
         }
         // In the world a direction is shorter than in the tree's frame by `stretch` and a root of three, at most.
-        let far = 2.0 * BEYOND * (FAR + 1.0) * self.extent();
+        let times = if self.unturned { 1.0 } else { 2.0 * self.stretch };
+        let far = BEYOND * times * (self.local_point(ray.origin).abs().max_element().min(FAR * self.reach) + self.reach);
         let dir = f64::from(ray.dir.abs().max_element());
         // Where anything is not a number it may.
-        let is_within = (t - ray.t_min) * dir > far && (ray.t_max - t) * dir > far;
-        !is_within
+        let is_inside = (!begins || (t - ray.t_min) * dir > far) && (!ends || (ray.t_max - t) * dir > far);
+        !is_inside
     }
 
     /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale:
