@@ -403,7 +403,7 @@ fn a_batch_may_be_dropped_in_its_own_wake_function() {
     impl Hits for Nowhere {
         fn write(&self, _: usize, _: &[Hit]) {}
     }
-    for threads in [0, 1, 2] {
+    let drops = |threads: usize| {
         let context = built::context(threads);
         let file = built::parts(&[Part::white(1, sphere())]);
         let (scene, _) = built::scene(&context, &file);
@@ -423,7 +423,14 @@ fn a_batch_may_be_dropped_in_its_own_wake_function() {
                 assert!(threads == 0 && context.step(), "waits for itself");
             }
         }
-    }
+    };
+    // Without threads of the context whoever steps would wait for himself: not this thread.
+    let (ended, end) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        [0, 1, 2].map(drops);
+        ended.send(()).unwrap();
+    });
+    end.recv_timeout(Duration::from_secs(100)).expect("all are dropped");
 }
 
 /// Every ray meets missing blocks, is put down, and resumed when they have been read: the answers are those of the
