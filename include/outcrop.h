@@ -197,7 +197,7 @@ typedef struct oc_context_desc {
     /** Set by OC_INIT. */
     uint32_t struct_size;
     /**
-     * Threads that trace, up to 4096. 0: none; then the caller drives, by oc_context_step or by waiting.
+     * Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting.
      * OC_ALL_THREADS: one for each core. Ignored with an executor.
      */
     uint32_t threads;
@@ -574,7 +574,8 @@ typedef uint32_t oc_hit_kind;
 typedef struct oc_hit {
     /**
      * Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what lies behind a hit is found
-     * from the next number after its `t` on. (Not what is nearer to it than `t` less `t_free`: such surfaces may be taken for each other.) In double
+     * from the next number after its `t` on. (Not what is nearer to it than `t` less `t_free`: such surfaces may come in the wrong order. Within single precision of the ray's origin what is behind it may be given at 0, and
+     * what is before it may be missed; so may what a ray meets within some 4 degrees of edge-on that near to an end.) In double
      * precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
      * than its last digits.
      */
@@ -786,8 +787,9 @@ typedef struct oc_pixels {
 #define OC_STATUS_IO 500
 
 /**
- * The machine: it gave no memory for something large (a picture, the meshes of a build); `oc_last_error` says how many bytes for what. Nothing
- * changed, or it is as after any other error. (Where it gives none for something small the process ends, as Rust programs do.)
+ * The machine: it gave no memory for something large (a picture, the tree of a build); `oc_last_error` says how many bytes for what. Nothing
+ * changed, or it is as after any other error. (Where it gives none for something small, or for triangles that are pushed or read without a budget, the
+ * process ends, as Rust programs do.)
  */
 #define OC_STATUS_OUT_OF_MEMORY 501
 
@@ -1149,7 +1151,7 @@ OC_API oc_status oc_job_cancel(const struct oc_job *job);
  * Has `wake` called once, when the job ends; if it has ended already, now, from this call. Replaces an
  * earlier one; NULL: nobody is called.
  *
- * `user` must stay usable until `wake` was called or replaced. `wake` may release the job; then what the job was for is done, and its
+ * `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job; then what the job was for is done, and its
  * arrays are the caller's again.
  * Thread safety: any thread. Cheap.
  */

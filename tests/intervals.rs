@@ -8,9 +8,10 @@ use common::brute::{Ray64, Tri, meet_line};
 use common::built::{self, Part};
 use common::rng::Rng;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
+use outcrop::Error;
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
-use outcrop::scene::{Context, Model, Scene, SceneState};
+use outcrop::scene::{Context, ContextOptions, Model, Scene, SceneState};
 use std::sync::Arc;
 
 /// Coordinates are multiples of this: they stay as they are on their way into the model.
@@ -171,4 +172,37 @@ fn stand_ins_are_peeled_off_too() {
     }
     let [_, exact, cells, _] = kinds;
     assert!(exact > 100 && cells > 500, "{kinds:?}");
+}
+
+/// With the least memory that a model of many blocks opens in, blocks of which a walk needs more than it may hold come one after the other: the answers are those of
+/// the model that is in memory as a whole, whatever the rays' widths and the lengths of their directions.
+#[test]
+fn what_is_peeled_off_does_not_depend_on_memory() {
+    let file = built::parts(&[Part::white(1, common::scenes::sphere(150, 300)), Part::white(2, common::scenes::boxes(3000, 4))]);
+    let context_of = |memory_budget| Context::new(ContextOptions { threads: 2, memory_budget, read_ahead: false, ..ContextOptions::default() }).unwrap();
+    let Err(Error::OverBudget { need, .. }) = Model::open(&context_of(4096), &file.path).map(drop) else { panic!("a page does not do") };
+    let (tight, wide) = (context_of(need), context_of(0));
+    let [tight, wide] = [&tight, &wide].map(|context| built::scene(context, &file));
+    let long = [0.004, 0.7, 1.0, 1000.0];
+    let rays: Vec<Ray> = rays(9).into_iter().enumerate().map(|(i, ray)| {
+        let wide = if i % 2 == 0 { Cone { a: 0.002, b: 0.01 } } else { Cone::ZERO };
+        let long = long[i / 2 % 4];
+        Ray { dir: ray.dir * long, cone: Cone { a: wide.a, b: wide.b * long }, ..ray }
+    }).collect();
+    let expected = peel(&wide.0.state(), &rays, ALL, rays.len());
+    assert!(expected.iter().map(Vec::len).sum::<usize>() > 1000);
+    for at_once in [rays.len(), 40, 1] {
+        let found = peel(&tight.0.state(), &rays, ALL, at_once);
+        let differ = (0..rays.len()).find(|&i| found[i] != expected[i]);
+        assert_eq!(differ.map(|i| (rays[i], &found[i], &expected[i])), None, "{at_once} at a time");
+    }
+    // Without waiting, nothing outside is given either.
+    let options = QueryOptions { policy: Policy::Now, ..ALL };
+    for (hits, ray) in expected.iter().zip(&rays) {
+        for hit in hits.iter().take(3) {
+            let (t_min, t_max) = (hit.t * 0.9, hit.t.next_down());
+            let got = ask(&tight.0.state(), &[Ray { t_min, t_max, ..*ray }], options)[0];
+            assert!(got.kind == HitKind::Miss || (t_min..=t_max).contains(&got.t), "{got:?}, {t_min} to {t_max}, {ray:?}");
+        }
+    }
 }

@@ -11,15 +11,16 @@ use outcrop::Error;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::{MeshKey, PartDesc, Sink};
-use outcrop::render::{Frame, FrameOptions, FrameSettings, FrameState, Outputs};
+use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
 use outcrop::scene::Camera;
 use std::sync::Arc;
 use std::time::Duration;
 
 /// Address space of this process in bytes.
 fn taken() -> u64 {
-    let statm = std::fs::read_to_string("/proc/self/statm").unwrap();
-    statm.split(' ').next().unwrap().parse::<u64>().unwrap() * 4096
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmSize:")).unwrap();
+    line.trim().strip_suffix(" kB").unwrap().parse::<u64>().unwrap() << 10
 }
 
 /// Gives the process no more than `more` bytes beside what it has.
@@ -56,17 +57,22 @@ fn what_is_too_large_is_refused_and_all_else_goes_on() {
     renders();
     assert!(matches!(frame.resize(1 << 16, 1 << 16), Err(Error::NoMemory { .. })));
     renders();
-    // The first picture fits, one to render beside it does not: that request is refused, and the picture stays.
-    frame.resize(1400, 1000).unwrap();
+    // Two pictures fit, one that is mapped and one that is shown; a third to render beside them does not: the request is refused, and what is shown stays.
+    frame.resize(1100, 1000).unwrap();
     renders();
-    let refused = frame.request(&scene.state(), &camera, &settings).and_then(|()| frame.request(&scene.state(), &camera, &settings));
-    let shown = frame.poll();
-    assert!(refused.is_ok() || matches!(refused, Err(Error::NoMemory { .. })), "{refused:?}");
-    assert!(matches!(shown.state, FrameState::Converged | FrameState::Running), "{shown:?}");
+    let mapped = frame.map(Buffer::Depth).unwrap();
+    renders();
+    let before = frame.poll();
+    assert!(matches!(frame.request(&scene.state(), &camera, &settings), Err(Error::NoMemory { .. })));
+    let after = frame.poll();
+    assert_eq!((after.state, after.request, after.pictures), (FrameState::Converged, before.request, before.pictures));
+    assert!(mapped.floats().unwrap().iter().any(|depth| depth.is_finite()));
+    drop(mapped);
+    renders();
 
     let folder = tempfile::tempdir().unwrap();
     let error = builder.finish(&folder.path().join("m.oc")).unwrap_err();
     assert!(matches!(&error, Error::NoMemory { bytes, .. } if *bytes > 200 << 20), "{error}");
-    assert!(error.to_string().starts_with(&format!("a build of {} triangles", tris.len())), "{error}");
+    assert!(error.to_string().starts_with(&format!("a tree of {} triangles", tris.len())), "{error}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }

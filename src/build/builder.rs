@@ -103,7 +103,7 @@ impl Builder {
         let read = self.begun.elapsed().as_secs_f64();
         self.cancel.check()?;
         self.leave_out_unplaced();
-        see_room(self.triangles_in, self.options.memory_budget.saturating_sub(self.in_memory))?;
+        see_room(self.meshes.iter().map(|mesh| mesh.triangles).max().unwrap_or(0), self.options.memory_budget.saturating_sub(self.in_memory))?;
         let Self { options, progress, cancel, notes, meshes, spilled, assembly, shares, space, .. } = self;
         let gathered = Gathered {
             meshes,
@@ -129,10 +129,14 @@ impl Builder {
         let mut is_placed = vec![false; self.meshes.len()];
         is_placed[0] = true;
         self.assembly.instances.iter().for_each(|instance| is_placed[instance.tree as usize] = true);
-        for (i, mesh) in self.meshes.iter_mut().enumerate().filter(|(i, _)| !is_placed[*i]) {
-            self.notes.push(format!("shared mesh {i} is placed nowhere: its {} triangles are left out", mesh.triangles));
+        let (mut meshes, mut triangles) = (0, 0);
+        for (_, mesh) in self.meshes.iter_mut().enumerate().filter(|(i, _)| !is_placed[*i]) {
+            (meshes, triangles) = (meshes + u64::from(mesh.triangles > 0), triangles + mesh.triangles);
             self.in_memory -= mesh.bytes();
             *mesh = Spool::new(0);
+        }
+        if meshes > 0 {
+            self.notes.push(format!("{meshes} shared meshes are placed nowhere: their {triangles} triangles are left out"));
         }
     }
 
@@ -159,12 +163,12 @@ impl Builder {
     }
 }
 
-/// Whether the system has the memory that a build of so many triangles mostly takes beside these, up to three quarters of what is left of its budget, which holds
+/// Whether the system has the memory that the tree of so many triangles (trees are built one after the other) mostly takes beside these, up to three quarters of what is left of its budget, which holds
 /// other things too: asked for and given back. Later it would be missed by what has no way to say so. (Measured: 75 bytes a triangle of a million.)
 fn see_room(triangles: u64, budget: u64) -> Result<()> {
     let bytes = (16 << 20) + triangles.saturating_mul(64);
     let bytes = if budget == 0 { bytes } else { bytes.min(budget / 4 * 3) };
-    memory::room::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), &format!("a build of {triangles} triangles")).map(drop)
+    memory::room::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), &format!("a tree of {triangles} triangles")).map(drop)
 }
 
 /// Runs `work` with as many threads as asked for: with one, in the calling thread and no other.

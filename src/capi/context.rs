@@ -89,7 +89,7 @@ pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
 pub struct oc_context_desc {
     /// Set by OC_INIT.
     pub struct_size: u32,
-    /// Threads that trace, up to 4096. 0: none; then the caller drives, by oc_context_step or by waiting.
+    /// Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting.
     /// OC_ALL_THREADS: one for each core. Ignored with an executor.
     pub threads: u32,
     /// Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three
@@ -355,7 +355,7 @@ fn check_version(header: u32) -> super::guard::Checked<()> {
 pub unsafe extern "C" fn oc_context_step(context: *const oc_context, out_did: *mut u32) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
-        handles::with(context, |context: &Shell<ContextObject>| {
+        handles::with_callbacks(context, |context: &Shell<ContextObject>| {
             let did = context.step();
             if !out_did.is_null() {
                 out_did.write(u32::from(did));

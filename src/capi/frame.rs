@@ -162,7 +162,7 @@ pub unsafe extern "C" fn oc_frame_request(
         let camera = read(camera)?.to_rust()?;
         let settings = read_or_default(settings)?.to_rust();
         let scene: &Shell<SceneObject> = handles::borrow(scene)?;
-        handles::with_count(frame, |frame: &Shell<FrameObject>| {
+        handles::with_callbacks(frame, |frame: &Shell<FrameObject>| {
             Ok(frame.frame.request(&scene.scene.state(), &camera, &settings)?)
         })
     })
@@ -215,7 +215,7 @@ pub unsafe extern "C" fn oc_frame_poll(frame: *const oc_frame, out_progress: *mu
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = Fill::new(out_progress)?;
-        handles::with_count(frame, |frame: &Shell<FrameObject>| {
+        handles::with(frame, |frame: &Shell<FrameObject>| {
             report(frame, &frame.frame.poll(), Some(fill));
             Ok(())
         })
@@ -237,7 +237,7 @@ pub unsafe extern "C" fn oc_frame_wait(
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = if out_progress.is_null() { None } else { Some(Fill::new(out_progress)?) };
-        handles::with_count(frame, |frame: &Shell<FrameObject>| {
+        handles::with_callbacks(frame, |frame: &Shell<FrameObject>| {
             let status = frame.frame.wait(timeout(timeout_ms).unwrap_or(Duration::MAX));
             report(frame, &status, fill);
             Ok(())
@@ -254,7 +254,7 @@ pub unsafe extern "C" fn oc_frame_wait(
 pub unsafe extern "C" fn oc_frame_cancel(frame: *mut oc_frame) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
-        handles::with_count(frame, |frame: &Shell<FrameObject>| {
+        handles::with_callbacks(frame, |frame: &Shell<FrameObject>| {
             frame.frame.cancel();
             Ok(())
         })
@@ -271,7 +271,7 @@ pub unsafe extern "C" fn oc_frame_cancel(frame: *mut oc_frame) -> oc_status {
 pub unsafe extern "C" fn oc_frame_resize(frame: *mut oc_frame, width: u32, height: u32) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
-        handles::with_count(frame, |frame: &Shell<FrameObject>| Ok(frame.frame.resize(width, height)?))
+        handles::with_callbacks(frame, |frame: &Shell<FrameObject>| Ok(frame.frame.resize(width, height)?))
     })
 }
 
@@ -285,7 +285,7 @@ pub unsafe extern "C" fn oc_frame_resize(frame: *mut oc_frame, width: u32, heigh
 pub unsafe extern "C" fn oc_frame_set_wake(frame: *mut oc_frame, wake: oc_wake_fn, user: *mut c_void) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
-        handles::with_count(frame, |frame: &Shell<FrameObject>| {
+        handles::with_callbacks(frame, |frame: &Shell<FrameObject>| {
             let wake = Wake::new(wake, user);
             frame.frame.set_wake(wake.map(|wake| {
                 Arc::new(move || {
@@ -361,7 +361,7 @@ pub unsafe extern "C" fn oc_frame_get_accuracy(
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = Fill::new(out_accuracy)?;
-        handles::with_count(frame, |frame: &Shell<FrameObject>| {
+        handles::with(frame, |frame: &Shell<FrameObject>| {
             let status = frame.frame.poll();
             fill.with(oc_frame_accuracy {
                 struct_size: 0,
@@ -396,7 +396,7 @@ pub unsafe extern "C" fn oc_frame_pick(frame: *const oc_frame, x: u32, y: u32, o
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let out = out(out_hit, "out_hit")?;
-        handles::with_count(frame, |frame: &Shell<FrameObject>| {
+        handles::with(frame, |frame: &Shell<FrameObject>| {
             super::query::write_hit(out, &frame.frame.pick(x, y)?);
             Ok(())
         })

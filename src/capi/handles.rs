@@ -4,6 +4,7 @@
 //! either, so that nobody can look through it by mistake.
 
 use super::guard::{Checked, Failure, bad, panicked};
+use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -119,20 +120,42 @@ pub(crate) unsafe fn with<H: Handle>(
     })
 }
 
-/// [`with`], with a count of its own for as long as it takes: for calls that may call back, as whoever is called may release the handle. (Not all
-/// do so: threads that ask a scene one ray a call would meet in the count.)
+thread_local! {
+    /// Handles that calls of this thread which may call back are given, and counts that were taken back meanwhile.
+    static IN_CALLS: RefCell<Vec<(*const (), usize)>> = const { RefCell::new(Vec::new()) };
+}
+
+/// [`with`], for calls that may call back: what the host releases of this handle in that call back, in the same thread, goes when the call ends. (Without a count of
+/// its own: by that another thread's release would not be the last, and not wait.)
 ///
 /// # Safety
 /// As for [`borrow_any`].
-pub(crate) unsafe fn with_count<H: Handle>(
+pub(crate) unsafe fn with_callbacks<H: Handle>(
     handle: *const H,
     f: impl FnOnce(&Shell<H::Object>) -> Checked<()>,
 ) -> Checked<()> {
-    // SAFETY: the caller's contract; the count that is taken keeps it alive.
-    unsafe {
-        let _count = share(handle)?;
-        with(handle, f)
+    // A thread that is ending may have no list any more; then its releases are at once.
+    let is_listed = IN_CALLS.try_with(|calls| calls.borrow_mut().push((handle.cast(), 0))).is_ok();
+    // SAFETY: the caller's contract; what this thread releases meanwhile is kept until below.
+    let result = unsafe { with(handle, f) };
+    let last = || IN_CALLS.try_with(|calls| calls.borrow_mut().pop()).ok().flatten();
+    let released = if is_listed { last().map_or(0, |(_, released)| released) } else { 0 };
+    for _ in 0..released {
+        // SAFETY: a count of the host's, which gave it back in `f`. Calls of this thread on the same handle around this one keep it in turn.
+        unsafe { release(handle) };
     }
+    result
+}
+
+/// Whether a call of this thread around this one is given the handle: then it takes back the count.
+fn is_for_later(handle: *const ()) -> bool {
+    let later = |calls: &RefCell<Vec<(*const (), usize)>>| {
+        let mut calls = calls.borrow_mut();
+        let Some(call) = calls.iter_mut().find(|(of, _)| *of == handle) else { return false };
+        call.1 += 1;
+        true
+    };
+    IN_CALLS.try_with(later).unwrap_or(false)
 }
 
 /// Adds a count; NULL and what is no handle of this kind are left alone.
@@ -157,7 +180,7 @@ pub(crate) unsafe fn release<H: Handle>(handle: *const H) {
     let _ = catch_unwind(AssertUnwindSafe(|| {
         // SAFETY: the caller's contract; `borrow_any` made sure of the kind.
         unsafe {
-            if borrow_any(handle).is_ok() {
+            if borrow_any(handle).is_ok() && !is_for_later(handle.cast()) {
                 Arc::decrement_strong_count(handle.cast::<Shell<H::Object>>());
             }
         }

@@ -236,7 +236,7 @@ pub unsafe extern "C" fn oc_job_poll(job: *const oc_job, out_progress: *mut oc_p
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = Fill::new(out_progress)?;
-        handles::with_count(job, |job| {
+        handles::with(job, |job| {
             job.work.poll().report(fill);
             Ok(())
         })
@@ -259,7 +259,7 @@ pub unsafe extern "C" fn oc_job_wait(
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = if out_progress.is_null() { None } else { Some(Fill::new(out_progress)?) };
-        handles::with_count(job, |job| {
+        handles::with_callbacks(job, |job| {
             let snapshot = job.work.wait(timeout(timeout_ms));
             if let Some(fill) = fill {
                 snapshot.report(fill);
@@ -278,7 +278,7 @@ pub unsafe extern "C" fn oc_job_wait(
 pub unsafe extern "C" fn oc_job_cancel(job: *const oc_job) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
-        handles::with_count(job, |job| {
+        handles::with_callbacks(job, |job| {
             job.work.cancel();
             Ok(())
         })
@@ -288,7 +288,7 @@ pub unsafe extern "C" fn oc_job_cancel(job: *const oc_job) -> oc_status {
 /// Has `wake` called once, when the job ends; if it has ended already, now, from this call. Replaces an
 /// earlier one; NULL: nobody is called.
 ///
-/// `user` must stay usable until `wake` was called or replaced. `wake` may release the job; then what the job was for is done, and its
+/// `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job; then what the job was for is done, and its
 /// arrays are the caller's again.
 /// Thread safety: any thread. Cheap.
 /// # Safety
@@ -297,7 +297,7 @@ pub unsafe extern "C" fn oc_job_cancel(job: *const oc_job) -> oc_status {
 pub unsafe extern "C" fn oc_job_set_wake(job: *const oc_job, wake: oc_wake_fn, user: *mut c_void) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
-        handles::with_count(job, |job| {
+        handles::with_callbacks(job, |job| {
             job.work.set_wake(Wake::new(wake, user));
             Ok(())
         })
@@ -315,7 +315,7 @@ pub unsafe extern "C" fn oc_job_model(job: *const oc_job, out_model: *mut *mut o
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let out = out(out_model, "out_model")?;
-        handles::with_count(job, |job| {
+        handles::with(job, |job| {
             let model = product::<crate::scene::Model>(job, "model")?;
             out.write(handles::give::<oc_model>(ModelObject::new(model)));
             Ok(())

@@ -62,7 +62,8 @@ pub(super) fn check_id(id: u64) -> Checked<()> {
 #[derive(Clone, Copy)]
 pub struct oc_hit {
     /// Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what lies behind a hit is found
-    /// from the next number after its `t` on. (Not what is nearer to it than `t` less `t_free`: such surfaces may be taken for each other.) In double
+    /// from the next number after its `t` on. (Not what is nearer to it than `t` less `t_free`: such surfaces may come in the wrong order. Within single precision of the ray's origin what is behind it may be given at 0, and
+    /// what is before it may be missed; so may what a ray meets within some 4 degrees of edge-on that near to an end.) In double
     /// precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
     /// than its last digits.
     pub t: f64,

@@ -4,7 +4,7 @@
 
 use super::batch::{Hits, Rays};
 use super::chunk::{Task, trace};
-use super::finish::{Last, finish};
+use super::finish::{Last, finish, is_early};
 use super::hit::{Hit, Want};
 use crate::base::error::Result;
 use crate::math::Ray;
@@ -60,7 +60,9 @@ fn one<'a>(view: &SceneView<'a>, task: Task, ray: &Ray, walk: &mut SceneWalk, la
     if trace(view, task, ray, walk) != Step::Done {
         return false;
     }
-    let mut found = walk.best();
-    let is_whole = !found.is_hit() || finish(view, last, ray, &mut found, task.want, hit).is_ok();
-    is_whole && !(found.has_passed() && task.want.has(Want::ERROR))
+    let found = walk.best();
+    if found.has_passed() && task.want.has(Want::ERROR) || is_early(view, ray, &found) {
+        return false;
+    }
+    !found.is_hit() || matches!(finish(view, last, ray, &found, task.want, hit), Ok(true))
 }

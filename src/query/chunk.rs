@@ -2,7 +2,7 @@
 
 use super::batch::{Hits, Policy, Rays};
 use super::asks::Asks;
-use super::finish::{Last, begin_free, finish, free};
+use super::finish::{Last, begin_free, begin_past, finish, free, is_early, past};
 use super::hit::{Hit, HitKind, Want};
 use super::stand_in;
 use super::simple::Simple;
@@ -145,7 +145,8 @@ impl Chunk {
         let Some(met) = met else { return false };
         if let Ok(met) = met {
             let distance = |i| self.in_one.distance(i);
-            if self.simple.answer(view, task.want, rays, &*self.in_one.walk, distance, met, &mut self.answers) {
+            let is_early = view.looks_beyond && !alike.is_exact() && self.in_one.passes_early(rays);
+            if !is_early && self.simple.answer(view, task.want, rays, &*self.in_one.walk, distance, met, &mut self.answers) {
                 hits.write(self.firsts[group.start / PACKET], &self.answers.hits[..group.len()]);
                 return true;
             }
@@ -206,7 +207,8 @@ impl Chunk {
         }
         let (first, count) = (self.firsts[group.start / PACKET], group.len());
         let found = &self.found[group];
-        if lacking == 0 && waiting.is_empty() && self.simple.answer(view, task.want, rays, found, |i| found[i].t, met, &mut self.answers) {
+        let early = early(view, rays, found);
+        if lacking | early == 0 && waiting.is_empty() && self.simple.answer(view, task.want, rays, found, |i| found[i].t, met, &mut self.answers) {
             return hits.write(first, &self.answers.hits[..count]);
         }
         finish_group(view, task, rays, found, [met, lacking], &mut self.answers, &mut waiting);
@@ -233,6 +235,11 @@ fn hits_of(found: &[Found]) -> u32 {
 /// Those that passed stand-ins.
 fn passed_by(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.has_passed()) << i)
+}
+
+/// Those that passed a cell before they begin.
+fn early(view: &SceneView, rays: &[Ray], found: &[Found]) -> u32 {
+    rays.iter().zip(found).enumerate().fold(0, |all, (i, (ray, found))| all | u32::from(is_early(view, ray, found)) << i)
 }
 
 /// Answers to a packet's rays, in the same memory packet after packet: what is not asked for stays as it is in [`Hit::MISS`].
@@ -271,14 +278,13 @@ fn finish_group(
     let mut last = Last::new();
     stand_in::ask_for(view, found, met);
     let waits = waiting.iter().fold(0, |all, it| all | 1 << it.ray);
-    let more = if task.want.has(Want::ERROR) { passed_by(found) & !waits } else { 0 };
+    let passed = if task.want.has(Want::ERROR) { passed_by(found) } else { 0 };
+    let more = (passed | early(view, rays, found) & !lacking) & !waits;
     let hits = answers.begin(met, more | lacking);
     let mut later = more;
     for i in bits(met & !more) {
-        let mut found = found[i];
-        match (finish(view, &mut last, &rays[i], &mut found, task.want, &mut hits[i]), task.policy) {
-            // What it found in the end may be behind what it passed.
-            (Ok(()), _) => later |= u32::from(found.has_passed() && task.want.has(Want::ERROR)) << i,
+        match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
+            (Ok(is_within), _) => later |= u32::from(!is_within) << i,
             (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, left: Left::Hit, asks: Asks::of(need) }),
             _ => hits[i].kind = HitKind::Missing,
         }
@@ -310,8 +316,11 @@ enum Left {
     Walk(SceneWalk),
     /// To work out its hit.
     Hit,
+    /// To find what is within its interval, see [`past`].
+    Past(SceneWalk),
     /// To see from where on it is not free, see [`free`]: its hit is worked out.
     Free(SceneWalk),
+    Nothing,
 }
 
 /// Up to a packet's rays of which some wait for blocks, with what it takes to take them up again.
@@ -392,12 +401,14 @@ fn go_on<'a>(
     }
     if let Left::Hit = left {
         *hit = Hit::MISS;
-        if found.is_hit() {
-            finish(view, last, ray, found, task.want, hit)?;
-        }
-        if !(found.has_passed() && task.want.has(Want::ERROR)) {
-            return Ok(());
-        }
+        let is_within = !is_early(view, ray, found) && (!found.is_hit() || finish(view, last, ray, found, task.want, hit)?);
+        *left = if is_within { Left::Nothing } else { Left::Past(begin_past(view, ray)) };
+    }
+    if let Left::Past(walk) = left {
+        past(view, task.any, ray, walk, task.want, found, hit)?;
+        *left = Left::Nothing;
+    }
+    if matches!(left, Left::Nothing) && found.has_passed() && task.want.has(Want::ERROR) {
         *left = Left::Free(begin_free(view, ray));
     }
     if let Left::Free(walk) = left { free(view, ray, walk, hit) } else { Ok(()) }

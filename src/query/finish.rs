@@ -158,37 +158,41 @@ fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl 
     if nearest.gap < better.gap { nearest } else { better }
 }
 
-/// Fills what `want` asks of `hit`, which is [`Hit::MISS`] or was filled with the same `want`; fails with the
-/// block that is needed. Where the view looks beyond the ends of rays, and what was found turns out to be outside of the interval, `found` becomes
-/// what is behind that, or nothing, and so the hit.
-#[inline(always)]
-pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &mut Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
-    if work_out(view, last, ray, found, want, hit)? { Ok(()) } else { go_past(view, ray, found, want, hit) }
+/// A walk for [`past`].
+#[cold]
+pub(super) fn begin_past(view: &SceneView, ray: &Ray) -> SceneWalk {
+    let mut walk = SceneWalk::default();
+    walk.begin(view, ray);
+    walk
 }
 
-/// Takes a ray past what it finds outside of its interval: begun anew, each hit seen in double precision. (Rays that begin right at a surface, as whoever
-/// peels off layer after layer asks for them; of others one in some ten thousand.)
+/// Whether a ray passed a cell before it begins: whose content, of which some may be behind the begin, nobody has looked at.
+#[inline(always)]
+pub(super) fn is_early(view: &SceneView, ray: &Ray, found: &Found) -> bool {
+    view.looks_beyond && found.passed < ray.t_min
+}
+
+/// Goes on with the walk of a ray that found, or passed, something outside of its interval, each hit now seen in double precision, and fills `found` and `hit` with the
+/// first within (`any`: with any); fails with the block that is needed to go on again. (Rays that begin right at a surface, as whoever peels off layer after
+/// layer asks for them, or end there; others rarely.)
 #[cold]
-#[inline(never)]
-fn go_past(view: &SceneView, ray: &Ray, found: &mut Found, want: Want, hit: &mut Hit) -> Result<(), Need> {
+pub(super) fn past(view: &SceneView, any: bool, ray: &Ray, walk: &mut SceneWalk, want: Want, found: &mut Found, hit: &mut Hit) -> Result<(), Need> {
     *hit = Hit::MISS;
     let judge = Judge { placed: &view.scene.placement.placed, ray };
     let view = SceneView { within: Some(&judge), ..*view };
-    let mut walk = SceneWalk::default();
-    walk.begin(&view, ray);
-    if let Step::Pending(need) = view.trace::<false>(ray, &mut walk) {
+    let step = if any { view.trace::<true>(ray, walk) } else { view.trace::<false>(ray, walk) };
+    if let Step::Pending(need) = step {
         return Err(need);
     }
-    let behind = walk.best();
-    if behind.is_hit() {
-        let is_within = work_out(&view, &mut Last::new(), ray, &behind, want, hit)?;
-        debug_assert!(is_within, "{ray:?}: {behind:?}");
+    *found = walk.best();
+    if found.is_hit() {
+        let is_within = finish(&view, &mut Last::new(), ray, found, want, hit)?;
+        debug_assert!(is_within, "{ray:?}: {found:?}");
     }
-    *found = behind;
     Ok(())
 }
 
-/// Which hits are within a ray's interval, as [`work_out`] sees it.
+/// Which hits are within a ray's interval, as [`finish`] sees it.
 #[derive(Debug)]
 struct Judge<'a> {
     placed: &'a [Placed],
@@ -202,6 +206,9 @@ impl Ends for Judge<'_> {
     fn cell(&self, t: f64) -> bool {
         is_within(self.ray, t)
     }
+    fn is_beyond(&self, t: f64) -> bool {
+        t > self.ray.t_max
+    }
 }
 
 #[inline(always)]
@@ -209,7 +216,9 @@ pub(super) fn is_within(ray: &Ray, t: f64) -> bool {
     (ray.t_min..=ray.t_max).contains(&t)
 }
 
-/// [`finish`] of just this hit; false if it is not within the ray's interval after all.
+/// Fills what `want` asks of `hit`, which is [`Hit::MISS`] or was filled with the same `want`; fails with the
+/// block that is needed. False where the view looks beyond the ends of rays, and what was found turns out to be outside of the interval: then what is within is
+/// to be found, see [`past`].
 ///
 /// **Error bound.** Let M be the placed tree's map to the world, s its largest singular value. The answer is
 /// `position` = origin + t · dir, rounded; `meet` knows a triangle's point q with |M⁻¹ position − q| = `gap`. M q
@@ -229,10 +238,11 @@ pub(super) fn is_within(ray: &Ray, t: f64) -> bool {
 /// surface before t is less than that before it, along the ray, divided by the cosine at which it is met:
 /// 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
 #[inline(always)]
-fn work_out<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<bool, Need> {
+pub(crate) fn finish<'a>(view: &SceneView<'a>, last: &mut Last<'a>, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<bool, Need> {
     if let Some(cell) = found.tri.stand_in() {
         // What a cell that is met before the ray begins holds is met one by one. What is missing cannot be.
-        if view.looks_beyond && !cell.is_missing && !is_within(ray, found.t) {
+        let is_in = if cell.is_missing { found.t <= ray.t_max } else { is_within(ray, found.t) };
+        if view.looks_beyond && !is_in {
             return Ok(false);
         }
         let Some(look) = stand_in::look(view, ray, found) else {
@@ -304,9 +314,9 @@ pub(super) fn free(view: &SceneView, ray: &Ray, walk: &mut SceneWalk, hit: &mut 
     if let Step::Pending(need) = view.trace::<false>(ray, walk) {
         return Err(need);
     }
-    let (mut found, mut first) = (walk.best(), Hit::MISS);
+    let (found, mut first) = (walk.best(), Hit::MISS);
     if found.is_hit() {
-        finish(&view, &mut Last::new(), ray, &mut found, Want::ERROR, &mut first)?;
+        finish(&view, &mut Last::new(), ray, &found, Want::ERROR, &mut first)?;
     }
     hit.t_free = hit.t_free.min(first.t_free);
     Ok(())

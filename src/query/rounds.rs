@@ -74,6 +74,8 @@ impl Shared {
         };
         if let Some(wake) = wake {
             wake();
+            // It may hold the batch.
+            drop(wake);
             self.end().caller = None;
         }
     }

@@ -130,7 +130,7 @@ pub(super) struct Film {
 
 /// The buffers of a picture that nobody needs any more.
 pub(super) struct Spare {
-    size: (u32, u32),
+    pub size: (u32, u32),
     buffers: [Option<Pixels>; BUFFERS],
 }
 

@@ -321,6 +321,18 @@ impl Inner {
         Some(wake)
     }
 
+    /// Buffers to use again for pictures of this size.
+    fn take_spare(&mut self, size: (u32, u32)) -> Option<Spare> {
+        self.spare.take_if(|spare| spare.size == size)
+    }
+
+    /// Keeps buffers for later, if they are of the size that is asked for now.
+    fn keep_spare(&mut self, buffers: Spare) {
+        if buffers.size == self.size {
+            self.spare = Some(buffers);
+        }
+    }
+
     /// Makes a request the last one; returns it, and the one before if it still runs.
     fn begin(
         &mut self,
@@ -374,16 +386,16 @@ impl Shared {
 }
 
 impl Owner for Shared {
-    fn improved(&self, request: &Request, film: &Film) {
+    fn improved(&self, request: &Request, film: &Film) -> bool {
         let spare = {
             let mut inner = self.inner();
             if inner.requests != request.number {
-                return;
+                return true;
             }
-            inner.spare.take()
+            inner.take_spare((film.width, film.height))
         };
         // Under no lock: it is some megabytes. Where there is no memory for it the picture is shown when it is finished.
-        let Ok(copy) = film.copy(spare) else { return };
+        let Ok(copy) = film.copy(spare) else { return false };
         let picture = copy.into_picture(request.number, Arc::clone(&request.scene), request.rays);
         let wake = {
             let mut inner = self.inner();
@@ -391,12 +403,13 @@ impl Owner for Shared {
             let old = if newer { inner.front.replace(Arc::new(picture)) } else { Some(Arc::new(picture)) };
             // Unless somebody has it mapped.
             if let Some(old) = old.and_then(Arc::into_inner) {
-                inner.spare = Some(old.into_spare());
+                inner.keep_spare(old.into_spare());
             }
             if newer { inner.wake_to_call() } else { None }
         };
         self.changed.notify_all();
         self.call(wake);
+        true
     }
 
     fn ended(&self, request: &Request, film: Film, ending: &End) {
@@ -412,10 +425,10 @@ impl Owner for Shared {
                 request.is_shown();
                 // Unless somebody has it mapped.
                 if let Some(old) = old.and_then(Arc::into_inner) {
-                    inner.spare = Some(old.into_spare());
+                    inner.keep_spare(old.into_spare());
                 }
             } else {
-                inner.spare = Some(buffers);
+                inner.keep_spare(buffers);
             }
             if inner.requests == request.number {
                 cut_short = matches!(ending, End::Cancelled | End::Failed(_));

@@ -47,8 +47,8 @@ pub(super) enum End {
 
 /// Told how a request comes along. Called under no lock.
 pub(super) trait Owner: Send + Sync {
-    /// The film of `request` shows a whole picture, better than the last.
-    fn improved(&self, request: &Request, film: &Film);
+    /// The film of `request` shows a whole picture, better than the last. False if there is no memory to show it.
+    fn improved(&self, request: &Request, film: &Film) -> bool;
     /// `request` has ended with `film`; called once.
     fn ended(&self, request: &Request, film: Film, end: &End);
 }
@@ -428,8 +428,9 @@ impl Work for Request {
             !passes.is_glimpse && !is_last
         };
         if let (Some(film), Some(owner), true) = (self.film(), self.owner.upgrade(), is_picture) {
-            owner.improved(self, &film);
-            self.running().passes.is_shown();
+            if owner.improved(self, &film) {
+                self.running().passes.is_shown();
+            }
         }
         self.go_on();
     }

@@ -142,6 +142,12 @@ impl InOne {
         (0..PACKET).fold(0, |all, i| all | u32::from(passed[i] <= t[i].min(f32::MAX)) << i)
     }
 
+    /// Whether one of the rays passed a cell before it begins.
+    pub fn passes_early(&self, rays: &[Ray]) -> bool {
+        let passed = self.walk.passed();
+        rays.iter().enumerate().any(|(i, ray)| ray.t_min > 0.0 && self.in_world(i, passed[i]) < ray.t_min)
+    }
+
     /// What ray `i` finds in `view`; `met`: it hits something.
     #[inline]
     pub fn found(&self, view: &SceneView, i: usize, met: bool) -> Found {

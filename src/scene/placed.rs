@@ -226,7 +226,7 @@ impl Placed {
             return [not_below(t_min.max(0.0)), not_below(t_max)];
         }
         // Of directions that are about as long as units a division is spared. What the two are rounded by is less than `by`, wherever anything can be hit.
-        let over = if dir >= 0.5 { 2.0 } else { 1.0 / dir };
+        let over = if (0.5..=2.0).contains(&dir) { 2.0 } else { 1.0 / dir };
         let by = BEYOND * (org.abs().max_element() + self.reach) * over;
         [(t_min - by).max(0.0) as f32, (t_max + by) as f32]
     }

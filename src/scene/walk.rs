@@ -174,6 +174,7 @@ pub(crate) struct SceneView<'a> {
 pub(crate) trait Ends: std::fmt::Debug + Sync {
     fn triangle(&self, placed: u32, triangle: &Triangle, t: f64) -> bool;
     fn cell(&self, t: f64) -> bool;
+    fn is_beyond(&self, t: f64) -> bool;
 }
 
 /// In one of the trees.
@@ -189,6 +190,9 @@ impl Within for EndsIn<'_> {
     }
     fn cell(&self, t: f32) -> bool {
         self.ends.cell(self.at.in_world(t))
+    }
+    fn is_beyond(&self, t: f32) -> bool {
+        self.ends.is_beyond(self.at.in_world(t))
     }
 }
 

@@ -722,6 +722,12 @@ static void queries(oc_context *c, oc_scene *s0) {
         OK(oc_scene_any_start(s0, &q, &any, 0, &own.job));
         OK(oc_job_set_wake(own.job, release_own, &own));
         while (!*(volatile int *)&own.released) OK(oc_context_step(c, NULL));
+        /* The last count, from within the call that calls back. */
+        own.released = 0;
+        OK(oc_scene_closest_start(s0, &q, hit, 0, &own.job));
+        OK(oc_job_wait(own.job, OC_FOREVER, &progress));
+        OK(oc_job_set_wake(own.job, release_own, &own));
+        CHECK(own.released == 1);
     }
     /* Rays that cannot hit. */
     const float directions[4][3] = {{0, 0, 0}, {NAN, 0, 1}, {INFINITY, 0, 0}, {0, 0, -1}};

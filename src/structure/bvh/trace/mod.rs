@@ -62,6 +62,8 @@ pub trait Within: std::fmt::Debug + Sync {
     fn triangle(&self, triangle: &Triangle, t: f32) -> bool;
     /// Whether a cell that is met at `t` is: else what it holds is asked.
     fn cell(&self, t: f32) -> bool;
+    /// Whether what is met at `t` is behind where the ray ends.
+    fn is_beyond(&self, t: f32) -> bool;
 }
 
 impl PartFilter<'_> {

@@ -476,7 +476,11 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     } else if enter.le(leave).bits() >> slot & 1 == 0 {
         return;
     }
-    let _ = offer(best, TriHit { t: enter.to_array()[slot & 7], u: 0.0, v: 0.0, block: block_id, tri });
+    let t = enter.to_array()[slot & 7];
+    if filter.and_then(|filter| filter.within).is_some_and(|within| within.is_beyond(t)) {
+        return;
+    }
+    let _ = offer(best, TriHit { t, u: 0.0, v: 0.0, block: block_id, tri });
 }
 
 /// The run of planes that is met first, and its opposite.
