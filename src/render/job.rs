@@ -427,10 +427,10 @@ impl Work for Request {
             let is_last = passes.nothing_is_lacking(self.settings.samples) && passes.pressure == 1.0;
             !passes.is_glimpse && !is_last
         };
-        if let (Some(film), Some(owner), true) = (self.film(), self.owner.upgrade(), is_picture) {
-            if owner.improved(self, &film) {
-                self.running().passes.is_shown();
-            }
+        if let (Some(film), Some(owner), true) = (self.film(), self.owner.upgrade(), is_picture)
+            && owner.improved(self, &film)
+        {
+            self.running().passes.is_shown();
         }
         self.go_on();
     }
