@@ -103,7 +103,8 @@ impl Builder {
         let read = self.begun.elapsed().as_secs_f64();
         self.cancel.check()?;
         self.leave_out_unplaced();
-        see_room(self.meshes.iter().map(|mesh| mesh.triangles).max().unwrap_or(0), self.options.memory_budget.saturating_sub(self.in_memory))?;
+        let largest = self.meshes.iter().map(|mesh| mesh.triangles).max().unwrap_or(0);
+        see_room(largest, self.in_memory, self.options.memory_budget)?;
         let Self { options, progress, cancel, notes, meshes, spilled, assembly, shares, space, .. } = self;
         let gathered = Gathered {
             meshes,
@@ -163,11 +164,12 @@ impl Builder {
     }
 }
 
-/// Whether the system has the memory that the tree of so many triangles (trees are built one after the other) mostly takes beside these, up to three quarters of what is left of its budget, which holds
-/// other things too: asked for and given back. Later it would be missed by what has no way to say so. (Measured: 75 bytes a triangle of a million.)
-fn see_room(triangles: u64, budget: u64) -> Result<()> {
+/// Whether the system has the memory that the tree of so many triangles (trees are built one after the other) mostly takes beside what is `in_memory`, up to three
+/// quarters of what that leaves of the budget (0: no limit), which holds other things too: asked for and given back. Later it would be missed by what has no way to
+/// say so. (A build of a million from memory held 75 bytes a triangle beside its 44 of input.)
+fn see_room(triangles: u64, in_memory: u64, budget: u64) -> Result<()> {
     let bytes = (16 << 20) + triangles.saturating_mul(64);
-    let bytes = if budget == 0 { bytes } else { bytes.min(budget / 4 * 3) };
+    let bytes = if budget == 0 { bytes } else { bytes.min(budget.saturating_sub(in_memory) / 4 * 3) };
     memory::room::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), &format!("a tree of {triangles} triangles")).map(drop)
 }
 

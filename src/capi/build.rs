@@ -1,6 +1,6 @@
 //! Builds: meshes from files or from the caller's memory become a model file.
 
-use super::context::{ContextObject, OC_ALL_THREADS, oc_context};
+use super::context::{ContextObject, OC_ALL_THREADS, check_threads, oc_context};
 use super::guard::{self, Checked, Sized32, bad, boundary, out, read_or_default, reserved};
 use super::handles::{self, Shell, handle};
 use super::job::oc_job;
@@ -120,13 +120,6 @@ fn threads(asked: u32, context: &ContextObject) -> usize {
         (_, n) => n as usize,
     }
 }
-
-/// More threads than any machine has: a number that was not meant.
-pub(super) fn check_threads(asked: u32, name: &str) -> Checked<()> {
-    if asked <= MOST_THREADS || asked == OC_ALL_THREADS { Ok(()) } else { bad(format!("{name} is {asked}; up to {MOST_THREADS}")) }
-}
-
-const MOST_THREADS: u32 = 4096;
 
 /// # Safety
 /// The pointers in `desc` are as its members say.

@@ -1,7 +1,7 @@
 //! The context: threads, log and memory budget that all else hangs on.
 
 use super::background::{Product, Task, WaitersWork};
-use super::guard::{Failure, Sized32, boundary, out, read, read_or_default};
+use super::guard::{Checked, Failure, Sized32, bad, boundary, out, read, read_or_default};
 use super::handles::{self, Shell, handle};
 use super::job::{oc_job, give_job};
 use super::status::oc_status;
@@ -35,6 +35,13 @@ pub const OC_LOG_DEBUG: oc_log_level = 4;
 // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_log_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, level: oc_log_level, message: *const c_char)>;
+
+/// More threads than any machine has: a number that was not meant.
+pub(super) fn check_threads(asked: u32, name: &str) -> Checked<()> {
+    if asked <= MOST_THREADS || asked == OC_ALL_THREADS { Ok(()) } else { bad(format!("{name} is {asked}; up to {MOST_THREADS}")) }
+}
+
+const MOST_THREADS: u32 = 4096;
 
 /// A piece of work for the host's threads: call it once with the `task` that came with it.
 // SAFETY, for who calls it: the library's own function; the task that came with it, and once.
@@ -264,7 +271,7 @@ unsafe fn host_executor(executor: *const oc_executor) -> super::guard::Checked<O
     // SAFETY: the caller's contract.
     let executor = unsafe { read(executor)? };
     let Some(submit) = executor.submit else {
-        return super::guard::bad("oc_executor.submit is NULL");
+        return bad("oc_executor.submit is NULL");
     };
     if executor.concurrency == 0 {
         return super::guard::bad("oc_executor.concurrency is 0");
@@ -296,9 +303,11 @@ pub unsafe extern "C" fn oc_context_create(
         if desc.flags & !OC_CONTEXT_NO_READ_AHEAD != 0 {
             return super::guard::bad(format!("oc_context_desc.flags {:#x}: some are unknown", desc.flags));
         }
-        super::build::check_threads(desc.threads, "oc_context_desc.threads")?;
         let isa = instruction_set(desc.instruction_set)?;
         let host = host_executor(desc.executor)?;
+        if host.is_none() {
+            check_threads(desc.threads, "oc_context_desc.threads")?;
+        }
         let log = desc.log.map(|log| {
             let host = HostLog { log, user: desc.log_user };
             Arc::new(move |level, line: &str| host.line(level, line)) as Arc<dyn Fn(LogLevel, &str) + Send + Sync>

@@ -174,7 +174,7 @@ pub(super) fn is_early(view: &SceneView, ray: &Ray, found: &Found) -> bool {
 
 /// Goes on with the walk of a ray that found, or passed, something outside of its interval, each hit now seen in double precision, and fills `found` and `hit` with the
 /// first within (`any`: with any); fails with the block that is needed to go on again. (Rays that begin right at a surface, as whoever peels off layer after
-/// layer asks for them, or end there; others rarely.)
+/// layer asks for them, or end there.)
 #[cold]
 pub(super) fn past(view: &SceneView, any: bool, ray: &Ray, walk: &mut SceneWalk, want: Want, found: &mut Found, hit: &mut Hit) -> Result<(), Need> {
     *hit = Hit::MISS;

@@ -18,7 +18,7 @@ use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 use crate::base::tasks::{Ending, Work};
 use crate::scene::SceneState;
-use crate::scene::walk::{Hold, Need, SceneView, Snapshots};
+use crate::scene::walk::{Hold, Need, Snapshots};
 use crate::structure::bvh::trace::PACKET;
 use std::borrow::Borrow;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -303,7 +303,7 @@ where
 
     /// Takes a parked group as far as it comes.
     fn resume(&self, snapshots: &Snapshots, mut group: Group) {
-        let view = SceneView { never_waits: false, ..self.task().view(self.scene.borrow(), snapshots, self.stamp) };
+        let view = self.task().view(self.scene.borrow(), snapshots, self.stamp);
         let (first, count) = (group.first(), group.count());
         match group.resume(&view, self.task()) {
             Some(hits) => {

@@ -104,6 +104,10 @@ static oc_context *contexts(void) {
     OC_INIT(&executor);
     desc.executor = &executor;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c)); /* no submit */
+    desc.executor = NULL, desc.threads = 4097;
+    INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
+    CHECK(strstr(oc_last_error(), "4096"));
+    desc.executor = &executor, desc.threads = 0;
     executor.submit = submit;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c)); /* no concurrency */
     GARBAGE_SIZES(oc_executor, (desc.executor = s, oc_context_create(OC_HEADER_VERSION, &desc, &c)));
@@ -215,6 +219,10 @@ static void contents_of_builds(oc_context *c) {
     part.has_parent = 0, part.name = "\xff\xfe";
     INVALID(oc_build_add_part(b, &part));
     part.name = NULL;
+    const uint64_t id = part.id;
+    part.id = OC_NO_ID;
+    INVALID(oc_build_add_part(b, &part));
+    part.id = id;
     OK(oc_build_add_part(b, &part));
     INVALID(oc_build_add_part(b, &part)); /* twice */
 
@@ -265,6 +273,8 @@ static void contents_of_builds(oc_context *c) {
     OK(oc_build_add_triangles(b, &t)); /* none of them: nothing, whatever the corners */
     t.index_count = 3;
     INVALID(oc_build_add_triangles(b, &t)); /* NULL */
+    t.indices = NULL, t.index = OC_INDEX_NONE; /* but they are counted */
+    INVALID(oc_build_add_triangles(b, &t));
     t.indices = tetra_indices, t.index = OC_INDEX_U32, t.index_count = 11;
     INVALID(oc_build_add_triangles(b, &t));
     t.index_count = 12, t.position_count = 3;
@@ -571,6 +581,7 @@ static oc_scene *scenes(oc_context *c) {
     INVALID(oc_scene_add_instance(s0, NULL, 1, NULL));
     INVALID(oc_scene_add_instance(s0, (oc_model *)(void *)s0, 1, NULL));
     INVALID(oc_scene_add_instance(s0, m, 1, singular));
+    INVALID(oc_scene_add_instance(s0, m, OC_NO_ID, NULL));
     OK(oc_context_create(OC_HEADER_VERSION, NULL, &other));
     oc_scene *foreign;
     OK(oc_scene_create(other, &foreign));
