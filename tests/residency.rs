@@ -199,6 +199,37 @@ fn rays_that_pass_stand_ins_end_with_the_least_budget() {
     assert!(most <= need, "{most} of {need}");
 }
 
+/// What is read for rays, with one budget after the other: a larger one is no reason to read more.
+#[test]
+fn with_more_memory_no_more_is_read() {
+    let large = large();
+    let counted = |budget| {
+        let (bytes, file) = (Arc::new(AtomicU64::new(0)), FileSource::open(&large.path).unwrap());
+        let (sum, len) = (Arc::clone(&bytes), file.len());
+        let read = move |at: u64, buf: &mut [u8]| {
+            sum.fetch_add(buf.len() as u64, SeqCst);
+            file.read_at(at, buf)
+        };
+        let options = ContextOptions { threads: 1, memory_budget: budget, read_ahead: false, ..Default::default() };
+        let context = Context::new(options).expect("a context");
+        scene(&context, Arc::new(CallbackSource::new("counted", len, Box::new(read)))).map(|(state, model)| {
+            bytes.store(0, SeqCst);
+            same(&ask(&state, &large.rays).expect("answers"), &large.hits, "any budget");
+            drop((state, model));
+            bytes.load(SeqCst)
+        })
+    };
+    let Err(Error::OverBudget { need, .. }) = counted(4096) else { panic!("a page does not do") };
+    let budgets = [10, 11, 12, 15, 20, 40, 80].map(|tenths| need * tenths / 10);
+    let read = budgets.map(|budget| counted(budget).expect("it opens"));
+    println!("{read:?} bytes with {budgets:?}, of {} in memory", large.bytes);
+    for (i, bytes) in read.iter().enumerate().skip(1) {
+        let before = read[..i].iter().min().expect("there was one before");
+        assert!(*bytes <= before + before / 16, "{bytes} with {}, {before} with less: {read:?}", budgets[i]);
+    }
+    assert!(read[6] < read[0] / 3, "{read:?}");
+}
+
 #[test]
 fn what_was_read_for_rays_is_there_for_the_same_rays() {
     let large = large();

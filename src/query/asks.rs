@@ -1,7 +1,6 @@
-//! Which blocks rays wait for, and which of them are fetched together.
+//! Which blocks a ray waits for.
 
 use crate::scene::walk::{Need, Snapshots};
-use std::collections::{BTreeMap, BTreeSet};
 
 /// The blocks that a ray has asked for last.
 ///
@@ -43,24 +42,6 @@ impl Asks {
     }
 }
 
-/// The blocks to fetch for rays that wait: what most of them wait for first, up to `room` bytes; all that a ray waits for
-/// or nothing of it, and at least what one of them waits for. Ascending.
-pub(super) fn plan<'a>(asks: impl Iterator<Item = &'a Asks>, room: u64, bytes: impl Fn(Need) -> u64) -> Vec<Need> {
-    let mut rays = BTreeMap::<&[Need], usize>::new();
-    asks.for_each(|asks| *rays.entry(asks.needs()).or_default() += 1);
-    let mut sets: Vec<_> = rays.into_iter().collect();
-    sets.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
-    let (mut chosen, mut sum) = (BTreeSet::new(), 0);
-    for (needs, _) in sets {
-        let more: u64 = needs.iter().filter(|need| !chosen.contains(*need)).map(|&need| bytes(need)).sum();
-        if chosen.is_empty() || sum + more <= room {
-            chosen.extend(needs);
-            sum += more;
-        }
-    }
-    chosen.into_iter().collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -85,16 +66,5 @@ mod tests {
         assert_eq!(asks.needs(), [need(4), need(5), need(2), need(3)]);
         asks.push(need(3));
         assert_eq!(asks.needs(), [need(3), need(4), need(5), need(2)]);
-    }
-
-    #[test]
-    fn most_wanted_first_and_whole_sets_only() {
-        let mut both = Asks::of(need(8));
-        [9, 8].iter().for_each(|&n| both.push(need(n)));
-        let asks = [Asks::of(need(3)), Asks::of(need(5)), Asks::of(need(3)), both];
-        let plan = |room| plan(asks.iter(), room, |_| 10).iter().map(|n| n.block.0).collect::<Vec<_>>();
-        assert_eq!(plan(0), [3]);
-        assert_eq!(plan(29), [3, 5]);
-        assert_eq!(plan(40), [3, 5, 8, 9]);
     }
 }

@@ -4,6 +4,7 @@ use super::batch::{Hits, Policy, Rays};
 use super::asks::Asks;
 use super::finish::{Last, begin_free, begin_past, finish, free, is_early, past};
 use super::hit::{Hit, HitKind, Want};
+use super::parked::Waits;
 use super::stand_in;
 use super::simple::Simple;
 use crate::math::Ray;
@@ -52,7 +53,7 @@ pub(super) struct Chunk {
     /// Rays without an answer yet.
     unfinished: Vec<u32>,
     /// Groups that must wait.
-    pub parked: Vec<Group>,
+    pub parked: Vec<Box<Group>>,
 }
 
 impl Default for Chunk {
@@ -215,7 +216,7 @@ impl Chunk {
         if waiting.is_empty() {
             return hits.write(first, &self.answers.hits[..count]);
         }
-        self.parked.push(Group::new(first, rays, found, &self.answers.hits, waiting));
+        self.parked.push(Box::new(Group::new(first, rays, found, &self.answers.hits, waiting)));
     }
 }
 
@@ -359,11 +360,6 @@ impl Group {
         self.count
     }
 
-    /// What each of its rays waits for.
-    pub fn asks(&self) -> impl Iterator<Item = &Asks> {
-        self.waiting.iter().map(|waiting| &waiting.asks)
-    }
-
     /// Takes up those of its rays whose blocks are there; the answers, or `None` if blocks are missing still.
     pub fn resume(&mut self, view: &SceneView, task: Task) -> Option<&[Hit]> {
         let Self { waiting, rays, found, hits, .. } = self;
@@ -380,6 +376,12 @@ impl Group {
             })
         });
         self.waiting.is_empty().then_some(&self.hits[..self.count])
+    }
+}
+
+impl Waits for Box<Group> {
+    fn asks(&self) -> impl Iterator<Item = &Asks> {
+        self.waiting.iter().map(|waiting| &waiting.asks)
     }
 }
 

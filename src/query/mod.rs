@@ -8,6 +8,7 @@ mod chunk;
 pub(crate) mod finish;
 pub mod hit;
 pub mod overlap;
+mod parked;
 mod rounds;
 mod simple;
 pub(crate) mod stand_in;

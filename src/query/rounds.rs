@@ -9,10 +9,10 @@
 //! room, into the reserve, under a lease. Where all is in memory there is one round, and no lease.
 
 use super::alone::{self, ALONE};
-use super::asks::plan;
 use super::batch::{Hits, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
 use super::hit::Want;
+use super::parked::Parked;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
@@ -21,6 +21,7 @@ use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, Snapshots};
 use crate::structure::bvh::trace::PACKET;
 use std::borrow::Borrow;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::ThreadId;
@@ -137,7 +138,7 @@ fn trace_chunk(
     (first, count): (usize, usize),
     rays: &impl Rays,
     hits: &impl Hits,
-) -> Vec<Group> {
+) -> Vec<Box<Group>> {
     let view = task.view(scene, snapshots, stamp);
     let mut chunk = scene.context().take_scratch::<Chunk>();
     chunk.run(&view, task, first, count, rays, hits);
@@ -153,7 +154,7 @@ struct AtOnce<'a> {
     hits: &'a dyn Hits,
     task: Task,
     /// What must wait for blocks.
-    parked: Mutex<Vec<Group>>,
+    parked: Mutex<Vec<Box<Group>>>,
 }
 
 impl Work for AtOnce<'_> {
@@ -192,21 +193,25 @@ struct Rounds {
     fetching: bool,
     /// What was read for the round to come.
     hold: Hold,
+    /// Bytes that were to be read for it, and those of them that came.
+    asked: u64,
+    came: u64,
+    /// Bytes that the next round asks for at most: what came, where not all had room, and twice as much after each round that was as large.
+    room: u64,
     /// For later rounds.
-    parked: Vec<Group>,
+    parked: Parked<Box<Group>>,
     /// Chunks that were not begun because too many groups were parked.
     deferred: Vec<usize>,
 }
 
 /// A piece of work of a round after the first.
-#[allow(clippy::large_enum_variant)] // there are few, and each is moved once
 enum Item {
     /// Rays to be begun.
     Chunk(usize),
     /// Blocks to be read, where there is room beside what views use.
     Fetch(Vec<Need>),
     /// Rays to be gone on with.
-    Resume(Group),
+    Resume(Box<Group>),
     /// A round under a lease.
     Lease,
 }
@@ -216,6 +221,9 @@ const MOST_PARKED: usize = 1024;
 
 /// Of the budget, how much a round brings at most: one part in so many. Others hold blocks too.
 const ROUND_SHARE: u64 = 4;
+
+/// Bytes that count as having come where none did: a few rounds later it is looked anew what has room.
+const FEW: u64 = 64 << 10;
 
 /// Blocks of a model that a worker brings at a time.
 const FETCH: usize = 16;
@@ -234,7 +242,10 @@ where
             first: true,
             fetching: false,
             hold: Hold::default(),
-            parked: Vec::new(),
+            asked: 0,
+            came: 0,
+            room: u64::MAX,
+            parked: Parked::default(),
             deferred: Vec::new(),
         };
         let count = rays.count();
@@ -243,9 +254,9 @@ where
     }
 
     /// What is left of a batch of which all but `parked` is answered.
-    fn rest(scene: S, rays: R, hits: H, options: QueryOptions, parked: Vec<Group>) -> Self {
+    fn rest(scene: S, rays: R, hits: H, options: QueryOptions, parked: Vec<Box<Group>>) -> Self {
         let batch = Self::new(scene, rays, hits, options);
-        batch.rounds().parked = parked;
+        batch.rounds().park(parked);
         batch
     }
 
@@ -293,16 +304,16 @@ where
         };
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
-        let mut parked = trace_chunk(scene, &snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
-        let waiting: usize = parked.iter().map(Group::count).sum();
+        let parked = trace_chunk(scene, &snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
+        let waiting: usize = parked.iter().map(|group| group.count()).sum();
         self.shared.answered.fetch_add((count - waiting) as u64, Relaxed);
         if waiting > 0 {
-            self.rounds().parked.append(&mut parked);
+            self.rounds().park(parked);
         }
     }
 
     /// Takes a parked group as far as it comes.
-    fn resume(&self, snapshots: &Snapshots, mut group: Group) {
+    fn resume(&self, snapshots: &Snapshots, mut group: Box<Group>) {
         let view = self.task().view(self.scene.borrow(), snapshots, self.stamp);
         let (first, count) = (group.first(), group.count());
         match group.resume(&view, self.task()) {
@@ -314,29 +325,26 @@ where
         }
     }
 
+    /// Bytes of blocks in memory.
+    fn bytes(&self, needs: &[Need]) -> u64 {
+        let models = &self.scene.borrow().models;
+        needs.iter().map(|need| models[need.model as usize].blocks().slot_bytes(need.block)).sum()
+    }
+
     /// The blocks to bring, most wanted first, up to `room` bytes.
     fn plan(&self, rounds: &Rounds, room: u64) -> Vec<Need> {
-        let models = &self.scene.borrow().models;
-        let bytes = |need: Need| models[need.model as usize].blocks().slot_bytes(need.block);
-        plan(rounds.parked.iter().flat_map(Group::asks), room, bytes)
+        rounds.parked.plan(room, |need| self.bytes(&[need]))
     }
 
-    /// The parked groups that can go on with what is in `snapshots`.
-    fn take_ready(rounds: &mut Rounds, snapshots: &Snapshots) -> Vec<Group> {
-        let (ready, rest) =
-            std::mem::take(&mut rounds.parked).into_iter().partition(|group| group.asks().any(|a| a.are_in(snapshots)));
-        rounds.parked = rest;
-        ready
-    }
-
-    /// Brings blocks, as far as there is room.
+    /// Brings blocks, the first of them first, as far as there is room.
     fn fetch(&self, needs: &[Need]) -> Result<()> {
-        for same_model in needs.chunk_by(|a, b| a.model == b.model) {
-            let model = same_model[0].model;
-            for few in same_model.chunks(FETCH) {
-                let blocks: Vec<BlockId> = few.iter().map(|need| need.block).collect();
+        for few in needs.chunks(FETCH) {
+            for (model, blocks) in by_model(few) {
                 let held = self.scene.borrow().models[model as usize].blocks().bring(&blocks, &Cancel::new())?;
-                self.rounds().hold.add(model, held);
+                let there: Vec<Need> = held.iter().map(|&(block, _)| Need { model, block }).collect();
+                let mut rounds = self.rounds();
+                rounds.came += self.bytes(&there);
+                rounds.hold.add(model, held);
             }
         }
         Ok(())
@@ -348,12 +356,11 @@ where
         let scene = self.scene.borrow();
         let mut lease = scene.context().residency().lease();
         let needs = self.plan(&self.rounds(), lease.room());
-        for same_model in needs.chunk_by(|a, b| a.model == b.model) {
-            let blocks: Vec<BlockId> = same_model.iter().map(|need| need.block).collect();
-            lease.fetch(scene.models[same_model[0].model as usize].blocks(), &blocks, &Cancel::new())?;
+        for (model, blocks) in by_model(&needs) {
+            lease.fetch(scene.models[model as usize].blocks(), &blocks, &Cancel::new())?;
         }
         let snapshots = Snapshots::leased(scene, &lease)?;
-        let groups = Self::take_ready(&mut self.rounds(), &snapshots);
+        let groups = self.rounds().parked.take(|need| snapshots.has(need));
         let groups = groups.into_iter().map(|group| Mutex::new(Some(group))).collect();
         let resuming = Resuming { batch: self, groups, snapshots };
         match scene.context().pool().run_scoped(resuming.groups.len(), &resuming) {
@@ -371,10 +378,17 @@ where
         if rounds.parked.is_empty() {
             return self.next_resume(&mut rounds, Snapshots::take(self.scene.borrow()));
         }
-        let room = self.scene.borrow().context().memory_budget() / ROUND_SHARE;
+        let context = self.scene.borrow().context();
+        let room = rounds.room.min(context.memory_budget() / ROUND_SHARE);
+        if room < context.residency().lease_room() {
+            // The reserve holds more than there is room for beside it.
+            rounds.room = room.max(FEW).saturating_mul(2);
+            return rounds.begin(vec![Item::Lease]);
+        }
         let needs = self.plan(&rounds, room);
+        (rounds.asked, rounds.came) = (self.bytes(&needs), 0);
         // A worker is left for frames, which are not to wait for the disk.
-        let readers = self.scene.borrow().context().concurrency().saturating_sub(1).max(1);
+        let readers = context.concurrency().saturating_sub(1).max(1);
         let share = needs.len().div_ceil(readers).max(1);
         rounds.items = needs.chunks(share).map(|needs| Some(Item::Fetch(needs.to_vec()))).collect();
         rounds.fetching = true;
@@ -383,23 +397,48 @@ where
 
     /// A round of what can go on, and of chunks not begun while few groups are parked.
     fn next_resume(&self, rounds: &mut Rounds, snapshots: Snapshots) -> usize {
-        let mut items: Vec<_> = Self::take_ready(rounds, &snapshots).into_iter().map(|g| Some(Item::Resume(g))).collect();
+        let ready = rounds.parked.take(|need| snapshots.has(need));
+        let mut items: Vec<_> = ready.into_iter().map(Item::Resume).collect();
         if items.is_empty() && !rounds.parked.is_empty() {
-            items.push(Some(Item::Lease));
-        } else {
-            let more = (MOST_PARKED.saturating_sub(rounds.parked.len() + items.len())).div_ceil(CHUNK / PACKET);
-            let from = rounds.deferred.len() - more.min(rounds.deferred.len());
-            items.extend(rounds.deferred.drain(from..).map(|chunk| Some(Item::Chunk(chunk))));
+            items.push(Item::Lease);
         }
-        (rounds.items, rounds.snapshots, rounds.fetching) = (items, Arc::new(snapshots), false);
-        rounds.items.len()
+        rounds.snapshots = Arc::new(snapshots);
+        rounds.begin(items)
     }
+}
+
+impl Rounds {
+    fn park(&mut self, groups: Vec<Box<Group>>) {
+        groups.into_iter().for_each(|group| self.parked.push(group));
+    }
+
+    /// Begins a round of `items`, and of chunks that were not begun while few groups are parked; returns how many there are.
+    fn begin(&mut self, items: Vec<Item>) -> usize {
+        let more = (MOST_PARKED.saturating_sub(self.parked.len() + items.len())).div_ceil(CHUNK / PACKET);
+        let from = self.deferred.len() - more.min(self.deferred.len());
+        let chunks = self.deferred.drain(from..).map(Item::Chunk);
+        self.items = items.into_iter().chain(chunks).map(Some).collect();
+        self.fetching = false;
+        self.items.len()
+    }
+
+    /// After blocks were read: as much is asked for next as had room.
+    fn has_fetched(&mut self) {
+        self.room = if self.came < self.asked { self.came } else { self.room.saturating_mul(2) };
+    }
+}
+
+/// Blocks by their model, ascending.
+fn by_model(needs: &[Need]) -> BTreeMap<u32, Vec<BlockId>> {
+    let mut models = BTreeMap::<u32, Vec<BlockId>>::new();
+    needs.iter().for_each(|need| models.entry(need.model).or_default().push(need.block));
+    models
 }
 
 /// Groups gone on with under a lease.
 struct Resuming<'a, S, R, H, const ANY: bool> {
     batch: &'a Batch<S, R, H, ANY>,
-    groups: Vec<Mutex<Option<Group>>>,
+    groups: Vec<Mutex<Option<Box<Group>>>>,
     snapshots: Snapshots,
 }
 
@@ -458,7 +497,10 @@ where
             if rounds.parked.is_empty() && rounds.deferred.is_empty() {
                 return Ok(0);
             }
-            rounds.fetching.then(|| std::mem::take(&mut rounds.hold))
+            rounds.fetching.then(|| {
+                rounds.has_fetched();
+                std::mem::take(&mut rounds.hold)
+            })
         };
         let Some(hold) = hold else { return Ok(self.next_fetch()) };
         // Without memory for the tables it takes a lease.

@@ -58,6 +58,10 @@ impl Reserve {
     fn working(&self) -> u64 {
         self.account.limit() / WORKING_SHARE
     }
+
+    fn room(&self) -> u64 {
+        self.account.limit() - self.working()
+    }
 }
 
 /// The reserve, held by one job. Blocks that it brings are nobody else's; they are free again when it is dropped and its
@@ -69,6 +73,11 @@ pub struct Lease {
 }
 
 impl Residency {
+    /// Bytes of blocks, in memory, that a lease brings together: what [`Lease::fetch`] is asked for at most.
+    pub fn lease_room(&self) -> u64 {
+        self.shared().reserve.room()
+    }
+
     /// The reserve, once it is this caller's turn: blocks while others hold it, first come, first served.
     ///
     /// Whoever holds it must end without waiting for anybody who may wait for it: hold it for a round of work.
@@ -86,9 +95,9 @@ impl Residency {
 }
 
 impl Lease {
-    /// Bytes of blocks, in memory, that a lease brings together: what [`Lease::fetch`] is asked for at most.
+    /// [`Residency::lease_room`].
     pub fn room(&self) -> u64 {
-        self.shared.reserve.account.limit() - self.shared.reserve.working()
+        self.shared.reserve.room()
     }
 
     /// Brings `ids` into the lease. Those that are in memory cost nothing. Reads the disk: blocks.

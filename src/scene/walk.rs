@@ -15,7 +15,7 @@ use crate::structure::bvh::layout::Block;
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Triangle, Walk, Within};
 
 /// A block that a job needs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct Need {
     /// Index of the scene's model.
     pub model: u32,
