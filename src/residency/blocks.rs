@@ -78,6 +78,9 @@ pub(super) struct Inner {
     pub root_bytes: u64,
     /// Set once opened: its blocks may be read ahead.
     pub may_promote: AtomicBool,
+    /// Bytes of all blocks that are read ahead; and of those of them that are in memory, written by who changes what is.
+    promoted_bytes: u64,
+    promoted_there: AtomicU64,
     /// Set once all of it is in memory, or being read; and once huge pages were looked for in what is there.
     pub is_complete: AtomicBool,
     pub is_together: AtomicBool,
@@ -108,6 +111,8 @@ impl ModelBlocks {
                 pinned.store(true, Relaxed);
             }
         }
+        let promoted = (0..count).map(BlockId).filter(|&id| decoder.is_promoted(id));
+        let promoted_bytes = promoted.map(|id| super::load::slot_bytes(&file, id)).sum();
         let inner = Arc::new(Inner {
             key,
             decoder,
@@ -122,6 +127,8 @@ impl ModelBlocks {
             table_bytes: stays + each,
             root_bytes,
             may_promote: AtomicBool::new(false),
+            promoted_bytes,
+            promoted_there: AtomicU64::new(0),
             is_complete: AtomicBool::new(false),
             is_together: AtomicBool::new(false),
             _tables: tables,
@@ -233,6 +240,21 @@ impl Inner {
     /// Bytes that the block takes in memory.
     pub fn slot_bytes(&self, id: BlockId) -> u64 {
         super::load::slot_bytes(&self.file, id)
+    }
+
+    /// Bytes of blocks that are read ahead and are not in memory.
+    pub fn promoted_lacking(&self) -> u64 {
+        self.promoted_bytes.saturating_sub(self.promoted_there.load(Relaxed))
+    }
+
+    /// Counts blocks that have come to memory, or are gone from it. Under the lock of what is in memory.
+    pub fn count_promoted(&self, ids: impl Iterator<Item = BlockId>, have_come: bool) {
+        let bytes: u64 = ids.filter(|&id| self.decoder.is_promoted(id)).map(|id| self.slot_bytes(id)).sum();
+        if have_come {
+            self.promoted_there.fetch_add(bytes, Relaxed);
+        } else {
+            self.promoted_there.fetch_sub(bytes, Relaxed);
+        }
     }
 
     pub fn corrupt(&self, id: BlockId, why: impl Into<String>) -> Error {

@@ -370,6 +370,7 @@ impl State {
         // What calls use from here on, which begin no passes, counts as used later than what was used before.
         shared.pass.fetch_add(1, Relaxed);
         self.resident += bytes;
+        model.count_promoted(ids.iter().copied(), true);
         shared.come.fetch_add(bytes, Relaxed);
         for view in self.live_views() {
             if view.wants_any(model.key, &ids) {

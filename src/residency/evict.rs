@@ -116,6 +116,7 @@ impl State {
         after.garbage.push(before);
         after.garbage.push(model.published.swap(Arc::new(next)));
         self.resident -= ids.iter().map(|&id| model.slot_bytes(id)).sum::<u64>();
+        model.count_promoted(ids.iter().copied(), false);
         true
     }
 

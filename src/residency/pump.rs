@@ -172,7 +172,8 @@ impl State {
     }
 
     /// The next run to be read ahead: of a model of which all fits, in the order of the file. (Models are looked through only when
-    /// what was found before is done: a block at a time, with a million of them, would take minutes.)
+    /// what was found before is done: a block at a time, with a million of them, would take minutes. And only if what is lacking would fit: else each
+    /// look would go through all blocks, with the lock held.)
     fn next_ahead(&mut self, shared: &Shared) -> Option<(Arc<Inner>, Vec<BlockId>)> {
         let begun = self.ahead.model.upgrade();
         if let Some(run) = begun.and_then(|model| Some((Arc::clone(&model), self.run_ahead(shared, &model)?))) {
@@ -180,6 +181,14 @@ impl State {
         }
         let models: Vec<_> = self.models.values().filter_map(Weak::upgrade).collect();
         models.into_iter().filter(|model| model.may_promote.load(Relaxed)).find_map(|model| {
+            let lacking = model.promoted_lacking();
+            if lacking == 0 {
+                model.is_complete.store(true, Relaxed);
+            }
+            // What is being read is of what is lacking, or not.
+            if lacking == 0 || self.resident + lacking > shared.capacity(self) {
+                return None;
+            }
             let is_lacking = |id: &BlockId| model.decoder.is_promoted(*id) && can_be_had(&model, *id);
             let left: Vec<BlockId> = (0..model.file.block_count()).rev().map(BlockId).filter(is_lacking).collect();
             if left.is_empty() {

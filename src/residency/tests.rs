@@ -18,7 +18,11 @@ const COARSE: u32 = 1 + 8 + 64;
 /// Words of each.
 const WORDS: usize = 4000;
 
-struct Numbers;
+#[derive(Default)]
+struct Numbers {
+    /// How often it was asked what is read ahead.
+    looks: Arc<AtomicU32>,
+}
 
 impl Decoder for Numbers {
     fn decode(&self, id: BlockId, payload: &[u8]) -> std::result::Result<Vec<u32>, String> {
@@ -31,6 +35,7 @@ impl Decoder for Numbers {
         id.0 < COARSE
     }
     fn is_promoted(&self, id: BlockId) -> bool {
+        self.looks.fetch_add(1, SeqCst);
         id.0 < BLOCKS
     }
 }
@@ -85,6 +90,7 @@ struct Rig {
     blocks: ModelBlocks,
     source: Arc<Watched>,
     told: Arc<Mutex<Vec<String>>>,
+    looks: Arc<AtomicU32>,
 }
 
 fn rig_with(options: ResidencyOptions, bytes: Vec<u8>, on_read: OnRead) -> Result<Rig> {
@@ -94,10 +100,12 @@ fn rig_with(options: ResidencyOptions, bytes: Vec<u8>, on_read: OnRead) -> Resul
     let told = Arc::new(Mutex::new(Vec::new()));
     let tell = Arc::clone(&told);
     let report = move |e: &Error| tell.lock().expect("the list").push(e.to_string());
-    let blocks = ModelBlocks::open(&residency, file, Box::new(Numbers), &[BlockId(0)], report, &Cancel::new())?;
+    let looks = Arc::default();
+    let numbers = Numbers { looks: Arc::clone(&looks) };
+    let blocks = ModelBlocks::open(&residency, file, Box::new(numbers), &[BlockId(0)], report, &Cancel::new())?;
     blocks.require(&[BlockId(0)], &Cancel::new())?;
     source.reads.store(0, SeqCst);
-    Ok(Rig { residency, blocks, source, told })
+    Ok(Rig { residency, blocks, source, told, looks })
 }
 
 fn rig(budget: u64, promote: bool) -> Rig {
@@ -393,6 +401,26 @@ fn a_model_that_fits_is_read_in_the_order_of_the_file() {
     let small = self::rig(budget_for(0.9), true);
     small.blocks.opened();
     assert!(!small.residency.pump(), "not what does not fit");
+}
+
+/// Whoever looks for something to read holds a lock that frames take.
+#[test]
+fn looking_for_what_to_read_ahead_goes_through_no_model_in_vain() {
+    for share in [0.5, 1.2] {
+        let rig = rig(budget_for(share), true);
+        rig.blocks.opened();
+        rig.pump_all();
+        assert_eq!(rig.there().len() == BLOCKS as usize, share > 1.0);
+        let before = rig.looks.load(SeqCst);
+        (0..100).for_each(|_| assert!(!rig.residency.pump()));
+        assert_eq!(rig.looks.load(SeqCst), before, "with {share} of the model's bytes");
+        // What goes and comes is counted.
+        let some: Vec<BlockId> = (100..140).map(BlockId).collect();
+        rig.blocks.fetch(&some, &Cancel::new()).expect("there is room");
+        let there = rig.there();
+        let lacking = (0..BLOCKS).filter(|id| !there.contains(id)).map(|id| rig.blocks.slot_bytes(BlockId(id)));
+        assert_eq!(rig.blocks.inner.promoted_lacking(), lacking.sum::<u64>());
+    }
 }
 
 #[test]
