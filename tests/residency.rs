@@ -92,8 +92,23 @@ impl Executor for Spawning {
     }
 }
 
+/// The host's thread that hands a task in runs it, then and there.
+struct AtOnce;
+
+impl Executor for AtOnce {
+    fn concurrency(&self) -> usize {
+        2
+    }
+    fn submit(&self, task: Task) {
+        task.run();
+    }
+}
+
 fn context(threads: usize, executor: bool, memory_budget: u64) -> Context {
-    let executor = executor.then(|| Arc::new(Spawning) as Arc<dyn Executor>);
+    context_of(threads, executor.then(|| Arc::new(Spawning) as Arc<dyn Executor>), memory_budget)
+}
+
+fn context_of(threads: usize, executor: Option<Arc<dyn Executor>>, memory_budget: u64) -> Context {
     Context::new(ContextOptions { threads, executor, memory_budget, ..Default::default() }).expect("a context")
 }
 
@@ -168,6 +183,28 @@ fn exact_answers_with_the_least_budget_are_those_of_the_whole() {
     }
 }
 
+/// Whoever has the lease works on what may need it only for himself: whichever threads there are, calls end.
+#[test]
+fn calls_that_take_turns_with_the_least_memory_end_on_any_threads() {
+    let large = large();
+    let Err(Error::OverBudget { need, .. }) = scene(&context(2, false, 4096), Arc::new(FileSource::open(&large.path).unwrap())) else {
+        panic!("a page does not do")
+    };
+    let executors = [None, None, Some(Arc::new(AtOnce) as Arc<dyn Executor>), Some(Arc::new(Spawning) as Arc<dyn Executor>)];
+    for (i, executor) in executors.into_iter().enumerate() {
+        let context = context_of(i % 2, executor, need);
+        let (state, model) = scene(&context, Arc::new(FileSource::open(&large.path).unwrap())).expect("the least does");
+        std::thread::scope(|threads| {
+            for part in 0..3 {
+                // More than a chunk: with rounds of several items.
+                let (state, range) = (&state, part * 1500..(part + 1) * 1500);
+                threads.spawn(move || same(&ask(state, &large.rays[range.clone()]).expect("answers"), &large.hits[range], "taking turns"));
+            }
+        });
+        drop((state, model));
+    }
+}
+
 /// Rays that pass stand-ins walk twice, and lack blocks in both.
 #[test]
 fn rays_that_pass_stand_ins_end_with_the_least_budget() {
@@ -199,9 +236,18 @@ fn rays_that_pass_stand_ins_end_with_the_least_budget() {
     assert!(most <= need, "{most} of {need}");
 }
 
-/// What is read for rays, with one budget after the other: a larger one is no reason to read more.
+/// What is read for rays of two kinds, with one budget after the other: a larger one is no reason to read more.
 #[test]
 fn with_more_memory_no_more_is_read() {
+    let large = large();
+    let at = |i: usize| DVec3::new(0.03 * (i % 80) as f64 - 1.2, 0.03 * (i / 80) as f64 - 1.2, 4.0);
+    let of_a_camera: Vec<Ray> = (0..6400).map(|i| Ray::new(at(i), -glam::Vec3::Z)).collect();
+    for (what, rays) in [("any way", &large.rays), ("of a camera", &of_a_camera)] {
+        more_memory_reads_no_more(what, rays);
+    }
+}
+
+fn more_memory_reads_no_more(what: &str, rays: &[Ray]) {
     let large = large();
     let counted = |budget| {
         let (bytes, file) = (Arc::new(AtomicU64::new(0)), FileSource::open(&large.path).unwrap());
@@ -214,7 +260,10 @@ fn with_more_memory_no_more_is_read() {
         let context = Context::new(options).expect("a context");
         scene(&context, Arc::new(CallbackSource::new("counted", len, Box::new(read)))).map(|(state, model)| {
             bytes.store(0, SeqCst);
-            same(&ask(&state, &large.rays).expect("answers"), &large.hits, "any budget");
+            let hits = ask(&state, rays).expect("answers");
+            if rays.len() == large.rays.len() {
+                same(&hits, &large.hits, "any budget");
+            }
             drop((state, model));
             bytes.load(SeqCst)
         })
@@ -222,12 +271,40 @@ fn with_more_memory_no_more_is_read() {
     let Err(Error::OverBudget { need, .. }) = counted(4096) else { panic!("a page does not do") };
     let budgets = [10, 11, 12, 15, 20, 40, 80].map(|tenths| need * tenths / 10);
     let read = budgets.map(|budget| counted(budget).expect("it opens"));
-    println!("{read:?} bytes with {budgets:?}, of {} in memory", large.bytes);
+    println!("{what}: {read:?} bytes with {budgets:?}, of {} in memory", large.bytes);
     for (i, bytes) in read.iter().enumerate().skip(1) {
         let before = read[..i].iter().min().expect("there was one before");
-        assert!(*bytes <= before + before / 16, "{bytes} with {}, {before} with less: {read:?}", budgets[i]);
+        assert!(*bytes <= before + before / 16, "{bytes} with {}, {before} with less: {what}, {read:?}", budgets[i]);
     }
-    assert!(read[6] < read[0] / 3, "{read:?}");
+    assert!(read[6] < read[0] / 3, "{what}: {read:?}");
+}
+
+/// A small model in a budget that is hardly larger than the least, but holds it.
+#[test]
+fn what_fits_is_kept_however_small_the_budget() {
+    let file = built::parts(&[Part::white(1, scenes::sphere(40, 80))]);
+    let rays = rays(2000, 4, DVec3::ZERO, 1.0);
+    let (reads, all) = (Arc::new(AtomicUsize::new(0)), std::fs::read(&file.path).expect("the file"));
+    let open = |budget| {
+        let (count, all) = (Arc::clone(&reads), all.clone());
+        let len = all.len() as u64;
+        let read = move |at: u64, buf: &mut [u8]| {
+            count.fetch_add(1, SeqCst);
+            buf.copy_from_slice(&all[at as usize..][..buf.len()]);
+            Ok(())
+        };
+        let options = ContextOptions { threads: 1, memory_budget: budget, read_ahead: false, ..Default::default() };
+        let context = Context::new(options).expect("a context");
+        scene(&context, Arc::new(CallbackSource::new("counted", len, Box::new(read)))).map(|opened| (context, opened))
+    };
+    let Err(Error::OverBudget { need, .. }) = open(4096) else { panic!("a page does not do") };
+    let budget = need + all.len() as u64 * 4;
+    assert!(budget < 8 << 20, "{budget}");
+    let (_context, (state, _model)) = open(budget).expect("it opens");
+    let first = ask(&state, &rays).expect("answers");
+    let before = reads.load(SeqCst);
+    same(&ask(&state, &rays).expect("answers"), &first, "once more");
+    assert_eq!(reads.load(SeqCst), before, "with {budget} bytes");
 }
 
 #[test]

@@ -8,7 +8,7 @@
 use super::error::{Error, Result};
 use super::round::Round;
 use std::any::Any;
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -81,6 +81,23 @@ thread_local! {
     static SUBMITTING: Cell<bool> = const { Cell::new(false) };
     /// Inside an item: whoever waits here has to work, or would wait for itself.
     static WORKING: Cell<bool> = const { Cell::new(false) };
+    /// Whose tasks were run inside an item, and left their work: it is handed in again when the item is done.
+    static LEFT: RefCell<Vec<Arc<Shared>>> = const { RefCell::new(Vec::new()) };
+}
+
+/// Does what is an item's work.
+fn working(work: impl FnOnce()) {
+    let before = WORKING.replace(true);
+    work();
+    WORKING.set(before);
+    serve_left();
+}
+
+/// Outside of all items, has the work served that tasks left inside of them. (Not from inside `submit`: whoever serves there goes on until nothing is open.)
+fn serve_left() {
+    if !WORKING.get() && !SUBMITTING.get() {
+        LEFT.take().into_iter().for_each(|shared| shared.hand_in_for_open());
+    }
 }
 
 /// Wraps what a worker does with its thread set up as needed (rounding modes, say).
@@ -236,20 +253,20 @@ impl Pool {
     /// Works through all rounds in the caller's thread.
     fn run_here(&self, mut items: usize, work: &dyn Work) -> Ending {
         let mut ending = Ending::Finished;
-        let before = WORKING.replace(true);
-        (self.shared.around)(&mut || {
-            let rounds = caught(|| {
-                while items > 0 {
-                    (0..items).try_for_each(|item| work.run(item))?;
-                    items = work.round_done()?;
+        working(|| {
+            (self.shared.around)(&mut || {
+                let rounds = caught(|| {
+                    while items > 0 {
+                        (0..items).try_for_each(|item| work.run(item))?;
+                        items = work.round_done()?;
+                    }
+                    Ok(())
+                });
+                if let Err(error) = rounds {
+                    ending = Ending::Failed(Arc::new(error));
                 }
-                Ok(())
             });
-            if let Err(error) = rounds {
-                ending = Ending::Failed(Arc::new(error));
-            }
         });
-        WORKING.set(before);
         let _ = caught(|| {
             work.ended(&ending);
             Ok(())
@@ -384,6 +401,11 @@ impl Shared {
     fn serve_as_task(self: Arc<Self>) {
         // Run from inside `submit`: handing in another task would recurse, so all is done now.
         let inline = SUBMITTING.get();
+        if inline && WORKING.get() {
+            // The item that handed it in may hold what others' items wait for (a lease).
+            lock(&self.queue).tasks_out -= 1;
+            return LEFT.with_borrow_mut(|left| left.push(self));
+        }
         let begun = Instant::now();
         loop {
             let (turn, again) = {
@@ -416,23 +438,24 @@ impl Shared {
                 Ok(())
             });
             SUBMITTING.set(before);
+            serve_left();
         }
     }
 
     /// Works on items of a round for `time` (one item at least, if there is one).
     fn serve(self: &Arc<Self>, job: &Arc<Inner>, round: &Arc<Round>, time: Duration) {
-        let before = WORKING.replace(true);
-        (self.around)(&mut || {
-            let begun = Instant::now();
-            while let Some(item) = round.claim() {
-                self.run_item(job, round, item);
-                if begun.elapsed() >= time {
-                    return;
+        working(|| {
+            (self.around)(&mut || {
+                let begun = Instant::now();
+                while let Some(item) = round.claim() {
+                    self.run_item(job, round, item);
+                    if begun.elapsed() >= time {
+                        return;
+                    }
                 }
-            }
-            lock(&self.queue).open.retain(|(_, r)| !Arc::ptr_eq(r, round));
+                lock(&self.queue).open.retain(|(_, r)| !Arc::ptr_eq(r, round));
+            });
         });
-        WORKING.set(before);
     }
 
     fn run_item(self: &Arc<Self>, job: &Arc<Inner>, round: &Round, item: usize) {
@@ -501,6 +524,18 @@ impl Shared {
         for _ in 0..tasks {
             self.hand_in();
         }
+    }
+
+    /// Hands in as many tasks as there are open rounds, and places free.
+    fn hand_in_for_open(self: &Arc<Self>) {
+        let hands = self.executor.as_ref().map_or(0, |e| e.concurrency().max(1));
+        let tasks = {
+            let mut queue = lock(&self.queue);
+            let tasks = hands.saturating_sub(queue.tasks_out).min(queue.open.len());
+            queue.tasks_out += tasks;
+            tasks
+        };
+        (0..tasks).for_each(|_| self.hand_in());
     }
 
     fn cancel(self: &Arc<Self>, job: &Arc<Inner>) {

@@ -345,3 +345,46 @@ fn cancels_from_everywhere_end_every_job_once() {
         assert_eq!(work.ended.load(SeqCst), 1, "job {i}");
     }
 }
+
+thread_local! {
+    /// What an item has here that others' items wait for.
+    static HOLDS: Cell<bool> = const { Cell::new(false) };
+}
+
+/// A host's thread that works on one thing and hands in a task, which is run at once, does no other work in the middle of that, and none is forgotten.
+#[test]
+fn what_is_handed_in_inside_an_item_is_done_after_it() {
+    let pool = Arc::new(Pool::new(0, Some(Arc::new(Inline)), plain).unwrap());
+    let (begun, has_begun) = mpsc::channel();
+    let (go_on, goes_on) = mpsc::channel::<()>();
+    let goes_on = Mutex::new(goes_on);
+    let others = Count::new(2, 1, move |item| {
+        assert!(!HOLDS.get(), "inside of an item that may hold what this one waits for");
+        if item == 0 {
+            begun.send(()).unwrap();
+            lock(&goes_on).recv().unwrap();
+        }
+        Ok(())
+    });
+    let (their_pool, theirs) = (Arc::clone(&pool), others.clone());
+    let thread = std::thread::spawn(move || their_pool.submit(2, theirs).wait(LONG).unwrap());
+    has_begun.recv().unwrap();
+    let begun_inside = Mutex::new(None);
+    let inner = Count::new(2, 3, |_| Ok(()));
+    let outer = Count::new(1, 1, |_| {
+        HOLDS.set(true);
+        assert!(matches!(pool.run_scoped(2, &*inner), Ending::Finished));
+        let job = pool.submit(3, Count::new(3, 2, |_| Ok(())));
+        assert!(job.ending().is_none());
+        *lock(&begun_inside) = Some(job);
+        HOLDS.set(false);
+        Ok(())
+    });
+    assert!(matches!(pool.run_scoped(1, &*outer), Ending::Finished));
+    assert_eq!((inner.done.load(SeqCst), others.done.load(SeqCst)), (6, 1));
+    let job = lock(&begun_inside).take().expect("it was begun");
+    assert!(matches!(job.ending(), Some(Ending::Finished)));
+    go_on.send(()).unwrap();
+    assert!(matches!(thread.join().unwrap(), Ending::Finished));
+    assert_eq!(others.done.load(SeqCst), 2);
+}

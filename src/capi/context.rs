@@ -36,13 +36,6 @@ pub const OC_LOG_DEBUG: oc_log_level = 4;
 pub type oc_log_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, level: oc_log_level, message: *const c_char)>;
 
-/// More threads than any machine has: a number that was not meant.
-pub(super) fn check_threads(asked: u32, name: &str) -> Checked<()> {
-    if asked <= MOST_THREADS || asked == OC_ALL_THREADS { Ok(()) } else { bad(format!("{name} is {asked}; up to {MOST_THREADS}")) }
-}
-
-const MOST_THREADS: u32 = 4096;
-
 /// A piece of work for the host's threads: call it once with the `task` that came with it.
 // SAFETY, for who calls it: the library's own function; the task that came with it, and once.
 pub type oc_run_fn = Option<unsafe extern "C" fn(task: *mut c_void)>;
@@ -260,6 +253,14 @@ impl HostLog {
     }
 }
 
+/// Whether so many threads may be meant.
+pub(super) fn check_threads(asked: u32, name: &str) -> Checked<()> {
+    if asked <= MOST_THREADS || asked == OC_ALL_THREADS { Ok(()) } else { bad(format!("{name} is {asked}; up to {MOST_THREADS}")) }
+}
+
+/// More than any machine has: a larger number was not meant.
+const MOST_THREADS: u32 = 4096;
+
 /// Reads the caller's executor, if there is one.
 ///
 /// # Safety
@@ -274,7 +275,7 @@ unsafe fn host_executor(executor: *const oc_executor) -> super::guard::Checked<O
         return bad("oc_executor.submit is NULL");
     };
     if executor.concurrency == 0 {
-        return super::guard::bad("oc_executor.concurrency is 0");
+        return bad("oc_executor.concurrency is 0");
     }
     let concurrency = executor.concurrency as usize;
     Ok(Some(Arc::new(HostExecutor { concurrency, user: executor.user, submit })))
@@ -301,7 +302,7 @@ pub unsafe extern "C" fn oc_context_create(
         check_version(header_version)?;
         let desc = read_or_default(desc)?;
         if desc.flags & !OC_CONTEXT_NO_READ_AHEAD != 0 {
-            return super::guard::bad(format!("oc_context_desc.flags {:#x}: some are unknown", desc.flags));
+            return bad(format!("oc_context_desc.flags {:#x}: some are unknown", desc.flags));
         }
         let isa = instruction_set(desc.instruction_set)?;
         let host = host_executor(desc.executor)?;
@@ -333,7 +334,7 @@ pub unsafe extern "C" fn oc_context_create(
 fn instruction_set(number: oc_instruction_set) -> super::guard::Checked<Option<Isa>> {
     match Isa::ALL.into_iter().find(|isa| *isa as u32 == number) {
         None if number != OC_INSTRUCTION_SET_BEST => {
-            super::guard::bad(format!("oc_context_desc.instruction_set {number} is unknown"))
+            bad(format!("oc_context_desc.instruction_set {number} is unknown"))
         }
         isa => Ok(isa),
     }
@@ -417,7 +418,7 @@ pub unsafe extern "C" fn oc_context_property(
                 OC_PROPERTY_INSTRUCTION_SET => u64::from(context.context.isa() as u32),
                 OC_PROPERTY_MAX_FRAME_SIZE => 65536,
                 OC_PROPERTY_FORMAT => u64::from(VERSION.0) << 16 | u64::from(VERSION.1),
-                other => return super::guard::bad(format!("property {other} is unknown")),
+                other => return bad(format!("property {other} is unknown")),
             };
             out.write(value);
             Ok(())

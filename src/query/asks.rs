@@ -6,7 +6,7 @@ use crate::scene::walk::{Need, Snapshots};
 ///
 /// A step of a walk needs one block, but for one: of two hits at the same distance the lower primitive id wins, which
 /// takes the block and the ids of each. So four are enough to go on, and four are kept.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Asks {
     /// The last one first.
     last: [Need; 4],

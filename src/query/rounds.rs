@@ -12,11 +12,12 @@ use super::alone::{self, ALONE};
 use super::batch::{Hits, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
 use super::hit::Want;
-use super::parked::Parked;
+use super::parked::{Parked, Parking};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 use crate::base::tasks::{Ending, Work};
+use crate::residency::Lease;
 use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, Snapshots};
 use crate::structure::bvh::trace::PACKET;
@@ -196,7 +197,7 @@ struct Rounds {
     /// Bytes that were to be read for it, and those of them that came.
     asked: u64,
     came: u64,
-    /// Bytes that the next round asks for at most: what came, where not all had room, and twice as much after each round that was as large.
+    /// Bytes that the next round asks for at most: what came, where not all had room, and a quarter more after each round since.
     room: u64,
     /// For later rounds.
     parked: Parked<Box<Group>>,
@@ -222,7 +223,7 @@ const MOST_PARKED: usize = 1024;
 /// Of the budget, how much a round brings at most: one part in so many. Others hold blocks too.
 const ROUND_SHARE: u64 = 4;
 
-/// Bytes that count as having come where none did: a few rounds later it is looked anew what has room.
+/// Bytes that count as having come where less did: some rounds later it is looked anew what has room.
 const FEW: u64 = 64 << 10;
 
 /// Blocks of a model that a worker brings at a time.
@@ -256,7 +257,7 @@ where
     /// What is left of a batch of which all but `parked` is answered.
     fn rest(scene: S, rays: R, hits: H, options: QueryOptions, parked: Vec<Box<Group>>) -> Self {
         let batch = Self::new(scene, rays, hits, options);
-        batch.rounds().park(parked);
+        batch.park(parked);
         batch
     }
 
@@ -308,7 +309,7 @@ where
         let waiting: usize = parked.iter().map(|group| group.count()).sum();
         self.shared.answered.fetch_add((count - waiting) as u64, Relaxed);
         if waiting > 0 {
-            self.rounds().park(parked);
+            self.park(parked);
         }
     }
 
@@ -321,19 +322,20 @@ where
                 self.hits.write(first, hits);
                 self.shared.answered.fetch_add(count as u64, Relaxed);
             }
-            None => self.rounds().parked.push(group),
+            None => self.park(vec![group]),
         }
     }
 
-    /// Bytes of blocks in memory.
-    fn bytes(&self, needs: &[Need]) -> u64 {
-        let models = &self.scene.borrow().models;
-        needs.iter().map(|need| models[need.model as usize].blocks().slot_bytes(need.block)).sum()
+    /// Bytes of a block in memory.
+    fn bytes(&self, need: Need) -> u64 {
+        self.scene.borrow().models[need.model as usize].blocks().slot_bytes(need.block)
     }
 
-    /// The blocks to bring, most wanted first, up to `room` bytes.
-    fn plan(&self, rounds: &Rounds, room: u64) -> Vec<Need> {
-        rounds.parked.plan(room, |need| self.bytes(&[need]))
+    /// Keeps groups for later rounds.
+    fn park(&self, groups: Vec<Box<Group>>) {
+        let parking: Vec<_> = groups.into_iter().map(Parking::new).collect();
+        let mut rounds = self.rounds();
+        parking.into_iter().for_each(|it| rounds.parked.push(it));
     }
 
     /// Brings blocks, the first of them first, as far as there is room.
@@ -341,10 +343,15 @@ where
         for few in needs.chunks(FETCH) {
             for (model, blocks) in by_model(few) {
                 let held = self.scene.borrow().models[model as usize].blocks().bring(&blocks, &Cancel::new())?;
-                let there: Vec<Need> = held.iter().map(|&(block, _)| Need { model, block }).collect();
+                let is_full = held.len() < blocks.len();
+                let came: u64 = held.iter().map(|&(block, _)| self.bytes(Need { model, block })).sum();
                 let mut rounds = self.rounds();
-                rounds.came += self.bytes(&there);
+                rounds.came += came;
                 rounds.hold.add(model, held);
+                if is_full {
+                    // To look for room for each of the rest would be in vain, under a lock that frames take.
+                    return Ok(());
+                }
             }
         }
         Ok(())
@@ -355,7 +362,7 @@ where
     fn run_leased(&self) -> Result<()> {
         let scene = self.scene.borrow();
         let mut lease = scene.context().residency().lease();
-        let needs = self.plan(&self.rounds(), lease.room());
+        let (needs, _) = self.rounds().parked.plan(lease.room(), |need| Lease::counts(self.bytes(need)));
         for (model, blocks) in by_model(&needs) {
             lease.fetch(scene.models[model as usize].blocks(), &blocks, &Cancel::new())?;
         }
@@ -379,18 +386,27 @@ where
             return self.next_resume(&mut rounds, Snapshots::take(self.scene.borrow()));
         }
         let context = self.scene.borrow().context();
-        let room = rounds.room.min(context.memory_budget() / ROUND_SHARE);
-        if room < context.residency().lease_room() {
+        let residency = context.residency();
+        if rounds.room < residency.lease_room() && residency.lease_is_free() {
             // The reserve holds more than there is room for beside it.
-            rounds.room = room.max(FEW).saturating_mul(2);
+            rounds.grow();
             return rounds.begin(vec![Item::Lease]);
         }
-        let needs = self.plan(&rounds, room);
-        (rounds.asked, rounds.came) = (self.bytes(&needs), 0);
+        let room = rounds.room.min(context.memory_budget() / ROUND_SHARE);
+        let (mut needs, is_all) = rounds.parked.plan(room, |need| self.bytes(need));
+        (rounds.asked, rounds.came) = (needs.iter().map(|&need| self.bytes(need)).sum(), 0);
         // A worker is left for frames, which are not to wait for the disk.
         let readers = context.concurrency().saturating_sub(1).max(1);
-        let share = needs.len().div_ceil(readers).max(1);
-        rounds.items = needs.chunks(share).map(|needs| Some(Item::Fetch(needs.to_vec()))).collect();
+        let shares: Vec<Vec<Need>> = if is_all {
+            // Neighbours are read together.
+            needs.sort_unstable();
+            needs.chunks(needs.len().div_ceil(readers)).map(<[_]>::to_vec).collect()
+        } else {
+            // All begin with what most rays wait for.
+            let of = |reader| needs.chunks(FETCH).skip(reader).step_by(readers).flatten().copied().collect();
+            (0..readers.min(needs.len().div_ceil(FETCH))).map(of).collect()
+        };
+        rounds.items = shares.into_iter().map(|needs| Some(Item::Fetch(needs))).collect();
         rounds.fetching = true;
         rounds.items.len()
     }
@@ -408,10 +424,6 @@ where
 }
 
 impl Rounds {
-    fn park(&mut self, groups: Vec<Box<Group>>) {
-        groups.into_iter().for_each(|group| self.parked.push(group));
-    }
-
     /// Begins a round of `items`, and of chunks that were not begun while few groups are parked; returns how many there are.
     fn begin(&mut self, items: Vec<Item>) -> usize {
         let more = (MOST_PARKED.saturating_sub(self.parked.len() + items.len())).div_ceil(CHUNK / PACKET);
@@ -424,11 +436,19 @@ impl Rounds {
 
     /// After blocks were read: as much is asked for next as had room.
     fn has_fetched(&mut self) {
-        self.room = if self.came < self.asked { self.came } else { self.room.saturating_mul(2) };
+        if self.came < self.asked {
+            self.room = self.came;
+        } else {
+            self.grow();
+        }
+    }
+
+    fn grow(&mut self) {
+        self.room = self.room.max(FEW).saturating_add(self.room / 4);
     }
 }
 
-/// Blocks by their model, ascending.
+/// Blocks of each model, in their order.
 fn by_model(needs: &[Need]) -> BTreeMap<u32, Vec<BlockId>> {
     let mut models = BTreeMap::<u32, Vec<BlockId>>::new();
     needs.iter().for_each(|need| models.entry(need.model).or_default().push(need.block));

@@ -81,6 +81,8 @@ pub(super) struct Inner {
     /// Bytes of all blocks that are read ahead; and of those of them that are in memory, written by who changes what is.
     promoted_bytes: u64,
     promoted_there: AtomicU64,
+    /// What was lacking when none of it could be had: it failed, or somebody reads it.
+    pub lacked_in_vain: AtomicU64,
     /// Set once all of it is in memory, or being read; and once huge pages were looked for in what is there.
     pub is_complete: AtomicBool,
     pub is_together: AtomicBool,
@@ -129,6 +131,7 @@ impl ModelBlocks {
             may_promote: AtomicBool::new(false),
             promoted_bytes,
             promoted_there: AtomicU64::new(0),
+            lacked_in_vain: AtomicU64::new(u64::MAX),
             is_complete: AtomicBool::new(false),
             is_together: AtomicBool::new(false),
             _tables: tables,
@@ -169,6 +172,7 @@ impl ModelBlocks {
     /// good is then read in vain; this counts four times a second at most.)
     pub fn forget_failures(&self) {
         if self.inner.failures.forget() {
+            self.inner.lacked_in_vain.store(u64::MAX, Relaxed);
             let _ = self.inner.residency.lock().ranking.invalidate();
             self.inner.residency.wake();
         }

@@ -9,7 +9,7 @@ use super::load::{Buffers, RUN_BYTES, runs};
 use super::pump::stored_len;
 use super::rank::Key;
 use super::slots::Slot;
-use super::snapshot::Snapshot;
+use super::snapshot::{PAGE_BYTES, Snapshot};
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
@@ -78,6 +78,12 @@ impl Residency {
         self.shared().reserve.room()
     }
 
+    /// Whether nobody holds it, or waits for it, now.
+    pub fn lease_is_free(&self) -> bool {
+        let inside = self.shared().reserve.lock();
+        inside.turn == inside.given
+    }
+
     /// The reserve, once it is this caller's turn: blocks while others hold it, first come, first served.
     ///
     /// Whoever holds it must end without waiting for anybody who may wait for it: hold it for a round of work.
@@ -98,6 +104,12 @@ impl Lease {
     /// [`Residency::lease_room`].
     pub fn room(&self) -> u64 {
         self.shared.reserve.room()
+    }
+
+    /// What a block of so many bytes in memory counts of that: it may be the only one in its page of the table, which the rest of the reserve holds beside what
+    /// reading takes.
+    pub fn counts(bytes: u64) -> u64 {
+        bytes.max(4 * PAGE_BYTES)
     }
 
     /// Brings `ids` into the lease. Those that are in memory cost nothing. Reads the disk: blocks.

@@ -186,13 +186,15 @@ impl State {
                 model.is_complete.store(true, Relaxed);
             }
             // What is being read is of what is lacking, or not.
-            if lacking == 0 || self.resident + lacking > shared.capacity(self) {
+            let is_in_vain = lacking == 0 || lacking == model.lacked_in_vain.load(Relaxed);
+            if is_in_vain || self.resident + lacking > shared.capacity(self) {
                 return None;
             }
             let is_lacking = |id: &BlockId| model.decoder.is_promoted(*id) && can_be_had(&model, *id);
             let left: Vec<BlockId> = (0..model.file.block_count()).rev().map(BlockId).filter(is_lacking).collect();
             if left.is_empty() {
                 model.is_complete.store(true, Relaxed);
+                model.lacked_in_vain.store(lacking, Relaxed);
             }
             let bytes = left.iter().map(|&id| model.slot_bytes(id)).sum();
             self.ahead = Ahead { model: Arc::downgrade(&model), left, bytes };
@@ -394,6 +396,9 @@ impl Shared {
     pub fn give_back(&self, model: &Inner, claim: Claim) {
         let left: Vec<BlockId> = claim.ids.iter().copied().filter(|id| !model.is_there(*id) && !model.failures.has(*id)).collect();
         drop(claim);
+        if !left.is_empty() {
+            model.lacked_in_vain.store(u64::MAX, Relaxed);
+        }
         let is_wanted = !left.is_empty() && {
             let mut state = self.lock();
             let is_wanted = state.live_views().iter().any(|view| view.wants_any(model.key, &left));

@@ -29,7 +29,7 @@ struct Page {
 }
 
 /// Bytes of a page.
-const PAGE_BYTES: u64 = size_of::<Page>() as u64 + 16;
+pub(super) const PAGE_BYTES: u64 = size_of::<Page>() as u64 + 16;
 
 /// An immutable table from block to slot.
 ///

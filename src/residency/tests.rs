@@ -424,6 +424,17 @@ fn looking_for_what_to_read_ahead_goes_through_no_model_in_vain() {
 }
 
 #[test]
+fn what_failed_is_looked_for_once() {
+    let rig = rig_with(ResidencyOptions { budget: budget_for(1.2), promote: true }, file(Some(300)), Box::new(|_, _| Ok(()))).expect("a model");
+    rig.blocks.opened();
+    rig.pump_all_unchecked();
+    assert!(rig.there().len() == BLOCKS as usize - 1 && rig.blocks.why_failed(BlockId(300)).is_some());
+    let before = rig.looks.load(SeqCst);
+    (0..100).for_each(|_| assert!(!rig.residency.pump()));
+    assert_eq!(rig.looks.load(SeqCst), before);
+}
+
+#[test]
 fn a_model_of_which_all_is_there_is_put_together_once() {
     let rig = rig(budget_for(1.5), false);
     let ids: Vec<BlockId> = (0..BLOCKS).map(BlockId).collect();
