@@ -117,7 +117,10 @@ fn a_thread_may_ask_while_it_ends() {
     struct AsksLast(Arc<SceneState>, Ray, Arc<Mutex<Vec<Hit>>>);
     impl Drop for AsksLast {
         fn drop(&mut self) {
-            self.2.lock().unwrap().extend(ask(&self.0, &[self.1], SINGLE));
+            let mut answers = self.2.lock().unwrap();
+            answers.extend(ask(&self.0, &[self.1], SINGLE));
+            // As a batch of one chunk, and of several.
+            [40, 3000].iter().for_each(|&count| answers.push(ask(&self.0, &vec![self.1; count], SINGLE)[count - 1]));
         }
     }
     thread_local! {
@@ -133,16 +136,16 @@ fn a_thread_may_ask_while_it_ends() {
     // First the one that asks in the end: what is made later goes earlier, or the other way round.
     std::thread::spawn(move || {
         LAST.with(|place| *place.borrow_mut() = Some(last));
-        ask(&state, &[ray], SINGLE);
+        [1, 40, 3000].iter().for_each(|&count| drop(ask(&state, &vec![ray; count], SINGLE)));
     })
     .join()
     .unwrap();
     let last = AsksLast(scene.state(), ray, Arc::clone(&answers));
     std::thread::spawn(move || {
-        ask(&last.0, &[ray], SINGLE);
+        [1, 40, 3000].iter().for_each(|&count| drop(ask(&last.0, &vec![ray; count], SINGLE)));
         LAST.with(|place| *place.borrow_mut() = Some(last));
     })
     .join()
     .unwrap();
-    assert_eq!(*answers.lock().unwrap(), [expected.clone(), expected].concat());
+    assert_eq!(*answers.lock().unwrap(), expected.repeat(6));
 }

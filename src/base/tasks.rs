@@ -96,7 +96,9 @@ fn working(work: impl FnOnce()) {
 /// Outside of all items, has the work served that tasks left inside of them. (Not from inside `submit`: whoever serves there goes on until nothing is open.)
 fn serve_left() {
     if !WORKING.get() && !SUBMITTING.get() {
-        LEFT.take().into_iter().for_each(|shared| shared.hand_in_for_open());
+        // A thread that ends has none any more.
+        let left = LEFT.try_with(RefCell::take).unwrap_or_default();
+        left.into_iter().for_each(|shared| shared.hand_in_for_open());
     }
 }
 
@@ -404,7 +406,8 @@ impl Shared {
         if inline && WORKING.get() {
             // The item that handed it in may hold what others' items wait for (a lease).
             lock(&self.queue).tasks_out -= 1;
-            return LEFT.with_borrow_mut(|left| left.push(self));
+            let _ = LEFT.try_with(|left| left.borrow_mut().push(self));
+            return;
         }
         let begun = Instant::now();
         loop {
