@@ -158,7 +158,8 @@ typedef void (*oc_run_fn)(void *task);
 
 /**
  * Takes a piece of work: `run(task)` must be called exactly once, soon, from any thread, also at once
- * from inside this call. Called from any thread of the host, never under a lock of the library's.
+ * from inside this call: then calls that begin work in the background return when that is done. Called from any thread of the host, never under a lock of the
+ * library's.
  */
 typedef void (*oc_submit_fn)(void *user, oc_run_fn run, void *task);
 

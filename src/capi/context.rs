@@ -41,7 +41,8 @@ pub type oc_log_fn =
 pub type oc_run_fn = Option<unsafe extern "C" fn(task: *mut c_void)>;
 
 /// Takes a piece of work: `run(task)` must be called exactly once, soon, from any thread, also at once
-/// from inside this call. Called from any thread of the host, never under a lock of the library's.
+/// from inside this call: then calls that begin work in the background return when that is done. Called from any thread of the host, never under a lock of the
+/// library's.
 // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_submit_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, run: oc_run_fn, task: *mut c_void)>;

@@ -18,6 +18,8 @@ use std::time::Duration;
 
 /// How long a fetcher waits for somebody to let go of a snapshot.
 const STARVED: Duration = Duration::from_millis(2);
+/// And somebody who may be who is to let go, as soon as he does other work.
+const STARVED_AMONG_OTHERS: Duration = Duration::from_micros(100);
 
 /// What came of looking for work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,6 +30,8 @@ pub(super) enum Unit {
     Idle,
     /// There is, but no memory until somebody lets go of a snapshot.
     Starved,
+    /// There is, but not while views render.
+    Later,
 }
 
 enum Next {
@@ -40,6 +44,7 @@ enum Next {
     Again,
     Idle,
     Starved,
+    Later,
 }
 
 /// A run to be read, with what pays for it.
@@ -75,6 +80,19 @@ impl Residency {
     /// reads, under no lock. False also where there is no memory until somebody lets go of a snapshot.
     pub fn pump(&self) -> bool {
         self.shared().unit() == Unit::Did
+    }
+
+    /// [`Residency::pump`] in place of fetchers: where there is no memory until somebody lets go of a snapshot, which wakes nobody, there is more to do, after a
+    /// moment.
+    pub fn pump_on(&self) -> bool {
+        match self.shared().unit() {
+            Unit::Did => true,
+            Unit::Idle | Unit::Later => false,
+            Unit::Starved => {
+                std::thread::sleep(STARVED_AMONG_OTHERS);
+                true
+            }
+        }
     }
 
     /// Has `waker` called when there is work for [`Residency::pump`]: from any thread, under no lock of ours. Replaces an
@@ -160,7 +178,7 @@ impl State {
             return Next::Idle;
         }
         if self.live_views().iter().any(|view| view.is_passing()) {
-            return Next::Starved;
+            return Next::Later;
         }
         if !self.together.left.is_empty() {
             let from = self.together.left.len().saturating_sub(PAGES);
@@ -225,7 +243,7 @@ impl Shared {
             match self.unit() {
                 Unit::Did => {}
                 Unit::Idle => self.wakeup.sleep(seen, None),
-                Unit::Starved => self.wakeup.sleep(seen, Some(STARVED)),
+                Unit::Starved | Unit::Later => self.wakeup.sleep(seen, Some(STARVED)),
             }
         }
     }
@@ -257,6 +275,7 @@ impl Shared {
                 }
                 Next::Idle => return Unit::Idle,
                 Next::Starved => return Unit::Starved,
+                Next::Later => return Unit::Later,
             }
         }
         Unit::Starved

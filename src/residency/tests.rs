@@ -317,6 +317,7 @@ fn a_snapshot_that_is_held_keeps_its_memory_and_fetching_waits_for_it() {
     assert!(before.iter().all(|&b| held.block(BlockId(b)).is_some_and(|words| words[0] == b)));
     assert_eq!(view.status().state, ViewState::Busy, "it waits, and nobody says that it does not come");
     assert_eq!(view.pressure(), 1.0, "what is held is not in use");
+    assert!(!rig.residency.pump() && rig.residency.pump_on(), "nobody wakes who pumps when it is let go of");
     drop(held);
     view.want(&(260..280).map(|b| rig.wanted(b, 1.0)).collect::<Vec<_>>());
     while rig.residency.pump() {}

@@ -195,7 +195,7 @@ fn pump_in_pool(context: &Weak<Inner>) {
 impl Work for Pumping {
     fn run(&self, _: usize) -> Result<()> {
         self.again.store(false, SeqCst);
-        self.did.store(self.residency.pump(), SeqCst);
+        self.did.store(self.residency.pump_on(), SeqCst);
         Ok(())
     }
 
