@@ -131,6 +131,15 @@ struct Queue {
     stop: bool,
 }
 
+impl Queue {
+    /// Counts tasks that are handed in after this: as many as there are places free of `hands`, `most` of them at most.
+    fn count_tasks(&mut self, hands: usize, most: usize) -> usize {
+        let tasks = hands.saturating_sub(self.tasks_out).min(most);
+        self.tasks_out += tasks;
+        tasks
+    }
+}
+
 /// A job in a pool: a handle, cloneable; the job goes on without it.
 #[derive(Clone)]
 pub struct Job {
@@ -508,18 +517,21 @@ impl Shared {
         job.changed.notify_all();
     }
 
+    /// Tasks that the executor, if there is one, has at a time.
+    fn hands(&self) -> usize {
+        self.executor.as_ref().map_or(0, |e| e.concurrency().max(1))
+    }
+
     /// Puts a job's new round where workers find it.
     fn open_round(self: &Arc<Self>, job: &Arc<Inner>, items: usize) {
         let round = Arc::clone(&lock(&job.state).round);
-        let hands = self.executor.as_ref().map_or(0, |e| e.concurrency().max(1));
+        let hands = self.hands();
         let tasks = {
             let mut queue = lock(&self.queue);
             if round.has_items() {
                 queue.open.push_back((Arc::clone(job), round));
             }
-            let tasks = hands.saturating_sub(queue.tasks_out).min(items);
-            queue.tasks_out += tasks;
-            tasks
+            queue.count_tasks(hands, items)
         };
         for _ in 0..items.min(self.threads).saturating_sub(usize::from(job.work.is_scoped())) {
             self.work_there.notify_one();
@@ -531,12 +543,11 @@ impl Shared {
 
     /// Hands in as many tasks as there are open rounds, and places free.
     fn hand_in_for_open(self: &Arc<Self>) {
-        let hands = self.executor.as_ref().map_or(0, |e| e.concurrency().max(1));
+        let hands = self.hands();
         let tasks = {
             let mut queue = lock(&self.queue);
-            let tasks = hands.saturating_sub(queue.tasks_out).min(queue.open.len());
-            queue.tasks_out += tasks;
-            tasks
+            let open = queue.open.len();
+            queue.count_tasks(hands, open)
         };
         (0..tasks).for_each(|_| self.hand_in());
     }

@@ -5,8 +5,8 @@
 //! A call that blocks answers a batch of one chunk at once, without what rounds take, and one or two rays without what a chunk takes; only what must wait for
 //! blocks goes on in rounds.
 //!
-//! Each round makes progress: what at least one ray waits for is fetched beside what views use, or where they leave no
-//! room, into the reserve, under a lease. Where all is in memory there is one round, and no lease.
+//! Each round makes progress: what at least one ray waits for is fetched beside what views use, or where they leave less
+//! room than the reserve has, into that, under a lease. Where all is in memory there is one round, and no lease.
 
 use super::alone::{self, ALONE};
 use super::batch::{Hits, QueryOptions, Rays};

@@ -78,7 +78,7 @@ impl Residency {
         self.shared().reserve.room()
     }
 
-    /// Whether nobody holds it, or waits for it, now.
+    /// Whether nobody holds the reserve, or waits for it, now.
     pub fn lease_is_free(&self) -> bool {
         let inside = self.shared().reserve.lock();
         inside.turn == inside.given

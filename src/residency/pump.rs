@@ -75,15 +75,9 @@ impl Drop for InFlight {
 }
 
 impl Residency {
-    /// Does a unit of work in this thread, if there is any that is not being done: takes what is wanted most, reads and
+    /// Does a unit of work in this thread, in place of fetchers, if there is any that is not being done: takes what is wanted most, reads and
     /// decodes it with its neighbours, makes room and publishes it. Whether there may be more. Thread-safe; blocks while it
-    /// reads, under no lock. False also where there is no memory until somebody lets go of a snapshot.
-    pub fn pump(&self) -> bool {
-        self.shared().unit() == Unit::Did
-    }
-
-    /// [`Residency::pump`] in place of fetchers: where there is no memory until somebody lets go of a snapshot, which wakes nobody, there is more to do, after a
-    /// moment.
+    /// reads, under no lock. Where there is no memory until somebody lets go of a snapshot, which wakes nobody, there may be more after a moment.
     pub fn pump_on(&self) -> bool {
         match self.shared().unit() {
             Unit::Did => true,
@@ -95,7 +89,13 @@ impl Residency {
         }
     }
 
-    /// Has `waker` called when there is work for [`Residency::pump`]: from any thread, under no lock of ours. Replaces an
+    /// The same, but no more where memory is held.
+    #[cfg(test)]
+    pub fn pump(&self) -> bool {
+        self.shared().unit() == Unit::Did
+    }
+
+    /// Has `waker` called when there is work for [`Residency::pump_on`]: from any thread, under no lock of ours. Replaces an
     /// earlier one.
     pub fn set_waker(&self, waker: Option<Arc<dyn Fn() + Send + Sync>>) {
         self.shared().wakeup.set_waker(waker);

@@ -18,7 +18,6 @@ const COARSE: u32 = 1 + 8 + 64;
 /// Words of each.
 const WORDS: usize = 4000;
 
-#[derive(Default)]
 struct Numbers {
     /// How often it was asked what is read ahead.
     looks: Arc<AtomicU32>,
