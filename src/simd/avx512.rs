@@ -239,7 +239,6 @@ impl Simd for Avx512 {
     type F8 = V8;
     type F16 = V16;
     type Index8 = __m256i;
-    type Table16 = [__m256; 2];
 
     #[inline(always)]
     fn splat8(self, v: f32) -> V8 {
@@ -282,17 +281,18 @@ impl Simd for Avx512 {
         unsafe { _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(i64::from_le_bytes(*v))) }
     }
     #[inline(always)]
-    fn table16(self, v: &[f32; 16]) -> [__m256; 2] {
+    fn table16(self, v: &[f32; 16]) -> [V8; 2] {
         // SAFETY: the token vouches; both loads lie inside `v`.
-        unsafe { [_mm256_loadu_ps(v.as_ptr()), _mm256_loadu_ps(v.as_ptr().add(8))] }
+        unsafe { [V8(_mm256_loadu_ps(v.as_ptr())), V8(_mm256_loadu_ps(v.as_ptr().add(8)))] }
     }
     #[inline(always)]
-    fn steps16(self, first: f32, steps: &[u8; 52]) -> [__m256; 2] {
+    fn steps16(self, first: f32, steps: &[u8; 52]) -> [V8; 2] {
         // SAFETY: the token vouches.
-        unsafe { steps16(first, steps) }
+        let [low, high] = unsafe { steps16(first, steps) };
+        [V8(low), V8(high)]
     }
     #[inline(always)]
-    fn lookup16(self, [low, high]: [__m256; 2], index: __m256i) -> V8 {
+    fn lookup16(self, [V8(low), V8(high)]: [V8; 2], index: __m256i) -> V8 {
         // SAFETY: the token vouches; only the low four bits of each index are read.
         V8(unsafe { _mm256_permutex2var_ps(low, index, high) })
     }

@@ -53,8 +53,6 @@ pub trait Simd: Copy {
     type F16: Lanes<16>;
     /// Eight indices below 16.
     type Index8: Copy;
-    /// Sixteen floats to look up.
-    type Table16: Copy;
 
     /// All eight lanes `v`.
     fn splat8(self, v: f32) -> Self::F8;
@@ -68,13 +66,13 @@ pub trait Simd: Copy {
     fn fields8(self, words: &[u32; 8], from: u32, count: u32) -> Self::F8;
     /// Eight indices from bytes; only their low four bits count.
     fn index8(self, v: &[u8; 8]) -> Self::Index8;
-    /// A table of sixteen floats.
-    fn table16(self, v: &[f32; 16]) -> Self::Table16;
+    /// A table of sixteen floats, in two halves.
+    fn table16(self, v: &[f32; 16]) -> [Self::F8; 2];
     /// A table of `first`, and of the floats whose bits are its bits plus a step: of entry `i`, from 1 on, the signed number of 24 bits in bytes
     /// `3 i + 1` to `3 i + 3` of `steps`.
-    fn steps16(self, first: f32, steps: &[u8; 52]) -> Self::Table16;
+    fn steps16(self, first: f32, steps: &[u8; 52]) -> [Self::F8; 2];
     /// `table[i]` for each index `i`.
-    fn lookup16(self, table: Self::Table16, index: Self::Index8) -> Self::F8;
+    fn lookup16(self, table: [Self::F8; 2], index: Self::Index8) -> Self::F8;
     /// `origin[axis] * inv[axis] + off[axis]`, the same with `off[axis + 4]`, and `2^(e - 127) * inv[axis]`, each in all
     /// lanes, for the three axes. `head`: three floats `origin`, and a word whose three low bytes are `e`.
     fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[Self::F8; 3]; 3];

@@ -121,7 +121,6 @@ impl Simd for Portable {
     type F8 = Array<8>;
     type F16 = Array<16>;
     type Index8 = [u8; 8];
-    type Table16 = [f32; 16];
 
     #[inline(always)]
     fn splat8(self, v: f32) -> Array<8> {
@@ -150,19 +149,19 @@ impl Simd for Portable {
         *v
     }
     #[inline(always)]
-    fn table16(self, v: &[f32; 16]) -> [f32; 16] {
-        *v
+    fn table16(self, v: &[f32; 16]) -> [Array<8>; 2] {
+        [Array(from_fn(|i| v[i])), Array(from_fn(|i| v[8 + i]))]
     }
     #[inline(always)]
-    fn steps16(self, first: f32, steps: &[u8; 52]) -> [f32; 16] {
-        from_fn(|i| {
+    fn steps16(self, first: f32, steps: &[u8; 52]) -> [Array<8>; 2] {
+        self.table16(&from_fn(|i| {
             let step = i32::from_le_bytes(from_fn(|byte| steps[3 * i + byte])) >> 8;
             f32::from_bits(first.to_bits().wrapping_add_signed(if i == 0 { 0 } else { step }))
-        })
+        }))
     }
     #[inline(always)]
-    fn lookup16(self, table: [f32; 16], index: [u8; 8]) -> Array<8> {
-        Array(from_fn(|i| table[usize::from(index[i] & 15)]))
+    fn lookup16(self, table: [Array<8>; 2], index: [u8; 8]) -> Array<8> {
+        Array(from_fn(|i| table[usize::from(index[i] >> 3 & 1)].0[usize::from(index[i] & 7)]))
     }
     #[inline(always)]
     fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[Array<8>; 3]; 3] {

@@ -4,11 +4,11 @@
 use super::cell_slabs::{self, Origin};
 use super::pass::Passing;
 use super::stand_in::{self, ConeRay, Verdict};
-use super::tables::tables;
+use super::tables::sheared_corners;
 use super::walk::{Entry, Outcome, TriHit, Walk, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
-use crate::geom::watertight::{Sheared, intersect, shear};
+use crate::geom::watertight::{Sheared, intersect};
 use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child, Node};
@@ -537,12 +537,7 @@ pub(super) fn triangles<S: Simd>(
     filter: Option<&PartFilter>,
     t_max: f32,
 ) -> Option<(u32, f32, f32, f32)> {
-    let k = lanes.k;
-    let tables = tables(s, &leaf, k);
-    let a = corner(s, &tables, leaf.corners8(0), lanes);
-    let b = corner(s, &tables, leaf.corners8(1), lanes);
-    let c = corner(s, &tables, leaf.corners8(2), lanes);
-    nearest(s, block, leaf, [a, b, c], lanes.t_min, filter, t_max)
+    nearest(s, block, leaf, sheared_corners(s, &leaf, lanes), lanes.t_min, filter, t_max)
 }
 
 /// The same of a leaf's triangles whose corners are sheared.
@@ -581,14 +576,4 @@ pub(super) fn nearest<S: Simd>(
         }
     }
     Some((lane as u32, t[lane], found.u.to_array()[lane], found.v.to_array()[lane]))
-}
-
-/// One corner of each triangle, sheared. Not a closure: those are not compiled for the set.
-#[inline(always)]
-fn corner<S: Simd>(s: S, tables: &[S::Table16; 3], corners: &[u8; 8], lanes: &LeafRay<S>) -> Sheared<S::F8> {
-    let index = s.index8(corners);
-    let x = s.lookup16(tables[0], index) - lanes.org[0];
-    let y = s.lookup16(tables[1], index) - lanes.org[1];
-    let z = s.lookup16(tables[2], index) - lanes.org[2];
-    shear([x, y, z], lanes.shear)
 }
