@@ -21,12 +21,17 @@ pub(super) fn is_large(snapshot: &Snapshot) -> bool {
     snapshot.blocks() > LARGE
 }
 
-/// Asks, in a large tree, for the memory of what will be visited, in its block; other work then hides how long it takes.
+/// [`ask`], in a large tree.
 #[inline(always)]
 pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
-    if !is_large {
-        return;
+    if is_large {
+        ask(block, child);
     }
+}
+
+/// Asks for the memory of what will be visited, in its block; other work then hides how long it takes.
+#[inline(always)]
+pub(super) fn ask(block: Block, child: u32) {
     let index = (child & INDEX_MASK) as usize;
     let at = if child >> KIND_SHIFT == NODE { HEADER_WORDS + index * NODE_WORDS } else { index };
     if let Some(words) = block.words().get(at..at + 32) {

@@ -3,7 +3,7 @@
 //! Walks ask for the memory of what they go to, of nodes and of leaves alike, though leaves are in another block and are asked
 //! for again there: to tell them apart costs more.
 
-use super::ahead::ask_for;
+use super::ahead::{ask, ask_for};
 use super::cell_slabs::area_shares;
 use super::pass::Passing;
 use super::rays16::OneRay;
@@ -419,7 +419,9 @@ fn leaves_of<S: Simd, const ANY: bool>(s: S, state: &mut State, counts: &mut Cou
     loop {
         // What comes next is on its way while this one is tested.
         let (mut next, mut below) = take(s, state, lane);
-        ask_for(state.is_large && Child::is_leaf(next), block, next);
+        if Child::is_leaf(next) {
+            ask(block, next);
+        }
         let at = (child & INDEX_MASK) as usize;
         let leaf = block.leaf(at);
         state.counters.leaves += 1;
@@ -453,7 +455,8 @@ pub(super) fn enter_leaves(state: &mut State, counts: Counts) {
         let lane = lane(&state.rows[AT_LEAVES], i);
         let id = state.block_id[lane] + state.view.leaves_at;
         (state.block[lane], state.block_id[lane]) = (Block::new(state.view.visit(id).unwrap_or(&[])), id);
-        ask_for(state.is_large, state.block[lane], state.child[lane]);
+        // Walks wait for others here: what the caches near a core hold comes nearer meanwhile, so small models gain too.
+        ask(state.block[lane], state.child[lane]);
     }
     state.entered = count;
 }

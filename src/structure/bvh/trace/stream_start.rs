@@ -273,7 +273,7 @@ fn slabs<S: Simd>(s: S, state: &mut State, group: &Group, node: &Node, rays: u32
 }
 
 /// How far apart rays of a group may begin, as a part of the tree's reach, for what is far of one to count as far of all.
-const NEAR: f32 = 1.0 / 64.0;
+const NEAR: f32 = 1.0 / 16.0;
 
 /// Whether `rays` of a group begin near each other: then their stacks are in order.
 #[inline(always)]
