@@ -34,6 +34,10 @@ impl Simple {
         answers: &mut Answers,
     ) -> bool {
         let Some(only) = view.only_one().filter(|_| !want.any_of(NOT_SIMPLE)) else { return false };
+        if met == 0 {
+            answers.begin(0, 0);
+            return true;
+        }
         let placed = &view.scene.placement.placed[only as usize];
         if placed.only_shifted().is_none() {
             return false;

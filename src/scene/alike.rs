@@ -28,6 +28,12 @@ impl Alike {
         (DIR..DIR + 3).fold(0, |bits, i| bits | self.0.any[i] & !self.0.all[i]) >> 31 == 0
     }
 
+    /// The least and the greatest of all directions along each axis; those that are not numbers have no say.
+    #[inline]
+    pub fn dirs(&self) -> [[f32; 2]; 3] {
+        std::array::from_fn(|axis| [self.0.least[DIR - 8 + axis], self.0.greatest[DIR - 8 + axis]])
+    }
+
     /// All have the same origin and interval, to the bit: as those of a perspective camera do.
     #[inline]
     pub fn is_one_start(&self) -> bool {

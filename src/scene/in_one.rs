@@ -52,16 +52,16 @@ impl InOne {
     ) -> Option<Result<u32, Need>> {
         let placed = view.only_one()?;
         let p = &view.scene.placement.placed[placed as usize];
-        let (tree, filter) = (view.tree(placed), view.filter(placed));
         let seen_by = view.seen_by(placed);
         let Self { walk, moved, is_moved, around, .. } = self;
-        let taken = set_unmoved(p, &tree, around, (rays, count), alike, (seen_by, view.looks_beyond), walk);
-        if taken == Taken::ToPassBy {
+        if one_start(p, &rays[0], alike, seen_by).is_some_and(|origin| pass_by(around, p.extent(), origin, alike.dirs())) {
             *is_moved = false;
             walk.miss();
             return Some(Ok(0));
         }
-        *is_moved = !(taken == Taken::Unmoved && walk.is_within(&tree, count, p.near()));
+        let (tree, filter) = (view.tree(placed), view.filter(placed));
+        let is_unmoved = set_unmoved(p, &tree, (rays, count), alike, (seen_by, view.looks_beyond), walk);
+        *is_moved = !(is_unmoved && walk.is_within(&tree, count, p.near()));
         let active = if *is_moved { set_moved(p, &rays[..count], (seen_by, view.looks_beyond), walk, moved) } else { first_rays(count) };
         walk.start(&tree, active);
         if !walk.is_coherent(&tree, says) {
@@ -239,17 +239,6 @@ impl SceneView<'_> {
     }
 }
 
-/// What became of rays that were to be taken into a tree's frame by nothing but a subtraction.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Taken {
-    /// It does not do for them.
-    Not,
-    /// They were; whether it does, [`PacketWalk::is_within`] tells.
-    Unmoved,
-    /// They were, and none comes near the tree.
-    ToPassBy,
-}
-
 /// Around all that rays can hit in a scene that is one placed tree, in that one's frame: the boxes of its root's children, for a ray that meets a
 /// cell or a leaf has met those of all above it. (Bounds of triangles will not do: cells are rounded outward, and stand in.)
 fn around_hits(view: &SceneView) -> Option<DBounds> {
@@ -289,32 +278,36 @@ fn pass_by(around: &DBounds, reach: f64, origin: DVec3, ends: [[f32; 2]; 3]) -> 
     enter > leave
 }
 
-/// Takes rays into the tree's frame by nothing but a subtraction, if that may do for all.
+/// Where rays that all begin where the first does do so in the tree's frame, if they are taken there by nothing but a subtraction, have an interval, and see
+/// the tree.
+#[inline(always)]
+fn one_start(p: &Placed, first: &Ray, alike: &Alike, seen_by: u32) -> Option<DVec3> {
+    let offset = p.only_shifted()?;
+    let do_see = alike.mask().is_some_and(|mask| mask & seen_by != 0);
+    (alike.is_one_start() && first.has_interval() && do_see).then(|| first.origin - offset)
+}
+
+/// Takes rays into the tree's frame by nothing but a subtraction; false if that will not do for all. ([`PacketWalk::is_within`] may say so still.)
 #[inline(always)]
 fn set_unmoved(
     p: &Placed,
     tree: &TreeView,
-    around: &DBounds,
     (rays, count): (&[Ray; PACKET], usize),
     alike: &Alike,
     (seen_by, beyond): (u32, bool),
     walk: &mut PacketWalk,
-) -> Taken {
-    let Some(offset) = p.only_shifted() else { return Taken::Not };
+) -> bool {
+    let Some(offset) = p.only_shifted() else { return false };
     let mut local = LocalRay::NONE;
     if alike.is_one_start() {
         let it = &rays[0];
-        if !(it.has_interval() && alike.mask().is_some_and(|mask| mask & seen_by != 0)) {
-            return Taken::Not;
-        }
-        let origin = it.origin - offset;
+        let Some(origin) = one_start(p, it, alike, seen_by) else { return false };
         local.org = origin.as_vec3();
         let least = || rays[..count].iter().fold(f32::INFINITY, |least, it| least.min(it.dir.abs().max_element()));
         [local.t_min, local.t_max] = p.ends([it.t_min, it.t_max], origin, least, beyond);
         walk.set_all_but_dirs(&local);
-        let ends = walk.set_dirs_of(tree, rays, alike.is_exact());
-        // What fills the lanes of a part of a packet has no say.
-        return if count == PACKET && pass_by(around, p.extent(), origin, ends) { Taken::ToPassBy } else { Taken::Unmoved };
+        walk.set_dirs_of(tree, rays, alike.is_exact());
+        return true;
     }
     let mut is_fine = true;
     for (i, it) in rays.iter().enumerate().take(count) {
@@ -326,7 +319,7 @@ fn set_unmoved(
         [local.t_min, local.t_max] = p.ends([it.t_min, it.t_max], origin, || it.dir.abs().max_element(), beyond);
         walk.set(i, &local);
     }
-    if is_fine { Taken::Unmoved } else { Taken::Not }
+    is_fine
 }
 
 /// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.

@@ -205,11 +205,10 @@ impl PacketWalk {
     }
 
     /// Takes over directions and widths ([`LocalRay::cone_of`]; `is_exact`: none has any) of rays of the world in a tree whose frame is only shifted, for whose
-    /// other members [`PacketWalk::set_all_but_dirs`] is called. What [`PacketWalk::start`] leaves out may be anything. Returns the least and the greatest
-    /// of all directions along each axis; of some that are not numbers whatever.
+    /// other members [`PacketWalk::set_all_but_dirs`] is called. What [`PacketWalk::start`] leaves out may be anything.
     #[inline]
-    pub fn set_dirs_of(&mut self, view: &TreeView, rays: &[Ray; PACKET], is_exact: bool) -> [[f32; 2]; 3] {
-        dispatch(view.isa, SetDirs { walk: self, rays: must_cast_ref(rays), is_exact })
+    pub fn set_dirs_of(&mut self, view: &TreeView, rays: &[Ray; PACKET], is_exact: bool) {
+        dispatch(view.isa, SetDirs { walk: self, rays: must_cast_ref(rays), is_exact });
     }
 
     /// As if all rays taken over had been traced, and missed.
@@ -399,18 +398,14 @@ const DIR: usize = offset_of!(Ray, dir) / 4;
 const _: () = assert!(offset_of!(Ray, cone) == offset_of!(Ray, dir) + 12 && DIR + 6 == 16);
 
 impl Op for SetDirs<'_> {
-    type Out = [[f32; 2]; 3];
+    type Out = ();
 
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> [[f32; 2]; 3] {
+    fn run<S: Simd>(self, s: S) {
         let r = &mut self.walk.rays;
-        let mut ends = [[s.splat16(f32::INFINITY), s.splat16(f32::NEG_INFINITY)]; 3];
         for (h, rays) in self.rays.iter().enumerate() {
             let [x, y, z, a] = s.columns4(rays, DIR);
             (r.dir[0][h], r.dir[1][h], r.dir[2][h]) = (x.to_array(), y.to_array(), z.to_array());
-            ends[0] = [x.min(ends[0][0]), x.max(ends[0][1])];
-            ends[1] = [y.min(ends[1][0]), y.max(ends[1][1])];
-            ends[2] = [z.min(ends[2][0]), z.max(ends[2][1])];
             if self.is_exact {
                 (r.cone[0][h], r.cone[1][h]) = ([0.0; 16], [0.0; 16]);
                 continue;
@@ -423,8 +418,6 @@ impl Op for SetDirs<'_> {
                 cones_of(r, h);
             }
         }
-        let [x, y, z] = ends;
-        [[x[0].least(), x[1].greatest()], [y[0].least(), y[1].greatest()], [z[0].least(), z[1].greatest()]]
     }
 }
 
