@@ -164,6 +164,11 @@ fn packets_answer_as_single_rays_do_on_tiny_triangles() {
     assert!(kinds[0] > 10_000 && kinds[1] > 10_000 && kinds[2] > 10_000, "{kinds:?}");
 }
 
+/// What rays meet, asked two at a time, which are walked one by one.
+fn none_passes_by(state: &SceneState, rays: &[Ray]) -> Vec<Hit> {
+    rays.chunks(2).flat_map(|two| ask(state, two, SINGLE)).collect()
+}
+
 /// Packets that pass by a model need not be traced: at the corners and edges of its bounds, from wherever, no hit may be lost.
 #[test]
 fn packets_beside_a_model_lose_no_hit() {
@@ -198,17 +203,19 @@ fn packets_beside_a_model_lose_no_hit() {
                 Ray::new(offset + eye, ((at - eye).normalize_or(DVec3::X) * length + aside * length).as_vec3())
             };
             let mut rays: Vec<Ray> = (0..PACKET).map(|_| ray()).collect();
-            let together = ask(&state, &rays, COHERENT);
-            // One less is not looked at for it.
-            let mut each = ask(&state, &rays[1..], SINGLE);
-            each.insert(0, ask(&state, &rays[..1], SINGLE)[0]);
-            assert!(together == each, "{:?}", rays[0]);
+            if rng.one_in(8) {
+                rays[7].dir.y = [f32::NAN, f32::INFINITY, 0.0, 1e-42][rng.below(4)];
+            }
+            let count = [PACKET, 3, 17, PACKET - 1][rng.below(4)];
+            let each = none_passes_by(&state, &rays);
+            assert!(ask(&state, &rays, COHERENT) == each, "{:?}", rays[0]);
+            assert!(ask(&state, &rays[..count], COHERENT) == each[..count], "{count}: {:?}", rays[0]);
             // Stand-ins reach out of the bounds of triangles.
             let width = [0.003, 0.03, 0.3][rng.below(3)];
             rays.iter_mut().for_each(|ray| ray.cone.b = width * ray.dir.length());
-            let mut wide = ask(&state, &rays[1..], COHERENT);
-            wide.insert(0, ask(&state, &rays[..1], SINGLE)[0]);
+            let wide = none_passes_by(&state, &rays);
             assert!(ask(&state, &rays, COHERENT) == wide, "{:?}", rays[0]);
+            assert!(ask(&state, &rays[..count], COHERENT) == wide[..count], "{count}: {:?}", rays[0]);
             beyond += wide.iter().zip(&each).filter(|(wide, exact)| wide.kind == HitKind::Lod && exact.kind == HitKind::Miss).count();
             let hits = each.iter().filter(|hit| hit.kind != HitKind::Miss).count();
             (met, missed) = (met + usize::from(hits == PACKET), missed + usize::from(hits == 0));

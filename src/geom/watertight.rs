@@ -65,12 +65,10 @@ pub struct LaneHits<L> {
 /// A vertex relative to the ray's origin, sheared so that the ray runs along z.
 #[derive(Clone, Copy)]
 pub struct Sheared<L> {
-    /// Beside the ray.
-    pub x: L,
-    /// Beside the ray.
-    pub y: L,
+    pub(crate) x: L,
+    pub(crate) y: L,
     /// Along the ray, in units of its direction's length.
-    pub z: L,
+    pub(crate) z: L,
 }
 
 /// Shears a vertex. `p`: the vertex minus the origin, its components already in the order `k`.

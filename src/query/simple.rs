@@ -34,6 +34,7 @@ impl Simple {
         answers: &mut Answers,
     ) -> bool {
         let Some(only) = view.only_one().filter(|_| !want.any_of(NOT_SIMPLE)) else { return false };
+        // However the tree is placed.
         if met == 0 {
             answers.begin(0, 0);
             return true;

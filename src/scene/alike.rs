@@ -94,6 +94,13 @@ mod tests {
         }
         assert_eq!(with(|r| r.dir = Vec3::new(9.0, -1.0, -2.0)), (true, true, true, true, true));
         assert_eq!(with(|r| r.mask = 1), (true, true, false, true, true));
+        let dirs = |others: [Vec3; 2]| {
+            let mut rays = [one; 3];
+            (rays[1].dir, rays[2].dir) = (others[0], others[1]);
+            Alike::of(&rays).dirs()
+        };
+        assert_eq!(dirs([one.dir; 2]), [[0.5, 0.5], [0.0, 0.0], [-1.0, -1.0]]);
+        assert_eq!(dirs([Vec3::new(0.25, f32::NAN, -3.0), Vec3::new(7.0, -2.0, 5.0)]), [[0.25, 7.0], [-2.0, 0.0], [-3.0, 5.0]]);
         let widths: [fn(&mut Ray); 2] = [|r| r.cone.a = 1e-30, |r| r.cone.b = 2.0];
         for change in widths {
             assert_eq!(with(change), (true, true, true, false, true));

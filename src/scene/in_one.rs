@@ -54,13 +54,14 @@ impl InOne {
         let p = &view.scene.placement.placed[placed as usize];
         let seen_by = view.seen_by(placed);
         let Self { walk, moved, is_moved, around, .. } = self;
-        if one_start(p, &rays[0], alike, seen_by).is_some_and(|origin| pass_by(around, p.extent(), origin, alike.dirs())) {
+        let one_start = one_start(p, &rays[0], alike, seen_by);
+        if one_start.is_some_and(|origin| pass_by(around, p.extent(), origin, alike.dirs())) {
             *is_moved = false;
             walk.miss();
             return Some(Ok(0));
         }
         let (tree, filter) = (view.tree(placed), view.filter(placed));
-        let is_unmoved = set_unmoved(p, &tree, (rays, count), alike, (seen_by, view.looks_beyond), walk);
+        let is_unmoved = set_unmoved(p, &tree, (rays, count), (alike, one_start), (seen_by, view.looks_beyond), walk);
         *is_moved = !(is_unmoved && walk.is_within(&tree, count, p.near()));
         let active = if *is_moved { set_moved(p, &rays[..count], (seen_by, view.looks_beyond), walk, moved) } else { first_rays(count) };
         walk.start(&tree, active);
@@ -293,7 +294,7 @@ fn set_unmoved(
     p: &Placed,
     tree: &TreeView,
     (rays, count): (&[Ray; PACKET], usize),
-    alike: &Alike,
+    (alike, one_start): (&Alike, Option<DVec3>),
     (seen_by, beyond): (u32, bool),
     walk: &mut PacketWalk,
 ) -> bool {
@@ -301,7 +302,7 @@ fn set_unmoved(
     let mut local = LocalRay::NONE;
     if alike.is_one_start() {
         let it = &rays[0];
-        let Some(origin) = one_start(p, it, alike, seen_by) else { return false };
+        let Some(origin) = one_start else { return false };
         local.org = origin.as_vec3();
         let least = || rays[..count].iter().fold(f32::INFINITY, |least, it| least.min(it.dir.abs().max_element()));
         [local.t_min, local.t_max] = p.ends([it.t_min, it.t_max], origin, least, beyond);

@@ -1,15 +1,15 @@
 //! What rows of sixteen words have in common, bit by bit, and between what their last ones are.
 
 /// Bits that any of the rows has, and bits that all have; and how small and how large numbers are.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub struct Common {
     /// In any of them.
     pub any: [u32; 16],
     /// In all of them.
     pub all: [u32; 16],
-    /// Of the last eight words, as floats, the least and the greatest; those that are not numbers have no say.
+    /// Of the last eight words, as floats, the least; those that are not numbers have no say.
     pub least: [f32; 8],
-    /// The greatest.
+    /// The greatest of them.
     pub greatest: [f32; 8],
 }
 
@@ -24,7 +24,7 @@ impl Common {
     pub fn of(rows: &[[u32; 16]]) -> Self {
         use std::arch::x86_64::*;
         let mut out = NONE;
-        // SAFETY: SSE2 is part of x86-64, and each quarter of a row is readable, those of `out` writable too.
+        // SAFETY: SSE2 is part of x86-64, each quarter of a row is readable, and so many words of `out` are written as its arrays have.
         unsafe {
             let (mut any, mut all) = ([_mm_setzero_si128(); 4], [_mm_set1_epi32(-1); 4]);
             let (mut least, mut greatest) = ([_mm_set1_ps(f32::INFINITY); 2], [_mm_set1_ps(f32::NEG_INFINITY); 2]);
@@ -63,7 +63,8 @@ impl Common {
             }
             for (i, word) in row[8..].iter().enumerate() {
                 let number = f32::from_bits(*word);
-                (out.least[i], out.greatest[i]) = (out.least[i].min(number), out.greatest[i].max(number));
+                // Not `min`: what a signalling NaN does to that differs.
+                (out.least[i], out.greatest[i]) = (if number < out.least[i] { number } else { out.least[i] }, if number > out.greatest[i] { number } else { out.greatest[i] });
             }
         }
         out

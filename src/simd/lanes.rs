@@ -66,7 +66,7 @@ pub trait Simd: Copy {
     fn fields8(self, words: &[u32; 8], from: u32, count: u32) -> Self::F8;
     /// Eight indices from bytes; only their low four bits count.
     fn index8(self, v: &[u8; 8]) -> Self::Index8;
-    /// A table of sixteen floats, in two halves.
+    /// A table of sixteen floats: the first eight, and the others.
     fn table16(self, v: &[f32; 16]) -> [Self::F8; 2];
     /// A table of `first`, and of the floats whose bits are its bits plus a step: of entry `i`, from 1 on, the signed number of 24 bits in bytes
     /// `3 i + 1` to `3 i + 3` of `steps`.

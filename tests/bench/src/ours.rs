@@ -102,46 +102,14 @@ pub struct Ready<'a> {
     /// Rays a call.
     asked: usize,
     rays: Vec<Ray>,
+    answers: Vec<Answer>,
 }
 
 impl<'a> Ready<'a> {
     pub fn new(ours: &'a Ours, path: &Path, residency: Residency, batch: &Batch, asked: usize, rays: Vec<Ray>) -> Self {
         let cold = (residency == Residency::Cold).then(|| path.to_owned());
         let (is_any, is_coherent) = (batch.is_any(), batch.is_coherent());
-        Self { ours, cold, is_any, is_coherent, asked, rays }
-    }
-
-    /// [`Run::run`]; keeps what was answered only if asked to: other sides are asked for their sums alone while time is taken.
-    fn sum(&self, threads: usize, answers: Option<&mut [Answer]>) -> f64 {
-        let opened = self.cold.as_ref().map(|path| Ours::open(path, Residency::Cold, threads).expect("it opened before"));
-        let state = &opened.as_ref().unwrap_or(self.ours).state;
-        let (is_any, is_coherent) = (self.is_any, self.is_coherent);
-        let options = QueryOptions { coherent: is_coherent, want: WANT, ..QueryOptions::default() };
-        let asked = self.asked;
-        let room = || Room { hits: vec![Hit::MISS; asked], met: vec![0; asked] };
-        let ask = |room: &mut Room, rays: &[Ray], answers: Option<&mut [Answer]>| -> f64 {
-            if is_any {
-                let met = &mut room.met[..rays.len()];
-                state.any(rays, options, met).expect("the file was read before");
-                if let Some(answers) = answers {
-                    answers.iter_mut().zip(&*met).for_each(|(a, met)| a.t = if *met != 0 { 0.0 } else { f64::INFINITY });
-                }
-                return met.iter().map(|met| f64::from(*met)).sum();
-            }
-            let hits = &mut room.hits[..rays.len()];
-            state.closest(rays, options, hits).expect("the file was read before");
-            if let Some(answers) = answers {
-                answers.iter_mut().zip(&*hits).for_each(|(answer, hit)| answer.t = hit.t);
-            }
-            let met = rays.iter().zip(&*hits).filter(|(_, hit)| hit.kind != HitKind::Miss);
-            met.map(|(ray, hit)| f64::from(hit.normal.dot(ray.dir).abs())).sum()
-        };
-        let Some(answers) = answers else {
-            return deal(threads, self.rays.chunks(CHUNK), room, |room, rays| rays.chunks(asked).map(|rays| ask(room, rays, None)).sum());
-        };
-        deal(threads, self.rays.chunks(CHUNK).zip(answers.chunks_mut(CHUNK)), room, |room, (rays, answers)| {
-            rays.chunks(asked).zip(answers.chunks_mut(asked)).map(|(rays, answers)| ask(room, rays, Some(answers))).sum()
-        })
+        Self { ours, cold, is_any, is_coherent, asked, answers: vec![Answer::MISS; rays.len()], rays }
     }
 }
 
@@ -159,12 +127,33 @@ impl Run for Ready<'_> {
     }
 
     fn run(&mut self, threads: usize) -> f64 {
-        self.sum(threads, None)
+        let opened = self.cold.as_ref().map(|path| Ours::open(path, Residency::Cold, threads).expect("it opened before"));
+        let state = &opened.as_ref().unwrap_or(self.ours).state;
+        let (is_any, is_coherent) = (self.is_any, self.is_coherent);
+        let options = QueryOptions { coherent: is_coherent, want: WANT, ..QueryOptions::default() };
+        let asked = self.asked;
+        let chunks = self.rays.chunks(CHUNK).zip(self.answers.chunks_mut(CHUNK));
+        let room = || Room { hits: vec![Hit::MISS; asked], met: vec![0; asked] };
+        let ask = |room: &mut Room, (rays, answers): (&[Ray], &mut [Answer])| -> f64 {
+            if is_any {
+                let met = &mut room.met[..rays.len()];
+                state.any(rays, options, met).expect("the file was read before");
+                answers.iter_mut().zip(&*met).for_each(|(a, met)| a.t = if *met != 0 { 0.0 } else { f64::INFINITY });
+                return met.iter().map(|met| f64::from(*met)).sum();
+            }
+            let hits = &mut room.hits[..rays.len()];
+            state.closest(rays, options, hits).expect("the file was read before");
+            rays.iter().zip(&*hits).zip(answers).map(|((ray, hit), answer)| {
+                answer.t = hit.t;
+                if hit.kind != HitKind::Miss { f64::from(hit.normal.dot(ray.dir).abs()) } else { 0.0 }
+            }).sum()
+        };
+        deal(threads, chunks, room, |room, (rays, answers)| {
+            rays.chunks(asked).zip(answers.chunks_mut(asked)).map(|call| ask(room, call)).sum()
+        })
     }
 
     fn answers(&self) -> Vec<Answer> {
-        let mut answers = vec![Answer::MISS; self.rays.len()];
-        self.sum(1, Some(&mut answers));
-        answers
+        self.answers.clone()
     }
 }

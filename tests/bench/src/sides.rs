@@ -27,7 +27,7 @@ pub trait Run {
     fn prepare(&mut self);
     /// Traces all rays in so many threads and sums how directly the hit surfaces face them, so that hits are looked at.
     fn run(&mut self, threads: usize) -> f64;
-    /// Of a run, which may be another than those that were timed.
+    /// After a run.
     fn answers(&self) -> Vec<Answer>;
 }
 

@@ -189,8 +189,9 @@ fn our_side<'a>(
     let accuracy = Accuracy { slack, ..accuracy::of_rays(&batch.rays, &ours::answers(&hits), truth) };
     // However many are asked for at once, and whatever of each hit.
     let whole = (case.residency == Residency::All).then(|| ours.asked_as_timed(&rays, batch)).transpose()?;
-    let run = Box::new(Ready::new(ours, model.path, case.residency, batch, task.benchmark.asked.get(), rays));
+    let mut run = Box::new(Ready::new(ours, model.path, case.residency, batch, task.benchmark.asked.get(), rays));
     if let Some(whole) = whole {
+        run.run(1);
         let (whole, asked) = (ours::answers(&whole), run.answers());
         if let Some(i) = (0..whole.len()).find(|&i| whole[i] != asked[i]) {
             return Err(Failure::new(format!("{id}: ray {i} of calls as timed ends at {}, of one call at {}", asked[i].t, whole[i].t)));

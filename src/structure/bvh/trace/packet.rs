@@ -211,7 +211,7 @@ impl PacketWalk {
         dispatch(view.isa, SetDirs { walk: self, rays: must_cast_ref(rays), is_exact });
     }
 
-    /// As if all rays taken over had been traced, and missed.
+    /// As if all rays had been traced, and missed. How far they go is not told.
     #[inline]
     pub fn miss(&mut self) {
         self.stack.clear();

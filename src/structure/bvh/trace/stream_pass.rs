@@ -1,6 +1,6 @@
 //! The phases of a stream.
 //!
-//! Walks ask for the memory of what they go to, of nodes and of leaves alike, though leaves are in another block and are asked
+//! In large models walks ask for the memory of what they go to, of nodes and of leaves alike, though leaves are in another block and are asked
 //! for again there: to tell them apart costs more.
 
 use super::ahead::{ask, ask_for};
@@ -419,7 +419,8 @@ fn leaves_of<S: Simd, const ANY: bool>(s: S, state: &mut State, counts: &mut Cou
     loop {
         // What comes next is on its way while this one is tested.
         let (mut next, mut below) = take(s, state, lane);
-        if Child::is_leaf(next) {
+        let is_here = Child::is_leaf(next) && below + state.view.leaves_at == id;
+        if is_here {
             ask(block, next);
         }
         let at = (child & INDEX_MASK) as usize;

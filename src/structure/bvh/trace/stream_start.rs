@@ -272,7 +272,8 @@ fn slabs<S: Simd>(s: S, state: &mut State, group: &Group, node: &Node, rays: u32
     state.gauge.saw_by(beside, rays);
 }
 
-/// How far apart rays of a group may begin, as a part of the tree's reach, for what is far of one to count as far of all.
+/// How far apart rays of a group may begin, as a part of the tree's reach, for what is far of one to count as far of all. (A 64th: 3 % slower on
+/// the bunny, whose rays that follow each other begin about as far apart; rays from anywhere visit a quarter more leaves out of order.)
 const NEAR: f32 = 1.0 / 16.0;
 
 /// Whether `rays` of a group begin near each other: then their stacks are in order.
