@@ -5,6 +5,7 @@ use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 use crate::base::tasks::{Ending, Work};
+use crate::residency::Lease;
 use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, SceneView, Snapshots};
 use crate::structure::bvh::trace::LeafSweep;
@@ -76,13 +77,13 @@ impl<T: Send> Sweep<'_, T> {
     }
 
     /// The last of the needs, by model, up to `room` bytes, and one at least: leaf blocks come behind what they hang below, so that
-    /// what is begun is ended before more is.
-    fn last_of(&self, needs: &BTreeSet<Need>, room: u64) -> Vec<(u32, Vec<BlockId>)> {
+    /// what is begun is ended before more is. `counts`: what a block of so many bytes counts of the room.
+    fn last_of(&self, needs: &BTreeSet<Need>, room: u64, counts: fn(u64) -> u64) -> Vec<(u32, Vec<BlockId>)> {
         let mut sum = 0;
         let bytes = |need: &Need| self.scene.models[need.model as usize].blocks().slot_bytes(need.block);
         let fits = |need: &&Need| {
             let first = sum == 0;
-            sum += bytes(need);
+            sum += counts(bytes(need));
             first || sum <= room
         };
         let mut chosen: Vec<Need> = needs.iter().rev().take_while(fits).copied().collect();
@@ -94,7 +95,7 @@ impl<T: Send> Sweep<'_, T> {
     /// Brings some of the needs beside what views use; `None` if there is no room for any.
     fn bring(&self, needs: &BTreeSet<Need>) -> Result<Option<Snapshots>> {
         let mut hold = Hold::default();
-        for (model, blocks) in self.last_of(needs, self.scene.context().memory_budget() / ROUND_SHARE) {
+        for (model, blocks) in self.last_of(needs, self.scene.context().memory_budget() / ROUND_SHARE, |bytes| bytes) {
             hold.add(model, self.scene.models[model as usize].blocks().bring(&blocks, &Cancel::new())?);
         }
         let snapshots = Snapshots::holding(self.scene, &hold);
@@ -104,7 +105,7 @@ impl<T: Send> Sweep<'_, T> {
     /// Goes on with blocks of the reserve, here: whoever holds it waits for nobody.
     fn visit_leased(&self, open: &[usize], needs: &BTreeSet<Need>) -> Result<()> {
         let mut lease = self.scene.context().residency().lease();
-        for (model, blocks) in self.last_of(needs, lease.room()) {
+        for (model, blocks) in self.last_of(needs, lease.room(), Lease::counts) {
             lease.fetch(self.scene.models[model as usize].blocks(), &blocks, &Cancel::new())?;
         }
         let snapshots = Snapshots::leased(self.scene, &lease)?;

@@ -277,6 +277,21 @@ impl Simd for Avx2 {
         [V8(low), V8(high)]
     }
     #[inline(always)]
+    fn near16(self, v: &[u32; 16]) -> u32 {
+        // SAFETY: the token vouches; the loads are of half the numbers each, and need no alignment.
+        unsafe {
+            let less = _mm256_set1_epi32(v[0].wrapping_sub(1 << 23) as i32);
+            let beyond = |at: usize| _mm256_srli_epi32::<24>(_mm256_sub_epi32(_mm256_loadu_si256(v.as_ptr().add(at).cast()), less));
+            let near = |at: usize| _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(beyond(at), _mm256_setzero_si256())));
+            near(0) as u32 | (near(8) as u32) << 8
+        }
+    }
+    #[inline(always)]
+    fn put_steps16(self, v: &[u32; 16], out: &mut [u8; 52]) {
+        // SAFETY: the token vouches.
+        unsafe { put_steps16(v, out) }
+    }
+    #[inline(always)]
     fn lookup16(self, [V8(low), V8(high)]: [V8; 2], index: __m256i) -> V8 {
         // SAFETY: the token vouches.
         V8(unsafe {
@@ -435,6 +450,25 @@ pub(super) unsafe fn steps16(first: f32, steps: &[u8; 52]) -> [__m256; 2] {
         let high = _mm256_srai_epi32::<8>(_mm256_shuffle_epi8(high, spread));
         let low = _mm256_blend_epi32::<1>(low, _mm256_setzero_si256());
         [_mm256_castsi256_ps(_mm256_add_epi32(first, low)), _mm256_castsi256_ps(_mm256_add_epi32(first, high))]
+    }
+}
+
+/// Steps from the first of the numbers to the others: see `Simd::put_steps16`.
+///
+/// # Safety
+/// The CPU has AVX2.
+#[inline(always)]
+pub(super) unsafe fn put_steps16(v: &[u32; 16], out: &mut [u8; 52]) {
+    // SAFETY: the caller vouches for AVX2; numbers 1 to 4, 5 to 8, 9 to 12 and 12 to 15 are read, and sixteen bytes are written from 0, 12, 24 and 33 on.
+    // None of it needs alignment.
+    unsafe {
+        // The low three bytes of each; and zeros, which the next ones overwrite.
+        let three = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
+        let first = _mm_set1_epi32(v[0] as i32);
+        for (from, to) in [(1, 0), (5, 12), (9, 24), (12, 33)] {
+            let steps = _mm_sub_epi32(_mm_loadu_si128(v.as_ptr().add(from).cast()), first);
+            _mm_storeu_si128(out.as_mut_ptr().add(to).cast(), _mm_shuffle_epi8(steps, three));
+        }
     }
 }
 

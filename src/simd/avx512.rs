@@ -1,7 +1,7 @@
 //! AVX-512 (F, VL, DQ, BW): sixteen lanes in a register, and mask registers for both widths.
 
 use super::Op;
-use super::avx2::{far_first, greatest8, least8, slabs, steps16};
+use super::avx2::{far_first, greatest8, least8, put_steps16, slabs, steps16};
 use super::lanes::{Lanes, Mask, Simd};
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Sub};
@@ -290,6 +290,20 @@ impl Simd for Avx512 {
         // SAFETY: the token vouches.
         let [low, high] = unsafe { steps16(first, steps) };
         [V8(low), V8(high)]
+    }
+    #[inline(always)]
+    fn near16(self, v: &[u32; 16]) -> u32 {
+        // SAFETY: the token vouches; the load is of all numbers, and needs no alignment.
+        unsafe {
+            let less = _mm512_set1_epi32(v[0].wrapping_sub(1 << 23) as i32);
+            let above = _mm512_sub_epi32(_mm512_loadu_si512(v.as_ptr().cast()), less);
+            _mm512_cmplt_epu32_mask(above, _mm512_set1_epi32(1 << 24)).into()
+        }
+    }
+    #[inline(always)]
+    fn put_steps16(self, v: &[u32; 16], out: &mut [u8; 52]) {
+        // SAFETY: the token vouches.
+        unsafe { put_steps16(v, out) }
     }
     #[inline(always)]
     fn lookup16(self, [V8(low), V8(high)]: [V8; 2], index: __m256i) -> V8 {

@@ -71,6 +71,11 @@ pub trait Simd: Copy {
     /// A table of `first`, and of the floats whose bits are its bits plus a step: of entry `i`, from 1 on, the signed number of 24 bits in bytes
     /// `3 i + 1` to `3 i + 3` of `steps`.
     fn steps16(self, first: f32, steps: &[u8; 52]) -> [Self::F8; 2];
+    /// The numbers (bit `i`: number `i`) that are the first plus a signed number of 24 bits.
+    fn near16(self, v: &[u32; 16]) -> u32;
+    /// What [`Simd::steps16`] reads, from its fifth byte on, of numbers that are near: the steps from the first one to the others, three bytes each. What
+    /// is written behind these 45 is of no use.
+    fn put_steps16(self, v: &[u32; 16], out: &mut [u8; 52]);
     /// `table[i]` for each index `i`.
     fn lookup16(self, table: [Self::F8; 2], index: Self::Index8) -> Self::F8;
     /// `origin[axis] * inv[axis] + off[axis]`, the same with `off[axis + 4]`, and `2^(e - 127) * inv[axis]`, each in all

@@ -160,6 +160,22 @@ impl Simd for Portable {
         }))
     }
     #[inline(always)]
+    fn near16(self, v: &[u32; 16]) -> u32 {
+        let mut near = 0;
+        for (i, number) in v.iter().enumerate() {
+            let beyond = number.wrapping_sub(v[0]).wrapping_add(1 << 23) >> 24;
+            near |= u32::from(beyond == 0) << i;
+        }
+        near
+    }
+    #[inline(always)]
+    fn put_steps16(self, v: &[u32; 16], out: &mut [u8; 52]) {
+        for i in 1..16 {
+            // A byte too many, which the next one overwrites.
+            out[3 * (i - 1)..3 * i + 1].copy_from_slice(&v[i].wrapping_sub(v[0]).to_le_bytes());
+        }
+    }
+    #[inline(always)]
     fn lookup16(self, table: [Array<8>; 2], index: [u8; 8]) -> Array<8> {
         Array(from_fn(|i| table[usize::from(index[i] >> 3 & 1)].0[usize::from(index[i] & 7)]))
     }

@@ -58,9 +58,29 @@ impl Op for Battery {
             let steps: [u8; 52] = std::array::from_fn(|i| bytes[i % 8].wrapping_mul(37 + i as u8));
             let all = [[0, 1, 2, 3, 4, 5, 6, 7], [8, 9, 10, 11, 12, 13, 14, 15]];
             out.extend(all.map(|eight| s.lookup16(s.steps16(b[0], &steps), s.index8(&eight)).to_array().map(f32::to_bits)).as_flattened());
+            numbers(s, shift, &words, &mut out);
             out.extend([s.same16(&b, u32::MAX, VALUES[3].to_bits()), s.same16(&b, 1 << 31, 1 << 31)]);
         }
         out
+    }
+}
+
+/// Numbers near the first, and at the borders of that.
+#[inline(always)]
+fn numbers<S: Simd>(s: S, shift: usize, words: &[u32; 8], out: &mut Vec<u32>) {
+    let least = -(1 << 23);
+    let steps: [i32; 16] = std::array::from_fn(|i| [least - 1, least, -1, 1, -least - 1, -least, words[i % 8] as i32 >> 9][(i + shift) % 7]);
+    let all: [u32; 16] = std::array::from_fn(|i| words[1].wrapping_add_signed(if i == 0 { 0 } else { steps[i] }));
+    let fits = |i: usize| i == 0 || (least..-least).contains(&steps[i]);
+    assert_eq!(s.near16(&all), (0..16).map(|i| u32::from(fits(i)) << i).sum::<u32>());
+    let mut bytes = [0; 4 + 52];
+    s.put_steps16(&all, bytes[4..].first_chunk_mut().expect("52"));
+    out.extend(bytes[4..][..45].iter().map(|byte| u32::from(*byte)));
+    // Read again where they fit.
+    let table = bytes.first_chunk().expect("52");
+    for (from, eight) in [(0, [0, 1, 2, 3, 4, 5, 6, 7]), (8, [8, 9, 10, 11, 12, 13, 14, 15])] {
+        let read = s.lookup16(s.steps16(f32::from_bits(all[0]), table), s.index8(&eight)).to_array();
+        assert!((0..8).all(|i| !fits(from + i) || read[i].to_bits() == all[from + i]));
     }
 }
 

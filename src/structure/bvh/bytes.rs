@@ -74,6 +74,20 @@ impl<'a> Reader<'a> {
         Ok(bytes.map(|((a, b), (c, d))| u32::from_le_bytes([*a, *b, *c, *d])))
     }
 
+    /// Undoes [`push_planes`]: so many words, and zeros behind them.
+    #[inline(always)]
+    pub fn words(&mut self, count: usize, zeros: usize) -> Result<Vec<u32>, String> {
+        let (a, b) = (self.take(count)?, self.take(count)?);
+        let (c, d) = (self.take(count)?, self.take(count)?);
+        let mut words = vec![0; count + zeros];
+        // Not collected: iterators are not compiled for the set. The slices are as long: a loop that becomes vectors.
+        let to = &mut words[..count];
+        for i in 0..count {
+            to[i] = u32::from_le_bytes([a[i], b[i], c[i], d[i]]);
+        }
+        Ok(words)
+    }
+
     /// Fails unless all bytes were read.
     pub fn end(&self) -> Result<(), String> {
         if self.rest.is_empty() { Ok(()) } else { Err("it has bytes that nothing uses".into()) }

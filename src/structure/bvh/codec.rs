@@ -125,13 +125,13 @@ impl Op for Decode<'_> {
     type Out = Checked<Vec<u32>>;
 
     #[inline(always)]
-    fn run<S: Simd>(self, _: S) -> Self::Out {
-        decode(self.payload, self.place)
+    fn run<S: Simd>(self, s: S) -> Self::Out {
+        decode(s, self.payload, self.place)
     }
 }
 
 #[inline(always)]
-fn decode(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
+fn decode<S: Simd>(s: S, payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     let mut reader = Reader::new(payload);
     let kind = match place.holds {
         Holds::All => ALL,
@@ -143,7 +143,7 @@ fn decode(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     }
     let words = match place.holds {
         Holds::All => {
-            let (nodes, leaves) = (read_nodes(&mut reader, place)?, read_leaves(&mut reader)?);
+            let (nodes, leaves) = (read_nodes(&mut reader, place)?, read_leaves(s, &mut reader)?);
             if leaves.starts.len() != nodes.leaves {
                 return wrong("its leaves do not add up");
             }
@@ -154,7 +154,7 @@ fn decode(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
             let references = leaf_references(leaves.starts.iter().map(|start| at + start));
             trace_form(nodes, &references, Some(leaves))?
         }
-        Holds::Leaves => leaf_block(read_leaves(&mut reader)?),
+        Holds::Leaves => leaf_block(read_leaves(s, &mut reader)?),
         Holds::Nodes | Holds::NodesOverLeaves => {
             let nodes = read_nodes(&mut reader, place)?;
             if place.holds == Holds::Nodes && nodes.leaves > 0 {

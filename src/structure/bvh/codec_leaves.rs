@@ -4,6 +4,7 @@ use super::bytes::{Reader, padded, piece, unzigzag, zigzag};
 use super::codec::{Checked, wrong};
 use super::layout::{Block, HEADER_WORDS, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, PAD_WORDS};
 use super::leaf::{APART, LeafForm, MIXED, NEAR, ORDER, index_words, put_coordinates};
+use crate::simd::Simd;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::hash::Hasher;
@@ -255,7 +256,7 @@ struct Counts {
 
 /// Reads the leaves of a block, and checks them.
 #[inline(always)]
-pub(super) fn read_leaves(reader: &mut Reader) -> Checked<Leaves> {
+pub(super) fn read_leaves<S: Simd>(s: S, reader: &mut Reader) -> Checked<Leaves> {
     let mut count = || reader.u16().map(usize::from);
     let (triangles, parts, leaves) = (count()?, count()?, count()?);
     let counts = Counts { triangles, parts, leaves, vertices: reader.u32()? as usize };
@@ -266,7 +267,7 @@ pub(super) fn read_leaves(reader: &mut Reader) -> Checked<Leaves> {
     if !parts.is_sorted_by(|a, b| a < b) {
         return wrong("its parts are not in order");
     }
-    let (words, starts) = read_triangles(reader, &counts)?;
+    let (words, starts) = read_triangles(s, reader, &counts)?;
     Ok(Leaves { triangles, parts, words, starts })
 }
 
@@ -275,7 +276,7 @@ pub(super) fn read_leaves(reader: &mut Reader) -> Checked<Leaves> {
 /// Leaves differ in size, which no branch foresees. So all of their vertices are brought together first, in one loop; then each leaf is
 /// copied in pieces of the largest size that they may have, in the order in which they lie: the next piece overwrites what was too much.
 #[inline(always)]
-fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Vec<usize>)> {
+fn read_triangles<S: Simd>(s: S, reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Vec<usize>)> {
     let shapes = reader.take(counts.leaves)?;
     let leaves = || shapes.iter().map(|bits| Shape::from_bits(*bits));
     let sum: usize = leaves().map(|leaf| leaf.triangles).sum();
@@ -307,7 +308,7 @@ fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Ve
         let axes = axes.each_ref().map(|axis| piece(axis, first_vertex));
         let corners = own_corners(piece(corners, 3 * first), t);
         wrong_corners |= at_least(corners, v as u8);
-        let form = LeafForm::of(t, v, is_mixed, v == 3 * t && corners == IN_ORDER[t], axes);
+        let form = LeafForm::of(s, (t, v), is_mixed, v == 3 * t && corners == IN_ORDER[t], axes);
         let own = piece(&parts, first_part);
         put(&mut words, at, &[t as u32 | (v as u32) << 8 | (first as u32) << 16, u32::from(own[0]) | u32::from(form.flags) << 16]);
         at += 2;
@@ -323,7 +324,7 @@ fn read_triangles(reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Ve
             put(&mut words, at, &[a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32, c as u32, (c >> 32) as u32].map(u32::to_le));
             at += index_words(t);
         }
-        at += put_coordinates(&mut words[at..], form, axes);
+        at += put_coordinates(s, &mut words[at..], form, axes);
         (first, first_vertex) = (first + t, first_vertex + v);
     }
     if wrong_corners != 0 {

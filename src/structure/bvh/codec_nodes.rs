@@ -101,7 +101,7 @@ pub(super) fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
     }
     // The last bytes of all are the valid bits.
     let valid = &reader.ahead(HEAD_BYTES * nodes)?[(HEAD_BYTES - 1) * nodes..];
-    let heads: [Vec<u32>; 4] = [reader.planes(nodes)?, reader.planes(nodes)?, reader.planes(nodes)?, reader.planes(nodes)?].map(Iterator::collect);
+    let (x, y, z, rest) = (reader.words(nodes, 0)?, reader.words(nodes, 0)?, reader.words(nodes, 0)?, reader.words(nodes, 0)?);
     let count = valid.iter().map(|valid| valid.count_ones() as usize).sum();
     // More follows than a window reaches behind the last.
     let boxes = reader.ahead(BOX_BYTES * count + WIDTH)?;
@@ -109,25 +109,23 @@ pub(super) fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
     let kinds: Vec<u16> = reader.take(2 * nodes)?.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
     let externals = read_externals(reader, externals, place)?;
     let voxels = read_voxels(reader, valid, count)?;
-    let [x, y, z, rest] = &heads;
-    let heads = x.iter().zip(y).zip(z).zip(rest).map(|(((x, y), z), rest)| [*x, *y, *z, *rest]);
-    let (table, passed) = table(heads, boxes, &voxels)?;
+    let (table, passed) = table([&x, &y, &z, &rest], boxes, &voxels)?;
     Ok(Nodes { table, kinds, externals, leaves, passed, voxels: (voxels.header, voxels.words) })
 }
 
 /// Nodes of these grids and valid bits over children of these boxes, without child references; and which of them rays may pass.
 #[inline(always)]
-fn table(heads: impl ExactSizeIterator<Item = [u32; 4]>, boxes: &[u8], voxels: &Voxels) -> Checked<(Vec<Node>, Passed)> {
+fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked<(Vec<Node>, Passed)> {
     let count = (boxes.len() - WIDTH) / BOX_BYTES;
     let (low, high) = boxes[..BOX_BYTES * count].split_at(BOX_BYTES * count / 2);
     if low.iter().zip(high).fold(false, |any, (low, high)| any | (low > high)) {
         return wrong("a node's box is inside out");
     }
     let (mut next, mut grids_ok, mut passed) = (0, true, Passed::default());
-    let mut table = Vec::with_capacity(heads.len());
-    for [x, y, z, rest] in heads {
+    let mut table = Vec::with_capacity(rest.len());
+    for (((x, y), z), rest) in x.iter().zip(y).zip(z).zip(rest) {
         let [i, j, k, valid] = rest.to_le_bytes();
-        let (origin, exponent) = ([x, y, z].map(f32::from_bits), [i, j, k]);
+        let (origin, exponent) = ([f32::from_bits(*x), f32::from_bits(*y), f32::from_bits(*z)], [i, j, k]);
         grids_ok &= exponent.iter().fold(true, |all, e| all & (1..=254).contains(e));
         grids_ok &= origin.iter().fold(valid != 0, |all, o| all & o.is_finite());
         let way = &WAYS[usize::from(valid)];
@@ -192,19 +190,12 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
     let part = reader.u32()?;
     // More follows than a window reaches behind the last.
     let first_planes = reader.ahead(4 * count + WIDTH)?;
-    let firsts: Vec<u32> = reader.planes(count)?.collect();
-    let mut seconds: Vec<u32> = reader.planes(count)?.collect();
-    let slabs = padded(reader.planes(count)?, WIDTH);
-    let parts: Vec<u32> = if size == LONG_VOXEL { reader.planes(count)?.collect() } else { Vec::new() };
+    let firsts = reader.words(count, 0)?;
+    let mut seconds = reader.words(count, 0)?;
+    let slabs = reader.words(count, WIDTH)?;
+    let parts = if size == LONG_VOXEL { reader.words(count, 0)? } else { Vec::new() };
     let of_mixed = parts.iter().filter(|word| Coded::part(**word).1).count();
     let of_mixed = padded(reader.take(4 * of_mixed)?.chunks_exact(4).map(|b| u32::from_le_bytes(*piece(b, 0))), 1);
-    let mut next = 0;
-    let summaries = parts.iter().map(|word| {
-        let (part, is_mixed) = Coded::part(*word);
-        let own = of_mixed[next];
-        next += usize::from(is_mixed);
-        if is_mixed { own } else { summary_bit(part) }
-    });
     let (mut six_sided, mut counted) = (0, 0);
     for (first, second) in firsts.iter().zip(&mut seconds) {
         let has_sides = u32::from(Coded::has_sides(*first));
@@ -215,27 +206,32 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
     if counted != 0 {
         return wrong("a voxel's sides are counted");
     }
-    let sides = six_sided as usize * SIDES_WORDS;
-    let mut words = Vec::with_capacity(valid.len() + count * size + sides);
+    let own_at = valid.len();
+    let sides_at = own_at + count * size;
+    let mut words = vec![0; sides_at + six_sided as usize * SIDES_WORDS];
     let mut before = 0;
-    words.extend(valid.iter().map(|valid| {
+    for (first, valid) in words.iter_mut().zip(valid) {
+        *first = before;
         before += valid.count_ones();
-        before - valid.count_ones()
-    }));
-    let pairs = firsts.iter().zip(&seconds);
-    if size == LONG_VOXEL {
-        let with_parts = pairs.zip(parts.iter().zip(summaries));
-        let all: Vec<[u32; LONG_VOXEL]> = with_parts.map(|((first, second), (part, summary))| [*first, *second, *part, summary]).collect();
-        words.extend_from_slice(all.as_flattened());
-    } else {
-        let all: Vec<[u32; SHORT_VOXEL]> = pairs.map(|(first, second)| [*first, *second]).collect();
-        words.extend_from_slice(all.as_flattened());
     }
-    let sides_at = words.len();
-    words.resize(sides_at + sides, 0);
+    let own = &mut words[own_at..sides_at];
+    if size == LONG_VOXEL {
+        let mut next = 0;
+        for (i, voxel) in own.as_chunks_mut::<LONG_VOXEL>().0.iter_mut().enumerate() {
+            let (part, is_mixed) = Coded::part(parts[i]);
+            let summary = if is_mixed { of_mixed[next] } else { summary_bit(part) };
+            next += usize::from(is_mixed);
+            *voxel = [firsts[i], seconds[i], parts[i], summary];
+        }
+    } else {
+        for (i, voxel) in own.as_chunks_mut::<SHORT_VOXEL>().0.iter_mut().enumerate() {
+            *voxel = [firsts[i], seconds[i]];
+        }
+    }
     for word in 0..SIDES_WORDS {
-        for (side, bits) in words[sides_at..].chunks_exact_mut(SIDES_WORDS).zip(reader.planes(six_sided as usize)?) {
-            side[word] = bits;
+        let bits = reader.words(six_sided as usize, 0)?;
+        for (side, bits) in words[sides_at..].as_chunks_mut::<SIDES_WORDS>().0.iter_mut().zip(&bits) {
+            side[word] = *bits;
         }
     }
     Ok(Voxels { header: [count as u32 | six_sided << 16, size as u32, part], words, slabs, first_planes })

@@ -8,6 +8,7 @@ use super::layout::{
 };
 use super::validate::validate;
 use crate::lod::{SIDES_WORDS, stop_bits};
+use crate::simd::Portable;
 use proptest::prelude::*;
 
 /// A generator of repeatable numbers (splitmix64).
@@ -54,7 +55,7 @@ fn leaves(random: &mut Random, count: usize, parts: usize) -> (Vec<u32>, usize, 
                 *axis = std::array::from_fn(|_| (random.below(9) as f32 * 0.3 - 1.0).to_bits());
             }
         }
-        let form = LeafForm::of(t, v, is_mixed, (0..3 * t).all(|at| corners[at] == in_order(at)), axes.each_ref());
+        let form = LeafForm::of(Portable::new(), (t, v), is_mixed, (0..3 * t).all(|at| corners[at] == in_order(at)), axes.each_ref());
         words.push(t as u32 | (v as u32) << 8 | (triangles as u32) << 16);
         words.push(own[0] | u32::from(form.flags) << 16);
         if is_mixed {

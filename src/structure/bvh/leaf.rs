@@ -18,6 +18,7 @@
 //! which share vertices, as many bytes would go, but how leaves are stored could not be foreseen.)
 
 use super::layout::{LINE_WORDS, MAX_TRIANGLES, MAX_VERTICES, PAD_WORDS};
+use crate::simd::{Portable, Simd};
 use bytemuck::{cast_slice, cast_slice_mut, must_cast_ref};
 use glam::Vec3;
 
@@ -64,9 +65,9 @@ pub struct LeafForm {
 impl LeafForm {
     /// That of a leaf, given whether its corners are as in [`ORDER`], and the bits of its coordinates, axis by axis.
     #[inline(always)]
-    pub fn of(
-        triangles: usize,
-        vertices: usize,
+    pub fn of<S: Simd>(
+        s: S,
+        (triangles, vertices): (usize, usize),
         is_mixed: bool,
         are_in_order: bool,
         axes: [&[u32; MAX_VERTICES]; 3],
@@ -74,8 +75,10 @@ impl LeafForm {
         let mut flags = if is_mixed { MIXED } else { 0 };
         if are_in_order && vertices == 3 * triangles {
             flags |= APART;
-            let [x, y, z] = axes;
-            if vertices >= LEAST_NEAR && is_near(x, vertices) && is_near(y, vertices) && is_near(z, vertices) {
+            // Axis by axis: what maps an array is not compiled for the set.
+            let near = s.near16(axes[0]) & s.near16(axes[1]) & s.near16(axes[2]);
+            let all = (1 << vertices) - 1;
+            if vertices >= LEAST_NEAR && near & all == all {
                 flags |= NEAR;
             }
         }
@@ -102,21 +105,10 @@ pub const fn index_words(triangles: usize) -> usize {
     (3 * triangles).div_ceil(4)
 }
 
-/// Whether the steps from the first of `count` numbers to the others fit 24 bits.
-#[inline(always)]
-fn is_near(bits: &[u32; MAX_VERTICES], count: usize) -> bool {
-    let mut beyond = 0;
-    for (i, number) in bits.iter().enumerate() {
-        let above = number.wrapping_sub(bits[0]).wrapping_add(1 << 23) >> 24;
-        beyond |= if i < count { above } else { 0 };
-    }
-    beyond == 0
-}
-
 /// Writes the coordinates of a leaf, given their bits, axis by axis; how many words they take. What is behind them is overwritten, up to sixteen
 /// numbers an axis.
 #[inline(always)]
-pub fn put_coordinates(words: &mut [u32], form: LeafForm, axes: [&[u32; MAX_VERTICES]; 3]) -> usize {
+pub fn put_coordinates<S: Simd>(s: S, words: &mut [u32], form: LeafForm, axes: [&[u32; MAX_VERTICES]; 3]) -> usize {
     let count = form.vertices;
     if form.flags & NEAR == 0 {
         for (axis, bits) in axes.iter().enumerate() {
@@ -128,12 +120,9 @@ pub fn put_coordinates(words: &mut [u32], form: LeafForm, axes: [&[u32; MAX_VERT
     let bytes: &mut [u8] = cast_slice_mut(steps);
     for (axis, bits) in axes.iter().enumerate() {
         firsts[axis] = bits[0];
-        let own = &mut bytes[3 * axis * (count - 1)..][..STEP_BYTES];
-        let step = |i: usize| u64::from(bits[i].wrapping_sub(bits[0]) & 0xff_ffff);
-        for i in (1..MAX_VERTICES).step_by(2) {
-            // Two, and two bytes too many, which the next ones overwrite. The last is alone.
-            let both = step(i) | if i + 1 < MAX_VERTICES { step(i + 1) << 24 } else { 0 };
-            own[3 * (i - 1)..3 * i + 5].copy_from_slice(&both.to_le_bytes());
+        match bytes[3 * axis * (count - 1)..].first_chunk_mut::<STEP_BYTES>() {
+            Some(own) => s.put_steps16(bits, own),
+            None => unreachable!(),
         }
     }
     // What the last axis left behind it, up to the end of the word.
@@ -245,7 +234,7 @@ impl<'a> Leaf<'a> {
     /// How it should be stored, given the bits of its coordinates.
     pub fn form_for(&self, axes: [&[u32; MAX_VERTICES]; 3]) -> LeafForm {
         let is_in_order = |corner: usize| self.corners8(corner)[..self.triangles] == ORDER[corner][..self.triangles];
-        LeafForm::of(self.triangles, self.vertices, self.is_mixed(), (0..3).all(is_in_order), axes)
+        LeafForm::of(Portable::new(), (self.triangles, self.vertices), self.is_mixed(), (0..3).all(is_in_order), axes)
     }
 
     /// Whether its coordinates are steps, on all axes.
@@ -307,10 +296,10 @@ mod tests {
 
     /// A leaf of apart triangles, stored and read again.
     fn stored(axes: &[[u32; MAX_VERTICES]; 3], triangles: usize) -> (LeafForm, Vec<u32>) {
-        let form = LeafForm::of(triangles, 3 * triangles, false, true, axes.each_ref());
+        let form = LeafForm::of(Portable::new(), (triangles, 3 * triangles), false, true, axes.each_ref());
         let mut words = vec![triangles as u32 | (form.vertices as u32) << 8, u32::from(form.flags) << 16];
         words.resize(2 + 4 * MAX_VERTICES, 0);
-        put_coordinates(&mut words[form.head_words()..], form, axes.each_ref());
+        put_coordinates(Portable::new(), &mut words[form.head_words()..], form, axes.each_ref());
         (form, words)
     }
 

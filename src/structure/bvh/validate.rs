@@ -157,6 +157,7 @@ fn check_nodes(block: &Block, leaves: &[usize], holds: Holds) -> Result<(), Stri
 mod tests {
     use super::super::layout::leaf_block_head;
     use super::super::leaf::{LeafForm, put_coordinates};
+    use crate::simd::Portable;
     use super::*;
 
     const PLACE: Place = Place { id: 3, end: 9, holds: Holds::All };
@@ -250,7 +251,7 @@ mod tests {
         let form = LeafForm { triangles: count, vertices, flags };
         let at = words.len();
         words.resize(at + 4 * MAX_VERTICES, 0);
-        let own = put_coordinates(&mut words[at..], form, [&axis; 3]);
+        let own = put_coordinates(Portable::new(), &mut words[at..], form, [&axis; 3]);
         words.truncate(at + own);
         words.resize(words.len() + PAD_WORDS, 0);
         words

@@ -6,6 +6,7 @@ use super::leaf::LeafShape;
 use super::refs::Ref;
 use super::tree::{Inner, Sub};
 use crate::lod::{Coded, SIDES_WORDS};
+use crate::simd::Portable;
 use crate::structure::bvh::layout::{
     Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_VERTICES, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, put_passed,
     leaf_block_head,
@@ -185,7 +186,7 @@ impl Encoder<'_> {
         }
         let own = self.leaves.len();
         self.leaves.resize(own + 3 * MAX_VERTICES + STEP_BYTES / 4, 0);
-        let words = put_coordinates(&mut self.leaves[own..], form, bits.each_ref());
+        let words = put_coordinates(Portable::new(), &mut self.leaves[own..], form, bits.each_ref());
         self.leaves.truncate(own + words);
         for &t in &shape.triangles[..shape.count] {
             self.prims.push(self.input.prims[t as usize]);

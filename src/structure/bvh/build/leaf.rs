@@ -3,7 +3,7 @@
 use super::TreeInput;
 use super::refs::Ref;
 use crate::lod::Content;
-use crate::simd::{Isa, Lanes, Mask, Op, Simd, dispatch};
+use crate::simd::{Isa, Lanes, Mask, Op, Portable, Simd, dispatch};
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES};
 use crate::structure::bvh::leaf::{LeafForm, MIXED};
 use glam::Vec3;
@@ -79,7 +79,7 @@ impl LeafShape {
     /// How it is stored, and the bits of its coordinates.
     pub fn stored(&self) -> (LeafForm, [[u32; MAX_VERTICES]; 3]) {
         let bits = self.vertices.each_ref().map(|axis| std::array::from_fn(|i| axis[i].to_bits()));
-        (LeafForm::of(self.count, self.vertex_count, self.mixed, self.is_apart(), bits.each_ref()), bits)
+        (LeafForm::of(Portable::new(), (self.count, self.vertex_count), self.mixed, self.is_apart(), bits.each_ref()), bits)
     }
 
     /// Whether no vertex is shared. Vertices are numbered as corners come, so these are in order then.
