@@ -237,18 +237,7 @@ where
 {
     /// Of `rays`, answers to `hits`.
     pub fn new(scene: S, rays: R, hits: H, options: QueryOptions) -> Self {
-        let rounds = Rounds {
-            snapshots: Arc::new(Snapshots::take(scene.borrow())),
-            items: Vec::new(),
-            first: true,
-            fetching: false,
-            hold: Hold::default(),
-            asked: 0,
-            came: 0,
-            room: u64::MAX,
-            parked: Parked::default(),
-            deferred: Vec::new(),
-        };
+        let rounds = Rounds::new(Snapshots::take(scene.borrow()));
         let count = rays.count();
         let stamp = scene.borrow().context().residency().stamp();
         Self { scene, rays, hits, options, count, stamp, shared: Arc::default(), rounds: Mutex::new(rounds) }
@@ -387,9 +376,7 @@ where
         }
         let context = self.scene.borrow().context();
         let residency = context.residency();
-        if rounds.room < residency.lease_room() && residency.lease_is_free() {
-            // The reserve holds more than there is room for beside it.
-            rounds.grow();
+        if residency.lease_is_free() && rounds.is_for_lease(residency.lease_room()) {
             return rounds.begin(vec![Item::Lease]);
         }
         let room = rounds.room.min(context.memory_budget() / ROUND_SHARE);
@@ -424,6 +411,22 @@ where
 }
 
 impl Rounds {
+    /// The first of which all items are chunks of rays.
+    fn new(snapshots: Snapshots) -> Self {
+        Self {
+            snapshots: Arc::new(snapshots),
+            items: Vec::new(),
+            first: true,
+            fetching: false,
+            hold: Hold::default(),
+            asked: 0,
+            came: 0,
+            room: u64::MAX,
+            parked: Parked::default(),
+            deferred: Vec::new(),
+        }
+    }
+
     /// Begins a round of `items`, and of chunks that were not begun while few groups are parked; returns how many there are.
     fn begin(&mut self, items: Vec<Item>) -> usize {
         let more = (MOST_PARKED.saturating_sub(self.parked.len() + items.len())).div_ceil(CHUNK / PACKET);
@@ -441,6 +444,15 @@ impl Rounds {
         } else {
             self.grow();
         }
+    }
+
+    /// Whether the next round is to be under a lease: the reserve holds more than there is room for beside it. After some it is looked anew what has room.
+    fn is_for_lease(&mut self, lease_room: u64) -> bool {
+        let is_leased = self.room < lease_room;
+        if is_leased {
+            self.grow();
+        }
+        is_leased
     }
 
     fn grow(&mut self) {
@@ -530,5 +542,34 @@ where
 
     fn ended(&self, ending: &Ending) {
         self.shared.ended(ending);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What others hold they may let go of: rounds under leases, which take turns with all others', are for a while only.
+    #[test]
+    fn rounds_that_had_no_room_look_for_it_again() {
+        let lease_room = 700 << 10;
+        let mut rounds = Rounds::new(Snapshots::none());
+        assert!(!rounds.is_for_lease(lease_room), "nothing was asked for yet");
+        (rounds.asked, rounds.came) = (4 << 20, 0);
+        rounds.has_fetched();
+        let leased = (0..100).take_while(|_| rounds.is_for_lease(lease_room)).count();
+        assert!((5..20).contains(&leased), "{leased} rounds");
+        // There is as much room as is asked for: a quarter more each time, and no lease.
+        for _ in 0..20 {
+            let asked = rounds.room;
+            (rounds.asked, rounds.came) = (asked, asked);
+            rounds.has_fetched();
+            assert_eq!(rounds.room, asked + asked / 4);
+            assert!(!rounds.is_for_lease(lease_room));
+        }
+        // Less than the reserve holds had room: leases again, but not from the beginning.
+        (rounds.asked, rounds.came) = (rounds.room, lease_room - 1);
+        rounds.has_fetched();
+        assert!(rounds.is_for_lease(lease_room) && !rounds.is_for_lease(lease_room));
     }
 }

@@ -21,6 +21,8 @@ mod fill;
 #[allow(unsafe_code)] // advice to the system
 mod huge_pages;
 mod lease;
+#[cfg(test)]
+mod lease_tests;
 mod links;
 mod load;
 mod pressure;

@@ -280,10 +280,13 @@ impl Simd for Avx2 {
     fn near16(self, v: &[u32; 16]) -> u32 {
         // SAFETY: the token vouches; the loads are of half the numbers each, and need no alignment.
         unsafe {
-            let less = _mm256_set1_epi32(v[0].wrapping_sub(1 << 23) as i32);
-            let beyond = |at: usize| _mm256_srli_epi32::<24>(_mm256_sub_epi32(_mm256_loadu_si256(v.as_ptr().add(at).cast()), less));
-            let near = |at: usize| _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(beyond(at), _mm256_setzero_si256())));
-            near(0) as u32 | (near(8) as u32) << 8
+            let (less, zero) = (_mm256_set1_epi32(v[0].wrapping_sub(1 << 23) as i32), _mm256_setzero_si256());
+            let (low, high) = (_mm256_loadu_si256(v.as_ptr().cast()), _mm256_loadu_si256(v.as_ptr().add(8).cast()));
+            let low = _mm256_srli_epi32::<24>(_mm256_sub_epi32(low, less));
+            let high = _mm256_srli_epi32::<24>(_mm256_sub_epi32(high, less));
+            let low = _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(low, zero)));
+            let high = _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(high, zero)));
+            low as u32 | (high as u32) << 8
         }
     }
     #[inline(always)]
@@ -462,7 +465,7 @@ pub(super) unsafe fn put_steps16(v: &[u32; 16], out: &mut [u8; 52]) {
     // SAFETY: the caller vouches for AVX2; numbers 1 to 4, 5 to 8, 9 to 12 and 12 to 15 are read, and sixteen bytes are written from 0, 12, 24 and 33 on.
     // None of it needs alignment.
     unsafe {
-        // The low three bytes of each; and zeros, which the next ones overwrite.
+        // The low three bytes of each; and zeros: the next ones overwrite them, those behind the last are of no use.
         let three = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
         let first = _mm_set1_epi32(v[0] as i32);
         for (from, to) in [(1, 0), (5, 12), (9, 24), (12, 33)] {

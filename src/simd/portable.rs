@@ -170,9 +170,11 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn put_steps16(self, v: &[u32; 16], out: &mut [u8; 52]) {
-        for i in 1..16 {
-            // A byte too many, which the next one overwrites.
-            out[3 * (i - 1)..3 * i + 1].copy_from_slice(&v[i].wrapping_sub(v[0]).to_le_bytes());
+        let step = |i: usize| u64::from(v[i].wrapping_sub(v[0]) & 0xff_ffff);
+        for i in (1..16).step_by(2) {
+            // Two, and two bytes too many, which the next ones overwrite. The last is alone.
+            let both = step(i) | if i < 15 { step(i + 1) << 24 } else { 0 };
+            out[3 * (i - 1)..3 * i + 5].copy_from_slice(&both.to_le_bytes());
         }
     }
     #[inline(always)]

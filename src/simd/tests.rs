@@ -69,12 +69,14 @@ impl Op for Battery {
 #[inline(always)]
 fn numbers<S: Simd>(s: S, shift: usize, words: &[u32; 8], out: &mut Vec<u32>) {
     let least = -(1 << 23);
-    let steps: [i32; 16] = std::array::from_fn(|i| [least - 1, least, -1, 1, -least - 1, -least, words[i % 8] as i32 >> 9][(i + shift) % 7]);
+    let kinds = |i: usize| [least - 1, least, -1, 1, -least - 1, -least, words[i % 8] as i32 >> 9, 1 << 24, -1 << 24, i32::MIN];
+    let steps: [i32; 16] = std::array::from_fn(|i| kinds(i)[(i + shift) % 10]);
     let all: [u32; 16] = std::array::from_fn(|i| words[1].wrapping_add_signed(if i == 0 { 0 } else { steps[i] }));
     let fits = |i: usize| i == 0 || (least..-least).contains(&steps[i]);
     assert_eq!(s.near16(&all), (0..16).map(|i| u32::from(fits(i)) << i).sum::<u32>());
-    let mut bytes = [0; 4 + 52];
+    let mut bytes = [0xa5; 4 + 52 + 8];
     s.put_steps16(&all, bytes[4..].first_chunk_mut().expect("52"));
+    assert_eq!((bytes[..4].to_vec(), bytes[4 + 52..].to_vec()), (vec![0xa5; 4], vec![0xa5; 8]));
     out.extend(bytes[4..][..45].iter().map(|byte| u32::from(*byte)));
     // Read again where they fit.
     let table = bytes.first_chunk().expect("52");

@@ -64,23 +64,13 @@ impl<'a> Reader<'a> {
         Err("a number in it is too long".into())
     }
 
-    /// Undoes [`push_planes`].
-    #[inline(always)]
-    pub fn planes(&mut self, count: usize) -> Result<impl ExactSizeIterator<Item = u32> + use<'a>, String> {
-        let (a, b) = (self.take(count)?, self.take(count)?);
-        let (c, d) = (self.take(count)?, self.take(count)?);
-        // One after the other in all four: a loop that becomes vectors.
-        let bytes = a.iter().zip(b).zip(c.iter().zip(d));
-        Ok(bytes.map(|((a, b), (c, d))| u32::from_le_bytes([*a, *b, *c, *d])))
-    }
-
     /// Undoes [`push_planes`]: so many words, and zeros behind them.
     #[inline(always)]
     pub fn words(&mut self, count: usize, zeros: usize) -> Result<Vec<u32>, String> {
         let (a, b) = (self.take(count)?, self.take(count)?);
         let (c, d) = (self.take(count)?, self.take(count)?);
         let mut words = vec![0; count + zeros];
-        // Not collected: iterators are not compiled for the set. The slices are as long: a loop that becomes vectors.
+        // Not collected: what takes a closure is not compiled for the set. The slices are as long: a loop that becomes vectors.
         let to = &mut words[..count];
         for i in 0..count {
             to[i] = u32::from_le_bytes([a[i], b[i], c[i], d[i]]);

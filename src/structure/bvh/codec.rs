@@ -112,10 +112,15 @@ type LeafReferences = Vec<u16>;
 
 /// Decodes a geometry block and checks all that a walk relies on.
 pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
-    dispatch(Isa::best(), Decode { payload, place })
+    decode_with(Isa::best(), payload, place)
 }
 
-/// Plain loops, which become wider vectors where there are.
+/// [`decode_geometry`] by an instruction set. What is decoded does not depend on it.
+pub(super) fn decode_with(isa: Isa, payload: &[u8], place: Place) -> Checked<Vec<u32>> {
+    dispatch(isa, Decode { payload, place })
+}
+
+/// Mostly plain loops, which become wider vectors where there are; steps of leaves are told and put by the set's own operations.
 struct Decode<'a> {
     payload: &'a [u8],
     place: Place,

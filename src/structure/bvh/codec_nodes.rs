@@ -154,8 +154,8 @@ fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked
 }
 
 fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Vec<[u32; 2]>> {
-    let (ids, children) = (reader.planes(count)?, reader.planes(count)?);
-    let externals: Vec<[u32; 2]> = ids.zip(children).map(|(id, child)| [id, child]).collect();
+    let (ids, children) = (reader.words(count, 0)?, reader.words(count, 0)?);
+    let externals: Vec<[u32; 2]> = ids.into_iter().zip(children).map(|(id, child)| [id, child]).collect();
     for &[id, child] in &externals {
         // Always to a later block: no chain of references comes back.
         if id <= place.id || id >= place.end {
@@ -219,7 +219,9 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
         let mut next = 0;
         for (i, voxel) in own.as_chunks_mut::<LONG_VOXEL>().0.iter_mut().enumerate() {
             let (part, is_mixed) = Coded::part(parts[i]);
-            let summary = if is_mixed { of_mixed[next] } else { summary_bit(part) };
+            // Read whichever it is: no branch foresees it.
+            let own = of_mixed[next];
+            let summary = if is_mixed { own } else { summary_bit(part) };
             next += usize::from(is_mixed);
             *voxel = [firsts[i], seconds[i], parts[i], summary];
         }

@@ -1,6 +1,6 @@
 //! Blocks made at random come back as they were; what is damaged is refused, or is a sound block.
 
-use super::codec::{Holds, Place, decode_geometry, encode_geometry};
+use super::codec::{self, Checked, Holds, Place, decode_with, encode_geometry};
 use super::leaf::{APART, LeafForm, NEAR};
 use super::layout::{
     Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
@@ -8,7 +8,7 @@ use super::layout::{
 };
 use super::validate::validate;
 use crate::lod::{SIDES_WORDS, stop_bits};
-use crate::simd::Portable;
+use crate::simd::{Isa, Portable};
 use proptest::prelude::*;
 
 /// A generator of repeatable numbers (splitmix64).
@@ -207,6 +207,15 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     own.extend(leaf_words);
     own.resize(own.len() + PAD_WORDS, 0);
     Some((words, Some(own)))
+}
+
+/// By every instruction set alike.
+fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
+    let decoded = codec::decode_geometry(payload, place);
+    for isa in Isa::ALL {
+        assert_eq!(decode_with(isa, payload, place), decoded, "{}", isa.name());
+    }
+    decoded
 }
 
 /// All truncations, and bytes changed at random: refused, or sound.

@@ -33,11 +33,11 @@ pub const NEAR: u16 = 4;
 pub const LEAST_NEAR: usize = 6;
 
 /// Bytes in which the steps of sixteen vertices are on an axis, see [`Coordinates::Near`]: 49, and what vectors read behind them, in four loads of 16
-/// from 0, 12, 24 and 36 on.
+/// from 0, 12, 24 and 36 on. They are written from the fifth on, and up to four behind them.
 pub const STEP_BYTES: usize = 52;
 
 /// Sixteen numbers are read and written where a leaf has fewer; what follows its last axis is other leaves, or zeros.
-const _: () = assert!(2 * 3 + MAX_VERTICES <= 3 * 3 + PAD_WORDS && 4 * 2 + 6 * 2 + STEP_BYTES <= 4 * 3 + 9 * 2 + 4 * PAD_WORDS);
+const _: () = assert!(2 * 3 + MAX_VERTICES <= 3 * 3 + PAD_WORDS && 4 * 3 + 6 * 2 + STEP_BYTES <= 4 * 3 + 9 * 2 + 4 * PAD_WORDS);
 
 /// Vertex numbers of leaves whose triangles have their own, by corner.
 pub const ORDER: [[u8; MAX_TRIANGLES]; 3] = {
@@ -106,7 +106,7 @@ pub const fn index_words(triangles: usize) -> usize {
 }
 
 /// Writes the coordinates of a leaf, given their bits, axis by axis; how many words they take. What is behind them is overwritten, up to sixteen
-/// numbers an axis.
+/// numbers, or [`STEP_BYTES`], an axis.
 #[inline(always)]
 pub fn put_coordinates<S: Simd>(s: S, words: &mut [u32], form: LeafForm, axes: [&[u32; MAX_VERTICES]; 3]) -> usize {
     let count = form.vertices;
@@ -292,15 +292,27 @@ impl<'a> Leaf<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simd::{Isa, Op, dispatch};
     use proptest::prelude::*;
 
-    /// A leaf of apart triangles, stored and read again.
-    fn stored(axes: &[[u32; MAX_VERTICES]; 3], triangles: usize) -> (LeafForm, Vec<u32>) {
-        let form = LeafForm::of(Portable::new(), (triangles, 3 * triangles), false, true, axes.each_ref());
-        let mut words = vec![triangles as u32 | (form.vertices as u32) << 8, u32::from(form.flags) << 16];
-        words.resize(2 + 4 * MAX_VERTICES, 0);
-        put_coordinates(Portable::new(), &mut words[form.head_words()..], form, axes.each_ref());
-        (form, words)
+    /// A leaf of apart triangles, stored.
+    struct Store<'a> {
+        axes: &'a [[u32; MAX_VERTICES]; 3],
+        triangles: usize,
+    }
+
+    impl Op for Store<'_> {
+        type Out = (LeafForm, Vec<u32>);
+
+        #[inline(always)]
+        fn run<S: Simd>(self, s: S) -> Self::Out {
+            let Self { axes, triangles } = self;
+            let form = LeafForm::of(s, (triangles, 3 * triangles), false, true, axes.each_ref());
+            let mut words = vec![triangles as u32 | (form.vertices as u32) << 8, u32::from(form.flags) << 16];
+            words.resize(2 + 4 * MAX_VERTICES, 0);
+            put_coordinates(s, &mut words[form.head_words()..], form, axes.each_ref());
+            (form, words)
+        }
     }
 
     proptest! {
@@ -311,7 +323,12 @@ mod tests {
             for (axis, first) in axes.iter_mut().zip(first) {
                 axis.iter_mut().for_each(|x| *x = first.wrapping_add_signed((*x as i32) >> bits));
             }
-            let (form, words) = stored(&axes, triangles);
+            let (form, words) = dispatch(Isa::Baseline, Store { axes: &axes, triangles });
+            for isa in Isa::ALL {
+                let (own_form, own_words) = dispatch(isa, Store { axes: &axes, triangles });
+                // What is behind them is of no use.
+                prop_assert_eq!((own_form, &own_words[..form.words()]), (form, &words[..form.words()]), "{}", isa.name());
+            }
             let count = 3 * triangles;
             let step = |axis: &[u32; MAX_VERTICES], i: usize| i64::from(axis[i].wrapping_sub(axis[0]) as i32);
             let fit = axes.iter().all(|axis| (0..count).all(|i| (-(1 << 23)..1 << 23).contains(&step(axis, i))));
