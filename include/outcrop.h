@@ -198,7 +198,8 @@ typedef struct oc_context_desc {
     /** Set by OC_INIT. */
     uint32_t struct_size;
     /**
-     * Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting.
+     * Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads and traces by turns: of a
+     * model that is being read pictures get better more slowly than with a thread.
      * OC_ALL_THREADS: one for each core. Ignored with an executor.
      */
     uint32_t threads;
@@ -527,9 +528,9 @@ typedef uint32_t oc_query_flags;
 typedef struct oc_ray {
     /** Where it starts, world space. */
     double origin[3];
-    /** Hits before this distance are ignored; 0 or more, in units of the direction's length. */
+    /** Hits before this distance are ignored; in units of the direction's length. Below 0 it counts as 0. Infinite or NaN: the ray misses. */
     double t_min;
-    /** Hits beyond this distance are ignored. 0: none are. */
+    /** Hits beyond this distance are ignored. 0: none are. Before `t_min`, or NaN: the ray misses. */
     double t_max;
     /** Where it goes; need not be unit. Zero, or not finite: the ray misses. */
     float direction[3];
@@ -687,8 +688,8 @@ typedef struct oc_frame_accuracy {
     /** Set by OC_INIT. */
     uint32_t struct_size;
     /**
-     * The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget.
-     * Where that is more than was asked for, no stand-in lets rays through.
+     * The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. (By steps; which one it ends at
+     * may depend on what was seen before.) Where that is more than was asked for, no stand-in lets rays through.
      */
     float effective_poe;
     /** Counts the requests of this frame, from 1; 0: none yet. */
@@ -1348,7 +1349,8 @@ oc_status oc_job_build_note(const struct oc_job *job,
 /**
  * Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is used,
  * or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET means that
- * not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do.
+ * not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. A block that is read here and
+ * is damaged, or cannot be read, fails it: of a model whose coarse blocks do not fit the budget one that opens with less may be shown with stand-ins.
  *
  * Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
  * does not.
@@ -1420,11 +1422,12 @@ oc_status oc_model_get_view(const struct oc_model *model,
 OC_API void oc_model_retain(struct oc_model *model);
 
 /**
- * Takes a count back; scenes that show the model keep it alive. NULL does nothing.
+ * Takes a count back; the handle is gone with the last; scenes that show the model keep its data. NULL does nothing.
  *
  * Thread safety: any thread. Cheap.
  */
-OC_API void oc_model_release(struct oc_model *model);
+OC_API
+void oc_model_release(struct oc_model *model);
 
 /**
  * Makes an empty scene with a headlight.
@@ -1593,7 +1596,7 @@ oc_status oc_scene_any_start(const struct oc_scene *scene,
 
 /**
  * Finds the visible parts that meet a box, exactly: by triangle. `box_min` and `box_max`: 3 doubles each,
- * world space; the box is closed. An empty one meets nothing.
+ * world space; the box is closed. An empty one meets nothing; NaN is refused.
  *
  * `out_count` gets how many there are. With `capacity` 0 that is all (`out_parts` is ignored); else they
  * are written if they fit, and OC_STATUS_BUFFER_TOO_SMALL says that they do not. By instance in the order

@@ -196,6 +196,26 @@ fn the_first_picture_of_a_frame_has_what_comes_soon() {
     assert!(without > 0 && with < without, "{with}, {without}");
 }
 
+/// Without threads the one who waits renders and reads: by turns, not a picture for each block that came.
+#[test]
+fn who_reads_what_he_renders_makes_few_pictures() {
+    let context = context(0, bulb().bytes * 2);
+    let reads = Arc::new(AtomicU64::new(0));
+    let state = scene(&context, counted(&reads));
+    let frame = frame(&context);
+    let settings = FrameSettings { poe: 0.0, ..Default::default() };
+    for i in 0..2 {
+        let (before, begun) = (reads.load(SeqCst), Instant::now());
+        frame.request(&state, &camera(i), &settings).expect("a request");
+        let status = frame.wait(LONG);
+        assert_eq!(status.state, FrameState::Converged);
+        // Between two of them he has read for that long, or all that was known to be lacking: which is so some times, as each picture goes deeper.
+        let most = 8 + begun.elapsed().as_millis() / 80;
+        println!("{} pictures, {most} at most, of {} reads", status.pictures, reads.load(SeqCst) - before);
+        assert!(u128::from(status.pictures) <= most);
+    }
+}
+
 #[test]
 fn the_same_stand_ins_with_any_threads_and_vectors() {
     let mut seen = Vec::new();

@@ -90,7 +90,8 @@ pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
 pub struct oc_context_desc {
     /// Set by OC_INIT.
     pub struct_size: u32,
-    /// Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting.
+    /// Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads and traces by turns: of a
+    /// model that is being read pictures get better more slowly than with a thread.
     /// OC_ALL_THREADS: one for each core. Ignored with an executor.
     pub threads: u32,
     /// Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three

@@ -305,8 +305,8 @@ pub unsafe extern "C" fn oc_frame_set_wake(frame: *mut oc_frame, wake: oc_wake_f
 pub struct oc_frame_accuracy {
     /// Set by OC_INIT.
     pub struct_size: u32,
-    /// The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget.
-    /// Where that is more than was asked for, no stand-in lets rays through.
+    /// The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. (By steps; which one it ends at
+    /// may depend on what was seen before.) Where that is more than was asked for, no stand-in lets rays through.
     pub effective_poe: f32,
     /// Counts the requests of this frame, from 1; 0: none yet.
     pub request: u64,

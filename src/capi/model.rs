@@ -139,7 +139,8 @@ impl Drop for HostSource {
 
 /// Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is used,
 /// or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET means that
-/// not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do.
+/// not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. A block that is read here and
+/// is damaged, or cannot be read, fails it: of a model whose coarse blocks do not fit the budget one that opens with less may be shown with stand-ins.
 ///
 /// Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
 /// does not.
@@ -435,7 +436,7 @@ pub unsafe extern "C" fn oc_model_retain(model: *mut oc_model) {
     unsafe { handles::retain(model) }
 }
 
-/// Takes a count back; scenes that show the model keep it alive. NULL does nothing.
+/// Takes a count back; the handle is gone with the last; scenes that show the model keep its data. NULL does nothing.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety

@@ -70,7 +70,7 @@ unsafe fn hand_out(
 }
 
 /// Finds the visible parts that meet a box, exactly: by triangle. `box_min` and `box_max`: 3 doubles each,
-/// world space; the box is closed. An empty one meets nothing.
+/// world space; the box is closed. An empty one meets nothing; NaN is refused.
 ///
 /// `out_count` gets how many there are. With `capacity` 0 that is all (`out_parts` is ignored); else they
 /// are written if they fit, and OC_STATUS_BUFFER_TOO_SMALL says that they do not. By instance in the order

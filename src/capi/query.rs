@@ -16,9 +16,9 @@ use std::time::Duration;
 pub struct oc_ray {
     /// Where it starts, world space.
     pub origin: [f64; 3],
-    /// Hits before this distance are ignored; 0 or more, in units of the direction's length.
+    /// Hits before this distance are ignored; in units of the direction's length. Below 0 it counts as 0. Infinite or NaN: the ray misses.
     pub t_min: f64,
-    /// Hits beyond this distance are ignored. 0: none are.
+    /// Hits beyond this distance are ignored. 0: none are. Before `t_min`, or NaN: the ray misses.
     pub t_max: f64,
     /// Where it goes; need not be unit. Zero, or not finite: the ray misses.
     pub direction: [f32; 3],

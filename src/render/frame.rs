@@ -200,21 +200,21 @@ impl Frame {
         loop {
             let inner = self.shared.inner();
             let left = deadline.map_or(Duration::MAX, |d| d.saturating_duration_since(Instant::now()));
-            if inner.ending.is_some() && !inner.waking || inner.request.is_none() || left.is_zero() {
+            let runs = (inner.ending.is_none() || inner.waking) && !left.is_zero();
+            let Some(request) = inner.request.clone().filter(|_| runs) else {
                 drop(inner);
                 return self.poll();
-            }
-            let request = inner.request.clone();
-            let waits_for_blocks = request.as_ref().is_some_and(|request| request.is_waiting());
-            match request.and_then(|request| request.job()) {
+            };
+            match request.job() {
                 Some(job) => {
                     drop(inner);
                     job.wait(left.min(Duration::from_millis(100)));
                 }
-                None if waits_for_blocks && self.context.threads() == 0 => {
+                None if request.is_waiting() && self.context.threads() == 0 => {
                     // It waits for blocks, and nobody else may read them.
                     drop(inner);
                     if !self.context.step() {
+                        request.look();
                         std::thread::sleep(left.min(Duration::from_millis(1)));
                     }
                 }

@@ -31,6 +31,9 @@ use std::time::{Duration, Instant};
 /// How long the first picture of a frame may wait for blocks.
 const GLIMPSES: Duration = Duration::from_millis(80);
 
+/// How long blocks are read at least before a picture is made of them, where who renders reads.
+const READS: Duration = Duration::from_millis(80);
+
 /// How long a request that would end coarser than asked waits for what is being read for nobody any more.
 const LAST_READS: Duration = Duration::from_millis(500);
 
@@ -97,6 +100,10 @@ struct Running {
     snapshots: Option<Arc<Snapshots>>,
     stamp: u32,
     never_waits: bool,
+    /// When the present pass began; and when the last one ended, and how long it took.
+    pass_begun: Instant,
+    pass_ended: Instant,
+    pass_took: Duration,
     job: Option<Job>,
     free: Vec<Box<Desk>>,
 }
@@ -132,6 +139,9 @@ impl Request {
             snapshots: None,
             stamp: 0,
             never_waits: true,
+            pass_begun: Instant::now(),
+            pass_ended: Instant::now(),
+            pass_took: Duration::ZERO,
             job: None,
             free: Vec::new(),
         };
@@ -174,9 +184,24 @@ impl Request {
 
     /// Blocks that it wants may have come, or will not.
     pub fn news(&self) {
+        let is_alone = self.scene.context().threads() == 0 && self.scene.context().concurrency() == 1;
+        let (stamp, is_pause) = {
+            let mut running = self.running();
+            running.passes.has_news = true;
+            (running.stamp, running.pass_ended.elapsed() < running.pass_took.max(READS))
+        };
+        // Where who renders is who reads, and each block that came began a pass, hundreds of pictures would be made of some hundred reads. So
+        // he reads for as long as he has rendered; but not where more comes only after a pass, or nothing.
+        if is_alone && is_pause && self.view.status().state == ViewState::Busy && !self.view.is_stale(stamp) {
+            return;
+        }
+        self.look();
+    }
+
+    /// Goes on if it waits and there is news.
+    pub fn look(&self) {
         let mut running = self.running();
-        running.passes.has_news = true;
-        if running.phase == Phase::Waiting {
+        if running.phase == Phase::Waiting && running.passes.has_news {
             running.phase = Phase::Running;
             drop(running);
             self.go_on();
@@ -245,6 +270,7 @@ impl Request {
         running.never_waits = !snapshots.is_whole(&self.scene);
         running.snapshots = Some(Arc::new(snapshots));
         let items = running.passes.items();
+        running.pass_begun = Instant::now();
         drop(running);
         self.pixels_done.store(0, Relaxed);
         let Some(me) = self.me.upgrade() else { return };
@@ -411,6 +437,7 @@ impl Work for Request {
         {
             let mut running = self.running();
             (running.snapshots, running.job) = (None, None);
+            (running.pass_ended, running.pass_took) = (Instant::now(), running.pass_begun.elapsed());
         }
         let end = match ending {
             Ending::Failed(error) => Some(End::Failed(Arc::clone(error))),
