@@ -199,7 +199,7 @@ typedef struct oc_context_desc {
     uint32_t struct_size;
     /**
      * Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads and traces by turns: of a
-     * model that is being read pictures get better more slowly than with a thread.
+     * model that is being read pictures get better more slowly than with a thread, most of all if by oc_context_step.
      * OC_ALL_THREADS: one for each core. Ignored with an executor.
      */
     uint32_t threads;
@@ -1349,8 +1349,8 @@ oc_status oc_job_build_note(const struct oc_job *job,
 /**
  * Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is used,
  * or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET means that
- * not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. A block that is read here and
- * is damaged, or cannot be read, fails it: of a model whose coarse blocks do not fit the budget one that opens with less may be shown with stand-ins.
+ * not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. No more than 48 MB, or a quarter
+ * of the budget, is read here. One of those blocks that is damaged, or cannot be read, fails it; of others that are, stand-ins are shown.
  *
  * Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
  * does not.

@@ -191,6 +191,17 @@ fn intervals_masks_and_impossible_rays() {
         let found = t(Ray { dir: -Vec3::Z * size, ..ray });
         assert!((found * f64::from(size) - 4.0).abs() < 1e-6, "{size}: {found}");
     }
+    // Before 0 counts as 0, in all of an answer: also on a face, and just above it.
+    for z in [5.0, 1.0 + 1e-9, 1.0, 0.5] {
+        let from = Ray { origin: DVec3::new(0.1, 0.2, z), ..ray };
+        for options in [SINGLE, COHERENT] {
+            let (least, zero) = (Ray { t_min: -1.0, ..from }, ask(&state, &[from], options)[0]);
+            assert!(zero.t_free >= 0.0, "{zero:?}");
+            for count in [1, 3, 40] {
+                assert!(ask(&state, &vec![least; count], options).iter().all(|hit| *hit == zero), "from {z}, {count} rays");
+            }
+        }
+    }
     // Masks.
     struct Masked(Ray);
     impl Rays for Masked {

@@ -91,7 +91,7 @@ pub struct oc_context_desc {
     /// Set by OC_INIT.
     pub struct_size: u32,
     /// Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads and traces by turns: of a
-    /// model that is being read pictures get better more slowly than with a thread.
+    /// model that is being read pictures get better more slowly than with a thread, most of all if by oc_context_step.
     /// OC_ALL_THREADS: one for each core. Ignored with an executor.
     pub threads: u32,
     /// Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three

@@ -139,8 +139,8 @@ impl Drop for HostSource {
 
 /// Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is used,
 /// or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET means that
-/// not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. A block that is read here and
-/// is damaged, or cannot be read, fails it: of a model whose coarse blocks do not fit the budget one that opens with less may be shown with stand-ins.
+/// not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. No more than 48 MB, or a quarter
+/// of the budget, is read here. One of those blocks that is damaged, or cannot be read, fails it; of others that are, stand-ins are shown.
 ///
 /// Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
 /// does not.

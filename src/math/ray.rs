@@ -37,7 +37,7 @@ impl Cone {
 pub struct Ray {
     /// Where it starts.
     pub origin: DVec3,
-    /// Hits before this are ignored, >= 0.
+    /// Hits before this are ignored. Below 0 it counts as 0; infinite, or NaN, nothing is hit.
     pub t_min: f64,
     /// Hits beyond this are ignored; infinity for none.
     pub t_max: f64,
@@ -57,11 +57,17 @@ impl Ray {
         self.origin.is_finite() && self.dir.is_finite() && size > 0.0 && self.has_interval()
     }
 
+    /// Where its interval begins.
+    #[inline]
+    pub fn begins(&self) -> f64 {
+        self.t_min.max(0.0)
+    }
+
     /// Whether there is anything between its ends. Looked at in double precision: rounded, the ends of an empty interval
     /// may change places.
     #[inline]
     pub fn has_interval(&self) -> bool {
-        self.t_min.abs() < f64::INFINITY && self.t_min.max(0.0) <= self.t_max
+        self.t_min.abs() < f64::INFINITY && self.begins() <= self.t_max
     }
 
     /// Not a ray: nothing is hit.

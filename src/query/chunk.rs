@@ -295,7 +295,7 @@ fn finish_group(
         match (go_on(view, task, &rays[i], &mut left, &mut last, &mut found, &mut hits[i]), task.policy, &left) {
             (Ok(()), ..) => {}
             (Err(need), Policy::Exact, _) => waiting.push(Waiting { ray: i, left, asks: Asks::of(need) }),
-            (Err(_), Policy::Now, Left::Free(_)) => hits[i].t_free = rays[i].t_min,
+            (Err(_), Policy::Now, Left::Free(_)) => hits[i].t_free = rays[i].begins(),
             _ => hits[i].kind = HitKind::Missing,
         }
     }

@@ -337,7 +337,7 @@ fn fill_from_meeting(placed: &Placed, ray: &Ray, found: &Found, triangle: &Trian
     if want.has(Want::ERROR) {
         let error = placed.stretch * meeting.gap + placed.position_error + placed.rounding_along(ray.origin, along);
         hit.error = crate::scene::placed::not_below(error);
-        hit.t_free = (meeting.t - placed.slack(ray, meeting.t)).max(ray.t_min);
+        hit.t_free = (meeting.t - placed.slack(ray, meeting.t)).max(ray.begins());
     }
 }
 

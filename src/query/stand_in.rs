@@ -205,8 +205,8 @@ impl Look<'_> {
 
     /// See the module.
     pub fn t_free(&self) -> f64 {
-        let free = if self.place.is_inside { self.ray.t_min } else { self.t - self.placed.slack(self.ray, self.t) };
-        free.max(self.ray.t_min)
+        let free = if self.place.is_inside { 0.0 } else { self.t - self.placed.slack(self.ray, self.t) };
+        free.max(self.ray.begins())
     }
 
     /// Where the ray leaves the cell.

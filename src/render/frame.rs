@@ -213,8 +213,7 @@ impl Frame {
                 None if request.is_waiting() && self.context.threads() == 0 => {
                     // It waits for blocks, and nobody else may read them.
                     drop(inner);
-                    if !self.context.step() {
-                        request.look();
+                    if !request.read(left, || self.context.step()) {
                         std::thread::sleep(left.min(Duration::from_millis(1)));
                     }
                 }

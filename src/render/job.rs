@@ -31,8 +31,8 @@ use std::time::{Duration, Instant};
 /// How long the first picture of a frame may wait for blocks.
 const GLIMPSES: Duration = Duration::from_millis(80);
 
-/// How long blocks are read at least before a picture is made of them, where who renders reads.
-const READS: Duration = Duration::from_millis(80);
+/// How long blocks are read before a picture is made of them, where who waits for it reads: at the least, and at the most.
+const READS: (Duration, Duration) = (Duration::from_millis(80), Duration::from_secs(1));
 
 /// How long a request that would end coarser than asked waits for what is being read for nobody any more.
 const LAST_READS: Duration = Duration::from_millis(500);
@@ -100,10 +100,11 @@ struct Running {
     snapshots: Option<Arc<Snapshots>>,
     stamp: u32,
     never_waits: bool,
-    /// When the present pass began; and when the last one ended, and how long it took.
+    /// When the present pass began, and how long the last one took.
     pass_begun: Instant,
-    pass_ended: Instant,
     pass_took: Duration,
+    /// Who waits for it reads blocks, and looks for news then.
+    is_read_for: bool,
     job: Option<Job>,
     free: Vec<Box<Desk>>,
 }
@@ -140,8 +141,8 @@ impl Request {
             stamp: 0,
             never_waits: true,
             pass_begun: Instant::now(),
-            pass_ended: Instant::now(),
             pass_took: Duration::ZERO,
+            is_read_for: false,
             job: None,
             free: Vec::new(),
         };
@@ -184,22 +185,36 @@ impl Request {
 
     /// Blocks that it wants may have come, or will not.
     pub fn news(&self) {
-        let is_alone = self.scene.context().threads() == 0 && self.scene.context().concurrency() == 1;
-        let (stamp, is_pause) = {
-            let mut running = self.running();
-            running.passes.has_news = true;
-            (running.stamp, running.pass_ended.elapsed() < running.pass_took.max(READS))
-        };
-        // Where who renders is who reads, and each block that came began a pass, hundreds of pictures would be made of some hundred reads. So
-        // he reads for as long as he has rendered; but not where more comes only after a pass, or nothing.
-        if is_alone && is_pause && self.view.status().state == ViewState::Busy && !self.view.is_stale(stamp) {
-            return;
+        let mut running = self.running();
+        running.passes.has_news = true;
+        if !running.is_read_for {
+            drop(running);
+            self.look();
         }
+    }
+
+    /// For a request that waits, in a context without threads: has `step`, which does a piece of work if there is any, bring blocks for as long as the
+    /// last pass took (a second at most, `most` at most), and then looks at what has come. Were it looked at after each of them, hundreds of pictures
+    /// would be made of some hundred reads. Whether the last `step` did anything.
+    pub fn read(&self, most: Duration, step: impl Fn() -> bool) -> bool {
+        let (begun, stamp, time) = {
+            let mut running = self.running();
+            running.is_read_for = true;
+            (Instant::now(), running.stamp, running.pass_took.clamp(READS.0, READS.1).min(most))
+        };
+        // What comes only after a pass is not waited for.
+        let lacks_more = || self.is_waiting() && self.view.status().state == ViewState::Busy && !self.view.is_stale(stamp);
+        let mut did = step();
+        while did && begun.elapsed() < time && lacks_more() {
+            did = step();
+        }
+        self.running().is_read_for = false;
         self.look();
+        did
     }
 
     /// Goes on if it waits and there is news.
-    pub fn look(&self) {
+    fn look(&self) {
         let mut running = self.running();
         if running.phase == Phase::Waiting && running.passes.has_news {
             running.phase = Phase::Running;
@@ -437,7 +452,7 @@ impl Work for Request {
         {
             let mut running = self.running();
             (running.snapshots, running.job) = (None, None);
-            (running.pass_ended, running.pass_took) = (Instant::now(), running.pass_begun.elapsed());
+            running.pass_took = running.pass_begun.elapsed();
         }
         let end = match ending {
             Ending::Failed(error) => Some(End::Failed(Arc::clone(error))),
