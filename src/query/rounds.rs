@@ -376,7 +376,7 @@ where
         }
         let context = self.scene.borrow().context();
         let residency = context.residency();
-        if residency.lease_is_free() && rounds.is_for_lease(residency.lease_room()) {
+        if residency.lease_is_free() && rounds.takes_lease(residency.lease_room()) {
             return rounds.begin(vec![Item::Lease]);
         }
         let room = rounds.room.min(context.memory_budget() / ROUND_SHARE);
@@ -446,8 +446,9 @@ impl Rounds {
         }
     }
 
-    /// Whether the next round is to be under a lease: the reserve holds more than there is room for beside it. After some it is looked anew what has room.
-    fn is_for_lease(&mut self, lease_room: u64) -> bool {
+    /// Takes a round under a lease, if the reserve holds more than there is room for beside it: that then counts as a quarter more, so after some rounds it is
+    /// looked anew what has room.
+    fn takes_lease(&mut self, lease_room: u64) -> bool {
         let is_leased = self.room < lease_room;
         if is_leased {
             self.grow();
@@ -554,10 +555,10 @@ mod tests {
     fn rounds_that_had_no_room_look_for_it_again() {
         let lease_room = 700 << 10;
         let mut rounds = Rounds::new(Snapshots::none());
-        assert!(!rounds.is_for_lease(lease_room), "nothing was asked for yet");
+        assert!(!rounds.takes_lease(lease_room), "nothing was asked for yet");
         (rounds.asked, rounds.came) = (4 << 20, 0);
         rounds.has_fetched();
-        let leased = (0..100).take_while(|_| rounds.is_for_lease(lease_room)).count();
+        let leased = (0..100).take_while(|_| rounds.takes_lease(lease_room)).count();
         assert!((5..20).contains(&leased), "{leased} rounds");
         // There is as much room as is asked for: a quarter more each time, and no lease.
         for _ in 0..20 {
@@ -565,11 +566,11 @@ mod tests {
             (rounds.asked, rounds.came) = (asked, asked);
             rounds.has_fetched();
             assert_eq!(rounds.room, asked + asked / 4);
-            assert!(!rounds.is_for_lease(lease_room));
+            assert!(!rounds.takes_lease(lease_room));
         }
         // Less than the reserve holds had room: leases again, but not from the beginning.
         (rounds.asked, rounds.came) = (rounds.room, lease_room - 1);
         rounds.has_fetched();
-        assert!(rounds.is_for_lease(lease_room) && !rounds.is_for_lease(lease_room));
+        assert!(rounds.takes_lease(lease_room) && !rounds.takes_lease(lease_room));
     }
 }

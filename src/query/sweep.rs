@@ -95,7 +95,7 @@ impl<T: Send> Sweep<'_, T> {
     /// Brings some of the needs beside what views use; `None` if there is no room for any.
     fn bring(&self, needs: &BTreeSet<Need>) -> Result<Option<Snapshots>> {
         let mut hold = Hold::default();
-        for (model, blocks) in self.last_of(needs, self.scene.context().memory_budget() / ROUND_SHARE, |bytes| bytes) {
+        for (model, blocks) in self.last_of(needs, self.scene.context().memory_budget() / ROUND_SHARE, std::convert::identity) {
             hold.add(model, self.scene.models[model as usize].blocks().bring(&blocks, &Cancel::new())?);
         }
         let snapshots = Snapshots::holding(self.scene, &hold);

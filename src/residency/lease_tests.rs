@@ -1,5 +1,6 @@
 //! A lease over a model of many blocks that are smaller than what the table takes for one.
 
+use super::snapshot::PAGE;
 use super::*;
 use crate::base::error::Error;
 use crate::base::ids::BlockId;
@@ -7,10 +8,8 @@ use crate::base::progress::Cancel;
 use crate::store::{Header, MemorySource, ModelFile, TreeRow, Writer};
 use std::sync::Arc;
 
-/// Blocks of a page of the table.
-const PAGE: u32 = 64;
 /// Geometry blocks.
-const BLOCKS: u32 = 800 * PAGE;
+const BLOCKS: u32 = 800 * PAGE as u32;
 /// Words of each.
 const WORDS: usize = 250;
 
@@ -42,7 +41,7 @@ fn blocks_count_what_their_pages_of_the_table_take() {
     let residency = Residency::with_budget(12 << 20);
     let blocks = model(&residency);
     // Each in a page of its own.
-    let all: Vec<BlockId> = (0..BLOCKS).step_by(PAGE as usize).map(|id| BlockId(id + 1)).collect();
+    let all: Vec<BlockId> = (0..BLOCKS).step_by(PAGE).map(|id| BlockId(id + 1)).collect();
     let bytes = |id: BlockId| blocks.slot_bytes(id);
     let mut sum = 0;
     let fit = all.iter().take_while(|&&id| {

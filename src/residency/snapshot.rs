@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// Blocks of a page: a new snapshot copies only the pages that change.
-const PAGE: usize = 64;
+pub(super) const PAGE: usize = 64;
 
 /// Lanes of stamps. A stamp is the number of a pass times [`LANES`], plus the lane of who made it: so what one view used is not
 /// taken as used by another that has rested since. More views than lanes share them.
