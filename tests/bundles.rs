@@ -10,7 +10,9 @@ use outcrop::lod::summary_bit;
 use outcrop::math::Cone;
 use outcrop::scene::camera::PixelRays;
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::trace::{BUNDLE, Bundle, LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, TriHit};
+use outcrop::math::{BUNDLE, PACKET};
+use outcrop::structure::bvh::trace::{Bundle, TreeView};
+use outcrop::structure::{LocalRay, Outcome, PacketWalk, PartFilter, TriHit};
 use outcrop::Camera;
 
 /// Pixels of a bundle along each side, and bundles of a picture that are looked at, along each side.

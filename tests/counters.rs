@@ -12,7 +12,9 @@ use common::trees::{self, TestTree};
 use glam::DVec3;
 use outcrop::math::Cone;
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::trace::{BUNDLE, Bundle, Counters, Outcome, PACKET, PacketWalk, Stream, Walk};
+use outcrop::math::{BUNDLE, PACKET};
+use outcrop::structure::bvh::trace::{Bundle, Stream};
+use outcrop::structure::{Counters, Outcome, PacketWalk, Walk};
 use std::f64::consts::TAU;
 
 const RAYS: usize = 8192;

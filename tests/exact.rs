@@ -16,7 +16,8 @@ use common::scenes::{Soup, on_five_models};
 use common::trees::{self, TestTree};
 use outcrop::geom::watertight::{Shear, intersect_one};
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::trace::{TreeView, TriHit, Walk};
+use outcrop::structure::bvh::trace::TreeView;
+use outcrop::structure::{TriHit, Walk};
 
 const BRUTE_RAYS: usize = 10_000;
 const TREE_RAYS: usize = 1_000_000;

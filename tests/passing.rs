@@ -9,7 +9,9 @@ use common::trees::{self, TestTree};
 use glam::Vec3;
 use outcrop::math::Cone;
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::trace::{Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Walk};
+use outcrop::math::{PACKET, STREAM};
+use outcrop::structure::bvh::trace::{Stream, TreeView};
+use outcrop::structure::{Outcome, PacketWalk, PartFilter, TriHit, Walk};
 
 /// What a walk says of a ray: what it hits, and where it passed a stand-in before that.
 type Said = (Option<TriHit>, Option<u32>);

@@ -13,7 +13,9 @@ use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Context, ContextOptions};
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::trace::{Outcome, PACKET, PacketWalk, Stream, TreeView, TriHit, Walk};
+use outcrop::math::PACKET;
+use outcrop::structure::bvh::trace::{Stream, TreeView};
+use outcrop::structure::{Outcome, PacketWalk, TriHit, Walk};
 
 const RAYS: usize = 40_000;
 

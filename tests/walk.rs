@@ -17,7 +17,8 @@ use common::trees::{self, TestTree};
 use outcrop::base::ids::BlockId;
 use outcrop::residency::Snapshot;
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::trace::{Outcome, PacketWalk, TreeView, TriHit, Walk};
+use outcrop::structure::bvh::trace::TreeView;
+use outcrop::structure::{Outcome, PacketWalk, TriHit, Walk};
 use proptest::prelude::*;
 use std::sync::OnceLock;
 

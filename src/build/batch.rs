@@ -75,7 +75,7 @@ pub struct Extent {
 pub fn write(
     batches: &[&Batch],
     to: &Scratch,
-    par: &crate::structure::bvh::build::Par,
+    par: &crate::structure::Par,
 ) -> Result<Vec<Extent>> {
     let coded = par.map(batches.len(), |i| coding::encode(batches[i]));
     let mut extents = Vec::with_capacity(batches.len());

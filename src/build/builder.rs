@@ -13,7 +13,7 @@ use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
 use crate::math::srgb;
 use crate::store::{InstanceRow, MaterialRow, PartRow, sections};
-use crate::structure::bvh::build::Par;
+use crate::structure::Par;
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 use std::sync::Arc;

@@ -12,7 +12,7 @@ use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::base::scratch::Scratch;
 use crate::math::Bounds;
-use crate::structure::bvh::build::Par;
+use crate::structure::Par;
 use glam::DVec3;
 use std::borrow::Cow;
 

@@ -31,6 +31,7 @@ mod spool;
 mod survey;
 
 pub use builder::Builder;
+pub use crate::structure::Structure;
 pub use report::{BuildReport, PhaseSeconds};
 
 use crate::import::UpAxis;
@@ -58,27 +59,6 @@ impl Splits {
             Self::Auto => "auto",
             Self::Off => "off",
             Self::On => "on",
-        }
-    }
-}
-
-/// The acceleration structure of a model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[repr(u32)]
-pub enum Structure {
-    /// Wide, quantised bounding volume hierarchy.
-    #[default]
-    Bvh = 1,
-}
-
-impl Structure {
-    /// All of them.
-    pub const ALL: [Self; 1] = [Self::Bvh];
-
-    /// As command lines and benchmarks call it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Bvh => "bvh",
         }
     }
 }

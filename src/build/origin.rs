@@ -10,7 +10,7 @@ use crate::base::memory::zeroed;
 use crate::base::progress::Cancel;
 use crate::base::scratch::Scratch;
 use crate::math::DBounds;
-use crate::structure::bvh::build::Par;
+use crate::structure::Par;
 use glam::{DVec3, Vec3};
 
 /// A mesh ready for its tree.

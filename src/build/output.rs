@@ -6,8 +6,10 @@ use crate::base::error::Result;
 use crate::base::progress::{Cancel, Progress};
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::store::{Aside, EncodedBlock, Writer};
-use crate::structure::bvh::build::{Par, TreeBlock};
+use crate::structure::Par;
+use crate::structure::bvh::build::TreeBlock;
 use crate::structure::bvh::codec;
+use crate::structure::streams;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -162,10 +164,10 @@ fn encode(block: &TreeBlock, leaves: Option<&[u32]>, has_colours: bool) -> Encod
     let trace_bytes = 4 * block.words.len() as u32;
     let beside = 4 * block.prims.len() as u32;
     // Also for a block without triangles: each geometry block has one of colours, or the ids do not fit.
-    let colours = has_colours.then(|| codec::encode_colours(&block.colours));
+    let colours = has_colours.then(|| streams::encode_colours(&block.colours));
     Encoded {
         geometry: EncodedBlock::encode(&codec::encode_geometry(&block.words, leaves), trace_bytes),
-        prims: EncodedBlock::encode(&codec::encode_prims(&block.prims), beside),
+        prims: EncodedBlock::encode(&streams::encode_prims(&block.prims), beside),
         colours: colours.map(|c| EncodedBlock::encode(&c, beside)),
         trace_bytes,
     }

@@ -3,7 +3,7 @@
 use super::survey::OfPart;
 use crate::math::{Bounds, DBounds};
 use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow};
-use crate::structure::bvh::build::Par;
+use crate::structure::Par;
 use glam::{DAffine3, DVec3, Vec3};
 use std::collections::BTreeMap;
 

@@ -12,7 +12,7 @@ use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::import::UpAxis;
 use crate::lod::SAMPLE_BYTES;
 use crate::store::{Aside, Drops, Header, Options, TreeRow, Writer};
-use crate::structure::bvh::build::Par;
+use crate::structure::Par;
 use crate::structure::bvh::layout::MAX_TRIANGLES;
 use std::path::Path;
 use std::sync::Arc;

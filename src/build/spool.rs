@@ -6,7 +6,7 @@ use super::batch::{self, BATCH, Batch, Extent, Positions};
 use crate::base::error::{Error, Result};
 use crate::base::scratch::Scratch;
 use crate::math::DBounds;
-use crate::structure::bvh::build::Par;
+use crate::structure::Par;
 use glam::DVec3;
 use std::borrow::Cow;
 

@@ -6,7 +6,7 @@ use super::origin::{self, Fates};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::math::Bounds;
-use crate::structure::bvh::build::Par;
+use crate::structure::Par;
 use glam::{DVec3, Vec3};
 use std::borrow::Cow;
 use std::collections::BTreeMap;

@@ -8,9 +8,9 @@ use crate::import::{MeshKey, PartDesc, Sink};
 use crate::residency::{ModelBlocks, Residency};
 use crate::simd::Isa;
 use crate::store::ModelFile;
-use crate::structure::bvh::trace::{
-    LocalRay, Outcome, PACKET, PacketWalk, STREAM, Stream, TreeView, TriHit, Walk, first_rays,
-};
+use crate::math::{PACKET, STREAM, first_rays};
+use crate::structure::bvh::trace::{Stream, TreeView};
+use crate::structure::{LocalRay, Outcome, PacketWalk, TriHit, Walk};
 use crate::structure::bvh::{BvhDecoder, check_links};
 use glam::{DVec3, Vec3};
 use std::sync::Arc;

@@ -1,11 +1,13 @@
-//! Plain geometry on glam's types: bounds, rays and their cones; the coding of colours. Uses nothing.
+//! Plain geometry on glam's types: bounds, rays and their cones, and how many go together; the coding of colours. Uses nothing.
 #![forbid(unsafe_code)]
 
 pub mod bounds;
 pub mod ray;
 pub mod srgb;
 pub mod view;
+pub mod widths;
 
 pub use bounds::{Bounds, DBounds};
 pub use ray::{Cone, Ray};
 pub use view::View;
+pub use widths::{BUNDLE, PACKET, STREAM, bits, first_rays};

@@ -10,7 +10,7 @@ use crate::simd::prefetch_l2;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-pub use crate::structure::bvh::trace::PACKET;
+pub use crate::math::PACKET;
 
 /// Where a batch reads its rays: called from any worker, also several at once.
 pub trait Rays: Sync {

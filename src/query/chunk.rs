@@ -7,10 +7,9 @@ use super::hit::{Hit, HitKind, Want};
 use super::parked::Waits;
 use super::stand_in;
 use super::simple::Simple;
-use crate::math::Ray;
+use crate::math::{PACKET, Ray, STREAM, first_rays};
 use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Snapshots, Step, bits};
 use crate::scene::{Alike, InOne, SceneState};
-use crate::structure::bvh::trace::{PACKET, STREAM, first_rays};
 use std::ops::Range;
 
 /// Rays of a chunk: some tens to hundreds of microseconds of work.

@@ -6,13 +6,13 @@ use crate::base::ids::BlockId;
 use crate::math::Ray;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{Ends, Found, Need, SceneView, SceneWalk, Step};
-use crate::structure::bvh::trace::{Triangle, TreeView};
+use crate::structure::{Tree, Triangle};
 use glam::{DVec3, Vec3};
 
 /// What was hit last: the next ray most often hits the same tree, and where rays are denser than triangles, the
 /// same triangle.
 pub(crate) struct Last<'a> {
-    tree: Option<(u32, TreeView<'a>)>,
+    tree: Option<(u32, Tree<'a>)>,
     /// Where `surface` is: placed tree, block and triangle. A block that none is at first.
     place: [u32; 3],
     surface: Surface,
@@ -38,7 +38,7 @@ impl<'a> Last<'a> {
     }
 
     #[inline(always)]
-    fn tree(&mut self, view: &SceneView<'a>, placed: u32) -> &TreeView<'a> {
+    fn tree(&mut self, view: &SceneView<'a>, placed: u32) -> &Tree<'a> {
         if self.tree.is_none_or(|(last, _)| last != placed) {
             self.tree = None;
         }

@@ -7,7 +7,7 @@ use crate::math::DBounds;
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
 use crate::scene::walk::SceneView;
-use crate::structure::bvh::trace::{LeafSweep, Triangle};
+use crate::structure::{Sweep as LeafSweep, Triangle};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -123,8 +123,8 @@ fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut LeafSweep, met:
     let placed = &view.scene.placement.placed[tree as usize];
     let hidden = &view.scene.instances[placed.instance as usize].parts.hidden;
     let hides = |part: u32| hidden.get(part as usize / 64).is_some_and(|w| w >> (part % 64) & 1 == 1);
-    view.tree(tree).sweep_leaves(
-        left,
+    left.go_on(
+        &view.tree(tree),
         &mut |b| volume.may_meet(&placed.world_bounds(b)),
         &mut |_, triangle| {
             let part = placed.first_part.saturating_add(triangle.part);
@@ -160,8 +160,8 @@ fn outside(
     refuted: &mut BTreeSet<u32>,
 ) {
     let placed = &view.scene.placement.placed[tree as usize];
-    view.tree(tree).sweep_leaves(
-        left,
+    left.go_on(
+        &view.tree(tree),
         &mut |b| {
             let b = placed.world_bounds(b);
             bounds.overlaps(&b) && !volume.holds(&b)

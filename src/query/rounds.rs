@@ -20,7 +20,7 @@ use crate::base::tasks::{Ending, Work};
 use crate::residency::Lease;
 use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, Snapshots};
-use crate::structure::bvh::trace::PACKET;
+use crate::math::PACKET;
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};

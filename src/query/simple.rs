@@ -6,9 +6,8 @@ use super::finish::is_within;
 use super::hit::{Hit, HitKind, NONE, Want};
 use super::stand_in::within;
 use super::surfaces::{Surfaces, TreeHits};
-use crate::math::Ray;
+use crate::math::{PACKET, Ray};
 use crate::scene::walk::{SceneView, bits};
-use crate::structure::bvh::trace::PACKET;
 
 /// What is not simple.
 const NOT_SIMPLE: Want = Want(Want::POSITION.0 | Want::ERROR.0 | Want::PRIM.0);

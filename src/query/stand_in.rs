@@ -19,7 +19,7 @@ use crate::scene::placed::{Placed, not_below};
 use crate::scene::walk::{Found, SceneView, bits};
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
-use crate::structure::bvh::trace::StandIn;
+use crate::structure::{Rooted, StandIn};
 use glam::{DVec3, Vec3};
 
 /// A stand-in as a ray sees it. What not everybody asks for is worked out when asked for.
@@ -99,7 +99,7 @@ fn look_at<'a>(view: &SceneView<'a>, ray: &'a Ray, found: &Found, place: StandIn
         colour: voxel.has_colours().then(|| blended_colour(seconds, shares)),
         placed,
         ray,
-        reach: view.tree(found.placed).reach,
+        reach: view.tree(found.placed).reach(),
         block,
         place,
     })

@@ -11,7 +11,8 @@ use crate::scene::placed::Placed;
 use crate::scene::walk::{Found, SceneView, bits};
 use crate::simd::{Isa, Op, Simd, dispatch, prefetch};
 use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
-use crate::structure::bvh::trace::{PACKET, PacketSurfaces, PacketWalk, TriHit};
+use crate::structure::{Rooted, PacketSurfaces, PacketWalk, TriHit};
+use crate::math::PACKET;
 use glam::{DVec3, Vec3};
 
 /// A number for each ray, or for each triangle that was hit.
@@ -134,7 +135,7 @@ impl Surfaces {
         hits: &(impl TreeHits + ?Sized),
         met: u32,
     ) -> bool {
-        hits.sort(view.tree(placed).isa, met, &mut self.hits);
+        hits.sort(view.tree(placed).isa(), met, &mut self.hits);
         self.coloured = 0;
         (self.hits.count == 0 || self.look_at_triangles(view, placed, hits))
             && (self.hits.cells == 0 || self.look_at_cells::<PICTURE>(view, placed, ray, hits))
@@ -208,13 +209,13 @@ impl Surfaces {
         let tree = view.tree(placed);
         let placed = &view.scene.placement.placed[placed as usize];
         let local = placed.local_point(eye);
-        let sure = sure_from(local, tree.reach);
-        let doubtful = dispatch(tree.isa, Errors { all: self, placed, eye, sure, t: walk.distances(), out });
+        let sure = sure_from(local, tree.reach());
+        let doubtful = dispatch(tree.isa(), Errors { all: self, placed, eye, sure, t: walk.distances(), out });
         for i in bits(doubtful & self.cells()) {
             let hit = walk.best(i);
             let along = self.dir_of(i).as_dvec3() * f64::from(hit.t);
             let here = placed.local_point(eye + along);
-            let near = match (hit.stand_in(), tree.snapshot.block(BlockId(hit.block))) {
+            let near = match (hit.stand_in(), tree.snapshot().block(BlockId(hit.block))) {
                 (Some(cell), Some(words)) => stand_in::near(Block::new(words).node(cell.node), cell.slot, sure, here),
                 _ => f64::INFINITY,
             };
@@ -247,7 +248,7 @@ impl Surfaces {
             }
             self.part[s] = first_part.saturating_add(triangle.part);
         }
-        dispatch(tree.isa, OfTriangles(self));
+        dispatch(tree.isa(), OfTriangles(self));
         true
     }
 
@@ -265,7 +266,7 @@ impl Surfaces {
         for i in bits(self.hits.cells) {
             let hit = hits.hit(i);
             let Some(cell) = hit.stand_in().filter(|cell| !cell.is_missing) else { return false };
-            let Some(words) = tree.snapshot.block(BlockId(hit.block)) else { return false };
+            let Some(words) = tree.snapshot().block(BlockId(hit.block)) else { return false };
             let block = Block::new(words);
             let voxel = block.voxel(cell.node, cell.slot);
             prefetch(voxel.words().as_ptr());
@@ -306,7 +307,7 @@ impl Surfaces {
             }
         }
         self.coloured = coloured;
-        dispatch(tree.isa, OfCells { all: self, have_three });
+        dispatch(tree.isa(), OfCells { all: self, have_three });
         true
     }
 }

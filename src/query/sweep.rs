@@ -8,7 +8,7 @@ use crate::base::tasks::{Ending, Work};
 use crate::residency::Lease;
 use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, SceneView, Snapshots};
-use crate::structure::bvh::trace::LeafSweep;
+use crate::structure::Sweep as LeafSweep;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

@@ -6,7 +6,7 @@ use super::integrators::first::First;
 use crate::math::srgb::Srgb;
 use crate::scene::walk::bits;
 use crate::simd::{Op, Simd, dispatch};
-use crate::structure::bvh::trace::{BUNDLE, PACKET};
+use crate::math::{BUNDLE, PACKET};
 use std::ops::Range;
 
 /// Pixels along the side of a tile.

@@ -3,10 +3,8 @@
 use super::alike::Alike;
 use super::placed::Placed;
 use super::walk::{Found, NOTHING, Need, SceneStream, SceneView, bits};
-use crate::base::ids::BlockId;
-use crate::math::{DBounds, Ray};
-use crate::structure::bvh::layout::{Block, Child};
-use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, TreeView, first_rays};
+use crate::math::{DBounds, PACKET, Ray, first_rays};
+use crate::structure::{LocalRay, Outcome, PacketWalk, PartFilter, Tree};
 use glam::DVec3;
 
 /// Shift and scale of rays that were not moved.
@@ -171,7 +169,7 @@ pub(crate) struct CameraTree<'a> {
     placed: u32,
     offset: DVec3,
     near: f32,
-    pub tree: TreeView<'a>,
+    pub tree: Tree<'a>,
     pub filter: Option<PartFilter<'a>>,
 }
 
@@ -243,14 +241,12 @@ impl SceneView<'_> {
 /// Around all that rays can hit in a scene that is one placed tree, in that one's frame: the boxes of its root's children, for a ray that meets a
 /// cell or a leaf has met those of all above it. (Bounds of triangles will not do: cells are rounded outward, and stand in.)
 fn around_hits(view: &SceneView) -> Option<DBounds> {
-    let tree = view.tree(view.only_one()?);
-    let Some(Child::Node(root)) = Child::from_bits(tree.root).filter(|_| !tree.is_empty()) else { return None };
-    let all = Block::new(tree.snapshot.block(BlockId(tree.root_block))?).node(root).children_box();
+    let all = view.tree(view.only_one()?).around_hits()?;
     Some(DBounds { min: all.min.as_dvec3(), max: all.max.as_dvec3() })
 }
 
 /// By what part of what is far away that is taken larger, 512 h (`h`: 2^-24): boxes give way by 64 h as walks see them, and are rounded by 24 h (see
-/// [`crate::structure::bvh::trace::PreparedRay::new`]).
+/// [`crate::structure`]).
 const ASIDE: f64 = 1.0 / 32_768.0;
 
 /// Whether rays from `origin` whose directions are between `ends` along each axis all pass by a box: there is no way along any such direction
@@ -292,7 +288,7 @@ fn one_start(p: &Placed, first: &Ray, alike: &Alike, seen_by: u32) -> Option<DVe
 #[inline(always)]
 fn set_unmoved(
     p: &Placed,
-    tree: &TreeView,
+    tree: &Tree,
     (rays, count): (&[Ray; PACKET], usize),
     (alike, one_start): (&Alike, Option<DVec3>),
     (seen_by, beyond): (u32, bool),

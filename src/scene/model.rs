@@ -9,11 +9,9 @@ use crate::base::units::UpAxis;
 use crate::lod::SAMPLE_BYTES;
 use crate::math::DBounds;
 use crate::residency::{ModelBlocks, Snapshot};
-use crate::store::header::STRUCTURE_BVH;
 use crate::store::{FileSource, Header, InstanceRow, ModelFile, PartRow, Source, TreeRow};
-use crate::structure::bvh::layout::Child;
-use crate::structure::bvh::trace::TreeView;
-use crate::structure::bvh::{BvhDecoder, leaves_at};
+use crate::structure::open::{self, Opened, StoredTree};
+use crate::structure::{Tree, Visit};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::path::Path;
@@ -45,7 +43,7 @@ pub struct PartInfo {
 pub struct ModelInfo {
     /// The file, or a name for a source that has none.
     pub name: String,
-    /// Its structure: "bvh".
+    /// The name of its structure: "bvh".
     pub structure: &'static str,
     /// Triangles in the input.
     pub triangles_in: u64,
@@ -96,34 +94,9 @@ struct Inner {
     see_through: bool,
     /// First part of each id.
     part_of_id: HashMap<u64, u32>,
-    trees: Vec<Tree>,
+    trees: Vec<StoredTree>,
     blocks: ModelBlocks,
     geometry_bytes: u64,
-}
-
-/// A tree of a model, as walks need it.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Tree {
-    first_block: u32,
-    /// See [`TreeView::leaves_at`].
-    leaves_at: u32,
-    root: u32,
-    /// Where its own frame has its zero, in mesh coordinates.
-    pub origin: DVec3,
-    /// In its own frame.
-    pub bounds: DBounds,
-    /// Greatest magnitude of a coordinate in its own frame.
-    pub reach: f32,
-    /// How far stored vertices may lie from those of the input.
-    pub position_error: f64,
-}
-
-#[cfg(test)]
-impl Tree {
-    /// A tree that exists only as bounds.
-    pub fn for_tests(origin: DVec3, bounds: DBounds, reach: f32) -> Self {
-        Self { first_block: 0, leaves_at: 0, root: TreeView::EMPTY, origin, bounds, reach, position_error: 0.0 }
-    }
 }
 
 impl Model {
@@ -169,27 +142,20 @@ impl Model {
         progress.enter(Phase::Read);
         let file = Arc::new(ModelFile::open(source)?);
         let header = *file.header();
-        if header.structure != STRUCTURE_BVH {
-            let why = format!("its structure ({}) is not one of this version", header.structure);
-            return Err(Error::corrupt(file.name(), None, why));
-        }
         if header.options.sample_bytes as usize != SAMPLE_BYTES {
             let why = format!("samples of {} bytes are not those of this version", header.options.sample_bytes);
             return Err(Error::corrupt(file.name(), None, why));
         }
-        let trees = trees_of(&file)?;
+        let Opened { decoder, trees } = open::open(&file)?;
         let geometry = (0..header.geometry_blocks).map(BlockId);
         let geometry_bytes = geometry.map(|b| u64::from(file.decoded_len(b))).sum();
-        let decoder = BvhDecoder::new(header.geometry_blocks, file.trees());
         let log = context.clone();
         let again = move |why: &Error| log.log(LogLevel::Warning, &format!("{why}; read once more"));
-        let full = trees.iter().filter(|tree| tree.root != TreeView::EMPTY);
-        let roots: Vec<BlockId> = full.clone().map(|tree| BlockId(tree.first_block)).collect();
+        let starts: Vec<_> = trees.iter().filter_map(StoredTree::start).collect();
+        let roots: Vec<BlockId> = starts.iter().map(|start| start.0).collect();
         let residency = context.residency();
-        let blocks = ModelBlocks::open(residency, Arc::clone(&file), Box::new(decoder), &roots, again, cancel)?;
-        for tree in full {
-            blocks.expect_number(BlockId(tree.first_block), tree.root)?;
-        }
+        let blocks = ModelBlocks::open(residency, Arc::clone(&file), decoder, &roots, again, cancel)?;
+        starts.iter().try_for_each(|&(root, number)| blocks.expect_number(root, number))?;
         if all {
             blocks.fill(&first_blocks(&file, residency.budget()), context.pool(), progress, cancel)?;
             blocks.require(&roots, cancel)?;
@@ -293,14 +259,8 @@ impl Model {
         self.0.blocks.file().instances()
     }
 
-    pub(crate) fn trees(&self) -> &[Tree] {
+    pub(crate) fn trees(&self) -> &[StoredTree] {
         &self.0.trees
-    }
-
-    /// Block of a tree's root, and the reference to it in there; see [`TreeView::root`].
-    pub(crate) fn root(&self, tree: u32) -> (u32, u32) {
-        let tree = &self.0.trees[tree as usize];
-        (tree.first_block, tree.root)
     }
 
     pub(crate) fn blocks(&self) -> &ModelBlocks {
@@ -309,22 +269,8 @@ impl Model {
 
     /// Its tree `index` in `snapshot`.
     #[inline]
-    pub(crate) fn tree_view<'a>(&self, index: u32, snapshot: &'a Snapshot) -> TreeView<'a> {
-        let tree = &self.0.trees[index as usize];
-        let geometry_blocks = self.0.info.geometry_blocks;
-        TreeView {
-            snapshot,
-            root_block: tree.first_block,
-            root: tree.root,
-            reach: tree.reach,
-            leaves_at: tree.leaves_at,
-            prims_at: geometry_blocks,
-            colours_at: self.0.info.has_colours.then_some(2 * geometry_blocks),
-            isa: self.0.context.isa(),
-            never_waits: false,
-            is_solid: false,
-            stamp: 0,
-        }
+    pub(crate) fn tree_in<'a>(&self, index: u32, snapshot: &'a Snapshot, visit: Visit) -> Tree<'a> {
+        self.0.trees[index as usize].view(snapshot, self.0.context.isa(), visit)
     }
 }
 
@@ -348,34 +294,6 @@ fn first_blocks(file: &ModelFile, budget: u64) -> Vec<BlockId> {
         depth == 0 || sum <= most
     };
     by_depth.into_iter().take_while(fits).map(|(_, id)| BlockId(id)).collect()
-}
-
-/// Fails if a tree's root is no node, or its blocks do not add up. That it exists is checked when its block is read.
-fn trees_of(file: &ModelFile) -> Result<Vec<Tree>> {
-    let tree = |row: &TreeRow| {
-        let child = u32::try_from(row.root).ok().filter(|root| *root <= u32::from(u16::MAX));
-        let is_node = matches!(child.and_then(Child::from_bits), Some(Child::Node(_)));
-        let empty = row.block_count == 0;
-        if !(is_node || empty) {
-            return Err(Error::corrupt(file.name(), Some(row.first_block), "the root of its tree does not exist"));
-        }
-        let below = row.block_count - row.coarse_blocks;
-        if !below.is_multiple_of(2) || below == 0 && row.block_count > 1 {
-            return Err(Error::corrupt(file.name(), Some(row.first_block), "its tree has not as many fine blocks as leaf blocks"));
-        }
-        let [a, b, c, d, e, f] = row.bounds.map(f64::from);
-        let reach = row.bounds.iter().filter(|x| x.is_finite()).fold(0.0f32, |r, x| r.max(x.abs()));
-        Ok(Tree {
-            first_block: row.first_block,
-            leaves_at: leaves_at(row),
-            root: if empty { TreeView::EMPTY } else { row.root as u32 },
-            origin: DVec3::from(row.origin),
-            bounds: if empty { DBounds::EMPTY } else { DBounds { min: DVec3::new(a, b, c), max: DVec3::new(d, e, f) } },
-            reach: reach.max(f32::MIN_POSITIVE),
-            position_error: row.position_error,
-        })
-    };
-    file.trees().iter().map(tree).collect()
 }
 
 fn part_info(row: &PartRow, file: &ModelFile) -> PartInfo {
@@ -403,7 +321,7 @@ fn info_of(file: &ModelFile, header: &Header) -> ModelInfo {
     let direct = trees.first().map_or(0, |t| t.triangles);
     ModelInfo {
         name: file.name().display().to_string(),
-        structure: "bvh",
+        structure: open::name(header.structure),
         triangles_in: header.triangles_in,
         triangles_stored: trees.iter().map(|t| t.triangles).sum(),
         triangles_placed: instances.iter().map(repeated).fold(direct, u64::saturating_add),

@@ -1,10 +1,10 @@
 //! A tree placed in the world, and rays taken into its frame.
 
-use super::model::Tree;
 use super::top::Slabs;
 use crate::base::error::{Error, Result};
 use crate::math::{Bounds, Cone, DBounds, Ray};
-use crate::structure::bvh::trace::{LocalRay, USUAL_DIRS};
+use crate::structure::open::StoredTree;
+use crate::structure::{LocalRay, USUAL_DIRS};
 use glam::{DAffine3, DMat3, DVec3};
 
 /// A tree seen through an affine map: x -> `linear` x + `offset` takes its frame to the world.
@@ -94,7 +94,7 @@ fn loss(there: &DMat3, back: &DMat3) -> f64 {
 
 impl Placed {
     /// `tree` of a model whose mesh coordinates `world_from_mesh` takes to the world.
-    pub fn new(tree: &Tree, ids: [u32; 4], world_from_mesh: &DAffine3) -> Self {
+    pub fn new(tree: &StoredTree, ids: [u32; 4], world_from_mesh: &DAffine3) -> Self {
         let linear = world_from_mesh.matrix3;
         let offset = world_from_mesh.transform_point3(tree.origin);
         let stretch = largest_singular_value(&linear);
@@ -329,7 +329,7 @@ impl Placed {
     pub fn for_tests(origin: DVec3, reach: f32, world_from_mesh: &DAffine3) -> Self {
         let corner = DVec3::splat(f64::from(reach));
         let bounds = DBounds { min: -corner, max: corner };
-        let tree = Tree::for_tests(origin, bounds, reach);
+        let tree = StoredTree::for_tests(origin, bounds, reach);
         Self::new(&tree, [0; 4], world_from_mesh)
     }
 }

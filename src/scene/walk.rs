@@ -9,10 +9,10 @@ use super::state::SceneState;
 use super::top::{NodeRef, Slabs, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
-use crate::math::Ray;
+use crate::math::{PACKET, Ray, STREAM};
 use crate::residency::{Held, Lease, Shown, Snapshot};
 use crate::structure::bvh::layout::Block;
-use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Triangle, Walk, Within};
+use crate::structure::{LocalRay, Outcome, PacketWalk, PartFilter, Stream, Tree, TriHit, Triangle, Visit, Walk, Within};
 
 /// A block that a job needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -248,12 +248,12 @@ impl<'a> SceneView<'a> {
         Some(self.need(found.placed, BlockId(block)))
     }
 
-    /// A placed tree's view.
+    /// A placed tree in what is in memory.
     #[inline]
-    pub fn tree(&self, placed: u32) -> TreeView<'a> {
+    pub fn tree(&self, placed: u32) -> Tree<'a> {
         let p = &self.scene.placement.placed[placed as usize];
-        let view = self.model_of(placed).tree_view(p.tree, &self.snapshots.0[p.model as usize]);
-        TreeView { never_waits: self.never_waits, is_solid: self.is_solid, stamp: self.stamp, ..view }
+        let visit = Visit { never_waits: self.never_waits, is_solid: self.is_solid, stamp: self.stamp };
+        self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }
 
     /// The block of a hit; `None` if it is not there.

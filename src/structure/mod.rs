@@ -1,5 +1,60 @@
-//! Acceleration structures. Each is a folder with three faces: `build` (triangles in, blocks out),
-//! `layout` (the bytes both wings agree on), `trace` (rays in, hits out).
+//! Acceleration structures, and the contract between them and all rooms above.
+//!
+//! The contract: `ray` (rays in a tree's frame), `hit` (what walks answer), `filter` (what rays pass through), `place` and `cursor` (walking
+//! down a tree of any structure), `walk` and `packet` (the state of rays), `tree` (one enum over structures: rays in, hits out), `open` (from
+//! a file to trees, and the decoder that residency is handed), `bake` (triangles in, blocks out), `streams` (numbers beside triangles).
+//!
+//! Each structure is a folder with three faces: `build` (triangles in, blocks out), `layout` (the bytes both wings agree on), `trace` (rays in,
+//! hits out). A further one is such a folder, and an arm in the enums of `tree`, `open` and `bake`; no room above names one.
 #![forbid(unsafe_code)]
 
+mod bytes;
 pub mod bvh;
+pub mod cursor;
+pub mod filter;
+pub mod hit;
+pub mod open;
+pub mod packet;
+mod packet_prepare;
+pub mod par;
+pub mod place;
+pub mod ray;
+pub mod streams;
+pub mod tree;
+pub mod walk;
+
+pub use cursor::{Below, Sweep, for_each_triangle};
+pub use filter::{PartFilter, Within};
+pub use hit::{Counters, Outcome, StandIn, TriHit, Triangle};
+pub use packet::{PacketSurfaces, PacketWalk};
+pub use par::Par;
+pub use place::{Place, Rooted};
+pub use ray::{LocalRay, USUAL_DIRS};
+pub use tree::{Bundle, Stream, Tree, Visit};
+pub use walk::Walk;
+
+/// The acceleration structure of a model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum Structure {
+    /// Wide, quantised bounding volume hierarchy.
+    #[default]
+    Bvh = 1,
+}
+
+impl Structure {
+    /// All of them.
+    pub const ALL: [Self; 1] = [Self::Bvh];
+
+    /// As command lines and benchmarks call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Bvh => "bvh",
+        }
+    }
+
+    /// The one with a number in files.
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|structure| *structure as u32 == number)
+    }
+}

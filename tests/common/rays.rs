@@ -72,7 +72,7 @@ pub struct Ray32 {
     pub dir: Vec3,
     pub t_min: f32,
     pub t_max: f32,
-    /// See [`outcrop::structure::bvh::trace::LocalRay::cone`].
+    /// See [`outcrop::structure::LocalRay::cone`].
     pub cone: Cone,
 }
 

@@ -12,8 +12,7 @@ use outcrop::query::{Hit, HitKind};
 use outcrop::residency::{ModelBlocks, Residency};
 use outcrop::simd::Isa;
 use outcrop::store::{FileSource, ModelFile};
-use outcrop::structure::bvh::BvhDecoder;
-use outcrop::structure::bvh::trace::TreeView;
+use outcrop::structure::{Visit, for_each_triangle, open};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -75,29 +74,16 @@ impl StoredTree {
 /// Reads all trees of the file at `path`.
 pub fn trees(path: &Path) -> Vec<StoredTree> {
     let file = Arc::new(ModelFile::open(Arc::new(FileSource::open(path).expect("a file"))).expect("a model"));
-    let geometry = file.header().geometry_blocks;
-    let decoder = BvhDecoder::new(geometry, file.trees());
+    let opened = open::open(&file).expect("trees");
     let residency = Residency::with_budget(u64::MAX);
-    let blocks = ModelBlocks::new(Arc::clone(&file), Box::new(decoder), &residency).expect("any budget");
+    let blocks = ModelBlocks::new(Arc::clone(&file), opened.decoder, &residency).expect("any budget");
     let all: Vec<BlockId> = (0..file.block_count()).map(BlockId).collect();
     blocks.fetch(&all, &Cancel::new()).expect("all blocks");
     let snapshot = blocks.snapshot();
-    let read = |row: &outcrop::store::TreeRow| {
-        let view = TreeView {
-            snapshot: &snapshot,
-            root_block: row.first_block,
-            root: if row.block_count == 0 { TreeView::EMPTY } else { row.root as u32 },
-            reach: 1.0,
-            leaves_at: outcrop::structure::bvh::leaves_at(row),
-            prims_at: geometry,
-            colours_at: None,
-            isa: Isa::Baseline,
-            never_waits: false,
-            is_solid: false,
-            stamp: 1,
-        };
+    let read = |(row, tree): (&outcrop::store::TreeRow, &open::StoredTree)| {
+        let view = tree.view(&snapshot, Isa::Baseline, Visit { stamp: 1, ..Visit::default() });
         let mut tris = BTreeMap::new();
-        let visited = view.for_each_leaf(&mut |_| true, &mut |hit, triangle| {
+        let visited = for_each_triangle(&view, &mut |hit, triangle| {
             let prim = view.prim(hit).expect("all blocks are here");
             let here = (triangle.part, triangle.vertices.map(Vec3::as_dvec3));
             let before = tris.insert(prim, here);
@@ -108,7 +94,7 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
         let tris = tris.into_iter().map(|(prim, (part, corners))| (prim, part, corners)).collect();
         StoredTree { origin: DVec3::from(row.origin), position_error: row.position_error, tris }
     };
-    file.trees().iter().map(read).collect()
+    file.trees().iter().zip(&opened.trees).map(read).collect()
 }
 
 /// A model in a scene: its file, the caller's id of the instance, where it is.

@@ -7,8 +7,11 @@ use outcrop::base::ids::BlockId;
 use outcrop::base::progress::Cancel;
 use outcrop::residency::{Slot, Snapshot};
 use outcrop::simd::Isa;
-use outcrop::structure::bvh::build::{self, Chunk, Crown, Par, TreeBlock, TreeInput, TreeOptions};
-use outcrop::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, STREAM, Stream, TreeView, TriHit, Walk, first_rays};
+use outcrop::structure::Par;
+use outcrop::structure::bvh::build::{self, Chunk, Crown, TreeBlock, TreeInput, TreeOptions};
+use outcrop::math::{PACKET, STREAM, first_rays};
+use outcrop::structure::bvh::trace::{Stream, TreeView};
+use outcrop::structure::{Tree, for_each_triangle, LocalRay, Outcome, PacketWalk, TriHit, Walk};
 
 /// A tree with all its blocks, and the triangles that it holds.
 pub struct TestTree {
@@ -98,7 +101,7 @@ impl TestTree {
     pub fn assert_holds_its_triangles(&self) {
         let view = self.view(&self.snapshot, Isa::Baseline);
         let mut seen = vec![false; self.stored.len()];
-        let visited = view.for_each_leaf(&mut |_| true, &mut |hit, triangle| {
+        let visited = for_each_triangle(&Tree::Bvh(view), &mut |hit, triangle| {
             let prim = view.prim(hit).expect("all blocks are here") as usize;
             seen[prim] = true;
             assert_eq!(triangle.vertices.map(Vec3::as_dvec3), self.stored[prim], "corners of {prim}");

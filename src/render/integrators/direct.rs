@@ -19,7 +19,8 @@ use crate::scene::placed::not_below;
 use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
 use crate::scene::{Alike, InOne, Light};
 use crate::simd::{Isa, Op, Simd, dispatch};
-use crate::structure::bvh::trace::{PACKET, Triangle};
+use crate::math::PACKET;
+use crate::structure::Triangle;
 use glam::{DVec2, Vec3};
 
 /// Pixels of a packet, along its rows and its columns.

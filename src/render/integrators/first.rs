@@ -1,7 +1,7 @@
 //! What is seen first in each pixel.
 
 use crate::query::{HitKind, NONE};
-use crate::structure::bvh::trace::PACKET;
+use crate::math::PACKET;
 
 /// What is seen first in a pixel.
 #[derive(Debug, Clone, Copy)]

@@ -13,7 +13,8 @@ use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::walk::{SceneView, bits};
 use crate::simd::{Op, Simd, dispatch};
-use crate::structure::bvh::trace::{BUNDLE, Bundle, PACKET};
+use crate::math::{BUNDLE, PACKET};
+use crate::structure::Bundle;
 use glam::{DVec3, Vec3};
 
 /// A number for each pixel of a packet.
@@ -79,7 +80,7 @@ pub(crate) fn tree_of(view: &SceneView, rays: &PixelRays, asks: Asks) -> Option<
     // From farther away rays are moved nearer.
     let is_near = |offset: DVec3| (rays.eye() - offset).abs().max_element() < f64::from(p.near());
     let is_unturned = p.only_shifted().is_some_and(is_near);
-    let asks_little = !asks.prims && !asks.precise && view.tree(placed).colours_at.is_none();
+    let asks_little = !asks.prims && !asks.precise && !view.tree(placed).has_colours();
     (is_lit_plainly && is_unturned && rays.is_perspective() && asks_little).then_some(placed)
 }
 
@@ -95,7 +96,7 @@ impl Direct<'_> {
                 *begun |= u32::from(camera.start(&rays, *active, bundle.packet(i))) << i;
             }
         }
-        bundle.closest(&camera.tree, camera.filter.as_ref(), *begun);
+        camera.tree.closest_in_bundle(camera.filter.as_ref(), bundle, *begun);
     }
 
     /// Makes the rays of a packet's pixels.

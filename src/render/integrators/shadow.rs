@@ -7,7 +7,7 @@ use crate::render::wants::Wants;
 use crate::query::stand_in;
 use crate::math::{Cone, Ray};
 use crate::scene::walk::{Found, Need, ScenePacket, Step, bits};
-use crate::structure::bvh::trace::PACKET;
+use crate::math::PACKET;
 
 impl Direct<'_> {
     /// The share of light that comes through along each of the rays of `asked`; 1 for the others. Rays have

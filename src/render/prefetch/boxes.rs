@@ -1,34 +1,37 @@
 //! Which blocks lie below the cells that meet a box.
 
 use super::Lacking;
-use crate::math::DBounds;
+use crate::base::ids::BlockId;
+use crate::math::{Bounds, DBounds};
 use crate::scene::SceneState;
 use crate::scene::walk::SceneView;
-use crate::structure::bvh::layout::{Block, Child, WIDTH};
+use crate::structure::{Below, Place};
 use std::collections::HashSet;
 
-/// The way down to what is missing; goes on from there in the next pass.
+/// The way down to blocks that are missing; goes on from there in the next pass.
 pub(super) struct InBox {
     bounds: DBounds,
     /// Nothing below cells of at most this length is looked for.
     cell: f64,
-    /// Whether the roots were put to the places.
+    /// Whether the roots were put to the cells.
     is_begun: bool,
     /// To be visited in this pass.
-    todo: Vec<Place>,
-    /// Whose blocks are missing.
-    waiting: Vec<Place>,
-    /// Leaf blocks that were asked for, each with its placed tree.
+    todo: Vec<Cell>,
+    /// Those whose blocks are missing.
+    waiting: Vec<Cell>,
+    /// Blocks of leaves that were asked for, each with its placed tree.
     leaf_blocks: HashSet<(u32, u32)>,
 }
 
-/// A node in some block, and the length of its cell in the world.
+/// A cell of a placed tree.
 #[derive(Clone, Copy)]
-struct Place {
+struct Cell {
     placed: u32,
-    block: u32,
-    child: u32,
+    place: Place,
+    /// Its length in the world.
     length: f32,
+    /// Nothing but triangles is below it.
+    is_leaf: bool,
 }
 
 /// Nodes visited at a time.
@@ -47,10 +50,9 @@ impl InBox {
         for (i, placed) in scene.placement.placed.iter().enumerate() {
             let length = longest(&placed.bounds);
             if self.bounds.overlaps(&placed.bounds) && length > self.cell {
-                let (block, child) = scene.models[placed.model as usize].root(placed.tree);
-                if child != crate::structure::bvh::trace::TreeView::EMPTY {
-                    self.todo.push(Place { placed: i as u32, block, child, length: length as f32 });
-                }
+                let root = scene.models[placed.model as usize].trees()[placed.tree as usize].root();
+                let cell = |place| Cell { placed: i as u32, place, length: length as f32, is_leaf: false };
+                self.todo.extend(root.map(cell));
             }
         }
     }
@@ -58,41 +60,36 @@ impl InBox {
     /// Whether there is more to visit in this pass.
     pub fn step(&mut self, view: &SceneView, lacking: &mut Lacking) -> bool {
         for _ in 0..PIECE {
-            let Some(place) = self.todo.pop() else { return false };
-            let id = crate::base::ids::BlockId(place.block);
-            match view.tree(place.placed).snapshot.visit(id, view.stamp) {
-                Some(words) => self.visit(view, Block::new(words), place),
-                None => {
-                    lacking.add(view.need(place.placed, id), place.length);
-                    self.waiting.push(place);
-                }
+            let Some(cell) = self.todo.pop() else { return false };
+            if !self.visit(view, cell) {
+                lacking.add(view.need(cell.placed, BlockId(cell.place.block)), cell.length);
+                self.waiting.push(cell);
             }
         }
         true
     }
 
-    fn visit(&mut self, view: &SceneView, block: Block, place: Place) {
-        let Some(Child::Node(index)) = Child::from_bits(place.child) else { return };
-        // Behind leaves is nothing: their block is asked for, once, by the first node over any of them.
-        let leaf_block = place.block + view.tree(place.placed).leaves_at;
-        let is_here = view.tree(place.placed).snapshot.block(crate::base::ids::BlockId(leaf_block)).is_some();
-        let placed = &view.scene.placement.placed[place.placed as usize];
-        let node = block.node(index);
-        for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
-            let cell = placed.world_bounds(&node.child_box(slot));
-            let length = longest(&cell);
-            if length <= self.cell || !self.bounds.overlaps(&cell) {
-                continue;
-            }
-            let child = u32::from(node.child[slot]);
-            let (block, child) = match Child::from_bits(child) {
-                Some(Child::Node(_)) => (place.block, child),
-                Some(Child::External(at)) => block.external(at),
-                Some(Child::Leaf(_)) if !is_here && self.leaf_blocks.insert((place.placed, leaf_block)) => (leaf_block, child),
-                _ => continue,
-            };
-            self.todo.push(Place { block, child, length: length as f32, ..place });
+    /// Whether the block of a cell is there; then the cells below it are to be visited.
+    fn visit(&mut self, view: &SceneView, cell: Cell) -> bool {
+        let Self { bounds, cell: least, todo, leaf_blocks, .. } = self;
+        let tree = view.tree(cell.placed);
+        if cell.is_leaf {
+            return tree.snapshot().visit(BlockId(cell.place.block), view.stamp).is_some();
         }
+        let placed = &view.scene.placement.placed[cell.placed as usize];
+        let mut child = |place: Place, local: &Bounds, is_leaf: bool| {
+            let around = placed.world_bounds(local);
+            let length = longest(&around);
+            if length <= *least || !bounds.overlaps(&around) {
+                return;
+            }
+            // Nothing is below leaves: their block is asked for, once, by the first node over any of them.
+            let is_here = is_leaf && tree.snapshot().block(BlockId(place.block)).is_some();
+            if !is_leaf || !is_here && leaf_blocks.insert((cell.placed, place.block)) {
+                todo.push(Cell { place, length: length as f32, is_leaf, ..cell });
+            }
+        };
+        tree.expand(cell.place, &mut Below { child: &mut child, triangle: &mut |_, _| {} }).is_ok()
     }
 }
 

@@ -27,14 +27,12 @@
 //! | .. | a bit for each leaf's vertices: whether a leaf before has it |
 //! | 2 x .. | for those how many back it was new, less one: low bytes, then high bytes |
 //! | .. x 3 | x, y, z of the others: difference to the one before, as ordered integers, zigzag; in groups of 16 with as many bits each: u8 of each group, then the groups |
-//! | **4: primitive ids** | u32 count, then zigzag differences as variable-length numbers |
-//! | **5: colours** | u32 count, then red, green, blue, alpha: four runs of u8 |
+//!
+//! Blocks whose first byte is 4 or 5 hold numbers beside triangles (`structure::streams`).
 //!
 //! Child references need no bytes: nodes, leaves and external references are numbered in the order in
 //! which a preorder walk meets them. Positions are kept to the bit.
 
-use super::bytes::{Reader, padded, piece};
-pub use super::codec_beside::{decode_colours, decode_prims, encode_colours, encode_prims};
 use super::codec_leaves::{Leaves, leaves_in_order, push_leaves, read_leaves};
 use super::codec_nodes::{Nodes, push_nodes, read_nodes};
 use super::leaf::{APART, LeafForm, MIXED};
@@ -43,6 +41,7 @@ use super::layout::{
     leaf_block_head,
 };
 use super::validate::validate;
+use crate::structure::bytes::{Reader, padded, piece};
 use crate::simd::{Isa, Op, Simd, dispatch};
 use std::cmp::Ordering;
 
@@ -50,8 +49,6 @@ use std::cmp::Ordering;
 const ALL: u8 = 1;
 const NODES: u8 = 2;
 const LEAVES: u8 = 3;
-pub(super) const PRIMS: u8 = 4;
-pub(super) const COLOURS: u8 = 5;
 
 /// What is wrong with a payload, in a few words.
 pub(super) type Checked<T> = Result<T, String>;

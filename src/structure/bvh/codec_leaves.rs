@@ -1,6 +1,6 @@
 //! The leaves of a block in the file form: see `codec.rs`, of which this is section 3.
 
-use super::bytes::{Reader, padded, piece, unzigzag, zigzag};
+use crate::structure::bytes::{Reader, padded, piece, unzigzag, zigzag};
 use super::codec::{Checked, wrong};
 use super::layout::{Block, HEADER_WORDS, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, PAD_WORDS};
 use super::leaf::{APART, LeafForm, MIXED, NEAR, ORDER, index_words, put_coordinates};

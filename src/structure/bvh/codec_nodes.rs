@@ -1,6 +1,6 @@
 //! The nodes of a block in the file form: see `codec.rs`, of which this is section 2.
 
-use super::bytes::{Reader, padded, piece, push_planes};
+use crate::structure::bytes::{Reader, padded, piece, push_planes};
 use super::codec::{Checked, Place, wrong};
 use super::layout::{
     Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, Passed, SHORT_VOXEL, WIDTH, add_passed,

@@ -6,6 +6,7 @@ use super::layout::{Block, Child, INDEX_MASK, MAX_WORDS};
 use crate::base::ids::BlockId;
 use crate::residency::{Decoder, Reference, Snapshot};
 use crate::store::TreeRow;
+use crate::structure::streams;
 use std::hash::{BuildHasher, RandomState};
 
 /// Decodes blocks of a model of structure `bvh`.
@@ -76,8 +77,8 @@ impl Decoder for BvhDecoder {
     fn decode(&self, id: BlockId, payload: &[u8]) -> Result<Vec<u32>, String> {
         match id.0 / self.geometry_blocks.max(1) {
             0 => self.geometry(id.0, payload),
-            1 => codec::decode_prims(payload),
-            _ => codec::decode_colours(payload),
+            1 => streams::decode_prims(payload),
+            _ => streams::decode_colours(payload),
         }
     }
 

@@ -1,9 +1,7 @@
 //! `bvh`: a wide bounding volume hierarchy, quantised and clustered into blocks.
 
 pub mod build;
-mod bytes;
 pub mod codec;
-mod codec_beside;
 mod codec_leaves;
 mod codec_nodes;
 #[cfg(test)]
@@ -11,6 +9,7 @@ mod codec_tests;
 mod decoder;
 pub mod layout;
 pub mod leaf;
+pub mod open;
 pub mod trace;
 mod validate;
 

@@ -9,7 +9,7 @@
 //! is that block ([`whole`]).
 
 use super::TreeInput;
-use super::par::Par;
+use crate::structure::par::Par;
 use super::refs::Ref;
 use super::tree::{Inner, Sub};
 use crate::structure::bvh::layout::{Child, HEADER_WORDS, MAX_WORDS, PAD_WORDS};

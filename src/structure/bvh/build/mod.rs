@@ -15,7 +15,6 @@ mod encode;
 mod join;
 mod leaf;
 mod lines;
-pub mod par;
 mod partition;
 mod pass;
 mod quantise;
@@ -28,7 +27,6 @@ mod tree;
 
 pub use cluster::Plan;
 pub use encode::TreeBlock;
-pub use par::Par;
 pub use spatial::splits_pay;
 
 use crate::base::error::Result;
@@ -36,6 +34,7 @@ use crate::base::progress::Cancel;
 use crate::math::{Bounds, srgb};
 use crate::simd::Isa;
 use crate::structure::bvh::layout::Child;
+use crate::structure::par::Par;
 use glam::Vec3;
 use tree::{Inner, Piece, Place, Sub};
 

@@ -1,6 +1,6 @@
 //! Moving a range's left side to its front.
 
-use super::par::Par;
+use crate::structure::par::Par;
 use super::refs::Ref;
 use super::sah::{Extents, Split};
 

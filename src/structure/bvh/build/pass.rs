@@ -22,7 +22,7 @@
 
 use super::TreeInput;
 use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};
-use super::par::Par;
+use crate::structure::par::Par;
 use super::refs::Ref;
 use super::tree::{Inner, Piece, Place, Sub};
 use crate::base::error::Result;

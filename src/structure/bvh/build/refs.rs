@@ -1,6 +1,6 @@
 //! References: the boxes that the builder sorts, one or more for each triangle.
 
-use super::par::Par;
+use crate::structure::par::Par;
 use crate::math::Bounds;
 use glam::{Vec3, Vec4};
 

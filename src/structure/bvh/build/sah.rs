@@ -3,7 +3,7 @@
 //! Source: Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", RT 2007.
 //! Deviation: ties go to the lower axis and bin, so that the result is a function of the set.
 
-use super::par::Par;
+use crate::structure::par::Par;
 use super::refs::Ref;
 use super::sweep::{Bins, MAGIC, Plane, whole};
 use crate::math::Bounds;

@@ -7,7 +7,7 @@
 //! holds as free room behind its references.
 
 use super::chop::{self, Grid};
-use super::par::Par;
+use crate::structure::par::Par;
 use super::partition::Sides;
 use super::refs::Ref;
 use super::sah::{BINS, Extents, FEW, FEW_BINS, PARALLEL, Split};

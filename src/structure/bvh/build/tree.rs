@@ -1,6 +1,6 @@
 //! Wide nodes: the binary splits of the heuristic, taken up to eight at a time.
 
-use super::par::Par;
+use crate::structure::par::Par;
 use super::quantise::quantise;
 use super::partition::{self, Sides};
 use super::refs::Ref;

@@ -10,16 +10,16 @@
 
 use super::ahead;
 use super::bundle_leaf;
-use super::packet::{PACKET, PacketEntry, PacketWalk, Row, VECTORS, at_mut};
+use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
 use super::packet_prepare::Shared;
 use super::packet_visit::{self, Boxes, farthest, intervals};
-use super::walk::{Counters, Entered, push_sorted};
+use super::hit::Counters;
+use super::walk::{Entered, push_sorted};
 use super::{PartFilter, TreeView};
+use crate::math::BUNDLE;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child};
 
-/// Packets of a bundle: as many as a packet has rays, a lane each.
-pub const BUNDLE: usize = PACKET;
 /// Nodes that no more packets than these meet are left to them: where leaves are wide, and where they are not. (Instructions for a
 /// pixel at 10 million triangles, exact, near and whole: 429 and 672 with 2 everywhere, 504 and 584 with 16.)
 const FEW: [u32; 2] = [2, 16];

@@ -1,12 +1,13 @@
 //! Bundles at leaves: the triangles' outlines are taken once, and each packet tests what lies across its halves.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::bundle::{BUNDLE, Bundle, BundleEntry};
+use super::bundle::{Bundle, BundleEntry};
 use super::packet::{PacketEntry, VECTORS, at_mut};
 use super::packet_leaf::{Corners, all_triangles, corners, test};
 use super::packet_prepare::Shared;
 use super::packet_visit::{farthest, meet};
 use super::{PartFilter, TreeView};
+use crate::math::BUNDLE;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Block;
 

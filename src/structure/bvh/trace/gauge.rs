@@ -24,7 +24,7 @@ const WEIGHT: i32 = 8;
 
 /// What slabs have saved lately.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Gauge {
+pub(in crate::structure) struct Gauge {
     is_on: bool,
     test: i32,
     saved: i32,

@@ -10,11 +10,9 @@ mod bundle;
 mod bundle_leaf;
 mod cell_slabs;
 mod gauge;
-mod packet;
 mod packet_cells;
 mod packet_few;
 mod packet_leaf;
-mod packet_prepare;
 mod packet_visit;
 mod pass;
 mod ray;
@@ -25,71 +23,24 @@ mod stream;
 mod stream_pass;
 mod stream_start;
 mod tables;
-mod walk;
 
-pub use bundle::{BUNDLE, Bundle};
-pub use packet::{PACKET, PacketSurfaces, PacketWalk, first_rays};
-pub use ray::{LocalRay, PreparedRay, USUAL_DIRS};
-pub use stand_in::StandIn;
-pub use stream::{STREAM, Stream};
-pub use walk::{Counters, Outcome, TriHit, Walk};
+pub use bundle::Bundle;
+pub(in crate::structure) use gauge::Gauge;
+pub use ray::PreparedRay;
+pub use stream::Stream;
 
 use super::layout::{Block, Child, WIDTH};
 use super::leaf::Leaf;
 use crate::base::ids::BlockId;
-use crate::math::Bounds;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
-use glam::Vec3;
-
-/// What rays pass through.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct PartFilter<'a> {
-    /// Bit `i % 64` of word `i / 64`: the model's part `i` is hidden. Parts beyond are visible.
-    pub hidden: &'a [u64],
-    /// The model's part that the tree's local part 0 is here.
-    pub first_part: u32,
-    /// The bits (`lod::summary_bit`) of all local parts that are hidden or look otherwise than in the file: a cell
-    /// with one of them among others does not stand in.
-    pub touched: u32,
-    /// What is asked of each hit besides, if anything. Only walks of single rays ask.
-    pub within: Option<&'a dyn Within>,
-}
-
-/// Who knows better than single precision what is within a ray's interval.
-pub trait Within: std::fmt::Debug + Sync {
-    /// Whether a triangle that is met at `t` is.
-    fn triangle(&self, triangle: &Triangle, t: f32) -> bool;
-    /// Whether a cell that is met at `t` is: else what it holds is asked.
-    fn cell(&self, t: f32) -> bool;
-    /// Whether what is met at `t` is behind where the ray ends.
-    fn is_beyond(&self, t: f32) -> bool;
-}
-
-impl PartFilter<'_> {
-    /// Whether a local part is hidden.
-    #[inline]
-    pub fn hides(&self, local_part: u32) -> bool {
-        let part = u64::from(self.first_part) + u64::from(local_part);
-        self.hidden.get((part / 64) as usize).is_some_and(|word| word >> (part % 64) & 1 == 1)
-    }
-
-    /// Whether rays pass through triangle `i` of a leaf, which is met at `t`.
-    #[inline]
-    fn passes(&self, block: Block, leaf: &Leaf, i: usize, t: f32) -> bool {
-        let part = || block.part(leaf.part_of(i));
-        self.hides(part()) || self.within.is_some_and(|within| !within.triangle(&Triangle { vertices: leaf.triangle(i), part: part() }, t))
-    }
-}
-
-/// A triangle as stored.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Triangle {
-    /// Corners, around the tree's origin.
-    pub vertices: [Vec3; 3],
-    /// Local part.
-    pub part: u32,
-}
+use crate::structure::cursor::Below;
+use crate::structure::filter::PartFilter;
+use crate::structure::hit::{self, Counters, Outcome, Triangle, TriHit};
+use crate::structure::place::{Place, Rooted};
+use crate::structure::ray::LocalRay;
+use crate::structure::walk::{self, Walk};
+use crate::structure::{packet, packet_prepare};
 
 /// One tree of a model in one snapshot. Cheap to make; borrow it for as long as the job lasts.
 #[derive(Debug, Clone, Copy)]
@@ -116,25 +67,6 @@ pub struct TreeView<'a> {
     pub is_solid: bool,
     /// The pass that visits: blocks that it uses stay while it is stood on.
     pub stamp: u32,
-}
-
-/// What is left of a visit to the leaves of a tree: blocks, and what in them.
-#[derive(Debug, Clone, Default)]
-pub struct LeafSweep {
-    left: Vec<(u32, u32)>,
-}
-
-impl LeafSweep {
-    /// Of the whole tree.
-    pub fn new(view: &TreeView) -> Self {
-        let root = (!view.is_empty()).then_some((view.root_block, view.root));
-        Self { left: root.into_iter().collect() }
-    }
-
-    /// The blocks that it waits for; some may be named several times.
-    pub fn missing(&self) -> impl Iterator<Item = BlockId> {
-        self.left.iter().map(|&(id, _)| BlockId(id))
-    }
 }
 
 impl TreeView<'_> {
@@ -208,67 +140,48 @@ impl TreeView<'_> {
         Ok(words.get(leaf.first + index).copied().unwrap_or(u32::MAX))
     }
 
-    /// Visits the triangles of all leaves whose boxes `descend` accepts; the first missing block ends it.
-    ///
-    /// `descend` gets boxes around the tree's origin, rounded outward. A triangle that spatial splits
-    /// put into several leaves is visited several times.
-    pub fn for_each_leaf(
-        &self,
-        descend: &mut dyn FnMut(&Bounds) -> bool,
-        visit: &mut dyn FnMut(&TriHit, &Triangle),
-    ) -> Result<(), BlockId> {
-        let mut sweep = LeafSweep::new(self);
-        self.sweep_leaves(&mut sweep, descend, visit);
-        sweep.missing().next().map_or(Ok(()), Err)
-    }
-
-    /// Visits the leaves that are in memory of those that `sweep` has still to visit, like [`TreeView::for_each_leaf`]; it
-    /// has ended when nothing is [missing](LeafSweep::missing). Call it again with the same sweep once some of that is
-    /// there.
-    pub fn sweep_leaves(
-        &self,
-        sweep: &mut LeafSweep,
-        descend: &mut dyn FnMut(&Bounds) -> bool,
-        visit: &mut dyn FnMut(&TriHit, &Triangle),
-    ) {
-        let mut stack = std::mem::take(&mut sweep.left);
-        while let Some((id, child)) = stack.pop() {
-            match self.snapshot.block(BlockId(id)) {
-                Some(words) => self.visit_child(Block::new(words), id, child, &mut stack, descend, visit),
-                None => sweep.left.push((id, child)),
-            }
-        }
-    }
-
-    fn visit_child(
-        &self,
-        block: Block,
-        id: u32,
-        child: u32,
-        stack: &mut Vec<(u32, u32)>,
-        descend: &mut dyn FnMut(&Bounds) -> bool,
-        visit: &mut dyn FnMut(&TriHit, &Triangle),
-    ) {
+    /// What is below a place; fails with the block that the place is in if that is not in memory.
+    pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
+        let Place { block: id, item: child } = place;
+        let block = Block::new(self.visit(id).ok_or(BlockId(id))?);
         match Child::from_bits(child) {
-            Some(Child::External(at)) => stack.push(block.external(at)),
-            Some(Child::Node(i)) => {
-                let node = block.node(i);
-                for slot in (0..WIDTH).rev().filter(|s| node.valid >> s & 1 == 1) {
-                    if descend(&node.child_box(slot)) {
-                        let child = u32::from(node.child[slot]);
-                        stack.push((self.home_of(id, child), child));
-                    }
+            Some(Child::Node(index)) => {
+                let node = block.node(index);
+                for slot in (0..WIDTH).filter(|slot| node.valid >> slot & 1 == 1) {
+                    let child = u32::from(node.child[slot]);
+                    let (to, item) = match Child::from_bits(child) {
+                        Some(Child::External(at)) => block.external(at),
+                        _ => (self.home_of(id, child), child),
+                    };
+                    (below.child)(Place { block: to, item }, &node.child_box(slot), Child::is_leaf(child));
                 }
             }
             Some(Child::Leaf(at)) => {
                 let leaf = block.leaf(at);
                 for i in 0..leaf.triangles {
                     let hit = TriHit { block: id, tri: (at as u32) << 3 | i as u32, ..TriHit::none(0.0) };
-                    let part = block.part(leaf.part_of(i));
-                    visit(&hit, &Triangle { vertices: leaf.triangle(i), part });
+                    let triangle = Triangle { vertices: leaf.triangle(i), part: block.part(leaf.part_of(i)) };
+                    (below.triangle)(&hit, &triangle);
                 }
             }
-            None => {}
+            // No place is a reference: these are followed above.
+            Some(Child::External(_)) | None => {}
         }
+        Ok(())
+    }
+}
+
+impl Rooted for TreeView<'_> {
+    #[inline(always)]
+    fn root(&self) -> Option<Place> {
+        (!self.is_empty()).then_some(Place { block: self.root_block, item: self.root })
+    }
+    #[inline(always)]
+    fn reach(&self) -> f32 {
+        self.reach
+    }
+    #[inline(always)]
+    fn isa(&self) -> Isa {
+        self.isa
     }
 }

@@ -6,13 +6,13 @@ use super::packet::{PacketEntry, PacketWalk, VECTORS, at_mut};
 use super::packet_leaf::keep_better;
 use super::packet_prepare::Shared;
 use super::packet_visit::{self, Boxes};
-use super::ray::abs;
 use super::pass::{Sieve, may_be_passed};
 use super::single;
-use super::stand_in::{self, SLACK, ConeRay, Met, Verdict};
+use super::stand_in::{self, ConeRay, Met, Verdict};
 use super::{PartFilter, TreeView};
 use crate::geom::watertight::LaneHits;
 use crate::simd::{Lanes, Mask, Simd};
+use crate::structure::ray::{SLACK, abs};
 use crate::structure::bvh::layout::{Block, Node};
 
 /// The children that could stand in: for some ray, by what their areas are seen from the least directions, and the greatest widths; or for one.
@@ -186,7 +186,7 @@ fn stopped(sieve: Option<Sieve>, enter: &[f32; 16], walk: &mut PacketWalk, h: us
     while left != 0 {
         let lane = left.trailing_zeros() as usize & 15;
         left &= left - 1;
-        if sieve.is_passed(&walk.rays.passing(16 * h + lane), enter[lane]) {
+        if sieve.is_passed(&packet_visit::passing(&walk.rays, 16 * h + lane), enter[lane]) {
             stopped &= !(1 << lane);
             let passed = at_mut(&mut walk.passed, 16 * h + lane);
             *passed = passed.min(enter[lane]);

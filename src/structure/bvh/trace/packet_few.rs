@@ -4,11 +4,12 @@
 use super::cell_slabs::{self, Origin};
 use super::packet::{PacketEntry, PacketWalk, at, at_mut};
 use super::packet_prepare::Shared;
-use super::packet_visit::{self, Boxes, keep};
+use super::packet_visit::{self, Boxes, keep, passing};
 use super::stand_in::{self, ConeRay};
 use super::{PartFilter, TreeView, packet_cells, single};
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Node};
+use crate::structure::ray::slack;
 
 /// Rays up to which this is less work than one child against all rays after the other.
 pub(super) const FEW: u32 = 4;
@@ -113,7 +114,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         let mut crossing = [enter, leave];
         if !shared.one_origin {
             for axis in 0..3 {
-                let slack = s.splat8(stand_in::slack(at(&walk.rays.org[axis], i), shared.sign[axis], view.reach));
+                let slack = s.splat8(slack(at(&walk.rays.org[axis], i), shared.sign[axis], view.reach));
                 near[axis] = s.load8(&boxes.stored[axis][0]) - slack - org[axis];
                 far[axis] = s.load8(&boxes.stored[axis][1]) + slack - org[axis];
             }
@@ -139,7 +140,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return (met, leaves, first);
     }
     let mut best = walk.best(i);
-    let (passing, passed) = (walk.rays.passing(i), at_mut(&mut walk.passed, i));
+    let (passing, passed) = (passing(&walk.rays, i), at_mut(&mut walk.passed, i));
     let settled =
         single::offers(view, small, crosses, &enter.to_array(), &passing, block, block_id, index, filter, &mut best, passed);
     keep(walk, i, &best);

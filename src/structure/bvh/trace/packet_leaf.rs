@@ -7,7 +7,7 @@ use super::packet_prepare::Shared;
 use super::packet_visit::keep;
 use super::single::{is_better, nearest};
 use super::tables::tables;
-use super::walk::{Outcome, TriHit};
+use super::hit::{Outcome, TriHit};
 use super::{PartFilter, TreeView};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{LaneHits, intersect, shear};

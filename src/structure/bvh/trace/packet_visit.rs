@@ -13,13 +13,15 @@
 use super::ahead;
 use super::cell_slabs::{self, Eight, Origin};
 use super::packet_cells;
-use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
+use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
 use super::packet_few;
 use super::packet_leaf::leaf;
 use super::packet_prepare::Shared;
+use super::pass::Passing;
 use super::single::{self, RayLanes};
 use super::stand_in;
-use super::walk::{Entry, Outcome, TriHit, push_sorted};
+use super::hit::{Outcome, TriHit};
+use super::walk::{Entry, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
@@ -45,8 +47,20 @@ fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
     rays
 }
 
+impl TreeView<'_> {
+    /// See [`crate::structure::Tree::closest_together`].
+    pub fn closest_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
+        run::<false>(self, filter, walk)
+    }
+
+    /// See [`crate::structure::Tree::any_together`].
+    pub fn any_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
+        run::<true>(self, filter, walk)
+    }
+}
+
 /// Goes on with `walk` until it ends or a block is missing.
-pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
+fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
     if is_exact(view, walk) {
         dispatch(view.isa, Packet::<ANY, false> { view, filter, walk })
     } else {
@@ -218,6 +232,13 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
         rays &= rays - 1;
     }
     Outcome::Done
+}
+
+/// Ray `i`, as cells see it that rays pass.
+#[inline(always)]
+pub(super) fn passing(rays: &PacketRays, i: usize) -> Passing {
+    let (org, dir) = (&rays.org, &rays.dir);
+    Passing { org: [at(&org[0], i), at(&org[1], i), at(&org[2], i)], dir: [at(&dir[0], i), at(&dir[1], i), at(&dir[2], i)] }
 }
 
 #[inline(always)]

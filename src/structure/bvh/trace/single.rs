@@ -5,14 +5,16 @@ use super::cell_slabs::{self, Origin};
 use super::pass::Passing;
 use super::stand_in::{self, ConeRay, Verdict};
 use super::tables::sheared_corners;
-use super::walk::{Entry, Outcome, TriHit, Walk, push_sorted};
-use super::{PartFilter, PreparedRay, TreeView};
+use super::hit::{Outcome, TriHit};
+use super::walk::{Entry, Walk, push_sorted};
+use super::{PartFilter, PreparedRay, TreeView, Triangle};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{Sheared, intersect};
 use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child, Node};
 use crate::structure::bvh::leaf::Leaf;
+use crate::structure::ray;
 
 /// Goes on with `walk` until it ends or a block is missing.
 pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
@@ -209,7 +211,7 @@ pub(super) fn is_better(
 #[cold]
 #[inline(never)]
 fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut super::Counters) -> Result<bool, BlockId> {
-    if let Some(answer) = stand_in::untie(hit, best) {
+    if let Some(answer) = hit.untie(best) {
         return Ok(answer);
     }
     counters.ties += 1;
@@ -272,7 +274,7 @@ impl<S: Simd> CellLanes<S> {
     ) -> Self {
         let (mut slack, mut signed) = ([0.0; 3], [0.0; 3]);
         for axis in 0..3 {
-            slack[axis] = stand_in::slack(org[axis], inv[axis], reach);
+            slack[axis] = ray::slack(org[axis], inv[axis], reach);
             signed[axis] = dir[axis].copysign(inv[axis]);
         }
         let (t_min, a, b) = (s.splat8(t_min), s.splat8(cone.a), s.splat8(cone.b));
@@ -402,7 +404,7 @@ pub(super) fn offers(
         small &= small - 1;
         match stand_in::judge(block, index, slot, filter) {
             Verdict::Descend => continue,
-            Verdict::Stand if filter.and_then(|filter| filter.within).is_some_and(|within| !within.cell(t[slot])) => continue,
+            Verdict::Stand if filter.is_some_and(|filter| filter.descends(t[slot])) => continue,
             Verdict::Skip => {}
             Verdict::Stand if crosses >> slot & 1 == 0 => {}
             Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => *passed = passed.min(t[slot]),
@@ -419,7 +421,7 @@ pub(super) fn offers(
 /// Keeps a stand-in if it is better; returns whether it is.
 #[inline(always)]
 pub(super) fn offer(best: &mut TriHit, hit: TriHit) -> bool {
-    let is_better = hit.t < best.t || hit.t == best.t && (!best.is_hit() || stand_in::untie(&hit, best) == Some(true));
+    let is_better = hit.t < best.t || hit.t == best.t && (!best.is_hit() || hit.untie(best) == Some(true));
     if is_better {
         *best = hit;
     }
@@ -477,7 +479,7 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
         return;
     }
     let t = enter.to_array()[slot & 7];
-    if filter.and_then(|filter| filter.within).is_some_and(|within| within.is_beyond(t)) {
+    if filter.is_some_and(|filter| filter.is_beyond(t)) {
         return;
     }
     let _ = offer(best, TriHit { t, u: 0.0, v: 0.0, block: block_id, tri });
@@ -559,7 +561,8 @@ pub(super) fn nearest<S: Simd>(
     let t = found.t.to_array();
     if let Some(filter) = filter {
         for i in 0..leaf.triangles {
-            let passes = hits >> i & 1 == 1 && filter.passes(block, &leaf, i, t[i]);
+            let part = || block.part(leaf.part_of(i));
+            let passes = hits >> i & 1 == 1 && filter.passes(part, || Triangle { vertices: leaf.triangle(i), part: part() }, t[i]);
             hits &= !(u32::from(passes) << i);
         }
     }

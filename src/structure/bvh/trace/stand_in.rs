@@ -17,66 +17,26 @@
 
 use super::{PartFilter, TreeView};
 use super::ray::abs;
-use super::walk::TriHit;
+use super::hit::{StandIn, TriHit};
 use crate::simd::{Lanes, Mask};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
-
-/// How much larger a cell is taken, as a part of the greatest magnitude of a coordinate: 7 h for rounding (see the module), the
-/// rest as in [`super::ray::BOX_SLACK`], for packets test the boxes of triangles so too.
-pub(super) const SLACK: f32 = 32.0 / 16_777_216.0;
-
-/// In [`TriHit::tri`]: a stand-in, as fine as asked for or finer.
-const LOD: u32 = 1 << 31;
-/// A stand-in for a block that is not in memory.
-const MISSING: u32 = 1 << 30;
-/// Of those, one that the ray begins in: `t` is where it begins, for nothing is known of what is nearest from there on.
-const INSIDE: u32 = 1 << 29;
-/// The bits of which a triangle has none.
-pub(super) const FLAGS: u32 = LOD | MISSING | INSIDE;
-
-/// A stand-in that was hit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct StandIn {
-    /// The node that the cell hangs in.
-    pub node: usize,
-    /// Its slot there.
-    pub slot: usize,
-    /// For want of the block below.
-    pub is_missing: bool,
-    /// The ray begins in it: `t` is where it begins, to be shown where it leaves it.
-    pub is_inside: bool,
-}
-
-impl TriHit {
-    /// The stand-in that was hit, if it was one.
-    #[inline(always)]
-    pub fn stand_in(&self) -> Option<StandIn> {
-        if self.tri & FLAGS == 0 || !self.is_hit() {
-            return None;
-        }
-        let place = (self.tri & !FLAGS) as usize;
-        let (is_missing, is_inside) = (self.tri & MISSING != 0, self.tri & INSIDE != 0);
-        Some(StandIn { node: place >> 3, slot: place & 7, is_missing, is_inside })
-    }
-}
 
 /// [`TriHit::tri`] of the cell in `slot` of a node.
 #[inline(always)]
 pub(super) fn lod_code(node: usize, slot: usize) -> u32 {
-    LOD | (node << 3 | slot) as u32
+    StandIn { node, slot, is_missing: false, is_inside: false }.code()
 }
 
 /// The same, where the block below is missing; `is_inside`: the ray begins in the cell.
 #[inline(always)]
 pub(super) fn missing_code(node: usize, slot: usize, is_inside: bool) -> u32 {
-    MISSING | if is_inside { INSIDE } else { 0 } | (node << 3 | slot) as u32
+    StandIn { node, slot, is_missing: true, is_inside }.code()
 }
 
-/// Whether either is a stand-in: then `hit` is better than `best`, at the same distance, by its place.
+/// The node that a stand-in's cell hangs in, and its slot there.
 #[inline(always)]
-pub(super) fn untie(hit: &TriHit, best: &TriHit) -> Option<bool> {
-    let key = |h: &TriHit| (h.tri & FLAGS, h.block, h.tri);
-    ((hit.tri | best.tri) & FLAGS != 0).then(|| key(hit) < key(best))
+pub(in crate::structure::bvh) fn place_of(stand_in: StandIn) -> (usize, usize) {
+    (stand_in.node, stand_in.slot)
 }
 
 /// Rays as the test needs them: many of them, or one in all lanes.
@@ -100,13 +60,6 @@ pub(super) struct Met<L> {
     pub small: u32,
     /// Where the ray enters the cell, where it begins if that is later.
     pub enter: L,
-}
-
-/// How far planes give way for a ray with origin `org` along an axis on which it goes as `inv` is signed: what is taken from
-/// those that are met first, and added to those that are met last.
-#[inline(always)]
-pub(super) fn slack(org: f32, inv: f32, reach: f32) -> f32 {
-    (org.abs().max(reach) * SLACK).copysign(inv)
 }
 
 /// The areas of cells' faces between planes as stored.
@@ -196,7 +149,8 @@ impl<'a> TreeView<'a> {
     pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
         let stand_in = hit.stand_in().filter(|s| s.is_missing)?;
         let block = Block::new(self.snapshot.block(crate::base::ids::BlockId(hit.block))?);
-        let child = u32::from(block.node(stand_in.node).child[stand_in.slot]);
+        let (node, slot) = place_of(stand_in);
+        let child = u32::from(block.node(node).child[slot]);
         match Child::from_bits(child) {
             Some(Child::External(at)) => Some(block.external(at).0),
             Some(Child::Leaf(_)) => Some(hit.block + self.leaves_at),

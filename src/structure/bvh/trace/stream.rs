@@ -9,15 +9,14 @@ use super::gauge::Gauge;
 use super::rays16::{GROUP, OneRay, Rays16};
 use super::stream_pass as pass;
 use super::stream_start::{self as start, Group};
-use super::walk::{Counters, TriHit};
+use super::hit::{Counters, TriHit};
 use super::{LocalRay, PartFilter, TreeView};
+use crate::math::STREAM;
 use crate::simd::{Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, KIND_SHIFT};
 
 /// Walks side by side.
 pub(super) const LANES: usize = 64;
-/// Rays that a stream takes at once, at most.
-pub const STREAM: usize = 1024;
 /// Entries at the bottom of a stack that are never taken off: reading eight from there is always possible.
 pub(super) const BOTTOM: usize = 8;
 /// Entries of a stack: three arrays of them are an odd number of cache lines, so that stacks do not compete for the
@@ -91,7 +90,7 @@ impl Stream {
         !view.never_waits && self.groups[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
     }
 
-    /// Where each ray of the last call passed a stand-in first, see [`Walk::passed`](super::Walk::passed).
+    /// Where each ray of the last call passed a stand-in first, see [`Walk::passed`](crate::structure::Walk::passed).
     #[inline]
     pub fn passed(&self) -> &[f32; STREAM] {
         &self.passed

@@ -9,10 +9,11 @@ use super::pass::Passing;
 use super::rays16::OneRay;
 use super::single::{self, CellLanes, LeafRay, is_better, triangles};
 use super::stream::{
-    AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, STREAM, State, lane, push,
+    AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, State, lane, push,
 };
-use super::walk::{Counters, TriHit};
+use super::hit::{Counters, TriHit};
 use crate::base::ids::BlockId;
+use crate::math::STREAM;
 use crate::math::Cone;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Child, INDEX_MASK, Node};

@@ -8,16 +8,17 @@
 use super::ahead::ask_for;
 use super::cell_slabs::{self, Eight, Origin, area_shares};
 use super::pass::{Sieve, may_be_passed};
-use super::ray::abs;
 use super::rays16::{GROUP, Prepared};
 use super::single::{self, stored_planes};
-use super::stand_in::{self, ConeRay, Met, SLACK, Verdict};
-use super::stream::{BOTTOM, DEPTH, LANES, STREAM, State};
+use super::stand_in::{self, ConeRay, Met, Verdict};
+use super::stream::{BOTTOM, DEPTH, LANES, State};
 use super::stream_pass as pass;
-use super::walk::TriHit;
+use super::hit::TriHit;
 use crate::base::ids::BlockId;
+use crate::math::STREAM;
 use crate::lod::Slabs;
 use crate::simd::{Lanes, Mask, Simd};
+use crate::structure::ray::{SLACK, abs};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 
 /// Rays that make it pay to test a node for all of them at once, at least. (6 to 12 are as good at some pixels of error, 12 is best where nothing

@@ -2,9 +2,9 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PacketRays, Row, VECTORS};
-use super::ray::{MAX_DIR, MIN_DIR, USUAL_DIRS, abs};
-use super::stand_in::slack;
+use super::ray::{MAX_DIR, MIN_DIR, USUAL_DIRS, abs, slack};
 use crate::simd::{Lanes, Mask, Simd};
+
 
 /// Boxes with an area of this part of a packet's are tested ray by ray.
 const NARROW: f32 = 2.0;
@@ -21,7 +21,7 @@ pub(super) struct Shared {
     pub org_far: [f32; 3],
     pub inv_min: [f32; 3],
     pub inv_max: [f32; 3],
-    /// How far planes give way: see [`super::stand_in::slack`].
+    /// How far planes give way: see [`slack`].
     pub slack: [f32; 3],
     /// The directions' signs.
     pub sign: [f32; 3],
@@ -49,7 +49,7 @@ impl Shared {
     }
 }
 
-/// Prepares all rays (as [`super::PreparedRay::new`] does one, which see), and what they share; false where they cannot
+/// Prepares all rays (as [`super::bvh::trace::PreparedRay::new`] does one, which see), and what they share; false where they cannot
 /// go together, because the signs or the greatest components of their directions differ. (Written in place: returned, the
 /// struct would be stored in small pieces and read at once in large ones.)
 #[inline(always)]

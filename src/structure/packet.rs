@@ -1,32 +1,22 @@
 //! Coherent rays together: their state, and how they enter and leave the kernel.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::gauge::Gauge;
+use super::bvh::trace::Gauge;
+use super::hit::{Counters, TriHit};
 use super::packet_prepare::{self, Shared};
-use super::packet_visit;
-use super::pass::Passing;
-use super::ray::{UNIT, abs};
-use super::stand_in;
-use super::walk::{Counters, Entered, Outcome, Walk};
-use super::{LocalRay, PartFilter, TreeView, TriHit};
-use crate::math::{Cone, Ray};
+use super::ray::{LocalRay, UNIT, abs};
+use super::place::{Place, Rooted};
+use super::walk::{Entered, Walk};
+use crate::math::{Cone, PACKET, Ray, first_rays};
 use crate::simd::{Isa, Lanes, Mask, Op, Simd, dispatch};
 use bytemuck::{must_cast, must_cast_ref};
 use glam::Vec3;
 use std::mem::offset_of;
 
-/// Vectors that hold a packet's rays: with two, a node's box tests serve twice as many rays, and of two tests of a
-/// triangle one goes on while the other waits.
-pub(super) const VECTORS: usize = 2;
-/// Rays of a packet.
-pub const PACKET: usize = 16 * VECTORS;
-/// All of them, a bit each.
-const ALL: u32 = u32::MAX >> (32 - PACKET);
-
-/// The first `count` rays of a packet, a bit each.
-pub const fn first_rays(count: usize) -> u32 {
-    if count < PACKET { (1 << count) - 1 } else { ALL }
-}
+/// Vectors that hold a packet's rays.
+pub(super) const VECTORS: usize = PACKET / 16;
+/// All rays, a bit each.
+const ALL: u32 = first_rays(PACKET);
 
 /// A number for each ray.
 pub(super) type Row = [[f32; 16]; VECTORS];
@@ -74,7 +64,7 @@ pub(super) struct PacketRays {
     pub org: [Row; 3],
     pub dir: [Row; 3],
     pub t_min: Row,
-    /// See [`super::PreparedRay`].
+    /// Reciprocal directions; and what the triangle test needs, see [`crate::geom::Shear`].
     pub inv: [Row; 3],
     pub shear: [Row; 3],
     /// See [`LocalRay::cone`]: `a`, then `b`.
@@ -86,13 +76,6 @@ impl PacketRays {
     #[inline(always)]
     pub fn cone(&self, i: usize) -> Cone {
         Cone { a: at(&self.cone[0], i), b: at(&self.cone[1], i) }
-    }
-
-    /// Ray `i`, as cells see it that rays pass.
-    #[inline(always)]
-    pub fn passing(&self, i: usize) -> Passing {
-        let (org, dir) = (&self.org, &self.dir);
-        Passing { org: [at(&org[0], i), at(&org[1], i), at(&org[2], i)], dir: [at(&dir[0], i), at(&dir[1], i), at(&dir[2], i)] }
     }
 
     /// Ray `i` by itself, up to any distance.
@@ -183,12 +166,12 @@ impl PacketWalk {
         self.gauge = Gauge::TOGETHER;
     }
 
-    /// Puts the rays of `active` (bit `i`: ray `i`) at the root of `view`; the others miss.
-    pub fn begin(&mut self, view: &TreeView, rays: &[LocalRay; PACKET], active: u32) {
+    /// Puts the rays of `active` (bit `i`: ray `i`) at the root of `tree`; the others miss.
+    pub fn begin(&mut self, tree: &impl Rooted, rays: &[LocalRay; PACKET], active: u32) {
         for (i, ray) in rays.iter().enumerate() {
             self.set(i, ray);
         }
-        self.start(view, active);
+        self.start(tree, active);
     }
 
     /// Takes ray `i` over, below [`PACKET`]; [`PacketWalk::start`] comes next. (Apart, because a loop that is compiled
@@ -207,8 +190,8 @@ impl PacketWalk {
     /// Takes over directions and widths ([`LocalRay::cone_of`]; `is_exact`: none has any) of rays of the world in a tree whose frame is only shifted, for whose
     /// other members [`PacketWalk::set_all_but_dirs`] is called. What [`PacketWalk::start`] leaves out may be anything.
     #[inline]
-    pub fn set_dirs_of(&mut self, view: &TreeView, rays: &[Ray; PACKET], is_exact: bool) {
-        dispatch(view.isa, SetDirs { walk: self, rays: must_cast_ref(rays), is_exact });
+    pub fn set_dirs_of(&mut self, tree: &impl Rooted, rays: &[Ray; PACKET], is_exact: bool) {
+        dispatch(tree.isa(), SetDirs { walk: self, rays: must_cast_ref(rays), is_exact });
     }
 
     /// As if all rays had been traced, and missed. How far they go is not told.
@@ -244,13 +227,13 @@ impl PacketWalk {
 
     /// Whether the first `count` rays, which were taken over, all start within `near` of the tree's zero along each axis, have directions of usual
     /// magnitude ([`USUAL_DIRS`]) and begin at a finite distance; one below zero is then taken as zero.
-    pub fn is_within(&mut self, view: &TreeView, count: usize, near: f32) -> bool {
-        dispatch(view.isa, Within { walk: self, near }) | !first_rays(count) == u32::MAX
+    pub fn is_within(&mut self, tree: &impl Rooted, count: usize, near: f32) -> bool {
+        dispatch(tree.isa(), Within { walk: self, near }) | !first_rays(count) == u32::MAX
     }
 
-    /// Puts those of the rays taken over that are in `active` at the root of `view`; the others miss.
-    pub fn start(&mut self, view: &TreeView, active: u32) {
-        dispatch(view.isa, Start { walk: self, view, active });
+    /// Puts those of the rays taken over that are in `active` at the root of `tree`; the others miss.
+    pub fn start(&mut self, tree: &impl Rooted, active: u32) {
+        dispatch(tree.isa(), Start { walk: self, root: tree.root(), reach: tree.reach(), active });
     }
 
     /// The rays of `among` that could go together with the first of them: by directions as taken over.
@@ -282,8 +265,8 @@ impl PacketWalk {
     /// Whether the rays gain by going together: all directions have the same signs and are greatest on the same axis,
     /// and all origins are near each other, as those of neighbouring pixels are, unless it `says` so.
     #[inline]
-    pub fn is_coherent(&self, view: &TreeView, says: bool) -> bool {
-        self.together && (says || self.shared.spread() <= view.reach * NEAR)
+    pub fn is_coherent(&self, tree: &impl Rooted, says: bool) -> bool {
+        self.together && (says || self.shared.spread() <= tree.reach() * NEAR)
     }
 
     /// The best hit so far of ray `i`.
@@ -364,7 +347,7 @@ impl Op for Hits<'_> {
     fn run<S: Simd>(self, s: S) {
         let Self { walk, lanes, out } = self;
         let PacketHits { block, tri, .. } = &walk.hits;
-        let mut left = lanes & same(s, tri, stand_in::FLAGS, 0);
+        let mut left = lanes & same(s, tri, TriHit::FLAGS, 0);
         (out.cells, out.count) = (lanes & !left, 0);
         while left != 0 {
             let i = left.trailing_zeros() as usize;
@@ -431,31 +414,32 @@ fn cones_of(rays: &mut PacketRays, h: usize) {
     }
 }
 
-struct Start<'a, 'v> {
+struct Start<'a> {
     walk: &'a mut PacketWalk,
-    view: &'a TreeView<'v>,
+    root: Option<Place>,
+    reach: f32,
     active: u32,
 }
 
-impl Op for Start<'_, '_> {
+impl Op for Start<'_> {
     type Out = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Self { walk, view, active } = self;
+        let Self { walk, root, reach, active } = self;
         walk.stack.clear();
         (walk.hits.some, walk.together) = (0, false);
         walk.passed = [[f32::INFINITY; 16]; VECTORS];
         walk.waiting = packet_prepare::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
-        if walk.waiting == 0 || view.is_empty() {
+        let Some(Place { block, item }) = root.filter(|_| walk.waiting != 0) else {
             walk.waiting = 0;
             return;
-        }
+        };
         if walk.waiting != ALL {
             repeat_first(walk);
         }
-        walk.together = packet_prepare::prepare(s, &mut walk.rays, view.reach, &mut walk.shared);
-        walk.stack.push(PacketEntry { t: 0.0, rays: walk.waiting, block: view.root_block, child: view.root });
+        walk.together = packet_prepare::prepare(s, &mut walk.rays, reach, &mut walk.shared);
+        walk.stack.push(PacketEntry { t: 0.0, rays: walk.waiting, block, child: item });
     }
 }
 
@@ -486,19 +470,5 @@ fn repeat_first(walk: &mut PacketWalk) {
             *at_mut(&mut r.org[axis], i) = at(&r.org[axis], first);
             *at_mut(&mut r.dir[axis], i) = at(&r.dir[axis], first);
         }
-    }
-}
-
-impl TreeView<'_> {
-    /// Finds the closest hits of the rays that `walk` has begun (or goes on after `Pending`): the same, to
-    /// the bit, as [`TreeView::closest`] finds for each alone.
-    pub fn closest_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
-        packet_visit::run::<false>(self, filter, walk)
-    }
-
-    /// Finds any hit of each ray that `walk` has begun (or goes on after `Pending`). Which one may differ from
-    /// what [`TreeView::any`] finds; whether there is one does not.
-    pub fn any_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
-        packet_visit::run::<true>(self, filter, walk)
     }
 }

@@ -1,73 +1,9 @@
 //! A walk: what a ray still has to visit, and the best hit so far. It can be put down at a missing
 //! block and taken up again.
 
+use super::hit::{Counters, TriHit};
+use super::place::{Place, Rooted};
 use super::ray::LocalRay;
-use crate::base::ids::BlockId;
-
-/// Whether a walk has ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    /// The answer is in the walk.
-    Done,
-    /// This block is needed. Call again with the same walk once it is in memory.
-    Pending(BlockId),
-}
-
-/// Where a ray meets a triangle of a tree.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TriHit {
-    /// Distance in units of the ray's direction.
-    pub t: f32,
-    /// Weight of the second vertex.
-    pub u: f32,
-    /// Weight of the third vertex.
-    pub v: f32,
-    /// The block that holds the triangle.
-    pub block: u32,
-    /// The triangle in the block; opaque.
-    pub tri: u32,
-}
-
-impl TriHit {
-    /// No hit up to `t_max`.
-    pub const fn none(t_max: f32) -> Self {
-        Self { t: t_max, u: 0.0, v: 0.0, block: u32::MAX, tri: 0 }
-    }
-
-    /// Whether there is a hit.
-    #[inline(always)]
-    pub fn is_hit(&self) -> bool {
-        self.block != u32::MAX
-    }
-}
-
-/// What walks did; added up over rays, never reset by them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counters {
-    /// Nodes whose children's boxes were tested.
-    pub nodes: u64,
-    /// Leaves visited.
-    pub leaves: u64,
-    /// Cache lines that these are in.
-    pub leaf_lines: u64,
-    /// Triangles tested.
-    pub triangles: u64,
-    /// Times that the walk went from one block to another.
-    pub blocks: u64,
-    /// Ties that primitive ids had to decide.
-    pub ties: u64,
-}
-
-impl std::ops::AddAssign for Counters {
-    fn add_assign(&mut self, o: Self) {
-        self.nodes += o.nodes;
-        self.leaves += o.leaves;
-        self.leaf_lines += o.leaf_lines;
-        self.triangles += o.triangles;
-        self.blocks += o.blocks;
-        self.ties += o.ties;
-    }
-}
 
 /// Something still to visit.
 #[derive(Debug, Clone, Copy)]
@@ -105,10 +41,10 @@ impl Walk {
         Self { stack: Vec::new(), ray, best, counters: Counters::default(), passed: f32::INFINITY }
     }
 
-    /// Puts `ray` at the root of `view`. An invalid ray (see [`LocalRay::is_valid`]) misses all.
-    pub fn begin(&mut self, view: &super::TreeView, ray: &LocalRay) {
+    /// Puts `ray` at the root of `tree`. An invalid ray (see [`LocalRay::is_valid`]) misses all.
+    pub fn begin(&mut self, tree: &impl Rooted, ray: &LocalRay) {
         self.ray = *ray;
-        self.put_at_root(view, ray);
+        self.put_at_root(tree, ray);
     }
 
     /// The best hit so far; [`TriHit::is_hit`] tells whether there is one.
@@ -125,12 +61,12 @@ impl Walk {
     }
 
     #[inline(always)]
-    pub(super) fn put_at_root(&mut self, view: &super::TreeView, ray: &LocalRay) {
+    pub(super) fn put_at_root(&mut self, tree: &impl Rooted, ray: &LocalRay) {
         self.stack.clear();
         self.passed = f32::INFINITY;
         self.best = TriHit::none(ray.t_max);
-        if ray.is_valid() && !view.is_empty() {
-            self.stack.push(Entry { t: ray.t_min, block: view.root_block, child: view.root });
+        if let Some(Place { block, item }) = tree.root().filter(|_| ray.is_valid()) {
+            self.stack.push(Entry { t: ray.t_min, block, child: item });
         }
     }
 }

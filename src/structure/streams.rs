@@ -1,7 +1,25 @@
-//! What is beside the triangles of a block, in the file form: see `codec.rs`, of which these are sections 4 and 5.
+//! Numbers beside the triangles of a block, in blocks of their own that are read only when asked for, in the file form. The same for all
+//! structures: a block of triangles has one of each stream, in the order of its triangles.
+//!
+//! | bytes | content |
+//! |---|---|
+//! | 1 | 4: primitive ids; 5: colours |
+//! | 4 | u32: triangles |
+//! | .. | primitive ids: zigzag differences as variable-length numbers |
+//! | 4 x triangles | colours: red, green, blue, alpha: four runs of u8 |
 
 use super::bytes::{Reader, push_varint, unzigzag, zigzag};
-use super::codec::{COLOURS, Checked, PRIMS, wrong};
+
+/// The result of decoding; else the fault, in a few words.
+type Checked<T> = Result<T, String>;
+
+/// First byte of a payload; a structure's own blocks begin with others.
+const PRIMS: u8 = 4;
+const COLOURS: u8 = 5;
+
+fn wrong<T>(why: &str) -> Checked<T> {
+    Err(why.to_string())
+}
 
 /// Reads kind and count, which are what all of these begin with.
 fn begin<'a>(payload: &'a [u8], kind: u8, other: &str) -> Checked<(Reader<'a>, usize)> {

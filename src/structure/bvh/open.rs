@@ -1,0 +1,74 @@
+//! Trees of an opened file.
+
+use super::decoder::leaves_at;
+use super::layout::Child;
+use super::trace::TreeView;
+use crate::residency::Snapshot;
+use crate::simd::Isa;
+use crate::store::{ModelFile, TreeRow};
+use crate::structure::tree::Visit;
+
+/// Where a tree begins, and how its blocks lie.
+#[derive(Debug, Clone, Copy)]
+pub struct Start {
+    first_block: u32,
+    /// See [`TreeView::leaves_at`].
+    leaves_at: u32,
+    root: u32,
+    /// See [`TreeView::prims_at`].
+    prims_at: u32,
+    /// See [`TreeView::colours_at`].
+    colours_at: Option<u32>,
+}
+
+impl Start {
+    /// Of a tree without blocks.
+    pub const NONE: Self = Self { first_block: 0, leaves_at: 0, root: TreeView::EMPTY, prims_at: 0, colours_at: None };
+
+    /// Of a tree of `file`. Fails with the fault where its root is no node, or its blocks do not add up. Whether the root exists is
+    /// checked when its block is read.
+    pub fn of(file: &ModelFile, row: &TreeRow) -> Result<Self, &'static str> {
+        let child = u32::try_from(row.root).ok().filter(|root| *root <= u32::from(u16::MAX));
+        let is_node = matches!(child.and_then(Child::from_bits), Some(Child::Node(_)));
+        let is_empty = row.block_count == 0;
+        if !(is_node || is_empty) {
+            return Err("the root of its tree does not exist");
+        }
+        let below = row.block_count - row.coarse_blocks;
+        if !below.is_multiple_of(2) || below == 0 && row.block_count > 1 {
+            return Err("its tree has not as many fine blocks as leaf blocks");
+        }
+        let header = file.header();
+        Ok(Self {
+            first_block: row.first_block,
+            leaves_at: leaves_at(row),
+            root: if is_empty { TreeView::EMPTY } else { row.root as u32 },
+            prims_at: header.geometry_blocks,
+            colours_at: header.has_colours.then_some(2 * header.geometry_blocks),
+        })
+    }
+
+    /// The block of the root and the number that it has in there; none for a tree with nothing in it.
+    pub fn root(&self) -> Option<(u32, u32)> {
+        (self.root != TreeView::EMPTY).then_some((self.first_block, self.root))
+    }
+
+    /// The tree in a snapshot.
+    #[inline]
+    pub fn view<'a>(&self, snapshot: &'a Snapshot, reach: f32, isa: Isa, visit: Visit) -> TreeView<'a> {
+        let Visit { never_waits, is_solid, stamp } = visit;
+        TreeView {
+            snapshot,
+            root_block: self.first_block,
+            root: self.root,
+            reach,
+            leaves_at: self.leaves_at,
+            prims_at: self.prims_at,
+            colours_at: self.colours_at,
+            isa,
+            never_waits,
+            is_solid,
+            stamp,
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! From an opened file to its trees, and the decoder that residency is handed.
+
+use super::bvh;
+use super::place::Place;
+use super::tree::{Tree, Visit};
+use super::Structure;
+use crate::base::error::{Error, Result};
+use crate::base::ids::BlockId;
+use crate::math::DBounds;
+use crate::residency::{Decoder, Snapshot};
+use crate::simd::Isa;
+use crate::store::{ModelFile, TreeRow};
+use glam::DVec3;
+
+/// What it takes to trace in a file.
+pub struct Opened {
+    /// Decodes its blocks.
+    pub decoder: Box<dyn Decoder>,
+    /// Its trees, row by row of the file's table.
+    pub trees: Vec<StoredTree>,
+}
+
+/// A tree of a file.
+#[derive(Debug, Clone, Copy)]
+pub struct StoredTree {
+    start: Start,
+    /// Where its own frame has its zero, in mesh coordinates.
+    pub origin: DVec3,
+    /// In its own frame; empty for a tree with nothing in it.
+    pub bounds: DBounds,
+    /// Greatest magnitude of a coordinate in its own frame, above 0.
+    pub reach: f32,
+    /// How far stored vertices may lie from those of the input, in the tree's units.
+    pub position_error: f64,
+}
+
+/// Where a tree begins, by its structure.
+#[derive(Debug, Clone, Copy)]
+enum Start {
+    Bvh(bvh::open::Start),
+}
+
+/// Opens the trees of a file. Fails with `Corrupt` for a structure that is not one of this version, or where a tree's row
+/// contradicts itself.
+pub fn open(file: &ModelFile) -> Result<Opened> {
+    let structure = structure_of(file)?;
+    let header = file.header();
+    let decoder = match structure {
+        Structure::Bvh => Box::new(bvh::BvhDecoder::new(header.geometry_blocks, file.trees())),
+    };
+    let start = |row: &TreeRow| {
+        let start = match structure {
+            Structure::Bvh => bvh::open::Start::of(file, row).map(Start::Bvh),
+        };
+        start.map(|start| stored(row, start)).map_err(|why| Error::corrupt(file.name(), Some(row.first_block), why))
+    };
+    Ok(Opened { decoder, trees: file.trees().iter().map(start).collect::<Result<_>>()? })
+}
+
+/// Checks what no block of a file can check alone: how its blocks hang together. Blocks that are not in memory are passed over.
+/// Fails with the block and the fault.
+pub fn check_links(file: &ModelFile, snapshot: &Snapshot) -> std::result::Result<(), (BlockId, String)> {
+    match structure_of(file) {
+        Ok(Structure::Bvh) => bvh::check_links(snapshot, file.trees()),
+        Err(why) => Err((BlockId(0), why.to_string())),
+    }
+}
+
+/// The name of the structure with a number, see [`Structure`].
+pub fn name(number: u32) -> &'static str {
+    Structure::from_number(number).map_or("unknown", Structure::name)
+}
+
+fn structure_of(file: &ModelFile) -> Result<Structure> {
+    let number = file.header().structure;
+    let unknown = || Error::corrupt(file.name(), None, format!("its structure ({number}) is not one of this version"));
+    Structure::from_number(number).ok_or_else(unknown)
+}
+
+fn stored(row: &TreeRow, start: Start) -> StoredTree {
+    let [a, b, c, d, e, f] = row.bounds.map(f64::from);
+    let is_empty = row.block_count == 0;
+    let reach = row.bounds.iter().filter(|x| x.is_finite()).fold(0.0f32, |r, x| r.max(x.abs()));
+    StoredTree {
+        start,
+        origin: DVec3::from(row.origin),
+        bounds: if is_empty { DBounds::EMPTY } else { DBounds { min: DVec3::new(a, b, c), max: DVec3::new(d, e, f) } },
+        reach: reach.max(f32::MIN_POSITIVE),
+        position_error: row.position_error,
+    }
+}
+
+impl StoredTree {
+    /// The block of the root, which is to stay in memory, and the number that it has in there
+    /// ([`crate::residency::ModelBlocks::expect_number`]); `None` for a tree with nothing in it.
+    pub fn start(&self) -> Option<(BlockId, u32)> {
+        let root = match &self.start {
+            Start::Bvh(own) => own.root(),
+        };
+        root.map(|(block, number)| (BlockId(block), number))
+    }
+
+    /// Where walks begin; `None` for a tree with nothing in it.
+    pub fn root(&self) -> Option<Place> {
+        self.start().map(|(block, item)| Place { block: block.0, item })
+    }
+
+    /// The tree in a snapshot of its file's blocks.
+    #[inline]
+    pub fn view<'a>(&self, snapshot: &'a Snapshot, isa: Isa, visit: Visit) -> Tree<'a> {
+        match &self.start {
+            Start::Bvh(own) => Tree::Bvh(own.view(snapshot, self.reach, isa, visit)),
+        }
+    }
+}
+
+#[cfg(test)]
+impl StoredTree {
+    /// A tree that exists only as bounds.
+    pub fn for_tests(origin: DVec3, bounds: DBounds, reach: f32) -> Self {
+        Self { start: Start::Bvh(bvh::open::Start::NONE), origin, bounds, reach, position_error: 0.0 }
+    }
+}

@@ -1,0 +1,164 @@
+//! One tree of a model, of whatever structure, in one snapshot: what rooms above know of structures.
+//!
+//! An enum and no trait object or type parameter: it is asked once a packet, stream, bundle or walk, never once a node, so the choice
+//! costs nothing beside the answer; a type parameter through the rooms above would copy all kernels once more for each structure
+//! (2 MB each). A structure without packets, streams or bundles of its own falls back to single walks (`fallback.rs`).
+
+use super::bvh;
+use super::cursor::Below;
+use super::filter::PartFilter;
+use super::hit::{Outcome, Triangle, TriHit};
+use super::packet::PacketWalk;
+use super::place::{Place, Rooted};
+use super::walk::Walk;
+use crate::base::ids::BlockId;
+use crate::math::Bounds;
+use crate::residency::Snapshot;
+use crate::simd::Isa;
+
+pub use bvh::trace::{Bundle, Stream};
+
+/// How walks visit a tree.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Visit {
+    /// Cells stand in for blocks that are not in memory. Else walks ask for these.
+    pub never_waits: bool,
+    /// No ray passes a cell that stands in: nothing is before what is hit then.
+    pub is_solid: bool,
+    /// The number of the pass that visits: blocks that it uses stay as long as the pass is needed.
+    pub stamp: u32,
+}
+
+/// One tree of a model in one snapshot. Cheap to make; borrow it for as long as the job lasts.
+#[derive(Debug, Clone, Copy)]
+pub enum Tree<'a> {
+    /// A wide bounding volume hierarchy.
+    Bvh(bvh::trace::TreeView<'a>),
+}
+
+/// Answers with the structure's own view of the tree.
+macro_rules! of_each {
+    ($tree:expr, $own:ident => $answer:expr) => {
+        match $tree {
+            Tree::Bvh($own) => $answer,
+        }
+    };
+}
+
+impl<'a> Tree<'a> {
+    /// Whether nothing is in it.
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.root().is_none()
+    }
+
+    /// Which blocks are in memory.
+    #[inline]
+    pub fn snapshot(&self) -> &'a Snapshot {
+        of_each!(self, own => own.snapshot)
+    }
+
+    /// Finds the closest hit of the ray that `walk` has begun (or goes on after `Pending`).
+    #[inline]
+    pub fn closest(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
+        of_each!(self, own => own.closest(filter, walk))
+    }
+
+    /// Finds any hit of the ray that `walk` has begun (or goes on after `Pending`).
+    #[inline]
+    pub fn any(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
+        of_each!(self, own => own.any(filter, walk))
+    }
+
+    /// Finds the closest hits of the rays that `walk` has begun (or goes on after `Pending`): the same, to
+    /// the bit, as [`Tree::closest`] finds for each alone.
+    #[inline]
+    pub fn closest_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
+        of_each!(self, own => own.closest_together(filter, walk))
+    }
+
+    /// Finds any hit of each ray that `walk` has begun (or goes on after `Pending`). Which one may differ from
+    /// the one that [`Tree::any`] finds; whether there is one does not.
+    #[inline]
+    pub fn any_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
+        of_each!(self, own => own.any_together(filter, walk))
+    }
+
+    /// Finds the closest hits of the first of the rays that `stream` has taken over, as [`Tree::closest`] finds them, at less cost a ray.
+    /// `hits`: as many as rays, [`crate::math::STREAM`] at most. Those in [`Stream::unfinished`] have no answer.
+    #[inline]
+    pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
+        of_each!(self, own => own.closest_each(filter, stream, hits));
+    }
+
+    /// Finds whether each ray hits anything; otherwise like [`Tree::closest_each`]. Which hit is not said.
+    #[inline]
+    pub fn any_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
+        of_each!(self, own => own.any_each(filter, stream, hits));
+    }
+
+    /// Finds the closest hits of the packets of `among` (bit `i`: packet `i`), which were just started in this tree, of such as can go
+    /// together. The rest, all of it where none can, is found by [`Tree::closest_together`] of each packet: call that in any case.
+    #[inline]
+    pub fn closest_in_bundle(&self, filter: Option<&PartFilter>, bundle: &mut Bundle, among: u32) {
+        match self {
+            Tree::Bvh(own) => bundle.closest(own, filter, among),
+        }
+    }
+
+    /// The triangle of a hit; `None` if its block has left the snapshot. Always inlined: as a call it would write the
+    /// struct in small pieces and read it in large ones, which stalls.
+    #[inline(always)]
+    pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
+        of_each!(self, own => own.triangle(hit))
+    }
+
+    /// The primitive id of a hit, or the block that is needed for it.
+    pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
+        of_each!(self, own => own.prim(hit))
+    }
+
+    /// The sRGB colour of a hit's triangle, or the block that is needed; `None` if the model has none.
+    pub fn colour(&self, hit: &TriHit) -> Result<Option<[u8; 4]>, BlockId> {
+        of_each!(self, own => own.colour(hit))
+    }
+
+    /// Whether single triangles have colours.
+    pub fn has_colours(&self) -> bool {
+        of_each!(self, own => own.colours_at.is_some())
+    }
+
+    /// The block that the stand-in of a hit stands in for, if that block is missing.
+    pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
+        of_each!(self, own => own.wanted(hit))
+    }
+
+    /// What is below a place; fails with the block that the place is in if that is not in memory. Counts as a visit.
+    pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
+        of_each!(self, own => own.expand(place, below))
+    }
+
+    /// Around everything that rays can hit, stand-ins too, in the tree's frame; `None` if that is not in memory, or nothing. A ray that meets a
+    /// cell or a leaf has met the boxes of all those above it. (Bounds of triangles will not do: cells are rounded outward.)
+    pub fn around_hits(&self) -> Option<Bounds> {
+        let mut all = Bounds::EMPTY;
+        let mut below = Below { child: &mut |_, bounds, _| all = all.union(*bounds), triangle: &mut |_, _| {} };
+        self.expand(self.root()?, &mut below).ok()?;
+        Some(all)
+    }
+}
+
+impl Rooted for Tree<'_> {
+    #[inline(always)]
+    fn root(&self) -> Option<Place> {
+        of_each!(self, own => own.root())
+    }
+    #[inline(always)]
+    fn reach(&self) -> f32 {
+        of_each!(self, own => own.reach)
+    }
+    #[inline(always)]
+    fn isa(&self) -> Isa {
+        of_each!(self, own => own.isa)
+    }
+}
