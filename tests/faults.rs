@@ -45,7 +45,7 @@ fn whole() -> &'static Whole {
         let (low, high) = tris.split_at(tris.len() / 3);
         let built = built::parts(&[Part::white(5, low.to_vec()), Part::white(6, high.to_vec())]);
         let file = ModelFile::open_path(&built.path).expect("the file");
-        let coarse = file.trees()[0].coarse_blocks;
+        let coarse = file.trees()[0].class_blocks[0];
         let context = built::context(2);
         let (scene, model) = built::scene(&context, &built);
         assert!(model.load(&Cancel::new()).expect("it loads"));

@@ -76,7 +76,7 @@ impl Model {
         let tree = |first_block, block_count, local_parts| TreeRow {
             first_block,
             block_count,
-            coarse_blocks: block_count,
+            class_blocks: [block_count, 0, 0, 0],
             root: 7,
             origin: [1e7, 0.0, -1.0],
             bounds: [-1.0, -2.0, -3.0, 1.0, 2.0, 3.0],
@@ -441,12 +441,19 @@ prop_compose! {
     }
 }
 
+/// Any classes, the first of which has a block if any has.
+fn classes(blocks: u32, seed: u64) -> [u32; 4] {
+    let coarse = (seed as u32 % 4).clamp(blocks.min(1), blocks);
+    let second = (seed >> 8) as u32 % (blocks - coarse + 1);
+    [coarse, second, blocks - coarse - second, 0]
+}
+
 prop_compose! {
     fn any_trees()(rows in prop::collection::vec((0u32..4, any::<u64>(), any::<[f32; 3]>()), 1..4)) -> Vec<TreeRow> {
         let mut first_block = 0;
         rows.into_iter().map(|(block_count, n, p)| {
             let tree = TreeRow {
-                first_block, block_count, coarse_blocks: (n as u32 % 4).clamp(block_count.min(1), block_count), root: n, origin: [f64::from(n as u32), 1e300, -0.5],
+                first_block, block_count, class_blocks: classes(block_count, n), root: n, origin: [f64::from(n as u32), 1e300, -0.5],
                 bounds: [0.0, -1.0, -2.0, f32::MAX, p[0].abs().min(1e30), p[1].abs().min(1.0)].map(|v| if v.is_nan() { 7.0 } else { v }),
                 triangles: n >> 9, references: n >> 8, nodes: n >> 10, leaves: n >> 11, position_error: 1e-30, local_parts: 0, max_stack: n as u32,
             };

@@ -5,7 +5,7 @@ use super::report::{BuildReport, PhaseSeconds};
 use super::seal::{self, Asked, Gathered};
 use super::shares::Shares;
 use super::spool::Spool;
-use super::{BuildOptions, Splits, Structure};
+use super::{BuildOptions, Splits};
 use crate::base::error::{Error, Result};
 use crate::base::memory;
 use crate::base::progress::{Cancel, Phase, Progress};
@@ -55,7 +55,6 @@ impl Builder {
         {
             return Err(Error::bad_argument("metres_per_unit must be finite and greater than 0"));
         }
-        let Structure::Bvh = options.structure;
         let default = MaterialDesc::default();
         let shares = Shares::of(options.memory_budget)?;
         let space = ScratchSpace::new(options.temp_dir.as_deref());

@@ -5,7 +5,7 @@ use super::builder::asked_for_splits;
 use super::distribute::{Bucket, Distributor};
 use super::batch::Batch;
 use super::origin::{self, FAR, Placed};
-use super::output::{Output, Span};
+use super::output::{ClassAside, Output, Span};
 use super::parts::{self, Assembly};
 use super::spool::Spool;
 use super::survey::{self, Batches};
@@ -14,8 +14,7 @@ use crate::base::progress::Phase;
 use crate::base::scratch::Scratch;
 use crate::math::Bounds;
 use crate::store::TreeRow;
-use crate::structure::bvh::build::{self, Chunk, Counts, Crown, Top, TreeInput, TreeOptions, splits_pay};
-use crate::structure::bvh::trace::TreeView;
+use crate::structure::bake::{BakeOp, Baker, Counts, TreeInput, TreeOptions, with_baker};
 use glam::{DVec3, Vec3};
 use std::borrow::Cow;
 use std::time::Instant;
@@ -49,30 +48,44 @@ impl Batches for Waiting<'_> {
     }
 }
 
-impl Output<'_> {
-    /// Builds and writes tree number `index`.
-    pub fn tree(
-        &mut self,
-        spool: Spool,
-        options: &BuildOptions,
-        index: usize,
-        assembly: &mut Assembly,
-        span: Span,
-    ) -> Result<TreeRow> {
+/// A mesh to be built and written as tree number `index`.
+pub struct Mesh<'m, 'o> {
+    pub output: &'m mut Output<'o>,
+    pub spool: Spool,
+    pub options: &'m BuildOptions,
+    pub index: usize,
+    pub assembly: &'m mut Assembly,
+    pub span: Span,
+}
+
+impl Mesh<'_, '_> {
+    /// Builds and writes it; its row in the file.
+    pub fn build(self) -> Result<TreeRow> {
+        with_baker(self.options.structure, self)
+    }
+}
+
+impl BakeOp for Mesh<'_, '_> {
+    type Out = Result<TreeRow>;
+
+    fn run<B: Baker>(self) -> Result<TreeRow> {
+        let Self { output, spool, options, index, assembly, span } = self;
         let row = TreeRow {
-            first_block: self.writer.blocks_written(),
-            root: u64::from(TreeView::EMPTY),
+            first_block: output.writer.blocks_written(),
+            root: B::root().into(),
             local_parts: spool.local_parts,
             ..TreeRow::EMPTY
         };
-        if spool.is_spilled() && spool.triangles > self.shares.chunk {
-            self.in_chunks(spool, options, index, assembly, row, span)
+        if spool.is_spilled() && spool.triangles > output.shares.chunk {
+            output.in_chunks::<B>(spool, options, index, assembly, row, span)
         } else {
-            self.in_one(spool, options, index, assembly, row, span)
+            output.in_one::<B>(spool, options, index, assembly, row, span)
         }
     }
+}
 
-    fn in_one(
+impl Output<'_> {
+    fn in_one<B: Baker>(
         &mut self,
         spool: Spool,
         options: &BuildOptions,
@@ -91,29 +104,29 @@ impl Output<'_> {
             return Ok(row);
         }
         self.report.chunks += 1;
-        let split = asked_for_splits(options.splits).unwrap_or_else(|| splits_pay(&placed.triangles));
+        let split = asked_for_splits(options.splits).unwrap_or_else(|| B::splits_pay(&placed.triangles));
         let (par, cancel) = (self.par, self.cancel);
         let part_colours = assembly.colours(index, row.local_parts);
-        let built = Chunk::build(input(&placed, &part_colours), &self.split(split, 0.0), true, &par, cancel)?;
+        let built = B::build(input(&placed, &part_colours), &self.split(split, 0.0), true, &par, cancel)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         let mut chunk = built.chunk;
-        let plans = chunk.take_plans();
+        let plans = B::take_plans(&mut chunk);
         row.bounds = flat(&built.bounds);
         let span = span.part(0.7, 1.0);
         self.progress.advance(span.0);
         self.progress.enter(Phase::Write);
         let Some(top) = built.top else {
-            (row.block_count, row.coarse_blocks) = (1, 1);
-            self.write_blocks(plans, |plan| chunk.encode(plan), span)?;
-            return Ok(rooted(row, &built.counts));
+            (row.block_count, row.class_blocks[0]) = (1, 1);
+            self.write_blocks(plans, |plan| B::encode(&chunk, plan), span)?;
+            return Ok(counted(row, &built.counts));
         };
-        let crown = Crown::over(vec![top])?;
-        self.coarse(&crown, plans.len(), &mut row)?;
-        self.write_blocks(plans, |plan| chunk.encode(plan), span)?;
+        let crown = B::join(vec![top])?;
+        self.coarse::<B>(&crown, plans.len(), &mut row)?;
+        self.write_blocks(plans, |plan| B::encode(&chunk, plan), span)?;
         Ok(row)
     }
 
-    fn in_chunks(
+    fn in_chunks<B: Baker>(
         &mut self,
         spool: Spool,
         options: &BuildOptions,
@@ -148,16 +161,16 @@ impl Output<'_> {
         }
         self.judged(&found.fates, origin, &mut row);
         assembly.add(index, origin, &found.parts);
-        let split = asked_for_splits(options.splits).unwrap_or_else(|| splits_pay(&found.samples));
+        let split = asked_for_splits(options.splits).unwrap_or_else(|| B::splits_pay(&found.samples));
         self.report.seconds.distribute += begun.elapsed().as_secs_f64();
         let part_colours = assembly.colours(index, row.local_parts);
-        let mut aside = [self.fine_aside(), self.fine_aside()];
+        let mut aside: Vec<ClassAside> = (1..B::CLASSES).map(|_| self.aside()).collect();
         let (mut tops, mut bounds, mut done) = (Vec::new(), Bounds::EMPTY, 0);
         for bucket in &buckets {
             let part = |done: u64| 0.25 + 0.7 * done as f64 / found.fates.kept as f64;
             let here = span.part(part(done), part(done + bucket.triangles));
             done += bucket.triangles;
-            let (top, its_bounds) = self.chunk(bucket, &buckets_in, &part_colours, (split, mesh_half_area), &mut aside, here)?;
+            let (top, its_bounds) = self.chunk::<B>(bucket, &buckets_in, &part_colours, (split, mesh_half_area), &mut aside, here)?;
             tops.push(top);
             bounds = bounds.union(its_bounds);
         }
@@ -167,45 +180,46 @@ impl Output<'_> {
         }
         self.progress.enter(Phase::Write);
         row.bounds = flat(&bounds);
-        let crown = Crown::over(tops)?;
-        let [nodes, leaves] = aside;
-        self.coarse(&crown, nodes.blocks(), &mut row)?;
-        self.write_aside(nodes)?;
-        self.write_aside(leaves)?;
+        let crown = B::join(tops)?;
+        self.coarse::<B>(&crown, aside.first().map_or(0, ClassAside::blocks), &mut row)?;
+        aside.into_iter().try_for_each(|class| self.write_aside(class))?;
         Ok(row)
     }
 
     /// One of several chunks of a mesh.
-    fn chunk(
+    fn chunk<B: Baker>(
         &mut self,
         bucket: &Bucket,
         from: &Scratch,
         part_colours: &[Vec3],
         (split, mesh_half_area): (bool, f32),
-        aside: &mut [super::output::FineAside; 2],
+        aside: &mut [ClassAside],
         span: Span,
-    ) -> Result<(Top, Bounds)> {
+    ) -> Result<(B::Top, Bounds)> {
         let begun = Instant::now();
         let placed = origin::load(&bucket.extents, from, self.has_colours, &self.par, self.cancel)?;
         let (par, cancel) = (self.par, self.cancel);
-        let built = Chunk::build(input(&placed, part_colours), &self.split(split, mesh_half_area), false, &par, cancel)?;
+        let built = B::build(input(&placed, part_colours), &self.split(split, mesh_half_area), false, &par, cancel)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         self.report.chunks += 1;
         let span = span.part(0.7, 1.0);
         self.progress.advance(span.0);
         let mut chunk = built.chunk;
-        self.put_aside(chunk.take_plans(), |plan| chunk.encode(plan), aside, span)?;
+        self.put_aside(B::take_plans(&mut chunk), |plan| B::encode(&chunk, plan), aside, span)?;
         let top = built.top.ok_or_else(|| crate::Error::Internal("a chunk took itself for the whole".into()))?;
         Ok((top, built.bounds))
     }
 
-    /// Writes the coarse blocks, and says in `row` what the tree is with `fine` blocks, and as many leaf blocks, behind them.
-    fn coarse(&mut self, crown: &Crown, fine: usize, row: &mut TreeRow) -> Result<()> {
-        row.coarse_blocks = crown.blocks() as u32;
-        row.block_count = row.coarse_blocks + 2 * fine as u32;
-        *row = rooted(*row, &crown.counts);
+    /// Writes the coarse blocks, and says in `row` how many blocks of each class the tree has where chunks have so many plans: a plan has a
+    /// block of each class but the first.
+    fn coarse<B: Baker>(&mut self, crown: &B::Crown, plans: usize, row: &mut TreeRow) -> Result<()> {
+        let coarse = B::coarse_blocks(crown);
+        row.class_blocks[..B::CLASSES].fill(plans as u32);
+        row.class_blocks[0] = coarse as u32;
+        row.block_count = row.class_blocks.iter().sum();
+        *row = counted(*row, &B::counts(crown));
         let (first, at) = (row.first_block, self.progress.fraction());
-        self.write_blocks((0..crown.blocks()).collect(), |i| (crown.encode(i, first), None), Span(at, at))
+        self.write_blocks((0..coarse).collect(), |i| vec![B::encode_coarse(crown, i, first)], Span(at, at))
     }
 
     fn judged(&mut self, fates: &origin::Fates, origin: DVec3, row: &mut TreeRow) {
@@ -228,10 +242,10 @@ fn input<'a>(placed: &'a Placed, part_colours: &'a [Vec3]) -> TreeInput<'a> {
     TreeInput { triangles, parts, prims, colours, part_colours }
 }
 
-/// With the counts of its tree, which has a root.
-fn rooted(row: TreeRow, counts: &Counts) -> TreeRow {
+/// With the counts of its tree.
+fn counted(row: TreeRow, counts: &Counts) -> TreeRow {
     let Counts { depth, nodes, leaves, references } = *counts;
-    TreeRow { root: build::root().into(), max_stack: 7 * depth + 1, nodes, leaves, references, ..row }
+    TreeRow { max_stack: 7 * depth + 1, nodes, leaves, references, ..row }
 }
 
 fn flat(Bounds { min, max }: &Bounds) -> [f32; 6] {

@@ -6,10 +6,8 @@ use crate::base::error::Result;
 use crate::base::progress::{Cancel, Progress};
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::store::{Aside, EncodedBlock, Writer};
-use crate::structure::Par;
-use crate::structure::bvh::build::TreeBlock;
-use crate::structure::bvh::codec;
-use crate::structure::streams;
+use crate::structure::bake::BakedBlock;
+use crate::structure::{Par, streams};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -55,14 +53,14 @@ struct Encoded {
     trace_bytes: u32,
 }
 
-/// Blocks of a tree put aside: all of them come behind the coarse ones, which are known last.
-pub struct FineAside {
+/// Blocks of one class of a tree put aside: all of them come behind those of the classes before.
+pub struct ClassAside {
     geometry: Aside,
     prims: Aside,
     colours: Aside,
 }
 
-impl FineAside {
+impl ClassAside {
     /// Blocks of geometry.
     pub fn blocks(&self) -> usize {
         self.geometry.len()
@@ -78,52 +76,57 @@ impl FineAside {
 
 impl Output<'_> {
     /// Nothing aside yet.
-    pub fn fine_aside(&self) -> FineAside {
+    pub fn aside(&self) -> ClassAside {
         let aside = || Aside::new(self.shares.aside, &self.space);
-        FineAside { geometry: aside(), prims: aside(), colours: aside() }
+        ClassAside { geometry: aside(), prims: aside(), colours: aside() }
     }
 
-    /// Encodes a block of each of `all` and writes it, and behind all of them their leaf blocks.
-    pub fn write_blocks<P: Send>(
-        &mut self,
-        all: Vec<P>,
-        block: impl Fn(P) -> (TreeBlock, Option<TreeBlock>) + Sync,
-        span: Span,
-    ) -> Result<()> {
-        let mut leaves = self.fine_aside();
+    /// Encodes the blocks of each of `all`; writes the first block of each, and behind all of them the others, class by class.
+    pub fn write_blocks<P: Send>(&mut self, all: Vec<P>, blocks: impl Fn(P) -> Vec<BakedBlock> + Sync, span: Span) -> Result<()> {
+        let mut later: Vec<ClassAside> = Vec::new();
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(all, &par, cancel, |one| encode_both(block(one), has_colours), |(block, leaf_block), done| {
-            self.report.bytes_trace += u64::from(block.trace_bytes);
-            self.writer.encoded_block(block.geometry)?;
-            self.prims.push(block.prims)?;
-            block.colours.map_or(Ok(()), |c| self.colours.push(c))?;
-            leaf_block.map_or(Ok(()), |block| leaves.push(block, &mut self.report))?;
+        each_batch(all, &par, cancel, |one| encode(blocks(one), has_colours), |encoded, done| {
+            for (class, block) in encoded.into_iter().enumerate() {
+                if class > later.len() {
+                    later.push(self.aside());
+                }
+                match class.checked_sub(1) {
+                    Some(class) => later[class].push(block, &mut self.report)?,
+                    None => self.write(block)?,
+                }
+            }
             progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
             progress.advance(span.part(done, 1.0).0);
             Ok(())
         })?;
-        self.write_aside(leaves)
+        later.into_iter().try_for_each(|class| self.write_aside(class))
     }
 
-    /// Encodes a block of each of `all` and puts it aside, and their leaf blocks likewise.
+    fn write(&mut self, block: Encoded) -> Result<()> {
+        self.report.bytes_trace += u64::from(block.trace_bytes);
+        self.writer.encoded_block(block.geometry)?;
+        self.prims.push(block.prims)?;
+        block.colours.map_or(Ok(()), |c| self.colours.push(c))
+    }
+
+    /// Encodes the blocks of each of `all` and puts them aside, class by class.
     pub fn put_aside<P: Send>(
         &mut self,
         all: Vec<P>,
-        block: impl Fn(P) -> (TreeBlock, Option<TreeBlock>) + Sync,
-        [nodes, leaves]: &mut [FineAside; 2],
+        blocks: impl Fn(P) -> Vec<BakedBlock> + Sync,
+        classes: &mut [ClassAside],
         span: Span,
     ) -> Result<()> {
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(all, &par, cancel, |one| encode_both(block(one), has_colours), |(block, leaf_block), done| {
-            nodes.push(block, &mut self.report)?;
-            leaf_block.map_or(Ok(()), |block| leaves.push(block, &mut self.report))?;
+        each_batch(all, &par, cancel, |one| encode(blocks(one), has_colours), |encoded, done| {
+            classes.iter_mut().zip(encoded).try_for_each(|(class, block)| class.push(block, &mut self.report))?;
             progress.advance(span.part(done, 1.0).0);
             Ok(())
         })
     }
 
     /// Writes what was put aside.
-    pub fn write_aside(&mut self, aside: FineAside) -> Result<()> {
+    pub fn write_aside(&mut self, aside: ClassAside) -> Result<()> {
         aside.geometry.write_to(&mut self.writer, self.cancel)?;
         self.progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
         self.prims.append(aside.prims)?;
@@ -154,21 +157,17 @@ fn each_batch<P: Send, T: Send>(
     Ok(())
 }
 
-fn encode_both((block, leaves): (TreeBlock, Option<TreeBlock>), has_colours: bool) -> (Encoded, Option<Encoded>) {
-    let words = leaves.as_ref().map(|leaves| &leaves.words[..]);
-    (encode(&block, words, has_colours), leaves.as_ref().map(|leaves| encode(leaves, None, has_colours)))
-}
-
-/// `leaves`: the words of its leaf block.
-fn encode(block: &TreeBlock, leaves: Option<&[u32]>, has_colours: bool) -> Encoded {
-    let trace_bytes = 4 * block.words.len() as u32;
-    let beside = 4 * block.prims.len() as u32;
-    // Also for a block without triangles: each geometry block has one of colours, or the ids do not fit.
-    let colours = has_colours.then(|| streams::encode_colours(&block.colours));
-    Encoded {
-        geometry: EncodedBlock::encode(&codec::encode_geometry(&block.words, leaves), trace_bytes),
-        prims: EncodedBlock::encode(&streams::encode_prims(&block.prims), beside),
-        colours: colours.map(|c| EncodedBlock::encode(&c, beside)),
-        trace_bytes,
-    }
+fn encode(blocks: Vec<BakedBlock>, has_colours: bool) -> Vec<Encoded> {
+    let one = |block: BakedBlock| {
+        let beside = 4 * block.prims.len() as u32;
+        // Also for a block without triangles: each geometry block has one of colours, or the ids do not fit.
+        let colours = has_colours.then(|| streams::encode_colours(&block.colours));
+        Encoded {
+            geometry: EncodedBlock::encode(&block.payload, block.trace_bytes),
+            prims: EncodedBlock::encode(&streams::encode_prims(&block.prims), beside),
+            colours: colours.map(|c| EncodedBlock::encode(&c, beside)),
+            trace_bytes: block.trace_bytes,
+        }
+    };
+    blocks.into_iter().map(one).collect()
 }

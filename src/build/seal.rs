@@ -1,6 +1,7 @@
 //! The passes from gathered meshes to a sealed file.
 
 use super::BuildOptions;
+use super::mesh::Mesh;
 use super::output::{Output, Span};
 use super::parts::{self, Assembly};
 use super::report::{BuildReport, PhaseSeconds};
@@ -13,7 +14,7 @@ use crate::import::UpAxis;
 use crate::lod::SAMPLE_BYTES;
 use crate::store::{Aside, Drops, Header, Options, TreeRow, Writer};
 use crate::structure::Par;
-use crate::structure::bvh::layout::MAX_TRIANGLES;
+use crate::structure::bake::{BakeOp, Baker, with_baker};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -90,7 +91,8 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         let span = Span(*done, TREES_DONE).part(before / all, (before + size) / all);
         before += size;
         output.trees_left -= 1;
-        rows.push(output.tree(spool, options, index, &mut gathered.assembly, span)?);
+        let mesh = Mesh { output: &mut output, spool, options, index, assembly: &mut gathered.assembly, span };
+        rows.push(mesh.build()?);
         progress.advance(span.1);
     }
     seal(output, &gathered, &rows, options, begun)
@@ -116,11 +118,12 @@ fn seal(
     report.nodes = trees.iter().map(|t| t.nodes).sum();
     report.leaves = trees.iter().map(|t| t.leaves).sum();
     report.blocks = u64::from(geometry_blocks);
-    report.blocks_coarse = trees.iter().map(|t| u64::from(t.coarse_blocks)).sum();
+    report.blocks_coarse = trees.iter().map(|t| u64::from(t.class_blocks[0])).sum();
     report.parts = parts.len() as u64;
     report.trees = trees.len() as u64;
     report.instances = instances.len() as u64;
     let header = Header {
+        structure: options.structure as u32,
         metres_per_unit: gathered.metres_per_unit,
         up: gathered.up as u32,
         bounds: parts::model_bounds(trees, instances),
@@ -135,7 +138,7 @@ fn seal(
         has_colours,
         options: Options {
             spatial_splits: report.spatial_splits,
-            leaf_triangles: MAX_TRIANGLES as u32,
+            leaf_triangles: with_baker(options.structure, LeafTriangles),
             memory_budget: options.memory_budget,
             sample_bytes: SAMPLE_BYTES as u32,
         },
@@ -149,4 +152,15 @@ fn seal(
     let write = (begun.elapsed().as_secs_f64() - distribute - build).max(0.0);
     report.seconds = PhaseSeconds { read: 0.0, distribute, build, write };
     Ok(report)
+}
+
+/// Triangles of a leaf at most.
+struct LeafTriangles;
+
+impl BakeOp for LeafTriangles {
+    type Out = u32;
+
+    fn run<B: Baker>(self) -> u32 {
+        B::LEAF_TRIANGLES
+    }
 }

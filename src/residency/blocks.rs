@@ -27,22 +27,27 @@ pub trait Decoder: Send + Sync {
         u32::MAX
     }
 
-    /// The block that alone hangs below this one.
-    fn leaf_block(&self, id: BlockId) -> Option<BlockId> {
+    /// How the block is kept. A block beyond those that the structure knows is of the default class.
+    fn class(&self, id: BlockId) -> BlockClass {
         let _ = id;
-        None
+        BlockClass::default()
     }
+}
 
-    /// Whether any number of blocks hang below this one: such are kept longest.
-    fn is_coarse(&self, id: BlockId) -> bool {
-        let _ = id;
-        false
-    }
+/// How a block is kept in memory, as its structure declares it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BlockClass {
+    /// Any number of blocks hang below this one: it is kept longest, and read at opening.
+    pub is_coarse: bool,
+    /// The one block that hangs below this one alone: this one counts as used whenever that is.
+    pub below: Option<BlockId>,
+    /// The block is read before it is asked for, where there is room.
+    pub is_read_ahead: bool,
+}
 
-    /// Whether the block is read ahead of being asked for, where there is room.
-    fn is_promoted(&self, id: BlockId) -> bool {
-        let _ = id;
-        true
+impl Default for BlockClass {
+    fn default() -> Self {
+        Self { is_coarse: false, below: None, is_read_ahead: true }
     }
 }
 
@@ -113,7 +118,7 @@ impl ModelBlocks {
                 pinned.store(true, Relaxed);
             }
         }
-        let promoted = (0..count).map(BlockId).filter(|&id| decoder.is_promoted(id));
+        let promoted = (0..count).map(BlockId).filter(|&id| decoder.class(id).is_read_ahead);
         let promoted_bytes = promoted.map(|id| super::load::slot_bytes(&file, id)).sum();
         let inner = Arc::new(Inner {
             key,
@@ -253,7 +258,7 @@ impl Inner {
 
     /// Counts blocks that have come to memory, or are gone from it. Under the lock of what is in memory.
     pub fn count_promoted(&self, ids: impl Iterator<Item = BlockId>, have_come: bool) {
-        let bytes: u64 = ids.filter(|&id| self.decoder.is_promoted(id)).map(|id| self.slot_bytes(id)).sum();
+        let bytes: u64 = ids.filter(|&id| self.decoder.class(id).is_read_ahead).map(|id| self.slot_bytes(id)).sum();
         if have_come {
             self.promoted_there.fetch_add(bytes, Relaxed);
         } else {

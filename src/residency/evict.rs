@@ -1,8 +1,8 @@
 //! Which blocks go first when room is needed.
 //!
-//! A block goes only if no live view stands on a pass that used it, and it is not pinned. Fine and leaf blocks go first, those
-//! that were used longest ago before others; then coarse ones, the highest first: references lead to higher blocks, and a fine
-//! block counts as used whenever its leaf block was, so a block never goes before those below it.
+//! A block goes only if no live view stands on a pass that used it, and it is not pinned. Blocks that are not coarse go first, those
+//! that were used longest ago before others; then coarse ones, the highest first: references lead to higher blocks, and a block with one
+//! other below it counts as used whenever that was, so a block never goes before those below it.
 
 use super::blocks::{Inner, ModelKey};
 use super::core::{After, Shared, State};
@@ -39,7 +39,7 @@ struct Victim {
 
 impl Victim {
     fn of(model: &Inner, id: BlockId, stamp: u32) -> Self {
-        let is_coarse = model.decoder.is_coarse(id);
+        let is_coarse = model.decoder.class(id).is_coarse;
         // Coarse ones go by their number alone.
         Self { is_coarse, stamp: if is_coarse { 0 } else { stamp }, below_top: u32::MAX - id.0, model: model.key }
     }
@@ -155,7 +155,7 @@ impl State {
 /// When the block was last used, if it is in memory and may go.
 fn stamp_of_evictable(model: &Inner, snapshot: &Snapshot, id: BlockId, standing: &[u32; LANES]) -> Option<u32> {
     let mut stamps = snapshot.stamps(id);
-    if let Some(below) = model.decoder.leaf_block(id).filter(|below| snapshot.block(*below).is_some()) {
+    if let Some(below) = model.decoder.class(id).below.filter(|below| snapshot.block(*below).is_some()) {
         let of_leaves = snapshot.stamps(below);
         stamps = std::array::from_fn(|lane| stamps[lane].max(of_leaves[lane]));
     }

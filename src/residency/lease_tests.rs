@@ -29,7 +29,7 @@ fn model(residency: &Residency) -> ModelBlocks {
         writer.block(&id.to_le_bytes(), 4 * WORDS as u32).expect("a block");
     }
     let header = Header { geometry_blocks: BLOCKS, ..Header::default() };
-    let tree = TreeRow { block_count: BLOCKS, coarse_blocks: 1, bounds: [0.0; 6], ..TreeRow::EMPTY };
+    let tree = TreeRow { block_count: BLOCKS, class_blocks: [1, BLOCKS - 1, 0, 0], bounds: [0.0; 6], ..TreeRow::EMPTY };
     writer.finish(&header, &[], &[], &[], &[tree]).expect("a model");
     let source = MemorySource::named("small", std::fs::read(&path).expect("the file"));
     let file = Arc::new(ModelFile::open(Arc::new(source)).expect("a model"));

@@ -39,7 +39,7 @@ mod view;
 mod wakeup;
 
 pub use self::core::{Residency, ResidencyOptions};
-pub use blocks::{Decoder, ModelBlocks, ModelKey};
+pub use blocks::{BlockClass, Decoder, ModelBlocks, ModelKey};
 pub use bring::Held;
 pub use lease::Lease;
 pub use links::Reference;

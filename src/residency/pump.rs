@@ -208,7 +208,7 @@ impl State {
             if is_in_vain || self.resident + lacking > shared.capacity(self) {
                 return None;
             }
-            let is_lacking = |id: &BlockId| model.decoder.is_promoted(*id) && can_be_had(&model, *id);
+            let is_lacking = |id: &BlockId| model.decoder.class(*id).is_read_ahead && can_be_had(&model, *id);
             let left: Vec<BlockId> = (0..model.file.block_count()).rev().map(BlockId).filter(is_lacking).collect();
             if left.is_empty() {
                 model.is_complete.store(true, Relaxed);

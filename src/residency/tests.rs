@@ -30,12 +30,9 @@ impl Decoder for Numbers {
         }
         Ok(vec![id.0; if id.0 < BLOCKS { WORDS } else { 4 }])
     }
-    fn is_coarse(&self, id: BlockId) -> bool {
-        id.0 < COARSE
-    }
-    fn is_promoted(&self, id: BlockId) -> bool {
+    fn class(&self, id: BlockId) -> BlockClass {
         self.looks.fetch_add(1, SeqCst);
-        id.0 < BLOCKS
+        BlockClass { is_coarse: id.0 < COARSE, below: None, is_read_ahead: id.0 < BLOCKS }
     }
 }
 
@@ -57,7 +54,7 @@ fn file(wrong: Option<u32>) -> Vec<u8> {
         writer.block(&payload, words as u32 * 4).expect("a block");
     }
     let header = Header { geometry_blocks: BLOCKS, ..Header::default() };
-    let tree = TreeRow { block_count: BLOCKS, coarse_blocks: COARSE, bounds: [0.0; 6], ..TreeRow::EMPTY };
+    let tree = TreeRow { block_count: BLOCKS, class_blocks: [COARSE, BLOCKS - COARSE, 0, 0], bounds: [0.0; 6], ..TreeRow::EMPTY };
     writer.finish(&header, &[], &[], &[], &[tree]).expect("a model");
     std::fs::read(&path).expect("the file")
 }

@@ -284,7 +284,7 @@ fn first_blocks(file: &ModelFile, budget: u64) -> Vec<BlockId> {
     if all.iter().map(|&id| bytes(id)).sum::<u64>() <= most {
         return all;
     }
-    let coarse = |t: &TreeRow| (0..t.coarse_blocks).map(move |i| (i, t.first_block + i)).collect::<Vec<_>>();
+    let coarse = |t: &TreeRow| (0..t.class_blocks[0]).map(move |i| (i, t.first_block + i)).collect::<Vec<_>>();
     let mut by_depth: Vec<(u32, u32)> = file.trees().iter().flat_map(coarse).collect();
     by_depth.sort_unstable();
     let mut sum = 0;

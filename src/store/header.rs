@@ -10,7 +10,7 @@ pub const MAGIC: [u8; 8] = *b"\x8fOCR\r\n\x1a\n";
 /// First bytes of the footer.
 pub const FOOTER_MAGIC: [u8; 8] = *b"\n\x1a\n\rRCO\x8f";
 /// Major and minor format version that is written, and the newest that is read.
-pub const VERSION: (u16, u16) = (0, 7);
+pub const VERSION: (u16, u16) = (0, 8);
 /// Bytes of the header.
 pub const HEADER_LEN: usize = 256;
 /// Bytes of the footer.
@@ -303,9 +303,9 @@ mod tests {
     fn a_newer_format_says_so_whatever_else_changed() {
         let (header, frame) = sample();
         let mut bytes = encode(&header, &frame);
-        for (version, at) in [((0, 8), 10), ((1, 7), 8)] {
+        for (version, at) in [((0, 9), 10), ((1, 8), 8)] {
             let old = bytes[at];
-            bytes[at] = if at == 8 { 1 } else { 8 };
+            bytes[at] = if at == 8 { 1 } else { 9 };
             assert_eq!(decode(&bytes), Err(HeaderError::Newer(version)));
             assert_eq!(decode(&bytes[..12]), Err(HeaderError::Newer(version)));
             bytes[at] = old;

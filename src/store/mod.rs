@@ -19,6 +19,6 @@ pub use aside::Aside;
 pub use codec::{Codec, EncodedBlock};
 pub use header::{Drops, Header, Options};
 pub use reader::{CheckReport, ModelFile};
-pub use sections::{InstanceRow, MaterialRow, PartRow, TreeRow};
+pub use sections::{CLASSES, InstanceRow, MaterialRow, PartRow, TreeRow};
 pub use source::{CallbackSource, FileSource, MemorySource, Source};
 pub use writer::Writer;

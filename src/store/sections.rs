@@ -15,6 +15,8 @@ pub const EMPTY_BOUNDS_F32: [f32; 6] = {
     let (least, greatest) = (f32::INFINITY, f32::NEG_INFINITY);
     [least, least, least, greatest, greatest, greatest]
 };
+/// Classes of blocks that a structure may have.
+pub const CLASSES: usize = 4;
 /// In the file: a part without a parent.
 const NO_PARENT: u32 = u32::MAX;
 
@@ -84,9 +86,9 @@ pub struct TreeRow {
     pub first_block: u32,
     /// Its geometry blocks.
     pub block_count: u32,
-    /// How many of these, from the first on, are coarse: what all others hang below. At least 1 and at most
-    /// `block_count`, unless that is 0.
-    pub coarse_blocks: u32,
+    /// How many of these are of each class that the structure declares, class by class in their order; they add up to `block_count`. Blocks of
+    /// the first class are coarse, all others hang below them: at least 1, unless there are none at all.
+    pub class_blocks: [u32; CLASSES],
     /// Where tracing begins; the structure's business.
     pub root: u64,
     /// What its f32 positions are relative to, in the tree's own (f64) coordinates; finite.
@@ -114,7 +116,7 @@ impl TreeRow {
     pub const EMPTY: Self = Self {
         first_block: 0,
         block_count: 0,
-        coarse_blocks: 0,
+        class_blocks: [0; CLASSES],
         root: 0,
         origin: [0.0; 3],
         bounds: EMPTY_BOUNDS_F32,
@@ -195,8 +197,9 @@ impl Tables<'_> {
         each(self.trees, "tree", |_, tree| {
             ensure(u64::from(tree.first_block) == next, "its blocks do not follow the tree before")?;
             next += u64::from(tree.block_count);
-            let coarse = u32::from(tree.block_count > 0)..=tree.block_count;
-            ensure(coarse.contains(&tree.coarse_blocks), "its coarse blocks are not some of its blocks")?;
+            let sum: u64 = tree.class_blocks.iter().map(|&blocks| u64::from(blocks)).sum();
+            ensure(sum == u64::from(tree.block_count), "its classes of blocks do not add up")?;
+            ensure(tree.class_blocks[0] > 0 || tree.block_count == 0, "it has no coarse block")?;
             ensure(tree.local_parts as usize <= self.parts.len(), "more parts than there are")?;
             ensure(is_finite(&tree.origin), "bad origin")?;
             check_bounds(&tree.bounds.map(f64::from))?;
@@ -304,7 +307,7 @@ impl FileRow for InstanceRow {
 }
 
 impl FileRow for TreeRow {
-    const LEN: usize = 120;
+    const LEN: usize = 128;
     fn encode(&self, out: &mut Vec<u8>) {
         out.put_u32(self.first_block);
         out.put_u32(self.block_count);
@@ -318,11 +321,10 @@ impl FileRow for TreeRow {
         out.put_f64(self.position_error);
         out.put_u32(self.local_parts);
         out.put_u32(self.max_stack);
-        out.put_u32(self.coarse_blocks);
-        out.put_u32(0);
+        self.class_blocks.iter().for_each(|&blocks| out.put_u32(blocks));
     }
     fn decode(r: &mut ByteReader, _: &mut ByteReader) -> Result<Self, Malformed> {
-        let row = Self {
+        Ok(Self {
             first_block: r.u32()?,
             block_count: r.u32()?,
             root: r.u64()?,
@@ -335,10 +337,8 @@ impl FileRow for TreeRow {
             position_error: r.f64()?,
             local_parts: r.u32()?,
             max_stack: r.u32()?,
-            coarse_blocks: r.u32()?,
-        };
-        r.zeros(4)?;
-        Ok(row)
+            class_blocks: [r.u32()?, r.u32()?, r.u32()?, r.u32()?],
+        })
     }
 }
 

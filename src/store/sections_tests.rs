@@ -14,7 +14,7 @@ const INSTANCE: InstanceRow = InstanceRow {
 const TREE: TreeRow = TreeRow {
     first_block: 0,
     block_count: 2,
-    coarse_blocks: 1,
+    class_blocks: [1, 1, 0, 0],
     root: u64::MAX,
     origin: [1e7, 2.0, 3.0],
     bounds: [-1.0, -1.0, -1.0, 1.0, 1.0, 1.0],
@@ -38,7 +38,7 @@ struct Sample {
 impl Sample {
     fn new() -> Self {
         let parts = vec![part("root", None), part("Schräube ∅3", Some(0)), part("", Some(1))];
-        let trees = vec![TREE, TreeRow { first_block: 2, block_count: 1, ..TREE }];
+        let trees = vec![TREE, TreeRow { first_block: 2, block_count: 1, class_blocks: [1, 0, 0, 0], ..TREE }];
         let header = Header { geometry_blocks: 3, ..Header::default() };
         Self { header, parts, materials: vec![MATERIAL], instances: vec![INSTANCE; 2], trees }
     }
@@ -84,7 +84,7 @@ fn names_must_be_utf8() {
 #[test]
 fn every_documented_range_is_checked() {
     type Damage = (&'static str, fn(&mut Sample));
-    let damage: [Damage; 24] = [
+    let damage: [Damage; 27] = [
         ("own parent", |s| s.parts[1].parent = Some(1)),
         ("later parent", |s| s.parts[1].parent = Some(2)),
         ("no such parent", |s| s.parts[1].parent = Some(9)),
@@ -105,6 +105,9 @@ fn every_documented_range_is_checked() {
         ("overlapping trees", |s| s.trees[1].first_block = 1),
         ("blocks of no tree", |s| s.trees[1].block_count = 0),
         ("blocks that are not", |s| s.trees[1].block_count = u32::MAX),
+        ("classes that do not add up", |s| s.trees[0].class_blocks = [1, 2, 0, 0]),
+        ("no coarse block", |s| s.trees[0].class_blocks = [0, 2, 0, 0]),
+        ("classes that add up beyond 32 bits", |s| s.trees[0].class_blocks = [3, u32::MAX, 0, 0]),
         ("more local parts than parts", |s| s.trees[0].local_parts = 4),
         ("sums beyond 64 bits", |s| s.trees[1].references = u64::MAX),
         ("NaN origin", |s| s.trees[0].origin[0] = f64::NAN),

@@ -51,7 +51,7 @@ fn write(mut writer: Writer) -> Result<u64> {
     writer.finish(&header, &[], &[], &[], &[TREE])
 }
 
-const TREE: TreeRow = TreeRow { block_count: 1, coarse_blocks: 1, bounds: [0.0; 6], ..TreeRow::EMPTY };
+const TREE: TreeRow = TreeRow { block_count: 1, class_blocks: [1, 0, 0, 0], bounds: [0.0; 6], ..TreeRow::EMPTY };
 
 #[test]
 fn a_disk_that_fails_at_any_call_leaves_the_old_file_and_nothing_else() {

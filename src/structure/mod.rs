@@ -8,6 +8,7 @@
 //! hits out). A further one is such a folder, and an arm in the enums of `tree`, `open` and `bake`; no room above names one.
 #![forbid(unsafe_code)]
 
+pub mod bake;
 mod bytes;
 pub mod bvh;
 pub mod cursor;

@@ -2,9 +2,9 @@
 
 use super::codec::{self, Holds, Place};
 use super::codec_leaves::leaves_in_order;
-use super::layout::{Block, Child, INDEX_MASK, MAX_WORDS};
+use super::layout::{Block, COARSE, Child, FINE, INDEX_MASK, MAX_WORDS};
 use crate::base::ids::BlockId;
-use crate::residency::{Decoder, Reference, Snapshot};
+use crate::residency::{BlockClass, Decoder, Reference, Snapshot};
 use crate::store::TreeRow;
 use crate::structure::streams;
 use std::hash::{BuildHasher, RandomState};
@@ -38,15 +38,15 @@ struct TreeBlocks {
 
 /// What to add to a fine block's id for the id of its leaf block; 0 for a tree of one block.
 pub fn leaves_at(tree: &TreeRow) -> u32 {
-    (tree.block_count - tree.coarse_blocks) / 2
+    tree.class_blocks[FINE]
 }
 
 impl BvhDecoder {
     /// For a model of `geometry_blocks` geometry blocks, which `trees` divide among them.
     pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
         let blocks = |t: &TreeRow| TreeBlocks {
-            coarse_end: t.first_block + t.coarse_blocks,
-            fine_end: t.first_block + t.coarse_blocks + leaves_at(t),
+            coarse_end: t.first_block + t.class_blocks[COARSE],
+            fine_end: t.first_block + t.class_blocks[COARSE] + leaves_at(t),
             end: t.first_block + t.block_count,
             leaves_at: leaves_at(t),
             is_one: t.block_count == 1,
@@ -102,18 +102,12 @@ impl Decoder for BvhDecoder {
         block.nodes() as u32
     }
 
-    fn leaf_block(&self, id: BlockId) -> Option<BlockId> {
-        let tree = self.tree_of(id.0).filter(|tree| (tree.coarse_end..tree.fine_end).contains(&id.0))?;
-        Some(BlockId(id.0 + tree.leaves_at))
-    }
-
-    fn is_coarse(&self, id: BlockId) -> bool {
-        self.tree_of(id.0).is_some_and(|tree| id.0 < tree.coarse_end)
-    }
-
-    fn is_promoted(&self, id: BlockId) -> bool {
+    fn class(&self, id: BlockId) -> BlockClass {
         // Primitive ids are read only when asked for.
-        id.0 / self.geometry_blocks.max(1) != 1
+        let is_read_ahead = id.0 / self.geometry_blocks.max(1) != 1;
+        let Some(tree) = self.tree_of(id.0) else { return BlockClass { is_read_ahead, ..BlockClass::default() } };
+        let is_fine = (tree.coarse_end..tree.fine_end).contains(&id.0);
+        BlockClass { is_coarse: id.0 < tree.coarse_end, below: is_fine.then(|| BlockId(id.0 + tree.leaves_at)), is_read_ahead }
     }
 }
 
@@ -151,7 +145,7 @@ pub fn check_links(snapshot: &Snapshot, trees: &[TreeRow]) -> Result<(), (BlockI
                 return Err((id, format!("it refers to a node that block {to} does not have")));
             }
         }
-        let coarse_end = tree.first_block + tree.coarse_blocks;
+        let coarse_end = tree.first_block + tree.class_blocks[COARSE];
         let leaves = BlockId(id.0 + leaves_at(tree));
         if !(coarse_end..coarse_end + leaves_at(tree)).contains(&id.0) {
             continue;

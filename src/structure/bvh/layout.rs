@@ -81,6 +81,14 @@ pub const MAX_TRIANGLES: usize = 8;
 /// Vertices of a leaf, at most.
 pub const MAX_VERTICES: usize = 16;
 
+/// Classes of blocks, in the order in which a tree's blocks lie: nodes over other blocks (or all of a tree of one block), nodes over
+/// leaves, leaves.
+pub const COARSE: usize = 0;
+/// See [`COARSE`].
+pub const FINE: usize = 1;
+/// See [`COARSE`].
+pub const LEAF: usize = 2;
+
 /// What a 16-bit child reference points at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Child {

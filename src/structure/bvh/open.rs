@@ -34,8 +34,9 @@ impl Start {
         if !(is_node || is_empty) {
             return Err("the root of its tree does not exist");
         }
-        let below = row.block_count - row.coarse_blocks;
-        if !below.is_multiple_of(2) || below == 0 && row.block_count > 1 {
+        let [coarse, fine, leaves, none] = row.class_blocks;
+        let is_one = coarse == row.block_count && coarse <= 1;
+        if fine != leaves || none > 0 || fine == 0 && !is_one {
             return Err("its tree has not as many fine blocks as leaf blocks");
         }
         let header = file.header();

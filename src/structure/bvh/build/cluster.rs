@@ -8,7 +8,7 @@
 //! behind all coarse ones, so that a reference always points to a higher block. A tree that fits one block
 //! is that block ([`whole`]).
 
-use super::TreeInput;
+use crate::structure::bake::TreeInput;
 use crate::structure::par::Par;
 use super::refs::Ref;
 use super::tree::{Inner, Sub};

@@ -1,6 +1,6 @@
 //! From a plan to the trace form of its block, or of its two, with the primitive ids and colours beside it.
 
-use super::TreeInput;
+use crate::structure::bake::TreeInput;
 use super::cluster::Plan;
 use super::leaf::LeafShape;
 use super::refs::Ref;

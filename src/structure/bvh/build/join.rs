@@ -6,7 +6,8 @@
 
 use super::cluster::{Home, UnitId};
 use super::tree::{Inner, Piece, Place, Sub};
-use super::{Counts, Top};
+use super::Top;
+use crate::structure::bake::Counts;
 use crate::base::error::{Error, Result};
 use crate::math::Bounds;
 use crate::structure::bvh::layout::WIDTH;

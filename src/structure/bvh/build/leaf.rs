@@ -1,6 +1,6 @@
 //! Leaves: their triangles in order and the vertices that these share.
 
-use super::TreeInput;
+use crate::structure::bake::TreeInput;
 use super::refs::Ref;
 use crate::lod::Content;
 use crate::simd::{Isa, Lanes, Mask, Op, Portable, Simd, dispatch};

@@ -6,6 +6,7 @@
 //! `cluster` (which nodes share a block), `join` (one tree of several), `encode` (trace form).
 //! The result depends on the input and the options only, never on the number of threads.
 
+mod bake;
 mod chop;
 #[cfg(test)]
 mod clip;
@@ -25,79 +26,18 @@ mod spatial;
 mod sweep;
 mod tree;
 
+pub use bake::BvhBaker;
 pub use cluster::Plan;
 pub use encode::TreeBlock;
 pub use spatial::splits_pay;
 
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
-use crate::math::{Bounds, srgb};
 use crate::simd::Isa;
 use crate::structure::bvh::layout::Child;
+use crate::structure::bake::{BuiltChunk, Counts, TreeInput, TreeOptions};
 use crate::structure::par::Par;
-use glam::Vec3;
 use tree::{Inner, Piece, Place, Sub};
-
-/// The triangles of a chunk, around the tree's origin. The first three slices are equally long.
-#[derive(Debug, Clone, Copy)]
-pub struct TreeInput<'a> {
-    /// Corners; finite, of more than zero area.
-    pub triangles: &'a [[Vec3; 3]],
-    /// Local part of each triangle.
-    pub parts: &'a [u32],
-    /// Primitive id of each triangle; ascending.
-    pub prims: &'a [u32],
-    /// sRGB colour of each triangle, or empty. Alpha 0: that of its part.
-    pub colours: &'a [[u8; 4]],
-    /// Linear colour of each local part; those beyond are grey.
-    pub part_colours: &'a [Vec3],
-}
-
-impl TreeInput<'_> {
-    /// Linear colour of a triangle, and whether it is its own.
-    fn colour(&self, triangle: usize) -> (Vec3, bool) {
-        match self.colours.get(triangle) {
-            Some([r, g, b, a]) if *a > 0 => (Vec3::from([*r, *g, *b].map(|c| srgb::decode(f32::from(c) / 255.0))), true),
-            _ => (self.part_colours.get(self.parts[triangle] as usize).copied().unwrap_or(GREY), false),
-        }
-    }
-}
-
-/// Of what has no colour.
-const GREY: Vec3 = Vec3::splat(0.6);
-
-/// Options of a build.
-#[derive(Debug, Clone, Copy)]
-pub struct TreeOptions {
-    /// References that spatial splits may add, as a share of the triangles; 0 for no splits.
-    pub split_budget: f32,
-    /// Half the area of the box of the whole mesh, if this is a part of it: what overlaps little as part of that is not split.
-    /// (By the box of the part, as if it were all, an airliner in three chunks had 9.1 million references instead of 7.6.)
-    pub mesh_half_area: f32,
-}
-
-/// Counts of a tree, or of a part of one.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Nodes on the longest way down, leaves included.
-    pub depth: u32,
-    /// Inner nodes.
-    pub nodes: u64,
-    /// Leaves.
-    pub leaves: u64,
-    /// References to triangles, over all leaves; more than the triangles where splits repeat them.
-    pub references: u64,
-}
-
-impl Counts {
-    /// Adds those of what is below a node; the depth is that below.
-    fn add_below(&mut self, below: Self) {
-        self.depth = self.depth.max(below.depth);
-        self.nodes += below.nodes;
-        self.leaves += below.leaves;
-        self.references += below.references;
-    }
-}
 
 /// The tree over some of a mesh's triangles, or all: fine and leaf blocks, ready to be encoded one by one.
 pub struct Chunk<'a> {
@@ -116,19 +56,6 @@ pub struct Top {
     counts: Counts,
 }
 
-/// What [`Chunk::build`] makes.
-pub struct BuiltChunk<'a> {
-    /// Its blocks.
-    pub chunk: Chunk<'a>,
-    /// What is above them; none if the chunk is the whole mesh and fits one block, which is all there is of
-    /// the tree then.
-    pub top: Option<Top>,
-    /// Bounds of all triangles.
-    pub bounds: Bounds,
-    /// Counts.
-    pub counts: Counts,
-}
-
 impl<'a> Chunk<'a> {
     /// Builds the tree of `input`, which must not be empty and, with `is_whole`, is all of the mesh.
     ///
@@ -139,7 +66,7 @@ impl<'a> Chunk<'a> {
         is_whole: bool,
         par: &Par,
         cancel: &Cancel,
-    ) -> Result<BuiltChunk<'a>> {
+    ) -> Result<BuiltChunk<Chunk<'a>, Top>> {
         let mut refs = refs::make(input.triangles, options.split_budget, par);
         cancel.check()?;
         let tree::Built { children, bounds, counts } = tree::build(input, &mut refs, options.mesh_half_area, par, cancel)?;

@@ -20,7 +20,7 @@
 //! near is sought in the chunk alone, so that at its ends fewer cells are walls of themselves. (`tests/stability/awkward.rs`: closed meshes of
 //! several chunks stay closed all the same.)
 
-use super::TreeInput;
+use crate::structure::bake::TreeInput;
 use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};
 use crate::structure::par::Par;
 use super::refs::Ref;

@@ -5,7 +5,8 @@ use super::leaf::LeafShape;
 use super::refs::Ref;
 use super::sah::Extents;
 use super::tree::{Builder, CLUMP, DEEP, Inner, Piece, Place, Range, Sub, leaf_voxel, pays, wrap_leaves};
-use super::{Counts, sah};
+use super::sah;
+use crate::structure::bake::Counts;
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, WIDTH};
 

@@ -6,7 +6,7 @@ use super::partition::{self, Sides};
 use super::refs::Ref;
 use super::sah::{self, Extents, Split};
 use super::spatial::{self, SpatialSplit};
-use super::{Counts, TreeInput};
+use crate::structure::bake::{Counts, TreeInput};
 use super::cluster::{FINE_WORDS, UnitId};
 use super::collapse::{LEAF_COST, TRIANGLE_COST};
 use super::small::{self, SMALL};

@@ -1,0 +1,72 @@
+//! The bake contract of this structure: chunks, tops and crowns of this folder.
+
+use super::{Chunk, Crown, Plan, Top, TreeBlock, root, splits_pay};
+use crate::base::error::Result;
+use crate::base::progress::Cancel;
+use crate::structure::bake::{BakedBlock, Baker, BuiltChunk, Counts, TreeInput, TreeOptions};
+use crate::structure::bvh::codec;
+use crate::structure::bvh::layout::{LEAF, MAX_TRIANGLES};
+use crate::structure::par::Par;
+use glam::Vec3;
+
+/// Makes the blocks of a `bvh`.
+pub struct BvhBaker;
+
+impl Baker for BvhBaker {
+    const CLASSES: usize = LEAF + 1;
+    const LEAF_TRIANGLES: u32 = MAX_TRIANGLES as u32;
+    type Chunk<'a> = Chunk<'a>;
+    type Plan = Plan;
+    type Top = Top;
+    type Crown = Crown;
+
+    fn splits_pay(triangles: &[[Vec3; 3]]) -> bool {
+        splits_pay(triangles)
+    }
+
+    fn build<'a>(
+        input: TreeInput<'a>,
+        options: &TreeOptions,
+        is_whole: bool,
+        par: &Par,
+        cancel: &Cancel,
+    ) -> Result<BuiltChunk<Chunk<'a>, Top>> {
+        Chunk::build(input, options, is_whole, par, cancel)
+    }
+
+    fn take_plans(chunk: &mut Chunk<'_>) -> Vec<Plan> {
+        chunk.take_plans()
+    }
+
+    fn encode(chunk: &Chunk<'_>, plan: Plan) -> Vec<BakedBlock> {
+        let (block, leaves) = chunk.encode(plan);
+        let first = baked(block, leaves.as_ref().map(|leaves| &leaves.words[..]));
+        std::iter::once(first).chain(leaves.map(|leaves| baked(leaves, None))).collect()
+    }
+
+    fn join(tops: Vec<Top>) -> Result<Crown> {
+        Crown::over(tops)
+    }
+
+    fn coarse_blocks(crown: &Crown) -> usize {
+        crown.blocks()
+    }
+
+    fn encode_coarse(crown: &Crown, index: usize, first_block: u32) -> BakedBlock {
+        baked(crown.encode(index, first_block), None)
+    }
+
+    fn counts(crown: &Crown) -> Counts {
+        crown.counts
+    }
+
+    fn root() -> u32 {
+        root()
+    }
+}
+
+/// `leaves`: the words of its leaf block, if it has one.
+fn baked(block: TreeBlock, leaves: Option<&[u32]>) -> BakedBlock {
+    let TreeBlock { words, prims, colours } = block;
+    BakedBlock { payload: codec::encode_geometry(&words, leaves), trace_bytes: 4 * words.len() as u32, prims, colours }
+}
