@@ -7,9 +7,10 @@ use super::hit::{Hit, HitKind, Want};
 use super::parked::Waits;
 use super::stand_in;
 use super::simple::Simple;
-use crate::math::{PACKET, Ray, STREAM, first_rays};
-use crate::scene::walk::{Found, Need, ScenePacket, SceneStream, SceneView, SceneWalk, Snapshots, Step, bits};
-use crate::scene::{Alike, InOne, SceneState};
+use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
+use crate::scene::stream::SceneStream;
+use crate::scene::walk::{Found, Need, SceneView, SceneWalk, Snapshots, Step};
+use crate::scene::{Alike, Group as SceneGroup, SceneState};
 use std::ops::Range;
 
 /// Rays of a chunk: some tens to hundreds of microseconds of work.
@@ -43,8 +44,7 @@ pub(super) struct Chunk {
     /// Where the groups begin in the batch.
     firsts: [usize; CHUNK / PACKET],
     stream: SceneStream,
-    packet: ScenePacket,
-    in_one: InOne,
+    group: SceneGroup,
     simple: Simple,
     answers: Answers,
     /// What those were filled with.
@@ -62,8 +62,7 @@ impl Default for Chunk {
             found: [Found::nothing(0.0); CHUNK],
             firsts: [0; CHUNK / PACKET],
             stream: SceneStream::of_queries(),
-            packet: ScenePacket::default(),
-            in_one: InOne::default(),
+            group: SceneGroup::default(),
             simple: Simple::default(),
             answers: Answers::NONE,
             want: Want::NOTHING,
@@ -79,8 +78,7 @@ impl Chunk {
         if self.want != task.want {
             (self.want, self.answers) = (task.want, Answers::NONE);
         }
-        self.in_one.begin_batch(view);
-        self.packet.begin_batch();
+        self.group.begin_batch();
         // Groups that go the same way are answered at once, the others gathered. Only the last may be a part of one.
         let (mut gathered, mut end) = (std::mem::take(&mut self.rays), 0);
         for from in (0..count).step_by(PACKET) {
@@ -99,13 +97,7 @@ impl Chunk {
             let group_rays = lent.unwrap_or(room);
             self.unfinished.clear();
             // Into one octant: what a packet needs at the least.
-            let is_answered = alike.is_one_octant()
-                && if view.only_one().is_some() {
-                    self.run_in_one(view, task, group.clone(), group_rays, &alike, hits)
-                } else {
-                    self.run_packet(view, task, group.clone(), group_rays, hits)
-                };
-            if !is_answered {
+            if !(alike.is_one_octant() && self.run_together(view, task, group.clone(), group_rays, &alike, hits)) {
                 if let Some(lent) = lent {
                     *room = *lent;
                 }
@@ -134,44 +126,30 @@ impl Chunk {
         self.unfinished.extend_from_slice(self.stream.unfinished());
     }
 
-    /// Answers a group in a scene that is one placed tree; false if it must go side by side.
-    fn run_in_one(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], alike: &Alike, hits: &impl Hits) -> bool {
+    /// Answers a group together; false if it must go side by side.
+    fn run_together(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], alike: &Alike, hits: &impl Hits) -> bool {
         let met = if task.any {
-            self.in_one.trace::<true>(view, rays, group.len(), alike, task.coherent)
+            self.group.trace::<true>(view, rays, group.len(), alike, task.coherent)
         } else {
-            self.in_one.trace::<false>(view, rays, group.len(), alike, task.coherent)
+            self.group.trace::<false>(view, rays, group.len(), alike, task.coherent)
         };
         let rays = &rays[..group.len()];
         let Some(met) = met else { return false };
         if let Ok(met) = met {
-            let distance = |i| self.in_one.distance(i);
-            let is_early = view.looks_beyond && !alike.is_exact() && self.in_one.passes_early(rays);
-            if !is_early && self.simple.answer(view, task.want, rays, &*self.in_one.walk, distance, met, &mut self.answers) {
+            let distance = |i| self.group.distance(i);
+            let is_early = view.looks_beyond && !alike.is_exact() && self.group.passes_early(rays);
+            if !is_early
+                && let Some(only) = self.group.only()
+                && self.simple.answer(view, only, task.want, rays, self.group.walk(), distance, met, &mut self.answers)
+            {
                 hits.write(self.firsts[group.start / PACKET], &self.answers.hits[..group.len()]);
                 return true;
             }
             for i in 0..group.len() {
-                self.found[group.start + i] = self.in_one.found(view, i, met >> i & 1 == 1);
+                self.found[group.start + i] = self.group.found(i, met >> i & 1 == 1);
             }
         }
         self.answer_traced(view, task, group, rays, met.ok(), hits);
-        true
-    }
-
-    /// Answers a group together; false if it must go side by side.
-    fn run_packet(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], hits: &impl Hits) -> bool {
-        // Nobody has looked at the rays: only the caller's word tells that they are near each other.
-        if !task.coherent {
-            return false;
-        }
-        self.packet.begin(view, rays, first_rays(group.len()));
-        let is_done = trace_whole(view, task, rays, &mut self.packet) == Step::Done;
-        let met = is_done.then(|| {
-            let found = &mut self.found[group.clone()];
-            found.iter_mut().enumerate().for_each(|(i, found)| *found = *self.packet.best(i));
-            hits_of(found)
-        });
-        self.answer_traced(view, task, group.clone(), &rays[..group.len()], met, hits);
         true
     }
 
@@ -208,7 +186,11 @@ impl Chunk {
         let (first, count) = (self.firsts[group.start / PACKET], group.len());
         let found = &self.found[group];
         let early = early(view, rays, found);
-        if lacking | early == 0 && waiting.is_empty() && self.simple.answer(view, task.want, rays, found, |i| found[i].t, met, &mut self.answers) {
+        if lacking | early == 0
+            && waiting.is_empty()
+            && let Some(only) = only_of(found, met)
+            && self.simple.answer(view, only, task.want, rays, found, |i| found[i].t, met, &mut self.answers)
+        {
             return hits.write(first, &self.answers.hits[..count]);
         }
         finish_group(view, task, rays, found, [met, lacking], &mut self.answers, &mut waiting);
@@ -223,13 +205,15 @@ pub(super) fn trace(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWal
     if task.any { view.trace::<true>(ray, walk) } else { view.trace::<false>(ray, walk) }
 }
 
-fn trace_whole(view: &SceneView, task: Task, rays: &[Ray; PACKET], packet: &mut ScenePacket) -> Step {
-    if task.any { view.trace_packet::<true>(rays, packet) } else { view.trace_packet::<false>(rays, packet) }
-}
-
 /// Those that are hits.
 fn hits_of(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.is_hit()) << i)
+}
+
+/// The placed tree that all hits are in; any index where there are none; `None` where they are in several.
+fn only_of(found: &[Found], met: u32) -> Option<u32> {
+    let first = found.get(met.trailing_zeros() as usize).map_or(0, |found| found.placed);
+    bits(met).all(|i| found[i].placed == first).then_some(first)
 }
 
 /// Those that passed stand-ins.

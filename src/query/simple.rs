@@ -7,7 +7,8 @@ use super::hit::{Hit, HitKind, NONE, Want};
 use super::stand_in::within;
 use super::surfaces::{Surfaces, TreeHits};
 use crate::math::{PACKET, Ray};
-use crate::scene::walk::{SceneView, bits};
+use crate::math::bits;
+use crate::scene::walk::SceneView;
 
 /// What is not simple.
 const NOT_SIMPLE: Want = Want(Want::POSITION.0 | Want::ERROR.0 | Want::PRIM.0);
@@ -19,12 +20,13 @@ pub(super) struct Simple {
 }
 
 impl Simple {
-    /// Works out the hits of rays, those of `met` with something in `found`, which they reach at `distance`; false if that is not simple
+    /// Works out the hits of rays, those of `met` with something in `found`, all in the placed tree `only`, which they reach at `distance`; false if that is not simple
     /// for all: then `answers` are not to be used.
     #[allow(clippy::too_many_arguments)] // rays, what they found, and where it goes
     pub fn answer(
         &mut self,
         view: &SceneView,
+        only: u32,
         want: Want,
         rays: &[Ray],
         found: &(impl TreeHits + ?Sized),
@@ -32,7 +34,9 @@ impl Simple {
         met: u32,
         answers: &mut Answers,
     ) -> bool {
-        let Some(only) = view.only_one().filter(|_| !want.any_of(NOT_SIMPLE)) else { return false };
+        if want.any_of(NOT_SIMPLE) {
+            return false;
+        }
         // However the tree is placed.
         if met == 0 {
             answers.begin(0, 0);

@@ -422,7 +422,7 @@ impl Work for Request {
             is_pressed: pressure > 1.0,
             srgb: &self.srgb,
             asks,
-            plain: plain::tree_of(&view, &self.rays, asks),
+            plain: plain::is_plain(&view, &self.rays, asks),
             within: self.rays.rectangle_of(&self.scene.bounds_of_hits()),
         };
         let stop = || self.stop.load(Relaxed);

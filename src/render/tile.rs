@@ -4,7 +4,7 @@ use super::film::{Buffer, Outputs};
 use super::integrators::direct::{ACROSS, DOWN, Direct, Scratch};
 use super::integrators::first::First;
 use crate::math::srgb::Srgb;
-use crate::scene::walk::bits;
+use crate::math::bits;
 use crate::simd::{Op, Simd, dispatch};
 use crate::math::{BUNDLE, PACKET};
 use std::ops::Range;

@@ -8,6 +8,7 @@ use super::state::{Instance, PartStates, Placement, SceneState, State};
 use super::top::TopTree;
 use crate::base::error::{Error, Result};
 use arc_swap::{ArcSwap, Guard};
+use crate::math::DBounds;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -254,6 +255,7 @@ fn place<'a>(draftees: impl Iterator<Item = &'a Draftee>, instances: &[Instance]
     if placed.len() >= 1 << 31 {
         return Err(Error::bad_argument("a scene holds at most 2^31 placed trees"));
     }
-    let bounds: Vec<_> = placed.iter().map(|p| p.bounds).collect();
-    Ok(Placement { top: TopTree::build(&bounds), placed })
+    let around = placed.iter().fold(DBounds::EMPTY, |all, p| all.union(p.bounds));
+    let hits: Vec<_> = placed.iter().map(Placed::hit_bounds).collect();
+    Ok(Placement { bounds: around, top: TopTree::build(&hits), placed })
 }

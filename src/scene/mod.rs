@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub(crate) mod alike;
+pub(crate) mod beam;
 pub mod camera;
 pub mod context;
 pub mod edit;
@@ -11,13 +12,15 @@ pub mod model;
 pub(crate) mod placed;
 pub mod state;
 pub mod top;
-pub(crate) mod in_one;
+pub(crate) mod group;
+pub(crate) mod packet;
+pub(crate) mod stream;
 pub(crate) mod walk;
 
 pub(crate) use alike::Alike;
 pub use camera::Camera;
 pub use edit::Scene;
-pub(crate) use in_one::InOne;
+pub(crate) use group::Group;
 pub use context::{Context, ContextOptions, LogLevel};
 pub use light::{Background, Light, LightKind};
 pub use model::{Model, ModelInfo, ModelMemory, PartInfo};

@@ -32,8 +32,35 @@ pub(crate) struct Placed {
     loss: f64,
     /// How far stored vertices may lie from the input's, in the world.
     pub position_error: f64,
-    /// Around it in the world, rounding included.
+    /// Around its triangles in the world, rounding included.
     pub bounds: DBounds,
+}
+
+/// By how much the bounds of what rays may hit are larger than those of triangles, as a part of the extents: planes of cells, which stand in, are
+/// rounded outward by less than a hundredth of their node's size.
+const CELLS: f64 = 1.0 / 64.0;
+/// The same as a part of the tree's reach: boxes give way by 64 h where rays begin within [`FAR`] reaches (h = 2^-24, see
+/// `structure::bvh::trace::PreparedRay`), and rays from farther away are moved nearer.
+const GIVE: f64 = 1.0 / 4096.0;
+
+/// A ray's place in a placed tree: t in the world is `shift + scale * t` in the tree.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct At {
+    /// Index of the placed tree.
+    pub placed: u32,
+    pub shift: f64,
+    pub scale: f64,
+}
+
+impl At {
+    /// In no tree.
+    pub const NONE: Self = Self { placed: u32::MAX, shift: 0.0, scale: 1.0 };
+
+    /// A distance in the tree as one in the world.
+    #[inline(always)]
+    pub fn in_world(&self, t: f32) -> f64 {
+        self.shift + self.scale * f64::from(t)
+    }
 }
 
 /// A ray in a tree's frame: t in the world is `shift + scale * t` here.
@@ -124,6 +151,14 @@ impl Placed {
             position_error: tree.position_error * stretch,
             bounds,
         }
+    }
+
+    /// Around all that rays may hit in it, stand-ins too, in the world: a ray that misses this box hits nothing in the tree, whichever way it goes.
+    pub fn hit_bounds(&self) -> DBounds {
+        let grown = self.local_bounds.extent() * CELLS + DVec3::splat(self.reach * GIVE);
+        let local = DBounds { min: self.local_bounds.min - grown, max: self.local_bounds.max + grown };
+        let around = local.transformed(&DAffine3 { matrix3: self.linear, translation: self.offset });
+        self.bounds.union(around)
     }
 
     /// A point of the world in the tree's frame. The subtraction comes first: far from zero it is

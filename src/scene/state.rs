@@ -6,7 +6,7 @@ use super::model::Model;
 use super::placed::Placed;
 use super::top::TopTree;
 use crate::math::DBounds;
-use glam::{DAffine3, DVec3};
+use glam::DAffine3;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -93,11 +93,19 @@ pub(crate) struct Instance {
 }
 
 /// Where everything is: shared by states that differ in looks only.
-#[derive(Default)]
 pub(crate) struct Placement {
     /// By instance in the order added, then by the model's own order.
     pub placed: Vec<Placed>,
+    /// Over the boxes of all that rays may hit.
     pub top: TopTree,
+    /// Around all triangles.
+    pub bounds: DBounds,
+}
+
+impl Default for Placement {
+    fn default() -> Self {
+        Self { placed: Vec::new(), top: TopTree::default(), bounds: DBounds::EMPTY }
+    }
 }
 
 /// A scene as it was at a commit: immutable, shared by the jobs that began with it. Thread-safe.
@@ -125,15 +133,12 @@ impl SceneState {
 
     /// Around all instances, hidden ones too, in world space; empty if there is nothing.
     pub fn bounds(&self) -> DBounds {
-        self.placement.top.bounds(|placed| self.placement.placed[placed as usize].bounds)
+        self.placement.bounds
     }
 
-    /// Around all that rays can hit, which stand-ins make more than [`SceneState::bounds`]: planes of cells are rounded outward by
-    /// less than a hundredth of their node's size, and met a little before.
+    /// Around all that rays can hit, in world space: stand-ins reach out of [`SceneState::bounds`].
     pub(crate) fn bounds_of_hits(&self) -> DBounds {
-        let bounds = self.bounds();
-        let slack = bounds.extent() * (1.0 / 64.0) + DVec3::splat(bounds.extent().max_element() * 1e-4);
-        DBounds { min: bounds.min - slack, max: bounds.max + slack }
+        *self.placement.top.around()
     }
 
     /// Bytes of its models' blocks in memory.

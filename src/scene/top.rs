@@ -37,12 +37,19 @@ pub struct Node {
 
 /// Invariants: a child's index is above its parent's, so walks end; every placed tree with bounds that
 /// are not empty is a leaf exactly once; boxes hold all that is below.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct TopTree {
     nodes: Vec<Node>,
     root: Option<NodeRef>,
+    around: DBounds,
     /// Deepest leaf; a depth-first walk needs a stack one deeper at most.
     depth: usize,
+}
+
+impl Default for TopTree {
+    fn default() -> Self {
+        Self { nodes: Vec::new(), root: None, around: DBounds::EMPTY, depth: 0 }
+    }
 }
 
 impl TopTree {
@@ -50,7 +57,8 @@ impl TopTree {
     pub fn build(bounds: &[DBounds]) -> Self {
         let mut order: Vec<u32> =
             (0..bounds.len() as u32).filter(|&i| !bounds[i as usize].is_empty()).collect();
-        let mut tree = Self::default();
+        let around = order.iter().fold(DBounds::EMPTY, |all, &i| all.union(bounds[i as usize]));
+        let mut tree = Self { around, ..Self::default() };
         if order.is_empty() {
             return tree;
         }
@@ -83,13 +91,10 @@ impl TopTree {
         tree
     }
 
-    /// Around all, given what it was built over.
-    pub fn bounds(&self, placed: impl Fn(u32) -> DBounds) -> DBounds {
-        match self.root.map(NodeRef::target) {
-            None => DBounds::EMPTY,
-            Some(Target::Placed(index)) => placed(index),
-            Some(Target::Inner(index)) => self.node(index).bounds[0].union(self.node(index).bounds[1]),
-        }
+    /// Around all that it was built over.
+    #[inline]
+    pub fn around(&self) -> &DBounds {
+        &self.around
     }
 
     /// Where walks begin; `None` if there is nothing.

@@ -5,14 +5,15 @@
 //! packets and interruptions do not change it.
 
 use super::model::Model;
+use super::placed::At;
 use super::state::SceneState;
 use super::top::{NodeRef, Slabs, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
-use crate::math::{PACKET, Ray, STREAM};
+use crate::math::Ray;
 use crate::residency::{Held, Lease, Shown, Snapshot};
 use crate::structure::bvh::layout::Block;
-use crate::structure::{LocalRay, Outcome, PacketWalk, PartFilter, Stream, Tree, TriHit, Triangle, Visit, Walk, Within};
+use crate::structure::{LocalRay, Outcome, PartFilter, Tree, TriHit, Triangle, Visit, Walk, Within};
 
 /// A block that a job needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -138,10 +139,11 @@ impl Found {
     /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree; and where the ray `passed` a stand-in in it, if
     /// that is nearer.
     #[inline]
-    pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, placed: u32, tri: TriHit, passed: f32, shift: f64, scale: f64) {
-        self.passed = self.passed.min(shift + scale * f64::from(passed));
+    pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, at: &At, tri: TriHit, passed: f32) {
+        let placed = at.placed;
+        self.passed = self.passed.min(at.in_world(passed));
         if tri.is_hit() {
-            let t = shift + scale * f64::from(tri.t);
+            let t = at.in_world(tri.t);
             // The tree's walk had the best t rounded up: what it found may still be beyond. Where any
             // will do there is no other to fall back on, and t_max is met to rounding; the first of who looks `beyond` is for that one to judge.
             let takes_any = ANY || beyond && !self.is_hit();
@@ -199,34 +201,29 @@ impl Within for EndsIn<'_> {
 /// The state of one ray in a scene. Reusable.
 #[derive(Debug, Default)]
 pub(crate) struct SceneWalk {
-    todo: Vec<(NodeRef, f64)>,
-    /// The tree that the ray is in.
-    at: Option<At>,
+    /// Where the ray is, and what it has still to visit, the next last.
+    places: Vec<Place>,
+    /// Of the placed tree that the ray is in.
     tree: Walk,
     best: Option<Found>,
 }
 
+/// Something that a ray has still to visit.
 #[derive(Debug, Clone, Copy)]
-struct At {
-    placed: u32,
-    shift: f64,
-    scale: f64,
-}
-
-impl At {
-    fn in_world(&self, t: f32) -> f64 {
-        self.shift + self.scale * f64::from(t)
-    }
+enum Place {
+    /// A node of the top tree, and where the ray enters it.
+    Node(NodeRef, f64),
+    /// A placed tree that the ray is in.
+    Tree(At),
 }
 
 impl SceneWalk {
     /// Puts the ray at the root.
     pub fn begin(&mut self, view: &SceneView, ray: &Ray) {
-        self.todo.clear();
-        self.at = None;
+        self.places.clear();
         self.best = Some(Found::nothing(ray.t_max));
         if ray.can_hit() {
-            self.todo.extend(view.scene.placement.top.root().map(|root| (root, 0.0)));
+            self.places.extend(view.scene.placement.top.root().map(|root| Place::Node(root, 0.0)));
         }
     }
 
@@ -294,265 +291,70 @@ impl<'a> SceneView<'a> {
     pub fn trace<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Step {
         let slabs = Slabs::new(ray);
         let mut best = walk.best();
-        loop {
-            if let Some(at @ At { placed, shift, scale }) = walk.at {
-                let (tree, mut filter) = (self.tree(placed), self.filter(placed));
-                let within = self.within.map(|ends| EndsIn { ends, at });
-                if let Some(within) = &within {
-                    filter = Some(PartFilter { within: Some(within), ..filter.unwrap_or_default() });
+        while let Some(place) = walk.places.pop() {
+            match place {
+                Place::Tree(at) => {
+                    if let Outcome::Pending(block) = self.trace_in::<ANY>(at, &mut walk.tree) {
+                        walk.places.push(place);
+                        return Step::Pending(self.need(at.placed, block));
+                    }
+                    best.offer::<ANY>(self.looks_beyond, &at, walk.tree.best(), walk.tree.passed());
+                    walk.best = Some(best);
+                    if ANY && best.is_hit() {
+                        walk.places.clear();
+                    }
                 }
-                let outcome = if ANY {
-                    tree.any(filter.as_ref(), &mut walk.tree)
-                } else {
-                    tree.closest(filter.as_ref(), &mut walk.tree)
-                };
-                if let Outcome::Pending(block) = outcome {
-                    return Step::Pending(self.need(placed, block));
-                }
-                walk.at = None;
-                best.offer::<ANY>(self.looks_beyond, placed, walk.tree.best(), walk.tree.passed(), shift, scale);
-                walk.best = Some(best);
-                if ANY && best.is_hit() {
-                    return Step::Done;
-                }
-            }
-            let Some((node, enter)) = walk.todo.pop() else { return Step::Done };
-            if enter > best.t {
-                continue;
-            }
-            match node.target() {
-                Target::Placed(placed) => self.enter(ray, placed, best.t, walk),
-                Target::Inner(index) => self.push_children(&slabs, ray, index, best.t, &mut walk.todo),
+                Place::Node(_, enter) if enter > best.t => {}
+                Place::Node(node, _) => match node.target() {
+                    Target::Placed(placed) => {
+                        if let Some(at) = self.enter(ray, placed, best.t, &mut walk.tree) {
+                            walk.places.push(Place::Tree(at));
+                        }
+                    }
+                    Target::Inner(index) => {
+                        let push = |node, enter| walk.places.push(Place::Node(node, enter));
+                        self.for_each_child(&slabs, ray, index, best.t, push);
+                    }
+                },
             }
         }
+        Step::Done
     }
 
-    fn enter(&self, ray: &Ray, placed: u32, best: f64, walk: &mut SceneWalk) {
+    /// Goes on with a walk in a placed tree.
+    #[inline]
+    fn trace_in<const ANY: bool>(&self, at: At, walk: &mut Walk) -> Outcome {
+        let (tree, mut filter) = (self.tree(at.placed), self.filter(at.placed));
+        let within = self.within.map(|ends| EndsIn { ends, at });
+        if let Some(within) = &within {
+            filter = Some(PartFilter { within: Some(within), ..filter.unwrap_or_default() });
+        }
+        if ANY { tree.any(filter.as_ref(), walk) } else { tree.closest(filter.as_ref(), walk) }
+    }
+
+    /// Puts a ray into a placed tree; `None` if it surely hits nothing there before `best`.
+    #[inline]
+    fn enter(&self, ray: &Ray, placed: u32, best: f64, walk: &mut Walk) -> Option<At> {
         if self.seen_by(placed) & ray.mask == 0 {
-            return;
+            return None;
         }
-        let p = &self.scene.placement.placed[placed as usize];
         let mut local = LocalRay::NONE;
-        if let Some((shift, scale)) = p.local(ray, best, self.looks_beyond, &mut local) {
-            walk.tree.begin(&self.tree(placed), &local);
-            walk.at = Some(At { placed, shift, scale });
-        }
+        let p = &self.scene.placement.placed[placed as usize];
+        let (shift, scale) = p.local(ray, best, self.looks_beyond, &mut local)?;
+        walk.begin(&self.tree(placed), &local);
+        Some(At { placed, shift, scale })
     }
 
-    fn push_children(&self, slabs: &Slabs, ray: &Ray, index: u32, best: f64, todo: &mut Vec<(NodeRef, f64)>) {
+    /// Calls `push` with the children of a node of the top tree that a ray meets before `best`, the nearest last, and where it enters them.
+    #[inline]
+    pub(super) fn for_each_child(&self, slabs: &Slabs, ray: &Ray, index: u32, best: f64, mut push: impl FnMut(NodeRef, f64)) {
         let node = self.scene.placement.top.node(index);
         let enter = [0, 1].map(|side| slabs.enter(&node.bounds[side], ray.t_min, best));
         let far = usize::from(enter[0] <= enter[1]);
-        // The far one first, so that the near one is popped next.
         for side in [far, 1 - far] {
             if let Some(t) = enter[side] {
-                todo.push((node.child[side], t));
+                push(node.child[side], t);
             }
         }
     }
-}
-
-/// Single rays side by side in a scene. Reusable.
-pub(crate) struct SceneStream {
-    pub(super) tree: Stream,
-    /// Shift and scale of each ray in the tree.
-    pub(super) moved: Box<[(f64, f64); STREAM]>,
-    pub(super) hits: Box<[TriHit; STREAM]>,
-    alone: SceneWalk,
-    pub(super) unfinished: Vec<u32>,
-}
-
-impl Default for SceneStream {
-    fn default() -> Self {
-        Self {
-            tree: Stream::new(),
-            moved: Box::new([(0.0, 1.0); STREAM]),
-            hits: Box::new([TriHit::none(0.0); STREAM]),
-            alone: SceneWalk::default(),
-            unfinished: Vec::new(),
-        }
-    }
-}
-
-impl SceneStream {
-    /// See [`Stream::of_queries`].
-    pub fn of_queries() -> Self {
-        Self { tree: Stream::of_queries(), ..Self::default() }
-    }
-
-    /// Rays of the last call without an answer.
-    pub fn unfinished(&self) -> &[u32] {
-        &self.unfinished
-    }
-}
-
-/// The state of a packet's rays in a scene. Reusable.
-pub(crate) struct ScenePacket {
-    todo: Vec<(NodeRef, u32)>,
-    at: Option<u32>,
-    /// Shift and scale of each ray in the tree that the packet is in.
-    moved: [(f64, f64); PACKET],
-    inside: u32,
-    tree: PacketWalk,
-    best: [Found; PACKET],
-    slabs: Vec<Slabs>,
-    /// Rays that still look for something.
-    active: u32,
-}
-
-impl Default for ScenePacket {
-    fn default() -> Self {
-        Self {
-            todo: Vec::new(),
-            at: None,
-            moved: [(0.0, 1.0); PACKET],
-            inside: 0,
-            tree: PacketWalk::new(),
-            best: [Found::nothing(0.0); PACKET],
-            slabs: Vec::new(),
-            active: 0,
-        }
-    }
-}
-
-impl ScenePacket {
-    /// See [`PacketWalk::begin_batch`].
-    pub fn begin_batch(&mut self) {
-        self.tree.begin_batch();
-    }
-
-    /// Puts the rays of `active` (bit `i`: ray `i`) at the root.
-    pub fn begin(&mut self, view: &SceneView, rays: &[Ray; PACKET], active: u32) {
-        self.todo.clear();
-        self.at = None;
-        self.active = 0;
-        for (i, it) in rays.iter().enumerate() {
-            (self.best[i].t, self.best[i].placed, self.best[i].passed) = (it.t_max, NOTHING, f64::INFINITY);
-            self.active |= (active >> i & u32::from(it.can_hit())) << i;
-        }
-        let Some(root) = view.scene.placement.top.root() else { return };
-        if let Target::Inner(_) = root.target() {
-            self.slabs.clear();
-            self.slabs.extend(rays.iter().map(Slabs::new));
-        }
-        self.todo.push((root, self.active));
-    }
-
-    /// The best hit so far of ray `i`.
-    #[inline]
-    pub fn best(&self, i: usize) -> &Found {
-        &self.best[i]
-    }
-}
-
-impl SceneView<'_> {
-    /// A packet's rays together: the same hits as [`SceneView::trace`] finds for each alone.
-    pub fn trace_packet<const ANY: bool>(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Step {
-        loop {
-            if let Some(placed) = walk.at {
-                let (tree, filter) = (self.tree(placed), self.filter(placed));
-                let outcome = if ANY {
-                    tree.any_together(filter.as_ref(), &mut walk.tree)
-                } else {
-                    tree.closest_together(filter.as_ref(), &mut walk.tree)
-                };
-                if let Outcome::Pending(block) = outcome {
-                    return Step::Pending(self.need(placed, block));
-                }
-                walk.at = None;
-                for i in bits(walk.inside) {
-                    let (shift, scale) = walk.moved[i];
-                    walk.best[i].offer::<ANY>(self.looks_beyond, placed, walk.tree.best(i), walk.tree.passed()[i], shift, scale);
-                    if ANY && walk.best[i].is_hit() {
-                        walk.active &= !(1 << i);
-                    }
-                }
-            }
-            let Some((node, mask)) = walk.todo.pop() else { return Step::Done };
-            match node.target() {
-                Target::Placed(placed) => self.enter_packet(rays, placed, mask & walk.active, walk),
-                Target::Inner(index) => self.push_children_packet(rays, index, mask & walk.active, walk),
-            }
-        }
-    }
-
-    fn enter_packet(&self, rays: &[Ray; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
-        let p = &self.scene.placement.placed[placed as usize];
-        let seen_by = self.seen_by(placed);
-        walk.inside = 0;
-        let mut local = LocalRay::NONE;
-        for i in bits(mask) {
-            if rays[i].mask & seen_by != 0
-                && let Some(moved) = p.local(&rays[i], walk.best[i].t, self.looks_beyond, &mut local)
-            {
-                walk.tree.set(i, &local);
-                walk.moved[i] = moved;
-                walk.inside |= 1 << i;
-            }
-        }
-        if walk.inside != 0 {
-            walk.tree.start(&self.tree(placed), walk.inside);
-            walk.at = Some(placed);
-        }
-    }
-
-    fn push_children_packet(&self, rays: &[Ray; PACKET], index: u32, mask: u32, walk: &mut ScenePacket) {
-        let node = self.scene.placement.top.node(index);
-        let mut met = [0u32; 2];
-        let mut nearest = [f64::INFINITY; 2];
-        for i in bits(mask) {
-            for side in 0..2 {
-                if let Some(t) = walk.slabs[i].enter(&node.bounds[side], rays[i].t_min, walk.best[i].t) {
-                    met[side] |= 1 << i;
-                    nearest[side] = nearest[side].min(t);
-                }
-            }
-        }
-        let far = usize::from(nearest[0] <= nearest[1]);
-        for side in [far, 1 - far] {
-            if met[side] != 0 {
-                walk.todo.push((node.child[side], met[side]));
-            }
-        }
-    }
-
-    /// The one placed tree of a scene that has one.
-    #[inline]
-    pub fn only_one(&self) -> Option<u32> {
-        match self.scene.placement.top.root()?.target() {
-            Target::Placed(placed) => Some(placed),
-            Target::Inner(_) => None,
-        }
-    }
-
-    /// Single rays side by side, but for [`FEW`] and less: what [`SceneView::trace`] finds for each, at less cost where the scene is one placed
-    /// tree. `rays`: [`STREAM`] at most; `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need
-    /// a block, or must go alone; they are to be begun anew.
-    pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
-        walk.unfinished.clear();
-        if let Some(placed) = self.only_one().filter(|_| rays.len() > FEW) {
-            return self.each_in_one::<ANY>(placed, rays, walk, found);
-        }
-        for (i, it) in rays.iter().enumerate() {
-            walk.alone.begin(self, it);
-            match self.trace::<ANY>(it, &mut walk.alone) {
-                Step::Done => found[i] = walk.alone.best(),
-                Step::Pending(_) => walk.unfinished.push(i as u32),
-            }
-        }
-    }
-}
-
-/// Rays that go one after the other, at most: so few take longer to begin side by side than to walk.
-const FEW: usize = 4;
-
-/// The set bits of a mask, by number.
-pub(crate) fn bits(mut mask: u32) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        (mask != 0).then(|| {
-            let i = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            i
-        })
-    })
 }

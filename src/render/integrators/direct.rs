@@ -16,8 +16,10 @@ use crate::query::{HitKind, NONE};
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::placed::not_below;
-use crate::scene::walk::{Found, Need, ScenePacket, SceneView, Step, bits};
-use crate::scene::{Alike, InOne, Light};
+use crate::math::bits;
+use crate::scene::packet::ScenePacket;
+use crate::scene::walk::{Found, Need, SceneView, Step};
+use crate::scene::{Alike, Group, Light};
 use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::math::PACKET;
 use crate::structure::Triangle;
@@ -52,7 +54,7 @@ pub(crate) struct Asks {
 /// Memory of a worker, and the pixels of its packet.
 pub(crate) struct Scratch {
     camera: ScenePacket,
-    pub(super) in_one: InOne,
+    pub(super) group: Group,
     pub(super) plain: Plain,
     found: [Found; PACKET],
     pub(super) shadow: ScenePacket,
@@ -64,7 +66,7 @@ impl Scratch {
     pub fn new() -> Self {
         Self {
             camera: ScenePacket::default(),
-            in_one: InOne::default(),
+            group: Group::default(),
             plain: Plain::default(),
             found: [Found::nothing(0.0); PACKET],
             shadow: ScenePacket::default(),
@@ -87,8 +89,8 @@ pub(crate) struct Direct<'a> {
     pub is_pressed: bool,
     pub srgb: &'a Srgb,
     pub asks: Asks,
-    /// See [`super::plain::tree_of`].
-    pub plain: Option<u32>,
+    /// See [`super::plain::is_plain`].
+    pub plain: bool,
     /// Beyond these points of the picture nothing is seen; if that is known.
     pub within: Option<[DVec2; 2]>,
 }
@@ -221,7 +223,7 @@ impl Direct<'_> {
 
     /// Goes through surfaces, front to back, until nothing is let through.
     ///
-    /// `met`: the rays that hit something, if they were traced already, in the scratch's `in_one`.
+    /// `met`: the rays that hit something, if they were traced already, in the scratch's `group`.
     fn layers(&self, lanes: &mut Lanes, mut active: u32, met: Option<u32>, first: bool, scratch: &mut Scratch) -> Result<(), Need> {
         if first {
             scratch.first = First::NOTHING;
@@ -231,7 +233,7 @@ impl Direct<'_> {
                 break;
             }
             let (hits, passed) = match met.filter(|_| layer == 0) {
-                Some(met) => self.found_in_one(met, scratch),
+                Some(met) => self.found_together(met, scratch),
                 None => self.trace(&lanes.rays, active, layer == 0, scratch)?,
             };
             if first && layer == 0 {
@@ -272,11 +274,11 @@ impl Direct<'_> {
     /// Finds what rays hit; returns those that hit something and those that passed stand-ins before, of `active` and perhaps others. `all`:
     /// most of them are active.
     fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<(u32, u32), Need> {
-        let Scratch { camera, in_one, found, .. } = scratch;
-        let together = if all { in_one.trace::<false>(&self.view, rays, PACKET, &Alike::of(rays), true) } else { None };
+        let Scratch { camera, group, found, .. } = scratch;
+        let together = if all { group.trace::<false>(&self.view, rays, PACKET, &Alike::of(rays), true) } else { None };
         if let Some(hits) = together {
             let hits = hits?;
-            return Ok(self.found_in_one(hits, scratch));
+            return Ok(self.found_together(hits, scratch));
         }
         camera.begin(&self.view, rays, active);
         if let Step::Pending(need) = self.view.trace_packet::<false>(rays, camera) {
@@ -292,11 +294,11 @@ impl Direct<'_> {
     }
 
     /// Takes over what the rays of `hits` were found to hit together; returns these, and those that passed stand-ins.
-    fn found_in_one(&self, hits: u32, scratch: &mut Scratch) -> (u32, u32) {
+    fn found_together(&self, hits: u32, scratch: &mut Scratch) -> (u32, u32) {
         for i in bits(hits) {
-            scratch.found[i] = scratch.in_one.found(&self.view, i, true);
+            scratch.found[i] = scratch.group.found(i, true);
         }
-        (hits, scratch.in_one.have_passed())
+        (hits, scratch.group.have_passed())
     }
 
     /// The surface that was found; and, if it is `seen` first, what is asked of that.

@@ -1,4 +1,4 @@
-//! Plain packets of pictures, worked out in vectors from the pixel to its colour: one placed tree that is not turned, seen in
+//! Plain packets of pictures, worked out in vectors from the pixel to its colour: of rays that enter one placed tree, which is not turned, seen in
 //! perspective, lit by headlights, opaque where the rays hit it, and nothing asked for that takes double precision or what is
 //! beside the triangles. All others, and those that meet what is missing, go through `direct.rs`, which this agrees with to the
 //! bit.
@@ -8,10 +8,13 @@ use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::material::{Gloss, Material, powers};
 use crate::query::surfaces::Surfaces;
 use crate::query::NONE;
-use crate::scene::in_one::{CameraRays, CameraTree};
+use super::first::First;
+use crate::scene::beam::Beam;
+use crate::scene::group::{CameraRays, CameraTree};
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
-use crate::scene::walk::{SceneView, bits};
+use crate::math::bits;
+use crate::scene::walk::SceneView;
 use crate::simd::{Op, Simd, dispatch};
 use crate::math::{BUNDLE, PACKET};
 use crate::structure::Bundle;
@@ -30,6 +33,9 @@ pub(super) struct Plain {
     /// The packets of a tile, and those of them that were begun there.
     bundle: Bundle,
     begun: u32,
+    /// The placed tree of each of these.
+    placed: [u32; BUNDLE],
+    entered: Vec<u32>,
 }
 
 #[repr(C, align(64))]
@@ -66,56 +72,105 @@ impl Plain {
 pub(super) enum Outcome {
     /// It is done.
     Done,
-    /// It is not plain; these of its rays hit something, as the scratch's `in_one` has it.
+    /// It is not plain; these of its rays hit something, as the scratch's `group` has it.
     Met(u32),
     /// It is not plain.
     NotPlain,
 }
 
-/// The placed tree of plain packets, if a picture can have such.
-pub(crate) fn tree_of(view: &SceneView, rays: &PixelRays, asks: Asks) -> Option<u32> {
-    let placed = view.only_one()?;
+/// Whether a picture can have plain packets.
+pub(crate) fn is_plain(view: &SceneView, rays: &PixelRays, asks: Asks) -> bool {
     let is_lit_plainly = view.scene.lights.iter().all(|light| light.kind == LightKind::Headlight);
-    let p = &view.scene.placement.placed[placed as usize];
-    // From farther away rays are moved nearer.
-    let is_near = |offset: DVec3| (rays.eye() - offset).abs().max_element() < f64::from(p.near());
-    let is_unturned = p.only_shifted().is_some_and(is_near);
-    let asks_little = !asks.prims && !asks.precise && !view.tree(placed).has_colours();
-    (is_lit_plainly && is_unturned && rays.is_perspective() && asks_little).then_some(placed)
+    is_lit_plainly && rays.is_perspective() && !asks.prims && !asks.precise
 }
 
-impl Direct<'_> {
+/// The placed trees that the rays of a packet may enter.
+enum Entered<'a> {
+    None,
+    /// One, which plain packets go through.
+    Plain(CameraTree<'a>),
+    Others,
+}
+
+impl<'v> Direct<'v> {
+    /// Makes the rays of a packet's pixels, and tells which placed trees they may enter.
+    fn enter(&self, pixels: &Pixels, rows: &mut Rows, entered: &mut Vec<u32>) -> Entered<'v> {
+        self.make_rays(pixels, rows);
+        let ends = rows.dir.each_ref().map(|row| row.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[a, b], x| [a.min(*x), b.max(*x)]));
+        let eye = self.rays.eye();
+        let is_few = self.view.entered(&Beam::from_point(eye, ends, 0.0, u32::MAX), f64::INFINITY, entered);
+        match entered[..] {
+            [] => Entered::None,
+            [placed] if is_few => self.plain_tree(placed).map_or(Entered::Others, Entered::Plain),
+            _ => Entered::Others,
+        }
+    }
+
+    /// A placed tree, if plain packets go through it.
+    fn plain_tree(&self, placed: u32) -> Option<CameraTree<'v>> {
+        let p = &self.view.scene.placement.placed[placed as usize];
+        // From farther away rays are moved nearer.
+        let is_near = |offset: DVec3| (self.rays.eye() - offset).abs().max_element() < f64::from(p.near());
+        p.only_shifted().filter(|&offset| is_near(offset))?;
+        CameraTree::of(&self.view, placed).filter(|camera| !camera.tree.has_colours())
+    }
+
     /// Begins the plain ones of a tile's packets, and traces them for as far as they go together. `packets`: of each its pixels, and those of them that count.
     pub(crate) fn begin(&self, packets: &[(Pixels, u32); BUNDLE], scratch: &mut Scratch) {
-        let Plain { rows, bundle, begun, .. } = &mut scratch.plain;
+        let Plain { rows, bundle, begun, placed, entered, .. } = &mut scratch.plain;
         *begun = 0;
-        let Some(camera) = self.plain.and_then(|_| CameraTree::of(&self.view)) else { return };
-        for (i, (pixels, active)) in packets.iter().enumerate() {
-            if *active != 0 && !self.is_empty(pixels) {
-                let rays = self.camera_rays(pixels, rows);
-                *begun |= u32::from(camera.start(&rays, *active, bundle.packet(i))) << i;
-            }
+        if !self.plain {
+            return;
         }
-        camera.tree.closest_in_bundle(camera.filter.as_ref(), bundle, *begun);
+        let mut last: Option<CameraTree> = None;
+        for (i, (pixels, active)) in packets.iter().enumerate() {
+            if *active == 0 || self.is_empty(pixels) {
+                continue;
+            }
+            let Entered::Plain(camera) = self.enter(pixels, rows, entered) else { continue };
+            // Packets of a bundle are in one tree.
+            if let Some(last) = last.take_if(|last| last.placed != camera.placed) {
+                self.trace_begun(&last, placed, *begun, bundle);
+            }
+            placed[i] = camera.placed;
+            let rays = CameraRays { eye: self.rays.eye(), dir: &rows.dir, width: &rows.width };
+            *begun |= u32::from(camera.start(&rays, *active, bundle.packet(i))) << i;
+            last = Some(camera);
+        }
+        if let Some(last) = last {
+            self.trace_begun(&last, placed, *begun, bundle);
+        }
+    }
+
+    /// Traces those of the packets that were begun in a placed tree for as far as they go together.
+    fn trace_begun(&self, camera: &CameraTree, placed: &[u32; BUNDLE], begun: u32, bundle: &mut Bundle) {
+        let among = bits(begun).filter(|&i| placed[i] == camera.placed).fold(0, |all, i| all | 1 << i);
+        camera.tree.closest_in_bundle(camera.filter.as_ref(), bundle, among);
     }
 
     /// Makes the rays of a packet's pixels.
-    fn camera_rays<'a>(&self, pixels: &Pixels, rows: &'a mut Rows) -> CameraRays<'a> {
+    fn make_rays(&self, pixels: &Pixels, rows: &mut Rows) {
         dispatch(self.isa(), MakeRays { rays: self.rays, pixels, rows });
-        CameraRays { eye: self.rays.eye(), dir: &rows.dir, width: &rows.width }
     }
 
-    /// Traces a packet: as it was [begun](Self::begin) under its number, if it was, or else its pixels. `None` if it is not plain.
-    fn trace_plain(&self, pixels: &Pixels, active: u32, number: Option<usize>, scratch: &mut Scratch) -> Option<u32> {
-        let Scratch { in_one, plain: Plain { rows, bundle, begun, .. }, .. } = scratch;
+    /// Traces a packet: as it was [begun](Self::begin) under its number, if it was, or else its pixels. Returns the placed tree that the rays enter, if
+    /// they enter any, and those that hit something; `None` if the packet is not plain.
+    fn trace_plain(&self, pixels: &Pixels, active: u32, number: Option<usize>, scratch: &mut Scratch) -> Option<(Option<u32>, u32)> {
+        let Scratch { group, plain: Plain { rows, bundle, begun, placed, entered, .. }, .. } = scratch;
         let Some(i) = number.filter(|i| *begun >> i & 1 == 1) else {
-            let rays = self.camera_rays(pixels, rows);
-            return in_one.trace_camera(&self.view, &rays, active)?.ok();
+            let camera = match self.enter(pixels, rows, entered) {
+                Entered::None => return Some((None, 0)),
+                Entered::Plain(camera) => camera,
+                Entered::Others => return None,
+            };
+            let rays = CameraRays { eye: self.rays.eye(), dir: &rows.dir, width: &rows.width };
+            let met = group.trace_camera(&self.view, &camera, &rays, active)?.ok()?;
+            return Some((Some(camera.placed), met));
         };
-        let met = CameraTree::of(&self.view)?.go_on(&self.view, bundle.packet(i)).ok()?;
+        let met = CameraTree::of(&self.view, placed[i])?.go_on(&self.view, bundle.packet(i)).ok()?;
         rows.dir = *bundle.packet(i).dirs();
-        in_one.take(bundle.packet(i));
-        Some(met)
+        group.take(placed[i], bundle.packet(i));
+        Some((Some(placed[i]), met))
     }
 
     /// Renders one sample of the pixels of `active`: the [light](Plain::light) of each, and, of the first sample, what is seen
@@ -128,12 +183,21 @@ impl Direct<'_> {
         number: Option<usize>,
         scratch: &mut Scratch,
     ) -> Outcome {
-        let Some(placed) = self.plain else { return Outcome::NotPlain };
-        let Some(met) = self.trace_plain(pixels, active, number, scratch) else { return Outcome::NotPlain };
-        let Scratch { in_one, plain: Plain { surfaces, rows, .. }, .. } = scratch;
+        if !self.plain {
+            return Outcome::NotPlain;
+        }
+        let Some((placed, met)) = self.trace_plain(pixels, active, number, scratch) else { return Outcome::NotPlain };
+        let Scratch { group, plain: Plain { surfaces, rows, .. }, .. } = scratch;
+        let Some(placed) = placed else {
+            rows.lit = rows_of(backs);
+            if pixels.sample == 0 {
+                scratch.first = First::NOTHING;
+            }
+            return Outcome::Done;
+        };
         let (eye, dir) = (self.rays.eye(), &rows.dir);
         let ray = |i: usize| (eye, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
-        if !surfaces.look::<true>(&self.view, placed, ray, &*in_one.walk, met) {
+        if !surfaces.look::<true>(&self.view, placed, ray, group.walk(), met) {
             return Outcome::Met(met);
         }
         surfaces.each(self.isa(), &rows.dir, &mut rows.normal, &mut rows.part);
@@ -174,10 +238,10 @@ impl Direct<'_> {
 
     /// What is seen first in each pixel.
     fn note_first(&self, placed: u32, met: u32, scratch: &mut Scratch) {
-        let Scratch { in_one, plain: Plain { surfaces, rows, .. }, first, .. } = scratch;
-        let (cells, walk) = (surfaces.cells(), &in_one.walk);
+        let Scratch { group, plain: Plain { surfaces, rows, .. }, first, .. } = scratch;
+        let (cells, walk) = (surfaces.cells(), group.walk());
         (first.met, first.lod, first.missing, first.inexact) = (met, cells, 0, cells);
-        first.passed = in_one.have_passed();
+        first.passed = group.have_passed();
         if cells != 0 {
             surfaces.errors(&self.view, placed, self.rays.eye(), walk, &mut rows.error);
             for i in 0..PACKET {

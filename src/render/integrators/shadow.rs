@@ -6,7 +6,9 @@ use crate::base::ids::BlockId;
 use crate::render::wants::Wants;
 use crate::query::stand_in;
 use crate::math::{Cone, Ray};
-use crate::scene::walk::{Found, Need, ScenePacket, Step, bits};
+use crate::math::bits;
+use crate::scene::packet::ScenePacket;
+use crate::scene::walk::{Found, Need, Step};
 use crate::math::PACKET;
 
 impl Direct<'_> {

@@ -1,0 +1,143 @@
+//! The rays of a group as boxes see them: all between extremes, so that one test tells for all of them that none meets a box.
+
+use super::alike::Alike;
+use crate::math::{DBounds, Ray, bits};
+use glam::DVec3;
+
+/// The extremes of some rays.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Beam {
+    /// Least and greatest origin, axis by axis.
+    org: [DVec3; 2],
+    /// Least and greatest direction, axis by axis; and their reciprocals.
+    dir: [[f64; 2]; 3],
+    inv: [[f64; 2]; 3],
+    /// No ray begins before.
+    t_min: f64,
+    /// The masks of all rays together.
+    pub mask: u32,
+    /// What a difference of coordinates may be off by.
+    aside: f64,
+}
+
+/// More than a few products and quotients are rounded by.
+const MORE: f64 = 1.0 + 16.0 * f64::EPSILON;
+
+impl Beam {
+    fn between(org: [DVec3; 2], dir: [[f64; 2]; 3], t_min: f64, mask: u32) -> Self {
+        let aside = org[0].abs().max(org[1].abs()).max_element() * (4.0 * f64::EPSILON);
+        let inv = dir.map(|ends| ends.map(f64::recip));
+        Self { org, dir, inv, t_min: if t_min > 0.0 { t_min } else { 0.0 }, mask, aside }
+    }
+
+    /// Of rays from one point with directions between extremes.
+    pub fn from_point(eye: DVec3, dirs: [[f32; 2]; 3], t_min: f64, mask: u32) -> Self {
+        Self::between([eye; 2], dirs.map(|ends| ends.map(f64::from)), t_min, mask)
+    }
+
+    /// Of `rays`, at least one; `alike`: the traits that they share.
+    #[inline]
+    pub fn of(rays: &[Ray], alike: &Alike) -> Self {
+        let first = &rays[0];
+        let (mut org, mut t_min, mut mask) = ([first.origin; 2], first.t_min, first.mask);
+        if !alike.is_one_start() {
+            for ray in rays {
+                org = [org[0].min(ray.origin), org[1].max(ray.origin)];
+                t_min = t_min.min(ray.t_min);
+            }
+        }
+        if alike.mask().is_none() {
+            mask = rays.iter().fold(0, |all, ray| all | ray.mask);
+        }
+        Self::between(org, alike.dirs().map(|ends| ends.map(f64::from)), t_min, mask)
+    }
+
+    /// Of those of `rays` that are in `among` (bit `i`: ray `i`); `None` if there are none.
+    pub fn among(rays: &[Ray], among: u32) -> Option<Self> {
+        let first = rays.get(among.trailing_zeros() as usize)?;
+        let mut org = [first.origin; 2];
+        let (mut least, mut greatest, mut t_min, mut mask) = (first.dir, first.dir, first.t_min, 0);
+        for ray in bits(among).map(|i| &rays[i]) {
+            org = [org[0].min(ray.origin), org[1].max(ray.origin)];
+            (least, greatest) = (least.min(ray.dir), greatest.max(ray.dir));
+            (t_min, mask) = (t_min.min(ray.t_min), mask | ray.mask);
+        }
+        let dir = [0, 1, 2].map(|axis| [f64::from(least[axis]), f64::from(greatest[axis])]);
+        Some(Self::between(org, dir, t_min, mask))
+    }
+
+    /// No ray enters the box before the distance that is returned; `None` if surely none meets it up to `t_max`. There is no way along any
+    /// direction of the beam that is within the box on all axes at once.
+    #[inline]
+    pub fn enter(&self, b: &DBounds, t_max: f64) -> Option<f64> {
+        let (mut enter, mut leave) = (self.t_min, t_max);
+        for axis in 0..3 {
+            let low = b.min[axis] - self.org[1][axis] - self.aside;
+            let high = b.max[axis] - self.org[0][axis] + self.aside;
+            let ([least, greatest], [slow, fast]) = (self.dir[axis], self.inv[axis]);
+            if low > 0.0 {
+                if greatest <= 0.0 {
+                    return None;
+                }
+                // The fastest ray comes there first.
+                enter = enter.max(low * fast);
+            } else if high < 0.0 {
+                if least >= 0.0 {
+                    return None;
+                }
+                enter = enter.max(high * slow);
+            }
+            // The slowest ray leaves last, if none stays.
+            if least > 0.0 {
+                leave = leave.min(high * slow);
+            } else if greatest < 0.0 {
+                leave = leave.min(low * fast);
+            }
+        }
+        // Not so where anything is not a number.
+        if enter > leave * MORE { None } else { Some(enter / MORE) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::top::Slabs;
+    use glam::Vec3;
+
+    /// Against the slabs of single rays between the extremes: where one of them meets the box, the beam does, and no later.
+    #[test]
+    fn a_beam_meets_every_box_that_one_of_its_rays_meets() {
+        let mut state = 1u32;
+        let mut next = |low: f64, high: f64| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            low + (high - low) * f64::from(state >> 8) / f64::from(1 << 24)
+        };
+        let (mut meet, mut missed) = (0, 0);
+        for round in 0..30_000 {
+            let min = DVec3::new(next(-3.0, 2.0), next(-3.0, 2.0), next(-3.0, 2.0));
+            let b = DBounds { min, max: min + DVec3::new(next(0.0, 2.0), next(0.0, 2.0), next(0.0, 2.0)) };
+            let (at, toward) = (DVec3::new(next(-4.0, 4.0), next(-4.0, 4.0), next(-4.0, 4.0)), [next(-1.0, 1.0), next(-1.0, 1.0), next(-1.0, 1.0)]);
+            let (spread, apart) = (next(0.0, 0.3), if round % 2 == 0 { 0.0 } else { next(0.0, 0.5) });
+            let mut rays = [Ray::NONE; 32];
+            for ray in &mut rays {
+                let dir = Vec3::from(toward.map(|d| if round % 7 == 0 { 0.0 } else { (d + next(-spread, spread)) as f32 }));
+                let from = at + DVec3::new(next(0.0, apart), next(0.0, apart), next(0.0, apart));
+                *ray = Ray::new(from, if dir == Vec3::ZERO { Vec3::X } else { dir });
+            }
+            let entered = |ray: &Ray| Slabs::new(ray).enter(&b, 0.0, 10.0);
+            let first = rays.iter().filter_map(entered).fold(f64::INFINITY, f64::min);
+            match Beam::of(&rays, &Alike::of(&rays)).enter(&b, 10.0) {
+                Some(enter) => assert!(enter <= first, "{b:?}: {enter}, {first}"),
+                None => {
+                    assert!(first == f64::INFINITY, "{b:?}: {first}");
+                    missed += 1;
+                }
+            }
+            meet += usize::from(first < f64::INFINITY);
+        }
+        assert!(meet > 1000 && missed > 10_000, "{meet}, {missed}");
+        let nothing = Beam::from_point(DVec3::ONE, [[f32::NAN; 2]; 3], 0.0, 1);
+        assert!(nothing.enter(&DBounds { min: DVec3::ZERO, max: DVec3::ONE }, 1.0).is_some());
+    }
+}

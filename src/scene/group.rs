@@ -1,0 +1,381 @@
+//! Groups of rays in a scene: which placed trees do they enter, and then together through each. Most groups enter one tree, or none,
+//! however many a scene has: that tree is told by the beam of the group, and the rays go into it in vectors.
+
+use super::alike::Alike;
+use super::beam::Beam;
+use super::placed::Placed;
+use super::top::Target;
+use super::packet::ScenePacket;
+use super::walk::{Found, NOTHING, Need, SceneView, Step};
+use crate::math::{PACKET, Ray, bits, first_rays};
+use crate::structure::{LocalRay, Outcome, PacketWalk, PartFilter, Tree};
+use glam::DVec3;
+
+/// Shift and scale of rays that were not moved.
+const UNMOVED: (f64, f64) = (0.0, 1.0);
+
+/// Up to a packet's rays together in a scene. Reusable.
+pub(crate) struct Group {
+    walk: Box<PacketWalk>,
+    /// For rays that cannot go together.
+    others: Box<PacketWalk>,
+    /// The placed tree that `walk` was in, if the rays enter no other.
+    only: Option<u32>,
+    /// Shift and scale of each ray in that tree, if any was moved.
+    moved: [(f64, f64); PACKET],
+    is_moved: bool,
+    /// Of rays that enter several trees.
+    scene: ScenePacket,
+    entered: Vec<u32>,
+}
+
+impl Default for Group {
+    fn default() -> Self {
+        Self {
+            walk: Box::default(),
+            others: Box::default(),
+            only: None,
+            moved: [UNMOVED; PACKET],
+            is_moved: false,
+            scene: ScenePacket::default(),
+            entered: Vec::new(),
+        }
+    }
+}
+
+/// Placed trees that are looked for with a beam; rays that enter more go tree by tree, each where it meets the tree's bounds.
+const FEW: usize = 4;
+
+impl SceneView<'_> {
+    /// The placed trees that rays of a beam may enter up to `t_max`, which see them, into `out`; false if they are more than [`FEW`].
+    pub fn entered(&self, beam: &Beam, t_max: f64, out: &mut Vec<u32>) -> bool {
+        out.clear();
+        let top = &self.scene.placement.top;
+        let Some(root) = top.root().filter(|_| beam.enter(top.around(), t_max).is_some()) else { return true };
+        let mut todo = [root; TODO];
+        let mut count = 1;
+        while count > 0 {
+            count -= 1;
+            match todo[count].target() {
+                Target::Placed(placed) if self.seen_by(placed) & beam.mask == 0 => {}
+                Target::Placed(placed) => {
+                    if out.len() == FEW {
+                        return false;
+                    }
+                    out.push(placed);
+                }
+                Target::Inner(index) => {
+                    let node = top.node(index);
+                    for side in [1, 0] {
+                        if beam.enter(&node.bounds[side], t_max).is_some() {
+                            todo[count] = node.child[side];
+                            count += 1;
+                        }
+                    }
+                    if count + 2 > TODO {
+                        return false;
+                    }
+                }
+            }
+        }
+        true
+    }
+}
+
+/// Places of the top tree that are still to be looked at, at most: as a depth-first walk holds one for each level.
+const TODO: usize = 64;
+
+impl Group {
+    /// See [`PacketWalk::begin_batch`].
+    pub fn begin_batch(&mut self) {
+        self.walk.begin_batch();
+        self.scene.begin_batch();
+    }
+
+    /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]) or pass by; else `None`. Returns those that hit
+    /// something, or the block that some ray needs: then they are to be begun anew, each alone. The first `count` are rays; `alike`: of
+    /// these, maybe with widths that count as none since.
+    pub fn trace<const ANY: bool>(
+        &mut self,
+        view: &SceneView,
+        rays: &[Ray; PACKET],
+        count: usize,
+        alike: &Alike,
+        says: bool,
+    ) -> Option<Result<u32, Need>> {
+        // (How far each ray goes is not looked at: most go for ever.)
+        let is_few = view.entered(&Beam::of(&rays[..count], alike), f64::INFINITY, &mut self.entered);
+        match self.entered[..] {
+            [] => {
+                (self.only, self.is_moved) = (Some(NOTHING), false);
+                self.walk.miss();
+                Some(Ok(0))
+            }
+            [placed] => self.trace_in::<ANY>(view, placed, (rays, count), alike, says),
+            [first, ..] => {
+                if !(says || is_few && self.are_near(view, first, (rays, count), alike)) {
+                    return None;
+                }
+                self.only = None;
+                self.scene.begin(view, rays, first_rays(count));
+                if let Step::Pending(need) = view.trace_packet::<ANY>(rays, &mut self.scene) {
+                    return Some(Err(need));
+                }
+                Some(Ok((0..count).fold(0, |all, i| all | u32::from(self.scene.best(i).is_hit()) << i)))
+            }
+        }
+    }
+
+    /// Whether rays go the same way from points near each other, as the first of the trees that they enter sees it.
+    fn are_near(&mut self, view: &SceneView, placed: u32, rays: (&[Ray; PACKET], usize), alike: &Alike) -> bool {
+        let tree = view.tree(placed);
+        self.begin_in(view, placed, &tree, rays, alike);
+        self.walk.is_coherent(&tree, false)
+    }
+
+    /// Starts rays in a placed tree.
+    #[inline(always)]
+    fn begin_in(&mut self, view: &SceneView, placed: u32, tree: &Tree, (rays, count): (&[Ray; PACKET], usize), alike: &Alike) {
+        let p = &view.scene.placement.placed[placed as usize];
+        let seen_by = view.seen_by(placed);
+        let Self { walk, moved, is_moved, .. } = self;
+        let one_start = one_start(p, &rays[0], alike, seen_by);
+        let is_unmoved = set_unmoved(p, tree, (rays, count), (alike, one_start), (seen_by, view.looks_beyond), walk);
+        *is_moved = !(is_unmoved && walk.is_within(tree, count, p.near()));
+        let active = if *is_moved { set_moved(p, &rays[..count], (seen_by, view.looks_beyond), walk, moved) } else { first_rays(count) };
+        walk.start(tree, active);
+    }
+
+    /// [`Group::trace`] of rays that enter one placed tree.
+    fn trace_in<const ANY: bool>(
+        &mut self,
+        view: &SceneView,
+        placed: u32,
+        rays: (&[Ray; PACKET], usize),
+        alike: &Alike,
+        says: bool,
+    ) -> Option<Result<u32, Need>> {
+        let (tree, filter) = (view.tree(placed), view.filter(placed));
+        self.only = Some(placed);
+        self.begin_in(view, placed, &tree, rays, alike);
+        if !self.walk.is_coherent(&tree, says) {
+            return None;
+        }
+        let outcome = if ANY {
+            tree.any_together(filter.as_ref(), &mut self.walk)
+        } else {
+            tree.closest_together(filter.as_ref(), &mut self.walk)
+        };
+        if let Outcome::Pending(block) = outcome {
+            return Some(Err(view.need(placed, block)));
+        }
+        let mut hits = self.walk.found();
+        for i in bits(hits) {
+            // The walk had the greatest distance rounded up: what it found may still be beyond. Where any will do there is no
+            // other to fall back on, and it is met to rounding; a walk that looks beyond is judged later.
+            let is_within = ANY || view.looks_beyond || self.distance(i) <= rays.0[i].t_max;
+            hits &= !(u32::from(!is_within) << i);
+        }
+        Some(Ok(hits))
+    }
+
+    /// The placed tree that all the rays went through in [`Group::walk`], or an index of none where they all pass by; `None` if they went through
+    /// several.
+    #[inline]
+    pub fn only(&self) -> Option<u32> {
+        self.only
+    }
+
+    /// The walk through the [only](Self::only) tree.
+    #[inline]
+    pub fn walk(&self) -> &PacketWalk {
+        &self.walk
+    }
+
+    /// [`Group::trace`] of those in `active` of a camera's rays that enter one placed tree. `None`: they must be traced otherwise.
+    pub fn trace_camera(&mut self, view: &SceneView, camera: &CameraTree, rays: &CameraRays, active: u32) -> Option<Result<u32, Need>> {
+        self.only = Some(camera.placed);
+        let Self { walk, others, .. } = self;
+        self.is_moved = false;
+        let (mut are_apart, mut left) = (false, active);
+        loop {
+            if !camera.set(rays, walk) {
+                return None;
+            }
+            let class = if are_apart { walk.alike(left) } else { active };
+            walk.start(&camera.tree, class);
+            if !are_apart && !walk.is_coherent(&camera.tree, true) {
+                // Those to either side of a plane through the eye go one after the other.
+                are_apart = true;
+                continue;
+            }
+            if let Err(need) = camera.go_on(view, walk) {
+                return Some(Err(need));
+            }
+            if left != active {
+                walk.join(class, others);
+            }
+            left &= !class;
+            if left == 0 {
+                return Some(Ok(walk.found()));
+            }
+            std::mem::swap(walk, others);
+        }
+    }
+
+    /// Takes over a walk of camera's rays through a placed tree, in exchange for another.
+    pub fn take(&mut self, placed: u32, walk: &mut Box<PacketWalk>) {
+        std::mem::swap(&mut self.walk, walk);
+        (self.only, self.is_moved) = (Some(placed), false);
+    }
+
+    /// How far ray `i` goes to its hit.
+    #[inline]
+    pub fn distance(&self, i: usize) -> f64 {
+        if self.only.is_none() { self.scene.best(i).t } else { self.in_world(i, self.walk.distances()[i]) }
+    }
+
+    #[inline]
+    fn in_world(&self, i: usize, t: f32) -> f64 {
+        let (shift, scale) = if self.is_moved { self.moved[i] } else { UNMOVED };
+        shift + scale * f64::from(t)
+    }
+
+    /// Rays that passed a stand-in on their ways to their hits, or as far as they go.
+    #[inline]
+    pub fn have_passed(&self) -> u32 {
+        if self.only.is_none() {
+            return (0..PACKET).fold(0, |all, i| all | u32::from(self.scene.best(i).has_passed()) << i);
+        }
+        let (passed, t) = (self.walk.passed(), self.walk.distances());
+        // Not where both are infinite.
+        (0..PACKET).fold(0, |all, i| all | u32::from(passed[i] <= t[i].min(f32::MAX)) << i)
+    }
+
+    /// Whether one of the rays passed a cell before it begins.
+    pub fn passes_early(&self, rays: &[Ray]) -> bool {
+        let passed = |i: usize| if self.only.is_none() { self.scene.best(i).passed } else { self.in_world(i, self.walk.passed()[i]) };
+        rays.iter().enumerate().any(|(i, ray)| ray.t_min > 0.0 && passed(i) < ray.t_min)
+    }
+
+    /// The hit of ray `i`; `met`: it hits something.
+    #[inline]
+    pub fn found(&self, i: usize, met: bool) -> Found {
+        let Some(only) = self.only else { return *self.scene.best(i) };
+        let placed = if met { only } else { NOTHING };
+        Found { t: self.distance(i), placed, tri: self.walk.best(i), passed: self.in_world(i, self.walk.passed()[i]) }
+    }
+}
+
+/// Rays of a camera that all begin at `eye` and are near each other.
+pub(crate) struct CameraRays<'a> {
+    pub eye: DVec3,
+    /// Axis by axis.
+    pub dir: &'a [[f32; PACKET]; 3],
+    /// Of each at distance 1.
+    pub width: &'a [f32; PACKET],
+}
+
+/// A placed tree that a camera's rays only have to be shifted into, and that they see.
+pub(crate) struct CameraTree<'a> {
+    pub placed: u32,
+    offset: DVec3,
+    near: f32,
+    pub tree: Tree<'a>,
+    pub filter: Option<PartFilter<'a>>,
+}
+
+impl<'a> CameraTree<'a> {
+    /// A placed tree, if it is one.
+    pub fn of(view: &SceneView<'a>, placed: u32) -> Option<Self> {
+        let p = &view.scene.placement.placed[placed as usize];
+        let (tree, filter) = (view.tree(placed), view.filter(placed));
+        Some(Self { placed, offset: p.only_shifted()?, near: p.near(), tree, filter })
+    }
+
+    /// Puts rays into a walk, to be started; false if they must be traced otherwise.
+    fn set(&self, rays: &CameraRays, walk: &mut PacketWalk) -> bool {
+        let org = (rays.eye - self.offset).as_vec3();
+        walk.set_all_but_dirs(&LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE });
+        walk.set_dirs(rays.dir, rays.width) && walk.is_within(&self.tree, PACKET, self.near)
+    }
+
+    /// Starts a walk with those of the rays in `active`; false if they must be traced otherwise.
+    pub fn start(&self, rays: &CameraRays, active: u32, walk: &mut PacketWalk) -> bool {
+        if !self.set(rays, walk) {
+            return false;
+        }
+        walk.start(&self.tree, active);
+        walk.is_coherent(&self.tree, true)
+    }
+
+    /// Goes on with a walk to its end: the rays that hit something.
+    pub fn go_on(&self, view: &SceneView, walk: &mut PacketWalk) -> Result<u32, Need> {
+        match self.tree.closest_together(self.filter.as_ref(), walk) {
+            Outcome::Done => Ok(walk.found()),
+            Outcome::Pending(block) => Err(view.need(self.placed, block)),
+        }
+    }
+}
+
+/// Where rays that all begin where the first does do so in the tree's frame, if they are taken there by nothing but a subtraction, have an interval, and see
+/// the tree.
+#[inline(always)]
+fn one_start(p: &Placed, first: &Ray, alike: &Alike, seen_by: u32) -> Option<DVec3> {
+    let offset = p.only_shifted()?;
+    let do_see = alike.mask().is_some_and(|mask| mask & seen_by != 0);
+    (alike.is_one_start() && first.has_interval() && do_see).then(|| first.origin - offset)
+}
+
+/// Takes rays into the tree's frame by nothing but a subtraction; false if that will not do for all. ([`PacketWalk::is_within`] may say so still.)
+#[inline(always)]
+fn set_unmoved(
+    p: &Placed,
+    tree: &Tree,
+    (rays, count): (&[Ray; PACKET], usize),
+    (alike, one_start): (&Alike, Option<DVec3>),
+    (seen_by, beyond): (u32, bool),
+    walk: &mut PacketWalk,
+) -> bool {
+    let Some(offset) = p.only_shifted() else { return false };
+    let mut local = LocalRay::NONE;
+    if alike.is_one_start() {
+        let it = &rays[0];
+        let Some(origin) = one_start else { return false };
+        local.org = origin.as_vec3();
+        let least = || rays[..count].iter().fold(f32::INFINITY, |least, it| least.min(it.dir.abs().max_element()));
+        [local.t_min, local.t_max] = p.ends([it.t_min, it.t_max], origin, least, beyond);
+        walk.set_all_but_dirs(&local);
+        walk.set_dirs_of(tree, rays, alike.is_exact());
+        return true;
+    }
+    let mut is_fine = true;
+    for (i, it) in rays.iter().enumerate().take(count) {
+        is_fine &= it.mask & seen_by != 0 && it.has_interval();
+        let origin = it.origin - offset;
+        local.org = origin.as_vec3();
+        local.dir = it.dir;
+        local.cone = LocalRay::cone_of(it.cone, it.dir);
+        [local.t_min, local.t_max] = p.ends([it.t_min, it.t_max], origin, || it.dir.abs().max_element(), beyond);
+        walk.set(i, &local);
+    }
+    is_fine
+}
+
+/// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.
+#[inline(never)]
+fn set_moved(p: &Placed, rays: &[Ray], (seen_by, beyond): (u32, bool), walk: &mut PacketWalk, moved: &mut [(f64, f64); PACKET]) -> u32 {
+    let mut active = 0;
+    let mut local = LocalRay::NONE;
+    for (i, it) in rays.iter().enumerate().take(PACKET) {
+        if it.mask & seen_by != 0
+            && let Some(way) = p.local(it, it.t_max, beyond, &mut local)
+        {
+            moved[i] = way;
+            active |= 1 << i;
+            walk.set(i, &local);
+        }
+    }
+    active
+}
+

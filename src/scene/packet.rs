@@ -1,0 +1,162 @@
+//! A packet's rays together in a scene of any trees: they go down the top tree as a beam, and into each placed tree with those of them that meet its
+//! box. Like walks of single rays, a packet can be put down at a missing block and taken up again.
+
+use super::beam::Beam;
+use super::placed::At;
+use super::top::{NodeRef, Slabs, Target};
+use super::walk::{Found, NOTHING, SceneView, Step};
+use crate::math::{PACKET, Ray, bits};
+use crate::structure::{LocalRay, Outcome, PacketWalk};
+
+/// The state of a packet's rays in a scene. Reusable.
+pub(crate) struct ScenePacket {
+    /// Nodes of the top tree, the next last: the rays that may meet each, and where the first of them enters it.
+    todo: Vec<(NodeRef, u32, f64)>,
+    /// The placed tree that the packet is in.
+    at: Option<u32>,
+    /// Where each ray is in it.
+    moved: [At; PACKET],
+    inside: u32,
+    tree: PacketWalk,
+    best: [Found; PACKET],
+    slabs: Vec<Slabs>,
+    beam: Option<Beam>,
+    /// Rays that still look for something.
+    active: u32,
+}
+
+/// Rays up to which each is tested against each box of the top tree by itself.
+const FEW: u32 = 4;
+
+impl Default for ScenePacket {
+    fn default() -> Self {
+        Self {
+            todo: Vec::new(),
+            at: None,
+            moved: [At::NONE; PACKET],
+            inside: 0,
+            tree: PacketWalk::new(),
+            best: [Found::nothing(0.0); PACKET],
+            slabs: Vec::new(),
+            beam: None,
+            active: 0,
+        }
+    }
+}
+
+impl ScenePacket {
+    /// See [`PacketWalk::begin_batch`].
+    pub fn begin_batch(&mut self) {
+        self.tree.begin_batch();
+    }
+
+    /// Puts the rays of `active` (bit `i`: ray `i`) at the root.
+    pub fn begin(&mut self, view: &SceneView, rays: &[Ray; PACKET], active: u32) {
+        self.todo.clear();
+        self.at = None;
+        self.active = 0;
+        for (i, it) in rays.iter().enumerate() {
+            (self.best[i].t, self.best[i].placed, self.best[i].passed) = (it.t_max, NOTHING, f64::INFINITY);
+            self.active |= (active >> i & u32::from(it.can_hit())) << i;
+        }
+        let Some(root) = view.scene.placement.top.root() else { return };
+        if let Target::Inner(_) = root.target() {
+            self.slabs.clear();
+            self.slabs.extend(rays.iter().map(Slabs::new));
+            self.beam = Beam::among(rays, self.active);
+        }
+        self.todo.push((root, self.active, 0.0));
+    }
+
+    /// The best hit so far of ray `i`.
+    #[inline]
+    pub fn best(&self, i: usize) -> &Found {
+        &self.best[i]
+    }
+
+    /// The greatest distance that any of some rays may still go.
+    fn farthest(&self, rays: u32) -> f64 {
+        bits(rays).fold(f64::NEG_INFINITY, |far, i| far.max(self.best[i].t))
+    }
+}
+
+impl SceneView<'_> {
+    /// A packet's rays together: the same hits as [`SceneView::trace`] finds for each alone.
+    pub fn trace_packet<const ANY: bool>(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Step {
+        loop {
+            if let Some(placed) = walk.at {
+                let (tree, filter) = (self.tree(placed), self.filter(placed));
+                let outcome = if ANY {
+                    tree.any_together(filter.as_ref(), &mut walk.tree)
+                } else {
+                    tree.closest_together(filter.as_ref(), &mut walk.tree)
+                };
+                if let Outcome::Pending(block) = outcome {
+                    return Step::Pending(self.need(placed, block));
+                }
+                walk.at = None;
+                for i in bits(walk.inside) {
+                    walk.best[i].offer::<ANY>(self.looks_beyond, &walk.moved[i], walk.tree.best(i), walk.tree.passed()[i]);
+                    if ANY && walk.best[i].is_hit() {
+                        walk.active &= !(1 << i);
+                    }
+                }
+            }
+            let Some((node, mask, enter)) = walk.todo.pop() else { return Step::Done };
+            let mask = mask & walk.active;
+            if mask == 0 || enter > walk.farthest(mask) {
+                continue;
+            }
+            match node.target() {
+                Target::Placed(placed) => self.enter_packet(rays, placed, mask, walk),
+                Target::Inner(index) => self.push_children_packet(rays, index, mask, walk),
+            }
+        }
+    }
+
+    fn enter_packet(&self, rays: &[Ray; PACKET], placed: u32, mask: u32, walk: &mut ScenePacket) {
+        let p = &self.scene.placement.placed[placed as usize];
+        let seen_by = self.seen_by(placed);
+        walk.inside = 0;
+        let mut local = LocalRay::NONE;
+        for i in bits(mask) {
+            if rays[i].mask & seen_by != 0
+                && let Some((shift, scale)) = p.local(&rays[i], walk.best[i].t, self.looks_beyond, &mut local)
+            {
+                walk.tree.set(i, &local);
+                walk.moved[i] = At { placed, shift, scale };
+                walk.inside |= 1 << i;
+            }
+        }
+        if walk.inside != 0 {
+            walk.tree.start(&self.tree(placed), walk.inside);
+            walk.at = Some(placed);
+        }
+    }
+
+    fn push_children_packet(&self, rays: &[Ray; PACKET], index: u32, mask: u32, walk: &mut ScenePacket) {
+        let node = self.scene.placement.top.node(index);
+        let (mut met, mut nearest) = ([0u32; 2], [f64::INFINITY; 2]);
+        let far = walk.farthest(mask);
+        for side in 0..2 {
+            let (bounds, child) = (&node.bounds[side], node.child[side]);
+            let Some(enter) = walk.beam.map_or(Some(0.0), |beam| beam.enter(bounds, far)) else { continue };
+            if mask.count_ones() > FEW && matches!(child.target(), Target::Inner(_)) {
+                (met[side], nearest[side]) = (mask, enter);
+                continue;
+            }
+            for i in bits(mask) {
+                if let Some(t) = walk.slabs[i].enter(bounds, rays[i].t_min, walk.best[i].t) {
+                    met[side] |= 1 << i;
+                    nearest[side] = nearest[side].min(t);
+                }
+            }
+        }
+        let far = usize::from(nearest[0] <= nearest[1]);
+        for side in [far, 1 - far] {
+            if met[side] != 0 {
+                walk.todo.push((node.child[side], met[side], nearest[side]));
+            }
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! Rays from anywhere to anywhere, side by side in a scene. Each walks the top tree alone, up to the next placed tree that it enters; the rays
+//! that enter the same tree, wherever it is placed, then go through it as one stream; and so on until no ray enters any more.
+
+use super::placed::At;
+use super::top::{NodeRef, Slabs, Target};
+use super::walk::{Found, SceneView, SceneWalk, Step};
+use crate::math::{Ray, STREAM};
+use crate::structure::{LocalRay, Outcome, Stream, TriHit, Walk};
+
+/// Rays that go one after the other, at most: so few take longer to begin side by side than to walk.
+const FEW: usize = 4;
+
+/// Rays side by side in a scene. Reusable.
+pub(crate) struct SceneStream {
+    tree: Stream,
+    /// For runs of few rays.
+    single: Walk,
+    hits: Box<[TriHit; STREAM]>,
+    /// Where each ray of a run is in its tree.
+    at: Box<[At; STREAM]>,
+    alone: SceneWalk,
+    /// Of each ray the nodes of the top tree that are still to be visited, the nearest last.
+    todo: Vec<Vec<(NodeRef, f64)>>,
+    slabs: Vec<Slabs>,
+    /// Rays that enter a placed tree in this round.
+    entering: Vec<Entering>,
+    unfinished: Vec<u32>,
+}
+
+/// A ray that enters a placed tree.
+#[derive(Debug, Clone, Copy)]
+struct Entering {
+    /// The same for rays that may go through a tree together.
+    tree: u64,
+    ray: u32,
+    placed: u32,
+}
+
+impl Default for SceneStream {
+    fn default() -> Self {
+        Self {
+            tree: Stream::new(),
+            single: Walk::new(),
+            hits: Box::new([TriHit::none(0.0); STREAM]),
+            at: Box::new([At::NONE; STREAM]),
+            alone: SceneWalk::default(),
+            todo: Vec::new(),
+            slabs: Vec::new(),
+            entering: Vec::new(),
+            unfinished: Vec::new(),
+        }
+    }
+}
+
+impl SceneStream {
+    /// See [`Stream::of_queries`].
+    pub fn of_queries() -> Self {
+        Self { tree: Stream::of_queries(), ..Self::default() }
+    }
+
+    /// Rays of the last call without an answer.
+    pub fn unfinished(&self) -> &[u32] {
+        &self.unfinished
+    }
+
+    /// Puts rays at the root of a top tree.
+    fn begin(&mut self, root: NodeRef, rays: &[Ray]) {
+        if self.todo.len() < rays.len() {
+            self.todo.resize_with(rays.len(), Vec::new);
+        }
+        let is_tree = matches!(root.target(), Target::Inner(_));
+        self.slabs.clear();
+        for (ray, todo) in rays.iter().zip(&mut self.todo) {
+            todo.clear();
+            if is_tree {
+                self.slabs.push(Slabs::new(ray));
+                todo.extend(ray.can_hit().then_some((root, 0.0)));
+            } else {
+                todo.push((root, 0.0));
+            }
+        }
+    }
+}
+
+impl SceneView<'_> {
+    /// Rays side by side, but for [`FEW`] and less: the hits that [`SceneView::trace`] finds for each, at less cost. `rays`: [`STREAM`] at most;
+    /// `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need a block, or must go alone; they are to be begun anew.
+    pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
+        walk.unfinished.clear();
+        if rays.len() <= FEW {
+            return self.one_by_one::<ANY>(rays, walk, found);
+        }
+        found.iter_mut().zip(rays).for_each(|(found, ray)| *found = Found::nothing(ray.t_max));
+        let Some(root) = self.scene.placement.top.root() else { return };
+        walk.begin(root, rays);
+        let mut entering = std::mem::take(&mut walk.entering);
+        entering.clear();
+        (0..rays.len()).for_each(|i| entering.extend(self.next_tree(rays, i, found[i].t, walk)));
+        while !entering.is_empty() {
+            // Most rounds are of one tree.
+            if entering.iter().any(|it| it.tree != entering[0].tree) {
+                entering.sort_unstable_by_key(|it| (it.tree, it.ray));
+            }
+            for run in entering.chunk_by(|a, b| a.tree == b.tree) {
+                self.run::<ANY>(rays, run, walk, found);
+            }
+            let goes_on = |it: &mut Entering| {
+                let ray = it.ray as usize;
+                let is_done = walk.todo[ray].is_empty() || ANY && found[ray].is_hit();
+                match if is_done { None } else { self.next_tree(rays, ray, found[ray].t, walk) } {
+                    Some(next) => {
+                        *it = next;
+                        true
+                    }
+                    None => false,
+                }
+            };
+            entering.retain_mut(goes_on);
+        }
+        walk.entering = entering;
+    }
+
+    fn one_by_one<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
+        for (i, it) in rays.iter().enumerate() {
+            walk.alone.begin(self, it);
+            match self.trace::<ANY>(it, &mut walk.alone) {
+                Step::Done => found[i] = walk.alone.best(),
+                Step::Pending(_) => walk.unfinished.push(i as u32),
+            }
+        }
+    }
+
+    /// The next placed tree that a ray may enter before `best`.
+    #[inline]
+    fn next_tree(&self, rays: &[Ray], ray: usize, best: f64, walk: &mut SceneStream) -> Option<Entering> {
+        let it = &rays[ray];
+        while let Some((node, enter)) = walk.todo[ray].pop() {
+            if enter > best {
+                continue;
+            }
+            match node.target() {
+                Target::Placed(placed) if self.seen_by(placed) & it.mask == 0 => {}
+                Target::Placed(placed) => return Some(Entering { tree: self.tree_key(placed), ray: ray as u32, placed }),
+                Target::Inner(index) => {
+                    let todo = &mut walk.todo[ray];
+                    self.for_each_child(&walk.slabs[ray], it, index, best, |node, enter| todo.push((node, enter)));
+                }
+            }
+        }
+        None
+    }
+
+    /// Equal for placed trees that rays may go through together: the same tree, and no part of it is shown otherwise than in the file; or the
+    /// same placed tree.
+    fn tree_key(&self, placed: u32) -> u64 {
+        let p = &self.scene.placement.placed[placed as usize];
+        let is_as_in_file = self.scene.instances[p.instance as usize].parts.shown.is_empty();
+        if is_as_in_file { u64::from(p.model) << 32 | u64::from(p.tree) } else { 1 << 63 | u64::from(placed) }
+    }
+
+    /// Takes rays through the tree that they enter.
+    fn run<const ANY: bool>(&self, rays: &[Ray], run: &[Entering], walk: &mut SceneStream, found: &mut [Found]) {
+        let SceneStream { tree: stream, single, hits, at, unfinished, todo, .. } = walk;
+        let (tree, filter) = (self.tree(run[0].placed), self.filter(run[0].placed));
+        let mut local = LocalRay::NONE;
+        if run.len() <= FEW {
+            for &Entering { ray, placed, .. } in run {
+                let (p, ray) = (&self.scene.placement.placed[placed as usize], ray as usize);
+                let Some((shift, scale)) = p.local(&rays[ray], found[ray].t, self.looks_beyond, &mut local) else { continue };
+                single.begin(&tree, &local);
+                let outcome = if ANY { tree.any(filter.as_ref(), single) } else { tree.closest(filter.as_ref(), single) };
+                if outcome != Outcome::Done {
+                    todo[ray].clear();
+                    unfinished.push(ray as u32);
+                }
+                found[ray].offer::<ANY>(self.looks_beyond, &At { placed, shift, scale }, single.best(), single.passed());
+            }
+            return;
+        }
+        for (i, &Entering { ray, placed, .. }) in run.iter().enumerate() {
+            let p = &self.scene.placement.placed[placed as usize];
+            match p.local(&rays[ray as usize], found[ray as usize].t, self.looks_beyond, &mut local) {
+                Some((shift, scale)) => {
+                    stream.set(i, &local);
+                    at[i] = At { placed, shift, scale };
+                }
+                None => stream.set(i, &LocalRay::NONE),
+            }
+        }
+        let hits = &mut hits[..run.len()];
+        if ANY {
+            tree.any_each(filter.as_ref(), stream, hits);
+        } else {
+            tree.closest_each(filter.as_ref(), stream, hits);
+        }
+        for &i in stream.unfinished() {
+            let ray = run[i as usize].ray;
+            todo[ray as usize].clear();
+            unfinished.push(ray);
+        }
+        for (i, (hit, it)) in hits.iter().zip(run).enumerate() {
+            found[it.ray as usize].offer::<ANY>(self.looks_beyond, &at[i], *hit, stream.passed()[i]);
+        }
+    }
+}
