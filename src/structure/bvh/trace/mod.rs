@@ -10,6 +10,7 @@ mod bundle;
 mod bundle_leaf;
 mod cell_slabs;
 mod gauge;
+mod kernel;
 mod packet_cells;
 mod packet_few;
 mod packet_leaf;

@@ -92,6 +92,16 @@ pub(super) fn cross<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], inv:
     [enter, leave]
 }
 
+/// More than a test of areas and widths by other roundings than [`meet`]'s may be off by: a hundredth.
+pub(super) const MARGIN: f32 = 1.01;
+
+/// The one test whether a cell may stand in, before it is known where its ray enters it, for rays, cells or both in lanes: cells of `area`, seen
+/// along the rays, for rays that are `width` wide where they leave the cells, or wider. Never wrong where it says no; [`meet`] decides.
+#[inline(always)]
+pub(super) fn may_stand<const N: usize, L: Lanes<N>>(area: L, width: L, margin: L) -> u32 {
+    area.le(width * width * margin).bits()
+}
+
 /// What is decided of cells by where rays cross them.
 #[inline(always)]
 pub(super) fn meet<const N: usize, L: Lanes<N>>([enter, leave]: [L; 2], faces: [L; 3], ray: &ConeRay<L>) -> Met<L> {
