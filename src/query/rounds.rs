@@ -13,10 +13,10 @@ use super::batch::{Hits, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
 use super::hit::Want;
 use super::parked::{Parked, Parking};
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
-use crate::base::tasks::{Ending, Work};
+use crate::base::tasks::Work;
 use crate::residency::Lease;
 use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, Snapshots};
@@ -25,72 +25,6 @@ use std::borrow::Borrow;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread::ThreadId;
-
-/// Called when a batch has ended.
-pub(super) type Wake = Arc<dyn Fn() + Send + Sync>;
-
-/// What is known of a batch from outside.
-#[derive(Default)]
-pub(super) struct Shared {
-    answered: AtomicU64,
-    end: Mutex<End>,
-}
-
-#[derive(Default)]
-struct End {
-    ending: Option<Ending>,
-    wake: Option<Wake>,
-    /// Who is calling it, before the job counts as ended.
-    caller: Option<ThreadId>,
-}
-
-impl Shared {
-    /// Rays answered so far.
-    pub fn answered(&self) -> u64 {
-        self.answered.load(Relaxed)
-    }
-
-    /// How it ended; `None` while it runs.
-    pub fn ending(&self) -> Option<Ending> {
-        self.end().ending.clone()
-    }
-
-    /// Whom to call at the end; at once if that was before.
-    pub fn set_wake(&self, wake: Option<Wake>) {
-        let mut end = self.end();
-        if end.ending.is_none() {
-            end.wake = wake;
-        } else if let Some(wake) = wake {
-            drop(end);
-            wake();
-        }
-    }
-
-    fn ended(&self, ending: &Ending) {
-        let wake = {
-            let mut end = self.end();
-            end.ending = Some(ending.clone());
-            end.caller = end.wake.is_some().then(|| std::thread::current().id());
-            end.wake.take()
-        };
-        if let Some(wake) = wake {
-            wake();
-            // It may hold the batch.
-            drop(wake);
-            self.end().caller = None;
-        }
-    }
-
-    /// Whether this is within the call at the end: nothing else is left of the batch then, and whoever waited for that would wait for himself.
-    pub fn is_called_here(&self) -> bool {
-        self.end().caller == Some(std::thread::current().id())
-    }
-
-    fn end(&self) -> MutexGuard<'_, End> {
-        self.end.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
 
 /// Answers a batch of closest hits, or of any hits if `ANY`. Blocks.
 pub(super) fn answer<const ANY: bool>(scene: &SceneState, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
@@ -100,29 +34,20 @@ pub(super) fn answer<const ANY: bool>(scene: &SceneState, rays: &dyn Rays, hits:
     }
     if rays.count() > CHUNK {
         let batch = Batch::<_, _, _, ANY>::new(scene, rays, hits, options);
-        return ended(pool.run_scoped(batch.items(), &batch));
+        return pool.run_scoped(batch.items(), &batch).into_result();
     }
     let task = task_of::<ANY>(options);
     if rays.count() <= ALONE && alone::answer(scene, task, rays, hits)? {
         return Ok(());
     }
     let at_once = AtOnce { scene, rays, hits, task, parked: Mutex::default() };
-    ended(pool.run_scoped(1, &at_once))?;
+    pool.run_scoped(1, &at_once).into_result()?;
     let parked = at_once.parked.into_inner().unwrap_or_else(PoisonError::into_inner);
     if parked.is_empty() {
         return Ok(());
     }
     let batch = Batch::<_, _, _, ANY>::rest(scene, rays, hits, options, parked);
-    ended(pool.run_scoped(pool.here(|| batch.round_done())?, &batch))
-}
-
-/// The error of a blocking call, moved out where nobody else holds it.
-fn ended(ending: Ending) -> Result<()> {
-    match ending {
-        Ending::Finished => Ok(()),
-        Ending::Cancelled => Err(Error::Cancelled),
-        Ending::Failed(error) => Err(Error::clone(&error)),
-    }
+    pool.run_scoped(pool.here(|| batch.round_done())?, &batch).into_result()
 }
 
 fn task_of<const ANY: bool>(options: QueryOptions) -> Task {
@@ -181,7 +106,8 @@ pub(super) struct Batch<S, R, H, const ANY: bool> {
     count: usize,
     /// Of the blocks that it uses.
     stamp: u32,
-    shared: Arc<Shared>,
+    /// Rays answered so far.
+    answered: Arc<AtomicU64>,
     rounds: Mutex<Rounds>,
 }
 
@@ -240,7 +166,7 @@ where
         let rounds = Rounds::new(Snapshots::take(scene.borrow()));
         let count = rays.count();
         let stamp = scene.borrow().context().residency().stamp();
-        Self { scene, rays, hits, options, count, stamp, shared: Arc::default(), rounds: Mutex::new(rounds) }
+        Self { scene, rays, hits, options, count, stamp, answered: Arc::default(), rounds: Mutex::new(rounds) }
     }
 
     /// What is left of a batch of which all but `parked` is answered.
@@ -260,9 +186,9 @@ where
         self.count as u64
     }
 
-    /// What is counted.
-    pub fn shared(&self) -> Arc<Shared> {
-        Arc::clone(&self.shared)
+    /// The count of rays answered.
+    pub fn answered(&self) -> Arc<AtomicU64> {
+        Arc::clone(&self.answered)
     }
 
     fn rounds(&self) -> MutexGuard<'_, Rounds> {
@@ -296,7 +222,7 @@ where
         let count = (self.count - first).min(CHUNK);
         let parked = trace_chunk(scene, &snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
         let waiting: usize = parked.iter().map(|group| group.count()).sum();
-        self.shared.answered.fetch_add((count - waiting) as u64, Relaxed);
+        self.answered.fetch_add((count - waiting) as u64, Relaxed);
         if waiting > 0 {
             self.park(parked);
         }
@@ -309,7 +235,7 @@ where
         match group.resume(&view, self.task()) {
             Some(hits) => {
                 self.hits.write(first, hits);
-                self.shared.answered.fetch_add(count as u64, Relaxed);
+                self.answered.fetch_add(count as u64, Relaxed);
             }
             None => self.park(vec![group]),
         }
@@ -359,11 +285,7 @@ where
         let groups = self.rounds().parked.take(|need| snapshots.has(need));
         let groups = groups.into_iter().map(|group| Mutex::new(Some(group))).collect();
         let resuming = Resuming { batch: self, groups, snapshots };
-        match scene.context().pool().run_scoped(resuming.groups.len(), &resuming) {
-            Ending::Finished => Ok(()),
-            Ending::Cancelled => Err(Error::Cancelled),
-            Ending::Failed(error) => Err(Error::clone(&error)),
-        }
+        scene.context().pool().run_scoped(resuming.groups.len(), &resuming).into_result()
     }
 
     /// After rays went as far as they came: what they wait for is to be read, or rays are to be begun.
@@ -539,10 +461,6 @@ where
         // Without memory for the tables it takes a lease.
         let snapshots = Snapshots::holding(self.scene.borrow(), &hold).unwrap_or(Snapshots::none());
         Ok(self.next_resume(&mut self.rounds(), snapshots))
-    }
-
-    fn ended(&self, ending: &Ending) {
-        self.shared.ended(ending);
     }
 }
 

@@ -1,10 +1,10 @@
 //! Visits to placed trees in parallel, in rounds: what is in memory is visited, what is not is brought, as much as there is
 //! room for, or under a lease where views leave none.
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
-use crate::base::tasks::{Ending, Work};
+use crate::base::tasks::Work;
 use crate::residency::Lease;
 use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, SceneView, Snapshots};
@@ -28,11 +28,7 @@ pub(super) fn sweep<T: Send + Default>(scene: &SceneState, trees: &[u32], search
     let state = State { snapshots: Arc::clone(&snapshots), open: (0..trees.len()).collect() };
     drop(snapshots);
     let sweep = Sweep { scene, trees, search, visits, state: Mutex::new(state) };
-    match scene.context().pool().run_scoped(trees.len(), &sweep) {
-        Ending::Finished => {}
-        Ending::Cancelled => return Err(Error::Cancelled),
-        Ending::Failed(e) => return Err(Error::clone(&e)),
-    }
+    scene.context().pool().run_scoped(trees.len(), &sweep).into_result()?;
     let found = |visit: Mutex<(LeafSweep, T)>| visit.into_inner().unwrap_or_else(PoisonError::into_inner).1;
     Ok(sweep.visits.into_iter().map(found).collect())
 }
