@@ -1,7 +1,8 @@
 //! Batches of rays: what they read, what they write, and how they are asked.
 
+use super::answer::{Batch, answer};
 use super::hit::{Hit, HitKind, Want};
-use super::rounds::{Batch, answer};
+use super::rounds::{Quest, Rounds};
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job};
 use crate::math::Ray;
@@ -123,8 +124,8 @@ impl Query {
 
     fn begin<const ANY: bool>(batch: OwnedBatch<ANY>) -> Self {
         let (answered, total, items) = (batch.answered(), batch.total(), batch.items());
-        let scene = Arc::clone(&batch.scene);
-        let job = scene.context().pool().submit(items, Arc::new(batch));
+        let context = batch.scene().context().clone();
+        let job = context.pool().submit(items, Arc::new(Rounds::new(batch)));
         Self { job, answered, total }
     }
 
