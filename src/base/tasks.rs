@@ -1,9 +1,9 @@
 //! Workers that serve jobs: our own threads, the host's executor, or the caller stepping.
 //!
 //! A [`Job`] is [`Work`] in rounds of items. Workers take items one by one and turn to the next job every
-//! millisecond, so that several jobs advance together. What is shared: one queue under a mutex, taken
-//! once a slice, not once an item; a mutex and a condition in each job, for its ends and rounds; and
-//! [`super::round`]. No lock is held while work, a callback or the executor runs.
+//! millisecond, so that several jobs advance together. They share one queue under a mutex, taken once a slice, not
+//! once an item; the [`Handle`] of each job, for its end and its rounds; and [`super::round`]. No lock is held while
+//! work, a callback or the executor runs.
 
 use super::error::{Error, Result};
 use super::handle::{Handle, Until, WakeFn};

@@ -149,6 +149,7 @@ where
     const PIECES: usize = CHUNK / PACKET;
     /// A chunk takes some tens of microseconds at least.
     const RENEWAL: usize = 1;
+    const FETCH: usize = 16;
 
     fn scene(&self) -> &SceneState {
         self.scene.borrow()

@@ -27,3 +27,24 @@ pub(crate) fn by_model(needs: &[Need]) -> BTreeMap<u32, Vec<BlockId>> {
     needs.iter().for_each(|need| models.entry(need.model).or_default().push(need.block));
     models
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_fits_and_the_next_while_there_is_room() {
+        let fitting = |room, counts: &[u64]| {
+            let mut fits = one_at_least(room);
+            counts.iter().take_while(|&&count| fits(count)).count()
+        };
+        assert_eq!([(0, &[5, 1][..]), (5, &[5, 1]), (6, &[5, 1, 1]), (9, &[])].map(|(room, counts)| fitting(room, counts)), [1, 1, 2, 0]);
+    }
+
+    #[test]
+    fn blocks_of_a_model_stay_in_order() {
+        let needs = [(1, 9), (0, 3), (1, 4)].map(|(model, block)| Need { model, block: BlockId(block) });
+        let models = [(0, vec![BlockId(3)]), (1, vec![BlockId(9), BlockId(4)])];
+        assert_eq!(by_model(&needs), BTreeMap::from(models));
+    }
+}

@@ -30,6 +30,8 @@ pub(super) trait Quest: Send + Sync {
     /// Items of the first round from one renewal of its snapshot to the next. A snapshot holds blocks that others have
     /// evicted, so a long round renews it; to compare it with what is in memory takes some nanoseconds a model.
     const RENEWAL: usize;
+    /// Blocks that a worker brings at a time.
+    const FETCH: usize;
 
     /// The scene that is asked.
     fn scene(&self) -> &SceneState;
@@ -104,9 +106,6 @@ enum Item<P> {
 /// The largest part of the budget that a round brings: one part in so many. Others hold blocks too.
 const ROUND_SHARE: u64 = 4;
 
-/// Blocks that a worker brings at a time.
-const FETCH: usize = 16;
-
 impl<Q: Quest> Rounds<Q> {
     /// A quest of which nothing is begun.
     pub fn new(quest: Q) -> Self {
@@ -133,16 +132,16 @@ impl<Q: Quest> Rounds<Q> {
             if state.waiting.len() >= Q::MOST_WAITING {
                 return state.deferred.push(item);
             }
-            let is_due = state.begun % Q::RENEWAL == 0;
+            let is_renewed = !state.is_first || state.begun.is_multiple_of(Q::RENEWAL) && !state.snapshots.is_current(scene);
             state.begun += 1;
-            if state.is_first && !(is_due && !state.snapshots.is_current(scene)) {
-                Arc::clone(&state.snapshots)
-            } else {
+            if is_renewed {
                 let now = Arc::new(Snapshots::take(scene));
                 if state.is_first {
                     state.snapshots = Arc::clone(&now);
                 }
                 now
+            } else {
+                Arc::clone(&state.snapshots)
             }
         };
         self.park(self.quest.begin(item, &snapshots));
@@ -164,7 +163,7 @@ impl<Q: Quest> Rounds<Q> {
     /// Brings blocks, the first of them first, as far as there is room.
     fn fetch(&self, needs: &[Need]) -> Result<()> {
         let scene = self.quest.scene();
-        for few in needs.chunks(FETCH) {
+        for few in needs.chunks(Q::FETCH) {
             for (model, blocks) in by_model(few) {
                 let held = scene.models[model as usize].blocks().bring(&blocks, &Cancel::new())?;
                 let is_full = held.len() < blocks.len();
@@ -216,22 +215,23 @@ impl<Q: Quest> Rounds<Q> {
         state.room.asks(needs.iter().map(|&need| bytes_of(scene, need)).sum());
         // A worker is left for frames, which are not to wait for the disk.
         let readers = context.concurrency().saturating_sub(1).max(1);
-        state.items = shares_of(needs, is_all, readers).into_iter().map(|needs| Some(Item::Fetch(needs))).collect();
+        let shares = if is_all { neighbours(needs, readers) } else { by_turns(&needs, readers, Q::FETCH) };
+        state.items = shares.into_iter().map(|needs| Some(Item::Fetch(needs))).collect();
         state.is_fetching = true;
         state.items.len()
     }
 }
 
-/// What each of some readers brings.
-fn shares_of(mut needs: Vec<Need>, is_all: bool, readers: usize) -> Vec<Vec<Need>> {
-    if is_all {
-        // Neighbours are read together.
-        needs.sort_unstable();
-        return needs.chunks(needs.len().div_ceil(readers)).map(<[_]>::to_vec).collect();
-    }
-    // There may be no room for the last: all readers begin with the most urgent.
-    let of = |reader| needs.chunks(FETCH).skip(reader).step_by(readers).flatten().copied().collect();
-    (0..readers.min(needs.len().div_ceil(FETCH))).map(of).collect()
+/// Shares of some readers where there is room for all: neighbours are read together.
+fn neighbours(mut needs: Vec<Need>, readers: usize) -> Vec<Vec<Need>> {
+    needs.sort_unstable();
+    needs.chunks(needs.len().div_ceil(readers)).map(<[_]>::to_vec).collect()
+}
+
+/// Shares of some readers that take `few` blocks by turns: all of them begin with the most urgent, for there may be no room for the last.
+fn by_turns(needs: &[Need], readers: usize, few: usize) -> Vec<Vec<Need>> {
+    let of = |reader| needs.chunks(few).skip(reader).step_by(readers).flatten().copied().collect();
+    (0..readers.min(needs.len().div_ceil(few))).map(of).collect()
 }
 
 impl<Q: Quest> State<Q> {
@@ -389,6 +389,22 @@ impl<Q: Quest> Work for Rounds<Q> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::ids::BlockId;
+
+    /// Three readers bring neighbours where all comes, and else begin with the most urgent.
+    #[test]
+    fn readers_share_what_is_to_be_brought() {
+        let needs: Vec<Need> = (0..100).rev().map(|block| Need { model: 0, block: BlockId(block) }).collect();
+        let firsts = |shares: &[Vec<Need>]| shares.iter().map(|share| share[0].block.0).collect::<Vec<_>>();
+        let (all, most_urgent) = (neighbours(needs.clone(), 3), by_turns(&needs, 3, 16));
+        assert_eq!((firsts(&all), firsts(&most_urgent)), (vec![0, 34, 68], vec![99, 83, 67]));
+        for shares in [all, most_urgent] {
+            let mut brought = shares.concat();
+            brought.sort_unstable();
+            assert!(brought.iter().eq(needs.iter().rev()));
+        }
+        assert_eq!(by_turns(&needs[..5], 3, 16).len(), 1);
+    }
 
     /// Others may let go of what they hold: rounds under leases, which take turns with those of all others, are for a while only.
     #[test]

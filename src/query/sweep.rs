@@ -56,6 +56,8 @@ impl<T: Send + Default> Quest for Sweep<'_, T> {
     const PIECES: usize = 1;
     /// The visit to a small tree takes less than a microsecond.
     const RENEWAL: usize = 64;
+    /// More than a batch: most blocks that a visit lacks are neighbours, which are read together.
+    const FETCH: usize = 32;
 
     fn scene(&self) -> &SceneState {
         self.scene
