@@ -1,7 +1,7 @@
-//! The handle under all jobs: how a job has ended, the threads that wait for that, and the function that is called then.
+//! The handle under all jobs: how a job has ended, the threads that wait for its end, and the function that is called then.
 //!
-//! [`crate::base::tasks::Job`] has one, and with it each batch of rays; so have prefetches, builds and loads. A frame ends once
-//! for each of its requests, so it has only the [`Waker`].
+//! Each [`Job`](crate::base::tasks::Job) has a handle, so that a batch of rays has the one of its job; prefetches, builds and
+//! loads have their own. A frame ends once for each request, so it has only a [`Waker`].
 
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -19,7 +19,7 @@ pub struct Waker {
 }
 
 impl Waker {
-    /// Replaces the function; returns the one before, to be dropped under no lock: it may own what the lock is of.
+    /// Replaces the function. Returns the old one, to be dropped under no lock: it may own the object that is locked.
     #[must_use]
     pub fn set(&mut self, wake: Option<WakeFn>) -> Option<WakeFn> {
         std::mem::replace(&mut self.wake, wake)
@@ -52,14 +52,14 @@ impl Waker {
         }
     }
 
-    /// Whether a thread other than this one is calling the function. (A thread that waited for its own call would wait for ever.)
+    /// Whether a thread other than this one is calling the function. (A thread that waits for its own call never ends.)
     pub fn is_called_elsewhere(&self) -> bool {
         let me = std::thread::current().id();
         self.callers.iter().any(|caller| *caller != me)
     }
 }
 
-/// What a thread waits for.
+/// The event that a thread waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Until {
     /// The job has ended.
@@ -68,14 +68,14 @@ pub enum Until {
     Woken,
 }
 
-/// How a job has ended, once, as `E`, and what else of it is under the same lock: `S`.
+/// The end of a job, `E`, which is set once, and the job's own state under the same lock, `S`.
 pub struct Handle<E, S = ()> {
     core: Mutex<Core<E, S>>,
     /// Signalled at the end, after the wake function, and by [`Handle::notify`].
     changed: Condvar,
 }
 
-/// What the lock of a [`Handle`] guards. Dereferences to the job's own part.
+/// The content of a [`Handle`]'s lock. Dereferences to the job's own state.
 pub struct Core<E, S> {
     end: Option<E>,
     waker: Waker,
@@ -127,8 +127,8 @@ impl<E: Clone, S> Handle<E, S> {
         self.lock().end.clone()
     }
 
-    /// Ends the job: wakes threads that wait, and calls the wake function, in this thread. The first end counts; later ones do
-    /// nothing.
+    /// Ends the job: wakes the threads that wait, then calls the wake function in this thread. Only the first call has an
+    /// effect.
     pub fn end(&self, end: E) {
         let wake = {
             let mut core = self.lock();
@@ -142,13 +142,13 @@ impl<E: Clone, S> Handle<E, S> {
         if let Some(wake) = wake {
             let _returned = Returned(self);
             wake();
-            // It may own the job: what waits for the call would wait for that too.
+            // Dropped before the call counts as returned: it may own the job.
             drop(wake);
         }
     }
 
-    /// Has `wake` called once, when the job ends, in whichever thread ends it; at once, here, if it has ended. Never under a lock.
-    /// Replaces an earlier one. `None`: nothing is called.
+    /// Has `wake` called once, when the job ends, in the thread that ends it; if the job has ended, at once in this one. Never
+    /// under a lock. Replaces an earlier function; `None`: no function.
     pub fn set_wake(&self, wake: Option<WakeFn>) {
         let mut core = self.lock();
         if core.end.is_none() {
@@ -161,7 +161,7 @@ impl<E: Clone, S> Handle<E, S> {
         }
     }
 
-    /// Has threads that wait look again at what they may work on.
+    /// Has the threads that wait ask `todo` again.
     pub fn notify(&self) {
         self.changed.notify_all();
     }
@@ -171,8 +171,8 @@ impl<E: Clone, S> Handle<E, S> {
         self.wait_working(until, timeout, |_| None, |(), _| {})
     }
 
-    /// [`Handle::wait`] of a thread that works meanwhile: `todo` says, under the lock, what there is to work on, and `work` does some
-    /// of that, for the time that it is given at most.
+    /// [`Handle::wait`] of a thread that works meanwhile: `todo` gives a piece of work, if there is any, under the lock, and
+    /// `work` works on it, for the given time at most.
     pub fn wait_working<T>(
         &self,
         until: Until,

@@ -3,7 +3,7 @@
 pub mod bytes;
 pub mod error;
 pub mod faults;
-pub mod handle;
+pub(crate) mod handle;
 pub mod ids;
 pub mod memory;
 pub mod progress;

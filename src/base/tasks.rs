@@ -2,7 +2,7 @@
 //!
 //! A [`Job`] is [`Work`] in rounds of items. Workers take items one by one and turn to the next job every
 //! millisecond, so that several jobs advance together. They share one queue under a mutex, taken once a slice, not
-//! once an item; the [`Handle`] of each job, for its end and its rounds; and [`super::round`]. No lock is held while
+//! once an item; the handle of each job, for its end and its rounds; and [`super::round`]. No lock is held while
 //! work, a callback or the executor runs.
 
 use super::error::{Error, Result};
@@ -49,7 +49,7 @@ pub enum Ending {
 
 impl Ending {
     /// The result of a call that waited for the job.
-    pub fn into_result(self) -> Result<()> {
+    pub(crate) fn into_result(self) -> Result<()> {
         match self {
             Ending::Finished => Ok(()),
             Ending::Cancelled => Err(Error::Cancelled),
@@ -365,8 +365,8 @@ impl Job {
         self.inner.handle.ending()
     }
 
-    /// Waits for the end, and for the return of the wake function where another thread calls it, `timeout` at most; works itself where
-    /// the pool has no threads, on scoped work, and inside other work.
+    /// Waits for the end, and for the return of a wake function that another thread calls, `timeout` at most. Works itself
+    /// where the pool has no threads, on scoped work, and inside other work.
     pub fn wait(&self, timeout: Duration) -> Option<Ending> {
         let works = self.shared.threads == 0 || self.inner.work.is_scoped() || WORKING.get();
         let todo = |state: &State| (works && state.round.has_items()).then(|| Arc::clone(&state.round));
@@ -374,8 +374,8 @@ impl Job {
         self.inner.handle.wait_working(Until::Woken, timeout, todo, work)
     }
 
-    /// See [`Handle::set_wake`]. Called when nothing of the work runs any more.
-    pub fn set_wake(&self, wake: Option<WakeFn>) {
+    /// See [`Handle::set_wake`]. Nothing of the work runs any more when it is called.
+    pub(crate) fn set_wake(&self, wake: Option<WakeFn>) {
         self.inner.handle.set_wake(wake);
     }
 }
@@ -575,7 +575,7 @@ fn caught<T>(f: impl FnOnce() -> Result<T>) -> Result<T> {
     catch_unwind(AssertUnwindSafe(f)).unwrap_or_else(|panic| Err(Error::Internal(message(&*panic))))
 }
 
-/// Runs `f`; a panic in it ends there.
+/// Runs `f`, and drops a panic in it.
 fn quietly(f: impl FnOnce()) {
     let _ = catch_unwind(AssertUnwindSafe(f));
 }

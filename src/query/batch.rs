@@ -92,8 +92,8 @@ pub struct QueryStatus {
     pub error: Option<Arc<Error>>,
 }
 
-/// A batch in flight. Dropping it cancels it, and waits until no thread reads its rays, writes its hits or calls its wake function (but for the
-/// call that it is dropped in). Thread-safe.
+/// A batch in flight. Dropping it cancels it, and waits until no thread reads its rays, writes its hits or calls its wake function
+/// (but for the call that it is dropped in). Thread-safe.
 pub struct Query {
     job: Job,
     /// Rays answered so far.

@@ -91,8 +91,8 @@ impl<G: Send> WaitList for Parked<G> {
         places.into_iter().filter_map(|at| self.take_at(at)).collect()
     }
 
-    /// The blocks that most rays wait for first, up to the first that there is no room for: all that a ray waits for or nothing of
-    /// it, and at least what one of them waits for.
+    /// The blocks that most rays wait for first, up to the first that there is no room for: all blocks that a ray waits for or
+    /// none of them, and at least those of one ray.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
         let mut sets: BinaryHeap<_> = self.waiting.iter().map(|(needs, waiters)| (waiters.rays, Reverse(needs))).collect();
         let (mut order, mut chosen, mut sum) = (Vec::new(), BTreeSet::<Need>::new(), 0);

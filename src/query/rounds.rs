@@ -45,7 +45,7 @@ pub(super) trait Quest: Send + Sync {
 pub(super) trait WaitList: Default + Send {
     /// A piece that goes on.
     type Piece: Send;
-    /// A piece that waits, with what the list needs to know of it: that is worked out under no lock.
+    /// A piece that waits, with the blocks that it waits for; made under no lock.
     type Parked: Send;
 
     /// How many pieces wait.
@@ -58,8 +58,8 @@ pub(super) trait WaitList: Default + Send {
     fn push(&mut self, parked: Self::Parked);
     /// Takes out the pieces that can go on with the blocks of which `is_there` holds.
     fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<Self::Piece>;
-    /// The blocks to bring, the most urgent first, each once: as many as count `room` at most, but enough for one piece to go on.
-    /// `bytes`: what a block counts. And whether these are all that are waited for.
+    /// The blocks to bring, the most urgent first, each once: as many as there is `room` for, but enough for one piece to go on; and
+    /// whether these are all that pieces wait for. `room` is in bytes, and `bytes` counts those of a block.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool);
 }
 
@@ -172,7 +172,7 @@ impl<Q: Quest> Rounds<Q> {
                 state.room.came += came;
                 state.hold.add(model, held);
                 if is_full {
-                    // To look for room for each of the rest would be in vain, under a lock that frames take.
+                    // The rest would look for room in vain, each under a lock that frames take.
                     return Ok(());
                 }
             }
@@ -180,8 +180,8 @@ impl<Q: Quest> Rounds<Q> {
         Ok(())
     }
 
-    /// A round with blocks of the reserve. The thread that holds the lease waits for no other that may wait for it: what other
-    /// workers take on of this round, they finish.
+    /// A round with blocks of the reserve. The thread that holds the lease waits for no thread that may wait for the lease: other
+    /// workers finish the pieces of this round that they take on.
     fn run_leased(&self) -> Result<()> {
         let scene = self.quest.scene();
         let mut lease = scene.context().residency().lease();
@@ -406,7 +406,7 @@ mod tests {
         assert_eq!(by_turns(&needs[..5], 3, 16).len(), 1);
     }
 
-    /// Others may let go of what they hold: rounds under leases, which take turns with those of all others, are for a while only.
+    /// Views may let go of blocks, so rounds under leases, which take turns with those of all other jobs, are for a while only.
     #[test]
     fn rounds_that_had_no_room_look_for_it_again() {
         let lease_room = 700 << 10;

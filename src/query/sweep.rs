@@ -29,7 +29,7 @@ struct Sweep<'a, T> {
     trees: &'a [u32],
     search: Search<'a, T>,
     stamp: u32,
-    /// What was found in each of the trees whose visit has ended.
+    /// The results of each tree whose visit has ended.
     found: Vec<Mutex<T>>,
 }
 
@@ -56,7 +56,8 @@ impl<T: Send + Default> Quest for Sweep<'_, T> {
     const PIECES: usize = 1;
     /// The visit to a small tree takes less than a microsecond.
     const RENEWAL: usize = 64;
-    /// More than a batch: most blocks that a visit lacks are neighbours, which are read together.
+    /// More than a batch: most blocks that a visit lacks are neighbours, which are read together. (A box round half of 1.2 million
+    /// triangles, 8 MB: 58 reads with 32, 69 with 16.)
     const FETCH: usize = 32;
 
     fn scene(&self) -> &SceneState {
@@ -106,8 +107,8 @@ impl<T: Send> WaitList for Visits<T> {
         self.0.extract_if(.., |visit| visit.needs().any(&is_there)).collect()
     }
 
-    /// The last blocks first: leaf blocks come behind those that they hang below, so that a visit ends what it has begun before
-    /// it begins more.
+    /// The last blocks first: a leaf block has a higher number than the block that it hangs below, so that a visit ends the
+    /// subtrees that it has begun before it begins others.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
         let needs: BTreeSet<Need> = self.0.iter().flat_map(Visit::needs).collect();
         let mut fits = one_at_least(room);

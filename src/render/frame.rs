@@ -63,8 +63,8 @@ pub struct Frame {
 
 /// What a frame shares with its jobs.
 ///
-/// It has the [`Waker`] of a [`crate::base::handle::Handle`] and not all of that: a handle ends once, while a frame ends once for
-/// each request, wakes for better pictures too, and counts the replaced requests that still write to its targets.
+/// It has the [`Waker`] of a [`crate::base::handle::Handle`], not a whole handle. A handle ends once; a frame ends once for each
+/// request, calls the wake function for better pictures too, and counts the replaced requests that still write to its targets.
 struct Shared {
     inner: Mutex<Inner>,
     /// Signalled when a request has ended, and when a better picture is there.
@@ -303,7 +303,7 @@ impl Drop for Frame {
         self.set_wake(None);
         self.cancel();
         let mut inner = self.shared.inner();
-        // The wake function may have been called before, and it may be what drops the frame.
+        // Another thread may still be in the wake function. (If this one is, that drops the frame.)
         while inner.unfinished > 0 || inner.waker.is_called_elsewhere() {
             inner = self.shared.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
         }
@@ -356,7 +356,7 @@ impl Inner {
 }
 
 impl Shared {
-    /// Calls what the waker gave. A panic in it is the owner's alone: the request goes on.
+    /// Calls a function of the waker. A panic in it is its owner's alone: the request goes on.
     fn call(&self, wake: Option<WakeFn>) {
         let Some(wake) = wake else { return };
         let _ = catch_unwind(AssertUnwindSafe(|| wake()));

@@ -2,11 +2,11 @@
 //!
 //! A prefetch goes in passes, each a job of the pool in small pieces: it follows the blocks in memory to where they end, wants
 //! the most important of the blocks that it lacks there, as many as there is room for beside those that frames use, and goes
-//! on once these have come. What frames want comes first, no picture gets coarser for it, and no block that a frame uses goes
-//! for it: it has no pass of its own that others would make room for (see [`View`]).
+//! on once these have come. The wants of frames come first, no picture gets coarser for it, and no block that a frame uses is
+//! evicted for it: it has no pass of its own that others would make room for (see [`View`]).
 //!
 //! Like batches of rays and overlaps it looks again once blocks have come, and it shares with them how many blocks there is room
-//! for (`query/needs.rs`) and the [`Handle`]. It does not use their engine, `query/rounds.rs`. That answers a question, so it reads
+//! for (`query/needs.rs`) and the handle. It does not use their engine, `query/rounds.rs`. That answers a question, so it reads
 //! the blocks of a round itself, holds them until they are used, and takes a lease where there is no room. A prefetch must not
 //! take room from anything: it only wants blocks, through a [`View`]; between two passes it holds no snapshot and has no job
 //! until the view has news; and it ends where blocks do not fit.
@@ -124,7 +124,7 @@ impl Lacking {
     }
 }
 
-/// What it has done so far.
+/// Its progress so far.
 #[derive(Default)]
 struct Counts {
     fraction: f64,
@@ -255,7 +255,7 @@ impl Inner {
         }
     }
 
-    /// Lets go of what it holds and wants, and ends it. The first end counts.
+    /// Ends it, without snapshot and wants. The first end counts.
     fn end(&self, state: PrefetchState, error: Option<Arc<Error>>) {
         if self.handle.ending().is_some() {
             return;
