@@ -2,11 +2,13 @@
 #![forbid(unsafe_code)]
 
 mod alone;
+mod answer;
 mod asks;
 pub mod batch;
 mod chunk;
 pub(crate) mod finish;
 pub mod hit;
+pub(crate) mod needs;
 pub mod overlap;
 mod parked;
 mod rounds;

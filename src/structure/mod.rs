@@ -24,7 +24,7 @@ pub mod streams;
 pub mod tree;
 pub mod walk;
 
-pub use cursor::{Below, Sweep, for_each_triangle};
+pub use cursor::{Below, Descent, for_each_triangle};
 pub use filter::{PartFilter, Within};
 pub use hit::{Counters, Outcome, StandIn, TriHit, Triangle};
 pub use packet::{PacketSurfaces, PacketWalk};
