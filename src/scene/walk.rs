@@ -9,9 +9,9 @@ use super::state::SceneState;
 use super::top::{NodeRef, Slabs, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
+pub(crate) use crate::math::bits;
 use crate::math::Ray;
-use crate::residency::{Held, Lease, Shown, Snapshot};
-use crate::structure::bvh::layout::Block;
+use crate::residency::{Held, Lease, Shown};
 use crate::structure::bvh::trace::{LocalRay, Outcome, PACKET, PacketWalk, PartFilter, STREAM, Stream, TreeView, TriHit, Triangle, Walk, Within};
 
 /// A block that a job needs.
@@ -254,14 +254,6 @@ impl<'a> SceneView<'a> {
         let p = &self.scene.placement.placed[placed as usize];
         let view = self.model_of(placed).tree_view(p.tree, &self.snapshots.0[p.model as usize]);
         TreeView { never_waits: self.never_waits, is_solid: self.is_solid, stamp: self.stamp, ..view }
-    }
-
-    /// The block of a hit; `None` if it is not there.
-    #[inline]
-    pub fn block_of(&self, found: &Found) -> Option<Block<'a>> {
-        let model = self.scene.placement.placed[found.placed as usize].model;
-        let snapshot: &'a Snapshot = &self.snapshots.0[model as usize];
-        snapshot.block(BlockId(found.tri.block)).map(Block::new)
     }
 
     /// A placed tree's model.
@@ -545,14 +537,3 @@ impl SceneView<'_> {
 
 /// Rays that go one after the other, at most: so few take longer to begin side by side than to walk.
 const FEW: usize = 4;
-
-/// The set bits of a mask, by number.
-pub(crate) fn bits(mut mask: u32) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        (mask != 0).then(|| {
-            let i = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            i
-        })
-    })
-}

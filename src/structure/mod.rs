@@ -3,3 +3,5 @@
 #![forbid(unsafe_code)]
 
 pub mod bvh;
+pub mod cell;
+pub mod surface;

@@ -9,6 +9,7 @@ mod ahead;
 mod bundle;
 mod bundle_leaf;
 mod cell_slabs;
+mod cells;
 mod gauge;
 mod packet;
 mod packet_cells;
@@ -28,7 +29,7 @@ mod tables;
 mod walk;
 
 pub use bundle::{BUNDLE, Bundle};
-pub use packet::{PACKET, PacketSurfaces, PacketWalk, first_rays};
+pub use packet::{PACKET, PacketWalk, first_rays};
 pub use ray::{LocalRay, PreparedRay, USUAL_DIRS};
 pub use stand_in::StandIn;
 pub use stream::{STREAM, Stream};

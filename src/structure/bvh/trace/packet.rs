@@ -10,6 +10,7 @@ use super::stand_in;
 use super::walk::{Counters, Entered, Outcome, Walk};
 use super::{LocalRay, PartFilter, TreeView, TriHit};
 use crate::math::{Cone, Ray};
+use crate::structure::surface::Groups;
 use crate::simd::{Isa, Lanes, Mask, Op, Simd, dispatch};
 use bytemuck::{must_cast, must_cast_ref};
 use glam::Vec3;
@@ -322,7 +323,7 @@ impl PacketWalk {
     }
 
     /// What the rays of `lanes`, which all have hits, have hit: rays with hits on the same triangle together.
-    pub fn hits(&self, isa: Isa, lanes: u32, out: &mut PacketSurfaces) {
+    pub fn hits(&self, isa: Isa, lanes: u32, out: &mut Groups<PACKET>) {
         dispatch(isa, Hits { walk: self, lanes, out });
     }
 
@@ -334,27 +335,10 @@ impl PacketWalk {
     }
 }
 
-/// What a packet's rays have hit. Reusable.
-#[derive(Debug)]
-pub struct PacketSurfaces {
-    /// The rays that hit stand-ins.
-    pub cells: u32,
-    /// How many triangles were hit.
-    pub count: usize,
-    /// For each, the rays that hit it.
-    pub rays: [u32; PACKET],
-}
-
-impl Default for PacketSurfaces {
-    fn default() -> Self {
-        Self { cells: 0, count: 0, rays: [0; PACKET] }
-    }
-}
-
 struct Hits<'a> {
     walk: &'a PacketWalk,
     lanes: u32,
-    out: &'a mut PacketSurfaces,
+    out: &'a mut Groups<PACKET>,
 }
 
 impl Op for Hits<'_> {
