@@ -11,6 +11,7 @@
 pub mod bake;
 mod bytes;
 pub mod bvh;
+pub mod cell;
 pub mod cursor;
 pub mod filter;
 pub mod hit;
@@ -21,13 +22,14 @@ pub mod par;
 pub mod place;
 pub mod ray;
 pub mod streams;
+pub mod surface;
 pub mod tree;
 pub mod walk;
 
 pub use cursor::{Below, Descent, for_each_triangle};
 pub use filter::{PartFilter, Within};
 pub use hit::{Counters, Outcome, StandIn, TriHit, Triangle};
-pub use packet::{PacketSurfaces, PacketWalk};
+pub use packet::PacketWalk;
 pub use par::Par;
 pub use place::{Place, Rooted};
 pub use ray::{LocalRay, USUAL_DIRS};

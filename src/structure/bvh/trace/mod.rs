@@ -9,6 +9,7 @@ mod ahead;
 mod bundle;
 mod bundle_leaf;
 mod cell_slabs;
+mod cells;
 mod gauge;
 mod kernel;
 mod packet_cells;

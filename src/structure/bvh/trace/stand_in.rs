@@ -24,19 +24,19 @@ use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 /// [`TriHit::tri`] of the cell in `slot` of a node.
 #[inline(always)]
 pub(super) fn lod_code(node: usize, slot: usize) -> u32 {
-    StandIn { node, slot, is_missing: false, is_inside: false }.code()
+    StandIn { item: (node << 3 | slot) as u32, is_missing: false, is_inside: false }.code()
 }
 
 /// The same, where the block below is missing; `is_inside`: the ray begins in the cell.
 #[inline(always)]
 pub(super) fn missing_code(node: usize, slot: usize, is_inside: bool) -> u32 {
-    StandIn { node, slot, is_missing: true, is_inside }.code()
+    StandIn { item: (node << 3 | slot) as u32, is_missing: true, is_inside }.code()
 }
 
 /// The node that a stand-in's cell hangs in, and its slot there.
 #[inline(always)]
-pub(in crate::structure::bvh) fn place_of(stand_in: StandIn) -> (usize, usize) {
-    (stand_in.node, stand_in.slot)
+pub(super) fn place_of(stand_in: StandIn) -> (usize, usize) {
+    ((stand_in.item >> 3) as usize, (stand_in.item & 7) as usize)
 }
 
 /// Rays as the test needs them: many of them, or one in all lanes.
