@@ -52,7 +52,7 @@ impl SceneView<'_> {
         out.clear();
         let top = &self.scene.placement.top;
         let Some(root) = top.root().filter(|_| beam.enter(top.around(), t_max).is_some()) else { return true };
-        let mut todo = [root; TODO];
+        let mut todo = [root; MOST_OPEN];
         let mut count = 1;
         while count > 0 {
             count -= 1;
@@ -72,7 +72,7 @@ impl SceneView<'_> {
                             count += 1;
                         }
                     }
-                    if count + 2 > TODO {
+                    if count + 2 > MOST_OPEN {
                         return false;
                     }
                 }
@@ -83,7 +83,7 @@ impl SceneView<'_> {
 }
 
 /// Places of the top tree that are still to be looked at, at most: as a depth-first walk holds one for each level.
-const TODO: usize = 64;
+const MOST_OPEN: usize = 64;
 
 impl Group {
     /// See [`PacketWalk::begin_batch`].
