@@ -26,6 +26,8 @@ pub(crate) struct Placed {
     /// Greatest magnitude of a coordinate in the tree's frame.
     reach: f64,
     local_bounds: DBounds,
+    /// Around all that rays may hit, in the tree's frame, but for how boxes give way.
+    around_hits: DBounds,
     /// Largest singular value of `linear`: no distance grows by more.
     pub stretch: f64,
     /// What the way to the tree's frame and back loses, as a part of what goes through.
@@ -36,10 +38,22 @@ pub(crate) struct Placed {
     pub bounds: DBounds,
 }
 
-/// By how much the bounds of what rays may hit are larger than those of triangles, as a part of the extents: planes of cells, which stand in, are
-/// rounded outward by less than a hundredth of their node's size.
+/// By how much bounds of triangles are grown to hold all that rays may hit, as a part of their extents, where the tree's own boxes are not known:
+/// planes of cells, which stand in, are rounded outward by less than a hundredth of their node's size.
 const CELLS: f64 = 1.0 / 64.0;
-/// The same as a part of the tree's reach: boxes give way by 64 h where rays begin within [`FAR`] reaches (h = 2^-24, see
+
+/// Around all that rays may hit in a tree, in its frame.
+fn around_hits(tree: &StoredTree) -> DBounds {
+    match tree.around_hits {
+        Some(b) => DBounds { min: b.min.as_dvec3(), max: b.max.as_dvec3() }.union(tree.bounds),
+        None => {
+            let grown = tree.bounds.extent() * CELLS;
+            DBounds { min: tree.bounds.min - grown, max: tree.bounds.max + grown }
+        }
+    }
+}
+
+/// By how much more, as a part of the tree's reach: boxes give way by 64 h where rays begin within [`FAR`] reaches (h = 2^-24, see
 /// `structure::bvh::trace::PreparedRay`), and rays from farther away are moved nearer.
 const GIVE: f64 = 1.0 / 4096.0;
 
@@ -146,6 +160,7 @@ impl Placed {
             unturned,
             reach: f64::from(tree.reach),
             local_bounds: tree.bounds,
+            around_hits: around_hits(tree),
             stretch,
             loss: if unturned { 8.0 * f64::EPSILON } else { loss(&linear, &inverse).max(loss(&inverse, &linear)) },
             position_error: tree.position_error * stretch,
@@ -155,8 +170,8 @@ impl Placed {
 
     /// Around all that rays may hit in it, stand-ins too, in the world: a ray that misses this box hits nothing in the tree, whichever way it goes.
     pub fn hit_bounds(&self) -> DBounds {
-        let grown = self.local_bounds.extent() * CELLS + DVec3::splat(self.reach * GIVE);
-        let local = DBounds { min: self.local_bounds.min - grown, max: self.local_bounds.max + grown };
+        let give = DVec3::splat(self.reach * GIVE);
+        let local = DBounds { min: self.around_hits.min - give, max: self.around_hits.max + give };
         let around = local.transformed(&DAffine3 { matrix3: self.linear, translation: self.offset });
         self.bounds.union(around)
     }
