@@ -2,6 +2,7 @@
 //! are how it is used; `benchmarks.toml` says what is measured.
 
 mod accuracy;
+mod assemblies;
 mod builds;
 mod charts;
 mod cold;
@@ -16,6 +17,7 @@ mod ours;
 mod pairs;
 mod peers;
 mod pictures;
+mod placed;
 mod rays;
 mod record;
 mod scenes;
