@@ -7,7 +7,7 @@ use crate::data::{Benchmark, Case, Data, RayKind, Residency};
 use crate::expected::{Book, Expected};
 use crate::failure::Failure;
 use crate::ours::{self, ModelAt, Ours, Ready};
-use crate::pairs::{Pairs, Spread, steady};
+use crate::pairs::{Clock, Pairs, Spread, steady};
 use crate::peers::{self, Peer};
 use crate::pictures;
 use crate::rays::Batch;
@@ -20,7 +20,6 @@ use outcrop::simd::Isa;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// A benchmark on one scene.
 pub struct Task<'a> {
@@ -30,6 +29,7 @@ pub struct Task<'a> {
     pub book: &'a mut Book,
     /// Only what answers are, without times and peers.
     pub is_only_expecting: bool,
+    pub clock: Clock,
 }
 
 /// Where and when it is now.
@@ -43,6 +43,14 @@ impl Task<'_> {
         let (scene, title) = (row.name.clone(), row.title.clone());
         let run = run_now();
         Record { key, benchmark: self.benchmark.name.clone(), scene, title, triangles, run, result }
+    }
+
+    /// Seconds of a run.
+    fn timed(&self, run: &mut dyn Run, threads: usize) -> f64 {
+        run.prepare();
+        let begun = self.clock.now();
+        std::hint::black_box(run.run(threads));
+        self.clock.now() - begun
     }
 }
 
@@ -63,8 +71,10 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
         let cases = || task.benchmark.cases().into_iter().filter(|case| case.structure == *structure);
         let (pictures, rays): (Vec<Case>, Vec<Case>) = cases().partition(|case| case.rays == RayKind::Picture);
         let shown: Vec<pictures::Side> = sides.iter().map(Side::shown).collect();
-        for case in pictures {
-            records.extend(pictures::measure(task, &case, &shown[0], shown.get(1))?);
+        // Pictures are the work of a context's own threads.
+        let is_wall = task.clock == Clock::Wall;
+        for case in pictures.iter().filter(|_| is_wall) {
+            records.extend(pictures::measure(task, case, &shown[0], shown.get(1))?);
         }
         if rays.is_empty() {
             continue;
@@ -208,9 +218,9 @@ fn rays_of(task: &mut Task, case: &Case, models: &Models, peers: &[Rival]) -> Re
         return Ok(Vec::new());
     }
     let mut records = Vec::new();
-    for &threads in &task.benchmark.threads {
+    for &threads in task.benchmark.threads.iter().filter(|threads| task.clock == Clock::Wall || **threads == 1) {
         let mut all: Vec<&mut Contender> = contenders.iter_mut().collect();
-        let mut others = best_calls(peers, task.benchmark.asked.get(), &batch, threads, &truth)?;
+        let mut others = best_calls(task, peers, &batch, threads, &truth)?;
         all.extend(others.iter_mut());
         records.extend(in_turn(task, case, &batch, threads, &mut all, models.last().ours.model.info().triangles_in));
     }
@@ -273,8 +283,8 @@ fn our_side<'a>(
 
 /// The fastest way of asking each peer, of two runs each; where ours are asked one by one, so are theirs.
 fn best_calls<'a>(
+    task: &Task,
     peers: &'a [Rival],
-    asked: usize,
     batch: &Batch,
     threads: usize,
     truth: &[Answer],
@@ -282,9 +292,9 @@ fn best_calls<'a>(
     let mut best: BTreeMap<&str, (f64, Contender<'a>)> = BTreeMap::new();
     let exact: Vec<Ray> = batch.at(0.0);
     for Rival { name, quality, peer } in peers {
-        for call in peer.calls(batch).into_iter().filter(|call| asked > 1 || *call == "1") {
+        for call in peer.calls(batch).into_iter().filter(|call| task.benchmark.asked.get() > 1 || *call == "1") {
             let mut run = peer.ready(call, batch, &exact);
-            let took = timed(&mut *run, threads).min(timed(&mut *run, threads));
+            let took = task.timed(&mut *run, threads).min(task.timed(&mut *run, threads));
             if best.get(name).is_some_and(|(least, _)| *least <= took) {
                 continue;
             }
@@ -299,14 +309,6 @@ fn best_calls<'a>(
         }
     }
     Ok(best.into_values().map(|(_, contender)| contender).collect())
-}
-
-/// Seconds of a run.
-fn timed(run: &mut dyn Run, threads: usize) -> f64 {
-    run.prepare();
-    let begun = Instant::now();
-    std::hint::black_box(run.run(threads));
-    begun.elapsed().as_secs_f64()
 }
 
 /// The pairs of contenders: each with Embree, or where that is missing with the first, which is ours, exact. Of a scene of many trees
@@ -328,7 +330,7 @@ fn in_turn(task: &Task, case: &Case, batch: &Batch, threads: usize, all: &mut [&
     let mut opponents: BTreeMap<usize, Spread> = BTreeMap::new();
     for (i, opponent) in pairs_of(all) {
         let [a, b] = all.get_disjoint_mut([i, opponent]).expect("two of them");
-        let pairs = Pairs::in_turn(task.benchmark.rounds, || steady(|| timed(&mut *a.run, threads)), || steady(|| timed(&mut *b.run, threads)));
+        let pairs = Pairs::in_turn(task.benchmark.rounds, || steady(|| task.timed(&mut *a.run, threads)), || steady(|| task.timed(&mut *b.run, threads)));
         let (seconds, theirs) = (Spread::of(&pairs.a), Spread::of(&pairs.b));
         let against = Against { side: b.side.clone(), call: b.call.clone(), seconds: theirs, ratio: pairs.ratio() };
         records.push(result(task, case, batch, threads, a, seconds, Some(against), triangles));
@@ -336,8 +338,8 @@ fn in_turn(task: &Task, case: &Case, batch: &Batch, threads: usize, all: &mut [&
     }
     if opponents.is_empty() {
         let run = &mut *all[0].run;
-        timed(run, threads);
-        opponents.insert(0, Spread::of(&(0..task.benchmark.rounds).map(|_| steady(|| timed(run, threads))).collect::<Vec<_>>()));
+        task.timed(run, threads);
+        opponents.insert(0, Spread::of(&(0..task.benchmark.rounds).map(|_| steady(|| task.timed(run, threads))).collect::<Vec<_>>()));
     }
     for (opponent, seconds) in opponents {
         records.push(result(task, case, batch, threads, all[opponent], seconds, None, triangles));
@@ -371,7 +373,7 @@ fn result(
     let trace = Trace {
         side: contender.side.clone(),
         is_peer: contender.is_peer,
-        call: contender.call.clone(),
+        call: format!("{}{}", contender.call, task.clock.remark()),
         residency: case.residency.name(),
         view: case.view,
         rays: case.rays.name().into(),
