@@ -26,8 +26,6 @@ pub(crate) struct Placed {
     /// Greatest magnitude of a coordinate in the tree's frame.
     reach: f64,
     local_bounds: DBounds,
-    /// Around all that rays may hit, in the tree's frame, but for how boxes give way.
-    around_hits: DBounds,
     /// Largest singular value of `linear`: no distance grows by more.
     pub stretch: f64,
     /// What the way to the tree's frame and back loses, as a part of what goes through.
@@ -160,7 +158,6 @@ impl Placed {
             unturned,
             reach: f64::from(tree.reach),
             local_bounds: tree.bounds,
-            around_hits: around_hits(tree),
             stretch,
             loss: if unturned { 8.0 * f64::EPSILON } else { loss(&linear, &inverse).max(loss(&inverse, &linear)) },
             position_error: tree.position_error * stretch,
@@ -168,10 +165,11 @@ impl Placed {
         }
     }
 
-    /// Around all that rays may hit in it, stand-ins too, in the world: a ray that misses this box hits nothing in the tree, whichever way it goes.
-    pub fn hit_bounds(&self) -> DBounds {
+    /// Around all that rays may hit in it, which is `tree`, stand-ins too, in the world: a ray that misses this box hits nothing in the tree, whichever way it goes.
+    pub fn hit_bounds(&self, tree: &StoredTree) -> DBounds {
+        let around = around_hits(tree);
         let give = DVec3::splat(self.reach * GIVE);
-        let local = DBounds { min: self.around_hits.min - give, max: self.around_hits.max + give };
+        let local = DBounds { min: around.min - give, max: around.max + give };
         let around = local.transformed(&DAffine3 { matrix3: self.linear, translation: self.offset });
         self.bounds.union(around)
     }
