@@ -255,7 +255,8 @@ impl SceneView<'_> {
     }
 }
 
-/// Works out where rays enter the bounds of placed trees; infinity for those that they miss. As [`Slabs::enter`], in loops that become vectors.
+/// Works out where rays enter the bounds of placed trees, as [`Slabs::enter`] does, in loops that become vectors. Not a number for bounds that a
+/// ray misses: that is before no end of a ray.
 struct Enter<'a> {
     rays: &'a [Ray],
     entered: &'a [Entered],
@@ -299,7 +300,7 @@ impl Op for Enter<'_> {
                 }
             }
             for i in 0..PACKET {
-                out[i] = if near[i] <= far[i] { near[i] } else { f64::INFINITY };
+                out[i] = if near[i] <= far[i] { near[i] } else { f64::NAN };
             }
         }
     }
