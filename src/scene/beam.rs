@@ -52,18 +52,19 @@ impl Beam {
         Self::between(org, alike.dirs().map(|ends| ends.map(f64::from)), t_min, mask)
     }
 
-    /// Of those of `rays` that are in `among` (bit `i`: ray `i`); `None` if there are none.
-    pub fn among(rays: &[Ray], among: u32) -> Option<Self> {
+    /// Of those of `rays` that are in `among` (bit `i`: ray `i`), if they all begin at one point; else, and where there are none, `None`.
+    pub fn from_one_point(rays: &[Ray], among: u32) -> Option<Self> {
         let first = rays.get(among.trailing_zeros() as usize)?;
-        let mut org = [first.origin; 2];
         let (mut least, mut greatest, mut t_min, mut mask) = (first.dir, first.dir, first.t_min, 0);
         for ray in bits(among).map(|i| &rays[i]) {
-            org = [org[0].min(ray.origin), org[1].max(ray.origin)];
+            if ray.origin != first.origin {
+                return None;
+            }
             (least, greatest) = (least.min(ray.dir), greatest.max(ray.dir));
             (t_min, mask) = (t_min.min(ray.t_min), mask | ray.mask);
         }
-        let dir = [0, 1, 2].map(|axis| [f64::from(least[axis]), f64::from(greatest[axis])]);
-        Some(Self::between(org, dir, t_min, mask))
+        let dir = [0, 1, 2].map(|axis| [least[axis], greatest[axis]]);
+        Some(Self::from_point(first.origin, dir, t_min, mask))
     }
 
     /// No ray enters the box before the distance that is returned; `None` if surely none meets it up to `t_max`. There is no way along any
@@ -102,7 +103,7 @@ impl Beam {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::top::Slabs;
+    use crate::scene::slabs::Slabs;
     use glam::Vec3;
 
     /// Against the slabs of single rays between the extremes: where one of them meets the box, the beam does, and no later.

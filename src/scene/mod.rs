@@ -14,6 +14,7 @@ pub mod state;
 pub mod top;
 pub(crate) mod group;
 pub(crate) mod packet;
+mod slabs;
 pub(crate) mod stream;
 pub(crate) mod walk;
 

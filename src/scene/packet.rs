@@ -1,9 +1,9 @@
-//! A packet's rays together in a scene of any trees: they go down the top tree as a beam, and into each placed tree with those of them that meet its
-//! box. Like walks of single rays, a packet can be put down at a missing block and taken up again.
+//! A packet's rays together in a scene of any trees: they go down the top tree, and into each placed tree, those of them that meet its box. Like walks of single rays, a packet can be put down at a missing block and taken up again.
 
 use super::beam::Beam;
 use super::placed::At;
-use super::top::{NodeRef, Slabs, Target};
+use super::slabs::PacketSlabs;
+use super::top::{NodeRef, Target};
 use super::walk::{Found, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
 use crate::structure::{LocalRay, Outcome, PacketWalk};
@@ -19,14 +19,14 @@ pub(crate) struct ScenePacket {
     inside: u32,
     tree: PacketWalk,
     best: [Found; PACKET],
-    slabs: Vec<Slabs>,
+    /// How far each ray may still go.
+    far: [f64; PACKET],
+    slabs: PacketSlabs,
+    /// Of rays from one point, which is about as narrow as they are: fewer of them meet a box than it only where boxes are small.
     beam: Option<Beam>,
     /// Rays that still look for something.
     active: u32,
 }
-
-/// Rays up to which each is tested against each box of the top tree by itself.
-const FEW: u32 = 4;
 
 impl Default for ScenePacket {
     fn default() -> Self {
@@ -37,7 +37,8 @@ impl Default for ScenePacket {
             inside: 0,
             tree: PacketWalk::new(),
             best: [Found::nothing(0.0); PACKET],
-            slabs: Vec::new(),
+            far: [0.0; PACKET],
+            slabs: PacketSlabs::NONE,
             beam: None,
             active: 0,
         }
@@ -57,13 +58,13 @@ impl ScenePacket {
         self.active = 0;
         for (i, it) in rays.iter().enumerate() {
             (self.best[i].t, self.best[i].placed, self.best[i].passed) = (it.t_max, NOTHING, f64::INFINITY);
+            self.far[i] = it.t_max;
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
         let Some(root) = view.scene.placement.top.root() else { return };
         if let Target::Inner(_) = root.target() {
-            self.slabs.clear();
-            self.slabs.extend(rays.iter().map(Slabs::new));
-            self.beam = Beam::among(rays, self.active);
+            self.slabs.set(rays);
+            self.beam = Beam::from_one_point(rays, self.active);
         }
         self.todo.push((root, self.active, 0.0));
     }
@@ -76,7 +77,7 @@ impl ScenePacket {
 
     /// The greatest distance that any of some rays may still go.
     fn farthest(&self, rays: u32) -> f64 {
-        bits(rays).fold(f64::NEG_INFINITY, |far, i| far.max(self.best[i].t))
+        bits(rays).fold(f64::NEG_INFINITY, |far, i| far.max(self.far[i]))
     }
 }
 
@@ -97,6 +98,7 @@ impl SceneView<'_> {
                 walk.at = None;
                 for i in bits(walk.inside) {
                     walk.best[i].offer::<ANY>(self.looks_beyond, &walk.moved[i], walk.tree.best(i), walk.tree.passed()[i]);
+                    walk.far[i] = walk.best[i].t;
                     if ANY && walk.best[i].is_hit() {
                         walk.active &= !(1 << i);
                     }
@@ -109,7 +111,7 @@ impl SceneView<'_> {
             }
             match node.target() {
                 Target::Placed(placed) => self.enter_packet(rays, placed, mask, walk),
-                Target::Inner(index) => self.push_children_packet(rays, index, mask, walk),
+                Target::Inner(index) => self.push_children_packet(index, mask, walk),
             }
         }
     }
@@ -134,23 +136,19 @@ impl SceneView<'_> {
         }
     }
 
-    fn push_children_packet(&self, rays: &[Ray; PACKET], index: u32, mask: u32, walk: &mut ScenePacket) {
+    fn push_children_packet(&self, index: u32, mask: u32, walk: &mut ScenePacket) {
         let node = self.scene.placement.top.node(index);
-        let (mut met, mut nearest) = ([0u32; 2], [f64::INFINITY; 2]);
-        let far = walk.farthest(mask);
+        let (mut met, mut nearest) = ([0; 2], [f64::INFINITY; 2]);
+        let mut enter = [0.0; PACKET];
         for side in 0..2 {
-            let (bounds, child) = (&node.bounds[side], node.child[side]);
-            let Some(enter) = walk.beam.map_or(Some(0.0), |beam| beam.enter(bounds, far)) else { continue };
-            if mask.count_ones() > FEW && matches!(child.target(), Target::Inner(_)) {
-                (met[side], nearest[side]) = (mask, enter);
+            if let (Some(beam), Target::Inner(_)) = (&walk.beam, node.child[side].target()) {
+                if let Some(enter) = beam.enter(&node.bounds[side], walk.farthest(mask)) {
+                    (met[side], nearest[side]) = (mask, enter);
+                }
                 continue;
             }
-            for i in bits(mask) {
-                if let Some(t) = walk.slabs[i].enter(bounds, rays[i].t_min, walk.best[i].t) {
-                    met[side] |= 1 << i;
-                    nearest[side] = nearest[side].min(t);
-                }
-            }
+            met[side] = mask & walk.slabs.enter(self.scene.context().isa(), &node.bounds[side], &walk.far, &mut enter);
+            nearest[side] = bits(met[side]).fold(f64::INFINITY, |nearest, i| nearest.min(enter[i]));
         }
         let far = usize::from(nearest[0] <= nearest[1]);
         for side in [far, 1 - far] {

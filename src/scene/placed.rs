@@ -1,6 +1,6 @@
 //! A tree placed in the world, and rays taken into its frame.
 
-use super::top::Slabs;
+use super::slabs::Slabs;
 use crate::base::error::{Error, Result};
 use crate::math::{Bounds, Cone, DBounds, Ray};
 use crate::structure::open::StoredTree;

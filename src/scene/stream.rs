@@ -3,12 +3,12 @@
 
 use super::alike::Alike;
 use super::beam::Beam;
-use super::group::{Entered, FEW as FEW_TREES};
+use super::group::Entered;
 use super::placed::At;
-use super::top::{GIVE, NodeRef, Slabs, Target};
+use super::slabs::{PacketSlabs, Slabs};
+use super::top::{NodeRef, Target};
 use super::walk::{Found, SceneView, SceneWalk, Step};
-use crate::math::{PACKET, Ray, STREAM};
-use crate::simd::{Op, Simd, dispatch};
+use crate::math::{PACKET, Ray, STREAM, bits};
 use crate::structure::{LocalRay, Outcome, Stream, TriHit, Walk};
 
 /// Rays that go one after the other, at most: so few take longer to begin side by side than to walk.
@@ -28,9 +28,9 @@ pub(crate) struct SceneStream {
     slabs: Vec<Slabs>,
     /// Rays that have nodes there, or may.
     goes_on: Box<[bool; STREAM]>,
-    /// The placed trees that some rays may enter, and where each of these enters each.
+    /// The placed trees that some packet's rays may enter.
     entered: Vec<Entered>,
-    enter: Box<[[f64; PACKET]; FEW_TREES]>,
+    packet: Box<PacketSlabs>,
     /// Rays that enter a placed tree in this round.
     entering: Vec<Entering>,
     unfinished: Vec<u32>,
@@ -57,7 +57,7 @@ impl Default for SceneStream {
             slabs: Vec::new(),
             goes_on: Box::new([false; STREAM]),
             entered: Vec::new(),
-            enter: Box::new([[0.0; PACKET]; FEW_TREES]),
+            packet: Box::new(PacketSlabs::NONE),
             entering: Vec::new(),
             unfinished: Vec::new(),
         }
@@ -136,32 +136,31 @@ impl SceneView<'_> {
             walk.goes_on[first..][..group.len()].fill(false);
             return entering.extend((first..).zip(group).filter_map(|(i, ray)| self.entering(ray, i, only.placed)));
         }
-        if is_few {
-            dispatch(self.scene.context().isa(), Enter { rays: group, entered: &walk.entered, enter: &mut walk.enter });
-        }
+        let SceneStream { entered, packet, todo, slabs, goes_on, .. } = &mut *walk;
         for (i, ray) in group.iter().enumerate() {
-            let SceneStream { entered, enter, todo, slabs, goes_on, .. } = &mut *walk;
-            let todo = &mut todo[first + i];
-            todo.clear();
             goes_on[first + i] = ray.can_hit();
-            match (is_few, self.scene.placement.top.root()) {
-                _ if !ray.can_hit() => continue,
-                (false, Some(root)) => {
-                    slabs[first + i] = Slabs::new(ray);
-                    todo.push((root, 0.0));
-                }
-                _ => {
-                    for (tree, enter) in entered.iter().zip(enter.iter()) {
-                        if enter[i] <= ray.t_max {
-                            todo.push((tree.node, enter[i]));
-                        }
-                    }
+            todo[first + i].clear();
+        }
+        if is_few {
+            packet.set(group);
+            let mut t_max = [f64::NEG_INFINITY; PACKET];
+            t_max.iter_mut().zip(group).for_each(|(t_max, ray)| *t_max = if ray.can_hit() { ray.t_max } else { f64::NEG_INFINITY });
+            for tree in &*entered {
+                let mut enter = [0.0; PACKET];
+                for i in bits(packet.enter(self.scene.context().isa(), &tree.bounds, &t_max, &mut enter)) {
+                    let todo = &mut todo[first + i];
                     // The nearest last; of equal ones the first.
-                    todo.sort_by(|a, b| b.1.total_cmp(&a.1));
+                    let at = todo.partition_point(|it| it.1 > enter[i]);
+                    todo.insert(at, (tree.node, enter[i]));
                 }
             }
-            entering.extend(self.next_tree(ray, first + i, ray.t_max, walk));
+        } else if let Some(root) = self.scene.placement.top.root() {
+            for (i, ray) in group.iter().enumerate().filter(|(_, ray)| ray.can_hit()) {
+                slabs[first + i] = Slabs::new(ray);
+                todo[first + i].push((root, 0.0));
+            }
         }
+        entering.extend((first..).zip(group).filter_map(|(i, ray)| self.next_tree(ray, i, ray.t_max, walk)));
     }
 
     /// A ray that enters a placed tree, if it sees that.
@@ -251,57 +250,6 @@ impl SceneView<'_> {
         }
         for (i, (hit, it)) in hits.iter().zip(run).enumerate() {
             found[it.ray as usize].offer::<ANY>(self.looks_beyond, &at[i], *hit, stream.passed()[i]);
-        }
-    }
-}
-
-/// Works out where rays enter the bounds of placed trees, as [`Slabs::enter`] does, in loops that become vectors. Not a number for bounds that a
-/// ray misses: that is before no end of a ray.
-struct Enter<'a> {
-    rays: &'a [Ray],
-    entered: &'a [Entered],
-    enter: &'a mut [[f64; PACKET]; FEW_TREES],
-}
-
-impl Op for Enter<'_> {
-    type Out = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let Self { rays, entered, enter } = self;
-        let (mut org, mut inv, mut t_min) = ([[0.0; PACKET]; 3], [[0.0; PACKET]; 3], [0.0; PACKET]);
-        for i in 0..rays.len().min(PACKET) {
-            let ray = &rays[i];
-            t_min[i] = ray.t_min;
-            for axis in 0..3 {
-                (org[axis][i], inv[axis][i]) = (ray.origin[axis], f64::from(ray.dir[axis]));
-            }
-        }
-        for axis in 0..3 {
-            for i in 0..PACKET {
-                inv[axis][i] = 1.0 / inv[axis][i];
-            }
-        }
-        for (tree, out) in entered.iter().zip(enter) {
-            let (mut near, mut far) = (t_min, [f64::INFINITY; PACKET]);
-            for axis in 0..3 {
-                let (min, max) = (tree.bounds.min[axis], tree.bounds.max[axis]);
-                for i in 0..PACKET {
-                    let is_down = inv[axis][i] < 0.0;
-                    let first = if is_down { max } else { min };
-                    let last = if is_down { min } else { max };
-                    let low = (first - org[axis][i]) * inv[axis][i];
-                    let high = (last - org[axis][i]) * inv[axis][i];
-                    let low = low * (1.0 - GIVE.copysign(low));
-                    let high = high * (1.0 + GIVE.copysign(high));
-                    // What is not a number leaves the interval as it is.
-                    near[i] = if low > near[i] { low } else { near[i] };
-                    far[i] = if high < far[i] { high } else { far[i] };
-                }
-            }
-            for i in 0..PACKET {
-                out[i] = if near[i] <= far[i] { near[i] } else { f64::NAN };
-            }
         }
     }
 }

@@ -1,7 +1,6 @@
 //! The top-level tree: a binary BVH over the bounds of placed trees, in double precision.
 
-use crate::math::{DBounds, Ray};
-use glam::DVec3;
+use crate::math::DBounds;
 
 /// A child of a node: an inner node, or (with the top bit) a placed tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -177,57 +176,12 @@ fn cheapest_cut(bounds: &[DBounds], range: &[u32], bin: impl Fn(u32) -> usize) -
     best
 }
 
-/// By what part of themselves distances to planes give way.
-pub(super) const GIVE: f64 = 4.0 * f64::EPSILON;
-
-/// A ray made ready for box tests in double precision.
-#[derive(Debug, Clone, Copy)]
-pub struct Slabs {
-    org: DVec3,
-    inv: DVec3,
-    /// For each axis whether the ray goes down it: it meets greatest planes first.
-    down: [bool; 3],
-}
-
-impl Slabs {
-    /// From a ray in world space.
-    #[inline]
-    pub fn new(ray: &Ray) -> Self {
-        Self::of(ray.origin, ray.dir.as_dvec3())
-    }
-
-    /// From an origin and a direction.
-    #[inline]
-    pub fn of(org: DVec3, dir: DVec3) -> Self {
-        let inv = dir.recip();
-        Self { org, inv, down: [inv.x < 0.0, inv.y < 0.0, inv.z < 0.0] }
-    }
-
-    /// Where the ray enters the box within [`t_min`, `t_max`], a little before to be safe; `None` if it misses.
-    ///
-    /// A direction component of 0 makes infinities: outside the slab they bound the interval away,
-    /// inside they leave it alone, and the NaN on its border loses in `min` and `max`. The rounding
-    /// of three operations is 1.5 units of 2⁻⁵² relative to each t; 4 are given. (Without branches: in the directions of bounces these are
-    /// guessed wrong half of the time.)
-    #[inline]
-    pub fn enter(&self, b: &DBounds, t_min: f64, t_max: f64) -> Option<f64> {
-        let (planes, mut near, mut far) = ([&b.min, &b.max], t_min, t_max);
-        for axis in 0..3 {
-            let first = usize::from(self.down[axis]);
-            let low = (planes[first][axis] - self.org[axis]) * self.inv[axis];
-            let high = (planes[1 - first][axis] - self.org[axis]) * self.inv[axis];
-            // Away from the box whatever the sign.
-            near = near.max(low * (1.0 - GIVE.copysign(low)));
-            far = far.min(high * (1.0 + GIVE.copysign(high)));
-        }
-        (near <= far).then_some(near)
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::slabs::Slabs;
     use super::*;
-    use glam::Vec3;
+    use crate::math::Ray;
+    use glam::{DVec3, Vec3};
 
     fn grid(n: i32) -> Vec<DBounds> {
         let corner = |i: i32| DVec3::new((i % 7) as f64, (i / 7 % 5) as f64, (i / 35) as f64) * 3.0;

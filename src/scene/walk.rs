@@ -7,7 +7,8 @@
 use super::model::Model;
 use super::placed::At;
 use super::state::SceneState;
-use super::top::{NodeRef, Slabs, Target};
+use super::slabs::Slabs;
+use super::top::{NodeRef, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
