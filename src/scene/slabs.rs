@@ -66,13 +66,15 @@ impl PacketSlabs {
         for (i, ray) in rays.iter().enumerate().take(PACKET) {
             self.t_min[i] = ray.t_min;
             for axis in 0..3 {
-                (self.org[axis][i], self.inv[axis][i]) = (ray.origin[axis], 1.0 / f64::from(ray.dir[axis]));
+                (self.org[axis][i], self.inv[axis][i]) = (ray.origin[axis], f64::from(ray.dir[axis]));
             }
         }
+        // In vectors.
+        self.inv.as_flattened_mut().iter_mut().for_each(|dir| *dir = dir.recip());
     }
 
     /// Where each ray enters a box, as [`Slabs::enter`] has it, into `enter`; and those that enter it at all (bit `i`: ray `i`). `t_max`: how
-    /// far each goes. Rays that were not [set](Self::set) may be among them.
+    /// far each goes. Those that were not [set](Self::set) last may be among them.
     #[inline]
     pub fn enter(&self, isa: Isa, bounds: &DBounds, t_max: &[f64; PACKET], enter: &mut [f64; PACKET]) -> u32 {
         dispatch(isa, Enter { rays: self, bounds, t_max, enter })
