@@ -1,8 +1,9 @@
 //! Acceleration structures, and the contract between them and all rooms above.
 //!
 //! The contract: `ray` (rays in a tree's frame), `hit` (what walks answer), `filter` (what rays pass through), `place` and `cursor` (walking
-//! down a tree of any structure), `walk` and `packet` (the state of rays), `tree` (one enum over structures: rays in, hits out), `open` (from
-//! a file to trees, and the decoder that residency is handed), `bake` (triangles in, blocks out), `streams` (numbers beside triangles).
+//! down a tree of any structure), `walk`, `packet` and `stream` (the state of rays), `tree` (one enum over structures: rays in, hits out), `open` (from
+//! a file to trees, and the decoder that residency is handed), `bake` (triangles in, blocks out), `streams` (numbers beside triangles),
+//! `fallback` (packets and streams of a structure that walks single rays only).
 //!
 //! Each structure is a folder with three faces: `build` (triangles in, blocks out), `layout` (the bytes both wings agree on), `trace` (rays in,
 //! hits out). A further one is such a folder, and an arm in the enums of `tree`, `open` and `bake`; no room above names one.
@@ -12,6 +13,7 @@ pub mod bake;
 mod bytes;
 pub mod bvh;
 pub mod cursor;
+pub mod fallback;
 pub mod filter;
 pub mod hit;
 pub mod open;
@@ -20,6 +22,7 @@ mod packet_prepare;
 pub mod par;
 pub mod place;
 pub mod ray;
+pub mod stream;
 pub mod streams;
 pub mod tree;
 pub mod walk;
@@ -31,7 +34,8 @@ pub use packet::{PacketSurfaces, PacketWalk};
 pub use par::Par;
 pub use place::{Place, Rooted};
 pub use ray::{LocalRay, USUAL_DIRS};
-pub use tree::{Bundle, Stream, Tree, Visit};
+pub use stream::Stream;
+pub use tree::{Bundle, Tree, Visit};
 pub use walk::Walk;
 
 /// The acceleration structure of a model.

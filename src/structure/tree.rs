@@ -10,13 +10,14 @@ use super::filter::PartFilter;
 use super::hit::{Outcome, Triangle, TriHit};
 use super::packet::PacketWalk;
 use super::place::{Place, Rooted};
+use super::stream::Stream;
 use super::walk::Walk;
 use crate::base::ids::BlockId;
 use crate::math::Bounds;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
 
-pub use bvh::trace::{Bundle, Stream};
+pub use bvh::trace::Bundle;
 
 /// How walks visit a tree.
 #[derive(Debug, Clone, Copy, Default)]
