@@ -1,6 +1,8 @@
 //! The contract of the bake wing: triangles of a mesh in, blocks of a tree out, in chunks that fit memory.
 
 use super::{Structure, bvh};
+#[cfg(any(test, feature = "brute"))]
+use super::brute;
 use super::par::Par;
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
@@ -153,6 +155,8 @@ pub trait BakeOp {
 pub fn with_baker<O: BakeOp>(structure: Structure, op: O) -> O::Out {
     match structure {
         Structure::Bvh => op.run::<bvh::build::BvhBaker>(),
+        #[cfg(any(test, feature = "brute"))]
+        Structure::Brute => op.run::<brute::build::BruteBaker>(),
     }
 }
 

@@ -10,6 +10,8 @@
 #![forbid(unsafe_code)]
 
 pub mod bake;
+#[cfg(any(test, feature = "brute"))]
+pub mod brute;
 mod bytes;
 pub mod bvh;
 pub mod cursor;
@@ -45,16 +47,25 @@ pub enum Structure {
     /// Wide, quantised bounding volume hierarchy.
     #[default]
     Bvh = 1,
+    /// List of triangles; for tests.
+    #[cfg(any(test, feature = "brute"))]
+    Brute = 255,
 }
 
 impl Structure {
     /// All of them.
-    pub const ALL: [Self; 1] = [Self::Bvh];
+    pub const ALL: [Self; 1 + cfg!(any(test, feature = "brute")) as usize] = [
+        Self::Bvh,
+        #[cfg(any(test, feature = "brute"))]
+        Self::Brute,
+    ];
 
     /// As command lines and benchmarks call it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Bvh => "bvh",
+            #[cfg(any(test, feature = "brute"))]
+            Self::Brute => "brute",
         }
     }
 

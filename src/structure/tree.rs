@@ -4,8 +4,12 @@
 //! costs nothing beside the answer; a type parameter through the rooms above would copy all kernels once more for each structure
 //! (2 MB each). A structure without packets, streams or bundles of its own falls back to single walks (`fallback.rs`).
 
+#[cfg(any(test, feature = "brute"))]
+use super::brute;
 use super::bvh;
 use super::cursor::Below;
+#[cfg(any(test, feature = "brute"))]
+use super::fallback::SingleWalks;
 use super::filter::PartFilter;
 use super::hit::{Outcome, Triangle, TriHit};
 use super::packet::PacketWalk;
@@ -35,6 +39,9 @@ pub struct Visit {
 pub enum Tree<'a> {
     /// A wide bounding volume hierarchy.
     Bvh(bvh::trace::TreeView<'a>),
+    /// A list of triangles.
+    #[cfg(any(test, feature = "brute"))]
+    Brute(brute::trace::TreeView<'a>),
 }
 
 /// Answers with the structure's own view of the tree.
@@ -42,6 +49,8 @@ macro_rules! of_each {
     ($tree:expr, $own:ident => $answer:expr) => {
         match $tree {
             Tree::Bvh($own) => $answer,
+            #[cfg(any(test, feature = "brute"))]
+            Tree::Brute($own) => $answer,
         }
     };
 }
@@ -104,6 +113,8 @@ impl<'a> Tree<'a> {
     pub fn closest_in_bundle(&self, filter: Option<&PartFilter>, bundle: &mut Bundle, among: u32) {
         match self {
             Tree::Bvh(own) => bundle.closest(own, filter, among),
+            #[cfg(any(test, feature = "brute"))]
+            Tree::Brute(_) => {}
         }
     }
 
