@@ -104,12 +104,11 @@ fn assert_missed(visible: &Bvh64, ray: &Ray) {
     assert_eq!(met, None, "missed: {ray:?}");
 }
 
-#[test]
 fn rays_meet_only_what_is_visible() {
     let tris = tris();
     let (built, visible) = (build(&tris), of_visible(&tris));
     // With all in memory, and with stand-ins for what is not.
-    for (budget, policy) in [(0, Policy::Exact), (4 << 20, Policy::Now)] {
+    for (budget, policy) in [(0, Policy::Exact), (built::sized(4 << 20, 3 << 20), Policy::Now)] {
         let options = ContextOptions { threads: 2, memory_budget: budget, read_ahead: false, ..Default::default() };
         let context = Context::new(options).expect("a context");
         let (scene, _model) = built::scene(&context, &built);
@@ -149,7 +148,6 @@ fn pixels(frame: &Frame) -> Pixels {
 }
 
 /// In light from everywhere each part has one colour: that of its state.
-#[test]
 fn parts_keep_their_looks_under_stand_ins() {
     let tris = tris();
     let built = build(&tris);
@@ -201,7 +199,6 @@ fn parts_keep_their_looks_under_stand_ins() {
     assert!(seen.iter().all(|&n| n > 20), "{seen:?}");
 }
 
-#[test]
 fn stand_ins_of_masked_instances_are_seen_by_their_rays_only() {
     let tris = tris();
     let (built, visible) = (build(&tris), of_visible(&tris));
@@ -233,3 +230,9 @@ fn stand_ins_of_masked_instances_are_seen_by_their_rays_only() {
     }
     assert!(lod[1] > 200 && lod[2] > 50, "{lod:?}");
 }
+
+built::on_each_structure!(
+    rays_meet_only_what_is_visible,
+    parts_keep_their_looks_under_stand_ins,
+    stand_ins_of_masked_instances_are_seen_by_their_rays_only,
+);

@@ -53,12 +53,11 @@ impl<T> OfEach<T> {
 }
 
 /// A test for each structure and function: `on_each_structure!(check)` makes `bvh::check` and `brute::check`, which build with theirs.
-/// Those behind `bvh:` are of that structure alone.
 #[allow(unused_macros)]
 macro_rules! on_each_structure {
-    ($($test:ident),+ $(; bvh: $($own:ident),+)? $(,)?) => {
+    ($($test:ident),+ $(,)?) => {
         mod bvh {
-            $crate::common::built::on_each_structure!(@ Bvh: $($test),+ $(, $($own),+)?);
+            $crate::common::built::on_each_structure!(@ Bvh: $($test),+);
         }
         mod brute {
             $crate::common::built::on_each_structure!(@ Brute: $($test),+);

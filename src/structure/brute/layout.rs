@@ -112,10 +112,11 @@ pub enum Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// Over words that [`check`] has accepted.
+    /// Over words that [`check`] has accepted; in memory zeros may follow, up to a whole cache line.
     pub fn new(words: &'a [u32]) -> Self {
         let (head, rest) = words.split_at(HEAD_WORDS);
-        if head[0] == INDEX { Block::Index(rest.as_chunks().0) } else { Block::List(rest.as_chunks().0) }
+        let count = head[1] as usize;
+        if head[0] == INDEX { Block::Index(&rest.as_chunks().0[..count]) } else { Block::List(&rest.as_chunks().0[..count]) }
     }
 
     /// A row of an index block.
