@@ -1,8 +1,9 @@
-//! What every room may use: errors, ids, progress and cancel, workers. Uses nothing.
+//! What every room may use: errors, ids, progress and cancel, workers, the handle of a job. Uses nothing.
 
 pub mod bytes;
 pub mod error;
 pub mod faults;
+pub(crate) mod handle;
 pub mod ids;
 pub mod memory;
 pub mod progress;

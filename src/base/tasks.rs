@@ -1,11 +1,12 @@
 //! Workers that serve jobs: our own threads, the host's executor, or the caller stepping.
 //!
 //! A [`Job`] is [`Work`] in rounds of items. Workers take items one by one and turn to the next job every
-//! millisecond, so that several jobs advance together. What is shared: one queue under a mutex, taken
-//! once a slice, not once an item; a mutex and a condition in each job, for its ends and rounds; and
-//! [`super::round`]. No lock is held while work, a callback or the executor runs.
+//! millisecond, so that several jobs advance together. They share one queue under a mutex, taken once a slice, not
+//! once an item; the handle of each job, for its end and its rounds; and [`super::round`]. No lock is held while
+//! work, a callback or the executor runs.
 
 use super::error::{Error, Result};
+use super::handle::{Handle, Until, WakeFn};
 use super::round::Round;
 use std::any::Any;
 use std::cell::{Cell, RefCell};
@@ -44,6 +45,17 @@ pub enum Ending {
     Cancelled,
     /// An item failed, or panicked ([`Error::Internal`]).
     Failed(Arc<Error>),
+}
+
+impl Ending {
+    /// The result of a call that waited for the job.
+    pub(crate) fn into_result(self) -> Result<()> {
+        match self {
+            Ending::Finished => Ok(()),
+            Ending::Cancelled => Err(Error::Cancelled),
+            Ending::Failed(error) => Err(Error::clone(&error)),
+        }
+    }
 }
 
 /// The host's threads.
@@ -149,9 +161,8 @@ pub struct Job {
 
 struct Inner {
     work: WorkRef,
-    state: Mutex<State>,
-    /// Signalled when the job ends or begins a round.
-    changed: Condvar,
+    /// Notified when the job begins a round.
+    handle: Handle<Ending, State>,
 }
 
 struct State {
@@ -159,7 +170,6 @@ struct State {
     cancelled: bool,
     /// The first failure.
     failure: Option<Error>,
-    ending: Option<Ending>,
 }
 
 /// Work that the job owns, or that whoever waits in [`Pool::run_scoped`] owns.
@@ -278,17 +288,14 @@ impl Pool {
                 }
             });
         });
-        let _ = caught(|| {
-            work.ended(&ending);
-            Ok(())
-        });
+        quietly(|| work.ended(&ending));
         ending
     }
 
     fn begin(&self, items: usize, work: WorkRef) -> Job {
         let round = Arc::new(Round::new(items));
-        let state = State { round, cancelled: false, failure: None, ending: None };
-        let inner = Arc::new(Inner { work, state: Mutex::new(state), changed: Condvar::new() });
+        let state = State { round, cancelled: false, failure: None };
+        let inner = Arc::new(Inner { work, handle: Handle::new(state) });
         let job = Job { inner, shared: Arc::clone(&self.shared) };
         if items == 0 {
             self.shared.end_round(&job.inner);
@@ -355,32 +362,21 @@ impl Job {
 
     /// How it ended; `None` while it runs. Never blocks.
     pub fn ending(&self) -> Option<Ending> {
-        lock(&self.inner.state).ending.clone()
+        self.inner.handle.ending()
     }
 
-    /// Waits for the end, `timeout` at most; works itself where the pool has no threads, on scoped work, and inside other work.
+    /// Waits for the end, and for the return of a wake function that another thread calls, `timeout` at most. Works itself
+    /// where the pool has no threads, on scoped work, and inside other work.
     pub fn wait(&self, timeout: Duration) -> Option<Ending> {
-        let deadline = Instant::now().checked_add(timeout);
         let works = self.shared.threads == 0 || self.inner.work.is_scoped() || WORKING.get();
-        loop {
-            let round = {
-                let state = lock(&self.inner.state);
-                if state.ending.is_some() {
-                    return state.ending.clone();
-                }
-                let left = deadline.map_or(Duration::MAX, |d| d.saturating_duration_since(Instant::now()));
-                if left.is_zero() {
-                    return None;
-                }
-                if !(works && state.round.has_items()) {
-                    let _ = self.inner.changed.wait_timeout(state, left.min(Duration::from_secs(3600)));
-                    continue;
-                }
-                Arc::clone(&state.round)
-            };
-            let left = deadline.map_or(SLICE, |d| d.saturating_duration_since(Instant::now()));
-            self.shared.serve(&self.inner, &round, left.min(SLICE));
-        }
+        let todo = |state: &State| (works && state.round.has_items()).then(|| Arc::clone(&state.round));
+        let work = |round, time: Duration| self.shared.serve(&self.inner, &round, time.min(SLICE));
+        self.inner.handle.wait_working(Until::Woken, timeout, todo, work)
+    }
+
+    /// See [`Handle::set_wake`]. Nothing of the work runs any more when it is called.
+    pub(crate) fn set_wake(&self, wake: Option<WakeFn>) {
+        self.inner.handle.set_wake(wake);
     }
 }
 
@@ -445,10 +441,7 @@ impl Shared {
         if let Some(executor) = &self.executor {
             let before = SUBMITTING.replace(true);
             // Dropped by a host that panics, it is work left to the others.
-            let _ = caught(|| {
-                executor.submit(Task(Some(Arc::clone(self))));
-                Ok(())
-            });
+            quietly(|| executor.submit(Task(Some(Arc::clone(self)))));
             SUBMITTING.set(before);
             serve_left();
         }
@@ -472,7 +465,7 @@ impl Shared {
 
     fn run_item(self: &Arc<Self>, job: &Arc<Inner>, round: &Round, item: usize) {
         if let Err(error) = caught(|| job.work.get().run(item)) {
-            lock(&job.state).failure.get_or_insert(error);
+            job.handle.lock().failure.get_or_insert(error);
             // Our own item is not completed yet: draining cannot end the round.
             let _ = round.drain();
         }
@@ -484,12 +477,12 @@ impl Shared {
     /// Called by the one that was told that the present round is over.
     fn end_round(self: &Arc<Self>, job: &Arc<Inner>) {
         let failed = {
-            let state = lock(&job.state);
+            let state = job.handle.lock();
             state.failure.is_some() || state.cancelled
         };
         let next = if failed { Ok(0) } else { caught(|| job.work.get().round_done()) };
         let ending = {
-            let mut state = lock(&job.state);
+            let mut state = job.handle.lock();
             let items = next.unwrap_or_else(|error| {
                 state.failure.get_or_insert(error);
                 0
@@ -503,18 +496,14 @@ impl Shared {
             } else {
                 state.round = Arc::new(Round::new(items));
                 drop(state);
-                job.changed.notify_all();
+                job.handle.notify();
                 return self.open_round(job, items);
             }
         };
         // A cancelled round may still be queued: nothing of an ended job stays behind.
         lock(&self.queue).open.retain(|(j, _)| !Arc::ptr_eq(j, job));
-        let _ = caught(|| {
-            job.work.get().ended(&ending);
-            Ok(())
-        });
-        lock(&job.state).ending = Some(ending);
-        job.changed.notify_all();
+        quietly(|| job.work.get().ended(&ending));
+        quietly(|| job.handle.end(ending));
     }
 
     /// Tasks that the executor, if there is one, has at a time.
@@ -524,7 +513,7 @@ impl Shared {
 
     /// Puts a job's new round where workers find it.
     fn open_round(self: &Arc<Self>, job: &Arc<Inner>, items: usize) {
-        let round = Arc::clone(&lock(&job.state).round);
+        let round = Arc::clone(&job.handle.lock().round);
         let hands = self.hands();
         let tasks = {
             let mut queue = lock(&self.queue);
@@ -555,8 +544,8 @@ impl Shared {
     fn cancel(self: &Arc<Self>, job: &Arc<Inner>) {
         let over = {
             // Under the lock: a round that begins after this one sees the flag instead.
-            let mut state = lock(&job.state);
-            if state.ending.is_some() {
+            let mut state = job.handle.lock();
+            if state.ending().is_some() {
                 return;
             }
             state.cancelled = true;
@@ -584,6 +573,11 @@ fn take_turn(queue: &mut Queue) -> Option<(Arc<Inner>, Arc<Round>)> {
 /// Runs `f`, turning a panic into [`Error::Internal`].
 fn caught<T>(f: impl FnOnce() -> Result<T>) -> Result<T> {
     catch_unwind(AssertUnwindSafe(f)).unwrap_or_else(|panic| Err(Error::Internal(message(&*panic))))
+}
+
+/// Runs `f`, and drops a panic in it.
+fn quietly(f: impl FnOnce()) {
+    let _ = catch_unwind(AssertUnwindSafe(f));
 }
 
 /// What a panic said.

@@ -7,7 +7,7 @@
 //!
 //! How much of the light comes back is told by the lengths of mean normals: see [`visible`].
 
-use super::coded::{stored_colour, stored_cover, stored_likeness, stored_normal};
+use super::coded::{stored_colour, stored_cover, stored_likeness};
 use glam::Vec3;
 
 /// Of a side of which nothing is seen, so that there always is a blend.
@@ -52,14 +52,8 @@ impl Facing {
         Self { normals: [normal, Vec3::ZERO, Vec3::ZERO], shares: [1.0, 0.0, 0.0] }
     }
 
-    /// Of samples' first words, by their shares; `facing`: gives a normal of the cell's frame in the world, against
-    /// the ray; `to_eye`: against the ray too, unit.
-    #[inline(always)]
-    pub fn of(firsts: [u32; 3], shares: [f32; 3], to_eye: Vec3, facing: impl Fn(Vec3) -> Vec3) -> Self {
-        let mut normals = [Vec3::ZERO; 3];
-        for side in 0..3 {
-            normals[side] = visible(facing(stored_normal(firsts[side])), stored_likeness(firsts[side]), to_eye);
-        }
+    /// Of the mean normals of what is seen of each side (see [`visible`]), and their shares.
+    pub fn new(normals: [Vec3; 3], shares: [f32; 3]) -> Self {
         Self { normals, shares }
     }
 
@@ -118,17 +112,26 @@ pub fn blended_colour(seconds: [u32; 3], shares: [f32; 3]) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lod::coded::sample;
+    use crate::lod::coded::{sample, stored_normal};
     use crate::lod::voxel::Sample;
 
     fn words(normal: Vec3, cover: f32) -> [u32; 2] {
         sample(&Sample { normal, colour: Vec3::ONE, cover })
     }
 
+    /// Seen by an eye on the normal's side.
+    fn one_sample(first: u32, to_eye: Vec3) -> Facing {
+        Facing::flat(visible(stored_normal(first), stored_likeness(first), to_eye))
+    }
+
     /// What comes back of a light where the eye is.
     fn answer(sides: [[u32; 2]; 3], extent: Vec3, dir: Vec3) -> f32 {
         let shares = shares(extent, dir, sides.map(|s| s[0]), sides.map(|s| s[1]));
-        let facing = Facing::of(sides.map(|s| s[0]), shares, -dir, |n| if n.dot(dir) > 0.0 { -n } else { n });
+        let seen = |first: u32| {
+            let n = stored_normal(first);
+            visible(if n.dot(dir) > 0.0 { -n } else { n }, stored_likeness(first), -dir)
+        };
+        let facing = Facing::new(sides.map(|s| seen(s[0])), shares);
         facing.mean().dot(-dir)
     }
 
@@ -176,7 +179,7 @@ mod tests {
     #[test]
     fn a_sphere_answers_lights_beside_the_eye() {
         let [first, _] = words(Vec3::Z * (2.0 / 3.0), 1.0);
-        let facing = Facing::of([first; 3], [1.0, 0.0, 0.0], Vec3::Z, |n| n);
+        let facing = one_sample(first, Vec3::Z);
         for angle in [0.0f32, 0.4, 1.0, 1.6, 2.5, 3.1] {
             let light = Vec3::new(angle.sin(), 0.0, angle.cos());
             let (mut sum, mut area) = (0.0f64, 0.0f64);
@@ -196,7 +199,7 @@ mod tests {
     #[test]
     fn alike_normals_answer_as_one_from_anywhere() {
         let normal = Vec3::new(2.0, -1.0, 2.0) / 3.0;
-        let facing = Facing::of([words(normal, 1.0)[0]; 3], [1.0, 0.0, 0.0], Vec3::X, |n| n);
+        let facing = one_sample(words(normal, 1.0)[0], Vec3::X);
         for light in DIRS.map(|d| -d.normalize()) {
             assert!((facing.cosine(light) - normal.dot(light).max(0.0)).abs() < 0.01, "{light}");
             assert!((facing.mean() - normal).length() < 0.01);

@@ -2,9 +2,10 @@
 //! heap, and it writes nothing that other threads write but the stamps of blocks, once after each pass. (In scenes of more than seven models snapshots are counted:
 //! `arc_swap` has eight a thread that are not.) What does not come to an end so is for batches: what lacks a block, and what takes a second walk.
 
+use super::answers::answer_one;
 use super::batch::{Hits, Rays};
+use super::beyond::is_early;
 use super::chunk::{Task, trace};
-use super::finish::{Last, finish, is_early};
 use super::hit::{Hit, Want};
 use crate::base::error::Result;
 use crate::math::Ray;
@@ -39,11 +40,10 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
         let view = task.view(scene, snapshots, stamp);
         let (mut two, mut answers) = ([Ray::NONE; ALONE], [Hit::MISS; ALONE]);
         rays.read(0, &mut two[..count]);
-        let mut last = Last::new();
         let each = two[..count].iter_mut().zip(&mut answers);
         let is_done = each.fold(true, |is_done, (ray, hit)| {
             ray.cone = ray.cone.or_zero();
-            is_done && one(&view, task, ray, walk, &mut last, hit)
+            is_done && one(&view, task, ray, walk, hit)
         });
         snapshots.clear();
         let _ = KEPT.try_with(|place| place.set(Some(kept)));
@@ -55,7 +55,7 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
 }
 
 /// The answer to one ray, if that is its walk's, and whole.
-fn one<'a>(view: &SceneView<'a>, task: Task, ray: &Ray, walk: &mut SceneWalk, last: &mut Last<'a>, hit: &mut Hit) -> bool {
+fn one(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWalk, hit: &mut Hit) -> bool {
     walk.begin(view, ray);
     if trace(view, task, ray, walk) != Step::Done {
         return false;
@@ -64,5 +64,5 @@ fn one<'a>(view: &SceneView<'a>, task: Task, ray: &Ray, walk: &mut SceneWalk, la
     if found.has_passed() && task.want.has(Want::ERROR) || is_early(view, ray, &found) {
         return false;
     }
-    !found.is_hit() || matches!(finish(view, last, ray, &found, task.want, hit), Ok(true))
+    !found.is_hit() || matches!(answer_one(view, ray, &found, task.want, hit), Ok(true))
 }

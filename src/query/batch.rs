@@ -1,12 +1,14 @@
 //! Batches of rays: what they read, what they write, and how they are asked.
 
+use super::answer::{Batch, answer};
 use super::hit::{Hit, HitKind, Want};
-use super::rounds::{Batch, Shared, answer};
+use super::rounds::{Quest, Rounds};
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Job};
 use crate::math::Ray;
 use crate::scene::SceneState;
 use crate::simd::prefetch_l2;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -90,11 +92,12 @@ pub struct QueryStatus {
     pub error: Option<Arc<Error>>,
 }
 
-/// A batch in flight. Dropping it cancels and waits until nobody reads its rays or writes its hits, nor calls its wake function, but for the call that it is
-/// dropped in. Thread-safe.
+/// A batch in flight. Dropping it cancels it, and waits until no thread reads its rays, writes its hits or calls its wake function
+/// (but for the call that it is dropped in). Thread-safe.
 pub struct Query {
     job: Job,
-    shared: Arc<Shared>,
+    /// Rays answered so far.
+    answered: Arc<AtomicU64>,
     total: u64,
 }
 
@@ -120,21 +123,21 @@ impl Query {
     }
 
     fn begin<const ANY: bool>(batch: OwnedBatch<ANY>) -> Self {
-        let (shared, total, items) = (batch.shared(), batch.total(), batch.items());
-        let pool = Arc::clone(&batch.scene);
-        let job = pool.context().pool().submit(items, Arc::new(batch));
-        Self { job, shared, total }
+        let (answered, total, items) = (batch.answered(), batch.total(), batch.items());
+        let context = batch.scene().context().clone();
+        let job = context.pool().submit(items, Arc::new(Rounds::new(batch)));
+        Self { job, answered, total }
     }
 
     /// How far it is. Never blocks.
     pub fn poll(&self) -> QueryStatus {
-        let (state, error) = match self.shared.ending() {
+        let (state, error) = match self.job.ending() {
             None => (QueryState::Running, None),
             Some(Ending::Finished) => (QueryState::Done, None),
             Some(Ending::Cancelled) => (QueryState::Cancelled, None),
             Some(Ending::Failed(error)) => (QueryState::Failed, Some(error)),
         };
-        let done = self.shared.answered().min(self.total);
+        let done = self.answered.load(Relaxed).min(self.total);
         let fraction = match state {
             QueryState::Done => 1.0,
             // A batch without rays is done before it can be seen running.
@@ -145,9 +148,7 @@ impl Query {
 
     /// Waits until it has ended, `timeout` at most. Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> QueryStatus {
-        if !self.shared.is_called_here() {
-            let _ = self.job.wait(timeout);
-        }
+        let _ = self.job.wait(timeout);
         self.poll()
     }
 
@@ -157,18 +158,16 @@ impl Query {
     }
 
     /// Calls `wake` once when it ends (done, cancelled or failed), from any thread, never under a lock of
-    /// ours; at once, here, if it has ended. Replaces an earlier one. `None`: nobody is called.
+    /// ours; at once, here, if it has ended. Replaces an earlier one. `None`: nothing is called.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
-        self.shared.set_wake(wake);
+        self.job.set_wake(wake);
     }
 }
 
 impl Drop for Query {
     fn drop(&mut self) {
         self.job.cancel();
-        if !self.shared.is_called_here() {
-            self.job.wait_to_the_end();
-        }
+        self.job.wait_to_the_end();
     }
 }
 

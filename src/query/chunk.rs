@@ -1,12 +1,11 @@
 //! The rays that a worker answers at a time, and those of them that must wait for blocks.
 
-use super::batch::{Hits, Policy, Rays};
+use super::answers::{Rest, Seen, answer_one, lacking};
 use super::asks::Asks;
-use super::finish::{Last, begin_free, begin_past, finish, free, is_early, past};
+use super::batch::{Hits, Policy, Rays};
+use super::beyond::{begin_free, begin_past, free, is_early, past};
 use super::hit::{Hit, HitKind, Want};
 use super::parked::Waits;
-use super::stand_in;
-use super::simple::Simple;
 use crate::math::{PACKET, Ray, STREAM, bits, first_rays};
 use crate::scene::stream::SceneStream;
 use crate::scene::walk::{Found, Need, SceneView, SceneWalk, Snapshots, Step};
@@ -43,9 +42,11 @@ pub(super) struct Chunk {
     found: [Found; CHUNK],
     /// Where the groups begin in the batch.
     firsts: [usize; CHUNK / PACKET],
+    /// The placed tree that the rays of each group may enter, if it is known to be one.
+    enter: [Option<u32>; CHUNK / PACKET],
     stream: SceneStream,
     group: SceneGroup,
-    simple: Simple,
+    seen: Seen<PACKET>,
     answers: Answers,
     /// What those were filled with.
     want: Want,
@@ -61,9 +62,10 @@ impl Default for Chunk {
             rays: vec![Ray::NONE; CHUNK].into(),
             found: [Found::nothing(0.0); CHUNK],
             firsts: [0; CHUNK / PACKET],
+            enter: [None; CHUNK / PACKET],
             stream: SceneStream::of_queries(),
             group: SceneGroup::default(),
-            simple: Simple::default(),
+            seen: Seen::NONE,
             answers: Answers::NONE,
             want: Want::NOTHING,
             unfinished: Vec::new(),
@@ -97,7 +99,12 @@ impl Chunk {
             let group_rays = lent.unwrap_or(room);
             self.unfinished.clear();
             // Into one octant: what a packet needs at the least.
-            if !(alike.is_one_octant() && self.run_together(view, task, group.clone(), group_rays, &alike, hits)) {
+            self.enter[end / PACKET] = None;
+            let goes_one_way = alike.is_one_octant();
+            if !(goes_one_way && self.run_together(view, task, group.clone(), group_rays, &alike, hits)) {
+                if goes_one_way {
+                    self.enter[end / PACKET] = self.group.entered();
+                }
                 if let Some(lent) = lent {
                     *room = *lent;
                 }
@@ -119,9 +126,9 @@ impl Chunk {
     fn trace_each(&mut self, view: &SceneView, task: Task, rays: &[Ray]) {
         let found = &mut self.found[..rays.len()];
         if task.any {
-            view.trace_each::<true>(rays, &mut self.stream, found);
+            view.trace_each::<true>(rays, &self.enter, &mut self.stream, found);
         } else {
-            view.trace_each::<false>(rays, &mut self.stream, found);
+            view.trace_each::<false>(rays, &self.enter, &mut self.stream, found);
         }
         self.unfinished.extend_from_slice(self.stream.unfinished());
     }
@@ -136,11 +143,12 @@ impl Chunk {
         let rays = &rays[..group.len()];
         let Some(met) = met else { return false };
         if let Ok(met) = met {
-            let distance = |i| self.group.distance(i);
             let is_early = view.looks_beyond && !alike.is_exact() && self.group.passes_early(rays);
+            let asks_free = task.want.has(Want::ERROR) && self.group.have_passed() != 0;
             if !is_early
+                && !asks_free
                 && let Some(only) = self.group.only()
-                && self.simple.answer(view, only, task.want, rays, self.group.walk(), distance, met, &mut self.answers)
+                && self.answer_in_one(view, task.want, only, rays, met).is_none()
             {
                 hits.write(self.firsts[group.start / PACKET], &self.answers.hits[..group.len()]);
                 return true;
@@ -151,6 +159,13 @@ impl Chunk {
         }
         self.answer_traced(view, task, group, rays, met.ok(), hits);
         true
+    }
+
+    /// Works out the answers of a group that went through one placed tree, in which the rays of `met` hit something.
+    fn answer_in_one(&mut self, view: &SceneView, want: Want, placed: u32, rays: &[Ray], met: u32) -> Rest {
+        let Self { seen, group, answers, .. } = self;
+        let out = answers.begin(met, 0);
+        if met == 0 { Rest::default() } else { seen.answer(view, want, placed, rays, &*group, met, out) }
     }
 
     /// [`Chunk::answer`] of a group whose rays went together. `met`: those that hit something, `None` if some ray lacked a block.
@@ -185,15 +200,7 @@ impl Chunk {
         }
         let (first, count) = (self.firsts[group.start / PACKET], group.len());
         let found = &self.found[group];
-        let early = early(view, rays, found);
-        if lacking | early == 0
-            && waiting.is_empty()
-            && let Some(only) = only_of(found, met)
-            && self.simple.answer(view, only, task.want, rays, found, |i| found[i].t, met, &mut self.answers)
-        {
-            return hits.write(first, &self.answers.hits[..count]);
-        }
-        finish_group(view, task, rays, found, [met, lacking], &mut self.answers, &mut waiting);
+        finish_group(view, task, rays, found, [met, lacking], (&mut self.seen, &mut self.answers), &mut waiting);
         if waiting.is_empty() {
             return hits.write(first, &self.answers.hits[..count]);
         }
@@ -208,12 +215,6 @@ pub(super) fn trace(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWal
 /// Those that are hits.
 fn hits_of(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.is_hit()) << i)
-}
-
-/// The placed tree that all hits are in; any index where there are none; `None` where they are in several.
-fn only_of(found: &[Found], met: u32) -> Option<u32> {
-    let first = found.get(met.trailing_zeros() as usize).map_or(0, |found| found.placed);
-    bits(met).all(|i| found[i].placed == first).then_some(first)
 }
 
 /// Those that passed stand-ins.
@@ -248,43 +249,76 @@ impl Answers {
 }
 
 /// Works out the hits of a group of rays; those that lack a block for that go to `waiting`. Rays of `met` hit what was
-/// found; rays of `lacking` were answered without a block that they needed.
+/// found; rays of `short` were answered without a block that they needed.
 fn finish_group(
     view: &SceneView,
     task: Task,
     rays: &[Ray],
     found: &[Found],
-    [met, lacking]: [u32; 2],
-    answers: &mut Answers,
+    [met, short]: [u32; 2],
+    (seen, answers): (&mut Seen<PACKET>, &mut Answers),
     waiting: &mut Vec<Waiting>,
 ) {
     let met = met & first_rays(rays.len());
-    let mut last = Last::new();
-    stand_in::ask_for(view, found, met);
     let waits = waiting.iter().fold(0, |all, it| all | 1 << it.ray);
     let passed = if task.want.has(Want::ERROR) { passed_by(found) } else { 0 };
-    let more = (passed | early(view, rays, found) & !lacking) & !waits;
-    let hits = answers.begin(met, more | lacking);
-    let mut later = more;
-    for i in bits(met & !more) {
-        match (finish(view, &mut last, &rays[i], &found[i], task.want, &mut hits[i]), task.policy) {
-            (Ok(is_within), _) => later |= u32::from(!is_within) << i,
-            (Err(need), Policy::Exact) => waiting.push(Waiting { ray: i, left: Left::Hit, asks: Asks::of(need) }),
-            _ => hits[i].kind = HitKind::Missing,
+    let more = (passed | early(view, rays, found) & !short) & !waits;
+    let hits = answers.begin(met, more | short);
+    let rest = answer_by_trees(view, task.want, rays, found, met & !more, seen, hits);
+    for i in bits(rest.lacking) {
+        match task.policy {
+            Policy::Exact => {
+                let asks = Asks::of(lacking(view, found[i].placed, &found[i].tri));
+                waiting.push(Waiting { ray: i, left: Left::Hit, asks });
+            }
+            Policy::Now => hits[i].kind = HitKind::Missing,
         }
     }
-    for i in bits(later) {
+    for i in bits(more | rest.outside) {
         let (mut left, mut found) = (Left::Hit, found[i]);
-        match (go_on(view, task, &rays[i], &mut left, &mut last, &mut found, &mut hits[i]), task.policy, &left) {
+        match (go_on(view, task, &rays[i], &mut left, &mut found, &mut hits[i]), task.policy, &left) {
             (Ok(()), ..) => {}
             (Err(need), Policy::Exact, _) => waiting.push(Waiting { ray: i, left, asks: Asks::of(need) }),
             (Err(_), Policy::Now, Left::Free(_)) => hits[i].t_free = rays[i].begins(),
             _ => hits[i].kind = HitKind::Missing,
         }
     }
-    for i in bits(lacking) {
+    for i in bits(short) {
         hits[i].kind = HitKind::Missing;
     }
+}
+
+/// Hits of a group in the same placed tree up to which they are worked out one by one: a row of all takes longer.
+const FEW: u32 = 2;
+
+/// Works out the hits of `met`: those in the same placed tree together.
+fn answer_by_trees(
+    view: &SceneView,
+    want: Want,
+    rays: &[Ray],
+    found: &[Found],
+    met: u32,
+    seen: &mut Seen<PACKET>,
+    hits: &mut [Hit; PACKET],
+) -> Rest {
+    let (mut rest, mut left) = (Rest::default(), met);
+    while left != 0 {
+        let placed = found[left.trailing_zeros() as usize].placed;
+        let like = bits(left).filter(|&i| found[i].placed == placed).fold(0, |all, i| all | 1 << i);
+        left &= !like;
+        if like.count_ones() > FEW {
+            let more = seen.answer(view, want, placed, rays, found, like, hits);
+            (rest.outside, rest.lacking) = (rest.outside | more.outside, rest.lacking | more.lacking);
+            continue;
+        }
+        for i in bits(like) {
+            match answer_one(view, &rays[i], &found[i], want, &mut hits[i]) {
+                Ok(is_within) => rest.outside |= u32::from(!is_within) << i,
+                Err(_) => rest.lacking |= 1 << i,
+            }
+        }
+    }
+    rest
 }
 
 /// A ray that waits for blocks.
@@ -346,13 +380,12 @@ impl Group {
     /// Takes up those of its rays whose blocks are there; the answers, or `None` if blocks are missing still.
     pub fn resume(&mut self, view: &SceneView, task: Task) -> Option<&[Hit]> {
         let Self { waiting, rays, found, hits, .. } = self;
-        let mut last = Last::new();
         waiting.retain_mut(|it| {
             if !it.asks.are_in(view.snapshots) {
                 return true;
             }
             let i = it.ray;
-            let ends = go_on(view, task, &rays[i], &mut it.left, &mut last, &mut found[i], &mut hits[i]);
+            let ends = go_on(view, task, &rays[i], &mut it.left, &mut found[i], &mut hits[i]);
             ends.err().is_some_and(|need| {
                 it.asks.push(need);
                 true
@@ -369,15 +402,7 @@ impl Waits for Box<Group> {
 }
 
 /// Does what is left for a ray, up to a block that is needed.
-fn go_on<'a>(
-    view: &SceneView<'a>,
-    task: Task,
-    ray: &Ray,
-    left: &mut Left,
-    last: &mut Last<'a>,
-    found: &mut Found,
-    hit: &mut Hit,
-) -> Result<(), Need> {
+fn go_on(view: &SceneView, task: Task, ray: &Ray, left: &mut Left, found: &mut Found, hit: &mut Hit) -> Result<(), Need> {
     if let Left::Walk(walk) = left {
         if let Step::Pending(need) = trace(view, task, ray, walk) {
             return Err(need);
@@ -386,7 +411,7 @@ fn go_on<'a>(
     }
     if let Left::Hit = left {
         *hit = Hit::MISS;
-        let is_within = !is_early(view, ray, found) && (!found.is_hit() || finish(view, last, ray, found, task.want, hit)?);
+        let is_within = !is_early(view, ray, found) && (!found.is_hit() || answer_one(view, ray, found, task.want, hit)?);
         *left = if is_within { Left::Nothing } else { Left::Past(begin_past(view, ray)) };
     }
     if let Left::Past(walk) = left {

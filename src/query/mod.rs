@@ -2,20 +2,21 @@
 #![forbid(unsafe_code)]
 
 mod alone;
+mod answer;
+pub(crate) mod answers;
 mod asks;
 pub mod batch;
+mod beyond;
 mod chunk;
-pub(crate) mod finish;
 pub mod hit;
+pub(crate) mod needs;
 pub mod overlap;
 mod parked;
 mod rounds;
-mod simple;
-pub(crate) mod stand_in;
-pub(crate) mod surfaces;
 mod sweep;
 mod volume;
 
+pub(crate) use answers::stand_in;
 pub use batch::{AHEAD, Hits, PACKET, Policy, Query, QueryOptions, QueryState, QueryStatus, Rays};
 pub use hit::{Hit, HitKind, NONE, Want};
 pub use overlap::{How, PartOverlap, Plane};

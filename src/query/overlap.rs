@@ -7,7 +7,7 @@ use crate::math::DBounds;
 use crate::scene::SceneState;
 use crate::scene::placed::Placed;
 use crate::scene::walk::SceneView;
-use crate::structure::{Sweep as LeafSweep, Triangle};
+use crate::structure::{Descent, Triangle};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -119,7 +119,7 @@ impl SceneState {
 }
 
 /// The parts of a placed tree that meet the volume, and whether all that was seen of them is inside.
-fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut LeafSweep, met: &mut BTreeMap<u32, bool>) {
+fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut Descent, met: &mut BTreeMap<u32, bool>) {
     let placed = &view.scene.placement.placed[tree as usize];
     let hidden = &view.scene.instances[placed.instance as usize].parts.hidden;
     let hides = |part: u32| hidden.get(part as usize / 64).is_some_and(|w| w >> (part % 64) & 1 == 1);
@@ -156,7 +156,7 @@ fn outside(
     tree: u32,
     volume: &Volume,
     (parts, bounds): (&BTreeSet<u32>, &DBounds),
-    left: &mut LeafSweep,
+    left: &mut Descent,
     refuted: &mut BTreeSet<u32>,
 ) {
     let placed = &view.scene.placement.placed[tree as usize];

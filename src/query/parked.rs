@@ -1,22 +1,23 @@
-//! Groups of rays that wait for blocks, by what they wait for. A round moves few of the many that wait: what it takes to plan it, and to find who goes on, goes by
-//! how many move and by how many different blocks are waited for. (And, where many groups wait for the same few blocks and some of them move for another, by their
-//! number.)
+//! Groups of rays that wait for blocks, by these blocks. A round moves few of the many groups that wait, so the time to plan it,
+//! and to find the groups that go on, grows with the groups that move and the different blocks that are waited for. (Where many
+//! groups wait for the same few blocks, and some of them move for another block, it grows with their number too.)
 
 use super::asks::Asks;
+use super::rounds::WaitList;
 use crate::scene::walk::Need;
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap, HashMap};
 
-/// What waits.
+/// A group of rays that wait.
 pub(super) trait Waits {
-    /// What each of its rays that wait has asked for.
+    /// The blocks that each of its waiting rays has asked for.
     fn asks(&self) -> impl Iterator<Item = &Asks>;
 }
 
 /// Blocks that are to be there at once, in the order in which a ray asked for them.
 type Needs = Box<[Need]>;
 
-/// A group, and what it waits for with how many rays. Made outside of locks.
+/// A group, and the sets of blocks that it waits for, each with how many rays.
 pub(super) struct Parking<G> {
     group: G,
     needs: Vec<(Needs, usize)>,
@@ -33,13 +34,13 @@ impl<G: Waits> Parking<G> {
 
 /// Groups that wait.
 pub(super) struct Parked<G> {
-    /// In no order; `None` where one has gone.
+    /// In no order; `None` where a group was taken out.
     groups: Vec<Option<Parking<G>>>,
     free: Vec<usize>,
     waiting: HashMap<Needs, Waiters>,
 }
 
-/// Who waits for some blocks.
+/// The groups that wait for some blocks.
 #[derive(Default)]
 struct Waiters {
     rays: usize,
@@ -53,18 +54,15 @@ impl<G> Default for Parked<G> {
     }
 }
 
-impl<G> Parked<G> {
-    /// Groups.
-    pub fn len(&self) -> usize {
+impl<G: Send> WaitList for Parked<G> {
+    type Piece = G;
+    type Parked = Parking<G>;
+
+    fn len(&self) -> usize {
         self.groups.len() - self.free.len()
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Adds a group.
-    pub fn push(&mut self, parking: Parking<G>) {
+    fn push(&mut self, parking: Parking<G>) {
         let at = self.free.pop().unwrap_or(self.groups.len());
         for (needs, rays) in &parking.needs {
             let add = |waiters: &mut Waiters| {
@@ -83,9 +81,9 @@ impl<G> Parked<G> {
         }
     }
 
-    /// Takes out the groups of which some ray has all that it waits for, as `is_there` says.
-    pub fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<G> {
-        // Whole: looked for one by one in the list of all who wait for a block that has come, they would take as many looks for each of them.
+    /// Groups of which some ray has all that it waits for.
+    fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<G> {
+        // Whole lists: to find each group in the list of all that wait for a block that has come would take the square of their number.
         let ready = self.waiting.extract_if(|needs, _| needs.iter().all(|&need| is_there(need)));
         let mut places: Vec<usize> = ready.flat_map(|(_, waiters)| waiters.groups).collect();
         places.sort_unstable();
@@ -93,6 +91,25 @@ impl<G> Parked<G> {
         places.into_iter().filter_map(|at| self.take_at(at)).collect()
     }
 
+    /// The blocks that most rays wait for first, up to the first that there is no room for: all blocks that a ray waits for or
+    /// none of them, and at least those of one ray.
+    fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
+        let mut sets: BinaryHeap<_> = self.waiting.iter().map(|(needs, waiters)| (waiters.rays, Reverse(needs))).collect();
+        let (mut order, mut chosen, mut sum) = (Vec::new(), BTreeSet::<Need>::new(), 0);
+        while let Some((_, Reverse(needs))) = sets.pop() {
+            let more: Vec<Need> = needs.iter().copied().filter(|need| !chosen.contains(need)).collect();
+            sum += more.iter().map(|&need| bytes(need)).sum::<u64>();
+            if !chosen.is_empty() && sum > room {
+                return (order, false);
+            }
+            chosen.extend(&more);
+            order.extend(more);
+        }
+        (order, true)
+    }
+}
+
+impl<G> Parked<G> {
     fn take_at(&mut self, at: usize) -> Option<G> {
         let Parking { group, needs } = self.groups[at].take()?;
         self.free.push(at);
@@ -107,23 +124,6 @@ impl<G> Parked<G> {
             }
         }
         Some(group)
-    }
-
-    /// The blocks to bring for rays that wait, those that most of them wait for first, up to the first that there is no `room` for in bytes: all that a ray
-    /// waits for or nothing of it, and at least what one of them waits for. And whether that is all.
-    pub fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
-        let mut sets: BinaryHeap<_> = self.waiting.iter().map(|(needs, waiters)| (waiters.rays, Reverse(needs))).collect();
-        let (mut order, mut chosen, mut sum) = (Vec::new(), BTreeSet::<Need>::new(), 0);
-        while let Some((_, Reverse(needs))) = sets.pop() {
-            let more: Vec<Need> = needs.iter().copied().filter(|need| !chosen.contains(need)).collect();
-            sum += more.iter().map(|&need| bytes(need)).sum::<u64>();
-            if !chosen.is_empty() && sum > room {
-                return (order, false);
-            }
-            chosen.extend(&more);
-            order.extend(more);
-        }
-        (order, true)
     }
 }
 

@@ -1,344 +1,178 @@
-//! Batches as jobs in rounds: rays that meet a missing block are parked with their walks, blocks are fetched, the most
-//! wanted first, up to what there is room for, and the rays that have theirs resumed. The answer does not depend on
-//! what was in memory.
+//! The engine of rounds under batches of rays and overlaps.
 //!
-//! A call that blocks answers a batch of one chunk at once, without what rounds take, and one or two rays without what a chunk takes; only what must wait for
-//! blocks goes on in rounds.
+//! A round takes each piece of work as far as the blocks in a snapshot allow. A piece that lacks blocks waits. The next
+//! round brings blocks for the pieces that wait, up to a share of the budget, and holds them; the round after that
+//! resumes the pieces whose blocks have come. The answer does not depend on what was in memory.
 //!
-//! Each round makes progress: what at least one ray waits for is fetched beside what views use, or where they leave less
-//! room than the reserve has, into that, under a lease. Where all is in memory there is one round, and no lease.
+//! Each of these rounds makes progress. The blocks that at least one piece waits for are brought beside the blocks that
+//! views use. Where views leave less room than the reserve has, pieces go on in a round under a lease of the reserve.
+//! Where all is in memory there is one round, and no lease.
+//!
+//! A prefetch does not use this engine: see `render/prefetch`. Frames render in passes: see `render/passes.rs`.
 
-use super::alone::{self, ALONE};
-use super::batch::{Hits, QueryOptions, Rays};
-use super::chunk::{CHUNK, Chunk, Group, Task};
-use super::hit::Want;
-use super::parked::{Parked, Parking};
-use crate::base::error::{Error, Result};
-use crate::base::ids::BlockId;
+use super::needs::{by_model, bytes_of};
+use crate::base::error::Result;
 use crate::base::progress::Cancel;
-use crate::base::tasks::{Ending, Work};
+use crate::base::tasks::Work;
 use crate::residency::Lease;
 use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, Snapshots};
-use crate::math::PACKET;
-use std::borrow::Borrow;
-use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread::ThreadId;
 
-/// Called when a batch has ended.
-pub(super) type Wake = Arc<dyn Fn() + Send + Sync>;
+/// A question that is answered in pieces, each as far as the blocks in memory allow.
+pub(super) trait Quest: Send + Sync {
+    /// Its pieces that lack blocks.
+    type Waiting: WaitList;
+    /// Pieces that wait at most; items of the first round are put off while there are more.
+    const MOST_WAITING: usize;
+    /// Pieces that an item of the first round leaves waiting at most.
+    const PIECES: usize;
+    /// Items of the first round from one renewal of its snapshot to the next. A snapshot holds blocks that others have
+    /// evicted, so a long round renews it; to compare it with what is in memory takes some nanoseconds a model.
+    const RENEWAL: usize;
+    /// Blocks that a worker brings at a time.
+    const FETCH: usize;
 
-/// What is known of a batch from outside.
-#[derive(Default)]
-pub(super) struct Shared {
-    answered: AtomicU64,
-    end: Mutex<End>,
+    /// The scene that is asked.
+    fn scene(&self) -> &SceneState;
+    /// Begins an item of the first round; returns the pieces of it that lack blocks.
+    fn begin(&self, item: usize, snapshots: &Snapshots) -> Vec<Parked<Self>>;
+    /// Takes up a piece that has blocks it waited for; returns it if it lacks others.
+    fn resume(&self, piece: Piece<Self>, snapshots: &Snapshots) -> Option<Parked<Self>>;
 }
 
-#[derive(Default)]
-struct End {
-    ending: Option<Ending>,
-    wake: Option<Wake>,
-    /// Who is calling it, before the job counts as ended.
-    caller: Option<ThreadId>,
+/// Pieces that wait, by the blocks that they wait for.
+pub(super) trait WaitList: Default + Send {
+    /// A piece that goes on.
+    type Piece: Send;
+    /// A piece that waits, with the blocks that it waits for; made under no lock.
+    type Parked: Send;
+
+    /// How many pieces wait.
+    fn len(&self) -> usize;
+    /// Whether no piece waits.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+    /// Adds a piece.
+    fn push(&mut self, parked: Self::Parked);
+    /// Takes out the pieces that can go on with the blocks of which `is_there` holds.
+    fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<Self::Piece>;
+    /// The blocks to bring, the most urgent first, each once: as many as there is `room` for, but enough for one piece to go on; and
+    /// whether these are all that pieces wait for. `room` is in bytes, and `bytes` counts those of a block.
+    fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool);
 }
 
-impl Shared {
-    /// Rays answered so far.
-    pub fn answered(&self) -> u64 {
-        self.answered.load(Relaxed)
-    }
+/// A piece of a quest that goes on.
+type Piece<Q> = <<Q as Quest>::Waiting as WaitList>::Piece;
+/// A piece of a quest that waits.
+pub(super) type Parked<Q> = <<Q as Quest>::Waiting as WaitList>::Parked;
 
-    /// How it ended; `None` while it runs.
-    pub fn ending(&self) -> Option<Ending> {
-        self.end().ending.clone()
-    }
-
-    /// Whom to call at the end; at once if that was before.
-    pub fn set_wake(&self, wake: Option<Wake>) {
-        let mut end = self.end();
-        if end.ending.is_none() {
-            end.wake = wake;
-        } else if let Some(wake) = wake {
-            drop(end);
-            wake();
-        }
-    }
-
-    fn ended(&self, ending: &Ending) {
-        let wake = {
-            let mut end = self.end();
-            end.ending = Some(ending.clone());
-            end.caller = end.wake.is_some().then(|| std::thread::current().id());
-            end.wake.take()
-        };
-        if let Some(wake) = wake {
-            wake();
-            // It may hold the batch.
-            drop(wake);
-            self.end().caller = None;
-        }
-    }
-
-    /// Whether this is within the call at the end: nothing else is left of the batch then, and whoever waited for that would wait for himself.
-    pub fn is_called_here(&self) -> bool {
-        self.end().caller == Some(std::thread::current().id())
-    }
-
-    fn end(&self) -> MutexGuard<'_, End> {
-        self.end.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+/// A quest at work: a job's work.
+pub(super) struct Rounds<Q: Quest> {
+    pub quest: Q,
+    state: Mutex<State<Q>>,
 }
 
-/// Answers a batch of closest hits, or of any hits if `ANY`. Blocks.
-pub(super) fn answer<const ANY: bool>(scene: &SceneState, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
-    let pool = scene.context().pool();
-    if rays.count() == 0 {
-        return Ok(());
-    }
-    if rays.count() > CHUNK {
-        let batch = Batch::<_, _, _, ANY>::new(scene, rays, hits, options);
-        return ended(pool.run_scoped(batch.items(), &batch));
-    }
-    let task = task_of::<ANY>(options);
-    if rays.count() <= ALONE && alone::answer(scene, task, rays, hits)? {
-        return Ok(());
-    }
-    let at_once = AtOnce { scene, rays, hits, task, parked: Mutex::default() };
-    ended(pool.run_scoped(1, &at_once))?;
-    let parked = at_once.parked.into_inner().unwrap_or_else(PoisonError::into_inner);
-    if parked.is_empty() {
-        return Ok(());
-    }
-    let batch = Batch::<_, _, _, ANY>::rest(scene, rays, hits, options, parked);
-    ended(pool.run_scoped(pool.here(|| batch.round_done())?, &batch))
-}
-
-/// The error of a blocking call, moved out where nobody else holds it.
-fn ended(ending: Ending) -> Result<()> {
-    match ending {
-        Ending::Finished => Ok(()),
-        Ending::Cancelled => Err(Error::Cancelled),
-        Ending::Failed(error) => Err(Error::clone(&error)),
-    }
-}
-
-fn task_of<const ANY: bool>(options: QueryOptions) -> Task {
-    let want = if ANY { Want::NOTHING } else { options.want };
-    Task { coherent: options.coherent, policy: options.policy, want, any: ANY }
-}
-
-/// Answers `count` rays from `first` on; returns those that must wait.
-fn trace_chunk(
-    scene: &SceneState,
-    snapshots: &Snapshots,
-    stamp: u32,
-    task: Task,
-    (first, count): (usize, usize),
-    rays: &impl Rays,
-    hits: &impl Hits,
-) -> Vec<Box<Group>> {
-    let view = task.view(scene, snapshots, stamp);
-    let mut chunk = scene.context().take_scratch::<Chunk>();
-    chunk.run(&view, task, first, count, rays, hits);
-    let parked = std::mem::take(&mut chunk.parked);
-    scene.context().give_scratch(chunk);
-    parked
-}
-
-/// A batch of one chunk.
-struct AtOnce<'a> {
-    scene: &'a SceneState,
-    rays: &'a dyn Rays,
-    hits: &'a dyn Hits,
-    task: Task,
-    /// What must wait for blocks.
-    parked: Mutex<Vec<Box<Group>>>,
-}
-
-impl Work for AtOnce<'_> {
-    fn run(&self, _: usize) -> Result<()> {
-        // Neither a count nor a stamp of its own: threads share both, and a new stamp is written to each block that is visited.
-        let mut snapshots = Snapshots::none();
-        snapshots.lend(self.scene);
-        let stamp = self.scene.context().residency().now();
-        let parked = trace_chunk(self.scene, &snapshots, stamp, self.task, (0, self.rays.count()), &self.rays, &self.hits);
-        if !parked.is_empty() {
-            *self.parked.lock().unwrap_or_else(PoisonError::into_inner) = parked;
-        }
-        Ok(())
-    }
-}
-
-/// A batch of closest hits, or of any hits if `ANY`.
-pub(super) struct Batch<S, R, H, const ANY: bool> {
-    pub scene: S,
-    rays: R,
-    hits: H,
-    options: QueryOptions,
-    count: usize,
-    /// Of the blocks that it uses.
-    stamp: u32,
-    shared: Arc<Shared>,
-    rounds: Mutex<Rounds>,
-}
-
-struct Rounds {
+struct State<Q: Quest> {
+    /// Of the present round.
     snapshots: Arc<Snapshots>,
-    /// Of the present round; in the first, items are chunks of rays.
-    items: Vec<Option<Item>>,
-    first: bool,
-    /// Blocks are being read: then what has them is to be resumed.
-    fetching: bool,
-    /// What was read for the round to come.
+    /// Of the present round, but for the first, whose items are numbers.
+    items: Vec<Option<Item<Piece<Q>>>>,
+    is_first: bool,
+    /// Items of the first round that were begun.
+    begun: usize,
+    /// Blocks are being brought: the next round resumes the pieces that wait for them.
+    is_fetching: bool,
+    /// The blocks that were brought for the next round.
     hold: Hold,
-    /// Bytes that were to be read for it, and those of them that came.
-    asked: u64,
-    came: u64,
-    /// Bytes that the next round asks for at most: what came, where not all had room, and a quarter more after each round since.
-    room: u64,
-    /// For later rounds.
-    parked: Parked<Box<Group>>,
-    /// Chunks that were not begun because too many groups were parked.
+    room: Room,
+    waiting: Q::Waiting,
+    /// Items of the first round that were put off because too many pieces wait.
     deferred: Vec<usize>,
 }
 
 /// A piece of work of a round after the first.
-enum Item {
-    /// Rays to be begun.
-    Chunk(usize),
-    /// Blocks to be read, where there is room beside what views use.
+enum Item<P> {
+    /// An item of the first round.
+    Begin(usize),
+    /// To bring blocks as far as there is room beside those that views use.
     Fetch(Vec<Need>),
-    /// Rays to be gone on with.
-    Resume(Box<Group>),
+    Resume(P),
     /// A round under a lease.
     Lease,
 }
 
-/// Groups parked at most before chunks that have not begun must wait: some tens of kilobytes each, at worst.
-const MOST_PARKED: usize = 1024;
-
-/// Of the budget, how much a round brings at most: one part in so many. Others hold blocks too.
+/// The largest part of the budget that a round brings: one part in so many. Others hold blocks too.
 const ROUND_SHARE: u64 = 4;
 
-/// Bytes that count as having come where less did: some rounds later it is looked anew what has room.
-const FEW: u64 = 64 << 10;
-
-/// Blocks of a model that a worker brings at a time.
-const FETCH: usize = 16;
-
-impl<S, R, H, const ANY: bool> Batch<S, R, H, ANY>
-where
-    S: Borrow<SceneState> + Send + Sync,
-    R: Rays + Send + Sync,
-    H: Hits + Send + Sync,
-{
-    /// Of `rays`, answers to `hits`.
-    pub fn new(scene: S, rays: R, hits: H, options: QueryOptions) -> Self {
-        let rounds = Rounds::new(Snapshots::take(scene.borrow()));
-        let count = rays.count();
-        let stamp = scene.borrow().context().residency().stamp();
-        Self { scene, rays, hits, options, count, stamp, shared: Arc::default(), rounds: Mutex::new(rounds) }
+impl<Q: Quest> Rounds<Q> {
+    /// A quest of which nothing is begun.
+    pub fn new(quest: Q) -> Self {
+        let snapshots = Snapshots::take(quest.scene());
+        Self { quest, state: Mutex::new(State::new(snapshots)) }
     }
 
-    /// What is left of a batch of which all but `parked` is answered.
-    fn rest(scene: S, rays: R, hits: H, options: QueryOptions, parked: Vec<Box<Group>>) -> Self {
-        let batch = Self::new(scene, rays, hits, options);
-        batch.park(parked);
-        batch
+    /// A quest of which all but `parked` is done; [`Work::round_done`] begins its first round.
+    pub fn rest(quest: Q, parked: Vec<Parked<Q>>) -> Self {
+        let rounds = Self::new(quest);
+        rounds.park(parked);
+        rounds
     }
 
-    /// Items of the first round.
-    pub fn items(&self) -> usize {
-        self.count.div_ceil(CHUNK)
+    fn state(&self) -> MutexGuard<'_, State<Q>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Rays.
-    pub fn total(&self) -> u64 {
-        self.count as u64
-    }
-
-    /// What is counted.
-    pub fn shared(&self) -> Arc<Shared> {
-        Arc::clone(&self.shared)
-    }
-
-    fn rounds(&self) -> MutexGuard<'_, Rounds> {
-        self.rounds.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn task(&self) -> Task {
-        task_of::<ANY>(self.options)
-    }
-
-    /// A chunk of rays not yet begun.
-    fn run_chunk(&self, item: usize) {
-        let scene = self.scene.borrow();
+    /// Begins an item of the first round, or puts it off.
+    fn begin(&self, item: usize) {
+        let scene = self.quest.scene();
         let snapshots = {
-            let mut rounds = self.rounds();
-            if rounds.parked.len() >= MOST_PARKED {
-                return rounds.deferred.push(item);
+            let mut state = self.state();
+            if state.waiting.len() >= Q::MOST_WAITING {
+                return state.deferred.push(item);
             }
-            if rounds.first && rounds.snapshots.is_current(scene) {
-                Arc::clone(&rounds.snapshots)
-            } else {
-                // What has gone meanwhile is not to be held by the rest of a long batch.
+            let is_renewed = !state.is_first || state.begun.is_multiple_of(Q::RENEWAL) && !state.snapshots.is_current(scene);
+            state.begun += 1;
+            if is_renewed {
                 let now = Arc::new(Snapshots::take(scene));
-                if rounds.first {
-                    rounds.snapshots = Arc::clone(&now);
+                if state.is_first {
+                    state.snapshots = Arc::clone(&now);
                 }
                 now
+            } else {
+                Arc::clone(&state.snapshots)
             }
         };
-        let first = item * CHUNK;
-        let count = (self.count - first).min(CHUNK);
-        let parked = trace_chunk(scene, &snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
-        let waiting: usize = parked.iter().map(|group| group.count()).sum();
-        self.shared.answered.fetch_add((count - waiting) as u64, Relaxed);
-        if waiting > 0 {
-            self.park(parked);
+        self.park(self.quest.begin(item, &snapshots));
+    }
+
+    fn resume(&self, piece: Piece<Q>, snapshots: &Snapshots) {
+        self.park(self.quest.resume(piece, snapshots));
+    }
+
+    /// Keeps pieces for later rounds.
+    fn park(&self, parked: impl IntoIterator<Item = Parked<Q>>) {
+        let mut parked = parked.into_iter().peekable();
+        if parked.peek().is_some() {
+            let mut state = self.state();
+            parked.for_each(|piece| state.waiting.push(piece));
         }
-    }
-
-    /// Takes a parked group as far as it comes.
-    fn resume(&self, snapshots: &Snapshots, mut group: Box<Group>) {
-        let view = self.task().view(self.scene.borrow(), snapshots, self.stamp);
-        let (first, count) = (group.first(), group.count());
-        match group.resume(&view, self.task()) {
-            Some(hits) => {
-                self.hits.write(first, hits);
-                self.shared.answered.fetch_add(count as u64, Relaxed);
-            }
-            None => self.park(vec![group]),
-        }
-    }
-
-    /// Bytes of a block in memory.
-    fn bytes(&self, need: Need) -> u64 {
-        self.scene.borrow().models[need.model as usize].blocks().slot_bytes(need.block)
-    }
-
-    /// Keeps groups for later rounds.
-    fn park(&self, groups: Vec<Box<Group>>) {
-        let parking: Vec<_> = groups.into_iter().map(Parking::new).collect();
-        let mut rounds = self.rounds();
-        parking.into_iter().for_each(|it| rounds.parked.push(it));
     }
 
     /// Brings blocks, the first of them first, as far as there is room.
     fn fetch(&self, needs: &[Need]) -> Result<()> {
-        for few in needs.chunks(FETCH) {
+        let scene = self.quest.scene();
+        for few in needs.chunks(Q::FETCH) {
             for (model, blocks) in by_model(few) {
-                let held = self.scene.borrow().models[model as usize].blocks().bring(&blocks, &Cancel::new())?;
+                let held = scene.models[model as usize].blocks().bring(&blocks, &Cancel::new())?;
                 let is_full = held.len() < blocks.len();
-                let came: u64 = held.iter().map(|&(block, _)| self.bytes(Need { model, block })).sum();
-                let mut rounds = self.rounds();
-                rounds.came += came;
-                rounds.hold.add(model, held);
+                let came: u64 = held.iter().map(|&(block, _)| bytes_of(scene, Need { model, block })).sum();
+                let mut state = self.state();
+                state.room.came += came;
+                state.hold.add(model, held);
                 if is_full {
-                    // To look for room for each of the rest would be in vain, under a lock that frames take.
+                    // The rest would look for room in vain, each under a lock that frames take.
                     return Ok(());
                 }
             }
@@ -346,110 +180,137 @@ where
         Ok(())
     }
 
-    /// A round with blocks of the reserve. Whoever holds the lease waits for nobody who may wait for it: what others of
-    /// the pool take on of this round, they finish.
+    /// A round with blocks of the reserve. The thread that holds the lease waits for no thread that may wait for the lease: other
+    /// workers finish the pieces of this round that they take on.
     fn run_leased(&self) -> Result<()> {
-        let scene = self.scene.borrow();
+        let scene = self.quest.scene();
         let mut lease = scene.context().residency().lease();
-        let (needs, _) = self.rounds().parked.plan(lease.room(), |need| Lease::counts(self.bytes(need)));
+        let (needs, _) = self.state().waiting.plan(lease.room(), |need| Lease::counts(bytes_of(scene, need)));
         for (model, blocks) in by_model(&needs) {
             lease.fetch(scene.models[model as usize].blocks(), &blocks, &Cancel::new())?;
         }
         let snapshots = Snapshots::leased(scene, &lease)?;
-        let groups = self.rounds().parked.take(|need| snapshots.has(need));
-        let groups = groups.into_iter().map(|group| Mutex::new(Some(group))).collect();
-        let resuming = Resuming { batch: self, groups, snapshots };
-        match scene.context().pool().run_scoped(resuming.groups.len(), &resuming) {
-            Ending::Finished => Ok(()),
-            Ending::Cancelled => Err(Error::Cancelled),
-            Ending::Failed(error) => Err(Error::clone(&error)),
-        }
+        let pieces = self.state().waiting.take(|need| snapshots.has(need));
+        let pieces = pieces.into_iter().map(|piece| Mutex::new(Some(piece))).collect();
+        let leased = Leased { rounds: self, pieces, snapshots };
+        scene.context().pool().run_scoped(leased.pieces.len(), &leased).into_result()
     }
 
-    /// After rays went as far as they came: what they wait for is to be read, or rays are to be begun.
+    /// After pieces went as far as they came: a round that brings blocks, or that goes on without.
     fn next_fetch(&self) -> usize {
-        let mut rounds = self.rounds();
-        // What this round held may go.
-        (rounds.snapshots, rounds.hold) = (Arc::new(Snapshots::none()), Hold::default());
-        if rounds.parked.is_empty() {
-            return self.next_resume(&mut rounds, Snapshots::take(self.scene.borrow()));
+        let scene = self.quest.scene();
+        let mut state = self.state();
+        // The blocks that this round held may go.
+        (state.snapshots, state.hold) = (Arc::new(Snapshots::none()), Hold::default());
+        if state.waiting.is_empty() {
+            return state.begin_resuming(Snapshots::take(scene));
         }
-        let context = self.scene.borrow().context();
+        let context = scene.context();
         let residency = context.residency();
-        if residency.lease_is_free() && rounds.takes_lease(residency.lease_room()) {
-            return rounds.begin(vec![Item::Lease]);
+        if residency.lease_is_free() && state.room.takes_lease(residency.lease_room()) {
+            return state.begin(vec![Item::Lease]);
         }
-        let room = rounds.room.min(context.memory_budget() / ROUND_SHARE);
-        let (mut needs, is_all) = rounds.parked.plan(room, |need| self.bytes(need));
-        (rounds.asked, rounds.came) = (needs.iter().map(|&need| self.bytes(need)).sum(), 0);
+        let room = state.room.limit.min(context.memory_budget() / ROUND_SHARE);
+        let (needs, is_all) = state.waiting.plan(room, |need| bytes_of(scene, need));
+        state.room.asks(needs.iter().map(|&need| bytes_of(scene, need)).sum());
         // A worker is left for frames, which are not to wait for the disk.
         let readers = context.concurrency().saturating_sub(1).max(1);
-        let shares: Vec<Vec<Need>> = if is_all {
-            // Neighbours are read together.
-            needs.sort_unstable();
-            needs.chunks(needs.len().div_ceil(readers)).map(<[_]>::to_vec).collect()
-        } else {
-            // All begin with what most rays wait for.
-            let of = |reader| needs.chunks(FETCH).skip(reader).step_by(readers).flatten().copied().collect();
-            (0..readers.min(needs.len().div_ceil(FETCH))).map(of).collect()
-        };
-        rounds.items = shares.into_iter().map(|needs| Some(Item::Fetch(needs))).collect();
-        rounds.fetching = true;
-        rounds.items.len()
-    }
-
-    /// A round of what can go on, and of chunks not begun while few groups are parked.
-    fn next_resume(&self, rounds: &mut Rounds, snapshots: Snapshots) -> usize {
-        let ready = rounds.parked.take(|need| snapshots.has(need));
-        let mut items: Vec<_> = ready.into_iter().map(Item::Resume).collect();
-        if items.is_empty() && !rounds.parked.is_empty() {
-            items.push(Item::Lease);
-        }
-        rounds.snapshots = Arc::new(snapshots);
-        rounds.begin(items)
+        let shares = if is_all { neighbours(needs, readers) } else { by_turns(&needs, readers, Q::FETCH) };
+        state.items = shares.into_iter().map(|needs| Some(Item::Fetch(needs))).collect();
+        state.is_fetching = true;
+        state.items.len()
     }
 }
 
-impl Rounds {
-    /// The first of which all items are chunks of rays.
+/// Shares of some readers where there is room for all: neighbours are read together.
+fn neighbours(mut needs: Vec<Need>, readers: usize) -> Vec<Vec<Need>> {
+    needs.sort_unstable();
+    needs.chunks(needs.len().div_ceil(readers)).map(<[_]>::to_vec).collect()
+}
+
+/// Shares of some readers that take `few` blocks by turns: all of them begin with the most urgent, for there may be no room for the last.
+fn by_turns(needs: &[Need], readers: usize, few: usize) -> Vec<Vec<Need>> {
+    let of = |reader| needs.chunks(few).skip(reader).step_by(readers).flatten().copied().collect();
+    (0..readers.min(needs.len().div_ceil(few))).map(of).collect()
+}
+
+impl<Q: Quest> State<Q> {
+    /// Before the first round.
     fn new(snapshots: Snapshots) -> Self {
         Self {
             snapshots: Arc::new(snapshots),
             items: Vec::new(),
-            first: true,
-            fetching: false,
+            is_first: true,
+            begun: 0,
+            is_fetching: false,
             hold: Hold::default(),
-            asked: 0,
-            came: 0,
-            room: u64::MAX,
-            parked: Parked::default(),
+            room: Room::default(),
+            waiting: Q::Waiting::default(),
             deferred: Vec::new(),
         }
     }
 
-    /// Begins a round of `items`, and of chunks that were not begun while few groups are parked; returns how many there are.
-    fn begin(&mut self, items: Vec<Item>) -> usize {
-        let more = (MOST_PARKED.saturating_sub(self.parked.len() + items.len())).div_ceil(CHUNK / PACKET);
-        let from = self.deferred.len() - more.min(self.deferred.len());
-        let chunks = self.deferred.drain(from..).map(Item::Chunk);
-        self.items = items.into_iter().chain(chunks).map(Some).collect();
-        self.fetching = false;
-        self.items.len()
+    /// Begins a round of the pieces that can go on with `snapshots`, or else one under a lease.
+    fn begin_resuming(&mut self, snapshots: Snapshots) -> usize {
+        let ready = self.waiting.take(|need| snapshots.has(need));
+        let mut items: Vec<_> = ready.into_iter().map(Item::Resume).collect();
+        if items.is_empty() && !self.waiting.is_empty() {
+            items.push(Item::Lease);
+        }
+        self.snapshots = Arc::new(snapshots);
+        self.begin(items)
     }
 
-    /// After blocks were read: as much is asked for next as had room.
+    /// Begins a round of `items`, and of items of the first round that were put off, as far as few pieces wait; returns how
+    /// many there are.
+    fn begin(&mut self, items: Vec<Item<Piece<Q>>>) -> usize {
+        let more = Q::MOST_WAITING.saturating_sub(self.waiting.len() + items.len()).div_ceil(Q::PIECES);
+        let from = self.deferred.len() - more.min(self.deferred.len());
+        let deferred = self.deferred.drain(from..).map(Item::Begin);
+        self.items = items.into_iter().chain(deferred).map(Some).collect();
+        self.is_fetching = false;
+        self.items.len()
+    }
+}
+
+/// How many bytes a round asks for: as many as had room lately.
+struct Room {
+    /// Bytes that were to be brought for the next round, and those of them that came.
+    asked: u64,
+    came: u64,
+    /// Bytes that the next round asks for at most: those that came last, where not all had room, and a quarter more after
+    /// each round since.
+    limit: u64,
+}
+
+/// Bytes that count as having come where fewer did, so that some rounds later the room is tried anew.
+const FEW: u64 = 64 << 10;
+
+impl Default for Room {
+    fn default() -> Self {
+        Self { asked: 0, came: 0, limit: u64::MAX }
+    }
+}
+
+impl Room {
+    /// Before blocks of so many bytes are brought.
+    fn asks(&mut self, bytes: u64) {
+        (self.asked, self.came) = (bytes, 0);
+    }
+
+    /// After blocks were brought.
     fn has_fetched(&mut self) {
         if self.came < self.asked {
-            self.room = self.came;
+            self.limit = self.came;
         } else {
             self.grow();
         }
     }
 
-    /// Takes a round under a lease, if the reserve holds more than there is room for beside it: that then counts as a quarter more, so after some rounds it is
-    /// looked anew what has room.
+    /// Whether to take a round under a lease: if the reserve holds more than there is room for beside it. That room then
+    /// counts as a quarter more, so that it is tried anew after some rounds.
     fn takes_lease(&mut self, lease_room: u64) -> bool {
-        let is_leased = self.room < lease_room;
+        let is_leased = self.limit < lease_room;
         if is_leased {
             self.grow();
         }
@@ -457,64 +318,47 @@ impl Rounds {
     }
 
     fn grow(&mut self) {
-        self.room = self.room.max(FEW).saturating_add(self.room / 4);
+        self.limit = self.limit.max(FEW).saturating_add(self.limit / 4);
     }
 }
 
-/// Blocks of each model, in their order.
-fn by_model(needs: &[Need]) -> BTreeMap<u32, Vec<BlockId>> {
-    let mut models = BTreeMap::<u32, Vec<BlockId>>::new();
-    needs.iter().for_each(|need| models.entry(need.model).or_default().push(need.block));
-    models
-}
-
-/// Groups gone on with under a lease.
-struct Resuming<'a, S, R, H, const ANY: bool> {
-    batch: &'a Batch<S, R, H, ANY>,
-    groups: Vec<Mutex<Option<Box<Group>>>>,
+/// Pieces that go on under a lease.
+struct Leased<'a, Q: Quest> {
+    rounds: &'a Rounds<Q>,
+    pieces: Vec<Mutex<Option<Piece<Q>>>>,
     snapshots: Snapshots,
 }
 
-impl<S, R, H, const ANY: bool> Work for Resuming<'_, S, R, H, ANY>
-where
-    S: Borrow<SceneState> + Send + Sync,
-    R: Rays + Send + Sync,
-    H: Hits + Send + Sync,
-{
+impl<Q: Quest> Work for Leased<'_, Q> {
     fn run(&self, item: usize) -> Result<()> {
-        let group = self.groups[item].lock().unwrap_or_else(PoisonError::into_inner).take();
-        if let Some(group) = group {
-            self.batch.resume(&self.snapshots, group);
+        let piece = self.pieces[item].lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(piece) = piece {
+            self.rounds.resume(piece, &self.snapshots);
         }
         Ok(())
     }
 }
 
-impl<S, R, H, const ANY: bool> Work for Batch<S, R, H, ANY>
-where
-    S: Borrow<SceneState> + Send + Sync,
-    R: Rays + Send + Sync,
-    H: Hits + Send + Sync,
-{
+impl<Q: Quest> Work for Rounds<Q> {
     fn run(&self, item: usize) -> Result<()> {
         let (todo, snapshots) = {
-            let mut rounds = self.rounds();
-            if rounds.first {
-                drop(rounds);
-                self.run_chunk(item);
+            let mut state = self.state();
+            if state.is_first {
+                drop(state);
+                self.begin(item);
                 return Ok(());
             }
-            (rounds.items.get_mut(item).and_then(Option::take), Arc::clone(&rounds.snapshots))
+            (state.items.get_mut(item).and_then(Option::take), Arc::clone(&state.snapshots))
         };
         match todo {
-            Some(Item::Chunk(chunk)) => {
+            Some(Item::Begin(item)) => {
                 drop(snapshots);
-                self.run_chunk(chunk);
+                self.begin(item);
             }
-            Some(Item::Resume(group)) => self.resume(&snapshots, group),
+            Some(Item::Resume(piece)) => self.resume(piece, &snapshots),
             Some(Item::Fetch(needs)) => self.fetch(&needs)?,
             Some(Item::Lease) => {
-                self.rounds().snapshots = Arc::new(Snapshots::none());
+                self.state().snapshots = Arc::new(Snapshots::none());
                 drop(snapshots);
                 self.run_leased()?;
             }
@@ -525,52 +369,64 @@ where
 
     fn round_done(&self) -> Result<usize> {
         let hold = {
-            let mut rounds = self.rounds();
-            rounds.first = false;
-            if rounds.parked.is_empty() && rounds.deferred.is_empty() {
+            let mut state = self.state();
+            state.is_first = false;
+            if state.waiting.is_empty() && state.deferred.is_empty() {
                 return Ok(0);
             }
-            rounds.fetching.then(|| {
-                rounds.has_fetched();
-                std::mem::take(&mut rounds.hold)
+            state.is_fetching.then(|| {
+                state.room.has_fetched();
+                std::mem::take(&mut state.hold)
             })
         };
         let Some(hold) = hold else { return Ok(self.next_fetch()) };
-        // Without memory for the tables it takes a lease.
-        let snapshots = Snapshots::holding(self.scene.borrow(), &hold).unwrap_or(Snapshots::none());
-        Ok(self.next_resume(&mut self.rounds(), snapshots))
-    }
-
-    fn ended(&self, ending: &Ending) {
-        self.shared.ended(ending);
+        // Without memory for the tables a lease is taken.
+        let snapshots = Snapshots::holding(self.quest.scene(), &hold).unwrap_or(Snapshots::none());
+        Ok(self.state().begin_resuming(snapshots))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::ids::BlockId;
 
-    /// What others hold they may let go of: rounds under leases, which take turns with all others', are for a while only.
+    /// Three readers bring neighbours where all comes, and else begin with the most urgent.
+    #[test]
+    fn readers_share_what_is_to_be_brought() {
+        let needs: Vec<Need> = (0..100).rev().map(|block| Need { model: 0, block: BlockId(block) }).collect();
+        let firsts = |shares: &[Vec<Need>]| shares.iter().map(|share| share[0].block.0).collect::<Vec<_>>();
+        let (all, most_urgent) = (neighbours(needs.clone(), 3), by_turns(&needs, 3, 16));
+        assert_eq!((firsts(&all), firsts(&most_urgent)), (vec![0, 34, 68], vec![99, 83, 67]));
+        for shares in [all, most_urgent] {
+            let mut brought = shares.concat();
+            brought.sort_unstable();
+            assert!(brought.iter().eq(needs.iter().rev()));
+        }
+        assert_eq!(by_turns(&needs[..5], 3, 16).len(), 1);
+    }
+
+    /// Views may let go of blocks, so rounds under leases, which take turns with those of all other jobs, are for a while only.
     #[test]
     fn rounds_that_had_no_room_look_for_it_again() {
         let lease_room = 700 << 10;
-        let mut rounds = Rounds::new(Snapshots::none());
-        assert!(!rounds.takes_lease(lease_room), "nothing was asked for yet");
-        (rounds.asked, rounds.came) = (4 << 20, 0);
-        rounds.has_fetched();
-        let leased = (0..100).take_while(|_| rounds.takes_lease(lease_room)).count();
+        let mut room = Room::default();
+        assert!(!room.takes_lease(lease_room), "nothing was asked for yet");
+        room.asks(4 << 20);
+        room.has_fetched();
+        let leased = (0..100).take_while(|_| room.takes_lease(lease_room)).count();
         assert!((5..20).contains(&leased), "{leased} rounds");
         // There is as much room as is asked for: a quarter more each time, and no lease.
         for _ in 0..20 {
-            let asked = rounds.room;
-            (rounds.asked, rounds.came) = (asked, asked);
-            rounds.has_fetched();
-            assert_eq!(rounds.room, asked + asked / 4);
-            assert!(!rounds.takes_lease(lease_room));
+            let asked = room.limit;
+            (room.asked, room.came) = (asked, asked);
+            room.has_fetched();
+            assert_eq!(room.limit, asked + asked / 4);
+            assert!(!room.takes_lease(lease_room));
         }
         // Less than the reserve holds had room: leases again, but not from the beginning.
-        (rounds.asked, rounds.came) = (rounds.room, lease_room - 1);
-        rounds.has_fetched();
-        assert!(rounds.takes_lease(lease_room) && !rounds.takes_lease(lease_room));
+        (room.asked, room.came) = (room.limit, lease_room - 1);
+        room.has_fetched();
+        assert!(room.takes_lease(lease_room) && !room.takes_lease(lease_room));
     }
 }

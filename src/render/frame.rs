@@ -7,6 +7,7 @@ use super::film::{Buffer, Film, Mapped, Outputs, Picture, Spare, Target};
 use super::job::{Asked, End, Owner, Request};
 use super::status::{FrameState, FrameStatus, Progress};
 use crate::base::error::{Error, Result};
+use crate::base::handle::{WakeFn, Waker};
 use crate::math::srgb::Srgb;
 use crate::query::{Hit, Policy, QueryOptions, Want};
 use crate::residency::View;
@@ -14,7 +15,6 @@ use crate::scene::camera::PixelRays;
 use crate::scene::{Camera, Context, SceneState};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
-use std::thread::ThreadId;
 use std::time::{Duration, Instant};
 
 /// What a frame is made with.
@@ -61,9 +61,10 @@ pub struct Frame {
     shared: Arc<Shared>,
 }
 
-type Wake = Arc<dyn Fn() + Send + Sync>;
-
 /// What a frame shares with its jobs.
+///
+/// It has the [`Waker`] of a [`crate::base::handle::Handle`], not a whole handle. A handle ends once; a frame ends once for each
+/// request, calls the wake function for better pictures too, and counts the replaced requests that still write to its targets.
 struct Shared {
     inner: Mutex<Inner>,
     /// Signalled when a request has ended, and when a better picture is there.
@@ -86,15 +87,13 @@ struct Inner {
     unfinished: u32,
     /// How the last request ended, and when.
     ending: Option<(End, Instant)>,
-    /// Whoever is to be woken of the ending is being told: waits return after that.
+    /// The wake function is being called because of the ending: waits return after that.
     waking: bool,
-    /// Threads that are calling a wake function.
-    callers: Vec<ThreadId>,
+    waker: Waker,
     /// The last complete picture.
     front: Option<Arc<Picture>>,
     /// Buffers to use again.
     spare: Option<Spare>,
-    wake: Option<Wake>,
 }
 
 const MOST_PIXELS_ALONG: u32 = 1 << 16;
@@ -133,10 +132,9 @@ impl Frame {
             unfinished: 0,
             ending: None,
             waking: false,
-            callers: Vec::new(),
+            waker: Waker::default(),
             front: None,
             spare: Some(Spare::of((options.width, options.height), options.outputs, None)?),
-            wake: None,
         };
         let view = Arc::new(context.residency().view());
         let (changed, beginning, srgb) = (Condvar::new(), Mutex::new(()), Arc::new(Srgb::new()));
@@ -292,34 +290,27 @@ impl Frame {
     }
 
     /// Calls `wake` when a better picture can be mapped, and when a request ends (well, cancelled or failed), from any
-    /// thread, never under a lock of ours. It must not block; it may call the frame's cheap methods. `None`: nobody is called.
+    /// thread, never under a lock of ours. It must not block; it may call the frame's cheap methods. `None`: nothing is called.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
-        self.shared.inner().wake = wake;
+        let before = self.shared.inner().waker.set(wake);
+        drop(before);
     }
 }
 
 impl Drop for Frame {
     fn drop(&mut self) {
-        // Nobody is there to be woken.
-        self.shared.inner().wake = None;
+        // There is no owner to be woken.
+        self.set_wake(None);
         self.cancel();
         let mut inner = self.shared.inner();
-        // Nor is anybody being woken; but who is may be who drops it.
-        let me = std::thread::current().id();
-        while inner.unfinished > 0 || inner.callers.iter().any(|caller| *caller != me) {
+        // Another thread may still be in the wake function. (If this one is, that drops the frame.)
+        while inner.unfinished > 0 || inner.waker.is_called_elsewhere() {
             inner = self.shared.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
 
 impl Inner {
-    /// The wake function, if there is one, of which it is noted that this thread calls it.
-    fn wake_to_call(&mut self) -> Option<Wake> {
-        let wake = self.wake.clone()?;
-        self.callers.push(std::thread::current().id());
-        Some(wake)
-    }
-
     /// Buffers to use again for pictures of this size.
     fn take_spare(&mut self, size: (u32, u32)) -> Option<Spare> {
         self.spare.take_if(|spare| spare.size == size)
@@ -365,16 +356,11 @@ impl Inner {
 }
 
 impl Shared {
-    /// Calls what was [to be called](Inner::wake_to_call). A panic in it is the caller's alone: the request goes on.
-    fn call(&self, wake: Option<Wake>) {
+    /// Calls a function of the waker. A panic in it is its owner's alone: the request goes on.
+    fn call(&self, wake: Option<WakeFn>) {
         let Some(wake) = wake else { return };
         let _ = catch_unwind(AssertUnwindSafe(|| wake()));
-        let me = std::thread::current().id();
-        let mut inner = self.inner();
-        if let Some(at) = inner.callers.iter().position(|caller| *caller == me) {
-            inner.callers.swap_remove(at);
-        }
-        drop(inner);
+        self.inner().waker.returned();
         self.changed.notify_all();
     }
 
@@ -404,7 +390,7 @@ impl Owner for Shared {
             if let Some(old) = old.and_then(Arc::into_inner) {
                 inner.keep_spare(old.into_spare());
             }
-            if newer { inner.wake_to_call() } else { None }
+            if newer { inner.waker.call() } else { None }
         };
         self.changed.notify_all();
         self.call(wake);
@@ -432,8 +418,8 @@ impl Owner for Shared {
             if inner.requests == request.number {
                 cut_short = matches!(ending, End::Cancelled | End::Failed(_));
                 inner.ending = Some((ending.clone(), Instant::now()));
-                inner.waking = inner.wake.is_some();
-                inner.wake_to_call()
+                inner.waking = inner.waker.is_set();
+                inner.waker.call()
             } else {
                 None
             }

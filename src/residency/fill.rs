@@ -7,7 +7,7 @@ use super::pump::stored_len;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::{Cancel, Progress};
-use crate::base::tasks::{Ending, Pool, Work};
+use crate::base::tasks::{Pool, Work};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
@@ -48,11 +48,7 @@ impl ModelBlocks {
         let shares = runs(self.file(), &ids, RUN_BYTES).collect();
         let total = ids.iter().map(|&id| stored_len(&self.inner, id)).sum();
         let filling = Filling { blocks: self, shares, progress, cancel, read: AtomicU64::new(0), total };
-        match pool.run_scoped(filling.shares.len(), &filling) {
-            Ending::Finished => Ok(()),
-            Ending::Cancelled => Err(Error::Cancelled),
-            Ending::Failed(error) => Err((*error).clone()),
-        }
+        pool.run_scoped(filling.shares.len(), &filling).into_result()
     }
 
     /// Brings `ids` into memory, whoever uses what has to go for them: waits until passes that hold that have ended, [`FOR_ROOM`] at

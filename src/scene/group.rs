@@ -179,6 +179,15 @@ impl Group {
         Some(Ok(hits))
     }
 
+    /// After [`Group::trace`] without an answer: the placed tree that the rays may enter, if it is one.
+    #[inline]
+    pub fn entered(&self) -> Option<u32> {
+        match self.entered[..] {
+            [placed] => Some(placed),
+            _ => None,
+        }
+    }
+
     /// The placed tree that all the rays went through in [`Group::walk`], or an index of none where they all pass by; `None` if they went through
     /// several.
     #[inline]

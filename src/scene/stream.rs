@@ -4,7 +4,7 @@
 use super::placed::At;
 use super::top::{NodeRef, Slabs, Target};
 use super::walk::{Found, SceneView, SceneWalk, Step};
-use crate::math::{Ray, STREAM};
+use crate::math::{PACKET, Ray, STREAM};
 use crate::structure::{LocalRay, Outcome, Stream, TriHit, Walk};
 
 /// Rays that go one after the other, at most: so few take longer to begin side by side than to walk.
@@ -19,9 +19,11 @@ pub(crate) struct SceneStream {
     /// Where each ray of a run is in its tree.
     at: Box<[At; STREAM]>,
     alone: SceneWalk,
-    /// Of each ray the nodes of the top tree that are still to be visited, the nearest last.
+    /// Of each ray that goes down the top tree, the nodes that are still to be visited, the nearest last.
     todo: Vec<Vec<(NodeRef, f64)>>,
     slabs: Vec<Slabs>,
+    /// Whether it does, ray by ray.
+    goes_down: Box<[bool; STREAM]>,
     /// Rays that enter a placed tree in this round.
     entering: Vec<Entering>,
     unfinished: Vec<u32>,
@@ -46,6 +48,7 @@ impl Default for SceneStream {
             alone: SceneWalk::default(),
             todo: Vec::new(),
             slabs: Vec::new(),
+            goes_down: Box::new([false; STREAM]),
             entering: Vec::new(),
             unfinished: Vec::new(),
         }
@@ -63,61 +66,76 @@ impl SceneStream {
         &self.unfinished
     }
 
-    /// Puts rays at the root of a top tree.
-    fn begin(&mut self, root: NodeRef, rays: &[Ray]) {
-        if self.todo.len() < rays.len() {
-            self.todo.resize_with(rays.len(), Vec::new);
+    /// Puts a ray at the root of a top tree.
+    fn begin(&mut self, root: NodeRef, i: usize, ray: &Ray) {
+        if self.todo.len() <= i {
+            self.todo.resize_with(i + 1, Vec::new);
+            self.slabs.resize(i + 1, Slabs::new(ray));
         }
-        let is_tree = matches!(root.target(), Target::Inner(_));
-        self.slabs.clear();
-        for (ray, todo) in rays.iter().zip(&mut self.todo) {
-            todo.clear();
-            if is_tree {
-                self.slabs.push(Slabs::new(ray));
-                todo.extend(ray.can_hit().then_some((root, 0.0)));
-            } else {
-                todo.push((root, 0.0));
-            }
+        let todo = &mut self.todo[i];
+        todo.clear();
+        if ray.can_hit() {
+            self.slabs[i] = Slabs::new(ray);
+            todo.push((root, 0.0));
         }
     }
 }
 
 impl SceneView<'_> {
     /// Rays side by side, but for [`FEW`] and less: the hits that [`SceneView::trace`] finds for each, at less cost. `rays`: [`STREAM`] at most;
-    /// `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need a block, or must go alone; they are to be begun anew.
-    pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
+    /// `found`: as many; `enter`: of each [`PACKET`] of them the one placed tree that they may enter, if that is known. Rays in
+    /// [`SceneStream::unfinished`] have no answer: they need a block, or must go alone; they are to be begun anew.
+    pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], enter: &[Option<u32>], walk: &mut SceneStream, found: &mut [Found]) {
         walk.unfinished.clear();
         if rays.len() <= FEW {
             return self.one_by_one::<ANY>(rays, walk, found);
         }
         found.iter_mut().zip(rays).for_each(|(found, ray)| *found = Found::nothing(ray.t_max));
         let Some(root) = self.scene.placement.top.root() else { return };
-        walk.begin(root, rays);
         let mut entering = std::mem::take(&mut walk.entering);
         entering.clear();
-        (0..rays.len()).for_each(|i| entering.extend(self.next_tree(rays, i, found[i].t, walk)));
+        for (first, enter) in (0..rays.len()).step_by(PACKET).zip(enter) {
+            let known = match root.target() {
+                Target::Placed(placed) => Some(placed),
+                Target::Inner(_) => *enter,
+            };
+            for (i, ray) in (first..).zip(rays[first..].iter().take(PACKET)) {
+                walk.goes_down[i] = known.is_none();
+                match known {
+                    Some(placed) => entering.extend(self.entering(ray, i, placed)),
+                    None => {
+                        walk.begin(root, i, ray);
+                        entering.extend(self.next_tree(ray, i, ray.t_max, walk));
+                    }
+                }
+            }
+        }
         while !entering.is_empty() {
             // Most rounds are of one tree.
             if entering.iter().any(|it| it.tree != entering[0].tree) {
                 entering.sort_unstable_by_key(|it| (it.tree, it.ray));
             }
             for run in entering.chunk_by(|a, b| a.tree == b.tree) {
-                self.run::<ANY>(rays, run, walk, found);
+                for run in run.chunks(STREAM) {
+                    self.run::<ANY>(rays, run, walk, found);
+                }
             }
             let goes_on = |it: &mut Entering| {
                 let ray = it.ray as usize;
-                let is_done = walk.todo[ray].is_empty() || ANY && found[ray].is_hit();
-                match if is_done { None } else { self.next_tree(rays, ray, found[ray].t, walk) } {
-                    Some(next) => {
-                        *it = next;
-                        true
-                    }
-                    None => false,
-                }
+                let is_done = !walk.goes_down[ray] || ANY && found[ray].is_hit();
+                let next = if is_done { None } else { self.next_tree(&rays[ray], ray, found[ray].t, walk) };
+                *it = next.unwrap_or(*it);
+                next.is_some()
             };
             entering.retain_mut(goes_on);
         }
         walk.entering = entering;
+    }
+
+    /// A ray that enters a placed tree, if it sees that.
+    #[inline]
+    fn entering(&self, ray: &Ray, i: usize, placed: u32) -> Option<Entering> {
+        (self.seen_by(placed) & ray.mask != 0).then(|| Entering { tree: self.tree_key(placed), ray: i as u32, placed })
     }
 
     fn one_by_one<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
@@ -132,19 +150,20 @@ impl SceneView<'_> {
 
     /// The next placed tree that a ray may enter before `best`.
     #[inline]
-    fn next_tree(&self, rays: &[Ray], ray: usize, best: f64, walk: &mut SceneStream) -> Option<Entering> {
-        let it = &rays[ray];
-        while let Some((node, enter)) = walk.todo[ray].pop() {
+    fn next_tree(&self, ray: &Ray, i: usize, best: f64, walk: &mut SceneStream) -> Option<Entering> {
+        let (todo, slabs) = (&mut walk.todo[i], &walk.slabs[i]);
+        while let Some((node, enter)) = todo.pop() {
             if enter > best {
                 continue;
             }
             match node.target() {
-                Target::Placed(placed) if self.seen_by(placed) & it.mask == 0 => {}
-                Target::Placed(placed) => return Some(Entering { tree: self.tree_key(placed), ray: ray as u32, placed }),
-                Target::Inner(index) => {
-                    let todo = &mut walk.todo[ray];
-                    self.for_each_child(&walk.slabs[ray], it, index, best, |node, enter| todo.push((node, enter)));
+                Target::Placed(placed) => {
+                    let entering = self.entering(ray, i, placed);
+                    if entering.is_some() {
+                        return entering;
+                    }
                 }
+                Target::Inner(index) => self.for_each_child(slabs, ray, index, best, |node, enter| todo.push((node, enter))),
             }
         }
         None
@@ -160,7 +179,7 @@ impl SceneView<'_> {
 
     /// Takes rays through the tree that they enter.
     fn run<const ANY: bool>(&self, rays: &[Ray], run: &[Entering], walk: &mut SceneStream, found: &mut [Found]) {
-        let SceneStream { tree: stream, single, hits, at, unfinished, todo, .. } = walk;
+        let SceneStream { tree: stream, single, hits, at, unfinished, goes_down, .. } = walk;
         let (tree, filter) = (self.tree(run[0].placed), self.filter(run[0].placed));
         let mut local = LocalRay::NONE;
         if run.len() <= FEW {
@@ -170,7 +189,7 @@ impl SceneView<'_> {
                 single.begin(&tree, &local);
                 let outcome = if ANY { tree.any(filter.as_ref(), single) } else { tree.closest(filter.as_ref(), single) };
                 if outcome != Outcome::Done {
-                    todo[ray].clear();
+                    goes_down[ray] = false;
                     unfinished.push(ray as u32);
                 }
                 found[ray].offer::<ANY>(self.looks_beyond, &At { placed, shift, scale }, single.best(), single.passed());
@@ -195,7 +214,7 @@ impl SceneView<'_> {
         }
         for &i in stream.unfinished() {
             let ray = run[i as usize].ray;
-            todo[ray as usize].clear();
+            goes_down[ray as usize] = false;
             unfinished.push(ray);
         }
         for (i, (hit, it)) in hits.iter().zip(run).enumerate() {

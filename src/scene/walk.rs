@@ -11,8 +11,7 @@ use super::top::{NodeRef, Slabs, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
 use crate::math::Ray;
-use crate::residency::{Held, Lease, Shown, Snapshot};
-use crate::structure::bvh::layout::Block;
+use crate::residency::{Held, Lease, Shown};
 use crate::structure::{LocalRay, Outcome, PartFilter, Tree, TriHit, Triangle, Visit, Walk, Within};
 
 /// A block that a job needs.
@@ -251,14 +250,6 @@ impl<'a> SceneView<'a> {
         let p = &self.scene.placement.placed[placed as usize];
         let visit = Visit { never_waits: self.never_waits, is_solid: self.is_solid, stamp: self.stamp };
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
-    }
-
-    /// The block of a hit; `None` if it is not there.
-    #[inline]
-    pub fn block_of(&self, found: &Found) -> Option<Block<'a>> {
-        let model = self.scene.placement.placed[found.placed as usize].model;
-        let snapshot: &'a Snapshot = &self.snapshots.0[model as usize];
-        snapshot.block(BlockId(found.tri.block)).map(Block::new)
     }
 
     /// A placed tree's model.

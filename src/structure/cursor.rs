@@ -18,11 +18,11 @@ pub struct Below<'a> {
 
 /// What is left of a visit to the leaves of a tree. It can be put down at missing blocks and taken up again.
 #[derive(Debug, Clone, Default)]
-pub struct Sweep {
+pub struct Descent {
     left: Vec<Place>,
 }
 
-impl Sweep {
+impl Descent {
     /// Of the whole tree.
     pub fn new(tree: &Tree) -> Self {
         Self { left: tree.root().into_iter().collect() }
@@ -58,7 +58,7 @@ impl Sweep {
 
 /// Visits all triangles of a tree; fails with the first block that is missing.
 pub fn for_each_triangle(tree: &Tree, visit: &mut dyn FnMut(&TriHit, &Triangle)) -> Result<(), BlockId> {
-    let mut sweep = Sweep::new(tree);
-    sweep.go_on(tree, &mut |_| true, visit);
-    sweep.missing().next().map_or(Ok(()), Err)
+    let mut descent = Descent::new(tree);
+    descent.go_on(tree, &mut |_| true, visit);
+    descent.missing().next().map_or(Ok(()), Err)
 }

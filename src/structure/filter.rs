@@ -34,6 +34,12 @@ impl PartFilter<'_> {
         self.hidden.get((part / 64) as usize).is_some_and(|word| word >> (part % 64) & 1 == 1)
     }
 
+    /// Whether each hit is to be tested by itself, ray by ray: kernels that do more at once leave it to single walks.
+    #[inline]
+    pub fn is_by_ray(filter: Option<&Self>) -> bool {
+        filter.is_some_and(|filter| filter.within.is_some())
+    }
+
     /// Whether rays pass through a triangle of `part` that is met at `t`. `triangle` is asked for only where a further test needs it.
     #[inline]
     pub fn passes(&self, part: impl Fn() -> u32, triangle: impl Fn() -> Triangle, t: f32) -> bool {

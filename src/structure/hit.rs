@@ -81,10 +81,8 @@ const INSIDE: u32 = 1 << 29;
 /// A stand-in that was hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StandIn {
-    /// The node that the cell hangs in.
-    pub node: usize,
-    /// Its slot there.
-    pub slot: usize,
+    /// Which cell of the block, by the structure's own count.
+    pub(super) item: u32,
     /// The block below is not in memory.
     pub is_missing: bool,
     /// The ray begins in the cell: `t` is where it begins, and the cell is shown where the ray leaves it.
@@ -95,7 +93,7 @@ impl StandIn {
     /// As [`TriHit::tri`].
     #[inline(always)]
     pub(super) fn code(self) -> u32 {
-        (self.node << 3 | self.slot) as u32 | if self.is_missing { MISSING } else { LOD } | if self.is_inside { INSIDE } else { 0 }
+        self.item | if self.is_missing { MISSING } else { LOD } | if self.is_inside { INSIDE } else { 0 }
     }
 }
 
@@ -110,8 +108,7 @@ impl TriHit {
             return None;
         }
         let (is_missing, is_inside) = (self.tri & MISSING != 0, self.tri & INSIDE != 0);
-        let place = (self.tri & !Self::FLAGS) as usize;
-        Some(StandIn { node: place >> 3, slot: place & 7, is_missing, is_inside })
+        Some(StandIn { item: self.tri & !Self::FLAGS, is_missing, is_inside })
     }
 
     /// Where this or `best` is a stand-in: whether this wins at the same distance. Places decide, so that the order of visits does not.

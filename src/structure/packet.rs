@@ -6,6 +6,7 @@ use super::hit::{Counters, TriHit};
 use super::packet_prepare::{self, Shared};
 use super::ray::{LocalRay, UNIT, abs};
 use super::place::{Place, Rooted};
+use super::surface::Groups;
 use super::walk::{Entered, Walk};
 use crate::math::{Cone, PACKET, Ray, bits, first_rays};
 use crate::simd::{Isa, Lanes, Mask, Op, Simd, dispatch};
@@ -308,7 +309,7 @@ impl PacketWalk {
     }
 
     /// What the rays of `lanes`, which all have hits, have hit: rays with hits on the same triangle together.
-    pub fn hits(&self, isa: Isa, lanes: u32, out: &mut PacketSurfaces) {
+    pub fn hits(&self, isa: Isa, lanes: u32, out: &mut Groups<PACKET>) {
         dispatch(isa, Hits { walk: self, lanes, out });
     }
 
@@ -345,27 +346,10 @@ impl PacketWalk {
     }
 }
 
-/// What a packet's rays have hit. Reusable.
-#[derive(Debug)]
-pub struct PacketSurfaces {
-    /// The rays that hit stand-ins.
-    pub cells: u32,
-    /// How many triangles were hit.
-    pub count: usize,
-    /// For each, the rays that hit it.
-    pub rays: [u32; PACKET],
-}
-
-impl Default for PacketSurfaces {
-    fn default() -> Self {
-        Self { cells: 0, count: 0, rays: [0; PACKET] }
-    }
-}
-
 struct Hits<'a> {
     walk: &'a PacketWalk,
     lanes: u32,
-    out: &'a mut PacketSurfaces,
+    out: &'a mut Groups<PACKET>,
 }
 
 impl Op for Hits<'_> {

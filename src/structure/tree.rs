@@ -7,6 +7,7 @@
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
 use super::bvh;
+use super::cell::Cells;
 use super::cursor::Below;
 #[cfg(any(test, feature = "brute"))]
 use super::fallback::SingleWalks;
@@ -15,11 +16,14 @@ use super::hit::{Outcome, Triangle, TriHit};
 use super::packet::PacketWalk;
 use super::place::{Place, Rooted};
 use super::stream::Stream;
+use super::surface::Surfaces;
 use super::walk::Walk;
 use crate::base::ids::BlockId;
+use crate::lod::Slabs;
 use crate::math::Bounds;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
+use glam::DVec3;
 
 pub use bvh::trace::Bundle;
 
@@ -123,6 +127,40 @@ impl<'a> Tree<'a> {
     #[inline(always)]
     pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
         of_each!(self, own => own.triangle(hit))
+    }
+
+    /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left the snapshot (bit `i`:
+    /// triangle `i`).
+    #[inline(always)]
+    pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
+        of_each!(self, own => own.surfaces(count, hit, out))
+    }
+
+    /// Fills the columns of `rays`, whose hits are cells that stand in. Returns the rays whose blocks have left the snapshot: their columns hold anything.
+    ///
+    /// `dir`: a ray's direction in the tree's frame; `is_whole`: boxes and levels of all cells are asked for.
+    #[inline(always)]
+    pub fn cells<const N: usize>(
+        &self,
+        rays: u32,
+        hit: impl Fn(usize) -> TriHit,
+        dir: impl Fn(usize) -> DVec3,
+        is_whole: bool,
+        out: &mut Cells<N>,
+    ) -> u32 {
+        of_each!(self, own => own.cells(rays, hit, dir, is_whole, out))
+    }
+
+    /// Asks for the memory of what [`Tree::cells`] reads of a cell that was hit: first of its words, and in a second call (`of_sides`), when those have
+    /// come, of its sides.
+    #[inline]
+    pub fn prefetch_cell(&self, hit: &TriHit, of_sides: bool) {
+        of_each!(self, own => own.prefetch_cell(hit, of_sides));
+    }
+
+    /// Where in its box the content of a cell that was hit is; `None` if its block has left the snapshot.
+    pub fn slabs(&self, hit: &TriHit) -> Option<Slabs<f32>> {
+        of_each!(self, own => own.slabs(hit))
     }
 
     /// The primitive id of a hit, or the block that is needed for it.

@@ -10,12 +10,11 @@ use crate::lod::Facing;
 use crate::render::wants::Wants;
 use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
-use crate::query::finish::{facing_normal, meet};
+use crate::query::answers::{WorldNormal, meet};
 use crate::query::stand_in::{self, Look};
 use crate::query::{HitKind, NONE};
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
-use crate::scene::placed::not_below;
 use crate::math::bits;
 use crate::scene::packet::ScenePacket;
 use crate::scene::walk::{Found, Need, SceneView, Step};
@@ -311,7 +310,7 @@ impl Direct<'_> {
         let tree = self.view.tree(found.placed);
         let triangle = tree.triangle(&found.tri).ok_or(need(crate::base::ids::BlockId(found.tri.block)))?;
         let part = placed.first_part.saturating_add(triangle.part);
-        let normal = facing_normal(placed, &triangle, ray.dir);
+        let normal = WorldNormal::new(placed, &triangle.vertices).facing(ray.dir);
         if let Some(seen) = seen {
             (seen.kind, seen.normal) = (HitKind::Exact, normal.into());
             if self.asks.precise {
@@ -349,10 +348,9 @@ impl Direct<'_> {
     #[inline(never)]
     fn measure(&self, ray: &Ray, found: &Found, triangle: &Triangle, seen: &mut Layer) {
         let placed = &self.view.scene.placement.placed[found.placed as usize];
-        let meeting = meet(placed, triangle, ray, found.t);
-        let along = ray.dir.as_dvec3() * meeting.t;
-        seen.depth = along.dot(self.rays.forward()) as f32;
-        seen.error = not_below(placed.stretch * meeting.gap + placed.position_error + placed.rounding_along(ray.origin, along));
+        let meeting = meet(placed, &triangle.vertices, ray, found.t);
+        seen.depth = meeting.along(ray).dot(self.rays.forward()) as f32;
+        seen.error = meeting.error(placed, ray);
         seen.error_px = (f64::from(seen.error) / self.rays.pixel_width(meeting.t)) as f32;
     }
 
@@ -392,15 +390,15 @@ impl Direct<'_> {
             }
             if let Some(seen) = seen {
                 seen.kind = if look.is_missing() { HitKind::Missing } else { HitKind::Lod };
-                (seen.normal, seen.error, seen.error_px) = (look.normal.into(), error, error_px);
+                (seen.normal, seen.error, seen.error_px) = (look.normal().into(), error, error_px);
                 seen.depth = along.dot(self.rays.forward()) as f32;
                 if self.asks.ids {
-                    (seen.part, seen.instance) = self.ids(found.placed, look.part);
+                    (seen.part, seen.instance) = self.ids(found.placed, look.part());
                 }
             }
         }
-        let mut material = self.material(found.placed, look.part, || Ok(None))?;
-        if let Some(colour) = look.colour.filter(|_| !self.recoloured(found.placed, look.part)) {
+        let mut material = self.material(found.placed, look.part(), || Ok(None))?;
+        if let Some(colour) = look.colour().filter(|_| !self.recoloured(found.placed, look.part())) {
             material.colour = colour;
         }
         let (position, width) = (ray.origin + along, width_at(ray, look.t));
@@ -408,9 +406,9 @@ impl Direct<'_> {
         let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
         let extent = placed.extent() * LEAVE;
         let above = if casts { look.above() } else { 0.0 };
-        let from = back(ray, look.t, look.normal, above + BESIDE * f64::from(width)) + look.normal.as_dvec3() * extent;
+        let from = back(ray, look.t, look.normal(), above + BESIDE * f64::from(width)) + look.normal().as_dvec3() * extent;
         let next = if material.opacity < 1.0 { look.leave() } else { look.t } + extent;
-        Ok(Surface { position, normal: look.normal, facing: look.facing, material, from, next, width, near: 0.0 })
+        Ok(Surface { position, normal: look.normal(), facing: look.facing(), material, from, next, width, near: 0.0 })
     }
 
     /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.

@@ -6,7 +6,7 @@
 
 use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::material::{Gloss, Material, powers};
-use crate::query::surfaces::Surfaces;
+use crate::query::answers::Seen;
 use crate::query::NONE;
 use super::first::First;
 use crate::scene::beam::Beam;
@@ -28,7 +28,7 @@ type Vectors = [Row<f32>; 3];
 /// Memory of a worker.
 #[derive(Default)]
 pub(super) struct Plain {
-    surfaces: Surfaces,
+    seen: Seen<PACKET>,
     rows: Rows,
     /// The packets of a tile, and those of them that were begun there.
     bundle: Bundle,
@@ -187,7 +187,7 @@ impl<'v> Direct<'v> {
             return Outcome::NotPlain;
         }
         let Some((placed, met)) = self.trace_plain(pixels, active, number, scratch) else { return Outcome::NotPlain };
-        let Scratch { group, plain: Plain { surfaces, rows, .. }, .. } = scratch;
+        let Scratch { group, plain: Plain { seen, rows, .. }, .. } = scratch;
         let Some(placed) = placed else {
             rows.lit = rows_of(backs);
             if pixels.sample == 0 {
@@ -195,12 +195,12 @@ impl<'v> Direct<'v> {
             }
             return Outcome::Done;
         };
-        let (eye, dir) = (self.rays.eye(), &rows.dir);
-        let ray = |i: usize| (eye, Vec3::new(dir[0][i], dir[1][i], dir[2][i]));
-        if !surfaces.look::<true>(&self.view, placed, ray, group.walk(), met) {
+        let dir = |i: usize| Vec3::new(rows.dir[0][i], rows.dir[1][i], rows.dir[2][i]);
+        let gone = seen.look(&self.view, placed, met, dir, &*group, [true; 2]);
+        if gone | seen.missing() != 0 {
             return Outcome::Met(met);
         }
-        surfaces.each(self.isa(), &rows.dir, &mut rows.normal, &mut rows.part);
+        seen.each(&self.view, placed, &rows.dir, &mut rows.normal, &mut rows.part);
         rows.lit = rows_of(backs);
         let mut left = met;
         while left != 0 {
@@ -211,7 +211,7 @@ impl<'v> Direct<'v> {
             if material.opacity != 1.0 {
                 return Outcome::Met(met);
             }
-            self.shade(placed, part, &material, like, surfaces, rows);
+            self.shade(placed, part, &material, like, seen, rows);
             left &= !like;
         }
         if pixels.sample == 0 {
@@ -221,31 +221,34 @@ impl<'v> Direct<'v> {
     }
 
     /// Lights the pixels of `like`, which see a part of `material`.
-    fn shade(&self, placed: u32, part: u32, material: &Material, like: u32, surfaces: &Surfaces, rows: &mut Rows) {
+    fn shade(&self, placed: u32, part: u32, material: &Material, like: u32, seen: &Seen<PACKET>, rows: &mut Rows) {
         for (axis, colour) in rows.colour.iter_mut().enumerate() {
             *colour = [material.colour[axis]; PACKET];
         }
-        if surfaces.coloured() & like != 0 && !self.recoloured(placed, part) {
-            for i in bits(surfaces.coloured() & like) {
-                let colour = surfaces.colour_of_cell(i);
+        let coloured = seen.coloured() & like;
+        if coloured != 0 && !self.recoloured(placed, part) {
+            for i in bits(coloured) {
+                let colour = seen.stand_ins().colour(i);
                 for axis in 0..3 {
                     rows.colour[axis][i] = colour[axis];
                 }
             }
         }
-        dispatch(self.isa(), Shade { direct: self, material, like, surfaces, rows });
+        dispatch(self.isa(), Shade { direct: self, material, like, seen, rows });
     }
 
     /// What is seen first in each pixel.
     fn note_first(&self, placed: u32, met: u32, scratch: &mut Scratch) {
-        let Scratch { group, plain: Plain { surfaces, rows, .. }, first, .. } = scratch;
-        let (cells, walk) = (surfaces.cells(), group.walk());
+        let Scratch { group, plain: Plain { seen, rows, .. }, first, .. } = scratch;
+        let (cells, t) = (seen.cells(), group.walk().distances());
         (first.met, first.lod, first.missing, first.inexact) = (met, cells, 0, cells);
         first.passed = group.have_passed();
         if cells != 0 {
-            surfaces.errors(&self.view, placed, self.rays.eye(), walk, &mut rows.error);
+            let p = &self.view.scene.placement.placed[placed as usize];
+            let rays = (cells, self.rays.eye(), t);
+            seen.stand_ins().errors(&self.view.tree(placed), p, rays, &*group, &mut rows.error);
             for i in 0..PACKET {
-                first.error_px[i] = self.in_pixels(rows.error[i], f64::from(walk.distances()[i]));
+                first.error_px[i] = self.in_pixels(rows.error[i], f64::from(t[i]));
             }
         }
         if self.asks.normals {
@@ -305,7 +308,7 @@ struct Shade<'a, 'd> {
     direct: &'a Direct<'d>,
     material: &'a Material,
     like: u32,
-    surfaces: &'a Surfaces,
+    seen: &'a Seen<PACKET>,
     rows: &'a mut Rows,
 }
 
@@ -314,7 +317,7 @@ impl Op for Shade<'_, '_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { direct, material, like, surfaces, rows: Rows { dir, normal, colour, lit, .. } } = self;
+        let Self { direct, material, like, seen, rows: Rows { dir, normal, colour, lit, .. } } = self;
         let (gloss, glow, ambient) = (Gloss::of(material), material.glow, direct.ambient);
         let (mut cosine, mut aslant, mut lobe) = ([0.0; PACKET], [0.0; PACKET], [0.0; PACKET]);
         let mut facing = [0.0; PACKET];
@@ -325,8 +328,8 @@ impl Op for Shade<'_, '_> {
             facing[i] = cosine[i].max(0.0);
         }
         powers(&facing, gloss.exponent, &mut lobe);
-        if surfaces.cells() != 0 {
-            let (cells, along) = (surfaces.cells(), surfaces.along());
+        if seen.cells() != 0 {
+            let (cells, along) = (seen.cells(), seen.stand_ins().along());
             for i in 0..PACKET {
                 cosine[i] = if cells >> i & 1 == 1 { along[i] } else { cosine[i] };
             }

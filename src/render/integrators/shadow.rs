@@ -103,7 +103,7 @@ impl Direct<'_> {
     /// The opacity of what was met, under the states of part and instance.
     fn opacity(&self, ray: &Ray, found: &Found) -> Result<f32, Need> {
         if let Some(look) = stand_in::look(&self.view, ray, found) {
-            return self.material(found.placed, look.part, || Ok(None)).map(|material| material.opacity);
+            return self.material(found.placed, look.part(), || Ok(None)).map(|material| material.opacity);
         }
         let scene = self.view.scene;
         let placed = &scene.placement.placed[found.placed as usize];

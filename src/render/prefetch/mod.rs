@@ -1,16 +1,24 @@
 //! Reading ahead of being asked: what a box, or a camera, would need.
 //!
-//! A prefetch goes in passes, each a job of the pool in small pieces: it follows what is in memory to where it ends, wants
-//! the most important of what is missing there, as much as there is room for beside what frames use, and goes on once
-//! that has come. What frames want comes first, no picture gets coarser for it, and nothing that a frame uses goes for
-//! it: it has no pass of its own that others would make room for (see [`View`]).
+//! A prefetch goes in passes, each a job of the pool in small pieces: it follows the blocks in memory to where they end, wants
+//! the most important of the blocks that it lacks there, as many as there is room for beside those that frames use, and goes
+//! on once these have come. The wants of frames come first, no picture gets coarser for it, and no block that a frame uses is
+//! evicted for it: it has no pass of its own that others would make room for (see [`View`]).
+//!
+//! Like batches of rays and overlaps it looks again once blocks have come, and it shares with them how many blocks there is room
+//! for (`query/needs.rs`) and the handle. It does not use their engine, `query/rounds.rs`. That answers a question, so it reads
+//! the blocks of a round itself, holds them until they are used, and takes a lease where there is no room. A prefetch must not
+//! take room from anything: it only wants blocks, through a [`View`]; between two passes it holds no snapshot and has no job
+//! until the view has news; and it ends where blocks do not fit.
 
 mod boxes;
 mod camera;
 
 use crate::base::error::{Error, Result};
+use crate::base::handle::{Handle, Until};
 use crate::base::tasks::{Ending, Work};
 use crate::math::DBounds;
+use crate::query::needs::{bytes_of, one_at_least};
 use crate::residency::{View, ViewState, Wanted};
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use crate::scene::{Camera, SceneState};
@@ -18,8 +26,8 @@ use boxes::InBox;
 use camera::InView;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::Duration;
 
 /// State of a [`Prefetch`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,7 +68,7 @@ pub struct Prefetch {
     inner: Arc<Inner>,
 }
 
-type Wake = Arc<dyn Fn() + Send + Sync>;
+type End = (PrefetchState, Option<Arc<Error>>);
 
 struct Inner {
     scene: Arc<SceneState>,
@@ -68,9 +76,7 @@ struct Inner {
     /// Of all that it visits, so that it can be told from what was used before.
     stamp: u32,
     walk: Mutex<Walk>,
-    state: Mutex<State>,
-    /// Signalled when it ends.
-    changed: Condvar,
+    handle: Handle<End, Counts>,
     stop: AtomicBool,
     /// The job is there.
     runs: AtomicBool,
@@ -118,13 +124,12 @@ impl Lacking {
     }
 }
 
+/// Its progress so far.
 #[derive(Default)]
-struct State {
-    end: Option<(PrefetchState, Option<Arc<Error>>)>,
+struct Counts {
     fraction: f64,
     blocks: u64,
     bytes: u64,
-    wake: Option<Wake>,
 }
 
 /// Bytes wanted at a time: what matters most comes first, also of what is found on the way.
@@ -176,8 +181,7 @@ impl Prefetch {
             view: residency.view(),
             stamp: residency.stamp(),
             walk: Mutex::new(walk),
-            state: Mutex::default(),
-            changed: Condvar::new(),
+            handle: Handle::new(Counts::default()),
             stop,
             runs,
             again,
@@ -201,23 +205,13 @@ impl Prefetch {
     /// Waits until it has ended, `timeout` at most. Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> PrefetchStatus {
         let context = self.inner.scene.context();
-        let deadline = Instant::now().checked_add(timeout);
-        loop {
-            let state = self.inner.state();
-            let left = deadline.map_or(Duration::MAX, |d| d.saturating_duration_since(Instant::now()));
-            if state.end.is_some() || left.is_zero() {
-                drop(state);
-                return self.poll();
+        let todo = |_: &Counts| (context.threads() == 0).then_some(());
+        self.inner.handle.wait_working(Until::Ended, timeout, todo, |(), left| {
+            if !context.step() {
+                std::thread::sleep(left.min(Duration::from_millis(1)));
             }
-            if context.threads() == 0 {
-                drop(state);
-                if !context.step() {
-                    std::thread::sleep(left.min(Duration::from_millis(1)));
-                }
-            } else {
-                drop(self.inner.changed.wait_timeout(state, left.min(Duration::from_millis(100))));
-            }
-        }
+        });
+        self.poll()
     }
 
     /// Ends it. What was read stays until room is needed.
@@ -227,45 +221,30 @@ impl Prefetch {
     }
 
     /// Calls `wake` once when it ends, from any thread, never under a lock of ours; at once, here, if it has ended. Replaces
-    /// an earlier one. `None`: nobody is called.
+    /// an earlier one. `None`: nothing is called.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
-        let now = {
-            let mut state = self.inner.state();
-            if state.end.is_some() {
-                wake
-            } else {
-                state.wake = wake;
-                None
-            }
-        };
-        if let Some(wake) = now {
-            wake();
-        }
+        self.inner.handle.set_wake(wake);
     }
 }
 
 impl Drop for Prefetch {
     fn drop(&mut self) {
-        self.inner.state().wake = None;
+        self.set_wake(None);
         self.cancel();
     }
 }
 
 impl Inner {
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn walk(&self) -> MutexGuard<'_, Walk> {
         self.walk.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn status(&self) -> PrefetchStatus {
         let bytes_wanted = self.view.status().bytes_wanted;
-        let state = self.state();
-        let (now, error) = state.end.clone().unwrap_or((PrefetchState::Running, None));
-        let fraction = if now == PrefetchState::Done { 1.0 } else { state.fraction };
-        PrefetchStatus { state: now, fraction, blocks: state.blocks, bytes: state.bytes, bytes_wanted, error }
+        let core = self.handle.lock();
+        let (state, error) = core.ending().cloned().unwrap_or((PrefetchState::Running, None));
+        let fraction = if state == PrefetchState::Done { 1.0 } else { core.fraction };
+        PrefetchStatus { state, fraction, blocks: core.blocks, bytes: core.bytes, bytes_wanted, error }
     }
 
     /// There may be something to do.
@@ -276,30 +255,22 @@ impl Inner {
         }
     }
 
-    /// The first end counts.
+    /// Ends it, without snapshot and wants. The first end counts.
     fn end(&self, state: PrefetchState, error: Option<Arc<Error>>) {
-        let wake = {
-            let mut now = self.state();
-            if now.end.is_some() {
-                return;
-            }
-            now.end = Some((state, error));
-            now.wake.take()
-        };
+        if self.handle.ending().is_some() {
+            return;
+        }
         self.stop.store(true, SeqCst);
         if let Ok(mut walk) = self.walk.try_lock() {
-            // What it holds of memory; if a piece is being worked on, that ends with it.
+            // If a piece is being worked on, that ends with it.
             walk.snapshots = None;
         }
         self.view.want(&[]);
-        self.changed.notify_all();
-        if let Some(wake) = wake {
-            wake();
-        }
+        self.handle.end((state, error));
     }
 
     /// A piece of a pass; whether there is more of it.
-    fn go_on(&self) -> Option<(PrefetchState, Option<Arc<Error>>)> {
+    fn go_on(&self) -> Option<End> {
         let mut walk = self.walk();
         if walk.snapshots.is_none() {
             // Until all that was wanted has come, or will not, there is no use in looking.
@@ -336,17 +307,14 @@ impl Inner {
     fn count_what_came(&self, walk: &mut Walk) {
         let there = Snapshots::take(&self.scene);
         let came: Vec<Need> = walk.taken.drain(..).filter(|need| there.has(*need)).collect();
-        let mut state = self.state();
-        state.blocks += came.len() as u64;
-        state.bytes += came.iter().map(|need| self.bytes(need)).sum::<u64>();
-    }
-
-    fn bytes(&self, need: &Need) -> u64 {
-        self.scene.models[need.model as usize].blocks().slot_bytes(need.block)
+        let bytes: u64 = came.iter().map(|&need| bytes_of(&self.scene, need)).sum();
+        let mut counts = self.handle.lock();
+        counts.blocks += came.len() as u64;
+        counts.bytes += bytes;
     }
 
     /// After a pass: wants the most important of what it lacked; or how it has ended.
-    fn want_more(&self, walk: &mut Walk) -> Option<(PrefetchState, Option<Arc<Error>>)> {
+    fn want_more(&self, walk: &mut Walk) -> Option<End> {
         let mut lacking = walk.lacking.sorted();
         lacking.retain(|(need, _)| !walk.failed.contains(need));
         if lacking.is_empty() {
@@ -354,18 +322,18 @@ impl Inner {
             return Some((if error.is_some() { PrefetchState::Failed } else { PrefetchState::Done }, error));
         }
         let room = self.scene.context().residency().room_beside(self.stamp);
-        let mut sum = 0;
-        let fits = |(need, _): &&(Need, f32)| {
-            let first = sum == 0;
-            sum += self.bytes(need);
-            sum <= room && (first || sum <= AT_ONCE)
+        let (mut sum, mut is_next) = (0, one_at_least(AT_ONCE));
+        let fits = |&&(need, _): &&(Need, f32)| {
+            let bytes = bytes_of(&self.scene, need);
+            sum += bytes;
+            sum <= room && is_next(bytes)
         };
         let taken: Vec<(Need, f32)> = lacking.iter().take_while(fits).copied().collect();
-        let missing: u64 = lacking.iter().map(|(need, _)| self.bytes(need)).sum();
+        let missing: u64 = lacking.iter().map(|&(need, _)| bytes_of(&self.scene, need)).sum();
         {
-            let mut state = self.state();
-            let now = state.bytes as f64 / (state.bytes + missing) as f64;
-            state.fraction = state.fraction.max(now).min(0.999);
+            let mut counts = self.handle.lock();
+            let now = counts.bytes as f64 / (counts.bytes + missing) as f64;
+            counts.fraction = counts.fraction.max(now).min(0.999);
         }
         if taken.is_empty() {
             return Some((PrefetchState::Full, None));

@@ -2,6 +2,7 @@
 //! the others alike) and is in no library that ships: it takes time in proportion to the triangles.
 
 pub mod build;
+mod cells;
 mod decoder;
 pub mod layout;
 pub mod open;

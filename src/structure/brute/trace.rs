@@ -153,7 +153,7 @@ impl<'a> TreeView<'a> {
                 continue;
             }
             let (below, kind) = row.below();
-            let mut cell = StandIn { node: index >> 3, slot: index & 7, is_missing: false, is_inside: false };
+            let mut cell = StandIn { item: index as u32, is_missing: false, is_inside: false };
             if ray.is_lod && matches!(judge_small(ray, row, block, cell, &mut walk.best), Verdict::Settled) {
                 continue;
             }
@@ -246,8 +246,8 @@ impl<'a> TreeView<'a> {
         self.row_of(hit.block, cell).map(|row| row.below().0)
     }
 
-    fn row_of(&self, block: u32, cell: StandIn) -> Option<Row<'a>> {
-        self.block(block)?.row(cell.node << 3 | cell.slot)
+    pub(super) fn row_of(&self, block: u32, cell: StandIn) -> Option<Row<'a>> {
+        self.block(block)?.row(cell.item as usize)
     }
 
     /// What is below a place; fails with the block that the place is in if that is not in memory.

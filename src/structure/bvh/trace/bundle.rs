@@ -11,6 +11,7 @@
 use super::ahead;
 use super::bundle_leaf;
 use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
+use super::kernel::Here;
 use super::packet_prepare::Shared;
 use super::packet_visit::{self, Boxes, farthest, intervals};
 use super::hit::Counters;
@@ -100,6 +101,9 @@ impl Bundle {
     /// Finds the closest hits of the packets of `among` (bit `i`: packet `i`), which were just started in `view`, of such as can go
     /// together. What is left, all of it where they cannot, is found by [`TreeView::closest_together`] of each: call it in any case.
     pub fn closest(&mut self, view: &TreeView, filter: Option<&PartFilter>, among: u32) {
+        if PartFilter::is_by_ray(filter) {
+            return;
+        }
         let mut left = 0;
         for (i, packet) in self.packets.iter().enumerate() {
             let fits = packet.together && packet.shared.one_origin && packet.waiting != 0;
@@ -170,7 +174,7 @@ impl<const LOD: bool> Op for Together<'_, '_, LOD> {
                     Some(Child::Node(index)) => {
                         let packets = entry.packets.count_ones();
                         let is_few = packets <= FEW[usize::from(left > wide + MORE)];
-                        if !is_few && node(s, is_large, view, bundle, &entry, block, index, &mut boxes) {
+                        if !is_few && node(s, is_large, view, bundle, &entry, Here { block, id: entry.block, index }, &mut boxes) {
                             continue;
                         }
                         left += u32::from(!is_few || packets <= FEW[0]);
@@ -239,18 +243,16 @@ fn begin<S: Simd>(s: S, bundle: &mut Bundle, view: &TreeView, packets: u32) {
 
 /// Pushes the children that any packet meets, the nearest last; false if the packets are to see to the node themselves.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one bundle's whole state, kept in registers
 fn node<S: Simd>(
     s: S,
     is_large: bool,
     view: &TreeView,
     bundle: &mut Bundle,
     entry: &BundleEntry,
-    block: Block,
-    index: usize,
+    here: Here,
     boxes: &mut Boxes,
 ) -> bool {
-    let node = block.node(index);
+    let (node, block) = (here.node(), here.block);
     let class = &bundle.class;
     intervals::<S, true>(s, node, &class.shared, farthest(s, &class.far), boxes);
     if boxes.small != 0 {

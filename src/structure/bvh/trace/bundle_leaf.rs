@@ -3,7 +3,8 @@
 
 use super::bundle::{Bundle, BundleEntry};
 use super::packet::{PacketEntry, VECTORS, at_mut};
-use super::packet_leaf::{Corners, all_triangles, corners, test};
+use super::kernel::Together;
+use super::packet_leaf::{AtLeaf, Corners, all_triangles, corners, test};
 use super::packet_prepare::Shared;
 use super::packet_visit::{farthest, meet};
 use super::{PartFilter, TreeView};
@@ -74,6 +75,7 @@ pub(super) fn leaf<S: Simd>(
     let Bundle { packets, class, counters, .. } = bundle;
     let leaf = block.leaf(at);
     let corners = corners(s, &leaf, &class.shared);
+    let here = AtLeaf { block, leaf, at, corners: &corners };
     let outline = outline(s, &corners, &class.shared);
     let all = all_triangles(leaf.triangles);
     counters.leaves += 1;
@@ -96,7 +98,8 @@ pub(super) fn leaf<S: Simd>(
         }
         let own = PacketEntry { t: entry.t, rays, block: entry.block, child: entry.child };
         // What is missing stays on its stack.
-        let _ = test::<S, false>(s, view, filter, walk, own, &class.shared, block, &leaf, at, &corners, triangles);
+        let tree = Together { view, filter, shared: &class.shared, is_large: false };
+        let _ = test::<S, false>(s, tree, walk, own, &here, triangles);
         *at_mut(&mut class.far, p) = farthest(s, &walk.hits.t);
     }
 }

@@ -2,25 +2,24 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::cell_slabs::{self, Origin};
-use super::packet::{PacketEntry, PacketWalk, VECTORS, at_mut};
+use super::kernel::{Here, Together};
+use super::packet::{PacketWalk, VECTORS, at_mut};
 use super::packet_leaf::keep_better;
 use super::packet_prepare::Shared;
 use super::packet_visit::{self, Boxes};
 use super::pass::{Sieve, may_be_passed};
 use super::single;
 use super::stand_in::{self, ConeRay, Met, Verdict};
-use super::{PartFilter, TreeView};
+use super::TreeView;
 use crate::geom::watertight::LaneHits;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::ray::{SLACK, abs};
-use crate::structure::bvh::layout::{Block, Node};
+use crate::structure::bvh::layout::Node;
 
 /// The children that could stand in: for some ray, by what their areas are seen from the least directions, and the greatest widths; or for one.
 #[inline(always)]
 pub(super) fn likely<S: Simd>(s: S, area: S::F8, leave: S::F8, [a, b]: [f32; 2]) -> u32 {
-    let width = s.splat8(a) + s.splat8(b) * leave;
-    // A hundredth more, for where the cell is met is rounded otherwise.
-    area.le(width * width * s.splat8(1.01)).bits()
+    stand_in::may_stand(area, s.splat8(a) + s.splat8(b) * leave, s.splat8(stand_in::MARGIN))
 }
 
 /// Puts what the test needs of cells between planes as stored into `out`.
@@ -66,24 +65,22 @@ fn meet<S: Simd>(s: S, boxes: &Boxes, slot: usize, crossing: [S::F16; 2], walk: 
 
 /// What is left of the ways of a vector of rays through the cell in `slot` inside of its slabs.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn within<S: Simd>(
     s: S,
-    node: &Node,
+    tree: Together,
+    here: Here,
     slot: usize,
     boxes: &mut Boxes,
-    shared: &Shared,
-    reach: f32,
     walk: &PacketWalk,
-    h: usize,
-    way: [S::F16; 2],
+    (h, way): (usize, [S::F16; 2]),
 ) -> [S::F16; 2] {
+    let (reach, shared) = (tree.view.reach, tree.shared);
     let (rays, zero) = (&walk.rays, s.splat16(0.0));
     let mut dir = [zero; 3];
     for axis in 0..3 {
         dir[axis] = s.load16(&rays.dir[axis][h]);
     }
-    let mut slabs = boxes.slabs(s, node, shared, reach).one(s, slot);
+    let mut slabs = boxes.slabs(s, here.node(), shared, reach).one(s, slot);
     if !shared.one_origin {
         let mut org = [zero; 3];
         for axis in 0..3 {
@@ -96,65 +93,60 @@ fn within<S: Simd>(
 
 /// Of the rays in `rays` those that cross the child in `slot` inside of its slabs.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn inside<S: Simd>(
     s: S,
-    node: &Node,
+    tree: Together,
+    here: Here,
     slot: usize,
     boxes: &mut Boxes,
-    shared: &Shared,
-    reach: f32,
     walk: &PacketWalk,
     rays: u32,
 ) -> u32 {
     let planes = boxes.planes_of(slot);
     let mut left = 0;
     for h in 0..VECTORS {
-        let here = rays >> (16 * h) & 0xffff;
-        if here != 0 {
-            let way = packet_visit::way(s, &planes, shared.one_origin, walk, h, s.splat16(f32::INFINITY));
-            let [enter, leave] = within(s, node, slot, boxes, shared, reach, walk, h, way);
-            left |= (here & enter.le(leave).bits()) << (16 * h);
+        let lanes = rays >> (16 * h) & 0xffff;
+        if lanes != 0 {
+            let way = packet_visit::way(s, &planes, tree.shared.one_origin, walk, h, s.splat16(f32::INFINITY));
+            let [enter, leave] = within(s, tree, here, slot, boxes, walk, (h, way));
+            left |= (lanes & enter.le(leave).bits()) << (16 * h);
         }
     }
     left
 }
 
-/// Lets the cell in `slot` stand in for those rays of `entry` for which it is small enough; returns the others that meet its box.
+/// Lets the cell in `slot` stand in for those of `rays` for which it is small enough; returns the others that meet its box.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn stand_in<S: Simd, const ANY: bool>(
     s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
-    block: Block,
-    node: usize,
+    tree: Together,
+    here: Here,
     slot: usize,
     boxes: &mut Boxes,
-    shared: &Shared,
-    entry: PacketEntry,
+    rays: u32,
     walk: &mut PacketWalk,
 ) -> u32 {
+    let (Together { view, filter, shared, .. }, Here { block, id, index: node }) = (tree, here);
     let zero = s.splat16(0.0);
     let mut crossings = [[zero; 2]; VECTORS];
     let mut left = 0;
     for h in 0..VECTORS {
         crossings[h] = cross(s, boxes, slot, shared, view.reach, walk, h);
         let [enter, leave] = crossings[h];
-        let here = enter.max(s.load16(&walk.rays.t_min[h])).le(leave.min(s.load16(&walk.hits.t[h])));
-        left |= here.bits() << (16 * h);
+        let met = enter.max(s.load16(&walk.rays.t_min[h])).le(leave.min(s.load16(&walk.hits.t[h])));
+        left |= met.bits() << (16 * h);
     }
-    left &= entry.rays;
+    left &= rays;
     if left == 0 {
         return 0;
     }
     for h in 0..VECTORS {
-        let here = left >> (16 * h) & 0xffff;
-        if here == 0 {
+        let lanes = left >> (16 * h) & 0xffff;
+        if lanes == 0 {
             continue;
         }
         let met = meet(s, boxes, slot, crossings[h], walk, h);
-        let small = met.small & here;
+        let small = met.small & lanes;
         if small == 0 {
             continue;
         }
@@ -163,13 +155,13 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
             Verdict::Skip => {}
             Verdict::Stand => {
                 let tri = stand_in::lod_code(node, slot);
-                let [enter, leave] = within(s, block.node(node), slot, boxes, shared, view.reach, walk, h, [met.enter, crossings[h][1]]);
+                let [enter, leave] = within(s, tree, here, slot, boxes, walk, (h, [met.enter, crossings[h][1]]));
                 let mut hits = small & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
                 if !view.is_solid && may_be_passed(block, node, slot) {
                     hits = stopped(Sieve::of(block, node, slot), &enter.to_array(), walk, h, hits);
                 }
                 if hits != 0 {
-                    offer::<S, ANY>(s, view, walk, h, hits, enter, entry.block, tri);
+                    offer::<S, ANY>(s, view, walk, (h, hits), enter, (id, tri));
                 }
             }
         }
@@ -208,64 +200,59 @@ fn all_cells<S: Simd>(s: S, node: &Node, shared: &Shared) -> Boxes {
     out
 }
 
-/// Offers the cell in a node's slot, below which a block is missing, to the rays of `entry`. Where any hit will do, a cell that a
+/// Offers the cell in a node's slot, below which a block is missing, to `rays`. Where any hit will do, a cell that a
 /// ray begins in is none: nothing is known of it.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state
 pub(super) fn for_missing<S: Simd, const ANY: bool>(
     s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
-    block: Block,
-    (node, slot): (usize, usize),
-    shared: &Shared,
-    entry: PacketEntry,
+    tree: Together,
+    here: Here,
+    slot: usize,
+    rays: u32,
     walk: &mut PacketWalk,
 ) {
+    let (Together { view, filter, shared, .. }, Here { block, id, index: node }) = (tree, here);
     if stand_in::judge(block, node, slot, filter) == Verdict::Skip {
         return;
     }
-    let boxes = &mut all_cells(s, block.node(node), shared);
+    let boxes = &mut all_cells(s, here.node(), shared);
     for h in 0..VECTORS {
-        let here = entry.rays >> (16 * h) & 0xffff;
-        if here == 0 {
+        let lanes = rays >> (16 * h) & 0xffff;
+        if lanes == 0 {
             continue;
         }
         let crossing = cross(s, boxes, slot, shared, view.reach, walk, h);
         let met = meet(s, boxes, slot, crossing, walk, h);
         let far = s.load16(&walk.hits.t[h]);
-        let [enter, leave] = within(s, block.node(node), slot, boxes, shared, view.reach, walk, h, [met.enter, crossing[1]]);
-        let outside = met.outside & here & enter.le(leave.min(far)).bits();
-        let here = here & met.enter.le(far).bits();
+        let [enter, leave] = within(s, tree, here, slot, boxes, walk, (h, [met.enter, crossing[1]]));
+        let outside = met.outside & lanes & enter.le(leave.min(far)).bits();
+        let lanes = lanes & met.enter.le(far).bits();
         let tri = stand_in::missing_code(node, slot, false);
         if outside != 0 {
-            offer::<S, ANY>(s, view, walk, h, outside, enter, entry.block, tri);
+            offer::<S, ANY>(s, view, walk, (h, outside), enter, (id, tri));
         }
-        let inside = met.meets & here & !met.outside;
+        let inside = met.meets & lanes & !met.outside;
         if !ANY && inside != 0 {
             let tri = stand_in::missing_code(node, slot, true);
-            offer::<S, ANY>(s, view, walk, h, inside, met.enter, entry.block, tri);
+            offer::<S, ANY>(s, view, walk, (h, inside), met.enter, (id, tri));
         }
     }
 }
 
 /// Keeps a stand-in for those of `rays`, lanes of vector `h` with nothing nearer, for which it is better.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn offer<S: Simd, const ANY: bool>(
     s: S,
     view: &TreeView,
     walk: &mut PacketWalk,
-    h: usize,
-    rays: u32,
+    (h, rays): (usize, u32),
     t: S::F16,
-    block: u32,
-    tri: u32,
+    place: (u32, u32),
 ) {
     let zero = s.splat16(0.0);
     let found = LaneHits { hits: rays, t, u: zero, v: zero };
     // Between stand-ins nothing can be missing: places decide.
-    let _ = keep_better::<S, ANY>(s, view, walk, h, rays, &found, block, tri);
+    let _ = keep_better::<S, ANY>(s, view, walk, h, &found, place);
     if ANY {
         walk.waiting &= !(rays << (16 * h));
     }

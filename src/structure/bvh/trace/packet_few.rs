@@ -2,13 +2,15 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::cell_slabs::{self, Origin};
-use super::packet::{PacketEntry, PacketWalk, at, at_mut};
+use super::kernel::{Here, Seen, Together};
+use super::packet::{PacketWalk, at, at_mut};
 use super::packet_prepare::Shared;
 use super::packet_visit::{self, Boxes, keep, passing};
 use super::stand_in::{self, ConeRay};
-use super::{PartFilter, TreeView, packet_cells, single};
+use super::single::MetCells;
+use super::{packet_cells, single};
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::bvh::layout::{Block, Node};
+use crate::structure::bvh::layout::Node;
 use crate::structure::ray::slack;
 
 /// Rays up to which this is less work than one child against all rays after the other.
@@ -25,30 +27,25 @@ pub(super) fn planes<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Share
     }
 }
 
-/// The rays of `entry` that each child is still to be visited by: those that meet it, of `leaves` those that do so inside of their
+/// Of `rays` those that each child is still to be visited by: those that meet it, of `leaves` those that do so inside of their
 /// slabs, and for which it does not stand in. `boxes` has the [`planes`], and gets what children are met, from where on, and which of them may
 /// stand in for some ray.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
-    block: Block,
-    index: usize,
+    tree: Together,
+    here: Here,
     boxes: &mut Boxes,
-    shared: &Shared,
-    entry: PacketEntry,
+    mut rays: u32,
     leaves: u32,
     walk: &mut PacketWalk,
 ) -> [u32; 8] {
     let (mut out, mut all_asked) = ([0; 8], 0u32);
-    let mut rays = entry.rays;
     let mut first = s.splat8(f32::INFINITY);
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
         rays &= rays - 1;
-        let (mut met, asked, enter) = one::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry.block, leaves, i, walk);
+        let (mut met, asked, enter) = one::<S, ANY, LOD>(s, tree, here, boxes, leaves, i, walk);
         boxes.met |= met;
         first = enter.min(first);
         all_asked |= asked;
@@ -66,20 +63,16 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
 
 /// The children that ray `i` has still to visit; those of `leaves` whose boxes it meets; and where it enters each box.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn one<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
-    block: Block,
-    index: usize,
+    tree: Together,
+    here: Here,
     boxes: &mut Boxes,
-    shared: &Shared,
-    block_id: u32,
     leaves: u32,
     i: usize,
     walk: &mut PacketWalk,
 ) -> (u32, u32, S::F8) {
+    let Together { view, filter, shared, .. } = tree;
     let zero = s.splat8(0.0);
     let (mut near, mut far, mut inv, mut org) = ([zero; 3], [zero; 3], [zero; 3], [zero; 3]);
     for axis in 0..3 {
@@ -95,7 +88,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     let entered = enter.max(t_min);
     let within = leave.min(s.splat8(at(&walk.hits.t, i)));
     let is_met = entered.le(within);
-    let mut met = is_met.bits() & u32::from(block.node(index).valid);
+    let mut met = is_met.bits() & u32::from(here.node().valid);
     // Where it meets none it enters none.
     let first = entered.select(is_met, s.splat8(f32::INFINITY));
     let (mut dir, mut faces, mut likely) = ([zero; 3], [zero; 3], 0);
@@ -129,7 +122,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return (met, 0, first);
     }
     boxes.small |= small;
-    let mut slabs = boxes.slabs(s, block.node(index), shared, view.reach).all(s);
+    let mut slabs = boxes.slabs(s, here.node(), shared, view.reach).all(s);
     if !shared.one_origin {
         slabs = Origin::new(org, s.splat8(view.reach), zero).see(&slabs);
     }
@@ -141,8 +134,8 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     }
     let mut best = walk.best(i);
     let (passing, passed) = (passing(&walk.rays, i), at_mut(&mut walk.passed, i));
-    let settled =
-        single::offers(view, small, crosses, &enter.to_array(), &passing, block, block_id, index, filter, &mut best, passed);
+    let cells = MetCells { small, crosses, t: &enter.to_array() };
+    let settled = single::offers(Seen { view, filter }, here, cells, &passing, &mut best, passed);
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);

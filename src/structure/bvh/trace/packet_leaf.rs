@@ -3,12 +3,13 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PacketEntry, PacketHits, PacketWalk, VECTORS, at};
+use super::kernel::Together;
 use super::packet_prepare::Shared;
 use super::packet_visit::keep;
 use super::single::{is_better, nearest};
 use super::tables::tables;
 use super::hit::{Outcome, TriHit};
-use super::{PartFilter, TreeView};
+use super::TreeView;
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{LaneHits, intersect, shear};
 use crate::simd::{Lanes, Mask, Simd};
@@ -17,42 +18,43 @@ use crate::structure::bvh::leaf::Leaf;
 
 /// Tests the triangles of a leaf: eight against each ray or sixteen rays against each, whichever is less.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn leaf<S: Simd, const ANY: bool>(
     s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
+    tree: Together,
     walk: &mut PacketWalk,
     entry: PacketEntry,
-    shared: &Shared,
     block: Block,
     at: usize,
 ) -> Outcome {
-    let leaf = block.leaf(at);
+    let (leaf, shared) = (block.leaf(at), tree.shared);
     let corners = corners(s, &leaf, shared);
     let mut left = all_triangles(leaf.triangles);
     if shared.one_origin {
         left &= !beside(s, &corners, shared);
     }
-    test::<S, ANY>(s, view, filter, walk, entry, shared, block, &leaf, at, &corners, [left; VECTORS])
+    test::<S, ANY>(s, tree, walk, entry, &AtLeaf { block, leaf, at, corners: &corners }, [left; VECTORS])
+}
+
+/// A leaf that rays are at.
+pub(super) struct AtLeaf<'a> {
+    pub block: Block<'a>,
+    pub leaf: Leaf<'a>,
+    /// Its first word.
+    pub at: usize,
+    pub corners: &'a Corners,
 }
 
 /// Tests some triangles of a leaf, those of each vector's rays, against a packet.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn test<S: Simd, const ANY: bool>(
     s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
+    tree: Together,
     walk: &mut PacketWalk,
     entry: PacketEntry,
-    shared: &Shared,
-    block: Block,
-    leaf: &Leaf,
-    at: usize,
-    corners: &Corners,
+    here: &AtLeaf,
     triangles: [u32; VECTORS],
 ) -> Outcome {
+    let (Together { view, filter, shared, .. }, &AtLeaf { block, ref leaf, at, corners }) = (tree, here);
     let (mut tests, mut left) = (0, 0);
     for h in 0..VECTORS {
         if entry.rays >> (16 * h) & 0xffff != 0 {
@@ -61,7 +63,7 @@ pub(super) fn test<S: Simd, const ANY: bool>(
         }
     }
     if entry.rays.count_ones() < tests {
-        return leaf_ray_by_ray::<S, ANY>(s, view, filter, walk, entry, shared, block, at, corners);
+        return leaf_ray_by_ray::<S, ANY>(s, tree, walk, entry, here);
     }
     walk.counters.triangles += u64::from(left.count_ones());
     while left != 0 {
@@ -79,11 +81,12 @@ pub(super) fn test<S: Simd, const ANY: bool>(
                 triangle::<S, false>(s, corners, i, shared.k, walk, h)
             };
             let hits = found.hits & rays;
+            let found = LaneHits { hits, ..found };
             if hits == 0 || filter.is_some_and(|f| f.hides(block.part(leaf.part_of(i)))) {
                 continue;
             }
             let tri = (at as u32) << 3 | i as u32;
-            if let Err(missing) = keep_better::<S, ANY>(s, view, walk, h, hits, &found, entry.block, tri) {
+            if let Err(missing) = keep_better::<S, ANY>(s, view, walk, h, &found, (entry.block, tri)) {
                 walk.stack.push(entry);
                 return Outcome::Pending(missing);
             }
@@ -97,19 +100,15 @@ pub(super) fn test<S: Simd, const ANY: bool>(
 
 /// Tests eight triangles at a time against one ray after the other.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
+    tree: Together,
     walk: &mut PacketWalk,
     entry: PacketEntry,
-    shared: &Shared,
-    block: Block,
-    leaf_at: usize,
-    corners: &Corners,
+    here: &AtLeaf,
 ) -> Outcome {
-    let (leaf, k) = (block.leaf(leaf_at), shared.k);
+    let (Together { view, filter, shared, .. }, &AtLeaf { block, leaf, at: leaf_at, corners }) = (tree, here);
+    let k = shared.k;
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
@@ -219,24 +218,22 @@ fn triangle<S: Simd, const MOVED: bool>(
 
 /// Keeps the hits that are better than what their rays have; as [`is_better`], all at once but for ties.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 pub(super) fn keep_better<S: Simd, const ANY: bool>(
     s: S,
     view: &TreeView,
     walk: &mut PacketWalk,
     h: usize,
-    hits: u32,
     found: &LaneHits<S::F16>,
-    block: u32,
-    tri: u32,
+    (block, tri): (u32, u32),
 ) -> Result<(), BlockId> {
+    let hits = found.hits;
     let some = walk.hits.some >> (16 * h) & 0xffff;
     let t = s.load16(&walk.hits.t[h]);
     let mut better = hits;
     // No lane of `hits` is farther than its best: the test left those out.
     let equal = t.eq(found.t).bits() & hits & some;
     if !ANY && equal != 0 {
-        better = untie(view, walk, h, [better, equal], found.t.to_array(), block, tri)?;
+        better = untie(view, walk, h, [better, equal], found.t.to_array(), (block, tri))?;
     }
     let mask = s.mask16(better);
     let PacketHits { some, t, u, v, block: blocks, tri: tris } = &mut walk.hits;
@@ -263,8 +260,7 @@ fn untie(
     h: usize,
     [mut better, equal]: [u32; 2],
     t: [f32; 16],
-    block: u32,
-    tri: u32,
+    (block, tri): (u32, u32),
 ) -> Result<u32, BlockId> {
     for lane in (0..16).filter(|lane| equal >> lane & 1 == 1) {
         let best = walk.best(16 * h + lane);

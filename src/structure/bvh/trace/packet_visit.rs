@@ -18,7 +18,8 @@ use super::packet_few;
 use super::packet_leaf::leaf;
 use super::packet_prepare::Shared;
 use super::pass::Passing;
-use super::single::{self, RayLanes};
+use super::kernel::{Here, Seen, Together};
+use super::single::{self, Alone, RayLanes};
 use super::stand_in;
 use super::hit::{Outcome, TriHit};
 use super::walk::{Entry, push_sorted};
@@ -105,7 +106,8 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     boxes: &mut Boxes,
 ) -> Outcome {
     let shared = walk.shared;
-    let is_large = ahead::is_large(view.snapshot);
+    let tree = Together { view, filter, shared: &shared, is_large: ahead::is_large(view.snapshot) };
+    let goes_alone = !walk.together || PartFilter::is_by_ray(filter);
     let mut far = farthest(s, &walk.hits.t);
     while let Some(mut entry) = walk.stack.pop() {
         if entry.t > far {
@@ -121,8 +123,8 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
         };
         let mut block = Block::new(words);
         while entry.rays != 0 {
-            if !walk.together {
-                let outcome = each_alone::<S, ANY, LOD>(s, view, filter, walk, entry);
+            if goes_alone {
+                let outcome = each_alone::<S, ANY, LOD>(s, tree, walk, entry);
                 if outcome != Outcome::Done {
                     return outcome;
                 }
@@ -132,15 +134,14 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
             match Child::from_bits(entry.child) {
                 Some(Child::Node(index)) => {
                     walk.counters.nodes += 1;
-                    let bottom = walk.stack.len();
+                    let (bottom, here) = (walk.stack.len(), Here { block, id: entry.block, index });
                     let is_few = entry.rays.count_ones() <= packet_few::FEW;
                     if is_few {
-                        packet_few::planes::<S, LOD>(s, block.node(index), &shared, boxes);
+                        packet_few::planes::<S, LOD>(s, here.node(), &shared, boxes);
                     } else {
-                        intervals::<S, LOD>(s, block.node(index), &shared, far, boxes);
+                        intervals::<S, LOD>(s, here.node(), &shared, far, boxes);
                     }
-                    let nearest =
-                        nearest_child::<S, ANY, LOD>(s, is_large, is_few, view, filter, block, index, boxes, &shared, entry, walk);
+                    let nearest = nearest_child::<S, ANY, LOD>(s, tree, here, is_few, boxes, entry, walk);
                     if LOD && (boxes.small != 0 || view.never_waits) {
                         far = farthest(s, &walk.hits.t);
                     }
@@ -166,7 +167,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                 Some(Child::Leaf(at)) => {
                     walk.counters.leaves += 1;
                     walk.counters.leaf_lines += block.leaf(at).lines(at) as u64;
-                    let outcome = leaf::<S, ANY>(s, view, filter, walk, entry, &shared, block, at);
+                    let outcome = leaf::<S, ANY>(s, tree, walk, entry, block, at);
                     if outcome != Outcome::Done {
                         return outcome;
                     }
@@ -178,8 +179,9 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let (next, below) = block.external(at);
                     let Some(words) = view.visit(next) else {
                         if LOD && view.never_waits {
-                            let place = block.place_of_external(at);
-                            packet_cells::for_missing::<S, ANY>(s, view, filter, block, place, &shared, entry, walk);
+                            let (index, slot) = block.place_of_external(at);
+                            let here = Here { block, id: entry.block, index };
+                            packet_cells::for_missing::<S, ANY>(s, tree, here, slot, entry.rays, walk);
                             far = farthest(s, &walk.hits.t);
                             break;
                         }
@@ -201,22 +203,22 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
 #[inline(always)]
 fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
+    tree: Together,
     walk: &mut PacketWalk,
     entry: PacketEntry,
 ) -> Outcome {
+    let Together { view, filter, .. } = tree;
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
-        let ray = PreparedRay::new(&walk.rays.one(i), view.reach);
-        let lanes = RayLanes::new(s, &ray);
+        let ray = RayLanes::new(s, PreparedRay::new(&walk.rays.one(i), view.reach));
         let mut best = walk.best(i);
         let stack = &mut walk.alone.stack;
         stack.clear();
         stack.push(Entry { t: entry.t, block: entry.block, child: entry.child });
         let (passed, counters) = (at_mut(&mut walk.passed, i), &mut walk.alone.counters);
-        let outcome = single::visit::<S, ANY, LOD>(s, view, filter, &ray, &lanes, stack, &mut best, passed, counters);
+        let alone = Alone { stack, best: &mut best, passed, counters };
+        let outcome = single::visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, alone);
         keep(walk, i, &best);
         if outcome != Outcome::Done {
             // The others first look at this entry later; this one goes on with what it has left.
@@ -252,26 +254,21 @@ pub(super) fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
 
 /// Pushes all but the nearest of the children that any ray meets; returns the nearest.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one packet's whole state, kept in registers
 fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
-    is_large: bool,
+    tree: Together,
+    here: Here,
     is_few: bool,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
-    block: Block,
-    index: usize,
     boxes: &mut Boxes,
-    shared: &Shared,
     entry: PacketEntry,
     walk: &mut PacketWalk,
 ) -> Option<PacketEntry> {
-    let node = block.node(index);
+    let Together { view, shared, is_large, .. } = tree;
+    let (node, block) = (here.node(), here.block);
     // Leaves whose slabs are asked.
     let is_asked = !LOD && walk.gauge.asks();
     let asked = if is_asked { stand_in::leaves(node) } else { 0 };
-    let few =
-        if is_few { packet_few::each::<S, ANY, LOD>(s, view, filter, block, index, boxes, shared, entry, asked, walk) } else { [0; 8] };
+    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, tree, here, boxes, entry.rays, asked, walk) } else { [0; 8] };
     let mut mask = boxes.met;
     let leaves = asked & mask;
     let mut beside = 0;
@@ -287,14 +284,14 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         let mut rays = if is_few {
             few[slot]
         } else if LOD && boxes.small >> slot & 1 == 1 {
-            packet_cells::stand_in::<S, ANY>(s, view, filter, block, index, slot, boxes, shared, entry, walk)
+            packet_cells::stand_in::<S, ANY>(s, tree, here, slot, boxes, entry.rays, walk)
         } else if !shared.one_origin || boxes.narrow >> slot & 1 == 1 || Child::is_leaf(child) {
             meet(s, &boxes.planes_of(slot), shared.one_origin, walk) & entry.rays
         } else {
             entry.rays
         };
         if !is_few && rays != 0 && leaves >> slot & 1 == 1 {
-            rays = packet_cells::inside(s, node, slot, boxes, shared, view.reach, walk, rays);
+            rays = packet_cells::inside(s, tree, here, slot, boxes, walk, rays);
             beside += u32::from(rays == 0);
         }
         if rays == 0 {
@@ -302,8 +299,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         }
         let (id, child, is_there) = ahead::follow(is_large, view, block, entry.block, child);
         if LOD && view.never_waits && !is_there {
-            let entry = PacketEntry { rays, ..entry };
-            packet_cells::for_missing::<S, ANY>(s, view, filter, block, (index, slot), shared, entry, walk);
+            packet_cells::for_missing::<S, ANY>(s, tree, here, slot, rays, walk);
             continue;
         }
         let mut next = PacketEntry { t: boxes.enter[slot], rays, block: id, child };

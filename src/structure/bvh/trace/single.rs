@@ -2,12 +2,13 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::cell_slabs::{self, Origin};
+use super::kernel::{Here, Seen};
 use super::pass::Passing;
 use super::stand_in::{self, ConeRay, Verdict};
 use super::tables::sheared_corners;
 use super::hit::{Outcome, TriHit};
 use super::walk::{Entry, Walk, push_sorted};
-use super::{PartFilter, PreparedRay, TreeView, Triangle};
+use super::{Counters, PartFilter, PreparedRay, TreeView, Triangle};
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{Sheared, intersect};
 use crate::math::Cone;
@@ -41,9 +42,9 @@ impl<const ANY: bool, const LOD: bool> Op for Single<'_, '_, ANY, LOD> {
         if walk.stack.is_empty() {
             return Outcome::Done;
         }
-        let ray = PreparedRay::new(&walk.ray, view.reach);
-        let lanes = RayLanes::new(s, &ray);
-        visit::<S, ANY, LOD>(s, view, filter, &ray, &lanes, &mut walk.stack, &mut walk.best, &mut walk.passed, &mut walk.counters)
+        let ray = RayLanes::new(s, PreparedRay::new(&walk.ray, view.reach));
+        let Walk { stack, best, passed, counters, .. } = walk;
+        visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, Alone { stack, best, passed, counters })
     }
 }
 
@@ -57,8 +58,9 @@ pub(super) struct LeafRay<S: Simd> {
     pub k: [usize; 3],
 }
 
-/// A ray in all lanes.
+/// A ray, and what box and triangle tests need of it in all lanes.
 pub(super) struct RayLanes<S: Simd> {
+    ray: PreparedRay,
     leaf: LeafRay<S>,
     inv: [S::F8; 3],
     minus_off_near: [S::F8; 3],
@@ -67,9 +69,10 @@ pub(super) struct RayLanes<S: Simd> {
 
 impl<S: Simd> RayLanes<S> {
     #[inline(always)]
-    pub(super) fn new(s: S, ray: &PreparedRay) -> Self {
+    pub(super) fn new(s: S, ray: PreparedRay) -> Self {
         let k = ray.shear.k;
         Self {
+            ray,
             leaf: LeafRay {
                 org: splat3(s, [ray.org[k[0]], ray.org[k[1]], ray.org[k[2]]]),
                 shear: splat3(s, ray.shear.s),
@@ -88,23 +91,24 @@ fn splat3<S: Simd>(s: S, v: [f32; 3]) -> [S::F8; 3] {
     [s.splat8(v[0]), s.splat8(v[1]), s.splat8(v[2])]
 }
 
+/// The state of a ray that goes alone.
+pub(super) struct Alone<'a> {
+    /// What it has still to visit, the nearest last.
+    pub stack: &'a mut Vec<Entry>,
+    pub best: &'a mut TriHit,
+    /// Where it passed a stand-in first.
+    pub passed: &'a mut f32,
+    pub counters: &'a mut Counters,
+}
+
 /// Visits what is on the stack, nearest first.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
-pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
-    s: S,
-    view: &TreeView,
-    filter: Option<&PartFilter>,
-    ray: &PreparedRay,
-    lanes: &RayLanes<S>,
-    stack: &mut Vec<Entry>,
-    best: &mut TriHit,
-    passed: &mut f32,
-    counters: &mut super::Counters,
-) -> Outcome {
+pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(s: S, tree: Seen, lanes: &RayLanes<S>, walk: Alone) -> Outcome {
+    let Seen { view, filter } = tree;
+    let Alone { stack, best, passed, counters } = walk;
     let mut block_id = u32::MAX;
     let mut block = Block::new(&[]);
-    let cells = if LOD { Some(CellLanes::new(s, ray, view.reach)) } else { None };
+    let cells = if LOD { Some(CellLanes::new(s, &lanes.ray, view.reach)) } else { None };
     while let Some(entry) = stack.pop() {
         // Not `<=`: an equal distance may be a tie that a lower primitive id wins.
         if entry.t > best.t {
@@ -122,12 +126,13 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
             match Child::from_bits(child) {
                 Some(Child::Node(index)) => {
                     counters.nodes += 1;
-                    let node = block.node(index);
-                    let (mut mask, t, leave) = boxes(s, node, ray, lanes, best.t);
+                    let here = Here { block, id: block_id, index };
+                    let node = here.node();
+                    let (mut mask, t, leave) = boxes(s, node, lanes, best.t);
                     if let Some(cells) = &cells {
-                        mask = stand_ins(s, view, block, block_id, index, mask, leave, cells, filter, best, passed);
+                        mask = stand_ins(s, tree, here, (mask, leave), cells, best, passed);
                         if view.never_waits && mask != 0 && view.lacks_leaves(block_id) {
-                            mask = for_missing_leaves::<S, ANY>(s, block, block_id, index, mask, cells, filter, best);
+                            mask = for_missing_leaves::<S, ANY>(s, here, mask, cells, filter, best);
                         }
                         if ANY && best.is_hit() {
                             stack.clear();
@@ -172,7 +177,9 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let (next, below) = block.external(at);
                     let Some(words) = view.visit(next) else {
                         if let Some(cells) = cells.as_ref().filter(|_| view.never_waits) {
-                            stand_in_for_missing::<S, ANY>(s, block, block_id, block.place_of_external(at), cells, filter, best);
+                            let (index, slot) = block.place_of_external(at);
+                            let here = Here { block, id: block_id, index };
+                            stand_in_for_missing::<S, ANY>(s, here, slot, cells, filter, best);
                             if ANY && best.is_hit() {
                                 stack.clear();
                                 return Outcome::Done;
@@ -197,7 +204,7 @@ pub(super) fn is_better(
     view: &TreeView,
     hit: &TriHit,
     best: &TriHit,
-    counters: &mut super::Counters,
+    counters: &mut Counters,
 ) -> Result<bool, BlockId> {
     if hit.t < best.t || !best.is_hit() {
         return Ok(true);
@@ -210,7 +217,7 @@ pub(super) fn is_better(
 
 #[cold]
 #[inline(never)]
-fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut super::Counters) -> Result<bool, BlockId> {
+fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut Counters) -> Result<bool, BlockId> {
     if let Some(answer) = hit.untie(best) {
         return Ok(answer);
     }
@@ -225,14 +232,14 @@ fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut super::Count
 
 /// The children whose boxes the ray meets before `t_max`, where it enters each, and where it leaves them.
 #[inline(always)]
-fn boxes<S: Simd>(s: S, node: &Node, ray: &PreparedRay, lanes: &RayLanes<S>, t_max: f32) -> (u32, [f32; 8], S::F8) {
+fn boxes<S: Simd>(s: S, node: &Node, lanes: &RayLanes<S>, t_max: f32) -> (u32, [f32; 8], S::F8) {
     let step = s.powers8(node.exponents());
     let mut enter = lanes.leaf.t_min;
     let mut leave = s.splat8(t_max);
     for axis in 0..3 {
         let slope = step[axis] * lanes.inv[axis];
         let origin = s.splat8(node.origin[axis]);
-        let (near, far) = planes(node, ray.near[axis]);
+        let (near, far) = planes(node, lanes.ray.near[axis]);
         let near = s.bytes8(near).mul_add(slope, origin.mul_add(lanes.inv[axis], lanes.minus_off_near[axis]));
         let far = s.bytes8(far).mul_add(slope, origin.mul_add(lanes.inv[axis], lanes.minus_off_far[axis]));
         // In this order a NaN (infinity times zero) leaves the interval as it was.
@@ -253,25 +260,27 @@ pub(super) struct CellLanes<S: Simd> {
     reach: f32,
 }
 
+/// The parts of a ray that the test of stand-ins needs, as [`PreparedRay`] has them.
+pub(super) struct CellRay {
+    pub org: [f32; 3],
+    pub inv: [f32; 3],
+    pub dir: [f32; 3],
+    pub near: [usize; 3],
+    pub t_min: f32,
+    pub cone: Cone,
+}
+
 impl<S: Simd> CellLanes<S> {
     #[inline(always)]
     fn new(s: S, ray: &PreparedRay, reach: f32) -> Self {
-        Self::of(s, ray.org.to_array(), ray.inv, ray.dir.to_array(), ray.near, ray.t_min, ray.cone, reach)
+        let (org, dir) = (ray.org.to_array(), ray.dir.to_array());
+        Self::of(s, CellRay { org, inv: ray.inv, dir, near: ray.near, t_min: ray.t_min, cone: ray.cone }, reach)
     }
 
-    /// The parts of a ray as [`PreparedRay`] has them.
+    /// For a tree whose coordinates are at most `reach` in magnitude.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments)] // one ray's parts, from memory laid out in two ways
-    pub(super) fn of(
-        s: S,
-        org: [f32; 3],
-        inv: [f32; 3],
-        dir: [f32; 3],
-        near: [usize; 3],
-        t_min: f32,
-        cone: Cone,
-        reach: f32,
-    ) -> Self {
+    pub(super) fn of(s: S, ray: CellRay, reach: f32) -> Self {
+        let CellRay { org, inv, dir, near, t_min, cone } = ray;
         let (mut slack, mut signed) = ([0.0; 3], [0.0; 3]);
         for axis in 0..3 {
             slack[axis] = ray::slack(org[axis], inv[axis], reach);
@@ -328,9 +337,8 @@ impl<S: Simd> CellLanes<S> {
     #[inline(always)]
     pub(super) fn likely(&self, s: S, node: &Node, mask: u32, leave: S::F8) -> (Cells<S>, u32) {
         let cells = self.cells(s, node);
-        // A hundredth more, for that is rounded otherwise.
         let width = self.ray.a + self.ray.b * leave;
-        let likely = stand_in::area(cells.faces, self.ray.dir).le(width * width * s.splat8(1.01)).bits() & mask;
+        let likely = stand_in::may_stand(stand_in::area(cells.faces, self.ray.dir), width, s.splat8(stand_in::MARGIN)) & mask;
         (cells, likely)
     }
 
@@ -354,21 +362,16 @@ impl<S: Simd> CellLanes<S> {
 /// Of the children in `mask`, those that are still to be visited: cells that stand in are offered to `best` instead.
 /// `leave`: where the ray leaves the boxes, or more.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
 fn stand_ins<S: Simd>(
     s: S,
-    view: &TreeView,
-    block: Block,
-    block_id: u32,
-    index: usize,
-    mask: u32,
-    leave: S::F8,
+    tree: Seen,
+    here: Here,
+    (mask, leave): (u32, S::F8),
     cells: &CellLanes<S>,
-    filter: Option<&PartFilter>,
     best: &mut TriHit,
     passed: &mut f32,
 ) -> u32 {
-    let (these, likely) = cells.likely(s, block.node(index), mask, leave);
+    let (these, likely) = cells.likely(s, here.node(), mask, leave);
     if likely == 0 {
         return mask;
     }
@@ -376,28 +379,24 @@ fn stand_ins<S: Simd>(
     if small == 0 {
         return mask;
     }
-    let [enter, leave] = cells.within(s, block.node(index), way);
-    let crosses = enter.le(leave).bits();
-    mask & !offers(view, small, crosses, &enter.to_array(), &cells.one, block, block_id, index, filter, best, passed)
+    let [enter, leave] = cells.within(s, here.node(), way);
+    let met = MetCells { small, crosses: enter.le(leave).bits(), t: &enter.to_array() };
+    mask & !offers(tree, here, met, &cells.one, best, passed)
 }
 
-/// Offers the cells in `small`, of which a ray enters those in `crosses` inside of their slabs at `t`, to `best`; returns
-/// those for which nothing is left to visit. Takes `passed` down to where it passes one.
+/// Cells of a node that are small enough to stand in for a ray.
+pub(super) struct MetCells<'a> {
+    pub small: u32,
+    /// Those that the ray enters inside of their slabs, and where.
+    pub crosses: u32,
+    pub t: &'a [f32; 8],
+}
+
+/// Offers cells of a node to `best`; returns those for which nothing is left to visit. Takes `passed` down to where the ray passes one.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
-pub(super) fn offers(
-    view: &TreeView,
-    mut small: u32,
-    crosses: u32,
-    t: &[f32; 8],
-    ray: &Passing,
-    block: Block,
-    block_id: u32,
-    index: usize,
-    filter: Option<&PartFilter>,
-    best: &mut TriHit,
-    passed: &mut f32,
-) -> u32 {
+pub(super) fn offers(tree: Seen, here: Here, met: MetCells, ray: &Passing, best: &mut TriHit, passed: &mut f32) -> u32 {
+    let (Seen { view, filter }, Here { block, id, index }) = (tree, here);
+    let MetCells { mut small, crosses, t } = met;
     let mut settled = 0;
     while small != 0 {
         let slot = small.trailing_zeros() as usize & 7;
@@ -410,7 +409,7 @@ pub(super) fn offers(
             Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => *passed = passed.min(t[slot]),
             Verdict::Stand => {
                 let tri = stand_in::lod_code(index, slot);
-                let _ = offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: block_id, tri });
+                let _ = offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: id, tri });
             }
         }
         settled |= 1 << slot;
@@ -430,23 +429,20 @@ pub(super) fn offer(best: &mut TriHit, hit: TriHit) -> bool {
 
 /// Offers the cells of those of the children in `mask` that are leaves, which are missing, to `best`; returns the others.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // one ray's whole state, kept in registers
 pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
     s: S,
-    block: Block,
-    block_id: u32,
-    index: usize,
+    here: Here,
     mask: u32,
     cells: &CellLanes<S>,
     filter: Option<&PartFilter>,
     best: &mut TriHit,
 ) -> u32 {
-    let leaves = stand_in::leaves(block.node(index));
+    let leaves = stand_in::leaves(here.node());
     let mut missing = mask & leaves;
     while missing != 0 {
         let slot = missing.trailing_zeros() as usize;
         missing &= missing - 1;
-        stand_in_for_missing::<S, ANY>(s, block, block_id, (index, slot), cells, filter, best);
+        stand_in_for_missing::<S, ANY>(s, here, slot, cells, filter, best);
     }
     mask & !leaves
 }
@@ -456,14 +452,14 @@ pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
 #[inline(always)]
 fn stand_in_for_missing<S: Simd, const ANY: bool>(
     s: S,
-    block: Block,
-    block_id: u32,
-    (node, slot): (usize, usize),
+    here: Here,
+    slot: usize,
     cells: &CellLanes<S>,
     filter: Option<&PartFilter>,
     best: &mut TriHit,
 ) {
-    let [near, far] = stored_planes(s, block.node(node), cells.near);
+    let Here { block, id, index: node } = here;
+    let [near, far] = stored_planes(s, here.node(), cells.near);
     let crossing = cells.cross(near, far);
     let met = stand_in::meet(crossing, near, &cells.ray);
     let is_inside = met.outside >> slot & 1 == 0;
@@ -472,7 +468,7 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
         return;
     }
     let tri = stand_in::missing_code(node, slot, is_inside);
-    let [mut enter, leave] = cells.within(s, block.node(node), [met.enter, crossing[1]]);
+    let [mut enter, leave] = cells.within(s, here.node(), [met.enter, crossing[1]]);
     if is_inside {
         enter = met.enter;
     } else if enter.le(leave).bits() >> slot & 1 == 0 {
@@ -482,7 +478,7 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     if filter.is_some_and(|filter| filter.is_beyond(t)) {
         return;
     }
-    let _ = offer(best, TriHit { t, u: 0.0, v: 0.0, block: block_id, tri });
+    let _ = offer(best, TriHit { t, u: 0.0, v: 0.0, block: id, tri });
 }
 
 /// The run of planes that is met first, and its opposite.

@@ -24,19 +24,19 @@ use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 /// [`TriHit::tri`] of the cell in `slot` of a node.
 #[inline(always)]
 pub(super) fn lod_code(node: usize, slot: usize) -> u32 {
-    StandIn { node, slot, is_missing: false, is_inside: false }.code()
+    StandIn { item: (node << 3 | slot) as u32, is_missing: false, is_inside: false }.code()
 }
 
 /// The same, where the block below is missing; `is_inside`: the ray begins in the cell.
 #[inline(always)]
 pub(super) fn missing_code(node: usize, slot: usize, is_inside: bool) -> u32 {
-    StandIn { node, slot, is_missing: true, is_inside }.code()
+    StandIn { item: (node << 3 | slot) as u32, is_missing: true, is_inside }.code()
 }
 
 /// The node that a stand-in's cell hangs in, and its slot there.
 #[inline(always)]
-pub(in crate::structure::bvh) fn place_of(stand_in: StandIn) -> (usize, usize) {
-    (stand_in.node, stand_in.slot)
+pub(super) fn place_of(stand_in: StandIn) -> (usize, usize) {
+    ((stand_in.item >> 3) as usize, (stand_in.item & 7) as usize)
 }
 
 /// Rays as the test needs them: many of them, or one in all lanes.
@@ -90,6 +90,16 @@ pub(super) fn cross<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], inv:
     let enter = (near[0] * inv[0]).max(near[1] * inv[1]).max(near[2] * inv[2]);
     let leave = (far[0] * inv[0]).min(far[1] * inv[1]).min(far[2] * inv[2]);
     [enter, leave]
+}
+
+/// More than a test of areas and widths by other roundings than [`meet`]'s may be off by: a hundredth.
+pub(super) const MARGIN: f32 = 1.01;
+
+/// The one test whether a cell may stand in, before it is known where its ray enters it, for rays, cells or both in lanes: cells of `area`, seen
+/// along the rays, for rays that are `width` wide where they leave the cells, or wider. Never wrong where it says no; [`meet`] decides.
+#[inline(always)]
+pub(super) fn may_stand<const N: usize, L: Lanes<N>>(area: L, width: L, margin: L) -> u32 {
+    area.le(width * width * margin).bits()
 }
 
 /// What is decided of cells by where rays cross them.

@@ -274,8 +274,8 @@ impl<'a> Beginning<'a, '_> {
         while self.next < self.groups.len() && counts.of(ENDED) >= GROUP {
             counts = self.take(s, state, counts);
             let rays = self.group.left;
-            // What stands in for missing blocks is looked for by each ray alone.
-            let is_together = self.root.is_some() && !state.view.never_waits;
+            // Stand-ins for missing blocks, and hits that are tested by themselves, are for each ray alone.
+            let is_together = self.root.is_some() && !state.view.never_waits && !PartFilter::is_by_ray(state.filter);
             if is_together {
                 start::start::<S, ANY, LOD>(s, state, self.group);
             }

@@ -7,7 +7,9 @@ use super::ahead::{ask, ask_for};
 use super::cell_slabs::area_shares;
 use super::pass::Passing;
 use super::rays16::OneRay;
-use super::single::{self, CellLanes, LeafRay, is_better, triangles};
+use super::kernel::{Here, Seen};
+use super::single::{self, CellLanes, CellRay, LeafRay, MetCells, is_better, triangles};
+use super::stand_in;
 use super::stream::{
     AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, State, lane, push,
 };
@@ -267,8 +269,7 @@ fn likely<S: Simd>(s: S, node: &Node, ray: &OneRay, crossed: &Crossed<S>, slack:
     let z = (crossed.across[2] * s.splat8(dir[2]) - slack).max(zero).min(slack * most);
     let area = y * z * s.splat8(dir[0]) + z * x * s.splat8(dir[1]) + x * y * s.splat8(dir[2]);
     let width = crossed.leave.min(s.splat8(ray.best())).mul_add(s.splat8(b), s.splat8(a));
-    // A hundredth less, for that is rounded otherwise.
-    (area * area_shares(s, node) * s.splat8(0.99)).le(width * width).bits()
+    stand_in::may_stand(area * area_shares(s, node), width, s.splat8(stand_in::MARGIN))
 }
 
 /// A lane's ray as the test of cells needs it.
@@ -278,7 +279,9 @@ fn cell_lanes<S: Simd>(s: S, ray: &OneRay, reach: f32) -> CellLanes<S> {
     let (inv, planes) = (ray.inv(), ray.planes());
     // Planes are told by bytes in a node here, by rows of eight there.
     let near = |axis: usize| (usize::from(planes[axis]) - 16) / 8;
-    CellLanes::of(s, org, [inv[0], inv[1], inv[2]], [x, y, z], [near(0), near(1), near(2)], ray.t_min(), Cone { a, b }, reach)
+    let near = [near(0), near(1), near(2)];
+    let ray = CellRay { org, inv: [inv[0], inv[1], inv[2]], dir: [x, y, z], near, t_min: ray.t_min(), cone: Cone { a, b } };
+    CellLanes::of(s, ray, reach)
 }
 
 /// Looks at the slabs of the nodes that some lanes are at, where nothing stands in: children that a ray passes beside its slabs are not met.
@@ -349,7 +352,9 @@ fn offer<const ANY: bool>(state: &mut State, lane: usize) {
     let before = (best.t, best.tri, best.block);
     let (block, id, both) = (state.block[lane], state.block_id[lane], state.scratch.small[lane]);
     let (t, passed) = (&state.scratch.at[lane], &mut state.passed[ray]);
-    let settled = single::offers(state.view, both & 0xff, both >> 8, t, &passing, block, id, node, state.filter, best, passed);
+    let here = Here { block, id, index: node };
+    let met = MetCells { small: both & 0xff, crosses: both >> 8, t };
+    let settled = single::offers(Seen { view: state.view, filter: state.filter }, here, met, &passing, best, passed);
     state.scratch.hits[lane] &= !settled;
     if (best.t, best.tri, best.block) != before {
         found::<ANY>(state, lane);
@@ -380,7 +385,8 @@ fn missing_leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, row: &Row, 
         let node = (state.child[lane] & INDEX_MASK) as usize;
         let Some(best) = state.hits.get_mut(usize::from(state.ray[lane])) else { continue };
         let before = (best.t, best.tri, best.block);
-        state.scratch.hits[lane] = single::for_missing_leaves::<S, ANY>(s, block, id, node, left, &cells, state.filter, best);
+        let here = Here { block, id, index: node };
+        state.scratch.hits[lane] = single::for_missing_leaves::<S, ANY>(s, here, left, &cells, state.filter, best);
         if (best.t, best.tri, best.block) != before {
             found::<ANY>(state, lane);
         }

@@ -7,6 +7,7 @@
 
 use super::ahead::ask_for;
 use super::cell_slabs::{self, Eight, Origin, area_shares};
+use super::kernel::Here;
 use super::pass::{Sieve, may_be_passed};
 use super::rays16::{GROUP, Prepared};
 use super::single::{self, stored_planes};
@@ -98,7 +99,8 @@ pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
             if let Some(Child::Node(index)) = Child::from_bits(entry.child)
                 && let Some(words) = view.snapshot.block(BlockId(entry.block))
             {
-                expand::<S, ANY, LOD>(s, state, group, &entry, Block::new(words), index, &mut boxes);
+                let here = Here { block: Block::new(words), id: entry.block, index };
+                expand::<S, ANY, LOD>(s, state, group, &entry, here, &mut boxes);
                 continue;
             }
         }
@@ -133,21 +135,19 @@ fn hand_over(state: &mut State, group: &mut Group, entry: &Entry) {
 
 /// Tests a node's children, which are to be told then. `boxes`: room for them.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // a node, and who comes to it
 fn expand<'a, S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
     state: &mut State<'a>,
     group: &mut Group,
     entry: &Entry,
-    block: Block<'a>,
-    index: usize,
+    here: Here<'a>,
     boxes: &mut Boxes,
 ) {
     state.counters.nodes += 1;
-    let node = block.node(index);
+    let (node, block) = (here.node(), here.block);
     cross::<S, LOD>(s, node, &group.rays, entry.rays, boxes);
     if LOD {
-        stand_ins::<S, ANY>(s, state, group, entry.block, block, index, boxes);
+        stand_ins::<S, ANY>(s, state, group, here, boxes);
     } else if state.gauge.asks() {
         slabs(s, state, group, node, entry.rays.count_ones(), boxes);
     }
@@ -224,8 +224,7 @@ fn cross<S: Simd, const LOD: bool>(s: S, node: &Node, rays: &Prepared, asked: u3
                 [s.load16(rays.size(0)), s.load16(rays.size(1)), s.load16(rays.size(2))],
             );
             let width = leave.mul_add(s.load16(b), s.load16(a));
-            // A hundredth more, for that is rounded otherwise.
-            out.likely[slot] = area.le(width * width * s.splat16(1.01)).bits() & out.met[slot];
+            out.likely[slot] = stand_in::may_stand(area, width, s.splat16(stand_in::MARGIN)) & out.met[slot];
         } else {
             out.leave[slot] = leave.to_array();
         }
@@ -305,11 +304,11 @@ pub(super) fn sort(state: &mut State, lane: usize) {
 /// Offers rays the cells that may stand in for them, and takes those for which nothing is left to visit out of `boxes`: what a ray alone does
 /// (`single.rs`), to the bit.
 #[inline(always)]
-fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Group, id: u32, block: Block, index: usize, boxes: &mut Boxes) {
+fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Group, here: Here, boxes: &mut Boxes) {
     if boxes.likely.iter().all(|rays| *rays == 0) {
         return;
     }
-    let node = block.node(index);
+    let (node, Here { block, index, .. }) = (here.node(), here);
     let [low, high] = stored_planes(s, node, [0, 1, 2]);
     let (low, high) = ([low[0].to_array(), low[1].to_array(), low[2].to_array()], [high[0].to_array(), high[1].to_array(), high[2].to_array()]);
     let mut slabs: Option<Eight> = None;
@@ -332,7 +331,7 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Grou
                 let slabs = slabs.get_or_insert_with(|| Eight::of(s, node));
                 let [enter, leave] = cells.within(s, &slabs.one(s, slot), [cell.enter, crossing[1]]);
                 let crosses = small & enter.le(leave).bits();
-                offer::<ANY>(state, group, id, block, index, slot, crosses, &enter.to_array());
+                offer::<ANY>(state, group, here, slot, crosses, &enter.to_array());
             }
         }
         boxes.met[slot] &= !small;
@@ -405,17 +404,15 @@ impl<L: Lanes<GROUP>> Cells<L> {
 
 /// Offers a cell to the rays in `crosses`, which enter its region at `enter`.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)] // a cell, and who meets it where
 fn offer<const ANY: bool>(
     state: &mut State,
     group: &mut Group,
-    id: u32,
-    block: Block,
-    index: usize,
+    here: Here,
     slot: usize,
     mut crosses: u32,
     enter: &[f32; GROUP],
 ) {
+    let Here { block, id, index } = here;
     let is_asked = crosses != 0 && !state.view.is_solid && may_be_passed(block, index, slot);
     let sieve = if is_asked { Sieve::of(block, index, slot) } else { None };
     let tri = stand_in::lod_code(index, slot);

@@ -1,0 +1,289 @@
+//! The handle under all jobs: how a job has ended, the threads that wait for its end, and the function that is called then.
+//!
+//! Each [`Job`](crate::base::tasks::Job) has a handle, so that a batch of rays has the one of its job; prefetches, builds and
+//! loads have their own. A frame ends once for each request, so it has only a [`Waker`].
+
+use std::ops::{Deref, DerefMut};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::ThreadId;
+use std::time::{Duration, Instant};
+
+/// A function that tells the owner of a job that there is news of it.
+pub type WakeFn = Arc<dyn Fn() + Send + Sync>;
+
+/// A wake function, and the threads that are calling it. Kept under a lock; the function is called under none.
+#[derive(Default)]
+pub struct Waker {
+    wake: Option<WakeFn>,
+    callers: Vec<ThreadId>,
+}
+
+impl Waker {
+    /// Replaces the function. Returns the old one, to be dropped under no lock: it may own the object that is locked.
+    #[must_use]
+    pub fn set(&mut self, wake: Option<WakeFn>) -> Option<WakeFn> {
+        std::mem::replace(&mut self.wake, wake)
+    }
+
+    /// Whether there is a function.
+    pub fn is_set(&self) -> bool {
+        self.wake.is_some()
+    }
+
+    /// The function, for this thread to call now; [`Waker::returned`] comes after the call.
+    pub fn call(&mut self) -> Option<WakeFn> {
+        let wake = self.wake.clone()?;
+        self.callers.push(std::thread::current().id());
+        Some(wake)
+    }
+
+    /// [`Waker::call`] for the last time: then there is no function any more.
+    pub fn call_last(&mut self) -> Option<WakeFn> {
+        let wake = self.call();
+        self.wake = None;
+        wake
+    }
+
+    /// After this thread has called the function.
+    pub fn returned(&mut self) {
+        let me = std::thread::current().id();
+        if let Some(at) = self.callers.iter().position(|caller| *caller == me) {
+            self.callers.swap_remove(at);
+        }
+    }
+
+    /// Whether a thread other than this one is calling the function. (A thread that waits for its own call never ends.)
+    pub fn is_called_elsewhere(&self) -> bool {
+        let me = std::thread::current().id();
+        self.callers.iter().any(|caller| *caller != me)
+    }
+}
+
+/// The event that a thread waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Until {
+    /// The job has ended.
+    Ended,
+    /// The job has ended, and no other thread is calling its wake function any more.
+    Woken,
+}
+
+/// The end of a job, `E`, which is set once, and the job's own state under the same lock, `S`.
+pub struct Handle<E, S = ()> {
+    core: Mutex<Core<E, S>>,
+    /// Signalled at the end, after the wake function, and by [`Handle::notify`].
+    changed: Condvar,
+}
+
+/// The content of a [`Handle`]'s lock. Dereferences to the job's own state.
+pub struct Core<E, S> {
+    end: Option<E>,
+    waker: Waker,
+    own: S,
+}
+
+impl<E, S> Core<E, S> {
+    /// How the job has ended; `None` while it runs.
+    pub fn ending(&self) -> Option<&E> {
+        self.end.as_ref()
+    }
+
+    fn is_over(&self, until: Until) -> bool {
+        self.end.is_some() && (until == Until::Ended || !self.waker.is_called_elsewhere())
+    }
+}
+
+impl<E, S> Deref for Core<E, S> {
+    type Target = S;
+    fn deref(&self) -> &S {
+        &self.own
+    }
+}
+
+impl<E, S> DerefMut for Core<E, S> {
+    fn deref_mut(&mut self) -> &mut S {
+        &mut self.own
+    }
+}
+
+/// The longest that a thread sleeps at a time: some systems know no longer times.
+const LONGEST: Duration = Duration::from_secs(3600);
+
+impl<E: Clone, S> Handle<E, S> {
+    /// Of a job that runs.
+    pub fn new(own: S) -> Self {
+        let core = Core { end: None, waker: Waker::default(), own };
+        Self { core: Mutex::new(core), changed: Condvar::new() }
+    }
+
+    /// The lock. No job's work and no call of its owner's is done under it.
+    pub fn lock(&self) -> MutexGuard<'_, Core<E, S>> {
+        // Every step under the lock leaves a valid state.
+        self.core.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How the job has ended; `None` while it runs. Never blocks.
+    pub fn ending(&self) -> Option<E> {
+        self.lock().end.clone()
+    }
+
+    /// Ends the job: wakes the threads that wait, then calls the wake function in this thread. Only the first call has an
+    /// effect.
+    pub fn end(&self, end: E) {
+        let wake = {
+            let mut core = self.lock();
+            if core.end.is_some() {
+                return;
+            }
+            core.end = Some(end);
+            core.waker.call_last()
+        };
+        self.changed.notify_all();
+        if let Some(wake) = wake {
+            let _returned = Returned(self);
+            wake();
+            // Dropped before the call counts as returned: it may own the job.
+            drop(wake);
+        }
+    }
+
+    /// Has `wake` called once, when the job ends, in the thread that ends it; if the job has ended, at once in this one. Never
+    /// under a lock. Replaces an earlier function; `None`: no function.
+    pub fn set_wake(&self, wake: Option<WakeFn>) {
+        let mut core = self.lock();
+        if core.end.is_none() {
+            let before = core.waker.set(wake);
+            drop(core);
+            drop(before);
+        } else if let Some(wake) = wake {
+            drop(core);
+            wake();
+        }
+    }
+
+    /// Has the threads that wait ask `todo` again.
+    pub fn notify(&self) {
+        self.changed.notify_all();
+    }
+
+    /// Waits, `timeout` at most; returns how the job has ended, or `None` after that time.
+    pub fn wait(&self, until: Until, timeout: Duration) -> Option<E> {
+        self.wait_working(until, timeout, |_| None, |(), _| {})
+    }
+
+    /// [`Handle::wait`] of a thread that works meanwhile: `todo` gives a piece of work, if there is any, under the lock, and
+    /// `work` works on it, for the given time at most.
+    pub fn wait_working<T>(
+        &self,
+        until: Until,
+        timeout: Duration,
+        todo: impl Fn(&S) -> Option<T>,
+        work: impl Fn(T, Duration),
+    ) -> Option<E> {
+        let deadline = Instant::now().checked_add(timeout);
+        let left = || deadline.map_or(Duration::MAX, |d| d.saturating_duration_since(Instant::now()));
+        loop {
+            let core = self.lock();
+            if core.is_over(until) {
+                return core.end.clone();
+            }
+            let time = left();
+            if time.is_zero() {
+                return None;
+            }
+            let task = if core.end.is_none() { todo(&core.own) } else { None };
+            match task {
+                Some(task) => {
+                    drop(core);
+                    work(task, left());
+                }
+                None => drop(self.changed.wait_timeout(core, time.min(LONGEST))),
+            }
+        }
+    }
+}
+
+/// The wake function has returned when this is gone, even where it unwinds.
+struct Returned<'a, E: Clone, S>(&'a Handle<E, S>);
+
+impl<E: Clone, S> Drop for Returned<'_, E, S> {
+    fn drop(&mut self) {
+        self.0.lock().waker.returned();
+        self.0.changed.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::sync::Barrier;
+    use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
+    use std::thread;
+
+    const LONG: Duration = Duration::from_secs(120);
+    const SHORT: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn the_first_end_counts_and_wakes_once() {
+        let (handle, woken) = (Handle::<u32>::new(()), Arc::new(AtomicUsize::new(0)));
+        let wake = || -> Option<WakeFn> {
+            let woken = Arc::clone(&woken);
+            Some(Arc::new(move || {
+                woken.fetch_add(1, SeqCst);
+            }))
+        };
+        assert_eq!((handle.ending(), handle.wait(Until::Ended, SHORT)), (None, None));
+        handle.set_wake(wake());
+        handle.set_wake(wake());
+        handle.end(1);
+        handle.end(2);
+        assert_eq!((handle.ending(), handle.wait(Until::Woken, LONG), woken.load(SeqCst)), (Some(1), Some(1), 1));
+        // Of a job that has ended it is called at once.
+        handle.set_wake(wake());
+        handle.set_wake(None);
+        assert_eq!(woken.load(SeqCst), 2);
+    }
+
+    #[test]
+    fn a_wait_lasts_as_long_as_the_call_of_another_thread_and_not_as_its_own() {
+        let (handle, inside) = (Arc::new(Handle::<u32>::new(())), Arc::new(Barrier::new(2)));
+        let (own, at) = (Arc::downgrade(&handle), Arc::clone(&inside));
+        handle.set_wake(Some(Arc::new(move || {
+            let ends = own.upgrade().map(|handle| handle.wait(Until::Woken, LONG));
+            assert_eq!(ends, Some(Some(7)));
+            at.wait();
+            at.wait();
+        })));
+        thread::scope(|threads| {
+            threads.spawn(|| handle.end(7));
+            inside.wait();
+            assert_eq!((handle.wait(Until::Woken, SHORT), handle.wait(Until::Ended, LONG)), (None, Some(7)));
+            inside.wait();
+            assert_eq!(handle.wait(Until::Woken, LONG), Some(7));
+        });
+        assert_eq!(Arc::strong_count(&inside), 1, "the wake function is gone");
+    }
+
+    #[test]
+    fn a_wake_function_that_panics_keeps_nothing_waiting() {
+        let handle = Handle::<u32>::new(());
+        handle.set_wake(Some(Arc::new(|| panic!("woken"))));
+        assert!(catch_unwind(AssertUnwindSafe(|| handle.end(3))).is_err());
+        thread::scope(|threads| {
+            threads.spawn(|| assert_eq!(handle.wait(Until::Woken, LONG), Some(3)));
+        });
+    }
+
+    #[test]
+    fn a_thread_that_waits_works_while_there_is_something_to_do() {
+        let (handle, left) = (Handle::<u32, Vec<u32>>::new(vec![1, 2, 3]), AtomicUsize::new(3));
+        let work = |item, _| {
+            assert_eq!(handle.lock().pop(), Some(item));
+            if left.fetch_sub(1, SeqCst) == 1 {
+                handle.end(item);
+            }
+        };
+        assert_eq!(handle.wait_working(Until::Ended, LONG, |items| items.last().copied(), work), Some(1));
+    }
+}

@@ -1,0 +1,175 @@
+//! Answers to batches of rays.
+//!
+//! A call that blocks answers a batch of one chunk at once, without the state of rounds, and one or two rays without that of
+//! a chunk. Only the rays that lack blocks go on in [rounds](super::rounds): they are parked in groups with their walks.
+
+use super::alone::{self, ALONE};
+use super::batch::{Hits, QueryOptions, Rays};
+use super::chunk::{CHUNK, Chunk, Group, Task};
+use super::hit::Want;
+use super::parked::{Parked, Parking};
+use super::rounds::{Quest, Rounds};
+use crate::base::error::Result;
+use crate::base::tasks::Work;
+use crate::scene::SceneState;
+use crate::scene::walk::Snapshots;
+use crate::math::PACKET;
+use std::borrow::Borrow;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Answers a batch of closest hits, or of any hits if `ANY`. Blocks.
+pub(super) fn answer<const ANY: bool>(scene: &SceneState, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
+    let pool = scene.context().pool();
+    if rays.count() == 0 {
+        return Ok(());
+    }
+    if rays.count() > CHUNK {
+        let batch = Batch::<_, _, _, ANY>::new(scene, rays, hits, options);
+        let items = batch.items();
+        return pool.run_scoped(items, &Rounds::new(batch)).into_result();
+    }
+    let task = task_of::<ANY>(options);
+    if rays.count() <= ALONE && alone::answer(scene, task, rays, hits)? {
+        return Ok(());
+    }
+    let at_once = AtOnce { scene, rays, hits, task, parked: Mutex::default() };
+    pool.run_scoped(1, &at_once).into_result()?;
+    let parked = at_once.parked.into_inner().unwrap_or_else(PoisonError::into_inner);
+    if parked.is_empty() {
+        return Ok(());
+    }
+    let batch = Batch::<_, _, _, ANY>::new(scene, rays, hits, options);
+    let rest = Rounds::rest(batch, parked.into_iter().map(Parking::new).collect());
+    pool.run_scoped(pool.here(|| rest.round_done())?, &rest).into_result()
+}
+
+fn task_of<const ANY: bool>(options: QueryOptions) -> Task {
+    let want = if ANY { Want::NOTHING } else { options.want };
+    Task { coherent: options.coherent, policy: options.policy, want, any: ANY }
+}
+
+/// Answers `count` rays from `first` on; returns those that must wait.
+fn trace_chunk(
+    scene: &SceneState,
+    snapshots: &Snapshots,
+    stamp: u32,
+    task: Task,
+    (first, count): (usize, usize),
+    rays: &impl Rays,
+    hits: &impl Hits,
+) -> Vec<Box<Group>> {
+    let view = task.view(scene, snapshots, stamp);
+    let mut chunk = scene.context().take_scratch::<Chunk>();
+    chunk.run(&view, task, first, count, rays, hits);
+    let parked = std::mem::take(&mut chunk.parked);
+    scene.context().give_scratch(chunk);
+    parked
+}
+
+/// A batch of one chunk.
+struct AtOnce<'a> {
+    scene: &'a SceneState,
+    rays: &'a dyn Rays,
+    hits: &'a dyn Hits,
+    task: Task,
+    /// Rays that must wait for blocks.
+    parked: Mutex<Vec<Box<Group>>>,
+}
+
+impl Work for AtOnce<'_> {
+    fn run(&self, _: usize) -> Result<()> {
+        // Neither a count nor a stamp of its own: threads share both, and a new stamp is written to each block that is visited.
+        let mut snapshots = Snapshots::none();
+        snapshots.lend(self.scene);
+        let stamp = self.scene.context().residency().now();
+        let parked = trace_chunk(self.scene, &snapshots, stamp, self.task, (0, self.rays.count()), &self.rays, &self.hits);
+        if !parked.is_empty() {
+            *self.parked.lock().unwrap_or_else(PoisonError::into_inner) = parked;
+        }
+        Ok(())
+    }
+}
+
+/// A batch of closest hits, or of any hits if `ANY`. Its items are chunks of rays, its pieces groups of them.
+pub(super) struct Batch<S, R, H, const ANY: bool> {
+    scene: S,
+    rays: R,
+    hits: H,
+    options: QueryOptions,
+    count: usize,
+    /// Of the blocks that it uses.
+    stamp: u32,
+    /// Rays answered so far.
+    answered: Arc<AtomicU64>,
+}
+
+impl<S, R, H, const ANY: bool> Batch<S, R, H, ANY>
+where
+    S: Borrow<SceneState> + Send + Sync,
+    R: Rays + Send + Sync,
+    H: Hits + Send + Sync,
+{
+    /// Of `rays`, answers to `hits`.
+    pub fn new(scene: S, rays: R, hits: H, options: QueryOptions) -> Self {
+        let count = rays.count();
+        let stamp = scene.borrow().context().residency().stamp();
+        Self { scene, rays, hits, options, count, stamp, answered: Arc::default() }
+    }
+
+    /// Items of the first round.
+    pub fn items(&self) -> usize {
+        self.count.div_ceil(CHUNK)
+    }
+
+    /// Rays.
+    pub fn total(&self) -> u64 {
+        self.count as u64
+    }
+
+    /// The count of rays answered.
+    pub fn answered(&self) -> Arc<AtomicU64> {
+        Arc::clone(&self.answered)
+    }
+
+    fn task(&self) -> Task {
+        task_of::<ANY>(self.options)
+    }
+}
+
+impl<S, R, H, const ANY: bool> Quest for Batch<S, R, H, ANY>
+where
+    S: Borrow<SceneState> + Send + Sync,
+    R: Rays + Send + Sync,
+    H: Hits + Send + Sync,
+{
+    type Waiting = Parked<Box<Group>>;
+    /// Some tens of kilobytes each, at worst.
+    const MOST_WAITING: usize = 1024;
+    const PIECES: usize = CHUNK / PACKET;
+    /// A chunk takes some tens of microseconds at least.
+    const RENEWAL: usize = 1;
+    const FETCH: usize = 16;
+
+    fn scene(&self) -> &SceneState {
+        self.scene.borrow()
+    }
+
+    fn begin(&self, item: usize, snapshots: &Snapshots) -> Vec<Parking<Box<Group>>> {
+        let first = item * CHUNK;
+        let count = (self.count - first).min(CHUNK);
+        let parked = trace_chunk(self.scene(), snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
+        let waiting: usize = parked.iter().map(|group| group.count()).sum();
+        self.answered.fetch_add((count - waiting) as u64, Relaxed);
+        parked.into_iter().map(Parking::new).collect()
+    }
+
+    fn resume(&self, mut group: Box<Group>, snapshots: &Snapshots) -> Option<Parking<Box<Group>>> {
+        let view = self.task().view(self.scene(), snapshots, self.stamp);
+        let (first, count) = (group.first(), group.count());
+        let Some(hits) = group.resume(&view, self.task()) else { return Some(Parking::new(group)) };
+        self.hits.write(first, hits);
+        self.answered.fetch_add(count as u64, Relaxed);
+        None
+    }
+}

@@ -1,0 +1,333 @@
+//! From hits in a tree to answers: rows of up to `N` rays that hit something in the same placed tree. A packet is a row of [`PACKET`], a single ray a row of one:
+//! what is asked for is worked out in one place, and is the same to the bit for both. Where the tree is turned or scaled in the world, rows are taken to its frame
+//! and back.
+
+mod meeting;
+pub(crate) mod stand_in;
+mod triangle;
+
+pub(crate) use meeting::meet;
+pub(crate) use triangle::WorldNormal;
+
+use super::hit::{Hit, HitKind, NONE, Want};
+use crate::base::ids::BlockId;
+use crate::math::{PACKET, Ray, bits};
+use crate::scene::Group;
+use crate::scene::placed::Placed;
+use crate::scene::walk::{Found, Need, SceneView};
+use crate::simd::Isa;
+use crate::structure::{Rooted, TriHit};
+use crate::structure::surface::Groups;
+use glam::Vec3;
+use stand_in::StandIns;
+use triangle::Triangles;
+
+/// What up to `N` rays have hit in a tree.
+pub(crate) trait TreeHits<const N: usize> {
+    /// The hit of ray `i`, which has one.
+    fn hit(&self, i: usize) -> TriHit;
+    /// How far that ray goes to its hit, in the world.
+    fn t(&self, i: usize) -> f64;
+    /// Sorts the hits of `rays`.
+    fn group(&self, isa: Isa, rays: u32, out: &mut Groups<N>);
+}
+
+impl TreeHits<PACKET> for Group {
+    #[inline]
+    fn hit(&self, i: usize) -> TriHit {
+        self.walk().best(i)
+    }
+    #[inline]
+    fn t(&self, i: usize) -> f64 {
+        self.distance(i)
+    }
+    #[inline]
+    fn group(&self, isa: Isa, rays: u32, out: &mut Groups<PACKET>) {
+        self.walk().hits(isa, rays, out);
+    }
+}
+
+impl<const N: usize> TreeHits<N> for [Found] {
+    #[inline(always)]
+    fn hit(&self, i: usize) -> TriHit {
+        self[i].tri
+    }
+    #[inline(always)]
+    fn t(&self, i: usize) -> f64 {
+        self[i].t
+    }
+    #[inline(always)]
+    fn group(&self, _: Isa, rays: u32, out: &mut Groups<N>) {
+        (out.cells, out.count) = (0, 0);
+        for i in bits(rays) {
+            let is_cell = self[i].tri.stand_in().is_some();
+            out.cells |= u32::from(is_cell) << i;
+            out.rays[out.count & (N - 1)] = 1 << i;
+            out.count += usize::from(!is_cell);
+        }
+    }
+}
+
+/// What up to `N` rays see of a placed tree. Reusable.
+#[derive(Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Seen<const N: usize> {
+    triangles: Triangles<N>,
+    stand_ins: StandIns<N>,
+    groups: Groups<N>,
+}
+
+impl<const N: usize> Default for Seen<N> {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
+/// Rays whose answers are not whole.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Rest {
+    /// What was found turned out to be outside of the ray's interval: what is within is to be found, see [`super::beyond::past`].
+    pub outside: u32,
+    /// A block is needed, see [`lacking`].
+    pub lacking: u32,
+}
+
+impl Rest {
+    pub fn is_none(self) -> bool {
+        self.outside | self.lacking == 0
+    }
+}
+
+impl<const N: usize> Seen<N> {
+    pub const NONE: Self = Self { triangles: Triangles::NONE, stand_ins: StandIns::NONE, groups: Groups::NONE };
+
+    /// Looks at what `rays` hit in `placed`; `dir` gives their directions in the world. Returns the rays whose hits' blocks have left the snapshot.
+    /// `normals`: those of triangles are asked for; `is_whole`: see [`StandIns::look`].
+    #[inline(always)]
+    pub fn look(
+        &mut self,
+        view: &SceneView,
+        placed: u32,
+        rays: u32,
+        dir: impl Fn(usize) -> Vec3,
+        hits: &(impl TreeHits<N> + ?Sized),
+        [normals, is_whole]: [bool; 2],
+    ) -> u32 {
+        let (tree, p) = (view.tree(placed), &view.scene.placement.placed[placed as usize]);
+        hits.group(tree.isa(), rays, &mut self.groups);
+        let mut gone = 0;
+        if self.groups.count != 0 {
+            gone |= self.triangles.look(&tree, p, &mut self.groups, |i| hits.hit(i), normals);
+        }
+        if self.groups.cells != 0 {
+            gone |= self.stand_ins.look(view, placed, self.groups.cells, dir, hits, is_whole);
+        }
+        self.groups.cells &= !gone;
+        gone
+    }
+
+    /// The rays that hit stand-ins.
+    pub fn cells(&self) -> u32 {
+        self.groups.cells
+    }
+
+    /// Of those, rays that hit stand-ins for what is not in memory.
+    pub fn missing(&self) -> u32 {
+        if self.groups.cells == 0 { 0 } else { self.stand_ins.missing() }
+    }
+
+    /// Rays that see colours of cells' own.
+    pub fn coloured(&self) -> u32 {
+        if self.groups.cells == 0 { 0 } else { self.stand_ins.coloured() }
+    }
+
+    /// What rays see of stand-ins.
+    pub fn stand_ins(&self) -> &StandIns<N> {
+        &self.stand_ins
+    }
+
+    /// Writes unit normals against the rays, whose directions `dir` are unit, and the model's parts, ray by ray.
+    pub fn each(&self, view: &SceneView, placed: u32, dir: &[[f32; N]; 3], normals: &mut [[f32; N]; 3], parts: &mut [u32; N]) {
+        let p = &view.scene.placement.placed[placed as usize];
+        self.triangles.normals_of_rays(view.scene.context().isa(), &self.groups, dir, normals);
+        for (column, rays) in self.groups.rays.iter().enumerate().take(self.groups.count) {
+            let part = p.first_part.saturating_add(self.triangles.part(column));
+            bits(*rays).for_each(|i| parts[i] = part);
+        }
+        for i in bits(self.cells()) {
+            let normal = self.stand_ins.normal(i);
+            (normals[0][i], normals[1][i], normals[2][i]) = (normal.x, normal.y, normal.z);
+            parts[i] = self.stand_ins.part(i);
+        }
+    }
+
+    /// Fills in `out` what `want` asks of the hits of `met`, rays that all hit something in `placed`. What is there is [`Hit::MISS`], or was filled with
+    /// the same `want`.
+    ///
+    /// Where the view looks beyond the ends of intervals, what is found outside of them is told, of triangles as double precision sees it.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)] // rays, what they hit, and where it goes
+    pub(super) fn answer(
+        &mut self,
+        view: &SceneView,
+        want: Want,
+        placed: u32,
+        rays: &[Ray],
+        hits: &(impl TreeHits<N> + ?Sized),
+        met: u32,
+        out: &mut [Hit; N],
+    ) -> Rest {
+        let p = &view.scene.placement.placed[placed as usize];
+        let instance = view.scene.instances[p.instance as usize].id;
+        let (mut rest, mut near_end, mut inside) = (Rest::default(), 0, 0);
+        for i in bits(met) {
+            let (hit, at, ray, t) = (&mut out[i], hits.hit(i), &rays[i], hits.t(i));
+            let uv;
+            match at.stand_in() {
+                None => {
+                    near_end |= u32::from(view.looks_beyond && p.is_near_end(ray, t)) << i;
+                    (hit.kind, hit.t, uv) = (HitKind::Exact, t, [at.u, at.v]);
+                }
+                Some(cell) => {
+                    // What a cell that is met before the ray begins holds is met one by one. What is missing cannot be.
+                    let is_in = if cell.is_missing { t <= ray.t_max } else { is_within(ray, t) };
+                    rest.outside |= u32::from(view.looks_beyond && !is_in) << i;
+                    inside |= u32::from(cell.is_inside) << i;
+                    let kind = if cell.is_missing { HitKind::Missing } else { HitKind::Lod };
+                    (hit.kind, hit.t, uv) = (kind, stand_in::within(t, ray), [0.0; 2]);
+                }
+            }
+            if want.has(Want::UV) {
+                hit.uv = uv;
+            }
+            if want.has(Want::INSTANCE) {
+                hit.instance = instance;
+            }
+        }
+        let looked_at = if want.any_of(Want::SURFACE) { met } else { near_end | inside } & !rest.outside;
+        if looked_at != 0 {
+            let asks = [want.has(Want::NORMAL), want.has(Want::ERROR)];
+            rest.lacking = self.look(view, placed, looked_at, |i| rays[i].dir, hits, asks);
+            self.fill_triangles(view, want, placed, rays, hits, near_end, out, &mut rest);
+            if self.groups.cells != 0 {
+                self.fill_cells(view, want, placed, rays, hits, out);
+            }
+            for i in bits(rest.lacking) {
+                // Nothing of what was there before: that is another ray's.
+                out[i] = Hit { t: hits.t(i), ..Hit::MISS };
+            }
+        }
+        if want.has(Want::PRIM) {
+            self.fill_prims(view, placed, hits, met, out, &mut rest);
+        }
+        rest
+    }
+
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)] // as of `answer`
+    fn fill_triangles(
+        &self,
+        view: &SceneView,
+        want: Want,
+        placed: u32,
+        rays: &[Ray],
+        hits: &(impl TreeHits<N> + ?Sized),
+        near_end: u32,
+        out: &mut [Hit; N],
+        rest: &mut Rest,
+    ) {
+        let p = &view.scene.placement.placed[placed as usize];
+        let parts = view.model_of(placed).parts();
+        let precise = if want.any_of(Want::MEETING) { u32::MAX } else { near_end };
+        for column in 0..self.groups.count {
+            let group = self.groups.rays[column & (N - 1)];
+            if want.has(Want::PART) {
+                let part = p.first_part.saturating_add(self.triangles.part(column));
+                let id = parts.get(part as usize).map_or(NONE, |part| part.id);
+                bits(group).for_each(|i| out[i].part = id);
+            }
+            if want.has(Want::NORMAL) {
+                let normal = self.triangles.normal(column);
+                bits(group).for_each(|i| out[i].normal = normal.facing(rays[i].dir));
+            }
+            for i in bits(group & precise) {
+                fill_from_meeting(p, &self.triangles.corners(column), &rays[i], hits.t(i), want, &mut out[i]);
+                rest.outside |= u32::from(view.looks_beyond && !is_within(&rays[i], out[i].t)) << i;
+            }
+        }
+    }
+
+    fn fill_cells(&self, view: &SceneView, want: Want, placed: u32, rays: &[Ray], hits: &(impl TreeHits<N> + ?Sized), out: &mut [Hit; N]) {
+        let p = &view.scene.placement.placed[placed as usize];
+        let parts = view.model_of(placed).parts();
+        for i in bits(self.groups.cells) {
+            let (hit, ray) = (&mut out[i], &rays[i]);
+            hit.t = self.stand_ins.t(i, p, ray, hits.t(i));
+            if want.has(Want::PART) {
+                hit.part = parts.get(self.stand_ins.part(i) as usize).map_or(NONE, |part| part.id);
+            }
+            if want.has(Want::NORMAL) {
+                hit.normal = self.stand_ins.normal(i);
+            }
+            let along = ray.dir.as_dvec3() * hit.t;
+            if want.has(Want::POSITION) {
+                hit.position = ray.origin + along;
+            }
+            if want.has(Want::ERROR) {
+                hit.error = self.stand_ins.error(i, &view.tree(placed), p, &hits.hit(i), ray.origin, along);
+                hit.t_free = self.stand_ins.t_free(i, p, ray, hit.t);
+            }
+        }
+    }
+
+    /// Last: they are what may be missing, and all else is then known.
+    fn fill_prims(&self, view: &SceneView, placed: u32, hits: &(impl TreeHits<N> + ?Sized), met: u32, out: &mut [Hit; N], rest: &mut Rest) {
+        let tree = view.tree(placed);
+        for i in bits(met & !(rest.outside | rest.lacking)) {
+            let hit = hits.hit(i);
+            let prim = if hit.stand_in().is_some() { Ok(NONE) } else { tree.prim(&hit).map(u64::from) };
+            out[i].prim = prim.unwrap_or(NONE);
+            rest.lacking |= u32::from(prim.is_err()) << i;
+        }
+    }
+}
+
+/// The block that an answer to a hit needed and did not find: the hit's own, or that of primitive ids beside it.
+#[cold]
+pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit) -> Need {
+    let own = BlockId(hit.block);
+    let beside = if hit.stand_in().is_some() { None } else { view.tree(placed).prim(hit).err() };
+    view.need(placed, beside.unwrap_or(own))
+}
+
+/// [`Seen::answer`] of a single ray; false if what was found is outside of its interval, fails with the block that is needed.
+#[inline(always)]
+pub(super) fn answer_one(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<bool, Need> {
+    use std::slice::from_ref;
+    let mut seen = Seen::<1>::NONE;
+    let out = std::array::from_mut(hit);
+    let rest = seen.answer(view, want, found.placed, from_ref(ray), from_ref(found), 1, out);
+    if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri)) } else { Ok(rest.outside == 0) }
+}
+
+/// Whether double precision, or what a cell says, puts a hit within a ray's interval.
+#[inline(always)]
+pub(super) fn is_within(ray: &Ray, t: f64) -> bool {
+    (ray.t_min..=ray.t_max).contains(&t)
+}
+
+/// What needs the hit of a triangle in double precision.
+#[inline(never)]
+fn fill_from_meeting(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, found: f64, want: Want, hit: &mut Hit) {
+    let meeting = meet(placed, corners, ray, found);
+    hit.t = meeting.t;
+    if want.has(Want::UV) {
+        hit.uv = meeting.weights.map(|w| w as f32);
+    }
+    if want.has(Want::POSITION) {
+        hit.position = ray.origin + meeting.along(ray);
+    }
+    if want.has(Want::ERROR) {
+        (hit.error, hit.t_free) = (meeting.error(placed, ray), meeting.t_free(placed, ray));
+    }
+}

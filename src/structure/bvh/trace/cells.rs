@@ -1,0 +1,120 @@
+//! What blocks say of hits: rows of cells and of triangles, filled for many rays at once, so that their waits for memory overlap.
+
+use super::stand_in::place_of;
+use super::{TreeView, TriHit};
+use crate::base::ids::BlockId;
+use crate::lod::{Coded, Slabs};
+use crate::math::bits;
+use crate::simd::prefetch;
+use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
+use crate::structure::cell::Cells;
+use crate::structure::surface::Surfaces;
+use glam::DVec3;
+
+impl<'a> TreeView<'a> {
+    /// Fills the columns of `rays`, whose `hit`s are cells. Returns the rays whose blocks have left the snapshot: their columns hold anything.
+    ///
+    /// `dir`: a ray's direction in the tree's frame; `is_whole`: boxes and levels of all cells are asked for.
+    #[inline(always)]
+    pub fn cells<const N: usize>(
+        &self,
+        rays: u32,
+        hit: impl Fn(usize) -> TriHit,
+        dir: impl Fn(usize) -> DVec3,
+        is_whole: bool,
+        out: &mut Cells<N>,
+    ) -> u32 {
+        let mut at: [Option<(StoredVoxel, &Node, usize)>; N] = [None; N];
+        let mut gone = 0;
+        (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
+        for i in bits(rays) {
+            let hit = hit(i);
+            at[i] = self.cell_at(&hit);
+            gone |= u32::from(at[i].is_none()) << i;
+            if let (Some((voxel, ..)), Some(cell)) = (&at[i], hit.stand_in()) {
+                prefetch(voxel.words().as_ptr());
+                out.missing |= u32::from(cell.is_missing) << i;
+                out.inside |= u32::from(cell.is_inside) << i;
+            }
+        }
+        let whole = if is_whole { u32::MAX } else { out.inside };
+        for i in bits(rays & !gone) {
+            let Some((voxel, node, slot)) = &at[i] else { continue };
+            (out.firsts[0][i], out.seconds[0][i]) = (voxel.words()[0], voxel.words()[1]);
+            (out.part[i], _) = voxel.part();
+            out.coloured |= u32::from(voxel.has_colours()) << i;
+            let (has_sides, is_along_axes) = (voxel.has_sides(), voxel.is_along_axes());
+            out.have_three |= u32::from(has_sides | is_along_axes) << i;
+            if whole >> i & 1 == 1 || has_sides || is_along_axes {
+                out.level[i] = node.level(*slot);
+                for row in 0..6 {
+                    out.bounds[row][i] = node.stored_plane(row, *slot);
+                }
+            }
+            if has_sides {
+                let sides = voxel.sides();
+                prefetch(sides.as_ptr());
+                prefetch(&sides[sides.len() - 1]);
+            }
+        }
+        for i in bits(out.have_three) {
+            let Some((voxel, ..)) = &at[i] else { continue };
+            let (firsts, seconds) = three(voxel, dir(i));
+            for axis in 0..3 {
+                (out.firsts[axis][i], out.seconds[axis][i]) = (firsts[axis], seconds[axis]);
+            }
+        }
+        gone
+    }
+
+    /// Asks for the memory of what [`TreeView::cells`] reads of a cell that was hit: first of its words, and in a second call (`of_sides`), when those have come,
+    /// of its sides.
+    #[inline]
+    pub fn prefetch_cell(&self, hit: &TriHit, of_sides: bool) {
+        let Some((voxel, ..)) = self.cell_at(hit) else { return };
+        if !of_sides {
+            prefetch(voxel.words().as_ptr());
+        } else if voxel.has_sides() {
+            let sides = voxel.sides();
+            prefetch(sides.as_ptr());
+            prefetch(&sides[sides.len() - 1]);
+        }
+    }
+
+    /// Where in its box the content of a cell that was hit is; `None` if its block has left the snapshot.
+    pub fn slabs(&self, hit: &TriHit) -> Option<Slabs<f32>> {
+        self.cell_at(hit).map(|(_, node, slot)| node.stored_slabs(slot))
+    }
+
+    /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left the snapshot (bit `i`: triangle `i`).
+    #[inline(always)]
+    pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
+        let mut gone = 0;
+        for column in 0..count.min(N) {
+            match self.triangle(&hit(column)) {
+                Some(triangle) => out.set(column, &triangle.vertices, triangle.part),
+                None => gone |= 1 << column,
+            }
+        }
+        gone
+    }
+
+    #[inline(always)]
+    fn cell_at(&self, hit: &TriHit) -> Option<(StoredVoxel<'a>, &'a Node, usize)> {
+        let cell = hit.stand_in()?;
+        let block = Block::new(self.snapshot.block(BlockId(hit.block))?);
+        let (node, slot) = place_of(cell);
+        Some((block.voxel(node, slot), block.node(node), slot))
+    }
+}
+
+/// The words of the samples of a cell's sides across x, y and z that face a ray which goes by `dir`, of a voxel that tells them apart.
+#[inline(always)]
+fn three(voxel: &StoredVoxel, dir: DVec3) -> ([u32; 3], [u32; 3]) {
+    if !voxel.has_sides() {
+        return Coded::along_axes(voxel.words()[0], voxel.words()[1]);
+    }
+    // Sides in the order low x, y, z, high x, y, z; a ray that goes up an axis sees the low one.
+    let at: [usize; 3] = std::array::from_fn(|axis| 2 * if dir[axis] >= 0.0 { axis } else { axis + 3 });
+    (at.map(|at| voxel.sides()[at]), at.map(|at| voxel.sides()[at + 1]))
+}
