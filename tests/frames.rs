@@ -292,7 +292,9 @@ fn plain_packets_show_to_the_bit_what_others_show() {
         scene.set_part_state(7, 3, State { selected: true, ..State::default() }).unwrap();
         scene.set_part_state(7, 5, State { visible: false, ..State::default() }).unwrap();
         scene.commit().unwrap();
-        for (poe, samples, camera) in [(0.0, 1, 0), (2.0, 3, 0), (300.0, 1, 0), (3000.0, 2, 0), (0.0, 1, 1)] {
+        // Cells of a bvh go down to few triangles.
+        let wide = built::sized(300.0, 10_000.0);
+        for (poe, samples, camera) in [(0.0, 1, 0), (2.0, 3, 0), (wide, 1, 0), (10.0 * wide, 2, 0), (0.0, 1, 1)] {
             let settings = FrameSettings { poe, samples, ..Default::default() };
             let rendered = |outputs: Outputs| {
                 let options = FrameOptions { width: 173, height: 110, outputs, ..Default::default() };
@@ -311,7 +313,7 @@ fn plain_packets_show_to_the_bit_what_others_show() {
             }
             assert_eq!((a.pixels_exact, a.pixels_lod, a.pixels_missing), (b.pixels_exact, b.pixels_lod, b.pixels_missing));
             assert!((a.worst_error_px == b.worst_error_px) || a.pixels_lod == 0, "{a:?}, {b:?}");
-            assert!(poe < 300.0 || a.pixels_lod > 500, "{a:?}");
+            assert!(poe < wide || a.pixels_lod > 500, "{a:?}");
             let tiny = plain.map(Buffer::Part).unwrap().ids().unwrap().iter().filter(|id| **id == 6).count();
             assert_eq!(tiny > 5000, camera == 1, "{tiny} pixels of the small sphere");
         }
@@ -484,6 +486,7 @@ fn wake_is_called_once_for_each_ending_and_never_for_what_was_replaced() {
 
 /// 1000 requests and cancels of one frame while another renders and queries run: cancels are prompt, fractions
 /// never go back, and what is mapped is always exactly one of the two pictures.
+#[test]
 fn a_thousand_requests_and_cancels_while_queries_run() {
     let context = built::context(2);
     let scene = busy_scene(&context);
@@ -593,6 +596,5 @@ built::on_each_structure!(
     resizing_and_mapping_across_requests,
     the_callers_memory_gets_what_a_mapping_shows,
     wake_is_called_once_for_each_ending_and_never_for_what_was_replaced,
-    a_thousand_requests_and_cancels_while_queries_run,
     dropping_a_frame_waits_for_whoever_is_being_woken,
 );

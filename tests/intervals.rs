@@ -161,7 +161,8 @@ fn stand_ins_are_peeled_off_too() {
     let file = built::parts(&[Part::white(1, common::scenes::sphere(100, 200)), Part::white(2, common::scenes::boxes(2000, 4))]);
     let context = built::context(1);
     let (scene, _) = built::scene(&context, &file);
-    let rays: Vec<Ray> = rays(8).into_iter().map(|ray| Ray { cone: Cone { a: 0.002, b: 0.01 }, ..ray }).collect();
+    let cone = built::sized(Cone { a: 0.002, b: 0.01 }, Cone { a: 0.02, b: 0.1 });
+    let rays: Vec<Ray> = rays(8).into_iter().map(|ray| Ray { cone, ..ray }).collect();
     let mut kinds = [0; 4];
     for at_once in [rays.len(), 1] {
         for hits in peel(&scene.state(), &rays, ALL, at_once) {

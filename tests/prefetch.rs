@@ -117,7 +117,7 @@ fn cells_of_a_length_are_enough_where_that_was_asked() {
     let (model, scene) = opened(&context);
     let all = boxed(DVec3::splat(-9.0), DVec3::splat(9.0));
     let mut last = model.memory().resident;
-    for cell in [0.3, 0.06, 0.0] {
+    for cell in built::sized([0.3, 0.06, 0.0], [0.6, 0.3, 0.0]) {
         let status = Prefetch::of_box(&scene, &all, cell).expect("a prefetch").wait(LONG);
         assert_eq!(status.state, PrefetchState::Done);
         let resident = model.memory().resident;

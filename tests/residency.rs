@@ -129,9 +129,10 @@ fn watched<T>(context: &Context, f: impl FnOnce() -> T) -> (T, u64) {
     (result, most.into_inner())
 }
 
-fn exact_answers_within_an_eighth_are_those_of_the_whole() {
+fn exact_answers_within_a_part_are_those_of_the_whole() {
     let large = large();
-    let budget = large.bytes / 8;
+    // The least that a model needs is less than an eighth of a large one.
+    let budget = large.bytes / built::sized(8, 2);
     for (threads, executor) in [(1, false), (2, false), (0, false), (0, true)] {
         let context = context(threads, executor, budget);
         let (state, model) = scene(&context, Arc::new(FileSource::open(&large.path).unwrap())).expect("it opens");
@@ -153,7 +154,7 @@ fn exact_answers_with_the_least_budget_are_those_of_the_whole() {
         scene(&context, Arc::new(FileSource::open(&large.path).unwrap())).map(|opened| (context, opened))
     };
     let Err(Error::OverBudget { need, have: 4096, .. }) = open(4096).map(drop) else { panic!("a page does not do") };
-    assert!(need < large.bytes / 8, "{need} of {}", large.bytes);
+    assert!(need < large.bytes / built::sized(8, 2), "{need} of {}", large.bytes);
     assert!(matches!(open(need - 1).map(drop), Err(Error::OverBudget { .. })));
     let (context, (state, _model)) = open(need).expect("the least does");
     let count = 3000;
@@ -311,7 +312,7 @@ fn what_was_read_for_rays_is_there_for_the_same_rays() {
         count.fetch_add(1, SeqCst);
         file.read_at(at, buf)
     };
-    let context = context(2, false, large.bytes / 4);
+    let context = context(2, false, large.bytes / built::sized(4, 2));
     let (state, _model) = scene(&context, Arc::new(CallbackSource::new("counted", len, Box::new(read)))).unwrap();
     // Into a corner: few blocks.
     let rays: Vec<Ray> = (0..400)
@@ -412,7 +413,7 @@ fn a_model_that_fits_comes_in_the_background() {
 }
 
 built::on_each_structure!(
-    exact_answers_within_an_eighth_are_those_of_the_whole,
+    exact_answers_within_a_part_are_those_of_the_whole,
     exact_answers_with_the_least_budget_are_those_of_the_whole,
     calls_that_take_turns_with_the_least_memory_end_on_any_threads,
     with_more_memory_no_more_is_read,

@@ -12,7 +12,7 @@ use common::trees::local;
 use outcrop::base::error::Error;
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::{Cancel, Progress};
-use outcrop::build::{Builder, Structure};
+use outcrop::build::{BuildOptions, Builder, Structure};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, PACKET, Ray, STREAM};
 use outcrop::query::{Hit, QueryOptions};
@@ -211,7 +211,22 @@ fn streams_tell_what_they_lack() {
     assert!(some_left > 5, "{some_left}");
 }
 
-built::on_each_structure!(packets_go_on_where_they_were_put_down, streams_tell_what_they_lack);
+/// A mesh that is built in several chunks answers as one that is built in one.
+fn chunks_are_joined() {
+    let part = Part::white(1, scenes::bumpy_sphere(200, 380, 6));
+    let build = |memory_budget| {
+        let options = BuildOptions { threads: 1, memory_budget, ..built::options() };
+        built::build_with(options, |builder| built::push(builder, &part))
+    };
+    let ((one, of_one), (several, of_several)) = (build(0), build(32 << 20));
+    assert!(of_one.chunks == 1 && of_several.chunks > 2, "{} and {}", of_one.chunks, of_several.chunks);
+    let (_, rays) = rays(&stored::trees(&one.path).remove(0), RAYS / 2, 8);
+    let [one, several] = [&one, &several].map(|file| ask(&state(file), &rays, QueryOptions::default()));
+    let differ = (0..rays.len()).find(|&i| one[i] != several[i]);
+    assert_eq!(differ.map(|i| (rays[i], one[i], several[i])), None);
+}
+
+built::on_each_structure!(packets_go_on_where_they_were_put_down, streams_tell_what_they_lack, chunks_are_joined);
 
 /// Far more lists than a tree of two levels has room for.
 #[test]

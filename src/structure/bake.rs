@@ -139,6 +139,8 @@ pub trait Baker {
     fn encode_coarse(crown: &Self::Crown, index: usize, first_block: u32) -> BakedBlock;
     /// Counts of the whole tree.
     fn counts(crown: &Self::Crown) -> Counts;
+    /// Entries of the deepest stack that a walk through a tree of so many levels needs ([`crate::store::TreeRow::max_stack`]).
+    fn max_stack(depth: u32) -> u32;
     /// Where walks begin, in the tree's first block.
     fn root() -> u32;
 }

@@ -245,7 +245,7 @@ pub fn names_below(module: &Module, room: &str) -> Vec<(String, usize)> {
     for at in (0..t.len()).filter(|&at| t[at].0.is_word(room)) {
         if sign(at + 1, ':') && sign(at + 2, ':') {
             out.extend(first_names(&t[at + 3..]));
-        } else if t.get(at + 1).is_some_and(|t| t.0.is_word("as")) {
+        } else if t.get(at + 1).is_some_and(|t| t.0.is_word("as")) && at > 0 && [':', '{', ','].iter().any(|&c| sign(at - 1, c)) {
             out.push(("*".to_owned(), t[at].1));
         }
     }

@@ -202,6 +202,11 @@ impl Baker for BruteBaker {
         crown.counts
     }
 
+    fn max_stack(depth: u32) -> u32 {
+        // The last level is of lists.
+        ROWS as u32 * (depth - 1)
+    }
+
     fn root() -> u32 {
         INDEX
     }
