@@ -1013,7 +1013,7 @@ typedef struct oc_pixels {
 
 /**
  * Each 32 rays in a row are near each other and go the same way: they are traced together, faster. The answers are
- * the same. In a scene of one instance, rays of neighbouring pixels are recognised without it.
+ * the same. Rays of neighbouring pixels that enter few placed trees are recognised without it.
  */
 #define OC_QUERY_COHERENT 1
 

@@ -124,7 +124,7 @@ fn all_ways_through_a_scene_find_the_same_hits() {
             alone.iter().for_each(|hit| kinds[hit.kind as usize] += 1);
         }
     }
-    assert!(kinds[..3].iter().all(|&n| n > 1000), "misses, exact hits, stand-ins: {kinds:?}");
+    assert!(kinds[..3].iter().all(|&n| n > 500), "misses, exact hits, stand-ins: {kinds:?}");
 }
 
 /// Every buffer of a scene's picture.

@@ -318,14 +318,14 @@ fn fields_are_where_the_format_says() {
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
     let u64_at = |at: usize| u64_at(&bytes, at);
     let f64_at = |at: usize| f64::from_bits(u64_at(at));
-    assert_eq!(bytes[..16], *b"\x8fOCR\r\n\x1a\n\0\0\x07\0\0\x01\0\0");
+    assert_eq!(bytes[..16], *b"\x8fOCR\r\n\x1a\n\0\0\x08\0\0\x01\0\0");
     assert_eq!([u64_at(16), u64_at(24)], [bytes.len() as u64, bytes.len() as u64 - 232]);
     assert_eq!([40, 44, 48, 52, 56, 60].map(u32_at), [5, 6, 1, 65536, 1, 0]);
     assert_eq!([u64_at(120), u64_at(128)], [41, 0]);
     assert_eq!(u32_at(160), 2);
     let table = bytes.len() - 232;
     let section = |kind: usize| u64_at(table + 40 * (kind - 1) + 16) as usize;
-    for (kind, row, rows) in [(1, 32, 6), (2, 80, 3), (3, 24, 2), (4, 104, 2), (5, 120, 2)] {
+    for (kind, row, rows) in [(1, 32, 6), (2, 80, 3), (3, 24, 2), (4, 104, 2), (5, 128, 2)] {
         let at = table + 40 * (kind - 1);
         assert_eq!([u32_at(at), u32_at(at + 4)], [kind as u32, row]);
         assert_eq!(u64_at(at + 8), rows);
@@ -338,7 +338,7 @@ fn fields_are_where_the_format_says() {
     assert_eq!([u32_at(parts + 64), u32_at(parts + 144), u32_at(parts + 72)], [u32::MAX, 0, 5]);
     assert_eq!(&bytes[parts + 240..parts + 256], "planeboltØ bolt".as_bytes());
     assert_eq!(f64_at(section(4) + 104 + 80), 5.0);
-    assert_eq!([u32_at(trees + 112), u32_at(trees + 120), u32_at(trees + 124), u32_at(trees + 224), u32_at(trees + 228)], [1, 1, 1, 1, 30]);
+    assert_eq!([u32_at(trees + 112), u32_at(trees + 128), u32_at(trees + 132), u32_at(trees + 232), u32_at(trees + 236)], [1, 1, 1, 1, 30]);
     assert_eq!([f64_at(trees + 16), f64_at(trees + 32)], [1e7, -1.0]);
 }
 

@@ -116,7 +116,7 @@ pub const OC_WANT_ALL: oc_want = 255;
 /// Flags of oc_query.
 pub type oc_query_flags = u32;
 /// Each 32 rays in a row are near each other and go the same way: they are traced together, faster. The answers are
-/// the same. In a scene of one instance, rays of neighbouring pixels are recognised without it.
+/// the same. Rays of neighbouring pixels that enter few placed trees are recognised without it.
 pub const OC_QUERY_COHERENT: oc_query_flags = 1;
 /// Answer at once, from what is in memory: stand-ins are hit in place of what is not, as OC_HIT_MISSING. Nothing is read, nor
 /// asked for (oc_scene_prefetch_box does that). Without it, what is needed is read, and answers do not depend on what was in

@@ -49,7 +49,7 @@ pub enum Policy {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct QueryOptions {
     /// Neighbouring rays are alike (of neighbouring pixels, say): they are traced in packets of 32.
-    /// The answers are the same. In a scene of one placed tree such rays are recognised without it.
+    /// The answers are the same. Such rays are recognised without it where they enter few placed trees.
     pub coherent: bool,
     /// What to fill.
     pub want: Want,

@@ -42,8 +42,6 @@ pub(super) struct Chunk {
     found: [Found; CHUNK],
     /// Where the groups begin in the batch.
     firsts: [usize; CHUNK / PACKET],
-    /// The placed tree that the rays of each group may enter, if it is known to be one.
-    enter: [Option<u32>; CHUNK / PACKET],
     stream: SceneStream,
     group: SceneGroup,
     seen: Seen<PACKET>,
@@ -62,7 +60,6 @@ impl Default for Chunk {
             rays: vec![Ray::NONE; CHUNK].into(),
             found: [Found::nothing(0.0); CHUNK],
             firsts: [0; CHUNK / PACKET],
-            enter: [None; CHUNK / PACKET],
             stream: SceneStream::of_queries(),
             group: SceneGroup::default(),
             seen: Seen::NONE,
@@ -99,12 +96,7 @@ impl Chunk {
             let group_rays = lent.unwrap_or(room);
             self.unfinished.clear();
             // Into one octant: what a packet needs at the least.
-            self.enter[end / PACKET] = None;
-            let goes_one_way = alike.is_one_octant();
-            if !(goes_one_way && self.run_together(view, task, group.clone(), group_rays, &alike, hits)) {
-                if goes_one_way {
-                    self.enter[end / PACKET] = self.group.entered();
-                }
+            if !(alike.is_one_octant() && self.run_together(view, task, group.clone(), group_rays, &alike, hits)) {
                 if let Some(lent) = lent {
                     *room = *lent;
                 }
@@ -126,9 +118,9 @@ impl Chunk {
     fn trace_each(&mut self, view: &SceneView, task: Task, rays: &[Ray]) {
         let found = &mut self.found[..rays.len()];
         if task.any {
-            view.trace_each::<true>(rays, &self.enter, &mut self.stream, found);
+            view.trace_each::<true>(rays, &mut self.stream, found);
         } else {
-            view.trace_each::<false>(rays, &self.enter, &mut self.stream, found);
+            view.trace_each::<false>(rays, &mut self.stream, found);
         }
         self.unfinished.extend_from_slice(self.stream.unfinished());
     }

@@ -234,13 +234,15 @@ fn check_state(state: &State) -> Result<()> {
 
 /// Flattens instances and their models' own assemblies, and builds the tree over them.
 fn place<'a>(draftees: impl Iterator<Item = &'a Draftee>, instances: &[Instance]) -> Result<Placement> {
-    let mut placed = Vec::new();
+    let (mut placed, mut hits) = (Vec::new(), Vec::new());
     for (i, (draftee, instance)) in draftees.zip(instances).enumerate() {
         let trees = draftee.model.trees();
         let mut add = |tree: u32, first_part: u32, world_from_mesh: &DAffine3| {
             let ids = [instance.model, tree, i as u32, first_part];
             if let Some(t) = trees.get(tree as usize).filter(|t| !t.bounds.is_empty()) {
-                placed.push(Placed::new(t, ids, world_from_mesh));
+                let it = Placed::new(t, ids, world_from_mesh);
+                hits.push(it.hit_bounds(t));
+                placed.push(it);
             }
         };
         add(0, 0, &draftee.world_from_model);
@@ -256,6 +258,5 @@ fn place<'a>(draftees: impl Iterator<Item = &'a Draftee>, instances: &[Instance]
         return Err(Error::bad_argument("a scene holds at most 2^31 placed trees"));
     }
     let around = placed.iter().fold(DBounds::EMPTY, |all, p| all.union(p.bounds));
-    let hits: Vec<_> = placed.iter().map(Placed::hit_bounds).collect();
     Ok(Placement { bounds: around, top: TopTree::build(&hits), placed })
 }

@@ -4,10 +4,10 @@
 use super::alike::Alike;
 use super::beam::Beam;
 use super::placed::Placed;
-use super::top::Target;
+use super::top::{NodeRef, Target};
 use super::packet::ScenePacket;
 use super::walk::{Found, NOTHING, Need, SceneView, Step};
-use crate::math::{PACKET, Ray, bits, first_rays};
+use crate::math::{DBounds, PACKET, Ray, bits, first_rays};
 use crate::structure::{LocalRay, Outcome, PacketWalk, PartFilter, Tree};
 use glam::DVec3;
 
@@ -26,7 +26,7 @@ pub(crate) struct Group {
     is_moved: bool,
     /// Of rays that enter several trees.
     scene: ScenePacket,
-    entered: Vec<u32>,
+    entered: Vec<Entered>,
 }
 
 impl Default for Group {
@@ -43,36 +43,47 @@ impl Default for Group {
     }
 }
 
+/// A placed tree that rays of a beam may enter.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Entered {
+    pub placed: u32,
+    /// Its place in the top tree.
+    pub node: NodeRef,
+    /// Around all that rays may hit in it.
+    pub bounds: DBounds,
+}
+
 /// Placed trees that are looked for with a beam; rays that enter more go tree by tree, each where it meets the tree's bounds.
-const FEW: usize = 4;
+pub(super) const FEW: usize = 4;
 
 impl SceneView<'_> {
     /// The placed trees that rays of a beam may enter up to `t_max`, which see them, into `out`; false if they are more than [`FEW`].
-    pub fn entered(&self, beam: &Beam, t_max: f64, out: &mut Vec<u32>) -> bool {
+    pub fn entered(&self, beam: &Beam, t_max: f64, out: &mut Vec<Entered>) -> bool {
         out.clear();
         let top = &self.scene.placement.top;
         let Some(root) = top.root().filter(|_| beam.enter(top.around(), t_max).is_some()) else { return true };
-        let mut todo = [root; TODO];
+        let mut todo = [(root, top.around()); MOST_OPEN];
         let mut count = 1;
         while count > 0 {
             count -= 1;
-            match todo[count].target() {
+            let (node, bounds) = todo[count];
+            match node.target() {
                 Target::Placed(placed) if self.seen_by(placed) & beam.mask == 0 => {}
                 Target::Placed(placed) => {
                     if out.len() == FEW {
                         return false;
                     }
-                    out.push(placed);
+                    out.push(Entered { placed, node, bounds: *bounds });
                 }
                 Target::Inner(index) => {
                     let node = top.node(index);
                     for side in [1, 0] {
                         if beam.enter(&node.bounds[side], t_max).is_some() {
-                            todo[count] = node.child[side];
+                            todo[count] = (node.child[side], &node.bounds[side]);
                             count += 1;
                         }
                     }
-                    if count + 2 > TODO {
+                    if count + 2 > MOST_OPEN {
                         return false;
                     }
                 }
@@ -83,7 +94,7 @@ impl SceneView<'_> {
 }
 
 /// Places of the top tree that are still to be looked at, at most: as a depth-first walk holds one for each level.
-const TODO: usize = 64;
+const MOST_OPEN: usize = 64;
 
 impl Group {
     /// See [`PacketWalk::begin_batch`].
@@ -111,8 +122,8 @@ impl Group {
                 self.walk.miss();
                 Some(Ok(0))
             }
-            [placed] => self.trace_in::<ANY>(view, placed, (rays, count), alike, says),
-            [first, ..] => {
+            [Entered { placed, .. }] => self.trace_in::<ANY>(view, placed, (rays, count), alike, says),
+            [Entered { placed: first, .. }, ..] => {
                 if !(says || is_few && self.are_near(view, first, (rays, count), alike)) {
                     return None;
                 }
@@ -177,15 +188,6 @@ impl Group {
             hits &= !(u32::from(!is_within) << i);
         }
         Some(Ok(hits))
-    }
-
-    /// After [`Group::trace`] without an answer: the placed tree that the rays may enter, if it is one.
-    #[inline]
-    pub fn entered(&self) -> Option<u32> {
-        match self.entered[..] {
-            [placed] => Some(placed),
-            _ => None,
-        }
     }
 
     /// The placed tree that all the rays went through in [`Group::walk`], or an index of none where they all pass by; `None` if they went through

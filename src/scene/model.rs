@@ -146,7 +146,7 @@ impl Model {
             let why = format!("samples of {} bytes are not those of this version", header.options.sample_bytes);
             return Err(Error::corrupt(file.name(), None, why));
         }
-        let Opened { decoder, trees } = open::open(&file)?;
+        let Opened { decoder, mut trees } = open::open(&file)?;
         let geometry = (0..header.geometry_blocks).map(BlockId);
         let geometry_bytes = geometry.map(|b| u64::from(file.decoded_len(b))).sum();
         let log = context.clone();
@@ -160,6 +160,8 @@ impl Model {
             blocks.fill(&first_blocks(&file, residency.budget()), context.pool(), progress, cancel)?;
             blocks.require(&roots, cancel)?;
             blocks.opened();
+            let there = blocks.snapshot();
+            trees.iter_mut().for_each(|tree| tree.look(&there));
         }
         let parts: Vec<PartInfo> = file.parts().iter().map(|row| part_info(row, &file)).collect();
         let mut part_of_id = HashMap::with_capacity(parts.len());

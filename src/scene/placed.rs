@@ -36,10 +36,22 @@ pub(crate) struct Placed {
     pub bounds: DBounds,
 }
 
-/// By how much the bounds of what rays may hit are larger than those of triangles, as a part of the extents: planes of cells, which stand in, are
-/// rounded outward by less than a hundredth of their node's size.
+/// By how much bounds of triangles are grown to hold all that rays may hit, as a part of their extents, where the tree's own boxes are not known:
+/// planes of cells, which stand in, are rounded outward by less than a hundredth of their node's size.
 const CELLS: f64 = 1.0 / 64.0;
-/// The same as a part of the tree's reach: boxes give way by 64 h where rays begin within [`FAR`] reaches (h = 2^-24, see
+
+/// Around all that rays may hit in a tree, in its frame.
+fn around_hits(tree: &StoredTree) -> DBounds {
+    match tree.around_hits {
+        Some(b) => DBounds { min: b.min.as_dvec3(), max: b.max.as_dvec3() }.union(tree.bounds),
+        None => {
+            let grown = tree.bounds.extent() * CELLS;
+            DBounds { min: tree.bounds.min - grown, max: tree.bounds.max + grown }
+        }
+    }
+}
+
+/// By how much more, as a part of the tree's reach: boxes give way by 64 h where rays begin within [`FAR`] reaches (h = 2^-24, see
 /// `structure::bvh::trace::PreparedRay`), and rays from farther away are moved nearer.
 const GIVE: f64 = 1.0 / 4096.0;
 
@@ -153,10 +165,11 @@ impl Placed {
         }
     }
 
-    /// Around all that rays may hit in it, stand-ins too, in the world: a ray that misses this box hits nothing in the tree, whichever way it goes.
-    pub fn hit_bounds(&self) -> DBounds {
-        let grown = self.local_bounds.extent() * CELLS + DVec3::splat(self.reach * GIVE);
-        let local = DBounds { min: self.local_bounds.min - grown, max: self.local_bounds.max + grown };
+    /// Around all that rays may hit in it, which is `tree`, stand-ins too, in the world: a ray that misses this box hits nothing in the tree, whichever way it goes.
+    pub fn hit_bounds(&self, tree: &StoredTree) -> DBounds {
+        let around = around_hits(tree);
+        let give = DVec3::splat(self.reach * GIVE);
+        let local = DBounds { min: around.min - give, max: around.max + give };
         let around = local.transformed(&DAffine3 { matrix3: self.linear, translation: self.offset });
         self.bounds.union(around)
     }

@@ -1,10 +1,14 @@
 //! Rays from anywhere to anywhere, side by side in a scene. Each walks the top tree alone, up to the next placed tree that it enters; the rays
 //! that enter the same tree, wherever it is placed, then go through it as one stream; and so on until no ray enters any more.
 
+use super::alike::Alike;
+use super::beam::Beam;
+use super::group::{Entered, FEW as FEW_TREES};
 use super::placed::At;
-use super::top::{NodeRef, Slabs, Target};
+use super::top::{GIVE, NodeRef, Slabs, Target};
 use super::walk::{Found, SceneView, SceneWalk, Step};
 use crate::math::{PACKET, Ray, STREAM};
+use crate::simd::{Op, Simd, dispatch};
 use crate::structure::{LocalRay, Outcome, Stream, TriHit, Walk};
 
 /// Rays that go one after the other, at most: so few take longer to begin side by side than to walk.
@@ -19,11 +23,14 @@ pub(crate) struct SceneStream {
     /// Where each ray of a run is in its tree.
     at: Box<[At; STREAM]>,
     alone: SceneWalk,
-    /// Of each ray that goes down the top tree, the nodes that are still to be visited, the nearest last.
+    /// Of each ray in a scene of several placed trees, the nodes of the top tree that are still to be visited, the nearest last.
     todo: Vec<Vec<(NodeRef, f64)>>,
     slabs: Vec<Slabs>,
-    /// Whether it does, ray by ray.
-    goes_down: Box<[bool; STREAM]>,
+    /// Rays that have nodes there, or may.
+    goes_on: Box<[bool; STREAM]>,
+    /// The placed trees that some rays may enter, and where each of these enters each.
+    entered: Vec<Entered>,
+    enter: Box<[[f64; PACKET]; FEW_TREES]>,
     /// Rays that enter a placed tree in this round.
     entering: Vec<Entering>,
     unfinished: Vec<u32>,
@@ -48,7 +55,9 @@ impl Default for SceneStream {
             alone: SceneWalk::default(),
             todo: Vec::new(),
             slabs: Vec::new(),
-            goes_down: Box::new([false; STREAM]),
+            goes_on: Box::new([false; STREAM]),
+            entered: Vec::new(),
+            enter: Box::new([[0.0; PACKET]; FEW_TREES]),
             entering: Vec::new(),
             unfinished: Vec::new(),
         }
@@ -66,48 +75,35 @@ impl SceneStream {
         &self.unfinished
     }
 
-    /// Puts a ray at the root of a top tree.
-    fn begin(&mut self, root: NodeRef, i: usize, ray: &Ray) {
-        if self.todo.len() <= i {
-            self.todo.resize_with(i + 1, Vec::new);
-            self.slabs.resize(i + 1, Slabs::new(ray));
-        }
-        let todo = &mut self.todo[i];
-        todo.clear();
-        if ray.can_hit() {
-            self.slabs[i] = Slabs::new(ray);
-            todo.push((root, 0.0));
+    /// Makes room for so many rays in a scene of several placed trees.
+    fn reserve(&mut self, rays: &[Ray]) {
+        if self.todo.len() < rays.len() {
+            self.todo.resize_with(rays.len(), Vec::new);
+            self.slabs.resize(rays.len(), Slabs::new(&rays[0]));
         }
     }
 }
 
 impl SceneView<'_> {
     /// Rays side by side, but for [`FEW`] and less: the hits that [`SceneView::trace`] finds for each, at less cost. `rays`: [`STREAM`] at most;
-    /// `found`: as many; `enter`: of each [`PACKET`] of them the one placed tree that they may enter, if that is known. Rays in
-    /// [`SceneStream::unfinished`] have no answer: they need a block, or must go alone; they are to be begun anew.
-    pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], enter: &[Option<u32>], walk: &mut SceneStream, found: &mut [Found]) {
+    /// `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need a block, or must go alone; they are to be begun anew.
+    pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
         walk.unfinished.clear();
         if rays.len() <= FEW {
             return self.one_by_one::<ANY>(rays, walk, found);
         }
         found.iter_mut().zip(rays).for_each(|(found, ray)| *found = Found::nothing(ray.t_max));
-        let Some(root) = self.scene.placement.top.root() else { return };
         let mut entering = std::mem::take(&mut walk.entering);
         entering.clear();
-        for (first, enter) in (0..rays.len()).step_by(PACKET).zip(enter) {
-            let known = match root.target() {
-                Target::Placed(placed) => Some(placed),
-                Target::Inner(_) => *enter,
-            };
-            for (i, ray) in (first..).zip(rays[first..].iter().take(PACKET)) {
-                walk.goes_down[i] = known.is_none();
-                match known {
-                    Some(placed) => entering.extend(self.entering(ray, i, placed)),
-                    None => {
-                        walk.begin(root, i, ray);
-                        entering.extend(self.next_tree(ray, i, ray.t_max, walk));
-                    }
-                }
+        match self.scene.placement.top.root().map(NodeRef::target) {
+            None => {}
+            Some(Target::Placed(placed)) => {
+                walk.goes_on[..rays.len()].fill(false);
+                entering.extend((0..).zip(rays).filter_map(|(i, ray)| self.entering(ray, i, placed)));
+            }
+            Some(Target::Inner(_)) => {
+                walk.reserve(rays);
+                (0..rays.len()).step_by(PACKET).for_each(|first| self.begin(rays, first, walk, &mut entering));
             }
         }
         while !entering.is_empty() {
@@ -122,7 +118,7 @@ impl SceneView<'_> {
             }
             let goes_on = |it: &mut Entering| {
                 let ray = it.ray as usize;
-                let is_done = !walk.goes_down[ray] || ANY && found[ray].is_hit();
+                let is_done = !walk.goes_on[ray] || ANY && found[ray].is_hit();
                 let next = if is_done { None } else { self.next_tree(&rays[ray], ray, found[ray].t, walk) };
                 *it = next.unwrap_or(*it);
                 next.is_some()
@@ -130,6 +126,42 @@ impl SceneView<'_> {
             entering.retain_mut(goes_on);
         }
         walk.entering = entering;
+    }
+
+    /// Takes up to [`PACKET`] rays from `first` on to the first placed trees that they enter.
+    fn begin(&self, rays: &[Ray], first: usize, walk: &mut SceneStream, entering: &mut Vec<Entering>) {
+        let group = &rays[first..rays.len().min(first + PACKET)];
+        let is_few = self.entered(&Beam::of(group, &Alike::of(group)), f64::INFINITY, &mut walk.entered);
+        if let ([only], true) = (&walk.entered[..], is_few) {
+            walk.goes_on[first..][..group.len()].fill(false);
+            return entering.extend((first..).zip(group).filter_map(|(i, ray)| self.entering(ray, i, only.placed)));
+        }
+        if is_few {
+            dispatch(self.scene.context().isa(), Enter { rays: group, entered: &walk.entered, enter: &mut walk.enter });
+        }
+        for (i, ray) in group.iter().enumerate() {
+            let SceneStream { entered, enter, todo, slabs, goes_on, .. } = &mut *walk;
+            let todo = &mut todo[first + i];
+            todo.clear();
+            goes_on[first + i] = ray.can_hit();
+            match (is_few, self.scene.placement.top.root()) {
+                _ if !ray.can_hit() => continue,
+                (false, Some(root)) => {
+                    slabs[first + i] = Slabs::new(ray);
+                    todo.push((root, 0.0));
+                }
+                _ => {
+                    for (tree, enter) in entered.iter().zip(enter.iter()) {
+                        if enter[i] <= ray.t_max {
+                            todo.push((tree.node, enter[i]));
+                        }
+                    }
+                    // The nearest last; of equal ones the first.
+                    todo.sort_by(|a, b| b.1.total_cmp(&a.1));
+                }
+            }
+            entering.extend(self.next_tree(ray, first + i, ray.t_max, walk));
+        }
     }
 
     /// A ray that enters a placed tree, if it sees that.
@@ -179,7 +211,7 @@ impl SceneView<'_> {
 
     /// Takes rays through the tree that they enter.
     fn run<const ANY: bool>(&self, rays: &[Ray], run: &[Entering], walk: &mut SceneStream, found: &mut [Found]) {
-        let SceneStream { tree: stream, single, hits, at, unfinished, goes_down, .. } = walk;
+        let SceneStream { tree: stream, single, hits, at, unfinished, goes_on, .. } = walk;
         let (tree, filter) = (self.tree(run[0].placed), self.filter(run[0].placed));
         let mut local = LocalRay::NONE;
         if run.len() <= FEW {
@@ -189,7 +221,7 @@ impl SceneView<'_> {
                 single.begin(&tree, &local);
                 let outcome = if ANY { tree.any(filter.as_ref(), single) } else { tree.closest(filter.as_ref(), single) };
                 if outcome != Outcome::Done {
-                    goes_down[ray] = false;
+                    goes_on[ray] = false;
                     unfinished.push(ray as u32);
                 }
                 found[ray].offer::<ANY>(self.looks_beyond, &At { placed, shift, scale }, single.best(), single.passed());
@@ -214,11 +246,62 @@ impl SceneView<'_> {
         }
         for &i in stream.unfinished() {
             let ray = run[i as usize].ray;
-            goes_down[ray as usize] = false;
+            goes_on[ray as usize] = false;
             unfinished.push(ray);
         }
         for (i, (hit, it)) in hits.iter().zip(run).enumerate() {
             found[it.ray as usize].offer::<ANY>(self.looks_beyond, &at[i], *hit, stream.passed()[i]);
+        }
+    }
+}
+
+/// Works out where rays enter the bounds of placed trees, as [`Slabs::enter`] does, in loops that become vectors. Not a number for bounds that a
+/// ray misses: that is before no end of a ray.
+struct Enter<'a> {
+    rays: &'a [Ray],
+    entered: &'a [Entered],
+    enter: &'a mut [[f64; PACKET]; FEW_TREES],
+}
+
+impl Op for Enter<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { rays, entered, enter } = self;
+        let (mut org, mut inv, mut t_min) = ([[0.0; PACKET]; 3], [[0.0; PACKET]; 3], [0.0; PACKET]);
+        for i in 0..rays.len().min(PACKET) {
+            let ray = &rays[i];
+            t_min[i] = ray.t_min;
+            for axis in 0..3 {
+                (org[axis][i], inv[axis][i]) = (ray.origin[axis], f64::from(ray.dir[axis]));
+            }
+        }
+        for axis in 0..3 {
+            for i in 0..PACKET {
+                inv[axis][i] = 1.0 / inv[axis][i];
+            }
+        }
+        for (tree, out) in entered.iter().zip(enter) {
+            let (mut near, mut far) = (t_min, [f64::INFINITY; PACKET]);
+            for axis in 0..3 {
+                let (min, max) = (tree.bounds.min[axis], tree.bounds.max[axis]);
+                for i in 0..PACKET {
+                    let is_down = inv[axis][i] < 0.0;
+                    let first = if is_down { max } else { min };
+                    let last = if is_down { min } else { max };
+                    let low = (first - org[axis][i]) * inv[axis][i];
+                    let high = (last - org[axis][i]) * inv[axis][i];
+                    let low = low * (1.0 - GIVE.copysign(low));
+                    let high = high * (1.0 + GIVE.copysign(high));
+                    // What is not a number leaves the interval as it is.
+                    near[i] = if low > near[i] { low } else { near[i] };
+                    far[i] = if high < far[i] { high } else { far[i] };
+                }
+            }
+            for i in 0..PACKET {
+                out[i] = if near[i] <= far[i] { near[i] } else { f64::NAN };
+            }
         }
     }
 }

@@ -177,6 +177,9 @@ fn cheapest_cut(bounds: &[DBounds], range: &[u32], bin: impl Fn(u32) -> usize) -
     best
 }
 
+/// By what part of themselves distances to planes give way.
+pub(super) const GIVE: f64 = 4.0 * f64::EPSILON;
+
 /// A ray made ready for box tests in double precision.
 #[derive(Debug, Clone, Copy)]
 pub struct Slabs {
@@ -208,7 +211,6 @@ impl Slabs {
     /// guessed wrong half of the time.)
     #[inline]
     pub fn enter(&self, b: &DBounds, t_min: f64, t_max: f64) -> Option<f64> {
-        const GIVE: f64 = 4.0 * f64::EPSILON;
         let (planes, mut near, mut far) = ([&b.min, &b.max], t_min, t_max);
         for axis in 0..3 {
             let first = usize::from(self.down[axis]);

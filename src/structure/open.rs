@@ -8,7 +8,7 @@ use super::tree::{Tree, Visit};
 use super::Structure;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
-use crate::math::DBounds;
+use crate::math::{Bounds, DBounds};
 use crate::residency::{Decoder, Snapshot};
 use crate::simd::Isa;
 use crate::store::{ModelFile, TreeRow};
@@ -34,6 +34,8 @@ pub struct StoredTree {
     pub reach: f32,
     /// How far stored vertices may lie from those of the input, in the tree's units.
     pub position_error: f64,
+    /// Around all that rays can hit, stand-ins too, in its own frame; `None` as long as its root was not in memory.
+    pub around_hits: Option<Bounds>,
 }
 
 /// Where a tree begins, by its structure.
@@ -98,10 +100,16 @@ fn stored(row: &TreeRow, start: Start) -> StoredTree {
         bounds: if is_empty { DBounds::EMPTY } else { DBounds { min: DVec3::new(a, b, c), max: DVec3::new(d, e, f) } },
         reach: reach.max(f32::MIN_POSITIVE),
         position_error: row.position_error,
+        around_hits: None,
     }
 }
 
 impl StoredTree {
+    /// Looks at the root in a snapshot that has it.
+    pub fn look(&mut self, snapshot: &Snapshot) {
+        self.around_hits = self.view(snapshot, Isa::Baseline, Visit::default()).around_hits();
+    }
+
     /// The block of the root, which is to stay in memory, and the number that it has in there
     /// ([`crate::residency::ModelBlocks::expect_number`]); `None` for a tree with nothing in it.
     pub fn start(&self) -> Option<(BlockId, u32)> {
@@ -133,6 +141,6 @@ impl StoredTree {
 impl StoredTree {
     /// A tree that exists only as bounds.
     pub fn for_tests(origin: DVec3, bounds: DBounds, reach: f32) -> Self {
-        Self { start: Start::Bvh(bvh::open::Start::NONE), origin, bounds, reach, position_error: 0.0 }
+        Self { start: Start::Bvh(bvh::open::Start::NONE), origin, bounds, reach, position_error: 0.0, around_hits: None }
     }
 }

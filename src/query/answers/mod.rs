@@ -301,7 +301,7 @@ pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit) -> Need {
 }
 
 /// [`Seen::answer`] of a single ray; false if what was found is outside of its interval, fails with the block that is needed.
-#[inline(always)]
+#[inline(never)]
 pub(super) fn answer_one(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<bool, Need> {
     use std::slice::from_ref;
     let mut seen = Seen::<1>::NONE;

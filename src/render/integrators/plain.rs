@@ -10,7 +10,7 @@ use crate::query::answers::Seen;
 use crate::query::NONE;
 use super::first::First;
 use crate::scene::beam::Beam;
-use crate::scene::group::{CameraRays, CameraTree};
+use crate::scene::group::{CameraRays, CameraTree, Entered};
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::math::bits;
@@ -35,7 +35,7 @@ pub(super) struct Plain {
     begun: u32,
     /// The placed tree of each of these.
     placed: [u32; BUNDLE],
-    entered: Vec<u32>,
+    entered: Vec<Entered>,
 }
 
 #[repr(C, align(64))]
@@ -85,7 +85,7 @@ pub(crate) fn is_plain(view: &SceneView, rays: &PixelRays, asks: Asks) -> bool {
 }
 
 /// The placed trees that the rays of a packet may enter.
-enum Entered<'a> {
+enum Enters<'a> {
     None,
     /// One, which plain packets go through.
     Plain(CameraTree<'a>),
@@ -94,15 +94,15 @@ enum Entered<'a> {
 
 impl<'v> Direct<'v> {
     /// Makes the rays of a packet's pixels, and tells which placed trees they may enter.
-    fn enter(&self, pixels: &Pixels, rows: &mut Rows, entered: &mut Vec<u32>) -> Entered<'v> {
+    fn enter(&self, pixels: &Pixels, rows: &mut Rows, entered: &mut Vec<Entered>) -> Enters<'v> {
         self.make_rays(pixels, rows);
         let ends = rows.dir.each_ref().map(|row| row.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[a, b], x| [a.min(*x), b.max(*x)]));
         let eye = self.rays.eye();
         let is_few = self.view.entered(&Beam::from_point(eye, ends, 0.0, u32::MAX), f64::INFINITY, entered);
         match entered[..] {
-            [] => Entered::None,
-            [placed] if is_few => self.plain_tree(placed).map_or(Entered::Others, Entered::Plain),
-            _ => Entered::Others,
+            [] => Enters::None,
+            [Entered { placed, .. }] if is_few => self.plain_tree(placed).map_or(Enters::Others, Enters::Plain),
+            _ => Enters::Others,
         }
     }
 
@@ -127,7 +127,7 @@ impl<'v> Direct<'v> {
             if *active == 0 || self.is_empty(pixels) {
                 continue;
             }
-            let Entered::Plain(camera) = self.enter(pixels, rows, entered) else { continue };
+            let Enters::Plain(camera) = self.enter(pixels, rows, entered) else { continue };
             // Packets of a bundle are in one tree.
             if let Some(last) = last.take_if(|last| last.placed != camera.placed) {
                 self.trace_begun(&last, placed, *begun, bundle);
@@ -159,9 +159,9 @@ impl<'v> Direct<'v> {
         let Scratch { group, plain: Plain { rows, bundle, begun, placed, entered, .. }, .. } = scratch;
         let Some(i) = number.filter(|i| *begun >> i & 1 == 1) else {
             let camera = match self.enter(pixels, rows, entered) {
-                Entered::None => return Some((None, 0)),
-                Entered::Plain(camera) => camera,
-                Entered::Others => return None,
+                Enters::None => return Some((None, 0)),
+                Enters::Plain(camera) => camera,
+                Enters::Others => return None,
             };
             let rays = CameraRays { eye: self.rays.eye(), dir: &rows.dir, width: &rows.width };
             let met = group.trace_camera(&self.view, &camera, &rays, active)?.ok()?;

@@ -201,6 +201,7 @@ impl<'a> Leaf<'a> {
     }
 
     /// Words that it takes.
+    #[inline(always)]
     pub fn len(&self) -> usize {
         self.form().words()
     }

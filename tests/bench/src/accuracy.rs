@@ -58,6 +58,25 @@ pub fn assert_peer_agrees(who: &str, accuracy: &Accuracy, rays: &[Ray], seen: &[
     Err(Failure::new(format!("{who}: wrong answers: {percent:.2} % of the rays end elsewhere than ours")))
 }
 
+/// A ray ends at the same place in a scene of many trees and in the flattened one if its ends are no farther apart than this share of
+/// its length and of its origin's distance from zero together: corners are rounded to a share of where they are.
+const SAME: f64 = 1e-4;
+
+/// How the exact answers of a scene of many trees are those of the flattened one. Transformed corners are rounded otherwise there, so
+/// the answers are not the same bits: more rays that differ than [`PEER_DIFFERS`] are a failure.
+pub fn compare_flattened(id: &str, rays: &[Ray], placed: &[Answer], flattened: &[Answer]) -> Outcome {
+    let (mut one_sided, mut apart) = (0, 0);
+    for ((ray, a), b) in rays.iter().zip(placed).zip(flattened) {
+        one_sided += usize::from(a.is_hit() != b.is_hit());
+        apart += usize::from(a.is_hit() && b.is_hit() && (a.t - b.t).abs() > SAME * (b.t + ray.origin.length()));
+    }
+    let (rays, share) = (rays.len(), (one_sided + apart) as f64 / placed.len().max(1) as f64);
+    let [ours, theirs] = [placed, flattened].map(|all| all.iter().filter(|a| a.is_hit()).count());
+    let text = format!("{ours} hits, {theirs} flattened; {one_sided} rays hit in one only, {apart} end farther apart than rounding explains, of {rays}");
+    eprintln!("{id}: {text}");
+    if share > PEER_DIFFERS { Err(Failure::new(format!("{id}: the flattened scene answers otherwise: {text}"))) } else { Ok(()) }
+}
+
 /// The f64 oracle over what a model stores, and its judge.
 pub struct Truth {
     tree: stored::StoredTree,
@@ -153,5 +172,7 @@ mod tests {
         let same = of_rays(&[ray; 4], &truth, &truth);
         assert_eq!((same.mean_px, same.overlap, same.differ), (0.0, 1.0, 0.0));
         assert!(assert_peer_agrees("x", &same, &[ray; 4], &truth, &truth).is_ok());
+        assert!(compare_flattened("x", &[ray; 4], &seen, &truth).is_err());
+        assert!(compare_flattened("x", &[ray; 4], &answers([10.0001, 10.0, 10.0, far]), &truth).is_ok());
     }
 }

@@ -38,8 +38,8 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     }
     let benchmark = task.benchmark;
     for structure in &benchmark.structures {
-        let path = task.scene.model(task.data.structure(structure))?;
-        let loaded = Ours::open(&path, Residency::All, 0)?;
+        let stored = task.scene.model(task.data.structure(structure))?;
+        let loaded = Ours::open(&stored, Residency::All, 0)?;
         for &view in &benchmark.views {
             let camera = loaded.camera(task.scene, view);
             let truth = Shown::exact(&loaded, &camera, benchmark.size)?;
@@ -49,11 +49,11 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
                     let threads = benchmark.threads[0];
                     let options = ContextOptions { threads, memory_budget: budget, ..ContextOptions::default() };
                     let context = Context::new(options)?;
-                    let source = throttled(&path, rate);
+                    let source = throttled(&stored.path, rate);
                     let begun = Instant::now();
                     let model = Model::open_source(&context, source)?;
                     let opened_seconds = begun.elapsed().as_secs_f64();
-                    let ours = Ours::with(context, model)?;
+                    let ours = Ours::with(context, model, &stored.places)?;
                     let pictures = watch(&ours, &camera, benchmark.size, poe, &truth, begun)?;
                     let last = pictures.last().map_or(0.0, |m| m.seconds);
                     let megabytes = |bytes: u64| bytes >> 20;

@@ -53,7 +53,7 @@ impl StructureRow {
     }
 }
 
-/// A scene: exactly one of `generator`, `formula` and `file` says where its triangles come from.
+/// A scene: exactly one of `generator`, `formula`, `file` and `assembly` gives its triangles.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneRow {
@@ -66,6 +66,11 @@ pub struct SceneRow {
     pub triangles: u64,
     #[serde(default)]
     pub seed: u64,
+    /// An assembly of `src/assemblies`, whose meshes are placed; `count` and `triangles` are its size.
+    pub assembly: Option<String>,
+    /// Further places of the model in the scene, beside the one at the origin.
+    #[serde(default)]
+    pub also_at: Vec<[f64; 3]>,
     /// A scene of `tests/common/scenes.rs`, with the number of its things.
     pub formula: Option<String>,
     #[serde(default)]
@@ -88,6 +93,11 @@ pub struct CameraRow {
 }
 
 impl SceneRow {
+    /// Whether rays meet several placed trees. Such a scene is measured beside its flattened twin: the same triangles in one tree.
+    pub fn has_many_trees(&self) -> bool {
+        self.assembly.is_some() || !self.also_at.is_empty()
+    }
+
     /// View `view`, given the model's own.
     pub fn camera(&self, own: &[Camera; 4], view: usize) -> Camera {
         if let Some(camera) = own.get(view) {
@@ -267,6 +277,9 @@ impl Benchmark {
 /// Peers by name.
 pub const PEERS: [&str; 3] = ["embree", "obvhs", "parry3d"];
 
+/// Peers whose scenes of two levels are bound here (`peers::Build::build_placed`).
+pub const PLACING_PEERS: [&str; 1] = ["embree"];
+
 impl Data {
     /// Reads and checks a file.
     pub fn read(path: &Path) -> Result<Self, String> {
@@ -298,6 +311,7 @@ impl Data {
                 if let Some(view) = benchmark.views.iter().find(|&&view| view >= 4 + scene.cameras.len()) {
                     return Err(format!("benchmark {:?}: scene {:?} has no view {view}", benchmark.name, scene.name));
                 }
+                benchmark.check_trees(scene)?;
             }
             if !benchmarks.insert(benchmark.name.as_str()) {
                 return Err(format!("two benchmarks are called {:?}", benchmark.name));
@@ -317,11 +331,12 @@ impl Data {
 
 impl SceneRow {
     fn check(&self) -> Result<(), String> {
-        let sources = [&self.generator, &self.formula, &self.file].into_iter().flatten().count();
+        let sources = [&self.generator, &self.formula, &self.file, &self.assembly].into_iter().flatten().count();
         if sources != 1 {
-            return Err(format!("scene {:?} has {sources} of generator, formula and file, not one", self.name));
+            return Err(format!("scene {:?} has {sources} of generator, formula, file and assembly, not one", self.name));
         }
-        if self.generator.is_some() && self.triangles == 0 || self.formula.is_some() && self.count == 0 {
+        let has_no_size = self.assembly.is_some() && self.triangles == 0 && self.count == 0;
+        if has_no_size || self.generator.is_some() && self.triangles == 0 || self.formula.is_some() && self.count == 0 {
             return Err(format!("scene {:?} has no size", self.name));
         }
         Ok(())
@@ -329,6 +344,18 @@ impl SceneRow {
 }
 
 impl Benchmark {
+    /// A scene of many trees is traced, all in memory, beside peers that place meshes too.
+    fn check_trees(&self, scene: &SceneRow) -> Result<(), String> {
+        let is_fit = self.measure == Measure::Trace
+            && self.residency.iter().all(|r| *r == Residency::All)
+            && self.peers.iter().all(|peer| PLACING_PEERS.contains(&peer.as_str()));
+        if scene.has_many_trees() && !is_fit {
+            let peers = PLACING_PEERS.join(", ");
+            return Err(format!("benchmark {:?}: many trees ({:?}) are traced, all in memory, beside {peers}", self.name, scene.name));
+        }
+        Ok(())
+    }
+
     fn check(&self, scenes: &BTreeSet<&str>, structures: &BTreeSet<&str>) -> Result<(), String> {
         let fault = |what: String| Err(format!("benchmark {:?}: {what}", self.name));
         if let Some(unknown) = self.scenes.iter().find(|s| !scenes.contains(s.as_str())) {
@@ -415,5 +442,11 @@ mod tests {
         assert!(Data::parse(&decoding).is_ok());
         assert!(Data::parse(&decoding.replace("threads = [1]", "threads = [2]")).expect_err("two threads").contains("one thread"));
         assert!(wrong("name = 'b'", "name = 'b'\npeer = 'x'").contains("peer"));
+        let twice = SCENE.replace("triangles", "also_at = [[9, 0, 0]]\ntriangles");
+        let many = |trace: &str| Data::parse(&format!("{STRUCTURE}{twice}{trace}"));
+        assert!(many(&TRACE.replace("'all', '64M'", "'all'")).expect("all in memory").scenes[0].has_many_trees());
+        assert!(many(TRACE).expect_err("a budget").contains("all in memory"));
+        let rival = TRACE.replace("'all', '64M'", "'all'").replace("threads", "peers = ['obvhs']\nthreads");
+        assert!(many(&rival).expect_err("a peer of one level").contains("embree"));
     }
 }

@@ -73,7 +73,7 @@ impl Stored {
 pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     let mut records = Vec::new();
     for structure in &task.benchmark.structures {
-        let stored = Stored::read(&task.scene.model(task.data.structure(structure))?)?;
+        let stored = Stored::read(&task.scene.model(task.data.structure(structure))?.path)?;
         let key = format!("{}/{}/{structure}/words", task.benchmark.name, task.scene.row.name);
         // Warms caches too.
         let first = stored.run(true)?;

@@ -2,6 +2,7 @@
 //! are how it is used; `benchmarks.toml` says what is measured.
 
 mod accuracy;
+mod assemblies;
 mod builds;
 mod charts;
 mod cold;
@@ -16,6 +17,7 @@ mod ours;
 mod pairs;
 mod peers;
 mod pictures;
+mod placed;
 mod rays;
 mod record;
 mod scenes;
@@ -26,6 +28,7 @@ use clap::Parser;
 use data::{Benchmark, Data, Measure};
 use expected::Book;
 use failure::{Failure, Outcome};
+use pairs::Clock;
 use scenes::Scene;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -63,9 +66,16 @@ struct Chosen {
     /// Only these scenes
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     scene: Vec<String>,
+    /// Time rays of one thread, by the CPU time of that thread: on a busy machine
+    #[arg(long)]
+    cpu_time: bool,
 }
 
 impl Chosen {
+    fn clock(&self) -> Clock {
+        if self.cpu_time { Clock::Thread } else { Clock::Wall }
+    }
+
     fn has(&self, benchmark: &Benchmark, scene: &str) -> bool {
         let among = |names: &[String], name: &str| names.is_empty() || names.iter().any(|n| n == name);
         let is_asked_for = self.only.contains(&benchmark.name);
@@ -75,8 +85,8 @@ impl Chosen {
 
 fn main() -> ExitCode {
     let done = match Command::parse() {
-        Command::Run(chosen) => run(false, |benchmark, scene| chosen.has(benchmark, scene)),
-        Command::Expect(chosen) => run(true, |benchmark, scene| chosen.has(benchmark, scene)),
+        Command::Run(chosen) => run(false, chosen.clock(), |benchmark, scene| chosen.has(benchmark, scene)),
+        Command::Expect(chosen) => run(true, Clock::Wall, |benchmark, scene| chosen.has(benchmark, scene)),
         Command::Charts(Drawn { chosen, keep }) => draw(&chosen, keep),
     };
     match done {
@@ -107,7 +117,7 @@ fn draw(chosen: &Chosen, keep: bool) -> Outcome {
     let lacking: Vec<_> = all().filter(|(benchmark, scene)| is_lacking(benchmark, scene)).collect();
     is_measured.extend(lacking.iter().map(|(benchmark, scene)| (benchmark.name.clone(), (*scene).clone())));
     if !lacking.is_empty() {
-        run(false, is_lacking)?;
+        run(false, chosen.clock(), is_lacking)?;
     }
     let mut records = record::read(&record::path())?;
     records.retain(|r| is_measured.contains(&(r.benchmark.clone(), r.scene.clone())));
@@ -119,15 +129,19 @@ fn data() -> Result<Data, Failure> {
 }
 
 /// Measures what is picked, scene by scene; or only writes down what its answers are.
-fn run(is_only_expecting: bool, picks: impl Fn(&Benchmark, &str) -> bool) -> Outcome {
+fn run(is_only_expecting: bool, clock: Clock, picks: impl Fn(&Benchmark, &str) -> bool) -> Outcome {
     let data = data()?;
     let mut book = Book::open(is_only_expecting)?;
     let mut found = 0;
     for benchmark in &data.benchmarks {
         for name in benchmark.scenes.iter().filter(|scene| picks(benchmark, scene)) {
             found += 1;
+            if clock == Clock::Thread && benchmark.measure != Measure::Trace {
+                eprintln!("skipped: {}/{name} works in several threads", benchmark.name);
+                continue;
+            }
             let Some(scene) = Scene::find(data.scene(name))? else { continue };
-            let mut task = Task { data: &data, benchmark, scene: &scene, book: &mut book, is_only_expecting };
+            let mut task = Task { data: &data, benchmark, scene: &scene, book: &mut book, is_only_expecting, clock };
             let records = match benchmark.measure {
                 Measure::Trace => trace::measure(&mut task)?,
                 Measure::Cold => cold::measure(&mut task)?,

@@ -11,11 +11,24 @@ use outcrop::base::progress::Cancel;
 use outcrop::math::Ray;
 use outcrop::query::{Hit, HitKind, QueryOptions, Want};
 use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene as OurScene, SceneState};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// What peers tell of a hit too.
 const WANT: Want = Want(Want::NORMAL.0 | Want::UV.0 | Want::PART.0);
+
+/// The file of a model, and the places of the model in its scene.
+pub struct ModelAt {
+    pub path: PathBuf,
+    pub places: Vec<DAffine3>,
+}
+
+impl ModelAt {
+    /// Placed once, at the origin.
+    pub fn once(path: PathBuf) -> Self {
+        Self { path, places: vec![DAffine3::IDENTITY] }
+    }
+}
 
 /// An opened model in a scene of its own.
 pub struct Ours {
@@ -25,8 +38,9 @@ pub struct Ours {
 }
 
 impl Ours {
-    /// Opens the model at `path`, and brings into memory what `residency` says.
-    pub fn open(path: &Path, residency: Residency, threads: usize) -> Result<Self, Failure> {
+    /// Opens the model, brings into memory as much of it as `residency` says, and places it.
+    pub fn open(stored: &ModelAt, residency: Residency, threads: usize) -> Result<Self, Failure> {
+        let path = &stored.path;
         let memory_budget = if let Residency::Budget(bytes) = residency { bytes } else { 0 };
         let options = ContextOptions { threads, memory_budget, read_ahead: false, ..ContextOptions::default() };
         let context = Context::new(options)?;
@@ -36,12 +50,14 @@ impl Ours {
         }
         // What a context does when nothing is asked of it.
         while context.step() {}
-        Self::with(context, model)
+        Self::with(context, model, &stored.places)
     }
 
-    pub fn with(context: Context, model: Model) -> Result<Self, Failure> {
+    pub fn with(context: Context, model: Model, places: &[DAffine3]) -> Result<Self, Failure> {
         let scene = OurScene::new(&context);
-        scene.add_instance(&model, 1, DAffine3::IDENTITY)?;
+        for (&place, id) in places.iter().zip(1..) {
+            scene.add_instance(&model, id, place)?;
+        }
         scene.commit()?;
         Ok(Self { state: scene.state(), context, model })
     }
@@ -82,8 +98,8 @@ pub fn answers(hits: &[Hit]) -> Vec<Answer> {
 }
 
 /// Bytes of the blocks that rays visit in a model with none in memory.
-pub fn working_set(path: &Path, rays: &[Ray], batch: &Batch) -> Result<u64, Failure> {
-    let cold = Ours::open(path, Residency::Cold, 0)?;
+pub fn working_set(stored: &ModelAt, rays: &[Ray], batch: &Batch) -> Result<u64, Failure> {
+    let cold = Ours::open(stored, Residency::Cold, 0)?;
     let options = QueryOptions { coherent: batch.is_coherent(), want: WANT, ..QueryOptions::default() };
     if batch.is_any() {
         cold.state.any(rays, options, &mut vec![0; rays.len()])?;
@@ -96,7 +112,7 @@ pub fn working_set(path: &Path, rays: &[Ray], batch: &Batch) -> Result<u64, Fail
 /// Rays that outcrop traces; a cold model is opened anew for each run, which counts.
 pub struct Ready<'a> {
     ours: &'a Ours,
-    cold: Option<PathBuf>,
+    cold: Option<&'a ModelAt>,
     is_any: bool,
     is_coherent: bool,
     /// Rays a call.
@@ -106,8 +122,8 @@ pub struct Ready<'a> {
 }
 
 impl<'a> Ready<'a> {
-    pub fn new(ours: &'a Ours, path: &Path, residency: Residency, batch: &Batch, asked: usize, rays: Vec<Ray>) -> Self {
-        let cold = (residency == Residency::Cold).then(|| path.to_owned());
+    pub fn new(ours: &'a Ours, stored: &'a ModelAt, residency: Residency, batch: &Batch, asked: usize, rays: Vec<Ray>) -> Self {
+        let cold = (residency == Residency::Cold).then_some(stored);
         let (is_any, is_coherent) = (batch.is_any(), batch.is_coherent());
         Self { ours, cold, is_any, is_coherent, asked, answers: vec![Answer::MISS; rays.len()], rays }
     }
@@ -127,7 +143,7 @@ impl Run for Ready<'_> {
     }
 
     fn run(&mut self, threads: usize) -> f64 {
-        let opened = self.cold.as_ref().map(|path| Ours::open(path, Residency::Cold, threads).expect("it opened before"));
+        let opened = self.cold.map(|stored| Ours::open(stored, Residency::Cold, threads).expect("it opened before"));
         let state = &opened.as_ref().unwrap_or(self.ours).state;
         let (is_any, is_coherent) = (self.is_any, self.is_coherent);
         let options = QueryOptions { coherent: is_coherent, want: WANT, ..QueryOptions::default() };

@@ -1,5 +1,6 @@
 //! Pairs in turn, and what is told of them.
 
+use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 
 /// Median and ends of some measurements.
@@ -18,6 +19,30 @@ impl Spread {
         let (n, half) = (sorted.len(), sorted.len() / 2);
         let median = if n % 2 == 1 { sorted[half] } else { (sorted[half - 1] + sorted[half]) / 2.0 };
         Self { median, least: sorted[0], most: sorted[n - 1] }
+    }
+}
+
+/// The clock of a measurement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Clock {
+    Wall,
+    /// CPU time of the calling thread, for runs of one thread on a busy machine: the time of other programs is not in it.
+    Thread,
+}
+
+impl Clock {
+    /// Seconds since some moment.
+    pub fn now(self) -> f64 {
+        let time = clock_gettime(match self {
+            Clock::Wall => ClockId::Monotonic,
+            Clock::Thread => ClockId::ThreadCPUTime,
+        });
+        time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+    }
+
+    /// What the records of its times say.
+    pub fn remark(self) -> &'static str {
+        if self == Clock::Thread { ", CPU time" } else { "" }
     }
 }
 
@@ -85,6 +110,14 @@ mod tests {
         assert_eq!(*order.borrow(), "abababab");
         assert_eq!(pairs.a, [1.0, 2.0, 4.0]);
         assert_eq!(pairs.ratio(), Spread { median: 2.0, least: 1.0, most: 4.0 });
+    }
+
+    #[test]
+    fn a_thread_that_sleeps_takes_no_cpu_time() {
+        let begun = [Clock::Wall, Clock::Thread].map(Clock::now);
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        let [wall, thread] = [Clock::Wall.now() - begun[0], Clock::Thread.now() - begun[1]];
+        assert!(wall >= 0.02 && (0.0..wall).contains(&thread), "{wall} {thread}");
     }
 
     #[test]

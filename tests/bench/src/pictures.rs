@@ -5,13 +5,12 @@ use crate::common::{perceived, picture};
 use crate::data::{Case, Residency};
 use crate::expected::Expected;
 use crate::failure::Failure;
-use crate::ours::Ours;
+use crate::ours::{ModelAt, Ours};
 use crate::pairs::{Pairs, Spread, steady};
 use crate::record::{Accuracy, Against, Counters, Outcomes, Record, Trace};
 use crate::trace::Task;
 use outcrop::scene::{Camera, Context};
 use outcrop::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Outputs};
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// A frame with all that is compared.
@@ -73,15 +72,23 @@ impl Shown {
     }
 }
 
-/// All settings of a case, each in turn with the exact picture.
-pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Result<Vec<Record>, Failure> {
-    let size = task.benchmark.size;
+/// A model of which pictures are made: where it is, all in memory, and as results name it.
+pub struct Side<'a> {
+    pub name: &'a str,
+    pub model: &'a ModelAt,
+    pub loaded: &'a Ours,
+}
+
+/// All settings of a case, each in turn with the exact picture; of a scene of many trees with the same picture of the flattened model,
+/// whose exact picture is the truth then.
+pub fn measure(task: &mut Task, case: &Case, one: &Side, flattened: Option<&Side>) -> Result<Vec<Record>, Failure> {
+    let (size, Side { model, loaded, .. }) = (task.benchmark.size, one);
     let camera = loaded.camera(task.scene, case.view);
-    let truth = Shown::exact(loaded, &camera, size)?;
+    let truth = Shown::exact(flattened.unwrap_or(one).loaded, &camera, size)?;
     let mut records = Vec::new();
     let threads = if task.is_only_expecting { &[0][..] } else { &task.benchmark.threads };
     for &threads in threads {
-        let ours = Ours::open(path, Residency::All, threads)?;
+        let ours = Ours::open(model, Residency::All, threads)?;
         let one = frame(&ours.context, size)?;
         // All answers are looked at before anything is timed.
         let mut looks = Vec::new();
@@ -99,29 +106,36 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
             continue;
         }
         drop(one);
-        let [one, other] = [colours(&ours.context, size)?, colours(&ours.context, size)?];
+        let beside = flattened.map(|side| Ours::open(side.model, Residency::All, threads)).transpose()?;
+        let theirs = beside.as_ref().unwrap_or(&ours);
+        let [one, other] = [colours(&ours.context, size)?, colours(&theirs.context, size)?];
         for (poe, id, seen, hits, stand_ins) in looks {
             let accuracy = seen.errors(&truth, &camera, size)?;
-            let timed = |frame: &Frame, poe: f32| {
+            let timed = |frame: &Frame, ours: &Ours, poe: f32| {
                 steady(|| {
                     let begun = Instant::now();
-                    render(frame, &ours, &camera, poe).expect("it did before");
+                    render(frame, ours, &camera, poe).expect("it did before");
                     begun.elapsed().as_secs_f64()
                 })
             };
-            let pairs = Pairs::in_turn(task.benchmark.rounds, || timed(&one, poe), || timed(&other, 0.0));
-            let (seconds, exactly) = (Spread::of(&pairs.a), Spread::of(&pairs.b));
-            let (side, call) = (case.structure.clone(), "frame".to_owned());
-            let against = Against { side: side.clone(), call: "exact frame".into(), seconds: exactly, ratio: pairs.ratio() };
+            let (opponent, their_call, their_poe) = match flattened {
+                Some(side) => (side.name, "frame", poe),
+                None => (case.structure.as_str(), "exact frame", 0.0),
+            };
+            let pairs = Pairs::in_turn(task.benchmark.rounds, || timed(&one, &ours, poe), || timed(&other, theirs, their_poe));
+            let (seconds, their_seconds) = (Spread::of(&pairs.a), Spread::of(&pairs.b));
+            let (side, call, ratio) = (case.structure.clone(), "frame".to_owned(), pairs.ratio());
+            let against = Against { side: opponent.into(), call: their_call.into(), seconds: their_seconds, ratio };
             let counters = Counters {
                 bytes_model: Some(ours.model.memory().geometry),
-                bytes_working_set: Some(working_set(path, &camera, size, poe)?),
+                bytes_working_set: Some(working_set(model, &camera, size, poe)?),
                 stand_ins: Some(stand_ins),
                 ..Counters::default()
             };
             let count = truth.depths.len();
             let mrays = count as f64 / seconds.median / 1e6;
-            eprintln!("{id}, {threads} threads: {:.1} ms; {:.3} px", seconds.median * 1e3, accuracy.mean_px);
+            let beside = flattened.map_or(String::new(), |side| format!(", {:.2} [{:.2} .. {:.2}] of {}", ratio.median, ratio.least, ratio.most, side.name));
+            eprintln!("{id}, {threads} threads: {:.1} ms{beside}; {:.3} px", seconds.median * 1e3, accuracy.mean_px);
             let residency = case.residency.name();
             let (view, rays) = (case.view, case.rays.name().into());
             let against = Some(against);
@@ -136,8 +150,8 @@ pub fn measure(task: &mut Task, case: &Case, path: &Path, loaded: &Ours) -> Resu
 }
 
 /// Bytes of the blocks that a picture takes, of a model with none in memory.
-fn working_set(path: &Path, camera: &Camera, size: (u32, u32), poe: f32) -> Result<u64, Failure> {
-    let cold = Ours::open(path, Residency::Cold, 1)?;
+fn working_set(model: &ModelAt, camera: &Camera, size: (u32, u32), poe: f32) -> Result<u64, Failure> {
+    let cold = Ours::open(model, Residency::Cold, 1)?;
     render(&frame(&cold.context, size)?, &cold, camera, poe)?;
     Ok(cold.model.memory().resident)
 }

@@ -1,9 +1,12 @@
 //! Scenes: their triangles for peers and the oracle, and the models built of them, kept in `target/bench`.
 
+use crate::assemblies;
 use crate::common::{models, scenes};
 use crate::data::{SceneRow, StructureRow};
 use crate::failure::{Failure, Outcome};
-use glam::DVec3;
+use crate::ours::ModelAt;
+use crate::placed::{self, Placed};
+use glam::{DAffine3, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::import::collect::Collector;
@@ -57,15 +60,17 @@ enum Source {
     Generator(String),
     Triangles(Vec<[DVec3; 3]>),
     File(PathBuf),
+    Assembly(assemblies::Kind),
 }
 
 impl Scene {
     /// `None` after a message if it is of a file that is not here.
     pub fn find(row: &SceneRow) -> Result<Option<Self>, Failure> {
-        let source = match (&row.generator, &row.formula, &row.file) {
+        let source = match (&row.generator, &row.formula, &row.file, &row.assembly) {
             (Some(name), ..) => Source::Generator(name.clone()),
-            (_, Some(name), _) => Source::Triangles(formula(name, row)?),
-            (_, _, Some(file)) => match models::find(file) {
+            (_, Some(name), ..) => Source::Triangles(formula(name, row)?),
+            (.., Some(name)) => Source::Assembly(assemblies::Kind::of(name)?),
+            (_, _, Some(file), _) => match models::find(file) {
                 Some(path) => Source::File(path),
                 None => return Ok(None),
             },
@@ -86,15 +91,31 @@ impl Scene {
                 sink.triangles(MeshKey::DIRECT, part, triangles, None)?;
             }
             Source::File(path) => read_file(path, &ReadOptions::default(), sink)?,
+            Source::Assembly(kind) => kind.fill(&self.row, sink)?,
         }
         Ok(())
     }
 
-    /// Its triangles where they are seen.
-    pub fn mesh(&self) -> Result<Mesh, Failure> {
+    fn collected(&self) -> Result<Collector, Failure> {
         let mut collector = Collector::new();
         self.fill(&mut collector)?;
-        Ok(Mesh::of(collector.placed().map(|t| (t.part, t.positions))))
+        Ok(collector)
+    }
+
+    /// The places of its model: the origin, and those that the row adds.
+    fn places(&self) -> Vec<DAffine3> {
+        let others = self.row.also_at.iter().map(|at| DAffine3::from_translation((*at).into()));
+        std::iter::once(DAffine3::IDENTITY).chain(others).collect()
+    }
+
+    /// Its triangles where they are seen, of a model that is placed once.
+    pub fn mesh(&self) -> Result<Mesh, Failure> {
+        Ok(Mesh::of(self.collected()?.placed().map(|t| (t.part, t.positions))))
+    }
+
+    /// Its meshes with all their placements.
+    pub fn placed(&self) -> Result<Placed, Failure> {
+        Ok(Placed::of(&self.collected()?, &self.places()))
     }
 
     /// Builds it as it would be built from files: the clock of the caller also counts making the triangles.
@@ -104,13 +125,30 @@ impl Scene {
         Ok(builder.finish(to)?)
     }
 
-    /// Its model, built by this very program: one that an older version has left is built anew.
-    pub fn model(&self, structure: &StructureRow) -> Result<PathBuf, Failure> {
+    /// Its model, at all its places.
+    pub fn model(&self, structure: &StructureRow) -> Result<ModelAt, Failure> {
+        let path = self.kept(structure, &structure.name, &|to| self.build(structure, 0, to).map(|_| ()))?;
+        Ok(ModelAt { path, places: self.places() })
+    }
+
+    /// All its triangles, each where it is seen, as one model of one tree.
+    pub fn flattened(&self, structure: &StructureRow, name: &str) -> Result<ModelAt, Failure> {
+        let build = |to: &Path| {
+            let mut builder = builder(structure, 0)?;
+            placed::flatten(&self.collected()?, &self.places(), &mut builder)?;
+            builder.finish(to)?;
+            Ok(())
+        };
+        Ok(ModelAt::once(self.kept(structure, name, &build)?))
+    }
+
+    /// The model that `build` makes, made by this very program: a model of an older version is replaced.
+    fn kept(&self, structure: &StructureRow, called: &str, build: &dyn Fn(&Path) -> Outcome) -> Result<PathBuf, Failure> {
         let folder = folder().join("models");
         std::fs::create_dir_all(&folder)?;
         let mut made_by = std::fs::read(std::env::current_exe()?)?;
         made_by.extend(format!("{structure:?}{:?}", self.row).bytes());
-        let stem = format!("{}-{}-", self.row.name, structure.name);
+        let stem = format!("{}-{called}-", self.row.name);
         let name = format!("{stem}{:016x}.oc", xxhash_rust::xxh3::xxh3_64(&made_by));
         let path = folder.join(&name);
         if !path.is_file() {
@@ -121,8 +159,8 @@ impl Scene {
                     std::fs::remove_file(old.path())?;
                 }
             }
-            eprintln!("building {}, {}", self.row.name, structure.name);
-            self.build(structure, 0, &path)?;
+            eprintln!("building {}, {called}", self.row.name);
+            build(&path)?;
         }
         Ok(path)
     }

@@ -2,28 +2,56 @@
 
 use super::Peer;
 use super::embree_calls::{Context, NONE, Options, RtcHit, RtcHits, RtcRay, RtcRayHit, RtcRayHits, RtcRays, Scene, Valid};
+use crate::placed::Placed;
 use crate::rays::Batch;
 use crate::scenes::Mesh;
 use crate::sides::{Answer, CHUNK, Run, deal};
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use outcrop::math::Ray;
 use std::sync::Arc;
 
 struct Embree {
     scene: Scene,
     mesh_bytes: u64,
+    normals: Normals,
 }
 
 /// Qualities are Embree's; "compact" is its medium quality with the flag of that name.
-pub fn build(mesh: &Arc<Mesh>, quality: &str, threads: usize) -> Option<Box<dyn Peer>> {
+fn options(quality: &str, threads: usize) -> Options {
     let number = ["low", "medium", "high"].iter().position(|q| *q == quality).unwrap_or(1);
-    let options = Options { quality: number as i32, is_compact: quality == "compact", threads };
-    match Scene::new(mesh, options) {
-        Ok(scene) => Some(Box::new(Embree { scene, mesh_bytes: mesh.bytes() })),
+    Options { quality: number as i32, is_compact: quality == "compact", threads }
+}
+
+pub fn build(mesh: &Arc<Mesh>, quality: &str, threads: usize) -> Option<Box<dyn Peer>> {
+    peer(Scene::new(mesh, options(quality, threads)), mesh.bytes(), Normals::default())
+}
+
+/// A scene of two levels: a scene for each mesh, and one of their instances.
+pub fn build_placed(placed: &Placed, quality: &str, threads: usize) -> Option<Box<dyn Peer>> {
+    let turns = placed.places.iter().map(|place| place.world_from_mesh.matrix3.inverse().transpose().as_mat3());
+    peer(Scene::of_placed(placed, options(quality, threads)), placed.bytes(), Normals(turns.collect()))
+}
+
+fn peer(scene: Result<Scene, String>, mesh_bytes: u64, normals: Normals) -> Option<Box<dyn Peer>> {
+    match scene {
+        Ok(scene) => Some(Box::new(Embree { scene, mesh_bytes, normals })),
         Err(why) => {
             eprintln!("skipped: Embree ({why}; Debian's package is libembree-dev)");
             None
         }
+    }
+}
+
+/// Turns the normals of instances, which Embree gives in the coordinates of the mesh, into the world, as outcrop gives them.
+#[derive(Default)]
+struct Normals(Vec<Mat3>);
+
+impl Normals {
+    /// How directly a surface faces a ray.
+    fn facing(&self, normal: [f32; 3], instance: u32, dir: [f32; 3]) -> f64 {
+        let normal = Vec3::from(normal);
+        let turned = self.0.get(instance as usize).map_or(normal, |turn| *turn * normal);
+        f64::from(turned.normalize_or_zero().dot(dir.into()).abs())
     }
 }
 
@@ -41,7 +69,8 @@ impl Peer for Embree {
     }
 
     fn ready<'a>(&'a self, call: &str, batch: &Batch, rays: &[Ray]) -> Box<dyn Run + 'a> {
-        let asked = Asked { scene: &self.scene, is_coherent: batch.is_coherent(), is_any: batch.is_any(), rays: rays.to_vec() };
+        let (is_coherent, is_any) = (batch.is_coherent(), batch.is_any());
+        let asked = Asked { scene: &self.scene, normals: &self.normals, is_coherent, is_any, rays: rays.to_vec() };
         match call {
             "4" => Box::new(Packets::<4> { asked, shadows: Vec::new(), hits: Vec::new() }),
             "8" => Box::new(Packets::<8> { asked, shadows: Vec::new(), hits: Vec::new() }),
@@ -53,14 +82,18 @@ impl Peer for Embree {
 
 struct Asked<'a> {
     scene: &'a Scene,
+    normals: &'a Normals,
     is_coherent: bool,
     is_any: bool,
     rays: Vec<Ray>,
 }
 
 impl Asked<'_> {
+    /// Shadow rays into two levels go as incoherent ones: of coherent ones `rtcOccluded16` of Embree 3.13.5 does not return there (the
+    /// scene `station`, AVX-512: no end in ten minutes).
     fn context(&self) -> Context {
-        Context::new(self.is_coherent)
+        let is_of_two_levels = !self.normals.0.is_empty();
+        Context::new(self.is_coherent && !(self.is_any && is_of_two_levels))
     }
 }
 
@@ -73,11 +106,6 @@ fn rtc_ray(ray: &Ray) -> RtcRay {
         mask: u32::MAX,
         ..RtcRay::default()
     }
-}
-
-/// How directly a surface faces a ray.
-fn facing(normal: [f32; 3], dir: [f32; 3]) -> f64 {
-    f64::from(Vec3::from(normal).normalize_or_zero().dot(dir.into()).abs())
 }
 
 /// Embree marks a blocked ray with minus infinity.
@@ -124,7 +152,7 @@ impl Run for Singles<'_> {
         deal(threads, self.hits.chunks_mut(CHUNK), context, |context, rays| {
             let call = if is_stream { Scene::intersect_stream } else { Scene::intersect };
             call(asked.scene, context, rays);
-            rays.iter().filter(|r| r.hit.geometry != NONE).map(|r| facing(r.hit.normal, r.ray.dir)).sum()
+            rays.iter().filter(|r| r.hit.geometry != NONE).map(|r| asked.normals.facing(r.hit.normal, r.hit.instance, r.ray.dir)).sum()
         })
     }
 
@@ -204,7 +232,8 @@ impl<const N: usize> Run for Packets<'_, N> {
                 let lanes = Self::rays_of(count, chunk * (CHUNK / N) + i);
                 asked.scene.intersect_packet(context, &Self::valid(lanes), rays);
                 let met = (0..lanes).filter(|&k| rays.hits.geometry[k] != NONE);
-                sum += met.map(|k| facing(rays.hits.normal.map(|n| n[k]), rays.rays.dir.map(|d| d[k]))).sum::<f64>();
+                let facing = |k: usize| asked.normals.facing(rays.hits.normal.map(|n| n[k]), rays.hits.instance[k], rays.rays.dir.map(|d| d[k]));
+                sum += met.map(facing).sum::<f64>();
             }
             sum
         })

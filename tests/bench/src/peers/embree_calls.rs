@@ -1,7 +1,9 @@
 //! Embree 3.13 as C declares it: the few calls and layouts that are used, from `embree3/rtcore*.h`. All that is unsafe in this
 //! package is here. The library is opened when it is asked for, so that nothing but its measurements needs it.
 
+use crate::placed::{Place, Placed};
 use crate::scenes::Mesh;
+use glam::DAffine3;
 use libloading::Library;
 use std::ffi::{CString, c_char, c_int, c_uint, c_void};
 use std::ptr;
@@ -154,6 +156,8 @@ calls! {
     commit_geometry, b"rtcCommitGeometry\0", unsafe extern "C" fn(Handle);
     attach_geometry, b"rtcAttachGeometry\0", unsafe extern "C" fn(Handle, Handle) -> c_uint;
     release_geometry, b"rtcReleaseGeometry\0", unsafe extern "C" fn(Handle);
+    set_instanced_scene, b"rtcSetGeometryInstancedScene\0", unsafe extern "C" fn(Handle, Handle);
+    set_transform, b"rtcSetGeometryTransform\0", unsafe extern "C" fn(Handle, c_uint, c_int, *const c_void);
     intersect, b"rtcIntersect1\0", One;
     occluded, b"rtcOccluded1\0", One;
     intersect_stream, b"rtcIntersect1M\0", Stream;
@@ -177,15 +181,29 @@ pub struct Options {
     pub threads: usize,
 }
 
-/// A committed scene of one mesh.
+/// A committed scene: of one mesh, or of two levels, where the upper one holds instances of scenes of one mesh each.
 pub struct Scene {
     calls: &'static Calls,
     device: Handle,
     scene: Handle,
+    /// The lower level, scene by scene.
+    below: Vec<Handle>,
     bytes: Box<AtomicI64>,
-    mesh: Arc<Mesh>,
+    /// What Embree reads in place.
+    shared: Vec<Buffers>,
+}
+
+/// The buffers of a mesh that Embree shares.
+struct Buffers {
     /// With one vertex more than the mesh: Embree reads 16 bytes at the last one.
     vertices: Vec<[f32; 3]>,
+    mesh: Arc<Mesh>,
+}
+
+impl Buffers {
+    fn of(mesh: &Arc<Mesh>) -> Self {
+        Self { vertices: mesh.vertices.iter().copied().chain([[0.0; 3]]).collect(), mesh: Arc::clone(mesh) }
+    }
 }
 
 // SAFETY: of a committed scene only its size is read and rays are traced, for which Embree takes any thread, several at once.
@@ -201,8 +219,31 @@ unsafe extern "C" fn monitor(bytes: *mut c_void, change: isize, _is_done: bool) 
 }
 
 impl Scene {
-    /// Builds; fails with what is lacking.
+    /// Builds a scene of one mesh; the error says why there is none.
     pub fn new(mesh: &Arc<Mesh>, options: Options) -> Result<Self, String> {
+        let mut scene = Self::empty(options)?;
+        scene.shared.push(Buffers::of(mesh));
+        scene.commit_mesh(scene.scene, &scene.shared[0], options);
+        scene.checked()
+    }
+
+    /// Builds a scene of two levels; instances are numbered as the places are.
+    pub fn of_placed(placed: &Placed, options: Options) -> Result<Self, String> {
+        let mut scene = Self::empty(options)?;
+        for mesh in &placed.meshes {
+            scene.shared.push(Buffers::of(mesh));
+            // SAFETY: a live device.
+            scene.below.push(unsafe { (scene.calls.new_scene)(scene.device) });
+        }
+        for (&below, buffers) in scene.below.iter().zip(&scene.shared) {
+            scene.commit_mesh(below, buffers, options);
+        }
+        scene.commit_places(&placed.places, options);
+        scene.checked()
+    }
+
+    /// A device with a scene that is not committed.
+    fn empty(options: Options) -> Result<Self, String> {
         let calls = Calls::get()?;
         let config = CString::new(format!("threads={}", options.threads)).expect("no zero in it");
         // SAFETY: a string that ends in zero.
@@ -210,43 +251,73 @@ impl Scene {
         if device.is_null() {
             return Err("Embree does not start".into());
         }
-        let vertices: Vec<[f32; 3]> = mesh.vertices.iter().copied().chain([[0.0; 3]]).collect();
         let bytes = Box::new(AtomicI64::new(0));
         // SAFETY: a live device and a counter that outlives it.
         let scene = unsafe {
             (calls.set_monitor)(device, monitor, ptr::from_ref(&*bytes).cast_mut().cast());
             (calls.new_scene)(device)
         };
-        let built = Self { calls, device, scene, bytes, mesh: Arc::clone(mesh), vertices };
-        built.commit(options);
+        Ok(Self { calls, device, scene, below: Vec::new(), bytes, shared: Vec::new() })
+    }
+
+    /// The scene, if no call has failed.
+    fn checked(self) -> Result<Self, String> {
         // SAFETY: a live device.
-        match unsafe { (built.calls.device_error)(device) } {
-            0 => Ok(built),
+        match unsafe { (self.calls.device_error)(self.device) } {
+            0 => Ok(self),
             error => Err(format!("Embree cannot build the scene: error {error}")),
         }
     }
 
-    fn commit(&self, options: Options) {
+    fn commit_mesh(&self, scene: Handle, Buffers { vertices, mesh }: &Buffers, options: Options) {
         const TRIANGLE: c_int = 0;
         const INDEX: c_uint = 0;
         const VERTEX: c_uint = 1;
         const UINT3: c_uint = 0x5003;
         const FLOAT3: c_uint = 0x9003;
-        const COMPACT: c_int = 1 << 1;
-        let c = self.calls;
-        let (vertices, triangles) = (&self.vertices, &self.mesh.triangles);
+        let (c, triangles) = (self.calls, &mesh.triangles);
+        self.set(scene, options);
         // SAFETY: live handles; buffers of the stated counts, which stay where they are and as they are while the scene lives.
         unsafe {
-            (c.set_scene_quality)(self.scene, options.quality);
-            (c.set_scene_flags)(self.scene, if options.is_compact { COMPACT } else { 0 });
             let geometry = (c.new_geometry)(self.device, TRIANGLE);
             (c.set_shared_buffer)(geometry, VERTEX, 0, FLOAT3, vertices.as_ptr().cast(), 0, 12, vertices.len() - 1);
             (c.set_shared_buffer)(geometry, INDEX, 0, UINT3, triangles.as_ptr().cast(), 0, 12, triangles.len());
             (c.set_geometry_quality)(geometry, options.quality);
             (c.commit_geometry)(geometry);
-            (c.attach_geometry)(self.scene, geometry);
+            (c.attach_geometry)(scene, geometry);
             (c.release_geometry)(geometry);
-            (c.commit_scene)(self.scene);
+            (c.commit_scene)(scene);
+        }
+    }
+
+    fn commit_places(&self, places: &[Place], options: Options) {
+        const INSTANCE: c_int = 121;
+        const FLOAT3X4_COLUMN_MAJOR: c_int = 0x9234;
+        let c = self.calls;
+        self.set(self.scene, options);
+        for Place { mesh, world_from_mesh } in places {
+            let columns = DAffine3::to_cols_array(world_from_mesh).map(|x| x as f32);
+            // SAFETY: live handles; Embree copies the twelve numbers of the transform.
+            unsafe {
+                let geometry = (c.new_geometry)(self.device, INSTANCE);
+                (c.set_instanced_scene)(geometry, self.below[*mesh]);
+                (c.set_transform)(geometry, 0, FLOAT3X4_COLUMN_MAJOR, columns.as_ptr().cast());
+                (c.commit_geometry)(geometry);
+                (c.attach_geometry)(self.scene, geometry);
+                (c.release_geometry)(geometry);
+            }
+        }
+        // SAFETY: a live scene, all of whose geometries are committed.
+        unsafe { (c.commit_scene)(self.scene) };
+    }
+
+    /// Quality and flags of a scene.
+    fn set(&self, scene: Handle, options: Options) {
+        const COMPACT: c_int = 1 << 1;
+        // SAFETY: a live scene.
+        unsafe {
+            (self.calls.set_scene_quality)(scene, options.quality);
+            (self.calls.set_scene_flags)(scene, if options.is_compact { COMPACT } else { 0 });
         }
     }
 
@@ -318,9 +389,10 @@ impl Scene {
 
 impl Drop for Scene {
     fn drop(&mut self) {
-        // SAFETY: both are live, and nobody uses them any more.
+        // SAFETY: all are live, and this is their last use.
         unsafe {
             (self.calls.release_scene)(self.scene);
+            self.below.iter().for_each(|&scene| (self.calls.release_scene)(scene));
             (self.calls.release_device)(self.device);
         }
     }
