@@ -13,7 +13,8 @@ use glam::DVec3;
 use outcrop::math::Cone;
 use outcrop::simd::Isa;
 use outcrop::math::{BUNDLE, PACKET};
-use outcrop::structure::bvh::trace::{Bundle, Stream};
+use outcrop::structure::Stream;
+use outcrop::structure::bvh::trace::Bundle;
 use outcrop::structure::{Counters, Outcome, PacketWalk, Walk};
 use std::f64::consts::TAU;
 

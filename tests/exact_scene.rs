@@ -12,12 +12,15 @@ use common::rays::{Ray32, RayMaker};
 use common::rounding::{Rounding, Seen, shift};
 use common::scenes::{Soup, on_five_models};
 use common::stored::{self, StoredTree};
+use outcrop::build::Structure;
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::scene::SceneState;
 
 const RAYS: usize = 100_000;
+/// Of a structure that takes time in proportion to the triangles.
+const FEWER: usize = 20_000;
 /// Parts take turns in runs of this many triangles.
 const RUN: usize = 64;
 const PARTS: usize = 5;
@@ -78,7 +81,7 @@ fn check(soup: Soup) {
     let context = built::context(1);
     let (scene, _) = built::scene(&context, &file);
     let state = scene.state();
-    let rays: Vec<Ray32> = RayMaker::new(oracle.tris(), 21).batch(RAYS);
+    let rays: Vec<Ray32> = RayMaker::new(oracle.tris(), 21).batch(built::sized(RAYS, FEWER));
     let (world, local): (Vec<Ray>, Vec<Ray64>) = rays.iter().map(|r| tree.place(r)).unzip();
     let hits = ask(&state, &world, false);
     let mut any = vec![2u8; rays.len()];
@@ -104,4 +107,20 @@ fn check(soup: Soup) {
     assert!(hits == together, "packets answer otherwise");
 }
 
-on_five_models!(check);
+mod bvh {
+    use super::*;
+
+    fn check(soup: Soup) {
+        built::with(Structure::Bvh, || super::check(soup));
+    }
+    on_five_models!(check);
+}
+
+mod brute {
+    use super::*;
+
+    fn check(soup: Soup) {
+        built::with(Structure::Brute, || super::check(soup));
+    }
+    on_five_models!(check);
+}

@@ -91,7 +91,6 @@ fn differing(a: &[Picture], b: &[Picture]) -> Vec<(Buffer, usize)> {
     a.iter().zip(b).map(count).filter(|(_, n)| *n > 0).collect()
 }
 
-#[test]
 fn the_same_picture_to_the_pixel() {
     let context = built::context(2);
     let near = parts(DVec3::ZERO);
@@ -104,7 +103,6 @@ fn the_same_picture_to_the_pixel() {
     assert_eq!(differing(&truth, &pictures(&context, &far, -FAR, DVec3::ZERO)), [], "a far mesh brought back");
 }
 
-#[test]
 fn nearly_the_same_picture_where_the_shift_is_rounded() {
     // Here every corner and the eye are rounded to 10^7 * 2^-53: silhouettes may move by that, and no more.
     let context = built::context(2);
@@ -117,3 +115,8 @@ fn nearly_the_same_picture_where_the_shift_is_rounded() {
         assert!(pixels * limit <= (SIZE.0 * SIZE.1) as usize, "{buffer:?}: {pixels} pixels differ");
     }
 }
+
+built::on_each_structure!(
+    the_same_picture_to_the_pixel,
+    nearly_the_same_picture_where_the_shift_is_rounded,
+);

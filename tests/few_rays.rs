@@ -17,7 +17,6 @@ const SINGLE: QueryOptions = QueryOptions { coherent: false, ..COHERENT };
 
 /// Batches of one chunk are answered at once, and rays of which there are one or two each alone; what lacks blocks goes on in rounds. Each answer is that of the
 /// whole batch, in a model of which nothing is in memory as in one of which all is, and is written once.
-#[test]
 fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
     struct Once(Mutex<Vec<Option<Hit>>>);
     impl Hits for Once {
@@ -27,7 +26,8 @@ fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
             }
         }
     }
-    let parts = [Part::white(1, scenes::sphere(150, 300)), Part::white(2, scenes::boxes(3000, 4))];
+    let (rings, boxes) = built::sized((150, 3000), (40, 300));
+    let parts = [Part::white(1, scenes::sphere(rings, 2 * rings)), Part::white(2, scenes::boxes(boxes, 4))];
     let file = built::parts(&parts);
     let context = built::context(1);
     let (scene, _) = built::scene(&context, &file);
@@ -112,7 +112,6 @@ fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
 }
 
 /// A host's thread may ask in what runs while it ends, after what it kept for such calls has gone.
-#[test]
 fn a_thread_may_ask_while_it_ends() {
     struct AsksLast(Arc<SceneState>, Ray, Arc<Mutex<Vec<Hit>>>);
     impl Drop for AsksLast {
@@ -149,3 +148,8 @@ fn a_thread_may_ask_while_it_ends() {
     .unwrap();
     assert_eq!(*answers.lock().unwrap(), expected.repeat(6));
 }
+
+built::on_each_structure!(
+    few_rays_at_a_time_are_answered_as_many_are_and_each_once,
+    a_thread_may_ask_while_it_ends,
+);

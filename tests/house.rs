@@ -4,7 +4,7 @@
 #[path = "house/source.rs"]
 mod source;
 
-use source::{Module, Reexports, Token, modules, names_at_root, reexports, tokens};
+use source::{Module, Reexports, Token, modules, names_at_root, names_below, reexports, tokens};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -236,6 +236,24 @@ fn every_structure_has_the_same_three_faces() {
     }
 }
 
+/// The names of structures that a module of a room above them mentions, as folders of `structure`. `*` could be any.
+fn named_structures(module: &Module, structures: &BTreeSet<String>) -> Vec<String> {
+    let room = |name: &str| ROOMS.iter().position(|(room, _)| *room == name);
+    let is_above = module.path.first().and_then(|own| room(own)) > room("structure");
+    let named = names_below(module, "structure").into_iter().filter(|(name, _)| is_above && (name == "*" || structures.contains(name)));
+    named.map(|(name, line)| format!("{}:{line}: structure::{name} is named above `structure`", short(&module.file))).collect()
+}
+
+#[test]
+fn no_room_above_names_a_structure() {
+    let structures = folders_in(&root().join("src/structure"));
+    assert!(structures.contains("bvh") && structures.contains("brute"));
+    none(library().iter().flat_map(|module| named_structures(module, &structures)).collect());
+    // The root gives none of them a name of its own.
+    let lib = tokens(&std::fs::read_to_string(root().join("src/lib.rs")).unwrap());
+    none(lib.iter().filter_map(|(token, line)| token.word().filter(|w| structures.contains(*w)).map(|w| format!("src/lib.rs:{line}: {w}"))).collect());
+}
+
 #[test]
 fn files_are_short_and_finished() {
     let mut files = files_below(&root().join("src"), ".rs");
@@ -285,6 +303,39 @@ fn forbidden_uses_are_faults() {
     for fault in ["use crate::math::Ray;", "use crate::Hit;", "use crate::unheard_of;", "use crate::*;"] {
         assert_eq!(forbidden_uses(&module(fault), &reexports).len(), 1, "{fault}");
     }
+}
+
+#[test]
+fn named_structures_are_faults() {
+    let structures = ["bvh".to_owned(), "brute".to_owned()].into();
+    let faults = |room: &str, text: &str| {
+        let path = vec![room.to_owned(), "walk".to_owned()];
+        named_structures(&Module { file: PathBuf::new(), path, tokens: tokens(text) }, &structures).len()
+    };
+    for fault in [
+        "use crate::structure::bvh::trace::TreeView;",
+        "use crate::structure::{Tree, bvh::{layout, leaf}};",
+        "use crate::structure::{self, brute};",
+        "use crate::{math::Ray, structure::{Walk, bvh}};",
+        "use crate::{structure::brute::build};",
+        "use super::super::structure::bvh;",
+        "fn f() { crate::structure::brute::layout::check() }",
+        "use crate::structure::*;",
+        "use crate::structure::{tree::Tree, *};",
+        "use crate::{structure as shape}; fn f() { shape::bvh::open() }",
+    ] {
+        assert_eq!(faults("scene", fault), 1, "{fault}");
+    }
+    for fine in [
+        "use crate::structure::{Tree, Walk, tree::{Visit, bvh}, open::*};",
+        "use crate::structure; // crate::structure::bvh",
+        "use super::bvh; use crate::scene::brute; use crate::structure::Structure;",
+        "fn f() { let bvh = Structure::Bvh; }",
+    ] {
+        assert_eq!(faults("scene", fine), 0, "{fine}");
+    }
+    assert_eq!(faults("structure", "use crate::structure::bvh;"), 0);
+    assert_eq!(faults("store", "use crate::structure::bvh;"), 0, "another rule forbids that");
 }
 
 #[test]

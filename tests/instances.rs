@@ -103,7 +103,6 @@ fn flatten(file: &Built) -> Flat {
 /// Ratio of singular values: 2 : 0.2 inside, times 2 outside.
 const SKEW: f64 = 20.0;
 
-#[test]
 fn nested_shared_mirrored_squashed_and_tied() {
     let file = build();
     let flat = flatten(&file);
@@ -169,7 +168,6 @@ fn nested_shared_mirrored_squashed_and_tied() {
     assert!(seen.len() >= 30, "{} of 40 placed parts were met", seen.len());
 }
 
-#[test]
 fn the_file_itself_says_where_its_triangles_are() {
     let file = build();
     let flat = flatten(&file);
@@ -181,7 +179,6 @@ fn the_file_itself_says_where_its_triangles_are() {
     assert!(names == flat.names, "other names");
 }
 
-#[test]
 fn placed_triangles_have_their_parts_colours() {
     let colours = [[0.25, 0.5, 1.0], [1.0, 0.0, 0.125]];
     let parts = colours.map(|colour| built::Part {
@@ -197,3 +194,9 @@ fn placed_triangles_have_their_parts_colours() {
         assert_eq!((name.instance, name.colour), (9, colours[if name.part == 2 { 0 } else { 1 }]));
     }
 }
+
+built::on_each_structure!(
+    nested_shared_mirrored_squashed_and_tied,
+    the_file_itself_says_where_its_triangles_are,
+    placed_triangles_have_their_parts_colours,
+);

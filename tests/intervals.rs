@@ -102,7 +102,6 @@ fn scene(context: &Context, model: &Model, transforms: &[DAffine3]) -> Scene {
 
 const ALL: QueryOptions = QueryOptions { coherent: false, want: Want::ALL, policy: Policy::Exact };
 
-#[test]
 fn what_is_behind_a_hit_is_found_from_the_next_number_on() {
     let tris = soup(300, 5);
     let file = built::parts(&[Part::white(1, tris.clone())]);
@@ -158,12 +157,12 @@ fn what_is_behind_a_hit_is_found_from_the_next_number_on() {
 }
 
 /// Cells that stand in are passed too: then what they hold is met.
-#[test]
 fn stand_ins_are_peeled_off_too() {
     let file = built::parts(&[Part::white(1, common::scenes::sphere(100, 200)), Part::white(2, common::scenes::boxes(2000, 4))]);
     let context = built::context(1);
     let (scene, _) = built::scene(&context, &file);
-    let rays: Vec<Ray> = rays(8).into_iter().map(|ray| Ray { cone: Cone { a: 0.002, b: 0.01 }, ..ray }).collect();
+    let cone = built::sized(Cone { a: 0.002, b: 0.01 }, Cone { a: 0.02, b: 0.1 });
+    let rays: Vec<Ray> = rays(8).into_iter().map(|ray| Ray { cone, ..ray }).collect();
     let mut kinds = [0; 4];
     for at_once in [rays.len(), 1] {
         for hits in peel(&scene.state(), &rays, ALL, at_once) {
@@ -176,9 +175,9 @@ fn stand_ins_are_peeled_off_too() {
 
 /// With the least memory that a model of many blocks opens in, blocks of which a walk needs more than it may hold come one after the other: the answers are those of
 /// the model that is in memory as a whole, whatever the rays' widths and the lengths of their directions.
-#[test]
 fn what_is_peeled_off_does_not_depend_on_memory() {
-    let file = built::parts(&[Part::white(1, common::scenes::sphere(150, 300)), Part::white(2, common::scenes::boxes(3000, 4))]);
+    let (rings, boxes) = built::sized((150, 3000), (40, 300));
+    let file = built::parts(&[Part::white(1, common::scenes::sphere(rings, 2 * rings)), Part::white(2, common::scenes::boxes(boxes, 4))]);
     let context_of = |memory_budget| Context::new(ContextOptions { threads: 2, memory_budget, read_ahead: false, ..ContextOptions::default() }).unwrap();
     let Err(Error::OverBudget { need, .. }) = Model::open(&context_of(4096), &file.path).map(drop) else { panic!("a page does not do") };
     let (tight, wide) = (context_of(need), context_of(0));
@@ -206,3 +205,9 @@ fn what_is_peeled_off_does_not_depend_on_memory() {
         }
     }
 }
+
+built::on_each_structure!(
+    what_is_behind_a_hit_is_found_from_the_next_number_on,
+    stand_ins_are_peeled_off_too,
+    what_is_peeled_off_does_not_depend_on_memory,
+);

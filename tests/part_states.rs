@@ -16,7 +16,10 @@ use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Ou
 use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene, State};
 use std::time::Duration;
 
-const POE: [f32; 5] = [0.5, 3.0, 10.0, 32.0, 100.0];
+/// Pixels of error at which cells stand in: those of a bvh go down to few triangles.
+fn poe() -> [f32; 5] {
+    built::sized([0.5, 3.0, 10.0, 32.0, 100.0], [100.0, 300.0, 1000.0, 3000.0, 10_000.0])
+}
 const SIZE: (u32, u32) = (160, 120);
 /// Parts, more than a summary has bits.
 const PARTS: u64 = 40;
@@ -104,19 +107,18 @@ fn assert_missed(visible: &Bvh64, ray: &Ray) {
     assert_eq!(met, None, "missed: {ray:?}");
 }
 
-#[test]
 fn rays_meet_only_what_is_visible() {
     let tris = tris();
     let (built, visible) = (build(&tris), of_visible(&tris));
     // With all in memory, and with stand-ins for what is not.
-    for (budget, policy) in [(0, Policy::Exact), (4 << 20, Policy::Now)] {
+    for (budget, policy) in [(0, Policy::Exact), (built::sized(4 << 20, 3 << 20), Policy::Now)] {
         let options = ContextOptions { threads: 2, memory_budget: budget, read_ahead: false, ..Default::default() };
         let context = Context::new(options).expect("a context");
         let (scene, _model) = built::scene(&context, &built);
         set_states(&scene, 7);
         scene.commit().expect("a commit");
         let mut kinds = [0; 4];
-        for poe in POE {
+        for poe in poe() {
             let rays = rays(6000, poe);
             for (ray, hit) in rays.iter().zip(&ask(&scene, &rays, policy)) {
                 kinds[hit.kind as usize] += 1;
@@ -149,7 +151,6 @@ fn pixels(frame: &Frame) -> Pixels {
 }
 
 /// In light from everywhere each part has one colour: that of its state.
-#[test]
 fn parts_keep_their_looks_under_stand_ins() {
     let tris = tris();
     let built = build(&tris);
@@ -177,7 +178,7 @@ fn parts_keep_their_looks_under_stand_ins() {
         looks[*part as usize] = Some(*colour);
     }
     let mut seen = [0; 3];
-    for poe in POE {
+    for poe in poe() {
         let now = render(poe);
         for (i, &part) in now.part.iter().enumerate().filter(|(i, _)| now.kind[*i] == HitKind::Lod as u8) {
             let c = now.colour[i];
@@ -201,7 +202,6 @@ fn parts_keep_their_looks_under_stand_ins() {
     assert!(seen.iter().all(|&n| n > 20), "{seen:?}");
 }
 
-#[test]
 fn stand_ins_of_masked_instances_are_seen_by_their_rays_only() {
     let tris = tris();
     let (built, visible) = (build(&tris), of_visible(&tris));
@@ -216,7 +216,7 @@ fn stand_ins_of_masked_instances_are_seen_by_their_rays_only() {
     }
     scene.commit().expect("a commit");
     let mut lod = [0; 4];
-    for poe in POE {
+    for poe in poe() {
         for mask in [1, 2] {
             let rays: Vec<Ray> = rays(3000, poe).into_iter().map(|ray| Ray { mask, ..ray }).collect();
             for (ray, hit) in rays.iter().zip(&ask(&scene, &rays, Policy::Exact)) {
@@ -233,3 +233,9 @@ fn stand_ins_of_masked_instances_are_seen_by_their_rays_only() {
     }
     assert!(lod[1] > 200 && lod[2] > 50, "{lod:?}");
 }
+
+built::on_each_structure!(
+    rays_meet_only_what_is_visible,
+    parts_keep_their_looks_under_stand_ins,
+    stand_ins_of_masked_instances_are_seen_by_their_rays_only,
+);

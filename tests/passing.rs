@@ -10,7 +10,8 @@ use glam::Vec3;
 use outcrop::math::Cone;
 use outcrop::simd::Isa;
 use outcrop::math::{PACKET, STREAM};
-use outcrop::structure::bvh::trace::{Stream, TreeView};
+use outcrop::structure::Stream;
+use outcrop::structure::bvh::trace::TreeView;
 use outcrop::structure::{Outcome, PacketWalk, PartFilter, TriHit, Walk};
 
 /// What a walk says of a ray: what it hits, and where it passed a stand-in before that.

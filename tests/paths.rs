@@ -14,7 +14,8 @@ use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Context, ContextOptions};
 use outcrop::simd::Isa;
 use outcrop::math::PACKET;
-use outcrop::structure::bvh::trace::{Stream, TreeView};
+use outcrop::structure::Stream;
+use outcrop::structure::bvh::trace::TreeView;
 use outcrop::structure::{Outcome, PacketWalk, TriHit, Walk};
 
 const RAYS: usize = 40_000;

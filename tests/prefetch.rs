@@ -1,9 +1,12 @@
 //! Prefetches: what a box or a camera needs is there before it is asked for, the most important first, as far as it fits,
 //! and no frame shows less for it.
 
+mod common;
+
+use common::built::{self, OfEach};
 use glam::{DAffine3, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
-use outcrop::build::{BuildOptions, Builder};
+use outcrop::build::Builder;
 use outcrop::import::generate::{GenerateOptions, generate};
 use outcrop::math::DBounds;
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
@@ -13,18 +16,18 @@ use outcrop::store::{CallbackSource, FileSource, Source};
 use outcrop::{Error, math::Ray};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::SeqCst};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::Duration;
 
 const LONG: Duration = Duration::from_secs(120);
 
 fn bulb() -> &'static PathBuf {
-    static BULB: OnceLock<PathBuf> = OnceLock::new();
-    BULB.get_or_init(|| {
+    static BULB: OfEach<PathBuf> = OfEach::new();
+    BULB.get(|| {
         let path = Box::leak(Box::new(tempfile::tempdir().expect("a folder"))).path().join("bulb.oc");
         let mut builder =
-            Builder::new(BuildOptions::default(), Arc::new(Progress::default()), Cancel::new()).expect("a builder");
-        let options = GenerateOptions { triangles: 1_000_000, seed: 0 };
+            Builder::new(built::options(), Arc::new(Progress::default()), Cancel::new()).expect("a builder");
+        let options = GenerateOptions { triangles: built::sized(1_000_000, 180_000), seed: 0 };
         generate("mandelbulb", &options, &Cancel::new(), &mut builder).expect("a bulb");
         builder.finish(&path).expect("a build");
         path
@@ -32,7 +35,9 @@ fn bulb() -> &'static PathBuf {
 }
 
 /// Holds all of the model, and has a small part of it read at opening.
-const AMPLE: u64 = 48 << 20;
+fn ample() -> u64 {
+    built::sized(48 << 20, 16 << 20)
+}
 
 fn context(threads: usize, memory_budget: u64) -> Context {
     let options = ContextOptions { threads, memory_budget, read_ahead: false, ..Default::default() };
@@ -80,10 +85,9 @@ fn missing(hits: &[Hit]) -> usize {
     hits.iter().filter(|hit| hit.kind == HitKind::Missing).count()
 }
 
-#[test]
 fn what_lies_in_a_box_is_there_and_little_else() {
     for threads in [2, 0] {
-        let context = context(threads, AMPLE);
+        let context = context(threads, ample());
         let (model, scene) = opened(&context);
         let b = boxed(DVec3::new(0.2, -1.2, -0.3), DVec3::new(1.3, 0.1, 0.5));
         let rays = rays_inside(&b);
@@ -97,7 +101,7 @@ fn what_lies_in_a_box_is_there_and_little_else() {
         })));
         let status = prefetch.wait(LONG);
         assert_eq!((status.state, status.fraction, status.bytes_wanted), (PrefetchState::Done, 1.0, 0));
-        assert!(status.blocks > 10 && status.bytes > 1 << 20);
+        assert!(status.blocks > 10 && status.bytes > built::sized(1 << 20, 1 << 18));
         let hits = now(&scene, &rays);
         assert_eq!(missing(&hits), 0);
         assert!(hits.iter().any(|hit| hit.kind == HitKind::Exact));
@@ -108,13 +112,12 @@ fn what_lies_in_a_box_is_there_and_little_else() {
     }
 }
 
-#[test]
 fn cells_of_a_length_are_enough_where_that_was_asked() {
-    let context = context(2, AMPLE);
+    let context = context(2, ample());
     let (model, scene) = opened(&context);
     let all = boxed(DVec3::splat(-9.0), DVec3::splat(9.0));
     let mut last = model.memory().resident;
-    for cell in [0.3, 0.06, 0.0] {
+    for cell in built::sized([0.3, 0.06, 0.0], [0.6, 0.3, 0.0]) {
         let status = Prefetch::of_box(&scene, &all, cell).expect("a prefetch").wait(LONG);
         assert_eq!(status.state, PrefetchState::Done);
         let resident = model.memory().resident;
@@ -124,9 +127,8 @@ fn cells_of_a_length_are_enough_where_that_was_asked() {
     }
 }
 
-#[test]
 fn a_camera_finds_its_picture_read() {
-    let context = context(2, AMPLE);
+    let context = context(2, ample());
     let (model, scene) = opened(&context);
     let opened = model.memory().resident;
     let camera = Camera::Perspective {
@@ -149,7 +151,6 @@ fn a_camera_finds_its_picture_read() {
     assert!(rest * 4 < ready - opened, "the frame had {rest} bytes read, the prefetch {}", ready - opened);
 }
 
-#[test]
 fn it_ends_when_the_budget_is_full_and_takes_nothing_from_frames() {
     let whole = {
         let context = context(0, 0);
@@ -184,9 +185,8 @@ fn it_ends_when_the_budget_is_full_and_takes_nothing_from_frames() {
     }
 }
 
-#[test]
 fn dropping_it_ends_the_reading() {
-    let context = context(2, AMPLE);
+    let context = context(2, ample());
     let (file, reads) = (FileSource::open(bulb()).expect("the file"), Arc::new(AtomicU64::new(0)));
     let (len, count) = (Source::len(&file), Arc::clone(&reads));
     let slow = move |at: u64, buf: &mut [u8]| {
@@ -211,9 +211,8 @@ fn dropping_it_ends_the_reading() {
     assert!(model.memory().resident < model.memory().geometry);
 }
 
-#[test]
 fn a_block_that_cannot_be_read_is_said_and_the_rest_is_there() {
-    let context = context(2, AMPLE);
+    let context = context(2, ample());
     let file = FileSource::open(bulb()).expect("the file");
     let len = Source::len(&file);
     let (from, to) = (len / 2, len / 2 + 1000);
@@ -237,7 +236,6 @@ fn a_block_that_cannot_be_read_is_said_and_the_rest_is_there() {
     assert!(memory.resident * 10 > memory.geometry * 9, "{memory:?}");
 }
 
-#[test]
 fn nonsense_is_refused_and_nothing_is_nothing() {
     let context = context(0, 0);
     let (_model, scene) = opened(&context);
@@ -261,3 +259,13 @@ fn nonsense_is_refused_and_nothing_is_nothing() {
     let empty = Scene::new(&context).state();
     assert_eq!(Prefetch::of_box(&empty, &b, 0.0).expect("a prefetch").wait(LONG).state, PrefetchState::Done);
 }
+
+built::on_each_structure!(
+    what_lies_in_a_box_is_there_and_little_else,
+    cells_of_a_length_are_enough_where_that_was_asked,
+    a_camera_finds_its_picture_read,
+    it_ends_when_the_budget_is_full_and_takes_nothing_from_frames,
+    dropping_it_ends_the_reading,
+    a_block_that_cannot_be_read_is_said_and_the_rest_is_there,
+    nonsense_is_refused_and_nothing_is_nothing,
+);

@@ -54,7 +54,6 @@ fn judge(rays: &[Ray], hits: &[Hit], oracle: &Bvh64, slack: f64) -> usize {
     both
 }
 
-#[test]
 fn one_model_single_and_coherent_and_any() {
     let context = built::context(2);
     let tris = sphere();
@@ -81,7 +80,6 @@ fn one_model_single_and_coherent_and_any() {
     }
 }
 
-#[test]
 fn only_what_is_asked_is_filled() {
     let context = built::context(1);
     let file = built::parts(&[Part::white(42, sphere())]);
@@ -97,7 +95,6 @@ fn only_what_is_asked_is_filled() {
     assert!((all.t - bare.t).abs() < 1e-5 && all.error > 0.0 && all.error < 1e-6);
 }
 
-#[test]
 fn instances_turned_stretched_and_far_away() {
     let context = built::context(2);
     let tris = sphere();
@@ -132,7 +129,6 @@ fn instances_turned_stretched_and_far_away() {
     }
 }
 
-#[test]
 fn rays_from_very_far_keep_the_models_detail() {
     let context = built::context(0);
     let tris = sphere();
@@ -152,7 +148,6 @@ fn rays_from_very_far_keep_the_models_detail() {
     assert!(judge(&rays, &hits, &oracle, 1e-5) > 4000);
 }
 
-#[test]
 fn intervals_masks_and_impossible_rays() {
     let context = built::context(0);
     let file = built::parts(&[Part::white(1, scenes::cuboid(-DVec3::ONE, DVec3::ONE))]);
@@ -230,7 +225,6 @@ fn intervals_masks_and_impossible_rays() {
     }
 }
 
-#[test]
 fn hidden_parts_and_instances_and_what_a_commit_isolates() {
     let context = built::context(1);
     let near = scenes::cuboid(DVec3::new(-1.0, -1.0, 1.0), DVec3::new(1.0, 1.0, 2.0));
@@ -267,7 +261,6 @@ fn hidden_parts_and_instances_and_what_a_commit_isolates() {
     }
 }
 
-#[test]
 fn overlaps_agree_with_every_triangle() {
     let context = built::context(2);
     let mut rng = Rng::new(9);
@@ -345,7 +338,6 @@ fn side(volume: &DBounds, t: &Tri) -> usize {
     usize::from(!polygon.is_empty())
 }
 
-#[test]
 fn queries_in_the_background_can_be_polled_waited_for_and_cancelled() {
     struct Many(usize);
     impl Rays for Many {
@@ -399,7 +391,6 @@ fn queries_in_the_background_can_be_polled_waited_for_and_cancelled() {
 }
 
 /// Whoever is woken may let go of the batch: nobody waits for himself.
-#[test]
 fn a_batch_may_be_dropped_in_its_own_wake_function() {
     struct One;
     impl Rays for One {
@@ -441,8 +432,9 @@ fn a_batch_may_be_dropped_in_its_own_wake_function() {
     };
     // Without threads of the context whoever steps would wait for himself: not this thread.
     let (ended, end) = std::sync::mpsc::channel();
+    let structure = built::structure();
     std::thread::spawn(move || {
-        (0..3).for_each(drops);
+        built::with(structure, || (0..3).for_each(drops));
         ended.send(()).unwrap();
     });
     end.recv_timeout(Duration::from_secs(100)).expect("all are dropped");
@@ -450,9 +442,9 @@ fn a_batch_may_be_dropped_in_its_own_wake_function() {
 
 /// Every ray meets missing blocks, is put down, and resumed when they have been read: the answers are those of the
 /// model that is in memory as a whole, whatever else was fetched before.
-#[test]
 fn what_is_not_in_memory_is_read_and_the_answer_is_the_same() {
-    let parts = [Part::white(1, scenes::sphere(150, 300)), Part::white(2, scenes::boxes(3000, 4))];
+    let (rings, boxes) = built::sized((150, 3000), (40, 300));
+    let parts = [Part::white(1, scenes::sphere(rings, 2 * rings)), Part::white(2, scenes::boxes(boxes, 4))];
     let file = built::parts(&parts);
     let warm = built::context(2);
     let (scene, model) = built::scene(&warm, &file);
@@ -501,7 +493,6 @@ fn what_is_not_in_memory_is_read_and_the_answer_is_the_same() {
 }
 
 /// An eye at the border of what is moved nearer to the model: packets and streams agree on who is.
-#[test]
 fn at_the_border_of_near_packets_and_streams_agree() {
     let context = built::context(0);
     let file = built::parts(&[Part::white(1, scenes::sphere(30, 60))]);
@@ -522,12 +513,12 @@ fn at_the_border_of_near_packets_and_streams_agree() {
 }
 
 /// Where only the primitive's id is missing, all else is that of the hit, and nothing of what was asked before.
-#[test]
 fn what_is_known_of_a_missing_hit_is_its_own() {
     let context = built::context(0);
     let other = built::parts(&[Part::white(99, scenes::cuboid(-DVec3::ONE, DVec3::ONE))]);
     let (other, _) = built::scene(&context, &other);
-    let file = built::parts(&[Part::white(1, scenes::sphere(150, 300))]);
+    let rings = built::sized(150, 40);
+    let file = built::parts(&[Part::white(1, scenes::sphere(rings, 2 * rings))]);
     let model = Model::open_cold(&context, &file.path).unwrap();
     let scene = Scene::new(&context);
     scene.add_instance(&model, 7, DAffine3::from_translation(DVec3::Z * 0.5)).unwrap();
@@ -543,3 +534,18 @@ fn what_is_known_of_a_missing_hit_is_its_own() {
     let exact = ask(&scene.state(), &[ray], SINGLE)[0];
     assert_eq!(Hit { kind: HitKind::Exact, prim: exact.prim, ..now }, exact);
 }
+
+built::on_each_structure!(
+    one_model_single_and_coherent_and_any,
+    only_what_is_asked_is_filled,
+    instances_turned_stretched_and_far_away,
+    rays_from_very_far_keep_the_models_detail,
+    intervals_masks_and_impossible_rays,
+    hidden_parts_and_instances_and_what_a_commit_isolates,
+    overlaps_agree_with_every_triangle,
+    queries_in_the_background_can_be_polled_waited_for_and_cancelled,
+    a_batch_may_be_dropped_in_its_own_wake_function,
+    what_is_not_in_memory_is_read_and_the_answer_is_the_same,
+    at_the_border_of_near_packets_and_streams_agree,
+    what_is_known_of_a_missing_hit_is_its_own,
+);

@@ -2,14 +2,14 @@
 
 mod common;
 
-use common::built::{self, Built, Part};
+use common::built::{self, Built, OfEach, Part};
 use common::rng::Rng;
 use common::scenes;
 use glam::{DAffine3, DVec3};
 use outcrop::base::error::Error;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::base::tasks::{Executor, Task};
-use outcrop::build::{BuildOptions, Builder};
+use outcrop::build::Builder;
 use outcrop::import::generate::{GenerateOptions, generate};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Query, QueryOptions, QueryState};
@@ -18,7 +18,7 @@ use outcrop::store::{CallbackSource, FileSource, Source};
 use std::io;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::SeqCst};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A file that all tests read.
@@ -31,13 +31,13 @@ struct Large {
 }
 
 fn large() -> &'static Large {
-    static LARGE: OnceLock<Large> = OnceLock::new();
-    LARGE.get_or_init(|| {
+    static LARGE: OfEach<Large> = OfEach::new();
+    LARGE.get(|| {
         let folder = Box::leak(Box::new(tempfile::tempdir().expect("a folder")));
         let path = folder.path().join("bulb.oc");
-        let (progress, options) = (Arc::new(Progress::default()), BuildOptions::default());
+        let (progress, options) = (Arc::new(Progress::default()), built::options());
         let mut builder = Builder::new(options, progress, Cancel::new()).expect("a builder");
-        let options = GenerateOptions { triangles: 1_200_000, seed: 0 };
+        let options = GenerateOptions { triangles: built::sized(1_200_000, 180_000), seed: 0 };
         generate("mandelbulb", &options, &Cancel::new(), &mut builder).expect("a bulb");
         builder.finish(&path).expect("a build");
         let rays = rays(20_000, 5, DVec3::ZERO, 1.2);
@@ -129,10 +129,10 @@ fn watched<T>(context: &Context, f: impl FnOnce() -> T) -> (T, u64) {
     (result, most.into_inner())
 }
 
-#[test]
-fn exact_answers_within_an_eighth_are_those_of_the_whole() {
+fn exact_answers_within_a_part_are_those_of_the_whole() {
     let large = large();
-    let budget = large.bytes / 8;
+    // The least that a model needs is less than an eighth of a large one.
+    let budget = large.bytes / built::sized(8, 2);
     for (threads, executor) in [(1, false), (2, false), (0, false), (0, true)] {
         let context = context(threads, executor, budget);
         let (state, model) = scene(&context, Arc::new(FileSource::open(&large.path).unwrap())).expect("it opens");
@@ -147,7 +147,6 @@ fn exact_answers_within_an_eighth_are_those_of_the_whole() {
 }
 
 /// With the least budget there is room for nothing but the lease.
-#[test]
 fn exact_answers_with_the_least_budget_are_those_of_the_whole() {
     let large = large();
     let open = |budget| {
@@ -155,7 +154,7 @@ fn exact_answers_with_the_least_budget_are_those_of_the_whole() {
         scene(&context, Arc::new(FileSource::open(&large.path).unwrap())).map(|opened| (context, opened))
     };
     let Err(Error::OverBudget { need, have: 4096, .. }) = open(4096).map(drop) else { panic!("a page does not do") };
-    assert!(need < large.bytes / 8, "{need} of {}", large.bytes);
+    assert!(need < large.bytes / built::sized(8, 2), "{need} of {}", large.bytes);
     assert!(matches!(open(need - 1).map(drop), Err(Error::OverBudget { .. })));
     let (context, (state, _model)) = open(need).expect("the least does");
     let count = 3000;
@@ -184,7 +183,6 @@ fn exact_answers_with_the_least_budget_are_those_of_the_whole() {
 }
 
 /// Whoever has the lease works on what may need it only for himself: whichever threads there are, calls end.
-#[test]
 fn calls_that_take_turns_with_the_least_memory_end_on_any_threads() {
     let large = large();
     let Err(Error::OverBudget { need, .. }) = scene(&context(2, false, 4096), Arc::new(FileSource::open(&large.path).unwrap())) else {
@@ -237,7 +235,6 @@ fn rays_that_pass_stand_ins_end_with_the_least_budget() {
 }
 
 /// What is read for rays of two kinds, with one budget after the other: a larger one is no reason to read more.
-#[test]
 fn with_more_memory_no_more_is_read() {
     let large = large();
     let at = |i: usize| DVec3::new(0.03 * (i % 80) as f64 - 1.2, 0.03 * (i / 80) as f64 - 1.2, 4.0);
@@ -280,7 +277,6 @@ fn more_memory_reads_no_more(what: &str, rays: &[Ray]) {
 }
 
 /// A small model in a budget that is hardly larger than the least, but holds it.
-#[test]
 fn what_fits_is_kept_however_small_the_budget() {
     let file = built::parts(&[Part::white(1, scenes::sphere(40, 80))]);
     let rays = rays(2000, 4, DVec3::ZERO, 1.0);
@@ -307,7 +303,6 @@ fn what_fits_is_kept_however_small_the_budget() {
     assert_eq!(reads.load(SeqCst), before, "with {budget} bytes");
 }
 
-#[test]
 fn what_was_read_for_rays_is_there_for_the_same_rays() {
     let large = large();
     let reads = Arc::new(AtomicUsize::new(0));
@@ -317,7 +312,7 @@ fn what_was_read_for_rays_is_there_for_the_same_rays() {
         count.fetch_add(1, SeqCst);
         file.read_at(at, buf)
     };
-    let context = context(2, false, large.bytes / 4);
+    let context = context(2, false, large.bytes / built::sized(4, 2));
     let (state, _model) = scene(&context, Arc::new(CallbackSource::new("counted", len, Box::new(read)))).unwrap();
     // Into a corner: few blocks.
     let rays: Vec<Ray> = (0..400)
@@ -332,11 +327,11 @@ fn what_was_read_for_rays_is_there_for_the_same_rays() {
 }
 
 fn sphere() -> Built {
-    built::parts(&[Part::white(5, scenes::sphere(150, 300))])
+    let rings = built::sized(150, 40);
+    built::parts(&[Part::white(5, scenes::sphere(rings, 2 * rings))])
 }
 
 /// The disk fails at call N, once or for good: an answer or an error, and never a wait without end.
-#[test]
 fn a_read_that_fails_anywhere_ends_in_an_answer_or_an_error() {
     let built = sphere();
     let bytes: Arc<[u8]> = std::fs::read(&built.path).unwrap().into();
@@ -400,7 +395,6 @@ impl outcrop::query::Hits for Taken {
 }
 
 /// In the background, with threads of ours and without.
-#[test]
 fn a_model_that_fits_comes_in_the_background() {
     let large = large();
     for (threads, executor) in [(1, false), (0, true), (0, false)] {
@@ -417,3 +411,14 @@ fn a_model_that_fits_comes_in_the_background() {
         }
     }
 }
+
+built::on_each_structure!(
+    exact_answers_within_a_part_are_those_of_the_whole,
+    exact_answers_with_the_least_budget_are_those_of_the_whole,
+    calls_that_take_turns_with_the_least_memory_end_on_any_threads,
+    with_more_memory_no_more_is_read,
+    what_fits_is_kept_however_small_the_budget,
+    what_was_read_for_rays_is_there_for_the_same_rays,
+    a_read_that_fails_anywhere_ends_in_an_answer_or_an_error,
+    a_model_that_fits_comes_in_the_background,
+);

@@ -118,7 +118,7 @@ impl Output<'_> {
         let Some(top) = built.top else {
             (row.block_count, row.class_blocks[0]) = (1, 1);
             self.write_blocks(plans, |plan| B::encode(&chunk, plan), span)?;
-            return Ok(counted(row, &built.counts));
+            return Ok(counted::<B>(row, &built.counts));
         };
         let crown = B::join(vec![top])?;
         self.coarse::<B>(&crown, plans.len(), &mut row)?;
@@ -217,7 +217,7 @@ impl Output<'_> {
         row.class_blocks[..B::CLASSES].fill(plans as u32);
         row.class_blocks[0] = coarse as u32;
         row.block_count = row.class_blocks.iter().sum();
-        *row = counted(*row, &B::counts(crown));
+        *row = counted::<B>(*row, &B::counts(crown));
         let (first, at) = (row.first_block, self.progress.fraction());
         self.write_blocks((0..coarse).collect(), |i| vec![B::encode_coarse(crown, i, first)], Span(at, at))
     }
@@ -243,9 +243,9 @@ fn input<'a>(placed: &'a Placed, part_colours: &'a [Vec3]) -> TreeInput<'a> {
 }
 
 /// With the counts of its tree.
-fn counted(row: TreeRow, counts: &Counts) -> TreeRow {
+fn counted<B: Baker>(row: TreeRow, counts: &Counts) -> TreeRow {
     let Counts { depth, nodes, leaves, references } = *counts;
-    TreeRow { max_stack: 7 * depth + 1, nodes, leaves, references, ..row }
+    TreeRow { max_stack: B::max_stack(depth), nodes, leaves, references, ..row }
 }
 
 fn flat(Bounds { min, max }: &Bounds) -> [f32; 6] {

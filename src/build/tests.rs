@@ -9,9 +9,8 @@ use crate::residency::{ModelBlocks, Residency};
 use crate::simd::Isa;
 use crate::store::ModelFile;
 use crate::math::{PACKET, STREAM, first_rays};
-use crate::structure::bvh::trace::{Stream, TreeView};
-use crate::structure::{LocalRay, Outcome, PacketWalk, TriHit, Walk};
-use crate::structure::bvh::{BvhDecoder, check_links};
+use crate::structure::open::{self, StoredTree};
+use crate::structure::{LocalRay, Outcome, PacketWalk, Stream, Tree, TriHit, Visit, Walk};
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
 
@@ -42,6 +41,7 @@ fn soup(count: usize, size: f32, grid: f32) -> Vec<[Vec3; 3]> {
 
 struct Opened {
     blocks: ModelBlocks,
+    tree: StoredTree,
     _folder: tempfile::TempDir,
 }
 
@@ -58,28 +58,13 @@ fn build(triangles: &[[Vec3; 3]], options: BuildOptions) -> (Opened, BuildReport
     let report = builder.finish(&path).expect("build");
     let bytes = std::fs::read(&path).expect("file");
     let file = Arc::new(ModelFile::open_path(&path).expect("open"));
-    let geometry_blocks = file.header().geometry_blocks;
-    let decoder = Box::new(BvhDecoder::new(geometry_blocks, file.trees()));
-    let blocks = ModelBlocks::new(file, decoder, &Residency::with_budget(1 << 30)).expect("a budget");
-    (Opened { blocks, _folder: folder }, report, bytes)
+    let opened = open::open(&file).expect("trees");
+    let blocks = ModelBlocks::new(file, opened.decoder, &Residency::with_budget(1 << 30)).expect("a budget");
+    (Opened { blocks, tree: opened.trees[0], _folder: folder }, report, bytes)
 }
 
-fn view<'a>(opened: &Opened, snapshot: &'a crate::residency::Snapshot, isa: Isa) -> TreeView<'a> {
-    let file = opened.blocks.file();
-    let tree = &file.trees()[0];
-    TreeView {
-        snapshot,
-        root_block: tree.first_block,
-        root: tree.root as u32,
-        reach: tree.bounds.iter().fold(0.0, |m, b| m.max(b.abs())),
-        leaves_at: crate::structure::bvh::leaves_at(tree),
-        prims_at: file.header().geometry_blocks,
-        colours_at: None,
-        isa,
-        never_waits: false,
-        is_solid: false,
-        stamp: 1,
-    }
+fn view<'a>(opened: &Opened, snapshot: &'a crate::residency::Snapshot, isa: Isa) -> Tree<'a> {
+    opened.tree.view(snapshot, isa, Visit { stamp: 1, ..Visit::default() })
 }
 
 fn rays(count: usize) -> Vec<LocalRay> {
@@ -112,7 +97,7 @@ fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> Bu
     let kept: Vec<BlockId> = (0..opened.blocks.file().block_count()).map(BlockId).collect();
     opened.blocks.fetch(&kept, &Cancel::new()).expect("fetch");
     let snapshot = opened.blocks.snapshot();
-    check_links(&snapshot, opened.blocks.file().trees()).expect("links");
+    open::check_links(opened.blocks.file(), &snapshot).expect("links");
     for isa in Isa::ALL.into_iter().filter(|i| i.is_available()) {
         let view = view(&opened, &snapshot, isa);
         let mut walk = Walk::new();
@@ -136,7 +121,7 @@ fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> Bu
 }
 
 /// Packets of coherent rays, of rays that diverge, and of a few: the bits of each ray alone.
-fn packets_agree(view: &TreeView) {
+fn packets_agree(view: &Tree) {
     let mut random = Random(5);
     let mut walk = PacketWalk::of_queries();
     let all = rays(PACKET * 20);
@@ -170,12 +155,12 @@ fn packets_agree(view: &TreeView) {
 }
 
 /// What there is to be seen of a hit: which of a triangle's references was met is a matter of who visits what.
-fn seen(view: &TreeView, hit: &TriHit) -> ([u32; 3], Option<u32>) {
+fn seen(view: &Tree, hit: &TriHit) -> ([u32; 3], Option<u32>) {
     ([hit.t, hit.u, hit.v].map(f32::to_bits), hit.is_hit().then(|| view.prim(hit).expect("all blocks are here")))
 }
 
 /// Streams of all lengths: the bits of each ray alone.
-fn streams_agree(view: &TreeView) {
+fn streams_agree(view: &Tree) {
     let (mut stream, mut alone) = (Stream::of_queries(), Walk::new());
     let all = rays(STREAM);
     for count in [0, 1, 15, 16, 17, 63, 64, 200, STREAM] {
@@ -198,8 +183,10 @@ fn streams_agree(view: &TreeView) {
 fn hits_are_those_of_brute_force() {
     for (count, size, grid) in [(1, 1.0, 0.0), (9, 1.0, 0.0), (3000, 0.1, 0.0), (3000, 0.5, 4.0), (20_000, 0.02, 0.0)] {
         let triangles = soup(count, size, grid);
-        let report = agrees_with_brute_force(&triangles, BuildOptions::default());
-        assert_eq!(report.triangles_kept + report.degenerate, count as u64);
+        for structure in Structure::ALL {
+            let report = agrees_with_brute_force(&triangles, BuildOptions { structure, ..BuildOptions::default() });
+            assert_eq!(report.triangles_kept + report.degenerate, count as u64);
+        }
     }
 }
 
@@ -221,25 +208,28 @@ fn splits_change_no_hit() {
 #[test]
 fn the_file_does_not_depend_on_threads() {
     let triangles = soup(30_000, 0.05, 0.0);
-    let file = |threads, splits| build(&triangles, BuildOptions { threads, splits, ..BuildOptions::default() }).2;
-    assert!(file(1, Splits::Off) == file(2, Splits::Off));
-    assert!(file(1, Splits::On) == file(3, Splits::On));
+    for structure in Structure::ALL {
+        let file = |threads, splits| build(&triangles, BuildOptions { threads, splits, structure, ..BuildOptions::default() }).2;
+        assert!(file(1, Splits::Off) == file(2, Splits::Off));
+        assert!(file(1, Splits::On) == file(3, Splits::On));
+    }
 }
 
 #[test]
 fn a_missing_block_is_an_outcome_and_the_walk_goes_on_where_it_stopped() {
+    Structure::ALL.into_iter().for_each(goes_on_where_it_stopped);
+}
+
+fn goes_on_where_it_stopped(structure: Structure) {
     let triangles = soup(20_000, 0.1, 0.0);
-    let (opened, _, _) = build(&triangles, BuildOptions::default());
+    let (opened, _, _) = build(&triangles, BuildOptions { structure, ..BuildOptions::default() });
     let mut stops = 0;
     let mut walk = Walk::new();
     for ray in rays(100) {
         // Each stop fetches one block, into a snapshot that began empty.
-        let fresh = ModelBlocks::new(
-            opened.blocks.file().clone(),
-            Box::new(BvhDecoder::new(opened.blocks.file().header().geometry_blocks, opened.blocks.file().trees())),
-            &Residency::with_budget(1 << 30),
-        )
-        .expect("a budget");
+        let file = opened.blocks.file().clone();
+        let decoder = open::open(&file).expect("trees").decoder;
+        let fresh = ModelBlocks::new(file, decoder, &Residency::with_budget(1 << 30)).expect("a budget");
         let mut snapshot = fresh.snapshot();
         walk.begin(&view(&opened, &snapshot, Isa::best()), &ray);
         while let Outcome::Pending(block) = view(&opened, &snapshot, Isa::best()).closest(None, &mut walk) {

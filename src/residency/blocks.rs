@@ -17,7 +17,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 
 /// What residency has to know of a structure's blocks.
 pub trait Decoder: Send + Sync {
-    /// The trace form of block `id`, checked so that a walk can trust it; or what is wrong with it.
+    /// The trace form of block `id`, checked so that a walk can trust it; or what is wrong with it. (In memory it ends with a whole cache line:
+    /// zeros may follow.)
     fn decode(&self, id: BlockId, payload: &[u8]) -> std::result::Result<Vec<u32>, String>;
 
     /// Calls `refer` with what a decoded block says of others. Returns how many numbers the block itself has. No reference

@@ -20,10 +20,6 @@ pub const ALIGN: u64 = 64;
 
 /// Least and greatest [`Header::block_size`].
 pub const BLOCK_SIZES: std::ops::RangeInclusive<u32> = 1024..=1 << 24;
-/// [`Header::structure`] of a `bvh`.
-pub const STRUCTURE_BVH: u32 = 1;
-/// The greatest number of a structure that the format knows: 2 `kdtree`, 3 `octree`, 4 `patch`.
-pub const STRUCTURE_LAST: u32 = 4;
 /// [`Header::block_size`] unless told otherwise.
 pub const DEFAULT_BLOCK_SIZE: u32 = 64 << 10;
 
@@ -59,7 +55,7 @@ pub struct Options {
 /// What is known of a model before anything else of it is read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Header {
-    /// The acceleration structure: [`STRUCTURE_BVH`] and on; never 0.
+    /// The number of the acceleration structure; never 0. Which numbers exist is the business of `structure`.
     pub structure: u32,
     /// Most bytes of a block's trace form, in [`BLOCK_SIZES`].
     pub block_size: u32,
@@ -87,7 +83,7 @@ pub struct Header {
 impl Default for Header {
     fn default() -> Self {
         Self {
-            structure: STRUCTURE_BVH,
+            structure: 1,
             block_size: DEFAULT_BLOCK_SIZE,
             metres_per_unit: 0.0,
             up: 0,
@@ -110,7 +106,7 @@ impl Header {
 
     /// Checks the documented range of every field.
     pub(super) fn validate(&self) -> Result<(), Malformed> {
-        ensure((1..=STRUCTURE_LAST).contains(&self.structure), "unknown structure")?;
+        ensure(self.structure != 0, "no structure")?;
         ensure(BLOCK_SIZES.contains(&self.block_size), "block size out of range")?;
         ensure(self.up <= 3, "unknown up axis")?;
         ensure(self.metres_per_unit.is_finite() && self.metres_per_unit >= 0.0, "bad unit of length")?;
@@ -339,7 +335,6 @@ mod tests {
         let (good, frame) = sample();
         let bad = [
             Header { structure: 0, ..good },
-            Header { structure: 5, ..good },
             Header { block_size: 0, ..good },
             Header { block_size: u32::MAX, ..good },
             Header { up: 4, ..good },

@@ -1,6 +1,8 @@
 //! The contract of the bake wing: triangles of a mesh in, blocks of a tree out, in chunks that fit memory.
 
 use super::{Structure, bvh};
+#[cfg(any(test, feature = "brute"))]
+use super::brute;
 use super::par::Par;
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
@@ -137,6 +139,8 @@ pub trait Baker {
     fn encode_coarse(crown: &Self::Crown, index: usize, first_block: u32) -> BakedBlock;
     /// Counts of the whole tree.
     fn counts(crown: &Self::Crown) -> Counts;
+    /// Entries of the deepest stack that a walk through a tree of so many levels needs ([`crate::store::TreeRow::max_stack`]).
+    fn max_stack(depth: u32) -> u32;
     /// Where walks begin, in the tree's first block.
     fn root() -> u32;
 }
@@ -153,6 +157,8 @@ pub trait BakeOp {
 pub fn with_baker<O: BakeOp>(structure: Structure, op: O) -> O::Out {
     match structure {
         Structure::Bvh => op.run::<bvh::build::BvhBaker>(),
+        #[cfg(any(test, feature = "brute"))]
+        Structure::Brute => op.run::<brute::build::BruteBaker>(),
     }
 }
 

@@ -1,5 +1,7 @@
 //! From an opened file to its trees, and the decoder that residency is handed.
 
+#[cfg(any(test, feature = "brute"))]
+use super::brute;
 use super::bvh;
 use super::place::Place;
 use super::tree::{Tree, Visit};
@@ -40,6 +42,8 @@ pub struct StoredTree {
 #[derive(Debug, Clone, Copy)]
 enum Start {
     Bvh(bvh::open::Start),
+    #[cfg(any(test, feature = "brute"))]
+    Brute(brute::open::Start),
 }
 
 /// Opens the trees of a file. Fails with `Corrupt` for a structure that is not one of this version, or where a tree's row
@@ -47,12 +51,16 @@ enum Start {
 pub fn open(file: &ModelFile) -> Result<Opened> {
     let structure = structure_of(file)?;
     let header = file.header();
-    let decoder = match structure {
+    let decoder: Box<dyn Decoder> = match structure {
         Structure::Bvh => Box::new(bvh::BvhDecoder::new(header.geometry_blocks, file.trees())),
+        #[cfg(any(test, feature = "brute"))]
+        Structure::Brute => Box::new(brute::BruteDecoder::new(header.geometry_blocks, file.trees())),
     };
     let start = |row: &TreeRow| {
         let start = match structure {
             Structure::Bvh => bvh::open::Start::of(file, row).map(Start::Bvh),
+            #[cfg(any(test, feature = "brute"))]
+            Structure::Brute => brute::open::Start::of(file, row).map(Start::Brute),
         };
         start.map(|start| stored(row, start)).map_err(|why| Error::corrupt(file.name(), Some(row.first_block), why))
     };
@@ -64,6 +72,9 @@ pub fn open(file: &ModelFile) -> Result<Opened> {
 pub fn check_links(file: &ModelFile, snapshot: &Snapshot) -> std::result::Result<(), (BlockId, String)> {
     match structure_of(file) {
         Ok(Structure::Bvh) => bvh::check_links(snapshot, file.trees()),
+        // Each block can check where it leads.
+        #[cfg(any(test, feature = "brute"))]
+        Ok(Structure::Brute) => Ok(()),
         Err(why) => Err((BlockId(0), why.to_string())),
     }
 }
@@ -104,6 +115,8 @@ impl StoredTree {
     pub fn start(&self) -> Option<(BlockId, u32)> {
         let root = match &self.start {
             Start::Bvh(own) => own.root(),
+            #[cfg(any(test, feature = "brute"))]
+            Start::Brute(own) => own.root(),
         };
         root.map(|(block, number)| (BlockId(block), number))
     }
@@ -118,6 +131,8 @@ impl StoredTree {
     pub fn view<'a>(&self, snapshot: &'a Snapshot, isa: Isa, visit: Visit) -> Tree<'a> {
         match &self.start {
             Start::Bvh(own) => Tree::Bvh(own.view(snapshot, self.reach, isa, visit)),
+            #[cfg(any(test, feature = "brute"))]
+            Start::Brute(own) => Tree::Brute(own.view(snapshot, self.reach, isa, visit)),
         }
     }
 }

@@ -8,7 +8,7 @@ use super::ray::{LocalRay, UNIT, abs};
 use super::place::{Place, Rooted};
 use super::surface::Groups;
 use super::walk::{Entered, Walk};
-use crate::math::{Cone, PACKET, Ray, first_rays};
+use crate::math::{Cone, PACKET, Ray, bits, first_rays};
 use crate::simd::{Isa, Lanes, Mask, Op, Simd, dispatch};
 use bytemuck::{must_cast, must_cast_ref};
 use glam::Vec3;
@@ -118,6 +118,8 @@ pub struct PacketWalk {
     pub(super) passed: Row,
     /// For rays that leave the packet.
     pub(super) alone: Walk,
+    /// The ray that `alone` was put down with, where all rays go alone ([`PacketWalk::next_alone`]).
+    put_down: Option<usize>,
     pub(super) gauge: Gauge,
     /// What the walks did.
     pub(super) counters: Counters,
@@ -152,6 +154,7 @@ impl PacketWalk {
             waiting: 0,
             passed: [[f32::INFINITY; 16]; VECTORS],
             alone: Walk::new(),
+            put_down: None,
             gauge: Gauge::OFF,
             counters: Counters::default(),
         }
@@ -199,7 +202,7 @@ impl PacketWalk {
     #[inline]
     pub fn miss(&mut self) {
         self.stack.clear();
-        (self.waiting, self.hits.some) = (0, 0);
+        (self.waiting, self.hits.some, self.put_down) = (0, 0, None);
         self.passed = [[f32::INFINITY; 16]; VECTORS];
     }
 
@@ -310,6 +313,31 @@ impl PacketWalk {
         dispatch(isa, Hits { walk: self, lanes, out });
     }
 
+    /// For rays that all go alone: the next ray that has not ended, in [`PacketWalk::alone`], at the root of `tree` or where it was put down.
+    pub(super) fn next_alone(&mut self, tree: &impl Rooted) -> Option<usize> {
+        if self.put_down.is_none() {
+            self.put_down = bits(self.waiting).next();
+            if let Some(i) = self.put_down {
+                let ray = LocalRay { t_max: at(&self.hits.t, i), ..self.rays.one(i) };
+                self.alone.begin(tree, &ray);
+            }
+        }
+        self.put_down
+    }
+
+    /// Takes over what ray `i` has found alone: it has ended.
+    pub(super) fn take_alone(&mut self, i: usize) {
+        self.put_down = None;
+        self.waiting &= !(1 << i);
+        *at_mut(&mut self.passed, i) = self.alone.passed();
+        let (hit, to) = (self.alone.best(), &mut self.hits);
+        if hit.is_hit() {
+            to.some |= 1 << i;
+            (*at_mut(&mut to.t, i), *at_mut(&mut to.u, i), *at_mut(&mut to.v, i)) = (hit.t, hit.u, hit.v);
+            (*at_mut(&mut to.block, i), *at_mut(&mut to.tri, i)) = (f32::from_bits(hit.block), f32::from_bits(hit.tri));
+        }
+    }
+
     /// What the walks did, packets and rays alone together: a node visited by a packet counts once.
     pub fn counters(&self) -> Counters {
         let mut all = self.counters;
@@ -412,7 +440,7 @@ impl Op for Start<'_> {
     fn run<S: Simd>(self, s: S) {
         let Self { walk, root, reach, active } = self;
         walk.stack.clear();
-        (walk.hits.some, walk.together) = (0, false);
+        (walk.hits.some, walk.together, walk.put_down) = (0, false, None);
         walk.passed = [[f32::INFINITY; 16]; VECTORS];
         walk.waiting = packet_prepare::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
         let Some(Place { block, item }) = root.filter(|_| walk.waiting != 0) else {

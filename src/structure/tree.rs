@@ -4,13 +4,18 @@
 //! costs nothing beside the answer; a type parameter through the rooms above would copy all kernels once more for each structure
 //! (2 MB each). A structure without packets, streams or bundles of its own falls back to single walks (`fallback.rs`).
 
+#[cfg(any(test, feature = "brute"))]
+use super::brute;
 use super::bvh;
 use super::cell::Cells;
 use super::cursor::Below;
+#[cfg(any(test, feature = "brute"))]
+use super::fallback::SingleWalks;
 use super::filter::PartFilter;
 use super::hit::{Outcome, Triangle, TriHit};
 use super::packet::PacketWalk;
 use super::place::{Place, Rooted};
+use super::stream::Stream;
 use super::surface::Surfaces;
 use super::walk::Walk;
 use crate::base::ids::BlockId;
@@ -20,7 +25,7 @@ use crate::residency::Snapshot;
 use crate::simd::Isa;
 use glam::DVec3;
 
-pub use bvh::trace::{Bundle, Stream};
+pub use bvh::trace::Bundle;
 
 /// How walks visit a tree.
 #[derive(Debug, Clone, Copy, Default)]
@@ -38,6 +43,9 @@ pub struct Visit {
 pub enum Tree<'a> {
     /// A wide bounding volume hierarchy.
     Bvh(bvh::trace::TreeView<'a>),
+    /// A list of triangles.
+    #[cfg(any(test, feature = "brute"))]
+    Brute(brute::trace::TreeView<'a>),
 }
 
 /// Answers with the structure's own view of the tree.
@@ -45,6 +53,8 @@ macro_rules! of_each {
     ($tree:expr, $own:ident => $answer:expr) => {
         match $tree {
             Tree::Bvh($own) => $answer,
+            #[cfg(any(test, feature = "brute"))]
+            Tree::Brute($own) => $answer,
         }
     };
 }
@@ -107,6 +117,8 @@ impl<'a> Tree<'a> {
     pub fn closest_in_bundle(&self, filter: Option<&PartFilter>, bundle: &mut Bundle, among: u32) {
         match self {
             Tree::Bvh(own) => bundle.closest(own, filter, among),
+            #[cfg(any(test, feature = "brute"))]
+            Tree::Brute(_) => {}
         }
     }
 

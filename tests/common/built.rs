@@ -3,11 +3,77 @@
 use super::brute::Tri;
 use glam::DAffine3;
 use outcrop::base::progress::{Cancel, Progress};
-use outcrop::build::{BuildOptions, BuildReport, Builder};
+use outcrop::build::{BuildOptions, BuildReport, Builder, Structure};
 use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
 use outcrop::scene::{Context, ContextOptions, Model, Scene};
+use std::cell::Cell;
 use std::path::PathBuf;
 use std::sync::Arc;
+
+thread_local! {
+    static STRUCTURE: Cell<Structure> = const { Cell::new(Structure::Bvh) };
+}
+
+/// The structure of all models that this thread builds: that of the running test.
+pub fn structure() -> Structure {
+    STRUCTURE.get()
+}
+
+/// Whether that is the one whose own numbers (bytes, blocks, cells) a test may state.
+pub fn is_bvh() -> bool {
+    structure() == Structure::Bvh
+}
+
+/// A size for a bvh, and one for a structure that takes time in proportion to the triangles.
+pub fn sized<T>(of_bvh: T, of_others: T) -> T {
+    if is_bvh() { of_bvh } else { of_others }
+}
+
+/// Runs `test` with models of a structure.
+pub fn with<T>(structure: Structure, test: impl FnOnce() -> T) -> T {
+    let before = STRUCTURE.replace(structure);
+    let out = test();
+    STRUCTURE.set(before);
+    out
+}
+
+/// A value for each structure, made when first asked for.
+pub struct OfEach<T>([std::sync::OnceLock<T>; Structure::ALL.len()]);
+
+impl<T> OfEach<T> {
+    pub const fn new() -> Self {
+        Self([const { std::sync::OnceLock::new() }; Structure::ALL.len()])
+    }
+
+    /// That of the running test.
+    pub fn get(&self, make: impl FnOnce() -> T) -> &T {
+        let index = Structure::ALL.iter().position(|one| *one == structure()).expect("a structure");
+        self.0[index].get_or_init(make)
+    }
+}
+
+/// A test for each structure and function: `on_each_structure!(check)` makes `bvh::check` and `brute::check`, which build with theirs.
+#[allow(unused_macros)]
+macro_rules! on_each_structure {
+    ($($test:ident),+ $(,)?) => {
+        mod bvh {
+            $crate::common::built::on_each_structure!(@ Bvh: $($test),+);
+        }
+        mod brute {
+            $crate::common::built::on_each_structure!(@ Brute: $($test),+);
+        }
+    };
+    (@ $structure:ident: $($test:ident),+) => {
+        $(
+            #[test]
+            fn $test() {
+                $crate::common::built::with(outcrop::build::Structure::$structure, super::$test);
+            }
+        )+
+    };
+}
+#[allow(unused_imports)]
+pub(crate) use on_each_structure;
 
 /// A part to build: its id, its material, its triangles.
 pub struct Part {
@@ -32,12 +98,17 @@ pub struct Built {
     _folder: tempfile::TempDir,
 }
 
-/// Builds a file; `fill` pushes into the sink.
-pub fn build(fill: impl FnOnce(&mut Builder)) -> Built {
-    build_with(BuildOptions { threads: 1, ..Default::default() }, fill).0
+/// Usual options, for the structure of the running test.
+pub fn options() -> BuildOptions {
+    BuildOptions { structure: structure(), ..Default::default() }
 }
 
-/// The same with options; and what is said of the build.
+/// Builds a file; `fill` pushes into the sink.
+pub fn build(fill: impl FnOnce(&mut Builder)) -> Built {
+    build_with(BuildOptions { threads: 1, ..options() }, fill).0
+}
+
+/// The same with other [`options`]; and what is said of the build.
 pub fn build_with(options: BuildOptions, fill: impl FnOnce(&mut Builder)) -> (Built, BuildReport) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("model.oc");

@@ -11,7 +11,8 @@ use outcrop::structure::Par;
 use outcrop::structure::bake::{TreeInput, TreeOptions};
 use outcrop::structure::bvh::build::{self, Chunk, Crown, TreeBlock};
 use outcrop::math::{PACKET, STREAM, first_rays};
-use outcrop::structure::bvh::trace::{Stream, TreeView};
+use outcrop::structure::Stream;
+use outcrop::structure::bvh::trace::TreeView;
 use outcrop::structure::{Tree, for_each_triangle, LocalRay, Outcome, PacketWalk, TriHit, Walk};
 
 /// A tree with all its blocks, and the triangles that it holds.

@@ -236,6 +236,22 @@ pub fn names_at_root(module: &Module) -> Vec<(String, usize)> {
     out
 }
 
+/// The names directly below a room that `module` mentions, in whatever way the room itself is come by, each with its line. `*` is a name
+/// here, and stands for a room that is given another name.
+pub fn names_below(module: &Module, room: &str) -> Vec<(String, usize)> {
+    let t = &module.tokens;
+    let sign = |at: usize, sign: char| t.get(at).is_some_and(|t| t.0.is_sign(sign));
+    let mut out = Vec::new();
+    for at in (0..t.len()).filter(|&at| t[at].0.is_word(room)) {
+        if sign(at + 1, ':') && sign(at + 2, ':') {
+            out.extend(first_names(&t[at + 3..]));
+        } else if t.get(at + 1).is_some_and(|t| t.0.is_word("as")) && at > 0 && [':', '{', ','].iter().any(|&c| sign(at - 1, c)) {
+            out.push(("*".to_owned(), t[at].1));
+        }
+    }
+    out
+}
+
 /// The first name of a path, or those of a group in braces.
 fn first_names(t: &[Placed]) -> Vec<(String, usize)> {
     let name = |(token, line): &Placed| match token {

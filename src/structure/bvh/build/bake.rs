@@ -5,7 +5,7 @@ use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::structure::bake::{BakedBlock, Baker, BuiltChunk, Counts, TreeInput, TreeOptions};
 use crate::structure::bvh::codec;
-use crate::structure::bvh::layout::{LEAF, MAX_TRIANGLES};
+use crate::structure::bvh::layout::{LEAF, MAX_TRIANGLES, WIDTH};
 use crate::structure::par::Par;
 use glam::Vec3;
 
@@ -58,6 +58,10 @@ impl Baker for BvhBaker {
 
     fn counts(crown: &Crown) -> Counts {
         crown.counts
+    }
+
+    fn max_stack(depth: u32) -> u32 {
+        (WIDTH as u32 - 1) * depth + 1
     }
 
     fn root() -> u32 {

@@ -29,7 +29,7 @@ mod tables;
 pub use bundle::Bundle;
 pub(in crate::structure) use gauge::Gauge;
 pub use ray::PreparedRay;
-pub use stream::Stream;
+pub(in crate::structure) use stream::StreamLanes;
 
 use super::layout::{Block, Child, WIDTH};
 use super::leaf::Leaf;
@@ -40,7 +40,6 @@ use crate::structure::cursor::Below;
 use crate::structure::filter::PartFilter;
 use crate::structure::hit::{self, Counters, Outcome, Triangle, TriHit};
 use crate::structure::place::{Place, Rooted};
-use crate::structure::ray::LocalRay;
 use crate::structure::walk::{self, Walk};
 use crate::structure::{packet, packet_prepare};
 

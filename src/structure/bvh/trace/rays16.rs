@@ -1,23 +1,10 @@
 //! Sixteen rays prepared for box and triangle tests at once, field by field.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::LocalRay;
 use super::ray::{BOX_SLACK, MAX_DIR, MIN_DIR, abs};
 use crate::simd::{Lanes, Mask, Simd};
-
-/// Rays of a group.
-pub(super) const GROUP: usize = 16;
-
-/// Sixteen rays as given, by field.
-#[derive(Debug, Clone)]
-#[repr(C, align(64))]
-pub(super) struct Rays16 {
-    org: [[f32; GROUP]; 3],
-    dir: [[f32; GROUP]; 3],
-    t_min: [f32; GROUP],
-    pub t_max: [f32; GROUP],
-    cone: [[f32; GROUP]; 2],
-}
+pub(super) use crate::structure::stream::GROUP;
+use crate::structure::stream::Rays16;
 
 /// A prepared ray by itself (see [`super::PreparedRay`]): all that a box test needs in one cache line, and a second
 /// one for the rest. Words, because sixteen rays are prepared by field and then transposed.
@@ -171,29 +158,9 @@ const LOW_PLANES: u32 = 0x0020_1810;
 const TO_HIGH: u32 = 24;
 
 impl Rays16 {
-    /// Not valid: all miss.
-    pub const NONE: Self =
-        Self { org: [[0.0; GROUP]; 3], dir: [[0.0; GROUP]; 3], t_min: [0.0; GROUP], t_max: [0.0; GROUP], cone: [[0.0; GROUP]; 2] };
-
-    /// Takes a ray over, not yet prepared.
-    #[inline(always)]
-    pub fn set(&mut self, i: usize, ray: &LocalRay) {
-        let i = i & (GROUP - 1);
-        (self.org[0][i], self.org[1][i], self.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
-        (self.dir[0][i], self.dir[1][i], self.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
-        // A zero that is not negative: distances are sorted by their bits.
-        (self.t_min[i], self.t_max[i]) = (ray.t_min + 0.0, ray.t_max);
-        (self.cone[0][i], self.cone[1][i]) = (ray.cone.a, ray.cone.b);
-    }
-
-    /// Whether no ray has a width.
-    pub fn is_exact(&self) -> bool {
-        self.cone.as_flattened().iter().all(|w| *w == 0.0)
-    }
-
     /// Prepares all rays, as [`super::PreparedRay::new`] does one (which see); returns the valid ones.
     #[inline(always)]
-    pub fn prepare<S: Simd>(&self, s: S, reach: f32, out: &mut Prepared) -> u32 {
+    pub(super) fn prepare<S: Simd>(&self, s: S, reach: f32, out: &mut Prepared) -> u32 {
         let zero = s.splat16(0.0);
         let org = [s.load16(&self.org[0]), s.load16(&self.org[1]), s.load16(&self.org[2])];
         let dir = [s.load16(&self.dir[0]), s.load16(&self.dir[1]), s.load16(&self.dir[2])];
@@ -236,7 +203,7 @@ impl Rays16 {
         self.valid(s, org, dir, greatest)
     }
 
-    /// The rays that [`LocalRay::is_valid`] accepts.
+    /// The rays that [`crate::structure::LocalRay::is_valid`] accepts.
     #[inline(always)]
     fn valid<S: Simd>(&self, s: S, org: [S::F16; 3], dir: [S::F16; 3], greatest: S::F16) -> u32 {
         let zero = s.splat16(0.0);

@@ -6,14 +6,15 @@
 
 use super::ahead;
 use super::gauge::Gauge;
-use super::rays16::{GROUP, OneRay, Rays16};
+use super::rays16::{GROUP, OneRay};
 use super::stream_pass as pass;
 use super::stream_start::{self as start, Group};
 use super::hit::{Counters, TriHit};
-use super::{LocalRay, PartFilter, TreeView};
+use super::{PartFilter, TreeView};
 use crate::math::STREAM;
 use crate::simd::{Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, KIND_SHIFT};
+use crate::structure::stream::{Rays16, Stream, boxed};
 
 /// Walks side by side.
 pub(super) const LANES: usize = 64;
@@ -37,76 +38,39 @@ pub(super) struct Stack {
 /// A child reference of no kind: the bottom of a stack.
 pub(super) const NOTHING: u32 = 3 << KIND_SHIFT;
 
-/// State of a stream. Reusable; a new one takes no rays from the last.
+/// What this structure's walks need beside the rays of a stream. Reusable.
 #[derive(Debug)]
-pub struct Stream {
-    groups: Box<[Rays16; STREAM / GROUP]>,
+pub(in crate::structure) struct StreamLanes {
     group: Box<Group>,
     pub(super) stacks: Box<[Stack; LANES]>,
-    unfinished: Vec<u32>,
-    /// Where each ray passed a stand-in first; infinity if it passed none.
-    passed: Box<[f32; STREAM]>,
     /// As each call begins.
     gauge: Gauge,
-    /// What the walks did.
-    pub counters: Counters,
 }
 
-impl Default for Stream {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-/// `N` copies on the heap, not by way of the stack.
-fn boxed<T: Clone, const N: usize>(one: T) -> Box<[T; N]> {
-    match vec![one; N].try_into() {
-        Ok(all) => all,
-        Err(_) => unreachable!(),
-    }
-}
-
-impl Stream {
+impl StreamLanes {
     /// For any number of rays.
     pub fn new() -> Self {
         let mut stack = Stack { t: [0.0; DEPTH], child: [NOTHING; DEPTH], block: [0; DEPTH] };
         stack.t[..BOTTOM].fill(f32::NEG_INFINITY);
-        Self { groups: boxed(Rays16::NONE), group: Box::new(Group::NONE), stacks: boxed(stack), unfinished: Vec::new(), passed: boxed(f32::INFINITY), gauge: Gauge::OFF, counters: Counters::default() }
+        Self { group: Box::new(Group::NONE), stacks: boxed(stack), gauge: Gauge::OFF }
     }
 
     /// For rays of queries: slabs of cells may spare visits.
     pub fn of_queries() -> Self {
         Self { gauge: Gauge::ALONE, ..Self::new() }
     }
+}
 
-    /// Takes ray `i` over, below [`STREAM`].
-    #[inline(always)]
-    pub fn set(&mut self, i: usize, ray: &LocalRay) {
-        self.groups[(i / GROUP) & (STREAM / GROUP - 1)].set(i, ray);
-    }
-
-    /// Whether no cell can stand in for any of the first rays.
-    fn is_exact(&self, view: &TreeView, count: usize) -> bool {
-        !view.never_waits && self.groups[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
-    }
-
-    /// Where each ray of the last call passed a stand-in first, see [`Walk::passed`](crate::structure::Walk::passed).
-    #[inline]
-    pub fn passed(&self) -> &[f32; STREAM] {
-        &self.passed
-    }
-
-    /// Rays of the last call that met a missing block, or needed a deeper stack: to be traced alone, anew.
-    pub fn unfinished(&self) -> &[u32] {
-        &self.unfinished
-    }
+/// Whether no cell can stand in for any of the first rays.
+fn is_exact(view: &TreeView, stream: &Stream, count: usize) -> bool {
+    !view.never_waits && stream.rays[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
 }
 
 impl TreeView<'_> {
     /// Finds the closest hits of the first of the rays that `stream` has taken over: what [`TreeView::closest`] finds, at
     /// less cost a ray. `hits`: as many as rays, [`STREAM`] at most. Those in [`Stream::unfinished`] have no answer.
     pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
-        if stream.is_exact(self, hits.len()) {
+        if is_exact(self, stream, hits.len()) {
             dispatch(self.isa, Run::<false, false> { view: self, filter, stream, hits });
         } else {
             dispatch(self.isa, Run::<false, true> { view: self, filter, stream, hits });
@@ -115,7 +79,7 @@ impl TreeView<'_> {
 
     /// Finds whether each ray hits anything; otherwise like [`TreeView::closest_each`]. Which hit is not said.
     pub fn any_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
-        if stream.is_exact(self, hits.len()) {
+        if is_exact(self, stream, hits.len()) {
             dispatch(self.isa, Run::<true, false> { view: self, filter, stream, hits });
         } else {
             dispatch(self.isa, Run::<true, true> { view: self, filter, stream, hits });
@@ -245,13 +209,13 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
         let hits = &mut hits[..count];
         stream.unfinished.clear();
         stream.passed.fill(f32::INFINITY);
-        for (rays, hits) in stream.groups.iter().zip(hits.chunks_mut(GROUP)) {
+        for (rays, hits) in stream.rays.iter().zip(hits.chunks_mut(GROUP)) {
             hits.iter_mut().zip(&rays.t_max).for_each(|(hit, &t_max)| *hit = TriHit::none(t_max));
         }
         let mut state = State {
             view,
             filter,
-            stacks: &mut stream.stacks,
+            stacks: &mut stream.bvh.stacks,
             hits,
             unfinished: &mut stream.unfinished,
             passed: &mut stream.passed,
@@ -264,7 +228,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             block_id: [0; LANES],
             block: [Block::new(&[]); LANES],
             entered: 0,
-            gauge: stream.gauge,
+            gauge: stream.bvh.gauge,
             counters: stream.counters,
             is_large: ahead::is_large(view.snapshot),
         };
@@ -273,7 +237,7 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
         for lane in 0..LANES {
             push(&mut state.rows, &mut counts, NOTHING, lane);
         }
-        let mut beginning = Beginning { groups: &stream.groups[..count.div_ceil(GROUP)], next: 0, group: &mut stream.group, root };
+        let mut beginning = Beginning { groups: &stream.rays[..count.div_ceil(GROUP)], next: 0, group: &mut stream.bvh.group, root };
         loop {
             counts = beginning.fill::<S, ANY, LOD>(s, &mut state, counts);
             if counts.of(EXTERNALS) > 0 {

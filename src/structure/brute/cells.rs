@@ -1,0 +1,79 @@
+//! What blocks say of hits: rows of cells and of triangles.
+
+use super::layout::Row;
+use super::trace::TreeView;
+use crate::lod::{Coded, Slabs};
+use crate::math::bits;
+use crate::structure::cell::Cells;
+use crate::structure::hit::{StandIn, TriHit};
+use crate::structure::surface::Surfaces;
+use glam::DVec3;
+
+impl<'a> TreeView<'a> {
+    /// See [`crate::structure::Tree::cells`].
+    pub fn cells<const N: usize>(
+        &self,
+        rays: u32,
+        hit: impl Fn(usize) -> TriHit,
+        dir: impl Fn(usize) -> DVec3,
+        _: bool,
+        out: &mut Cells<N>,
+    ) -> u32 {
+        let mut gone = 0;
+        (out.missing, out.inside, out.have_three, out.coloured) = (0, 0, 0, 0);
+        for i in bits(rays) {
+            let Some((cell, row)) = self.cell_at(&hit(i)) else {
+                gone |= 1 << i;
+                continue;
+            };
+            out.missing |= u32::from(cell.is_missing) << i;
+            out.inside |= u32::from(cell.is_inside) << i;
+            let (bounds, voxel) = (row.bounds(), row.voxel());
+            for axis in 0..3 {
+                (out.bounds[axis][i], out.bounds[axis + 3][i]) = (bounds.min[axis], bounds.max[axis]);
+            }
+            (out.part[i], _) = Coded::part(voxel[2]);
+            // Walks meet boxes, not slabs: nothing is known of where in the box they do.
+            out.level[i] = 0;
+            out.coloured |= u32::from(Coded::has_colours(voxel[0])) << i;
+            let (firsts, seconds) = if let Some(sides) = row.sides() {
+                // Sides in the order low x, y, z, high x, y, z; a ray that goes up an axis sees the low one.
+                let dir = dir(i);
+                let at = [0, 1, 2].map(|axis| 2 * if dir[axis] >= 0.0 { axis } else { axis + 3 });
+                out.have_three |= 1 << i;
+                (at.map(|at| sides[at]), at.map(|at| sides[at + 1]))
+            } else {
+                ([voxel[0]; 3], [voxel[1]; 3])
+            };
+            for axis in 0..3 {
+                (out.firsts[axis][i], out.seconds[axis][i]) = (firsts[axis], seconds[axis]);
+            }
+        }
+        gone
+    }
+
+    /// Where in its box the content of a cell that was hit is; `None` if its block has left the snapshot.
+    pub fn slabs(&self, hit: &TriHit) -> Option<Slabs<f32>> {
+        self.cell_at(hit).map(|(_, row)| row.slabs())
+    }
+
+    /// See [`crate::structure::Tree::prefetch_cell`]: nothing is asked for ahead.
+    pub fn prefetch_cell(&self, _: &TriHit, _: bool) {}
+
+    /// See [`crate::structure::Tree::surfaces`].
+    pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
+        let mut gone = 0;
+        for column in 0..count.min(N) {
+            match self.triangle(&hit(column)) {
+                Some(triangle) => out.set(column, &triangle.vertices, triangle.part),
+                None => gone |= 1 << column,
+            }
+        }
+        gone
+    }
+
+    fn cell_at(&self, hit: &TriHit) -> Option<(StandIn, Row<'a>)> {
+        let cell = hit.stand_in()?;
+        Some((cell, self.row_of(hit.block, cell)?))
+    }
+}

@@ -1,0 +1,54 @@
+//! Hands residency the decoding of this structure's blocks.
+
+use super::layout::{Range, check};
+use crate::base::ids::BlockId;
+use crate::residency::{BlockClass, Decoder};
+use crate::store::TreeRow;
+use crate::structure::streams;
+
+/// Decodes blocks of a model of structure `brute`.
+#[derive(Debug, Clone)]
+pub struct BruteDecoder {
+    /// Primitive ids follow the geometry blocks, then colours.
+    geometry_blocks: u32,
+    /// Of each tree, ascending.
+    trees: Vec<Range>,
+}
+
+impl BruteDecoder {
+    /// For a model of `geometry_blocks` geometry blocks, which `trees` divide among them.
+    pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
+        let range = |t: &TreeRow| Range { lists: t.first_block + t.class_blocks[0], end: t.first_block + t.block_count };
+        Self { geometry_blocks, trees: trees.iter().map(range).collect() }
+    }
+
+    fn tree_of(&self, id: u32) -> Option<Range> {
+        self.trees.get(self.trees.partition_point(|t| t.end <= id)).copied()
+    }
+}
+
+impl Decoder for BruteDecoder {
+    fn decode(&self, id: BlockId, payload: &[u8]) -> Result<Vec<u32>, String> {
+        match id.0 / self.geometry_blocks.max(1) {
+            0 => {
+                let tree = self.tree_of(id.0).ok_or("it belongs to no tree")?;
+                let (words, rest) = payload.as_chunks();
+                let words: Vec<u32> = words.iter().map(|&word| u32::from_le_bytes(word)).collect();
+                if !rest.is_empty() {
+                    return Err("it does not end with a word".into());
+                }
+                check(&words, id.0, tree)?;
+                Ok(words)
+            }
+            1 => streams::decode_prims(payload),
+            _ => streams::decode_colours(payload),
+        }
+    }
+
+    fn class(&self, id: BlockId) -> BlockClass {
+        // Primitive ids are read only when asked for.
+        let is_read_ahead = id.0 / self.geometry_blocks.max(1) != 1;
+        let is_coarse = self.tree_of(id.0).is_some_and(|tree| id.0 < tree.lists);
+        BlockClass { is_coarse, below: None, is_read_ahead }
+    }
+}

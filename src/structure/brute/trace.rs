@@ -1,0 +1,360 @@
+//! Rays in, hits out, one ray at a time: rows of index blocks by their boxes, triangles of lists eight at a time.
+//!
+//! Hits are those of other structures of the same triangles to the bit: the triangle test is the same, and boxes give way by more than single
+//! precision moves what is met. Cells that stand in are boxes and stop all rays.
+
+use super::layout::{Block, Row, TRIANGLE_WORDS, triangle};
+use crate::base::ids::BlockId;
+use crate::geom::Shear;
+use crate::geom::watertight::{Sheared, intersect, shear};
+use crate::lod::Coded;
+use crate::math::{Bounds, Cone, bits};
+use crate::residency::Snapshot;
+use crate::simd::{Isa, Lanes, Op, Simd, dispatch};
+use crate::structure::cursor::Below;
+use crate::structure::fallback::SingleWalks;
+use crate::structure::filter::PartFilter;
+use crate::structure::hit::{Outcome, StandIn, TriHit, Triangle};
+use crate::structure::place::{Place, Rooted};
+use crate::structure::ray::{self, LocalRay};
+use crate::structure::tree::Visit;
+use crate::structure::walk::{Entry, Walk, push_sorted};
+use glam::Vec3;
+
+/// One tree of a model in one snapshot.
+#[derive(Debug, Clone, Copy)]
+pub struct TreeView<'a> {
+    /// Which blocks are in memory.
+    pub snapshot: &'a Snapshot,
+    /// Block of the root; `None` for a tree without triangles.
+    pub first_block: Option<u32>,
+    /// Greatest magnitude of a coordinate of the tree.
+    pub reach: f32,
+    /// What to add to a block's id for the id of the block with its primitive ids.
+    pub prims_at: u32,
+    /// The same for its colours; `None` if the model has none.
+    pub colours_at: Option<u32>,
+    /// Vectors to trace with.
+    pub isa: Isa,
+    /// How walks visit it.
+    pub visit: Visit,
+}
+
+impl Rooted for TreeView<'_> {
+    fn root(&self) -> Option<Place> {
+        self.first_block.map(|block| Place { block, item: super::layout::INDEX })
+    }
+    fn reach(&self) -> f32 {
+        self.reach
+    }
+    fn isa(&self) -> Isa {
+        self.isa
+    }
+}
+
+impl SingleWalks for TreeView<'_> {
+    fn closest(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
+        self.go_on::<false>(filter, walk)
+    }
+    fn any(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
+        self.go_on::<true>(filter, walk)
+    }
+}
+
+/// A ray ready for tests.
+struct Prepared<'a> {
+    ray: LocalRay,
+    inv: Vec3,
+    /// How far planes of cells give way, with the sign of `inv`.
+    slack: Vec3,
+    shear: Shear,
+    /// Whether cells may stand in because they are small.
+    is_lod: bool,
+    filter: Option<&'a PartFilter<'a>>,
+}
+
+/// Boxes give way by so many times as much as cells: who meets a cell has met the boxes around it.
+const BOXES: f32 = 2.0;
+
+impl<'a> Prepared<'a> {
+    fn new(ray: LocalRay, reach: f32, filter: Option<&'a PartFilter<'a>>) -> Self {
+        let least = ray.dir.abs().max_element() * 1e-18;
+        let inv = Vec3::ONE / ray.dir.abs().max(Vec3::splat(least)).copysign(ray.dir);
+        let slack = Vec3::from([0, 1, 2].map(|axis| ray::slack(ray.org[axis], inv[axis], reach)));
+        Self { ray, inv, slack, shear: Shear::new(ray.dir), is_lod: ray.cone != Cone::ZERO, filter }
+    }
+
+    /// Where it enters and leaves a box whose planes give way by so many times the slack.
+    fn cross(&self, b: &Bounds, times: f32) -> [f32; 2] {
+        let is_positive = self.inv.cmpge(Vec3::ZERO);
+        let (near, far) = (Vec3::select(is_positive, b.min, b.max), Vec3::select(is_positive, b.max, b.min));
+        let slack = self.slack * times;
+        let enter = (near - slack - self.ray.org) * self.inv;
+        let leave = (far + slack - self.ray.org) * self.inv;
+        [enter.max_element(), leave.min_element()]
+    }
+}
+
+/// What a cell means for a ray.
+enum Verdict {
+    /// It stands in, or what it holds is passed: nothing is left to visit.
+    Settled,
+    /// What is below is to be visited.
+    Descend,
+}
+
+impl<'a> TreeView<'a> {
+    fn block(&self, id: u32) -> Option<Block<'a>> {
+        self.snapshot.block(BlockId(id)).map(Block::new)
+    }
+
+    /// The words of a block that a walk goes through, if it is in memory.
+    fn visited(&self, id: u32) -> Option<&'a [u32]> {
+        self.snapshot.visit(BlockId(id), self.visit.stamp)
+    }
+
+    fn go_on<const ANY: bool>(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
+        let ray = Prepared::new(walk.ray, self.reach, filter);
+        while let Some(entry) = walk.stack.pop() {
+            // Not `<=`: an equal distance may be a tie that a lower primitive id wins.
+            if entry.t > walk.best.t {
+                continue;
+            }
+            let Some(words) = self.visited(entry.block) else {
+                walk.stack.push(entry);
+                return Outcome::Pending(BlockId(entry.block));
+            };
+            walk.counters.blocks += 1;
+            match Block::new(words) {
+                Block::Index(rows) => self.rows::<ANY>(&ray, rows, entry.block, walk),
+                Block::List(list) => {
+                    if let Err(missing) = self.list::<ANY>(&ray, list, entry.block, walk) {
+                        walk.stack.push(entry);
+                        return Outcome::Pending(missing);
+                    }
+                }
+            }
+            if ANY && walk.best.is_hit() {
+                walk.stack.clear();
+            }
+        }
+        Outcome::Done
+    }
+
+    fn rows<const ANY: bool>(&self, ray: &Prepared, rows: &[[u32; super::layout::ROW_WORDS]], block: u32, walk: &mut Walk) {
+        walk.counters.nodes += 1;
+        let bottom = walk.stack.len();
+        for (index, row) in rows.iter().enumerate() {
+            let (row, bounds) = (Row(row), Row(row).bounds());
+            let [enter, leave] = ray.cross(&bounds, BOXES);
+            let t = enter.max(ray.ray.t_min);
+            let is_met = t <= leave.min(walk.best.t);
+            if !is_met {
+                continue;
+            }
+            let (below, kind) = row.below();
+            let mut cell = StandIn { item: index as u32, is_missing: false, is_inside: false };
+            if ray.is_lod && matches!(judge_small(ray, row, block, cell, &mut walk.best), Verdict::Settled) {
+                continue;
+            }
+            if self.visit.never_waits && self.block(below).is_none() {
+                cell.is_missing = true;
+                stand_for_missing::<ANY>(ray, row, block, cell, &mut walk.best);
+                continue;
+            }
+            push_sorted(&mut walk.stack, bottom, Entry { t, block: below, child: kind });
+        }
+    }
+
+    /// Fails with the block that a tie has to be decided by.
+    fn list<const ANY: bool>(
+        &self,
+        ray: &Prepared,
+        list: &[[u32; TRIANGLE_WORDS]],
+        block: u32,
+        walk: &mut Walk,
+    ) -> Result<(), BlockId> {
+        walk.counters.leaves += 1;
+        walk.counters.triangles += list.len() as u64;
+        for (eight, first) in list.chunks(8).zip((0..).step_by(8)) {
+            let found = dispatch(self.isa, Eight { ray, triangles: eight, t_max: walk.best.t });
+            for i in bits(found.hits) {
+                let (t, part) = (found.t[i], eight[i][9]);
+                if ray.filter.is_some_and(|filter| filter.passes(|| part, || triangle(&eight[i]), t)) {
+                    continue;
+                }
+                let hit = TriHit { t, u: found.u[i], v: found.v[i], block, tri: first + i as u32 };
+                if self.is_better(&hit, walk)? {
+                    walk.best = hit;
+                }
+                if ANY {
+                    return Ok(());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether `hit` beats the best: nearer, or as near with a lower primitive id.
+    fn is_better(&self, hit: &TriHit, walk: &mut Walk) -> Result<bool, BlockId> {
+        let best = &walk.best;
+        if hit.t != best.t || !best.is_hit() {
+            return Ok(hit.t < best.t || !best.is_hit());
+        }
+        if let Some(answer) = hit.untie(best) {
+            return Ok(answer);
+        }
+        // A list is in the order of its primitives.
+        if hit.block == best.block {
+            return Ok(hit.tri < best.tri);
+        }
+        walk.counters.ties += 1;
+        match (self.prim(hit), self.prim(best)) {
+            (Ok(a), Ok(b)) => Ok(a < b),
+            // Walks that never wait take the first by its place.
+            _ if self.visit.never_waits => Ok((hit.block, hit.tri) < (best.block, best.tri)),
+            (a, b) => Ok(a? < b?),
+        }
+    }
+
+    /// The triangle of a hit; `None` if its block has left the snapshot.
+    pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
+        self.block(hit.block)?.triangle(hit.tri as usize)
+    }
+
+    /// The primitive id of a hit, or the block that is needed for it.
+    pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
+        self.beside(hit, self.prims_at)
+    }
+
+    /// The sRGB colour of a hit's triangle, or the block that is needed; `None` if the model has none.
+    pub fn colour(&self, hit: &TriHit) -> Result<Option<[u8; 4]>, BlockId> {
+        let Some(at) = self.colours_at else { return Ok(None) };
+        self.beside(hit, at).map(|colour| Some(colour.to_le_bytes()))
+    }
+
+    fn beside(&self, hit: &TriHit, offset: u32) -> Result<u32, BlockId> {
+        let id = BlockId(hit.block + offset);
+        let words = self.visited(id.0).ok_or(id)?;
+        // Only a file made up to be wrong has fewer words than its block has triangles.
+        Ok(words.get(hit.tri as usize).copied().unwrap_or(u32::MAX))
+    }
+
+    /// The block that a stand-in of `hit` stands in for, if that is missing.
+    pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
+        let cell = hit.stand_in().filter(|cell| cell.is_missing)?;
+        self.row_of(hit.block, cell).map(|row| row.below().0)
+    }
+
+    pub(super) fn row_of(&self, block: u32, cell: StandIn) -> Option<Row<'a>> {
+        self.block(block)?.row(cell.item as usize)
+    }
+
+    /// What is below a place; fails with the block that the place is in if that is not in memory.
+    pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
+        match self.visited(place.block).map(Block::new).ok_or(BlockId(place.block))? {
+            Block::Index(rows) => {
+                for row in rows.iter().map(Row) {
+                    let (block, item) = row.below();
+                    (below.child)(Place { block, item }, &row.bounds(), item == super::layout::LIST);
+                }
+            }
+            Block::List(list) => {
+                for (words, tri) in list.iter().zip(0..) {
+                    (below.triangle)(&TriHit { block: place.block, tri, ..TriHit::none(0.0) }, &triangle(words));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What parts have to say about a cell that could stand in: whether it may, or `None` where all that it holds is hidden.
+fn allowed(row: Row, filter: Option<&PartFilter>) -> Option<bool> {
+    let Some(filter) = filter else { return Some(true) };
+    match (Coded::part(row.voxel()[2]), row.voxel()[3]) {
+        ((part, false), _) if filter.hides(part) => None,
+        ((_, is_mixed), summary) => Some(!is_mixed || summary & filter.touched == 0),
+    }
+}
+
+/// Lets a cell stand in that is as small as the ray's width there, and outside of which the ray begins.
+fn judge_small(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut TriHit) -> Verdict {
+    let bounds = row.bounds();
+    let [enter, leave] = ray.cross(&bounds, 1.0);
+    let LocalRay { dir, t_min, cone, .. } = ray.ray;
+    let (t, size) = (enter.max(t_min), bounds.extent());
+    let (width, faces) = (cone.a + cone.b * t, Vec3::new(size.y * size.z, size.z * size.x, size.x * size.y));
+    let is_small = t <= leave && enter > t_min && dir.abs().dot(faces) <= width * width;
+    if !is_small {
+        return Verdict::Descend;
+    }
+    match allowed(row, ray.filter) {
+        Some(false) => return Verdict::Descend,
+        Some(true) if ray.filter.is_some_and(|filter| filter.descends(t)) => return Verdict::Descend,
+        Some(true) => offer(best, TriHit { t, u: 0.0, v: 0.0, block, tri: cell.code() }),
+        None => {}
+    }
+    Verdict::Settled
+}
+
+/// Lets a cell stand in for the block below, which is missing. Where any hit will do, a cell that the ray begins in is none: nothing is
+/// known of it.
+fn stand_for_missing<const ANY: bool>(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut TriHit) {
+    let [enter, leave] = ray.cross(&row.bounds(), 1.0);
+    let t = enter.max(ray.ray.t_min);
+    let is_inside = enter <= ray.ray.t_min;
+    let is_beyond = || ray.filter.is_some_and(|filter| filter.is_beyond(t));
+    let counts = t <= leave && allowed(row, ray.filter).is_some() && !(ANY && is_inside) && !is_beyond();
+    if counts {
+        offer(best, TriHit { t, u: 0.0, v: 0.0, block, tri: StandIn { is_inside, ..cell }.code() });
+    }
+}
+
+/// Keeps a stand-in if it is better.
+fn offer(best: &mut TriHit, hit: TriHit) {
+    if hit.t < best.t || hit.t == best.t && (!best.is_hit() || hit.untie(best) == Some(true)) {
+        *best = hit;
+    }
+}
+
+/// Up to eight triangles against a ray.
+struct Eight<'a> {
+    ray: &'a Prepared<'a>,
+    triangles: &'a [[u32; TRIANGLE_WORDS]],
+    t_max: f32,
+}
+
+/// Those that are hit, and where.
+struct Found {
+    hits: u32,
+    t: [f32; 8],
+    u: [f32; 8],
+    v: [f32; 8],
+}
+
+impl Op for Eight<'_> {
+    type Out = Found;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> Found {
+        let Self { ray: Prepared { ray, shear: Shear { k, s: by }, .. }, triangles, t_max } = self;
+        let zero = s.splat8(0.0);
+        let by = [s.splat8(by[0]), s.splat8(by[1]), s.splat8(by[2])];
+        let mut corners = [Sheared { x: zero, y: zero, z: zero }; 3];
+        for (corner, sheared) in corners.iter_mut().enumerate() {
+            let mut p = [zero; 3];
+            for axis in 0..3 {
+                let mut lanes = [0.0; 8];
+                for (lane, words) in lanes.iter_mut().zip(triangles) {
+                    *lane = f32::from_bits(words[3 * corner + k[axis]]);
+                }
+                p[axis] = s.load8(&lanes) - s.splat8(ray.org[k[axis]]);
+            }
+            *sheared = shear(p, by);
+        }
+        let lanes = (1 << triangles.len()) - 1;
+        let found = intersect::<8, _>(lanes, corners, zero, s.splat8(ray.t_min), s.splat8(t_max));
+        Found { hits: found.hits, t: found.t.to_array(), u: found.u.to_array(), v: found.v.to_array() }
+    }
+}

@@ -1,0 +1,118 @@
+//! Many single rays at once: as they are given, and what came of them.
+
+use super::bvh::trace::StreamLanes;
+use super::hit::Counters;
+use super::ray::LocalRay;
+use super::walk::Walk;
+use crate::math::{Cone, STREAM};
+use glam::Vec3;
+
+/// Rays of a group.
+pub(super) const GROUP: usize = 16;
+
+/// Sixteen rays as given, by field.
+#[derive(Debug, Clone)]
+#[repr(C, align(64))]
+pub(super) struct Rays16 {
+    pub org: [[f32; GROUP]; 3],
+    pub dir: [[f32; GROUP]; 3],
+    pub t_min: [f32; GROUP],
+    pub t_max: [f32; GROUP],
+    pub cone: [[f32; GROUP]; 2],
+}
+
+impl Rays16 {
+    /// Not valid: all miss.
+    pub const NONE: Self =
+        Self { org: [[0.0; GROUP]; 3], dir: [[0.0; GROUP]; 3], t_min: [0.0; GROUP], t_max: [0.0; GROUP], cone: [[0.0; GROUP]; 2] };
+
+    /// Takes a ray over, not yet prepared.
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, ray: &LocalRay) {
+        let i = i & (GROUP - 1);
+        (self.org[0][i], self.org[1][i], self.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
+        (self.dir[0][i], self.dir[1][i], self.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
+        // A zero that is not negative: distances are sorted by their bits.
+        (self.t_min[i], self.t_max[i]) = (ray.t_min + 0.0, ray.t_max);
+        (self.cone[0][i], self.cone[1][i]) = (ray.cone.a, ray.cone.b);
+    }
+
+    /// Ray `i`, as it was taken over.
+    fn one(&self, i: usize) -> LocalRay {
+        let i = i & (GROUP - 1);
+        let [org, dir] = [&self.org, &self.dir].map(|v| Vec3::new(v[0][i], v[1][i], v[2][i]));
+        LocalRay { org, dir, t_min: self.t_min[i], t_max: self.t_max[i], cone: Cone { a: self.cone[0][i], b: self.cone[1][i] } }
+    }
+
+    /// Whether no ray has a width.
+    pub fn is_exact(&self) -> bool {
+        self.cone.as_flattened().iter().all(|w| *w == 0.0)
+    }
+}
+
+/// State of a stream. Reusable; a new one takes no rays from the last.
+#[derive(Debug)]
+pub struct Stream {
+    pub(super) rays: Box<[Rays16; STREAM / GROUP]>,
+    pub(super) unfinished: Vec<u32>,
+    /// Where each ray passed a stand-in first; infinity if it passed none.
+    pub(super) passed: Box<[f32; STREAM]>,
+    /// For rays one after the other.
+    pub(super) alone: Walk,
+    pub(super) bvh: StreamLanes,
+    /// What the walks did.
+    pub counters: Counters,
+}
+
+impl Default for Stream {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// `N` copies on the heap, not by way of the stack.
+pub(super) fn boxed<T: Clone, const N: usize>(one: T) -> Box<[T; N]> {
+    match vec![one; N].try_into() {
+        Ok(all) => all,
+        Err(_) => unreachable!(),
+    }
+}
+
+impl Stream {
+    /// For any number of rays.
+    pub fn new() -> Self {
+        Self::with(StreamLanes::new())
+    }
+
+    /// For rays of queries: a structure may spare visits by what it learns from one ray to the next.
+    pub fn of_queries() -> Self {
+        Self::with(StreamLanes::of_queries())
+    }
+
+    fn with(bvh: StreamLanes) -> Self {
+        let (rays, passed) = (boxed(Rays16::NONE), boxed(f32::INFINITY));
+        Self { rays, unfinished: Vec::new(), passed, alone: Walk::new(), bvh, counters: Counters::default() }
+    }
+
+    /// Takes ray `i` over, below [`STREAM`].
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, ray: &LocalRay) {
+        self.rays[(i / GROUP) & (STREAM / GROUP - 1)].set(i, ray);
+    }
+
+    /// Ray `i`, as it was taken over.
+    pub(super) fn ray(&self, i: usize) -> LocalRay {
+        self.rays[(i / GROUP) & (STREAM / GROUP - 1)].one(i)
+    }
+
+    /// Where each ray of the last call passed a stand-in first, see [`Walk::passed`].
+    #[inline]
+    pub fn passed(&self) -> &[f32; STREAM] {
+        &self.passed
+    }
+
+    /// Rays of the last call that met a missing block, or needed a deeper stack: to be traced alone, anew.
+    pub fn unfinished(&self) -> &[u32] {
+        &self.unfinished
+    }
+}
