@@ -5,7 +5,8 @@ use super::material::Material;
 use super::plain::{self, Plain};
 use super::first::{First, Layer};
 use super::sampling::{Widths, offset};
-use super::surface::{BESIDE, DIAGONAL, Surface, aim, back, width_at};
+use super::shading::Shading;
+use super::surface::{BESIDE, DIAGONAL, Surface, back, width_at};
 use crate::lod::Facing;
 use crate::render::wants::Wants;
 use crate::math::srgb::Srgb;
@@ -18,7 +19,7 @@ use crate::scene::light::LightKind;
 use crate::math::bits;
 use crate::scene::packet::ScenePacket;
 use crate::scene::walk::{Found, Need, SceneView, Step};
-use crate::scene::{Alike, Group, Light};
+use crate::scene::{Alike, Group};
 use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::math::PACKET;
 use crate::structure::Triangle;
@@ -55,6 +56,7 @@ pub(crate) struct Scratch {
     camera: ScenePacket,
     pub(super) group: Group,
     pub(super) plain: Plain,
+    pub(super) shading: Shading,
     found: [Found; PACKET],
     pub(super) shadow: ScenePacket,
     pub wants: Wants,
@@ -67,6 +69,7 @@ impl Scratch {
             camera: ScenePacket::default(),
             group: Group::default(),
             plain: Plain::default(),
+            shading: Shading::default(),
             found: [Found::nothing(0.0); PACKET],
             shadow: ScenePacket::default(),
             wants: Wants::default(),
@@ -254,11 +257,11 @@ impl Direct<'_> {
                     seen.set(i, &noted);
                 }
             }
-            let lit = self.light(lanes, &surfaces, active, scratch)?;
+            self.light(&lanes.rays, &surfaces, active, scratch)?;
             for i in bits(active) {
                 let Some(surface) = &surfaces[i] else { continue };
                 let opacity = surface.material.opacity;
-                lanes.colour[i] += lit[i] * (lanes.through[i] * opacity);
+                lanes.colour[i] += scratch.shading.light(i) * (lanes.through[i] * opacity);
                 lanes.through[i] *= 1.0 - opacity;
                 lanes.rays[i].t_min = surface.next;
                 if lanes.through[i] < LEAST_TRANSMITTANCE {
@@ -456,64 +459,6 @@ impl Direct<'_> {
         }
         let selected = instance.state.selected || state.is_some_and(|s| s.selected);
         Ok(if selected { material.selected() } else { material })
-    }
-
-    /// Adds up the lights on the surfaces of a packet.
-    fn light(
-        &self,
-        lanes: &Lanes,
-        surfaces: &[Option<Surface>; PACKET],
-        active: u32,
-        scratch: &mut Scratch,
-    ) -> Result<[Vec3; PACKET], Need> {
-        let mut sum = [Vec3::ZERO; PACKET];
-        for i in bits(active) {
-            if let Some(s) = &surfaces[i] {
-                sum[i] = s.material.ambient(self.ambient);
-            }
-        }
-        for light in &self.view.scene.lights {
-            if light.kind != LightKind::Headlight {
-                self.cast(light, lanes, surfaces, active, &mut sum, scratch)?;
-                continue;
-            }
-            // What the eye sees it sees too.
-            for i in bits(active) {
-                let Some(s) = &surfaces[i] else { continue };
-                let to_eye = -lanes.rays[i].dir;
-                sum[i] += s.material.lit(s.normal, &s.facing, to_eye, to_eye, Vec3::from(light.colour) * light.intensity);
-            }
-        }
-        Ok(sum)
-    }
-
-    /// Adds up a light that may cast shadows.
-    fn cast(
-        &self,
-        light: &Light,
-        lanes: &Lanes,
-        surfaces: &[Option<Surface>; PACKET],
-        active: u32,
-        sum: &mut [Vec3; PACKET],
-        scratch: &mut Scratch,
-    ) -> Result<(), Need> {
-        let mut answer = [Vec3::ZERO; PACKET];
-        let mut shadow = [Ray::NONE; PACKET];
-        let mut asked = 0;
-        for i in bits(active) {
-            let Some(s) = &surfaces[i] else { continue };
-            let Some(aim) = aim(light, s) else { continue };
-            answer[i] = s.material.lit(s.normal, &s.facing, -lanes.rays[i].dir, aim.to_light, aim.irradiance);
-            if answer[i] != Vec3::ZERO && light.shadows {
-                shadow[i] = aim.shadow;
-                asked |= 1 << i;
-            }
-        }
-        let through = self.unshadowed(&mut shadow, asked, scratch)?;
-        for i in bits(active) {
-            sum[i] += answer[i] * through[i];
-        }
-        Ok(())
     }
 }
 

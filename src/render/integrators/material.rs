@@ -41,22 +41,18 @@ impl Material {
         let lobe = power(normal.dot(half).max(0.0), gloss.exponent);
         gloss.lit(self.colour, cosine, half.dot(to_light), lobe, irradiance)
     }
-
-    /// Light from everywhere.
-    #[inline]
-    pub fn ambient(&self, ambient: f32) -> Vec3 {
-        self.colour * ambient + self.glow
-    }
 }
 
 /// What of a material does not depend on its colour.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Gloss {
-    metalness: f32,
+    pub metalness: f32,
     /// The share of light that is diffuse.
-    diffuse: f32,
+    pub diffuse: f32,
     /// How much of a highlight there is; 0: none.
-    smooth: f32,
+    pub smooth: f32,
+    /// What makes the highlight's distribution one of unit weight.
+    pub gain: f32,
     /// A whole number: powers of those take a fifth of the time of others.
     pub exponent: u32,
 }
@@ -65,12 +61,14 @@ impl Gloss {
     #[inline(always)]
     pub fn of(material: &Material) -> Self {
         let square = material.roughness.max(0.05) * material.roughness.max(0.05);
+        let exponent = (2.0 / (square * square) + 0.5) as u32;
         Self {
             metalness: material.metalness,
             // Metals keep some diffuse light: there is no environment for them to mirror.
             diffuse: 1.0 - 0.6 * material.metalness,
             smooth: (1.0 - material.roughness) * (1.0 - material.roughness),
-            exponent: (2.0 / (square * square) + 0.5) as u32,
+            gain: (exponent as f32 + 8.0) / 8.0,
+            exponent,
         }
     }
 
@@ -82,7 +80,7 @@ impl Gloss {
         let facing = Vec3::splat(0.04).lerp(colour, self.metalness);
         let grazing = power(1.0 - aslant.clamp(0.0, 1.0), 5);
         let reflectance = facing + (Vec3::ONE - facing) * grazing;
-        let lobe = (self.exponent as f32 + 8.0) / 8.0 * lobe;
+        let lobe = self.gain * lobe;
         // Bounded, so that a mirror does not burn out.
         let highlight = if self.smooth > 0.0 { reflectance * (lobe * self.smooth).min(8.0) } else { Vec3::ZERO };
         let lit = (colour * self.diffuse + highlight) * cosine * irradiance;

@@ -5,5 +5,6 @@ pub mod first;
 pub mod material;
 pub mod plain;
 mod sampling;
+mod shading;
 mod shadow;
 mod surface;

@@ -1,11 +1,11 @@
-//! Plain packets of pictures, worked out in vectors from the pixel to its colour: of rays that enter one placed tree, which is not turned, seen in
+//! Plain packets of pictures, in rows from the pixel to its colour: of rays that enter one placed tree, which is not turned, seen in
 //! perspective, lit by headlights, opaque where the rays hit it, and nothing asked for that takes double precision or what is
-//! beside the triangles. All others, and those that meet what is missing, go through `direct.rs`, which this agrees with to the
-//! bit.
+//! beside the triangles. All others, and those that meet what is missing, go through the layers of `direct.rs`. Surfaces and light are worked out by the same
+//! code for both (`query::answers`, `shading.rs`).
 #![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
 use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
-use super::material::{Gloss, Material, powers};
+use super::shading::{Row, Vectors};
 use crate::query::answers::Seen;
 use crate::query::NONE;
 use super::first::First;
@@ -19,11 +19,6 @@ use crate::simd::{Op, Simd, dispatch};
 use crate::math::{BUNDLE, PACKET};
 use crate::structure::Bundle;
 use glam::{DVec3, Vec3};
-
-/// A number for each pixel of a packet.
-type Row<T> = [T; PACKET];
-/// A vector for each, axis by axis.
-type Vectors = [Row<f32>; 3];
 
 /// Memory of a worker.
 #[derive(Default)]
@@ -43,10 +38,8 @@ struct Rows {
     /// Directions of the rays, and their widths at distance 1, pixels of error included.
     dir: Vectors,
     width: Row<f32>,
-    /// Normals, parts and colours of what is seen.
-    normal: Vectors,
+    /// Parts of what is seen.
     part: Row<u32>,
-    colour: Vectors,
     /// The light that comes from there, or from behind; and alpha.
     lit: [Row<f32>; 4],
     /// Errors of stand-ins.
@@ -56,8 +49,7 @@ struct Rows {
 impl Default for Rows {
     fn default() -> Self {
         let none = [0.0; PACKET];
-        let (dir, part) = ([none; 3], [0; PACKET]);
-        Self { dir, width: none, normal: dir, part, colour: dir, lit: [none; 4], error: none }
+        Self { dir: [none; 3], width: none, part: [0; PACKET], lit: [none; 4], error: none }
     }
 }
 
@@ -187,7 +179,7 @@ impl<'v> Direct<'v> {
             return Outcome::NotPlain;
         }
         let Some((placed, met)) = self.trace_plain(pixels, active, number, scratch) else { return Outcome::NotPlain };
-        let Scratch { group, plain: Plain { seen, rows, .. }, .. } = scratch;
+        let Scratch { group, plain: Plain { seen, rows, .. }, shading, .. } = scratch;
         let Some(placed) = placed else {
             rows.lit = rows_of(backs);
             if pixels.sample == 0 {
@@ -196,12 +188,11 @@ impl<'v> Direct<'v> {
             return Outcome::Done;
         };
         let dir = |i: usize| Vec3::new(rows.dir[0][i], rows.dir[1][i], rows.dir[2][i]);
-        let gone = seen.look(&self.view, placed, met, dir, &*group, [true; 2]);
+        let gone = seen.look(&self.view, placed, met, dir, &*group, [true, pixels.sample == 0]);
         if gone | seen.missing() != 0 {
             return Outcome::Met(met);
         }
-        seen.each(&self.view, placed, &rows.dir, &mut rows.normal, &mut rows.part);
-        rows.lit = rows_of(backs);
+        seen.each(&self.view, placed, &rows.dir, &mut shading.normal, &mut rows.part);
         let mut left = met;
         while left != 0 {
             let part = rows.part[left.trailing_zeros() as usize];
@@ -211,35 +202,29 @@ impl<'v> Direct<'v> {
             if material.opacity != 1.0 {
                 return Outcome::Met(met);
             }
-            self.shade(placed, part, &material, like, seen, rows);
+            shading.set_material(like, like == met, &material);
+            let coloured = seen.coloured() & like;
+            if coloured != 0 && !self.recoloured(placed, part) {
+                bits(coloured).for_each(|i| shading.set_colour(i, seen.stand_ins().colour(i)));
+            }
             left &= !like;
         }
+        if seen.cells() != 0 {
+            shading.facing = *seen.stand_ins().along();
+        }
+        shading.begin(self.isa(), &rows.dir, [met, seen.cells()], self.ambient);
+        shading.add_headlights(self.isa(), &self.view.scene.lights);
+        rows.lit = rows_of(backs);
+        shading.put(self.isa(), met, &mut rows.lit);
         if pixels.sample == 0 {
             self.note_first(placed, met, scratch);
         }
         Outcome::Done
     }
 
-    /// Lights the pixels of `like`, which see a part of `material`.
-    fn shade(&self, placed: u32, part: u32, material: &Material, like: u32, seen: &Seen<PACKET>, rows: &mut Rows) {
-        for (axis, colour) in rows.colour.iter_mut().enumerate() {
-            *colour = [material.colour[axis]; PACKET];
-        }
-        let coloured = seen.coloured() & like;
-        if coloured != 0 && !self.recoloured(placed, part) {
-            for i in bits(coloured) {
-                let colour = seen.stand_ins().colour(i);
-                for axis in 0..3 {
-                    rows.colour[axis][i] = colour[axis];
-                }
-            }
-        }
-        dispatch(self.isa(), Shade { direct: self, material, like, seen, rows });
-    }
-
     /// What is seen first in each pixel.
     fn note_first(&self, placed: u32, met: u32, scratch: &mut Scratch) {
-        let Scratch { group, plain: Plain { seen, rows, .. }, first, .. } = scratch;
+        let Scratch { group, plain: Plain { seen, rows, .. }, shading, first, .. } = scratch;
         let (cells, t) = (seen.cells(), group.walk().distances());
         (first.met, first.lod, first.missing, first.inexact) = (met, cells, 0, cells);
         first.passed = group.have_passed();
@@ -253,7 +238,7 @@ impl<'v> Direct<'v> {
         }
         if self.asks.normals {
             first.normal = [[0.0; 3]; PACKET];
-            bits(met).for_each(|i| first.normal[i] = [rows.normal[0][i], rows.normal[1][i], rows.normal[2][i]]);
+            bits(met).for_each(|i| first.normal[i] = shading.normal.map(|row| row[i]));
         }
         if self.asks.ids {
             (first.part, first.instance) = ([NONE; PACKET], [NONE; PACKET]);
@@ -299,65 +284,6 @@ impl Op for MakeRays<'_> {
         // Apart, for it looks up a table.
         for i in 0..PACKET {
             width[i] *= pixels.width(steps[i]);
-        }
-    }
-}
-
-/// Adds up ambient light and headlights, as `Direct::light` does.
-struct Shade<'a, 'd> {
-    direct: &'a Direct<'d>,
-    material: &'a Material,
-    like: u32,
-    seen: &'a Seen<PACKET>,
-    rows: &'a mut Rows,
-}
-
-impl Op for Shade<'_, '_> {
-    type Out = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let Self { direct, material, like, seen, rows: Rows { dir, normal, colour, lit, .. } } = self;
-        let (gloss, glow, ambient) = (Gloss::of(material), material.glow, direct.ambient);
-        let (mut cosine, mut aslant, mut lobe) = ([0.0; PACKET], [0.0; PACKET], [0.0; PACKET]);
-        let mut facing = [0.0; PACKET];
-        for i in 0..PACKET {
-            let to_eye = -Vec3::new(dir[0][i], dir[1][i], dir[2][i]);
-            cosine[i] = Vec3::new(normal[0][i], normal[1][i], normal[2][i]).dot(to_eye);
-            aslant[i] = to_eye.dot(to_eye);
-            facing[i] = cosine[i].max(0.0);
-        }
-        powers(&facing, gloss.exponent, &mut lobe);
-        if seen.cells() != 0 {
-            let (cells, along) = (seen.cells(), seen.stand_ins().along());
-            for i in 0..PACKET {
-                cosine[i] = if cells >> i & 1 == 1 { along[i] } else { cosine[i] };
-            }
-        }
-        let mut sum = [[0.0; PACKET]; 3];
-        for i in 0..PACKET {
-            let own = Vec3::new(colour[0][i], colour[1][i], colour[2][i]) * ambient + glow;
-            (sum[0][i], sum[1][i], sum[2][i]) = (own.x, own.y, own.z);
-        }
-        for light in &direct.view.scene.lights {
-            let strength = Vec3::from(light.colour) * light.intensity;
-            for i in 0..PACKET {
-                let colour = Vec3::new(colour[0][i], colour[1][i], colour[2][i]);
-                let add = gloss.lit(colour, cosine[i], aslant[i], lobe[i], strength);
-                (sum[0][i], sum[1][i], sum[2][i]) = (sum[0][i] + add.x, sum[1][i] + add.y, sum[2][i] + add.z);
-            }
-        }
-        let mut mask = [0; PACKET];
-        for i in 0..PACKET {
-            mask[i] = 0u32.wrapping_sub(like >> i & 1);
-        }
-        for axis in 0..3 {
-            for i in 0..PACKET {
-                lit[axis][i] = f32::from_bits(sum[axis][i].to_bits() & mask[i] | lit[axis][i].to_bits() & !mask[i]);
-            }
-        }
-        for i in 0..PACKET {
-            lit[3][i] = f32::from_bits(1.0f32.to_bits() & mask[i] | lit[3][i].to_bits() & !mask[i]);
         }
     }
 }

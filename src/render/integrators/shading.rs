@@ -1,0 +1,278 @@
+//! Light on the surfaces that a packet's rays see: a column for each ray. Ambient light and headlights are worked out for all rays in vectors; lights that may
+//! cast shadows ray by ray, for most of their time goes to the shadow rays.
+#![allow(clippy::needless_range_loop)] // rows of several arrays at once
+
+use super::direct::{Direct, Scratch};
+use super::material::{Gloss, Material, powers};
+use super::surface::{Surface, aim};
+use crate::math::{PACKET, Ray, bits};
+use crate::scene::light::LightKind;
+use crate::scene::walk::Need;
+use crate::scene::Light;
+use crate::simd::{Isa, Op, Simd, dispatch};
+use glam::Vec3;
+
+/// A number for each ray of a packet.
+pub(super) type Row<T> = [T; PACKET];
+/// A vector for each, axis by axis.
+pub(super) type Vectors = [Row<f32>; 3];
+
+/// Surfaces, and the light that comes from them. Reusable: columns of rays that see nothing hold anything.
+#[repr(C, align(64))]
+pub(super) struct Shading {
+    /// Unit, against the rays.
+    pub normal: Vectors,
+    /// Mean cosines between the ways to the eye and the normals that are seen: of stand-ins those of all their sides.
+    pub facing: Row<f32>,
+    /// Materials.
+    colour: Vectors,
+    glow: Vectors,
+    metalness: Row<f32>,
+    diffuse: Row<f32>,
+    smooth: Row<f32>,
+    gain: Row<f32>,
+    exponent: Row<u32>,
+    /// Squares of the rays' lengths, and cosines between normals and the ways to the eye raised to the exponents.
+    aslant: Row<f32>,
+    lobe: Row<f32>,
+    /// The light.
+    sum: Vectors,
+}
+
+impl Default for Shading {
+    fn default() -> Self {
+        const NONE: Row<f32> = [0.0; PACKET];
+        Self {
+            normal: [NONE; 3],
+            facing: NONE,
+            colour: [NONE; 3],
+            glow: [NONE; 3],
+            metalness: NONE,
+            diffuse: NONE,
+            smooth: NONE,
+            gain: NONE,
+            exponent: [0; PACKET],
+            aslant: NONE,
+            lobe: NONE,
+            sum: [NONE; 3],
+        }
+    }
+}
+
+impl Shading {
+    /// Gives the surfaces that `rays` see a material. `are_all`: no other ray sees anything.
+    pub fn set_material(&mut self, rays: u32, are_all: bool, material: &Material) {
+        let gloss = Gloss::of(material);
+        let (colour, glow) = (material.colour, material.glow);
+        if are_all {
+            for axis in 0..3 {
+                (self.colour[axis], self.glow[axis]) = ([colour[axis]; PACKET], [glow[axis]; PACKET]);
+            }
+            (self.metalness, self.diffuse) = ([gloss.metalness; PACKET], [gloss.diffuse; PACKET]);
+            (self.smooth, self.gain) = ([gloss.smooth; PACKET], [gloss.gain; PACKET]);
+            self.exponent = [gloss.exponent; PACKET];
+            return;
+        }
+        for i in bits(rays) {
+            self.set_colour(i, colour);
+            set_column(&mut self.glow, i, glow);
+            (self.metalness[i], self.diffuse[i], self.smooth[i]) = (gloss.metalness, gloss.diffuse, gloss.smooth);
+            (self.gain[i], self.exponent[i]) = (gloss.gain, gloss.exponent);
+        }
+    }
+
+    /// Gives the surface that ray `i` sees a linear colour in place of its material's.
+    pub fn set_colour(&mut self, i: usize, colour: Vec3) {
+        set_column(&mut self.colour, i, colour);
+    }
+
+    /// Begins the sums, with glow and ambient light. `met`: rays with a surface, along `dir`; `faced`: those of which
+    /// [`Shading::facing`] is set.
+    pub fn begin(&mut self, isa: Isa, dir: &Vectors, [met, faced]: [u32; 2], ambient: f32) {
+        dispatch(isa, Begin { all: self, dir, met, faced, ambient });
+    }
+
+    /// Adds lights at the eye: it sees none of their shadows.
+    pub fn add_headlights(&mut self, isa: Isa, lights: &[Light]) {
+        dispatch(isa, Headlights { all: self, lights });
+    }
+
+    /// The light that comes from where ray `i` hits.
+    pub fn light(&self, i: usize) -> Vec3 {
+        column(&self.sum, i)
+    }
+
+    /// Writes the light of the rays of `met`, all from opaque surfaces, over the background in `out`: linear RGB and alpha.
+    pub fn put(&self, isa: Isa, met: u32, out: &mut [Row<f32>; 4]) {
+        dispatch(isa, Put { all: self, met, out });
+    }
+}
+
+#[inline(always)]
+fn column(rows: &Vectors, i: usize) -> Vec3 {
+    Vec3::new(rows[0][i], rows[1][i], rows[2][i])
+}
+
+#[inline(always)]
+fn set_column(rows: &mut Vectors, i: usize, v: Vec3) {
+    (rows[0][i], rows[1][i], rows[2][i]) = (v.x, v.y, v.z);
+}
+
+struct Begin<'a> {
+    all: &'a mut Shading,
+    dir: &'a Vectors,
+    met: u32,
+    faced: u32,
+    ambient: f32,
+}
+
+impl Op for Begin<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { all: Shading { normal, facing, colour, glow, exponent, aslant, lobe, sum, .. }, dir, met, faced, ambient } = self;
+        let mut ahead = [0.0; PACKET];
+        for i in 0..PACKET {
+            let to_eye = -column(dir, i);
+            let cosine = column(normal, i).dot(to_eye);
+            aslant[i] = to_eye.dot(to_eye);
+            ahead[i] = cosine.max(0.0);
+            facing[i] = if faced >> i & 1 == 1 { facing[i] } else { cosine };
+        }
+        let mut left = met;
+        while left != 0 {
+            let one = exponent[left.trailing_zeros() as usize & (PACKET - 1)];
+            let mut powers_of_one = [0.0; PACKET];
+            powers(&ahead, one, &mut powers_of_one);
+            let mut is_like = [0; PACKET];
+            for i in 0..PACKET {
+                lobe[i] = if exponent[i] == one { powers_of_one[i] } else { lobe[i] };
+                is_like[i] = u32::from(exponent[i] == one) << i;
+            }
+            left &= !is_like.iter().fold(0, |all, it| all | it);
+        }
+        for i in 0..PACKET {
+            let own = column(colour, i) * ambient + column(glow, i);
+            (sum[0][i], sum[1][i], sum[2][i]) = (own.x, own.y, own.z);
+        }
+    }
+}
+
+struct Headlights<'a> {
+    all: &'a mut Shading,
+    lights: &'a [Light],
+}
+
+impl Op for Headlights<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Shading { facing, colour, metalness, diffuse, smooth, gain, exponent, aslant, lobe, sum, .. } = self.all;
+        for light in self.lights {
+            let strength = Vec3::from(light.colour) * light.intensity;
+            for i in 0..PACKET {
+                let gloss = Gloss {
+                    metalness: metalness[i],
+                    diffuse: diffuse[i],
+                    smooth: smooth[i],
+                    gain: gain[i],
+                    exponent: exponent[i],
+                };
+                let add = gloss.lit(column(colour, i), facing[i], aslant[i], lobe[i], strength);
+                (sum[0][i], sum[1][i], sum[2][i]) = (sum[0][i] + add.x, sum[1][i] + add.y, sum[2][i] + add.z);
+            }
+        }
+    }
+}
+
+struct Put<'a> {
+    all: &'a Shading,
+    met: u32,
+    out: &'a mut [Row<f32>; 4],
+}
+
+impl Op for Put<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { all: Shading { sum, .. }, met, out } = self;
+        let mut mask = [0; PACKET];
+        for i in 0..PACKET {
+            mask[i] = 0u32.wrapping_sub(met >> i & 1);
+        }
+        for axis in 0..3 {
+            for i in 0..PACKET {
+                out[axis][i] = f32::from_bits(sum[axis][i].to_bits() & mask[i] | out[axis][i].to_bits() & !mask[i]);
+            }
+        }
+        for i in 0..PACKET {
+            out[3][i] = f32::from_bits(1.0f32.to_bits() & mask[i] | out[3][i].to_bits() & !mask[i]);
+        }
+    }
+}
+
+impl Direct<'_> {
+    /// Adds up the lights on the surfaces that `rays` see, in the scratch's [`Shading`].
+    pub(super) fn light(
+        &self,
+        rays: &[Ray; PACKET],
+        surfaces: &[Option<Surface>; PACKET],
+        active: u32,
+        scratch: &mut Scratch,
+    ) -> Result<(), Need> {
+        let shading = &mut scratch.shading;
+        let mut dir = [[0.0; PACKET]; 3];
+        for i in bits(active) {
+            let Some(s) = &surfaces[i] else { continue };
+            shading.set_material(1 << i, false, &s.material);
+            set_column(&mut dir, i, rays[i].dir);
+            set_column(&mut shading.normal, i, s.normal);
+            shading.facing[i] = s.facing.mean().dot(-rays[i].dir);
+        }
+        shading.begin(self.isa(), &dir, [active, active], self.ambient);
+        let is_headlight = |light: &Light| light.kind == LightKind::Headlight;
+        // In the scene's order: sums are rounded.
+        for lights in self.view.scene.lights.chunk_by(|a, b| is_headlight(a) == is_headlight(b)) {
+            if lights.first().is_some_and(is_headlight) {
+                scratch.shading.add_headlights(self.isa(), lights);
+                continue;
+            }
+            for light in lights {
+                self.cast(light, rays, surfaces, active, scratch)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a light that may cast shadows.
+    fn cast(
+        &self,
+        light: &Light,
+        rays: &[Ray; PACKET],
+        surfaces: &[Option<Surface>; PACKET],
+        active: u32,
+        scratch: &mut Scratch,
+    ) -> Result<(), Need> {
+        let mut answer = [Vec3::ZERO; PACKET];
+        let mut shadow = [Ray::NONE; PACKET];
+        let mut asked = 0;
+        for i in bits(active) {
+            let Some(s) = &surfaces[i] else { continue };
+            let Some(aim) = aim(light, s) else { continue };
+            answer[i] = s.material.lit(s.normal, &s.facing, -rays[i].dir, aim.to_light, aim.irradiance);
+            if answer[i] != Vec3::ZERO && light.shadows {
+                shadow[i] = aim.shadow;
+                asked |= 1 << i;
+            }
+        }
+        let through = self.unshadowed(&mut shadow, asked, scratch)?;
+        for i in bits(active) {
+            let sum = scratch.shading.light(i) + answer[i] * through[i];
+            set_column(&mut scratch.shading.sum, i, sum);
+        }
+        Ok(())
+    }
+}
