@@ -11,6 +11,7 @@
 
 use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
+use super::integrators::Integrator;
 use super::integrators::direct::{Asks, Direct, Scratch};
 use super::integrators::plain;
 use super::passes::{Next, Now, Passes, Seen, effective_poe};
@@ -412,7 +413,7 @@ impl Work for Request {
             precise: any(&[Buffer::Depth, Buffer::Error]),
             normals: any(&[Buffer::Normal]),
         };
-        let direct = Direct {
+        let integrator = Integrator::Direct(Direct {
             view,
             rays: &self.rays,
             size: (film.width, film.height),
@@ -424,15 +425,15 @@ impl Work for Request {
             asks,
             plain: plain::is_plain(&view, &self.rays, asks),
             within: self.rays.rectangle_of(&self.scene.bounds_of_hits()),
-        };
+        });
         let stop = || self.stop.load(Relaxed);
         let Desk { pixels, scratch } = &mut *desk;
         scratch.wants.clear();
         let tally = if is_glimpse {
-            TilePixels::glimpse(&direct, tile, scratch);
+            TilePixels::glimpse(&integrator, tile, scratch);
             Some(Tally::default())
         } else {
-            let tally = pixels.render(&direct, tile, wanted, scratch, stop);
+            let tally = pixels.render(&integrator, tile, wanted, scratch, stop);
             if tally.is_some() {
                 film.take(tile.0, tile.1, pixels);
                 self.pixels_done.fetch_add(u64::from(pixels.width) * u64::from(pixels.height), Relaxed);

@@ -1,8 +1,9 @@
 //! Tiles: squares of pixels, the unit of work of a frame.
 
 use super::film::{Buffer, Outputs};
-use super::integrators::direct::{ACROSS, DOWN, Direct, Scratch};
+use super::integrators::direct::{ACROSS, DOWN, Scratch};
 use super::integrators::first::First;
+use super::integrators::{Integrator, Picture};
 use crate::math::srgb::Srgb;
 use crate::math::bits;
 use crate::simd::{Op, Simd, dispatch};
@@ -83,29 +84,30 @@ impl TilePixels {
     /// tile is to be rendered again. `None` if `stop` said so between two packets.
     pub fn render(
         &mut self,
-        direct: &Direct,
+        integrator: &Integrator,
         (x, y): (u32, u32),
         wanted: Outputs,
         scratch: &mut Scratch,
         stop: impl Fn() -> bool,
     ) -> Option<Tally> {
-        let (width, height) = direct.size;
+        let picture = integrator.picture();
+        let (width, height) = picture.size;
         self.width = (width - x).min(TILE);
         self.height = (height - y).min(TILE);
         let mut tally = Tally::default();
         let mut sums = [[[0.0; PACKET]; 4]; PACKETS];
         let patches: [Patch; PACKETS] = std::array::from_fn(|i| Patch::new(i as u32, self.width, self.height));
-        for sample in 0..direct.samples {
+        for sample in 0..picture.samples {
             if stop() {
                 return None;
             }
-            let packets = patches.each_ref().map(|it| (direct.pixels((x + it.left, y + it.top), (1, 1), sample), it.active()));
-            direct.begin(&packets, scratch);
+            let packets = patches.each_ref().map(|it| (integrator.pixels((x + it.left, y + it.top), (1, 1), sample), it.active()));
+            integrator.begin(&packets, scratch);
             for (i, (pixels, active)) in packets.iter().enumerate().filter(|(_, (_, active))| *active != 0) {
                 if stop() {
                     return None;
                 }
-                if let Err(need) = direct.packet(pixels, *active, Some(i), &mut sums[i], scratch) {
+                if let Err(need) = integrator.packet(pixels, *active, Some(i), &mut sums[i], scratch) {
                     // Only a root can be lacking so, and roots stay; then it is wanted before all else.
                     scratch.wants.add(need, f32::MAX);
                 }
@@ -113,8 +115,8 @@ impl TilePixels {
                     self.keep_first(&patches[i], wanted, &scratch.first);
                     tally.count(*active, &scratch.first);
                 }
-                if sample + 1 == direct.samples {
-                    self.keep_colours(&patches[i], wanted, direct, &mut sums[i]);
+                if sample + 1 == picture.samples {
+                    self.keep_colours(&patches[i], wanted, picture, &mut sums[i]);
                 }
             }
         }
@@ -122,13 +124,14 @@ impl TilePixels {
     }
 
     /// Looks at a packet's pixels, spread over the tile whose left upper pixel is (`x`, `y`), for what they lack.
-    pub fn glimpse(direct: &Direct, (x, y): (u32, u32), scratch: &mut Scratch) {
+    pub fn glimpse(integrator: &Integrator, (x, y): (u32, u32), scratch: &mut Scratch) {
         const APART: (u32, u32) = (TILE / ACROSS, TILE / DOWN);
         let at = (x + APART.0 / 2, y + APART.1 / 2);
-        let inside = |i: u32| at.0 + i % ACROSS * APART.0 < direct.size.0 && at.1 + i / ACROSS * APART.1 < direct.size.1;
+        let (width, height) = integrator.picture().size;
+        let inside = |i: u32| at.0 + i % ACROSS * APART.0 < width && at.1 + i / ACROSS * APART.1 < height;
         let active = (0..PACKET as u32).filter(|&i| inside(i)).fold(0u32, |m, i| m | 1 << i);
         let mut sums = [[0.0; PACKET]; 4];
-        if let Err(need) = direct.packet(&direct.pixels(at, APART, 0), active, None, &mut sums, scratch) {
+        if let Err(need) = integrator.packet(&integrator.pixels(at, APART, 0), active, None, &mut sums, scratch) {
             scratch.wants.add(need, f32::MAX);
         }
     }
@@ -153,14 +156,14 @@ impl TilePixels {
     }
 
     /// Takes over the colours that are `wanted` of the pixels of a packet. `sums`: those of all samples.
-    fn keep_colours(&mut self, patch: &Patch, wanted: Outputs, direct: &Direct, sums: &mut [[f32; PACKET]; 4]) {
-        if direct.samples > 1 {
-            let weight = 1.0 / direct.samples as f32;
+    fn keep_colours(&mut self, patch: &Patch, wanted: Outputs, picture: Picture, sums: &mut [[f32; PACKET]; 4]) {
+        if picture.samples > 1 {
+            let weight = 1.0 / picture.samples as f32;
             sums.as_flattened_mut().iter_mut().for_each(|c| *c *= weight);
         }
         if wanted.has(Buffer::ColourSrgb8) {
             let mut coded = [[0; 4]; PACKET];
-            dispatch(direct.isa(), Code { srgb: direct.srgb, colour: sums, coded: &mut coded });
+            dispatch(picture.isa, Code { srgb: picture.srgb, colour: sums, coded: &mut coded });
             for (to, from) in patch.rows() {
                 self.srgb[to].copy_from_slice(&coded[from]);
             }
