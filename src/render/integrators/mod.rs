@@ -12,7 +12,7 @@ mod surface;
 use crate::math::srgb::Srgb;
 use crate::scene::walk::Need;
 use crate::simd::Isa;
-use crate::structure::bvh::trace::{BUNDLE, PACKET};
+use crate::math::{BUNDLE, PACKET};
 use direct::{Direct, Pixels, Scratch};
 
 /// An algorithm that gives the pixels of a picture their light. Asked once a packet or a tile, never once a ray.
