@@ -1,4 +1,5 @@
 //! Slab tests of rays and boxes in double precision: of one ray, and of a packet's rays side by side.
+#![allow(clippy::needless_range_loop)] // rows of several arrays at once, and axes of several vectors
 
 use crate::math::{DBounds, PACKET, Ray};
 use crate::simd::{Isa, Op, Simd, dispatch};
