@@ -11,7 +11,7 @@ use super::walk::{Found, SceneView, SceneWalk, Step};
 use crate::math::{PACKET, Ray, STREAM, bits};
 use crate::structure::{LocalRay, Outcome, Stream, TriHit, Walk};
 
-/// Rays that go one after the other, at most: so few take longer to begin side by side than to walk.
+/// Rays that go one after the other, each to its end, at most: so few take longer to begin side by side than to walk.
 const FEW: usize = 4;
 
 /// Rays side by side in a scene. Reusable.
@@ -208,25 +208,40 @@ impl SceneView<'_> {
         if is_as_in_file { u64::from(p.model) << 32 | u64::from(p.tree) } else { 1 << 63 | u64::from(placed) }
     }
 
-    /// Takes rays through the tree that they enter.
-    fn run<const ANY: bool>(&self, rays: &[Ray], run: &[Entering], walk: &mut SceneStream, found: &mut [Found]) {
-        let SceneStream { tree: stream, single, hits, at, unfinished, goes_on, .. } = walk;
-        let (tree, filter) = (self.tree(run[0].placed), self.filter(run[0].placed));
+    /// Takes a ray through the tree that it enters, and alone through all that it enters then.
+    fn alone<const ANY: bool>(&self, rays: &[Ray], mut entering: Entering, walk: &mut SceneStream, found: &mut [Found]) {
+        let i = entering.ray as usize;
+        let (ray, best) = (&rays[i], &mut found[i]);
         let mut local = LocalRay::NONE;
-        if run.len() <= FEW {
-            for &Entering { ray, placed, .. } in run {
-                let (p, ray) = (&self.scene.placement.placed[placed as usize], ray as usize);
-                let Some((shift, scale)) = p.local(&rays[ray], found[ray].t, self.looks_beyond, &mut local) else { continue };
+        loop {
+            let placed = entering.placed;
+            if let Some((shift, scale)) = self.scene.placement.placed[placed as usize].local(ray, best.t, self.looks_beyond, &mut local) {
+                let (tree, filter, single) = (self.tree(placed), self.filter(placed), &mut walk.single);
                 single.begin(&tree, &local);
                 let outcome = if ANY { tree.any(filter.as_ref(), single) } else { tree.closest(filter.as_ref(), single) };
                 if outcome != Outcome::Done {
-                    goes_on[ray] = false;
-                    unfinished.push(ray as u32);
+                    walk.unfinished.push(i as u32);
+                    break;
                 }
-                found[ray].offer::<ANY>(self.looks_beyond, &At { placed, shift, scale }, single.best(), single.passed());
+                best.offer::<ANY>(self.looks_beyond, &At { placed, shift, scale }, single.best(), single.passed());
             }
-            return;
+            if !walk.goes_on[i] || ANY && best.is_hit() {
+                break;
+            }
+            let Some(next) = self.next_tree(ray, i, best.t, walk) else { break };
+            entering = next;
         }
+        walk.goes_on[i] = false;
+    }
+
+    /// Takes rays through the tree that they enter.
+    fn run<const ANY: bool>(&self, rays: &[Ray], run: &[Entering], walk: &mut SceneStream, found: &mut [Found]) {
+        if run.len() <= FEW {
+            return run.iter().for_each(|&it| self.alone::<ANY>(rays, it, walk, found));
+        }
+        let SceneStream { tree: stream, hits, at, unfinished, goes_on, .. } = walk;
+        let (tree, filter) = (self.tree(run[0].placed), self.filter(run[0].placed));
+        let mut local = LocalRay::NONE;
         for (i, &Entering { ray, placed, .. }) in run.iter().enumerate() {
             let p = &self.scene.placement.placed[placed as usize];
             match p.local(&rays[ray as usize], found[ray as usize].t, self.looks_beyond, &mut local) {
