@@ -29,7 +29,7 @@ const SELECTED: [u64; 2] = [8, 25];
 
 fn part_of(i: usize) -> u64 {
     // Some in large patches, some mixed with others triangle by triangle.
-    let patch = (i / 700) as u64;
+    let patch = (i / built::sized(700, 3000)) as u64;
     if patch.is_multiple_of(3) { (i as u64 * 7 + patch) % PARTS } else { patch % PARTS }
 }
 

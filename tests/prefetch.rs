@@ -189,9 +189,11 @@ fn dropping_it_ends_the_reading() {
     let context = context(2, ample());
     let (file, reads) = (FileSource::open(bulb()).expect("the file"), Arc::new(AtomicU64::new(0)));
     let (len, count) = (Source::len(&file), Arc::clone(&reads));
+    // A smaller model has fewer reads, which take longer.
+    let each = Duration::from_millis(built::sized(10, 100));
     let slow = move |at: u64, buf: &mut [u8]| {
         count.fetch_add(1, SeqCst);
-        std::thread::sleep(Duration::from_millis(10));
+        std::thread::sleep(each);
         file.read_at(at, buf)
     };
     let model = Model::open_source(&context, Arc::new(CallbackSource::new("slow", len, Box::new(slow)))).expect("it opens");
