@@ -25,11 +25,17 @@ fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
     }
 }
 
-/// The names of a file's tests that run: functions right below `#[test]`, but for other attributes and comments.
+/// The names of a file's tests that run: functions right below `#[test]`, but for other attributes and comments; and those that
+/// `on_each_structure!` makes tests of.
 fn tests_of(file: &str) -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     let mut is_test = false;
-    for line in text(&root().join(file)).lines().map(str::trim) {
+    let text = text(&root().join(file));
+    for (_, list) in text.match_indices("on_each_structure!(").map(|(at, start)| text.split_at(at + start.len())) {
+        let list = list.split(')').next().unwrap_or_default();
+        names.extend(list.split(',').map(|name| name.trim().to_owned()).filter(|name| text.contains(&format!("fn {name}("))));
+    }
+    for line in text.lines().map(str::trim) {
         if line == "#[test]" {
             is_test = true;
         } else if let Some(name) = line.strip_prefix("fn ").filter(|_| is_test) {
