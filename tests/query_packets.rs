@@ -38,7 +38,7 @@ fn camera_rays(eye: DVec3, poe: f32) -> Vec<Ray> {
 fn packets_answer_as_single_rays_do(state: &SceneState, unit: f64) -> [usize; 4] {
     let wants = [Want::NORMAL | Want::UV | Want::PART, Want::NORMAL, Want::PART | Want::INSTANCE, Want::UV, Want::NOTHING, Want::ALL];
     let (mut kinds, mut order) = ([0; 4], Vec::new());
-    for (v, eye) in [DVec3::new(0.5, -2.6, 0.3), DVec3::new(-2.0, -0.3, 1.1), DVec3::new(0.9, 0.7, 0.2)].into_iter().enumerate() {
+    for (v, eye) in [DVec3::new(0.5, -2.6, 0.3), DVec3::new(-2.0, -0.3, 1.1), DVec3::new(0.9, 0.7, 0.2)].into_iter().enumerate().take(built::sized(3, 1)) {
         for poe in [0.0, 0.3, 3.0, 100.0] {
             let mut rays = camera_rays(eye * unit, poe);
             // Some end early, some begin late.
@@ -158,7 +158,7 @@ fn packets_answer_as_single_rays_do_on_tiny_triangles() {
     let tris = scenes::bumpy_sphere(60, 120, 5).into_iter().map(|t| t.map(|v| scenes::rounded(v * TINY))).collect();
     let (scene, _) = built::scene(&context, &built::parts(&[Part::white(1, tris)]));
     let kinds = packets_answer_as_single_rays_do(&scene.state(), TINY);
-    assert!(kinds[0] > 10_000 && kinds[1] > 10_000 && kinds[2] > built::sized(10_000, 5000), "{kinds:?}");
+    assert!(kinds[0] > 10_000 && kinds[1] > 10_000 && kinds[2] > built::sized(10_000, 1000), "{kinds:?}");
 }
 
 /// What rays meet, asked two at a time, which are walked one by one.
