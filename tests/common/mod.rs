@@ -21,6 +21,7 @@
 //! | [`rays`] | seeded rays of every awkward kind |
 //! | [`models`], [`scenes`] | the models folder and the five test models as triangle lists |
 //! | [`built`], [`stored`] | files under test, built through the public API, and what they store |
+//! | [`frames`] | cameras, requests that must converge, scenes with something of everything |
 //! | [`trees`] | the trees under test, with any blocks missing |
 //! | [`sources`] | sources that fail, stall and dawdle |
 // Each test binary uses its own share of this folder.
@@ -31,6 +32,7 @@ pub mod brute;
 pub mod built;
 pub mod bvh64;
 pub mod errors;
+pub mod frames;
 pub mod light;
 pub mod models;
 pub mod perceived;
