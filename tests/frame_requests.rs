@@ -134,6 +134,27 @@ fn wake_is_called_once_for_each_ending_and_never_for_what_was_replaced() {
     }
 }
 
+/// A wait that says that a request has ended says that its wake function has returned.
+#[test]
+fn waits_end_after_the_wake_function() {
+    let context = built::context(2);
+    let scene = busy_scene(&context);
+    let frame = frame(&context, 32, 32);
+    for _ in 0..5 {
+        let counts = Arc::new([const { AtomicUsize::new(0) }; 2]);
+        let within = Arc::clone(&counts);
+        frame.set_wake(Some(Arc::new(move || {
+            within[0].fetch_add(1, SeqCst);
+            std::thread::sleep(Duration::from_millis(20));
+            within[1].fetch_add(1, SeqCst);
+        })));
+        frame.request(&scene.state(), &perspective(DVec3::Z * 9.0, DVec3::ZERO), &FrameSettings::default()).unwrap();
+        while frame.wait(Duration::from_millis(3)).state == FrameState::Running {}
+        let [begun, ended] = [0, 1].map(|at| counts[at].load(SeqCst));
+        assert!(begun > 0 && begun == ended, "{begun} calls, {ended} returns");
+    }
+}
+
 /// 1000 requests and cancels of one frame while another renders and queries run: cancels are prompt, fractions
 /// never go back, and what is mapped is always exactly one of the two pictures.
 #[test]

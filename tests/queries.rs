@@ -338,25 +338,29 @@ fn side(volume: &DBounds, t: &Tri) -> usize {
     usize::from(!polygon.is_empty())
 }
 
+struct Many(usize);
+
+impl Rays for Many {
+    fn count(&self) -> usize {
+        self.0
+    }
+    fn read(&self, first: usize, out: &mut [Ray]) {
+        for (i, out) in out.iter_mut().enumerate() {
+            let x = ((first + i) % 100) as f64 * 0.01 - 0.5;
+            *out = Ray { mask: 1, ..Ray::new(DVec3::new(x, 0.1, 5.0), -Vec3::Z) };
+        }
+    }
+}
+
+struct Count(Mutex<usize>);
+
+impl Hits for Count {
+    fn write(&self, _: usize, hits: &[Hit]) {
+        *self.0.lock().unwrap() += hits.iter().filter(|h| h.kind == HitKind::Exact).count();
+    }
+}
+
 fn queries_in_the_background_can_be_polled_waited_for_and_cancelled() {
-    struct Many(usize);
-    impl Rays for Many {
-        fn count(&self) -> usize {
-            self.0
-        }
-        fn read(&self, first: usize, out: &mut [Ray]) {
-            for (i, out) in out.iter_mut().enumerate() {
-                let x = ((first + i) % 100) as f64 * 0.01 - 0.5;
-                *out = Ray { mask: 1, ..Ray::new(DVec3::new(x, 0.1, 5.0), -Vec3::Z) };
-            }
-        }
-    }
-    struct Count(Mutex<usize>);
-    impl Hits for Count {
-        fn write(&self, _: usize, hits: &[Hit]) {
-            *self.0.lock().unwrap() += hits.iter().filter(|h| h.kind == HitKind::Exact).count();
-        }
-    }
     for threads in [0, 2] {
         let context = built::context(threads);
         let file = built::parts(&[Part::white(1, sphere())]);
@@ -386,6 +390,28 @@ fn queries_in_the_background_can_be_polled_waited_for_and_cancelled() {
         // A worker may be about to let go of the job that has ended.
         while Arc::strong_count(&hits) > 1 {
             std::thread::yield_now();
+        }
+    }
+}
+
+/// A wait that says that a batch has ended, and a batch that is gone, leave no thread in its wake function.
+fn waits_for_a_batch_end_after_its_wake_function() {
+    let context = built::context(2);
+    let (scene, _) = built::scene(&context, &built::parts(&[Part::white(1, sphere())]));
+    for is_dropped in [false, true] {
+        for _ in 0..8 {
+            let query = Query::any(&scene.state(), Arc::new(Many(100)), Arc::new(Count(Mutex::default())), SINGLE).unwrap();
+            let counts = Arc::new(Mutex::new([0; 2]));
+            let within = Arc::clone(&counts);
+            query.set_wake(Some(Arc::new(move || {
+                within.lock().unwrap()[0] += 1;
+                std::thread::sleep(Duration::from_millis(10));
+                within.lock().unwrap()[1] += 1;
+            })));
+            while !is_dropped && query.wait(Duration::from_millis(3)).state == QueryState::Running {}
+            drop(query);
+            let [begun, ended] = *counts.lock().unwrap();
+            assert_eq!(begun, ended);
         }
     }
 }
@@ -544,6 +570,7 @@ built::on_each_structure!(
     hidden_parts_and_instances_and_what_a_commit_isolates,
     overlaps_agree_with_every_triangle,
     queries_in_the_background_can_be_polled_waited_for_and_cancelled,
+    waits_for_a_batch_end_after_its_wake_function,
     a_batch_may_be_dropped_in_its_own_wake_function,
     what_is_not_in_memory_is_read_and_the_answer_is_the_same,
     at_the_border_of_near_packets_and_streams_agree,

@@ -25,11 +25,6 @@ impl Waker {
         std::mem::replace(&mut self.wake, wake)
     }
 
-    /// Whether there is a function.
-    pub fn is_set(&self) -> bool {
-        self.wake.is_some()
-    }
-
     /// The function, for this thread to call now; [`Waker::returned`] comes after the call.
     pub fn call(&mut self) -> Option<WakeFn> {
         let wake = self.wake.clone()?;
@@ -59,15 +54,6 @@ impl Waker {
     }
 }
 
-/// The event that a thread waits for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Until {
-    /// The job has ended.
-    Ended,
-    /// The job has ended, and no other thread is calling its wake function any more.
-    Woken,
-}
-
 /// The end of a job, `E`, which is set once, and the job's own state under the same lock, `S`.
 pub struct Handle<E, S = ()> {
     core: Mutex<Core<E, S>>,
@@ -88,8 +74,9 @@ impl<E, S> Core<E, S> {
         self.end.as_ref()
     }
 
-    fn is_over(&self, until: Until) -> bool {
-        self.end.is_some() && (until == Until::Ended || !self.waker.is_called_elsewhere())
+    /// No other thread is calling the wake function any more either.
+    fn is_over(&self) -> bool {
+        self.end.is_some() && !self.waker.is_called_elsewhere()
     }
 }
 
@@ -140,10 +127,8 @@ impl<E: Clone, S> Handle<E, S> {
         };
         self.changed.notify_all();
         if let Some(wake) = wake {
-            let _returned = Returned(self);
-            wake();
-            // Dropped before the call counts as returned: it may own the job.
-            drop(wake);
+            let call = Call { handle: self, wake: Some(wake) };
+            call.wake.as_deref().inspect(|wake| wake());
         }
     }
 
@@ -166,16 +151,16 @@ impl<E: Clone, S> Handle<E, S> {
         self.changed.notify_all();
     }
 
-    /// Waits, `timeout` at most; returns how the job has ended, or `None` after that time.
-    pub fn wait(&self, until: Until, timeout: Duration) -> Option<E> {
-        self.wait_working(until, timeout, |_| None, |(), _| {})
+    /// Waits until the job has ended and a wake function that another thread calls has returned, `timeout` at most. Returns how the job has ended, or `None`
+    /// after that time. So the owner may free whatever the wake function refers to when a wait has said that the job has ended.
+    pub fn wait(&self, timeout: Duration) -> Option<E> {
+        self.wait_working(timeout, |_| None, |(), _| {})
     }
 
     /// [`Handle::wait`] of a thread that works meanwhile: `todo` gives a piece of work, if there is any, under the lock, and
     /// `work` works on it, for the given time at most.
     pub fn wait_working<T>(
         &self,
-        until: Until,
         timeout: Duration,
         todo: impl Fn(&S) -> Option<T>,
         work: impl Fn(T, Duration),
@@ -184,7 +169,7 @@ impl<E: Clone, S> Handle<E, S> {
         let left = || deadline.map_or(Duration::MAX, |d| d.saturating_duration_since(Instant::now()));
         loop {
             let core = self.lock();
-            if core.is_over(until) {
+            if core.is_over() {
                 return core.end.clone();
             }
             let time = left();
@@ -203,13 +188,18 @@ impl<E: Clone, S> Handle<E, S> {
     }
 }
 
-/// The wake function has returned when this is gone, even where it unwinds.
-struct Returned<'a, E: Clone, S>(&'a Handle<E, S>);
+/// The last call of a wake function. It has returned when this is gone, even where it unwinds.
+struct Call<'a, E: Clone, S> {
+    handle: &'a Handle<E, S>,
+    wake: Option<WakeFn>,
+}
 
-impl<E: Clone, S> Drop for Returned<'_, E, S> {
+impl<E: Clone, S> Drop for Call<'_, E, S> {
     fn drop(&mut self) {
-        self.0.lock().waker.returned();
-        self.0.changed.notify_all();
+        // Before the call counts as returned: the function may own the job, and a thread that waits may then free whatever it refers to.
+        self.wake = None;
+        self.handle.lock().waker.returned();
+        self.handle.changed.notify_all();
     }
 }
 
@@ -233,12 +223,12 @@ mod tests {
                 woken.fetch_add(1, SeqCst);
             }))
         };
-        assert_eq!((handle.ending(), handle.wait(Until::Ended, SHORT)), (None, None));
+        assert_eq!((handle.ending(), handle.wait(SHORT)), (None, None));
         handle.set_wake(wake());
         handle.set_wake(wake());
         handle.end(1);
         handle.end(2);
-        assert_eq!((handle.ending(), handle.wait(Until::Woken, LONG), woken.load(SeqCst)), (Some(1), Some(1), 1));
+        assert_eq!((handle.ending(), handle.wait(LONG), woken.load(SeqCst)), (Some(1), Some(1), 1));
         // Of a job that has ended it is called at once.
         handle.set_wake(wake());
         handle.set_wake(None);
@@ -250,7 +240,7 @@ mod tests {
         let (handle, inside) = (Arc::new(Handle::<u32>::new(())), Arc::new(Barrier::new(2)));
         let (own, at) = (Arc::downgrade(&handle), Arc::clone(&inside));
         handle.set_wake(Some(Arc::new(move || {
-            let ends = own.upgrade().map(|handle| handle.wait(Until::Woken, LONG));
+            let ends = own.upgrade().map(|handle| handle.wait(LONG));
             assert_eq!(ends, Some(Some(7)));
             at.wait();
             at.wait();
@@ -258,9 +248,9 @@ mod tests {
         thread::scope(|threads| {
             threads.spawn(|| handle.end(7));
             inside.wait();
-            assert_eq!((handle.wait(Until::Woken, SHORT), handle.wait(Until::Ended, LONG)), (None, Some(7)));
+            assert_eq!((handle.wait(SHORT), handle.ending()), (None, Some(7)));
             inside.wait();
-            assert_eq!(handle.wait(Until::Woken, LONG), Some(7));
+            assert_eq!(handle.wait(LONG), Some(7));
         });
         assert_eq!(Arc::strong_count(&inside), 1, "the wake function is gone");
     }
@@ -271,7 +261,7 @@ mod tests {
         handle.set_wake(Some(Arc::new(|| panic!("woken"))));
         assert!(catch_unwind(AssertUnwindSafe(|| handle.end(3))).is_err());
         thread::scope(|threads| {
-            threads.spawn(|| assert_eq!(handle.wait(Until::Woken, LONG), Some(3)));
+            threads.spawn(|| assert_eq!(handle.wait(LONG), Some(3)));
         });
     }
 
@@ -284,6 +274,6 @@ mod tests {
                 handle.end(item);
             }
         };
-        assert_eq!(handle.wait_working(Until::Ended, LONG, |items| items.last().copied(), work), Some(1));
+        assert_eq!(handle.wait_working(LONG, |items| items.last().copied(), work), Some(1));
     }
 }

@@ -6,7 +6,7 @@
 //! work, a callback or the executor runs.
 
 use super::error::{Error, Result};
-use super::handle::{Handle, Until, WakeFn};
+use super::handle::{Handle, WakeFn};
 use super::round::Round;
 use std::any::Any;
 use std::cell::{Cell, RefCell};
@@ -371,7 +371,7 @@ impl Job {
         let works = self.shared.threads == 0 || self.inner.work.is_scoped() || WORKING.get();
         let todo = |state: &State| (works && state.round.has_items()).then(|| Arc::clone(&state.round));
         let work = |round, time: Duration| self.shared.serve(&self.inner, &round, time.min(SLICE));
-        self.inner.handle.wait_working(Until::Woken, timeout, todo, work)
+        self.inner.handle.wait_working(timeout, todo, work)
     }
 
     /// See [`Handle::set_wake`]. Nothing of the work runs any more when it is called.

@@ -7,7 +7,7 @@ use super::guard::caught;
 use super::job::{LongWork, Snapshot, Wake};
 use super::status::OC_STATUS_OK;
 use crate::base::error::{Error, Result};
-use crate::base::handle::{Handle, Until};
+use crate::base::handle::Handle;
 use crate::base::progress::{Cancel, Phase, Progress};
 use std::any::Any;
 use std::sync::Arc;
@@ -75,8 +75,8 @@ impl Task {
         self.handle.ending()?.ok()
     }
 
-    fn snapshot(&self) -> Snapshot {
-        let mut snapshot = match self.handle.ending() {
+    fn snapshot(&self, ending: Option<Outcome>) -> Snapshot {
+        let mut snapshot = match ending {
             None => Snapshot::running(),
             Some(Ok(_)) => Snapshot::done(),
             Some(Err(error)) => Snapshot::ended_with(&error),
@@ -93,7 +93,7 @@ impl Task {
 
 impl LongWork for Task {
     fn poll(&self) -> Snapshot {
-        self.snapshot()
+        self.snapshot(self.handle.ending())
     }
 
     fn wait(&self, timeout: Option<Duration>) -> Snapshot {
@@ -105,8 +105,7 @@ impl LongWork for Task {
         if works {
             self.run();
         }
-        self.handle.wait(Until::Ended, timeout.unwrap_or(Duration::MAX));
-        self.snapshot()
+        self.snapshot(self.handle.wait(timeout.unwrap_or(Duration::MAX)))
     }
 
     fn cancel(&self) {

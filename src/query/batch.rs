@@ -131,7 +131,11 @@ impl Query {
 
     /// How far it is. Never blocks.
     pub fn poll(&self) -> QueryStatus {
-        let (state, error) = match self.job.ending() {
+        self.status(self.job.ending())
+    }
+
+    fn status(&self, ending: Option<Ending>) -> QueryStatus {
+        let (state, error) = match ending {
             None => (QueryState::Running, None),
             Some(Ending::Finished) => (QueryState::Done, None),
             Some(Ending::Cancelled) => (QueryState::Cancelled, None),
@@ -146,10 +150,10 @@ impl Query {
         QueryStatus { state, fraction, done, total: self.total, error }
     }
 
-    /// Waits until it has ended, `timeout` at most. Works itself where the context has no threads.
+    /// Waits until it has ended and a wake function that another thread calls has returned, `timeout` at most; after that time it still counts as running.
+    /// Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> QueryStatus {
-        let _ = self.job.wait(timeout);
-        self.poll()
+        self.status(self.job.wait(timeout))
     }
 
     /// Asks it to end; takes effect within a chunk of rays.

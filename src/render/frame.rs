@@ -87,8 +87,6 @@ struct Inner {
     unfinished: u32,
     /// How the last request ended, and when.
     ending: Option<(End, Instant)>,
-    /// The wake function is being called because of the ending: waits return after that.
-    waking: bool,
     waker: Waker,
     /// The last complete picture.
     front: Option<Arc<Picture>>,
@@ -131,7 +129,6 @@ impl Frame {
             requests: 0,
             unfinished: 0,
             ending: None,
-            waking: false,
             waker: Waker::default(),
             front: None,
             spare: Some(Spare::of((options.width, options.height), options.outputs, None)?),
@@ -185,24 +182,27 @@ impl Frame {
 
     /// How far the last request is. Never blocks.
     pub fn poll(&self) -> FrameStatus {
-        let (request, ending, shown) = {
-            let inner = self.shared.inner();
-            (inner.request.clone(), inner.ending.clone(), inner.front.as_ref().map(|picture| picture.request))
-        };
+        let inner = self.shared.inner();
+        let ending = inner.ending.clone();
+        Self::status(inner, ending)
+    }
+
+    fn status(inner: MutexGuard<'_, Inner>, ending: Option<(End, Instant)>) -> FrameStatus {
+        let (request, shown) = (inner.request.clone(), inner.front.as_ref().map(|picture| picture.request));
+        drop(inner);
         request.map_or_else(FrameStatus::default, |r| status_of(&r, ending, shown == Some(r.number)))
     }
 
-    /// Waits until the last request has ended, `timeout` at most. Works itself where the context has no threads.
+    /// Waits until the last request has ended and a wake function that another thread calls has returned, `timeout` at most; after that time it still
+    /// counts as running. Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> FrameStatus {
         let deadline = Instant::now().checked_add(timeout);
         loop {
             let inner = self.shared.inner();
             let left = deadline.map_or(Duration::MAX, |d| d.saturating_duration_since(Instant::now()));
-            let runs = (inner.ending.is_none() || inner.waking) && !left.is_zero();
-            let Some(request) = inner.request.clone().filter(|_| runs) else {
-                drop(inner);
-                return self.poll();
-            };
+            let ending = inner.ending.clone().filter(|_| !inner.waker.is_called_elsewhere());
+            let runs = ending.is_none() && !left.is_zero();
+            let Some(request) = inner.request.clone().filter(|_| runs) else { return Self::status(inner, ending) };
             match request.job() {
                 Some(job) => {
                     drop(inner);
@@ -360,6 +360,8 @@ impl Shared {
     fn call(&self, wake: Option<WakeFn>) {
         let Some(wake) = wake else { return };
         let _ = catch_unwind(AssertUnwindSafe(|| wake()));
+        // Before the call counts as returned, as in `Handle::end`.
+        drop(wake);
         self.inner().waker.returned();
         self.changed.notify_all();
     }
@@ -418,7 +420,6 @@ impl Owner for Shared {
             if inner.requests == request.number {
                 cut_short = matches!(ending, End::Cancelled | End::Failed(_));
                 inner.ending = Some((ending.clone(), Instant::now()));
-                inner.waking = inner.waker.is_set();
                 inner.waker.call()
             } else {
                 None
@@ -429,11 +430,7 @@ impl Owner for Shared {
             self.view.want(&[]);
         }
         self.changed.notify_all();
-        if wake.is_some() {
-            self.call(wake);
-            self.inner().waking = false;
-            self.changed.notify_all();
-        }
+        self.call(wake);
     }
 }
 

@@ -15,7 +15,7 @@ mod boxes;
 mod camera;
 
 use crate::base::error::{Error, Result};
-use crate::base::handle::{Handle, Until};
+use crate::base::handle::Handle;
 use crate::base::tasks::{Ending, Work};
 use crate::math::DBounds;
 use crate::query::needs::{bytes_of, one_at_least};
@@ -199,19 +199,20 @@ impl Prefetch {
 
     /// How far it is. Never blocks.
     pub fn poll(&self) -> PrefetchStatus {
-        self.inner.status()
+        self.inner.status(self.inner.handle.ending())
     }
 
-    /// Waits until it has ended, `timeout` at most. Works itself where the context has no threads.
+    /// Waits until it has ended and a wake function that another thread calls has returned, `timeout` at most; after that time it still counts as running.
+    /// Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> PrefetchStatus {
         let context = self.inner.scene.context();
         let todo = |_: &Counts| (context.threads() == 0).then_some(());
-        self.inner.handle.wait_working(Until::Ended, timeout, todo, |(), left| {
+        let ending = self.inner.handle.wait_working( timeout, todo, |(), left| {
             if !context.step() {
                 std::thread::sleep(left.min(Duration::from_millis(1)));
             }
         });
-        self.poll()
+        self.inner.status(ending)
     }
 
     /// Ends it. What was read stays until room is needed.
@@ -239,10 +240,10 @@ impl Inner {
         self.walk.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn status(&self) -> PrefetchStatus {
+    fn status(&self, ending: Option<(PrefetchState, Option<Arc<Error>>)>) -> PrefetchStatus {
         let bytes_wanted = self.view.status().bytes_wanted;
         let core = self.handle.lock();
-        let (state, error) = core.ending().cloned().unwrap_or((PrefetchState::Running, None));
+        let (state, error) = ending.unwrap_or((PrefetchState::Running, None));
         let fraction = if state == PrefetchState::Done { 1.0 } else { core.fraction };
         PrefetchStatus { state, fraction, blocks: core.blocks, bytes: core.bytes, bytes_wanted, error }
     }
