@@ -127,6 +127,102 @@ fn all_ways_through_a_scene_find_the_same_hits() {
     assert!(kinds[..3].iter().all(|&n| n > 500), "misses, exact hits, stand-ins: {kinds:?}");
 }
 
+/// Closest and any hits of rays in batches, against those of each ray alone; returns the latter.
+fn all_ways_agree(state: &SceneState, rays: &[Ray]) -> Vec<Hit> {
+    let alone: Vec<Hit> = rays.iter().map(|ray| closest(state, std::slice::from_ref(ray), OPTIONS)[0]).collect();
+    for coherent in [false, true] {
+        let options = QueryOptions { coherent, ..OPTIONS };
+        assert_eq!(closest(state, rays, options), alone, "coherent: {coherent}");
+        let mut any = vec![2; rays.len()];
+        state.any(rays, options, &mut any).expect("answers");
+        let expected: Vec<u8> = alone.iter().map(|hit| u8::from(hit.kind != HitKind::Miss)).collect();
+        assert_eq!(any, expected, "any, coherent: {coherent}");
+    }
+    alone
+}
+
+/// A ray that begins nowhere hits nothing, and takes no hit from the rays beside it in a batch.
+#[test]
+fn rays_that_begin_nowhere_leave_the_others_their_hits() {
+    let context = built::context(1);
+    let file = built::parts(&[built::Part::white(1, scenes::cuboid(DVec3::ZERO, DVec3::new(3.0, 1.0, 1.0)))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    for count in [1, 3] {
+        let scene = Scene::new(&context);
+        for id in 0..count {
+            scene.add_instance(&model, id, DAffine3::from_translation(DVec3::Z * (9.0 * id as f64))).expect("an instance");
+        }
+        scene.commit().expect("a commit");
+        for nowhere in [0, 1, 15, 16, 31] {
+            for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let mut rays: Vec<Ray> = (0..32).map(|i| Ray::new(DVec3::new(f64::from(i) + 0.5, 0.5, -10.0), Vec3::Z)).collect();
+                rays[nowhere].origin.x = bad;
+                let hits = all_ways_agree(&scene.state(), &rays);
+                let expected = (0..32).filter(|&i| i < 3 && i != nowhere);
+                assert!((0..32).filter(|&i| hits[i].kind == HitKind::Exact).eq(expected), "{count} instances, {bad} at {nowhere}");
+            }
+        }
+    }
+}
+
+/// Instances whose distances grow by a factor: the top tree splits off one after the other, and is deeper than a group of rays looks ahead.
+#[test]
+fn rays_find_their_way_through_a_deep_top_tree() {
+    let context = built::context(1);
+    let file = built::parts(&[built::Part::white(1, scenes::cuboid(DVec3::splat(-0.5), DVec3::splat(0.5)))]);
+    let model = Model::open(&context, &file.path).expect("a model");
+    let scene = Scene::new(&context);
+    for id in 0..150 {
+        scene.add_instance(&model, id, DAffine3::from_translation(DVec3::X * 17.0f64.powi(id as i32))).expect("an instance");
+    }
+    scene.commit().expect("a commit");
+    let along = |i: i32, from: f64, dir: Vec3| Ray::new(DVec3::new(from, f64::from(i % 8 - 4) * 0.1, f64::from(i / 8 - 2) * 0.1), dir);
+    for (from, dir, t) in [(-10.0, Vec3::X, 10.5), (1e200, Vec3::NEG_X, f64::INFINITY), (6.0, Vec3::X, 10.5), (6.0, Vec3::NEG_X, 4.5)] {
+        let rays: Vec<Ray> = (0..32).map(|i| along(i, from, dir)).collect();
+        let hits = all_ways_agree(&scene.state(), &rays);
+        assert!(t == f64::INFINITY || hits.iter().all(|hit| (hit.t - t).abs() < 1e-6), "from {from}: {:?}", hits[0]);
+    }
+    let camera = Camera::Perspective { eye: DVec3::new(-8.0, 0.0, 0.0), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 5.0 };
+    for outputs in [Outputs::ALL, Outputs::of(Buffer::Instance)] {
+        let frame = Frame::new(&context, FrameOptions { width: 56, height: 44, outputs, ..FrameOptions::default() }).expect("a frame");
+        frame.request(&scene.state(), &camera, &FrameSettings::default()).expect("a request");
+        assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
+        let instances = frame.map(Buffer::Instance).expect("a buffer");
+        assert!(instances.ids().expect("ids").iter().all(|&id| id == 0), "the first fills the view");
+    }
+}
+
+/// A turned instance shows the stand-ins of its model turned: normals turn, parts and colours stay.
+#[test]
+fn stand_ins_turn_with_their_instance() {
+    let context = built::context(1);
+    let file = assembly();
+    let model = Model::open(&context, &file.path).expect("a model");
+    let state = |turn: DQuat| {
+        let scene = Scene::new(&context);
+        scene.add_instance(&model, 1, DAffine3::from_quat(turn)).expect("an instance");
+        scene.commit().expect("a commit");
+        scene.state()
+    };
+    let turn = DQuat::from_axis_angle(DVec3::new(0.3, -0.5, 0.8).normalize(), 1.1);
+    let (straight, turned) = (state(DQuat::IDENTITY), state(turn));
+    let mut rng = Rng::new(7);
+    let pairs: Vec<[Ray; 2]> = (0..4000)
+        .map(|_| {
+            let eye = rng.direction() * 6.0;
+            let dir = (rng.inside(DVec3::splat(-1.0), DVec3::splat(1.0)) - eye).normalize();
+            let ray = |turn: DQuat| Ray { cone: Cone { a: 0.0, b: 0.15 }, ..Ray::new(turn * eye, (turn * dir).as_vec3()) };
+            [ray(DQuat::IDENTITY), ray(turn)]
+        })
+        .collect();
+    let [a, b] = [(0, &straight), (1, &turned)].map(|(side, state)| closest(state, &pairs.iter().map(|pair| pair[side]).collect::<Vec<_>>(), OPTIONS));
+    let cells: Vec<_> = a.iter().zip(&b).filter(|(a, b)| a.kind == HitKind::Lod && b.kind == HitKind::Lod && (a.t - b.t).abs() < 1e-4).collect();
+    let alike = |(a, b): &&(&Hit, &Hit)| a.part == b.part && ((turn * a.normal.as_dvec3()).as_vec3() - b.normal).length() < 2e-3;
+    let count = cells.iter().filter(|pair| alike(pair)).count();
+    // Rounded to another side of a border some rays meet another cell, or see another side of it.
+    assert!(cells.len() > 500 && count * 50 > cells.len() * 49, "{count} of {}", cells.len());
+}
+
 /// Every buffer of a scene's picture.
 fn picture(context: &Context, state: &Arc<SceneState>, poe: f32) -> Vec<Vec<u8>> {
     let options = FrameOptions { width: 96, height: 64, outputs: Outputs::ALL, ..FrameOptions::default() };
@@ -137,8 +233,36 @@ fn picture(context: &Context, state: &Arc<SceneState>, poe: f32) -> Vec<Vec<u8>>
     Buffer::ALL.iter().map(|&buffer| frame.map(buffer).expect("a buffer").bytes().to_vec()).collect()
 }
 
-/// What is placed where no ray goes changes no pixel, nor does the way that rays take: packets of one tree are rendered in vectors, those of several
-/// ray by ray.
+/// Two models side by side, again and again within each tile: packets that enter one tree are traced in bundles, a bundle for each tree, and show to the
+/// bit the picture that is worked out surface by surface (asking for depths asks for that).
+#[test]
+fn trees_alternate_within_a_tile() {
+    let context = built::context(2);
+    let balls = built::parts(&[built::Part::white(1, scenes::sphere(60, 120))]);
+    let cubes = built::parts(&[built::Part::white(3, scenes::cuboid(-DVec3::ONE, DVec3::ONE)), built::Part::white(4, scenes::sphere(50, 40))]);
+    let models = [balls, cubes].map(|file| Model::open(&context, &file.path).expect("a model"));
+    let scene = Scene::new(&context);
+    // Near enough that no ray is moved.
+    for id in 0..9i32 {
+        let at = DVec3::new(f64::from(id % 3) - 1.0, f64::from(id / 3) - 1.0, 0.0) * 3.0;
+        scene.add_instance(&models[(id % 2) as usize], id as u64, DAffine3::from_translation(at)).expect("an instance");
+    }
+    scene.set_lights(vec![Light::HEADLIGHT]).expect("lights");
+    scene.commit().expect("a commit");
+    let camera = Camera::Perspective { eye: DVec3::Z * 5.0, at: DVec3::ZERO, up: DVec3::Y, fov_y_degrees: 120.0 };
+    for poe in [0.0, 3.0, 300.0] {
+        let [plain, all] = [Outputs::of(Buffer::ColourLinear) | Outputs::of(Buffer::Instance), Outputs::ALL].map(|outputs| {
+            let frame = Frame::new(&context, FrameOptions { width: 256, height: 192, outputs, ..FrameOptions::default() }).expect("a frame");
+            frame.request(&scene.state(), &camera, &FrameSettings { poe, ..FrameSettings::default() }).expect("a request");
+            assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
+            [Buffer::ColourLinear, Buffer::Instance].map(|buffer| frame.map(buffer).expect("a buffer").bytes().to_vec())
+        });
+        assert!(plain == all, "at {poe} pixels of error");
+    }
+}
+
+/// What is placed where no ray goes changes no pixel, nor does the way that rays take: packets of one tree are rendered in bundles, those of several
+/// surface by surface.
 #[test]
 fn a_picture_does_not_depend_on_what_it_does_not_show() {
     let file = assembly();

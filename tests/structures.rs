@@ -9,13 +9,14 @@ use common::rays::{Ray32, RayMaker};
 use common::scenes::{self, Soup, on_five_models};
 use common::stored::{self, StoredTree};
 use common::trees::local;
+use glam::{DVec3, Vec3};
 use outcrop::base::error::Error;
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder, Structure};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, PACKET, Ray, STREAM};
-use outcrop::query::{Hit, QueryOptions};
+use outcrop::query::{Hit, HitKind, Policy, QueryOptions};
 use outcrop::residency::{ModelBlocks, Residency};
 use outcrop::scene::SceneState;
 use outcrop::simd::Isa;
@@ -50,23 +51,24 @@ fn state(file: &Built) -> Arc<SceneState> {
 fn same_hits(soup: Soup) {
     let files = Structure::ALL.map(|structure| file(&soup, structure));
     let stored = files.each_ref().map(|file| stored::trees(&file.path).remove(0));
-    assert_eq!(stored[0].tris, stored[1].tris);
+    assert!(stored.iter().all(|other| other.tris == stored[0].tris));
     let (_, rays) = rays(&stored[0], RAYS, 21);
     let states = files.each_ref().map(state);
     for coherent in [false, true] {
         let options = QueryOptions { coherent, ..QueryOptions::default() };
-        let [a, b] = states.each_ref().map(|state| ask(state, &rays, options));
-        let differing: Vec<usize> = (0..rays.len()).filter(|&i| a[i] != b[i]).collect();
+        let answers = states.each_ref().map(|state| ask(state, &rays, options));
         // Slivers met edge-on, beyond their own boxes (`structure::bvh::trace`).
         let most = if soup.name == "slivers" { RAYS / 1000 } else { 0 };
-        let first = differing.first().map(|&i| (rays[i], a[i], b[i]));
-        assert!(differing.len() <= most, "{}: {} differ, {first:?}", soup.name, differing.len());
-        let met = a.iter().filter(|hit| **hit != Hit::MISS && hit.prim != outcrop::query::NONE).count();
-        assert!(met > RAYS / 8, "{}: {met} hits", soup.name);
-        let mut any = vec![0; rays.len()];
-        for (state, hits) in states.iter().zip([&a, &b]) {
+        for (state, hits) in states.iter().zip(&answers) {
+            let differing: Vec<usize> = (0..rays.len()).filter(|&i| hits[i] != answers[0][i]).collect();
+            let first = differing.first().map(|&i| (rays[i], hits[i], answers[0][i]));
+            assert!(differing.len() <= most, "{}: {} differ, {first:?}", soup.name, differing.len());
+            let is_met = |hit: &Hit| *hit != Hit::MISS && hit.prim != outcrop::query::NONE;
+            let met = hits.iter().filter(|hit| is_met(hit)).count();
+            assert!(met > RAYS / 8, "{}: {met} hits", soup.name);
+            let mut any = vec![0; rays.len()];
             state.any(&rays, options, &mut any).expect("answers");
-            assert!(hits.iter().zip(&any).all(|(hit, any)| (hit.prim != outcrop::query::NONE) == (*any == 1)));
+            assert!(hits.iter().zip(&any).all(|(hit, any)| is_met(hit) == (*any == 1)));
         }
     }
 }
@@ -211,6 +213,30 @@ fn streams_tell_what_they_lack() {
     assert!(some_left > 5, "{some_left}");
 }
 
+/// Cells of a plane have no area seen from within it, and rays of no width cover none: still only triangles answer them, alone, beside wide rays, and
+/// whether blocks are waited for or not.
+fn rays_of_no_width_meet_triangles_only() {
+    let state = state(&built::parts(&[Part::white(1, scenes::plane_grid(40, 0.0))]));
+    let ray = |i: usize, width: f32| {
+        let (y, height) = ((i % 39) as f64 + 0.37, [0.0, 1e-7, -1e-7, 1e-5, 3e-6][i % 5]);
+        Ray { cone: Cone { a: width, b: 0.0 }, ..Ray::new(DVec3::new(-3.0, y, height), Vec3::X) }
+    };
+    let thin: Vec<Ray> = (0..400).map(|i| ray(i, 0.0)).collect();
+    let expected: Vec<Hit> = thin.iter().map(|ray| ask(&state, std::slice::from_ref(ray), QueryOptions::default())[0]).collect();
+    assert!(expected.iter().all(|hit| matches!(hit.kind, HitKind::Miss | HitKind::Exact)));
+    for every in [2, 3, 20] {
+        let mixed: Vec<Ray> = thin.iter().enumerate().map(|(i, thin)| if i % every == 0 { ray(i, 2.0) } else { *thin }).collect();
+        for coherent in [false, true] {
+            for policy in [Policy::Exact, Policy::Now] {
+                let hits = ask(&state, &mixed, QueryOptions { coherent, policy, ..QueryOptions::default() });
+                let differ = (0..400).find(|i| i % every != 0 && hits[*i] != expected[*i]);
+                assert_eq!(differ.map(|i| (mixed[i], hits[i], expected[i])), None, "coherent: {coherent}, {policy:?}");
+                assert!(hits.iter().any(|hit| hit.kind == HitKind::Lod), "wide rays meet cells");
+            }
+        }
+    }
+}
+
 /// A mesh that is built in several chunks answers as one that is built in one.
 fn chunks_are_joined() {
     let part = Part::white(1, scenes::bumpy_sphere(200, 380, 6));
@@ -226,7 +252,12 @@ fn chunks_are_joined() {
     assert_eq!(differ.map(|i| (rays[i], one[i], several[i])), None);
 }
 
-built::on_each_structure!(packets_go_on_where_they_were_put_down, streams_tell_what_they_lack, chunks_are_joined);
+built::on_each_structure!(
+    packets_go_on_where_they_were_put_down,
+    streams_tell_what_they_lack,
+    rays_of_no_width_meet_triangles_only,
+    chunks_are_joined,
+);
 
 /// Far more lists than a tree of two levels has room for.
 #[test]

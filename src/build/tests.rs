@@ -106,7 +106,7 @@ fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> Bu
             walk.begin(&view, &ray);
             assert_eq!(view.closest(None, &mut walk), Outcome::Done);
             let best = walk.best();
-            let found = best.is_hit().then(|| (best.t, view.prim(&best).expect("resident")));
+            let found = best.is_hit().then(|| (best.t, view.prim(&best).expect("resident").expect("an id")));
             assert_eq!(found, brute_force(triangles, &ray), "{ray:?} {}", isa.name());
             hits += usize::from(best.is_hit());
             walk.begin(&view, &ray);
@@ -156,7 +156,7 @@ fn packets_agree(view: &Tree) {
 
 /// What there is to be seen of a hit: which of a triangle's references was met is a matter of who visits what.
 fn seen(view: &Tree, hit: &TriHit) -> ([u32; 3], Option<u32>) {
-    ([hit.t, hit.u, hit.v].map(f32::to_bits), hit.is_hit().then(|| view.prim(hit).expect("all blocks are here")))
+    ([hit.t, hit.u, hit.v].map(f32::to_bits), hit.is_hit().then(|| view.prim(hit).expect("all blocks are here").expect("an id")))
 }
 
 /// Streams of all lengths: the bits of each ray alone.

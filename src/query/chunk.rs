@@ -1,6 +1,6 @@
 //! The rays that a worker answers at a time, and those of them that must wait for blocks.
 
-use super::answers::{Rest, Seen, answer_one, lacking};
+use super::answers::{InTree, Rest, Seen, answer_one, lacking, promise_nothing};
 use super::asks::Asks;
 use super::batch::{Hits, Policy, Rays};
 use super::beyond::{begin_free, begin_past, free, is_early, past};
@@ -157,7 +157,7 @@ impl Chunk {
     fn answer_in_one(&mut self, view: &SceneView, want: Want, placed: u32, rays: &[Ray], met: u32) -> Rest {
         let Self { seen, group, answers, .. } = self;
         let out = answers.begin(met, 0);
-        if met == 0 { Rest::default() } else { seen.answer(view, want, placed, rays, &*group, met, out) }
+        if met == 0 { Rest::default() } else { seen.answer(&InTree::new(view, placed), want, rays, &*group, met, out) }
     }
 
     /// [`Chunk::answer`] of a group whose rays went together. `met`: those that hit something, `None` if some ray lacked a block.
@@ -272,12 +272,18 @@ fn finish_group(
             (Ok(()), ..) => {}
             (Err(need), Policy::Exact, _) => waiting.push(Waiting { ray: i, left, asks: Asks::of(need) }),
             (Err(_), Policy::Now, Left::Free(_)) => hits[i].t_free = rays[i].begins(),
-            _ => hits[i].kind = HitKind::Missing,
+            _ => set_missing(&mut hits[i], &rays[i], task.want),
         }
     }
     for i in bits(short) {
-        hits[i].kind = HitKind::Missing;
+        set_missing(&mut hits[i], &rays[i], task.want);
     }
+}
+
+/// The hit of a ray that was answered without a block that it needed: whatever lies in that may be nearer.
+fn set_missing(hit: &mut Hit, ray: &Ray, want: Want) {
+    hit.kind = HitKind::Missing;
+    promise_nothing(hit, ray, want);
 }
 
 /// Hits of a group in the same placed tree up to which they are worked out one by one: a row of all takes longer.
@@ -299,7 +305,7 @@ fn answer_by_trees(
         let like = bits(left).filter(|&i| found[i].placed == placed).fold(0, |all, i| all | 1 << i);
         left &= !like;
         if like.count_ones() > FEW {
-            let more = seen.answer(view, want, placed, rays, found, like, hits);
+            let more = seen.answer(&InTree::new(view, placed), want, rays, found, like, hits);
             (rest.outside, rest.lacking) = (rest.outside | more.outside, rest.lacking | more.lacking);
             continue;
         }

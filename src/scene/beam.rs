@@ -23,6 +23,16 @@ pub(crate) struct Beam {
 /// More than a few products and quotients are rounded by.
 const MORE: f64 = 1.0 + 16.0 * f64::EPSILON;
 
+/// Takes a point between extremes. Coordinates that are not numbers have no say: such rays hit nothing, and the others are not to lose theirs.
+#[inline(always)]
+fn extend(ends: &mut [DVec3; 2], point: DVec3) {
+    // In `DVec3::min` one operand that is not a number wins over the other.
+    for axis in 0..3 {
+        ends[0][axis] = ends[0][axis].min(point[axis]);
+        ends[1][axis] = ends[1][axis].max(point[axis]);
+    }
+}
+
 impl Beam {
     fn between(org: [DVec3; 2], dir: [[f64; 2]; 3], t_min: f64, mask: u32) -> Self {
         let aside = org[0].abs().max(org[1].abs()).max_element() * (4.0 * f64::EPSILON);
@@ -42,7 +52,7 @@ impl Beam {
         let (mut org, mut t_min, mut mask) = ([first.origin; 2], first.t_min, first.mask);
         if !alike.is_one_start() {
             for ray in rays {
-                org = [org[0].min(ray.origin), org[1].max(ray.origin)];
+                extend(&mut org, ray.origin);
                 t_min = t_min.min(ray.t_min);
             }
         }
@@ -52,7 +62,8 @@ impl Beam {
         Self::between(org, alike.dirs().map(|ends| ends.map(f64::from)), t_min, mask)
     }
 
-    /// Of those of `rays` that are in `among` (bit `i`: ray `i`), if they all begin at one point; else, and where there are none, `None`.
+    /// Of those of `rays` that are in `among` (bit `i`: ray `i`) and [can hit](Ray::can_hit) something, if they all begin at one point; else, and where
+    /// there are none, `None`.
     pub fn from_one_point(rays: &[Ray], among: u32) -> Option<Self> {
         let first = rays.get(among.trailing_zeros() as usize)?;
         let (mut least, mut greatest, mut t_min, mut mask) = (first.dir, first.dir, first.t_min, 0);
@@ -138,6 +149,16 @@ mod tests {
             meet += usize::from(first < f64::INFINITY);
         }
         assert!(meet > 1000 && missed > 10_000, "{meet}, {missed}");
+        // A ray without a place does not take that of the others.
+        let mut rays: [Ray; 32] = std::array::from_fn(|i| Ray::new(DVec3::new(i as f64, 0.5, -9.0), Vec3::Z));
+        for at in [0, 16, 31] {
+            let whole = rays[at].origin;
+            rays[at].origin.x = f64::NAN;
+            let beam = Beam::of(&rays, &Alike::of(&rays));
+            let first = if at == 0 { 1.0 } else { 0.0 };
+            assert!(beam.enter(&DBounds { min: DVec3::new(first, 0.0, 0.0), max: DVec3::new(first, 1.0, 1.0) }, 99.0).is_some(), "{at}");
+            rays[at].origin = whole;
+        }
         let nothing = Beam::from_point(DVec3::ONE, [[f32::NAN; 2]; 3], 0.0, 1);
         assert!(nothing.enter(&DBounds { min: DVec3::ZERO, max: DVec3::ONE }, 1.0).is_some());
     }

@@ -57,7 +57,8 @@ pub(crate) struct Entered {
 pub(super) const FEW: usize = 4;
 
 impl SceneView<'_> {
-    /// The placed trees that rays of a beam may enter up to `t_max`, which see them, into `out`; false if they are more than [`FEW`].
+    /// The placed trees that rays of a beam may enter up to `t_max`, which see them, into `out`. False if these are not all: there are more than [`FEW`],
+    /// or the top tree is too deep there to look for them.
     pub fn entered(&self, beam: &Beam, t_max: f64, out: &mut Vec<Entered>) -> bool {
         out.clear();
         let top = &self.scene.placement.top;
@@ -114,17 +115,18 @@ impl Group {
         alike: &Alike,
         says: bool,
     ) -> Option<Result<u32, Need>> {
+        debug_assert!(view.within.is_none(), "an interval is of one ray");
         // (How far each ray goes is not looked at: most go for ever.)
         let is_few = view.entered(&Beam::of(&rays[..count], alike), f64::INFINITY, &mut self.entered);
         match self.entered[..] {
-            [] => {
+            [] if is_few => {
                 (self.only, self.is_moved) = (Some(NOTHING), false);
                 self.walk.miss();
                 Some(Ok(0))
             }
-            [Entered { placed, .. }] => self.trace_in::<ANY>(view, placed, (rays, count), alike, says),
-            [Entered { placed: first, .. }, ..] => {
-                if !(says || is_few && self.are_near(view, first, (rays, count), alike)) {
+            [Entered { placed, .. }] if is_few => self.trace_in::<ANY>(view, placed, (rays, count), alike, says),
+            _ => {
+                if !(says || is_few && self.are_near(view, self.entered[0].placed, (rays, count), alike)) {
                     return None;
                 }
                 self.only = None;

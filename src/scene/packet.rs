@@ -84,6 +84,7 @@ impl ScenePacket {
 impl SceneView<'_> {
     /// A packet's rays together: the same hits as [`SceneView::trace`] finds for each alone.
     pub fn trace_packet<const ANY: bool>(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Step {
+        debug_assert!(self.within.is_none(), "an interval is of one ray");
         loop {
             if let Some(placed) = walk.at {
                 let (tree, filter) = (self.tree(placed), self.filter(placed));

@@ -88,6 +88,7 @@ impl SceneView<'_> {
     /// Rays side by side, but for [`FEW`] and less: the hits that [`SceneView::trace`] finds for each, at less cost. `rays`: [`STREAM`] at most;
     /// `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need a block, or must go alone; they are to be begun anew.
     pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
+        debug_assert!(self.within.is_none(), "an interval is of one ray");
         walk.unfinished.clear();
         if rays.len() <= FEW {
             return self.one_by_one::<ANY>(rays, walk, found);

@@ -275,6 +275,15 @@ impl<'a> SceneView<'a> {
         if instance.state.visible { instance.mask } else { 0 }
     }
 
+    /// The triangle that was found, and the model's part that it belongs to.
+    #[inline(always)]
+    pub fn triangle(&self, found: &Found) -> std::result::Result<(Triangle, u32), Need> {
+        let missing = || self.need(found.placed, BlockId(found.tri.block));
+        let triangle = self.tree(found.placed).triangle(&found.tri).ok_or_else(missing)?;
+        let first_part = self.scene.placement.placed[found.placed as usize].first_part;
+        Ok((triangle, first_part.saturating_add(triangle.part)))
+    }
+
     pub(crate) fn need(&self, placed: u32, block: BlockId) -> Need {
         Need { model: self.scene.placement.placed[placed as usize].model, block }
     }

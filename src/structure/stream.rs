@@ -100,6 +100,12 @@ impl Stream {
         self.rays[(i / GROUP) & (STREAM / GROUP - 1)].set(i, ray);
     }
 
+    /// After the first `count` rays were taken over: what is left of their last group from earlier rays is none any more, so that it has no say in how
+    /// the others are traced.
+    pub(super) fn end(&mut self, count: usize) {
+        (count..count.next_multiple_of(GROUP)).for_each(|i| self.set(i, &LocalRay::NONE));
+    }
+
     /// Ray `i`, as it was taken over.
     pub(super) fn ray(&self, i: usize) -> LocalRay {
         self.rays[(i / GROUP) & (STREAM / GROUP - 1)].one(i)
@@ -114,5 +120,23 @@ impl Stream {
     /// Rays of the last call that met a missing block, or needed a deeper stack: to be traced alone, anew.
     pub fn unfinished(&self) -> &[u32] {
         &self.unfinished
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_of_earlier_calls_have_no_say() {
+        let mut stream = Stream::new();
+        let wide = LocalRay { cone: Cone { a: 1.0, b: 0.0 }, ..LocalRay::NONE };
+        (0..STREAM).for_each(|i| stream.set(i, &wide));
+        for count in [STREAM, 2 * GROUP + 1, GROUP, 7, 0] {
+            stream.end(count);
+            (0..count).for_each(|i| stream.set(i, &LocalRay::NONE));
+            assert!(stream.rays[..count.div_ceil(GROUP)].iter().all(Rays16::is_exact), "{count}");
+            (0..STREAM).for_each(|i| stream.set(i, &wide));
+        }
     }
 }

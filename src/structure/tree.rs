@@ -102,12 +102,14 @@ impl<'a> Tree<'a> {
     /// `hits`: as many as rays, [`crate::math::STREAM`] at most. Those in [`Stream::unfinished`] have no answer.
     #[inline]
     pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
+        stream.end(hits.len());
         of_each!(self, own => own.closest_each(filter, stream, hits));
     }
 
     /// Finds whether each ray hits anything; otherwise like [`Tree::closest_each`]. Which hit is not said.
     #[inline]
     pub fn any_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
+        stream.end(hits.len());
         of_each!(self, own => own.any_each(filter, stream, hits));
     }
 
@@ -163,9 +165,9 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.slabs(hit))
     }
 
-    /// The primitive id of a hit, or the block that is needed for it.
-    pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
-        of_each!(self, own => own.prim(hit))
+    /// The primitive id of a hit, or the block that is needed for it; `None` if a file that was made up to be wrong has none.
+    pub fn prim(&self, hit: &TriHit) -> Result<Option<u32>, BlockId> {
+        of_each!(self, own => own.prim(hit)).map(|prim| (prim != u32::MAX).then_some(prim))
     }
 
     /// The sRGB colour of a hit's triangle, or the block that is needed; `None` if the model has none.

@@ -84,7 +84,7 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
         let view = tree.view(&snapshot, Isa::Baseline, Visit { stamp: 1, ..Visit::default() });
         let mut tris = BTreeMap::new();
         let visited = for_each_triangle(&view, &mut |hit, triangle| {
-            let prim = view.prim(hit).expect("all blocks are here");
+            let prim = view.prim(hit).expect("all blocks are here").expect("an id");
             let here = (triangle.part, triangle.vertices.map(Vec3::as_dvec3));
             let before = tris.insert(prim, here);
             assert!(before.is_none_or(|b| b == here), "{prim} is stored in two ways");

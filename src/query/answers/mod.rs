@@ -16,11 +16,31 @@ use crate::scene::Group;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{Found, Need, SceneView};
 use crate::simd::Isa;
-use crate::structure::{Rooted, TriHit};
+use crate::structure::{Rooted, Tree, TriHit};
 use crate::structure::surface::Groups;
 use glam::Vec3;
 use stand_in::StandIns;
 use triangle::Triangles;
+
+/// A placed tree that rays of a row have hit.
+#[derive(Clone, Copy)]
+pub(crate) struct InTree<'a> {
+    pub view: &'a SceneView<'a>,
+    /// Its number among the scene's placed trees.
+    pub number: u32,
+    pub placed: &'a Placed,
+}
+
+impl<'a> InTree<'a> {
+    pub fn new(view: &'a SceneView<'a>, number: u32) -> Self {
+        Self { view, number, placed: &view.scene.placement.placed[number as usize] }
+    }
+
+    #[inline(always)]
+    pub fn tree(&self) -> Tree<'a> {
+        self.view.tree(self.number)
+    }
+}
 
 /// What up to `N` rays have hit in a tree.
 pub(crate) trait TreeHits<const N: usize> {
@@ -32,9 +52,11 @@ pub(crate) trait TreeHits<const N: usize> {
     fn group(&self, isa: Isa, rays: u32, out: &mut Groups<N>);
 }
 
+/// Of a group that went through [one tree](Group::only).
 impl TreeHits<PACKET> for Group {
     #[inline]
     fn hit(&self, i: usize) -> TriHit {
+        debug_assert!(self.only().is_some());
         self.walk().best(i)
     }
     #[inline]
@@ -101,26 +123,25 @@ impl Rest {
 impl<const N: usize> Seen<N> {
     pub const NONE: Self = Self { triangles: Triangles::NONE, stand_ins: StandIns::NONE, groups: Groups::NONE };
 
-    /// Looks at what `rays` hit in `placed`; `dir` gives their directions in the world. Returns the rays whose hits' blocks have left the snapshot.
+    /// Looks at the hits of `rays`; `dir` gives the rays' directions in the world. Returns the rays whose hits' blocks have left the snapshot.
     /// `normals`: those of triangles are asked for; `is_whole`: see [`StandIns::look`].
     #[inline(always)]
     pub fn look(
         &mut self,
-        view: &SceneView,
-        placed: u32,
+        at: &InTree,
         rays: u32,
         dir: impl Fn(usize) -> Vec3,
         hits: &(impl TreeHits<N> + ?Sized),
         [normals, is_whole]: [bool; 2],
     ) -> u32 {
-        let (tree, p) = (view.tree(placed), &view.scene.placement.placed[placed as usize]);
+        let tree = at.tree();
         hits.group(tree.isa(), rays, &mut self.groups);
         let mut gone = 0;
         if self.groups.count != 0 {
-            gone |= self.triangles.look(&tree, p, &mut self.groups, |i| hits.hit(i), normals);
+            gone |= self.triangles.look(&tree, at.placed, &mut self.groups, |i| hits.hit(i), normals);
         }
         if self.groups.cells != 0 {
-            gone |= self.stand_ins.look(view, placed, self.groups.cells, dir, hits, is_whole);
+            gone |= self.stand_ins.look(at, &tree, self.groups.cells, dir, hits, is_whole);
         }
         self.groups.cells &= !gone;
         gone
@@ -147,11 +168,10 @@ impl<const N: usize> Seen<N> {
     }
 
     /// Writes unit normals against the rays, whose directions `dir` are unit, and the model's parts, ray by ray.
-    pub fn each(&self, view: &SceneView, placed: u32, dir: &[[f32; N]; 3], normals: &mut [[f32; N]; 3], parts: &mut [u32; N]) {
-        let p = &view.scene.placement.placed[placed as usize];
-        self.triangles.normals_of_rays(view.scene.context().isa(), &self.groups, dir, normals);
+    pub fn each(&self, at: &InTree, dir: &[[f32; N]; 3], normals: &mut [[f32; N]; 3], parts: &mut [u32; N]) {
+        self.triangles.normals_of_rays(at.view.scene.context().isa(), &self.groups, dir, normals);
         for (column, rays) in self.groups.rays.iter().enumerate().take(self.groups.count) {
-            let part = p.first_part.saturating_add(self.triangles.part(column));
+            let part = at.placed.first_part.saturating_add(self.triangles.part(column));
             bits(*rays).for_each(|i| parts[i] = part);
         }
         for i in bits(self.cells()) {
@@ -166,35 +186,38 @@ impl<const N: usize> Seen<N> {
     ///
     /// Where the view looks beyond the ends of intervals, what is found outside of them is told, of triangles as double precision sees it.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments)] // rays, what they hit, and where it goes
     pub(super) fn answer(
         &mut self,
-        view: &SceneView,
+        at: &InTree,
         want: Want,
-        placed: u32,
         rays: &[Ray],
         hits: &(impl TreeHits<N> + ?Sized),
         met: u32,
         out: &mut [Hit; N],
     ) -> Rest {
-        let p = &view.scene.placement.placed[placed as usize];
-        let instance = view.scene.instances[p.instance as usize].id;
+        let (looks_beyond, p) = (at.view.looks_beyond, at.placed);
+        let instance = at.view.scene.instances[p.instance as usize].id;
         let (mut rest, mut near_end, mut inside) = (Rest::default(), 0, 0);
         for i in bits(met) {
-            let (hit, at, ray, t) = (&mut out[i], hits.hit(i), &rays[i], hits.t(i));
+            let (hit, met, ray, t) = (&mut out[i], hits.hit(i), &rays[i], hits.t(i));
             let uv;
-            match at.stand_in() {
+            match met.stand_in() {
                 None => {
-                    near_end |= u32::from(view.looks_beyond && p.is_near_end(ray, t)) << i;
-                    (hit.kind, hit.t, uv) = (HitKind::Exact, t, [at.u, at.v]);
+                    if looks_beyond && p.is_near_end(ray, t) {
+                        near_end |= 1 << i;
+                    }
+                    (hit.kind, hit.t, uv) = (HitKind::Exact, t, [met.u, met.v]);
                 }
                 Some(cell) => {
-                    // What a cell that is met before the ray begins holds is met one by one. What is missing cannot be.
-                    let is_in = if cell.is_missing { t <= ray.t_max } else { is_within(ray, t) };
-                    rest.outside |= u32::from(view.looks_beyond && !is_in) << i;
-                    inside |= u32::from(cell.is_inside) << i;
-                    let kind = if cell.is_missing { HitKind::Missing } else { HitKind::Lod };
-                    (hit.kind, hit.t, uv) = (kind, stand_in::within(t, ray), [0.0; 2]);
+                    // Triangles of a cell that is met before the ray begins are met one by one, unless they are missing.
+                    if looks_beyond && !(is_within(ray, t) || cell.is_missing && t <= ray.t_max) {
+                        rest.outside |= 1 << i;
+                    }
+                    (hit.kind, hit.t, uv) = (HitKind::Lod, stand_in::within(t, ray), [0.0; 2]);
+                    if cell.is_missing {
+                        hit.kind = HitKind::Missing;
+                        inside |= u32::from(cell.is_inside) << i;
+                    }
                 }
             }
             if want.has(Want::UV) {
@@ -207,42 +230,41 @@ impl<const N: usize> Seen<N> {
         let looked_at = if want.any_of(Want::SURFACE) { met } else { near_end | inside } & !rest.outside;
         if looked_at != 0 {
             let asks = [want.has(Want::NORMAL), want.has(Want::ERROR)];
-            rest.lacking = self.look(view, placed, looked_at, |i| rays[i].dir, hits, asks);
-            self.fill_triangles(view, want, placed, rays, hits, near_end, out, &mut rest);
+            rest.lacking = self.look(at, looked_at, |i| rays[i].dir, hits, asks);
+            rest.outside |= self.fill_triangles(at, want, rays, hits, near_end, out);
             if self.groups.cells != 0 {
-                self.fill_cells(view, want, placed, rays, hits, out);
+                self.fill_cells(at, want, rays, hits, out);
             }
             for i in bits(rest.lacking) {
-                // Nothing of what was there before: that is another ray's.
+                // No member of the hit that was there before: that is another ray's.
                 out[i] = Hit { t: hits.t(i), ..Hit::MISS };
+                promise_nothing(&mut out[i], &rays[i], want);
             }
         }
         if want.has(Want::PRIM) {
-            self.fill_prims(view, placed, hits, met, out, &mut rest);
+            self.fill_prims(at, hits, met, out, &mut rest);
         }
         rest
     }
 
+    /// Returns the rays whose hits are outside of their intervals.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments)] // as of `answer`
     fn fill_triangles(
         &self,
-        view: &SceneView,
+        at: &InTree,
         want: Want,
-        placed: u32,
         rays: &[Ray],
         hits: &(impl TreeHits<N> + ?Sized),
         near_end: u32,
         out: &mut [Hit; N],
-        rest: &mut Rest,
-    ) {
-        let p = &view.scene.placement.placed[placed as usize];
-        let parts = view.model_of(placed).parts();
+    ) -> u32 {
+        let parts = at.view.model_of(at.number).parts();
         let precise = if want.any_of(Want::MEETING) { u32::MAX } else { near_end };
+        let mut outside = 0;
         for column in 0..self.groups.count {
             let group = self.groups.rays[column & (N - 1)];
             if want.has(Want::PART) {
-                let part = p.first_part.saturating_add(self.triangles.part(column));
+                let part = at.placed.first_part.saturating_add(self.triangles.part(column));
                 let id = parts.get(part as usize).map_or(NONE, |part| part.id);
                 bits(group).for_each(|i| out[i].part = id);
             }
@@ -251,15 +273,15 @@ impl<const N: usize> Seen<N> {
                 bits(group).for_each(|i| out[i].normal = normal.facing(rays[i].dir));
             }
             for i in bits(group & precise) {
-                fill_from_meeting(p, &self.triangles.corners(column), &rays[i], hits.t(i), want, &mut out[i]);
-                rest.outside |= u32::from(view.looks_beyond && !is_within(&rays[i], out[i].t)) << i;
+                fill_from_meeting(at.placed, &self.triangles.corners(column), &rays[i], hits.t(i), want, &mut out[i]);
+                outside |= u32::from(at.view.looks_beyond && !is_within(&rays[i], out[i].t)) << i;
             }
         }
+        outside
     }
 
-    fn fill_cells(&self, view: &SceneView, want: Want, placed: u32, rays: &[Ray], hits: &(impl TreeHits<N> + ?Sized), out: &mut [Hit; N]) {
-        let p = &view.scene.placement.placed[placed as usize];
-        let parts = view.model_of(placed).parts();
+    fn fill_cells(&self, at: &InTree, want: Want, rays: &[Ray], hits: &(impl TreeHits<N> + ?Sized), out: &mut [Hit; N]) {
+        let (p, parts) = (at.placed, at.view.model_of(at.number).parts());
         for i in bits(self.groups.cells) {
             let (hit, ray) = (&mut out[i], &rays[i]);
             hit.t = self.stand_ins.t(i, p, ray, hits.t(i));
@@ -274,19 +296,19 @@ impl<const N: usize> Seen<N> {
                 hit.position = ray.origin + along;
             }
             if want.has(Want::ERROR) {
-                hit.error = self.stand_ins.error(i, &view.tree(placed), p, &hits.hit(i), ray.origin, along);
+                hit.error = self.stand_ins.error(i, &at.tree(), p, &hits.hit(i), ray.origin, along);
                 hit.t_free = self.stand_ins.t_free(i, p, ray, hit.t);
             }
         }
     }
 
-    /// Last: they are what may be missing, and all else is then known.
-    fn fill_prims(&self, view: &SceneView, placed: u32, hits: &(impl TreeHits<N> + ?Sized), met: u32, out: &mut [Hit; N], rest: &mut Rest) {
-        let tree = view.tree(placed);
+    /// Last: only they may be missing where all else is known.
+    fn fill_prims(&self, at: &InTree, hits: &(impl TreeHits<N> + ?Sized), met: u32, out: &mut [Hit; N], rest: &mut Rest) {
+        let tree = at.tree();
         for i in bits(met & !(rest.outside | rest.lacking)) {
             let hit = hits.hit(i);
-            let prim = if hit.stand_in().is_some() { Ok(NONE) } else { tree.prim(&hit).map(u64::from) };
-            out[i].prim = prim.unwrap_or(NONE);
+            let prim = if hit.stand_in().is_some() { Ok(None) } else { tree.prim(&hit) };
+            out[i].prim = prim.ok().flatten().map_or(NONE, u64::from);
             rest.lacking |= u32::from(prim.is_err()) << i;
         }
     }
@@ -300,14 +322,21 @@ pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit) -> Need {
     view.need(placed, beside.unwrap_or(own))
 }
 
-/// [`Seen::answer`] of a single ray; false if what was found is outside of its interval, fails with the block that is needed.
+/// [`Seen::answer`] of a single ray; false if its hit is outside of its interval, fails with the block that is needed.
 #[inline(never)]
 pub(super) fn answer_one(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<bool, Need> {
     use std::slice::from_ref;
     let mut seen = Seen::<1>::NONE;
     let out = std::array::from_mut(hit);
-    let rest = seen.answer(view, want, found.placed, from_ref(ray), from_ref(found), 1, out);
+    let rest = seen.answer(&InTree::new(view, found.placed), want, from_ref(ray), from_ref(found), 1, out);
     if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri)) } else { Ok(rest.outside == 0) }
+}
+
+/// Makes the promises of a hit hold whatever the data says that was not at hand.
+pub(super) fn promise_nothing(hit: &mut Hit, ray: &Ray, want: Want) {
+    if want.has(Want::ERROR) {
+        (hit.error, hit.t_free) = (f32::INFINITY, ray.begins());
+    }
 }
 
 /// Whether double precision, or what a cell says, puts a hit within a ray's interval.

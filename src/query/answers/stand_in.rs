@@ -14,7 +14,7 @@
 
 #![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
-use super::TreeHits;
+use super::{InTree, TreeHits};
 use crate::lod::{Facing, blended_colour, farthest, holds, limit, shares, stored_likeness, stored_normal, sure_from, visible};
 use crate::math::{Bounds, Ray, bits};
 use crate::scene::placed::{Placed, not_below};
@@ -55,18 +55,18 @@ impl<const N: usize> StandIns<N> {
         hidden: 0,
     };
 
-    /// Looks at the cells that `rays` hit in `placed`; `dir` gives their directions in the world. Returns the rays whose cells' blocks have left the
-    /// snapshot. `is_whole`: what [`StandIns::error`] takes is asked for.
+    /// Looks at the cells that `rays` hit in the placed `tree`; `dir` gives the rays' directions in the world. Returns the rays whose cells' blocks have
+    /// left the snapshot. `is_whole`: the data that [`StandIns::error`] takes is asked for.
     pub fn look(
         &mut self,
-        view: &SceneView,
-        placed: u32,
+        at: &InTree,
+        tree: &Tree,
         rays: u32,
         dir: impl Fn(usize) -> Vec3,
         hits: &(impl TreeHits<N> + ?Sized),
         is_whole: bool,
     ) -> u32 {
-        let (tree, p) = (view.tree(placed), &view.scene.placement.placed[placed as usize]);
+        let p = at.placed;
         for i in bits(rays) {
             set_column(&mut self.dir, i, dir(i));
         }
@@ -75,7 +75,7 @@ impl<const N: usize> StandIns<N> {
         (self.first_part, self.hidden) = (p.first_part, 0);
         if self.cells.missing != 0 {
             // Only for want of what is below: what else it holds may be visible.
-            let filter = view.filter(placed);
+            let filter = at.view.filter(at.number);
             let is_hidden = |part: u32| filter.as_ref().is_some_and(|filter| filter.hides(part));
             bits(self.cells.missing).for_each(|i| self.hidden |= u32::from(is_hidden(self.cells.part[i])) << i);
         }
@@ -370,7 +370,7 @@ pub(crate) struct Look<'a> {
 pub(crate) fn look<'a>(view: &'a SceneView<'a>, ray: &'a Ray, found: &'a Found) -> Option<Look<'a>> {
     found.tri.stand_in()?;
     let mut look = Look { t: 0.0, view, ray, found, one: StandIns::NONE };
-    let gone = look.one.look(view, found.placed, 1, |_| ray.dir, std::slice::from_ref(found), true);
+    let gone = look.one.look(&InTree::new(view, found.placed), &view.tree(found.placed), 1, |_| ray.dir, std::slice::from_ref(found), true);
     look.t = look.one.t(0, look.placed(), ray, found.t);
     (gone == 0).then_some(look)
 }

@@ -310,9 +310,8 @@ impl Direct<'_> {
         }
         let placed = &self.view.scene.placement.placed[found.placed as usize];
         let need = |block| Need { model: placed.model, block };
+        let (triangle, part) = self.view.triangle(found)?;
         let tree = self.view.tree(found.placed);
-        let triangle = tree.triangle(&found.tri).ok_or(need(crate::base::ids::BlockId(found.tri.block)))?;
-        let part = placed.first_part.saturating_add(triangle.part);
         let normal = WorldNormal::new(placed, &triangle.vertices).facing(ray.dir);
         if let Some(seen) = seen {
             (seen.kind, seen.normal) = (HitKind::Exact, normal.into());
@@ -324,8 +323,7 @@ impl Direct<'_> {
             }
             if self.asks.prims {
                 seen.prim = match tree.prim(&found.tri) {
-                    Ok(u32::MAX) => NONE,
-                    Ok(prim) => u64::from(prim),
+                    Ok(prim) => prim.map_or(NONE, u64::from),
                     Err(block) => self.later(need(block), wants).map(|()| NONE)?,
                 };
             }

@@ -6,7 +6,7 @@
 
 use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::shading::{Row, Vectors};
-use crate::query::answers::Seen;
+use crate::query::answers::{InTree, Seen};
 use crate::query::NONE;
 use super::first::First;
 use crate::scene::beam::Beam;
@@ -92,7 +92,7 @@ impl<'v> Direct<'v> {
         let eye = self.rays.eye();
         let is_few = self.view.entered(&Beam::from_point(eye, ends, 0.0, u32::MAX), f64::INFINITY, entered);
         match entered[..] {
-            [] => Enters::None,
+            [] if is_few => Enters::None,
             [Entered { placed, .. }] if is_few => self.plain_tree(placed).map_or(Enters::Others, Enters::Plain),
             _ => Enters::Others,
         }
@@ -114,30 +114,24 @@ impl<'v> Direct<'v> {
         if !self.plain {
             return;
         }
-        let mut last: Option<CameraTree> = None;
         for (i, (pixels, active)) in packets.iter().enumerate() {
             if *active == 0 || self.is_empty(pixels) {
                 continue;
             }
             let Enters::Plain(camera) = self.enter(pixels, rows, entered) else { continue };
-            // Packets of a bundle are in one tree.
-            if let Some(last) = last.take_if(|last| last.placed != camera.placed) {
-                self.trace_begun(&last, placed, *begun, bundle);
-            }
             placed[i] = camera.placed;
             let rays = CameraRays { eye: self.rays.eye(), dir: &rows.dir, width: &rows.width };
             *begun |= u32::from(camera.start(&rays, *active, bundle.packet(i))) << i;
-            last = Some(camera);
         }
-        if let Some(last) = last {
-            self.trace_begun(&last, placed, *begun, bundle);
+        // Packets of a bundle are in one tree.
+        let mut left = *begun;
+        while left != 0 {
+            let of_one = same(placed, placed[left.trailing_zeros() as usize]) & left;
+            if let Some(camera) = CameraTree::of(&self.view, placed[left.trailing_zeros() as usize]) {
+                camera.tree.closest_in_bundle(camera.filter.as_ref(), bundle, of_one);
+            }
+            left &= !of_one;
         }
-    }
-
-    /// Traces those of the packets that were begun in a placed tree for as far as they go together.
-    fn trace_begun(&self, camera: &CameraTree, placed: &[u32; BUNDLE], begun: u32, bundle: &mut Bundle) {
-        let among = bits(begun).filter(|&i| placed[i] == camera.placed).fold(0, |all, i| all | 1 << i);
-        camera.tree.closest_in_bundle(camera.filter.as_ref(), bundle, among);
     }
 
     /// Makes the rays of a packet's pixels.
@@ -188,11 +182,12 @@ impl<'v> Direct<'v> {
             return Outcome::Done;
         };
         let dir = |i: usize| Vec3::new(rows.dir[0][i], rows.dir[1][i], rows.dir[2][i]);
-        let gone = seen.look(&self.view, placed, met, dir, &*group, [true, pixels.sample == 0]);
+        let at = InTree::new(&self.view, placed);
+        let gone = seen.look(&at, met, dir, &*group, [true, pixels.sample == 0]);
         if gone | seen.missing() != 0 {
             return Outcome::Met(met);
         }
-        seen.each(&self.view, placed, &rows.dir, &mut shading.normal, &mut rows.part);
+        seen.each(&at, &rows.dir, &mut shading.normal, &mut rows.part);
         let mut left = met;
         while left != 0 {
             let part = rows.part[left.trailing_zeros() as usize];

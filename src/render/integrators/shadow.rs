@@ -2,7 +2,6 @@
 //! is seen behind them.
 
 use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS, Scratch};
-use crate::base::ids::BlockId;
 use crate::render::wants::Wants;
 use crate::query::stand_in;
 use crate::math::{Cone, Ray};
@@ -105,12 +104,8 @@ impl Direct<'_> {
         if let Some(look) = stand_in::look(&self.view, ray, found) {
             return self.material(found.placed, look.part(), || Ok(None)).map(|material| material.opacity);
         }
-        let scene = self.view.scene;
-        let placed = &scene.placement.placed[found.placed as usize];
-        let missing = Need { model: placed.model, block: BlockId(found.tri.block) };
-        let triangle = self.view.tree(found.placed).triangle(&found.tri).ok_or(missing)?;
-        let part = placed.first_part.saturating_add(triangle.part);
-        // Colours of single triangles say nothing of opacity.
+        let (_, part) = self.view.triangle(found)?;
+        // Single triangles have colours of their own, but no opacity.
         self.material(found.placed, part, || Ok(None)).map(|material| material.opacity)
     }
 }

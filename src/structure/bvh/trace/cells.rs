@@ -33,8 +33,10 @@ impl<'a> TreeView<'a> {
             gone |= u32::from(at[i].is_none()) << i;
             if let (Some((voxel, ..)), Some(cell)) = (&at[i], hit.stand_in()) {
                 prefetch(voxel.words().as_ptr());
-                out.missing |= u32::from(cell.is_missing) << i;
-                out.inside |= u32::from(cell.is_inside) << i;
+                if cell.is_missing {
+                    out.missing |= 1 << i;
+                    out.inside |= u32::from(cell.is_inside) << i;
+                }
             }
         }
         let whole = if is_whole { u32::MAX } else { out.inside };
@@ -45,8 +47,12 @@ impl<'a> TreeView<'a> {
             out.coloured |= u32::from(voxel.has_colours()) << i;
             let (has_sides, is_along_axes) = (voxel.has_sides(), voxel.is_along_axes());
             out.have_three |= u32::from(has_sides | is_along_axes) << i;
-            if whole >> i & 1 == 1 || has_sides || is_along_axes {
+            let is_whole = whole >> i & 1 == 1;
+            if is_whole {
+                // In the node's other line.
                 out.level[i] = node.level(*slot);
+            }
+            if is_whole || has_sides || is_along_axes {
                 for row in 0..6 {
                     out.bounds[row][i] = node.stored_plane(row, *slot);
                 }

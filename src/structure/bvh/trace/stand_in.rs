@@ -109,7 +109,9 @@ pub(super) fn meet<const N: usize, L: Lanes<N>>([enter, leave]: [L; 2], faces: [
     let width = ray.a + ray.b * t;
     let meets = t.le(leave).bits();
     let outside = meets & !enter.le(ray.t_min).bits();
-    let small = outside & area(faces, ray.dir).le(width * width).bits();
+    // Rays of no width have no use for cells of no area, as flat ones seen edge-on are: only triangles answer them.
+    let least = L::from_array_like(width, [f32::MIN_POSITIVE; N]);
+    let small = outside & least.max(area(faces, ray.dir)).le(width * width).bits();
     Met { meets, outside, small, enter: t }
 }
 
