@@ -6,12 +6,12 @@
 //!    without area are counted and left out;
 //! 3. **distribute** (`survey`, `regions`, `distribute`), of meshes that do not fit: into chunks of triangles
 //!    that are near each other, each of which fits;
-//! 4. **build** (`mesh`): each chunk becomes a tree (`structure::bvh::build`) and its fine and leaf blocks, which are
-//!    put aside; what is above them stays, and is joined to the coarse blocks of the mesh;
-//! 5. **write** (`output`): coarse blocks, then the fine ones, then leaf blocks; encoded in parallel, written in order;
+//! 4. **build** (`mesh`): the structure's baker (`structure::bake`) makes of each chunk a tree and its blocks, which are
+//!    put aside; the top of that tree stays, and is joined to the coarse blocks of the mesh;
+//! 5. **write** (`output`): coarse blocks, then those of each further class; encoded in parallel, written in order;
 //! 6. **seal** (`seal`): ids, colours, tables, checksums, sync, rename.
 //!
-//! A mesh that fits is one chunk, of which only leaf blocks are put aside. What a budget is spent on is in `shares`: the chunks,
+//! A mesh that fits is one chunk, of which only blocks of the last class are put aside. What a budget is spent on is in `shares`: the chunks,
 //! and so the bytes of the file, depend on it and never on the number of threads.
 #![forbid(unsafe_code)]
 

@@ -1,7 +1,6 @@
 //! Stand-ins: what is shown for a part of a tree that is not descended into. `voxel` is what a cell looks like from each side,
 //! composited from what lies in it, `seen` what a ray sees of that; `slabs` where in the cell that is (by how far it `reach`es along `turns` of their axes), and `fill` how near to it all of that; `coded` their bytes.
-//! Where a cell may stand in is decided by the walks (`structure::bvh::trace`); what its hits promise by `query::finish`. Uses base, math
-//! and simd.
+//! The walks of a structure decide where a cell may stand in; `query` works out the promises of its hits. Uses base, math and simd.
 #![forbid(unsafe_code)]
 
 mod coded;

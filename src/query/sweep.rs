@@ -107,7 +107,7 @@ impl<T: Send> WaitList for Visits<T> {
         self.0.extract_if(.., |visit| visit.needs().any(&is_there)).collect()
     }
 
-    /// The last blocks first: a leaf block has a higher number than the block that it hangs below, so that a visit ends the
+    /// The last blocks first: a block has a higher number than the block that it hangs below, so that a visit ends the
     /// subtrees that it has begun before it begins others.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
         let needs: BTreeSet<Need> = self.0.iter().flat_map(Visit::needs).collect();

@@ -38,7 +38,7 @@ pub trait Decoder: Send + Sync {
 /// How a block is kept in memory, as its structure declares it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BlockClass {
-    /// Any number of blocks hang below this one: it is kept longest, and read at opening.
+    /// Any number of blocks hang below this one: it is kept longest. (Opening reads the blocks of a tree's first class.)
     pub is_coarse: bool,
     /// The one block that hangs below this one alone: this one counts as used whenever that is.
     pub below: Option<BlockId>,

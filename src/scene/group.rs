@@ -184,8 +184,8 @@ impl Group {
         }
         let mut hits = self.walk.found();
         for i in bits(hits) {
-            // The walk had the greatest distance rounded up: what it found may still be beyond. Where any will do there is no
-            // other to fall back on, and it is met to rounding; a walk that looks beyond is judged later.
+            // The walk had the greatest distance rounded up, so its hit may still be beyond. Where any hit will do there is no other to fall
+            // back on, and the distance is met to rounding. Hits of walks that look beyond are tested later.
             let is_within = ANY || view.looks_beyond || self.distance(i) <= rays.0[i].t_max;
             hits &= !(u32::from(!is_within) << i);
         }

@@ -1,4 +1,5 @@
-//! A packet's rays together in a scene of any trees: they go down the top tree, and into each placed tree, those of them that meet its box. Like walks of single rays, a packet can be put down at a missing block and taken up again.
+//! A packet's rays together in a scene of any trees: they go down the top tree, and those of them that meet its box into each placed tree. Like a walk of
+//! a single ray, a packet can be put down at a missing block and taken up again.
 
 use super::beam::Beam;
 use super::placed::At;

@@ -51,8 +51,8 @@ fn around_hits(tree: &StoredTree) -> DBounds {
     }
 }
 
-/// By how much more, as a part of the tree's reach: boxes give way by 64 h where rays begin within [`FAR`] reaches (h = 2^-24, see
-/// `structure::bvh::trace::PreparedRay`), and rays from farther away are moved nearer.
+/// By how much more, as a part of the tree's reach: the boxes of a tree may give way by 64 h where rays begin within [`FAR`]
+/// reaches (h = 2^-24), and rays from farther away are moved nearer. A structure whose boxes give way by more would lose hits here.
 const GIVE: f64 = 1.0 / 4096.0;
 
 /// A ray's place in a placed tree: t in the world is `shift + scale * t` in the tree.

@@ -26,7 +26,7 @@ pub(crate) struct SceneStream {
     /// Of each ray in a scene of several placed trees, the nodes of the top tree that are still to be visited, the nearest last.
     todo: Vec<Vec<(NodeRef, f64)>>,
     slabs: Vec<Slabs>,
-    /// Rays that have nodes there, or may.
+    /// Rays that are not done: `todo` may hold nodes for them.
     goes_on: Box<[bool; STREAM]>,
     /// The placed trees that some packet's rays may enter.
     entered: Vec<Entered>,

@@ -144,8 +144,8 @@ impl Found {
         self.passed = self.passed.min(at.in_world(passed));
         if tri.is_hit() {
             let t = at.in_world(tri.t);
-            // The tree's walk had the best t rounded up: what it found may still be beyond. Where any
-            // will do there is no other to fall back on, and t_max is met to rounding; the first of who looks `beyond` is for that one to judge.
+            // The tree's walk had the best t rounded up, so its hit may still be beyond. Where any hit will do there is no other to fall back on,
+            // and t_max is met to rounding. A walk that looks `beyond` takes the first hit too: its caller tests that in double precision.
             let takes_any = ANY || beyond && !self.is_hit();
             if takes_any || t < self.t || t == self.t && placed < self.placed {
                 *self = Self { t, placed, tri, passed: self.passed };
@@ -278,8 +278,8 @@ impl<'a> SceneView<'a> {
     /// The triangle that was found, and the model's part that it belongs to.
     #[inline(always)]
     pub fn triangle(&self, found: &Found) -> std::result::Result<(Triangle, u32), Need> {
-        let missing = || self.need(found.placed, BlockId(found.tri.block));
-        let triangle = self.tree(found.placed).triangle(&found.tri).ok_or_else(missing)?;
+        let tree = self.tree(found.placed);
+        let triangle = tree.triangle(&found.tri).ok_or_else(|| self.need(found.placed, tree.block_of(&found.tri)))?;
         let first_part = self.scene.placement.placed[found.placed as usize].first_part;
         Ok((triangle, first_part.saturating_add(triangle.part)))
     }

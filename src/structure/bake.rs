@@ -102,6 +102,9 @@ pub struct BuiltChunk<C, T> {
 /// All tops are joined to the coarse blocks. In the file the blocks of a tree lie class by class ([`crate::store::TreeRow::class_blocks`]): the
 /// coarse ones, which are known last, then the second class of all chunks, and so on. The result depends on the input and the options only, never on
 /// the number of threads.
+///
+/// Opening, reading ahead and making room for blocks rely on three more properties. A block refers to blocks with higher ids only. Of the coarse blocks
+/// those nearest to the root come first. Each plan gives exactly one block of each class but the first.
 pub trait Baker {
     /// Classes of its blocks, [`CLASSES`] at most. The first is that of coarse blocks.
     const CLASSES: usize;
@@ -155,11 +158,13 @@ pub trait BakeOp {
 
 /// Runs `op` with the baker of a structure.
 pub fn with_baker<O: BakeOp>(structure: Structure, op: O) -> O::Out {
+    fn run<B: Baker, O: BakeOp>(op: O) -> O::Out {
+        const { assert!(B::CLASSES <= CLASSES) };
+        op.run::<B>()
+    }
     match structure {
-        Structure::Bvh => op.run::<bvh::build::BvhBaker>(),
+        Structure::Bvh => run::<bvh::build::BvhBaker, O>(op),
         #[cfg(any(test, feature = "brute"))]
-        Structure::Brute => op.run::<brute::build::BruteBaker>(),
+        Structure::Brute => run::<brute::build::BruteBaker, O>(op),
     }
 }
-
-const _: () = assert!(<bvh::build::BvhBaker as Baker>::CLASSES <= CLASSES);

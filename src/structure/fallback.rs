@@ -1,4 +1,4 @@
-//! For structures without packets or streams of their own: each ray is walked alone, with what the contract's types hold of it.
+//! For structures without packets or streams of their own: each ray of a packet or stream is walked alone.
 //!
 //! A packet that was put down at a missing block goes on with the ray that needs the block: rays that are answered are not walked again.
 

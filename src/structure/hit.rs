@@ -1,7 +1,7 @@
 //! What walks answer: where a ray meets a tree, and what a structure says of that place.
 //!
 //! A hit names its place by a block and an item of that block. The item belongs to the structure: a triangle, a point of a patch, a
-//! cell that stands in. Rooms above hand it back to the structure that made it ([`super::Tree::surface`] and its kin).
+//! cell that stands in. Rooms above hand it back to the structure that made it ([`super::Tree::triangle`], [`super::Tree::surfaces`], [`super::Tree::cells`]).
 
 use crate::base::ids::BlockId;
 use glam::Vec3;
@@ -11,7 +11,8 @@ use glam::Vec3;
 pub enum Outcome {
     /// The answer is in the walk.
     Done,
-    /// This block is needed. Call again with the same walk once it is in memory.
+    /// This block is needed. Call again with the same walk once it is in memory. A step may need up to four blocks at once, one after the other: a batch
+    /// keeps the last four that it has asked for in memory.
     Pending(BlockId),
 }
 

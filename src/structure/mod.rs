@@ -6,7 +6,8 @@
 //! `fallback` (packets and streams of a structure that walks single rays only).
 //!
 //! Each structure is a folder with three faces: `build` (triangles in, blocks out), `layout` (the bytes both wings agree on), `trace` (rays in,
-//! hits out). A further one is such a folder, and an arm in the enums of `tree`, `open` and `bake`; no room above names one.
+//! hits out). A further one is such a folder, a variant of [`Structure`], and an arm in each `match` of `tree`, `open` and `bake`; no room above
+//! names one. (`packet` and `stream` hold state of the bvh's own walks beside that of all structures.)
 #![forbid(unsafe_code)]
 
 pub mod bake;

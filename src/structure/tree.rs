@@ -1,7 +1,7 @@
 //! One tree of a model, of whatever structure, in one snapshot: what rooms above know of structures.
 //!
-//! An enum and no trait object or type parameter: it is asked once a packet, stream, bundle or walk, never once a node, so the choice
-//! costs nothing beside the answer; a type parameter through the rooms above would copy all kernels once more for each structure
+//! An enum and no trait object or type parameter: rays ask it once a packet, stream, bundle or walk, never once a node, so the choice
+//! costs nothing beside the answer (a [cursor](Tree::expand), which hands out nodes, asks once for each); a type parameter through the rooms above would copy all kernels once more for each structure
 //! (2 MB each). A structure without packets, streams or bundles of its own falls back to single walks (`fallback.rs`).
 
 #[cfg(any(test, feature = "brute"))]
@@ -129,6 +129,16 @@ impl<'a> Tree<'a> {
     #[inline(always)]
     pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
         of_each!(self, own => own.triangle(hit))
+    }
+
+    /// The block that a hit needs first: the one that has left the snapshot where [`Tree::triangle`], [`Tree::surfaces`], [`Tree::cells`] or
+    /// [`Tree::slabs`] find nothing.
+    pub fn block_of(&self, hit: &TriHit) -> BlockId {
+        match self {
+            Tree::Bvh(_) => BlockId(hit.block),
+            #[cfg(any(test, feature = "brute"))]
+            Tree::Brute(_) => BlockId(hit.block),
+        }
     }
 
     /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left the snapshot (bit `i`:

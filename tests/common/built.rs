@@ -31,10 +31,15 @@ pub fn sized<T>(of_bvh: T, of_others: T) -> T {
 
 /// Runs `test` with models of a structure.
 pub fn with<T>(structure: Structure, test: impl FnOnce() -> T) -> T {
-    let before = STRUCTURE.replace(structure);
-    let out = test();
-    STRUCTURE.set(before);
-    out
+    /// Sets back what was before, also where the test panics.
+    struct Before(Structure);
+    impl Drop for Before {
+        fn drop(&mut self) {
+            STRUCTURE.set(self.0);
+        }
+    }
+    let _before = Before(STRUCTURE.replace(structure));
+    test()
 }
 
 /// A value for each structure, made when first asked for.

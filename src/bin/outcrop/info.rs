@@ -2,6 +2,7 @@
 
 use crate::common::{self, Outcome};
 use outcrop::base::ids::BlockId;
+use outcrop::build::Structure;
 use outcrop::store::ModelFile;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -33,8 +34,7 @@ fn trace_bytes(file: &ModelFile) -> u64 {
 }
 
 fn structure(file: &ModelFile) -> &'static str {
-    let names = ["bvh", "kdtree", "octree", "patch"];
-    names.get((file.header().structure as usize).wrapping_sub(1)).copied().unwrap_or("unknown")
+    Structure::from_number(file.header().structure).map_or("unknown", Structure::name)
 }
 
 fn up(file: &ModelFile) -> Option<&'static str> {

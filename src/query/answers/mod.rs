@@ -10,7 +10,6 @@ pub(crate) use meeting::meet;
 pub(crate) use triangle::WorldNormal;
 
 use super::hit::{Hit, HitKind, NONE, Want};
-use crate::base::ids::BlockId;
 use crate::math::{PACKET, Ray, bits};
 use crate::scene::Group;
 use crate::scene::placed::Placed;
@@ -317,9 +316,9 @@ impl<const N: usize> Seen<N> {
 /// The block that an answer to a hit needed and did not find: the hit's own, or that of primitive ids beside it.
 #[cold]
 pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit) -> Need {
-    let own = BlockId(hit.block);
-    let beside = if hit.stand_in().is_some() { None } else { view.tree(placed).prim(hit).err() };
-    view.need(placed, beside.unwrap_or(own))
+    let tree = view.tree(placed);
+    let beside = if hit.stand_in().is_some() { None } else { tree.prim(hit).err() };
+    view.need(placed, beside.unwrap_or(tree.block_of(hit)))
 }
 
 /// [`Seen::answer`] of a single ray; false if its hit is outside of its interval, fails with the block that is needed.
