@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::built::{self, Built};
+use common::built::{self, Built, Part};
 use common::rng::Rng;
 use common::scenes;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
@@ -41,17 +41,21 @@ fn assembly() -> Built {
     })
 }
 
-/// `count` instances of `model`, some turned, some scaled, some on top of others, some that few rays see; one hidden, parts of others hidden or
+/// `count` instances of `model`, some turned, some scaled, some in the very place of others, some that few rays see; one hidden, parts of others hidden or
 /// recoloured.
 fn forest(context: &Context, model: &Model, count: u64) -> Arc<SceneState> {
     let mut rng = Rng::new(count);
     let scene = Scene::new(context);
     let side = (count as f64).sqrt() * 2.0;
+    let mut place = DAffine3::IDENTITY;
     for id in 0..count {
-        let at = rng.inside(DVec3::new(-side, -side, -0.5), DVec3::new(side, side, 0.5));
-        let turn = if rng.one_in(3) { DQuat::IDENTITY } else { DQuat::from_axis_angle(rng.direction(), rng.between(0.0, 3.0)) };
-        let scale = if rng.one_in(4) { DVec3::new(1.0, -0.5, 2.0) } else { DVec3::ONE };
-        scene.add_instance(model, id, DAffine3::from_scale_rotation_translation(scale, turn, at)).expect("an instance");
+        if id == 0 || !rng.one_in(5) {
+            let at = rng.inside(DVec3::new(-side, -side, -0.5), DVec3::new(side, side, 0.5));
+            let turn = if rng.one_in(3) { DQuat::IDENTITY } else { DQuat::from_axis_angle(rng.direction(), rng.between(0.0, 3.0)) };
+            let scale = if rng.one_in(4) { DVec3::new(1.0, -0.5, 2.0) } else { DVec3::ONE };
+            place = DAffine3::from_scale_rotation_translation(scale, turn, at);
+        }
+        scene.add_instance(model, id, place).expect("an instance");
         if rng.one_in(5) {
             scene.set_instance_mask(id, 1 << rng.below(3)).expect("a mask");
         }
@@ -82,6 +86,9 @@ fn rays(seed: u64, side: f64) -> Vec<Ray> {
             if run % 5 == 4 {
                 ray.mask = 1 + (i & 1);
             }
+            if run % 4 == 3 && i % 3 == 0 {
+                (ray.t_min, ray.t_max) = (ray.t_max.min(rng.between(0.0, 20.0)), ray.t_max.min(rng.between(5.0, 40.0)));
+            }
             all.push(ray);
         }
     }
@@ -89,6 +96,10 @@ fn rays(seed: u64, side: f64) -> Vec<Ray> {
     all[3].dir = Vec3::ZERO;
     all[40].origin.x = f64::NAN;
     all[70].t_max = -1.0;
+    all[130].t_max = f64::NAN;
+    all[135].t_min = f64::NAN;
+    all[140].dir.y = f32::INFINITY;
+    all[145].dir.z = f32::NAN;
     all[100] = Ray::new(DVec3::new(1e6, 2e6, 3e6), Vec3::new(-1.0, -2.0, -3.0));
     all
 }
@@ -99,7 +110,15 @@ fn closest(state: &SceneState, rays: &[Ray], options: QueryOptions) -> Vec<Hit> 
     hits
 }
 
-#[test]
+/// Of the first kind no ray has a width, of the second all have, of the third some.
+fn with_widths(mut rays: Vec<Ray>, kind: usize) -> Vec<Ray> {
+    let wide = Cone { a: 0.02, b: 0.02 };
+    for (i, ray) in rays.iter_mut().enumerate() {
+        ray.cone = if kind == 1 || kind == 2 && i % 7 < 3 { wide } else { Cone::ZERO };
+    }
+    rays
+}
+
 fn all_ways_through_a_scene_find_the_same_hits() {
     let file = assembly();
     let context = built::context(1);
@@ -107,24 +126,49 @@ fn all_ways_through_a_scene_find_the_same_hits() {
     let mut kinds = [0; 4];
     for count in [1, 2, 7, 60, 400] {
         let state = forest(&context, &model, count);
-        for cone in [Cone::ZERO, Cone { a: 0.02, b: 0.02 }] {
-            let mut rays = rays(count + 5, (count as f64).sqrt() * 2.0);
-            rays.iter_mut().for_each(|ray| ray.cone = cone);
-            let alone: Vec<Hit> = rays.iter().map(|ray| closest(&state, std::slice::from_ref(ray), OPTIONS)[0]).collect();
-            for coherent in [false, true] {
-                let options = QueryOptions { coherent, ..OPTIONS };
-                let together = closest(&state, &rays, options);
-                let differ = (0..rays.len()).find(|&i| alone[i] != together[i]);
-                assert_eq!(differ.map(|i| (i, rays[i], alone[i], together[i])), None, "{count} instances, coherent: {coherent}, {cone:?}");
-                let mut any = vec![2; rays.len()];
-                state.any(&rays, options, &mut any).expect("answers");
-                let differ = (0..rays.len()).find(|&i| u8::from(alone[i].kind != HitKind::Miss) != any[i]);
-                assert_eq!(differ.map(|i| (i, rays[i], alone[i], any[i])), None, "any, {count} instances, coherent: {coherent}, {cone:?}");
-            }
-            alone.iter().for_each(|hit| kinds[hit.kind as usize] += 1);
+        for kind in 0..3 {
+            let rays = with_widths(rays(count + 5, (count as f64).sqrt() * 2.0), kind);
+            all_ways_agree(&state, &rays).iter().for_each(|hit| kinds[hit.kind as usize] += 1);
         }
     }
-    assert!(kinds[..3].iter().all(|&n| n > 500), "misses, exact hits, stand-ins: {kinds:?}");
+    let most = built::sized(500, 200);
+    assert!(kinds[..3].iter().all(|&n| n > most), "misses, exact hits, stand-ins: {kinds:?}");
+}
+
+/// Rays pass through several trees that lie in each other, and blocks come while they do: they go on where they were put down, and find what they find where
+/// all is in memory.
+fn blocks_come_while_rays_are_in_several_trees() {
+    let rings = built::sized(120, 30);
+    let file = built::parts(&[Part::white(1, scenes::bumpy_sphere(rings, 2 * rings, 4)), Part::white(2, scenes::sphere(rings, rings))]);
+    let state = |context: &Context, model: &Model| {
+        let (scene, mut rng) = (Scene::new(context), Rng::new(3));
+        for id in 0..7 {
+            let turn = DQuat::from_axis_angle(rng.direction(), rng.between(0.0, 3.0));
+            let at = rng.inside(DVec3::splat(-0.7), DVec3::splat(0.7));
+            scene.add_instance(model, id, DAffine3::from_rotation_translation(turn, at)).expect("an instance");
+        }
+        scene.commit().expect("a commit");
+        scene.state()
+    };
+    let warm = built::context(1);
+    let model = Model::open(&warm, &file.path).expect("a model");
+    assert!(model.info().geometry_blocks > 10, "{} blocks", model.info().geometry_blocks);
+    let warm = state(&warm, &model);
+    for kind in 0..3 {
+        let rays = with_widths(rays(11, 2.0), kind);
+        let expected = closest(&warm, &rays, OPTIONS);
+        for (coherent, threads) in [(false, 0), (true, 0), (false, 2), (true, 2)] {
+            let context = built::context(threads);
+            let cold = || state(&context, &Model::open_cold(&context, &file.path).expect("a model"));
+            let options = QueryOptions { coherent, ..OPTIONS };
+            let hits = closest(&cold(), &rays, options);
+            let differ = (0..rays.len()).find(|&i| hits[i] != expected[i]);
+            assert_eq!(differ.map(|i| (rays[i], hits[i], expected[i])), None, "coherent: {coherent}, {threads} threads, widths of kind {kind}");
+            let mut any = vec![2; rays.len()];
+            cold().any(&rays, options, &mut any).expect("answers");
+            assert!(any.iter().zip(&expected).all(|(any, hit)| *any == u8::from(hit.kind != HitKind::Miss)), "any, coherent: {coherent}");
+        }
+    }
 }
 
 /// Closest and any hits of rays in batches, against those of each ray alone; returns the latter.
@@ -132,7 +176,9 @@ fn all_ways_agree(state: &SceneState, rays: &[Ray]) -> Vec<Hit> {
     let alone: Vec<Hit> = rays.iter().map(|ray| closest(state, std::slice::from_ref(ray), OPTIONS)[0]).collect();
     for coherent in [false, true] {
         let options = QueryOptions { coherent, ..OPTIONS };
-        assert_eq!(closest(state, rays, options), alone, "coherent: {coherent}");
+        let together = closest(state, rays, options);
+        let differ = (0..rays.len()).find(|&i| alone[i] != together[i]);
+        assert_eq!(differ.map(|i| (i, rays[i], alone[i], together[i])), None, "coherent: {coherent}");
         let mut any = vec![2; rays.len()];
         state.any(rays, options, &mut any).expect("answers");
         let expected: Vec<u8> = alone.iter().map(|hit| u8::from(hit.kind != HitKind::Miss)).collect();
@@ -145,7 +191,7 @@ fn all_ways_agree(state: &SceneState, rays: &[Ray]) -> Vec<Hit> {
 #[test]
 fn rays_that_begin_nowhere_leave_the_others_their_hits() {
     let context = built::context(1);
-    let file = built::parts(&[built::Part::white(1, scenes::cuboid(DVec3::ZERO, DVec3::new(3.0, 1.0, 1.0)))]);
+    let file = built::parts(&[Part::white(1, scenes::cuboid(DVec3::ZERO, DVec3::new(3.0, 1.0, 1.0)))]);
     let model = Model::open(&context, &file.path).expect("a model");
     for count in [1, 3] {
         let scene = Scene::new(&context);
@@ -169,7 +215,7 @@ fn rays_that_begin_nowhere_leave_the_others_their_hits() {
 #[test]
 fn rays_find_their_way_through_a_deep_top_tree() {
     let context = built::context(1);
-    let file = built::parts(&[built::Part::white(1, scenes::cuboid(DVec3::splat(-0.5), DVec3::splat(0.5)))]);
+    let file = built::parts(&[Part::white(1, scenes::cuboid(DVec3::splat(-0.5), DVec3::splat(0.5)))]);
     let model = Model::open(&context, &file.path).expect("a model");
     let scene = Scene::new(&context);
     for id in 0..150 {
@@ -238,8 +284,8 @@ fn picture(context: &Context, state: &Arc<SceneState>, poe: f32) -> Vec<Vec<u8>>
 #[test]
 fn trees_alternate_within_a_tile() {
     let context = built::context(2);
-    let balls = built::parts(&[built::Part::white(1, scenes::sphere(60, 120))]);
-    let cubes = built::parts(&[built::Part::white(3, scenes::cuboid(-DVec3::ONE, DVec3::ONE)), built::Part::white(4, scenes::sphere(50, 40))]);
+    let balls = built::parts(&[Part::white(1, scenes::sphere(60, 120))]);
+    let cubes = built::parts(&[Part::white(3, scenes::cuboid(-DVec3::ONE, DVec3::ONE)), Part::white(4, scenes::sphere(50, 40))]);
     let models = [balls, cubes].map(|file| Model::open(&context, &file.path).expect("a model"));
     let scene = Scene::new(&context);
     // Near enough that no ray is moved.
@@ -292,3 +338,5 @@ fn a_picture_does_not_depend_on_what_it_does_not_show() {
         }
     }
 }
+
+built::on_each_structure!(all_ways_through_a_scene_find_the_same_hits, blocks_come_while_rays_are_in_several_trees);
