@@ -29,6 +29,7 @@ test: setup lint unit ctest
 	@echo "make test: all passed"
 
 lint: setup
+	$(CARGO) fmt --all --check
 	$(CARGO) clippy --locked --workspace --all-targets -- -D warnings
 
 unit: setup

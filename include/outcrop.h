@@ -139,8 +139,8 @@ typedef struct oc_progress {
     /** The least budget in bytes that would do, if it failed with OC_STATUS_OVER_BUDGET; else 0. */
     uint64_t need;
     /**
-     * Why it failed or was cancelled, or of a frame that ended as OC_STATE_COMPLETE_WITHIN_BUDGET, why some of it could not
-     * be read. oc_last_error has the reason in words after a poll or wait.
+     * Why it failed or was cancelled, or of a frame that ended as OC_STATE_COMPLETE_WITHIN_BUDGET, why some of it
+     * could not be read. oc_last_error has the reason in words after a poll or wait.
      */
     oc_status error;
     /** An OC_PHASE_ number (builds and loads). */
@@ -148,8 +148,9 @@ typedef struct oc_progress {
 } oc_progress;
 
 /**
- * Called when work has ended, well or not, and for frames also when there is a better picture; from any thread, in which it must return soon and must not
- * unwind. It may call what is marked `Cheap`. `user` is what was given with the function.
+ * Called when work has ended, well or not, and for frames also when there is a better picture; from any thread, in
+ * which it must return soon and must not unwind. It may call what is marked `Cheap`. `user` is what was given with the
+ * function.
  */
 typedef void (*oc_wake_fn)(void *user);
 
@@ -157,9 +158,9 @@ typedef void (*oc_wake_fn)(void *user);
 typedef void (*oc_run_fn)(void *task);
 
 /**
- * Takes a piece of work: `run(task)` must be called exactly once, soon, from any thread, also at once
- * from inside this call: then calls that begin work in the background return when that is done. Called from any thread of the host, never under a lock of the
- * library's.
+ * Takes a piece of work: `run(task)` must be called exactly once, soon, from any thread, also at once from inside this
+ * call: then calls that begin work in the background return when that is done. Called from any thread of the host,
+ * never under a lock of the library's.
  */
 typedef void (*oc_submit_fn)(void *user, oc_run_fn run, void *task);
 
@@ -198,18 +199,19 @@ typedef struct oc_context_desc {
     /** Set by OC_INIT. */
     uint32_t struct_size;
     /**
-     * Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads and traces by turns: of a
-     * model that is being read pictures get better more slowly than with a thread, most of all if by oc_context_step.
-     * OC_ALL_THREADS: one for each core. Ignored with an executor.
+     * Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads
+     * and traces by turns: of a model that is being read pictures get better more slowly than with a thread, most of
+     * all if by oc_context_step. OC_ALL_THREADS: one for each core. Ignored with an executor.
      */
     uint32_t threads;
     /**
      * Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three
      * quarters of the machine's; more than the machine has is refused. A model may be larger, many times: its coarse
-     * blocks are read when it is opened, what is used is read then, and what has not been used for longest goes. What has
-     * to stay is small: tables, the blocks at the roots, and a few megabytes to read with; if not even those fit, opening fails
-     * with OC_STATUS_OVER_BUDGET and oc_last_error_need names the least budget that would do. Where what frames show does
-     * not fit they get coarser, evenly; exact queries take longer. Buffers of frames and batches come on top.
+     * blocks are read when it is opened, what is used is read then, and what has not been used for longest goes. What
+     * has to stay is small: tables, the blocks at the roots, and a few megabytes to read with; if not even those fit,
+     * opening fails with OC_STATUS_OVER_BUDGET and oc_last_error_need names the least budget that would do. Where what
+     * frames show does not fit they get coarser, evenly; exact queries take longer. Buffers of frames and batches come
+     * on top.
      */
     uint64_t memory_budget;
     /** The host's own threads, or NULL. The struct is copied; its `user` must outlive the context. */
@@ -239,9 +241,15 @@ typedef struct oc_build_desc {
     uint32_t struct_size;
     /** An OC_STRUCTURE_ number. */
     oc_structure structure;
-    /** Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no limit. */
+    /**
+     * Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no
+     * limit.
+     */
     uint64_t memory_budget;
-    /** The folder of temporary files; NULL: the system's (`TMPDIR`, where that is set). Not looked at before the first is written. */
+    /**
+     * The folder of temporary files; NULL: the system's (`TMPDIR`, where that is set). Not looked at before the first
+     * is written.
+     */
     const char *temp_dir;
     /** Length unit, in place of what the input says. 0: as the input says. */
     double metres_per_unit;
@@ -250,8 +258,8 @@ typedef struct oc_build_desc {
     /** An OC_SPLITS_ number. */
     oc_splits splits;
     /**
-     * Threads, up to 4096; the build starts its own. 0: as many as the context has; OC_ALL_THREADS: one for each core. In a context
-     * without threads of its own a build has the one thread that does it. The file does not depend on it.
+     * Threads, up to 4096; the build starts its own. 0: as many as the context has; OC_ALL_THREADS: one for each core.
+     * In a context without threads of its own a build has the one thread that does it. The file does not depend on it.
      */
     uint32_t threads;
     /** Must be 0. */
@@ -365,8 +373,8 @@ typedef struct oc_build_report {
 typedef uint32_t (*oc_read_fn)(void *user, uint64_t offset, void *buffer, uint64_t bytes);
 
 /**
- * Called once, when nothing will be read any more; from any thread, and perhaps a moment after the last handle was released,
- * when a thread that was still tracing or reading lets go of the model: `user` must stay valid until then.
+ * Called once, when nothing will be read any more; from any thread, and perhaps a moment after the last handle was
+ * released, when a thread that was still tracing or reading lets go of the model: `user` must stay valid until then.
  */
 typedef void (*oc_close_fn)(void *user);
 
@@ -528,18 +536,22 @@ typedef uint32_t oc_query_flags;
 typedef struct oc_ray {
     /** Where it starts, world space. */
     double origin[3];
-    /** Hits before this distance are ignored; in units of the direction's length. Below 0 it counts as 0. Infinite or NaN: the ray misses. */
+    /**
+     * Hits before this distance are ignored; in units of the direction's length. Below 0 it counts as 0. Infinite or
+     * NaN: the ray misses.
+     */
     double t_min;
     /** Hits beyond this distance are ignored. 0: none are. Before `t_min`, or NaN: the ray misses. */
     double t_max;
     /** Where it goes; need not be unit. Zero, or not finite: the ray misses. */
     float direction[3];
     /**
-     * Its footprint: its width at t is cone_a + cone_b * t, in world units (with t as in oc_hit, in units of the direction's
-     * length). A stand-in is accepted where the area of its box's projection along the ray is at most the square of the
-     * width there. So for p pixels of error: the width of a pixel, times the square root of p. Of a camera with a field of
-     * view a pixel is 2 tan(fov_y / 2) / height wide at distance 1: that is cone_b, cone_a is 0; of an orthographic one it is
-     * cone_a, and cone_b is 0. 0 and 0: exact. Below 0, or not a number: counts as 0; infinite: as coarse as there is.
+     * Its footprint: its width at t is cone_a + cone_b * t, in world units (with t as in oc_hit, in units of the
+     * direction's length). A stand-in is accepted where the area of its box's projection along the ray is at most the
+     * square of the width there. So for p pixels of error: the width of a pixel, times the square root of p. Of a
+     * camera with a field of view a pixel is 2 tan(fov_y / 2) / height wide at distance 1: that is cone_b, cone_a is
+     * 0; of an orthographic one it is cone_a, and cone_b is 0. 0 and 0: exact. Below 0, or not a number: counts as 0;
+     * infinite: as coarse as there is.
      */
     float cone_a;
     /** See `cone_a`. */
@@ -563,8 +575,9 @@ typedef struct oc_query {
     /** How many. */
     uint64_t count;
     /**
-     * Bytes from a ray to the next; 0: tightly packed. (Of these, 32 in a row at an address that oc_ray may have are read where they are if each says
-     * its t_max, INFINITY for none, and its mask, 0xFFFFFFFF for all; others are copied first.)
+     * Bytes from a ray to the next; 0: tightly packed. (Of these, 32 in a row at an address that oc_ray may have are
+     * read where they are if each says its t_max, INFINITY for none, and its mask, 0xFFFFFFFF for all; others are
+     * copied first.)
      */
     uint64_t stride;
 } oc_query;
@@ -575,20 +588,21 @@ typedef uint32_t oc_hit_kind;
 /** The closest hit of a ray; an element of an array. What was not asked for is as for a miss. */
 typedef struct oc_hit {
     /**
-     * Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what lies behind a hit is found
-     * from the next number after its `t` on. (Not what is nearer to it than `t` less `t_free`: such surfaces may come in the wrong order. Within single precision of the ray's origin what is behind it may be given at 0, and
-     * what is before it may be missed; so may what a ray meets within some 4 degrees of edge-on that near to an end.) In double
-     * precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
-     * than its last digits.
+     * Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what
+     * lies behind a hit is found from the next number after its `t` on. (Not what is nearer to it than `t` less
+     * `t_free`: such surfaces may come in the wrong order. Within single precision of the ray's origin what is behind
+     * it may be given at 0, and what is before it may be missed; so may what a ray meets within some 4 degrees of
+     * edge-on that near to an end.) In double precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single
+     * precision, and on long thin triangles near the ray's origin it may be off by more than its last digits.
      */
     double t;
     /** Where, in world space; infinity for a miss. */
     double position[3];
     /**
-     * No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within
-     * 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less than
-     * `t`, by what rounding may have done. Of a miss it is infinity, unless the ray was let through a stand-in: then it is where
-     * that, or what else would have been hit, is met; so it is of hits behind one.
+     * No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within 0.9
+     * degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less
+     * than `t`, by what rounding may have done. Of a miss it is infinity, unless the ray was let through a stand-in:
+     * then it is where that, or what else would have been hit, is met; so it is of hits behind one.
      */
     double t_free;
     /** The id of the part, as given when the model was built; OC_NO_ID for a miss. */
@@ -688,8 +702,9 @@ typedef struct oc_frame_accuracy {
     /** Set by OC_INIT. */
     uint32_t struct_size;
     /**
-     * The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. (By steps; which one it ends at
-     * may depend on what was seen before.) Where that is more than was asked for, no stand-in lets rays through.
+     * The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. (By
+     * steps; which one it ends at may depend on what was seen before.) Where that is more than was asked for, no
+     * stand-in lets rays through.
      */
     float effective_poe;
     /** Counts the requests of this frame, from 1; 0: none yet. */
@@ -705,27 +720,27 @@ typedef struct oc_frame_accuracy {
     /** Bytes in memory of the models that the scene shows. */
     uint64_t bytes_resident;
     /**
-     * Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what could not
-     * be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
+     * Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what
+     * could not be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
      */
     uint64_t bytes_wanted;
     /** Seconds since the request, until it ended. */
     double seconds;
     /**
-     * Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has come; what
-     * better pictures will want besides is not known. 0 when nothing runs, infinity if unknown.
+     * Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has
+     * come; what better pictures will want besides is not known. 0 when nothing runs, infinity if unknown.
      */
     double seconds_to_go;
     /**
-     * Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or OC_BUFFER_ERROR is
-     * asked for.
+     * Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or
+     * OC_BUFFER_ERROR is asked for.
      */
     float worst_error;
     /** Mean error in pixels, over pixels that show something; of triangles as above. */
     float mean_error;
     /**
-     * Whole pictures that the request has made so far: the first from what was in memory, each with more of what the last
-     * lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to map.
+     * Whole pictures that the request has made so far: the first from what was in memory, each with more of what the
+     * last lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to map.
      */
     uint32_t pictures;
     /** An OC_STATE_ number, as oc_frame_poll tells it. */
@@ -789,9 +804,9 @@ typedef struct oc_pixels {
 #define OC_STATUS_IO 500
 
 /**
- * The machine: it gave no memory for something large (a picture, the tree of a build); `oc_last_error` says how many bytes for what. Nothing
- * changed, or it is as after any other error. (Where it gives none for something small, or for triangles that are pushed or read without a budget, the
- * process ends, as Rust programs do.)
+ * The machine: it gave no memory for something large (a picture, the tree of a build); `oc_last_error` says how many
+ * bytes for what. Nothing changed, or it is as after any other error. (Where it gives none for something small, or for
+ * triangles that are pushed or read without a budget, the process ends, as Rust programs do.)
  */
 #define OC_STATUS_OUT_OF_MEMORY 501
 
@@ -821,8 +836,8 @@ typedef struct oc_pixels {
 #define OC_STATE_FAILED 4
 
 /**
- * Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose picture
- * is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches.
+ * Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose
+ * picture is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches.
  */
 #define OC_STATE_COMPLETE_WITHIN_BUDGET 5
 
@@ -869,8 +884,8 @@ typedef struct oc_pixels {
 #define OC_INSTRUCTION_SET_AVX512 3
 
 /**
- * Nothing is read before it is asked for. Without it a model that fits the memory budget is read in the background, all of
- * it, when nothing more urgent is to be read.
+ * Nothing is read before it is asked for. Without it a model that fits the memory budget is read in the background,
+ * all of it, when nothing more urgent is to be read.
  */
 #define OC_CONTEXT_NO_READ_AHEAD 1
 
@@ -971,16 +986,17 @@ typedef struct oc_pixels {
 #define OC_HIT_EXACT 1
 
 /**
- * A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray would
- * meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of which most is
- * seen; `uv` and `prim` are those of a miss. Of cells that hold wires, leaves and the like, as many rays are let through as pass what
- * they hold: see `t_free`.
+ * A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray
+ * would meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of
+ * which most is seen; `uv` and `prim` are those of a miss. Of cells that hold wires, leaves and the like, as many rays
+ * are let through as pass what they hold: see `t_free`.
  */
 #define OC_HIT_LOD 2
 
 /**
  * A stand-in, coarser than asked for: what is below it is not in memory (frames and OC_QUERY_NOW only). Otherwise as
- * OC_HIT_LOD. If the ray begins inside of the cell, `t` is where it leaves it, and `t_free` is t_min: nothing of it is known to be free.
+ * OC_HIT_LOD. If the ray begins inside of the cell, `t` is where it leaves it, and `t_free` is t_min: nothing of it is
+ * known to be free.
  */
 #define OC_HIT_MISSING 3
 
@@ -1018,9 +1034,9 @@ typedef struct oc_pixels {
 #define OC_QUERY_COHERENT 1
 
 /**
- * Answer at once, from what is in memory: stand-ins are hit in place of what is not, as OC_HIT_MISSING. Nothing is read, nor
- * asked for (oc_scene_prefetch_box does that). Without it, what is needed is read, and answers do not depend on what was in
- * memory.
+ * Answer at once, from what is in memory: stand-ins are hit in place of what is not, as OC_HIT_MISSING. Nothing is
+ * read, nor asked for (oc_scene_prefetch_box does that). Without it, what is needed is read, and answers do not depend
+ * on what was in memory.
  */
 #define OC_QUERY_NOW 2
 
@@ -1055,8 +1071,8 @@ typedef struct oc_pixels {
 #define OC_BUFFER_KIND 7
 
 /**
- * 1 float: some original surface lies within this distance of what is shown; world units. Infinity where a triangle, or nothing, is seen
- * through stand-ins that let the ray pass: there something nearer may be.
+ * 1 float: some original surface lies within this distance of what is shown; world units. Infinity where a triangle,
+ * or nothing, is seen through stand-ins that let the ray pass: there something nearer may be.
  */
 #define OC_BUFFER_ERROR 8
 
@@ -1153,9 +1169,8 @@ OC_API oc_status oc_job_cancel(const struct oc_job *job);
  * Has `wake` called once, when the job ends; if it has ended already, now, from this call. Replaces an
  * earlier one; NULL: nobody is called.
  *
- * `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job; then what the job was for is done, and its
- * arrays are the caller's again.
- * Thread safety: any thread. Cheap.
+ * `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job;
+ * then what the job was for is done, and its arrays are the caller's again. Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_job_set_wake(const struct oc_job *job,
@@ -1176,8 +1191,8 @@ OC_API void oc_job_retain(struct oc_job *job);
 /**
  * Takes a count back; with the last one the job is cancelled. NULL does nothing.
  *
- * Thread safety: any thread, also from the job's own wake function. Blocks for a batch of rays, until nobody uses its arrays and the wake
- * function, if it is just being called by another thread, has returned; else cheap.
+ * Thread safety: any thread, also from the job's own wake function. Blocks for a batch of rays, until nobody uses its
+ * arrays and the wake function, if it is just being called by another thread, has returned; else cheap.
  */
 OC_API
 void oc_job_release(struct oc_job *job);
@@ -1186,10 +1201,9 @@ void oc_job_release(struct oc_job *job);
  * Makes a context. `header_version` is OC_HEADER_VERSION, so that a program and a library that do not
  * belong together say so instead of crashing. `desc` may be NULL: all defaults.
  *
- * OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set, or has less
- * memory than the budget;
- * OC_STATUS_IO if a thread cannot be started.
- * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
+ * OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set, or
+ * has less memory than the budget; OC_STATUS_IO if a thread cannot be started. Ownership: the caller owns a count.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_context_create(uint32_t header_version,
@@ -1197,9 +1211,9 @@ oc_status oc_context_create(uint32_t header_version,
                             struct oc_context **out_context);
 
 /**
- * Does one small piece of waiting work in this thread, if there is any: some tens of microseconds to a few milliseconds of a frame or a
- * batch of rays, or a whole build or load of a context without threads. `out_did`, which may be NULL,
- * gets 1 if there was any, else 0.
+ * Does one small piece of waiting work in this thread, if there is any: some tens of microseconds to a few
+ * milliseconds of a frame or a batch of rays, or a whole build or load of a context without threads. `out_did`, which
+ * may be NULL, gets 1 if there was any, else 0.
  *
  * Thread safety: any thread. Blocks while it works.
  */
@@ -1224,8 +1238,8 @@ OC_API void oc_context_retain(struct oc_context *context);
  * Takes a count back. Objects made from the context keep what they need of it; its threads end with the
  * last of them. NULL does nothing.
  *
- * Thread safety: any thread. Blocks until threads have ended, if nothing else keeps the context any more: a frame or job that was
- * released while it ran keeps it for a moment longer.
+ * Thread safety: any thread. Blocks until threads have ended, if nothing else keeps the context any more: a frame or
+ * job that was released while it ran keeps it for a moment longer.
  */
 OC_API
 void oc_context_release(struct oc_context *context);
@@ -1251,9 +1265,9 @@ oc_status oc_build_add_file(struct oc_build *build,
                             const char *path);
 
 /**
- * Begins to make the file at `path`, in the background: in a thread that is started for it, one task of the executor, or,
- * where the context has neither threads nor an executor, inside oc_job_wait or oc_context_step. Nothing can be added any more, also
- * if OC_STATUS_IO says that the thread could not be started.
+ * Begins to make the file at `path`, in the background: in a thread that is started for it, one task of the executor,
+ * or, where the context has neither threads nor an executor, inside oc_job_wait or oc_context_step. Nothing can be
+ * added any more, also if OC_STATUS_IO says that the thread could not be started.
  *
  * The file appears under its name when the job is done; until then what was there stays. If the job fails or is
  * cancelled no temporary is left.
@@ -1318,17 +1332,17 @@ oc_status oc_build_add_instance(struct oc_build *build,
  * Adds triangles of one part from the caller's memory. NaN, infinite and flat ones may be among them: they
  * are counted and left out.
  *
- * OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_IO if the temporary that takes what is beyond
- * the build's budget cannot be written: the build can then only be released.
- * Thread safety: any thread. Blocks while it copies.
+ * OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_IO if the temporary that takes
+ * what is beyond the build's budget cannot be written: the build can then only be released. Thread safety: any thread.
+ * Blocks while it copies.
  */
 OC_API
 oc_status oc_build_add_triangles(struct oc_build *build,
                                  const struct oc_triangles *triangles);
 
 /**
- * What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed; of a job of another kind, that or
- * OC_STATUS_INVALID_ARGUMENT.
+ * What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed; of a job of
+ * another kind, that or OC_STATUS_INVALID_ARGUMENT.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1347,10 +1361,11 @@ oc_status oc_job_build_note(const struct oc_job *job,
                             const char **out_text);
 
 /**
- * Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is used,
- * or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET means that
- * not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. No more than 48 MB, or a quarter
- * of the budget, is read here. One of those blocks that is damaged, or cannot be read, fails it; of others that are, stand-ins are shown.
+ * Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is
+ * used, or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET
+ * means that not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. No
+ * more than 48 MB, or a quarter of the budget, is read here. One of those blocks that is damaged, or cannot be read,
+ * fails it; of others that are, stand-ins are shown.
  *
  * Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
  * does not.
@@ -1556,8 +1571,9 @@ oc_status oc_scene_closest(const struct oc_scene *scene,
                            uint64_t hit_stride);
 
 /**
- * Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` changes nothing (but is checked). With OC_QUERY_NOW, 1 also
- * stands for rays of which that is not known. With a footprint, 0 may also be a ray that stand-ins let through.
+ * Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` changes nothing (but is checked).
+ * With OC_QUERY_NOW, 1 also stands for rays of which that is not known. With a footprint, 0 may also be a ray that
+ * stand-ins let through.
  *
  * `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not
  * to be used. Thread safety: any thread. Blocks; may read the disk.
@@ -1611,7 +1627,8 @@ oc_status oc_scene_overlap_box(const struct oc_scene *scene,
                                uint64_t *out_count);
 
 /**
- * Finds the visible parts that meet the intersection of half spaces (a frustum has 6; 1 to 4096), exactly: by triangle.
+ * Finds the visible parts that meet the intersection of half spaces (a frustum has 6; 1 to 4096), exactly: by
+ * triangle.
  *
  * The list comes out as that of oc_scene_overlap_box. Thread safety: any thread. Blocks; may read the disk.
  */
@@ -1624,8 +1641,9 @@ oc_status oc_scene_overlap_frustum(const struct oc_scene *scene,
                                    uint64_t *out_count);
 
 /**
- * Makes a frame. `desc` may be NULL: all defaults. OC_STATUS_OUT_OF_MEMORY if the system gives none for its buffers. (Most systems give
- * memory that they have not, as long as nobody writes there: a picture larger than the machine's memory may end the process later.)
+ * Makes a frame. `desc` may be NULL: all defaults. OC_STATUS_OUT_OF_MEMORY if the system gives none for its buffers.
+ * (Most systems give memory that they have not, as long as nobody writes there: a picture larger than the machine's
+ * memory may end the process later.)
  *
  * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
  */
@@ -1638,17 +1656,16 @@ oc_status oc_frame_create(const struct oc_context *context,
  * Begins a picture of the committed scene, and returns at once. What the frame was rendering is
  * cancelled and replaced. `settings` may be NULL: all defaults.
  *
- * The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
- * soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked for does not fit
- * the memory budget: then pictures get coarser step by step, everywhere alike, until all that they need does. The request ends
- * as OC_STATE_DONE when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or
- * some of it cannot be had (then oc_progress.error is OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is
- * damaged; the next request asks for it again).
+ * The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be
+ * mapped as soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked
+ * for does not fit the memory budget: then pictures get coarser step by step, everywhere alike, until all that they
+ * need does. The request ends as OC_STATE_DONE when the picture is as exact as asked, as
+ * OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or some of it cannot be had (then oc_progress.error is
+ * OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is damaged; the next request asks for it again).
  *
- * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number or infinite, a `poe` below 0, more than 1024 samples,
- * or a camera out of its ranges; OC_STATUS_OUT_OF_MEMORY if the system gives none for a picture beside the one that can be mapped; then what the
- * frame was rendering goes on.
- * Thread safety: any thread. Cheap.
+ * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number or infinite, a `poe` below 0, more than
+ * 1024 samples, or a camera out of its ranges; OC_STATUS_OUT_OF_MEMORY if the system gives none for a picture beside
+ * the one that can be mapped; then what the frame was rendering goes on. Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_frame_request(struct oc_frame *frame,
@@ -1683,8 +1700,9 @@ OC_API
 oc_status oc_frame_cancel(struct oc_frame *frame);
 
 /**
- * Changes the size from the next request on; cancels what is rendering and lets go of the targets. The last
- * complete picture keeps its size until the next is complete. OC_STATUS_OUT_OF_MEMORY as for oc_frame_create; then nothing changes.
+ * Changes the size from the next request on; cancels what is rendering and lets go of the targets. The last complete
+ * picture keeps its size until the next is complete. OC_STATUS_OUT_OF_MEMORY as for oc_frame_create; then nothing
+ * changes.
  *
  * Thread safety: any thread. Blocks until nobody writes to the targets any more.
  */
@@ -1705,8 +1723,8 @@ oc_status oc_frame_set_wake(struct oc_frame *frame,
                             void *user);
 
 /**
- * How true the last whole picture of the last request is (before there is one: as far as it has come). Of each pixel a stand-in's
- * error is how far from what is shown the surface may lie, in pixels.
+ * How true the last whole picture of the last request is (before there is one: as far as it has come). Of each pixel a
+ * stand-in's error is how far from what is shown the surface may lie, in pixels.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1759,14 +1777,14 @@ OC_API void oc_mapping_retain(struct oc_mapping *mapping);
 OC_API void oc_mapping_release(struct oc_mapping *mapping);
 
 /**
- * Begins to read, in the background, what of the committed scene lies in a box: blocks below cells that meet it and are longer
- * than `cell` (world units; 0: all of them), those below the longest cells first. What frames and queries ask for comes
- * before, and no picture gets coarser for it.
+ * Begins to read, in the background, what of the committed scene lies in a box: blocks below cells that meet it and
+ * are longer than `cell` (world units; 0: all of them), those below the longest cells first. What frames and queries
+ * ask for comes before, and no picture gets coarser for it.
  *
  * The job counts blocks and their bytes in memory. It ends as OC_STATE_DONE when all is in memory, as
- * OC_STATE_COMPLETE_WITHIN_BUDGET when no more fits beside what frames use, as OC_STATE_FAILED when some of it cannot be read (the
- * rest then is, as far as it fits). What was read stays until room is needed and nothing else has been used less lately.
- * Releasing the job ends the reading.
+ * OC_STATE_COMPLETE_WITHIN_BUDGET when no more fits beside what frames use, as OC_STATE_FAILED when some of it cannot
+ * be read (the rest then is, as far as it fits). What was read stays until room is needed and nothing else has been
+ * used less lately. Releasing the job ends the reading.
  *
  * `low`, `high`: three doubles each, world space. OC_STATUS_INVALID_ARGUMENT for NaN, or a `cell` below 0.
  * Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
@@ -1779,9 +1797,9 @@ oc_status oc_scene_prefetch_box(const struct oc_scene *scene,
                                 struct oc_job **out_job);
 
 /**
- * Begins to read, in the background, what a picture of `width` by `height` pixels of the committed scene would need at `poe`
- * pixels of error (0: exact), the most visible first, as far as a ray in every fourth pixel of every fourth row finds it;
- * without shadows and what is behind transparent surfaces. For the view that comes next, for instance. As
+ * Begins to read, in the background, what a picture of `width` by `height` pixels of the committed scene would need at
+ * `poe` pixels of error (0: exact), the most visible first, as far as a ray in every fourth pixel of every fourth row
+ * finds it; without shadows and what is behind transparent surfaces. For the view that comes next, for instance. As
  * oc_scene_prefetch_box otherwise.
  *
  * OC_STATUS_INVALID_ARGUMENT for a bad camera or size, or a `poe` that is not finite or below 0.

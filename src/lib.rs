@@ -23,7 +23,8 @@ pub mod capi;
 pub use base::error::{Error, Result};
 pub use query::{Hit, HitKind, How, PartOverlap, Plane, Query, QueryOptions, Want};
 pub use render::{
-    Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Mapped, Outputs, Prefetch, PrefetchState, PrefetchStatus,
+    Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Mapped, Outputs, Prefetch, PrefetchState,
+    PrefetchStatus,
 };
 pub use scene::{
     Background, Camera, Context, ContextOptions, Light, LightKind, LogLevel, Model, Scene, SceneState, State,

@@ -90,12 +90,9 @@ fn header_is_clean_in_every_language() {
     let dir = temp();
     let compilers = [("gcc", "g++"), ("clang", "clang++")];
     for (c, cxx) in compilers.into_iter().filter(|(c, _)| is_there(c)) {
-        for (name, standard, padded) in [
-            (c, "c99", true),
-            (c, "c11", true),
-            (cxx, "c++11", false),
-            (cxx, "c++20", false),
-        ] {
+        for (name, standard, padded) in
+            [(c, "c99", true), (c, "c11", true), (cxx, "c++11", false), (cxx, "c++20", false)]
+        {
             let objects = ["include_a", "include_b"].map(|unit| {
                 let object = dir.path().join(format!("{unit}.o"));
                 let mut cc = compiler(name, standard);

@@ -100,10 +100,8 @@ fn declared() -> BTreeMap<String, Vec<String>> {
 
 #[test]
 fn every_struct_and_member_is_checked() {
-    let told: BTreeMap<String, Vec<String>> = layouts()
-        .iter()
-        .map(|l| (l.name.to_string(), l.members.iter().map(|m| m.0.to_string()).collect()))
-        .collect();
+    let told: BTreeMap<String, Vec<String>> =
+        layouts().iter().map(|l| (l.name.to_string(), l.members.iter().map(|m| m.0.to_string()).collect())).collect();
     assert_eq!(told, declared());
 }
 

@@ -1,10 +1,11 @@
-//! Input that makes no sense: budgets too small or too large, accuracies and footprints that are none, sources that lie about
-//! their size. Each is a clear error, or counts as what the documentation says.
+//! Input that makes no sense: budgets too small or too large, accuracies and footprints that are none, sources that lie
+//! about their size. Each is a clear error, or counts as what the documentation says.
 
 mod common;
 
 use common::built;
 use glam::DVec3;
+use outcrop::Error;
 use outcrop::base::progress::Cancel;
 use outcrop::import::generate::{GenerateOptions, generate};
 use outcrop::math::{Cone, Ray};
@@ -12,7 +13,6 @@ use outcrop::query::{Hit, HitKind, QueryOptions};
 use outcrop::render::{Frame, FrameOptions, FrameSettings, FrameState};
 use outcrop::scene::{Camera, Context, ContextOptions, Model};
 use outcrop::store::{CallbackSource, Source};
-use outcrop::Error;
 use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -115,7 +115,8 @@ fn a_source_gets_shorter_while_it_is_open() {
     let why = scene.state().closest(&rays, QueryOptions::default(), &mut hits).expect_err("blocks are gone");
     assert!(matches!(why, Error::Corrupt { .. } | Error::Io { .. }) && why.to_string().contains("a liar"), "{why}");
     let frame = Frame::new(&context, FrameOptions { width: 64, height: 48, ..Default::default() }).expect("a frame");
-    let camera = Camera::Perspective { eye: DVec3::new(0.0, 0.1, 3.0), at: DVec3::ZERO, up: DVec3::Y, fov_y_degrees: 40.0 };
+    let camera =
+        Camera::Perspective { eye: DVec3::new(0.0, 0.1, 3.0), at: DVec3::ZERO, up: DVec3::Y, fov_y_degrees: 40.0 };
     frame.request(&scene.state(), &camera, &FrameSettings::default()).expect("a request");
     let status = frame.wait(Duration::from_secs(60));
     assert_eq!(status.state, FrameState::CompleteWithinBudget);
@@ -145,7 +146,13 @@ fn footprints_that_are_none_count_as_exact() {
     scene.add_instance(&model, 1, glam::DAffine3::IDENTITY).expect("an instance");
     scene.commit().expect("a commit");
     let ask = |cone: Cone, coherent: bool| {
-        let ray = |i: i32| Ray { cone, ..Ray::new(DVec3::new(f64::from(i % 32) / 20.0 - 0.8, f64::from(i / 32) / 20.0 - 0.8, 3.0), glam::Vec3::NEG_Z) };
+        let ray = |i: i32| Ray {
+            cone,
+            ..Ray::new(
+                DVec3::new(f64::from(i % 32) / 20.0 - 0.8, f64::from(i / 32) / 20.0 - 0.8, 3.0),
+                glam::Vec3::NEG_Z,
+            )
+        };
         let rays: Vec<Ray> = (0..1024).map(ray).collect();
         let mut hits = vec![Hit::MISS; rays.len()];
         scene.state().closest(&rays, QueryOptions { coherent, ..Default::default() }, &mut hits).expect("answers");

@@ -49,7 +49,8 @@ static ALLOCATOR: Counting = Counting;
 /// Builds a generated model; the most bytes held meanwhile.
 fn build(name: &str, triangles: u64, memory_budget: u64) -> (usize, BuildReport) {
     let folder = tempfile::tempdir().unwrap();
-    let options = BuildOptions { memory_budget, threads: 2, temp_dir: Some(folder.path().into()), ..Default::default() };
+    let options =
+        BuildOptions { memory_budget, threads: 2, temp_dir: Some(folder.path().into()), ..Default::default() };
     let before = NOW.load(Relaxed);
     MOST.store(before, Relaxed);
     let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).unwrap();
@@ -57,7 +58,12 @@ fn build(name: &str, triangles: u64, memory_budget: u64) -> (usize, BuildReport)
     let report = builder.finish(&folder.path().join("model.oc")).unwrap();
     let most = MOST.load(Relaxed) - before;
     let mib = |bytes: usize| bytes as f64 / f64::from(1 << 20);
-    println!("{triangles} of {name}: {:.1} MiB of {:.1}, {} chunks", mib(most), mib(memory_budget as usize), report.chunks);
+    println!(
+        "{triangles} of {name}: {:.1} MiB of {:.1}, {} chunks",
+        mib(most),
+        mib(memory_budget as usize),
+        report.chunks
+    );
     (most, report)
 }
 

@@ -6,14 +6,14 @@ use common::rng::Rng;
 use common::scenes::{self, Soup, on_five_models};
 use common::trees::{self, TestTree};
 use glam::DVec3;
+use outcrop::Camera;
 use outcrop::lod::summary_bit;
 use outcrop::math::Cone;
+use outcrop::math::{BUNDLE, PACKET};
 use outcrop::scene::camera::PixelRays;
 use outcrop::simd::Isa;
-use outcrop::math::{BUNDLE, PACKET};
 use outcrop::structure::bvh::trace::{Bundle, TreeView};
 use outcrop::structure::{LocalRay, Outcome, PacketWalk, PartFilter, TriHit};
-use outcrop::Camera;
 
 /// Pixels of a bundle along each side, and bundles of a picture that are looked at, along each side.
 const TILE: u32 = 32;
@@ -77,7 +77,8 @@ impl Case<'_> {
         let mut packets = Vec::new();
         // In one of four tiles some packets do not take part, some pixels do not count, and packets differ.
         let is_mixed = rng.below(4) == 0;
-        let some = |rng: &mut Rng| if is_mixed { (rng.below(1 << 16) | rng.below(1 << 16) << 16) as u32 } else { u32::MAX };
+        let some =
+            |rng: &mut Rng| if is_mixed { (rng.below(1 << 16) | rng.below(1 << 16) << 16) as u32 } else { u32::MAX };
         let among = some(rng);
         for p in 0..BUNDLE {
             let at = (x + p as u32 % 4 * 8, y + p as u32 / 4 * 4);
@@ -110,7 +111,8 @@ impl Case<'_> {
             for (i, local) in locals.iter().enumerate() {
                 let (a, b) = (root.best(i), bundle.packet(p).best(i));
                 // A triangle may be in several leaves.
-                let triangle = |hit: &TriHit| trees::bits(&self.all, &Some(*hit).filter(|h| h.is_hit() && h.stand_in().is_none()));
+                let triangle =
+                    |hit: &TriHit| trees::bits(&self.all, &Some(*hit).filter(|h| h.is_hit() && h.stand_in().is_none()));
                 assert_eq!(triangle(&a), triangle(&b), "{a:?} {b:?}: {local:?}");
                 let cell = |hit: &TriHit| hit.stand_in().map(|_| (hit.t.to_bits(), hit.block, hit.tri));
                 assert_eq!(cell(&a), cell(&b), "{local:?}");
@@ -136,10 +138,13 @@ fn check(tree: &TestTree, size: u32, seed: u64) -> Tally {
         // What ties are decided by is to be waited for.
         let no_prims = tree.snapshot.filtered(|id| id.0 < tree.blocks() / 2);
         let whole = &tree.snapshot;
-        for (snapshot, never_waits) in [(whole, false), (whole, true), (&holes, true), (&holes, false), (&no_prims, false)] {
+        for (snapshot, never_waits) in
+            [(whole, false), (whole, true), (&holes, true), (&holes, false), (&no_prims, false)]
+        {
             for (poe, is_filtered) in [(0.0, false), (0.0, true), (1.0, false), (30.0, false), (30.0, true)] {
                 let filter = is_filtered.then_some(filter);
-                let (view, all) = (TreeView { never_waits, ..tree.view(snapshot, isa) }, tree.view(&tree.snapshot, isa));
+                let (view, all) =
+                    (TreeView { never_waits, ..tree.view(snapshot, isa) }, tree.view(&tree.snapshot, isa));
                 let case = Case { view, all, filter, poe };
                 for i in 0..TILES * TILES {
                     // The middle, and of every second picture a corner: of a wide one nearly across the view.
@@ -151,7 +156,8 @@ fn check(tree: &TestTree, size: u32, seed: u64) -> Tally {
         }
     }
     tally.from_root = pair.root.counters().nodes;
-    tally.together = pair.bundle.counters.nodes + (0..BUNDLE).map(|p| pair.bundle.packet(p).counters().nodes).sum::<u64>();
+    tally.together =
+        pair.bundle.counters.nodes + (0..BUNDLE).map(|p| pair.bundle.packet(p).counters().nodes).sum::<u64>();
     tally
 }
 
@@ -177,15 +183,19 @@ fn packets_that_go_together_visit_less() {
 /// Nearly across the view, where the rays of a tile differ least: their packets' extremes round to the same.
 #[test]
 fn tiles_of_wide_pictures_lose_nothing_at_their_border() {
-    let rays = Camera::Perspective { eye: DVec3::ZERO, at: DVec3::new(0.5, 0.7, -0.4), up: DVec3::Y, fov_y_degrees: 179.99 };
+    let rays =
+        Camera::Perspective { eye: DVec3::ZERO, at: DVec3::new(0.5, 0.7, -0.4), up: DVec3::Y, fov_y_degrees: 179.99 };
     let rays = rays.prepare(1024, 1024).expect("a camera");
     let along = |x: f64, y: f64| rays.toward(x, y).0.as_dvec3();
     // A patch across the corner, whose triangles are smaller than a pixel.
     let (middle, side) = (along(64.0, 64.0), along(128.0, 0.0));
     let (right, down) = ((side - middle).normalize(), (side - middle).cross(middle).normalize());
     let n = 400;
-    let at = |i: usize, j: usize| (middle + (right * (i as f64 / n as f64 - 0.5) + down * (j as f64 / n as f64 - 0.5)) * 0.1) * 8.0;
-    let cell = |i: usize, j: usize| [[at(i, j), at(i + 1, j), at(i, j + 1)], [at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]];
+    let at = |i: usize, j: usize| {
+        (middle + (right * (i as f64 / n as f64 - 0.5) + down * (j as f64 / n as f64 - 0.5)) * 0.1) * 8.0
+    };
+    let cell =
+        |i: usize, j: usize| [[at(i, j), at(i + 1, j), at(i, j + 1)], [at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]];
     let tris: Vec<_> = (0..n * n).flat_map(|k| cell(k % n, k / n)).collect();
     let tree = TestTree::build(&tris, DVec3::ZERO, 0.0);
     let view = tree.view(&tree.snapshot, Isa::best());

@@ -71,7 +71,22 @@ fn from_generator_to_picture() {
     assert_eq!(rows.len(), 3);
     assert!(rows.iter().all(|r| r["hits"].as_u64().unwrap() > 0 && r["mrays_single"].as_f64().unwrap() > 0.0));
 
-    let args = ["bench", "a.oc", "--size", "64x48", "--runs", "1", "--view", "0", "--threads", "1", "--poe", "0,1,10", "--cache", "64M"];
+    let args = [
+        "bench",
+        "a.oc",
+        "--size",
+        "64x48",
+        "--runs",
+        "1",
+        "--view",
+        "0",
+        "--threads",
+        "1",
+        "--poe",
+        "0,1,10",
+        "--cache",
+        "64M",
+    ];
     let bench = json(dir, &args);
     let rows = bench["results"].as_array().unwrap();
     let member = |i: usize, name: &str| rows[i][name].as_f64().unwrap();
@@ -95,13 +110,18 @@ fn pictures_in_a_small_cache() {
     let render = ["render", "b.oc", "-o", "b.png", "--size", "320x240", "--samples", "1", "--cache", "12MB"];
     let with = |more: &[&str]| json(dir, &[&render, more].concat());
     let first = with(&["--until", "first"]);
-    let share = |picture: &Value, name: &str| picture["pixels"][name].as_f64().unwrap() / picture["pixels"]["total"].as_f64().unwrap();
+    let share = |picture: &Value, name: &str| {
+        picture["pixels"][name].as_f64().unwrap() / picture["pixels"]["total"].as_f64().unwrap()
+    };
     assert!(first["pictures"].as_u64().unwrap() >= 1);
     let count = |name: &str| first["pixels"][name].as_u64().unwrap();
     assert_eq!(count("exact") + count("lod") + count("missing"), count("total"), "{first}");
     let best = with(&["--until", "complete"]);
     assert_eq!(best["state"], "complete_within_budget");
-    assert!(best["effective_poe"].as_f64().unwrap() > 0.0 && best["bytes_resident"].as_u64().unwrap() <= 12 << 20, "{best}");
+    assert!(
+        best["effective_poe"].as_f64().unwrap() > 0.0 && best["bytes_resident"].as_u64().unwrap() <= 12 << 20,
+        "{best}"
+    );
     // The first may be finer where it has what it needs; what fits is fine everywhere.
     assert!(share(&best, "missing") == 0.0 && best["worst_error_px"].as_f64().unwrap() < 16.0, "{first} {best}");
     let coarse = with(&["--until", "converged", "--poe", "30"]);
@@ -179,7 +199,9 @@ fn wrong_usage_is_2_and_failure_is_1() {
     fails(dir, &["render", "not.oc", "-o", "p.png", "--light", "moon"], 2, "sun");
     fails(dir, &["build", "not.ply", "-o", "m.oc"], 1, "not.ply");
     fails(dir, &["build", "missing.ply", "-o", "m.oc"], 1, "missing.ply");
-    for verb in [&["info", "not.oc"][..], &["check", "not.oc"], &["render", "not.oc", "-o", "p.png"], &["bench", "not.oc"]] {
+    for verb in
+        [&["info", "not.oc"][..], &["check", "not.oc"], &["render", "not.oc", "-o", "p.png"], &["bench", "not.oc"]]
+    {
         fails(dir, verb, 1, "not.oc");
     }
     assert_eq!(names(dir), ["not.oc", "not.ply"]);

@@ -10,7 +10,9 @@ use models::{MODELS, Row, Shape};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::import::UpAxis;
-use outcrop::{Buffer, Camera, Context, Frame, FrameOptions, FrameSettings, FrameState, Light, LightKind, Model, Outputs, Scene};
+use outcrop::{
+    Buffer, Camera, Context, Frame, FrameOptions, FrameSettings, FrameState, Light, LightKind, Model, Outputs, Scene,
+};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -76,13 +78,20 @@ fn show(context: &Context, file: &Path, name: &str, (width, height): (u32, u32),
     scene.add_instance(&model, 1, DAffine3::IDENTITY).expect("an instance");
     scene.set_lights(lights(&camera)).expect("lights");
     scene.commit().expect("a commit");
-    let frame = Frame::new(context, FrameOptions { width, height, outputs: Outputs::ALL, ..FrameOptions::default() }).expect("a frame");
+    let frame = Frame::new(context, FrameOptions { width, height, outputs: Outputs::ALL, ..FrameOptions::default() })
+        .expect("a frame");
     frame.request(&scene.state(), &camera, &FrameSettings { samples, ..FrameSettings::default() }).expect("a request");
     let status = frame.wait(Duration::from_secs(600));
     assert_eq!(status.state, FrameState::Converged, "{name}: {:?}", status.error);
     let map = |buffer| frame.map(buffer).expect("a buffer").bytes().to_vec();
-    let floats = |buffer| map(buffer).chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect::<Vec<_>>();
-    let no_number = [Buffer::ColourLinear, Buffer::Depth, Buffer::Normal].map(floats).iter().flatten().filter(|x| x.is_nan()).count();
+    let floats =
+        |buffer| map(buffer).chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect::<Vec<_>>();
+    let no_number = [Buffer::ColourLinear, Buffer::Depth, Buffer::Normal]
+        .map(floats)
+        .iter()
+        .flatten()
+        .filter(|x| x.is_nan())
+        .count();
     let kinds = map(Buffer::Kind);
     let covered = kinds.iter().filter(|k| **k != 0).count() as f64 / kinds.len() as f64;
     Shown { report, model, srgb: map(Buffer::ColourSrgb8), covered, no_number }
@@ -98,9 +107,16 @@ fn every_mesh_is_built_and_seen() {
         let r = &shown.report;
         let dropped = r.non_finite + r.degenerate + r.out_of_range;
         let placed = shown.model.info().triangles_placed;
-        let mut must = |fine: bool, what: String| if !fine { wrong.push(format!("{}: {what}", row.file)) };
+        let mut must = |fine: bool, what: String| {
+            if !fine {
+                wrong.push(format!("{}: {what}", row.file))
+            }
+        };
         must(r.triangles_in == r.triangles_kept + dropped, format!("counts: {r:?}"));
-        must(placed <= row.triangles as u64 || AWKWARD.contains(&row.file), format!("{placed} of {} triangles", row.triangles));
+        must(
+            placed <= row.triangles as u64 || AWKWARD.contains(&row.file),
+            format!("{placed} of {} triangles", row.triangles),
+        );
         must(dropped * 5 <= r.triangles_in || AWKWARD.contains(&row.file), format!("{dropped} dropped"));
         must(shown.no_number == 0, format!("{} numbers are none", shown.no_number));
         let (least, most) = match row.file {
@@ -118,17 +134,33 @@ fn every_mesh_is_built_and_seen() {
 fn contact_sheet() {
     let context = common::built::context(2);
     let mut tiles = Vec::new();
-    println!("{:42} {:>7} {:>7} {:>6} {:>6} {:>6} {:>7} {:>5} {:>5} {:>9} {:>7}", "file", "in", "kept", "no num", "flat", "far", "placed", "parts", "inst.", "bytes", "seen");
+    println!(
+        "{:42} {:>7} {:>7} {:>6} {:>6} {:>6} {:>7} {:>5} {:>5} {:>9} {:>7}",
+        "file", "in", "kept", "no num", "flat", "far", "placed", "parts", "inst.", "bytes", "seen"
+    );
     for row in rows() {
         let Some(path) = common::models::find(row.file) else { continue };
         let shown = show(&context, &path, row.file, (320, 240), 4);
         let r = &shown.report;
         println!(
-            "{:42} {:7} {:7} {:6} {:6} {:6} {:7} {:5} {:5} {:9} {:6.3}%", row.file, r.triangles_in, r.triangles_kept, r.non_finite,
-            r.degenerate, r.out_of_range, shown.model.info().triangles_placed, r.parts, r.instances, r.bytes, shown.covered * 100.0
+            "{:42} {:7} {:7} {:6} {:6} {:6} {:7} {:5} {:5} {:9} {:6.3}%",
+            row.file,
+            r.triangles_in,
+            r.triangles_kept,
+            r.non_finite,
+            r.degenerate,
+            r.out_of_range,
+            shown.model.info().triangles_placed,
+            r.parts,
+            r.instances,
+            r.bytes,
+            shown.covered * 100.0
         );
         r.notes.iter().for_each(|note| println!("    {note}"));
-        tiles.push(sheet::Tile { pixels: shown.srgb, label: format!("{} {}", row.file.rsplit('/').next().unwrap_or(""), r.triangles_kept) });
+        tiles.push(sheet::Tile {
+            pixels: shown.srgb,
+            label: format!("{} {}", row.file.rsplit('/').next().unwrap_or(""), r.triangles_kept),
+        });
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/contact-sheet.png");
     sheet::save(&path, &tiles, (320, 240), 6);

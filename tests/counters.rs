@@ -11,8 +11,8 @@ use common::scenes;
 use common::trees::{self, TestTree};
 use glam::DVec3;
 use outcrop::math::Cone;
-use outcrop::simd::Isa;
 use outcrop::math::{BUNDLE, PACKET};
+use outcrop::simd::Isa;
 use outcrop::structure::Stream;
 use outcrop::structure::bvh::trace::Bundle;
 use outcrop::structure::{Counters, Outcome, PacketWalk, Walk};
@@ -83,7 +83,8 @@ fn what_walks_visit_is_pinned() {
         rays.iter().map(|ray| Ray32 { dir: middle.lerp(ray.dir, 1.0 / 32.0), ..*ray }).collect::<Vec<_>>()
     };
     let near: Vec<Ray32> = camera.chunks(PACKET * BUNDLE).flat_map(near).collect();
-    let found = [count(&camera, &tree), count(&mixed, &tree), count(&wide, &tree), count(&near, &tree)].map(|paths| paths.map(|c| per_ray(&c)));
+    let found = [count(&camera, &tree), count(&mixed, &tree), count(&wide, &tree), count(&near, &tree)]
+        .map(|paths| paths.map(|c| per_ray(&c)));
     println!("nodes, leaves, triangles, blocks, lines of leaves of single rays, streams, packets, bundles: {found:?}");
     assert_eq!(found, PINNED);
     // Side by side never more than one by one. Sixteen that begin near each other share their first nodes; those that
@@ -103,12 +104,14 @@ fn what_any_hit_visits_is_pinned() {
     let tree = sphere();
     let view = tree.view(&tree.snapshot, Isa::Baseline);
     let exact = trees::shadows(&view, &camera(&mut RayMaker::new(&tree.stored, 5)));
-    let wide: Vec<Ray32> = exact.iter().map(|ray| Ray32 { t_min: 0.01, cone: Cone { a: 0.02 * tree.reach, b: 0.0 }, ..*ray }).collect();
+    let wide: Vec<Ray32> =
+        exact.iter().map(|ray| Ray32 { t_min: 0.01, cone: Cone { a: 0.02 * tree.reach, b: 0.0 }, ..*ray }).collect();
     let found = [exact, wide].map(|rays| {
         let (mut walk, mut stream, mut packet) = (Walk::new(), Stream::of_queries(), PacketWalk::of_queries());
         let alone: Vec<bool> = rays.iter().map(|ray| trees::any(&view, ray, &mut walk)).collect();
         assert_eq!(trees::any_each(&view, &rays, &mut stream), alone);
-        let together: Vec<bool> = rays.chunks(PACKET).flat_map(|rays| trees::any_together(&view, rays, &mut packet)).collect();
+        let together: Vec<bool> =
+            rays.chunks(PACKET).flat_map(|rays| trees::any_together(&view, rays, &mut packet)).collect();
         assert_eq!(together, alone);
         let hits = alone.iter().filter(|met| **met).count();
         assert!(hits * 10 > alone.len() && hits * 10 < alone.len() * 9, "{hits} of {}", alone.len());
@@ -130,13 +133,16 @@ fn rods() -> Vec<Tri> {
             let (sin, cos) = (f64::from(k % 5) * TAU / 5.0).sin_cos();
             scenes::rounded(from + way * end + (one * cos + other * sin) * 0.01)
         };
-        all.extend((0..5).flat_map(|k| [[at(k, 0.0), at(k + 1, 0.0), at(k, 1.0)], [at(k, 1.0), at(k + 1, 0.0), at(k + 1, 1.0)]]));
+        all.extend(
+            (0..5)
+                .flat_map(|k| [[at(k, 0.0), at(k + 1, 0.0), at(k, 1.0)], [at(k, 1.0), at(k + 1, 0.0), at(k + 1, 1.0)]]),
+        );
     }
     all
 }
 
-/// Long thin triangles fill little of their boxes, which is all that single walks test: of the leaves whose boxes rays meet, slabs leave out
-/// most. (Of those of one closed surface few.)
+/// Long thin triangles fill little of their boxes, which is all that single walks test: of the leaves whose boxes rays
+/// meet, slabs leave out most. (Of those of one closed surface few.)
 #[test]
 fn slabs_leave_out_leaves_of_what_is_thin() {
     let tree = TestTree::around_middle(&rods(), 0.0);
@@ -156,13 +162,34 @@ fn slabs_leave_out_leaves_of_what_is_thin() {
     assert!(stream[1].abs_diff(single[1]) * 100 < single[1], "{single:?} {stream:?}");
 }
 
-/// Camera rays, rays of all kinds, camera rays with a width, camera rays from near; of each, single, stream, packet, bundle. A change of the builder or of the walks changes
-/// them: look whether it is for the better, and write the new ones down.
+/// Camera rays, rays of all kinds, camera rays with a width, camera rays from near; of each, single, stream, packet,
+/// bundle. A change of the builder or of the walks changes them: look whether it is for the better, and write the new
+/// ones down.
 const PINNED: [[[u64; 5]; 4]; 4] = [
-    [[27124, 5202, 25314, 4898, 13564], [10290, 4548, 22056, 4338, 11806], [8944, 3516, 18077, 1602, 9122], [8582, 4636, 24534, 1584, 11930]],
-    [[46536, 15159, 75104, 11905, 39934], [38020, 14637, 72636, 11608, 38560], [46536, 15159, 75104, 11905, 39934], [46536, 15159, 75104, 11905, 39934]],
-    [[25682, 228, 1568, 3818, 704], [9480, 222, 1524, 3592, 682], [7992, 158, 1290, 1026, 486], [7656, 158, 1290, 1026, 486]],
-    [[64348, 25886, 133858, 18356, 71068], [7318, 14094, 80186, 2882, 40394], [3826, 1511, 5108, 716, 3921], [1772, 844, 5382, 308, 2064]],
+    [
+        [27124, 5202, 25314, 4898, 13564],
+        [10290, 4548, 22056, 4338, 11806],
+        [8944, 3516, 18077, 1602, 9122],
+        [8582, 4636, 24534, 1584, 11930],
+    ],
+    [
+        [46536, 15159, 75104, 11905, 39934],
+        [38020, 14637, 72636, 11608, 38560],
+        [46536, 15159, 75104, 11905, 39934],
+        [46536, 15159, 75104, 11905, 39934],
+    ],
+    [
+        [25682, 228, 1568, 3818, 704],
+        [9480, 222, 1524, 3592, 682],
+        [7992, 158, 1290, 1026, 486],
+        [7656, 158, 1290, 1026, 486],
+    ],
+    [
+        [64348, 25886, 133858, 18356, 71068],
+        [7318, 14094, 80186, 2882, 40394],
+        [3826, 1511, 5108, 716, 3921],
+        [1772, 844, 5382, 308, 2064],
+    ],
 ];
 
 /// Of [`what_any_hit_visits_is_pinned`], likewise.

@@ -75,12 +75,23 @@ fn assert_least(name: &str, tree: &TestTree, oracle: &dyn Oracle, rays: &[Ray32]
         match accepted[..last].iter().position(|a| Some((a.0, a.1)) == got) {
             Some(0) => {}
             Some(_) => left_out += 1,
-            None if got.is_none() && last == accepted.len() && !accepted.iter().any(|a| a.2) => left_out += usize::from(last > 0),
+            None if got.is_none() && last == accepted.len() && !accepted.iter().any(|a| a.2) => {
+                left_out += usize::from(last > 0)
+            }
             None => wrong.push(format!("{ray:?}: {got:?} of {:?}", &accepted[..last])),
         }
     }
-    println!("{name}: the least of all for {} rays, {left_out} but for rounding, {} ties", rays.len(), walk.counters.ties);
-    assert!(wrong.is_empty(), "{name}: {} hits are not the least\n{}", wrong.len(), wrong[..wrong.len().min(5)].join("\n"));
+    println!(
+        "{name}: the least of all for {} rays, {left_out} but for rounding, {} ties",
+        rays.len(),
+        walk.counters.ties
+    );
+    assert!(
+        wrong.is_empty(),
+        "{name}: {} hits are not the least\n{}",
+        wrong.len(),
+        wrong[..wrong.len().min(5)].join("\n")
+    );
     assert!(left_out * 10_000 <= rays.len(), "{name}: {left_out} of {} hits depend on the order of visits", rays.len());
 }
 

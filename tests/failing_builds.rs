@@ -79,7 +79,13 @@ fn a_good_build_replaces_the_old_file() {
 #[test]
 fn where_no_file_can_be() {
     let (dir, path) = with_old_file();
-    for out in [dir.path().join("none/model.oc"), path.join("model.oc"), dir.path().to_path_buf(), "/dev/full".into(), "".into()] {
+    for out in [
+        dir.path().join("none/model.oc"),
+        path.join("model.oc"),
+        dir.path().to_path_buf(),
+        "/dev/full".into(),
+        "".into(),
+    ] {
         assert_io_about(build(10, &out), &out);
     }
     assert!(fs::metadata("/dev/full").is_ok_and(|m| !m.is_file()));
@@ -180,7 +186,11 @@ fn what_contradicts_itself_is_refused_where_it_is_said() {
     refused(builder.triangles(mesh, 2, &some, None));
     refused(builder.instance(mesh, DAffine3::IDENTITY, part));
     builder.part(PartDesc::default()).unwrap();
-    for flat in [DAffine3::ZERO, DAffine3::from_scale(DVec3::new(1.0, f64::NAN, 1.0)), DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0))] {
+    for flat in [
+        DAffine3::ZERO,
+        DAffine3::from_scale(DVec3::new(1.0, f64::NAN, 1.0)),
+        DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0)),
+    ] {
         refused(builder.instance(mesh, flat, part));
     }
     refused(builder.instance(MeshKey::DIRECT, DAffine3::IDENTITY, part));

@@ -41,9 +41,7 @@ fn moved(camera: Camera, by: DVec3) -> Camera {
         Camera::Perspective { eye, at, up, fov_y_degrees } => {
             Camera::Perspective { eye: eye + by, at: at + by, up, fov_y_degrees }
         }
-        Camera::Orthographic { eye, at, up, height } => {
-            Camera::Orthographic { eye: eye + by, at: at + by, up, height }
-        }
+        Camera::Orthographic { eye, at, up, height } => Camera::Orthographic { eye: eye + by, at: at + by, up, height },
     }
 }
 
@@ -55,11 +53,7 @@ fn pictures(context: &Context, file: &Built, placed: DVec3, seen_from: DVec3) ->
     let model = Model::open(context, &file.path).expect("a model");
     let scene = Scene::new(context);
     scene.add_instance(&model, 3, DAffine3::from_translation(placed)).expect("an instance");
-    let sun = Light {
-        kind: LightKind::Directional(DVec3::new(-1.0, 0.5, -2.0)),
-        shadows: true,
-        ..Light::HEADLIGHT
-    };
+    let sun = Light { kind: LightKind::Directional(DVec3::new(-1.0, 0.5, -2.0)), shadows: true, ..Light::HEADLIGHT };
     scene.set_lights(vec![Light { intensity: 0.4, ..Light::HEADLIGHT }, sun]).expect("lights");
     scene.commit().expect("a commit");
     let options = FrameOptions { width: SIZE.0, height: SIZE.1, outputs: Outputs::ALL, ..Default::default() };
@@ -86,7 +80,13 @@ fn same_depth(a: &[u8], b: &[u8]) -> bool {
 fn differing(a: &[Picture], b: &[Picture]) -> Vec<(Buffer, usize)> {
     let count = |(x, y): (&Picture, &Picture)| {
         let size = x.0.pixel_bytes();
-        (x.0, x.1.chunks(size).zip(y.1.chunks(size)).filter(|(p, q)| p != q && !(x.0 == Buffer::Depth && same_depth(p, q))).count())
+        (
+            x.0,
+            x.1.chunks(size)
+                .zip(y.1.chunks(size))
+                .filter(|(p, q)| p != q && !(x.0 == Buffer::Depth && same_depth(p, q)))
+                .count(),
+        )
     };
     a.iter().zip(b).map(count).filter(|(_, n)| *n > 0).collect()
 }
@@ -116,7 +116,4 @@ fn nearly_the_same_picture_where_the_shift_is_rounded() {
     }
 }
 
-built::on_each_structure!(
-    the_same_picture_to_the_pixel,
-    nearly_the_same_picture_where_the_shift_is_rounded,
-);
+built::on_each_structure!(the_same_picture_to_the_pixel, nearly_the_same_picture_where_the_shift_is_rounded,);

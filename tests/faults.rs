@@ -1,5 +1,5 @@
-//! Disks that fail, files that are damaged or replaced, sources that stall or dawdle: what can be read is shown as it is,
-//! a stand-in for what cannot, and the error names it. Nobody waits for ever, and nothing wrong is shown.
+//! Disks that fail, files that are damaged or replaced, sources that stall or dawdle: what can be read is shown as it
+//! is, a stand-in for what cannot, and the error names it. Nobody waits for ever, and nothing wrong is shown.
 
 mod common;
 
@@ -82,7 +82,8 @@ fn frame(context: &Context) -> Frame {
 
 /// All buffers of one picture: while a frame runs, a better one may come between two of them.
 fn bytes_of(frame: &Frame) -> Vec<Vec<u8>> {
-    let all = || -> Vec<Vec<u8>> { Buffer::ALL.iter().map(|&b| frame.map(b).expect("a picture").bytes().to_vec()).collect() };
+    let all =
+        || -> Vec<Vec<u8>> { Buffer::ALL.iter().map(|&b| frame.map(b).expect("a picture").bytes().to_vec()).collect() };
     let mut last = all();
     loop {
         let now = all();
@@ -221,7 +222,8 @@ fn a_disk_that_fails_for_good_leaves_stand_ins() {
     fails_at_each_read(2, true, 3);
 }
 
-/// A network is gone for a while: what could not be read is asked for again by the next request; and said once, not by each.
+/// A network is gone for a while: what could not be read is asked for again by the next request; and said once, not by
+/// each.
 #[test]
 fn a_disk_that_is_back_is_read_again() {
     let path = &whole().built.path;
@@ -409,7 +411,8 @@ fn a_block_in_sight() -> Range<u64> {
     render(&frame(&context), &state);
     let geometry = ModelFile::open_path(path).expect("the file").header().geometry_blocks as usize;
     let reads = reads.lock().expect("the list");
-    let in_sight: Vec<_> = blocks(path)[..geometry].iter().filter(|block| reads.contains(&block.start)).cloned().collect();
+    let in_sight: Vec<_> =
+        blocks(path)[..geometry].iter().filter(|block| reads.contains(&block.start)).cloned().collect();
     assert!(in_sight.len() > 2, "{in_sight:?}");
     in_sight[in_sight.len() / 2].clone()
 }
@@ -449,7 +452,8 @@ fn a_source_that_stalls_holds_up_nothing_else() {
     until(&frame, |s| s.pictures > 0);
     judge(&frame, false);
     // An exact query waits for the block too; dropping it would wait with it.
-    let query = Query::closest(&state, Arc::new(Given(whole.rays.clone())), Arc::new(Forgotten), QueryOptions::default());
+    let query =
+        Query::closest(&state, Arc::new(Given(whole.rays.clone())), Arc::new(Forgotten), QueryOptions::default());
     let query = query.expect("a query");
     // Before the query, were this to fail.
     let _opens = OpensAtEnd(Arc::clone(&gate));
@@ -531,7 +535,10 @@ fn a_slow_source_shows_something_at_once_and_more_with_time() {
         foreseen += usize::from(status.seconds_to_go.is_finite() && status.bytes_wanted > 0);
     };
     assert_eq!((last.state, judge(&frame, true)), (FrameState::Converged, 0));
-    println!("first picture after {:.3} s, all after {:.3} s in {} pictures", first.seconds, last.seconds, last.pictures);
+    println!(
+        "first picture after {:.3} s, all after {:.3} s in {} pictures",
+        first.seconds, last.seconds, last.pictures
+    );
     assert!(last.pictures > 3 && foreseen > 3, "{foreseen} of {last:?}");
     assert!(first.seconds < last.seconds / 3.0, "the first picture after {} s of {}", first.seconds, last.seconds);
 }

@@ -15,8 +15,9 @@ use std::sync::{Arc, Mutex};
 const COHERENT: QueryOptions = QueryOptions { coherent: true, want: Want::ALL, policy: Policy::Exact };
 const SINGLE: QueryOptions = QueryOptions { coherent: false, ..COHERENT };
 
-/// Batches of one chunk are answered at once, and rays of which there are one or two each alone; what lacks blocks goes on in rounds. Each answer is that of the
-/// whole batch, in a model of which nothing is in memory as in one of which all is, and is written once.
+/// Batches of one chunk are answered at once, and rays of which there are one or two each alone; what lacks blocks goes
+/// on in rounds. Each answer is that of the whole batch, in a model of which nothing is in memory as in one of which
+/// all is, and is written once.
 fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
     struct Once(Mutex<Vec<Option<Hit>>>);
     impl Hits for Once {
@@ -33,7 +34,10 @@ fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
     let (scene, _) = built::scene(&context, &file);
     let mut rays = rays(600, 12, DVec3::ZERO, 3.0);
     let fan = |i: i32| Vec3::new((i % 8 - 4) as f32 / 40.0, (i / 8 % 75 - 37) as f32 / 40.0, -1.0);
-    rays.extend((0..600).map(|i| Ray { cone: Cone { b: 0.003 * (i % 3) as f32, ..Cone::ZERO }, ..Ray::new(DVec3::new(0.1, 0.2, 3.0), fan(i)) }));
+    rays.extend((0..600).map(|i| Ray {
+        cone: Cone { b: 0.003 * (i % 3) as f32, ..Cone::ZERO },
+        ..Ray::new(DVec3::new(0.1, 0.2, 3.0), fan(i))
+    }));
     // Widths that are none.
     rays.iter_mut().step_by(17).for_each(|ray| ray.cone.a = -1.0);
     let expected = ask(&scene.state(), &rays, SINGLE);
@@ -50,7 +54,8 @@ fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
         for is_cold in [false, true] {
             let (colds, model) = cold();
             let (colds_any, _) = cold();
-            let [state, state_any] = if is_cold { [colds.state(), colds_any.state()] } else { [scene.state(), scene.state()] };
+            let [state, state_any] =
+                if is_cold { [colds.state(), colds_any.state()] } else { [scene.state(), scene.state()] };
             for (rays, expected) in rays.chunks(few).zip(expected.chunks(few)) {
                 let once = Once(Mutex::new(vec![None; rays.len()]));
                 state.closest_batch(&rays, &once, SINGLE).unwrap();
@@ -59,7 +64,10 @@ fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
                 assert_eq!(differ.map(|i| (got[i], expected[i])), None, "{few} at a time, cold: {is_cold}");
                 let mut any = vec![2u8; rays.len()];
                 state_any.any(rays, COHERENT, &mut any).unwrap();
-                assert!(expected.iter().zip(&any).all(|(h, &a)| u8::from(h.kind != HitKind::Miss) == a), "{few} at a time, cold: {is_cold}");
+                assert!(
+                    expected.iter().zip(&any).all(|(h, &a)| u8::from(h.kind != HitKind::Miss) == a),
+                    "{few} at a time, cold: {is_cold}"
+                );
             }
             assert_eq!(model.memory().resident > 0, is_cold);
         }
@@ -68,7 +76,13 @@ fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
     let several = Scene::new(&context);
     let (_, model) = cold();
     for (id, axis, mask) in [(1, DVec3::X, 1), (2, DVec3::Y, 2), (3, DVec3::Z, u32::MAX)] {
-        several.add_instance(&model, id, DAffine3::from_rotation_translation(DQuat::from_axis_angle(axis, 0.7), axis * 0.4)).unwrap();
+        several
+            .add_instance(
+                &model,
+                id,
+                DAffine3::from_rotation_translation(DQuat::from_axis_angle(axis, 0.7), axis * 0.4),
+            )
+            .unwrap();
         several.set_instance_mask(id, mask).unwrap();
     }
     several.commit().unwrap();
@@ -89,7 +103,10 @@ fn few_rays_at_a_time_are_answered_as_many_are_and_each_once() {
     // Without waiting, of a model of which a part is in memory.
     let (part, _) = cold();
     ask(&part.state(), &rays[..9], SINGLE);
-    for options in [QueryOptions { policy: Policy::Now, ..SINGLE }, QueryOptions { policy: Policy::Now, want: Want::NORMAL | Want::UV, ..SINGLE }] {
+    for options in [
+        QueryOptions { policy: Policy::Now, ..SINGLE },
+        QueryOptions { policy: Policy::Now, want: Want::NORMAL | Want::UV, ..SINGLE },
+    ] {
         let now = ask(&part.state(), &rays, options);
         for kind in [HitKind::Miss, HitKind::Exact, HitKind::Missing] {
             assert!(now.iter().any(|hit| hit.kind == kind), "{kind:?}");
@@ -149,7 +166,4 @@ fn a_thread_may_ask_while_it_ends() {
     assert_eq!(*answers.lock().unwrap(), expected.repeat(6));
 }
 
-built::on_each_structure!(
-    few_rays_at_a_time_are_answered_as_many_are_and_each_once,
-    a_thread_may_ask_while_it_ends,
-);
+built::on_each_structure!(few_rays_at_a_time_are_answered_as_many_are_and_each_once, a_thread_may_ask_while_it_ends,);

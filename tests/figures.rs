@@ -1,6 +1,6 @@
-//! What level of detail comes to on large models: the first picture, bytes and time over pixels of error, time over triangles,
-//! and a flight in a small budget. `make figures` runs them, which takes some minutes and a GB of `target/figures`; times are
-//! printed, as is what misses its line; budget, bytes and coverage must hold.
+//! What level of detail comes to on large models: the first picture, bytes and time over pixels of error, time over
+//! triangles, and a flight in a small budget. `make figures` runs them, which takes some minutes and a GB of
+//! `target/figures`; times are printed, as is what misses its line; budget, bytes and coverage must hold.
 
 mod common;
 
@@ -144,7 +144,8 @@ fn bytes_and_time_over_pixels_of_error() {
     for (millions, memory) in [(4, "512M"), (40, "1G")] {
         let path = model("mandelbulb", millions, memory);
         for poe in [0.0, 1.0, 3.0, 10.0, 30.0] {
-            let options = ContextOptions { threads: 2, memory_budget: 4 << 30, read_ahead: false, ..Default::default() };
+            let options =
+                ContextOptions { threads: 2, memory_budget: 4 << 30, read_ahead: false, ..Default::default() };
             let it = open(&path, options);
             let frame = frame(&it.context, Outputs::COLOUR);
             let camera = &it.model.views()[0];
@@ -218,7 +219,10 @@ fn a_flight_in_a_small_budget() {
         for frame in &frames {
             let status = rest(frame);
             let seconds = begun.elapsed().as_secs_f64();
-            println!("at rest after {seconds:.1} s: PoE {:.0}, {:.1} px on the mean", status.effective_poe, status.mean_error_px);
+            println!(
+                "at rest after {seconds:.1} s: PoE {:.0}, {:.1} px on the mean",
+                status.effective_poe, status.mean_error_px
+            );
         }
         ended.store(true, Relaxed);
     });

@@ -162,7 +162,8 @@ fn a_thousand_requests_and_cancels_while_queries_run() {
     let context = built::context(2);
     let scene = busy_scene(&context);
     let frame = frame(&context, 1024, 768);
-    let cameras = [perspective(DVec3::new(4.0, 3.0, 7.0), DVec3::ZERO), perspective(DVec3::new(-4.0, 1.0, 6.0), DVec3::ZERO)];
+    let cameras =
+        [perspective(DVec3::new(4.0, 3.0, 7.0), DVec3::ZERO), perspective(DVec3::new(-4.0, 1.0, 6.0), DVec3::ZERO)];
     let settings = FrameSettings::default();
     let references: Vec<Vec<u8>> = cameras
         .iter()
@@ -178,7 +179,9 @@ fn a_thousand_requests_and_cancels_while_queries_run() {
         threads.spawn(|| {
             let state = scene.state();
             let rays: Vec<Ray> = (0..4096)
-                .map(|i| Ray::new(DVec3::new(f64::from(i % 64) * 0.05 - 1.6, f64::from(i / 64) * 0.05 - 1.6, 9.0), -Vec3::Z))
+                .map(|i| {
+                    Ray::new(DVec3::new(f64::from(i % 64) * 0.05 - 1.6, f64::from(i / 64) * 0.05 - 1.6, 9.0), -Vec3::Z)
+                })
                 .collect();
             let mut hits = vec![Hit::MISS; rays.len()];
             let mut first = None;
@@ -224,7 +227,13 @@ fn a_thousand_requests_and_cancels_while_queries_run() {
     });
     cancels.sort();
     let at = |share: f64| cancels[(cancels.len() as f64 * share) as usize];
-    println!("cancel at 1024x768: median {:?}, p99 {:?}, worst {:?}, of {}", at(0.5), at(0.99), cancels[cancels.len() - 1], cancels.len());
+    println!(
+        "cancel at 1024x768: median {:?}, p99 {:?}, worst {:?}, of {}",
+        at(0.5),
+        at(0.99),
+        cancels[cancels.len() - 1],
+        cancels.len()
+    );
     println!("meanwhile {} batches of 4096 rays and {} pictures", asked.load(SeqCst), pictures.load(SeqCst));
     assert!(asked.load(SeqCst) > 0 && pictures.load(SeqCst) > 0);
 }
@@ -244,7 +253,9 @@ fn dropping_a_frame_waits_for_whoever_is_being_woken() {
             within[1].fetch_add(1, SeqCst);
         })));
         let settings = FrameSettings { samples: 4, ..Default::default() };
-        frame.request(&scene.state(), &perspective(DVec3::new(1.0, 2.0, 4.0), DVec3::ZERO), &settings).expect("a request");
+        frame
+            .request(&scene.state(), &perspective(DVec3::new(1.0, 2.0, 4.0), DVec3::ZERO), &settings)
+            .expect("a request");
         std::thread::sleep(Duration::from_millis(i));
         drop(frame);
         let [begun, ended] = [0, 1].map(|at| counts[at].load(SeqCst));

@@ -22,10 +22,7 @@ fn a_sphere_is_where_and_what_the_formula_says_in_both_cameras() {
     let (scene, _) = built::scene(&context, &built::parts(&fine_sphere()));
     let frame = frame(&context, 101, 81);
     let (eye, at) = (DVec3::new(1.0, 2.0, 4.0), DVec3::new(0.1, 0.0, 0.0));
-    for camera in [
-        perspective(eye, at),
-        Camera::Orthographic { eye, at, up: DVec3::Y, height: 2.6 },
-    ] {
+    for camera in [perspective(eye, at), Camera::Orthographic { eye, at, up: DVec3::Y, height: 2.6 }] {
         render(&frame, &scene, &camera, &FrameSettings::default());
         let rays = camera.prepare(101, 81).unwrap();
         let depth = frame.map(Buffer::Depth).unwrap();
@@ -114,7 +111,12 @@ fn shadows_fall_where_they_should_and_nowhere_else() {
         scene.commit().unwrap();
         let frame = frame(&context, 160, 160);
         // From below the cube, looking down at the floor from the side.
-        let camera = Camera::Orthographic { eye: at + DVec3::new(8.0, 8.0, 1.0), at: at + DVec3::new(8.0, 8.0, 0.0), up: DVec3::Y, height: 16.0 };
+        let camera = Camera::Orthographic {
+            eye: at + DVec3::new(8.0, 8.0, 1.0),
+            at: at + DVec3::new(8.0, 8.0, 0.0),
+            up: DVec3::Y,
+            height: 16.0,
+        };
         render(&frame, &scene, &camera, &FrameSettings { ambient: 0.1, ..Default::default() });
         let linear = frame.map(Buffer::ColourLinear).unwrap();
         let lit = 0.1 + 1.0 / 1.25f32.sqrt();
@@ -127,7 +129,8 @@ fn shadows_fall_where_they_should_and_nowhere_else() {
                 let shadow = (-1.75..=-0.25).contains(&dx) && (p.y - 8.0).abs() <= 0.5;
                 let value = colour(&linear, x, y)[0];
                 let expected = if shadow { 0.1 } else { lit };
-                let edge = [-1.75, -0.25].iter().any(|e| (dx - e).abs() < 0.06) || ((p.y - 8.0).abs() - 0.5).abs() < 0.06;
+                let edge =
+                    [-1.75, -0.25].iter().any(|e| (dx - e).abs() < 0.06) || ((p.y - 8.0).abs() - 0.5).abs() < 0.06;
                 wrong += u32::from(!edge && (value - expected).abs() > 1e-4);
             }
         }
@@ -204,7 +207,8 @@ fn a_buffer_is_the_same_whatever_else_is_asked_for() {
     for poe in [0.0, 30.0] {
         let settings = FrameSettings { poe, ..Default::default() };
         let rendered = |outputs: Outputs| {
-            let frame = Frame::new(&context, FrameOptions { width: 150, height: 97, outputs, ..Default::default() }).unwrap();
+            let frame =
+                Frame::new(&context, FrameOptions { width: 150, height: 97, outputs, ..Default::default() }).unwrap();
             frame.request(&scene.state(), &camera, &settings).unwrap();
             assert_eq!(frame.wait(LONG).state, FrameState::Converged);
             frame
@@ -217,9 +221,9 @@ fn a_buffer_is_the_same_whatever_else_is_asked_for() {
     }
 }
 
-/// Packets of plain pictures are worked out all at once, others surface by surface. Asking for depths makes all the latter:
-/// nothing else may change by that, whatever the materials, states and lights, in exact pictures and with stand-ins, with any
-/// vectors.
+/// Packets of plain pictures are worked out all at once, others surface by surface. Asking for depths makes all the
+/// latter: nothing else may change by that, whatever the materials, states and lights, in exact pictures and with
+/// stand-ins, with any vectors.
 fn plain_packets_show_to_the_bit_what_others_show() {
     use outcrop::scene::{Context, ContextOptions};
     use outcrop::simd::Isa;
@@ -233,7 +237,11 @@ fn plain_packets_show_to_the_bit_what_others_show() {
         part(4, material([0.5, 0.6, 0.7], 0.0, 1.0, 0.4), scenes::plane_grid(6, -0.8)),
         part(5, material([1.0, 1.0, 0.2], 1.0, 0.05, 1.0), scenes::slivers().tris),
         // So small that the squares of normals leave the range of single precision.
-        part(6, material([0.4, 0.9, 0.2], 0.3, 0.3, 1.0), scenes::sphere(20, 40).into_iter().map(|t| t.map(|v| scenes::rounded(v * TINY))).collect()),
+        part(
+            6,
+            material([0.4, 0.9, 0.2], 0.3, 0.3, 1.0),
+            scenes::sphere(20, 40).into_iter().map(|t| t.map(|v| scenes::rounded(v * TINY))).collect(),
+        ),
     ]);
     let cameras = [
         perspective(DVec3::new(3.0, 1.5, 4.0), DVec3::new(0.2, 0.0, 0.0)),
@@ -243,7 +251,12 @@ fn plain_packets_show_to_the_bit_what_others_show() {
         let context = Context::new(ContextOptions { threads: 2, isa: Some(isa), ..Default::default() }).unwrap();
         let (scene, _) = built::scene(&context, &model);
         let blue = LightKind::Headlight;
-        scene.set_lights(vec![Light::HEADLIGHT, Light { kind: blue, colour: [0.1, 0.2, 0.9], intensity: 0.5, shadows: false }]).unwrap();
+        scene
+            .set_lights(vec![
+                Light::HEADLIGHT,
+                Light { kind: blue, colour: [0.1, 0.2, 0.9], intensity: 0.5, shadows: false },
+            ])
+            .unwrap();
         scene.set_part_state(7, 1, State { colour: Some([0.1, 0.9, 0.9, 1.0]), ..State::default() }).unwrap();
         scene.set_part_state(7, 3, State { selected: true, ..State::default() }).unwrap();
         scene.set_part_state(7, 5, State { visible: false, ..State::default() }).unwrap();
@@ -261,13 +274,19 @@ fn plain_packets_show_to_the_bit_what_others_show() {
                 (frame, status)
             };
             const NOT_PLAIN: [Buffer; 3] = [Buffer::Depth, Buffer::Error, Buffer::Primitive];
-            let asked = Buffer::ALL.into_iter().filter(|b| !NOT_PLAIN.contains(b)).fold(Outputs(0), |all, b| all | Outputs::of(b));
+            let asked = Buffer::ALL
+                .into_iter()
+                .filter(|b| !NOT_PLAIN.contains(b))
+                .fold(Outputs(0), |all, b| all | Outputs::of(b));
             let ((plain, a), (other, b)) = (rendered(asked), rendered(Outputs::ALL));
             for buffer in Buffer::ALL.into_iter().filter(|b| !NOT_PLAIN.contains(b)) {
                 let (plain, other) = (plain.map(buffer).unwrap(), other.map(buffer).unwrap());
                 assert!(plain.bytes() == other.bytes(), "{buffer:?} at PoE {poe}, {isa:?}");
             }
-            assert_eq!((a.pixels_exact, a.pixels_lod, a.pixels_missing), (b.pixels_exact, b.pixels_lod, b.pixels_missing));
+            assert_eq!(
+                (a.pixels_exact, a.pixels_lod, a.pixels_missing),
+                (b.pixels_exact, b.pixels_lod, b.pixels_missing)
+            );
             assert!((a.worst_error_px == b.worst_error_px) || a.pixels_lod == 0, "{a:?}, {b:?}");
             assert!(poe < wide || a.pixels_lod > 500, "{a:?}");
             let tiny = plain.map(Buffer::Part).unwrap().ids().unwrap().iter().filter(|id| **id == 6).count();

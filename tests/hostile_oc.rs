@@ -8,8 +8,11 @@ use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;
 use outcrop::store::{Header, MemorySource, ModelFile, PartRow, Source, TreeRow, Writer};
-use outcrop::{Context, ContextOptions, Error, Frame, FrameOptions, FrameSettings, FrameState, Hit, Model, Scene, SceneState, State};
 use outcrop::{Buffer, HitKind, Outputs, QueryOptions};
+use outcrop::{
+    Context, ContextOptions, Error, Frame, FrameOptions, FrameSettings, FrameState, Hit, Model, Scene, SceneState,
+    State,
+};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -220,9 +223,8 @@ fn a_damaged_model_gives_no_other_picture() {
     let good = built(60);
     let context = context();
     let model_of = |bytes: &[u8]| Model::open_source(&context, Arc::new(MemorySource::named(NAME, bytes)));
-    let picture_of = |bytes: &[u8]| -> Result<Vec<u8>, Arc<Error>> {
-        picture(&context, &open(&context, bytes)?, &model_of(bytes)?)
-    };
+    let picture_of =
+        |bytes: &[u8]| -> Result<Vec<u8>, Arc<Error>> { picture(&context, &open(&context, bytes)?, &model_of(bytes)?) };
     let expected = picture_of(&good).unwrap();
     assert!(expected.iter().any(|&b| b != expected[0]));
     for at in (0..good.len()).step_by(11) {

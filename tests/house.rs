@@ -220,8 +220,11 @@ fn rayon_serves_the_bake_wing() {
     none(only_in(&RAYON, "rayon", |t| t.len() > 1 && t[0].is_word("rayon") && t[1].is_sign(':')));
     let structures = root().join("src/structure");
     // The contract's own files trace too, but for those that build.
-    let is_of_contract = |f: &PathBuf| f.parent() == Some(&structures) && !f.ends_with("par.rs") && !f.ends_with("bake.rs");
-    let is_trace = |f: &PathBuf| is_of_contract(f) || f.components().any(|c| c.as_os_str() == "trace" || c.as_os_str() == "trace.rs");
+    let is_of_contract =
+        |f: &PathBuf| f.parent() == Some(&structures) && !f.ends_with("par.rs") && !f.ends_with("bake.rs");
+    let is_trace = |f: &PathBuf| {
+        is_of_contract(f) || f.components().any(|c| c.as_os_str() == "trace" || c.as_os_str() == "trace.rs")
+    };
     let traces: Vec<_> = files_below(&root().join("src/structure"), ".rs").into_iter().filter(is_trace).collect();
     assert!(!traces.is_empty());
     let faults = traces.iter().filter(|f| std::fs::read_to_string(f).unwrap().contains("rayon::"));
@@ -243,23 +246,36 @@ fn every_structure_has_the_same_three_faces() {
 fn named_structures(module: &Module, structures: &BTreeSet<String>) -> Vec<String> {
     let room = |name: &str| ROOMS.iter().position(|(room, _)| *room == name);
     let is_above = module.path.first().and_then(|own| room(own)) > room("structure");
-    let named = names_below(module, "structure").into_iter().filter(|(name, _)| is_above && (name == "*" || structures.contains(name)));
-    named.map(|(name, line)| format!("{}:{line}: structure::{name} is named above `structure`", short(&module.file))).collect()
+    let named = names_below(module, "structure")
+        .into_iter()
+        .filter(|(name, _)| is_above && (name == "*" || structures.contains(name)));
+    named
+        .map(|(name, line)| format!("{}:{line}: structure::{name} is named above `structure`", short(&module.file)))
+        .collect()
 }
 
-/// The contract's files that may name a structure: an arm for each in the first four; in the others state of the bvh's own walks.
+/// The contract's files that may name a structure: an arm for each in the first four; in the others state of the bvh's
+/// own walks.
 const NAMING: [&str; 6] = ["mod.rs", "tree.rs", "open.rs", "bake.rs", "packet.rs", "stream.rs"];
 
 #[test]
 fn few_files_of_the_contract_name_a_structure() {
     let at = root().join("src/structure");
     let structures = folders_in(&at);
-    let contract = files_below(&at, ".rs").into_iter().filter(|f| f.parent() == Some(&at) && !NAMING.iter().any(|name| f.ends_with(name)));
-    none(contract.flat_map(|file| {
-        let tokens = tokens(&std::fs::read_to_string(&file).unwrap());
-        let named = tokens.iter().filter_map(|(token, line)| token.word().filter(|w| structures.contains(*w)).map(|w| format!("{}:{line}: {w}", short(&file))));
-        named.collect::<Vec<_>>()
-    }).collect());
+    let contract = files_below(&at, ".rs")
+        .into_iter()
+        .filter(|f| f.parent() == Some(&at) && !NAMING.iter().any(|name| f.ends_with(name)));
+    none(
+        contract
+            .flat_map(|file| {
+                let tokens = tokens(&std::fs::read_to_string(&file).unwrap());
+                let named = tokens.iter().filter_map(|(token, line)| {
+                    token.word().filter(|w| structures.contains(*w)).map(|w| format!("{}:{line}: {w}", short(&file)))
+                });
+                named.collect::<Vec<_>>()
+            })
+            .collect(),
+    );
 }
 
 #[test]
@@ -269,7 +285,13 @@ fn no_room_above_names_a_structure() {
     none(library().iter().flat_map(|module| named_structures(module, &structures)).collect());
     // The root gives none of them a name of its own.
     let lib = tokens(&std::fs::read_to_string(root().join("src/lib.rs")).unwrap());
-    none(lib.iter().filter_map(|(token, line)| token.word().filter(|w| structures.contains(*w)).map(|w| format!("src/lib.rs:{line}: {w}"))).collect());
+    none(
+        lib.iter()
+            .filter_map(|(token, line)| {
+                token.word().filter(|w| structures.contains(*w)).map(|w| format!("src/lib.rs:{line}: {w}"))
+            })
+            .collect(),
+    );
 }
 
 #[test]
@@ -293,6 +315,27 @@ fn files_are_short_and_finished() {
     none(faults);
 }
 
+/// Columns of a comment at most, as of code (`rustfmt.toml`). Rows of tables have none: they cannot be broken.
+const WIDEST_COMMENT: usize = 120;
+
+#[test]
+fn comments_are_as_narrow_as_code() {
+    let mut files = files_below(&root().join("src"), ".rs");
+    files.extend(files_below(&root().join("tests"), ".rs"));
+    let mut faults = Vec::new();
+    for file in files {
+        let text = std::fs::read_to_string(&file).unwrap();
+        for (line, comment) in text.lines().enumerate().filter(|(_, line)| line.trim_start().starts_with("//")) {
+            let width = comment.chars().count();
+            let is_row = comment.trim_start().trim_start_matches(['/', '!', ' ']).starts_with('|');
+            if width > WIDEST_COMMENT && !is_row {
+                faults.push(format!("{}:{}: {width} columns", short(&file), line + 1));
+            }
+        }
+    }
+    none(faults);
+}
+
 // The test of the test: it must see what it is there for.
 
 fn uses(path: &[&str], text: &str) -> Vec<String> {
@@ -309,7 +352,10 @@ fn escapes_are_seen() {
     assert_eq!(uses(&["a"], "use super::{query, render::*};"), ["query", "render"]);
     assert_eq!(uses(&["a", "b"], "use super::super::*; use crate::*;"), ["*", "*"]);
     assert_eq!(uses(&["a"], "macro_rules! m { () => { $crate::scene::f() } }"), ["scene"]);
-    assert!(uses(&["a", "b"], "// crate::build\n/* /* */ crate::build */ \"crate::build\" r#\"\" crate::x\"# 'a' '\\''").is_empty());
+    assert!(
+        uses(&["a", "b"], "// crate::build\n/* /* */ crate::build */ \"crate::build\" r#\"\" crate::x\"# 'a' '\\''")
+            .is_empty()
+    );
     assert!(uses(&["a", "b"], "pub(crate) fn f<'a>(x: &'a str) { super::g() }").is_empty());
 }
 
@@ -317,7 +363,9 @@ fn escapes_are_seen() {
 fn forbidden_uses_are_faults() {
     let module = |text: &str| Module { path: vec!["store".into()], tokens: tokens(text), ..Module::default() };
     let reexports = Reexports::from([("Error".to_owned(), "base".to_owned()), ("Hit".to_owned(), "query".to_owned())]);
-    assert!(forbidden_uses(&module("use crate::base::ids; use crate::Error; use crate::store::x;"), &reexports).is_empty());
+    assert!(
+        forbidden_uses(&module("use crate::base::ids; use crate::Error; use crate::store::x;"), &reexports).is_empty()
+    );
     for fault in ["use crate::math::Ray;", "use crate::Hit;", "use crate::unheard_of;", "use crate::*;"] {
         assert_eq!(forbidden_uses(&module(fault), &reexports).len(), 1, "{fault}");
     }
@@ -362,8 +410,12 @@ fn modules_inside_of_files_are_one_deeper() {
     let lib = dir.path().join("lib.rs");
     std::fs::create_dir(dir.path().join("a")).unwrap();
     std::fs::write(&lib, "pub mod a; mod c { use super::q; }").unwrap();
-    std::fs::write(dir.path().join("a/mod.rs"), "mod b { use super::super::x; fn f() { if true {} } } use super::y;
-        #[path = \"t_tests.rs\"] mod tests;").unwrap();
+    std::fs::write(
+        dir.path().join("a/mod.rs"),
+        "mod b { use super::super::x; fn f() { if true {} } } use super::y;
+        #[path = \"t_tests.rs\"] mod tests;",
+    )
+    .unwrap();
     std::fs::write(dir.path().join("a/t_tests.rs"), "use super::inside; use super::super::z;").unwrap();
     let mut found: Vec<_> = modules(&lib).iter().flat_map(names_at_root).map(|n| n.0).collect();
     found.sort();

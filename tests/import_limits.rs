@@ -6,9 +6,7 @@ mod models;
 use glam::{DAffine3, DVec3};
 use models::MODELS;
 use outcrop::base::progress::Cancel;
-use outcrop::import::{
-    MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file,
-};
+use outcrop::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
 use outcrop::{Error, Result};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -158,7 +156,8 @@ fn claims_take_no_memory() {
         .into_bytes()
     };
     let huge = "\"byteLength\":1000000000000";
-    let glb = [b"glTF\x02\0\0\0".as_slice(), &u32::MAX.to_le_bytes(), &(u32::MAX - 64).to_le_bytes(), b"JSON{}"].concat();
+    let glb =
+        [b"glTF\x02\0\0\0".as_slice(), &u32::MAX.to_le_bytes(), &(u32::MAX - 64).to_le_bytes(), b"JSON{}"].concat();
     let files = [
         ("a.ply", ply("ascii", "uchar int", b"0 0 0\n")),
         ("b.ply", ply("binary_little_endian", "uchar int", &[0; 24])),
@@ -185,8 +184,14 @@ fn claims_take_no_memory() {
 
 /// One file of each format with more triangles than a batch.
 const LARGE: [&str; 8] = [
-    "scans/bun_zipper.ply", "scans/asian_dragon_100k.ply", "scans/armadillo.ply", "scans/happy_buddha_100k.obj",
-    "cad/tray_bottom.stl", "cad/counter.unitsmm.stl", "cad/2CylinderEngine.glb", "cad/nist_ctc_02.glb",
+    "scans/bun_zipper.ply",
+    "scans/asian_dragon_100k.ply",
+    "scans/armadillo.ply",
+    "scans/happy_buddha_100k.obj",
+    "cad/tray_bottom.stl",
+    "cad/counter.unitsmm.stl",
+    "cad/2CylinderEngine.glb",
+    "cad/nist_ctc_02.glb",
 ];
 
 #[test]

@@ -5,9 +5,9 @@ mod models;
 
 use glam::DVec3;
 use models::{MODELS, Row, Shape::*};
+use outcrop::Result;
 use outcrop::import::collect::Collector;
 use outcrop::import::{PartKey, ReadOptions, read_file};
-use outcrop::Result;
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -120,7 +120,8 @@ const BUDGET: u64 = 24 << 20;
 /// the file is small enough, else evenly so that about [`BUDGET`] bytes are parsed.
 fn cuts(path: &Path, bytes: u64) -> Vec<u64> {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-    let at_once = ending == "glb" || path.ends_with("counter.unitsmm.stl") || path.ends_with("thingi_1514499_slivers.stl");
+    let at_once =
+        ending == "glb" || path.ends_with("counter.unitsmm.stl") || path.ends_with("thingi_1514499_slivers.stl");
     let step = if at_once { 1024 } else { (bytes * bytes / 2 / BUDGET).max(1024) };
     let mut cuts: Vec<u64> = (1..bytes).step_by(step as usize).collect();
     cuts.reverse();

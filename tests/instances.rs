@@ -110,12 +110,8 @@ fn nested_shared_mirrored_squashed_and_tied() {
     assert_eq!(index.len(), flat.names.len());
     let oracle = Bvh64::new(flat.tris.clone());
     let reach = flat.tris.iter().flatten().map(|v| v.abs().max_element()).fold(0.0, f64::max);
-    let rounding = Rounding {
-        origin: 0.0,
-        direction: 1.7321,
-        absolute: U * 1.7321 * SKEW * reach,
-        stretch: 1.7321 * SKEW,
-    };
+    let rounding =
+        Rounding { origin: 0.0, direction: 1.7321, absolute: U * 1.7321 * SKEW * reach, stretch: 1.7321 * SKEW };
     let judge = Judge::new(&oracle, rounding);
     let context = built::context(2);
     let model = Model::open(&context, &file.path).expect("a model");
@@ -130,7 +126,14 @@ fn nested_shared_mirrored_squashed_and_tied() {
     let world: Vec<Ray> = wide
         .iter()
         .zip(&rays)
-        .map(|(w, r)| Ray { origin: w.org, dir: r.dir, t_min: w.t_min, t_max: w.t_max, cone: Cone::ZERO, mask: u32::MAX })
+        .map(|(w, r)| Ray {
+            origin: w.org,
+            dir: r.dir,
+            t_min: w.t_min,
+            t_max: w.t_max,
+            cone: Cone::ZERO,
+            mask: u32::MAX,
+        })
         .collect();
     let ask = |coherent| {
         let mut hits = vec![Hit::MISS; world.len()];

@@ -1,5 +1,5 @@
-//! The ends of rays' intervals, held in double precision: layer after layer is peeled off with the next number behind each hit, and what each interval holds is
-//! found again by brute force, whatever way the rays go.
+//! The ends of rays' intervals, held in double precision: layer after layer is peeled off with the next number behind
+//! each hit, and what each interval holds is found again by brute force, whatever way the rays go.
 
 mod common;
 
@@ -19,7 +19,8 @@ const GRID: f64 = 1.0 / 1024.0;
 
 fn soup(count: usize, seed: u64) -> Vec<Tri> {
     let mut rng = Rng::new(seed);
-    let mut corner = |around: DVec3, far: f64| ((around + rng.inside(DVec3::splat(-far), DVec3::splat(far))) / GRID).round() * GRID;
+    let mut corner =
+        |around: DVec3, far: f64| ((around + rng.inside(DVec3::splat(-far), DVec3::splat(far))) / GRID).round() * GRID;
     (0..count)
         .map(|_| {
             let around = corner(DVec3::ZERO, 1.0);
@@ -28,8 +29,8 @@ fn soup(count: usize, seed: u64) -> Vec<Tri> {
         .collect()
 }
 
-/// Of each ray all distances at which it meets something, in order; `None` where it passes an edge so closely, meets a triangle so nearly edge-on, or two so near to
-/// each other, that single precision may tell otherwise.
+/// Of each ray all distances at which it meets something, in order; `None` where it passes an edge so closely, meets a
+/// triangle so nearly edge-on, or two so near to each other, that single precision may tell otherwise.
 fn layers(ray: &Ray, tris: &[Tri]) -> Option<Vec<f64>> {
     let wide = Ray64::new(ray.origin, ray.dir.as_dvec3());
     let mut all = Vec::new();
@@ -49,7 +50,8 @@ fn layers(ray: &Ray, tris: &[Tri]) -> Option<Vec<f64>> {
         all.extend(meet_line(&wide, tri).filter(|(t, ..)| *t >= 0.0).map(|(t, ..)| t));
     }
     all.sort_by(f64::total_cmp);
-    let are_apart = all.windows(2).all(|two| two[1] - two[0] > 1e-4 * two[1].max(1.0)) && all.first().is_none_or(|&t| t > 1e-4);
+    let are_apart =
+        all.windows(2).all(|two| two[1] - two[0] > 1e-4 * two[1].max(1.0)) && all.first().is_none_or(|&t| t > 1e-4);
     are_apart.then_some(all)
 }
 
@@ -62,7 +64,13 @@ fn peel(state: &Arc<SceneState>, rays: &[Ray], options: QueryOptions, at_once: u
         let mut any = vec![2u8; left.len()];
         state.any(&left, options, &mut any).unwrap();
         for (i, hit) in hits.iter().enumerate() {
-            assert!(hit.kind == HitKind::Miss || hit.t >= left[i].t_min, "{} before {}, {:?}", hit.t, left[i].t_min, rays[i]);
+            assert!(
+                hit.kind == HitKind::Miss || hit.t >= left[i].t_min,
+                "{} before {}, {:?}",
+                hit.t,
+                left[i].t_min,
+                rays[i]
+            );
             if options.want == Want::ALL {
                 assert_eq!(any[i] == 1, hit.kind != HitKind::Miss, "any, from {}, {:?}", left[i].t_min, rays[i]);
             }
@@ -83,7 +91,14 @@ fn peel(state: &Arc<SceneState>, rays: &[Ray], options: QueryOptions, at_once: u
 /// Rays in an octant from a point, those of neighbouring pixels side by side; then such as have nothing in common.
 fn rays(seed: u64) -> Vec<Ray> {
     let mut rng = Rng::new(seed);
-    let mut rays: Vec<Ray> = (0..256).map(|i| Ray::new(DVec3::new(-1.5, -1.4, 3.0), Vec3::new(0.3 + (i % 16) as f32 * 0.01, 0.3 + (i / 16) as f32 * 0.01, -1.0))).collect();
+    let mut rays: Vec<Ray> = (0..256)
+        .map(|i| {
+            Ray::new(
+                DVec3::new(-1.5, -1.4, 3.0),
+                Vec3::new(0.3 + (i % 16) as f32 * 0.01, 0.3 + (i / 16) as f32 * 0.01, -1.0),
+            )
+        })
+        .collect();
     rays.extend((0..256).map(|_| {
         let from = rng.direction() * rng.between(0.0, 5.0);
         Ray::new(from, ((rng.direction() - from) * rng.between(0.2, 4.0)).as_vec3())
@@ -108,17 +123,28 @@ fn what_is_behind_a_hit_is_found_from_the_next_number_on() {
     let context = built::context(1);
     let model = Model::open(&context, &file.path).unwrap();
     let far = DVec3::new(3e7, -5e7, 2e7);
-    let turn = DAffine3::from_scale_rotation_translation(DVec3::new(1.0, 0.5, 2.0), DQuat::from_axis_angle(DVec3::new(0.36, 0.48, 0.8), 1.1), DVec3::new(0.25, 0.5, 0.0));
+    let turn = DAffine3::from_scale_rotation_translation(
+        DVec3::new(1.0, 0.5, 2.0),
+        DQuat::from_axis_angle(DVec3::new(0.36, 0.48, 0.8), 1.1),
+        DVec3::new(0.25, 0.5, 0.0),
+    );
     let one = [DAffine3::IDENTITY];
     let several = [turn, DAffine3::from_translation(DVec3::new(0.0, 0.0, 1.5))];
-    for (name, transforms, origin) in [("one", &one[..], DVec3::ZERO), ("turned", &[turn], DVec3::ZERO), ("far", &[DAffine3::from_translation(far)], far), ("several", &several, DVec3::ZERO)] {
+    for (name, transforms, origin) in [
+        ("one", &one[..], DVec3::ZERO),
+        ("turned", &[turn], DVec3::ZERO),
+        ("far", &[DAffine3::from_translation(far)], far),
+        ("several", &several, DVec3::ZERO),
+    ] {
         let scene = scene(&context, &model, transforms);
         let state = scene.state();
-        let world: Vec<Tri> = transforms.iter().flat_map(|m| tris.iter().map(move |tri| tri.map(|v| m.transform_point3(v)))).collect();
+        let world: Vec<Tri> =
+            transforms.iter().flat_map(|m| tris.iter().map(move |tri| tri.map(|v| m.transform_point3(v)))).collect();
         let mut rays = rays(6);
         rays.iter_mut().for_each(|ray| ray.origin += origin);
         let expected: Vec<_> = rays.iter().map(|ray| layers(ray, &world)).collect();
-        let (certain, met) = (expected.iter().flatten().count(), expected.iter().flatten().map(Vec::len).sum::<usize>());
+        let (certain, met) =
+            (expected.iter().flatten().count(), expected.iter().flatten().map(Vec::len).sum::<usize>());
         assert!(certain > 150 && met > 5 * certain, "{name}: {certain} rays, {met} hits");
         for (at_once, coherent) in [(rays.len(), false), (rays.len(), true), (1, false), (7, false)] {
             for want in [Want::ALL, Want::POSITION, Want::NORMAL | Want::UV, Want::NOTHING] {
@@ -143,7 +169,12 @@ fn what_is_behind_a_hit_is_found_from_the_next_number_on() {
             }
             for (i, hit) in found.iter().enumerate() {
                 let before = if i > 0 { found[i - 1].t.next_up() } else { 0.0 };
-                let ends = [(hit.t, hit.t, true), (before, hit.t, true), (hit.t, f64::INFINITY, true), (before, hit.t.next_down(), false)];
+                let ends = [
+                    (hit.t, hit.t, true),
+                    (before, hit.t, true),
+                    (hit.t, f64::INFINITY, true),
+                    (before, hit.t.next_down(), false),
+                ];
                 let rays = ends.map(|(t_min, t_max, _)| Ray { t_min, t_max, ..*ray });
                 let mut any = [2; 4];
                 state.any(&rays, ALL, &mut any).unwrap();
@@ -158,7 +189,10 @@ fn what_is_behind_a_hit_is_found_from_the_next_number_on() {
 
 /// Cells that stand in are passed too: then what they hold is met.
 fn stand_ins_are_peeled_off_too() {
-    let file = built::parts(&[Part::white(1, common::scenes::sphere(100, 200)), Part::white(2, common::scenes::boxes(2000, 4))]);
+    let file = built::parts(&[
+        Part::white(1, common::scenes::sphere(100, 200)),
+        Part::white(2, common::scenes::boxes(2000, 4)),
+    ]);
     let context = built::context(1);
     let (scene, _) = built::scene(&context, &file);
     let cone = built::sized(Cone { a: 0.002, b: 0.01 }, Cone { a: 0.02, b: 0.1 });
@@ -173,21 +207,34 @@ fn stand_ins_are_peeled_off_too() {
     assert!(exact > 100 && cells > 500, "{kinds:?}");
 }
 
-/// With the least memory that a model of many blocks opens in, blocks of which a walk needs more than it may hold come one after the other: the answers are those of
-/// the model that is in memory as a whole, whatever the rays' widths and the lengths of their directions.
+/// With the least memory that a model of many blocks opens in, blocks of which a walk needs more than it may hold come
+/// one after the other: the answers are those of the model that is in memory as a whole, whatever the rays' widths and
+/// the lengths of their directions.
 fn what_is_peeled_off_does_not_depend_on_memory() {
     let (rings, boxes) = built::sized((150, 3000), (40, 300));
-    let file = built::parts(&[Part::white(1, common::scenes::sphere(rings, 2 * rings)), Part::white(2, common::scenes::boxes(boxes, 4))]);
-    let context_of = |memory_budget| Context::new(ContextOptions { threads: 2, memory_budget, read_ahead: false, ..ContextOptions::default() }).unwrap();
-    let Err(Error::OverBudget { need, .. }) = Model::open(&context_of(4096), &file.path).map(drop) else { panic!("a page does not do") };
+    let file = built::parts(&[
+        Part::white(1, common::scenes::sphere(rings, 2 * rings)),
+        Part::white(2, common::scenes::boxes(boxes, 4)),
+    ]);
+    let context_of = |memory_budget| {
+        Context::new(ContextOptions { threads: 2, memory_budget, read_ahead: false, ..ContextOptions::default() })
+            .unwrap()
+    };
+    let Err(Error::OverBudget { need, .. }) = Model::open(&context_of(4096), &file.path).map(drop) else {
+        panic!("a page does not do")
+    };
     let (tight, wide) = (context_of(need), context_of(0));
     let [tight, wide] = [&tight, &wide].map(|context| built::scene(context, &file));
     let long = [0.004, 0.7, 1.0, 1000.0];
-    let rays: Vec<Ray> = rays(9).into_iter().enumerate().map(|(i, ray)| {
-        let wide = if i % 2 == 0 { Cone { a: 0.002, b: 0.01 } } else { Cone::ZERO };
-        let long = long[i / 2 % 4];
-        Ray { dir: ray.dir * long, cone: Cone { a: wide.a, b: wide.b * long }, ..ray }
-    }).collect();
+    let rays: Vec<Ray> = rays(9)
+        .into_iter()
+        .enumerate()
+        .map(|(i, ray)| {
+            let wide = if i % 2 == 0 { Cone { a: 0.002, b: 0.01 } } else { Cone::ZERO };
+            let long = long[i / 2 % 4];
+            Ray { dir: ray.dir * long, cone: Cone { a: wide.a, b: wide.b * long }, ..ray }
+        })
+        .collect();
     let expected = peel(&wide.0.state(), &rays, ALL, rays.len());
     assert!(expected.iter().map(Vec::len).sum::<usize>() > 1000);
     for at_once in [rays.len(), 40, 1] {
@@ -201,7 +248,10 @@ fn what_is_peeled_off_does_not_depend_on_memory() {
         for hit in hits.iter().take(3) {
             let (t_min, t_max) = (hit.t * 0.9, hit.t.next_down());
             let got = ask(&tight.0.state(), &[Ray { t_min, t_max, ..*ray }], options)[0];
-            assert!(got.kind == HitKind::Miss || (t_min..=t_max).contains(&got.t), "{got:?}, {t_min} to {t_max}, {ray:?}");
+            assert!(
+                got.kind == HitKind::Miss || (t_min..=t_max).contains(&got.t),
+                "{got:?}, {t_min} to {t_max}, {ray:?}"
+            );
         }
     }
 }

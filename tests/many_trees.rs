@@ -1,6 +1,7 @@
-//! Scenes of many placed trees: packets, streams and single walks find the same hits to the bit, whichever way the rays take through the top
-//! tree, and a picture does not change because something is placed where no ray goes. (That each is right against brute force is
-//! `tests/instances.rs`; rays of a batch once went alone in such scenes, at a fifth of their speed.)
+//! Scenes of many placed trees: packets, streams and single walks find the same hits to the bit, whichever way the rays
+//! take through the top tree, and a picture does not change because something is placed where no ray goes. (That each
+//! is right against brute force is `tests/instances.rs`; rays of a batch once went alone in such scenes, at a fifth of
+//! their speed.)
 
 mod common;
 
@@ -36,13 +37,19 @@ fn assembly() -> Built {
         for (i, mesh) in [bumpy, cube, bumpy, cube].into_iter().enumerate() {
             let at = DVec3::new(i as f64 - 1.5, (i % 2) as f64, 0.3) * 1.2;
             let turn = if i == 0 { DQuat::IDENTITY } else { DQuat::from_rotation_y(i as f64) };
-            builder.instance(mesh, DAffine3::from_scale_rotation_translation(DVec3::splat(0.4), turn, at), 1 + 2 * i as u32).expect("an instance");
+            builder
+                .instance(
+                    mesh,
+                    DAffine3::from_scale_rotation_translation(DVec3::splat(0.4), turn, at),
+                    1 + 2 * i as u32,
+                )
+                .expect("an instance");
         }
     })
 }
 
-/// `count` instances of `model`, some turned, some scaled, some in the very place of others, some that few rays see; one hidden, parts of others hidden or
-/// recoloured.
+/// `count` instances of `model`, some turned, some scaled, some in the very place of others, some that few rays see;
+/// one hidden, parts of others hidden or recoloured.
 fn forest(context: &Context, model: &Model, count: u64) -> Arc<SceneState> {
     let mut rng = Rng::new(count);
     let scene = Scene::new(context);
@@ -51,7 +58,11 @@ fn forest(context: &Context, model: &Model, count: u64) -> Arc<SceneState> {
     for id in 0..count {
         if id == 0 || !rng.one_in(5) {
             let at = rng.inside(DVec3::new(-side, -side, -0.5), DVec3::new(side, side, 0.5));
-            let turn = if rng.one_in(3) { DQuat::IDENTITY } else { DQuat::from_axis_angle(rng.direction(), rng.between(0.0, 3.0)) };
+            let turn = if rng.one_in(3) {
+                DQuat::IDENTITY
+            } else {
+                DQuat::from_axis_angle(rng.direction(), rng.between(0.0, 3.0))
+            };
             let scale = if rng.one_in(4) { DVec3::new(1.0, -0.5, 2.0) } else { DVec3::ONE };
             place = DAffine3::from_scale_rotation_translation(scale, turn, at);
         }
@@ -69,13 +80,15 @@ fn forest(context: &Context, model: &Model, count: u64) -> Arc<SceneState> {
     scene.state()
 }
 
-/// Rays as callers have them, in runs of 32: of neighbouring pixels, from neighbouring points to a light, and from anywhere to anywhere.
+/// Rays as callers have them, in runs of 32: of neighbouring pixels, from neighbouring points to a light, and from
+/// anywhere to anywhere.
 fn rays(seed: u64, side: f64) -> Vec<Ray> {
     let mut rng = Rng::new(seed);
     let (low, high) = (DVec3::new(-side, -side, -1.0), DVec3::new(side, side, 1.0));
     let mut all = Vec::new();
     for run in 0..60 {
-        let (eye, toward) = (rng.inside(low * 1.5 - DVec3::Z * 9.0, high * 1.5 + DVec3::Z * 9.0), rng.inside(low, high));
+        let (eye, toward) =
+            (rng.inside(low * 1.5 - DVec3::Z * 9.0, high * 1.5 + DVec3::Z * 9.0), rng.inside(low, high));
         for i in 0..32 {
             let pixel = DVec3::new(f64::from(i % 8), f64::from(i / 8), 0.0) * 0.02;
             let mut ray = match run % 3 {
@@ -135,11 +148,14 @@ fn all_ways_through_a_scene_find_the_same_hits() {
     assert!(kinds[..3].iter().all(|&n| n > most), "misses, exact hits, stand-ins: {kinds:?}");
 }
 
-/// Rays pass through several trees that lie in each other, and blocks come while they do: they go on where they were put down, and find what they find where
-/// all is in memory.
+/// Rays pass through several trees that lie in each other, and blocks come while they do: they go on where they were
+/// put down, and find what they find where all is in memory.
 fn blocks_come_while_rays_are_in_several_trees() {
     let rings = built::sized(120, 30);
-    let file = built::parts(&[Part::white(1, scenes::bumpy_sphere(rings, 2 * rings, 4)), Part::white(2, scenes::sphere(rings, rings))]);
+    let file = built::parts(&[
+        Part::white(1, scenes::bumpy_sphere(rings, 2 * rings, 4)),
+        Part::white(2, scenes::sphere(rings, rings)),
+    ]);
     let state = |context: &Context, model: &Model| {
         let (scene, mut rng) = (Scene::new(context), Rng::new(3));
         for id in 0..7 {
@@ -163,10 +179,17 @@ fn blocks_come_while_rays_are_in_several_trees() {
             let options = QueryOptions { coherent, ..OPTIONS };
             let hits = closest(&cold(), &rays, options);
             let differ = (0..rays.len()).find(|&i| hits[i] != expected[i]);
-            assert_eq!(differ.map(|i| (rays[i], hits[i], expected[i])), None, "coherent: {coherent}, {threads} threads, widths of kind {kind}");
+            assert_eq!(
+                differ.map(|i| (rays[i], hits[i], expected[i])),
+                None,
+                "coherent: {coherent}, {threads} threads, widths of kind {kind}"
+            );
             let mut any = vec![2; rays.len()];
             cold().any(&rays, options, &mut any).expect("answers");
-            assert!(any.iter().zip(&expected).all(|(any, hit)| *any == u8::from(hit.kind != HitKind::Miss)), "any, coherent: {coherent}");
+            assert!(
+                any.iter().zip(&expected).all(|(any, hit)| *any == u8::from(hit.kind != HitKind::Miss)),
+                "any, coherent: {coherent}"
+            );
         }
     }
 }
@@ -196,22 +219,29 @@ fn rays_that_begin_nowhere_leave_the_others_their_hits() {
     for count in [1, 3] {
         let scene = Scene::new(&context);
         for id in 0..count {
-            scene.add_instance(&model, id, DAffine3::from_translation(DVec3::Z * (9.0 * id as f64))).expect("an instance");
+            scene
+                .add_instance(&model, id, DAffine3::from_translation(DVec3::Z * (9.0 * id as f64)))
+                .expect("an instance");
         }
         scene.commit().expect("a commit");
         for nowhere in [0, 1, 15, 16, 31] {
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-                let mut rays: Vec<Ray> = (0..32).map(|i| Ray::new(DVec3::new(f64::from(i) + 0.5, 0.5, -10.0), Vec3::Z)).collect();
+                let mut rays: Vec<Ray> =
+                    (0..32).map(|i| Ray::new(DVec3::new(f64::from(i) + 0.5, 0.5, -10.0), Vec3::Z)).collect();
                 rays[nowhere].origin.x = bad;
                 let hits = all_ways_agree(&scene.state(), &rays);
                 let expected = (0..32).filter(|&i| i < 3 && i != nowhere);
-                assert!((0..32).filter(|&i| hits[i].kind == HitKind::Exact).eq(expected), "{count} instances, {bad} at {nowhere}");
+                assert!(
+                    (0..32).filter(|&i| hits[i].kind == HitKind::Exact).eq(expected),
+                    "{count} instances, {bad} at {nowhere}"
+                );
             }
         }
     }
 }
 
-/// Instances whose distances grow by a factor: the top tree splits off one after the other, and is deeper than a group of rays looks ahead.
+/// Instances whose distances grow by a factor: the top tree splits off one after the other, and is deeper than a group
+/// of rays looks ahead.
 #[test]
 fn rays_find_their_way_through_a_deep_top_tree() {
     let context = built::context(1);
@@ -219,18 +249,26 @@ fn rays_find_their_way_through_a_deep_top_tree() {
     let model = Model::open(&context, &file.path).expect("a model");
     let scene = Scene::new(&context);
     for id in 0..150 {
-        scene.add_instance(&model, id, DAffine3::from_translation(DVec3::X * 17.0f64.powi(id as i32))).expect("an instance");
+        scene
+            .add_instance(&model, id, DAffine3::from_translation(DVec3::X * 17.0f64.powi(id as i32)))
+            .expect("an instance");
     }
     scene.commit().expect("a commit");
-    let along = |i: i32, from: f64, dir: Vec3| Ray::new(DVec3::new(from, f64::from(i % 8 - 4) * 0.1, f64::from(i / 8 - 2) * 0.1), dir);
-    for (from, dir, t) in [(-10.0, Vec3::X, 10.5), (1e200, Vec3::NEG_X, f64::INFINITY), (6.0, Vec3::X, 10.5), (6.0, Vec3::NEG_X, 4.5)] {
+    let along = |i: i32, from: f64, dir: Vec3| {
+        Ray::new(DVec3::new(from, f64::from(i % 8 - 4) * 0.1, f64::from(i / 8 - 2) * 0.1), dir)
+    };
+    for (from, dir, t) in
+        [(-10.0, Vec3::X, 10.5), (1e200, Vec3::NEG_X, f64::INFINITY), (6.0, Vec3::X, 10.5), (6.0, Vec3::NEG_X, 4.5)]
+    {
         let rays: Vec<Ray> = (0..32).map(|i| along(i, from, dir)).collect();
         let hits = all_ways_agree(&scene.state(), &rays);
         assert!(t == f64::INFINITY || hits.iter().all(|hit| (hit.t - t).abs() < 1e-6), "from {from}: {:?}", hits[0]);
     }
-    let camera = Camera::Perspective { eye: DVec3::new(-8.0, 0.0, 0.0), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 5.0 };
+    let camera =
+        Camera::Perspective { eye: DVec3::new(-8.0, 0.0, 0.0), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 5.0 };
     for outputs in [Outputs::ALL, Outputs::of(Buffer::Instance)] {
-        let frame = Frame::new(&context, FrameOptions { width: 56, height: 44, outputs, ..FrameOptions::default() }).expect("a frame");
+        let frame = Frame::new(&context, FrameOptions { width: 56, height: 44, outputs, ..FrameOptions::default() })
+            .expect("a frame");
         frame.request(&scene.state(), &camera, &FrameSettings::default()).expect("a request");
         assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
         let instances = frame.map(Buffer::Instance).expect("a buffer");
@@ -257,13 +295,21 @@ fn stand_ins_turn_with_their_instance() {
         .map(|_| {
             let eye = rng.direction() * 6.0;
             let dir = (rng.inside(DVec3::splat(-1.0), DVec3::splat(1.0)) - eye).normalize();
-            let ray = |turn: DQuat| Ray { cone: Cone { a: 0.0, b: 0.15 }, ..Ray::new(turn * eye, (turn * dir).as_vec3()) };
+            let ray =
+                |turn: DQuat| Ray { cone: Cone { a: 0.0, b: 0.15 }, ..Ray::new(turn * eye, (turn * dir).as_vec3()) };
             [ray(DQuat::IDENTITY), ray(turn)]
         })
         .collect();
-    let [a, b] = [(0, &straight), (1, &turned)].map(|(side, state)| closest(state, &pairs.iter().map(|pair| pair[side]).collect::<Vec<_>>(), OPTIONS));
-    let cells: Vec<_> = a.iter().zip(&b).filter(|(a, b)| a.kind == HitKind::Lod && b.kind == HitKind::Lod && (a.t - b.t).abs() < 1e-4).collect();
-    let alike = |(a, b): &&(&Hit, &Hit)| a.part == b.part && ((turn * a.normal.as_dvec3()).as_vec3() - b.normal).length() < 2e-3;
+    let [a, b] = [(0, &straight), (1, &turned)]
+        .map(|(side, state)| closest(state, &pairs.iter().map(|pair| pair[side]).collect::<Vec<_>>(), OPTIONS));
+    let cells: Vec<_> = a
+        .iter()
+        .zip(&b)
+        .filter(|(a, b)| a.kind == HitKind::Lod && b.kind == HitKind::Lod && (a.t - b.t).abs() < 1e-4)
+        .collect();
+    let alike = |(a, b): &&(&Hit, &Hit)| {
+        a.part == b.part && ((turn * a.normal.as_dvec3()).as_vec3() - b.normal).length() < 2e-3
+    };
     let count = cells.iter().filter(|pair| alike(pair)).count();
     // Rounded to another side of a border some rays meet another cell, or see another side of it.
     assert!(cells.len() > 500 && count * 50 > cells.len() * 49, "{count} of {}", cells.len());
@@ -273,19 +319,24 @@ fn stand_ins_turn_with_their_instance() {
 fn picture(context: &Context, state: &Arc<SceneState>, poe: f32) -> Vec<Vec<u8>> {
     let options = FrameOptions { width: 96, height: 64, outputs: Outputs::ALL, ..FrameOptions::default() };
     let frame = Frame::new(context, options).expect("a frame");
-    let camera = Camera::Perspective { eye: DVec3::new(0.3, -5.0, 2.0), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 40.0 };
+    let camera =
+        Camera::Perspective { eye: DVec3::new(0.3, -5.0, 2.0), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 40.0 };
     frame.request(state, &camera, &FrameSettings { poe, samples: 2, ..FrameSettings::default() }).expect("a request");
     assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
     Buffer::ALL.iter().map(|&buffer| frame.map(buffer).expect("a buffer").bytes().to_vec()).collect()
 }
 
-/// Two models side by side, again and again within each tile: packets that enter one tree are traced in bundles, a bundle for each tree, and show to the
-/// bit the picture that is worked out surface by surface (asking for depths asks for that).
+/// Two models side by side, again and again within each tile: packets that enter one tree are traced in bundles, a
+/// bundle for each tree, and show to the bit the picture that is worked out surface by surface (asking for depths asks
+/// for that).
 #[test]
 fn trees_alternate_within_a_tile() {
     let context = built::context(2);
     let balls = built::parts(&[Part::white(1, scenes::sphere(60, 120))]);
-    let cubes = built::parts(&[Part::white(3, scenes::cuboid(-DVec3::ONE, DVec3::ONE)), Part::white(4, scenes::sphere(50, 40))]);
+    let cubes = built::parts(&[
+        Part::white(3, scenes::cuboid(-DVec3::ONE, DVec3::ONE)),
+        Part::white(4, scenes::sphere(50, 40)),
+    ]);
     let models = [balls, cubes].map(|file| Model::open(&context, &file.path).expect("a model"));
     let scene = Scene::new(&context);
     // Near enough that no ray is moved.
@@ -297,25 +348,36 @@ fn trees_alternate_within_a_tile() {
     scene.commit().expect("a commit");
     let camera = Camera::Perspective { eye: DVec3::Z * 5.0, at: DVec3::ZERO, up: DVec3::Y, fov_y_degrees: 120.0 };
     for poe in [0.0, 3.0, 300.0] {
-        let [plain, all] = [Outputs::of(Buffer::ColourLinear) | Outputs::of(Buffer::Instance), Outputs::ALL].map(|outputs| {
-            let frame = Frame::new(&context, FrameOptions { width: 256, height: 192, outputs, ..FrameOptions::default() }).expect("a frame");
-            frame.request(&scene.state(), &camera, &FrameSettings { poe, ..FrameSettings::default() }).expect("a request");
-            assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
-            [Buffer::ColourLinear, Buffer::Instance].map(|buffer| frame.map(buffer).expect("a buffer").bytes().to_vec())
-        });
+        let [plain, all] =
+            [Outputs::of(Buffer::ColourLinear) | Outputs::of(Buffer::Instance), Outputs::ALL].map(|outputs| {
+                let frame =
+                    Frame::new(&context, FrameOptions { width: 256, height: 192, outputs, ..FrameOptions::default() })
+                        .expect("a frame");
+                frame
+                    .request(&scene.state(), &camera, &FrameSettings { poe, ..FrameSettings::default() })
+                    .expect("a request");
+                assert_eq!(frame.wait(Duration::from_secs(120)).state, FrameState::Converged);
+                [Buffer::ColourLinear, Buffer::Instance]
+                    .map(|buffer| frame.map(buffer).expect("a buffer").bytes().to_vec())
+            });
         assert!(plain == all, "at {poe} pixels of error");
     }
 }
 
-/// What is placed where no ray goes changes no pixel, nor does the way that rays take: packets of one tree are rendered in bundles, those of several
-/// surface by surface.
+/// What is placed where no ray goes changes no pixel, nor does the way that rays take: packets of one tree are rendered
+/// in bundles, those of several surface by surface.
 #[test]
 fn a_picture_does_not_depend_on_what_it_does_not_show() {
     let file = assembly();
     let context = built::context(2);
     let model = Model::open(&context, &file.path).expect("a model");
     let headlight = Light { kind: LightKind::Headlight, colour: [1.0; 3], intensity: 0.6, shadows: false };
-    let sun = Light { kind: LightKind::Directional(DVec3::new(0.3, 0.8, -1.0)), colour: [1.0, 0.9, 0.8], intensity: 0.5, shadows: true };
+    let sun = Light {
+        kind: LightKind::Directional(DVec3::new(0.3, 0.8, -1.0)),
+        colour: [1.0, 0.9, 0.8],
+        intensity: 0.5,
+        shadows: true,
+    };
     for lights in [vec![headlight], vec![headlight, sun]] {
         let scene = Scene::new(&context);
         scene.add_instance(&model, 1, DAffine3::from_translation(DVec3::new(0.0, 0.4, -0.2))).expect("an instance");
@@ -333,7 +395,8 @@ fn a_picture_does_not_depend_on_what_it_does_not_show() {
         scene.commit().expect("a commit");
         for (poe, expected) in [0.0, 3.0].into_iter().zip(&expected) {
             let now = picture(&context, &scene.state(), poe);
-            let differs: Vec<_> = Buffer::ALL.iter().zip(now.iter().zip(expected)).filter(|(_, (a, b))| a != b).map(|(b, _)| b).collect();
+            let differs: Vec<_> =
+                Buffer::ALL.iter().zip(now.iter().zip(expected)).filter(|(_, (a, b))| a != b).map(|(b, _)| b).collect();
             assert!(differs.is_empty(), "at {poe} pixels of error: {differs:?}");
         }
     }

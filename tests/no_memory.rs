@@ -1,5 +1,5 @@
-//! Where the system gives no memory for something large, that is an error which says how much for what, and what was there goes on. In a process of its own, for
-//! the limit is the process's.
+//! Where the system gives no memory for something large, that is an error which says how much for what, and what was
+//! there goes on. In a process of its own, for the limit is the process's.
 #![cfg(target_os = "linux")]
 
 mod common;
@@ -37,7 +37,12 @@ fn what_is_too_large_is_refused_and_all_else_goes_on() {
     let (scene, _) = built::scene(&context, &file);
     let camera = Camera::Perspective { eye: DVec3::Z * 4.0, at: DVec3::ZERO, up: DVec3::Y, fov_y_degrees: 45.0 };
     let settings = FrameSettings::default();
-    let mut builder = Builder::new(BuildOptions { threads: 2, ..BuildOptions::default() }, Arc::new(Progress::default()), Cancel::new()).unwrap();
+    let mut builder = Builder::new(
+        BuildOptions { threads: 2, ..BuildOptions::default() },
+        Arc::new(Progress::default()),
+        Cancel::new(),
+    )
+    .unwrap();
     let part = builder.part(PartDesc::default()).unwrap();
     let tris = scenes::sphere(1000, 2000);
     builder.triangles(MeshKey::DIRECT, part, &tris, None).unwrap();
@@ -45,11 +50,18 @@ fn what_is_too_large_is_refused_and_all_else_goes_on() {
 
     // 262 GB, and 1.2 GB.
     for (width, height, outputs) in [(1 << 16, 1 << 16, Outputs::ALL), (5000, 4000, Outputs::ALL)] {
-        let error = Frame::new(&context, FrameOptions { width, height, outputs, ..FrameOptions::default() }).map(drop).unwrap_err();
-        assert!(matches!(&error, Error::NoMemory { bytes, .. } if *bytes >= u64::from(width) * u64::from(height)), "{error}");
+        let error = Frame::new(&context, FrameOptions { width, height, outputs, ..FrameOptions::default() })
+            .map(drop)
+            .unwrap_err();
+        assert!(
+            matches!(&error, Error::NoMemory { bytes, .. } if *bytes >= u64::from(width) * u64::from(height)),
+            "{error}"
+        );
         assert!(error.to_string().starts_with(&format!("a buffer of {width}x{height} pixels")), "{error}");
     }
-    let frame = Frame::new(&context, FrameOptions { width: 64, height: 48, outputs: Outputs::ALL, ..FrameOptions::default() }).unwrap();
+    let frame =
+        Frame::new(&context, FrameOptions { width: 64, height: 48, outputs: Outputs::ALL, ..FrameOptions::default() })
+            .unwrap();
     let renders = || {
         frame.request(&scene.state(), &camera, &settings).unwrap();
         assert_eq!(frame.wait(Duration::from_secs(60)).state, FrameState::Converged);
@@ -57,7 +69,8 @@ fn what_is_too_large_is_refused_and_all_else_goes_on() {
     renders();
     assert!(matches!(frame.resize(1 << 16, 1 << 16), Err(Error::NoMemory { .. })));
     renders();
-    // Two pictures fit, one that is mapped and one that is shown; a third to render beside them does not: the request is refused, and what is shown stays.
+    // Two pictures fit, one that is mapped and one that is shown; a third to render beside them does not: the request
+    // is refused, and what is shown stays.
     frame.resize(1100, 1000).unwrap();
     renders();
     let mapped = frame.map(Buffer::Depth).unwrap();

@@ -1,5 +1,5 @@
-//! The oracle's coverage, ambient occlusion and direct light are held to closed forms: what an estimate says is off by, times a
-//! few, and what the shapes' facets take away.
+//! The oracle's coverage, ambient occlusion and direct light are held to closed forms: what an estimate says is off by,
+//! times a few, and what the shapes' facets take away.
 
 mod common;
 
@@ -16,7 +16,8 @@ use outcrop::scene::{Light, LightKind};
 use std::f64::consts::{PI, TAU};
 
 const SAMPLES: Samples = Samples { points: 1024, rounds: 16, seed: 1 };
-/// Standard errors that a mean of 16 rounds may be off by: Student's t with 15 degrees of freedom exceeds it once in 3000.
+/// Standard errors that a mean of 16 rounds may be off by: Student's t with 15 degrees of freedom exceeds it once
+/// in 3000.
 const DEVIATIONS: f64 = 4.5;
 
 #[track_caller]
@@ -30,7 +31,11 @@ fn agrees(found: Estimate, truth: f64, slack: f64) {
 fn plan(corner: DVec2, width: u32, height: u32) -> View {
     let middle = corner + DVec2::new(f64::from(width), -f64::from(height)) / 2.0;
     let at = middle.extend(0.0);
-    View::new(&Camera::Orthographic { eye: at + DVec3::Z * 50.0, at, up: DVec3::Y, height: f64::from(height) }, width, height)
+    View::new(
+        &Camera::Orthographic { eye: at + DVec3::Z * 50.0, at, up: DVec3::Y, height: f64::from(height) },
+        width,
+        height,
+    )
 }
 
 fn quad(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> Vec<Tri> {
@@ -82,8 +87,8 @@ fn a_point_lies_in_every_elementary_interval_whatever_the_digits() {
 
 #[test]
 fn estimates_say_how_far_off_they_are() {
-    // A quarter of a disc: pi / 4. Of many seeds the errors, in the standard errors that were stated, are like Student's t with
-    // 15 degrees of freedom: variance 15 / 13.
+    // A quarter of a disc: pi / 4. Of many seeds the errors, in the standard errors that were stated, are like
+    // Student's t with 15 degrees of freedom: variance 15 / 13.
     let quarter = |[x, y]: [f64; 2]| [f64::from(u8::from(x * x + y * y < 1.0)), x * y];
     let count = 400;
     let (mut squares, mut sums) = ([0.0; 2], [0.0; 2]);
@@ -129,10 +134,9 @@ fn keys_and_seeds_take_other_samples_and_threads_do_not() {
 #[test]
 fn a_view_is_the_camera_that_pictures_are_made_with() {
     let (eye, at, up) = (DVec3::new(3.0, -4.0, 5.0), DVec3::new(0.5, 1.0, -1.0), DVec3::new(0.1, 0.2, 1.0));
-    for camera in [
-        Camera::Perspective { eye, at, up, fov_y_degrees: 37.0 },
-        Camera::Orthographic { eye, at, up, height: 6.0 },
-    ] {
+    for camera in
+        [Camera::Perspective { eye, at, up, fov_y_degrees: 37.0 }, Camera::Orthographic { eye, at, up, height: 6.0 }]
+    {
         let (view, rays) = (View::new(&camera, 30, 20), camera.prepare(30, 20).expect("a camera"));
         for (x, y) in [(0.0, 0.0), (0.5, 19.5), (15.0, 10.0), (29.25, 3.0)] {
             let (ours, theirs) = (view.ray(x, y), rays.ray(x, y));
@@ -185,7 +189,8 @@ fn a_disc_covers_its_area() {
 
 #[test]
 fn a_thin_wire_covers_its_width_times_its_length() {
-    // A square bar 0.02 thick, straight through a pixel from the left border to the right one at 20 degrees: 0.02 / cos 20.
+    // A square bar 0.02 thick, straight through a pixel from the left border to the right one at 20 degrees: 0.02 /
+    // cos 20.
     let thin = 0.02;
     let angle = 20f64.to_radians();
     let bar = scenes::cuboid(DVec3::new(-9.0, -thin / 2.0, -thin / 2.0), DVec3::new(9.0, thin / 2.0, thin / 2.0));
@@ -202,7 +207,8 @@ fn a_thin_wire_covers_its_width_times_its_length() {
 fn coverage_does_not_depend_on_how_triangles_are_found() {
     let tris = scenes::boxes(40, 3);
     let (brute, tree) = (Brute::new(tris.clone()), Bvh64::new(tris));
-    let view = View::new(&Camera::Orthographic { eye: DVec3::Z * 300.0, at: DVec3::ZERO, up: DVec3::Y, height: 240.0 }, 6, 6);
+    let view =
+        View::new(&Camera::Orthographic { eye: DVec3::Z * 300.0, at: DVec3::ZERO, up: DVec3::Y, height: 240.0 }, 6, 6);
     let samples = Samples { points: 32, ..SAMPLES };
     let cover = |oracle: &dyn Oracle| view.pixels(|x, y| Lighting::new(oracle).coverage(&view, x, y, &samples));
     let found = cover(&brute);
@@ -212,8 +218,8 @@ fn coverage_does_not_depend_on_how_triangles_are_found() {
 
 // Ambient occlusion.
 
-/// The share of a cosine-weighted hemisphere that a polygon above the horizon takes (Lambert 1760): the sum over its edges of
-/// the angle between their ends times the normal's share of their plane's normal, over 2 pi.
+/// The share of a cosine-weighted hemisphere that a polygon above the horizon takes (Lambert 1760): the sum over its
+/// edges of the angle between their ends times the normal's share of their plane's normal, over 2 pi.
 fn form_factor(at: DVec3, normal: DVec3, corners: &[DVec3]) -> f64 {
     let to: Vec<DVec3> = corners.iter().map(|c| (c - at).normalize()).collect();
     let edge = |k: usize| {
@@ -238,8 +244,8 @@ fn a_disc_overhead_shades_its_cap() {
 
 #[test]
 fn a_sphere_above_shades_its_cap_by_the_cosine() {
-    // (r / d)^2 cos: radius 1, 2.5 away, 40 degrees off the normal. Facets lie within pi / 128 of the sphere's angles: within
-    // 3e-4 of its radius, twice that of the share.
+    // (r / d)^2 cos: radius 1, 2.5 away, 40 degrees off the normal. Facets lie within pi / 128 of the sphere's angles:
+    // within 3e-4 of its radius, twice that of the share.
     let angle = 40f64.to_radians();
     let middle = DVec3::new(angle.sin(), 0.0, angle.cos()) * 2.5;
     let tris = scenes::sphere(128, 256).into_iter().map(|t| t.map(|v| v + middle)).collect();
@@ -333,27 +339,22 @@ fn shadows_end_where_the_blocker_does() {
     let (above, down) = (lamp(DVec3::Z * 4.0), sun(-DVec3::Z));
     assert_eq!([0.0, 1.99, 2.01].map(|x| is_lit(x, above)), [false, false, true]);
     assert_eq!([0.0, 0.99, 1.01].map(|x| is_lit(x, down)), [false, false, true]);
-    // What lies behind a lamp shades nothing, nor does anything where shadows are off, or the light is where the eye is.
+    // What lies behind a lamp shades nothing, nor does anything where shadows are off, or the light is where the eye
+    // is.
     assert!(is_lit(0.0, LAMP) && is_lit(0.0, lamp(DVec3::Z * 1.9)) && is_lit(0.0, Light { shadows: false, ..above }));
 }
 
 #[test]
 fn a_pixels_radiance_is_the_mean_of_its_square() {
-    // The mean of z / (x^2 + y^2 + z^2)^(3/2) over a square from the foot of the lamp is the solid angle of it over its area:
-    // atan(a b / (z sqrt(a^2 + b^2 + z^2))).
+    // The mean of z / (x^2 + y^2 + z^2)^(3/2) over a square from the foot of the lamp is the solid angle of it over its
+    // area: atan(a b / (z sqrt(a^2 + b^2 + z^2))).
     let (tris, _) = corner(0, 100.0);
     let oracle = Brute::new(tris);
     let lighting = Lighting::new(&oracle);
     let view = plan(DVec2::new(0.0, 1.0), 1, 1);
     // The eye's plane is at 50, the lamp below it.
-    let found = lighting.radiance(
-        &view,
-        [0, 0],
-        &[lamp(DVec3::Z * 0.8)],
-        &|_| DVec3::new(0.5, 1.0, 0.0),
-        DVec3::ONE,
-        &SAMPLES,
-    );
+    let found =
+        lighting.radiance(&view, [0, 0], &[lamp(DVec3::Z * 0.8)], &|_| DVec3::new(0.5, 1.0, 0.0), DVec3::ONE, &SAMPLES);
     let solid_angle = (1.0 / (0.8 * (2.0f64 + 0.64).sqrt())).atan();
     for (found, strength) in found.into_iter().zip([4.0, 4.0, 0.0]) {
         agrees(found, strength * solid_angle, 0.0);
@@ -393,8 +394,8 @@ fn nothing_gets_into_a_closed_box() {
 
 #[test]
 fn a_uniform_sky_of_suns_gives_a_convex_body_pi_everywhere() {
-    // n suns of 4 pi / n from all over the sphere: the integral of the cosine, pi. On a lattice that is spread as evenly as can be
-    // (Fibonacci's spiral), so that 2000 are off by less than 1 in 1000.
+    // n suns of 4 pi / n from all over the sphere: the integral of the cosine, pi. On a lattice that is spread as
+    // evenly as can be (Fibonacci's spiral), so that 2000 are off by less than 1 in 1000.
     let n = 2000;
     let golden = PI * (3.0 - 5f64.sqrt());
     let sky: Vec<Light> = (0..n)
@@ -402,7 +403,11 @@ fn a_uniform_sky_of_suns_gives_a_convex_body_pi_everywhere() {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(n);
             let (sin, cos) = (golden * f64::from(i)).sin_cos();
             let r = (1.0 - z * z).sqrt();
-            Light { colour: [1.0; 3], intensity: (4.0 * PI / f64::from(n)) as f32, ..sun(DVec3::new(r * cos, r * sin, z)) }
+            Light {
+                colour: [1.0; 3],
+                intensity: (4.0 * PI / f64::from(n)) as f32,
+                ..sun(DVec3::new(r * cos, r * sin, z))
+            }
         })
         .collect();
     let oracle = Bvh64::new(scenes::sphere(24, 48));
@@ -418,7 +423,8 @@ fn a_uniform_sky_of_suns_gives_a_convex_body_pi_everywhere() {
 
 #[test]
 fn a_lamp_in_the_middle_of_a_sphere_lights_every_pixel_alike() {
-    // Radius 1, strength 1: 1 everywhere. Facets lean by half of what they span, pi / 100, and are as much nearer squared.
+    // Radius 1, strength 1: 1 everywhere. Facets lean by half of what they span, pi / 100, and are as much nearer
+    // squared.
     let oracle = Bvh64::new(scenes::sphere(100, 200));
     let lighting = Lighting::new(&oracle);
     let eye = DVec3::new(0.3, -0.2, 0.4);

@@ -1,5 +1,6 @@
-//! Exact frames are what the oracle sees of the same scene of instances: depth, normals, silhouette, light and shadow in the
-//! middle of every pixel, coverage and brightness over their areas. So both mean the same by a view, a light and a placement.
+//! Exact frames are what the oracle sees of the same scene of instances: depth, normals, silhouette, light and shadow
+//! in the middle of every pixel, coverage and brightness over their areas. So both mean the same by a view, a light and
+//! a placement.
 
 mod common;
 

@@ -1,5 +1,5 @@
-//! States of parts and instances under stand-ins: what is hidden never shows, what looks otherwise keeps that look, and a
-//! ray sees but the instances of its mask. The promise holds of what is visible.
+//! States of parts and instances under stand-ins: what is hidden never shows, what looks otherwise keeps that look, and
+//! a ray sees but the instances of its mask. The promise holds of what is visible.
 
 mod common;
 

@@ -1,5 +1,5 @@
-//! Where rays pass stand-ins, and where parts are hidden, all walks say the same: rays alone, in packets, and side by side, of which the first
-//! steps are shared.
+//! Where rays pass stand-ins, and where parts are hidden, all walks say the same: rays alone, in packets, and side by
+//! side, of which the first steps are shared.
 
 mod common;
 
@@ -8,8 +8,8 @@ use common::scenes;
 use common::trees::{self, TestTree};
 use glam::Vec3;
 use outcrop::math::Cone;
-use outcrop::simd::Isa;
 use outcrop::math::{PACKET, STREAM};
+use outcrop::simd::Isa;
 use outcrop::structure::Stream;
 use outcrop::structure::bvh::trace::TreeView;
 use outcrop::structure::{Outcome, PacketWalk, PartFilter, TriHit, Walk};
@@ -51,17 +51,21 @@ fn side_by_side(view: &TreeView, filter: Option<&PartFilter>, rays: &[Ray32]) ->
         assert!(stream.unfinished().is_empty());
         // Of a ray that hits nothing a stream does not say how far it went.
         let far = |i: usize| TriHit::none(rays[i].t_max);
-        all.extend(hits.iter().enumerate().map(|(i, hit)| said(if hit.is_hit() { *hit } else { far(i) }, stream.passed()[i])));
+        all.extend(
+            hits.iter().enumerate().map(|(i, hit)| said(if hit.is_hit() { *hit } else { far(i) }, stream.passed()[i])),
+        );
     }
     all
 }
 
-/// From a point of view, and from what is seen there on in all directions: groups that share their first steps and soon part.
+/// From a point of view, and from what is seen there on in all directions: groups that share their first steps and soon
+/// part.
 fn rays(tree: &TestTree, view: &TreeView) -> Vec<Ray32> {
     let mut maker = RayMaker::new(&tree.stored, 5);
     let mut rays: Vec<Ray32> = (0..4096).map(|_| maker.make(RayKind::Grid)).collect();
     let mut walk = Walk::new();
-    let seen: Vec<(Ray32, TriHit)> = rays.iter().filter_map(|ray| Some((*ray, trees::closest(view, ray, &mut walk)?))).collect();
+    let seen: Vec<(Ray32, TriHit)> =
+        rays.iter().filter_map(|ray| Some((*ray, trees::closest(view, ray, &mut walk)?))).collect();
     let bounced = (0..4 * seen.len()).map(|i| {
         let (ray, hit) = &seen[i / 4];
         let turn = |k: usize| ((i * k) % 17) as f32 - 8.0;
@@ -82,7 +86,8 @@ fn all_walks_pass_the_same_stand_ins_and_leave_out_the_same_parts() {
     let hidden = PartFilter { hidden: &[0b10], first_part: 0, touched: outcrop::lod::summary_bit(1), within: None };
     let (mut passed, mut lods, mut changed) = (0, 0, 0);
     for width in [0.0, 0.003, 0.01, 0.05, 0.2] {
-        let rays: Vec<Ray32> = exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.reach, b: width }, ..*ray }).collect();
+        let rays: Vec<Ray32> =
+            exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.reach, b: width }, ..*ray }).collect();
         let mut unfiltered: Vec<Said> = Vec::new();
         for filter in [None, Some(&hidden)] {
             let truth = alone(&base, filter, &rays);
@@ -91,10 +96,18 @@ fn all_walks_pass_the_same_stand_ins_and_leave_out_the_same_parts() {
             changed += unfiltered.iter().zip(&truth).filter(|(a, b)| a != b).count();
             for isa in trees::isas() {
                 let view = TreeView { isa, ..base };
-                for (walks, found) in [("packets", together(&view, filter, &rays)), ("streams", side_by_side(&view, filter, &rays))] {
+                for (walks, found) in
+                    [("packets", together(&view, filter, &rays)), ("streams", side_by_side(&view, filter, &rays))]
+                {
                     let differs = truth.iter().zip(&found).position(|(a, b)| a != b);
                     let what = |i: usize| (rays[i], truth[i], found[i]);
-                    assert_eq!(differs.map(what), None, "{}, {walks}, width {width}, filter {}", isa.name(), filter.is_some());
+                    assert_eq!(
+                        differs.map(what),
+                        None,
+                        "{}, {walks}, width {width}, filter {}",
+                        isa.name(),
+                        filter.is_some()
+                    );
                 }
             }
             unfiltered = truth;

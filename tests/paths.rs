@@ -9,11 +9,11 @@ use common::scenes::{self, Soup, on_five_models};
 use common::stored;
 use common::trees::{self, TestTree};
 use glam::{DVec3, Vec3};
+use outcrop::math::PACKET;
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, QueryOptions};
 use outcrop::scene::{Context, ContextOptions};
 use outcrop::simd::Isa;
-use outcrop::math::PACKET;
 use outcrop::structure::Stream;
 use outcrop::structure::bvh::trace::TreeView;
 use outcrop::structure::{Outcome, PacketWalk, TriHit, Walk};
@@ -147,8 +147,8 @@ fn scenes_answer_alike_with_any_threads_and_vectors() {
 
 on_five_models!(check);
 
-/// Rays with a width that begin at neighbouring points, as shadow rays do: packets keep together, and few rays of them come to most nodes. Stand-ins too are
-/// the same to the bit, for what is missing too.
+/// Rays with a width that begin at neighbouring points, as shadow rays do: packets keep together, and few rays of them
+/// come to most nodes. Stand-ins too are the same to the bit, for what is missing too.
 #[test]
 fn rays_of_neighbouring_points_see_the_same_stand_ins() {
     let tree = TestTree::around_middle(&scenes::bumpy_sphere(60, 90, 1), 0.0);
@@ -159,8 +159,11 @@ fn rays_of_neighbouring_points_see_the_same_stand_ins() {
     let exact = trees::shadows(&tree.view(&all, Isa::Baseline), &rows);
     let (mut lods, mut missing) = (0, 0);
     for width in [0.0, 0.02, 0.1, 0.5] {
-        let rays: Vec<Ray32> = exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.reach, b: width }, ..*ray }).collect();
-        for (isa, (snapshot, never_waits)) in trees::isas().into_iter().flat_map(|isa| [(&all, false), (&holes, true)].map(|it| (isa, it))) {
+        let rays: Vec<Ray32> =
+            exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.reach, b: width }, ..*ray }).collect();
+        for (isa, (snapshot, never_waits)) in
+            trees::isas().into_iter().flat_map(|isa| [(&all, false), (&holes, true)].map(|it| (isa, it)))
+        {
             let base = TreeView { never_waits, ..tree.view(snapshot, Isa::Baseline) };
             let view = TreeView { isa, ..base };
             let (mut packet, mut stream) = (PacketWalk::of_queries(), Stream::of_queries());
@@ -218,7 +221,8 @@ fn in_order_and_shuffled_rays_have_the_same_hits() {
     let order: Vec<usize> = (0..rays.len()).map(|i| i * 1657 % rays.len()).collect();
     let shuffled: Vec<Ray> = order.iter().map(|&i| rays[i]).collect();
     for isa in trees::isas() {
-        let context = Context::new(ContextOptions { threads: 1, isa: Some(isa), ..Default::default() }).expect("a context");
+        let context =
+            Context::new(ContextOptions { threads: 1, isa: Some(isa), ..Default::default() }).expect("a context");
         let (scene, _) = built::scene(&context, &file);
         for coherent in [false, true] {
             let options = QueryOptions { coherent, ..Default::default() };

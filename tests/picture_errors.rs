@@ -3,8 +3,8 @@
 mod common;
 
 use common::picture::{
-    Colours, Silhouette, Spread, along_rays, coverage_ratio, depth_pixels, depth_relative, luminance, normal_angle, radiance_ratio,
-    silhouette, srgb_decode, srgb_encode,
+    Colours, Silhouette, Spread, along_rays, coverage_ratio, depth_pixels, depth_relative, luminance, normal_angle,
+    radiance_ratio, silhouette, srgb_decode, srgb_encode,
 };
 
 const MISS: f32 = f32::INFINITY;

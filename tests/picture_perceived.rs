@@ -77,13 +77,14 @@ fn more_noise_is_less_alike() {
         let mut rng = Rng::new(5);
         truth.iter().map(|c| (f64::from(*c) + rng.between(-amplitude, amplitude)).round() as u8).collect()
     };
-    let found: Vec<_> = [0.0, 4.0, 16.0, 64.0].map(noisy).iter().map(|n| (flip_of(n, &truth), ssim_of(n, &truth))).collect();
+    let found: Vec<_> =
+        [0.0, 4.0, 16.0, 64.0].map(noisy).iter().map(|n| (flip_of(n, &truth), ssim_of(n, &truth))).collect();
     assert!(found.is_sorted_by(|a, b| a.0.mean + 0.005 < b.0.mean && a.1 > b.1 + 0.0005), "{found:?}");
 }
 
-/// Of constant pictures nothing but the colours counts (Andersson et al. 2020, section 4.1): in L*a*b* with the chroma scaled
-/// by the lightness (Hunt), their distance is abs(L - L0) + |(a, b) - (a0, b0)| (HyAB), its power of 0.7 over that of green and
-/// blue is c, and the error 0.95 c / 0.4 up to c = 0.4 and 0.95 + 0.05 (c - 0.4) / 0.6 above.
+/// Of constant pictures nothing but the colours counts (Andersson et al. 2020, section 4.1): in L*a*b* with the chroma
+/// scaled by the lightness (Hunt), their distance is abs(L - L0) + |(a, b) - (a0, b0)| (HyAB), its power of 0.7 over
+/// that of green and blue is c, and the error 0.95 c / 0.4 up to c = 0.4 and 0.95 + 0.05 (c - 0.4) / 0.6 above.
 fn flip_of_colours(colour: [u8; 3], other: [u8; 3]) -> f64 {
     let lab = |colour: [u8; 3]| {
         let [r, g, b] = colour.map(|c| srgb_decode(f64::from(c) / 255.0));
@@ -177,8 +178,8 @@ fn an_error_that_moves_with_its_surface_counts_at_its_edges() {
 
 #[test]
 fn a_pop_is_found_where_and_as_large_as_it_is() {
-    // A patch of 3 by 2 pixels and a U of 7 jump by 51 levels in the fourth frame, and stay; a row of 5 by 102, and 2 and 6
-    // pixels at opposite borders, which do not touch, either first.
+    // A patch of 3 by 2 pixels and a U of 7 jump by 51 levels in the fourth frame, and stay; a row of 5 by 102, and 2
+    // and 6 pixels at opposite borders, which do not touch, either first.
     let jump = |x: usize, y: usize| match (x, y) {
         (10..13, 20..22) | (20 | 22, 50..53) | (21, 52) => 51,
         (94..96, 30) | (0, 28..34) | (95, 10..16) | (0, 11..13) | (50..55, 40) => 102,
@@ -189,7 +190,8 @@ fn a_pop_is_found_where_and_as_large_as_it_is() {
     let exact = |k: usize| Frame { truth: moving(k, |_, _, grey| grey.min(100)).seen, ..frame(k) };
     for k in 0..8 {
         let found = popped(&exact(k), &exact(k + 1));
-        let (pixels, largest, worst, sum) = if k == 3 { (34, 7, 0.4, 13.0 * 0.2 + 21.0 * 0.4) } else { (0, 0, 0.0, 0.0) };
+        let (pixels, largest, worst, sum) =
+            if k == 3 { (34, 7, 0.4, 13.0 * 0.2 + 21.0 * 0.4) } else { (0, 0, 0.0, 0.0) };
         assert_eq!((found.pixels, found.largest), (pixels, largest), "frame {k}");
         assert!((found.change.worst - worst).abs() < 1e-12);
         assert!((found.change.mean - sum / (WIDTH * HEIGHT) as f64).abs() < 1e-12);

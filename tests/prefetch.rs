@@ -1,5 +1,5 @@
-//! Prefetches: what a box or a camera needs is there before it is asked for, the most important first, as far as it fits,
-//! and no frame shows less for it.
+//! Prefetches: what a box or a camera needs is there before it is asked for, the most important first, as far as it
+//! fits, and no frame shows less for it.
 
 mod common;
 
@@ -15,8 +15,8 @@ use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene, SceneState};
 use outcrop::store::{CallbackSource, FileSource, Source};
 use outcrop::{Error, math::Ray};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::SeqCst};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::SeqCst};
 use std::time::Duration;
 
 const LONG: Duration = Duration::from_secs(120);
@@ -65,7 +65,8 @@ fn boxed(min: DVec3, max: DVec3) -> DBounds {
 
 /// Rays that begin somewhere in the box, and end before they leave it.
 fn rays_inside(b: &DBounds) -> Vec<Ray> {
-    let at = |i: u64, salt: u64| ((i * 3 + salt).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11) as f64 / (1u64 << 53) as f64;
+    let at =
+        |i: u64, salt: u64| ((i * 3 + salt).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11) as f64 / (1u64 << 53) as f64;
     let point = |i: u64| b.min + b.extent() * DVec3::new(at(i, 0), at(i, 1), at(i, 2));
     let ray = |i: u64| {
         let (from, to) = (point(2 * i), point(2 * i + 1));
@@ -131,12 +132,8 @@ fn a_camera_finds_its_picture_read() {
     let context = context(2, ample());
     let (model, scene) = opened(&context);
     let opened = model.memory().resident;
-    let camera = Camera::Perspective {
-        eye: DVec3::new(2.0, -1.0, 0.5),
-        at: DVec3::ZERO,
-        up: DVec3::Z,
-        fov_y_degrees: 40.0,
-    };
+    let camera =
+        Camera::Perspective { eye: DVec3::new(2.0, -1.0, 0.5), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 40.0 };
     let frame = Frame::new(&context, FrameOptions { width: 200, height: 150, ..Default::default() }).expect("a frame");
     let settings = FrameSettings { poe: 1.0, ..Default::default() };
     let status = Prefetch::of_camera(&scene, &camera, (200, 150), 1.0).expect("a prefetch").wait(LONG);
@@ -159,13 +156,10 @@ fn it_ends_when_the_budget_is_full_and_takes_nothing_from_frames() {
     for threads in [2, 0] {
         let context = context(threads, whole / 3 + (4 << 20));
         let (_model, scene) = opened(&context);
-        let frame = Frame::new(&context, FrameOptions { width: 100, height: 75, ..Default::default() }).expect("a frame");
-        let camera = Camera::Perspective {
-            eye: DVec3::new(3.0, -1.0, 0.5),
-            at: DVec3::ZERO,
-            up: DVec3::Z,
-            fov_y_degrees: 40.0,
-        };
+        let frame =
+            Frame::new(&context, FrameOptions { width: 100, height: 75, ..Default::default() }).expect("a frame");
+        let camera =
+            Camera::Perspective { eye: DVec3::new(3.0, -1.0, 0.5), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 40.0 };
         let settings = FrameSettings { poe: 4.0, ..Default::default() };
         let look = || {
             frame.request(&scene, &camera, &settings).expect("a request");
@@ -196,7 +190,8 @@ fn dropping_it_ends_the_reading() {
         std::thread::sleep(each);
         file.read_at(at, buf)
     };
-    let model = Model::open_source(&context, Arc::new(CallbackSource::new("slow", len, Box::new(slow)))).expect("it opens");
+    let model =
+        Model::open_source(&context, Arc::new(CallbackSource::new("slow", len, Box::new(slow)))).expect("it opens");
     let scene = scene(&context, &model);
     let all = boxed(DVec3::splat(-9.0), DVec3::splat(9.0));
     let prefetch = Prefetch::of_box(&scene, &all, 0.0).expect("a prefetch");
@@ -226,7 +221,8 @@ fn a_block_that_cannot_be_read_is_said_and_the_rest_is_there() {
         }
         file.read_at(at, buf)
     };
-    let model = Model::open_source(&context, Arc::new(CallbackSource::new("disk", len, Box::new(faulty)))).expect("it opens");
+    let model =
+        Model::open_source(&context, Arc::new(CallbackSource::new("disk", len, Box::new(faulty)))).expect("it opens");
     armed.store(1, SeqCst);
     let scene = scene(&context, &model);
     let all = boxed(DVec3::splat(-9.0), DVec3::splat(9.0));

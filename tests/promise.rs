@@ -24,7 +24,8 @@ use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 fn rays_of_a_setting() -> usize {
     built::sized(40_000, 8000)
 }
-/// In widths of its cone: so far from original surface a ray is at most where it is not free, of those that passed stand-ins.
+/// In widths of its cone: so far from original surface a ray is at most where it is not free, of those that passed
+/// stand-ins.
 const LONG: f64 = 8.0;
 const POE: [f32; 5] = [0.5, 1.0, 3.0, 10.0, 32.0];
 /// `t_free` says nothing of surfaces met within 0.9 degrees of edge-on.
@@ -76,7 +77,10 @@ fn nested(soup: &Soup) -> Nested {
 
 fn placings(size: f64) -> [DAffine3; 2] {
     let far = DVec3::new(-size * 9.0, size * 2.0, 0.0);
-    [DAffine3::IDENTITY, DAffine3::from_scale_rotation_translation(DVec3::new(2.0, 0.5, 1.0), DQuat::from_rotation_z(1.0), far)]
+    [
+        DAffine3::IDENTITY,
+        DAffine3::from_scale_rotation_translation(DVec3::new(2.0, 0.5, 1.0), DQuat::from_rotation_z(1.0), far),
+    ]
 }
 
 fn size_of(soup: &Soup) -> f64 {
@@ -103,8 +107,8 @@ fn is_plainly_met(ray: &Ray64, tri: &Tri) -> bool {
 }
 
 impl Tally {
-    /// A miss says that it passed a stand-in only if it has a cone, and where it is about the ray there is something: such cells are long and
-    /// thin at most. (Of rays that lack what would tell nothing is free.)
+    /// A miss says that it passed a stand-in only if it has a cone, and where it is about the ray there is something:
+    /// such cells are long and thin at most. (Of rays that lack what would tell nothing is free.)
     fn judge_passed(&mut self, oracle: &Bvh64, ray: &Ray, hit: &Hit) {
         let width = f64::from(ray.cone.a) + f64::from(ray.cone.b) * hit.t_free;
         assert!(width > 0.0, "{ray:?} passed a stand-in");
@@ -179,7 +183,9 @@ fn check_scene(name: &str, state: &Arc<SceneState>, oracle: &Bvh64, size: f64, c
         tally.slack.sort_by(f64::total_cmp);
         let median = tally.slack.get(tally.slack.len() / 2).copied().unwrap_or(0.0);
         let Tally { exact, lod, missing, misses, passed, apart, .. } = tally;
-        println!("{name}, PoE {poe}: {exact} exact, {lod} lod, {missing} missing, {misses} misses, {passed} behind stand-ins, {apart:.2} widths apart; stated over true error: median {median:.1}");
+        println!(
+            "{name}, PoE {poe}: {exact} exact, {lod} lod, {missing} missing, {misses} misses, {passed} behind stand-ins, {apart:.2} widths apart; stated over true error: median {median:.1}"
+        );
         assert_eq!(missing, 0);
         assert!(lod > 0 || poe < built::sized(3.0, 32.0), "{name}: nothing stands in");
         // Of closed things few.
@@ -267,7 +273,9 @@ fn check_cold(name: &str, path: &std::path::Path, places: &[DAffine3], oracle: &
             }
         });
         let Tally { exact, lod, missing, misses, passed, .. } = tally;
-        println!("{name}, 1/{share} in memory: {exact} exact, {lod} lod, {missing} missing, {misses} misses, {passed} behind stand-ins");
+        println!(
+            "{name}, 1/{share} in memory: {exact} exact, {lod} lod, {missing} missing, {misses} misses, {passed} behind stand-ins"
+        );
         assert!(missing > 50 && misses > 50, "{name}: {missing} missing, {misses} misses");
     }
 }
@@ -337,7 +345,8 @@ fn on_cad() {
 const WIRES: &str = "wires";
 /// Of which none does.
 const STRETCHED: &str = "stretched";
-/// Of which some do: along no axis, boxes of long thin triangles are so wide that each cell holds both sides of what they are of.
+/// Of which some do: along no axis, boxes of long thin triangles are so wide that each cell holds both sides of what
+/// they are of.
 const TURNED: &str = "turned";
 
 /// A miss that passed a stand-in says from where on something may be.
@@ -412,8 +421,8 @@ fn in_nested_scaled_instances_of_turned_slivers() {
     check_nested(&turned_ball(1000.0));
 }
 
-/// Placings whose singular values are up to 10^10 apart: what double precision loses on the way there and back is stated. (`t_free` says little: of the
-/// longest axis single precision loses more than the shortest is thick.)
+/// Placings whose singular values are up to 10^10 apart: what double precision loses on the way there and back is
+/// stated. (`t_free` says little: of the longest axis single precision loses more than the shortest is thick.)
 fn in_skewed_instances() {
     let tris = scenes::bumpy_sphere(40, 60, 3);
     for skew in [1e2f64, 1e4, 1e6, 1e8, 1e10] {

@@ -193,7 +193,10 @@ fn intervals_masks_and_impossible_rays() {
             let (least, zero) = (Ray { t_min: -1.0, ..from }, ask(&state, &[from], options)[0]);
             assert!(zero.t_free >= 0.0, "{zero:?}");
             for count in [1, 3, 40] {
-                assert!(ask(&state, &vec![least; count], options).iter().all(|hit| *hit == zero), "from {z}, {count} rays");
+                assert!(
+                    ask(&state, &vec![least; count], options).iter().all(|hit| *hit == zero),
+                    "from {z}, {count} rays"
+                );
             }
         }
     }
@@ -400,7 +403,8 @@ fn waits_for_a_batch_end_after_its_wake_function() {
     let (scene, _) = built::scene(&context, &built::parts(&[Part::white(1, sphere())]));
     for is_dropped in [false, true] {
         for _ in 0..8 {
-            let query = Query::any(&scene.state(), Arc::new(Many(100)), Arc::new(Count(Mutex::default())), SINGLE).unwrap();
+            let query =
+                Query::any(&scene.state(), Arc::new(Many(100)), Arc::new(Count(Mutex::default())), SINGLE).unwrap();
             let counts = Arc::new(Mutex::new([0; 2]));
             let within = Arc::clone(&counts);
             query.set_wake(Some(Arc::new(move || {

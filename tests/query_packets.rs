@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::brute::Tri;
 use common::asked::ask;
+use common::brute::Tri;
 use common::built::{self, Part};
 use common::rng::Rng;
 use common::scenes;
@@ -32,22 +32,36 @@ fn camera_rays(eye: DVec3, poe: f32) -> Vec<Ray> {
     rays
 }
 
-/// Packets of a batch and rays side by side in a batch have the answers, to the bit, that a call with one ray gives, whichever members are asked for. (Of the
-/// rays side by side each seventh is asked alone.) Looks at zero from distances of some `unit`s; returns how many hits were of each kind.
+/// Packets of a batch and rays side by side in a batch have the answers, to the bit, that a call with one ray gives,
+/// whichever members are asked for. (Of the rays side by side each seventh is asked alone.) Looks at zero from
+/// distances of some `unit`s; returns how many hits were of each kind.
 fn packets_answer_as_single_rays_do(state: &SceneState, unit: f64) -> [usize; 4] {
-    let wants = [Want::NORMAL | Want::UV | Want::PART, Want::NORMAL, Want::PART | Want::INSTANCE, Want::UV, Want::NOTHING, Want::ALL];
+    let wants = [
+        Want::NORMAL | Want::UV | Want::PART,
+        Want::NORMAL,
+        Want::PART | Want::INSTANCE,
+        Want::UV,
+        Want::NOTHING,
+        Want::ALL,
+    ];
     let (mut kinds, mut order) = ([0; 4], Vec::new());
-    for (v, eye) in [DVec3::new(0.5, -2.6, 0.3), DVec3::new(-2.0, -0.3, 1.1), DVec3::new(0.9, 0.7, 0.2)].into_iter().enumerate().take(built::sized(3, 1)) {
+    for (v, eye) in [DVec3::new(0.5, -2.6, 0.3), DVec3::new(-2.0, -0.3, 1.1), DVec3::new(0.9, 0.7, 0.2)]
+        .into_iter()
+        .enumerate()
+        .take(built::sized(3, 1))
+    {
         for poe in [0.0, 0.3, 3.0, 100.0] {
             let mut rays = camera_rays(eye * unit, poe);
             // Some end early, some begin late.
             for (i, ray) in rays.iter_mut().enumerate().filter(|(i, _)| i / 320 % 3 == v) {
-                (ray.t_min, ray.t_max) = [(0.0, (1.9 + i as f64 * 1e-5) * unit), (1.7 * unit, f64::INFINITY)][i / 32 % 2];
+                (ray.t_min, ray.t_max) =
+                    [(0.0, (1.9 + i as f64 * 1e-5) * unit), (1.7 * unit, f64::INFINITY)][i / 32 % 2];
             }
             // Some are not of length 1: their widths count otherwise.
             for (i, ray) in rays.iter_mut().enumerate().filter(|(i, _)| i / 320 % 3 == (v + 1) % 3 && i % 5 != 3) {
                 let longer = 1.0 + (i % 7) as f32 * 0.25;
-                (ray.dir, ray.cone.b, ray.t_max) = (ray.dir * longer, ray.cone.b * longer, ray.t_max / f64::from(longer));
+                (ray.dir, ray.cone.b, ray.t_max) =
+                    (ray.dir * longer, ray.cone.b * longer, ray.t_max / f64::from(longer));
             }
             order.clear();
             order.extend((0..rays.len()).map(|i| i * 7919 % rays.len()));
@@ -113,7 +127,10 @@ fn rays_that_are_lent_are_answered_as_copied_ones() {
             rays.drain(..4000);
             rays.truncate(5000);
             // Widths that are none, of some packets.
-            rays.iter_mut().enumerate().filter(|(i, _)| i / 32 % 4 == 1 && i % 3 == 0).for_each(|(_, ray)| ray.cone.b = -1.0);
+            rays.iter_mut()
+                .enumerate()
+                .filter(|(i, _)| i / 32 % 4 == 1 && i % 3 == 0)
+                .for_each(|(_, ray)| ray.cone.b = -1.0);
             for options in [SINGLE, COHERENT] {
                 let lent = ask(&state, &rays, options);
                 let taken = Taken(Mutex::new(vec![Hit::MISS; rays.len()]));
@@ -166,7 +183,8 @@ fn none_passes_by(state: &SceneState, rays: &[Ray]) -> Vec<Hit> {
     rays.chunks(2).flat_map(|two| ask(state, two, SINGLE)).collect()
 }
 
-/// Packets that pass by a model need not be traced: at the corners and edges of its bounds, from wherever, no hit may be lost.
+/// Packets that pass by a model need not be traced: at the corners and edges of its bounds, from wherever, no hit may
+/// be lost.
 fn packets_beside_a_model_lose_no_hit() {
     let context = built::context(2);
     // Triangles in all corners of the bounds, and nothing between.
@@ -174,7 +192,8 @@ fn packets_beside_a_model_lose_no_hit() {
     let size = DVec3::new(0.83, 0.91, 1.07).as_vec3().as_dvec3();
     let corner = |i: usize| DVec3::from_array([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 })) * size;
     let inward = |i: usize, axis: usize| corner(i) * (DVec3::ONE - DVec3::AXES[axis] * 0.25);
-    let tris: Vec<Tri> = (0..8).flat_map(|i| (0..3).map(move |k| [corner(i), inward(i, k), inward(i, (k + 1) % 3)])).collect();
+    let tris: Vec<Tri> =
+        (0..8).flat_map(|i| (0..3).map(move |k| [corner(i), inward(i, k), inward(i, (k + 1) % 3)])).collect();
     let file = built::parts(&[Part::white(5, tris)]);
     let model = Model::open(&context, &file.path).unwrap();
     let mut rng = Rng::new(17);
@@ -189,10 +208,12 @@ fn packets_beside_a_model_lose_no_hit() {
             let far = rng.between(-1.0, 8.0).exp2();
             let eye = rng.direction() * far;
             let eye = if rng.one_in(3) { DVec3::new(eye.x, 0.3, if rng.one_in(2) { 1.0 } else { eye.z }) } else { eye };
-            let (at, spread) = (corner(rng.below(8)), if rng.one_in(3) { 0.0 } else { rng.between(-24.0, -2.0).exp2() });
+            let (at, spread) =
+                (corner(rng.below(8)), if rng.one_in(3) { 0.0 } else { rng.between(-24.0, -2.0).exp2() });
             // At a corner, at an edge, or beside one by more or less.
             let out = rng.between(-22.0, -2.0).exp2();
-            let at = [at, at * DVec3::new(1.0, 1.0, 0.9), at * (1.0 + out), at * DVec3::new(1.0 + out, 1.0, 0.9)][rng.below(4)];
+            let at = [at, at * DVec3::new(1.0, 1.0, 0.9), at * (1.0 + out), at * DVec3::new(1.0 + out, 1.0, 0.9)]
+                [rng.below(4)];
             let length = if rng.one_in(2) { 1.0 } else { rng.between(-10.0, 10.0).exp2() };
             let mut ray = || {
                 let aside = DVec3::new(rng.between(-1.0, 1.0), rng.between(-1.0, 1.0), rng.between(-1.0, 1.0)) * spread;
@@ -212,7 +233,11 @@ fn packets_beside_a_model_lose_no_hit() {
             let wide = none_passes_by(&state, &rays);
             assert!(ask(&state, &rays, COHERENT) == wide, "{:?}", rays[0]);
             assert!(ask(&state, &rays[..count], COHERENT) == wide[..count], "{count}: {:?}", rays[0]);
-            beyond += wide.iter().zip(&each).filter(|(wide, exact)| wide.kind == HitKind::Lod && exact.kind == HitKind::Miss).count();
+            beyond += wide
+                .iter()
+                .zip(&each)
+                .filter(|(wide, exact)| wide.kind == HitKind::Lod && exact.kind == HitKind::Miss)
+                .count();
             let hits = each.iter().filter(|hit| hit.kind != HitKind::Miss).count();
             (met, missed) = (met + usize::from(hits == PACKET), missed + usize::from(hits == 0));
             mixed += usize::from(hits > 0 && hits < PACKET);

@@ -17,8 +17,8 @@ use outcrop::scene::{Context, ContextOptions, Model, Scene, SceneState};
 use outcrop::store::{CallbackSource, FileSource, Source};
 use std::io;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::SeqCst};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::SeqCst};
 use std::time::{Duration, Instant};
 
 /// A file that all tests read.
@@ -185,10 +185,13 @@ fn exact_answers_with_the_least_budget_are_those_of_the_whole() {
 /// Whoever has the lease works on what may need it only for himself: whichever threads there are, calls end.
 fn calls_that_take_turns_with_the_least_memory_end_on_any_threads() {
     let large = large();
-    let Err(Error::OverBudget { need, .. }) = scene(&context(2, false, 4096), Arc::new(FileSource::open(&large.path).unwrap())) else {
+    let Err(Error::OverBudget { need, .. }) =
+        scene(&context(2, false, 4096), Arc::new(FileSource::open(&large.path).unwrap()))
+    else {
         panic!("a page does not do")
     };
-    let executors = [None, None, Some(Arc::new(AtOnce) as Arc<dyn Executor>), Some(Arc::new(Spawning) as Arc<dyn Executor>)];
+    let executors =
+        [None, None, Some(Arc::new(AtOnce) as Arc<dyn Executor>), Some(Arc::new(Spawning) as Arc<dyn Executor>)];
     for (i, executor) in executors.into_iter().enumerate() {
         let context = context_of(i % 2, executor, need);
         let (state, model) = scene(&context, Arc::new(FileSource::open(&large.path).unwrap())).expect("the least does");
@@ -196,7 +199,9 @@ fn calls_that_take_turns_with_the_least_memory_end_on_any_threads() {
             for part in 0..3 {
                 // More than a chunk: with rounds of several items.
                 let (state, range) = (&state, part * 1500..(part + 1) * 1500);
-                threads.spawn(move || same(&ask(state, &large.rays[range.clone()]).expect("answers"), &large.hits[range], "taking turns"));
+                threads.spawn(move || {
+                    same(&ask(state, &large.rays[range.clone()]).expect("answers"), &large.hits[range], "taking turns")
+                });
             }
         });
         drop((state, model));

@@ -168,8 +168,19 @@ fn impossible_and_extreme_rays_end_and_are_sane() {
     let closed = sphere();
     let (scene, _) = built::scene(&context, &closed.file);
     let values = [
-        0.0, -0.0, 1.0, -1.0, f32::from_bits(1), f32::MIN_POSITIVE, 1e-20, 1e20, f32::MAX, -f32::MAX,
-        f32::INFINITY, f32::NEG_INFINITY, f32::NAN,
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        f32::from_bits(1),
+        f32::MIN_POSITIVE,
+        1e-20,
+        1e20,
+        f32::MAX,
+        -f32::MAX,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        f32::NAN,
     ];
     let ends = [0.0, -0.0, 1e-300, 0.5, 1e300, f64::MAX, f64::INFINITY, f64::NAN, -1.0, f64::NEG_INFINITY];
     let origins = [0.0, 2.0, 1e-310, -1e30, 1e300, f64::MAX, f64::INFINITY, f64::NAN];
@@ -178,14 +189,20 @@ fn impossible_and_extreme_rays_end_and_are_sane() {
     let rays: Vec<Ray> = (0..RAYS)
         .map(|_| {
             let dir = Vec3::from_array(std::array::from_fn(|_| values[pick(values.len())]));
-            let origin = DVec3::from_array(std::array::from_fn(|_| origins[if pick(3) > 0 { pick(2) } else { pick(origins.len()) }]));
+            let origin = DVec3::from_array(std::array::from_fn(|_| {
+                origins[if pick(3) > 0 { pick(2) } else { pick(origins.len()) }]
+            }));
             Ray { t_min: ends[pick(ends.len())], t_max: ends[pick(ends.len())], ..Ray::new(origin, dir) }
         })
         .collect();
     for coherent in [false, true] {
         for (ray, hit) in rays.iter().zip(ask(&scene.state(), &rays, coherent)) {
-            let impossible = !ray.dir.is_finite() || !ray.dir.to_array().iter().any(|c| c.is_normal()) || !ray.origin.is_finite()
-                || ray.t_min.is_nan() || ray.t_max.is_nan() || ray.t_min > ray.t_max;
+            let impossible = !ray.dir.is_finite()
+                || !ray.dir.to_array().iter().any(|c| c.is_normal())
+                || !ray.origin.is_finite()
+                || ray.t_min.is_nan()
+                || ray.t_max.is_nan()
+                || ray.t_min > ray.t_max;
             if impossible {
                 assert!(hit == Hit::MISS, "{ray:?}: {hit:?}");
             } else if hit.kind != HitKind::Miss {

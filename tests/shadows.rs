@@ -31,8 +31,9 @@ fn light_comes_through_transparent_parts_and_not_through_opaque_ones() {
     for threads in [0, 2] {
         let context = built::context(threads);
         let (scene, _) = built::scene(&context, &built::parts(&panes()));
-        let frame = Frame::new(&context, FrameOptions { width: 64, height: 64, outputs: Outputs::ALL, targets: Vec::new() })
-            .expect("a frame");
+        let frame =
+            Frame::new(&context, FrameOptions { width: 64, height: 64, outputs: Outputs::ALL, targets: Vec::new() })
+                .expect("a frame");
         // Below the panes, looking at the floor; a pixel is a quarter.
         let eye = DVec3::new(8.0, 8.0, 1.0);
         let camera = Camera::Orthographic { eye, at: eye - DVec3::Z, up: DVec3::Y, height: 16.0 };
@@ -111,15 +112,16 @@ fn states_make_shadows_lighter() {
     assert!((seen() - 0.25 * 0.75).abs() < 1e-5);
 }
 
-/// What is exact beside stand-ins is not in the shadow of those of its own surface: under a low sun a bumpy sphere was by 1.2 % too
-/// dark at one pixel of error. (Brighter it is for what stands out at its rim.)
+/// What is exact beside stand-ins is not in the shadow of those of its own surface: under a low sun a bumpy sphere was
+/// by 1.2 % too dark at one pixel of error. (Brighter it is for what stands out at its rim.)
 #[test]
 fn surfaces_beside_stand_ins_are_not_in_their_shadow() {
     let context = built::context(2);
     let (scene, _) = built::scene(&context, &built::parts(&[Part::white(1, scenes::bumpy_sphere(300, 600, 6))]));
     scene.set_background(Background::Colour([0.0; 4])).expect("a background");
-    let frame = Frame::new(&context, FrameOptions { width: 160, height: 120, outputs: Outputs::ALL, targets: Vec::new() })
-        .expect("a frame");
+    let frame =
+        Frame::new(&context, FrameOptions { width: 160, height: 120, outputs: Outputs::ALL, targets: Vec::new() })
+            .expect("a frame");
     let eye = DVec3::new(2.0, -2.0, 1.5);
     let camera = Camera::Perspective { eye, at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 40.0 };
     let low = LightKind::Directional(DVec3::new(-1.0, 0.3, -0.2));

@@ -1,10 +1,11 @@
-//! Exact rays at triangles up to eight hundred thousand times longer than wide: pipes of such, against the input's triangles in double precision.
+//! Exact rays at triangles up to eight hundred thousand times longer than wide: pipes of such, against the input's
+//! triangles in double precision.
 
 mod common;
 
 use common::brute::{Oracle, Ray64, Tri};
-use common::bvh64::Bvh64;
 use common::built;
+use common::bvh64::Bvh64;
 use common::rng::Rng;
 use common::scenes::rounded;
 use glam::{DQuat, DVec3};
@@ -26,12 +27,15 @@ fn pipe(length: f64, radius: f64, sides: usize, turn: DQuat) -> Vec<Tri> {
     (0..sides).flat_map(side).collect()
 }
 
-/// Surfaces nearer to each other than a hundredth of the radius may be told in the wrong order, the two sides of a pipe never. (With edge functions in single
-/// precision throughout 27 of 20,000 rays were answered with another side at 160,000 times, 288 at 800,000.)
+/// Surfaces nearer to each other than a hundredth of the radius may be told in the wrong order, the two sides of a pipe
+/// never. (With edge functions in single precision throughout 27 of 20,000 rays were answered with another side at
+/// 160,000 times, 288 at 800,000.)
 #[test]
 fn the_nearer_side_of_a_pipe_is_hit() {
     for turned in [0.0, 0.7] {
-        for (length, radius, sides) in [(1.0, 0.1, 64), (10.0, 0.02, 628), (10.0, 0.01, 1000), (50.0, 0.05, 1000), (10.0, 0.02, 10_000)] {
+        for (length, radius, sides) in
+            [(1.0, 0.1, 64), (10.0, 0.02, 628), (10.0, 0.01, 1000), (50.0, 0.05, 1000), (10.0, 0.02, 10_000)]
+        {
             let turn = DQuat::from_rotation_z(turned) * DQuat::from_rotation_y(turned);
             let tris = pipe(length, radius, sides, turn);
             let oracle = Bvh64::new(tris.clone());
@@ -40,7 +44,8 @@ fn the_nearer_side_of_a_pipe_is_hit() {
             let (scene, _model) = built::scene(&context, &file);
             let mut rng = Rng::new(3);
             let mut ray = || {
-                let to = turn * (DVec3::new(0.0, 0.0, length * rng.unit()) + rng.direction() * radius * 0.9 * rng.unit());
+                let to =
+                    turn * (DVec3::new(0.0, 0.0, length * rng.unit()) + rng.direction() * radius * 0.9 * rng.unit());
                 let dir = rng.direction();
                 Ray::new(rounded(to - dir * length), dir.as_vec3())
             };
@@ -60,7 +65,9 @@ fn the_nearer_side_of_a_pipe_is_hit() {
                 }
             }
             let aspect = length / (TAU * radius / sides as f64);
-            println!("turned {turned}, {aspect:.0} times longer than wide: {met} hits, {missed} missed, {off} elsewhere, by {worst:.3} radii at most");
+            println!(
+                "turned {turned}, {aspect:.0} times longer than wide: {met} hits, {missed} missed, {off} elsewhere, by {worst:.3} radii at most"
+            );
             assert!(met > 19_000);
             assert_eq!((missed, off), (0, 0), "{length}, {radius}, {sides}, turned {turned}");
         }

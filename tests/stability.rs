@@ -1,6 +1,7 @@
-//! Stability: what must hold where the methods fail (design, section 10), row by row, each as a generated, seeded scene with
-//! a pass line that is a property. Pictures are made at 0, 0.5, 1, 3 and 10 pixels of error, with one thread and two, on each vector path; where
-//! a row is about builds, files or reading, the tests that the table names say what they vary.
+//! Stability: what must hold where the methods fail (design, section 10), row by row, each as a generated, seeded scene
+//! with a pass line that is a property. Pictures are made at 0, 0.5, 1, 3 and 10 pixels of error, with one thread and
+//! two, on each vector path; where a row is about builds, files or reading, the tests that the table names say what
+//! they vary.
 //!
 //! [`table`] says which test shows which row, where present parts miss a line, and which rows wait for later parts.
 //! `cargo test --test stability -- --nocapture` prints what is measured.

@@ -101,8 +101,7 @@ impl Model {
             first_part,
             world_from_mesh: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, x, 0.0, 0.0],
         };
-        let material =
-            |v| MaterialRow { colour: [v, 0.5, 0.25], opacity: 1.0, metalness: 0.0, roughness: 0.5 };
+        let material = |v| MaterialRow { colour: [v, 0.5, 0.25], opacity: 1.0, metalness: 0.0, roughness: 0.5 };
         let payload = |i: u8| if i.is_multiple_of(2) { vec![i; 60] } else { vec![i, 200, 3, 77] };
         Self {
             header: Header { geometry_blocks: 2, has_colours: true, triangles_in: 41, ..Header::default() },
@@ -268,7 +267,6 @@ fn a_block_that_is_not_there_is_the_callers_error() {
     assert_eq!(file.decoded_len(BlockId(6)), 0);
 }
 
-
 // ---------------------------------------------------------------------------------------------
 // Valid checksums over wrong content: decoding itself is tested. The offsets are FORMAT.md's.
 
@@ -338,7 +336,10 @@ fn fields_are_where_the_format_says() {
     assert_eq!([u32_at(parts + 64), u32_at(parts + 144), u32_at(parts + 72)], [u32::MAX, 0, 5]);
     assert_eq!(&bytes[parts + 240..parts + 256], "planeboltØ bolt".as_bytes());
     assert_eq!(f64_at(section(4) + 104 + 80), 5.0);
-    assert_eq!([u32_at(trees + 112), u32_at(trees + 128), u32_at(trees + 132), u32_at(trees + 232), u32_at(trees + 236)], [1, 1, 1, 1, 30]);
+    assert_eq!(
+        [u32_at(trees + 112), u32_at(trees + 128), u32_at(trees + 132), u32_at(trees + 232), u32_at(trees + 236)],
+        [1, 1, 1, 1, 30]
+    );
     assert_eq!([f64_at(trees + 16), f64_at(trees + 32)], [1e7, -1.0]);
 }
 
@@ -382,7 +383,8 @@ fn any_byte_of_the_tables_may_have_any_of_these_values() {
 fn whole_fields_may_have_extreme_values() {
     let good = Model::small().bytes();
     let directory = u64_at(&good, good.len() - 232 + 16) as usize;
-    let extremes = [0, 1, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x1_0000_0000, 1 << 62, 1 << 63, u64::MAX - 63, u64::MAX];
+    let extremes =
+        [0, 1, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x1_0000_0000, 1 << 62, 1 << 63, u64::MAX - 63, u64::MAX];
     let floats = [f64::NAN, f64::INFINITY, -f64::INFINITY, f64::MAX, f64::MIN_POSITIVE / 2.0, -0.0];
     for at in (8..248).chain(directory..good.len() - 40).step_by(4) {
         for value in extremes.into_iter().chain(floats.map(f64::to_bits)) {
@@ -427,8 +429,14 @@ fn unit() -> impl Strategy<Value = f32> {
 fn bounds() -> impl Strategy<Value = [f64; 6]> {
     prop_oneof![
         Just(outcrop::store::sections::EMPTY_BOUNDS),
-        ([-1e9..1e9, -1.0..1.0, 0.0..0.0001], [0.0..1.0, 0.0..1e300, 0.0..f64::MIN_POSITIVE])
-            .prop_map(|(a, d)| [a[0], a[1], a[2], a[0] + d[0], a[1] + d[1], a[2] + d[2]]),
+        ([-1e9..1e9, -1.0..1.0, 0.0..0.0001], [0.0..1.0, 0.0..1e300, 0.0..f64::MIN_POSITIVE]).prop_map(|(a, d)| [
+            a[0],
+            a[1],
+            a[2],
+            a[0] + d[0],
+            a[1] + d[1],
+            a[2] + d[2]
+        ]),
     ]
 }
 

@@ -135,7 +135,11 @@ fn assert_covered(frame: &Frame, camera: &Camera) -> f64 {
     let exact = &exact(camera)[Buffer::Kind as usize];
     let now = kinds(frame);
     let (mut both, mut either) = (0, 0);
-    let holes = now.iter().zip(exact).filter(|(now, exact)| **now == HitKind::Miss as u8 && **exact != HitKind::Miss as u8).count();
+    let holes = now
+        .iter()
+        .zip(exact)
+        .filter(|(now, exact)| **now == HitKind::Miss as u8 && **exact != HitKind::Miss as u8)
+        .count();
     assert_eq!(holes, 0, "holes at {} pixels of error", frame.wait(Duration::ZERO).effective_poe);
     for (&now, &exact) in now.iter().zip(exact) {
         both += u32::from(now != 0 && exact != 0);
@@ -209,7 +213,8 @@ fn who_reads_what_he_renders_makes_few_pictures() {
         frame.request(&state, &camera(i), &settings).expect("a request");
         let status = frame.wait(LONG);
         assert_eq!(status.state, FrameState::Converged);
-        // Between two of them he has read for that long, or all that was known to be lacking: which is so some times, as each picture goes deeper.
+        // Between two of them he has read for that long, or all that was known to be lacking: which is so some times,
+        // as each picture goes deeper.
         let most = 8 + begun.elapsed().as_millis() / 80;
         let reads = reads.load(SeqCst) - before;
         println!("{} pictures, {most} at most, of {reads} reads", status.pictures);
@@ -220,11 +225,14 @@ fn who_reads_what_he_renders_makes_few_pictures() {
 #[test]
 fn the_same_stand_ins_with_any_threads_and_vectors() {
     let mut seen = Vec::new();
-    for (threads, isa) in [(1, None), (2, None), (2, Some(outcrop::simd::Isa::Baseline)), (1, Some(outcrop::simd::Isa::Avx2))] {
+    for (threads, isa) in
+        [(1, None), (2, None), (2, Some(outcrop::simd::Isa::Baseline)), (1, Some(outcrop::simd::Isa::Avx2))]
+    {
         if isa.is_some_and(|isa| !isa.is_available()) {
             continue;
         }
-        let context = Context::new(ContextOptions { threads, isa, read_ahead: false, ..Default::default() }).expect("a context");
+        let context =
+            Context::new(ContextOptions { threads, isa, read_ahead: false, ..Default::default() }).expect("a context");
         let model = Model::open(&context, &bulb().path).expect("it opens");
         assert!(model.load(&Cancel::new()).expect("it loads"));
         let scene = Scene::new(&context);
@@ -302,14 +310,16 @@ fn a_flight_with_teleports_in_a_small_budget() {
     assert!(most <= budget);
 }
 
-/// A frame that had to be coarse, for the whole model was seen exactly, and is then moved to where all that is seen fits, ended
-/// complete within the budget, at some pixels of error, as often as it looked for the pressure before a fetcher had lowered it.
+/// A frame that had to be coarse, for the whole model was seen exactly, and is then moved to where all that is seen
+/// fits, ended complete within the budget, at some pixels of error, as often as it looked for the pressure before a
+/// fetcher had lowered it.
 #[test]
 fn what_fits_is_shown_as_asked_whatever_was_seen_before() {
     let context = context(2, bulb().bytes / 4);
     let (scene, frame) = (scene(&context, counted(&Arc::default())), frame(&context));
     let exactly = FrameSettings { poe: 0.0, ..Default::default() };
-    let near = Camera::Perspective { eye: DVec3::new(1.3, 0.5, 0.5), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 6.0 };
+    let near =
+        Camera::Perspective { eye: DVec3::new(1.3, 0.5, 0.5), at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 6.0 };
     for i in 0..8 {
         frame.request(&scene, &camera(2 * i), &exactly).expect("a request");
         assert_eq!(frame.wait(LONG).state, FrameState::CompleteWithinBudget);
@@ -319,8 +329,8 @@ fn what_fits_is_shown_as_asked_whatever_was_seen_before() {
     }
 }
 
-/// What frames use goes where a model that is being opened needs its place: their pictures are there, and get coarser when they are
-/// next asked for. So models open until the budget is too small for what must stay of them.
+/// What frames use goes where a model that is being opened needs its place: their pictures are there, and get coarser
+/// when they are next asked for. So models open until the budget is too small for what must stay of them.
 #[test]
 fn models_open_although_frames_use_the_whole_budget() {
     let context = context(2, bulb().bytes / 3);
@@ -360,7 +370,9 @@ fn a_resting_camera_sees_better_pictures_and_is_woken_for_each() {
     })));
     hold.is_shut.store(true, SeqCst);
     let _open = OpensAtEnd(Arc::clone(&hold.gate));
-    frame.request(&state, &camera(3), &FrameSettings { samples: 8, poe: 0.5, ..Default::default() }).expect("a request");
+    frame
+        .request(&state, &camera(3), &FrameSettings { samples: 8, poe: 0.5, ..Default::default() })
+        .expect("a request");
     assert!(first_picture(&frame).pixels_missing > 0);
     hold.gate.open();
     let (mut fraction, mut pictures, mut error) = (0.0, 0, f32::INFINITY);
@@ -407,7 +419,8 @@ fn a_picture_that_has_converged_is_exact_from_inside_and_in_shadow() {
         Buffer::ALL.map(|b| frame.map(b).expect("a picture").bytes().to_vec())
     };
     // Far, and so near that cells around the eye are missing.
-    for (eye, at) in [(DVec3::new(2.4, 0.6, 0.5), DVec3::ZERO), (DVec3::new(0.9, 0.3, 0.2), DVec3::new(0.0, 0.4, 0.0))] {
+    for (eye, at) in [(DVec3::new(2.4, 0.6, 0.5), DVec3::ZERO), (DVec3::new(0.9, 0.3, 0.2), DVec3::new(0.0, 0.4, 0.0))]
+    {
         let camera = Camera::Perspective { eye, at, up: DVec3::Z, fov_y_degrees: 60.0 };
         let pictures = [false, true].map(|is_cold| picture(&camera, is_cold));
         for buffer in Buffer::ALL {
@@ -471,7 +484,12 @@ fn what_a_resting_frame_uses_stays() {
         assert!(since.len() > 5, "nobody presses: {}", since.len());
         let again: Vec<_> = since.iter().filter(|at| used.contains(at)).collect();
         // A frame that was made coarser used less since.
-        assert!(!is_calm || again.is_empty(), "round {round}: {} of {} blocks were read again", again.len(), used.len());
+        assert!(
+            !is_calm || again.is_empty(),
+            "round {round}: {} of {} blocks were read again",
+            again.len(),
+            used.len()
+        );
         // Others rest: the same view, once more, and yet once more.
         let mut before = reads();
         for _ in 0..3 {

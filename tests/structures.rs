@@ -1,5 +1,5 @@
-//! What all structures have to have in common: the same answers of the same triangles, and packets and streams that answer as single walks
-//! do, whatever is in memory.
+//! What all structures have to have in common: the same answers of the same triangles, and packets and streams that
+//! answer as single walks do, whatever is in memory.
 
 mod common;
 
@@ -83,9 +83,11 @@ struct Cold {
 
 impl Cold {
     fn of(built: &Built) -> Self {
-        let file = Arc::new(ModelFile::open(Arc::new(FileSource::open(&built.path).expect("a file"))).expect("a model"));
+        let file =
+            Arc::new(ModelFile::open(Arc::new(FileSource::open(&built.path).expect("a file"))).expect("a model"));
         let opened = open::open(&file).expect("trees");
-        let blocks = ModelBlocks::new(Arc::clone(&file), opened.decoder, &Residency::with_budget(u64::MAX)).expect("any budget");
+        let blocks =
+            ModelBlocks::new(Arc::clone(&file), opened.decoder, &Residency::with_budget(u64::MAX)).expect("any budget");
         Self { tree: opened.trees[0], file, blocks }
     }
 
@@ -162,7 +164,11 @@ fn packets_go_on_where_they_were_put_down() {
             for lane in 0..PACKET {
                 let (got, is_active) = (walk.best(lane), active >> lane & 1 == 1);
                 assert_eq!(got.is_hit(), is_active && any[lane], "{i}, {lane}");
-                assert!(is_any || !is_active || bits(&got) == bits(&expected[lane]), "{i}, {lane}: {got:?}, {:?}", expected[lane]);
+                assert!(
+                    is_any || !is_active || bits(&got) == bits(&expected[lane]),
+                    "{i}, {lane}: {got:?}, {:?}",
+                    expected[lane]
+                );
                 assert_eq!(walk.found() >> lane & 1 == 1, got.is_hit());
             }
             // What was walked is not walked again: each index block is looked at once for each ray.
@@ -213,8 +219,8 @@ fn streams_tell_what_they_lack() {
     assert!(some_left > 5, "{some_left}");
 }
 
-/// Cells of a plane have no area seen from within it, and rays of no width cover none: still only triangles answer them, alone, beside wide rays, and
-/// whether blocks are waited for or not.
+/// Cells of a plane have no area seen from within it, and rays of no width cover none: still only triangles answer
+/// them, alone, beside wide rays, and whether blocks are waited for or not.
 fn rays_of_no_width_meet_triangles_only() {
     let state = state(&built::parts(&[Part::white(1, scenes::plane_grid(40, 0.0))]));
     let ray = |i: usize, width: f32| {
@@ -222,10 +228,12 @@ fn rays_of_no_width_meet_triangles_only() {
         Ray { cone: Cone { a: width, b: 0.0 }, ..Ray::new(DVec3::new(-3.0, y, height), Vec3::X) }
     };
     let thin: Vec<Ray> = (0..400).map(|i| ray(i, 0.0)).collect();
-    let expected: Vec<Hit> = thin.iter().map(|ray| ask(&state, std::slice::from_ref(ray), QueryOptions::default())[0]).collect();
+    let expected: Vec<Hit> =
+        thin.iter().map(|ray| ask(&state, std::slice::from_ref(ray), QueryOptions::default())[0]).collect();
     assert!(expected.iter().all(|hit| matches!(hit.kind, HitKind::Miss | HitKind::Exact)));
     for every in [2, 3, 20] {
-        let mixed: Vec<Ray> = thin.iter().enumerate().map(|(i, thin)| if i % every == 0 { ray(i, 2.0) } else { *thin }).collect();
+        let mixed: Vec<Ray> =
+            thin.iter().enumerate().map(|(i, thin)| if i % every == 0 { ray(i, 2.0) } else { *thin }).collect();
         for coherent in [false, true] {
             for policy in [Policy::Exact, Policy::Now] {
                 let hits = ask(&state, &mixed, QueryOptions { coherent, policy, ..QueryOptions::default() });

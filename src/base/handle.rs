@@ -1,7 +1,8 @@
-//! The handle under all jobs: how a job has ended, the threads that wait for its end, and the function that is called then.
+//! The handle under all jobs: how a job has ended, the threads that wait for its end, and the function that is called
+//! then.
 //!
-//! Each [`Job`](crate::base::tasks::Job) has a handle, so that a batch of rays has the one of its job; prefetches, builds and
-//! loads have their own. A frame ends once for each request, so it has only a [`Waker`].
+//! Each [`Job`](crate::base::tasks::Job) has a handle, so that a batch of rays has the one of its job; prefetches,
+//! builds and loads have their own. A frame ends once for each request, so it has only a [`Waker`].
 
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -114,8 +115,8 @@ impl<E: Clone, S> Handle<E, S> {
         self.lock().end.clone()
     }
 
-    /// Ends the job: wakes the threads that wait, then calls the wake function in this thread. Only the first call has an
-    /// effect.
+    /// Ends the job: wakes the threads that wait, then calls the wake function in this thread. Only the first call has
+    /// an effect.
     pub fn end(&self, end: E) {
         let wake = {
             let mut core = self.lock();
@@ -132,8 +133,8 @@ impl<E: Clone, S> Handle<E, S> {
         }
     }
 
-    /// Has `wake` called once, when the job ends, in the thread that ends it; if the job has ended, at once in this one. Never
-    /// under a lock. Replaces an earlier function; `None`: no function.
+    /// Has `wake` called once, when the job ends, in the thread that ends it; if the job has ended, at once in this
+    /// one. Never under a lock. Replaces an earlier function; `None`: no function.
     pub fn set_wake(&self, wake: Option<WakeFn>) {
         let mut core = self.lock();
         if core.end.is_none() {
@@ -151,14 +152,15 @@ impl<E: Clone, S> Handle<E, S> {
         self.changed.notify_all();
     }
 
-    /// Waits until the job has ended and a wake function that another thread calls has returned, `timeout` at most. Returns how the job has ended, or `None`
-    /// after that time. So the owner may free whatever the wake function refers to when a wait has said that the job has ended.
+    /// Waits until the job has ended and a wake function that another thread calls has returned, `timeout` at most.
+    /// Returns how the job has ended, or `None` after that time. So the owner may free whatever the wake function
+    /// refers to when a wait has said that the job has ended.
     pub fn wait(&self, timeout: Duration) -> Option<E> {
         self.wait_working(timeout, |_| None, |(), _| {})
     }
 
-    /// [`Handle::wait`] of a thread that works meanwhile: `todo` gives a piece of work, if there is any, under the lock, and
-    /// `work` works on it, for the given time at most.
+    /// [`Handle::wait`] of a thread that works meanwhile: `todo` gives a piece of work, if there is any, under the
+    /// lock, and `work` works on it, for the given time at most.
     pub fn wait_working<T>(
         &self,
         timeout: Duration,
@@ -196,7 +198,8 @@ struct Call<'a, E: Clone, S> {
 
 impl<E: Clone, S> Drop for Call<'_, E, S> {
     fn drop(&mut self) {
-        // Before the call counts as returned: the function may own the job, and a thread that waits may then free whatever it refers to.
+        // Before the call counts as returned: the function may own the job, and a thread that waits may then free
+        // whatever it refers to.
         self.wake = None;
         self.handle.lock().waker.returned();
         self.handle.changed.notify_all();

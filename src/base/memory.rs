@@ -1,4 +1,5 @@
-//! Memory of which the caller, or a model, says the size: where the system has none, that is an error, and does not end the process.
+//! Memory of which the caller, or a model, says the size: where the system has none, that is an error, and does not end
+//! the process.
 
 use super::error::{Error, Result};
 use bytemuck::{Zeroable, allocation::try_zeroed_slice_box};
@@ -26,7 +27,8 @@ mod tests {
 
     #[test]
     fn what_the_system_does_not_have_is_an_error() {
-        for error in [zeroed::<u64>(1 << 58, "a picture").unwrap_err(), room::<u64>(1 << 58, "a picture").unwrap_err()] {
+        for error in [zeroed::<u64>(1 << 58, "a picture").unwrap_err(), room::<u64>(1 << 58, "a picture").unwrap_err()]
+        {
             assert_eq!(error.to_string(), "a picture: the system gives no 2305843009213693952 bytes of memory");
         }
         assert!(zeroed::<u64>(usize::MAX, "x").is_err() && room::<u64>(usize::MAX, "x").is_err());

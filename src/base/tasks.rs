@@ -105,7 +105,8 @@ fn working(work: impl FnOnce()) {
     serve_left();
 }
 
-/// Outside of all items, has the work served that tasks left inside of them. (Not from inside `submit`: whoever serves there goes on until nothing is open.)
+/// Outside of all items, has the work served that tasks left inside of them. (Not from inside `submit`: whoever serves
+/// there goes on until nothing is open.)
 fn serve_left() {
     if !WORKING.get() && !SUBMITTING.get() {
         // A thread that ends has none any more.
@@ -212,13 +213,8 @@ impl Pool {
     /// `around` wraps the work of every thread. Fails if a thread cannot be started.
     pub fn new(threads: usize, executor: Option<Arc<dyn Executor>>, around: Around) -> Result<Self> {
         let threads = if executor.is_some() { 0 } else { threads };
-        let shared = Arc::new(Shared {
-            queue: Mutex::default(),
-            work_there: Condvar::new(),
-            executor,
-            around,
-            threads,
-        });
+        let shared =
+            Arc::new(Shared { queue: Mutex::default(), work_there: Condvar::new(), executor, around, threads });
         let mut pool = Self { shared, threads: Vec::new() };
         for i in 0..threads {
             let shared = Arc::clone(&pool.shared);
@@ -249,22 +245,22 @@ impl Pool {
 
     /// Runs a job to its end, and returns how it ended: the only way to work on borrowed data.
     ///
-    /// The caller works too, in place of one of the threads: to wake a thread, and to be woken by it, takes longer than small work
-    /// does.
+    /// The caller works too, in place of one of the threads: to wake a thread, and to be woken by it, takes longer than
+    /// small work does.
     pub fn run_scoped(&self, items: usize, work: &dyn Work) -> Ending {
         if items <= 1 {
             return self.run_here(items, work);
         }
         // SAFETY: only the lifetime changes. The pointer is followed only until the job's ending is
         // set (`WorkRef::get`), and nobody leaves before that: neither by returning, nor by unwinding (`Ended`).
-        let work: *const (dyn Work + 'static) = unsafe {
-            std::mem::transmute::<*const (dyn Work + '_), *const (dyn Work + 'static)>(work)
-        };
+        let work: *const (dyn Work + 'static) =
+            unsafe { std::mem::transmute::<*const (dyn Work + '_), *const (dyn Work + 'static)>(work) };
         let job = Ended(self.begin(items, WorkRef::Scoped(ScopedWork(work))));
         job.0.wait_to_the_end()
     }
 
-    /// Does something small in the caller's thread, set up as a worker's is; it must not wait for work. A panic becomes an error.
+    /// Does something small in the caller's thread, set up as a worker's is; it must not wait for work. A panic becomes
+    /// an error.
     pub fn here<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
         let (mut work, mut done) = (Some(work), None);
         (self.shared.around)(&mut || done = work.take().map(caught));
@@ -334,8 +330,8 @@ impl Drop for Pool {
     }
 }
 
-/// A job that has ended when this is gone, even where what waits for it unwinds. (Work's panics are caught; what a panic says may panic again when
-/// it is dropped.)
+/// A job that has ended when this is gone, even where what waits for it unwinds. (Work's panics are caught; what a
+/// panic says may panic again when it is dropped.)
 struct Ended(Job);
 
 impl Drop for Ended {
@@ -365,8 +361,8 @@ impl Job {
         self.inner.handle.ending()
     }
 
-    /// Waits for the end, and for the return of a wake function that another thread calls, `timeout` at most. Works itself
-    /// where the pool has no threads, on scoped work, and inside other work.
+    /// Waits for the end, and for the return of a wake function that another thread calls, `timeout` at most. Works
+    /// itself where the pool has no threads, on scoped work, and inside other work.
     pub fn wait(&self, timeout: Duration) -> Option<Ending> {
         let works = self.shared.threads == 0 || self.inner.work.is_scoped() || WORKING.get();
         let todo = |state: &State| (works && state.round.has_items()).then(|| Arc::clone(&state.round));

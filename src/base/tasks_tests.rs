@@ -307,9 +307,7 @@ fn a_long_job_does_not_hold_up_a_short_one() {
     let pool = pool(1);
     let stop = Arc::new(AtomicBool::new(false));
     let seen = Arc::clone(&stop);
-    let long = Count::new(usize::MAX / 2, 1, move |_| {
-        if seen.load(SeqCst) { Err(Error::Cancelled) } else { Ok(()) }
-    });
+    let long = Count::new(usize::MAX / 2, 1, move |_| if seen.load(SeqCst) { Err(Error::Cancelled) } else { Ok(()) });
     let long_job = pool.submit(usize::MAX / 2, long);
     let short = Count::new(100, 1, |_| Ok(()));
     assert!(matches!(pool.submit(100, short).wait(LONG), Some(Ending::Finished)));
@@ -351,7 +349,8 @@ thread_local! {
     static HOLDS: Cell<bool> = const { Cell::new(false) };
 }
 
-/// A host's thread that works on one thing and hands in a task, which is run at once, does no other work in the middle of that, and none is forgotten.
+/// A host's thread that works on one thing and hands in a task, which is run at once, does no other work in the middle
+/// of that, and none is forgotten.
 #[test]
 fn what_is_handed_in_inside_an_item_is_done_after_it() {
     let pool = Arc::new(Pool::new(0, Some(Arc::new(Inline)), plain).unwrap());

@@ -1,5 +1,5 @@
-//! Working memory that is used again. It lies in places that threads look at from different ones on: mostly none waits for another, nor writes where
-//! another reads.
+//! Working memory that is used again. It lies in places that threads look at from different ones on: mostly none waits
+//! for another, nor writes where another reads.
 
 use std::any::Any;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};

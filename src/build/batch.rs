@@ -72,11 +72,7 @@ pub struct Extent {
 }
 
 /// Codes batches in parallel and writes them in order; where each went.
-pub fn write(
-    batches: &[&Batch],
-    to: &Scratch,
-    par: &crate::structure::Par,
-) -> Result<Vec<Extent>> {
+pub fn write(batches: &[&Batch], to: &Scratch, par: &crate::structure::Par) -> Result<Vec<Extent>> {
     let coded = par.map(batches.len(), |i| coding::encode(batches[i]));
     let mut extents = Vec::with_capacity(batches.len());
     for (batch, bytes) in batches.iter().zip(coded) {

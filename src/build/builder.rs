@@ -136,7 +136,8 @@ impl Builder {
             *mesh = Spool::new(0);
         }
         if meshes > 0 {
-            self.notes.push(format!("{meshes} shared meshes are placed nowhere: their {triangles} triangles are left out"));
+            self.notes
+                .push(format!("{meshes} shared meshes are placed nowhere: their {triangles} triangles are left out"));
         }
     }
 
@@ -163,13 +164,15 @@ impl Builder {
     }
 }
 
-/// Whether the system has the memory that the tree of so many triangles (trees are built one after the other) mostly takes beside what is `in_memory`, up to three
-/// quarters of what that leaves of the budget (0: no limit), which holds other things too: asked for and given back. Later it would be missed by what has no way to
-/// say so. (A build of a million from memory held 75 bytes a triangle beside its 44 of input.)
+/// Whether the system has the memory that the tree of so many triangles (trees are built one after the other) mostly
+/// takes beside what is `in_memory`, up to three quarters of what that leaves of the budget (0: no limit), which holds
+/// other things too: asked for and given back. Later it would be missed by what has no way to say so. (A build of a
+/// million from memory held 75 bytes a triangle beside its 44 of input.)
 fn see_room(triangles: u64, in_memory: u64, budget: u64) -> Result<()> {
     let bytes = (16 << 20) + triangles.saturating_mul(64);
     let bytes = if budget == 0 { bytes } else { bytes.min(budget.saturating_sub(in_memory) / 4 * 3) };
-    memory::room::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), &format!("a tree of {triangles} triangles")).map(drop)
+    memory::room::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), &format!("a tree of {triangles} triangles"))
+        .map(drop)
 }
 
 /// Runs `work` with as many threads as asked for: with one, in the calling thread and no other.

@@ -1,9 +1,9 @@
 //! One mesh: placed, built in one chunk or several, its blocks written.
 
 use super::BuildOptions;
+use super::batch::Batch;
 use super::builder::asked_for_splits;
 use super::distribute::{Bucket, Distributor};
-use super::batch::Batch;
 use super::origin::{self, FAR, Placed};
 use super::output::{ClassAside, Output, Span};
 use super::parts::{self, Assembly};
@@ -170,7 +170,8 @@ impl Output<'_> {
             let part = |done: u64| 0.25 + 0.7 * done as f64 / found.fates.kept as f64;
             let here = span.part(part(done), part(done + bucket.triangles));
             done += bucket.triangles;
-            let (top, its_bounds) = self.chunk::<B>(bucket, &buckets_in, &part_colours, (split, mesh_half_area), &mut aside, here)?;
+            let (top, its_bounds) =
+                self.chunk::<B>(bucket, &buckets_in, &part_colours, (split, mesh_half_area), &mut aside, here)?;
             tops.push(top);
             bounds = bounds.union(its_bounds);
         }
@@ -210,8 +211,8 @@ impl Output<'_> {
         Ok((top, built.bounds))
     }
 
-    /// Writes the coarse blocks, and says in `row` how many blocks of each class the tree has where chunks have so many plans: a plan has a
-    /// block of each class but the first.
+    /// Writes the coarse blocks, and says in `row` how many blocks of each class the tree has where chunks have so many
+    /// plans: a plan has a block of each class but the first.
     fn coarse<B: Baker>(&mut self, crown: &B::Crown, plans: usize, row: &mut TreeRow) -> Result<()> {
         let coarse = B::coarse_blocks(crown);
         row.class_blocks[..B::CLASSES].fill(plans as u32);

@@ -6,13 +6,13 @@
 //!    without area are counted and left out;
 //! 3. **distribute** (`survey`, `regions`, `distribute`), of meshes that do not fit: into chunks of triangles
 //!    that are near each other, each of which fits;
-//! 4. **build** (`mesh`): the structure's baker (`structure::bake`) makes of each chunk a tree and its blocks, which are
-//!    put aside; the top of that tree stays, and is joined to the coarse blocks of the mesh;
+//! 4. **build** (`mesh`): the structure's baker (`structure::bake`) makes of each chunk a tree and its blocks, which
+//!    are put aside; the top of that tree stays, and is joined to the coarse blocks of the mesh;
 //! 5. **write** (`output`): coarse blocks, then those of each further class; encoded in parallel, written in order;
 //! 6. **seal** (`seal`): ids, colours, tables, checksums, sync, rename.
 //!
-//! A mesh that fits is one chunk, of which only blocks of the last class are put aside. What a budget is spent on is in `shares`: the chunks,
-//! and so the bytes of the file, depend on it and never on the number of threads.
+//! A mesh that fits is one chunk, of which only blocks of the last class are put aside. What a budget is spent on is in
+//! `shares`: the chunks, and so the bytes of the file, depend on it and never on the number of threads.
 #![forbid(unsafe_code)]
 
 mod batch;
@@ -30,8 +30,8 @@ mod shares;
 mod spool;
 mod survey;
 
-pub use builder::Builder;
 pub use crate::structure::Structure;
+pub use builder::Builder;
 pub use report::{BuildReport, PhaseSeconds};
 
 use crate::import::UpAxis;
@@ -68,9 +68,9 @@ impl Splits {
 pub struct BuildOptions {
     /// What to build.
     pub structure: Structure,
-    /// Bytes of memory that the build may use, at least 32 MiB; 0 for no limit. Default 0. Triangles that do not
-    /// fit go through temporaries, about 20 bytes each, up to 80 where they are split, and their tree is built in chunks: files of different
-    /// budgets hold the same triangles in somewhat different trees.
+    /// Bytes of memory that the build may use, at least 32 MiB; 0 for no limit. Default 0. Triangles that do not fit go
+    /// through temporaries, about 20 bytes each, up to 80 where they are split, and their tree is built in chunks:
+    /// files of different budgets hold the same triangles in somewhat different trees.
     pub memory_budget: u64,
     /// Threads; 0 for as many as the machine has, 1 to stay wholly in the calling thread. Default 0.
     /// The file does not depend on it.

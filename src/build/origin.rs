@@ -33,7 +33,8 @@ pub struct Placed {
 /// range of single precision.
 pub const FAR: f32 = 1e15;
 
-/// Whether a triangle is out of range around any origin: it has no say in where that is, or one corner astray would cost all others.
+/// Whether a triangle is out of range around any origin: it has no say in where that is, or one corner astray would
+/// cost all others.
 pub fn is_too_large(corners: &[DVec3; 3]) -> bool {
     let [a, b, c] = *corners;
     // Halves, for the difference of two finite numbers may not be one.
@@ -129,7 +130,14 @@ pub fn load(extents: &[Extent], from: &Scratch, has_colours: bool, par: &Par, ca
 }
 
 /// What is kept of all batches, around `origin`.
-fn gather(batches: Vec<Taken>, scratch: Option<&Scratch>, origin: DVec3, has_colours: bool, par: &Par, cancel: &Cancel) -> Result<Placed> {
+fn gather(
+    batches: Vec<Taken>,
+    scratch: Option<&Scratch>,
+    origin: DVec3,
+    has_colours: bool,
+    par: &Par,
+    cancel: &Cancel,
+) -> Result<Placed> {
     let counts: Vec<usize> = batches.iter().map(Taken::len).collect();
     // With room for all: mostly all are kept.
     let mut all = Placed::of(counts.iter().sum(), origin, has_colours)?;
@@ -157,7 +165,8 @@ impl Placed {
         })
     }
 
-    /// Closes up behind those that are kept, of batches of so many. (One thread, a copy of what is behind the first that goes; mostly none does.)
+    /// Closes up behind those that are kept, of batches of so many. (One thread, a copy of what is behind the first
+    /// that goes; mostly none does.)
     fn close_gaps(&mut self, counts: &[usize], fates: &[Fates]) {
         fn keep<T: Copy>(all: &mut Vec<T>, spans: &[(usize, usize)]) {
             if all.is_empty() {
@@ -229,7 +238,8 @@ mod tests {
     use super::super::batch::BATCH;
     use super::*;
 
-    /// Triangles that go leave no gaps: of batches of which some, none or all stay, in pieces and whole; with colours and without.
+    /// Triangles that go leave no gaps: of batches of which some, none or all stay, in pieces and whole; with colours
+    /// and without.
     #[test]
     fn what_stays_is_in_order_without_gaps() {
         let stays = |i: usize| match i / BATCH {
@@ -248,13 +258,28 @@ mod tests {
             }
             let placed = place(spool, None, &Par { threads }, &Cancel::new()).expect("in memory");
             let expected: Vec<usize> = (0..count).filter(|i| stays(*i)).collect();
-            assert_eq!((placed.fates.kept, placed.fates.degenerate), (expected.len() as u64, (count - expected.len()) as u64));
+            assert_eq!(
+                (placed.fates.kept, placed.fates.degenerate),
+                (expected.len() as u64, (count - expected.len()) as u64)
+            );
             assert!(placed.prims.iter().map(|prim| *prim as usize).eq(expected.iter().copied()));
             assert!(placed.parts.iter().zip(&expected).all(|(part, i)| *part == *i as u32 % 5));
-            assert!(placed.triangles.iter().zip(&expected).all(|(t, i)| t[0].x - placed.triangles[0][0].x == (i % 1000) as f32));
+            assert!(
+                placed
+                    .triangles
+                    .iter()
+                    .zip(&expected)
+                    .all(|(t, i)| t[0].x - placed.triangles[0][0].x == (i % 1000) as f32)
+            );
             assert_eq!((placed.triangles.len(), placed.parts.len()), (expected.len(), expected.len()));
             assert_eq!(placed.colours.len(), if coloured { expected.len() } else { 0 });
-            assert!(placed.colours.iter().zip(&expected).all(|(c, i)| *c == [*i as u8, (i >> 8) as u8, (i >> 16) as u8, 255]));
+            assert!(
+                placed
+                    .colours
+                    .iter()
+                    .zip(&expected)
+                    .all(|(c, i)| *c == [*i as u8, (i >> 8) as u8, (i >> 16) as u8, 255])
+            );
         }
     }
 

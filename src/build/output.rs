@@ -81,24 +81,36 @@ impl Output<'_> {
         ClassAside { geometry: aside(), prims: aside(), colours: aside() }
     }
 
-    /// Encodes the blocks of each of `all`; writes the first block of each, and behind all of them the others, class by class.
-    pub fn write_blocks<P: Send>(&mut self, all: Vec<P>, blocks: impl Fn(P) -> Vec<BakedBlock> + Sync, span: Span) -> Result<()> {
+    /// Encodes the blocks of each of `all`; writes the first block of each, and behind all of them the others, class by
+    /// class.
+    pub fn write_blocks<P: Send>(
+        &mut self,
+        all: Vec<P>,
+        blocks: impl Fn(P) -> Vec<BakedBlock> + Sync,
+        span: Span,
+    ) -> Result<()> {
         let mut later: Vec<ClassAside> = Vec::new();
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(all, &par, cancel, |one| encode(blocks(one), has_colours), |encoded, done| {
-            for (class, block) in encoded.into_iter().enumerate() {
-                if class > later.len() {
-                    later.push(self.aside());
+        each_batch(
+            all,
+            &par,
+            cancel,
+            |one| encode(blocks(one), has_colours),
+            |encoded, done| {
+                for (class, block) in encoded.into_iter().enumerate() {
+                    if class > later.len() {
+                        later.push(self.aside());
+                    }
+                    match class.checked_sub(1) {
+                        Some(class) => later[class].push(block, &mut self.report)?,
+                        None => self.write(block)?,
+                    }
                 }
-                match class.checked_sub(1) {
-                    Some(class) => later[class].push(block, &mut self.report)?,
-                    None => self.write(block)?,
-                }
-            }
-            progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
-            progress.advance(span.part(done, 1.0).0);
-            Ok(())
-        })?;
+                progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
+                progress.advance(span.part(done, 1.0).0);
+                Ok(())
+            },
+        )?;
         later.into_iter().try_for_each(|class| self.write_aside(class))
     }
 
@@ -118,11 +130,17 @@ impl Output<'_> {
         span: Span,
     ) -> Result<()> {
         let (has_colours, par, progress, cancel) = (self.has_colours, self.par, self.progress, self.cancel);
-        each_batch(all, &par, cancel, |one| encode(blocks(one), has_colours), |encoded, done| {
-            classes.iter_mut().zip(encoded).try_for_each(|(class, block)| class.push(block, &mut self.report))?;
-            progress.advance(span.part(done, 1.0).0);
-            Ok(())
-        })
+        each_batch(
+            all,
+            &par,
+            cancel,
+            |one| encode(blocks(one), has_colours),
+            |encoded, done| {
+                classes.iter_mut().zip(encoded).try_for_each(|(class, block)| class.push(block, &mut self.report))?;
+                progress.advance(span.part(done, 1.0).0);
+                Ok(())
+            },
+        )
     }
 
     /// Writes what was put aside.
@@ -134,8 +152,8 @@ impl Output<'_> {
     }
 }
 
-/// Makes something of each of `all` in parallel and takes that in order, each batch while the next is made. `take` hears what
-/// share of them it has then.
+/// Makes something of each of `all` in parallel and takes that in order, each batch while the next is made. `take`
+/// hears what share of them it has then.
 fn each_batch<P: Send, T: Send>(
     all: Vec<P>,
     par: &Par,

@@ -14,7 +14,8 @@ pub struct Assembly {
     pub instances: Vec<InstanceRow>,
 }
 
-/// Triangles of a piece of work, and pieces whose counts wait to be added up: where neighbours are all of different parts, counts take more memory than triangles.
+/// Triangles of a piece of work, and pieces whose counts wait to be added up: where neighbours are all of different
+/// parts, counts take more memory than triangles.
 const CHUNK: usize = 1 << 16;
 const TOGETHER: usize = 16;
 
@@ -107,7 +108,8 @@ mod tests {
         let at = |i: usize| Vec3::new((i % 977) as f32, (i % 13) as f32 - 6.0, (i / 1000) as f32);
         let triangles: Vec<[Vec3; 3]> = (0..count).map(|i| [at(i), at(i + 1), -at(i / 7)]).collect();
         // Runs of a part, and triangles each of another.
-        let parts: Vec<u32> = (0..count).map(|i| if i % 5000 < 4000 { (i / 5000) as u32 } else { i as u32 % 7 }).collect();
+        let parts: Vec<u32> =
+            (0..count).map(|i| if i % 5000 < 4000 { (i / 5000) as u32 } else { i as u32 % 7 }).collect();
         let expected = count_chunk(&triangles, &parts);
         for threads in [1, 2] {
             let found = super::count(&triangles, &parts, &Par { threads });

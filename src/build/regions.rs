@@ -68,11 +68,8 @@ fn plane(cells: Cells, histogram: &[u32]) -> Option<(usize, usize)> {
                 _ => continue,
             };
             let uneven = 4 * a.min(b) < total;
-            let cost = if uneven {
-                a.max(b) as f64
-            } else {
-                left.half_area() * a as f64 + right.half_area() * b as f64
-            };
+            let cost =
+                if uneven { a.max(b) as f64 } else { left.half_area() * a as f64 + right.half_area() * b as f64 };
             if best.is_none_or(|(least, _)| (uneven, cost) < least) {
                 best = Some(((uneven, cost), (axis, cells.low[axis] + at)));
             }
@@ -143,7 +140,8 @@ mod tests {
         assert_eq!(checked(&one, 100).counts, [1_000_000]);
         one[78] = 3;
         assert_eq!(checked(&one, 100).counts.len(), 2);
-        let line: Vec<u32> = (0..SIDE * SIDE * SIDE).map(|i| if i % (SIDE * SIDE + SIDE + 1) == 0 { 50 } else { 0 }).collect();
+        let line: Vec<u32> =
+            (0..SIDE * SIDE * SIDE).map(|i| if i % (SIDE * SIDE + SIDE + 1) == 0 { 50 } else { 0 }).collect();
         checked(&line, 100);
         checked(&line, 1);
         assert!(divide(&[0; SIDE * SIDE * SIDE], 5).counts.is_empty());

@@ -1,8 +1,8 @@
 //! Triangles of one mesh as they arrive, without loss: single precision where that is exact. In memory up to
 //! a limit over all meshes, coded in a scratch file beyond it.
 
-use super::origin;
 use super::batch::{self, BATCH, Batch, Extent, Positions};
+use super::origin;
 use crate::base::error::{Error, Result};
 use crate::base::scratch::Scratch;
 use crate::math::DBounds;
@@ -59,9 +59,10 @@ impl Spool {
             self.is_single &= exact;
         }
         self.triangles += 1;
-        let room = self.kept.last().is_some_and(|c| {
-            c.parts.len() < BATCH && matches!(c.positions, Positions::Single(_)) == exact
-        });
+        let room = self
+            .kept
+            .last()
+            .is_some_and(|c| c.parts.len() < BATCH && matches!(c.positions, Positions::Single(_)) == exact);
         if !room {
             self.full = self.bytes();
             self.kept.push(self.next_batch(exact));

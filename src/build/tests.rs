@@ -5,10 +5,10 @@ use crate::base::ids::BlockId;
 use crate::base::progress::{Cancel, Progress};
 use crate::geom::watertight::{Shear, intersect_one};
 use crate::import::{MeshKey, PartDesc, Sink};
+use crate::math::{PACKET, STREAM, first_rays};
 use crate::residency::{ModelBlocks, Residency};
 use crate::simd::Isa;
 use crate::store::ModelFile;
-use crate::math::{PACKET, STREAM, first_rays};
 use crate::structure::open::{self, StoredTree};
 use crate::structure::{LocalRay, Outcome, PacketWalk, Stream, Tree, TriHit, Visit, Walk};
 use glam::{DVec3, Vec3};
@@ -156,7 +156,10 @@ fn packets_agree(view: &Tree) {
 
 /// What there is to be seen of a hit: which of a triangle's references was met is a matter of who visits what.
 fn seen(view: &Tree, hit: &TriHit) -> ([u32; 3], Option<u32>) {
-    ([hit.t, hit.u, hit.v].map(f32::to_bits), hit.is_hit().then(|| view.prim(hit).expect("all blocks are here").expect("an id")))
+    (
+        [hit.t, hit.u, hit.v].map(f32::to_bits),
+        hit.is_hit().then(|| view.prim(hit).expect("all blocks are here").expect("an id")),
+    )
 }
 
 /// Streams of all lengths: the bits of each ray alone.
@@ -209,7 +212,9 @@ fn splits_change_no_hit() {
 fn the_file_does_not_depend_on_threads() {
     let triangles = soup(30_000, 0.05, 0.0);
     for structure in Structure::ALL {
-        let file = |threads, splits| build(&triangles, BuildOptions { threads, splits, structure, ..BuildOptions::default() }).2;
+        let file = |threads, splits| {
+            build(&triangles, BuildOptions { threads, splits, structure, ..BuildOptions::default() }).2
+        };
         assert!(file(1, Splits::Off) == file(2, Splits::Off));
         assert!(file(1, Splits::On) == file(3, Splits::On));
     }

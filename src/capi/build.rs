@@ -89,9 +89,11 @@ pub struct oc_build_desc {
     pub struct_size: u32,
     /// An OC_STRUCTURE_ number.
     pub structure: oc_structure,
-    /// Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no limit.
+    /// Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no
+    /// limit.
     pub memory_budget: u64,
-    /// The folder of temporary files; NULL: the system's (`TMPDIR`, where that is set). Not looked at before the first is written.
+    /// The folder of temporary files; NULL: the system's (`TMPDIR`, where that is set). Not looked at before the first
+    /// is written.
     pub temp_dir: *const c_char,
     /// Length unit, in place of what the input says. 0: as the input says.
     pub metres_per_unit: f64,
@@ -99,8 +101,8 @@ pub struct oc_build_desc {
     pub up: u32,
     /// An OC_SPLITS_ number.
     pub splits: oc_splits,
-    /// Threads, up to 4096; the build starts its own. 0: as many as the context has; OC_ALL_THREADS: one for each core. In a context
-    /// without threads of its own a build has the one thread that does it. The file does not depend on it.
+    /// Threads, up to 4096; the build starts its own. 0: as many as the context has; OC_ALL_THREADS: one for each core.
+    /// In a context without threads of its own a build has the one thread that does it. The file does not depend on it.
     pub threads: u32,
     /// Must be 0.
     pub reserved: u32,
@@ -206,9 +208,9 @@ pub unsafe extern "C" fn oc_build_add_file(build: *mut oc_build, path: *const c_
     })
 }
 
-/// Begins to make the file at `path`, in the background: in a thread that is started for it, one task of the executor, or,
-/// where the context has neither threads nor an executor, inside oc_job_wait or oc_context_step. Nothing can be added any more, also
-/// if OC_STATUS_IO says that the thread could not be started.
+/// Begins to make the file at `path`, in the background: in a thread that is started for it, one task of the executor,
+/// or, where the context has neither threads nor an executor, inside oc_job_wait or oc_context_step. Nothing can be
+/// added any more, also if OC_STATUS_IO says that the thread could not be started.
 ///
 /// The file appears under its name when the job is done; until then what was there stays. If the job fails or is
 /// cancelled no temporary is left.

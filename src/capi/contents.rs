@@ -167,11 +167,7 @@ impl Input {
 /// # Safety
 /// Live handle; `out_mesh` writable.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_build_add_shared_mesh(
-    build: *mut oc_build,
-    parts: u32,
-    out_mesh: *mut u32,
-) -> oc_status {
+pub unsafe extern "C" fn oc_build_add_shared_mesh(build: *mut oc_build, parts: u32, out_mesh: *mut u32) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let out = out(out_mesh, "out_mesh")?;

@@ -3,7 +3,7 @@
 use super::background::{Product, Task, WaitersWork};
 use super::guard::{Checked, Failure, Sized32, bad, boundary, out, read, read_or_default};
 use super::handles::{self, Shell, handle};
-use super::job::{oc_job, give_job};
+use super::job::{give_job, oc_job};
 use super::status::oc_status;
 use super::version::{OC_HEADER_VERSION, OC_VERSION_PATCH};
 use crate::base::error::{Error, Result};
@@ -33,19 +33,17 @@ pub const OC_LOG_DEBUG: oc_log_level = 4;
 /// Takes a log line: called from any thread, never under a lock of the library's; must not unwind.
 /// `message` is valid during the call.
 // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
-pub type oc_log_fn =
-    Option<unsafe extern "C" fn(user: *mut c_void, level: oc_log_level, message: *const c_char)>;
+pub type oc_log_fn = Option<unsafe extern "C" fn(user: *mut c_void, level: oc_log_level, message: *const c_char)>;
 
 /// A piece of work for the host's threads: call it once with the `task` that came with it.
 // SAFETY, for who calls it: the library's own function; the task that came with it, and once.
 pub type oc_run_fn = Option<unsafe extern "C" fn(task: *mut c_void)>;
 
-/// Takes a piece of work: `run(task)` must be called exactly once, soon, from any thread, also at once
-/// from inside this call: then calls that begin work in the background return when that is done. Called from any thread of the host, never under a lock of the
-/// library's.
+/// Takes a piece of work: `run(task)` must be called exactly once, soon, from any thread, also at once from inside this
+/// call: then calls that begin work in the background return when that is done. Called from any thread of the host,
+/// never under a lock of the library's.
 // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
-pub type oc_submit_fn =
-    Option<unsafe extern "C" fn(user: *mut c_void, run: oc_run_fn, task: *mut c_void)>;
+pub type oc_submit_fn = Option<unsafe extern "C" fn(user: *mut c_void, run: oc_run_fn, task: *mut c_void)>;
 
 /// The host's own threads: a context that has them never starts a thread of its own.
 #[repr(C)]
@@ -80,8 +78,8 @@ pub const OC_INSTRUCTION_SET_AVX512: oc_instruction_set = 3;
 
 /// Flags of oc_context_desc.
 pub type oc_context_flags = u32;
-/// Nothing is read before it is asked for. Without it a model that fits the memory budget is read in the background, all of
-/// it, when nothing more urgent is to be read.
+/// Nothing is read before it is asked for. Without it a model that fits the memory budget is read in the background,
+/// all of it, when nothing more urgent is to be read.
 pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
 
 /// What a context is made with. All zeros: no threads, three quarters of the machine's memory.
@@ -90,16 +88,17 @@ pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
 pub struct oc_context_desc {
     /// Set by OC_INIT.
     pub struct_size: u32,
-    /// Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads and traces by turns: of a
-    /// model that is being read pictures get better more slowly than with a thread, most of all if by oc_context_step.
-    /// OC_ALL_THREADS: one for each core. Ignored with an executor.
+    /// Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads
+    /// and traces by turns: of a model that is being read pictures get better more slowly than with a thread, most of
+    /// all if by oc_context_step. OC_ALL_THREADS: one for each core. Ignored with an executor.
     pub threads: u32,
     /// Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three
     /// quarters of the machine's; more than the machine has is refused. A model may be larger, many times: its coarse
-    /// blocks are read when it is opened, what is used is read then, and what has not been used for longest goes. What has
-    /// to stay is small: tables, the blocks at the roots, and a few megabytes to read with; if not even those fit, opening fails
-    /// with OC_STATUS_OVER_BUDGET and oc_last_error_need names the least budget that would do. Where what frames show does
-    /// not fit they get coarser, evenly; exact queries take longer. Buffers of frames and batches come on top.
+    /// blocks are read when it is opened, what is used is read then, and what has not been used for longest goes. What
+    /// has to stay is small: tables, the blocks at the roots, and a few megabytes to read with; if not even those fit,
+    /// opening fails with OC_STATUS_OVER_BUDGET and oc_last_error_need names the least budget that would do. Where what
+    /// frames show does not fit they get coarser, evenly; exact queries take longer. Buffers of frames and batches come
+    /// on top.
     pub memory_budget: u64,
     /// The host's own threads, or NULL. The struct is copied; its `user` must outlive the context.
     pub executor: *const oc_executor,
@@ -147,9 +146,7 @@ impl ContextObject {
             (None, _) => WaitersWork::Never,
         };
         let context = self.context.clone();
-        let todo = move |task: &Task| {
-            todo(task).inspect_err(|error| context.log(LogLevel::Error, &error.to_string()))
-        };
+        let todo = move |task: &Task| todo(task).inspect_err(|error| context.log(LogLevel::Error, &error.to_string()));
         let task = Task::new(progress, cancel, waiters_work, todo);
         if let Some(host) = &self.host {
             let task = Arc::clone(&task);
@@ -257,7 +254,11 @@ impl HostLog {
 
 /// Whether so many threads may be meant.
 pub(super) fn check_threads(asked: u32, name: &str) -> Checked<()> {
-    if asked <= MOST_THREADS || asked == OC_ALL_THREADS { Ok(()) } else { bad(format!("{name} is {asked}; up to {MOST_THREADS}")) }
+    if asked <= MOST_THREADS || asked == OC_ALL_THREADS {
+        Ok(())
+    } else {
+        bad(format!("{name} is {asked}; up to {MOST_THREADS}"))
+    }
 }
 
 /// More than any machine has: a larger number was not meant.
@@ -286,10 +287,9 @@ unsafe fn host_executor(executor: *const oc_executor) -> super::guard::Checked<O
 /// Makes a context. `header_version` is OC_HEADER_VERSION, so that a program and a library that do not
 /// belong together say so instead of crashing. `desc` may be NULL: all defaults.
 ///
-/// OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set, or has less
-/// memory than the budget;
-/// OC_STATUS_IO if a thread cannot be started.
-/// Ownership: the caller owns a count. Thread safety: any thread. Cheap.
+/// OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set, or
+/// has less memory than the budget; OC_STATUS_IO if a thread cannot be started. Ownership: the caller owns a count.
+/// Thread safety: any thread. Cheap.
 /// # Safety
 /// `desc` is NULL or initialised, and so is its executor; `out_context` writable.
 #[unsafe(no_mangle)]
@@ -356,9 +356,9 @@ fn check_version(header: u32) -> super::guard::Checked<()> {
     )))
 }
 
-/// Does one small piece of waiting work in this thread, if there is any: some tens of microseconds to a few milliseconds of a frame or a
-/// batch of rays, or a whole build or load of a context without threads. `out_did`, which may be NULL,
-/// gets 1 if there was any, else 0.
+/// Does one small piece of waiting work in this thread, if there is any: some tens of microseconds to a few
+/// milliseconds of a frame or a batch of rays, or a whole build or load of a context without threads. `out_did`, which
+/// may be NULL, gets 1 if there was any, else 0.
 ///
 /// Thread safety: any thread. Blocks while it works.
 /// # Safety
@@ -440,8 +440,8 @@ pub unsafe extern "C" fn oc_context_retain(context: *mut oc_context) {
 /// Takes a count back. Objects made from the context keep what they need of it; its threads end with the
 /// last of them. NULL does nothing.
 ///
-/// Thread safety: any thread. Blocks until threads have ended, if nothing else keeps the context any more: a frame or job that was
-/// released while it ran keeps it for a moment longer.
+/// Thread safety: any thread. Blocks until threads have ended, if nothing else keeps the context any more: a frame or
+/// job that was released while it ran keeps it for a moment longer.
 /// # Safety
 /// NULL or a live handle of which the caller owns a count.
 #[unsafe(no_mangle)]

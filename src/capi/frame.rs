@@ -80,8 +80,9 @@ unsafe fn options(desc: *const oc_frame_desc) -> Checked<FrameOptions> {
     Ok(FrameOptions { width, height, outputs, targets })
 }
 
-/// Makes a frame. `desc` may be NULL: all defaults. OC_STATUS_OUT_OF_MEMORY if the system gives none for its buffers. (Most systems give
-/// memory that they have not, as long as nobody writes there: a picture larger than the machine's memory may end the process later.)
+/// Makes a frame. `desc` may be NULL: all defaults. OC_STATUS_OUT_OF_MEMORY if the system gives none for its buffers.
+/// (Most systems give memory that they have not, as long as nobody writes there: a picture larger than the machine's
+/// memory may end the process later.)
 ///
 /// Ownership: the caller owns a count. Thread safety: any thread. Cheap.
 /// # Safety
@@ -137,17 +138,16 @@ impl oc_frame_settings {
 /// Begins a picture of the committed scene, and returns at once. What the frame was rendering is
 /// cancelled and replaced. `settings` may be NULL: all defaults.
 ///
-/// The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be mapped as
-/// soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked for does not fit
-/// the memory budget: then pictures get coarser step by step, everywhere alike, until all that they need does. The request ends
-/// as OC_STATE_DONE when the picture is as exact as asked, as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or
-/// some of it cannot be had (then oc_progress.error is OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is
-/// damaged; the next request asks for it again).
+/// The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be
+/// mapped as soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked
+/// for does not fit the memory budget: then pictures get coarser step by step, everywhere alike, until all that they
+/// need does. The request ends as OC_STATE_DONE when the picture is as exact as asked, as
+/// OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or some of it cannot be had (then oc_progress.error is
+/// OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is damaged; the next request asks for it again).
 ///
-/// OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number or infinite, a `poe` below 0, more than 1024 samples,
-/// or a camera out of its ranges; OC_STATUS_OUT_OF_MEMORY if the system gives none for a picture beside the one that can be mapped; then what the
-/// frame was rendering goes on.
-/// Thread safety: any thread. Cheap.
+/// OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number or infinite, a `poe` below 0, more than
+/// 1024 samples, or a camera out of its ranges; OC_STATUS_OUT_OF_MEMORY if the system gives none for a picture beside
+/// the one that can be mapped; then what the frame was rendering goes on. Thread safety: any thread. Cheap.
 /// # Safety
 /// Live handles; `camera` initialised; `settings` initialised or NULL.
 #[unsafe(no_mangle)]
@@ -261,8 +261,9 @@ pub unsafe extern "C" fn oc_frame_cancel(frame: *mut oc_frame) -> oc_status {
     })
 }
 
-/// Changes the size from the next request on; cancels what is rendering and lets go of the targets. The last
-/// complete picture keeps its size until the next is complete. OC_STATUS_OUT_OF_MEMORY as for oc_frame_create; then nothing changes.
+/// Changes the size from the next request on; cancels what is rendering and lets go of the targets. The last complete
+/// picture keeps its size until the next is complete. OC_STATUS_OUT_OF_MEMORY as for oc_frame_create; then nothing
+/// changes.
 ///
 /// Thread safety: any thread. Blocks until nobody writes to the targets any more.
 /// # Safety
@@ -305,8 +306,9 @@ pub unsafe extern "C" fn oc_frame_set_wake(frame: *mut oc_frame, wake: oc_wake_f
 pub struct oc_frame_accuracy {
     /// Set by OC_INIT.
     pub struct_size: u32,
-    /// The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. (By steps; which one it ends at
-    /// may depend on what was seen before.) Where that is more than was asked for, no stand-in lets rays through.
+    /// The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. (By
+    /// steps; which one it ends at may depend on what was seen before.) Where that is more than was asked for, no
+    /// stand-in lets rays through.
     pub effective_poe: f32,
     /// Counts the requests of this frame, from 1; 0: none yet.
     pub request: u64,
@@ -320,21 +322,21 @@ pub struct oc_frame_accuracy {
     pub pixels_total: u64,
     /// Bytes in memory of the models that the scene shows.
     pub bytes_resident: u64,
-    /// Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what could not
-    /// be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
+    /// Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what
+    /// could not be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
     pub bytes_wanted: u64,
     /// Seconds since the request, until it ended.
     pub seconds: f64,
-    /// Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has come; what
-    /// better pictures will want besides is not known. 0 when nothing runs, infinity if unknown.
+    /// Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has
+    /// come; what better pictures will want besides is not known. 0 when nothing runs, infinity if unknown.
     pub seconds_to_go: f64,
-    /// Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or OC_BUFFER_ERROR is
-    /// asked for.
+    /// Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or
+    /// OC_BUFFER_ERROR is asked for.
     pub worst_error: f32,
     /// Mean error in pixels, over pixels that show something; of triangles as above.
     pub mean_error: f32,
-    /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the last
-    /// lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to map.
+    /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the
+    /// last lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to map.
     pub pictures: u32,
     /// An OC_STATE_ number, as oc_frame_poll tells it.
     pub state: oc_state,
@@ -347,8 +349,8 @@ unsafe impl Sized32 for oc_frame_accuracy {
     const FIRST_SIZE: usize = std::mem::offset_of!(oc_frame_accuracy, pictures);
 }
 
-/// How true the last whole picture of the last request is (before there is one: as far as it has come). Of each pixel a stand-in's
-/// error is how far from what is shown the surface may lie, in pixels.
+/// How true the last whole picture of the last request is (before there is one: as far as it has come). Of each pixel a
+/// stand-in's error is how far from what is shown the surface may lie, in pixels.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety

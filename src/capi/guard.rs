@@ -18,7 +18,10 @@ pub(crate) enum Failure {
     Poisoned(&'static str),
     VersionMismatch(String),
     /// How many elements there are, of how many that fit.
-    TooSmall { need: u64, have: u64 },
+    TooSmall {
+        need: u64,
+        have: u64,
+    },
 }
 
 pub(crate) type Checked<T> = Result<T, Failure>;
@@ -269,8 +272,8 @@ impl<T: Copy> Strided<T> {
         unsafe { self.at(index).read_unaligned() }
     }
 
-    /// `N` elements from `first` on where they are, under another name; `None` if there are not so many, they do not follow each other tightly,
-    /// or are not where such ones may be.
+    /// `N` elements from `first` on where they are, under another name; `None` if there are not so many, they do not
+    /// follow each other tightly, or are not where such ones may be.
     ///
     /// # Safety
     /// As for `get`, of all of them, while they are borrowed; the bytes of any `T` are those of some `U`.

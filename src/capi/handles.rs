@@ -125,8 +125,9 @@ thread_local! {
     static IN_CALLS: RefCell<Vec<(*const (), usize)>> = const { RefCell::new(Vec::new()) };
 }
 
-/// [`with`], for calls that may call back: what the host releases of this handle in that call back, in the same thread, goes when the call ends. (Without a count of
-/// its own: by that another thread's release would not be the last, and not wait.)
+/// [`with`], for calls that may call back: what the host releases of this handle in that call back, in the same thread,
+/// goes when the call ends. (Without a count of its own: by that another thread's release would not be the last, and
+/// not wait.)
 ///
 /// # Safety
 /// As for [`borrow_any`].
@@ -141,7 +142,8 @@ pub(crate) unsafe fn with_callbacks<H: Handle>(
     let last = || IN_CALLS.try_with(|calls| calls.borrow_mut().pop()).ok().flatten();
     let released = if is_listed { last().map_or(0, |(_, released)| released) } else { 0 };
     for _ in 0..released {
-        // SAFETY: a count of the host's, which gave it back in `f`. Calls of this thread on the same handle around this one keep it in turn.
+        // SAFETY: a count of the host's, which gave it back in `f`. Calls of this thread on the same handle around this
+        // one keep it in turn.
         unsafe { release(handle) };
     }
     result

@@ -22,8 +22,8 @@ pub const OC_STATE_DONE: oc_state = 2;
 pub const OC_STATE_CANCELLED: oc_state = 3;
 /// Failed. Of what it would have written nothing is to be used.
 pub const OC_STATE_FAILED: oc_state = 4;
-/// Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose picture
-/// is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches.
+/// Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose
+/// picture is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches.
 pub const OC_STATE_COMPLETE_WITHIN_BUDGET: oc_state = 5;
 
 /// What a build or load is doing.
@@ -62,8 +62,8 @@ pub struct oc_progress {
     pub bytes: u64,
     /// The least budget in bytes that would do, if it failed with OC_STATUS_OVER_BUDGET; else 0.
     pub need: u64,
-    /// Why it failed or was cancelled, or of a frame that ended as OC_STATE_COMPLETE_WITHIN_BUDGET, why some of it could not
-    /// be read. oc_last_error has the reason in words after a poll or wait.
+    /// Why it failed or was cancelled, or of a frame that ended as OC_STATE_COMPLETE_WITHIN_BUDGET, why some of it
+    /// could not be read. oc_last_error has the reason in words after a poll or wait.
     pub error: oc_status,
     /// An OC_PHASE_ number (builds and loads).
     pub phase: oc_phase,
@@ -74,8 +74,9 @@ unsafe impl Sized32 for oc_progress {
     const NAME: &'static str = "oc_progress";
 }
 
-/// Called when work has ended, well or not, and for frames also when there is a better picture; from any thread, in which it must return soon and must not
-/// unwind. It may call what is marked `Cheap`. `user` is what was given with the function.
+/// Called when work has ended, well or not, and for frames also when there is a better picture; from any thread, in
+/// which it must return soon and must not unwind. It may call what is marked `Cheap`. `user` is what was given with the
+/// function.
 // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_wake_fn = Option<unsafe extern "C" fn(user: *mut c_void)>;
 
@@ -251,11 +252,7 @@ pub unsafe extern "C" fn oc_job_poll(job: *const oc_job, out_progress: *mut oc_p
 /// # Safety
 /// Live handle; `out_progress` initialised or NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_job_wait(
-    job: *const oc_job,
-    timeout_ms: u32,
-    out_progress: *mut oc_progress,
-) -> oc_status {
+pub unsafe extern "C" fn oc_job_wait(job: *const oc_job, timeout_ms: u32, out_progress: *mut oc_progress) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = if out_progress.is_null() { None } else { Some(Fill::new(out_progress)?) };
@@ -288,9 +285,8 @@ pub unsafe extern "C" fn oc_job_cancel(job: *const oc_job) -> oc_status {
 /// Has `wake` called once, when the job ends; if it has ended already, now, from this call. Replaces an
 /// earlier one; NULL: nobody is called.
 ///
-/// `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job; then what the job was for is done, and its
-/// arrays are the caller's again.
-/// Thread safety: any thread. Cheap.
+/// `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job;
+/// then what the job was for is done, and its arrays are the caller's again. Thread safety: any thread. Cheap.
 /// # Safety
 /// Live handle; `wake` is NULL or may be called from any thread with `user`.
 #[unsafe(no_mangle)]
@@ -334,8 +330,8 @@ pub unsafe extern "C" fn oc_job_retain(job: *mut oc_job) {
 
 /// Takes a count back; with the last one the job is cancelled. NULL does nothing.
 ///
-/// Thread safety: any thread, also from the job's own wake function. Blocks for a batch of rays, until nobody uses its arrays and the wake
-/// function, if it is just being called by another thread, has returned; else cheap.
+/// Thread safety: any thread, also from the job's own wake function. Blocks for a batch of rays, until nobody uses its
+/// arrays and the wake function, if it is just being called by another thread, has returned; else cheap.
 /// # Safety
 /// NULL or a live handle of which the caller owns a count.
 #[unsafe(no_mangle)]

@@ -49,8 +49,8 @@ impl ModelObject {
 pub type oc_read_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, offset: u64, buffer: *mut c_void, bytes: u64) -> u32>;
 
-/// Called once, when nothing will be read any more; from any thread, and perhaps a moment after the last handle was released,
-/// when a thread that was still tracing or reading lets go of the model: `user` must stay valid until then.
+/// Called once, when nothing will be read any more; from any thread, and perhaps a moment after the last handle was
+/// released, when a thread that was still tracing or reading lets go of the model: `user` must stay valid until then.
 // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
 pub type oc_close_fn = Option<unsafe extern "C" fn(user: *mut c_void)>;
 
@@ -116,8 +116,7 @@ impl Source for HostSource {
     }
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> io::Result<()> {
         // SAFETY: the caller gave the function for this; the buffer is as long as we say.
-        let code =
-            unsafe { (self.read_at)(self.user, offset, buf.as_mut_ptr().cast(), buf.len() as u64) };
+        let code = unsafe { (self.read_at)(self.user, offset, buf.as_mut_ptr().cast(), buf.len() as u64) };
         match code {
             0 => Ok(()),
             code => Err(io::Error::other(format!("the caller's read function returned {code}"))),
@@ -137,10 +136,11 @@ impl Drop for HostSource {
     }
 }
 
-/// Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is used,
-/// or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET means that
-/// not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. No more than 48 MB, or a quarter
-/// of the budget, is read here. One of those blocks that is damaged, or cannot be read, fails it; of others that are, stand-ins are shown.
+/// Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is
+/// used, or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET
+/// means that not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. No
+/// more than 48 MB, or a quarter of the budget, is read here. One of those blocks that is damaged, or cannot be read,
+/// fails it; of others that are, stand-ins are shown.
 ///
 /// Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
 /// does not.
@@ -385,11 +385,7 @@ pub unsafe extern "C" fn oc_model_get_part(
 /// # Safety
 /// Live handle; `out_index` writable.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_model_find_part(
-    model: *const oc_model,
-    id: u64,
-    out_index: *mut u32,
-) -> oc_status {
+pub unsafe extern "C" fn oc_model_find_part(model: *const oc_model, id: u64, out_index: *mut u32) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let out = out(out_index, "out_index")?;
@@ -409,11 +405,7 @@ pub unsafe extern "C" fn oc_model_find_part(
 /// # Safety
 /// Live handle; `out_camera` initialised.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_model_get_view(
-    model: *const oc_model,
-    view: u32,
-    out_camera: *mut oc_camera,
-) -> oc_status {
+pub unsafe extern "C" fn oc_model_get_view(model: *const oc_model, view: u32, out_camera: *mut oc_camera) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = Fill::new(out_camera)?;

@@ -47,11 +47,7 @@ const MAX_PLANES: u64 = 4096;
 ///
 /// # Safety
 /// `out_parts` has room for `capacity` elements; `out_count` is writable.
-unsafe fn hand_out(
-    found: &[PartOverlap],
-    out_parts: &Strided<oc_overlap>,
-    out_count: *mut u64,
-) -> Checked<()> {
+unsafe fn hand_out(found: &[PartOverlap], out_parts: &Strided<oc_overlap>, out_count: *mut u64) -> Checked<()> {
     let need = found.len() as u64;
     // SAFETY: the caller's contract.
     unsafe { out_count.write(need) };
@@ -97,7 +93,8 @@ pub unsafe extern "C" fn oc_scene_overlap_box(
     })
 }
 
-/// Finds the visible parts that meet the intersection of half spaces (a frustum has 6; 1 to 4096), exactly: by triangle.
+/// Finds the visible parts that meet the intersection of half spaces (a frustum has 6; 1 to 4096), exactly: by
+/// triangle.
 ///
 /// The list comes out as that of oc_scene_overlap_box. Thread safety: any thread. Blocks; may read the disk.
 /// # Safety

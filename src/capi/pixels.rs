@@ -25,8 +25,8 @@ pub const OC_BUFFER_PRIM: oc_buffer = 5;
 pub const OC_BUFFER_INSTANCE: oc_buffer = 6;
 /// 1 byte: an OC_HIT_ number.
 pub const OC_BUFFER_KIND: oc_buffer = 7;
-/// 1 float: some original surface lies within this distance of what is shown; world units. Infinity where a triangle, or nothing, is seen
-/// through stand-ins that let the ray pass: there something nearer may be.
+/// 1 float: some original surface lies within this distance of what is shown; world units. Infinity where a triangle,
+/// or nothing, is seen through stand-ins that let the ray pass: there something nearer may be.
 pub const OC_BUFFER_ERROR: oc_buffer = 8;
 
 /// The element of a buffer.

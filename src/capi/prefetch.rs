@@ -55,14 +55,14 @@ unsafe fn point(pointer: *const f64, name: &str) -> Checked<DVec3> {
     Ok(DVec3::from_array(unsafe { pointer.cast::<[f64; 3]>().read_unaligned() }))
 }
 
-/// Begins to read, in the background, what of the committed scene lies in a box: blocks below cells that meet it and are longer
-/// than `cell` (world units; 0: all of them), those below the longest cells first. What frames and queries ask for comes
-/// before, and no picture gets coarser for it.
+/// Begins to read, in the background, what of the committed scene lies in a box: blocks below cells that meet it and
+/// are longer than `cell` (world units; 0: all of them), those below the longest cells first. What frames and queries
+/// ask for comes before, and no picture gets coarser for it.
 ///
 /// The job counts blocks and their bytes in memory. It ends as OC_STATE_DONE when all is in memory, as
-/// OC_STATE_COMPLETE_WITHIN_BUDGET when no more fits beside what frames use, as OC_STATE_FAILED when some of it cannot be read (the
-/// rest then is, as far as it fits). What was read stays until room is needed and nothing else has been used less lately.
-/// Releasing the job ends the reading.
+/// OC_STATE_COMPLETE_WITHIN_BUDGET when no more fits beside what frames use, as OC_STATE_FAILED when some of it cannot
+/// be read (the rest then is, as far as it fits). What was read stays until room is needed and nothing else has been
+/// used less lately. Releasing the job ends the reading.
 ///
 /// `low`, `high`: three doubles each, world space. OC_STATUS_INVALID_ARGUMENT for NaN, or a `cell` below 0.
 /// Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
@@ -88,9 +88,9 @@ pub unsafe extern "C" fn oc_scene_prefetch_box(
     })
 }
 
-/// Begins to read, in the background, what a picture of `width` by `height` pixels of the committed scene would need at `poe`
-/// pixels of error (0: exact), the most visible first, as far as a ray in every fourth pixel of every fourth row finds it;
-/// without shadows and what is behind transparent surfaces. For the view that comes next, for instance. As
+/// Begins to read, in the background, what a picture of `width` by `height` pixels of the committed scene would need at
+/// `poe` pixels of error (0: exact), the most visible first, as far as a ray in every fourth pixel of every fourth row
+/// finds it; without shadows and what is behind transparent surfaces. For the view that comes next, for instance. As
 /// oc_scene_prefetch_box otherwise.
 ///
 /// OC_STATUS_INVALID_ARGUMENT for a bad camera or size, or a `poe` that is not finite or below 0.

@@ -16,17 +16,19 @@ use std::time::Duration;
 pub struct oc_ray {
     /// Where it starts, world space.
     pub origin: [f64; 3],
-    /// Hits before this distance are ignored; in units of the direction's length. Below 0 it counts as 0. Infinite or NaN: the ray misses.
+    /// Hits before this distance are ignored; in units of the direction's length. Below 0 it counts as 0. Infinite or
+    /// NaN: the ray misses.
     pub t_min: f64,
     /// Hits beyond this distance are ignored. 0: none are. Before `t_min`, or NaN: the ray misses.
     pub t_max: f64,
     /// Where it goes; need not be unit. Zero, or not finite: the ray misses.
     pub direction: [f32; 3],
-    /// Its footprint: its width at t is cone_a + cone_b * t, in world units (with t as in oc_hit, in units of the direction's
-    /// length). A stand-in is accepted where the area of its box's projection along the ray is at most the square of the
-    /// width there. So for p pixels of error: the width of a pixel, times the square root of p. Of a camera with a field of
-    /// view a pixel is 2 tan(fov_y / 2) / height wide at distance 1: that is cone_b, cone_a is 0; of an orthographic one it is
-    /// cone_a, and cone_b is 0. 0 and 0: exact. Below 0, or not a number: counts as 0; infinite: as coarse as there is.
+    /// Its footprint: its width at t is cone_a + cone_b * t, in world units (with t as in oc_hit, in units of the
+    /// direction's length). A stand-in is accepted where the area of its box's projection along the ray is at most the
+    /// square of the width there. So for p pixels of error: the width of a pixel, times the square root of p. Of a
+    /// camera with a field of view a pixel is 2 tan(fov_y / 2) / height wide at distance 1: that is cone_b, cone_a is
+    /// 0; of an orthographic one it is cone_a, and cone_b is 0. 0 and 0: exact. Below 0, or not a number: counts as 0;
+    /// infinite: as coarse as there is.
     pub cone_a: f32,
     /// See `cone_a`.
     pub cone_b: f32,
@@ -40,13 +42,14 @@ pub type oc_hit_kind = u32;
 pub const OC_HIT_MISS: oc_hit_kind = 0;
 /// An original triangle.
 pub const OC_HIT_EXACT: oc_hit_kind = 1;
-/// A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray would
-/// meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of which most is
-/// seen; `uv` and `prim` are those of a miss. Of cells that hold wires, leaves and the like, as many rays are let through as pass what
-/// they hold: see `t_free`.
+/// A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray
+/// would meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of
+/// which most is seen; `uv` and `prim` are those of a miss. Of cells that hold wires, leaves and the like, as many rays
+/// are let through as pass what they hold: see `t_free`.
 pub const OC_HIT_LOD: oc_hit_kind = 2;
 /// A stand-in, coarser than asked for: what is below it is not in memory (frames and OC_QUERY_NOW only). Otherwise as
-/// OC_HIT_LOD. If the ray begins inside of the cell, `t` is where it leaves it, and `t_free` is t_min: nothing of it is known to be free.
+/// OC_HIT_LOD. If the ray begins inside of the cell, `t` is where it leaves it, and `t_free` is t_min: nothing of it is
+/// known to be free.
 pub const OC_HIT_MISSING: oc_hit_kind = 3;
 
 /// The id where there is none: of a miss, or not asked for.
@@ -61,18 +64,19 @@ pub(super) fn check_id(id: u64) -> Checked<()> {
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_hit {
-    /// Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what lies behind a hit is found
-    /// from the next number after its `t` on. (Not what is nearer to it than `t` less `t_free`: such surfaces may come in the wrong order. Within single precision of the ray's origin what is behind it may be given at 0, and
-    /// what is before it may be missed; so may what a ray meets within some 4 degrees of edge-on that near to an end.) In double
-    /// precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single precision, and on long thin triangles near the ray's origin it may be off by more
-    /// than its last digits.
+    /// Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what
+    /// lies behind a hit is found from the next number after its `t` on. (Not what is nearer to it than `t` less
+    /// `t_free`: such surfaces may come in the wrong order. Within single precision of the ray's origin what is behind
+    /// it may be given at 0, and what is before it may be missed; so may what a ray meets within some 4 degrees of
+    /// edge-on that near to an end.) In double precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single
+    /// precision, and on long thin triangles near the ray's origin it may be off by more than its last digits.
     pub t: f64,
     /// Where, in world space; infinity for a miss.
     pub position: [f64; 3],
-    /// No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within
-    /// 0.9 degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less than
-    /// `t`, by what rounding may have done. Of a miss it is infinity, unless the ray was let through a stand-in: then it is where
-    /// that, or what else would have been hit, is met; so it is of hits behind one.
+    /// No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within 0.9
+    /// degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less
+    /// than `t`, by what rounding may have done. Of a miss it is infinity, unless the ray was let through a stand-in:
+    /// then it is where that, or what else would have been hit, is met; so it is of hits behind one.
     pub t_free: f64,
     /// The id of the part, as given when the model was built; OC_NO_ID for a miss.
     pub part: u64,
@@ -118,9 +122,9 @@ pub type oc_query_flags = u32;
 /// Each 32 rays in a row are near each other and go the same way: they are traced together, faster. The answers are
 /// the same. Rays of neighbouring pixels that enter few placed trees are recognised without it.
 pub const OC_QUERY_COHERENT: oc_query_flags = 1;
-/// Answer at once, from what is in memory: stand-ins are hit in place of what is not, as OC_HIT_MISSING. Nothing is read, nor
-/// asked for (oc_scene_prefetch_box does that). Without it, what is needed is read, and answers do not depend on what was in
-/// memory.
+/// Answer at once, from what is in memory: stand-ins are hit in place of what is not, as OC_HIT_MISSING. Nothing is
+/// read, nor asked for (oc_scene_prefetch_box does that). Without it, what is needed is read, and answers do not depend
+/// on what was in memory.
 pub const OC_QUERY_NOW: oc_query_flags = 2;
 
 /// A batch of rays.
@@ -139,8 +143,9 @@ pub struct oc_query {
     pub rays: *const oc_ray,
     /// How many.
     pub count: u64,
-    /// Bytes from a ray to the next; 0: tightly packed. (Of these, 32 in a row at an address that oc_ray may have are read where they are if each says
-    /// its t_max, INFINITY for none, and its mask, 0xFFFFFFFF for all; others are copied first.)
+    /// Bytes from a ray to the next; 0: tightly packed. (Of these, 32 in a row at an address that oc_ray may have are
+    /// read where they are if each says its t_max, INFINITY for none, and its mask, 0xFFFFFFFF for all; others are
+    /// copied first.)
     pub stride: u64,
 }
 
@@ -275,8 +280,9 @@ pub unsafe extern "C" fn oc_scene_closest(
     })
 }
 
-/// Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` changes nothing (but is checked). With OC_QUERY_NOW, 1 also
-/// stands for rays of which that is not known. With a footprint, 0 may also be a ray that stand-ins let through.
+/// Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` changes nothing (but is checked).
+/// With OC_QUERY_NOW, 1 also stands for rays of which that is not known. With a footprint, 0 may also be a ray that
+/// stand-ins let through.
 ///
 /// `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not
 /// to be used. Thread safety: any thread. Blocks; may read the disk.
@@ -295,9 +301,7 @@ pub unsafe extern "C" fn oc_scene_any(
         let options = query.options()?;
         let hits = CAny(Strided::new(out_any, query.count, any_stride, "out_any")?);
         let rays = CRays::new(&query, &hits.0)?;
-        handles::with(scene, |scene: &Shell<SceneObject>| {
-            Ok(scene.scene.shown().any_batch(&rays, &hits, options)?)
-        })
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.shown().any_batch(&rays, &hits, options)?))
     })
 }
 

@@ -67,17 +67,14 @@ unsafe impl Sized32 for oc_build_report {
     const NAME: &'static str = "oc_build_report";
 }
 
-/// What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed; of a job of another kind, that or
-/// OC_STATUS_INVALID_ARGUMENT.
+/// What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed; of a job of
+/// another kind, that or OC_STATUS_INVALID_ARGUMENT.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
 /// Live handle; `out_report` initialised.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_job_build_report(
-    job: *const oc_job,
-    out_report: *mut oc_build_report,
-) -> oc_status {
+pub unsafe extern "C" fn oc_job_build_report(job: *const oc_job, out_report: *mut oc_build_report) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let fill = Fill::new(out_report)?;
@@ -110,11 +107,7 @@ pub unsafe extern "C" fn oc_job_build_report(
 /// # Safety
 /// Live handle; `out_text` writable.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_job_build_note(
-    job: *const oc_job,
-    index: u32,
-    out_text: *mut *const c_char,
-) -> oc_status {
+pub unsafe extern "C" fn oc_job_build_note(job: *const oc_job, index: u32, out_text: *mut *const c_char) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let out = out(out_text, "out_text")?;

@@ -58,11 +58,7 @@ impl oc_look {
         if colour.is_some_and(|c| c.iter().any(|x| !x.is_finite() || *x < 0.0)) {
             return bad("oc_look.colour must be finite, 0 or more");
         }
-        Ok(State {
-            visible: self.flags & OC_LOOK_HIDDEN == 0,
-            colour,
-            selected: self.flags & OC_LOOK_SELECTED != 0,
-        })
+        Ok(State { visible: self.flags & OC_LOOK_HIDDEN == 0, colour, selected: self.flags & OC_LOOK_SELECTED != 0 })
     }
 }
 
@@ -161,9 +157,7 @@ pub unsafe extern "C" fn oc_scene_add_instance(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_remove_instance(scene: *mut oc_scene, id: u64) -> oc_status {
     // SAFETY: the function's own contract.
-    boundary(|| unsafe {
-        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.remove_instance(id)?))
-    })
+    boundary(|| unsafe { handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.remove_instance(id)?)) })
 }
 
 /// Moves an instance; the matrix as for oc_scene_add_instance.
@@ -205,11 +199,7 @@ pub unsafe extern "C" fn oc_scene_set_instance_mask(scene: *mut oc_scene, id: u6
 /// # Safety
 /// Live handle; `look` initialised or NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_scene_set_instance_look(
-    scene: *mut oc_scene,
-    id: u64,
-    look: *const oc_look,
-) -> oc_status {
+pub unsafe extern "C" fn oc_scene_set_instance_look(scene: *mut oc_scene, id: u64, look: *const oc_look) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let state = read_or_default(look)?.to_rust()?;
@@ -233,9 +223,7 @@ pub unsafe extern "C" fn oc_scene_set_part_look(
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let state = read_or_default(look)?.to_rust()?;
-        handles::with(scene, |scene: &Shell<SceneObject>| {
-            Ok(scene.scene.set_part_state(instance, part, state)?)
-        })
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_part_state(instance, part, state)?))
     })
 }
 
@@ -304,10 +292,7 @@ unsafe impl Sized32 for oc_background {
 /// # Safety
 /// Live handle; `background` initialised or NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_scene_set_background(
-    scene: *mut oc_scene,
-    background: *const oc_background,
-) -> oc_status {
+pub unsafe extern "C" fn oc_scene_set_background(scene: *mut oc_scene, background: *const oc_background) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let background = if background.is_null() {

@@ -29,9 +29,9 @@ pub const OC_STATUS_NEWER_FORMAT: oc_status = 301;
 pub const OC_STATUS_OVER_BUDGET: oc_status = 400;
 /// The machine: reading or writing failed, or a thread could not be started.
 pub const OC_STATUS_IO: oc_status = 500;
-/// The machine: it gave no memory for something large (a picture, the tree of a build); `oc_last_error` says how many bytes for what. Nothing
-/// changed, or it is as after any other error. (Where it gives none for something small, or for triangles that are pushed or read without a budget, the
-/// process ends, as Rust programs do.)
+/// The machine: it gave no memory for something large (a picture, the tree of a build); `oc_last_error` says how many
+/// bytes for what. Nothing changed, or it is as after any other error. (Where it gives none for something small, or for
+/// triangles that are pushed or read without a budget, the process ends, as Rust programs do.)
 pub const OC_STATUS_OUT_OF_MEMORY: oc_status = 501;
 /// Us: a defect in the library. The object is poisoned. What it was is in oc_last_error, and for background work in
 /// the log; the library has no hook on panics (that would be global state), so Rust's standard library also writes

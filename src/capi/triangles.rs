@@ -160,16 +160,13 @@ const BATCH: usize = 4096;
 /// Adds triangles of one part from the caller's memory. NaN, infinite and flat ones may be among them: they
 /// are counted and left out.
 ///
-/// OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_IO if the temporary that takes what is beyond
-/// the build's budget cannot be written: the build can then only be released.
-/// Thread safety: any thread. Blocks while it copies.
+/// OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_IO if the temporary that takes
+/// what is beyond the build's budget cannot be written: the build can then only be released. Thread safety: any thread.
+/// Blocks while it copies.
 /// # Safety
 /// Live handle; `triangles` initialised, its arrays as said.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_build_add_triangles(
-    build: *mut oc_build,
-    triangles: *const oc_triangles,
-) -> oc_status {
+pub unsafe extern "C" fn oc_build_add_triangles(build: *mut oc_build, triangles: *const oc_triangles) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let desc = read(triangles)?;

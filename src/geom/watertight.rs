@@ -79,8 +79,8 @@ pub fn shear<const N: usize, L: Lanes<N>>(p: [L; 3], s: [L; 3]) -> Sheared<L> {
 
 /// Tests each lane's triangle `abc` against that lane's ray.
 ///
-/// `lanes`: those that are asked about; the others are no hits. `zero`, `t_min`, `t_max`: in each lane 0 and the interval, borders
-/// included.
+/// `lanes`: those that are asked about; the others are no hits. `zero`, `t_min`, `t_max`: in each lane 0 and the
+/// interval, borders included.
 #[inline(always)]
 pub fn intersect<const N: usize, L: Lanes<N>>(
     lanes: u32,
@@ -131,15 +131,17 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
     found
 }
 
-/// Where twice a triangle's area is no more than this part of the products that its edge functions are differences of, these are evaluated again: rounding takes
-/// a part of the products. (Of a triangle 10 units long and 0.00006 wide single precision said how far away it is to a tenth.)
+/// Where twice a triangle's area is no more than this part of the products that its edge functions are differences of,
+/// these are evaluated again: rounding takes a part of the products. (Of a triangle 10 units long and 0.00006 wide
+/// single precision said how far away it is to a tenth.)
 const THIN: f32 = 1.0 / 1024.0;
 /// And where it is no more than this: products lose digits where single precision ends.
 const TINY: f32 = 1e-30;
 
-/// Evaluates `lanes` in double precision, in which the edges' products are exact, and leaves the others as they are: a lane's result must not depend on its
-/// neighbours. `found`: distances, and weights of the second and third vertex. Returns those that are outside, which only those can be that met an edge: rounded
-/// products keep order, so where a difference of two is not zero its sign is right.
+/// Evaluates `lanes` in double precision, in which the edges' products are exact, and leaves the others as they are: a
+/// lane's result must not depend on its neighbours. `found`: distances, and weights of the second and third vertex.
+/// Returns those that are outside, which only those can be that met an edge: rounded products keep order, so where a
+/// difference of two is not zero its sign is right.
 #[inline(never)]
 #[cold]
 fn exactly<const N: usize>([a, b, c]: &[[[f32; N]; 3]; 3], found: &mut [[f32; N]; 3], lanes: u32) -> u32 {
@@ -245,7 +247,8 @@ mod tests {
         }
     }
 
-    /// Seen at 20 degrees or more, the distance to a triangle ten units long and up to a million times longer than wide is that to its plane, to 0.002.
+    /// Seen at 20 degrees or more, the distance to a triangle ten units long and up to a million times longer than wide
+    /// is that to its plane, to 0.002.
     #[test]
     fn slivers_are_as_far_away_as_they_are() {
         let mut state = 7u64;
@@ -255,7 +258,8 @@ mod tests {
         };
         let mut met = 0;
         for _ in 0..200_000 {
-            let [a, along, side, org] = [1.0, 1.0, 1.0, 9.0].map(|size| Vec3::new(next() - 0.5, next() - 0.5, next() - 0.5) * (2.0 * size));
+            let [a, along, side, org] =
+                [1.0, 1.0, 1.0, 9.0].map(|size| Vec3::new(next() - 0.5, next() - 0.5, next() - 0.5) * (2.0 * size));
             let (thin, at, over) = (10f32.powf(-2.0 - 4.0 * next()), 0.05 + 0.5 * next(), 0.1 + 0.8 * next());
             let along = along.normalize_or(Vec3::X) * 10.0;
             let across = along.cross(side).normalize_or(Vec3::Y) * (10.0 * thin);
@@ -268,7 +272,8 @@ mod tests {
                 continue;
             }
             let (t, ..) = oracle(org, dir, [a, b, c]).expect("a plane");
-            // Where rounding put the ray beside it, it is missed. Triangles just not thin enough are off by thousandths.
+            // Where rounding put the ray beside it, it is missed. Triangles just not thin enough are off by
+            // thousandths.
             if let Some(hit) = intersect_one(org, &Shear::new(dir), 0.0, f32::INFINITY, [a, b, c]) {
                 let off = (f64::from(hit.t) - t).abs() * f64::from(dir.length());
                 assert!(off < 2e-3, "{off:e}: {org}, {dir}, {a}, {b}, {c}");

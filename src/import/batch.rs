@@ -32,7 +32,13 @@ impl Batch {
     }
 
     /// What follows belongs to `part` of `mesh`, whose material has this colour.
-    pub(crate) fn aim(&mut self, mesh: MeshKey, part: u32, material_colour: [f32; 3], sink: &mut dyn Sink) -> Result<()> {
+    pub(crate) fn aim(
+        &mut self,
+        mesh: MeshKey,
+        part: u32,
+        material_colour: [f32; 3],
+        sink: &mut dyn Sink,
+    ) -> Result<()> {
         if (mesh, part) != (self.mesh, self.part) {
             self.flush(sink)?;
         }

@@ -142,7 +142,8 @@ mod tests {
 
     #[test]
     fn formats_are_told_by_content_before_ending() {
-        let stl = "solid a\nfacet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet endsolid\n";
+        let stl =
+            "solid a\nfacet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet endsolid\n";
         let obj = "# first\n\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
         let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty char x\nproperty char y\nproperty char z\n\
                    element face 1\nproperty list char char vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";

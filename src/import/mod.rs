@@ -123,9 +123,9 @@ pub struct ReadOptions {
 
 /// Reads the mesh file at `path` into `sink`; the format is told by content first, by ending second.
 ///
-/// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`) and our raw soup ([`raw`]). Memory is bounded by
-/// the file's size (12 or 24 bytes a vertex for formats that index globally, fewer with
-/// [`ReadOptions::memory`]), never by what a header claims. A file is a part named after its stem, unless it names parts of its own.
+/// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`) and our raw soup ([`raw`]). Memory is bounded by the file's size (12
+/// or 24 bytes a vertex for formats that index globally, fewer with [`ReadOptions::memory`]), never by what a header
+/// claims. A file is a part named after its stem, unless it names parts of its own.
 ///
 /// Fails with [`crate::Error::Parse`] naming line or byte; with `Io` if the file cannot be read; with
 /// the sink's own errors. A mesh file without triangles is fine (with a note to the sink); a file

@@ -123,7 +123,11 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
     let mut done = 0;
     while done < count {
         if !input.ensure(layout.record())? {
-            return Err(Error::parse(input.path(), Place::Byte(input.offset()), "the file became shorter while being read"));
+            return Err(Error::parse(
+                input.path(),
+                Place::Byte(input.offset()),
+                "the file became shorter while being read",
+            ));
         }
         let mut n = 0;
         let most = usize::try_from(count - done).unwrap_or(usize::MAX);

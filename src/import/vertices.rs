@@ -157,11 +157,7 @@ impl Spilled {
         let bytes = &slot.1[i % PAGE * each..][..each];
         let four = |at: usize| bytes[at..].first_chunk().map_or(0.0, |b| f64::from(f32::from_ne_bytes(*b)));
         let eight = |at: usize| bytes[at..].first_chunk().map_or(0.0, |b| f64::from_ne_bytes(*b));
-        Some(if each == 12 {
-            DVec3::new(four(0), four(4), four(8))
-        } else {
-            DVec3::new(eight(0), eight(8), eight(16))
-        })
+        Some(if each == 12 { DVec3::new(four(0), four(4), four(8)) } else { DVec3::new(eight(0), eight(8), eight(16)) })
     }
 }
 

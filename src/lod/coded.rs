@@ -1,7 +1,8 @@
 //! The bytes of a voxel: one sample where its sides agree, six where they do not (Áfra 2012, section 4.2).
 //!
-//! A voxel begins with a sample, of two words. Of a voxel of six sides that has the mean normal, and in its second word which of the
-//! block's voxels of six sides this is. The slabs across the normal (`slabs.rs`) are not with it but in the node: walks ask for them.
+//! A voxel begins with a sample, of two words. Of a voxel of six sides that has the mean normal, and in its second word
+//! which of the block's voxels of six sides this is. The slabs across the normal (`slabs.rs`) are not with it but in
+//! the node: walks ask for them.
 //!
 //! A sample:
 //!
@@ -17,9 +18,9 @@
 //! | 0 to 23 | linear red, green, blue: 255 times the square root of each |
 //! | 24 to 31 | the share that is covered, 255 for 1 |
 //!
-//! One sample of what faces along the axes (likeness 0; leaves only, most of machines and buildings) has in place of a normal the shares that are covered of the
-//! sides across x, y and z, in proportion; what a ray sees of it is three samples, see [`Coded::along_axes`]. Signs are those of the
-//! mean normal, for the slabs.
+//! One sample of what faces along the axes (likeness 0; leaves only, most of machines and buildings) has in place of a
+//! normal the shares that are covered of the sides across x, y and z, in proportion; what a ray sees of it is three
+//! samples, see [`Coded::along_axes`]. Signs are those of the mean normal, for the slabs.
 //!
 //! The paper packs a sample into 32 bits: 15 of normal, 15 of colour, no spread and no coverage.
 
@@ -40,8 +41,8 @@ const STOPS: u32 = 26;
 /// Of levels up to this one the region may be passed.
 pub const PASSING: u32 = 1;
 
-/// What a stop code adds to a voxel's first word: the share of rays that it stops is the square of the code's 63rd part, so that
-/// of a few leaves in a large cell not too much is seen; code 0 stops all.
+/// What a stop code adds to a voxel's first word: the share of rays that it stops is the square of the code's 63rd
+/// part, so that of a few leaves in a large cell not too much is seen; code 0 stops all.
 pub const fn stop_bits(code: u8) -> u32 {
     (code as u32 & 63) << STOPS
 }
@@ -77,8 +78,8 @@ const AXES: [u32; 3] = [127, 127 << 8, 0];
 /// A voxel as stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coded {
-    /// The sample (the mean of the six, where there are six, of which the second word has nothing yet), the part, the summary of
-    /// parts.
+    /// The sample (the mean of the six, where there are six, of which the second word has nothing yet), the part, the
+    /// summary of parts.
     pub words: [u32; VOXEL_WORDS],
     /// One for each side: low x, y, z, high x, y, z.
     pub sides: Option<Box<[u32; SIDES_WORDS]>>,
@@ -208,11 +209,11 @@ fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
     (all, agree)
 }
 
-/// How long a mean normal says best how alike all normals are: 1 if all are that of `unit` or its opposite, 2/3 if no more than in other
-/// directions, as on spheres, and on blocks too.
+/// How long a mean normal says best how alike all normals are: 1 if all are that of `unit` or its opposite, 2/3 if no
+/// more than in other directions, as on spheres, and on blocks too.
 ///
-/// What a side sees, its normals times how much of each is seen, is a column of the sum of n n' over area; of that the part along the
-/// normal counts (`seen.rs`).
+/// What a side sees, its normals times how much of each is seen, is a column of the sum of n n' over area; of that the
+/// part along the normal counts (`seen.rs`).
 fn likeness(sides: &[Sample; 6], weights: &[f32; 6], unit: Vec3) -> f32 {
     let (mut along, mut all) = (0.0, 0.0);
     for (side, (s, &w)) in sides.iter().zip(weights).enumerate() {
@@ -333,8 +334,10 @@ mod tests {
     const CELL: Bounds = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
 
     fn coded(facets: &[([f32; 3], [f32; 3])]) -> Coded {
-        let facets: Vec<_> =
-            facets.iter().map(|(n, c)| Facet { normal: (*n).into(), colour: (*c).into(), part: 9, is_own_colour: true }).collect();
+        let facets: Vec<_> = facets
+            .iter()
+            .map(|(n, c)| Facet { normal: (*n).into(), colour: (*c).into(), part: 9, is_own_colour: true })
+            .collect();
         let cell = Middle { at: CELL.center().to_array(), half: (CELL.extent() * 0.5).to_array() };
         Coded::of(&Voxel::of_leaf(&CELL, &facets), &cell, &Content::of_points(vec![CELL.min, CELL.max]), true)
     }
@@ -355,7 +358,8 @@ mod tests {
         let facet = |n: &Vec3| Facet { normal: *n, colour: GREY.into(), part: 9, is_own_colour: true };
         let facets: Vec<_> = normals.iter().map(facet).collect();
         let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
-        let coded = Coded::of(&Voxel::of_leaf(&cell, &facets), &middle, &Content::of_points(vec![cell.min, cell.max]), false);
+        let coded =
+            Coded::of(&Voxel::of_leaf(&cell, &facets), &middle, &Content::of_points(vec![cell.min, cell.max]), false);
         assert!(coded.sides.is_none());
         coded
     }
@@ -380,7 +384,9 @@ mod tests {
         // From all directions alike: of the corners and faces of an icosahedron.
         let golden = 0.5 + 1.25f32.sqrt();
         let corners = [Vec3::new(0.0, 1.0, golden), Vec3::new(1.0, golden, 0.0), Vec3::new(golden, 0.0, 1.0)];
-        let all = corners.into_iter().flat_map(|c| [c, Vec3::new(-c.x, c.y, c.z), Vec3::new(c.x, -c.y, c.z), Vec3::new(c.x, c.y, -c.z)]);
+        let all = corners
+            .into_iter()
+            .flat_map(|c| [c, Vec3::new(-c.x, c.y, c.z), Vec3::new(c.x, -c.y, c.z), Vec3::new(c.x, c.y, -c.z)]);
         let normals: Vec<_> = all.map(|n| n.normalize() * 0.2).collect();
         let [a, ..] = one_sample(CELL, &normals).words;
         assert!(!Coded::is_along_axes(a));
@@ -395,7 +401,9 @@ mod tests {
 
     #[test]
     fn an_edge_or_another_colour_behind_needs_six() {
-        for facets in [[([1.0, 0.0, 0.0], GREY), ([0.0, 1.0, 0.0], GREY)], [([0.0, 0.0, 1.0], GREY), ([1.0, 0.0, 0.0], [0.9; 3])]] {
+        for facets in
+            [[([1.0, 0.0, 0.0], GREY), ([0.0, 1.0, 0.0], GREY)], [([0.0, 0.0, 1.0], GREY), ([1.0, 0.0, 0.0], [0.9; 3])]]
+        {
             let coded = coded(&facets);
             let sides = coded.sides.expect("six");
             assert!(Coded::has_sides(coded.words[0]));

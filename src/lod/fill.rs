@@ -1,37 +1,38 @@
 //! How near to original surface all of the region is in which a cell is met: the part of its box inside of its slabs.
 //!
-//! The box is divided into 4x4x4 **subcells**, of diagonal `D/4` where `D` is the box's. A subcell is **occupied**, to within a
-//! distance `d`, if original surface is known within `d` of some point of it. Where the region's points are all in subcells that are
-//! at most `k` steps from an occupied one, a step being to a neighbour across a side, an edge or a corner, each is within
-//! `(k + 1) D/4 + d` of original surface: along each axis a point of a subcell and one of another that is `k` steps away are at most
-//! `k + 1` subcells apart.
+//! The box is divided into 4x4x4 **subcells**, of diagonal `D/4` where `D` is the box's. A subcell is **occupied**, to
+//! within a distance `d`, if original surface is known within `d` of some point of it. Where the region's points are
+//! all in subcells that are at most `k` steps from an occupied one, a step being to a neighbour across a side, an edge
+//! or a corner, each is within `(k + 1) D/4 + d` of original surface: along each axis a point of a subcell and one of
+//! another that is `k` steps away are at most `k + 1` subcells apart.
 //!
-//! Of a content whose triangles are known, points of these occupy subcells, to within nothing. Of others the pieces' subcells do:
-//! each occupied one of diagonal `p` has a point within `d'` of original surface, and its middle is within `p/2` of that point; so
-//! the subcell that this middle is in is occupied to within `p/2 + d'`. As `p` is of half the size from level to level, `d` tends
-//! to `D/8`.
+//! Of a content whose triangles are known, points of these occupy subcells, to within nothing. Of others the pieces'
+//! subcells do: each occupied one of diagonal `p` has a point within `d'` of original surface, and its middle is within
+//! `p/2` of that point; so the subcell that this middle is in is occupied to within `p/2 + d'`. As `p` is of half the
+//! size from level to level, `d` tends to `D/8`.
 //!
 //! What is stored is a [`level`]: the greatest of a few limits, as parts of `D`, that the distance keeps to.
 //!
-//! **Where cells stand in.** It is what a stand-in's error may be that bounds it, and not its box: for a cell of which nothing is
-//! known, both are the same. A cell of area `A` and diagonal `D` whose level says `c D` counts as one of area `s A`, where `s >= c^2`:
-//! that of a cell of the same shape and of diagonal `s^0.5 D`, which is no less than `c D`. So if `s A` is as large as may be,
-//! the error is no greater than the diagonal of a cell of the same shape whose own area is as large as may be, as it is of cells of
-//! which nothing is known.
+//! **Where cells stand in.** It is what a stand-in's error may be that bounds it, and not its box: for a cell of which
+//! nothing is known, both are the same. A cell of area `A` and diagonal `D` whose level says `c D` counts as one of
+//! area `s A`, where `s >= c^2`: that of a cell of the same shape and of diagonal `s^0.5 D`, which is no less than `c
+//! D`. So if `s A` is as large as may be, the error is no greater than the diagonal of a cell of the same shape whose
+//! own area is as large as may be, as it is of cells of which nothing is known.
 //!
-//! Hits are in the region up to what single precision moves them by. So the region is taken larger, by [`MARGIN`] of `D` across the
-//! slabs' planes, and what is said of it holds for all that [`holds`].
+//! Hits are in the region up to what single precision moves them by. So the region is taken larger, by [`MARGIN`] of
+//! `D` across the slabs' planes, and what is said of it holds for all that [`holds`].
 
 use super::slabs::{Content, Slabs};
 use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
 use glam::{DVec3, Vec3};
 
-/// Of each level: all of the region is within this part of the box's diagonal of original surface. The first says nothing. (Of the
-/// Mandelbulb's cells of at most 256 triangles 80 % are of the third, of larger ones 60 % of the second, most others of the first.)
+/// Of each level: all of the region is within this part of the box's diagonal of original surface. The first says
+/// nothing. (Of the Mandelbulb's cells of at most 256 triangles 80 % are of the third, of larger ones 60 % of the
+/// second, most others of the first.)
 const LIMITS: [f64; 4] = [f64::INFINITY, 0.83, 0.63, 0.53];
-/// By how much less each level more makes a cell's area count where it may stand in. See the module: no less than the square of the
-/// limit.
+/// By how much less each level more makes a cell's area count where it may stand in. See the module: no less than the
+/// square of the limit.
 pub const LESS: f32 = 0.3;
 /// What it counts for at least.
 pub const LEAST: f32 = 0.29;
@@ -90,7 +91,8 @@ impl Fill {
     }
 }
 
-/// How far original surface is at most from all that [`holds`], as a part of the box's diagonal; infinitely far if that is not known.
+/// How far original surface is at most from all that [`holds`], as a part of the box's diagonal; infinitely far if that
+/// is not known.
 #[inline(always)]
 pub fn limit(level: u32) -> f64 {
     LIMITS[(level & 3) as usize]
@@ -106,12 +108,12 @@ pub fn holds(cell: &Bounds, slabs: &Slabs<f32>, p: DVec3) -> bool {
     })
 }
 
-/// The least diagonal of a box for which points are sure to be what [`holds`], of rays from `origin` through a tree whose coordinates
-/// are at most `reach` in magnitude: whatever single precision moves them off the region by.
+/// The least diagonal of a box for which points are sure to be what [`holds`], of rays from `origin` through a tree
+/// whose coordinates are at most `reach` in magnitude: whatever single precision moves them off the region by.
 ///
-/// Of the greatest of these coordinates, and with `h = 2^-24`: a slab's planes give way by 64 h, and where they are met is off by
-/// 50 h (`cell_slabs.rs`); those of the box by 32 and 7, so that to take a point to the box moves it by `39 3^0.5`; ends of the ray's
-/// interval are off by `2 3^0.5`. All of this is less than 256 h.
+/// Of the greatest of these coordinates, and with `h = 2^-24`: a slab's planes give way by 64 h, and where they are met
+/// is off by 50 h (`cell_slabs.rs`); those of the box by 32 and 7, so that to take a point to the box moves it by `39
+/// 3^0.5`; ends of the ray's interval are off by `2 3^0.5`. All of this is less than 256 h.
 #[inline]
 pub fn sure_from(origin: DVec3, reach: f32) -> f64 {
     origin.abs().max_element().max(f64::from(reach)) * (256.0 / 16_777_216.0 / MARGIN)
@@ -124,7 +126,8 @@ struct Points<'a> {
     corners: &'a [Vec3],
 }
 
-/// Points that are looked at together. Those of a triangle, of which each side is divided in three, are ten; these repeat the last.
+/// Points that are looked at together. Those of a triangle, of which each side is divided in three, are ten; these
+/// repeat the last.
 const TOGETHER: usize = 12;
 /// How far along two sides of a triangle each of its points is.
 const ALONG: [[f64; TOGETHER]; 2] = {
@@ -196,8 +199,8 @@ impl Grid {
         Self { low, high, size, per_size }
     }
 
-    /// The subcells that points are in, each into a word of its own; of those that are outside, for of a piece of a triangle the rest is elsewhere, or no
-    /// numbers, none.
+    /// The subcells that points are in, each into a word of its own; of those that are outside, for of a piece of a
+    /// triangle the rest is elsewhere, or no numbers, none.
     #[inline(always)]
     fn add(&self, points: &[[f64; TOGETHER]; 3], occupied: &mut [u64; TOGETHER]) {
         let mut places = [0u64; TOGETHER];
@@ -280,7 +283,8 @@ mod tests {
 
     type Tri = [Vec3; 3];
 
-    /// Distance of a point from a triangle (Ericson, "Real-Time Collision Detection", 2004, section 5.1.5, by its feature planes).
+    /// Distance of a point from a triangle (Ericson, "Real-Time Collision Detection", 2004, section 5.1.5, by its
+    /// feature planes).
     fn distance(p: DVec3, tri: &Tri) -> f64 {
         let [a, b, c] = tri.map(|v| v.as_dvec3());
         let edge = |a: DVec3, b: DVec3| {
@@ -317,7 +321,13 @@ mod tests {
     }
 
     /// Checks points of a piece's region against all triangles; returns the level.
-    fn check(content: &Content, cell: Bounds, normal: u16, all: &[Tri], points: &[[f64; 3]]) -> Result<u32, TestCaseError> {
+    fn check(
+        content: &Content,
+        cell: Bounds,
+        normal: u16,
+        all: &[Tri],
+        points: &[[f64; 3]],
+    ) -> Result<u32, TestCaseError> {
         let (slabs, fill) = piece(content, cell, normal);
         let level = fill.level(&cell, &slabs);
         let limit = limit(level);
@@ -350,7 +360,8 @@ mod tests {
     }
 
     proptest! {
-        /// Few triangles by points all over them, many by their corners and middles; each where it is, or nowhere if that is outside.
+        /// Few triangles by points all over them, many by their corners and middles; each where it is, or nowhere if
+        /// that is outside.
         #[test]
         fn points_are_in_the_subcells_that_they_are_in(triangles in sheet(), few in 1usize..20, shrink in 0.0f32..0.5) {
             let triangles = &triangles[..triangles.len().min(few)];
@@ -423,7 +434,9 @@ mod tests {
             Vec3::new(x, y, 0.5 * x + 0.25 * y)
         };
         let squares = (0..n * n).map(|k| (k % n, k / n)).filter(|(i, _)| (*i as f32) < share * n as f32);
-        squares.flat_map(|(i, j)| [[at(i, j), at(i + 1, j), at(i, j + 1)], [at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]]).collect()
+        squares
+            .flat_map(|(i, j)| [[at(i, j), at(i + 1, j), at(i, j + 1)], [at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]])
+            .collect()
     }
 
     const TO_WALL: Vec3 = Vec3::new(-0.5, -0.25, 1.0);
@@ -445,7 +458,11 @@ mod tests {
         let all = wall(16, 1.0);
         let pieces: Vec<_> = (0..4)
             .map(|k| {
-                let here: Vec<Tri> = all.iter().filter(|t| (t[0].x >= 0.5) == (k & 1 == 1) && (t[0].y >= 0.5) == (k & 2 == 2)).copied().collect();
+                let here: Vec<Tri> = all
+                    .iter()
+                    .filter(|t| (t[0].x >= 0.5) == (k & 1 == 1) && (t[0].y >= 0.5) == (k & 2 == 2))
+                    .copied()
+                    .collect();
                 (Content::of_points(here.as_flattened().to_vec()), around(&here), normal)
             })
             .collect();

@@ -10,16 +10,19 @@ pub const AXES: usize = 8;
 /// So many axes, by component.
 pub type Axes = [[f32; AXES]; 3];
 
-/// Lanes of a vector of double precision. (Eight at once, or comparisons in place of `min` and `max`: compiled for AVX-512 half as fast.)
+/// Lanes of a vector of double precision. (Eight at once, or comparisons in place of `min` and `max`: compiled for
+/// AVX-512 half as fast.)
 const HALF: usize = AXES / 2;
 /// A half of the axes, by component.
 type Half = [[f64; HALF]; 3];
 
-/// What a cell's ends along an axis are off by, as a part of the greatest magnitude of a coordinate: 17 h (`cell_slabs.rs`) and more.
+/// What a cell's ends along an axis are off by, as a part of the greatest magnitude of a coordinate: 17 h
+/// (`cell_slabs.rs`) and more.
 const ENDS: f64 = 24.0 / 16_777_216.0;
 
-/// The least and the greatest of `axis . p` over all that `content` holds, for each axis; of what is known by its pieces' cells no more, or no less. In double precision, the same
-/// with any vectors. (Inlined always: it is compiled for the set of whoever calls.)
+/// The least and the greatest of `axis . p` over all that `content` holds, for each axis; of what is known by its
+/// pieces' cells no more, or no less. In double precision, the same with any vectors. (Inlined always: it is compiled
+/// for the set of whoever calls.)
 #[inline(always)]
 pub fn reach(content: &Content, axes: &Axes) -> [[f64; AXES]; 2] {
     let mut halves: [Half; 2] = [[[0.0; HALF]; 3]; 2];
@@ -76,12 +79,14 @@ pub fn farthest(cell: &Bounds, slabs: &Slabs<f32>, axis: DVec3) -> f64 {
 
 /// The same along some axes.
 ///
-/// For any factors `f`, `axis . p = (axis - f0 a0 - f1 a1) . p + f0 (a0 . p) + f1 (a1 . p)`: no more than the cell allows for the
-/// first term, and the slabs for the others. The factor that is best for one slab is zero or takes a component of what is left away.
-/// Planes at a cell's ends are where single precision has these: content may be outside by that, times a factor that may be great.
+/// For any factors `f`, `axis . p = (axis - f0 a0 - f1 a1) . p + f0 (a0 . p) + f1 (a1 . p)`: no more than the cell
+/// allows for the first term, and the slabs for the others. The factor that is best for one slab is zero or takes a
+/// component of what is left away. Planes at a cell's ends are where single precision has these: content may be outside
+/// by that, times a factor that may be great.
 #[inline(always)]
 fn farthest_of<const N: usize>(cell: &Bounds, slabs: &Slabs<f32>, axes: &[[f64; N]; 3]) -> [f64; N] {
-    let (centre, half) = ((cell.min.as_dvec3() + cell.max.as_dvec3()) * 0.5, (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.5);
+    let (centre, half) =
+        ((cell.min.as_dvec3() + cell.max.as_dvec3()) * 0.5, (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.5);
     let give = (centre.abs() + half).max_element() * ENDS;
     let (centre, half) = (centre.to_array(), half.to_array());
     let (mut rest, mut sum) = (*axes, [0.0; N]);
@@ -136,8 +141,8 @@ fn in_cell<const N: usize>(centre: &[f64; 3], half: &[f64; 3], [x, y, z]: &[[f64
 
 #[cfg(test)]
 mod tests {
-    use super::super::slabs::{Middle, fields, normal_bytes, slabs};
     use super::super::Fill;
+    use super::super::slabs::{Middle, fields, normal_bytes, slabs};
     use super::*;
     use crate::simd::{Isa, Op, Simd, dispatch};
     use proptest::prelude::*;
@@ -155,7 +160,8 @@ mod tests {
 
     /// The twin of `farthest_of`, of one axis.
     fn one_by_one(cell: &Bounds, slabs: &Slabs<f32>, axis: DVec3) -> f64 {
-        let (centre, half) = ((cell.min.as_dvec3() + cell.max.as_dvec3()) * 0.5, (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.5);
+        let (centre, half) =
+            ((cell.min.as_dvec3() + cell.max.as_dvec3()) * 0.5, (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.5);
         let give = (centre.abs() + half).max_element() * ENDS;
         let in_cell = |axis: DVec3| centre.dot(axis) + half.dot(axis.abs());
         let (mut rest, mut sum) = (axis, 0.0);

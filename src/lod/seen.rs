@@ -1,9 +1,10 @@
 //! What a ray sees of a voxel, and how that answers light.
 //!
-//! A voxel of six samples is seen through the three of its sides that face the ray, each by as much as there is to see: the share of the
-//! side that is covered, of its area as the ray sees it; and the less, the more the normals differ that it sees, for of these some
-//! are seen from behind, and in a closed surface they are hidden. Not by which side the ray enters: a tall cell of a few blocks shows their
-//! tops, though its own top is small. (Áfra 2012, section 4.2, takes the sample of the side that is entered.)
+//! A voxel of six samples is seen through the three of its sides that face the ray, each by as much as there is to see:
+//! the share of the side that is covered, of its area as the ray sees it; and the less, the more the normals differ
+//! that it sees, for of these some are seen from behind, and in a closed surface they are hidden. Not by which side the
+//! ray enters: a tall cell of a few blocks shows their tops, though its own top is small. (Áfra 2012, section 4.2,
+//! takes the sample of the side that is entered.)
 //!
 //! How much of the light comes back is told by the lengths of mean normals: see [`visible`].
 
@@ -15,8 +16,8 @@ const LEAST_SEEN: f32 = 1e-6;
 
 /// Shares of three sides, that add up to 1.
 ///
-/// `extent`: of the cell; `dir`: of the ray in the cell's frame; `firsts`, `seconds`: the words of the samples of the sides across x, y and
-/// z that face the ray.
+/// `extent`: of the cell; `dir`: of the ray in the cell's frame; `firsts`, `seconds`: the words of the samples of the
+/// sides across x, y and z that face the ray.
 #[inline(always)]
 pub fn shares(extent: Vec3, dir: Vec3, firsts: [u32; 3], seconds: [u32; 3]) -> [f32; 3] {
     let (e, d) = (in_proportion(extent), in_proportion(dir.abs()));
@@ -71,13 +72,15 @@ impl Facing {
     }
 }
 
-/// The mean of the normals that are seen, of those whose mean seen along `normal` is `likeness` long; all unit, `normal` on the eye's side.
+/// The mean of the normals that are seen, of those whose mean seen along `normal` is `likeness` long; all unit,
+/// `normal` on the eye's side.
 ///
-/// As if the normals were those of a spheroid, flat where they are alike and a sphere where their mean is 2/3 long: projected area and
-/// mean visible normal of such have closed forms. (Heitz and others, The SGGX microflake distribution, SIGGRAPH 2015.) With T the mean of
-/// n n' over area, the latter is T e / A, and A goes as the root of e' T e. T is 2 l - 1 along the normal and 1 - l across: exact
-/// where normals are nearly alike, and for spheres. Light from where the eye is comes back as l times the root of c^2 + r (1 - c^2), c the
-/// cosine, r their ratio: of flat pieces c, of spheres 2/3 from anywhere.
+/// As if the normals were those of a spheroid, flat where they are alike and a sphere where their mean is 2/3 long:
+/// projected area and mean visible normal of such have closed forms. (Heitz and others, The SGGX microflake
+/// distribution, SIGGRAPH 2015.) With T the mean of n n' over area, the latter is T e / A, and A goes as the root of e'
+/// T e. T is 2 l - 1 along the normal and 1 - l across: exact where normals are nearly alike, and for spheres. Light
+/// from where the eye is comes back as l times the root of c^2 + r (1 - c^2), c the cosine, r their ratio: of flat
+/// pieces c, of spheres 2/3 from anywhere.
 #[inline(always)]
 pub fn visible(normal: Vec3, likeness: f32, to_eye: Vec3) -> Vec3 {
     // No more than a sphere's: from other sides there are other samples.
@@ -88,8 +91,8 @@ pub fn visible(normal: Vec3, likeness: f32, to_eye: Vec3) -> Vec3 {
     leaning * if length > 1e-6 { likeness / length } else { 0.0 }
 }
 
-/// The mean cosine between `to` and normals around `mean`, of those that face it; as if their cosines were spread evenly, as widely as
-/// what the mean lacks of 1 says.
+/// The mean cosine between `to` and normals around `mean`, of those that face it; as if their cosines were spread
+/// evenly, as widely as what the mean lacks of 1 says.
 #[inline(always)]
 fn lit(mean: Vec3, to: Vec3) -> f32 {
     let (cosine, square) = (mean.dot(to), mean.length_squared());

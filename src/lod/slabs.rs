@@ -1,8 +1,9 @@
 //! Where in a cell its content is: between two planes across the voxel's normal, and two along another axis.
 //!
-//! The cell of a piece of a wall is much thicker than the piece, that of a slanted wire much wider than the wire. What is shown
-//! where the cell stands in is met where the ray enters the cell and both **slabs**; a ray that misses them misses the content, for
-//! certain. The first slab is for surfaces, the second for wires and strips (`tests/bench/NOTES.md` has what each is worth).
+//! The cell of a piece of a wall is much thicker than the piece, that of a slanted wire much wider than the wire. What
+//! is shown where the cell stands in is met where the ray enters the cell and both **slabs**; a ray that misses them
+//! misses the content, for certain. The first slab is for surfaces, the second for wires and strips
+//! (`tests/bench/NOTES.md` has what each is worth).
 //!
 //! One word:
 //!
@@ -13,7 +14,8 @@
 //! | 20 to 24, 25 to 29 | the planes across that: steps of 1/31; 0 and 31, the cell's ends, where it is not worth its time |
 //! | 30, 31 | how near to the content all of that is (`fill.rs`) |
 //!
-//! What is stored is worked out by one function over any number of lanes: walks of all kinds and builds see the same planes.
+//! What is stored is worked out by one function over any number of lanes: walks of all kinds and builds see the same
+//! planes.
 
 use super::coded::octahedral_axis;
 use super::fill::Fill;
@@ -22,8 +24,8 @@ use crate::math::Bounds;
 use crate::simd::Lanes;
 use glam::Vec3;
 
-/// The parts of the word, from which bit on and how many: low and high plane across the normal; turn; low and high plane across the
-/// second axis.
+/// The parts of the word, from which bit on and how many: low and high plane across the normal; turn; low and high
+/// plane across the second axis.
 pub const FIELDS: [(u32, u32); 5] = [(0, 7), (7, 7), (14, 6), (20, 5), (25, 5)];
 /// The same of what `fill.rs` says.
 pub const LEVEL: (u32, u32) = (30, 2);
@@ -59,8 +61,8 @@ pub struct Middle<L> {
     pub half: [L; 3],
 }
 
-/// Of voxels in `cell`s: `fields` are those of their words, `normal` the two signed bytes of their normals. Whatever these are, all
-/// is finite. (Inlined always: it is part of the walks.)
+/// Of voxels in `cell`s: `fields` are those of their words, `normal` the two signed bytes of their normals. Whatever
+/// these are, all is finite. (Inlined always: it is part of the walks.)
 #[inline(always)]
 pub fn slabs<const N: usize, L: Lanes<N>>(fields: [L; 5], normal: [L; 2], cell: &Middle<L>) -> Slabs<L> {
     let [low, high, turn, second_low, second_high] = fields;
@@ -116,11 +118,12 @@ impl<L> Range<L> {
     }
 }
 
-/// A direction across `axis`, turned around it by `turn` of [`TURNS`] steps of half a turn: of equal parts of the half circle of
-/// directions whose two components' magnitudes add up to 1, which needs no sine.
+/// A direction across `axis`, turned around it by `turn` of [`TURNS`] steps of half a turn: of equal parts of the half
+/// circle of directions whose two components' magnitudes add up to 1, which needs no sine.
 ///
-/// It is a fifth to 1 long: `axis`, whose components' magnitudes add up to 1, is `3^-0.5` to 1, the direction across it that the
-/// turn begins with 0.44 to 1, that at right angles to both 0.26 to 1, and what is between these the least of it 0.22.
+/// It is a fifth to 1 long: `axis`, whose components' magnitudes add up to 1, is `3^-0.5` to 1, the direction across it
+/// that the turn begins with 0.44 to 1, that at right angles to both 0.26 to 1, and what is between these the least of
+/// it 0.22.
 #[inline(always)]
 pub(super) fn turned<const N: usize, L: Lanes<N>>([x, y, z]: [L; 3], turn: L) -> [L; 3] {
     let zero = splat(x, 0.0);
@@ -145,8 +148,8 @@ pub(super) fn splat<const N: usize, L: Lanes<N>>(like: L, v: f32) -> L {
     L::from_array_like(like, [v; N])
 }
 
-/// What a cell holds, as far as slabs are concerned: triangles; or, of what is large, its pieces' cells with their slabs, and where
-/// in these there is surface.
+/// What a cell holds, as far as slabs are concerned: triangles; or, of what is large, its pieces' cells with their
+/// slabs, and where in these there is surface.
 #[derive(Debug, Clone, Default)]
 pub struct Content {
     /// Corners of the triangles, those that leaves share once for each leaf.
@@ -253,7 +256,8 @@ mod tests {
     }
 
     fn point() -> impl Strategy<Value = Vec3> {
-        (0.0f32..=1.0, 0.0f32..=1.0, 0.0f32..=1.0).prop_map(|(x, y, z)| CELL.min + (CELL.max - CELL.min) * Vec3::new(x, y, z))
+        (0.0f32..=1.0, 0.0f32..=1.0, 0.0f32..=1.0)
+            .prop_map(|(x, y, z)| CELL.min + (CELL.max - CELL.min) * Vec3::new(x, y, z))
     }
 
     fn holds(slabs: &Slabs<f32>, p: Vec3) -> bool {
@@ -302,7 +306,8 @@ mod tests {
         }
     }
 
-    /// All normals and turns that there are. Bytes of -128, which only a damaged file has, are a little beyond the square.
+    /// All normals and turns that there are. Bytes of -128, which only a damaged file has, are a little beyond the
+    /// square.
     #[test]
     fn magnitudes_of_axes_add_up_to_one_at_most() {
         for normal in 0..=u32::from(u16::MAX) {
@@ -327,7 +332,10 @@ mod tests {
                 let next = at((turn + 1) % TURNS) * if turn == TURNS - 1 { -1.0 } else { 1.0 };
                 let step = at(turn).angle_between(next).to_degrees();
                 // All the way around the same way, in steps that are not all equal.
-                assert!((0.7..8.0).contains(&step) && at(turn).cross(next).dot(across) > 0.0, "{normal:x} {turn}: {step}");
+                assert!(
+                    (0.7..8.0).contains(&step) && at(turn).cross(next).dot(across) > 0.0,
+                    "{normal:x} {turn}: {step}"
+                );
             }
         }
     }

@@ -1,4 +1,5 @@
-//! Which way the second axis of a cell's slabs is turned: the one along which its content is least wide, of eight, then of those between.
+//! Which way the second axis of a cell's slabs is turned: the one along which its content is least wide, of eight, then
+//! of those between.
 
 use super::reach::{AXES, Axes, reach};
 use super::slabs::{Content, TURNS, turned};

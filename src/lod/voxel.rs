@@ -59,8 +59,8 @@ pub struct Voxel {
     pub has_own_colours: bool,
 }
 
-/// A part's bit in a summary: a set of parts that lacks it lacks the part. (Parts that are numbered on have bits that are
-/// numbered on: a summary of a shared mesh's parts is that of the model's parts, rotated.)
+/// A part's bit in a summary: a set of parts that lacks it lacks the part. (Parts that are numbered on have bits that
+/// are numbered on: a summary of a shared mesh's parts is that of the model's parts, rotated.)
 #[inline]
 pub fn summary_bit(part: u32) -> u32 {
     1 << (part % 32)
@@ -185,10 +185,14 @@ impl Voxel {
     }
 }
 
-/// Looks at the children from all sides: what is behind others counts as much as these let through. With how much is seen of each child.
+/// Looks at the children from all sides: what is behind others counts as much as these let through. With how much is
+/// seen of each child.
 ///
 /// All sides go together, a lane each: from each the child that is nearest first.
-fn composite<'a>(cell: &Bounds, children: impl Iterator<Item = (&'a Bounds, &'a Voxel)>) -> ([Sample; 6], [f32; CHILDREN]) {
+fn composite<'a>(
+    cell: &Bounds,
+    children: impl Iterator<Item = (&'a Bounds, &'a Voxel)>,
+) -> ([Sample; 6], [f32; CHILDREN]) {
     let mut voxels = [None; CHILDREN];
     let (mut along, mut near, mut count) = ([[[0.0; GRID]; 3]; CHILDREN], [[0.0; CHILDREN]; 6], 0);
     for (bounds, voxel) in children.take(CHILDREN) {
@@ -221,7 +225,8 @@ fn composite<'a>(cell: &Bounds, children: impl Iterator<Item = (&'a Bounds, &'a 
             let Some(voxel) = voxels[slot] else { continue };
             // A side of no area is seen as if it were large: all children then lie in one plane or line.
             sums[side].add(voxel.sides[side].normal, voxel.sides[side].colour, visible[side].max(1e-6));
-            seen_of[slot][side] = visible[side] * (extent[(axis + 1) % 3] * extent[(axis + 2) % 3]).max(f32::MIN_POSITIVE);
+            seen_of[slot][side] =
+                visible[side] * (extent[(axis + 1) % 3] * extent[(axis + 2) % 3]).max(f32::MIN_POSITIVE);
         }
     }
     for (seen, of) in seen.iter_mut().zip(&seen_of) {
@@ -252,7 +257,8 @@ fn nearest_first(near: &[f32; CHILDREN], count: usize) -> [usize; CHILDREN] {
     order
 }
 
-/// Takes what covers the columns of the grid from what these let through; how much of it is visible. Each side in a lane of its own.
+/// Takes what covers the columns of the grid from what these let through; how much of it is visible. Each side in a
+/// lane of its own.
 fn cover_grid(
     through: &mut [[f32; LANES]; GRID * GRID],
     along_u: &[[f32; LANES]; GRID],

@@ -3,9 +3,9 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
-/// A ray's footprint: width `a + b * t` at distance parameter `t`, in scene units. A stand-in is accepted where the area
-/// of its cell's projection is at most the square of the width: for p pixels of error take the pixel's width times the
-/// square root of p. `ZERO` asks for exact answers.
+/// A ray's footprint: width `a + b * t` at distance parameter `t`, in scene units. A stand-in is accepted where the
+/// area of its cell's projection is at most the square of the width: for p pixels of error take the pixel's width times
+/// the square root of p. `ZERO` asks for exact answers.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Cone {
@@ -63,8 +63,8 @@ impl Ray {
         self.t_min.max(0.0)
     }
 
-    /// Whether there is anything between its ends. Looked at in double precision: rounded, the ends of an empty interval
-    /// may change places.
+    /// Whether there is anything between its ends. Looked at in double precision: rounded, the ends of an empty
+    /// interval may change places.
     #[inline]
     pub fn has_interval(&self) -> bool {
         self.t_min.abs() < f64::INFINITY && self.begins() <= self.t_max

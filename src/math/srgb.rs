@@ -47,8 +47,8 @@ impl Srgb {
         whole(linear, 255)
     }
 
-    /// Colours as sRGB bytes, of a row for each of red, green, blue and alpha; alpha stays linear. NaN gives 0. (Inlined always:
-    /// most of it becomes vectors.)
+    /// Colours as sRGB bytes, of a row for each of red, green, blue and alpha; alpha stays linear. NaN gives 0.
+    /// (Inlined always: most of it becomes vectors.)
     #[inline(always)]
     pub fn pixels<const N: usize>(&self, rows: &[[f32; N]; 4], out: &mut [[u8; 4]; N]) {
         let (mut steps, mut alphas) = ([[0; N]; 3], [0; N]);
@@ -75,8 +75,8 @@ impl Srgb {
     }
 }
 
-/// The nearest of `steps` from 0 to 1, 0 for NaN. Added to 2^23 a number loses its fraction, and what is left is in its low bits:
-/// a cast, which saturates, would not become vectors.
+/// The nearest of `steps` from 0 to 1, 0 for NaN. Added to 2^23 a number loses its fraction, and what is left is in its
+/// low bits: a cast, which saturates, would not become vectors.
 #[inline(always)]
 fn whole(linear: f32, steps: usize) -> u32 {
     let step = linear * steps as f32;

@@ -1,7 +1,7 @@
 //! How many rays go together: widths of packets, streams and bundles, which every structure and all above it agree on.
 
-/// Rays of a packet: two vectors of 16, so that a node's box tests serve twice as many rays, and of two tests of a triangle
-/// one goes on while the other waits.
+/// Rays of a packet: two vectors of 16, so that a node's box tests serve twice as many rays, and of two tests of a
+/// triangle one goes on while the other waits.
 pub const PACKET: usize = 32;
 /// Rays of a stream, at most.
 pub const STREAM: usize = 1024;

@@ -1,6 +1,8 @@
-//! A call for one or two rays, answered in the caller's thread. Hosts ask so from many threads at once: but for a thread's first call it takes no memory of the
-//! heap, and it writes nothing that other threads write but the stamps of blocks, once after each pass. (In scenes of more than seven models snapshots are counted:
-//! `arc_swap` has eight a thread that are not.) What does not come to an end so is for batches: what lacks a block, and what takes a second walk.
+//! A call for one or two rays, answered in the caller's thread. Hosts ask so from many threads at once: but for a
+//! thread's first call it takes no memory of the heap, and it writes nothing that other threads write but the stamps of
+//! blocks, once after each pass. (In scenes of more than seven models snapshots are counted: `arc_swap` has eight a
+//! thread that are not.) What does not come to an end so is for batches: what lacks a block, and what takes a second
+//! walk.
 
 use super::answers::answer_one;
 use super::batch::{Hits, Rays};
@@ -32,7 +34,8 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
     scene.context().pool().here(|| {
         // A thread that ends has none any more.
         let kept = KEPT.try_with(Cell::take).ok().flatten();
-        let mut kept = kept.unwrap_or_else(|| Box::new(Kept { walk: SceneWalk::default(), snapshots: Snapshots::none() }));
+        let mut kept =
+            kept.unwrap_or_else(|| Box::new(Kept { walk: SceneWalk::default(), snapshots: Snapshots::none() }));
         let Kept { walk, snapshots } = &mut *kept;
         snapshots.lend(scene);
         // Not a stamp of its own: each block that it visits would be written to.

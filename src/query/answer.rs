@@ -1,7 +1,8 @@
 //! Answers to batches of rays.
 //!
-//! A call that blocks answers a batch of one chunk at once, without the state of rounds, and one or two rays without that of
-//! a chunk. Only the rays that lack blocks go on in [rounds](super::rounds): they are parked in groups with their walks.
+//! A call that blocks answers a batch of one chunk at once, without the state of rounds, and one or two rays without
+//! that of a chunk. Only the rays that lack blocks go on in [rounds](super::rounds): they are parked in groups with
+//! their walks.
 
 use super::alone::{self, ALONE};
 use super::batch::{Hits, QueryOptions, Rays};
@@ -11,15 +12,20 @@ use super::parked::{Parked, Parking};
 use super::rounds::{Quest, Rounds};
 use crate::base::error::Result;
 use crate::base::tasks::Work;
+use crate::math::PACKET;
 use crate::scene::SceneState;
 use crate::scene::walk::Snapshots;
-use crate::math::PACKET;
 use std::borrow::Borrow;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Answers a batch of closest hits, or of any hits if `ANY`. Blocks.
-pub(super) fn answer<const ANY: bool>(scene: &SceneState, rays: &dyn Rays, hits: &dyn Hits, options: QueryOptions) -> Result<()> {
+pub(super) fn answer<const ANY: bool>(
+    scene: &SceneState,
+    rays: &dyn Rays,
+    hits: &dyn Hits,
+    options: QueryOptions,
+) -> Result<()> {
     let pool = scene.context().pool();
     if rays.count() == 0 {
         return Ok(());
@@ -79,11 +85,13 @@ struct AtOnce<'a> {
 
 impl Work for AtOnce<'_> {
     fn run(&self, _: usize) -> Result<()> {
-        // Neither a count nor a stamp of its own: threads share both, and a new stamp is written to each block that is visited.
+        // Neither a count nor a stamp of its own: threads share both, and a new stamp is written to each block that is
+        // visited.
         let mut snapshots = Snapshots::none();
         snapshots.lend(self.scene);
         let stamp = self.scene.context().residency().now();
-        let parked = trace_chunk(self.scene, &snapshots, stamp, self.task, (0, self.rays.count()), &self.rays, &self.hits);
+        let parked =
+            trace_chunk(self.scene, &snapshots, stamp, self.task, (0, self.rays.count()), &self.rays, &self.hits);
         if !parked.is_empty() {
             *self.parked.lock().unwrap_or_else(PoisonError::into_inner) = parked;
         }
@@ -158,7 +166,8 @@ where
     fn begin(&self, item: usize, snapshots: &Snapshots) -> Vec<Parking<Box<Group>>> {
         let first = item * CHUNK;
         let count = (self.count - first).min(CHUNK);
-        let parked = trace_chunk(self.scene(), snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
+        let parked =
+            trace_chunk(self.scene(), snapshots, self.stamp, self.task(), (first, count), &self.rays, &self.hits);
         let waiting: usize = parked.iter().map(|group| group.count()).sum();
         self.answered.fetch_add((count - waiting) as u64, Relaxed);
         parked.into_iter().map(Parking::new).collect()

@@ -4,8 +4,9 @@ use crate::scene::walk::{Need, Snapshots};
 
 /// The blocks that a ray has asked for last.
 ///
-/// Most steps of a walk need one block. One needs four: of two hits at the same distance the lower primitive id wins, which takes the block and the ids
-/// of each. No step of any structure may need more ([`crate::structure::Outcome::Pending`]).
+/// Most steps of a walk need one block. One needs four: of two hits at the same distance the lower primitive id wins,
+/// which takes the block and the ids of each. No step of any structure may need more
+/// ([`crate::structure::Outcome::Pending`]).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Asks {
     /// The last one first.

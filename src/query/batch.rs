@@ -20,8 +20,9 @@ pub trait Rays: Sync {
     fn count(&self) -> usize;
     /// Writes rays `first..first + out.len()`, all below `count`, to `out`. The same rays may be asked for again.
     fn read(&self, first: usize, out: &mut [Ray]);
-    /// Rays `first..first + PACKET`, all below `count`, where they are, if that is possible: those that [`Rays::read`] writes, which is asked for them
-    /// otherwise. Those [`AHEAD`] of them, if there are any, mostly come soon: their memory may be asked for.
+    /// Rays `first..first + PACKET`, all below `count`, where they are, if that is possible: those that [`Rays::read`]
+    /// writes, which is asked for them otherwise. Those [`AHEAD`] of them, if there are any, mostly come soon: their
+    /// memory may be asked for.
     fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
         let _ = first;
         None
@@ -92,8 +93,8 @@ pub struct QueryStatus {
     pub error: Option<Arc<Error>>,
 }
 
-/// A batch in flight. Dropping it cancels it, and waits until no thread reads its rays, writes its hits or calls its wake function
-/// (but for the call that it is dropped in). Thread-safe.
+/// A batch in flight. Dropping it cancels it, and waits until no thread reads its rays, writes its hits or calls its
+/// wake function (but for the call that it is dropped in). Thread-safe.
 pub struct Query {
     job: Job,
     /// Rays answered so far.
@@ -150,8 +151,8 @@ impl Query {
         QueryStatus { state, fraction, done, total: self.total, error }
     }
 
-    /// Waits until it has ended and a wake function that another thread calls has returned, `timeout` at most; after that time it still counts as running.
-    /// Works itself where the context has no threads.
+    /// Waits until it has ended and a wake function that another thread calls has returned, `timeout` at most; after
+    /// that time it still counts as running. Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> QueryStatus {
         self.status(self.job.wait(timeout))
     }
@@ -214,8 +215,9 @@ impl Hits for Arc<dyn Hits + Send + Sync> {
     }
 }
 
-/// How many rays ahead memory is asked for, into the L2. (Nanoseconds a ray of a small model, one thread of a Zen 4: 25.4 without, 25.1 into the L1 at any
-/// distance, for there is room there for fewer lines under way than a packet has; into the L2 two packets ahead 22.3, four 22.1, eight 23.2.)
+/// How many rays ahead memory is asked for, into the L2. (Nanoseconds a ray of a small model, one thread of a Zen 4:
+/// 25.4 without, 25.1 into the L1 at any distance, for there is room there for fewer lines under way than a packet has;
+/// into the L2 two packets ahead 22.3, four 22.1, eight 23.2.)
 pub const AHEAD: usize = 4 * PACKET;
 
 impl Rays for [Ray] {
@@ -250,7 +252,11 @@ impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, '_, T, F> {
 }
 
 /// Has `ask` write to a slice, as `put` says.
-fn into_slice<T: Send>(out: &mut [T], put: impl Fn(&[Hit], &mut [T]) + Sync, ask: impl FnOnce(&dyn Hits) -> Result<()>) -> Result<()> {
+fn into_slice<T: Send>(
+    out: &mut [T],
+    put: impl Fn(&[Hit], &mut [T]) + Sync,
+    ask: impl FnOnce(&dyn Hits) -> Result<()>,
+) -> Result<()> {
     if out.len() <= RUN {
         // Few are asked for often: without a list.
         return ask(&Slices { runs: &[Mutex::new(out)], put });

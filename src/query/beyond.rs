@@ -1,4 +1,5 @@
-//! Second walks of rays whose first walk does not tell all: what is within a ray's interval, and how far the ray is free.
+//! Second walks of rays whose first walk does not tell all: what is within a ray's interval, and how far the ray is
+//! free.
 
 use super::answers::{answer_one, is_within, meet};
 use super::hit::{Hit, Want};
@@ -15,16 +16,26 @@ pub(super) fn begin_past(view: &SceneView, ray: &Ray) -> SceneWalk {
     walk
 }
 
-/// Whether a ray passed a cell before it begins: some of the cell's content may be behind the begin, and the walk has not looked at it.
+/// Whether a ray passed a cell before it begins: some of the cell's content may be behind the begin, and the walk has
+/// not looked at it.
 #[inline(always)]
 pub(super) fn is_early(view: &SceneView, ray: &Ray, found: &Found) -> bool {
     view.looks_beyond && found.passed < ray.t_min
 }
 
-/// Goes on with the walk of a ray that found, or passed, something outside of its interval, each hit now seen in double precision, and fills `found` and `hit` with the
-/// first within (`any`: with any); fails with the block that is needed to go on again. (Rays that begin right at a surface, to peel off layer after layer, or end there.)
+/// Goes on with the walk of a ray that found, or passed, something outside of its interval, each hit now seen in double
+/// precision, and fills `found` and `hit` with the first within (`any`: with any); fails with the block that is needed
+/// to go on again. (Rays that begin right at a surface, to peel off layer after layer, or end there.)
 #[cold]
-pub(super) fn past(view: &SceneView, any: bool, ray: &Ray, walk: &mut SceneWalk, want: Want, found: &mut Found, hit: &mut Hit) -> Result<(), Need> {
+pub(super) fn past(
+    view: &SceneView,
+    any: bool,
+    ray: &Ray,
+    walk: &mut SceneWalk,
+    want: Want,
+    found: &mut Found,
+    hit: &mut Hit,
+) -> Result<(), Need> {
     *hit = Hit::MISS;
     let judge = Judge { placed: &view.scene.placement.placed, ray };
     let view = SceneView { within: Some(&judge), ..*view };
@@ -72,8 +83,8 @@ fn solid<'a>(view: &SceneView<'a>) -> SceneView<'a> {
     SceneView { is_solid: true, looks_beyond: false, ..*view }
 }
 
-/// Goes on with the walk of a ray that passed stand-ins, now passing none, and takes `t_free` down to where it hits; fails with the block that
-/// is needed to go on again.
+/// Goes on with the walk of a ray that passed stand-ins, now passing none, and takes `t_free` down to where it hits;
+/// fails with the block that is needed to go on again.
 #[cold]
 pub(super) fn free(view: &SceneView, ray: &Ray, walk: &mut SceneWalk, hit: &mut Hit) -> Result<(), Need> {
     let view = solid(view);

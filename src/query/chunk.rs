@@ -26,8 +26,8 @@ pub(super) struct Task {
 }
 
 impl Task {
-    /// What its rays are traced in. Intervals are of the distances that are answered: where these are in double precision, so are those. (Any hits answer
-    /// as closest ones would whose distances are.)
+    /// What its rays are traced in. Intervals are of the distances that are answered: where these are in double
+    /// precision, so are those. (Any hits answer as closest ones would whose distances are.)
     pub fn view<'a>(self, scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> SceneView<'a> {
         let looks_beyond = self.any || self.want.any_of(Want::MEETING);
         SceneView { never_waits: self.policy == Policy::Now, looks_beyond, ..SceneView::new(scene, snapshots, stamp) }
@@ -36,8 +36,8 @@ impl Task {
 
 /// What it takes to answer a chunk. Reusable.
 pub(super) struct Chunk {
-    /// Rays that go side by side, group by group, and behind them room for a group that is copied. Taken out while a chunk runs, for all else is needed
-    /// beside it. (A chunk that panics is not used again.)
+    /// Rays that go side by side, group by group, and behind them room for a group that is copied. Taken out while a
+    /// chunk runs, for all else is needed beside it. (A chunk that panics is not used again.)
     rays: Box<[Ray]>,
     found: [Found; CHUNK],
     /// Where the groups begin in the batch.
@@ -73,7 +73,15 @@ impl Default for Chunk {
 
 impl Chunk {
     /// Answers `count` rays of a batch from `first` on, but for those that are `parked`.
-    pub fn run(&mut self, view: &SceneView, task: Task, first: usize, count: usize, rays: &impl Rays, hits: &impl Hits) {
+    pub fn run(
+        &mut self,
+        view: &SceneView,
+        task: Task,
+        first: usize,
+        count: usize,
+        rays: &impl Rays,
+        hits: &impl Hits,
+    ) {
         if self.want != task.want {
             (self.want, self.answers) = (task.want, Answers::NONE);
         }
@@ -126,7 +134,15 @@ impl Chunk {
     }
 
     /// Answers a group together; false if it must go side by side.
-    fn run_together(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray; PACKET], alike: &Alike, hits: &impl Hits) -> bool {
+    fn run_together(
+        &mut self,
+        view: &SceneView,
+        task: Task,
+        group: Range<usize>,
+        rays: &[Ray; PACKET],
+        alike: &Alike,
+        hits: &impl Hits,
+    ) -> bool {
         let met = if task.any {
             self.group.trace::<true>(view, rays, group.len(), alike, task.coherent)
         } else {
@@ -160,8 +176,17 @@ impl Chunk {
         if met == 0 { Rest::default() } else { seen.answer(&InTree::new(view, placed), want, rays, &*group, met, out) }
     }
 
-    /// [`Chunk::answer`] of a group whose rays went together. `met`: those that hit something, `None` if some ray lacked a block.
-    fn answer_traced(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], met: Option<u32>, hits: &impl Hits) {
+    /// [`Chunk::answer`] of a group whose rays went together. `met`: those that hit something, `None` if some ray
+    /// lacked a block.
+    fn answer_traced(
+        &mut self,
+        view: &SceneView,
+        task: Task,
+        group: Range<usize>,
+        rays: &[Ray],
+        met: Option<u32>,
+        hits: &impl Hits,
+    ) {
         if met.is_none() {
             // Which of its rays had what they needed is not known.
             self.unfinished.extend(group.start as u32..group.end as u32);
@@ -170,7 +195,15 @@ impl Chunk {
     }
 
     /// Writes the answers of a group, or parks it. `met`: rays that hit something; more may be among the unfinished.
-    fn answer(&mut self, view: &SceneView, task: Task, group: Range<usize>, rays: &[Ray], mut met: u32, hits: &impl Hits) {
+    fn answer(
+        &mut self,
+        view: &SceneView,
+        task: Task,
+        group: Range<usize>,
+        rays: &[Ray],
+        mut met: u32,
+        hits: &impl Hits,
+    ) {
         let mut waiting = Vec::new();
         let mut lacking = 0;
         for &i in self.unfinished.iter().filter(|&&i| group.contains(&(i as usize))) {
@@ -216,10 +249,14 @@ fn passed_by(found: &[Found]) -> u32 {
 
 /// Those that passed a cell before they begin.
 fn early(view: &SceneView, rays: &[Ray], found: &[Found]) -> u32 {
-    rays.iter().zip(found).enumerate().fold(0, |all, (i, (ray, found))| all | u32::from(is_early(view, ray, found)) << i)
+    rays.iter()
+        .zip(found)
+        .enumerate()
+        .fold(0, |all, (i, (ray, found))| all | u32::from(is_early(view, ray, found)) << i)
 }
 
-/// Answers to a packet's rays, in the same memory packet after packet: what is not asked for stays as it is in [`Hit::MISS`].
+/// Answers to a packet's rays, in the same memory packet after packet: what is not asked for stays as it is in
+/// [`Hit::MISS`].
 pub(super) struct Answers {
     hits: [Hit; PACKET],
     /// Those that may be something else than misses.
@@ -400,7 +437,14 @@ impl Waits for Box<Group> {
 }
 
 /// Does what is left for a ray, up to a block that is needed.
-fn go_on(view: &SceneView, task: Task, ray: &Ray, left: &mut Left, found: &mut Found, hit: &mut Hit) -> Result<(), Need> {
+fn go_on(
+    view: &SceneView,
+    task: Task,
+    ray: &Ray,
+    left: &mut Left,
+    found: &mut Found,
+    hit: &mut Hit,
+) -> Result<(), Need> {
     if let Left::Walk(walk) = left {
         if let Step::Pending(need) = trace(view, task, ray, walk) {
             return Err(need);
@@ -409,7 +453,8 @@ fn go_on(view: &SceneView, task: Task, ray: &Ray, left: &mut Left, found: &mut F
     }
     if let Left::Hit = left {
         *hit = Hit::MISS;
-        let is_within = !is_early(view, ray, found) && (!found.is_hit() || answer_one(view, ray, found, task.want, hit)?);
+        let is_within =
+            !is_early(view, ray, found) && (!found.is_hit() || answer_one(view, ray, found, task.want, hit)?);
         *left = if is_within { Left::Nothing } else { Left::Past(begin_past(view, ray)) };
     }
     if let Left::Past(walk) = left {

@@ -24,14 +24,15 @@ pub enum HitKind {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C)]
 pub struct Hit {
-    /// Distance in units of the ray's `|dir|`; infinity for a miss. In double precision with [`Want::POSITION`] or [`Want::ERROR`];
-    /// without, in single precision, and on long thin triangles near the ray's origin it may be off by more than its last digits.
+    /// Distance in units of the ray's `|dir|`; infinity for a miss. In double precision with [`Want::POSITION`] or
+    /// [`Want::ERROR`]; without, in single precision, and on long thin triangles near the ray's origin it may be off by
+    /// more than its last digits.
     pub t: f64,
     /// Where, in world space.
     pub position: DVec3,
     /// No original surface lies on the ray before this. Left out are surfaces that the ray meets within 0.9 degrees of
-    /// edge-on, the one that it starts on, and edges that it grazes. Finite for a miss if the ray passed stand-ins: then, as of hits behind
-    /// these, it is that of the hit that there would be if no ray passed any.
+    /// edge-on, the one that it starts on, and edges that it grazes. Finite for a miss if the ray passed stand-ins:
+    /// then, as of hits behind these, it is that of the hit that there would be if no ray passed any.
     pub t_free: f64,
     /// The caller's id of the part.
     pub part: u64,

@@ -10,8 +10,8 @@ pub(crate) fn bytes_of(scene: &SceneState, need: Need) -> u64 {
     scene.models[need.model as usize].blocks().slot_bytes(need.block)
 }
 
-/// A sum against a limit: says of one count of bytes after the other, each above 0, whether all so far are `room` at most.
-/// The first always fits, so that there is progress.
+/// A sum against a limit: says of one count of bytes after the other, each above 0, whether all so far are `room` at
+/// most. The first always fits, so that there is progress.
 pub(crate) fn one_at_least(room: u64) -> impl FnMut(u64) -> bool {
     let mut sum = 0;
     move |bytes| {
@@ -38,7 +38,10 @@ mod tests {
             let mut fits = one_at_least(room);
             counts.iter().take_while(|&&count| fits(count)).count()
         };
-        assert_eq!([(0, &[5, 1][..]), (5, &[5, 1]), (6, &[5, 1, 1]), (9, &[])].map(|(room, counts)| fitting(room, counts)), [1, 1, 2, 0]);
+        assert_eq!(
+            [(0, &[5, 1][..]), (5, &[5, 1]), (6, &[5, 1, 1]), (9, &[])].map(|(room, counts)| fitting(room, counts)),
+            [1, 1, 2, 0]
+        );
     }
 
     #[test]

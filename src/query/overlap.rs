@@ -123,31 +123,27 @@ fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut Descent, met: &
     let placed = &view.scene.placement.placed[tree as usize];
     let hidden = &view.scene.instances[placed.instance as usize].parts.hidden;
     let hides = |part: u32| hidden.get(part as usize / 64).is_some_and(|w| w >> (part % 64) & 1 == 1);
-    left.go_on(
-        &view.tree(tree),
-        &mut |b| volume.may_meet(&placed.world_bounds(b)),
-        &mut |_, triangle| {
-            let part = placed.first_part.saturating_add(triangle.part);
-            // Settled: met, and not inside.
-            if met.get(&part) == Some(&false) || hides(part) {
-                return;
+    left.go_on(&view.tree(tree), &mut |b| volume.may_meet(&placed.world_bounds(b)), &mut |_, triangle| {
+        let part = placed.first_part.saturating_add(triangle.part);
+        // Settled: met, and not inside.
+        if met.get(&part) == Some(&false) || hides(part) {
+            return;
+        }
+        match volume.side(&world_triangle(placed, triangle)) {
+            Side::Inside => {
+                met.entry(part).or_insert(true);
             }
-            match volume.side(&world_triangle(placed, triangle)) {
-                Side::Inside => {
-                    met.entry(part).or_insert(true);
-                }
-                Side::Crossing => {
-                    met.insert(part, false);
-                }
-                // Not inside, but whether it is met at all others must tell.
-                Side::Outside => {
-                    if let Some(inside) = met.get_mut(&part) {
-                        *inside = false;
-                    }
+            Side::Crossing => {
+                met.insert(part, false);
+            }
+            // Not inside, but whether it is met at all others must tell.
+            Side::Outside => {
+                if let Some(inside) = met.get_mut(&part) {
+                    *inside = false;
                 }
             }
-        },
-    );
+        }
+    });
 }
 
 /// Which of `parts` have a triangle in the placed tree that is not inside the volume.

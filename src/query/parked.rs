@@ -1,6 +1,7 @@
-//! Groups of rays that wait for blocks, by these blocks. A round moves few of the many groups that wait, so the time to plan it,
-//! and to find the groups that go on, grows with the groups that move and the different blocks that are waited for. (Where many
-//! groups wait for the same few blocks, and some of them move for another block, it grows with their number too.)
+//! Groups of rays that wait for blocks, by these blocks. A round moves few of the many groups that wait, so the time to
+//! plan it, and to find the groups that go on, grows with the groups that move and the different blocks that are waited
+//! for. (Where many groups wait for the same few blocks, and some of them move for another block, it grows with their
+//! number too.)
 
 use super::asks::Asks;
 use super::rounds::WaitList;
@@ -83,7 +84,8 @@ impl<G: Send> WaitList for Parked<G> {
 
     /// Groups of which some ray has all that it waits for.
     fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<G> {
-        // Whole lists: to find each group in the list of all that wait for a block that has come would take the square of their number.
+        // Whole lists: to find each group in the list of all that wait for a block that has come would take the square
+        // of their number.
         let ready = self.waiting.extract_if(|needs, _| needs.iter().all(|&need| is_there(need)));
         let mut places: Vec<usize> = ready.flat_map(|(_, waiters)| waiters.groups).collect();
         places.sort_unstable();
@@ -91,10 +93,11 @@ impl<G: Send> WaitList for Parked<G> {
         places.into_iter().filter_map(|at| self.take_at(at)).collect()
     }
 
-    /// The blocks that most rays wait for first, up to the first that there is no room for: all blocks that a ray waits for or
-    /// none of them, and at least those of one ray.
+    /// The blocks that most rays wait for first, up to the first that there is no room for: all blocks that a ray waits
+    /// for or none of them, and at least those of one ray.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
-        let mut sets: BinaryHeap<_> = self.waiting.iter().map(|(needs, waiters)| (waiters.rays, Reverse(needs))).collect();
+        let mut sets: BinaryHeap<_> =
+            self.waiting.iter().map(|(needs, waiters)| (waiters.rays, Reverse(needs))).collect();
         let (mut order, mut chosen, mut sum) = (Vec::new(), BTreeSet::<Need>::new(), 0);
         while let Some((_, Reverse(needs))) = sets.pop() {
             let more: Vec<Need> = needs.iter().copied().filter(|need| !chosen.contains(need)).collect();

@@ -58,8 +58,9 @@ pub(super) trait WaitList: Default + Send {
     fn push(&mut self, parked: Self::Parked);
     /// Takes out the pieces that can go on with the blocks of which `is_there` holds.
     fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<Self::Piece>;
-    /// The blocks to bring, the most urgent first, each once: as many as there is `room` for, but enough for one piece to go on; and
-    /// whether these are all that pieces wait for. `room` is in bytes, and `bytes` counts those of a block.
+    /// The blocks to bring, the most urgent first, each once: as many as there is `room` for, but enough for one piece
+    /// to go on; and whether these are all that pieces wait for. `room` is in bytes, and `bytes` counts those of a
+    /// block.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool);
 }
 
@@ -132,7 +133,8 @@ impl<Q: Quest> Rounds<Q> {
             if state.waiting.len() >= Q::MOST_WAITING {
                 return state.deferred.push(item);
             }
-            let is_renewed = !state.is_first || state.begun.is_multiple_of(Q::RENEWAL) && !state.snapshots.is_current(scene);
+            let is_renewed =
+                !state.is_first || state.begun.is_multiple_of(Q::RENEWAL) && !state.snapshots.is_current(scene);
             state.begun += 1;
             if is_renewed {
                 let now = Arc::new(Snapshots::take(scene));
@@ -180,8 +182,8 @@ impl<Q: Quest> Rounds<Q> {
         Ok(())
     }
 
-    /// A round with blocks of the reserve. The thread that holds the lease waits for no thread that may wait for the lease: other
-    /// workers finish the pieces of this round that they take on.
+    /// A round with blocks of the reserve. The thread that holds the lease waits for no thread that may wait for the
+    /// lease: other workers finish the pieces of this round that they take on.
     fn run_leased(&self) -> Result<()> {
         let scene = self.quest.scene();
         let mut lease = scene.context().residency().lease();
@@ -228,7 +230,8 @@ fn neighbours(mut needs: Vec<Need>, readers: usize) -> Vec<Vec<Need>> {
     needs.chunks(needs.len().div_ceil(readers)).map(<[_]>::to_vec).collect()
 }
 
-/// Shares of some readers that take `few` blocks by turns: all of them begin with the most urgent, for there may be no room for the last.
+/// Shares of some readers that take `few` blocks by turns: all of them begin with the most urgent, for there may be no
+/// room for the last.
 fn by_turns(needs: &[Need], readers: usize, few: usize) -> Vec<Vec<Need>> {
     let of = |reader| needs.chunks(few).skip(reader).step_by(readers).flatten().copied().collect();
     (0..readers.min(needs.len().div_ceil(few))).map(of).collect()
@@ -261,8 +264,8 @@ impl<Q: Quest> State<Q> {
         self.begin(items)
     }
 
-    /// Begins a round of `items`, and of items of the first round that were put off, as far as few pieces wait; returns how
-    /// many there are.
+    /// Begins a round of `items`, and of items of the first round that were put off, as far as few pieces wait; returns
+    /// how many there are.
     fn begin(&mut self, items: Vec<Item<Piece<Q>>>) -> usize {
         let more = Q::MOST_WAITING.saturating_sub(self.waiting.len() + items.len()).div_ceil(Q::PIECES);
         let from = self.deferred.len() - more.min(self.deferred.len());
@@ -278,8 +281,8 @@ struct Room {
     /// Bytes that were to be brought for the next round, and those of them that came.
     asked: u64,
     came: u64,
-    /// Bytes that the next round asks for at most: those that came last, where not all had room, and a quarter more after
-    /// each round since.
+    /// Bytes that the next round asks for at most: those that came last, where not all had room, and a quarter more
+    /// after each round since.
     limit: u64,
 }
 
@@ -307,8 +310,8 @@ impl Room {
         }
     }
 
-    /// Whether to take a round under a lease: if the reserve holds more than there is room for beside it. That room then
-    /// counts as a quarter more, so that it is tried anew after some rounds.
+    /// Whether to take a round under a lease: if the reserve holds more than there is room for beside it. That room
+    /// then counts as a quarter more, so that it is tried anew after some rounds.
     fn takes_lease(&mut self, lease_room: u64) -> bool {
         let is_leased = self.limit < lease_room;
         if is_leased {
@@ -406,7 +409,8 @@ mod tests {
         assert_eq!(by_turns(&needs[..5], 3, 16).len(), 1);
     }
 
-    /// Views may let go of blocks, so rounds under leases, which take turns with those of all other jobs, are for a while only.
+    /// Views may let go of blocks, so rounds under leases, which take turns with those of all other jobs, are for a
+    /// while only.
     #[test]
     fn rounds_that_had_no_room_look_for_it_again() {
         let lease_room = 700 << 10;

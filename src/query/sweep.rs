@@ -1,4 +1,5 @@
-//! Visits to placed trees in parallel, in [rounds](super::rounds): a visit goes on where blocks that it lacks have come.
+//! Visits to placed trees in parallel, in [rounds](super::rounds): a visit goes on where blocks that it lacks have
+//! come.
 
 use super::needs::one_at_least;
 use super::rounds::{Quest, Rounds, WaitList};
@@ -12,8 +13,8 @@ use std::sync::{Mutex, PoisonError};
 /// Takes the visit of a placed tree as far as it comes, and adds what it finds.
 pub(super) type Search<'a, T> = &'a (dyn Fn(&SceneView, u32, &mut Descent, &mut T) + Sync);
 
-/// What `search` finds in each of the placed trees. The order of visits depends on what is in memory: what is found must
-/// not depend on it.
+/// What `search` finds in each of the placed trees. The order of visits depends on what is in memory: what is found
+/// must not depend on it.
 pub(super) fn sweep<T: Send + Default>(scene: &SceneState, trees: &[u32], search: Search<T>) -> Result<Vec<T>> {
     let found = trees.iter().map(|_| Mutex::default()).collect();
     let stamp = scene.context().residency().stamp();
@@ -56,8 +57,8 @@ impl<T: Send + Default> Quest for Sweep<'_, T> {
     const PIECES: usize = 1;
     /// The visit to a small tree takes less than a microsecond.
     const RENEWAL: usize = 64;
-    /// More than a batch: most blocks that a visit lacks are neighbours, which are read together. (A box round half of 1.2 million
-    /// triangles, 8 MB: 58 reads with 32, 69 with 16.)
+    /// More than a batch: most blocks that a visit lacks are neighbours, which are read together. (A box round half of
+    /// 1.2 million triangles, 8 MB: 58 reads with 32, 69 with 16.)
     const FETCH: usize = 32;
 
     fn scene(&self) -> &SceneState {

@@ -27,8 +27,8 @@ pub enum Buffer {
     Instance = 6,
     /// 1 byte: a [`crate::query::HitKind`].
     Kind = 7,
-    /// 1 float: [`crate::query::Hit::error`], world units; infinity where a triangle or nothing is seen through stand-ins, before which
-    /// something may be.
+    /// 1 float: [`crate::query::Hit::error`], world units; infinity where a triangle or nothing is seen through
+    /// stand-ins, before which something may be.
     Error = 8,
 }
 
@@ -178,9 +178,13 @@ impl Film {
         }
     }
 
-    /// A copy of the buffers, into those of `spare` where they fit. For while no tile is rendered. Fails with `NoMemory`.
+    /// A copy of the buffers, into those of `spare` where they fit. For while no tile is rendered. Fails with
+    /// `NoMemory`.
     pub fn copy(&self, spare: Option<Spare>) -> Result<Spare> {
-        let outputs = Buffer::ALL.iter().filter(|b| self.buffers[**b as usize].is_some()).fold(Outputs(0), |all, b| all | Outputs::of(*b));
+        let outputs = Buffer::ALL
+            .iter()
+            .filter(|b| self.buffers[**b as usize].is_some())
+            .fold(Outputs(0), |all, b| all | Outputs::of(*b));
         let mut copy = Spare::of((self.width, self.height), outputs, spare)?;
         for (to, from) in copy.buffers.iter_mut().zip(&self.buffers) {
             if let (Some(to), Some(from)) = (to, from) {

@@ -63,8 +63,9 @@ pub struct Frame {
 
 /// What a frame shares with its jobs.
 ///
-/// It has the [`Waker`] of a [`crate::base::handle::Handle`], not a whole handle. A handle ends once; a frame ends once for each
-/// request, calls the wake function for better pictures too, and counts the replaced requests that still write to its targets.
+/// It has the [`Waker`] of a [`crate::base::handle::Handle`], not a whole handle. A handle ends once; a frame ends once
+/// for each request, calls the wake function for better pictures too, and counts the replaced requests that still write
+/// to its targets.
 struct Shared {
     inner: Mutex<Inner>,
     /// Signalled when a request has ended, and when a better picture is there.
@@ -98,7 +99,11 @@ const MOST_PIXELS_ALONG: u32 = 1 << 16;
 
 pub(super) fn check_size(width: u32, height: u32) -> Result<()> {
     let fine = |n: u32| (1..=MOST_PIXELS_ALONG).contains(&n);
-    if fine(width) && fine(height) { Ok(()) } else { Err(Error::bad_argument("a frame has 1 to 65536 pixels along each side")) }
+    if fine(width) && fine(height) {
+        Ok(())
+    } else {
+        Err(Error::bad_argument("a frame has 1 to 65536 pixels along each side"))
+    }
 }
 
 impl FrameSettings {
@@ -154,8 +159,8 @@ impl Frame {
     /// Begins a picture of `scene` from `camera`; returns at once. What ran before is cancelled; if the frame
     /// has targets, its tiles in flight are waited for, so that nobody else writes to them.
     ///
-    /// Fails with `BadArgument` for a bad camera or settings, or a scene of another context, and with `NoMemory` where there is none for
-    /// buffers beside those that are shown; then what ran goes on.
+    /// Fails with `BadArgument` for a bad camera or settings, or a scene of another context, and with `NoMemory` where
+    /// there is none for buffers beside those that are shown; then what ran goes on.
     pub fn request(&self, scene: &Arc<SceneState>, camera: &Camera, settings: &FrameSettings) -> Result<()> {
         if !scene.context().same(&self.context) {
             return Err(Error::bad_argument("the scene belongs to another context"));
@@ -193,8 +198,8 @@ impl Frame {
         request.map_or_else(FrameStatus::default, |r| status_of(&r, ending, shown == Some(r.number)))
     }
 
-    /// Waits until the last request has ended and a wake function that another thread calls has returned, `timeout` at most; after that time it still
-    /// counts as running. Works itself where the context has no threads.
+    /// Waits until the last request has ended and a wake function that another thread calls has returned, `timeout` at
+    /// most; after that time it still counts as running. Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> FrameStatus {
         let deadline = Instant::now().checked_add(timeout);
         loop {
@@ -290,7 +295,8 @@ impl Frame {
     }
 
     /// Calls `wake` when a better picture can be mapped, and when a request ends (well, cancelled or failed), from any
-    /// thread, never under a lock of ours. It must not block; it may call the frame's cheap methods. `None`: nothing is called.
+    /// thread, never under a lock of ours. It must not block; it may call the frame's cheap methods. `None`: nothing is
+    /// called.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
         let before = self.shared.inner().waker.set(wake);
         drop(before);
@@ -381,7 +387,8 @@ impl Owner for Shared {
             }
             inner.take_spare((film.width, film.height))
         };
-        // Under no lock: it is some megabytes. Where there is no memory for it the picture is shown when it is finished.
+        // Under no lock: it is some megabytes. Where there is no memory for it the picture is shown when it is
+        // finished.
         let Ok(copy) = film.copy(spare) else { return false };
         let picture = copy.into_picture(request.number, Arc::clone(&request.scene), request.rays);
         let wake = {

@@ -2,12 +2,12 @@
 //!
 //! The first pass renders all tiles from what is in memory, with stand-ins for what is not: the picture is whole at
 //! once. What it lacked is wanted; when some of that has come, a pass renders the tiles that lacked something again,
-//! and so on until nothing is lacking. Then passes with more samples. What decides is in `passes.rs`; nobody waits here:
-//! between passes a request is nothing but a state that the residency's news wakes.
+//! and so on until nothing is lacking. Then passes with more samples. What decides is in `passes.rs`; nobody waits
+//! here: between passes a request is nothing but a state that the residency's news wakes.
 //!
-//! Before the very first picture of a frame, glimpses at every 32nd pixel tell what that will lack, and the worker that ended one
-//! waits for it, [`GLIMPSES`] at most: of a model just opened what is needed most is there by then, and nothing is shown yet
-//! that could stand still.
+//! Before the very first picture of a frame, glimpses at every 32nd pixel tell what that will lack, and the worker that
+//! ended one waits for it, [`GLIMPSES`] at most: of a model just opened what is needed most is there by then, and
+//! nothing is shown yet that could stand still.
 
 use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
@@ -32,7 +32,8 @@ use std::time::{Duration, Instant};
 /// How long the first picture of a frame may wait for blocks.
 const GLIMPSES: Duration = Duration::from_millis(80);
 
-/// How long blocks are read before a picture is made of them, where who waits for it reads: at the least, and at the most.
+/// How long blocks are read before a picture is made of them, where who waits for it reads: at the least, and at the
+/// most.
 const READS: (Duration, Duration) = (Duration::from_millis(80), Duration::from_secs(1));
 
 /// How long a request that would end coarser than asked waits for what is being read for nobody any more.
@@ -194,9 +195,10 @@ impl Request {
         }
     }
 
-    /// For a request that waits, in a context without threads: has `step`, which does a piece of work if there is any, bring blocks for as long as the
-    /// last pass took (a second at most, `most` at most), and then looks at what has come. Were it looked at after each of them, hundreds of pictures
-    /// would be made of some hundred reads. Whether the last `step` did anything.
+    /// For a request that waits, in a context without threads: has `step`, which does a piece of work if there is any,
+    /// bring blocks for as long as the last pass took (a second at most, `most` at most), and then looks at what has
+    /// come. Were it looked at after each of them, hundreds of pictures would be made of some hundred reads. Whether
+    /// the last `step` did anything.
     pub fn read(&self, most: Duration, step: impl Fn() -> bool) -> bool {
         let (begun, stamp, time) = {
             let mut running = self.running();
@@ -204,7 +206,8 @@ impl Request {
             (Instant::now(), running.stamp, running.pass_took.clamp(READS.0, READS.1).min(most))
         };
         // What comes only after a pass is not waited for.
-        let lacks_more = || self.is_waiting() && self.view.status().state == ViewState::Busy && !self.view.is_stale(stamp);
+        let lacks_more =
+            || self.is_waiting() && self.view.status().state == ViewState::Busy && !self.view.is_stale(stamp);
         let mut did = step();
         while did && begun.elapsed() < time && lacks_more() {
             did = step();
@@ -338,7 +341,8 @@ impl Request {
         }
     }
 
-    /// There may be more room than is known yet, after a camera has moved: who ended now would end coarser than need be.
+    /// There may be more room than is known yet, after a camera has moved: who ended now would end coarser than need
+    /// be.
     fn ease(&self) {
         let begun = Instant::now();
         while self.view.ease() && !self.stop.load(Relaxed) && begun.elapsed() < LAST_READS {
@@ -402,8 +406,7 @@ impl Work for Request {
             (index, passes.is_glimpse, samples, pressure, stamp, never_waits, snapshots, running.free.pop())
         };
         let tile = self.corners[index];
-        let mut desk =
-            desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
+        let mut desk = desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
         let view = SceneView { never_waits, ..SceneView::new(&self.scene, &snapshots, stamp) };

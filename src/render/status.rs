@@ -45,8 +45,8 @@ pub struct FrameStatus {
     pub request: u64,
     /// Fraction done: 0 at the request, 1 when complete, never going back in between.
     pub fraction: f64,
-    /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the last
-    /// lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to be mapped.
+    /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the
+    /// last lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to be mapped.
     pub pictures: u32,
     /// Pixels whose answer is exact (hits on original triangles and misses, of rays that passed no stand-in before).
     pub pixels_exact: u64,
@@ -66,8 +66,8 @@ pub struct FrameStatus {
     pub bytes_resident: u64,
     /// Bytes of blocks wanted and not yet in memory.
     pub bytes_wanted: u64,
-    /// Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has come. What
-    /// better pictures will want besides is not known. 0 when not running, infinity when unknown.
+    /// Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has
+    /// come. What better pictures will want besides is not known. 0 when not running, infinity when unknown.
     pub seconds_to_go: f64,
     /// Seconds since the request, until it ended.
     pub seconds: f64,

@@ -4,10 +4,10 @@ use super::film::{Buffer, Outputs};
 use super::integrators::direct::{ACROSS, DOWN, Scratch};
 use super::integrators::first::First;
 use super::integrators::{Integrator, Picture};
-use crate::math::srgb::Srgb;
 use crate::math::bits;
-use crate::simd::{Op, Simd, dispatch};
+use crate::math::srgb::Srgb;
 use crate::math::{BUNDLE, PACKET};
+use crate::simd::{Op, Simd, dispatch};
 use std::ops::Range;
 
 /// Pixels along the side of a tile.
@@ -80,8 +80,8 @@ impl TilePixels {
         &all[at..at + self.width as usize * size]
     }
 
-    /// Renders the tile whose left upper pixel is (`x`, `y`). Blocks that are missing go to the scratch's wants; then the
-    /// tile is to be rendered again. `None` if `stop` said so between two packets.
+    /// Renders the tile whose left upper pixel is (`x`, `y`). Blocks that are missing go to the scratch's wants; then
+    /// the tile is to be rendered again. `None` if `stop` said so between two packets.
     pub fn render(
         &mut self,
         integrator: &Integrator,
@@ -101,7 +101,9 @@ impl TilePixels {
             if stop() {
                 return None;
             }
-            let packets = patches.each_ref().map(|it| (integrator.pixels((x + it.left, y + it.top), (1, 1), sample), it.active()));
+            let packets = patches
+                .each_ref()
+                .map(|it| (integrator.pixels((x + it.left, y + it.top), (1, 1), sample), it.active()));
             integrator.begin(&packets, scratch);
             for (i, (pixels, active)) in packets.iter().enumerate().filter(|(_, (_, active))| *active != 0) {
                 if stop() {

@@ -17,12 +17,12 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 
 /// What residency has to know of a structure's blocks.
 pub trait Decoder: Send + Sync {
-    /// The trace form of block `id`, checked so that a walk can trust it; or what is wrong with it. (In memory it ends with a whole cache line:
-    /// zeros may follow.)
+    /// The trace form of block `id`, checked so that a walk can trust it; or what is wrong with it. (In memory it ends
+    /// with a whole cache line: zeros may follow.)
     fn decode(&self, id: BlockId, payload: &[u8]) -> std::result::Result<Vec<u32>, String>;
 
-    /// Calls `refer` with what a decoded block says of others. Returns how many numbers the block itself has. No reference
-    /// leads to where nothing is: that is checked between each two blocks that are ever in memory.
+    /// Calls `refer` with what a decoded block says of others. Returns how many numbers the block itself has. No
+    /// reference leads to where nothing is: that is checked between each two blocks that are ever in memory.
     fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(Reference)) -> u32 {
         let _ = (id, words, refer);
         u32::MAX
@@ -38,7 +38,8 @@ pub trait Decoder: Send + Sync {
 /// How a block is kept in memory, as its structure declares it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BlockClass {
-    /// Any number of blocks hang below this one: it is kept longest. (Opening reads the blocks of a tree's first class.)
+    /// Any number of blocks hang below this one: it is kept longest. (Opening reads the blocks of a tree's first
+    /// class.)
     pub is_coarse: bool,
     /// The one block that hangs below this one alone: this one counts as used whenever that is.
     pub below: Option<BlockId>,
@@ -84,7 +85,8 @@ pub(super) struct Inner {
     pub root_bytes: u64,
     /// Set once opened: its blocks may be read ahead.
     pub may_promote: AtomicBool,
-    /// Bytes of all blocks that are read ahead; and of those of them that are in memory, written by who changes what is.
+    /// Bytes of all blocks that are read ahead; and of those of them that are in memory, written by who changes what
+    /// is.
     promoted_bytes: u64,
     promoted_there: AtomicU64,
     /// What was lacking when none of it could be had: it failed, or somebody reads it.
@@ -98,8 +100,8 @@ pub(super) struct Inner {
 impl ModelBlocks {
     /// Of `file`, with nothing in memory. `roots` stay in memory once they are there.
     ///
-    /// Fails with `OverBudget` if the budget does not hold the tables, `roots`, the lease of exact jobs and what reading
-    /// needs, beside what must stay of the other models: it names the least that would do.
+    /// Fails with `OverBudget` if the budget does not hold the tables, `roots`, the lease of exact jobs and what
+    /// reading needs, beside what must stay of the other models: it names the least that would do.
     pub fn open(
         residency: &Residency,
         file: Arc<ModelFile>,
@@ -174,8 +176,8 @@ impl ModelBlocks {
         }
     }
 
-    /// Blocks that failed are asked for again from now on, by all who want them: a disk or a network may be back. (What is damaged for
-    /// good is then read in vain; this counts four times a second at most.)
+    /// Blocks that failed are asked for again from now on, by all who want them: a disk or a network may be back. (What
+    /// is damaged for good is then read in vain; this counts four times a second at most.)
     pub fn forget_failures(&self) {
         if self.inner.failures.forget() {
             self.inner.lacked_in_vain.store(u64::MAX, Relaxed);
@@ -189,7 +191,8 @@ impl ModelBlocks {
         self.inner.published.load_full()
     }
 
-    /// [`ModelBlocks::snapshot`] without a count that threads share, to be let go soon, by this thread: there are few at a time that cost nothing.
+    /// [`ModelBlocks::snapshot`] without a count that threads share, to be let go soon, by this thread: there are few
+    /// at a time that cost nothing.
     pub fn shown(&self) -> Shown {
         self.inner.published.load()
     }

@@ -15,8 +15,8 @@ const AT_ONCE: usize = 32;
 pub type Held = Vec<(BlockId, Slot)>;
 
 impl ModelBlocks {
-    /// Brings `ids` into memory as far as there is room beside what views use, and shows them to all; returns those that
-    /// are there. Reads the disk: blocks.
+    /// Brings `ids` into memory as far as there is room beside what views use, and shows them to all; returns those
+    /// that are there. Reads the disk: blocks.
     ///
     /// Fails with `Corrupt` naming the block, `Io` or `Cancelled`; blocks that came before the failing one stay.
     pub fn bring(&self, ids: &[BlockId], cancel: &Cancel) -> Result<Held> {

@@ -14,9 +14,9 @@ pub(super) struct Claims {
 
 impl Claims {
     /// Takes on up to `most` of the blocks that `missing` names, ascending, each once; `None` once it names none.
-    /// Whoever has a claim publishes before giving it back, and `missing` is asked under the lock: so what was read is seen.
-    /// Waits for blocks
-    /// that another thread reads: if it fails they are tried again here, so that everybody has an error of their own.
+    /// Whoever has a claim publishes before giving it back, and `missing` is asked under the lock: so what was read is
+    /// seen. Waits for blocks that another thread reads: if it fails they are tried again here, so that everybody has
+    /// an error of their own.
     pub fn claim(&self, missing: impl Fn() -> Vec<BlockId>, most: usize) -> Option<Claim<'_>> {
         let mut loading = self.lock();
         loop {

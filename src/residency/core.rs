@@ -165,8 +165,9 @@ impl Residency {
         self.0.next_pass(NO_VIEW)
     }
 
-    /// The stamp of the last pass begun, or of the last blocks that came, in the lane of who is no view. Calls that begin no pass of their own use it: a block is
-    /// written to once after each, and all that they use between two counts as used at one time.
+    /// The stamp of the last pass begun, or of the last blocks that came, in the lane of who is no view. Calls that
+    /// begin no pass of their own use it: a block is written to once after each, and all that they use between two
+    /// counts as used at one time.
     pub fn now(&self) -> u32 {
         self.0.now()
     }
@@ -205,7 +206,8 @@ impl Shared {
         (self.pass.fetch_add(1, Relaxed) + 1) * LANES as u32 + lane
     }
 
-    /// The stamp of what somebody uses now who is no view. Passes that begin later have greater ones, and so has what is used after other blocks have come.
+    /// The stamp of what somebody uses now who is no view. Passes that begin later have greater ones, and so has what
+    /// is used after other blocks have come.
     pub fn now(&self) -> u32 {
         self.pass.load(Relaxed) * LANES as u32 + NO_VIEW
     }
@@ -215,15 +217,10 @@ impl Shared {
         self.main.limit().saturating_sub(self.headroom + state.tables)
     }
 
-    /// A key and what pays for `stays` bytes of tables, for the model `name` whose tables take `tables` bytes at most and of
-    /// which `roots` bytes of blocks stay. What others use goes if it must: then it waits until passes that hold it have ended,
-    /// [`FOR_ROOM`] at most.
-    pub fn admit(
-        &self,
-        name: &Path,
-        [stays, tables, roots]: [u64; 3],
-        cancel: &Cancel,
-    ) -> Result<(ModelKey, Charge)> {
+    /// A key and what pays for `stays` bytes of tables, for the model `name` whose tables take `tables` bytes at most
+    /// and of which `roots` bytes of blocks stay. What others use goes if it must: then it waits until passes that hold
+    /// it have ended, [`FOR_ROOM`] at most.
+    pub fn admit(&self, name: &Path, [stays, tables, roots]: [u64; 3], cancel: &Cancel) -> Result<(ModelKey, Charge)> {
         let have = self.options.budget;
         let key = {
             let mut state = self.lock();
@@ -260,8 +257,8 @@ impl Shared {
         }
     }
 
-    /// Makes room for slots of `bytes` for what must be in memory, whoever uses what goes for it; false if somebody holds that for
-    /// now.
+    /// Makes room for slots of `bytes` for what must be in memory, whoever uses what goes for it; false if somebody
+    /// holds that for now.
     pub fn takes_room(&self, bytes: u64) -> bool {
         let mut after = After::default();
         let is_free = {

@@ -1,8 +1,9 @@
 //! Which blocks go first when room is needed.
 //!
-//! A block goes only if no live view stands on a pass that used it, and it is not pinned. Blocks that are not coarse go first, those
-//! that were used longest ago before others; then coarse ones, the highest first: references lead to higher blocks, and a block with one
-//! other below it counts as used whenever that was, so a block never goes before those below it.
+//! A block goes only if no live view stands on a pass that used it, and it is not pinned. Blocks that are not coarse go
+//! first, those that were used longest ago before others; then coarse ones, the highest first: references lead to
+//! higher blocks, and a block with one other below it counts as used whenever that was, so a block never goes before
+//! those below it.
 
 use super::blocks::{Inner, ModelKey};
 use super::core::{After, Shared, State};
@@ -54,8 +55,8 @@ const AHEAD_SHARE: u64 = 64;
 const AHEAD: u64 = 1 << 20;
 
 impl State {
-    /// Unpublishes blocks that no live view uses until slots of `need` bytes fit. Their memory is free once `after` has run and
-    /// nobody holds a snapshot that has them.
+    /// Unpublishes blocks that no live view uses until slots of `need` bytes fit. Their memory is free once `after` has
+    /// run and nobody holds a snapshot that has them.
     pub fn free_up(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
         let standing = self.standing();
         self.free_up_beside(shared, need, &standing, after)
@@ -145,7 +146,8 @@ impl State {
         let models: Vec<_> = self.models.values().filter_map(std::sync::Weak::upgrade).collect();
         let of_model = |model: &Arc<Inner>| {
             let snapshot = model.published.load();
-            let used = snapshot.resident().filter(|(id, _)| stamp_of_evictable(model, &snapshot, *id, standing).is_none());
+            let used =
+                snapshot.resident().filter(|(id, _)| stamp_of_evictable(model, &snapshot, *id, standing).is_none());
             used.map(|(id, _)| model.slot_bytes(id)).sum::<u64>()
         };
         models.iter().map(of_model).sum()

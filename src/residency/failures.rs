@@ -31,13 +31,18 @@ pub(super) struct Failures {
     forgotten: Mutex<Option<Instant>>,
 }
 
-/// They are not forgotten more often than that: a camera that moves asks each time, and what fails slowly would never have failed.
+/// They are not forgotten more often than that: a camera that moves asks each time, and what fails slowly would never
+/// have failed.
 const OFTEN: Duration = Duration::from_millis(250);
 
 impl Failures {
     /// Of so many blocks, of which none has failed.
     pub fn new(count: u32) -> Self {
-        Self { blocks: (0..count).map(|_| AtomicU8::new(0)).collect(), any: AtomicBool::new(false), forgotten: Mutex::default() }
+        Self {
+            blocks: (0..count).map(|_| AtomicU8::new(0)).collect(),
+            any: AtomicBool::new(false),
+            forgotten: Mutex::default(),
+        }
     }
 
     /// Marks a block as one that cannot be had.

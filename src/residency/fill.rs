@@ -51,8 +51,8 @@ impl ModelBlocks {
         pool.run_scoped(filling.shares.len(), &filling).into_result()
     }
 
-    /// Brings `ids` into memory, whoever uses what has to go for them: waits until passes that hold that have ended, [`FOR_ROOM`] at
-    /// most. Fails with `OverBudget` if there is no room.
+    /// Brings `ids` into memory, whoever uses what has to go for them: waits until passes that hold that have ended,
+    /// [`FOR_ROOM`] at most. Fails with `OverBudget` if there is no room.
     pub fn require(&self, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
         let begun = Instant::now();
         loop {
@@ -66,7 +66,8 @@ impl ModelBlocks {
         }
     }
 
-    /// Says that all of it is in memory: those who read put that together when they have nothing else to do (`huge_pages.rs`).
+    /// Says that all of it is in memory: those who read put that together when they have nothing else to do
+    /// (`huge_pages.rs`).
     pub fn completed(&self) {
         if !self.inner.is_complete.swap(true, Relaxed) {
             self.inner.residency.wake();

@@ -1,9 +1,10 @@
 //! Blocks in huge pages of the system's memory.
 //!
-//! Rays go to blocks all over memory, and each page that they come to has to be looked up in the system's tables: of 4 KB each, a model of
-//! hundreds of megabytes has more than a processor keeps in mind. So once all of a model is in memory, which is when it mostly stays, the system is asked to
-//! put together what fills 2 MB of addresses (`MADV_COLLAPSE`, Linux 6.1). What is there stays as it is, and where; memory grows by what else
-//! is in these 2 MB, a sixteenth at most. Systems that never do it are not asked again.
+//! Rays go to blocks all over memory, and each page that they come to has to be looked up in the system's tables: of 4
+//! KB each, a model of hundreds of megabytes has more than a processor keeps in mind. So once all of a model is in
+//! memory, which is when it mostly stays, the system is asked to put together what fills 2 MB of addresses
+//! (`MADV_COLLAPSE`, Linux 6.1). What is there stays as it is, and where; memory grows by what else is in these 2 MB, a
+//! sixteenth at most. Systems that never do it are not asked again.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -33,12 +34,14 @@ pub(super) fn filled(pieces: impl Iterator<Item = Range<usize>>) -> Vec<Page> {
     bytes.into_iter().filter_map(is_full).collect()
 }
 
-/// Asks the system to hold a huge page in one; false if it does not, for want of memory in one piece or because it does not know how.
+/// Asks the system to hold a huge page in one; false if it does not, for want of memory in one piece or because it does
+/// not know how.
 #[cfg(target_os = "linux")]
 pub(super) fn put_together(page: Page) -> bool {
     /// `MADV_COLLAPSE` of `linux/mman.h`.
     const COLLAPSE: i32 = 25;
-    // SAFETY: what memory holds and who may use it stays as it is, of whoever it is by now; where nothing is mapped it is an error, and memory that was given back may be taken anew, as zeros.
+    // SAFETY: what memory holds and who may use it stays as it is, of whoever it is by now; where nothing is mapped it
+    // is an error, and memory that was given back may be taken anew, as zeros.
     unsafe { libc::madvise(page.0 as *mut _, PAGE, COLLAPSE) == 0 }
 }
 

@@ -64,8 +64,8 @@ impl Reserve {
     }
 }
 
-/// The reserve, held by one job. Blocks that it brings are nobody else's; they are free again when it is dropped and its
-/// snapshots are.
+/// The reserve, held by one job. Blocks that it brings are nobody else's; they are free again when it is dropped and
+/// its snapshots are.
 pub struct Lease {
     shared: Arc<Shared>,
     number: u64,
@@ -106,8 +106,8 @@ impl Lease {
         self.shared.reserve.room()
     }
 
-    /// What a block of so many bytes in memory counts of that: it may be the only one in its page of the table, which the rest of the reserve holds beside what
-    /// reading takes.
+    /// What a block of so many bytes in memory counts of that: it may be the only one in its page of the table, which
+    /// the rest of the reserve holds beside what reading takes.
     pub fn counts(bytes: u64) -> u64 {
         bytes.max(4 * PAGE_BYTES)
     }

@@ -21,8 +21,8 @@ pub(super) struct Links {
     known: Mutex<Box<[Known]>>,
 }
 
-/// Of one block: numbers below `needed` are referred to, and it has numbers below `has`; `UNKNOWN` until it was read. What was
-/// said of it by who said so first.
+/// Of one block: numbers below `needed` are referred to, and it has numbers below `has`; `UNKNOWN` until it was read.
+/// What was said of it by who said so first.
 #[derive(Clone, Copy)]
 struct Known {
     needed: u32,
@@ -76,7 +76,11 @@ fn refer(known: &mut [Known], to: BlockId, number: u32) -> Result<(), String> {
 
 fn agree(known: &mut [Known], of: BlockId, number: u64) -> Result<(), String> {
     let of = known.get_mut(of.0 as usize).ok_or("it goes with a block that is not there")?;
-    if *of.agreed.get_or_insert(number) == number { Ok(()) } else { Err("it and the block that goes with it differ".into()) }
+    if *of.agreed.get_or_insert(number) == number {
+        Ok(())
+    } else {
+        Err("it and the block that goes with it differ".into())
+    }
 }
 
 #[cfg(test)]

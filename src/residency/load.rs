@@ -60,17 +60,17 @@ impl Buffers {
     /// Paid for by `account`; `None` if that has too little for a run of `run` bytes of `file`.
     pub fn new(account: &Account, file: &ModelFile, run: u64) -> Option<Self> {
         let largest = u64::from(file.header().block_size);
-        // Stored bytes, a payload (four times a block at most, mostly one or less), and what is decoded. (Arrays that decoding makes meanwhile and
-        // gives back, some three blocks, are not paid for.)
+        // Stored bytes, a payload (four times a block at most, mostly one or less), and what is decoded. (Arrays that
+        // decoding makes meanwhile and gives back, some three blocks, are not paid for.)
         let charge = account.charge(run + 3 * largest, 0)?;
         Some(Self { _charge: charge, ..Self::default() })
     }
 }
 
 impl Inner {
-    /// Reads, checks and decodes `run`, ascending neighbours, paid for by `charge`. A block whose reading or check fails
-    /// is counted, reported (once, until it comes) and read once more, alone: a disk or a network may have hiccuped. Ends early
-    /// once cancelled.
+    /// Reads, checks and decodes `run`, ascending neighbours, paid for by `charge`. A block whose reading or check
+    /// fails is counted, reported (once, until it comes) and read once more, alone: a disk or a network may have
+    /// hiccuped. Ends early once cancelled.
     pub fn load(&self, run: &[BlockId], charge: &mut Charge, buffers: &mut Buffers, cancel: &Cancel) -> Loaded {
         let mut loaded = Loaded::default();
         let (Some(&first), Some(&last)) = (run.first(), run.last()) else { return loaded };

@@ -1,9 +1,9 @@
 //! One factor on the thresholds of all views: when what they want does not fit it rises, and all get coarser evenly.
 //!
-//! It rises a step at a time, and only for wants of passes that began after the last step: views answer before the next.
-//! It falls only after a camera has moved, and no more once it has risen since. So while all cameras rest it changes
-//! finitely often: some steps down, then some up. At a constant factor a resting view needs a fixed set of blocks, of
-//! which each is read once, since what its passes use is not evicted. So reads stop.
+//! It rises a step at a time, and only for wants of passes that began after the last step: views answer before the
+//! next. It falls only after a camera has moved, and no more once it has risen since. So while all cameras rest it
+//! changes finitely often: some steps down, then some up. At a constant factor a resting view needs a fixed set of
+//! blocks, of which each is read once, since what its passes use is not evicted. So reads stop.
 
 use super::core::{After, Shared, State};
 use super::sync::Ordering::Relaxed;

@@ -75,9 +75,10 @@ impl Drop for InFlight {
 }
 
 impl Residency {
-    /// Does a unit of work in this thread, in place of fetchers, if there is any that is not being done: takes what is wanted most, reads and
-    /// decodes it with its neighbours, makes room and publishes it. Whether there may be more. Thread-safe; blocks while it
-    /// reads, under no lock. Where there is no memory until somebody lets go of a snapshot, which wakes nobody, there may be more after a moment.
+    /// Does a unit of work in this thread, in place of fetchers, if there is any that is not being done: takes what is
+    /// wanted most, reads and decodes it with its neighbours, makes room and publishes it. Whether there may be more.
+    /// Thread-safe; blocks while it reads, under no lock. Where there is no memory until somebody lets go of a
+    /// snapshot, which wakes nobody, there may be more after a moment.
     pub fn pump_on(&self) -> bool {
         match self.shared().unit() {
             Unit::Did => true,
@@ -95,13 +96,14 @@ impl Residency {
         self.shared().unit() == Unit::Did
     }
 
-    /// Has `waker` called when there is work for [`Residency::pump_on`]: from any thread, under no lock of ours. Replaces an
-    /// earlier one.
+    /// Has `waker` called when there is work for [`Residency::pump_on`]: from any thread, under no lock of ours.
+    /// Replaces an earlier one.
     pub fn set_waker(&self, waker: Option<Arc<dyn Fn() + Send + Sync>>) {
         self.shared().wakeup.set_waker(waker);
     }
 
-    /// Starts threads that pump whenever there is work, and end with what is returned. Fails if a thread cannot be started.
+    /// Starts threads that pump whenever there is work, and end with what is returned. Fails if a thread cannot be
+    /// started.
     pub fn start(&self, threads: usize) -> Result<Fetchers> {
         let mut fetchers = Fetchers { shared: Arc::downgrade(self.shared()), threads: Vec::new() };
         for i in 0..threads {
@@ -156,7 +158,8 @@ pub(super) struct Together {
     works: bool,
 }
 
-/// Huge pages that are put together at a time: some milliseconds of work, tens where the system has to be given memory first.
+/// Huge pages that are put together at a time: some milliseconds of work, tens where the system has to be given memory
+/// first.
 const PAGES: usize = 4;
 
 impl Together {
@@ -170,8 +173,8 @@ impl Together {
 }
 
 impl State {
-    /// What is to be put together next, if no view renders, which might wait for the system then. (Queries may wait, for as long as it takes to
-    /// copy a page.)
+    /// What is to be put together next, if no view renders, which might wait for the system then. (Queries may wait,
+    /// for as long as it takes to copy a page.)
     fn next_together(&mut self) -> Next {
         let is_new = |model: Arc<Inner>| model.is_complete.load(Relaxed) && !model.is_together.load(Relaxed);
         if self.together.left.is_empty() && !self.models.values().filter_map(Weak::upgrade).any(is_new) {
@@ -189,9 +192,9 @@ impl State {
         complete.find(|model| !model.is_together.swap(true, Relaxed)).map_or(Next::Idle, Next::Find)
     }
 
-    /// The next run to be read ahead: of a model of which all fits, in the order of the file. (Models are looked through only when
-    /// what was found before is done: a block at a time, with a million of them, would take minutes. And only if what is lacking would fit: else each
-    /// look would go through all blocks, with the lock held.)
+    /// The next run to be read ahead: of a model of which all fits, in the order of the file. (Models are looked
+    /// through only when what was found before is done: a block at a time, with a million of them, would take minutes.
+    /// And only if what is lacking would fit: else each look would go through all blocks, with the lock held.)
     fn next_ahead(&mut self, shared: &Shared) -> Option<(Arc<Inner>, Vec<BlockId>)> {
         let begun = self.ahead.model.upgrade();
         if let Some(run) = begun.and_then(|model| Some((Arc::clone(&model), self.run_ahead(shared, &model)?))) {
@@ -311,8 +314,8 @@ impl Shared {
         }
     }
 
-    /// Lowers the pressure, if nothing that views want is left to be read and there is room. True: something is being read that may
-    /// leave room; ask again.
+    /// Lowers the pressure, if nothing that views want is left to be read and there is room. True: something is being
+    /// read that may leave room; ask again.
     pub fn ease(&self) -> bool {
         let mut after = After::default();
         {
@@ -330,8 +333,8 @@ impl Shared {
         false
     }
 
-    /// What counts as the last use of a block that a pass with `stamp` wanted; who wants without passes counts as one who uses
-    /// it now, or what came first would be the first to go.
+    /// What counts as the last use of a block that a pass with `stamp` wanted; who wants without passes counts as one
+    /// who uses it now, or what came first would be the first to go.
     fn used_at(&self, stamp: u32) -> u32 {
         if stamp == 0 { self.now() } else { stamp }
     }
@@ -410,10 +413,11 @@ impl Shared {
         self.lock().together.left.extend(pages);
     }
 
-    /// Ends a claim. Whoever looked for something to read meanwhile has passed over its blocks: those that have not come are to be
-    /// looked at again.
+    /// Ends a claim. Whoever looked for something to read meanwhile has passed over its blocks: those that have not
+    /// come are to be looked at again.
     pub fn give_back(&self, model: &Inner, claim: Claim) {
-        let left: Vec<BlockId> = claim.ids.iter().copied().filter(|id| !model.is_there(*id) && !model.failures.has(*id)).collect();
+        let left: Vec<BlockId> =
+            claim.ids.iter().copied().filter(|id| !model.is_there(*id) && !model.failures.has(*id)).collect();
         drop(claim);
         if !left.is_empty() {
             model.lacked_in_vain.store(u64::MAX, Relaxed);

@@ -54,7 +54,12 @@ fn file(wrong: Option<u32>) -> Vec<u8> {
         writer.block(&payload, words as u32 * 4).expect("a block");
     }
     let header = Header { geometry_blocks: BLOCKS, ..Header::default() };
-    let tree = TreeRow { block_count: BLOCKS, class_blocks: [COARSE, BLOCKS - COARSE, 0, 0], bounds: [0.0; 6], ..TreeRow::EMPTY };
+    let tree = TreeRow {
+        block_count: BLOCKS,
+        class_blocks: [COARSE, BLOCKS - COARSE, 0, 0],
+        bounds: [0.0; 6],
+        ..TreeRow::EMPTY
+    };
     writer.finish(&header, &[], &[], &[], &[tree]).expect("a model");
     std::fs::read(&path).expect("the file")
 }
@@ -422,7 +427,9 @@ fn looking_for_what_to_read_ahead_goes_through_no_model_in_vain() {
 
 #[test]
 fn what_failed_is_looked_for_once() {
-    let rig = rig_with(ResidencyOptions { budget: budget_for(1.2), promote: true }, file(Some(300)), Box::new(|_, _| Ok(()))).expect("a model");
+    let rig =
+        rig_with(ResidencyOptions { budget: budget_for(1.2), promote: true }, file(Some(300)), Box::new(|_, _| Ok(())))
+            .expect("a model");
     rig.blocks.opened();
     rig.pump_all_unchecked();
     assert!(rig.there().len() == BLOCKS as usize - 1 && rig.blocks.why_failed(BlockId(300)).is_some());
@@ -482,7 +489,8 @@ fn leases_take_turns_and_views_keep_what_they_use() {
                 for round in 0..20 {
                     let mut lease = rig.residency.lease();
                     assert_eq!(inside.fetch_add(1, SeqCst), 0, "one at a time");
-                    let ids: Vec<BlockId> = (0..20).map(|b| BlockId(300 + (i * 37 + round * 11 + b * 3) % 250)).collect();
+                    let ids: Vec<BlockId> =
+                        (0..20).map(|b| BlockId(300 + (i * 37 + round * 11 + b * 3) % 250)).collect();
                     lease.fetch(&rig.blocks, &ids, &Cancel::new()).expect("room");
                     let snapshot = lease.snapshot(&rig.blocks).expect("room");
                     assert!(ids.iter().all(|id| snapshot.block(*id).is_some_and(|w| w[0] == id.0)));

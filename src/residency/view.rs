@@ -45,8 +45,8 @@ pub struct ViewStatus {
 
 /// A live view: what it uses is not evicted, and what it wants is read. Thread-safe; meant to be driven by one thread.
 ///
-/// It makes passes (but for who only reads ahead: wants of a view without passes come last to room, and are refused when it is
-/// short): [`View::begin_pass`], then take snapshots, trace with the stamp, let go of the snapshots, and say
+/// It makes passes (but for who only reads ahead: wants of a view without passes come last to room, and are refused
+/// when it is short): [`View::begin_pass`], then take snapshots, trace with the stamp, let go of the snapshots, and say
 /// with [`View::want`] what was missing. Dropping it withdraws its wants.
 pub struct View {
     core: Arc<ViewCore>,
@@ -106,8 +106,8 @@ impl View {
         stamp
     }
 
-    /// Replaces what it wants by what the pass that was begun last lacked, and ends the pass: what only passes before used
-    /// may go. Blocks that came meanwhile are kept for the next pass.
+    /// Replaces what it wants by what the pass that was begun last lacked, and ends the pass: what only passes before
+    /// used may go. Blocks that came meanwhile are kept for the next pass.
     pub fn want(&self, wanted: &[Wanted]) {
         let running = self.core.running.load(Relaxed);
         let weight = |w: f32| if w > 0.0 { w } else { 0.0 };
@@ -134,9 +134,9 @@ impl View {
         }
     }
 
-    /// What the view's threshold is to be multiplied by, at least 1: more than that when what all views want does not fit
-    /// the budget. A view whose threshold is 0 is to take a small one instead when this is above 1: what it wants would
-    /// never get less.
+    /// What the view's threshold is to be multiplied by, at least 1: more than that when what all views want does not
+    /// fit the budget. A view whose threshold is 0 is to take a small one instead when this is above 1: what it wants
+    /// would never get less.
     pub fn pressure(&self) -> f32 {
         f32::from_bits(self.shared.pressure.load(Relaxed))
     }
@@ -146,8 +146,8 @@ impl View {
         stamp <= self.shared.lock().strain.changed_at
     }
 
-    /// For a view that has all it wants and would end: lowers the pressure, if there is room and it has not been done yet; views are
-    /// told as ever. True if something is being read: ask again after that.
+    /// For a view that has all it wants and would end: lowers the pressure, if there is room and it has not been done
+    /// yet; views are told as ever. True if something is being read: ask again after that.
     pub fn ease(&self) -> bool {
         self.pressure() > 1.0 && self.shared.ease()
     }
@@ -183,9 +183,9 @@ impl View {
         ViewStatus { bytes_wanted, state }
     }
 
-    /// Has `call` called when blocks that it wants were published, when it became clear that some will not come, and when
-    /// the pressure changed: begin a pass then. Called from any thread, under no lock of ours; calls may come late, and
-    /// more often than there is news. Replaces an earlier one.
+    /// Has `call` called when blocks that it wants were published, when it became clear that some will not come, and
+    /// when the pressure changed: begin a pass then. Called from any thread, under no lock of ours; calls may come
+    /// late, and more often than there is news. Replaces an earlier one.
     pub fn on_change(&self, call: Option<Arc<dyn Fn() + Send + Sync>>) {
         *self.core.on_change.lock().unwrap_or_else(PoisonError::into_inner) = call;
     }

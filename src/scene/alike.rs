@@ -100,12 +100,16 @@ mod tests {
             Alike::of(&rays).dirs()
         };
         assert_eq!(dirs([one.dir; 2]), [[0.5, 0.5], [0.0, 0.0], [-1.0, -1.0]]);
-        assert_eq!(dirs([Vec3::new(0.25, f32::NAN, -3.0), Vec3::new(7.0, -2.0, 5.0)]), [[0.25, 7.0], [-2.0, 0.0], [-3.0, 5.0]]);
+        assert_eq!(
+            dirs([Vec3::new(0.25, f32::NAN, -3.0), Vec3::new(7.0, -2.0, 5.0)]),
+            [[0.25, 7.0], [-2.0, 0.0], [-3.0, 5.0]]
+        );
         let widths: [fn(&mut Ray); 2] = [|r| r.cone.a = 1e-30, |r| r.cone.b = 2.0];
         for change in widths {
             assert_eq!(with(change), (true, true, true, false, true));
         }
-        let odd: [fn(&mut Ray); 4] = [|r| r.cone.a = -1.0, |r| r.cone.b = -1e-40, |r| r.cone.a = f32::NAN, |r| r.cone.b = -f32::NAN];
+        let odd: [fn(&mut Ray); 4] =
+            [|r| r.cone.a = -1.0, |r| r.cone.b = -1e-40, |r| r.cone.a = f32::NAN, |r| r.cone.b = -f32::NAN];
         for change in odd {
             assert_eq!(with(change), (true, true, true, false, false));
         }

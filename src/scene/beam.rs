@@ -1,4 +1,5 @@
-//! The rays of a group as boxes see them: all between extremes, so that one test tells for all of them that none meets a box.
+//! The rays of a group as boxes see them: all between extremes, so that one test tells for all of them that none meets
+//! a box.
 
 use super::alike::Alike;
 use crate::math::{DBounds, Ray, bits};
@@ -23,7 +24,8 @@ pub(crate) struct Beam {
 /// More than a few products and quotients are rounded by.
 const MORE: f64 = 1.0 + 16.0 * f64::EPSILON;
 
-/// Takes a point between extremes. Coordinates that are not numbers have no say: such rays hit nothing, and the others are not to lose theirs.
+/// Takes a point between extremes. Coordinates that are not numbers have no say: such rays hit nothing, and the others
+/// are not to lose theirs.
 #[inline(always)]
 fn extend(ends: &mut [DVec3; 2], point: DVec3) {
     // In `DVec3::min` one operand that is not a number wins over the other.
@@ -62,8 +64,8 @@ impl Beam {
         Self::between(org, alike.dirs().map(|ends| ends.map(f64::from)), t_min, mask)
     }
 
-    /// Of those of `rays` that are in `among` (bit `i`: ray `i`) and [can hit](Ray::can_hit) something, if they all begin at one point; else, and where
-    /// there are none, `None`.
+    /// Of those of `rays` that are in `among` (bit `i`: ray `i`) and [can hit](Ray::can_hit) something, if they all
+    /// begin at one point; else, and where there are none, `None`.
     pub fn from_one_point(rays: &[Ray], among: u32) -> Option<Self> {
         let first = rays.get(among.trailing_zeros() as usize)?;
         let (mut least, mut greatest, mut t_min, mut mask) = (first.dir, first.dir, first.t_min, 0);
@@ -78,8 +80,8 @@ impl Beam {
         Some(Self::from_point(first.origin, dir, t_min, mask))
     }
 
-    /// No ray enters the box before the distance that is returned; `None` if surely none meets it up to `t_max`. There is no way along any
-    /// direction of the beam that is within the box on all axes at once.
+    /// No ray enters the box before the distance that is returned; `None` if surely none meets it up to `t_max`. There
+    /// is no way along any direction of the beam that is within the box on all axes at once.
     #[inline]
     pub fn enter(&self, b: &DBounds, t_max: f64) -> Option<f64> {
         let (mut enter, mut leave) = (self.t_min, t_max);
@@ -117,7 +119,8 @@ mod tests {
     use crate::scene::slabs::Slabs;
     use glam::Vec3;
 
-    /// Against the slabs of single rays between the extremes: where one of them meets the box, the beam does, and no later.
+    /// Against the slabs of single rays between the extremes: where one of them meets the box, the beam does, and no
+    /// later.
     #[test]
     fn a_beam_meets_every_box_that_one_of_its_rays_meets() {
         let mut state = 1u32;
@@ -129,11 +132,15 @@ mod tests {
         for round in 0..30_000 {
             let min = DVec3::new(next(-3.0, 2.0), next(-3.0, 2.0), next(-3.0, 2.0));
             let b = DBounds { min, max: min + DVec3::new(next(0.0, 2.0), next(0.0, 2.0), next(0.0, 2.0)) };
-            let (at, toward) = (DVec3::new(next(-4.0, 4.0), next(-4.0, 4.0), next(-4.0, 4.0)), [next(-1.0, 1.0), next(-1.0, 1.0), next(-1.0, 1.0)]);
+            let (at, toward) = (
+                DVec3::new(next(-4.0, 4.0), next(-4.0, 4.0), next(-4.0, 4.0)),
+                [next(-1.0, 1.0), next(-1.0, 1.0), next(-1.0, 1.0)],
+            );
             let (spread, apart) = (next(0.0, 0.3), if round % 2 == 0 { 0.0 } else { next(0.0, 0.5) });
             let mut rays = [Ray::NONE; 32];
             for ray in &mut rays {
-                let dir = Vec3::from(toward.map(|d| if round % 7 == 0 { 0.0 } else { (d + next(-spread, spread)) as f32 }));
+                let dir =
+                    Vec3::from(toward.map(|d| if round % 7 == 0 { 0.0 } else { (d + next(-spread, spread)) as f32 }));
                 let from = at + DVec3::new(next(0.0, apart), next(0.0, apart), next(0.0, apart));
                 *ray = Ray::new(from, if dir == Vec3::ZERO { Vec3::X } else { dir });
             }
@@ -156,7 +163,11 @@ mod tests {
             rays[at].origin.x = f64::NAN;
             let beam = Beam::of(&rays, &Alike::of(&rays));
             let first = if at == 0 { 1.0 } else { 0.0 };
-            assert!(beam.enter(&DBounds { min: DVec3::new(first, 0.0, 0.0), max: DVec3::new(first, 1.0, 1.0) }, 99.0).is_some(), "{at}");
+            assert!(
+                beam.enter(&DBounds { min: DVec3::new(first, 0.0, 0.0), max: DVec3::new(first, 1.0, 1.0) }, 99.0)
+                    .is_some(),
+                "{at}"
+            );
             rays[at].origin = whole;
         }
         let nothing = Beam::from_point(DVec3::ONE, [[f32::NAN; 2]; 3], 0.0, 1);

@@ -51,9 +51,7 @@ impl Camera {
             return Err(Error::bad_argument("camera: a picture needs at least one pixel"));
         }
         let (eye, at, up) = match *self {
-            Camera::Perspective { eye, at, up, .. } | Camera::Orthographic { eye, at, up, .. } => {
-                (eye, at, up)
-            }
+            Camera::Perspective { eye, at, up, .. } | Camera::Orthographic { eye, at, up, .. } => (eye, at, up),
         };
         let bad = |what: &str| Err(Error::bad_argument(format!("camera: {what}")));
         if !(eye.is_finite() && at.is_finite() && up.is_finite()) {
@@ -144,8 +142,8 @@ impl PixelRays {
         }
     }
 
-    /// The least and the greatest points of the picture that rays through `bounds` go through, a pixel more for rounding;
-    /// `None` if some of it is not in front of the eye, or a pixel is not more than what rounding does.
+    /// The least and the greatest points of the picture that rays through `bounds` go through, a pixel more for
+    /// rounding; `None` if some of it is not in front of the eye, or a pixel is not more than what rounding does.
     pub fn rectangle_of(&self, bounds: &DBounds) -> Option<[DVec2; 2]> {
         let (mut least, mut greatest) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for corner in 0..8 {
@@ -210,7 +208,12 @@ pub(crate) fn default_views(bounds: &DBounds, up: UpAxis) -> [Camera; 4] {
         let at = bounds.center();
         Camera::Perspective { eye: at + from * distance, at, up, fov_y_degrees }
     };
-    [view(30.0, 20.0, distance), view(-120.0, 35.0, distance), view(30.0, 20.0, distance / 4.0), view(-120.0, 35.0, distance / 4.0)]
+    [
+        view(30.0, 20.0, distance),
+        view(-120.0, 35.0, distance),
+        view(30.0, 20.0, distance / 4.0),
+        view(-120.0, 35.0, distance / 4.0),
+    ]
 }
 
 #[cfg(test)]

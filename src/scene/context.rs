@@ -36,8 +36,8 @@ pub struct ContextOptions {
     /// The host's own threads: with it no thread of ours ever exists.
     pub executor: Option<Arc<dyn Executor>>,
     /// Bytes that models may hold in memory, tables and working memory of reading included; 0: three quarters of the
-    /// machine's; more than that has is refused. Never exceeded. A model larger than that opens: what is used is read, and what has not been used for
-    /// longest goes. Buffers of frames and of batches come on top.
+    /// machine's; more than that has is refused. Never exceeded. A model larger than that opens: what is used is read,
+    /// and what has not been used for longest goes. Buffers of frames and of batches come on top.
     pub memory_budget: u64,
     /// Whether models that fit the budget are read in the background before all of them was asked for. Default: yes.
     pub read_ahead: bool,
@@ -73,9 +73,9 @@ struct Inner {
 }
 
 impl Context {
-    /// A new context. Fails with [`Error::Io`] if threads cannot be started, with
-    /// [`Error::BadArgument`] if the machine lacks the instruction set, or has less memory than the budget. (Too small a budget is
-    /// found when a model is opened: the least depends on it.)
+    /// A new context. Fails with [`Error::Io`] if threads cannot be started, with [`Error::BadArgument`] if the machine
+    /// lacks the instruction set, or has less memory than the budget. (Too small a budget is found when a model is
+    /// opened: the least depends on it.)
     pub fn new(options: ContextOptions) -> Result<Self> {
         let isa = options.isa.unwrap_or_else(Isa::best);
         if !isa.is_available() {
@@ -162,8 +162,8 @@ impl Context {
     }
 }
 
-/// Threads of ours that read, beside those that trace: mostly asleep, or waiting for the disk, which does more when asked for
-/// more at once (two: 430 MB decoded a second, four: 570).
+/// Threads of ours that read, beside those that trace: mostly asleep, or waiting for the disk, which does more when
+/// asked for more at once (two: 430 MB decoded a second, four: 570).
 const FETCHERS: usize = 4;
 
 /// Reading as a job of the pool, for contexts without threads of ours.
@@ -221,8 +221,8 @@ fn without_denormals(work: &mut dyn FnMut()) {
     work();
 }
 
-/// The budget, where `asked` is asked for and the machine has `there` bytes, if it says. A budget that it cannot hold is
-/// refused, not cut: who relies on its size should know.
+/// The budget, where `asked` is asked for and the machine has `there` bytes, if it says. A budget that it cannot hold
+/// is refused, not cut: who relies on its size should know.
 fn budget_of(asked: u64, there: Option<u64>) -> Result<u64> {
     match (asked, there) {
         (0, there) => Ok(there.unwrap_or(UNKNOWN_MEMORY) / 4 * 3),

@@ -1,11 +1,12 @@
-//! Groups of rays in a scene: which placed trees do they enter, and then together through each. Most groups enter one tree, or none,
-//! however many a scene has: that tree is told by the beam of the group, and the rays go into it in vectors.
+//! Groups of rays in a scene: which placed trees do they enter, and then together through each. Most groups enter one
+//! tree, or none, however many a scene has: that tree is told by the beam of the group, and the rays go into it in
+//! vectors.
 
 use super::alike::Alike;
 use super::beam::Beam;
+use super::packet::ScenePacket;
 use super::placed::Placed;
 use super::top::{NodeRef, Target};
-use super::packet::ScenePacket;
 use super::walk::{Found, NOTHING, Need, SceneView, Step};
 use crate::math::{DBounds, PACKET, Ray, bits, first_rays};
 use crate::structure::{LocalRay, Outcome, PacketWalk, PartFilter, Tree};
@@ -53,12 +54,13 @@ pub(crate) struct Entered {
     pub bounds: DBounds,
 }
 
-/// Placed trees that are looked for with a beam; rays that enter more go tree by tree, each where it meets the tree's bounds.
+/// Placed trees that are looked for with a beam; rays that enter more go tree by tree, each where it meets the tree's
+/// bounds.
 pub(super) const FEW: usize = 4;
 
 impl SceneView<'_> {
-    /// The placed trees that rays of a beam may enter up to `t_max`, which see them, into `out`. False if these are not all: there are more than [`FEW`],
-    /// or the top tree is too deep there to look for them.
+    /// The placed trees that rays of a beam may enter up to `t_max`, which see them, into `out`. False if these are not
+    /// all: there are more than [`FEW`], or the top tree is too deep there to look for them.
     pub fn entered(&self, beam: &Beam, t_max: f64, out: &mut Vec<Entered>) -> bool {
         out.clear();
         let top = &self.scene.placement.top;
@@ -104,9 +106,9 @@ impl Group {
         self.scene.begin_batch();
     }
 
-    /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]) or pass by; else `None`. Returns those that hit
-    /// something, or the block that some ray needs: then they are to be begun anew, each alone. The first `count` are rays; `alike`: of
-    /// these, maybe with widths that count as none since.
+    /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]) or pass by; else `None`. Returns
+    /// those that hit something, or the block that some ray needs: then they are to be begun anew, each alone. The
+    /// first `count` are rays; `alike`: of these, maybe with widths that count as none since.
     pub fn trace<const ANY: bool>(
         &mut self,
         view: &SceneView,
@@ -148,14 +150,25 @@ impl Group {
 
     /// Starts rays in a placed tree.
     #[inline(always)]
-    fn begin_in(&mut self, view: &SceneView, placed: u32, tree: &Tree, (rays, count): (&[Ray; PACKET], usize), alike: &Alike) {
+    fn begin_in(
+        &mut self,
+        view: &SceneView,
+        placed: u32,
+        tree: &Tree,
+        (rays, count): (&[Ray; PACKET], usize),
+        alike: &Alike,
+    ) {
         let p = &view.scene.placement.placed[placed as usize];
         let seen_by = view.seen_by(placed);
         let Self { walk, moved, is_moved, .. } = self;
         let one_start = one_start(p, &rays[0], alike, seen_by);
         let is_unmoved = set_unmoved(p, tree, (rays, count), (alike, one_start), (seen_by, view.looks_beyond), walk);
         *is_moved = !(is_unmoved && walk.is_within(tree, count, p.near()));
-        let active = if *is_moved { set_moved(p, &rays[..count], (seen_by, view.looks_beyond), walk, moved) } else { first_rays(count) };
+        let active = if *is_moved {
+            set_moved(p, &rays[..count], (seen_by, view.looks_beyond), walk, moved)
+        } else {
+            first_rays(count)
+        };
         walk.start(tree, active);
     }
 
@@ -184,16 +197,17 @@ impl Group {
         }
         let mut hits = self.walk.found();
         for i in bits(hits) {
-            // The walk had the greatest distance rounded up, so its hit may still be beyond. Where any hit will do there is no other to fall
-            // back on, and the distance is met to rounding. Hits of walks that look beyond are tested later.
+            // The walk had the greatest distance rounded up, so its hit may still be beyond. Where any hit will do
+            // there is no other to fall back on, and the distance is met to rounding. Hits of walks that look beyond
+            // are tested later.
             let is_within = ANY || view.looks_beyond || self.distance(i) <= rays.0[i].t_max;
             hits &= !(u32::from(!is_within) << i);
         }
         Some(Ok(hits))
     }
 
-    /// The placed tree that all the rays went through in [`Group::walk`], or an index of none where they all pass by; `None` if they went through
-    /// several.
+    /// The placed tree that all the rays went through in [`Group::walk`], or an index of none where they all pass by;
+    /// `None` if they went through several.
     #[inline]
     pub fn only(&self) -> Option<u32> {
         self.only
@@ -205,8 +219,15 @@ impl Group {
         &self.walk
     }
 
-    /// [`Group::trace`] of those in `active` of a camera's rays that enter one placed tree. `None`: they must be traced otherwise.
-    pub fn trace_camera(&mut self, view: &SceneView, camera: &CameraTree, rays: &CameraRays, active: u32) -> Option<Result<u32, Need>> {
+    /// [`Group::trace`] of those in `active` of a camera's rays that enter one placed tree. `None`: they must be traced
+    /// otherwise.
+    pub fn trace_camera(
+        &mut self,
+        view: &SceneView,
+        camera: &CameraTree,
+        rays: &CameraRays,
+        active: u32,
+    ) -> Option<Result<u32, Need>> {
         self.only = Some(camera.placed);
         let Self { walk, others, .. } = self;
         self.is_moved = false;
@@ -267,7 +288,9 @@ impl Group {
 
     /// Whether one of the rays passed a cell before it begins.
     pub fn passes_early(&self, rays: &[Ray]) -> bool {
-        let passed = |i: usize| if self.only.is_none() { self.scene.best(i).passed } else { self.in_world(i, self.walk.passed()[i]) };
+        let passed = |i: usize| {
+            if self.only.is_none() { self.scene.best(i).passed } else { self.in_world(i, self.walk.passed()[i]) }
+        };
         rays.iter().enumerate().any(|(i, ray)| ray.t_min > 0.0 && passed(i) < ray.t_min)
     }
 
@@ -331,8 +354,8 @@ impl<'a> CameraTree<'a> {
     }
 }
 
-/// Where rays that all begin where the first does do so in the tree's frame, if they are taken there by nothing but a subtraction, have an interval, and see
-/// the tree.
+/// Where rays that all begin where the first does do so in the tree's frame, if they are taken there by nothing but a
+/// subtraction, have an interval, and see the tree.
 #[inline(always)]
 fn one_start(p: &Placed, first: &Ray, alike: &Alike, seen_by: u32) -> Option<DVec3> {
     let offset = p.only_shifted()?;
@@ -340,7 +363,8 @@ fn one_start(p: &Placed, first: &Ray, alike: &Alike, seen_by: u32) -> Option<DVe
     (alike.is_one_start() && first.has_interval() && do_see).then(|| first.origin - offset)
 }
 
-/// Takes rays into the tree's frame by nothing but a subtraction; false if that will not do for all. ([`PacketWalk::is_within`] may say so still.)
+/// Takes rays into the tree's frame by nothing but a subtraction; false if that will not do for all.
+/// ([`PacketWalk::is_within`] may say so still.)
 #[inline(always)]
 fn set_unmoved(
     p: &Placed,
@@ -377,7 +401,13 @@ fn set_unmoved(
 
 /// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.
 #[inline(never)]
-fn set_moved(p: &Placed, rays: &[Ray], (seen_by, beyond): (u32, bool), walk: &mut PacketWalk, moved: &mut [(f64, f64); PACKET]) -> u32 {
+fn set_moved(
+    p: &Placed,
+    rays: &[Ray],
+    (seen_by, beyond): (u32, bool),
+    walk: &mut PacketWalk,
+    moved: &mut [(f64, f64); PACKET],
+) -> u32 {
     let mut active = 0;
     let mut local = LocalRay::NONE;
     for (i, it) in rays.iter().enumerate().take(PACKET) {
@@ -391,4 +421,3 @@ fn set_moved(p: &Placed, rays: &[Ray], (seen_by, beyond): (u32, bool), walk: &mu
     }
     active
 }
-

@@ -31,8 +31,7 @@ pub struct Light {
 
 impl Light {
     /// A white headlight of intensity 1.
-    pub const HEADLIGHT: Self =
-        Self { kind: LightKind::Headlight, colour: [1.0; 3], intensity: 1.0, shadows: false };
+    pub const HEADLIGHT: Self = Self { kind: LightKind::Headlight, colour: [1.0; 3], intensity: 1.0, shadows: false };
 
     /// Fails with [`Error::BadArgument`] if a number is negative or not finite, or a direction is zero.
     pub fn check(&self) -> Result<()> {
@@ -41,9 +40,7 @@ impl Light {
             return Err(Error::bad_argument("light: colour and intensity must be finite, 0 or more"));
         }
         match self.kind {
-            LightKind::Point(p) if !p.is_finite() => {
-                Err(Error::bad_argument("light: the position must be finite"))
-            }
+            LightKind::Point(p) if !p.is_finite() => Err(Error::bad_argument("light: the position must be finite")),
             LightKind::Directional(d) if d.try_normalize().is_none() => {
                 Err(Error::bad_argument("light: the direction must be finite and not zero"))
             }
@@ -88,9 +85,7 @@ impl Background {
     pub fn at(&self, height: f32) -> [f32; 4] {
         match *self {
             Background::Colour(c) => c,
-            Background::Gradient { bottom, top } => {
-                std::array::from_fn(|i| bottom[i] + (top[i] - bottom[i]) * height)
-            }
+            Background::Gradient { bottom, top } => std::array::from_fn(|i| bottom[i] + (top[i] - bottom[i]) * height),
         }
     }
 }

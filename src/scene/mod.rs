@@ -20,9 +20,9 @@ pub(crate) mod walk;
 
 pub(crate) use alike::Alike;
 pub use camera::Camera;
+pub use context::{Context, ContextOptions, LogLevel};
 pub use edit::Scene;
 pub(crate) use group::Group;
-pub use context::{Context, ContextOptions, LogLevel};
 pub use light::{Background, Light, LightKind};
 pub use model::{Model, ModelInfo, ModelMemory, PartInfo};
 

@@ -102,10 +102,10 @@ struct Inner {
 impl Model {
     /// Opens the built file at `path`. Reads the disk.
     ///
-    /// Reads its tables and its coarse blocks, and all of a small model; the rest when it is used, or in the background. So it
-    /// may be larger than the budget: `OverBudget` means that not even its tables and roots fit beside what models in use
-    /// must keep, and names the least budget that would do. Fails with `Io`, `Corrupt` or `NewerFormat` otherwise; a
-    /// damaged block that is not read yet fails whoever needs it.
+    /// Reads its tables and its coarse blocks, and all of a small model; the rest when it is used, or in the
+    /// background. So it may be larger than the budget: `OverBudget` means that not even its tables and roots fit
+    /// beside what models in use must keep, and names the least budget that would do. Fails with `Io`, `Corrupt` or
+    /// `NewerFormat` otherwise; a damaged block that is not read yet fails whoever needs it.
     pub fn open(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
         Self::open_source(context, Arc::new(FileSource::open(path)?))
     }
@@ -197,15 +197,11 @@ impl Model {
     /// Bytes it holds in memory now.
     pub fn memory(&self) -> ModelMemory {
         let blocks = &self.0.blocks;
-        ModelMemory {
-            resident: blocks.resident_bytes(),
-            geometry: self.0.geometry_bytes,
-            tables: blocks.table_bytes(),
-        }
+        ModelMemory { resident: blocks.resident_bytes(), geometry: self.0.geometry_bytes, tables: blocks.table_bytes() }
     }
 
-    /// Brings all of its geometry into memory, by all workers of the context: false if the budget does not hold it beside
-    /// what is in use. Blocks. What is not used may go again when room is needed. Fails with `Io`, `Corrupt` or
+    /// Brings all of its geometry into memory, by all workers of the context: false if the budget does not hold it
+    /// beside what is in use. Blocks. What is not used may go again when room is needed. Fails with `Io`, `Corrupt` or
     /// `Cancelled`.
     pub fn load(&self, cancel: &Cancel) -> Result<bool> {
         let blocks = &self.0.blocks;

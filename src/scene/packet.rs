@@ -1,5 +1,5 @@
-//! A packet's rays together in a scene of any trees: they go down the top tree, and those of them that meet its box into each placed tree. Like a walk of
-//! a single ray, a packet can be put down at a missing block and taken up again.
+//! A packet's rays together in a scene of any trees: they go down the top tree, and those of them that meet its box
+//! into each placed tree. Like a walk of a single ray, a packet can be put down at a missing block and taken up again.
 
 use super::beam::Beam;
 use super::placed::At;
@@ -23,7 +23,8 @@ pub(crate) struct ScenePacket {
     /// How far each ray may still go.
     far: [f64; PACKET],
     slabs: PacketSlabs,
-    /// Of rays from one point, which is about as narrow as they are: fewer of them meet a box than it only where boxes are small.
+    /// Of rays from one point, which is about as narrow as they are: fewer of them meet a box than it only where boxes
+    /// are small.
     beam: Option<Beam>,
     /// Rays that still look for something.
     active: u32,
@@ -99,7 +100,12 @@ impl SceneView<'_> {
                 }
                 walk.at = None;
                 for i in bits(walk.inside) {
-                    walk.best[i].offer::<ANY>(self.looks_beyond, &walk.moved[i], walk.tree.best(i), walk.tree.passed()[i]);
+                    walk.best[i].offer::<ANY>(
+                        self.looks_beyond,
+                        &walk.moved[i],
+                        walk.tree.best(i),
+                        walk.tree.passed()[i],
+                    );
                     walk.far[i] = walk.best[i].t;
                     if ANY && walk.best[i].is_hit() {
                         walk.active &= !(1 << i);

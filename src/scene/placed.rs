@@ -36,8 +36,9 @@ pub(crate) struct Placed {
     pub bounds: DBounds,
 }
 
-/// By how much bounds of triangles are grown to hold all that rays may hit, as a part of their extents, where the tree's own boxes are not known:
-/// planes of cells, which stand in, are rounded outward by less than a hundredth of their node's size.
+/// By how much bounds of triangles are grown to hold all that rays may hit, as a part of their extents, where the
+/// tree's own boxes are not known: planes of cells, which stand in, are rounded outward by less than a hundredth of
+/// their node's size.
 const CELLS: f64 = 1.0 / 64.0;
 
 /// Around all that rays may hit in a tree, in its frame.
@@ -51,8 +52,9 @@ fn around_hits(tree: &StoredTree) -> DBounds {
     }
 }
 
-/// By how much more, as a part of the tree's reach: the boxes of a tree may give way by 64 h where rays begin within [`FAR`]
-/// reaches (h = 2^-24), and rays from farther away are moved nearer. A structure whose boxes give way by more would lose hits here.
+/// By how much more, as a part of the tree's reach: the boxes of a tree may give way by 64 h where rays begin within
+/// [`FAR`] reaches (h = 2^-24), and rays from farther away are moved nearer. A structure whose boxes give way by more
+/// would lose hits here.
 const GIVE: f64 = 1.0 / 4096.0;
 
 /// A ray's place in a placed tree: t in the world is `shift + scale * t` in the tree.
@@ -82,13 +84,14 @@ struct Local {
     scale: f64,
 }
 
-/// A ray's origin farther from the tree than this many times its reach is moved to where the ray
-/// enters: single precision holds positions to 2⁻²⁴ of the distance, so beyond some reaches the
-/// tree's own detail would be lost. (Rays that are moved no longer share an origin, and take three times as long: so far that
-/// cameras that show the whole are not moved.)
+/// A ray's origin farther from the tree than this many times its reach is moved to where the ray enters: single
+/// precision holds positions to 2⁻²⁴ of the distance, so beyond some reaches the tree's own detail would be lost. (Rays
+/// that are moved no longer share an origin, and take three times as long: so far that cameras that show the whole are
+/// not moved.)
 const FAR: f64 = 6.0;
-/// By what part of how far coordinates reach walks may find hits before or behind where double precision puts them, but for triangles met
-/// within some 4 degrees of edge-on: 64 roundings. Four are of origin and corners, as many of the test itself, each over the cosine.
+/// By what part of how far coordinates reach walks may find hits before or behind where double precision puts them, but
+/// for triangles met within some 4 degrees of edge-on: 64 roundings. Four are of origin and corners, as many of the
+/// test itself, each over the cosine.
 const BEYOND: f64 = 1.0 / 262_144.0;
 /// The greatest ratio of singular values of a transform.
 const MOST_SKEW: f64 = 1e12;
@@ -124,8 +127,9 @@ pub(crate) fn largest_singular_value(m: &DMat3) -> f64 {
     greatest.max(0.0).sqrt() * size * (1.0 + 1e-12)
 }
 
-/// How far `there` of `back` of a point may be from it (a length), as a part of the greatest coordinate: what the product differs from
-/// the identity by, and eight roundings of its terms (which are large where a transform is skewed).
+/// How far `there` of `back` of a point may be from it (a length), as a part of the greatest coordinate: what the
+/// product differs from the identity by, and eight roundings of its terms (which are large where a transform is
+/// skewed).
 fn loss(there: &DMat3, back: &DMat3) -> f64 {
     let rows = |m: DMat3| (m.abs() * DVec3::ONE).length();
     rows(*there * *back - DMat3::IDENTITY) + rows(there.abs() * back.abs()) * (8.0 * f64::EPSILON)
@@ -165,7 +169,8 @@ impl Placed {
         }
     }
 
-    /// Around all that rays may hit in it, which is `tree`, stand-ins too, in the world: a ray that misses this box hits nothing in the tree, whichever way it goes.
+    /// Around all that rays may hit in it, which is `tree`, stand-ins too, in the world: a ray that misses this box
+    /// hits nothing in the tree, whichever way it goes.
     pub fn hit_bounds(&self, tree: &StoredTree) -> DBounds {
         let around = around_hits(tree);
         let give = DVec3::splat(self.reach * GIVE);
@@ -245,8 +250,9 @@ impl Placed {
         self.rounding(origin.abs().max_element() + along.abs().max_element())
     }
 
-    /// How far before a hit at `t` a surface may be that walks put behind it, in units of the ray's direction: how far apart a ray of [`Placed::local`] and the real
-    /// one may be (four times what single precision loses; of transforms also what is lost on the way to the tree's frame), at a cosine of 1/64.
+    /// How far before a hit at `t` a surface may be that walks put behind it, in units of the ray's direction: how far
+    /// apart a ray of [`Placed::local`] and the real one may be (four times what single precision loses; of transforms
+    /// also what is lost on the way to the tree's frame), at a cosine of 1/64.
     #[inline]
     pub fn slack(&self, ray: &Ray, t: f64) -> f64 {
         let dir = ray.dir.as_dvec3();
@@ -255,8 +261,8 @@ impl Placed {
         apart * 64.0 / dir.length()
     }
 
-    /// The ends of a ray's interval as walks take them, in a frame that differs from the world by its zero only. `org`: its origin there; `dir`: greatest
-    /// component of its direction. See [`Placed::rounded`].
+    /// The ends of a ray's interval as walks take them, in a frame that differs from the world by its zero only. `org`:
+    /// its origin there; `dir`: greatest component of its direction. See [`Placed::rounded`].
     #[inline(always)]
     pub fn ends(&self, ends: [f64; 2], org: DVec3, dir: impl Fn() -> f32, beyond: bool) -> [f32; 2] {
         // Most begin at zero, and go on for ever.
@@ -266,20 +272,22 @@ impl Placed {
         self.rounded(ends, org, f64::from(dir()), beyond)
     }
 
-    /// Ends of an interval in single precision: `beyond`, so much farther that nothing within is lost, and what is found may be outside; else the
-    /// nearest within, and at the far end the nearest not within.
+    /// Ends of an interval in single precision: `beyond`, so much farther that nothing within is lost, and what is
+    /// found may be outside; else the nearest within, and at the far end the nearest not within.
     #[inline(always)]
     fn rounded(&self, [t_min, t_max]: [f64; 2], org: DVec3, dir: f64, beyond: bool) -> [f32; 2] {
         if !beyond {
             return [not_below(t_min.max(0.0)), not_below(t_max)];
         }
-        // Of directions that are about as long as units a division is spared. What the two are rounded by is less than `by`, wherever anything can be hit.
+        // Of directions that are about as long as units a division is spared. What the two are rounded by is less than
+        // `by`, wherever anything can be hit.
         let over = if (0.5..=2.0).contains(&dir) { 2.0 } else { 1.0 / dir };
         let by = BEYOND * (org.abs().max_element() + self.reach) * over;
         [(t_min - by).max(0.0) as f32, (t_max + by) as f32]
     }
 
-    /// Whether a triangle's hit at `t` by a walk that looks beyond the ray's ends may be outside of them, seen in double precision.
+    /// Whether a triangle's hit at `t` by a walk that looks beyond the ray's ends may be outside of them, seen in
+    /// double precision.
     #[inline(always)]
     pub fn is_near_end(&self, ray: &Ray, t: f64) -> bool {
         let (begins, ends) = (ray.t_min > 0.0, ray.t_max < f64::INFINITY);
@@ -288,16 +296,17 @@ impl Placed {
         }
         // In the world a direction is shorter than in the tree's frame by `stretch` and a root of three, at most.
         let times = if self.unturned { 1.0 } else { 2.0 * self.stretch };
-        let far = BEYOND * times * (self.local_point(ray.origin).abs().max_element().min(FAR * self.reach) + self.reach);
+        let far =
+            BEYOND * times * (self.local_point(ray.origin).abs().max_element().min(FAR * self.reach) + self.reach);
         let dir = f64::from(ray.dir.abs().max_element());
         // Where anything is not a number it may.
         let is_inside = (!begins || (t - ray.t_min) * dir > far) && (!ends || (ray.t_max - t) * dir > far);
         !is_inside
     }
 
-    /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale:
-    /// t in the world is `shift + scale * t` there. `None` if the ray surely misses, or cannot hit anything at all. `beyond`: see
-    /// [`super::walk::SceneView::looks_beyond`].
+    /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale: t in
+    /// the world is `shift + scale * t` there. `None` if the ray surely misses, or cannot hit anything at all.
+    /// `beyond`: see [`super::walk::SceneView::looks_beyond`].
     ///
     /// Field by field into the caller's memory: passed by value the struct is stored in small pieces and at
     /// once loaded in large ones, which stalls for more than all of the rest takes.
@@ -404,11 +413,16 @@ mod tests {
         let [first, second] = turns.map(DMat3::from_quat);
         for skew in [1.0, 30.0, 1e4, 1e8, 1e11] {
             let linear = first * DMat3::from_diagonal(DVec3::new(skew, 1.0, skew.sqrt())) * second;
-            let placed = Placed::for_tests(DVec3::ZERO, 1.0, &DAffine3 { matrix3: linear, translation: DVec3::new(5.0, -7.0, 3.0) });
+            let placed = Placed::for_tests(
+                DVec3::ZERO,
+                1.0,
+                &DAffine3 { matrix3: linear, translation: DVec3::new(5.0, -7.0, 3.0) },
+            );
             let bound = placed.rounding(7.0 + skew);
             let mut worst = 0.0f64;
             for i in 0..1000 {
-                let at = DVec3::new(f64::from(i) * 0.618, f64::from(i) * 0.755, f64::from(i) * 0.57).fract() * (7.0 + skew);
+                let at =
+                    DVec3::new(f64::from(i) * 0.618, f64::from(i) * 0.755, f64::from(i) * 0.57).fract() * (7.0 + skew);
                 worst = worst.max(placed.world_point(placed.local_point(at)).distance(at));
             }
             assert!(worst <= bound && bound < 1e4 * worst, "{skew}: {worst:e}, said {bound:e}");

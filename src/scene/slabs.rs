@@ -33,10 +33,10 @@ impl Slabs {
 
     /// Where the ray enters the box within [`t_min`, `t_max`], a little before to be safe; `None` if it misses.
     ///
-    /// A direction component of 0 makes infinities: outside the slab they bound the interval away,
-    /// inside they leave it alone, and the NaN on its border loses in `min` and `max`. The rounding
-    /// of three operations is 1.5 units of 2⁻⁵² relative to each t; 4 are given. (Without branches: in the directions of bounces these are
-    /// guessed wrong half of the time.)
+    /// A direction component of 0 makes infinities: outside the slab they bound the interval away, inside they leave it
+    /// alone, and the NaN on its border loses in `min` and `max`. The rounding of three operations is 1.5 units of 2⁻⁵²
+    /// relative to each t; 4 are given. (Without branches: in the directions of bounces these are guessed wrong half of
+    /// the time.)
     #[inline]
     pub fn enter(&self, b: &DBounds, t_min: f64, t_max: f64) -> Option<f64> {
         let (planes, mut near, mut far) = ([&b.min, &b.max], t_min, t_max);
@@ -74,8 +74,8 @@ impl PacketSlabs {
         self.inv.as_flattened_mut().iter_mut().for_each(|dir| *dir = dir.recip());
     }
 
-    /// Where each ray enters a box, as [`Slabs::enter`] has it, into `enter`; and those that enter it at all (bit `i`: ray `i`). `t_max`: how
-    /// far each goes. Those that were not [set](Self::set) last may be among them.
+    /// Where each ray enters a box, as [`Slabs::enter`] has it, into `enter`; and those that enter it at all (bit `i`:
+    /// ray `i`). `t_max`: how far each goes. Those that were not [set](Self::set) last may be among them.
     #[inline]
     pub fn enter(&self, isa: Isa, bounds: &DBounds, t_max: &[f64; PACKET], enter: &mut [f64; PACKET]) -> u32 {
         dispatch(isa, Enter { rays: self, bounds, t_max, enter })

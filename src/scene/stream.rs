@@ -1,5 +1,6 @@
-//! Rays from anywhere to anywhere, side by side in a scene. Each walks the top tree alone, up to the next placed tree that it enters; the rays
-//! that enter the same tree, wherever it is placed, then go through it as one stream; and so on until no ray enters any more.
+//! Rays from anywhere to anywhere, side by side in a scene. Each walks the top tree alone, up to the next placed tree
+//! that it enters; the rays that enter the same tree, wherever it is placed, then go through it as one stream; and so
+//! on until no ray enters any more.
 
 use super::alike::Alike;
 use super::beam::Beam;
@@ -23,7 +24,8 @@ pub(crate) struct SceneStream {
     /// Where each ray of a run is in its tree.
     at: Box<[At; STREAM]>,
     alone: SceneWalk,
-    /// Of each ray in a scene of several placed trees, the nodes of the top tree that are still to be visited, the nearest last.
+    /// Of each ray in a scene of several placed trees, the nodes of the top tree that are still to be visited, the
+    /// nearest last.
     todo: Vec<Vec<(NodeRef, f64)>>,
     slabs: Vec<Slabs>,
     /// Rays that are not done: `todo` may hold nodes for them.
@@ -85,8 +87,9 @@ impl SceneStream {
 }
 
 impl SceneView<'_> {
-    /// Rays side by side, but for [`FEW`] and less: the hits that [`SceneView::trace`] finds for each, at less cost. `rays`: [`STREAM`] at most;
-    /// `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need a block, or must go alone; they are to be begun anew.
+    /// Rays side by side, but for [`FEW`] and less: the hits that [`SceneView::trace`] finds for each, at less cost.
+    /// `rays`: [`STREAM`] at most; `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need a
+    /// block, or must go alone; they are to be begun anew.
     pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
         debug_assert!(self.within.is_none(), "an interval is of one ray");
         walk.unfinished.clear();
@@ -145,7 +148,10 @@ impl SceneView<'_> {
         if is_few {
             packet.set(group);
             let mut t_max = [f64::NEG_INFINITY; PACKET];
-            t_max.iter_mut().zip(group).for_each(|(t_max, ray)| *t_max = if ray.can_hit() { ray.t_max } else { f64::NEG_INFINITY });
+            t_max
+                .iter_mut()
+                .zip(group)
+                .for_each(|(t_max, ray)| *t_max = if ray.can_hit() { ray.t_max } else { f64::NEG_INFINITY });
             for tree in &*entered {
                 let mut enter = [0.0; PACKET];
                 for i in bits(packet.enter(self.scene.context().isa(), &tree.bounds, &t_max, &mut enter)) {
@@ -195,14 +201,16 @@ impl SceneView<'_> {
                         return entering;
                     }
                 }
-                Target::Inner(index) => self.for_each_child(slabs, ray, index, best, |node, enter| todo.push((node, enter))),
+                Target::Inner(index) => {
+                    self.for_each_child(slabs, ray, index, best, |node, enter| todo.push((node, enter)))
+                }
             }
         }
         None
     }
 
-    /// Equal for placed trees that rays may go through together: the same tree, and no part of it is shown otherwise than in the file; or the
-    /// same placed tree.
+    /// Equal for placed trees that rays may go through together: the same tree, and no part of it is shown otherwise
+    /// than in the file; or the same placed tree.
     fn tree_key(&self, placed: u32) -> u64 {
         let p = &self.scene.placement.placed[placed as usize];
         let is_as_in_file = self.scene.instances[p.instance as usize].parts.shown.is_empty();
@@ -210,16 +218,25 @@ impl SceneView<'_> {
     }
 
     /// Takes a ray through the tree that it enters, and alone through all that it enters then.
-    fn alone<const ANY: bool>(&self, rays: &[Ray], mut entering: Entering, walk: &mut SceneStream, found: &mut [Found]) {
+    fn alone<const ANY: bool>(
+        &self,
+        rays: &[Ray],
+        mut entering: Entering,
+        walk: &mut SceneStream,
+        found: &mut [Found],
+    ) {
         let i = entering.ray as usize;
         let (ray, best) = (&rays[i], &mut found[i]);
         let mut local = LocalRay::NONE;
         loop {
             let placed = entering.placed;
-            if let Some((shift, scale)) = self.scene.placement.placed[placed as usize].local(ray, best.t, self.looks_beyond, &mut local) {
+            if let Some((shift, scale)) =
+                self.scene.placement.placed[placed as usize].local(ray, best.t, self.looks_beyond, &mut local)
+            {
                 let (tree, filter, single) = (self.tree(placed), self.filter(placed), &mut walk.single);
                 single.begin(&tree, &local);
-                let outcome = if ANY { tree.any(filter.as_ref(), single) } else { tree.closest(filter.as_ref(), single) };
+                let outcome =
+                    if ANY { tree.any(filter.as_ref(), single) } else { tree.closest(filter.as_ref(), single) };
                 if outcome != Outcome::Done {
                     walk.unfinished.push(i as u32);
                     break;

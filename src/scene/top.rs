@@ -54,8 +54,7 @@ impl Default for TopTree {
 impl TopTree {
     /// Over `bounds`, index by index; empty ones are left out. The same input gives the same tree.
     pub fn build(bounds: &[DBounds]) -> Self {
-        let mut order: Vec<u32> =
-            (0..bounds.len() as u32).filter(|&i| !bounds[i as usize].is_empty()).collect();
+        let mut order: Vec<u32> = (0..bounds.len() as u32).filter(|&i| !bounds[i as usize].is_empty()).collect();
         let around = order.iter().fold(DBounds::EMPTY, |all, &i| all.union(bounds[i as usize]));
         let mut tree = Self { around, ..Self::default() };
         if order.is_empty() {
@@ -71,9 +70,7 @@ impl TopTree {
                 let range = &mut order[begin..end];
                 let middle = begin + split(bounds, range);
                 let node = tree.nodes.len();
-                let around = |part: &[u32]| {
-                    part.iter().fold(DBounds::EMPTY, |b, &i| b.union(bounds[i as usize]))
-                };
+                let around = |part: &[u32]| part.iter().fold(DBounds::EMPTY, |b, &i| b.union(bounds[i as usize]));
                 tree.nodes.push(Node {
                     bounds: [around(&order[begin..middle]), around(&order[middle..end])],
                     child: [NodeRef(0); 2],
@@ -214,14 +211,15 @@ mod tests {
         let tree = TopTree::build(&boxes);
         assert!(tree.depth < 24);
         // Axis-parallel, in box planes, diagonal: coordinates on the boxes' own grid.
-        for (i, dir) in [Vec3::X, -Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::new(1.0, -1.0, 0.0)].iter().cycle().take(500).enumerate() {
+        for (i, dir) in
+            [Vec3::X, -Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::new(1.0, -1.0, 0.0)].iter().cycle().take(500).enumerate()
+        {
             let i = i as i32;
             let org = DVec3::new((i % 11 - 2) as f64, (i / 11 % 9) as f64, (i % 5) as f64 * 3.0);
             let slabs = Slabs::new(&Ray::new(org, *dir));
             let reached = walk(&tree, &slabs, f64::INFINITY);
-            let expected: Vec<u32> = (0..200)
-                .filter(|&i| slabs.enter(&boxes[i as usize], 0.0, f64::INFINITY).is_some())
-                .collect();
+            let expected: Vec<u32> =
+                (0..200).filter(|&i| slabs.enter(&boxes[i as usize], 0.0, f64::INFINITY).is_some()).collect();
             for e in &expected {
                 assert!(reached.contains(e), "ray {i} misses box {e}");
             }

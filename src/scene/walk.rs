@@ -6,8 +6,8 @@
 
 use super::model::Model;
 use super::placed::At;
-use super::state::SceneState;
 use super::slabs::Slabs;
+use super::state::SceneState;
 use super::top::{NodeRef, Target};
 use crate::base::error::Result;
 use crate::base::ids::BlockId;
@@ -61,12 +61,20 @@ impl Snapshots {
         let nothing = Held::new();
         let held = |i: usize| hold.0.get(i).unwrap_or(&nothing);
         let models = scene.models.iter().enumerate();
-        models.map(|(i, model)| model.blocks().snapshot_with(held(i)).map(Shown::from_inner)).collect::<Option<_>>().map(Self)
+        models
+            .map(|(i, model)| model.blocks().snapshot_with(held(i)).map(Shown::from_inner))
+            .collect::<Option<_>>()
+            .map(Self)
     }
 
     /// With what a lease holds. Fails with `OverBudget` if it holds too much.
     pub fn leased(scene: &SceneState, lease: &Lease) -> Result<Self> {
-        scene.models.iter().map(|model| lease.snapshot(model.blocks()).map(Shown::from_inner)).collect::<Result<_>>().map(Self)
+        scene
+            .models
+            .iter()
+            .map(|model| lease.snapshot(model.blocks()).map(Shown::from_inner))
+            .collect::<Result<_>>()
+            .map(Self)
     }
 
     /// Whether this is what is in memory now.
@@ -111,8 +119,8 @@ pub(crate) struct Found {
     /// Index of the placed tree; `NOTHING` for none.
     pub placed: u32,
     pub tri: TriHit,
-    /// Where the ray passed a stand-in first, in the same unit: infinity if it passed none. It may be behind the hit, and then may or may
-    /// not be told.
+    /// Where the ray passed a stand-in first, in the same unit: infinity if it passed none. It may be behind the hit,
+    /// and then may or may not be told.
     pub passed: f64,
 }
 
@@ -128,24 +136,25 @@ impl Found {
         self.placed != NOTHING
     }
 
-    /// Whether the ray passed a stand-in on its way to the hit, or as far as it goes: what is before the hit may not be free, and a miss may
-    /// be none.
+    /// Whether the ray passed a stand-in on its way to the hit, or as far as it goes: what is before the hit may not be
+    /// free, and a miss may be none.
     #[inline]
     pub fn has_passed(&self) -> bool {
         // Not where both are infinite.
         self.passed <= self.t.min(f64::MAX)
     }
 
-    /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree; and where the ray `passed` a stand-in in it, if
-    /// that is nearer.
+    /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree; and where the ray `passed` a
+    /// stand-in in it, if that is nearer.
     #[inline]
     pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, at: &At, tri: TriHit, passed: f32) {
         let placed = at.placed;
         self.passed = self.passed.min(at.in_world(passed));
         if tri.is_hit() {
             let t = at.in_world(tri.t);
-            // The tree's walk had the best t rounded up, so its hit may still be beyond. Where any hit will do there is no other to fall back on,
-            // and t_max is met to rounding. A walk that looks `beyond` takes the first hit too: its caller tests that in double precision.
+            // The tree's walk had the best t rounded up, so its hit may still be beyond. Where any hit will do there is
+            // no other to fall back on, and t_max is met to rounding. A walk that looks `beyond` takes the first hit
+            // too: its caller tests that in double precision.
             let takes_any = ANY || beyond && !self.is_hit();
             if takes_any || t < self.t || t == self.t && placed < self.placed {
                 *self = Self { t, placed, tri, passed: self.passed };
@@ -165,8 +174,8 @@ pub(crate) struct SceneView<'a> {
     pub is_solid: bool,
     /// The pass that visits, see `residency::View`.
     pub stamp: u32,
-    /// Whether walks look so far beyond the ends of rays' intervals that nothing is lost that double precision puts within: whoever takes a
-    /// hit then sees whether it is. Else intervals hold in single precision.
+    /// Whether walks look so far beyond the ends of rays' intervals that nothing is lost that double precision puts
+    /// within: whoever takes a hit then sees whether it is. Else intervals hold in single precision.
     pub looks_beyond: bool,
     /// What is asked of each hit of a ray that is traced alone, if anything: see [`PartFilter::within`].
     pub within: Option<&'a dyn Ends>,
@@ -263,7 +272,12 @@ impl<'a> SceneView<'a> {
     pub(crate) fn filter(&self, placed: u32) -> Option<PartFilter<'a>> {
         let p = &self.scene.placement.placed[placed as usize];
         let parts = &self.scene.instances[p.instance as usize].parts;
-        let filter = || PartFilter { hidden: &parts.hidden, first_part: p.first_part, touched: parts.touched(p.first_part), within: None };
+        let filter = || PartFilter {
+            hidden: &parts.hidden,
+            first_part: p.first_part,
+            touched: parts.touched(p.first_part),
+            within: None,
+        };
         (!parts.shown.is_empty()).then(filter)
     }
 
@@ -346,9 +360,17 @@ impl<'a> SceneView<'a> {
         Some(At { placed, shift, scale })
     }
 
-    /// Calls `push` with the children of a node of the top tree that a ray meets before `best`, the nearest last, and where it enters them.
+    /// Calls `push` with the children of a node of the top tree that a ray meets before `best`, the nearest last, and
+    /// where it enters them.
     #[inline]
-    pub(super) fn for_each_child(&self, slabs: &Slabs, ray: &Ray, index: u32, best: f64, mut push: impl FnMut(NodeRef, f64)) {
+    pub(super) fn for_each_child(
+        &self,
+        slabs: &Slabs,
+        ray: &Ray,
+        index: u32,
+        best: f64,
+        mut push: impl FnMut(NodeRef, f64),
+    ) {
         let node = self.scene.placement.top.node(index);
         let enter = [0, 1].map(|side| slabs.enter(&node.bounds[side], ray.t_min, best));
         let far = usize::from(enter[0] <= enter[1]);

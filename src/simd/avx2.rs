@@ -377,7 +377,13 @@ impl Simd for Avx2 {
 /// # Safety
 /// The CPU has AVX2; `mask` has all bits set in the lanes to sort first, and none in the others.
 #[inline(always)]
-pub(super) unsafe fn far_first(enter: __m256, mask: __m256i, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+pub(super) unsafe fn far_first(
+    enter: __m256,
+    mask: __m256i,
+    child: &[u16; 8],
+    enter_out: &mut [f32; 8],
+    child_out: &mut [u32; 8],
+) {
     // SAFETY: the caller vouches for the set; loads and stores are of whole arrays, and need no alignment.
     unsafe {
         let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
@@ -462,8 +468,8 @@ pub(super) unsafe fn steps16(first: f32, steps: &[u8; 52]) -> [__m256; 2] {
 /// The CPU has AVX2.
 #[inline(always)]
 pub(super) unsafe fn put_steps16(v: &[u32; 16], out: &mut [u8; 52]) {
-    // SAFETY: the caller vouches for AVX2; numbers 1 to 4, 5 to 8, 9 to 12 and 12 to 15 are read, and sixteen bytes are written from 0, 12, 24 and 33 on.
-    // None of it needs alignment.
+    // SAFETY: the caller vouches for AVX2; numbers 1 to 4, 5 to 8, 9 to 12 and 12 to 15 are read, and sixteen bytes are
+    // written from 0, 12, 24 and 33 on. None of it needs alignment.
     unsafe {
         // The low three bytes of each; and zeros: the next ones overwrite them, those behind the last are of no use.
         let three = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);

@@ -14,17 +14,19 @@ pub struct Common {
 }
 
 /// Of no rows.
-const NONE: Common = Common { any: [0; 16], all: [u32::MAX; 16], least: [f32::INFINITY; 8], greatest: [f32::NEG_INFINITY; 8] };
+const NONE: Common =
+    Common { any: [0; 16], all: [u32::MAX; 16], least: [f32::INFINITY; 8], greatest: [f32::NEG_INFINITY; 8] };
 
 impl Common {
-    /// Of some rows. (The loops of the other took 3 ns a row compiled for AVX-512, for compilers do not make vectors of a row of them; with the
-    /// greatest of each word too 9 ns. So neither is left to them.)
+    /// Of some rows. (The loops of the other took 3 ns a row compiled for AVX-512, for compilers do not make vectors of
+    /// a row of them; with the greatest of each word too 9 ns. So neither is left to them.)
     #[cfg(target_arch = "x86_64")]
     #[inline]
     pub fn of(rows: &[[u32; 16]]) -> Self {
         use std::arch::x86_64::*;
         let mut out = NONE;
-        // SAFETY: SSE2 is part of x86-64, each quarter of a row is readable, and so many words of `out` are written as its arrays have.
+        // SAFETY: SSE2 is part of x86-64, each quarter of a row is readable, and so many words of `out` are written as
+        // its arrays have.
         unsafe {
             let (mut any, mut all) = ([_mm_setzero_si128(); 4], [_mm_set1_epi32(-1); 4]);
             let (mut least, mut greatest) = ([_mm_set1_ps(f32::INFINITY); 2], [_mm_set1_ps(f32::NEG_INFINITY); 2]);
@@ -64,7 +66,10 @@ impl Common {
             for (i, word) in row[8..].iter().enumerate() {
                 let number = f32::from_bits(*word);
                 // Not `min`: what a signalling NaN does to that differs.
-                (out.least[i], out.greatest[i]) = (if number < out.least[i] { number } else { out.least[i] }, if number > out.greatest[i] { number } else { out.greatest[i] });
+                (out.least[i], out.greatest[i]) = (
+                    if number < out.least[i] { number } else { out.least[i] },
+                    if number > out.greatest[i] { number } else { out.greatest[i] },
+                );
             }
         }
         out

@@ -15,9 +15,7 @@ pub trait Mask: Copy {
 /// `N` floats, elementwise. IEEE single precision, round to nearest.
 ///
 /// `min` and `max` return `o` where either operand is NaN, as x86 does.
-pub trait Lanes<const N: usize>:
-    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
-{
+pub trait Lanes<const N: usize>: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
     /// A set of its lanes.
     type Mask: Mask;
     /// Elementwise quotient.
@@ -68,18 +66,18 @@ pub trait Simd: Copy {
     fn index8(self, v: &[u8; 8]) -> Self::Index8;
     /// A table of sixteen floats: the first eight, and the others.
     fn table16(self, v: &[f32; 16]) -> [Self::F8; 2];
-    /// A table of `first`, and of the floats whose bits are its bits plus a step: of entry `i`, from 1 on, the signed number of 24 bits in bytes
-    /// `3 i + 1` to `3 i + 3` of `steps`.
+    /// A table of `first`, and of the floats whose bits are its bits plus a step: of entry `i`, from 1 on, the signed
+    /// number of 24 bits in bytes `3 i + 1` to `3 i + 3` of `steps`.
     fn steps16(self, first: f32, steps: &[u8; 52]) -> [Self::F8; 2];
     /// The numbers (bit `i`: number `i`) that are the first plus a signed number of 24 bits.
     fn near16(self, v: &[u32; 16]) -> u32;
-    /// What [`Simd::steps16`] reads, from its fifth byte on, of numbers that are near: the steps from the first one to the others, three bytes each. What
-    /// is written behind these 45 is of no use.
+    /// What [`Simd::steps16`] reads, from its fifth byte on, of numbers that are near: the steps from the first one to
+    /// the others, three bytes each. What is written behind these 45 is of no use.
     fn put_steps16(self, v: &[u32; 16], out: &mut [u8; 52]);
     /// `table[i]` for each index `i`.
     fn lookup16(self, table: [Self::F8; 2], index: Self::Index8) -> Self::F8;
-    /// `origin[axis] * inv[axis] + off[axis]`, the same with `off[axis + 4]`, and `2^(e - 127) * inv[axis]`, each in all
-    /// lanes, for the three axes. `head`: three floats `origin`, and a word whose three low bytes are `e`.
+    /// `origin[axis] * inv[axis] + off[axis]`, the same with `off[axis + 4]`, and `2^(e - 127) * inv[axis]`, each in
+    /// all lanes, for the three axes. `head`: three floats `origin`, and a word whose three low bytes are `e`.
     fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[Self::F8; 3]; 3];
     /// `out[i][j] = rows[j][i]`.
     fn transpose16(self, rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16]);
@@ -87,7 +85,14 @@ pub trait Simd: Copy {
     fn columns4(self, rows: &[[f32; 16]; 16], first: usize) -> [Self::F16; 4];
     /// Sorts the children of a node: those in `hits` (bit `i`: lane `i`) come first, by descending `enter` (not
     /// negative), then whatever. Writes their `enter`, its last three bits cleared, and their `child`.
-    fn far_first(self, enter: Self::F8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]);
+    fn far_first(
+        self,
+        enter: Self::F8,
+        hits: u32,
+        child: &[u16; 8],
+        enter_out: &mut [f32; 8],
+        child_out: &mut [u32; 8],
+    );
     /// All sixteen lanes `v`.
     fn splat16(self, v: f32) -> Self::F16;
     /// The lanes of `bits` (bit `i`: lane `i`).

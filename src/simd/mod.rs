@@ -8,8 +8,9 @@
 //! Soundness: a vector of a set can only be made through that set's token, and a token only exists
 //! where [`dispatch`] has checked the CPU. So the operations themselves are safe to call.
 //!
-//! All sets give the same bits (no approximate reciprocals) but for `mul_add` and `slabs`. Box tests use them, which are
-//! conservative by more than their rounding; and planes of cells, whose products are exact, so that there is one rounding.
+//! All sets give the same bits (no approximate reciprocals) but for `mul_add` and `slabs`. Box tests use them, which
+//! are conservative by more than their rounding; and planes of cells, whose products are exact, so that there is one
+//! rounding.
 
 mod common;
 mod lanes;
@@ -71,9 +72,7 @@ impl Isa {
     /// The greatest set that this CPU has. Detected once.
     pub fn best() -> Self {
         static BEST: OnceLock<Isa> = OnceLock::new();
-        *BEST.get_or_init(|| {
-            Self::ALL.into_iter().rev().find(|isa| isa.is_available()).unwrap_or(Isa::Baseline)
-        })
+        *BEST.get_or_init(|| Self::ALL.into_iter().rev().find(|isa| isa.is_available()).unwrap_or(Isa::Baseline))
     }
 
     /// Its usual name.
@@ -121,15 +120,14 @@ pub fn prefetch<T>(data: *const T) {
     #[cfg(target_arch = "x86_64")]
     // SAFETY: a prefetch has no architectural effect, and SSE is part of x86-64.
     unsafe {
-        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(
-            data.cast(),
-        );
+        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(data.cast());
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = data;
 }
 
-/// Asks the CPU to bring the cache line at `data` into the L2: of what comes later, and much of it. Otherwise as [`prefetch`].
+/// Asks the CPU to bring the cache line at `data` into the L2: of what comes later, and much of it. Otherwise as
+/// [`prefetch`].
 #[inline(always)]
 pub fn prefetch_l2<T>(data: *const T) {
     #[cfg(target_arch = "x86_64")]
@@ -141,9 +139,9 @@ pub fn prefetch_l2<T>(data: *const T) {
     let _ = data;
 }
 
-/// Sets the calling thread to flush-to-zero and denormals-are-zero until dropped: a denormal
-/// operand costs a hundred cycles. Results of ours do not depend on it: error bounds cover it. And to what these rely on, whatever a host
-/// has set: rounding to nearest, and no exceptions.
+/// Sets the calling thread to flush-to-zero and denormals-are-zero until dropped: a denormal operand costs a hundred
+/// cycles. Results of ours do not depend on it: error bounds cover it. And to what these rely on, whatever a host has
+/// set: rounding to nearest, and no exceptions.
 #[derive(Debug)]
 pub struct DenormalsOff {
     #[cfg(target_arch = "x86_64")]
@@ -161,8 +159,8 @@ impl DenormalsOff {
             use std::arch::x86_64::{_mm_getcsr, _mm_setcsr};
             // SAFETY: SSE is part of x86-64.
             let before = unsafe { _mm_getcsr() };
-            // SAFETY: as above: FTZ (bit 15), DAZ (bit 6), all exceptions masked (bits 7 to 12), rounding to nearest (13 and 14 zero); restored on
-            // drop.
+            // SAFETY: as above: FTZ (bit 15), DAZ (bit 6), all exceptions masked (bits 7 to 12), rounding to nearest
+            // (13 and 14 zero); restored on drop.
             unsafe { _mm_setcsr(0x1f80 | 0x8040) };
             Self { before, _not_send: std::marker::PhantomData }
         }

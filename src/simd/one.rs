@@ -1,4 +1,5 @@
-//! A float as a vector of one lane, for algorithms that are written for any number of lanes: the same bits as in each of many.
+//! A float as a vector of one lane, for algorithms that are written for any number of lanes: the same bits as in each
+//! of many.
 
 use super::lanes::{Lanes, Mask};
 

@@ -210,7 +210,14 @@ impl Simd for Portable {
         out
     }
     #[inline(always)]
-    fn far_first(self, enter: Array<8>, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
+    fn far_first(
+        self,
+        enter: Array<8>,
+        hits: u32,
+        child: &[u16; 8],
+        enter_out: &mut [f32; 8],
+        child_out: &mut [u32; 8],
+    ) {
         let met = child.iter().enumerate().filter(|(i, _)| hits >> i & 1 == 1);
         for (count, (i, &to)) in met.enumerate() {
             // Lanes of equal distance in descending order, as the other sets have them.

@@ -57,7 +57,10 @@ impl Op for Battery {
             out.extend(s.lookup16(s.table16(&b), s.index8(&bytes)).to_array().map(f32::to_bits));
             let steps: [u8; 52] = std::array::from_fn(|i| bytes[i % 8].wrapping_mul(37 + i as u8));
             let all = [[0, 1, 2, 3, 4, 5, 6, 7], [8, 9, 10, 11, 12, 13, 14, 15]];
-            out.extend(all.map(|eight| s.lookup16(s.steps16(b[0], &steps), s.index8(&eight)).to_array().map(f32::to_bits)).as_flattened());
+            out.extend(
+                all.map(|eight| s.lookup16(s.steps16(b[0], &steps), s.index8(&eight)).to_array().map(f32::to_bits))
+                    .as_flattened(),
+            );
             numbers(s, shift, &words, &mut out);
             out.extend([s.same16(&b, u32::MAX, VALUES[3].to_bits()), s.same16(&b, 1 << 31, 1 << 31)]);
         }
@@ -69,7 +72,8 @@ impl Op for Battery {
 #[inline(always)]
 fn numbers<S: Simd>(s: S, shift: usize, words: &[u32; 8], out: &mut Vec<u32>) {
     let least = -(1 << 23);
-    let kinds = |i: usize| [least - 1, least, -1, 1, -least - 1, -least, words[i % 8] as i32 >> 9, 1 << 24, -1 << 24, i32::MIN];
+    let kinds =
+        |i: usize| [least - 1, least, -1, 1, -least - 1, -least, words[i % 8] as i32 >> 9, 1 << 24, -1 << 24, i32::MIN];
     let steps: [i32; 16] = std::array::from_fn(|i| kinds(i)[(i + shift) % 10]);
     let all: [u32; 16] = std::array::from_fn(|i| words[1].wrapping_add_signed(if i == 0 { 0 } else { steps[i] }));
     let fits = |i: usize| i == 0 || (least..-least).contains(&steps[i]);
@@ -114,12 +118,7 @@ macro_rules! battery {
                 // The payload of a NaN is not part of the promise.
                 out.extend(v.to_array().map(|x| if x.is_nan() { 0x7fc0_0000 } else { x.to_bits() }));
             }
-            out.extend([
-                a.le(b).bits(),
-                a.eq(b).bits(),
-                a.le(b).and(b.le(c)).bits(),
-                a.le(b).or(b.le(c)).bits(),
-            ]);
+            out.extend([a.le(b).bits(), a.eq(b).bits(), a.le(b).and(b.le(c)).bits(), a.le(b).or(b.le(c)).bits()]);
         }
     };
 }

@@ -158,8 +158,8 @@ impl ModelFile {
 
     /// Reads the stored bytes of blocks `first` to `last`, and what is between them, in place of the content of `out`.
     ///
-    /// Fails with [`Error::Io`], with [`Error::Corrupt`] if the file ends before, with [`Error::BadArgument`] if there are
-    /// no such blocks; `out` is then of no use.
+    /// Fails with [`Error::Io`], with [`Error::Corrupt`] if the file ends before, with [`Error::BadArgument`] if there
+    /// are no such blocks; `out` is then of no use.
     pub fn read_stored(&self, first: BlockId, last: BlockId, out: &mut Vec<u8>) -> Result<()> {
         let rows = self.rows.get(first.0 as usize..=last.0 as usize).unwrap_or_default();
         let [front, ..] = rows else { return Err(Error::bad_argument("no such blocks")) };
@@ -168,8 +168,8 @@ impl ModelFile {
         self.opening().read(front.offset, out)
     }
 
-    /// Checks block `id` in what [`ModelFile::read_stored`] read from block `first` on, and puts its payload in place of
-    /// the content of `out`. Fails like [`ModelFile::read_block`].
+    /// Checks block `id` in what [`ModelFile::read_stored`] read from block `first` on, and puts its payload in place
+    /// of the content of `out`. Fails like [`ModelFile::read_block`].
     pub fn open_stored(&self, id: BlockId, first: BlockId, stored: &[u8], out: &mut Vec<u8>) -> Result<()> {
         let row = |id: BlockId| self.rows.get(id.0 as usize).ok_or_else(|| Error::bad_argument("no such block"));
         let (row, front) = (row(id)?, row(first)?);

@@ -86,8 +86,9 @@ pub struct TreeRow {
     pub first_block: u32,
     /// Its geometry blocks.
     pub block_count: u32,
-    /// How many of these are of each class that the structure declares, class by class in their order; they add up to `block_count`. Blocks of
-    /// the first class are coarse, all others hang below them: at least 1, unless there are none at all.
+    /// How many of these are of each class that the structure declares, class by class in their order; they add up to
+    /// `block_count`. Blocks of the first class are coarse, all others hang below them: at least 1, unless there are
+    /// none at all.
     pub class_blocks: [u32; CLASSES],
     /// Where tracing begins; the structure's business.
     pub root: u64,
@@ -213,11 +214,7 @@ impl Tables<'_> {
 }
 
 /// Runs `check` over all rows; names the row that fails.
-fn each<T>(
-    rows: &[T],
-    what: &str,
-    mut check: impl FnMut(usize, &T) -> Result<(), Malformed>,
-) -> Result<(), Malformed> {
+fn each<T>(rows: &[T], what: &str, mut check: impl FnMut(usize, &T) -> Result<(), Malformed>) -> Result<(), Malformed> {
     for (i, row) in rows.iter().enumerate() {
         check(i, row).map_err(|why| Malformed::new(format!("{what} {i}: {why}")))?;
     }

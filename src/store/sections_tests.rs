@@ -2,7 +2,14 @@ use super::*;
 use crate::base::bytes::Checked;
 
 fn part(name: &str, parent: Option<u32>) -> PartRow {
-    PartRow { id: 1 << 40, name: name.into(), parent, material: 0, bounds: [0.0, 0.0, 0.0, 1.0, 2.0, 3.0], triangles: 5 }
+    PartRow {
+        id: 1 << 40,
+        name: name.into(),
+        parent,
+        material: 0,
+        bounds: [0.0, 0.0, 0.0, 1.0, 2.0, 3.0],
+        triangles: 5,
+    }
 }
 
 const MATERIAL: MaterialRow = MaterialRow { colour: [0.0, 0.5, 1.0], opacity: 1.0, metalness: 0.25, roughness: 0.75 };
@@ -47,8 +54,6 @@ impl Sample {
         Tables { parts, materials, instances, trees }.validate(header)
     }
 }
-
-
 
 fn roundtrip<T: FileRow + PartialEq + std::fmt::Debug>(rows: &[T]) {
     let bytes = encode(rows);

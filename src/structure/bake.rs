@@ -1,9 +1,9 @@
 //! The contract of the bake wing: triangles of a mesh in, blocks of a tree out, in chunks that fit memory.
 
-use super::{Structure, bvh};
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
 use super::par::Par;
+use super::{Structure, bvh};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::math::{Bounds, srgb};
@@ -29,7 +29,9 @@ impl TreeInput<'_> {
     /// Linear colour of a triangle, and whether it is its own.
     pub(super) fn colour(&self, triangle: usize) -> (Vec3, bool) {
         match self.colours.get(triangle) {
-            Some([r, g, b, a]) if *a > 0 => (Vec3::from([*r, *g, *b].map(|c| srgb::decode(f32::from(c) / 255.0))), true),
+            Some([r, g, b, a]) if *a > 0 => {
+                (Vec3::from([*r, *g, *b].map(|c| srgb::decode(f32::from(c) / 255.0))), true)
+            }
             _ => (self.part_colours.get(self.parts[triangle] as usize).copied().unwrap_or(GREY), false),
         }
     }
@@ -43,8 +45,9 @@ const GREY: Vec3 = Vec3::splat(0.6);
 pub struct TreeOptions {
     /// References that spatial splits may add, as a share of the triangles; 0 for no splits.
     pub split_budget: f32,
-    /// Half the area of the box of the whole mesh, if this is a part of it: what overlaps little as part of that is not split.
-    /// (By the box of the part, as if it were all, an airliner in three chunks had 9.1 million references instead of 7.6.)
+    /// Half the area of the box of the whole mesh, if this is a part of it: what overlaps little as part of that is not
+    /// split. (By the box of the part, as if it were all, an airliner in three chunks had 9.1 million references
+    /// instead of 7.6.)
     pub mesh_half_area: f32,
 }
 
@@ -98,13 +101,14 @@ pub struct BuiltChunk<C, T> {
 
 /// What makes the blocks of a structure.
 ///
-/// A mesh is built in one or more chunks, each in memory; of a chunk stay its top and its blocks, which are encoded one plan after the other.
-/// All tops are joined to the coarse blocks. In the file the blocks of a tree lie class by class ([`crate::store::TreeRow::class_blocks`]): the
-/// coarse ones, which are known last, then the second class of all chunks, and so on. The result depends on the input and the options only, never on
-/// the number of threads.
+/// A mesh is built in one or more chunks, each in memory; of a chunk stay its top and its blocks, which are encoded one
+/// plan after the other. All tops are joined to the coarse blocks. In the file the blocks of a tree lie class by class
+/// ([`crate::store::TreeRow::class_blocks`]): the coarse ones, which are known last, then the second class of all
+/// chunks, and so on. The result depends on the input and the options only, never on the number of threads.
 ///
-/// Opening, reading ahead and making room for blocks rely on three more properties. A block refers to blocks with higher ids only. Of the coarse blocks
-/// those nearest to the root come first. Each plan gives exactly one block of each class but the first.
+/// Opening, reading ahead and making room for blocks rely on three more properties. A block refers to blocks with
+/// higher ids only. Of the coarse blocks those nearest to the root come first. Each plan gives exactly one block of
+/// each class but the first.
 pub trait Baker {
     /// Classes of its blocks, [`CLASSES`] at most. The first is that of coarse blocks.
     const CLASSES: usize;
@@ -121,8 +125,8 @@ pub trait Baker {
 
     /// Whether triangles are such that it pays to split them among leaves.
     fn splits_pay(triangles: &[[Vec3; 3]]) -> bool;
-    /// Builds the tree of `input`, which is not empty and, with `is_whole`, is all of the mesh. Fails only with [`crate::Error::Cancelled`], or
-    /// with `BadArgument` for what the structure cannot hold.
+    /// Builds the tree of `input`, which is not empty and, with `is_whole`, is all of the mesh. Fails only with
+    /// [`crate::Error::Cancelled`], or with `BadArgument` for what the structure cannot hold.
     fn build<'a>(
         input: TreeInput<'a>,
         options: &TreeOptions,
@@ -142,7 +146,8 @@ pub trait Baker {
     fn encode_coarse(crown: &Self::Crown, index: usize, first_block: u32) -> BakedBlock;
     /// Counts of the whole tree.
     fn counts(crown: &Self::Crown) -> Counts;
-    /// Entries of the deepest stack that a walk through a tree of so many levels needs ([`crate::store::TreeRow::max_stack`]).
+    /// Entries of the deepest stack that a walk through a tree of so many levels needs
+    /// ([`crate::store::TreeRow::max_stack`]).
     fn max_stack(depth: u32) -> u32;
     /// Where walks begin, in the tree's first block.
     fn root() -> u32;

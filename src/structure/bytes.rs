@@ -70,7 +70,8 @@ impl<'a> Reader<'a> {
         let (a, b) = (self.take(count)?, self.take(count)?);
         let (c, d) = (self.take(count)?, self.take(count)?);
         let mut words = vec![0; count + zeros];
-        // Not collected: what takes a closure is not compiled for the set. The slices are as long: a loop that becomes vectors.
+        // Not collected: what takes a closure is not compiled for the set. The slices are as long: a loop that becomes
+        // vectors.
         let to = &mut words[..count];
         for i in 0..count {
             to[i] = u32::from_le_bytes([a[i], b[i], c[i], d[i]]);

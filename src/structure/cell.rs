@@ -1,5 +1,6 @@
-//! Cells that stand in for what a tree holds, as rays see them: rows of numbers, a column for each ray, filled by the structure that the tree is of.
-//! What they promise, and how they look in the world, is worked out from these alone (`query::answers`).
+//! Cells that stand in for what a tree holds, as rays see them: rows of numbers, a column for each ray, filled by the
+//! structure that the tree is of. What they promise, and how they look in the world, is worked out from these alone
+//! (`query::answers`).
 
 use crate::math::Bounds;
 use glam::Vec3;
@@ -7,9 +8,11 @@ use glam::Vec3;
 /// The cells that up to `N` rays hit, a column for each ray. Reusable: columns of other rays hold anything.
 #[derive(Debug)]
 pub struct Cells<const N: usize> {
-    /// Boxes in the tree's frame, as walks see them: low x, y, z, high x, y, z. (Those of cells of one sample only when asked for, or if the ray begins inside.)
+    /// Boxes in the tree's frame, as walks see them: low x, y, z, high x, y, z. (Those of cells of one sample only when
+    /// asked for, or if the ray begins inside.)
     pub bounds: [[f32; N]; 6],
-    /// Words of samples (`lod::Coded`): of the sides across x, y and z that face the ray; where there is one sample, that of all is the first.
+    /// Words of samples (`lod::Coded`): of the sides across x, y and z that face the ray; where there is one sample,
+    /// that of all is the first.
     pub firsts: [[u32; N]; 3],
     /// The second words, see `firsts`.
     pub seconds: [[u32; N]; 3],

@@ -1,5 +1,5 @@
-//! The cursor: one way to walk down a tree of any structure that is not the way of a ray. Overlap, prefetch and what is asked of a
-//! tree's surroundings go by it.
+//! The cursor: one way to walk down a tree of any structure that is not the way of a ray. Overlap, prefetch and what is
+//! asked of a tree's surroundings go by it.
 
 use super::hit::{TriHit, Triangle};
 use super::place::{Place, Rooted};
@@ -9,8 +9,8 @@ use crate::math::Bounds;
 
 /// Takes what is below a place.
 pub struct Below<'a> {
-    /// Takes each child: its place, a box around the tree's origin that holds all that is below, rounded outward, and whether nothing but
-    /// triangles is below it.
+    /// Takes each child: its place, a box around the tree's origin that holds all that is below, rounded outward, and
+    /// whether nothing but triangles is below it.
     pub child: &'a mut dyn FnMut(Place, &Bounds, bool),
     /// Takes each triangle of a leaf.
     pub triangle: &'a mut dyn FnMut(&TriHit, &Triangle),
@@ -33,12 +33,17 @@ impl Descent {
         self.left.iter().map(|place| BlockId(place.block))
     }
 
-    /// Visits the triangles of the leaves that are in memory of those that are left, below boxes that `descend` accepts. Call it again with
-    /// the same tests once some of what is [missing](Self::missing) is there.
+    /// Visits the triangles of the leaves that are in memory of those that are left, below boxes that `descend`
+    /// accepts. Call it again with the same tests once some of what is [missing](Self::missing) is there.
     ///
-    /// `descend` gets boxes around the tree's origin, rounded outward. A triangle that spatial splits put into several leaves is visited
-    /// several times.
-    pub fn go_on(&mut self, tree: &Tree, descend: &mut dyn FnMut(&Bounds) -> bool, visit: &mut dyn FnMut(&TriHit, &Triangle)) {
+    /// `descend` gets boxes around the tree's origin, rounded outward. A triangle that spatial splits put into several
+    /// leaves is visited several times.
+    pub fn go_on(
+        &mut self,
+        tree: &Tree,
+        descend: &mut dyn FnMut(&Bounds) -> bool,
+        visit: &mut dyn FnMut(&TriHit, &Triangle),
+    ) {
         let mut stack = std::mem::take(&mut self.left);
         while let Some(place) = stack.pop() {
             let bottom = stack.len();

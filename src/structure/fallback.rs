@@ -1,6 +1,7 @@
 //! For structures without packets or streams of their own: each ray of a packet or stream is walked alone.
 //!
-//! A packet that was put down at a missing block goes on with the ray that needs the block: rays that are answered are not walked again.
+//! A packet that was put down at a missing block goes on with the ray that needs the block: rays that are answered are
+//! not walked again.
 
 use super::filter::PartFilter;
 use super::hit::{Outcome, TriHit};

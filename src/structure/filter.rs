@@ -40,7 +40,8 @@ impl PartFilter<'_> {
         filter.is_some_and(|filter| filter.within.is_some())
     }
 
-    /// Whether rays pass through a triangle of `part` that is met at `t`. `triangle` is asked for only where a further test needs it.
+    /// Whether rays pass through a triangle of `part` that is met at `t`. `triangle` is asked for only where a further
+    /// test needs it.
     #[inline]
     pub fn passes(&self, part: impl Fn() -> u32, triangle: impl Fn() -> Triangle, t: f32) -> bool {
         self.hides(part()) || self.within.is_some_and(|within| !within.triangle(&triangle(), t))

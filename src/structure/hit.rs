@@ -1,7 +1,8 @@
 //! What walks answer: where a ray meets a tree, and what a structure says of that place.
 //!
-//! A hit names its place by a block and an item of that block. The item belongs to the structure: a triangle, a point of a patch, a
-//! cell that stands in. Rooms above hand it back to the structure that made it ([`super::Tree::triangle`], [`super::Tree::surfaces`], [`super::Tree::cells`]).
+//! A hit names its place by a block and an item of that block. The item belongs to the structure: a triangle, a point
+//! of a patch, a cell that stands in. Rooms above hand it back to the structure that made it
+//! ([`super::Tree::triangle`], [`super::Tree::surfaces`], [`super::Tree::cells`]).
 
 use crate::base::ids::BlockId;
 use glam::Vec3;
@@ -11,8 +12,8 @@ use glam::Vec3;
 pub enum Outcome {
     /// The answer is in the walk.
     Done,
-    /// This block is needed. Call again with the same walk once it is in memory. A step may need up to four blocks at once, one after the other: a batch
-    /// keeps the last four that it has asked for in memory.
+    /// This block is needed. Call again with the same walk once it is in memory. A step may need up to four blocks at
+    /// once, one after the other: a batch keeps the last four that it has asked for in memory.
     Pending(BlockId),
 }
 
@@ -76,7 +77,8 @@ impl std::ops::AddAssign for Counters {
 const LOD: u32 = 1 << 31;
 /// A stand-in for a block that is not in memory.
 const MISSING: u32 = 1 << 30;
-/// Of those, one that the ray begins in: `t` is where the ray begins, for nothing is known of what is nearest from there on.
+/// Of those, one that the ray begins in: `t` is where the ray begins, for nothing is known of what is nearest from
+/// there on.
 const INSIDE: u32 = 1 << 29;
 
 /// A stand-in that was hit.
@@ -112,7 +114,8 @@ impl TriHit {
         Some(StandIn { item: self.tri & !Self::FLAGS, is_missing, is_inside })
     }
 
-    /// Where this or `best` is a stand-in: whether this wins at the same distance. Places decide, so that the order of visits does not.
+    /// Where this or `best` is a stand-in: whether this wins at the same distance. Places decide, so that the order of
+    /// visits does not.
     #[inline(always)]
     pub(super) fn untie(&self, best: &Self) -> Option<bool> {
         let key = |h: &Self| (h.tri & Self::FLAGS, h.block, h.tri);

@@ -1,13 +1,15 @@
 //! Acceleration structures, and the contract between them and all rooms above.
 //!
-//! The contract: `ray` (rays in a tree's frame), `hit` (what walks answer), `filter` (what rays pass through), `place` and `cursor` (walking
-//! down a tree of any structure), `walk`, `packet` and `stream` (the state of rays), `tree` (one enum over structures: rays in, hits out), `open` (from
-//! a file to trees, and the decoder that residency is handed), `bake` (triangles in, blocks out), `streams` (numbers beside triangles),
-//! `fallback` (packets and streams of a structure that walks single rays only).
+//! The contract: `ray` (rays in a tree's frame), `hit` (what walks answer), `filter` (what rays pass through), `place`
+//! and `cursor` (walking down a tree of any structure), `walk`, `packet` and `stream` (the state of rays), `tree` (one
+//! enum over structures: rays in, hits out), `open` (from a file to trees, and the decoder that residency is handed),
+//! `bake` (triangles in, blocks out), `streams` (numbers beside triangles), `fallback` (packets and streams of a
+//! structure that walks single rays only).
 //!
-//! Each structure is a folder with three faces: `build` (triangles in, blocks out), `layout` (the bytes both wings agree on), `trace` (rays in,
-//! hits out). A further one is such a folder, a variant of [`Structure`], and an arm in each `match` of `tree`, `open` and `bake`; no room above
-//! names one. (`packet` and `stream` hold state of the bvh's own walks beside that of all structures.)
+//! Each structure is a folder with three faces: `build` (triangles in, blocks out), `layout` (the bytes both wings
+//! agree on), `trace` (rays in, hits out). A further one is such a folder, a variant of [`Structure`], and an arm in
+//! each `match` of `tree`, `open` and `bake`; no room above names one. (`packet` and `stream` hold state of the bvh's
+//! own walks beside that of all structures.)
 #![forbid(unsafe_code)]
 
 pub mod bake;

@@ -1,11 +1,11 @@
 //! From an opened file to its trees, and the decoder that residency is handed.
 
+use super::Structure;
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
 use super::bvh;
 use super::place::Place;
 use super::tree::{Tree, Visit};
-use super::Structure;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::math::{Bounds, DBounds};
@@ -46,8 +46,8 @@ enum Start {
     Brute(brute::open::Start),
 }
 
-/// Opens the trees of a file. Fails with `Corrupt` for a structure that is not one of this version, or where a tree's row
-/// contradicts itself.
+/// Opens the trees of a file. Fails with `Corrupt` for a structure that is not one of this version, or where a tree's
+/// row contradicts itself.
 pub fn open(file: &ModelFile) -> Result<Opened> {
     let structure = structure_of(file)?;
     let header = file.header();
@@ -67,8 +67,8 @@ pub fn open(file: &ModelFile) -> Result<Opened> {
     Ok(Opened { decoder, trees: file.trees().iter().map(start).collect::<Result<_>>()? })
 }
 
-/// Checks what no block of a file can check alone: how its blocks hang together. Blocks that are not in memory are passed over.
-/// Fails with the block and the fault.
+/// Checks what no block of a file can check alone: how its blocks hang together. Blocks that are not in memory are
+/// passed over. Fails with the block and the fault.
 pub fn check_links(file: &ModelFile, snapshot: &Snapshot) -> std::result::Result<(), (BlockId, String)> {
     match structure_of(file) {
         Ok(Structure::Bvh) => bvh::check_links(snapshot, file.trees()),
@@ -141,6 +141,13 @@ impl StoredTree {
 impl StoredTree {
     /// A tree that exists only as bounds.
     pub fn for_tests(origin: DVec3, bounds: DBounds, reach: f32) -> Self {
-        Self { start: Start::Bvh(bvh::open::Start::NONE), origin, bounds, reach, position_error: 0.0, around_hits: None }
+        Self {
+            start: Start::Bvh(bvh::open::Start::NONE),
+            origin,
+            bounds,
+            reach,
+            position_error: 0.0,
+            around_hits: None,
+        }
     }
 }

@@ -4,8 +4,8 @@
 use super::bvh::trace::Gauge;
 use super::hit::{Counters, TriHit};
 use super::packet_prepare::{self, Shared};
-use super::ray::{LocalRay, UNIT, abs};
 use super::place::{Place, Rooted};
+use super::ray::{LocalRay, UNIT, abs};
 use super::surface::Groups;
 use super::walk::{Entered, Walk};
 use crate::math::{Cone, PACKET, Ray, bits, first_rays};
@@ -136,14 +136,7 @@ impl PacketWalk {
     pub fn new() -> Self {
         let none = [[0.0; 16]; VECTORS];
         let zero = [none; 3];
-        let rays = PacketRays {
-            org: zero,
-            dir: zero,
-            inv: zero,
-            shear: zero,
-            t_min: none,
-            cone: [none; 2],
-        };
+        let rays = PacketRays { org: zero, dir: zero, inv: zero, shear: zero, t_min: none, cone: [none; 2] };
         let hits = PacketHits { some: 0, t: none, u: none, v: none, block: none, tri: none };
         Self {
             stack: Vec::new(),
@@ -191,8 +184,9 @@ impl PacketWalk {
         *at_mut(&mut self.hits.t, i) = ray.t_max;
     }
 
-    /// Takes over directions and widths ([`LocalRay::cone_of`]; `is_exact`: none has any) of rays of the world in a tree whose frame is only shifted, for whose
-    /// other members [`PacketWalk::set_all_but_dirs`] is called. What [`PacketWalk::start`] leaves out may be anything.
+    /// Takes over directions and widths ([`LocalRay::cone_of`]; `is_exact`: none has any) of rays of the world in a
+    /// tree whose frame is only shifted, for whose other members [`PacketWalk::set_all_but_dirs`] is called. What
+    /// [`PacketWalk::start`] leaves out may be anything.
     #[inline]
     pub fn set_dirs_of(&mut self, tree: &impl Rooted, rays: &[Ray; PACKET], is_exact: bool) {
         dispatch(tree.isa(), SetDirs { walk: self, rays: must_cast_ref(rays), is_exact });
@@ -216,8 +210,8 @@ impl PacketWalk {
         self.hits.t = [[ray.t_max; 16]; VECTORS];
     }
 
-    /// Takes over directions, axis by axis, and widths at distance 1 of all rays; false if a direction is not unit: then the
-    /// width is not that of [`LocalRay::cone_of`].
+    /// Takes over directions, axis by axis, and widths at distance 1 of all rays; false if a direction is not unit:
+    /// then the width is not that of [`LocalRay::cone_of`].
     #[inline]
     pub fn set_dirs(&mut self, dir: &[[f32; PACKET]; 3], width: &[f32; PACKET]) -> bool {
         let mut is_unit = true;
@@ -229,8 +223,9 @@ impl PacketWalk {
         is_unit
     }
 
-    /// Whether the first `count` rays, which were taken over, all start within `near` of the tree's zero along each axis, have directions of usual
-    /// magnitude ([`USUAL_DIRS`]) and begin at a finite distance; one below zero is then taken as zero.
+    /// Whether the first `count` rays, which were taken over, all start within `near` of the tree's zero along each
+    /// axis, have directions of usual magnitude ([`USUAL_DIRS`]) and begin at a finite distance; one below zero is then
+    /// taken as zero.
     pub fn is_within(&mut self, tree: &impl Rooted, count: usize, near: f32) -> bool {
         dispatch(tree.isa(), Within { walk: self, near }) | !first_rays(count) == u32::MAX
     }
@@ -313,7 +308,8 @@ impl PacketWalk {
         dispatch(isa, Hits { walk: self, lanes, out });
     }
 
-    /// For rays that all go alone: the next ray that has not ended, in [`PacketWalk::alone`], at the root of `tree` or where it was put down.
+    /// For rays that all go alone: the next ray that has not ended, in [`PacketWalk::alone`], at the root of `tree` or
+    /// where it was put down.
     pub(super) fn next_alone(&mut self, tree: &impl Rooted) -> Option<usize> {
         if self.put_down.is_none() {
             self.put_down = bits(self.waiting).next();

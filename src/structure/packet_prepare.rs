@@ -5,7 +5,6 @@ use super::packet::{PacketRays, Row, VECTORS};
 use super::ray::{MAX_DIR, MIN_DIR, USUAL_DIRS, abs, slack};
 use crate::simd::{Lanes, Mask, Simd};
 
-
 /// Boxes with an area of this part of a packet's are tested ray by ray.
 const NARROW: f32 = 2.0;
 
@@ -49,9 +48,9 @@ impl Shared {
     }
 }
 
-/// Prepares all rays (as [`super::bvh::trace::PreparedRay::new`] does one, which see), and what they share; false where they cannot
-/// go together, because the signs or the greatest components of their directions differ. (Written in place: returned, the
-/// struct would be stored in small pieces and read at once in large ones.)
+/// Prepares all rays (as [`super::bvh::trace::PreparedRay::new`] does one, which see), and what they share; false where
+/// they cannot go together, because the signs or the greatest components of their directions differ. (Written in place:
+/// returned, the struct would be stored in small pieces and read at once in large ones.)
 #[inline(always)]
 pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: &mut Shared) -> bool {
     let Some(kz) = greatest_axis(s, rays) else { return false };

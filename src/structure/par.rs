@@ -23,10 +23,6 @@ impl Par {
     /// `f` of each item of `items`, in order.
     pub fn map_items<I: Send, T: Send>(&self, items: Vec<I>, f: impl Fn(I) -> T + Sync + Send) -> Vec<T> {
         use rayon::prelude::*;
-        if self.threads > 1 {
-            items.into_par_iter().map(f).collect()
-        } else {
-            items.into_iter().map(f).collect()
-        }
+        if self.threads > 1 { items.into_par_iter().map(f).collect() } else { items.into_iter().map(f).collect() }
     }
 }

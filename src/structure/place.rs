@@ -2,7 +2,8 @@
 
 use crate::simd::Isa;
 
-/// Something in a tree, by the block that it is in. Ordered by block, so that what is read together is visited together.
+/// Something in a tree, by the block that it is in. Ordered by block, so that what is read together is visited
+/// together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Place {
     /// The block.

@@ -25,8 +25,7 @@ pub(in crate::structure) const UNIT: f32 = 4.0 / 16_777_216.0;
 
 impl LocalRay {
     /// Not valid: misses all.
-    pub const NONE: Self =
-        Self { org: Vec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO };
+    pub const NONE: Self = Self { org: Vec3::ZERO, dir: Vec3::ZERO, t_min: 0.0, t_max: 0.0, cone: Cone::ZERO };
 
     /// [`LocalRay::cone`] of a ray that is `cone` wide and goes along `dir`.
     #[inline(always)]
@@ -73,12 +72,12 @@ pub(in crate::structure) fn abs<const N: usize, L: Lanes<N>>(zero: L, v: L) -> L
     v.max(zero - v)
 }
 
-/// How much larger a cell is taken, as a part of the greatest magnitude of a coordinate: 7 h for rounding (h = 2^-24), the rest for
-/// packets, which test the boxes of triangles so too.
+/// How much larger a cell is taken, as a part of the greatest magnitude of a coordinate: 7 h for rounding (h = 2^-24),
+/// the rest for packets, which test the boxes of triangles so too.
 pub(in crate::structure) const SLACK: f32 = 32.0 / 16_777_216.0;
 
-/// How far planes give way for a ray with origin `org` along an axis on which it goes as `inv` is signed: what is taken from
-/// those that are met first, and added to those that are met last.
+/// How far planes give way for a ray with origin `org` along an axis on which it goes as `inv` is signed: what is taken
+/// from those that are met first, and added to those that are met last.
 #[inline(always)]
 pub(in crate::structure) fn slack(org: f32, inv: f32, reach: f32) -> f32 {
     (org.abs().max(reach) * SLACK).copysign(inv)

@@ -23,8 +23,13 @@ pub(super) struct Rays16 {
 
 impl Rays16 {
     /// Not valid: all miss.
-    pub const NONE: Self =
-        Self { org: [[0.0; GROUP]; 3], dir: [[0.0; GROUP]; 3], t_min: [0.0; GROUP], t_max: [0.0; GROUP], cone: [[0.0; GROUP]; 2] };
+    pub const NONE: Self = Self {
+        org: [[0.0; GROUP]; 3],
+        dir: [[0.0; GROUP]; 3],
+        t_min: [0.0; GROUP],
+        t_max: [0.0; GROUP],
+        cone: [[0.0; GROUP]; 2],
+    };
 
     /// Takes a ray over, not yet prepared.
     #[inline(always)]
@@ -41,7 +46,13 @@ impl Rays16 {
     fn one(&self, i: usize) -> LocalRay {
         let i = i & (GROUP - 1);
         let [org, dir] = [&self.org, &self.dir].map(|v| Vec3::new(v[0][i], v[1][i], v[2][i]));
-        LocalRay { org, dir, t_min: self.t_min[i], t_max: self.t_max[i], cone: Cone { a: self.cone[0][i], b: self.cone[1][i] } }
+        LocalRay {
+            org,
+            dir,
+            t_min: self.t_min[i],
+            t_max: self.t_max[i],
+            cone: Cone { a: self.cone[0][i], b: self.cone[1][i] },
+        }
     }
 
     /// Whether no ray has a width.
@@ -100,8 +111,8 @@ impl Stream {
         self.rays[(i / GROUP) & (STREAM / GROUP - 1)].set(i, ray);
     }
 
-    /// After the first `count` rays were taken over: what is left of their last group from earlier rays is none any more, so that it has no say in how
-    /// the others are traced.
+    /// After the first `count` rays were taken over: what is left of their last group from earlier rays is none any
+    /// more, so that it has no say in how the others are traced.
     pub(super) fn end(&mut self, count: usize) {
         (count..count.next_multiple_of(GROUP)).for_each(|i| self.set(i, &LocalRay::NONE));
     }

@@ -1,5 +1,5 @@
-//! Numbers beside the triangles of a block, in blocks of their own that are read only when asked for, in the file form. The same for all
-//! structures: a block of triangles has one of each stream, in the order of its triangles.
+//! Numbers beside the triangles of a block, in blocks of their own that are read only when asked for, in the file form.
+//! The same for all structures: a block of triangles has one of each stream, in the order of its triangles.
 //!
 //! | bytes | content |
 //! |---|---|

@@ -1,4 +1,5 @@
-//! Triangles that rays hit, and which rays hit the same: rows of numbers, a column for each triangle, filled by the structure that the tree is of.
+//! Triangles that rays hit, and which rays hit the same: rows of numbers, a column for each triangle, filled by the
+//! structure that the tree is of.
 
 use glam::Vec3;
 

@@ -1,8 +1,9 @@
 //! One tree of a model, of whatever structure, in one snapshot: what rooms above know of structures.
 //!
-//! An enum and no trait object or type parameter: rays ask it once a packet, stream, bundle or walk, never once a node, so the choice
-//! costs nothing beside the answer (a [cursor](Tree::expand), which hands out nodes, asks once for each); a type parameter through the rooms above would copy all kernels once more for each structure
-//! (2 MB each). A structure without packets, streams or bundles of its own falls back to single walks (`fallback.rs`).
+//! An enum and no trait object or type parameter: rays ask it once a packet, stream, bundle or walk, never once a node,
+//! so the choice costs nothing beside the answer (a [cursor](Tree::expand), which hands out nodes, asks once for each);
+//! a type parameter through the rooms above would copy all kernels once more for each structure (2 MB each). A
+//! structure without packets, streams or bundles of its own falls back to single walks (`fallback.rs`).
 
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
@@ -12,7 +13,7 @@ use super::cursor::Below;
 #[cfg(any(test, feature = "brute"))]
 use super::fallback::SingleWalks;
 use super::filter::PartFilter;
-use super::hit::{Outcome, Triangle, TriHit};
+use super::hit::{Outcome, TriHit, Triangle};
 use super::packet::PacketWalk;
 use super::place::{Place, Rooted};
 use super::stream::Stream;
@@ -98,8 +99,9 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.any_together(filter, walk))
     }
 
-    /// Finds the closest hits of the first of the rays that `stream` has taken over, as [`Tree::closest`] finds them, at less cost a ray.
-    /// `hits`: as many as rays, [`crate::math::STREAM`] at most. Those in [`Stream::unfinished`] have no answer.
+    /// Finds the closest hits of the first of the rays that `stream` has taken over, as [`Tree::closest`] finds them,
+    /// at less cost a ray. `hits`: as many as rays, [`crate::math::STREAM`] at most. Those in [`Stream::unfinished`]
+    /// have no answer.
     #[inline]
     pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
         stream.end(hits.len());
@@ -113,8 +115,9 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.any_each(filter, stream, hits));
     }
 
-    /// Finds the closest hits of the packets of `among` (bit `i`: packet `i`), which were just started in this tree, of such as can go
-    /// together. The rest, all of it where none can, is found by [`Tree::closest_together`] of each packet: call that in any case.
+    /// Finds the closest hits of the packets of `among` (bit `i`: packet `i`), which were just started in this tree, of
+    /// such as can go together. The rest, all of it where none can, is found by [`Tree::closest_together`] of each
+    /// packet: call that in any case.
     #[inline]
     pub fn closest_in_bundle(&self, filter: Option<&PartFilter>, bundle: &mut Bundle, among: u32) {
         match self {
@@ -131,8 +134,8 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.triangle(hit))
     }
 
-    /// The block that a hit needs first: the one that has left the snapshot where [`Tree::triangle`], [`Tree::surfaces`], [`Tree::cells`] or
-    /// [`Tree::slabs`] find nothing.
+    /// The block that a hit needs first: the one that has left the snapshot where [`Tree::triangle`],
+    /// [`Tree::surfaces`], [`Tree::cells`] or [`Tree::slabs`] find nothing.
     pub fn block_of(&self, hit: &TriHit) -> BlockId {
         match self {
             Tree::Bvh(_) => BlockId(hit.block),
@@ -141,14 +144,15 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left the snapshot (bit `i`:
-    /// triangle `i`).
+    /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left
+    /// the snapshot (bit `i`: triangle `i`).
     #[inline(always)]
     pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
         of_each!(self, own => own.surfaces(count, hit, out))
     }
 
-    /// Fills the columns of `rays`, whose hits are cells that stand in. Returns the rays whose blocks have left the snapshot: their columns hold anything.
+    /// Fills the columns of `rays`, whose hits are cells that stand in. Returns the rays whose blocks have left the
+    /// snapshot: their columns hold anything.
     ///
     /// `dir`: a ray's direction in the tree's frame; `is_whole`: boxes and levels of all cells are asked for.
     #[inline(always)]
@@ -163,8 +167,8 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.cells(rays, hit, dir, is_whole, out))
     }
 
-    /// Asks for the memory of what [`Tree::cells`] reads of a cell that was hit: first of its words, and in a second call (`of_sides`), when those have
-    /// come, of its sides.
+    /// Asks for the memory of what [`Tree::cells`] reads of a cell that was hit: first of its words, and in a second
+    /// call (`of_sides`), when those have come, of its sides.
     #[inline]
     pub fn prefetch_cell(&self, hit: &TriHit, of_sides: bool) {
         of_each!(self, own => own.prefetch_cell(hit, of_sides));
@@ -175,7 +179,8 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.slabs(hit))
     }
 
-    /// The primitive id of a hit, or the block that is needed for it; `None` if a file that was made up to be wrong has none.
+    /// The primitive id of a hit, or the block that is needed for it; `None` if a file that was made up to be wrong has
+    /// none.
     pub fn prim(&self, hit: &TriHit) -> Result<Option<u32>, BlockId> {
         of_each!(self, own => own.prim(hit)).map(|prim| (prim != u32::MAX).then_some(prim))
     }
@@ -200,8 +205,9 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.expand(place, below))
     }
 
-    /// Around everything that rays can hit, stand-ins too, in the tree's frame; `None` if that is not in memory, or nothing. A ray that meets a
-    /// cell or a leaf has met the boxes of all those above it. (Bounds of triangles will not do: cells are rounded outward.)
+    /// Around everything that rays can hit, stand-ins too, in the tree's frame; `None` if that is not in memory, or
+    /// nothing. A ray that meets a cell or a leaf has met the boxes of all those above it. (Bounds of triangles will
+    /// not do: cells are rounded outward.)
     pub fn around_hits(&self) -> Option<Bounds> {
         let mut all = Bounds::EMPTY;
         let mut below = Below { child: &mut |_, bounds, _| all = all.union(*bounds), triangle: &mut |_, _| {} };

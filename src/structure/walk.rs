@@ -53,8 +53,8 @@ impl Walk {
         self.best
     }
 
-    /// Where the ray passed a stand-in first; infinity if it passed none. (Up to the hit, if there is one, that is the same whatever the
-    /// order; behind it, it may be found or not.) From there on there may be surface.
+    /// Where the ray passed a stand-in first; infinity if it passed none. (Up to the hit, if there is one, that is the
+    /// same whatever the order; behind it, it may be found or not.) From there on there may be surface.
     #[inline]
     pub fn passed(&self) -> f32 {
         self.passed

@@ -57,7 +57,8 @@ impl<T> OfEach<T> {
     }
 }
 
-/// A test for each structure and function: `on_each_structure!(check)` makes `bvh::check` and `brute::check`, which build with theirs.
+/// A test for each structure and function: `on_each_structure!(check)` makes `bvh::check` and `brute::check`, which
+/// build with theirs.
 #[allow(unused_macros)]
 macro_rules! on_each_structure {
     ($($test:ident),+ $(,)?) => {
@@ -88,8 +89,7 @@ pub struct Part {
 }
 
 /// White and matt.
-pub const WHITE: MaterialDesc =
-    MaterialDesc { colour: [1.0; 3], opacity: 1.0, metalness: 0.0, roughness: 1.0 };
+pub const WHITE: MaterialDesc = MaterialDesc { colour: [1.0; 3], opacity: 1.0, metalness: 0.0, roughness: 1.0 };
 
 impl Part {
     pub fn white(id: u64, tris: Vec<Tri>) -> Self {
@@ -126,7 +126,8 @@ pub fn build_with(options: BuildOptions, fill: impl FnOnce(&mut Builder)) -> (Bu
 /// Pushes a part's triangles into `mesh`.
 pub fn push(builder: &mut Builder, part: &Part) {
     let material = builder.material(part.material).expect("a material");
-    let desc = PartDesc { id: Some(part.id), name: format!("part {}", part.id), parent: None, material: Some(material) };
+    let desc =
+        PartDesc { id: Some(part.id), name: format!("part {}", part.id), parent: None, material: Some(material) };
     let key = builder.part(desc).expect("a part");
     builder.triangles(MeshKey::DIRECT, key, &part.tris, None).expect("triangles");
 }

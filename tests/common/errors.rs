@@ -152,10 +152,8 @@ pub struct Judge<'a> {
 impl<'a> Judge<'a> {
     pub fn new(oracle: &'a dyn Oracle, rounding: Rounding) -> Self {
         let mut seen = HashMap::new();
-        let lowest_twin = (0u32..)
-            .zip(oracle.tris())
-            .map(|(i, tri)| *seen.entry(tri.map(corner_bits)).or_insert(i))
-            .collect();
+        let lowest_twin =
+            (0u32..).zip(oracle.tris()).map(|(i, tri)| *seen.entry(tri.map(corner_bits)).or_insert(i)).collect();
         let bounds = oracle
             .tris()
             .iter()
@@ -185,7 +183,9 @@ impl<'a> Judge<'a> {
         ruling.verdict = match self.lost(ray, chosen_at, Some(a.prim)) {
             Err(wrong) => Verdict::Wrong(wrong),
             Ok(Some(graze)) => Verdict::Grazing(graze),
-            Ok(None) if ruling.verdict == Verdict::Same || truth.is_some_and(|o| self.as_near(ray, &a, &o)) => Verdict::Tied,
+            Ok(None) if ruling.verdict == Verdict::Same || truth.is_some_and(|o| self.as_near(ray, &a, &o)) => {
+                Verdict::Tied
+            }
             Ok(None) => ruling.verdict,
         };
         ruling
@@ -207,7 +207,11 @@ impl<'a> Judge<'a> {
             return Verdict::Same;
         }
         if got {
-            return if self.something_near(ray) { Verdict::Grazing(Graze::Outside) } else { Verdict::Wrong(Wrong::Phantom) };
+            return if self.something_near(ray) {
+                Verdict::Grazing(Graze::Outside)
+            } else {
+                Verdict::Wrong(Wrong::Phantom)
+            };
         }
         match self.lost(ray, f64::INFINITY, None) {
             Err(wrong) => Verdict::Wrong(wrong),
@@ -464,7 +468,12 @@ impl Summary {
     pub fn assert_clean(&self, name: &str) {
         println!("{name}: {self}");
         let wrong = self.count(|v| matches!(v, Verdict::Wrong(_)));
-        assert!(wrong == 0, "{name}: {wrong} of {} answers are wrong\n{}\n{self}", self.total, self.examples.join("\n"));
+        assert!(
+            wrong == 0,
+            "{name}: {wrong} of {} answers are wrong\n{}\n{self}",
+            self.total,
+            self.examples.join("\n")
+        );
         assert!(self.total > 0, "{name}: nothing was judged");
     }
 }

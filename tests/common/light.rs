@@ -1,7 +1,7 @@
 //! The oracle's light: coverage, ambient occlusion and direct light over any [`Oracle`], in double precision.
 //!
-//! Radiance follows the convention of [`outcrop::Light`]: factors of pi are left out, so that a white matt surface that faces a
-//! light of irradiance 1 has the value 1. Surfaces are matt (Lambert), two-sided and opaque.
+//! Radiance follows the convention of [`outcrop::Light`]: factors of pi are left out, so that a white matt surface that
+//! faces a light of irradiance 1 has the value 1. Surfaces are matt (Lambert), two-sided and opaque.
 
 use super::brute::{Oracle, Ray64, Tri};
 use super::samples::{Estimate, Samples};
@@ -36,7 +36,10 @@ impl<'a> Lighting<'a> {
         }
         // Far above what rounding moves a hit by (2^-53 of coordinates, a few times), far below anything that is seen.
         let reach = least.abs().max(most.abs()).max_element();
-        Self { oracle, leave: if reach.is_finite() { 1e-10 * (most - least).max_element() + 1e-13 * reach } else { 0.0 } }
+        Self {
+            oracle,
+            leave: if reach.is_finite() { 1e-10 * (most - least).max_element() + 1e-13 * reach } else { 0.0 },
+        }
     }
 
     /// What a ray (unit) hits first.
@@ -59,8 +62,8 @@ impl<'a> Lighting<'a> {
     /// (1 / pi) integral over the hemisphere of V(w) (n . w) dw
     /// ```
     ///
-    /// where V is 0 if something is hit within `reach` (which may be infinite), else 1. The samples are distributed as the cosine
-    /// (a disc's points, raised to the hemisphere: Malley's method), which leaves the mean of V.
+    /// where V is 0 if something is hit within `reach` (which may be infinite), else 1. The samples are distributed as
+    /// the cosine (a disc's points, raised to the hemisphere: Malley's method), which leaves the mean of V.
     pub fn openness(&self, at: &Surface, reach: f64, samples: &Samples, key: u64) -> Estimate {
         let (side, up) = at.normal.any_orthonormal_pair();
         let org = at.position + at.normal * self.leave;

@@ -61,8 +61,7 @@ fn ply(text: &str) -> Vec<Tri> {
             faces = count(line).expect("face count");
         }
     }
-    let points: Vec<DVec3> =
-        lines.by_ref().take(vertices).map(numbers).map(|n| DVec3::new(n[0], n[1], n[2])).collect();
+    let points: Vec<DVec3> = lines.by_ref().take(vertices).map(numbers).map(|n| DVec3::new(n[0], n[1], n[2])).collect();
     lines
         .take(faces)
         .map(|l| {
@@ -78,10 +77,7 @@ fn stl(bytes: &[u8]) -> Vec<Tri> {
     let corner = |at: usize| DVec3::new(number(at), number(at + 4), number(at + 8));
     let count = u32::from_le_bytes(bytes[80..84].try_into().expect("4 bytes")) as usize;
     assert_eq!(bytes.len(), 84 + 50 * count, "a binary STL");
-    (0..count)
-        .map(|i| 84 + 50 * i + 12)
-        .map(|at| [corner(at), corner(at + 12), corner(at + 24)])
-        .collect()
+    (0..count).map(|i| 84 + 50 * i + 12).map(|at| [corner(at), corner(at + 12), corner(at + 24)]).collect()
 }
 
 fn obj(text: &str) -> Vec<Tri> {

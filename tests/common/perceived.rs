@@ -1,17 +1,18 @@
 //! How much two pictures differ to the eye: FLIP and SSIM.
 //!
-//! FLIP comes from the crate `nv-flip`, which wraps its authors' own program. SSIM is written here from its paper: the crate
-//! that has it under a free licence averages over blocks of 8 by 8 without weights, which is not what is published.
+//! FLIP comes from the crate `nv-flip`, which wraps its authors' own program. SSIM is written here from its paper: the
+//! crate that has it under a free licence averages over blocks of 8 by 8 without weights, which is not what is
+//! published.
 
 use super::picture::{Colours, Spread};
 use nv_flip::{FlipImageRgb8, flip as flip_map, pixels_per_degree};
 
-/// FLIP: what someone notices who flips between two pictures on a screen, from 0 (nothing) to 1, of each pixel; the mean is
-/// what its authors say to report.
+/// FLIP: what someone notices who flips between two pictures on a screen, from 0 (nothing) to 1, of each pixel; the
+/// mean is what its authors say to report.
 ///
-/// Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", HPG 2020, for the screen that they take: 3840 pixels
-/// on 0.7 m, seen from 0.7 m (the crate's own default rounds that to 67 pixels a degree, which moves the fourth digit).
-/// Colours are compared as a screen shows them, with 256 levels. `width`: pixels in a row.
+/// Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", HPG 2020, for the screen that they take:
+/// 3840 pixels on 0.7 m, seen from 0.7 m (the crate's own default rounds that to 67 pixels a degree, which moves the
+/// fourth digit). Colours are compared as a screen shows them, with 256 levels. `width`: pixels in a row.
 pub fn flip(seen: Colours, truth: Colours, width: usize) -> Spread {
     let height = rows(seen, truth, width);
     let image = |of: Colours| {
@@ -45,8 +46,9 @@ const C2: f64 = 0.03 * 0.03;
 ///
 /// with the means m, variances and covariance s under Gaussian weights of deviation 1.5, C1 = 0.01^2, C2 = 0.03^2.
 ///
-/// Wang, Bovik, Sheikh, Simoncelli, "Image Quality Assessment: From Error Visibility to Structural Similarity", IEEE TIP
-/// 13(4), 2004, eq. 13 to 17. Of the coded grey 0.299 R + 0.587 G + 0.114 B (ITU-R BT.601) in [0, 1], as their program takes it.
+/// Wang, Bovik, Sheikh, Simoncelli, "Image Quality Assessment: From Error Visibility to Structural Similarity", IEEE
+/// TIP 13(4), 2004, eq. 13 to 17. Of the coded grey 0.299 R + 0.587 G + 0.114 B (ITU-R BT.601) in [0, 1], as their
+/// program takes it.
 pub fn ssim(seen: Colours, truth: Colours, width: usize) -> f64 {
     let height = rows(seen, truth, width);
     assert!(width >= WINDOW && height >= WINDOW, "a picture is at least {WINDOW} pixels wide and high");

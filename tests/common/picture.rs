@@ -1,8 +1,10 @@
-//! Errors between two pictures of one view, each defined here, in double precision; tests and benchmarks take them from here. (The command
-//! `outcrop bench --poe` cannot: it has the second one in single rays, `src/bin/outcrop/accuracy.rs`.)
+//! Errors between two pictures of one view, each defined here, in double precision; tests and benchmarks take them from
+//! here. (The command `outcrop bench --poe` cannot: it has the second one in single rays,
+//! `src/bin/outcrop/accuracy.rs`.)
 //!
-//! Pictures are plain slices, as [`outcrop::Mapped`] hands them out: a depth of infinity (or NaN) and a normal of 0 say that
-//! nothing is hit. `seen` is the picture that is judged, `truth` the one that it should be; both have the same size.
+//! Pictures are plain slices, as [`outcrop::Mapped`] hands them out: a depth of infinity (or NaN) and a normal of 0 say
+//! that nothing is hit. `seen` is the picture that is judged, `truth` the one that it should be; both have the same
+//! size.
 //!
 //! | error | of a pixel | function |
 //! |---|---|---|
@@ -21,8 +23,8 @@ use glam::DVec3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spread {
     pub mean: f64,
-    /// The least value that at least 95 of 100 values do not exceed (nearest rank: element ceil(0.95 count), from 1, of the
-    /// sorted values).
+    /// The least value that at least 95 of 100 values do not exceed (nearest rank: element ceil(0.95 count), from 1, of
+    /// the sorted values).
     pub p95: f64,
     /// Likewise 999 of 1000.
     pub p999: f64,
@@ -69,16 +71,16 @@ pub fn depth_relative(seen: &[f32], truth: &[f32]) -> Spread {
     Spread::of(covered_depths(seen, truth).map(|(d, d0)| (d - d0).abs() / d0))
 }
 
-/// abs(d - d0) / w(d0) of the pixels that both pictures cover, where `pixel_width` is w: the width of a pixel at a depth,
-/// in the unit of depths. It is `2 tan(fov_y / 2) / height * depth` of a perspective camera and `height of the view / height`
-/// of an orthographic one, whatever the depth.
+/// abs(d - d0) / w(d0) of the pixels that both pictures cover, where `pixel_width` is w: the width of a pixel at a
+/// depth, in the unit of depths. It is `2 tan(fov_y / 2) / height * depth` of a perspective camera and `height of the
+/// view / height` of an orthographic one, whatever the depth.
 pub fn depth_pixels(seen: &[f32], truth: &[f32], pixel_width: impl Fn(f64) -> f64) -> Spread {
     Spread::of(covered_depths(seen, truth).map(|(d, d0)| (d - d0).abs() / pixel_width(d0)))
 }
 
-/// How far rays' hits are off, in widths of the ray there, of those that hit in both; and the share of all rays that are answered
-/// otherwise: that hit in one of both, or more than a width elsewhere. `seen`, `truth`: distances, infinite where nothing is hit.
-/// `width`: of a ray, by number, at a distance.
+/// How far rays' hits are off, in widths of the ray there, of those that hit in both; and the share of all rays that
+/// are answered otherwise: that hit in one of both, or more than a width elsewhere. `seen`, `truth`: distances,
+/// infinite where nothing is hit. `width`: of a ray, by number, at a distance.
 pub fn along_rays(seen: &[f64], truth: &[f64], width: impl Fn(usize, f64) -> f64) -> (Spread, f64) {
     let (mut off, mut otherwise) = (Vec::new(), 0);
     for (i, (t, t0)) in pairs(seen, truth).enumerate() {
@@ -92,7 +94,8 @@ pub fn along_rays(seen: &[f64], truth: &[f64], width: impl Fn(usize, f64) -> f64
     (Spread::of(off), otherwise as f64 / seen.len().max(1) as f64)
 }
 
-/// The angle between normals, in degrees, of the pixels where both pictures have one (three floats a pixel, any length).
+/// The angle between normals, in degrees, of the pixels where both pictures have one (three floats a pixel, any
+/// length).
 ///
 /// atan2(|n x n0|, n . n0): exact for small angles, which the arc cosine is not.
 pub fn normal_angle(seen: &[f32], truth: &[f32]) -> Spread {
@@ -129,8 +132,8 @@ pub fn silhouette(seen: &[f32], truth: &[f32]) -> Silhouette {
     Silhouette { overlap, lost, added, covered: both + lost }
 }
 
-/// sum of c / sum of c0: mean coverage over the true one. Of each pixel the share that is covered, from 0 to 1: its alpha, an
-/// oracle's coverage, or whether it [`is_covered`] at all.
+/// sum of c / sum of c0: mean coverage over the true one. Of each pixel the share that is covered, from 0 to 1: its
+/// alpha, an oracle's coverage, or whether it [`is_covered`] at all.
 pub fn coverage_ratio(seen: impl IntoIterator<Item = f64>, truth: impl IntoIterator<Item = f64>) -> f64 {
     ratio(seen.into_iter().sum(), truth.into_iter().sum())
 }
@@ -140,7 +143,8 @@ fn ratio(sum: f64, truth: f64) -> f64 {
     if sum == truth { 1.0 } else { sum / truth }
 }
 
-/// A picture's colours, rows from the top; four values a pixel, as the buffers of a frame have them. Alpha is not looked at.
+/// A picture's colours, rows from the top; four values a pixel, as the buffers of a frame have them. Alpha is not
+/// looked at.
 #[derive(Debug, Clone, Copy)]
 pub enum Colours<'a> {
     /// Linear, not clamped.
@@ -171,9 +175,7 @@ impl Colours<'_> {
     /// Red, green and blue of a pixel as a screen takes them: sRGB-coded, clamped to [0, 1].
     pub fn coded(&self, pixel: usize) -> [f64; 3] {
         match self {
-            Colours::Linear(all) => {
-                std::array::from_fn(|c| srgb_encode(f64::from(all[4 * pixel + c]).clamp(0.0, 1.0)))
-            }
+            Colours::Linear(all) => std::array::from_fn(|c| srgb_encode(f64::from(all[4 * pixel + c]).clamp(0.0, 1.0))),
             Colours::Srgb8(all) => std::array::from_fn(|c| f64::from(all[4 * pixel + c]) / 255.0),
         }
     }
@@ -194,8 +196,8 @@ pub fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// sum of Y / sum of Y0 over the pixels that `counts` picks (those that the truth covers, so that a background does not hide
-/// what is wrong; or all): mean brightness over the true one.
+/// sum of Y / sum of Y0 over the pixels that `counts` picks (those that the truth covers, so that a background does not
+/// hide what is wrong; or all): mean brightness over the true one.
 pub fn radiance_ratio(seen: Colours, truth: Colours, counts: impl Fn(usize) -> bool) -> f64 {
     assert_eq!(seen.count(), truth.count(), "pictures of one size are compared");
     let sum = |of: Colours| (0..of.count()).filter(|i| counts(*i)).map(|i| luminance(of.linear(i))).sum();

@@ -9,8 +9,8 @@ pub struct Pop {
     pub change: Spread,
     /// Pixels that changed by more than the threshold.
     pub pixels: usize,
-    /// Of those, the pixels of the largest patch (joined by sides): a stand-in that appears at once pops as one patch, which
-    /// pixels of error explain as long as it is not larger than they are.
+    /// Of those, the pixels of the largest patch (joined by sides): a stand-in that appears at once pops as one patch,
+    /// which pixels of error explain as long as it is not larger than they are.
     pub largest: usize,
 }
 
@@ -27,8 +27,8 @@ pub struct Shown<'a> {
 /// abs((after.seen - before.seen) - (after.truth - before.truth))
 /// ```
 ///
-/// of coded values, so that 1 is from black to white and 1/255 a level of the screen. An error that stays as it is does not
-/// pop. `threshold`: above which a change counts; `width`: pixels in a row.
+/// of coded values, so that 1 is from black to white and 1/255 a level of the screen. An error that stays as it is does
+/// not pop. `threshold`: above which a change counts; `width`: pixels in a row.
 pub fn pop(before: Shown, after: Shown, width: usize, threshold: f64) -> Pop {
     let count = after.seen.count();
     for other in [before.seen, before.truth, after.truth] {

@@ -108,10 +108,8 @@ pub struct RayMaker<'a> {
 impl<'a> RayMaker<'a> {
     /// Rays for `tris` (not empty, finite), all from `seed`.
     pub fn new(tris: &'a [Tri], seed: u64) -> Self {
-        let (min, max) = tris
-            .iter()
-            .flatten()
-            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), v| (lo.min(*v), hi.max(*v)));
+        let (min, max) =
+            tris.iter().flatten().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), v| (lo.min(*v), hi.max(*v)));
         Self { tris, min, max, rng: Rng::new(seed), pixel: 0 }
     }
 

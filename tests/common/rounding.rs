@@ -137,7 +137,8 @@ impl Seen {
         let (zb, zc) = (self.z[1] - self.z[0], self.z[2] - self.z[0]);
         let grad = DVec2::new(zb * ac.y - zc * ab.y, zc * ab.x - zb * ac.x) / det;
         let far = self.p.map(|p| p.length() + moved);
-        let weights: f64 = (0..3).map(|i| far[(i + 1) % 3] * far[(i + 2) % 3]).sum::<f64>() * 3.0 * U * (hi - lo) / det_least;
+        let weights: f64 =
+            (0..3).map(|i| far[(i + 1) % 3] * far[(i + 2) % 3]).sum::<f64>() * 3.0 * U * (hi - lo) / det_least;
         let sum = if det_least > 0.0 { moved * (1.0 + grad.length()) + weights } else { cap };
         (sum.min(cap) + 8.0 * U * z_max) * self.t_per_unit
     }
@@ -152,8 +153,9 @@ pub fn segment_distance(a: DVec2, b: DVec2) -> f64 {
     if s > 0.0 && s < 1.0 { a.perp_dot(b).abs() / len2.sqrt() } else { (a + ab * s).length() }
 }
 
-/// Distance of `p` to the triangle, in world units: never less than it is but for roundings of coordinates, for it is that to a point of the
-/// triangle. (A plane's normal is not that good: of a sliver it is off by as many roundings as the sliver is longer than wide.)
+/// Distance of `p` to the triangle, in world units: never less than it is but for roundings of coordinates, for it is
+/// that to a point of the triangle. (A plane's normal is not that good: of a sliver it is off by as many roundings as
+/// the sliver is longer than wide.)
 pub fn point_distance(p: DVec3, tri: &Tri) -> f64 {
     let [a, b, c] = *tri;
     let seg = |x: DVec3, y: DVec3| {

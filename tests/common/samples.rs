@@ -1,8 +1,9 @@
 //! Means over a square by low-discrepancy samples, with how far off they are.
 //!
-//! The points are the (0,2)-sequence of van der Corput and Sobol with random digit scrambling: Kollig and Keller, "Efficient
-//! Multidimensional Sampling", EG 2002, section 3. A scrambled point is uniform in the square, so that every round, with digits
-//! of its own, is an unbiased estimate, and the spread of independent rounds says how far off their mean is.
+//! The points are the (0,2)-sequence of van der Corput and Sobol with random digit scrambling: Kollig and Keller,
+//! "Efficient Multidimensional Sampling", EG 2002, section 3. A scrambled point is uniform in the square, so that every
+//! round, with digits of its own, is an unbiased estimate, and the spread of independent rounds says how far off their
+//! mean is.
 
 use super::rng::Rng;
 
@@ -26,8 +27,8 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Whether the mean is `truth` within `deviations` standard errors and a `slack` for what is not sampling (the truth's own
-    /// approximation). A NaN is not.
+    /// Whether the mean is `truth` within `deviations` standard errors and a `slack` for what is not sampling (the
+    /// truth's own approximation). A NaN is not.
     pub fn agrees(&self, truth: f64, deviations: f64, slack: f64) -> bool {
         (self.mean - truth).abs() <= deviations * self.error + slack
     }

@@ -1,5 +1,5 @@
-//! What a built file stores, read through the public API: every tree's triangles around its origin, by primitive, and those of a
-//! scene's instances in world space.
+//! What a built file stores, read through the public API: every tree's triangles around its origin, by primitive, and
+//! those of a scene's instances in world space.
 
 use super::brute::{Ray64, Tri};
 use super::errors::Answer;
@@ -52,7 +52,8 @@ impl StoredTree {
         (world, Ray64 { org: world.origin - self.origin, ..ray.wide() })
     }
 
-    /// What the oracle's judge takes of a hit of the file's directly placed triangles. `part` gives the id of a local part.
+    /// What the oracle's judge takes of a hit of the file's directly placed triangles. `part` gives the id of a local
+    /// part.
     pub fn answer(&self, hit: &Hit, part: impl Fn(u32) -> u64) -> Option<Answer> {
         if hit.kind == HitKind::Miss {
             return None;
@@ -122,8 +123,8 @@ pub struct Name {
     pub colour: [f32; 3],
 }
 
-/// The triangles of all instances, in the order in which these are added: of each the directly placed ones, then those of its
-/// model's own instances of shared meshes.
+/// The triangles of all instances, in the order in which these are added: of each the directly placed ones, then those
+/// of its model's own instances of shared meshes.
 pub fn world(instances: &[Instance]) -> World {
     let mut out = World::default();
     for instance in instances {

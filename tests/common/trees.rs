@@ -5,15 +5,15 @@ use super::rays::Ray32;
 use glam::{DVec3, Vec3};
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::Cancel;
+use outcrop::math::{PACKET, STREAM, first_rays};
 use outcrop::residency::{Slot, Snapshot};
 use outcrop::simd::Isa;
 use outcrop::structure::Par;
+use outcrop::structure::Stream;
 use outcrop::structure::bake::{TreeInput, TreeOptions};
 use outcrop::structure::bvh::build::{self, Chunk, Crown, TreeBlock};
-use outcrop::math::{PACKET, STREAM, first_rays};
-use outcrop::structure::Stream;
 use outcrop::structure::bvh::trace::TreeView;
-use outcrop::structure::{Tree, for_each_triangle, LocalRay, Outcome, PacketWalk, TriHit, Walk};
+use outcrop::structure::{LocalRay, Outcome, PacketWalk, Tree, TriHit, Walk, for_each_triangle};
 
 /// A tree with all its blocks, and the triangles that it holds.
 pub struct TestTree {
@@ -53,7 +53,8 @@ impl TestTree {
         let plans = built.chunk.take_plans();
         let (chunk, crown) = (&built.chunk, built.top.map(|top| Crown::over(vec![top]).expect("a crown")));
         let coarse = crown.iter().flat_map(|c| (0..c.blocks()).map(|i| c.encode(i, 0)));
-        let (fine, leaves): (Vec<TreeBlock>, Vec<Option<TreeBlock>>) = plans.into_iter().map(|plan| chunk.encode(plan)).unzip();
+        let (fine, leaves): (Vec<TreeBlock>, Vec<Option<TreeBlock>>) =
+            plans.into_iter().map(|plan| chunk.encode(plan)).unzip();
         let leaves: Vec<TreeBlock> = leaves.into_iter().flatten().collect();
         let leaves_at = leaves.len() as u32;
         let blocks: Vec<TreeBlock> = coarse.chain(fine).chain(leaves).collect();

@@ -32,7 +32,8 @@ impl View {
         Self { width, height, eye, forward, right: right * pixel, down: forward.cross(right) * pixel, is_perspective }
     }
 
-    /// The ray through a point of the picture, unit; (0, 0) is its upper left corner, (0.5, 0.5) the middle of its first pixel.
+    /// The ray through a point of the picture, unit; (0, 0) is its upper left corner, (0.5, 0.5) the middle of its
+    /// first pixel.
     pub fn ray(&self, x: f64, y: f64) -> Ray64 {
         let (x, y) = (x - f64::from(self.width) / 2.0, y - f64::from(self.height) / 2.0);
         let aside = self.right * x + self.down * y;

@@ -236,8 +236,8 @@ pub fn names_at_root(module: &Module) -> Vec<(String, usize)> {
     out
 }
 
-/// The names directly below a room that `module` mentions, in whatever way the room itself is come by, each with its line. `*` is a name
-/// here, and stands for a room that is given another name.
+/// The names directly below a room that `module` mentions, in whatever way the room itself is come by, each with its
+/// line. `*` is a name here, and stands for a room that is given another name.
 pub fn names_below(module: &Module, room: &str) -> Vec<(String, usize)> {
     let t = &module.tokens;
     let sign = |at: usize, sign: char| t.get(at).is_some_and(|t| t.0.is_sign(sign));
@@ -245,7 +245,10 @@ pub fn names_below(module: &Module, room: &str) -> Vec<(String, usize)> {
     for at in (0..t.len()).filter(|&at| t[at].0.is_word(room)) {
         if sign(at + 1, ':') && sign(at + 2, ':') {
             out.extend(first_names(&t[at + 3..]));
-        } else if t.get(at + 1).is_some_and(|t| t.0.is_word("as")) && at > 0 && [':', '{', ','].iter().any(|&c| sign(at - 1, c)) {
+        } else if t.get(at + 1).is_some_and(|t| t.0.is_word("as"))
+            && at > 0
+            && [':', '{', ','].iter().any(|&c| sign(at - 1, c))
+        {
             out.push(("*".to_owned(), t[at].1));
         }
     }

@@ -1,5 +1,5 @@
-//! Awkward rays with cones, so that stand-ins answer: no closed mesh is missed from inside, nothing is a NaN, nothing hangs.
-//! Rays without cones are `tests/robust_rays.rs`.
+//! Awkward rays with cones, so that stand-ins answer: no closed mesh is missed from inside, nothing is a NaN, nothing
+//! hangs. Rays without cones are `tests/robust_rays.rs`.
 
 use super::pictures::{POE, ways};
 use crate::common::brute::Tri;
@@ -60,7 +60,8 @@ fn rays(tris: &[Tri], poe: f32) -> Vec<Ray> {
             0 => (target[0] - origin).as_vec3(),
             1 => ((target[0] + target[1]) * 0.5 - origin).as_vec3(),
             2 => {
-                origin = [target[0], (target[0] + target[1]) * 0.5, (target[0] + target[1] + target[2]) / 3.0][rng.below(3)];
+                origin =
+                    [target[0], (target[0] + target[1]) * 0.5, (target[0] + target[1] + target[2]) / 3.0][rng.below(3)];
                 (rng.direction() * 0.9 * rng.unit() - origin).as_vec3()
             }
             3 => {
@@ -101,7 +102,12 @@ fn in_all_ways(file: &Built, rays: &[Ray], mut check: impl FnMut(&Ray, &Hit)) ->
             let hits = ask(&scene.state(), rays, coherent);
             rays.iter().zip(&hits).for_each(|(ray, hit)| check(ray, hit));
             let differs = truth.get_or_insert_with(|| hits.clone()).iter().zip(&hits).position(|(a, b)| a != b);
-            assert_eq!(differs.map(|i| (rays[i], hits[i])), None, "{threads} threads, {}, coherent {coherent}", isa.name());
+            assert_eq!(
+                differs.map(|i| (rays[i], hits[i])),
+                None,
+                "{threads} threads, {}, coherent {coherent}",
+                isa.name()
+            );
         }
     }
     truth.into_iter().flatten().filter(|hit| hit.kind == HitKind::Lod).count()

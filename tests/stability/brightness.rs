@@ -1,4 +1,5 @@
-//! Mean radiance of five models, of what the exact picture covers: by the light of the eye and a sun, with and without shadows.
+//! Mean radiance of five models, of what the exact picture covers: by the light of the eye and a sun, with and without
+//! shadows.
 
 use super::pictures::{POE, Picture, Setting, Stage, sun};
 use super::table::judge;
@@ -14,14 +15,20 @@ fn line(poe: f32) -> f64 {
     if poe <= 1.0 { 0.01 } else { 0.03 }
 }
 
-/// A scan, parts of a machine, slivers, blocks with faces twice, and the scan far from zero; none from a file, so that the
-/// figures are the same everywhere.
+/// A scan, parts of a machine, slivers, blocks with faces twice, and the scan far from zero; none from a file, so that
+/// the figures are the same everywhere.
 fn five() -> [(&'static str, Vec<Tri>); 5] {
     let scan = || scenes::bumpy_sphere(200, 300, 1);
     let stretch = |t: Tri| t.map(|v| scenes::rounded(v * DVec3::new(1.0, 0.02, 1.0)));
     let slivers = scenes::bumpy_sphere(600, 40, 3).into_iter().map(stretch).filter(scenes::has_area).collect();
     let far = scan().into_iter().map(|t| t.map(|v| v + DVec3::new(1e7, -1e7, 1e7))).collect();
-    [("scan", scan()), ("cad", scenes::boxes(6000, 2)), ("slivers", slivers), ("blocks", scenes::blocks(60, 4)), ("far", far)]
+    [
+        ("scan", scan()),
+        ("cad", scenes::boxes(6000, 2)),
+        ("slivers", slivers),
+        ("blocks", scenes::blocks(60, 4)),
+        ("far", far),
+    ]
 }
 
 #[test]
@@ -38,7 +45,8 @@ fn of_five_models() {
             let lights = vec![Light { intensity: 0.4, ..Light::HEADLIGHT }, sun];
             let stage = Stage::new(&file.path, Setting { lights, ambient: 0.1, samples: 4, ..Setting::default() });
             for from in [DVec3::new(0.6, -0.9, 0.5), DVec3::new(-0.8, 0.3, 0.25)] {
-                let camera = Camera::Perspective { eye: middle + from * size, at: middle, up: DVec3::Z, fov_y_degrees: 45.0 };
+                let camera =
+                    Camera::Perspective { eye: middle + from * size, at: middle, up: DVec3::Z, fov_y_degrees: 45.0 };
                 let exact = stage.picture(&camera, 0.0);
                 let is_covered: Vec<bool> = exact.coverage().map(|c| c > 0.0).collect();
                 assert!(is_covered.iter().filter(|c| **c).count() > 500, "{name}: little is seen");

@@ -76,7 +76,8 @@ fn what_is_no_triangle_is_counted_and_left_out() {
     }
 }
 
-/// One corner astray among coordinates that are no floats, which are rounded around the middle of the mesh: it does not move that.
+/// One corner astray among coordinates that are no floats, which are rounded around the middle of the mesh: it does not
+/// move that.
 #[test]
 fn one_corner_astray_costs_no_other_triangle() {
     let thirds = |t: Tri| t.map(|v| v / 3.0);
@@ -110,11 +111,19 @@ fn slivers_doubles_one_and_none_are_rendered() {
         let (report, pictures) = made(&tris);
         assert_eq!(report.triangles_in, tris.len() as u64);
         for (picture, poe) in pictures.iter().zip(POE) {
-            println!("{name}, PoE {poe}: {} of {} triangles, {} pixels", report.triangles_kept, tris.len(), covered(picture));
+            println!(
+                "{name}, PoE {poe}: {} of {} triangles, {} pixels",
+                report.triangles_kept,
+                tris.len(),
+                covered(picture)
+            );
             // Slivers are wires: rays pass what stands in for them, as many as pass them.
             assert!(name == SLIVERS || picture.holes(&pictures[0]) == 0, "{name}, PoE {poe}: holes");
             assert!(covered(picture) > 200 || !is_seen, "{name}, PoE {poe}: not seen");
-            assert!(report.triangles_kept > 0 || covered(picture) == 0, "{name}, PoE {poe}: nothing is seen as something");
+            assert!(
+                report.triangles_kept > 0 || covered(picture) == 0,
+                "{name}, PoE {poe}: nothing is seen as something"
+            );
         }
         if name == SLIVERS {
             let ratios = pictures.each_ref().map(|p| coverage_ratio(p.coverage(), pictures[0].coverage()));

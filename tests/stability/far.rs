@@ -30,7 +30,9 @@ fn the_same_picture_at_any_accuracy() {
     let there = Stage::placed(&file.path, &places(FAR), setting);
     // Eyes on small fractions, so that moving them rounds nothing.
     let mut stand_ins = 0;
-    for (eye, at) in [(DVec3::new(4.5, 5.25, 3.125), DVec3::ZERO), (DVec3::new(1.25, -1.5, 0.25), DVec3::new(0.5, 0.0, 0.25))] {
+    for (eye, at) in
+        [(DVec3::new(4.5, 5.25, 3.125), DVec3::ZERO), (DVec3::new(1.25, -1.5, 0.25), DVec3::new(0.5, 0.0, 0.25))]
+    {
         for poe in POE {
             let truth = here.picture(&perspective(eye, at), poe);
             let far = there.picture(&perspective(eye + FAR, at + FAR), poe);

@@ -1,5 +1,6 @@
-//! Sheets that face away from each other, far closer than a voxel: the mean of their normals is next to nothing. What stands
-//! in for them is never a NaN, never black where the exact picture is lit, and as bright and as much on the whole.
+//! Sheets that face away from each other, far closer than a voxel: the mean of their normals is next to nothing. What
+//! stands in for them is never a NaN, never black where the exact picture is lit, and as bright and as much on the
+//! whole.
 
 use super::pictures::{POE, Setting, Stage, perspective};
 use super::table::judge_each;
@@ -17,8 +18,8 @@ const LINE: f64 = 0.02;
 /// Off a mean coverage, as a share of it.
 const COVERAGE_LINE: f64 = 0.03;
 
-/// Two wavy sheets of 120 by 120 cells, a thousandth of a cell apart, the lower one wound the other way; tilted, so that
-/// cells' boxes are thick.
+/// Two wavy sheets of 120 by 120 cells, a thousandth of a cell apart, the lower one wound the other way; tilted, so
+/// that cells' boxes are thick.
 fn sheets() -> Vec<Tri> {
     let tilt = DQuat::from_rotation_x(0.5) * DQuat::from_rotation_y(0.3);
     let wavy = |t: Tri, below: f64| {
@@ -44,13 +45,14 @@ fn plates() -> Vec<Tri> {
     (0..12_000).flat_map(plate).filter(scenes::has_area).collect()
 }
 
-/// The least luminance of what the exact picture shows within the radius of a stand-in around a pixel that it has lit: its
-/// content may be seen that far off, and is a quarter as bright at the least, however mixed its normals.
+/// The least luminance of what the exact picture shows within the radius of a stand-in around a pixel that it has lit:
+/// its content may be seen that far off, and is a quarter as bright at the least, however mixed its normals.
 fn least_nearby(exact: &[f64], pixel: usize, poe: f32) -> Option<f64> {
     let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
     let radius = 1 + (2f64.sqrt() * f64::from(poe)).sqrt().ceil() as usize;
     let around = |at: usize, end: usize| at.saturating_sub(radius)..(at + radius + 1).min(end);
-    let nearby = around(pixel / width, height).flat_map(|y| around(pixel % width, width).map(move |x| exact[y * width + x]));
+    let nearby =
+        around(pixel / width, height).flat_map(|y| around(pixel % width, width).map(move |x| exact[y * width + x]));
     (exact[pixel] > 0.1).then(|| nearby.filter(|y| *y > 0.0).fold(f64::INFINITY, f64::min))
 }
 
@@ -58,9 +60,9 @@ fn least_nearby(exact: &[f64], pixel: usize, poe: f32) -> Option<f64> {
 enum Kind {
     /// Closed as seen from any side: what is not shown is black.
     Closed,
-    /// Pieces with gaps between them. Rays pass what stands in for such, as many as pass them, so how much is shown is one measure, and
-    /// whether it is black another: of pixels all of whose rays hit something. (One ray of a pixel alone may see a plate almost from
-    /// its edge, as dark as that is.)
+    /// Pieces with gaps between them. Rays pass what stands in for such, as many as pass them, so how much is shown is
+    /// one measure, and whether it is black another: of pixels all of whose rays hit something. (One ray of a pixel
+    /// alone may see a plate almost from its edge, as dark as that is.)
     Gaps,
 }
 
@@ -81,7 +83,8 @@ fn check(name: &str, kind: Kind, tris: Vec<Tri>, cameras: &[Camera]) {
         for (p, poe) in POE.into_iter().enumerate() {
             let picture = stage.picture(camera, poe);
             let (now, shown) = (picture.luminance(), picture.coverage().collect::<Vec<_>>());
-            let judged: Vec<usize> = (0..now.len()).filter(|i| matches!(kind, Kind::Closed) || shown[*i] == 1.0).collect();
+            let judged: Vec<usize> =
+                (0..now.len()).filter(|i| matches!(kind, Kind::Closed) || shown[*i] == 1.0).collect();
             assert!(judged.len() * 5 > truth.len(), "{name}, PoE {poe}: {} pixels are judged", judged.len());
             let is_black = |i: &&usize| least_nearby(&truth, **i, poe).is_some_and(|least| now[**i] < 0.25 * least);
             black[p] += judged.iter().filter(is_black).count();

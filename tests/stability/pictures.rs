@@ -1,5 +1,5 @@
-//! Pictures of a scene in every way in which they can be made: one thread and two, each vector path. All must be the same to
-//! the bit, so that what is measured of one is measured of all.
+//! Pictures of a scene in every way in which they can be made: one thread and two, each vector path. All must be the
+//! same to the bit, so that what is measured of one is measured of all.
 
 use crate::common::picture::{Colours, luminance};
 use crate::common::trees;

@@ -1,5 +1,5 @@
-//! A cache far smaller than the working set, and cameras that jump: whole pictures at once, and quiet at rest. The budget
-//! itself, and several frames at a time, are `tests/streaming.rs`.
+//! A cache far smaller than the working set, and cameras that jump: whole pictures at once, and quiet at rest. The
+//! budget itself, and several frames at a time, are `tests/streaming.rs`.
 
 use super::pictures::{LONG, POE, Picture, Setting, Stage, frame, lit, perspective, ways};
 use crate::common::built::{self, Built, Part};
@@ -64,7 +64,8 @@ impl Disk {
 /// The scan with a small share of it in memory, as little as it opens with.
 fn opened(threads: usize, isa: outcrop::simd::Isa, disk: &Disk) -> (Arc<SceneState>, Frame) {
     let open = |memory_budget| {
-        let options = ContextOptions { threads, isa: Some(isa), memory_budget, read_ahead: false, ..Default::default() };
+        let options =
+            ContextOptions { threads, isa: Some(isa), memory_budget, read_ahead: false, ..Default::default() };
         let context = Context::new(options).expect("a context");
         let on = disk.clone();
         let source = meddled(&scan().file.path, move |_, read| {
@@ -113,9 +114,14 @@ fn covered_and_quiet_at_rest() {
             coarser += usize::from(status.effective_poe > poe);
             assert_eq!(Picture::of(&frame).holes(&scan().exact[i]), 0, "PoE {poe}, {threads} threads, {}", isa.name());
             assert!(disk.comes_to_rest(), "PoE {poe}: still reading after the frame has ended");
-            // A frame's time is bounded by what it reads and how many pictures it makes of that: nothing goes round and round.
+            // A frame's time is bounded by what it reads and how many pictures it makes of that: nothing goes round and
+            // round.
             let read = (disk.bytes.load(SeqCst) - before) as f64 / file;
-            println!("PoE {poe}, {threads} threads, {}: read {read:.3} of the file, {} pictures", isa.name(), status.pictures);
+            println!(
+                "PoE {poe}, {threads} threads, {}: read {read:.3} of the file, {} pictures",
+                isa.name(),
+                status.pictures
+            );
             most = most.max(read);
             assert!(status.pictures < 64, "{status:?}");
         }

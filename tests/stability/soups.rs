@@ -1,4 +1,5 @@
-//! A soup as of an old CAD file (the Boeing 777's): parts there twice, again a millionth beside, pushed through each other.
+//! A soup as of an old CAD file (the Boeing 777's): parts there twice, again a millionth beside, pushed through each
+//! other.
 
 use super::pictures::{POE, Setting, Stage, perspective, sun};
 use crate::common::brute::Tri;
@@ -16,8 +17,8 @@ fn colour(rng: &mut Rng) -> MaterialDesc {
     MaterialDesc { colour: [0; 3].map(|_| rng.unit() as f32), ..built::WHITE }
 }
 
-/// Boxes in [0, 4]^3, of each: itself, its double in another part and colour, and three copies jittered by a millionth, some
-/// of them with all corners moved alike, some with each corner by itself, so that faces cross.
+/// Boxes in [0, 4]^3, of each: itself, its double in another part and colour, and three copies jittered by a millionth,
+/// some of them with all corners moved alike, some with each corner by itself, so that faces cross.
 fn soup() -> Vec<Part> {
     let mut rng = Rng::new(777);
     let mut parts = Vec::new();

@@ -21,7 +21,8 @@ fn plane(height: impl Fn(f64, f64) -> f64) -> Vec<Tri> {
     scenes::plane_grid(160, 0.0).into_iter().map(|t| t.map(at)).collect()
 }
 
-/// Of the pixels that `exact` has lit, the share that has lost half of its light, and the mean brightness over the exact one.
+/// Of the pixels that `exact` has lit, the share that has lost half of its light, and the mean brightness over the
+/// exact one.
 fn shadow(now: &[f64], exact: &[f64]) -> (f64, f64) {
     let lit = || now.iter().zip(exact).filter(|(_, y)| **y > 0.05);
     let lost = lit().filter(|(now, exact)| **now < 0.5 * **exact).count();
@@ -32,7 +33,8 @@ fn shadow(now: &[f64], exact: &[f64]) -> (f64, f64) {
 /// Of the pixels in false shadow, the share that shows triangles: rays that start there meet the stand-ins beside them.
 fn exact_hits(picture: &Picture, exact: &[f64]) -> f64 {
     let kinds = picture.bytes(Buffer::Kind).iter().zip(picture.luminance()).zip(exact);
-    let lost: Vec<u8> = kinds.filter(|((_, now), y)| **y > 0.05 && *now < 0.5 * **y).map(|((kind, _), _)| *kind).collect();
+    let lost: Vec<u8> =
+        kinds.filter(|((_, now), y)| **y > 0.05 && *now < 0.5 * **y).map(|((kind, _), _)| *kind).collect();
     lost.iter().filter(|kind| **kind == HitKind::Exact as u8).count() as f64 / lost.len().max(1) as f64
 }
 
@@ -108,7 +110,11 @@ fn no_light_into_a_closed_box() {
     let stage = Stage::new(&file.path, setting);
     let mut lit = [0usize; POE.len()];
     // Into a corner, at a wall, along one.
-    let looks = [([0.5, 0.4, 0.3], [-1.0, -1.0, -1.0]), ([0.0, 0.0, 0.0], [0.0, 0.1, 1.0]), ([-0.9, 0.0, 0.9], [1.0, 0.2, 0.9])];
+    let looks = [
+        ([0.5, 0.4, 0.3], [-1.0, -1.0, -1.0]),
+        ([0.0, 0.0, 0.0], [0.0, 0.1, 1.0]),
+        ([-0.9, 0.0, 0.9], [1.0, 0.2, 0.9]),
+    ];
     for (eye, at) in looks {
         let camera = perspective(turn * DVec3::from(eye), turn * DVec3::from(at));
         for (p, poe) in POE.into_iter().enumerate() {

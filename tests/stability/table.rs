@@ -1,7 +1,7 @@
 //! The rows of design, section 10, and what shows that they hold.
 //!
-//! A line that present parts miss is missed by a measure: [`judge`] holds each measure to its line at every pixels of error,
-//! but where the table says that it is missed; there it must be missed, or the table is out of date.
+//! A line that present parts miss is missed by a measure: [`judge`] holds each measure to its line at every pixels of
+//! error, but where the table says that it is missed; there it must be missed, or the table is out of date.
 
 use super::pictures::POE;
 
@@ -15,13 +15,15 @@ pub enum State {
     Pending(Later),
 }
 
-/// What a missed measure comes to is at least this part of what the table says that it may: else the table says too little.
+/// What a missed measure comes to is at least this part of what the table says that it may: else the table says too
+/// little.
 const CLOSE: f64 = 0.8;
 
 /// A measure that misses its line.
 pub struct Missed {
     pub measure: &'static str,
-    /// Pixels of error at which it does, and the most that it may come to: a little more than when this was written, see [`CLOSE`].
+    /// Pixels of error at which it does, and the most that it may come to: a little more than when this was written,
+    /// see [`CLOSE`].
     pub at: &'static [(f32, f64)],
 }
 
@@ -77,10 +79,7 @@ pub const DESIGN: [Row; 14] = [
         must: "never NaN or black; mean brightness within 2 % (Wald's bias)",
         tests: &["normals::opposing_sheets", "normals::thin_plates"],
         state: Misses {
-            measures: &[Missed {
-                measure: "plates: brightness",
-                at: &[(3.0, 0.028), (10.0, 0.045)],
-            }],
+            measures: &[Missed { measure: "plates: brightness", at: &[(3.0, 0.028), (10.0, 0.045)] }],
             why: "measured where the exact picture shows something, so that rays which pass count, and those that hit beside do not; of \
                   the whole picture it is 2.4 and 2.9 %",
         },
@@ -119,7 +118,10 @@ pub const DESIGN: [Row; 14] = [
     Row {
         fails: "detail ranging over 10⁶ in scale",
         must: "cost grows with what is seen, not with what exists",
-        tests: &["scale::far_away_the_detail_costs_next_to_nothing", "scale::near_the_detail_the_rest_costs_next_to_nothing"],
+        tests: &[
+            "scale::far_away_the_detail_costs_next_to_nothing",
+            "scale::near_the_detail_the_rest_costs_next_to_nothing",
+        ],
         state: Holds,
     },
     Row {
@@ -162,10 +164,7 @@ pub const DESIGN: [Row; 14] = [
         must: "no pop larger than the PoE explains",
         tests: &["zoom::onto_a_mandelbulb", "zoom::onto_a_soup", "zoom::onto_wires"],
         state: Misses {
-            measures: &[Missed {
-                measure: "wires: largest patch that pops",
-                at: &[(0.5, 26.0), (1.0, 31.0)],
-            }],
+            measures: &[Missed { measure: "wires: largest patch that pops", at: &[(0.5, 26.0), (1.0, 31.0)] }],
             why: "which rays pass is fixed to the wires, which move over the pixels: neighbouring pixels change in the same frame by chance, \
                   along whole lengths of upright ones",
         },
@@ -228,8 +227,8 @@ fn missed_at(measure: &str) -> &'static [(f32, f64)] {
     lists.flatten().find(|m| m.measure == measure).map_or(&[], |m| m.at)
 }
 
-/// Holds a measure to its line: of each pixels of error its value, and the line, which is met by values of at most that.
-/// Prints them; panics where the table says otherwise.
+/// Holds a measure to its line: of each pixels of error its value, and the line, which is met by values of at most
+/// that. Prints them; panics where the table says otherwise.
 pub fn judge(measure: &str, values: &[(f32, f64, f64)]) {
     let missed = missed_at(measure);
     let mut wrong = Vec::new();
@@ -238,7 +237,9 @@ pub fn judge(measure: &str, values: &[(f32, f64, f64)]) {
         let is_met = value <= line;
         println!("{measure}, PoE {poe}: {value:.4}, the line is {line}{}", if is_met { "" } else { ": missed" });
         match (is_met, missed.iter().find(|m| m.0 == poe)) {
-            (true, Some(_)) => wrong.push(format!("PoE {poe}: {value} meets the line of {line}: bring the table up to date")),
+            (true, Some(_)) => {
+                wrong.push(format!("PoE {poe}: {value} meets the line of {line}: bring the table up to date"))
+            }
             (false, None) => wrong.push(format!("PoE {poe}: {value} misses the line of {line}")),
             (false, Some((_, most))) => {
                 let is_as_bad_as_known = value <= *most;

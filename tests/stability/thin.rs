@@ -53,7 +53,14 @@ fn leaf_cards(count: usize) -> Model {
     };
     let tris = (0..count).flat_map(card).collect();
     let camera = |eye: DVec3| Camera::Perspective { eye, at: DVec3::ZERO, up: DVec3::Z, fov_y_degrees: 40.0 };
-    let eyes = [[3.0, -12.0, 4.0], [-1.0, 5.5, -1.0], [12.0, 2.0, -3.0], [-5.0, 1.0, 3.0], [-8.0, 7.0, 6.0], [1.0, -5.0, -2.5]];
+    let eyes = [
+        [3.0, -12.0, 4.0],
+        [-1.0, 5.5, -1.0],
+        [12.0, 2.0, -3.0],
+        [-5.0, 1.0, 3.0],
+        [-8.0, 7.0, 6.0],
+        [1.0, -5.0, -2.5],
+    ];
     let groups = [Group { name: "seen whole", views: [0, 2, 4] }, Group { name: "from near", views: [1, 3, 5] }];
     (tris, eyes.map(|eye| camera(eye.into())), groups)
 }
@@ -73,8 +80,9 @@ fn empty_squares(now: &[f64], truth: &[f64]) -> usize {
     squares.filter(|&(x, y)| mean(truth, x, y) >= SEEN && mean(now, x, y) == 0.0).count()
 }
 
-/// How much of all pixels is covered is judged, in the worst view and on the mean; and nowhere nothing is seen of what is there. (Not which:
-/// where a cell stands in, some rays that would hit pass, and others hit.) Means of views of one kind are printed: they differ.
+/// How much of all pixels is covered is judged, in the worst view and on the mean; and nowhere nothing is seen of what
+/// is there. (Not which: where a cell stands in, some rays that would hit pass, and others hit.) Means of views of one
+/// kind are printed: they differ.
 fn check(name: &str, (tris, cameras, groups): Model) {
     let setting = Setting { size: SIZE, samples: 16, ..Setting::default() };
     let file = built::parts(&[Part::white(1, tris.clone())]);
@@ -95,7 +103,9 @@ fn check(name: &str, (tris, cameras, groups): Model) {
             assert_eq!(empty_squares(&shown, &truth), 0, "{name}, PoE {poe}: nothing is seen where there is something");
             let now = coverage_ratio(picture.coverage(), truth.iter().copied());
             let (holes, stand_ins) = (picture.holes(&exact), picture.stand_ins());
-            println!("{name}, PoE {poe}: view {v}, {holes} holes, {now:.3} of the oracle's coverage, {stand_ins} stand-ins");
+            println!(
+                "{name}, PoE {poe}: view {v}, {holes} holes, {now:.3} of the oracle's coverage, {stand_ins} stand-ins"
+            );
             assert!(poe < 1.0 || stand_ins > 100, "{name}, PoE {poe}, view {v}: nothing stands in");
             *ratio = now;
         }
@@ -103,7 +113,10 @@ fn check(name: &str, (tris, cameras, groups): Model) {
     let mean = |views: &[usize], p: usize| views.iter().map(|v| ratios[*v][p]).sum::<f64>() / views.len() as f64;
     for (p, poe) in POE.into_iter().enumerate() {
         let of_groups = groups.iter().map(|group| format!("{:.3} {}", mean(&group.views, p), group.name));
-        println!("{name}, PoE {poe}: {} of the oracle's coverage on the mean", of_groups.collect::<Vec<_>>().join(", "));
+        println!(
+            "{name}, PoE {poe}: {} of the oracle's coverage on the mean",
+            of_groups.collect::<Vec<_>>().join(", ")
+        );
     }
     let worst = |p: usize| ratios.iter().map(|of_view| (of_view[p] - 1.0).abs()).fold(0.0, f64::max);
     judge_each(&format!("{name}: coverage"), std::array::from_fn(worst), LINE);
@@ -127,8 +140,8 @@ fn coverage_of_leaf_cards() {
     check("leaf cards", leaf_cards(20_000));
 }
 
-/// Where the wall behind is shown instead of a wire, its pixel is not counted among the exact ones: by light of the eye, and with shadows,
-/// which takes another way.
+/// Where the wall behind is shown instead of a wire, its pixel is not counted among the exact ones: by light of the
+/// eye, and with shadows, which takes another way.
 #[test]
 fn a_wall_behind_wires_is_not_exact() {
     let (wires, cameras, _) = wires(3);
@@ -142,7 +155,9 @@ fn a_wall_behind_wires_is_not_exact() {
         scene.commit().expect("a commit");
         let frame = frame(&context, SIZE);
         let render = |poe| {
-            frame.request(&scene.state(), &cameras[0], &FrameSettings { poe, ..Default::default() }).expect("a request");
+            frame
+                .request(&scene.state(), &cameras[0], &FrameSettings { poe, ..Default::default() })
+                .expect("a request");
             let status = frame.wait(LONG);
             assert_eq!(status.pixels_exact + status.pixels_lod, status.pixels_total, "{status:?}");
             let parts = frame.map(Buffer::Part).expect("parts").ids().expect("ids").to_vec();
@@ -152,12 +167,19 @@ fn a_wall_behind_wires_is_not_exact() {
         for poe in [3.0, 10.0] {
             let (lod, parts, picture) = render(poe);
             let through = parts.iter().zip(&truth).filter(|(now, truth)| (**now, **truth) == (2, 1)).count();
-            println!("PoE {poe}: {through} pixels show the wall for a wire; {lod} lod, {} of them stand-ins", picture.stand_ins());
+            println!(
+                "PoE {poe}: {through} pixels show the wall for a wire; {lod} lod, {} of them stand-ins",
+                picture.stand_ins()
+            );
             assert!(through > 50, "PoE {poe}: {through} pixels through stand-ins");
             assert!(lod as usize >= picture.stand_ins() + through, "PoE {poe}: {lod} lod, {through} through stand-ins");
-            let errors = picture.bytes(Buffer::Error).chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+            let errors =
+                picture.bytes(Buffer::Error).chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
             let mut seen = errors.zip(parts.iter().zip(&truth));
-            assert!(seen.all(|(error, (now, truth))| (*now, *truth) != (2, 1) || error == f32::INFINITY), "PoE {poe}: an error that is none");
+            assert!(
+                seen.all(|(error, (now, truth))| (*now, *truth) != (2, 1) || error == f32::INFINITY),
+                "PoE {poe}: an error that is none"
+            );
         }
     }
 }
@@ -180,11 +202,18 @@ fn wires_in_a_small_budget() {
         scene.commit().expect("a commit");
         let frame = frame(&context, SIZE);
         for (v, camera) in cameras.iter().enumerate() {
-            frame.request(&scene.state(), camera, &FrameSettings { ambient: 0.0, ..Default::default() }).expect("a request");
+            frame
+                .request(&scene.state(), camera, &FrameSettings { ambient: 0.0, ..Default::default() })
+                .expect("a request");
             let status = frame.wait(LONG);
             assert_eq!(status.state, FrameState::CompleteWithinBudget, "it all fits: {status:?}");
-            let [seen, asked] = [Picture::of(&frame), stage.quick(camera, status.effective_poe)].map(|p| p.coverage().sum::<f64>());
-            println!("{budget} of {bytes} bytes, view {v}, PoE {}: {:.3} of what is seen when that is asked for", status.effective_poe, seen / asked);
+            let [seen, asked] =
+                [Picture::of(&frame), stage.quick(camera, status.effective_poe)].map(|p| p.coverage().sum::<f64>());
+            println!(
+                "{budget} of {bytes} bytes, view {v}, PoE {}: {:.3} of what is seen when that is asked for",
+                status.effective_poe,
+                seen / asked
+            );
             assert!((seen / asked - 1.0).abs() < LINE, "view {v}, PoE {}: {seen} for {asked}", status.effective_poe);
             largest = largest.max(status.effective_poe);
             // Rays pass what stands in for wires by chance: what the exact picture shows is not shown everywhere.

@@ -1,5 +1,5 @@
-//! The table says what is: tests that it names exist, parts that it waits for do not, measures that it says are missed are
-//! measured, and its rows are those of the design.
+//! The table says what is: tests that it names exist, parts that it waits for do not, measures that it says are missed
+//! are measured, and its rows are those of the design.
 
 use super::table::{DESIGN, Later, State, rows};
 use std::collections::BTreeSet;
@@ -25,15 +25,17 @@ fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
     }
 }
 
-/// The names of a file's tests that run: functions right below `#[test]`, but for other attributes and comments; and those that
-/// `on_each_structure!` makes tests of.
+/// The names of a file's tests that run: functions right below `#[test]`, but for other attributes and comments; and
+/// those that `on_each_structure!` makes tests of.
 fn tests_of(file: &str) -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     let mut is_test = false;
     let text = text(&root().join(file));
     for (_, list) in text.match_indices("on_each_structure!(").map(|(at, start)| text.split_at(at + start.len())) {
         let list = list.split(')').next().unwrap_or_default();
-        names.extend(list.split(',').map(|name| name.trim().to_owned()).filter(|name| text.contains(&format!("fn {name}("))));
+        names.extend(
+            list.split(',').map(|name| name.trim().to_owned()).filter(|name| text.contains(&format!("fn {name}("))),
+        );
     }
     for line in text.lines().map(str::trim) {
         if line == "#[test]" {
@@ -100,7 +102,9 @@ fn is_there(part: Later) -> bool {
         })
     };
     match part {
-        Later::Patches => root().join("src/structure/patch").exists() || code(&["mod patch", "mod subdiv", "catmull", "nurbs"]),
+        Later::Patches => {
+            root().join("src/structure/patch").exists() || code(&["mod patch", "mod subdiv", "catmull", "nurbs"])
+        }
         Later::Mirrors => code(&["differential", "fn reflect", "fn mirror", "mod mirror", "mod reflect"]),
     }
 }

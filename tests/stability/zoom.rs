@@ -1,18 +1,18 @@
-//! A slow zoom of 300 frames: what changes from frame to frame although the model does not is no larger than the pixels of
-//! error explain.
+//! A slow zoom of 300 frames: what changes from frame to frame although the model does not is no larger than the pixels
+//! of error explain.
 //!
-//! A pixel pops where what is shown changes by more than 1/8, from black to white being 1, beyond what the exact picture
-//! changes ([`popping::pop`]); pixels that pop in the same frame and touch are a patch. A stand-in covers PoE pixels, and up to
-//! 2^(1/2) PoE as thresholds dither; it appears or goes at once where all its pixels decide so at once. Of neighbours some do
-//! in the same frame. So the line: no patch is larger than four stand-ins that meet at a corner, with the pixel around them
-//! that rays through their rim may add,
+//! A pixel pops where what is shown changes by more than 1/8, from black to white being 1, beyond what the exact
+//! picture changes ([`popping::pop`]); pixels that pop in the same frame and touch are a patch. A stand-in covers PoE
+//! pixels, and up to 2^(1/2) PoE as thresholds dither; it appears or goes at once where all its pixels decide so at
+//! once. Of neighbours some do in the same frame. So the line: no patch is larger than four stand-ins that meet at a
+//! corner, with the pixel around them that rays through their rim may add,
 //!
 //! ```text
 //! (2 * 2^(1/4) sqrt(PoE) + 2)^2
 //! ```
 //!
-//! pixels: 14, 19, 37 and 91 at 0.5, 1, 3 and 10 pixels of error. (When the pixels of error jump to 8 times as many from one
-//! frame to the next, the patches of the soup are of 29, 489 and 887 at the last three.)
+//! pixels: 14, 19, 37 and 91 at 0.5, 1, 3 and 10 pixels of error. (When the pixels of error jump to 8 times as many
+//! from one frame to the next, the patches of the soup are of 29, 489 and 887 at the last three.)
 
 use super::pictures::{Picture, Setting, Stage, perspective, sun};
 use super::table::judge;
@@ -67,7 +67,9 @@ fn onto_a_mandelbulb() {
         let options = GenerateOptions { triangles: 200_000, seed: 0 };
         generate("mandelbulb", &options, &Cancel::new(), builder).expect("a mandelbulb");
     });
-    check("mandelbulb", &file, |s| perspective(DVec3::new(1.0, -0.8, 0.6) * (4.0 - 2.4 * s), DVec3::new(0.1, 0.0, 0.2)));
+    check("mandelbulb", &file, |s| {
+        perspective(DVec3::new(1.0, -0.8, 0.6) * (4.0 - 2.4 * s), DVec3::new(0.1, 0.0, 0.2))
+    });
 }
 
 /// Boxes and balls of all sizes in all colours.

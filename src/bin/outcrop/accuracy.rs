@@ -49,7 +49,13 @@ pub struct Task<'a> {
 }
 
 /// The rays of a view's pixels at each of `poes`.
-pub fn rows(task: &Task, scene: &Arc<SceneState>, camera: &Camera, poes: &[f32], cancel: &Cancel) -> Result<Vec<Row>, Failure> {
+pub fn rows(
+    task: &Task,
+    scene: &Arc<SceneState>,
+    camera: &Camera,
+    poes: &[f32],
+    cancel: &Cancel,
+) -> Result<Vec<Row>, Failure> {
     let pixels = rays::primary(camera, task.size)?;
     let exact = trace(scene, &widened(&pixels, 0.0))?.0;
     poes.iter().map(|&poe| row(task, scene, &pixels, &exact, poe, cancel)).collect()
@@ -69,7 +75,14 @@ fn trace(scene: &SceneState, rays: &[Ray]) -> Result<(Vec<Hit>, f64), Failure> {
     Ok((hits, begun.elapsed().as_secs_f64()))
 }
 
-fn row(task: &Task, scene: &SceneState, pixels: &[Ray], exact: &[Hit], poe: f32, cancel: &Cancel) -> Result<Row, Failure> {
+fn row(
+    task: &Task,
+    scene: &SceneState,
+    pixels: &[Ray],
+    exact: &[Hit],
+    poe: f32,
+    cancel: &Cancel,
+) -> Result<Row, Failure> {
     let rays = widened(pixels, poe);
     let (hits, _) = trace(scene, &rays)?;
     let mut times = Vec::new();

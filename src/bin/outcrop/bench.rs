@@ -47,8 +47,8 @@ pub struct Args {
     /// machine's
     #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
     cache: u64,
-    /// Pixels of error: measure rays of pixels in packets whose stand-ins may cover so many pixels, in place of exact ones, and
-    /// how far off their answers are
+    /// Pixels of error: measure rays of pixels in packets whose stand-ins may cover so many pixels, in place of exact
+    /// ones, and how far off their answers are
     #[arg(long, value_name = "POE", value_delimiter = ',', conflicts_with = "rays", allow_negative_numbers = true, value_parser = pixels_of_error)]
     poe: Vec<f32>,
     /// Print one JSON object
@@ -86,12 +86,8 @@ pub fn run(args: &Args) -> Outcome {
     let kinds = if args.poe.is_empty() { &args.rays[..] } else { &[] };
     let bar = common::progress_bar((args.threads.len() * args.view.len() * kinds.len().max(1)) as u64);
     for &threads in &args.threads {
-        let options = ContextOptions {
-            threads: threads.into(),
-            memory_budget: args.cache,
-            isa,
-            ..ContextOptions::default()
-        };
+        let options =
+            ContextOptions { threads: threads.into(), memory_budget: args.cache, isa, ..ContextOptions::default() };
         let context = Context::new(options.clone())?;
         let model = Model::open(&context, &args.model)?;
         let all_in_memory = model.load(&cancel)?;

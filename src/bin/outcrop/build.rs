@@ -113,11 +113,12 @@ fn as_json(file: &str, r: &BuildReport) -> Value {
 
 fn as_text(file: &str, r: &BuildReport) -> String {
     use common::{counted, each};
-    let dropped: String = [("not finite", r.non_finite), ("without area", r.degenerate), ("out of range", r.out_of_range)]
-        .iter()
-        .filter(|(_, n)| *n > 0)
-        .map(|(why, n)| format!(", {n} {why}"))
-        .collect();
+    let dropped: String =
+        [("not finite", r.non_finite), ("without area", r.degenerate), ("out of range", r.out_of_range)]
+            .iter()
+            .filter(|(_, n)| *n > 0)
+            .map(|(why, n)| format!(", {n} {why}"))
+            .collect();
     let sizes = match r.triangles_kept {
         0 => String::new(),
         n => format!(
@@ -131,7 +132,12 @@ fn as_text(file: &str, r: &BuildReport) -> String {
     };
     let chunks = match r.bytes_temporary {
         0 => String::new(),
-        n => format!(", into {} by {} of temporaries {:.1}", counted(r.chunks, "chunk"), common::in_bytes(n), r.seconds.distribute),
+        n => format!(
+            ", into {} by {} of temporaries {:.1}",
+            counted(r.chunks, "chunk"),
+            common::in_bytes(n),
+            r.seconds.distribute
+        ),
     };
     format!(
         "{file}: {} of {}{dropped}; {}, {}, {}\n{}{sizes}; {:.1} s (read {:.1}{}, build {:.1}, write {:.1})",

@@ -51,7 +51,10 @@ impl From<outcrop::Error> for Failure {
 }
 
 /// An option that is one of these, by name.
-pub fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(all: [T; N], name: fn(T) -> &'static str) -> impl TypedValueParser<Value = T> {
+pub fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
+    all: [T; N],
+    name: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T> {
     let find = move |text: String| all.into_iter().find(|&it| name(it) == text).expect("only these names are possible");
     PossibleValuesParser::new(all.map(name)).map(find)
 }
@@ -70,7 +73,8 @@ pub fn count(text: &str) -> Result<u64, String> {
 fn scaled(text: &str, thousand: u64) -> Result<u64, String> {
     let (digits, power) = match text.char_indices().next_back() {
         Some((at, suffix)) if !suffix.is_ascii_digit() => {
-            let power = "KMGT".find(suffix.to_ascii_uppercase()).ok_or(format!("unknown suffix {suffix:?}: K, M, G or T"))?;
+            let power =
+                "KMGT".find(suffix.to_ascii_uppercase()).ok_or(format!("unknown suffix {suffix:?}: K, M, G or T"))?;
             (&text[..at], power as u32 + 1)
         }
         _ => (text, 0),

@@ -50,8 +50,8 @@ pub struct Args {
     /// machine's
     #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
     cache: u64,
-    /// When to take the picture: "first", as soon as there is one; "complete", when it gets no better; "converged", the same, but
-    /// a failure if it is coarser than asked; or after so many seconds
+    /// When to take the picture: "first", as soon as there is one; "complete", when it gets no better; "converged", the
+    /// same, but a failure if it is coarser than asked; or after so many seconds
     #[arg(long, value_name = "first|complete|converged|SECONDS", default_value = "complete", value_parser = until)]
     until: Until,
     /// Print one JSON object

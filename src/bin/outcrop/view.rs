@@ -61,7 +61,9 @@ const FOV_Y: f64 = 45.0;
 /// The model's four views, or the generator's.
 pub fn four(model: &Model, generator: Option<&str>) -> [Camera; 4] {
     match generator.and_then(generate::views) {
-        Some(views) => views.map(|v| Camera::Perspective { eye: v.eye, at: v.at, up: v.up, fov_y_degrees: v.fov_y_degrees }),
+        Some(views) => {
+            views.map(|v| Camera::Perspective { eye: v.eye, at: v.at, up: v.up, fov_y_degrees: v.fov_y_degrees })
+        }
         None => model.views(),
     }
 }

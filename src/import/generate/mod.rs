@@ -61,12 +61,7 @@ pub struct Generated {
 ///
 /// Fails with `BadArgument` for an unknown name or a size out of range, `Cancelled`, and whatever
 /// the sink returns.
-pub fn generate(
-    name: &str,
-    options: &GenerateOptions,
-    cancel: &Cancel,
-    sink: &mut dyn Sink,
-) -> Result<Generated> {
+pub fn generate(name: &str, options: &GenerateOptions, cancel: &Cancel, sink: &mut dyn Sink) -> Result<Generated> {
     let mut target = SinkTarget::new(sink);
     run(name, options, cancel, &mut target)?;
     Ok(target.generated)

@@ -160,14 +160,19 @@ fn a_cancelled_or_failed_file_leaves_nothing() {
     let out = generate_file("mandelbulb", &options, &cancel, &path, &mut |_| c.cancel());
     assert!(matches!(out, Err(Error::Cancelled)));
     let missing = dir.path().join("none/m.ply");
-    assert!(matches!(generate_file("mandelbulb", &options, &Cancel::new(), &missing, &mut |_| ()), Err(Error::Io { .. })));
+    assert!(matches!(
+        generate_file("mandelbulb", &options, &Cancel::new(), &missing, &mut |_| ()),
+        Err(Error::Io { .. })
+    ));
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
     assert_eq!(std::fs::read(&path).unwrap(), b"old");
 }
 
 #[test]
 fn bad_names_and_sizes_are_refused() {
-    for (name, triangles) in [("teapot", 1000), ("mandelbulb", 0), ("mandelbulb", u64::MAX), ("airliner", 99_999), ("airliner", 1 << 40)] {
+    for (name, triangles) in
+        [("teapot", 1000), ("mandelbulb", 0), ("mandelbulb", u64::MAX), ("airliner", 99_999), ("airliner", 1 << 40)]
+    {
         let mut kept = Kept::default();
         let out = generate(name, &GenerateOptions { triangles, seed: 0 }, &Cancel::new(), &mut kept);
         assert!(matches!(out, Err(Error::BadArgument(_))), "{name} {triangles}");

@@ -131,12 +131,7 @@ impl Strided {
         piece.chunks(self.stride as usize).filter_map(move |bytes| bytes.get(..row))
     }
 
-    fn rows(
-        &self,
-        count: u64,
-        buffers: &mut Buffers<'_>,
-        mut each: impl FnMut(&[u8]) -> Parsed<()>,
-    ) -> Parsed<()> {
+    fn rows(&self, count: u64, buffers: &mut Buffers<'_>, mut each: impl FnMut(&[u8]) -> Parsed<()>) -> Parsed<()> {
         self.pieces(count, buffers, |piece, _| self.rows_of(piece).try_for_each(&mut each))
     }
 
@@ -205,13 +200,7 @@ fn strided(
     }
 }
 
-fn sparse(
-    root: &Root,
-    accessor: &Accessor,
-    row: u64,
-    name: &str,
-    buffers: &mut Buffers<'_>,
-) -> Parsed<Option<Sparse>> {
+fn sparse(root: &Root, accessor: &Accessor, row: u64, name: &str, buffers: &mut Buffers<'_>) -> Parsed<Option<Sparse>> {
     let Some(sparse) = &accessor.sparse else { return Ok(None) };
     let Checked::Valid(index_type) = sparse.indices.component_type else {
         return Err(format!("{name}: sparse indices of an unknown type").into());
@@ -247,8 +236,6 @@ fn unsigned(bytes: &[u8], ty: ComponentType) -> u32 {
         ComponentType::U16 | ComponentType::I16 => {
             u32::from(u16::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default()))
         }
-        ComponentType::U32 | ComponentType::F32 => {
-            u32::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default())
-        }
+        ComponentType::U32 | ComponentType::F32 => u32::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default()),
     }
 }

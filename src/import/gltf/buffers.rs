@@ -74,10 +74,16 @@ impl<'a> Buffers<'a> {
 
     /// Bytes read so far, of how many, as far as can be told.
     pub(crate) fn progress(&self) -> (u64, u64) {
-        let total = self.input.total() + self.opened.iter().flatten().map(|b| match b {
-            Bytes::File(input) => input.total(),
-            _ => 0,
-        }).sum::<u64>();
+        let total = self.input.total()
+            + self
+                .opened
+                .iter()
+                .flatten()
+                .map(|b| match b {
+                    Bytes::File(input) => input.total(),
+                    _ => 0,
+                })
+                .sum::<u64>();
         (self.read.min(total), total)
     }
 

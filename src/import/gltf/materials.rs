@@ -5,10 +5,10 @@ use super::texture::{Mapping, Texture};
 use crate::import::colour::unit;
 use crate::import::input::Parsed;
 use crate::import::{MaterialDesc, MaterialKey, Sink};
+use ::gltf::json::Root;
 use ::gltf::json::material::{AlphaMode, Material};
 use ::gltf::json::texture::Info;
 use ::gltf::json::validation::Checked;
-use ::gltf::json::Root;
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -83,9 +83,7 @@ impl Materials {
         let [r, g, b, alpha] = factor;
         let opacity = match material.alpha_mode {
             Checked::Valid(AlphaMode::Blend) => unit(alpha, 1.0),
-            Checked::Valid(AlphaMode::Mask) => {
-                f32::from(alpha >= material.alpha_cutoff.unwrap_or_default().0)
-            }
+            Checked::Valid(AlphaMode::Mask) => f32::from(alpha >= material.alpha_cutoff.unwrap_or_default().0),
             _ => 1.0,
         };
         let desc = MaterialDesc {

@@ -102,7 +102,8 @@ impl<'a> Emitter<'a> {
         let Some(positions) = attribute(Semantic::Positions) else {
             return Err("has no positions".into());
         };
-        let positions = Elements::open(self.root, positions, &[3], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
+        let positions =
+            Elements::open(self.root, positions, &[3], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
         let same_count = |what: &str, n: usize| match n == positions.len() {
             true => Ok(()),
             false => Err(Fault::Why(format!("{n} {what} for {} positions", positions.len()))),
@@ -118,7 +119,8 @@ impl<'a> Emitter<'a> {
             && let Some(coordinates) = attribute(Semantic::TexCoords(mapping.set))
             && let Some(decoded) = materials.texture(index, self.root, &mut self.buffers, sink)?
         {
-            let list = Elements::open(self.root, coordinates, &[2], &mut self.buffers)?.floats::<2>(&mut self.buffers)?;
+            let list =
+                Elements::open(self.root, coordinates, &[2], &mut self.buffers)?.floats::<2>(&mut self.buffers)?;
             same_count("texture coordinates", list.len())?;
             texture = Some((decoded, mapping, list));
         }
@@ -127,13 +129,7 @@ impl<'a> Emitter<'a> {
     }
 
     /// Makes triangles of the indices, or of the vertices in order.
-    fn assemble(
-        &mut self,
-        primitive: &Primitive,
-        mode: Mode,
-        vertices: &Vertices,
-        sink: &mut dyn Sink,
-    ) -> Parsed<()> {
+    fn assemble(&mut self, primitive: &Primitive, mode: Mode, vertices: &Vertices, sink: &mut dyn Sink) -> Parsed<()> {
         let mut assembly = Assembly { mode, corners: [0; 3], seen: 0 };
         let (batch, made) = (&mut self.batch, &mut self.triangles);
         let count = vertices.positions.len();
@@ -176,10 +172,15 @@ impl<'a> Emitter<'a> {
         note(self.incomplete, "primitives whose last triangle lacks a corner");
         note(root.skins.len() as u64, "skins stay in their bind pose");
         note(root.animations.len() as u64, "animations were left out");
-        let masked = |m: &&::gltf::json::Material| !matches!(m.alpha_mode, Checked::Valid(::gltf::json::material::AlphaMode::Opaque));
-        let cut = root.materials.iter().filter(masked).filter(|m| m.pbr_metallic_roughness.base_color_texture.is_some());
+        let masked = |m: &&::gltf::json::Material| {
+            !matches!(m.alpha_mode, Checked::Valid(::gltf::json::material::AlphaMode::Opaque))
+        };
+        let cut =
+            root.materials.iter().filter(masked).filter(|m| m.pbr_metallic_roughness.base_color_texture.is_some());
         note(cut.count() as u64, "materials whose texture has holes are shown without them");
-        let unknown = |e: &&String| matches!(e.as_str(), "EXT_mesh_gpu_instancing" | "KHR_draco_mesh_compression" | "EXT_meshopt_compression");
+        let unknown = |e: &&String| {
+            matches!(e.as_str(), "EXT_mesh_gpu_instancing" | "KHR_draco_mesh_compression" | "EXT_meshopt_compression")
+        };
         for extension in root.extensions_used.iter().filter(unknown) {
             notes.push(format!("the extension {extension} was left out"));
         }

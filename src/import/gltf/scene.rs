@@ -95,5 +95,9 @@ pub(crate) fn inverts_well(m: &DAffine3) -> bool {
     let columns = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis].map(DVec3::length);
     let (least, most) = columns.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &c| (a.min(c), b.max(c)));
     let volume = m.matrix3.determinant().abs();
-    m.is_finite() && most > 0.0 && least > 1e-6 * most && volume.is_finite() && volume > 1e-6 * columns.iter().product::<f64>()
+    m.is_finite()
+        && most > 0.0
+        && least > 1e-6 * most
+        && volume.is_finite()
+        && volume > 1e-6 * columns.iter().product::<f64>()
 }

@@ -68,7 +68,8 @@ impl Document {
         bin.resize(bin.len().next_multiple_of(4), 0);
         let length = 12 + 8 + text.len() + 8 + bin.len();
         let word = |n: usize| (n as u32).to_le_bytes();
-        [b"glTF", &word(2)[..], &word(length), &word(text.len()), b"JSON", &text, &word(bin.len()), b"BIN\0", &bin].concat()
+        [b"glTF", &word(2)[..], &word(length), &word(text.len()), b"JSON", &text, &word(bin.len()), b"BIN\0", &bin]
+            .concat()
     }
 
     fn gltf(&self, uri: &str) -> Vec<u8> {
@@ -172,7 +173,10 @@ fn repeated_meshes_are_stored_once() {
     // Twice shared, once flattened and so placed directly, and the mesh that is used once.
     assert_eq!(sink.meshes.len(), 2);
     assert_eq!(sink.meshes[1].local_parts, 2);
-    assert_eq!(sink.instances.iter().map(|i| (i.mesh, i.first_part)).collect::<Vec<_>>(), [(MeshKey(1), 1), (MeshKey(1), 7)]);
+    assert_eq!(
+        sink.instances.iter().map(|i| (i.mesh, i.first_part)).collect::<Vec<_>>(),
+        [(MeshKey(1), 1), (MeshKey(1), 7)]
+    );
     assert_eq!(sink.direct().iter().map(|t| t.part).collect::<Vec<_>>(), [4, 5, 9]);
     assert_eq!(sink.placed().count(), 7);
     assert_eq!(sink.bounds().min, DVec3::new(-1.0, 0.0, 0.0));
@@ -192,7 +196,11 @@ fn repeated_meshes_are_stored_once() {
 fn nodes_must_be_trees() {
     for (nodes, roots, words) in [
         (json!([{ "children": [0] }]), json!([0]), "own ancestor"),
-        (json!([{ "children": [1] }, { "children": [2] }, { "children": [1] }]), json!([0]), "nodes[1] is its own ancestor"),
+        (
+            json!([{ "children": [1] }, { "children": [2] }, { "children": [1] }]),
+            json!([0]),
+            "nodes[1] is its own ancestor",
+        ),
         (json!([{ "children": [2] }, { "children": [2] }, {}]), json!([0, 1]), "nodes[2] has two parents"),
         (json!([{}]), json!([0, 0]), "two parents"),
         (json!([{ "children": [7] }]), json!([0]), "nodes[7] does not exist"),
@@ -310,7 +318,8 @@ fn sparse_and_quantised_accessors_are_read() {
     assert!(refused("t.glb", document.glb()).contains("sparse index 3 is out of range"));
 
     let mut document = Document::triangle();
-    let bytes: Vec<u8> = [0i16, 0, 0, 7, 32767, 0, 0, 7, 0, -32767, -32768, 7].iter().flat_map(|x| x.to_le_bytes()).collect();
+    let bytes: Vec<u8> =
+        [0i16, 0, 0, 7, 32767, 0, 0, 7, 0, -32767, -32768, 7].iter().flat_map(|x| x.to_le_bytes()).collect();
     let at = document.accessor(5122, "VEC3", 3, &bytes);
     document.json["bufferViews"][1]["byteStride"] = json!(8);
     document.json["accessors"][at]["normalized"] = json!(true);
@@ -343,8 +352,15 @@ fn materials_keep_their_factors() {
 
 fn png(width: u32, height: u32, rgba: &[u8]) -> Vec<u8> {
     let mut out = std::io::Cursor::new(Vec::new());
-    image::write_buffer_with_format(&mut out, rgba, width, height, image::ExtendedColorType::Rgba8, image::ImageFormat::Png)
-        .unwrap();
+    image::write_buffer_with_format(
+        &mut out,
+        rgba,
+        width,
+        height,
+        image::ExtendedColorType::Rgba8,
+        image::ImageFormat::Png,
+    )
+    .unwrap();
     out.into_inner()
 }
 
@@ -402,7 +418,10 @@ fn pictures_that_cannot_be_read_are_noted() {
         (b"not a picture".to_vec(), "cannot be read"),
         (png(2, 1, &[0; 8])[..40].to_vec(), "picture"),
         // A header that claims 60000 × 60000 pixels.
-        ([&png(2, 1, &[0; 8])[..16], &[0, 0, 0xea, 0x60, 0, 0, 0xea, 0x60, 8, 6, 0, 0, 0, 0, 0, 0, 0]].concat(), "picture"),
+        (
+            [&png(2, 1, &[0; 8])[..16], &[0, 0, 0xea, 0x60, 0, 0, 0xea, 0x60, 8, 6, 0, 0, 0, 0, 0, 0, 0]].concat(),
+            "picture",
+        ),
     ] {
         let sink = textured(&picture).read();
         assert_eq!(sink.direct()[0].colour, None);

@@ -13,8 +13,22 @@ use std::collections::BTreeMap;
 
 /// Lines without shape, or whose shape is given otherwise: ignored without a word.
 const SILENT: [&[u8]; 16] = [
-    b"vt", b"vn", b"vp", b"s", b"mg", b"o", b"g", b"usemtl", b"mtllib", b"usemap", b"maplib", b"lod", b"bevel",
-    b"c_interp", b"d_interp", b"shadow_obj",
+    b"vt",
+    b"vn",
+    b"vp",
+    b"s",
+    b"mg",
+    b"o",
+    b"g",
+    b"usemtl",
+    b"mtllib",
+    b"usemap",
+    b"maplib",
+    b"lod",
+    b"bevel",
+    b"c_interp",
+    b"d_interp",
+    b"shadow_obj",
 ];
 
 struct Reader<'a> {

@@ -25,8 +25,15 @@ fn every_form_of_corner_is_understood() {
     let expected = read("f 1 2 3 4\n");
     assert_eq!(expected.received, 2);
     for faces in [
-        "f 1/1 2/2 3/3 4/4", "f 1//1 2//1 3//1 4//1", "f 1/1/1 2/2/1 3/3/1 4/4/1", "f -4 -3 -2 -1",
-        "f -4/-1/-1 -3//-1 -2 -1/9", "  f\t1 2   3 4  ", "f 1 2 \\\n3 4", "f 1 2 \\  \r\n 3\\\n 4", "fo 1 2 3 4",
+        "f 1/1 2/2 3/3 4/4",
+        "f 1//1 2//1 3//1 4//1",
+        "f 1/1/1 2/2/1 3/3/1 4/4/1",
+        "f -4 -3 -2 -1",
+        "f -4/-1/-1 -3//-1 -2 -1/9",
+        "  f\t1 2   3 4  ",
+        "f 1 2 \\\n3 4",
+        "f 1 2 \\  \r\n 3\\\n 4",
+        "fo 1 2 3 4",
     ] {
         let sink = read(faces);
         assert_eq!(sink.direct(), expected.direct(), "{faces}");
@@ -94,7 +101,8 @@ fn an_object_is_a_part_also_if_only_its_groups_have_faces() {
 #[test]
 fn libraries_give_materials() {
     let obj = format!("mtllib sub lib.mtl\n{SQUARE}usemtl red\nf 1 2 3\nusemtl glass\nf 1 2 3\nusemtl none\nf 1 2 3\n");
-    let mtl = b"# library\nnewmtl red\nKd 1 0.25 0\nPm 1\nPr 0.5\nNs 2\nKd spectral file.rfl\nnewmtl glass\nd 0.25\nTr 0.9\n\
+    let mtl =
+        b"# library\nnewmtl red\nKd 1 0.25 0\nPm 1\nPr 0.5\nNs 2\nKd spectral file.rfl\nnewmtl glass\nd 0.25\nTr 0.9\n\
                 newmtl old\nTr 0.9\nd -halo x\nnewmtl unused\n";
     let sink = read_files(&[("file.obj", obj.as_bytes()), ("sub lib.mtl", mtl)]).unwrap();
     assert_eq!(parts(&sink), [("file", "", 0), ("red", "file", 1), ("glass", "file", 1), ("none", "file", 1)]);

@@ -42,12 +42,7 @@ fn index_list(element: &Element) -> Option<usize> {
     element.list(&INDEX_LISTS).filter(|_| makes_triangles)
 }
 
-fn read_elements(
-    values: &mut impl Values,
-    header: Header,
-    options: &ReadOptions,
-    sink: &mut dyn Sink,
-) -> Result<()> {
+fn read_elements(values: &mut impl Values, header: Header, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
     let (body, body_line) = (values.input().offset(), values.input().line());
     let vertex = header.element("vertex");
     let first_faces = header.elements.iter().position(|e| index_list(e).is_some());

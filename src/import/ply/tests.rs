@@ -349,7 +349,8 @@ fn more_triangles_than_a_batch_or_a_window_hold() {
 
 #[test]
 fn parts_of_rows_of_one_size_are_those_of_any_rows() {
-    let rows: Vec<(i32, [i32; 3])> = (0..20_000).map(|i| (i / 700 % 9 - 1, [i % 5, (i + 1) % 5, (i * 3) % 5])).collect();
+    let rows: Vec<(i32, [i32; 3])> =
+        (0..20_000).map(|i| (i / 700 % 9 - 1, [i % 5, (i + 1) % 5, (i * 3) % 5])).collect();
     let read = |coding: &'static str, count: &str, part_first: bool| {
         let list = format!("property list {count} int vertex_indices\n");
         let part = "property int part\n".to_owned();
@@ -363,7 +364,11 @@ fn parts_of_rows_of_one_size_are_those_of_any_rows() {
             if part_first {
                 file.int(*part);
             }
-            if count == "uchar" { file.byte(3) } else { file.short(3) };
+            if count == "uchar" {
+                file.byte(3)
+            } else {
+                file.short(3)
+            };
             for &c in corners {
                 file.int(c);
             }
@@ -377,7 +382,9 @@ fn parts_of_rows_of_one_size_are_those_of_any_rows() {
     let expected = read("ascii", "uchar", false);
     let ids: Vec<_> = expected.direct().iter().map(|t| expected.parts[t.part as usize].name.clone()).collect();
     assert!(ids.iter().zip(&rows).all(|(name, (id, _))| *name == format!("part {id}")));
-    for (coding, count) in [("binary_little_endian", "uchar"), ("binary_big_endian", "uchar"), ("binary_big_endian", "short")] {
+    for (coding, count) in
+        [("binary_little_endian", "uchar"), ("binary_big_endian", "uchar"), ("binary_big_endian", "short")]
+    {
         for part_first in [false, true] {
             let found = read(coding, count, part_first);
             assert!(found.direct() == expected.direct() && found.parts == expected.parts, "{coding} {count}");

@@ -3,10 +3,10 @@
 use super::header::{Coding, Element, Kind, Type};
 use super::values::{Values, truncated};
 use crate::base::error::Result;
+use crate::import::ReadOptions;
 use crate::import::Sink;
 use crate::import::colour;
 use crate::import::input::Input;
-use crate::import::ReadOptions;
 use crate::import::vertices::{Held, Vertices};
 
 /// What faces refer to.
@@ -43,9 +43,7 @@ pub(crate) type Channels = [(usize, Type); 3];
 
 /// Which properties are the colour, under any of the names in use.
 pub(crate) fn channels(element: &Element) -> Option<Channels> {
-    let find = |short: &str, long: &str| {
-        element.scalar(&[long, &format!("diffuse_{long}"), short])
-    };
+    let find = |short: &str, long: &str| element.scalar(&[long, &format!("diffuse_{long}"), short]);
     Some([find("r", "red")?, find("g", "green")?, find("b", "blue")?])
 }
 

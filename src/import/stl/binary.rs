@@ -42,7 +42,11 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
     let mut done = 0;
     while done < count {
         if !input.ensure(RECORD)? {
-            return Err(Error::parse(input.path(), Place::Byte(input.offset()), "the file became shorter while being read"));
+            return Err(Error::parse(
+                input.path(),
+                Place::Byte(input.offset()),
+                "the file became shorter while being read",
+            ));
         }
         let records = input.available().chunks_exact(RECORD).take((count - done) as usize);
         let mut n = 0;

@@ -73,7 +73,8 @@ fn every_truncation_is_refused() {
     let fine = |len: usize| {
         let cut = std::str::from_utf8(&bytes[..len]).unwrap();
         let last = cut.rfind("endsolid").is_some_and(|at| !cut[at..].to_ascii_uppercase().contains("\nSOLID"));
-        last && !cut.trim_end().ends_with("SOLI") && !["S", "SO", "SOL"].iter().any(|s| cut.ends_with(&format!("\n{s}")))
+        last && !cut.trim_end().ends_with("SOLI")
+            && !["S", "SO", "SOL"].iter().any(|s| cut.ends_with(&format!("\n{s}")))
     };
     for len in 0..bytes.len() {
         let read = read_bytes("t.stl", &bytes[..len]);
@@ -112,7 +113,10 @@ fn solid_view_sets_bit_15_and_begins_with_blue() {
     assert_eq!(colours(&sink), [Some([1.0, 0.0, 0.0]), Some(grey), Some([0.0, 0.0, 1.0])]);
     assert!(sink.materials.is_empty());
     // Those before the first coloured one too.
-    assert_eq!(colours(&read_bytes("t.stl", binary(b"", &[0, 0, red])).unwrap()), [Some(grey), Some(grey), Some([1.0, 0.0, 0.0])]);
+    assert_eq!(
+        colours(&read_bytes("t.stl", binary(b"", &[0, 0, red])).unwrap()),
+        [Some(grey), Some(grey), Some([1.0, 0.0, 0.0])]
+    );
     // Bits without bit 15 colour nothing.
     assert_eq!(colours(&read_bytes("t.stl", binary(b"", &[31, 5])).unwrap()), [None, None]);
 }

@@ -7,10 +7,10 @@
 //!
 //! `error` = s · gap + position_error + r, r = l (|origin| + |t dir| + |offset| + s · reach),
 //!
-//! where r covers what double precision loses: position has two roundings a component, the way to
-//! the tree's frame a subtraction and a product of three terms, and back the same; l is 8 · 2⁻⁵² where M is the identity, otherwise
-//! as much of its terms times its inverse's, and what their product differs from the identity by. Single precision
-//! does not enter: it chose the triangle, and the gap tells how well.
+//! where r covers what double precision loses: position has two roundings a component, the way to the tree's frame a
+//! subtraction and a product of three terms, and back the same; l is 8 · 2⁻⁵² where M is the identity, otherwise as
+//! much of its terms times its inverse's, and what their product differs from the identity by. Single precision does
+//! not enter: it chose the triangle, and the gap tells how well.
 //!
 //! **t_free.** A nearer surface that single precision put behind this one: the walk sees ray and
 //! triangles moved by at most `Placed::slack` (the origin is within 6 reaches, so it and each vertex
@@ -51,7 +51,9 @@ impl Meeting {
     /// Bound of the distance from the answered position to original surface, in the world: see the module.
     #[inline(always)]
     pub fn error(&self, placed: &Placed, ray: &Ray) -> f32 {
-        not_below(placed.stretch * self.gap + placed.position_error + placed.rounding_along(ray.origin, self.along(ray)))
+        not_below(
+            placed.stretch * self.gap + placed.position_error + placed.rounding_along(ray.origin, self.along(ray)),
+        )
     }
 
     /// No original surface lies on the ray before this: see the module.
@@ -104,9 +106,9 @@ impl Plane {
 
 /// Meets a triangle of the tree's frame again, in double precision. `found`: where the walk met it.
 ///
-/// The ray's t is where it meets the triangle's plane. Nearly edge-on that is ill-conditioned, and
-/// the walk's own t, or the one nearest to the triangle's point, may leave a smaller gap: the
-/// smallest wins. So the answer is judged by its outcome: `gap` is measured, not estimated. It does not depend on the ray's interval.
+/// The ray's t is where it meets the triangle's plane. Nearly edge-on that is ill-conditioned, and the walk's own t, or
+/// the one nearest to the triangle's point, may leave a smaller gap: the smallest wins. So the answer is judged by its
+/// outcome: `gap` is measured, not estimated. It does not depend on the ray's interval.
 #[inline]
 pub(crate) fn meet(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, found: f64) -> Meeting {
     let plane = Plane::new(corners);

@@ -1,6 +1,6 @@
-//! From hits in a tree to answers: rows of up to `N` rays that hit something in the same placed tree. A packet is a row of [`PACKET`], a single ray a row of one:
-//! what is asked for is worked out in one place, and is the same to the bit for both. Where the tree is turned or scaled in the world, rows are taken to its frame
-//! and back.
+//! From hits in a tree to answers: rows of up to `N` rays that hit something in the same placed tree. A packet is a row
+//! of [`PACKET`], a single ray a row of one: what is asked for is worked out in one place, and is the same to the bit
+//! for both. Where the tree is turned or scaled in the world, rows are taken to its frame and back.
 
 mod meeting;
 pub(crate) mod stand_in;
@@ -15,8 +15,8 @@ use crate::scene::Group;
 use crate::scene::placed::Placed;
 use crate::scene::walk::{Found, Need, SceneView};
 use crate::simd::Isa;
-use crate::structure::{Rooted, Tree, TriHit};
 use crate::structure::surface::Groups;
+use crate::structure::{Rooted, Tree, TriHit};
 use glam::Vec3;
 use stand_in::StandIns;
 use triangle::Triangles;
@@ -107,7 +107,8 @@ impl<const N: usize> Default for Seen<N> {
 /// Rays whose answers are not whole.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Rest {
-    /// What was found turned out to be outside of the ray's interval: what is within is to be found, see [`super::beyond::past`].
+    /// What was found turned out to be outside of the ray's interval: what is within is to be found, see
+    /// [`super::beyond::past`].
     pub outside: u32,
     /// A block is needed, see [`lacking`].
     pub lacking: u32,
@@ -122,8 +123,8 @@ impl Rest {
 impl<const N: usize> Seen<N> {
     pub const NONE: Self = Self { triangles: Triangles::NONE, stand_ins: StandIns::NONE, groups: Groups::NONE };
 
-    /// Looks at the hits of `rays`; `dir` gives the rays' directions in the world. Returns the rays whose hits' blocks have left the snapshot.
-    /// `normals`: those of triangles are asked for; `is_whole`: see [`StandIns::look`].
+    /// Looks at the hits of `rays`; `dir` gives the rays' directions in the world. Returns the rays whose hits' blocks
+    /// have left the snapshot. `normals`: those of triangles are asked for; `is_whole`: see [`StandIns::look`].
     #[inline(always)]
     pub fn look(
         &mut self,
@@ -180,10 +181,11 @@ impl<const N: usize> Seen<N> {
         }
     }
 
-    /// Fills in `out` what `want` asks of the hits of `met`, rays that all hit something in `placed`. What is there is [`Hit::MISS`], or was filled with
-    /// the same `want`.
+    /// Fills in `out` what `want` asks of the hits of `met`, rays that all hit something in `placed`. What is there is
+    /// [`Hit::MISS`], or was filled with the same `want`.
     ///
-    /// Where the view looks beyond the ends of intervals, what is found outside of them is told, of triangles as double precision sees it.
+    /// Where the view looks beyond the ends of intervals, what is found outside of them is told, of triangles as double
+    /// precision sees it.
     #[inline(always)]
     pub(super) fn answer(
         &mut self,
@@ -208,7 +210,8 @@ impl<const N: usize> Seen<N> {
                     (hit.kind, hit.t, uv) = (HitKind::Exact, t, [met.u, met.v]);
                 }
                 Some(cell) => {
-                    // Triangles of a cell that is met before the ray begins are met one by one, unless they are missing.
+                    // Triangles of a cell that is met before the ray begins are met one by one, unless they are
+                    // missing.
                     if looks_beyond && !(is_within(ray, t) || cell.is_missing && t <= ray.t_max) {
                         rest.outside |= 1 << i;
                     }
@@ -279,7 +282,14 @@ impl<const N: usize> Seen<N> {
         outside
     }
 
-    fn fill_cells(&self, at: &InTree, want: Want, rays: &[Ray], hits: &(impl TreeHits<N> + ?Sized), out: &mut [Hit; N]) {
+    fn fill_cells(
+        &self,
+        at: &InTree,
+        want: Want,
+        rays: &[Ray],
+        hits: &(impl TreeHits<N> + ?Sized),
+        out: &mut [Hit; N],
+    ) {
         let (p, parts) = (at.placed, at.view.model_of(at.number).parts());
         for i in bits(self.groups.cells) {
             let (hit, ray) = (&mut out[i], &rays[i]);
@@ -302,7 +312,14 @@ impl<const N: usize> Seen<N> {
     }
 
     /// Last: only they may be missing where all else is known.
-    fn fill_prims(&self, at: &InTree, hits: &(impl TreeHits<N> + ?Sized), met: u32, out: &mut [Hit; N], rest: &mut Rest) {
+    fn fill_prims(
+        &self,
+        at: &InTree,
+        hits: &(impl TreeHits<N> + ?Sized),
+        met: u32,
+        out: &mut [Hit; N],
+        rest: &mut Rest,
+    ) {
         let tree = at.tree();
         for i in bits(met & !(rest.outside | rest.lacking)) {
             let hit = hits.hit(i);

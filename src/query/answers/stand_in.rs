@@ -1,37 +1,43 @@
 //! What hits on stand-ins show and promise: rows of them, in loops that become vectors.
 //!
-//! **Error.** A cell holds some of the original surface, up to what rounding of the input moved it: so some of it lies within
-//! the distance from the hit to the cell's farthest corner, plus that. Measured from the hit's position as given, in
-//! double precision: what single precision did to `t` does not enter.
+//! **Error.** A cell holds some of the original surface, up to what rounding of the input moved it: so some of it lies
+//! within the distance from the hit to the cell's farthest corner, plus that. Measured from the hit's position as
+//! given, in double precision: what single precision did to `t` does not enter.
 //!
-//! Where the cell's level says that all of the region in which it is met is nearer to original surface (`lod::Fill`), that is its error.
-//! Not so where a ray begins in a cell, for it is not met there; nor where single precision has moved the hit off that region.
+//! Where the cell's level says that all of the region in which it is met is nearer to original surface (`lod::Fill`),
+//! that is its error. Not so where a ray begins in a cell, for it is not met there; nor where single precision has
+//! moved the hit off that region.
 //!
-//! **t_free.** A cell's box and slabs hold all that it stands for, and the walk takes the nearest of all of these and of triangles,
-//! each where it is entered or before: no original surface lies on the ray before the hit, up to what single precision may have
-//! moved (as for exact hits, `meeting.rs`). Where the ray passed stand-ins, that is so of the hit of a walk that passes
-//! none, and its `t_free` counts (`beyond::free`). In a stand-in for missing data that the ray begins in nothing is known to be free.
+//! **t_free.** A cell's box and slabs hold all that it stands for, and the walk takes the nearest of all of these and
+//! of triangles, each where it is entered or before: no original surface lies on the ray before the hit, up to what
+//! single precision may have moved (as for exact hits, `meeting.rs`). Where the ray passed stand-ins, that is so of the
+//! hit of a walk that passes none, and its `t_free` counts (`beyond::free`). In a stand-in for missing data that the
+//! ray begins in nothing is known to be free.
 
 #![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
 use super::{InTree, TreeHits};
-use crate::lod::{Facing, blended_colour, farthest, holds, limit, shares, stored_likeness, stored_normal, sure_from, visible};
+use crate::lod::{
+    Facing, blended_colour, farthest, holds, limit, shares, stored_likeness, stored_normal, sure_from, visible,
+};
 use crate::math::{Bounds, Ray, bits};
 use crate::scene::placed::{Placed, not_below};
 use crate::scene::walk::{Found, SceneView};
 use crate::simd::{Op, Simd, dispatch};
-use crate::structure::{Rooted, Tree, TriHit};
 use crate::structure::cell::Cells;
+use crate::structure::{Rooted, Tree, TriHit};
 use glam::{DVec3, Vec3};
 
-/// The stand-ins that up to `N` rays hit in a placed tree, a column for each ray. Reusable: columns of other rays hold anything.
+/// The stand-ins that up to `N` rays hit in a placed tree, a column for each ray. Reusable: columns of other rays hold
+/// anything.
 #[derive(Debug)]
 #[repr(C)]
 pub(crate) struct StandIns<const N: usize> {
     cells: Cells<N>,
     /// The rays' directions in the world.
     dir: [[f32; N]; 3],
-    /// Of each of three samples its share of what is seen, and the mean normal that is seen of it, in the world; of cells of one sample the first counts.
+    /// Of each of three samples its share of what is seen, and the mean normal that is seen of it, in the world; of
+    /// cells of one sample the first counts.
     shares: [[f32; N]; 3],
     sides: [[[f32; N]; 3]; 3],
     /// Unit, in the world, against the rays.
@@ -55,8 +61,9 @@ impl<const N: usize> StandIns<N> {
         hidden: 0,
     };
 
-    /// Looks at the cells that `rays` hit in the placed `tree`; `dir` gives the rays' directions in the world. Returns the rays whose cells' blocks have
-    /// left the snapshot. `is_whole`: the data that [`StandIns::error`] takes is asked for.
+    /// Looks at the cells that `rays` hit in the placed `tree`; `dir` gives the rays' directions in the world. Returns
+    /// the rays whose cells' blocks have left the snapshot. `is_whole`: the data that [`StandIns::error`] takes is
+    /// asked for.
     pub fn look(
         &mut self,
         at: &InTree,
@@ -127,14 +134,16 @@ impl<const N: usize> StandIns<N> {
         Facing::new([side(0), side(1), side(2)], self.shares.map(|row| row[i]))
     }
 
-    /// Where ray `i` is hit that met its cell at `t`: in the ray's interval; in a cell that it begins in, the ray sees the far side.
+    /// Where ray `i` is hit that met its cell at `t`: in the ray's interval; in a cell that it begins in, the ray sees
+    /// the far side.
     #[inline(always)]
     pub fn t(&self, i: usize, placed: &Placed, ray: &Ray, t: f64) -> f64 {
         let is_inside = self.cells.inside >> i & 1 == 1;
         within(if is_inside { t.max(leave(placed, ray, &self.cells.bounds_of(i))) } else { t }, ray)
     }
 
-    /// Bound of the distance between the position of ray `i`'s answer, `along` from its origin, and original surface: see the module.
+    /// Bound of the distance between the position of ray `i`'s answer, `along` from its origin, and original surface:
+    /// see the module.
     pub fn error(&self, i: usize, tree: &Tree, placed: &Placed, hit: &TriHit, origin: DVec3, along: DVec3) -> f32 {
         let (here, cell) = (placed.local_point(origin + along), self.cells.bounds_of(i));
         let limit = if self.cells.inside >> i & 1 == 1 { f64::INFINITY } else { limit(self.cells.level[i]) };
@@ -143,7 +152,8 @@ impl<const N: usize> StandIns<N> {
         error_at(placed, origin, along, here, &cell, if is_near { limit } else { f64::INFINITY })
     }
 
-    /// [`StandIns::error`] of all rays of `rays`, which begin at `eye` and reach their hits at `t`; of other rays anything.
+    /// [`StandIns::error`] of all rays of `rays`, which begin at `eye` and reach their hits at `t`; of other rays
+    /// anything.
     pub fn errors(
         &self,
         tree: &Tree,
@@ -155,7 +165,8 @@ impl<const N: usize> StandIns<N> {
         let doubtful = match placed.only_shifted() {
             Some(offset) => {
                 let sure = sure_from(placed.local_point(eye), tree.reach());
-                dispatch(tree.isa(), Errors { all: self, placed, eye, offset, sure, t, out: &mut *out }) | self.cells.inside
+                dispatch(tree.isa(), Errors { all: self, placed, eye, offset, sure, t, out: &mut *out })
+                    | self.cells.inside
             }
             None => u32::MAX,
         };
@@ -287,7 +298,8 @@ fn turn_to_world<const N: usize>(placed: &Placed, dir: &[[f32; N]; 3], normals: 
     }
 }
 
-/// Works out [`StandIns::errors`]; returns the rays for which it must be seen where in their cells they hit, of rays without cells anything.
+/// Works out [`StandIns::errors`]; returns the rays for which it must be seen where in their cells they hit, of rays
+/// without cells anything.
 struct Errors<'a, const N: usize> {
     all: &'a StandIns<N>,
     placed: &'a Placed,
@@ -337,8 +349,8 @@ fn in_cell(here: DVec3, cell: &Bounds) -> DVec3 {
     here.max(cell.min.as_dvec3()).min(cell.max.as_dvec3())
 }
 
-/// The error of a hit `along` from a ray's origin, which is `here` in the tree's frame, on a cell, in the world; `near`: original surface is so near to the
-/// hit at most, as a part of the cell's diagonal. See the module.
+/// The error of a hit `along` from a ray's origin, which is `here` in the tree's frame, on a cell, in the world;
+/// `near`: original surface is so near to the hit at most, as a part of the cell's diagonal. See the module.
 #[inline(always)]
 fn error_at(placed: &Placed, origin: DVec3, along: DVec3, here: DVec3, cell: &Bounds, near: f64) -> f32 {
     let (low, high) = (cell.min.as_dvec3(), cell.max.as_dvec3());
@@ -370,7 +382,14 @@ pub(crate) struct Look<'a> {
 pub(crate) fn look<'a>(view: &'a SceneView<'a>, ray: &'a Ray, found: &'a Found) -> Option<Look<'a>> {
     found.tri.stand_in()?;
     let mut look = Look { t: 0.0, view, ray, found, one: StandIns::NONE };
-    let gone = look.one.look(&InTree::new(view, found.placed), &view.tree(found.placed), 1, |_| ray.dir, std::slice::from_ref(found), true);
+    let gone = look.one.look(
+        &InTree::new(view, found.placed),
+        &view.tree(found.placed),
+        1,
+        |_| ray.dir,
+        std::slice::from_ref(found),
+        true,
+    );
     look.t = look.one.t(0, look.placed(), ray, found.t);
     (gone == 0).then_some(look)
 }

@@ -3,8 +3,8 @@
 use crate::math::bits;
 use crate::scene::placed::Placed;
 use crate::simd::{Isa, Op, Simd, dispatch};
-use crate::structure::{Rooted, Tree, TriHit};
 use crate::structure::surface::{Groups, Surfaces};
+use crate::structure::{Rooted, Tree, TriHit};
 use glam::{DVec3, Vec3};
 
 /// A triangle's normal in the world, on the side from which its corners are seen counter-clockwise.
@@ -59,7 +59,6 @@ fn extreme_normal(normal: DVec3, dir: DVec3) -> DVec3 {
     }
 }
 
-
 /// The cross product of a triangle's edges. (Corners are single-precision numbers: few roundings.)
 #[inline(always)]
 fn across([a, b, c]: &[Vec3; 3]) -> DVec3 {
@@ -82,8 +81,8 @@ impl<const N: usize> Triangles<N> {
     pub const NONE: Self =
         Self { stored: Surfaces::NONE, across: [[0.0; N]; 3], unit: [[0.0; N]; 3], is_extreme: [0; N] };
 
-    /// Looks at the triangles of `groups`, of which `hit` gives the hit of a ray. Returns the rays whose triangles' blocks have left the snapshot,
-    /// and takes these out of `groups`. `normals`: whether normals are asked for.
+    /// Looks at the triangles of `groups`, of which `hit` gives the hit of a ray. Returns the rays whose triangles'
+    /// blocks have left the snapshot, and takes these out of `groups`. `normals`: whether normals are asked for.
     #[inline(always)]
     pub fn look(
         &mut self,
@@ -128,7 +127,8 @@ impl<const N: usize> Triangles<N> {
         }
     }
 
-    /// Writes unit normals against rays, whose directions `dir` are unit, to the columns of the rays that hit triangles.
+    /// Writes unit normals against rays, whose directions `dir` are unit, to the columns of the rays that hit
+    /// triangles.
     pub fn normals_of_rays(&self, isa: Isa, groups: &Groups<N>, dir: &[[f32; N]; 3], out: &mut [[f32; N]; 3]) {
         for (column, rays) in groups.rays.iter().enumerate().take(groups.count) {
             let unit = self.normal(column).unit;
@@ -163,7 +163,11 @@ impl<const N: usize> Op for Normals<'_, N> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let Self { triangles, placed, count } = self;
-        if N > FEW && count <= FEW { first_normals::<N, FEW>(triangles, placed) } else { first_normals::<N, N>(triangles, placed) }
+        if N > FEW && count <= FEW {
+            first_normals::<N, FEW>(triangles, placed)
+        } else {
+            first_normals::<N, N>(triangles, placed)
+        }
     }
 }
 
@@ -188,7 +192,8 @@ fn first_normals<const N: usize, const COUNT: usize>(triangles: &mut Triangles<N
     }
 }
 
-/// Turns unit normals against unit directions; returns the rays for which single precision cannot tell which side they see.
+/// Turns unit normals against unit directions; returns the rays for which single precision cannot tell which side they
+/// see.
 struct Turn<'a, const N: usize> {
     dir: &'a [[f32; N]; 3],
     normals: &'a mut [[f32; N]; 3],

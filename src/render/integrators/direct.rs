@@ -1,27 +1,27 @@
 //! Direct light: headlights, points, directions; layers of transparent surfaces by continuing the ray.
 #![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
+use super::first::{First, Layer};
 use super::material::Material;
 use super::plain::{self, Plain};
-use super::first::{First, Layer};
 use super::sampling::{Widths, offset};
 use super::shading::Shading;
 use super::surface::{BESIDE, DIAGONAL, Surface, back, width_at};
 use crate::lod::Facing;
-use crate::render::wants::Wants;
+use crate::math::PACKET;
+use crate::math::bits;
 use crate::math::srgb::Srgb;
 use crate::math::{Cone, Ray};
 use crate::query::answers::{WorldNormal, meet};
 use crate::query::stand_in::{self, Look};
 use crate::query::{HitKind, NONE};
+use crate::render::wants::Wants;
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
-use crate::math::bits;
 use crate::scene::packet::ScenePacket;
 use crate::scene::walk::{Found, Need, SceneView, Step};
 use crate::scene::{Alike, Group};
 use crate::simd::{Isa, Op, Simd, dispatch};
-use crate::math::PACKET;
 use crate::structure::Triangle;
 use glam::{DVec2, Vec3};
 
@@ -152,8 +152,8 @@ impl Direct<'_> {
         self.view.scene.context().isa()
     }
 
-    /// Renders a sample of the pixels of `active`: adds their light to `sums`, and puts what is seen first there, of sample 0, into
-    /// `scratch`. `number`: the packet's in its tile, if that was [begun](Self::begin).
+    /// Renders a sample of the pixels of `active`: adds their light to `sums`, and puts what is seen first there, of
+    /// sample 0, into `scratch`. `number`: the packet's in its tile, if that was [begun](Self::begin).
     pub fn packet(
         &self,
         pixels: &Pixels,
@@ -203,8 +203,8 @@ impl Direct<'_> {
         Ok(())
     }
 
-    /// The pixels of a packet at `at`, so far `apart`, in a sample. Sample 0 goes through the middle of the pixel and tells what is
-    /// seen; all samples weigh the same in the colour.
+    /// The pixels of a packet at `at`, so far `apart`, in a sample. Sample 0 goes through the middle of the pixel and
+    /// tells what is seen; all samples weigh the same in the colour.
     pub fn pixels(&self, at: (u32, u32), apart: (u32, u32), sample: u32) -> Pixels {
         Pixels { at, apart, offset: offset(sample), sample, widths: Widths::of(self.poe) }
     }
@@ -226,7 +226,14 @@ impl Direct<'_> {
     /// Goes through surfaces, front to back, until nothing is let through.
     ///
     /// `met`: the rays that hit something, if they were traced already, in the scratch's `group`.
-    fn layers(&self, lanes: &mut Lanes, mut active: u32, met: Option<u32>, first: bool, scratch: &mut Scratch) -> Result<(), Need> {
+    fn layers(
+        &self,
+        lanes: &mut Lanes,
+        mut active: u32,
+        met: Option<u32>,
+        first: bool,
+        scratch: &mut Scratch,
+    ) -> Result<(), Need> {
         if first {
             scratch.first = First::NOTHING;
         }
@@ -273,8 +280,8 @@ impl Direct<'_> {
         Ok(())
     }
 
-    /// Finds what rays hit; returns those that hit something and those that passed stand-ins before, of `active` and perhaps others. `all`:
-    /// most of them are active.
+    /// Finds what rays hit; returns those that hit something and those that passed stand-ins before, of `active` and
+    /// perhaps others. `all`: most of them are active.
     fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<(u32, u32), Need> {
         let Scratch { camera, group, found, .. } = scratch;
         let together = if all { group.trace::<false>(&self.view, rays, PACKET, &Alike::of(rays), true) } else { None };
@@ -336,8 +343,9 @@ impl Direct<'_> {
         let leave = placed.extent() * LEAVE;
         let position = ray.origin + ray.dir.as_dvec3() * found.t;
         let width = width_at(ray, found.t);
-        // Cells of the surface itself are beside it, and stand out. (Áfra 2012, section 6.2, begins behind them, in the open; here
-        // what is near is looked for exactly, so that no wall is passed; not where that would ask for the more, the less fits.)
+        // Cells of the surface itself are beside it, and stand out. (Áfra 2012, section 6.2, begins behind them, in the
+        // open; here what is near is looked for exactly, so that no wall is passed; not where that would ask for the
+        // more, the less fits.)
         let near = if self.is_pressed { 0.0 } else { f64::from(width * DIAGONAL) };
         let seen_from = if self.is_pressed { back(ray, found.t, normal, BESIDE * f64::from(width)) } else { position };
         let from = seen_from + normal.as_dvec3() * leave;
@@ -369,8 +377,9 @@ impl Direct<'_> {
         error / (self.rays.pixel_width(t).max(f64::MIN_POSITIVE) as f32)
     }
 
-    /// A stand-in as a surface. What it casts begins above its cell, and above those beside it where the surface goes on as it is: on the
-    /// ray that sees it. (Áfra 2012, section 6.2, begins a cell's diagonal along the light: behind a wall that is nearer.)
+    /// A stand-in as a surface. What it casts begins above its cell, and above those beside it where the surface goes
+    /// on as it is: on the ray that sees it. (Áfra 2012, section 6.2, begins a cell's diagonal along the light: behind
+    /// a wall that is nearer.)
     fn stand_in(
         &self,
         ray: &Ray,
@@ -407,7 +416,8 @@ impl Direct<'_> {
         let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
         let extent = placed.extent() * LEAVE;
         let above = if casts { look.above() } else { 0.0 };
-        let from = back(ray, look.t, look.normal(), above + BESIDE * f64::from(width)) + look.normal().as_dvec3() * extent;
+        let from =
+            back(ray, look.t, look.normal(), above + BESIDE * f64::from(width)) + look.normal().as_dvec3() * extent;
         let next = if material.opacity < 1.0 { look.leave() } else { look.t } + extent;
         Ok(Surface { position, normal: look.normal(), facing: look.facing(), material, from, next, width, near: 0.0 })
     }

@@ -1,7 +1,7 @@
 //! What is seen first in each pixel.
 
-use crate::query::{HitKind, NONE};
 use crate::math::PACKET;
+use crate::query::{HitKind, NONE};
 
 /// What is seen first in a pixel.
 #[derive(Debug, Clone, Copy)]

@@ -27,9 +27,9 @@ impl Material {
         Self { colour: self.colour.lerp(SELECTED, 0.65), glow: self.glow + SELECTED * 0.18, ..self }
     }
 
-    /// Light of `irradiance` (on a surface facing it) from the direction `to_light`, seen from `to_eye`.
-    /// All directions unit, the normal on the eye's side. A white matt surface that faces the light
-    /// answers with the irradiance: factors of pi are left out on both sides. `facing`: what answers; `normal`: where its highlight is.
+    /// Light of `irradiance` (on a surface facing it) from the direction `to_light`, seen from `to_eye`. All directions
+    /// unit, the normal on the eye's side. A white matt surface that faces the light answers with the irradiance:
+    /// factors of pi are left out on both sides. `facing`: what answers; `normal`: where its highlight is.
     #[inline]
     pub fn lit(&self, normal: Vec3, facing: &Facing, to_eye: Vec3, to_light: Vec3, irradiance: Vec3) -> Vec3 {
         // A headlight's is where the eye is.
@@ -72,9 +72,9 @@ impl Gloss {
         }
     }
 
-    /// See [`Material::lit`]. `cosine`: between normal and light; `aslant`: between light and half vector; `lobe`: the cosine
-    /// between normal and half vector, raised to the exponent. The highlight is Blinn's distribution, normalised, with Schlick's
-    /// reflectance; faded out towards full roughness.
+    /// See [`Material::lit`]. `cosine`: between normal and light; `aslant`: between light and half vector; `lobe`: the
+    /// cosine between normal and half vector, raised to the exponent. The highlight is Blinn's distribution,
+    /// normalised, with Schlick's reflectance; faded out towards full roughness.
     #[inline(always)]
     pub fn lit(&self, colour: Vec3, cosine: f32, aslant: f32, lobe: f32, irradiance: Vec3) -> Vec3 {
         let facing = Vec3::splat(0.04).lerp(colour, self.metalness);
@@ -96,7 +96,8 @@ fn power(x: f32, n: u32) -> f32 {
     out[0]
 }
 
-/// Raises each of `x` to `n`. (Were they returned, they would be taken apart to single numbers: seven times the instructions.)
+/// Raises each of `x` to `n`. (Were they returned, they would be taken apart to single numbers: seven times the
+/// instructions.)
 #[inline(always)]
 pub(super) fn powers<const N: usize>(x: &[f32; N], n: u32, out: &mut [f32; N]) {
     let (mut all, mut square, mut left) = ([1.0; N], *x, n);

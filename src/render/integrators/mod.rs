@@ -10,9 +10,9 @@ mod shadow;
 mod surface;
 
 use crate::math::srgb::Srgb;
+use crate::math::{BUNDLE, PACKET};
 use crate::scene::walk::Need;
 use crate::simd::Isa;
-use crate::math::{BUNDLE, PACKET};
 use direct::{Direct, Pixels, Scratch};
 
 /// An algorithm that gives the pixels of a picture their light. Asked once a packet or a tile, never once a ray.

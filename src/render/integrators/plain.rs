@@ -1,22 +1,22 @@
-//! Plain packets of pictures, in rows from the pixel to its colour: of rays that enter one placed tree, which is not turned, seen in
-//! perspective, lit by headlights, opaque where the rays hit it, and nothing asked for that takes double precision or what is
-//! beside the triangles. All others, and those that meet what is missing, go through the layers of `direct.rs`. Surfaces and light are worked out by the same
-//! code for both (`query::answers`, `shading.rs`).
+//! Plain packets of pictures, in rows from the pixel to its colour: of rays that enter one placed tree, which is not
+//! turned, seen in perspective, lit by headlights, opaque where the rays hit it, and nothing asked for that takes
+//! double precision or what is beside the triangles. All others, and those that meet what is missing, go through the
+//! layers of `direct.rs`. Surfaces and light are worked out by the same code for both (`query::answers`, `shading.rs`).
 #![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
 use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
-use super::shading::{Row, Vectors};
-use crate::query::answers::{InTree, Seen};
-use crate::query::NONE;
 use super::first::First;
-use crate::scene::beam::Beam;
-use crate::scene::group::{CameraRays, CameraTree, Entered};
-use crate::scene::camera::PixelRays;
-use crate::scene::light::LightKind;
+use super::shading::{Row, Vectors};
 use crate::math::bits;
+use crate::math::{BUNDLE, PACKET};
+use crate::query::NONE;
+use crate::query::answers::{InTree, Seen};
+use crate::scene::beam::Beam;
+use crate::scene::camera::PixelRays;
+use crate::scene::group::{CameraRays, CameraTree, Entered};
+use crate::scene::light::LightKind;
 use crate::scene::walk::SceneView;
 use crate::simd::{Op, Simd, dispatch};
-use crate::math::{BUNDLE, PACKET};
 use crate::structure::Bundle;
 use glam::{DVec3, Vec3};
 
@@ -88,7 +88,10 @@ impl<'v> Direct<'v> {
     /// Makes the rays of a packet's pixels, and tells which placed trees they may enter.
     fn enter(&self, pixels: &Pixels, rows: &mut Rows, entered: &mut Vec<Entered>) -> Enters<'v> {
         self.make_rays(pixels, rows);
-        let ends = rows.dir.each_ref().map(|row| row.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[a, b], x| [a.min(*x), b.max(*x)]));
+        let ends = rows
+            .dir
+            .each_ref()
+            .map(|row| row.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[a, b], x| [a.min(*x), b.max(*x)]));
         let eye = self.rays.eye();
         let is_few = self.view.entered(&Beam::from_point(eye, ends, 0.0, u32::MAX), f64::INFINITY, entered);
         match entered[..] {
@@ -107,7 +110,8 @@ impl<'v> Direct<'v> {
         CameraTree::of(&self.view, placed).filter(|camera| !camera.tree.has_colours())
     }
 
-    /// Begins the plain ones of a tile's packets, and traces them for as far as they go together. `packets`: of each its pixels, and those of them that count.
+    /// Begins the plain ones of a tile's packets, and traces them for as far as they go together. `packets`: of each
+    /// its pixels, and those of them that count.
     pub(crate) fn begin(&self, packets: &[(Pixels, u32); BUNDLE], scratch: &mut Scratch) {
         let Plain { rows, bundle, begun, placed, entered, .. } = &mut scratch.plain;
         *begun = 0;
@@ -139,9 +143,16 @@ impl<'v> Direct<'v> {
         dispatch(self.isa(), MakeRays { rays: self.rays, pixels, rows });
     }
 
-    /// Traces a packet: as it was [begun](Self::begin) under its number, if it was, or else its pixels. Returns the placed tree that the rays enter, if
-    /// they enter any, and those that hit something; `None` if the packet is not plain.
-    fn trace_plain(&self, pixels: &Pixels, active: u32, number: Option<usize>, scratch: &mut Scratch) -> Option<(Option<u32>, u32)> {
+    /// Traces a packet: as it was [begun](Self::begin) under its number, if it was, or else its pixels. Returns the
+    /// placed tree that the rays enter, if they enter any, and those that hit something; `None` if the packet is not
+    /// plain.
+    fn trace_plain(
+        &self,
+        pixels: &Pixels,
+        active: u32,
+        number: Option<usize>,
+        scratch: &mut Scratch,
+    ) -> Option<(Option<u32>, u32)> {
         let Scratch { group, plain: Plain { rows, bundle, begun, placed, entered, .. }, .. } = scratch;
         let Some(i) = number.filter(|i| *begun >> i & 1 == 1) else {
             let camera = match self.enter(pixels, rows, entered) {
@@ -159,8 +170,9 @@ impl<'v> Direct<'v> {
         Some((Some(placed[i]), met))
     }
 
-    /// Renders one sample of the pixels of `active`: the [light](Plain::light) of each, and, of the first sample, what is seen
-    /// there. `backs`: what is behind all, row by row; `number`: the packet's in its tile, if that was [begun](Self::begin).
+    /// Renders one sample of the pixels of `active`: the [light](Plain::light) of each, and, of the first sample, what
+    /// is seen there. `backs`: what is behind all, row by row; `number`: the packet's in its tile, if that was
+    /// [begun](Self::begin).
     pub(super) fn plain(
         &self,
         pixels: &Pixels,

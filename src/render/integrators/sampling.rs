@@ -6,8 +6,8 @@ use std::sync::OnceLock;
 const PLASTIC: f64 = 1.324_717_957_244_746;
 
 /// What pixels' widths are multiplied with. The area that a stand-in may cover is spread over an octave, 2^(u - 1/2)
-/// times the pixels of error, so that one level of detail fades into the next; u is the additive recurrence of the plastic number
-/// (Roberts 2018) over pixels and samples: even, without random numbers, at rest while the camera is.
+/// times the pixels of error, so that one level of detail fades into the next; u is the additive recurrence of the
+/// plastic number (Roberts 2018) over pixels and samples: even, without random numbers, at rest while the camera is.
 #[derive(Clone, Copy)]
 pub(super) struct Widths {
     root: f32,
@@ -25,7 +25,8 @@ impl Widths {
         const GOLDEN: f64 = 1.618_033_988_749_895;
         // Of a period of 2^32, which sums go around.
         const STEPS: [u32; 3] = [steps(1.0 / PLASTIC), steps(1.0 / (PLASTIC * PLASTIC)), steps(1.0 / GOLDEN)];
-        let u = x.wrapping_mul(STEPS[0]).wrapping_add(y.wrapping_mul(STEPS[1])).wrapping_add(sample.wrapping_mul(STEPS[2]));
+        let u =
+            x.wrapping_mul(STEPS[0]).wrapping_add(y.wrapping_mul(STEPS[1])).wrapping_add(sample.wrapping_mul(STEPS[2]));
         u >> (32 - OCTAVE_BITS)
     }
 
@@ -42,8 +43,8 @@ const fn steps(part: f64) -> u32 {
 
 const OCTAVE_BITS: u32 = 8;
 
-/// Square roots of 2^(u - 1/2), u over 0 to 1: a step is a third of a percent. (To work them out for each pixel took a tenth of
-/// the time of a picture.)
+/// Square roots of 2^(u - 1/2), u over 0 to 1: a step is a third of a percent. (To work them out for each pixel took a
+/// tenth of the time of a picture.)
 static OCTAVE: OnceLock<[f32; 1 << OCTAVE_BITS]> = OnceLock::new();
 
 fn octave() -> [f32; 1 << OCTAVE_BITS] {

@@ -1,14 +1,14 @@
-//! Light on the surfaces that a packet's rays see: a column for each ray. Ambient light and headlights are worked out for all rays in vectors; lights that may
-//! cast shadows ray by ray, for most of their time goes to the shadow rays.
+//! Light on the surfaces that a packet's rays see: a column for each ray. Ambient light and headlights are worked out
+//! for all rays in vectors; lights that may cast shadows ray by ray, for most of their time goes to the shadow rays.
 #![allow(clippy::needless_range_loop)] // rows of several arrays at once
 
 use super::direct::{Direct, Scratch};
 use super::material::{Gloss, Material, powers};
 use super::surface::{Surface, aim};
 use crate::math::{PACKET, Ray, bits};
+use crate::scene::Light;
 use crate::scene::light::LightKind;
 use crate::scene::walk::Need;
-use crate::scene::Light;
 use crate::simd::{Isa, Op, Simd, dispatch};
 use glam::Vec3;
 
@@ -102,7 +102,8 @@ impl Shading {
         column(&self.sum, i)
     }
 
-    /// Writes the light of the rays of `met`, all from opaque surfaces, over the background in `out`: linear RGB and alpha.
+    /// Writes the light of the rays of `met`, all from opaque surfaces, over the background in `out`: linear RGB and
+    /// alpha.
     pub fn put(&self, isa: Isa, met: u32, out: &mut [Row<f32>; 4]) {
         dispatch(isa, Put { all: self, met, out });
     }
@@ -131,7 +132,13 @@ impl Op for Begin<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { all: Shading { normal, facing, colour, glow, exponent, aslant, lobe, sum, .. }, dir, met, faced, ambient } = self;
+        let Self {
+            all: Shading { normal, facing, colour, glow, exponent, aslant, lobe, sum, .. },
+            dir,
+            met,
+            faced,
+            ambient,
+        } = self;
         let mut ahead = [0.0; PACKET];
         for i in 0..PACKET {
             let to_eye = -column(dir, i);

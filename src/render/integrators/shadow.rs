@@ -2,13 +2,13 @@
 //! is seen behind them.
 
 use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS, Scratch};
-use crate::render::wants::Wants;
-use crate::query::stand_in;
-use crate::math::{Cone, Ray};
+use crate::math::PACKET;
 use crate::math::bits;
+use crate::math::{Cone, Ray};
+use crate::query::stand_in;
+use crate::render::wants::Wants;
 use crate::scene::packet::ScenePacket;
 use crate::scene::walk::{Found, Need, Step};
-use crate::math::PACKET;
 
 impl Direct<'_> {
     /// The share of light that comes through along each of the rays of `asked`; 1 for the others. Rays have
@@ -86,12 +86,7 @@ impl Direct<'_> {
     }
 
     /// Which of the rays meet something.
-    fn met<const ANY: bool>(
-        &self,
-        rays: &[Ray; PACKET],
-        asked: u32,
-        packet: &mut ScenePacket,
-    ) -> Result<u32, Need> {
+    fn met<const ANY: bool>(&self, rays: &[Ray; PACKET], asked: u32, packet: &mut ScenePacket) -> Result<u32, Need> {
         packet.begin(&self.view, rays, asked);
         match self.view.trace_packet::<ANY>(rays, packet) {
             Step::Pending(need) => Err(need),

@@ -23,9 +23,9 @@ pub(super) struct Surface {
     pub near: f64,
 }
 
-/// How much higher than what it stands for a stand-in's rays begin, as a part of the ray's width: the tops of those beside it are not
-/// quite where its own is. (Without, lit planes have up to 1.5 % of false shadow; from a tenth on, none; up to four tenths no light
-/// gets into a closed box.)
+/// How much higher than what it stands for a stand-in's rays begin, as a part of the ray's width: the tops of those
+/// beside it are not quite where its own is. (Without, lit planes have up to 1.5 % of false shadow; from a tenth on,
+/// none; up to four tenths no light gets into a closed box.)
 pub(super) const BESIDE: f64 = 0.125;
 /// To gain height a ray is followed back by no more than this many times of it.
 const FARTHEST_BACK: f64 = 4.0;
@@ -50,7 +50,11 @@ pub(super) fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
         LightKind::Headlight => None,
         LightKind::Directional(dir) => {
             let to_light = -dir.try_normalize()?.as_vec3();
-            Some(Aim { to_light, irradiance: strength, shadow: Ray { cone, t_min: surface.near, ..Ray::new(from, to_light) } })
+            Some(Aim {
+                to_light,
+                irradiance: strength,
+                shadow: Ray { cone, t_min: surface.near, ..Ray::new(from, to_light) },
+            })
         }
         LightKind::Point(point) => {
             let way = point - surface.position;
@@ -59,14 +63,15 @@ pub(super) fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
             // Where it begins is nearer to the light by a cell, or behind it.
             let way = point - from;
             let t_max = way.length() * (1.0 - 1e-6);
-            let shadow = Ray { t_min: surface.near.min(t_max), t_max, cone, ..Ray::new(from, way.try_normalize()?.as_vec3()) };
+            let shadow =
+                Ray { t_min: surface.near.min(t_max), t_max, cone, ..Ray::new(from, way.try_normalize()?.as_vec3()) };
             Some(Aim { to_light, irradiance, shadow })
         }
     }
 }
 
-/// Where a ray came by that is as high as `above` the surface of this normal that it sees at `t`: nothing is between the two, so that
-/// what begins there is behind no wall.
+/// Where a ray came by that is as high as `above` the surface of this normal that it sees at `t`: nothing is between
+/// the two, so that what begins there is behind no wall.
 pub(super) fn back(ray: &Ray, t: f64, normal: Vec3, above: f64) -> DVec3 {
     let dir = ray.dir.as_dvec3();
     let length = dir.length();

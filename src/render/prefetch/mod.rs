@@ -1,15 +1,15 @@
 //! Reading ahead of being asked: what a box, or a camera, would need.
 //!
-//! A prefetch goes in passes, each a job of the pool in small pieces: it follows the blocks in memory to where they end, wants
-//! the most important of the blocks that it lacks there, as many as there is room for beside those that frames use, and goes
-//! on once these have come. The wants of frames come first, no picture gets coarser for it, and no block that a frame uses is
-//! evicted for it: it has no pass of its own that others would make room for (see [`View`]).
+//! A prefetch goes in passes, each a job of the pool in small pieces: it follows the blocks in memory to where they
+//! end, wants the most important of the blocks that it lacks there, as many as there is room for beside those that
+//! frames use, and goes on once these have come. The wants of frames come first, no picture gets coarser for it, and no
+//! block that a frame uses is evicted for it: it has no pass of its own that others would make room for (see [`View`]).
 //!
-//! Like batches of rays and overlaps it looks again once blocks have come, and it shares with them how many blocks there is room
-//! for (`query/needs.rs`) and the handle. It does not use their engine, `query/rounds.rs`. That answers a question, so it reads
-//! the blocks of a round itself, holds them until they are used, and takes a lease where there is no room. A prefetch must not
-//! take room from anything: it only wants blocks, through a [`View`]; between two passes it holds no snapshot and has no job
-//! until the view has news; and it ends where blocks do not fit.
+//! Like batches of rays and overlaps it looks again once blocks have come, and it shares with them how many blocks
+//! there is room for (`query/needs.rs`) and the handle. It does not use their engine, `query/rounds.rs`. That answers a
+//! question, so it reads the blocks of a round itself, holds them until they are used, and takes a lease where there is
+//! no room. A prefetch must not take room from anything: it only wants blocks, through a [`View`]; between two passes
+//! it holds no snapshot and has no job until the view has news; and it ends where blocks do not fit.
 
 mod boxes;
 mod camera;
@@ -139,8 +139,8 @@ const AT_ONCE: u64 = 8 << 20;
 const SMALL: f32 = 1e-6;
 
 impl Prefetch {
-    /// Of what lies in the closed box `bounds`, in world space: blocks below cells that meet it and are longer than `cell`
-    /// (world units; 0: all of them), those below the longest cells first. Hidden parts too.
+    /// Of what lies in the closed box `bounds`, in world space: blocks below cells that meet it and are longer than
+    /// `cell` (world units; 0: all of them), those below the longest cells first. Hidden parts too.
     ///
     /// Fails with `BadArgument` for NaN, or a `cell` below 0. An empty box has nothing.
     pub fn of_box(scene: &Arc<SceneState>, bounds: &DBounds, cell: f64) -> Result<Self> {
@@ -153,8 +153,8 @@ impl Prefetch {
         Ok(Self::begin(scene, Aim::Box(InBox::new(*bounds, cell))))
     }
 
-    /// Of what a picture of `size` pixels by `camera` would need at `poe` pixels of error, as far as a ray in every fourth
-    /// pixel of every fourth row finds it; without shadows, and what is behind transparent surfaces.
+    /// Of what a picture of `size` pixels by `camera` would need at `poe` pixels of error, as far as a ray in every
+    /// fourth pixel of every fourth row finds it; without shadows, and what is behind transparent surfaces.
     ///
     /// Fails with `BadArgument` for a bad camera or size, or a `poe` that is not finite or below 0.
     pub fn of_camera(scene: &Arc<SceneState>, camera: &Camera, size: (u32, u32), poe: f32) -> Result<Self> {
@@ -202,12 +202,12 @@ impl Prefetch {
         self.inner.status(self.inner.handle.ending())
     }
 
-    /// Waits until it has ended and a wake function that another thread calls has returned, `timeout` at most; after that time it still counts as running.
-    /// Works itself where the context has no threads.
+    /// Waits until it has ended and a wake function that another thread calls has returned, `timeout` at most; after
+    /// that time it still counts as running. Works itself where the context has no threads.
     pub fn wait(&self, timeout: Duration) -> PrefetchStatus {
         let context = self.inner.scene.context();
         let todo = |_: &Counts| (context.threads() == 0).then_some(());
-        let ending = self.inner.handle.wait_working( timeout, todo, |(), left| {
+        let ending = self.inner.handle.wait_working(timeout, todo, |(), left| {
             if !context.step() {
                 std::thread::sleep(left.min(Duration::from_millis(1)));
             }
@@ -221,8 +221,8 @@ impl Prefetch {
         self.inner.end(PrefetchState::Cancelled, None);
     }
 
-    /// Calls `wake` once when it ends, from any thread, never under a lock of ours; at once, here, if it has ended. Replaces
-    /// an earlier one. `None`: nothing is called.
+    /// Calls `wake` once when it ends, from any thread, never under a lock of ours; at once, here, if it has ended.
+    /// Replaces an earlier one. `None`: nothing is called.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
         self.inner.handle.set_wake(wake);
     }

@@ -1,7 +1,7 @@
-//! From triangles to blocks. The set is halved at the median of the longest axis of its middles until a part fits a list; rows follow in
-//! the order of the halves, so that those of neighbours share an index block.
+//! From triangles to blocks. The set is halved at the median of the longest axis of its middles until a part fits a
+//! list; rows follow in the order of the halves, so that those of neighbours share an index block.
 
-use super::layout::{CLASSES, INDEX, LIST, ROWS, ROW_WORDS, TRIANGLES, middle, stored_slabs};
+use super::layout::{CLASSES, INDEX, LIST, ROW_WORDS, ROWS, TRIANGLES, middle, stored_slabs};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 use crate::lod::{Coded, Content, Facet, Fill, SIDES_WORDS, Slabs, Voxel};
@@ -174,9 +174,11 @@ impl Baker for BruteBaker {
         if lists.len() > MOST {
             return Err(too_many());
         }
-        let groups: Vec<Cell> = if lists.len() > ROWS { lists.chunks(ROWS).map(Cell::over).collect() } else { Vec::new() };
+        let groups: Vec<Cell> =
+            if lists.len() > ROWS { lists.chunks(ROWS).map(Cell::over).collect() } else { Vec::new() };
         let depth = if groups.is_empty() { 2 } else { 3 };
-        let counts = Counts { depth, nodes: 1 + groups.len() as u64, leaves: lists.len() as u64, references: triangles };
+        let counts =
+            Counts { depth, nodes: 1 + groups.len() as u64, leaves: lists.len() as u64, references: triangles };
         Ok(Crown { lists, groups, counts })
     }
 

@@ -18,7 +18,8 @@ pub struct BruteDecoder {
 impl BruteDecoder {
     /// For a model of `geometry_blocks` geometry blocks, which `trees` divide among them.
     pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
-        let range = |t: &TreeRow| Range { lists: t.first_block + t.class_blocks[0], end: t.first_block + t.block_count };
+        let range =
+            |t: &TreeRow| Range { lists: t.first_block + t.class_blocks[0], end: t.first_block + t.block_count };
         Self { geometry_blocks, trees: trees.iter().map(range).collect() }
     }
 

@@ -116,7 +116,11 @@ impl<'a> Block<'a> {
     pub fn new(words: &'a [u32]) -> Self {
         let (head, rest) = words.split_at(HEAD_WORDS);
         let count = head[1] as usize;
-        if head[0] == INDEX { Block::Index(&rest.as_chunks().0[..count]) } else { Block::List(&rest.as_chunks().0[..count]) }
+        if head[0] == INDEX {
+            Block::Index(&rest.as_chunks().0[..count])
+        } else {
+            Block::List(&rest.as_chunks().0[..count])
+        }
     }
 
     /// A row of an index block.

@@ -1,7 +1,7 @@
 //! Rays in, hits out, one ray at a time: rows of index blocks by their boxes, triangles of lists eight at a time.
 //!
-//! Hits are those of other structures of the same triangles to the bit: the triangle test is the same, and boxes give way by more than single
-//! precision moves what is met. Cells that stand in are boxes and stop all rays.
+//! Hits are those of other structures of the same triangles to the bit: the triangle test is the same, and boxes give
+//! way by more than single precision moves what is met. Cells that stand in are boxes and stop all rays.
 
 use super::layout::{Block, Row, TRIANGLE_WORDS, triangle};
 use crate::base::ids::BlockId;
@@ -141,7 +141,13 @@ impl<'a> TreeView<'a> {
         Outcome::Done
     }
 
-    fn rows<const ANY: bool>(&self, ray: &Prepared, rows: &[[u32; super::layout::ROW_WORDS]], block: u32, walk: &mut Walk) {
+    fn rows<const ANY: bool>(
+        &self,
+        ray: &Prepared,
+        rows: &[[u32; super::layout::ROW_WORDS]],
+        block: u32,
+        walk: &mut Walk,
+    ) {
         walk.counters.nodes += 1;
         let bottom = walk.stack.len();
         for (index, row) in rows.iter().enumerate() {
@@ -269,7 +275,8 @@ impl<'a> TreeView<'a> {
     }
 }
 
-/// What parts have to say about a cell that could stand in: whether it may, or `None` where all that it holds is hidden.
+/// What parts have to say about a cell that could stand in: whether it may, or `None` where all that it holds is
+/// hidden.
 fn allowed(row: Row, filter: Option<&PartFilter>) -> Option<bool> {
     let Some(filter) = filter else { return Some(true) };
     match (Coded::part(row.voxel()[2]), row.voxel()[3]) {
@@ -298,8 +305,8 @@ fn judge_small(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut T
     Verdict::Settled
 }
 
-/// Lets a cell stand in for the block below, which is missing. Where any hit will do, a cell that the ray begins in is none: nothing is
-/// known of it.
+/// Lets a cell stand in for the block below, which is missing. Where any hit will do, a cell that the ray begins in is
+/// none: nothing is known of it.
 fn stand_for_missing<const ANY: bool>(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut TriHit) {
     let [enter, leave] = ray.cross(&row.bounds(), 1.0);
     let t = enter.max(ray.ray.t_min);

@@ -35,14 +35,14 @@
 
 use super::codec_leaves::{Leaves, leaves_in_order, push_leaves, read_leaves};
 use super::codec_nodes::{Nodes, push_nodes, read_nodes};
-use super::leaf::{APART, LeafForm, MIXED};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, WIDTH,
-    leaf_block_head,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
+    WIDTH, leaf_block_head,
 };
+use super::leaf::{APART, LeafForm, MIXED};
 use super::validate::validate;
-use crate::structure::bytes::{Reader, padded, piece};
 use crate::simd::{Isa, Op, Simd, dispatch};
+use crate::structure::bytes::{Reader, padded, piece};
 use std::cmp::Ordering;
 
 /// First byte of a payload.
@@ -117,7 +117,8 @@ pub(super) fn decode_with(isa: Isa, payload: &[u8], place: Place) -> Checked<Vec
     dispatch(isa, Decode { payload, place })
 }
 
-/// Mostly plain loops, which become wider vectors where there are; steps of leaves are told and put by the set's own operations.
+/// Mostly plain loops, which become wider vectors where there are; steps of leaves are told and put by the set's own
+/// operations.
 struct Decode<'a> {
     payload: &'a [u8],
     place: Place,
@@ -255,7 +256,11 @@ fn trace_form(nodes: Nodes, references: &[u16], leaves: Option<Leaves>) -> Check
 /// reference hangs (see `layout.rs`).
 #[inline(always)]
 fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[u16], externals: usize) -> Checked<Vec<u32>> {
-    if !nodes.iter().zip(kinds).fold(true, |all, (node, kinds)| all & (in_pairs(node.valid) == (kinds | kinds >> 1) & 0x5555)) {
+    if !nodes
+        .iter()
+        .zip(kinds)
+        .fold(true, |all, (node, kinds)| all & (in_pairs(node.valid) == (kinds | kinds >> 1) & 0x5555))
+    {
         return wrong("a node's children and their boxes disagree");
     }
     let mut places = Vec::with_capacity(externals);

@@ -1,10 +1,10 @@
 //! The leaves of a block in the file form: see `codec.rs`, of which this is section 3.
 
-use crate::structure::bytes::{Reader, padded, piece, unzigzag, zigzag};
 use super::codec::{Checked, wrong};
 use super::layout::{Block, HEADER_WORDS, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, PAD_WORDS};
 use super::leaf::{APART, LeafForm, MIXED, NEAR, ORDER, index_words, put_coordinates};
 use crate::simd::Simd;
+use crate::structure::bytes::{Reader, padded, piece, unzigzag, zigzag};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::hash::Hasher;
@@ -41,12 +41,20 @@ pub(super) fn push_leaves(out: &mut Vec<u8>, block: &Block) {
     out.extend((vertices.len() as u32).to_le_bytes());
     (0..block.parts()).for_each(|i| out.extend(block.part(i).to_le_bytes()));
     let leaves = || leaves.iter().map(|&at| block.leaf(at));
-    out.extend(leaves().map(|leaf| Shape { triangles: leaf.triangles, vertices: leaf.vertices, is_mixed: leaf.is_mixed() }.to_bits()));
-    let parts = leaves().flat_map(|leaf| (0..if leaf.is_mixed() { leaf.triangles } else { 1 }).map(move |i| leaf.part_of(i) as u16));
+    out.extend(
+        leaves().map(|leaf| {
+            Shape { triangles: leaf.triangles, vertices: leaf.vertices, is_mixed: leaf.is_mixed() }.to_bits()
+        }),
+    );
+    let parts = leaves()
+        .flat_map(|leaf| (0..if leaf.is_mixed() { leaf.triangles } else { 1 }).map(move |i| leaf.part_of(i) as u16));
     push_pairs(out, parts);
-    let corners: Vec<u8> = leaves().flat_map(|leaf| (0..3).flat_map(move |c| &leaf.corners8(c)[..leaf.triangles])).copied().collect();
+    let corners: Vec<u8> =
+        leaves().flat_map(|leaf| (0..3).flat_map(move |c| &leaf.corners8(c)[..leaf.triangles])).copied().collect();
     out.extend(corners.chunks(2).map(|pair| pair[0] | pair.get(1).copied().unwrap_or(0) << 4));
-    out.extend(references.chunks(8).map(|backs| backs.iter().rev().fold(0, |bits, back| bits << 1 | u8::from(*back > 0))));
+    out.extend(
+        references.chunks(8).map(|backs| backs.iter().rev().fold(0, |bits, back| bits << 1 | u8::from(*back > 0))),
+    );
     push_pairs(out, references.iter().filter(|back| **back > 0).map(|back| back - 1));
     (0..3).for_each(|axis| push_coordinates(out, vertices.iter().map(|v| v[axis])));
 }
@@ -72,7 +80,11 @@ impl Shape {
 
     #[inline(always)]
     fn from_bits(bits: u8) -> Self {
-        Self { triangles: 1 + usize::from(bits & 7), vertices: 3 + usize::from(bits >> 3 & 15), is_mixed: bits >> 7 == 1 }
+        Self {
+            triangles: 1 + usize::from(bits & 7),
+            vertices: 3 + usize::from(bits >> 3 & 15),
+            is_mixed: bits >> 7 == 1,
+        }
     }
 
     /// Words that it may take: at the least, and at the most.
@@ -94,8 +106,8 @@ pub(super) fn leaves_in_order(block: &Block) -> Vec<u16> {
     leaves
 }
 
-/// Numbers the vertices of a block anew, once each: how far back each vertex of a leaf was new, 0 if it is now; and the vertices' bits.
-/// (All of a block's are fewer than its words, which 16 bits count.)
+/// Numbers the vertices of a block anew, once each: how far back each vertex of a leaf was new, 0 if it is now; and the
+/// vertices' bits. (All of a block's are fewer than its words, which 16 bits count.)
 fn share_vertices(block: &Block, leaves: &[usize]) -> (Vec<u16>, Vec<[u32; 3]>) {
     let mut references = Vec::new();
     let mut vertices: Vec<[u32; 3]> = Vec::new();
@@ -273,8 +285,9 @@ pub(super) fn read_leaves<S: Simd>(s: S, reader: &mut Reader) -> Checked<Leaves>
 
 /// [`Leaves::words`] and [`Leaves::starts`].
 ///
-/// Leaves differ in size, which no branch foresees. So all of their vertices are brought together first, in one loop; then each leaf is
-/// copied in pieces of the largest size that they may have, in the order in which they lie: the next piece overwrites what was too much.
+/// Leaves differ in size, which no branch foresees. So all of their vertices are brought together first, in one loop;
+/// then each leaf is copied in pieces of the largest size that they may have, in the order in which they lie: the next
+/// piece overwrites what was too much.
 #[inline(always)]
 fn read_triangles<S: Simd>(s: S, reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Vec<usize>)> {
     let shapes = reader.take(counts.leaves)?;
@@ -310,7 +323,11 @@ fn read_triangles<S: Simd>(s: S, reader: &mut Reader, counts: &Counts) -> Checke
         wrong_corners |= at_least(corners, v as u8);
         let form = LeafForm::of(s, (t, v), is_mixed, v == 3 * t && corners == IN_ORDER[t], axes);
         let own = piece(&parts, first_part);
-        put(&mut words, at, &[t as u32 | (v as u32) << 8 | (first as u32) << 16, u32::from(own[0]) | u32::from(form.flags) << 16]);
+        put(
+            &mut words,
+            at,
+            &[t as u32 | (v as u32) << 8 | (first as u32) << 16, u32::from(own[0]) | u32::from(form.flags) << 16],
+        );
         at += 2;
         first_part += 1;
         if is_mixed {
@@ -321,7 +338,11 @@ fn read_triangles<S: Simd>(s: S, reader: &mut Reader, counts: &Counts) -> Checke
         if form.flags & APART == 0 {
             let [a, b, c] = corners;
             // In memory they lie as in the file.
-            put(&mut words, at, &[a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32, c as u32, (c >> 32) as u32].map(u32::to_le));
+            put(
+                &mut words,
+                at,
+                &[a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32, c as u32, (c >> 32) as u32].map(u32::to_le),
+            );
             at += index_words(t);
         }
         at += put_coordinates(s, &mut words[at..], form, axes);
@@ -338,7 +359,8 @@ fn read_triangles<S: Simd>(s: S, reader: &mut Reader, counts: &Counts) -> Checke
     Ok((words, starts))
 }
 
-/// The corners of so many triangles with a vertex each of their own, in order; of more than fit a leaf's vertices those of none.
+/// The corners of so many triangles with a vertex each of their own, in order; of more than fit a leaf's vertices those
+/// of none.
 const IN_ORDER: [[u64; CORNERS / 8]; MAX_TRIANGLES + 1] = {
     let mut all = [[u64::MAX; CORNERS / 8]; MAX_TRIANGLES + 1];
     let mut t = 1;
@@ -407,8 +429,8 @@ fn read_pairs<'a>(reader: &mut Reader<'a>, count: usize) -> Checked<impl ExactSi
     Ok(low.iter().zip(high).map(|(low, high)| u16::from_le_bytes([*low, *high])))
 }
 
-/// The coordinates of the vertices of all leaves, `total` of them, `distinct` distinct: one axis after the other, and room behind each
-/// for a piece to reach there.
+/// The coordinates of the vertices of all leaves, `total` of them, `distinct` distinct: one axis after the other, and
+/// room behind each for a piece to reach there.
 #[inline(always)]
 fn read_all_vertices(reader: &mut Reader, total: usize, distinct: usize) -> Checked<[Vec<u32>; 3]> {
     let are_known = reader.take(total.div_ceil(8))?;
@@ -423,7 +445,9 @@ fn read_all_vertices(reader: &mut Reader, total: usize, distinct: usize) -> Chec
     let (mut known, mut next, mut are_sound) = (0u32, 0, true);
     let mut axes = [0, 1, 2].map(|_| vec![0; total + MAX_VERTICES]);
     let [xs, ys, zs] = &mut axes;
-    for (((x, y), z), is_known) in xs[..total].iter_mut().zip(ys.iter_mut()).zip(zs.iter_mut()).zip(are_known.as_flattened()) {
+    for (((x, y), z), is_known) in
+        xs[..total].iter_mut().zip(ys.iter_mut()).zip(zs.iter_mut()).zip(are_known.as_flattened())
+    {
         let is_known = u32::from(*is_known);
         let back = backs[next] & is_known.wrapping_neg();
         match vertices.get(known.wrapping_sub(back) as usize) {
@@ -443,7 +467,8 @@ fn read_all_vertices(reader: &mut Reader, total: usize, distinct: usize) -> Chec
 #[inline(always)]
 fn bytes_of_bits(bits: u8) -> [u8; 8] {
     let each = u64::from_le_bytes([1; 8]);
-    // A copy for each, of which only its own bit is kept; with so much added that this carries to the top bit, or is it.
+    // A copy for each, of which only its own bit is kept; with so much added that this carries to the top bit, or is
+    // it.
     let own = (each * u64::from(bits)) & u64::from_le_bytes([1, 2, 4, 8, 16, 32, 64, 128]);
     let low = each * 0x7f;
     ((((own & low) + low) | own) >> 7 & each).to_le_bytes()

@@ -1,11 +1,12 @@
 //! The nodes of a block in the file form: see `codec.rs`, of which this is section 2.
 
-use crate::structure::bytes::{Reader, padded, piece, push_planes};
 use super::codec::{Checked, Place, wrong};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, Passed, SHORT_VOXEL, WIDTH, add_passed,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, Passed,
+    SHORT_VOXEL, WIDTH, add_passed,
 };
 use crate::lod::{Coded, SIDES_WORDS, stop_bits, summary_bit};
+use crate::structure::bytes::{Reader, padded, piece, push_planes};
 
 /// Bytes of a node's grid and valid bits.
 const HEAD_BYTES: usize = 16;
@@ -101,7 +102,8 @@ pub(super) fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
     }
     // The last bytes of all are the valid bits.
     let valid = &reader.ahead(HEAD_BYTES * nodes)?[(HEAD_BYTES - 1) * nodes..];
-    let (x, y, z, rest) = (reader.words(nodes, 0)?, reader.words(nodes, 0)?, reader.words(nodes, 0)?, reader.words(nodes, 0)?);
+    let (x, y, z, rest) =
+        (reader.words(nodes, 0)?, reader.words(nodes, 0)?, reader.words(nodes, 0)?, reader.words(nodes, 0)?);
     let count = valid.iter().map(|valid| valid.count_ones() as usize).sum();
     // More follows than a window reaches behind the last.
     let boxes = reader.ahead(BOX_BYTES * count + WIDTH)?;
@@ -113,7 +115,8 @@ pub(super) fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
     Ok(Nodes { table, kinds, externals, leaves, passed, voxels: (voxels.header, voxels.words) })
 }
 
-/// Nodes of these grids and valid bits over children of these boxes, without child references; and which of them rays may pass.
+/// Nodes of these grids and valid bits over children of these boxes, without child references; and which of them rays
+/// may pass.
 #[inline(always)]
 fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked<(Vec<Node>, Passed)> {
     let count = (boxes.len() - WIDTH) / BOX_BYTES;
@@ -176,7 +179,8 @@ struct Voxels<'a> {
     words: Vec<u32>,
     /// Of each child, and zeros.
     slabs: Vec<u32>,
-    /// The byte planes of all children's first words, of which 0 and 1 are normals and 3 has flags and stop codes; then others.
+    /// The byte planes of all children's first words, of which 0 and 1 are normals and 3 has flags and stop codes; then
+    /// others.
     first_planes: &'a [u8],
 }
 

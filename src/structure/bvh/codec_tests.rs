@@ -1,11 +1,11 @@
 //! Blocks made at random come back as they were; what is damaged is refused, or is a sound block.
 
 use super::codec::{self, Checked, Holds, Place, decode_with, encode_geometry};
-use super::leaf::{APART, LeafForm, NEAR};
 use super::layout::{
-    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
-    SHORT_VOXEL, WIDTH, leaf_block_head, put_passed,
+    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node,
+    PAD_WORDS, SHORT_VOXEL, WIDTH, leaf_block_head, put_passed,
 };
+use super::leaf::{APART, LeafForm, NEAR};
 use super::validate::validate;
 use crate::lod::{SIDES_WORDS, stop_bits};
 use crate::simd::{Isa, Portable};
@@ -26,8 +26,9 @@ impl Random {
     }
 }
 
-/// Words of `count` leaves, as they should be stored; how many triangles, and where each begins. Half have vertices on a small grid, of which some are
-/// shared; the others' triangles have their own, so near each other that steps from the first fit 24 bits, or just not.
+/// Words of `count` leaves, as they should be stored; how many triangles, and where each begins. Half have vertices on
+/// a small grid, of which some are shared; the others' triangles have their own, so near each other that steps from the
+/// first fit 24 bits, or just not.
 fn leaves(random: &mut Random, count: usize, parts: usize) -> (Vec<u32>, usize, Vec<usize>) {
     let (mut words, mut triangles, mut starts) = (Vec::new(), 0, Vec::new());
     for _ in 0..count {
@@ -39,7 +40,8 @@ fn leaves(random: &mut Random, count: usize, parts: usize) -> (Vec<u32>, usize, 
         let mut part = || random.below(parts) as u32;
         let own: Vec<u32> = (0..if is_mixed { t } else { 1 }).map(|_| part()).collect();
         let in_order = |at: usize| 3 * (at % t) as u8 + (at / t) as u8;
-        let mut corners: Vec<u8> = (0..3 * t).map(|at| if is_apart { in_order(at) } else { random.below(v) as u8 }).collect();
+        let mut corners: Vec<u8> =
+            (0..3 * t).map(|at| if is_apart { in_order(at) } else { random.below(v) as u8 }).collect();
         if is_apart && random.below(8) == 0 {
             corners.swap(0, 3 * t - 1);
         }
@@ -55,7 +57,13 @@ fn leaves(random: &mut Random, count: usize, parts: usize) -> (Vec<u32>, usize, 
                 *axis = std::array::from_fn(|_| (random.below(9) as f32 * 0.3 - 1.0).to_bits());
             }
         }
-        let form = LeafForm::of(Portable::new(), (t, v), is_mixed, (0..3 * t).all(|at| corners[at] == in_order(at)), axes.each_ref());
+        let form = LeafForm::of(
+            Portable::new(),
+            (t, v),
+            is_mixed,
+            (0..3 * t).all(|at| corners[at] == in_order(at)),
+            axes.each_ref(),
+        );
         words.push(t as u32 | (v as u32) << 8 | (triangles as u32) << 16);
         words.push(own[0] | u32::from(form.flags) << 16);
         if is_mixed {
@@ -98,7 +106,13 @@ fn next(count: &mut usize) -> usize {
 }
 
 /// Nodes in preorder; of each child what it is, leaves and external references by their numbers.
-fn tree(random: &mut Random, nodes: &mut Vec<[Option<Child>; WIDTH]>, counts: &mut [usize; 2], may_refer: bool, depth: usize) -> usize {
+fn tree(
+    random: &mut Random,
+    nodes: &mut Vec<[Option<Child>; WIDTH]>,
+    counts: &mut [usize; 2],
+    may_refer: bool,
+    depth: usize,
+) -> usize {
     let own = nodes.len();
     nodes.push([None; WIDTH]);
     let must = random.below(WIDTH);
@@ -165,14 +179,19 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
             node.valid |= 1 << slot;
             for axis in 0..3 {
                 node.planes[axis][slot] = random.below(256) as u8;
-                node.planes[axis + 3][slot] = node.planes[axis][slot] + random.below(256 - usize::from(node.planes[axis][slot])) as u8;
+                node.planes[axis + 3][slot] =
+                    node.planes[axis][slot] + random.below(256 - usize::from(node.planes[axis][slot])) as u8;
             }
             node.set_slabs(slot, random.word(), voxels[slabs] as u16);
             slabs += size;
             node.child[slot] = match child {
                 Child::Leaf(leaf) => Child::Leaf(begin + starts[leaf]),
                 Child::External(number) => {
-                    places.push([4 + random.below(5) as u32, random.below(1 << 14) as u32, i as u32 | (slot as u32) << 16]);
+                    places.push([
+                        4 + random.below(5) as u32,
+                        random.below(1 << 14) as u32,
+                        i as u32 | (slot as u32) << 16,
+                    ]);
                     Child::External(externals_at + number * EXTERNAL_WORDS)
                 }
                 node => node,
@@ -186,9 +205,14 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
         let (node, slot) = ((place[2] & 0xffff) as usize, (place[2] >> 16) as usize);
         if let Some(Child::External(number)) = nodes[node][slot] { number } else { usize::MAX }
     });
-    let mut words = vec![nodes.len() as u32 | (externals as u32) << 16, own_triangles as u32 | (own_parts as u32) << 16];
+    let mut words =
+        vec![nodes.len() as u32 | (externals as u32) << 16, own_triangles as u32 | (own_parts as u32) << 16];
     words.extend([externals_at as u32, parts_at as u32, (parts_at + own_parts) as u32]);
-    words.extend([(voxels.len() / size) as u32 | ((sides.len() / SIDES_WORDS) as u32) << 16, size as u32, random.word()]);
+    words.extend([
+        (voxels.len() / size) as u32 | ((sides.len() / SIDES_WORDS) as u32) << 16,
+        size as u32,
+        random.word(),
+    ]);
     words.resize(HEADER_WORDS, 0);
     words.extend_from_slice(bytemuck::cast_slice(&table));
     words.extend(places.as_flattened());

@@ -16,8 +16,8 @@ pub struct BvhDecoder {
     geometry_blocks: u32,
     /// Of each tree, ascending.
     trees: Vec<TreeBlocks>,
-    /// By a number that depends on it two lists are told apart. It is drawn anew each time: nobody can make a file whose lists differ
-    /// and are taken for equal.
+    /// By a number that depends on it two lists are told apart. It is drawn anew each time: nobody can make a file
+    /// whose lists differ and are taken for equal.
     key: RandomState,
 }
 
@@ -107,7 +107,11 @@ impl Decoder for BvhDecoder {
         let is_read_ahead = id.0 / self.geometry_blocks.max(1) != 1;
         let Some(tree) = self.tree_of(id.0) else { return BlockClass { is_read_ahead, ..BlockClass::default() } };
         let is_fine = (tree.coarse_end..tree.fine_end).contains(&id.0);
-        BlockClass { is_coarse: id.0 < tree.coarse_end, below: is_fine.then(|| BlockId(id.0 + tree.leaves_at)), is_read_ahead }
+        BlockClass {
+            is_coarse: id.0 < tree.coarse_end,
+            below: is_fine.then(|| BlockId(id.0 + tree.leaves_at)),
+            is_read_ahead,
+        }
     }
 }
 
@@ -132,8 +136,9 @@ fn leaves_named(block: &Block) -> Vec<u16> {
     starts
 }
 
-/// Checks what no block can check alone: that references between blocks hit nodes that exist, and that fine blocks know where
-/// the leaves of their leaf blocks begin. Blocks that are not in memory are passed over. Fails with the block and what is wrong.
+/// Checks what no block can check alone: that references between blocks hit nodes that exist, and that fine blocks know
+/// where the leaves of their leaf blocks begin. Blocks that are not in memory are passed over. Fails with the block and
+/// what is wrong.
 pub fn check_links(snapshot: &Snapshot, trees: &[TreeRow]) -> Result<(), (BlockId, String)> {
     let ids = |tree: &TreeRow| (tree.first_block..tree.first_block + tree.block_count).map(BlockId);
     for (tree, id) in trees.iter().flat_map(|tree| ids(tree).map(move |id| (tree, id))) {

@@ -81,8 +81,8 @@ pub const MAX_TRIANGLES: usize = 8;
 /// Vertices of a leaf, at most.
 pub const MAX_VERTICES: usize = 16;
 
-/// Classes of blocks, in the order in which a tree's blocks lie: nodes over other blocks (or all of a tree of one block), nodes over
-/// leaves, leaves.
+/// Classes of blocks, in the order in which a tree's blocks lie: nodes over other blocks (or all of a tree of one
+/// block), nodes over leaves, leaves.
 pub const COARSE: usize = 0;
 /// See [`COARSE`].
 pub const FINE: usize = 1;
@@ -155,8 +155,8 @@ pub struct Node {
     pub child: [u16; WIDTH],
     /// The slabs of their voxels (`lod::Slabs`).
     pub slabs: [u32; WIDTH],
-    /// The normals that these are across: the two bytes of the voxels', each with its highest bit turned, which makes a signed
-    /// byte one that counts from -128.
+    /// The normals that these are across: the two bytes of the voxels', each with its highest bit turned, which makes a
+    /// signed byte one that counts from -128.
     pub normal: [[u8; WIDTH]; 2],
 }
 const _: () = assert!(size_of::<Node>() == NODE_WORDS * 4);
@@ -236,7 +236,9 @@ impl Node {
             let (low, high) = (self.planes[axis][slot], self.planes[axis + 3][slot]);
             f32::from(u16::from(low) + u16::from(high)) * (0.5 * self.step(axis)) + self.origin[axis]
         };
-        let half = |axis: usize| f32::from(self.planes[axis + 3][slot].wrapping_sub(self.planes[axis][slot])) * (0.5 * self.step(axis));
+        let half = |axis: usize| {
+            f32::from(self.planes[axis + 3][slot].wrapping_sub(self.planes[axis][slot])) * (0.5 * self.step(axis))
+        };
         Middle { at: [at(0), at(1), at(2)], half: [half(0), half(1), half(2)] }
     }
 
@@ -260,7 +262,11 @@ impl Node {
         }
         // What is larger on the grid is not smaller in space: one plane of each row decides.
         let outermost = |row: usize, is_high: bool| {
-            let planes = self.planes[row].iter().enumerate().filter(|(slot, _)| self.valid >> slot & 1 == 1).map(|(_, plane)| *plane);
+            let planes = self.planes[row]
+                .iter()
+                .enumerate()
+                .filter(|(slot, _)| self.valid >> slot & 1 == 1)
+                .map(|(_, plane)| *plane);
             if is_high { planes.fold(0, u8::max) } else { planes.fold(u8::MAX, u8::min) }
         };
         self.box_between(std::array::from_fn(|row| outermost(row, row >= 3)))

@@ -1,7 +1,7 @@
 //! A leaf of a block, in the trace form.
 //!
-//! It holds 1 to [`MAX_TRIANGLES`] triangles over at most [`MAX_VERTICES`] vertices shared between them: both fit one vector register of 8 and
-//! 16 lanes.
+//! It holds 1 to [`MAX_TRIANGLES`] triangles over at most [`MAX_VERTICES`] vertices shared between them: both fit one
+//! vector register of 8 and 16 lanes.
 //!
 //! | words | what |
 //! |---|---|
@@ -12,10 +12,11 @@
 //! | .. | without [`NEAR`]: x of all vertices, then y, then z: f32 |
 //! | .. | with [`NEAR`]: x, y, z of the first vertex: f32; then, of each axis and vertex but the first, how far its bits are from those of the first: i24, x of all, y, z, padded together to a word |
 //!
-//! Which it is follows from what it holds: apart where no vertex is shared and corner `c` of triangle `i` is vertex `3 i + c`; near where it is apart,
-//! has [`LEAST_NEAR`] vertices or more, and all steps fit 24 bits. (Bits of floats of one sign are ordered as these, so steps fit where a coordinate
-//! changes by less than a half or so. Soups of long thin triangles are nine tenths of such leaves, and take 15 of 84 bytes a triangle less; on scans,
-//! which share vertices, as many bytes would go, but how leaves are stored could not be foreseen.)
+//! Which it is follows from what it holds: apart where no vertex is shared and corner `c` of triangle `i` is vertex `3
+//! i + c`; near where it is apart, has [`LEAST_NEAR`] vertices or more, and all steps fit 24 bits. (Bits of floats of
+//! one sign are ordered as these, so steps fit where a coordinate changes by less than a half or so. Soups of long thin
+//! triangles are nine tenths of such leaves, and take 15 of 84 bytes a triangle less; on scans, which share vertices,
+//! as many bytes would go, but how leaves are stored could not be foreseen.)
 
 use super::layout::{LINE_WORDS, MAX_TRIANGLES, MAX_VERTICES, PAD_WORDS};
 use crate::simd::{Portable, Simd};
@@ -32,12 +33,14 @@ pub const NEAR: u16 = 4;
 /// Vertices from which coordinates are stored as steps where they can be.
 pub const LEAST_NEAR: usize = 6;
 
-/// Bytes in which the steps of sixteen vertices are on an axis, see [`Coordinates::Near`]: 49, and what vectors read behind them, in four loads of 16
-/// from 0, 12, 24 and 36 on. They are written from the fifth on, and up to four behind them.
+/// Bytes in which the steps of sixteen vertices are on an axis, see [`Coordinates::Near`]: 49, and what vectors read
+/// behind them, in four loads of 16 from 0, 12, 24 and 36 on. They are written from the fifth on, and up to four behind
+/// them.
 pub const STEP_BYTES: usize = 52;
 
 /// Sixteen numbers are read and written where a leaf has fewer; what follows its last axis is other leaves, or zeros.
-const _: () = assert!(2 * 3 + MAX_VERTICES <= 3 * 3 + PAD_WORDS && 4 * 3 + 6 * 2 + STEP_BYTES <= 4 * 3 + 9 * 2 + 4 * PAD_WORDS);
+const _: () =
+    assert!(2 * 3 + MAX_VERTICES <= 3 * 3 + PAD_WORDS && 4 * 3 + 6 * 2 + STEP_BYTES <= 4 * 3 + 9 * 2 + 4 * PAD_WORDS);
 
 /// Vertex numbers of leaves whose triangles have their own, by corner.
 pub const ORDER: [[u8; MAX_TRIANGLES]; 3] = {
@@ -95,7 +98,8 @@ impl LeafForm {
     /// Words that the leaf takes.
     #[inline(always)]
     pub const fn words(&self) -> usize {
-        self.head_words() + if self.flags & NEAR != 0 { 3 + (9 * (self.vertices - 1)).div_ceil(4) } else { 3 * self.vertices }
+        self.head_words()
+            + if self.flags & NEAR != 0 { 3 + (9 * (self.vertices - 1)).div_ceil(4) } else { 3 * self.vertices }
     }
 }
 
@@ -105,8 +109,8 @@ pub const fn index_words(triangles: usize) -> usize {
     (3 * triangles).div_ceil(4)
 }
 
-/// Writes the coordinates of a leaf, given their bits, axis by axis; how many words they take. What is behind them is overwritten, up to sixteen
-/// numbers, or [`STEP_BYTES`], an axis.
+/// Writes the coordinates of a leaf, given their bits, axis by axis; how many words they take. What is behind them is
+/// overwritten, up to sixteen numbers, or [`STEP_BYTES`], an axis.
 #[inline(always)]
 pub fn put_coordinates<S: Simd>(s: S, words: &mut [u32], form: LeafForm, axes: [&[u32; MAX_VERTICES]; 3]) -> usize {
     let count = form.vertices;
@@ -276,11 +280,7 @@ impl<'a> Leaf<'a> {
     /// Index into the block's parts of a triangle.
     #[inline(always)]
     pub fn part_of(&self, index: usize) -> usize {
-        if self.is_mixed() {
-            (self.words[2 + index / 2] >> (16 * (index % 2)) & 0xffff) as usize
-        } else {
-            self.part
-        }
+        if self.is_mixed() { (self.words[2 + index / 2] >> (16 * (index % 2)) & 0xffff) as usize } else { self.part }
     }
 
     /// Whether its triangles belong to several parts.

@@ -25,8 +25,8 @@ impl Start {
     /// Of a tree without blocks.
     pub const NONE: Self = Self { first_block: 0, leaves_at: 0, root: TreeView::EMPTY, prims_at: 0, colours_at: None };
 
-    /// Of a tree of `file`. Fails with the fault where its root is no node, or its blocks do not add up. Whether the root exists is
-    /// checked when its block is read.
+    /// Of a tree of `file`. Fails with the fault where its root is no node, or its blocks do not add up. Whether the
+    /// root exists is checked when its block is read.
     pub fn of(file: &ModelFile, row: &TreeRow) -> Result<Self, &'static str> {
         let child = u32::try_from(row.root).ok().filter(|root| *root <= u32::from(u16::MAX));
         let is_node = matches!(child.and_then(Child::from_bits), Some(Child::Node(_)));

@@ -4,11 +4,11 @@
 //! can check alone, by `check_links`.
 
 use super::codec::{Holds, Place};
-use super::leaf::{APART, MIXED, NEAR};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS,
-    Node, PAD_WORDS, SHORT_VOXEL, WIDTH,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node,
+    PAD_WORDS, SHORT_VOXEL, WIDTH,
 };
+use super::leaf::{APART, MIXED, NEAR};
 use crate::lod::Coded;
 
 /// Says what is wrong with the words of a geometry block that is at `place`.
@@ -157,8 +157,8 @@ fn check_nodes(block: &Block, leaves: &[usize], holds: Holds) -> Result<(), Stri
 mod tests {
     use super::super::layout::leaf_block_head;
     use super::super::leaf::{LeafForm, put_coordinates};
-    use crate::simd::Portable;
     use super::*;
+    use crate::simd::Portable;
 
     const PLACE: Place = Place { id: 3, end: 9, holds: Holds::All };
 
@@ -268,7 +268,11 @@ mod tests {
                 if flags == right {
                     assert_eq!(found, Ok(()), "{count} triangles, {step}");
                 } else {
-                    assert_eq!(found.unwrap_err(), "a leaf is not stored as it should be", "{count} triangles, {step}, {flags}");
+                    assert_eq!(
+                        found.unwrap_err(),
+                        "a leaf is not stored as it should be",
+                        "{count} triangles, {step}, {flags}"
+                    );
                 }
             }
         }

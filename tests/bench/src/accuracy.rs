@@ -58,12 +58,13 @@ pub fn assert_peer_agrees(who: &str, accuracy: &Accuracy, rays: &[Ray], seen: &[
     Err(Failure::new(format!("{who}: wrong answers: {percent:.2} % of the rays end elsewhere than ours")))
 }
 
-/// A ray ends at the same place in a scene of many trees and in the flattened one if its ends are no farther apart than this share of
-/// its length and of its origin's distance from zero together: corners are rounded to a share of where they are.
+/// A ray ends at the same place in a scene of many trees and in the flattened one if its ends are no farther apart than
+/// this share of its length and of its origin's distance from zero together: corners are rounded to a share of where
+/// they are.
 const SAME: f64 = 1e-4;
 
-/// How the exact answers of a scene of many trees are those of the flattened one. Transformed corners are rounded otherwise there, so
-/// the answers are not the same bits: more rays that differ than [`PEER_DIFFERS`] are a failure.
+/// How the exact answers of a scene of many trees are those of the flattened one. Transformed corners are rounded
+/// otherwise there, so the answers are not the same bits: more rays that differ than [`PEER_DIFFERS`] are a failure.
 pub fn compare_flattened(id: &str, rays: &[Ray], placed: &[Answer], flattened: &[Answer]) -> Outcome {
     let (mut one_sided, mut apart) = (0, 0);
     for ((ray, a), b) in rays.iter().zip(placed).zip(flattened) {
@@ -72,9 +73,15 @@ pub fn compare_flattened(id: &str, rays: &[Ray], placed: &[Answer], flattened: &
     }
     let (rays, share) = (rays.len(), (one_sided + apart) as f64 / placed.len().max(1) as f64);
     let [ours, theirs] = [placed, flattened].map(|all| all.iter().filter(|a| a.is_hit()).count());
-    let text = format!("{ours} hits, {theirs} flattened; {one_sided} rays hit in one only, {apart} end farther apart than rounding explains, of {rays}");
+    let text = format!(
+        "{ours} hits, {theirs} flattened; {one_sided} rays hit in one only, {apart} end farther apart than rounding explains, of {rays}"
+    );
     eprintln!("{id}: {text}");
-    if share > PEER_DIFFERS { Err(Failure::new(format!("{id}: the flattened scene answers otherwise: {text}"))) } else { Ok(()) }
+    if share > PEER_DIFFERS {
+        Err(Failure::new(format!("{id}: the flattened scene answers otherwise: {text}")))
+    } else {
+        Ok(())
+    }
 }
 
 /// The f64 oracle over what a model stores, and its judge.
@@ -100,21 +107,24 @@ impl Truth {
         Judge::new(&self.oracle, Rounding::LOCALISED)
     }
 
-    /// The median slack (`tests/common/promise.rs`) of a sample of hits that stand in; none where none does. Fails where the promise is broken.
+    /// The median slack (`tests/common/promise.rs`) of a sample of hits that stand in; none where none does. Fails
+    /// where the promise is broken.
     pub fn slack(&self, id: &str, hits: &[Hit]) -> Result<Option<f64>, Failure> {
         let stand_ins: Vec<&Hit> = hits.iter().filter(|hit| hit.kind == HitKind::Lod).collect();
         let mut all = Vec::new();
         for hit in stand_ins.iter().step_by(stand_ins.len().div_ceil(SAMPLE).max(1)) {
             let slack = slack(&self.oracle, hit.position - self.tree.origin, hit.error.into());
-            let broken = |truth| Failure::new(format!("{id}: a hit states {} and is {truth} from any surface: {hit:?}", hit.error));
+            let broken = |truth| {
+                Failure::new(format!("{id}: a hit states {} and is {truth} from any surface: {hit:?}", hit.error))
+            };
             all.push(slack.map_err(broken)?);
         }
         all.sort_by(f64::total_cmp);
         Ok(all.get(all.len() / 2).copied())
     }
 
-    /// Judges a sample of exact answers (`tests/common/errors.rs`); fails with the first ones that are wrong. Of shadow rays it
-    /// takes whether they hit.
+    /// Judges a sample of exact answers (`tests/common/errors.rs`); fails with the first ones that are wrong. Of shadow
+    /// rays it takes whether they hit.
     pub fn check(&self, judge: &Judge, id: &str, batch: &Batch, hits: &[Hit]) -> Outcome {
         let mut summary = Summary::default();
         let mut wrong = Vec::new();
@@ -134,7 +144,9 @@ impl Truth {
         }
         match wrong.is_empty() {
             true => Ok(()),
-            false => Err(Failure::new(format!("{id}: the oracle finds wrong answers\n{}\n{summary}", wrong.join("\n")))),
+            false => {
+                Err(Failure::new(format!("{id}: the oracle finds wrong answers\n{}\n{summary}", wrong.join("\n"))))
+            }
         }
     }
 

@@ -33,7 +33,8 @@ struct Side {
 pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     let mut records = Vec::new();
     let mesh = Arc::new(task.scene.mesh()?);
-    let structures: Vec<&StructureRow> = task.benchmark.structures.iter().map(|name| task.data.structure(name)).collect();
+    let structures: Vec<&StructureRow> =
+        task.benchmark.structures.iter().map(|name| task.data.structure(name)).collect();
     if task.is_only_expecting {
         for structure in structures {
             ours(task, &mesh, structure, 0)?;
@@ -43,7 +44,12 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
     for &threads in &task.benchmark.threads {
         let mut sides: Vec<Side> = Vec::new();
         for round in 0..task.benchmark.rounds {
-            eprintln!("{}/{}: builds, {threads} threads, round {}", task.benchmark.name, task.scene.row.name, round + 1);
+            eprintln!(
+                "{}/{}: builds, {threads} threads, round {}",
+                task.benchmark.name,
+                task.scene.row.name,
+                round + 1
+            );
             for structure in &structures {
                 let (seconds, report) = ours(task, &mesh, structure, threads)?;
                 add(&mut sides, &structure.name, "default", false, seconds, report.bytes_trace, Some(report.bytes));
@@ -57,17 +63,31 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
         }
         for side in sides {
             let seconds = Spread::of(&side.seconds);
-            let key = format!("{}/{}/{}, {}/{threads}", task.benchmark.name, task.scene.row.name, side.name, side.quality);
-            eprintln!("{key}: {:.2} s, {:.1} bytes a triangle", seconds.median, side.bytes_model as f64 / mesh.triangles.len() as f64);
+            let key =
+                format!("{}/{}/{}, {}/{threads}", task.benchmark.name, task.scene.row.name, side.name, side.quality);
+            eprintln!(
+                "{key}: {:.2} s, {:.1} bytes a triangle",
+                seconds.median,
+                side.bytes_model as f64 / mesh.triangles.len() as f64
+            );
             let Side { name, quality, is_peer, bytes_model, bytes_file, .. } = side;
-            let built = Built { side: name, is_peer, quality: quality.into(), threads, seconds, bytes_model, bytes_file };
+            let built =
+                Built { side: name, is_peer, quality: quality.into(), threads, seconds, bytes_model, bytes_file };
             records.push(task.record(key, mesh.triangles.len() as u64, Outcomes::Build(built)));
         }
     }
     Ok(records)
 }
 
-fn add(sides: &mut Vec<Side>, name: &str, quality: &'static str, is_peer: bool, took: f64, bytes_model: u64, bytes_file: Option<u64>) {
+fn add(
+    sides: &mut Vec<Side>,
+    name: &str,
+    quality: &'static str,
+    is_peer: bool,
+    took: f64,
+    bytes_model: u64,
+    bytes_file: Option<u64>,
+) {
     match sides.iter_mut().find(|side| side.name == name && side.quality == quality) {
         Some(side) => side.seconds.push(took),
         None => sides.push(Side { name: name.into(), quality, is_peer, seconds: vec![took], bytes_model, bytes_file }),

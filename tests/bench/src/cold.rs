@@ -1,5 +1,5 @@
-//! Measures a picture's error over the seconds since its model was opened with nothing in memory, from a source that gives so many
-//! bytes a second.
+//! Measures a picture's error over the seconds since its model was opened with nothing in memory, from a source that
+//! gives so many bytes a second.
 
 use crate::common::sources::meddled;
 use crate::data::{Bytes, Residency};
@@ -44,7 +44,9 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
             let camera = loaded.camera(task.scene, view);
             let truth = Shown::exact(&loaded, &camera, benchmark.size)?;
             for &Bytes(rate) in &benchmark.rates {
-                for budget in benchmark.residency.iter().map(|r| if let Residency::Budget(bytes) = r { *bytes } else { 0 }) {
+                for budget in
+                    benchmark.residency.iter().map(|r| if let Residency::Budget(bytes) = r { *bytes } else { 0 })
+                {
                     let poe = benchmark.poe.first().copied().unwrap_or(0.0);
                     let threads = benchmark.threads[0];
                     let options = ContextOptions { threads, memory_budget: budget, ..ContextOptions::default() };
@@ -58,11 +60,17 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
                     let last = pictures.last().map_or(0.0, |m| m.seconds);
                     let megabytes = |bytes: u64| bytes >> 20;
                     let scene = &task.scene.row.name;
-                    let key = format!("{}/{scene}/{structure}/view {view}/{}M/{}M a second", benchmark.name, megabytes(budget), megabytes(rate));
+                    let key = format!(
+                        "{}/{scene}/{structure}/view {view}/{}M/{}M a second",
+                        benchmark.name,
+                        megabytes(budget),
+                        megabytes(rate)
+                    );
                     eprintln!("{key}: {} pictures, {last:.2} s", pictures.len());
                     let bytes_resident = ours.model.memory().resident;
                     let structure = structure.clone();
-                    let cold = Cold { structure, view, poe, threads, budget, rate, opened_seconds, pictures, bytes_resident };
+                    let cold =
+                        Cold { structure, view, poe, threads, budget, rate, opened_seconds, pictures, bytes_resident };
                     records.push(task.record(key, ours.model.info().triangles_in, Outcomes::Cold(cold)));
                 }
             }

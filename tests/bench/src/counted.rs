@@ -1,5 +1,5 @@
-//! What walks do for rays, counted: ray by ray, and in packets where rays are near each other, on the baseline: the same on every
-//! machine.
+//! What walks do for rays, counted: ray by ray, and in packets where rays are near each other, on the baseline: the
+//! same on every machine.
 
 use crate::failure::Failure;
 use crate::record::PerRay;
@@ -7,14 +7,14 @@ use glam::DVec3;
 use outcrop::base::ids::BlockId;
 use outcrop::base::progress::Cancel;
 use outcrop::math::Ray;
+use outcrop::math::{PACKET, first_rays};
 use outcrop::residency::{ModelBlocks, Residency, Snapshot};
 use outcrop::simd::Isa;
 use outcrop::store::ModelFile;
-use outcrop::math::{PACKET, first_rays};
-use outcrop::structure::bvh::trace::TreeView;
-use outcrop::structure::{Counters, LocalRay, PacketWalk, Walk};
 use outcrop::structure::bvh::layout::{EXTERNAL_WORDS, LINE_WORDS, NODE_WORDS};
+use outcrop::structure::bvh::trace::TreeView;
 use outcrop::structure::bvh::{BvhDecoder, leaves_at};
+use outcrop::structure::{Counters, LocalRay, PacketWalk, Walk};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -53,7 +53,8 @@ impl OneTree {
         per_ray(&walk.counters, count)
     }
 
-    /// What is done for each of `rays` in packets of neighbours, of what packets do their share; those that cannot go together go one by one.
+    /// What is done for each of `rays` in packets of neighbours, of what packets do their share; those that cannot go
+    /// together go one by one.
     pub fn count_together(&self, rays: &[Ray], is_any: bool) -> PerRay {
         let snapshot = self.blocks.snapshot();
         let view = self.view(&snapshot);
@@ -64,7 +65,11 @@ impl OneTree {
             packet.begin(&view, &local, first_rays(group.len()));
             if packet.is_coherent(&view, true) {
                 // As far as all can go: see `alone`.
-                let _ = if is_any { view.any_together(None, &mut packet) } else { view.closest_together(None, &mut packet) };
+                let _ = if is_any {
+                    view.any_together(None, &mut packet)
+                } else {
+                    view.closest_together(None, &mut packet)
+                };
             } else {
                 local[..group.len()].iter().for_each(|ray| alone(&view, ray, is_any, &mut walk));
             }
@@ -108,7 +113,9 @@ fn per_ray(counted: &Counters, rays: usize) -> PerRay {
     let each = |n: u64| n as f64 / rays.max(1) as f64;
     // A node is lines of its own. A reference to another block is found by the header, in two lines more.
     let lines = counted.nodes * (NODE_WORDS / LINE_WORDS) as u64 + counted.leaf_lines + 2 * counted.blocks;
-    let words = counted.nodes * NODE_WORDS as u64 + counted.leaf_lines * LINE_WORDS as u64 + counted.blocks * (EXTERNAL_WORDS + 1) as u64;
+    let words = counted.nodes * NODE_WORDS as u64
+        + counted.leaf_lines * LINE_WORDS as u64
+        + counted.blocks * (EXTERNAL_WORDS + 1) as u64;
     PerRay {
         nodes: each(counted.nodes),
         leaves: each(counted.leaves),
@@ -142,10 +149,17 @@ mod tests {
         assert!(hits.lines > 2.0 && hits.bytes > 128.0, "{hits:?}");
         // In packets they share what they visit: of one packet of sixteen one counts.
         let near = tree.count_together(&vec![toward(-1.0); 64], false);
-        assert!(near.nodes < 0.5 * hits.nodes && near.lines < 0.5 * hits.lines && near.triangles > 0.0, "{near:?} {hits:?}");
+        assert!(
+            near.nodes < 0.5 * hits.nodes && near.lines < 0.5 * hits.lines && near.triangles > 0.0,
+            "{near:?} {hits:?}"
+        );
         assert_eq!(tree.count_together(&vec![toward(2.0); 64], false).nodes, 1.0 / 32.0);
         // Into several octants they go one by one.
-        let apart: Vec<Ray> = (0..32).map(|i| Ray { dir: if i % 2 == 0 { Vec3::Z } else { -Vec3::Z }, ..toward(-1.0) }).collect();
-        assert_eq!(tree.count_together(&apart, false).nodes, tree.count(&apart[..1], false).nodes * 0.5 + tree.count(&apart[1..2], false).nodes * 0.5);
+        let apart: Vec<Ray> =
+            (0..32).map(|i| Ray { dir: if i % 2 == 0 { Vec3::Z } else { -Vec3::Z }, ..toward(-1.0) }).collect();
+        assert_eq!(
+            tree.count_together(&apart, false).nodes,
+            tree.count(&apart[..1], false).nodes * 0.5 + tree.count(&apart[1..2], false).nodes * 0.5
+        );
     }
 }

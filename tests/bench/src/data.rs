@@ -93,7 +93,8 @@ pub struct CameraRow {
 }
 
 impl SceneRow {
-    /// Whether rays meet several placed trees. Such a scene is measured beside its flattened twin: the same triangles in one tree.
+    /// Whether rays meet several placed trees. Such a scene is measured beside its flattened twin: the same triangles
+    /// in one tree.
     pub fn has_many_trees(&self) -> bool {
         self.assembly.is_some() || !self.also_at.is_empty()
     }
@@ -128,8 +129,9 @@ pub struct Benchmark {
     #[serde(default)]
     pub rays: Vec<RayKind>,
     pub threads: Vec<usize>,
-    /// Rays that outcrop is asked for in a call, up to what a thread takes at a time (`sides::CHUNK`); of 1, peers are asked for single ones too. (Of 1,024 the answers stay in a thread's own cache, and the
-    /// thread that asks answers.)
+    /// Rays that outcrop is asked for in a call, up to what a thread takes at a time (`sides::CHUNK`); of 1, peers are
+    /// asked for single ones too. (Of 1,024 the answers stay in a thread's own cache, and the thread that asks
+    /// answers.)
     #[serde(default = "many")]
     pub asked: NonZeroUsize,
     #[serde(default)]
@@ -321,7 +323,10 @@ impl Data {
     }
 
     pub fn structure(&self, name: &str) -> &StructureRow {
-        self.structures.iter().find(|s| s.name == name).expect("structures of benchmarks were looked up when they were read")
+        self.structures
+            .iter()
+            .find(|s| s.name == name)
+            .expect("structures of benchmarks were looked up when they were read")
     }
 
     pub fn scene(&self, name: &str) -> &SceneRow {
@@ -333,7 +338,10 @@ impl SceneRow {
     fn check(&self) -> Result<(), String> {
         let sources = [&self.generator, &self.formula, &self.file, &self.assembly].into_iter().flatten().count();
         if sources != 1 {
-            return Err(format!("scene {:?} has {sources} of generator, formula, file and assembly, not one", self.name));
+            return Err(format!(
+                "scene {:?} has {sources} of generator, formula, file and assembly, not one",
+                self.name
+            ));
         }
         let has_no_size = self.assembly.is_some() && self.triangles == 0 && self.count == 0;
         if has_no_size || self.generator.is_some() && self.triangles == 0 || self.formula.is_some() && self.count == 0 {
@@ -351,7 +359,10 @@ impl Benchmark {
             && self.peers.iter().all(|peer| PLACING_PEERS.contains(&peer.as_str()));
         if scene.has_many_trees() && !is_fit {
             let peers = PLACING_PEERS.join(", ");
-            return Err(format!("benchmark {:?}: many trees ({:?}) are traced, all in memory, beside {peers}", self.name, scene.name));
+            return Err(format!(
+                "benchmark {:?}: many trees ({:?}) are traced, all in memory, beside {peers}",
+                self.name, scene.name
+            ));
         }
         Ok(())
     }
@@ -383,12 +394,24 @@ impl Benchmark {
         }
         let lacks_rays = self.cases().is_empty() || self.poe.first() != Some(&0.0);
         match self.measure {
-            Measure::Trace if lacks_rays => fault("tracing takes structures, residency, views, rays and PoE, 0 first".into()),
-            Measure::Cold if [self.structures.is_empty(), self.views.is_empty(), self.residency.is_empty(), self.rates.is_empty()].contains(&true) => {
+            Measure::Trace if lacks_rays => {
+                fault("tracing takes structures, residency, views, rays and PoE, 0 first".into())
+            }
+            Measure::Cold
+                if [
+                    self.structures.is_empty(),
+                    self.views.is_empty(),
+                    self.residency.is_empty(),
+                    self.rates.is_empty(),
+                ]
+                .contains(&true) =>
+            {
                 fault("cold pictures take structures, views, budgets and rates".into())
             }
             Measure::Build if self.structures.is_empty() => fault("builds take structures".into()),
-            Measure::Decode if self.structures.is_empty() || self.threads != [1] => fault("decoding takes structures and one thread".into()),
+            Measure::Decode if self.structures.is_empty() || self.threads != [1] => {
+                fault("decoding takes structures and one thread".into())
+            }
             _ => Ok(()),
         }
     }
@@ -440,7 +463,11 @@ mod tests {
         assert!(wrong("threads = [1]", "threads = [0]").contains("at least one"));
         let decoding = format!("{STRUCTURE}{SCENE}{}", TRACE.replace("'trace'", "'decode'"));
         assert!(Data::parse(&decoding).is_ok());
-        assert!(Data::parse(&decoding.replace("threads = [1]", "threads = [2]")).expect_err("two threads").contains("one thread"));
+        assert!(
+            Data::parse(&decoding.replace("threads = [1]", "threads = [2]"))
+                .expect_err("two threads")
+                .contains("one thread")
+        );
         assert!(wrong("name = 'b'", "name = 'b'\npeer = 'x'").contains("peer"));
         let twice = SCENE.replace("triangles", "also_at = [[9, 0, 0]]\ntriangles");
         let many = |trace: &str| Data::parse(&format!("{STRUCTURE}{twice}{trace}"));

@@ -1,5 +1,5 @@
-//! Measures decoding: from the stored bytes of all geometry blocks, in memory, to what rays read, in one thread. What is decoded is
-//! looked at: the same words each time.
+//! Measures decoding: from the stored bytes of all geometry blocks, in memory, to what rays read, in one thread. What
+//! is decoded is looked at: the same words each time.
 
 use crate::expected::Expected;
 use crate::failure::Failure;
@@ -82,7 +82,8 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
             continue;
         }
         let runs = (0..task.benchmark.rounds).map(|_| stored.run(false)).collect::<Result<Vec<Run>, Failure>>()?;
-        let spreads = [0, 1, 2, 3].map(|step| Spread::of(&runs.iter().map(|run| run.seconds[step]).collect::<Vec<f64>>()));
+        let spreads =
+            [0, 1, 2, 3].map(|step| Spread::of(&runs.iter().map(|run| run.seconds[step]).collect::<Vec<f64>>()));
         eprintln!("{key}: {:.1} MB in one thread", first.bytes as f64 / 1e6);
         for (step, seconds) in STEPS.iter().zip(spreads) {
             let rate = |seconds: f64| first.bytes as f64 / 1e9 / seconds;
@@ -90,7 +91,15 @@ pub fn measure(task: &mut Task) -> Result<Vec<Record>, Failure> {
         }
         let [opened, decoded, linked, all] = spreads;
         let bytes_stored = stored.blocks.iter().map(|block| block.len() as u64).sum();
-        let decoded = Decoded { structure: structure.clone(), bytes_stored, bytes_trace: first.bytes, opened, decoded, linked, all };
+        let decoded = Decoded {
+            structure: structure.clone(),
+            bytes_stored,
+            bytes_trace: first.bytes,
+            opened,
+            decoded,
+            linked,
+            all,
+        };
         records.push(task.record(key, stored.file.header().triangles_in, Outcomes::Decode(decoded)));
     }
     Ok(records)

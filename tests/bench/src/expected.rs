@@ -1,4 +1,5 @@
-//! Expected answers: how many rays hit, and a hash of the bits of all hits, kept in `expected.toml` beside the benchmarks.
+//! Expected answers: how many rays hit, and a hash of the bits of all hits, kept in `expected.toml` beside the
+//! benchmarks.
 
 use crate::failure::{Failure, Outcome};
 use outcrop::query::{Hit, HitKind};

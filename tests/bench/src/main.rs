@@ -1,5 +1,5 @@
-//! Measures outcrop beside other ray tracers, speed and accuracy together, and draws the charts. `make bench` and `make charts`
-//! are how it is used; `benchmarks.toml` says what is measured.
+//! Measures outcrop beside other ray tracers, speed and accuracy together, and draws the charts. `make bench` and `make
+//! charts` are how it is used; `benchmarks.toml` says what is measured.
 
 mod accuracy;
 mod assemblies;
@@ -79,7 +79,9 @@ impl Chosen {
     fn has(&self, benchmark: &Benchmark, scene: &str) -> bool {
         let among = |names: &[String], name: &str| names.is_empty() || names.iter().any(|n| n == name);
         let is_asked_for = self.only.contains(&benchmark.name);
-        (self.full || !benchmark.full || is_asked_for) && among(&self.only, &benchmark.name) && among(&self.scene, scene)
+        (self.full || !benchmark.full || is_asked_for)
+            && among(&self.only, &benchmark.name)
+            && among(&self.scene, scene)
     }
 }
 
@@ -103,17 +105,26 @@ fn draw(chosen: &Chosen, keep: bool) -> Outcome {
     let data = data()?;
     let (mut known, now) = (record::read(&record::path())?, trace::run_now());
     // Of a changed tree nobody knows what was measured.
-    known.retain(|r| keep || r.run.machine == now.machine && r.run.isa == now.isa && r.run.commit == now.commit && !r.run.is_changed());
-    let of = |benchmark: &Benchmark, scene: &str| known.iter().rfind(|r| r.benchmark == benchmark.name && r.scene == scene);
-    let is_lacking = |benchmark: &Benchmark, scene: &str| chosen.has(benchmark, scene) && of(benchmark, scene).is_none();
-    let all = || data.benchmarks.iter().flat_map(|benchmark| benchmark.scenes.iter().map(move |scene| (benchmark, scene)));
+    known.retain(|r| {
+        keep || r.run.machine == now.machine
+            && r.run.isa == now.isa
+            && r.run.commit == now.commit
+            && !r.run.is_changed()
+    });
+    let of =
+        |benchmark: &Benchmark, scene: &str| known.iter().rfind(|r| r.benchmark == benchmark.name && r.scene == scene);
+    let is_lacking =
+        |benchmark: &Benchmark, scene: &str| chosen.has(benchmark, scene) && of(benchmark, scene).is_none();
+    let all =
+        || data.benchmarks.iter().flat_map(|benchmark| benchmark.scenes.iter().map(move |scene| (benchmark, scene)));
     for (benchmark, scene) in all() {
         if let Some(last) = of(benchmark, scene) {
             let (name, run) = (&benchmark.name, &last.run);
             eprintln!("{name}/{scene}: there are results of version {}, {}: not measured anew", run.commit, run.date);
         }
     }
-    let mut is_measured: BTreeSet<(String, String)> = known.iter().map(|r| (r.benchmark.clone(), r.scene.clone())).collect();
+    let mut is_measured: BTreeSet<(String, String)> =
+        known.iter().map(|r| (r.benchmark.clone(), r.scene.clone())).collect();
     let lacking: Vec<_> = all().filter(|(benchmark, scene)| is_lacking(benchmark, scene)).collect();
     is_measured.extend(lacking.iter().map(|(benchmark, scene)| (benchmark.name.clone(), (*scene).clone())));
     if !lacking.is_empty() {

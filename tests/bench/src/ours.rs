@@ -44,7 +44,8 @@ impl Ours {
         let memory_budget = if let Residency::Budget(bytes) = residency { bytes } else { 0 };
         let options = ContextOptions { threads, memory_budget, read_ahead: false, ..ContextOptions::default() };
         let context = Context::new(options)?;
-        let model = if residency == Residency::Cold { Model::open_cold(&context, path)? } else { Model::open(&context, path)? };
+        let model =
+            if residency == Residency::Cold { Model::open_cold(&context, path)? } else { Model::open(&context, path)? };
         if residency == Residency::All && !model.load(&Cancel::new())? {
             return Err(Failure::new(format!("{}: it does not fit this machine's memory", path.display())));
         }
@@ -122,7 +123,14 @@ pub struct Ready<'a> {
 }
 
 impl<'a> Ready<'a> {
-    pub fn new(ours: &'a Ours, stored: &'a ModelAt, residency: Residency, batch: &Batch, asked: usize, rays: Vec<Ray>) -> Self {
+    pub fn new(
+        ours: &'a Ours,
+        stored: &'a ModelAt,
+        residency: Residency,
+        batch: &Batch,
+        asked: usize,
+        rays: Vec<Ray>,
+    ) -> Self {
         let cold = (residency == Residency::Cold).then_some(stored);
         let (is_any, is_coherent) = (batch.is_any(), batch.is_coherent());
         Self { ours, cold, is_any, is_coherent, asked, answers: vec![Answer::MISS; rays.len()], rays }
@@ -159,10 +167,14 @@ impl Run for Ready<'_> {
             }
             let hits = &mut room.hits[..rays.len()];
             state.closest(rays, options, hits).expect("the file was read before");
-            rays.iter().zip(&*hits).zip(answers).map(|((ray, hit), answer)| {
-                answer.t = hit.t;
-                if hit.kind != HitKind::Miss { f64::from(hit.normal.dot(ray.dir).abs()) } else { 0.0 }
-            }).sum()
+            rays.iter()
+                .zip(&*hits)
+                .zip(answers)
+                .map(|((ray, hit), answer)| {
+                    answer.t = hit.t;
+                    if hit.kind != HitKind::Miss { f64::from(hit.normal.dot(ray.dir).abs()) } else { 0.0 }
+                })
+                .sum()
         };
         deal(threads, chunks, room, |room, (rays, answers)| {
             rays.chunks(asked).zip(answers.chunks_mut(asked)).map(|call| ask(room, call)).sum()

@@ -26,7 +26,8 @@ impl Spread {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clock {
     Wall,
-    /// CPU time of the calling thread, for runs of one thread on a busy machine: the time of other programs is not in it.
+    /// CPU time of the calling thread, for runs of one thread on a busy machine: the time of other programs is not in
+    /// it.
     Thread,
 }
 

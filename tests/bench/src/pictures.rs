@@ -15,7 +15,8 @@ use std::time::{Duration, Instant};
 
 /// A frame with all that is compared.
 pub fn frame(context: &Context, (width, height): (u32, u32)) -> Result<Frame, Failure> {
-    let outputs = Outputs::COLOUR | Outputs::of(Buffer::Depth) | Outputs::of(Buffer::Normal) | Outputs::of(Buffer::Kind);
+    let outputs =
+        Outputs::COLOUR | Outputs::of(Buffer::Depth) | Outputs::of(Buffer::Normal) | Outputs::of(Buffer::Kind);
     Ok(Frame::new(context, FrameOptions { width, height, outputs, ..FrameOptions::default() })?)
 }
 
@@ -79,8 +80,8 @@ pub struct Side<'a> {
     pub loaded: &'a Ours,
 }
 
-/// All settings of a case, each in turn with the exact picture; of a scene of many trees with the same picture of the flattened model,
-/// whose exact picture is the truth then.
+/// All settings of a case, each in turn with the exact picture; of a scene of many trees with the same picture of the
+/// flattened model, whose exact picture is the truth then.
 pub fn measure(task: &mut Task, case: &Case, one: &Side, flattened: Option<&Side>) -> Result<Vec<Record>, Failure> {
     let (size, Side { model, loaded, .. }) = (task.benchmark.size, one);
     let camera = loaded.camera(task.scene, case.view);
@@ -122,7 +123,8 @@ pub fn measure(task: &mut Task, case: &Case, one: &Side, flattened: Option<&Side
                 Some(side) => (side.name, "frame", poe),
                 None => (case.structure.as_str(), "exact frame", 0.0),
             };
-            let pairs = Pairs::in_turn(task.benchmark.rounds, || timed(&one, &ours, poe), || timed(&other, theirs, their_poe));
+            let pairs =
+                Pairs::in_turn(task.benchmark.rounds, || timed(&one, &ours, poe), || timed(&other, theirs, their_poe));
             let (seconds, their_seconds) = (Spread::of(&pairs.a), Spread::of(&pairs.b));
             let (side, call, ratio) = (case.structure.clone(), "frame".to_owned(), pairs.ratio());
             let against = Against { side: opponent.into(), call: their_call.into(), seconds: their_seconds, ratio };
@@ -134,16 +136,36 @@ pub fn measure(task: &mut Task, case: &Case, one: &Side, flattened: Option<&Side
             };
             let count = truth.depths.len();
             let mrays = count as f64 / seconds.median / 1e6;
-            let beside = flattened.map_or(String::new(), |side| format!(", {:.2} [{:.2} .. {:.2}] of {}", ratio.median, ratio.least, ratio.most, side.name));
+            let beside = flattened.map_or(String::new(), |side| {
+                format!(", {:.2} [{:.2} .. {:.2}] of {}", ratio.median, ratio.least, ratio.most, side.name)
+            });
             eprintln!("{id}, {threads} threads: {:.1} ms{beside}; {:.3} px", seconds.median * 1e3, accuracy.mean_px);
             let residency = case.residency.name();
             let (view, rays) = (case.view, case.rays.name().into());
             let against = Some(against);
             let trace = Trace {
-                side, is_peer: false, call, residency, view, rays, poe, threads, count, hits, seconds, mrays, against, counters, accuracy,
+                side,
+                is_peer: false,
+                call,
+                residency,
+                view,
+                rays,
+                poe,
+                threads,
+                count,
+                hits,
+                seconds,
+                mrays,
+                against,
+                counters,
+                accuracy,
             };
             let triangles = ours.model.info().triangles_in;
-            records.push(task.record(format!("{id}/{}/{threads}", case.structure), triangles, Outcomes::Trace(Box::new(trace))));
+            records.push(task.record(
+                format!("{id}/{}/{threads}", case.structure),
+                triangles,
+                Outcomes::Trace(Box::new(trace)),
+            ));
         }
     }
     Ok(records)

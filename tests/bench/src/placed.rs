@@ -1,4 +1,5 @@
-//! Scenes of many placed trees as peers take them (meshes and placements), and flattened: the same triangles as one mesh.
+//! Scenes of many placed trees as peers take them (meshes and placements), and flattened: the same triangles as one
+//! mesh.
 
 use crate::failure::Outcome;
 use crate::scenes::Mesh;
@@ -47,15 +48,16 @@ impl Placed {
     }
 }
 
-/// The placed meshes of a model: index, transform and first part. The triangles that are placed directly come first, as mesh 0.
+/// The placed meshes of a model: index, transform and first part. The triangles that are placed directly come first, as
+/// mesh 0.
 fn placements(input: &Collector, model: DAffine3) -> impl Iterator<Item = (usize, DAffine3, u32)> {
     let direct = (!input.direct().is_empty()).then_some((0, model, 0));
     let shared = input.instances.iter().map(move |i| (i.mesh.0 as usize, model * i.world_from_mesh, i.first_part));
     direct.into_iter().chain(shared)
 }
 
-/// Sends all triangles, each where it is seen, as triangles that are placed directly. Materials and parts stay; colours of triangles,
-/// which no ray asks for here, are left out.
+/// Sends all triangles, each where it is seen, as triangles that are placed directly. Materials and parts stay; colours
+/// of triangles, which no ray asks for here, are left out.
 pub fn flatten(input: &Collector, models: &[DAffine3], sink: &mut dyn Sink) -> Outcome {
     sink.units(input.metres_per_unit, input.up);
     for material in &input.materials {
@@ -70,7 +72,10 @@ pub fn flatten(input: &Collector, models: &[DAffine3], sink: &mut dyn Sink) -> O
             for run in input.meshes[mesh].triangles.chunk_by(|a, b| a.part == b.part) {
                 for some in run.chunks(BATCH) {
                     batch.clear();
-                    batch.extend(some.iter().map(|t: &CollectedTriangle| t.positions.map(|p| world_from_mesh.transform_point3(p))));
+                    batch.extend(
+                        some.iter()
+                            .map(|t: &CollectedTriangle| t.positions.map(|p| world_from_mesh.transform_point3(p))),
+                    );
                     sink.triangles(MeshKey::DIRECT, first_part + run[0].part, &batch, None)?;
                 }
             }

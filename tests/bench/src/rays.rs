@@ -8,8 +8,8 @@ use outcrop::query::{Hit, HitKind, QueryOptions, Want};
 use outcrop::scene::{Camera, SceneState};
 use std::f64::consts::TAU;
 
-/// Diffuse rays a pixel that a picture would have. They share the hemisphere: each stands for 2 pi / n steradians (Áfra 2012,
-/// section 6.2, after Pantaleoni 2010).
+/// Diffuse rays a pixel that a picture would have. They share the hemisphere: each stands for 2 pi / n steradians (Áfra
+/// 2012, section 6.2, after Pantaleoni 2010).
 const DIFFUSE: f32 = 64.0;
 
 /// Rays and how they are asked.
@@ -52,8 +52,8 @@ impl Batch {
         self.kind != RayKind::Bounce
     }
 
-    /// The rays at so many pixels of error. Secondary ones begin beyond the diagonal of a cube that may stand in where they
-    /// start, as the paper lets them (Áfra 2012, section 6.2): else they would meet their own surface.
+    /// The rays at so many pixels of error. Secondary ones begin beyond the diagonal of a cube that may stand in where
+    /// they start, as the paper lets them (Áfra 2012, section 6.2): else they would meet their own surface.
     pub fn at(&self, poe: f32) -> Vec<Ray> {
         let mut rays = widened(&self.rays, poe);
         if self.kind != RayKind::Primary {

@@ -132,7 +132,8 @@ pub struct Accuracy {
     pub differ: f64,
     /// Share of rays that hit only in one of both, or end more than the width of a pixel's ray away; of pictures none.
     pub otherwise: Option<f64>,
-    /// Median of stated error over true error of stand-ins, of rays (`tests/common/promise.rs`; where the promise is broken there is no record).
+    /// Median of stated error over true error of stand-ins, of rays (`tests/common/promise.rs`; where the promise is
+    /// broken there is no record).
     pub slack: Option<f64>,
     /// Mean angle between normals, of pictures.
     pub normal_degrees: Option<f64>,
@@ -299,12 +300,24 @@ pub mod tests {
             hits: 400_000,
             seconds,
             mrays,
-            against: (side != "embree").then(|| Against { side: "embree".into(), call: "16 high".into(), seconds, ratio }),
+            against: (side != "embree").then(|| Against {
+                side: "embree".into(),
+                call: "16 high".into(),
+                seconds,
+                ratio,
+            }),
             counters: Counters {
                 bytes_model: Some(30_000_000),
                 bytes_working_set: (!is_peer).then_some((20e6 / (1.0 + poe)) as u64),
                 stand_ins: Some(7),
-                each: Some(PerRay { nodes: 9.25, leaves: 2.0, triangles: 5.5, blocks: 1.0, bytes: 1500.5, lines: 27.0 }),
+                each: Some(PerRay {
+                    nodes: 9.25,
+                    leaves: 2.0,
+                    triangles: 5.5,
+                    blocks: 1.0,
+                    bytes: 1500.5,
+                    lines: 27.0,
+                }),
                 together: None,
             },
             accuracy: Accuracy { mean_px, overlap: 1.0 - mean_px / 100.0, coverage: 1.0, ..Accuracy::default() },
@@ -315,7 +328,15 @@ pub mod tests {
 
     pub fn record(scene: &str, key: &str, result: Outcomes) -> Record {
         let benchmark = "speed".into();
-        Record { key: key.into(), benchmark, scene: scene.into(), title: scene.into(), triangles: 1_000_000, run: run(), result }
+        Record {
+            key: key.into(),
+            benchmark,
+            scene: scene.into(),
+            title: scene.into(),
+            triangles: 1_000_000,
+            run: run(),
+            result,
+        }
     }
 
     #[test]

@@ -143,7 +143,12 @@ impl Scene {
     }
 
     /// The model that `build` makes, made by this very program: a model of an older version is replaced.
-    fn kept(&self, structure: &StructureRow, called: &str, build: &dyn Fn(&Path) -> Outcome) -> Result<PathBuf, Failure> {
+    fn kept(
+        &self,
+        structure: &StructureRow,
+        called: &str,
+        build: &dyn Fn(&Path) -> Outcome,
+    ) -> Result<PathBuf, Failure> {
         let folder = folder().join("models");
         std::fs::create_dir_all(&folder)?;
         let mut made_by = std::fs::read(std::env::current_exe()?)?;
@@ -154,7 +159,8 @@ impl Scene {
         if !path.is_file() {
             for old in std::fs::read_dir(&folder)?.flatten() {
                 // What is left of the name is the hash: another structure's name may begin like this one's.
-                let is_of_this = old.file_name().to_string_lossy().strip_prefix(&stem).is_some_and(|hash| !hash.contains('-'));
+                let is_of_this =
+                    old.file_name().to_string_lossy().strip_prefix(&stem).is_some_and(|hash| !hash.contains('-'));
                 if is_of_this {
                     std::fs::remove_file(old.path())?;
                 }

@@ -1,4 +1,5 @@
-//! What traces: outcrop and its peers, asked in the same way. Chunks of rays are dealt to threads, which flush denormals.
+//! What traces: outcrop and its peers, asked in the same way. Chunks of rays are dealt to threads, which flush
+//! denormals.
 
 use outcrop::simd::DenormalsOff;
 use std::sync::Mutex;
@@ -62,12 +63,17 @@ mod tests {
     fn every_item_is_dealt_once_and_denormals_are_flushed() {
         for threads in [1, 2, 5] {
             let mut done = vec![0u32; 100];
-            let sum = deal(threads, done.iter_mut().enumerate(), || (), |(), (i, done)| {
-                *done += 1;
-                // With denormals this product is not zero.
-                let tiny = std::hint::black_box(f32::MIN_POSITIVE) * std::hint::black_box(0.5);
-                i as f64 + f64::from(tiny.to_bits())
-            });
+            let sum = deal(
+                threads,
+                done.iter_mut().enumerate(),
+                || (),
+                |(), (i, done)| {
+                    *done += 1;
+                    // With denormals this product is not zero.
+                    let tiny = std::hint::black_box(f32::MIN_POSITIVE) * std::hint::black_box(0.5);
+                    i as f64 + f64::from(tiny.to_bits())
+                },
+            );
             assert_eq!(sum, 4950.0);
             assert!(done.iter().all(|&n| n == 1));
         }

@@ -140,8 +140,8 @@ struct Rival {
     peer: Box<dyn Peer>,
 }
 
-/// Triangles of which peers build with spatial splits at most: of 40 million, beside their others and the oracle, that takes more than 24 GB.
-/// (Of scans, which the larger ones are, splits gain nothing.)
+/// Triangles of which peers build with spatial splits at most: of 40 million, beside their others and the oracle, that
+/// takes more than 24 GB. (Of scans, which the larger ones are, splits gain nothing.)
 const MOST_SPLIT: usize = 20_000_000;
 
 /// Every peer in every quality that it is traced with; of a scene of many trees in two levels.
@@ -194,7 +194,8 @@ fn rays_of(task: &mut Task, case: &Case, models: &Models, peers: &[Rival]) -> Re
     if batch.rays.is_empty() {
         return Err(Failure::new("no rays: nothing is seen"));
     }
-    let exact = |side: &Side| -> Result<Vec<Answer>, Failure> { Ok(ours::answers(&side.ours.hits(&batch.at(0.0), &batch)?)) };
+    let exact =
+        |side: &Side| -> Result<Vec<Answer>, Failure> { Ok(ours::answers(&side.ours.hits(&batch.at(0.0), &batch)?)) };
     let truth = exact(models.last())?;
     if models.sides.len() > 1 {
         accuracy::compare_flattened(&id, &batch.rays, &exact(first)?, &truth)?;
@@ -273,7 +274,10 @@ fn our_side<'a>(
         run.run(1);
         let (whole, asked) = (ours::answers(&whole), run.answers());
         if let Some(i) = (0..whole.len()).find(|&i| whole[i] != asked[i]) {
-            return Err(Failure::new(format!("{id}: ray {i} of calls as timed ends at {}, of one call at {}", asked[i].t, whole[i].t)));
+            return Err(Failure::new(format!(
+                "{id}: ray {i} of calls as timed ends at {}, of one call at {}",
+                asked[i].t, whole[i].t
+            )));
         }
     }
     let call = if batch.is_coherent() { "coherent" } else { "any order" };
@@ -304,15 +308,25 @@ fn best_calls<'a>(
             accuracy::assert_peer_agrees(&call, &accuracy, &batch.rays, &answers, truth)?;
             let counters = Counters { bytes_model: Some(peer.bytes()), ..Counters::default() };
             let hits = answers.iter().filter(|a| a.is_hit()).count();
-            let contender = Contender { side: (*name).into(), is_flattened: false, is_peer: true, call, poe: 0.0, run, counters, accuracy, hits };
+            let contender = Contender {
+                side: (*name).into(),
+                is_flattened: false,
+                is_peer: true,
+                call,
+                poe: 0.0,
+                run,
+                counters,
+                accuracy,
+                hits,
+            };
             best.insert(name, (took, contender));
         }
     }
     Ok(best.into_values().map(|(_, contender)| contender).collect())
 }
 
-/// The pairs of contenders: each with Embree, or where that is missing with the first, which is ours, exact. Of a scene of many trees
-/// each setting of ours with the same setting of the flattened model, and the exact one with each peer.
+/// The pairs of contenders: each with Embree, or where that is missing with the first, which is ours, exact. Of a scene
+/// of many trees each setting of ours with the same setting of the flattened model, and the exact one with each peer.
 fn pairs_of(all: &[&mut Contender]) -> Vec<(usize, usize)> {
     let of = |i: usize| &*all[i];
     if !all.iter().any(|c| c.is_flattened) {
@@ -320,17 +334,30 @@ fn pairs_of(all: &[&mut Contender]) -> Vec<(usize, usize)> {
         return (0..all.len()).filter(|&i| i != opponent).map(|i| (i, opponent)).collect();
     }
     let ours = (0..all.len()).filter(|&i| !of(i).is_peer && !of(i).is_flattened);
-    let beside = |i: usize, j: usize| if of(j).is_peer { of(i).poe == 0.0 } else { of(j).is_flattened && of(j).poe == of(i).poe };
+    let beside = |i: usize, j: usize| {
+        if of(j).is_peer { of(i).poe == 0.0 } else { of(j).is_flattened && of(j).poe == of(i).poe }
+    };
     ours.flat_map(|i| (0..all.len()).filter(move |&j| beside(i, j)).map(move |j| (i, j))).collect()
 }
 
 /// All pairs; what others are paired with has a record of its own, of its first pair.
-fn in_turn(task: &Task, case: &Case, batch: &Batch, threads: usize, all: &mut [&mut Contender], triangles: u64) -> Vec<Record> {
+fn in_turn(
+    task: &Task,
+    case: &Case,
+    batch: &Batch,
+    threads: usize,
+    all: &mut [&mut Contender],
+    triangles: u64,
+) -> Vec<Record> {
     let mut records = Vec::new();
     let mut opponents: BTreeMap<usize, Spread> = BTreeMap::new();
     for (i, opponent) in pairs_of(all) {
         let [a, b] = all.get_disjoint_mut([i, opponent]).expect("two of them");
-        let pairs = Pairs::in_turn(task.benchmark.rounds, || steady(|| task.timed(&mut *a.run, threads)), || steady(|| task.timed(&mut *b.run, threads)));
+        let pairs = Pairs::in_turn(
+            task.benchmark.rounds,
+            || steady(|| task.timed(&mut *a.run, threads)),
+            || steady(|| task.timed(&mut *b.run, threads)),
+        );
         let (seconds, theirs) = (Spread::of(&pairs.a), Spread::of(&pairs.b));
         let against = Against { side: b.side.clone(), call: b.call.clone(), seconds: theirs, ratio: pairs.ratio() };
         records.push(result(task, case, batch, threads, a, seconds, Some(against), triangles));
@@ -339,7 +366,10 @@ fn in_turn(task: &Task, case: &Case, batch: &Batch, threads: usize, all: &mut [&
     if opponents.is_empty() {
         let run = &mut *all[0].run;
         task.timed(run, threads);
-        opponents.insert(0, Spread::of(&(0..task.benchmark.rounds).map(|_| steady(|| task.timed(run, threads))).collect::<Vec<_>>()));
+        opponents.insert(
+            0,
+            Spread::of(&(0..task.benchmark.rounds).map(|_| steady(|| task.timed(run, threads))).collect::<Vec<_>>()),
+        );
     }
     for (opponent, seconds) in opponents {
         records.push(result(task, case, batch, threads, all[opponent], seconds, None, triangles));
@@ -388,7 +418,11 @@ fn result(
         accuracy: contender.accuracy.clone(),
     };
     // A side of a scene of many trees is in pairs with several.
-    let beside = trace.against.as_ref().filter(|_| task.scene.row.has_many_trees()).map_or(String::new(), |a| format!(" beside {}", a.side));
+    let beside = trace
+        .against
+        .as_ref()
+        .filter(|_| task.scene.row.has_many_trees())
+        .map_or(String::new(), |a| format!(" beside {}", a.side));
     let key = format!("{id}/{}{beside}/{threads}", contender.side);
     task.record(key, triangles, Outcomes::Trace(Box::new(trace)))
 }

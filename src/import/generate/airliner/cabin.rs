@@ -44,7 +44,11 @@ fn floor(plan: &mut Plan, bay: u32, k: u64) {
             soup.cuboid(DVec3::new(x, 0.0, FLOOR - 0.1), [DVec3::X * 0.03, DVec3::Y * w, DVec3::Z * 0.1]);
             return;
         }
-        for (z, half) in [(-0.03, DVec3::new(0.03, w, 0.001)), (-0.2, DVec3::new(0.03, w, 0.001)), (-0.115, DVec3::new(0.001, w, 0.085))] {
+        for (z, half) in [
+            (-0.03, DVec3::new(0.03, w, 0.001)),
+            (-0.2, DVec3::new(0.03, w, 0.001)),
+            (-0.115, DVec3::new(0.001, w, 0.085)),
+        ] {
             let half = [DVec3::X * half.x, DVec3::Y * half.y, DVec3::Z * half.z];
             soup.cuboid(DVec3::new(x, 0.0, FLOOR + z), half);
         }
@@ -87,7 +91,10 @@ fn lining(plan: &mut Plan, bay: u32, k: u64) {
                 });
             }
             let y = side * (half_width(x, 1.15) - 0.4);
-            soup.cuboid(DVec3::new(x + 0.5 * BAY, y, rise(x) + 1.02), [DVec3::X * 0.26, DVec3::Y * 0.3, DVec3::Z * 0.004]);
+            soup.cuboid(
+                DVec3::new(x + 0.5 * BAY, y, rise(x) + 1.02),
+                [DVec3::X * 0.26, DVec3::Y * 0.3, DVec3::Z * 0.004],
+            );
         });
     }
     let part = plan.part("lining", bay, Look::Cream);
@@ -150,7 +157,10 @@ fn cargo(plan: &mut Plan, bay: u32, k: u64) {
             for i in 0..2 * n {
                 let (row, face) = (i / 2, if i % 2 == 0 { 1.0 } else { -1.0 });
                 let along = DVec3::X * (0.75 * (2.0 * (row as f64 + 0.5) / n as f64 - 1.0));
-                soup.cuboid(center + along + DVec3::Y * face * 0.725, [DVec3::X * 0.01, DVec3::Y * 0.012, DVec3::Z * 0.79]);
+                soup.cuboid(
+                    center + along + DVec3::Y * face * 0.725,
+                    [DVec3::X * 0.01, DVec3::Y * 0.012, DVec3::Z * 0.79],
+                );
             }
         });
     }

@@ -62,7 +62,9 @@ fn cowling(plan: &mut Plan, section: u32, lip: DVec3, side: f64) {
 fn fan(plan: &mut Plan, section: u32, lip: DVec3) {
     let (nu, nv) = (plan.scaled(7.0, 0.3, 2), plan.scaled(14.0, 0.3, 4));
     let part = plan.part("fan", section, Look::Titanium);
-    plan.family(part, 22, 4 * nu * nv, move |i, soup| blade(soup, lip, FAN, i as f64 / 22.0, [0.42, 1.42], 0.5, nu, nv));
+    plan.family(part, 22, 4 * nu * nv, move |i, soup| {
+        blade(soup, lip, FAN, i as f64 / 22.0, [0.42, 1.42], 0.5, nu, nv)
+    });
     let part = plan.part("spinner", section, Look::Floor);
     plan.family(part, 1, 2 * nu * 24, move |_, soup| {
         soup.patch(nu, 24, &|u, v| at(lip, FAN - 0.14 + 0.15 * u, TAU * v, 0.42 * u.sqrt()));
@@ -109,13 +111,19 @@ fn casing(plan: &mut Plan, section: u32, lip: DVec3) {
             let flange: Vec<Station> =
                 (0..=nv).map(|i| station(lip, t(along(0.0)), TAU * i as f64 / nv as f64, core(along(0.0)))).collect();
             let flange: Vec<Station> = flange.into_iter().map(|s| Station { v: DVec3::X, ..s }).collect();
-            let side = [DVec2::new(0.0, -0.006), DVec2::new(0.03, -0.006), DVec2::new(0.03, 0.006), DVec2::new(0.0, 0.006)];
+            let side =
+                [DVec2::new(0.0, -0.006), DVec2::new(0.03, -0.006), DVec2::new(0.03, 0.006), DVec2::new(0.0, 0.006)];
             soup.sweep(&flange, &side, true);
         });
         let part = plan.part(format!("flange bolts {ring:02}"), section, Look::Steel);
         let (count, sides) = (plan.scaled(60.0, 0.45, 3), plan.scaled(8.0, 0.3, 4));
         plan.family(part, count, bolt_triangles(sides), move |i, soup| {
-            let s = station(lip, CORE.0 + (CORE.1 - CORE.0) * along(0.0), TAU * i as f64 / count as f64, core(along(0.0)) + 0.018);
+            let s = station(
+                lip,
+                CORE.0 + (CORE.1 - CORE.0) * along(0.0),
+                TAU * i as f64 / count as f64,
+                core(along(0.0)) + 0.018,
+            );
             soup.bolt(s.at + DVec3::X * 0.006, DVec3::X, 0.005, 0.024, sides);
         });
         plan.with_twins(20);

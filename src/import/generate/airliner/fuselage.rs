@@ -43,10 +43,9 @@ pub fn plan(plan: &mut Plan, root: u32) {
 /// Nose cap, tail cone and the cockpit's windows.
 fn ends(plan: &mut Plan, section: u32) {
     let (nu, nv) = (plan.scaled(10.0, 0.25, 5), plan.scaled(28.0, 0.25, 16));
-    for (name, look, from, to) in [
-        ("radome", Look::White, 0.0, FIRST_FRAME),
-        ("tail cone", Look::Aluminium, frame_x(BAYS), super::shape::LENGTH),
-    ] {
+    for (name, look, from, to) in
+        [("radome", Look::White, 0.0, FIRST_FRAME), ("tail cone", Look::Aluminium, frame_x(BAYS), super::shape::LENGTH)]
+    {
         let part = plan.part(name, section, look);
         plan.family(part, 1, 2 * nu * nv, move |_, soup| {
             soup.patch(nu, nv, &|u, v| fuselage(from + (to - from) * u * u.sqrt(), v * TAU, 0.0));
@@ -57,9 +56,7 @@ fn ends(plan: &mut Plan, section: u32) {
         let part = plan.part("cockpit windows", section, Look::Rubber);
         plan.family(part, 3, 2 * n * n, move |i, soup| {
             let (a, x) = (0.06 + 0.36 * i as f64, 2.5 + 0.32 * i as f64);
-            soup.patch(n, n, &|u, v| {
-                fuselage(x + 0.95 * u, side * (a + 0.3 * v) * (1.25 - 0.4 * u), -0.012)
-            });
+            soup.patch(n, n, &|u, v| fuselage(x + 0.95 * u, side * (a + 0.3 * v) * (1.25 - 0.4 * u), -0.012));
         });
     }
 }
@@ -206,9 +203,11 @@ fn long_runs(plan: &mut Plan, section: u32) {
         });
     }
     let count = plan.scaled(10.0, 0.4, 1);
-    for (name, angle, deep, look) in
-        [("left duct", -0.8, 0.35, Look::Cream), ("right duct", 0.8, 0.35, Look::Cream), ("belly duct", PI, 0.8, Look::Aluminium)]
-    {
+    for (name, angle, deep, look) in [
+        ("left duct", -0.8, 0.35, Look::Cream),
+        ("right duct", 0.8, 0.35, Look::Cream),
+        ("belly duct", PI, 0.8, Look::Aluminium),
+    ] {
         let part = plan.part(name, group, look);
         plan.family(part, 4 * count, 2 * 4, move |i, soup| {
             // Side by side and into each other.

@@ -109,8 +109,7 @@ fn spars(plan: &mut Plan, section: u32, foil: &Foil, ribs: u64) {
 }
 
 /// Stiffeners along the span under both skins: a Z of sheet.
-const ZED: [DVec2; 4] =
-    [DVec2::new(0.0, -0.03), DVec2::new(0.0, 0.0), DVec2::new(0.055, 0.0), DVec2::new(0.055, 0.03)];
+const ZED: [DVec2; 4] = [DVec2::new(0.0, -0.03), DVec2::new(0.0, 0.0), DVec2::new(0.055, 0.0), DVec2::new(0.055, 0.03)];
 
 fn stringers(plan: &mut Plan, section: u32, foil: &Foil, ribs: u64) {
     let group = plan.group("stringers", Some(section));

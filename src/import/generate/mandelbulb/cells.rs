@@ -39,10 +39,8 @@ impl CellSlab {
     /// The cells between `slab` and the first points of `above`.
     pub fn new(grid: &Grid, layer: usize, slab: &Slab, above: &Slab) -> Self {
         let n = grid.bricks;
-        let at: Vec<[usize; 2]> = (0..n * n)
-            .map(|i| [i % n, i / n])
-            .filter(|&[x, y]| may_hold_surface(slab, above, x, y))
-            .collect();
+        let at: Vec<[usize; 2]> =
+            (0..n * n).map(|i| [i % n, i / n]).filter(|&[x, y]| may_hold_surface(slab, above, x, y)).collect();
         let mut cells: Vec<CellBrick> =
             at.par_iter().map(|&[x, y]| brick_cells(grid, [x, y, layer], slab, above)).collect();
         let mut base = 0;
@@ -110,9 +108,8 @@ fn brick_cells(grid: &Grid, brick: [usize; 3], slab: &Slab, above: &Slab) -> Cel
     };
     for cell in 0..BRICK_POINTS {
         let p = [cell % BRICK, cell / BRICK % BRICK, cell / BRICK / BRICK];
-        let corners: [f32; 8] = std::array::from_fn(|c| {
-            values[((p[2] + (c >> 2)) * HALO + p[1] + (c >> 1 & 1)) * HALO + p[0] + (c & 1)]
-        });
+        let corners: [f32; 8] =
+            std::array::from_fn(|c| values[((p[2] + (c >> 2)) * HALO + p[1] + (c >> 1 & 1)) * HALO + p[0] + (c & 1)]);
         let mask = (0..8).fold(0u8, |m, c| m | (u8::from(corners[c] < 0.0) << c));
         out.masks[cell] = mask;
         if mask != 0 && mask != 255 {

@@ -36,12 +36,7 @@ pub fn cell_size(triangles: u64, phase: f64, cancel: &Cancel) -> Result<f64> {
 }
 
 /// Solves count(h) = `wanted` from a guess, by secants in logarithms; also the last slope, negated.
-fn solve(
-    wanted: f64,
-    guess: f64,
-    mut power: f64,
-    count: &mut dyn FnMut(f64) -> Result<f64>,
-) -> Result<(f64, f64)> {
+fn solve(wanted: f64, guess: f64, mut power: f64, count: &mut dyn FnMut(f64) -> Result<f64>) -> Result<(f64, f64)> {
     let (mut h, mut found) = (guess, count(guess)?);
     let mut best = (h, found);
     for _ in 0..4 {

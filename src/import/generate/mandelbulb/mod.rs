@@ -45,10 +45,8 @@ pub(super) fn generate(options: &GenerateOptions, cancel: &Cancel, target: &mut 
     let phase = phase(options.seed);
     let h = count::cell_size(options.triangles, phase, cancel)?;
     target.units(None, UpAxis::Z)?;
-    let material = target.material(
-        MaterialDesc { colour: [0.55, 0.33, 0.18], opacity: 1.0, metalness: 0.0, roughness: 0.5 },
-        "bulb",
-    )?;
+    let material = target
+        .material(MaterialDesc { colour: [0.55, 0.33, 0.18], opacity: 1.0, metalness: 0.0, roughness: 0.5 }, "bulb")?;
     let part = PartDesc { id: Some(1), name: "mandelbulb".into(), parent: None, material: Some(material) };
     let part = target.part(part)?;
     let grid = Grid::new(h, phase);

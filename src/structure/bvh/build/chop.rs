@@ -73,12 +73,7 @@ pub fn bin<const B: usize>(refs: &[Ref], triangles: &[[Vec3; 3]], grid: &Grid<B>
 
 /// Follows the edges of a triangle, as far as they lie in its reference, through the bins of an axis.
 #[inline(always)]
-fn chop<const AXIS: usize, const B: usize>(
-    r: &Ref,
-    corners: &[Vec4; 3],
-    grid: &Grid<B>,
-    bins: &mut [Grown; B],
-) {
+fn chop<const AXIS: usize, const B: usize>(r: &Ref, corners: &[Vec4; 3], grid: &Grid<B>, bins: &mut [Grown; B]) {
     let (low, scale, step) = (grid.low[AXIS], grid.scale[AXIS], grid.step[AXIS]);
     let bin = |x: f32| whole1::<B>((x - low) * scale + MAGIC);
     for (a, b) in [(0, 1), (1, 2), (2, 0)] {

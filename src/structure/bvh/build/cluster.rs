@@ -1,18 +1,17 @@
 //! Which nodes share a block.
 //!
-//! First the **fine** units are cut off ([`fine`]): the largest subtrees of at most [`FINE_WORDS`] words.
-//! Consecutive ones, which are neighbours in space, fill blocks that refer to no other block, each with a leaf block
-//! for what is below its nodes. What is left above is nodes alone, and goes into **coarse** blocks ([`coarse`]), in rounds:
-//! each cuts off the largest subtrees of at most [`COARSE_WORDS`] words, and the next round's input is what
-//! remains, until that fits one block. Blocks are numbered from the last round to the first, fine ones
-//! behind all coarse ones, so that a reference always points to a higher block. A tree that fits one block
-//! is that block ([`whole`]).
+//! First the **fine** units are cut off ([`fine`]): the largest subtrees of at most [`FINE_WORDS`] words. Consecutive
+//! ones, which are neighbours in space, fill blocks that refer to no other block, each with a leaf block for what is
+//! below its nodes. What is left above is nodes alone, and goes into **coarse** blocks ([`coarse`]), in rounds: each
+//! cuts off the largest subtrees of at most [`COARSE_WORDS`] words, and the next round's input is what remains, until
+//! that fits one block. Blocks are numbered from the last round to the first, fine ones behind all coarse ones, so that
+//! a reference always points to a higher block. A tree that fits one block is that block ([`whole`]).
 
-use crate::structure::bake::TreeInput;
-use crate::structure::par::Par;
 use super::refs::Ref;
 use super::tree::{Inner, Sub};
+use crate::structure::bake::TreeInput;
 use crate::structure::bvh::layout::{Child, HEADER_WORDS, MAX_WORDS, PAD_WORDS};
+use crate::structure::par::Par;
 
 /// A subtree cut off: which one, over all rounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,8 +24,8 @@ impl UnitId {
 
 /// Words of a fine unit, at most. A node over eight of the largest leaves must fit.
 ///
-/// It decides how much of a tree is coarse and read at opening (1.3 bytes a triangle, decoded, of a Mandelbulb of 40 million), and how many
-/// nodes a walk meets in a block.
+/// It decides how much of a tree is coarse and read at opening (1.3 bytes a triangle, decoded, of a Mandelbulb of 40
+/// million), and how many nodes a walk meets in a block.
 pub const FINE_WORDS: u32 = 1024;
 /// Words of a coarse unit, at most: small beside a block, so that blocks fill well.
 const COARSE_WORDS: u32 = MAX_WORDS as u32 / 8;

@@ -1,19 +1,21 @@
 //! Which nodes of a binary tree become wide ones, and which leaves: the cheapest choice, by dynamic programming.
 //!
-//! Source: Ylitie, Karras, Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017, section 3.1.
+//! Source: Ylitie, Karras, Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017,
+//! section 3.1.
 
 use crate::structure::bvh::layout::WIDTH;
 
 /// Cost of a node, by the area of its box; costs of leaves are counted in it. (A Mandelbulb of 10 million in ranges of
-/// 4,096, nodes for 0.5 to 2.5 leaves and triangles for 0.06 to 0.17 of one: dear triangles make shadow rays 8 % slower and the model a sixth larger.)
+/// 4,096, nodes for 0.5 to 2.5 leaves and triangles for 0.06 to 0.17 of one: dear triangles make shadow rays 8 % slower
+/// and the model a sixth larger.)
 pub const NODE_COST: f32 = 1.0;
 /// Cost of a leaf beside its triangles.
 pub const LEAF_COST: f32 = 1.0;
 /// Cost of a triangle of a leaf.
 pub const TRIANGLE_COST: f32 = 0.06;
 
-/// A node of the binary tree: what it may become below a node whose leaves stay as they are, and below one of which each leaf gets a node of its own
-/// ([`super::tree::wrap_leaves`]).
+/// A node of the binary tree: what it may become below a node whose leaves stay as they are, and below one of which
+/// each leaf gets a node of its own ([`super::tree::wrap_leaves`]).
 pub struct Weighed {
     below: [Choice; 2],
 }
@@ -38,11 +40,17 @@ fn costs_of_leaf(half_area: f32, triangles: usize) -> [f32; 2] {
 impl Weighed {
     /// What is one leaf, of so many triangles.
     pub fn leaf(half_area: f32, triangles: usize) -> Self {
-        Self { below: costs_of_leaf(half_area, triangles).map(|cost| Choice { costs: [cost; WIDTH], of_left: [0; WIDTH], is_leaf: true }) }
+        Self {
+            below: costs_of_leaf(half_area, triangles).map(|cost| Choice {
+                costs: [cost; WIDTH],
+                of_left: [0; WIDTH],
+                is_leaf: true,
+            }),
+        }
     }
 
-    /// What is in two halves, or in a leaf of so many triangles, if it fits one. `wraps`: leaves of a node made of it get nodes of their own, and so they do of
-    /// all nodes above it.
+    /// What is in two halves, or in a leaf of so many triangles, if it fits one. `wraps`: leaves of a node made of it
+    /// get nodes of their own, and so they do of all nodes above it.
     pub fn inner(half_area: f32, left: &Self, right: &Self, triangles: Option<usize>, wraps: bool) -> Self {
         let of = |which: usize| several(&left.below[which].costs, &right.below[which].costs);
         let wrapped = of(1);
@@ -73,7 +81,8 @@ impl Weighed {
 
 /// Costs of two children and more, of both halves, and how many of these are of the left one.
 fn several(left: &[f32; WIDTH], right: &[f32; WIDTH]) -> ([f32; WIDTH], [u8; WIDTH]) {
-    // Costs of the right half behind those of no children: with `k` of the left, `i + 1` in all have `padded[WIDTH + i - k]` of it.
+    // Costs of the right half behind those of no children: with `k` of the left, `i + 1` in all have `padded[WIDTH +
+    // i - k]` of it.
     let mut padded = [f32::INFINITY; 2 * WIDTH];
     padded[WIDTH..].copy_from_slice(right);
     let (mut costs, mut of_left) = ([f32::INFINITY; WIDTH], [0u32; WIDTH]);
@@ -91,8 +100,8 @@ fn several(left: &[f32; WIDTH], right: &[f32; WIDTH]) -> ([f32; WIDTH], [u8; WID
     (costs, of_left.map(|k| k as u8))
 }
 
-/// The children of a wide node over node `at` of a binary tree, given the halves of each of its nodes, from left to right. `at` itself if that is a
-/// leaf at any cost. `wraps`: its leaves get nodes of their own.
+/// The children of a wide node over node `at` of a binary tree, given the halves of each of its nodes, from left to
+/// right. `at` itself if that is a leaf at any cost. `wraps`: its leaves get nodes of their own.
 pub fn children(at: u32, weighed: &[Weighed], halves: &[[u32; 2]], wraps: bool) -> Vec<u32> {
     let mut found = Vec::with_capacity(WIDTH);
     // What is looked at next is the last: the left half.
@@ -132,10 +141,18 @@ mod tests {
 
     impl Tree {
         fn new(most: usize) -> Self {
-            Self { areas: Vec::new(), halves: Vec::new(), triangles: Vec::new(), weighed: Vec::new(), most, counts: Vec::new() }
+            Self {
+                areas: Vec::new(),
+                halves: Vec::new(),
+                triangles: Vec::new(),
+                weighed: Vec::new(),
+                most,
+                counts: Vec::new(),
+            }
         }
 
-        /// Over `count` leaves of one triangle, split where `choices` say. Parents are as large as both halves or nearly.
+        /// Over `count` leaves of one triangle, split where `choices` say. Parents are as large as both halves or
+        /// nearly.
         fn grow(&mut self, count: usize, choices: &mut impl Iterator<Item = (usize, f32)>) -> u32 {
             let id = self.areas.len();
             let (at, factor) = choices.next().expect("as many as nodes");
@@ -162,10 +179,13 @@ mod tests {
                 return *cost;
             }
             let [l, r] = self.halves[at].map(|half| half as usize);
-            let mut least = self.triangles[at].map_or(f32::INFINITY, |n| costs_of_leaf(self.areas[at], n)[usize::from(wraps)]);
+            let mut least =
+                self.triangles[at].map_or(f32::INFINITY, |n| costs_of_leaf(self.areas[at], n)[usize::from(wraps)]);
             if l != at {
                 // As a node over its halves' children, or as these.
-                for (node, of, wraps) in [(self.areas[at] * NODE_COST, WIDTH, self.counts[at] > self.most), (0.0, count, wraps)] {
+                for (node, of, wraps) in
+                    [(self.areas[at] * NODE_COST, WIDTH, self.counts[at] > self.most), (0.0, count, wraps)]
+                {
                     for k in 1..of {
                         least = least.min(node + self.least(l, k, wraps, known) + self.least(r, of - k, wraps, known));
                     }
@@ -186,7 +206,9 @@ mod tests {
                 self.areas[i] * NODE_COST + self.made(child)
             };
             let children = children(at, &self.weighed, &self.halves, wraps);
-            assert!((1..=WIDTH).contains(&children.len()) && (children != [at] || self.weighed[at as usize].is_leaf(wraps)));
+            assert!(
+                (1..=WIDTH).contains(&children.len()) && (children != [at] || self.weighed[at as usize].is_leaf(wraps))
+            );
             children.into_iter().map(cost).sum()
         }
     }
@@ -206,7 +228,8 @@ mod tests {
     #[test]
     fn what_is_too_much_for_a_node_goes_where_it_is_cheapest() {
         let leaf = || Weighed::leaf(1.0, 1);
-        // A chain of pairs: leaf 0 and (leaf 1 and (.. (leaf 7 and leaf 8))); node 8 + i is over leaf i and node 9 + i, the last over leaves 7 and 8.
+        // A chain of pairs: leaf 0 and (leaf 1 and (.. (leaf 7 and leaf 8))); node 8 + i is over leaf i and node 9 + i,
+        // the last over leaves 7 and 8.
         let mut halves: Vec<[u32; 2]> = (0..9).map(|i| [i, i]).collect();
         halves.extend((0..8u32).map(|i| [i, if i < 7 { 10 + i } else { 8 }]));
         let mut weighed: Vec<Option<Weighed>> = (0..17).map(|i| (i < 9).then(leaf)).collect();
@@ -249,7 +272,8 @@ mod tests {
             while let Some(at) = open.pop() {
                 let below = children(at, &tree.weighed, &tree.halves, wraps);
                 assert!((2..=WIDTH).contains(&below.len()));
-                let (leaf, node): (Vec<u32>, Vec<u32>) = below.into_iter().partition(|child| tree.weighed[*child as usize].is_leaf(wraps));
+                let (leaf, node): (Vec<u32>, Vec<u32>) =
+                    below.into_iter().partition(|child| tree.weighed[*child as usize].is_leaf(wraps));
                 leaves += leaf.len();
                 open.extend(node);
             }

@@ -1,15 +1,15 @@
 //! From a plan to the trace form of its block, or of its two, with the primitive ids and colours beside it.
 
-use crate::structure::bake::TreeInput;
 use super::cluster::Plan;
 use super::leaf::LeafShape;
 use super::refs::Ref;
 use super::tree::{Inner, Sub};
 use crate::lod::{Coded, SIDES_WORDS};
 use crate::simd::Portable;
+use crate::structure::bake::TreeInput;
 use crate::structure::bvh::layout::{
-    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_VERTICES, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, put_passed,
-    leaf_block_head,
+    Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_VERTICES, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL,
+    leaf_block_head, put_passed,
 };
 use crate::structure::bvh::leaf::{APART, STEP_BYTES, index_words, put_coordinates};
 use bytemuck::must_cast;

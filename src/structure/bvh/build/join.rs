@@ -4,12 +4,12 @@
 //! has little left to say about the top of the tree. Planes between items are swept exactly, on all axes; an
 //! item weighs what hangs below it.
 
+use super::Top;
 use super::cluster::{Home, UnitId};
 use super::tree::{Inner, Piece, Place, Sub};
-use super::Top;
-use crate::structure::bake::Counts;
 use crate::base::error::{Error, Result};
 use crate::math::Bounds;
+use crate::structure::bake::Counts;
 use crate::structure::bvh::layout::WIDTH;
 
 /// What [`join`] makes.

@@ -1,9 +1,9 @@
 //! Leaves: their triangles in order and the vertices that these share.
 
-use crate::structure::bake::TreeInput;
 use super::refs::Ref;
 use crate::lod::Content;
 use crate::simd::{Isa, Lanes, Mask, Op, Portable, Simd, dispatch};
+use crate::structure::bake::TreeInput;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES};
 use crate::structure::bvh::leaf::{LeafForm, MIXED};
 use glam::Vec3;
@@ -72,14 +72,24 @@ impl LeafShape {
     pub fn content(&self, refs: &[Ref]) -> Content {
         let [x, y, z] = &self.vertices;
         let points = (0..self.vertex_count).map(|i| Vec3::new(x[i], y[i], z[i])).collect();
-        let place = |r: &Ref| self.triangles[..self.count].iter().position(|&t| t as usize == r.triangle()).unwrap_or(0);
+        let place =
+            |r: &Ref| self.triangles[..self.count].iter().position(|&t| t as usize == r.triangle()).unwrap_or(0);
         Content::of_triangles(points, refs.iter().map(|r| self.corners[place(r)].map(u16::from)).collect())
     }
 
     /// How it is stored, and the bits of its coordinates.
     pub fn stored(&self) -> (LeafForm, [[u32; MAX_VERTICES]; 3]) {
         let bits = self.vertices.each_ref().map(|axis| std::array::from_fn(|i| axis[i].to_bits()));
-        (LeafForm::of(Portable::new(), (self.count, self.vertex_count), self.mixed, self.is_apart(), bits.each_ref()), bits)
+        (
+            LeafForm::of(
+                Portable::new(),
+                (self.count, self.vertex_count),
+                self.mixed,
+                self.is_apart(),
+                bits.each_ref(),
+            ),
+            bits,
+        )
     }
 
     /// Whether no vertex is shared. Vertices are numbered as corners come, so these are in order then.
@@ -92,7 +102,8 @@ impl LeafShape {
         if self.is_apart() {
             return self.stored().0.words();
         }
-        LeafForm { triangles: self.count, vertices: self.vertex_count, flags: if self.mixed { MIXED } else { 0 } }.words()
+        LeafForm { triangles: self.count, vertices: self.vertex_count, flags: if self.mixed { MIXED } else { 0 } }
+            .words()
     }
 }
 
@@ -173,7 +184,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Against vertices found one after the other. On a small grid, where most are shared; zeros of both signs are the same.
+        /// Against vertices found one after the other. On a small grid, where most are shared; zeros of both signs are
+        /// the same.
         #[test]
         fn vertices_are_those_that_are_found_one_by_one(
             corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(-1i32..2)), 1..12),

@@ -1,7 +1,7 @@
 //! Lines through a cell's region, its box inside of its slabs, and which of them meet triangles: eight at a time.
 //!
-//! Lines are uniform over all that cross the region, once each is weighed by one over its way through it ([`Lines::through`]): through points spread evenly over
-//! a box around the region, any way.
+//! Lines are uniform over all that cross the region, once each is weighed by one over its way through it
+//! ([`Lines::through`]): through points spread evenly over a box around the region, any way.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::refs::Ref;
@@ -16,19 +16,23 @@ use std::f32::consts::PI;
 const GROUP: usize = 8;
 /// Groups at most.
 const GROUPS: usize = 16;
-/// By how much regions are larger than stored, as a part of the cell's size: flat ones have no lines. (Twice as much, and cells of wires stop a tenth too few.)
+/// By how much regions are larger than stored, as a part of the cell's size: flat ones have no lines. (Twice as much,
+/// and cells of wires stop a tenth too few.)
 const GIVE: f32 = 1.0 / 1024.0;
-/// By how much ways are longer than in the region where it is asked what they meet, as a part of the cell's size: nothing in it is missed by rounding.
+/// By how much ways are longer than in the region where it is asked what they meet, as a part of the cell's size:
+/// nothing in it is missed by rounding.
 const ROUNDED: f32 = 1.0 / 512.0;
 
-/// Ways weigh no more than those of this part of the thickness: else one across a corner outweighs all others (of a flat wall's cell
-/// a tenth of all lines seemed to pass, which were one).
+/// Ways weigh no more than those of this part of the thickness: else one across a corner outweighs all others (of a
+/// flat wall's cell a tenth of all lines seemed to pass, which were one).
 const SHORT: f32 = 1.0 / 16.0;
 
-/// The size of a cell is the smaller of its diagonal and so many times its width: what lies within an eighth of a long thin cell's length is mostly far
-/// from its sides, where a closed surface goes on. (Clumps of a closed ball stretched a thousand times along an axis find surface beside 0.07 to 0.6 of their
-/// lines by the diagonal, by this 0.4 to 1, most of them more than 0.9; those of wires, of which few are as long, hardly more than before. With 16 times they
-/// do, and their cells stop too many. Of cells along no axis slabs are stored in steps of a 31st of their reach: they are wider than what they hold, and gain little.)
+/// The size of a cell is the smaller of its diagonal and so many times its width: what lies within an eighth of a long
+/// thin cell's length is mostly far from its sides, where a closed surface goes on. (Clumps of a closed ball stretched
+/// a thousand times along an axis find surface beside 0.07 to 0.6 of their lines by the diagonal, by this 0.4 to 1,
+/// most of them more than 0.9; those of wires, of which few are as long, hardly more than before. With 16 times they
+/// do, and their cells stop too many. Of cells along no axis slabs are stored in steps of a 31st of their reach: they
+/// are wider than what they hold, and gain little.)
 const LONG: f32 = 32.0;
 /// It is at least this part of the diagonal, or rounding counts.
 const LEAST: f32 = 1.0 / 16384.0;
@@ -130,7 +134,10 @@ impl Region {
         let size = diagonal.min(LONG * OrientedBox::around(bounds, slabs).width()).max(diagonal * LEAST);
         let give = (size * (GIVE + near)).max(f32::MIN_POSITIVE);
         let words = [bounds.min, bounds.max].map(|v| v.to_array().map(f32::to_bits));
-        let mut turn = words.as_flattened().iter().fold(0x9e37_79b9, |h: u32, w| (h ^ w).wrapping_mul(0x85eb_ca6b).rotate_left(13));
+        let mut turn = words
+            .as_flattened()
+            .iter()
+            .fold(0x9e37_79b9, |h: u32, w| (h ^ w).wrapping_mul(0x85eb_ca6b).rotate_left(13));
         let turns = [(); 5].map(|()| {
             turn = (turn ^ turn >> 15).wrapping_mul(0x2c1b_3c6d);
             turn = (turn ^ turn >> 12).wrapping_mul(0x297a_2d39);
@@ -157,8 +164,8 @@ impl Region {
     }
 }
 
-/// Powers of the reciprocal of the generalised golden ratio of five dimensions (Roberts, "The Unreasonable Effectiveness of Quasirandom
-/// Sequences", 2018).
+/// Powers of the reciprocal of the generalised golden ratio of five dimensions (Roberts, "The Unreasonable
+/// Effectiveness of Quasirandom Sequences", 2018).
 const STEPS: [f64; 5] = [0.855_669_5, 0.732_170_3, 0.626_495_8, 0.536_073_4, 0.458_701_6];
 
 /// Five numbers from 0 to 1 for each line, spread evenly: multiples of these.
@@ -187,7 +194,14 @@ fn cos_of_turns(turns: f32) -> f32 {
 impl Lines {
     pub fn new() -> Self {
         const ROWS: [Row; 3] = [[0.0; GROUP]; 3];
-        Self { groups: 0, org: [ROWS; GROUPS], dir: [ROWS; GROUPS], way: [[[0.0; GROUP]; 2]; GROUPS], weight: [[0.0; GROUP]; GROUPS], all: NONE }
+        Self {
+            groups: 0,
+            org: [ROWS; GROUPS],
+            dir: [ROWS; GROUPS],
+            way: [[[0.0; GROUP]; 2]; GROUPS],
+            weight: [[0.0; GROUP]; GROUPS],
+            all: NONE,
+        }
     }
 
     /// Takes the lines of groups `first` to `end` through `region`.
@@ -237,7 +251,8 @@ impl Lines {
                 inv[i] = 1.0 / dir[axis][i].abs().max(1e-12).copysign(dir[axis][i]);
             }
             let (inv, org) = (s.load8(&inv), s.load8(&org[axis]));
-            let (a, b) = ((s.splat8(region.bounds.min[axis]) - org) * inv, (s.splat8(region.bounds.max[axis]) - org) * inv);
+            let (a, b) =
+                ((s.splat8(region.bounds.min[axis]) - org) * inv, (s.splat8(region.bounds.max[axis]) - org) * inv);
             (near, far) = (near.max(a.min(b)), far.min(a.max(b)));
         }
         for slab in &region.slabs {
@@ -271,7 +286,8 @@ impl Lines {
         let Vec3 { x, y, z } = region.across;
         for group in 0..self.groups {
             let dir = &self.dir[group];
-            let along = s.load8(&dir[0]) * s.splat8(x) + s.load8(&dir[1]) * s.splat8(y) + s.load8(&dir[2]) * s.splat8(z);
+            let along =
+                s.load8(&dir[0]) * s.splat8(x) + s.load8(&dir[1]) * s.splat8(y) + s.load8(&dir[2]) * s.splat8(z);
             let size = along.max(s.splat8(0.0) - along);
             self.all[group] &= s.splat8(cosine).le(size).bits() as u8;
         }
@@ -302,8 +318,8 @@ impl Lines {
         left != 0
     }
 
-    /// Of a group, those that meet a triangle on their ways, each longer by `near` at both ends. (Möller and Trumbore, "Fast, Minimum
-    /// Storage Ray/Triangle Intersection", 1997.)
+    /// Of a group, those that meet a triangle on their ways, each longer by `near` at both ends. (Möller and Trumbore,
+    /// "Fast, Minimum Storage Ray/Triangle Intersection", 1997.)
     #[inline(always)]
     fn met<S: Simd>(&self, s: S, group: usize, near: f32, triangle: &[Vec3; 3]) -> u8 {
         let [a, b, c] = triangle;
@@ -340,7 +356,9 @@ pub fn put(set: &mut Set, i: usize, is_in: bool) {
 
 /// Which lines are in a set.
 pub fn numbers(set: Set) -> impl Iterator<Item = usize> {
-    set.into_iter().enumerate().flat_map(|(group, bits)| (0..GROUP).filter(move |i| bits >> i & 1 == 1).map(move |i| group * GROUP + i))
+    set.into_iter()
+        .enumerate()
+        .flat_map(|(group, bits)| (0..GROUP).filter(move |i| bits >> i & 1 == 1).map(move |i| group * GROUP + i))
 }
 
 impl Line<'_> {
@@ -408,10 +426,14 @@ mod tests {
     fn faces(b: Bounds) -> Vec<[Vec3; 3]> {
         let corner = |i: usize| Vec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), b.max, b.min);
         let quad = |[a, b, c, d]: [usize; 4]| [[a, b, c], [a, c, d]].map(|t| t.map(corner));
-        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]].into_iter().flat_map(quad).collect()
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+            .into_iter()
+            .flat_map(quad)
+            .collect()
     }
 
-    /// The weights of all lines, of those that meet none of the triangles, and of these by a formula of its own in double precision.
+    /// The weights of all lines, of those that meet none of the triangles, and of these by a formula of its own in
+    /// double precision.
     struct Share<'a>(&'a Region, &'a [[Vec3; 3]]);
 
     impl Op for Share<'_> {
@@ -444,8 +466,8 @@ mod tests {
         is_on && t >= f64::from(line.way[0]) && t <= f64::from(line.way[1])
     }
 
-    /// The share of the lines through many regions, each with lines turned differently, that meet any of the triangles. (Of few lines it is too
-    /// large by some hundredths: short ways are seldom found, and weigh much.)
+    /// The share of the lines through many regions, each with lines turned differently, that meet any of the triangles.
+    /// (Of few lines it is too large by some hundredths: short ways are seldom found, and weigh much.)
     fn share(bounds: Bounds, slabs: &Slabs<f32>, triangles: &[[Vec3; 3]], isa: Isa) -> f32 {
         let mut sums = [0.0; 2];
         for round in 0..32 {
@@ -476,7 +498,8 @@ mod tests {
         let inner = faces(Bounds { min: Vec3::splat(0.1), max: Vec3::splat(0.6) });
         // A plate of the cell is left between slabs, and a square in it: both of its sides count.
         let plate = [Slab { axis: [0.0, 0.0, 1.0], low: 0.45, high: 0.55 }, slabs[1]];
-        let square = [[0.2, 0.7], [0.7, 0.2]].map(|[x, y]| [Vec3::new(0.2, 0.2, 0.5), Vec3::new(0.7, 0.7, 0.5), Vec3::new(x, y, 0.5)]);
+        let square = [[0.2, 0.7], [0.7, 0.2]]
+            .map(|[x, y]| [Vec3::new(0.2, 0.2, 0.5), Vec3::new(0.7, 0.7, 0.5), Vec3::new(x, y, 0.5)]);
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
             let of_cube = share(UNIT, &slabs, &inner, isa);
             // Lines across corners, which count for less, mostly miss it.

@@ -1,10 +1,10 @@
 //! From triangles to blocks: references, binned SAH, wide nodes, leaves, clusters.
 //!
 //! A mesh is built in one or more **chunks**, each in memory: a [`Chunk`] gives its fine and leaf blocks and a [`Top`],
-//! the [`Crown`] over all tops gives the coarse blocks. Passes: `refs` (one box a triangle), `sah` and `spatial`
-//! (where to split the set, or space), `tree` (wide nodes), `small` and `collapse` (those of small subtrees, and leaves),
-//! `cluster` (which nodes share a block), `join` (one tree of several), `encode` (trace form).
-//! The result depends on the input and the options only, never on the number of threads.
+//! the [`Crown`] over all tops gives the coarse blocks. Passes: `refs` (one box a triangle), `sah` and `spatial` (where
+//! to split the set, or space), `tree` (wide nodes), `small` and `collapse` (those of small subtrees, and leaves),
+//! `cluster` (which nodes share a block), `join` (one tree of several), `encode` (trace form). The result depends on
+//! the input and the options only, never on the number of threads.
 
 mod bake;
 mod chop;
@@ -34,8 +34,8 @@ pub use spatial::splits_pay;
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::simd::Isa;
-use crate::structure::bvh::layout::Child;
 use crate::structure::bake::{BuiltChunk, Counts, TreeInput, TreeOptions};
+use crate::structure::bvh::layout::Child;
 use crate::structure::par::Par;
 use tree::{Inner, Piece, Place, Sub};
 
@@ -69,7 +69,8 @@ impl<'a> Chunk<'a> {
     ) -> Result<BuiltChunk<Chunk<'a>, Top>> {
         let mut refs = refs::make(input.triangles, options.split_budget, par);
         cancel.check()?;
-        let tree::Built { children, bounds, counts } = tree::build(input, &mut refs, options.mesh_half_area, par, cancel)?;
+        let tree::Built { children, bounds, counts } =
+            tree::build(input, &mut refs, options.mesh_half_area, par, cancel)?;
         let done = |plans, top, refs| BuiltChunk { chunk: Chunk { input, refs, plans }, top, bounds, counts };
         let mut pieces = children;
         let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };
@@ -100,8 +101,8 @@ impl<'a> Chunk<'a> {
         std::mem::take(&mut self.plans)
     }
 
-    /// The trace form of a block; that of its leaf block, unless it is all of the tree. Its plan goes: to give back what that holds of the tree takes
-    /// a while, which all threads share then.
+    /// The trace form of a block; that of its leaf block, unless it is all of the tree. Its plan goes: to give back
+    /// what that holds of the tree takes a while, which all threads share then.
     pub fn encode(&self, plan: Plan) -> (TreeBlock, Option<TreeBlock>) {
         encode::encode(&plan, 0, self.input, &self.refs)
     }

@@ -1,8 +1,8 @@
 //! Moving a range's left side to its front.
 
-use crate::structure::par::Par;
 use super::refs::Ref;
 use super::sah::{Extents, Split};
+use crate::structure::par::Par;
 
 /// References that are partitioned by themselves, in parallel, where a range has more than
 /// [`PARALLEL`]. The result depends on it, so it does not depend on the number of threads.
@@ -56,7 +56,8 @@ fn gather(refs: &mut [Ref], sides: &[Sides]) -> usize {
     let span = |c: usize| (c * CHUNK, c * CHUNK + sides[c].middle, ((c + 1) * CHUNK).min(total));
     // Right sides in the front, left sides in the back: as many of either.
     let mut wrong_front = (0..sides.len()).map(span).map(|(_, from, to)| from.min(middle)..to.min(middle));
-    let mut wrong_back = (0..sides.len()).map(span).map(|(from, to, _)| from.max(middle) - middle..to.max(middle) - middle);
+    let mut wrong_back =
+        (0..sides.len()).map(span).map(|(from, to, _)| from.max(middle) - middle..to.max(middle) - middle);
     let (mut a, mut b) = (0..0, 0..0);
     loop {
         while a.is_empty() {

@@ -1,28 +1,29 @@
 //! How many of the rays that enter a cell's region, its box inside of its slabs, pass what it holds.
 //!
-//! Lines through the region, uniform over all of them, are asked of the triangles below. (So cells as large as may be are right as well
-//! as small ones: nothing is made of what was found for their pieces.) Two things are beside the cell:
+//! Lines through the region, uniform over all of them, are asked of the triangles below: no cell's share is made of
+//! those of its pieces. Two things are beside the cell:
 //!
-//! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a clump (see [`super::tree::CLUMP`]) are
-//!   **walls** if what they hold goes on beside them: of the lines that go steeply through a cell's first slab, or as near beside it as an
-//!   eighth of its size ([`Region`]), and meet nothing in it, most find other surface as near again ([`FOUND`]). Measured, by clumps: 0.5 to 1 of them in
-//!   spheres and a scan of a million triangles, 0.1 to 0.4 among plates, less than 0.2 among wires, less than 0.05 among leaf cards; in terrains of
-//!   cubes anything. (Of all lines, which mostly run along a wall, and through the cells alone, which hardly any line passes: 0.8 to 1, and 0.1
-//!   to 0.5 among wires. So cells of single wires were walls, and so were lone boxes, with all cells above them, while curved walls of few triangles
-//!   were none.) Of most of a scan no more is worked out than that.
-//! - A line that passes a piece of a wire beside its end finds the next piece. As cells that overlap mostly decide alike about a ray
-//!   (`trace::pass`), the next one would let it pass too. So a part of these lines counts as stopped: [`BESIDE`].
+//! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a
+//!   clump (see [`super::tree::CLUMP`]) are **walls** if what they hold goes on beside them: of the lines that go
+//!   steeply through a cell's first slab, or as near beside it as an eighth of its size ([`Region`]), and meet nothing
+//!   in it, most find other surface as near again ([`FOUND`]). Measured, by clumps: 0.5 to 1 of them in spheres and a
+//!   scan of a million triangles, 0.1 to 0.4 among plates, less than 0.2 among wires, less than 0.05 among leaf cards;
+//!   in terrains of cubes anything. (Of all lines, which mostly run along a wall, and through the cells alone, which
+//!   hardly any line passes: 0.8 to 1, and 0.1 to 0.5 among wires. So cells of single wires were walls, and so were
+//!   lone boxes, with all cells above them, while curved walls of few triangles were none.) Of most of a scan no more
+//!   is worked out than that.
+//! - A line that passes a piece of a wire beside its end finds the next piece. As cells that overlap mostly decide
+//!   alike about a ray (`trace::pass`), the next one would let it pass too. So a part of these lines counts as stopped:
+//!   [`BESIDE`].
 //!
-//! The same lines for all cells, turned by where the cell is: what is off by chance in one cell is not in the next. Nothing depends on
-//! the number of threads.
+//! The same lines for all cells, turned by where the cell is: what is off by chance in one cell is not in the next.
+//! Nothing depends on the number of threads.
 //!
-//! Of a model of several chunks, cells over more than one of them and those right below a chunk's root (`join`) let nothing pass; and what is
-//! near is sought in the chunk alone, so that at its ends fewer cells are walls of themselves. (`tests/stability/awkward.rs`: closed meshes of
-//! several chunks stay closed all the same.)
+//! Of a model of several chunks, cells over more than one of them and those right below a chunk's root (`join`) let
+//! nothing pass; and what is near is sought in the chunk alone, so that at its ends fewer cells are walls of
+//! themselves. (`tests/stability/awkward.rs`: closed meshes of several chunks stay closed all the same.)
 
-use crate::structure::bake::TreeInput;
 use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};
-use crate::structure::par::Par;
 use super::refs::Ref;
 use super::tree::{Inner, Piece, Place, Sub};
 use crate::base::error::Result;
@@ -30,6 +31,8 @@ use crate::base::progress::Cancel;
 use crate::lod::{Slabs, stop_bits};
 use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
+use crate::structure::bake::TreeInput;
+use crate::structure::par::Par;
 
 /// Through about so many of a clump's cells lines are asked, a group through each,
 const PROBES: usize = 16;
@@ -39,25 +42,31 @@ const STEEP: f32 = 0.6;
 const SURE: f32 = 0.7;
 /// as soon as it is known of so many of these;
 const ENOUGH: f32 = 16.0;
-/// or, once a group was asked through each of them, so many. (Of the clumps of a Mandelbulb of a million all find 0.5 or more, 2 of 5,745 less than this, see [`agree`].
-/// With 0.45 small steps in a terrain of cubes close, which brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.7 and 1.0 %.)
+/// or, once a group was asked through each of them, so many. (Of the clumps of a Mandelbulb of a million all find 0.5
+/// or more, 2 of 5,745 less than this, see [`agree`]. With 0.45 small steps in a terrain of cubes close, which
+/// brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.7 and 1.0 %.)
 const FOUND: f32 = 0.55;
-/// How near, as a part of the cell's size: to cells in clumps, and to **larger** ones, which are those of nodes above clumps and of each clump's uppermost.
+/// How near, as a part of the cell's size: to cells in clumps, and to **larger** ones, which are those of nodes above
+/// clumps and of each clump's uppermost.
 const NEAR: [f32; 2] = [0.125, 0.25];
-/// How many of the lines that pass a cell, and find other surface near it, count as stopped: of leaves, of other nodes in clumps, and of larger ones.
-/// (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that farthest from 1: 0.02, 0.02, 0.03 and 0.03 off, and 0.05, 0.04, 0.02
-/// and 0.04. Plates need fewer, wires as many: so leaves go by their clump.)
+/// How many of the lines that pass a cell, and find other surface near it, count as stopped: of leaves, of other nodes
+/// in clumps, and of larger ones. (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that farthest
+/// from 1: 0.02, 0.02, 0.03 and 0.03 off, and 0.05, 0.04, 0.02 and 0.04. Plates need fewer, wires as many: so leaves go
+/// by their clump.)
 const BESIDE: Beside = Beside { of_nodes: 0.5, of_larger: 0.75, of_leaves: 2.0 };
-/// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and leaf cards.)
+/// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and
+/// leaf cards.)
 const SEEK: usize = 64;
 /// Of a group of lines those of which it is asked what is near.
 const HALF: u8 = 0b0101_0101;
-/// Groups of eight lines through a cell in a clump, and through a larger one; of half of the lines of the first of these, or of a
-/// quarter of them, it is asked what is near. (With twice as many of the first, 1 % less of the coverage of wires, and builds of CAD a tenth slower.)
+/// Groups of eight lines through a cell in a clump, and through a larger one; of half of the lines of the first of
+/// these, or of a quarter of them, it is asked what is near. (With twice as many of the first, 1 % less of the coverage
+/// of wires, and builds of CAD a tenth slower.)
 const LINES: [usize; 2] = [4, 16];
 /// A larger cell that stops no more than this is asked about again,
 const SPARSE: f32 = 0.5;
-/// so many times in all. (At PoE 10 few cells are in view: after one time wires had 1.04 of their coverage in one view of two.)
+/// so many times in all. (At PoE 10 few cells are in view: after one time wires had 1.04 of their coverage in one view
+/// of two.)
 const ROUNDS: usize = 4;
 
 /// See [`BESIDE`].
@@ -65,7 +74,8 @@ const ROUNDS: usize = 4;
 struct Beside {
     of_nodes: f32,
     of_larger: f32,
-    /// Of leaves so many times the share of the lines beside their clump's cells that find other surface near: few among plates and cards, more along wires.
+    /// Of leaves so many times the share of the lines beside their clump's cells that find other surface near: few
+    /// among plates and cards, more along wires.
     of_leaves: f32,
 }
 
@@ -85,12 +95,21 @@ struct Cell<'a> {
     sub: &'a Sub,
 }
 
-/// Works out how many rays all cells below `pieces` stop, the same with any vectors. Fails only with [`crate::Error::Cancelled`].
+/// Works out how many rays all cells below `pieces` stop, the same with any vectors. Fails only with
+/// [`crate::Error::Cancelled`].
 pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par: &Par, cancel: &Cancel) -> Result<()> {
     mark_with(BESIDE, pieces, input, refs, isa, par, cancel)
 }
 
-fn mark_with(beside: Beside, pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par: &Par, cancel: &Cancel) -> Result<()> {
+fn mark_with(
+    beside: Beside,
+    pieces: &mut [Piece],
+    input: TreeInput,
+    refs: &[Ref],
+    isa: Isa,
+    par: &Par,
+    cancel: &Cancel,
+) -> Result<()> {
     let scene = Scene { pieces, input, refs, beside };
     let (mut clumps, mut large) = (Vec::new(), Vec::new());
     inners(pieces).for_each(|inner| gather_clumps(inner, &mut clumps));
@@ -174,9 +193,9 @@ fn gather_clumps<'a>(inner: &'a Inner, out: &mut Vec<Clump<'a>>) {
     }
 }
 
-/// Of clumps in one node all are walls if those with half of their cells or more are: a small piece of a wall, at a corner of it, may look otherwise.
-/// (Two of a Mandelbulb of a million do. One of them was a hole of one pixel where three quarters had to agree. One that is alone in its node decides
-/// alone: beside a wall there may be a wire.)
+/// Of clumps in one node all are walls if those with half of their cells or more are: a small piece of a wall, at a
+/// corner of it, may look otherwise. (Two of a Mandelbulb of a million do. One of them was a hole of one pixel where
+/// three quarters had to agree. One that is alone in its node decides alone: beside a wall there may be a wire.)
 fn agree(inner: &Inner, clumps: &mut std::slice::IterMut<Known>) {
     let (mut here, mut sums) = (Vec::new(), [0; 2]);
     for slots in runs(inner) {
@@ -193,13 +212,22 @@ fn agree(inner: &Inner, clumps: &mut std::slice::IterMut<Known>) {
     }
 }
 
-/// Of all larger cells, in their order, those to be asked; nothing for those of whose cells a quarter or more are walls.
-/// How many cells are below, and how many of these are walls.
-fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, clumps: &mut std::slice::Iter<Known>, out: &mut Vec<Large<'a>>) -> [usize; 2] {
+/// Of all larger cells, in their order, those to be asked; nothing for those of whose cells a quarter or more are
+/// walls. How many cells are below, and how many of these are walls.
+fn gather_large<'a>(
+    inner: &'a Inner,
+    above: Option<&'a Inner>,
+    clumps: &mut std::slice::Iter<Known>,
+    out: &mut Vec<Large<'a>>,
+) -> [usize; 2] {
     let (mut sums, all) = ([0; 2], cells(inner).collect::<Vec<_>>());
     for slots in runs(inner) {
         let at = out.len();
-        out.extend((slots[0]..slots[1]).filter(|slot| matches!(all[*slot].sub, Sub::Inner(_))).map(|slot| Some((all[slot], above))));
+        out.extend(
+            (slots[0]..slots[1])
+                .filter(|slot| matches!(all[*slot].sub, Sub::Inner(_)))
+                .map(|slot| Some((all[slot], above))),
+        );
         let end = out.len();
         let counts = match above_clumps(inner, slots[0]) {
             Some(below) => gather_large(below, Some(inner), clumps, out),
@@ -216,7 +244,11 @@ fn gather_large<'a>(inner: &'a Inner, above: Option<&'a Inner>, clumps: &mut std
 
 fn cells(inner: &Inner) -> impl Iterator<Item = Cell<'_>> {
     let all = inner.children.iter().enumerate();
-    all.map(|(slot, (_, sub))| Cell { bounds: inner.node.stored_box(slot), slabs: inner.node.stored_slabs(slot), sub: lone_leaf(sub).unwrap_or(sub) })
+    all.map(|(slot, (_, sub))| Cell {
+        bounds: inner.node.stored_box(slot),
+        slabs: inner.node.stored_slabs(slot),
+        sub: lone_leaf(sub).unwrap_or(sub),
+    })
 }
 
 /// The leaf that a node was put over ([`super::tree::wrap_leaves`]): its cell is that leaf's, asked once for both.
@@ -384,7 +416,8 @@ impl<'a> Asker<'a> {
         Self { scene, above, lines: Lines::new(), triangles: Vec::new(), stack: Vec::new() }
     }
 
-    /// Asks the lines of so many groups, each alone, down the tree; and of the first `seek` of these groups what is near.
+    /// Asks the lines of so many groups, each alone, down the tree; and of the first `seek` of these groups what is
+    /// near.
     #[inline(always)]
     fn alone<S: Simd>(&mut self, s: S, sub: &'a Sub, region: &Region, groups: usize, seek: usize) -> Asked {
         self.lines.through(s, region, [0, groups]);
@@ -396,8 +429,8 @@ impl<'a> Asker<'a> {
         self.asked(s, &passed, seek, HALF, region.size * NEAR[1])
     }
 
-    /// Asks `groups` (first, end) of the lines that go through a cell or near beside it, if they do so steeply; and of all that meet
-    /// nothing in it what is near.
+    /// Asks `groups` (first, end) of the lines that go through a cell or near beside it, if they do so steeply; and of
+    /// all that meet nothing in it what is near.
     #[inline(always)]
     fn beside<S: Simd>(&mut self, s: S, cell: &Cell<'a>, groups: [usize; 2]) -> Asked {
         let region = Region::around(&cell.bounds, &cell.slabs, NEAR[0]);
@@ -423,8 +456,8 @@ impl<'a> Asker<'a> {
         passed
     }
 
-    /// Asks the lines of so many groups together about each of the triangles in a cell, of which there are few; and of the first group what
-    /// is near.
+    /// Asks the lines of so many groups together about each of the triangles in a cell, of which there are few; and of
+    /// the first group what is near.
     #[inline(always)]
     fn together<S: Simd>(&mut self, s: S, cell: &Cell, groups: usize) -> Asked {
         let region = cell.region();
@@ -433,9 +466,10 @@ impl<'a> Asker<'a> {
         self.asked(s, &passed, 1, HALF, region.size * NEAR[0])
     }
 
-    /// What there is to be said of lines of which some passed; `some` of each of the first groups are asked if they meet anything in the
-    /// chunk on their ways, each longer by `near` at both ends: first below `above`, where mostly it is. (Nowhere else: closed spheres and
-    /// rooms have holes, for what is beside the cells at its ends is not found.)
+    /// What there is to be said of lines of which some passed; `some` of each of the first groups are asked if they
+    /// meet anything in the chunk on their ways, each longer by `near` at both ends: first below `above`, where mostly
+    /// it is. (Nowhere else: closed spheres and rooms have holes, for what is beside the cells at its ends is not
+    /// found.)
     #[inline(always)]
     fn asked<S: Simd>(&mut self, s: S, passed: &Set, groups: usize, some: u8, near: f32) -> Asked {
         let (mut sought, mut found) = (NONE, NONE);
@@ -456,7 +490,8 @@ impl<'a> Asker<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// Whether a line meets a triangle below those on the stack, which is left empty: in the first `at_most` nodes and leaves that it crosses.
+    /// Whether a line meets a triangle below those on the stack, which is left empty: in the first `at_most` nodes and
+    /// leaves that it crosses.
     #[inline(always)]
     fn meets<S: Simd>(&self, s: S, line: &Line, at_most: usize, stack: &mut Vec<&'a Sub>) -> bool {
         let mut left = at_most;

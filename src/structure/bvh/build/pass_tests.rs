@@ -27,7 +27,13 @@ impl Random {
 }
 
 /// A built tree, marked; fails as [`mark`] does.
-fn marked(beside: Beside, triangles: &[[Vec3; 3]], isa: Isa, threads: usize, cancel: &Cancel) -> Result<(Vec<Piece>, Vec<Ref>)> {
+fn marked(
+    beside: Beside,
+    triangles: &[[Vec3; 3]],
+    isa: Isa,
+    threads: usize,
+    cancel: &Cancel,
+) -> Result<(Vec<Piece>, Vec<Ref>)> {
     let parts = vec![0; triangles.len()];
     let prims: Vec<u32> = (0..triangles.len() as u32).collect();
     let input = TreeInput { triangles, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
@@ -89,7 +95,9 @@ fn boxes(side: usize) -> Vec<[Vec3; 3]> {
     let one = |i: usize| {
         let at = Vec3::new((i % side) as f32, (i / side % side) as f32, (i / side / side) as f32);
         let [x, y, z] = Vec3::AXES.map(|axis| axis * 0.25);
-        [quad(at, x, y), quad(at + z, y, x), quad(at, y, z), quad(at + x, z, y), quad(at, z, x), quad(at + y, x, z)].into_iter().flatten()
+        [quad(at, x, y), quad(at + z, y, x), quad(at, y, z), quad(at + x, z, y), quad(at, z, x), quad(at + y, x, z)]
+            .into_iter()
+            .flatten()
     };
     (0..side * side * side).flat_map(one).collect()
 }
@@ -100,10 +108,12 @@ fn best(triangles: &[[Vec3; 3]]) -> (Vec<Piece>, Vec<Ref>) {
 
 /// With nothing counted as stopped because of what is beside it.
 fn alone(triangles: &[[Vec3; 3]]) -> (Vec<Piece>, Vec<Ref>) {
-    marked(Beside { of_nodes: 0.0, of_larger: 0.0, of_leaves: 0.0 }, triangles, Isa::best(), 2, &Cancel::new()).expect("marked")
+    marked(Beside { of_nodes: 0.0, of_larger: 0.0, of_leaves: 0.0 }, triangles, Isa::best(), 2, &Cancel::new())
+        .expect("marked")
 }
 
-/// The share of lines by chance through a cell's region that meet what it holds: with points even over a sphere's disks across any direction.
+/// The share of lines by chance through a cell's region that meet what it holds: with points even over a sphere's disks
+/// across any direction.
 fn counted(cell: &Cell, triangles: &[[Vec3; 3]], refs: &[Ref], random: &mut Random) -> f64 {
     let (middle, radius) = (cell.bounds.center().as_dvec3(), f64::from(cell.bounds.extent().length()) * 0.5);
     let mut below = Vec::new();
@@ -136,7 +146,9 @@ fn counted(cell: &Cell, triangles: &[[Vec3; 3]], refs: &[Ref], random: &mut Rand
 
 fn gather(sub: &Sub, refs: &[Ref], out: &mut Vec<usize>) {
     match sub {
-        Sub::Leaf { first, count, .. } => out.extend(refs[*first as usize..(first + count) as usize].iter().map(Ref::triangle)),
+        Sub::Leaf { first, count, .. } => {
+            out.extend(refs[*first as usize..(first + count) as usize].iter().map(Ref::triangle))
+        }
         Sub::Inner(inner) => inner.children.iter().for_each(|(_, sub)| gather(sub, refs, out)),
         Sub::Placed(_) => {}
     }
@@ -154,7 +166,8 @@ fn sparse_cells_stop_as_many_as_lines_by_chance_meet() {
         let (pieces, refs) = alone(&triangles);
         let (mut random, mut ratios) = (Random(3), Vec::new());
         for (stops, cell) in stops(&pieces) {
-            // Of a clump's cell 32 lines are asked, of larger ones some hundreds: each is a matter of chance, the mean is not.
+            // Of a clump's cell 32 lines are asked, of larger ones some hundreds: each is a matter of chance, the mean
+            // is not.
             if cell.bounds.extent().min_element() > 1.0 {
                 ratios.push(stops / counted(&cell, &triangles, &refs, &mut random));
             }
@@ -176,7 +189,11 @@ fn forest(wires: usize) -> Vec<[Vec3; 3]> {
         let (u, v, step) = (u * 0.004, v * 0.004, along * 0.04);
         for i in 0..16 {
             let at = from + step * i as f32;
-            out.extend([quad(at, step, u), quad(at + v, u, step), quad(at, v, step), quad(at + u, step, v)].into_iter().flatten());
+            out.extend(
+                [quad(at, step, u), quad(at + v, u, step), quad(at, v, step), quad(at + u, step, v)]
+                    .into_iter()
+                    .flatten(),
+            );
         }
     }
     out
@@ -219,7 +236,9 @@ fn cells_of_wires_stop_as_many_as_lines_by_chance_meet() {
 
 #[test]
 fn a_closed_wall_stops_all() {
-    let wall = |i: usize| quad(Vec3::new((i % 64) as f32, (i / 64) as f32, ((i * 7) % 5) as f32 * 1e-3), Vec3::X * 1.01, Vec3::Y * 1.01);
+    let wall = |i: usize| {
+        quad(Vec3::new((i % 64) as f32, (i / 64) as f32, ((i * 7) % 5) as f32 * 1e-3), Vec3::X * 1.01, Vec3::Y * 1.01)
+    };
     let (pieces, _) = best(&(0..64 * 64).flat_map(wall).collect::<Vec<_>>());
     let all = stops(&pieces);
     assert!(all.len() > 500);
@@ -231,7 +250,8 @@ fn a_closed_wall_stops_all() {
 /// A sphere with bumps, of `n` by `2 n` quads.
 fn ball(n: usize) -> Vec<[Vec3; 3]> {
     let at = |i: usize, j: usize| {
-        let (lat, lon) = (std::f32::consts::PI * i as f32 / n as f32, std::f32::consts::PI * (j % (2 * n)) as f32 / n as f32);
+        let (lat, lon) =
+            (std::f32::consts::PI * i as f32 / n as f32, std::f32::consts::PI * (j % (2 * n)) as f32 / n as f32);
         let r = 1.0 + 0.05 * (9.0 * lat).sin() * (7.0 * lon).cos();
         Vec3::new(lat.sin() * lon.cos(), lat.sin() * lon.sin(), lat.cos()) * r
     };
@@ -250,7 +270,8 @@ fn a_closed_ball_stops_all() {
     }
 }
 
-/// A node's children, and all below: of each clump the triangles, and how many have larger ranges, clumps of several children, leaves under a node.
+/// A node's children, and all below: of each clump the triangles, and how many have larger ranges, clumps of several
+/// children, leaves under a node.
 fn look(inner: &Inner, refs: &[Ref], clumps: &mut Vec<usize>, seen: &mut [usize; 3]) {
     let mut below = Vec::new();
     for slots in runs(inner) {
@@ -292,7 +313,11 @@ fn the_codes_are_the_same_with_any_vectors_and_threads() {
     let codes = |isa, threads| {
         let (pieces, _) = marked(BESIDE, &triangles, isa, threads, &Cancel::new()).expect("marked");
         let mut words = Vec::new();
-        pieces.iter().for_each(|p| if let Sub::Inner(inner) = &p.sub { first_words(inner, &mut words) });
+        pieces.iter().for_each(|p| {
+            if let Sub::Inner(inner) = &p.sub {
+                first_words(inner, &mut words)
+            }
+        });
         words
     };
     let expected = codes(Isa::Baseline, 1);

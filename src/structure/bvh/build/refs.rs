@@ -1,7 +1,7 @@
 //! References: the boxes that the builder sorts, one or more for each triangle.
 
-use crate::structure::par::Par;
 use crate::math::Bounds;
+use crate::structure::par::Par;
 use glam::{Vec3, Vec4};
 
 /// A triangle's box, or a part of it. 32 bytes: sorting is memory traffic.

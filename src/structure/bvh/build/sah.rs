@@ -3,10 +3,10 @@
 //! Source: Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", RT 2007.
 //! Deviation: ties go to the lower axis and bin, so that the result is a function of the set.
 
-use crate::structure::par::Par;
 use super::refs::Ref;
 use super::sweep::{Bins, MAGIC, Plane, whole};
 use crate::math::Bounds;
+use crate::structure::par::Par;
 use glam::{Vec4, Vec4Swizzles};
 
 /// Bins on an axis: of a range, and of one so small that sixteen would mostly be empty.

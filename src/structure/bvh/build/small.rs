@@ -1,24 +1,27 @@
-//! Small subtrees: split in two down to what fits a leaf, and below as far as it may pay; then the cheapest of all wide trees over that.
+//! Small subtrees: split in two down to what fits a leaf, and below as far as it may pay; then the cheapest of all wide
+//! trees over that.
 
 use super::collapse::{self, Weighed};
 use super::leaf::LeafShape;
 use super::refs::Ref;
+use super::sah;
 use super::sah::Extents;
 use super::tree::{Builder, CLUMP, DEEP, Inner, Piece, Place, Range, Sub, leaf_voxel, pays, wrap_leaves};
-use super::sah;
-use crate::structure::bake::Counts;
 use crate::math::Bounds;
+use crate::structure::bake::Counts;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, WIDTH};
 
-/// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 48 exact primary rays of scans are 3 to 7 % slower, others
-/// up to 4 %, and models take a thirtieth more.)
+/// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 48 exact
+/// primary rays of scans are 3 to 7 % slower, others up to 4 %, and models take a thirtieth more.)
 pub const SMALL: usize = 4096;
 
-/// References that stay one leaf if they fit one. (To split twos and threes too makes builds some percent longer, and gains nothing.)
+/// References that stay one leaf if they fit one. (To split twos and threes too makes builds some percent longer, and
+/// gains nothing.)
 const FEW: usize = 3;
 
-/// Nodes over more references than so many are taken for such whose leaves get nodes of their own ([`wrap_leaves`]), for they are larger than a fine unit, mostly:
-/// where most ranges of six to eight triangles fit a leaf by what they share, and where most do not. (Without that, as if no leaf got one, airliners take 4 bytes a triangle more.)
+/// Nodes over more references than so many are taken for such whose leaves get nodes of their own ([`wrap_leaves`]),
+/// for they are larger than a fine unit, mostly: where most ranges of six to eight triangles fit a leaf by what they
+/// share, and where most do not. (Without that, as if no leaf got one, airliners take 4 bytes a triangle more.)
 const BARE: [usize; 2] = [128, 64];
 
 /// A binary tree over a small range; its first node is over all.
@@ -57,15 +60,29 @@ fn surely_fits(len: usize) -> bool {
 pub fn children(builder: &Builder, range: Range) -> (Vec<Piece>, Counts) {
     let Range { room, len, first, extents } = range;
     // Room for most: two for each leaf.
-    let mut tree = Binary { nodes: Vec::with_capacity(len), weighed: Vec::with_capacity(len), halves: Vec::with_capacity(len), bare: 0 };
+    let mut tree = Binary {
+        nodes: Vec::with_capacity(len),
+        weighed: Vec::with_capacity(len),
+        halves: Vec::with_capacity(len),
+        bare: 0,
+    };
     tree.grow(builder, room, [0, len], &extents, 0, None);
     tree.weigh();
     tree.wide(builder, room, first, 0)
 }
 
 impl Binary {
-    /// Adds the tree over the first `len` references of `room`, which begins at `first`; the number of its root. All of it is in `clump`, if there is one.
-    fn grow(&mut self, builder: &Builder, room: &mut [Ref], [first, len]: [usize; 2], extents: &Extents, depth: u32, clump: Option<u32>) -> u32 {
+    /// Adds the tree over the first `len` references of `room`, which begins at `first`; the number of its root. All of
+    /// it is in `clump`, if there is one.
+    fn grow(
+        &mut self,
+        builder: &Builder,
+        room: &mut [Ref],
+        [first, len]: [usize; 2],
+        extents: &Extents,
+        depth: u32,
+        clump: Option<u32>,
+    ) -> u32 {
         let (id, bounds) = (self.nodes.len(), extents.bounds());
         let clump = clump.or((len <= CLUMP).then_some(id as u32));
         let surely = surely_fits(len);
@@ -82,10 +99,12 @@ impl Binary {
         if fits && !split.as_ref().is_some_and(|split| pays(extents, len, split)) {
             return id as u32;
         }
-        // The halves of what may be one leaf lie behind each other, for that would be a range: no room between them, so no copies.
+        // The halves of what may be one leaf lie behind each other, for that would be a range: no room between them, so
+        // no copies.
         let own = if fits { &mut room[..len] } else { room };
         let [left, right] = builder.halve(own, len, first, extents, split);
-        let mut half = |half: Range| self.grow(builder, half.room, [half.first, half.len], &half.extents, depth + 1, clump);
+        let mut half =
+            |half: Range| self.grow(builder, half.room, [half.first, half.len], &half.extents, depth + 1, clump);
         self.halves[id] = [half(left), half(right)];
         id as u32
     }
@@ -93,18 +112,26 @@ impl Binary {
     /// Weighs what is split, halves first.
     fn weigh(&mut self) {
         let could_share = self.nodes.iter().filter(|node| !node.surely_fits() && node.len <= MAX_TRIANGLES);
-        let (share, all) = could_share.fold((0, 0), |(share, all), node| (share + u32::from(node.shape.is_some()), all + 1));
+        let (share, all) =
+            could_share.fold((0, 0), |(share, all), node| (share + u32::from(node.shape.is_some()), all + 1));
         self.bare = BARE[usize::from(2 * share < all)];
         for id in (0..self.nodes.len()).rev() {
             let ([left, right], node) = (self.halves[id].map(|half| half as usize), &self.nodes[id]);
             if left != id {
                 let leaf = (node.surely_fits() || node.shape.is_some()).then_some(node.len);
-                self.weighed[id] = Weighed::inner(node.bounds.half_area(), &self.weighed[left], &self.weighed[right], leaf, node.len > self.bare);
+                self.weighed[id] = Weighed::inner(
+                    node.bounds.half_area(),
+                    &self.weighed[left],
+                    &self.weighed[right],
+                    leaf,
+                    node.len > self.bare,
+                );
             }
         }
     }
 
-    /// The children of a wide node over node `at`, and the counts of that. The first reference of `room` is number `start` of all.
+    /// The children of a wide node over node `at`, and the counts of that. The first reference of `room` is number
+    /// `start` of all.
     fn wide(&self, builder: &Builder, room: &[Ref], start: usize, at: u32) -> (Vec<Piece>, Counts) {
         let mut pieces = Vec::with_capacity(WIDTH);
         let mut counts = Counts { nodes: 1, ..Counts::default() };
@@ -134,7 +161,13 @@ impl Binary {
 }
 
 /// A leaf, and its counts.
-fn leaf(builder: &Builder, room: &[Ref], start: usize, &Node { first, len, bounds, ref shape, .. }: &Node, place: Place) -> (Piece, Counts) {
+fn leaf(
+    builder: &Builder,
+    room: &[Ref],
+    start: usize,
+    &Node { first, len, bounds, ref shape, .. }: &Node,
+    place: Place,
+) -> (Piece, Counts) {
     let refs = &room[first..first + len];
     let found = if shape.is_none() { Some(LeafShape::of(refs, builder.input)) } else { None };
     let Some(shape) = shape.as_deref().or(found.as_ref()) else { unreachable!() };

@@ -1,25 +1,26 @@
 //! Splitting space instead of the set: a triangle that the plane cuts goes to both sides, with
 //! the box of what lies on each.
 //!
-//! Source: Stich, Friedrich, Dietrich, "Spatial Splits in Bounding Volume Hierarchies", HPG 2009.
-//! Deviations: no unsplitting of references (tried: a thousandth fewer); candidates only where the best object split leaves sides
-//! that overlap by more than [`OVERLAP`] of the root; the copies come out of a budget that each range
-//! holds as free room behind its references.
+//! Source: Stich, Friedrich, Dietrich, "Spatial Splits in Bounding Volume Hierarchies", HPG 2009. Deviations: no
+//! unsplitting of references (tried: a thousandth fewer); candidates only where the best object split leaves sides that
+//! overlap by more than [`OVERLAP`] of the root; the copies come out of a budget that each range holds as free room
+//! behind its references.
 
 use super::chop::{self, Grid};
-use crate::structure::par::Par;
 use super::partition::Sides;
 use super::refs::Ref;
 use super::sah::{BINS, Extents, FEW, FEW_BINS, PARALLEL, Split};
 use super::sweep::{Bins, Plane};
 use crate::math::Bounds;
+use crate::structure::par::Par;
 use glam::Vec3;
 
 /// Overlap of the sides of an object split, as a share of the mesh's box's area, from which splitting space is
-/// considered. With less (1e-6: more attempts) the room for copies is gone before the splits that matter:
-/// on the airliner of 5 million a tenth more references, a SAH cost a seventh higher, nearly twice the time. With more less is gained: bytes a
-/// triangle of it, and nanoseconds of a primary, a shadow and a bounce ray of queries, with 3e-4 83.7, 105, 834, 1,080; 1e-3 79.6, 110, 881, 1,135;
-/// 3e-3 71.4, 112, 842, 1,203; 4e-3 69.4; without splits 59.1, 149, 1,036, 1,730. But forests of wires are half a percent farther from their coverage.
+/// considered. With less (1e-6: more attempts) the room for copies is gone before the splits that matter: on the
+/// airliner of 5 million a tenth more references, a SAH cost a seventh higher, nearly twice the time. With more less is
+/// gained: bytes a triangle of it, and nanoseconds of a primary, a shadow and a bounce ray of queries, with 3e-4 83.7,
+/// 105, 834, 1,080; 1e-3 79.6, 110, 881, 1,135; 3e-3 71.4, 112, 842, 1,203; 4e-3 69.4; without splits 59.1, 149, 1,036,
+/// 1,730. But forests of wires are half a percent farther from their coverage.
 const OVERLAP: f32 = 3e-4;
 
 /// A plane that divides space.

@@ -96,8 +96,12 @@ impl<const B: usize> Bins<B> {
         let (costs, bins) = self.cheapest_by_axis();
         let axis = (1..3).fold(0, |best, axis| if costs[axis] < costs[best] { axis } else { best });
         let (cost, bin) = (costs[axis], bins[axis] as usize);
-        cost.is_finite().then(|| {
-            Plane { axis, bin, cost, left: self.bounds(axis, 0..bin), right: self.bounds(axis, bin..B) }
+        cost.is_finite().then(|| Plane {
+            axis,
+            bin,
+            cost,
+            left: self.bounds(axis, 0..bin),
+            right: self.bounds(axis, bin..B),
         })
     }
 

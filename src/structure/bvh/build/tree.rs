@@ -1,20 +1,20 @@
 //! Wide nodes: the binary splits of the heuristic, taken up to eight at a time.
 
-use crate::structure::par::Par;
-use super::quantise::quantise;
-use super::partition::{self, Sides};
-use super::refs::Ref;
-use super::sah::{self, Extents, Split};
-use super::spatial::{self, SpatialSplit};
-use crate::structure::bake::{Counts, TreeInput};
 use super::cluster::{FINE_WORDS, UnitId};
 use super::collapse::{LEAF_COST, TRIANGLE_COST};
+use super::partition::{self, Sides};
+use super::quantise::quantise;
+use super::refs::Ref;
+use super::sah::{self, Extents, Split};
 use super::small::{self, SMALL};
+use super::spatial::{self, SpatialSplit};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::lod::{Coded, Content, Facet, Fill, SIDES_WORDS, VOXEL_WORDS, Voxel};
 use crate::math::Bounds;
+use crate::structure::bake::{Counts, TreeInput};
 use crate::structure::bvh::layout::{EXTERNAL_WORDS, MAX_TRIANGLES, NODE_WORDS, Node, WIDTH};
+use crate::structure::par::Par;
 use glam::Vec3;
 
 /// A node not yet in a block.
@@ -46,8 +46,9 @@ pub struct Inner {
     pub places: [Place; WIDTH],
 }
 
-/// A **clump** is a range of the binary splits of at most so many references, half of a range of more (or all there is). It is looked at as a whole (`pass`);
-/// what became of it in wide nodes are neighbours: one child or several of one node, and all below them.
+/// A **clump** is a range of the binary splits of at most so many references, half of a range of more (or all there
+/// is). It is looked at as a whole (`pass`); what became of it in wide nodes are neighbours: one child or several of
+/// one node, and all below them.
 pub const CLUMP: usize = 256;
 
 /// Where a child is of clumps. Of what is below one nobody asks.
@@ -156,7 +157,8 @@ pub struct Built {
     pub counts: Counts,
 }
 
-/// Below this depth the heuristic gives way to halving, which bounds the depth; in small subtrees, so many splits below their roots.
+/// Below this depth the heuristic gives way to halving, which bounds the depth; in small subtrees, so many splits below
+/// their roots.
 pub const DEEP: u32 = 32;
 
 /// What a tree is built of and with.
@@ -270,10 +272,17 @@ impl Builder<'_> {
         ranges
     }
 
-    /// Splits the first `len` references of `room`, which begins at `first`, in two: by `split`, or by a division of space, if there is free room and that
-    /// is better; without either, in equal parts.
+    /// Splits the first `len` references of `room`, which begins at `first`, in two: by `split`, or by a division of
+    /// space, if there is free room and that is better; without either, in equal parts.
     #[inline(never)] // `small` calls itself: its frames should be small
-    pub fn halve<'r>(&self, room: &'r mut [Ref], len: usize, first: usize, extents: &Extents, split: Option<Split>) -> [Range<'r>; 2] {
+    pub fn halve<'r>(
+        &self,
+        room: &'r mut [Ref],
+        len: usize,
+        first: usize,
+        extents: &Extents,
+        split: Option<Split>,
+    ) -> [Range<'r>; 2] {
         let spatial = split.as_ref().and_then(|split| self.spatial(&room[..len], room.len(), extents, split));
         let divided = spatial.and_then(|s| spatial::partition(room, len, &s, self.input.triangles, self.par));
         let (len, sides) = divided.unwrap_or_else(|| {

@@ -1,4 +1,5 @@
-//! Memory asked for ahead: of leaves that walks of a stream wait at in any model, of all else in models that are larger than what caches hold.
+//! Memory asked for ahead: of leaves that walks of a stream wait at in any model, of all else in models that are larger
+//! than what caches hold.
 
 use super::TreeView;
 use crate::base::ids::BlockId;
@@ -7,7 +8,8 @@ use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, Child, HEADER_WORDS, INDEX_MASK, KIND_SHIFT, NODE_WORDS};
 
 /// Blocks, those with primitive ids among them, of a model for which all memory is asked for ahead: 32 MB of geometry.
-/// (Measured before leaves had blocks of their own. Streams, bounce rays: 1.15 to 1.5 times as fast at 10 million triangles; 1.0 at a million, 0.93 at 70 thousand.)
+/// (Measured before leaves had blocks of their own. Streams, bounce rays: 1.15 to 1.5 times as fast at 10 million
+/// triangles; 1.0 at a million, 0.93 at 70 thousand.)
 const LARGE: u32 = 1024;
 
 /// The kind of references to nodes, see [`crate::structure::bvh::layout::Child`].
@@ -41,9 +43,9 @@ pub(super) fn ask(block: Block, child: u32) {
     }
 }
 
-/// Follows a reference of `block`, number `id`, to another block that is in memory, or to leaves wherever they are, and asks for
-/// the memory of what will be visited: several such waits then go on at once. Of others says where they are. Last is whether what is
-/// visited is there, if it is a leaf.
+/// Follows a reference of `block`, number `id`, to another block that is in memory, or to leaves wherever they are, and
+/// asks for the memory of what will be visited: several such waits then go on at once. Of others says where they are.
+/// Last is whether what is visited is there, if it is a leaf.
 #[inline(always)]
 pub(super) fn follow(is_large: bool, view: &TreeView, block: Block, id: u32, child: u32) -> (u32, u32, bool) {
     if Child::is_leaf(child) {

@@ -1,28 +1,29 @@
-//! Neighbouring packets from one point as one: a node's boxes are tested once for all of them, and each that is met once more
-//! against all packets at once, by the packets' intervals. Leaves are tested for all of them too (`bundle_leaf.rs`); what few
-//! packets meet, what cells may stand in for and what is missing each packet visits by itself, at once, so that what it hits hides what
-//! comes after.
+//! Neighbouring packets from one point as one: a node's boxes are tested once for all of them, and each that is met
+//! once more against all packets at once, by the packets' intervals. Leaves are tested for all of them too
+//! (`bundle_leaf.rs`); what few packets meet, what cells may stand in for and what is missing each packet visits by
+//! itself, at once, so that what it hits hides what comes after.
 //!
-//! Source: Reshetov, Soupikov, Hurley, "Multi-Level Ray Tracing Algorithm", SIGGRAPH 2005, section 4 (a beam goes down for its rays).
-//! Deviations: the beam does not end where its rays part, but says at each box which packets may meet it; and it tests leaves.
-//! Answers are those from the root (see `mod.rs` for the order of visits).
+//! Source: Reshetov, Soupikov, Hurley, "Multi-Level Ray Tracing Algorithm", SIGGRAPH 2005, section 4 (a beam goes down
+//! for its rays). Deviations: the beam does not end where its rays part, but says at each box which packets may meet
+//! it; and it tests leaves. Answers are those from the root (see `mod.rs` for the order of visits).
 #![allow(clippy::needless_range_loop)] // axes index several arrays at once
 
 use super::ahead;
 use super::bundle_leaf;
-use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
+use super::hit::Counters;
 use super::kernel::Here;
+use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
 use super::packet_prepare::Shared;
 use super::packet_visit::{self, Boxes, farthest, intervals};
-use super::hit::Counters;
 use super::walk::{Entered, push_sorted};
 use super::{PartFilter, TreeView};
 use crate::math::BUNDLE;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child};
 
-/// Nodes that no more packets than these meet are left to them: where leaves are wide, and where they are not. (Instructions for a
-/// pixel at 10 million triangles, exact, near and whole: 429 and 672 with 2 everywhere, 504 and 584 with 16.)
+/// Nodes that no more packets than these meet are left to them: where leaves are wide, and where they are not.
+/// (Instructions for a pixel at 10 million triangles, exact, near and whole: 429 and 672 with 2 everywhere, 504 and 584
+/// with 16.)
 const FEW: [u32; 2] = [2, 16];
 /// A leaf that so many packets meet is wide: testing it for all of them pays.
 const WIDE: u32 = 3;
@@ -57,8 +58,8 @@ impl Entered for BundleEntry {
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub(super) struct Class {
-    /// What they share. Of what differs between them, `inv_min`, `inv_max`, `dir_min` and `cone_max` are the extremes of all; the
-    /// rest is that of one of them, and of no use.
+    /// What they share. Of what differs between them, `inv_min`, `inv_max`, `dir_min` and `cone_max` are the extremes
+    /// of all; the rest is that of one of them, and of no use.
     pub shared: Shared,
     /// Lane by lane, extremes of the reciprocal directions, axis by axis.
     inv_min: [Row; 3],
@@ -81,7 +82,8 @@ pub struct Bundle {
     pub(super) packets: Vec<Box<PacketWalk>>,
     stack: Vec<BundleEntry>,
     pub(super) class: Class,
-    /// What the bundle did for all its packets, nodes and leaves: those count once. All else, triangles too, the packets count.
+    /// What the bundle did for all its packets, nodes and leaves: those count once. All else, triangles too, the
+    /// packets count.
     pub counters: Counters,
 }
 
@@ -98,8 +100,9 @@ impl Bundle {
         &mut self.packets[i]
     }
 
-    /// Finds the closest hits of the packets of `among` (bit `i`: packet `i`), which were just started in `view`, of such as can go
-    /// together. What is left, all of it where they cannot, is found by [`TreeView::closest_together`] of each: call it in any case.
+    /// Finds the closest hits of the packets of `among` (bit `i`: packet `i`), which were just started in `view`, of
+    /// such as can go together. What is left, all of it where they cannot, is found by [`TreeView::closest_together`]
+    /// of each: call it in any case.
     pub fn closest(&mut self, view: &TreeView, filter: Option<&PartFilter>, among: u32) {
         if PartFilter::is_by_ray(filter) {
             return;
@@ -174,7 +177,17 @@ impl<const LOD: bool> Op for Together<'_, '_, LOD> {
                     Some(Child::Node(index)) => {
                         let packets = entry.packets.count_ones();
                         let is_few = packets <= FEW[usize::from(left > wide + MORE)];
-                        if !is_few && node(s, is_large, view, bundle, &entry, Here { block, id: entry.block, index }, &mut boxes) {
+                        if !is_few
+                            && node(
+                                s,
+                                is_large,
+                                view,
+                                bundle,
+                                &entry,
+                                Here { block, id: entry.block, index },
+                                &mut boxes,
+                            )
+                        {
                             continue;
                         }
                         left += u32::from(!is_few || packets <= FEW[0]);
@@ -270,7 +283,11 @@ fn node<S: Simd>(
             bundle.stack.truncate(bottom);
             return false;
         }
-        push_sorted(&mut bundle.stack, bottom, BundleEntry { t: boxes.enter[slot], packets: entry.packets, block: id, child, planes });
+        push_sorted(
+            &mut bundle.stack,
+            bottom,
+            BundleEntry { t: boxes.enter[slot], packets: entry.packets, block: id, child, planes },
+        );
     }
     bundle.counters.nodes += 1;
     true

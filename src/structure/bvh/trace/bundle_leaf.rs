@@ -2,8 +2,8 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::bundle::{Bundle, BundleEntry};
-use super::packet::{PacketEntry, VECTORS, at_mut};
 use super::kernel::Together;
+use super::packet::{PacketEntry, VECTORS, at_mut};
 use super::packet_leaf::{AtLeaf, Corners, all_triangles, corners, test};
 use super::packet_prepare::Shared;
 use super::packet_visit::{farthest, meet};
@@ -14,7 +14,8 @@ use crate::structure::bvh::layout::Block;
 
 /// Corners nearer than this, along the greatest axis, have no outline.
 const NEAREST: f32 = 1e-28;
-/// By this much, of itself and of 1, outlines are wider than they are: far more than quotients and shears are rounded by.
+/// By this much, of itself and of 1, outlines are wider than they are: far more than quotients and shears are rounded
+/// by.
 const GIVE: f32 = 1e-6;
 
 /// Least and greatest shear of eight triangles, along two axes.
@@ -23,8 +24,8 @@ struct Outline<F> {
     greatest: [F; 2],
 }
 
-/// That of a leaf's triangles. A triangle beside the shears of some rays has its corners on one side of each of them, sheared as
-/// the triangle test does it.
+/// That of a leaf's triangles. A triangle beside the shears of some rays has its corners on one side of each of them,
+/// sheared as the triangle test does it.
 #[inline(always)]
 fn outline<S: Simd>(s: S, corners: &Corners, shared: &Shared) -> Outline<S::F8> {
     let (lowest, highest) = (s.splat8(f32::NEG_INFINITY), s.splat8(f32::INFINITY));

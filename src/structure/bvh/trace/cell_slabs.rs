@@ -1,17 +1,19 @@
 //! Slabs of cells (`lod`), as rays see them: those of a node's eight cells are worked out at once.
 //!
-//! What is left of a ray's way inside of slabs is worked out in the same steps by all walks: they see the same to the bit.
+//! What is left of a ray's way inside of slabs is worked out in the same steps by all walks: they see the same to the
+//! bit.
 //!
 //! A slab's plane is at `low = axis . p`, the magnitudes of the axis' components adding up to 1 at most, and met at
-//! `((low - slack) - org . axis) / (dir . axis)`. Products and sums of `org . axis` are off by `5 h m` at most; the cell's ends along
-//! the axis, which where planes are at the ends are all that says where, by `17 h m` (its middle, its extent, and the steps between);
-//! products and sums of `dir . axis` by `5 h |dir|` times `t`, where `t |dir|` is at most `2 3^0.5 m`; differences and the quotient
-//! by `8 h m`: 50 h m in all. (`h` and `m`: see `stand_in.rs`.)
+//! `((low - slack) - org . axis) / (dir . axis)`. Products and sums of `org . axis` are off by `5 h m` at most; the
+//! cell's ends along the axis, which where planes are at the ends are all that says where, by `17 h m` (its middle, its
+//! extent, and the steps between); products and sums of `dir . axis` by `5 h |dir|` times `t`, where `t |dir|` is at
+//! most `2 3^0.5 m`; differences and the quotient by `8 h m`: 50 h m in all. (`h` and `m`: see `stand_in.rs`.)
 //!
-//! Where they tell which leaves need no visit, the triangle test counts too: it sees corners off by `12 h m` each (a rounded difference of
-//! at most `2 m`, sheared by a rounded quotient, a product and a difference) and weighs them by products of those, rounded, which is as if
-//! an edge were off by `3 h m` more: so a ray that it accepts passes the triangle as near as `16 h m`, and with the `47.4 h m` that the
-//! above comes to exactly that is less than [`SLACK`] still.
+//! Where they tell which leaves need no visit, the triangle test counts too: it sees corners off by `12 h m` each (a
+//! rounded difference of at most `2 m`, sheared by a rounded quotient, a product and a difference) and weighs them by
+//! products of those, rounded, which is as if an edge were off by `3 h m` more: so a ray that it accepts passes the
+//! triangle as near as `16 h m`, and with the `47.4 h m` that the above comes to exactly that is less than [`SLACK`]
+//! still.
 #![allow(clippy::needless_range_loop)] // axes index several arrays at once
 
 use super::ray::abs;
@@ -19,7 +21,8 @@ use crate::lod::{self, FIELDS, LEAST, LESS, LEVEL, Middle, Slab, Slabs};
 use crate::simd::{Lanes, Simd};
 use crate::structure::bvh::layout::Node;
 
-/// By how much planes give way, as a part of the greatest magnitude of a coordinate: see the module. (With 96 h wires are 1 % thicker.)
+/// By how much planes give way, as a part of the greatest magnitude of a coordinate: see the module. (With 96 h wires
+/// are 1 % thicker.)
 const SLACK: f32 = 64.0 / 16_777_216.0;
 
 /// Where rays begin: many of them, or one in all lanes.
@@ -60,8 +63,8 @@ impl<L> Origin<L> {
     }
 }
 
-/// What is left inside of slabs as seen of the ways of rays that go along `dir`, `[enter, leave]`: none where one is entered after
-/// it is left.
+/// What is left inside of slabs as seen of the ways of rays that go along `dir`, `[enter, leave]`: none where one is
+/// entered after it is left.
 #[inline(always)]
 pub(super) fn within<const N: usize, L: Lanes<N>>(dir: [L; 3], slabs: &Slabs<L>, way: [L; 2], one: L) -> [L; 2] {
     between(dir, &slabs[1], between(dir, &slabs[0], way, one), one)
@@ -123,7 +126,8 @@ impl Eight {
     pub fn set<L: Lanes<8>>(&mut self, slabs: &Slabs<L>) {
         for which in 0..2 {
             let Slab { axis, low, high } = slabs[which];
-            self.0[which] = [axis[0].to_array(), axis[1].to_array(), axis[2].to_array(), low.to_array(), high.to_array()];
+            self.0[which] =
+                [axis[0].to_array(), axis[1].to_array(), axis[2].to_array(), low.to_array(), high.to_array()];
         }
     }
 
@@ -131,8 +135,10 @@ impl Eight {
     #[inline(always)]
     pub fn all<S: Simd>(&self, s: S) -> Slabs<S::F8> {
         let [a, b] = &self.0;
-        let one = Slab { axis: [s.load8(&a[0]), s.load8(&a[1]), s.load8(&a[2])], low: s.load8(&a[3]), high: s.load8(&a[4]) };
-        let other = Slab { axis: [s.load8(&b[0]), s.load8(&b[1]), s.load8(&b[2])], low: s.load8(&b[3]), high: s.load8(&b[4]) };
+        let one =
+            Slab { axis: [s.load8(&a[0]), s.load8(&a[1]), s.load8(&a[2])], low: s.load8(&a[3]), high: s.load8(&a[4]) };
+        let other =
+            Slab { axis: [s.load8(&b[0]), s.load8(&b[1]), s.load8(&b[2])], low: s.load8(&b[3]), high: s.load8(&b[4]) };
         [one, other]
     }
 

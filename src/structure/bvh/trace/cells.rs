@@ -1,4 +1,5 @@
-//! What blocks say of hits: rows of cells and of triangles, filled for many rays at once, so that their waits for memory overlap.
+//! What blocks say of hits: rows of cells and of triangles, filled for many rays at once, so that their waits for
+//! memory overlap.
 
 use super::stand_in::place_of;
 use super::{TreeView, TriHit};
@@ -12,7 +13,8 @@ use crate::structure::surface::Surfaces;
 use glam::DVec3;
 
 impl<'a> TreeView<'a> {
-    /// Fills the columns of `rays`, whose `hit`s are cells. Returns the rays whose blocks have left the snapshot: their columns hold anything.
+    /// Fills the columns of `rays`, whose `hit`s are cells. Returns the rays whose blocks have left the snapshot: their
+    /// columns hold anything.
     ///
     /// `dir`: a ray's direction in the tree's frame; `is_whole`: boxes and levels of all cells are asked for.
     #[inline(always)]
@@ -73,8 +75,8 @@ impl<'a> TreeView<'a> {
         gone
     }
 
-    /// Asks for the memory of what [`TreeView::cells`] reads of a cell that was hit: first of its words, and in a second call (`of_sides`), when those have come,
-    /// of its sides.
+    /// Asks for the memory of what [`TreeView::cells`] reads of a cell that was hit: first of its words, and in a
+    /// second call (`of_sides`), when those have come, of its sides.
     #[inline]
     pub fn prefetch_cell(&self, hit: &TriHit, of_sides: bool) {
         let Some((voxel, ..)) = self.cell_at(hit) else { return };
@@ -92,7 +94,8 @@ impl<'a> TreeView<'a> {
         self.cell_at(hit).map(|(_, node, slot)| node.stored_slabs(slot))
     }
 
-    /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left the snapshot (bit `i`: triangle `i`).
+    /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left
+    /// the snapshot (bit `i`: triangle `i`).
     #[inline(always)]
     pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
         let mut gone = 0;
@@ -114,7 +117,8 @@ impl<'a> TreeView<'a> {
     }
 }
 
-/// The words of the samples of a cell's sides across x, y and z that face a ray which goes by `dir`, of a voxel that tells them apart.
+/// The words of the samples of a cell's sides across x, y and z that face a ray which goes by `dir`, of a voxel that
+/// tells them apart.
 #[inline(always)]
 fn three(voxel: &StoredVoxel, dir: DVec3) -> ([u32; 3], [u32; 3]) {
     if !voxel.has_sides() {

@@ -1,17 +1,18 @@
 //! Whether slabs of cells pay where nothing stands in.
 //!
-//! Boxes of long thin triangles are mostly empty, and their slabs (`lod`) are not: of the leaves that rays meet in CAD soups nine of ten
-//! are passed by beside them, of those of scans one of three. To work slabs out takes about as long as half a visit to what they
-//! save, of packets, which tell triangles beside all of their rays at once, as long as one. So walks count what slabs save them, and leave
-//! slabs out where that is too little, but for one node in so many.
+//! Boxes of long thin triangles are mostly empty, and their slabs (`lod`) are not: of the leaves that rays meet in CAD
+//! soups nine of ten are passed by beside them, of those of scans one of three. To work slabs out takes about as long
+//! as half a visit to what they save, of packets, which tell triangles beside all of their rays at once, as long as
+//! one. So walks count what slabs save them, and leave slabs out where that is too little, but for one node in so many.
 //!
-//! Hits do not depend on it, but for slivers met edge-on (`trace`), of which the triangle test takes rays for hits that pass beyond their
-//! ends: these slabs leave out. (Where cells may stand in, slabs of what does not are not asked: `stream_pass`.) So that answers do not
-//! depend on who worked on other rays, counts begin anew with each batch of queries. Frames, whose pictures are the same with any threads and
-//! vectors, ask for none: they use walks as these are made.
+//! Hits do not depend on it, but for slivers met edge-on (`trace`), of which the triangle test takes rays for hits that
+//! pass beyond their ends: these slabs leave out. (Where cells may stand in, slabs of what does not are not asked:
+//! `stream_pass`.) So that answers do not depend on who worked on other rays, counts begin anew with each batch of
+//! queries. Frames, whose pictures are the same with any threads and vectors, ask for none: they use walks as these are
+//! made.
 
-/// What a test of a node's slabs takes a ray that goes alone, and a packet; and what a child gains that is not visited for them, in the same unit.
-/// (With 3 for packets too shadow rays of a scan of 10 million took a tenth more time.)
+/// What a test of a node's slabs takes a ray that goes alone, and a packet; and what a child gains that is not visited
+/// for them, in the same unit. (With 3 for packets too shadow rays of a scan of 10 million took a tenth more time.)
 const ALONE: i32 = 3;
 const TOGETHER: i32 = 9;
 const CHILD: i32 = 8;

@@ -1,5 +1,5 @@
-//! What the kernels are handed: the tree with its filter, the place in it, and for packets what the rays share. All of them are copies of a few
-//! references, taken apart to registers once the kernels are inlined.
+//! What the kernels are handed: the tree with its filter, the place in it, and for packets what the rays share. All of
+//! them are copies of a few references, taken apart to registers once the kernels are inlined.
 
 use super::TreeView;
 use super::packet_prepare::Shared;

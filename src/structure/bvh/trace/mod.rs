@@ -38,7 +38,7 @@ use crate::residency::Snapshot;
 use crate::simd::Isa;
 use crate::structure::cursor::Below;
 use crate::structure::filter::PartFilter;
-use crate::structure::hit::{self, Counters, Outcome, Triangle, TriHit};
+use crate::structure::hit::{self, Counters, Outcome, TriHit, Triangle};
 use crate::structure::place::{Place, Rooted};
 use crate::structure::walk::{self, Walk};
 use crate::structure::{packet, packet_prepare};
@@ -91,7 +91,8 @@ impl TreeView<'_> {
         id + if Child::is_leaf(child) { self.leaves_at } else { 0 }
     }
 
-    /// Whether the leaves below the nodes of a fine block are not in memory. Of coarse blocks, over no leaves, it says nothing.
+    /// Whether the leaves below the nodes of a fine block are not in memory. Of coarse blocks, over no leaves, it says
+    /// nothing.
     #[inline(always)]
     fn lacks_leaves(&self, id: u32) -> bool {
         self.snapshot.block(BlockId(id + self.leaves_at)).is_none()

@@ -1,6 +1,7 @@
 //! Stand-ins for packets: one cell at a time against all rays that come to it.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
+use super::TreeView;
 use super::cell_slabs::{self, Origin};
 use super::kernel::{Here, Together};
 use super::packet::{PacketWalk, VECTORS, at_mut};
@@ -10,13 +11,13 @@ use super::packet_visit::{self, Boxes};
 use super::pass::{Sieve, may_be_passed};
 use super::single;
 use super::stand_in::{self, ConeRay, Met, Verdict};
-use super::TreeView;
 use crate::geom::watertight::LaneHits;
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::ray::{SLACK, abs};
 use crate::structure::bvh::layout::Node;
+use crate::structure::ray::{SLACK, abs};
 
-/// The children that could stand in: for some ray, by what their areas are seen from the least directions, and the greatest widths; or for one.
+/// The children that could stand in: for some ray, by what their areas are seen from the least directions, and the
+/// greatest widths; or for one.
 #[inline(always)]
 pub(super) fn likely<S: Simd>(s: S, area: S::F8, leave: S::F8, [a, b]: [f32; 2]) -> u32 {
     stand_in::may_stand(area, s.splat8(a) + s.splat8(b) * leave, s.splat8(stand_in::MARGIN))
@@ -24,7 +25,14 @@ pub(super) fn likely<S: Simd>(s: S, area: S::F8, leave: S::F8, [a, b]: [f32; 2])
 
 /// Puts what the test needs of cells between planes as stored into `out`.
 #[inline(always)]
-pub(super) fn cells<S: Simd>(s: S, near: [S::F8; 3], far: [S::F8; 3], faces: [S::F8; 3], shared: &Shared, out: &mut Boxes) {
+pub(super) fn cells<S: Simd>(
+    s: S,
+    near: [S::F8; 3],
+    far: [S::F8; 3],
+    faces: [S::F8; 3],
+    shared: &Shared,
+    out: &mut Boxes,
+) {
     for axis in 0..3 {
         out.faces[axis] = (faces[axis] * s.splat8(shared.sign[axis])).to_array();
         if !shared.one_origin {
@@ -35,7 +43,15 @@ pub(super) fn cells<S: Simd>(s: S, near: [S::F8; 3], far: [S::F8; 3], faces: [S:
 
 /// Where a vector of rays crosses the cell in `slot`.
 #[inline(always)]
-fn cross<S: Simd>(s: S, boxes: &Boxes, slot: usize, shared: &Shared, reach: f32, walk: &PacketWalk, h: usize) -> [S::F16; 2] {
+fn cross<S: Simd>(
+    s: S,
+    boxes: &Boxes,
+    slot: usize,
+    shared: &Shared,
+    reach: f32,
+    walk: &PacketWalk,
+    h: usize,
+) -> [S::F16; 2] {
     let (rays, zero) = (&walk.rays, s.splat16(0.0));
     let (mut first, mut last, mut inv) = ([zero; 3], [zero; 3], [zero; 3]);
     for axis in 0..3 {
@@ -115,7 +131,8 @@ pub(super) fn inside<S: Simd>(
     left
 }
 
-/// Lets the cell in `slot` stand in for those of `rays` for which it is small enough; returns the others that meet its box.
+/// Lets the cell in `slot` stand in for those of `rays` for which it is small enough; returns the others that meet its
+/// box.
 #[inline(always)]
 pub(super) fn stand_in<S: Simd, const ANY: bool>(
     s: S,

@@ -6,8 +6,8 @@ use super::kernel::{Here, Seen, Together};
 use super::packet::{PacketWalk, at, at_mut};
 use super::packet_prepare::Shared;
 use super::packet_visit::{self, Boxes, keep, passing};
-use super::stand_in::{self, ConeRay};
 use super::single::MetCells;
+use super::stand_in::{self, ConeRay};
 use super::{packet_cells, single};
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Node;
@@ -27,9 +27,9 @@ pub(super) fn planes<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Share
     }
 }
 
-/// Of `rays` those that each child is still to be visited by: those that meet it, of `leaves` those that do so inside of their
-/// slabs, and for which it does not stand in. `boxes` has the [`planes`], and gets what children are met, from where on, and which of them may
-/// stand in for some ray.
+/// Of `rays` those that each child is still to be visited by: those that meet it, of `leaves` those that do so inside
+/// of their slabs, and for which it does not stand in. `boxes` has the [`planes`], and gets what children are met, from
+/// where on, and which of them may stand in for some ray.
 #[inline(always)]
 pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,

@@ -2,14 +2,14 @@
 //! other, whichever is less.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::packet::{PacketEntry, PacketHits, PacketWalk, VECTORS, at};
+use super::TreeView;
+use super::hit::{Outcome, TriHit};
 use super::kernel::Together;
+use super::packet::{PacketEntry, PacketHits, PacketWalk, VECTORS, at};
 use super::packet_prepare::Shared;
 use super::packet_visit::keep;
 use super::single::{is_better, nearest};
 use super::tables::tables;
-use super::hit::{Outcome, TriHit};
-use super::TreeView;
 use crate::base::ids::BlockId;
 use crate::geom::watertight::{LaneHits, intersect, shear};
 use crate::simd::{Lanes, Mask, Simd};
@@ -125,7 +125,9 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
         let [a, b, c] = moved;
         let sheared = [shear(a, skew), shear(b, skew), shear(c, skew)];
         walk.counters.triangles += leaf.triangles as u64;
-        if let Some((lane, t, u, v)) = nearest(s, block, leaf, sheared, s.splat8(at(&r.t_min, i)), filter, at(&walk.hits.t, i)) {
+        if let Some((lane, t, u, v)) =
+            nearest(s, block, leaf, sheared, s.splat8(at(&r.t_min, i)), filter, at(&walk.hits.t, i))
+        {
             let hit = TriHit { t, u, v, block: entry.block, tri: (leaf_at as u32) << 3 | lane };
             let best = walk.best(i);
             match is_better(view, &hit, &best, &mut walk.counters) {
@@ -168,9 +170,9 @@ pub(super) fn all_triangles(count: usize) -> u32 {
     (1 << count) - 1
 }
 
-/// The triangles that lie beside all rays: sheared, their corners are all on one side of the origin. For rays between the
-/// extremes of the shear a sheared corner is between what the extremes give, rounding included, as rounded differences
-/// and products keep order: so none of these triangles would be hit.
+/// The triangles that lie beside all rays: sheared, their corners are all on one side of the origin. For rays between
+/// the extremes of the shear a sheared corner is between what the extremes give, rounding included, as rounded
+/// differences and products keep order: so none of these triangles would be hit.
 #[inline(always)]
 fn beside<S: Simd>(s: S, corners: &Corners, shared: &Shared) -> u32 {
     let zero = s.splat8(0.0);

@@ -1,10 +1,10 @@
-//! The kernel of packets. A node's boxes are tested against all rays at once, by intervals of their origins
-//! and reciprocal directions; boxes that pass and are of leaves, or narrower than the packet, are tested ray by ray too, sixteen
-//! in a vector. Where few rays come to a node they are tested one after the other (`packet_few.rs`). Rays that cannot go
-//! together go alone (`single.rs`).
+//! The kernel of packets. A node's boxes are tested against all rays at once, by intervals of their origins and
+//! reciprocal directions; boxes that pass and are of leaves, or narrower than the packet, are tested ray by ray too,
+//! sixteen in a vector. Where few rays come to a node they are tested one after the other (`packet_few.rs`). Rays that
+//! cannot go together go alone (`single.rs`).
 //!
-//! What is nearest is visited first. Where any hit will do that is not as good as visiting what has been on the stack for longer, in turns between
-//! parts of the tree: what is asked of memory in one is there when its turn comes.
+//! What is nearest is visited first. Where any hit will do that is not as good as visiting what has been on the stack
+//! for longer, in turns between parts of the tree: what is asked of memory in one is there when its turn comes.
 //!
 //! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for
 //! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
@@ -12,16 +12,16 @@
 
 use super::ahead;
 use super::cell_slabs::{self, Eight, Origin};
-use super::packet_cells;
+use super::hit::{Outcome, TriHit};
+use super::kernel::{Here, Seen, Together};
 use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
+use super::packet_cells;
 use super::packet_few;
 use super::packet_leaf::leaf;
 use super::packet_prepare::Shared;
 use super::pass::Passing;
-use super::kernel::{Here, Seen, Together};
 use super::single::{self, Alone, RayLanes};
 use super::stand_in;
-use super::hit::{Outcome, TriHit};
 use super::walk::{Entry, push_sorted};
 use super::{PartFilter, PreparedRay, TreeView};
 use crate::base::ids::BlockId;
@@ -149,7 +149,8 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let is_elsewhere = nearest.block != entry.block;
                     walk.counters.blocks += u64::from(is_elsewhere && !Child::is_leaf(nearest.child));
                     if ANY && bottom > 0 {
-                        // Its memory was asked for just now, that of an older entry longer ago; and which hit is found is all the same.
+                        // Its memory was asked for just now, that of an older entry longer ago; and which hit is found
+                        // is all the same.
                         let older = std::mem::replace(&mut walk.stack[bottom - 1], nearest);
                         walk.stack.push(older);
                         break;
@@ -240,7 +241,10 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
 #[inline(always)]
 pub(super) fn passing(rays: &PacketRays, i: usize) -> Passing {
     let (org, dir) = (&rays.org, &rays.dir);
-    Passing { org: [at(&org[0], i), at(&org[1], i), at(&org[2], i)], dir: [at(&dir[0], i), at(&dir[1], i), at(&dir[2], i)] }
+    Passing {
+        org: [at(&org[0], i), at(&org[1], i), at(&org[2], i)],
+        dir: [at(&dir[0], i), at(&dir[1], i), at(&dir[2], i)],
+    }
 }
 
 #[inline(always)]
@@ -268,7 +272,8 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     // Leaves whose slabs are asked.
     let is_asked = !LOD && walk.gauge.asks();
     let asked = if is_asked { stand_in::leaves(node) } else { 0 };
-    let few = if is_few { packet_few::each::<S, ANY, LOD>(s, tree, here, boxes, entry.rays, asked, walk) } else { [0; 8] };
+    let few =
+        if is_few { packet_few::each::<S, ANY, LOD>(s, tree, here, boxes, entry.rays, asked, walk) } else { [0; 8] };
     let mut mask = boxes.met;
     let leaves = asked & mask;
     let mut beside = 0;
@@ -278,9 +283,9 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         let slot = mask.trailing_zeros() as usize & 7;
         mask &= mask - 1;
         let child = u32::from(node.child[slot]);
-        // Many rays from one point are tested one by one only before leaves and what is narrower than the packet: for wider nodes
-        // it costs more than it saves (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of many origins are
-        // too wide.
+        // Many rays from one point are tested one by one only before leaves and what is narrower than the packet: for
+        // wider nodes it costs more than it saves (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of
+        // many origins are too wide.
         let mut rays = if is_few {
             few[slot]
         } else if LOD && boxes.small >> slot & 1 == 1 {
@@ -334,8 +339,8 @@ pub(super) struct Boxes {
     pub enter: [f32; 8],
     /// Outward by [`Shared::slack`].
     pub planes: Planes,
-    /// Only if one is small, or few rays come: the planes as stored, where rays do not share the origin; and what areas of faces count
-    /// for, signed as the directions are.
+    /// Only if one is small, or few rays come: the planes as stored, where rays do not share the origin; and what areas
+    /// of faces count for, signed as the directions are.
     pub stored: Planes,
     pub faces: [[f32; 8]; 3],
     /// Their slabs, if these are known: as the one origin sees them, or as stored, where rays do not share it.
@@ -348,7 +353,17 @@ impl Boxes {
         let none = [[[0.0; 8]; 2]; 3];
         let faces = [[0.0; 8]; 3];
         let slabs = Eight::NONE;
-        Self { met: 0, narrow: 0, small: 0, enter: [0.0; 8], planes: none, stored: none, faces, slabs, has_slabs: false }
+        Self {
+            met: 0,
+            narrow: 0,
+            small: 0,
+            enter: [0.0; 8],
+            planes: none,
+            stored: none,
+            faces,
+            slabs,
+            has_slabs: false,
+        }
     };
 
     /// The slabs of the node's children; worked out once.
@@ -358,7 +373,8 @@ impl Boxes {
             let mut slabs = cell_slabs::of_node(s, node);
             if shared.one_origin {
                 let [x, y, z] = shared.org_near;
-                slabs = Origin::new([s.splat8(x), s.splat8(y), s.splat8(z)], s.splat8(reach), s.splat8(0.0)).see(&slabs);
+                slabs =
+                    Origin::new([s.splat8(x), s.splat8(y), s.splat8(z)], s.splat8(reach), s.splat8(0.0)).see(&slabs);
             }
             self.slabs.set(&slabs);
             self.has_slabs = true;
@@ -416,8 +432,8 @@ pub(super) fn planes<S: Simd>(s: S, node: &Node, shared: &Shared, out: &mut Boxe
     [[first, last], [from, to]]
 }
 
-/// Where the first of all rays enters boxes between planes less the extremes of the origins, and where the last leaves them, up to
-/// `far`.
+/// Where the first of all rays enters boxes between planes less the extremes of the origins, and where the last leaves
+/// them, up to `far`.
 #[inline(always)]
 pub(super) fn cross<S: Simd>(s: S, from: [S::F8; 3], to: [S::F8; 3], shared: &Shared, far: f32) -> [S::F8; 2] {
     let (mut enter, mut leave) = (s.splat8(0.0), s.splat8(far));
@@ -443,7 +459,14 @@ pub(super) fn meet<S: Simd>(s: S, planes: &[[f32; 2]; 3], one_origin: bool, walk
 
 /// The ways of a vector of rays through a box between planes, up to `far`.
 #[inline(always)]
-pub(super) fn way<S: Simd>(s: S, planes: &[[f32; 2]; 3], one_origin: bool, walk: &PacketWalk, h: usize, far: S::F16) -> [S::F16; 2] {
+pub(super) fn way<S: Simd>(
+    s: S,
+    planes: &[[f32; 2]; 3],
+    one_origin: bool,
+    walk: &PacketWalk,
+    h: usize,
+    far: S::F16,
+) -> [S::F16; 2] {
     let (mut enter, mut leave) = (s.load16(&walk.rays.t_min[h]), far);
     for axis in 0..3 {
         let inv = s.load16(&walk.rays.inv[axis][h]);

@@ -1,9 +1,10 @@
 //! Which rays pass a cell that stands in: as many as pass what it holds.
 //!
-//! Where a ray enters the cell's region says so, by a hash over a grid an eighth to a quarter as wide as the cell is long: fixed to the
-//! object, so that nothing swims; and cells that overlap, which mostly hold parts of the same thing, mostly decide alike, so that it is not covered by
-//! each of them anew. (On a grid as wide as the cell what is seen of a few cells is a matter of chance: wires at PoE 10 had 0.87 to 1.13
-//! of their coverage.) Only cells whose level is low (`lod::PASSING`) in nodes of which the block's header says so are asked: the voxel is looked at for that.
+//! Where a ray enters the cell's region says so, by a hash over a grid an eighth to a quarter as wide as the cell is
+//! long: fixed to the object, so that nothing swims; and cells that overlap, which mostly hold parts of the same thing,
+//! mostly decide alike, so that it is not covered by each of them anew. (On a grid as wide as the cell what is seen of
+//! a few cells is a matter of chance: wires at PoE 10 had 0.87 to 1.13 of their coverage.) Only cells whose level is
+//! low (`lod::PASSING`) in nodes of which the block's header says so are asked: the voxel is looked at for that.
 //!
 //! One ray at a time, in the same steps by all walks: they see the same to the bit.
 
@@ -26,7 +27,8 @@ impl Passing {
     }
 }
 
-/// Whether a voxel is to be looked at for who passes its cell. (By the level alone most of a scan's larger cells are, which let none pass: that is two more cache lines.)
+/// Whether a voxel is to be looked at for who passes its cell. (By the level alone most of a scan's larger cells are,
+/// which let none pass: that is two more cache lines.)
 #[inline(always)]
 pub(super) fn may_be_passed(block: Block, node: usize, slot: usize) -> bool {
     block.node(node).level(slot) <= PASSING && block.may_be_passed(node)

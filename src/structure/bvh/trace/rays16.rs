@@ -221,9 +221,5 @@ impl Rays16 {
 /// The components after the greatest, in turn, and it itself: the order of [`crate::geom::Shear`].
 #[inline(always)]
 fn turned<L: Lanes<GROUP>>(is_x: L::Mask, is_y: L::Mask, [x, y, z]: [L; 3]) -> [L; 3] {
-    [
-        y.select(is_x, z.select(is_y, x)),
-        z.select(is_x, x.select(is_y, y)),
-        x.select(is_x, y.select(is_y, z)),
-    ]
+    [y.select(is_x, z.select(is_y, x)), z.select(is_x, x.select(is_y, y)), x.select(is_x, y.select(is_y, z))]
 }

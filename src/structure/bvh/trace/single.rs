@@ -2,11 +2,11 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::cell_slabs::{self, Origin};
+use super::hit::{Outcome, TriHit};
 use super::kernel::{Here, Seen};
 use super::pass::Passing;
 use super::stand_in::{self, ConeRay, Verdict};
 use super::tables::sheared_corners;
-use super::hit::{Outcome, TriHit};
 use super::walk::{Entry, Walk, push_sorted};
 use super::{Counters, PartFilter, PreparedRay, TreeView, Triangle};
 use crate::base::ids::BlockId;
@@ -103,7 +103,12 @@ pub(super) struct Alone<'a> {
 
 /// Visits what is on the stack, nearest first.
 #[inline(always)]
-pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(s: S, tree: Seen, lanes: &RayLanes<S>, walk: Alone) -> Outcome {
+pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
+    s: S,
+    tree: Seen,
+    lanes: &RayLanes<S>,
+    walk: Alone,
+) -> Outcome {
     let Seen { view, filter } = tree;
     let Alone { stack, best, passed, counters } = walk;
     let mut block_id = u32::MAX;
@@ -333,12 +338,14 @@ pub(super) struct Cells<S: Simd> {
 }
 
 impl<S: Simd> CellLanes<S> {
-    /// The children of a node, and those in `mask` that are small enough where the ray leaves their boxes, or farther: `leave`.
+    /// The children of a node, and those in `mask` that are small enough where the ray leaves their boxes, or farther:
+    /// `leave`.
     #[inline(always)]
     pub(super) fn likely(&self, s: S, node: &Node, mask: u32, leave: S::F8) -> (Cells<S>, u32) {
         let cells = self.cells(s, node);
         let width = self.ray.a + self.ray.b * leave;
-        let likely = stand_in::may_stand(stand_in::area(cells.faces, self.ray.dir), width, s.splat8(stand_in::MARGIN)) & mask;
+        let likely =
+            stand_in::may_stand(stand_in::area(cells.faces, self.ray.dir), width, s.splat8(stand_in::MARGIN)) & mask;
         (cells, likely)
     }
 
@@ -392,7 +399,8 @@ pub(super) struct MetCells<'a> {
     pub t: &'a [f32; 8],
 }
 
-/// Offers cells of a node to `best`; returns those for which nothing is left to visit. Takes `passed` down to where the ray passes one.
+/// Offers cells of a node to `best`; returns those for which nothing is left to visit. Takes `passed` down to where the
+/// ray passes one.
 #[inline(always)]
 pub(super) fn offers(tree: Seen, here: Here, met: MetCells, ray: &Passing, best: &mut TriHit, passed: &mut f32) -> u32 {
     let (Seen { view, filter }, Here { block, id, index }) = (tree, here);
@@ -406,7 +414,9 @@ pub(super) fn offers(tree: Seen, here: Here, met: MetCells, ray: &Passing, best:
             Verdict::Stand if filter.is_some_and(|filter| filter.descends(t[slot])) => continue,
             Verdict::Skip => {}
             Verdict::Stand if crosses >> slot & 1 == 0 => {}
-            Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => *passed = passed.min(t[slot]),
+            Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => {
+                *passed = passed.min(t[slot])
+            }
             Verdict::Stand => {
                 let tri = stand_in::lod_code(index, slot);
                 let _ = offer(best, TriHit { t: t[slot], u: 0.0, v: 0.0, block: id, tri });
@@ -427,7 +437,8 @@ pub(super) fn offer(best: &mut TriHit, hit: TriHit) -> bool {
     is_better
 }
 
-/// Offers the cells of those of the children in `mask` that are leaves, which are missing, to `best`; returns the others.
+/// Offers the cells of those of the children in `mask` that are leaves, which are missing, to `best`; returns the
+/// others.
 #[inline(always)]
 pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
     s: S,
@@ -447,8 +458,8 @@ pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
     mask & !leaves
 }
 
-/// Offers the cell in a node's slot, below which a block is missing, to `best`. Where any hit will do, a cell that the ray
-/// begins in is none: nothing is known of it.
+/// Offers the cell in a node's slot, below which a block is missing, to `best`. Where any hit will do, a cell that the
+/// ray begins in is none: nothing is known of it.
 #[inline(always)]
 fn stand_in_for_missing<S: Simd, const ANY: bool>(
     s: S,
@@ -558,7 +569,8 @@ pub(super) fn nearest<S: Simd>(
     if let Some(filter) = filter {
         for i in 0..leaf.triangles {
             let part = || block.part(leaf.part_of(i));
-            let passes = hits >> i & 1 == 1 && filter.passes(part, || Triangle { vertices: leaf.triangle(i), part: part() }, t[i]);
+            let passes = hits >> i & 1 == 1
+                && filter.passes(part, || Triangle { vertices: leaf.triangle(i), part: part() }, t[i]);
             hits &= !(u32::from(passes) << i);
         }
     }

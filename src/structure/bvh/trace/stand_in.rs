@@ -8,16 +8,17 @@
 //! Metric: Áfra 2012, section 6.2, compares the radius of the enclosing sphere; here it is the area of the cell's own
 //! projection along the ray, the sum of |dir| times the areas of its faces, with the square of the ray's width.
 //!
-//! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`cell_slabs.rs`); who misses them misses
-//! what the cell holds, for certain, and passes. Of cells that are no walls some of those that do not miss them pass too (`pass.rs`).
-//! Only rays that begin in a cell do not ask for slabs.
+//! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`cell_slabs.rs`); who misses
+//! them misses what the cell holds, for certain, and passes. Of cells that are no walls some of those that do not miss
+//! them pass too (`pass.rs`). Only rays that begin in a cell do not ask for slabs.
 //!
-//! A plane `p` is met at `((p - slack) - org) * inv` at the earliest. The two differences and the product are rounded once
-//! each and `inv` once, on magnitudes of at most `2 m` with `m = max(|org|, reach)`: `7 h m |inv|` in all, `h = 2^-24`.
+//! A plane `p` is met at `((p - slack) - org) * inv` at the earliest. The two differences and the product are rounded
+//! once each and `inv` once, on magnitudes of at most `2 m` with `m = max(|org|, reach)`: `7 h m |inv|` in all, `h =
+//! 2^-24`.
 
-use super::{PartFilter, TreeView};
-use super::ray::abs;
 use super::hit::{StandIn, TriHit};
+use super::ray::abs;
+use super::{PartFilter, TreeView};
 use crate::simd::{Lanes, Mask};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 
@@ -83,8 +84,9 @@ pub(super) fn area<const N: usize, L: Lanes<N>>(faces: [L; 3], dir: [L; 3]) -> L
     dir[0] * faces[0] + dir[1] * faces[1] + dir[2] * faces[2]
 }
 
-/// Where rays enter cells and where they leave them; of cells that are larger by what single precision may do to where planes
-/// are met. So where one is entered is no farther than where the ray enters the cell itself, and at most that much outside of it.
+/// Where rays enter cells and where they leave them; of cells that are larger by what single precision may do to where
+/// planes are met. So where one is entered is no farther than where the ray enters the cell itself, and at most that
+/// much outside of it.
 #[inline(always)]
 pub(super) fn cross<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], inv: [L; 3]) -> [L; 2] {
     let enter = (near[0] * inv[0]).max(near[1] * inv[1]).max(near[2] * inv[2]);
@@ -95,8 +97,9 @@ pub(super) fn cross<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], inv:
 /// More than a test of areas and widths by other roundings than [`meet`]'s may be off by: a hundredth.
 pub(super) const MARGIN: f32 = 1.01;
 
-/// The one test whether a cell may stand in, before it is known where its ray enters it, for rays, cells or both in lanes: cells of `area`, seen
-/// along the rays, for rays that are `width` wide where they leave the cells, or wider. Never wrong where it says no; [`meet`] decides.
+/// The one test whether a cell may stand in, before it is known where its ray enters it, for rays, cells or both in
+/// lanes: cells of `area`, seen along the rays, for rays that are `width` wide where they leave the cells, or wider.
+/// Never wrong where it says no; [`meet`] decides.
 #[inline(always)]
 pub(super) fn may_stand<const N: usize, L: Lanes<N>>(area: L, width: L, margin: L) -> u32 {
     area.le(width * width * margin).bits()

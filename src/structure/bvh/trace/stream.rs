@@ -6,10 +6,10 @@
 
 use super::ahead;
 use super::gauge::Gauge;
+use super::hit::{Counters, TriHit};
 use super::rays16::{GROUP, OneRay};
 use super::stream_pass as pass;
 use super::stream_start::{self as start, Group};
-use super::hit::{Counters, TriHit};
 use super::{PartFilter, TreeView};
 use crate::math::STREAM;
 use crate::simd::{Op, Simd, dispatch};
@@ -67,8 +67,8 @@ fn is_exact(view: &TreeView, stream: &Stream, count: usize) -> bool {
 }
 
 impl TreeView<'_> {
-    /// Finds the closest hits of the first of the rays that `stream` has taken over: what [`TreeView::closest`] finds, at
-    /// less cost a ray. `hits`: as many as rays, [`STREAM`] at most. Those in [`Stream::unfinished`] have no answer.
+    /// Finds the closest hits of the first of the rays that `stream` has taken over: what [`TreeView::closest`] finds,
+    /// at less cost a ray. `hits`: as many as rays, [`STREAM`] at most. Those in [`Stream::unfinished`] have no answer.
     pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
         if is_exact(self, stream, hits.len()) {
             dispatch(self.isa, Run::<false, false> { view: self, filter, stream, hits });
@@ -166,7 +166,8 @@ pub(super) struct Scratch {
     pub enter: [[f32; 8]; LANES],
     pub leave: [[f32; 8]; LANES],
     pub hits: [u32; LANES],
-    /// Those that may stand in, from the ninth bit on those of which slabs are met too; and where cells are entered. (These are left where `leave` says.)
+    /// Those that may stand in, from the ninth bit on those of which slabs are met too; and where cells are entered.
+    /// (These are left where `leave` says.)
     pub small: [u32; LANES],
     pub at: [[f32; 8]; LANES],
 }
@@ -220,7 +221,13 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             unfinished: &mut stream.unfinished,
             passed: &mut stream.passed,
             rows: [[0; LANES]; 4],
-            scratch: Scratch { enter: [[0.0; 8]; LANES], leave: [[0.0; 8]; LANES], hits: [0; LANES], small: [0; LANES], at: [[0.0; 8]; LANES] },
+            scratch: Scratch {
+                enter: [[0.0; 8]; LANES],
+                leave: [[0.0; 8]; LANES],
+                hits: [0; LANES],
+                small: [0; LANES],
+                at: [[0.0; 8]; LANES],
+            },
             ray: [0; LANES],
             top: [0; LANES],
             prepared: [OneRay::NONE; LANES],
@@ -237,7 +244,8 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
         for lane in 0..LANES {
             push(&mut state.rows, &mut counts, NOTHING, lane);
         }
-        let mut beginning = Beginning { groups: &stream.rays[..count.div_ceil(GROUP)], next: 0, group: &mut stream.bvh.group, root };
+        let mut beginning =
+            Beginning { groups: &stream.rays[..count.div_ceil(GROUP)], next: 0, group: &mut stream.bvh.group, root };
         loop {
             counts = beginning.fill::<S, ANY, LOD>(s, &mut state, counts);
             if counts.of(EXTERNALS) > 0 {
@@ -270,7 +278,12 @@ struct Beginning<'a, 'b> {
 impl<'a> Beginning<'a, '_> {
     /// Gives free lanes to groups that have not begun.
     #[inline(always)]
-    fn fill<S: Simd, const ANY: bool, const LOD: bool>(&mut self, s: S, state: &mut State<'a>, mut counts: Counts) -> Counts {
+    fn fill<S: Simd, const ANY: bool, const LOD: bool>(
+        &mut self,
+        s: S,
+        state: &mut State<'a>,
+        mut counts: Counts,
+    ) -> Counts {
         while self.next < self.groups.len() && counts.of(ENDED) >= GROUP {
             counts = self.take(s, state, counts);
             let rays = self.group.left;
@@ -307,7 +320,14 @@ impl<'a> Beginning<'a, '_> {
 
     /// Puts the lanes of `rays` of the group where they begin: at what is on their stacks, or at the root.
     #[inline(always)]
-    fn go<S: Simd, const ANY: bool>(&mut self, s: S, state: &mut State<'a>, mut counts: Counts, mut rays: u32, is_together: bool) -> Counts {
+    fn go<S: Simd, const ANY: bool>(
+        &mut self,
+        s: S,
+        state: &mut State<'a>,
+        mut counts: Counts,
+        mut rays: u32,
+        is_together: bool,
+    ) -> Counts {
         let is_sorted = ANY || start::are_near(s, self.group, rays, state.view.reach);
         while rays != 0 {
             let i = rays.trailing_zeros() as usize & (GROUP - 1);
@@ -322,7 +342,8 @@ impl<'a> Beginning<'a, '_> {
                     pass::pop(s, state, &mut counts, lane);
                 }
                 Some(root) => {
-                    (state.block[lane], state.block_id[lane], state.child[lane]) = (root, state.view.root_block, state.view.root);
+                    (state.block[lane], state.block_id[lane], state.child[lane]) =
+                        (root, state.view.root_block, state.view.root);
                     push(&mut state.rows, &mut counts, state.view.root, lane);
                 }
                 None => pass::leave(state, &mut counts, lane),

@@ -1,22 +1,20 @@
 //! The phases of a stream.
 //!
-//! In large models walks ask for the memory of what they go to, of nodes and of leaves alike, though leaves are in another block and are asked
-//! for again there: to tell them apart costs more.
+//! In large models walks ask for the memory of what they go to, of nodes and of leaves alike, though leaves are in
+//! another block and are asked for again there: to tell them apart costs more.
 
 use super::ahead::{ask, ask_for};
 use super::cell_slabs::area_shares;
+use super::hit::{Counters, TriHit};
+use super::kernel::{Here, Seen};
 use super::pass::Passing;
 use super::rays16::OneRay;
-use super::kernel::{Here, Seen};
 use super::single::{self, CellLanes, CellRay, LeafRay, MetCells, is_better, triangles};
 use super::stand_in;
-use super::stream::{
-    AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, State, lane, push,
-};
-use super::hit::{Counters, TriHit};
+use super::stream::{AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, State, lane, push};
 use crate::base::ids::BlockId;
-use crate::math::STREAM;
 use crate::math::Cone;
+use crate::math::STREAM;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Child, INDEX_MASK, Node};
 use bytemuck::bytes_of;
@@ -253,17 +251,19 @@ fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> Crossed<S> {
     Crossed { met, enter, leave, across }
 }
 
-/// By how much the extents of cells are taken shorter, as a part of the reach: each of the two planes that these are between is rounded to
-/// `2^-24` of that, and so is their difference. (What is rounded here is a part of the extent itself: the hundredth is for that.)
+/// By how much the extents of cells are taken shorter, as a part of the reach: each of the two planes that these are
+/// between is rounded to `2^-24` of that, and so is their difference. (What is rounded here is a part of the extent
+/// itself: the hundredth is for that.)
 const EXTENT_SLACK: f32 = 4.0 / 16_777_216.0;
 
-/// The children of a node that may be small enough to stand in, and maybe others: from the way through their boxes, roughly.
+/// The children of a node that may be small enough to stand in, and maybe others: from the way through their boxes,
+/// roughly.
 #[inline(always)]
 fn likely<S: Simd>(s: S, node: &Node, ray: &OneRay, crossed: &Crossed<S>, slack: S::F8) -> u32 {
     let [a, b, dir @ ..] = *ray.cone();
     let (zero, most) = (s.splat8(0.0), s.splat8(4.0 / EXTENT_SLACK));
-    // The way between planes, times |dir| along the axis, is the cell's extent. What is not a number counts as none, what is infinite as the most
-    // that an extent can be: that is the safe side.
+    // The way between planes, times |dir| along the axis, is the cell's extent. What is not a number counts as none,
+    // what is infinite as the most that an extent can be: that is the safe side.
     let x = (crossed.across[0] * s.splat8(dir[0]) - slack).max(zero).min(slack * most);
     let y = (crossed.across[1] * s.splat8(dir[1]) - slack).max(zero).min(slack * most);
     let z = (crossed.across[2] * s.splat8(dir[2]) - slack).max(zero).min(slack * most);
@@ -280,11 +280,13 @@ fn cell_lanes<S: Simd>(s: S, ray: &OneRay, reach: f32) -> CellLanes<S> {
     // Planes are told by bytes in a node here, by rows of eight there.
     let near = |axis: usize| (usize::from(planes[axis]) - 16) / 8;
     let near = [near(0), near(1), near(2)];
-    let ray = CellRay { org, inv: [inv[0], inv[1], inv[2]], dir: [x, y, z], near, t_min: ray.t_min(), cone: Cone { a, b } };
+    let ray =
+        CellRay { org, inv: [inv[0], inv[1], inv[2]], dir: [x, y, z], near, t_min: ray.t_min(), cone: Cone { a, b } };
     CellLanes::of(s, ray, reach)
 }
 
-/// Looks at the slabs of the nodes that some lanes are at, where nothing stands in: children that a ray passes beside its slabs are not met.
+/// Looks at the slabs of the nodes that some lanes are at, where nothing stands in: children that a ray passes beside
+/// its slabs are not met.
 #[inline(always)]
 fn slabs<S: Simd>(s: S, state: &mut State, row: &Row, count: usize) {
     for i in 0..count {
@@ -298,9 +300,10 @@ fn slabs<S: Simd>(s: S, state: &mut State, row: &Row, count: usize) {
     }
 }
 
-/// Offers some lanes those cells of the nodes that they are at which may stand in. (Slabs of others are not asked: what stands in below
-/// them may reach out of a node's slabs; and of a triangle that spatial splits put into several leaves one's cell may stand in and be passed,
-/// while the ray meets the triangle by way of the other.) Loop by loop, for fewer and fewer lanes.
+/// Offers some lanes those cells of the nodes that they are at which may stand in. (Slabs of others are not asked: what
+/// stands in below them may reach out of a node's slabs; and of a triangle that spatial splits put into several leaves
+/// one's cell may stand in and be passed, while the ray meets the triangle by way of the other.) Loop by loop, for
+/// fewer and fewer lanes.
 #[inline(always)]
 fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, row: &Row, count: usize) {
     let (mut rows, mut counts) = ([[0; LANES]; 4], Counts::default());
@@ -342,7 +345,8 @@ pub(super) fn passing(ray: &OneRay) -> Passing {
     Passing { org, dir: [x.copysign(inv[0]), y.copysign(inv[1]), z.copysign(inv[2])] }
 }
 
-/// Offers a lane the cells of its node that may stand in. Where any hit will do and one is found, nothing is left to visit.
+/// Offers a lane the cells of its node that may stand in. Where any hit will do and one is found, nothing is left to
+/// visit.
 #[inline(always)]
 fn offer<const ANY: bool>(state: &mut State, lane: usize) {
     let ray = usize::from(state.ray[lane]) & (STREAM - 1);
@@ -413,8 +417,8 @@ pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut coun
     counts
 }
 
-/// Those of one walk: the leaf that it waits at, and others of the same block that it has next on its stack. (Leaves of a node mostly
-/// are met together, and are neighbours in memory.)
+/// Those of one walk: the leaf that it waits at, and others of the same block that it has next on its stack. (Leaves of
+/// a node mostly are met together, and are neighbours in memory.)
 #[inline(always)]
 fn leaves_of<S: Simd, const ANY: bool>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
     let (block, id) = (state.block[lane], state.block_id[lane]);
@@ -454,8 +458,8 @@ fn leaves_of<S: Simd, const ANY: bool>(s: S, state: &mut State, counts: &mut Cou
     }
 }
 
-/// Takes lanes that have come to leaves since the last time from their nodes' blocks to those of the leaves: no words if that is
-/// not in memory.
+/// Takes lanes that have come to leaves since the last time from their nodes' blocks to those of the leaves: no words
+/// if that is not in memory.
 #[inline(always)]
 pub(super) fn enter_leaves(state: &mut State, counts: Counts) {
     let count = counts.of(AT_LEAVES);
@@ -463,7 +467,8 @@ pub(super) fn enter_leaves(state: &mut State, counts: Counts) {
         let lane = lane(&state.rows[AT_LEAVES], i);
         let id = state.block_id[lane] + state.view.leaves_at;
         (state.block[lane], state.block_id[lane]) = (Block::new(state.view.visit(id).unwrap_or(&[])), id);
-        // Walks wait for others here: what the caches near a core hold comes nearer meanwhile, so small models gain too.
+        // Walks wait for others here: what the caches near a core hold comes nearer meanwhile, so small models gain
+        // too.
         ask(state.block[lane], state.child[lane]);
     }
     state.entered = count;

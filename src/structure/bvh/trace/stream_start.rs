@@ -1,12 +1,14 @@
-//! The first steps of a stream's rays. Sixteen that follow each other mostly begin near each other: wherever they go, they come to the same nodes at first. Such
-//! nodes are tested once for all of them, a ray in each lane; what few of them meet goes on each one's own stack, where its walk goes on
-//! alone.
+//! The first steps of a stream's rays. Sixteen that follow each other mostly begin near each other: wherever they go,
+//! they come to the same nodes at first. Such nodes are tested once for all of them, a ray in each lane; what few of
+//! them meet goes on each one's own stack, where its walk goes on alone.
 //!
-//! Stacks are filled from what is farthest of where the first ray begins to what is nearest of it, which is looked at first.
+//! Stacks are filled from what is farthest of where the first ray begins to what is nearest of it, which is looked at
+//! first.
 #![allow(clippy::needless_range_loop)] // axes and slots index several arrays at once
 
 use super::ahead::ask_for;
 use super::cell_slabs::{self, Eight, Origin, area_shares};
+use super::hit::TriHit;
 use super::kernel::Here;
 use super::pass::{Sieve, may_be_passed};
 use super::rays16::{GROUP, Prepared};
@@ -14,16 +16,15 @@ use super::single::{self, stored_planes};
 use super::stand_in::{self, ConeRay, Met, Verdict};
 use super::stream::{BOTTOM, DEPTH, LANES, State};
 use super::stream_pass as pass;
-use super::hit::TriHit;
 use crate::base::ids::BlockId;
-use crate::math::STREAM;
 use crate::lod::Slabs;
+use crate::math::STREAM;
 use crate::simd::{Lanes, Mask, Simd};
-use crate::structure::ray::{SLACK, abs};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
+use crate::structure::ray::{SLACK, abs};
 
-/// Rays that make it pay to test a node for all of them at once, at least. (6 to 12 are as good at some pixels of error, 12 is best where nothing
-/// stands in and models are large.)
+/// Rays that make it pay to test a node for all of them at once, at least. (6 to 12 are as good at some pixels of
+/// error, 12 is best where nothing stands in and models are large.)
 const FEWEST: u32 = 10;
 
 /// What is still to be told of a group, at most.
@@ -75,7 +76,8 @@ impl Group {
     }
 }
 
-/// Puts what each ray of a group meets on its stack, which has nothing on it. Where any hit will do, those that have one are no longer left.
+/// Puts what each ray of a group meets on its stack, which has nothing on it. Where any hit will do, those that have
+/// one are no longer left.
 #[inline(always)]
 pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, group: &mut Group) {
     let view = state.view;
@@ -88,7 +90,8 @@ pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
         group.count -= 1;
         let mut entry = group.todo[group.count.min(ROOM - 1)];
         entry.rays &= group.left;
-        // All that is to be told may go on one ray's stack, and eight more with each node; and the walk below needs room too.
+        // All that is to be told may go on one ray's stack, and eight more with each node; and the walk below needs
+        // room too.
         let is_roomy = group.count + WIDTH <= ROOM && group.deepest + group.count + WIDTH + FOR_WALKS < DEPTH;
         if is_roomy && entry.rays.count_ones() >= FEWEST {
             if let Some(Child::External(at)) = Child::from_bits(entry.child)
@@ -170,7 +173,8 @@ fn expand<'a, S: Simd, const ANY: bool, const LOD: bool>(
     }
 }
 
-/// The children of a node as the rays see them: who meets each, for whom of these it may be small enough to stand in, and where they enter it.
+/// The children of a node as the rays see them: who meets each, for whom of these it may be small enough to stand in,
+/// and where they enter it.
 struct Boxes {
     met: [u32; WIDTH],
     likely: [u32; WIDTH],
@@ -182,10 +186,17 @@ struct Boxes {
 }
 
 impl Boxes {
-    const NONE: Self = Self { met: [0; WIDTH], likely: [0; WIDTH], enter: [[0.0; GROUP]; WIDTH], leave: [[0.0; GROUP]; WIDTH], faces: [[0.0; WIDTH]; 3] };
+    const NONE: Self = Self {
+        met: [0; WIDTH],
+        likely: [0; WIDTH],
+        enter: [[0.0; GROUP]; WIDTH],
+        leave: [[0.0; GROUP]; WIDTH],
+        faces: [[0.0; WIDTH]; 3],
+    };
 }
 
-/// Tests the boxes of a node's children; each gives way by as much as for a ray alone (see [`super::PreparedRay::new`]).
+/// Tests the boxes of a node's children; each gives way by as much as for a ray alone (see
+/// [`super::PreparedRay::new`]).
 #[inline(always)]
 fn cross<S: Simd, const LOD: bool>(s: S, node: &Node, rays: &Prepared, asked: u32, out: &mut Boxes) {
     let zero = s.splat16(0.0);
@@ -263,7 +274,8 @@ fn slabs<S: Simd>(s: S, state: &mut State, group: &Group, node: &Node, rays: u32
     let mut beside = 0;
     for slot in 0..WIDTH {
         if boxes.met[slot] != 0 {
-            let [enter, leave] = cells.within(s, &slabs.one(s, slot), [s.load16(&boxes.enter[slot]), s.load16(&boxes.leave[slot])]);
+            let [enter, leave] =
+                cells.within(s, &slabs.one(s, slot), [s.load16(&boxes.enter[slot]), s.load16(&boxes.leave[slot])]);
             let crosses = enter.le(leave).bits();
             beside += (boxes.met[slot] & !crosses).count_ones();
             boxes.met[slot] &= crosses;
@@ -272,8 +284,9 @@ fn slabs<S: Simd>(s: S, state: &mut State, group: &Group, node: &Node, rays: u32
     state.gauge.saw_by(beside, rays);
 }
 
-/// How far apart rays of a group may begin, as a part of the tree's reach, for what is far of one to count as far of all. (A 64th: 3 % slower on
-/// the bunny, whose rays that follow each other begin about as far apart; rays from anywhere visit a quarter more leaves out of order.)
+/// How far apart rays of a group may begin, as a part of the tree's reach, for what is far of one to count as far of
+/// all. (A 64th: 3 % slower on the bunny, whose rays that follow each other begin about as far apart; rays from
+/// anywhere visit a quarter more leaves out of order.)
 const NEAR: f32 = 1.0 / 16.0;
 
 /// Whether `rays` of a group begin near each other: then their stacks are in order.
@@ -294,15 +307,16 @@ pub(super) fn sort(state: &mut State, lane: usize) {
         let (t, child, block) = (stack.t[end], stack.child[end], stack.block[end]);
         let mut at = end;
         while at > BOTTOM && stack.t[at - 1] < t {
-            (stack.t[at], stack.child[at], stack.block[at]) = (stack.t[at - 1], stack.child[at - 1], stack.block[at - 1]);
+            (stack.t[at], stack.child[at], stack.block[at]) =
+                (stack.t[at - 1], stack.child[at - 1], stack.block[at - 1]);
             at -= 1;
         }
         (stack.t[at], stack.child[at], stack.block[at]) = (t, child, block);
     }
 }
 
-/// Offers rays the cells that may stand in for them, and takes those for which nothing is left to visit out of `boxes`: what a ray alone does
-/// (`single.rs`), to the bit.
+/// Offers rays the cells that may stand in for them, and takes those for which nothing is left to visit out of `boxes`:
+/// what a ray alone does (`single.rs`), to the bit.
 #[inline(always)]
 fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Group, here: Here, boxes: &mut Boxes) {
     if boxes.likely.iter().all(|rays| *rays == 0) {
@@ -310,7 +324,10 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Grou
     }
     let (node, Here { block, index, .. }) = (here.node(), here);
     let [low, high] = stored_planes(s, node, [0, 1, 2]);
-    let (low, high) = ([low[0].to_array(), low[1].to_array(), low[2].to_array()], [high[0].to_array(), high[1].to_array(), high[2].to_array()]);
+    let (low, high) = (
+        [low[0].to_array(), low[1].to_array(), low[2].to_array()],
+        [high[0].to_array(), high[1].to_array(), high[2].to_array()],
+    );
     let mut slabs: Option<Eight> = None;
     let cells = Cells::of(s, &group.rays, state.view.reach);
     for slot in 0..WIDTH {

@@ -1,5 +1,5 @@
-//! `airliner`: the generator of that name with `triangles` triangles as CAD exports it: each part with triangles is a shared mesh in a
-//! frame of its own, placed once.
+//! `airliner`: the generator of that name with `triangles` triangles as CAD exports it: each part with triangles is a
+//! shared mesh in a frame of its own, placed once.
 
 use crate::data::SceneRow;
 use crate::failure::Outcome;
@@ -28,7 +28,8 @@ pub fn fill(row: &SceneRow, sink: &mut dyn Sink) -> Outcome {
     for (part, triangles) in parts {
         let world_from_part = frame(&triangles);
         let part_from_world = world_from_part.inverse();
-        let own: Vec<[DVec3; 3]> = triangles.iter().map(|t| t.positions.map(|p| part_from_world.transform_point3(p))).collect();
+        let own: Vec<[DVec3; 3]> =
+            triangles.iter().map(|t| t.positions.map(|p| part_from_world.transform_point3(p))).collect();
         let mesh = sink.shared_mesh(1)?;
         sink.triangles(mesh, 0, &own, None)?;
         sink.instance(mesh, world_from_part, part)?;
@@ -36,11 +37,14 @@ pub fn fill(row: &SceneRow, sink: &mut dyn Sink) -> Outcome {
     Ok(())
 }
 
-/// The frame of a part: turned as the airliner flies (the generator's text: heading 37 degrees, climbing by 8, banked by 11), so that
-/// parts lie along its axes as they do in CAD; the origin is in the middle of the part's box.
+/// The frame of a part: turned as the airliner flies (the generator's text: heading 37 degrees, climbing by 8, banked
+/// by 11), so that parts lie along its axes as they do in CAD; the origin is in the middle of the part's box.
 fn frame(triangles: &[&CollectedTriangle]) -> DAffine3 {
-    let turn = DMat3::from_rotation_z(37f64.to_radians()) * DMat3::from_rotation_y(8f64.to_radians()) * DMat3::from_rotation_x(11f64.to_radians());
+    let turn = DMat3::from_rotation_z(37f64.to_radians())
+        * DMat3::from_rotation_y(8f64.to_radians())
+        * DMat3::from_rotation_x(11f64.to_radians());
     let corners = || triangles.iter().flat_map(|t| t.positions);
-    let (low, high) = corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+    let (low, high) =
+        corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
     DAffine3::from_mat3_translation(turn, 0.5 * (low + high))
 }

@@ -1,4 +1,5 @@
-//! `bolts`: `count` placements of one bolt of at most `triangles` triangles, on a cubic grid, each turned and moved at random.
+//! `bolts`: `count` placements of one bolt of at most `triangles` triangles, on a cubic grid, each turned and moved at
+//! random.
 
 use super::shapes;
 use crate::common::rng::Rng;
@@ -34,7 +35,8 @@ fn places(count: usize, seed: u64) -> impl Iterator<Item = DAffine3> {
         let mut rng = Rng::new(seed ^ (i as u64) << 8);
         let cell = DVec3::new((i % edge) as f64, (i / edge % edge) as f64, (i / edge / edge) as f64);
         let moved = rng.inside(DVec3::splat(-JITTER), DVec3::splat(JITTER));
-        let turn = DQuat::from_rotation_arc(DVec3::Z, rng.direction()) * DQuat::from_rotation_z(rng.between(0.0, std::f64::consts::TAU));
+        let turn = DQuat::from_rotation_arc(DVec3::Z, rng.direction())
+            * DQuat::from_rotation_z(rng.between(0.0, std::f64::consts::TAU));
         DAffine3::from_rotation_translation(turn, SPACING * cell + moved)
     })
 }

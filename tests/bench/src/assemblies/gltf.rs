@@ -33,7 +33,9 @@ pub fn write(meshes: &[(&str, Shape)], roots: &[Node]) -> Result<Vec<u8>, Failur
     let (mut binary, mut views, mut accessors, mut described) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (name, shape) in meshes {
         let vertices: Vec<[f32; 3]> = shape.vertices.iter().map(|v| v.as_vec3().to_array()).collect();
-        let end = |pick: fn(f32, f32) -> f32| vertices.iter().copied().reduce(|a, b| std::array::from_fn(|k| pick(a[k], b[k])));
+        let end = |pick: fn(f32, f32) -> f32| {
+            vertices.iter().copied().reduce(|a, b| std::array::from_fn(|k| pick(a[k], b[k])))
+        };
         let first = accessors.len();
         let mut add = |bytes: Vec<u8>, target: u32, mut accessor: Value| {
             accessor["bufferView"] = views.len().into();
@@ -42,7 +44,8 @@ pub fn write(meshes: &[(&str, Shape)], roots: &[Node]) -> Result<Vec<u8>, Failur
             binary.extend(bytes);
         };
         let (min, max) = (end(f32::min), end(f32::max));
-        let positions = json!({ "componentType": FLOAT, "type": "VEC3", "count": vertices.len(), "min": min, "max": max });
+        let positions =
+            json!({ "componentType": FLOAT, "type": "VEC3", "count": vertices.len(), "min": min, "max": max });
         add(vertices.iter().flatten().flat_map(|x| x.to_le_bytes()).collect(), ARRAY_BUFFER, positions);
         let indices = json!({ "componentType": UNSIGNED_INT, "type": "SCALAR", "count": 3 * shape.triangles.len() });
         add(shape.triangles.iter().flatten().flat_map(|i| i.to_le_bytes()).collect(), ELEMENT_ARRAY_BUFFER, indices);
@@ -66,7 +69,8 @@ pub fn write(meshes: &[(&str, Shape)], roots: &[Node]) -> Result<Vec<u8>, Failur
     binary.resize(binary.len().next_multiple_of(4), 0);
     let length = 12 + 8 + text.len() + 8 + binary.len();
     let words = |all: [usize; 2]| all.map(|n| (n as u32).to_le_bytes()).concat();
-    Ok([b"glTF".to_vec(), words([2, length]), words([text.len(), JSON]), text, words([binary.len(), BINARY]), binary].concat())
+    Ok([b"glTF".to_vec(), words([2, length]), words([text.len(), JSON]), text, words([binary.len(), BINARY]), binary]
+        .concat())
 }
 
 /// Kinds of chunks: "JSON" and "BIN" as words.

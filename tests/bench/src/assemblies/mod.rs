@@ -15,12 +15,15 @@ use outcrop::import::Sink;
 pub struct Kind(fn(&SceneRow, &mut dyn Sink) -> Outcome);
 
 /// By name, as rows have it.
-const ALL: [(&str, Kind); 3] = [("bolts", Kind(bolts::fill)), ("station", Kind(station::fill)), ("airliner", Kind(airliner::fill))];
+const ALL: [(&str, Kind); 3] =
+    [("bolts", Kind(bolts::fill)), ("station", Kind(station::fill)), ("airliner", Kind(airliner::fill))];
 
 impl Kind {
     pub fn of(name: &str) -> Result<Self, Failure> {
         let found = ALL.into_iter().find(|(known, _)| *known == name);
-        found.map(|(_, kind)| kind).ok_or_else(|| Failure::new(format!("no assembly {name:?}; there are {:?}", ALL.map(|(name, _)| name))))
+        found
+            .map(|(_, kind)| kind)
+            .ok_or_else(|| Failure::new(format!("no assembly {name:?}; there are {:?}", ALL.map(|(name, _)| name))))
     }
 
     /// Sends the meshes and their placements to a sink.

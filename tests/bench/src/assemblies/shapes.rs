@@ -39,7 +39,9 @@ impl Shape {
 
 /// A closed surface of revolution: `profile` holds radius and height of each ring; the ends are closed on the axis.
 pub fn turned(profile: &[(f64, f64)], sides: usize) -> Shape {
-    let ring = |&(radius, height): &(f64, f64)| around(sides).map(|(c, s)| DVec3::new(radius * c, radius * s, height)).collect();
+    let ring = |&(radius, height): &(f64, f64)| {
+        around(sides).map(|(c, s)| DVec3::new(radius * c, radius * s, height)).collect()
+    };
     let mut shape = Shape::of_rings(&profile.iter().map(ring).collect::<Vec<_>>());
     let last = ((profile.len() - 1) * sides) as u32;
     shape.close(0, sides as u32, DVec3::new(0.0, 0.0, profile[0].1));
@@ -76,7 +78,9 @@ pub fn bolt(triangles: usize) -> Shape {
 pub fn ring(radius: f64, thickness: f64, sides: usize, across: usize) -> Shape {
     let rings = (0..=sides).map(|i| {
         let (s, c) = (TAU * i as f64 / sides as f64).sin_cos();
-        around(across).map(|(u, v)| DVec3::new(c * (radius + thickness * u), s * (radius + thickness * u), thickness * v)).collect()
+        around(across)
+            .map(|(u, v)| DVec3::new(c * (radius + thickness * u), s * (radius + thickness * u), thickness * v))
+            .collect()
     });
     Shape::of_rings(&rings.collect::<Vec<_>>())
 }

@@ -1,5 +1,6 @@
-//! `station`: a pump station of `count` by `count` units as a GLB file, read as users' files are. Each unit is a node that is turned, with
-//! nodes below it for a flange, its eight bolts, an elbow and a wheel: four meshes, shared by all units. A plate is placed once.
+//! `station`: a pump station of `count` by `count` units as a GLB file, read as users' files are. Each unit is a node
+//! that is turned, with nodes below it for a flange, its eight bolts, an elbow and a wheel: four meshes, shared by all
+//! units. A plate is placed once.
 
 use super::gltf::{Node, write};
 use super::shapes::{self, Shape};
@@ -34,7 +35,18 @@ pub fn fill(row: &SceneRow, sink: &mut dyn Sink) -> Outcome {
 }
 
 fn meshes(row: &SceneRow) -> Vec<(&'static str, Shape)> {
-    let rim = [(2.0, 0.0), (3.4, 0.0), (3.5, 0.1), (3.5, 0.5), (3.4, 0.6), (2.2, 0.6), (2.0, 0.8), (1.9, 2.4), (1.8, 2.5), (1.4, 2.5)];
+    let rim = [
+        (2.0, 0.0),
+        (3.4, 0.0),
+        (3.5, 0.1),
+        (3.5, 0.5),
+        (3.4, 0.6),
+        (2.2, 0.6),
+        (2.0, 0.8),
+        (1.9, 2.4),
+        (1.8, 2.5),
+        (1.4, 2.5),
+    ];
     let flange = shapes::turned(&rim, 48);
     let plate = shapes::plate(SPACING * (row.count + 1) as f64, 48);
     let elbow = shapes::elbow(4.0, 1.3, 32, 32);
@@ -52,7 +64,8 @@ fn nodes(row: &SceneRow) -> Node {
         let mut below = vec![Node::mesh("flange", DAffine3::IDENTITY, FLANGE)];
         below.extend((0..8).map(|i| {
             let (s, c) = (TAU * f64::from(i) / 8.0).sin_cos();
-            let place = DAffine3::from_translation(DVec3::new(2.8 * c, 2.8 * s, 0.6)) * DAffine3::from_scale(DVec3::splat(0.6));
+            let place =
+                DAffine3::from_translation(DVec3::new(2.8 * c, 2.8 * s, 0.6)) * DAffine3::from_scale(DVec3::splat(0.6));
             Node::mesh("bolt", place, BOLT)
         }));
         below.push(Node::mesh("elbow", DAffine3::from_translation(2.4 * DVec3::Z), ELBOW));
@@ -74,7 +87,8 @@ mod tests {
 
     #[test]
     fn a_station_is_read_as_it_was_made() {
-        let row: SceneRow = toml::from_str("name = 'station of the test'\ntitle = ''\nassembly = 'station'\ncount = 2").expect("a row");
+        let row: SceneRow =
+            toml::from_str("name = 'station of the test'\ntitle = ''\nassembly = 'station'\ncount = 2").expect("a row");
         let mut read = Collector::new();
         fill(&row, &mut read).expect("it is read");
         let sizes: Vec<usize> = read.meshes.iter().map(|mesh| mesh.triangles.len()).collect();

@@ -103,7 +103,8 @@ fn linear(values: &[f64]) -> Place {
     let most = if most > 0.0 { most } else { 1.0 };
     let step = step_of(most);
     let count = (most / step).floor() as usize;
-    let ticks = (0..=count + 1).map(|i| step * i as f64).filter(|t| *t <= most * 1.08).map(|t| (t, written(t))).collect();
+    let ticks =
+        (0..=count + 1).map(|i| step * i as f64).filter(|t| *t <= most * 1.08).map(|t| (t, written(t))).collect();
     Place { scale: Scale::Linear, ends: (0.0, most * 1.08), ticks, zero: 0.0 }
 }
 
@@ -120,7 +121,13 @@ fn log(values: &[f64]) -> Place {
         ticks.push((zero, "0".to_owned()));
     }
     // Few decades have room for more than their powers of ten.
-    let within: &[f64] = if most - least > 3.0 { &[1.0] } else if most - least > 2.0 { &[1.0, 3.0] } else { &[1.0, 2.0, 5.0] };
+    let within: &[f64] = if most - least > 3.0 {
+        &[1.0]
+    } else if most - least > 2.0 {
+        &[1.0, 3.0]
+    } else {
+        &[1.0, 2.0, 5.0]
+    };
     let zeros = ticks.len();
     for decade in (least.floor() as i32 - 1)..=(most.ceil() as i32) {
         for factor in within {
@@ -135,7 +142,9 @@ fn log(values: &[f64]) -> Place {
     if ticks.len() < zeros + 2 {
         let (from, to) = (10f64.powf(least - room), 10f64.powf(ends.1));
         ticks.truncate(zeros);
-        ticks.extend(multiples(step_of((to - from) * 2.0), from, to).filter(|t| *t > 0.0).map(|t| (t.log10(), written(t))));
+        ticks.extend(
+            multiples(step_of((to - from) * 2.0), from, to).filter(|t| *t > 0.0).map(|t| (t.log10(), written(t))),
+        );
     }
     Place { scale: Scale::Log, ends, ticks, zero }
 }

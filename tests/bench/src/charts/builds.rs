@@ -1,4 +1,5 @@
-//! Speed and size of builds over models, beside Embree's builders and what the paper says of its own (Áfra 2012, table 6).
+//! Speed and size of builds over models, beside Embree's builders and what the paper says of its own (Áfra 2012, table
+//! 6).
 
 use super::axis::Axis;
 use super::draw::{Curve, Look, Panel, Point, Sheet};
@@ -49,7 +50,8 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
     }
     let first = all.iter().find(|(_, b)| !b.is_peer)?;
     let of_kind = |kind: &str| {
-        let ours = all.iter().rev().find(|row| !row.1.is_peer && row.1.side == first.1.side && kind_of(row.0) == kind)?;
+        let ours =
+            all.iter().rev().find(|row| !row.1.is_peer && row.1.side == first.1.side && kind_of(row.0) == kind)?;
         let (speed, bytes) = (speed(*ours).y, ours.1.bytes_file? as f64 / ours.0.triangles as f64);
         Some(format!("{} {speed:.2}, {bytes:.0}", ours.0.title))
     };
@@ -77,7 +79,8 @@ fn curves(all: &[Row], kind: &str, y: impl Fn(Row) -> Option<Point>) -> Vec<Curv
     let mut curves: Vec<Curve> = Vec::new();
     for &(record, built) in all {
         let Some(point) = y((record, built)) else { continue };
-        let quality = if built.is_peer && built.quality != "default" { format!(" {}", built.quality) } else { String::new() };
+        let quality =
+            if built.is_peer && built.quality != "default" { format!(" {}", built.quality) } else { String::new() };
         let name = format!("{}{quality}{kind}", pick::name(&built.side, built.is_peer));
         match curves.iter_mut().find(|curve| curve.name == name) {
             Some(curve) => curve.points.push(point),

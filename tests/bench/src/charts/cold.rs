@@ -1,4 +1,5 @@
-//! A picture's error over the seconds since its model was opened with nothing in memory, for budgets and rates of reading.
+//! A picture's error over the seconds since its model was opened with nothing in memory, for budgets and rates of
+//! reading.
 
 use super::axis::Axis;
 use super::draw::{Curve, Look, Panel, Point, Sheet};
@@ -24,7 +25,8 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         for (label, error, least) in errors {
             for rate in &rates {
                 let of = all.iter().filter(|(r, c)| r.scene == scene && c.rate == *rate);
-                let curves: Vec<Curve> = of.map(|(_, cold)| curve(cold, &suffix(&cold.structure), error, least)).collect();
+                let curves: Vec<Curve> =
+                    of.map(|(_, cold)| curve(cold, &suffix(&cold.structure), error, least)).collect();
                 let title = format!("{title}, {} MiB a second", rate >> 20);
                 panels.push(Panel { title, x: Axis::log("seconds since opening began"), y: Axis::log(label), curves });
             }
@@ -47,7 +49,14 @@ fn firsts(all: &[(&Record, &Cold)]) -> Option<String> {
         let most = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
         let least = |all: &[f64]| all.iter().copied().fold(f64::INFINITY, f64::min);
         let (times, pixels) = ([least(&seconds), most(&seconds)], [least(&off), most(&off)]);
-        format!("{} MiB {:.2} to {:.2} s, {:.2} to {:.2} pixels off", budget >> 20, times[0], times[1], pixels[0], pixels[1])
+        format!(
+            "{} MiB {:.2} to {:.2} s, {:.2} to {:.2} pixels off",
+            budget >> 20,
+            times[0],
+            times[1],
+            pixels[0],
+            pixels[1]
+        )
     };
     (!budgets.is_empty()).then(|| budgets.into_iter().map(of).collect::<Vec<_>>().join("; "))
 }

@@ -25,7 +25,11 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         Panel { title: title.into(), x: Axis::log("pixels of error"), y: Axis::span(y), curves }
     };
     let mut coverage = panel("Mean coverage", "rays that hit over those that hit exactly", |s| s.accuracy.coverage);
-    let limit = |y: f64| Curve { name: "3 % up to 10 pixels".into(), look: Look::Limit, points: [0.0, 10.0].map(|x| Point::new(x, y)).into() };
+    let limit = |y: f64| Curve {
+        name: "3 % up to 10 pixels".into(),
+        look: Look::Limit,
+        points: [0.0, 10.0].map(|x| Point::new(x, y)).into(),
+    };
     coverage.curves.extend([limit(1.03), limit(0.97)]);
     let panels = vec![coverage, panel("Silhouette", "hit in both over hit in either", |s| s.accuracy.overlap)];
     let off = |s: &&Sum| (s.accuracy.coverage - 1.0).abs();
@@ -34,7 +38,10 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         .flat_map(|(name, sums)| sums.iter().filter(|s| s.poe <= 10.0).map(move |s| (name, s)))
         .max_by(|a, b| off(&a.1).total_cmp(&off(&b.1)))?;
     let poe = written(f64::from(worst.poe));
-    let title = format!("Up to 10 pixels of error coverage is at worst {:.2} times the exact one ({name}, PoE {poe})", worst.accuracy.coverage);
+    let title = format!(
+        "Up to 10 pixels of error coverage is at worst {:.2} times the exact one ({name}, PoE {poe})",
+        worst.accuracy.coverage
+    );
     let foot = pick::foot(traces.iter().map(|(r, _)| *r), "Primary rays, one a pixel.");
     Some(Sheet { title, foot, columns: 2, panels })
 }

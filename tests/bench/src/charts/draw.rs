@@ -1,4 +1,5 @@
-//! Draws sheets of panels as SVG (plotters) and PNG (resvg), with the same font in both: none of the machine's is needed.
+//! Draws sheets of panels as SVG (plotters) and PNG (resvg), with the same font in both: none of the machine's is
+//! needed.
 
 use super::axis::{Axis, Place};
 use super::mark::Mark;
@@ -160,7 +161,8 @@ fn font(size: u32, is_bold: bool) -> FontDesc<'static> {
 /// Sizes of titles, the least that can be read well first.
 const TITLE_SIZES: std::ops::RangeInclusive<u32> = 12..=19;
 
-/// Pixels that a title takes from one end of its sheet to the other. A tenth more than is estimated: letters are drawn somewhat wider.
+/// Pixels that a title takes from one end of its sheet to the other. A tenth more than is estimated: letters are drawn
+/// somewhat wider.
 fn title_width(title: &str, size: u32) -> Result<u32, Failure> {
     let ((left, _), (right, _)) = font(size, true).layout_box(title).map_err(wrong)?;
     Ok(32 + right.abs_diff(left) * 10 / 9)
@@ -296,7 +298,8 @@ fn draw_panel(panel: &Panel, area: &Drawn, legend: &[(String, Look)]) -> Result<
         let rises = |i: usize| at.get(i + 1).map_or(i > 0 && at[i].1 > at[i - 1].1, |next| next.1 > at[i].1);
         let beside = |i: usize| if rises(i) { (7, 3) } else { (7, -16) };
         let written = curve.points.iter().enumerate().filter(|(_, point)| !point.label.is_empty());
-        let text = written.map(|(i, point)| EmptyElement::at(at[i]) + Text::new(point.label.clone(), beside(i), font(11)));
+        let text =
+            written.map(|(i, point)| EmptyElement::at(at[i]) + Text::new(point.label.clone(), beside(i), font(11)));
         chart.draw_series(text).map_err(wrong)?;
     }
     Ok(())

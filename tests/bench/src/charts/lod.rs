@@ -1,5 +1,5 @@
-//! What level of detail comes to: a picture's time over triangles with and without, and its time and working set over pixels of
-//! error (Áfra 2012, figures 7 and 8).
+//! What level of detail comes to: a picture's time over triangles with and without, and its time and working set over
+//! pixels of error (Áfra 2012, figures 7 and 8).
 
 use super::axis::Axis;
 use super::draw::{Curve, Look, Panel, Point, Sheet};
@@ -23,7 +23,12 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         let traces = of_scene().filter_map(|r| r.trace());
         sizes.push((title.to_owned(), of_scene().next()?.triangles as f64 / 1e6, pick::views_together(traces)));
     }
-    let sides: Vec<&str> = sizes.iter().flat_map(|(_, _, sums)| sums.iter().map(|s| s.side.as_str())).collect::<BTreeSet<_>>().into_iter().collect();
+    let sides: Vec<&str> = sizes
+        .iter()
+        .flat_map(|(_, _, sums)| sums.iter().map(|s| s.side.as_str()))
+        .collect::<BTreeSet<_>>()
+        .into_iter()
+        .collect();
     let suffix = |side: &str| pick::suffix(sides.iter().copied(), side);
     let by_setting = SHOWN.iter().flat_map(|&poe| sides.iter().map(move |side| (poe, *side)));
     let over_triangles = Panel {
@@ -38,7 +43,12 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
             let points = sums.iter().filter(|s| s.side == side).filter_map(y).collect();
             Curve { name: format!("{name}{}", suffix(side)), look: Look::Line, points }
         };
-        Panel { title: title.into(), x: Axis::log("pixels of error"), y: Axis::linear(label), curves: each.map(curve).collect() }
+        Panel {
+            title: title.into(),
+            x: Axis::log("pixels of error"),
+            y: Axis::linear(label),
+            curves: each.map(curve).collect(),
+        }
     };
     let time = over_poe("Time over pixels of error", "milliseconds a picture", &|s| Some(time_at(f64::from(s.poe), s)));
     let megabytes = |s: &Sum| Some(Point::new(f64::from(s.poe), s.counters.bytes_working_set? as f64 / 1e6));
@@ -52,7 +62,10 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         grown(0.0)?,
         grown(3.0).or_else(|| grown(10.0))?
     );
-    let foot = pick::foot(all.iter().copied(), "Mandelbulb, whole, 1024 x 768, all in memory but for the working set; thin lines: least and most.");
+    let foot = pick::foot(
+        all.iter().copied(),
+        "Mandelbulb, whole, 1024 x 768, all in memory but for the working set; thin lines: least and most.",
+    );
     Some(Sheet { title, foot, columns: 3, panels: vec![over_triangles, time, set] })
 }
 

@@ -19,15 +19,20 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         let x = |s: &Sum| if s.is_peer { 0.0 } else { s.accuracy.mean_px };
         let each = pick::by_side(&sums, x, |s| Some(s.counters.bytes_model? as f64 / triangles));
         // Peers must have all of it in memory.
-        let set = pick::by_side(&sums, x, |s| Some(s.counters.bytes_working_set.or(s.counters.bytes_model)? as f64 / 1e6));
+        let set =
+            pick::by_side(&sums, x, |s| Some(s.counters.bytes_working_set.or(s.counters.bytes_model)? as f64 / 1e6));
         let error = || Axis::log("mean depth error, pixels");
         let (bytes, megabytes) = (Axis::linear("bytes a triangle in memory"), Axis::linear("MB decoded for the view"));
         rows[0].push(Panel { title: format!("{title}: all of it"), x: error(), y: bytes, curves: each });
         rows[1].push(Panel { title: format!("{title}: working set"), x: error(), y: megabytes, curves: set });
     }
     let (least, most) = shares.iter().fold((f64::INFINITY, 0.0f64), |(a, b), s| (a.min(*s), b.max(*s)));
-    let title = format!("At 3 pixels of error a view takes {:.0} to {:.0} % of the model's bytes", 100.0 * least, 100.0 * most);
-    let foot = pick::foot(traces.iter().map(|(r, _)| *r), "Primary rays; peers need all of their bytes; numbers: pixels of error.");
+    let title =
+        format!("At 3 pixels of error a view takes {:.0} to {:.0} % of the model's bytes", 100.0 * least, 100.0 * most);
+    let foot = pick::foot(
+        traces.iter().map(|(r, _)| *r),
+        "Primary rays; peers need all of their bytes; numbers: pixels of error.",
+    );
     let panels = rows.into_iter().flatten().collect();
     (!shares.is_empty()).then_some(Sheet { title, foot, columns: scenes.len(), panels })
 }

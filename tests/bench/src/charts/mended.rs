@@ -48,7 +48,12 @@ fn parse(text: &str) -> Result<Sheet, Failure> {
 fn panel(row: &Row) -> Result<Panel, Failure> {
     let curve = |name: &str, look, values: &[f64]| {
         if values.len() != row.poe.len() {
-            return Err(Failure::new(format!("mended.toml: {:?} has {} values of {name}, not {}", row.title, values.len(), row.poe.len())));
+            return Err(Failure::new(format!(
+                "mended.toml: {:?} has {} values of {name}, not {}",
+                row.title,
+                values.len(),
+                row.poe.len()
+            )));
         }
         let points = row.poe.iter().zip(values).map(|(x, y)| Point::new(*x, *y)).collect();
         Ok(Curve { name: name.into(), look, points })

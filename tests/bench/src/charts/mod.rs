@@ -46,7 +46,11 @@ pub fn draw(records: &[Record], folder: &Path) -> Outcome {
         let svg = draw::svg(&sheet)?;
         let png = draw::png(&svg)?;
         if svg.len() > MOST || png.len() > MOST {
-            return Err(Failure::new(format!("{name}: {} and {} bytes, too much to be committed", svg.len(), png.len())));
+            return Err(Failure::new(format!(
+                "{name}: {} and {} bytes, too much to be committed",
+                svg.len(),
+                png.len()
+            )));
         }
         std::fs::write(folder.join(format!("{name}.svg")), svg)?;
         std::fs::write(folder.join(format!("{name}.png")), png)?;
@@ -84,7 +88,8 @@ mod tests {
                 }
             }
         }
-        let moment = |seconds: f64, mean_px: f64| Moment { seconds, accuracy: Accuracy { mean_px, ..Accuracy::default() } };
+        let moment =
+            |seconds: f64, mean_px: f64| Moment { seconds, accuracy: Accuracy { mean_px, ..Accuracy::default() } };
         for budget in [16 << 20, 1 << 30] {
             let cold = Cold {
                 structure: "bvh".into(),
@@ -103,7 +108,15 @@ mod tests {
             let seconds = Spread { median: 0.5, least: 0.4, most: 0.9 };
             let (side, is_peer) = (side.to_owned(), side != "bvh");
             let bytes_file = (!is_peer).then_some(14_000_000);
-            Outcomes::Build(Built { side, is_peer, quality: quality.into(), threads: 2, seconds, bytes_model: 30_000_000, bytes_file })
+            Outcomes::Build(Built {
+                side,
+                is_peer,
+                quality: quality.into(),
+                threads: 2,
+                seconds,
+                bytes_model: 30_000_000,
+                bytes_file,
+            })
         };
         for (side, quality) in [("bvh", "default"), ("embree", "low"), ("embree", "high")] {
             all.push(record("a scan", &format!("build {quality}"), outcome(side, quality)));
@@ -115,7 +128,10 @@ mod tests {
     #[test]
     fn every_chart_is_drawn_and_can_be_read() {
         let drawn = sheets(&records());
-        assert_eq!(drawn.iter().map(|s| s.0).collect::<Vec<_>>(), ["speed", "coverage", "memory", "lod", "cold", "builds"]);
+        assert_eq!(
+            drawn.iter().map(|s| s.0).collect::<Vec<_>>(),
+            ["speed", "coverage", "memory", "lod", "cold", "builds"]
+        );
         for (name, sheet) in drawn {
             let svg = draw::svg(&sheet).expect("a chart");
             let parsed = Document::parse(&svg).expect("an XML file");
@@ -125,7 +141,11 @@ mod tests {
             for panel in &sheet.panels {
                 assert!(has(&panel.title) && has(&panel.x.label) && has(&panel.y.label), "{name}: {}", panel.title);
                 assert!(panel.curves.iter().all(|curve| has(&curve.name)), "{name}: {}", panel.title);
-                assert!(panel.curves.iter().any(|curve| !curve.points.is_empty()), "{name}: nothing in {}", panel.title);
+                assert!(
+                    panel.curves.iter().any(|curve| !curve.points.is_empty()),
+                    "{name}: nothing in {}",
+                    panel.title
+                );
             }
             let png = draw::png(&svg).expect("a picture");
             assert!(png.starts_with(b"\x89PNG") && png.len() < MOST && svg.len() < MOST, "{name}: {}", png.len());
@@ -141,6 +161,9 @@ mod tests {
     #[test]
     fn the_table_has_a_row_a_scene() {
         let table = table5::table(&records()).expect("a table");
-        assert!(table.contains("| a scan |") && table.contains("| a soup |") && table.contains("Boeing 777"), "{table}");
+        assert!(
+            table.contains("| a scan |") && table.contains("| a soup |") && table.contains("Boeing 777"),
+            "{table}"
+        );
     }
 }

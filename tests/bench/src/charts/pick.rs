@@ -20,7 +20,8 @@ pub struct Sum {
     pub side: String,
     pub is_peer: bool,
     pub poe: f32,
-    /// How many times as fast it is as what all are paired with: median, least and most over pairs, the mean over views. 1 for that itself.
+    /// How many times as fast it is as what all are paired with: median, least and most over pairs, the mean over
+    /// views. 1 for that itself.
     pub ratio: Spread,
     /// What that is.
     pub opponent: Option<String>,

@@ -1,4 +1,5 @@
-//! Speed against accuracy: a curve a structure over pixels of error, peers at no error, and the front that nobody passes.
+//! Speed against accuracy: a curve a structure over pixels of error, peers at no error, and the front that nobody
+//! passes.
 
 use super::axis::Axis;
 use super::draw::{Curve, Look, Panel, Point, Sheet};
@@ -24,8 +25,12 @@ pub fn sheet(records: &[Record]) -> Option<Sheet> {
         }
     }
     let first = traces.first()?;
-    let title = format!("Primary rays at 1 and 3 pixels of error, times as fast as Embree's exact ones: {}", gains.join(", "));
-    let what = format!("{} threads; numbers at points: pixels of error; thin lines: least and most of the pairs.", first.1.threads);
+    let title =
+        format!("Primary rays at 1 and 3 pixels of error, times as fast as Embree's exact ones: {}", gains.join(", "));
+    let what = format!(
+        "{} threads; numbers at points: pixels of error; thin lines: least and most of the pairs.",
+        first.1.threads
+    );
     let foot = pick::foot(traces.iter().map(|(r, _)| *r), &what);
     (!gains.is_empty()).then_some(Sheet { title, foot, columns: scenes.len(), panels })
 }
@@ -36,8 +41,8 @@ fn gain(sums: &[Sum], poe: f32) -> Option<f64> {
     ours.map(|s| s.ratio.median)
 }
 
-/// How far off a side is. Any hits know no distance, but whether they are hits; of diffuse rays many hit what exact ones pass by,
-/// which a mean distance would not show.
+/// How far off a side is. Any hits know no distance, but whether they are hits; of diffuse rays many hit what exact
+/// ones pass by, which a mean distance would not show.
 fn error(kind: &str, sum: &Sum) -> f64 {
     // Peers differ from exact answers by their rounding alone.
     match (kind, sum.is_peer) {
@@ -48,7 +53,8 @@ fn error(kind: &str, sum: &Sum) -> f64 {
 }
 
 fn panel(kind: &str, title: &str, sums: &[Sum]) -> Panel {
-    let mut curves = pick::by_side_within(sums, |s| error(kind, s), |s| Some((s.ratio.median, Some((s.ratio.least, s.ratio.most)))));
+    let mut curves =
+        pick::by_side_within(sums, |s| error(kind, s), |s| Some((s.ratio.median, Some((s.ratio.least, s.ratio.most)))));
     curves.push(Curve { name: "Pareto front".into(), look: Look::Front, points: front(kind, sums) });
     let x = match kind {
         "shadow" => "rays answered otherwise, %",

@@ -4,8 +4,8 @@ use super::pick;
 use crate::record::Record;
 use std::collections::BTreeSet;
 
-/// The paper's rows of such scenes: pictures a second of primary rays, with shadow rays, with two diffuse rays too, and the working
-/// sets in MB (four cores of 2011, 8 threads).
+/// The paper's rows of such scenes: pictures a second of primary rays, with shadow rays, with two diffuse rays too, and
+/// the working sets in MB (four cores of 2011, 8 threads).
 const PAPER: [(&str, &str, [&str; 6]); 3] = [
     ("Lucy (scan)", "28 M", ["62", "143", "41.4", "145", "7.7", "148"]),
     ("Boeing 777 (CAD)", "337 M", ["36.6", "834", "24.5", "945", "6.6", "1019"]),
@@ -24,15 +24,16 @@ pub fn table(records: &[Record]) -> Option<String> {
     let rows = scenes.iter().flat_map(|scene| structures.iter().map(move |side| (scene, *side)));
     for ((scene, title), side) in rows {
         let of = |rays: &str| {
-            let picked = traces.iter().filter(|(r, t)| r.scene == *scene && t.rays == rays && t.side == side).map(|(_, t)| *t);
+            let picked =
+                traces.iter().filter(|(r, t)| r.scene == *scene && t.rays == rays && t.side == side).map(|(_, t)| *t);
             let sums = pick::views_together(picked);
             sums.into_iter().find(|s| s.poe == 3.0)
         };
         let triangles = traces.iter().find(|(r, _)| r.scene == *scene)?.0.triangles as f64 / 1e6;
         let suffix = pick::suffix(structures.iter().copied(), side);
         text += &format!("| {title}{suffix} | {triangles:.1} M |");
-        // A picture takes the rays of all kinds so far: two diffuse ones a pixel, and a shadow ray after each of them, which is
-        // taken to cost what one of a pixel costs. Working sets are those of the kind that needs most.
+        // A picture takes the rays of all kinds so far: two diffuse ones a pixel, and a shadow ray after each of them,
+        // which is taken to cost what one of a pixel costs. Working sets are those of the kind that needs most.
         let (mut seconds, mut bytes, mut shadow) = (0.0, 0u64, 0.0);
         for rays in ["primary", "shadow", "bounce"] {
             match of(rays) {
@@ -49,9 +50,17 @@ pub fn table(records: &[Record]) -> Option<String> {
     }
     for (model, triangles, cells) in PAPER {
         let [a, b, c, d, e, f] = cells;
-        text += &format!("| {model}, in the paper | {triangles} | {a} a second | {b} MB | {c} a second | {d} MB | {e} a second | {f} MB |\n");
+        text += &format!(
+            "| {model}, in the paper | {triangles} | {a} a second | {b} MB | {c} a second | {d} MB | {e} a second | {f} MB |\n"
+        );
     }
-    text += &format!("\n{}\n", pick::foot(traces.iter().map(|(r, _)| *r), "Rays alone, without shading and filtering; shadow rays of diffuse hits are not traced, but taken to cost what those of pixels cost. Working \
-         sets: decoded blocks that the kind of rays needs that needs most."));
+    text += &format!(
+        "\n{}\n",
+        pick::foot(
+            traces.iter().map(|(r, _)| *r),
+            "Rays alone, without shading and filtering; shadow rays of diffuse hits are not traced, but taken to cost what those of pixels cost. Working \
+         sets: decoded blocks that the kind of rays needs that needs most."
+        )
+    );
     (!scenes.is_empty()).then_some(text)
 }

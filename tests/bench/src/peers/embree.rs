@@ -1,7 +1,9 @@
 //! Embree's side: each of its calls, for single rays, packets and streams.
 
 use super::Peer;
-use super::embree_calls::{Context, NONE, Options, RtcHit, RtcHits, RtcRay, RtcRayHit, RtcRayHits, RtcRays, Scene, Valid};
+use super::embree_calls::{
+    Context, NONE, Options, RtcHit, RtcHits, RtcRay, RtcRayHit, RtcRayHits, RtcRays, Scene, Valid,
+};
 use crate::placed::Placed;
 use crate::rays::Batch;
 use crate::scenes::Mesh;
@@ -42,7 +44,8 @@ fn peer(scene: Result<Scene, String>, mesh_bytes: u64, normals: Normals) -> Opti
     }
 }
 
-/// Turns the normals of instances, which Embree gives in the coordinates of the mesh, into the world, as outcrop gives them.
+/// Turns the normals of instances, which Embree gives in the coordinates of the mesh, into the world, as outcrop gives
+/// them.
 #[derive(Default)]
 struct Normals(Vec<Mat3>);
 
@@ -89,8 +92,8 @@ struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// Shadow rays into two levels go as incoherent ones: of coherent ones `rtcOccluded16` of Embree 3.13.5 does not return there (the
-    /// scene `station`, AVX-512: no end in ten minutes).
+    /// Shadow rays into two levels go as incoherent ones: of coherent ones `rtcOccluded16` of Embree 3.13.5 does not
+    /// return there (the scene `station`, AVX-512: no end in ten minutes).
     fn context(&self) -> Context {
         let is_of_two_levels = !self.normals.0.is_empty();
         Context::new(self.is_coherent && !(self.is_any && is_of_two_levels))
@@ -152,7 +155,10 @@ impl Run for Singles<'_> {
         deal(threads, self.hits.chunks_mut(CHUNK), context, |context, rays| {
             let call = if is_stream { Scene::intersect_stream } else { Scene::intersect };
             call(asked.scene, context, rays);
-            rays.iter().filter(|r| r.hit.geometry != NONE).map(|r| asked.normals.facing(r.hit.normal, r.hit.instance, r.ray.dir)).sum()
+            rays.iter()
+                .filter(|r| r.hit.geometry != NONE)
+                .map(|r| asked.normals.facing(r.hit.normal, r.hit.instance, r.ray.dir))
+                .sum()
         })
     }
 
@@ -232,7 +238,13 @@ impl<const N: usize> Run for Packets<'_, N> {
                 let lanes = Self::rays_of(count, chunk * (CHUNK / N) + i);
                 asked.scene.intersect_packet(context, &Self::valid(lanes), rays);
                 let met = (0..lanes).filter(|&k| rays.hits.geometry[k] != NONE);
-                let facing = |k: usize| asked.normals.facing(rays.hits.normal.map(|n| n[k]), rays.hits.instance[k], rays.rays.dir.map(|d| d[k]));
+                let facing = |k: usize| {
+                    asked.normals.facing(
+                        rays.hits.normal.map(|n| n[k]),
+                        rays.hits.instance[k],
+                        rays.rays.dir.map(|d| d[k]),
+                    )
+                };
                 sum += met.map(facing).sum::<f64>();
             }
             sum
@@ -244,7 +256,8 @@ impl<const N: usize> Run for Packets<'_, N> {
         if self.asked.is_any {
             return self.shadows.iter().flat_map(|packet| packet.tfar.map(any)).take(count).collect();
         }
-        let answers = |p: &RtcRayHits<N>| -> [Answer; N] { std::array::from_fn(|k| closest(p.hits.geometry[k], p.rays.tfar[k])) };
+        let answers =
+            |p: &RtcRayHits<N>| -> [Answer; N] { std::array::from_fn(|k| closest(p.hits.geometry[k], p.rays.tfar[k])) };
         self.hits.iter().flat_map(answers).take(count).collect()
     }
 }

@@ -1,5 +1,5 @@
-//! Embree 3.13 as C declares it: the few calls and layouts that are used, from `embree3/rtcore*.h`. All that is unsafe in this
-//! package is here. The library is opened when it is asked for, so that nothing but its measurements needs it.
+//! Embree 3.13 as C declares it: the few calls and layouts that are used, from `embree3/rtcore*.h`. All that is unsafe
+//! in this package is here. The library is opened when it is asked for, so that nothing but its measurements needs it.
 
 use crate::placed::{Place, Placed};
 use crate::scenes::Mesh;
@@ -7,8 +7,8 @@ use glam::DAffine3;
 use libloading::Library;
 use std::ffi::{CString, c_char, c_int, c_uint, c_void};
 use std::ptr;
-use std::sync::{Arc, OnceLock};
 use std::sync::atomic::{AtomicI64, Ordering::Relaxed};
+use std::sync::{Arc, OnceLock};
 
 /// `RTC_INVALID_GEOMETRY_ID`.
 pub const NONE: u32 = u32::MAX;
@@ -206,7 +206,8 @@ impl Buffers {
     }
 }
 
-// SAFETY: of a committed scene only its size is read and rays are traced, for which Embree takes any thread, several at once.
+// SAFETY: of a committed scene only its size is read and rays are traced, for which Embree takes any thread, several at
+// once.
 unsafe impl Sync for Scene {}
 
 /// `RTC_DEVICE_PROPERTY_VERSION`, which is major, minor and patch in two decimal digits each.
@@ -277,7 +278,8 @@ impl Scene {
         const FLOAT3: c_uint = 0x9003;
         let (c, triangles) = (self.calls, &mesh.triangles);
         self.set(scene, options);
-        // SAFETY: live handles; buffers of the stated counts, which stay where they are and as they are while the scene lives.
+        // SAFETY: live handles; buffers of the stated counts, which stay where they are and as they are while the scene
+        // lives.
         unsafe {
             let geometry = (c.new_geometry)(self.device, TRIANGLE);
             (c.set_shared_buffer)(geometry, VERTEX, 0, FLOAT3, vertices.as_ptr().cast(), 0, 12, vertices.len() - 1);

@@ -53,14 +53,17 @@ pub trait Peer {
 
 /// The ways of building a peer. Tracing tries those that are `for_tracing`, and takes the fastest.
 pub fn builds(peer: &str, for_tracing: bool) -> Vec<Build> {
-    let embree = |quality| Build { peer: "embree", quality, build: embree::build, build_placed: Some(embree::build_placed) };
+    let embree =
+        |quality| Build { peer: "embree", quality, build: embree::build, build_placed: Some(embree::build_placed) };
     let obvhs = |quality| Build { peer: "obvhs", quality, build: obvhs::build, build_placed: None };
     match (peer, for_tracing) {
         ("embree", true) => vec![embree("medium"), embree("high")],
         ("embree", false) => vec![embree("low"), embree("compact"), embree("medium"), embree("high")],
         ("obvhs", true) => vec![obvhs("medium"), obvhs("slow")],
         ("obvhs", false) => vec![obvhs("fast"), obvhs("medium"), obvhs("slow")],
-        ("parry3d", _) => vec![Build { peer: "parry3d", quality: "default", build: parry3d::build, build_placed: None }],
+        ("parry3d", _) => {
+            vec![Build { peer: "parry3d", quality: "default", build: parry3d::build, build_placed: None }]
+        }
         _ => Vec::new(),
     }
 }
@@ -73,8 +76,8 @@ mod tests {
     use crate::sides::Answer;
     use glam::{DAffine3, DVec3, Vec3};
 
-    /// A square at height 0 and one at height 1, and rays from above and from between; as one mesh, and as two placements of a square
-    /// that is turned on its side.
+    /// A square at height 0 and one at height 1, and rays from above and from between; as one mesh, and as two
+    /// placements of a square that is turned on its side.
     #[test]
     fn peers_answer_what_is_plain_to_see() {
         let at = |x: f64, y: f64| DVec3::new(x, y, 0.0);
@@ -83,7 +86,8 @@ mod tests {
         let mesh = Arc::new(Mesh::of([lifted(0.0), lifted(1.0)].into_iter().flatten().map(|t| (0, t))));
         let turn = DAffine3::from_rotation_x(1.0);
         let turned = Mesh::of(square.into_iter().map(|t| (0, t.map(|p| turn.transform_point3(p)))));
-        let place = |z: f64| Place { mesh: 0, world_from_mesh: DAffine3::from_translation(z * DVec3::Z) * turn.inverse() };
+        let place =
+            |z: f64| Place { mesh: 0, world_from_mesh: DAffine3::from_translation(z * DVec3::Z) * turn.inverse() };
         let placed = Placed { meshes: vec![Arc::new(turned)], places: vec![place(0.0), place(1.0)] };
         let ray = |x: f64, z: f64, t_max: f64| Ray { t_max, ..Ray::new(DVec3::new(x, 0.25, z), Vec3::NEG_Z) };
         let rays = vec![ray(0.5, 3.0, 1e9), ray(0.5, 0.75, 1e9), ray(1.5, 3.0, 1e9), ray(0.5, 3.0, 1.5)];
@@ -103,7 +107,8 @@ mod tests {
                                 run.prepare();
                                 let sum = run.run(2);
                                 // What is turned twice is rounded.
-                                let hits: Vec<f64> = run.answers().iter().map(|a: &Answer| (a.t * 65536.0).round() / 65536.0).collect();
+                                let hits: Vec<f64> =
+                                    run.answers().iter().map(|a: &Answer| (a.t * 65536.0).round() / 65536.0).collect();
                                 let far = f64::INFINITY;
                                 let wanted = if batch.is_any() { [0.0, 0.0, far, far] } else { [2.0, 0.75, far, far] };
                                 assert_eq!(hits, wanted, "{peer} {} {call} {}", build.quality, kind.name());

@@ -92,9 +92,14 @@ impl Run for Ready<'_> {
     fn run(&mut self, threads: usize) -> f64 {
         let (peer, is_any) = (self.peer, self.is_any);
         let chunks = self.rays.chunks(CHUNK).zip(self.answers.chunks_mut(CHUNK));
-        deal(threads, chunks, || (), |(), (rays, answers)| {
-            rays.iter().zip(answers).map(|(ray, answer)| Self::trace(peer, is_any, ray, answer)).sum()
-        })
+        deal(
+            threads,
+            chunks,
+            || (),
+            |(), (rays, answers)| {
+                rays.iter().zip(answers).map(|(ray, answer)| Self::trace(peer, is_any, ray, answer)).sum()
+            },
+        )
     }
 
     fn answers(&self) -> Vec<Answer> {

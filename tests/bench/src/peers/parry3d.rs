@@ -80,9 +80,14 @@ impl Run for Ready<'_> {
     fn run(&mut self, threads: usize) -> f64 {
         let (mesh, is_any) = (&self.peer.mesh, self.is_any);
         let chunks = self.rays.chunks(CHUNK).zip(self.answers.chunks_mut(CHUNK));
-        deal(threads, chunks, || (), |(), (rays, answers)| {
-            rays.iter().zip(answers).map(|(ray, answer)| Self::trace(mesh, is_any, ray, answer)).sum()
-        })
+        deal(
+            threads,
+            chunks,
+            || (),
+            |(), (rays, answers)| {
+                rays.iter().zip(answers).map(|(ray, answer)| Self::trace(mesh, is_any, ray, answer)).sum()
+            },
+        )
     }
 
     fn answers(&self) -> Vec<Answer> {
