@@ -87,11 +87,16 @@ pub(super) struct After {
     /// Snapshots that are no longer published: letting go of them may free much.
     pub garbage: Vec<Arc<Snapshot>>,
     pub calls: Vec<Call>,
+    /// A block has gone that a view wants: fetchers must look again.
+    pub must_look: bool,
 }
 
 impl After {
-    pub fn run(self) {
+    pub fn run(self, shared: &Shared) {
         drop(self.garbage);
+        if self.must_look {
+            shared.wake();
+        }
         self.calls.into_iter().for_each(|call| call());
     }
 }
@@ -265,7 +270,7 @@ impl Shared {
             let mut state = self.lock();
             state.fits(self, bytes) || state.free_up_whoever_uses_it(self, bytes, &mut after).is_ok()
         };
-        after.run();
+        after.run(self);
         is_free
     }
 
@@ -301,7 +306,7 @@ impl Shared {
             let mut state = self.lock();
             state.publish(self, model, slots, stamp, &mut after)
         };
-        after.run();
+        after.run(self);
         done
     }
 

@@ -118,6 +118,13 @@ impl State {
         after.garbage.push(model.published.swap(Arc::new(next)));
         self.resident -= ids.iter().map(|&id| model.slot_bytes(id)).sum::<u64>();
         model.count_promoted(ids.iter().copied(), false);
+        // Blocks that came for a view without passes are in nobody's use yet. Fetchers have passed over them, for they
+        // were there.
+        let ids: Vec<BlockId> = ids.iter().copied().collect();
+        if self.live_views().iter().any(|view| view.wants_any(model.key, &ids)) {
+            let _ = self.ranking.invalidate();
+            after.must_look = true;
+        }
         true
     }
 

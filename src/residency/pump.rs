@@ -259,7 +259,7 @@ impl Shared {
                 let mut state = self.lock();
                 self.next(&mut state, &mut after)
             };
-            after.run();
+            after.run(self);
             match next {
                 Next::Again => {}
                 Next::Load(task) => return self.work(task),
@@ -329,7 +329,7 @@ impl Shared {
             }
             state.settle(self, &mut after);
         }
-        after.run();
+        after.run(self);
         false
     }
 
@@ -367,7 +367,7 @@ impl Shared {
                 let mut state = self.lock();
                 self.room_for(&mut state, model, run, &mut after)
             };
-            after.run();
+            after.run(self);
             if let Some(room) = room? {
                 return Ok(room);
             }
@@ -441,7 +441,7 @@ impl Shared {
         let views = state.live_views();
         after.calls.extend(views.iter().filter(|view| view.wants_any(model.key, ids)).filter_map(|view| view.call()));
         drop(state);
-        after.run();
+        after.run(self);
     }
 }
 

@@ -326,6 +326,21 @@ fn a_snapshot_that_is_held_keeps_its_memory_and_fetching_waits_for_it() {
 }
 
 #[test]
+fn a_block_that_goes_while_it_is_wanted_comes_again() {
+    let rig = rig(budget_for(0.05), false);
+    let view = rig.residency.view();
+    view.want(&[100, 200, 300].map(|b| rig.wanted(b, 1.0)));
+    while rig.residency.pump() {}
+    assert_eq!(view.status().state, ViewState::Satisfied);
+    // As much as can be had.
+    let sizes = (1..rig.residency.budget() >> 10).rev();
+    assert!(sizes.map(|kib| kib << 10).any(|bytes| rig.residency.shared().takes_room(bytes)));
+    assert_eq!(view.status().state, ViewState::Busy);
+    while rig.residency.pump() {}
+    assert_eq!(view.status().state, ViewState::Satisfied);
+}
+
+#[test]
 fn a_block_that_fails_twice_is_told_and_not_asked_for_again() {
     for times in [1, 2] {
         let armed = Arc::new(AtomicU32::new(0));
