@@ -57,7 +57,7 @@ impl Default for BlockClass {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ModelKey(pub(super) u32);
 
-/// The blocks of an opened model. Thread-safe. Dropping it gives its memory back, as soon as nobody holds a snapshot.
+/// The blocks of an opened model. Thread-safe. Dropping it gives its memory back, once no snapshot of it is held.
 pub struct ModelBlocks {
     pub(super) inner: Arc<Inner>,
 }
@@ -89,7 +89,7 @@ pub(super) struct Inner {
     /// is.
     promoted_bytes: u64,
     promoted_there: AtomicU64,
-    /// What was lacking when none of it could be had: it failed, or somebody reads it.
+    /// The bytes that were lacking when none of them could be had: their reads had failed, or were under way.
     pub lacked_in_vain: AtomicU64,
     /// Set once all of it is in memory, or being read; and once huge pages were looked for in what is there.
     pub is_complete: AtomicBool,
@@ -149,7 +149,7 @@ impl ModelBlocks {
         Ok(Self { inner })
     }
 
-    /// [`ModelBlocks::open`] without anything that stays, and nobody told of failures.
+    /// [`ModelBlocks::open`] without blocks that stay, and without reports of failures.
     pub fn new(file: Arc<ModelFile>, decoder: Box<dyn Decoder>, residency: &Residency) -> Result<Self> {
         Self::open(residency, file, decoder, &[], |_| {}, &Cancel::new())
     }
@@ -176,8 +176,8 @@ impl ModelBlocks {
         }
     }
 
-    /// Blocks that failed are asked for again from now on, by all who want them: a disk or a network may be back. (What
-    /// is damaged for good is then read in vain; this counts four times a second at most.)
+    /// Blocks that failed are asked for again from now on, for all views that want them: a disk or a network may be
+    /// back. (What is damaged for good is then read in vain; this counts four times a second at most.)
     pub fn forget_failures(&self) {
         if self.inner.failures.forget() {
             self.inner.lacked_in_vain.store(u64::MAX, Relaxed);
@@ -278,7 +278,7 @@ impl Inner {
 impl Drop for ModelBlocks {
     fn drop(&mut self) {
         self.inner.residency.forget(&self.inner);
-        // Whoever reads a block of it just now publishes into nothing.
+        // A thread that reads a block of it just now publishes into nothing.
         self.inner.published.store(Arc::default());
     }
 }

@@ -1,4 +1,4 @@
-//! Who reads which block: several threads may need the same one, and none is to be read twice.
+//! Which thread reads which block: several may need the same one, and none is to be read twice.
 
 use super::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use crate::base::ids::BlockId;
@@ -13,10 +13,10 @@ pub(super) struct Claims {
 }
 
 impl Claims {
-    /// Takes on up to `most` of the blocks that `missing` names, ascending, each once; `None` once it names none.
-    /// Whoever has a claim publishes before giving it back, and `missing` is asked under the lock: so what was read is
-    /// seen. Waits for blocks that another thread reads: if it fails they are tried again here, so that everybody has
-    /// an error of their own.
+    /// Takes on up to `most` of the blocks that `missing` names, ascending, each once; `None` once it names none. A
+    /// claim's holder publishes its blocks before it drops the claim, and `missing` is asked under the lock: so blocks
+    /// that were read are seen. Waits for blocks that another thread reads: if it fails they are tried again here, so
+    /// that everybody has an error of their own.
     pub fn claim(&self, missing: impl Fn() -> Vec<BlockId>, most: usize) -> Option<Claim<'_>> {
         let mut loading = self.lock();
         loop {
@@ -35,7 +35,7 @@ impl Claims {
         }
     }
 
-    /// Takes on those of `ids` that nobody reads now and that `missing` accepts; never waits.
+    /// Takes on those of `ids` that no thread reads now and that `missing` accepts; never waits.
     pub fn try_claim(&self, ids: &[BlockId], missing: impl Fn(BlockId) -> bool) -> Option<Claim<'_>> {
         let mut loading = self.lock();
         let mut mine: Vec<_> = ids.iter().copied().filter(|&id| !loading.contains(&id) && missing(id)).collect();
@@ -48,7 +48,7 @@ impl Claims {
         Some(Claim { claims: self, ids: mine })
     }
 
-    /// Whether somebody reads the block now.
+    /// Whether a thread reads the block now.
     pub fn is_claimed(&self, id: BlockId) -> bool {
         self.lock().contains(&id)
     }

@@ -1,7 +1,7 @@
-//! One for each context: the budget, what is in memory of all models, and who wants what.
+//! One for each context: the budget, the blocks of all models that are in memory, and the wants of all views.
 //!
-//! All that changes which blocks are in memory goes through one mutex, which whoever pumps or fetches takes for a
-//! few microseconds; reading and decoding happen outside of it, and those who trace never take it.
+//! All changes of the blocks in memory go through one mutex. Threads that pump or fetch take it for a few microseconds;
+//! reading and decoding happen outside of it, and threads that trace never take it.
 
 use super::account::{Account, Charge};
 use super::blocks::{Inner, ModelKey};
@@ -34,11 +34,11 @@ pub struct ResidencyOptions {
 
 /// The memory of all models of a context. Cloning is cheap and gives the same. Thread-safe.
 ///
-/// **Snapshots** are immutable; evicting a block publishes a snapshot without it, and whoever holds an older one keeps
-/// what it shows: that is the epoch scheme, each snapshot held being an epoch. There is no thread that owns all
-/// writes: whoever pumps holds one mutex, which those who trace never take.
+/// **Snapshots** are immutable; evicting a block publishes a snapshot without it, and an older one that is held
+/// keeps its blocks: that is the epoch scheme, each snapshot held being an epoch. No single thread owns all writes:
+/// each thread that pumps takes one mutex, which threads that trace never take.
 ///
-/// **The budget** holds tables, slots until their last holder lets go of them, and the working memory of whoever reads.
+/// **The budget** holds tables, slots until their last holder drops them, and the working memory of threads that read.
 /// A part of it, the reserve, is for the lease of exact jobs, so that they end whatever views keep in memory.
 #[derive(Clone)]
 pub struct Residency(Arc<Shared>);
@@ -47,7 +47,7 @@ pub(super) struct Shared {
     options: ResidencyOptions,
     pub main: Account,
     pub reserve: Reserve,
-    /// Of `main`, kept free of slots: for tables in the making, and for those who read.
+    /// Of `main`, kept free of slots: for tables in the making, and for threads that read.
     pub headroom: u64,
     pub state: Mutex<State>,
     /// The last pass begun.
@@ -170,8 +170,8 @@ impl Residency {
         self.0.next_pass(NO_VIEW)
     }
 
-    /// The stamp of the last pass begun, or of the last blocks that came, in the lane of who is no view. Calls that
-    /// begin no pass of their own use it: a block is written to once after each, and all that they use between two
+    /// The stamp of the last pass begun, or of the last blocks that came, in the lane for users other than views. Calls
+    /// that begin no pass of their own use it: a block is written to once after each, and all that they use between two
     /// counts as used at one time.
     pub fn now(&self) -> u32 {
         self.0.now()
@@ -211,8 +211,8 @@ impl Shared {
         (self.pass.fetch_add(1, Relaxed) + 1) * LANES as u32 + lane
     }
 
-    /// The stamp of what somebody uses now who is no view. Passes that begin later have greater ones, and so has what
-    /// is used after other blocks have come.
+    /// The stamp of blocks that a user other than a view uses now. Passes that begin later have greater ones, and so
+    /// has what is used after other blocks have come.
     pub fn now(&self) -> u32 {
         self.pass.load(Relaxed) * LANES as u32 + NO_VIEW
     }
@@ -262,8 +262,8 @@ impl Shared {
         }
     }
 
-    /// Makes room for slots of `bytes` for what must be in memory, whoever uses what goes for it; false if somebody
-    /// holds that for now.
+    /// Makes room for slots of `bytes` that must be in memory, also at the cost of blocks in use; false if snapshots
+    /// hold the evicted blocks for now.
     pub fn takes_room(&self, bytes: u64) -> bool {
         let mut after = After::default();
         let is_free = {
@@ -299,7 +299,7 @@ impl Shared {
         self.wake();
     }
 
-    /// Shows `slots` to whoever takes a snapshot from now on; false if there is no memory for the table.
+    /// Shows `slots` in all snapshots taken from now on; false if there is no memory for the table.
     pub fn publish(&self, model: &Inner, slots: &[(BlockId, Slot)], stamp: u32) -> bool {
         let mut after = After::default();
         let done = {

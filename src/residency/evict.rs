@@ -17,7 +17,7 @@ use std::sync::Arc;
 pub(super) enum Short {
     /// All that is in memory is in use.
     InUse,
-    /// Somebody still holds what has gone.
+    /// Snapshots still hold blocks that have gone.
     ForNow,
 }
 
@@ -28,7 +28,7 @@ pub(super) struct Victims {
     next: usize,
 }
 
-/// Ordered by who goes first.
+/// In the order in which they go.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Victim {
     is_coarse: bool,
@@ -56,7 +56,7 @@ const AHEAD: u64 = 1 << 20;
 
 impl State {
     /// Unpublishes blocks that no live view uses until slots of `need` bytes fit. Their memory is free once `after` has
-    /// run and nobody holds a snapshot that has them.
+    /// run and no snapshot that has them is held.
     pub fn free_up(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
         let standing = self.standing();
         self.free_up_beside(shared, need, &standing, after)
@@ -101,7 +101,7 @@ impl State {
         if freed < enough {
             // What would go in vain stays; it is listed anew when next asked for.
             self.victims.clear();
-            // What is being read is in use only until whoever reads it has it.
+            // Blocks that are being read are in use only until their read ends.
             return Err(if freed + self.in_flight >= enough { Short::ForNow } else { Short::InUse });
         }
         let all = going.into_values().all(|(model, ids)| self.unpublish(shared, &model, &ids, after));
@@ -118,7 +118,7 @@ impl State {
         after.garbage.push(model.published.swap(Arc::new(next)));
         self.resident -= ids.iter().map(|&id| model.slot_bytes(id)).sum::<u64>();
         model.count_promoted(ids.iter().copied(), false);
-        // Blocks that came for a view without passes are in nobody's use yet. Fetchers have passed over them, for they
+        // Blocks that came for a view without passes do not count as in use. Fetchers have passed over them, for they
         // were there.
         let ids: Vec<BlockId> = ids.iter().copied().collect();
         if self.live_views().iter().any(|view| view.wants_any(model.key, &ids)) {

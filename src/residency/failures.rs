@@ -1,4 +1,4 @@
-//! Blocks that could not be had, and why: so that nobody waits for them.
+//! Blocks that could not be had, and why: so that no view waits for them.
 
 use crate::base::error::Error;
 use crate::base::ids::BlockId;
@@ -49,7 +49,7 @@ impl Failures {
     pub fn set(&self, id: BlockId, why: &Error) {
         if let Some(block) = self.blocks.get(id.0 as usize) {
             block.fetch_or(if matches!(why, Error::Io { .. }) { UNREADABLE } else { DAMAGED }, Relaxed);
-            // Who sees it sees the block's.
+            // A thread that sees this flag sees the block's.
             self.any.store(true, Release);
         }
     }

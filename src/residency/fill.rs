@@ -51,7 +51,7 @@ impl ModelBlocks {
         pool.run_scoped(filling.shares.len(), &filling).into_result()
     }
 
-    /// Brings `ids` into memory, whoever uses what has to go for them: waits until passes that hold that have ended,
+    /// Brings `ids` into memory, also at the cost of blocks in use: waits until passes that hold that have ended,
     /// [`FOR_ROOM`] at most. Fails with `OverBudget` if there is no room.
     pub fn require(&self, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
         let begun = Instant::now();
@@ -66,7 +66,7 @@ impl ModelBlocks {
         }
     }
 
-    /// Says that all of it is in memory: those who read put that together when they have nothing else to do
+    /// Says that all of it is in memory: fetchers put it together in huge pages when they have nothing else to do
     /// (`huge_pages.rs`).
     pub fn completed(&self) {
         if !self.inner.is_complete.swap(true, Relaxed) {

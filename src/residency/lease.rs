@@ -26,7 +26,7 @@ pub(super) struct Reserve {
 
 #[derive(Default)]
 struct Inside {
-    /// Numbers given out to those who wait, and the number whose turn it is.
+    /// Numbers given out to the jobs that wait, and the number whose turn it is.
     given: u64,
     turn: u64,
     /// Blocks left by leases, with the lease that used them last.
@@ -64,8 +64,8 @@ impl Reserve {
     }
 }
 
-/// The reserve, held by one job. Blocks that it brings are nobody else's; they are free again when it is dropped and
-/// its snapshots are.
+/// The reserve, held by one job. No other job sees the blocks that it brings; they are free again when it is dropped
+/// and its snapshots are.
 pub struct Lease {
     shared: Arc<Shared>,
     number: u64,
@@ -78,7 +78,7 @@ impl Residency {
         self.shared().reserve.room()
     }
 
-    /// Whether nobody holds the reserve, or waits for it, now.
+    /// Whether no job holds the reserve, or waits for it, now.
     pub fn lease_is_free(&self) -> bool {
         let inside = self.shared().reserve.lock();
         inside.turn == inside.given
@@ -86,7 +86,7 @@ impl Residency {
 
     /// The reserve, once it is this caller's turn: blocks while others hold it, first come, first served.
     ///
-    /// Whoever holds it must end without waiting for anybody who may wait for it: hold it for a round of work.
+    /// Its holder must not wait for a job that may wait for the lease: hold it for a round of work.
     pub fn lease(&self) -> Lease {
         let shared = Arc::clone(self.shared());
         let mut inside = shared.reserve.lock();
@@ -131,7 +131,7 @@ impl Lease {
             }
             let Some(claim) = model.inner.claims.claim(there, usize::MAX) else { continue };
             let loaded = self.load_claimed(&model.inner, &claim, cancel);
-            // What a lease holds, nobody else sees.
+            // No other job sees the blocks of a lease.
             self.shared.give_back(&model.inner, claim);
             loaded?;
         }

@@ -11,7 +11,7 @@ use super::sync::Ordering::Relaxed;
 /// A step of the factor.
 pub(super) const STEP: f32 = 1.25;
 
-/// The factor at most: 60 steps. Whoever still wants more does not get it.
+/// The factor at most: 60 steps. Wants that do not fit even so are refused.
 pub(super) const MOST: f32 = 650_000.0;
 
 /// The factor falls if what is in use, grown by [`STEP`], takes at most this share of what slots may take.
@@ -40,7 +40,7 @@ impl State {
         // Nothing changes until views do.
         self.ranking.is_stuck = true;
         if stamp == 0 {
-            // Wanted by nobody who looks: no picture gets coarser for that.
+            // No picture needs it, so no picture gets coarser for it.
             let views = self.live_views();
             after.calls.extend(views.iter().filter(|view| view.wanted_at() == 0).filter_map(|view| view.call()));
             return;

@@ -16,9 +16,9 @@ use std::sync::{Arc, Weak};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How long a fetcher waits for somebody to let go of a snapshot.
+/// How long a fetcher sleeps before it looks again whether a snapshot was dropped.
 const STARVED: Duration = Duration::from_millis(2);
-/// And somebody who may be who is to let go, as soon as he does other work.
+/// The same for a thread that may hold that snapshot itself: it drops the snapshot as soon as it does other work.
 const STARVED_AMONG_OTHERS: Duration = Duration::from_micros(100);
 
 /// What came of looking for work.
@@ -28,7 +28,7 @@ pub(super) enum Unit {
     Did,
     /// There is none.
     Idle,
-    /// There is, but no memory until somebody lets go of a snapshot.
+    /// There is, but no memory before a snapshot is dropped.
     Starved,
     /// There is, but not while views render.
     Later,
@@ -77,8 +77,8 @@ impl Drop for InFlight {
 impl Residency {
     /// Does a unit of work in this thread, in place of fetchers, if there is any that is not being done: takes what is
     /// wanted most, reads and decodes it with its neighbours, makes room and publishes it. Whether there may be more.
-    /// Thread-safe; blocks while it reads, under no lock. Where there is no memory until somebody lets go of a
-    /// snapshot, which wakes nobody, there may be more after a moment.
+    /// Thread-safe; blocks while it reads, under no lock. Where there is no memory before a
+    /// snapshot is dropped, which wakes no thread, there may be more after a moment.
     pub fn pump_on(&self) -> bool {
         match self.shared().unit() {
             Unit::Did => true,
@@ -163,7 +163,7 @@ pub(super) struct Together {
 const PAGES: usize = 4;
 
 impl Together {
-    /// Memory has gone: pages that are left may be somebody else's. They are looked for anew.
+    /// Memory has gone: pages on the list may hold other blocks by now. They are looked for anew.
     pub fn forget(&mut self, models: impl Iterator<Item = Arc<Inner>>) {
         if !self.left.is_empty() {
             self.left.clear();
@@ -252,7 +252,7 @@ impl Shared {
     }
 
     pub fn unit(self: &Arc<Self>) -> Unit {
-        // Room that was made may go to somebody else, but not for ever.
+        // Another thread may take the room that was made, but not for ever.
         for _ in 0..8 {
             let mut after = After::default();
             let next = {
@@ -333,8 +333,8 @@ impl Shared {
         false
     }
 
-    /// What counts as the last use of a block that a pass with `stamp` wanted; who wants without passes counts as one
-    /// who uses it now, or what came first would be the first to go.
+    /// The last-used stamp of a block that a pass with `stamp` wanted. A view without passes wants with stamp 0: its
+    /// blocks count as used now. With 0 the first blocks that came for it would be the first to be evicted.
     fn used_at(&self, stamp: u32) -> u32 {
         if stamp == 0 { self.now() } else { stamp }
     }
@@ -377,7 +377,7 @@ impl Shared {
 
     /// What is next of all that is to be read ahead.
     fn promotion(self: &Arc<Self>, state: &mut State, after: &mut After) -> Next {
-        // Who renders comes first: what is lacking is not known before a pass has ended.
+        // Frames come first: which blocks they lack is not known before their passes have ended.
         if !self.promotes() || state.live_views().iter().any(|view| view.is_passing()) {
             return Next::Idle;
         }
@@ -395,7 +395,7 @@ impl Shared {
         let Some(claim) = model.claims.try_claim(&ids, |id| !model.is_there(id)) else { return Unit::Did };
         let loaded = model.load(&claim.ids, &mut room.charge, &mut room.buffers, &Cancel::new());
         let published = self.publish(&model, &loaded.slots, stamp);
-        // Before others may read them, who may be luckier.
+        // Before the claim ends: another thread may then read them without an error.
         loaded.failed.iter().for_each(|(id, why)| model.failures.set(*id, why));
         self.give_back(&model, claim);
         drop(room);
@@ -413,8 +413,8 @@ impl Shared {
         self.lock().together.left.extend(pages);
     }
 
-    /// Ends a claim. Whoever looked for something to read meanwhile has passed over its blocks: those that have not
-    /// come are to be looked at again.
+    /// Ends a claim. Fetchers that looked for work meanwhile have passed over its blocks: those that have not come are
+    /// ranked again.
     pub fn give_back(&self, model: &Inner, claim: Claim) {
         let left: Vec<BlockId> =
             claim.ids.iter().copied().filter(|id| !model.is_there(*id) && !model.failures.has(*id)).collect();

@@ -9,10 +9,10 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// Blocks of a page: a new snapshot copies only the pages that change.
 pub(super) const PAGE: usize = 64;
 
-/// Lanes of stamps. A stamp is the number of a pass times [`LANES`], plus the lane of who made it: so what one view
-/// used is not taken as used by another that has rested since. More views than lanes share them.
+/// Lanes of stamps. A stamp is the number of a pass times [`LANES`], plus the lane of the view that made it: so a block
+/// that one view used does not count as used by another that has rested since. More views than lanes share them.
 pub(super) const LANES: usize = 4;
-/// The lane of who is no view.
+/// The lane of users other than views.
 pub(super) const NO_VIEW: u32 = LANES as u32 - 1;
 
 /// The lane of a stamp.
@@ -34,8 +34,8 @@ pub(super) const PAGE_BYTES: u64 = size_of::<Page>() as u64 + 16;
 /// An immutable table from block to slot.
 ///
 /// Nothing that a snapshot shows changes or goes while it is held: evicting a block publishes a snapshot without it,
-/// and its slot is free once the last snapshot that has it is gone. Whoever holds a snapshot holds memory that others
-/// may wait for: hold it for as long as a pass lasts, not while waiting.
+/// and its slot is free once the last snapshot that has it is gone. A held snapshot keeps memory that others may
+/// wait for: hold it for as long as a pass lasts, not while waiting.
 #[derive(Debug)]
 pub struct Snapshot {
     pages: Vec<Arc<Page>>,

@@ -1,4 +1,4 @@
-//! Who looks at models: a live frame, or a query that shows something.
+//! A user of models' blocks that shows pictures or reads ahead: a live frame, or a prefetch.
 
 use super::blocks::ModelKey;
 use super::core::{Residency, Shared, State};
@@ -119,7 +119,7 @@ impl View {
             let snapshot = model.published.load();
             same.iter().for_each(|((_, id), _)| snapshot.stamp_at_least(*id, running));
         }
-        // Who wants nothing, and wanted nothing, gives nobody anything to do; unless room was short.
+        // An empty list after an empty list is no news for fetchers, unless room was short.
         let is_news = !list.is_empty() || !self.core.lock().list.is_empty() || self.pressure() > 1.0;
         // What is read ahead waits while a pass runs.
         let is_news = is_news || self.shared.promotes() && !state.models.is_empty();
