@@ -109,7 +109,7 @@ impl Error {
 }
 
 impl Clone for Error {
-    /// The same error once more, for several who wait for the same work. What an [`Error::Io`] carries
+    /// The same error once more, for several callers that wait for the same work. What an [`Error::Io`] carries
     /// keeps its kind, its text and the system's number.
     fn clone(&self) -> Self {
         match self {

@@ -6,7 +6,7 @@ use super::sync::{AtomicUsize, Ordering};
 /// `total` items. Invariants:
 /// - an index below `total` is returned by at most one [`Round::claim`];
 /// - `left` is `total` minus the items completed or drained, so it reaches 0 once, and exactly one
-///   [`Round::complete`] or [`Round::drain`] returns `true`: then nobody works on an item any more,
+///   [`Round::complete`] or [`Round::drain`] returns `true`: then no thread works on an item any more,
 ///   and all that was done on items happened before (the `AcqRel` chain on `left`).
 pub struct Round {
     next: AtomicUsize,
@@ -36,7 +36,7 @@ impl Round {
         self.left.fetch_sub(1, Ordering::AcqRel) == 1
     }
 
-    /// Takes away all items that nobody has claimed; `true` if with them the round is over.
+    /// Takes away all items that no thread has claimed; `true` if with them the round is over.
     #[must_use]
     pub fn drain(&self) -> bool {
         let claimed = self.next.swap(self.total, Ordering::Relaxed).min(self.total);

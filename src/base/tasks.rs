@@ -91,7 +91,7 @@ impl Drop for Task {
 thread_local! {
     /// Inside `Executor::submit`: a task that runs now would recurse if it handed in another.
     static SUBMITTING: Cell<bool> = const { Cell::new(false) };
-    /// Inside an item: whoever waits here has to work, or would wait for itself.
+    /// Inside an item: a thread that waits here has to work, or it would wait for itself.
     static WORKING: Cell<bool> = const { Cell::new(false) };
     /// Whose tasks were run inside an item, and left their work: it is handed in again when the item is done.
     static LEFT: RefCell<Vec<Arc<Shared>>> = const { RefCell::new(Vec::new()) };
@@ -105,8 +105,8 @@ fn working(work: impl FnOnce()) {
     serve_left();
 }
 
-/// Outside of all items, has the work served that tasks left inside of them. (Not from inside `submit`: whoever serves
-/// there goes on until nothing is open.)
+/// Outside of all items, has the work served that tasks left inside of them. (Not from inside `submit`: a thread that
+/// serves there goes on until nothing is open.)
 fn serve_left() {
     if !WORKING.get() && !SUBMITTING.get() {
         // A thread that ends has none any more.
@@ -173,7 +173,7 @@ struct State {
     failure: Option<Error>,
 }
 
-/// Work that the job owns, or that whoever waits in [`Pool::run_scoped`] owns.
+/// Work that the job owns, or that the caller of [`Pool::run_scoped`] owns.
 enum WorkRef {
     Owned(Arc<dyn Work>),
     Scoped(ScopedWork),
@@ -188,7 +188,7 @@ unsafe impl Send for ScopedWork {}
 unsafe impl Sync for ScopedWork {}
 
 impl WorkRef {
-    /// Whoever waits for it works on it.
+    /// Threads that wait for it work on it.
     fn is_scoped(&self) -> bool {
         matches!(self, WorkRef::Scoped(_))
     }
@@ -252,7 +252,7 @@ impl Pool {
             return self.run_here(items, work);
         }
         // SAFETY: only the lifetime changes. The pointer is followed only until the job's ending is
-        // set (`WorkRef::get`), and nobody leaves before that: neither by returning, nor by unwinding (`Ended`).
+        // set (`WorkRef::get`), and no caller leaves before that: neither by returning, nor by unwinding (`Ended`).
         let work: *const (dyn Work + 'static) =
             unsafe { std::mem::transmute::<*const (dyn Work + '_), *const (dyn Work + 'static)>(work) };
         let job = Ended(self.begin(items, WorkRef::Scoped(ScopedWork(work))));
@@ -416,7 +416,7 @@ impl Shared {
                 let mut queue = lock(&self.queue);
                 let late = !inline && begun.elapsed() >= HOST_SLICE;
                 let turn = if late || queue.stop { None } else { take_turn(&mut queue) };
-                // Leaving and the count change together: whoever opens a round after this sees the
+                // Leaving and the count change together: a thread that opens a round after this sees the
                 // free place.
                 let again = turn.is_none() && late && !queue.open.is_empty();
                 if turn.is_none() && !again {
@@ -547,7 +547,7 @@ impl Shared {
             state.cancelled = true;
             state.round.drain()
         };
-        // Whoever has no threads may never look into the queue again, which would keep the work alive.
+        // A pool without threads may never look into the queue again, which would keep the work alive.
         lock(&self.queue).open.retain(|(open, _)| !Arc::ptr_eq(open, job));
         if over {
             self.end_round(job);

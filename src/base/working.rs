@@ -26,7 +26,7 @@ impl WorkingMemory {
         Self((0..count.max(1)).map(|_| Place::default()).collect())
     }
 
-    /// What somebody has given back, or new.
+    /// Memory that was given back, or new.
     pub fn take<T: Any + Send + Default>(&self) -> Box<T> {
         let there = self.first(|place| place.take_if(|it| it.is::<T>()));
         there.and_then(|it| it.downcast().ok()).unwrap_or_default()

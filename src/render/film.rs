@@ -128,7 +128,7 @@ pub(super) struct Film {
     targets: Vec<(Buffer, Arc<dyn Target>)>,
 }
 
-/// The buffers of a picture that nobody needs any more.
+/// The buffers of a picture that is needed no more.
 pub(super) struct Spare {
     pub size: (u32, u32),
     buffers: [Option<Pixels>; BUFFERS],

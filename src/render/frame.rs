@@ -1,7 +1,7 @@
 //! A frame: one view being rendered, with its buffers.
 //!
 //! Pictures are double buffered, and more: the last complete one is shared and immutable, the one being
-//! rendered belongs to its job, and what nobody holds any more is used again.
+//! rendered belongs to its job, and buffers that are held no more are used again.
 
 use super::film::{Buffer, Film, Mapped, Outputs, Picture, Spare, Target};
 use super::job::{Asked, End, Owner, Request};
@@ -157,7 +157,7 @@ impl Frame {
     }
 
     /// Begins a picture of `scene` from `camera`; returns at once. What ran before is cancelled; if the frame
-    /// has targets, its tiles in flight are waited for, so that nobody else writes to them.
+    /// has targets, its tiles in flight are waited for, so that no other request writes to them.
     ///
     /// Fails with `BadArgument` for a bad camera or settings, or a scene of another context, and with `NoMemory` where
     /// there is none for buffers beside those that are shown; then what ran goes on.
@@ -214,7 +214,7 @@ impl Frame {
                     job.wait(left.min(Duration::from_millis(100)));
                 }
                 None if request.is_waiting() && self.context.threads() == 0 => {
-                    // It waits for blocks, and nobody else may read them.
+                    // It waits for blocks, and no other thread may read them.
                     drop(inner);
                     if !request.read(left, || self.context.step()) {
                         std::thread::sleep(left.min(Duration::from_millis(1)));
@@ -395,7 +395,7 @@ impl Owner for Shared {
             let mut inner = self.inner();
             let newer = inner.front.as_ref().is_none_or(|p| p.request <= request.number);
             let old = if newer { inner.front.replace(Arc::new(picture)) } else { Some(Arc::new(picture)) };
-            // Unless somebody has it mapped.
+            // Unless it is mapped.
             if let Some(old) = old.and_then(Arc::into_inner) {
                 inner.keep_spare(old.into_spare());
             }
@@ -417,7 +417,7 @@ impl Owner for Shared {
                 let picture = buffers.into_picture(request.number, Arc::clone(&request.scene), request.rays);
                 let old = inner.front.replace(Arc::new(picture));
                 request.is_shown();
-                // Unless somebody has it mapped.
+                // Unless it is mapped.
                 if let Some(old) = old.and_then(Arc::into_inner) {
                     inner.keep_spare(old.into_spare());
                 }
@@ -433,7 +433,7 @@ impl Owner for Shared {
             }
         };
         if cut_short {
-            // Its pass has not ended by itself: what it used may go, and who waited for its end need not.
+            // Its pass has not ended by itself: the blocks that it used may go, and threads need not wait for its end.
             self.view.want(&[]);
         }
         self.changed.notify_all();

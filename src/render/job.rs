@@ -2,7 +2,7 @@
 //!
 //! The first pass renders all tiles from what is in memory, with stand-ins for what is not: the picture is whole at
 //! once. What it lacked is wanted; when some of that has come, a pass renders the tiles that lacked something again,
-//! and so on until nothing is lacking. Then passes with more samples. What decides is in `passes.rs`; nobody waits
+//! and so on until nothing is lacking. Then passes with more samples. `passes.rs` decides; no thread waits
 //! here: between passes a request is nothing but a state that the residency's news wakes.
 //!
 //! Before the very first picture of a frame, glimpses at every 32nd pixel tell what that will lack, and the worker that
@@ -32,11 +32,11 @@ use std::time::{Duration, Instant};
 /// How long the first picture of a frame may wait for blocks.
 const GLIMPSES: Duration = Duration::from_millis(80);
 
-/// How long blocks are read before a picture is made of them, where who waits for it reads: at the least, and at the
-/// most.
+/// How long blocks are read before a picture is made of them, where the thread that waits for the picture reads: at the
+/// least, and at the most.
 const READS: (Duration, Duration) = (Duration::from_millis(80), Duration::from_secs(1));
 
-/// How long a request that would end coarser than asked waits for what is being read for nobody any more.
+/// How long a request that would end coarser than asked waits for reads that no view wants any more.
 const LAST_READS: Duration = Duration::from_millis(500);
 
 /// How a request ended.
@@ -105,7 +105,7 @@ struct Running {
     /// When the present pass began, and how long the last one took.
     pass_begun: Instant,
     pass_took: Duration,
-    /// Who waits for it reads blocks, and looks for news then.
+    /// The thread that waits for it reads blocks, and looks for news then.
     is_read_for: bool,
     job: Option<Job>,
     free: Vec<Box<Desk>>,
@@ -341,8 +341,8 @@ impl Request {
         }
     }
 
-    /// There may be more room than is known yet, after a camera has moved: who ended now would end coarser than need
-    /// be.
+    /// There may be more room than is known yet, after a camera has moved: a request that ended now would end coarser
+    /// than need be.
     fn ease(&self) {
         let begun = Instant::now();
         while self.view.ease() && !self.stop.load(Relaxed) && begun.elapsed() < LAST_READS {
@@ -358,7 +358,7 @@ impl Request {
         }
         let again = !is_all_there && !is_up() && self.view.status().state == ViewState::Satisfied;
         if !again {
-            // Reading on would take the processors from who renders.
+            // Reading on would take the processors from threads that render.
             self.view.want(&[]);
         }
         let mut running = self.running();

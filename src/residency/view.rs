@@ -45,8 +45,8 @@ pub struct ViewStatus {
 
 /// A live view: what it uses is not evicted, and what it wants is read. Thread-safe; meant to be driven by one thread.
 ///
-/// It makes passes (but for who only reads ahead: wants of a view without passes come last to room, and are refused
-/// when it is short): [`View::begin_pass`], then take snapshots, trace with the stamp, let go of the snapshots, and say
+/// It makes passes. (A view that only reads ahead makes none: its wants come last to room, and are refused when room is
+/// short.) A pass: [`View::begin_pass`], then take snapshots, trace with the stamp, let go of the snapshots, and say
 /// with [`View::want`] what was missing. Dropping it withdraws its wants.
 pub struct View {
     core: Arc<ViewCore>,

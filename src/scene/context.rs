@@ -98,7 +98,7 @@ impl Context {
         Ok(Self(inner))
     }
 
-    /// Working memory that somebody has given back, or new.
+    /// Working memory that was given back, or new.
     pub(crate) fn take_scratch<T: Any + Send + Default>(&self) -> Box<T> {
         self.0.scratch.take()
     }
@@ -204,7 +204,7 @@ impl Work for Pumping {
             return Ok(1);
         }
         self.runs.store(false, SeqCst);
-        // Whoever found it running meanwhile has left it to us.
+        // A thread that found it running meanwhile has left it to this one.
         Ok(usize::from(self.again.load(SeqCst) && !self.runs.swap(true, SeqCst)))
     }
 
@@ -222,7 +222,7 @@ fn without_denormals(work: &mut dyn FnMut()) {
 }
 
 /// The budget, where `asked` is asked for and the machine has `there` bytes, if it says. A budget that it cannot hold
-/// is refused, not cut: who relies on its size should know.
+/// is refused, not cut: a host that relies on its size should know.
 fn budget_of(asked: u64, there: Option<u64>) -> Result<u64> {
     match (asked, there) {
         (0, there) => Ok(there.unwrap_or(UNKNOWN_MEMORY) / 4 * 3),

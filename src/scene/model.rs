@@ -105,7 +105,7 @@ impl Model {
     /// Reads its tables and its coarse blocks, and all of a small model; the rest when it is used, or in the
     /// background. So it may be larger than the budget: `OverBudget` means that not even its tables and roots fit
     /// beside what models in use must keep, and names the least budget that would do. Fails with `Io`, `Corrupt` or
-    /// `NewerFormat` otherwise; a damaged block that is not read yet fails whoever needs it.
+    /// `NewerFormat` otherwise; a damaged block that is not read yet fails the call that needs it.
     pub fn open(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
         Self::open_source(context, Arc::new(FileSource::open(path)?))
     }

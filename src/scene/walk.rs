@@ -174,8 +174,8 @@ pub(crate) struct SceneView<'a> {
     pub is_solid: bool,
     /// The pass that visits, see `residency::View`.
     pub stamp: u32,
-    /// Whether walks look so far beyond the ends of rays' intervals that nothing is lost that double precision puts
-    /// within: whoever takes a hit then sees whether it is. Else intervals hold in single precision.
+    /// Whether walks look so far beyond the ends of rays' intervals that no hit is lost that double precision puts
+    /// within: the caller then tests each hit. Else intervals hold in single precision.
     pub looks_beyond: bool,
     /// What is asked of each hit of a ray that is traced alone, if anything: see [`PartFilter::within`].
     pub within: Option<&'a dyn Ends>,

@@ -39,7 +39,7 @@ pub struct Drops {
     pub out_of_range: u64,
 }
 
-/// The options of the build that are kept for who reads the file; nothing depends on them.
+/// The options of the build that are kept for readers of the file; nothing depends on them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Options {
     /// Whether triangles were split among leaves.

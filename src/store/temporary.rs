@@ -67,7 +67,7 @@ impl Temporary {
     fn lock(&self) -> bool {
         match self.file.try_lock() {
             Err(TryLockError::WouldBlock) => false,
-            // Where files cannot be locked nobody takes anything for stale either.
+            // Where files cannot be locked no build takes a file for stale either.
             Err(TryLockError::Error(_)) => true,
             Ok(()) => self.path.as_ref().is_some_and(|path| path.exists()),
         }
@@ -95,7 +95,7 @@ impl Medium for Temporary {
 impl Drop for Temporary {
     fn drop(&mut self) {
         if let Some(path) = self.path.take() {
-            // There is nobody to tell; the next build to this target tries again.
+            // An error could not be returned; the next build to this target tries again.
             let _ = fs::remove_file(path);
         }
     }
@@ -124,7 +124,7 @@ fn prefix(target: &Path) -> io::Result<String> {
     Ok(format!(".outcrop-{:016x}-", xxh3_64(name.as_encoded_bytes())))
 }
 
-/// Removes temporaries that nobody is writing any more. What cannot be removed stays.
+/// Removes temporaries that no build is writing any more. Files that cannot be removed stay.
 fn remove_stale(folder: &Path, prefix: &str) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {

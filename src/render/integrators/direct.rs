@@ -39,7 +39,7 @@ pub(super) const LEAST_TRANSMITTANCE: f32 = 1.0 / 512.0;
 /// between a point of a surface and the surface (2⁻²⁴ of twice the reach).
 pub(super) const LEAVE: f64 = 1.0 / 262_144.0;
 
-/// What of what is seen first anybody asks for. What nobody does is not worked for.
+/// The buffers of the first surface that are asked for. The others are not worked out.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Asks {
     /// Part and instance.
@@ -422,7 +422,8 @@ impl Direct<'_> {
         Ok(Surface { position, normal: look.normal(), facing: look.facing(), material, from, next, width, near: 0.0 })
     }
 
-    /// What is beside a triangle, its id or its colour, may come later; if nobody waits for it the pixel does without.
+    /// A triangle's id or colour, which are in other blocks, may come later; if they are not waited for the pixel does
+    /// without.
     fn later(&self, need: Need, wants: &mut Wants) -> Result<(), Need> {
         if !self.view.never_waits {
             return Err(need);

@@ -73,7 +73,7 @@ struct Prepared<'a> {
     filter: Option<&'a PartFilter<'a>>,
 }
 
-/// Boxes give way by so many times as much as cells: who meets a cell has met the boxes around it.
+/// Boxes give way by so many times as much as cells: a ray that meets a cell has met the boxes around it.
 const BOXES: f32 = 2.0;
 
 impl<'a> Prepared<'a> {

@@ -16,8 +16,8 @@ pub struct BvhDecoder {
     geometry_blocks: u32,
     /// Of each tree, ascending.
     trees: Vec<TreeBlocks>,
-    /// By a number that depends on it two lists are told apart. It is drawn anew each time: nobody can make a file
-    /// whose lists differ and are taken for equal.
+    /// By a number that depends on it two lists are told apart. It is drawn anew each time: no file can
+    /// be made whose lists differ and are taken for equal.
     key: RandomState,
 }
 

@@ -23,7 +23,7 @@
 //! | .. | leaves, unless they are in a block of their own |
 //! | last [`PAD_WORDS`] | zero, so that a vector load at the end of a leaf stays inside |
 //!
-//! The leaves below a fine block's nodes are in another block, its **leaf block**, which has no nodes: whoever is shown
+//! The leaves below a fine block's nodes are in another block, its **leaf block**, which has no nodes: a picture of
 //! stand-ins has no use for triangles. A reference to a leaf then counts words there. Which block that is the tree says
 //! (`trace::TreeView::leaves_at`). A tree of one block has them in that.
 //!

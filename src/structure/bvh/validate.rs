@@ -1,4 +1,4 @@
-//! Checks a block in trace form by itself: all that a walk relies on, whoever made the words.
+//! Checks a block in trace form by itself: all that a walk relies on, wherever the words come from.
 //!
 //! The file form is checked while it is decoded (`codec.rs`); references between blocks, which no block
 //! can check alone, by `check_links`.

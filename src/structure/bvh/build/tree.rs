@@ -51,7 +51,7 @@ pub struct Inner {
 /// one node, and all below them.
 pub const CLUMP: usize = 256;
 
-/// Where a child is of clumps. Of what is below one nobody asks.
+/// Where a child is of clumps. It is not asked of nodes below one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// In none: a range larger than a clump.

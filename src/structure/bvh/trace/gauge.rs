@@ -7,9 +7,9 @@
 //!
 //! Hits do not depend on it, but for slivers met edge-on (`trace`), of which the triangle test takes rays for hits that
 //! pass beyond their ends: these slabs leave out. (Where cells may stand in, slabs of what does not are not asked:
-//! `stream_pass`.) So that answers do not depend on who worked on other rays, counts begin anew with each batch of
-//! queries. Frames, whose pictures are the same with any threads and vectors, ask for none: they use walks as these are
-//! made.
+//! `stream_pass`.) So that answers do not depend on which thread worked on other rays, counts begin anew with each
+//! batch of queries. Frames, whose pictures are the same with any threads and vectors, ask for none: they use walks as
+//! these are made.
 
 /// What a test of a node's slabs takes a ray that goes alone, and a packet; and what a child gains that is not visited
 /// for them, in the same unit. (With 3 for packets too shadow rays of a scan of 10 million took a tenth more time.)

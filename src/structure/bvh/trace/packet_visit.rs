@@ -331,7 +331,7 @@ pub(super) type Planes = [[[f32; 8]; 2]; 3];
 pub(super) struct Boxes {
     /// Those that rays between the extremes can meet; where few rays come, those that some does.
     pub met: u32,
-    /// Of these, those that are narrower than the packet; where few rays come nobody asks.
+    /// Of these, those that are narrower than the packet; not worked out where few rays come.
     pub narrow: u32,
     /// Of these, those that could stand in for some ray; where few rays come, those that do or that it passes.
     pub small: u32,

@@ -27,8 +27,8 @@ impl Passing {
     }
 }
 
-/// Whether a voxel is to be looked at for who passes its cell. (By the level alone most of a scan's larger cells are,
-/// which let none pass: that is two more cache lines.)
+/// Whether a voxel is to be looked at for rays that pass its cell. (By the level alone most of a scan's larger cells
+/// are, which let none pass: that is two more cache lines.)
 #[inline(always)]
 pub(super) fn may_be_passed(block: Block, node: usize, slot: usize) -> bool {
     block.node(node).level(slot) <= PASSING && block.may_be_passed(node)

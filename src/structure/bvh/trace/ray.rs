@@ -44,9 +44,9 @@ impl PreparedRay {
     /// grid's products `origin * inv`, `q * (step * inv)` and `org * inv` have a relative error of at most `3h` each
     /// (two roundings, and one of `inv` itself) and magnitudes of at most `m`, `2m` and `m` times `|inv|`; the two sums
     /// add `h` times at most `4m |inv|` each. That is below `24 h m |inv|`; [`BOX_SLACK`] is 64 h, so that 40 h are
-    /// left at least: who meets a cell, which is taken larger by 32 h and rounded by 7 h (`stand_in.rs`), has met the
-    /// boxes of all above it. It also covers what clamping a direction component does, and flat boxes met edge-on:
-    /// there the reciprocal is so large that the slack exceeds every distance.
+    /// left at least: a ray that meets a cell, which is taken larger by 32 h and rounded by 7 h (`stand_in.rs`), has
+    /// met the boxes of all above it. It also covers what clamping a direction component does, and flat boxes met
+    /// edge-on: there the reciprocal is so large that the slack exceeds every distance.
     #[inline(always)]
     pub fn new(ray: &LocalRay, reach: f32) -> Self {
         let least = ray.dir.abs().max_element() * 1e-18;

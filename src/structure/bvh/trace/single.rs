@@ -229,7 +229,7 @@ fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut Counters) ->
     counters.ties += 1;
     match (view.prim(hit), view.prim(best)) {
         (Ok(a), Ok(b)) => Ok(a < b),
-        // Who never waits takes the first by its place.
+        // A walk that never waits takes the first by its place.
         _ if view.never_waits => Ok((hit.block, hit.tri) < (best.block, best.tri)),
         (a, b) => Ok(a? < b?),
     }

@@ -3,14 +3,14 @@
 //! The test is written once, over any number of lanes, with operations that round alike everywhere: single rays,
 //! packets and streams, on any instruction set, see the same stand-ins to the bit. What walks visit does not depend on
 //! it otherwise: their own box tests give way by as much at least (see [`super::PreparedRay::new`]), and cells nest as
-//! stored, so whoever meets a cell here has met all cells above it there.
+//! stored, so a ray that meets a cell here has met all cells above it there.
 //!
 //! Metric: Áfra 2012, section 6.2, compares the radius of the enclosing sphere; here it is the area of the cell's own
 //! projection along the ray, the sum of |dir| times the areas of its faces, with the square of the ray's width.
 //!
-//! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`cell_slabs.rs`); who misses
-//! them misses what the cell holds, for certain, and passes. Of cells that are no walls some of those that do not miss
-//! them pass too (`pass.rs`). Only rays that begin in a cell do not ask for slabs.
+//! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`cell_slabs.rs`); a ray that
+//! misses them misses all that the cell holds, for certain, and passes. Of cells that are no walls some of those that
+//! do not miss them pass too (`pass.rs`). Only rays that begin in a cell do not ask for slabs.
 //!
 //! A plane `p` is met at `((p - slack) - org) * inv` at the earliest. The two differences and the product are rounded
 //! once each and `inv` once, on magnitudes of at most `2 m` with `m = max(|org|, reach)`: `7 h m |inv|` in all, `h =

@@ -173,8 +173,8 @@ fn expand<'a, S: Simd, const ANY: bool, const LOD: bool>(
     }
 }
 
-/// The children of a node as the rays see them: who meets each, for whom of these it may be small enough to stand in,
-/// and where they enter it.
+/// The children of a node as the rays see them: which rays meet each, for which of these it may be small enough to
+/// stand in, and where they enter it.
 struct Boxes {
     met: [u32; WIDTH],
     likely: [u32; WIDTH],
