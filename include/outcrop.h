@@ -1147,8 +1147,9 @@ void oc_init(void *object,
 OC_API oc_status oc_job_poll(const struct oc_job *job, struct oc_progress *out_progress);
 
 /**
- * Waits until the job has ended, `timeout_ms` at most (OC_FOREVER: no limit), and says how far it is.
- * A timeout is no failure: the state is then OC_STATE_RUNNING. `out_progress` may be NULL.
+ * Waits until the job has ended and its wake function, if another thread is calling it, has returned; `timeout_ms` at
+ * most (OC_FOREVER: no limit). Says how far the job is. A timeout is no failure: the state is then OC_STATE_RUNNING.
+ * So once this call says that the job has ended, `user` of the wake function may be freed. `out_progress` may be NULL.
  *
  * Thread safety: any thread. Blocks. In a context without threads and without an executor this call does
  * the work; a build or load is then done to its end, whatever the timeout.
@@ -1167,7 +1168,7 @@ OC_API oc_status oc_job_cancel(const struct oc_job *job);
 
 /**
  * Has `wake` called once, when the job ends; if it has ended already, now, from this call. Replaces an
- * earlier one; NULL: nobody is called.
+ * earlier one; NULL: no call.
  *
  * `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job;
  * then what the job was for is done, and its arrays are the caller's again. Thread safety: any thread. Cheap.
@@ -1191,8 +1192,8 @@ OC_API void oc_job_retain(struct oc_job *job);
 /**
  * Takes a count back; with the last one the job is cancelled. NULL does nothing.
  *
- * Thread safety: any thread, also from the job's own wake function. Blocks for a batch of rays, until nobody uses its
- * arrays and the wake function, if it is just being called by another thread, has returned; else cheap.
+ * Thread safety: any thread, also from the job's own wake function. For a batch of rays it blocks until no thread uses
+ * the arrays and the wake function, if another thread is calling it, has returned; for other jobs it is cheap.
  */
 OC_API
 void oc_job_release(struct oc_job *job);
@@ -1681,8 +1682,9 @@ oc_status oc_frame_request(struct oc_frame *frame,
 OC_API oc_status oc_frame_poll(const struct oc_frame *frame, struct oc_progress *out_progress);
 
 /**
- * Waits until the last request has ended, `timeout_ms` at most (OC_FOREVER: no limit), and says how far it
- * is. A timeout is no failure: the state is then OC_STATE_RUNNING. `out_progress` may be NULL.
+ * Waits until the last request has ended and the wake function, if another thread is calling it, has returned;
+ * `timeout_ms` at most (OC_FOREVER: no limit). Says how far the request is. A timeout is no failure: the state is then
+ * OC_STATE_RUNNING. `out_progress` may be NULL.
  *
  * Thread safety: any thread. Blocks; does the work itself where the context has no threads.
  */
@@ -1712,7 +1714,7 @@ oc_status oc_frame_resize(struct oc_frame *frame,
                           uint32_t height);
 
 /**
- * Has `wake` called whenever a better picture can be mapped, and when a request ends; NULL: nobody is called.
+ * Has `wake` called whenever a better picture can be mapped, and when a request ends; NULL: no call.
  *
  * `user` must stay usable until `wake` was replaced or the frame released.
  * Thread safety: any thread. Cheap.

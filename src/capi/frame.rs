@@ -222,8 +222,9 @@ pub unsafe extern "C" fn oc_frame_poll(frame: *const oc_frame, out_progress: *mu
     })
 }
 
-/// Waits until the last request has ended, `timeout_ms` at most (OC_FOREVER: no limit), and says how far it
-/// is. A timeout is no failure: the state is then OC_STATE_RUNNING. `out_progress` may be NULL.
+/// Waits until the last request has ended and the wake function, if another thread is calling it, has returned;
+/// `timeout_ms` at most (OC_FOREVER: no limit). Says how far the request is. A timeout is no failure: the state is then
+/// OC_STATE_RUNNING. `out_progress` may be NULL.
 ///
 /// Thread safety: any thread. Blocks; does the work itself where the context has no threads.
 /// # Safety
@@ -276,7 +277,7 @@ pub unsafe extern "C" fn oc_frame_resize(frame: *mut oc_frame, width: u32, heigh
     })
 }
 
-/// Has `wake` called whenever a better picture can be mapped, and when a request ends; NULL: nobody is called.
+/// Has `wake` called whenever a better picture can be mapped, and when a request ends; NULL: no call.
 ///
 /// `user` must stay usable until `wake` was replaced or the frame released.
 /// Thread safety: any thread. Cheap.

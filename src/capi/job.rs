@@ -244,8 +244,9 @@ pub unsafe extern "C" fn oc_job_poll(job: *const oc_job, out_progress: *mut oc_p
     })
 }
 
-/// Waits until the job has ended, `timeout_ms` at most (OC_FOREVER: no limit), and says how far it is.
-/// A timeout is no failure: the state is then OC_STATE_RUNNING. `out_progress` may be NULL.
+/// Waits until the job has ended and its wake function, if another thread is calling it, has returned; `timeout_ms` at
+/// most (OC_FOREVER: no limit). Says how far the job is. A timeout is no failure: the state is then OC_STATE_RUNNING.
+/// So once this call says that the job has ended, `user` of the wake function may be freed. `out_progress` may be NULL.
 ///
 /// Thread safety: any thread. Blocks. In a context without threads and without an executor this call does
 /// the work; a build or load is then done to its end, whatever the timeout.
@@ -283,7 +284,7 @@ pub unsafe extern "C" fn oc_job_cancel(job: *const oc_job) -> oc_status {
 }
 
 /// Has `wake` called once, when the job ends; if it has ended already, now, from this call. Replaces an
-/// earlier one; NULL: nobody is called.
+/// earlier one; NULL: no call.
 ///
 /// `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job;
 /// then what the job was for is done, and its arrays are the caller's again. Thread safety: any thread. Cheap.
@@ -330,8 +331,8 @@ pub unsafe extern "C" fn oc_job_retain(job: *mut oc_job) {
 
 /// Takes a count back; with the last one the job is cancelled. NULL does nothing.
 ///
-/// Thread safety: any thread, also from the job's own wake function. Blocks for a batch of rays, until nobody uses its
-/// arrays and the wake function, if it is just being called by another thread, has returned; else cheap.
+/// Thread safety: any thread, also from the job's own wake function. For a batch of rays it blocks until no thread uses
+/// the arrays and the wake function, if another thread is calling it, has returned; for other jobs it is cheap.
 /// # Safety
 /// NULL or a live handle of which the caller owns a count.
 #[unsafe(no_mangle)]
