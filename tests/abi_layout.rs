@@ -85,7 +85,8 @@ fn declared() -> BTreeMap<String, Vec<String>> {
     let header = std::fs::read_to_string(path).expect("include/outcrop.h");
     let mut structs = BTreeMap::new();
     let mut open: Option<(String, Vec<String>)> = None;
-    for line in header.lines() {
+    // Comments have lines of members' form.
+    for line in header.lines().filter(|line| !line.trim_start().starts_with(['*', '/'])) {
         if let Some(name) = line.strip_prefix("typedef struct ").and_then(|l| l.strip_suffix(" {")) {
             open = Some((name.to_string(), Vec::new()));
         } else if line.starts_with('}') {
