@@ -1643,8 +1643,8 @@ oc_status oc_scene_overlap_frustum(const struct oc_scene *scene,
 
 /**
  * Makes a frame. `desc` may be NULL: all defaults. OC_STATUS_OUT_OF_MEMORY if the system gives none for its buffers.
- * (Most systems give memory that they have not, as long as nobody writes there: a picture larger than the machine's
- * memory may end the process later.)
+ * (Most systems promise more memory than they have, and find out when it is written: a picture larger than the
+ * machine's memory may end the process later.)
  *
  * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
  */

@@ -134,6 +134,18 @@ fn wake_is_called_once_for_each_ending_and_never_for_what_was_replaced() {
     }
 }
 
+/// Has a frame wake a function that takes `time`; counts its calls and its returns.
+fn wake_slowly(frame: &Frame, time: Duration) -> Arc<[AtomicUsize; 2]> {
+    let counts = Arc::new([const { AtomicUsize::new(0) }; 2]);
+    let within = Arc::clone(&counts);
+    frame.set_wake(Some(Arc::new(move || {
+        within[0].fetch_add(1, SeqCst);
+        std::thread::sleep(time);
+        within[1].fetch_add(1, SeqCst);
+    })));
+    counts
+}
+
 /// A wait that says that a request has ended says that its wake function has returned.
 #[test]
 fn waits_end_after_the_wake_function() {
@@ -141,13 +153,7 @@ fn waits_end_after_the_wake_function() {
     let scene = busy_scene(&context);
     let frame = frame(&context, 32, 32);
     for _ in 0..5 {
-        let counts = Arc::new([const { AtomicUsize::new(0) }; 2]);
-        let within = Arc::clone(&counts);
-        frame.set_wake(Some(Arc::new(move || {
-            within[0].fetch_add(1, SeqCst);
-            std::thread::sleep(Duration::from_millis(20));
-            within[1].fetch_add(1, SeqCst);
-        })));
+        let counts = wake_slowly(&frame, Duration::from_millis(20));
         frame.request(&scene.state(), &perspective(DVec3::Z * 9.0, DVec3::ZERO), &FrameSettings::default()).unwrap();
         while frame.wait(Duration::from_millis(3)).state == FrameState::Running {}
         let [begun, ended] = [0, 1].map(|at| counts[at].load(SeqCst));
@@ -238,20 +244,14 @@ fn a_thousand_requests_and_cancels_while_queries_run() {
     assert!(asked.load(SeqCst) > 0 && pictures.load(SeqCst) > 0);
 }
 
-/// Once a frame is gone nobody is in its wake function any more: what that uses may go too.
+/// Once a frame is gone no thread is in its wake function any more: the data that this uses may go too.
 fn dropping_a_frame_waits_for_whoever_is_being_woken() {
     let context = built::context(2);
     let (scene, _) = built::scene(&context, &built::parts(&fine_sphere()));
     let mut called = 0;
     for i in 0..30 {
         let frame = frame(&context, 64, 48);
-        let counts = Arc::new([const { AtomicUsize::new(0) }; 2]);
-        let within = Arc::clone(&counts);
-        frame.set_wake(Some(Arc::new(move || {
-            within[0].fetch_add(1, SeqCst);
-            std::thread::sleep(Duration::from_millis(5));
-            within[1].fetch_add(1, SeqCst);
-        })));
+        let counts = wake_slowly(&frame, Duration::from_millis(5));
         let settings = FrameSettings { samples: 4, ..Default::default() };
         frame
             .request(&scene.state(), &perspective(DVec3::new(1.0, 2.0, 4.0), DVec3::ZERO), &settings)

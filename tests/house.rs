@@ -294,12 +294,15 @@ fn no_room_above_names_a_structure() {
     );
 }
 
+/// The files of the library and of its tests.
+fn sources() -> Vec<PathBuf> {
+    ["src", "tests"].iter().flat_map(|folder| files_below(&root().join(folder), ".rs")).collect()
+}
+
 #[test]
 fn files_are_short_and_finished() {
-    let mut files = files_below(&root().join("src"), ".rs");
-    files.extend(files_below(&root().join("tests"), ".rs"));
     let mut faults = Vec::new();
-    for file in files {
+    for file in sources() {
         let text = std::fs::read_to_string(&file).unwrap();
         let lines = text.lines().count();
         if lines > LONGEST_FILE {
@@ -320,10 +323,8 @@ const WIDEST_COMMENT: usize = 120;
 
 #[test]
 fn comments_are_as_narrow_as_code() {
-    let mut files = files_below(&root().join("src"), ".rs");
-    files.extend(files_below(&root().join("tests"), ".rs"));
     let mut faults = Vec::new();
-    for file in files {
+    for file in sources() {
         let text = std::fs::read_to_string(&file).unwrap();
         for (line, comment) in text.lines().enumerate().filter(|(_, line)| line.trim_start().starts_with("//")) {
             let width = comment.chars().count();

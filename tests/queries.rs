@@ -519,6 +519,10 @@ fn what_is_not_in_memory_is_read_and_the_answer_is_the_same() {
         let now = ask(&state, &rays, QueryOptions { policy: Policy::Now, ..options });
         assert!(now.iter().any(|h| h.kind == HitKind::Missing));
         assert!(now.iter().all(|h| h.kind != HitKind::Exact));
+        // And promise nothing of it.
+        let unknown = now.iter().filter(|h| h.kind == HitKind::Missing && h.t == f64::INFINITY);
+        assert!(unknown.clone().count() > 0);
+        assert!(unknown.clone().all(|h| h.error == f32::INFINITY && h.t_free.is_finite()));
     }
 }
 

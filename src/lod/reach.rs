@@ -22,7 +22,7 @@ const ENDS: f64 = 24.0 / 16_777_216.0;
 
 /// The least and the greatest of `axis . p` over all that `content` holds, for each axis; of what is known by its
 /// pieces' cells no more, or no less. In double precision, the same with any vectors. (Inlined always: it is compiled
-/// for the set of whoever calls.)
+/// for the instruction set of its caller.)
 #[inline(always)]
 pub fn reach(content: &Content, axes: &Axes) -> [[f64; AXES]; 2] {
     let mut halves: [Half; 2] = [[[0.0; HALF]; 3]; 2];

@@ -85,9 +85,9 @@ pub(super) struct Inner {
     pub root_bytes: u64,
     /// Set once opened: its blocks may be read ahead.
     pub may_promote: AtomicBool,
-    /// Bytes of all blocks that are read ahead; and of those of them that are in memory, written by who changes what
-    /// is.
+    /// Bytes of all blocks that are read ahead.
     promoted_bytes: u64,
+    /// Bytes of those of them that are in memory. Written under the residency's lock.
     promoted_there: AtomicU64,
     /// The bytes that were lacking when none of them could be had: their reads had failed, or were under way.
     pub lacked_in_vain: AtomicU64,

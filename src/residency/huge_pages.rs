@@ -40,8 +40,8 @@ pub(super) fn filled(pieces: impl Iterator<Item = Range<usize>>) -> Vec<Page> {
 pub(super) fn put_together(page: Page) -> bool {
     /// `MADV_COLLAPSE` of `linux/mman.h`.
     const COLLAPSE: i32 = 25;
-    // SAFETY: what memory holds and who may use it stays as it is, of whoever it is by now; where nothing is mapped it
-    // is an error, and memory that was given back may be taken anew, as zeros.
+    // SAFETY: the call changes neither the bytes of a page nor its owner. Where no memory is mapped it returns an
+    // error; memory that was given back to the system may be mapped again, as zeros.
     unsafe { libc::madvise(page.0 as *mut _, PAGE, COLLAPSE) == 0 }
 }
 

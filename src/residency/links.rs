@@ -22,11 +22,11 @@ pub(super) struct Links {
 }
 
 /// Of one block: numbers below `needed` are referred to, and it has numbers below `has`; `UNKNOWN` until it was read.
-/// What was said of it by who said so first.
 #[derive(Clone, Copy)]
 struct Known {
     needed: u32,
     has: u32,
+    /// The number that the first caller gave; later ones must give the same.
     agreed: Option<u64>,
 }
 

@@ -2,10 +2,10 @@
 //!
 //! One [`Residency`] a context holds the budget. Each opened model has its [`ModelBlocks`], and a [`Snapshot`] says
 //! which of them are in memory. A snapshot never changes: a job takes one and works with it. A [`View`] says after each
-//! pass what it lacked; what all views want is ranked and read by whoever pumps, threads of ours or not, and what has
-//! not been used for longest goes when room is needed. When what views want does not fit, a factor on their thresholds
-//! rises until it does. Exact jobs bring what they need themselves; where views leave no room they take turns with a
-//! [`Lease`] of a part of the budget that is theirs.
+//! pass which blocks it lacked. The wants of all views are ranked, and threads that pump, of ours or of the host, read
+//! them; the blocks that have not been used for longest go when room is needed. When what views want does not fit, a
+//! factor on their thresholds rises until it does. Exact jobs bring what they need themselves; where views leave no
+//! room they take turns with a [`Lease`] of a part of the budget that is theirs.
 #![deny(unsafe_code)]
 
 mod account;

@@ -23,8 +23,8 @@ pub(super) struct Ranking {
 }
 
 impl Ranking {
-    /// Views want something else, or what they want can be had again. True if a refusal stood: then a fetcher must look
-    /// again, or who was refused is never told more.
+    /// Views want other blocks, or blocks that they want can be had again. True if a refusal stood: then a fetcher must
+    /// look again, or the view that was refused is told no more.
     #[must_use]
     pub fn invalidate(&mut self) -> bool {
         std::mem::replace(&mut self.valid, false) && self.is_stuck

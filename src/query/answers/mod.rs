@@ -348,7 +348,7 @@ pub(super) fn answer_one(view: &SceneView, ray: &Ray, found: &Found, want: Want,
     if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri)) } else { Ok(rest.outside == 0) }
 }
 
-/// Makes the promises of a hit hold whatever the data says that was not at hand.
+/// Sets `error` and `t_free` of a hit to what holds whatever the blocks contain that were not in memory.
 pub(super) fn promise_nothing(hit: &mut Hit, ray: &Ray, want: Want) {
     if want.has(Want::ERROR) {
         (hit.error, hit.t_free) = (f32::INFINITY, ray.begins());

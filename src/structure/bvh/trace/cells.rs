@@ -51,7 +51,7 @@ impl<'a> TreeView<'a> {
             out.have_three |= u32::from(has_sides | is_along_axes) << i;
             let is_whole = whole >> i & 1 == 1;
             if is_whole {
-                // In the node's other line.
+                // It is in the node's other cache line.
                 out.level[i] = node.level(*slot);
             }
             if is_whole || has_sides || is_along_axes {
