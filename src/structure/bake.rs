@@ -108,7 +108,7 @@ pub struct BuiltChunk<C, T> {
 ///
 /// Opening, reading ahead and making room for blocks rely on three more properties. A block refers to blocks with
 /// higher ids only. Of the coarse blocks those nearest to the root come first. Each plan gives exactly one block of
-/// each class but the first.
+/// each class but the first, or the one block of a whole tree.
 pub trait Baker {
     /// Classes of its blocks, [`CLASSES`] at most. The first is that of coarse blocks.
     const CLASSES: usize;
