@@ -27,5 +27,5 @@ pub use render::{
     PrefetchStatus,
 };
 pub use scene::{
-    Background, Camera, Context, ContextOptions, Light, LightKind, LogLevel, Model, Scene, SceneState, State,
+    Background, Camera, Context, ContextOptions, Light, LightKind, LogLevel, Look, Model, Scene, SceneState,
 };

@@ -31,7 +31,7 @@ struct Tally {
 
 /// From far, from near and from among the triangles.
 fn cameras(tree: &TestTree, rng: &mut Rng) -> Vec<Camera> {
-    let reach = f64::from(tree.reach);
+    let reach = f64::from(tree.max_coord);
     let mut point = |size: f64| DVec3::new(rng.unit(), rng.unit(), rng.unit()) * (2.0 * size) - DVec3::splat(size);
     let mut cameras = Vec::new();
     for (distance, fov_y_degrees) in [(4.0, 30.0), (1.6, 30.0), (1.2, 120.0), (0.3, 30.0), (0.3, 179.99)] {
@@ -138,13 +138,13 @@ fn check(tree: &TestTree, size: u32, seed: u64) -> Tally {
         // What ties are decided by is to be waited for.
         let no_prims = tree.snapshot.filtered(|id| id.0 < tree.blocks() / 2);
         let whole = &tree.snapshot;
-        for (snapshot, never_waits) in
+        for (snapshot, accept_missing) in
             [(whole, false), (whole, true), (&holes, true), (&holes, false), (&no_prims, false)]
         {
             for (poe, is_filtered) in [(0.0, false), (0.0, true), (1.0, false), (30.0, false), (30.0, true)] {
                 let filter = is_filtered.then_some(filter);
                 let (view, all) =
-                    (TreeView { never_waits, ..tree.view(snapshot, isa) }, tree.view(&tree.snapshot, isa));
+                    (TreeView { accept_missing, ..tree.view(snapshot, isa) }, tree.view(&tree.snapshot, isa));
                 let case = Case { view, all, filter, poe };
                 for i in 0..TILES * TILES {
                     // The middle, and of every second picture a corner: of a wide one nearly across the view.

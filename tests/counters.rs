@@ -104,8 +104,10 @@ fn what_any_hit_visits_is_pinned() {
     let tree = sphere();
     let view = tree.view(&tree.snapshot, Isa::Baseline);
     let exact = trees::shadows(&view, &camera(&mut RayMaker::new(&tree.stored, 5)));
-    let wide: Vec<Ray32> =
-        exact.iter().map(|ray| Ray32 { t_min: 0.01, cone: Cone { a: 0.02 * tree.reach, b: 0.0 }, ..*ray }).collect();
+    let wide: Vec<Ray32> = exact
+        .iter()
+        .map(|ray| Ray32 { t_min: 0.01, cone: Cone { a: 0.02 * tree.max_coord, b: 0.0 }, ..*ray })
+        .collect();
     let found = [exact, wide].map(|rays| {
         let (mut walk, mut stream, mut packet) = (Walk::new(), Stream::of_queries(), PacketWalk::of_queries());
         let alone: Vec<bool> = rays.iter().map(|ray| trees::any(&view, ray, &mut walk)).collect();

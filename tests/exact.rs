@@ -64,7 +64,7 @@ fn assert_least(name: &str, tree: &TestTree, oracle: &dyn Oracle, rays: &[Ray32]
             let corners = tri.map(|v| v.as_vec3());
             if let Some(hit) = intersect_one(ray.org, &shear, ray.t_min, ray.t_max, corners) {
                 // Adding zero turns -0 into 0: they are one distance.
-                accepted.push((hit.t + 0.0, prim, is_determined(&wide, tri, tree.reach)));
+                accepted.push((hit.t + 0.0, prim, is_determined(&wide, tri, tree.max_coord)));
             }
         });
         accepted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

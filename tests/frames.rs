@@ -9,7 +9,7 @@ use glam::{DAffine3, DVec3};
 use outcrop::import::MaterialDesc;
 use outcrop::query::{HitKind, NONE};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Mapped, Outputs};
-use outcrop::scene::{Background, Camera, Light, LightKind, Model, Scene, State};
+use outcrop::scene::{Background, Camera, Light, LightKind, Look, Model, Scene};
 use std::time::Duration;
 
 fn colour(linear: &Mapped, x: u32, y: u32) -> [f32; 4] {
@@ -164,20 +164,20 @@ fn glass_hidden_recoloured_selected() {
     close(see(), [0.75 * 0.75, 0.0, blue, 1.0]);
     assert_eq!(frame.map(Buffer::Part).unwrap().ids().unwrap()[0], 1, "what is seen first");
     let state = |part, state| {
-        scene.set_part_state(7, part, state).unwrap();
+        scene.set_part_look(7, part, state).unwrap();
         scene.commit().unwrap();
     };
-    state(3, State { visible: false, ..State::default() });
+    state(3, Look { visible: false, ..Look::default() });
     close(see(), [0.0, 0.75 * 0.75, blue, blue]);
-    state(1, State { colour: Some([1.0, 1.0, 0.0, 1.0]), ..State::default() });
+    state(1, Look { colour: Some([1.0, 1.0, 0.0, 1.0]), ..Look::default() });
     close(see(), [1.0, 1.0, 0.0, 1.0]);
-    scene.set_instance_state(7, State { colour: Some([0.5, 0.5, 0.5, 1.0]), ..State::default() }).unwrap();
+    scene.set_instance_look(7, Look { colour: Some([0.5, 0.5, 0.5, 1.0]), ..Look::default() }).unwrap();
     scene.commit().unwrap();
     close(see(), [1.0, 1.0, 0.0, 1.0]);
-    state(1, State::default());
+    state(1, Look::default());
     close(see(), [0.5, 0.5, 0.5, 1.0]);
     let plain = see();
-    state(1, State { selected: true, ..State::default() });
+    state(1, Look { selected: true, ..Look::default() });
     let selected = see();
     assert!(selected[0] > plain[0] + 0.1 && selected[2] < plain[2] - 0.1, "{selected:?} is not highlighted");
 }
@@ -257,9 +257,9 @@ fn plain_packets_show_to_the_bit_what_others_show() {
                 Light { kind: blue, colour: [0.1, 0.2, 0.9], intensity: 0.5, shadows: false },
             ])
             .unwrap();
-        scene.set_part_state(7, 1, State { colour: Some([0.1, 0.9, 0.9, 1.0]), ..State::default() }).unwrap();
-        scene.set_part_state(7, 3, State { selected: true, ..State::default() }).unwrap();
-        scene.set_part_state(7, 5, State { visible: false, ..State::default() }).unwrap();
+        scene.set_part_look(7, 1, Look { colour: Some([0.1, 0.9, 0.9, 1.0]), ..Look::default() }).unwrap();
+        scene.set_part_look(7, 3, Look { selected: true, ..Look::default() }).unwrap();
+        scene.set_part_look(7, 5, Look { visible: false, ..Look::default() }).unwrap();
         scene.commit().unwrap();
         // Cells of a bvh go down to few triangles.
         let wide = built::sized(300.0, 10_000.0);

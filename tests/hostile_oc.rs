@@ -10,8 +10,7 @@ use outcrop::math::Ray;
 use outcrop::store::{Header, MemorySource, ModelFile, PartRow, Source, TreeRow, Writer};
 use outcrop::{Buffer, HitKind, Outputs, QueryOptions};
 use outcrop::{
-    Context, ContextOptions, Error, Frame, FrameOptions, FrameSettings, FrameState, Hit, Model, Scene, SceneState,
-    State,
+    Context, ContextOptions, Error, Frame, FrameOptions, FrameSettings, FrameState, Hit, Look, Model, Scene, SceneState,
 };
 use std::io;
 use std::path::Path;
@@ -93,8 +92,8 @@ fn open(context: &Context, bytes: &[u8]) -> outcrop::Result<Arc<SceneState>> {
     let scene = Scene::new(context);
     scene.add_instance(&model, 7, DAffine3::IDENTITY)?;
     // Damaged tables may lack these parts.
-    let _ = scene.set_part_state(7, 102, State { visible: false, ..State::default() });
-    let _ = scene.set_part_state(7, 201, State { colour: Some([1.0, 0.0, 0.0, 1.0]), ..State::default() });
+    let _ = scene.set_part_look(7, 102, Look { visible: false, ..Look::default() });
+    let _ = scene.set_part_look(7, 201, Look { colour: Some([1.0, 0.0, 0.0, 1.0]), ..Look::default() });
     scene.commit()?;
     Ok(scene.state())
 }
@@ -449,7 +448,7 @@ fn a_source_that_fails_at_any_call() {
             let model = Model::open_source(&intact.context, source.clone())?;
             let scene = Scene::new(&intact.context);
             scene.add_instance(&model, 7, DAffine3::IDENTITY)?;
-            scene.set_part_state(7, 102, State { visible: false, ..State::default() })?;
+            scene.set_part_look(7, 102, Look { visible: false, ..Look::default() })?;
             scene.commit()?;
             // What failed once is asked for again.
             let first = hits(&scene.state(), &intact.rays);

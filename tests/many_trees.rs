@@ -13,7 +13,7 @@ use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
-use outcrop::scene::{Camera, Context, Light, LightKind, Model, Scene, SceneState, State};
+use outcrop::scene::{Camera, Context, Light, LightKind, Look, Model, Scene, SceneState};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -71,11 +71,11 @@ fn forest(context: &Context, model: &Model, count: u64) -> Arc<SceneState> {
             scene.set_instance_mask(id, 1 << rng.below(3)).expect("a mask");
         }
         if rng.one_in(6) {
-            let state = State { visible: rng.one_in(2), colour: Some([1.0, 0.0, 0.0, 1.0]), ..State::default() };
-            scene.set_part_state(id, 100 + rng.below(12) as u64, state).expect("a state");
+            let state = Look { visible: rng.one_in(2), colour: Some([1.0, 0.0, 0.0, 1.0]), ..Look::default() };
+            scene.set_part_look(id, 100 + rng.below(12) as u64, state).expect("a state");
         }
     }
-    scene.set_instance_state(0, State { visible: false, ..State::default() }).expect("a state");
+    scene.set_instance_look(0, Look { visible: false, ..Look::default() }).expect("a state");
     scene.commit().expect("a commit");
     scene.state()
 }
@@ -391,7 +391,7 @@ fn a_picture_does_not_depend_on_what_it_does_not_show() {
         }
         // And one in view that no camera's ray sees.
         scene.add_instance(&model, 99, DAffine3::from_translation(DVec3::new(0.1, -1.0, 0.0))).expect("an instance");
-        scene.set_instance_state(99, State { visible: false, ..State::default() }).expect("a state");
+        scene.set_instance_look(99, Look { visible: false, ..Look::default() }).expect("a state");
         scene.commit().expect("a commit");
         for (poe, expected) in [0.0, 3.0].into_iter().zip(&expected) {
             let now = picture(&context, &scene.state(), poe);

@@ -160,11 +160,11 @@ fn rays_of_neighbouring_points_see_the_same_stand_ins() {
     let (mut lods, mut missing) = (0, 0);
     for width in [0.0, 0.02, 0.1, 0.5] {
         let rays: Vec<Ray32> =
-            exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.reach, b: width }, ..*ray }).collect();
-        for (isa, (snapshot, never_waits)) in
+            exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.max_coord, b: width }, ..*ray }).collect();
+        for (isa, (snapshot, accept_missing)) in
             trees::isas().into_iter().flat_map(|isa| [(&all, false), (&holes, true)].map(|it| (isa, it)))
         {
-            let base = TreeView { never_waits, ..tree.view(snapshot, Isa::Baseline) };
+            let base = TreeView { accept_missing, ..tree.view(snapshot, Isa::Baseline) };
             let view = TreeView { isa, ..base };
             let (mut packet, mut stream) = (PacketWalk::of_queries(), Stream::of_queries());
             let side_by_side = trees::closest_each(&view, &rays, &mut stream);
@@ -250,7 +250,7 @@ fn rays_that_go_together_are_recognised() {
         let ray = |i: usize| {
             let (x, y) = ((i % 8) as f32, (i / 8) as f32);
             let dir = Vec3::new(0.3 + spread * x, 0.2 + spread * y, -1.0);
-            let org = Vec3::new(apart * x, apart * y, 2.0) * tree.reach;
+            let org = Vec3::new(apart * x, apart * y, 2.0) * tree.max_coord;
             Ray32 { kind: RayKind::Grid, org, dir, t_min: 0.0, t_max: f32::INFINITY, cone: Cone::ZERO }
         };
         (0..PACKET).map(ray).collect()

@@ -39,7 +39,7 @@ struct Tally {
     missing: u64,
     misses: u64,
     /// Of these, such that passed stand-ins.
-    passed: u64,
+    transmitted: u64,
     /// How far original surface is from where these are not free, in widths of their cones.
     apart: f64,
     /// Stated over true error, of stand-ins.
@@ -111,7 +111,7 @@ impl Tally {
     /// such cells are long and thin at most. (Of rays that lack what would tell nothing is free.)
     fn judge_passed(&mut self, oracle: &Bvh64, ray: &Ray, hit: &Hit) {
         let width = f64::from(ray.cone.a) + f64::from(ray.cone.b) * hit.t_free;
-        assert!(width > 0.0, "{ray:?} passed a stand-in");
+        assert!(width > 0.0, "{ray:?} transmitted a stand-in");
         if hit.t_free > ray.t_min {
             let at = ray.origin + ray.dir.as_dvec3() * hit.t_free;
             let apart = oracle.distance(at, LONG * width);
@@ -136,7 +136,7 @@ fn judge(oracle: &Bvh64, ray: &Ray, hit: &Hit, tally: &mut Tally) {
         HitKind::Miss => {
             tally.misses += 1;
             if hit.t_free < f64::INFINITY {
-                tally.passed += 1;
+                tally.transmitted += 1;
                 tally.judge_passed(oracle, ray, hit);
             }
         }
@@ -182,17 +182,23 @@ fn check_scene(name: &str, state: &Arc<SceneState>, oracle: &Bvh64, size: f64, c
         }
         tally.slack.sort_by(f64::total_cmp);
         let median = tally.slack.get(tally.slack.len() / 2).copied().unwrap_or(0.0);
-        let Tally { exact, lod, missing, misses, passed, apart, .. } = tally;
+        let Tally { exact, lod, missing, misses, transmitted, apart, .. } = tally;
         println!(
-            "{name}, PoE {poe}: {exact} exact, {lod} lod, {missing} missing, {misses} misses, {passed} behind stand-ins, {apart:.2} widths apart; stated over true error: median {median:.1}"
+            "{name}, PoE {poe}: {exact} exact, {lod} lod, {missing} missing, {misses} misses, {transmitted} behind stand-ins, {apart:.2} widths apart; stated over true error: median {median:.1}"
         );
         assert_eq!(missing, 0);
         assert!(lod > 0 || poe < built::sized(3.0, 32.0), "{name}: nothing stands in");
         // Of closed things few.
-        assert!(passed > 0 || poe < 3.0 || name != WIRES, "{name}: no ray passes a stand-in");
-        assert!(passed * 20 <= misses || [WIRES, TURNED].contains(&name), "{name}: {passed} of {misses} passed");
-        assert!(passed * 2 <= exact + lod || name != TURNED, "{name}: {passed} passed, {exact} and {lod} hit");
-        assert!(passed == 0 || name != STRETCHED, "{name}: {passed} of {misses} passed");
+        assert!(transmitted > 0 || poe < 3.0 || name != WIRES, "{name}: no ray passes a stand-in");
+        assert!(
+            transmitted * 20 <= misses || [WIRES, TURNED].contains(&name),
+            "{name}: {transmitted} of {misses} transmitted"
+        );
+        assert!(
+            transmitted * 2 <= exact + lod || name != TURNED,
+            "{name}: {transmitted} transmitted, {exact} and {lod} hit"
+        );
+        assert!(transmitted == 0 || name != STRETCHED, "{name}: {transmitted} of {misses} transmitted");
     }
 }
 
@@ -272,9 +278,9 @@ fn check_cold(name: &str, path: &std::path::Path, places: &[DAffine3], oracle: &
                 }
             }
         });
-        let Tally { exact, lod, missing, misses, passed, .. } = tally;
+        let Tally { exact, lod, missing, misses, transmitted, .. } = tally;
         println!(
-            "{name}, 1/{share} in memory: {exact} exact, {lod} lod, {missing} missing, {misses} misses, {passed} behind stand-ins"
+            "{name}, 1/{share} in memory: {exact} exact, {lod} lod, {missing} missing, {misses} misses, {transmitted} behind stand-ins"
         );
         assert!(missing > 50 && misses > 50, "{name}: {missing} missing, {misses} misses");
     }

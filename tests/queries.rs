@@ -12,7 +12,7 @@ use glam::{DAffine3, DQuat, DVec3, Vec3};
 use outcrop::math::{DBounds, Ray};
 use outcrop::query::{Hit, HitKind, How, NONE, Policy, QueryOptions, QueryState, Want};
 use outcrop::query::{Hits, Plane, Query, Rays};
-use outcrop::scene::{Model, Scene, SceneState, State};
+use outcrop::scene::{Look, Model, Scene, SceneState};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -237,21 +237,21 @@ fn hidden_parts_and_instances_and_what_a_commit_isolates() {
     let ray = Ray::new(DVec3::new(0.1, 0.2, 5.0), -Vec3::Z);
     let part = |s: &SceneState| ask(s, &[ray], SINGLE)[0].part;
     let before = scene.state();
-    let hidden = State { visible: false, ..State::default() };
-    scene.set_part_state(7, 10, hidden).unwrap();
+    let hidden = Look { visible: false, ..Look::default() };
+    scene.set_part_look(7, 10, hidden).unwrap();
     assert_eq!(part(&scene.state()), 10, "not committed yet");
     scene.commit().unwrap();
     assert_eq!((part(&scene.state()), part(&before)), (20, 10), "the old state stays as it was");
-    scene.set_part_state(7, 20, hidden).unwrap();
+    scene.set_part_look(7, 20, hidden).unwrap();
     scene.commit().unwrap();
     assert_eq!(part(&scene.state()), NONE);
-    scene.set_part_state(7, 10, State::default()).unwrap();
+    scene.set_part_look(7, 10, Look::default()).unwrap();
     scene.commit().unwrap();
     assert_eq!(part(&scene.state()), 10);
-    scene.set_instance_state(7, hidden).unwrap();
+    scene.set_instance_look(7, hidden).unwrap();
     scene.commit().unwrap();
     assert_eq!(part(&scene.state()), NONE);
-    scene.set_instance_state(7, State::default()).unwrap();
+    scene.set_instance_look(7, Look::default()).unwrap();
     scene.set_transform(7, DAffine3::from_translation(DVec3::X * 50.0)).unwrap();
     scene.commit().unwrap();
     assert_eq!(part(&scene.state()), NONE, "moved away");
@@ -259,7 +259,7 @@ fn hidden_parts_and_instances_and_what_a_commit_isolates() {
     scene.commit().unwrap();
     assert_eq!((scene.state().instance_count(), before.instance_count()), (0, 1));
     assert_eq!(part(&before), 10);
-    for bad in [scene.remove_instance(7), scene.set_part_state(7, 10, hidden), scene.set_instance_mask(1, 1)] {
+    for bad in [scene.remove_instance(7), scene.set_part_look(7, 10, hidden), scene.set_instance_mask(1, 1)] {
         assert!(matches!(bad, Err(outcrop::Error::BadArgument(_))));
     }
 }

@@ -228,13 +228,13 @@ fn rays_that_pass_stand_ins_end_with_the_least_budget() {
     let (state, model) = open(&whole).expect("it opens");
     assert!(model.load(&Cancel::new()).expect("it loads"), "all of it fits");
     let expected = ask(&state, &rays).expect("answers");
-    let passed = expected.iter().filter(|h| h.kind == HitKind::Miss && h.t_free < f64::INFINITY).count();
-    assert!(passed > 50, "{passed} passed");
+    let transmitted = expected.iter().filter(|h| h.kind == HitKind::Miss && h.t_free < f64::INFINITY).count();
+    assert!(transmitted > 50, "{transmitted} transmitted");
     let Err(Error::OverBudget { need, .. }) = open(&context(2, false, 4096)) else { panic!("a page does not do") };
     let least = context(2, false, need);
     let (state, _model) = open(&least).expect("the least does");
     let (hits, most) = watched(&least, || ask(&state, &rays).expect("answers"));
-    println!("{passed} of {} passed, {most} of {need} bytes", rays.len());
+    println!("{transmitted} of {} transmitted, {most} of {need} bytes", rays.len());
     same(&hits, &expected, "the least budget");
     assert!(most <= need, "{most} of {need}");
 }

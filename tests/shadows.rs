@@ -7,7 +7,7 @@ use common::scenes;
 use glam::DVec3;
 use outcrop::import::MaterialDesc;
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
-use outcrop::scene::{Background, Camera, Light, LightKind, State};
+use outcrop::scene::{Background, Camera, Light, LightKind, Look};
 use std::time::Duration;
 
 /// Two panes over a floor of 16 by 16, each over a half of it, and opaque plates over both.
@@ -68,15 +68,15 @@ fn light_comes_through_transparent_parts_and_not_through_opaque_ones() {
         check("without shadows", &|_| 1.0);
         scene.set_lights(vec![light(down)]).expect("lights");
         let paint = |part, alpha| {
-            let state = State { colour: Some([1.0, 1.0, 1.0, alpha]), ..State::default() };
-            scene.set_part_state(7, part, state).expect("a state");
+            let state = Look { colour: Some([1.0, 1.0, 1.0, alpha]), ..Look::default() };
+            scene.set_part_look(7, part, state).expect("a state");
         };
         paint(2, 1.0);
         check("one pane made opaque", &|p| if dark(p) { 0.0 } else { halves(p, 1.0, 0.5) });
         paint(4, 0.0);
         paint(3, 0.0);
         check("all else made invisible", &|p| halves(p, 1.0, 0.0));
-        scene.set_part_state(7, 2, State { visible: false, ..State::default() }).expect("a state");
+        scene.set_part_look(7, 2, Look { visible: false, ..Look::default() }).expect("a state");
         check("and that one hidden", &|_| 1.0);
     }
 }
@@ -102,13 +102,13 @@ fn states_make_shadows_lighter() {
         frame.map(Buffer::ColourLinear).expect("a picture").floats().expect("floats")[0]
     };
     assert_eq!(seen(), 0.0);
-    let pale = State { colour: Some([1.0, 1.0, 1.0, 0.25]), ..State::default() };
-    scene.set_part_state(7, 2, pale).expect("a state");
+    let pale = Look { colour: Some([1.0, 1.0, 1.0, 0.25]), ..Look::default() };
+    scene.set_part_look(7, 2, pale).expect("a state");
     assert!((seen() - 0.75).abs() < 1e-5);
-    scene.set_part_state(7, 2, State::default()).expect("a state");
+    scene.set_part_look(7, 2, Look::default()).expect("a state");
     assert_eq!(seen(), 0.0);
     // Of an instance: the floor, too, is then seen through by three quarters, and lit by what comes through a pane.
-    scene.set_instance_state(7, pale).expect("a state");
+    scene.set_instance_look(7, pale).expect("a state");
     assert!((seen() - 0.25 * 0.75).abs() < 1e-5);
 }
 

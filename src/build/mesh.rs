@@ -120,8 +120,8 @@ impl Output<'_> {
             self.write_blocks(plans, |plan| B::encode(&chunk, plan), span)?;
             return Ok(counted::<B>(row, &built.counts));
         };
-        let crown = B::join(vec![top])?;
-        self.coarse::<B>(&crown, plans.len(), &mut row)?;
+        let upper_tree = B::join(vec![top])?;
+        self.coarse::<B>(&upper_tree, plans.len(), &mut row)?;
         self.write_blocks(plans, |plan| B::encode(&chunk, plan), span)?;
         Ok(row)
     }
@@ -181,8 +181,8 @@ impl Output<'_> {
         }
         self.progress.enter(Phase::Write);
         row.bounds = flat(&bounds);
-        let crown = B::join(tops)?;
-        self.coarse::<B>(&crown, aside.first().map_or(0, ClassAside::blocks), &mut row)?;
+        let upper_tree = B::join(tops)?;
+        self.coarse::<B>(&upper_tree, aside.first().map_or(0, ClassAside::blocks), &mut row)?;
         aside.into_iter().try_for_each(|class| self.write_aside(class))?;
         Ok(row)
     }
@@ -213,14 +213,14 @@ impl Output<'_> {
 
     /// Writes the coarse blocks, and says in `row` how many blocks of each class the tree has where chunks have so many
     /// plans: a plan has a block of each class but the first.
-    fn coarse<B: Baker>(&mut self, crown: &B::Crown, plans: usize, row: &mut TreeRow) -> Result<()> {
-        let coarse = B::coarse_blocks(crown);
+    fn coarse<B: Baker>(&mut self, upper_tree: &B::UpperTree, plans: usize, row: &mut TreeRow) -> Result<()> {
+        let coarse = B::coarse_blocks(upper_tree);
         row.class_blocks[..B::CLASSES].fill(plans as u32);
         row.class_blocks[0] = coarse as u32;
         row.block_count = row.class_blocks.iter().sum();
-        *row = counted::<B>(*row, &B::counts(crown));
+        *row = counted::<B>(*row, &B::counts(upper_tree));
         let (first, at) = (row.first_block, self.progress.fraction());
-        self.write_blocks((0..coarse).collect(), |i| vec![B::encode_coarse(crown, i, first)], Span(at, at))
+        self.write_blocks((0..coarse).collect(), |i| vec![B::encode_coarse(upper_tree, i, first)], Span(at, at))
     }
 
     fn judged(&mut self, fates: &origin::Fates, origin: DVec3, row: &mut TreeRow) {

@@ -7,7 +7,7 @@ use super::model::{ModelObject, oc_model};
 use super::query::check_id;
 use super::status::oc_status;
 use super::view::transform;
-use crate::scene::{Background, Light, LightKind, Scene, State};
+use crate::scene::{Background, Light, LightKind, Look, Scene};
 use glam::DVec3;
 
 /// What is looked at: instances of models, lights, the looks of parts. Edits collect until
@@ -49,7 +49,7 @@ unsafe impl Sized32 for oc_look {
 }
 
 impl oc_look {
-    fn to_rust(self) -> Checked<State> {
+    fn to_rust(self) -> Checked<Look> {
         let known = OC_LOOK_HIDDEN | OC_LOOK_SELECTED | OC_LOOK_COLOURED;
         if self.flags & !known != 0 {
             return bad(format!("oc_look.flags {:#x}: some are unknown", self.flags));
@@ -58,7 +58,7 @@ impl oc_look {
         if colour.is_some_and(|c| c.iter().any(|x| !x.is_finite() || *x < 0.0)) {
             return bad("oc_look.colour must be finite, 0 or more");
         }
-        Ok(State { visible: self.flags & OC_LOOK_HIDDEN == 0, colour, selected: self.flags & OC_LOOK_SELECTED != 0 })
+        Ok(Look { visible: self.flags & OC_LOOK_HIDDEN == 0, colour, selected: self.flags & OC_LOOK_SELECTED != 0 })
     }
 }
 
@@ -203,7 +203,7 @@ pub unsafe extern "C" fn oc_scene_set_instance_look(scene: *mut oc_scene, id: u6
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let state = read_or_default(look)?.to_rust()?;
-        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_instance_state(id, state)?))
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_instance_look(id, state)?))
     })
 }
 
@@ -223,7 +223,7 @@ pub unsafe extern "C" fn oc_scene_set_part_look(
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         let state = read_or_default(look)?.to_rust()?;
-        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_part_state(instance, part, state)?))
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_part_look(instance, part, state)?))
     })
 }
 
@@ -236,7 +236,7 @@ pub unsafe extern "C" fn oc_scene_set_part_look(
 pub unsafe extern "C" fn oc_scene_clear_part_looks(scene: *mut oc_scene, instance: u64) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
-        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.clear_part_states(instance)?))
+        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.clear_part_looks(instance)?))
     })
 }
 

@@ -1,8 +1,8 @@
 //! The bytes of a voxel: one sample where its sides agree, six where they do not (Áfra 2012, section 4.2).
 //!
 //! A voxel begins with a sample, of two words. Of a voxel of six sides that has the mean normal, and in its second word
-//! which of the block's voxels of six sides this is. The slabs across the normal (`slabs.rs`) are not with it but in
-//! the node: walks ask for them.
+//! which of the block's voxels of six sides this is. The slabs across the normal (`oriented_slabs.rs`) are not with it
+//! but in the node: walks ask for them.
 //!
 //! A sample:
 //!
@@ -24,7 +24,7 @@
 //!
 //! The paper packs a sample into 32 bits: 15 of normal, 15 of colour, no spread and no coverage.
 
-use super::slabs::{Content, Middle, abs, normal_bytes, splat};
+use super::oriented_slabs::{Content, Middle, abs, normal_bytes, splat};
 use super::voxel::{Sample, Voxel};
 use crate::simd::Lanes;
 use glam::{Vec2, Vec3};
@@ -39,7 +39,7 @@ pub const SIDES_WORDS: usize = 12;
 /// Where in word 0 it is said how many rays it stops.
 const STOPS: u32 = 26;
 /// Of levels up to this one the region may be passed.
-pub const PASSING: u32 = 1;
+pub const TRANSMITTING_LEVEL: u32 = 1;
 
 /// What a stop code adds to a voxel's first word: the share of rays that it stops is the square of the code's 63rd
 /// part, so that of a few leaves in a large cell not too much is seen; code 0 stops all.
@@ -126,7 +126,7 @@ impl Coded {
         }
         let (a, b) = (a | coloured, b & colours);
         let part = voxel.part | if voxel.is_mixed { MIXED } else { 0 };
-        let slabs = content.slabs(a, cell);
+        let slabs = content.oriented_slabs(a, cell);
         if agree || !may_have_sides {
             return Self { words: [a, b, part, voxel.summary], sides: None, slabs };
         }

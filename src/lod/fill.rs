@@ -22,7 +22,7 @@
 //! Hits are in the region up to what single precision moves them by. So the region is taken larger, by [`MARGIN`] of
 //! `D` across the slabs' planes, and what is said of it holds for all that [`holds`].
 
-use super::slabs::{Content, Slabs};
+use super::oriented_slabs::{Content, OrientedSlabs};
 use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
 use glam::{DVec3, Vec3};
@@ -75,7 +75,7 @@ impl Fill {
     }
 
     /// The level of the part of `cell` inside of `slabs`.
-    pub fn level(&self, cell: &Bounds, slabs: &Slabs<f32>) -> u32 {
+    pub fn level(&self, cell: &Bounds, slabs: &OrientedSlabs<f32>) -> u32 {
         let grid = Grid::of(cell);
         let diagonal = (grid.high - grid.low).length();
         let region = grid.region(slabs, diagonal * MARGIN);
@@ -100,7 +100,7 @@ pub fn limit(level: u32) -> f64 {
 
 /// Whether a point of a cell's box is inside of its slabs, or outside by no more than is allowed for.
 #[inline]
-pub fn holds(cell: &Bounds, slabs: &Slabs<f32>, p: DVec3) -> bool {
+pub fn holds(cell: &Bounds, slabs: &OrientedSlabs<f32>, p: DVec3) -> bool {
     let margin = (cell.max.as_dvec3() - cell.min.as_dvec3()).length() * MARGIN;
     slabs.iter().all(|slab| {
         let at = Vec3::from(slab.axis).as_dvec3().dot(p);
@@ -112,11 +112,11 @@ pub fn holds(cell: &Bounds, slabs: &Slabs<f32>, p: DVec3) -> bool {
 /// whose coordinates are at most `reach` in magnitude: whatever single precision moves them off the region by.
 ///
 /// Of the greatest of these coordinates, and with `h = 2^-24`: a slab's planes give way by 64 h, and where they are met
-/// is off by 50 h (`cell_slabs.rs`); those of the box by 32 and 7, so that to take a point to the box moves it by `39
-/// 3^0.5`; ends of the ray's interval are off by `2 3^0.5`. All of this is less than 256 h.
+/// is off by 50 h (`trace/oriented_slabs.rs`); those of the box by 32 and 7, so that to take a point to the box moves
+/// it by `39 3^0.5`; ends of the ray's interval are off by `2 3^0.5`. All of this is less than 256 h.
 #[inline]
-pub fn sure_from(origin: DVec3, reach: f32) -> f64 {
-    origin.abs().max_element().max(f64::from(reach)) * (256.0 / 16_777_216.0 / MARGIN)
+pub fn sure_from(origin: DVec3, max_coord: f32) -> f64 {
+    origin.abs().max_element().max(f64::from(max_coord)) * (256.0 / 16_777_216.0 / MARGIN)
 }
 
 /// The subcells that points of triangles are in.
@@ -234,7 +234,7 @@ impl Grid {
     }
 
     /// The subcells that may have points inside of slabs that are larger by `margin`.
-    fn region(&self, slabs: &Slabs<f32>, margin: f64) -> u64 {
+    fn region(&self, slabs: &OrientedSlabs<f32>, margin: f64) -> u64 {
         let mut region = u64::MAX;
         for (axis, mask) in [FIRST_X, FIRST_Y, FIRST_Z].into_iter().enumerate() {
             if self.size[axis] <= 0.0 {
@@ -244,8 +244,8 @@ impl Grid {
         for slab in slabs {
             let axis = Vec3::from(slab.axis).as_dvec3();
             let step = axis * self.size;
-            let reach = step.abs().element_sum() * 0.5 + margin;
-            let (low, high) = (f64::from(slab.low) - reach, f64::from(slab.high) + reach);
+            let max_coord = step.abs().element_sum() * 0.5 + margin;
+            let (low, high) = (f64::from(slab.low) - max_coord, f64::from(slab.high) + max_coord);
             let first = self.middle(0).dot(axis);
             let mut inside = 0;
             for row in 0..16u32 {
@@ -277,7 +277,7 @@ fn with_neighbours(cells: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::slabs::{Middle, fields, normal_bytes, slabs};
+    use super::super::oriented_slabs::{Middle, fields, normal_bytes, oriented_slabs};
     use super::*;
     use proptest::prelude::*;
 
@@ -300,10 +300,10 @@ mod tests {
     }
 
     /// A piece as the builder has it: its content with its box, slabs and what is known of it.
-    fn piece(content: &Content, cell: Bounds, normal: u16) -> (Slabs<f32>, Fill) {
+    fn piece(content: &Content, cell: Bounds, normal: u16) -> (OrientedSlabs<f32>, Fill) {
         let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
-        let word = content.slabs(normal.into(), &middle);
-        (slabs(fields(word), normal_bytes(normal.into()), &middle), Fill::of(content, &cell))
+        let word = content.oriented_slabs(normal.into(), &middle);
+        (oriented_slabs(fields(word), normal_bytes(normal.into()), &middle), Fill::of(content, &cell))
     }
 
     fn around(triangles: &[Tri]) -> Bounds {

@@ -7,18 +7,20 @@
 
 mod coded;
 mod fill;
-mod reach;
+mod support;
 mod seen;
-mod slabs;
+mod oriented_slabs;
 mod turns;
 mod voxel;
 
 pub use coded::{
-    Coded, PASSING, SAMPLE_BYTES, SIDES_WORDS, VOXEL_WORDS, stop_bits, stopped, stored_colour, stored_likeness,
-    stored_normal,
+    Coded, SAMPLE_BYTES, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, stop_bits, stopped, stored_colour,
+    stored_likeness, stored_normal,
 };
 pub use fill::{Fill, LEAST, LESS, holds, limit, sure_from};
-pub use reach::farthest;
+pub use oriented_slabs::{
+    Content, FIELDS, LEVEL, Middle, OrientedSlab, OrientedSlabs, fields, normal_bytes, oriented_slabs,
+};
 pub use seen::{Facing, blended_colour, shares, visible};
-pub use slabs::{Content, FIELDS, LEVEL, Middle, Slab, Slabs, fields, normal_bytes, slabs};
+pub use support::farthest;
 pub use voxel::{Facet, Voxel, summary_bit};

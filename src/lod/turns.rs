@@ -1,8 +1,8 @@
 //! Which way the second axis of a cell's slabs is turned: the one along which its content is least wide, of eight, then
 //! of those between.
 
-use super::reach::{AXES, Axes, reach};
-use super::slabs::{Content, TURNS, turned};
+use super::oriented_slabs::{Content, TURNS, turned};
+use super::support::{AXES, Axes, extents};
 use crate::simd::{Isa, Lanes, Op, Simd, dispatch};
 
 /// Turns of which the best is sought first: every so many.
@@ -40,7 +40,7 @@ impl Op for Search<'_> {
     fn run<S: Simd>(self, s: S) -> Narrowest {
         let Self { content, across } = self;
         let coarse = axes(s, across, 0, COARSE);
-        let wide = widths(&coarse, &reach(content, &coarse));
+        let wide = widths(&coarse, &extents(content, &coarse));
         let mut best = (f64::INFINITY, 0);
         for (i, wide) in wide.into_iter().enumerate() {
             if wide < best.0 {
@@ -53,7 +53,7 @@ impl Op for Search<'_> {
             other[k][ACROSS - AXES] = across[k];
         }
         let around = [one, other];
-        let ends = [reach(content, &one), reach(content, &other)];
+        let ends = [extents(content, &one), extents(content, &other)];
         let wide = [widths(&one, &ends[0]), widths(&other, &ends[1])];
         let mut narrowest = (best.0, COARSE as usize - 1);
         for step in [4, 2, 1] {

@@ -4,12 +4,12 @@
 //! that of a chunk. Only the rays that lack blocks go on in [rounds](super::rounds): they are parked in groups with
 //! their walks.
 
-use super::alone::{self, ALONE};
 use super::batch::{Hits, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
 use super::hit::Want;
 use super::parked::{Parked, Parking};
 use super::rounds::{Quest, Rounds};
+use super::single::{self, ALONE};
 use crate::base::error::Result;
 use crate::base::tasks::Work;
 use crate::math::PACKET;
@@ -36,7 +36,7 @@ pub(super) fn answer<const ANY: bool>(
         return pool.run_scoped(items, &Rounds::new(batch)).into_result();
     }
     let task = task_of::<ANY>(options);
-    if rays.count() <= ALONE && alone::answer(scene, task, rays, hits)? {
+    if rays.count() <= ALONE && single::answer(scene, task, rays, hits)? {
         return Ok(());
     }
     let at_once = AtOnce { scene, rays, hits, task, parked: Mutex::default() };

@@ -20,7 +20,7 @@ pub(super) fn begin_past(view: &SceneView, ray: &Ray) -> SceneWalk {
 /// not looked at it.
 #[inline(always)]
 pub(super) fn is_early(view: &SceneView, ray: &Ray, found: &Found) -> bool {
-    view.looks_beyond && found.passed < ray.t_min
+    view.widen_interval && found.transmitted < ray.t_min
 }
 
 /// Goes on with the walk of a ray that found, or passed, something outside of its interval, each hit now seen in double
@@ -80,7 +80,7 @@ pub(super) fn begin_free(view: &SceneView, ray: &Ray) -> SceneWalk {
 
 /// With stand-ins that no ray passes. What is a little before a ray begins is not to count as the first on it.
 fn solid<'a>(view: &SceneView<'a>) -> SceneView<'a> {
-    SceneView { is_solid: true, looks_beyond: false, ..*view }
+    SceneView { opaque_cells: true, widen_interval: false, ..*view }
 }
 
 /// Goes on with the walk of a ray that passed stand-ins, now passing none, and takes `t_free` down to where it hits;

@@ -29,8 +29,12 @@ impl Task {
     /// What its rays are traced in. Intervals are of the distances that are answered: where these are in double
     /// precision, so are those. (Any hits answer as closest ones would whose distances are.)
     pub fn view<'a>(self, scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> SceneView<'a> {
-        let looks_beyond = self.any || self.want.any_of(Want::MEETING);
-        SceneView { never_waits: self.policy == Policy::Now, looks_beyond, ..SceneView::new(scene, snapshots, stamp) }
+        let widen_interval = self.any || self.want.any_of(Want::MEETING);
+        SceneView {
+            accept_missing: self.policy == Policy::Now,
+            widen_interval,
+            ..SceneView::new(scene, snapshots, stamp)
+        }
     }
 }
 
@@ -151,8 +155,8 @@ impl Chunk {
         let rays = &rays[..group.len()];
         let Some(met) = met else { return false };
         if let Ok(met) = met {
-            let is_early = view.looks_beyond && !alike.is_exact() && self.group.passes_early(rays);
-            let asks_free = task.want.has(Want::ERROR) && self.group.have_passed() != 0;
+            let is_early = view.widen_interval && !alike.is_exact() && self.group.passes_early(rays);
+            let asks_free = task.want.has(Want::ERROR) && self.group.have_transmitted() != 0;
             if !is_early
                 && !asks_free
                 && let Some(only) = self.group.only()
@@ -244,7 +248,7 @@ fn hits_of(found: &[Found]) -> u32 {
 
 /// Those that passed stand-ins.
 fn passed_by(found: &[Found]) -> u32 {
-    found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.has_passed()) << i)
+    found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.has_transmitted()) << i)
 }
 
 /// Those that passed a cell before they begin.
@@ -290,8 +294,8 @@ fn finish_group(
 ) {
     let met = met & first_rays(rays.len());
     let waits = waiting.iter().fold(0, |all, it| all | 1 << it.ray);
-    let passed = if task.want.has(Want::ERROR) { passed_by(found) } else { 0 };
-    let more = (passed | early(view, rays, found) & !short) & !waits;
+    let transmitted = if task.want.has(Want::ERROR) { passed_by(found) } else { 0 };
+    let more = (transmitted | early(view, rays, found) & !short) & !waits;
     let hits = answers.begin(met, more | short);
     let rest = answer_by_trees(view, task.want, rays, found, met & !more, seen, hits);
     for i in bits(rest.lacking) {
@@ -461,7 +465,7 @@ fn go_on(
         past(view, task.any, ray, walk, task.want, found, hit)?;
         *left = Left::Nothing;
     }
-    if matches!(left, Left::Nothing) && found.has_passed() && task.want.has(Want::ERROR) {
+    if matches!(left, Left::Nothing) && found.has_transmitted() && task.want.has(Want::ERROR) {
         *left = Left::Free(begin_free(view, ray));
     }
     if let Left::Free(walk) = left { free(view, ray, walk, hit) } else { Ok(()) }

@@ -1,7 +1,7 @@
 //! Questions to a scene: closest and any hits in batches, overlaps of boxes and frusta by part.
 #![forbid(unsafe_code)]
 
-mod alone;
+mod single;
 mod answer;
 pub(crate) mod answers;
 mod asks;

@@ -67,7 +67,7 @@ impl SceneState {
 
     fn overlap(&self, volume: &Volume) -> Result<Vec<PartOverlap>> {
         let placed = &self.placement.placed;
-        let near = |p: &Placed| self.instances[p.instance as usize].state.visible && volume.may_meet(&p.bounds);
+        let near = |p: &Placed| self.instances[p.instance as usize].look.visible && volume.may_meet(&p.bounds);
         let trees: Vec<u32> = (0..placed.len() as u32).filter(|&i| near(&placed[i as usize])).collect();
         let mut met: BTreeMap<(u32, u32), bool> = BTreeMap::new();
         let search: Search<BTreeMap<u32, bool>> = &|view, tree, left, met| meet(view, tree, volume, left, met);

@@ -101,18 +101,18 @@ struct Running {
     /// Of the present pass.
     snapshots: Option<Arc<Snapshots>>,
     stamp: u32,
-    never_waits: bool,
+    accept_missing: bool,
     /// When the present pass began, and how long the last one took.
     pass_begun: Instant,
     pass_took: Duration,
     /// The thread that waits for it reads blocks, and looks for news then.
     is_read_for: bool,
     job: Option<Job>,
-    free: Vec<Box<Desk>>,
+    free: Vec<Box<TileScratch>>,
 }
 
 /// What a worker needs for a tile.
-struct Desk {
+struct TileScratch {
     pixels: TilePixels,
     scratch: Scratch,
 }
@@ -141,7 +141,7 @@ impl Request {
             passes: Passes::new(corners.len(), settings.samples),
             snapshots: None,
             stamp: 0,
-            never_waits: true,
+            accept_missing: true,
             pass_begun: Instant::now(),
             pass_took: Duration::ZERO,
             is_read_for: false,
@@ -177,7 +177,7 @@ impl Request {
         let mut running = self.running();
         if running.phase == Phase::Running {
             if self.may_glimpse && !Snapshots::take(&self.scene).is_whole(&self.scene) {
-                running.passes.begin_glimpse();
+                running.passes.begin_probe();
             } else {
                 running.passes.begin_all();
             }
@@ -286,7 +286,7 @@ impl Request {
         }
         let snapshots = Snapshots::take(&self.scene);
         // Where all is in memory, walks need not look out for what is not.
-        running.never_waits = !snapshots.is_whole(&self.scene);
+        running.accept_missing = !snapshots.is_whole(&self.scene);
         running.snapshots = Some(Arc::new(snapshots));
         let items = running.passes.items();
         running.pass_begun = Instant::now();
@@ -313,7 +313,7 @@ impl Request {
             lacking.iter().map(|(n, weight)| Wanted { model: key(n.model), block: n.block, weight }).collect();
         // Under no lock of ours: it takes the residency's.
         self.view.want(&wants);
-        if self.running().passes.is_glimpse {
+        if self.running().passes.is_probe {
             return self.after_glimpse(wants.is_empty());
         }
         if wants.is_empty() {
@@ -350,7 +350,7 @@ impl Request {
         }
     }
 
-    /// Waits a while for what a glimpse lacked; then looks again, or renders.
+    /// Waits a while for what a probe lacked; then looks again, or renders.
     fn after_glimpse(&self, is_all_there: bool) {
         let is_up = || self.stop.load(Relaxed) || self.begun.elapsed() >= GLIMPSES;
         while !is_up() && self.view.status().state == ViewState::Busy {
@@ -397,19 +397,20 @@ impl Request {
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
         let Some(film) = self.film() else { return Ok(()) };
-        let (index, is_glimpse, samples, pressure, stamp, never_waits, snapshots, desk) = {
+        let (index, is_probe, samples, pressure, stamp, accept_missing, snapshots, tile_scratch) = {
             let mut running = self.running();
             let Some(snapshots) = running.snapshots.clone() else { return Ok(()) };
             let passes = &running.passes;
             let (index, samples, pressure) = (passes.tile(item), passes.samples, passes.pressure);
-            let (stamp, never_waits) = (running.stamp, running.never_waits);
-            (index, passes.is_glimpse, samples, pressure, stamp, never_waits, snapshots, running.free.pop())
+            let (stamp, accept_missing) = (running.stamp, running.accept_missing);
+            (index, passes.is_probe, samples, pressure, stamp, accept_missing, snapshots, running.free.pop())
         };
         let tile = self.corners[index];
-        let mut desk = desk.unwrap_or_else(|| Box::new(Desk { pixels: TilePixels::new(), scratch: Scratch::new() }));
+        let mut tile_scratch = tile_scratch
+            .unwrap_or_else(|| Box::new(TileScratch { pixels: TilePixels::new(), scratch: Scratch::new() }));
         let wanted = film.wanted();
         let any = |buffers: &[Buffer]| buffers.iter().any(|b| wanted.has(*b));
-        let view = SceneView { never_waits, ..SceneView::new(&self.scene, &snapshots, stamp) };
+        let view = SceneView { accept_missing, ..SceneView::new(&self.scene, &snapshots, stamp) };
         let asks = Asks {
             ids: any(&[Buffer::Part, Buffer::Instance]),
             prims: any(&[Buffer::Primitive]),
@@ -430,10 +431,10 @@ impl Work for Request {
             within: self.rays.rectangle_of(&self.scene.bounds_of_hits()),
         });
         let stop = || self.stop.load(Relaxed);
-        let Desk { pixels, scratch } = &mut *desk;
+        let TileScratch { pixels, scratch } = &mut *tile_scratch;
         scratch.wants.clear();
-        let tally = if is_glimpse {
-            TilePixels::glimpse(&integrator, tile, scratch);
+        let tally = if is_probe {
+            TilePixels::probe(&integrator, tile, scratch);
             Some(Tally::default())
         } else {
             let tally = pixels.render(&integrator, tile, wanted, scratch, stop);
@@ -446,9 +447,9 @@ impl Work for Request {
         scratch.wants.add_up();
         let mut running = self.running();
         if let Some(tally) = tally {
-            running.passes.done(index, tally, &desk.scratch.wants);
+            running.passes.done(index, tally, &tile_scratch.scratch.wants);
         }
-        running.free.push(desk);
+        running.free.push(tile_scratch);
         Ok(())
     }
 
@@ -471,7 +472,7 @@ impl Work for Request {
             let passes = &self.running().passes;
             // The last is shown by its end; of what is pressed it may not be the last.
             let is_last = passes.nothing_is_lacking(self.settings.samples) && passes.pressure == 1.0;
-            !passes.is_glimpse && !is_last
+            !passes.is_probe && !is_last
         };
         if let (Some(film), Some(owner), true) = (self.film(), self.owner.upgrade(), is_picture)
             && owner.improved(self, &film)

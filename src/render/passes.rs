@@ -62,7 +62,7 @@ pub(super) struct Passes {
     /// The tiles of the present pass.
     todo: Arc<Vec<usize>>,
     /// The present pass looks at some pixels only, for what they lack.
-    pub is_glimpse: bool,
+    pub is_probe: bool,
     /// Samples of a pixel in it.
     pub samples: u32,
     asked_samples: u32,
@@ -87,7 +87,7 @@ impl Passes {
         Self {
             tiles: vec![Tile::default(); tiles],
             todo: Arc::default(),
-            is_glimpse: false,
+            is_probe: false,
             samples: 1,
             asked_samples: samples,
             pressure: 1.0,
@@ -99,15 +99,15 @@ impl Passes {
         }
     }
 
-    /// Lays out a glimpse of all tiles.
-    pub fn begin_glimpse(&mut self) {
+    /// Lays out a probe of all tiles.
+    pub fn begin_probe(&mut self) {
         self.begin_all();
-        self.is_glimpse = true;
+        self.is_probe = true;
     }
 
     /// Lays out a pass over all tiles.
     pub fn begin_all(&mut self) {
-        self.is_glimpse = false;
+        self.is_probe = false;
         self.todo = Arc::new((0..self.tiles.len()).collect());
         self.has_news = false;
     }

@@ -126,7 +126,7 @@ impl TilePixels {
     }
 
     /// Looks at a packet's pixels, spread over the tile whose left upper pixel is (`x`, `y`), for what they lack.
-    pub fn glimpse(integrator: &Integrator, (x, y): (u32, u32), scratch: &mut Scratch) {
+    pub fn probe(integrator: &Integrator, (x, y): (u32, u32), scratch: &mut Scratch) {
         const APART: (u32, u32) = (TILE / ACROSS, TILE / DOWN);
         let at = (x + APART.0 / 2, y + APART.1 / 2);
         let (width, height) = integrator.picture().size;
@@ -230,7 +230,7 @@ impl Tally {
     /// Adds the pixels of a packet.
     fn count(&mut self, active: u32, first: &First) {
         let count = |pixels: u32| u64::from((pixels & active).count_ones());
-        let lod = (first.lod | first.passed) & !first.missing;
+        let lod = (first.lod | first.transmitted) & !first.missing;
         self.exact += count(!(lod | first.missing));
         self.lod += count(lod);
         self.missing += count(first.missing);

@@ -7,11 +7,11 @@ use super::account::{Account, Charge};
 use super::blocks::{Inner, ModelKey};
 use super::evict::Victims;
 use super::lease::Reserve;
-use super::pressure::Strain;
+use super::pressure::Pressure;
 use super::pump::{Ahead, Together};
 use super::rank::Ranking;
 use super::slots::Slot;
-use super::snapshot::{LANES, NO_VIEW, Snapshot, lane};
+use super::snapshot::{CHANNELS, NO_VIEW, Snapshot, channel};
 use super::sync::{AtomicU32, AtomicU64, Mutex, MutexGuard, Ordering::Relaxed, PoisonError};
 use super::view::{Call, ViewCore};
 use super::wakeup::Wakeup;
@@ -68,7 +68,7 @@ pub(super) struct State {
     pub ahead: Ahead,
     pub together: Together,
     pub victims: Victims,
-    pub strain: Strain,
+    pub pressure: Pressure,
     /// Bytes of slots in the published snapshots.
     pub resident: u64,
     /// Bytes of slots being read.
@@ -131,7 +131,7 @@ impl Residency {
             ahead: Ahead::default(),
             together: Together::default(),
             victims: Victims::default(),
-            strain: Strain::default(),
+            pressure: Pressure::default(),
             resident: 0,
             in_flight: 0,
             tables: 0,
@@ -170,9 +170,9 @@ impl Residency {
         self.0.next_pass(NO_VIEW)
     }
 
-    /// The stamp of the last pass begun, or of the last blocks that came, in the lane for users other than views. Calls
-    /// that begin no pass of their own use it: a block is written to once after each, and all that they use between two
-    /// counts as used at one time.
+    /// The stamp of the last pass begun, or of the last blocks that came, in the channel for users other than views.
+    /// Calls that begin no pass of their own use it: a block is written to once after each, and all that they use
+    /// between two counts as used at one time.
     pub fn now(&self) -> u32 {
         self.0.now()
     }
@@ -181,9 +181,9 @@ impl Residency {
     /// `stamp` on, have used.
     pub fn room_beside(&self, stamp: u32) -> u64 {
         let mut state = self.0.lock();
-        let mut standing = state.standing();
-        standing[lane(stamp)] = standing[lane(stamp)].min(stamp);
-        let used = state.used_since(&standing) + state.in_flight;
+        let mut oldest_live_pass = state.oldest_live_pass();
+        oldest_live_pass[channel(stamp)] = oldest_live_pass[channel(stamp)].min(stamp);
+        let used = state.used_since(&oldest_live_pass) + state.in_flight;
         self.0.capacity(&state).saturating_sub(used)
     }
 
@@ -207,14 +207,14 @@ impl Shared {
     }
 
     /// The stamp of a pass that begins now.
-    pub fn next_pass(&self, lane: u32) -> u32 {
-        (self.pass.fetch_add(1, Relaxed) + 1) * LANES as u32 + lane
+    pub fn next_pass(&self, channel: u32) -> u32 {
+        (self.pass.fetch_add(1, Relaxed) + 1) * CHANNELS as u32 + channel
     }
 
     /// The stamp of blocks that a user other than a view uses now. Passes that begin later have greater ones, and so
     /// has what is used after other blocks have come.
     pub fn now(&self) -> u32 {
-        self.pass.load(Relaxed) * LANES as u32 + NO_VIEW
+        self.pass.load(Relaxed) * CHANNELS as u32 + NO_VIEW
     }
 
     /// Bytes that slots may take, given the tables.
@@ -326,20 +326,20 @@ impl State {
         self.views.iter().filter_map(Weak::upgrade).collect()
     }
 
-    /// In each lane the oldest pass that a view stands on; blocks used there since are in use.
-    pub fn standing(&mut self) -> [u32; LANES] {
-        let mut oldest = [u32::MAX; LANES];
+    /// In each channel the oldest pass that a view stands on; blocks used there since are in use.
+    pub fn oldest_live_pass(&mut self) -> [u32; CHANNELS] {
+        let mut oldest = [u32::MAX; CHANNELS];
         for view in self.live_views() {
-            let of_lane = &mut oldest[lane(view.lane)];
-            *of_lane = view.standing().min(*of_lane);
+            let of_channel = &mut oldest[channel(view.channel)];
+            *of_channel = view.oldest_live_pass().min(*of_channel);
         }
         oldest
     }
 
-    /// The lane that fewest views are in.
-    pub fn free_lane(&mut self) -> u32 {
+    /// The channel that fewest views are in.
+    pub fn free_channel(&mut self) -> u32 {
         let views = self.live_views();
-        (0..NO_VIEW).min_by_key(|lane| views.iter().filter(|view| view.lane == *lane).count()).unwrap_or(0)
+        (0..NO_VIEW).min_by_key(|channel| views.iter().filter(|view| view.channel == *channel).count()).unwrap_or(0)
     }
 
     /// Whether slots of `need` bytes fit beside what is, and is to be, published.

@@ -7,7 +7,7 @@
 
 use super::blocks::{Inner, ModelKey};
 use super::core::{After, Shared, State};
-use super::snapshot::{LANES, Snapshot};
+use super::snapshot::{CHANNELS, Snapshot};
 use crate::base::ids::BlockId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -58,21 +58,21 @@ impl State {
     /// Unpublishes blocks that no live view uses until slots of `need` bytes fit. Their memory is free once `after` has
     /// run and no snapshot that has them is held.
     pub fn free_up(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
-        let standing = self.standing();
-        self.free_up_beside(shared, need, &standing, after)
+        let oldest_live_pass = self.oldest_live_pass();
+        self.free_up_beside(shared, need, &oldest_live_pass, after)
     }
 
     /// The same, also of blocks that views use: pictures that are there stay, and what runs ends with what it holds.
     pub fn free_up_whoever_uses_it(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
-        self.free_up_beside(shared, need, &[u32::MAX; LANES], after)
+        self.free_up_beside(shared, need, &[u32::MAX; CHANNELS], after)
     }
 
-    /// Of blocks that no pass from `standing` on has used, lane by lane.
+    /// Of blocks that no pass from `oldest_live_pass` on has used, channel by channel.
     fn free_up_beside(
         &mut self,
         shared: &Shared,
         need: u64,
-        standing: &[u32; LANES],
+        oldest_live_pass: &[u32; CHANNELS],
         after: &mut After,
     ) -> Result<(), Short> {
         let capacity = shared.capacity(self);
@@ -85,13 +85,13 @@ impl State {
                 if listed || freed >= enough {
                     break;
                 }
-                self.list_victims(standing);
+                self.list_victims(oldest_live_pass);
                 listed = true;
                 continue;
             };
             let Some(model) = self.model(victim.model) else { continue };
             // It may have been used, or have gone, since it was listed.
-            let stamp = stamp_of_evictable(&model, &model.published.load(), victim.id(), standing);
+            let stamp = last_use_of_evictable(&model, &model.published.load(), victim.id(), oldest_live_pass);
             if stamp.is_some_and(|stamp| victim.is_coarse || stamp == victim.stamp) {
                 let bytes = model.slot_bytes(victim.id());
                 let (_, ids) = going.entry(victim.model).or_insert_with(|| (model, BTreeSet::new()));
@@ -128,13 +128,13 @@ impl State {
         true
     }
 
-    fn list_victims(&mut self, standing: &[u32; LANES]) {
+    fn list_victims(&mut self, oldest_live_pass: &[u32; CHANNELS]) {
         let models: Vec<_> = self.models.values().filter_map(std::sync::Weak::upgrade).collect();
         self.victims.clear();
         for model in &models {
             let snapshot = model.published.load();
             let evictable = snapshot.resident().filter_map(|(id, _)| {
-                let stamp = stamp_of_evictable(model, &snapshot, id, standing)?;
+                let stamp = last_use_of_evictable(model, &snapshot, id, oldest_live_pass)?;
                 Some(Victim::of(model, id, stamp))
             });
             self.victims.order.extend(evictable);
@@ -144,17 +144,18 @@ impl State {
 
     /// Bytes of blocks that cannot go now.
     pub fn in_use(&mut self) -> u64 {
-        let standing = self.standing();
-        self.used_since(&standing)
+        let oldest_live_pass = self.oldest_live_pass();
+        self.used_since(&oldest_live_pass)
     }
 
-    /// Bytes of blocks that stay, or that passes from `standing` on have used, lane by lane.
-    pub fn used_since(&self, standing: &[u32; LANES]) -> u64 {
+    /// Bytes of blocks that stay, or that passes from `oldest_live_pass` on have used, channel by channel.
+    pub fn used_since(&self, oldest_live_pass: &[u32; CHANNELS]) -> u64 {
         let models: Vec<_> = self.models.values().filter_map(std::sync::Weak::upgrade).collect();
         let of_model = |model: &Arc<Inner>| {
             let snapshot = model.published.load();
-            let used =
-                snapshot.resident().filter(|(id, _)| stamp_of_evictable(model, &snapshot, *id, standing).is_none());
+            let used = snapshot
+                .resident()
+                .filter(|(id, _)| last_use_of_evictable(model, &snapshot, *id, oldest_live_pass).is_none());
             used.map(|(id, _)| model.slot_bytes(id)).sum::<u64>()
         };
         models.iter().map(of_model).sum()
@@ -162,13 +163,18 @@ impl State {
 }
 
 /// When the block was last used, if it is in memory and may go.
-fn stamp_of_evictable(model: &Inner, snapshot: &Snapshot, id: BlockId, standing: &[u32; LANES]) -> Option<u32> {
+fn last_use_of_evictable(
+    model: &Inner,
+    snapshot: &Snapshot,
+    id: BlockId,
+    oldest_live_pass: &[u32; CHANNELS],
+) -> Option<u32> {
     let mut stamps = snapshot.stamps(id);
     if let Some(below) = model.decoder.class(id).below.filter(|below| snapshot.block(*below).is_some()) {
         let of_leaves = snapshot.stamps(below);
-        stamps = std::array::from_fn(|lane| stamps[lane].max(of_leaves[lane]));
+        stamps = std::array::from_fn(|channel| stamps[channel].max(of_leaves[channel]));
     }
-    let is_used = stamps.iter().zip(standing).any(|(stamp, standing)| stamp >= standing);
+    let is_used = stamps.iter().zip(oldest_live_pass).any(|(stamp, oldest_live_pass)| stamp >= oldest_live_pass);
     let may_go = !is_used && !model.is_pinned(id) && snapshot.block(id).is_some();
     may_go.then(|| stamps.into_iter().fold(0, u32::max))
 }

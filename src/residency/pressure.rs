@@ -18,7 +18,7 @@ pub(super) const MOST: f32 = 650_000.0;
 const AMPLE: f64 = 0.8;
 
 /// The factor and what moved it.
-pub(super) struct Strain {
+pub(super) struct Pressure {
     pub factor: f32,
     /// The last pass begun before the factor changed.
     pub changed_at: u32,
@@ -28,7 +28,7 @@ pub(super) struct Strain {
     pub is_full: bool,
 }
 
-impl Default for Strain {
+impl Default for Pressure {
     fn default() -> Self {
         Self { factor: 1.0, changed_at: 0, may_fall: false, is_full: false }
     }
@@ -45,28 +45,28 @@ impl State {
             after.calls.extend(views.iter().filter(|view| view.wanted_at() == 0).filter_map(|view| view.call()));
             return;
         }
-        if stamp <= self.strain.changed_at {
+        if stamp <= self.pressure.changed_at {
             return;
         }
-        if self.strain.factor * STEP > MOST {
-            self.strain.is_full = true;
+        if self.pressure.factor * STEP > MOST {
+            self.pressure.is_full = true;
         } else {
-            self.set_factor(shared, self.strain.factor * STEP);
-            self.strain.may_fall = false;
+            self.set_factor(shared, self.pressure.factor * STEP);
+            self.pressure.may_fall = false;
         }
         self.tell_all(after);
     }
 
     /// Nothing is left to be read: lowers the factor if there is room, and a camera has moved since it rose.
     pub fn settle(&mut self, shared: &Shared, after: &mut After) {
-        if !self.strain.may_fall || self.strain.factor <= 1.0 || self.in_flight > 0 {
+        if !self.pressure.may_fall || self.pressure.factor <= 1.0 || self.in_flight > 0 {
             return;
         }
-        let changed_at = self.strain.changed_at;
+        let changed_at = self.pressure.changed_at;
         let answered = self.live_views().iter().any(|view| view.wanted_at() > changed_at);
         let room = AMPLE * shared.capacity(self) as f64;
         if answered && self.in_use() as f64 * f64::from(STEP) <= room {
-            self.set_factor(shared, (self.strain.factor / STEP).max(1.0));
+            self.set_factor(shared, (self.pressure.factor / STEP).max(1.0));
             self.tell_all(after);
         }
     }
@@ -74,9 +74,9 @@ impl State {
     fn set_factor(&mut self, shared: &Shared, factor: f32) {
         // Powers of the step, so that going up and down again gives 1.
         let steps = (factor.ln() / STEP.ln()).round();
-        self.strain.factor = STEP.powi(steps as i32).max(1.0);
-        self.strain.changed_at = shared.now();
-        shared.pressure.store(self.strain.factor.to_bits(), Relaxed);
+        self.pressure.factor = STEP.powi(steps as i32).max(1.0);
+        self.pressure.changed_at = shared.now();
+        shared.pressure.store(self.pressure.factor.to_bits(), Relaxed);
     }
 
     fn tell_all(&mut self, after: &mut After) {

@@ -325,7 +325,7 @@ impl Shared {
                 return false;
             }
             if state.in_flight > 0 {
-                return state.strain.may_fall;
+                return state.pressure.may_fall;
             }
             state.settle(self, &mut after);
         }

@@ -112,6 +112,6 @@ impl State {
         weights.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         ranking.order = weights.into_iter().map(|(_, key)| key).collect();
         (ranking.next, ranking.valid, ranking.is_stuck) = (0, true, false);
-        self.strain.is_full = false;
+        self.pressure.is_full = false;
     }
 }

@@ -39,7 +39,7 @@ struct Scheme {
     published: Mutex<Option<Arc<Slot>>>,
     stamp: AtomicU32,
     /// The pass that the view stands on.
-    standing: AtomicU32,
+    oldest_live_pass: AtomicU32,
 }
 
 impl Scheme {
@@ -47,8 +47,8 @@ impl Scheme {
         let account = Account::new(2);
         let charge = account.charge(1, 0).unwrap();
         let slot = Arc::new(Slot { gone: Arc::new(AtomicBool::new(false)), _charge: charge });
-        let (stamp, standing) = (AtomicU32::new(1), AtomicU32::new(2));
-        Arc::new(Self { account, published: Mutex::new(Some(slot)), stamp, standing })
+        let (stamp, oldest_live_pass) = (AtomicU32::new(1), AtomicU32::new(2));
+        Arc::new(Self { account, published: Mutex::new(Some(slot)), stamp, oldest_live_pass })
     }
 
     fn snapshot(&self) -> Option<Arc<Slot>> {
@@ -70,7 +70,7 @@ impl Scheme {
     fn evict_and_fetch(&self) {
         let before = {
             let mut published = self.published.lock().unwrap();
-            let evictable = self.stamp.load(Relaxed) < self.standing.load(Relaxed);
+            let evictable = self.stamp.load(Relaxed) < self.oldest_live_pass.load(Relaxed);
             if evictable { published.take() } else { None }
         };
         let gone = before.as_ref().map(|slot| Arc::clone(&slot.gone));

@@ -9,16 +9,17 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// Blocks of a page: a new snapshot copies only the pages that change.
 pub(super) const PAGE: usize = 64;
 
-/// Lanes of stamps. A stamp is the number of a pass times [`LANES`], plus the lane of the view that made it: so a block
-/// that one view used does not count as used by another that has rested since. More views than lanes share them.
-pub(super) const LANES: usize = 4;
-/// The lane of users other than views.
-pub(super) const NO_VIEW: u32 = LANES as u32 - 1;
+/// Lanes of stamps. A stamp is the number of a pass times [`CHANNELS`], plus the channel of the view that made it: so a
+/// block that one view used does not count as used by another that has rested since. More views than channels share
+/// them.
+pub(super) const CHANNELS: usize = 4;
+/// The channel of users other than views.
+pub(super) const NO_VIEW: u32 = CHANNELS as u32 - 1;
 
-/// The lane of a stamp.
+/// The channel of a stamp.
 #[inline(always)]
-pub(super) fn lane(stamp: u32) -> usize {
-    stamp as usize % LANES
+pub(super) fn channel(stamp: u32) -> usize {
+    stamp as usize % CHANNELS
 }
 
 /// A page, and what pays for it.
@@ -40,8 +41,8 @@ pub(super) const PAGE_BYTES: u64 = size_of::<Page>() as u64 + 16;
 pub struct Snapshot {
     pages: Vec<Arc<Page>>,
     blocks: u32,
-    /// When each block was last used in each lane. Shared by all snapshots of a model.
-    stamps: Arc<[[AtomicU32; LANES]]>,
+    /// When each block was last used in each channel. Shared by all snapshots of a model.
+    stamps: Arc<[[AtomicU32; CHANNELS]]>,
     _charge: Charge,
 }
 
@@ -53,14 +54,14 @@ impl Snapshot {
     pub fn empty(blocks: u32) -> Self {
         let page = Arc::new(Page { slots: [const { None }; PAGE], _charge: Charge::default() });
         let count = (blocks as usize).div_ceil(PAGE);
-        let stamps = (0..count * PAGE).map(|_| [const { AtomicU32::new(0) }; LANES]).collect();
+        let stamps = (0..count * PAGE).map(|_| [const { AtomicU32::new(0) }; CHANNELS]).collect();
         Self { pages: vec![page; count], blocks, stamps, _charge: Charge::default() }
     }
 
     /// Bytes that the table of a model with `blocks` blocks takes: `[what stays, what each snapshot adds at most]`.
     pub(super) fn bytes_for(blocks: u32) -> [u64; 2] {
         let pages = u64::from(blocks).div_ceil(PAGE as u64);
-        [pages * (PAGE * LANES * 4) as u64, pages * (PAGE_BYTES + 8)]
+        [pages * (PAGE * CHANNELS * 4) as u64, pages * (PAGE_BYTES + 8)]
     }
 
     /// The words of a block, if it is in memory. An id beyond the last block is never in memory.
@@ -75,8 +76,8 @@ impl Snapshot {
     #[inline(always)]
     pub fn visit(&self, id: BlockId, stamp: u32) -> Option<&[u32]> {
         let words = self.block(id)?;
-        if let Some(lanes) = self.stamps.get(id.0 as usize)
-            && let last = &lanes[lane(stamp)]
+        if let Some(channels) = self.stamps.get(id.0 as usize)
+            && let last = &channels[channel(stamp)]
             && last.load(Relaxed) < stamp
         {
             // Not over a later pass that uses it too.
@@ -99,15 +100,17 @@ impl Snapshot {
         })
     }
 
-    /// The passes that last used a block, in each lane; 0 for none.
-    pub(super) fn stamps(&self, id: BlockId) -> [u32; LANES] {
-        self.stamps.get(id.0 as usize).map_or([0; LANES], |lanes| std::array::from_fn(|lane| lanes[lane].load(Relaxed)))
+    /// The passes that last used a block, in each channel; 0 for none.
+    pub(super) fn stamps(&self, id: BlockId) -> [u32; CHANNELS] {
+        self.stamps
+            .get(id.0 as usize)
+            .map_or([0; CHANNELS], |channels| std::array::from_fn(|channel| channels[channel].load(Relaxed)))
     }
 
     /// Notes that a block is used in a pass, unless a later one used it.
     pub(super) fn stamp_at_least(&self, id: BlockId, stamp: u32) {
-        if let Some(lanes) = self.stamps.get(id.0 as usize) {
-            lanes[lane(stamp)].fetch_max(stamp, Relaxed);
+        if let Some(channels) = self.stamps.get(id.0 as usize) {
+            channels[channel(stamp)].fetch_max(stamp, Relaxed);
         }
     }
 
@@ -194,7 +197,7 @@ mod tests {
         let snapshot = Snapshot::empty(2).with([(BlockId(1), Slot::new(&[5]))]);
         assert_eq!(snapshot.visit(BlockId(1), 9).map(|w| w[0]), Some(5));
         assert!(snapshot.visit(BlockId(0), 9).is_none() && snapshot.visit(BlockId(u32::MAX), 9).is_none());
-        // Of the same lane, and of another.
+        // Of the same channel, and of another.
         snapshot.stamp_at_least(BlockId(1), 5);
         snapshot.stamp_at_least(BlockId(1), 7);
         assert_eq!([0, 1, 64].map(|b| snapshot.stamps(BlockId(b))), [[0; 4], [0, 9, 0, 7], [0; 4]]);

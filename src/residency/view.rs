@@ -55,9 +55,9 @@ pub struct View {
 
 pub(super) struct ViewCore {
     /// Of its stamps.
-    pub lane: u32,
+    pub channel: u32,
     /// The older of the passes that it stands on; `u32::MAX` before the first.
-    standing: AtomicU32,
+    oldest_live_pass: AtomicU32,
     /// The last pass begun.
     running: AtomicU32,
     wants: Mutex<Wants>,
@@ -78,8 +78,8 @@ impl Residency {
         let shared = Arc::clone(self.shared());
         let mut state = shared.lock();
         let core = Arc::new(ViewCore {
-            lane: state.free_lane(),
-            standing: AtomicU32::new(u32::MAX),
+            channel: state.free_channel(),
+            oldest_live_pass: AtomicU32::new(u32::MAX),
             running: AtomicU32::new(0),
             wants: Mutex::default(),
             on_change: Mutex::default(),
@@ -97,11 +97,11 @@ impl View {
     /// Ask for the [pressure](View::pressure) after this.
     pub fn begin_pass(&self, changed: bool) -> u32 {
         let mut state = self.shared.lock();
-        let stamp = self.shared.next_pass(self.core.lane);
+        let stamp = self.shared.next_pass(self.core.channel);
         let before = self.core.running.swap(stamp, Relaxed);
-        self.core.standing.store(if before == 0 { stamp } else { before }, Relaxed);
+        self.core.oldest_live_pass.store(if before == 0 { stamp } else { before }, Relaxed);
         if changed {
-            state.strain.may_fall = true;
+            state.pressure.may_fall = true;
         }
         stamp
     }
@@ -125,7 +125,7 @@ impl View {
         let is_news = is_news || self.shared.promotes() && !state.models.is_empty();
         *self.core.lock() = Wants { list, stamp: running };
         if running != 0 {
-            self.core.standing.store(running, Relaxed);
+            self.core.oldest_live_pass.store(running, Relaxed);
         }
         let must_look = state.ranking.invalidate();
         drop(state);
@@ -143,7 +143,7 @@ impl View {
 
     /// Whether the pressure has changed since the pass with `stamp` began.
     pub fn is_stale(&self, stamp: u32) -> bool {
-        stamp <= self.shared.lock().strain.changed_at
+        stamp <= self.shared.lock().pressure.changed_at
     }
 
     /// For a view that has all it wants and would end: lowers the pressure, if there is room and it has not been done
@@ -192,7 +192,7 @@ impl View {
 }
 
 fn is_full(state: &State) -> bool {
-    state.strain.is_full
+    state.pressure.is_full
 }
 
 impl Drop for View {
@@ -214,8 +214,8 @@ impl ViewCore {
     }
 
     /// The oldest pass that it stands on.
-    pub fn standing(&self) -> u32 {
-        self.standing.load(Relaxed)
+    pub fn oldest_live_pass(&self) -> u32 {
+        self.oldest_live_pass.load(Relaxed)
     }
 
     /// Whether a pass has begun and not ended.

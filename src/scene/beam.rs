@@ -116,7 +116,7 @@ impl Beam {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::slabs::Slabs;
+    use crate::scene::box_ray::BoxRay;
     use glam::Vec3;
 
     /// Against the slabs of single rays between the extremes: where one of them meets the box, the beam does, and no
@@ -144,7 +144,7 @@ mod tests {
                 let from = at + DVec3::new(next(0.0, apart), next(0.0, apart), next(0.0, apart));
                 *ray = Ray::new(from, if dir == Vec3::ZERO { Vec3::X } else { dir });
             }
-            let entered = |ray: &Ray| Slabs::new(ray).enter(&b, 0.0, 10.0);
+            let entered = |ray: &Ray| BoxRay::new(ray).enter(&b, 0.0, 10.0);
             let first = rays.iter().filter_map(entered).fold(f64::INFINITY, f64::min);
             match Beam::of(&rays, &Alike::of(&rays)).enter(&b, 10.0) {
                 Some(enter) => assert!(enter <= first, "{b:?}: {enter}, {first}"),

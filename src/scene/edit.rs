@@ -4,7 +4,7 @@ use super::context::Context;
 use super::light::{Background, Light};
 use super::model::Model;
 use super::placed::{Placed, check_transform};
-use super::state::{Instance, PartStates, Placement, SceneState, State};
+use super::state::{Instance, Look, PartLooks, Placement, SceneState};
 use super::top::TopTree;
 use crate::base::error::{Error, Result};
 use crate::math::DBounds;
@@ -40,8 +40,8 @@ struct Draftee {
     model: Model,
     world_from_model: DAffine3,
     mask: u32,
-    state: State,
-    parts: Arc<PartStates>,
+    look: Look,
+    parts: Arc<PartLooks>,
 }
 
 impl Scene {
@@ -82,9 +82,9 @@ impl Scene {
         if draft.index.contains_key(&id) {
             return Err(Error::bad_argument(format!("there is an instance {id} already")));
         }
-        let (mask, state, parts) = (u32::MAX, State::default(), Arc::default());
+        let (mask, look, parts) = (u32::MAX, Look::default(), Arc::default());
         let at = draft.instances.len();
-        draft.instances.push(Some(Draftee { id, model: model.clone(), world_from_model, mask, state, parts }));
+        draft.instances.push(Some(Draftee { id, model: model.clone(), world_from_model, mask, look, parts }));
         draft.index.insert(id, at);
         draft.moved = true;
         Ok(())
@@ -115,26 +115,26 @@ impl Scene {
     }
 
     /// How an instance is shown; its parts' own states come before it, hidden is hidden in both. Cheap.
-    pub fn set_instance_state(&self, id: u64, state: State) -> Result<()> {
-        check_state(&state)?;
-        self.draft().instance(id)?.state = state;
+    pub fn set_instance_look(&self, id: u64, look: Look) -> Result<()> {
+        check_look(&look)?;
+        self.draft().instance(id)?.look = look;
         Ok(())
     }
 
     /// How the part with id `part` of an instance is shown, the parts below it not included. Cheap.
     /// `BadArgument` if there is no such instance or part. Where parts share the id, the first.
-    pub fn set_part_state(&self, instance: u64, part: u64, state: State) -> Result<()> {
-        check_state(&state)?;
+    pub fn set_part_look(&self, instance: u64, part: u64, look: Look) -> Result<()> {
+        check_look(&look)?;
         let mut draft = self.draft();
         let instance = draft.instance(instance)?;
         let index = instance.model.part_index(part);
         let index = index.ok_or_else(|| Error::bad_argument(format!("the model has no part {part}")))?;
-        Arc::make_mut(&mut instance.parts).set(index, state);
+        Arc::make_mut(&mut instance.parts).set(index, look);
         Ok(())
     }
 
     /// Forgets the states of all parts of an instance. Cheap.
-    pub fn clear_part_states(&self, instance: u64) -> Result<()> {
+    pub fn clear_part_looks(&self, instance: u64) -> Result<()> {
         self.draft().instance(instance)?.parts = Arc::default();
         Ok(())
     }
@@ -171,9 +171,9 @@ impl Scene {
                 models.push(it.model.clone());
                 models.len() - 1
             }) as u32;
-            let Draftee { id, world_from_model, mask, state, .. } = *it;
+            let Draftee { id, world_from_model, mask, look, .. } = *it;
             let parts = Arc::clone(&it.parts);
-            instances.push(Instance { id, model, world_from_model, mask, state, parts });
+            instances.push(Instance { id, model, world_from_model, mask, look, parts });
         }
         let placement = if draft.moved {
             Arc::new(place(kept(), &instances)?)
@@ -181,7 +181,7 @@ impl Scene {
             Arc::clone(&self.committed.load().placement)
         };
         let see_through = models.iter().any(Model::see_through)
-            || instances.iter().any(|i| i.state.see_through() || i.parts.see_through());
+            || instances.iter().any(|i| i.look.see_through() || i.parts.see_through());
         self.committed.store(Arc::new(SceneState {
             see_through,
             context: self.context.clone(),
@@ -222,7 +222,7 @@ fn no_instance(id: u64) -> Error {
     Error::bad_argument(format!("there is no instance {id}"))
 }
 
-fn check_state(state: &State) -> Result<()> {
+fn check_look(state: &Look) -> Result<()> {
     let good = |c: &f32| c.is_finite() && *c >= 0.0;
     match state.colour {
         Some(colour) if !(colour.iter().all(good) && colour[3] <= 1.0) => {

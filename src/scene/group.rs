@@ -162,10 +162,10 @@ impl Group {
         let seen_by = view.seen_by(placed);
         let Self { walk, moved, is_moved, .. } = self;
         let one_start = one_start(p, &rays[0], alike, seen_by);
-        let is_unmoved = set_unmoved(p, tree, (rays, count), (alike, one_start), (seen_by, view.looks_beyond), walk);
+        let is_unmoved = set_unmoved(p, tree, (rays, count), (alike, one_start), (seen_by, view.widen_interval), walk);
         *is_moved = !(is_unmoved && walk.is_within(tree, count, p.near()));
         let active = if *is_moved {
-            set_moved(p, &rays[..count], (seen_by, view.looks_beyond), walk, moved)
+            set_moved(p, &rays[..count], (seen_by, view.widen_interval), walk, moved)
         } else {
             first_rays(count)
         };
@@ -200,7 +200,7 @@ impl Group {
             // The walk had the greatest distance rounded up, so its hit may still be beyond. Where any hit will do
             // there is no other to fall back on, and the distance is met to rounding. Hits of walks that look beyond
             // are tested later.
-            let is_within = ANY || view.looks_beyond || self.distance(i) <= rays.0[i].t_max;
+            let is_within = ANY || view.widen_interval || self.distance(i) <= rays.0[i].t_max;
             hits &= !(u32::from(!is_within) << i);
         }
         Some(Ok(hits))
@@ -277,21 +277,25 @@ impl Group {
 
     /// Rays that passed a stand-in on their ways to their hits, or as far as they go.
     #[inline]
-    pub fn have_passed(&self) -> u32 {
+    pub fn have_transmitted(&self) -> u32 {
         if self.only.is_none() {
-            return (0..PACKET).fold(0, |all, i| all | u32::from(self.scene.best(i).has_passed()) << i);
+            return (0..PACKET).fold(0, |all, i| all | u32::from(self.scene.best(i).has_transmitted()) << i);
         }
-        let (passed, t) = (self.walk.passed(), self.walk.distances());
+        let (transmitted, t) = (self.walk.transmitted(), self.walk.distances());
         // Not where both are infinite.
-        (0..PACKET).fold(0, |all, i| all | u32::from(passed[i] <= t[i].min(f32::MAX)) << i)
+        (0..PACKET).fold(0, |all, i| all | u32::from(transmitted[i] <= t[i].min(f32::MAX)) << i)
     }
 
     /// Whether one of the rays passed a cell before it begins.
     pub fn passes_early(&self, rays: &[Ray]) -> bool {
-        let passed = |i: usize| {
-            if self.only.is_none() { self.scene.best(i).passed } else { self.in_world(i, self.walk.passed()[i]) }
+        let transmitted = |i: usize| {
+            if self.only.is_none() {
+                self.scene.best(i).transmitted
+            } else {
+                self.in_world(i, self.walk.transmitted()[i])
+            }
         };
-        rays.iter().enumerate().any(|(i, ray)| ray.t_min > 0.0 && passed(i) < ray.t_min)
+        rays.iter().enumerate().any(|(i, ray)| ray.t_min > 0.0 && transmitted(i) < ray.t_min)
     }
 
     /// The hit of ray `i`; `met`: it hits something.
@@ -299,7 +303,12 @@ impl Group {
     pub fn found(&self, i: usize, met: bool) -> Found {
         let Some(only) = self.only else { return *self.scene.best(i) };
         let placed = if met { only } else { NOTHING };
-        Found { t: self.distance(i), placed, tri: self.walk.best(i), passed: self.in_world(i, self.walk.passed()[i]) }
+        Found {
+            t: self.distance(i),
+            placed,
+            tri: self.walk.best(i),
+            transmitted: self.in_world(i, self.walk.transmitted()[i]),
+        }
     }
 }
 

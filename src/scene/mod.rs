@@ -14,7 +14,7 @@ pub mod state;
 pub mod top;
 pub(crate) mod group;
 pub(crate) mod packet;
-mod slabs;
+mod box_ray;
 pub(crate) mod stream;
 pub(crate) mod walk;
 
@@ -26,4 +26,4 @@ pub(crate) use group::Group;
 pub use light::{Background, Light, LightKind};
 pub use model::{Model, ModelInfo, ModelMemory, PartInfo};
 
-pub use state::{SceneState, State};
+pub use state::{Look, SceneState};

@@ -2,8 +2,8 @@
 //! into each placed tree. Like a walk of a single ray, a packet can be put down at a missing block and taken up again.
 
 use super::beam::Beam;
+use super::box_ray::PacketBoxRays;
 use super::placed::At;
-use super::slabs::PacketSlabs;
 use super::top::{NodeRef, Target};
 use super::walk::{Found, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
@@ -22,7 +22,7 @@ pub(crate) struct ScenePacket {
     best: [Found; PACKET],
     /// How far each ray may still go.
     far: [f64; PACKET],
-    slabs: PacketSlabs,
+    box_rays: PacketBoxRays,
     /// Of rays from one point, which is about as narrow as they are: fewer of them meet a box than it only where boxes
     /// are small.
     beam: Option<Beam>,
@@ -40,7 +40,7 @@ impl Default for ScenePacket {
             tree: PacketWalk::new(),
             best: [Found::nothing(0.0); PACKET],
             far: [0.0; PACKET],
-            slabs: PacketSlabs::NONE,
+            box_rays: PacketBoxRays::NONE,
             beam: None,
             active: 0,
         }
@@ -59,13 +59,13 @@ impl ScenePacket {
         self.at = None;
         self.active = 0;
         for (i, it) in rays.iter().enumerate() {
-            (self.best[i].t, self.best[i].placed, self.best[i].passed) = (it.t_max, NOTHING, f64::INFINITY);
+            (self.best[i].t, self.best[i].placed, self.best[i].transmitted) = (it.t_max, NOTHING, f64::INFINITY);
             self.far[i] = it.t_max;
             self.active |= (active >> i & u32::from(it.can_hit())) << i;
         }
         let Some(root) = view.scene.placement.top.root() else { return };
         if let Target::Inner(_) = root.target() {
-            self.slabs.set(rays);
+            self.box_rays.set(rays);
             self.beam = Beam::from_one_point(rays, self.active);
         }
         self.todo.push((root, self.active, 0.0));
@@ -101,10 +101,10 @@ impl SceneView<'_> {
                 walk.at = None;
                 for i in bits(walk.inside) {
                     walk.best[i].offer::<ANY>(
-                        self.looks_beyond,
+                        self.widen_interval,
                         &walk.moved[i],
                         walk.tree.best(i),
-                        walk.tree.passed()[i],
+                        walk.tree.transmitted()[i],
                     );
                     walk.far[i] = walk.best[i].t;
                     if ANY && walk.best[i].is_hit() {
@@ -131,7 +131,7 @@ impl SceneView<'_> {
         let mut local = LocalRay::NONE;
         for i in bits(mask) {
             if rays[i].mask & seen_by != 0
-                && let Some((shift, scale)) = p.local(&rays[i], walk.best[i].t, self.looks_beyond, &mut local)
+                && let Some((shift, scale)) = p.local(&rays[i], walk.best[i].t, self.widen_interval, &mut local)
             {
                 walk.tree.set(i, &local);
                 walk.moved[i] = At { placed, shift, scale };
@@ -155,7 +155,8 @@ impl SceneView<'_> {
                 }
                 continue;
             }
-            met[side] = mask & walk.slabs.enter(self.scene.context().isa(), &node.bounds[side], &walk.far, &mut enter);
+            met[side] =
+                mask & walk.box_rays.enter(self.scene.context().isa(), &node.bounds[side], &walk.far, &mut enter);
             nearest[side] = bits(met[side]).fold(f64::INFINITY, |nearest, i| nearest.min(enter[i]));
         }
         let far = usize::from(nearest[0] <= nearest[1]);

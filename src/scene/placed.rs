@@ -1,6 +1,6 @@
 //! A tree placed in the world, and rays taken into its frame.
 
-use super::slabs::Slabs;
+use super::box_ray::BoxRay;
 use crate::base::error::{Error, Result};
 use crate::math::{Bounds, Cone, DBounds, Ray};
 use crate::structure::open::StoredTree;
@@ -24,7 +24,7 @@ pub(crate) struct Placed {
     /// `linear` is the identity.
     unturned: bool,
     /// Greatest magnitude of a coordinate in the tree's frame.
-    reach: f64,
+    max_coord: f64,
     local_bounds: DBounds,
     /// Largest singular value of `linear`: no distance grows by more.
     pub stretch: f64,
@@ -145,7 +145,7 @@ impl Placed {
         let mut bounds = tree.bounds.transformed(&world);
         if !bounds.is_empty() {
             // A few roundings of each coordinate's terms.
-            let terms = offset.abs() + linear.abs() * DVec3::splat(f64::from(tree.reach));
+            let terms = offset.abs() + linear.abs() * DVec3::splat(f64::from(tree.max_coord));
             let slack = terms * (16.0 * f64::EPSILON);
             bounds = DBounds { min: bounds.min - slack, max: bounds.max + slack };
         }
@@ -160,7 +160,7 @@ impl Placed {
             inverse,
             offset,
             unturned,
-            reach: f64::from(tree.reach),
+            max_coord: f64::from(tree.max_coord),
             local_bounds: tree.bounds,
             stretch,
             loss: if unturned { 8.0 * f64::EPSILON } else { loss(&linear, &inverse).max(loss(&inverse, &linear)) },
@@ -173,7 +173,7 @@ impl Placed {
     /// hits nothing in the tree, whichever way it goes.
     pub fn hit_bounds(&self, tree: &StoredTree) -> DBounds {
         let around = around_hits(tree);
-        let give = DVec3::splat(self.reach * GIVE);
+        let give = DVec3::splat(self.max_coord * GIVE);
         let local = DBounds { min: around.min - give, max: around.max + give };
         let around = local.transformed(&DAffine3 { matrix3: self.linear, translation: self.offset });
         self.bounds.union(around)
@@ -203,7 +203,7 @@ impl Placed {
     #[inline]
     pub fn near(&self) -> f32 {
         // An origin rounded to less than the border was within it before: beyond, single rays and packets would differ.
-        ((FAR * self.reach) as f32).next_down()
+        ((FAR * self.max_coord) as f32).next_down()
     }
 
     /// A point of the tree's frame in the world.
@@ -215,7 +215,7 @@ impl Placed {
     /// Greatest distance from the tree's zero along an axis, in the world.
     #[inline]
     pub fn extent(&self) -> f64 {
-        self.stretch * self.reach
+        self.stretch * self.max_coord
     }
 
     /// Around a box of the tree's frame, in the world, rounding included.
@@ -241,7 +241,7 @@ impl Placed {
     /// Bounds of rounding in `world_point(local_point(p))`, for points within `size` of zero in the world.
     #[inline(always)]
     pub fn rounding(&self, size: f64) -> f64 {
-        (size + self.offset.abs().max_element() + self.stretch * self.reach) * self.loss
+        (size + self.offset.abs().max_element() + self.stretch * self.max_coord) * self.loss
     }
 
     /// [`Placed::rounding`] of what is `along` from `origin`.
@@ -256,7 +256,7 @@ impl Placed {
     #[inline]
     pub fn slack(&self, ray: &Ray, t: f64) -> f64 {
         let dir = ray.dir.as_dvec3();
-        let single = self.stretch * (self.reach * (2.0 * FAR + 2.0) * f64::from(f32::EPSILON) * 4.0);
+        let single = self.stretch * (self.max_coord * (2.0 * FAR + 2.0) * f64::from(f32::EPSILON) * 4.0);
         let apart = if self.unturned { single } else { single + 2.0 * self.rounding_along(ray.origin, dir * t) };
         apart * 64.0 / dir.length()
     }
@@ -282,7 +282,7 @@ impl Placed {
         // Of directions that are about as long as units a division is spared. What the two are rounded by is less than
         // `by`, wherever anything can be hit.
         let over = if (0.5..=2.0).contains(&dir) { 2.0 } else { 1.0 / dir };
-        let by = BEYOND * (org.abs().max_element() + self.reach) * over;
+        let by = BEYOND * (org.abs().max_element() + self.max_coord) * over;
         [(t_min - by).max(0.0) as f32, (t_max + by) as f32]
     }
 
@@ -296,8 +296,9 @@ impl Placed {
         }
         // In the world a direction is shorter than in the tree's frame by `stretch` and a root of three, at most.
         let times = if self.unturned { 1.0 } else { 2.0 * self.stretch };
-        let far =
-            BEYOND * times * (self.local_point(ray.origin).abs().max_element().min(FAR * self.reach) + self.reach);
+        let far = BEYOND
+            * times
+            * (self.local_point(ray.origin).abs().max_element().min(FAR * self.max_coord) + self.max_coord);
         let dir = f64::from(ray.dir.abs().max_element());
         // Where anything is not a number it may.
         let is_inside = (!begins || (t - ray.t_min) * dir > far) && (!ends || (ray.t_max - t) * dir > far);
@@ -306,7 +307,7 @@ impl Placed {
 
     /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale: t in
     /// the world is `shift + scale * t` there. `None` if the ray surely misses, or cannot hit anything at all.
-    /// `beyond`: see [`super::walk::SceneView::looks_beyond`].
+    /// `beyond`: see [`super::walk::SceneView::widen_interval`].
     ///
     /// Field by field into the caller's memory: passed by value the struct is stored in small pieces and at
     /// once loaded in large ones, which stalls for more than all of the rest takes.
@@ -314,7 +315,7 @@ impl Placed {
     pub fn local(&self, ray: &Ray, best: f64, beyond: bool, local: &mut LocalRay) -> Option<(f64, f64)> {
         let size = ray.dir.abs().max_element();
         let org = ray.origin - self.offset;
-        let is_near = org.abs().max_element() <= FAR * self.reach;
+        let is_near = org.abs().max_element() <= FAR * self.max_coord;
         if self.unturned && is_near && USUAL_DIRS.contains(&size) && ray.has_interval() {
             // The common case: nothing but one rounding. What is not a number gets through, to be found by the walk.
             local.org = org.as_vec3();
@@ -333,7 +334,7 @@ impl Placed {
     fn moved(&self, ray: &Ray, best: f64, beyond: bool) -> Option<Local> {
         let (mut org, mut dir) = (self.local_point(ray.origin), self.local_vector(ray.dir.as_dvec3()));
         let (mut shift, mut scale) = (0.0, 1.0);
-        if org.abs().max_element() > FAR * self.reach {
+        if org.abs().max_element() > FAR * self.max_coord {
             shift = self.entry(org, dir, ray.t_min, best)?;
             org += dir * shift;
         }
@@ -366,9 +367,9 @@ impl Placed {
     /// A little before the ray enters the tree's bounds; `None` if it does not.
     #[cold]
     fn entry(&self, org: DVec3, dir: DVec3, t_min: f64, best: f64) -> Option<f64> {
-        let enter = Slabs::of(org, dir).enter(&self.local_bounds, 0.0, best)?;
+        let enter = BoxRay::of(org, dir).enter(&self.local_bounds, 0.0, best)?;
         // Well before, so that rounding puts nothing of the tree behind the new origin.
-        let before = 0.25 * self.reach / dir.abs().max_element();
+        let before = 0.25 * self.max_coord / dir.abs().max_element();
         Some((enter - before).max(0.0).max((t_min - before).min(enter)))
     }
 }
@@ -383,10 +384,10 @@ pub(crate) fn not_below(x: f64) -> f32 {
 #[cfg(test)]
 impl Placed {
     /// A tree around `origin` with coordinates up to `reach`.
-    pub fn for_tests(origin: DVec3, reach: f32, world_from_mesh: &DAffine3) -> Self {
-        let corner = DVec3::splat(f64::from(reach));
+    pub fn for_tests(origin: DVec3, max_coord: f32, world_from_mesh: &DAffine3) -> Self {
+        let corner = DVec3::splat(f64::from(max_coord));
         let bounds = DBounds { min: -corner, max: corner };
-        let tree = StoredTree::for_tests(origin, bounds, reach);
+        let tree = StoredTree::for_tests(origin, bounds, max_coord);
         Self::new(&tree, [0; 4], world_from_mesh)
     }
 }

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// How an instance or a part of it is shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct State {
+pub struct Look {
     /// Whether rays meet it at all.
     pub visible: bool,
     /// Linear RGBA in place of its own colour; alpha is the opacity.
@@ -21,13 +21,13 @@ pub struct State {
     pub selected: bool,
 }
 
-impl Default for State {
+impl Default for Look {
     fn default() -> Self {
         Self { visible: true, colour: None, selected: false }
     }
 }
 
-impl State {
+impl Look {
     /// Whether its colour lets light through.
     pub(crate) fn see_through(&self) -> bool {
         self.colour.is_some_and(|c| c[3] < 1.0)
@@ -36,33 +36,33 @@ impl State {
 
 /// The states of an instance's parts, where they differ from the default.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct PartStates {
+pub(crate) struct PartLooks {
     /// Bit `i % 64` of word `i / 64`: part `i` is hidden. As long as the last hidden part needs.
     pub hidden: Vec<u64>,
     /// By index of the part.
-    pub shown: HashMap<u32, State>,
+    pub shown: HashMap<u32, Look>,
     /// How many parts of `shown` have each bit of a summary (`lod::summary_bit`).
     bits: [u32; 32],
 }
 
-impl PartStates {
+impl PartLooks {
     /// Sets one part's state.
-    pub fn set(&mut self, part: u32, state: State) {
+    pub fn set(&mut self, part: u32, look: Look) {
         let (word, bit) = (part as usize / 64, part % 64);
-        if !state.visible && self.hidden.len() <= word {
+        if !look.visible && self.hidden.len() <= word {
             self.hidden.resize(word + 1, 0);
         }
         if let Some(w) = self.hidden.get_mut(word) {
-            *w = *w & !(1 << bit) | u64::from(!state.visible) << bit;
+            *w = *w & !(1 << bit) | u64::from(!look.visible) << bit;
         }
         while self.hidden.last() == Some(&0) {
             self.hidden.pop();
         }
         let count = &mut self.bits[part as usize % 32];
-        if state == State::default() {
+        if look == Look::default() {
             *count -= u32::from(self.shown.remove(&part).is_some());
         } else {
-            *count += u32::from(self.shown.insert(part, state).is_none());
+            *count += u32::from(self.shown.insert(part, look).is_none());
         }
     }
 
@@ -75,7 +75,7 @@ impl PartStates {
 
     /// Whether light passes through one of the parts whose state has a colour.
     pub fn see_through(&self) -> bool {
-        self.shown.values().any(State::see_through)
+        self.shown.values().any(Look::see_through)
     }
 }
 
@@ -88,8 +88,8 @@ pub(crate) struct Instance {
     pub model: u32,
     pub world_from_model: DAffine3,
     pub mask: u32,
-    pub state: State,
-    pub parts: Arc<PartStates>,
+    pub look: Look,
+    pub parts: Arc<PartLooks>,
 }
 
 /// Where everything is: shared by states that differ in looks only.

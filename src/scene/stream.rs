@@ -4,9 +4,9 @@
 
 use super::alike::Alike;
 use super::beam::Beam;
+use super::box_ray::{BoxRay, PacketBoxRays};
 use super::group::Entered;
 use super::placed::At;
-use super::slabs::{PacketSlabs, Slabs};
 use super::top::{NodeRef, Target};
 use super::walk::{Found, SceneView, SceneWalk, Step};
 use crate::math::{PACKET, Ray, STREAM, bits};
@@ -27,12 +27,12 @@ pub(crate) struct SceneStream {
     /// Of each ray in a scene of several placed trees, the nodes of the top tree that are still to be visited, the
     /// nearest last.
     todo: Vec<Vec<(NodeRef, f64)>>,
-    slabs: Vec<Slabs>,
+    box_rays: Vec<BoxRay>,
     /// Rays that are not done: `todo` may hold nodes for them.
     goes_on: Box<[bool; STREAM]>,
     /// The placed trees that some packet's rays may enter.
     entered: Vec<Entered>,
-    packet: Box<PacketSlabs>,
+    packet: Box<PacketBoxRays>,
     /// Rays that enter a placed tree in this round.
     entering: Vec<Entering>,
     unfinished: Vec<u32>,
@@ -56,10 +56,10 @@ impl Default for SceneStream {
             at: Box::new([At::NONE; STREAM]),
             alone: SceneWalk::default(),
             todo: Vec::new(),
-            slabs: Vec::new(),
+            box_rays: Vec::new(),
             goes_on: Box::new([false; STREAM]),
             entered: Vec::new(),
-            packet: Box::new(PacketSlabs::NONE),
+            packet: Box::new(PacketBoxRays::NONE),
             entering: Vec::new(),
             unfinished: Vec::new(),
         }
@@ -81,7 +81,7 @@ impl SceneStream {
     fn reserve(&mut self, rays: &[Ray]) {
         if self.todo.len() < rays.len() {
             self.todo.resize_with(rays.len(), Vec::new);
-            self.slabs.resize(rays.len(), Slabs::new(&rays[0]));
+            self.box_rays.resize(rays.len(), BoxRay::new(&rays[0]));
         }
     }
 }
@@ -140,7 +140,7 @@ impl SceneView<'_> {
             walk.goes_on[first..][..group.len()].fill(false);
             return entering.extend((first..).zip(group).filter_map(|(i, ray)| self.entering(ray, i, only.placed)));
         }
-        let SceneStream { entered, packet, todo, slabs, goes_on, .. } = &mut *walk;
+        let SceneStream { entered, packet, todo, box_rays, goes_on, .. } = &mut *walk;
         for (i, ray) in group.iter().enumerate() {
             goes_on[first + i] = ray.can_hit();
             todo[first + i].clear();
@@ -163,7 +163,7 @@ impl SceneView<'_> {
             }
         } else if let Some(root) = self.scene.placement.top.root() {
             for (i, ray) in group.iter().enumerate().filter(|(_, ray)| ray.can_hit()) {
-                slabs[first + i] = Slabs::new(ray);
+                box_rays[first + i] = BoxRay::new(ray);
                 todo[first + i].push((root, 0.0));
             }
         }
@@ -189,7 +189,7 @@ impl SceneView<'_> {
     /// The next placed tree that a ray may enter before `best`.
     #[inline]
     fn next_tree(&self, ray: &Ray, i: usize, best: f64, walk: &mut SceneStream) -> Option<Entering> {
-        let (todo, slabs) = (&mut walk.todo[i], &walk.slabs[i]);
+        let (todo, box_rays) = (&mut walk.todo[i], &walk.box_rays[i]);
         while let Some((node, enter)) = todo.pop() {
             if enter > best {
                 continue;
@@ -202,7 +202,7 @@ impl SceneView<'_> {
                     }
                 }
                 Target::Inner(index) => {
-                    self.for_each_child(slabs, ray, index, best, |node, enter| todo.push((node, enter)))
+                    self.for_each_child(box_rays, ray, index, best, |node, enter| todo.push((node, enter)))
                 }
             }
         }
@@ -231,7 +231,7 @@ impl SceneView<'_> {
         loop {
             let placed = entering.placed;
             if let Some((shift, scale)) =
-                self.scene.placement.placed[placed as usize].local(ray, best.t, self.looks_beyond, &mut local)
+                self.scene.placement.placed[placed as usize].local(ray, best.t, self.widen_interval, &mut local)
             {
                 let (tree, filter, single) = (self.tree(placed), self.filter(placed), &mut walk.single);
                 single.begin(&tree, &local);
@@ -241,7 +241,12 @@ impl SceneView<'_> {
                     walk.unfinished.push(i as u32);
                     break;
                 }
-                best.offer::<ANY>(self.looks_beyond, &At { placed, shift, scale }, single.best(), single.passed());
+                best.offer::<ANY>(
+                    self.widen_interval,
+                    &At { placed, shift, scale },
+                    single.best(),
+                    single.transmitted(),
+                );
             }
             if !walk.goes_on[i] || ANY && best.is_hit() {
                 break;
@@ -262,7 +267,7 @@ impl SceneView<'_> {
         let mut local = LocalRay::NONE;
         for (i, &Entering { ray, placed, .. }) in run.iter().enumerate() {
             let p = &self.scene.placement.placed[placed as usize];
-            match p.local(&rays[ray as usize], found[ray as usize].t, self.looks_beyond, &mut local) {
+            match p.local(&rays[ray as usize], found[ray as usize].t, self.widen_interval, &mut local) {
                 Some((shift, scale)) => {
                     stream.set(i, &local);
                     at[i] = At { placed, shift, scale };
@@ -282,7 +287,7 @@ impl SceneView<'_> {
             unfinished.push(ray);
         }
         for (i, (hit, it)) in hits.iter().zip(run).enumerate() {
-            found[it.ray as usize].offer::<ANY>(self.looks_beyond, &at[i], *hit, stream.passed()[i]);
+            found[it.ray as usize].offer::<ANY>(self.widen_interval, &at[i], *hit, stream.transmitted()[i]);
         }
     }
 }

@@ -175,7 +175,7 @@ fn cheapest_cut(bounds: &[DBounds], range: &[u32], bin: impl Fn(u32) -> usize) -
 
 #[cfg(test)]
 mod tests {
-    use super::super::slabs::Slabs;
+    use super::super::box_ray::BoxRay;
     use super::*;
     use crate::math::Ray;
     use glam::{DVec3, Vec3};
@@ -185,7 +185,7 @@ mod tests {
         (0..n).map(|i| DBounds { min: corner(i), max: corner(i) + DVec3::splat(1.0 + (i % 3) as f64) }).collect()
     }
 
-    fn walk(tree: &TopTree, slabs: &Slabs, t_max: f64) -> Vec<u32> {
+    fn walk(tree: &TopTree, box_rays: &BoxRay, t_max: f64) -> Vec<u32> {
         let mut found = Vec::new();
         let mut stack: Vec<_> = tree.root().into_iter().collect();
         while let Some(r) = stack.pop() {
@@ -194,7 +194,7 @@ mod tests {
                 Target::Inner(i) => {
                     let node = tree.node(i);
                     for side in 0..2 {
-                        if slabs.enter(&node.bounds[side], 0.0, t_max).is_some() {
+                        if box_rays.enter(&node.bounds[side], 0.0, t_max).is_some() {
                             stack.push(node.child[side]);
                         }
                     }
@@ -216,10 +216,10 @@ mod tests {
         {
             let i = i as i32;
             let org = DVec3::new((i % 11 - 2) as f64, (i / 11 % 9) as f64, (i % 5) as f64 * 3.0);
-            let slabs = Slabs::new(&Ray::new(org, *dir));
-            let reached = walk(&tree, &slabs, f64::INFINITY);
+            let box_rays = BoxRay::new(&Ray::new(org, *dir));
+            let reached = walk(&tree, &box_rays, f64::INFINITY);
             let expected: Vec<u32> =
-                (0..200).filter(|&i| slabs.enter(&boxes[i as usize], 0.0, f64::INFINITY).is_some()).collect();
+                (0..200).filter(|&i| box_rays.enter(&boxes[i as usize], 0.0, f64::INFINITY).is_some()).collect();
             for e in &expected {
                 assert!(reached.contains(e), "ray {i} misses box {e}");
             }
@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn boundary_rays_are_inside_and_outside_rays_are_out() {
         let unit = DBounds { min: DVec3::ZERO, max: DVec3::ONE };
-        let enter = |o: [f64; 3], d: Vec3| Slabs::new(&Ray::new(DVec3::from(o), d)).enter(&unit, 0.0, f64::INFINITY);
+        let enter = |o: [f64; 3], d: Vec3| BoxRay::new(&Ray::new(DVec3::from(o), d)).enter(&unit, 0.0, f64::INFINITY);
         assert!(enter([-1.0, 0.0, 0.0], Vec3::X).is_some(), "along an edge");
         assert!(enter([-1.0, 1.0, 1.0], Vec3::X).is_some(), "along the opposite edge");
         assert!(enter([-1.0, 1.0 + 1e-9, 0.5], Vec3::X).is_none());

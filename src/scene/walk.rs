@@ -4,9 +4,9 @@
 //! A hit is the least (t, placed tree) over what the trees' own walks answer; order of visits,
 //! packets and interruptions do not change it.
 
+use super::box_ray::BoxRay;
 use super::model::Model;
 use super::placed::At;
-use super::slabs::Slabs;
 use super::state::SceneState;
 use super::top::{NodeRef, Target};
 use crate::base::error::Result;
@@ -121,7 +121,7 @@ pub(crate) struct Found {
     pub tri: TriHit,
     /// Where the ray passed a stand-in first, in the same unit: infinity if it passed none. It may be behind the hit,
     /// and then may or may not be told.
-    pub passed: f64,
+    pub transmitted: f64,
 }
 
 pub(super) const NOTHING: u32 = u32::MAX;
@@ -129,7 +129,7 @@ pub(super) const NOTHING: u32 = u32::MAX;
 impl Found {
     /// Nothing up to `t`.
     pub const fn nothing(t: f64) -> Self {
-        Self { t, placed: NOTHING, tri: TriHit::none(0.0), passed: f64::INFINITY }
+        Self { t, placed: NOTHING, tri: TriHit::none(0.0), transmitted: f64::INFINITY }
     }
 
     pub fn is_hit(&self) -> bool {
@@ -139,17 +139,17 @@ impl Found {
     /// Whether the ray passed a stand-in on its way to the hit, or as far as it goes: what is before the hit may not be
     /// free, and a miss may be none.
     #[inline]
-    pub fn has_passed(&self) -> bool {
+    pub fn has_transmitted(&self) -> bool {
         // Not where both are infinite.
-        self.passed <= self.t.min(f64::MAX)
+        self.transmitted <= self.t.min(f64::MAX)
     }
 
     /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree; and where the ray `passed` a
     /// stand-in in it, if that is nearer.
     #[inline]
-    pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, at: &At, tri: TriHit, passed: f32) {
+    pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, at: &At, tri: TriHit, transmitted: f32) {
         let placed = at.placed;
-        self.passed = self.passed.min(at.in_world(passed));
+        self.transmitted = self.transmitted.min(at.in_world(transmitted));
         if tri.is_hit() {
             let t = at.in_world(tri.t);
             // The tree's walk had the best t rounded up, so its hit may still be beyond. Where any hit will do there is
@@ -157,7 +157,7 @@ impl Found {
             // too: its caller tests that in double precision.
             let takes_any = ANY || beyond && !self.is_hit();
             if takes_any || t < self.t || t == self.t && placed < self.placed {
-                *self = Self { t, placed, tri, passed: self.passed };
+                *self = Self { t, placed, tri, transmitted: self.transmitted };
             }
         }
     }
@@ -169,14 +169,14 @@ pub(crate) struct SceneView<'a> {
     pub scene: &'a SceneState,
     pub snapshots: &'a Snapshots,
     /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
-    pub never_waits: bool,
+    pub accept_missing: bool,
     /// Whether no ray passes a cell that stands in.
-    pub is_solid: bool,
+    pub opaque_cells: bool,
     /// The pass that visits, see `residency::View`.
     pub stamp: u32,
     /// Whether walks look so far beyond the ends of rays' intervals that no hit is lost that double precision puts
     /// within: the caller then tests each hit. Else intervals hold in single precision.
-    pub looks_beyond: bool,
+    pub widen_interval: bool,
     /// What is asked of each hit of a ray that is traced alone, if anything: see [`PartFilter::within`].
     pub within: Option<&'a dyn Ends>,
 }
@@ -245,7 +245,15 @@ impl SceneWalk {
 impl<'a> SceneView<'a> {
     /// For exact walks that wait for blocks.
     pub fn new(scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> Self {
-        Self { scene, snapshots, never_waits: false, is_solid: false, stamp, looks_beyond: false, within: None }
+        Self {
+            scene,
+            snapshots,
+            accept_missing: false,
+            opaque_cells: false,
+            stamp,
+            widen_interval: false,
+            within: None,
+        }
     }
 
     /// The block that a hit stands in for, if that is missing.
@@ -258,7 +266,7 @@ impl<'a> SceneView<'a> {
     #[inline]
     pub fn tree(&self, placed: u32) -> Tree<'a> {
         let p = &self.scene.placement.placed[placed as usize];
-        let visit = Visit { never_waits: self.never_waits, is_solid: self.is_solid, stamp: self.stamp };
+        let visit = Visit { accept_missing: self.accept_missing, opaque_cells: self.opaque_cells, stamp: self.stamp };
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }
 
@@ -286,7 +294,7 @@ impl<'a> SceneView<'a> {
     pub(super) fn seen_by(&self, placed: u32) -> u32 {
         let p = &self.scene.placement.placed[placed as usize];
         let instance = &self.scene.instances[p.instance as usize];
-        if instance.state.visible { instance.mask } else { 0 }
+        if instance.look.visible { instance.mask } else { 0 }
     }
 
     /// The triangle that was found, and the model's part that it belongs to.
@@ -304,7 +312,7 @@ impl<'a> SceneView<'a> {
 
     /// Finds the closest hit of the ray that `walk` was begun with (or any hit, if `ANY`).
     pub fn trace<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Step {
-        let slabs = Slabs::new(ray);
+        let box_rays = BoxRay::new(ray);
         let mut best = walk.best();
         while let Some(place) = walk.places.pop() {
             match place {
@@ -313,7 +321,7 @@ impl<'a> SceneView<'a> {
                         walk.places.push(place);
                         return Step::Pending(self.need(at.placed, block));
                     }
-                    best.offer::<ANY>(self.looks_beyond, &at, walk.tree.best(), walk.tree.passed());
+                    best.offer::<ANY>(self.widen_interval, &at, walk.tree.best(), walk.tree.transmitted());
                     walk.best = Some(best);
                     if ANY && best.is_hit() {
                         walk.places.clear();
@@ -328,7 +336,7 @@ impl<'a> SceneView<'a> {
                     }
                     Target::Inner(index) => {
                         let push = |node, enter| walk.places.push(Place::Node(node, enter));
-                        self.for_each_child(&slabs, ray, index, best.t, push);
+                        self.for_each_child(&box_rays, ray, index, best.t, push);
                     }
                 },
             }
@@ -355,7 +363,7 @@ impl<'a> SceneView<'a> {
         }
         let mut local = LocalRay::NONE;
         let p = &self.scene.placement.placed[placed as usize];
-        let (shift, scale) = p.local(ray, best, self.looks_beyond, &mut local)?;
+        let (shift, scale) = p.local(ray, best, self.widen_interval, &mut local)?;
         walk.begin(&self.tree(placed), &local);
         Some(At { placed, shift, scale })
     }
@@ -365,14 +373,14 @@ impl<'a> SceneView<'a> {
     #[inline]
     pub(super) fn for_each_child(
         &self,
-        slabs: &Slabs,
+        box_rays: &BoxRay,
         ray: &Ray,
         index: u32,
         best: f64,
         mut push: impl FnMut(NodeRef, f64),
     ) {
         let node = self.scene.placement.top.node(index);
-        let enter = [0, 1].map(|side| slabs.enter(&node.bounds[side], ray.t_min, best));
+        let enter = [0, 1].map(|side| box_rays.enter(&node.bounds[side], ray.t_min, best));
         let far = usize::from(enter[0] <= enter[1]);
         for side in [far, 1 - far] {
             if let Some(t) = enter[side] {

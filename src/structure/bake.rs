@@ -121,7 +121,7 @@ pub trait Baker {
     /// The part of a chunk's tree above its blocks. It needs nothing of the chunk any more.
     type Top;
     /// The coarse blocks of a tree.
-    type Crown: Sync;
+    type UpperTree: Sync;
 
     /// Whether triangles are such that it pays to split them among leaves.
     fn splits_pay(triangles: &[[Vec3; 3]]) -> bool;
@@ -139,13 +139,13 @@ pub trait Baker {
     /// The blocks of a plan: of each class from the second on, in order; or the one block of a whole tree.
     fn encode(chunk: &Self::Chunk<'_>, plan: Self::Plan) -> Vec<BakedBlock>;
     /// Joins the tops of all chunks of a mesh, at least one, whose plans follow one another in this order.
-    fn join(tops: Vec<Self::Top>) -> Result<Self::Crown>;
+    fn join(tops: Vec<Self::Top>) -> Result<Self::UpperTree>;
     /// Coarse blocks.
-    fn coarse_blocks(crown: &Self::Crown) -> usize;
+    fn coarse_blocks(upper_tree: &Self::UpperTree) -> usize;
     /// A coarse block; `first_block` is the id of the tree's first block.
-    fn encode_coarse(crown: &Self::Crown, index: usize, first_block: u32) -> BakedBlock;
+    fn encode_coarse(upper_tree: &Self::UpperTree, index: usize, first_block: u32) -> BakedBlock;
     /// Counts of the whole tree.
-    fn counts(crown: &Self::Crown) -> Counts;
+    fn counts(upper_tree: &Self::UpperTree) -> Counts;
     /// Entries of the deepest stack that a walk through a tree of so many levels needs
     /// ([`crate::store::TreeRow::max_stack`]).
     fn max_stack(depth: u32) -> u32;

@@ -43,7 +43,7 @@ impl PartFilter<'_> {
     /// Whether rays pass through a triangle of `part` that is met at `t`. `triangle` is asked for only where a further
     /// test needs it.
     #[inline]
-    pub fn passes(&self, part: impl Fn() -> u32, triangle: impl Fn() -> Triangle, t: f32) -> bool {
+    pub fn rejects(&self, part: impl Fn() -> u32, triangle: impl Fn() -> Triangle, t: f32) -> bool {
         self.hides(part()) || self.within.is_some_and(|within| !within.triangle(&triangle(), t))
     }
 

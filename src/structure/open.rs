@@ -31,7 +31,7 @@ pub struct StoredTree {
     /// In its own frame; empty for a tree with nothing in it.
     pub bounds: DBounds,
     /// Greatest magnitude of a coordinate in its own frame, above 0.
-    pub reach: f32,
+    pub max_coord: f32,
     /// How far stored vertices may lie from those of the input, in the tree's units.
     pub position_error: f64,
     /// Around all that rays can hit, stand-ins too, in its own frame; `None` as long as its root was not in memory.
@@ -93,12 +93,12 @@ fn structure_of(file: &ModelFile) -> Result<Structure> {
 fn stored(row: &TreeRow, start: Start) -> StoredTree {
     let [a, b, c, d, e, f] = row.bounds.map(f64::from);
     let is_empty = row.block_count == 0;
-    let reach = row.bounds.iter().filter(|x| x.is_finite()).fold(0.0f32, |r, x| r.max(x.abs()));
+    let max_coord = row.bounds.iter().filter(|x| x.is_finite()).fold(0.0f32, |r, x| r.max(x.abs()));
     StoredTree {
         start,
         origin: DVec3::from(row.origin),
         bounds: if is_empty { DBounds::EMPTY } else { DBounds { min: DVec3::new(a, b, c), max: DVec3::new(d, e, f) } },
-        reach: reach.max(f32::MIN_POSITIVE),
+        max_coord: max_coord.max(f32::MIN_POSITIVE),
         position_error: row.position_error,
         around_hits: None,
     }
@@ -130,9 +130,9 @@ impl StoredTree {
     #[inline]
     pub fn view<'a>(&self, snapshot: &'a Snapshot, isa: Isa, visit: Visit) -> Tree<'a> {
         match &self.start {
-            Start::Bvh(own) => Tree::Bvh(own.view(snapshot, self.reach, isa, visit)),
+            Start::Bvh(own) => Tree::Bvh(own.view(snapshot, self.max_coord, isa, visit)),
             #[cfg(any(test, feature = "brute"))]
-            Start::Brute(own) => Tree::Brute(own.view(snapshot, self.reach, isa, visit)),
+            Start::Brute(own) => Tree::Brute(own.view(snapshot, self.max_coord, isa, visit)),
         }
     }
 }
@@ -140,12 +140,12 @@ impl StoredTree {
 #[cfg(test)]
 impl StoredTree {
     /// A tree that exists only as bounds.
-    pub fn for_tests(origin: DVec3, bounds: DBounds, reach: f32) -> Self {
+    pub fn for_tests(origin: DVec3, bounds: DBounds, max_coord: f32) -> Self {
         Self {
             start: Start::Bvh(bvh::open::Start::NONE),
             origin,
             bounds,
-            reach,
+            max_coord,
             position_error: 0.0,
             around_hits: None,
         }

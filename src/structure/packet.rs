@@ -1,9 +1,9 @@
 //! Coherent rays together: their state, and how they enter and leave the kernel.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::bvh::trace::Gauge;
+use super::bvh::trace::SlabHeuristic;
 use super::hit::{Counters, TriHit};
-use super::packet_prepare::{self, Shared};
+use super::packet_prepare::{self, Common};
 use super::place::{Place, Rooted};
 use super::ray::{LocalRay, UNIT, abs};
 use super::surface::Groups;
@@ -111,16 +111,16 @@ pub struct PacketWalk {
     pub(super) hits: PacketHits,
     /// Whether the rays can go together, and then what they share.
     pub(super) together: bool,
-    pub(super) shared: Shared,
+    pub(super) common: Common,
     /// Rays that have not ended.
     pub(super) waiting: u32,
     /// Where each ray passed a stand-in first; infinity if it passed none.
-    pub(super) passed: Row,
+    pub(super) transmitted: Row,
     /// For rays that leave the packet.
     pub(super) alone: Walk,
     /// The ray that `alone` was put down with, where all rays go alone ([`PacketWalk::next_alone`]).
     put_down: Option<usize>,
-    pub(super) gauge: Gauge,
+    pub(super) slab_heuristic: SlabHeuristic,
     /// What the walks did.
     pub(super) counters: Counters,
 }
@@ -143,24 +143,24 @@ impl PacketWalk {
             rays,
             hits,
             together: false,
-            shared: Shared::default(),
+            common: Common::default(),
             waiting: 0,
-            passed: [[f32::INFINITY; 16]; VECTORS],
+            transmitted: [[f32::INFINITY; 16]; VECTORS],
             alone: Walk::new(),
             put_down: None,
-            gauge: Gauge::OFF,
+            slab_heuristic: SlabHeuristic::OFF,
             counters: Counters::default(),
         }
     }
 
     /// For rays of queries, see [`PacketWalk::begin_batch`].
     pub fn of_queries() -> Self {
-        Self { gauge: Gauge::TOGETHER, ..Self::new() }
+        Self { slab_heuristic: SlabHeuristic::TOGETHER, ..Self::new() }
     }
 
     /// For rays of queries: slabs of cells may spare visits from here on, whatever came before.
     pub fn begin_batch(&mut self) {
-        self.gauge = Gauge::TOGETHER;
+        self.slab_heuristic = SlabHeuristic::TOGETHER;
     }
 
     /// Puts the rays of `active` (bit `i`: ray `i`) at the root of `tree`; the others miss.
@@ -197,7 +197,7 @@ impl PacketWalk {
     pub fn miss(&mut self) {
         self.stack.clear();
         (self.waiting, self.hits.some, self.put_down) = (0, 0, None);
-        self.passed = [[f32::INFINITY; 16]; VECTORS];
+        self.transmitted = [[f32::INFINITY; 16]; VECTORS];
     }
 
     /// Takes over origin and interval of all rays: they are those of `ray`.
@@ -232,7 +232,7 @@ impl PacketWalk {
 
     /// Puts those of the rays taken over that are in `active` at the root of `tree`; the others miss.
     pub fn start(&mut self, tree: &impl Rooted, active: u32) {
-        dispatch(tree.isa(), Start { walk: self, root: tree.root(), reach: tree.reach(), active });
+        dispatch(tree.isa(), Start { walk: self, root: tree.root(), max_coord: tree.max_coord(), active });
     }
 
     /// The rays of `among` that could go together with the first of them: by directions as taken over.
@@ -250,10 +250,10 @@ impl PacketWalk {
 
     /// The hits of the rays of `lanes`, and those of `others` for the rest.
     pub fn join(&mut self, lanes: u32, others: &PacketWalk) {
-        let (hits, others, passed) = (&mut self.hits, &others.hits, &others.passed);
+        let (hits, others, transmitted) = (&mut self.hits, &others.hits, &others.transmitted);
         hits.some = hits.some & lanes | others.some & !lanes;
-        let rows = [&mut hits.t, &mut hits.u, &mut hits.v, &mut hits.block, &mut hits.tri, &mut self.passed];
-        let of_others = [&others.t, &others.u, &others.v, &others.block, &others.tri, passed];
+        let rows = [&mut hits.t, &mut hits.u, &mut hits.v, &mut hits.block, &mut hits.tri, &mut self.transmitted];
+        let of_others = [&others.t, &others.u, &others.v, &others.block, &others.tri, transmitted];
         for (row, other) in rows.into_iter().zip(of_others) {
             for i in (0..PACKET).filter(|i| lanes >> i & 1 == 0) {
                 *at_mut(row, i) = at(other, i);
@@ -265,7 +265,7 @@ impl PacketWalk {
     /// and all origins are near each other, as those of neighbouring pixels are, unless it `says` so.
     #[inline]
     pub fn is_coherent(&self, tree: &impl Rooted, says: bool) -> bool {
-        self.together && (says || self.shared.spread() <= tree.reach() * NEAR)
+        self.together && (says || self.common.spread() <= tree.max_coord() * NEAR)
     }
 
     /// The best hit so far of ray `i`.
@@ -281,8 +281,8 @@ impl PacketWalk {
 
     /// Where each ray passed a stand-in first, see [`Walk::passed`].
     #[inline]
-    pub fn passed(&self) -> &[f32; PACKET] {
-        must_cast_ref(&self.passed)
+    pub fn transmitted(&self) -> &[f32; PACKET] {
+        must_cast_ref(&self.transmitted)
     }
 
     /// Rays that have a hit.
@@ -325,7 +325,7 @@ impl PacketWalk {
     pub(super) fn take_alone(&mut self, i: usize) {
         self.put_down = None;
         self.waiting &= !(1 << i);
-        *at_mut(&mut self.passed, i) = self.alone.passed();
+        *at_mut(&mut self.transmitted, i) = self.alone.transmitted();
         let (hit, to) = (self.alone.best(), &mut self.hits);
         if hit.is_hit() {
             to.some |= 1 << i;
@@ -425,7 +425,7 @@ fn cones_of(rays: &mut PacketRays, h: usize) {
 struct Start<'a> {
     walk: &'a mut PacketWalk,
     root: Option<Place>,
-    reach: f32,
+    max_coord: f32,
     active: u32,
 }
 
@@ -434,10 +434,10 @@ impl Op for Start<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Self { walk, root, reach, active } = self;
+        let Self { walk, root, max_coord, active } = self;
         walk.stack.clear();
         (walk.hits.some, walk.together, walk.put_down) = (0, false, None);
-        walk.passed = [[f32::INFINITY; 16]; VECTORS];
+        walk.transmitted = [[f32::INFINITY; 16]; VECTORS];
         walk.waiting = packet_prepare::valid(s, &walk.rays, &walk.hits.t) & active & ALL;
         let Some(Place { block, item }) = root.filter(|_| walk.waiting != 0) else {
             walk.waiting = 0;
@@ -446,7 +446,7 @@ impl Op for Start<'_> {
         if walk.waiting != ALL {
             repeat_first(walk);
         }
-        walk.together = packet_prepare::prepare(s, &mut walk.rays, reach, &mut walk.shared);
+        walk.together = packet_prepare::prepare(s, &mut walk.rays, max_coord, &mut walk.common);
         walk.stack.push(PacketEntry { t: 0.0, rays: walk.waiting, block, child: item });
     }
 }

@@ -10,7 +10,7 @@ const NARROW: f32 = 2.0;
 
 /// What coherent rays share: signs of the direction, axis order of the triangle test, and intervals.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Shared {
+pub(super) struct Common {
     /// For each axis, which of a node's six runs of planes is met first.
     pub near: [usize; 3],
     pub k: [usize; 3],
@@ -39,7 +39,7 @@ pub(super) struct Shared {
     pub cone_max: [f32; 2],
 }
 
-impl Shared {
+impl Common {
     /// The greatest distance of origins along an axis.
     #[inline(always)]
     pub fn spread(&self) -> f32 {
@@ -52,7 +52,7 @@ impl Shared {
 /// they cannot go together, because the signs or the greatest components of their directions differ. (Written in place:
 /// returned, the struct would be stored in small pieces and read at once in large ones.)
 #[inline(always)]
-pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: &mut Shared) -> bool {
+pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, max_coord: f32, common: &mut Common) -> bool {
     let Some(kz) = greatest_axis(s, rays) else { return false };
     let k = [(kz + 1) % 3, (kz + 2) % 3, kz];
     let (zero, one) = (s.splat16(0.0), s.splat16(1.0));
@@ -82,8 +82,8 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
             signs if signs == [0; VECTORS] => true,
             _ => return false,
         };
-        shared.near[axis] = if negative { axis + 3 } else { axis };
-        (shared.inv_min[axis], shared.inv_max[axis]) = (inv_low.least(), inv_high.greatest());
+        common.near[axis] = if negative { axis + 3 } else { axis };
+        (common.inv_min[axis], common.inv_max[axis]) = (inv_low.least(), inv_high.greatest());
         let (low, high) = if equal.bits() == 0xffff {
             // The most frequent case.
             (rays.org[axis][0][0], rays.org[axis][0][0])
@@ -91,10 +91,10 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
             one_origin = false;
             (org_low.least(), org_high.greatest())
         };
-        (shared.org_near[axis], shared.org_far[axis]) = if negative { (low, high) } else { (high, low) };
+        (common.org_near[axis], common.org_far[axis]) = if negative { (low, high) } else { (high, low) };
         let (far, inv) = (low.abs().max(high.abs()), rays.inv[axis][0][0]);
-        shared.slack[axis] = slack(far, inv, reach);
-        shared.sign[axis] = 1.0f32.copysign(inv);
+        common.slack[axis] = slack(far, inv, max_coord);
+        common.sign[axis] = 1.0f32.copysign(inv);
     }
     for axis in 0..2 {
         let (mut least, mut greatest) = (f32::INFINITY, f32::NEG_INFINITY);
@@ -102,30 +102,30 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, reach: f32, shared: 
             let shear = s.load16(&rays.dir[k[axis]][h]).div(s.load16(&rays.dir[kz][h]));
             rays.shear[axis][h] = shear.to_array();
             let ends = [shear.least(), shear.greatest()];
-            shared.shears[h][axis] = ends;
+            common.shears[h][axis] = ends;
             (least, greatest) = (least.min(ends[0]), greatest.max(ends[1]));
         }
-        (shared.shear_min[axis], shared.shear_max[axis]) = (least, greatest);
+        (common.shear_min[axis], common.shear_max[axis]) = (least, greatest);
     }
     for axis in 0..3 {
         let mut least = s.splat16(f32::INFINITY);
         for h in 0..VECTORS {
             least = abs(zero, s.load16(&rays.dir[axis][h])).min(least);
         }
-        shared.dir_min[axis] = least.least();
+        common.dir_min[axis] = least.least();
     }
-    let across = |axis: usize| shared.shear_max[axis] - shared.shear_min[axis];
-    shared.spread_area = across(0) * across(1) * shared.dir_min[kz] * shared.dir_min[kz] * NARROW;
+    let across = |axis: usize| common.shear_max[axis] - common.shear_min[axis];
+    common.spread_area = across(0) * across(1) * common.dir_min[kz] * common.dir_min[kz] * NARROW;
     for part in 0..2 {
         let mut greatest = zero;
         for h in 0..VECTORS {
             greatest = s.load16(&rays.cone[part][h]).max(greatest);
         }
-        shared.cone_max[part] = greatest.greatest();
+        common.cone_max[part] = greatest.greatest();
     }
     // The greatest component is no less than the least that counts: this is its reciprocal.
     rays.shear[2] = rays.inv[kz];
-    (shared.k, shared.one_origin) = (k, one_origin);
+    (common.k, common.one_origin) = (k, one_origin);
     true
 }
 

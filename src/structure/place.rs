@@ -17,7 +17,7 @@ pub trait Rooted {
     /// Where they begin; `None` for a tree with nothing in it.
     fn root(&self) -> Option<Place>;
     /// Greatest magnitude of a coordinate of the tree.
-    fn reach(&self) -> f32;
+    fn max_coord(&self) -> f32;
     /// Vectors to trace with.
     fn isa(&self) -> Isa;
 }

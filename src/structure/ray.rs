@@ -79,6 +79,6 @@ pub(in crate::structure) const SLACK: f32 = 32.0 / 16_777_216.0;
 /// How far planes give way for a ray with origin `org` along an axis on which it goes as `inv` is signed: what is taken
 /// from those that are met first, and added to those that are met last.
 #[inline(always)]
-pub(in crate::structure) fn slack(org: f32, inv: f32, reach: f32) -> f32 {
-    (org.abs().max(reach) * SLACK).copysign(inv)
+pub(in crate::structure) fn slack(org: f32, inv: f32, max_coord: f32) -> f32 {
+    (org.abs().max(max_coord) * SLACK).copysign(inv)
 }

@@ -67,7 +67,7 @@ pub struct Stream {
     pub(super) rays: Box<[Rays16; STREAM / GROUP]>,
     pub(super) unfinished: Vec<u32>,
     /// Where each ray passed a stand-in first; infinity if it passed none.
-    pub(super) passed: Box<[f32; STREAM]>,
+    pub(super) transmitted: Box<[f32; STREAM]>,
     /// For rays one after the other.
     pub(super) alone: Walk,
     pub(super) bvh: StreamLanes,
@@ -101,8 +101,8 @@ impl Stream {
     }
 
     fn with(bvh: StreamLanes) -> Self {
-        let (rays, passed) = (boxed(Rays16::NONE), boxed(f32::INFINITY));
-        Self { rays, unfinished: Vec::new(), passed, alone: Walk::new(), bvh, counters: Counters::default() }
+        let (rays, transmitted) = (boxed(Rays16::NONE), boxed(f32::INFINITY));
+        Self { rays, unfinished: Vec::new(), transmitted, alone: Walk::new(), bvh, counters: Counters::default() }
     }
 
     /// Takes ray `i` over, below [`STREAM`].
@@ -124,8 +124,8 @@ impl Stream {
 
     /// Where each ray of the last call passed a stand-in first, see [`Walk::passed`].
     #[inline]
-    pub fn passed(&self) -> &[f32; STREAM] {
-        &self.passed
+    pub fn transmitted(&self) -> &[f32; STREAM] {
+        &self.transmitted
     }
 
     /// Rays of the last call that met a missing block, or needed a deeper stack: to be traced alone, anew.

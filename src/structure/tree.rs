@@ -20,7 +20,7 @@ use super::stream::Stream;
 use super::surface::Surfaces;
 use super::walk::Walk;
 use crate::base::ids::BlockId;
-use crate::lod::Slabs;
+use crate::lod::OrientedSlabs;
 use crate::math::Bounds;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
@@ -32,9 +32,9 @@ pub use bvh::trace::Bundle;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Visit {
     /// Cells stand in for blocks that are not in memory. Else walks ask for these.
-    pub never_waits: bool,
+    pub accept_missing: bool,
     /// No ray passes a cell that stands in: nothing is before what is hit then.
-    pub is_solid: bool,
+    pub opaque_cells: bool,
     /// The number of the pass that visits: blocks that it uses stay as long as the pass is needed.
     pub stamp: u32,
 }
@@ -175,8 +175,8 @@ impl<'a> Tree<'a> {
     }
 
     /// Where in its box the content of a cell that was hit is; `None` if its block has left the snapshot.
-    pub fn slabs(&self, hit: &TriHit) -> Option<Slabs<f32>> {
-        of_each!(self, own => own.slabs(hit))
+    pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
+        of_each!(self, own => own.oriented_slabs(hit))
     }
 
     /// The primitive id of a hit, or the block that is needed for it; `None` if a file that was made up to be wrong has
@@ -222,8 +222,8 @@ impl Rooted for Tree<'_> {
         of_each!(self, own => own.root())
     }
     #[inline(always)]
-    fn reach(&self) -> f32 {
-        of_each!(self, own => own.reach)
+    fn max_coord(&self) -> f32 {
+        of_each!(self, own => own.max_coord)
     }
     #[inline(always)]
     fn isa(&self) -> Isa {

@@ -25,7 +25,7 @@ pub struct Walk {
     /// What walks with it did.
     pub counters: Counters,
     /// Where the ray passed a stand-in first; infinity if it passed none.
-    pub(super) passed: f32,
+    pub(super) transmitted: f32,
 }
 
 impl Default for Walk {
@@ -38,7 +38,7 @@ impl Walk {
     /// For any number of rays.
     pub fn new() -> Self {
         let (ray, best) = (LocalRay::NONE, TriHit::none(0.0));
-        Self { stack: Vec::new(), ray, best, counters: Counters::default(), passed: f32::INFINITY }
+        Self { stack: Vec::new(), ray, best, counters: Counters::default(), transmitted: f32::INFINITY }
     }
 
     /// Puts `ray` at the root of `tree`. An invalid ray (see [`LocalRay::is_valid`]) misses all.
@@ -56,14 +56,14 @@ impl Walk {
     /// Where the ray passed a stand-in first; infinity if it passed none. (Up to the hit, if there is one, that is the
     /// same whatever the order; behind it, it may be found or not.) From there on there may be surface.
     #[inline]
-    pub fn passed(&self) -> f32 {
-        self.passed
+    pub fn transmitted(&self) -> f32 {
+        self.transmitted
     }
 
     #[inline(always)]
     pub(super) fn put_at_root(&mut self, tree: &impl Rooted, ray: &LocalRay) {
         self.stack.clear();
-        self.passed = f32::INFINITY;
+        self.transmitted = f32::INFINITY;
         self.best = TriHit::none(ray.t_max);
         if let Some(Place { block, item }) = tree.root().filter(|_| ray.is_valid()) {
             self.stack.push(Entry { t: ray.t_min, block, child: item });

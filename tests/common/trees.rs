@@ -11,7 +11,7 @@ use outcrop::simd::Isa;
 use outcrop::structure::Par;
 use outcrop::structure::Stream;
 use outcrop::structure::bake::{TreeInput, TreeOptions};
-use outcrop::structure::bvh::build::{self, Chunk, Crown, TreeBlock};
+use outcrop::structure::bvh::build::{self, Chunk, TreeBlock, UpperTree};
 use outcrop::structure::bvh::trace::TreeView;
 use outcrop::structure::{LocalRay, Outcome, PacketWalk, Tree, TriHit, Walk, for_each_triangle};
 
@@ -22,7 +22,7 @@ pub struct TestTree {
     leaves_at: u32,
     geometry: u32,
     /// Greatest coordinate.
-    pub reach: f32,
+    pub max_coord: f32,
     /// By primitive: the stored corners, around the origin.
     pub stored: Vec<Tri>,
     /// What the origin was.
@@ -51,8 +51,9 @@ impl TestTree {
         let mut built = Chunk::build(input, &options, true, &par, &Cancel::default()).expect("a tree");
         // Fine blocks refer to no others: where they are is all that they need to know.
         let plans = built.chunk.take_plans();
-        let (chunk, crown) = (&built.chunk, built.top.map(|top| Crown::over(vec![top]).expect("a crown")));
-        let coarse = crown.iter().flat_map(|c| (0..c.blocks()).map(|i| c.encode(i, 0)));
+        let (chunk, upper_tree) =
+            (&built.chunk, built.top.map(|top| UpperTree::over(vec![top]).expect("a upper_tree")));
+        let coarse = upper_tree.iter().flat_map(|c| (0..c.blocks()).map(|i| c.encode(i, 0)));
         let (fine, leaves): (Vec<TreeBlock>, Vec<Option<TreeBlock>>) =
             plans.into_iter().map(|plan| chunk.encode(plan)).unzip();
         let leaves: Vec<TreeBlock> = leaves.into_iter().flatten().collect();
@@ -64,11 +65,11 @@ impl TestTree {
             slots.push((BlockId(i), Slot::new(&block.words)));
             slots.push((BlockId(geometry + i), Slot::new(&block.prims)));
         }
-        let reach = built.bounds.min.abs().max(built.bounds.max.abs()).max_element();
+        let max_coord = built.bounds.min.abs().max(built.bounds.max.abs()).max_element();
         let stored = local.iter().map(|t| t.map(|v| v.as_dvec3())).collect();
         let snapshot = Snapshot::empty(2 * geometry).with(slots);
         let references = built.counts.references as usize;
-        Self { snapshot, root: build::root(), leaves_at, geometry, reach, stored, origin, references }
+        Self { snapshot, root: build::root(), leaves_at, geometry, max_coord, stored, origin, references }
     }
 
     /// Around the middle of the bounds.
@@ -84,13 +85,13 @@ impl TestTree {
             snapshot,
             root_block: 0,
             root: self.root,
-            reach: self.reach,
+            max_coord: self.max_coord,
             leaves_at: self.leaves_at,
             prims_at: self.geometry,
             colours_at: None,
             isa,
-            never_waits: false,
-            is_solid: false,
+            accept_missing: false,
+            opaque_cells: false,
             stamp: 1,
         }
     }

@@ -196,7 +196,7 @@ impl<const N: usize> Seen<N> {
         met: u32,
         out: &mut [Hit; N],
     ) -> Rest {
-        let (looks_beyond, p) = (at.view.looks_beyond, at.placed);
+        let (widen_interval, p) = (at.view.widen_interval, at.placed);
         let instance = at.view.scene.instances[p.instance as usize].id;
         let (mut rest, mut near_end, mut inside) = (Rest::default(), 0, 0);
         for i in bits(met) {
@@ -204,7 +204,7 @@ impl<const N: usize> Seen<N> {
             let uv;
             match met.stand_in() {
                 None => {
-                    if looks_beyond && p.is_near_end(ray, t) {
+                    if widen_interval && p.is_near_end(ray, t) {
                         near_end |= 1 << i;
                     }
                     (hit.kind, hit.t, uv) = (HitKind::Exact, t, [met.u, met.v]);
@@ -212,7 +212,7 @@ impl<const N: usize> Seen<N> {
                 Some(cell) => {
                     // Triangles of a cell that is met before the ray begins are met one by one, unless they are
                     // missing.
-                    if looks_beyond && !(is_within(ray, t) || cell.is_missing && t <= ray.t_max) {
+                    if widen_interval && !(is_within(ray, t) || cell.is_missing && t <= ray.t_max) {
                         rest.outside |= 1 << i;
                     }
                     (hit.kind, hit.t, uv) = (HitKind::Lod, stand_in::within(t, ray), [0.0; 2]);
@@ -276,7 +276,7 @@ impl<const N: usize> Seen<N> {
             }
             for i in bits(group & precise) {
                 fill_from_meeting(at.placed, &self.triangles.corners(column), &rays[i], hits.t(i), want, &mut out[i]);
-                outside |= u32::from(at.view.looks_beyond && !is_within(&rays[i], out[i].t)) << i;
+                outside |= u32::from(at.view.widen_interval && !is_within(&rays[i], out[i].t)) << i;
             }
         }
         outside

@@ -147,8 +147,10 @@ impl<const N: usize> StandIns<N> {
     pub fn error(&self, i: usize, tree: &Tree, placed: &Placed, hit: &TriHit, origin: DVec3, along: DVec3) -> f32 {
         let (here, cell) = (placed.local_point(origin + along), self.cells.bounds_of(i));
         let limit = if self.cells.inside >> i & 1 == 1 { f64::INFINITY } else { limit(self.cells.level[i]) };
-        let is_sure = limit == f64::INFINITY || diagonal(&cell) >= sure_from(placed.local_point(origin), tree.reach());
-        let is_near = is_sure || tree.slabs(hit).is_some_and(|slabs| holds(&cell, &slabs, in_cell(here, &cell)));
+        let is_sure =
+            limit == f64::INFINITY || diagonal(&cell) >= sure_from(placed.local_point(origin), tree.max_coord());
+        let is_near =
+            is_sure || tree.oriented_slabs(hit).is_some_and(|slabs| holds(&cell, &slabs, in_cell(here, &cell)));
         error_at(placed, origin, along, here, &cell, if is_near { limit } else { f64::INFINITY })
     }
 
@@ -164,7 +166,7 @@ impl<const N: usize> StandIns<N> {
     ) {
         let doubtful = match placed.only_shifted() {
             Some(offset) => {
-                let sure = sure_from(placed.local_point(eye), tree.reach());
+                let sure = sure_from(placed.local_point(eye), tree.max_coord());
                 dispatch(tree.isa(), Errors { all: self, placed, eye, offset, sure, t, out: &mut *out })
                     | self.cells.inside
             }
@@ -448,7 +450,7 @@ impl<'a> Look<'a> {
     pub fn above(&self) -> f64 {
         let here = self.placed().local_point(self.ray.origin + self.ray.dir.as_dvec3() * self.t);
         let normal = self.placed().gradient(self.normal().as_dvec3());
-        let slabs = self.view.tree(self.found.placed).slabs(&self.found.tri);
+        let slabs = self.view.tree(self.found.placed).oriented_slabs(&self.found.tri);
         slabs.map_or(0.0, |slabs| (farthest(&self.one.cells.bounds_of(0), &slabs, normal) - here.dot(normal)).max(0.0))
     }
 }

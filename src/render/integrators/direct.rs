@@ -241,12 +241,12 @@ impl Direct<'_> {
             if active == 0 {
                 break;
             }
-            let (hits, passed) = match met.filter(|_| layer == 0) {
+            let (hits, transmitted) = match met.filter(|_| layer == 0) {
                 Some(met) => self.found_together(met, scratch),
                 None => self.trace(&lanes.rays, active, layer == 0, scratch)?,
             };
             if first && layer == 0 {
-                scratch.first.passed = passed & active;
+                scratch.first.transmitted = transmitted & active;
             }
             active &= hits;
             if active == 0 {
@@ -293,13 +293,13 @@ impl Direct<'_> {
         if let Step::Pending(need) = self.view.trace_packet::<false>(rays, camera) {
             return Err(need);
         }
-        let (mut hits, mut passed) = (0, 0);
+        let (mut hits, mut transmitted) = (0, 0);
         for i in bits(active) {
             found[i] = *camera.best(i);
             hits |= u32::from(found[i].is_hit()) << i;
-            passed |= u32::from(found[i].has_passed()) << i;
+            transmitted |= u32::from(found[i].has_transmitted()) << i;
         }
-        Ok((hits, passed))
+        Ok((hits, transmitted))
     }
 
     /// Takes over what the rays of `hits` were found to hit together; returns these, and those that passed stand-ins.
@@ -307,7 +307,7 @@ impl Direct<'_> {
         for i in bits(hits) {
             scratch.found[i] = scratch.group.found(i, true);
         }
-        (hits, scratch.group.have_passed())
+        (hits, scratch.group.have_transmitted())
     }
 
     /// The surface that was found; and, if it is `seen` first, what is asked of that.
@@ -425,7 +425,7 @@ impl Direct<'_> {
     /// A triangle's id or colour, which are in other blocks, may come later; if they are not waited for the pixel does
     /// without.
     fn later(&self, need: Need, wants: &mut Wants) -> Result<(), Need> {
-        if !self.view.never_waits {
+        if !self.view.accept_missing {
             return Err(need);
         }
         wants.add(need, 1.0);
@@ -436,7 +436,7 @@ impl Direct<'_> {
     pub(super) fn recoloured(&self, placed: u32, part: u32) -> bool {
         let p = &self.view.scene.placement.placed[placed as usize];
         let instance = &self.view.scene.instances[p.instance as usize];
-        instance.state.colour.is_some() || instance.parts.shown.get(&part).is_some_and(|s| s.colour.is_some())
+        instance.look.colour.is_some() || instance.parts.shown.get(&part).is_some_and(|s| s.colour.is_some())
     }
 
     /// The part's material, under the states of part and instance; `own` is the triangle's own colour.
@@ -458,7 +458,7 @@ impl Direct<'_> {
             roughness: info.map_or(0.6, |i| i.roughness),
             glow: Vec3::ZERO,
         };
-        match state.and_then(|s| s.colour).or(instance.state.colour) {
+        match state.and_then(|s| s.colour).or(instance.look.colour) {
             Some([r, g, b, a]) => (material.colour, material.opacity) = (Vec3::new(r, g, b), a),
             None => {
                 if let Some(colour) = own()? {
@@ -466,7 +466,7 @@ impl Direct<'_> {
                 }
             }
         }
-        let selected = instance.state.selected || state.is_some_and(|s| s.selected);
+        let selected = instance.look.selected || state.is_some_and(|s| s.selected);
         Ok(if selected { material.selected() } else { material })
     }
 }

@@ -36,7 +36,7 @@ pub(crate) struct First {
     pub lod: u32,
     pub missing: u32,
     /// Pixels whose rays passed stand-ins before what they see, or before nothing.
-    pub passed: u32,
+    pub transmitted: u32,
     /// Pixels with an error; what is in `error_px` of others does not count.
     pub inexact: u32,
     pub error_px: [f32; PACKET],
@@ -54,7 +54,7 @@ impl First {
         met: 0,
         lod: 0,
         missing: 0,
-        passed: 0,
+        transmitted: 0,
         inexact: 0,
         error_px: [0.0; PACKET],
         depth: [Layer::MISS.depth; PACKET],
@@ -77,7 +77,7 @@ impl First {
 
     /// The error of pixel `i`: infinite for what is not a stand-in and is seen through one.
     pub fn error(&self, i: usize) -> f32 {
-        if (self.passed & !self.lod & !self.missing) >> i & 1 == 1 { f32::INFINITY } else { self.error[i] }
+        if (self.transmitted & !self.lod & !self.missing) >> i & 1 == 1 { f32::INFINITY } else { self.error[i] }
     }
 
     /// What pixel `i` sees.

@@ -234,7 +234,7 @@ impl<'v> Direct<'v> {
         let Scratch { group, plain: Plain { seen, rows, .. }, shading, first, .. } = scratch;
         let (cells, t) = (seen.cells(), group.walk().distances());
         (first.met, first.lod, first.missing, first.inexact) = (met, cells, 0, cells);
-        first.passed = group.have_passed();
+        first.transmitted = group.have_transmitted();
         if cells != 0 {
             let p = &self.view.scene.placement.placed[placed as usize];
             let rays = (cells, self.rays.eye(), t);

@@ -366,7 +366,7 @@ impl Walk {
     /// A small piece; whether there is more.
     fn step(&mut self, scene: &SceneState, stamp: u32) -> bool {
         let Some(snapshots) = &self.snapshots else { return false };
-        let view = SceneView { never_waits: true, ..SceneView::new(scene, snapshots, stamp) };
+        let view = SceneView { accept_missing: true, ..SceneView::new(scene, snapshots, stamp) };
         match &mut self.aim {
             Aim::Box(walk) => walk.step(&view, &mut self.lacking),
             Aim::View(walk) => walk.step(&view, &mut self.lacking),

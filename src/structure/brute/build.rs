@@ -1,10 +1,10 @@
 //! From triangles to blocks. The set is halved at the median of the longest axis of its middles until a part fits a
 //! list; rows follow in the order of the halves, so that those of neighbours share an index block.
 
-use super::layout::{CLASSES, INDEX, LIST, ROW_WORDS, ROWS, TRIANGLES, middle, stored_slabs};
+use super::layout::{CLASSES, INDEX, LIST, ROW_WORDS, ROWS, TRIANGLES, middle, stored_oriented_slabs};
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
-use crate::lod::{Coded, Content, Facet, Fill, SIDES_WORDS, Slabs, Voxel};
+use crate::lod::{Coded, Content, Facet, Fill, OrientedSlabs, SIDES_WORDS, Voxel};
 use crate::math::Bounds;
 use crate::structure::bake::{BakedBlock, Baker, BuiltChunk, Counts, TreeInput, TreeOptions};
 use crate::structure::par::Par;
@@ -25,7 +25,7 @@ pub struct Cell {
     bounds: Bounds,
     voxel: Voxel,
     coded: Coded,
-    slabs: Slabs<f32>,
+    slabs: OrientedSlabs<f32>,
     fill: Fill,
 }
 
@@ -36,7 +36,7 @@ pub struct Top {
 }
 
 /// The rows of all index blocks.
-pub struct Crown {
+pub struct UpperTree {
     lists: Vec<Cell>,
     /// Of index blocks below the first; none where that holds all lists.
     groups: Vec<Cell>,
@@ -49,7 +49,7 @@ const MOST: usize = ROWS * ROWS;
 impl Cell {
     fn new(bounds: Bounds, voxel: Voxel, content: &Content) -> Self {
         let coded = Coded::of(&voxel, &middle(&bounds), content, true);
-        let slabs = stored_slabs(coded.slabs, coded.words[0], &bounds);
+        let slabs = stored_oriented_slabs(coded.slabs, coded.words[0], &bounds);
         Self { bounds, voxel, coded, slabs, fill: Fill::of(content, &bounds) }
     }
 
@@ -127,7 +127,7 @@ impl Baker for BruteBaker {
     type Chunk<'a> = Chunk<'a>;
     type Plan = usize;
     type Top = Top;
-    type Crown = Crown;
+    type UpperTree = UpperTree;
 
     fn splits_pay(_: &[[Vec3; 3]]) -> bool {
         false
@@ -168,7 +168,7 @@ impl Baker for BruteBaker {
         vec![BakedBlock { prims, colours, ..block(LIST, list.len(), list.iter().flat_map(words)) }]
     }
 
-    fn join(tops: Vec<Top>) -> Result<Crown> {
+    fn join(tops: Vec<Top>) -> Result<UpperTree> {
         let triangles = tops.iter().map(|top| top.triangles).sum();
         let lists: Vec<Cell> = tops.into_iter().flat_map(|top| top.lists).collect();
         if lists.len() > MOST {
@@ -179,29 +179,29 @@ impl Baker for BruteBaker {
         let depth = if groups.is_empty() { 2 } else { 3 };
         let counts =
             Counts { depth, nodes: 1 + groups.len() as u64, leaves: lists.len() as u64, references: triangles };
-        Ok(Crown { lists, groups, counts })
+        Ok(UpperTree { lists, groups, counts })
     }
 
-    fn coarse_blocks(crown: &Crown) -> usize {
-        1 + crown.groups.len()
+    fn coarse_blocks(upper_tree: &UpperTree) -> usize {
+        1 + upper_tree.groups.len()
     }
 
-    fn encode_coarse(crown: &Crown, index: usize, first_block: u32) -> BakedBlock {
-        let lists_at = first_block + Self::coarse_blocks(crown) as u32;
+    fn encode_coarse(upper_tree: &UpperTree, index: usize, first_block: u32) -> BakedBlock {
+        let lists_at = first_block + Self::coarse_blocks(upper_tree) as u32;
         // Which of all lists, or of all groups, the first row is.
         let (cells, from, at, kind) = match index.checked_sub(1) {
-            None if !crown.groups.is_empty() => (&crown.groups[..], 0, first_block + 1, INDEX),
+            None if !upper_tree.groups.is_empty() => (&upper_tree.groups[..], 0, first_block + 1, INDEX),
             group => {
                 let from = ROWS * group.unwrap_or(0);
-                (&crown.lists[from..crown.lists.len().min(from + ROWS)], from, lists_at, LIST)
+                (&upper_tree.lists[from..upper_tree.lists.len().min(from + ROWS)], from, lists_at, LIST)
             }
         };
         let rows = cells.iter().zip(at + from as u32..).map(|(cell, below)| cell.row(below, kind));
         block(INDEX, cells.len(), rows.flatten())
     }
 
-    fn counts(crown: &Crown) -> Counts {
-        crown.counts
+    fn counts(upper_tree: &UpperTree) -> Counts {
+        upper_tree.counts
     }
 
     fn max_stack(depth: u32) -> u32 {

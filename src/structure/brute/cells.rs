@@ -2,7 +2,7 @@
 
 use super::layout::Row;
 use super::trace::TreeView;
-use crate::lod::{Coded, Slabs};
+use crate::lod::{Coded, OrientedSlabs};
 use crate::math::bits;
 use crate::structure::cell::Cells;
 use crate::structure::hit::{StandIn, TriHit};
@@ -53,7 +53,7 @@ impl<'a> TreeView<'a> {
     }
 
     /// Where in its box the content of a cell that was hit is; `None` if its block has left the snapshot.
-    pub fn slabs(&self, hit: &TriHit) -> Option<Slabs<f32>> {
+    pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
         self.cell_at(hit).map(|(_, row)| row.slabs())
     }
 

@@ -11,7 +11,7 @@
 //! | 0 | the block below: an index block or a list, behind this block |
 //! | 1 | [`INDEX`] or [`LIST`]: what that is |
 //! | 2 to 7 | box of all that is below: low x, y, z, high x, y, z (f32) |
-//! | 8 | where in the box that is (`lod::Slabs`), of level 0 |
+//! | 8 | where in the box that is (`lod::OrientedSlabs`), of level 0 |
 //! | 9 to 12 | the voxel (`lod::Coded`): a sample, the part, the summary of parts; it stops all rays |
 //! | 13 to 24 | samples of its six sides; 0 if it has one sample |
 //!
@@ -23,7 +23,9 @@
 //!
 //! Block 0 of a tree is the index block over all. A tree has two levels of these at most.
 
-use crate::lod::{Coded, LEVEL, Middle, SIDES_WORDS, Slabs, VOXEL_WORDS, fields, normal_bytes, slabs, stopped};
+use crate::lod::{
+    Coded, LEVEL, Middle, OrientedSlabs, SIDES_WORDS, VOXEL_WORDS, fields, normal_bytes, oriented_slabs, stopped,
+};
 use crate::math::Bounds;
 use crate::structure::hit::Triangle;
 use glam::Vec3;
@@ -63,8 +65,8 @@ impl<'a> Row<'a> {
     }
 
     /// Where in the box all of that is.
-    pub fn slabs(self) -> Slabs<f32> {
-        stored_slabs(self.0[8], self.voxel()[0], &self.bounds())
+    pub fn slabs(self) -> OrientedSlabs<f32> {
+        stored_oriented_slabs(self.0[8], self.voxel()[0], &self.bounds())
     }
 
     /// The voxel, without its sides.
@@ -93,8 +95,8 @@ impl<'a> Row<'a> {
 }
 
 /// The slabs of a word in a box; `first`: the voxel's first word.
-pub fn stored_slabs(word: u32, first: u32, bounds: &Bounds) -> Slabs<f32> {
-    slabs(fields(word), normal_bytes(first), &middle(bounds))
+pub fn stored_oriented_slabs(word: u32, first: u32, bounds: &Bounds) -> OrientedSlabs<f32> {
+    oriented_slabs(fields(word), normal_bytes(first), &middle(bounds))
 }
 
 /// The box as slabs count in it.

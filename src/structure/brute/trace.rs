@@ -29,7 +29,7 @@ pub struct TreeView<'a> {
     /// Block of the root; `None` for a tree without triangles.
     pub first_block: Option<u32>,
     /// Greatest magnitude of a coordinate of the tree.
-    pub reach: f32,
+    pub max_coord: f32,
     /// What to add to a block's id for the id of the block with its primitive ids.
     pub prims_at: u32,
     /// The same for its colours; `None` if the model has none.
@@ -44,8 +44,8 @@ impl Rooted for TreeView<'_> {
     fn root(&self) -> Option<Place> {
         self.first_block.map(|block| Place { block, item: super::layout::INDEX })
     }
-    fn reach(&self) -> f32 {
-        self.reach
+    fn max_coord(&self) -> f32 {
+        self.max_coord
     }
     fn isa(&self) -> Isa {
         self.isa
@@ -77,10 +77,10 @@ struct Prepared<'a> {
 const BOXES: f32 = 2.0;
 
 impl<'a> Prepared<'a> {
-    fn new(ray: LocalRay, reach: f32, filter: Option<&'a PartFilter<'a>>) -> Self {
+    fn new(ray: LocalRay, max_coord: f32, filter: Option<&'a PartFilter<'a>>) -> Self {
         let least = ray.dir.abs().max_element() * 1e-18;
         let inv = Vec3::ONE / ray.dir.abs().max(Vec3::splat(least)).copysign(ray.dir);
-        let slack = Vec3::from([0, 1, 2].map(|axis| ray::slack(ray.org[axis], inv[axis], reach)));
+        let slack = Vec3::from([0, 1, 2].map(|axis| ray::slack(ray.org[axis], inv[axis], max_coord)));
         Self { ray, inv, slack, shear: Shear::new(ray.dir), is_lod: ray.cone != Cone::ZERO, filter }
     }
 
@@ -114,7 +114,7 @@ impl<'a> TreeView<'a> {
     }
 
     fn go_on<const ANY: bool>(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-        let ray = Prepared::new(walk.ray, self.reach, filter);
+        let ray = Prepared::new(walk.ray, self.max_coord, filter);
         while let Some(entry) = walk.stack.pop() {
             // Not `<=`: an equal distance may be a tie that a lower primitive id wins.
             if entry.t > walk.best.t {
@@ -163,7 +163,7 @@ impl<'a> TreeView<'a> {
             if ray.is_lod && matches!(judge_small(ray, row, block, cell, &mut walk.best), Verdict::Settled) {
                 continue;
             }
-            if self.visit.never_waits && self.block(below).is_none() {
+            if self.visit.accept_missing && self.block(below).is_none() {
                 cell.is_missing = true;
                 stand_for_missing::<ANY>(ray, row, block, cell, &mut walk.best);
                 continue;
@@ -186,7 +186,7 @@ impl<'a> TreeView<'a> {
             let found = dispatch(self.isa, Eight { ray, triangles: eight, t_max: walk.best.t });
             for i in bits(found.hits) {
                 let (t, part) = (found.t[i], eight[i][9]);
-                if ray.filter.is_some_and(|filter| filter.passes(|| part, || triangle(&eight[i]), t)) {
+                if ray.filter.is_some_and(|filter| filter.rejects(|| part, || triangle(&eight[i]), t)) {
                     continue;
                 }
                 let hit = TriHit { t, u: found.u[i], v: found.v[i], block, tri: first + i as u32 };
@@ -218,7 +218,7 @@ impl<'a> TreeView<'a> {
         match (self.prim(hit), self.prim(best)) {
             (Ok(a), Ok(b)) => Ok(a < b),
             // Walks that never wait take the first by its place.
-            _ if self.visit.never_waits => Ok((hit.block, hit.tri) < (best.block, best.tri)),
+            _ if self.visit.accept_missing => Ok((hit.block, hit.tri) < (best.block, best.tri)),
             (a, b) => Ok(a? < b?),
         }
     }

@@ -229,7 +229,7 @@ fn trace_form(nodes: Nodes, references: &[u16], leaves: Option<Leaves>) -> Check
     if size > MAX_WORDS {
         return wrong("it is larger than a block may be");
     }
-    let Nodes { mut table, kinds, externals, passed, voxels: (voxel_header, voxel_words), .. } = nodes;
+    let Nodes { mut table, kinds, externals, transmitting, voxels: (voxel_header, voxel_words), .. } = nodes;
     let places = link(&mut table, &kinds, references, externals.len())?;
     let externals_at = HEADER_WORDS + table.len() * NODE_WORDS;
     let parts_at = externals_at + EXTERNAL_WORDS * externals.len();
@@ -242,7 +242,7 @@ fn trace_form(nodes: Nodes, references: &[u16], leaves: Option<Leaves>) -> Check
         (parts_at + parts.len()) as u32,
     ]);
     words.extend(voxel_header);
-    words.extend(passed);
+    words.extend(transmitting);
     words.extend_from_slice(bytemuck::cast_slice(&table));
     words.extend(externals.iter().zip(places).flat_map(|(&[id, child], place)| [id, child, place]));
     words.extend_from_slice(parts);

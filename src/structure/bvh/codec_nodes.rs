@@ -2,8 +2,8 @@
 
 use super::codec::{Checked, Place, wrong};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, Passed,
-    SHORT_VOXEL, WIDTH, add_passed,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL,
+    Transmitting, WIDTH, mark_transmitting,
 };
 use crate::lod::{Coded, SIDES_WORDS, stop_bits, summary_bit};
 use crate::structure::bytes::{Reader, padded, piece, push_planes};
@@ -24,7 +24,7 @@ pub(super) struct Nodes {
     pub externals: Vec<[u32; 2]>,
     pub leaves: usize,
     /// Which of them rays may pass.
-    pub passed: Passed,
+    pub transmitting: Transmitting,
     /// Header words of the voxels, but for where they begin, and the voxels.
     pub voxels: ([u32; 3], Vec<u32>),
 }
@@ -111,20 +111,20 @@ pub(super) fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
     let kinds: Vec<u16> = reader.take(2 * nodes)?.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
     let externals = read_externals(reader, externals, place)?;
     let voxels = read_voxels(reader, valid, count)?;
-    let (table, passed) = table([&x, &y, &z, &rest], boxes, &voxels)?;
-    Ok(Nodes { table, kinds, externals, leaves, passed, voxels: (voxels.header, voxels.words) })
+    let (table, transmitting) = table([&x, &y, &z, &rest], boxes, &voxels)?;
+    Ok(Nodes { table, kinds, externals, leaves, transmitting, voxels: (voxels.header, voxels.words) })
 }
 
 /// Nodes of these grids and valid bits over children of these boxes, without child references; and which of them rays
 /// may pass.
 #[inline(always)]
-fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked<(Vec<Node>, Passed)> {
+fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked<(Vec<Node>, Transmitting)> {
     let count = (boxes.len() - WIDTH) / BOX_BYTES;
     let (low, high) = boxes[..BOX_BYTES * count].split_at(BOX_BYTES * count / 2);
     if low.iter().zip(high).fold(false, |any, (low, high)| any | (low > high)) {
         return wrong("a node's box is inside out");
     }
-    let (mut next, mut grids_ok, mut passed) = (0, true, Passed::default());
+    let (mut next, mut grids_ok, mut transmitting) = (0, true, Transmitting::default());
     let mut table = Vec::with_capacity(rest.len());
     for (((x, y), z), rest) in x.iter().zip(y).zip(z).zip(rest) {
         let [i, j, k, valid] = rest.to_le_bytes();
@@ -142,7 +142,7 @@ fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked
         for (row, bytes) in normal.iter_mut().enumerate() {
             *bytes = (spread(voxels.first_planes, row) ^ way.valid & TOP_BITS).to_le_bytes();
         }
-        add_passed(&mut passed, table.len(), spread(voxels.first_planes, 3) & STOP_CODES != 0);
+        mark_transmitting(&mut transmitting, table.len(), spread(voxels.first_planes, 3) & STOP_CODES != 0);
         let (mut slabs, from) = ([0; WIDTH], piece::<u32, WIDTH>(&voxels.slabs, next));
         let mut child = 0;
         for (slot, slabs) in slabs.iter_mut().enumerate() {
@@ -153,7 +153,7 @@ fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked
         next += valid.count_ones() as usize;
         table.push(Node { origin, exponent, valid, planes, child: [0; WIDTH], slabs, normal });
     }
-    if grids_ok { Ok((table, passed)) } else { wrong("a node's grid is impossible") }
+    if grids_ok { Ok((table, transmitting)) } else { wrong("a node's grid is impossible") }
 }
 
 fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Vec<[u32; 2]>> {

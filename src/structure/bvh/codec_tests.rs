@@ -3,7 +3,7 @@
 use super::codec::{self, Checked, Holds, Place, decode_with, encode_geometry};
 use super::layout::{
     Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node,
-    PAD_WORDS, SHORT_VOXEL, WIDTH, leaf_block_head, put_passed,
+    PAD_WORDS, SHORT_VOXEL, WIDTH, leaf_block_head, put_transmitting,
 };
 use super::leaf::{APART, LeafForm, NEAR};
 use super::validate::validate;
@@ -182,7 +182,7 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
                 node.planes[axis + 3][slot] =
                     node.planes[axis][slot] + random.below(256 - usize::from(node.planes[axis][slot])) as u8;
             }
-            node.set_slabs(slot, random.word(), voxels[slabs] as u16);
+            node.set_oriented_slabs(slot, random.word(), voxels[slabs] as u16);
             slabs += size;
             node.child[slot] = match child {
                 Child::Leaf(leaf) => Child::Leaf(begin + starts[leaf]),
@@ -218,7 +218,7 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     words.extend(places.as_flattened());
     words.extend((0..own_parts).map(|part| 3 * part as u32));
     [firsts, voxels, sides].iter().for_each(|run| words.extend(run));
-    put_passed(&mut words);
+    put_transmitting(&mut words);
     if holds == Holds::All {
         words.extend(leaf_words);
         words.resize(words.len() + PAD_WORDS, 0);

@@ -35,7 +35,9 @@
 //! What a **leaf** is `leaf.rs` says.
 
 use super::leaf::Leaf;
-use crate::lod::{self, Coded, LEVEL, Middle, PASSING, SIDES_WORDS, Slabs, VOXEL_WORDS, stopped, summary_bit};
+use crate::lod::{
+    self, Coded, LEVEL, Middle, OrientedSlabs, SIDES_WORDS, TRANSMITTING_LEVEL, VOXEL_WORDS, stopped, summary_bit,
+};
 use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
@@ -45,22 +47,22 @@ pub const MAX_WORDS: usize = 16384;
 /// Words before the nodes, which begin with a cache line.
 pub const HEADER_WORDS: usize = 16;
 /// The first word of those that say which nodes rays may pass.
-const PASSED_AT: usize = 8;
+const TRANSMITTING_AT: usize = 8;
 /// Those words.
-pub type Passed = [u32; HEADER_WORDS - PASSED_AT];
-const _: () = assert!(MAX_WORDS / NODE_WORDS <= 2 * 32 * (HEADER_WORDS - PASSED_AT), "a bit for each two nodes");
+pub type Transmitting = [u32; HEADER_WORDS - TRANSMITTING_AT];
+const _: () = assert!(MAX_WORDS / NODE_WORDS <= 2 * 32 * (HEADER_WORDS - TRANSMITTING_AT), "a bit for each two nodes");
 
 /// Word and bit of a node there.
 #[inline(always)]
-fn passed_at(node: usize) -> (usize, u32) {
-    (node >> 6 & (HEADER_WORDS - PASSED_AT - 1), node as u32 >> 1 & 31)
+fn transmitting_at(node: usize) -> (usize, u32) {
+    (node >> 6 & (HEADER_WORDS - TRANSMITTING_AT - 1), node as u32 >> 1 & 31)
 }
 
 /// Adds a node that rays may pass a cell of, if so.
 #[inline(always)]
-pub fn add_passed(passed: &mut Passed, node: usize, may_pass: bool) {
-    let (word, bit) = passed_at(node);
-    passed[word] |= u32::from(may_pass) << bit;
+pub fn mark_transmitting(transmitting: &mut Transmitting, node: usize, may_transmit: bool) {
+    let (word, bit) = transmitting_at(node);
+    transmitting[word] |= u32::from(may_transmit) << bit;
 }
 /// Words of a reference to another block.
 pub const EXTERNAL_WORDS: usize = 3;
@@ -153,7 +155,7 @@ pub struct Node {
     pub planes: [[u8; WIDTH]; 6],
     /// References to the children.
     pub child: [u16; WIDTH],
-    /// The slabs of their voxels (`lod::Slabs`).
+    /// The slabs of their voxels (`lod::OrientedSlabs`).
     pub slabs: [u32; WIDTH],
     /// The normals that these are across: the two bytes of the voxels', each with its highest bit turned, which makes a
     /// signed byte one that counts from -128.
@@ -199,7 +201,7 @@ impl Node {
     }
 
     /// Takes a child's slabs, and the low half of its voxel's first word.
-    pub fn set_slabs(&mut self, slot: usize, slabs: u32, normal: u16) {
+    pub fn set_oriented_slabs(&mut self, slot: usize, slabs: u32, normal: u16) {
         self.slabs[slot] = slabs;
         [self.normal[0][slot], self.normal[1][slot]] = (normal ^ 0x8080).to_le_bytes();
     }
@@ -216,16 +218,20 @@ impl Node {
     }
 
     /// Rays may pass a child: walks look at its voxel for how many. They need not at those of greater levels.
-    pub fn may_pass(&mut self, slot: usize) {
-        let level = self.level(slot).min(PASSING);
+    pub fn set_transmitting(&mut self, slot: usize) {
+        let level = self.level(slot).min(TRANSMITTING_LEVEL);
         self.slabs[slot] = self.slabs[slot] & !(3 << LEVEL.0) | level << LEVEL.0;
     }
 
     /// Where in the box of a child its content is.
     #[inline(always)]
-    pub fn stored_slabs(&self, slot: usize) -> Slabs<f32> {
+    pub fn stored_oriented_slabs(&self, slot: usize) -> OrientedSlabs<f32> {
         let word = self.slabs[slot & (WIDTH - 1)];
-        lod::slabs(lod::fields(word), lod::normal_bytes(self.stored_normal(slot).into()), &self.stored_middle(slot))
+        lod::oriented_slabs(
+            lod::fields(word),
+            lod::normal_bytes(self.stored_normal(slot).into()),
+            &self.stored_middle(slot),
+        )
     }
 
     /// A child's box as its slabs see it.
@@ -285,9 +291,9 @@ impl Node {
 }
 
 /// Has the header of a block say which nodes rays may pass.
-pub fn put_passed(words: &mut [u32]) {
-    let passed = Block::new(words).passed();
-    words[PASSED_AT..HEADER_WORDS].copy_from_slice(&passed);
+pub fn put_transmitting(words: &mut [u32]) {
+    let transmitting = Block::new(words).transmitting();
+    words[TRANSMITTING_AT..HEADER_WORDS].copy_from_slice(&transmitting);
 }
 
 /// The first words of a leaf block; those of its header behind them are zero, and its parts follow.
@@ -336,25 +342,25 @@ impl<'a> Block<'a> {
 
     /// Whether rays may pass a cell of a node, or of the one beside it; where not, all stop all.
     #[inline(always)]
-    pub fn may_be_passed(&self, node: usize) -> bool {
-        let (word, bit) = passed_at(node);
-        self.words[PASSED_AT + word] >> bit & 1 == 1
+    pub fn may_transmit(&self, node: usize) -> bool {
+        let (word, bit) = transmitting_at(node);
+        self.words[TRANSMITTING_AT + word] >> bit & 1 == 1
     }
 
     /// What the header says of all nodes.
-    pub fn said_to_pass(&self) -> &[u32] {
-        &self.words[PASSED_AT..HEADER_WORDS]
+    pub fn declared_transmitting(&self) -> &[u32] {
+        &self.words[TRANSMITTING_AT..HEADER_WORDS]
     }
 
     /// What it is to say, by the voxels.
-    pub fn passed(&self) -> Passed {
-        let (mut passed, mut first) = (Passed::default(), 0);
+    pub fn transmitting(&self) -> Transmitting {
+        let (mut transmitting, mut first) = (Transmitting::default(), 0);
         for node in 0..self.nodes() {
             let end = first + self.node(node).valid.count_ones() as usize;
-            add_passed(&mut passed, node, (first..end).any(|i| stopped(self.voxel_at(i)[0]) > 0));
+            mark_transmitting(&mut transmitting, node, (first..end).any(|i| stopped(self.voxel_at(i)[0]) > 0));
             first = end;
         }
-        passed
+        transmitting
     }
 
     /// Where the leaves begin.
@@ -519,10 +525,10 @@ mod tests {
     #[test]
     fn who_may_be_passed_is_it_and_the_one_beside() {
         for node in 0..MAX_WORDS / NODE_WORDS {
-            let mut passed = Passed::default();
-            add_passed(&mut passed, node, true);
-            let words = [[0; PASSED_AT], passed].concat();
-            let may_be = |other| Block::new(&words).may_be_passed(other);
+            let mut transmitting = Transmitting::default();
+            mark_transmitting(&mut transmitting, node, true);
+            let words = [[0; TRANSMITTING_AT], transmitting].concat();
+            let may_be = |other| Block::new(&words).may_transmit(other);
             assert!((0..MAX_WORDS / NODE_WORDS).all(|other| may_be(other) == (other / 2 == node / 2)), "{node}");
         }
     }

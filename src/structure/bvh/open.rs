@@ -56,19 +56,19 @@ impl Start {
 
     /// The tree in a snapshot.
     #[inline]
-    pub fn view<'a>(&self, snapshot: &'a Snapshot, reach: f32, isa: Isa, visit: Visit) -> TreeView<'a> {
-        let Visit { never_waits, is_solid, stamp } = visit;
+    pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit) -> TreeView<'a> {
+        let Visit { accept_missing, opaque_cells, stamp } = visit;
         TreeView {
             snapshot,
             root_block: self.first_block,
             root: self.root,
-            reach,
+            max_coord,
             leaves_at: self.leaves_at,
             prims_at: self.prims_at,
             colours_at: self.colours_at,
             isa,
-            never_waits,
-            is_solid,
+            accept_missing,
+            opaque_cells,
             stamp,
         }
     }

@@ -52,7 +52,7 @@ fn check_tables(block: &Block, place: Place) -> Result<(), String> {
         ensure(is_node, "it refers to something that is not a node")?;
     }
     check_voxels(block)?;
-    ensure(block.said_to_pass() == block.passed(), "it does not say which nodes rays may pass")?;
+    ensure(block.declared_transmitting() == block.transmitting(), "it does not say which nodes rays may pass")?;
     let ascending = (1..block.parts()).all(|i| block.part(i - 1) < block.part(i));
     ensure(ascending, "its parts are not in order")
 }
@@ -170,8 +170,8 @@ mod tests {
         let leaf_at = HEADER_WORDS + NODE_WORDS + EXTERNAL_WORDS + 1 + 1 + 2 * SHORT_VOXEL;
         node.child[0] = Child::Leaf(leaf_at).to_bits();
         node.child[1] = Child::External(HEADER_WORDS + NODE_WORDS).to_bits();
-        node.set_slabs(0, 0, 0x1234);
-        node.set_slabs(1, 0, 0);
+        node.set_oriented_slabs(0, 0, 0x1234);
+        node.set_oriented_slabs(1, 0, 0);
         let mut words = vec![1 | 1 << 16, 1 | 1 << 16, 48, 51, 52, 2, SHORT_VOXEL as u32, 7];
         words.resize(HEADER_WORDS, 0);
         words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(node));

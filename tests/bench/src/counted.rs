@@ -91,13 +91,13 @@ impl OneTree {
             snapshot,
             root_block: row.first_block,
             root: row.root as u32,
-            reach: row.bounds.iter().fold(f32::MIN_POSITIVE, |reach, x| reach.max(x.abs())),
+            max_coord: row.bounds.iter().fold(f32::MIN_POSITIVE, |max_coord, x| max_coord.max(x.abs())),
             leaves_at: leaves_at(row),
             prims_at: self.file.header().geometry_blocks,
             colours_at: None,
             isa: Isa::Baseline,
-            never_waits: false,
-            is_solid: false,
+            accept_missing: false,
+            opaque_cells: false,
             stamp: 1,
         }
     }

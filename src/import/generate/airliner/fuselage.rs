@@ -15,7 +15,7 @@ const PANELS: u64 = 8;
 const CABIN: std::ops::Range<f64> = 7.0..50.0;
 /// Where the skin of the left side is left off.
 const CUTAWAY: std::ops::Range<f64> = 12.0..38.0;
-/// A window's borders: along the bay, and around from the crown in radians.
+/// A window's borders: along the bay, and around from the upper_tree in radians.
 const WINDOW: ([f64; 2], [f64; 2]) = ([0.25, 0.75], [1.155, 1.30]);
 
 /// Station of frame `k`.
@@ -265,7 +265,7 @@ fn around(plan: &mut Plan, bay: u32, k: u64) {
     }
 }
 
-/// Bundles of cables along the fuselage: many at crown and belly, some at the sides.
+/// Bundles of cables along the fuselage: many at upper_tree and belly, some at the sides.
 fn bundles(plan: &mut Plan, section: u32) {
     const SPAN: u64 = 12;
     let group = plan.group("cables", Some(section));

@@ -40,7 +40,7 @@ pub fn rise(x: f64) -> f64 {
     }
 }
 
-/// The point at station `x`, `angle` from the crown (radians, positive to the right), `inset` inside
+/// The point at station `x`, `angle` from the upper_tree (radians, positive to the right), `inset` inside
 /// the skin.
 pub fn fuselage(x: f64, angle: f64, inset: f64) -> DVec3 {
     let (s, c) = angle.sin_cos();

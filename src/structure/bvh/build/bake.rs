@@ -1,6 +1,6 @@
 //! The bake contract of this structure: chunks, tops and crowns of this folder.
 
-use super::{Chunk, Crown, Plan, Top, TreeBlock, root, splits_pay};
+use super::{Chunk, Plan, Top, TreeBlock, UpperTree, root, splits_pay};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
 use crate::structure::bake::{BakedBlock, Baker, BuiltChunk, Counts, TreeInput, TreeOptions};
@@ -18,7 +18,7 @@ impl Baker for BvhBaker {
     type Chunk<'a> = Chunk<'a>;
     type Plan = Plan;
     type Top = Top;
-    type Crown = Crown;
+    type UpperTree = UpperTree;
 
     fn splits_pay(triangles: &[[Vec3; 3]]) -> bool {
         splits_pay(triangles)
@@ -44,20 +44,20 @@ impl Baker for BvhBaker {
         std::iter::once(first).chain(leaves.map(|leaves| baked(leaves, None))).collect()
     }
 
-    fn join(tops: Vec<Top>) -> Result<Crown> {
-        Crown::over(tops)
+    fn join(tops: Vec<Top>) -> Result<UpperTree> {
+        UpperTree::over(tops)
     }
 
-    fn coarse_blocks(crown: &Crown) -> usize {
-        crown.blocks()
+    fn coarse_blocks(upper_tree: &UpperTree) -> usize {
+        upper_tree.blocks()
     }
 
-    fn encode_coarse(crown: &Crown, index: usize, first_block: u32) -> BakedBlock {
-        baked(crown.encode(index, first_block), None)
+    fn encode_coarse(upper_tree: &UpperTree, index: usize, first_block: u32) -> BakedBlock {
+        baked(upper_tree.encode(index, first_block), None)
     }
 
-    fn counts(crown: &Crown) -> Counts {
-        crown.counts
+    fn counts(upper_tree: &UpperTree) -> Counts {
+        upper_tree.counts
     }
 
     fn max_stack(depth: u32) -> u32 {

@@ -8,7 +8,7 @@
 //! a reference always points to a higher block. A tree that fits one block is that block ([`whole`]).
 
 use super::refs::Ref;
-use super::tree::{Inner, Sub};
+use super::tree::{InnerNode, Sub};
 use crate::structure::bake::TreeInput;
 use crate::structure::bvh::layout::{Child, HEADER_WORDS, MAX_WORDS, PAD_WORDS};
 use crate::structure::par::Par;
@@ -33,7 +33,7 @@ const COARSE_WORDS: u32 = MAX_WORDS as u32 / 8;
 /// What goes into one block, or into one of nodes and its leaf block.
 pub struct Plan {
     /// Subtrees, roots in order of their nodes.
-    pub roots: Vec<Box<Inner>>,
+    pub roots: Vec<Box<InnerNode>>,
     /// Local parts of its triangles, ascending.
     pub parts: Vec<u32>,
     /// For each unit referred to, in the order met by a preorder walk: block and child reference.
@@ -64,7 +64,7 @@ pub struct Home {
 }
 
 /// The one block of a tree that fits one; gives the tree back if it does not.
-pub fn whole(root: Box<Inner>, input: TreeInput, refs: &[Ref]) -> Result<Plan, Box<Inner>> {
+pub fn whole(root: Box<InnerNode>, input: TreeInput, refs: &[Ref]) -> Result<Plan, Box<InnerNode>> {
     let words = Plan::EMPTY_WORDS as usize + root.words as usize;
     // Of a large tree it would take long, and the answer is known.
     if words > MAX_WORDS {
@@ -96,7 +96,7 @@ pub fn fine<'a>(
 
 /// The coarse blocks, in their order, of a tree from which `fine` units were cut off. References to those,
 /// as to all, count blocks from the first of the tree.
-pub fn coarse(mut root: Box<Inner>, fine: &[Home]) -> Vec<Plan> {
+pub fn coarse(mut root: Box<InnerNode>, fine: &[Home]) -> Vec<Plan> {
     // Of each round its blocks and the number of its first unit.
     let mut rounds: Vec<(Vec<Plan>, usize)> = Vec::new();
     let mut homes = Vec::new();
@@ -131,19 +131,19 @@ pub fn coarse(mut root: Box<Inner>, fine: &[Home]) -> Vec<Plan> {
 
 #[allow(clippy::vec_box)] // units move between lists; their children lists stay where they are
 /// Cuts off the largest subtrees of at most `most` words, in depth-first order.
-fn cut(inner: &mut Inner, most: u32, first_id: u32, units: &mut Vec<Box<Inner>>) {
+fn cut(inner: &mut InnerNode, most: u32, first_id: u32, units: &mut Vec<Box<InnerNode>>) {
     inner.children.iter_mut().for_each(|(_, child)| cut_child(child, most, first_id, units));
     inner.measure();
 }
 
 #[allow(clippy::vec_box)] // as in `cut`
-fn cut_child(child: &mut Sub, most: u32, first_id: u32, units: &mut Vec<Box<Inner>>) {
-    let Sub::Inner(below) = child else { return };
+fn cut_child(child: &mut Sub, most: u32, first_id: u32, units: &mut Vec<Box<InnerNode>>) {
+    let Sub::InnerNode(below) = child else { return };
     if below.words > most {
         return cut(below, most, first_id, units);
     }
     let id = UnitId(first_id + units.len() as u32);
-    if let Sub::Inner(unit) = std::mem::replace(child, Sub::Placed(id)) {
+    if let Sub::InnerNode(unit) = std::mem::replace(child, Sub::Placed(id)) {
         units.push(unit);
     }
 }
@@ -161,14 +161,14 @@ struct Needs {
 
 impl Needs {
     /// Without parts.
-    fn of(unit: &Inner) -> Self {
+    fn of(unit: &InnerNode) -> Self {
         let of_leaves = unit.leaf_words();
         Self { parts: Vec::new(), nodes: unit.nodes(), of_nodes: unit.words - of_leaves, of_leaves }
     }
 }
 
 /// Fills blocks with consecutive units, given what each needs; says where each went.
-fn fill(units: impl Iterator<Item = (Box<Inner>, Needs)>, homes: &mut Vec<Home>) -> Vec<Plan> {
+fn fill(units: impl Iterator<Item = (Box<InnerNode>, Needs)>, homes: &mut Vec<Home>) -> Vec<Plan> {
     let mut plans: Vec<Plan> = Vec::new();
     for (unit, Needs { parts, nodes, of_nodes, of_leaves }) in units {
         let fits = |p: &Plan| {
@@ -195,11 +195,11 @@ fn fill(units: impl Iterator<Item = (Box<Inner>, Needs)>, homes: &mut Vec<Home>)
 }
 
 /// Local parts of the triangles below, ascending.
-fn parts_of(inner: &Inner, input: TreeInput, refs: &[Ref]) -> Vec<u32> {
-    fn gather(inner: &Inner, input: TreeInput, refs: &[Ref], out: &mut Vec<u32>) {
+fn parts_of(inner: &InnerNode, input: TreeInput, refs: &[Ref]) -> Vec<u32> {
+    fn gather(inner: &InnerNode, input: TreeInput, refs: &[Ref], out: &mut Vec<u32>) {
         for (_, child) in &inner.children {
             match child {
-                Sub::Inner(below) => gather(below, input, refs, out),
+                Sub::InnerNode(below) => gather(below, input, refs, out),
                 Sub::Placed(_) => {}
                 Sub::Leaf { first, count, .. } => {
                     for r in &refs[*first as usize..(*first + *count) as usize] {
@@ -221,10 +221,10 @@ fn parts_of(inner: &Inner, input: TreeInput, refs: &[Ref]) -> Vec<u32> {
 }
 
 /// Units that a subtree refers to, in preorder.
-fn units_met(inner: &Inner, out: &mut Vec<UnitId>) {
+fn units_met(inner: &InnerNode, out: &mut Vec<UnitId>) {
     for (_, child) in &inner.children {
         match child {
-            Sub::Inner(below) => units_met(below, out),
+            Sub::InnerNode(below) => units_met(below, out),
             Sub::Placed(id) => out.push(*id),
             Sub::Leaf { .. } => {}
         }

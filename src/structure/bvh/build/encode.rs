@@ -3,13 +3,13 @@
 use super::cluster::Plan;
 use super::leaf::LeafShape;
 use super::refs::Ref;
-use super::tree::{Inner, Sub};
+use super::tree::{InnerNode, Sub};
 use crate::lod::{Coded, SIDES_WORDS};
 use crate::simd::Portable;
 use crate::structure::bake::TreeInput;
 use crate::structure::bvh::layout::{
     Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_VERTICES, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL,
-    leaf_block_head, put_passed,
+    leaf_block_head, put_transmitting,
 };
 use crate::structure::bvh::leaf::{APART, STEP_BYTES, index_words, put_coordinates};
 use bytemuck::must_cast;
@@ -97,7 +97,7 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
     words.extend(&encoder.firsts);
     words.extend(encoder.voxels.iter().flat_map(|v| &v[..voxel_words]));
     words.extend(encoder.sides.as_flattened());
-    put_passed(&mut words);
+    put_transmitting(&mut words);
     let Encoder { leaves, prims, colours, .. } = encoder;
     if !plan.has_leaf_block {
         words.extend(&leaves);
@@ -120,7 +120,7 @@ fn leaf_block(parts: &[u32], leaves: &[u32], triangles: usize) -> Vec<u32> {
 
 impl Encoder<'_> {
     /// Adds the voxels of a node's children, and of all nodes below it in its block, in the nodes' order.
-    fn voxels_of(&mut self, inner: &Inner) {
+    fn voxels_of(&mut self, inner: &InnerNode) {
         self.firsts.push(self.voxels.len() as u32);
         for (voxel, _) in &inner.children {
             let Coded { mut words, sides, .. } = voxel.clone();
@@ -131,7 +131,7 @@ impl Encoder<'_> {
             self.voxels.push(words);
         }
         for (_, sub) in &inner.children {
-            if let Sub::Inner(below) = sub {
+            if let Sub::InnerNode(below) = sub {
                 self.voxels_of(below);
             }
         }
@@ -144,12 +144,12 @@ impl Encoder<'_> {
     }
 
     /// Adds a node and all below it in its block; returns its index.
-    fn inner(&mut self, inner: &Inner) -> usize {
+    fn inner(&mut self, inner: &InnerNode) -> usize {
         let index = self.nodes.len();
         self.nodes.push(inner.node);
         for (slot, (_, sub)) in inner.children.iter().enumerate() {
             let child = match sub {
-                Sub::Inner(below) => Child::Node(self.inner(below)),
+                Sub::InnerNode(below) => Child::Node(self.inner(below)),
                 Sub::Leaf { first, count, .. } => Child::Leaf(self.leaf(*first, *count)),
                 Sub::Placed(_) => {
                     let at = self.externals_at + self.externals.len() * EXTERNAL_WORDS;

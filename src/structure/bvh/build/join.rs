@@ -6,7 +6,7 @@
 
 use super::Top;
 use super::cluster::{Home, UnitId};
-use super::tree::{Inner, Piece, Place, Sub};
+use super::tree::{InnerNode, Piece, Place, Sub};
 use crate::base::error::{Error, Result};
 use crate::math::Bounds;
 use crate::structure::bake::Counts;
@@ -14,7 +14,7 @@ use crate::structure::bvh::layout::WIDTH;
 
 /// What [`join`] makes.
 pub struct Joined {
-    pub root: Box<Inner>,
+    pub root: Box<InnerNode>,
     /// Of all chunks.
     pub units: Vec<Home>,
     pub counts: Counts,
@@ -44,19 +44,21 @@ pub fn join(tops: Vec<Top>) -> Result<Joined> {
         counts.references += references;
     }
     let (piece, depth, nodes) = match items.pop() {
-        Some(Item { piece, depth, .. }) if items.is_empty() && matches!(piece.sub, Sub::Inner(_)) => (piece, depth, 0),
+        Some(Item { piece, depth, .. }) if items.is_empty() && matches!(piece.sub, Sub::InnerNode(_)) => {
+            (piece, depth, 0)
+        }
         last => {
             items.extend(last);
             over(items)
         }
     };
-    let Sub::Inner(root) = piece.sub else { return Err(Error::Internal("a tree without a root".into())) };
+    let Sub::InnerNode(root) = piece.sub else { return Err(Error::Internal("a tree without a root".into())) };
     Ok(Joined { root, units, counts: Counts { depth, nodes: counts.nodes + nodes, ..counts } })
 }
 
 fn renumber(sub: &mut Sub, by: u32) {
     match sub {
-        Sub::Inner(inner) => inner.children.iter_mut().for_each(|(_, child)| renumber(child, by)),
+        Sub::InnerNode(inner) => inner.children.iter_mut().for_each(|(_, child)| renumber(child, by)),
         Sub::Placed(UnitId(id)) => *id += by,
         Sub::Leaf { .. } => {}
     }
@@ -77,7 +79,7 @@ fn over(items: Vec<Item>) -> (Piece, u32, u64) {
         depth = depth.max(its_depth);
         nodes += its_nodes;
     }
-    (Inner::over(pieces, Place::Above), depth + 1, nodes)
+    (InnerNode::over(pieces, Place::Above), depth + 1, nodes)
 }
 
 /// Splits into up to eight groups, the one of the largest box first.

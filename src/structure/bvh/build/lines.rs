@@ -5,7 +5,7 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::refs::Ref;
-use crate::lod::Slabs;
+use crate::lod::OrientedSlabs;
 use crate::math::Bounds;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Node;
@@ -61,7 +61,7 @@ pub struct Lines {
 /// A cell's region.
 pub struct Region {
     bounds: Bounds,
-    slabs: Slabs<f32>,
+    slabs: OrientedSlabs<f32>,
     /// Unit: across the first slab.
     across: Vec3,
     /// Around it.
@@ -99,7 +99,7 @@ struct OrientedBox {
 }
 
 impl OrientedBox {
-    fn around(bounds: &Bounds, slabs: &Slabs<f32>) -> Self {
+    fn around(bounds: &Bounds, slabs: &OrientedSlabs<f32>) -> Self {
         let lengths = slabs.map(|s| Vec3::from(s.axis).length());
         let [across, second] = [0, 1].map(|k| Vec3::from(slabs[k].axis) / lengths[k]);
         let axes = [across, second, across.cross(second)];
@@ -129,7 +129,7 @@ impl OrientedBox {
 
 impl Region {
     /// Of a cell, and of what is so near around it, as a part of its size.
-    pub fn around(bounds: &Bounds, slabs: &Slabs<f32>, near: f32) -> Self {
+    pub fn around(bounds: &Bounds, slabs: &OrientedSlabs<f32>, near: f32) -> Self {
         let diagonal = bounds.extent().length();
         let size = diagonal.min(LONG * OrientedBox::around(bounds, slabs).width()).max(diagonal * LEAST);
         let give = (size * (GIVE + near)).max(f32::MIN_POSITIVE);
@@ -417,10 +417,10 @@ fn cross<V: Lanes<8>>(a: [V; 3], b: [V; 3]) -> [V; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lod::Slab;
+    use crate::lod::OrientedSlab;
     use crate::simd::{Isa, Op, dispatch};
 
-    const WIDE: Slab<f32> = Slab { axis: [0.0, 0.0, 1.0], low: -10.0, high: 10.0 };
+    const WIDE: OrientedSlab<f32> = OrientedSlab { axis: [0.0, 0.0, 1.0], low: -10.0, high: 10.0 };
 
     /// The faces of a box.
     fn faces(b: Bounds) -> Vec<[Vec3; 3]> {
@@ -468,14 +468,14 @@ mod tests {
 
     /// The share of the lines through many regions, each with lines turned differently, that meet any of the triangles.
     /// (Of few lines it is too large by some hundredths: short ways are seldom found, and weigh much.)
-    fn share(bounds: Bounds, slabs: &Slabs<f32>, triangles: &[[Vec3; 3]], isa: Isa) -> f32 {
+    fn share(bounds: Bounds, slabs: &OrientedSlabs<f32>, triangles: &[[Vec3; 3]], isa: Isa) -> f32 {
         let mut sums = [0.0; 2];
         for round in 0..32 {
             let by = Vec3::splat(round as f32 / 64.0);
             let moved: Vec<_> = triangles.iter().map(|t| t.map(|v| v + by)).collect();
             let slabs = slabs.map(|s| {
                 let along = by.dot(s.axis.into());
-                Slab { low: s.low + along, high: s.high + along, ..s }
+                OrientedSlab { low: s.low + along, high: s.high + along, ..s }
             });
             let mut region = Region::around(&Bounds { min: bounds.min + by, max: bounds.max + by }, &slabs, 0.0);
             for _ in 0..4 {
@@ -494,10 +494,10 @@ mod tests {
     /// Cauchy: of the lines that meet a convex body as many meet one in it as its surface is a part of that one's.
     #[test]
     fn lines_meet_convex_bodies_by_their_surfaces() {
-        let slabs = [WIDE, Slab { axis: [0.0, 1.0, 0.0], ..WIDE }];
+        let slabs = [WIDE, OrientedSlab { axis: [0.0, 1.0, 0.0], ..WIDE }];
         let inner = faces(Bounds { min: Vec3::splat(0.1), max: Vec3::splat(0.6) });
         // A plate of the cell is left between slabs, and a square in it: both of its sides count.
-        let plate = [Slab { axis: [0.0, 0.0, 1.0], low: 0.45, high: 0.55 }, slabs[1]];
+        let plate = [OrientedSlab { axis: [0.0, 0.0, 1.0], low: 0.45, high: 0.55 }, slabs[1]];
         let square = [[0.2, 0.7], [0.7, 0.2]]
             .map(|[x, y]| [Vec3::new(0.2, 0.2, 0.5), Vec3::new(0.7, 0.7, 0.5), Vec3::new(x, y, 0.5)]);
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {

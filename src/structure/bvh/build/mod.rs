@@ -1,10 +1,10 @@
 //! From triangles to blocks: references, binned SAH, wide nodes, leaves, clusters.
 //!
 //! A mesh is built in one or more **chunks**, each in memory: a [`Chunk`] gives its fine and leaf blocks and a [`Top`],
-//! the [`Crown`] over all tops gives the coarse blocks. Passes: `refs` (one box a triangle), `sah` and `spatial` (where
-//! to split the set, or space), `tree` (wide nodes), `small` and `collapse` (those of small subtrees, and leaves),
-//! `cluster` (which nodes share a block), `join` (one tree of several), `encode` (trace form). The result depends on
-//! the input and the options only, never on the number of threads.
+//! the [`UpperTree`] over all tops gives the coarse blocks. Passes: `refs` (one box a triangle), `sah` and `spatial`
+//! (where to split the set, or space), `tree` (wide nodes), `small` and `collapse` (those of small subtrees, and
+//! leaves), `cluster` (which nodes share a block), `join` (one tree of several), `encode` (trace form). The result
+//! depends on the input and the options only, never on the number of threads.
 
 mod bake;
 mod chop;
@@ -17,7 +17,7 @@ mod join;
 mod leaf;
 mod lines;
 mod partition;
-mod pass;
+mod coverage;
 mod quantise;
 mod refs;
 mod sah;
@@ -37,7 +37,7 @@ use crate::simd::Isa;
 use crate::structure::bake::{BuiltChunk, Counts, TreeInput, TreeOptions};
 use crate::structure::bvh::layout::Child;
 use crate::structure::par::Par;
-use tree::{Inner, Piece, Place, Sub};
+use tree::{InnerNode, Piece, Place, Sub};
 
 /// The tree over some of a mesh's triangles, or all: fine and leaf blocks, ready to be encoded one by one.
 pub struct Chunk<'a> {
@@ -76,20 +76,20 @@ impl<'a> Chunk<'a> {
         let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };
         // The tops of several chunks take the roots' children. A root that stays, or is fine, is made here.
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
-            let mut root = [Inner::over(pieces, Place::Above)];
-            pass::mark(&mut root, input, &refs, Isa::best(), par, cancel)?;
+            let mut root = [InnerNode::over(pieces, Place::Above)];
+            coverage::mark(&mut root, input, &refs, Isa::best(), par, cancel)?;
             let [Piece { cell, voxel, content, sub, place }] = root;
             let sub = match sub {
-                Sub::Inner(root) if is_whole => match cluster::whole(root, input, &refs) {
+                Sub::InnerNode(root) if is_whole => match cluster::whole(root, input, &refs) {
                     Ok(plan) => return Ok(done(vec![plan], None, refs)),
-                    Err(root) => Sub::Inner(root),
+                    Err(root) => Sub::InnerNode(root),
                 },
                 sub => sub,
             };
             pieces = vec![Piece { cell, voxel, content, sub, place }];
             below = counts;
         } else {
-            pass::mark(&mut pieces, input, &refs, Isa::best(), par, cancel)?;
+            coverage::mark(&mut pieces, input, &refs, Isa::best(), par, cancel)?;
         }
         let (plans, units) = cluster::fine(pieces.iter_mut().map(|p| &mut p.sub), input, &refs, par);
         let top = Top { pieces, units, fine_blocks: plans.len() as u32, counts: below };
@@ -109,13 +109,13 @@ impl<'a> Chunk<'a> {
 }
 
 /// The coarse blocks of a tree.
-pub struct Crown {
+pub struct UpperTree {
     plans: Vec<Plan>,
     /// Of the whole tree.
     pub counts: Counts,
 }
 
-impl Crown {
+impl UpperTree {
     /// Over the chunks of a mesh, at least one, whose fine blocks follow one another in this order.
     pub fn over(tops: Vec<Top>) -> Result<Self> {
         let join::Joined { root, units, counts } = join::join(tops)?;

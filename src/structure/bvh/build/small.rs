@@ -6,7 +6,7 @@ use super::leaf::LeafShape;
 use super::refs::Ref;
 use super::sah;
 use super::sah::Extents;
-use super::tree::{Builder, CLUMP, DEEP, Inner, Piece, Place, Range, Sub, leaf_voxel, pays, wrap_leaves};
+use super::tree::{Builder, DEEP, InnerNode, Piece, Place, Range, Sub, TREELET, leaf_voxel, pays, wrap_leaves};
 use crate::math::Bounds;
 use crate::structure::bake::Counts;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, WIDTH};
@@ -41,8 +41,8 @@ struct Node {
     bounds: Bounds,
     /// As a leaf, if it fits one only because of what it shares: that had to be found out.
     shape: Option<Box<LeafShape>>,
-    /// The clump it is in: the number of that one's first node.
-    clump: Option<u32>,
+    /// The treelet it is in: the number of that one's first node.
+    treelet: Option<u32>,
 }
 
 impl Node {
@@ -73,7 +73,7 @@ pub fn children(builder: &Builder, range: Range) -> (Vec<Piece>, Counts) {
 
 impl Binary {
     /// Adds the tree over the first `len` references of `room`, which begins at `first`; the number of its root. All of
-    /// it is in `clump`, if there is one.
+    /// it is in `treelet`, if there is one.
     fn grow(
         &mut self,
         builder: &Builder,
@@ -81,14 +81,14 @@ impl Binary {
         [first, len]: [usize; 2],
         extents: &Extents,
         depth: u32,
-        clump: Option<u32>,
+        treelet: Option<u32>,
     ) -> u32 {
         let (id, bounds) = (self.nodes.len(), extents.bounds());
-        let clump = clump.or((len <= CLUMP).then_some(id as u32));
+        let treelet = treelet.or((len <= TREELET).then_some(id as u32));
         let surely = surely_fits(len);
         let shape = if surely { None } else { LeafShape::that_fits(&room[..len], builder.input).map(Box::new) };
         let fits = surely || shape.is_some();
-        self.nodes.push(Node { first, len, bounds, shape, clump });
+        self.nodes.push(Node { first, len, bounds, shape, treelet });
         self.halves.push([id as u32; 2]);
         // What is split is weighed when all is known.
         self.weighed.push(Weighed::leaf(bounds.half_area(), len));
@@ -104,7 +104,7 @@ impl Binary {
         let own = if fits { &mut room[..len] } else { room };
         let [left, right] = builder.halve(own, len, first, extents, split);
         let mut half =
-            |half: Range| self.grow(builder, half.room, [half.first, half.len], &half.extents, depth + 1, clump);
+            |half: Range| self.grow(builder, half.room, [half.first, half.len], &half.extents, depth + 1, treelet);
         self.halves[id] = [half(left), half(right)];
         id as u32
     }
@@ -138,17 +138,17 @@ impl Binary {
         let (mut before, wraps) = (None, self.nodes[at as usize].len > self.bare);
         for child in collapse::children(at, &self.weighed, &self.halves, wraps) {
             let node = &self.nodes[child as usize];
-            let place = match node.clump {
+            let place = match node.treelet {
                 None => Place::Above,
-                clump if clump == before => Place::GoesOn,
+                treelet if treelet == before => Place::GoesOn,
                 _ => Place::Begins,
             };
-            before = node.clump;
+            before = node.treelet;
             let (piece, below) = if self.weighed[child as usize].is_leaf(wraps) {
                 leaf(builder, room, start, node, place)
             } else {
                 let (pieces, counts) = self.wide(builder, room, start, child);
-                (Inner::over(pieces, place), counts)
+                (InnerNode::over(pieces, place), counts)
             };
             pieces.push(piece);
             counts.add_below(below);

@@ -29,34 +29,34 @@ pub enum Sub {
         words: u32,
     },
     /// An inner node.
-    Inner(Box<Inner>),
+    InnerNode(Box<InnerNode>),
     /// Already in a block further down.
     Placed(UnitId),
 }
 
 /// An inner node with its children.
-pub struct Inner {
+pub struct InnerNode {
     /// The children's boxes on its grid; without references.
     pub node: Node,
     /// Each child with its voxel, in the order of the node's slots.
     pub children: Vec<(Coded, Sub)>,
     /// Words of all that hangs below, itself included.
     pub words: u32,
-    /// Where each child is of clumps, in the order of the slots.
+    /// Where each child is of treelets, in the order of the slots.
     pub places: [Place; WIDTH],
 }
 
-/// A **clump** is a range of the binary splits of at most so many references, half of a range of more (or all there
+/// A **treelet** is a range of the binary splits of at most so many references, half of a range of more (or all there
 /// is). It is looked at as a whole (`pass`); what became of it in wide nodes are neighbours: one child or several of
 /// one node, and all below them.
-pub const CLUMP: usize = 256;
+pub const TREELET: usize = 256;
 
-/// Where a child is of clumps. It is not asked of nodes below one.
+/// Where a child is of treelets. It is not asked of nodes below one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// In none: a range larger than a clump.
+    /// In none: a range larger than a treelet.
     Above,
-    /// A clump begins with it.
+    /// A treelet begins with it.
     Begins,
     /// In the same as the child before.
     GoesOn,
@@ -82,17 +82,17 @@ impl Sub {
     pub fn words(&self) -> u32 {
         match self {
             Sub::Leaf { words, .. } => *words,
-            Sub::Inner(inner) => inner.words,
+            Sub::InnerNode(inner) => inner.words,
             Sub::Placed(_) => EXTERNAL_WORDS as u32,
         }
     }
 }
 
-impl Inner {
-    /// Inner nodes in its block: itself, and those below.
+impl InnerNode {
+    /// InnerNode nodes in its block: itself, and those below.
     pub fn nodes(&self) -> u32 {
         let below = self.children.iter().map(|(_, c)| match c {
-            Sub::Inner(inner) => inner.nodes(),
+            Sub::InnerNode(inner) => inner.nodes(),
             _ => 0,
         });
         1 + below.sum::<u32>()
@@ -101,7 +101,7 @@ impl Inner {
     /// Words of the leaves in its block.
     pub fn leaf_words(&self) -> u32 {
         let below = self.children.iter().map(|(_, c)| match c {
-            Sub::Inner(inner) => inner.leaf_words(),
+            Sub::InnerNode(inner) => inner.leaf_words(),
             Sub::Leaf { words, .. } => *words,
             Sub::Placed(_) => 0,
         });
@@ -126,12 +126,12 @@ impl Inner {
         let coded = |(slot, (p, stored)): (usize, (Piece, &Bounds))| {
             let is_leaf = |sub: &Sub| matches!(sub, Sub::Leaf { .. });
             let may_have_sides = match &p.sub {
-                Sub::Inner(wrapped) if wrapped.children.len() == 1 => !is_leaf(&wrapped.children[0].1),
+                Sub::InnerNode(wrapped) if wrapped.children.len() == 1 => !is_leaf(&wrapped.children[0].1),
                 sub => !is_leaf(sub),
             };
             let coded = Coded::of(&p.voxel, &node.stored_middle(slot), &p.content, may_have_sides);
-            node.set_slabs(slot, coded.slabs, coded.words[0] as u16);
-            let (slabs, fill) = (node.stored_slabs(slot), Fill::of(&p.content, stored));
+            node.set_oriented_slabs(slot, coded.slabs, coded.words[0] as u16);
+            let (slabs, fill) = (node.stored_oriented_slabs(slot), Fill::of(&p.content, stored));
             node.set_level(slot, fill.level(stored, &slabs));
             contents.push((p.content, *stored, slabs, fill));
             (coded, p.sub)
@@ -141,9 +141,9 @@ impl Inner {
         // Not collected: that would keep the pieces' memory, which is several times as much.
         let mut children = Vec::with_capacity(pieces.len());
         children.extend(pieces.into_iter().zip(&stored).enumerate().map(coded));
-        let mut inner = Box::new(Inner { node, children, words: 0, places });
+        let mut inner = Box::new(InnerNode { node, children, words: 0, places });
         inner.measure();
-        Piece { cell, voxel, content: Content::over(contents), sub: Sub::Inner(inner), place }
+        Piece { cell, voxel, content: Content::over(contents), sub: Sub::InnerNode(inner), place }
     }
 }
 
@@ -207,7 +207,7 @@ pub fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
     let wrap = |p: Piece| match is_leaf(&p) {
         true => {
             let place = p.place;
-            Inner::over(vec![p], place)
+            InnerNode::over(vec![p], place)
         }
         false => p,
     };
@@ -229,9 +229,9 @@ pub fn leaf_voxel(cell: &Bounds, refs: &[Ref], input: TreeInput) -> Voxel {
 
 impl Builder<'_> {
     fn inner(&self, range: Range, depth: u32) -> Result<(Piece, Counts)> {
-        let place = if range.len <= CLUMP { Place::Begins } else { Place::Above };
+        let place = if range.len <= TREELET { Place::Begins } else { Place::Above };
         let (pieces, counts) = self.children(range, depth)?;
-        Ok((Inner::over(pieces, place), counts))
+        Ok((InnerNode::over(pieces, place), counts))
     }
 
     /// The children of a node over `range`, and the counts of that node.

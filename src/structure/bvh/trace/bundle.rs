@@ -13,7 +13,7 @@ use super::bundle_leaf;
 use super::hit::Counters;
 use super::kernel::Here;
 use super::packet::{PacketEntry, PacketWalk, Row, VECTORS, at_mut};
-use super::packet_prepare::Shared;
+use super::packet_prepare::Common;
 use super::packet_visit::{self, Boxes, farthest, intervals};
 use super::walk::{Entered, push_sorted};
 use super::{PartFilter, TreeView};
@@ -60,7 +60,7 @@ impl Entered for BundleEntry {
 pub(super) struct Class {
     /// What they share. Of what differs between them, `inv_min`, `inv_max`, `dir_min` and `cone_max` are the extremes
     /// of all; the rest is that of one of them, and of no use.
-    pub shared: Shared,
+    pub common: Common,
     /// Lane by lane, extremes of the reciprocal directions, axis by axis.
     inv_min: [Row; 3],
     inv_max: [Row; 3],
@@ -71,7 +71,7 @@ pub(super) struct Class {
 impl Class {
     fn none() -> Self {
         let none = [[0.0; 16]; VECTORS];
-        Self { shared: Shared::default(), inv_min: [none; 3], inv_max: [none; 3], far: none }
+        Self { common: Common::default(), inv_min: [none; 3], inv_max: [none; 3], far: none }
     }
 }
 
@@ -109,7 +109,7 @@ impl Bundle {
         }
         let mut left = 0;
         for (i, packet) in self.packets.iter().enumerate() {
-            let fits = packet.together && packet.shared.one_origin && packet.waiting != 0;
+            let fits = packet.together && packet.common.one_origin && packet.waiting != 0;
             left |= (among >> i & u32::from(fits)) << i;
         }
         while left != 0 {
@@ -129,10 +129,10 @@ impl Bundle {
     /// The packets of `among` that can go together with the first of them; and whether no cell stands in for anything.
     fn alike(&self, view: &TreeView, among: u32) -> (u32, bool) {
         let first = &self.packets[among.trailing_zeros() as usize];
-        let (first, is_exact) = (&first.shared, packet_visit::is_exact(view, first));
+        let (first, is_exact) = (&first.common, packet_visit::is_exact(view, first));
         let mut alike = 0;
         for (i, packet) in self.packets.iter().enumerate() {
-            let it = &packet.shared;
+            let it = &packet.common;
             let mut is_alike = it.near == first.near && it.k == first.k && it.org_near == first.org_near;
             // Where no cell stands in, none is looked at.
             is_alike &= packet_visit::is_exact(view, packet) == is_exact;
@@ -227,7 +227,7 @@ fn each<S: Simd, const LOD: bool>(
 #[inline(always)]
 fn begin<S: Simd>(s: S, bundle: &mut Bundle, view: &TreeView, packets: u32) {
     let Bundle { packets: all, stack, class, .. } = bundle;
-    class.shared = all[packets.trailing_zeros() as usize & (BUNDLE - 1)].shared;
+    class.common = all[packets.trailing_zeros() as usize & (BUNDLE - 1)].common;
     class.far = [[f32::NEG_INFINITY; 16]; VECTORS];
     let mut left = packets;
     while left != 0 {
@@ -235,20 +235,20 @@ fn begin<S: Simd>(s: S, bundle: &mut Bundle, view: &TreeView, packets: u32) {
         left &= left - 1;
         let packet = &mut all[i];
         packet.stack.clear();
-        let (class_shared, shared) = (&mut class.shared, &packet.shared);
+        let (class_shared, common) = (&mut class.common, &packet.common);
         for axis in 0..3 {
-            let (low, high) = (shared.inv_min[axis], shared.inv_max[axis]);
+            let (low, high) = (common.inv_min[axis], common.inv_max[axis]);
             (*at_mut(&mut class.inv_min[axis], i), *at_mut(&mut class.inv_max[axis], i)) = (low, high);
             class_shared.inv_min[axis] = class_shared.inv_min[axis].min(low);
             class_shared.inv_max[axis] = class_shared.inv_max[axis].max(high);
-            class_shared.dir_min[axis] = class_shared.dir_min[axis].min(shared.dir_min[axis]);
+            class_shared.dir_min[axis] = class_shared.dir_min[axis].min(common.dir_min[axis]);
         }
         for part in 0..2 {
-            class_shared.cone_max[part] = class_shared.cone_max[part].max(shared.cone_max[part]);
+            class_shared.cone_max[part] = class_shared.cone_max[part].max(common.cone_max[part]);
         }
         *at_mut(&mut class.far, i) = farthest(s, &packet.hits.t);
     }
-    let [x, y, z] = class.shared.sign;
+    let [x, y, z] = class.common.sign;
     let planes = [[0.0, x * f32::INFINITY], [0.0, y * f32::INFINITY], [0.0, z * f32::INFINITY]];
     stack.clear();
     stack.push(BundleEntry { t: 0.0, packets, block: view.root_block, child: view.root, planes });
@@ -267,7 +267,7 @@ fn node<S: Simd>(
 ) -> bool {
     let (node, block) = (here.node(), here.block);
     let class = &bundle.class;
-    intervals::<S, true>(s, node, &class.shared, farthest(s, &class.far), boxes);
+    intervals::<S, true>(s, node, &class.common, farthest(s, &class.far), boxes);
     if boxes.small != 0 {
         return false;
     }

@@ -5,7 +5,7 @@ use super::bundle::{Bundle, BundleEntry};
 use super::kernel::Together;
 use super::packet::{PacketEntry, VECTORS, at_mut};
 use super::packet_leaf::{AtLeaf, Corners, all_triangles, corners, test};
-use super::packet_prepare::Shared;
+use super::packet_prepare::Common;
 use super::packet_visit::{farthest, meet};
 use super::{PartFilter, TreeView};
 use crate::math::BUNDLE;
@@ -27,13 +27,13 @@ struct Outline<F> {
 /// That of a leaf's triangles. A triangle beside the shears of some rays has its corners on one side of each of them,
 /// sheared as the triangle test does it.
 #[inline(always)]
-fn outline<S: Simd>(s: S, corners: &Corners, shared: &Shared) -> Outline<S::F8> {
+fn outline<S: Simd>(s: S, corners: &Corners, common: &Common) -> Outline<S::F8> {
     let (lowest, highest) = (s.splat8(f32::NEG_INFINITY), s.splat8(f32::INFINITY));
     let (mut least, mut greatest) = ([highest; 2], [lowest; 2]);
     let mut ahead = highest;
     for corner in corners {
         let z = s.load8(&corner[2]);
-        ahead = (z * s.splat8(shared.sign[shared.k[2]])).min(ahead);
+        ahead = (z * s.splat8(common.sign[common.k[2]])).min(ahead);
         for axis in 0..2 {
             let shear = s.load8(&corner[axis]).div(z);
             (least[axis], greatest[axis]) = (shear.min(least[axis]), shear.max(greatest[axis]));
@@ -52,8 +52,8 @@ fn outline<S: Simd>(s: S, corners: &Corners, shared: &Shared) -> Outline<S::F8> 
 
 /// The triangles that are not beside the rays of half `h` of a packet.
 #[inline(always)]
-fn across<S: Simd>(s: S, outline: &Outline<S::F8>, shared: &Shared, h: usize) -> u32 {
-    let half = &shared.shears[h];
+fn across<S: Simd>(s: S, outline: &Outline<S::F8>, common: &Common, h: usize) -> u32 {
+    let half = &common.shears[h];
     let mut across = u32::MAX;
     for axis in 0..2 {
         across &= s.splat8(half[axis][0]).le(outline.greatest[axis]).bits();
@@ -75,9 +75,9 @@ pub(super) fn leaf<S: Simd>(
 ) {
     let Bundle { packets, class, counters, .. } = bundle;
     let leaf = block.leaf(at);
-    let corners = corners(s, &leaf, &class.shared);
+    let corners = corners(s, &leaf, &class.common);
     let here = AtLeaf { block, leaf, at, corners: &corners };
-    let outline = outline(s, &corners, &class.shared);
+    let outline = outline(s, &corners, &class.common);
     let all = all_triangles(leaf.triangles);
     counters.leaves += 1;
     counters.leaf_lines += leaf.lines(at) as u64;
@@ -88,7 +88,7 @@ pub(super) fn leaf<S: Simd>(
         let walk = &mut packets[p];
         let mut triangles = [0; VECTORS];
         for h in 0..VECTORS {
-            triangles[h] = across(s, &outline, &walk.shared, h) & all;
+            triangles[h] = across(s, &outline, &walk.common, h) & all;
         }
         if triangles == [0; VECTORS] {
             continue;
@@ -99,7 +99,7 @@ pub(super) fn leaf<S: Simd>(
         }
         let own = PacketEntry { t: entry.t, rays, block: entry.block, child: entry.child };
         // What is missing stays on its stack.
-        let tree = Together { view, filter, shared: &class.shared, is_large: false };
+        let tree = Together { view, filter, common: &class.common, is_large: false };
         let _ = test::<S, false>(s, tree, walk, own, &here, triangles);
         *at_mut(&mut class.far, p) = farthest(s, &walk.hits.t);
     }

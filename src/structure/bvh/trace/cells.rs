@@ -4,7 +4,7 @@
 use super::stand_in::place_of;
 use super::{TreeView, TriHit};
 use crate::base::ids::BlockId;
-use crate::lod::{Coded, Slabs};
+use crate::lod::{Coded, OrientedSlabs};
 use crate::math::bits;
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, Node, StoredVoxel};
@@ -90,8 +90,8 @@ impl<'a> TreeView<'a> {
     }
 
     /// Where in its box the content of a cell that was hit is; `None` if its block has left the snapshot.
-    pub fn slabs(&self, hit: &TriHit) -> Option<Slabs<f32>> {
-        self.cell_at(hit).map(|(_, node, slot)| node.stored_slabs(slot))
+    pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
+        self.cell_at(hit).map(|(_, node, slot)| node.stored_oriented_slabs(slot))
     }
 
     /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left

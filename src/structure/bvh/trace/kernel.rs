@@ -2,7 +2,7 @@
 //! them are copies of a few references, taken apart to registers once the kernels are inlined.
 
 use super::TreeView;
-use super::packet_prepare::Shared;
+use super::packet_prepare::Common;
 use crate::structure::bvh::layout::{Block, Node};
 use crate::structure::filter::PartFilter;
 
@@ -19,7 +19,7 @@ pub(super) struct Together<'a> {
     pub view: &'a TreeView<'a>,
     pub filter: Option<&'a PartFilter<'a>>,
     /// What the rays share.
-    pub shared: &'a Shared,
+    pub common: &'a Common,
     /// Memory is asked for ahead, see `ahead.rs`.
     pub is_large: bool,
 }

@@ -8,27 +8,27 @@
 mod ahead;
 mod bundle;
 mod bundle_leaf;
-mod cell_slabs;
+mod oriented_slabs;
 mod cells;
-mod gauge;
+mod slab_heuristic;
 mod kernel;
 mod packet_cells;
 mod packet_few;
 mod packet_leaf;
 mod packet_visit;
-mod pass;
+mod coverage;
 mod ray;
 mod rays16;
 mod single;
 mod stand_in;
 mod stream;
-mod stream_pass;
+mod stream_step;
 mod stream_start;
 mod tables;
 
 pub use bundle::Bundle;
-pub(in crate::structure) use gauge::Gauge;
 pub use ray::PreparedRay;
+pub(in crate::structure) use slab_heuristic::SlabHeuristic;
 pub(in crate::structure) use stream::StreamLanes;
 
 use super::layout::{Block, Child, WIDTH};
@@ -53,7 +53,7 @@ pub struct TreeView<'a> {
     /// Child reference to the root in it; [`TreeView::EMPTY`] for a tree without triangles.
     pub root: u32,
     /// Greatest magnitude of a coordinate of the tree.
-    pub reach: f32,
+    pub max_coord: f32,
     /// What to add to a fine block's id for the id of its leaf block; 0 for a tree of one block.
     pub leaves_at: u32,
     /// What to add to a block's id for the id of the block with its primitive ids.
@@ -63,9 +63,9 @@ pub struct TreeView<'a> {
     /// Vectors to trace with.
     pub isa: Isa,
     /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
-    pub never_waits: bool,
+    pub accept_missing: bool,
     /// Whether no ray passes a cell that stands in: what is hit then has nothing before it.
-    pub is_solid: bool,
+    pub opaque_cells: bool,
     /// The pass that visits: blocks that it uses stay while it is stood on.
     pub stamp: u32,
 }
@@ -179,8 +179,8 @@ impl Rooted for TreeView<'_> {
         (!self.is_empty()).then_some(Place { block: self.root_block, item: self.root })
     }
     #[inline(always)]
-    fn reach(&self) -> f32 {
-        self.reach
+    fn max_coord(&self) -> f32 {
+        self.max_coord
     }
     #[inline(always)]
     fn isa(&self) -> Isa {

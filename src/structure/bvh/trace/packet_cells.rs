@@ -2,13 +2,13 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::TreeView;
-use super::cell_slabs::{self, Origin};
+use super::coverage::{CoverageTest, may_transmit};
 use super::kernel::{Here, Together};
+use super::oriented_slabs::{self, Origin};
 use super::packet::{PacketWalk, VECTORS, at_mut};
 use super::packet_leaf::keep_better;
-use super::packet_prepare::Shared;
+use super::packet_prepare::Common;
 use super::packet_visit::{self, Boxes};
-use super::pass::{Sieve, may_be_passed};
 use super::single;
 use super::stand_in::{self, ConeRay, Met, Verdict};
 use crate::geom::watertight::LaneHits;
@@ -30,12 +30,12 @@ pub(super) fn cells<S: Simd>(
     near: [S::F8; 3],
     far: [S::F8; 3],
     faces: [S::F8; 3],
-    shared: &Shared,
+    common: &Common,
     out: &mut Boxes,
 ) {
     for axis in 0..3 {
-        out.faces[axis] = (faces[axis] * s.splat8(shared.sign[axis])).to_array();
-        if !shared.one_origin {
+        out.faces[axis] = (faces[axis] * s.splat8(common.sign[axis])).to_array();
+        if !common.one_origin {
             out.stored[axis] = [near[axis].to_array(), far[axis].to_array()];
         }
     }
@@ -47,8 +47,8 @@ fn cross<S: Simd>(
     s: S,
     boxes: &Boxes,
     slot: usize,
-    shared: &Shared,
-    reach: f32,
+    common: &Common,
+    max_coord: f32,
     walk: &PacketWalk,
     h: usize,
 ) -> [S::F16; 2] {
@@ -56,11 +56,11 @@ fn cross<S: Simd>(
     let (mut first, mut last, mut inv) = ([zero; 3], [zero; 3], [zero; 3]);
     for axis in 0..3 {
         inv[axis] = s.load16(&rays.inv[axis][h]);
-        let planes = if shared.one_origin { &boxes.planes[axis] } else { &boxes.stored[axis] };
+        let planes = if common.one_origin { &boxes.planes[axis] } else { &boxes.stored[axis] };
         (first[axis], last[axis]) = (s.splat16(planes[0][slot & 7]), s.splat16(planes[1][slot & 7]));
-        if !shared.one_origin {
+        if !common.one_origin {
             let org = s.load16(&rays.org[axis][h]);
-            let slack = abs(zero, org).max(s.splat16(reach)) * s.splat16(SLACK * shared.sign[axis]);
+            let slack = abs(zero, org).max(s.splat16(max_coord)) * s.splat16(SLACK * common.sign[axis]);
             (first[axis], last[axis]) = (first[axis] - slack - org, last[axis] + slack - org);
         }
     }
@@ -90,21 +90,21 @@ fn within<S: Simd>(
     walk: &PacketWalk,
     (h, way): (usize, [S::F16; 2]),
 ) -> [S::F16; 2] {
-    let (reach, shared) = (tree.view.reach, tree.shared);
+    let (max_coord, common) = (tree.view.max_coord, tree.common);
     let (rays, zero) = (&walk.rays, s.splat16(0.0));
     let mut dir = [zero; 3];
     for axis in 0..3 {
         dir[axis] = s.load16(&rays.dir[axis][h]);
     }
-    let mut slabs = boxes.slabs(s, here.node(), shared, reach).one(s, slot);
-    if !shared.one_origin {
+    let mut slabs = boxes.slabs(s, here.node(), common, max_coord).one(s, slot);
+    if !common.one_origin {
         let mut org = [zero; 3];
         for axis in 0..3 {
             org[axis] = s.load16(&rays.org[axis][h]);
         }
-        slabs = Origin::new(org, s.splat16(reach), zero).see(&slabs);
+        slabs = Origin::new(org, s.splat16(max_coord), zero).see(&slabs);
     }
-    cell_slabs::within(dir, &slabs, way, s.splat16(1.0))
+    oriented_slabs::within(dir, &slabs, way, s.splat16(1.0))
 }
 
 /// Of the rays in `rays` those that cross the child in `slot` inside of its slabs.
@@ -123,7 +123,7 @@ pub(super) fn inside<S: Simd>(
     for h in 0..VECTORS {
         let lanes = rays >> (16 * h) & 0xffff;
         if lanes != 0 {
-            let way = packet_visit::way(s, &planes, tree.shared.one_origin, walk, h, s.splat16(f32::INFINITY));
+            let way = packet_visit::way(s, &planes, tree.common.one_origin, walk, h, s.splat16(f32::INFINITY));
             let [enter, leave] = within(s, tree, here, slot, boxes, walk, (h, way));
             left |= (lanes & enter.le(leave).bits()) << (16 * h);
         }
@@ -143,12 +143,12 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
     rays: u32,
     walk: &mut PacketWalk,
 ) -> u32 {
-    let (Together { view, filter, shared, .. }, Here { block, id, index: node }) = (tree, here);
+    let (Together { view, filter, common, .. }, Here { block, id, index: node }) = (tree, here);
     let zero = s.splat16(0.0);
     let mut crossings = [[zero; 2]; VECTORS];
     let mut left = 0;
     for h in 0..VECTORS {
-        crossings[h] = cross(s, boxes, slot, shared, view.reach, walk, h);
+        crossings[h] = cross(s, boxes, slot, common, view.max_coord, walk, h);
         let [enter, leave] = crossings[h];
         let met = enter.max(s.load16(&walk.rays.t_min[h])).le(leave.min(s.load16(&walk.hits.t[h])));
         left |= met.bits() << (16 * h);
@@ -174,8 +174,8 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
                 let tri = stand_in::lod_code(node, slot);
                 let [enter, leave] = within(s, tree, here, slot, boxes, walk, (h, [met.enter, crossings[h][1]]));
                 let mut hits = small & enter.le(leave.min(s.load16(&walk.hits.t[h]))).bits();
-                if !view.is_solid && may_be_passed(block, node, slot) {
-                    hits = stopped(Sieve::of(block, node, slot), &enter.to_array(), walk, h, hits);
+                if !view.opaque_cells && may_transmit(block, node, slot) {
+                    hits = stopped(CoverageTest::of(block, node, slot), &enter.to_array(), walk, h, hits);
                 }
                 if hits != 0 {
                     offer::<S, ANY>(s, view, walk, (h, hits), enter, (id, tri));
@@ -189,16 +189,16 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
 
 /// Of the rays `hits` of vector `h`, which enter a cell's region at `enter`, those that do not pass it.
 #[inline(never)]
-fn stopped(sieve: Option<Sieve>, enter: &[f32; 16], walk: &mut PacketWalk, h: usize, hits: u32) -> u32 {
-    let Some(sieve) = sieve else { return hits };
+fn stopped(coverage: Option<CoverageTest>, enter: &[f32; 16], walk: &mut PacketWalk, h: usize, hits: u32) -> u32 {
+    let Some(coverage) = coverage else { return hits };
     let (mut left, mut stopped) = (hits, hits);
     while left != 0 {
         let lane = left.trailing_zeros() as usize & 15;
         left &= left - 1;
-        if sieve.is_passed(&packet_visit::passing(&walk.rays, 16 * h + lane), enter[lane]) {
+        if coverage.transmits(&packet_visit::entry_ray(&walk.rays, 16 * h + lane), enter[lane]) {
             stopped &= !(1 << lane);
-            let passed = at_mut(&mut walk.passed, 16 * h + lane);
-            *passed = passed.min(enter[lane]);
+            let transmitted = at_mut(&mut walk.transmitted, 16 * h + lane);
+            *transmitted = transmitted.min(enter[lane]);
         }
     }
     stopped
@@ -206,11 +206,11 @@ fn stopped(sieve: Option<Sieve>, enter: &[f32; 16], walk: &mut PacketWalk, h: us
 
 /// All cells of a node.
 #[inline(always)]
-fn all_cells<S: Simd>(s: S, node: &Node, shared: &Shared) -> Boxes {
+fn all_cells<S: Simd>(s: S, node: &Node, common: &Common) -> Boxes {
     let mut out = Boxes::NONE;
-    let [near, far] = single::stored_planes(s, node, shared.near);
+    let [near, far] = single::stored_planes(s, node, common.near);
     for axis in 0..3 {
-        let (slack, org) = (s.splat8(shared.slack[axis]), s.splat8(shared.org_near[axis]));
+        let (slack, org) = (s.splat8(common.slack[axis]), s.splat8(common.org_near[axis]));
         out.planes[axis] = [(near[axis] - slack - org).to_array(), (far[axis] + slack - org).to_array()];
         out.stored[axis] = [near[axis].to_array(), far[axis].to_array()];
     }
@@ -228,17 +228,17 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
     rays: u32,
     walk: &mut PacketWalk,
 ) {
-    let (Together { view, filter, shared, .. }, Here { block, id, index: node }) = (tree, here);
+    let (Together { view, filter, common, .. }, Here { block, id, index: node }) = (tree, here);
     if stand_in::judge(block, node, slot, filter) == Verdict::Skip {
         return;
     }
-    let boxes = &mut all_cells(s, here.node(), shared);
+    let boxes = &mut all_cells(s, here.node(), common);
     for h in 0..VECTORS {
         let lanes = rays >> (16 * h) & 0xffff;
         if lanes == 0 {
             continue;
         }
-        let crossing = cross(s, boxes, slot, shared, view.reach, walk, h);
+        let crossing = cross(s, boxes, slot, common, view.max_coord, walk, h);
         let met = meet(s, boxes, slot, crossing, walk, h);
         let far = s.load16(&walk.hits.t[h]);
         let [enter, leave] = within(s, tree, here, slot, boxes, walk, (h, [met.enter, crossing[1]]));

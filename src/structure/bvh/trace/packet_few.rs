@@ -1,11 +1,11 @@
 //! Nodes that few rays of a packet come to: all eight children against one ray after the other.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::cell_slabs::{self, Origin};
 use super::kernel::{Here, Seen, Together};
+use super::oriented_slabs::{self, Origin};
 use super::packet::{PacketWalk, at, at_mut};
-use super::packet_prepare::Shared;
-use super::packet_visit::{self, Boxes, keep, passing};
+use super::packet_prepare::Common;
+use super::packet_visit::{self, Boxes, entry_ray, keep};
 use super::single::MetCells;
 use super::stand_in::{self, ConeRay};
 use super::{packet_cells, single};
@@ -18,12 +18,19 @@ pub(super) const FEW: u32 = 4;
 
 /// What rays share of a node's children, into `boxes`.
 #[inline(always)]
-pub(super) fn planes<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, boxes: &mut Boxes) {
-    let [[first, last], _] = packet_visit::planes(s, node, shared, boxes);
+pub(super) fn planes<S: Simd, const LOD: bool>(s: S, node: &Node, common: &Common, boxes: &mut Boxes) {
+    let [[first, last], _] = packet_visit::planes(s, node, common, boxes);
     (boxes.met, boxes.small, boxes.has_slabs) = (0, 0, false);
     if LOD {
         let faces = stand_in::faces(first, last, s.splat8(0.0));
-        packet_cells::cells(s, first, last, stand_in::counted(faces, cell_slabs::area_shares(s, node)), shared, boxes);
+        packet_cells::cells(
+            s,
+            first,
+            last,
+            stand_in::counted(faces, oriented_slabs::area_shares(s, node)),
+            common,
+            boxes,
+        );
     }
 }
 
@@ -56,7 +63,7 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     }
     boxes.enter = first.to_array();
     if all_asked != 0 {
-        walk.gauge.saw((0..8).filter(|slot| all_asked >> slot & 1 == 1 && out[*slot] == 0).count() as u32);
+        walk.slab_heuristic.saw((0..8).filter(|slot| all_asked >> slot & 1 == 1 && out[*slot] == 0).count() as u32);
     }
     out
 }
@@ -72,13 +79,13 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     i: usize,
     walk: &mut PacketWalk,
 ) -> (u32, u32, S::F8) {
-    let Together { view, filter, shared, .. } = tree;
+    let Together { view, filter, common, .. } = tree;
     let zero = s.splat8(0.0);
     let (mut near, mut far, mut inv, mut org) = ([zero; 3], [zero; 3], [zero; 3], [zero; 3]);
     for axis in 0..3 {
         (near[axis], far[axis]) = (s.load8(&boxes.planes[axis][0]), s.load8(&boxes.planes[axis][1]));
         inv[axis] = s.splat8(at(&walk.rays.inv[axis], i));
-        if !shared.one_origin {
+        if !common.one_origin {
             org[axis] = s.splat8(at(&walk.rays.org[axis], i));
             (near[axis], far[axis]) = (near[axis] - org[axis], far[axis] - org[axis]);
         }
@@ -105,9 +112,9 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     let (mut small, mut way) = (0, [entered, leave]);
     if likely != 0 {
         let mut crossing = [enter, leave];
-        if !shared.one_origin {
+        if !common.one_origin {
             for axis in 0..3 {
-                let slack = s.splat8(slack(at(&walk.rays.org[axis], i), shared.sign[axis], view.reach));
+                let slack = s.splat8(slack(at(&walk.rays.org[axis], i), common.sign[axis], view.max_coord));
                 near[axis] = s.load8(&boxes.stored[axis][0]) - slack - org[axis];
                 far[axis] = s.load8(&boxes.stored[axis][1]) + slack - org[axis];
             }
@@ -122,20 +129,20 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
         return (met, 0, first);
     }
     boxes.small |= small;
-    let mut slabs = boxes.slabs(s, here.node(), shared, view.reach).all(s);
-    if !shared.one_origin {
-        slabs = Origin::new(org, s.splat8(view.reach), zero).see(&slabs);
+    let mut slabs = boxes.slabs(s, here.node(), common, view.max_coord).all(s);
+    if !common.one_origin {
+        slabs = Origin::new(org, s.splat8(view.max_coord), zero).see(&slabs);
     }
-    let [enter, leave] = cell_slabs::within(dir, &slabs, way, s.splat8(1.0));
+    let [enter, leave] = oriented_slabs::within(dir, &slabs, way, s.splat8(1.0));
     let crosses = enter.le(leave).bits();
     met &= !leaves | crosses;
     if small == 0 {
         return (met, leaves, first);
     }
     let mut best = walk.best(i);
-    let (passing, passed) = (passing(&walk.rays, i), at_mut(&mut walk.passed, i));
+    let (ray, transmitted) = (entry_ray(&walk.rays, i), at_mut(&mut walk.transmitted, i));
     let cells = MetCells { small, crosses, t: &enter.to_array() };
-    let settled = single::offers(Seen { view, filter }, here, cells, &passing, &mut best, passed);
+    let settled = single::offers(Seen { view, filter }, here, cells, &ray, &mut best, transmitted);
     keep(walk, i, &best);
     if ANY && best.is_hit() {
         walk.waiting &= !(1 << i);

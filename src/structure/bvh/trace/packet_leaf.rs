@@ -6,7 +6,7 @@ use super::TreeView;
 use super::hit::{Outcome, TriHit};
 use super::kernel::Together;
 use super::packet::{PacketEntry, PacketHits, PacketWalk, VECTORS, at};
-use super::packet_prepare::Shared;
+use super::packet_prepare::Common;
 use super::packet_visit::keep;
 use super::single::{is_better, nearest};
 use super::tables::tables;
@@ -26,11 +26,11 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
     block: Block,
     at: usize,
 ) -> Outcome {
-    let (leaf, shared) = (block.leaf(at), tree.shared);
-    let corners = corners(s, &leaf, shared);
+    let (leaf, common) = (block.leaf(at), tree.common);
+    let corners = corners(s, &leaf, common);
     let mut left = all_triangles(leaf.triangles);
-    if shared.one_origin {
-        left &= !beside(s, &corners, shared);
+    if common.one_origin {
+        left &= !beside(s, &corners, common);
     }
     test::<S, ANY>(s, tree, walk, entry, &AtLeaf { block, leaf, at, corners: &corners }, [left; VECTORS])
 }
@@ -54,7 +54,7 @@ pub(super) fn test<S: Simd, const ANY: bool>(
     here: &AtLeaf,
     triangles: [u32; VECTORS],
 ) -> Outcome {
-    let (Together { view, filter, shared, .. }, &AtLeaf { block, ref leaf, at, corners }) = (tree, here);
+    let (Together { view, filter, common, .. }, &AtLeaf { block, ref leaf, at, corners }) = (tree, here);
     let (mut tests, mut left) = (0, 0);
     for h in 0..VECTORS {
         if entry.rays >> (16 * h) & 0xffff != 0 {
@@ -75,10 +75,10 @@ pub(super) fn test<S: Simd, const ANY: bool>(
             if rays == 0 || triangles[h] >> i & 1 == 0 {
                 continue;
             }
-            let found = if shared.one_origin {
-                triangle::<S, true>(s, corners, i, shared.k, walk, h)
+            let found = if common.one_origin {
+                triangle::<S, true>(s, corners, i, common.k, walk, h)
             } else {
-                triangle::<S, false>(s, corners, i, shared.k, walk, h)
+                triangle::<S, false>(s, corners, i, common.k, walk, h)
             };
             let hits = found.hits & rays;
             let found = LaneHits { hits, ..found };
@@ -107,8 +107,8 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     entry: PacketEntry,
     here: &AtLeaf,
 ) -> Outcome {
-    let (Together { view, filter, shared, .. }, &AtLeaf { block, leaf, at: leaf_at, corners }) = (tree, here);
-    let k = shared.k;
+    let (Together { view, filter, common, .. }, &AtLeaf { block, leaf, at: leaf_at, corners }) = (tree, here);
+    let k = common.k;
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
@@ -119,7 +119,7 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
         for axis in 0..3 {
             for c in 0..3 {
                 let corner = s.load8(&corners[c][axis]);
-                moved[c][axis] = if shared.one_origin { corner } else { corner - s.splat8(at(&r.org[k[axis]], i)) };
+                moved[c][axis] = if common.one_origin { corner } else { corner - s.splat8(at(&r.org[k[axis]], i)) };
             }
         }
         let [a, b, c] = moved;
@@ -147,16 +147,16 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     Outcome::Done
 }
 
-/// The corners of eight triangles, axis by axis in the order of [`Shared::k`].
+/// The corners of eight triangles, axis by axis in the order of [`Common::k`].
 pub(super) type Corners = [[[f32; 8]; 3]; 3];
 
 /// Those of a leaf, relative to the rays' origin if it is one; past the leaf's last triangle, whatever.
 #[inline(always)]
-pub(super) fn corners<S: Simd>(s: S, leaf: &Leaf, shared: &Shared) -> Corners {
-    let k = shared.k;
+pub(super) fn corners<S: Simd>(s: S, leaf: &Leaf, common: &Common) -> Corners {
+    let k = common.k;
     let (mut all, tables) = ([[[0.0; 8]; 3]; 3], tables(s, leaf, k));
     for axis in 0..3 {
-        let org = s.splat8(if shared.one_origin { shared.org_near[k[axis]] } else { 0.0 });
+        let org = s.splat8(if common.one_origin { common.org_near[k[axis]] } else { 0.0 });
         for c in 0..3 {
             all[c][axis] = (s.lookup16(tables[axis], s.index8(leaf.corners8(c))) - org).to_array();
         }
@@ -174,11 +174,11 @@ pub(super) fn all_triangles(count: usize) -> u32 {
 /// the extremes of the shear a sheared corner is between what the extremes give, rounding included, as rounded
 /// differences and products keep order: so none of these triangles would be hit.
 #[inline(always)]
-fn beside<S: Simd>(s: S, corners: &Corners, shared: &Shared) -> u32 {
+fn beside<S: Simd>(s: S, corners: &Corners, common: &Common) -> u32 {
     let zero = s.splat8(0.0);
     let mut beside = 0;
     for axis in 0..2 {
-        let (least, greatest) = (s.splat8(shared.shear_min[axis]), s.splat8(shared.shear_max[axis]));
+        let (least, greatest) = (s.splat8(common.shear_min[axis]), s.splat8(common.shear_max[axis]));
         let mut all_low = s.splat8(f32::INFINITY);
         let mut all_high = s.splat8(f32::NEG_INFINITY);
         for corner in corners {

@@ -11,15 +11,15 @@
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::ahead;
-use super::cell_slabs::{self, Eight, Origin};
+use super::coverage::EntryRay;
 use super::hit::{Outcome, TriHit};
 use super::kernel::{Here, Seen, Together};
+use super::oriented_slabs::{self, Eight, Origin};
 use super::packet::{PacketEntry, PacketRays, PacketWalk, Row, VECTORS, at, at_mut};
 use super::packet_cells;
 use super::packet_few;
 use super::packet_leaf::leaf;
-use super::packet_prepare::Shared;
-use super::pass::Passing;
+use super::packet_prepare::Common;
 use super::single::{self, Alone, RayLanes};
 use super::stand_in;
 use super::walk::{Entry, push_sorted};
@@ -71,7 +71,7 @@ fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut
 
 /// Whether no cell stands in for anything.
 pub(super) fn is_exact(view: &TreeView, walk: &PacketWalk) -> bool {
-    !view.never_waits && walk.rays.cone.as_flattened().as_flattened().iter().all(|w| *w == 0.0)
+    !view.accept_missing && walk.rays.cone.as_flattened().as_flattened().iter().all(|w| *w == 0.0)
 }
 
 /// `LOD`: cells may stand in.
@@ -105,8 +105,8 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     walk: &mut PacketWalk,
     boxes: &mut Boxes,
 ) -> Outcome {
-    let shared = walk.shared;
-    let tree = Together { view, filter, shared: &shared, is_large: ahead::is_large(view.snapshot) };
+    let common = walk.common;
+    let tree = Together { view, filter, common: &common, is_large: ahead::is_large(view.snapshot) };
     let goes_alone = !walk.together || PartFilter::is_by_ray(filter);
     let mut far = farthest(s, &walk.hits.t);
     while let Some(mut entry) = walk.stack.pop() {
@@ -137,12 +137,12 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let (bottom, here) = (walk.stack.len(), Here { block, id: entry.block, index });
                     let is_few = entry.rays.count_ones() <= packet_few::FEW;
                     if is_few {
-                        packet_few::planes::<S, LOD>(s, here.node(), &shared, boxes);
+                        packet_few::planes::<S, LOD>(s, here.node(), &common, boxes);
                     } else {
-                        intervals::<S, LOD>(s, here.node(), &shared, far, boxes);
+                        intervals::<S, LOD>(s, here.node(), &common, far, boxes);
                     }
                     let nearest = nearest_child::<S, ANY, LOD>(s, tree, here, is_few, boxes, entry, walk);
-                    if LOD && (boxes.small != 0 || view.never_waits) {
+                    if LOD && (boxes.small != 0 || view.accept_missing) {
                         far = farthest(s, &walk.hits.t);
                     }
                     let Some(nearest) = nearest else { break };
@@ -179,7 +179,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     walk.counters.blocks += 1;
                     let (next, below) = block.external(at);
                     let Some(words) = view.visit(next) else {
-                        if LOD && view.never_waits {
+                        if LOD && view.accept_missing {
                             let (index, slot) = block.place_of_external(at);
                             let here = Here { block, id: entry.block, index };
                             packet_cells::for_missing::<S, ANY>(s, tree, here, slot, entry.rays, walk);
@@ -212,13 +212,13 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
     let mut rays = entry.rays;
     while rays != 0 {
         let i = rays.trailing_zeros() as usize;
-        let ray = RayLanes::new(s, PreparedRay::new(&walk.rays.one(i), view.reach));
+        let ray = RayLanes::new(s, PreparedRay::new(&walk.rays.one(i), view.max_coord));
         let mut best = walk.best(i);
         let stack = &mut walk.alone.stack;
         stack.clear();
         stack.push(Entry { t: entry.t, block: entry.block, child: entry.child });
-        let (passed, counters) = (at_mut(&mut walk.passed, i), &mut walk.alone.counters);
-        let alone = Alone { stack, best: &mut best, passed, counters };
+        let (transmitted, counters) = (at_mut(&mut walk.transmitted, i), &mut walk.alone.counters);
+        let alone = Alone { stack, best: &mut best, transmitted, counters };
         let outcome = single::visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, alone);
         keep(walk, i, &best);
         if outcome != Outcome::Done {
@@ -239,9 +239,9 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
 
 /// Ray `i`, as cells see it that rays pass.
 #[inline(always)]
-pub(super) fn passing(rays: &PacketRays, i: usize) -> Passing {
+pub(super) fn entry_ray(rays: &PacketRays, i: usize) -> EntryRay {
     let (org, dir) = (&rays.org, &rays.dir);
-    Passing {
+    EntryRay {
         org: [at(&org[0], i), at(&org[1], i), at(&org[2], i)],
         dir: [at(&dir[0], i), at(&dir[1], i), at(&dir[2], i)],
     }
@@ -267,10 +267,10 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     entry: PacketEntry,
     walk: &mut PacketWalk,
 ) -> Option<PacketEntry> {
-    let Together { view, shared, is_large, .. } = tree;
+    let Together { view, common, is_large, .. } = tree;
     let (node, block) = (here.node(), here.block);
     // Leaves whose slabs are asked.
-    let is_asked = !LOD && walk.gauge.asks();
+    let is_asked = !LOD && walk.slab_heuristic.asks();
     let asked = if is_asked { stand_in::leaves(node) } else { 0 };
     let few =
         if is_few { packet_few::each::<S, ANY, LOD>(s, tree, here, boxes, entry.rays, asked, walk) } else { [0; 8] };
@@ -290,8 +290,8 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
             few[slot]
         } else if LOD && boxes.small >> slot & 1 == 1 {
             packet_cells::stand_in::<S, ANY>(s, tree, here, slot, boxes, entry.rays, walk)
-        } else if !shared.one_origin || boxes.narrow >> slot & 1 == 1 || Child::is_leaf(child) {
-            meet(s, &boxes.planes_of(slot), shared.one_origin, walk) & entry.rays
+        } else if !common.one_origin || boxes.narrow >> slot & 1 == 1 || Child::is_leaf(child) {
+            meet(s, &boxes.planes_of(slot), common.one_origin, walk) & entry.rays
         } else {
             entry.rays
         };
@@ -303,7 +303,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
             continue;
         }
         let (id, child, is_there) = ahead::follow(is_large, view, block, entry.block, child);
-        if LOD && view.never_waits && !is_there {
+        if LOD && view.accept_missing && !is_there {
             packet_cells::for_missing::<S, ANY>(s, tree, here, slot, rays, walk);
             continue;
         }
@@ -319,7 +319,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         push_sorted(&mut walk.stack, bottom, next);
     }
     if leaves != 0 && !is_few {
-        walk.gauge.saw(beside);
+        walk.slab_heuristic.saw(beside);
     }
     nearest
 }
@@ -337,7 +337,7 @@ pub(super) struct Boxes {
     pub small: u32,
     /// No ray enters them before.
     pub enter: [f32; 8],
-    /// Outward by [`Shared::slack`].
+    /// Outward by [`Common::slack`].
     pub planes: Planes,
     /// Only if one is small, or few rays come: the planes as stored, where rays do not share the origin; and what areas
     /// of faces count for, signed as the directions are.
@@ -368,13 +368,13 @@ impl Boxes {
 
     /// The slabs of the node's children; worked out once.
     #[inline(always)]
-    pub fn slabs<S: Simd>(&mut self, s: S, node: &Node, shared: &Shared, reach: f32) -> &Eight {
+    pub fn slabs<S: Simd>(&mut self, s: S, node: &Node, common: &Common, max_coord: f32) -> &Eight {
         if !self.has_slabs {
-            let mut slabs = cell_slabs::of_node(s, node);
-            if shared.one_origin {
-                let [x, y, z] = shared.org_near;
-                slabs =
-                    Origin::new([s.splat8(x), s.splat8(y), s.splat8(z)], s.splat8(reach), s.splat8(0.0)).see(&slabs);
+            let mut slabs = oriented_slabs::of_node(s, node);
+            if common.one_origin {
+                let [x, y, z] = common.org_near;
+                slabs = Origin::new([s.splat8(x), s.splat8(y), s.splat8(z)], s.splat8(max_coord), s.splat8(0.0))
+                    .see(&slabs);
             }
             self.slabs.set(&slabs);
             self.has_slabs = true;
@@ -392,41 +392,41 @@ impl Boxes {
 
 /// The test of all children against all rays at once, into `out`.
 #[inline(always)]
-pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, shared: &Shared, far: f32, out: &mut Boxes) {
-    let [[first, last], [from, to]] = planes(s, node, shared, out);
-    let [enter, leave] = cross(s, from, to, shared, far);
+pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, common: &Common, far: f32, out: &mut Boxes) {
+    let [[first, last], [from, to]] = planes(s, node, common, out);
+    let [enter, leave] = cross(s, from, to, common, far);
     out.met = enter.le(leave).bits() & u32::from(node.valid);
     out.enter = enter.to_array();
     let faces = stand_in::faces(first, last, s.splat8(0.0));
-    let dir = [s.splat8(shared.dir_min[0]), s.splat8(shared.dir_min[1]), s.splat8(shared.dir_min[2])];
+    let dir = [s.splat8(common.dir_min[0]), s.splat8(common.dir_min[1]), s.splat8(common.dir_min[2])];
     let area = stand_in::area(faces, dir);
-    out.narrow = area.le(leave * leave * s.splat8(shared.spread_area)).bits();
+    out.narrow = area.le(leave * leave * s.splat8(common.spread_area)).bits();
     out.has_slabs = false;
     if LOD {
-        let share = cell_slabs::area_shares(s, node);
-        out.small = packet_cells::likely(s, area * share, leave, shared.cone_max) & out.met;
+        let share = oriented_slabs::area_shares(s, node);
+        out.small = packet_cells::likely(s, area * share, leave, common.cone_max) & out.met;
         if out.small != 0 {
-            packet_cells::cells(s, first, last, stand_in::counted(faces, share), shared, out);
+            packet_cells::cells(s, first, last, stand_in::counted(faces, share), common, out);
         }
     }
 }
 
 /// The planes of a node's children into `out`; as stored, and outward less the extremes of the origins.
 #[inline(always)]
-pub(super) fn planes<S: Simd>(s: S, node: &Node, shared: &Shared, out: &mut Boxes) -> [[[S::F8; 3]; 2]; 2] {
+pub(super) fn planes<S: Simd>(s: S, node: &Node, common: &Common, out: &mut Boxes) -> [[[S::F8; 3]; 2]; 2] {
     let step = s.powers8(node.exponents());
     let zero = s.splat8(0.0);
     let (mut first, mut last) = ([zero; 3], [zero; 3]);
     let (mut from, mut to) = ([zero; 3], [zero; 3]);
     for axis in 0..3 {
-        let (near, far) = single::planes(node, shared.near[axis]);
+        let (near, far) = single::planes(node, common.near[axis]);
         let origin = s.splat8(node.origin[axis]);
         first[axis] = s.bytes8(near).mul_add(step[axis], origin);
         last[axis] = s.bytes8(far).mul_add(step[axis], origin);
-        let slack = s.splat8(shared.slack[axis]);
+        let slack = s.splat8(common.slack[axis]);
         let (near, far) = (first[axis] - slack, last[axis] + slack);
-        (from[axis], to[axis]) = (near - s.splat8(shared.org_near[axis]), far - s.splat8(shared.org_far[axis]));
-        let planes = if shared.one_origin { [from[axis], to[axis]] } else { [near, far] };
+        (from[axis], to[axis]) = (near - s.splat8(common.org_near[axis]), far - s.splat8(common.org_far[axis]));
+        let planes = if common.one_origin { [from[axis], to[axis]] } else { [near, far] };
         out.planes[axis] = [planes[0].to_array(), planes[1].to_array()];
     }
     [[first, last], [from, to]]
@@ -435,11 +435,11 @@ pub(super) fn planes<S: Simd>(s: S, node: &Node, shared: &Shared, out: &mut Boxe
 /// Where the first of all rays enters boxes between planes less the extremes of the origins, and where the last leaves
 /// them, up to `far`.
 #[inline(always)]
-pub(super) fn cross<S: Simd>(s: S, from: [S::F8; 3], to: [S::F8; 3], shared: &Shared, far: f32) -> [S::F8; 2] {
+pub(super) fn cross<S: Simd>(s: S, from: [S::F8; 3], to: [S::F8; 3], common: &Common, far: f32) -> [S::F8; 2] {
     let (mut enter, mut leave) = (s.splat8(0.0), s.splat8(far));
     for axis in 0..3 {
         // Rounded products keep order: no ray between the extremes has less, or more.
-        let (low, high) = (s.splat8(shared.inv_min[axis]), s.splat8(shared.inv_max[axis]));
+        let (low, high) = (s.splat8(common.inv_min[axis]), s.splat8(common.inv_max[axis]));
         enter = (from[axis] * low).min(from[axis] * high).max(enter);
         leave = (to[axis] * low).max(to[axis] * high).min(leave);
     }

@@ -48,11 +48,11 @@ impl PreparedRay {
     /// met the boxes of all above it. It also covers what clamping a direction component does, and flat boxes met
     /// edge-on: there the reciprocal is so large that the slack exceeds every distance.
     #[inline(always)]
-    pub fn new(ray: &LocalRay, reach: f32) -> Self {
+    pub fn new(ray: &LocalRay, max_coord: f32) -> Self {
         let least = ray.dir.abs().max_element() * 1e-18;
         let magnitude = ray.dir.abs().max(Vec3::splat(least));
         let inv = Vec3::ONE / magnitude.copysign(ray.dir);
-        let slack = inv.abs() * ray.org.abs().max(Vec3::splat(reach)) * BOX_SLACK;
+        let slack = inv.abs() * ray.org.abs().max(Vec3::splat(max_coord)) * BOX_SLACK;
         let off = ray.org * inv;
         let negative = inv.is_negative_bitmask() as usize;
         Self {

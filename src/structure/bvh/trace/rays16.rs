@@ -160,7 +160,7 @@ const TO_HIGH: u32 = 24;
 impl Rays16 {
     /// Prepares all rays, as [`super::PreparedRay::new`] does one (which see); returns the valid ones.
     #[inline(always)]
-    pub(super) fn prepare<S: Simd>(&self, s: S, reach: f32, out: &mut Prepared) -> u32 {
+    pub(super) fn prepare<S: Simd>(&self, s: S, max_coord: f32, out: &mut Prepared) -> u32 {
         let zero = s.splat16(0.0);
         let org = [s.load16(&self.org[0]), s.load16(&self.org[1]), s.load16(&self.org[2])];
         let dir = [s.load16(&self.dir[0]), s.load16(&self.dir[1]), s.load16(&self.dir[2])];
@@ -173,7 +173,7 @@ impl Rays16 {
             let is_positive = zero.le(dir[axis]);
             positive[axis] = is_positive.bits();
             let inv = magnitude.select(is_positive, zero - magnitude);
-            let slack = magnitude * abs(zero, org[axis]).max(s.splat16(reach)) * s.splat16(BOX_SLACK);
+            let slack = magnitude * abs(zero, org[axis]).max(s.splat16(max_coord)) * s.splat16(BOX_SLACK);
             let off = org[axis] * inv;
             lines[axis] = inv.to_array();
             lines[4 + axis] = (zero - off - slack).to_array();

@@ -1,10 +1,10 @@
 //! One ray after the other, eight boxes or triangles at a time.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
-use super::cell_slabs::{self, Origin};
+use super::coverage::EntryRay;
 use super::hit::{Outcome, TriHit};
 use super::kernel::{Here, Seen};
-use super::pass::Passing;
+use super::oriented_slabs::{Origin, area_shares, of_node, within};
 use super::stand_in::{self, ConeRay, Verdict};
 use super::tables::sheared_corners;
 use super::walk::{Entry, Walk, push_sorted};
@@ -19,7 +19,7 @@ use crate::structure::ray;
 
 /// Goes on with `walk` until it ends or a block is missing.
 pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
-    if walk.ray.cone == Cone::ZERO && !view.never_waits {
+    if walk.ray.cone == Cone::ZERO && !view.accept_missing {
         dispatch(view.isa, Single::<ANY, false> { view, filter, walk })
     } else {
         dispatch(view.isa, Single::<ANY, true> { view, filter, walk })
@@ -42,9 +42,9 @@ impl<const ANY: bool, const LOD: bool> Op for Single<'_, '_, ANY, LOD> {
         if walk.stack.is_empty() {
             return Outcome::Done;
         }
-        let ray = RayLanes::new(s, PreparedRay::new(&walk.ray, view.reach));
-        let Walk { stack, best, passed, counters, .. } = walk;
-        visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, Alone { stack, best, passed, counters })
+        let ray = RayLanes::new(s, PreparedRay::new(&walk.ray, view.max_coord));
+        let Walk { stack, best, transmitted, counters, .. } = walk;
+        visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, Alone { stack, best, transmitted, counters })
     }
 }
 
@@ -97,7 +97,7 @@ pub(super) struct Alone<'a> {
     pub stack: &'a mut Vec<Entry>,
     pub best: &'a mut TriHit,
     /// Where it passed a stand-in first.
-    pub passed: &'a mut f32,
+    pub transmitted: &'a mut f32,
     pub counters: &'a mut Counters,
 }
 
@@ -110,10 +110,10 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     walk: Alone,
 ) -> Outcome {
     let Seen { view, filter } = tree;
-    let Alone { stack, best, passed, counters } = walk;
+    let Alone { stack, best, transmitted, counters } = walk;
     let mut block_id = u32::MAX;
     let mut block = Block::new(&[]);
-    let cells = if LOD { Some(CellLanes::new(s, &lanes.ray, view.reach)) } else { None };
+    let cells = if LOD { Some(CellLanes::new(s, &lanes.ray, view.max_coord)) } else { None };
     while let Some(entry) = stack.pop() {
         // Not `<=`: an equal distance may be a tie that a lower primitive id wins.
         if entry.t > best.t {
@@ -135,8 +135,8 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let node = here.node();
                     let (mut mask, t, leave) = boxes(s, node, lanes, best.t);
                     if let Some(cells) = &cells {
-                        mask = stand_ins(s, tree, here, (mask, leave), cells, best, passed);
-                        if view.never_waits && mask != 0 && view.lacks_leaves(block_id) {
+                        mask = stand_ins(s, tree, here, (mask, leave), cells, best, transmitted);
+                        if view.accept_missing && mask != 0 && view.lacks_leaves(block_id) {
                             mask = for_missing_leaves::<S, ANY>(s, here, mask, cells, filter, best);
                         }
                         if ANY && best.is_hit() {
@@ -181,7 +181,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     counters.blocks += 1;
                     let (next, below) = block.external(at);
                     let Some(words) = view.visit(next) else {
-                        if let Some(cells) = cells.as_ref().filter(|_| view.never_waits) {
+                        if let Some(cells) = cells.as_ref().filter(|_| view.accept_missing) {
                             let (index, slot) = block.place_of_external(at);
                             let here = Here { block, id: block_id, index };
                             stand_in_for_missing::<S, ANY>(s, here, slot, cells, filter, best);
@@ -230,7 +230,7 @@ fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut Counters) ->
     match (view.prim(hit), view.prim(best)) {
         (Ok(a), Ok(b)) => Ok(a < b),
         // A walk that never waits takes the first by its place.
-        _ if view.never_waits => Ok((hit.block, hit.tri) < (best.block, best.tri)),
+        _ if view.accept_missing => Ok((hit.block, hit.tri) < (best.block, best.tri)),
         (a, b) => Ok(a? < b?),
     }
 }
@@ -261,8 +261,8 @@ pub(super) struct CellLanes<S: Simd> {
     org: [S::F8; 3],
     slack: [S::F8; 3],
     near: [usize; 3],
-    pub(super) one: Passing,
-    reach: f32,
+    pub(super) one: EntryRay,
+    max_coord: f32,
 }
 
 /// The parts of a ray that the test of stand-ins needs, as [`PreparedRay`] has them.
@@ -277,24 +277,24 @@ pub(super) struct CellRay {
 
 impl<S: Simd> CellLanes<S> {
     #[inline(always)]
-    fn new(s: S, ray: &PreparedRay, reach: f32) -> Self {
+    fn new(s: S, ray: &PreparedRay, max_coord: f32) -> Self {
         let (org, dir) = (ray.org.to_array(), ray.dir.to_array());
-        Self::of(s, CellRay { org, inv: ray.inv, dir, near: ray.near, t_min: ray.t_min, cone: ray.cone }, reach)
+        Self::of(s, CellRay { org, inv: ray.inv, dir, near: ray.near, t_min: ray.t_min, cone: ray.cone }, max_coord)
     }
 
     /// For a tree whose coordinates are at most `reach` in magnitude.
     #[inline(always)]
-    pub(super) fn of(s: S, ray: CellRay, reach: f32) -> Self {
+    pub(super) fn of(s: S, ray: CellRay, max_coord: f32) -> Self {
         let CellRay { org, inv, dir, near, t_min, cone } = ray;
         let (mut slack, mut signed) = ([0.0; 3], [0.0; 3]);
         for axis in 0..3 {
-            slack[axis] = ray::slack(org[axis], inv[axis], reach);
+            slack[axis] = ray::slack(org[axis], inv[axis], max_coord);
             signed[axis] = dir[axis].copysign(inv[axis]);
         }
         let (t_min, a, b) = (s.splat8(t_min), s.splat8(cone.a), s.splat8(cone.b));
         let ray = ConeRay { dir: splat3(s, dir), t_min, a, b };
-        let one = Passing { org, dir: signed };
-        Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near, one, reach }
+        let one = EntryRay { org, dir: signed };
+        Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near, one, max_coord }
     }
 
     /// Where it enters and leaves cells between planes as stored.
@@ -310,8 +310,8 @@ impl<S: Simd> CellLanes<S> {
     /// What is left of its ways through a node's cells inside of their slabs.
     #[inline(always)]
     pub(super) fn within(&self, s: S, node: &Node, way: [S::F8; 2]) -> [S::F8; 2] {
-        let from = Origin::new(self.org, s.splat8(self.reach), s.splat8(0.0));
-        cell_slabs::within(splat3(s, self.one.dir), &from.see(&cell_slabs::of_node(s, node)), way, s.splat8(1.0))
+        let from = Origin::new(self.org, s.splat8(self.max_coord), s.splat8(0.0));
+        within(splat3(s, self.one.dir), &from.see(&of_node(s, node)), way, s.splat8(1.0))
     }
 }
 
@@ -354,7 +354,7 @@ impl<S: Simd> CellLanes<S> {
     pub(super) fn cells(&self, s: S, node: &Node) -> Cells<S> {
         let planes = stored_planes(s, node, self.near);
         let faces = stand_in::faces(planes[0], planes[1], s.splat8(0.0));
-        Cells { planes, faces: stand_in::counted(faces, cell_slabs::area_shares(s, node)) }
+        Cells { planes, faces: stand_in::counted(faces, area_shares(s, node)) }
     }
 
     /// Of the cells in `likely` those that may stand in; and where the ray crosses all of a node's cells.
@@ -376,7 +376,7 @@ fn stand_ins<S: Simd>(
     (mask, leave): (u32, S::F8),
     cells: &CellLanes<S>,
     best: &mut TriHit,
-    passed: &mut f32,
+    transmitted: &mut f32,
 ) -> u32 {
     let (these, likely) = cells.likely(s, here.node(), mask, leave);
     if likely == 0 {
@@ -388,7 +388,7 @@ fn stand_ins<S: Simd>(
     }
     let [enter, leave] = cells.within(s, here.node(), way);
     let met = MetCells { small, crosses: enter.le(leave).bits(), t: &enter.to_array() };
-    mask & !offers(tree, here, met, &cells.one, best, passed)
+    mask & !offers(tree, here, met, &cells.one, best, transmitted)
 }
 
 /// Cells of a node that are small enough to stand in for a ray.
@@ -402,7 +402,14 @@ pub(super) struct MetCells<'a> {
 /// Offers cells of a node to `best`; returns those for which nothing is left to visit. Takes `passed` down to where the
 /// ray passes one.
 #[inline(always)]
-pub(super) fn offers(tree: Seen, here: Here, met: MetCells, ray: &Passing, best: &mut TriHit, passed: &mut f32) -> u32 {
+pub(super) fn offers(
+    tree: Seen,
+    here: Here,
+    met: MetCells,
+    ray: &EntryRay,
+    best: &mut TriHit,
+    transmitted: &mut f32,
+) -> u32 {
     let (Seen { view, filter }, Here { block, id, index }) = (tree, here);
     let MetCells { mut small, crosses, t } = met;
     let mut settled = 0;
@@ -414,8 +421,8 @@ pub(super) fn offers(tree: Seen, here: Here, met: MetCells, ray: &Passing, best:
             Verdict::Stand if filter.is_some_and(|filter| filter.descends(t[slot])) => continue,
             Verdict::Skip => {}
             Verdict::Stand if crosses >> slot & 1 == 0 => {}
-            Verdict::Stand if !view.is_solid && ray.passes(block, index, slot, t[slot]) => {
-                *passed = passed.min(t[slot])
+            Verdict::Stand if !view.opaque_cells && ray.is_transmitted(block, index, slot, t[slot]) => {
+                *transmitted = transmitted.min(t[slot])
             }
             Verdict::Stand => {
                 let tri = stand_in::lod_code(index, slot);
@@ -570,7 +577,7 @@ pub(super) fn nearest<S: Simd>(
         for i in 0..leaf.triangles {
             let part = || block.part(leaf.part_of(i));
             let passes = hits >> i & 1 == 1
-                && filter.passes(part, || Triangle { vertices: leaf.triangle(i), part: part() }, t[i]);
+                && filter.rejects(part, || Triangle { vertices: leaf.triangle(i), part: part() }, t[i]);
             hits &= !(u32::from(passes) << i);
         }
     }

@@ -8,9 +8,9 @@
 //! Metric: Áfra 2012, section 6.2, compares the radius of the enclosing sphere; here it is the area of the cell's own
 //! projection along the ray, the sum of |dir| times the areas of its faces, with the square of the ray's width.
 //!
-//! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`cell_slabs.rs`); a ray that
-//! misses them misses all that the cell holds, for certain, and passes. Of cells that are no walls some of those that
-//! do not miss them pass too (`pass.rs`). Only rays that begin in a cell do not ask for slabs.
+//! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`oriented_slabs.rs`); a ray
+//! that misses them misses all that the cell holds, for certain, and passes. Of cells that are no walls some of those
+//! that do not miss them pass too (`coverage.rs`). Only rays that begin in a cell do not ask for slabs.
 //!
 //! A plane `p` is met at `((p - slack) - org) * inv` at the earliest. The two differences and the product are rounded
 //! once each and `inv` once, on magnitudes of at most `2 m` with `m = max(|org|, reach)`: `7 h m |inv|` in all, `h =
@@ -72,7 +72,7 @@ pub(super) fn faces<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], zero
     [y * z, z * x, x * y]
 }
 
-/// What they count for where cells may stand in: see [`super::cell_slabs::area_shares`].
+/// What they count for where cells may stand in: see [`super::oriented_slabs::area_shares`].
 #[inline(always)]
 pub(super) fn counted<const N: usize, L: Lanes<N>>(faces: [L; 3], share: L) -> [L; 3] {
     [faces[0] * share, faces[1] * share, faces[2] * share]

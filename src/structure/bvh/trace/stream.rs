@@ -5,11 +5,11 @@
 //! Hits are those of the walks one by one (`single.rs`): order of visits does not change them.
 
 use super::ahead;
-use super::gauge::Gauge;
 use super::hit::{Counters, TriHit};
 use super::rays16::{GROUP, OneRay};
-use super::stream_pass as pass;
+use super::slab_heuristic::SlabHeuristic;
 use super::stream_start::{self as start, Group};
+use super::stream_step as step;
 use super::{PartFilter, TreeView};
 use crate::math::STREAM;
 use crate::simd::{Op, Simd, dispatch};
@@ -44,7 +44,7 @@ pub(in crate::structure) struct StreamLanes {
     group: Box<Group>,
     pub(super) stacks: Box<[Stack; LANES]>,
     /// As each call begins.
-    gauge: Gauge,
+    slab_heuristic: SlabHeuristic,
 }
 
 impl StreamLanes {
@@ -52,18 +52,18 @@ impl StreamLanes {
     pub fn new() -> Self {
         let mut stack = Stack { t: [0.0; DEPTH], child: [NOTHING; DEPTH], block: [0; DEPTH] };
         stack.t[..BOTTOM].fill(f32::NEG_INFINITY);
-        Self { group: Box::new(Group::NONE), stacks: boxed(stack), gauge: Gauge::OFF }
+        Self { group: Box::new(Group::NONE), stacks: boxed(stack), slab_heuristic: SlabHeuristic::OFF }
     }
 
     /// For rays of queries: slabs of cells may spare visits.
     pub fn of_queries() -> Self {
-        Self { gauge: Gauge::ALONE, ..Self::new() }
+        Self { slab_heuristic: SlabHeuristic::ALONE, ..Self::new() }
     }
 }
 
 /// Whether no cell can stand in for any of the first rays.
 fn is_exact(view: &TreeView, stream: &Stream, count: usize) -> bool {
-    !view.never_waits && stream.rays[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
+    !view.accept_missing && stream.rays[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
 }
 
 impl TreeView<'_> {
@@ -173,13 +173,13 @@ pub(super) struct Scratch {
 }
 
 /// What the lanes hold.
-pub(super) struct State<'a> {
+pub(super) struct StreamRun<'a> {
     pub view: &'a TreeView<'a>,
     pub filter: Option<&'a PartFilter<'a>>,
     pub stacks: &'a mut [Stack; LANES],
     pub hits: &'a mut [TriHit],
     pub unfinished: &'a mut Vec<u32>,
-    pub passed: &'a mut [f32; STREAM],
+    pub transmitted: &'a mut [f32; STREAM],
     pub rows: [Row; 4],
     pub scratch: Scratch,
     /// The ray.
@@ -194,7 +194,7 @@ pub(super) struct State<'a> {
     pub block: [Block<'a>; LANES],
     /// Of the walks at leaves, those that are in the leaves' blocks.
     pub entered: usize,
-    pub gauge: Gauge,
+    pub slab_heuristic: SlabHeuristic,
     pub counters: Counters,
     /// The tree is larger than what caches near a core hold: memory is asked for ahead.
     pub is_large: bool,
@@ -209,17 +209,17 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
         let count = hits.len().min(STREAM);
         let hits = &mut hits[..count];
         stream.unfinished.clear();
-        stream.passed.fill(f32::INFINITY);
+        stream.transmitted.fill(f32::INFINITY);
         for (rays, hits) in stream.rays.iter().zip(hits.chunks_mut(GROUP)) {
             hits.iter_mut().zip(&rays.t_max).for_each(|(hit, &t_max)| *hit = TriHit::none(t_max));
         }
-        let mut state = State {
+        let mut run = StreamRun {
             view,
             filter,
             stacks: &mut stream.bvh.stacks,
             hits,
             unfinished: &mut stream.unfinished,
-            passed: &mut stream.passed,
+            transmitted: &mut stream.transmitted,
             rows: [[0; LANES]; 4],
             scratch: Scratch {
                 enter: [[0.0; 8]; LANES],
@@ -235,34 +235,34 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
             block_id: [0; LANES],
             block: [Block::new(&[]); LANES],
             entered: 0,
-            gauge: stream.bvh.gauge,
+            slab_heuristic: stream.bvh.slab_heuristic,
             counters: stream.counters,
             is_large: ahead::is_large(view.snapshot),
         };
         let root = view.visit(view.root_block).map(Block::new);
         let mut counts = Counts::default();
         for lane in 0..LANES {
-            push(&mut state.rows, &mut counts, NOTHING, lane);
+            push(&mut run.rows, &mut counts, NOTHING, lane);
         }
         let mut beginning =
             Beginning { groups: &stream.rays[..count.div_ceil(GROUP)], next: 0, group: &mut stream.bvh.group, root };
         loop {
-            counts = beginning.fill::<S, ANY, LOD>(s, &mut state, counts);
+            counts = beginning.fill::<S, ANY, LOD>(s, &mut run, counts);
             if counts.of(EXTERNALS) > 0 {
-                counts = pass::externals(&mut state, counts);
+                counts = step::externals(&mut run, counts);
             }
             if counts.of(NODES) > 0 {
-                counts = pass::nodes::<S, ANY, LOD>(s, &mut state, counts);
+                counts = step::nodes::<S, ANY, LOD>(s, &mut run, counts);
             }
-            pass::enter_leaves(&mut state, counts);
+            step::enter_leaves(&mut run, counts);
             let waiting = counts.of(AT_LEAVES);
             if waiting >= LEAVES || waiting > 0 && counts.of(NODES) == 0 {
-                counts = pass::leaves::<S, ANY>(s, &mut state, counts);
+                counts = step::leaves::<S, ANY>(s, &mut run, counts);
             } else if counts.only(ENDED) && beginning.next == beginning.groups.len() {
                 break;
             }
         }
-        stream.counters = state.counters;
+        stream.counters = run.counters;
     }
 }
 
@@ -281,39 +281,39 @@ impl<'a> Beginning<'a, '_> {
     fn fill<S: Simd, const ANY: bool, const LOD: bool>(
         &mut self,
         s: S,
-        state: &mut State<'a>,
+        run: &mut StreamRun<'a>,
         mut counts: Counts,
     ) -> Counts {
         while self.next < self.groups.len() && counts.of(ENDED) >= GROUP {
-            counts = self.take(s, state, counts);
+            counts = self.take(s, run, counts);
             let rays = self.group.left;
             // Stand-ins for missing blocks, and hits that are tested by themselves, are for each ray alone.
-            let is_together = self.root.is_some() && !state.view.never_waits && !PartFilter::is_by_ray(state.filter);
+            let is_together = self.root.is_some() && !run.view.accept_missing && !PartFilter::is_by_ray(run.filter);
             if is_together {
-                start::start::<S, ANY, LOD>(s, state, self.group);
+                start::start::<S, ANY, LOD>(s, run, self.group);
             }
-            counts = self.go::<S, ANY>(s, state, counts, rays, is_together);
+            counts = self.go::<S, ANY>(s, run, counts, rays, is_together);
         }
         counts
     }
 
     /// Takes the next group to lanes.
     #[inline(always)]
-    fn take<S: Simd>(&mut self, s: S, state: &mut State<'a>, mut counts: Counts) -> Counts {
+    fn take<S: Simd>(&mut self, s: S, run: &mut StreamRun<'a>, mut counts: Counts) -> Counts {
         let (first, group) = (self.next * GROUP, &mut *self.group);
-        let valid = self.groups[self.next].prepare(s, state.view.reach, &mut group.rays);
+        let valid = self.groups[self.next].prepare(s, run.view.max_coord, &mut group.rays);
         self.next += 1;
-        let there = (1u32 << (state.hits.len() - first).min(GROUP)) - 1;
-        group.left = if state.view.is_empty() { 0 } else { valid & there };
+        let there = (1u32 << (run.hits.len() - first).min(GROUP)) - 1;
+        group.left = if run.view.is_empty() { 0 } else { valid & there };
         let mut each = [OneRay::NONE; GROUP];
         group.rays.each(s, &mut each);
         let mut rays = group.left;
         while rays != 0 {
             let i = rays.trailing_zeros() as usize & (GROUP - 1);
             rays &= rays - 1;
-            let lane = counts.pop(&state.rows, ENDED);
+            let lane = counts.pop(&run.rows, ENDED);
             group.lanes[i] = lane as u8;
-            (state.ray[lane], state.prepared[lane], state.top[lane]) = ((first + i) as u16, each[i], BOTTOM as u8);
+            (run.ray[lane], run.prepared[lane], run.top[lane]) = ((first + i) as u16, each[i], BOTTOM as u8);
         }
         counts
     }
@@ -323,30 +323,29 @@ impl<'a> Beginning<'a, '_> {
     fn go<S: Simd, const ANY: bool>(
         &mut self,
         s: S,
-        state: &mut State<'a>,
+        run: &mut StreamRun<'a>,
         mut counts: Counts,
         mut rays: u32,
         is_together: bool,
     ) -> Counts {
-        let is_sorted = ANY || start::are_near(s, self.group, rays, state.view.reach);
+        let is_sorted = ANY || start::are_near(s, self.group, rays, run.view.max_coord);
         while rays != 0 {
             let i = rays.trailing_zeros() as usize & (GROUP - 1);
             rays &= rays - 1;
             let lane = self.group.lane(i);
             match self.root {
-                _ if self.group.left >> i & 1 == 0 => push(&mut state.rows, &mut counts, NOTHING, lane),
+                _ if self.group.left >> i & 1 == 0 => push(&mut run.rows, &mut counts, NOTHING, lane),
                 _ if is_together => {
                     if !is_sorted {
-                        start::sort(state, lane);
+                        start::sort(run, lane);
                     }
-                    pass::pop(s, state, &mut counts, lane);
+                    step::pop(s, run, &mut counts, lane);
                 }
                 Some(root) => {
-                    (state.block[lane], state.block_id[lane], state.child[lane]) =
-                        (root, state.view.root_block, state.view.root);
-                    push(&mut state.rows, &mut counts, state.view.root, lane);
+                    (run.block[lane], run.block_id[lane], run.child[lane]) = (root, run.view.root_block, run.view.root);
+                    push(&mut run.rows, &mut counts, run.view.root, lane);
                 }
-                None => pass::leave(state, &mut counts, lane),
+                None => step::leave(run, &mut counts, lane),
             }
         }
         counts

@@ -7,17 +7,17 @@
 #![allow(clippy::needless_range_loop)] // axes and slots index several arrays at once
 
 use super::ahead::ask_for;
-use super::cell_slabs::{self, Eight, Origin, area_shares};
+use super::coverage::{CoverageTest, may_transmit};
 use super::hit::TriHit;
 use super::kernel::Here;
-use super::pass::{Sieve, may_be_passed};
+use super::oriented_slabs::{self, Eight, Origin, area_shares};
 use super::rays16::{GROUP, Prepared};
 use super::single::{self, stored_planes};
 use super::stand_in::{self, ConeRay, Met, Verdict};
-use super::stream::{BOTTOM, DEPTH, LANES, State};
-use super::stream_pass as pass;
+use super::stream::{BOTTOM, DEPTH, LANES, StreamRun};
+use super::stream_step as step;
 use crate::base::ids::BlockId;
-use crate::lod::Slabs;
+use crate::lod::OrientedSlabs;
 use crate::math::STREAM;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
@@ -79,8 +79,8 @@ impl Group {
 /// Puts what each ray of a group meets on its stack, which has nothing on it. Where any hit will do, those that have
 /// one are no longer left.
 #[inline(always)]
-pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, group: &mut Group) {
-    let view = state.view;
+pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, run: &mut StreamRun, group: &mut Group) {
+    let view = run.view;
     let [t_min, _] = group.rays.interval();
     group.todo[0] = Entry { enter: *t_min, rays: group.left, block: view.root_block, child: view.root };
     (group.count, group.deepest) = (1, BOTTOM);
@@ -95,7 +95,7 @@ pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
         let is_roomy = group.count + WIDTH <= ROOM && group.deepest + group.count + WIDTH + FOR_WALKS < DEPTH;
         if is_roomy && entry.rays.count_ones() >= FEWEST {
             if let Some(Child::External(at)) = Child::from_bits(entry.child)
-                && let Some(next) = follow(state, &entry, at)
+                && let Some(next) = follow(run, &entry, at)
             {
                 (entry.block, entry.child) = next;
             }
@@ -103,35 +103,35 @@ pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
                 && let Some(words) = view.snapshot.block(BlockId(entry.block))
             {
                 let here = Here { block: Block::new(words), id: entry.block, index };
-                expand::<S, ANY, LOD>(s, state, group, &entry, here, &mut boxes);
+                expand::<S, ANY, LOD>(s, run, group, &entry, here, &mut boxes);
                 continue;
             }
         }
-        hand_over(state, group, &entry);
+        hand_over(run, group, &entry);
     }
 }
 
 /// Where a reference to another block leads, if that is there.
 #[inline(always)]
-fn follow(state: &mut State, entry: &Entry, at: usize) -> Option<(u32, u32)> {
-    let view = state.view;
+fn follow(run: &mut StreamRun, entry: &Entry, at: usize) -> Option<(u32, u32)> {
+    let view = run.view;
     let (next, below) = Block::new(view.snapshot.block(BlockId(entry.block))?).external(at);
     let _ = view.visit(next)?;
-    state.counters.blocks += 1;
+    run.counters.blocks += 1;
     Some((next, below))
 }
 
 /// Puts an entry on the stacks of its rays.
 #[inline(always)]
-fn hand_over(state: &mut State, group: &mut Group, entry: &Entry) {
+fn hand_over(run: &mut StreamRun, group: &mut Group, entry: &Entry) {
     let mut rays = entry.rays;
     while rays != 0 {
         let ray = rays.trailing_zeros() as usize & (GROUP - 1);
         rays &= rays - 1;
         let lane = group.lane(ray);
-        let (stack, top) = (&mut state.stacks[lane], usize::from(state.top[lane]).min(DEPTH - 1));
+        let (stack, top) = (&mut run.stacks[lane], usize::from(run.top[lane]).min(DEPTH - 1));
         (stack.t[top], stack.child[top], stack.block[top]) = (entry.enter[ray], entry.child, entry.block);
-        state.top[lane] = (top + 1) as u8;
+        run.top[lane] = (top + 1) as u8;
         group.deepest = group.deepest.max(top + 1);
     }
 }
@@ -140,19 +140,19 @@ fn hand_over(state: &mut State, group: &mut Group, entry: &Entry) {
 #[inline(always)]
 fn expand<'a, S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
-    state: &mut State<'a>,
+    run: &mut StreamRun<'a>,
     group: &mut Group,
     entry: &Entry,
     here: Here<'a>,
     boxes: &mut Boxes,
 ) {
-    state.counters.nodes += 1;
+    run.counters.nodes += 1;
     let (node, block) = (here.node(), here.block);
     cross::<S, LOD>(s, node, &group.rays, entry.rays, boxes);
     if LOD {
-        stand_ins::<S, ANY>(s, state, group, here, boxes);
-    } else if state.gauge.asks() {
-        slabs(s, state, group, node, entry.rays.count_ones(), boxes);
+        stand_ins::<S, ANY>(s, run, group, here, boxes);
+    } else if run.slab_heuristic.asks() {
+        slabs(s, run, group, node, entry.rays.count_ones(), boxes);
     }
     let mut any = 0;
     for slot in 0..WIDTH {
@@ -165,7 +165,7 @@ fn expand<'a, S: Simd, const ANY: bool, const LOD: bool>(
         let slot = order[i & 7] as usize & 7;
         let child = u32::from(node.child[slot]);
         if !Child::is_leaf(child) {
-            ask_for(state.is_large, block, child);
+            ask_for(run.is_large, block, child);
         }
         let next = &mut group.todo[group.count.min(ROOM - 1)];
         (next.enter, next.rays, next.block, next.child) = (boxes.enter[slot], boxes.met[slot], entry.block, child);
@@ -269,8 +269,8 @@ fn faces<S: Simd>(s: S, node: &Node) -> [[f32; WIDTH]; 3] {
 
 /// Takes rays that pass beside the slabs of what they meet out of `boxes`.
 #[inline(always)]
-fn slabs<S: Simd>(s: S, state: &mut State, group: &Group, node: &Node, rays: u32, boxes: &mut Boxes) {
-    let (slabs, cells) = (Eight::of(s, node), Cells::of(s, &group.rays, state.view.reach));
+fn slabs<S: Simd>(s: S, run: &mut StreamRun, group: &Group, node: &Node, rays: u32, boxes: &mut Boxes) {
+    let (slabs, cells) = (Eight::of(s, node), Cells::of(s, &group.rays, run.view.max_coord));
     let mut beside = 0;
     for slot in 0..WIDTH {
         if boxes.met[slot] != 0 {
@@ -281,7 +281,7 @@ fn slabs<S: Simd>(s: S, state: &mut State, group: &Group, node: &Node, rays: u32
             boxes.met[slot] &= crosses;
         }
     }
-    state.gauge.saw_by(beside, rays);
+    run.slab_heuristic.saw_by(beside, rays);
 }
 
 /// How far apart rays of a group may begin, as a part of the tree's reach, for what is far of one to count as far of
@@ -291,18 +291,18 @@ const NEAR: f32 = 1.0 / 16.0;
 
 /// Whether `rays` of a group begin near each other: then their stacks are in order.
 #[inline(always)]
-pub(super) fn are_near<S: Simd>(s: S, group: &Group, rays: u32, reach: f32) -> bool {
+pub(super) fn are_near<S: Simd>(s: S, group: &Group, rays: u32, max_coord: f32) -> bool {
     let first = group.rays.begins_at(rays.trailing_zeros() as usize);
     (0..3).all(|axis| {
         let org = s.load16(group.rays.org(axis)).select(s.mask16(rays), s.splat16(first[axis]));
-        org.greatest() - org.least() <= reach * NEAR
+        org.greatest() - org.least() <= max_coord * NEAR
     })
 }
 
 /// Brings what is on a lane's stack in order, the farthest first.
 #[inline(always)]
-pub(super) fn sort(state: &mut State, lane: usize) {
-    let (stack, top) = (&mut state.stacks[lane], usize::from(state.top[lane]).min(DEPTH));
+pub(super) fn sort(run: &mut StreamRun, lane: usize) {
+    let (stack, top) = (&mut run.stacks[lane], usize::from(run.top[lane]).min(DEPTH));
     for end in BOTTOM + 1..top {
         let (t, child, block) = (stack.t[end], stack.child[end], stack.block[end]);
         let mut at = end;
@@ -318,7 +318,7 @@ pub(super) fn sort(state: &mut State, lane: usize) {
 /// Offers rays the cells that may stand in for them, and takes those for which nothing is left to visit out of `boxes`:
 /// what a ray alone does (`single.rs`), to the bit.
 #[inline(always)]
-fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Group, here: Here, boxes: &mut Boxes) {
+fn stand_ins<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, group: &mut Group, here: Here, boxes: &mut Boxes) {
     if boxes.likely.iter().all(|rays| *rays == 0) {
         return;
     }
@@ -329,7 +329,7 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Grou
         [high[0].to_array(), high[1].to_array(), high[2].to_array()],
     );
     let mut slabs: Option<Eight> = None;
-    let cells = Cells::of(s, &group.rays, state.view.reach);
+    let cells = Cells::of(s, &group.rays, run.view.max_coord);
     for slot in 0..WIDTH {
         if boxes.likely[slot] == 0 {
             continue;
@@ -341,14 +341,14 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, group: &mut Grou
         if small == 0 {
             continue;
         }
-        match stand_in::judge(block, index, slot, state.filter) {
+        match stand_in::judge(block, index, slot, run.filter) {
             Verdict::Descend => continue,
             Verdict::Skip => {}
             Verdict::Stand => {
                 let slabs = slabs.get_or_insert_with(|| Eight::of(s, node));
                 let [enter, leave] = cells.within(s, &slabs.one(s, slot), [cell.enter, crossing[1]]);
                 let crosses = small & enter.le(leave).bits();
-                offer::<ANY>(state, group, here, slot, crosses, &enter.to_array());
+                offer::<ANY>(run, group, here, slot, crosses, &enter.to_array());
             }
         }
         boxes.met[slot] &= !small;
@@ -364,13 +364,13 @@ struct Cells<L> {
     inv: [L; 3],
     positive: [u32; 3],
     ray: ConeRay<L>,
-    reach: L,
+    max_coord: L,
 }
 
 impl<L: Lanes<GROUP>> Cells<L> {
     #[inline(always)]
-    fn of<S: Simd<F16 = L>>(s: S, rays: &Prepared, reach: f32) -> Self {
-        let (zero, reach) = (s.splat16(0.0), s.splat16(reach));
+    fn of<S: Simd<F16 = L>>(s: S, rays: &Prepared, max_coord: f32) -> Self {
+        let (zero, max_coord) = (s.splat16(0.0), s.splat16(max_coord));
         let ([t_min, _], [a, b]) = (rays.interval(), rays.cone());
         let size = [s.load16(rays.size(0)), s.load16(rays.size(1)), s.load16(rays.size(2))];
         let mut cells = Self {
@@ -380,11 +380,11 @@ impl<L: Lanes<GROUP>> Cells<L> {
             inv: [s.load16(rays.inv(0)), s.load16(rays.inv(1)), s.load16(rays.inv(2))],
             positive: [rays.positive(0), rays.positive(1), rays.positive(2)],
             ray: ConeRay { dir: size, t_min: s.load16(t_min), a: s.load16(a), b: s.load16(b) },
-            reach,
+            max_coord,
         };
         for axis in 0..3 {
             let positive = s.mask16(cells.positive[axis]);
-            let slack = abs(zero, cells.org[axis]).max(reach) * s.splat16(SLACK);
+            let slack = abs(zero, cells.org[axis]).max(max_coord) * s.splat16(SLACK);
             cells.slack[axis] = slack.select(positive, zero - slack);
             cells.dir[axis] = size[axis].select(positive, zero - size[axis]);
         }
@@ -413,16 +413,16 @@ impl<L: Lanes<GROUP>> Cells<L> {
 
     /// What is left of their ways through a cell inside of its slabs.
     #[inline(always)]
-    fn within<S: Simd<F16 = L>>(&self, s: S, slabs: &Slabs<L>, way: [L; 2]) -> [L; 2] {
-        let from = Origin::new(self.org, self.reach, s.splat16(0.0));
-        cell_slabs::within(self.dir, &from.see(slabs), way, s.splat16(1.0))
+    fn within<S: Simd<F16 = L>>(&self, s: S, slabs: &OrientedSlabs<L>, way: [L; 2]) -> [L; 2] {
+        let from = Origin::new(self.org, self.max_coord, s.splat16(0.0));
+        oriented_slabs::within(self.dir, &from.see(slabs), way, s.splat16(1.0))
     }
 }
 
 /// Offers a cell to the rays in `crosses`, which enter its region at `enter`.
 #[inline(always)]
 fn offer<const ANY: bool>(
-    state: &mut State,
+    run: &mut StreamRun,
     group: &mut Group,
     here: Here,
     slot: usize,
@@ -430,21 +430,21 @@ fn offer<const ANY: bool>(
     enter: &[f32; GROUP],
 ) {
     let Here { block, id, index } = here;
-    let is_asked = crosses != 0 && !state.view.is_solid && may_be_passed(block, index, slot);
-    let sieve = if is_asked { Sieve::of(block, index, slot) } else { None };
+    let is_asked = crosses != 0 && !run.view.opaque_cells && may_transmit(block, index, slot);
+    let coverage = if is_asked { CoverageTest::of(block, index, slot) } else { None };
     let tri = stand_in::lod_code(index, slot);
     while crosses != 0 {
         let i = crosses.trailing_zeros() as usize & (GROUP - 1);
         crosses &= crosses - 1;
         let (lane, t) = (group.lane(i), enter[i]);
-        let ray = usize::from(state.ray[lane]) & (STREAM - 1);
-        if sieve.as_ref().is_some_and(|sieve| sieve.is_passed(&pass::passing(&state.prepared[lane]), t)) {
-            state.passed[ray] = state.passed[ray].min(t);
+        let ray = usize::from(run.ray[lane]) & (STREAM - 1);
+        if coverage.as_ref().is_some_and(|coverage| coverage.transmits(&step::entry_ray(&run.prepared[lane]), t)) {
+            run.transmitted[ray] = run.transmitted[ray].min(t);
             continue;
         }
-        let Some(best) = state.hits.get_mut(ray) else { continue };
+        let Some(best) = run.hits.get_mut(ray) else { continue };
         if single::offer(best, TriHit { t, u: 0.0, v: 0.0, block: id, tri }) {
-            state.prepared[lane].set_best(t);
+            run.prepared[lane].set_best(t);
             if ANY {
                 group.left &= !(1 << i);
             }

@@ -1,7 +1,7 @@
 //! How far what a cell holds reaches along axes: eight at once.
 #![allow(clippy::needless_range_loop)] // an axis is a lane of several arrays
 
-use super::slabs::{Content, Slabs};
+use super::oriented_slabs::{Content, OrientedSlabs};
 use crate::math::Bounds;
 use glam::{DVec3, Vec3};
 
@@ -17,14 +17,14 @@ const HALF: usize = AXES / 2;
 type Half = [[f64; HALF]; 3];
 
 /// What a cell's ends along an axis are off by, as a part of the greatest magnitude of a coordinate: 17 h
-/// (`cell_slabs.rs`) and more.
+/// (`trace/oriented_slabs.rs`) and more.
 const ENDS: f64 = 24.0 / 16_777_216.0;
 
 /// The least and the greatest of `axis . p` over all that `content` holds, for each axis; of what is known by its
 /// pieces' cells no more, or no less. In double precision, the same with any vectors. (Inlined always: it is compiled
 /// for the instruction set of its caller.)
 #[inline(always)]
-pub fn reach(content: &Content, axes: &Axes) -> [[f64; AXES]; 2] {
+pub fn extents(content: &Content, axes: &Axes) -> [[f64; AXES]; 2] {
     let mut halves: [Half; 2] = [[[0.0; HALF]; 3]; 2];
     for k in 0..3 {
         for lane in 0..AXES {
@@ -73,7 +73,7 @@ fn add_point(p: &Vec3, axes: &[Half; 2], ends: &mut [[[f64; HALF]; 2]; 2]) {
 }
 
 /// How far what is in a cell and in its slabs reaches along `axis`, or farther.
-pub fn farthest(cell: &Bounds, slabs: &Slabs<f32>, axis: DVec3) -> f64 {
+pub fn farthest(cell: &Bounds, slabs: &OrientedSlabs<f32>, axis: DVec3) -> f64 {
     farthest_of(cell, slabs, &axis.to_array().map(|component| [component]))[0]
 }
 
@@ -84,7 +84,7 @@ pub fn farthest(cell: &Bounds, slabs: &Slabs<f32>, axis: DVec3) -> f64 {
 /// component of what is left away. Planes at a cell's ends are where single precision has these: content may be outside
 /// by that, times a factor that may be great.
 #[inline(always)]
-fn farthest_of<const N: usize>(cell: &Bounds, slabs: &Slabs<f32>, axes: &[[f64; N]; 3]) -> [f64; N] {
+fn farthest_of<const N: usize>(cell: &Bounds, slabs: &OrientedSlabs<f32>, axes: &[[f64; N]; 3]) -> [f64; N] {
     let (centre, half) =
         ((cell.min.as_dvec3() + cell.max.as_dvec3()) * 0.5, (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.5);
     let give = (centre.abs() + half).max_element() * ENDS;
@@ -142,7 +142,7 @@ fn in_cell<const N: usize>(centre: &[f64; 3], half: &[f64; 3], [x, y, z]: &[[f64
 #[cfg(test)]
 mod tests {
     use super::super::Fill;
-    use super::super::slabs::{Middle, fields, normal_bytes, slabs};
+    use super::super::oriented_slabs::{Middle, fields, normal_bytes, oriented_slabs};
     use super::*;
     use crate::simd::{Isa, Op, Simd, dispatch};
     use proptest::prelude::*;
@@ -154,12 +154,12 @@ mod tests {
 
         #[inline(always)]
         fn run<S: Simd>(self, _: S) -> Self::Out {
-            reach(self.0, self.1)
+            extents(self.0, self.1)
         }
     }
 
     /// The twin of `farthest_of`, of one axis.
-    fn one_by_one(cell: &Bounds, slabs: &Slabs<f32>, axis: DVec3) -> f64 {
+    fn one_by_one(cell: &Bounds, slabs: &OrientedSlabs<f32>, axis: DVec3) -> f64 {
         let (centre, half) =
             ((cell.min.as_dvec3() + cell.max.as_dvec3()) * 0.5, (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.5);
         let give = (centre.abs() + half).max_element() * ENDS;
@@ -213,7 +213,7 @@ mod tests {
         fn cells_reach_as_far_as_each_by_itself_and_hold_their_points(points in points(), normal: u16, axes in axes()) {
             let (content, cell) = (Content::of_points(points.clone()), Bounds::of(&points));
             let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
-            let slabs = slabs(fields(content.slabs(normal.into(), &middle)), normal_bytes(normal.into()), &middle);
+            let slabs = oriented_slabs(fields(content.oriented_slabs(normal.into(), &middle)), normal_bytes(normal.into()), &middle);
             let large = Content::of_cells(vec![(cell, slabs, Fill::of(&content, &cell))]);
             for isa in Isa::ALL {
                 let [low, high] = dispatch(isa, Reach(&large, &axes));

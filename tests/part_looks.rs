@@ -13,7 +13,7 @@ use outcrop::import::MaterialDesc;
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Policy, QueryOptions, Want};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
-use outcrop::scene::{Camera, Context, ContextOptions, Model, Scene, State};
+use outcrop::scene::{Camera, Context, ContextOptions, Look, Model, Scene};
 use std::time::Duration;
 
 /// Pixels of error at which cells stand in: those of a bvh go down to few triangles.
@@ -56,10 +56,10 @@ fn is_hidden(part: u64) -> bool {
 }
 
 fn set_states(scene: &Scene, instance: u64) {
-    let set = |part, state| scene.set_part_state(instance, part, state).expect("a state");
-    HIDDEN.iter().for_each(|&p| set(p, State { visible: false, ..State::default() }));
-    GREEN.iter().for_each(|&p| set(p, State { colour: Some([0.0, 1.0, 0.0, 1.0]), ..State::default() }));
-    SELECTED.iter().for_each(|&p| set(p, State { selected: true, ..State::default() }));
+    let set = |part, state| scene.set_part_look(instance, part, state).expect("a state");
+    HIDDEN.iter().for_each(|&p| set(p, Look { visible: false, ..Look::default() }));
+    GREEN.iter().for_each(|&p| set(p, Look { colour: Some([0.0, 1.0, 0.0, 1.0]), ..Look::default() }));
+    SELECTED.iter().for_each(|&p| set(p, Look { selected: true, ..Look::default() }));
 }
 
 fn rays(count: usize, poe: f32) -> Vec<Ray> {

@@ -4,45 +4,47 @@
 //! long: fixed to the object, so that nothing swims; and cells that overlap, which mostly hold parts of the same thing,
 //! mostly decide alike, so that it is not covered by each of them anew. (On a grid as wide as the cell what is seen of
 //! a few cells is a matter of chance: wires at PoE 10 had 0.87 to 1.13 of their coverage.) Only cells whose level is
-//! low (`lod::PASSING`) in nodes of which the block's header says so are asked: the voxel is looked at for that.
+//! low (`lod::TRANSMITTING_LEVEL`) in nodes of which the block's header says so are asked: the voxel is looked at for
+//! that.
 //!
 //! One ray at a time, in the same steps by all walks: they see the same to the bit.
 
-use crate::lod::PASSING;
+use crate::lod::TRANSMITTING_LEVEL;
 use crate::structure::bvh::layout::Block;
 
 /// A ray, as all walks have it to the bit.
 #[derive(Clone, Copy)]
-pub(super) struct Passing {
+pub(super) struct EntryRay {
     pub org: [f32; 3],
     /// Signed.
     pub dir: [f32; 3],
 }
 
-impl Passing {
+impl EntryRay {
     /// Whether it passes the cell in `slot` of a node, whose region it enters at `t`.
     #[inline(always)]
-    pub fn passes(&self, block: Block, node: usize, slot: usize, t: f32) -> bool {
-        may_be_passed(block, node, slot) && Sieve::of(block, node, slot).is_some_and(|sieve| sieve.is_passed(self, t))
+    pub fn is_transmitted(&self, block: Block, node: usize, slot: usize, t: f32) -> bool {
+        may_transmit(block, node, slot)
+            && CoverageTest::of(block, node, slot).is_some_and(|coverage| coverage.transmits(self, t))
     }
 }
 
 /// Whether a voxel is to be looked at for rays that pass its cell. (By the level alone most of a scan's larger cells
 /// are, which let none pass: that is two more cache lines.)
 #[inline(always)]
-pub(super) fn may_be_passed(block: Block, node: usize, slot: usize) -> bool {
-    block.node(node).level(slot) <= PASSING && block.may_be_passed(node)
+pub(super) fn may_transmit(block: Block, node: usize, slot: usize) -> bool {
+    block.node(node).level(slot) <= TRANSMITTING_LEVEL && block.may_transmit(node)
 }
 
 /// A cell that some rays pass.
-pub(super) struct Sieve {
+pub(super) struct CoverageTest {
     /// How many of 4096 rays it stops.
     stopped: u32,
     /// The exponent of the cells of its grid, as a number of single precision has it.
     exponent: u32,
 }
 
-impl Sieve {
+impl CoverageTest {
     /// The cell in `slot` of a node; `None` if it stops all.
     #[inline(never)]
     pub fn of(block: Block, node: usize, slot: usize) -> Option<Self> {
@@ -55,7 +57,7 @@ impl Sieve {
 
     /// By a ray that enters its region at `t`.
     #[inline(always)]
-    pub fn is_passed(&self, ray: &Passing, t: f32) -> bool {
+    pub fn transmits(&self, ray: &EntryRay, t: f32) -> bool {
         let per_size = f32::from_bits((254 - self.exponent) << 23);
         let mut hash = self.exponent;
         for axis in 0..3 {

@@ -17,7 +17,7 @@
 #![allow(clippy::needless_range_loop)] // axes index several arrays at once
 
 use super::ray::abs;
-use crate::lod::{self, FIELDS, LEAST, LESS, LEVEL, Middle, Slab, Slabs};
+use crate::lod::{self, FIELDS, LEAST, LESS, LEVEL, Middle, OrientedSlab, OrientedSlabs};
 use crate::simd::{Lanes, Simd};
 use crate::structure::bvh::layout::Node;
 
@@ -35,17 +35,17 @@ pub(super) struct Origin<L> {
 impl<L> Origin<L> {
     /// Of rays of a tree whose coordinates are at most `reach` in magnitude, which is in all lanes.
     #[inline(always)]
-    pub fn new<const N: usize>(org: [L; 3], reach: L, zero: L) -> Self
+    pub fn new<const N: usize>(org: [L; 3], max_coord: L, zero: L) -> Self
     where
         L: Lanes<N>,
     {
-        let size = abs(zero, org[0]).max(abs(zero, org[1])).max(abs(zero, org[2])).max(reach);
+        let size = abs(zero, org[0]).max(abs(zero, org[1])).max(abs(zero, org[2])).max(max_coord);
         Self { org, slack: size * L::from_array_like(zero, [SLACK; N]) }
     }
 
     /// Slabs whose planes are less where rays begin along their axes, and give way.
     #[inline(always)]
-    pub fn see<const N: usize>(&self, slabs: &Slabs<L>) -> Slabs<L>
+    pub fn see<const N: usize>(&self, slabs: &OrientedSlabs<L>) -> OrientedSlabs<L>
     where
         L: Lanes<N>,
     {
@@ -53,25 +53,30 @@ impl<L> Origin<L> {
     }
 
     #[inline(always)]
-    fn see_one<const N: usize>(&self, slab: &Slab<L>) -> Slab<L>
+    fn see_one<const N: usize>(&self, slab: &OrientedSlab<L>) -> OrientedSlab<L>
     where
         L: Lanes<N>,
     {
         let Self { org, slack } = *self;
         let from = org[0] * slab.axis[0] + org[1] * slab.axis[1] + org[2] * slab.axis[2];
-        Slab { axis: slab.axis, low: slab.low - slack - from, high: slab.high + slack - from }
+        OrientedSlab { axis: slab.axis, low: slab.low - slack - from, high: slab.high + slack - from }
     }
 }
 
 /// What is left inside of slabs as seen of the ways of rays that go along `dir`, `[enter, leave]`: none where one is
 /// entered after it is left.
 #[inline(always)]
-pub(super) fn within<const N: usize, L: Lanes<N>>(dir: [L; 3], slabs: &Slabs<L>, way: [L; 2], one: L) -> [L; 2] {
+pub(super) fn within<const N: usize, L: Lanes<N>>(
+    dir: [L; 3],
+    slabs: &OrientedSlabs<L>,
+    way: [L; 2],
+    one: L,
+) -> [L; 2] {
     between(dir, &slabs[1], between(dir, &slabs[0], way, one), one)
 }
 
 #[inline(always)]
-fn between<const N: usize, L: Lanes<N>>(dir: [L; 3], slab: &Slab<L>, [enter, leave]: [L; 2], one: L) -> [L; 2] {
+fn between<const N: usize, L: Lanes<N>>(dir: [L; 3], slab: &OrientedSlab<L>, [enter, leave]: [L; 2], one: L) -> [L; 2] {
     let inv = one.div(dir[0] * slab.axis[0] + dir[1] * slab.axis[1] + dir[2] * slab.axis[2]);
     let (low, high) = (slab.low * inv, slab.high * inv);
     // Along a slab they are infinite, of either sign; in this order a NaN leaves the interval as it was, or wider.
@@ -80,7 +85,7 @@ fn between<const N: usize, L: Lanes<N>>(dir: [L; 3], slab: &Slab<L>, [enter, lea
 
 /// The slabs of a node's cells, as stored.
 #[inline(always)]
-pub(super) fn of_node<S: Simd>(s: S, node: &Node) -> Slabs<S::F8> {
+pub(super) fn of_node<S: Simd>(s: S, node: &Node) -> OrientedSlabs<S::F8> {
     let (zero, half) = (s.splat8(0.0), s.splat8(0.5));
     let step = s.powers8(node.exponents());
     let mut cell = Middle { at: [zero; 3], half: [zero; 3] };
@@ -97,7 +102,7 @@ pub(super) fn of_node<S: Simd>(s: S, node: &Node) -> Slabs<S::F8> {
         fields[i] = s.fields8(&node.slabs, from, count);
     }
     let sign = s.splat8(128.0);
-    lod::slabs(fields, [s.bytes8(&node.normal[0]) - sign, s.bytes8(&node.normal[1]) - sign], &cell)
+    lod::oriented_slabs(fields, [s.bytes8(&node.normal[0]) - sign, s.bytes8(&node.normal[1]) - sign], &cell)
 }
 
 /// What part of the areas of a node's cells counts where they may stand in (`lod::Fill`).
@@ -123,9 +128,9 @@ impl Eight {
 
     /// Takes over slabs.
     #[inline(always)]
-    pub fn set<L: Lanes<8>>(&mut self, slabs: &Slabs<L>) {
+    pub fn set<L: Lanes<8>>(&mut self, slabs: &OrientedSlabs<L>) {
         for which in 0..2 {
-            let Slab { axis, low, high } = slabs[which];
+            let OrientedSlab { axis, low, high } = slabs[which];
             self.0[which] =
                 [axis[0].to_array(), axis[1].to_array(), axis[2].to_array(), low.to_array(), high.to_array()];
         }
@@ -133,22 +138,28 @@ impl Eight {
 
     /// All of them, a lane each.
     #[inline(always)]
-    pub fn all<S: Simd>(&self, s: S) -> Slabs<S::F8> {
+    pub fn all<S: Simd>(&self, s: S) -> OrientedSlabs<S::F8> {
         let [a, b] = &self.0;
-        let one =
-            Slab { axis: [s.load8(&a[0]), s.load8(&a[1]), s.load8(&a[2])], low: s.load8(&a[3]), high: s.load8(&a[4]) };
-        let other =
-            Slab { axis: [s.load8(&b[0]), s.load8(&b[1]), s.load8(&b[2])], low: s.load8(&b[3]), high: s.load8(&b[4]) };
+        let one = OrientedSlab {
+            axis: [s.load8(&a[0]), s.load8(&a[1]), s.load8(&a[2])],
+            low: s.load8(&a[3]),
+            high: s.load8(&a[4]),
+        };
+        let other = OrientedSlab {
+            axis: [s.load8(&b[0]), s.load8(&b[1]), s.load8(&b[2])],
+            low: s.load8(&b[3]),
+            high: s.load8(&b[4]),
+        };
         [one, other]
     }
 
     /// That of the cell in `slot`, in all lanes.
     #[inline(always)]
-    pub fn one<S: Simd>(&self, s: S, slot: usize) -> Slabs<S::F16> {
+    pub fn one<S: Simd>(&self, s: S, slot: usize) -> OrientedSlabs<S::F16> {
         let ([a, b], i) = (&self.0, slot & 7);
         let axis = [s.splat16(a[0][i]), s.splat16(a[1][i]), s.splat16(a[2][i])];
-        let one = Slab { axis, low: s.splat16(a[3][i]), high: s.splat16(a[4][i]) };
+        let one = OrientedSlab { axis, low: s.splat16(a[3][i]), high: s.splat16(a[4][i]) };
         let axis = [s.splat16(b[0][i]), s.splat16(b[1][i]), s.splat16(b[2][i])];
-        [one, Slab { axis, low: s.splat16(b[3][i]), high: s.splat16(b[4][i]) }]
+        [one, OrientedSlab { axis, low: s.splat16(b[3][i]), high: s.splat16(b[4][i]) }]
     }
 }

@@ -4,20 +4,17 @@
 //! those of its pieces. Two things are beside the cell:
 //!
 //! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a
-//!   clump (see [`super::tree::CLUMP`]) are **walls** if what they hold goes on beside them: of the lines that go
+//!   treelet (see [`super::tree::TREELET`]) are **walls** if what they hold goes on beside them: of the lines that go
 //!   steeply through a cell's first slab, or as near beside it as an eighth of its size ([`Region`]), and meet nothing
-//!   in it, most find other surface as near again ([`FOUND`]). Measured, by clumps: 0.5 to 1 of them in spheres and a
+//!   in it, most find other surface as near again ([`FOUND`]). Measured, by treelets: 0.5 to 1 of them in spheres and a
 //!   scan of a million triangles, 0.1 to 0.4 among plates, less than 0.2 among wires, less than 0.05 among leaf cards;
-//!   in terrains of cubes anything. (Of all lines, which mostly run along a wall, and through the cells alone, which
-//!   hardly any line passes: 0.8 to 1, and 0.1 to 0.5 among wires. So cells of single wires were walls, and so were
-//!   lone boxes, with all cells above them, while curved walls of few triangles were none.) Of most of a scan no more
-//!   is worked out than that.
+//!   in terrains of cubes anything.
 //! - A line that passes a piece of a wire beside its end finds the next piece. As cells that overlap mostly decide
 //!   alike about a ray (`trace::pass`), the next one would let it pass too. So a part of these lines counts as stopped:
 //!   [`BESIDE`].
 //!
-//! The same lines for all cells, turned by where the cell is: what is off by chance in one cell is not in the next.
-//! Nothing depends on the number of threads.
+//! All cells are tested with the same lines, turned by the position of the cell: an error by chance in one cell does
+//! not repeat in the next. The result does not depend on the number of threads.
 //!
 //! Of a model of several chunks, cells over more than one of them and those right below a chunk's root (`join`) let
 //! nothing pass; and what is near is sought in the chunk alone, so that at its ends fewer cells are walls of
@@ -25,16 +22,16 @@
 
 use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};
 use super::refs::Ref;
-use super::tree::{Inner, Piece, Place, Sub};
+use super::tree::{InnerNode, Piece, Place, Sub};
 use crate::base::error::Result;
 use crate::base::progress::Cancel;
-use crate::lod::{Slabs, stop_bits};
+use crate::lod::{OrientedSlabs, stop_bits};
 use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::bake::TreeInput;
 use crate::structure::par::Par;
 
-/// Through about so many of a clump's cells lines are asked, a group through each,
+/// Through about so many of a treelet's cells lines are asked, a group through each,
 const PROBES: usize = 16;
 /// those that go through the slab at so much of a cosine.
 const STEEP: f32 = 0.6;
@@ -42,31 +39,28 @@ const STEEP: f32 = 0.6;
 const SURE: f32 = 0.7;
 /// as soon as it is known of so many of these;
 const ENOUGH: f32 = 16.0;
-/// or, once a group was asked through each of them, so many. (Of the clumps of a Mandelbulb of a million all find 0.5
+/// or, once a group was asked through each of them, so many. (Of the treelets of a Mandelbulb of a million all find 0.5
 /// or more, 2 of 5,745 less than this, see [`agree`]. With 0.45 small steps in a terrain of cubes close, which
 /// brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.7 and 1.0 %.)
 const FOUND: f32 = 0.55;
-/// How near, as a part of the cell's size: to cells in clumps, and to **larger** ones, which are those of nodes above
-/// clumps and of each clump's uppermost.
+/// How near, as a part of the cell's size: to cells in treelets, and to **larger** ones, which are those of nodes above
+/// treelets and of each treelet's uppermost.
 const NEAR: [f32; 2] = [0.125, 0.25];
 /// How many of the lines that pass a cell, and find other surface near it, count as stopped: of leaves, of other nodes
-/// in clumps, and of larger ones. (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that farthest
-/// from 1: 0.02, 0.02, 0.03 and 0.03 off, and 0.05, 0.04, 0.02 and 0.04. Plates need fewer, wires as many: so leaves go
-/// by their clump.)
+/// in treelets, and of larger ones. (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that
+/// farthest from 1: 0.02, 0.02, 0.03 and 0.03 off, and 0.05, 0.04, 0.02 and 0.04. Plates need fewer, wires as many: so
+/// leaves go by their treelet.)
 const BESIDE: Beside = Beside { of_nodes: 0.5, of_larger: 0.75, of_leaves: 2.0 };
-/// In so many nodes and leaves what is near a line is sought. (Half and twice as many: the same coverage of wires and
-/// leaf cards.)
+/// In so many nodes and leaves what is near a line is sought.
 const SEEK: usize = 64;
 /// Of a group of lines those of which it is asked what is near.
 const HALF: u8 = 0b0101_0101;
-/// Groups of eight lines through a cell in a clump, and through a larger one; of half of the lines of the first of
-/// these, or of a quarter of them, it is asked what is near. (With twice as many of the first, 1 % less of the coverage
-/// of wires, and builds of CAD a tenth slower.)
+/// Groups of eight lines through a cell in a treelet, and through a larger one; of half of the lines of the first of
+/// these, or of a quarter of them, it is asked what is near.
 const LINES: [usize; 2] = [4, 16];
-/// A larger cell that stops no more than this is asked about again,
+/// A larger cell that stops no more than this share of its lines is sampled [`ROUNDS`] times.
 const SPARSE: f32 = 0.5;
-/// so many times in all. (At PoE 10 few cells are in view: after one time wires had 1.04 of their coverage in one view
-/// of two.)
+/// See [`SPARSE`].
 const ROUNDS: usize = 4;
 
 /// See [`BESIDE`].
@@ -74,7 +68,7 @@ const ROUNDS: usize = 4;
 struct Beside {
     of_nodes: f32,
     of_larger: f32,
-    /// Of leaves so many times the share of the lines beside their clump's cells that find other surface near: few
+    /// Of leaves so many times the share of the lines beside their treelet's cells that find other surface near: few
     /// among plates and cards, more along wires.
     of_leaves: f32,
 }
@@ -91,7 +85,7 @@ struct Scene<'a> {
 #[derive(Clone, Copy)]
 struct Cell<'a> {
     bounds: Bounds,
-    slabs: Slabs<f32>,
+    slabs: OrientedSlabs<f32>,
     sub: &'a Sub,
 }
 
@@ -111,11 +105,11 @@ fn mark_with(
     cancel: &Cancel,
 ) -> Result<()> {
     let scene = Scene { pieces, input, refs, beside };
-    let (mut clumps, mut large) = (Vec::new(), Vec::new());
-    inners(pieces).for_each(|inner| gather_clumps(inner, &mut clumps));
-    let known = par.map(clumps.len(), |i| {
+    let (mut treelets, mut large) = (vec![], vec![]);
+    inners(pieces).for_each(|inner| gather_treelets(inner, &mut treelets));
+    let known = par.map(treelets.len(), |i| {
         cancel.check()?;
-        Ok(dispatch(isa, OfClump { scene: &scene, clump: clumps[i] }))
+        Ok(dispatch(isa, OfTreelet { scene: &scene, treelet: treelets[i] }))
     });
     let mut known = known.into_iter().collect::<Result<Vec<_>>>()?;
     let mut next = known.iter_mut();
@@ -131,7 +125,7 @@ fn mark_with(
     let codes = codes.into_iter().collect::<Result<Vec<_>>>()?;
     let (mut known, mut codes) = (known.into_iter(), codes.into_iter());
     for piece in pieces {
-        if let Sub::Inner(inner) = &mut piece.sub {
+        if let Sub::InnerNode(inner) = &mut piece.sub {
             apply(inner, &mut known, &mut codes);
         }
     }
@@ -139,25 +133,25 @@ fn mark_with(
     Ok(())
 }
 
-fn inners(pieces: &[Piece]) -> impl Iterator<Item = &Inner> {
-    pieces.iter().filter_map(|p| if let Sub::Inner(inner) = &p.sub { Some(&**inner) } else { None })
+fn inners(pieces: &[Piece]) -> impl Iterator<Item = &InnerNode> {
+    pieces.iter().filter_map(|p| if let Sub::InnerNode(inner) = &p.sub { Some(&**inner) } else { None })
 }
 
-/// A clump: neighbours in one node, and all below them.
+/// A treelet: neighbours in one node, and all below them.
 #[derive(Clone, Copy)]
-struct Clump<'a> {
-    inner: &'a Inner,
+struct Treelet<'a> {
+    inner: &'a InnerNode,
     /// The neighbours, first and end.
     slots: [usize; 2],
 }
 
-impl<'a> Clump<'a> {
+impl<'a> Treelet<'a> {
     /// Its cells, in their order, but for its uppermost nodes', which are asked as larger ones.
     fn cells(&self) -> Vec<Cell<'a>> {
         let mut out = Vec::new();
         for cell in cells(self.inner).take(self.slots[1]).skip(self.slots[0]) {
             match cell.sub {
-                Sub::Inner(below) => all_cells(below, &mut out),
+                Sub::InnerNode(below) => all_cells(below, &mut out),
                 _ => out.push(cell),
             }
         }
@@ -165,8 +159,8 @@ impl<'a> Clump<'a> {
     }
 }
 
-/// The children of a node, those of a clump together: first and end.
-fn runs(inner: &Inner) -> Vec<[usize; 2]> {
+/// The children of a node, those of a treelet together: first and end.
+fn runs(inner: &InnerNode) -> Vec<[usize; 2]> {
     let mut end = 0;
     let run = |run: &[Place]| {
         end += run.len();
@@ -175,33 +169,33 @@ fn runs(inner: &Inner) -> Vec<[usize; 2]> {
     inner.places[..inner.children.len()].chunk_by(|_, next| *next == Place::GoesOn).map(run).collect()
 }
 
-/// A child that is larger than clumps.
-fn above_clumps(inner: &Inner, slot: usize) -> Option<&Inner> {
+/// A child that is larger than treelets.
+fn above_treelets(inner: &InnerNode, slot: usize) -> Option<&InnerNode> {
     match &inner.children[slot].1 {
-        Sub::Inner(below) if inner.places[slot] == Place::Above => Some(below),
+        Sub::InnerNode(below) if inner.places[slot] == Place::Above => Some(below),
         _ => None,
     }
 }
 
-/// The clumps below a node, in their order.
-fn gather_clumps<'a>(inner: &'a Inner, out: &mut Vec<Clump<'a>>) {
+/// The treelets below a node, in their order.
+fn gather_treelets<'a>(inner: &'a InnerNode, out: &mut Vec<Treelet<'a>>) {
     for slots in runs(inner) {
-        match above_clumps(inner, slots[0]) {
-            Some(below) => gather_clumps(below, out),
-            None => out.push(Clump { inner, slots }),
+        match above_treelets(inner, slots[0]) {
+            Some(below) => gather_treelets(below, out),
+            None => out.push(Treelet { inner, slots }),
         }
     }
 }
 
-/// Of clumps in one node all are walls if those with half of their cells or more are: a small piece of a wall, at a
+/// Of treelets in one node all are walls if those with half of their cells or more are: a small piece of a wall, at a
 /// corner of it, may look otherwise. (Two of a Mandelbulb of a million do. One of them was a hole of one pixel where
 /// three quarters had to agree. One that is alone in its node decides alone: beside a wall there may be a wire.)
-fn agree(inner: &Inner, clumps: &mut std::slice::IterMut<Known>) {
+fn agree(inner: &InnerNode, treelets: &mut std::slice::IterMut<Known>) {
     let (mut here, mut sums) = (Vec::new(), [0; 2]);
     for slots in runs(inner) {
-        match above_clumps(inner, slots[0]) {
-            Some(below) => agree(below, clumps),
-            None => here.extend(clumps.next()),
+        match above_treelets(inner, slots[0]) {
+            Some(below) => agree(below, treelets),
+            None => here.extend(treelets.next()),
         }
     }
     for known in &here {
@@ -215,9 +209,9 @@ fn agree(inner: &Inner, clumps: &mut std::slice::IterMut<Known>) {
 /// Of all larger cells, in their order, those to be asked; nothing for those of whose cells a quarter or more are
 /// walls. How many cells are below, and how many of these are walls.
 fn gather_large<'a>(
-    inner: &'a Inner,
-    above: Option<&'a Inner>,
-    clumps: &mut std::slice::Iter<Known>,
+    inner: &'a InnerNode,
+    above: Option<&'a InnerNode>,
+    treelets: &mut std::slice::Iter<Known>,
     out: &mut Vec<Large<'a>>,
 ) -> [usize; 2] {
     let (mut sums, all) = ([0; 2], cells(inner).collect::<Vec<_>>());
@@ -225,14 +219,14 @@ fn gather_large<'a>(
         let at = out.len();
         out.extend(
             (slots[0]..slots[1])
-                .filter(|slot| matches!(all[*slot].sub, Sub::Inner(_)))
+                .filter(|slot| matches!(all[*slot].sub, Sub::InnerNode(_)))
                 .map(|slot| Some((all[slot], above))),
         );
         let end = out.len();
-        let counts = match above_clumps(inner, slots[0]) {
-            Some(below) => gather_large(below, Some(inner), clumps, out),
+        let counts = match above_treelets(inner, slots[0]) {
+            Some(below) => gather_large(below, Some(inner), treelets, out),
             // They come in the same order: there is one for each.
-            None => clumps.next().map_or([0; 2], |known| [known.cells, known.of_walls()]),
+            None => treelets.next().map_or([0; 2], |known| [known.cells, known.of_walls()]),
         };
         if 4 * counts[1] >= counts[0] {
             out[at..end].fill(None);
@@ -242,11 +236,11 @@ fn gather_large<'a>(
     sums
 }
 
-fn cells(inner: &Inner) -> impl Iterator<Item = Cell<'_>> {
+fn cells(inner: &InnerNode) -> impl Iterator<Item = Cell<'_>> {
     let all = inner.children.iter().enumerate();
     all.map(|(slot, (_, sub))| Cell {
         bounds: inner.node.stored_box(slot),
-        slabs: inner.node.stored_slabs(slot),
+        slabs: inner.node.stored_oriented_slabs(slot),
         sub: lone_leaf(sub).unwrap_or(sub),
     })
 }
@@ -254,7 +248,7 @@ fn cells(inner: &Inner) -> impl Iterator<Item = Cell<'_>> {
 /// The leaf that a node was put over ([`super::tree::wrap_leaves`]): its cell is that leaf's, asked once for both.
 fn lone_leaf(sub: &Sub) -> Option<&Sub> {
     match sub {
-        Sub::Inner(inner) if matches!(inner.children[..], [(_, Sub::Leaf { .. })]) => Some(&inner.children[0].1),
+        Sub::InnerNode(inner) if matches!(inner.children[..], [(_, Sub::Leaf { .. })]) => Some(&inner.children[0].1),
         _ => None,
     }
 }
@@ -266,16 +260,16 @@ impl Cell<'_> {
 }
 
 /// Of all cells below, in their order.
-fn all_cells<'a>(inner: &'a Inner, out: &mut Vec<Cell<'a>>) {
+fn all_cells<'a>(inner: &'a InnerNode, out: &mut Vec<Cell<'a>>) {
     for cell in cells(inner) {
         out.push(cell);
-        if let Sub::Inner(below) = cell.sub {
+        if let Sub::InnerNode(below) = cell.sub {
             all_cells(below, out);
         }
     }
 }
 
-/// What is known of a clump's cells.
+/// What is known of a treelet's cells.
 struct Known {
     /// How many there are.
     cells: usize,
@@ -290,23 +284,23 @@ impl Known {
     }
 }
 
-/// Finds the codes of a clump.
-struct OfClump<'a> {
+/// Finds the codes of a treelet.
+struct OfTreelet<'a> {
     scene: &'a Scene<'a>,
-    clump: Clump<'a>,
+    treelet: Treelet<'a>,
 }
 
-impl Op for OfClump<'_> {
+impl Op for OfTreelet<'_> {
     type Out = Known;
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> Known {
-        let Self { scene, clump } = self;
-        let (all, mut asker) = (clump.cells(), Asker::new(scene, Some(clump.inner)));
+        let Self { scene, treelet } = self;
+        let (all, mut asker) = (treelet.cells(), Asker::new(scene, Some(treelet.inner)));
         let (mut sums, walls) = (Asked::default(), Known { cells: all.len(), codes: Vec::new() });
         // One is left for what is asked further.
         let (groups, step) = (PROBES.div_ceil(all.len()).min(PROBES - 1), (all.len() / PROBES).max(1));
-        // A quarter of them at a time, from all over the clump: of most of a scan the first are enough.
+        // A quarter of them at a time, from all over the treelet: of most of a scan the first are enough.
         for quarter in 0..4 {
             for cell in all.iter().skip(quarter * step).step_by(4 * step) {
                 sums.add(asker.beside(s, cell, [0, groups]));
@@ -324,7 +318,7 @@ impl Op for OfClump<'_> {
         }
         let of_leaves = (scene.beside.of_leaves * sums.near()).min(1.0);
         let mut code = |cell: &Cell| {
-            let beside = if matches!(cell.sub, Sub::Inner(_)) { scene.beside.of_nodes } else { of_leaves };
+            let beside = if matches!(cell.sub, Sub::InnerNode(_)) { scene.beside.of_nodes } else { of_leaves };
             asker.together(s, cell, LINES[0]).code(beside)
         };
         Known { codes: all.iter().map(&mut code).collect(), ..walls }
@@ -332,13 +326,13 @@ impl Op for OfClump<'_> {
 }
 
 /// A larger cell that is to be asked, and what its node hangs in, if that is no piece.
-type Large<'a> = Option<(Cell<'a>, Option<&'a Inner>)>;
+type Large<'a> = Option<(Cell<'a>, Option<&'a InnerNode>)>;
 
 /// The code of a cell that is larger.
 struct OfLarge<'a> {
     scene: &'a Scene<'a>,
     cell: Cell<'a>,
-    above: Option<&'a Inner>,
+    above: Option<&'a InnerNode>,
 }
 
 impl Op for OfLarge<'_> {
@@ -365,7 +359,7 @@ struct Asked {
     /// How many there are, in some unit.
     all: f32,
     /// How many of these pass what it holds.
-    passed: f32,
+    transmitted: f32,
     /// Of how many of those it was asked whether they find other surface near it.
     sought: f32,
     /// How many do.
@@ -374,7 +368,7 @@ struct Asked {
 
 impl Asked {
     fn add(&mut self, o: Self) {
-        (self.all, self.passed) = (self.all + o.all, self.passed + o.passed);
+        (self.all, self.transmitted) = (self.all + o.all, self.transmitted + o.transmitted);
         (self.sought, self.found) = (self.sought + o.sought, self.found + o.found);
     }
 
@@ -390,7 +384,7 @@ impl Asked {
 
     /// The share of them that counts as stopped.
     fn stops(&self, beside: f32) -> f32 {
-        1.0 - self.passed * (1.0 - beside * self.near()) / self.all.max(f32::MIN_POSITIVE)
+        1.0 - self.transmitted * (1.0 - beside * self.near()) / self.all.max(f32::MIN_POSITIVE)
     }
 
     /// The stop code, see [`stop_bits`].
@@ -405,14 +399,14 @@ impl Asked {
 struct Asker<'a> {
     scene: &'a Scene<'a>,
     /// Below this what is near is sought first.
-    above: Option<&'a Inner>,
+    above: Option<&'a InnerNode>,
     lines: Lines,
     triangles: Vec<u32>,
     stack: Vec<&'a Sub>,
 }
 
 impl<'a> Asker<'a> {
-    fn new(scene: &'a Scene<'a>, above: Option<&'a Inner>) -> Self {
+    fn new(scene: &'a Scene<'a>, above: Option<&'a InnerNode>) -> Self {
         Self { scene, above, lines: Lines::new(), triangles: Vec::new(), stack: Vec::new() }
     }
 
@@ -421,12 +415,12 @@ impl<'a> Asker<'a> {
     #[inline(always)]
     fn alone<S: Simd>(&mut self, s: S, sub: &'a Sub, region: &Region, groups: usize, seek: usize) -> Asked {
         self.lines.through(s, region, [0, groups]);
-        let mut passed = NONE;
+        let mut transmitted = NONE;
         for i in numbers(self.lines.all) {
             self.stack.push(sub);
-            put(&mut passed, i, !self.scene.meets(s, &self.lines.one(i, 0.0), usize::MAX, &mut self.stack));
+            put(&mut transmitted, i, !self.scene.meets(s, &self.lines.one(i, 0.0), usize::MAX, &mut self.stack));
         }
-        self.asked(s, &passed, seek, HALF, region.size * NEAR[1])
+        self.asked(s, &transmitted, seek, HALF, region.size * NEAR[1])
     }
 
     /// Asks `groups` (first, end) of the lines that go through a cell or near beside it, if they do so steeply; and of
@@ -438,8 +432,8 @@ impl<'a> Asker<'a> {
         // Else a few short ones through the smallest cells outweigh all others.
         self.lines.weigh_alike();
         self.lines.keep_steep(s, &region, STEEP);
-        let passed = self.pass_all(s, cell);
-        self.asked(s, &passed, passed.len(), 0xff, region.size * NEAR[0])
+        let transmitted = self.pass_all(s, cell);
+        self.asked(s, &transmitted, transmitted.len(), 0xff, region.size * NEAR[0])
     }
 
     /// Those of the lines that meet none of the triangles in a cell, of which there are few.
@@ -447,13 +441,13 @@ impl<'a> Asker<'a> {
     fn pass_all<S: Simd>(&mut self, s: S, cell: &Cell) -> Set {
         self.triangles.clear();
         self.scene.below(cell.sub, &mut self.triangles);
-        let mut passed = self.lines.all;
+        let mut transmitted = self.lines.all;
         for triangle in &self.triangles {
-            if !self.lines.leave(s, &mut passed, &self.scene.input.triangles[*triangle as usize]) {
+            if !self.lines.leave(s, &mut transmitted, &self.scene.input.triangles[*triangle as usize]) {
                 break;
             }
         }
-        passed
+        transmitted
     }
 
     /// Asks the lines of so many groups together about each of the triangles in a cell, of which there are few; and of
@@ -462,8 +456,8 @@ impl<'a> Asker<'a> {
     fn together<S: Simd>(&mut self, s: S, cell: &Cell, groups: usize) -> Asked {
         let region = cell.region();
         self.lines.through(s, &region, [0, groups]);
-        let passed = self.pass_all(s, cell);
-        self.asked(s, &passed, 1, HALF, region.size * NEAR[0])
+        let transmitted = self.pass_all(s, cell);
+        self.asked(s, &transmitted, 1, HALF, region.size * NEAR[0])
     }
 
     /// What there is to be said of lines of which some passed; `some` of each of the first groups are asked if they
@@ -471,10 +465,10 @@ impl<'a> Asker<'a> {
     /// it is. (Nowhere else: closed spheres and rooms have holes, for what is beside the cells at its ends is not
     /// found.)
     #[inline(always)]
-    fn asked<S: Simd>(&mut self, s: S, passed: &Set, groups: usize, some: u8, near: f32) -> Asked {
+    fn asked<S: Simd>(&mut self, s: S, transmitted: &Set, groups: usize, some: u8, near: f32) -> Asked {
         let (mut sought, mut found) = (NONE, NONE);
         for group in 0..groups {
-            sought[group] = passed[group] & some;
+            sought[group] = transmitted[group] & some;
         }
         for i in numbers(sought) {
             let line = self.lines.one(i, near);
@@ -485,7 +479,12 @@ impl<'a> Asker<'a> {
             put(&mut found, i, self.scene.meets(s, &line, SEEK, &mut self.stack));
         }
         let weight = |set| self.lines.weight(set);
-        Asked { all: weight(&self.lines.all), passed: weight(passed), sought: weight(&sought), found: weight(&found) }
+        Asked {
+            all: weight(&self.lines.all),
+            transmitted: weight(transmitted),
+            sought: weight(&sought),
+            found: weight(&found),
+        }
     }
 }
 
@@ -510,7 +509,7 @@ impl<'a> Scene<'a> {
                         }
                     }
                 }
-                Sub::Inner(inner) => {
+                Sub::InnerNode(inner) => {
                     push_crossed(s, line, inner, stack);
                 }
                 Sub::Placed(_) => {}
@@ -527,7 +526,7 @@ impl<'a> Scene<'a> {
     fn below(&self, sub: &Sub, out: &mut Vec<u32>) {
         match sub {
             Sub::Leaf { first, count, .. } => out.extend(self.refs(*first, *count).iter().map(|r| r.triangle() as u32)),
-            Sub::Inner(inner) => inner.children.iter().for_each(|(_, sub)| self.below(sub, out)),
+            Sub::InnerNode(inner) => inner.children.iter().for_each(|(_, sub)| self.below(sub, out)),
             Sub::Placed(_) => {}
         }
     }
@@ -535,7 +534,7 @@ impl<'a> Scene<'a> {
 
 /// Puts the children whose boxes a line crosses onto the stack.
 #[inline(always)]
-fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a Inner, stack: &mut Vec<&'a Sub>) {
+fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a InnerNode, stack: &mut Vec<&'a Sub>) {
     let mut met = line.boxes(s, &inner.node);
     while met != 0 {
         let slot = met.trailing_zeros() as usize;
@@ -545,10 +544,10 @@ fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a Inner, stack: &mut Ve
 }
 
 /// Hands codes to cells, in the order in which they were gathered.
-fn apply(inner: &mut Inner, clumps: &mut std::vec::IntoIter<Known>, large: &mut std::vec::IntoIter<u8>) {
+fn apply(inner: &mut InnerNode, treelets: &mut std::vec::IntoIter<Known>, large: &mut std::vec::IntoIter<u8>) {
     for slots in runs(inner) {
-        let is_clump = above_clumps(inner, slots[0]).is_none();
-        let known = if is_clump { clumps.next() } else { None };
+        let is_clump = above_treelets(inner, slots[0]).is_none();
+        let known = if is_clump { treelets.next() } else { None };
         let mut codes = known.map_or_else(Vec::new, |known| known.codes).into_iter();
         for slot in slots[0]..slots[1] {
             if is_leaf(&inner.children[slot].1) {
@@ -557,22 +556,22 @@ fn apply(inner: &mut Inner, clumps: &mut std::vec::IntoIter<Known>, large: &mut 
             }
             set(inner, slot, large.next().unwrap_or(0));
             match &mut inner.children[slot].1 {
-                Sub::Inner(below) if is_clump => apply_all(below, &mut codes),
-                Sub::Inner(below) => apply(below, clumps, large),
+                Sub::InnerNode(below) if is_clump => apply_all(below, &mut codes),
+                Sub::InnerNode(below) => apply(below, treelets, large),
                 _ => {}
             }
         }
-        debug_assert!(codes.len() == 0, "each of a clump's codes is handed to its cell");
+        debug_assert!(codes.len() == 0, "each of a treelet's codes is handed to its cell");
     }
 }
 
-fn apply_all(inner: &mut Inner, codes: &mut std::vec::IntoIter<u8>) {
+fn apply_all(inner: &mut InnerNode, codes: &mut std::vec::IntoIter<u8>) {
     for slot in 0..inner.children.len() {
         let Some(code) = codes.next() else { return };
         set(inner, slot, code);
         match &mut inner.children[slot].1 {
             sub if is_leaf(sub) => {}
-            Sub::Inner(below) => apply_all(below, codes),
+            Sub::InnerNode(below) => apply_all(below, codes),
             _ => {}
         }
     }
@@ -583,18 +582,18 @@ fn is_leaf(sub: &Sub) -> bool {
     matches!(sub, Sub::Leaf { .. }) || lone_leaf(sub).is_some()
 }
 
-fn set(inner: &mut Inner, slot: usize, code: u8) {
+fn set(inner: &mut InnerNode, slot: usize, code: u8) {
     if code > 0 {
         inner.children[slot].0.words[0] |= stop_bits(code);
-        inner.node.may_pass(slot);
+        inner.node.set_transmitting(slot);
     }
     match &mut inner.children[slot].1 {
         sub if lone_leaf(sub).is_none() => {}
-        Sub::Inner(over) => set(over, 0, code),
+        Sub::InnerNode(over) => set(over, 0, code),
         _ => {}
     }
 }
 
 #[cfg(test)]
-#[path = "pass_tests.rs"]
+#[path = "coverage_tests.rs"]
 mod tests;

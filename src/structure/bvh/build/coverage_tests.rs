@@ -40,7 +40,7 @@ fn marked(
     let par = Par { threads };
     let mut refs = refs::make(triangles, 0.5, &par);
     let built = tree::build(input, &mut refs, 0.0, &par, &Cancel::new()).expect("a tree");
-    let mut pieces = vec![Inner::over(built.children, tree::Place::Above)];
+    let mut pieces = vec![InnerNode::over(built.children, tree::Place::Above)];
     mark_with(beside, &mut pieces, input, &refs, isa, &par, cancel)?;
     Ok((pieces, refs))
 }
@@ -49,7 +49,7 @@ fn marked(
 fn stops(pieces: &[Piece]) -> Vec<(f64, Cell<'_>)> {
     let (mut cells, mut words) = (Vec::new(), Vec::new());
     for piece in pieces {
-        let Sub::Inner(inner) = &piece.sub else { panic!("a piece is an inner node") };
+        let Sub::InnerNode(inner) = &piece.sub else { panic!("a piece is an inner node") };
         all_cells(inner, &mut cells);
         first_words(inner, &mut words);
     }
@@ -60,15 +60,15 @@ fn stops(pieces: &[Piece]) -> Vec<(f64, Cell<'_>)> {
     words.iter().map(share).zip(cells).collect()
 }
 
-fn first_words(inner: &Inner, out: &mut Vec<u32>) {
+fn first_words(inner: &InnerNode, out: &mut Vec<u32>) {
     for (coded, sub) in &inner.children {
         out.push(coded.words[0]);
         match sub {
             // One cell, as `cells` has it: one share.
-            Sub::Inner(over) if lone_leaf(sub).is_some() => {
+            Sub::InnerNode(over) if lone_leaf(sub).is_some() => {
                 assert_eq!(crate::lod::stopped(over.children[0].0.words[0]), crate::lod::stopped(coded.words[0]));
             }
-            Sub::Inner(below) => first_words(below, out),
+            Sub::InnerNode(below) => first_words(below, out),
             _ => {}
         }
     }
@@ -149,7 +149,7 @@ fn gather(sub: &Sub, refs: &[Ref], out: &mut Vec<usize>) {
         Sub::Leaf { first, count, .. } => {
             out.extend(refs[*first as usize..(first + count) as usize].iter().map(Ref::triangle))
         }
-        Sub::Inner(inner) => inner.children.iter().for_each(|(_, sub)| gather(sub, refs, out)),
+        Sub::InnerNode(inner) => inner.children.iter().for_each(|(_, sub)| gather(sub, refs, out)),
         Sub::Placed(_) => {}
     }
 }
@@ -166,8 +166,8 @@ fn sparse_cells_stop_as_many_as_lines_by_chance_meet() {
         let (pieces, refs) = alone(&triangles);
         let (mut random, mut ratios) = (Random(3), Vec::new());
         for (stops, cell) in stops(&pieces) {
-            // Of a clump's cell 32 lines are asked, of larger ones some hundreds: each is a matter of chance, the mean
-            // is not.
+            // Of a treelet's cell 32 lines are asked, of larger ones some hundreds: each is a matter of chance, the
+            // mean is not.
             if cell.bounds.extent().min_element() > 1.0 {
                 ratios.push(stops / counted(&cell, &triangles, &refs, &mut random));
             }
@@ -270,9 +270,9 @@ fn a_closed_ball_stops_all() {
     }
 }
 
-/// A node's children, and all below: of each clump the triangles, and how many have larger ranges, clumps of several
-/// children, leaves under a node.
-fn look(inner: &Inner, refs: &[Ref], clumps: &mut Vec<usize>, seen: &mut [usize; 3]) {
+/// A node's children, and all below: of each treelet the triangles, and how many have larger ranges, treelets of
+/// several children, leaves under a node.
+fn look(inner: &InnerNode, refs: &[Ref], treelets: &mut Vec<usize>, seen: &mut [usize; 3]) {
     let mut below = Vec::new();
     for slots in runs(inner) {
         let held = |slot: usize, out: &mut Vec<usize>| {
@@ -280,13 +280,13 @@ fn look(inner: &Inner, refs: &[Ref], clumps: &mut Vec<usize>, seen: &mut [usize;
             gather(&inner.children[slot].1, refs, out);
             out.len()
         };
-        if let Some(larger) = above_clumps(inner, slots[0]) {
-            assert!(held(slots[0], &mut below) > tree::CLUMP && slots[1] == slots[0] + 1);
+        if let Some(larger) = above_treelets(inner, slots[0]) {
+            assert!(held(slots[0], &mut below) > tree::TREELET && slots[1] == slots[0] + 1);
             seen[0] += 1;
-            look(larger, refs, clumps, seen);
+            look(larger, refs, treelets, seen);
             continue;
         }
-        clumps.push((slots[0]..slots[1]).map(|slot| held(slot, &mut below)).sum());
+        treelets.push((slots[0]..slots[1]).map(|slot| held(slot, &mut below)).sum());
         seen[1] += usize::from(slots[1] > slots[0] + 1);
         seen[2] += (slots[0]..slots[1]).filter(|slot| lone_leaf(&inner.children[*slot].1).is_some()).count();
     }
@@ -297,11 +297,14 @@ fn clumps_are_of_so_many_triangles_and_hold_all() {
     let mut seen = [0; 3];
     for (triangles, least) in [(forest(300), 150), (ball(60), 60), (ball(6), 1), (ball(100), 160)] {
         let (pieces, refs) = best(&triangles);
-        let mut clumps = Vec::new();
-        inners(&pieces).for_each(|inner| look(inner, &refs, &mut clumps, &mut seen));
+        let mut treelets = Vec::new();
+        inners(&pieces).for_each(|inner| look(inner, &refs, &mut treelets, &mut seen));
         // But for what splits repeat.
-        assert!(clumps.len() >= least && clumps.iter().all(|n| (1..=tree::CLUMP * 5 / 4).contains(n)), "{clumps:?}");
-        assert!(clumps.iter().sum::<usize>() >= triangles.len());
+        assert!(
+            treelets.len() >= least && treelets.iter().all(|n| (1..=tree::TREELET * 5 / 4).contains(n)),
+            "{treelets:?}"
+        );
+        assert!(treelets.iter().sum::<usize>() >= triangles.len());
     }
     assert!(seen.iter().all(|n| *n > 10), "{seen:?}");
 }
@@ -314,7 +317,7 @@ fn the_codes_are_the_same_with_any_vectors_and_threads() {
         let (pieces, _) = marked(BESIDE, &triangles, isa, threads, &Cancel::new()).expect("marked");
         let mut words = Vec::new();
         pieces.iter().for_each(|p| {
-            if let Sub::Inner(inner) = &p.sub {
+            if let Sub::InnerNode(inner) = &p.sub {
                 first_words(inner, &mut words)
             }
         });
@@ -340,7 +343,7 @@ fn asking_can_be_cancelled() {
 fn what_says_nothing_stops_all() {
     assert_eq!(Asked::default().code(BESIDE.of_nodes), 0);
     assert!(!Asked::default().is_wall(FOUND));
-    let half = Asked { all: 8.0, passed: 4.0, sought: 4.0, found: 0.0 };
+    let half = Asked { all: 8.0, transmitted: 4.0, sought: 4.0, found: 0.0 };
     assert_eq!((half.stops(BESIDE.of_nodes), half.is_wall(FOUND)), (0.5, false));
     // None passes: it stops all, and is a wall of itself.
     let none = Asked { all: 8.0, ..Asked::default() };

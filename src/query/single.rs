@@ -64,7 +64,7 @@ fn one(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWalk, hit: &mut 
         return false;
     }
     let found = walk.best();
-    if found.has_passed() && task.want.has(Want::ERROR) || is_early(view, ray, &found) {
+    if found.has_transmitted() && task.want.has(Want::ERROR) || is_early(view, ray, &found) {
         return false;
     }
     !found.is_hit() || matches!(answer_one(view, ray, &found, task.want, hit), Ok(true))

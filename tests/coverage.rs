@@ -17,9 +17,9 @@ use outcrop::structure::{Outcome, PacketWalk, PartFilter, TriHit, Walk};
 /// What a walk says of a ray: what it hits, and where it passed a stand-in before that.
 type Said = (Option<TriHit>, Option<u32>);
 
-fn said(best: TriHit, passed: f32) -> Said {
+fn said(best: TriHit, transmitted: f32) -> Said {
     // What is behind the hit may be told or not.
-    (Some(best).filter(TriHit::is_hit), (passed <= best.t.min(f32::MAX)).then_some(passed.to_bits()))
+    (Some(best).filter(TriHit::is_hit), (transmitted <= best.t.min(f32::MAX)).then_some(transmitted.to_bits()))
 }
 
 fn alone(view: &TreeView, filter: Option<&PartFilter>, rays: &[Ray32]) -> Vec<Said> {
@@ -27,7 +27,7 @@ fn alone(view: &TreeView, filter: Option<&PartFilter>, rays: &[Ray32]) -> Vec<Sa
     let each = |ray: &Ray32| {
         walk.begin(view, &trees::local(ray));
         assert_eq!(view.closest(filter, &mut walk), Outcome::Done);
-        said(walk.best(), walk.passed())
+        said(walk.best(), walk.transmitted())
     };
     rays.iter().map(each).collect()
 }
@@ -37,7 +37,7 @@ fn together(view: &TreeView, filter: Option<&PartFilter>, rays: &[Ray32]) -> Vec
     for rays in rays.chunks(PACKET) {
         trees::begin_together(view, rays, &mut walk);
         assert_eq!(view.closest_together(filter, &mut walk), Outcome::Done);
-        all.extend((0..rays.len()).map(|i| said(walk.best(i), walk.passed()[i])));
+        all.extend((0..rays.len()).map(|i| said(walk.best(i), walk.transmitted()[i])));
     }
     all
 }
@@ -52,7 +52,9 @@ fn side_by_side(view: &TreeView, filter: Option<&PartFilter>, rays: &[Ray32]) ->
         // Of a ray that hits nothing a stream does not say how far it went.
         let far = |i: usize| TriHit::none(rays[i].t_max);
         all.extend(
-            hits.iter().enumerate().map(|(i, hit)| said(if hit.is_hit() { *hit } else { far(i) }, stream.passed()[i])),
+            hits.iter()
+                .enumerate()
+                .map(|(i, hit)| said(if hit.is_hit() { *hit } else { far(i) }, stream.transmitted()[i])),
         );
     }
     all
@@ -84,14 +86,14 @@ fn all_walks_pass_the_same_stand_ins_and_leave_out_the_same_parts() {
     let base = tree.view(&tree.snapshot, Isa::Baseline);
     let exact = rays(&tree, &base);
     let hidden = PartFilter { hidden: &[0b10], first_part: 0, touched: outcrop::lod::summary_bit(1), within: None };
-    let (mut passed, mut lods, mut changed) = (0, 0, 0);
+    let (mut transmitted, mut lods, mut changed) = (0, 0, 0);
     for width in [0.0, 0.003, 0.01, 0.05, 0.2] {
         let rays: Vec<Ray32> =
-            exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.reach, b: width }, ..*ray }).collect();
+            exact.iter().map(|ray| Ray32 { cone: Cone { a: width * tree.max_coord, b: width }, ..*ray }).collect();
         let mut unfiltered: Vec<Said> = Vec::new();
         for filter in [None, Some(&hidden)] {
             let truth = alone(&base, filter, &rays);
-            passed += truth.iter().filter(|(_, passed)| passed.is_some()).count();
+            transmitted += truth.iter().filter(|(_, transmitted)| transmitted.is_some()).count();
             lods += truth.iter().filter(|(hit, _)| hit.is_some_and(|hit| hit.stand_in().is_some())).count();
             changed += unfiltered.iter().zip(&truth).filter(|(a, b)| a != b).count();
             for isa in trees::isas() {
@@ -115,5 +117,5 @@ fn all_walks_pass_the_same_stand_ins_and_leave_out_the_same_parts() {
     }
     let all = exact.len();
     assert!(all > 6000, "{all}");
-    assert!(passed > all / 4 && lods > all / 4 && changed > all / 20, "{passed}, {lods}, {changed} of {all}");
+    assert!(transmitted > all / 4 && lods > all / 4 && changed > all / 20, "{transmitted}, {lods}, {changed} of {all}");
 }

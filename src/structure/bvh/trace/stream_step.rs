@@ -4,14 +4,14 @@
 //! another block and are asked for again there: to tell them apart costs more.
 
 use super::ahead::{ask, ask_for};
-use super::cell_slabs::area_shares;
+use super::coverage::EntryRay;
 use super::hit::{Counters, TriHit};
 use super::kernel::{Here, Seen};
-use super::pass::Passing;
+use super::oriented_slabs::area_shares;
 use super::rays16::OneRay;
 use super::single::{self, CellLanes, CellRay, LeafRay, MetCells, is_better, triangles};
 use super::stand_in;
-use super::stream::{AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, State, lane, push};
+use super::stream::{AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, StreamRun, lane, push};
 use crate::base::ids::BlockId;
 use crate::math::Cone;
 use crate::math::STREAM;
@@ -21,39 +21,39 @@ use bytemuck::bytes_of;
 
 /// Puts a lane at `child` of a block; if that is not in memory, its ray is left unfinished.
 #[inline(always)]
-fn enter(state: &mut State, counts: &mut Counts, lane: usize, block: u32, child: u32) {
-    match state.view.visit(block) {
+fn enter(run: &mut StreamRun, counts: &mut Counts, lane: usize, block: u32, child: u32) {
+    match run.view.visit(block) {
         Some(words) => {
-            state.block[lane] = Block::new(words);
-            (state.block_id[lane], state.child[lane]) = (block, child);
-            ask_for(state.is_large, state.block[lane], child);
-            push(&mut state.rows, counts, child, lane);
+            run.block[lane] = Block::new(words);
+            (run.block_id[lane], run.child[lane]) = (block, child);
+            ask_for(run.is_large, run.block[lane], child);
+            push(&mut run.rows, counts, child, lane);
         }
-        None => leave(state, counts, lane),
+        None => leave(run, counts, lane),
     }
 }
 
 /// Leaves a lane's ray to be traced alone.
 #[inline(always)]
-pub(super) fn leave(state: &mut State, counts: &mut Counts, lane: usize) {
-    state.unfinished.push(u32::from(state.ray[lane]));
-    push(&mut state.rows, counts, NOTHING, lane);
+pub(super) fn leave(run: &mut StreamRun, counts: &mut Counts, lane: usize) {
+    run.unfinished.push(u32::from(run.ray[lane]));
+    push(&mut run.rows, counts, NOTHING, lane);
 }
 
 /// Follows references to other blocks.
 #[inline(always)]
-pub(super) fn externals(state: &mut State, mut counts: Counts) -> Counts {
-    let (row, count) = (state.rows[EXTERNALS], counts.take(EXTERNALS));
-    state.counters.blocks += count as u64;
+pub(super) fn externals(run: &mut StreamRun, mut counts: Counts) -> Counts {
+    let (row, count) = (run.rows[EXTERNALS], counts.take(EXTERNALS));
+    run.counters.blocks += count as u64;
     // Where they lead is known before the first of these waits for what is there.
     for i in 0..count {
         let lane = lane(&row, i);
-        let (block, child) = state.block[lane].external((state.child[lane] & INDEX_MASK) as usize);
-        (state.block_id[lane], state.child[lane]) = (block, child);
+        let (block, child) = run.block[lane].external((run.child[lane] & INDEX_MASK) as usize);
+        (run.block_id[lane], run.child[lane]) = (block, child);
     }
     for i in 0..count {
         let lane = lane(&row, i);
-        enter(state, &mut counts, lane, state.block_id[lane], state.child[lane]);
+        enter(run, &mut counts, lane, run.block_id[lane], run.child[lane]);
     }
     counts
 }
@@ -74,70 +74,74 @@ fn class(met: u32) -> usize {
 /// Tests the children of the nodes that walks are at, and moves each on: to the nearest child that it meets, the
 /// others put on its stack, or if it meets none, to what its stack has.
 #[inline(always)]
-pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
-    let (row, count) = (state.rows[NODES], counts.take(NODES));
-    state.counters.nodes += count as u64;
+pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(
+    s: S,
+    run: &mut StreamRun,
+    mut counts: Counts,
+) -> Counts {
+    let (row, count) = (run.rows[NODES], counts.take(NODES));
+    run.counters.nodes += count as u64;
     // By the number of children met: none, one, several.
     let (mut by_met, mut met_counts) = ([[0; LANES]; 4], Counts::default());
-    let asks = !LOD && state.gauge.asks();
-    let slack = s.splat8(state.view.reach * EXTENT_SLACK);
+    let asks = !LOD && run.slab_heuristic.asks();
+    let slack = s.splat8(run.view.max_coord * EXTENT_SLACK);
     // Short loops: the CPU then has several lanes under way.
     for i in 0..count {
         let lane = lane(&row, i);
-        let (node, ray) = (node_of(state, lane), &state.prepared[lane]);
+        let (node, ray) = (node_of(run, lane), &run.prepared[lane]);
         let crossed = boxes(s, node, ray);
         let met = crossed.met;
-        state.scratch.enter[lane] = crossed.enter.to_array();
-        state.scratch.hits[lane] = met;
+        run.scratch.enter[lane] = crossed.enter.to_array();
+        run.scratch.hits[lane] = met;
         let mut is_asked = asks && met != 0;
         if LOD {
             let likely = met & likely(s, node, ray, &crossed, slack);
-            state.scratch.small[lane] = likely;
-            is_asked = likely != 0 || state.view.never_waits && met != 0;
+            run.scratch.small[lane] = likely;
+            is_asked = likely != 0 || run.view.accept_missing && met != 0;
         }
         if asks {
-            state.scratch.leave[lane] = crossed.leave.to_array();
+            run.scratch.leave[lane] = crossed.leave.to_array();
         }
         met_counts.push(&mut by_met, if is_asked { ASKED } else { class(met) }, lane);
     }
     let (asked, asked_count) = (by_met[ASKED], met_counts.take(ASKED));
     if asked_count > 0 {
         if LOD {
-            stand_ins::<S, ANY>(s, state, &asked, asked_count);
+            stand_ins::<S, ANY>(s, run, &asked, asked_count);
         } else {
-            slabs(s, state, &asked, asked_count);
+            slabs(s, run, &asked, asked_count);
         }
     }
     for i in 0..asked_count {
         let lane = lane(&asked, i);
-        met_counts.push(&mut by_met, class(state.scratch.hits[lane]), lane);
+        met_counts.push(&mut by_met, class(run.scratch.hits[lane]), lane);
     }
     for i in 0..met_counts.of(SEVERAL) {
         let lane = lane(&by_met[SEVERAL], i);
-        let node = node_of(state, lane);
-        let top = usize::from(state.top[lane]);
+        let node = node_of(run, lane);
+        let top = usize::from(run.top[lane]);
         if top > DEPTH - 8 {
-            leave(state, &mut counts, lane);
+            leave(run, &mut counts, lane);
             continue;
         }
-        let (t, child, block) = room(&mut state.stacks[lane], top);
-        let hits = state.scratch.hits[lane];
-        s.far_first(s.load8(&state.scratch.enter[lane]), hits, &node.child, t, child);
-        *block = [state.block_id[lane]; 8];
+        let (t, child, block) = room(&mut run.stacks[lane], top);
+        let hits = run.scratch.hits[lane];
+        s.far_first(s.load8(&run.scratch.enter[lane]), hits, &node.child, t, child);
+        *block = [run.block_id[lane]; 8];
         let others = hits.count_ones() as usize - 1;
         let nearest = child[others & 7];
-        state.top[lane] = (top + others) as u8;
-        state.child[lane] = nearest;
-        ask_for(state.is_large, state.block[lane], nearest);
-        push(&mut state.rows, &mut counts, nearest, lane);
+        run.top[lane] = (top + others) as u8;
+        run.child[lane] = nearest;
+        ask_for(run.is_large, run.block[lane], nearest);
+        push(&mut run.rows, &mut counts, nearest, lane);
     }
     for i in 0..met_counts.of(ONE) {
         let lane = lane(&by_met[ONE], i);
-        let node = node_of(state, lane);
-        let child = u32::from(node.child[(state.scratch.hits[lane].trailing_zeros() & 7) as usize]);
-        state.child[lane] = child;
-        ask_for(state.is_large, state.block[lane], child);
-        push(&mut state.rows, &mut counts, child, lane);
+        let node = node_of(run, lane);
+        let child = u32::from(node.child[(run.scratch.hits[lane].trailing_zeros() & 7) as usize]);
+        run.child[lane] = child;
+        ask_for(run.is_large, run.block[lane], child);
+        push(&mut run.rows, &mut counts, child, lane);
     }
     // Most rays that miss all end with an empty stack: those go to the row of what has ended, the others, for now, to
     // one that is free here.
@@ -145,13 +149,13 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(s: S, state: &mut
     let mut rows = [[0; LANES]; 4];
     for i in 0..met_counts.of(NONE) {
         let lane = lane(&by_met[NONE], i);
-        left.push(&mut rows, usize::from(usize::from(state.top[lane]) == BOTTOM), lane);
+        left.push(&mut rows, usize::from(usize::from(run.top[lane]) == BOTTOM), lane);
     }
     for i in 0..left.of(1) {
-        push(&mut state.rows, &mut counts, NOTHING, lane(&rows[1], i));
+        push(&mut run.rows, &mut counts, NOTHING, lane(&rows[1], i));
     }
     for i in 0..left.of(0) {
-        pop(s, state, &mut counts, lane(&rows[0], i));
+        pop(s, run, &mut counts, lane(&rows[0], i));
     }
     counts
 }
@@ -170,17 +174,17 @@ fn room(stack: &mut super::stream::Stack, top: usize) -> (&mut [f32; 8], &mut [u
 
 /// Takes the uppermost entry that is not beyond the best hit off a lane's stack, and goes there.
 #[inline(always)]
-pub(super) fn pop<S: Simd>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
-    let (child, block) = take(s, state, lane);
-    go(state, counts, lane, child, block);
+pub(super) fn pop<S: Simd>(s: S, run: &mut StreamRun, counts: &mut Counts, lane: usize) {
+    let (child, block) = take(s, run, lane);
+    go(run, counts, lane, child, block);
 }
 
 /// Takes the uppermost entry that is not beyond the best hit off a lane's stack: a child reference, and its block.
 #[inline(always)]
-fn take<S: Simd>(s: S, state: &mut State, lane: usize) -> (u32, u32) {
-    let stack = &state.stacks[lane];
-    let best = s.splat8(state.prepared[lane].best());
-    let mut top = usize::from(state.top[lane]).clamp(BOTTOM, DEPTH);
+fn take<S: Simd>(s: S, run: &mut StreamRun, lane: usize) -> (u32, u32) {
+    let stack = &run.stacks[lane];
+    let best = s.splat8(run.prepared[lane].best());
+    let mut top = usize::from(run.top[lane]).clamp(BOTTOM, DEPTH);
     // Not `<`: an equal distance may be a tie that a lower primitive id wins. The bottom always stays.
     let mut near = eight_below(s, stack, top).le(best).bits();
     while near == 0 && top > 2 * BOTTOM {
@@ -193,24 +197,24 @@ fn take<S: Simd>(s: S, state: &mut State, lane: usize) -> (u32, u32) {
     }
     let above = 7 - (near | 1).ilog2() as usize;
     let at = (top - 1 - above) & 127;
-    state.top[lane] = at as u8;
+    run.top[lane] = at as u8;
     (stack.child[at.min(DEPTH - 1)], stack.block[at.min(DEPTH - 1)])
 }
 
 /// Takes a lane to what it had on its stack.
 #[inline(always)]
-fn go(state: &mut State, counts: &mut Counts, lane: usize, child: u32, block: u32) {
+fn go(run: &mut StreamRun, counts: &mut Counts, lane: usize, child: u32, block: u32) {
     // Eight children of the next node, and the eight that are written whatever their number.
-    if usize::from(state.top[lane]) + 16 >= DEPTH {
-        return leave(state, counts, lane);
+    if usize::from(run.top[lane]) + 16 >= DEPTH {
+        return leave(run, counts, lane);
     }
     // It was visited when this was put there.
-    if let Some(words) = state.view.snapshot.block(BlockId(block)) {
-        state.block[lane] = Block::new(words);
+    if let Some(words) = run.view.snapshot.block(BlockId(block)) {
+        run.block[lane] = Block::new(words);
     }
-    (state.block_id[lane], state.child[lane]) = (block, child);
-    ask_for(state.is_large, state.block[lane], child);
-    push(&mut state.rows, counts, child, lane);
+    (run.block_id[lane], run.child[lane]) = (block, child);
+    ask_for(run.is_large, run.block[lane], child);
+    push(&mut run.rows, counts, child, lane);
 }
 
 #[inline(always)]
@@ -274,7 +278,7 @@ fn likely<S: Simd>(s: S, node: &Node, ray: &OneRay, crossed: &Crossed<S>, slack:
 
 /// A lane's ray as the test of cells needs it.
 #[inline(always)]
-fn cell_lanes<S: Simd>(s: S, ray: &OneRay, reach: f32) -> CellLanes<S> {
+fn cell_lanes<S: Simd>(s: S, ray: &OneRay, max_coord: f32) -> CellLanes<S> {
     let [a, b, x, y, z, org @ ..] = *ray.cone();
     let (inv, planes) = (ray.inv(), ray.planes());
     // Planes are told by bytes in a node here, by rows of eight there.
@@ -282,21 +286,21 @@ fn cell_lanes<S: Simd>(s: S, ray: &OneRay, reach: f32) -> CellLanes<S> {
     let near = [near(0), near(1), near(2)];
     let ray =
         CellRay { org, inv: [inv[0], inv[1], inv[2]], dir: [x, y, z], near, t_min: ray.t_min(), cone: Cone { a, b } };
-    CellLanes::of(s, ray, reach)
+    CellLanes::of(s, ray, max_coord)
 }
 
 /// Looks at the slabs of the nodes that some lanes are at, where nothing stands in: children that a ray passes beside
 /// its slabs are not met.
 #[inline(always)]
-fn slabs<S: Simd>(s: S, state: &mut State, row: &Row, count: usize) {
+fn slabs<S: Simd>(s: S, run: &mut StreamRun, row: &Row, count: usize) {
     for i in 0..count {
         let lane = lane(row, i);
-        let cells = cell_lanes(s, &state.prepared[lane], state.view.reach);
-        let way = [s.load8(&state.scratch.enter[lane]), s.load8(&state.scratch.leave[lane])];
-        let [enter, leave] = cells.within(s, node_of(state, lane), way);
-        let (met, crosses) = (state.scratch.hits[lane], enter.le(leave).bits());
-        state.gauge.saw((met & !crosses).count_ones());
-        state.scratch.hits[lane] = met & crosses;
+        let cells = cell_lanes(s, &run.prepared[lane], run.view.max_coord);
+        let way = [s.load8(&run.scratch.enter[lane]), s.load8(&run.scratch.leave[lane])];
+        let [enter, leave] = cells.within(s, node_of(run, lane), way);
+        let (met, crosses) = (run.scratch.hits[lane], enter.le(leave).bits());
+        run.slab_heuristic.saw((met & !crosses).count_ones());
+        run.scratch.hits[lane] = met & crosses;
     }
 }
 
@@ -305,94 +309,95 @@ fn slabs<S: Simd>(s: S, state: &mut State, row: &Row, count: usize) {
 /// one's cell may stand in and be passed, while the ray meets the triangle by way of the other.) Loop by loop, for
 /// fewer and fewer lanes.
 #[inline(always)]
-fn stand_ins<S: Simd, const ANY: bool>(s: S, state: &mut State, row: &Row, count: usize) {
+fn stand_ins<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, row: &Row, count: usize) {
     let (mut rows, mut counts) = ([[0; LANES]; 4], Counts::default());
     for i in 0..count {
         let lane = lane(row, i);
-        let cells = cell_lanes(s, &state.prepared[lane], state.view.reach);
-        let (small, [enter, leave]) = cells.small(&cells.cells(s, node_of(state, lane)), state.scratch.small[lane]);
-        state.scratch.small[lane] = small;
-        (state.scratch.at[lane], state.scratch.leave[lane]) = (enter.to_array(), leave.to_array());
+        let cells = cell_lanes(s, &run.prepared[lane], run.view.max_coord);
+        let (small, [enter, leave]) = cells.small(&cells.cells(s, node_of(run, lane)), run.scratch.small[lane]);
+        run.scratch.small[lane] = small;
+        (run.scratch.at[lane], run.scratch.leave[lane]) = (enter.to_array(), leave.to_array());
         counts.push(&mut rows, usize::from(small != 0), lane);
     }
     for i in 0..counts.of(1) {
         let lane = lane(&rows[1], i);
-        let cells = cell_lanes(s, &state.prepared[lane], state.view.reach);
-        let way = [s.load8(&state.scratch.at[lane]), s.load8(&state.scratch.leave[lane])];
-        let [enter, leave] = cells.within(s, node_of(state, lane), way);
-        state.scratch.small[lane] |= enter.le(leave).bits() << 8;
-        state.scratch.at[lane] = enter.to_array();
+        let cells = cell_lanes(s, &run.prepared[lane], run.view.max_coord);
+        let way = [s.load8(&run.scratch.at[lane]), s.load8(&run.scratch.leave[lane])];
+        let [enter, leave] = cells.within(s, node_of(run, lane), way);
+        run.scratch.small[lane] |= enter.le(leave).bits() << 8;
+        run.scratch.at[lane] = enter.to_array();
     }
     for i in 0..counts.of(1) {
-        offer::<ANY>(state, lane(&rows[1], i));
+        offer::<ANY>(run, lane(&rows[1], i));
     }
-    if state.view.never_waits {
-        missing_leaves::<S, ANY>(s, state, row, count);
+    if run.view.accept_missing {
+        missing_leaves::<S, ANY>(s, run, row, count);
     }
 }
 
 /// The node that a lane is at.
 #[inline(always)]
-fn node_of<'a>(state: &State<'a>, lane: usize) -> &'a Node {
-    state.block[lane].node((state.child[lane] & INDEX_MASK) as usize)
+fn node_of<'a>(run: &StreamRun<'a>, lane: usize) -> &'a Node {
+    run.block[lane].node((run.child[lane] & INDEX_MASK) as usize)
 }
 
 /// A lane's ray as what it may pass sees it.
 #[inline(always)]
-pub(super) fn passing(ray: &OneRay) -> Passing {
+pub(super) fn entry_ray(ray: &OneRay) -> EntryRay {
     let [_, _, x, y, z, org @ ..] = *ray.cone();
     let inv = ray.inv();
-    Passing { org, dir: [x.copysign(inv[0]), y.copysign(inv[1]), z.copysign(inv[2])] }
+    EntryRay { org, dir: [x.copysign(inv[0]), y.copysign(inv[1]), z.copysign(inv[2])] }
 }
 
 /// Offers a lane the cells of its node that may stand in. Where any hit will do and one is found, nothing is left to
 /// visit.
 #[inline(always)]
-fn offer<const ANY: bool>(state: &mut State, lane: usize) {
-    let ray = usize::from(state.ray[lane]) & (STREAM - 1);
-    let passing = passing(&state.prepared[lane]);
-    let node = (state.child[lane] & INDEX_MASK) as usize;
-    let Some(best) = state.hits.get_mut(ray) else { return };
+fn offer<const ANY: bool>(run: &mut StreamRun, lane: usize) {
+    let ray = usize::from(run.ray[lane]) & (STREAM - 1);
+    let ray_at_cell = entry_ray(&run.prepared[lane]);
+    let node = (run.child[lane] & INDEX_MASK) as usize;
+    let Some(best) = run.hits.get_mut(ray) else { return };
     let before = (best.t, best.tri, best.block);
-    let (block, id, both) = (state.block[lane], state.block_id[lane], state.scratch.small[lane]);
-    let (t, passed) = (&state.scratch.at[lane], &mut state.passed[ray]);
+    let (block, id, both) = (run.block[lane], run.block_id[lane], run.scratch.small[lane]);
+    let (t, transmitted) = (&run.scratch.at[lane], &mut run.transmitted[ray]);
     let here = Here { block, id, index: node };
     let met = MetCells { small: both & 0xff, crosses: both >> 8, t };
-    let settled = single::offers(Seen { view: state.view, filter: state.filter }, here, met, &passing, best, passed);
-    state.scratch.hits[lane] &= !settled;
+    let settled =
+        single::offers(Seen { view: run.view, filter: run.filter }, here, met, &ray_at_cell, best, transmitted);
+    run.scratch.hits[lane] &= !settled;
     if (best.t, best.tri, best.block) != before {
-        found::<ANY>(state, lane);
+        found::<ANY>(run, lane);
     }
 }
 
 /// What follows from a stand-in that is a lane's best hit now.
 #[inline(always)]
-fn found<const ANY: bool>(state: &mut State, lane: usize) {
-    let t = state.hits[usize::from(state.ray[lane])].t;
-    state.prepared[lane].set_best(t);
+fn found<const ANY: bool>(run: &mut StreamRun, lane: usize) {
+    let t = run.hits[usize::from(run.ray[lane])].t;
+    run.prepared[lane].set_best(t);
     if ANY {
-        state.top[lane] = BOTTOM as u8;
-        state.scratch.hits[lane] = 0;
+        run.top[lane] = BOTTOM as u8;
+        run.scratch.hits[lane] = 0;
     }
 }
 
 /// Offers lanes the cells of leaves that are missing, in place of these.
 #[inline(always)]
-fn missing_leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, row: &Row, count: usize) {
+fn missing_leaves<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, row: &Row, count: usize) {
     for i in 0..count {
         let lane = lane(row, i);
-        let (block, id, left) = (state.block[lane], state.block_id[lane], state.scratch.hits[lane]);
-        if left == 0 || !state.view.lacks_leaves(id) {
+        let (block, id, left) = (run.block[lane], run.block_id[lane], run.scratch.hits[lane]);
+        if left == 0 || !run.view.lacks_leaves(id) {
             continue;
         }
-        let cells = cell_lanes(s, &state.prepared[lane], state.view.reach);
-        let node = (state.child[lane] & INDEX_MASK) as usize;
-        let Some(best) = state.hits.get_mut(usize::from(state.ray[lane])) else { continue };
+        let cells = cell_lanes(s, &run.prepared[lane], run.view.max_coord);
+        let node = (run.child[lane] & INDEX_MASK) as usize;
+        let Some(best) = run.hits.get_mut(usize::from(run.ray[lane])) else { continue };
         let before = (best.t, best.tri, best.block);
         let here = Here { block, id, index: node };
-        state.scratch.hits[lane] = single::for_missing_leaves::<S, ANY>(s, here, left, &cells, state.filter, best);
+        run.scratch.hits[lane] = single::for_missing_leaves::<S, ANY>(s, here, left, &cells, run.filter, best);
         if (best.t, best.tri, best.block) != before {
-            found::<ANY>(state, lane);
+            found::<ANY>(run, lane);
         }
     }
 }
@@ -408,11 +413,11 @@ fn eight(bytes: &[u8], at: u8) -> &[u8; 8] {
 
 /// Tests the triangles of the leaves that walks wait at.
 #[inline(always)]
-pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut counts: Counts) -> Counts {
-    let (row, count) = (state.rows[AT_LEAVES], counts.take(AT_LEAVES));
-    state.entered = 0;
+pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, mut counts: Counts) -> Counts {
+    let (row, count) = (run.rows[AT_LEAVES], counts.take(AT_LEAVES));
+    run.entered = 0;
     for i in 0..count {
-        leaves_of::<S, ANY>(s, state, &mut counts, lane(&row, i));
+        leaves_of::<S, ANY>(s, run, &mut counts, lane(&row, i));
     }
     counts
 }
@@ -420,58 +425,58 @@ pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, state: &mut State, mut coun
 /// Those of one walk: the leaf that it waits at, and others of the same block that it has next on its stack. (Leaves of
 /// a node mostly are met together, and are neighbours in memory.)
 #[inline(always)]
-fn leaves_of<S: Simd, const ANY: bool>(s: S, state: &mut State, counts: &mut Counts, lane: usize) {
-    let (block, id) = (state.block[lane], state.block_id[lane]);
+fn leaves_of<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, counts: &mut Counts, lane: usize) {
+    let (block, id) = (run.block[lane], run.block_id[lane]);
     if block.words().is_empty() {
-        return leave(state, counts, lane);
+        return leave(run, counts, lane);
     }
-    let ray = leaf_ray(s, &state.prepared[lane]);
-    let (mut child, mut top) = (state.child[lane], state.top[lane]);
+    let ray = leaf_ray(s, &run.prepared[lane]);
+    let (mut child, mut top) = (run.child[lane], run.top[lane]);
     loop {
         // What comes next is on its way while this one is tested.
-        let (mut next, mut below) = take(s, state, lane);
-        let is_here = Child::is_leaf(next) && below + state.view.leaves_at == id;
+        let (mut next, mut below) = take(s, run, lane);
+        let is_here = Child::is_leaf(next) && below + run.view.leaves_at == id;
         if is_here {
             ask(block, next);
         }
         let at = (child & INDEX_MASK) as usize;
         let leaf = block.leaf(at);
-        state.counters.leaves += 1;
-        state.counters.leaf_lines += leaf.lines(at) as u64;
-        state.counters.triangles += leaf.triangles as u64;
-        if let Some((slot, t, u, v)) = triangles(s, block, leaf, &ray, state.filter, state.prepared[lane].best()) {
+        run.counters.leaves += 1;
+        run.counters.leaf_lines += leaf.lines(at) as u64;
+        run.counters.triangles += leaf.triangles as u64;
+        if let Some((slot, t, u, v)) = triangles(s, block, leaf, &ray, run.filter, run.prepared[lane].best()) {
             let hit = TriHit { t, u, v, block: id, tri: (at as u32) << 3 | slot };
-            if !keep(state, lane, &hit) {
-                return leave(state, counts, lane);
+            if !keep(run, lane, &hit) {
+                return leave(run, counts, lane);
             }
             if ANY {
-                return push(&mut state.rows, counts, NOTHING, lane);
+                return push(&mut run.rows, counts, NOTHING, lane);
             }
             // It may be beyond the hit.
-            state.top[lane] = top;
-            (next, below) = take(s, state, lane);
+            run.top[lane] = top;
+            (next, below) = take(s, run, lane);
         }
-        if !Child::is_leaf(next) || below + state.view.leaves_at != id {
-            return go(state, counts, lane, next, below);
+        if !Child::is_leaf(next) || below + run.view.leaves_at != id {
+            return go(run, counts, lane, next, below);
         }
-        (child, top) = (next, state.top[lane]);
+        (child, top) = (next, run.top[lane]);
     }
 }
 
 /// Takes lanes that have come to leaves since the last time from their nodes' blocks to those of the leaves: no words
 /// if that is not in memory.
 #[inline(always)]
-pub(super) fn enter_leaves(state: &mut State, counts: Counts) {
+pub(super) fn enter_leaves(run: &mut StreamRun, counts: Counts) {
     let count = counts.of(AT_LEAVES);
-    for i in state.entered..count {
-        let lane = lane(&state.rows[AT_LEAVES], i);
-        let id = state.block_id[lane] + state.view.leaves_at;
-        (state.block[lane], state.block_id[lane]) = (Block::new(state.view.visit(id).unwrap_or(&[])), id);
+    for i in run.entered..count {
+        let lane = lane(&run.rows[AT_LEAVES], i);
+        let id = run.block_id[lane] + run.view.leaves_at;
+        (run.block[lane], run.block_id[lane]) = (Block::new(run.view.visit(id).unwrap_or(&[])), id);
         // Walks wait for others here: what the caches near a core hold comes nearer meanwhile, so small models gain
         // too.
-        ask(state.block[lane], state.child[lane]);
+        ask(run.block[lane], run.child[lane]);
     }
-    state.entered = count;
+    run.entered = count;
 }
 
 #[inline(always)]
@@ -487,17 +492,17 @@ fn leaf_ray<S: Simd>(s: S, ray: &OneRay) -> LeafRay<S> {
 
 /// Keeps a hit if it is better than the lane's best; false if a block is missing that decides.
 #[inline(always)]
-fn keep(state: &mut State, lane: usize, hit: &TriHit) -> bool {
-    let ray = state.ray[lane];
-    let Some(best) = state.hits.get_mut(usize::from(ray)) else { return false };
+fn keep(run: &mut StreamRun, lane: usize, hit: &TriHit) -> bool {
+    let ray = run.ray[lane];
+    let Some(best) = run.hits.get_mut(usize::from(ray)) else { return false };
     // Not the state's own: what a call is given the address of cannot stay in registers.
     let mut counters = Counters::default();
-    let is_better = is_better(state.view, hit, best, &mut counters);
-    state.counters.ties += counters.ties;
+    let is_better = is_better(run.view, hit, best, &mut counters);
+    run.counters.ties += counters.ties;
     match is_better {
         Ok(true) => {
             *best = *hit;
-            state.prepared[lane].set_best(hit.t);
+            run.prepared[lane].set_best(hit.t);
             true
         }
         Ok(false) => true,

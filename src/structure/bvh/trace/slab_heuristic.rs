@@ -25,14 +25,14 @@ const WEIGHT: i32 = 8;
 
 /// What slabs have saved lately.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::structure) struct Gauge {
+pub(in crate::structure) struct SlabHeuristic {
     is_on: bool,
     test: i32,
     saved: i32,
     skipped: u32,
 }
 
-impl Gauge {
+impl SlabHeuristic {
     /// No slabs are tested.
     pub const OFF: Self = Self { is_on: false, test: 0, saved: 0, skipped: 0 };
     /// For rays that go alone.
@@ -67,11 +67,11 @@ mod tests {
     use super::*;
 
     /// The share of `nodes` that are asked where each saves so many children.
-    fn share(gauge: &mut Gauge, nodes: u32, children: impl Fn(u32) -> u32) -> f32 {
+    fn share(slab_heuristic: &mut SlabHeuristic, nodes: u32, children: impl Fn(u32) -> u32) -> f32 {
         let mut asked = 0;
         for node in 0..nodes {
-            if gauge.asks() {
-                gauge.saw(children(node));
+            if slab_heuristic.asks() {
+                slab_heuristic.saw(children(node));
                 asked += 1;
             }
         }
@@ -80,19 +80,19 @@ mod tests {
 
     #[test]
     fn slabs_are_tested_where_they_save_enough_and_looked_at_elsewhere() {
-        let mut gauge = Gauge::ALONE;
-        assert!(share(&mut gauge, 10_000, |_| 1) > 0.999);
-        let rarely = share(&mut gauge, 10_000, |node| u32::from(node % 8 == 0));
+        let mut slab_heuristic = SlabHeuristic::ALONE;
+        assert!(share(&mut slab_heuristic, 10_000, |_| 1) > 0.999);
+        let rarely = share(&mut slab_heuristic, 10_000, |node| u32::from(node % 8 == 0));
         assert!((0.03..0.12).contains(&rarely), "{rarely}");
         // Back again.
-        assert!(share(&mut gauge, 10_000, |_| 1) > 0.9);
-        assert!(share(&mut gauge, 10_000, |_| 0) < 0.05);
+        assert!(share(&mut slab_heuristic, 10_000, |_| 1) > 0.9);
+        assert!(share(&mut slab_heuristic, 10_000, |_| 0) < 0.05);
         // A packet takes more.
-        gauge = Gauge::TOGETHER;
-        assert!(share(&mut gauge, 10_000, |_| 1) < 0.05);
-        gauge = Gauge::TOGETHER;
-        assert!(share(&mut gauge, 10_000, |_| 2) > 0.999);
-        gauge = Gauge::OFF;
-        assert_eq!(share(&mut gauge, 10_000, |_| 2), 0.0);
+        slab_heuristic = SlabHeuristic::TOGETHER;
+        assert!(share(&mut slab_heuristic, 10_000, |_| 1) < 0.05);
+        slab_heuristic = SlabHeuristic::TOGETHER;
+        assert!(share(&mut slab_heuristic, 10_000, |_| 2) > 0.999);
+        slab_heuristic = SlabHeuristic::OFF;
+        assert_eq!(share(&mut slab_heuristic, 10_000, |_| 2), 0.0);
     }
 }

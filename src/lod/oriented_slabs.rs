@@ -40,7 +40,7 @@ const TRIANGLES: usize = 256;
 
 /// What lies between two planes: points `p` with `low <= axis . p <= high`. Of one cell, or of one in each lane.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slab<L> {
+pub struct OrientedSlab<L> {
     /// Not unit: a fifth to 1 long; the magnitudes of its components add up to 1 at most.
     pub axis: [L; 3],
     /// The lower plane.
@@ -50,7 +50,7 @@ pub struct Slab<L> {
 }
 
 /// The slab across the normal, and the other one.
-pub type Slabs<L> = [Slab<L>; 2];
+pub type OrientedSlabs<L> = [OrientedSlab<L>; 2];
 
 /// A cell by its middle and half its extent, for its slabs: between its ends they are counted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,14 +64,18 @@ pub struct Middle<L> {
 /// Of voxels in `cell`s: `fields` are those of their words, `normal` the two signed bytes of their normals. Whatever
 /// these are, all is finite. (Inlined always: it is part of the walks.)
 #[inline(always)]
-pub fn slabs<const N: usize, L: Lanes<N>>(fields: [L; 5], normal: [L; 2], cell: &Middle<L>) -> Slabs<L> {
+pub fn oriented_slabs<const N: usize, L: Lanes<N>>(
+    fields: [L; 5],
+    normal: [L; 2],
+    cell: &Middle<L>,
+) -> OrientedSlabs<L> {
     let [low, high, turn, second_low, second_high] = fields;
     let across = octahedral_axis(normal);
     let second = turned(across, turn);
     let (one, other) = (Range::of(across, cell, 0), Range::of(second, cell, 1));
     [
-        Slab { axis: across, low: one.plane(low), high: one.plane(high) },
-        Slab { axis: second, low: other.plane(second_low), high: other.plane(second_high) },
+        OrientedSlab { axis: across, low: one.plane(low), high: one.plane(high) },
+        OrientedSlab { axis: second, low: other.plane(second_low), high: other.plane(second_high) },
     ]
 }
 
@@ -156,7 +160,7 @@ pub struct Content {
     points: Vec<Vec3>,
     /// Each triangle's among these.
     triangles: Vec<[u16; 3]>,
-    cells: Vec<(Bounds, Slabs<f32>, Fill)>,
+    cells: Vec<(Bounds, OrientedSlabs<f32>, Fill)>,
 }
 
 impl Content {
@@ -173,12 +177,12 @@ impl Content {
     }
 
     /// Of pieces in these cells.
-    pub fn of_cells(cells: Vec<(Bounds, Slabs<f32>, Fill)>) -> Self {
+    pub fn of_cells(cells: Vec<(Bounds, OrientedSlabs<f32>, Fill)>) -> Self {
         Self { cells, ..Self::default() }
     }
 
     /// Of pieces in their cells, with their slabs.
-    pub fn over(pieces: Vec<(Self, Bounds, Slabs<f32>, Fill)>) -> Self {
+    pub fn over(pieces: Vec<(Self, Bounds, OrientedSlabs<f32>, Fill)>) -> Self {
         let triangles = pieces.iter().map(|(c, ..)| c.triangles.len()).sum();
         if triangles > TRIANGLES || pieces.iter().any(|(c, ..)| !c.cells.is_empty()) {
             return Self::of_cells(pieces.into_iter().map(|(_, cell, slabs, fill)| (cell, slabs, fill)).collect());
@@ -204,12 +208,12 @@ impl Content {
     }
 
     /// If not: its pieces.
-    pub fn cells(&self) -> &[(Bounds, Slabs<f32>, Fill)] {
+    pub fn cells(&self) -> &[(Bounds, OrientedSlabs<f32>, Fill)] {
         &self.cells
     }
 
     /// The word of its slabs in `cell`, across the normal in `normal`: outward, so that they hold it.
-    pub fn slabs(&self, normal: u32, cell: &Middle<f32>) -> u32 {
+    pub fn oriented_slabs(&self, normal: u32, cell: &Middle<f32>) -> u32 {
         let across = octahedral_axis(normal_bytes(normal));
         let Narrowest { turn, second, along_second, along_normal } = narrowest(self, across);
         let [low, high] = between(1, second, along_second, cell);
@@ -250,9 +254,9 @@ mod tests {
     }
 
     /// The slabs of `content` in `cell`, as stored.
-    fn stored(content: &Content, normal: u32, cell: &Bounds) -> Slabs<f32> {
+    fn stored(content: &Content, normal: u32, cell: &Bounds) -> OrientedSlabs<f32> {
         let cell = middle(cell);
-        slabs(fields(content.slabs(normal, &cell)), normal_bytes(normal), &cell)
+        oriented_slabs(fields(content.oriented_slabs(normal, &cell)), normal_bytes(normal), &cell)
     }
 
     fn point() -> impl Strategy<Value = Vec3> {
@@ -260,7 +264,7 @@ mod tests {
             .prop_map(|(x, y, z)| CELL.min + (CELL.max - CELL.min) * Vec3::new(x, y, z))
     }
 
-    fn holds(slabs: &Slabs<f32>, p: Vec3) -> bool {
+    fn holds(slabs: &OrientedSlabs<f32>, p: Vec3) -> bool {
         slabs.iter().all(|s| {
             let at = Vec3::from(s.axis).as_dvec3().dot(p.as_dvec3());
             // The cell's own ends are as single precision has them: to within 17 h of the greatest coordinate.
@@ -298,7 +302,7 @@ mod tests {
 
         #[test]
         fn any_bits_are_finite(word: u32, normal: u32) {
-            for slab in slabs(fields(word), normal_bytes(normal), &middle(&CELL)) {
+            for slab in oriented_slabs(fields(word), normal_bytes(normal), &middle(&CELL)) {
                 let axis = Vec3::from(slab.axis);
                 prop_assert!(axis.is_finite() && slab.low.is_finite() && slab.high.is_finite());
                 prop_assert!((0.2..1.1).contains(&axis.length()), "{}", axis.length());

@@ -10,14 +10,14 @@ const GIVE: f64 = 4.0 * f64::EPSILON;
 
 /// A ray made ready for box tests in double precision.
 #[derive(Debug, Clone, Copy)]
-pub struct Slabs {
+pub struct BoxRay {
     org: DVec3,
     inv: DVec3,
     /// For each axis whether the ray goes down it: it meets greatest planes first.
     down: [bool; 3],
 }
 
-impl Slabs {
+impl BoxRay {
     /// From a ray in world space.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
@@ -53,13 +53,13 @@ impl Slabs {
 }
 
 /// Rays of a packet, made ready for box tests.
-pub(super) struct PacketSlabs {
+pub(super) struct PacketBoxRays {
     org: [[f64; PACKET]; 3],
     inv: [[f64; PACKET]; 3],
     t_min: [f64; PACKET],
 }
 
-impl PacketSlabs {
+impl PacketBoxRays {
     pub const NONE: Self = Self { org: [[0.0; PACKET]; 3], inv: [[0.0; PACKET]; 3], t_min: [f64::INFINITY; PACKET] };
 
     /// Of up to [`PACKET`] rays.
@@ -74,7 +74,7 @@ impl PacketSlabs {
         self.inv.as_flattened_mut().iter_mut().for_each(|dir| *dir = dir.recip());
     }
 
-    /// Where each ray enters a box, as [`Slabs::enter`] has it, into `enter`; and those that enter it at all (bit `i`:
+    /// Where each ray enters a box, as [`BoxRay::enter`] has it, into `enter`; and those that enter it at all (bit `i`:
     /// ray `i`). `t_max`: how far each goes. Those that were not [set](Self::set) last may be among them.
     #[inline]
     pub fn enter(&self, isa: Isa, bounds: &DBounds, t_max: &[f64; PACKET], enter: &mut [f64; PACKET]) -> u32 {
@@ -82,9 +82,9 @@ impl PacketSlabs {
     }
 }
 
-/// [`PacketSlabs::enter`], in loops that become vectors.
+/// [`PacketBoxRays::enter`], in loops that become vectors.
 struct Enter<'a> {
-    rays: &'a PacketSlabs,
+    rays: &'a PacketBoxRays,
     bounds: &'a DBounds,
     t_max: &'a [f64; PACKET],
     enter: &'a mut [f64; PACKET],
@@ -143,13 +143,13 @@ mod tests {
                 .collect();
             let bounds = DBounds { min: DVec3::from([-1.0, 0.0, 0.5]), max: DVec3::from([2.0, 0.0, 3.0]) };
             let t_max: [f64; PACKET] = std::array::from_fn(|_| [1.5, f64::INFINITY, -1.0][pick(3)]);
-            let mut packet = PacketSlabs::NONE;
+            let mut packet = PacketBoxRays::NONE;
             packet.set(&rays);
             for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
                 let mut enter = [0.0; PACKET];
                 let entered = packet.enter(isa, &bounds, &t_max, &mut enter);
                 for (i, ray) in rays.iter().enumerate() {
-                    let alone = Slabs::new(ray).enter(&bounds, ray.t_min, t_max[i]);
+                    let alone = BoxRay::new(ray).enter(&bounds, ray.t_min, t_max[i]);
                     assert_eq!((entered >> i & 1 != 0).then_some(enter[i]), alone, "{ray:?} {}", t_max[i]);
                     met[usize::from(alone.is_some())] += 1;
                 }
