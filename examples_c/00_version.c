@@ -1,4 +1,4 @@
-/* Says which version is installed; fails if header and library differ. */
+/* Prints the installed version. Fails if the header and the library have different versions. */
 #include <outcrop.h>
 #include <stdio.h>
 

@@ -1,8 +1,8 @@
-/* From a mesh file to a picture and the answer to a click.
+/* Converts a mesh file to a model, renders a picture, and picks the part in its centre.
  *
  *     01_quickstart MESH MODEL.oc PICTURE.png [FIRST.png]
  *
- * FIRST.png is the very first picture after the model was opened, long before all of it is read.
+ * FIRST.png is the first picture after the model was opened, long before the whole model is read.
  */
 #define _POSIX_C_SOURCE 200112L
 #include <outcrop.h>
@@ -13,7 +13,7 @@
 #include <time.h>
 #include <unistd.h>
 
-/* Ends the program with the reason if a call fails. */
+/* Prints the reason and exits if a call has failed. */
 static void check(oc_status status, const char *call) {
     if (status == OC_STATUS_OK) return;
     fprintf(stderr, "%s: %s: %s\n", call, oc_status_name(status), oc_last_error());
@@ -31,7 +31,7 @@ static void bar(const char *what, const oc_progress *p) {
     fprintf(stderr, "\r%-10s [%s] %3.0f %% %s", what, line, p->fraction * 100, p->state == OC_STATE_RUNNING ? "" : "\n");
 }
 
-/* Builds a model of a mesh file, in the background; here we only watch. */
+/* Builds a model from a mesh file. The job runs in the background; this function shows its progress. */
 static void build_model(oc_context *context, const char *mesh, const char *out) {
     oc_build *build;
     oc_job *job;
@@ -61,7 +61,7 @@ static double now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* How true the present picture is. */
+/* Prints the accuracy of the present picture. */
 static void say_how_true(const oc_frame_accuracy *a) {
     const double share = 100 / (double)a->pixels_total;
     printf("  %5.2f s, picture %u: %.0f %% exact, %.0f %% as fine as asked, %.0f %% coarser; error %.2f pixels (worst %.1f), %.1f MB in "
@@ -81,7 +81,7 @@ static void write_picture(const char *path, const oc_pixels *p) {
     }
 }
 
-/* Waits until the picture gets no better, and says how true it is meanwhile. Gives the first one, mapped. */
+/* Waits until the request has ended, and prints the accuracy meanwhile. Returns the first picture, mapped. */
 static oc_pixels watch(oc_frame *frame) {
     oc_pixels first;
     oc_progress progress;
@@ -94,7 +94,7 @@ static oc_pixels watch(oc_frame *frame) {
         CHECK(oc_frame_wait(frame, 2, &progress));
         CHECK(oc_frame_get_accuracy(frame, &accuracy));
         if (!accuracy.pictures) continue;
-        /* A window would show it now; it stays as it is for as long as it is mapped. */
+        /* A window would show it now. It does not change while it is mapped. */
         if (!first.mapping) CHECK(oc_frame_map(frame, OC_BUFFER_COLOUR_SRGB8, &first));
         if (said == 0 || accuracy.seconds > 1.5 * said + 0.1) {
             said = accuracy.seconds;
@@ -112,21 +112,21 @@ static double dot(const double *a, const double *b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* out = a x b, of length 1 */
+/* out = a x b, normalised */
 static void unit_cross(const double *a, const double *b, double *out) {
     for (int i = 0; i < 3; i++) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
     const double length = sqrt(dot(out, out));
     for (int i = 0; i < 3; i++) out[i] /= length;
 }
 
-/* Moves the camera along its view so that the model's box just fits the picture. */
+/* Moves the camera along its view direction so that the model's bounding box just fits the picture. */
 static void fit(oc_camera *camera, const oc_model_info *info, double aspect) {
     const double tall = tan(camera->fov_y * 3.141592653589793 / 360) * 0.95, wide = tall * aspect;
     double view[3], right[3], up[3], distance = 0;
     for (int i = 0; i < 3; i++) view[i] = camera->at[i] - camera->eye[i];
     unit_cross(view, camera->up, right);
     unit_cross(right, view, up);
-    unit_cross(up, right, view); /* now of length 1 */
+    unit_cross(up, right, view); /* view is unit now */
     for (int corner = 0; corner < 8; corner++) {
         double p[3];
         for (int i = 0; i < 3; i++) p[i] = (corner >> i & 1 ? info->bounds_max : info->bounds_min)[i] - camera->at[i];
@@ -136,7 +136,7 @@ static void fit(oc_camera *camera, const oc_model_info *info, double aspect) {
     for (int i = 0; i < 3; i++) camera->eye[i] = camera->at[i] - distance * view[i];
 }
 
-/* The model in a scene, lit from over the viewer's left shoulder. */
+/* Creates a scene with the model and two lights: one over the viewer's left shoulder, one at the eye. */
 static oc_scene *make_scene(oc_context *context, const oc_model *model, const oc_camera *camera) {
     oc_scene *scene;
     oc_light lights[2];
@@ -201,7 +201,7 @@ int main(int argc, char **argv) {
     if (info.triangles_placed) fit(&camera, &info, 1280.0 / 800);
     oc_scene *scene = make_scene(context, model, &camera);
 
-    /* A window would request again whenever the camera moves, and show what is complete. */
+    /* A window would make a new request whenever the camera moves, and show each complete picture. */
     oc_frame *frame;
     oc_frame_desc size;
     oc_frame_settings settings;

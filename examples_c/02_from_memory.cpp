@@ -1,4 +1,5 @@
-// A viewer that already has its tessellation: pushed in from memory, shown, a part hidden, a box asked.
+// A viewer that has its meshes in memory: builds a model from them, renders it, hides parts, and queries a ray and a
+// box.
 //
 //     02_from_memory MODEL.oc [PICTURE.png]
 #include <outcrop.hpp>
@@ -14,23 +15,23 @@
 
 namespace {
 
-// What a tessellator leaves behind: interleaved vertices and indices.
+// Output of a tessellator: interleaved vertices, and indices.
 struct Vertex {
     float position[3];
-    float normal[3]; // ours to ignore: a stride steps over it
+    float normal[3]; // not used: the stride skips it
 };
 struct Mesh {
     std::vector<Vertex> vertices;
     std::vector<std::uint32_t> indices;
 };
 
-// A grid of `u` x `v` quads over a closed surface.
+// Returns a grid of `u` x `v` quads over a closed surface.
 template <class Surface> Mesh tessellate(std::uint32_t u, std::uint32_t v, Surface surface) {
     Mesh mesh;
     for (std::uint32_t j = 0; j <= v; j++) {
         for (std::uint32_t i = 0; i <= u; i++) {
             Vertex vertex = {};
-            // The seam closes bit by bit: the last vertex is the first.
+            // The seam closes exactly: the last vertex of a row equals the first, bit by bit.
             surface(double(i % u) / u, double(j) / v, vertex.position);
             mesh.vertices.push_back(vertex);
         }
@@ -55,10 +56,10 @@ Mesh torus(double major, double minor) {
     });
 }
 
-// A bolt: a hexagonal head on a round shaft, as a profile turned around z.
+// Returns a closed prism around z. A bolt is two of them: a round shaft and a hexagonal head.
 Mesh bolt(std::uint32_t corners, double radius, double low, double high) {
     return tessellate(corners, 3, [=](double s, double t, float *p) {
-        const double r = t < 0.1 || t > 0.9 ? 0 : radius; // both ends are closed
+        const double r = t < 0.1 || t > 0.9 ? 0 : radius; // closes both ends
         p[0] = float(r * std::cos(TAU * s));
         p[1] = float(r * std::sin(TAU * s));
         p[2] = float(t < 0.5 ? low : high);
@@ -85,7 +86,7 @@ oc_material material(float r, float g, float b) {
     return m;
 }
 
-// The ids are the viewer's own; outcrop only hands them back.
+// The part ids are the viewer's own. Hits and pictures contain them.
 const std::uint64_t RING = 500, BOLTS = 1000, BOLT_COUNT = 12;
 
 void build(const outcrop::context &context, const std::string &path) {
@@ -95,7 +96,7 @@ void build(const outcrop::context &context, const std::string &path) {
     build.add_part(RING, "ring", orange);
     build.add_triangles(triangles(torus(2, 0.5), 0, RING));
 
-    // One bolt, two parts, stored once and placed twelve times.
+    // A bolt has two parts. It is stored once and placed twelve times.
     const std::uint32_t shared = build.add_shared_mesh(2);
     build.add_triangles(triangles(bolt(24, 0.12, -0.8, 0.6), shared, 0));
     build.add_triangles(triangles(bolt(6, 0.22, 0.55, 0.7), shared, 1));
@@ -115,7 +116,7 @@ void build(const outcrop::context &context, const std::string &path) {
                 (unsigned long long)report.file_bytes);
 }
 
-// Renders, and counts the pixels that show a bolt.
+// Renders a picture, and counts the pixels that show a bolt.
 std::size_t render(outcrop::frame &frame, const outcrop::scene &scene, const oc_camera &camera) {
     frame.request(scene, camera);
     frame.wait();
@@ -161,7 +162,7 @@ int run(const std::string &path, const char *picture) {
                "the picture can be written");
     }
 
-    // From above, the head of bolt 0 lies at (2, 0, 0.7).
+    // A ray from above. The top of the head of bolt 0 is at (2, 0, 0.7).
     auto ray = oc_ray();
     ray.origin[0] = 2, ray.origin[1] = 0.01, ray.origin[2] = 10;
     ray.direction[2] = -1;
@@ -169,7 +170,7 @@ int run(const std::string &path, const char *picture) {
     expect(hit.part == BOLTS + 1 && hit.instance == 42, "the ray hits the head of bolt 0");
     expect(std::fabs(hit.t - 9.3) <= 1e-6, "at its height");
 
-    // Hidden parts are not hit; frames in flight would keep the old state.
+    // No ray hits hidden parts. The edits take effect at the commit; frames in flight would keep the old state.
     auto hidden = outcrop::init<oc_look>();
     hidden.flags = OC_LOOK_HIDDEN;
     for (std::uint64_t i = 0; i < 2 * BOLT_COUNT; i++) scene.set_part_look(42, BOLTS + i, hidden);

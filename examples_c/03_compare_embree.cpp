@@ -1,12 +1,17 @@
-// The same mesh, rays and shading through outcrop and through Embree: do they agree hit by hit, and how fast are they?
+// Traces and shades the same rays of the same mesh with outcrop and with Embree. Compares the hits one by one, and the
+// speed.
 //
 //     03_compare_embree MESH.ply MODEL.oc [--rounds 5] [--size 1024x768] [--threads 2] [--poe 1,3]
 //     03_compare_embree torus:TRIANGLES MODEL.oc ...
 //
-// MODEL.oc is built if it is not there, or of another format. Speed is measured in pairs, turn by turn, so that a busy machine slows both;
-// the ratio is that of each pair. With --poe outcrop also answers from stand-ins that cover at most so many pixels, against
-// Embree's exact hits, and how far off it is stands beside: rays that are given and hits that are handed back; and pictures, from
-// the camera to bytes. Ends with 1 if a disagreement cannot be explained, never because of a time.
+// MODEL.oc is built if it does not exist or has another format. Speed is measured in pairs of runs, alternately outcrop
+// and Embree, so that a busy machine slows both. The ratio is computed for each pair.
+//
+// With --poe outcrop also answers from stand-ins that cover at most that many pixels, and Embree exactly. The error of
+// the stand-ins is printed with the speed. This is measured twice: for batches of rays with their hits, and for whole
+// pictures, from the camera to the bytes.
+//
+// The exit code is 1 if a disagreement cannot be explained. It does not depend on speed.
 #include "compare/agreement.hpp"
 #include "compare/embree.hpp"
 #include "compare/mesh.hpp"
@@ -47,10 +52,10 @@ double median(std::vector<double> values) {
 
 // --- outcrop's side --------------------------------------------------------------------------------------
 
-// What Embree's hits hold too.
+// The members that Embree's hits have too.
 const oc_want WANT = OC_WANT_T | OC_WANT_NORMAL | OC_WANT_UV | OC_WANT_PART;
 
-// Rays of a query.
+// Rays in one query.
 const std::size_t CHUNK = 1024;
 
 class Outcrop {
@@ -62,7 +67,7 @@ class Outcrop {
         scene_ = outcrop::scene(context_);
         scene_.add_instance(model_, 1);
         scene_.commit();
-        // All of it, before anything is measured.
+        // Reads the whole model before the measurements.
         const double low[3] = {-INFINITY, -INFINITY, -INFINITY}, high[3] = {INFINITY, INFINITY, INFINITY};
         scene_.prefetch(low, high).wait();
         read_seconds_ = seconds() - begun;
@@ -79,13 +84,13 @@ class Outcrop {
         return scene_.any(rays, coherent ? OC_QUERY_COHERENT : 0);
     }
 
-    // Room for the answers, before the clock runs.
+    // Allocates memory for the answers, before the time is measured.
     void prepare() {
         hits_.resize(std::size_t(threads_) * CHUNK);
         blocked_.resize(std::size_t(threads_) * CHUNK);
     }
 
-    // A picture of red, green, blue and alpha.
+    // Creates a frame with an RGBA picture.
     outcrop::frame frame(unsigned width, unsigned height) const { return outcrop::frame(context_, width, height); }
     void render(outcrop::frame &frame, const oc_camera &camera, double poe) const {
         auto settings = outcrop::init<oc_frame_settings>();
@@ -94,8 +99,8 @@ class Outcrop {
         frame.wait();
     }
 
-    // Traces and shades everything, as EmbreeRays::run does: each thread asks for a chunk of rays and shades it while
-    // the answers are in its cache. So small a batch is answered in the thread that asks.
+    // Traces and shades all rays, as EmbreeRays::run does: each thread traces a chunk of rays and shades it while the
+    // hits are in its cache. The library answers such a small batch in the calling thread.
     double run(const std::vector<oc_ray> &rays, bool coherent, bool any) {
         std::atomic<std::size_t> next(0);
         std::vector<double> sums(threads_, 0.0);
@@ -144,7 +149,7 @@ class Outcrop {
     std::vector<std::uint8_t> blocked_;
 };
 
-// Whether there is a model that this version reads.
+// True if the model exists and this version can read it.
 bool opens(const std::string &path) {
     if (!std::ifstream(path.c_str())) return false;
     try {
@@ -255,7 +260,7 @@ double time_outcrop(Outcrop &ours, const Batch &batch, bool packets, double *sum
     return took;
 }
 
-// One kind of rays over all views.
+// Results for one kind of rays, over all views.
 struct Duel {
     std::vector<double> ratios;
     double ours = 0, theirs = 0, rays = 0; // seconds: medians, summed over the views
@@ -269,7 +274,7 @@ void report(const char *kind, const char *what, const Duel &duel, const std::str
                 *std::max_element(duel.ratios.begin(), duel.ratios.end()));
 }
 
-// Pairs in turn: ours, theirs, ours, theirs.
+// Measures alternately: outcrop, Embree, outcrop, Embree.
 void duel(Outcrop &ours, EmbreeRays &rays, const Contender &c, const Batch &batch, bool packets, unsigned threads,
           unsigned rounds, Duel &result) {
     std::vector<double> a, b;
@@ -283,7 +288,7 @@ void duel(Outcrop &ours, EmbreeRays &rays, const Contender &c, const Batch &batc
     result.rays += double(batch.rays.size());
 }
 
-// How far stand-ins are off.
+// Errors of hits on stand-ins, relative to Embree's exact hits.
 struct Accuracy {
     double rays = 0, hits = 0, lod = 0, both = 0, pixels_off = 0, border = 0;
 
@@ -306,7 +311,7 @@ struct Accuracy {
     }
 };
 
-// Embree's best call for a view's primary rays.
+// Returns the fastest of Embree's calls for the primary rays of a view.
 const Contender *best_for(EmbreeRays &rays, const std::vector<Contender> &contenders, const Batch &batch, unsigned threads) {
     const Contender *best = nullptr;
     double least = 0;
@@ -318,7 +323,7 @@ const Contender *best_for(EmbreeRays &rays, const std::vector<Contender> &conten
     return best;
 }
 
-// Embree's best packets for pictures of a view.
+// Returns the fastest of Embree's packet sizes for pictures of a view.
 const Contender &best_for_pictures(const std::vector<Contender> &contenders, const Options &options, unsigned threads,
                                    const View &view, const Look &look) {
     EmbreePicture picture(options.width, options.height, look);
@@ -336,7 +341,7 @@ const Contender &best_for_pictures(const std::vector<Contender> &contenders, con
     return *best;
 }
 
-// Pictures at some pixels of error against Embree's exact ones.
+// Compares pictures with stand-ins of at most `poe` pixels of error to Embree's exact pictures.
 void measure_pictures(Outcrop &ours, const Contender &c, const Options &options, unsigned threads, unsigned v, const View &view,
                       double poe) {
     outcrop::frame frame = ours.frame(options.width, options.height);
@@ -346,7 +351,7 @@ void measure_pictures(Outcrop &ours, const Contender &c, const Options &options,
     theirs.render(c.scene->get(), view, c.call, threads);
     Duel duel;
     std::vector<double> a, b;
-    for (unsigned r = 0; r < 3 * options.rounds; r++) { // they are short
+    for (unsigned r = 0; r < 3 * options.rounds; r++) { // more runs, because each is short
         const double begun = seconds();
         ours.render(frame, camera, poe);
         const double between = seconds();
@@ -365,7 +370,7 @@ void measure_pictures(Outcrop &ours, const Contender &c, const Options &options,
                            std::size_t(options.width) * options.height));
 }
 
-// Primary rays whose stand-ins may cover some pixels, against Embree's exact ones by whichever call is best for the view.
+// Compares primary rays with stand-ins to Embree's exact ones, traced by Embree's fastest call for the view.
 void measure_poe(Outcrop &ours, EmbreeRays &rays, const std::vector<Contender> &contenders, const Options &options,
                  unsigned threads, const std::vector<View> &views) {
     for (std::size_t v = 0; !options.poes.empty() && v < views.size(); v++) {
@@ -404,7 +409,7 @@ void measure(const Options &options, unsigned threads, const std::vector<Contend
         for (const Batch &batch : batches(ours, view, options, step)) {
             if (batch.rays.empty()) continue;
             if (!best_single.count(batch.name)) {
-                // Every call, to find Embree's best.
+                // Tries every call of Embree to find the fastest.
                 std::printf("  %-8s Embree, every call, first view:", batch.name);
                 double fastest_single = 0, fastest_packet = 0, sum = 0, our_sum = 0;
                 for (const Contender &c : contenders) {
@@ -430,7 +435,7 @@ void measure(const Options &options, unsigned threads, const std::vector<Contend
     measure_poe(ours, rays, contenders, options, threads, views);
 }
 
-// --- the whole -------------------------------------------------------------------------------------------
+// --- main program -------------------------------------------------------------------------------------------
 
 bool parse(int argc, char **argv, Options &options) {
     std::vector<std::string> names;

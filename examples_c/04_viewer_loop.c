@@ -1,9 +1,10 @@
-/* What a viewer does: a model behind a read function of its own, a camera that moves, a wake-up call for each better picture.
+/* The event loop of a viewer: its own read function for the model, a moving camera, and a wake function that announces
+ * each better picture.
  *
  *     04_viewer_loop MODEL.oc LAST.png
  *
- * There is no window here: where one would draw, a line is printed. Once the model is open nothing in this
- * thread waits for the disk.
+ * There is no window: the program prints a line where a viewer would draw. After the model is open, this thread never
+ * waits for the disk.
  */
 #define _POSIX_C_SOURCE 200809L
 #define _FILE_OFFSET_BITS 64
@@ -25,12 +26,12 @@ static void check(oc_status status, const char *call) {
 }
 #define CHECK(call) check((call), #call)
 
-/* Where the model is: a file here; a network or an archive elsewhere. */
+/* Source of the model: here a file; it could be a network connection or an archive. */
 typedef struct {
     int file;
 } source;
 
-/* Called by several threads at once: pread has no position to share. */
+/* Several threads call this function at once. pread is safe: it shares no file position. */
 static uint32_t read_at(void *user, uint64_t offset, void *buffer, uint64_t bytes) {
     const source *from = user;
     char *to = buffer;
@@ -45,7 +46,7 @@ static uint32_t read_at(void *user, uint64_t offset, void *buffer, uint64_t byte
     return 0;
 }
 
-/* Nobody reads any more; perhaps a moment after the last release, so `user` is freed here and nowhere else. */
+/* Called when no thread reads any more, perhaps a moment after the last release: only this function frees `user`. */
 static void close_source(void *user) {
     source *it = user;
     close(it->file);
@@ -71,14 +72,14 @@ static oc_model *open_model(const oc_context *context, const char *path) {
     return model;
 }
 
-/* The event loop's mailbox. */
+/* A flag that wakes the event loop. */
 typedef struct {
     pthread_mutex_t lock;
     pthread_cond_t rings;
     int news;
 } bell;
 
-/* From any thread, and it must not block: leave a note for the event loop, no more. */
+/* The wake function. Any thread may call it, and it must not block: it only sets the flag for the event loop. */
 static void wake(void *user) {
     bell *b = user;
     pthread_mutex_lock(&b->lock);
@@ -94,7 +95,8 @@ static void wait_for_news(bell *b) {
     pthread_mutex_unlock(&b->lock);
 }
 
-/* Draws what is there; whether it gets better still. `drawn` counts the pictures of this request that were shown. */
+/* Draws the latest picture, if it is new. `drawn` is the number of the last picture of this request that was drawn.
+ * Returns 1 while the request is running, else 0. */
 static int draw(const oc_frame *frame, uint32_t *drawn) {
     oc_frame_accuracy a;
     oc_pixels pixels;
@@ -152,12 +154,13 @@ int main(int argc, char **argv) {
         uint32_t drawn = 0;
         camera.eye[0] = camera.at[0] + x * cos(angle) - y * sin(angle);
         camera.eye[1] = camera.at[1] + x * sin(angle) + y * cos(angle);
-        /* While it moves, a pixel of error is not seen; at rest it gets exact. A request replaces the one before. */
+        /* One pixel of error is invisible while the camera moves. At rest the picture becomes exact. A request
+         * replaces the previous one. */
         settings.poe = rests ? 0.0f : 1.0f;
         settings.samples = rests ? 4 : 1;
         CHECK(oc_frame_request(frame, scene, &camera, &settings));
         printf("%s\n", rests ? "the camera rests" : "the camera moves");
-        /* Moving, the first picture is shown, and the camera moves on; at rest, each better one. */
+        /* While the camera moves, draw only the first picture of each request. At rest, draw each better one. */
         for (int more = 1; more && (rests || !drawn); more = draw(frame, &drawn)) wait_for_news(&news);
     }
 

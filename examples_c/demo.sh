@@ -1,6 +1,6 @@
 #!/bin/sh
-# `make demo`: builds a model, opens it, renders it and says what lies at a pixel: first.png is the very first picture after
-# it was opened, converged.png the last.
+# `make demo`: generates a mesh, builds a model, opens and renders it, and picks a pixel. first.png is the first picture
+# after the model was opened, converged.png the last.
 #
 #   MODEL=file TRIANGLES=n demo.sh BUILD_DIR
 set -eu
@@ -10,8 +10,7 @@ if [ -z "$model" ]; then
     model=$build/airliner.ply
     wanted="airliner ${TRIANGLES:-2000000}"
     if [ "$(cat "$model.made" 2>/dev/null || true)" != "$wanted" ]; then
-        "${CARGO:-cargo}" run --release --locked --quiet --bin outcrop -- \
-            generate airliner --triangles "${TRIANGLES:-2000000}" -o "$model"
+        "$build/package/cargo/release/outcrop" generate airliner --triangles "${TRIANGLES:-2000000}" -o "$model"
         echo "$wanted" > "$model.made"
     fi
 fi

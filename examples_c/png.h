@@ -1,4 +1,4 @@
-/* Writes a picture as PNG, without compressing it: enough for an example. */
+/* Writes an uncompressed PNG file. */
 #ifndef EXAMPLES_PNG_H
 #define EXAMPLES_PNG_H
 
@@ -31,8 +31,8 @@ static void png_chunk(FILE *file, const char *type, const unsigned char *bytes, 
     fwrite(word, 1, 4, file);
 }
 
-/* Writes the colours of rows of 4 bytes a pixel (red, green, blue, ignored), `pitch` bytes apart.
- * Returns 0 if that worked. */
+/* Writes a picture. `pixels`: rows of 4 bytes for each pixel (red, green, blue, ignored). `pitch`: bytes from one row
+ * to the next. Returns 0 on success. */
 static int png_write(const char *path, const unsigned char *pixels, uint32_t width, uint32_t height, size_t pitch) {
     const size_t row = 1 + (size_t)width * 3, raw = row * height, block = 65535;
     const size_t blocks = (raw + block - 1) / block;

@@ -4,29 +4,62 @@
  *
  * This file is generated: change src/capi and run `make header`.
  *
- * Rules that hold everywhere
+ * Terms
+ *   - Part: a named group of triangles that a user selects, hides or colours.
+ *   - Instance: a model that is placed in a scene.
+ *   - Original surface: the triangles in the input of the build.
+ *   - Block: the unit in which the data of a model is read from the file.
+ *   - Stand-in: a box, clipped by four planes, that is shown in place of the triangles in it if
+ *     these are small enough in the picture, or not in memory. It stops or transmits each ray.
+ *   - Pixels of error: a stand-in may replace triangles if its projection covers at most this many
+ *     square pixels. 0 means exact.
  *
- * Status.    Every call that can fail returns an oc_status. Outputs are written only when it is
- *            OC_STATUS_OK. oc_last_error() has the reason in words. NULL where a pointer is asked
- *            for, a number out of the range said and a flag that is not known are
- *            OC_STATUS_INVALID_ARGUMENT in all calls.
- * Structs    that you fill begin with `struct_size`: OC_INIT(&s), or oc_init(&s, sizeof s) where
- *            there are no macros, zeroes a struct and sets it. Zero means the default everywhere.
- * Objects    are counted: whoever gets one through an `out_` parameter owns one count, gives it
- *            back with oc_*_release, and may add one with oc_*_retain. Releasing NULL does
- *            nothing. An object keeps alive what it was made from. Objects of two contexts never
- *            mix. An object of another kind than a call wants is refused; one that was released
- *            for the last time is gone: what a call does with it is undefined.
- * const      means that the object does not change; calls that take it const may run at the same
- *            time in any threads. Others say so under `Thread safety`.
- * Pointers   may be NULL only where that is said. A count of 0 ignores its pointer. A stride is in
- *            bytes, 0 means tightly packed; no alignment beyond that of bytes is asked for.
- * Strings    are UTF-8 and end with 0. Paths are the bytes that the system takes.
- * Units      are the model's own; angles say theirs; colours are linear, not sRGB.
- * Matrices   are affine, 12 doubles by column: x axis, y axis, z axis, origin.
- * Blocking.  Calls marked `Cheap` never wait for the disk or for other work. Those marked
- *            `Blocks` do; where the context has no threads, they do the work themselves. Queries,
- *            and opening a model, work too where it has some, in place of one of them.
+ * Conventions
+ *
+ * Status
+ *   - Every function that can fail returns an oc_status. oc_last_error() returns the reason in
+ *     words.
+ *   - Outputs are written only if the status is OC_STATUS_OK. The exceptions are documented.
+ *   - Every function returns OC_STATUS_INVALID_ARGUMENT for a NULL pointer that is not
+ *     documented as optional, a number out of its range, and an unknown flag.
+ *   - Every function that returns a status may return OC_STATUS_INTERNAL (a defect in the
+ *     library) or OC_STATUS_POISONED (a defect occurred in the object before).
+ *
+ * Structs
+ *   - A struct that begins with `struct_size` must be initialised: OC_INIT(&s), or
+ *     oc_init(&s, sizeof s) where macros are not available. Both zero the struct and set its size.
+ *   - A member that is 0 has its documented default.
+ *
+ * Objects
+ *   - Objects are reference counted. A function that returns an object through an `out_`
+ *     parameter gives the caller one reference. oc_..._retain adds a reference, oc_..._release
+ *     gives one back. The release of NULL does nothing.
+ *   - An object keeps the objects alive that it was made from.
+ *   - Objects of two contexts cannot be combined.
+ *   - An object of the wrong kind is refused with OC_STATUS_INVALID_ARGUMENT.
+ *   - The use of an object after its last release is undefined behaviour.
+ *
+ * Threads
+ *   - `const` object: the function does not change the object. Any number of threads may call
+ *     such functions at the same time.
+ *   - Other functions document their `Thread safety`.
+ *
+ * Pointers and arrays
+ *   - A pointer may be NULL only if its documentation says so.
+ *   - If the count of an array is 0, its pointer is ignored.
+ *   - A stride is in bytes. 0 means tightly packed.
+ *   - Arrays may have any alignment.
+ *
+ * Values
+ *   - Strings are UTF-8 and end with 0. Paths are any bytes on Unix, UTF-8 elsewhere.
+ *   - Lengths are in units of the model. Angles state their unit. Colours are linear RGB, not sRGB.
+ *   - Matrices are affine: 12 doubles by column (x axis, y axis, z axis, origin).
+ *
+ * Blocking
+ *   - `Cheap`: the function never waits for the disk or for other work. Exceptions are documented.
+ *   - `Blocks`: the function may wait. In a context without threads it does the work itself.
+ *   - Queries and oc_model_open also work in the calling thread if the context has threads.
+ *     They then take the place of one of them.
  */
 
 
@@ -44,837 +77,906 @@
 #define OC_API
 #endif
 
-/** Zeroes the struct at `pointer` and sets its size: `oc_camera c; OC_INIT(&c);`. */
+/** Zeroes the struct at `pointer` and sets its `struct_size`. Example: `oc_camera c; OC_INIT(&c);` */
 #define OC_INIT(pointer) oc_init((pointer), sizeof *(pointer))
 
 
-/** Major version: programs built for another one do not work. */
+/** Major version. Programs compiled for another major version do not work. */
 #define OC_VERSION_MAJOR 0
 
-/** Minor version: while the major version is 0, programs built for another one do not work. */
+/** Minor version. While the major version is 0, programs compiled for another minor version do not work. */
 #define OC_VERSION_MINOR 1
 
 /** Patch version. */
 #define OC_VERSION_PATCH 0
 
-/**
- * The version of this header, `major * 10000 + minor * 100 + patch`: pass it to
- * `oc_context_create`.
- */
+/** Version of this header: `major * 10000 + minor * 100 + patch`. Pass it to oc_context_create. */
 #define OC_HEADER_VERSION 100
 
-/** A timeout without an end. */
+/** Timeout: wait without a limit. */
 #define OC_FOREVER 4294967295
 
-/** As many threads as the machine has cores. */
+/** Number of threads: one for each core of the machine. */
 #define OC_ALL_THREADS 4294967295
 
-/** The parent of a part that has none. */
+/** Index of the parent of a part that has none. */
 #define OC_NO_INDEX 4294967295
 
-/** The id where there is none: of a miss, or not asked for. */
+/** The value of ids that are not set: of a miss, or not requested. */
 #define OC_NO_ID 18446744073709551615ull
 
 /**
- * A model in the making: meshes are added, then oc_build_start makes the file.
+ * A model under construction. Add meshes, then call oc_build_start to write the model file.
  *
- * Parts are the caller's own 64-bit ids. A triangle's primitive id is its index in the input: those pushed come
- * first, in the order pushed, then those of the files, in the order added.
+ * A part is identified by the caller's own 64-bit id. The primitive id of a triangle is its index in the input: first
+ * the pushed triangles in the order pushed, then those of the files in the order added.
  */
 typedef struct oc_build oc_build;
 
 /**
- * Threads, log and memory budget that all else is made from. There is no other global state: any
- * number of contexts live side by side.
+ * Threads, log and memory budget. All other objects are created from a context. The library has no other global state:
+ * a program may use any number of contexts at the same time.
  */
 typedef struct oc_context oc_context;
 
-/** One view being rendered in the background, with its buffers. */
+/** One view that is rendered in the background, with its buffers. */
 typedef struct oc_frame oc_frame;
 
 /**
- * Long work in flight. Releasing its last count cancels it; for a batch of rays that release
- * waits until nobody reads the rays or writes the hits.
+ * Work in flight: a build, a load, a batch of rays or a prefetch.
+ *
+ * The release of the last reference cancels the work. For a batch of rays that release waits until no thread reads the
+ * rays or writes the hits.
  */
 typedef struct oc_job oc_job;
 
 /** Keeps a buffer of a complete picture readable. */
 typedef struct oc_mapping oc_mapping;
 
-/** A built model, opened read-only; shared by scenes. */
+/** A built model, opened read-only. Scenes share it. */
 typedef struct oc_model oc_model;
 
 /**
- * What is looked at: instances of models, lights, the looks of parts. Edits collect until
- * oc_scene_commit; frames and batches in flight keep the state that they began with.
+ * A scene: instances of models, lights, and the looks of parts.
+ *
+ * Edits take effect together at oc_scene_commit. Frames and batches in flight keep the state that they began with.
  */
 typedef struct oc_scene oc_scene;
 
 /**
- * What a call says, or why background work failed. The hundreds say who can act: 1 the caller, 2
- * the file, 3 the installation, 4 the budget, 5 the machine, 6 us. Numbers are never reused.
+ * Result of a call, or the reason why background work failed. Numbers are never reused. The hundreds name the cause:
+ * - 1: the calling program
+ * - 2: the file
+ * - 3: the installation
+ * - 4: the memory budget
+ * - 5: the machine
+ * - 6: the library itself
  */
 typedef uint32_t oc_status;
 
-/** The state of long work. */
+/** State of long work. */
 typedef uint32_t oc_state;
 
-/** What a build or load is doing. */
+/** Phase of a build or load. */
 typedef uint32_t oc_phase;
 
-/** How far long work is: the same for builds, loads, batches of rays, prefetches and frames. */
+/** Progress of long work: builds, loads, batches of rays, prefetches and frames. */
 typedef struct oc_progress {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** An OC_STATE_ number. */
+    /** One of the OC_STATE_ constants. */
     oc_state state;
-    /** From 0 to 1, never going back. */
+    /** Share of the work that is done, 0 to 1. Never decreases. */
     double fraction;
-    /** What is done: triangles read (builds), rays answered (batches), pixels (frames), blocks read (prefetches). */
+    /** Units done. Builds: triangles read. Batches: rays answered. Frames: pixels. Prefetches: blocks read. */
     uint64_t done;
-    /** Of how many; 0 where that is not known. */
+    /** Units in total. 0: unknown. */
     uint64_t total;
-    /** Bytes read and written so far (builds, loads); in memory (frames, prefetches). */
+    /** Builds and loads: bytes read and written so far. Frames and prefetches: bytes in memory. */
     uint64_t bytes;
-    /** The least budget in bytes that would do, if it failed with OC_STATUS_OVER_BUDGET; else 0. */
+    /** The least budget in bytes that suffices, if `error` is OC_STATUS_OVER_BUDGET. Otherwise 0. */
     uint64_t need;
     /**
-     * Why it failed or was cancelled, or of a frame that ended as OC_STATE_COMPLETE_WITHIN_BUDGET, why some of it
-     * could not be read. oc_last_error has the reason in words after a poll or wait.
+     * Reason why the work failed or was cancelled. For a frame in OC_STATE_COMPLETE_WITHIN_BUDGET: the reason why some
+     * data could not be read, else OC_STATUS_OK. After a poll or wait, oc_last_error returns the reason in words.
      */
     oc_status error;
-    /** An OC_PHASE_ number (builds and loads). */
+    /** Builds and loads: one of the OC_PHASE_ constants. */
     oc_phase phase;
 } oc_progress;
 
 /**
- * Called when work has ended, well or not, and for frames also when there is a better picture; from any thread, in
- * which it must return soon and must not unwind. It may call what is marked `Cheap`. `user` is what was given with the
- * function.
+ * Callback: work has ended in any way, or a frame has a better picture.
+ *
+ * - `user`: the pointer that was registered with the function.
+ *
+ * Rules:
+ * - Any thread may call it. This includes a thread inside a function of the library that ends the work, e.g.
+ *   oc_job_cancel or oc_frame_cancel.
+ * - It must return soon and must not unwind.
+ * - It may call functions that are marked `Cheap`.
  */
 typedef void (*oc_wake_fn)(void *user);
 
-/** A piece of work for the host's threads: call it once with the `task` that came with it. */
+/**
+ * Runs a task of the library on a thread of the host. oc_submit_fn receives it. Call it once, with the `task` that was
+ * passed with it.
+ */
 typedef void (*oc_run_fn)(void *task);
 
 /**
- * Takes a piece of work: `run(task)` must be called exactly once, soon, from any thread, also at once from inside this
- * call: then calls that begin work in the background return when that is done. Called from any thread of the host,
- * never under a lock of the library's.
+ * Callback: receives a task for the host's threads.
+ *
+ * - `user`: `user` of oc_executor.
+ * - `run`, `task`: the host must call `run(task)` exactly once, soon, from any thread. It may call it inside this
+ *   callback. Then library functions that begin background work return after that work is done.
+ *
+ * Any thread of the host may call it, but never while the library holds a lock.
  */
 typedef void (*oc_submit_fn)(void *user, oc_run_fn run, void *task);
 
-/** The host's own threads: a context that has them never starts a thread of its own. */
+/** The host's own threads. A context with an executor never starts a thread. */
 typedef struct oc_executor {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /**
-     * How many tasks can run at once, 1 or more; so many are handed in at a time at most (each build and load is
-     * one more).
+     * Number of tasks that can run at once, 1 or more. The library submits at most as many at a time, plus one for
+     * each build and load.
      */
     uint32_t concurrency;
-    /** Given to `submit`. */
+    /** Passed to `submit`. */
     void *user;
-    /** Takes work. */
+    /** Receives the tasks. */
     oc_submit_fn submit;
 } oc_executor;
 
-/** How much a log line matters. */
+/** Severity of a log line. */
 typedef uint32_t oc_log_level;
 
 /**
- * Takes a log line: called from any thread, never under a lock of the library's; must not unwind.
- * `message` is valid during the call.
+ * Callback: receives a log line.
+ *
+ * - `user`: `log_user` of oc_context_desc.
+ * - `level`: one of the OC_LOG_ constants.
+ * - `message`: valid during the call.
+ *
+ * Any thread may call it, but never while the library holds a lock. It must not unwind.
  */
 typedef void (*oc_log_fn)(void *user, oc_log_level level, const char *message);
 
-/** Vector instructions. */
+/** Set of vector instructions. */
 typedef uint32_t oc_instruction_set;
 
 /** Flags of oc_context_desc. */
 typedef uint32_t oc_context_flags;
 
-/** What a context is made with. All zeros: no threads, three quarters of the machine's memory. */
+/** Options of a context. All zeros: no threads, three quarters of the machine's memory. */
 typedef struct oc_context_desc {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /**
-     * Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads
-     * and traces by turns: of a model that is being read pictures get better more slowly than with a thread, most of
-     * all if by oc_context_step. OC_ALL_THREADS: one for each core. Ignored with an executor.
+     * Number of worker threads, at most 4096. OC_ALL_THREADS: one for each core. Ignored with an executor.
+     *
+     * 0: no worker threads. Your thread alternates reading and tracing inside `oc_context_step` or waits; refinement
+     * of a model that is being read is slower, slowest with `oc_context_step`.
      */
     uint32_t threads;
     /**
-     * Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three
-     * quarters of the machine's; more than the machine has is refused. A model may be larger, many times: its coarse
-     * blocks are read when it is opened, what is used is read then, and what has not been used for longest goes. What
-     * has to stay is small: tables, the blocks at the roots, and a few megabytes to read with; if not even those fit,
-     * opening fails with OC_STATUS_OVER_BUDGET and oc_last_error_need names the least budget that would do. Where what
-     * frames show does not fit they get coarser, evenly; exact queries take longer. Buffers of frames and batches come
-     * on top.
+     * Limit in bytes of the memory that all models together take, including tables and buffers for reading. Never
+     * exceeded. 0: three quarters of the machine's memory. A value above the machine's memory is refused. Buffers of
+     * frames and batches are not included.
+     *
+     * A model may be many times larger than the budget:
+     * - Opening a model reads its coarse blocks. Other blocks are read when they are used. The least recently used
+     *   blocks are evicted.
+     * - Tables, root blocks and a few megabytes for reading must stay in memory. If they do not fit, opening fails
+     *   with OC_STATUS_OVER_BUDGET, and oc_last_error_need returns the least budget that suffices.
+     * - If the data of a view does not fit, all of the picture becomes coarser evenly. Exact queries take longer.
      */
     uint64_t memory_budget;
-    /** The host's own threads, or NULL. The struct is copied; its `user` must outlive the context. */
+    /** The host's own threads, or NULL. The struct is copied. Its `user` must stay valid longer than the context. */
     const struct oc_executor *executor;
-    /** Takes log lines, or NULL. */
+    /** Receives log lines, or NULL. */
     oc_log_fn log;
-    /** Given to `log`; must outlive the context. */
+    /** Passed to `log`. Must stay valid longer than the context. */
     void *log_user;
-    /** An OC_INSTRUCTION_SET_ number. 0: the best that the machine has. All give the same answers. */
+    /** One of the OC_INSTRUCTION_SET_ constants. 0: the best set that the machine has. All sets give the same answers. */
     oc_instruction_set instruction_set;
-    /** OC_CONTEXT_ flags, joined with `|`. */
+    /** OC_CONTEXT_ flags, combined with `|`. */
     oc_context_flags flags;
 } oc_context_desc;
 
-/** What can be asked of a context. */
+/** Property of a context. */
 typedef uint32_t oc_property;
 
-/** The acceleration structure of a model. */
+/** Acceleration structure of a model. */
 typedef uint32_t oc_structure;
 
-/** Whether triangles may be split between leaves, which pays for long thin ones. */
+/** Spatial splits: a triangle may be referenced by several leaves. This speeds up models with long thin triangles. */
 typedef uint32_t oc_splits;
 
-/** What a build is made with. All zeros: what most models want. */
+/** Options of a build. All zeros: suitable for most models. */
 typedef struct oc_build_desc {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** An OC_STRUCTURE_ number. */
+    /** One of the OC_STRUCTURE_ constants. */
     oc_structure structure;
     /**
-     * Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no
-     * limit.
+     * Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
+     * files. 0: no limit.
      */
     uint64_t memory_budget;
     /**
-     * The folder of temporary files; NULL: the system's (`TMPDIR`, where that is set). Not looked at before the first
-     * is written.
+     * Folder for temporary files. NULL: the system's (`TMPDIR`, if it is set). The folder is not accessed before the
+     * first temporary file is written.
      */
     const char *temp_dir;
-    /** Length unit, in place of what the input says. 0: as the input says. */
+    /** Length of a unit in metres, finite and above 0. Overrides the unit of the input. 0: the unit of the input. */
     double metres_per_unit;
-    /** An OC_UP_ number, in place of what the input says. OC_UP_UNKNOWN: as the input says. */
+    /** One of the OC_UP_ constants. Overrides the up axis of the input. OC_UP_UNKNOWN: the up axis of the input. */
     uint32_t up;
-    /** An OC_SPLITS_ number. */
+    /** One of the OC_SPLITS_ constants. */
     oc_splits splits;
     /**
-     * Threads, up to 4096; the build starts its own. 0: as many as the context has; OC_ALL_THREADS: one for each core.
-     * In a context without threads of its own a build has the one thread that does it. The file does not depend on it.
+     * Number of threads, at most 4096. The build starts its own. 0: as many as the context has. OC_ALL_THREADS: one
+     * for each core. In a context without threads of its own, a build uses only the thread that runs it. The model
+     * file does not depend on this number.
      */
     uint32_t threads;
     /** Must be 0. */
     uint32_t reserved;
 } oc_build_desc;
 
-/** How a part looks. Linear colour. All zeros: grey, opaque, matt. */
+/** Material of a part. Colours are linear. All zeros: grey, opaque, matt. */
 typedef struct oc_material {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** Linear RGB, each from 0 to 1. All 0 with opacity 0: grey. */
+    /** Linear RGB, each 0 to 1. All 0 with opacity 0: grey (0.6). */
     float colour[3];
-    /** 1 is opaque. 0: 1. */
+    /** Opacity, 0 to 1; 1 is opaque. 0: 1. */
     float opacity;
-    /** From 0 to 1. */
+    /** Metalness, 0 to 1. */
     float metalness;
-    /** From 0 to 1. 0: 0.6. */
+    /** Roughness, 0 to 1. 0: 0.6. */
     float roughness;
     /** Must be 0. */
     uint32_t reserved;
 } oc_material;
 
-/** What a user clicks on. */
+/** A part: the unit that a user selects, hides or colours. */
 typedef struct oc_part {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** A number of oc_build_add_material; 0: the default material. */
+    /** Number of a material from oc_build_add_material. 0: the default material. */
     uint32_t material;
-    /** The caller's own id, new in this build, and not OC_NO_ID; hits and pictures tell it. */
+    /** The caller's own id. Must be unique in the build and not OC_NO_ID. Hits and pictures contain it. */
     uint64_t id;
-    /** The id of the part above it, added before; used if `has_parent` is 1. */
+    /** Id of the parent part, which must have been added before. Ignored if `has_parent` is 0. */
     uint64_t parent;
-    /** UTF-8; NULL: no name. */
+    /** Name in UTF-8. The string is copied. NULL: no name. */
     const char *name;
-    /** 1: it has a parent; 0: it has none. */
+    /** 1: the part has a parent. 0: it has none. */
     uint32_t has_parent;
     /** Must be 0. */
     uint32_t reserved;
 } oc_part;
 
-/** The type of coordinates. */
+/** Type of coordinates. */
 typedef uint32_t oc_scalar;
 
-/** The type of indices. */
+/** Type of indices. */
 typedef uint32_t oc_index;
 
-/** Triangles in the caller's memory; read during the call. */
+/** Triangles in the caller's memory. The arrays are read during the call. They may have any alignment. */
 typedef struct oc_triangles {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** 0: placed as they are; else a number of oc_build_add_shared_mesh. */
+    /** 0: the triangles are placed directly. Otherwise: number of a shared mesh from oc_build_add_shared_mesh. */
     uint32_t mesh;
-    /** The part: its id, or in a shared mesh its number, from 0. */
+    /**
+     * The part that the triangles belong to. Directly placed: the id of the part. Shared mesh: the number of the part,
+     * from 0.
+     */
     uint64_t part;
-    /** Corners: three coordinates each. */
+    /** Array of corners, three coordinates each. `scalar` is their type. */
     const void *positions;
-    /** How many corners. */
+    /** Number of corners. Without indices it must be a multiple of 3. */
     uint64_t position_count;
-    /** Bytes from a corner to the next; 0: tightly packed. */
+    /** Bytes from one corner to the next. 0: tightly packed. */
     uint64_t position_stride;
-    /** Three indices of corners for each triangle; `index` says their type. NULL with OC_INDEX_NONE. */
+    /**
+     * Array of indices of corners, three for each triangle, tightly packed. `index` is their type. Must be NULL with
+     * OC_INDEX_NONE.
+     */
     const void *indices;
-    /** How many indices, three times that of triangles. */
+    /** Number of indices: three times the number of triangles. Must be 0 with OC_INDEX_NONE. */
     uint64_t index_count;
-    /** Three floats, linear RGB, for each triangle; NULL: the part's material. */
+    /** Array of colours, one for each triangle: three floats, linear RGB. NULL: the colour of the part's material. */
     const float *colours;
-    /** Bytes from a colour to the next; 0: tightly packed. */
+    /** Bytes from one colour to the next. 0: tightly packed. */
     uint64_t colour_stride;
-    /** An OC_SCALAR_ number: the type of coordinates. */
+    /** One of the OC_SCALAR_ constants: the type of coordinates. */
     oc_scalar scalar;
-    /** An OC_INDEX_ number: the type of indices. */
+    /** One of the OC_INDEX_ constants: the type of indices. */
     oc_index index;
 } oc_triangles;
 
-/** What a build did. */
+/** Statistics of a build. */
 typedef struct oc_build_report {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** How many notes there are: see oc_job_build_note. */
+    /** Number of notes; oc_job_build_note returns them. */
     uint32_t notes;
     /** Triangles in the input. */
     uint64_t triangles_in;
     /** Triangles in the model. */
     uint64_t triangles_kept;
-    /** Left out: a corner is NaN or infinite. */
+    /** Triangles dropped because a corner is NaN or infinite. */
     uint64_t dropped_non_finite;
-    /** Left out: no area. */
+    /** Triangles dropped because they have no area. */
     uint64_t dropped_degenerate;
-    /** Left out: too far away from the others to be told apart. */
+    /** Triangles dropped because a corner is too far from the rest of the mesh: more than 1e15 units from its middle. */
     uint64_t dropped_out_of_range;
-    /** Parts. */
+    /** Number of parts. */
     uint64_t parts;
-    /** Shared meshes placed. */
+    /** Number of placed instances of shared meshes. */
     uint64_t instances;
-    /** Bytes of geometry in memory, once opened. */
+    /** Bytes that the geometry takes in memory when all of it is loaded. */
     uint64_t geometry_bytes;
-    /** Bytes of the file. */
+    /** Size of the model file in bytes. */
     uint64_t file_bytes;
-    /** Seconds of reading. */
+    /** Seconds spent on reading input. */
     double seconds_read;
-    /** Seconds of building. */
+    /** Seconds spent on building. */
     double seconds_build;
-    /** Seconds of writing. */
+    /** Seconds spent on writing. */
     double seconds_write;
 } oc_build_report;
 
 /**
- * Reads `bytes` bytes at `offset` into `buffer`, all of them, and returns 0; anything else is a failure.
- * Called from any thread, several at once, never under a lock of the library's; must not unwind.
+ * Callback: reads `bytes` bytes at `offset` of the model into `buffer`.
+ *
+ * Returns 0 if it has read all bytes, any other number on failure.
+ * Any thread may call it, several at once, but never while the library holds a lock. It must not unwind.
  */
 typedef uint32_t (*oc_read_fn)(void *user, uint64_t offset, void *buffer, uint64_t bytes);
 
 /**
- * Called once, when nothing will be read any more; from any thread, and perhaps a moment after the last handle was
- * released, when a thread that was still tracing or reading lets go of the model: `user` must stay valid until then.
+ * Callback: the library will not read from `user` any more. It is called once.
+ *
+ * Any thread may call it. It may come a moment after the release of the last handle, when another thread stops tracing
+ * or reading the model: `user` must stay valid until then.
  */
 typedef void (*oc_close_fn)(void *user);
 
-/** Where a model is read from, if not from a file: a table of the caller's. Read-only. */
+/** The caller's own functions that read a model, in place of a file. */
 typedef struct oc_io {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /** Must be 0. */
     uint32_t reserved;
-    /** Bytes of the model. */
+    /** Size of the model in bytes. */
     uint64_t size;
-    /** Reads. */
+    /** Reads a range of bytes. Must not be NULL. */
     oc_read_fn read_at;
-    /**
-     * Closes; may be NULL. Called exactly once if opening or loading was tried with a valid table,
-     * whether it succeeded or not.
-     */
+    /** Called exactly once after opening or loading was tried with a valid table, even if it failed. May be NULL. */
     oc_close_fn close;
-    /** Given to both. */
+    /** Passed to both functions. */
     void *user;
-    /** What messages call it; may be NULL. */
+    /** Name of the model in messages, UTF-8. May be NULL. */
     const char *name;
 } oc_io;
 
-/** Which axis points up. */
+/** Axis that points up. */
 typedef uint32_t oc_up_axis;
 
-/** What a model is. */
+/** Properties of a model. */
 typedef struct oc_model_info {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** An OC_UP_ number. */
+    /** One of the OC_UP_ constants. */
     oc_up_axis up;
-    /** Around everything, in model space; `max` is below `min` if there are no triangles. */
+    /** Least corner of the bounds of all triangles, in model space. Greater than `bounds_max` if there are none. */
     double bounds_min[3];
-    /** The other corner. */
+    /** Greatest corner of the bounds. */
     double bounds_max[3];
-    /** Length unit; 0 if unknown. */
+    /** Length of a unit in metres. 0: unknown. */
     double metres_per_unit;
-    /** Triangles in the input of the build. */
+    /** Number of triangles in the input of the build. */
     uint64_t triangles_in;
-    /** Triangles stored, those of shared meshes once. */
+    /** Number of triangles stored. Triangles of shared meshes count once. */
     uint64_t triangles_stored;
-    /** Triangles to be seen, those of shared meshes once for each instance. */
+    /** Number of triangles visible in the model. Triangles of shared meshes count once for each instance. */
     uint64_t triangles_placed;
-    /** Bytes of the file. */
+    /** Size of the file in bytes. */
     uint64_t file_bytes;
-    /** Bytes of geometry in memory when all of it is there: nodes and triangles. */
+    /** Bytes that all nodes and triangles take in memory. */
     uint64_t geometry_bytes;
-    /** Bytes in memory now. */
+    /** Bytes in memory now, including tables. */
     uint64_t resident_bytes;
     /** Number of parts. */
     uint32_t parts;
-    /** Instances of shared meshes. */
+    /** Number of instances of shared meshes. */
     uint32_t instances;
-    /** Blocks of geometry. */
+    /** Number of blocks of geometry. */
     uint32_t blocks;
-    /** Whether single triangles carry colours. */
+    /** 1: triangles may have colours of their own. 0: they have the colours of their parts. */
     uint32_t has_colours;
 } oc_model_info;
 
-/** A part of a model. */
+/** Properties of a part of a model. */
 typedef struct oc_part_info {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** Index of the part above it; OC_NO_INDEX if there is none. */
+    /** Index of the parent part. OC_NO_INDEX: it has none. */
     uint32_t parent;
-    /** The id that whoever built the model gave it. */
+    /** Id of the part, as passed when the model was built. */
     uint64_t id;
-    /** Its name, UTF-8; may be empty. The model's: valid as long as the model. */
+    /** Name in UTF-8; may be empty. The model owns the string: it is valid as long as the model. */
     const char *name;
-    /** Triangles of its own, not of the parts below it. */
+    /** Number of the part's own triangles, without those of its child parts. */
     uint64_t triangles;
-    /** Around them, in model space; `max` is below `min` if there are none. */
+    /** Least corner of the bounds of these triangles, in model space. Greater than `bounds_max` if there are none. */
     double bounds_min[3];
-    /** The other corner. */
+    /** Greatest corner of the bounds. */
     double bounds_max[3];
-    /** Its material: linear RGBA, alpha is the opacity. */
+    /** Material: linear RGBA. Alpha is the opacity. */
     float colour[4];
-    /** From 0 to 1. */
+    /** Material: metalness, 0 to 1. */
     float metalness;
-    /** From 0 to 1. */
+    /** Material: roughness, 0 to 1. */
     float roughness;
 } oc_part_info;
 
-/** The kind of a camera. */
+/** Kind of a camera. */
 typedef uint32_t oc_camera_kind;
 
-/** A camera in world space. */
+/** A camera in world space. All numbers must be finite. */
 typedef struct oc_camera {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** An OC_CAMERA_ number. */
+    /** One of the OC_CAMERA_ constants. */
     oc_camera_kind kind;
-    /** The eye; for orthographic cameras the middle of the picture's plane. */
+    /** Position of the eye. Orthographic: the centre of the picture's plane. */
     double eye[3];
-    /** The point looked at; sets the direction only. Must differ from the eye. */
+    /** Target point. Only the direction from the eye to it matters. Must differ from the eye. */
     double at[3];
-    /** Upward in the picture; must not be parallel to the view. All 0: +Z. */
+    /** Direction that is up in the picture. Need not be unit. Must not be parallel to the view. All 0: +Z. */
     double up[3];
-    /** Vertical angle of view in degrees, below 180 (perspective). 0: 45. */
+    /** Perspective: vertical field of view in degrees, above 0 and below 180. 0: 45. Orthographic: ignored. */
     double fov_y;
-    /** Height of the picture in world units, above 0 (orthographic). */
+    /** Orthographic: height of the picture in world units, above 0. Perspective: ignored. */
     double height;
 } oc_camera;
 
-/** How an instance or a part is shown: flags of oc_look. */
+/** Flags of oc_look: how an instance or a part is shown. */
 typedef uint32_t oc_look_flags;
 
-/** How an instance or a part is shown. All zeros: as it is. */
+/** Appearance of an instance or a part. All zeros: unchanged. */
 typedef struct oc_look {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** OC_LOOK_ flags, joined with `|`. */
+    /** OC_LOOK_ flags, combined with `|`. */
     oc_look_flags flags;
-    /** Linear RGBA, alpha is the opacity; used with OC_LOOK_COLOURED. */
+    /** Linear RGBA, finite and 0 or more. Alpha is the opacity, at most 1. Ignored without OC_LOOK_COLOURED. */
     float colour[4];
 } oc_look;
 
-/** The kind of a light. */
+/** Kind of a light. */
 typedef uint32_t oc_light_kind;
 
-/** A light; an element of an array. All zeros: a white headlight. */
+/** A light. Element of an array. All zeros: a white headlight. */
 typedef struct oc_light {
-    /** Where a point light is, or whereto a directional light shines (need not be unit). World space. */
+    /**
+     * World space, finite. Point light: position. Directional light: direction in which the light travels; must not be
+     * zero, need not be unit. Headlight: ignored.
+     */
     double vector[3];
-    /** Linear RGB, 0 or more. All 0: white. */
+    /** Linear RGB, finite and 0 or more. All 0: white. */
     float colour[3];
     /**
-     * Factor to the colour. A white matt surface that faces a light (a point light at distance 1) of
-     * intensity 1 is white. 0: 1.
+     * Factor of the colour, finite and 0 or more. A white matt surface that faces a light of intensity 1 is white
+     * (point light: at distance 1). 0: 1.
      */
     float intensity;
-    /** An OC_LIGHT_ number. */
+    /** One of the OC_LIGHT_ constants. */
     oc_light_kind kind;
-    /** 1: it casts shadows; 0: it does not. A transparent part lets through 1 minus its opacity, as of what is seen. */
+    /**
+     * 1: the light casts shadows. 0: it does not. A transparent part transmits the share 1 - opacity of the light,
+     * as it does of the surfaces seen through it.
+     */
     uint32_t shadows;
 } oc_light;
 
-/** What is seen where nothing is. All zeros: black and transparent. */
+/**
+ * Background of a picture: a vertical gradient. All numbers must be finite and 0 or more. All zeros: black and
+ * transparent.
+ */
 typedef struct oc_background {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /** Must be 0. */
     uint32_t reserved;
-    /** Linear RGBA of the lowest row. */
+    /** Linear RGBA at the bottom of the picture. */
     float bottom[4];
-    /** Linear RGBA of the highest row. */
+    /** Linear RGBA at the top of the picture. */
     float top[4];
 } oc_background;
 
-/** Which members of oc_hit to fill, joined with `|`. What is not asked for is not worked for. */
+/** Flags: members of oc_hit to compute, combined with `|`. Fewer members take less time. */
 typedef uint32_t oc_want;
 
 /** Flags of oc_query. */
 typedef uint32_t oc_query_flags;
 
-/** A ray; an element of an array. */
+/** A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`. */
 typedef struct oc_ray {
-    /** Where it starts, world space. */
+    /** Start point, world space. Not finite: the ray misses. */
     double origin[3];
     /**
-     * Hits before this distance are ignored; in units of the direction's length. Below 0 it counts as 0. Infinite or
-     * NaN: the ray misses.
+     * Start of the interval: hits with a smaller `t` are ignored. Below 0: counts as 0. Infinite or NaN: the ray
+     * misses.
      */
     double t_min;
-    /** Hits beyond this distance are ignored. 0: none are. Before `t_min`, or NaN: the ray misses. */
+    /** End of the interval: hits with a greater `t` are ignored. 0: no end. Below `t_min` or NaN: the ray misses. */
     double t_max;
-    /** Where it goes; need not be unit. Zero, or not finite: the ray misses. */
+    /** Direction; need not be unit. Zero or not finite: the ray misses. */
     float direction[3];
     /**
-     * Its footprint: its width at t is cone_a + cone_b * t, in world units (with t as in oc_hit, in units of the
-     * direction's length). A stand-in is accepted where the area of its box's projection along the ray is at most the
-     * square of the width there. So for p pixels of error: the width of a pixel, times the square root of p. Of a
-     * camera with a field of view a pixel is 2 tan(fov_y / 2) / height wide at distance 1: that is cone_b, cone_a is
-     * 0; of an orthographic one it is cone_a, and cone_b is 0. 0 and 0: exact. Below 0, or not a number: counts as 0;
-     * infinite: as coarse as there is.
+     * Footprint of the ray: its width at `t` is `cone_a + cone_b * t`, in world units. A stand-in may replace
+     * triangles if the area of its box, projected along the ray, is at most the square of the width there.
+     *
+     * - Exact answers: `cone_a` = 0, `cone_b` = 0.
+     * - p pixels of error, perspective camera, unit direction: `cone_a` = 0,
+     *   `cone_b` = sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels).
+     * - p pixels of error, orthographic camera: `cone_b` = 0,
+     *   `cone_a` = sqrt(p) * (height of the picture in world units) / (height of the picture in pixels).
+     *
+     * Below 0 or NaN: counts as 0. Infinite: the coarsest stand-ins.
      */
     float cone_a;
     /** See `cone_a`. */
     float cone_b;
-    /** It sees instances with a common bit in their mask. 0: all. */
+    /** The ray can hit an instance only if the masks of both have a common bit. 0: all instances. */
     uint32_t mask;
 } oc_ray;
 
 /** A batch of rays. */
 typedef struct oc_query {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** OC_WANT_ flags; 0: OC_WANT_ALL. */
+    /** OC_WANT_ flags, combined with `|`. 0: OC_WANT_ALL. */
     oc_want want;
-    /** OC_QUERY_ flags. */
+    /** OC_QUERY_ flags, combined with `|`. */
     oc_query_flags flags;
     /** Must be 0. */
     uint32_t reserved;
-    /** The rays. Nobody may write them until the call has returned, or the job has ended. */
+    /** The rays. Nothing may write to them until the call has returned or the job has ended. */
     const struct oc_ray *rays;
-    /** How many. */
+    /** Number of rays. */
     uint64_t count;
     /**
-     * Bytes from a ray to the next; 0: tightly packed. (Of these, 32 in a row at an address that oc_ray may have are
-     * read where they are if each says its t_max, INFINITY for none, and its mask, 0xFFFFFFFF for all; others are
-     * copied first.)
+     * Bytes from one ray to the next. 0: tightly packed.
+     *
+     * Performance: the library reads 32 successive rays without a copy if they are tightly packed and aligned as
+     * oc_ray, and none has a `t_max` or `mask` of 0. Use INFINITY and 0xFFFFFFFF instead.
      */
     uint64_t stride;
 } oc_query;
 
-/** What was hit. */
+/** Kind of a hit. */
 typedef uint32_t oc_hit_kind;
 
-/** The closest hit of a ray; an element of an array. What was not asked for is as for a miss. */
+/** Closest hit of a ray. Element of an array. Members that were not requested have the values of a miss. */
 typedef struct oc_hit {
     /**
-     * Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what
-     * lies behind a hit is found from the next number after its `t` on. (Not what is nearer to it than `t` less
-     * `t_free`: such surfaces may come in the wrong order. Within single precision of the ray's origin what is behind
-     * it may be given at 0, and what is before it may be missed; so may what a ray meets within some 4 degrees of
-     * edge-on that near to an end.) In double precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single
-     * precision, and on long thin triangles near the ray's origin it may be off by more than its last digits.
+     * Distance from the origin, in units of the direction's length. Miss: infinity.
+     *
+     * The interval includes both ends. To find the surface behind a hit, trace the ray again with `t_min` set to the
+     * next larger double after `t`. Exceptions:
+     * - Two surfaces closer to each other than `t - t_free` may be returned in either order.
+     * - Within the single-precision rounding error of the origin, a surface behind the origin may be returned at 0,
+     *   and one in front of it may be missed.
+     * - Within the same error of an end of the interval, a surface that the ray meets within about 4 degrees of
+     *   edge-on may be missed.
+     *
+     * Precision: double with `OC_WANT_POSITION` or `OC_WANT_ERROR`, otherwise single. In single precision, the error
+     * on long thin triangles near the origin can exceed the last digits.
      */
     double t;
-    /** Where, in world space; infinity for a miss. */
+    /** Position in world space. Miss: infinity. */
     double position[3];
     /**
-     * No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within 0.9
-     * degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less
-     * than `t`, by what rounding may have done. Of a miss it is infinity, unless the ray was let through a stand-in:
-     * then it is where that, or what else would have been hit, is met; so it is of hits behind one.
+     * No original surface lies on the ray before this distance. Exceptions: surfaces that the ray meets within 0.9
+     * degrees of edge-on, the surface that the ray starts on, and edges that it grazes.
+     *
+     * - Exact hit: `t` less the possible rounding error.
+     * - Miss: infinity.
+     * - Hit or miss after a stand-in transmitted the ray: where the ray entered the first such stand-in, or where it
+     *   met another surface before that.
      */
     double t_free;
-    /** The id of the part, as given when the model was built; OC_NO_ID for a miss. */
+    /** Id of the part, as passed when the model was built. Miss: OC_NO_ID. */
     uint64_t part;
-    /** The id of the instance, as given to oc_scene_add_instance; OC_NO_ID for a miss. */
+    /** Id of the instance, as passed to oc_scene_add_instance. Miss: OC_NO_ID. */
     uint64_t instance;
-    /** The triangle's index in the input of the build, from 0; OC_NO_ID for a miss. */
+    /** Index of the triangle in the input of the build, from 0. Miss: OC_NO_ID. */
     uint64_t prim;
-    /** Unit geometric normal in world space, facing the ray's origin; 0 for a miss. */
+    /** Unit geometric normal in world space, on the side of the ray's origin. Miss: 0. */
     float normal[3];
-    /** Weights of the triangle's second and third corner. */
+    /** Barycentric weights of the triangle's second and third corner. Miss: 0. */
     float uv[2];
-    /** Some original surface lies within this distance of `position`, in world units. */
+    /** An original surface lies within this distance of `position`, in world units. Miss: 0. */
     float error;
-    /** An OC_HIT_ number. */
+    /** One of the OC_HIT_ constants. */
     oc_hit_kind kind;
-    /** 0. */
+    /** Always 0. */
     uint32_t reserved;
 } oc_hit;
 
-/** How a part meets a volume. */
+/** How a part intersects a volume. */
 typedef uint32_t oc_overlap_kind;
 
-/** A part that meets a volume; an element of an array. */
+/** A part that intersects a volume. Element of an array. */
 typedef struct oc_overlap {
-    /** The id of the instance. */
+    /** Id of the instance, as passed to oc_scene_add_instance. */
     uint64_t instance;
-    /** The id of the part. */
+    /** Id of the part, as passed when the model was built. */
     uint64_t part;
-    /** An OC_OVERLAP_ number. */
+    /** One of the OC_OVERLAP_ constants. */
     oc_overlap_kind kind;
-    /** 0. */
+    /** Always 0. */
     uint32_t reserved;
 } oc_overlap;
 
-/** A half space, the points p with dot(normal, p) + d >= 0; an element of an array. */
+/** A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array. */
 typedef struct oc_plane {
-    /** Points inward; need not be unit. */
+    /** Normal of the plane. Points inward. Must be finite and not zero; need not be unit. */
     double normal[3];
-    /** In units of the normal's length. */
+    /** Offset of the plane, in units of the normal's length. Must be finite. */
     double d;
 } oc_plane;
 
-/** A buffer of a picture. Rows from the top, pixels from the left. */
+/** Buffer of a picture. The first row is the top one, the first pixel of a row the left one. */
 typedef uint32_t oc_buffer;
 
-/** The caller's memory for a buffer; an element of an array. */
+/** The caller's memory for a buffer. Element of an array. */
 typedef struct oc_target {
     /**
-     * The first pixel of the first row. Written from any thread while a frame renders; whole once the
-     * frame is done. Must stay until the frame is released or resized.
+     * First pixel of the first row. The library writes to it from any thread while the frame renders. It holds a
+     * complete picture after a request has ended as OC_STATE_DONE or OC_STATE_COMPLETE_WITHIN_BUDGET; a request that
+     * is cancelled or replaced may leave it incomplete. The memory must stay valid until the frame is released or
+     * resized.
      */
     void *memory;
-    /** Bytes there. */
+    /** Size of the memory in bytes. */
     uint64_t size;
-    /** Bytes from a row to the next; 0: tightly packed. */
+    /** Bytes from one row to the next. 0: tightly packed. */
     uint64_t row_pitch;
-    /** An OC_BUFFER_ number. */
+    /** One of the OC_BUFFER_ constants. */
     oc_buffer buffer;
     /** Must be 0. */
     uint32_t reserved;
 } oc_target;
 
-/** What a frame is made with. All zeros: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8. */
+/** Options of a frame. All zeros: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8. */
 typedef struct oc_frame_desc {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** Pixels in a row, up to 65536. 0: 1024. */
+    /** Width in pixels, at most 65536. 0: 1024. */
     uint32_t width;
-    /** Rows, up to 65536. 0: 768. */
+    /** Height in pixels, at most 65536. 0: 768. */
     uint32_t height;
     /**
-     * The buffers to keep: 1 << OC_BUFFER_ numbers, joined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or none
-     * if there are targets.
+     * Buffers to keep for oc_frame_map: bits `1 << OC_BUFFER_...`, combined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or
+     * none if there are targets.
      */
     uint32_t buffers;
-    /** The caller's memory for some buffers (these or others), or NULL. */
+    /**
+     * The caller's memory for some buffers, at most one target for each buffer. Independent of `buffers`. Tightly
+     * packed. NULL if `target_count` is 0.
+     */
     const struct oc_target *targets;
-    /** How many, tightly packed. */
+    /** Number of targets. */
     uint64_t target_count;
 } oc_frame_desc;
 
-/** What a request asks. All zeros: exact, one ray a pixel. */
+/** Options of a request. All zeros: exact, one ray for each pixel. */
 typedef struct oc_frame_settings {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** Rays for a pixel's colour, up to 1024; the other buffers take the pixel's middle. 0: 1. */
+    /** Rays for the colour of a pixel, at most 1024. 0: 1. The other buffers take the ray through the pixel's centre. */
     uint32_t samples;
-    /** Pixels of error: the area, in pixels, that a stand-in may cover; finite, not below 0. 0: exact. */
+    /**
+     * Pixels of error, finite and 0 or more. A stand-in may replace triangles if its projection covers at most `poe`
+     * square pixels. 0 means exact.
+     */
     float poe;
-    /** Light from everywhere, so that nothing is black. 0: 0.15; below 0: none. */
+    /** Intensity of the ambient light, which reaches all surfaces; finite. 0: 0.15. Below 0: none. */
     float ambient;
 } oc_frame_settings;
 
-/** How true the picture is that the last request is making or has made. */
+/** Accuracy of the picture of the last request. */
 typedef struct oc_frame_accuracy {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /**
-     * The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. (By
-     * steps; which one it ends at may depend on what was seen before.) Where that is more than was asked for, no
-     * stand-in lets rays through.
+     * The pixels of error in force: `poe` of the request, or more if the view's data does not fit the memory budget.
+     * It rises in steps; the final step may depend on earlier views. If it is above `poe`, stand-ins transmit no rays.
      */
     float effective_poe;
-    /** Counts the requests of this frame, from 1; 0: none yet. */
+    /** Number of the request in this frame, from 1. 0: nothing was requested yet. */
     uint64_t request;
-    /** Pixels whose answer is exact: triangles and background that no stand-in is before. */
+    /** Pixels with an exact answer: triangles or background, without a stand-in in front. */
     uint64_t pixels_exact;
-    /** Pixels that show a stand-in as fine as `effective_poe` asks for, or through one what is behind it. */
+    /** Pixels that show a stand-in as fine as `effective_poe` requires, or a surface through such a stand-in. */
     uint64_t pixels_lod;
     /** Pixels that show a stand-in for missing data. */
     uint64_t pixels_missing;
-    /** Pixels of the picture. */
+    /** Pixels of the picture in total. */
     uint64_t pixels_total;
-    /** Bytes in memory of the models that the scene shows. */
+    /** Bytes in memory of the models in the scene. */
     uint64_t bytes_resident;
     /**
-     * Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what
-     * could not be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
+     * Bytes that the picture needs and that are not in memory. After OC_STATE_COMPLETE_WITHIN_BUDGET: the data that
+     * could not be read or did not fit; 0 if all data for `effective_poe` is in memory.
      */
     uint64_t bytes_wanted;
-    /** Seconds since the request, until it ended. */
+    /** Seconds from the request until now, or until its end. */
     double seconds;
     /**
-     * Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has
-     * come; what better pictures will want besides is not known. 0 when nothing runs, infinity if unknown.
+     * Estimated remaining seconds at the present speed. Before the first picture: until that is ready. Later: until
+     * the missing data known now has arrived; data that better pictures will need is unknown. 0: nothing runs.
+     * Infinity: unknown.
      */
     double seconds_to_go;
     /**
-     * Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or
-     * OC_BUFFER_ERROR is asked for.
+     * Largest error in pixels. The rounding error of triangles counts only if the frame has OC_BUFFER_DEPTH or
+     * OC_BUFFER_ERROR.
      */
     float worst_error;
-    /** Mean error in pixels, over pixels that show something; of triangles as above. */
+    /** Mean error in pixels, over the pixels that show a surface. Rounding errors as for `worst_error`. */
     float mean_error;
     /**
-     * Whole pictures that the request has made so far: the first from what was in memory, each with more of what the
-     * last lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to map.
+     * Number of complete pictures that the request has made so far. At 1 or more, one can be mapped. The first is made
+     * from the data in memory, each later one from more data. The very first picture of a frame waits up to 80 ms for
+     * missing data.
      */
     uint32_t pictures;
-    /** An OC_STATE_ number, as oc_frame_poll tells it. */
+    /** State of the request: one of the OC_STATE_ constants. */
     oc_state state;
 } oc_frame_accuracy;
 
-/** The element of a buffer. */
+/** Type of the elements of a buffer. */
 typedef uint32_t oc_format;
 
-/** A buffer of a complete picture. */
+/** A mapped buffer of a complete picture. */
 typedef struct oc_pixels {
-    /** Set by OC_INIT. */
+    /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** An OC_FORMAT_ number. */
+    /** One of the OC_FORMAT_ constants. */
     oc_format format;
     /** Pixels in a row. */
     uint32_t width;
-    /** Rows. */
+    /** Number of rows. */
     uint32_t height;
-    /** The first pixel of the first row, aligned for its elements; nobody writes there. */
+    /** First pixel of the first row, aligned for its type. The content does not change while it is mapped. */
     const void *data;
-    /** Bytes from a row to the next. */
+    /** Bytes from one row to the next. */
     uint64_t row_pitch;
-    /** Bytes in all. */
+    /** Size of the buffer in bytes. */
     uint64_t size;
-    /** Keeps `data` alive: release it when done. */
+    /** Keeps `data` valid. Release it with oc_mapping_release. */
     struct oc_mapping *mapping;
 } oc_pixels;
 
-/** All is well. */
+/** Success. */
 #define OC_STATUS_OK 0
 
-/** The caller: an argument is NULL, out of its range, or of another context; nothing changed. */
+/** The calling program: an argument is NULL, is out of its range, or belongs to another context. Nothing changed. */
 #define OC_STATUS_INVALID_ARGUMENT 100
 
-/** The caller: not possible in the object's present state; nothing changed. */
+/** The calling program: the object's present state does not allow the call. Nothing changed. */
 #define OC_STATUS_INVALID_STATE 101
 
-/** The caller: the array given is too small; the count it should have was written, nothing else. */
+/** The calling program: the array is too small. The required count was written, nothing else. */
 #define OC_STATUS_BUFFER_TOO_SMALL 102
 
-/** The caller: cancelled on request. */
+/** The calling program: the work was cancelled on request. */
 #define OC_STATUS_CANCELLED 103
 
-/** The file: an input of a build cannot be understood. */
+/** The file: an input file of a build cannot be parsed. */
 #define OC_STATUS_PARSE 200
 
-/** The file: a built model is damaged, or is not one. */
+/** The file: the model file is damaged, or is not a model. */
 #define OC_STATUS_CORRUPT 201
 
-/** The installation: header and library do not belong together. */
+/** The installation: the program was compiled with the header of another version. */
 #define OC_STATUS_VERSION_MISMATCH 300
 
-/** The installation: the model was written by a newer library. */
+/** The installation: a newer version of the library wrote the model. */
 #define OC_STATUS_NEWER_FORMAT 301
 
-/** The budget: too small; `oc_last_error_need` says what would do. */
+/** The budget: the memory budget is too small. oc_last_error_need returns the least budget that suffices. */
 #define OC_STATUS_OVER_BUDGET 400
 
 /** The machine: reading or writing failed, or a thread could not be started. */
 #define OC_STATUS_IO 500
 
 /**
- * The machine: it gave no memory for something large (a picture, the tree of a build); `oc_last_error` says how many
- * bytes for what. Nothing changed, or it is as after any other error. (Where it gives none for something small, or for
- * triangles that are pushed or read without a budget, the process ends, as Rust programs do.)
+ * The machine: the system refused a large allocation (a picture, the tree of a build). oc_last_error names its purpose
+ * and size. Nothing changed, or the state is that after any other error.
+ *
+ * Exception: the process ends, as Rust programs do, if the system refuses a small allocation, or memory for triangles
+ * that are pushed or read without a budget.
  */
 #define OC_STATUS_OUT_OF_MEMORY 501
 
 /**
- * Us: a defect in the library. The object is poisoned. What it was is in oc_last_error, and for background work in
- * the log; the library has no hook on panics (that would be global state), so Rust's standard library also writes
- * it to standard error.
+ * The library: a defect. The object is poisoned: further calls return OC_STATUS_POISONED. oc_last_error describes the
+ * defect; for background work the log does too. Rust's standard library also writes the description to standard error,
+ * because outcrop installs no panic hook (a hook would be global state).
  */
 #define OC_STATUS_INTERNAL 600
 
-/** Us: the object met a defect before; it can only be released. */
+/** The library: a defect occurred in this object before. The only valid call is the release. */
 #define OC_STATUS_POISONED 601
 
-/** Nothing was asked for yet (frames only). */
+/** Frames only: nothing was requested yet. */
 #define OC_STATE_IDLE 0
 
-/** Going on, or waiting for a thread. */
+/** The work runs or waits for a thread. */
 #define OC_STATE_RUNNING 1
 
-/** Ended well: what was asked for is there, as exact as asked. */
+/** The work has ended with the complete result, as exact as requested. */
 #define OC_STATE_DONE 2
 
-/** Cancelled. Of what it would have written nothing is to be used. */
+/** The work was cancelled. Do not use its outputs. */
 #define OC_STATE_CANCELLED 3
 
-/** Failed. Of what it would have written nothing is to be used. */
+/** The work has failed. Do not use its outputs. */
 #define OC_STATE_FAILED 4
 
 /**
- * Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose
- * picture is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches.
+ * The work has ended with a part of the result: all that fits the memory budget or can be read. Only frames and
+ * prefetches end so. The picture of such a frame is coarser than requested; oc_frame_get_accuracy returns by how much.
  */
 #define OC_STATE_COMPLETE_WITHIN_BUDGET 5
 
-/** Nothing begun, or neither build nor load. */
+/** The work has not begun, or it is neither a build nor a load. */
 #define OC_PHASE_WAITING 0
 
-/** Reading input, or a model. */
+/** Reading the input, or the model. */
 #define OC_PHASE_READ 1
 
 /** Building trees. */
 #define OC_PHASE_BUILD 2
 
-/** Coding and writing blocks. */
+/** Encoding and writing blocks. */
 #define OC_PHASE_WRITE 3
 
-/** Making sure that the file is on the disk under its name. */
+/** Flushing the file to the disk and giving it its name. */
 #define OC_PHASE_SEAL 4
 
-/** Ended. */
+/** The work has ended. */
 #define OC_PHASE_DONE 5
 
-/** Something failed. */
+/** An operation failed. */
 #define OC_LOG_ERROR 1
 
-/** Something is not as it should be; work goes on. */
+/** Something is wrong, but the operation continues. */
 #define OC_LOG_WARNING 2
 
-/** What a user may want to know. */
+/** Information for users. */
 #define OC_LOG_INFO 3
 
-/** What a developer may want to know. */
+/** Information for developers. */
 #define OC_LOG_DEBUG 4
 
-/** The best that the machine has. */
+/** The best set that the machine has. */
 #define OC_INSTRUCTION_SET_BEST 0
 
-/** What every machine has. */
+/** The set that every machine of this architecture has. */
 #define OC_INSTRUCTION_SET_BASELINE 1
 
 /** AVX2. */
@@ -884,54 +986,54 @@ typedef struct oc_pixels {
 #define OC_INSTRUCTION_SET_AVX512 3
 
 /**
- * Nothing is read before it is asked for. Without it a model that fits the memory budget is read in the background,
- * all of it, when nothing more urgent is to be read.
+ * The library reads only the data that frames and queries need. Without this flag it also reads all of a model that
+ * fits the memory budget, in the background, while nothing more urgent waits to be read.
  */
 #define OC_CONTEXT_NO_READ_AHEAD 1
 
-/** The library's version, as OC_HEADER_VERSION is made. */
+/** Version of the library, in the format of OC_HEADER_VERSION. */
 #define OC_PROPERTY_VERSION 1
 
-/** Threads of the library's own. */
+/** Number of the library's own threads. */
 #define OC_PROPERTY_THREADS 2
 
-/** How many threads, own or the host's, may work at once. */
+/** Number of threads, the library's or the host's, that may work at once. */
 #define OC_PROPERTY_CONCURRENCY 3
 
-/** The memory budget in bytes. */
+/** Memory budget in bytes. */
 #define OC_PROPERTY_MEMORY_BUDGET 4
 
-/** The vector instructions in use: an OC_INSTRUCTION_SET_ number. */
+/** Vector instructions in use: one of the OC_INSTRUCTION_SET_ constants. */
 #define OC_PROPERTY_INSTRUCTION_SET 5
 
-/** The largest width and height of a frame. */
+/** Largest width and height of a frame, in pixels. */
 #define OC_PROPERTY_MAX_FRAME_SIZE 6
 
-/** The newest format of models that can be opened: major * 65536 + minor. */
+/** Newest format of model files that the library reads: major * 65536 + minor. */
 #define OC_PROPERTY_FORMAT 7
 
-/** Bytes in use of the memory budget now. */
+/** Bytes of the memory budget that are in use now. */
 #define OC_PROPERTY_MEMORY_USED 8
 
-/** Rays leave the eye. */
+/** All rays start at the eye. */
 #define OC_CAMERA_PERSPECTIVE 0
 
-/** Parallel rays from a plane through the eye; nothing behind the plane is seen. */
+/** Parallel rays start on a plane through the eye. Nothing behind the plane is visible. */
 #define OC_CAMERA_ORTHOGRAPHIC 1
 
-/** The library's choice, at present OC_STRUCTURE_BVH. */
+/** The library chooses. At present OC_STRUCTURE_BVH. */
 #define OC_STRUCTURE_DEFAULT 0
 
 /** A wide, quantised bounding volume hierarchy. */
 #define OC_STRUCTURE_BVH 1
 
-/** Where it pays. */
+/** Split if it speeds up the model. */
 #define OC_SPLITS_AUTO 0
 
-/** Never. */
+/** Never split. */
 #define OC_SPLITS_OFF 1
 
-/** Always. */
+/** Always split. */
 #define OC_SPLITS_ON 2
 
 /** float. */
@@ -940,7 +1042,7 @@ typedef struct oc_pixels {
 /** double. */
 #define OC_SCALAR_F64 1
 
-/** There are none: the corners come in threes. */
+/** No indices: each three successive corners are a triangle. */
 #define OC_INDEX_NONE 0
 
 /** uint32_t. */
@@ -949,7 +1051,7 @@ typedef struct oc_pixels {
 /** uint64_t. */
 #define OC_INDEX_U64 2
 
-/** Nobody said; views then take +Z. */
+/** Unknown. The views of oc_model_get_view then take +Z. */
 #define OC_UP_UNKNOWN 0
 
 /** +X. */
@@ -961,46 +1063,52 @@ typedef struct oc_pixels {
 /** +Z (most CAD). */
 #define OC_UP_Z 3
 
-/** Rays do not meet it. */
+/** Hidden: no ray hits it. */
 #define OC_LOOK_HIDDEN 1
 
-/** It is highlighted. */
+/** Highlighted. */
 #define OC_LOOK_SELECTED 2
 
-/** It has the colour of oc_look instead of its own. */
+/** Shown in the colour of oc_look instead of its own. */
 #define OC_LOOK_COLOURED 4
 
-/** At the eye, without falloff and shadows. */
+/** At the eye. No falloff, no shadows. */
 #define OC_LIGHT_HEAD 0
 
-/** A point; its light falls off with the square of the distance. */
+/** At a point. Its light falls off with the square of the distance. */
 #define OC_LIGHT_POINT 1
 
-/** From infinitely far away. */
+/** Infinitely far away. */
 #define OC_LIGHT_DIRECTIONAL 2
 
-/** Nothing between t_min and t_max, or the ray was let through what stands in there: see `t_free`. */
+/** No hit between t_min and t_max, or stand-ins in the interval transmitted the ray (see `t_free`). */
 #define OC_HIT_MISS 0
 
-/** An original triangle. */
+/** Hit on an original triangle. */
 #define OC_HIT_EXACT 1
 
 /**
- * A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray
- * would meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of
- * which most is seen; `uv` and `prim` are those of a miss. Of cells that hold wires, leaves and the like, as many rays
- * are let through as pass what they hold: see `t_free`.
+ * Hit on a stand-in as fine as the ray's cone requires: a cell that contains original surface.
+ * - `t`: where the ray enters the cell.
+ * - `normal`: mean normal of the surface visible there.
+ * - `part`: the part with the largest visible share.
+ * - `uv`, `prim`: as for a miss.
+ *
+ * A cell with wires, leaves or the like is a partly open stand-in: it transmits the same share of rays as its content
+ * does (see `t_free`).
  */
 #define OC_HIT_LOD 2
 
 /**
- * A stand-in, coarser than asked for: what is below it is not in memory (frames and OC_QUERY_NOW only). Otherwise as
- * OC_HIT_LOD. If the ray begins inside of the cell, `t` is where it leaves it, and `t_free` is t_min: nothing of it is
- * known to be free.
+ * Hit on a stand-in that is coarser than required, because the data below it is not in memory. Only frames and
+ * OC_QUERY_NOW return it. Members as for OC_HIT_LOD.
+ *
+ * Exception: if the ray starts inside of the cell, `t` is where it leaves the cell and `t_free` is t_min: the cell may
+ * contain surface anywhere.
  */
 #define OC_HIT_MISSING 3
 
-/** Only `t` and `kind`, which are always filled. */
+/** Only `t` and `kind`, which are always set. */
 #define OC_WANT_T 1
 
 /** `position`. */
@@ -1018,61 +1126,62 @@ typedef struct oc_pixels {
 /** `instance`. */
 #define OC_WANT_INSTANCE 32
 
-/** `prim`; may have to be read from the disk. */
+/** `prim`. May have to read the disk. */
 #define OC_WANT_PRIM 64
 
-/** `error` and `t_free`, and `t` in double precision. */
+/** `error` and `t_free`; `t` in double precision. */
 #define OC_WANT_ERROR 128
 
-/** Everything. */
+/** All members. */
 #define OC_WANT_ALL 255
 
 /**
- * Each 32 rays in a row are near each other and go the same way: they are traced together, faster. The answers are
- * the same. Rays of neighbouring pixels that enter few placed trees are recognised without it.
+ * Hint: each 32 successive rays start near each other and have similar directions. They are traced as one packet,
+ * which is faster. The answers do not change. Without the flag, the library recognises rays of neighbouring pixels if
+ * they enter few placed meshes.
  */
 #define OC_QUERY_COHERENT 1
 
 /**
- * Answer at once, from what is in memory: stand-ins are hit in place of what is not, as OC_HIT_MISSING. Nothing is
- * read, nor asked for (oc_scene_prefetch_box does that). Without it, what is needed is read, and answers do not depend
- * on what was in memory.
+ * Answer at once from the data in memory. Stand-ins replace missing data; their hits are OC_HIT_MISSING. The call
+ * neither reads nor requests data (oc_scene_prefetch_box does). Without the flag, the call reads all data that it
+ * needs, and the answers do not depend on the data in memory.
  */
 #define OC_QUERY_NOW 2
 
-/** Some of it is inside or touches. */
+/** Some of the part is inside the volume or touches it. */
 #define OC_OVERLAP_INTERSECTS 1
 
-/** All of it is inside. */
+/** All of the part is inside the volume. */
 #define OC_OVERLAP_INSIDE 2
 
-/** 4 bytes: sRGB red, green, blue, and linear alpha. */
+/** 4 bytes: red, green and blue in sRGB, and linear alpha. */
 #define OC_BUFFER_COLOUR_SRGB8 0
 
 /** 4 floats: linear RGB, not clamped, and alpha. */
 #define OC_BUFFER_COLOUR_LINEAR 1
 
-/** 1 float: distance from the eye along the view direction, world units; infinity for a miss. */
+/** 1 float: distance from the eye along the view direction, in world units. Miss: infinity. */
 #define OC_BUFFER_DEPTH 2
 
-/** 3 floats: unit geometric normal in world space, facing the eye; 0 for a miss. */
+/** 3 floats: unit geometric normal in world space, on the side of the eye. Miss: 0. */
 #define OC_BUFFER_NORMAL 3
 
-/** 1 uint64_t: the part's id; OC_NO_ID for a miss. */
+/** 1 uint64_t: id of the part. Miss: OC_NO_ID. */
 #define OC_BUFFER_PART 4
 
-/** 1 uint64_t: the triangle's index in the input of the build; OC_NO_ID for a miss. */
+/** 1 uint64_t: index of the triangle in the input of the build. Miss: OC_NO_ID. */
 #define OC_BUFFER_PRIM 5
 
-/** 1 uint64_t: the instance's id; OC_NO_ID for a miss. */
+/** 1 uint64_t: id of the instance. Miss: OC_NO_ID. */
 #define OC_BUFFER_INSTANCE 6
 
-/** 1 byte: an OC_HIT_ number. */
+/** 1 byte: one of the OC_HIT_ constants. */
 #define OC_BUFFER_KIND 7
 
 /**
- * 1 float: some original surface lies within this distance of what is shown; world units. Infinity where a triangle,
- * or nothing, is seen through stand-ins that let the ray pass: there something nearer may be.
+ * 1 float: an original surface lies within this distance of the surface shown, in world units. Infinity if stand-ins
+ * have transmitted the ray to a triangle or to the background: an original surface may lie anywhere before it.
  */
 #define OC_BUFFER_ERROR 8
 
@@ -1099,39 +1208,46 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * The version of the library, to be compared with `OC_HEADER_VERSION`.
+ * Returns the version of the library, in the format of OC_HEADER_VERSION.
  *
  * Thread safety: any thread. Cheap.
  */
 OC_API uint32_t oc_version(void);
 
 /**
- * The name of a status, for instance "OC_STATUS_IO"; "unknown status" for other numbers.
+ * Returns the name of a status, e.g. "OC_STATUS_IO", or "unknown status" for an unknown number.
  *
- * Returns a constant. Thread safety: any thread. Cheap.
+ * The string is a constant. Never NULL.
+ * Thread safety: any thread. Cheap.
  */
 OC_API const char *oc_status_name(oc_status status);
 
 /**
- * Why the last call of this thread that did not return `OC_STATUS_OK` failed; or, after a poll or
- * wait that reported `OC_STATE_FAILED`, why the work failed. Never NULL; empty before any failure.
+ * Returns the reason of the calling thread's last failure, in words. A failure is:
+ * - a call in this thread that did not return OC_STATUS_OK, or
+ * - a poll or wait in this thread that reported work as failed or cancelled, or as OC_STATE_COMPLETE_WITHIN_BUDGET
+ *   with an error. The text is then the reason of that work.
  *
- * Returns a string of the library's, valid until the next failure in this thread.
+ * Never NULL. Empty before the first failure.
+ * Ownership: the library owns the string. It is valid until the next failure in this thread.
  * Thread safety: each thread has its own. Cheap.
  */
-OC_API const char *oc_last_error(void);
+OC_API
+const char *oc_last_error(void);
 
 /**
- * The least budget in bytes that would have done, if the failure that `oc_last_error` tells of was
- * `OC_STATUS_OVER_BUDGET`; else 0.
+ * Returns the least budget in bytes that suffices, if the failure that oc_last_error describes is
+ * OC_STATUS_OVER_BUDGET. Otherwise returns 0.
  *
  * Thread safety: each thread has its own. Cheap.
  */
 OC_API uint64_t oc_last_error_need(void);
 
 /**
- * Zeroes `size` bytes at `object`, any struct of this header that begins with `struct_size`, and sets
- * that member: what the macro OC_INIT calls. NULL, or a size below 4, does nothing.
+ * Zeroes a struct that begins with `struct_size`, and sets that member to `size`. The macro OC_INIT calls it.
+ *
+ * - `object`: a struct of this header. NULL: the call does nothing.
+ * - `size`: its size in bytes. Below 4: the call does nothing.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1140,19 +1256,25 @@ void oc_init(void *object,
              size_t size);
 
 /**
- * How far the job is. After OC_STATE_FAILED oc_last_error of this thread tells why.
+ * Returns the progress of a job.
  *
+ * - `out_progress`: receives the progress. Initialise it with OC_INIT.
+ *
+ * If the job has failed or was cancelled, oc_last_error of this thread returns the reason.
  * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_job_poll(const struct oc_job *job, struct oc_progress *out_progress);
 
 /**
- * Waits until the job has ended and its wake function, if another thread is calling it, has returned; `timeout_ms` at
- * most (OC_FOREVER: no limit). Says how far the job is. A timeout is no failure: the state is then OC_STATE_RUNNING.
- * So once this call says that the job has ended, `user` of the wake function may be freed. `out_progress` may be NULL.
+ * Waits until a job has ended, and until its wake function has returned if another thread is calling it. Then the
+ * `user` of the wake function may be freed.
  *
- * Thread safety: any thread. Blocks. In a context without threads and without an executor this call does
- * the work; a build or load is then done to its end, whatever the timeout.
+ * - `timeout_ms`: longest time to wait, in milliseconds. OC_FOREVER: no limit. A timeout is not a failure: the state
+ *   is then OC_STATE_RUNNING.
+ * - `out_progress`: receives the progress as oc_job_poll does. May be NULL.
+ *
+ * Thread safety: any thread. Blocks. In a context without threads and without an executor this call does the work. It
+ * then completes a build or load even if the timeout is shorter.
  */
 OC_API
 oc_status oc_job_wait(const struct oc_job *job,
@@ -1160,18 +1282,22 @@ oc_status oc_job_wait(const struct oc_job *job,
                       struct oc_progress *out_progress);
 
 /**
- * Asks the job to end; it does so within about 100 ms. A job that has ended stays as it is.
+ * Asks a job to end. It ends within about 100 ms. A job that has ended does not change.
  *
  * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_job_cancel(const struct oc_job *job);
 
 /**
- * Has `wake` called once, when the job ends; if it has ended already, now, from this call. Replaces an
- * earlier one; NULL: no call.
+ * Registers a function that is called once, when the job ends. If the job has ended already, this call itself calls
+ * the function. An earlier function is replaced.
  *
- * `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job;
- * then what the job was for is done, and its arrays are the caller's again. Thread safety: any thread. Cheap.
+ * - `wake`: the function. NULL: none.
+ * - `user`: passed to `wake`. It must stay valid until `wake` has returned, or until `wake` is replaced before it was
+ *   called.
+ *
+ * `wake` may release the job. The job has ended then, and its arrays belong to the caller again.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_job_set_wake(const struct oc_job *job,
@@ -1179,31 +1305,46 @@ oc_status oc_job_set_wake(const struct oc_job *job,
                           void *user);
 
 /**
- * The model that a job of oc_model_load has opened. OC_STATUS_INVALID_STATE before it is done, or
- * if it failed; of a job of another kind, that or OC_STATUS_INVALID_ARGUMENT.
+ * Returns the model that a job of oc_model_load has opened.
  *
- * Ownership: the caller owns a count of the model. Thread safety: any thread. Cheap.
+ * - `out_model`: receives the model.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_STATE: the load is not done, or failed.
+ * - OC_STATUS_INVALID_STATE or OC_STATUS_INVALID_ARGUMENT: the job is of another kind.
+ *
+ * Ownership: the caller receives one reference to the model.
+ * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_job_model(const struct oc_job *job, struct oc_model **out_model);
 
-/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
 OC_API void oc_job_retain(struct oc_job *job);
 
 /**
- * Takes a count back; with the last one the job is cancelled. NULL does nothing.
+ * Releases one reference. The last release cancels the job. NULL: does nothing.
  *
- * Thread safety: any thread, also from the job's own wake function. For a batch of rays it blocks until no thread uses
- * the arrays and the wake function, if another thread is calling it, has returned; for other jobs it is cheap.
+ * Thread safety: any thread, including the job's own wake function.
+ * Batches of rays: blocks until no thread uses the arrays, and until the wake function has returned if another thread
+ * is calling it. Other jobs: cheap.
  */
 OC_API
 void oc_job_release(struct oc_job *job);
 
 /**
- * Makes a context. `header_version` is OC_HEADER_VERSION, so that a program and a library that do not
- * belong together say so instead of crashing. `desc` may be NULL: all defaults.
+ * Creates a context.
  *
- * OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set, or
- * has less memory than the budget; OC_STATUS_IO if a thread cannot be started. Ownership: the caller owns a count.
+ * - `header_version`: OC_HEADER_VERSION. A program and a library of different versions then report an error instead of
+ *   crashing.
+ * - `desc`: options. NULL: all defaults.
+ * - `out_context`: receives the context.
+ *
+ * Errors:
+ * - OC_STATUS_VERSION_MISMATCH: header and library have different versions.
+ * - OC_STATUS_INVALID_ARGUMENT: the machine lacks the instruction set, or has less memory than the budget.
+ * - OC_STATUS_IO: a thread cannot be started.
+ *
+ * Ownership: the caller receives one reference.
  * Thread safety: any thread. Cheap.
  */
 OC_API
@@ -1212,9 +1353,11 @@ oc_status oc_context_create(uint32_t header_version,
                             struct oc_context **out_context);
 
 /**
- * Does one small piece of waiting work in this thread, if there is any: some tens of microseconds to a few
- * milliseconds of a frame or a batch of rays, or a whole build or load of a context without threads. `out_did`, which
- * may be NULL, gets 1 if there was any, else 0.
+ * Does one small piece of waiting work in the calling thread, if there is any. A piece of a frame, a prefetch or a
+ * batch of rays takes some tens of microseconds to a few milliseconds. In a context without threads a build or a load
+ * is one piece.
+ *
+ * - `out_did`: receives 1 if there was work, else 0. May be NULL.
  *
  * Thread safety: any thread. Blocks while it works.
  */
@@ -1223,7 +1366,12 @@ oc_status oc_context_step(const struct oc_context *context,
                           uint32_t *out_did);
 
 /**
- * Asks for a property. OC_STATUS_INVALID_ARGUMENT for one that this library does not know.
+ * Returns a property.
+ *
+ * - `property`: one of the OC_PROPERTY_ constants.
+ * - `out_value`: receives the value.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if this library does not know the property.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1232,23 +1380,31 @@ oc_status oc_context_property(const struct oc_context *context,
                               oc_property property,
                               uint64_t *out_value);
 
-/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
 OC_API void oc_context_retain(struct oc_context *context);
 
 /**
- * Takes a count back. Objects made from the context keep what they need of it; its threads end with the
- * last of them. NULL does nothing.
+ * Releases one reference. Objects created from the context keep the parts of it that they need; its threads end with
+ * the last of these objects. NULL: does nothing.
  *
- * Thread safety: any thread. Blocks until threads have ended, if nothing else keeps the context any more: a frame or
- * job that was released while it ran keeps it for a moment longer.
+ * Thread safety: any thread. Blocks until the threads have ended, if nothing else uses the context. A frame or job
+ * that was released while it ran uses it for a moment longer.
  */
 OC_API
 void oc_context_release(struct oc_context *context);
 
 /**
- * Makes an empty build. `desc` may be NULL: all defaults.
+ * Creates an empty build.
  *
- * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
+ * - `desc`: options. NULL: all defaults.
+ * - `out_build`: receives the build.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: an option is out of range.
+ * - OC_STATUS_OVER_BUDGET: the memory budget of the build is below 32 MiB.
+ *
+ * Ownership: the caller receives one reference.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_build_create(const struct oc_context *context,
@@ -1256,41 +1412,60 @@ oc_status oc_build_create(const struct oc_context *context,
                           struct oc_build **out_build);
 
 /**
- * Adds a mesh file: PLY, OBJ, STL, glTF, GLB or raw triangles. It is read when the build runs, so that errors
- * in it are the job's.
+ * Adds a mesh file: PLY, OBJ, STL, glTF, GLB or raw triangles. The build job reads it and reports its errors, not this
+ * call.
  *
- * Thread safety: any thread, but the order of additions is that of the model. Cheap.
+ * - `path`: path of the file. The string is copied.
+ *
+ * Errors: OC_STATUS_INVALID_STATE after oc_build_start.
+ *
+ * Thread safety: any thread. The order of the calls is the order in the model. Cheap.
  */
 OC_API
 oc_status oc_build_add_file(struct oc_build *build,
                             const char *path);
 
 /**
- * Begins to make the file at `path`, in the background: in a thread that is started for it, one task of the executor,
- * or, where the context has neither threads nor an executor, inside oc_job_wait or oc_context_step. Nothing can be
- * added any more, also if OC_STATUS_IO says that the thread could not be started.
+ * Begins to build the model and to write it to `path`, in the background.
  *
- * The file appears under its name when the job is done; until then what was there stays. If the job fails or is
- * cancelled no temporary is left.
- * Ownership: the caller owns a count of the job; the build may be released. Thread safety: any thread. Cheap.
+ * - `path`: path of the model file. The file appears under this name when the job is done; until then an existing file
+ *   stays. A job that fails or is cancelled leaves no temporary file.
+ * - `out_job`: receives the job. oc_job_build_report returns its statistics.
+ *
+ * After this call nothing can be added to the build, even if the call fails with OC_STATUS_IO.
+ *
+ * The job runs on a thread that is started for it. With an executor it runs as one task of the executor. In a context
+ * with neither threads nor an executor it runs inside oc_job_wait or oc_context_step.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_STATE: the build was started before.
+ * - OC_STATUS_IO: the thread cannot be started.
+ *
+ * Ownership: the caller receives one reference to the job. The build may be released.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_build_start(struct oc_build *build,
                          const char *path,
                          struct oc_job **out_job);
 
-/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
 OC_API void oc_build_retain(struct oc_build *build);
 
 /**
- * Takes a count back; a job that was started goes on. NULL does nothing.
+ * Releases one reference. A job that was started continues. NULL: does nothing.
  *
  * Thread safety: any thread. Cheap.
  */
 OC_API void oc_build_release(struct oc_build *build);
 
 /**
- * Adds a material; `out_material` gets its number, from 1 (0 is the default material).
+ * Adds a material.
+ *
+ * - `material`: copied.
+ * - `out_material`: receives the number of the material: 1, 2, 3, ... (0 is the default material).
+ *
+ * Errors: OC_STATUS_INVALID_STATE after oc_build_start.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1302,13 +1477,23 @@ oc_status oc_build_add_material(struct oc_build *build,
 /**
  * Adds a part.
  *
+ * - `part`: copied.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: the id is taken; the parent or the material was not added.
+ * - OC_STATUS_INVALID_STATE: after oc_build_start.
+ *
  * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_build_add_part(struct oc_build *build, const struct oc_part *part);
 
 /**
- * Begins a mesh that instances repeat; its triangles are stored once. It has `parts` parts, numbered from 0.
- * `out_mesh` gets its number, from 1.
+ * Begins a shared mesh. Its triangles are stored once, and instances place it any number of times.
+ *
+ * - `parts`: number of parts of the mesh, 1 to 2^32 - 2. They are numbered from 0.
+ * - `out_mesh`: receives the number of the mesh: 1, 2, 3, ...
+ *
+ * Errors: OC_STATUS_INVALID_STATE after oc_build_start.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1318,8 +1503,17 @@ oc_status oc_build_add_shared_mesh(struct oc_build *build,
                                    uint32_t *out_mesh);
 
 /**
- * Places a shared mesh. Its part 0 is here the part `first_part`, its part 1 the one added next after that, and
- * so on. `world_from_mesh`: 12 doubles, invertible; NULL leaves it where it is.
+ * Places a shared mesh.
+ *
+ * - `mesh`: number of the mesh.
+ * - `first_part`: id of the part that part 0 of the mesh becomes here. Part 1 becomes the part that was added next
+ *   after it, and so on.
+ * - `world_from_mesh`: transform of 12 doubles, invertible. NULL: the identity.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: there is no such mesh or part; fewer parts than the mesh has were added from
+ *   `first_part` on; the transform is not finite or not invertible.
+ * - OC_STATUS_INVALID_STATE: after oc_build_start.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1330,46 +1524,71 @@ oc_status oc_build_add_instance(struct oc_build *build,
                                 const double *world_from_mesh);
 
 /**
- * Adds triangles of one part from the caller's memory. NaN, infinite and flat ones may be among them: they
- * are counted and left out.
+ * Adds triangles of one part from the caller's memory. Triangles with NaN or infinite coordinates, and triangles
+ * without area, are allowed: the build drops and counts them.
  *
- * OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_IO if the temporary that takes
- * what is beyond the build's budget cannot be written: the build can then only be released. Thread safety: any thread.
- * Blocks while it copies.
+ * - `triangles`: the arrays are copied.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: an index is out of range, the part or mesh was not added, or a count or stride is
+ *   wrong. Nothing was added. A model holds fewer than 2^32 - 1 triangles.
+ * - OC_STATUS_INVALID_STATE: after oc_build_start.
+ * - OC_STATUS_IO: the temporary file for data above the build's budget cannot be written. The build can then only be
+ *   released.
+ *
+ * Thread safety: any thread. Blocks while it copies.
  */
 OC_API
 oc_status oc_build_add_triangles(struct oc_build *build,
                                  const struct oc_triangles *triangles);
 
 /**
- * What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed; of a job of
- * another kind, that or OC_STATUS_INVALID_ARGUMENT.
+ * Returns the statistics of a finished build.
+ *
+ * - `job`: a job of oc_build_start.
+ * - `out_report`: receives the statistics. Initialise it with OC_INIT.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_STATE: the build is not done, or failed.
+ * - OC_STATUS_INVALID_STATE or OC_STATUS_INVALID_ARGUMENT: the job is of another kind.
  *
  * Thread safety: any thread. Cheap.
  */
-OC_API
-oc_status oc_job_build_report(const struct oc_job *job,
-                              struct oc_build_report *out_report);
+OC_API oc_status oc_job_build_report(const struct oc_job *job, struct oc_build_report *out_report);
 
 /**
- * Something that the user should know about an input, though it could be read; `index` below the report's `notes`.
+ * Returns a note of a finished build: a warning about an input that could be read nevertheless.
  *
- * `out_text` gets a string of the job's, valid as long as the job. Thread safety: any thread. Cheap.
+ * - `job`: a job of oc_build_start.
+ * - `index`: number of the note, below `notes` of oc_build_report.
+ * - `out_text`: receives the text.
+ *
+ * Errors: as for oc_job_build_report. OC_STATUS_INVALID_ARGUMENT also if `index` is out of range.
+ *
+ * Ownership: the job owns the string. It is valid as long as the job.
+ * Thread safety: any thread. Cheap.
  */
-OC_API
-oc_status oc_job_build_note(const struct oc_job *job,
-                            uint32_t index,
-                            const char **out_text);
+OC_API oc_status oc_job_build_note(const struct oc_job *job, uint32_t index, const char **out_text);
 
 /**
- * Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is
- * used, or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET
- * means that not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. No
- * more than 48 MB, or a quarter of the budget, is read here. One of those blocks that is damaged, or cannot be read,
- * fails it; of others that are, stand-ins are shown.
+ * Opens a model file.
  *
- * Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
- * does not.
+ * This call reads the tables, the root blocks and the coarse blocks, and all blocks of a small model: 48 MiB or a
+ * quarter of the memory budget at most, whichever is less. Root blocks are read in any case. Other blocks are read
+ * when they are used, or in the background if they fit. The model may be larger than the memory budget of the context.
+ *
+ * - `path`: path of the model file.
+ * - `out_model`: receives the model.
+ *
+ * Errors:
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: the file, or a block that this call reads, is unreadable or damaged. For other
+ *   blocks that are, frames show stand-ins.
+ * - OC_STATUS_NEWER_FORMAT: a newer version of the library wrote the model.
+ * - OC_STATUS_OVER_BUDGET: the data that must stay in memory does not fit the budget. oc_last_error_need returns the
+ *   least budget that suffices.
+ *
+ * Ownership: the caller receives one reference.
+ * Thread safety: any thread. Blocks: reads the disk. oc_model_load does the same in the background.
  */
 OC_API
 oc_status oc_model_open(const struct oc_context *context,
@@ -1377,10 +1596,12 @@ oc_status oc_model_open(const struct oc_context *context,
                         struct oc_model **out_model);
 
 /**
- * Opens a model that the caller's own functions read.
+ * Opens a model that the caller's own functions read. Otherwise as oc_model_open.
  *
- * Ownership: the caller owns a count; the table is copied. Thread safety: any thread. Blocks: calls
- * `read_at`.
+ * - `io`: the functions. The table is copied.
+ *
+ * Ownership: the caller receives one reference.
+ * Thread safety: any thread. Blocks: calls `read_at`.
  */
 OC_API
 oc_status oc_model_open_io(const struct oc_context *context,
@@ -1388,11 +1609,16 @@ oc_status oc_model_open_io(const struct oc_context *context,
                            struct oc_model **out_model);
 
 /**
- * Begins to open the model at `path` (or, if `io` is not NULL, the one that its functions read; `path`
- * is then ignored). When the job is done, oc_job_model gives the model. The job's progress counts the bytes of
- * blocks read.
+ * Begins to open a model in the background. When the job is done, oc_job_model returns the model.
  *
- * Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+ * - `path`: path of the model file. Ignored if `io` is not NULL.
+ * - `io`: the caller's own functions that read the model, or NULL. The table is copied.
+ * - `out_job`: receives the job. Its progress counts the bytes of blocks read. Its errors are those of oc_model_open.
+ *
+ * Errors: OC_STATUS_IO if a thread cannot be started.
+ *
+ * Ownership: the caller receives one reference to the job.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_model_load(const struct oc_context *context,
@@ -1401,14 +1627,21 @@ oc_status oc_model_load(const struct oc_context *context,
                         struct oc_job **out_job);
 
 /**
- * What the model is.
+ * Returns the properties of a model.
+ *
+ * - `out_info`: receives the properties. Initialise it with OC_INIT.
  *
  * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_model_get_info(const struct oc_model *model, struct oc_model_info *out_info);
 
 /**
- * The part with this index, below `oc_model_info.parts`.
+ * Returns the properties of a part.
+ *
+ * - `index`: index of the part, below `parts` of oc_model_info.
+ * - `out_part`: receives the properties. Initialise it with OC_INIT.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if `index` is out of range.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1418,14 +1651,24 @@ oc_status oc_model_get_part(const struct oc_model *model,
                             struct oc_part_info *out_part);
 
 /**
- * The index of the first part with this id. OC_STATUS_INVALID_ARGUMENT if there is none.
+ * Finds a part by its id. If several parts have the id, returns the first.
+ *
+ * - `id`: id of the part, as passed when the model was built.
+ * - `out_index`: receives the index of the part.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if no part has the id.
  *
  * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_model_find_part(const struct oc_model *model, uint64_t id, uint32_t *out_index);
 
 /**
- * A view that fits the model: 0 and 1 show the whole, 2 and 3 the same from a quarter of the distance.
+ * Returns a perspective camera that fits the model.
+ *
+ * - `view`: 0 and 1 show the whole model from two sides. 2 and 3 are the same views from a quarter of the distance.
+ * - `out_camera`: receives the camera. Initialise it with OC_INIT.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if `view` is above 3.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1434,11 +1677,12 @@ oc_status oc_model_get_view(const struct oc_model *model,
                             uint32_t view,
                             struct oc_camera *out_camera);
 
-/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
 OC_API void oc_model_retain(struct oc_model *model);
 
 /**
- * Takes a count back; the handle is gone with the last; scenes that show the model keep its data. NULL does nothing.
+ * Releases one reference. The last release invalidates the handle; scenes that show the model keep its data. NULL:
+ * does nothing.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1446,17 +1690,26 @@ OC_API
 void oc_model_release(struct oc_model *model);
 
 /**
- * Makes an empty scene with a headlight.
+ * Creates an empty scene with a headlight.
  *
- * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
+ * - `out_scene`: receives the scene.
+ *
+ * Ownership: the caller receives one reference.
+ * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_scene_create(const struct oc_context *context, struct oc_scene **out_scene);
 
 /**
- * Adds a model as an instance with the caller's own `id`, which must be new in the scene, and not OC_NO_ID.
- * `world_from_model`: 12 doubles, invertible; NULL leaves the model where it is.
+ * Adds a model to the scene as an instance. Takes effect at oc_scene_commit.
  *
- * Ownership: the scene keeps the model alive. Thread safety: any thread. Cheap.
+ * - `model`: a model of the same context.
+ * - `id`: the caller's own id. Must be unique in the scene and not OC_NO_ID.
+ * - `world_from_model`: transform of 12 doubles, finite and invertible. NULL: the identity.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+ *
+ * Ownership: the scene keeps the model alive.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_scene_add_instance(struct oc_scene *scene,
@@ -1465,14 +1718,21 @@ oc_status oc_scene_add_instance(struct oc_scene *scene,
                                 const double *world_from_model);
 
 /**
- * Removes an instance.
+ * Removes an instance. Takes effect at oc_scene_commit.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`.
  *
  * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_scene_remove_instance(struct oc_scene *scene, uint64_t id);
 
 /**
- * Moves an instance; the matrix as for oc_scene_add_instance.
+ * Replaces the transform of an instance. Takes effect at oc_scene_commit.
+ *
+ * - `id`: id of the instance.
+ * - `world_from_model`: as for oc_scene_add_instance.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`, or the transform is not invertible.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1482,7 +1742,13 @@ oc_status oc_scene_set_transform(struct oc_scene *scene,
                                  const double *world_from_model);
 
 /**
- * Sets which rays of batches see an instance: those with a common bit in their mask. At first all do.
+ * Sets the mask of an instance. Takes effect at oc_scene_commit.
+ *
+ * - `id`: id of the instance.
+ * - `mask`: a ray of a batch can hit the instance only if its mask has a common bit with this one. Initially all bits
+ *   are set.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1492,8 +1758,15 @@ oc_status oc_scene_set_instance_mask(struct oc_scene *scene,
                                      uint32_t mask);
 
 /**
- * Sets how an instance is shown. What its parts say for themselves comes first; hidden in either is
- * hidden. `look` may be NULL: as it is.
+ * Sets the look of an instance. Takes effect at oc_scene_commit.
+ *
+ * - `id`: id of the instance.
+ * - `look`: the new look. NULL: unchanged appearance.
+ *
+ * A part is hidden or highlighted if its own look or that of its instance says so. The colour of its own look
+ * overrides that of its instance.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`, or a flag or colour is not as documented.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1503,8 +1776,13 @@ oc_status oc_scene_set_instance_look(struct oc_scene *scene,
                                      const struct oc_look *look);
 
 /**
- * Sets how the part with id `part` of an instance is shown, without the parts below it. `look` may be
- * NULL: as it is.
+ * Sets the look of a part of an instance. Its child parts do not change. Takes effect at oc_scene_commit.
+ *
+ * - `instance`: id of the instance.
+ * - `part`: id of the part. If several parts of the model have this id, the first is meant.
+ * - `look`: the new look. NULL: unchanged appearance.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance or part, or a flag or colour is not as documented.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1515,16 +1793,26 @@ oc_status oc_scene_set_part_look(struct oc_scene *scene,
                                  const struct oc_look *look);
 
 /**
- * Shows all parts of an instance as they are.
+ * Removes the looks of all parts of an instance. Takes effect at oc_scene_commit.
+ *
+ * - `instance`: id of the instance.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance.
  *
  * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_scene_clear_part_looks(struct oc_scene *scene, uint64_t instance);
 
 /**
- * Replaces all lights; none at all leaves the ambient light of the frame.
+ * Replaces all lights. Takes effect at oc_scene_commit. Without lights only the ambient light of the frame remains.
  *
- * `lights`: `count` of them, up to 65536, `stride` bytes apart (0: tightly packed). Thread safety: any thread. Cheap.
+ * - `lights`: array of lights. Ignored if `count` is 0.
+ * - `count`: number of lights, at most 65536.
+ * - `stride`: bytes from one light to the next. 0: tightly packed.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if a light is not as documented. No light is replaced.
+ *
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_scene_set_lights(struct oc_scene *scene,
@@ -1533,7 +1821,11 @@ oc_status oc_scene_set_lights(struct oc_scene *scene,
                               uint64_t stride);
 
 /**
- * Replaces the background; NULL brings back the grey one that a scene begins with.
+ * Replaces the background. Takes effect at oc_scene_commit.
+ *
+ * - `background`: the new background. NULL: the initial grey one.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if a number is not as documented.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1542,28 +1834,36 @@ oc_status oc_scene_set_background(struct oc_scene *scene,
                                   const struct oc_background *background);
 
 /**
- * Makes all edits since the last commit visible at once to frames and batches that begin from now on.
+ * Makes all edits since the last commit take effect at once, for frames, batches and other queries that begin later.
  *
- * Takes time by the number of instances. Thread safety: any thread. Cheap.
+ * Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes. Then nothing changes.
+ *
+ * Thread safety: any thread. Cheap. Takes time in proportion to the number of instances.
  */
 OC_API
 oc_status oc_scene_commit(struct oc_scene *scene);
 
-/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
 OC_API void oc_scene_retain(struct oc_scene *scene);
 
 /**
- * Takes a count back; frames and batches in flight keep what they need. NULL does nothing.
+ * Releases one reference. Frames and batches in flight keep the data that they need. NULL: does nothing.
  *
  * Thread safety: any thread. Cheap.
  */
-OC_API void oc_scene_release(struct oc_scene *scene);
+OC_API
+void oc_scene_release(struct oc_scene *scene);
 
 /**
  * Finds the closest hit of each ray in the committed scene.
  *
- * `out_hits`: as many as rays, `hit_stride` bytes apart (0: tightly packed). On failure they are not to be
- * used. Thread safety: any thread; frames and other batches may be in flight. Blocks; may read the disk.
+ * - `query`: the rays and options. Initialise it with OC_INIT.
+ * - `out_hits`: receives one hit for each ray. Do not use it if the call fails.
+ * - `hit_stride`: bytes from one hit to the next. 0: tightly packed.
+ *
+ * Errors: OC_STATUS_IO, OC_STATUS_CORRUPT if a block of the model cannot be read.
+ *
+ * Thread safety: any thread. Frames and other batches may be in flight. Blocks; may read the disk.
  */
 OC_API
 oc_status oc_scene_closest(const struct oc_scene *scene,
@@ -1572,12 +1872,18 @@ oc_status oc_scene_closest(const struct oc_scene *scene,
                            uint64_t hit_stride);
 
 /**
- * Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` changes nothing (but is checked).
- * With OC_QUERY_NOW, 1 also stands for rays of which that is not known. With a footprint, 0 may also be a ray that
- * stand-ins let through.
+ * Tests whether each ray hits anything in the committed scene. Faster than oc_scene_closest.
  *
- * `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not
- * to be used. Thread safety: any thread. Blocks; may read the disk.
+ * - `query`: the rays and options. `want` has no effect, but must be valid.
+ * - `out_any`: receives one byte for each ray: 1 for a hit, 0 for none. Do not use it if the call fails.
+ * - `any_stride`: bytes from one answer to the next. 0: tightly packed.
+ *
+ * With OC_QUERY_NOW, 1 also means that the missing data may contain a hit. With a footprint, 0 also means that
+ * stand-ins transmitted the ray.
+ *
+ * Errors: as for oc_scene_closest.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
  */
 OC_API
 oc_status oc_scene_any(const struct oc_scene *scene,
@@ -1586,10 +1892,14 @@ oc_status oc_scene_any(const struct oc_scene *scene,
                        uint64_t any_stride);
 
 /**
- * Begins oc_scene_closest and returns at once. The arrays must stay as they are until the job has
- * ended; `query` itself need not.
+ * Begins oc_scene_closest in the background.
  *
- * Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+ * - `query`, `out_hits`, `hit_stride`: as for oc_scene_closest. The arrays of rays and hits must stay valid and
+ *   unchanged until the job has ended. The struct `query` is copied.
+ * - `out_job`: receives the job. Use the hits only after OC_STATE_DONE.
+ *
+ * Ownership: the caller receives one reference to the job.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_scene_closest_start(const struct oc_scene *scene,
@@ -1599,10 +1909,14 @@ oc_status oc_scene_closest_start(const struct oc_scene *scene,
                                  struct oc_job **out_job);
 
 /**
- * Begins oc_scene_any and returns at once. The arrays must stay as they are until the job has
- * ended; `query` itself need not.
+ * Begins oc_scene_any in the background.
  *
- * Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+ * - `query`, `out_any`, `any_stride`: as for oc_scene_any. The arrays of rays and answers must stay valid and
+ *   unchanged until the job has ended. The struct `query` is copied.
+ * - `out_job`: receives the job. Use the answers only after OC_STATE_DONE.
+ *
+ * Ownership: the caller receives one reference to the job.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_scene_any_start(const struct oc_scene *scene,
@@ -1612,12 +1926,22 @@ oc_status oc_scene_any_start(const struct oc_scene *scene,
                              struct oc_job **out_job);
 
 /**
- * Finds the visible parts that meet a box, exactly: by triangle. `box_min` and `box_max`: 3 doubles each,
- * world space; the box is closed. An empty one meets nothing; NaN is refused.
+ * Finds the visible parts that intersect a box. The test is exact: it tests triangles, not bounds.
  *
- * `out_count` gets how many there are. With `capacity` 0 that is all (`out_parts` is ignored); else they
- * are written if they fit, and OC_STATUS_BUFFER_TOO_SMALL says that they do not. By instance in the order
- * added, then by part in the model's order. Thread safety: any thread. Blocks; may read the disk.
+ * - `scene`: the committed state is searched.
+ * - `box_min`, `box_max`: 3 doubles each, world space. The box is closed (its surface belongs to it). An empty box
+ *   intersects nothing.
+ * - `out_parts`: receives the parts, ordered by instance (in the order added), then by part (in the model's order).
+ * - `capacity`: number of elements that `out_parts` has room for. 0: only the count is written, `out_parts` is
+ *   ignored.
+ * - `out_count`: receives the number of parts found, also with OC_STATUS_BUFFER_TOO_SMALL.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: a coordinate is NaN.
+ * - OC_STATUS_BUFFER_TOO_SMALL: `capacity` is not 0 and below the number of parts.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: a block of the model cannot be read.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
  */
 OC_API
 oc_status oc_scene_overlap_box(const struct oc_scene *scene,
@@ -1628,10 +1952,16 @@ oc_status oc_scene_overlap_box(const struct oc_scene *scene,
                                uint64_t *out_count);
 
 /**
- * Finds the visible parts that meet the intersection of half spaces (a frustum has 6; 1 to 4096), exactly: by
- * triangle.
+ * Finds the visible parts that intersect the common part of half spaces, e.g. a frustum. The test is exact: it tests
+ * triangles, not bounds.
  *
- * The list comes out as that of oc_scene_overlap_box. Thread safety: any thread. Blocks; may read the disk.
+ * - `planes`: `plane_count` half spaces, tightly packed, world space.
+ * - `plane_count`: 1 to 4096. A frustum has 6.
+ * - `scene`, `out_parts`, `capacity`, `out_count`: as for oc_scene_overlap_box.
+ *
+ * Errors: as for oc_scene_overlap_box. OC_STATUS_INVALID_ARGUMENT also if a plane is not finite or its normal is zero.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
  */
 OC_API
 oc_status oc_scene_overlap_frustum(const struct oc_scene *scene,
@@ -1642,11 +1972,18 @@ oc_status oc_scene_overlap_frustum(const struct oc_scene *scene,
                                    uint64_t *out_count);
 
 /**
- * Makes a frame. `desc` may be NULL: all defaults. OC_STATUS_OUT_OF_MEMORY if the system gives none for its buffers.
- * (Most systems promise more memory than they have, and find out when it is written: a picture larger than the
- * machine's memory may end the process later.)
+ * Creates a frame.
  *
- * Ownership: the caller owns a count. Thread safety: any thread. Cheap.
+ * - `desc`: options. NULL: all defaults.
+ * - `out_frame`: receives the frame.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: a size, a buffer or a target is out of range.
+ * - OC_STATUS_OUT_OF_MEMORY: the system refuses memory for the buffers. Most systems grant more memory than they have:
+ *   a picture larger than the machine's memory may end the process later, when it is written.
+ *
+ * Ownership: the caller receives one reference.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_frame_create(const struct oc_context *context,
@@ -1654,19 +1991,30 @@ oc_status oc_frame_create(const struct oc_context *context,
                           struct oc_frame **out_frame);
 
 /**
- * Begins a picture of the committed scene, and returns at once. What the frame was rendering is
- * cancelled and replaced. `settings` may be NULL: all defaults.
+ * Begins to render a picture of the committed scene in the background. The previous request of this frame is cancelled
+ * and replaced.
  *
- * The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be
- * mapped as soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked
- * for does not fit the memory budget: then pictures get coarser step by step, everywhere alike, until all that they
- * need does. The request ends as OC_STATE_DONE when the picture is as exact as asked, as
- * OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or some of it cannot be had (then oc_progress.error is
- * OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is damaged; the next request asks for it again).
+ * - `scene`: a scene of the same context. Its committed state is rendered.
+ * - `camera`: initialised with OC_INIT.
+ * - `settings`: options. NULL: all defaults.
  *
- * OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number or infinite, a `poe` below 0, more than
- * 1024 samples, or a camera out of its ranges; OC_STATUS_OUT_OF_MEMORY if the system gives none for a picture beside
- * the one that can be mapped; then what the frame was rendering goes on. Thread safety: any thread. Cheap.
+ * Course of a request:
+ * - The first picture is complete, and is made from the data in memory: stand-ins replace missing data. It can be
+ *   mapped as soon as it is ready, long before the request ends.
+ * - Each later picture is more exact. Exception: if the required data does not fit the memory budget, the pictures
+ *   become coarser step by step, evenly, until their data fits.
+ * - The request ends as OC_STATE_DONE when the picture is as exact as requested.
+ * - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the budget, or some data cannot be
+ *   read. In the latter case `error` of oc_progress is OC_STATUS_IO (unreadable) or OC_STATUS_CORRUPT (damaged); the
+ *   next request tries to read it again.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: a setting or the camera is out of range.
+ * - OC_STATUS_OUT_OF_MEMORY: the system refuses memory for a picture in addition to the one that can be mapped.
+ *   The previous request then continues.
+ *
+ * Thread safety: any thread. Cheap. Exception: a frame with targets waits until earlier requests no longer write to
+ * them, i.e. for their tiles in flight.
  */
 OC_API
 oc_status oc_frame_request(struct oc_frame *frame,
@@ -1675,18 +2023,23 @@ oc_status oc_frame_request(struct oc_frame *frame,
                            const struct oc_frame_settings *settings);
 
 /**
- * How far the last request is. After OC_STATE_FAILED oc_last_error of this thread tells why.
+ * Returns the progress of the last request.
  *
+ * - `out_progress`: receives the progress. Initialise it with OC_INIT.
+ *
+ * If the request has failed or was cancelled, oc_last_error of this thread returns the reason.
  * Thread safety: any thread. Cheap.
  */
 OC_API oc_status oc_frame_poll(const struct oc_frame *frame, struct oc_progress *out_progress);
 
 /**
- * Waits until the last request has ended and the wake function, if another thread is calling it, has returned;
- * `timeout_ms` at most (OC_FOREVER: no limit). Says how far the request is. A timeout is no failure: the state is then
- * OC_STATE_RUNNING. `out_progress` may be NULL.
+ * Waits until the last request has ended, and until the wake function has returned if another thread is calling it.
  *
- * Thread safety: any thread. Blocks; does the work itself where the context has no threads.
+ * - `timeout_ms`: longest time to wait, in milliseconds. OC_FOREVER: no limit. A timeout is not a failure: the state
+ *   is then OC_STATE_RUNNING.
+ * - `out_progress`: receives the progress as oc_frame_poll does. May be NULL.
+ *
+ * Thread safety: any thread. Blocks. In a context without threads this call does the work.
  */
 OC_API
 oc_status oc_frame_wait(const struct oc_frame *frame,
@@ -1694,7 +2047,7 @@ oc_status oc_frame_wait(const struct oc_frame *frame,
                         struct oc_progress *out_progress);
 
 /**
- * Asks the frame to stop rendering; it does so within a tile. The last complete picture stays whole.
+ * Cancels the last request. Rendering stops within a tile. The last complete picture stays unchanged.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1702,11 +2055,16 @@ OC_API
 oc_status oc_frame_cancel(struct oc_frame *frame);
 
 /**
- * Changes the size from the next request on; cancels what is rendering and lets go of the targets. The last complete
- * picture keeps its size until the next is complete. OC_STATUS_OUT_OF_MEMORY as for oc_frame_create; then nothing
- * changes.
+ * Changes the size of the pictures of later requests. The running request is cancelled, and the targets are removed
+ * from the frame. The last complete picture keeps its size until the next one is complete.
  *
- * Thread safety: any thread. Blocks until nobody writes to the targets any more.
+ * - `width`, `height`: size in pixels, 1 to 65536.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: the size is out of range. Nothing changes.
+ * - OC_STATUS_OUT_OF_MEMORY: as for oc_frame_create. Nothing changes.
+ *
+ * Thread safety: any thread. Blocks until no thread writes to the targets any more.
  */
 OC_API
 oc_status oc_frame_resize(struct oc_frame *frame,
@@ -1714,9 +2072,12 @@ oc_status oc_frame_resize(struct oc_frame *frame,
                           uint32_t height);
 
 /**
- * Has `wake` called whenever a better picture can be mapped, and when a request ends; NULL: no call.
+ * Registers a function that is called each time a better picture can be mapped, and each time a request ends.
  *
- * `user` must stay usable until `wake` was replaced or the frame released.
+ * - `wake`: the function. It replaces an earlier one. NULL: none.
+ * - `user`: passed to `wake`. It must stay valid until the frame is released, or until `wake` is replaced and a call
+ *   in progress has returned (oc_frame_wait waits for it).
+ *
  * Thread safety: any thread. Cheap.
  */
 OC_API
@@ -1725,8 +2086,11 @@ oc_status oc_frame_set_wake(struct oc_frame *frame,
                             void *user);
 
 /**
- * How true the last whole picture of the last request is (before there is one: as far as it has come). Of each pixel a
- * stand-in's error is how far from what is shown the surface may lie, in pixels.
+ * Returns the accuracy of the last complete picture of the last request. Before that is ready: of the pixels rendered
+ * so far. The error of a pixel that shows a stand-in is the distance, in pixels, within which the original surface
+ * lies.
+ *
+ * - `out_accuracy`: receives the accuracy. Initialise it with OC_INIT.
  *
  * Thread safety: any thread. Cheap.
  */
@@ -1735,10 +2099,18 @@ oc_status oc_frame_get_accuracy(const struct oc_frame *frame,
                                 struct oc_frame_accuracy *out_accuracy);
 
 /**
- * What is seen at pixel (`x`, `y`), counted from the top left, of the last complete picture (before there is
- * one, of the last request): exact, all members filled.
+ * Returns the exact hit at a pixel of the last complete picture; before there is one, of the last request. All members
+ * are set.
  *
- * OC_STATUS_INVALID_STATE before the first request. Thread safety: any thread. Blocks; may read the disk.
+ * - `x`, `y`: the pixel, counted from the top left corner.
+ * - `out_hit`: receives the hit.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: the pixel is outside of the picture.
+ * - OC_STATUS_INVALID_STATE: nothing was requested yet.
+ * - OC_STATUS_IO, OC_STATUS_CORRUPT: a block of the model cannot be read.
+ *
+ * Thread safety: any thread. Blocks; may read the disk.
  */
 OC_API
 oc_status oc_frame_pick(const struct oc_frame *frame,
@@ -1746,50 +2118,71 @@ oc_status oc_frame_pick(const struct oc_frame *frame,
                         uint32_t y,
                         struct oc_hit *out_hit);
 
-/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
 OC_API void oc_frame_retain(struct oc_frame *frame);
 
 /**
- * Takes a count back; with the last one the frame is cancelled. NULL does nothing.
+ * Releases one reference. The last release cancels the frame. NULL: does nothing.
  *
- * Thread safety: any thread. Blocks until the tiles in flight are done.
+ * Thread safety: any thread. The last release blocks until the tiles in flight are done, and until the wake function
+ * has returned if another thread is calling it.
  */
-OC_API void oc_frame_release(struct oc_frame *frame);
+OC_API
+void oc_frame_release(struct oc_frame *frame);
 
 /**
- * Maps a buffer of the last complete picture, without a copy. It stays whole and readable until the mapping
- * is released, whatever the frame does meanwhile, even if the frame is released.
+ * Maps a buffer of the last complete picture, without a copy. The content stays valid and unchanged until the mapping
+ * is released, even if the frame renders other pictures or is released.
  *
- * OC_STATUS_INVALID_STATE before a picture is complete, or if the frame does not keep this buffer.
- * Ownership: the caller owns a count of `out_pixels->mapping`. Thread safety: any thread. Cheap.
+ * - `buffer`: one of the OC_BUFFER_ constants.
+ * - `out_pixels`: receives the buffer. Initialise it with OC_INIT.
+ *
+ * Errors:
+ * - OC_STATUS_INVALID_ARGUMENT: there is no such buffer.
+ * - OC_STATUS_INVALID_STATE: no picture is complete yet, or the frame does not keep this buffer.
+ *
+ * Ownership: the caller receives one reference to `out_pixels->mapping`.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_frame_map(const struct oc_frame *frame,
                        oc_buffer buffer,
                        struct oc_pixels *out_pixels);
 
-/** Adds a count. NULL does nothing. Thread safety: any thread. Cheap. */
+/** Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap. */
 OC_API void oc_mapping_retain(struct oc_mapping *mapping);
 
 /**
- * Takes a count back; with the last one the pixels may go. NULL does nothing.
+ * Releases one reference. After the last release the pixels must not be read any more. NULL: does nothing.
  *
  * Thread safety: any thread. Cheap.
  */
-OC_API void oc_mapping_release(struct oc_mapping *mapping);
+OC_API
+void oc_mapping_release(struct oc_mapping *mapping);
 
 /**
- * Begins to read, in the background, what of the committed scene lies in a box: blocks below cells that meet it and
- * are longer than `cell` (world units; 0: all of them), those below the longest cells first. What frames and queries
- * ask for comes before, and no picture gets coarser for it.
+ * Begins to read, in the background, the part of the committed scene that lies in a box.
  *
- * The job counts blocks and their bytes in memory. It ends as OC_STATE_DONE when all is in memory, as
- * OC_STATE_COMPLETE_WITHIN_BUDGET when no more fits beside what frames use, as OC_STATE_FAILED when some of it cannot
- * be read (the rest then is, as far as it fits). What was read stays until room is needed and nothing else has been
- * used less lately. Releasing the job ends the reading.
+ * The job reads the blocks below all cells that intersect the box and are longer than `cell`. Blocks below the longest
+ * cells come first. Hidden parts are included. Reads for frames and queries have priority, and no picture becomes
+ * coarser because of a prefetch.
  *
- * `low`, `high`: three doubles each, world space. OC_STATUS_INVALID_ARGUMENT for NaN, or a `cell` below 0.
- * Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+ * - `low`, `high`: corners of the box, three doubles each, world space.
+ * - `cell`: length in world units, 0 or more. 0: all blocks.
+ * - `out_job`: receives the job. Its progress counts blocks (`done`) and their bytes in memory (`bytes`).
+ *
+ * The job ends as
+ * - OC_STATE_DONE: all blocks are in memory.
+ * - OC_STATE_COMPLETE_WITHIN_BUDGET: no more blocks fit next to those that frames use.
+ * - OC_STATE_FAILED: a block cannot be read. The others were read as far as they fit.
+ *
+ * The blocks stay in memory until the library needs room and they are the least recently used. Releasing the job ends
+ * the reading.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if a coordinate or `cell` is NaN, or `cell` is below 0.
+ *
+ * Ownership: the caller receives one reference to the job.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_scene_prefetch_box(const struct oc_scene *scene,
@@ -1799,13 +2192,21 @@ oc_status oc_scene_prefetch_box(const struct oc_scene *scene,
                                 struct oc_job **out_job);
 
 /**
- * Begins to read, in the background, what a picture of `width` by `height` pixels of the committed scene would need at
- * `poe` pixels of error (0: exact), the most visible first, as far as a ray in every fourth pixel of every fourth row
- * finds it; without shadows and what is behind transparent surfaces. For the view that comes next, for instance. As
- * oc_scene_prefetch_box otherwise.
+ * Begins to read, in the background, the blocks that a picture of the committed scene would need, e.g. for the next
+ * view. The most visible blocks come first.
  *
- * OC_STATUS_INVALID_ARGUMENT for a bad camera or size, or a `poe` that is not finite or below 0.
- * Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+ * The job traces a ray through every fourth pixel of every fourth row to find the blocks. It ignores shadows and
+ * everything behind transparent surfaces. Priority, progress and end of the job: as for oc_scene_prefetch_box.
+ *
+ * - `camera`: initialised with OC_INIT.
+ * - `width`, `height`: size of the picture in pixels, 1 to 65536.
+ * - `poe`: pixels of error of the picture (see oc_frame_settings). 0: exact.
+ * - `out_job`: receives the job.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if the camera or the size is out of range, or `poe` is not finite or below 0.
+ *
+ * Ownership: the caller receives one reference to the job.
+ * Thread safety: any thread. Cheap.
  */
 OC_API
 oc_status oc_scene_prefetch_camera(const struct oc_scene *scene,

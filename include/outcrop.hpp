@@ -1,16 +1,16 @@
-// outcrop for C++11 and later: handles over outcrop.h that release themselves.
+// outcrop for C++11 and later: classes over outcrop.h that release their objects automatically.
 //
 // SPDX-License-Identifier: MIT OR Apache-2.0
 //
-// Every object of outcrop.h has a move-only class here of the same name, without the prefix. `get()` gives the C
-// handle, so that every C function can be called; `put()` takes a new one from an out parameter:
+// Every object type of outcrop.h has a move-only class of the same name, without the prefix. `get()` returns the C
+// handle, for calls of C functions. `put()` receives a new handle from an out parameter:
 //
 //     outcrop::model model;
 //     oc_status status = oc_model_open(context.get(), path, model.put());
 //
-// With exceptions there are members as well, which throw outcrop::error. Without (or with
-// OUTCROP_NO_EXCEPTIONS) there are only the handles. What a call does, what it costs and which threads may make
-// it is said in outcrop.h.
+// If exceptions are enabled, the classes also have members for the C functions. They throw outcrop::error on failure.
+// Without exceptions, or with OUTCROP_NO_EXCEPTIONS, there are only the handles. outcrop.h documents the functions:
+// their arguments, thread safety and blocking.
 #ifndef OUTCROP_HPP
 #define OUTCROP_HPP
 
@@ -32,18 +32,18 @@
 
 namespace outcrop {
 
-/// A struct of outcrop.h, zeroed and with its size set.
+/// Returns a struct of outcrop.h, zeroed and with its size set.
 template <class Struct> Struct init() {
     Struct s;
     OC_INIT(&s);
     return s;
 }
 
-/// One count of an object: moved, not copied; released at the end.
+/// Owns one reference to an object. Can be moved, not copied. The destructor releases the reference.
 template <class Object, void (*Retain)(Object *), void (*Release)(Object *)> class handle {
   public:
     handle() noexcept : object_(nullptr) {}
-    /// Takes over a count that the caller owns.
+    /// Takes over a reference that the caller owns.
     explicit handle(Object *owned) noexcept : object_(owned) {}
     handle(handle &&other) noexcept : object_(other.release()) {}
     handle &operator=(handle &&other) noexcept {
@@ -56,7 +56,7 @@ template <class Object, void (*Retain)(Object *), void (*Release)(Object *)> cla
 
     Object *get() const noexcept { return object_; }
     explicit operator bool() const noexcept { return object_ != nullptr; }
-    /// For out parameters: what was held is released.
+    /// Releases the object and returns the address of the handle, for an out parameter.
     Object **put() noexcept {
         reset();
         return &object_;
@@ -66,12 +66,12 @@ template <class Object, void (*Retain)(Object *), void (*Release)(Object *)> cla
         object_ = owned;
         Release(old);
     }
-    /// One more count of the same object, for the caller (who may make a handle of it).
+    /// Adds a reference and returns it. The caller owns it, and may construct a handle from it.
     Object *retained() const noexcept {
         Retain(object_);
         return object_;
     }
-    /// Gives the count to the caller.
+    /// Returns the reference to the caller. The handle is empty then.
     Object *release() noexcept {
         Object *old = object_;
         object_ = nullptr;
@@ -102,7 +102,7 @@ using mapping = mapping_handle;
 
 #else
 
-/// What a call that does not return OC_STATUS_OK throws, and a job that fails.
+/// Exception for a call that does not return OC_STATUS_OK, and for a job that has failed.
 class error : public std::runtime_error {
   public:
     error(oc_status status, const std::string &what) : std::runtime_error(what), status_(status) {}
@@ -116,7 +116,7 @@ inline void check(oc_status status) {
     if (status != OC_STATUS_OK) throw error(status, oc_last_error());
 }
 
-/// A buffer of a complete picture, mapped as long as this lives.
+/// A buffer of a complete picture. It is mapped as long as this object lives.
 class pixels {
   public:
     pixels(oc_pixels info) noexcept : info_(info), mapping_(info.mapping) {}
@@ -125,7 +125,7 @@ class pixels {
     oc_format format() const noexcept { return info_.format; }
     std::size_t row_pitch() const noexcept { return static_cast<std::size_t>(info_.row_pitch); }
     const void *data() const noexcept { return info_.data; }
-    /// Row `y`, for instance as `row<unsigned char>(y)` or `row<float>(y)`.
+    /// Returns row `y`, e.g. `row<unsigned char>(y)` or `row<float>(y)`.
     template <class Element> const Element *row(std::uint32_t y) const noexcept {
         return reinterpret_cast<const Element *>(static_cast<const unsigned char *>(info_.data) + row_pitch() * y);
     }
@@ -170,7 +170,7 @@ class job : public job_handle {
         check(oc_job_poll(get(), &s));
         return s;
     }
-    /// Throws if it failed or was cancelled.
+    /// Throws if the job has failed or was cancelled.
     oc_progress wait(std::uint32_t timeout_ms = OC_FOREVER) const {
         auto s = init<oc_progress>();
         check(oc_job_wait(get(), timeout_ms, &s));
@@ -196,7 +196,7 @@ class context : public context_handle {
     context() = default;
     using context_handle::handle;
     explicit context(const oc_context_desc &desc) { check(oc_context_create(OC_HEADER_VERSION, &desc, put())); }
-    /// With this many threads; OC_ALL_THREADS for one for each core, 0 for none.
+    /// Creates a context with this many threads. OC_ALL_THREADS: one for each core. 0: none.
     explicit context(std::uint32_t threads) {
         auto desc = init<oc_context_desc>();
         desc.threads = threads;
@@ -352,7 +352,7 @@ class frame : public frame_handle {
         check(oc_frame_poll(get(), &s));
         return s;
     }
-    /// Throws if it failed; a picture that was cancelled is not a failure.
+    /// Throws if the request has failed. Does not throw if it was cancelled.
     oc_progress wait(std::uint32_t timeout_ms = OC_FOREVER) const {
         auto s = init<oc_progress>();
         check(oc_frame_wait(get(), timeout_ms, &s));

@@ -1,4 +1,4 @@
-"""outcrop for Python: pictures of and answers about models, over the C library.
+"""outcrop for Python: renders and queries models, over the C library.
 
     import outcrop
     with outcrop.Context() as context:
@@ -8,8 +8,10 @@
         picture = context.render(scene, model.view(0), 1024, 768)
         print(picture.pick(512, 384))
 
-Names, units and blocking are those of outcrop.h. The library is found as the system finds libraries, or where the
-environment variable OUTCROP_LIBRARY says.
+outcrop.h documents names, units and blocking. The environment variable OUTCROP_LIBRARY may contain the path of the
+shared library; otherwise the system's search path is used.
+
+A C call that fails raises Error.
 """
 
 import ctypes as c
@@ -24,7 +26,7 @@ RUNNING, DONE, CANCELLED, FAILED = 1, 2, 3, 4
 
 
 class Error(Exception):
-    """A call that did not return OC_STATUS_OK; `status` is what it returned."""
+    """A C call has failed, or a job. `status` is an OC_STATUS_ number; the text is that of oc_last_error."""
 
     def __init__(self, status, message):
         super().__init__(message)
@@ -32,7 +34,7 @@ class Error(Exception):
 
 
 class _Sized(c.Structure):
-    """A struct that begins with its size."""
+    """A struct of outcrop.h that begins with `struct_size`. The constructor zeroes the other members."""
 
     def __init__(self, **members):
         super().__init__(struct_size=c.sizeof(type(self)), **members)
@@ -153,7 +155,7 @@ class Pixels(_Sized):
 
 
 class _Library:
-    """The C functions, each checked; loaded when first used."""
+    """The C functions. Each call checks the status. The library is loaded at the first use."""
 
     _p, _u32, _u64, _s = c.c_void_p, c.c_uint32, c.c_uint64, c.c_char_p
     _arguments = {
@@ -204,7 +206,7 @@ _lib = _Library()
 
 
 class _Object:
-    """A counted object of the library's, released with `with`, with `close`, or with the last reference."""
+    """An object of the library. It is released at the end of a `with` block, by `close`, or with the last reference."""
 
     def __init__(self, kind, make, *arguments):
         handle = c.c_void_p()
@@ -226,7 +228,7 @@ class _Object:
 
 
 def _array(values, element):
-    """The address, the count and the owner of an array of `element`s, from a buffer (numpy, array) or any nested list."""
+    """Copies a buffer (numpy, array) or a flat or nested list to a C array. Returns address, length and the array."""
     try:
         view = memoryview(values)
     except TypeError:
@@ -245,17 +247,24 @@ def _array(values, element):
 
 
 class Context(_Object):
-    """Threads and memory that all else is made from."""
+    """Threads and memory budget of all other objects.
+
+    `threads`: number of worker threads; ALL_THREADS: one for each core; 0: none.
+    `memory_budget`: limit in bytes of the memory of all models; 0: three quarters of the machine's memory.
+    """
 
     def __init__(self, threads=ALL_THREADS, memory_budget=0):
         desc = ContextDesc(threads=threads, memory_budget=memory_budget)
         super().__init__("context", _lib.oc_context_create, HEADER_VERSION, c.byref(desc))
 
     def build(self, path, files=(), meshes=(), progress=None):
-        """Makes the model file `path` of mesh files and of meshes from memory.
+        """Builds the model file `path` from mesh files and from meshes in memory. Blocks until it is done.
 
-        `meshes`: tuples (part id, name, positions, indices); positions are floats, three a corner, flat or nested,
-        indices three a triangle. `progress` is called with a fraction. Returns a BuildReport.
+        `files`: paths of PLY, OBJ, STL, glTF, GLB or raw files.
+        `meshes`: tuples (part id, name, positions, indices). Positions are floats, three for each corner; indices are
+        integers, three for each triangle. Both may be flat or nested.
+        `progress`: a function that is called about every 100 ms with the fraction done, 0 to 1.
+        Returns a BuildReport.
         """
         with _Object("build", _lib.oc_build_create, self._handle, None) as build:
             for number, name, positions, indices in meshes:
@@ -281,11 +290,14 @@ class Context(_Object):
                 return report
 
     def open(self, path):
-        """Opens a model."""
+        """Opens a model file. Blocks while it reads."""
         return Model("model", _lib.oc_model_open, self._handle, os.fsencode(path))
 
     def scene(self, instances):
-        """A committed scene of (id, model) or (id, model, 12 numbers by column)."""
+        """Returns a committed scene of instances: tuples (id, model) or (id, model, transform).
+
+        The transform is 12 numbers by column: x axis, y axis, z axis, origin.
+        """
         scene = Scene("scene", _lib.oc_scene_create, self._handle)
         for number, model, *place in instances:
             matrix = (c.c_double * 12)(*place[0]) if place else None
@@ -294,7 +306,10 @@ class Context(_Object):
         return scene
 
     def render(self, scene, camera, width, height, samples=1):
-        """A picture of the scene."""
+        """Renders an exact picture of the scene with `samples` rays for each pixel. Blocks until it is done.
+
+        Raises Error if the picture is not exact, e.g. because its data does not fit the memory budget.
+        """
         desc = FrameDesc(width=width, height=height)
         frame = Frame("frame", _lib.oc_frame_create, self._handle, c.byref(desc))
         settings, state = FrameSettings(samples=samples), Progress()
@@ -316,7 +331,7 @@ class Model(_Object):
 
     @property
     def parts(self):
-        """(id, name) of every part."""
+        """A list of (id, name) of all parts."""
         found = []
         for index in range(self.info.parts):
             part = PartInfo()
@@ -325,17 +340,17 @@ class Model(_Object):
         return found
 
     def view(self, number):
-        """A camera that fits: 0 and 1 show the whole, 2 and 3 from a quarter of the distance."""
+        """Returns a camera that fits the model: 0 and 1 show all of it, 2 and 3 from a quarter of the distance."""
         camera = Camera()
         _lib.oc_model_get_view(self._handle, number, c.byref(camera))
         return camera
 
 
 class Scene(_Object):
-    """Instances of models, committed."""
+    """A committed scene of instances of models."""
 
     def closest(self, rays):
-        """The closest Hit of each ray, given as (origin, direction)."""
+        """Returns the closest Hit of each ray. A ray is (origin, direction), three numbers each. A miss is false."""
         batch = (Ray * len(rays))()
         for ray, (origin, direction) in zip(batch, rays):
             ray.origin[:], ray.direction[:] = origin, direction
@@ -349,7 +364,7 @@ class Frame(_Object):
     """A complete picture."""
 
     def pixels(self):
-        """Width, height, and the bytes: four a pixel, sRGB and alpha, rows from the top."""
+        """Returns (width, height, bytes). A pixel has four bytes: sRGB and alpha. The first row is the top one."""
         pixels = Pixels()
         _lib.oc_frame_map(self._handle, 0, c.byref(pixels))
         try:
@@ -358,7 +373,7 @@ class Frame(_Object):
             _lib.oc_mapping_release(pixels.mapping)
 
     def pick(self, x, y):
-        """What is seen at a pixel, exactly."""
+        """Returns the exact Hit at a pixel, counted from the top left corner."""
         hit = Hit()
         _lib.oc_frame_pick(self._handle, x, y, c.byref(hit))
         return hit

@@ -1,4 +1,4 @@
-"""The Python binding against the installed library: OUTCROP_LIBRARY and OUTCROP_INCLUDE say where it is."""
+"""Tests the Python binding. OUTCROP_LIBRARY: path of the installed library. OUTCROP_INCLUDE: folder of outcrop.h."""
 
 import ctypes
 import os
@@ -67,7 +67,7 @@ class Binding(unittest.TestCase):
             self.assertEqual(caught.exception.status, 500)
             with self.assertRaisesRegex(outcrop.Error, "no-such-file"):
                 context.build(self.path, files=["no-such-file.ply"])
-            with self.assertRaisesRegex(outcrop.Error, "is 9, there are 4"):
+            with self.assertRaisesRegex(outcrop.Error, "is 9, but there are 4"):
                 context.build(self.path, meshes=[(7, "", TETRA[0], [0, 1, 9])])
 
 

@@ -1,6 +1,6 @@
-// Hit by hit: do both sides say the same, and if not, who could be wrong? Every disagreement is looked at again in double
-// precision. It is explained if the answer hangs on less than what single precision can tell: two surfaces at the
-// same distance (a tie), or a ray through an edge or along a triangle (grazing). Anything else is a defect.
+// Compares the hits of outcrop and Embree one by one. Every disagreement is examined again in double precision. It is
+// explained if the difference is below the rounding error of single precision: two surfaces at the same distance (a
+// tie), or a ray through an edge or along a triangle (grazing). Any other disagreement is a defect.
 #ifndef COMPARE_AGREEMENT_HPP
 #define COMPARE_AGREEMENT_HPP
 
@@ -32,7 +32,7 @@ class Agreement {
                 return;
             }
         }
-        // The nearer hit is one that the other side says is not there.
+        // The nearer hit is one that the other side does not have.
         const bool we_hit = ours.hit && (!theirs.hit || ours.t < theirs.t);
         if (ours.hit && theirs.hit && ours.prim == theirs.prim) return unexplained(ray, ours, theirs, "distances differ");
         if (hangs_by_a_hair(ray, we_hit ? ours : theirs)) {
@@ -42,7 +42,7 @@ class Agreement {
         }
     }
 
-    // A shadow ray: `ours` and `theirs` are closest hits of the same ray, looked at because the shadows differ.
+    // For a shadow ray whose shadows differ: `ours` and `theirs` are the closest hits of the same ray.
     void compare_shadow(const oc_ray &ray, const Answer &ours, const Answer &theirs) {
         const Answer &found = ours.hit ? ours : theirs;
         if (found.hit && hangs_by_a_hair(ray, found)) {
@@ -63,9 +63,9 @@ class Agreement {
 
   private:
     struct Look {
-        double t;      // of the plane
-        double inside; // distance of the point on the plane to the nearest edge, negative outside
-        double cosine; // between ray and plane's normal
+        double t;      // distance of the triangle's plane
+        double inside; // distance of the hit point to the nearest edge, negative outside
+        double cosine; // between the ray and the plane's normal
     };
 
     V3 corner(std::uint64_t prim, int k) const { return v3(&mesh_.positions[3 * std::size_t(mesh_.indices[3 * prim + k])]); }
@@ -84,10 +84,10 @@ class Agreement {
         return Look{t, inside, std::fabs(along) / length(d)};
     }
 
-    // How far single precision may be off, in world units: a few roundings of the largest number around.
+    // Rounding error of single precision in world units: a few roundings of the largest coordinate.
     double rounding(const oc_ray &ray) const { return 16 * 5.96e-8 * std::fmax(extent_, largest(v3(ray.origin))); }
 
-    // How far a distance may be off.
+    // Error bound of a distance.
     double slack(const oc_ray &ray, const Answer &a) const {
         const Look l = look(ray, a.prim);
         return rounding(ray) / std::fmax(l.cosine, 1e-12) + 1e-6 * a.t;
@@ -95,7 +95,7 @@ class Agreement {
 
     bool hangs_by_a_hair(const oc_ray &ray, const Answer &a) const {
         const Look l = look(ray, a.prim);
-        if (l.cosine < 1e-6) return true; // along the triangle
+        if (l.cosine < 1e-6) return true; // the ray lies in the triangle's plane
         const double hair = rounding(ray) * (1 + 1 / l.cosine);
         const double t_max = ray.t_max == 0 ? std::numeric_limits<double>::infinity() : ray.t_max;
         return std::fabs(l.inside) <= hair || std::fabs(l.t - ray.t_min) <= hair || std::fabs(l.t - t_max) <= hair;

@@ -1,4 +1,4 @@
-// Embree's side: scenes, and one call each for single rays, packets and streams, in as many threads as asked for.
+// Embree's side: scenes, and calls for single rays, packets and streams, with any number of threads.
 #ifndef COMPARE_EMBREE_HPP
 #define COMPARE_EMBREE_HPP
 
@@ -21,7 +21,7 @@
 #include <thread>
 #include <vector>
 
-// Denormals are flushed on both sides.
+// Flushes denormals to zero, as outcrop does.
 inline void flush_denormals() {
     _MM_SET_FLUSH_ZERO_MODE(_MM_FLUSH_ZERO_ON);
     _MM_SET_DENORMALS_ZERO_MODE(_MM_DENORMALS_ZERO_ON);
@@ -62,7 +62,7 @@ class EmbreeScene {
     EmbreeScene &operator=(const EmbreeScene &) = delete;
 
     RTCScene get() const { return scene_; }
-    // Bytes of the structure, without the caller's vertices and indices.
+    // Bytes of the acceleration structure, without the caller's vertices and indices.
     std::ptrdiff_t bytes() const { return bytes_; }
 
   private:
@@ -71,7 +71,7 @@ class EmbreeScene {
     RTCScene scene_;
 };
 
-// What a call is told, in either version.
+// Arguments of a call, for Embree 4 and Embree 3.
 #if EMBREE_MAJOR >= 4
 struct Arguments {
     RTCIntersectArguments intersect;
@@ -124,7 +124,7 @@ inline RTCRay embree_ray(const oc_ray &ray) {
     return r;
 }
 
-// Rays in the layouts that Embree's calls take, made anew before each run; only the run is timed.
+// Rays in the layouts that Embree's calls take. They are converted before each run; only the run is timed.
 class EmbreeRays {
   public:
     enum Call { SINGLE, PACKET4, PACKET8, PACKET16, STREAM };
@@ -162,7 +162,7 @@ class EmbreeRays {
         }
     }
 
-    // Traces and shades everything; returns the sum of the shades (of a shadow ray: 1 if it is blocked).
+    // Traces and shades all rays. Returns the sum of the shades; the shade of a shadow ray is 1 if it is blocked.
     double run(RTCScene scene, bool coherent, unsigned threads) {
         const std::size_t chunk = 4096;
         std::atomic<std::size_t> next(0);
@@ -184,7 +184,7 @@ class EmbreeRays {
         return sum;
     }
 
-    // After a run of single rays.
+    // The results, after a run of single rays.
     const std::vector<RTCRayHit> &hits() const { return hits_; }
     const std::vector<RTCRay> &shadows() const { return shadows_; }
 
@@ -263,7 +263,7 @@ class EmbreeRays {
         return sum;
     }
 
-    // Packets must lie at multiples of their own alignment, which C++11's allocator does not promise.
+    // Packets need an alignment of up to 64 bytes, which the allocator of C++11 does not guarantee.
     template <class T> struct Aligned {
         using value_type = T;
         Aligned() = default;

@@ -1,4 +1,4 @@
-// The mesh that both sides trace: read from a PLY file, or a torus.
+// The mesh that both sides trace: from a PLY file, or a generated torus.
 #ifndef COMPARE_MESH_HPP
 #define COMPARE_MESH_HPP
 
@@ -13,13 +13,13 @@
 #include <vector>
 
 struct Mesh {
-    std::vector<float> positions; // three a vertex, and one more at the end: Embree reads 16 bytes
+    std::vector<float> positions; // three for each vertex, and one more at the end: Embree reads 16 bytes of a vertex
     std::vector<std::uint32_t> indices;
     std::size_t triangles() const { return indices.size() / 3; }
 };
 
-// Reads triangles from PLY: ASCII or either byte order, any scalar types, polygons as fans from their first
-// corner. No checks beyond those an example needs.
+// Reads triangles from PLY: ASCII or binary of either byte order, all scalar types. Splits polygons into fans from
+// their first corner. Checks only as much as an example needs.
 class PlyReader {
   public:
     explicit PlyReader(const std::string &path) : file_(path.c_str(), std::ios::binary) {
@@ -126,7 +126,7 @@ class PlyReader {
     std::vector<double> list_;
 };
 
-// A torus of about `triangles` triangles.
+// Returns a torus of about `triangles` triangles.
 inline Mesh torus(std::size_t triangles) {
     const double tau = 6.283185307179586;
     const auto v = std::uint32_t(std::sqrt(double(triangles) / 6)) + 3, u = 3 * v;

@@ -1,6 +1,6 @@
-// Whole pictures, each side its own way: from the camera to bytes of sRGB, lit by a headlight. Embree gets packets in blocks of
-// pixels, tile by tile, with rays made and surfaces shaded in loops that compilers make vectors of. All surfaces look as the
-// model's first part does: for models of one.
+// Whole pictures with Embree, from the camera to sRGB bytes, lit by a headlight. Each side renders in its own way.
+// Embree traces packets of pixel blocks, tile by tile. Loops that compilers vectorise make the rays and shade the hits.
+// All surfaces have the material of the model's first part: meant for models of one part.
 #ifndef COMPARE_PICTURE_HPP
 #define COMPARE_PICTURE_HPP
 
@@ -15,7 +15,7 @@
 #include <thread>
 #include <vector>
 
-// A part as outcrop shows it, in light from everywhere and a headlight, before its sky.
+// The look of a part in outcrop's default scene: material, ambient light, and background colours.
 struct Look {
     float colour[3], metalness, roughness;
     float ambient = 0.15f, bottom[3] = {0.55f, 0.58f, 0.62f}, top[3] = {0.12f, 0.16f, 0.23f};
@@ -33,7 +33,7 @@ class EmbreePicture {
         }
     }
 
-    // Rows from the top; red, green, blue and alpha.
+    // RGBA, rows from the top.
     const std::vector<std::uint8_t> &pixels() const { return pixels_; }
 
     void render(RTCScene scene, const View &view, EmbreeRays::Call call, unsigned threads) {
@@ -67,7 +67,7 @@ class EmbreePicture {
         for (std::thread &t : others) t.join();
     }
 
-    // A block four pixels wide. (Width and height are multiples of four.)
+    // Renders a block that is four pixels wide. Width and height of the picture are multiples of four.
     template <int N> void packet(RTCScene scene, Arguments &arguments, const View &v, unsigned x, unsigned y) {
         alignas(64) typename Packet<N>::Hit h;
         alignas(64) int valid[N];
@@ -88,7 +88,7 @@ class EmbreePicture {
             valid[k] = y + k / 4 < height_ ? -1 : 0;
         }
         Packet<N>::intersect(valid, scene, arguments, &h);
-        // Stage by stage, so that each is a loop over the packet.
+        // Shading in stages, each a loop over the packet, so that compilers vectorise it.
         float cosine[N], power[N], lobe[N], shade[3][N];
         for (int k = 0; k < N; k++) {
             const float nx = h.hit.Ng_x[k], ny = h.hit.Ng_y[k], nz = h.hit.Ng_z[k];
@@ -131,7 +131,7 @@ class EmbreePicture {
     std::uint8_t levels_[STEPS];
 };
 
-// The mean difference of red, green and blue of two pictures, in levels of 255.
+// Returns the mean difference of red, green and blue of two pictures, in levels of 255.
 inline double difference(const std::uint8_t *a, const std::uint8_t *b, std::size_t pixels) {
     double sum = 0;
     for (std::size_t i = 0; i < 4 * pixels; i++) sum += i % 4 == 3 ? 0 : std::abs(int(a[i]) - int(b[i]));

@@ -1,5 +1,5 @@
-// The rays that both sides trace: of cameras, to a light, and bounced off what was hit. Origins are rounded to single
-// precision, which is all that Embree takes, so that both sides get the same rays.
+// The rays that both sides trace: primary rays of a camera, shadow rays to a light, and bounced rays from hits. Origins
+// are rounded to single precision, because Embree takes no other: both sides get the same rays.
 #ifndef COMPARE_RAYS_HPP
 #define COMPARE_RAYS_HPP
 
@@ -32,7 +32,7 @@ inline oc_ray make_ray(V3 origin, V3 direction, double t_max) {
 }
 
 struct View {
-    V3 eye, forward, right, up; // right and up: half of the picture at distance 1
+    V3 eye, forward, right, up; // right and up: half of the picture's size at distance 1
     V3 light;
 };
 
@@ -49,8 +49,8 @@ inline View make_view(const oc_camera &camera, double aspect) {
     return v;
 }
 
-// One ray a pixel, in blocks of 4 x 4 pixels; width and height are multiples of 4. `poe`: pixels of error, the area in pixels
-// that outcrop's stand-ins may cover.
+// Returns one ray for each pixel, in blocks of 4 x 4 pixels. Width and height are multiples of 4. `poe`: pixels of
+// error, the area in pixels that a stand-in of outcrop may cover.
 inline std::vector<oc_ray> primary_rays(const View &v, unsigned width, unsigned height, double poe = 0) {
     const double wide = std::sqrt(poe) * 2 * length(v.up) / height;
     std::vector<oc_ray> rays;
@@ -68,7 +68,7 @@ inline std::vector<oc_ray> primary_rays(const View &v, unsigned width, unsigned 
     return rays;
 }
 
-// From what was hit to the light.
+// Returns rays from the hits to the light.
 inline std::vector<oc_ray> shadow_rays(const View &v, const std::vector<oc_hit> &hits, double step) {
     std::vector<oc_ray> rays;
     for (const oc_hit &hit : hits) {
@@ -79,7 +79,7 @@ inline std::vector<oc_ray> shadow_rays(const View &v, const std::vector<oc_hit> 
     return rays;
 }
 
-// From what was hit into the half space before it, by the cosine.
+// Returns rays from the hits into the half space in front of the surface, distributed by the cosine.
 inline std::vector<oc_ray> bounce_rays(const std::vector<oc_hit> &hits, double step) {
     std::vector<oc_ray> rays;
     std::uint64_t state = 1;

@@ -1,15 +1,15 @@
-//! Little-endian bytes: reading that cannot run over the end, writing into a `Vec<u8>`.
+//! Little-endian bytes: a reader that cannot run past the end, and writing into a `Vec<u8>`.
 
 use std::borrow::Cow;
 use std::fmt;
 
-/// Says why bytes do not have the form that they should. The caller, who knows the file, makes
-/// an [`Error::Corrupt`](super::error::Error::Corrupt) of it.
+/// The reason why bytes do not have the expected form. The caller, which knows the file, makes an
+/// [`Error::Corrupt`](super::error::Error::Corrupt) of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Malformed(pub Cow<'static, str>);
 
 impl Malformed {
-    /// From any text.
+    /// An error with any text.
     pub fn new(why: impl Into<Cow<'static, str>>) -> Self {
         Self(why.into())
     }
@@ -23,16 +23,16 @@ impl fmt::Display for Malformed {
 
 impl std::error::Error for Malformed {}
 
-/// What reading bytes gives.
+/// The result of reading bytes.
 pub type Checked<T> = Result<T, Malformed>;
 
-/// [`Malformed`] with `why` unless `holds`.
+/// Fails with `why` unless `holds`.
 pub fn ensure(holds: bool, why: &'static str) -> Result<(), Malformed> {
     if holds { Ok(()) } else { Err(Malformed::new(why)) }
 }
 
-/// Takes little-endian values from the front of a slice. Every method fails, and takes nothing,
-/// where the slice is too short.
+/// Reads little-endian values from the front of a slice. Every method fails, and consumes nothing, if the slice is too
+/// short.
 #[derive(Debug, Clone)]
 pub struct ByteReader<'a> {
     rest: &'a [u8],
@@ -43,18 +43,20 @@ impl<'a> ByteReader<'a> {
     pub fn new(bytes: &'a [u8]) -> Self {
         Self { rest: bytes }
     }
-    /// Bytes not taken yet.
+    /// Number of bytes that are not yet read.
     pub fn remaining(&self) -> usize {
         self.rest.len()
     }
     /// The next `count` bytes.
     pub fn take(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
-        let (head, rest) = self.rest.split_at_checked(count).ok_or(Malformed(Cow::Borrowed("ends too early")))?;
+        let (head, rest) =
+            self.rest.split_at_checked(count).ok_or(Malformed(Cow::Borrowed("unexpected end of data")))?;
         self.rest = rest;
         Ok(head)
     }
     fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
-        let (head, rest) = self.rest.split_first_chunk::<N>().ok_or(Malformed(Cow::Borrowed("ends too early")))?;
+        let (head, rest) =
+            self.rest.split_first_chunk::<N>().ok_or(Malformed(Cow::Borrowed("unexpected end of data")))?;
         self.rest = rest;
         Ok(*head)
     }
@@ -98,17 +100,17 @@ impl<'a> ByteReader<'a> {
         }
         Ok(out)
     }
-    /// Passes over `count` bytes, which must be zero.
+    /// Skips `count` bytes, which must be zero.
     pub fn zeros(&mut self, count: usize) -> Result<(), Malformed> {
         ensure(is_zero(self.take(count)?), "reserved bytes are not zero")
     }
-    /// Fails if bytes are left.
+    /// Fails if unread bytes are left.
     pub fn finish(self) -> Result<(), Malformed> {
-        ensure(self.rest.is_empty(), "bytes are left over")
+        ensure(self.rest.is_empty(), "unused bytes at the end")
     }
 }
 
-/// Whether every byte is zero.
+/// True if every byte is zero.
 pub fn is_zero(bytes: &[u8]) -> bool {
     bytes.iter().fold(0, |all, &b| all | b) == 0
 }
@@ -169,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_put_is_read_and_no_more() {
+    fn written_values_are_read_back_and_no_more() {
         let mut bytes = Vec::new();
         bytes.put_u8(1);
         bytes.put_u16(0x0203);
@@ -184,7 +186,7 @@ mod tests {
         }
         assert_eq!(read(&bytes), Ok(([1.5, -2.5], [1e300])));
         bytes.push(0);
-        assert_eq!(read(&bytes), Err(Malformed::new("bytes are left over")));
+        assert_eq!(read(&bytes), Err(Malformed::new("unused bytes at the end")));
     }
 
     fn read(bytes: &[u8]) -> Result<([f32; 2], [f64; 1]), Malformed> {

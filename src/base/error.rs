@@ -1,7 +1,7 @@
-//! Every way in which a call can fail, grouped by who can act on it.
+//! All errors of the crate, grouped by the party that can act on them: the caller, the installation, the machine, or
+//! the maintainers of the crate.
 //!
-//! A block that is not in memory is not an error but an outcome
-//! (`structure::Outcome::Pending`).
+//! A block that is not in memory is not an error but an outcome (`structure::Outcome::Pending`).
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// The result of every fallible call of the crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Where in an input file something is wrong.
+/// The place of an error in an input file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// The whole file.
@@ -20,74 +20,74 @@ pub enum Place {
     Byte(u64),
 }
 
-/// What went wrong. `#[non_exhaustive]`: later versions add kinds.
+/// An error. `#[non_exhaustive]`: later versions add kinds.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Error {
-    /// The caller: an argument is out of its documented range; nothing changed.
+    /// For the caller: an argument is out of its documented range. The call changed nothing.
     BadArgument(String),
-    /// The caller: the call is not possible in the object's present state.
+    /// For the caller: the call is not possible in the object's present state.
     BadState(String),
-    /// The input file of a build cannot be understood.
+    /// The input file of a build cannot be parsed.
     Parse {
         /// The input file.
         file: PathBuf,
-        /// Where in it.
+        /// The place in the file.
         place: Place,
-        /// What is wrong there, in a few words.
+        /// The reason, in a few words.
         why: String,
     },
-    /// A built file is damaged or not one of ours.
+    /// A model file is damaged, or is no model file.
     Corrupt {
-        /// The file (or a name for a source that has none).
+        /// The file, or a name for a source that has none.
         file: PathBuf,
-        /// The block, when the damage is inside one.
+        /// The block, if the damage is inside one.
         block: Option<u32>,
-        /// What is wrong, in a few words.
+        /// The reason, in a few words.
         why: String,
     },
-    /// The installation: the file was written by a newer outcrop.
+    /// For the installation: a newer outcrop wrote the file.
     NewerFormat {
         /// The file.
         file: PathBuf,
-        /// Major and minor version found.
+        /// Major and minor version of the file.
         found: (u16, u16),
         /// Newest major and minor version that this library reads.
         supported: (u16, u16),
     },
-    /// The budget in bytes is too small for the work.
+    /// The budget is too small for the work.
     OverBudget {
-        /// What needs it.
+        /// The work that needs the budget.
         what: String,
-        /// The least budget, in bytes, that would do.
+        /// The least sufficient budget, in bytes.
         need: u64,
-        /// The budget in force, in bytes.
+        /// The present budget, in bytes.
         have: u64,
     },
-    /// The machine: it gives no memory of this size.
+    /// For the machine: it cannot provide memory of this size.
     NoMemory {
-        /// What needs it.
+        /// The object that needs the memory.
         what: String,
-        /// How much, in bytes.
+        /// Its size in bytes.
         bytes: u64,
     },
-    /// The work was cancelled by its owner.
+    /// The owner of the work cancelled it.
     Cancelled,
-    /// The machine: reading or writing failed.
+    /// For the machine: reading or writing failed.
     Io {
-        /// The file, or a name for what has none.
+        /// The file, or a name for an object that has none.
         path: PathBuf,
-        /// What was being done: "open", "read", "write", "sync", "rename", ...
+        /// The operation that failed: "open", "read", "write", "sync", "rename", ...
         doing: &'static str,
         /// The operating system's reason.
         source: std::io::Error,
     },
-    /// Us: a defect (for instance a caught panic). The object is poisoned.
+    /// For the maintainers: a defect of the crate, for instance a caught panic. The object is poisoned.
     Internal(String),
 }
 
 impl Error {
-    /// A [`Error::BadArgument`] from any text.
+    /// An [`Error::BadArgument`] with any text.
     pub fn bad_argument(what: impl Into<String>) -> Self {
         Error::BadArgument(what.into())
     }
@@ -109,8 +109,8 @@ impl Error {
 }
 
 impl Clone for Error {
-    /// The same error once more, for several callers that wait for the same work. What an [`Error::Io`] carries
-    /// keeps its kind, its text and the system's number.
+    /// A copy, for several callers that wait for the same work. The copy of an [`Error::Io`] keeps the kind, the text
+    /// and the system's error number.
     fn clone(&self) -> Self {
         match self {
             Error::BadArgument(what) => Error::BadArgument(what.clone()),
@@ -144,7 +144,7 @@ impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Error::BadArgument(what) => write!(f, "bad argument: {what}"),
-            Error::BadState(what) => write!(f, "not possible now: {what}"),
+            Error::BadState(what) => write!(f, "invalid state: {what}"),
             Error::Parse { file, place, why } => match place {
                 Place::File => write!(f, "{}: {why}", file.display()),
                 Place::Line(n) => write!(f, "{}, line {n}: {why}", file.display()),
@@ -156,7 +156,7 @@ impl fmt::Display for Error {
             Error::Corrupt { file, block: None, why } => write!(f, "{}: {why}", file.display()),
             Error::NewerFormat { file, found, supported } => write!(
                 f,
-                "{}: written in format {}.{}, this library reads up to {}.{}",
+                "{}: written in format {}.{}, but this library reads formats up to {}.{}",
                 file.display(),
                 found.0,
                 found.1,
@@ -164,9 +164,9 @@ impl fmt::Display for Error {
                 supported.1
             ),
             Error::OverBudget { what, need, have } => {
-                write!(f, "{what} needs a budget of at least {need} bytes, it has {have}")
+                write!(f, "{what} needs a memory budget of at least {need} bytes, but the budget is {have} bytes")
             }
-            Error::NoMemory { what, bytes } => write!(f, "{what}: the system gives no {bytes} bytes of memory"),
+            Error::NoMemory { what, bytes } => write!(f, "{what}: the system cannot provide {bytes} bytes of memory"),
             Error::Cancelled => write!(f, "cancelled"),
             Error::Io { path, doing, source } => {
                 write!(f, "{}: {doing} failed: {source}", path.display())

@@ -1,5 +1,5 @@
-//! Disks that fail, for tests of whole builds: in a thread that asked for it, one call of those that write
-//! fails. Elsewhere, and outside of this crate's tests, nothing does.
+//! Simulated disk failures for tests of whole builds: one write in a thread fails if the test requests it. Without such
+//! a request, and outside of this crate's tests, nothing fails.
 
 use std::io;
 
@@ -22,14 +22,15 @@ mod tests_only {
         static LEFT: Cell<Option<u32>> = const { Cell::new(None) };
     }
 
-    /// Runs `work` with call `n` of [`writing`] in this thread failing, counted from 0; says whether it came to that.
+    /// Runs `work`; call number `n` of [`writing`] in this thread, counted from 0, fails. Also returns whether there
+    /// was such a call.
     pub fn fail_at<T>(n: u32, work: impl FnOnce() -> T) -> (T, bool) {
         LEFT.set(Some(n));
         let done = work();
         (done, LEFT.take().is_none())
     }
 
-    /// Called before each write: fails as a full disk does when its turn has come.
+    /// Called before each write. Fails as a full disk does if it is the selected call.
     pub fn writing() -> io::Result<()> {
         match LEFT.get() {
             Some(0) => {

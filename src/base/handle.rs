@@ -1,18 +1,19 @@
-//! The handle under all jobs: how a job has ended, the threads that wait for its end, and the function that is called
-//! then.
+//! The handle that all jobs contain: how the job has ended, the threads that wait for its end, and the wake function,
+//! which is called at the end.
 //!
-//! Each [`Job`](crate::base::tasks::Job) has a handle, so that a batch of rays has the one of its job; prefetches,
-//! builds and loads have their own. A frame ends once for each request, so it has only a [`Waker`].
+//! Each [`Job`](crate::base::tasks::Job) has a handle, and a batch of rays uses that of its job. Prefetches, builds and
+//! loads have their own. A frame ends once for each request, so it has only a [`Waker`].
 
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::ThreadId;
 use std::time::{Duration, Instant};
 
-/// A function that tells the owner of a job that there is news of it.
+/// A function that tells the owner of a job that the job has news, for instance its end.
 pub type WakeFn = Arc<dyn Fn() + Send + Sync>;
 
-/// A wake function, and the threads that are calling it. Kept under a lock; the function is called under none.
+/// A wake function, and the threads that are calling it. The waker is kept under a lock; the function is called under
+/// none.
 #[derive(Default)]
 pub struct Waker {
     wake: Option<WakeFn>,
@@ -20,27 +21,28 @@ pub struct Waker {
 }
 
 impl Waker {
-    /// Replaces the function. Returns the old one, to be dropped under no lock: it may own the object that is locked.
+    /// Replaces the function. Returns the old one, which the caller drops outside of the lock: it may own the locked
+    /// object.
     #[must_use]
     pub fn set(&mut self, wake: Option<WakeFn>) -> Option<WakeFn> {
         std::mem::replace(&mut self.wake, wake)
     }
 
-    /// The function, for this thread to call now; [`Waker::returned`] comes after the call.
+    /// Returns the function, for this thread to call now. The thread calls [`Waker::returned`] afterwards.
     pub fn call(&mut self) -> Option<WakeFn> {
         let wake = self.wake.clone()?;
         self.callers.push(std::thread::current().id());
         Some(wake)
     }
 
-    /// [`Waker::call`] for the last time: then there is no function any more.
+    /// Like [`Waker::call`], but removes the function.
     pub fn call_last(&mut self) -> Option<WakeFn> {
         let wake = self.call();
         self.wake = None;
         wake
     }
 
-    /// After this thread has called the function.
+    /// Records that this thread's call of the function has returned.
     pub fn returned(&mut self) {
         let me = std::thread::current().id();
         if let Some(at) = self.callers.iter().position(|caller| *caller == me) {
@@ -48,17 +50,18 @@ impl Waker {
         }
     }
 
-    /// Whether a thread other than this one is calling the function. (A thread that waits for its own call never ends.)
+    /// True if a thread other than this one is calling the function. (A thread that waited for its own call would wait
+    /// for ever.)
     pub fn is_called_elsewhere(&self) -> bool {
         let me = std::thread::current().id();
         self.callers.iter().any(|caller| *caller != me)
     }
 }
 
-/// The end of a job, `E`, which is set once, and the job's own state under the same lock, `S`.
+/// The end of a job, `E`, which is set once, and the job's own state, `S`, under the same lock.
 pub struct Handle<E, S = ()> {
     core: Mutex<Core<E, S>>,
-    /// Signalled at the end, after the wake function, and by [`Handle::notify`].
+    /// Signalled at the end, again after the wake function has returned, and by [`Handle::notify`].
     changed: Condvar,
 }
 
@@ -75,7 +78,7 @@ impl<E, S> Core<E, S> {
         self.end.as_ref()
     }
 
-    /// No other thread is calling the wake function any more either.
+    /// True if the job has ended and no other thread is calling the wake function.
     fn is_over(&self) -> bool {
         self.end.is_some() && !self.waker.is_called_elsewhere()
     }
@@ -94,19 +97,19 @@ impl<E, S> DerefMut for Core<E, S> {
     }
 }
 
-/// The longest that a thread sleeps at a time: some systems know no longer times.
+/// The longest time that a thread sleeps at once: some systems do not support longer ones.
 const LONGEST: Duration = Duration::from_secs(3600);
 
 impl<E: Clone, S> Handle<E, S> {
-    /// Of a job that runs.
+    /// The handle of a running job.
     pub fn new(own: S) -> Self {
         let core = Core { end: None, waker: Waker::default(), own };
         Self { core: Mutex::new(core), changed: Condvar::new() }
     }
 
-    /// The lock. No job's work and no call of its owner's is done under it.
+    /// Takes the lock. No work of a job and no call to its owner is done under it.
     pub fn lock(&self) -> MutexGuard<'_, Core<E, S>> {
-        // Every step under the lock leaves a valid state.
+        // Every step under the lock leaves a valid state, so a poisoned lock is harmless.
         self.core.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -115,8 +118,8 @@ impl<E: Clone, S> Handle<E, S> {
         self.lock().end.clone()
     }
 
-    /// Ends the job: wakes the threads that wait, then calls the wake function in this thread. Only the first call has
-    /// an effect.
+    /// Ends the job: wakes the waiting threads, then calls the wake function in this thread. Only the first call has an
+    /// effect.
     pub fn end(&self, end: E) {
         let wake = {
             let mut core = self.lock();
@@ -133,8 +136,9 @@ impl<E: Clone, S> Handle<E, S> {
         }
     }
 
-    /// Has `wake` called once, when the job ends, in the thread that ends it; if the job has ended, at once in this
-    /// one. Never under a lock. Replaces an earlier function; `None`: no function.
+    /// Sets the wake function, which replaces an earlier one; `None` removes it. It is called once, when the job ends,
+    /// in the thread that ends it, and never under a lock. If the job has already ended, it is called now, in this
+    /// thread.
     pub fn set_wake(&self, wake: Option<WakeFn>) {
         let mut core = self.lock();
         if core.end.is_none() {
@@ -147,19 +151,19 @@ impl<E: Clone, S> Handle<E, S> {
         }
     }
 
-    /// Has the threads that wait ask `todo` again.
+    /// Makes the waiting threads call `todo` again.
     pub fn notify(&self) {
         self.changed.notify_all();
     }
 
-    /// Waits until the job has ended and a wake function that another thread calls has returned, `timeout` at most.
-    /// Returns how the job has ended, or `None` after that time. So the owner may free whatever the wake function
-    /// refers to when a wait has said that the job has ended.
+    /// Waits, for `timeout` at most, until the job has ended and no other thread is calling the wake function. Returns
+    /// how the job has ended, or `None` after the timeout. So when a wait has reported the end, the owner may free all
+    /// objects that the wake function refers to.
     pub fn wait(&self, timeout: Duration) -> Option<E> {
         self.wait_working(timeout, |_| None, |(), _| {})
     }
 
-    /// [`Handle::wait`] of a thread that works meanwhile: `todo` gives a piece of work, if there is any, under the
+    /// [`Handle::wait`] of a thread that works meanwhile: `todo` returns a piece of work, if there is any, under the
     /// lock, and `work` works on it, for the given time at most.
     pub fn wait_working<T>(
         &self,
@@ -190,7 +194,7 @@ impl<E: Clone, S> Handle<E, S> {
     }
 }
 
-/// The last call of a wake function. It has returned when this is gone, even where it unwinds.
+/// The last call of a wake function. The call counts as returned when this is dropped, even by unwinding.
 struct Call<'a, E: Clone, S> {
     handle: &'a Handle<E, S>,
     wake: Option<WakeFn>,
@@ -198,8 +202,8 @@ struct Call<'a, E: Clone, S> {
 
 impl<E: Clone, S> Drop for Call<'_, E, S> {
     fn drop(&mut self) {
-        // Before the call counts as returned: the function may own the job, and a thread that waits may then free
-        // whatever it refers to.
+        // The function is dropped before the call counts as returned: it may own the job, and a waiting thread may then
+        // free the objects that it refers to.
         self.wake = None;
         self.handle.lock().waker.returned();
         self.handle.changed.notify_all();
@@ -232,7 +236,7 @@ mod tests {
         handle.end(1);
         handle.end(2);
         assert_eq!((handle.ending(), handle.wait(LONG), woken.load(SeqCst)), (Some(1), Some(1), 1));
-        // Of a job that has ended it is called at once.
+        // A function that is set after the end is called at once.
         handle.set_wake(wake());
         handle.set_wake(None);
         assert_eq!(woken.load(SeqCst), 2);

@@ -1,16 +1,17 @@
-//! Memory of which the caller, or a model, says the size: where the system has none, that is an error, and does not end
-//! the process.
+//! Allocations whose size the caller or a model determines. If the system cannot provide the memory, the result is an
+//! error instead of the end of the process.
 
 use super::error::{Error, Result};
 use bytemuck::{Zeroable, allocation::try_zeroed_slice_box};
 
-/// So many zeros, in memory not yet touched. Fails with [`Error::NoMemory`], which says `what` they were for.
+/// Returns `count` zeros in memory that is not yet touched. Fails with [`Error::NoMemory`], which says `what` they were
+/// for.
 pub fn zeroed<T: Zeroable>(count: usize, what: &str) -> Result<Vec<T>> {
     let refused = |()| refused::<T>(count, what);
     try_zeroed_slice_box(count).map(Vec::from).map_err(refused)
 }
 
-/// Room for so many. Fails like [`zeroed`].
+/// Returns an empty vector with room for `count` elements. Fails like [`zeroed`].
 pub fn room<T>(count: usize, what: &str) -> Result<Vec<T>> {
     let mut all = Vec::new();
     all.try_reserve_exact(count).map_err(|_| refused::<T>(count, what))?;
@@ -26,10 +27,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_system_does_not_have_is_an_error() {
+    fn memory_that_the_system_lacks_is_an_error() {
         for error in [zeroed::<u64>(1 << 58, "a picture").unwrap_err(), room::<u64>(1 << 58, "a picture").unwrap_err()]
         {
-            assert_eq!(error.to_string(), "a picture: the system gives no 2305843009213693952 bytes of memory");
+            assert_eq!(error.to_string(), "a picture: the system cannot provide 2305843009213693952 bytes of memory");
         }
         assert!(zeroed::<u64>(usize::MAX, "x").is_err() && room::<u64>(usize::MAX, "x").is_err());
         assert_eq!(zeroed::<u32>(3, "x").unwrap(), [0; 3]);

@@ -1,4 +1,4 @@
-//! What every room may use: errors, ids, progress and cancel, workers, the handle of a job. Uses nothing.
+//! Foundations for all other rooms: errors, ids, progress and cancellation, workers, the handle of a job. Uses nothing.
 
 pub mod bytes;
 pub mod error;

@@ -1,10 +1,10 @@
-//! Progress and cancel of long work, shared between the worker and whoever watches.
+//! Progress and cancellation of long work, shared between the worker and its observers.
 
 use super::error::{Error, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 
-/// A cloneable switch: once cancelled, it stays cancelled.
+/// A cloneable switch. Once cancelled, it stays cancelled.
 #[derive(Debug, Clone, Default)]
 pub struct Cancel(Arc<AtomicBool>);
 
@@ -13,15 +13,15 @@ impl Cancel {
     pub fn new() -> Self {
         Self::default()
     }
-    /// Cancels; any thread, any number of times.
+    /// Cancels. Any thread may call this any number of times.
     pub fn cancel(&self) {
         self.0.store(true, Relaxed);
     }
-    /// Whether [`Cancel::cancel`] was called.
+    /// True if [`Cancel::cancel`] was called.
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Relaxed)
     }
-    /// [`Error::Cancelled`] once cancelled. Long loops call this at least every 50 ms.
+    /// Fails with [`Error::Cancelled`] once cancelled. Long loops call this at least every 50 ms.
     pub fn check(&self) -> Result<()> {
         if self.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
     }
@@ -31,17 +31,17 @@ impl Cancel {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum Phase {
-    /// Nothing begun.
+    /// The build has not begun.
     Waiting = 0,
     /// Reading and parsing input.
     Read = 1,
     /// Building trees.
     Build = 2,
-    /// Laying out, coding and writing blocks.
+    /// Arranging, encoding and writing blocks.
     Write = 3,
     /// Syncing and renaming.
     Seal = 4,
-    /// Ended, well or not.
+    /// The build has ended, with or without an error.
     Done = 5,
 }
 
@@ -49,18 +49,18 @@ pub enum Phase {
 #[derive(Debug, Default)]
 pub struct Progress {
     phase: AtomicU32,
-    /// Fraction of the whole, in 1/2^32 (kept integral so that a maximum is one instruction).
+    /// Fraction of the whole, in units of 1/2^32: an integer, so that taking the maximum is one atomic instruction.
     fraction: AtomicU64,
-    /// Triangles read so far.
+    /// Number of triangles read so far.
     pub triangles: AtomicU64,
-    /// Bytes read from inputs so far.
+    /// Number of bytes read from inputs so far.
     pub bytes_read: AtomicU64,
-    /// Bytes written to the output so far.
+    /// Number of bytes written to the output so far.
     pub bytes_written: AtomicU64,
 }
 
 impl Progress {
-    /// Enters `phase`.
+    /// Enters `phase`; an earlier phase has no effect.
     pub fn enter(&self, phase: Phase) {
         self.phase.fetch_max(phase as u32, Relaxed);
     }
@@ -75,12 +75,12 @@ impl Progress {
             _ => Phase::Done,
         }
     }
-    /// Raises the fraction done to `fraction` in [0, 1]; it never goes back. NaN does nothing.
+    /// Raises the completed fraction to `fraction`, in [0, 1]; a lower value has no effect, and neither has NaN.
     pub fn advance(&self, fraction: f64) {
         let scaled = (fraction.clamp(0.0, 1.0) * 4294967296.0) as u64;
         self.fraction.fetch_max(scaled, Relaxed);
     }
-    /// Fraction done in [0, 1]; starts at 0 and never goes back.
+    /// The completed fraction, in [0, 1]; it starts at 0 and never decreases.
     pub fn fraction(&self) -> f64 {
         self.fraction.load(Relaxed) as f64 / 4294967296.0
     }

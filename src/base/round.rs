@@ -1,13 +1,13 @@
-//! The one piece of lock-free coordination of the workers: a round of items, each claimed once,
-//! and one of all that take part told that it was the last.
+//! The only lock-free coordination of the workers: a round of items, each of which one worker claims. Exactly one of
+//! the participants learns that it was the last.
 
 use super::sync::{AtomicUsize, Ordering};
 
-/// `total` items. Invariants:
-/// - an index below `total` is returned by at most one [`Round::claim`];
-/// - `left` is `total` minus the items completed or drained, so it reaches 0 once, and exactly one
-///   [`Round::complete`] or [`Round::drain`] returns `true`: then no thread works on an item any more,
-///   and all that was done on items happened before (the `AcqRel` chain on `left`).
+/// A round of `total` items. Invariants:
+/// - For each index below `total`, at most one [`Round::claim`] returns it.
+/// - `left` is `total` minus the number of items completed or drained, so it reaches 0 once, and exactly one
+///   [`Round::complete`] or [`Round::drain`] returns `true`. Then no thread works on an item any more, and all work on
+///   items happened before (by the `AcqRel` chain on `left`).
 pub struct Round {
     next: AtomicUsize,
     left: AtomicUsize,
@@ -20,9 +20,9 @@ impl Round {
         Self { next: AtomicUsize::new(0), left: AtomicUsize::new(total), total }
     }
 
-    /// An item that is the caller's alone, to be followed by one [`Round::complete`]; `None` when all are claimed.
+    /// Claims an item for the caller, which later calls [`Round::complete`] once. `None` if all items are claimed.
     pub fn claim(&self) -> Option<usize> {
-        // The load keeps `next` from running away while many workers find nothing.
+        // The load keeps `next` from growing without bound while many workers find no item.
         if self.next.load(Ordering::Relaxed) >= self.total {
             return None;
         }
@@ -30,13 +30,13 @@ impl Round {
         (item < self.total).then_some(item)
     }
 
-    /// Says that a claimed item is finished; `true` for the last one of the round.
+    /// Marks a claimed item as finished. Returns `true` for the last one of the round.
     #[must_use]
     pub fn complete(&self) -> bool {
         self.left.fetch_sub(1, Ordering::AcqRel) == 1
     }
 
-    /// Takes away all items that no thread has claimed; `true` if with them the round is over.
+    /// Removes all items that no thread has claimed. Returns `true` if that ends the round.
     #[must_use]
     pub fn drain(&self) -> bool {
         let claimed = self.next.swap(self.total, Ordering::Relaxed).min(self.total);
@@ -44,7 +44,7 @@ impl Round {
         skipped > 0 && self.left.fetch_sub(skipped, Ordering::AcqRel) == skipped
     }
 
-    /// Whether an item may still be claimed.
+    /// True if an item may be left to claim.
     pub fn has_items(&self) -> bool {
         self.next.load(Ordering::Relaxed) < self.total
     }

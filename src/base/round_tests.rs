@@ -1,10 +1,10 @@
 //! Model test of [`super::round`]: loom runs every interleaving that the memory model allows.
 
-/// The same source over loom's atomics.
+/// The atomics of `round.rs`, replaced by loom's.
 mod sync {
     pub use loom::sync::atomic::{AtomicUsize, Ordering};
 }
-#[allow(clippy::duplicate_mod)] // once more on purpose: over other atomics
+#[allow(clippy::duplicate_mod)] // compiled twice on purpose: with other atomics
 #[allow(dead_code)] // the model needs no `has_items`
 #[path = "round.rs"]
 mod round;
@@ -18,7 +18,7 @@ use round::Round;
 /// A round of two items whose bodies write without synchronisation of their own.
 struct Game {
     round: Round,
-    /// Loom reports a race if the last one could look while an item is still being written.
+    /// Loom reports a race if the last participant could read an item while it is still being written.
     items: [UnsafeCell<u32>; 2],
     ended: AtomicUsize,
 }
@@ -56,7 +56,7 @@ impl Game {
 }
 
 fn unsafe_add(x: *mut u32) {
-    // SAFETY: loom hands out the pointer only while it tracks the access, and fails on a race.
+    // SAFETY: loom provides the pointer only while it tracks the access, and fails on a race.
     unsafe { *x += 1 }
 }
 fn unsafe_get(x: *const u32) -> u32 {

@@ -1,4 +1,5 @@
-//! Files for what does not fit in memory: without a name, gone with the process whatever ends it.
+//! Scratch files for data that does not fit in memory. They have no name, so that they disappear with the process
+//! however it ends.
 
 use super::error::{Error, Result};
 use super::faults;
@@ -9,7 +10,7 @@ use std::process;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
 
-/// A folder for scratch files, and how much they take. Shared by all that write there for one purpose.
+/// A folder for scratch files, with a count of the bytes that they take. All writers of one purpose share it.
 #[derive(Debug)]
 pub struct ScratchSpace {
     folder: PathBuf,
@@ -18,20 +19,20 @@ pub struct ScratchSpace {
 }
 
 impl ScratchSpace {
-    /// In `folder`, or where the system keeps temporaries. Nothing is written yet.
+    /// Uses `folder`, or the system's folder for temporary files. Writes nothing yet.
     pub fn new(folder: Option<&Path>) -> Arc<Self> {
         let folder = folder.map_or_else(std::env::temp_dir, Path::to_path_buf);
         Arc::new(Self { folder, now: AtomicU64::new(0), peak: AtomicU64::new(0) })
     }
 
-    /// Most bytes that its files took together at any time.
+    /// Greatest number of bytes that its files took together at any time.
     pub fn peak(&self) -> u64 {
         self.peak.load(Relaxed)
     }
 
-    /// A new file, empty. Fails with [`Error::Io`], which names the folder.
+    /// Creates an empty file. Fails with [`Error::Io`], which names the folder.
     pub fn file(self: &Arc<Self>) -> Result<Scratch> {
-        let file = nameless(&self.folder).map_err(|e| Error::io(&self.folder, "create a temporary", e))?;
+        let file = nameless(&self.folder).map_err(|e| Error::io(&self.folder, "creating a temporary file", e))?;
         #[cfg(not(unix))]
         let file = Mutex::new(file);
         Ok(Scratch { file, len: Mutex::new(0), space: self.clone() })
@@ -43,22 +44,23 @@ impl ScratchSpace {
     }
 }
 
-/// A scratch file: written at its end, read anywhere from any thread. Dropped, it is gone.
+/// A scratch file: appended to, and read at any offset by any thread. It disappears when dropped.
 #[derive(Debug)]
 pub struct Scratch {
     #[cfg(unix)]
     file: File,
     #[cfg(not(unix))]
     file: Mutex<File>,
-    /// Held while something is written.
+    /// Number of bytes written. The lock is held during a write.
     len: Mutex<u64>,
     space: Arc<ScratchSpace>,
 }
 
 impl Scratch {
-    /// Writes behind what is there; returns where. Fails with [`Error::Io`]: the disk may be full.
+    /// Writes at the end; returns the offset of the first byte. Fails with [`Error::Io`], for instance if the disk is
+    /// full.
     pub fn append(&self, bytes: &[u8]) -> Result<u64> {
-        let fail = |e| Error::io(&self.space.folder, "write a temporary", e);
+        let fail = |e| Error::io(&self.space.folder, "writing a temporary file", e);
         let mut len = self.len.lock().unwrap_or_else(|e| e.into_inner());
         faults::writing().and_then(|()| self.write(bytes)).map_err(fail)?;
         let at = *len;
@@ -67,17 +69,17 @@ impl Scratch {
         Ok(at)
     }
 
-    /// Fills `buf` with the bytes at `offset`, all of which were written.
+    /// Fills `buf` with the bytes at `offset`, all of which were written before.
     pub fn read_at(&self, offset: u64, buf: &mut [u8]) -> Result<()> {
-        self.read(offset, buf).map_err(|e| Error::io(&self.space.folder, "read a temporary", e))
+        self.read(offset, buf).map_err(|e| Error::io(&self.space.folder, "reading a temporary file", e))
     }
 
-    /// Bytes written.
+    /// Number of bytes written.
     pub fn len(&self) -> u64 {
         *self.len.lock().unwrap_or_else(|e| e.into_inner())
     }
 
-    /// Whether nothing was written.
+    /// True if nothing was written.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -115,7 +117,7 @@ impl Drop for Scratch {
     }
 }
 
-/// Opens a new file and takes its name away, or has the system do so when it is closed.
+/// Creates a file and removes its name, or makes the system remove the file when it is closed.
 fn nameless(folder: &Path) -> io::Result<File> {
     static COUNTER: AtomicU32 = AtomicU32::new(0);
     faults::writing()?;
@@ -130,7 +132,7 @@ fn nameless(folder: &Path) -> io::Result<File> {
             std::os::windows::fs::OpenOptionsExt::custom_flags(&mut options, FILE_FLAG_DELETE_ON_CLOSE);
         }
         match options.open(&path) {
-            // Another process of this number, in a container of its own.
+            // Another process with the same number, in a container of its own, has created this file.
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => continue,
             Err(e) => return Err(e),
             Ok(file) => {
@@ -148,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_written_is_read_and_no_name_is_left() {
+    fn written_bytes_are_read_back_and_no_name_is_left() {
         let dir = tempfile::tempdir().unwrap();
         let space = ScratchSpace::new(Some(dir.path()));
         let (a, b) = (space.file().unwrap(), space.file().unwrap());

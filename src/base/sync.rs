@@ -1,4 +1,3 @@
-//! The atomics of [`super::round`]. A name of its own, so that its model test can put loom's in
-//! their place.
+//! The atomics of [`super::round`]. They have a module of their own, so that the model test can replace them by loom's.
 
 pub use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,9 +1,9 @@
-//! Workers that serve jobs: our own threads, the host's executor, or the caller stepping.
+//! Workers that serve jobs: threads of the pool, the host's executor, or the caller, which works step by step.
 //!
-//! A [`Job`] is [`Work`] in rounds of items. Workers take items one by one and turn to the next job every
-//! millisecond, so that several jobs advance together. They share one queue under a mutex, taken once a slice, not
-//! once an item; the handle of each job, for its end and its rounds; and [`super::round`]. No lock is held while
-//! work, a callback or the executor runs.
+//! A [`Job`] is [`Work`] in rounds of items. Workers claim items one by one and turn to the next job every millisecond,
+//! so that several jobs advance side by side. Workers share one queue under a mutex, which they take once per slice of
+//! time and not once per item; the handle of each job, with its end and its present round; and the rounds
+//! ([`super::round`]). No lock is held while work, a callback or the executor runs.
 
 use super::error::{Error, Result};
 use super::handle::{Handle, WakeFn};
@@ -16,32 +16,32 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long a worker stays with one job before it turns to the next.
+/// Time that a worker serves one job before it turns to the next.
 const SLICE: Duration = Duration::from_millis(1);
-/// How long a task keeps a thread of the host before it is handed in anew.
+/// Time that a task occupies a thread of the host before it is submitted anew.
 const HOST_SLICE: Duration = Duration::from_millis(5);
 
-/// What a job does. All methods may be called from any worker.
+/// The work of a job. Any worker may call any method.
 pub trait Work: Send + Sync {
-    /// Works on one item of the present round; called once for each, several at once. An error ends
-    /// the job: items not yet begun are dropped.
+    /// Works on one item of the present round. It is called once for each item, for several items at the same time. An
+    /// error ends the job: items that have not begun are dropped.
     fn run(&self, item: usize) -> Result<()>;
-    /// Called when all items of a round are finished: the number of items of the next, 0 for the end.
+    /// Called when all items of a round are finished. Returns the number of items of the next round; 0 ends the job.
     fn round_done(&self) -> Result<usize> {
         Ok(0)
     }
-    /// Called once, last; nothing else of this work runs then or later.
+    /// Called once, as the last call of this work.
     fn ended(&self, ending: &Ending) {
         let _ = ending;
     }
 }
 
-/// How a job ended.
+/// How a job has ended.
 #[derive(Debug, Clone)]
 pub enum Ending {
-    /// All rounds were worked through.
+    /// All rounds were completed.
     Finished,
-    /// Cancelled before.
+    /// The job was cancelled before.
     Cancelled,
     /// An item failed, or panicked ([`Error::Internal`]).
     Failed(Arc<Error>),
@@ -60,15 +60,14 @@ impl Ending {
 
 /// The host's threads.
 pub trait Executor: Send + Sync {
-    /// How many tasks it can run at once; at most so many are handed in at a time.
+    /// Number of tasks that the executor can run at once. The pool submits at most this many at a time.
     fn concurrency(&self) -> usize;
-    /// Runs the task soon, on any thread; may also run it at once. Called from any thread of the
-    /// host, never under a lock of ours. A task dropped without being run is work
-    /// left to the others.
+    /// Runs the task soon, on any thread; it may also run it before it returns. Any thread of the host may call this,
+    /// and none of them holds a lock of this crate. If a task is dropped without being run, other workers do its work.
     fn submit(&self, task: Task);
 }
 
-/// A piece of work for an [`Executor`]: call [`Task::run`] once.
+/// A piece of work for an [`Executor`], which calls [`Task::run`] once.
 pub struct Task(Option<Arc<Shared>>);
 
 impl Task {
@@ -89,15 +88,16 @@ impl Drop for Task {
 }
 
 thread_local! {
-    /// Inside `Executor::submit`: a task that runs now would recurse if it handed in another.
+    /// True inside `Executor::submit`. A task that runs there would recurse if it submitted another task.
     static SUBMITTING: Cell<bool> = const { Cell::new(false) };
-    /// Inside an item: a thread that waits here has to work, or it would wait for itself.
+    /// True inside an item. A thread that waits there has to work, or it would wait for itself.
     static WORKING: Cell<bool> = const { Cell::new(false) };
-    /// Whose tasks were run inside an item, and left their work: it is handed in again when the item is done.
+    /// The pools of tasks that were run inside an item and left their work. Tasks are submitted again when the item is
+    /// done.
     static LEFT: RefCell<Vec<Arc<Shared>>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Does what is an item's work.
+/// Runs the work of an item.
 fn working(work: impl FnOnce()) {
     let before = WORKING.replace(true);
     work();
@@ -105,17 +105,17 @@ fn working(work: impl FnOnce()) {
     serve_left();
 }
 
-/// Outside of all items, has the work served that tasks left inside of them. (Not from inside `submit`: a thread that
-/// serves there goes on until nothing is open.)
+/// Submits tasks again for the work that tasks left inside items, if this thread is outside of all items. (Not inside
+/// `submit`: a thread that serves there goes on until no round is open.)
 fn serve_left() {
     if !WORKING.get() && !SUBMITTING.get() {
-        // A thread that ends has none any more.
+        // A thread that is ending has no list any more.
         let left = LEFT.try_with(RefCell::take).unwrap_or_default();
         left.into_iter().for_each(|shared| shared.hand_in_for_open());
     }
 }
 
-/// Wraps what a worker does with its thread set up as needed (rounding modes, say).
+/// A function that wraps the work of a worker and sets the thread up for it, for instance its rounding mode.
 pub type Around = fn(&mut dyn FnMut());
 
 /// A pool of workers. Dropping it cancels all jobs and ends its threads.
@@ -124,28 +124,29 @@ pub struct Pool {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// What workers share.
+/// Data that the workers share.
 struct Shared {
     queue: Mutex<Queue>,
     /// Signalled when the queue gains a job or the pool stops.
     work_there: Condvar,
     executor: Option<Arc<dyn Executor>>,
     around: Around,
-    /// Threads of its own. Without any a waiter has to work itself.
+    /// Number of threads of the pool itself. Without any, a waiting thread has to work.
     threads: usize,
 }
 
 #[derive(Default)]
 struct Queue {
-    /// Rounds that may have unclaimed items, next to be served first.
+    /// Rounds that may have unclaimed items; the first is served next.
     open: VecDeque<(Arc<Inner>, Arc<Round>)>,
-    /// Tasks handed to the executor and not yet returned.
+    /// Number of tasks that the executor has not yet returned.
     tasks_out: usize,
     stop: bool,
 }
 
 impl Queue {
-    /// Counts tasks that are handed in after this: as many as there are places free of `hands`, `most` of them at most.
+    /// Counts tasks that the caller submits afterwards, and returns their number: as many as there are free places of
+    /// `hands`, but at most `most`.
     fn count_tasks(&mut self, hands: usize, most: usize) -> usize {
         let tasks = hands.saturating_sub(self.tasks_out).min(most);
         self.tasks_out += tasks;
@@ -153,7 +154,7 @@ impl Queue {
     }
 }
 
-/// A job in a pool: a handle, cloneable; the job goes on without it.
+/// A job in a pool: a cloneable handle. The job continues if all handles are dropped.
 #[derive(Clone)]
 pub struct Job {
     inner: Arc<Inner>,
@@ -182,13 +183,13 @@ enum WorkRef {
 /// Borrowed work with its lifetime erased: see [`Pool::run_scoped`].
 struct ScopedWork(*const (dyn Work + 'static));
 
-// SAFETY: `Work` is `Sync`, so a shared borrow of it may be used from any thread.
+// SAFETY: `Work` is `Sync`, so any thread may use a shared borrow of it.
 unsafe impl Send for ScopedWork {}
 // SAFETY: as above.
 unsafe impl Sync for ScopedWork {}
 
 impl WorkRef {
-    /// Threads that wait for it work on it.
+    /// True if threads that wait for the job also work on it.
     fn is_scoped(&self) -> bool {
         matches!(self, WorkRef::Scoped(_))
     }
@@ -196,21 +197,22 @@ impl WorkRef {
     fn get(&self) -> &dyn Work {
         match self {
             WorkRef::Owned(work) => &**work,
-            // SAFETY: only called before the job has ended (items claimed and not completed, or the one
-            // that was told that the round is over), and `run_scoped` keeps the borrow alive until then.
+            // SAFETY: `get` is called only before the job has ended: by threads with a claimed item that is not
+            // completed, or by the one that ended the round. `run_scoped` keeps the borrow alive until the end.
             WorkRef::Scoped(work) => unsafe { &*work.0 },
         }
     }
 }
 
-/// Locks; a panic elsewhere does not matter, the data under our locks is valid at every step.
+/// Locks `mutex`. A panic of another thread does not matter: the data under the locks of this module is valid at every
+/// step.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Pool {
-    /// A pool with `threads` threads of its own, or with the host's `executor` and none.
-    /// `around` wraps the work of every thread. Fails if a thread cannot be started.
+    /// A pool with `threads` threads of its own, or with the host's `executor` and no threads. `around` wraps the work
+    /// of every thread. Fails if a thread cannot be started.
     pub fn new(threads: usize, executor: Option<Arc<dyn Executor>>, around: Around) -> Result<Self> {
         let threads = if executor.is_some() { 0 } else { threads };
         let shared =
@@ -227,23 +229,23 @@ impl Pool {
         Ok(pool)
     }
 
-    /// Threads of its own.
+    /// Number of threads of the pool itself.
     pub fn threads(&self) -> usize {
         self.threads.len()
     }
 
-    /// How many workers may serve a job at once, at least 1.
+    /// Number of workers that may serve a job at once, at least 1.
     pub fn concurrency(&self) -> usize {
         let hosts = self.shared.executor.as_ref().map_or(0, |e| e.concurrency());
         self.threads.len().max(hosts).max(1)
     }
 
-    /// Begins a job with a first round of `items`; returns at once. With 0 items it ends at once, here.
+    /// Begins a job with a first round of `items` items, and returns at once. A job with 0 items ends in this call.
     pub fn submit(&self, items: usize, work: Arc<dyn Work>) -> Job {
         self.begin(items, WorkRef::Owned(work))
     }
 
-    /// Runs a job to its end, and returns how it ended: the only way to work on borrowed data.
+    /// Runs a job to its end, and returns how it ended. This is the only way to work on borrowed data.
     ///
     /// The caller works too, in place of one of the threads: to wake a thread, and to be woken by it, takes longer than
     /// small work does.
@@ -251,20 +253,21 @@ impl Pool {
         if items <= 1 {
             return self.run_here(items, work);
         }
-        // SAFETY: only the lifetime changes. The pointer is followed only until the job's ending is
-        // set (`WorkRef::get`), and no caller leaves before that: neither by returning, nor by unwinding (`Ended`).
+        // SAFETY: only the lifetime changes. The pointer is dereferenced only until the job's ending is set
+        // (`WorkRef::get`), and the caller does not leave before that: neither by returning, nor by unwinding
+        // (`Ended`).
         let work: *const (dyn Work + 'static) =
             unsafe { std::mem::transmute::<*const (dyn Work + '_), *const (dyn Work + 'static)>(work) };
         let job = Ended(self.begin(items, WorkRef::Scoped(ScopedWork(work))));
         job.0.wait_to_the_end()
     }
 
-    /// Does something small in the caller's thread, set up as a worker's is; it must not wait for work. A panic becomes
-    /// an error.
+    /// Runs something small in the caller's thread, which is set up like a worker's. It must not wait for other work. A
+    /// panic becomes an error.
     pub fn here<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
         let (mut work, mut done) = (Some(work), None);
         (self.shared.around)(&mut || done = work.take().map(caught));
-        done.unwrap_or_else(|| Err(Error::Internal("what is to be around work did not do it".into())))
+        done.unwrap_or_else(|| Err(Error::Internal("the wrapper of the work did not run it".into())))
     }
 
     /// Works through all rounds in the caller's thread.
@@ -301,7 +304,7 @@ impl Pool {
         job
     }
 
-    /// Works on one item in the caller's thread; `false` if there was none.
+    /// Works on one item in the caller's thread. Returns `false` if there was none.
     pub fn step(&self) -> bool {
         let Some((job, round)) = self.shared.next_open() else { return false };
         self.shared.serve(&job, &round, Duration::ZERO);
@@ -322,7 +325,7 @@ impl Drop for Pool {
         }
         let me = std::thread::current().id();
         for thread in self.threads.drain(..) {
-            // The last owner may be a worker itself, dropping what its job held.
+            // The last owner of the pool may be one of its workers, which drops the data of a job.
             if thread.thread().id() != me {
                 let _ = thread.join();
             }
@@ -330,8 +333,8 @@ impl Drop for Pool {
     }
 }
 
-/// A job that has ended when this is gone, even where what waits for it unwinds. (Work's panics are caught; what a
-/// panic says may panic again when it is dropped.)
+/// A job that is over once this is dropped, even if the waiting thread unwinds. (Panics of the work are caught, but the
+/// payload of a panic may panic again when it is dropped.)
 struct Ended(Job);
 
 impl Drop for Ended {
@@ -342,7 +345,7 @@ impl Drop for Ended {
 }
 
 impl Job {
-    /// [`Job::wait`] for as long as it takes.
+    /// [`Job::wait`] without a limit of time.
     pub fn wait_to_the_end(&self) -> Ending {
         loop {
             if let Some(ending) = self.wait(Duration::from_secs(3600)) {
@@ -351,18 +354,19 @@ impl Job {
         }
     }
 
-    /// Asks the job to end: items not yet begun are dropped. When none is running it has ended when this returns.
+    /// Cancels the job: items that have not begun are dropped. If no item is running, the job has ended when this
+    /// returns.
     pub fn cancel(&self) {
         self.shared.cancel(&self.inner);
     }
 
-    /// How it ended; `None` while it runs. Never blocks.
+    /// How the job has ended; `None` while it runs. Never blocks.
     pub fn ending(&self) -> Option<Ending> {
         self.inner.handle.ending()
     }
 
-    /// Waits for the end, and for the return of a wake function that another thread calls, `timeout` at most. Works
-    /// itself where the pool has no threads, on scoped work, and inside other work.
+    /// Waits, for `timeout` at most, for the end and for the return of a wake function that another thread calls. The
+    /// thread works meanwhile if the pool has no threads, if the work is scoped, or if the thread is inside an item.
     pub fn wait(&self, timeout: Duration) -> Option<Ending> {
         let works = self.shared.threads == 0 || self.inner.work.is_scoped() || WORKING.get();
         let todo = |state: &State| (works && state.round.has_items()).then(|| Arc::clone(&state.round));
@@ -370,19 +374,19 @@ impl Job {
         self.inner.handle.wait_working(timeout, todo, work)
     }
 
-    /// See [`Handle::set_wake`]. Nothing of the work runs any more when it is called.
+    /// Like [`Handle::set_wake`]. No work of the job runs any more when the function is called.
     pub(crate) fn set_wake(&self, wake: Option<WakeFn>) {
         self.inner.handle.set_wake(wake);
     }
 }
 
 impl Shared {
-    /// The job to serve next; it goes to the back of the queue. `None` if there is none.
+    /// Returns the round to serve next, which goes to the back of the queue. `None` if there is none.
     fn next_open(&self) -> Option<(Arc<Inner>, Arc<Round>)> {
         take_turn(&mut lock(&self.queue))
     }
 
-    /// A thread of our own.
+    /// The loop of a thread of the pool.
     fn serve_until_stopped(self: &Arc<Self>) {
         loop {
             let mut queue = lock(&self.queue);
@@ -400,12 +404,12 @@ impl Shared {
         }
     }
 
-    /// A task on a thread of the host.
+    /// The work of a task on a thread of the host.
     fn serve_as_task(self: Arc<Self>) {
-        // Run from inside `submit`: handing in another task would recurse, so all is done now.
+        // Inside `submit`, to submit another task would recurse. The task therefore goes on until no round is open.
         let inline = SUBMITTING.get();
         if inline && WORKING.get() {
-            // The item that handed it in may hold what others' items wait for (a lease).
+            // The item that submitted the task may hold a resource that items of others wait for (a lease).
             lock(&self.queue).tasks_out -= 1;
             let _ = LEFT.try_with(|left| left.borrow_mut().push(self));
             return;
@@ -416,8 +420,8 @@ impl Shared {
                 let mut queue = lock(&self.queue);
                 let late = !inline && begun.elapsed() >= HOST_SLICE;
                 let turn = if late || queue.stop { None } else { take_turn(&mut queue) };
-                // Leaving and the count change together: a thread that opens a round after this sees the
-                // free place.
+                // The decision to leave and the change of the count are one step under the lock: a thread that opens a
+                // round after this sees the free place.
                 let again = turn.is_none() && late && !queue.open.is_empty();
                 if turn.is_none() && !again {
                     queue.tasks_out -= 1;
@@ -432,18 +436,18 @@ impl Shared {
         }
     }
 
-    /// Hands one task, already counted, to the executor.
+    /// Submits one task, which is already counted, to the executor.
     fn hand_in(self: &Arc<Self>) {
         if let Some(executor) = &self.executor {
             let before = SUBMITTING.replace(true);
-            // Dropped by a host that panics, it is work left to the others.
+            // If the host panics, the task is dropped, and other workers do its work.
             quietly(|| executor.submit(Task(Some(Arc::clone(self)))));
             SUBMITTING.set(before);
             serve_left();
         }
     }
 
-    /// Works on items of a round for `time` (one item at least, if there is one).
+    /// Works on items of a round for `time`, and on at least one item if there is one.
     fn serve(self: &Arc<Self>, job: &Arc<Inner>, round: &Arc<Round>, time: Duration) {
         working(|| {
             (self.around)(&mut || {
@@ -462,7 +466,7 @@ impl Shared {
     fn run_item(self: &Arc<Self>, job: &Arc<Inner>, round: &Round, item: usize) {
         if let Err(error) = caught(|| job.work.get().run(item)) {
             job.handle.lock().failure.get_or_insert(error);
-            // Our own item is not completed yet: draining cannot end the round.
+            // The item of this thread is not completed yet, so draining cannot end the round.
             let _ = round.drain();
         }
         if round.complete() {
@@ -470,7 +474,7 @@ impl Shared {
         }
     }
 
-    /// Called by the one that was told that the present round is over.
+    /// Called by the participant that ended the present round.
     fn end_round(self: &Arc<Self>, job: &Arc<Inner>) {
         let failed = {
             let state = job.handle.lock();
@@ -496,18 +500,18 @@ impl Shared {
                 return self.open_round(job, items);
             }
         };
-        // A cancelled round may still be queued: nothing of an ended job stays behind.
+        // A cancelled round may still be queued. No entry of an ended job stays in the queue.
         lock(&self.queue).open.retain(|(j, _)| !Arc::ptr_eq(j, job));
         quietly(|| job.work.get().ended(&ending));
         quietly(|| job.handle.end(ending));
     }
 
-    /// Tasks that the executor, if there is one, has at a time.
+    /// Number of tasks that the executor has at a time; 0 without an executor.
     fn hands(&self) -> usize {
         self.executor.as_ref().map_or(0, |e| e.concurrency().max(1))
     }
 
-    /// Puts a job's new round where workers find it.
+    /// Puts a job's new round into the queue, and wakes workers.
     fn open_round(self: &Arc<Self>, job: &Arc<Inner>, items: usize) {
         let round = Arc::clone(&job.handle.lock().round);
         let hands = self.hands();
@@ -526,7 +530,7 @@ impl Shared {
         }
     }
 
-    /// Hands in as many tasks as there are open rounds, and places free.
+    /// Submits one task for each open round, as far as places are free.
     fn hand_in_for_open(self: &Arc<Self>) {
         let hands = self.hands();
         let tasks = {
@@ -547,7 +551,7 @@ impl Shared {
             state.cancelled = true;
             state.round.drain()
         };
-        // A pool without threads may never look into the queue again, which would keep the work alive.
+        // A pool without threads may never read the queue again; an entry that stays would keep the work alive.
         lock(&self.queue).open.retain(|(open, _)| !Arc::ptr_eq(open, job));
         if over {
             self.end_round(job);
@@ -555,7 +559,7 @@ impl Shared {
     }
 }
 
-/// Takes the first open round and puts it last.
+/// Takes the first round with unclaimed items and moves it to the back.
 fn take_turn(queue: &mut Queue) -> Option<(Arc<Inner>, Arc<Round>)> {
     while let Some((job, round)) = queue.open.pop_front() {
         if round.has_items() {
@@ -566,17 +570,17 @@ fn take_turn(queue: &mut Queue) -> Option<(Arc<Inner>, Arc<Round>)> {
     None
 }
 
-/// Runs `f`, turning a panic into [`Error::Internal`].
+/// Runs `f`; a panic becomes [`Error::Internal`].
 fn caught<T>(f: impl FnOnce() -> Result<T>) -> Result<T> {
     catch_unwind(AssertUnwindSafe(f)).unwrap_or_else(|panic| Err(Error::Internal(message(&*panic))))
 }
 
-/// Runs `f`, and drops a panic in it.
+/// Runs `f`, and ignores a panic in it.
 fn quietly(f: impl FnOnce()) {
     let _ = catch_unwind(AssertUnwindSafe(f));
 }
 
-/// What a panic said.
+/// Returns the message of a panic.
 fn message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().copied();
     let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));

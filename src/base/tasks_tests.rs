@@ -1,4 +1,4 @@
-//! Workers of each kind, panics, cancels, fairness.
+//! Tests of each kind of workers, of panics, cancellation and fairness.
 
 use super::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::SeqCst};
@@ -12,7 +12,7 @@ fn pool(threads: usize) -> Pool {
     Pool::new(threads, None, plain).unwrap()
 }
 
-/// Counts items; `rounds` of them; does `body` in each.
+/// Counts items. Runs `body` in each, for `rounds` rounds.
 struct Count<F: Fn(usize) -> Result<()> + Send + Sync> {
     body: F,
     done: AtomicUsize,
@@ -50,7 +50,7 @@ impl<F: Fn(usize) -> Result<()> + Send + Sync> Work for Count<F> {
 
 const LONG: Duration = Duration::from_secs(60);
 
-/// Threads of this process, as the kernel counts them.
+/// Number of threads of this process, as the kernel counts them.
 fn threads_now() -> usize {
     std::fs::read_dir("/proc/self/task").unwrap().count()
 }
@@ -103,7 +103,7 @@ fn a_panic_fails_its_job_and_nothing_else() {
     }
     assert!(matches!(good_job.wait(LONG), Some(Ending::Finished)));
     assert_eq!((good.done.load(SeqCst), bad.ended.load(SeqCst)), (1000, 1));
-    // Workers live on.
+    // The workers survive the panic.
     let again = Count::new(10, 1, |_| Ok(()));
     assert!(matches!(pool.submit(10, again).wait(LONG), Some(Ending::Finished)));
 }
@@ -160,7 +160,7 @@ fn scoped_work_borrows() {
 }
 
 #[test]
-fn who_runs_scoped_work_does_not_wait_for_busy_threads() {
+fn the_caller_of_scoped_work_does_not_wait_for_busy_threads() {
     let pool = pool(1);
     let (begun, begins) = mpsc::channel();
     let (go, goes) = mpsc::channel::<()>();
@@ -172,7 +172,7 @@ fn who_runs_scoped_work_does_not_wait_for_busy_threads() {
     });
     let job = pool.submit(1, busy);
     begins.recv().unwrap();
-    // In the same thread, all rounds: the only other one is busy until it is told to go on.
+    // All rounds run in this thread: the only other one is busy until it receives a message.
     let me = std::thread::current().id();
     let work = Count::new(3, 4, move |_| {
         assert_eq!(std::thread::current().id(), me);
@@ -213,7 +213,7 @@ impl Executor for Hosted {
 
 #[test]
 fn with_an_executor_no_thread_of_ours_exists() {
-    // Other tests start threads at any time: count in a process of our own.
+    // Other tests start threads at any time, so the count is made in a process of its own.
     if std::env::var_os("OUTCROP_TEST_ALONE").is_none() {
         let me = std::env::current_exe().unwrap();
         let name = "base::tasks::tests::with_an_executor_no_thread_of_ours_exists";
@@ -251,7 +251,7 @@ fn with_an_executor_no_thread_of_ours_exists() {
         Ok(())
     });
     let job = pool.submit(400, work.clone());
-    // Not waiting: the host's threads alone must finish it.
+    // This thread does not wait on the job: the host's threads must finish it without help.
     while job.ending().is_none() {
         assert_eq!(threads_now(), before);
         std::thread::sleep(Duration::from_millis(1));
@@ -345,14 +345,14 @@ fn cancels_from_everywhere_end_every_job_once() {
 }
 
 thread_local! {
-    /// What an item has here that others' items wait for.
+    /// A resource of an item that items of other jobs wait for.
     static HOLDS: Cell<bool> = const { Cell::new(false) };
 }
 
-/// A host's thread that works on one thing and hands in a task, which is run at once, does no other work in the middle
-/// of that, and none is forgotten.
+/// A host's thread that works on one job and submits a task, which is run at once, does no other work in the middle of
+/// its item. The work of the task is not lost.
 #[test]
-fn what_is_handed_in_inside_an_item_is_done_after_it() {
+fn a_task_submitted_inside_an_item_is_done_after_it() {
     let pool = Arc::new(Pool::new(0, Some(Arc::new(Inline)), plain).unwrap());
     let (begun, has_begun) = mpsc::channel();
     let (go_on, goes_on) = mpsc::channel::<()>();

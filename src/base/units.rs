@@ -1,6 +1,6 @@
-//! What models say about their coordinates.
+//! Units and axes of a model's coordinates.
 
-/// Which axis points up.
+/// The axis that points up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u32)]
 pub enum UpAxis {
@@ -11,6 +11,6 @@ pub enum UpAxis {
     X = 1,
     /// Y (glTF).
     Y = 2,
-    /// Z (STL by habit).
+    /// Z (STL by convention).
     Z = 3,
 }

@@ -1,38 +1,38 @@
-//! Working memory that is used again. It lies in places that threads look at from different ones on: mostly none waits
-//! for another, nor writes where another reads.
+//! Working memory that is reused. Pieces lie in places, and each thread begins its search at another place: mostly no
+//! thread waits for another, nor writes to a cache line that another reads.
 
 use std::any::Any;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, TryLockError};
 
-/// What lies in a place. In cache lines of its own.
+/// A place for one piece of memory, in cache lines of its own.
 #[derive(Default)]
 #[repr(align(128))]
 struct Place(Mutex<Option<Box<dyn Any + Send>>>);
 
-/// As many places as are kept at most.
+/// A fixed number of places for pieces that are not in use.
 pub struct WorkingMemory(Box<[Place]>);
 
 static NEXT: AtomicUsize = AtomicUsize::new(0);
 
 thread_local! {
-    /// Where a thread looks first.
+    /// The place where a thread begins its search.
     static HOME: usize = NEXT.fetch_add(1, Relaxed);
 }
 
 impl WorkingMemory {
-    /// `count`: at least 1.
+    /// `count`: the number of places, at least 1.
     pub fn new(count: usize) -> Self {
         Self((0..count.max(1)).map(|_| Place::default()).collect())
     }
 
-    /// Memory that was given back, or new.
+    /// Returns a piece of this type that was given back, or a new one.
     pub fn take<T: Any + Send + Default>(&self) -> Box<T> {
         let there = self.first(|place| place.take_if(|it| it.is::<T>()));
         there.and_then(|it| it.downcast().ok()).unwrap_or_default()
     }
 
-    /// Gives it back; it goes where there is no place left.
+    /// Gives a piece back. It is dropped if no place is free.
     pub fn give(&self, it: Box<dyn Any + Send>) {
         let mut it = Some(it);
         self.first(|place| {
@@ -43,9 +43,10 @@ impl WorkingMemory {
         });
     }
 
-    /// What `look` first finds, from the thread's own place on. Places that others look at are left out.
+    /// Calls `look` for the places, from the thread's own one on, until it returns a value. Places that other threads
+    /// hold locked are skipped.
     fn first<R>(&self, mut look: impl FnMut(&mut Option<Box<dyn Any + Send>>) -> Option<R>) -> Option<R> {
-        // It may be the last that a thread does.
+        // The thread may be ending, and its thread-local values gone.
         let home = HOME.try_with(|home| *home).unwrap_or(0) % self.0.len();
         let (before, from) = self.0.split_at(home);
         from.iter().chain(before).find_map(|place| match place.0.try_lock() {
@@ -61,13 +62,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_given_back_is_taken_again_as_far_as_there_are_places() {
+    fn pieces_given_back_are_reused_up_to_the_number_of_places() {
         let memory = WorkingMemory::new(2);
         let mut three: Vec<Box<Vec<u32>>> = (0..3).map(|_| memory.take()).collect();
         assert!(three.iter().all(|it| it.is_empty()));
         three.iter_mut().enumerate().for_each(|(i, it)| it.push(i as u32));
         three.into_iter().for_each(|it| memory.give(it));
-        // Of another kind there is none.
+        // There is no piece of another type.
         assert_eq!(*memory.take::<u64>(), 0);
         let again: Vec<Box<Vec<u32>>> = (0..3).map(|_| memory.take()).collect();
         let mut found: Vec<u32> = again.iter().flat_map(|it| it.iter().copied()).collect();
@@ -75,9 +76,9 @@ mod tests {
         assert_eq!(found, [0, 1]);
     }
 
-    /// Each piece has a number, and nobody takes one that is taken.
+    /// Each piece has a number, and no thread gets a piece that another has taken.
     #[test]
-    fn what_a_thread_has_taken_no_other_gets() {
+    fn no_two_threads_get_the_same_piece() {
         #[derive(Default)]
         struct Piece(usize);
         let memory = WorkingMemory::new(3);

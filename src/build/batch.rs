@@ -1,24 +1,24 @@
-//! Some consecutive triangles of a mesh, in memory or coded in a scratch file.
+//! Batches: consecutive triangles of a mesh, in memory or encoded in a scratch file.
 
 use super::coding;
 use crate::base::error::{Error, Result};
 use crate::base::scratch::Scratch;
 use glam::{DVec3, Vec3};
 
-/// Triangles of a batch, at most: a batch is the unit of parallel work.
+/// Maximum number of triangles of a batch, which is the unit of parallel work.
 pub const BATCH: usize = 1 << 15;
 
 /// Positions of a batch.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Positions {
-    /// Every coordinate is a single-precision number.
+    /// Every coordinate is exact in single precision.
     Single(Vec<[Vec3; 3]>),
-    /// Some are not.
+    /// Some coordinates are not.
     Double(Vec<[DVec3; 3]>),
 }
 
 impl Positions {
-    /// Triangles.
+    /// Number of triangles.
     pub fn len(&self) -> usize {
         match self {
             Positions::Single(p) => p.len(),
@@ -41,16 +41,17 @@ impl Positions {
 pub struct Batch {
     /// Corners; finite.
     pub positions: Positions,
-    /// Part of each.
+    /// Part of each triangle.
     pub parts: Vec<u32>,
-    /// Primitive id of each, ascending.
+    /// Primitive id of each triangle, ascending.
     pub prims: Vec<u32>,
-    /// sRGB of each; empty if none of the batch has a colour. Alpha 0: the part's material.
+    /// sRGB colour of each triangle; empty if no triangle of the batch has a colour. Alpha 0 means the colour of the
+    /// part's material.
     pub colours: Vec<[u8; 4]>,
 }
 
 impl Batch {
-    /// Bytes of memory.
+    /// Number of bytes of memory.
     pub fn bytes(&self) -> u64 {
         let positions = match &self.positions {
             Positions::Single(p) => size_of::<[Vec3; 3]>() * p.capacity(),
@@ -60,18 +61,18 @@ impl Batch {
     }
 }
 
-/// A batch in a scratch file.
+/// The place of a batch in a scratch file.
 #[derive(Debug, Clone, Copy)]
 pub struct Extent {
-    /// First byte.
+    /// Offset of its first byte.
     at: u64,
-    /// Bytes.
+    /// Number of its bytes.
     len: u32,
-    /// Triangles.
+    /// Number of its triangles.
     pub count: u32,
 }
 
-/// Codes batches in parallel and writes them in order; where each went.
+/// Encodes batches in parallel and writes them in order. Returns their places.
 pub fn write(batches: &[&Batch], to: &Scratch, par: &crate::structure::Par) -> Result<Vec<Extent>> {
     let coded = par.map(batches.len(), |i| coding::encode(batches[i]));
     let mut extents = Vec::with_capacity(batches.len());
@@ -82,10 +83,10 @@ pub fn write(batches: &[&Batch], to: &Scratch, par: &crate::structure::Par) -> R
     Ok(extents)
 }
 
-/// Reads a batch back.
+/// Reads a batch.
 pub fn read(from: &Scratch, extent: &Extent) -> Result<Batch> {
     let mut bytes = vec![0; extent.len as usize];
     from.read_at(extent.at, &mut bytes)?;
     let batch = coding::decode(&bytes).filter(|b| b.positions.len() == extent.count as usize);
-    batch.ok_or_else(|| Error::Internal("a temporary does not hold what was written there".into()))
+    batch.ok_or_else(|| Error::Internal("a temporary file does not contain the data that was written to it".into()))
 }

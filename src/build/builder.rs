@@ -1,4 +1,4 @@
-//! Collects input, then makes the file of it.
+//! The builder, which collects input and then writes the model file.
 
 use super::parts::Assembly;
 use super::report::{BuildReport, PhaseSeconds};
@@ -20,12 +20,14 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Instant;
 
-/// Share of the whole that reading takes, for the progress.
+/// Fraction of the progress that reading takes.
 const READ_SHARE: f64 = 0.4;
 
-/// A model being built. Feed it through [`Sink`] or [`Builder::add_file`], then [`Builder::finish`].
+/// A model that is being built. Callers feed it through [`Sink`] or [`Builder::add_file`], and then call
+/// [`Builder::finish`].
 ///
-/// One thread at a time; watch it from others through the [`Progress`], stop it through the [`Cancel`].
+/// One thread at a time may use it. Other threads may observe it through the [`Progress`] and stop it through the
+/// [`Cancel`].
 pub struct Builder {
     options: BuildOptions,
     progress: Arc<Progress>,
@@ -34,9 +36,9 @@ pub struct Builder {
     shares: Shares,
     space: Arc<ScratchSpace>,
     meshes: Vec<Spool>,
-    /// Where meshes are that did not fit.
+    /// Scratch file of the meshes that did not fit memory.
     spilled: Option<Scratch>,
-    /// Bytes of the meshes in memory.
+    /// Number of bytes of the meshes in memory.
     in_memory: u64,
     assembly: Assembly,
     triangles_in: u64,
@@ -47,8 +49,8 @@ pub struct Builder {
 }
 
 impl Builder {
-    /// With nothing in it. Fails with `BadArgument` where an option is out of its range, and with `OverBudget`,
-    /// which names the least, where nothing can be built in the memory allowed.
+    /// An empty builder. Fails with `BadArgument` if an option is out of its range, and with `OverBudget`, which names
+    /// the least budget, if no model can be built in the allowed memory.
     pub fn new(options: BuildOptions, progress: Arc<Progress>, cancel: Cancel) -> Result<Self> {
         if let Some(m) = options.metres_per_unit
             && !(m.is_finite() && m > 0.0)
@@ -77,12 +79,12 @@ impl Builder {
         })
     }
 
-    /// Reads a mesh file into the model. Errors as of [`import::read_file`].
+    /// Reads a mesh file into the model. Errors are those of [`import::read_file`].
     pub fn add_file(&mut self, path: &Path) -> Result<()> {
         self.add_files(&[path])
     }
 
-    /// Reads mesh files into the model, one after the other; progress counts over all of them. Errors as of
+    /// Reads mesh files into the model, one after the other. The progress covers all of them. Errors are those of
     /// [`import::read_file`].
     pub fn add_files(&mut self, paths: &[impl AsRef<Path>]) -> Result<()> {
         self.progress.enter(Phase::Read);
@@ -90,12 +92,12 @@ impl Builder {
         import::read_files(paths, &options, self)
     }
 
-    /// Triangles so far, dropped ones included.
+    /// Number of triangles so far, dropped ones included.
     pub fn triangles_read(&self) -> u64 {
         self.triangles_in
     }
 
-    /// Builds the trees and writes the file. On any error `out` is as it was, and no temporary is left.
+    /// Builds the trees and writes the file. On any error `out` is unchanged, and no scratch file is left.
     ///
     /// Fails with `Cancelled`, `Io`, `NoMemory`, or `BadArgument` if parts and instances contradict each other.
     pub fn finish(mut self, out: &Path) -> Result<BuildReport> {
@@ -124,7 +126,7 @@ impl Builder {
         Ok(report)
     }
 
-    /// Shared meshes that are placed nowhere can never be seen: they go, and a note says so.
+    /// Drops shared meshes without instances, which can never be visible, and adds a note about them.
     fn leave_out_unplaced(&mut self) {
         let mut is_placed = vec![false; self.meshes.len()];
         is_placed[0] = true;
@@ -137,11 +139,11 @@ impl Builder {
         }
         if meshes > 0 {
             self.notes
-                .push(format!("{meshes} shared meshes are placed nowhere: their {triangles} triangles are left out"));
+                .push(format!("{meshes} shared meshes have no instances: their {triangles} triangles were left out"));
         }
     }
 
-    /// Moves all triangles to a scratch file once they are too many.
+    /// Moves all triangles to a scratch file once they exceed their share of memory.
     fn spill(&mut self) -> Result<()> {
         if self.in_memory <= self.shares.spool {
             return Ok(());
@@ -164,10 +166,11 @@ impl Builder {
     }
 }
 
-/// Whether the system has the memory that the tree of so many triangles (trees are built one after the other) mostly
-/// takes beside what is `in_memory`, up to three quarters of what that leaves of the budget (0: no limit), which holds
-/// other things too: asked for and given back. Later it would be missed by what has no way to say so. (A build of a
-/// million from memory held 75 bytes a triangle beside its 44 of input.)
+/// Tests that the system has the memory that a tree of this number of triangles mostly takes in addition to the
+/// `in_memory` bytes of input, by allocating and freeing it: later, the memory would be missed by code that cannot
+/// return an error. Trees are built one after the other. The test covers at most three quarters of the rest of the
+/// budget (0: no limit), which other things also need. (A build of a million triangles from memory held 75 bytes per
+/// triangle in addition to the 44 of the input.)
 fn see_room(triangles: u64, in_memory: u64, budget: u64) -> Result<()> {
     let bytes = (16 << 20) + triangles.saturating_mul(64);
     let bytes = if budget == 0 { bytes } else { bytes.min(budget.saturating_sub(in_memory) / 4 * 3) };
@@ -175,7 +178,7 @@ fn see_room(triangles: u64, in_memory: u64, budget: u64) -> Result<()> {
         .map(drop)
 }
 
-/// Runs `work` with as many threads as asked for: with one, in the calling thread and no other.
+/// Runs `work` with the requested number of threads; with one, it runs in the calling thread only.
 fn in_pool<T: Send>(threads: usize, work: impl FnOnce(usize) -> Result<T> + Send) -> Result<T> {
     let threads = if threads == 0 { std::thread::available_parallelism().map_or(1, |n| n.get()) } else { threads };
     if threads == 1 {
@@ -208,14 +211,14 @@ impl Sink for Builder {
     fn part(&mut self, part: PartDesc) -> Result<PartKey> {
         let index = self.assembly.parts.len() as u32;
         if part.parent.is_some_and(|p| p >= index) {
-            return Err(Error::bad_argument("part: its parent does not exist yet"));
+            return Err(Error::bad_argument("part: the parent does not exist yet"));
         }
         let material = part.material.unwrap_or(0);
         if material as usize >= self.assembly.materials.len() {
-            return Err(Error::bad_argument("part: its material does not exist"));
+            return Err(Error::bad_argument("part: the material does not exist"));
         }
         if index >= u32::MAX - 1 {
-            return Err(Error::bad_argument("part: there are too many"));
+            return Err(Error::bad_argument("part: there are too many parts"));
         }
         let id = part.id.unwrap_or(u64::from(index));
         let bounds = sections::EMPTY_BOUNDS;
@@ -225,7 +228,7 @@ impl Sink for Builder {
 
     fn shared_mesh(&mut self, local_parts: u32) -> Result<MeshKey> {
         if local_parts == 0 || local_parts == u32::MAX {
-            return Err(Error::bad_argument("shared mesh: it must have a part at least, and fewer than 2^32 - 1"));
+            return Err(Error::bad_argument("shared mesh: the number of parts must be from 1 to 2^32 - 2"));
         }
         self.meshes.push(Spool::new(local_parts));
         Ok(MeshKey(self.meshes.len() as u32 - 1))
@@ -247,10 +250,10 @@ impl Sink for Builder {
             return Err(Error::bad_argument("triangles: no such part"));
         }
         if colours.is_some_and(|c| c.len() != positions.len()) {
-            return Err(Error::bad_argument("triangles: there must be a colour for each"));
+            return Err(Error::bad_argument("triangles: the number of colours differs from the number of triangles"));
         }
         if self.triangles_in + positions.len() as u64 >= u64::from(u32::MAX) {
-            return Err(Error::bad_argument("triangles: a model holds fewer than 2^32 - 1 of them"));
+            return Err(Error::bad_argument("triangles: a model must have fewer than 2^32 - 1 triangles"));
         }
         let before = spool.bytes();
         for (i, corners) in positions.iter().enumerate() {
@@ -276,11 +279,11 @@ impl Sink for Builder {
         let spool = self.meshes.get(mesh.0 as usize).filter(|_| mesh != MeshKey::DIRECT);
         let spool = spool.ok_or_else(|| Error::bad_argument("instance: no such shared mesh"))?;
         if u64::from(first_part) + u64::from(spool.local_parts) > self.assembly.parts.len() as u64 {
-            return Err(Error::bad_argument("instance: its parts do not exist"));
+            return Err(Error::bad_argument("instance: the parts do not exist"));
         }
         let columns = world_from_mesh.to_cols_array();
         if !sections::is_invertible(&columns) {
-            return Err(Error::bad_argument("instance: its transform is not finite or cannot be undone"));
+            return Err(Error::bad_argument("instance: the transform is not finite or not invertible"));
         }
         self.assembly.instances.push(InstanceRow { tree: mesh.0, first_part, world_from_mesh: columns });
         Ok(())
@@ -308,7 +311,7 @@ impl std::fmt::Debug for Builder {
     }
 }
 
-/// Whether splits are asked for outright.
+/// True or false if the caller decides on splits, `None` if the shape of the triangles decides.
 pub(super) fn asked_for_splits(splits: Splits) -> Option<bool> {
     match splits {
         Splits::Auto => None,

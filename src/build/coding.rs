@@ -1,15 +1,16 @@
-//! A batch as bytes: some ten a triangle of a scan, where memory takes 44.
+//! The encoding of a batch in a scratch file: some ten bytes per triangle of a scan, compared to 44 in memory. After
+//! the first four bytes everything is one LZ4 block. In the order of the bytes before compression:
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
-//! | 4 | u32: bytes of the rest before LZ4, which all of it is under |
-//! | 4, 4 | u32: triangles, distinct vertices |
+//! | 4 | u32: number of the following bytes |
+//! | 4, 4 | u32: number of triangles, number of distinct vertices |
 //! | 1 | bit 0: double precision; bit 1: colours |
-//! | .. | parts: runs of equal ones, varints: part, length; until all triangles have one |
-//! | .. | primitive ids: runs of consecutive ones, varints: how many were skipped, length |
-//! | .. | corners, three varints a triangle: 0 a new vertex, else how many back the known one is |
-//! | 3 x 4 x .. or 3 x 8 x .. | x, y, z of the vertices: difference to the one before as ordered integers, zigzag, by byte planes |
-//! | 4 x triangles | colours, by channel |
+//! | .. | parts, as runs of equal numbers; two varints per run: part, length |
+//! | .. | primitive ids, as runs of consecutive numbers; two varints per run: numbers skipped, length |
+//! | .. | corners, three varints per triangle: 0 for a new vertex, else the distance back to a known vertex |
+//! | .. | x of the vertices, then y, then z: difference to the one before, ordered integers, zigzag, in byte planes |
+//! | 4 x triangles | colours, channel by channel |
 
 use super::batch::{Batch, Positions};
 use bytemuck::must_cast;
@@ -19,13 +20,13 @@ use lz4_flex::block;
 const DOUBLE: u8 = 1;
 const COLOURS: u8 = 2;
 
-/// A coordinate as an unsigned integer in the order of the numbers.
+/// A coordinate as an unsigned integer. The integers have the order of the coordinates.
 trait Coordinate: Copy {
-    /// Bytes.
+    /// Number of bytes.
     const LEN: usize;
     fn ordered(self) -> u64;
     fn from_ordered(value: u64) -> Self;
-    /// Small where both are near; as few bytes as a coordinate.
+    /// Difference of two coordinates, in as many bytes as a coordinate; small if both are near.
     fn difference(now: u64, before: u64) -> u64;
     fn undo_difference(coded: u64, before: u64) -> u64;
 }
@@ -68,12 +69,12 @@ impl Coordinate for f64 {
     }
 }
 
-/// Codes a batch. The same batch gives the same bytes anywhere.
+/// Encodes a batch. The same batch gives the same bytes on every machine.
 pub fn encode(batch: &Batch) -> Vec<u8> {
     let count = batch.positions.len();
     let mut out = Vec::with_capacity(count * 16);
     out.extend((count as u32).to_le_bytes());
-    // Vertices: known later.
+    // Number of vertices, which is known later.
     out.extend([0; 4]);
     let double = if matches!(batch.positions, Positions::Double(_)) { DOUBLE } else { 0 };
     out.push(double | if batch.colours.is_empty() { 0 } else { COLOURS });
@@ -112,10 +113,11 @@ fn push_prims(out: &mut Vec<u8>, prims: &[u32]) {
     }
 }
 
-/// Corners and vertices; returns how many of these.
+/// Writes corners and vertices. Returns the number of vertices.
 fn push_positions<C: Coordinate>(out: &mut Vec<u8>, count: usize, triangle: impl Fn(usize) -> [[C; 3]; 3]) -> u32 {
     let mut vertices: Vec<[u64; 3]> = Vec::with_capacity(count);
-    // The last vertex of each hash: one that was pushed out is written again, which is rare and does no harm.
+    // The last vertex with each hash. A vertex whose entry was overwritten is written again, which is rare and
+    // harmless.
     let bits = (usize::BITS - (2 * count).leading_zeros()).max(4);
     let mut last = vec![0u32; 1 << bits];
     for corner in (0..count).flat_map(&triangle) {
@@ -145,12 +147,12 @@ fn push_positions<C: Coordinate>(out: &mut Vec<u8>, count: usize, triangle: impl
 }
 
 fn hash([x, y, z]: [u64; 3]) -> usize {
-    // Odd numbers without a pattern.
+    // Odd constants without a pattern.
     let sum = x.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ y.wrapping_mul(0xC2B2_AE3D_27D4_EB4F).rotate_left(21);
     ((sum ^ z).wrapping_mul(0x2545_F491_4F6C_DD1D)) as usize
 }
 
-/// Bytes being read; `None` where they run out.
+/// Bytes that are being read. The methods return `None` at the end.
 struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
@@ -177,7 +179,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// The batch of what [`encode`] made; `None` of other bytes, mostly.
+/// Returns the batch that [`encode`] encoded, and mostly `None` for other bytes.
 pub fn decode(bytes: &[u8]) -> Option<Batch> {
     let raw = block::decompress_size_prepended(bytes).ok()?;
     let mut reader = Reader(&raw);
@@ -206,7 +208,8 @@ pub fn decode(bytes: &[u8]) -> Option<Batch> {
     reader.0.is_empty().then_some(Batch { positions, parts, prims, colours })
 }
 
-/// Numbers in runs, each of which `run` says from its two varints: the first, and the step to the next.
+/// Reads numbers in runs. `run` returns the first number of a run and the step to the next one, from the run's two
+/// varints.
 fn read_runs(reader: &mut Reader, count: usize, mut run: impl FnMut(u32, u32) -> (u32, u32)) -> Option<Vec<u32>> {
     let mut all = Vec::with_capacity(count.min(super::batch::BATCH));
     while all.len() < count {
@@ -252,7 +255,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    #[allow(clippy::type_complexity)] // what is compared, and no more
+    #[allow(clippy::type_complexity)] // the compared fields, and no more
     fn bits(batch: &Batch) -> (Vec<u64>, bool, &[u32], &[u32], &[[u8; 4]]) {
         let bits = match &batch.positions {
             Positions::Single(p) => p.iter().flatten().flat_map(|c| c.to_array()).map(|x| x.to_bits().into()).collect(),
@@ -262,7 +265,7 @@ mod tests {
     }
 
     fn batch(numbers: &[(u32, u64, u8)], double: bool, coloured: bool, shared: bool) -> Batch {
-        // Few values: vertices are shared. All: they are not.
+        // With few different values, vertices are shared; with all values, they are not.
         let single = |n: u64| if shared { (n % 5) as f32 - 2.0 } else { f32::from_bits((n as u32) & 0xff7f_ffff) };
         let both = |n: u64| if shared { (n % 5) as f64 * -0.1 } else { f64::from_bits(n & !(1 << 62)) };
         let point = |n: u64| [n, n.rotate_left(13), n.rotate_left(29)];

@@ -1,8 +1,8 @@
-//! A mesh into chunks: triangles that are near each other, as many as fit memory.
+//! The distribution of a mesh into chunks of neighbouring triangles, each of which fits memory.
 //!
-//! By the middles of the triangles' boxes, over the regions of a grid; a region that holds too much, which is
-//! one cell then, is divided again, over a grid of its own. Where all middles are one point, by order of
-//! arrival. Chunks depend on the triangles and on how many may be in one, on nothing else.
+//! The middle of a triangle's box decides, by the regions of a grid. A region with too many triangles is a single cell,
+//! and is divided again over a grid of its own. If all middles are in one cell of that, the triangles are divided by
+//! order of arrival. Chunks depend only on the triangles and on the maximum size of a chunk.
 
 use super::batch::{self, BATCH, Batch, Extent, Positions};
 use super::origin;
@@ -16,29 +16,29 @@ use crate::structure::Par;
 use glam::DVec3;
 use std::borrow::Cow;
 
-/// Triangles in a scratch file, by primitive id, around the mesh's origin.
+/// Triangles in a scratch file, in the order of their primitive ids, with positions relative to the mesh's origin.
 pub struct Bucket {
-    /// Where.
+    /// Places of the batches in the file.
     pub extents: Vec<Extent>,
-    /// How many.
+    /// Number of triangles.
     pub triangles: u64,
-    /// Of the middles of their boxes.
+    /// Bounds of the middles of their boxes.
     bounds: Bounds,
 }
 
-/// What distributing needs besides the triangles.
+/// Parameters of the distribution.
 pub struct Distributor<'a> {
-    /// Triangles of a chunk, at most.
+    /// Maximum number of triangles of a chunk.
     pub most: u64,
-    /// Triangles in memory, over all chunks, about.
+    /// Approximate maximum number of triangles that wait in memory, over all chunks.
     pub waiting: u64,
-    /// Where chunks go.
+    /// Scratch file of the chunks.
     pub to: &'a Scratch,
     pub par: &'a Par,
     pub cancel: &'a Cancel,
 }
 
-/// A bucket as input again.
+/// A bucket as a source of batches.
 struct Again<'a> {
     bucket: &'a Bucket,
     from: &'a Scratch,
@@ -63,7 +63,8 @@ impl Batches for Again<'_> {
 }
 
 impl Distributor<'_> {
-    /// The chunks of `source`, given its histogram over `grid`. `seen` hears how many triangles were taken up.
+    /// Returns the chunks of `source`. `histogram`: its histogram over `grid`. Calls `seen` with the number of
+    /// distributed triangles.
     pub fn chunks(
         &self,
         source: &dyn Batches,
@@ -80,7 +81,7 @@ impl Distributor<'_> {
         Ok(chunks)
     }
 
-    /// Divides what is too much.
+    /// Divides a bucket until no chunk is too large.
     fn divide(&self, bucket: Bucket, chunks: &mut Vec<Bucket>) -> Result<()> {
         if bucket.triangles <= self.most {
             chunks.push(bucket);
@@ -141,7 +142,7 @@ impl Distributor<'_> {
         Ok(pools.into_iter().map(|p| p.bucket).collect())
     }
 
-    /// Writes what is a batch or more, and if too much waits then, the most of it.
+    /// Writes the pools that fill a batch. If too many triangles wait even then, also writes the largest pools.
     fn write_some(&self, pools: &mut [Pool]) -> Result<()> {
         let mut some: Vec<usize> = (0..pools.len()).filter(|&i| pools[i].count >= BATCH).collect();
         self.write(pools, &some)?;
@@ -175,12 +176,12 @@ impl Distributor<'_> {
     }
 }
 
-/// A bucket being filled.
+/// A bucket that is being filled.
 struct Pool {
     bucket: Bucket,
-    /// Not yet written.
+    /// Batches that are not yet written.
     waiting: Vec<Batch>,
-    /// Triangles of these.
+    /// Number of their triangles.
     count: usize,
 }
 
@@ -197,7 +198,7 @@ impl Pool {
         self.waiting.push(batch);
     }
 
-    /// What waits, as few batches.
+    /// Removes the waiting triangles, joined to few batches.
     fn take(&mut self) -> Vec<Batch> {
         self.count = 0;
         let mut out: Vec<Batch> = Vec::new();
@@ -211,7 +212,7 @@ impl Pool {
     }
 }
 
-/// Adds the triangles of `from`, which are in single precision as all that was placed.
+/// Appends the triangles of `from`. Both batches are in single precision, as all placed triangles are.
 fn append(to: &mut Batch, from: Batch) {
     if !to.colours.is_empty() || !from.colours.is_empty() {
         to.colours.resize(to.parts.len(), [0; 4]);
@@ -229,11 +230,11 @@ fn append(to: &mut Batch, from: Batch) {
 struct Piece {
     region: u32,
     batch: Batch,
-    /// Of the middles.
+    /// Bounds of their middles.
     bounds: Bounds,
 }
 
-/// A batch, placed, by regions in the order in which they are met.
+/// Places a batch, and divides it by regions, in the order of their first triangles.
 fn sort(batch: &Batch, origin: DVec3, grid: &Grid, regions: &Regions) -> Vec<Piece> {
     let mut pieces: Vec<Piece> = Vec::new();
     let mut piece_of = vec![u32::MAX; regions.counts.len()];

@@ -1,4 +1,4 @@
-//! One mesh: placed, built in one chunk or several, its blocks written.
+//! The build of one mesh: it is placed and built in one chunk or several, and its blocks are written.
 
 use super::BuildOptions;
 use super::batch::Batch;
@@ -19,10 +19,10 @@ use glam::{DVec3, Vec3};
 use std::borrow::Cow;
 use std::time::Instant;
 
-/// Share of splitting: references added, at most, for each triangle.
+/// Maximum number of references that splits add, per triangle.
 const SPLIT_BUDGET: f32 = 0.5;
 
-/// A spooled mesh that is looked at and left where it is.
+/// A spooled mesh that is read without being consumed.
 struct Waiting<'a> {
     spool: &'a Spool,
     from: Option<&'a Scratch>,
@@ -48,7 +48,7 @@ impl Batches for Waiting<'_> {
     }
 }
 
-/// A mesh to be built and written as tree number `index`.
+/// A mesh that is to be built and written as tree number `index`.
 pub struct Mesh<'m, 'o> {
     pub output: &'m mut Output<'o>,
     pub spool: Spool,
@@ -59,7 +59,7 @@ pub struct Mesh<'m, 'o> {
 }
 
 impl Mesh<'_, '_> {
-    /// Builds and writes it; its row in the file.
+    /// Builds and writes the mesh. Returns its row of the file's tree table.
     pub fn build(self) -> Result<TreeRow> {
         with_baker(self.options.structure, self)
     }
@@ -187,7 +187,7 @@ impl Output<'_> {
         Ok(row)
     }
 
-    /// One of several chunks of a mesh.
+    /// Builds one of several chunks of a mesh.
     fn chunk<B: Baker>(
         &mut self,
         bucket: &Bucket,
@@ -207,12 +207,12 @@ impl Output<'_> {
         self.progress.advance(span.0);
         let mut chunk = built.chunk;
         self.put_aside(B::take_plans(&mut chunk), |plan| B::encode(&chunk, plan), aside, span)?;
-        let top = built.top.ok_or_else(|| crate::Error::Internal("a chunk took itself for the whole".into()))?;
+        let top = built.top.ok_or_else(|| crate::Error::Internal("a chunk was built as a whole tree".into()))?;
         Ok((top, built.bounds))
     }
 
-    /// Writes the coarse blocks, and says in `row` how many blocks of each class the tree has where chunks have so many
-    /// plans: a plan has a block of each class but the first.
+    /// Writes the coarse blocks, and sets the numbers of blocks of each class in `row`. `plans`: number of plans of all
+    /// chunks, each of which has a block of each class except the first.
     fn coarse<B: Baker>(&mut self, upper_tree: &B::UpperTree, plans: usize, row: &mut TreeRow) -> Result<()> {
         let coarse = B::coarse_blocks(upper_tree);
         row.class_blocks[..B::CLASSES].fill(plans as u32);
@@ -243,7 +243,7 @@ fn input<'a>(placed: &'a Placed, part_colours: &'a [Vec3]) -> TreeInput<'a> {
     TreeInput { triangles, parts, prims, colours, part_colours }
 }
 
-/// With the counts of its tree.
+/// Returns the row with the counts of its tree.
 fn counted<B: Baker>(row: TreeRow, counts: &Counts) -> TreeRow {
     let Counts { depth, nodes, leaves, references } = *counts;
     TreeRow { max_stack: B::max_stack(depth), nodes, leaves, references, ..row }

@@ -1,18 +1,19 @@
-//! The bake: meshes in, a model file out, as a list of passes.
+//! The build of a model file from meshes, as a list of passes:
 //!
-//! 1. **read** (`spool`): triangles are checked, counted and kept with their parts; those that do not fit the
-//!    memory budget go, coded, to a temporary;
-//! 2. **place** (`origin`): each mesh gets an origin, positions become single precision around it, triangles
-//!    without area are counted and left out;
-//! 3. **distribute** (`survey`, `regions`, `distribute`), of meshes that do not fit: into chunks of triangles
-//!    that are near each other, each of which fits;
-//! 4. **build** (`mesh`): the structure's baker (`structure::bake`) makes of each chunk a tree and its blocks, which
-//!    are put aside; the top of that tree stays, and is joined to the coarse blocks of the mesh;
-//! 5. **write** (`output`): coarse blocks, then those of each further class; encoded in parallel, written in order;
-//! 6. **seal** (`seal`): ids, colours, tables, checksums, sync, rename.
+//! 1. **read** (`spool`): triangles are checked, counted and kept with their parts; triangles that do not fit the
+//!    memory budget are encoded and written to a scratch file;
+//! 2. **place** (`origin`): each mesh gets an origin, positions become single precision relative to it, and triangles
+//!    without area are counted and dropped;
+//! 3. **distribute** (`survey`, `regions`, `distribute`), for meshes that do not fit: triangles are sorted into chunks
+//!    of neighbouring triangles, each of which fits;
+//! 4. **build** (`mesh`): the structure's baker (`structure::bake`) makes a tree and its blocks of each chunk. The
+//!    blocks are put aside; the top of the tree stays, and is joined to the coarse blocks of the mesh;
+//! 5. **write** (`output`): coarse blocks, then those of each further class; blocks are encoded in parallel and written
+//!    in order;
+//! 6. **seal** (`seal`): primitive ids, colours, tables, checksums, sync, rename.
 //!
-//! A mesh that fits is one chunk, of which only blocks of the last class are put aside. What a budget is spent on is in
-//! `shares`: the chunks, and so the bytes of the file, depend on it and never on the number of threads.
+//! A mesh that fits is one chunk, and only blocks of the last class are put aside. `shares` divides the budget. The
+//! chunks, and so the bytes of the file, depend on the budget and never on the number of threads.
 #![forbid(unsafe_code)]
 
 mod batch;
@@ -37,23 +38,24 @@ pub use report::{BuildReport, PhaseSeconds};
 use crate::import::UpAxis;
 use std::path::PathBuf;
 
-/// Whether triangles may be split between leaves: it pays for long thin ones, and not on scans.
+/// Spatial splits: a triangle may be referred to by several leaves. They pay for long thin triangles, and do not pay
+/// for scans.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Splits {
-    /// Where the shape of the triangles says that it pays.
+    /// Splits, if the shape of the triangles says that they pay.
     #[default]
     Auto,
-    /// Never.
+    /// No splits.
     Off,
-    /// Always.
+    /// Splits always.
     On,
 }
 
 impl Splits {
-    /// All of them.
+    /// All values.
     pub const ALL: [Self; 3] = [Self::Auto, Self::Off, Self::On];
 
-    /// As command lines and benchmarks call it.
+    /// Name in command lines and benchmarks.
     pub fn name(self) -> &'static str {
         match self {
             Self::Auto => "auto",
@@ -63,26 +65,26 @@ impl Splits {
     }
 }
 
-/// Options of a build. The default is what most models want.
+/// Options of a build. The default suits most models.
 #[derive(Debug, Clone, Default)]
 pub struct BuildOptions {
-    /// What to build.
+    /// The acceleration structure.
     pub structure: Structure,
     /// Bytes of memory that the build may use, at least 32 MiB; 0 for no limit. Default 0. Triangles that do not fit go
-    /// through temporaries, about 20 bytes each, up to 80 where they are split, and their tree is built in chunks:
-    /// files of different budgets hold the same triangles in somewhat different trees.
+    /// through scratch files, about 20 bytes each, or up to 80 if they are split, and their tree is built in chunks:
+    /// files built with different budgets hold the same triangles in slightly different trees.
     pub memory_budget: u64,
-    /// Threads; 0 for as many as the machine has, 1 to stay wholly in the calling thread. Default 0.
-    /// The file does not depend on it.
+    /// Number of threads: 0 for the number of the machine's processors, 1 to stay in the calling thread. Default 0. The
+    /// file does not depend on it.
     pub threads: usize,
-    /// Where temporaries go; the system's default if `None`. They have no names there, and are gone when the
-    /// build ends in whatever way.
+    /// Folder of scratch files; the system's default if `None`. The files have no names, and are gone when the build
+    /// ends in any way.
     pub temp_dir: Option<PathBuf>,
     /// Spatial splits. Default: automatic.
     pub splits: Splits,
-    /// Length unit, in place of what the input says; > 0.
+    /// Metres per unit of length, which replaces the value in the input; > 0.
     pub metres_per_unit: Option<f64>,
-    /// Up axis, in place of what the input says.
+    /// Up axis, which replaces the value in the input.
     pub up: Option<UpAxis>,
 }
 

@@ -1,7 +1,7 @@
-//! Where a mesh's single-precision positions are measured from, and the rounding that this costs.
+//! The origin of a mesh, to which its single-precision positions are relative, and the error of rounding to these.
 //!
-//! One origin a mesh, not one a block: blocks with origins of their own would round a shared vertex
-//! to different points, and open cracks between them.
+//! Each mesh has one origin. With an origin for each block, a vertex that two blocks share would be rounded to
+//! different points, and there would be cracks between them.
 
 use super::batch::{Batch, Extent};
 use super::spool::{Spool, Taken};
@@ -13,38 +13,38 @@ use crate::math::DBounds;
 use crate::structure::Par;
 use glam::{DVec3, Vec3};
 
-/// A mesh ready for its tree.
+/// A mesh whose tree can be built.
 pub struct Placed {
-    /// In the mesh's own coordinates.
+    /// Origin, in the mesh's own coordinates.
     pub origin: DVec3,
-    /// Corners around the origin; every triangle has an area.
+    /// Corners relative to the origin; every triangle has an area.
     pub triangles: Vec<[Vec3; 3]>,
-    /// Part of each.
+    /// Part of each triangle.
     pub parts: Vec<u32>,
-    /// Primitive id of each, ascending.
+    /// Primitive id of each triangle, ascending.
     pub prims: Vec<u32>,
-    /// sRGB of each, or empty.
+    /// sRGB colour of each triangle, or empty.
     pub colours: Vec<[u8; 4]>,
-    /// Of all triangles of the mesh.
+    /// Numbers of kept and dropped triangles of the mesh.
     pub fates: Fates,
 }
 
-/// Coordinates around the origin are at most this: products of two, and reciprocals, must stay in the
-/// range of single precision.
+/// Greatest absolute value of a coordinate relative to the origin: products of two coordinates, and reciprocals, must
+/// stay in the range of single precision.
 pub const FAR: f32 = 1e15;
 
-/// Whether a triangle is out of range around any origin: it has no say in where that is, or one corner astray would
-/// cost all others.
+/// True if a triangle is out of range with any origin. Such a triangle has no influence on the origin: otherwise one
+/// wrong corner would move all other triangles out of range.
 pub fn is_too_large(corners: &[DVec3; 3]) -> bool {
     let [a, b, c] = *corners;
-    // Halves, for the difference of two finite numbers may not be one.
+    // Halves first: the difference of two finite numbers may be infinite.
     let half = (a.max(b).max(c) * 0.5 - a.min(b).min(c) * 0.5).max_element();
     half > f64::from(FAR)
 }
 
-/// The origin of a mesh: zero where that keeps every coordinate as it is and the mesh is near zero, else
-/// the middle of its bounds, rounded to a multiple of a power of two near a sixteenth of its size (so that
-/// moving a mesh by such multiples does not change what is stored).
+/// Returns the origin of a mesh. It is zero if that keeps every coordinate exact and the mesh is near zero. Otherwise
+/// it is the middle of the bounds, rounded to a multiple of a power of two near a sixteenth of the size, so that moving
+/// a mesh by such a multiple does not change the stored positions.
 pub fn choose(bounds: &DBounds, is_single: bool) -> DVec3 {
     if bounds.is_empty() {
         return DVec3::ZERO;
@@ -55,27 +55,27 @@ pub fn choose(bounds: &DBounds, is_single: bool) -> DVec3 {
         return DVec3::ZERO;
     }
     let step = (size / 16.0).max(f64::MIN_POSITIVE).log2().ceil().exp2();
-    // Halves first: the sum of two finite numbers may not be one.
+    // Halves first: the sum of two finite numbers may be infinite.
     let middle = bounds.min * 0.5 + bounds.max * 0.5;
     let rounded = (middle / step).round() * step;
     if rounded.is_finite() { rounded } else { middle }
 }
 
-/// What becomes of triangles.
+/// Numbers of kept and dropped triangles.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Fates {
-    /// Go into the tree.
+    /// Triangles in the tree.
     pub kept: u64,
-    /// Left out: no area.
+    /// Dropped triangles without area.
     pub degenerate: u64,
-    /// Left out: too far from the middle.
+    /// Dropped triangles that are too far from the origin.
     pub out_of_range: u64,
-    /// The greatest distance between a vertex as read and as stored.
+    /// Greatest distance between a vertex of the input and the stored vertex.
     pub position_error: f64,
 }
 
 impl Fates {
-    /// Of both.
+    /// Returns the sum of both, and the greater position error.
     pub fn and(self, o: &Self) -> Self {
         Self {
             kept: self.kept + o.kept,
@@ -86,7 +86,7 @@ impl Fates {
     }
 }
 
-/// Where the triangles of a batch go.
+/// Destination of the triangles of a batch.
 struct Target<'a> {
     triangles: &'a mut [[Vec3; 3]],
     parts: &'a mut [u32],
@@ -94,15 +94,15 @@ struct Target<'a> {
     colours: &'a mut [[u8; 4]],
 }
 
-/// Moves a mesh to its origin; consumes the spool batch by batch. Fails with `Cancelled`, or `Io` where part of
-/// it is in a scratch file.
+/// Moves a mesh to its origin. Consumes the spool batch by batch. Fails with `Cancelled`, or with `Io` if a part of the
+/// mesh is in a scratch file.
 pub fn place(spool: Spool, scratch: Option<&Scratch>, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let origin = choose(&spool.bounds, spool.is_single);
     let has_colours = spool.has_colours;
     gather(spool.take(), scratch, origin, has_colours, par, cancel)
 }
 
-/// Calls `keep` with the index and corners, as stored, of each triangle that goes into the tree.
+/// Calls `keep` with the index and the stored corners of each triangle that is kept.
 pub fn visit(batch: &Batch, origin: DVec3, mut keep: impl FnMut(usize, [Vec3; 3])) -> Fates {
     let mut fates = Fates::default();
     for i in 0..batch.positions.len() {
@@ -123,13 +123,13 @@ pub fn visit(batch: &Batch, origin: DVec3, mut keep: impl FnMut(usize, [Vec3; 3]
     fates
 }
 
-/// The triangles of a chunk, which were placed before.
+/// Loads the triangles of a chunk, which were placed before.
 pub fn load(extents: &[Extent], from: &Scratch, has_colours: bool, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let batches = extents.iter().copied().map(Taken::Spilled).collect();
     gather(batches, Some(from), DVec3::ZERO, has_colours, par, cancel)
 }
 
-/// What is kept of all batches, around `origin`.
+/// Returns the kept triangles of all batches, relative to `origin`.
 fn gather(
     batches: Vec<Taken>,
     scratch: Option<&Scratch>,
@@ -139,7 +139,7 @@ fn gather(
     cancel: &Cancel,
 ) -> Result<Placed> {
     let counts: Vec<usize> = batches.iter().map(Taken::len).collect();
-    // With room for all: mostly all are kept.
+    // With room for all triangles: mostly all are kept.
     let mut all = Placed::of(counts.iter().sum(), origin, has_colours)?;
     let work: Vec<_> = batches.into_iter().zip(targets(&mut all, &counts)).collect();
     let fill = |(batch, target): (Taken, Target)| -> Result<Fates> {
@@ -152,7 +152,7 @@ fn gather(
 }
 
 impl Placed {
-    /// With room for so many, in memory not yet touched: the threads that fill it do that.
+    /// Returns arrays for `count` triangles in memory that is not yet touched: the threads that fill it touch it first.
     fn of(count: usize, origin: DVec3, has_colours: bool) -> Result<Self> {
         let what = "triangles of a mesh";
         Ok(Self {
@@ -165,8 +165,8 @@ impl Placed {
         })
     }
 
-    /// Closes up behind those that are kept, of batches of so many. (One thread, a copy of what is behind the first
-    /// that goes; mostly none does.)
+    /// Closes the gaps behind the kept triangles of each batch. `counts`: triangles of each batch. (One thread copies
+    /// everything behind the first dropped triangle; mostly none is dropped.)
     fn close_gaps(&mut self, counts: &[usize], fates: &[Fates]) {
         fn keep<T: Copy>(all: &mut Vec<T>, spans: &[(usize, usize)]) {
             if all.is_empty() {
@@ -192,7 +192,7 @@ impl Placed {
 }
 
 fn targets<'a>(all: &'a mut Placed, counts: &[usize]) -> Vec<Target<'a>> {
-    // Nothing where there is nothing: colours, mostly.
+    // Returns an empty slice of an empty one: mostly there are no colours.
     fn carve<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
         let len = len.min(rest.len());
         let (front, back) = std::mem::take(rest).split_at_mut(len);
@@ -210,7 +210,7 @@ fn targets<'a>(all: &'a mut Placed, counts: &[usize]) -> Vec<Target<'a>> {
     counts.iter().map(|&count| target(count)).collect()
 }
 
-/// Puts what is kept of a batch at the front of `to`.
+/// Writes the kept triangles of a batch to the front of `to`.
 fn fill(batch: &Batch, origin: DVec3, to: Target) -> Fates {
     let mut at = 0;
     visit(batch, origin, |i, stored| {
@@ -224,7 +224,7 @@ fn fill(batch: &Batch, origin: DVec3, to: Target) -> Fates {
     })
 }
 
-/// Whether the corners, as stored, do not lie on one line.
+/// True if the stored corners are not on one line.
 fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
     if a == b || b == c || c == a {
         return false;
@@ -238,10 +238,10 @@ mod tests {
     use super::super::batch::BATCH;
     use super::*;
 
-    /// Triangles that go leave no gaps: of batches of which some, none or all stay, in pieces and whole; with colours
-    /// and without.
+    /// Dropped triangles leave no gaps: in batches of which some, none or all triangles are kept, with several threads
+    /// and with one, with colours and without.
     #[test]
-    fn what_stays_is_in_order_without_gaps() {
+    fn kept_triangles_are_in_order_without_gaps() {
         let stays = |i: usize| match i / BATCH {
             0 => i % 3 != 1,
             1 => false,

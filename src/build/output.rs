@@ -1,4 +1,4 @@
-//! Blocks on their way to the file: encoded in parallel, in batches, each written while the next is encoded.
+//! Blocks on their way to the file: encoded in parallel, in batches; a batch is written while the next is encoded.
 
 use super::report::BuildReport;
 use super::shares::Shares;
@@ -11,20 +11,20 @@ use crate::structure::{Par, streams};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
-/// Blocks encoded before they are written together.
+/// Number of items whose blocks are encoded before they are written.
 const BATCH: usize = 64;
 
-/// The file being written, and what all passes need.
+/// The file that is being written, and the state that all passes share.
 pub struct Output<'a> {
     pub writer: Writer,
-    /// Primitive ids of all geometry blocks written so far.
+    /// Blocks of primitive ids, for all geometry blocks written so far.
     pub prims: Aside,
-    /// Colours likewise.
+    /// Blocks of colours, likewise.
     pub colours: Aside,
     pub has_colours: bool,
-    /// Where spilled input is.
+    /// Scratch file of the spilled input.
     pub spilled: Option<Scratch>,
-    /// Trees behind the present one.
+    /// Number of trees that follow the present one.
     pub trees_left: usize,
     pub space: Arc<ScratchSpace>,
     pub shares: Shares,
@@ -34,12 +34,12 @@ pub struct Output<'a> {
     pub par: Par,
 }
 
-/// Of the whole build, the share between two fractions.
+/// An interval of the progress of the whole build: from one fraction to another.
 #[derive(Debug, Clone, Copy)]
 pub struct Span(pub f64, pub f64);
 
 impl Span {
-    /// The part of it between two fractions of it.
+    /// Returns the part of the interval between two fractions of it.
     pub fn part(self, from: f64, to: f64) -> Self {
         let at = |f: f64| self.0 + (self.1 - self.0) * f.clamp(0.0, 1.0);
         Self(at(from), at(to))
@@ -53,7 +53,7 @@ struct Encoded {
     trace_bytes: u32,
 }
 
-/// Blocks of one class of a tree put aside: all of them come behind those of the classes before.
+/// Blocks of one class of a tree. They are kept because all of them come behind the blocks of earlier classes.
 pub struct ClassAside {
     geometry: Aside,
     prims: Aside,
@@ -61,7 +61,7 @@ pub struct ClassAside {
 }
 
 impl ClassAside {
-    /// Blocks of geometry.
+    /// Number of geometry blocks.
     pub fn blocks(&self) -> usize {
         self.geometry.len()
     }
@@ -75,14 +75,14 @@ impl ClassAside {
 }
 
 impl Output<'_> {
-    /// Nothing aside yet.
+    /// Returns an empty store for the blocks of one class.
     pub fn aside(&self) -> ClassAside {
         let aside = || Aside::new(self.shares.aside, &self.space);
         ClassAside { geometry: aside(), prims: aside(), colours: aside() }
     }
 
-    /// Encodes the blocks of each of `all`; writes the first block of each, and behind all of them the others, class by
-    /// class.
+    /// Encodes the blocks of each item of `all`. Writes the first block of each item, and behind all of these the other
+    /// blocks, class by class.
     pub fn write_blocks<P: Send>(
         &mut self,
         all: Vec<P>,
@@ -121,7 +121,7 @@ impl Output<'_> {
         block.colours.map_or(Ok(()), |c| self.colours.push(c))
     }
 
-    /// Encodes the blocks of each of `all` and puts them aside, class by class.
+    /// Encodes the blocks of each item of `all`, and keeps them by class.
     pub fn put_aside<P: Send>(
         &mut self,
         all: Vec<P>,
@@ -143,7 +143,7 @@ impl Output<'_> {
         )
     }
 
-    /// Writes what was put aside.
+    /// Writes the blocks of a class.
     pub fn write_aside(&mut self, aside: ClassAside) -> Result<()> {
         aside.geometry.write_to(&mut self.writer, self.cancel)?;
         self.progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
@@ -152,8 +152,8 @@ impl Output<'_> {
     }
 }
 
-/// Makes something of each of `all` in parallel and takes that in order, each batch while the next is made. `take`
-/// hears what share of them it has then.
+/// Applies `make` to the items of `all` in parallel and `take` to the results in order, for each batch while the next
+/// is made. `take` also receives the fraction of results so far.
 fn each_batch<P: Send, T: Send>(
     all: Vec<P>,
     par: &Par,
@@ -178,7 +178,8 @@ fn each_batch<P: Send, T: Send>(
 fn encode(blocks: Vec<BakedBlock>, has_colours: bool) -> Vec<Encoded> {
     let one = |block: BakedBlock| {
         let beside = 4 * block.prims.len() as u32;
-        // Also for a block without triangles: each geometry block has one of colours, or the ids do not fit.
+        // A block without triangles also gets a block of colours, because the id of a block of colours is derived from
+        // that of its geometry block.
         let colours = has_colours.then(|| streams::encode_colours(&block.colours));
         Encoded {
             geometry: EncodedBlock::encode(&block.payload, block.trace_bytes),

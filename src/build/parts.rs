@@ -7,19 +7,19 @@ use crate::structure::Par;
 use glam::{DAffine3, DVec3, Vec3};
 use std::collections::BTreeMap;
 
-/// Parts, what they look like, and where shared meshes are placed.
+/// Parts, their materials, and the instances of shared meshes.
 pub struct Assembly {
     pub parts: Vec<PartRow>,
     pub materials: Vec<MaterialRow>,
     pub instances: Vec<InstanceRow>,
 }
 
-/// Triangles of a piece of work, and pieces whose counts wait to be added up: where neighbours are all of different
-/// parts, counts take more memory than triangles.
+/// Number of triangles that one task counts, and number of tasks whose results are kept until they are added up: if
+/// neighbouring triangles all belong to different parts, counts take more memory than triangles.
 const CHUNK: usize = 1 << 16;
 const TOGETHER: usize = 16;
 
-/// Bounds and count of each part that has triangles.
+/// Returns bounds and count of each part that has triangles.
 pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par) -> BTreeMap<u32, OfPart> {
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
     for (triangles, parts) in triangles.chunks(CHUNK * TOGETHER).zip(parts.chunks(CHUNK * TOGETHER)) {
@@ -33,7 +33,7 @@ pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par) -> BTreeMap<u32,
 fn count_chunk(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> {
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
     let mut at = 0;
-    // Neighbours mostly share their part.
+    // Neighbouring triangles mostly belong to one part.
     for run in parts.chunk_by(|a, b| a == b) {
         let corners = triangles[at..at + run.len()].iter().flatten();
         let bounds = corners.fold(Bounds::EMPTY, |b, &p| b.with(p));
@@ -44,7 +44,8 @@ fn count_chunk(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> 
 }
 
 impl Assembly {
-    /// Adds what is in a mesh around `origin`: in tree 0 by part, in others by local part, wherever it is placed.
+    /// Adds the triangles of a mesh, whose bounds are relative to `origin`. Those of tree 0 are added by part, those of
+    /// other trees by local part, for each instance.
     pub fn add(&mut self, tree: usize, origin: DVec3, of_parts: &BTreeMap<u32, OfPart>) {
         let Self { parts, instances, .. } = self;
         let mut add = |first: u32, world_from_mesh: &DAffine3| {
@@ -66,7 +67,7 @@ impl Assembly {
 }
 
 impl Assembly {
-    /// Linear colours of a mesh's local parts, as where it is placed first.
+    /// Returns the linear colours of a mesh's local parts, as of its first instance.
     pub fn colours(&self, tree: usize, local_parts: u32) -> Vec<Vec3> {
         let placing = self.instances.iter().find(|i| i.tree as usize == tree);
         let first = placing.map_or(0, |i| i.first_part) as usize;
@@ -75,7 +76,7 @@ impl Assembly {
     }
 }
 
-/// Bounds of all that is placed.
+/// Returns the bounds of all placed triangles.
 pub fn model_bounds(trees: &[TreeRow], instances: &[InstanceRow]) -> [f64; 6] {
     let of_tree = |t: &TreeRow| {
         let [a, b, c, d, e, f] = t.bounds.map(f64::from);
@@ -103,11 +104,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_are_counted_alike_by_any_threads_and_by_one_chunk() {
+    fn counts_of_parts_do_not_depend_on_threads_or_chunks() {
         let count = CHUNK * (TOGETHER + 1) + 99;
         let at = |i: usize| Vec3::new((i % 977) as f32, (i % 13) as f32 - 6.0, (i / 1000) as f32);
         let triangles: Vec<[Vec3; 3]> = (0..count).map(|i| [at(i), at(i + 1), -at(i / 7)]).collect();
-        // Runs of a part, and triangles each of another.
+        // Runs of triangles of one part, and single triangles of different parts.
         let parts: Vec<u32> =
             (0..count).map(|i| if i % 5000 < 4000 { (i / 5000) as u32 } else { i as u32 % 7 }).collect();
         let expected = count_chunk(&triangles, &parts);

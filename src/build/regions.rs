@@ -1,8 +1,8 @@
-//! Groups of cells, compact and of similar weight: a k-d tree over the histogram.
+//! Regions of a grid, which are compact and hold similar numbers of triangles: a k-d tree over a histogram.
 
 use super::survey::{SIDE, index};
 
-/// A box of cells: first and one past the last, on each axis.
+/// A box of cells: the first cell, and one past the last, on each axis.
 #[derive(Debug, Clone, Copy)]
 struct Cells {
     low: [usize; 3],
@@ -24,13 +24,14 @@ impl Cells {
     }
 }
 
-/// The region of each cell, and the triangles of each region. A region has at most `most`, or is one cell.
+/// The region of each cell, and the number of triangles of each region. A region has at most `most` triangles, or is
+/// one cell.
 pub struct Regions {
     pub of_cell: Vec<u32>,
     pub counts: Vec<u64>,
 }
 
-/// Divides all cells. Regions are numbered in the order of the tree: neighbours are near.
+/// Divides all cells into regions. They are numbered in the order of the tree: regions with near numbers are near.
 pub fn divide(histogram: &[u32], most: u64) -> Regions {
     let mut all = Regions { of_cell: vec![0; histogram.len()], counts: Vec::new() };
     split(Cells { low: [0; 3], high: [SIDE; 3] }, histogram, most, &mut all);
@@ -54,8 +55,9 @@ fn split(cells: Cells, histogram: &[u32], most: u64, all: &mut Regions) {
     split(right, histogram, most, all);
 }
 
-/// Of the planes that leave a quarter on either side the one that the surface area heuristic likes best; if
-/// there is none, the one that comes nearest to halves. None in a single cell.
+/// Chooses the plane that divides a box of cells. Among planes with at least a quarter of the triangles on either side,
+/// it is the one with the least cost by the surface area heuristic; if there is none, the one that divides the
+/// triangles most evenly. Returns `None` for a single cell.
 fn plane(cells: Cells, histogram: &[u32]) -> Option<(usize, usize)> {
     let mut best: Option<((bool, f64), (usize, usize))> = None;
     for axis in 0..3 {
@@ -78,7 +80,7 @@ fn plane(cells: Cells, histogram: &[u32]) -> Option<(usize, usize)> {
     best.map(|(_, plane)| plane)
 }
 
-/// Of each slab of cells across an axis: triangles, and the box of the cells that have any.
+/// For each layer of cells across an axis: the number of triangles, and the box of the cells that have any.
 fn slabs(cells: Cells, axis: usize, histogram: &[u32]) -> Vec<(u64, Cells)> {
     let nothing = (0, Cells { low: [SIDE; 3], high: [0; 3] });
     let mut slabs = vec![nothing; cells.high[axis] - cells.low[axis]];
@@ -96,7 +98,7 @@ fn slabs(cells: Cells, axis: usize, histogram: &[u32]) -> Vec<(u64, Cells)> {
     slabs
 }
 
-/// All of some slabs; none if nothing is there.
+/// Returns the union of some layers; `None` if they have no triangles.
 fn side(slabs: &[(u64, Cells)]) -> Option<(u64, Cells)> {
     let some = slabs.iter().filter(|s| s.0 > 0).copied();
     some.reduce(|a, b| {

@@ -1,38 +1,38 @@
-//! What a build did.
+//! The report of a build.
 
-/// Seconds of each phase.
+/// Duration of each phase in seconds.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct PhaseSeconds {
-    /// From the builder's creation to the call of `finish`: reading input.
+    /// Reading the input: from the builder's creation to the call of `finish`.
     pub read: f64,
-    /// Of meshes that do not fit the budget: looking at all triangles, and sorting them into chunks.
+    /// Surveying all triangles and sorting them into chunks, for meshes that do not fit the budget.
     pub distribute: f64,
-    /// Origins, rounding, trees.
+    /// Choosing origins, rounding, building trees.
     pub build: f64,
     /// Encoding, writing, sealing.
     pub write: f64,
 }
 
-/// What a build read, dropped and wrote.
+/// Numbers of things that a build read, dropped and wrote.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct BuildReport {
-    /// Triangles of the input.
+    /// Triangles in the input.
     pub triangles_in: u64,
     /// Triangles in the file.
     pub triangles_kept: u64,
-    /// Left out: a vertex is NaN or infinite.
+    /// Dropped triangles with a vertex that is NaN or infinite.
     pub non_finite: u64,
-    /// Left out: no area.
+    /// Dropped triangles without area.
     pub degenerate: u64,
-    /// Left out: more than 1e15 units from the middle of its mesh.
+    /// Dropped triangles that are more than 1e15 units from the middle of their mesh.
     pub out_of_range: u64,
-    /// References in leaves: more than the triangles where these were split.
+    /// References to triangles in leaves: more than triangles if some were split.
     pub references: u64,
     /// Rows of the part table.
     pub parts: u64,
     /// Trees: one, and one for each shared mesh.
     pub trees: u64,
-    /// Placings of shared meshes.
+    /// Instances of shared meshes.
     pub instances: u64,
     /// Inner nodes.
     pub nodes: u64,
@@ -40,24 +40,24 @@ pub struct BuildReport {
     pub leaves: u64,
     /// Geometry blocks.
     pub blocks: u64,
-    /// Of these, coarse ones: nodes alone, read when the model is opened.
+    /// Coarse blocks among these, which are read when the model is opened.
     pub blocks_coarse: u64,
-    /// Pieces that the trees were built in: one a tree, and more of those that do not fit the budget.
+    /// Chunks that the trees were built in: one per tree, and more for trees that do not fit the budget.
     pub chunks: u64,
     /// Bytes of the trace form of nodes and triangles.
     pub bytes_trace: u64,
     /// Bytes of the file.
     pub bytes: u64,
-    /// Most bytes that temporaries took at any time, without those of readers and the file itself.
+    /// Greatest number of bytes of the scratch files at any time, without those of readers and the file itself.
     pub bytes_temporary: u64,
-    /// Bytes of it that are primitive ids.
+    /// Bytes of the primitive ids in the file.
     pub bytes_ids: u64,
-    /// The greatest distance between a vertex of the input and as stored, in units of the model.
+    /// Greatest distance between a vertex of the input and the stored vertex, in units of the model.
     pub position_error: f64,
-    /// Whether triangles were split between leaves.
+    /// True if some triangles were split between leaves.
     pub spatial_splits: bool,
-    /// What the readers had to say.
+    /// Notes of the readers and of the build.
     pub notes: Vec<String>,
-    /// Time taken.
+    /// Duration of the phases.
     pub seconds: PhaseSeconds,
 }

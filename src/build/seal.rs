@@ -1,4 +1,4 @@
-//! The passes from gathered meshes to a sealed file.
+//! The passes from the collected meshes to a sealed file.
 
 use super::BuildOptions;
 use super::mesh::Mesh;
@@ -22,7 +22,7 @@ use std::time::Instant;
 /// All input, checked.
 pub struct Gathered {
     pub meshes: Vec<Spool>,
-    /// Where parts of the meshes are.
+    /// Scratch file of parts of the meshes.
     pub spilled: Option<Scratch>,
     pub assembly: Assembly,
     pub triangles_in: u64,
@@ -31,7 +31,7 @@ pub struct Gathered {
     pub up: UpAxis,
 }
 
-/// What the build was asked for.
+/// The request of the build.
 pub struct Asked<'a> {
     pub options: &'a BuildOptions,
     pub shares: Shares,
@@ -39,14 +39,14 @@ pub struct Asked<'a> {
     pub out: &'a Path,
     pub progress: &'a Progress,
     pub cancel: &'a Cancel,
-    /// Share of the whole that is done.
+    /// Fraction of the progress before these passes.
     pub done: f64,
 }
 
-/// Share of the whole that is done when all trees are.
+/// Fraction of the progress after all trees.
 const TREES_DONE: f64 = 0.98;
 
-/// Builds and writes everything.
+/// Builds the trees and writes the file.
 pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<BuildReport> {
     let begun = Instant::now();
     let par = Par { threads };
@@ -54,11 +54,11 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
     progress.enter(Phase::Build);
     progress.advance(*done);
     let has_colours = gathered.meshes.iter().any(|m| m.has_colours);
-    // Fails early where the folder cannot be written.
+    // Fails early if the folder cannot be written.
     let writer = Writer::create(out)?;
     let mut meshes = std::mem::take(&mut gathered.meshes);
     if let Some(to) = &gathered.spilled {
-        // What is left in memory would be missing there.
+        // Input that stays in memory would take memory that the trees need.
         for mesh in &mut meshes {
             cancel.check()?;
             mesh.spill(to, &par)?;
@@ -154,7 +154,7 @@ fn seal(
     Ok(report)
 }
 
-/// Triangles of a leaf at most.
+/// Returns the maximum number of triangles of a leaf.
 struct LeafTriangles;
 
 impl BakeOp for LeafTriangles {

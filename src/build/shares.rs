@@ -1,41 +1,42 @@
-//! What a memory budget is spent on.
+//! The division of a memory budget.
 
 use crate::base::error::{Error, Result};
 
-/// Bytes that a triangle takes while the tree of its chunk is built, at most: corners, part, id and colour
-/// (48), references with room for splits (64), nodes with their voxels, leaves and blocks on their way to the
-/// file (144 where it is split, 60 where it is not).
+/// Maximum number of bytes per triangle while the tree of its chunk is built: corners, part, id and colour (48),
+/// references with room for splits (64), and nodes with their stand-ins, leaves and encoded blocks (144 with splits, 60
+/// without).
 const BYTES_PER_TRIANGLE: u64 = 256;
 
-/// For what does not depend on the size of the input: buffers of the output, batches being coded.
+/// Number of bytes for everything that does not depend on the size of the input: buffers of the output, batches being
+/// encoded.
 const FIXED: u64 = 16 << 20;
 
-/// The least budget that anything can be built in.
+/// Least budget of any build, in bytes.
 pub const LEAST: u64 = 32 << 20;
 
-/// Bytes of a triangle as it was read.
+/// Number of bytes of a triangle of the input.
 const BYTES_KEPT: u64 = 44;
 
-/// Bytes of a triangle that waits in the buffer of a chunk; as much again while that grows.
+/// Number of bytes of a triangle in the buffer of a chunk. The buffer takes twice as many while it grows.
 const BYTES_WAITING: u64 = 48;
 
-/// Shares of a budget. They, and so the file, depend on nothing else.
+/// The shares of a budget. They depend on nothing but the budget, and so does the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shares {
-    /// Bytes of input kept in memory while it is read; what is more goes to a scratch file.
+    /// Bytes of input that are kept in memory while it is read. Input beyond that goes to a scratch file.
     pub spool: u64,
     /// Bytes of vertices that a reader keeps; 0: no limit.
     pub reader: u64,
-    /// Triangles built at once.
+    /// Maximum number of triangles whose tree is built at once.
     pub chunk: u64,
-    /// Triangles that wait, over all chunks, while a mesh is distributed.
+    /// Maximum number of triangles that wait, over all chunks, while a mesh is distributed.
     pub waiting: u64,
-    /// Bytes of blocks that wait for their place in the file, each of up to three kinds.
+    /// Maximum number of bytes of blocks that wait for their place in the file, for each of up to three kinds.
     pub aside: usize,
 }
 
 impl Shares {
-    /// Of a budget in bytes; 0: no limit. Fails with `OverBudget` below the least.
+    /// The shares of a budget in bytes; 0: no limit. Fails with `OverBudget` below the least budget.
     pub fn of(budget: u64) -> Result<Self> {
         if budget == 0 {
             return Ok(Self { spool: u64::MAX, reader: 0, chunk: u64::MAX, waiting: u64::MAX, aside: usize::MAX });
@@ -45,10 +46,10 @@ impl Shares {
         }
         let free = budget - FIXED;
         Ok(Self {
-            // What is in memory when all has been read, and no more than that, is built in memory.
+            // Exactly the input that stays in memory while it is read is built in memory.
             spool: free / BYTES_PER_TRIANGLE * BYTES_KEPT,
             reader: free / 4,
-            // Not all: the upper nodes of chunks that are done, and their blocks, stay.
+            // A part of the budget is left for the upper nodes of completed chunks, and for their blocks.
             chunk: free / 8 * 5 / BYTES_PER_TRIANGLE,
             waiting: free / 4 / BYTES_WAITING,
             aside: usize::try_from(free / 32).unwrap_or(usize::MAX),

@@ -1,5 +1,5 @@
-//! Triangles of one mesh as they arrive, without loss: single precision where that is exact. In memory up to
-//! a limit over all meshes, coded in a scratch file beyond it.
+//! Triangles of one mesh, kept as they arrive and without loss: in single precision where that is exact. They stay in
+//! memory up to a limit over all meshes, and go encoded to a scratch file beyond it.
 
 use super::batch::{self, BATCH, Batch, Extent, Positions};
 use super::origin;
@@ -10,23 +10,23 @@ use crate::structure::Par;
 use glam::DVec3;
 use std::borrow::Cow;
 
-/// A mesh being read.
+/// A mesh that is being read.
 pub struct Spool {
-    /// The first batches, in order of arrival: in the scratch file.
+    /// The first batches, in order of arrival, in the scratch file.
     spilled: Vec<Extent>,
-    /// The others.
+    /// The other batches.
     kept: Vec<Batch>,
-    /// Bytes of all of them but the last.
+    /// Number of bytes of all batches in memory except the last.
     full: u64,
-    /// Of all that was pushed and may be stored.
+    /// Bounds of all triangles, except those that cannot be stored.
     pub bounds: DBounds,
-    /// Local parts that its triangles may name.
+    /// Number of local parts that the triangles may belong to.
     pub local_parts: u32,
-    /// Whether any triangle has a colour.
+    /// True if any triangle has a colour.
     pub has_colours: bool,
-    /// Whether every coordinate is a single-precision number.
+    /// True if every coordinate is exact in single precision.
     pub is_single: bool,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: u64,
 }
 
@@ -45,7 +45,7 @@ impl Spool {
         }
     }
 
-    /// Bytes of memory.
+    /// Number of bytes of memory.
     pub fn bytes(&self) -> u64 {
         self.full + self.kept.last().map_or(0, Batch::bytes)
     }
@@ -73,7 +73,7 @@ impl Spool {
             Positions::Double(p) => p.push(*corners),
         }
         if colour.is_some() || !batch.colours.is_empty() {
-            // Triangles of the batch before the first coloured one have none.
+            // The triangles of the batch before the first coloured one have no colour.
             batch.colours.resize(batch.parts.len(), [0; 4]);
             batch.colours.push(colour.unwrap_or([0; 4]));
             self.has_colours = true;
@@ -82,7 +82,8 @@ impl Spool {
         batch.prims.push(prim);
     }
 
-    /// Most meshes are small; one that has filled a batch will mostly fill the next.
+    /// Returns an empty batch with as much room as the last one has triangles. Most meshes are small, but a mesh that
+    /// has filled one batch will mostly fill the next.
     fn next_batch(&self, exact: bool) -> Batch {
         let last = self.kept.last().map_or(0, |b| b.parts.len());
         let room = if last == 0 && !self.spilled.is_empty() { BATCH } else { last };
@@ -95,10 +96,10 @@ impl Spool {
         Batch { positions, parts, prims, colours: Vec::new() }
     }
 
-    /// Moves all that is in memory to the scratch file.
+    /// Moves all triangles in memory to the scratch file.
     pub fn spill(&mut self, to: &Scratch, par: &Par) -> Result<()> {
         let batches: Vec<&Batch> = self.kept.iter().collect();
-        // A few at a time: coded, they take memory too.
+        // A few at a time, because encoded batches take memory too.
         for few in batches.chunks(8) {
             self.spilled.extend(batch::write(few, to, par)?);
         }
@@ -107,39 +108,39 @@ impl Spool {
         Ok(())
     }
 
-    /// Whether part of it, or all, is in a scratch file.
+    /// True if some of its batches are in a scratch file.
     pub fn is_spilled(&self) -> bool {
         !self.spilled.is_empty()
     }
 
-    /// Batches.
+    /// Number of batches.
     pub fn batches(&self) -> usize {
         self.spilled.len() + self.kept.len()
     }
 
-    /// A batch, in order of arrival, from the scratch file that it was spilled to.
+    /// Returns a batch, by order of arrival, which is read from the scratch file if it was spilled.
     pub fn batch(&self, index: usize, scratch: Option<&Scratch>) -> Result<Cow<'_, Batch>> {
         match (self.spilled.get(index), scratch) {
             (Some(extent), Some(scratch)) => batch::read(scratch, extent).map(Cow::Owned),
-            (Some(_), None) => Err(Error::Internal("a mesh has lost its temporary".into())),
+            (Some(_), None) => Err(Error::Internal("the temporary file of a mesh is missing".into())),
             (None, _) => Ok(Cow::Borrowed(&self.kept[index - self.spilled.len()])),
         }
     }
 
-    /// All batches, each to be taken once: with [`Taken::batch`].
+    /// Returns all batches, to be used once each by [`Taken::batch`].
     pub fn take(self) -> Vec<Taken> {
         self.spilled.into_iter().map(Taken::Spilled).chain(self.kept.into_iter().map(Taken::Kept)).collect()
     }
 }
 
-/// A batch that leaves its spool.
+/// A batch that was taken out of its spool.
 pub enum Taken {
     Spilled(Extent),
     Kept(Batch),
 }
 
 impl Taken {
-    /// Triangles.
+    /// Number of triangles.
     pub fn len(&self) -> usize {
         match self {
             Taken::Kept(batch) => batch.parts.len(),
@@ -147,12 +148,12 @@ impl Taken {
         }
     }
 
-    /// It, from the scratch file if it was spilled.
+    /// Returns the batch, which is read from the scratch file if it was spilled.
     pub fn batch(self, scratch: Option<&Scratch>) -> Result<Batch> {
         match (self, scratch) {
             (Taken::Kept(batch), _) => Ok(batch),
             (Taken::Spilled(extent), Some(scratch)) => batch::read(scratch, &extent),
-            (Taken::Spilled(_), None) => Err(Error::Internal("a mesh has lost its temporary".into())),
+            (Taken::Spilled(_), None) => Err(Error::Internal("the temporary file of a mesh is missing".into())),
         }
     }
 }

@@ -1,5 +1,5 @@
-//! One look at all triangles of a mesh that is built in chunks: what is kept, where, and how much in each cell
-//! of a grid.
+//! A survey of all triangles of a mesh that is built in chunks: the numbers of kept and dropped triangles, the parts,
+//! and a histogram over a grid.
 
 use super::batch::Batch;
 use super::origin::{self, Fates};
@@ -11,26 +11,27 @@ use glam::{DVec3, Vec3};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// Cells of the grid along each axis.
+/// Number of cells of the grid along each axis.
 pub const SIDE: usize = 64;
 
-/// Batches looked at together. Not the number of threads: the order of what is written would be another.
+/// Number of batches that are processed in parallel. It is not the number of threads, on which the order of the written
+/// batches would then depend.
 pub const TOGETHER: usize = 8;
 
-/// Triangles looked at to know their shape.
+/// Approximate number of triangles that are sampled to judge their shape.
 const SAMPLES: u64 = 1 << 16;
 
-/// Where the batches of a mesh, or of a part of it, come from.
+/// The batches of a mesh, or of a part of it.
 pub trait Batches: Sync {
-    /// How many.
+    /// Number of batches.
     fn len(&self) -> usize;
-    /// One of them.
+    /// Returns a batch.
     fn batch(&self, index: usize) -> Result<Cow<'_, Batch>>;
-    /// Triangles, over all.
+    /// Total number of triangles.
     fn triangles(&self) -> u64;
-    /// What stored positions are relative to.
+    /// The point that stored positions are relative to.
     fn origin(&self) -> DVec3;
-    /// Of the middles of all triangles, or more, around the origin.
+    /// Bounds, relative to the origin, that contain the middles of all triangles.
     fn bounds(&self) -> Bounds;
 }
 
@@ -38,20 +39,20 @@ pub trait Batches: Sync {
 #[derive(Debug, Clone, Copy)]
 pub struct Grid {
     low: Vec3,
-    /// Cells in a unit of length, on all axes.
+    /// Number of cells per unit of length, on all axes.
     scale: f32,
 }
 
 impl Grid {
-    /// Over `bounds`.
+    /// A grid over `bounds`.
     pub fn over(bounds: &Bounds) -> Self {
-        // Halves first: the difference of two finite numbers may not be one.
+        // Halves first: the difference of two finite numbers may be infinite.
         let half = (bounds.max * 0.5 - bounds.min * 0.5).max_element();
         let scale = if half > 0.0 { (SIDE as f32 * 0.5 / half).min(f32::MAX) } else { 0.0 };
         Self { low: bounds.min, scale }
     }
 
-    /// The cell of a point, on each axis; points outside belong to the nearest.
+    /// The cell of a point, on each axis. A point outside of the grid belongs to the nearest cell.
     #[inline]
     pub fn cell(&self, point: Vec3) -> [usize; 3] {
         let at = (point - self.low) * self.scale;
@@ -59,7 +60,7 @@ impl Grid {
     }
 }
 
-/// Index of a cell among all.
+/// Index of a cell.
 #[inline]
 pub fn index([x, y, z]: [usize; 3]) -> usize {
     (z * SIDE + y) * SIDE + x
@@ -71,17 +72,17 @@ pub fn middle([a, b, c]: &[Vec3; 3]) -> Vec3 {
     a.min(*b).min(*c) * 0.5 + a.max(*b).max(*c) * 0.5
 }
 
-/// Of the triangles of one part.
+/// Bounds and number of the triangles of one part.
 #[derive(Debug, Clone, Copy)]
 pub struct OfPart {
-    /// Around the origin.
+    /// Bounds relative to the origin.
     pub bounds: Bounds,
-    /// How many.
+    /// Number of triangles.
     pub count: u64,
 }
 
 impl OfPart {
-    /// Adds some of a part's triangles to those of `all` parts.
+    /// Adds this to the entry of `part` in `all`.
     pub fn add_to(self, all: &mut BTreeMap<u32, OfPart>, part: u32) {
         let sum = all.entry(part).or_insert(OfPart { bounds: Bounds::EMPTY, count: 0 });
         sum.bounds = sum.bounds.union(self.bounds);
@@ -89,21 +90,21 @@ impl OfPart {
     }
 }
 
-/// What was found.
+/// Result of a survey.
 pub struct Survey {
-    /// Of all triangles.
+    /// Numbers of kept and dropped triangles.
     pub fates: Fates,
-    /// Each part that has any.
+    /// Entries of the parts that have triangles.
     pub parts: BTreeMap<u32, OfPart>,
     /// The grid.
     pub grid: Grid,
-    /// Triangles in each cell.
+    /// Number of triangles in each cell.
     pub histogram: Vec<u32>,
-    /// Some triangles, evenly spread over the input.
+    /// Some triangles, evenly distributed over the input.
     pub samples: Vec<[Vec3; 3]>,
 }
 
-/// What was found in one batch.
+/// Result for one batch.
 struct Found {
     fates: Fates,
     parts: Vec<(u32, OfPart)>,
@@ -111,7 +112,7 @@ struct Found {
     samples: Vec<[Vec3; 3]>,
 }
 
-/// Looks at all of `source`. `seen` hears how many triangles it has looked at.
+/// Surveys all triangles of `source`. Calls `seen` with the number of triangles so far.
 pub fn survey(source: &dyn Batches, par: &Par, cancel: &Cancel, mut seen: impl FnMut(u64)) -> Result<Survey> {
     let grid = Grid::over(&source.bounds());
     let mut all = Survey {

@@ -1,4 +1,4 @@
-//! From triangles through a file to hits, against brute force with the scalar twin of the test.
+//! Tests from triangles through a file to hits, against brute force with the scalar twin of the ray test.
 
 use super::*;
 use crate::base::ids::BlockId;
@@ -82,7 +82,7 @@ fn rays(count: usize) -> Vec<LocalRay> {
         .collect()
 }
 
-/// The least `(t, id)`; on the grid ties are common.
+/// Returns the least `(t, id)`; on the grid, ties are common.
 fn brute_force(triangles: &[[Vec3; 3]], ray: &LocalRay) -> Option<(f32, u32)> {
     let shear = Shear::new(ray.dir);
     let hits = triangles.iter().enumerate().filter_map(|(i, t)| {
@@ -120,7 +120,7 @@ fn agrees_with_brute_force(triangles: &[[Vec3; 3]], options: BuildOptions) -> Bu
     report
 }
 
-/// Packets of coherent rays, of rays that diverge, and of a few: the bits of each ray alone.
+/// Packets of coherent rays, of diverging rays, and of few rays: each ray gets the same bits as a single ray.
 fn packets_agree(view: &Tree) {
     let mut random = Random(5);
     let mut walk = PacketWalk::of_queries();
@@ -154,7 +154,8 @@ fn packets_agree(view: &Tree) {
     }
 }
 
-/// What there is to be seen of a hit: which of a triangle's references was met is a matter of who visits what.
+/// Returns the bits and the primitive id of a hit. The rest of a hit, such as the reference that was hit among several
+/// to one triangle, depends on the order of traversal.
 fn seen(view: &Tree, hit: &TriHit) -> ([u32; 3], Option<u32>) {
     (
         [hit.t, hit.u, hit.v].map(f32::to_bits),
@@ -162,7 +163,7 @@ fn seen(view: &Tree, hit: &TriHit) -> ([u32; 3], Option<u32>) {
     )
 }
 
-/// Streams of all lengths: the bits of each ray alone.
+/// Streams of all lengths: each ray gets the same bits as a single ray.
 fn streams_agree(view: &Tree) {
     let (mut stream, mut alone) = (Stream::of_queries(), Walk::new());
     let all = rays(STREAM);
@@ -183,7 +184,7 @@ fn streams_agree(view: &Tree) {
 }
 
 #[test]
-fn hits_are_those_of_brute_force() {
+fn hits_equal_those_of_brute_force() {
     for (count, size, grid) in [(1, 1.0, 0.0), (9, 1.0, 0.0), (3000, 0.1, 0.0), (3000, 0.5, 4.0), (20_000, 0.02, 0.0)] {
         let triangles = soup(count, size, grid);
         for structure in Structure::ALL {
@@ -195,7 +196,7 @@ fn hits_are_those_of_brute_force() {
 
 #[test]
 fn splits_change_no_hit() {
-    // Long thin triangles in all directions: what splits are for.
+    // Long thin triangles in all directions, for which splits are made.
     let mut random = Random(3);
     let triangles: Vec<[Vec3; 3]> = (0..3000)
         .map(|_| {
@@ -231,7 +232,7 @@ fn goes_on_where_it_stopped(structure: Structure) {
     let mut stops = 0;
     let mut walk = Walk::new();
     for ray in rays(100) {
-        // Each stop fetches one block, into a snapshot that began empty.
+        // Each stop fetches one block, into a snapshot that was empty at first.
         let file = opened.blocks.file().clone();
         let decoder = open::open(&file).expect("trees").decoder;
         let fresh = ModelBlocks::new(file, decoder, &Residency::with_budget(1 << 30)).expect("a budget");
@@ -250,7 +251,7 @@ fn goes_on_where_it_stopped(structure: Structure) {
 }
 
 #[test]
-fn what_cannot_be_traced_is_dropped_and_counted() {
+fn triangles_that_cannot_be_traced_are_dropped_and_counted() {
     let good = [DVec3::ZERO, DVec3::X, DVec3::Y];
     let mut builder =
         Builder::new(BuildOptions::default(), Arc::new(Progress::default()), Cancel::new()).expect("options");
@@ -274,7 +275,7 @@ fn what_cannot_be_traced_is_dropped_and_counted() {
     ModelFile::open_path(folder.path().join("empty.oc")).expect("opens");
 }
 
-/// A build that spills, in this thread, so that the disk can fail at each of its writes in turn.
+/// A build that spills, in this thread, so that the disk can fail at each of its writes, one after the other.
 #[test]
 fn a_disk_that_fails_at_any_write_leaves_the_old_file_and_nothing_else() {
     let folder = tempfile::tempdir().expect("folder");

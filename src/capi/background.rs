@@ -1,7 +1,7 @@
-//! Work that takes long and is one piece: builds and loads.
+//! Long work in one piece: builds and loads.
 //!
-//! It runs on a thread of the context, as one task of the host's executor, or, where the context has
-//! neither, inside a wait or a step.
+//! The work runs on a thread of the context or as one task of the host's executor. In a context that has neither it
+//! runs inside a wait or a step.
 
 use super::guard::caught;
 use super::job::{LongWork, Snapshot, Wake};
@@ -13,36 +13,37 @@ use std::any::Any;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What work leaves behind: a model, a build's report.
+/// Result of long work: a model, or the report of a build.
 pub(crate) type Product = Box<dyn Any + Send + Sync>;
 type Todo = Box<dyn FnOnce(&Task) -> Result<Product> + Send>;
 
-/// One piece of long work, shared by its handle and the thread that runs it.
+/// One piece of long work. Its handle and the thread that runs it share it.
 pub(crate) struct Task {
-    /// Written by the work, read by polls.
+    /// The work writes it, polls read it.
     pub(crate) progress: Arc<Progress>,
-    /// Asked by the work.
+    /// The work checks it regularly.
     pub(crate) cancel: Cancel,
     waiters_work: WaitersWork,
-    /// With the work, until a thread begins it.
+    /// Holds the work itself until a thread begins it.
     handle: Handle<Outcome, Option<Todo>>,
 }
 
 type Outcome = std::result::Result<Arc<Product>, Arc<Error>>;
 
-/// When a thread that waits does work itself that was not begun.
+/// When a waiting thread itself runs work that has not begun.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum WaitersWork {
-    /// A thread of ours does it.
+    /// Never: a thread of the library runs the work.
     Never,
-    /// The host's executor will, but a waiter without a timeout may be its only thread.
+    /// Only in a wait without a timeout. The host's executor will run the work, but the waiting thread may be its only
+    /// one.
     Untimed,
-    /// No other thread will.
+    /// Always: no other thread runs the work.
     Always,
 }
 
 impl Task {
-    /// Work that is not begun.
+    /// Creates work that has not begun.
     pub(crate) fn new(
         progress: Arc<Progress>,
         cancel: Cancel,
@@ -53,7 +54,7 @@ impl Task {
         Arc::new(Self { progress, cancel, waiters_work, handle: Handle::new(Some(todo)) })
     }
 
-    /// Does the work in this thread; `false` if it was begun before.
+    /// Runs the work in this thread. Returns `false` if a thread began it before.
     pub(crate) fn run(&self) -> bool {
         let Some(todo) = self.handle.lock().take() else { return false };
         let outcome = caught(|| {
@@ -70,7 +71,7 @@ impl Task {
         true
     }
 
-    /// What the work left behind, if it has ended well.
+    /// Returns the result of the work, if it has succeeded.
     pub(crate) fn product(&self) -> Option<Arc<Product>> {
         self.handle.ending()?.ok()
     }
@@ -110,7 +111,7 @@ impl LongWork for Task {
 
     fn cancel(&self) {
         self.cancel.cancel();
-        // Work that no thread has begun, and that none may ever begin, ends here and now.
+        // Work that no thread has begun, and perhaps none ever would, ends here.
         self.run();
     }
 

@@ -1,4 +1,4 @@
-//! Builds: meshes from files or from the caller's memory become a model file.
+//! Builds: convert meshes from files or from the caller's memory to a model file.
 
 use super::context::{ContextObject, OC_ALL_THREADS, check_threads, oc_context};
 use super::guard::{self, Checked, Sized32, bad, boundary, out, read_or_default, reserved};
@@ -16,10 +16,10 @@ use std::ffi::c_char;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A model in the making: meshes are added, then oc_build_start makes the file.
+/// A model under construction. Add meshes, then call oc_build_start to write the model file.
 ///
-/// Parts are the caller's own 64-bit ids. A triangle's primitive id is its index in the input: those pushed come
-/// first, in the order pushed, then those of the files, in the order added.
+/// A part is identified by the caller's own 64-bit id. The primitive id of a triangle is its index in the input: first
+/// the pushed triangles in the order pushed, then those of the files in the order added.
 pub struct oc_build {
     _private: [u8; 0],
 }
@@ -30,15 +30,15 @@ pub(crate) struct BuildObject {
     context: Arc<Shell<ContextObject>>,
     progress: Arc<Progress>,
     cancel: Cancel,
-    /// `None` once started.
+    /// `None` after the start.
     input: Mutex<Option<Input>>,
 }
 
-/// What was added so far.
+/// The content added so far.
 pub(super) struct Input {
     pub(super) builder: Builder,
     pub(super) files: Vec<PathBuf>,
-    /// The caller's part ids, and where the builder has them.
+    /// The builder's key of each of the caller's part ids.
     pub(super) parts: HashMap<u64, PartKey>,
     pub(super) part_count: u32,
     pub(super) materials: Vec<u32>,
@@ -53,10 +53,10 @@ impl BuildObject {
 }
 
 fn started() -> Error {
-    Error::BadState("the build was started".into())
+    Error::BadState("the build was already started".into())
 }
 
-/// Runs `f` on what was added so far; refused once the build was started.
+/// Runs `f` on the content added so far. Fails after the start of the build.
 ///
 /// # Safety
 /// As for [`handles::with`].
@@ -65,44 +65,45 @@ pub(super) unsafe fn with_input(build: *mut oc_build, f: impl FnOnce(&mut Input)
     unsafe { handles::with(build, |build: &Shell<BuildObject>| f(build.lock().as_mut().ok_or_else(started)?)) }
 }
 
-/// The acceleration structure of a model.
+/// Acceleration structure of a model.
 pub type oc_structure = u32;
-/// The library's choice, at present OC_STRUCTURE_BVH.
+/// The library chooses. At present OC_STRUCTURE_BVH.
 pub const OC_STRUCTURE_DEFAULT: oc_structure = 0;
 /// A wide, quantised bounding volume hierarchy.
 pub const OC_STRUCTURE_BVH: oc_structure = 1;
 
-/// Whether triangles may be split between leaves, which pays for long thin ones.
+/// Spatial splits: a triangle may be referenced by several leaves. This speeds up models with long thin triangles.
 pub type oc_splits = u32;
-/// Where it pays.
+/// Split if it speeds up the model.
 pub const OC_SPLITS_AUTO: oc_splits = 0;
-/// Never.
+/// Never split.
 pub const OC_SPLITS_OFF: oc_splits = 1;
-/// Always.
+/// Always split.
 pub const OC_SPLITS_ON: oc_splits = 2;
 
-/// What a build is made with. All zeros: what most models want.
+/// Options of a build. All zeros: suitable for most models.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_build_desc {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// An OC_STRUCTURE_ number.
+    /// One of the OC_STRUCTURE_ constants.
     pub structure: oc_structure,
-    /// Bytes of memory that the build may use, 32 MiB at least: what does not fit goes through temporary files. 0: no
-    /// limit.
+    /// Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
+    /// files. 0: no limit.
     pub memory_budget: u64,
-    /// The folder of temporary files; NULL: the system's (`TMPDIR`, where that is set). Not looked at before the first
-    /// is written.
+    /// Folder for temporary files. NULL: the system's (`TMPDIR`, if it is set). The folder is not accessed before the
+    /// first temporary file is written.
     pub temp_dir: *const c_char,
-    /// Length unit, in place of what the input says. 0: as the input says.
+    /// Length of a unit in metres, finite and above 0. Overrides the unit of the input. 0: the unit of the input.
     pub metres_per_unit: f64,
-    /// An OC_UP_ number, in place of what the input says. OC_UP_UNKNOWN: as the input says.
+    /// One of the OC_UP_ constants. Overrides the up axis of the input. OC_UP_UNKNOWN: the up axis of the input.
     pub up: u32,
-    /// An OC_SPLITS_ number.
+    /// One of the OC_SPLITS_ constants.
     pub splits: oc_splits,
-    /// Threads, up to 4096; the build starts its own. 0: as many as the context has; OC_ALL_THREADS: one for each core.
-    /// In a context without threads of its own a build has the one thread that does it. The file does not depend on it.
+    /// Number of threads, at most 4096. The build starts its own. 0: as many as the context has. OC_ALL_THREADS: one
+    /// for each core. In a context without threads of its own, a build uses only the thread that runs it. The model
+    /// file does not depend on this number.
     pub threads: u32,
     /// Must be 0.
     pub reserved: u32,
@@ -113,7 +114,8 @@ unsafe impl Sized32 for oc_build_desc {
     const NAME: &'static str = "oc_build_desc";
 }
 
-/// How many threads a build uses: in a context without threads of its own only the one that does it.
+/// Returns the number of threads of a build. In a context without threads of its own, that is the one that runs the
+/// build.
 fn threads(asked: u32, context: &ContextObject) -> usize {
     match (context.context.threads(), asked) {
         (0, _) => 1,
@@ -123,6 +125,8 @@ fn threads(asked: u32, context: &ContextObject) -> usize {
     }
 }
 
+/// Converts the options.
+///
 /// # Safety
 /// The pointers in `desc` are as its members say.
 unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<BuildOptions> {
@@ -156,11 +160,19 @@ unsafe fn options(desc: &oc_build_desc, context: &ContextObject) -> Checked<Buil
     Ok(BuildOptions { structure, memory_budget, threads, temp_dir, splits, metres_per_unit, up })
 }
 
-/// Makes an empty build. `desc` may be NULL: all defaults.
+/// Creates an empty build.
 ///
-/// Ownership: the caller owns a count. Thread safety: any thread. Cheap.
+/// - `desc`: options. NULL: all defaults.
+/// - `out_build`: receives the build.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: an option is out of range.
+/// - OC_STATUS_OVER_BUDGET: the memory budget of the build is below 32 MiB.
+///
+/// Ownership: the caller receives one reference.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `desc` initialised or NULL; `out_build` writable.
+/// `context` is a live handle; `desc` is initialised or NULL; `out_build` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_create(
     context: *const oc_context,
@@ -190,12 +202,16 @@ pub unsafe extern "C" fn oc_build_create(
     })
 }
 
-/// Adds a mesh file: PLY, OBJ, STL, glTF, GLB or raw triangles. It is read when the build runs, so that errors
-/// in it are the job's.
+/// Adds a mesh file: PLY, OBJ, STL, glTF, GLB or raw triangles. The build job reads it and reports its errors, not this
+/// call.
 ///
-/// Thread safety: any thread, but the order of additions is that of the model. Cheap.
+/// - `path`: path of the file. The string is copied.
+///
+/// Errors: OC_STATUS_INVALID_STATE after oc_build_start.
+///
+/// Thread safety: any thread. The order of the calls is the order in the model. Cheap.
 /// # Safety
-/// Live handle; `path` ends with 0.
+/// `build` is a live handle; `path` ends with 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_add_file(build: *mut oc_build, path: *const c_char) -> oc_status {
     // SAFETY: the function's own contract.
@@ -208,15 +224,25 @@ pub unsafe extern "C" fn oc_build_add_file(build: *mut oc_build, path: *const c_
     })
 }
 
-/// Begins to make the file at `path`, in the background: in a thread that is started for it, one task of the executor,
-/// or, where the context has neither threads nor an executor, inside oc_job_wait or oc_context_step. Nothing can be
-/// added any more, also if OC_STATUS_IO says that the thread could not be started.
+/// Begins to build the model and to write it to `path`, in the background.
 ///
-/// The file appears under its name when the job is done; until then what was there stays. If the job fails or is
-/// cancelled no temporary is left.
-/// Ownership: the caller owns a count of the job; the build may be released. Thread safety: any thread. Cheap.
+/// - `path`: path of the model file. The file appears under this name when the job is done; until then an existing file
+///   stays. A job that fails or is cancelled leaves no temporary file.
+/// - `out_job`: receives the job. oc_job_build_report returns its statistics.
+///
+/// After this call nothing can be added to the build, even if the call fails with OC_STATUS_IO.
+///
+/// The job runs on a thread that is started for it. With an executor it runs as one task of the executor. In a context
+/// with neither threads nor an executor it runs inside oc_job_wait or oc_context_step.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_STATE: the build was started before.
+/// - OC_STATUS_IO: the thread cannot be started.
+///
+/// Ownership: the caller receives one reference to the job. The build may be released.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `path` ends with 0; `out_job` writable.
+/// `build` is a live handle; `path` ends with 0; `out_job` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_start(
     build: *mut oc_build,
@@ -242,20 +268,20 @@ pub unsafe extern "C" fn oc_build_start(
     })
 }
 
-/// Adds a count. NULL does nothing. Thread safety: any thread. Cheap.
+/// Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle.
+/// `build` is NULL or a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_retain(build: *mut oc_build) {
     // SAFETY: the function's own contract.
     unsafe { handles::retain(build) }
 }
 
-/// Takes a count back; a job that was started goes on. NULL does nothing.
+/// Releases one reference. A job that was started continues. NULL: does nothing.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle of which the caller owns a count.
+/// `build` is NULL or a live handle of which the caller owns a reference.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_release(build: *mut oc_build) {
     // SAFETY: the function's own contract.

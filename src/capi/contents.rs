@@ -1,4 +1,4 @@
-//! What a build is made of but its triangles: materials, parts, shared meshes and their instances.
+//! The content of a build except triangles: materials, parts, shared meshes and their instances.
 
 use super::build::{Input, oc_build, with_input};
 use super::guard::{self, Checked, Sized32, bad, boundary, out, read, reserved};
@@ -8,25 +8,25 @@ use super::view::transform;
 use crate::import::{MaterialDesc, MeshKey, PartDesc, PartKey, Sink};
 use std::ffi::c_char;
 
-/// How a part looks. Linear colour. All zeros: grey, opaque, matt.
+/// Material of a part. Colours are linear. All zeros: grey, opaque, matt.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_material {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// Linear RGB, each from 0 to 1. All 0 with opacity 0: grey.
+    /// Linear RGB, each 0 to 1. All 0 with opacity 0: grey (0.6).
     pub colour: [f32; 3],
-    /// 1 is opaque. 0: 1.
+    /// Opacity, 0 to 1; 1 is opaque. 0: 1.
     pub opacity: f32,
-    /// From 0 to 1.
+    /// Metalness, 0 to 1.
     pub metalness: f32,
-    /// From 0 to 1. 0: 0.6.
+    /// Roughness, 0 to 1. 0: 0.6.
     pub roughness: f32,
     /// Must be 0.
     pub reserved: u32,
 }
 
-// SAFETY: `repr(C)`, words and floats without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.
 unsafe impl Sized32 for oc_material {
     const NAME: &'static str = "oc_material";
 }
@@ -49,11 +49,16 @@ impl oc_material {
     }
 }
 
-/// Adds a material; `out_material` gets its number, from 1 (0 is the default material).
+/// Adds a material.
+///
+/// - `material`: copied.
+/// - `out_material`: receives the number of the material: 1, 2, 3, ... (0 is the default material).
+///
+/// Errors: OC_STATUS_INVALID_STATE after oc_build_start.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `material` initialised; `out_material` writable.
+/// `build` is a live handle; `material` is initialised; `out_material` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_add_material(
     build: *mut oc_build,
@@ -73,36 +78,42 @@ pub unsafe extern "C" fn oc_build_add_material(
     })
 }
 
-/// What a user clicks on.
+/// A part: the unit that a user selects, hides or colours.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_part {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// A number of oc_build_add_material; 0: the default material.
+    /// Number of a material from oc_build_add_material. 0: the default material.
     pub material: u32,
-    /// The caller's own id, new in this build, and not OC_NO_ID; hits and pictures tell it.
+    /// The caller's own id. Must be unique in the build and not OC_NO_ID. Hits and pictures contain it.
     pub id: u64,
-    /// The id of the part above it, added before; used if `has_parent` is 1.
+    /// Id of the parent part, which must have been added before. Ignored if `has_parent` is 0.
     pub parent: u64,
-    /// UTF-8; NULL: no name.
+    /// Name in UTF-8. The string is copied. NULL: no name.
     pub name: *const c_char,
-    /// 1: it has a parent; 0: it has none.
+    /// 1: the part has a parent. 0: it has none.
     pub has_parent: u32,
     /// Must be 0.
     pub reserved: u32,
 }
 
-// SAFETY: `repr(C)`, words and a pointer without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and a pointer without padding, `struct_size` first.
 unsafe impl Sized32 for oc_part {
     const NAME: &'static str = "oc_part";
 }
 
 /// Adds a part.
 ///
+/// - `part`: copied.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: the id is taken; the parent or the material was not added.
+/// - OC_STATUS_INVALID_STATE: after oc_build_start.
+///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `part` initialised.
+/// `build` is a live handle; `part` is initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_add_part(build: *mut oc_build, part: *const oc_part) -> oc_status {
     // SAFETY: the function's own contract.
@@ -125,7 +136,7 @@ impl Input {
 
     fn add_part(&mut self, part: &oc_part, name: String) -> Checked<()> {
         if self.parts.contains_key(&part.id) {
-            return bad(format!("part {} was added before", part.id));
+            return bad(format!("part {} was already added", part.id));
         }
         let parent = match part.has_parent {
             0 => None,
@@ -145,7 +156,7 @@ impl Input {
         Ok(())
     }
 
-    /// The builder's names of a mesh number and of a part in it.
+    /// Returns the builder's keys of a mesh number and of a part in that mesh.
     pub(super) fn target(&self, mesh: u32, part: u64) -> Checked<(MeshKey, u32)> {
         if mesh == 0 {
             return Ok((MeshKey::DIRECT, self.part(part)?));
@@ -155,17 +166,21 @@ impl Input {
         };
         match u32::try_from(part) {
             Ok(part) if part < *local_parts => Ok((*key, part)),
-            _ => bad(format!("shared mesh {mesh} has {local_parts} parts, not a part {part}")),
+            _ => bad(format!("shared mesh {mesh} has {local_parts} parts; part {part} does not exist")),
         }
     }
 }
 
-/// Begins a mesh that instances repeat; its triangles are stored once. It has `parts` parts, numbered from 0.
-/// `out_mesh` gets its number, from 1.
+/// Begins a shared mesh. Its triangles are stored once, and instances place it any number of times.
+///
+/// - `parts`: number of parts of the mesh, 1 to 2^32 - 2. They are numbered from 0.
+/// - `out_mesh`: receives the number of the mesh: 1, 2, 3, ...
+///
+/// Errors: OC_STATUS_INVALID_STATE after oc_build_start.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_mesh` writable.
+/// `build` is a live handle; `out_mesh` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_add_shared_mesh(build: *mut oc_build, parts: u32, out_mesh: *mut u32) -> oc_status {
     // SAFETY: the function's own contract.
@@ -180,12 +195,21 @@ pub unsafe extern "C" fn oc_build_add_shared_mesh(build: *mut oc_build, parts: u
     })
 }
 
-/// Places a shared mesh. Its part 0 is here the part `first_part`, its part 1 the one added next after that, and
-/// so on. `world_from_mesh`: 12 doubles, invertible; NULL leaves it where it is.
+/// Places a shared mesh.
+///
+/// - `mesh`: number of the mesh.
+/// - `first_part`: id of the part that part 0 of the mesh becomes here. Part 1 becomes the part that was added next
+///   after it, and so on.
+/// - `world_from_mesh`: transform of 12 doubles, invertible. NULL: the identity.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: there is no such mesh or part; fewer parts than the mesh has were added from
+///   `first_part` on; the transform is not finite or not invertible.
+/// - OC_STATUS_INVALID_STATE: after oc_build_start.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `world_from_mesh` has 12 doubles or is NULL.
+/// `build` is a live handle; `world_from_mesh` has 12 doubles or is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_add_instance(
     build: *mut oc_build,
@@ -202,7 +226,9 @@ pub unsafe extern "C" fn oc_build_add_instance(
             };
             let first = input.part(first_part)?;
             if u64::from(first) + u64::from(local_parts) > u64::from(input.part_count) {
-                return bad(format!("the mesh has {local_parts} parts; fewer were added from part {first_part} on"));
+                return bad(format!(
+                    "the mesh has {local_parts} parts, but fewer parts were added from part {first_part} on"
+                ));
             }
             Ok(input.builder.instance(key, transform(world_from_mesh), first)?)
         })

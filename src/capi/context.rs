@@ -1,4 +1,4 @@
-//! The context: threads, log and memory budget that all else hangs on.
+//! The context: threads, log and memory budget of all other objects.
 
 use super::background::{Product, Task, WaitersWork};
 use super::guard::{Checked, Failure, Sized32, bad, boundary, out, read, read_or_default};
@@ -16,60 +16,70 @@ use std::collections::VecDeque;
 use std::ffi::{CString, c_char, c_void};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// As many threads as the machine has cores.
+/// Number of threads: one for each core of the machine.
 pub const OC_ALL_THREADS: u32 = 0xFFFFFFFF;
 
-/// How much a log line matters.
+/// Severity of a log line.
 pub type oc_log_level = u32;
-/// Something failed.
+/// An operation failed.
 pub const OC_LOG_ERROR: oc_log_level = 1;
-/// Something is not as it should be; work goes on.
+/// Something is wrong, but the operation continues.
 pub const OC_LOG_WARNING: oc_log_level = 2;
-/// What a user may want to know.
+/// Information for users.
 pub const OC_LOG_INFO: oc_log_level = 3;
-/// What a developer may want to know.
+/// Information for developers.
 pub const OC_LOG_DEBUG: oc_log_level = 4;
 
-/// Takes a log line: called from any thread, never under a lock of the library's; must not unwind.
-/// `message` is valid during the call.
-// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
+/// Callback: receives a log line.
+///
+/// - `user`: `log_user` of oc_context_desc.
+/// - `level`: one of the OC_LOG_ constants.
+/// - `message`: valid during the call.
+///
+/// Any thread may call it, but never while the library holds a lock. It must not unwind.
+// SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment above.
 pub type oc_log_fn = Option<unsafe extern "C" fn(user: *mut c_void, level: oc_log_level, message: *const c_char)>;
 
-/// A piece of work for the host's threads: call it once with the `task` that came with it.
-// SAFETY, for who calls it: the library's own function; the task that came with it, and once.
+/// Runs a task of the library on a thread of the host. oc_submit_fn receives it. Call it once, with the `task` that was
+/// passed with it.
+// SAFETY of a call: it is the library's own function. The host passes the task that came with it, once.
 pub type oc_run_fn = Option<unsafe extern "C" fn(task: *mut c_void)>;
 
-/// Takes a piece of work: `run(task)` must be called exactly once, soon, from any thread, also at once from inside this
-/// call: then calls that begin work in the background return when that is done. Called from any thread of the host,
-/// never under a lock of the library's.
-// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
+/// Callback: receives a task for the host's threads.
+///
+/// - `user`: `user` of oc_executor.
+/// - `run`, `task`: the host must call `run(task)` exactly once, soon, from any thread. It may call it inside this
+///   callback. Then library functions that begin background work return after that work is done.
+///
+/// Any thread of the host may call it, but never while the library holds a lock.
+// SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment above.
 pub type oc_submit_fn = Option<unsafe extern "C" fn(user: *mut c_void, run: oc_run_fn, task: *mut c_void)>;
 
-/// The host's own threads: a context that has them never starts a thread of its own.
+/// The host's own threads. A context with an executor never starts a thread.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_executor {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// How many tasks can run at once, 1 or more; so many are handed in at a time at most (each build and load is
-    /// one more).
+    /// Number of tasks that can run at once, 1 or more. The library submits at most as many at a time, plus one for
+    /// each build and load.
     pub concurrency: u32,
-    /// Given to `submit`.
+    /// Passed to `submit`.
     pub user: *mut c_void,
-    /// Takes work.
+    /// Receives the tasks.
     pub submit: oc_submit_fn,
 }
 
-// SAFETY: `repr(C)`, two words, a pointer and a nullable function; `struct_size` first.
+// SAFETY: `repr(C)`, two integers, a pointer and a nullable function; `struct_size` first.
 unsafe impl Sized32 for oc_executor {
     const NAME: &'static str = "oc_executor";
 }
 
-/// Vector instructions.
+/// Set of vector instructions.
 pub type oc_instruction_set = u32;
-/// The best that the machine has.
+/// The best set that the machine has.
 pub const OC_INSTRUCTION_SET_BEST: oc_instruction_set = 0;
-/// What every machine has.
+/// The set that every machine of this architecture has.
 pub const OC_INSTRUCTION_SET_BASELINE: oc_instruction_set = 1;
 /// AVX2.
 pub const OC_INSTRUCTION_SET_AVX2: oc_instruction_set = 2;
@@ -78,47 +88,51 @@ pub const OC_INSTRUCTION_SET_AVX512: oc_instruction_set = 3;
 
 /// Flags of oc_context_desc.
 pub type oc_context_flags = u32;
-/// Nothing is read before it is asked for. Without it a model that fits the memory budget is read in the background,
-/// all of it, when nothing more urgent is to be read.
+/// The library reads only the data that frames and queries need. Without this flag it also reads all of a model that
+/// fits the memory budget, in the background, while nothing more urgent waits to be read.
 pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
 
-/// What a context is made with. All zeros: no threads, three quarters of the machine's memory.
+/// Options of a context. All zeros: no threads, three quarters of the machine's memory.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_context_desc {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// Threads that trace, 4096 at most. 0: none; then the caller drives, by oc_context_step or by waiting, and reads
-    /// and traces by turns: of a model that is being read pictures get better more slowly than with a thread, most of
-    /// all if by oc_context_step. OC_ALL_THREADS: one for each core. Ignored with an executor.
+    /// Number of worker threads, at most 4096. OC_ALL_THREADS: one for each core. Ignored with an executor.
+    ///
+    /// 0: no worker threads. Your thread alternates reading and tracing inside `oc_context_step` or waits; refinement
+    /// of a model that is being read is slower, slowest with `oc_context_step`.
     pub threads: u32,
-    /// Bytes that all models together may hold in memory, with tables and what reading takes; never exceeded. 0: three
-    /// quarters of the machine's; more than the machine has is refused. A model may be larger, many times: its coarse
-    /// blocks are read when it is opened, what is used is read then, and what has not been used for longest goes. What
-    /// has to stay is small: tables, the blocks at the roots, and a few megabytes to read with; if not even those fit,
-    /// opening fails with OC_STATUS_OVER_BUDGET and oc_last_error_need names the least budget that would do. Where what
-    /// frames show does not fit they get coarser, evenly; exact queries take longer. Buffers of frames and batches come
-    /// on top.
+    /// Limit in bytes of the memory that all models together take, including tables and buffers for reading. Never
+    /// exceeded. 0: three quarters of the machine's memory. A value above the machine's memory is refused. Buffers of
+    /// frames and batches are not included.
+    ///
+    /// A model may be many times larger than the budget:
+    /// - Opening a model reads its coarse blocks. Other blocks are read when they are used. The least recently used
+    ///   blocks are evicted.
+    /// - Tables, root blocks and a few megabytes for reading must stay in memory. If they do not fit, opening fails
+    ///   with OC_STATUS_OVER_BUDGET, and oc_last_error_need returns the least budget that suffices.
+    /// - If the data of a view does not fit, all of the picture becomes coarser evenly. Exact queries take longer.
     pub memory_budget: u64,
-    /// The host's own threads, or NULL. The struct is copied; its `user` must outlive the context.
+    /// The host's own threads, or NULL. The struct is copied. Its `user` must stay valid longer than the context.
     pub executor: *const oc_executor,
-    /// Takes log lines, or NULL.
+    /// Receives log lines, or NULL.
     pub log: oc_log_fn,
-    /// Given to `log`; must outlive the context.
+    /// Passed to `log`. Must stay valid longer than the context.
     pub log_user: *mut c_void,
-    /// An OC_INSTRUCTION_SET_ number. 0: the best that the machine has. All give the same answers.
+    /// One of the OC_INSTRUCTION_SET_ constants. 0: the best set that the machine has. All sets give the same answers.
     pub instruction_set: oc_instruction_set,
-    /// OC_CONTEXT_ flags, joined with `|`.
+    /// OC_CONTEXT_ flags, combined with `|`.
     pub flags: oc_context_flags,
 }
 
-// SAFETY: `repr(C)`, words, pointers and a nullable function; `struct_size` first.
+// SAFETY: `repr(C)`, integers, pointers and a nullable function; `struct_size` first.
 unsafe impl Sized32 for oc_context_desc {
     const NAME: &'static str = "oc_context_desc";
 }
 
-/// Threads, log and memory budget that all else is made from. There is no other global state: any
-/// number of contexts live side by side.
+/// Threads, log and memory budget. All other objects are created from a context. The library has no other global state:
+/// a program may use any number of contexts at the same time.
 pub struct oc_context {
     _private: [u8; 0],
 }
@@ -128,12 +142,12 @@ handle!(oc_context, ContextObject, 1);
 pub(crate) struct ContextObject {
     pub(crate) context: Context,
     host: Option<Arc<HostExecutor>>,
-    /// Work for contexts without threads, to be done by a step.
+    /// In a context without threads: work that a step will do.
     waiting: Mutex<VecDeque<Weak<Task>>>,
 }
 
 impl ContextObject {
-    /// Has long work done in the background, as this context does that.
+    /// Starts long work in the background: on a new thread, on the host's executor, or queued for a step or a wait.
     pub(crate) fn begin(
         &self,
         progress: Arc<Progress>,
@@ -167,7 +181,7 @@ impl ContextObject {
         Ok(give_job(task))
     }
 
-    /// Does one piece of work in this thread, if there is any.
+    /// Does one piece of work in this thread. Returns false if there is none.
     fn step(&self) -> bool {
         if self.context.step() {
             return true;
@@ -182,15 +196,16 @@ impl ContextObject {
     }
 }
 
-/// The host's executor behind the crate's trait.
+/// The host's executor, as an [`Executor`] of the crate.
 struct HostExecutor {
     concurrency: usize,
     user: *mut c_void,
-    // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
+    // SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment on
+    // `oc_submit_fn`.
     submit: unsafe extern "C" fn(*mut c_void, oc_run_fn, *mut c_void),
 }
 
-// SAFETY: the header says that `submit` is called from any thread.
+// SAFETY: the header says that any thread may call `submit`.
 unsafe impl Send for HostExecutor {}
 // SAFETY: as above.
 unsafe impl Sync for HostExecutor {}
@@ -198,17 +213,17 @@ unsafe impl Sync for HostExecutor {}
 type Once = Box<dyn FnOnce() + Send>;
 
 impl HostExecutor {
-    /// Hands in something to be run once.
+    /// Submits a closure that runs once.
     fn submit_once(&self, run: Once) {
-        /// Runs what `submit_once` packed; a panic stays here.
+        /// Runs a closure that `submit_once` packed. A panic is caught here.
         ///
         /// # Safety
-        /// NULL, or what `submit_once` packed and nobody has run.
+        /// `task` is NULL, or a closure that `submit_once` packed and that has not run yet.
         unsafe extern "C" fn run_packed(task: *mut c_void) {
             if task.is_null() {
                 return;
             }
-            // SAFETY: packed below, and run once by the header's rule.
+            // SAFETY: packed below, and run once by the rule in the header.
             let run = unsafe { Box::from_raw(task.cast::<Once>()) };
             let _ = super::guard::caught(|| {
                 run();
@@ -216,7 +231,7 @@ impl HostExecutor {
             });
         }
         let task = Box::into_raw(Box::new(run)).cast();
-        // SAFETY: the caller gave the function for this.
+        // SAFETY: the host registered the function for this call.
         unsafe { (self.submit)(self.user, Some(run_packed), task) }
     }
 }
@@ -230,14 +245,14 @@ impl Executor for HostExecutor {
     }
 }
 
-/// The caller's log function behind the crate's.
+/// The host's log function, as a log function of the crate.
 struct HostLog {
-    // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
+    // SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment on `oc_log_fn`.
     log: unsafe extern "C" fn(*mut c_void, oc_log_level, *const c_char),
     user: *mut c_void,
 }
 
-// SAFETY: the header says that it is called from any thread.
+// SAFETY: the header says that any thread may call it.
 unsafe impl Send for HostLog {}
 // SAFETY: as above.
 unsafe impl Sync for HostLog {}
@@ -247,27 +262,27 @@ impl HostLog {
         let mut bytes = line.as_bytes().to_vec();
         bytes.retain(|&b| b != 0);
         let text = CString::new(bytes).unwrap_or_default();
-        // SAFETY: the caller gave both for this; the text lives during the call.
+        // SAFETY: the host registered the function with this `user` for this call. The text lives during the call.
         unsafe { (self.log)(self.user, level as u32, text.as_ptr()) }
     }
 }
 
-/// Whether so many threads may be meant.
+/// Refuses a number of threads that is out of range.
 pub(super) fn check_threads(asked: u32, name: &str) -> Checked<()> {
     if asked <= MOST_THREADS || asked == OC_ALL_THREADS {
         Ok(())
     } else {
-        bad(format!("{name} is {asked}; up to {MOST_THREADS}"))
+        bad(format!("{name} is {asked}; it must be at most {MOST_THREADS}, or OC_ALL_THREADS"))
     }
 }
 
-/// More than any machine has: a larger number was not meant.
+/// More threads than any machine has: a larger number is a mistake of the caller.
 const MOST_THREADS: u32 = 4096;
 
-/// Reads the caller's executor, if there is one.
+/// Reads the host's executor, if there is one.
 ///
 /// # Safety
-/// NULL or initialised.
+/// `executor` is NULL or initialised.
 unsafe fn host_executor(executor: *const oc_executor) -> super::guard::Checked<Option<Arc<HostExecutor>>> {
     if executor.is_null() {
         return Ok(None);
@@ -278,20 +293,28 @@ unsafe fn host_executor(executor: *const oc_executor) -> super::guard::Checked<O
         return bad("oc_executor.submit is NULL");
     };
     if executor.concurrency == 0 {
-        return bad("oc_executor.concurrency is 0");
+        return bad("oc_executor.concurrency must not be 0");
     }
     let concurrency = executor.concurrency as usize;
     Ok(Some(Arc::new(HostExecutor { concurrency, user: executor.user, submit })))
 }
 
-/// Makes a context. `header_version` is OC_HEADER_VERSION, so that a program and a library that do not
-/// belong together say so instead of crashing. `desc` may be NULL: all defaults.
+/// Creates a context.
 ///
-/// OC_STATUS_VERSION_MISMATCH if they do not; OC_STATUS_INVALID_ARGUMENT if the machine lacks the instruction set, or
-/// has less memory than the budget; OC_STATUS_IO if a thread cannot be started. Ownership: the caller owns a count.
+/// - `header_version`: OC_HEADER_VERSION. A program and a library of different versions then report an error instead of
+///   crashing.
+/// - `desc`: options. NULL: all defaults.
+/// - `out_context`: receives the context.
+///
+/// Errors:
+/// - OC_STATUS_VERSION_MISMATCH: header and library have different versions.
+/// - OC_STATUS_INVALID_ARGUMENT: the machine lacks the instruction set, or has less memory than the budget.
+/// - OC_STATUS_IO: a thread cannot be started.
+///
+/// Ownership: the caller receives one reference.
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// `desc` is NULL or initialised, and so is its executor; `out_context` writable.
+/// `desc` is NULL or initialised, and so is its executor; `out_context` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_context_create(
     header_version: u32,
@@ -304,7 +327,7 @@ pub unsafe extern "C" fn oc_context_create(
         check_version(header_version)?;
         let desc = read_or_default(desc)?;
         if desc.flags & !OC_CONTEXT_NO_READ_AHEAD != 0 {
-            return bad(format!("oc_context_desc.flags {:#x}: some are unknown", desc.flags));
+            return bad(format!("oc_context_desc.flags {:#x}: unknown flags", desc.flags));
         }
         let isa = instruction_set(desc.instruction_set)?;
         let host = host_executor(desc.executor)?;
@@ -326,13 +349,13 @@ pub unsafe extern "C" fn oc_context_create(
         })?;
         let (isa, threads) = (context.isa().name(), context.concurrency());
         let version = env!("CARGO_PKG_VERSION");
-        context.log(LogLevel::Info, &format!("outcrop {version}: {isa}, room for {threads} at work"));
+        context.log(LogLevel::Info, &format!("outcrop {version}: {isa}, concurrency {threads}"));
         out.write(handles::give::<oc_context>(ContextObject { context, host, waiting: Mutex::default() }));
         Ok(())
     })
 }
 
-/// `None` for the best.
+/// Returns `None` for the best set.
 fn instruction_set(number: oc_instruction_set) -> super::guard::Checked<Option<Isa>> {
     match Isa::ALL.into_iter().find(|isa| *isa as u32 == number) {
         None if number != OC_INSTRUCTION_SET_BEST => {
@@ -342,7 +365,7 @@ fn instruction_set(number: oc_instruction_set) -> super::guard::Checked<Option<I
     }
 }
 
-/// While the major version is 0, a minor version is a new interface.
+/// Compares versions. While the major version is 0, each minor version is a new interface.
 fn check_version(header: u32) -> super::guard::Checked<()> {
     if header / 100 == OC_HEADER_VERSION / 100 {
         return Ok(());
@@ -350,19 +373,21 @@ fn check_version(header: u32) -> super::guard::Checked<()> {
     let name = |v: u32| format!("{}.{}.{}", v / 10000, v / 100 % 100, v % 100);
     debug_assert_eq!(OC_HEADER_VERSION % 100, OC_VERSION_PATCH);
     Err(Failure::VersionMismatch(format!(
-        "the program was compiled with the header of outcrop {}, the library is {}",
+        "the program was compiled with the header of outcrop {}, but the version of the library is {}",
         name(header),
         name(OC_HEADER_VERSION)
     )))
 }
 
-/// Does one small piece of waiting work in this thread, if there is any: some tens of microseconds to a few
-/// milliseconds of a frame or a batch of rays, or a whole build or load of a context without threads. `out_did`, which
-/// may be NULL, gets 1 if there was any, else 0.
+/// Does one small piece of waiting work in the calling thread, if there is any. A piece of a frame, a prefetch or a
+/// batch of rays takes some tens of microseconds to a few milliseconds. In a context without threads a build or a load
+/// is one piece.
+///
+/// - `out_did`: receives 1 if there was work, else 0. May be NULL.
 ///
 /// Thread safety: any thread. Blocks while it works.
 /// # Safety
-/// Live handle; `out_did` writable or NULL.
+/// `context` is a live handle; `out_did` is writable or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_context_step(context: *const oc_context, out_did: *mut u32) -> oc_status {
     // SAFETY: the function's own contract.
@@ -377,30 +402,35 @@ pub unsafe extern "C" fn oc_context_step(context: *const oc_context, out_did: *m
     })
 }
 
-/// What can be asked of a context.
+/// Property of a context.
 pub type oc_property = u32;
-/// The library's version, as OC_HEADER_VERSION is made.
+/// Version of the library, in the format of OC_HEADER_VERSION.
 pub const OC_PROPERTY_VERSION: oc_property = 1;
-/// Threads of the library's own.
+/// Number of the library's own threads.
 pub const OC_PROPERTY_THREADS: oc_property = 2;
-/// How many threads, own or the host's, may work at once.
+/// Number of threads, the library's or the host's, that may work at once.
 pub const OC_PROPERTY_CONCURRENCY: oc_property = 3;
-/// The memory budget in bytes.
+/// Memory budget in bytes.
 pub const OC_PROPERTY_MEMORY_BUDGET: oc_property = 4;
-/// The vector instructions in use: an OC_INSTRUCTION_SET_ number.
+/// Vector instructions in use: one of the OC_INSTRUCTION_SET_ constants.
 pub const OC_PROPERTY_INSTRUCTION_SET: oc_property = 5;
-/// The largest width and height of a frame.
+/// Largest width and height of a frame, in pixels.
 pub const OC_PROPERTY_MAX_FRAME_SIZE: oc_property = 6;
-/// The newest format of models that can be opened: major * 65536 + minor.
+/// Newest format of model files that the library reads: major * 65536 + minor.
 pub const OC_PROPERTY_FORMAT: oc_property = 7;
-/// Bytes in use of the memory budget now.
+/// Bytes of the memory budget that are in use now.
 pub const OC_PROPERTY_MEMORY_USED: oc_property = 8;
 
-/// Asks for a property. OC_STATUS_INVALID_ARGUMENT for one that this library does not know.
+/// Returns a property.
+///
+/// - `property`: one of the OC_PROPERTY_ constants.
+/// - `out_value`: receives the value.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if this library does not know the property.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_value` writable.
+/// `context` is a live handle; `out_value` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_context_property(
     context: *const oc_context,
@@ -428,22 +458,22 @@ pub unsafe extern "C" fn oc_context_property(
     })
 }
 
-/// Adds a count. NULL does nothing. Thread safety: any thread. Cheap.
+/// Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle.
+/// `context` is NULL or a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_context_retain(context: *mut oc_context) {
     // SAFETY: the function's own contract.
     unsafe { handles::retain(context) }
 }
 
-/// Takes a count back. Objects made from the context keep what they need of it; its threads end with the
-/// last of them. NULL does nothing.
+/// Releases one reference. Objects created from the context keep the parts of it that they need; its threads end with
+/// the last of these objects. NULL: does nothing.
 ///
-/// Thread safety: any thread. Blocks until threads have ended, if nothing else keeps the context any more: a frame or
-/// job that was released while it ran keeps it for a moment longer.
+/// Thread safety: any thread. Blocks until the threads have ended, if nothing else uses the context. A frame or job
+/// that was released while it ran uses it for a moment longer.
 /// # Safety
-/// NULL or a live handle of which the caller owns a count.
+/// `context` is NULL or a live handle of which the caller owns a reference.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_context_release(context: *mut oc_context) {
     // SAFETY: the function's own contract.

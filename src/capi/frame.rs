@@ -1,4 +1,4 @@
-//! Frames: one view being rendered, with its buffers.
+//! Frames: one view that is rendered in the background, with its buffers.
 
 use super::context::{ContextObject, oc_context};
 use super::guard::{Checked, Fill, Sized32, Strided, bad, boundary, out, read, read_or_default};
@@ -14,7 +14,7 @@ use std::ffi::c_void;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// One view being rendered in the background, with its buffers.
+/// One view that is rendered in the background, with its buffers.
 pub struct oc_frame {
     _private: [u8; 0],
 }
@@ -25,34 +25,35 @@ pub(crate) struct FrameObject {
     pub(crate) frame: Frame,
 }
 
-/// What a frame is made with. All zeros: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8.
+/// Options of a frame. All zeros: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_frame_desc {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// Pixels in a row, up to 65536. 0: 1024.
+    /// Width in pixels, at most 65536. 0: 1024.
     pub width: u32,
-    /// Rows, up to 65536. 0: 768.
+    /// Height in pixels, at most 65536. 0: 768.
     pub height: u32,
-    /// The buffers to keep: 1 << OC_BUFFER_ numbers, joined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or none
-    /// if there are targets.
+    /// Buffers to keep for oc_frame_map: bits `1 << OC_BUFFER_...`, combined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or
+    /// none if there are targets.
     pub buffers: u32,
-    /// The caller's memory for some buffers (these or others), or NULL.
+    /// The caller's memory for some buffers, at most one target for each buffer. Independent of `buffers`. Tightly
+    /// packed. NULL if `target_count` is 0.
     pub targets: *const oc_target,
-    /// How many, tightly packed.
+    /// Number of targets.
     pub target_count: u64,
 }
 
-// SAFETY: `repr(C)`, words and a pointer without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and a pointer without padding, `struct_size` first.
 unsafe impl Sized32 for oc_frame_desc {
     const NAME: &'static str = "oc_frame_desc";
 }
 
-/// Reads the description of a frame.
+/// Reads the options of a frame.
 ///
 /// # Safety
-/// NULL or initialised, and so are its targets.
+/// `desc` is NULL or initialised, and so are its targets.
 unsafe fn options(desc: *const oc_frame_desc) -> Checked<FrameOptions> {
     // SAFETY: the caller's contract.
     let desc = unsafe { read_or_default(desc)? };
@@ -60,16 +61,19 @@ unsafe fn options(desc: *const oc_frame_desc) -> Checked<FrameOptions> {
     let width = if desc.width == 0 { default.width } else { desc.width };
     let height = if desc.height == 0 { default.height } else { desc.height };
     if desc.buffers & !Outputs::ALL.0 != 0 {
-        return bad(format!("oc_frame_desc.buffers {:#x}: some are unknown", desc.buffers));
+        return bad(format!("oc_frame_desc.buffers {:#x}: unknown buffers", desc.buffers));
     }
     if desc.target_count > Buffer::ALL.len() as u64 {
-        return bad(format!("{} targets; at most one for each buffer", desc.target_count));
+        return bad(format!(
+            "oc_frame_desc.target_count is {}; at most one target for each buffer is allowed",
+            desc.target_count
+        ));
     }
     let outputs = if desc.buffers == 0 && desc.target_count == 0 { default.outputs } else { Outputs(desc.buffers) };
     let given = Strided::new(desc.targets, desc.target_count, 0, "oc_frame_desc.targets")?;
     let mut targets: Vec<(Buffer, Arc<dyn Target>)> = Vec::new();
     for i in 0..given.count {
-        // SAFETY: within the array.
+        // SAFETY: the index is within the array.
         let target = unsafe { given.get(i) };
         let buffer = buffer(target.buffer)?;
         if targets.iter().any(|(b, _)| *b == buffer) {
@@ -80,13 +84,20 @@ unsafe fn options(desc: *const oc_frame_desc) -> Checked<FrameOptions> {
     Ok(FrameOptions { width, height, outputs, targets })
 }
 
-/// Makes a frame. `desc` may be NULL: all defaults. OC_STATUS_OUT_OF_MEMORY if the system gives none for its buffers.
-/// (Most systems promise more memory than they have, and find out when it is written: a picture larger than the
-/// machine's memory may end the process later.)
+/// Creates a frame.
 ///
-/// Ownership: the caller owns a count. Thread safety: any thread. Cheap.
+/// - `desc`: options. NULL: all defaults.
+/// - `out_frame`: receives the frame.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: a size, a buffer or a target is out of range.
+/// - OC_STATUS_OUT_OF_MEMORY: the system refuses memory for the buffers. Most systems grant more memory than they have:
+///   a picture larger than the machine's memory may end the process later, when it is written.
+///
+/// Ownership: the caller receives one reference.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `desc` initialised or NULL; `out_frame` writable.
+/// `context` is a live handle; `desc` is initialised or NULL; `out_frame` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_create(
     context: *const oc_context,
@@ -105,21 +116,22 @@ pub unsafe extern "C" fn oc_frame_create(
     })
 }
 
-/// What a request asks. All zeros: exact, one ray a pixel.
+/// Options of a request. All zeros: exact, one ray for each pixel.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_frame_settings {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// Rays for a pixel's colour, up to 1024; the other buffers take the pixel's middle. 0: 1.
+    /// Rays for the colour of a pixel, at most 1024. 0: 1. The other buffers take the ray through the pixel's centre.
     pub samples: u32,
-    /// Pixels of error: the area, in pixels, that a stand-in may cover; finite, not below 0. 0: exact.
+    /// Pixels of error, finite and 0 or more. A stand-in may replace triangles if its projection covers at most `poe`
+    /// square pixels. 0 means exact.
     pub poe: f32,
-    /// Light from everywhere, so that nothing is black. 0: 0.15; below 0: none.
+    /// Intensity of the ambient light, which reaches all surfaces; finite. 0: 0.15. Below 0: none.
     pub ambient: f32,
 }
 
-// SAFETY: `repr(C)`, words and floats without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.
 unsafe impl Sized32 for oc_frame_settings {
     const NAME: &'static str = "oc_frame_settings";
 }
@@ -135,21 +147,32 @@ impl oc_frame_settings {
     }
 }
 
-/// Begins a picture of the committed scene, and returns at once. What the frame was rendering is
-/// cancelled and replaced. `settings` may be NULL: all defaults.
+/// Begins to render a picture of the committed scene in the background. The previous request of this frame is cancelled
+/// and replaced.
 ///
-/// The first picture is whole, and made from what is in memory: where data is missing it shows stand-ins. It can be
-/// mapped as soon as it is there, long before the request ends. Each later picture is more exact, unless what is asked
-/// for does not fit the memory budget: then pictures get coarser step by step, everywhere alike, until all that they
-/// need does. The request ends as OC_STATE_DONE when the picture is as exact as asked, as
-/// OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit, or some of it cannot be had (then oc_progress.error is
-/// OC_STATUS_IO for what cannot be read, OC_STATUS_CORRUPT for what is damaged; the next request asks for it again).
+/// - `scene`: a scene of the same context. Its committed state is rendered.
+/// - `camera`: initialised with OC_INIT.
+/// - `settings`: options. NULL: all defaults.
 ///
-/// OC_STATUS_INVALID_ARGUMENT for a `poe` or `ambient` that is not a number or infinite, a `poe` below 0, more than
-/// 1024 samples, or a camera out of its ranges; OC_STATUS_OUT_OF_MEMORY if the system gives none for a picture beside
-/// the one that can be mapped; then what the frame was rendering goes on. Thread safety: any thread. Cheap.
+/// Course of a request:
+/// - The first picture is complete, and is made from the data in memory: stand-ins replace missing data. It can be
+///   mapped as soon as it is ready, long before the request ends.
+/// - Each later picture is more exact. Exception: if the required data does not fit the memory budget, the pictures
+///   become coarser step by step, evenly, until their data fits.
+/// - The request ends as OC_STATE_DONE when the picture is as exact as requested.
+/// - The request ends as OC_STATE_COMPLETE_WITHIN_BUDGET when that does not fit the budget, or some data cannot be
+///   read. In the latter case `error` of oc_progress is OC_STATUS_IO (unreadable) or OC_STATUS_CORRUPT (damaged); the
+///   next request tries to read it again.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: a setting or the camera is out of range.
+/// - OC_STATUS_OUT_OF_MEMORY: the system refuses memory for a picture in addition to the one that can be mapped.
+///   The previous request then continues.
+///
+/// Thread safety: any thread. Cheap. Exception: a frame with targets waits until earlier requests no longer write to
+/// them, i.e. for their tiles in flight.
 /// # Safety
-/// Live handles; `camera` initialised; `settings` initialised or NULL.
+/// `frame` and `scene` are live handles; `camera` is initialised; `settings` is initialised or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_request(
     frame: *mut oc_frame,
@@ -178,7 +201,7 @@ fn snapshot(status: &FrameStatus) -> Snapshot {
         (FrameState::Running, _) => Snapshot::running(),
         (FrameState::Converged, _) => Snapshot::done(),
         (FrameState::CompleteWithinBudget, None) => Snapshot::within_budget(),
-        // What could not be read.
+        // The error is the reason why some data could not be read.
         (FrameState::CompleteWithinBudget, Some(error)) => {
             Snapshot { state: OC_STATE_COMPLETE_WITHIN_BUDGET, ..Snapshot::ended_with(error) }
         }
@@ -194,7 +217,7 @@ fn snapshot(status: &FrameStatus) -> Snapshot {
     }
 }
 
-/// Reports the status; a frame whose worker panicked is poisoned from then on.
+/// Reports the status. A frame whose worker has panicked is poisoned.
 fn report(frame: &Shell<FrameObject>, status: &FrameStatus, fill: Option<Fill<oc_progress>>) {
     let snapshot = snapshot(status);
     if snapshot.status == OC_STATUS_INTERNAL {
@@ -205,11 +228,14 @@ fn report(frame: &Shell<FrameObject>, status: &FrameStatus, fill: Option<Fill<oc
     }
 }
 
-/// How far the last request is. After OC_STATE_FAILED oc_last_error of this thread tells why.
+/// Returns the progress of the last request.
 ///
+/// - `out_progress`: receives the progress. Initialise it with OC_INIT.
+///
+/// If the request has failed or was cancelled, oc_last_error of this thread returns the reason.
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_progress` initialised.
+/// `frame` is a live handle; `out_progress` is initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_poll(frame: *const oc_frame, out_progress: *mut oc_progress) -> oc_status {
     // SAFETY: the function's own contract.
@@ -222,13 +248,15 @@ pub unsafe extern "C" fn oc_frame_poll(frame: *const oc_frame, out_progress: *mu
     })
 }
 
-/// Waits until the last request has ended and the wake function, if another thread is calling it, has returned;
-/// `timeout_ms` at most (OC_FOREVER: no limit). Says how far the request is. A timeout is no failure: the state is then
-/// OC_STATE_RUNNING. `out_progress` may be NULL.
+/// Waits until the last request has ended, and until the wake function has returned if another thread is calling it.
 ///
-/// Thread safety: any thread. Blocks; does the work itself where the context has no threads.
+/// - `timeout_ms`: longest time to wait, in milliseconds. OC_FOREVER: no limit. A timeout is not a failure: the state
+///   is then OC_STATE_RUNNING.
+/// - `out_progress`: receives the progress as oc_frame_poll does. May be NULL.
+///
+/// Thread safety: any thread. Blocks. In a context without threads this call does the work.
 /// # Safety
-/// Live handle; `out_progress` initialised or NULL.
+/// `frame` is a live handle; `out_progress` is initialised or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_wait(
     frame: *const oc_frame,
@@ -246,11 +274,11 @@ pub unsafe extern "C" fn oc_frame_wait(
     })
 }
 
-/// Asks the frame to stop rendering; it does so within a tile. The last complete picture stays whole.
+/// Cancels the last request. Rendering stops within a tile. The last complete picture stays unchanged.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle.
+/// `frame` is a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_cancel(frame: *mut oc_frame) -> oc_status {
     // SAFETY: the function's own contract.
@@ -262,13 +290,18 @@ pub unsafe extern "C" fn oc_frame_cancel(frame: *mut oc_frame) -> oc_status {
     })
 }
 
-/// Changes the size from the next request on; cancels what is rendering and lets go of the targets. The last complete
-/// picture keeps its size until the next is complete. OC_STATUS_OUT_OF_MEMORY as for oc_frame_create; then nothing
-/// changes.
+/// Changes the size of the pictures of later requests. The running request is cancelled, and the targets are removed
+/// from the frame. The last complete picture keeps its size until the next one is complete.
 ///
-/// Thread safety: any thread. Blocks until nobody writes to the targets any more.
+/// - `width`, `height`: size in pixels, 1 to 65536.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: the size is out of range. Nothing changes.
+/// - OC_STATUS_OUT_OF_MEMORY: as for oc_frame_create. Nothing changes.
+///
+/// Thread safety: any thread. Blocks until no thread writes to the targets any more.
 /// # Safety
-/// Live handle.
+/// `frame` is a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_resize(frame: *mut oc_frame, width: u32, height: u32) -> oc_status {
     // SAFETY: the function's own contract.
@@ -277,12 +310,15 @@ pub unsafe extern "C" fn oc_frame_resize(frame: *mut oc_frame, width: u32, heigh
     })
 }
 
-/// Has `wake` called whenever a better picture can be mapped, and when a request ends; NULL: no call.
+/// Registers a function that is called each time a better picture can be mapped, and each time a request ends.
 ///
-/// `user` must stay usable until `wake` was replaced or the frame released.
+/// - `wake`: the function. It replaces an earlier one. NULL: none.
+/// - `user`: passed to `wake`. It must stay valid until the frame is released, or until `wake` is replaced and a call
+///   in progress has returned (oc_frame_wait waits for it).
+///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `wake` is NULL or may be called from any thread with `user`.
+/// `frame` is a live handle; `wake` is NULL or may be called from any thread with `user`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_set_wake(frame: *mut oc_frame, wake: oc_wake_fn, user: *mut c_void) -> oc_status {
     // SAFETY: the function's own contract.
@@ -301,61 +337,65 @@ pub unsafe extern "C" fn oc_frame_set_wake(frame: *mut oc_frame, wake: oc_wake_f
     })
 }
 
-/// How true the picture is that the last request is making or has made.
+/// Accuracy of the picture of the last request.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_frame_accuracy {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// The pixels of error in force: those asked for, or more where what is seen does not fit the memory budget. (By
-    /// steps; which one it ends at may depend on what was seen before.) Where that is more than was asked for, no
-    /// stand-in lets rays through.
+    /// The pixels of error in force: `poe` of the request, or more if the view's data does not fit the memory budget.
+    /// It rises in steps; the final step may depend on earlier views. If it is above `poe`, stand-ins transmit no rays.
     pub effective_poe: f32,
-    /// Counts the requests of this frame, from 1; 0: none yet.
+    /// Number of the request in this frame, from 1. 0: nothing was requested yet.
     pub request: u64,
-    /// Pixels whose answer is exact: triangles and background that no stand-in is before.
+    /// Pixels with an exact answer: triangles or background, without a stand-in in front.
     pub pixels_exact: u64,
-    /// Pixels that show a stand-in as fine as `effective_poe` asks for, or through one what is behind it.
+    /// Pixels that show a stand-in as fine as `effective_poe` requires, or a surface through such a stand-in.
     pub pixels_lod: u64,
     /// Pixels that show a stand-in for missing data.
     pub pixels_missing: u64,
-    /// Pixels of the picture.
+    /// Pixels of the picture in total.
     pub pixels_total: u64,
-    /// Bytes in memory of the models that the scene shows.
+    /// Bytes in memory of the models in the scene.
     pub bytes_resident: u64,
-    /// Bytes that this picture lacks: wanted, and not in memory. Of a request that is complete within the budget: what
-    /// could not be read, or still did not fit; 0 where all that is needed at `effective_poe` is there.
+    /// Bytes that the picture needs and that are not in memory. After OC_STATE_COMPLETE_WITHIN_BUDGET: the data that
+    /// could not be read or did not fit; 0 if all data for `effective_poe` is in memory.
     pub bytes_wanted: u64,
-    /// Seconds since the request, until it ended.
+    /// Seconds from the request until now, or until its end.
     pub seconds: f64,
-    /// Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has
-    /// come; what better pictures will want besides is not known. 0 when nothing runs, infinity if unknown.
+    /// Estimated remaining seconds at the present speed. Before the first picture: until that is ready. Later: until
+    /// the missing data known now has arrived; data that better pictures will need is unknown. 0: nothing runs.
+    /// Infinity: unknown.
     pub seconds_to_go: f64,
-    /// Largest error in pixels. That of triangles, what rounding does, counts only where OC_BUFFER_DEPTH or
-    /// OC_BUFFER_ERROR is asked for.
+    /// Largest error in pixels. The rounding error of triangles counts only if the frame has OC_BUFFER_DEPTH or
+    /// OC_BUFFER_ERROR.
     pub worst_error: f32,
-    /// Mean error in pixels, over pixels that show something; of triangles as above.
+    /// Mean error in pixels, over the pixels that show a surface. Rounding errors as for `worst_error`.
     pub mean_error: f32,
-    /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the
-    /// last lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to map.
+    /// Number of complete pictures that the request has made so far. At 1 or more, one can be mapped. The first is made
+    /// from the data in memory, each later one from more data. The very first picture of a frame waits up to 80 ms for
+    /// missing data.
     pub pictures: u32,
-    /// An OC_STATE_ number, as oc_frame_poll tells it.
+    /// State of the request: one of the OC_STATE_ constants.
     pub state: oc_state,
 }
 
 // SAFETY: `repr(C)`, numbers without padding, `struct_size` first.
 unsafe impl Sized32 for oc_frame_accuracy {
     const NAME: &'static str = "oc_frame_accuracy";
-    // `pictures` and `state` came later.
+    // A later version added `pictures` and `state`.
     const FIRST_SIZE: usize = std::mem::offset_of!(oc_frame_accuracy, pictures);
 }
 
-/// How true the last whole picture of the last request is (before there is one: as far as it has come). Of each pixel a
-/// stand-in's error is how far from what is shown the surface may lie, in pixels.
+/// Returns the accuracy of the last complete picture of the last request. Before that is ready: of the pixels rendered
+/// so far. The error of a pixel that shows a stand-in is the distance, in pixels, within which the original surface
+/// lies.
+///
+/// - `out_accuracy`: receives the accuracy. Initialise it with OC_INIT.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_accuracy` initialised.
+/// `frame` is a live handle; `out_accuracy` is initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_get_accuracy(
     frame: *const oc_frame,
@@ -388,12 +428,20 @@ pub unsafe extern "C" fn oc_frame_get_accuracy(
     })
 }
 
-/// What is seen at pixel (`x`, `y`), counted from the top left, of the last complete picture (before there is
-/// one, of the last request): exact, all members filled.
+/// Returns the exact hit at a pixel of the last complete picture; before there is one, of the last request. All members
+/// are set.
 ///
-/// OC_STATUS_INVALID_STATE before the first request. Thread safety: any thread. Blocks; may read the disk.
+/// - `x`, `y`: the pixel, counted from the top left corner.
+/// - `out_hit`: receives the hit.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: the pixel is outside of the picture.
+/// - OC_STATUS_INVALID_STATE: nothing was requested yet.
+/// - OC_STATUS_IO, OC_STATUS_CORRUPT: a block of the model cannot be read.
+///
+/// Thread safety: any thread. Blocks; may read the disk.
 /// # Safety
-/// Live handle; `out_hit` writable.
+/// `frame` is a live handle; `out_hit` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_pick(frame: *const oc_frame, x: u32, y: u32, out_hit: *mut oc_hit) -> oc_status {
     // SAFETY: the function's own contract.
@@ -406,20 +454,21 @@ pub unsafe extern "C" fn oc_frame_pick(frame: *const oc_frame, x: u32, y: u32, o
     })
 }
 
-/// Adds a count. NULL does nothing. Thread safety: any thread. Cheap.
+/// Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle.
+/// `frame` is NULL or a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_retain(frame: *mut oc_frame) {
     // SAFETY: the function's own contract.
     unsafe { handles::retain(frame) }
 }
 
-/// Takes a count back; with the last one the frame is cancelled. NULL does nothing.
+/// Releases one reference. The last release cancels the frame. NULL: does nothing.
 ///
-/// Thread safety: any thread. Blocks until the tiles in flight are done.
+/// Thread safety: any thread. The last release blocks until the tiles in flight are done, and until the wake function
+/// has returned if another thread is calling it.
 /// # Safety
-/// NULL or a live handle of which the caller owns a count.
+/// `frame` is NULL or a live handle of which the caller owns a reference.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_release(frame: *mut oc_frame) {
     // SAFETY: the function's own contract.

@@ -1,5 +1,5 @@
-//! What stands between C and Rust: panics are caught, pointers, sizes and strings checked, errors
-//! kept for `oc_last_error`.
+//! The border between C and Rust: catches panics, checks pointers, sizes and strings, and stores errors for
+//! `oc_last_error`.
 
 use super::status::*;
 use crate::base::error::Error;
@@ -10,14 +10,14 @@ use std::ffi::{CStr, CString, c_char};
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Why an entry point fails: an error of the crate, or one that only the C side knows.
+/// Reason why an entry point fails: an error of the crate, or one that only the C side has.
 #[derive(Debug)]
 pub(crate) enum Failure {
     Error(Error),
-    /// The kind of object that met a panic before.
+    /// Kind of an object in which a panic occurred before.
     Poisoned(&'static str),
     VersionMismatch(String),
-    /// How many elements there are, of how many that fit.
+    /// Number of elements, and number of elements that fit.
     TooSmall {
         need: u64,
         have: u64,
@@ -32,12 +32,12 @@ impl From<Error> for Failure {
     }
 }
 
-/// A [`Error::BadArgument`].
+/// Returns an [`Error::BadArgument`].
 pub(crate) fn bad<T>(what: impl Into<String>) -> Checked<T> {
     Err(Failure::Error(Error::bad_argument(what)))
 }
 
-/// The status of an error, and the budget that it asks for.
+/// Returns the status of an error, and the least budget that suffices (0 if the budget is not the cause).
 pub(crate) fn status_of(error: &Error) -> (oc_status, u64) {
     let status = match error {
         Error::BadArgument(_) => OC_STATUS_INVALID_ARGUMENT,
@@ -59,17 +59,17 @@ thread_local! {
     static NEED: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Keeps a message for `oc_last_error` of this thread.
+/// Stores a message for `oc_last_error` of this thread.
 fn keep(message: String, need: u64) {
     let mut bytes = message.into_bytes();
     bytes.retain(|&b| b != 0);
-    // The zeros are gone, so this cannot fail. While the thread ends there is nowhere to keep it.
+    // Cannot fail: the zeros are removed. A thread that is ending has no storage any more.
     let text = CString::new(bytes).unwrap_or_default();
     let _ = MESSAGE.try_with(|m| *m.borrow_mut() = text);
     NEED.set(need);
 }
 
-/// Keeps the reason why background work failed, as if the present call had.
+/// Stores the reason why background work failed, as if the present call had failed.
 pub(crate) fn keep_error(error: &Error) {
     keep(error.to_string(), status_of(error).1);
 }
@@ -89,7 +89,7 @@ fn report(failure: Failure) -> oc_status {
             status_of(&error).0
         }
         Failure::Poisoned(kind) => {
-            keep(format!("this {kind} met a defect before and can only be released"), 0);
+            keep(format!("an internal error occurred in this {kind} before; it can only be released"), 0);
             OC_STATUS_POISONED
         }
         Failure::VersionMismatch(why) => {
@@ -103,7 +103,7 @@ fn report(failure: Failure) -> oc_status {
     }
 }
 
-/// Runs an entry point: a panic or a failure becomes a status, its reason is kept.
+/// Runs an entry point. Turns a panic or a failure into a status and stores its reason.
 pub(crate) fn boundary(f: impl FnOnce() -> Checked<()>) -> oc_status {
     let caught = catch_unwind(AssertUnwindSafe(|| {
         #[cfg(debug_assertions)]
@@ -117,14 +117,14 @@ pub(crate) fn boundary(f: impl FnOnce() -> Checked<()>) -> oc_status {
     }
 }
 
-/// What a caught panic becomes.
+/// Returns the error for a caught panic.
 pub(crate) fn panicked(panic: &(dyn Any + Send)) -> Error {
     let text = panic.downcast_ref::<&str>().copied();
     let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
-    Error::Internal(format!("a panic: {}", text.unwrap_or("no message")))
+    Error::Internal(format!("a panic occurred: {}", text.unwrap_or("no message")))
 }
 
-/// Runs `f`, turning a panic into [`Error::Internal`]: for workers of our own.
+/// Runs `f` on a worker of the library. Turns a panic into an [`Error::Internal`].
 pub(crate) fn caught<T>(f: impl FnOnce() -> crate::Result<T>) -> crate::Result<T> {
     catch_unwind(AssertUnwindSafe(f)).unwrap_or_else(|panic| Err(panicked(&*panic)))
 }
@@ -134,7 +134,7 @@ pub(crate) fn reserved(value: u32, name: &str) -> Checked<()> {
     if value == 0 { Ok(()) } else { bad(format!("{name} must be 0")) }
 }
 
-/// A pointer that is written to: refused when null, before any work is done.
+/// Refuses a null pointer for an output, before any work is done.
 pub(crate) fn out<T>(pointer: *mut T, name: &str) -> Checked<*mut T> {
     if pointer.is_null() { bad(format!("{name} is NULL")) } else { Ok(pointer) }
 }
@@ -142,27 +142,27 @@ pub(crate) fn out<T>(pointer: *mut T, name: &str) -> Checked<*mut T> {
 /// A struct of the header that begins with `uint32_t struct_size`.
 ///
 /// # Safety
-/// `#[repr(C)]`, all zeros is a value, no padding, and the first member is that `u32`.
+/// The type is `#[repr(C)]` without padding, its first member is that `u32`, and all zeros is a valid value.
 pub(crate) unsafe trait Sized32: Copy {
     /// Its name in the header.
     const NAME: &'static str;
-    /// Its size when it was first published: what a caller must have at least.
+    /// Its size when it was first published. The caller's struct must have at least this size.
     const FIRST_SIZE: usize = size_of::<Self>();
 }
 
-/// Checks the `struct_size` that a caller set, and returns it.
+/// Checks the `struct_size` that the caller set, and returns it.
 ///
 /// # Safety
-/// `pointer` is null or at readable memory of four bytes and of the size they tell.
+/// `pointer` is null, or points to memory of which four bytes, and the size that they contain, are readable.
 unsafe fn size_at<T: Sized32>(pointer: *const T) -> Checked<usize> {
     if pointer.is_null() {
         return bad(format!("{} is NULL", T::NAME));
     }
-    // SAFETY: not null; four readable bytes by the contract.
+    // SAFETY: the pointer is not null and has four readable bytes by the contract.
     let size = unsafe { pointer.cast::<u32>().read_unaligned() } as usize;
     if size < T::FIRST_SIZE || size > size_of::<T>() {
         return bad(format!(
-            "{}.struct_size is {size}, this library knows {} to {}: was it set with OC_INIT?",
+            "{}.struct_size is {size}, but this library supports {} to {}; was it set with OC_INIT?",
             T::NAME,
             T::FIRST_SIZE,
             size_of::<T>()
@@ -171,12 +171,12 @@ unsafe fn size_at<T: Sized32>(pointer: *const T) -> Checked<usize> {
     Ok(size)
 }
 
-/// Reads a struct that the caller filled; what an older one lacks is zero.
+/// Reads a struct that the caller filled. Members that an older struct lacks become zero.
 ///
 /// # Safety
 /// As for [`size_at`].
 pub(crate) unsafe fn read<T: Sized32>(pointer: *const T) -> Checked<T> {
-    // SAFETY: the caller's contract. `size` is at most that of `T`, for which all zeros is a value.
+    // SAFETY: the caller's contract. `size` is at most the size of `T`, for which all zeros is a valid value.
     unsafe {
         let size = size_at(pointer)?;
         let mut value: T = std::mem::zeroed();
@@ -186,38 +186,40 @@ pub(crate) unsafe fn read<T: Sized32>(pointer: *const T) -> Checked<T> {
     }
 }
 
-/// [`read`], where NULL stands for all zeros: the defaults.
+/// As [`read`]. NULL stands for all zeros, the defaults.
 ///
 /// # Safety
 /// As for [`size_at`].
 pub(crate) unsafe fn read_or_default<T: Sized32>(pointer: *const T) -> Checked<T> {
     if pointer.is_null() {
-        // SAFETY: all zeros is a value, says the trait.
+        // SAFETY: all zeros is a valid value by the contract of the trait.
         return Ok(unsafe { std::mem::zeroed() });
     }
     // SAFETY: the caller's contract.
     unsafe { read(pointer) }
 }
 
-/// A struct that the caller wants filled: checked first, written at the end.
+/// A struct of the caller that a call fills: checked first, written at the end.
 pub(crate) struct Fill<T> {
     pointer: *mut T,
     size: usize,
 }
 
 impl<T: Sized32> Fill<T> {
+    /// Checks the caller's struct.
+    ///
     /// # Safety
-    /// `pointer` is null or at memory, writable until [`Fill::with`], of the size it tells.
+    /// `pointer` is null, or points to memory of the size that it contains, writable until [`Fill::with`].
     pub(crate) unsafe fn new(pointer: *mut T) -> Checked<Self> {
         // SAFETY: the caller's contract.
         let size = unsafe { size_at(pointer)? };
         Ok(Self { pointer, size })
     }
 
-    /// Writes all members but `struct_size`, as far as the caller's struct goes.
+    /// Writes all members except `struct_size`, as far as the caller's struct has them.
     pub(crate) fn with(self, value: T) {
         let skip = size_of::<u32>();
-        // SAFETY: both have `size` bytes (`size_at`), more than `skip`.
+        // SAFETY: both structs have `size` bytes (`size_at`), which is more than `skip`.
         unsafe {
             let from = (&raw const value).cast::<u8>().add(skip);
             self.pointer.cast::<u8>().add(skip).copy_from_nonoverlapping(from, self.size - skip);
@@ -225,7 +227,7 @@ impl<T: Sized32> Fill<T> {
     }
 }
 
-/// Elements in the caller's memory: any alignment, any stride.
+/// Array in the caller's memory, of any alignment and stride.
 #[derive(Clone, Copy)]
 pub(crate) struct Strided<T> {
     base: *mut T,
@@ -233,13 +235,13 @@ pub(crate) struct Strided<T> {
     stride: usize,
 }
 
-// SAFETY: a pointer and sizes; whoever reads or writes through it has the caller's promise.
+// SAFETY: a pointer and two sizes. Each read or write through it relies on the caller's promise.
 unsafe impl<T: Send> Send for Strided<T> {}
 // SAFETY: as above.
 unsafe impl<T: Sync> Sync for Strided<T> {}
 
 impl<T: Copy> Strided<T> {
-    /// Checks pointer, stride (0: tightly packed) and that the extent fits the address space.
+    /// Checks the pointer, the stride (0: tightly packed), and that the array fits the address space.
     pub(crate) fn new(base: *const T, count: u64, stride: u64, name: &str) -> Checked<Self> {
         let stride = if stride == 0 { size_of::<T>() as u64 } else { stride };
         if count == 0 {
@@ -249,13 +251,16 @@ impl<T: Copy> Strided<T> {
             return bad(format!("{name} is NULL"));
         }
         if stride < size_of::<T>() as u64 {
-            return bad(format!("{name}: a stride of {stride} bytes is below an element's {}", size_of::<T>()));
+            return bad(format!(
+                "{name}: a stride of {stride} bytes is less than the element size of {} bytes",
+                size_of::<T>()
+            ));
         }
         let bytes = count.checked_mul(stride).filter(|&b| b <= isize::MAX as u64);
         if bytes.is_none_or(|b| (base.addr() as u64).checked_add(b).is_none()) {
             return bad(format!("{name}: {count} elements of {stride} bytes do not fit into memory"));
         }
-        // Both fit: they are at most `isize::MAX` as factors of `bytes`.
+        // Both fit: as factors of `bytes` they are at most `isize::MAX`.
         Ok(Self { base: base.cast_mut(), count: count as usize, stride: stride as usize })
     }
 
@@ -264,19 +269,21 @@ impl<T: Copy> Strided<T> {
         self.base.cast::<u8>().wrapping_add(index * self.stride).cast()
     }
 
+    /// Reads an element.
+    ///
     /// # Safety
-    /// `index < count`, and the caller's array is readable and nobody writes it.
+    /// `index < count`, the caller's array is readable, and no thread writes it.
     #[inline]
     pub(crate) unsafe fn get(&self, index: usize) -> T {
-        // SAFETY: within the array, which `new` found to lie in the address space.
+        // SAFETY: the element is within the array, which fits the address space (`new`).
         unsafe { self.at(index).read_unaligned() }
     }
 
-    /// `N` elements from `first` on where they are, under another name; `None` if there are not so many, they do not
-    /// follow each other tightly, or are not where such ones may be.
+    /// Returns `N` elements from `first` on without a copy, as another type. Returns `None` if there are fewer, or if
+    /// they are not tightly packed or not aligned for `U`.
     ///
     /// # Safety
-    /// As for `get`, of all of them, while they are borrowed; the bytes of any `T` are those of some `U`.
+    /// As for `get`, for all of them, while they are borrowed. The bytes of any `T` are a valid `U`.
     #[inline]
     pub(crate) unsafe fn array<U: Copy, const N: usize>(&self, first: usize) -> Option<&[U; N]> {
         const { assert!(size_of::<T>() == size_of::<U>() && N > 0) };
@@ -284,58 +291,58 @@ impl<T: Copy> Strided<T> {
         if !is_there || self.stride != size_of::<T>() || !self.at(first).cast::<U>().is_aligned() {
             return None;
         }
-        // SAFETY: within the array, which is tight, and aligned; the caller vouches for the rest.
+        // SAFETY: within the array, which is tightly packed and aligned. The caller vouches for the rest.
         Some(unsafe { &*self.at(first).cast::<[U; N]>() })
     }
 
-    /// Copies elements from `first` on to `out`, whose elements are the same bytes under another name.
+    /// Copies elements from `first` on to `out`. The elements of `out` have the same bytes as another type.
     ///
     /// # Safety
-    /// As for `get`, of all of them; the bytes of any `T` are those of some `U`.
+    /// As for `get`, for all of them. The bytes of any `T` are a valid `U`.
     #[inline]
     pub(crate) unsafe fn copy_to<U: Copy>(&self, first: usize, out: &mut [U]) {
         const { assert!(size_of::<T>() == size_of::<U>()) };
         if self.stride == size_of::<T>() {
-            // SAFETY: within the array, which is tight; `out` is ours alone.
+            // SAFETY: within the array, which is tightly packed. `out` is an exclusive reference.
             unsafe { self.at(first).cast::<u8>().copy_to_nonoverlapping(out.as_mut_ptr().cast(), size_of_val(out)) };
             return;
         }
         for (i, out) in out.iter_mut().enumerate() {
-            // SAFETY: within the array; any `T` is some `U`.
+            // SAFETY: within the array. Any `T` is a valid `U`.
             *out = unsafe { self.at(first + i).cast::<U>().read_unaligned() };
         }
     }
 
-    /// Copies `from`, whose elements are the same bytes under another name, to the elements from `first` on.
+    /// Copies `from` to the elements from `first` on. The elements of `from` have the same bytes as another type.
     ///
     /// # Safety
-    /// As for `set`, of all of them; the bytes of any `U` are those of some `T`, with none between members.
+    /// As for `set`, for all of them. The bytes of any `U` are a valid `T`, without padding.
     #[inline]
     pub(crate) unsafe fn copy_from<U: Copy>(&self, first: usize, from: &[U]) {
         const { assert!(size_of::<T>() == size_of::<U>()) };
         if self.stride == size_of::<T>() {
-            // SAFETY: within the array, which is tight; nobody else uses these elements.
+            // SAFETY: within the array, which is tightly packed. No other thread uses these elements.
             unsafe { self.at(first).cast::<u8>().copy_from_nonoverlapping(from.as_ptr().cast(), size_of_val(from)) };
             return;
         }
         for (i, from) in from.iter().enumerate() {
-            // SAFETY: within the array; any `U` is some `T`.
+            // SAFETY: within the array. Any `U` is a valid `T`.
             unsafe { self.at(first + i).cast::<U>().write_unaligned(*from) };
         }
     }
 
-    /// Whether any byte from its first element to its last may be one of another's.
+    /// True if the memory from the first to the last element of both arrays may overlap.
     pub(crate) fn meets<U: Copy>(&self, other: &Strided<U>) -> bool {
         let (mine, theirs) = (self.extent(), other.extent());
         mine.start < theirs.end && theirs.start < mine.end
     }
 
     fn extent(&self) -> Range<usize> {
-        // Within the address space, as `new` found; of none a NULL.
+        // Fits the address space (`new`). For an empty array the pointer is NULL.
         self.base.addr()..self.base.addr() + self.count * self.stride
     }
 
-    /// Asks the CPU to bring elements that will be read into the L2. Those beyond the last are ignored.
+    /// Prefetches elements into the L2 cache. Indices beyond the last element are ignored.
     #[inline]
     pub(crate) fn ask_for(&self, elements: Range<usize>) {
         for i in elements.start..elements.end.min(self.count) {
@@ -343,8 +350,10 @@ impl<T: Copy> Strided<T> {
         }
     }
 
+    /// Writes an element.
+    ///
     /// # Safety
-    /// `index < count`, and the caller's array is writable and nobody else uses this element.
+    /// `index < count`, the caller's array is writable, and no other thread uses this element.
     #[inline]
     pub(crate) unsafe fn set(&self, index: usize, value: T) {
         // SAFETY: as for `get`.
@@ -352,39 +361,39 @@ impl<T: Copy> Strided<T> {
     }
 }
 
-/// A string of the caller's; must be UTF-8.
+/// Reads a string of the caller, which must be UTF-8.
 ///
 /// # Safety
-/// Null, or ends with 0.
+/// `pointer` is null, or its string ends with 0.
 pub(crate) unsafe fn text<'a>(pointer: *const c_char, name: &str) -> Checked<&'a str> {
     if pointer.is_null() {
         return bad(format!("{name} is NULL"));
     }
-    // SAFETY: not null; ends with 0 by the contract.
+    // SAFETY: the pointer is not null and its string ends with 0 by the contract.
     match unsafe { CStr::from_ptr(pointer) }.to_str() {
         Ok(text) => Ok(text),
         Err(_) => bad(format!("{name} is not UTF-8")),
     }
 }
 
-/// [`text`], or `None` for NULL.
+/// As [`text`]. NULL: `None`.
 ///
 /// # Safety
-/// Null, or ends with 0.
+/// `pointer` is null, or its string ends with 0.
 pub(crate) unsafe fn optional_text<'a>(pointer: *const c_char, name: &str) -> Checked<Option<&'a str>> {
     // SAFETY: the caller's contract.
     if pointer.is_null() { Ok(None) } else { unsafe { text(pointer, name) }.map(Some) }
 }
 
-/// A path of the caller's: on Unix any bytes, elsewhere UTF-8. Empty is refused.
+/// Reads a path of the caller: on Unix any bytes, elsewhere UTF-8. Refuses an empty path.
 ///
 /// # Safety
-/// Null, or ends with 0.
+/// `pointer` is null, or its string ends with 0.
 pub(crate) unsafe fn path(pointer: *const c_char, name: &str) -> Checked<std::path::PathBuf> {
     if pointer.is_null() {
         return bad(format!("{name} is NULL"));
     }
-    // SAFETY: not null; ends with 0 by the contract.
+    // SAFETY: the pointer is not null and its string ends with 0 by the contract.
     let bytes = unsafe { CStr::from_ptr(pointer) };
     if bytes.is_empty() {
         return bad(format!("{name} is empty"));

@@ -1,7 +1,7 @@
-//! Counted objects behind incomplete C types.
+//! Reference-counted objects behind incomplete C types.
 //!
-//! A `*mut oc_scene` points to a [`Shell`] in an `Arc`; the C type itself has no members in Rust
-//! either, so that nobody can look through it by mistake.
+//! A `*mut oc_scene` points to a [`Shell`] in an `Arc`. The Rust type `oc_scene` has no members either, so that no code
+//! can use its content by mistake.
 
 use super::guard::{Checked, Failure, bad, panicked};
 use std::cell::RefCell;
@@ -9,17 +9,17 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// A C type and what is behind it.
+/// A C type and the Rust object behind it.
 pub(crate) trait Handle {
-    /// What is behind it.
+    /// The Rust object behind it.
     type Object: Send + Sync;
     /// Its name in the header.
     const NAME: &'static str;
-    /// Tells it from other objects (and, by luck, from what is no object).
+    /// Distinguishes the kinds of objects, and with high probability other memory from an object.
     const TAG: u64;
 }
 
-/// What a handle points to.
+/// The memory that a handle points to.
 #[repr(C)]
 pub(crate) struct Shell<T> {
     tag: u64,
@@ -28,7 +28,7 @@ pub(crate) struct Shell<T> {
 }
 
 impl<T> Shell<T> {
-    /// From now on calls answer `OC_STATUS_POISONED`.
+    /// Poisons the object: later calls return `OC_STATUS_POISONED`.
     pub(crate) fn poison(&self) {
         self.poisoned.store(true, Relaxed);
     }
@@ -43,13 +43,13 @@ impl<T> std::ops::Deref for Shell<T> {
 
 impl<T> Drop for Shell<T> {
     fn drop(&mut self) {
-        // A handle used after its last release is a bug of the caller's; this makes it likelier to
-        // be noticed. SAFETY: our own field; volatile, or it would be optimised away.
+        // A use after the last release is a bug of the caller. Clearing the tag makes it likelier that `borrow_any`
+        // notices it. SAFETY: a field of this object. The write is volatile, otherwise the compiler would remove it.
         unsafe { (&raw mut self.tag).write_volatile(0) };
     }
 }
 
-/// Makes an object with one count, owned by the caller.
+/// Creates an object with one reference, which the caller owns.
 pub(crate) fn give<H: Handle>(object: H::Object) -> *mut H {
     let shell = Shell { tag: H::TAG, poisoned: AtomicBool::new(false), object };
     Arc::into_raw(Arc::new(shell)).cast_mut().cast()
@@ -58,24 +58,24 @@ pub(crate) fn give<H: Handle>(object: H::Object) -> *mut H {
 /// Borrows the object behind a handle, poisoned or not.
 ///
 /// # Safety
-/// `handle` is null or a live handle (of any kind of ours).
+/// `handle` is null or a live handle of any kind of this library.
 pub(crate) unsafe fn borrow_any<'a, H: Handle>(handle: *const H) -> Checked<&'a Shell<H::Object>> {
     if handle.is_null() {
         return bad(format!("{} is NULL", H::NAME));
     }
     let shell: *const Shell<H::Object> = handle.cast();
     if !shell.is_aligned() {
-        return bad(format!("this is no {}", H::NAME));
+        return bad(format!("the handle is not a live {}", H::NAME));
     }
-    // SAFETY: a live handle points to a `Shell`, whose first member is the tag whatever its kind.
+    // SAFETY: a live handle points to a `Shell`. The first member of every kind of shell is the tag.
     if unsafe { shell.cast::<u64>().read() } != H::TAG {
-        return bad(format!("this is no {}", H::NAME));
+        return bad(format!("the handle is not a live {}", H::NAME));
     }
-    // SAFETY: the tag says that it is this kind; alive as long as the caller holds its count.
+    // SAFETY: the tag shows that the object is of this kind. It lives as long as the caller holds its reference.
     Ok(unsafe { &*shell })
 }
 
-/// Borrows the object behind a handle; a poisoned one is refused.
+/// Borrows the object behind a handle. Refuses a poisoned one.
 ///
 /// # Safety
 /// As for [`borrow_any`].
@@ -85,12 +85,12 @@ pub(crate) unsafe fn borrow<'a, H: Handle>(handle: *const H) -> Checked<&'a Shel
     if shell.poisoned.load(Relaxed) { Err(Failure::Poisoned(H::NAME)) } else { Ok(shell) }
 }
 
-/// A count of the object behind a handle, for an object that needs it.
+/// Returns another reference to the object behind a handle, for an object that depends on it.
 ///
 /// # Safety
 /// As for [`borrow_any`].
 pub(crate) unsafe fn share<H: Handle>(handle: *const H) -> Checked<Arc<Shell<H::Object>>> {
-    // SAFETY: the caller's contract; `borrow` made sure of the kind, and that it is alive.
+    // SAFETY: the caller's contract. `borrow` has checked the kind, and the object is alive.
     unsafe {
         borrow(handle)?;
         let shell = handle.cast::<Shell<H::Object>>();
@@ -99,7 +99,7 @@ pub(crate) unsafe fn share<H: Handle>(handle: *const H) -> Checked<Arc<Shell<H::
     }
 }
 
-/// Runs `f` on the object behind a handle; a panic poisons it.
+/// Runs `f` on the object behind a handle. A panic poisons the object.
 ///
 /// # Safety
 /// As for [`borrow_any`].
@@ -121,13 +121,14 @@ pub(crate) unsafe fn with<H: Handle>(
 }
 
 thread_local! {
-    /// Handles that calls of this thread which may call back are given, and counts that were taken back meanwhile.
+    /// The handles of this thread's running calls that may call back, each with the number of references released
+    /// meanwhile.
     static IN_CALLS: RefCell<Vec<(*const (), usize)>> = const { RefCell::new(Vec::new()) };
 }
 
-/// [`with`], for calls that may call back: what the host releases of this handle in that call back, in the same thread,
-/// goes when the call ends. (Without a count of its own: by that another thread's release would not be the last, and
-/// not wait.)
+/// As [`with`], for calls that may call back into the host. If the callback releases this handle in the same thread,
+/// the release takes effect at the end of the call. (The call holds no reference of its own: the release of another
+/// thread would then not be the last, and would not wait.)
 ///
 /// # Safety
 /// As for [`borrow_any`].
@@ -135,21 +136,21 @@ pub(crate) unsafe fn with_callbacks<H: Handle>(
     handle: *const H,
     f: impl FnOnce(&Shell<H::Object>) -> Checked<()>,
 ) -> Checked<()> {
-    // A thread that is ending may have no list any more; then its releases are at once.
+    // A thread that is ending may have no list any more. Its releases then take effect at once.
     let is_listed = IN_CALLS.try_with(|calls| calls.borrow_mut().push((handle.cast(), 0))).is_ok();
-    // SAFETY: the caller's contract; what this thread releases meanwhile is kept until below.
+    // SAFETY: the caller's contract. References that this thread releases meanwhile are kept until below.
     let result = unsafe { with(handle, f) };
     let last = || IN_CALLS.try_with(|calls| calls.borrow_mut().pop()).ok().flatten();
     let released = if is_listed { last().map_or(0, |(_, released)| released) } else { 0 };
     for _ in 0..released {
-        // SAFETY: a count of the host's, which gave it back in `f`. Calls of this thread on the same handle around this
-        // one keep it in turn.
+        // SAFETY: a reference of the host, released during `f`. An outer call of this thread on the same handle defers
+        // it again.
         unsafe { release(handle) };
     }
     result
 }
 
-/// Whether a call of this thread around this one is given the handle: then it takes back the count.
+/// True if an outer call of this thread uses the handle. That call then releases the reference.
 fn is_for_later(handle: *const ()) -> bool {
     let later = |calls: &RefCell<Vec<(*const (), usize)>>| {
         let mut calls = calls.borrow_mut();
@@ -160,12 +161,12 @@ fn is_for_later(handle: *const ()) -> bool {
     IN_CALLS.try_with(later).unwrap_or(false)
 }
 
-/// Adds a count; NULL and what is no handle of this kind are left alone.
+/// Adds a reference. Does nothing for NULL or a handle of another kind.
 ///
 /// # Safety
 /// As for [`borrow_any`].
 pub(crate) unsafe fn retain<H: Handle>(handle: *const H) {
-    // SAFETY: the caller's contract; `borrow_any` made sure of the kind.
+    // SAFETY: the caller's contract. `borrow_any` has checked the kind.
     unsafe {
         if borrow_any(handle).is_ok() {
             Arc::increment_strong_count(handle.cast::<Shell<H::Object>>());
@@ -173,14 +174,13 @@ pub(crate) unsafe fn retain<H: Handle>(handle: *const H) {
     }
 }
 
-/// Takes a count back; NULL and what is no handle of this kind are left alone. A panic while an
-/// object goes stays here.
+/// Releases a reference. Does nothing for NULL or a handle of another kind. Catches a panic in the object's destructor.
 ///
 /// # Safety
-/// As for [`borrow_any`]; the caller owns a count.
+/// As for [`borrow_any`]; the caller owns a reference.
 pub(crate) unsafe fn release<H: Handle>(handle: *const H) {
     let _ = catch_unwind(AssertUnwindSafe(|| {
-        // SAFETY: the caller's contract; `borrow_any` made sure of the kind.
+        // SAFETY: the caller's contract. `borrow_any` has checked the kind.
         unsafe {
             if borrow_any(handle).is_ok() && !is_for_later(handle.cast()) {
                 Arc::decrement_strong_count(handle.cast::<Shell<H::Object>>());
@@ -195,7 +195,7 @@ macro_rules! handle {
         impl crate::capi::handles::Handle for $c {
             type Object = $object;
             const NAME: &'static str = stringify!($c);
-            // "outcrop" and the number.
+            // The ASCII bytes of "outcrop" and the number.
             const TAG: u64 = 0x6f75_7463_726f_7000 + $number;
         }
     };

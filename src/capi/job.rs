@@ -1,4 +1,4 @@
-//! Long work as a handle: builds, loads, batches of rays and prefetches.
+//! Jobs: builds, loads, batches of rays and prefetches behind one handle.
 
 use super::background::Product;
 use super::guard::{Checked, Fill, Sized32, bad, boundary, keep_error, out, status_of};
@@ -10,62 +10,62 @@ use std::ffi::c_void;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The state of long work.
+/// State of long work.
 pub type oc_state = u32;
-/// Nothing was asked for yet (frames only).
+/// Frames only: nothing was requested yet.
 pub const OC_STATE_IDLE: oc_state = 0;
-/// Going on, or waiting for a thread.
+/// The work runs or waits for a thread.
 pub const OC_STATE_RUNNING: oc_state = 1;
-/// Ended well: what was asked for is there, as exact as asked.
+/// The work has ended with the complete result, as exact as requested.
 pub const OC_STATE_DONE: oc_state = 2;
-/// Cancelled. Of what it would have written nothing is to be used.
+/// The work was cancelled. Do not use its outputs.
 pub const OC_STATE_CANCELLED: oc_state = 3;
-/// Failed. Of what it would have written nothing is to be used.
+/// The work has failed. Do not use its outputs.
 pub const OC_STATE_FAILED: oc_state = 4;
-/// Ended well, with less than was asked for: all that fits the memory budget, or can be read, is there. Frames, whose
-/// picture is then coarser than asked (oc_frame_get_accuracy says by how much), and prefetches.
+/// The work has ended with a part of the result: all that fits the memory budget or can be read. Only frames and
+/// prefetches end so. The picture of such a frame is coarser than requested; oc_frame_get_accuracy returns by how much.
 pub const OC_STATE_COMPLETE_WITHIN_BUDGET: oc_state = 5;
 
-/// What a build or load is doing.
+/// Phase of a build or load.
 pub type oc_phase = u32;
-/// Nothing begun, or neither build nor load.
+/// The work has not begun, or it is neither a build nor a load.
 pub const OC_PHASE_WAITING: oc_phase = 0;
-/// Reading input, or a model.
+/// Reading the input, or the model.
 pub const OC_PHASE_READ: oc_phase = 1;
 /// Building trees.
 pub const OC_PHASE_BUILD: oc_phase = 2;
-/// Coding and writing blocks.
+/// Encoding and writing blocks.
 pub const OC_PHASE_WRITE: oc_phase = 3;
-/// Making sure that the file is on the disk under its name.
+/// Flushing the file to the disk and giving it its name.
 pub const OC_PHASE_SEAL: oc_phase = 4;
-/// Ended.
+/// The work has ended.
 pub const OC_PHASE_DONE: oc_phase = 5;
 
-/// A timeout without an end.
+/// Timeout: wait without a limit.
 pub const OC_FOREVER: u32 = 0xFFFFFFFF;
 
-/// How far long work is: the same for builds, loads, batches of rays, prefetches and frames.
+/// Progress of long work: builds, loads, batches of rays, prefetches and frames.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_progress {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// An OC_STATE_ number.
+    /// One of the OC_STATE_ constants.
     pub state: oc_state,
-    /// From 0 to 1, never going back.
+    /// Share of the work that is done, 0 to 1. Never decreases.
     pub fraction: f64,
-    /// What is done: triangles read (builds), rays answered (batches), pixels (frames), blocks read (prefetches).
+    /// Units done. Builds: triangles read. Batches: rays answered. Frames: pixels. Prefetches: blocks read.
     pub done: u64,
-    /// Of how many; 0 where that is not known.
+    /// Units in total. 0: unknown.
     pub total: u64,
-    /// Bytes read and written so far (builds, loads); in memory (frames, prefetches).
+    /// Builds and loads: bytes read and written so far. Frames and prefetches: bytes in memory.
     pub bytes: u64,
-    /// The least budget in bytes that would do, if it failed with OC_STATUS_OVER_BUDGET; else 0.
+    /// The least budget in bytes that suffices, if `error` is OC_STATUS_OVER_BUDGET. Otherwise 0.
     pub need: u64,
-    /// Why it failed or was cancelled, or of a frame that ended as OC_STATE_COMPLETE_WITHIN_BUDGET, why some of it
-    /// could not be read. oc_last_error has the reason in words after a poll or wait.
+    /// Reason why the work failed or was cancelled. For a frame in OC_STATE_COMPLETE_WITHIN_BUDGET: the reason why some
+    /// data could not be read, else OC_STATUS_OK. After a poll or wait, oc_last_error returns the reason in words.
     pub error: oc_status,
-    /// An OC_PHASE_ number (builds and loads).
+    /// Builds and loads: one of the OC_PHASE_ constants.
     pub phase: oc_phase,
 }
 
@@ -74,14 +74,22 @@ unsafe impl Sized32 for oc_progress {
     const NAME: &'static str = "oc_progress";
 }
 
-/// Called when work has ended, well or not, and for frames also when there is a better picture; from any thread, in
-/// which it must return soon and must not unwind. It may call what is marked `Cheap`. `user` is what was given with the
-/// function.
-// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
+/// Callback: work has ended in any way, or a frame has a better picture.
+///
+/// - `user`: the pointer that was registered with the function.
+///
+/// Rules:
+/// - Any thread may call it. This includes a thread inside a function of the library that ends the work, e.g.
+///   oc_job_cancel or oc_frame_cancel.
+/// - It must return soon and must not unwind.
+/// - It may call functions that are marked `Cheap`.
+// SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment above.
 pub type oc_wake_fn = Option<unsafe extern "C" fn(user: *mut c_void)>;
 
-/// Long work in flight. Releasing its last count cancels it; for a batch of rays that release
-/// waits until nobody reads the rays or writes the hits.
+/// Work in flight: a build, a load, a batch of rays or a prefetch.
+///
+/// The release of the last reference cancels the work. For a batch of rays that release waits until no thread reads the
+/// rays or writes the hits.
 pub struct oc_job {
     _private: [u8; 0],
 }
@@ -98,7 +106,7 @@ impl Drop for JobObject {
     }
 }
 
-/// What a poll tells, before it becomes an [`oc_progress`].
+/// State of the work at a poll, before it is converted to an [`oc_progress`].
 pub(crate) struct Snapshot {
     pub(crate) state: oc_state,
     pub(crate) fraction: f64,
@@ -144,7 +152,7 @@ impl Snapshot {
         Self { state, status, need, error: Some(Arc::clone(error)), ..Self::running() }
     }
 
-    /// Fills the caller's struct, and keeps the reason of a failure for `oc_last_error`.
+    /// Fills the caller's struct, and stores the reason of a failure for `oc_last_error`.
     pub(crate) fn report(self, fill: Fill<oc_progress>) {
         match &self.error {
             Some(error) => keep_error(error),
@@ -165,15 +173,16 @@ impl Snapshot {
     }
 }
 
-/// The caller's wake function with its `user`.
+/// The host's wake function and its `user`.
 #[derive(Clone, Copy)]
 pub(crate) struct Wake {
-    // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
+    // SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment on
+    // `oc_wake_fn`.
     call: unsafe extern "C" fn(*mut c_void),
     user: *mut c_void,
 }
 
-// SAFETY: the header says that it is called from any thread.
+// SAFETY: the header says that any thread may call the function.
 unsafe impl Send for Wake {}
 // SAFETY: as above.
 unsafe impl Sync for Wake {}
@@ -183,55 +192,58 @@ impl Wake {
         wake.map(|call| Self { call, user })
     }
 
-    /// As the library's own calls take it.
+    /// Converts the callback to the type that the crate takes.
     pub(crate) fn into_fn(self) -> Arc<dyn Fn() + Send + Sync> {
         Arc::new(move || self.call())
     }
 
     pub(crate) fn call(self) {
-        // SAFETY: the caller gave both for this.
+        // SAFETY: the host registered the function with this `user` for this call.
         unsafe { (self.call)(self.user) }
     }
 }
 
-/// Builds, loads, batches and prefetches behind one handle.
+/// Interface of builds, loads, batches and prefetches behind a job handle.
 pub(crate) trait LongWork: Send + Sync {
     fn poll(&self) -> Snapshot;
-    /// `None` waits without an end.
+    /// `None`: waits without a limit.
     fn wait(&self, timeout: Option<Duration>) -> Snapshot;
     fn cancel(&self);
-    /// Replaces the wake function; called at once if the work has ended.
+    /// Replaces the wake function. Calls the new one at once if the work has ended.
     fn set_wake(&self, wake: Option<Wake>);
-    /// What a build or load left behind.
+    /// Returns the result of a build or load.
     fn product(&self) -> Option<Arc<Product>> {
         None
     }
 }
 
-/// A timeout in milliseconds as the header has it.
+/// Converts a timeout in milliseconds. `OC_FOREVER` becomes `None`.
 pub(crate) fn timeout(ms: u32) -> Option<Duration> {
     (ms != OC_FOREVER).then(|| Duration::from_millis(u64::from(ms)))
 }
 
-/// A handle for `work`.
+/// Creates a job handle for `work`.
 pub(crate) fn give_job(work: Arc<dyn LongWork>) -> *mut oc_job {
     handles::give::<oc_job>(JobObject { work })
 }
 
-/// What the job left behind, if it is a `T`.
+/// Returns the result of the job, if it is a `T`.
 pub(crate) fn product<T: 'static + Clone>(job: &JobObject, what: &str) -> Checked<T> {
-    let product = job.work.product().ok_or_else(|| Error::BadState(format!("the job has no {what} (yet)")))?;
+    let product = job.work.product().ok_or_else(|| Error::BadState(format!("the job has not produced a {what}")))?;
     match product.downcast_ref::<T>() {
         Some(product) => Ok(product.clone()),
-        None => bad(format!("this kind of job leaves no {what}")),
+        None => bad(format!("this kind of job does not produce a {what}")),
     }
 }
 
-/// How far the job is. After OC_STATE_FAILED oc_last_error of this thread tells why.
+/// Returns the progress of a job.
 ///
+/// - `out_progress`: receives the progress. Initialise it with OC_INIT.
+///
+/// If the job has failed or was cancelled, oc_last_error of this thread returns the reason.
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_progress` initialised.
+/// `job` is a live handle; `out_progress` is initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_job_poll(job: *const oc_job, out_progress: *mut oc_progress) -> oc_status {
     // SAFETY: the function's own contract.
@@ -244,14 +256,17 @@ pub unsafe extern "C" fn oc_job_poll(job: *const oc_job, out_progress: *mut oc_p
     })
 }
 
-/// Waits until the job has ended and its wake function, if another thread is calling it, has returned; `timeout_ms` at
-/// most (OC_FOREVER: no limit). Says how far the job is. A timeout is no failure: the state is then OC_STATE_RUNNING.
-/// So once this call says that the job has ended, `user` of the wake function may be freed. `out_progress` may be NULL.
+/// Waits until a job has ended, and until its wake function has returned if another thread is calling it. Then the
+/// `user` of the wake function may be freed.
 ///
-/// Thread safety: any thread. Blocks. In a context without threads and without an executor this call does
-/// the work; a build or load is then done to its end, whatever the timeout.
+/// - `timeout_ms`: longest time to wait, in milliseconds. OC_FOREVER: no limit. A timeout is not a failure: the state
+///   is then OC_STATE_RUNNING.
+/// - `out_progress`: receives the progress as oc_job_poll does. May be NULL.
+///
+/// Thread safety: any thread. Blocks. In a context without threads and without an executor this call does the work. It
+/// then completes a build or load even if the timeout is shorter.
 /// # Safety
-/// Live handle; `out_progress` initialised or NULL.
+/// `job` is a live handle; `out_progress` is initialised or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_job_wait(job: *const oc_job, timeout_ms: u32, out_progress: *mut oc_progress) -> oc_status {
     // SAFETY: the function's own contract.
@@ -267,11 +282,11 @@ pub unsafe extern "C" fn oc_job_wait(job: *const oc_job, timeout_ms: u32, out_pr
     })
 }
 
-/// Asks the job to end; it does so within about 100 ms. A job that has ended stays as it is.
+/// Asks a job to end. It ends within about 100 ms. A job that has ended does not change.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle.
+/// `job` is a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_job_cancel(job: *const oc_job) -> oc_status {
     // SAFETY: the function's own contract.
@@ -283,13 +298,17 @@ pub unsafe extern "C" fn oc_job_cancel(job: *const oc_job) -> oc_status {
     })
 }
 
-/// Has `wake` called once, when the job ends; if it has ended already, now, from this call. Replaces an
-/// earlier one; NULL: no call.
+/// Registers a function that is called once, when the job ends. If the job has ended already, this call itself calls
+/// the function. An earlier function is replaced.
 ///
-/// `user` must stay usable until `wake` has returned, or was replaced before it was called. `wake` may release the job;
-/// then what the job was for is done, and its arrays are the caller's again. Thread safety: any thread. Cheap.
+/// - `wake`: the function. NULL: none.
+/// - `user`: passed to `wake`. It must stay valid until `wake` has returned, or until `wake` is replaced before it was
+///   called.
+///
+/// `wake` may release the job. The job has ended then, and its arrays belong to the caller again.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `wake` is NULL or may be called from any thread with `user`.
+/// `job` is a live handle; `wake` is NULL or may be called from any thread with `user`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_job_set_wake(job: *const oc_job, wake: oc_wake_fn, user: *mut c_void) -> oc_status {
     // SAFETY: the function's own contract.
@@ -301,12 +320,18 @@ pub unsafe extern "C" fn oc_job_set_wake(job: *const oc_job, wake: oc_wake_fn, u
     })
 }
 
-/// The model that a job of oc_model_load has opened. OC_STATUS_INVALID_STATE before it is done, or
-/// if it failed; of a job of another kind, that or OC_STATUS_INVALID_ARGUMENT.
+/// Returns the model that a job of oc_model_load has opened.
 ///
-/// Ownership: the caller owns a count of the model. Thread safety: any thread. Cheap.
+/// - `out_model`: receives the model.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_STATE: the load is not done, or failed.
+/// - OC_STATUS_INVALID_STATE or OC_STATUS_INVALID_ARGUMENT: the job is of another kind.
+///
+/// Ownership: the caller receives one reference to the model.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_model` writable.
+/// `job` is a live handle; `out_model` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_job_model(job: *const oc_job, out_model: *mut *mut oc_model) -> oc_status {
     // SAFETY: the function's own contract.
@@ -320,21 +345,22 @@ pub unsafe extern "C" fn oc_job_model(job: *const oc_job, out_model: *mut *mut o
     })
 }
 
-/// Adds a count. NULL does nothing. Thread safety: any thread. Cheap.
+/// Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle.
+/// `job` is NULL or a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_job_retain(job: *mut oc_job) {
     // SAFETY: the function's own contract.
     unsafe { handles::retain(job) }
 }
 
-/// Takes a count back; with the last one the job is cancelled. NULL does nothing.
+/// Releases one reference. The last release cancels the job. NULL: does nothing.
 ///
-/// Thread safety: any thread, also from the job's own wake function. For a batch of rays it blocks until no thread uses
-/// the arrays and the wake function, if another thread is calling it, has returned; for other jobs it is cheap.
+/// Thread safety: any thread, including the job's own wake function.
+/// Batches of rays: blocks until no thread uses the arrays, and until the wake function has returned if another thread
+/// is calling it. Other jobs: cheap.
 /// # Safety
-/// NULL or a live handle of which the caller owns a count.
+/// `job` is NULL or a live handle of which the caller owns a reference.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_job_release(job: *mut oc_job) {
     // SAFETY: the function's own contract.

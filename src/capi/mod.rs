@@ -1,8 +1,9 @@
-//! The C ABI: every entry point checks, catches, converts and calls; nothing else happens here.
+//! The C ABI. Every entry point checks its arguments, catches panics, converts types and calls the crate; it has no
+//! other logic.
 //!
-//! `include/outcrop.h` is generated from this room (`make header`), comments included: they are
-//! written for the reader of the header. One file for each C object; `guard` holds panics, nulls and
-//! sizes, `handles` the counting.
+//! `make header` generates `include/outcrop.h` from this module, including the doc comments: they are written for
+//! readers of the header. There is one file for each C object. `guard` handles panics, null pointers and sizes;
+//! `handles` the reference counts.
 #![allow(non_camel_case_types)]
 
 pub(crate) mod background;

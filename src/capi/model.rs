@@ -16,7 +16,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-/// A built model, opened read-only; shared by scenes.
+/// A built model, opened read-only. Scenes share it.
 pub struct oc_model {
     _private: [u8; 0],
 }
@@ -25,7 +25,7 @@ handle!(oc_model, ModelObject, 3);
 
 pub(crate) struct ModelObject {
     pub(crate) model: Model,
-    /// The parts' names with a 0 at the end, made when first asked for.
+    /// The names of the parts with a terminating 0, created at the first request.
     names: OnceLock<Vec<CString>>,
 }
 
@@ -43,61 +43,67 @@ impl ModelObject {
     }
 }
 
-/// Reads `bytes` bytes at `offset` into `buffer`, all of them, and returns 0; anything else is a failure.
-/// Called from any thread, several at once, never under a lock of the library's; must not unwind.
-// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
+/// Callback: reads `bytes` bytes at `offset` of the model into `buffer`.
+///
+/// Returns 0 if it has read all bytes, any other number on failure.
+/// Any thread may call it, several at once, but never while the library holds a lock. It must not unwind.
+// SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment above.
 pub type oc_read_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, offset: u64, buffer: *mut c_void, bytes: u64) -> u32>;
 
-/// Called once, when nothing will be read any more; from any thread, and perhaps a moment after the last handle was
-/// released, when a thread that was still tracing or reading lets go of the model: `user` must stay valid until then.
-// SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
+/// Callback: the library will not read from `user` any more. It is called once.
+///
+/// Any thread may call it. It may come a moment after the release of the last handle, when another thread stops tracing
+/// or reading the model: `user` must stay valid until then.
+// SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment above.
 pub type oc_close_fn = Option<unsafe extern "C" fn(user: *mut c_void)>;
 
-/// Where a model is read from, if not from a file: a table of the caller's. Read-only.
+/// The caller's own functions that read a model, in place of a file.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_io {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
     /// Must be 0.
     pub reserved: u32,
-    /// Bytes of the model.
+    /// Size of the model in bytes.
     pub size: u64,
-    /// Reads.
+    /// Reads a range of bytes. Must not be NULL.
     pub read_at: oc_read_fn,
-    /// Closes; may be NULL. Called exactly once if opening or loading was tried with a valid table,
-    /// whether it succeeded or not.
+    /// Called exactly once after opening or loading was tried with a valid table, even if it failed. May be NULL.
     pub close: oc_close_fn,
-    /// Given to both.
+    /// Passed to both functions.
     pub user: *mut c_void,
-    /// What messages call it; may be NULL.
+    /// Name of the model in messages, UTF-8. May be NULL.
     pub name: *const c_char,
 }
 
-// SAFETY: `repr(C)`, words, pointers and nullable functions without padding; `struct_size` first.
+// SAFETY: `repr(C)`, integers, pointers and nullable functions without padding; `struct_size` first.
 unsafe impl Sized32 for oc_io {
     const NAME: &'static str = "oc_io";
 }
 
-/// The caller's table behind the crate's trait.
+/// The host's table, as a [`Source`] of the crate.
 struct HostSource {
     size: u64,
-    // SAFETY, for who calls it: the host vouches for the pointer, and is given what its comment in the header promises.
+    // SAFETY of a call: the host vouches for the pointer. The library keeps the promises of the comment on
+    // `oc_read_fn`.
     read_at: unsafe extern "C" fn(*mut c_void, u64, *mut c_void, u64) -> u32,
     close: oc_close_fn,
     user: *mut c_void,
     name: PathBuf,
 }
 
-// SAFETY: the header says that both functions are called from any thread.
+// SAFETY: the header says that any thread may call both functions.
 unsafe impl Send for HostSource {}
 // SAFETY: as above.
 unsafe impl Sync for HostSource {}
 
 impl HostSource {
+    /// Checks and copies the host's table.
+    ///
     /// # Safety
-    /// NULL or initialised.
+    /// `table` is NULL or initialised.
     unsafe fn new(table: *const oc_io) -> Checked<Self> {
         // SAFETY: the caller's contract.
         let table = unsafe { guard::read(table)? };
@@ -115,7 +121,7 @@ impl Source for HostSource {
         self.size
     }
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> io::Result<()> {
-        // SAFETY: the caller gave the function for this; the buffer is as long as we say.
+        // SAFETY: the host gave the function for this call. The buffer has the length that is passed.
         let code = unsafe { (self.read_at)(self.user, offset, buf.as_mut_ptr().cast(), buf.len() as u64) };
         match code {
             0 => Ok(()),
@@ -130,22 +136,32 @@ impl Source for HostSource {
 impl Drop for HostSource {
     fn drop(&mut self) {
         if let Some(close) = self.close {
-            // SAFETY: the caller gave it for this; dropped once.
+            // SAFETY: the host gave the function for this call. The source is dropped once.
             unsafe { close(self.user) }
         }
     }
 }
 
-/// Opens the model at `path`: its tables and coarse blocks are read, and all of a small model; the rest when it is
-/// used, or in the background where it fits. It may be larger than the context's memory budget: OC_STATUS_OVER_BUDGET
-/// means that not even what must stay in memory fits, and oc_last_error_need gives the least budget that would do. No
-/// more than 48 MB, or a quarter of the budget, is read here. One of those blocks that is damaged, or cannot be read,
-/// fails it; of others that are, stand-ins are shown.
+/// Opens a model file.
 ///
-/// Ownership: the caller owns a count. Thread safety: any thread. Blocks: reads the disk; oc_model_load
-/// does not.
+/// This call reads the tables, the root blocks and the coarse blocks, and all blocks of a small model: 48 MiB or a
+/// quarter of the memory budget at most, whichever is less. Root blocks are read in any case. Other blocks are read
+/// when they are used, or in the background if they fit. The model may be larger than the memory budget of the context.
+///
+/// - `path`: path of the model file.
+/// - `out_model`: receives the model.
+///
+/// Errors:
+/// - OC_STATUS_IO, OC_STATUS_CORRUPT: the file, or a block that this call reads, is unreadable or damaged. For other
+///   blocks that are, frames show stand-ins.
+/// - OC_STATUS_NEWER_FORMAT: a newer version of the library wrote the model.
+/// - OC_STATUS_OVER_BUDGET: the data that must stay in memory does not fit the budget. oc_last_error_need returns the
+///   least budget that suffices.
+///
+/// Ownership: the caller receives one reference.
+/// Thread safety: any thread. Blocks: reads the disk. oc_model_load does the same in the background.
 /// # Safety
-/// Live handle; `path` ends with 0; `out_model` writable.
+/// `context` is a live handle; `path` ends with 0; `out_model` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_model_open(
     context: *const oc_context,
@@ -164,12 +180,14 @@ pub unsafe extern "C" fn oc_model_open(
     })
 }
 
-/// Opens a model that the caller's own functions read.
+/// Opens a model that the caller's own functions read. Otherwise as oc_model_open.
 ///
-/// Ownership: the caller owns a count; the table is copied. Thread safety: any thread. Blocks: calls
-/// `read_at`.
+/// - `io`: the functions. The table is copied.
+///
+/// Ownership: the caller receives one reference.
+/// Thread safety: any thread. Blocks: calls `read_at`.
 /// # Safety
-/// Live handle; `io` initialised; `out_model` writable.
+/// `context` is a live handle; `io` is initialised; `out_model` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_model_open_io(
     context: *const oc_context,
@@ -188,13 +206,18 @@ pub unsafe extern "C" fn oc_model_open_io(
     })
 }
 
-/// Begins to open the model at `path` (or, if `io` is not NULL, the one that its functions read; `path`
-/// is then ignored). When the job is done, oc_job_model gives the model. The job's progress counts the bytes of
-/// blocks read.
+/// Begins to open a model in the background. When the job is done, oc_job_model returns the model.
 ///
-/// Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+/// - `path`: path of the model file. Ignored if `io` is not NULL.
+/// - `io`: the caller's own functions that read the model, or NULL. The table is copied.
+/// - `out_job`: receives the job. Its progress counts the bytes of blocks read. Its errors are those of oc_model_open.
+///
+/// Errors: OC_STATUS_IO if a thread cannot be started.
+///
+/// Ownership: the caller receives one reference to the job.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `path` ends with 0 or `io` is initialised; `out_job` writable.
+/// `context` is a live handle; `path` ends with 0 or `io` is initialised; `out_job` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_model_load(
     context: *const oc_context,
@@ -224,9 +247,9 @@ pub unsafe extern "C" fn oc_model_load(
     })
 }
 
-/// Which axis points up.
+/// Axis that points up.
 pub type oc_up_axis = u32;
-/// Nobody said; views then take +Z.
+/// Unknown. The views of oc_model_get_view then take +Z.
 pub const OC_UP_UNKNOWN: oc_up_axis = 0;
 /// +X.
 pub const OC_UP_X: oc_up_axis = 1;
@@ -235,52 +258,54 @@ pub const OC_UP_Y: oc_up_axis = 2;
 /// +Z (most CAD).
 pub const OC_UP_Z: oc_up_axis = 3;
 
-/// What a model is.
+/// Properties of a model.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_model_info {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// An OC_UP_ number.
+    /// One of the OC_UP_ constants.
     pub up: oc_up_axis,
-    /// Around everything, in model space; `max` is below `min` if there are no triangles.
+    /// Least corner of the bounds of all triangles, in model space. Greater than `bounds_max` if there are none.
     pub bounds_min: [f64; 3],
-    /// The other corner.
+    /// Greatest corner of the bounds.
     pub bounds_max: [f64; 3],
-    /// Length unit; 0 if unknown.
+    /// Length of a unit in metres. 0: unknown.
     pub metres_per_unit: f64,
-    /// Triangles in the input of the build.
+    /// Number of triangles in the input of the build.
     pub triangles_in: u64,
-    /// Triangles stored, those of shared meshes once.
+    /// Number of triangles stored. Triangles of shared meshes count once.
     pub triangles_stored: u64,
-    /// Triangles to be seen, those of shared meshes once for each instance.
+    /// Number of triangles visible in the model. Triangles of shared meshes count once for each instance.
     pub triangles_placed: u64,
-    /// Bytes of the file.
+    /// Size of the file in bytes.
     pub file_bytes: u64,
-    /// Bytes of geometry in memory when all of it is there: nodes and triangles.
+    /// Bytes that all nodes and triangles take in memory.
     pub geometry_bytes: u64,
-    /// Bytes in memory now.
+    /// Bytes in memory now, including tables.
     pub resident_bytes: u64,
     /// Number of parts.
     pub parts: u32,
-    /// Instances of shared meshes.
+    /// Number of instances of shared meshes.
     pub instances: u32,
-    /// Blocks of geometry.
+    /// Number of blocks of geometry.
     pub blocks: u32,
-    /// Whether single triangles carry colours.
+    /// 1: triangles may have colours of their own. 0: they have the colours of their parts.
     pub has_colours: u32,
 }
 
-// SAFETY: `repr(C)`, words and doubles without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and doubles without padding, `struct_size` first.
 unsafe impl Sized32 for oc_model_info {
     const NAME: &'static str = "oc_model_info";
 }
 
-/// What the model is.
+/// Returns the properties of a model.
+///
+/// - `out_info`: receives the properties. Initialise it with OC_INIT.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_info` initialised.
+/// `model` is a live handle; `out_info` is initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_model_get_info(model: *const oc_model, out_info: *mut oc_model_info) -> oc_status {
     // SAFETY: the function's own contract.
@@ -310,32 +335,32 @@ pub unsafe extern "C" fn oc_model_get_info(model: *const oc_model, out_info: *mu
     })
 }
 
-/// The parent of a part that has none.
+/// Index of the parent of a part that has none.
 pub const OC_NO_INDEX: u32 = 0xFFFFFFFF;
 
-/// A part of a model.
+/// Properties of a part of a model.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_part_info {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// Index of the part above it; OC_NO_INDEX if there is none.
+    /// Index of the parent part. OC_NO_INDEX: it has none.
     pub parent: u32,
-    /// The id that whoever built the model gave it.
+    /// Id of the part, as passed when the model was built.
     pub id: u64,
-    /// Its name, UTF-8; may be empty. The model's: valid as long as the model.
+    /// Name in UTF-8; may be empty. The model owns the string: it is valid as long as the model.
     pub name: *const c_char,
-    /// Triangles of its own, not of the parts below it.
+    /// Number of the part's own triangles, without those of its child parts.
     pub triangles: u64,
-    /// Around them, in model space; `max` is below `min` if there are none.
+    /// Least corner of the bounds of these triangles, in model space. Greater than `bounds_max` if there are none.
     pub bounds_min: [f64; 3],
-    /// The other corner.
+    /// Greatest corner of the bounds.
     pub bounds_max: [f64; 3],
-    /// Its material: linear RGBA, alpha is the opacity.
+    /// Material: linear RGBA. Alpha is the opacity.
     pub colour: [f32; 4],
-    /// From 0 to 1.
+    /// Material: metalness, 0 to 1.
     pub metalness: f32,
-    /// From 0 to 1.
+    /// Material: roughness, 0 to 1.
     pub roughness: f32,
 }
 
@@ -344,11 +369,16 @@ unsafe impl Sized32 for oc_part_info {
     const NAME: &'static str = "oc_part_info";
 }
 
-/// The part with this index, below `oc_model_info.parts`.
+/// Returns the properties of a part.
+///
+/// - `index`: index of the part, below `parts` of oc_model_info.
+/// - `out_part`: receives the properties. Initialise it with OC_INIT.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if `index` is out of range.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_part` initialised.
+/// `model` is a live handle; `out_part` is initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_model_get_part(
     model: *const oc_model,
@@ -360,7 +390,10 @@ pub unsafe extern "C" fn oc_model_get_part(
         let fill = Fill::new(out_part)?;
         handles::with(model, |model: &Shell<ModelObject>| {
             let Some(part) = model.model.parts().get(index as usize) else {
-                return bad(format!("part {index} of {}", model.model.parts().len()));
+                return bad(format!(
+                    "part index {index} is out of range: the model has {} parts",
+                    model.model.parts().len()
+                ));
             };
             fill.with(oc_part_info {
                 struct_size: 0,
@@ -379,11 +412,16 @@ pub unsafe extern "C" fn oc_model_get_part(
     })
 }
 
-/// The index of the first part with this id. OC_STATUS_INVALID_ARGUMENT if there is none.
+/// Finds a part by its id. If several parts have the id, returns the first.
+///
+/// - `id`: id of the part, as passed when the model was built.
+/// - `out_index`: receives the index of the part.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if no part has the id.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_index` writable.
+/// `model` is a live handle; `out_index` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_model_find_part(model: *const oc_model, id: u64, out_index: *mut u32) -> oc_status {
     // SAFETY: the function's own contract.
@@ -399,11 +437,16 @@ pub unsafe extern "C" fn oc_model_find_part(model: *const oc_model, id: u64, out
     })
 }
 
-/// A view that fits the model: 0 and 1 show the whole, 2 and 3 the same from a quarter of the distance.
+/// Returns a perspective camera that fits the model.
+///
+/// - `view`: 0 and 1 show the whole model from two sides. 2 and 3 are the same views from a quarter of the distance.
+/// - `out_camera`: receives the camera. Initialise it with OC_INIT.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if `view` is above 3.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_camera` initialised.
+/// `model` is a live handle; `out_camera` is initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_model_get_view(model: *const oc_model, view: u32, out_camera: *mut oc_camera) -> oc_status {
     // SAFETY: the function's own contract.
@@ -414,25 +457,26 @@ pub unsafe extern "C" fn oc_model_get_view(model: *const oc_model, view: u32, ou
                 fill.with(oc_camera::from_rust(camera));
                 Ok(())
             }
-            None => bad(format!("view {view}: there are 0 to 3")),
+            None => bad(format!("view is {view}; it must be from 0 to 3")),
         })
     })
 }
 
-/// Adds a count. NULL does nothing. Thread safety: any thread. Cheap.
+/// Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle.
+/// `model` is NULL or a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_model_retain(model: *mut oc_model) {
     // SAFETY: the function's own contract.
     unsafe { handles::retain(model) }
 }
 
-/// Takes a count back; the handle is gone with the last; scenes that show the model keep its data. NULL does nothing.
+/// Releases one reference. The last release invalidates the handle; scenes that show the model keep its data. NULL:
+/// does nothing.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle of which the caller owns a count.
+/// `model` is NULL or a live handle of which the caller owns a reference.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_model_release(model: *mut oc_model) {
     // SAFETY: the function's own contract.

@@ -1,4 +1,4 @@
-//! Which parts meet a volume.
+//! Overlap queries: the parts that intersect a volume.
 
 use super::guard::{Checked, Failure, Strided, bad, boundary, out};
 use super::handles::{self, Shell};
@@ -9,41 +9,41 @@ use crate::math::DBounds;
 use crate::query::{PartOverlap, Plane};
 use glam::DVec3;
 
-/// How a part meets a volume.
+/// How a part intersects a volume.
 pub type oc_overlap_kind = u32;
-/// Some of it is inside or touches.
+/// Some of the part is inside the volume or touches it.
 pub const OC_OVERLAP_INTERSECTS: oc_overlap_kind = 1;
-/// All of it is inside.
+/// All of the part is inside the volume.
 pub const OC_OVERLAP_INSIDE: oc_overlap_kind = 2;
 
-/// A part that meets a volume; an element of an array.
+/// A part that intersects a volume. Element of an array.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_overlap {
-    /// The id of the instance.
+    /// Id of the instance, as passed to oc_scene_add_instance.
     pub instance: u64,
-    /// The id of the part.
+    /// Id of the part, as passed when the model was built.
     pub part: u64,
-    /// An OC_OVERLAP_ number.
+    /// One of the OC_OVERLAP_ constants.
     pub kind: oc_overlap_kind,
-    /// 0.
+    /// Always 0.
     pub reserved: u32,
 }
 
-/// A half space, the points p with dot(normal, p) + d >= 0; an element of an array.
+/// A half space: the points p with dot(normal, p) + d >= 0, in world space. Element of an array.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_plane {
-    /// Points inward; need not be unit.
+    /// Normal of the plane. Points inward. Must be finite and not zero; need not be unit.
     pub normal: [f64; 3],
-    /// In units of the normal's length.
+    /// Offset of the plane, in units of the normal's length. Must be finite.
     pub d: f64,
 }
 
-/// More planes than any volume has: a larger count is a mistake.
+/// No volume has as many planes: a larger count is a mistake of the caller.
 const MAX_PLANES: u64 = 4096;
 
-/// Hands out a list: the count always, the elements if they fit.
+/// Writes the result: always the count, and the elements if they fit.
 ///
 /// # Safety
 /// `out_parts` has room for `capacity` elements; `out_count` is writable.
@@ -59,20 +59,30 @@ unsafe fn hand_out(found: &[PartOverlap], out_parts: &Strided<oc_overlap>, out_c
     }
     for (i, part) in found.iter().enumerate() {
         let (instance, part, kind) = (part.instance, part.part, part.how as u32);
-        // SAFETY: below `capacity`.
+        // SAFETY: the index is below `capacity`.
         unsafe { out_parts.set(i, oc_overlap { instance, part, kind, reserved: 0 }) };
     }
     Ok(())
 }
 
-/// Finds the visible parts that meet a box, exactly: by triangle. `box_min` and `box_max`: 3 doubles each,
-/// world space; the box is closed. An empty one meets nothing; NaN is refused.
+/// Finds the visible parts that intersect a box. The test is exact: it tests triangles, not bounds.
 ///
-/// `out_count` gets how many there are. With `capacity` 0 that is all (`out_parts` is ignored); else they
-/// are written if they fit, and OC_STATUS_BUFFER_TOO_SMALL says that they do not. By instance in the order
-/// added, then by part in the model's order. Thread safety: any thread. Blocks; may read the disk.
+/// - `scene`: the committed state is searched.
+/// - `box_min`, `box_max`: 3 doubles each, world space. The box is closed (its surface belongs to it). An empty box
+///   intersects nothing.
+/// - `out_parts`: receives the parts, ordered by instance (in the order added), then by part (in the model's order).
+/// - `capacity`: number of elements that `out_parts` has room for. 0: only the count is written, `out_parts` is
+///   ignored.
+/// - `out_count`: receives the number of parts found, also with OC_STATUS_BUFFER_TOO_SMALL.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: a coordinate is NaN.
+/// - OC_STATUS_BUFFER_TOO_SMALL: `capacity` is not 0 and below the number of parts.
+/// - OC_STATUS_IO, OC_STATUS_CORRUPT: a block of the model cannot be read.
+///
+/// Thread safety: any thread. Blocks; may read the disk.
 /// # Safety
-/// Live handle; arrays as said; `out_count` writable.
+/// `scene` is a live handle; the arrays are as documented; `out_count` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_overlap_box(
     scene: *const oc_scene,
@@ -93,12 +103,18 @@ pub unsafe extern "C" fn oc_scene_overlap_box(
     })
 }
 
-/// Finds the visible parts that meet the intersection of half spaces (a frustum has 6; 1 to 4096), exactly: by
-/// triangle.
+/// Finds the visible parts that intersect the common part of half spaces, e.g. a frustum. The test is exact: it tests
+/// triangles, not bounds.
 ///
-/// The list comes out as that of oc_scene_overlap_box. Thread safety: any thread. Blocks; may read the disk.
+/// - `planes`: `plane_count` half spaces, tightly packed, world space.
+/// - `plane_count`: 1 to 4096. A frustum has 6.
+/// - `scene`, `out_parts`, `capacity`, `out_count`: as for oc_scene_overlap_box.
+///
+/// Errors: as for oc_scene_overlap_box. OC_STATUS_INVALID_ARGUMENT also if a plane is not finite or its normal is zero.
+///
+/// Thread safety: any thread. Blocks; may read the disk.
 /// # Safety
-/// Live handle; arrays as said; `out_count` writable.
+/// `scene` is a live handle; the arrays are as documented; `out_count` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_overlap_frustum(
     scene: *const oc_scene,
@@ -112,10 +128,10 @@ pub unsafe extern "C" fn oc_scene_overlap_frustum(
     boundary(|| unsafe {
         let out_count = out(out_count, "out_count")?;
         if plane_count > MAX_PLANES {
-            return bad(format!("{plane_count} planes; at most {MAX_PLANES}"));
+            return bad(format!("plane_count is {plane_count}; it must be at most {MAX_PLANES}"));
         }
         if plane_count == 0 {
-            return bad("plane_count is 0: without planes there is no volume");
+            return bad("plane_count is 0; a volume needs at least one plane");
         }
         let planes = Strided::new(planes, plane_count, 0, "planes")?;
         let parts = Strided::new(out_parts, capacity, 0, "out_parts")?;

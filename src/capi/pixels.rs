@@ -1,4 +1,4 @@
-//! The buffers of a picture: mapped, or in the caller's memory.
+//! Buffers of a picture: mapped, or in the caller's memory.
 
 use super::frame::{FrameObject, oc_frame};
 use super::guard::{Checked, Fill, Sized32, bad, boundary, reserved};
@@ -7,29 +7,29 @@ use super::status::oc_status;
 use crate::render::{Buffer, Mapped, Target};
 use std::ffi::c_void;
 
-/// A buffer of a picture. Rows from the top, pixels from the left.
+/// Buffer of a picture. The first row is the top one, the first pixel of a row the left one.
 pub type oc_buffer = u32;
-/// 4 bytes: sRGB red, green, blue, and linear alpha.
+/// 4 bytes: red, green and blue in sRGB, and linear alpha.
 pub const OC_BUFFER_COLOUR_SRGB8: oc_buffer = 0;
 /// 4 floats: linear RGB, not clamped, and alpha.
 pub const OC_BUFFER_COLOUR_LINEAR: oc_buffer = 1;
-/// 1 float: distance from the eye along the view direction, world units; infinity for a miss.
+/// 1 float: distance from the eye along the view direction, in world units. Miss: infinity.
 pub const OC_BUFFER_DEPTH: oc_buffer = 2;
-/// 3 floats: unit geometric normal in world space, facing the eye; 0 for a miss.
+/// 3 floats: unit geometric normal in world space, on the side of the eye. Miss: 0.
 pub const OC_BUFFER_NORMAL: oc_buffer = 3;
-/// 1 uint64_t: the part's id; OC_NO_ID for a miss.
+/// 1 uint64_t: id of the part. Miss: OC_NO_ID.
 pub const OC_BUFFER_PART: oc_buffer = 4;
-/// 1 uint64_t: the triangle's index in the input of the build; OC_NO_ID for a miss.
+/// 1 uint64_t: index of the triangle in the input of the build. Miss: OC_NO_ID.
 pub const OC_BUFFER_PRIM: oc_buffer = 5;
-/// 1 uint64_t: the instance's id; OC_NO_ID for a miss.
+/// 1 uint64_t: id of the instance. Miss: OC_NO_ID.
 pub const OC_BUFFER_INSTANCE: oc_buffer = 6;
-/// 1 byte: an OC_HIT_ number.
+/// 1 byte: one of the OC_HIT_ constants.
 pub const OC_BUFFER_KIND: oc_buffer = 7;
-/// 1 float: some original surface lies within this distance of what is shown; world units. Infinity where a triangle,
-/// or nothing, is seen through stand-ins that let the ray pass: there something nearer may be.
+/// 1 float: an original surface lies within this distance of the surface shown, in world units. Infinity if stand-ins
+/// have transmitted the ray to a triangle or to the background: an original surface may lie anywhere before it.
 pub const OC_BUFFER_ERROR: oc_buffer = 8;
 
-/// The element of a buffer.
+/// Type of the elements of a buffer.
 pub type oc_format = u32;
 /// 4 bytes.
 pub const OC_FORMAT_U8X4: oc_format = 1;
@@ -62,33 +62,35 @@ fn format(buffer: Buffer) -> oc_format {
     }
 }
 
-/// The caller's memory for a buffer; an element of an array.
+/// The caller's memory for a buffer. Element of an array.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_target {
-    /// The first pixel of the first row. Written from any thread while a frame renders; whole once the
-    /// frame is done. Must stay until the frame is released or resized.
+    /// First pixel of the first row. The library writes to it from any thread while the frame renders. It holds a
+    /// complete picture after a request has ended as OC_STATE_DONE or OC_STATE_COMPLETE_WITHIN_BUDGET; a request that
+    /// is cancelled or replaced may leave it incomplete. The memory must stay valid until the frame is released or
+    /// resized.
     pub memory: *mut c_void,
-    /// Bytes there.
+    /// Size of the memory in bytes.
     pub size: u64,
-    /// Bytes from a row to the next; 0: tightly packed.
+    /// Bytes from one row to the next. 0: tightly packed.
     pub row_pitch: u64,
-    /// An OC_BUFFER_ number.
+    /// One of the OC_BUFFER_ constants.
     pub buffer: oc_buffer,
     /// Must be 0.
     pub reserved: u32,
 }
 
-/// The caller's memory behind the crate's trait.
+/// The caller's memory, as a [`Target`] of the crate.
 pub(crate) struct HostTarget {
     memory: *mut u8,
     row_pitch: usize,
     pixel: usize,
 }
 
-// SAFETY: the header says that the memory is written from any thread.
+// SAFETY: the header says that any thread may write to the memory.
 unsafe impl Send for HostTarget {}
-// SAFETY: as above; two writes never meet the same pixels.
+// SAFETY: as above. Two simultaneous writes never go to the same pixels.
 unsafe impl Sync for HostTarget {}
 
 impl HostTarget {
@@ -101,7 +103,7 @@ impl HostTarget {
             return bad("oc_target.memory is NULL");
         }
         if row_pitch < row {
-            return bad(format!("oc_target.row_pitch of {row_pitch} bytes is below a row's {row}"));
+            return bad(format!("oc_target.row_pitch of {row_pitch} bytes is less than the {row} bytes of a row"));
         }
         let need = u64::from(height - 1).checked_mul(row_pitch).and_then(|b| b.checked_add(row));
         match need {
@@ -115,7 +117,7 @@ impl HostTarget {
 
 impl Target for HostTarget {
     fn write(&self, x: u32, y: u32, pixels: &[u8]) {
-        // SAFETY: `new` found that all rows fit; the frame writes pixels inside the picture only.
+        // SAFETY: `new` checked that all rows fit. The frame only writes pixels inside of the picture.
         unsafe {
             let at = self.memory.add(y as usize * self.row_pitch + x as usize * self.pixel);
             at.copy_from_nonoverlapping(pixels.as_ptr(), pixels.len());
@@ -134,40 +136,47 @@ pub(crate) struct MappingObject {
     _mapped: Mapped,
 }
 
-/// A buffer of a complete picture.
+/// A mapped buffer of a complete picture.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_pixels {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// An OC_FORMAT_ number.
+    /// One of the OC_FORMAT_ constants.
     pub format: oc_format,
     /// Pixels in a row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
-    /// The first pixel of the first row, aligned for its elements; nobody writes there.
+    /// First pixel of the first row, aligned for its type. The content does not change while it is mapped.
     pub data: *const c_void,
-    /// Bytes from a row to the next.
+    /// Bytes from one row to the next.
     pub row_pitch: u64,
-    /// Bytes in all.
+    /// Size of the buffer in bytes.
     pub size: u64,
-    /// Keeps `data` alive: release it when done.
+    /// Keeps `data` valid. Release it with oc_mapping_release.
     pub mapping: *mut oc_mapping,
 }
 
-// SAFETY: `repr(C)`, words and pointers without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and pointers without padding, `struct_size` first.
 unsafe impl Sized32 for oc_pixels {
     const NAME: &'static str = "oc_pixels";
 }
 
-/// Maps a buffer of the last complete picture, without a copy. It stays whole and readable until the mapping
-/// is released, whatever the frame does meanwhile, even if the frame is released.
+/// Maps a buffer of the last complete picture, without a copy. The content stays valid and unchanged until the mapping
+/// is released, even if the frame renders other pictures or is released.
 ///
-/// OC_STATUS_INVALID_STATE before a picture is complete, or if the frame does not keep this buffer.
-/// Ownership: the caller owns a count of `out_pixels->mapping`. Thread safety: any thread. Cheap.
+/// - `buffer`: one of the OC_BUFFER_ constants.
+/// - `out_pixels`: receives the buffer. Initialise it with OC_INIT.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: there is no such buffer.
+/// - OC_STATUS_INVALID_STATE: no picture is complete yet, or the frame does not keep this buffer.
+///
+/// Ownership: the caller receives one reference to `out_pixels->mapping`.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_pixels` initialised.
+/// `frame` is a live handle; `out_pixels` is initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_frame_map(
     frame: *const oc_frame,
@@ -197,20 +206,20 @@ pub unsafe extern "C" fn oc_frame_map(
     })
 }
 
-/// Adds a count. NULL does nothing. Thread safety: any thread. Cheap.
+/// Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle.
+/// `mapping` is NULL or a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_mapping_retain(mapping: *mut oc_mapping) {
     // SAFETY: the function's own contract.
     unsafe { handles::retain(mapping) }
 }
 
-/// Takes a count back; with the last one the pixels may go. NULL does nothing.
+/// Releases one reference. After the last release the pixels must not be read any more. NULL: does nothing.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle of which the caller owns a count.
+/// `mapping` is NULL or a live handle of which the caller owns a reference.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_mapping_release(mapping: *mut oc_mapping) {
     // SAFETY: the function's own contract.

@@ -1,4 +1,4 @@
-//! Reading ahead of being asked.
+//! Prefetch: reads blocks before a frame or a query needs them.
 
 use super::guard::{Checked, bad, boundary, out, read};
 use super::handles::{self, Shell};
@@ -43,31 +43,42 @@ impl LongWork for PrefetchWork {
     }
 }
 
-/// A point of the caller's.
+/// Reads a point from the caller's memory.
 ///
 /// # Safety
-/// NULL or three doubles.
+/// `pointer` is NULL or points to three readable doubles.
 unsafe fn point(pointer: *const f64, name: &str) -> Checked<DVec3> {
     if pointer.is_null() {
         return bad(format!("{name} is NULL"));
     }
-    // SAFETY: not null; three doubles by the contract.
+    // SAFETY: the pointer is not null and points to three doubles by the contract.
     Ok(DVec3::from_array(unsafe { pointer.cast::<[f64; 3]>().read_unaligned() }))
 }
 
-/// Begins to read, in the background, what of the committed scene lies in a box: blocks below cells that meet it and
-/// are longer than `cell` (world units; 0: all of them), those below the longest cells first. What frames and queries
-/// ask for comes before, and no picture gets coarser for it.
+/// Begins to read, in the background, the part of the committed scene that lies in a box.
 ///
-/// The job counts blocks and their bytes in memory. It ends as OC_STATE_DONE when all is in memory, as
-/// OC_STATE_COMPLETE_WITHIN_BUDGET when no more fits beside what frames use, as OC_STATE_FAILED when some of it cannot
-/// be read (the rest then is, as far as it fits). What was read stays until room is needed and nothing else has been
-/// used less lately. Releasing the job ends the reading.
+/// The job reads the blocks below all cells that intersect the box and are longer than `cell`. Blocks below the longest
+/// cells come first. Hidden parts are included. Reads for frames and queries have priority, and no picture becomes
+/// coarser because of a prefetch.
 ///
-/// `low`, `high`: three doubles each, world space. OC_STATUS_INVALID_ARGUMENT for NaN, or a `cell` below 0.
-/// Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+/// - `low`, `high`: corners of the box, three doubles each, world space.
+/// - `cell`: length in world units, 0 or more. 0: all blocks.
+/// - `out_job`: receives the job. Its progress counts blocks (`done`) and their bytes in memory (`bytes`).
+///
+/// The job ends as
+/// - OC_STATE_DONE: all blocks are in memory.
+/// - OC_STATE_COMPLETE_WITHIN_BUDGET: no more blocks fit next to those that frames use.
+/// - OC_STATE_FAILED: a block cannot be read. The others were read as far as they fit.
+///
+/// The blocks stay in memory until the library needs room and they are the least recently used. Releasing the job ends
+/// the reading.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if a coordinate or `cell` is NaN, or `cell` is below 0.
+///
+/// Ownership: the caller receives one reference to the job.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `low` and `high` have three doubles; `out_job` writable.
+/// `scene` is a live handle; `low` and `high` have three doubles; `out_job` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_prefetch_box(
     scene: *const oc_scene,
@@ -88,15 +99,23 @@ pub unsafe extern "C" fn oc_scene_prefetch_box(
     })
 }
 
-/// Begins to read, in the background, what a picture of `width` by `height` pixels of the committed scene would need at
-/// `poe` pixels of error (0: exact), the most visible first, as far as a ray in every fourth pixel of every fourth row
-/// finds it; without shadows and what is behind transparent surfaces. For the view that comes next, for instance. As
-/// oc_scene_prefetch_box otherwise.
+/// Begins to read, in the background, the blocks that a picture of the committed scene would need, e.g. for the next
+/// view. The most visible blocks come first.
 ///
-/// OC_STATUS_INVALID_ARGUMENT for a bad camera or size, or a `poe` that is not finite or below 0.
-/// Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+/// The job traces a ray through every fourth pixel of every fourth row to find the blocks. It ignores shadows and
+/// everything behind transparent surfaces. Priority, progress and end of the job: as for oc_scene_prefetch_box.
+///
+/// - `camera`: initialised with OC_INIT.
+/// - `width`, `height`: size of the picture in pixels, 1 to 65536.
+/// - `poe`: pixels of error of the picture (see oc_frame_settings). 0: exact.
+/// - `out_job`: receives the job.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if the camera or the size is out of range, or `poe` is not finite or below 0.
+///
+/// Ownership: the caller receives one reference to the job.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `camera` initialised; `out_job` writable.
+/// `scene` is a live handle; `camera` is initialised; `out_job` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_prefetch_camera(
     scene: *const oc_scene,

@@ -10,95 +10,114 @@ use crate::query::{AHEAD, Hit, Hits, PACKET, Policy, Query, QueryOptions, QueryS
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A ray; an element of an array.
+/// A ray. Element of an array. Distances `t` along a ray are in units of the length of `direction`.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_ray {
-    /// Where it starts, world space.
+    /// Start point, world space. Not finite: the ray misses.
     pub origin: [f64; 3],
-    /// Hits before this distance are ignored; in units of the direction's length. Below 0 it counts as 0. Infinite or
-    /// NaN: the ray misses.
+    /// Start of the interval: hits with a smaller `t` are ignored. Below 0: counts as 0. Infinite or NaN: the ray
+    /// misses.
     pub t_min: f64,
-    /// Hits beyond this distance are ignored. 0: none are. Before `t_min`, or NaN: the ray misses.
+    /// End of the interval: hits with a greater `t` are ignored. 0: no end. Below `t_min` or NaN: the ray misses.
     pub t_max: f64,
-    /// Where it goes; need not be unit. Zero, or not finite: the ray misses.
+    /// Direction; need not be unit. Zero or not finite: the ray misses.
     pub direction: [f32; 3],
-    /// Its footprint: its width at t is cone_a + cone_b * t, in world units (with t as in oc_hit, in units of the
-    /// direction's length). A stand-in is accepted where the area of its box's projection along the ray is at most the
-    /// square of the width there. So for p pixels of error: the width of a pixel, times the square root of p. Of a
-    /// camera with a field of view a pixel is 2 tan(fov_y / 2) / height wide at distance 1: that is cone_b, cone_a is
-    /// 0; of an orthographic one it is cone_a, and cone_b is 0. 0 and 0: exact. Below 0, or not a number: counts as 0;
-    /// infinite: as coarse as there is.
+    /// Footprint of the ray: its width at `t` is `cone_a + cone_b * t`, in world units. A stand-in may replace
+    /// triangles if the area of its box, projected along the ray, is at most the square of the width there.
+    ///
+    /// - Exact answers: `cone_a` = 0, `cone_b` = 0.
+    /// - p pixels of error, perspective camera, unit direction: `cone_a` = 0,
+    ///   `cone_b` = sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels).
+    /// - p pixels of error, orthographic camera: `cone_b` = 0,
+    ///   `cone_a` = sqrt(p) * (height of the picture in world units) / (height of the picture in pixels).
+    ///
+    /// Below 0 or NaN: counts as 0. Infinite: the coarsest stand-ins.
     pub cone_a: f32,
     /// See `cone_a`.
     pub cone_b: f32,
-    /// It sees instances with a common bit in their mask. 0: all.
+    /// The ray can hit an instance only if the masks of both have a common bit. 0: all instances.
     pub mask: u32,
 }
 
-/// What was hit.
+/// Kind of a hit.
 pub type oc_hit_kind = u32;
-/// Nothing between t_min and t_max, or the ray was let through what stands in there: see `t_free`.
+/// No hit between t_min and t_max, or stand-ins in the interval transmitted the ray (see `t_free`).
 pub const OC_HIT_MISS: oc_hit_kind = 0;
-/// An original triangle.
+/// Hit on an original triangle.
 pub const OC_HIT_EXACT: oc_hit_kind = 1;
-/// A stand-in, as fine as the ray's cone asks for: a cell that holds original surface, near enough to what the ray
-/// would meet. `t` is where the ray enters the cell, `normal` is that of what is mostly seen there, `part` the one of
-/// which most is seen; `uv` and `prim` are those of a miss. Of cells that hold wires, leaves and the like, as many rays
-/// are let through as pass what they hold: see `t_free`.
+/// Hit on a stand-in as fine as the ray's cone requires: a cell that contains original surface.
+/// - `t`: where the ray enters the cell.
+/// - `normal`: mean normal of the surface visible there.
+/// - `part`: the part with the largest visible share.
+/// - `uv`, `prim`: as for a miss.
+///
+/// A cell with wires, leaves or the like is a partly open stand-in: it transmits the same share of rays as its content
+/// does (see `t_free`).
 pub const OC_HIT_LOD: oc_hit_kind = 2;
-/// A stand-in, coarser than asked for: what is below it is not in memory (frames and OC_QUERY_NOW only). Otherwise as
-/// OC_HIT_LOD. If the ray begins inside of the cell, `t` is where it leaves it, and `t_free` is t_min: nothing of it is
-/// known to be free.
+/// Hit on a stand-in that is coarser than required, because the data below it is not in memory. Only frames and
+/// OC_QUERY_NOW return it. Members as for OC_HIT_LOD.
+///
+/// Exception: if the ray starts inside of the cell, `t` is where it leaves the cell and `t_free` is t_min: the cell may
+/// contain surface anywhere.
 pub const OC_HIT_MISSING: oc_hit_kind = 3;
 
-/// The id where there is none: of a miss, or not asked for.
+/// The value of ids that are not set: of a miss, or not requested.
 pub const OC_NO_ID: u64 = 0xFFFFFFFFFFFFFFFF;
 
-/// Nothing may be called as nothing is.
+/// Refuses OC_NO_ID as an id.
 pub(super) fn check_id(id: u64) -> Checked<()> {
-    if id == OC_NO_ID { bad("OC_NO_ID is nothing's id") } else { Ok(()) }
+    if id == OC_NO_ID { bad("OC_NO_ID must not be used as an id") } else { Ok(()) }
 }
 
-/// The closest hit of a ray; an element of an array. What was not asked for is as for a miss.
+/// Closest hit of a ray. Element of an array. Members that were not requested have the values of a miss.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_hit {
-    /// Distance in units of the direction's length; infinity for a miss. From `t_min` to `t_max`, both included: what
-    /// lies behind a hit is found from the next number after its `t` on. (Not what is nearer to it than `t` less
-    /// `t_free`: such surfaces may come in the wrong order. Within single precision of the ray's origin what is behind
-    /// it may be given at 0, and what is before it may be missed; so may what a ray meets within some 4 degrees of
-    /// edge-on that near to an end.) In double precision with `OC_WANT_POSITION` or `OC_WANT_ERROR`; without, in single
-    /// precision, and on long thin triangles near the ray's origin it may be off by more than its last digits.
+    /// Distance from the origin, in units of the direction's length. Miss: infinity.
+    ///
+    /// The interval includes both ends. To find the surface behind a hit, trace the ray again with `t_min` set to the
+    /// next larger double after `t`. Exceptions:
+    /// - Two surfaces closer to each other than `t - t_free` may be returned in either order.
+    /// - Within the single-precision rounding error of the origin, a surface behind the origin may be returned at 0,
+    ///   and one in front of it may be missed.
+    /// - Within the same error of an end of the interval, a surface that the ray meets within about 4 degrees of
+    ///   edge-on may be missed.
+    ///
+    /// Precision: double with `OC_WANT_POSITION` or `OC_WANT_ERROR`, otherwise single. In single precision, the error
+    /// on long thin triangles near the origin can exceed the last digits.
     pub t: f64,
-    /// Where, in world space; infinity for a miss.
+    /// Position in world space. Miss: infinity.
     pub position: [f64; 3],
-    /// No original surface lies on the ray before this distance. Left out are surfaces that the ray meets within 0.9
-    /// degrees of edge-on, the one that it starts on, and edges that it grazes. Of an exact hit it is a little less
-    /// than `t`, by what rounding may have done. Of a miss it is infinity, unless the ray was let through a stand-in:
-    /// then it is where that, or what else would have been hit, is met; so it is of hits behind one.
+    /// No original surface lies on the ray before this distance. Exceptions: surfaces that the ray meets within 0.9
+    /// degrees of edge-on, the surface that the ray starts on, and edges that it grazes.
+    ///
+    /// - Exact hit: `t` less the possible rounding error.
+    /// - Miss: infinity.
+    /// - Hit or miss after a stand-in transmitted the ray: where the ray entered the first such stand-in, or where it
+    ///   met another surface before that.
     pub t_free: f64,
-    /// The id of the part, as given when the model was built; OC_NO_ID for a miss.
+    /// Id of the part, as passed when the model was built. Miss: OC_NO_ID.
     pub part: u64,
-    /// The id of the instance, as given to oc_scene_add_instance; OC_NO_ID for a miss.
+    /// Id of the instance, as passed to oc_scene_add_instance. Miss: OC_NO_ID.
     pub instance: u64,
-    /// The triangle's index in the input of the build, from 0; OC_NO_ID for a miss.
+    /// Index of the triangle in the input of the build, from 0. Miss: OC_NO_ID.
     pub prim: u64,
-    /// Unit geometric normal in world space, facing the ray's origin; 0 for a miss.
+    /// Unit geometric normal in world space, on the side of the ray's origin. Miss: 0.
     pub normal: [f32; 3],
-    /// Weights of the triangle's second and third corner.
+    /// Barycentric weights of the triangle's second and third corner. Miss: 0.
     pub uv: [f32; 2],
-    /// Some original surface lies within this distance of `position`, in world units.
+    /// An original surface lies within this distance of `position`, in world units. Miss: 0.
     pub error: f32,
-    /// An OC_HIT_ number.
+    /// One of the OC_HIT_ constants.
     pub kind: oc_hit_kind,
-    /// 0.
+    /// Always 0.
     pub reserved: u32,
 }
 
-/// Which members of oc_hit to fill, joined with `|`. What is not asked for is not worked for.
+/// Flags: members of oc_hit to compute, combined with `|`. Fewer members take less time.
 pub type oc_want = u32;
-/// Only `t` and `kind`, which are always filled.
+/// Only `t` and `kind`, which are always set.
 pub const OC_WANT_T: oc_want = 1;
 /// `position`.
 pub const OC_WANT_POSITION: oc_want = 2;
@@ -110,46 +129,48 @@ pub const OC_WANT_UV: oc_want = 8;
 pub const OC_WANT_PART: oc_want = 16;
 /// `instance`.
 pub const OC_WANT_INSTANCE: oc_want = 32;
-/// `prim`; may have to be read from the disk.
+/// `prim`. May have to read the disk.
 pub const OC_WANT_PRIM: oc_want = 64;
-/// `error` and `t_free`, and `t` in double precision.
+/// `error` and `t_free`; `t` in double precision.
 pub const OC_WANT_ERROR: oc_want = 128;
-/// Everything.
+/// All members.
 pub const OC_WANT_ALL: oc_want = 255;
 
 /// Flags of oc_query.
 pub type oc_query_flags = u32;
-/// Each 32 rays in a row are near each other and go the same way: they are traced together, faster. The answers are
-/// the same. Rays of neighbouring pixels that enter few placed trees are recognised without it.
+/// Hint: each 32 successive rays start near each other and have similar directions. They are traced as one packet,
+/// which is faster. The answers do not change. Without the flag, the library recognises rays of neighbouring pixels if
+/// they enter few placed meshes.
 pub const OC_QUERY_COHERENT: oc_query_flags = 1;
-/// Answer at once, from what is in memory: stand-ins are hit in place of what is not, as OC_HIT_MISSING. Nothing is
-/// read, nor asked for (oc_scene_prefetch_box does that). Without it, what is needed is read, and answers do not depend
-/// on what was in memory.
+/// Answer at once from the data in memory. Stand-ins replace missing data; their hits are OC_HIT_MISSING. The call
+/// neither reads nor requests data (oc_scene_prefetch_box does). Without the flag, the call reads all data that it
+/// needs, and the answers do not depend on the data in memory.
 pub const OC_QUERY_NOW: oc_query_flags = 2;
 
 /// A batch of rays.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_query {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// OC_WANT_ flags; 0: OC_WANT_ALL.
+    /// OC_WANT_ flags, combined with `|`. 0: OC_WANT_ALL.
     pub want: oc_want,
-    /// OC_QUERY_ flags.
+    /// OC_QUERY_ flags, combined with `|`.
     pub flags: oc_query_flags,
     /// Must be 0.
     pub reserved: u32,
-    /// The rays. Nobody may write them until the call has returned, or the job has ended.
+    /// The rays. Nothing may write to them until the call has returned or the job has ended.
     pub rays: *const oc_ray,
-    /// How many.
+    /// Number of rays.
     pub count: u64,
-    /// Bytes from a ray to the next; 0: tightly packed. (Of these, 32 in a row at an address that oc_ray may have are
-    /// read where they are if each says its t_max, INFINITY for none, and its mask, 0xFFFFFFFF for all; others are
-    /// copied first.)
+    /// Bytes from one ray to the next. 0: tightly packed.
+    ///
+    /// Performance: the library reads 32 successive rays without a copy if they are tightly packed and aligned as
+    /// oc_ray, and none has a `t_max` or `mask` of 0. Use INFINITY and 0xFFFFFFFF instead.
     pub stride: u64,
 }
 
-// SAFETY: `repr(C)`, words and a pointer without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and a pointer without padding, `struct_size` first.
 unsafe impl Sized32 for oc_query {
     const NAME: &'static str = "oc_query";
 }
@@ -158,12 +179,12 @@ impl oc_query {
     fn options(&self) -> Checked<QueryOptions> {
         reserved(self.reserved, "oc_query.reserved")?;
         if self.want & !OC_WANT_ALL != 0 {
-            return bad(format!("oc_query.want {:#x}: some flags are unknown", self.want));
+            return bad(format!("oc_query.want {:#x}: unknown flags", self.want));
         }
         if self.flags & !(OC_QUERY_COHERENT | OC_QUERY_NOW) != 0 {
-            return bad(format!("oc_query.flags {:#x}: some are unknown", self.flags));
+            return bad(format!("oc_query.flags {:#x}: unknown flags", self.flags));
         }
-        // Our first bit, the distance, is always on; the others are the crate's, one place higher.
+        // The first bit of the header, the distance, is always on. The crate has the other bits, one place lower.
         let want = if self.want == 0 { Want::ALL } else { Want(self.want >> 1) };
         let policy = if self.flags & OC_QUERY_NOW != 0 { Policy::Now } else { Policy::Exact };
         Ok(QueryOptions { coherent: self.flags & OC_QUERY_COHERENT != 0, want, policy })
@@ -173,12 +194,12 @@ impl oc_query {
 /// The caller's rays.
 struct CRays {
     rays: Strided<oc_ray>,
-    /// Nothing is written between them meanwhile.
+    /// The hits are not written between the rays, so that references to rays are allowed.
     may_lend: bool,
 }
 
 impl CRays {
-    /// Those of a batch, and where its answers go.
+    /// The rays of a batch whose answers go to `answers`.
     fn new<T: Copy>(query: &oc_query, answers: &Strided<T>) -> Checked<Self> {
         let rays = Strided::new(query.rays, query.count, query.stride, "oc_query.rays")?;
         Ok(Self { rays, may_lend: !rays.meets(answers) })
@@ -190,8 +211,8 @@ impl Rays for CRays {
         self.rays.count
     }
     fn read(&self, first: usize, out: &mut [Ray]) {
-        // SAFETY: within the array, which the caller keeps readable until the batch has ended; both structs have the
-        // same members at the same places (see below), numbers all, of which any bits are some.
+        // SAFETY: within the array, which the caller keeps readable until the batch has ended. Both structs have the
+        // same members at the same places (asserted below). All are numbers, for which any bits are valid.
         unsafe { self.rays.copy_to(first, out) };
         for ray in out {
             if ray.t_max == 0.0 {
@@ -204,15 +225,16 @@ impl Rays for CRays {
     }
     fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
         self.rays.ask_for(first + AHEAD..first + AHEAD + PACKET);
-        // SAFETY: as of `read`; the caller promises not to write them meanwhile, and we do not either.
+        // SAFETY: as for `read`. The caller promises not to write the rays meanwhile, and `may_lend` says that the hits
+        // are elsewhere.
         let rays: &[Ray; PACKET] = if self.may_lend { unsafe { self.rays.array(first) }? } else { return None };
-        // Zeros stand for what `read` puts in their places. Without branches: there are two for each ray otherwise.
+        // `read` replaces zeros in these members. (Without branches: otherwise there are two for each ray.)
         let have_zeros = rays.iter().fold(false, |any, ray| any | (ray.t_max == 0.0) | (ray.mask == 0));
         (!have_zeros).then_some(rays)
     }
 }
 
-/// Asserts that members of two structs lie at the same places.
+/// Asserts that the members of two structs lie at the same offsets.
 macro_rules! same_places {
     ($c:ty, $rust:ty: $($theirs:tt is $ours:tt),+) => {
         const _: () = assert!(size_of::<$c>() == size_of::<$rust>());
@@ -223,13 +245,13 @@ same_places!(oc_ray, Ray: origin is origin, t_min is t_min, t_max is t_max, dire
 same_places!(oc_hit, Hit: t is t, position is position, t_free is t_free, part is part, instance is instance,
     prim is prim, normal is normal, uv is uv, error is error, kind is kind, reserved is reserved);
 
-/// The caller's hits.
+/// The caller's array of hits.
 struct CHits(Strided<oc_hit>);
 
 impl Hits for CHits {
     fn write(&self, first: usize, hits: &[Hit]) {
-        // SAFETY: within the array, which the caller leaves to us until the batch has ended; each index is written by
-        // one worker. Both structs have the same members at the same places, and no bytes between them.
+        // SAFETY: within the array, which only the library uses until the batch has ended. One worker writes each
+        // index. Both structs have the same members at the same offsets, and no bytes between them.
         unsafe { self.0.copy_from(first, hits) };
     }
 }
@@ -239,11 +261,11 @@ impl Hits for CHits {
 /// # Safety
 /// `out` is writable; it need not be aligned.
 pub(super) unsafe fn write_hit(out: *mut oc_hit, hit: &Hit) {
-    // SAFETY: the caller's promise; both structs have the same members at the same places.
+    // SAFETY: the caller's contract. Both structs have the same members at the same offsets.
     unsafe { out.cast::<Hit>().write_unaligned(*hit) };
 }
 
-/// The caller's bytes: 1 for a ray that hits anything.
+/// The caller's array of bytes: 1 for a ray that hits anything.
 struct CAny(Strided<u8>);
 
 impl Hits for CAny {
@@ -257,10 +279,15 @@ impl Hits for CAny {
 
 /// Finds the closest hit of each ray in the committed scene.
 ///
-/// `out_hits`: as many as rays, `hit_stride` bytes apart (0: tightly packed). On failure they are not to be
-/// used. Thread safety: any thread; frames and other batches may be in flight. Blocks; may read the disk.
+/// - `query`: the rays and options. Initialise it with OC_INIT.
+/// - `out_hits`: receives one hit for each ray. Do not use it if the call fails.
+/// - `hit_stride`: bytes from one hit to the next. 0: tightly packed.
+///
+/// Errors: OC_STATUS_IO, OC_STATUS_CORRUPT if a block of the model cannot be read.
+///
+/// Thread safety: any thread. Frames and other batches may be in flight. Blocks; may read the disk.
 /// # Safety
-/// Live handle; `query` initialised; arrays as said.
+/// `scene` is a live handle; `query` is initialised; the arrays are as documented.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_closest(
     scene: *const oc_scene,
@@ -280,14 +307,20 @@ pub unsafe extern "C" fn oc_scene_closest(
     })
 }
 
-/// Finds whether each ray hits anything: 1 or 0. Faster than the closest hit. `want` changes nothing (but is checked).
-/// With OC_QUERY_NOW, 1 also stands for rays of which that is not known. With a footprint, 0 may also be a ray that
-/// stand-ins let through.
+/// Tests whether each ray hits anything in the committed scene. Faster than oc_scene_closest.
 ///
-/// `out_any`: as many bytes as rays, `any_stride` bytes apart (0: tightly packed). On failure they are not
-/// to be used. Thread safety: any thread. Blocks; may read the disk.
+/// - `query`: the rays and options. `want` has no effect, but must be valid.
+/// - `out_any`: receives one byte for each ray: 1 for a hit, 0 for none. Do not use it if the call fails.
+/// - `any_stride`: bytes from one answer to the next. 0: tightly packed.
+///
+/// With OC_QUERY_NOW, 1 also means that the missing data may contain a hit. With a footprint, 0 also means that
+/// stand-ins transmitted the ray.
+///
+/// Errors: as for oc_scene_closest.
+///
+/// Thread safety: any thread. Blocks; may read the disk.
 /// # Safety
-/// Live handle; `query` initialised; arrays as said.
+/// `scene` is a live handle; `query` is initialised; the arrays are as documented.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_any(
     scene: *const oc_scene,
@@ -335,12 +368,16 @@ impl LongWork for QueryWork {
     }
 }
 
-/// Begins oc_scene_closest and returns at once. The arrays must stay as they are until the job has
-/// ended; `query` itself need not.
+/// Begins oc_scene_closest in the background.
 ///
-/// Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+/// - `query`, `out_hits`, `hit_stride`: as for oc_scene_closest. The arrays of rays and hits must stay valid and
+///   unchanged until the job has ended. The struct `query` is copied.
+/// - `out_job`: receives the job. Use the hits only after OC_STATE_DONE.
+///
+/// Ownership: the caller receives one reference to the job.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// As for oc_scene_closest; `out_job` writable.
+/// As for oc_scene_closest; `out_job` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_closest_start(
     scene: *const oc_scene,
@@ -364,12 +401,16 @@ pub unsafe extern "C" fn oc_scene_closest_start(
     })
 }
 
-/// Begins oc_scene_any and returns at once. The arrays must stay as they are until the job has
-/// ended; `query` itself need not.
+/// Begins oc_scene_any in the background.
 ///
-/// Ownership: the caller owns a count of the job. Thread safety: any thread. Cheap.
+/// - `query`, `out_any`, `any_stride`: as for oc_scene_any. The arrays of rays and answers must stay valid and
+///   unchanged until the job has ended. The struct `query` is copied.
+/// - `out_job`: receives the job. Use the answers only after OC_STATE_DONE.
+///
+/// Ownership: the caller receives one reference to the job.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// As for oc_scene_any; `out_job` writable.
+/// As for oc_scene_any; `out_job` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_any_start(
     scene: *const oc_scene,

@@ -1,4 +1,4 @@
-//! The end of a build, and what it did.
+//! The end of a build, and its report.
 
 use super::build::Input;
 use super::guard::{Fill, Sized32, bad, boundary, out};
@@ -11,14 +11,14 @@ use std::ffi::{CString, c_char};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// What a build leaves behind.
+/// Result of a build job.
 #[derive(Clone)]
 pub(super) struct Built {
     pub(super) report: BuildReport,
     notes: Arc<[CString]>,
 }
 
-/// Reads the files and makes the model.
+/// Reads the files and builds the model.
 pub(super) fn run(input: Input, out: PathBuf) -> Result<Built> {
     let Input { mut builder, files, .. } = input;
     builder.add_files(&files)?;
@@ -28,37 +28,37 @@ pub(super) fn run(input: Input, out: PathBuf) -> Result<Built> {
     Ok(Built { report, notes })
 }
 
-/// What a build did.
+/// Statistics of a build.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_build_report {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// How many notes there are: see oc_job_build_note.
+    /// Number of notes; oc_job_build_note returns them.
     pub notes: u32,
     /// Triangles in the input.
     pub triangles_in: u64,
     /// Triangles in the model.
     pub triangles_kept: u64,
-    /// Left out: a corner is NaN or infinite.
+    /// Triangles dropped because a corner is NaN or infinite.
     pub dropped_non_finite: u64,
-    /// Left out: no area.
+    /// Triangles dropped because they have no area.
     pub dropped_degenerate: u64,
-    /// Left out: too far away from the others to be told apart.
+    /// Triangles dropped because a corner is too far from the rest of the mesh: more than 1e15 units from its middle.
     pub dropped_out_of_range: u64,
-    /// Parts.
+    /// Number of parts.
     pub parts: u64,
-    /// Shared meshes placed.
+    /// Number of placed instances of shared meshes.
     pub instances: u64,
-    /// Bytes of geometry in memory, once opened.
+    /// Bytes that the geometry takes in memory when all of it is loaded.
     pub geometry_bytes: u64,
-    /// Bytes of the file.
+    /// Size of the model file in bytes.
     pub file_bytes: u64,
-    /// Seconds of reading.
+    /// Seconds spent on reading input.
     pub seconds_read: f64,
-    /// Seconds of building.
+    /// Seconds spent on building.
     pub seconds_build: f64,
-    /// Seconds of writing.
+    /// Seconds spent on writing.
     pub seconds_write: f64,
 }
 
@@ -67,12 +67,18 @@ unsafe impl Sized32 for oc_build_report {
     const NAME: &'static str = "oc_build_report";
 }
 
-/// What the build did whose job this is. OC_STATUS_INVALID_STATE before it is done, or if it failed; of a job of
-/// another kind, that or OC_STATUS_INVALID_ARGUMENT.
+/// Returns the statistics of a finished build.
+///
+/// - `job`: a job of oc_build_start.
+/// - `out_report`: receives the statistics. Initialise it with OC_INIT.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_STATE: the build is not done, or failed.
+/// - OC_STATUS_INVALID_STATE or OC_STATUS_INVALID_ARGUMENT: the job is of another kind.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_report` initialised.
+/// `job` is a live handle; `out_report` is initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_job_build_report(job: *const oc_job, out_report: *mut oc_build_report) -> oc_status {
     // SAFETY: the function's own contract.
@@ -101,11 +107,18 @@ pub unsafe extern "C" fn oc_job_build_report(job: *const oc_job, out_report: *mu
     })
 }
 
-/// Something that the user should know about an input, though it could be read; `index` below the report's `notes`.
+/// Returns a note of a finished build: a warning about an input that could be read nevertheless.
 ///
-/// `out_text` gets a string of the job's, valid as long as the job. Thread safety: any thread. Cheap.
+/// - `job`: a job of oc_build_start.
+/// - `index`: number of the note, below `notes` of oc_build_report.
+/// - `out_text`: receives the text.
+///
+/// Errors: as for oc_job_build_report. OC_STATUS_INVALID_ARGUMENT also if `index` is out of range.
+///
+/// Ownership: the job owns the string. It is valid as long as the job.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_text` writable.
+/// `job` is a live handle; `out_text` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_job_build_note(job: *const oc_job, index: u32, out_text: *mut *const c_char) -> oc_status {
     // SAFETY: the function's own contract.
@@ -114,7 +127,7 @@ pub unsafe extern "C" fn oc_job_build_note(job: *const oc_job, index: u32, out_t
         handles::with(job, |job: &Shell<JobObject>| {
             let built = product::<Built>(job, "report")?;
             let Some(note) = built.notes.get(index as usize) else {
-                return bad(format!("note {index} of {}", built.notes.len()));
+                return bad(format!("note index {index} is out of range: the report has {} notes", built.notes.len()));
             };
             // The job keeps the list alive.
             out.write(note.as_ptr());

@@ -1,4 +1,4 @@
-//! Scenes: instances, lights, the looks of parts; edits take effect at a commit.
+//! Scenes: instances, lights and the looks of parts. Edits take effect at a commit.
 
 use super::context::{ContextObject, oc_context};
 use super::guard::{Checked, Sized32, Strided, bad, boundary, out, read, read_or_default, reserved};
@@ -10,8 +10,9 @@ use super::view::transform;
 use crate::scene::{Background, Light, LightKind, Look, Scene};
 use glam::DVec3;
 
-/// What is looked at: instances of models, lights, the looks of parts. Edits collect until
-/// oc_scene_commit; frames and batches in flight keep the state that they began with.
+/// A scene: instances of models, lights, and the looks of parts.
+///
+/// Edits take effect together at oc_scene_commit. Frames and batches in flight keep the state that they began with.
 pub struct oc_scene {
     _private: [u8; 0],
 }
@@ -22,28 +23,28 @@ pub(crate) struct SceneObject {
     pub(crate) scene: Scene,
 }
 
-/// How an instance or a part is shown: flags of oc_look.
+/// Flags of oc_look: how an instance or a part is shown.
 pub type oc_look_flags = u32;
-/// Rays do not meet it.
+/// Hidden: no ray hits it.
 pub const OC_LOOK_HIDDEN: oc_look_flags = 1;
-/// It is highlighted.
+/// Highlighted.
 pub const OC_LOOK_SELECTED: oc_look_flags = 2;
-/// It has the colour of oc_look instead of its own.
+/// Shown in the colour of oc_look instead of its own.
 pub const OC_LOOK_COLOURED: oc_look_flags = 4;
 
-/// How an instance or a part is shown. All zeros: as it is.
+/// Appearance of an instance or a part. All zeros: unchanged.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_look {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// OC_LOOK_ flags, joined with `|`.
+    /// OC_LOOK_ flags, combined with `|`.
     pub flags: oc_look_flags,
-    /// Linear RGBA, alpha is the opacity; used with OC_LOOK_COLOURED.
+    /// Linear RGBA, finite and 0 or more. Alpha is the opacity, at most 1. Ignored without OC_LOOK_COLOURED.
     pub colour: [f32; 4],
 }
 
-// SAFETY: `repr(C)`, words and floats without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.
 unsafe impl Sized32 for oc_look {
     const NAME: &'static str = "oc_look";
 }
@@ -52,39 +53,41 @@ impl oc_look {
     fn to_rust(self) -> Checked<Look> {
         let known = OC_LOOK_HIDDEN | OC_LOOK_SELECTED | OC_LOOK_COLOURED;
         if self.flags & !known != 0 {
-            return bad(format!("oc_look.flags {:#x}: some are unknown", self.flags));
+            return bad(format!("oc_look.flags {:#x}: unknown flags", self.flags));
         }
         let colour = (self.flags & OC_LOOK_COLOURED != 0).then_some(self.colour);
         if colour.is_some_and(|c| c.iter().any(|x| !x.is_finite() || *x < 0.0)) {
-            return bad("oc_look.colour must be finite, 0 or more");
+            return bad("oc_look.colour must be finite and 0 or more");
         }
         Ok(Look { visible: self.flags & OC_LOOK_HIDDEN == 0, colour, selected: self.flags & OC_LOOK_SELECTED != 0 })
     }
 }
 
-/// The kind of a light.
+/// Kind of a light.
 pub type oc_light_kind = u32;
-/// At the eye, without falloff and shadows.
+/// At the eye. No falloff, no shadows.
 pub const OC_LIGHT_HEAD: oc_light_kind = 0;
-/// A point; its light falls off with the square of the distance.
+/// At a point. Its light falls off with the square of the distance.
 pub const OC_LIGHT_POINT: oc_light_kind = 1;
-/// From infinitely far away.
+/// Infinitely far away.
 pub const OC_LIGHT_DIRECTIONAL: oc_light_kind = 2;
 
-/// A light; an element of an array. All zeros: a white headlight.
+/// A light. Element of an array. All zeros: a white headlight.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_light {
-    /// Where a point light is, or whereto a directional light shines (need not be unit). World space.
+    /// World space, finite. Point light: position. Directional light: direction in which the light travels; must not be
+    /// zero, need not be unit. Headlight: ignored.
     pub vector: [f64; 3],
-    /// Linear RGB, 0 or more. All 0: white.
+    /// Linear RGB, finite and 0 or more. All 0: white.
     pub colour: [f32; 3],
-    /// Factor to the colour. A white matt surface that faces a light (a point light at distance 1) of
-    /// intensity 1 is white. 0: 1.
+    /// Factor of the colour, finite and 0 or more. A white matt surface that faces a light of intensity 1 is white
+    /// (point light: at distance 1). 0: 1.
     pub intensity: f32,
-    /// An OC_LIGHT_ number.
+    /// One of the OC_LIGHT_ constants.
     pub kind: oc_light_kind,
-    /// 1: it casts shadows; 0: it does not. A transparent part lets through 1 minus its opacity, as of what is seen.
+    /// 1: the light casts shadows. 0: it does not. A transparent part transmits the share 1 - opacity of the light,
+    /// as it does of the surfaces seen through it.
     pub shadows: u32,
 }
 
@@ -108,11 +111,14 @@ impl oc_light {
     }
 }
 
-/// Makes an empty scene with a headlight.
+/// Creates an empty scene with a headlight.
 ///
-/// Ownership: the caller owns a count. Thread safety: any thread. Cheap.
+/// - `out_scene`: receives the scene.
+///
+/// Ownership: the caller receives one reference.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `out_scene` writable.
+/// `context` is a live handle; `out_scene` is writable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_create(context: *const oc_context, out_scene: *mut *mut oc_scene) -> oc_status {
     // SAFETY: the function's own contract.
@@ -126,12 +132,18 @@ pub unsafe extern "C" fn oc_scene_create(context: *const oc_context, out_scene: 
     })
 }
 
-/// Adds a model as an instance with the caller's own `id`, which must be new in the scene, and not OC_NO_ID.
-/// `world_from_model`: 12 doubles, invertible; NULL leaves the model where it is.
+/// Adds a model to the scene as an instance. Takes effect at oc_scene_commit.
 ///
-/// Ownership: the scene keeps the model alive. Thread safety: any thread. Cheap.
+/// - `model`: a model of the same context.
+/// - `id`: the caller's own id. Must be unique in the scene and not OC_NO_ID.
+/// - `world_from_model`: transform of 12 doubles, finite and invertible. NULL: the identity.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if an argument is not as documented.
+///
+/// Ownership: the scene keeps the model alive.
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handles; `world_from_model` has 12 doubles or is NULL.
+/// `scene` and `model` are live handles; `world_from_model` has 12 doubles or is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_add_instance(
     scene: *mut oc_scene,
@@ -149,22 +161,29 @@ pub unsafe extern "C" fn oc_scene_add_instance(
     })
 }
 
-/// Removes an instance.
+/// Removes an instance. Takes effect at oc_scene_commit.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle.
+/// `scene` is a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_remove_instance(scene: *mut oc_scene, id: u64) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe { handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.remove_instance(id)?)) })
 }
 
-/// Moves an instance; the matrix as for oc_scene_add_instance.
+/// Replaces the transform of an instance. Takes effect at oc_scene_commit.
+///
+/// - `id`: id of the instance.
+/// - `world_from_model`: as for oc_scene_add_instance.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`, or the transform is not invertible.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `world_from_model` has 12 doubles or is NULL.
+/// `scene` is a live handle; `world_from_model` has 12 doubles or is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_set_transform(
     scene: *mut oc_scene,
@@ -179,11 +198,17 @@ pub unsafe extern "C" fn oc_scene_set_transform(
     })
 }
 
-/// Sets which rays of batches see an instance: those with a common bit in their mask. At first all do.
+/// Sets the mask of an instance. Takes effect at oc_scene_commit.
+///
+/// - `id`: id of the instance.
+/// - `mask`: a ray of a batch can hit the instance only if its mask has a common bit with this one. Initially all bits
+///   are set.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle.
+/// `scene` is a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_set_instance_mask(scene: *mut oc_scene, id: u64, mask: u32) -> oc_status {
     // SAFETY: the function's own contract.
@@ -192,12 +217,19 @@ pub unsafe extern "C" fn oc_scene_set_instance_mask(scene: *mut oc_scene, id: u6
     })
 }
 
-/// Sets how an instance is shown. What its parts say for themselves comes first; hidden in either is
-/// hidden. `look` may be NULL: as it is.
+/// Sets the look of an instance. Takes effect at oc_scene_commit.
+///
+/// - `id`: id of the instance.
+/// - `look`: the new look. NULL: unchanged appearance.
+///
+/// A part is hidden or highlighted if its own look or that of its instance says so. The colour of its own look
+/// overrides that of its instance.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`, or a flag or colour is not as documented.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `look` initialised or NULL.
+/// `scene` is a live handle; `look` is initialised or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_set_instance_look(scene: *mut oc_scene, id: u64, look: *const oc_look) -> oc_status {
     // SAFETY: the function's own contract.
@@ -207,12 +239,17 @@ pub unsafe extern "C" fn oc_scene_set_instance_look(scene: *mut oc_scene, id: u6
     })
 }
 
-/// Sets how the part with id `part` of an instance is shown, without the parts below it. `look` may be
-/// NULL: as it is.
+/// Sets the look of a part of an instance. Its child parts do not change. Takes effect at oc_scene_commit.
+///
+/// - `instance`: id of the instance.
+/// - `part`: id of the part. If several parts of the model have this id, the first is meant.
+/// - `look`: the new look. NULL: unchanged appearance.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance or part, or a flag or colour is not as documented.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `look` initialised or NULL.
+/// `scene` is a live handle; `look` is initialised or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_set_part_look(
     scene: *mut oc_scene,
@@ -227,11 +264,15 @@ pub unsafe extern "C" fn oc_scene_set_part_look(
     })
 }
 
-/// Shows all parts of an instance as they are.
+/// Removes the looks of all parts of an instance. Takes effect at oc_scene_commit.
+///
+/// - `instance`: id of the instance.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle.
+/// `scene` is a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_clear_part_looks(scene: *mut oc_scene, instance: u64) -> oc_status {
     // SAFETY: the function's own contract.
@@ -240,14 +281,20 @@ pub unsafe extern "C" fn oc_scene_clear_part_looks(scene: *mut oc_scene, instanc
     })
 }
 
-/// More lights than any scene has: a larger count is a mistake.
+/// No scene has as many lights: a larger count is a mistake of the caller.
 const MAX_LIGHTS: u64 = 65536;
 
-/// Replaces all lights; none at all leaves the ambient light of the frame.
+/// Replaces all lights. Takes effect at oc_scene_commit. Without lights only the ambient light of the frame remains.
 ///
-/// `lights`: `count` of them, up to 65536, `stride` bytes apart (0: tightly packed). Thread safety: any thread. Cheap.
+/// - `lights`: array of lights. Ignored if `count` is 0.
+/// - `count`: number of lights, at most 65536.
+/// - `stride`: bytes from one light to the next. 0: tightly packed.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if a light is not as documented. No light is replaced.
+///
+/// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; the array is as said.
+/// `scene` is a live handle; the array is as documented.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_set_lights(
     scene: *mut oc_scene,
@@ -258,7 +305,7 @@ pub unsafe extern "C" fn oc_scene_set_lights(
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         if count > MAX_LIGHTS {
-            return bad(format!("{count} lights; at most {MAX_LIGHTS}"));
+            return bad(format!("{count} lights are too many; at most {MAX_LIGHTS} are allowed"));
         }
         let lights = Strided::new(lights, count, stride, "lights")?;
         let lights: Checked<Vec<Light>> = (0..lights.count).map(|i| lights.get(i).to_rust()).collect();
@@ -267,30 +314,35 @@ pub unsafe extern "C" fn oc_scene_set_lights(
     })
 }
 
-/// What is seen where nothing is. All zeros: black and transparent.
+/// Background of a picture: a vertical gradient. All numbers must be finite and 0 or more. All zeros: black and
+/// transparent.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_background {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
     /// Must be 0.
     pub reserved: u32,
-    /// Linear RGBA of the lowest row.
+    /// Linear RGBA at the bottom of the picture.
     pub bottom: [f32; 4],
-    /// Linear RGBA of the highest row.
+    /// Linear RGBA at the top of the picture.
     pub top: [f32; 4],
 }
 
-// SAFETY: `repr(C)`, words and floats without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.
 unsafe impl Sized32 for oc_background {
     const NAME: &'static str = "oc_background";
 }
 
-/// Replaces the background; NULL brings back the grey one that a scene begins with.
+/// Replaces the background. Takes effect at oc_scene_commit.
+///
+/// - `background`: the new background. NULL: the initial grey one.
+///
+/// Errors: OC_STATUS_INVALID_ARGUMENT if a number is not as documented.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// Live handle; `background` initialised or NULL.
+/// `scene` is a live handle; `background` is initialised or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_set_background(scene: *mut oc_scene, background: *const oc_background) -> oc_status {
     // SAFETY: the function's own contract.
@@ -306,31 +358,33 @@ pub unsafe extern "C" fn oc_scene_set_background(scene: *mut oc_scene, backgroun
     })
 }
 
-/// Makes all edits since the last commit visible at once to frames and batches that begin from now on.
+/// Makes all edits since the last commit take effect at once, for frames, batches and other queries that begin later.
 ///
-/// Takes time by the number of instances. Thread safety: any thread. Cheap.
+/// Errors: OC_STATUS_INVALID_ARGUMENT if the scene would hold 2^31 or more placed meshes. Then nothing changes.
+///
+/// Thread safety: any thread. Cheap. Takes time in proportion to the number of instances.
 /// # Safety
-/// Live handle.
+/// `scene` is a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_commit(scene: *mut oc_scene) -> oc_status {
     // SAFETY: the function's own contract.
     boundary(|| unsafe { handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.commit()?)) })
 }
 
-/// Adds a count. NULL does nothing. Thread safety: any thread. Cheap.
+/// Adds one reference. NULL: does nothing. Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle.
+/// `scene` is NULL or a live handle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_retain(scene: *mut oc_scene) {
     // SAFETY: the function's own contract.
     unsafe { handles::retain(scene) }
 }
 
-/// Takes a count back; frames and batches in flight keep what they need. NULL does nothing.
+/// Releases one reference. Frames and batches in flight keep the data that they need. NULL: does nothing.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// NULL or a live handle of which the caller owns a count.
+/// `scene` is NULL or a live handle of which the caller owns a reference.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_scene_release(scene: *mut oc_scene) {
     // SAFETY: the function's own contract.

@@ -1,48 +1,56 @@
-//! Statuses, and the reason in words.
+//! Status codes, and the reason of a failure in words.
 
 use super::guard;
 use std::ffi::{CStr, c_char};
 
-/// What a call says, or why background work failed. The hundreds say who can act: 1 the caller, 2
-/// the file, 3 the installation, 4 the budget, 5 the machine, 6 us. Numbers are never reused.
+/// Result of a call, or the reason why background work failed. Numbers are never reused. The hundreds name the cause:
+/// - 1: the calling program
+/// - 2: the file
+/// - 3: the installation
+/// - 4: the memory budget
+/// - 5: the machine
+/// - 6: the library itself
 pub type oc_status = u32;
 
-/// All is well.
+/// Success.
 pub const OC_STATUS_OK: oc_status = 0;
-/// The caller: an argument is NULL, out of its range, or of another context; nothing changed.
+/// The calling program: an argument is NULL, is out of its range, or belongs to another context. Nothing changed.
 pub const OC_STATUS_INVALID_ARGUMENT: oc_status = 100;
-/// The caller: not possible in the object's present state; nothing changed.
+/// The calling program: the object's present state does not allow the call. Nothing changed.
 pub const OC_STATUS_INVALID_STATE: oc_status = 101;
-/// The caller: the array given is too small; the count it should have was written, nothing else.
+/// The calling program: the array is too small. The required count was written, nothing else.
 pub const OC_STATUS_BUFFER_TOO_SMALL: oc_status = 102;
-/// The caller: cancelled on request.
+/// The calling program: the work was cancelled on request.
 pub const OC_STATUS_CANCELLED: oc_status = 103;
-/// The file: an input of a build cannot be understood.
+/// The file: an input file of a build cannot be parsed.
 pub const OC_STATUS_PARSE: oc_status = 200;
-/// The file: a built model is damaged, or is not one.
+/// The file: the model file is damaged, or is not a model.
 pub const OC_STATUS_CORRUPT: oc_status = 201;
-/// The installation: header and library do not belong together.
+/// The installation: the program was compiled with the header of another version.
 pub const OC_STATUS_VERSION_MISMATCH: oc_status = 300;
-/// The installation: the model was written by a newer library.
+/// The installation: a newer version of the library wrote the model.
 pub const OC_STATUS_NEWER_FORMAT: oc_status = 301;
-/// The budget: too small; `oc_last_error_need` says what would do.
+/// The budget: the memory budget is too small. oc_last_error_need returns the least budget that suffices.
 pub const OC_STATUS_OVER_BUDGET: oc_status = 400;
 /// The machine: reading or writing failed, or a thread could not be started.
 pub const OC_STATUS_IO: oc_status = 500;
-/// The machine: it gave no memory for something large (a picture, the tree of a build); `oc_last_error` says how many
-/// bytes for what. Nothing changed, or it is as after any other error. (Where it gives none for something small, or for
-/// triangles that are pushed or read without a budget, the process ends, as Rust programs do.)
+/// The machine: the system refused a large allocation (a picture, the tree of a build). oc_last_error names its purpose
+/// and size. Nothing changed, or the state is that after any other error.
+///
+/// Exception: the process ends, as Rust programs do, if the system refuses a small allocation, or memory for triangles
+/// that are pushed or read without a budget.
 pub const OC_STATUS_OUT_OF_MEMORY: oc_status = 501;
-/// Us: a defect in the library. The object is poisoned. What it was is in oc_last_error, and for background work in
-/// the log; the library has no hook on panics (that would be global state), so Rust's standard library also writes
-/// it to standard error.
+/// The library: a defect. The object is poisoned: further calls return OC_STATUS_POISONED. oc_last_error describes the
+/// defect; for background work the log does too. Rust's standard library also writes the description to standard error,
+/// because outcrop installs no panic hook (a hook would be global state).
 pub const OC_STATUS_INTERNAL: oc_status = 600;
-/// Us: the object met a defect before; it can only be released.
+/// The library: a defect occurred in this object before. The only valid call is the release.
 pub const OC_STATUS_POISONED: oc_status = 601;
 
-/// The name of a status, for instance "OC_STATUS_IO"; "unknown status" for other numbers.
+/// Returns the name of a status, e.g. "OC_STATUS_IO", or "unknown status" for an unknown number.
 ///
-/// Returns a constant. Thread safety: any thread. Cheap.
+/// The string is a constant. Never NULL.
+/// Thread safety: any thread. Cheap.
 #[unsafe(no_mangle)]
 pub extern "C" fn oc_status_name(status: oc_status) -> *const c_char {
     let name: &CStr = match status {
@@ -65,18 +73,21 @@ pub extern "C" fn oc_status_name(status: oc_status) -> *const c_char {
     name.as_ptr()
 }
 
-/// Why the last call of this thread that did not return `OC_STATUS_OK` failed; or, after a poll or
-/// wait that reported `OC_STATE_FAILED`, why the work failed. Never NULL; empty before any failure.
+/// Returns the reason of the calling thread's last failure, in words. A failure is:
+/// - a call in this thread that did not return OC_STATUS_OK, or
+/// - a poll or wait in this thread that reported work as failed or cancelled, or as OC_STATE_COMPLETE_WITHIN_BUDGET
+///   with an error. The text is then the reason of that work.
 ///
-/// Returns a string of the library's, valid until the next failure in this thread.
+/// Never NULL. Empty before the first failure.
+/// Ownership: the library owns the string. It is valid until the next failure in this thread.
 /// Thread safety: each thread has its own. Cheap.
 #[unsafe(no_mangle)]
 pub extern "C" fn oc_last_error() -> *const c_char {
     guard::last_error()
 }
 
-/// The least budget in bytes that would have done, if the failure that `oc_last_error` tells of was
-/// `OC_STATUS_OVER_BUDGET`; else 0.
+/// Returns the least budget in bytes that suffices, if the failure that oc_last_error describes is
+/// OC_STATUS_OVER_BUDGET. Otherwise returns 0.
 ///
 /// Thread safety: each thread has its own. Cheap.
 #[unsafe(no_mangle)]
@@ -84,19 +95,21 @@ pub extern "C" fn oc_last_error_need() -> u64 {
     guard::last_error_need()
 }
 
-/// Zeroes `size` bytes at `object`, any struct of this header that begins with `struct_size`, and sets
-/// that member: what the macro OC_INIT calls. NULL, or a size below 4, does nothing.
+/// Zeroes a struct that begins with `struct_size`, and sets that member to `size`. The macro OC_INIT calls it.
+///
+/// - `object`: a struct of this header. NULL: the call does nothing.
+/// - `size`: its size in bytes. Below 4: the call does nothing.
 ///
 /// Thread safety: any thread. Cheap.
 /// # Safety
-/// `object` is NULL or has `size` bytes.
+/// `object` is NULL or has `size` writable bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_init(object: *mut std::ffi::c_void, size: usize) {
     let Ok(size32) = u32::try_from(size) else { return };
     if object.is_null() || size < size_of::<u32>() {
         return;
     }
-    // SAFETY: not null, and `size` bytes by the function's contract; the write asks no alignment.
+    // SAFETY: the pointer is not null and has `size` bytes by the function's contract. The write needs no alignment.
     unsafe {
         object.cast::<u8>().write_bytes(0, size);
         object.cast::<u32>().write_unaligned(size32);

@@ -1,17 +1,17 @@
-//! Panics on demand, for the tests; only in builds with debug assertions, and not in the header.
+//! Panics on demand, for tests. Exists only in builds with debug assertions, and not in the header.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// At the head of an entry point, before any object is known.
+/// At the start of an entry point, before its object is known.
 pub(crate) const AT_ENTRY: u32 = 1;
-/// In an entry point, once its object is known.
+/// In an entry point, after its object is known.
 pub(crate) const IN_OBJECT: u32 = 2;
 /// In background work.
 pub(crate) const IN_WORK: u32 = 3;
 
 static ARMED: AtomicU32 = AtomicU32::new(0);
 
-/// The next place of this kind to be passed, in any thread, panics.
+/// The next thread that reaches a place of this kind panics.
 #[unsafe(no_mangle)]
 pub extern "C" fn oc_test_panic_at(place: u32) {
     ARMED.store(place, Relaxed);
@@ -19,6 +19,6 @@ pub extern "C" fn oc_test_panic_at(place: u32) {
 
 pub(crate) fn trip(place: u32) {
     if ARMED.load(Relaxed) == place && ARMED.compare_exchange(place, 0, Relaxed, Relaxed).is_ok() {
-        panic!("asked for by a test");
+        panic!("requested by a test");
     }
 }

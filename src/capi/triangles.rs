@@ -1,4 +1,4 @@
-//! Triangles pushed from the caller's memory.
+//! Triangles from the caller's memory.
 
 use super::build::{oc_build, with_input};
 use super::guard::{Checked, Sized32, Strided, bad, boundary, read};
@@ -7,53 +7,55 @@ use crate::import::Sink;
 use glam::DVec3;
 use std::ffi::c_void;
 
-/// The type of coordinates.
+/// Type of coordinates.
 pub type oc_scalar = u32;
 /// float.
 pub const OC_SCALAR_F32: oc_scalar = 0;
 /// double.
 pub const OC_SCALAR_F64: oc_scalar = 1;
 
-/// The type of indices.
+/// Type of indices.
 pub type oc_index = u32;
-/// There are none: the corners come in threes.
+/// No indices: each three successive corners are a triangle.
 pub const OC_INDEX_NONE: oc_index = 0;
 /// uint32_t.
 pub const OC_INDEX_U32: oc_index = 1;
 /// uint64_t.
 pub const OC_INDEX_U64: oc_index = 2;
 
-/// Triangles in the caller's memory; read during the call.
+/// Triangles in the caller's memory. The arrays are read during the call. They may have any alignment.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_triangles {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// 0: placed as they are; else a number of oc_build_add_shared_mesh.
+    /// 0: the triangles are placed directly. Otherwise: number of a shared mesh from oc_build_add_shared_mesh.
     pub mesh: u32,
-    /// The part: its id, or in a shared mesh its number, from 0.
+    /// The part that the triangles belong to. Directly placed: the id of the part. Shared mesh: the number of the part,
+    /// from 0.
     pub part: u64,
-    /// Corners: three coordinates each.
+    /// Array of corners, three coordinates each. `scalar` is their type.
     pub positions: *const c_void,
-    /// How many corners.
+    /// Number of corners. Without indices it must be a multiple of 3.
     pub position_count: u64,
-    /// Bytes from a corner to the next; 0: tightly packed.
+    /// Bytes from one corner to the next. 0: tightly packed.
     pub position_stride: u64,
-    /// Three indices of corners for each triangle; `index` says their type. NULL with OC_INDEX_NONE.
+    /// Array of indices of corners, three for each triangle, tightly packed. `index` is their type. Must be NULL with
+    /// OC_INDEX_NONE.
     pub indices: *const c_void,
-    /// How many indices, three times that of triangles.
+    /// Number of indices: three times the number of triangles. Must be 0 with OC_INDEX_NONE.
     pub index_count: u64,
-    /// Three floats, linear RGB, for each triangle; NULL: the part's material.
+    /// Array of colours, one for each triangle: three floats, linear RGB. NULL: the colour of the part's material.
     pub colours: *const f32,
-    /// Bytes from a colour to the next; 0: tightly packed.
+    /// Bytes from one colour to the next. 0: tightly packed.
     pub colour_stride: u64,
-    /// An OC_SCALAR_ number: the type of coordinates.
+    /// One of the OC_SCALAR_ constants: the type of coordinates.
     pub scalar: oc_scalar,
-    /// An OC_INDEX_ number: the type of indices.
+    /// One of the OC_INDEX_ constants: the type of indices.
     pub index: oc_index,
 }
 
-// SAFETY: `repr(C)`, words and pointers without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and pointers without padding, `struct_size` first.
 unsafe impl Sized32 for oc_triangles {
     const NAME: &'static str = "oc_triangles";
 }
@@ -89,13 +91,13 @@ impl Soup {
         let name = "oc_triangles.indices";
         let (indices, corners) = match t.index {
             OC_INDEX_NONE if t.indices.is_null() && t.index_count == 0 => (Indices::None, count),
-            OC_INDEX_NONE => return bad("oc_triangles: there are indices, but oc_triangles.index does not say which"),
+            OC_INDEX_NONE => return bad("oc_triangles: there are indices, but oc_triangles.index is OC_INDEX_NONE"),
             OC_INDEX_U32 => (Indices::U32(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count),
             OC_INDEX_U64 => (Indices::U64(Strided::new(t.indices.cast(), t.index_count, 0, name)?), t.index_count),
             other => return bad(format!("oc_triangles.index {other} is unknown")),
         };
         if !corners.is_multiple_of(3) {
-            return bad(format!("oc_triangles: {corners} corners are no whole number of triangles"));
+            return bad(format!("oc_triangles: {corners} corners are not a multiple of 3"));
         }
         let triangles = corners / 3;
         let colours = if t.colours.is_null() {
@@ -103,12 +105,14 @@ impl Soup {
         } else {
             Some(Strided::new(t.colours.cast(), triangles, t.colour_stride, "oc_triangles.colours")?)
         };
-        // Fits: the corners are in memory.
+        // The number fits `usize`: the corners are in memory.
         Ok(Self { positions, indices, colours, triangles: triangles as usize })
     }
 
+    /// Returns the index of a corner.
+    ///
     /// # Safety
-    /// `corner` is below three times the triangles; the caller's arrays are readable.
+    /// `corner` is below three times the number of triangles; the caller's arrays are readable.
     #[inline]
     unsafe fn index(&self, corner: usize) -> u64 {
         // SAFETY: the caller's contract.
@@ -121,6 +125,8 @@ impl Soup {
         }
     }
 
+    /// Returns the position of a corner.
+    ///
     /// # Safety
     /// As for [`Soup::index`], and the index is in range.
     #[inline]
@@ -135,7 +141,7 @@ impl Soup {
         }
     }
 
-    /// Refuses indices beyond the corners, before anything is added.
+    /// Refuses indices that are out of range, before any triangle is added.
     ///
     /// # Safety
     /// The caller's arrays are readable.
@@ -144,27 +150,34 @@ impl Soup {
             return Ok(());
         }
         for corner in 0..self.triangles * 3 {
-            // SAFETY: within the indices.
+            // SAFETY: the index is within the array.
             let index = unsafe { self.index(corner) };
             if index >= positions {
-                return bad(format!("oc_triangles.indices[{corner}] is {index}, there are {positions} corners"));
+                return bad(format!("oc_triangles.indices[{corner}] is {index}, but there are {positions} positions"));
             }
         }
         Ok(())
     }
 }
 
-/// Triangles handed on at a time.
+/// Number of triangles that are passed to the builder at a time.
 const BATCH: usize = 4096;
 
-/// Adds triangles of one part from the caller's memory. NaN, infinite and flat ones may be among them: they
-/// are counted and left out.
+/// Adds triangles of one part from the caller's memory. Triangles with NaN or infinite coordinates, and triangles
+/// without area, are allowed: the build drops and counts them.
 ///
-/// OC_STATUS_INVALID_ARGUMENT for an index out of range (nothing was added); OC_STATUS_IO if the temporary that takes
-/// what is beyond the build's budget cannot be written: the build can then only be released. Thread safety: any thread.
-/// Blocks while it copies.
+/// - `triangles`: the arrays are copied.
+///
+/// Errors:
+/// - OC_STATUS_INVALID_ARGUMENT: an index is out of range, the part or mesh was not added, or a count or stride is
+///   wrong. Nothing was added. A model holds fewer than 2^32 - 1 triangles.
+/// - OC_STATUS_INVALID_STATE: after oc_build_start.
+/// - OC_STATUS_IO: the temporary file for data above the build's budget cannot be written. The build can then only be
+///   released.
+///
+/// Thread safety: any thread. Blocks while it copies.
 /// # Safety
-/// Live handle; `triangles` initialised, its arrays as said.
+/// `build` is a live handle; `triangles` is initialised and its arrays are as documented.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oc_build_add_triangles(build: *mut oc_build, triangles: *const oc_triangles) -> oc_status {
     // SAFETY: the function's own contract.

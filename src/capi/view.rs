@@ -1,37 +1,37 @@
-//! Cameras and transforms as the header has them.
+//! Cameras and transforms in the format of the header.
 
 use super::guard::{Checked, Sized32, bad};
 use crate::scene::Camera;
 use glam::{DAffine3, DVec3};
 
-/// The kind of a camera.
+/// Kind of a camera.
 pub type oc_camera_kind = u32;
-/// Rays leave the eye.
+/// All rays start at the eye.
 pub const OC_CAMERA_PERSPECTIVE: oc_camera_kind = 0;
-/// Parallel rays from a plane through the eye; nothing behind the plane is seen.
+/// Parallel rays start on a plane through the eye. Nothing behind the plane is visible.
 pub const OC_CAMERA_ORTHOGRAPHIC: oc_camera_kind = 1;
 
-/// A camera in world space.
+/// A camera in world space. All numbers must be finite.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_camera {
-    /// Set by OC_INIT.
+    /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// An OC_CAMERA_ number.
+    /// One of the OC_CAMERA_ constants.
     pub kind: oc_camera_kind,
-    /// The eye; for orthographic cameras the middle of the picture's plane.
+    /// Position of the eye. Orthographic: the centre of the picture's plane.
     pub eye: [f64; 3],
-    /// The point looked at; sets the direction only. Must differ from the eye.
+    /// Target point. Only the direction from the eye to it matters. Must differ from the eye.
     pub at: [f64; 3],
-    /// Upward in the picture; must not be parallel to the view. All 0: +Z.
+    /// Direction that is up in the picture. Need not be unit. Must not be parallel to the view. All 0: +Z.
     pub up: [f64; 3],
-    /// Vertical angle of view in degrees, below 180 (perspective). 0: 45.
+    /// Perspective: vertical field of view in degrees, above 0 and below 180. 0: 45. Orthographic: ignored.
     pub fov_y: f64,
-    /// Height of the picture in world units, above 0 (orthographic).
+    /// Orthographic: height of the picture in world units, above 0. Perspective: ignored.
     pub height: f64,
 }
 
-// SAFETY: `repr(C)`, words and doubles without padding, `struct_size` first.
+// SAFETY: `repr(C)`, integers and doubles without padding, `struct_size` first.
 unsafe impl Sized32 for oc_camera {
     const NAME: &'static str = "oc_camera";
 }
@@ -62,15 +62,15 @@ impl oc_camera {
     }
 }
 
-/// Reads a transform of 12 doubles by column.
+/// Reads a transform: 12 doubles by column.
 ///
 /// # Safety
-/// NULL (the identity) or 12 readable doubles.
+/// `matrix` is NULL (the identity) or points to 12 readable doubles.
 pub(crate) unsafe fn transform(matrix: *const f64) -> DAffine3 {
     if matrix.is_null() {
         return DAffine3::IDENTITY;
     }
-    // SAFETY: the caller's contract; arrays of f64 ask no more alignment than `read_unaligned`.
+    // SAFETY: the caller's contract. `read_unaligned` needs no alignment.
     let columns = unsafe { matrix.cast::<[f64; 12]>().read_unaligned() };
     DAffine3::from_cols_array(&columns)
 }
@@ -78,11 +78,11 @@ pub(crate) unsafe fn transform(matrix: *const f64) -> DAffine3 {
 /// Reads three doubles.
 ///
 /// # Safety
-/// `pointer` is NULL or at three readable doubles.
+/// `pointer` is NULL or points to three readable doubles.
 pub(crate) unsafe fn three(pointer: *const f64, name: &str) -> Checked<DVec3> {
     if pointer.is_null() {
         return bad(format!("{name} is NULL"));
     }
-    // SAFETY: not null, three doubles by the contract.
+    // SAFETY: the pointer is not null and points to three doubles by the contract.
     Ok(DVec3::from_array(unsafe { pointer.cast::<[f64; 3]>().read_unaligned() }))
 }

@@ -1,28 +1,28 @@
 //! The watertight ray-triangle test.
 //!
-//! Source: Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013, sections 2
-//! and 3. Deviations: both windings hit; `t` comes from one division per batch of lanes; where an
-//! edge function is exactly zero in single precision, or a triangle is seen far longer than wide, edge
-//! functions, weights and `t` are worked out again in double precision, in which the products are exact.
+//! Source: Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013, sections 2 and 3. Deviations:
+//! both windings hit; `t` comes from one division per vector; edge functions, weights and `t` are evaluated again in
+//! double precision, in which the products are exact, if an edge function is exactly zero in single precision, or if
+//! the triangle looks far longer than wide from the ray.
 //!
-//! One body serves eight triangles against a ray, sixteen rays against a triangle, and the scalar
-//! twin of the tests. No fused multiply-add: an edge shared by two triangles must give exactly
-//! opposite values, and every instruction set the same bits.
+//! One body serves eight triangles against a ray, sixteen rays against a triangle, and the scalar twin for tests. It
+//! uses no fused multiply-add: an edge that two triangles share must give exactly opposite values, and every
+//! instruction set the same bits.
 
 use crate::simd::{Lanes, Mask};
 use glam::Vec3;
 
-/// What the test needs of a ray, prepared once.
+/// The constants of a ray that the test needs, prepared once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shear {
-    /// Axis order: the last is where the direction is greatest.
+    /// Permutation of the axes: the last is the one along which the direction is greatest.
     pub k: [usize; 3],
-    /// Shear along x, along y, and scale along z.
+    /// Shear along x, shear along y, and scale along z.
     pub s: [f32; 3],
 }
 
 impl Shear {
-    /// For a direction whose components are finite and not all zero.
+    /// Prepares a direction whose components are finite and not all zero.
     #[inline(always)]
     pub fn new(dir: Vec3) -> Self {
         let a = dir.abs();
@@ -38,7 +38,7 @@ impl Shear {
     }
 }
 
-/// Where a ray meets a triangle.
+/// The intersection of a ray with a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TriangleHit {
     /// Distance in units of the direction's length.
@@ -49,10 +49,10 @@ pub struct TriangleHit {
     pub v: f32,
 }
 
-/// Lanes of results; only those in `hits` mean anything.
+/// Results of all lanes; only those in `hits` are defined.
 #[derive(Debug, Clone, Copy)]
 pub struct LaneHits<L> {
-    /// Bit `i`: lane `i` is a hit with `t` in the asked interval.
+    /// Bit `i`: lane `i` is a hit, and its `t` is in the ray's interval.
     pub hits: u32,
     /// Distances.
     pub t: L,
@@ -67,11 +67,11 @@ pub struct LaneHits<L> {
 pub struct Sheared<L> {
     pub(crate) x: L,
     pub(crate) y: L,
-    /// Along the ray, in units of its direction's length.
+    /// Coordinate along the ray, in units of its direction's length.
     pub(crate) z: L,
 }
 
-/// Shears a vertex. `p`: the vertex minus the origin, its components already in the order `k`.
+/// Shears a vertex. `p`: the vertex minus the origin, with its components in the order `k`.
 #[inline(always)]
 pub fn shear<const N: usize, L: Lanes<N>>(p: [L; 3], s: [L; 3]) -> Sheared<L> {
     Sheared { x: p[0] - s[0] * p[2], y: p[1] - s[1] * p[2], z: s[2] * p[2] }
@@ -79,8 +79,8 @@ pub fn shear<const N: usize, L: Lanes<N>>(p: [L; 3], s: [L; 3]) -> Sheared<L> {
 
 /// Tests each lane's triangle `abc` against that lane's ray.
 ///
-/// `lanes`: those that are asked about; the others are no hits. `zero`, `t_min`, `t_max`: in each lane 0 and the
-/// interval, borders included.
+/// `lanes`: the lanes to test; the others are no hits. `zero`: 0 in each lane. `t_min`, `t_max`: each lane's interval,
+/// borders included.
 #[inline(always)]
 pub fn intersect<const N: usize, L: Lanes<N>>(
     lanes: u32,
@@ -93,29 +93,31 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
     let u = products[0] - c.y * b.x;
     let v = products[1] - a.y * c.x;
     let w = products[2] - b.y * a.x;
-    // All of one sign, or zero: least and greatest tell, and where one of them is zero, an edge is met.
+    // The ray is inside if all three edge functions have one sign or are zero. The least and the greatest decide that;
+    // if one of them is zero, the ray meets an edge.
     let (least, greatest) = (u.min(v).min(w), u.max(v).max(w));
     let inside = zero.le(least).or(greatest.le(zero));
     let hits = inside.bits() & lanes;
-    // Most triangles of a leaf are beside a ray that meets its box.
+    // Most triangles of a leaf are missed by a ray that hits the leaf's box.
     if hits == 0 {
         return LaneHits { hits, t: zero, u: zero, v: zero };
     }
     let det = u + v + w;
     let on_edge = least.eq(zero).or(greatest.eq(zero));
-    // The other three differ from these by no more than `det`, as all signs are alike.
+    // Each of the other three products differs from one of these by an edge function, and so by at most `det`: the edge
+    // functions have one sign.
     let greatest = products[0].max(products[1]).max(products[2]);
     let least = products[0].min(products[1]).min(products[2]);
     let thin = greatest.max(zero - least) * L::from_array_like(zero, [THIN; N]);
     let is_thin = det.max(zero - det).le(thin.max(L::from_array_like(zero, [TINY; N])));
     let doubtful = on_edge.or(is_thin).bits() & hits;
     let rdet = L::from_array_like(zero, [1.0; N]).div(det);
-    // Weights first: the sum of unweighted products would leave single precision's range for models of
-    // less than 1e-12 or more than 1e12 units.
+    // The weights are computed before the sum: a sum of products without weights would exceed the range of single
+    // precision for models of less than 1e-12 or more than 1e12 units.
     let (v, w) = (v * rdet, w * rdet);
     let mut found = LaneHits { hits, t: u * rdet * a.z + v * b.z + w * c.z, u: v, v: w };
     if doubtful != 0 {
-        // Copied here: what a call is given the address of would be stored before the branch.
+        // Copied inside the branch: the compiler would store values that a call takes by address before the branch.
         let corners = [
             [a.x.to_array(), a.y.to_array(), a.z.to_array()],
             [b.x.to_array(), b.y.to_array(), b.z.to_array()],
@@ -131,17 +133,19 @@ pub fn intersect<const N: usize, L: Lanes<N>>(
     found
 }
 
-/// Where twice a triangle's area is no more than this part of the products that its edge functions are differences of,
-/// these are evaluated again: rounding takes a part of the products. (Of a triangle 10 units long and 0.00006 wide
-/// single precision said how far away it is to a tenth.)
+/// Limit of twice a triangle's projected area, as a fraction of the products whose differences are the edge functions.
+/// Below it rounding of the products matters, and the edge functions are evaluated again. (Single precision gave the
+/// distance of a triangle 10 units long and 0.00006 wide only to 0.1.)
 const THIN: f32 = 1.0 / 1024.0;
-/// And where it is no more than this: products lose digits where single precision ends.
+/// Absolute limit of the same area: near the least numbers of single precision, products lose digits.
 const TINY: f32 = 1e-30;
 
-/// Evaluates `lanes` in double precision, in which the edges' products are exact, and leaves the others as they are: a
-/// lane's result must not depend on its neighbours. `found`: distances, and weights of the second and third vertex.
-/// Returns those that are outside, which only those can be that met an edge: rounded products keep order, so where a
-/// difference of two is not zero its sign is right.
+/// Evaluates `lanes` again in double precision, in which the products of the edge functions are exact. The other lanes
+/// are unchanged: a lane's result must not depend on its neighbours. `found`: distances, and weights of the second and
+/// the third vertex.
+///
+/// Returns the lanes that miss their triangle. Only lanes on an edge can: rounding keeps the order of two products, so
+/// the sign of a non-zero difference is right.
 #[inline(never)]
 #[cold]
 fn exactly<const N: usize>([a, b, c]: &[[[f32; N]; 3]; 3], found: &mut [[f32; N]; 3], lanes: u32) -> u32 {
@@ -159,7 +163,7 @@ fn exactly<const N: usize>([a, b, c]: &[[[f32; N]; 3]; 3], found: &mut [[f32; N]
     outside
 }
 
-/// The scalar twin: one ray, one triangle. The same bits as a lane of [`intersect`].
+/// The scalar twin: one ray and one triangle. It returns the same bits as a lane of [`intersect`].
 pub fn intersect_one(
     org: Vec3,
     shear_of_ray: &Shear,
@@ -186,7 +190,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Distance by Cramer's rule in double precision: another formula than the one tested.
+    /// Distance by Cramer's rule in double precision: a formula that differs from the tested one.
     fn oracle(org: Vec3, dir: Vec3, [a, b, c]: [Vec3; 3]) -> Option<(f64, f64, f64)> {
         let (o, d) = (org.as_dvec3(), dir.as_dvec3());
         let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
@@ -206,7 +210,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(4000))]
-        /// On a half-integer grid ties, edges and corners are common.
+        /// On a half-integer grid, ties and hits of edges and corners are common.
         #[test]
         fn agrees_with_cramer_away_from_edges(org in grid(), dir in grid(), a in grid(), b in grid(), c in grid()) {
             prop_assume!(dir != Vec3::ZERO);
@@ -224,7 +228,7 @@ mod tests {
             }
         }
 
-        /// A ray at a point of the edge shared by two triangles hits one of them at least.
+        /// A ray at a point of the edge that two triangles share hits at least one of them.
         #[test]
         fn no_gap_along_a_shared_edge(
             org in grid(), a in grid(), b in grid(), w in 0.0f32..1.0,
@@ -235,22 +239,22 @@ mod tests {
             let edge = b - a;
             let out = edge.cross(dir);
             prop_assume!(out.length() > 1e-3 && dir.length() > 1e-3);
-            // Two triangles on either side of the edge, seen from the origin.
+            // Two triangles, one on each side of the edge as seen from the origin.
             let (c, d) = (target + out.normalize() * side[0], target - out.normalize() * side[1]);
             let shear = Shear::new(dir);
             let first = intersect_one(org, &shear, 0.0, f32::INFINITY, [a, b, c]);
             let second = intersect_one(org, &shear, 0.0, f32::INFINITY, [b, a, d]);
-            // At the very ends of the edge other triangles of a closed mesh take over.
+            // Near the ends of the edge, other triangles of a closed mesh would be hit.
             if w > 1e-4 && w < 1.0 - 1e-4 {
                 prop_assert!(first.is_some() || second.is_some());
             }
         }
     }
 
-    /// Seen at 20 degrees or more, the distance to a triangle ten units long and up to a million times longer than wide
-    /// is that to its plane, to 0.002.
+    /// Seen at 20 degrees or more, a triangle ten units long, and up to a million times longer than wide, is as far
+    /// away as its plane, to 0.002.
     #[test]
-    fn slivers_are_as_far_away_as_they_are() {
+    fn distances_of_slivers_are_accurate() {
         let mut state = 7u64;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -272,8 +276,8 @@ mod tests {
                 continue;
             }
             let (t, ..) = oracle(org, dir, [a, b, c]).expect("a plane");
-            // Where rounding put the ray beside it, it is missed. Triangles just not thin enough are off by
-            // thousandths.
+            // Rounding may move the ray beside the triangle; it then misses. Triangles just not thin enough for double
+            // precision have errors of some thousandths.
             if let Some(hit) = intersect_one(org, &Shear::new(dir), 0.0, f32::INFINITY, [a, b, c]) {
                 let off = (f64::from(hit.t) - t).abs() * f64::from(dir.length());
                 assert!(off < 2e-3, "{off:e}: {org}, {dir}, {a}, {b}, {c}");

@@ -1,16 +1,16 @@
-//! Triangles on their way to the sink, a few thousand at a time.
+//! Batches of triangles on their way to the sink, a few thousand each.
 
 use super::{MaterialDesc, MeshKey, Sink};
 use crate::base::error::Result;
 use glam::DVec3;
 
-/// Triangles handed over at once; 300 KB of positions stay in the cache.
+/// Number of triangles in a batch. Its positions (300 KB) stay in the cache.
 pub(crate) const BATCH: usize = 4096;
 
-/// Collects triangles of one part until there are [`BATCH`] of them.
+/// Collects the triangles of one part until there are [`BATCH`] of them.
 ///
-/// A batch in which only some triangles have a colour gives the others the colour of their
-/// material, so that a file that colours every other triangle still comes in large batches.
+/// In a batch in which only some triangles have a colour, the others get the colour of their material. A file that
+/// colours every other triangle therefore still arrives in large batches.
 pub(crate) struct Batch {
     mesh: MeshKey,
     part: u32,
@@ -20,7 +20,7 @@ pub(crate) struct Batch {
 }
 
 impl Batch {
-    /// For `part` of the triangles placed directly, with the default material.
+    /// Creates a batch for part `part` of the directly placed triangles, with the default material.
     pub(crate) fn new(part: u32) -> Self {
         Self {
             mesh: MeshKey::DIRECT,
@@ -31,7 +31,7 @@ impl Batch {
         }
     }
 
-    /// What follows belongs to `part` of `mesh`, whose material has this colour.
+    /// Directs the following triangles to part `part` of `mesh`. `material_colour` is the colour of its material.
     pub(crate) fn aim(
         &mut self,
         mesh: MeshKey,
@@ -46,7 +46,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Adds a triangle; `true` when it is time to [`Batch::flush`].
+    /// Adds a triangle. Returns `true` if the batch is full and the caller must call [`Batch::flush`].
     #[inline]
     pub(crate) fn push(&mut self, triangle: [DVec3; 3], colour: Option<[f32; 3]>) -> bool {
         if let Some(colour) = colour {
@@ -64,7 +64,7 @@ impl Batch {
         self.positions.len() >= BATCH
     }
 
-    /// Hands over what was collected, unless cancelled.
+    /// Sends the collected triangles to the sink. Fails if the user cancelled.
     pub(crate) fn flush(&mut self, sink: &mut dyn Sink) -> Result<()> {
         sink.cancel().check()?;
         if !self.positions.is_empty() {

@@ -1,4 +1,4 @@
-//! A sink that keeps everything in memory: for tests and small tools.
+//! A sink that keeps everything in memory, for tests and small tools.
 
 use super::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink, UpAxis};
 use crate::base::error::{Error, Result};
@@ -9,58 +9,58 @@ use glam::{DAffine3, DVec3};
 /// A triangle of a [`CollectedMesh`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CollectedTriangle {
-    /// Its index in the whole input.
+    /// Index of the triangle in the whole input.
     pub prim: u64,
-    /// [`PartKey`], or the local part in a shared mesh.
+    /// A [`PartKey`], or the local part in a shared mesh.
     pub part: u32,
-    /// In world coordinates, or the shared mesh's own.
+    /// Corners in world coordinates, or in the coordinates of the shared mesh.
     pub positions: [DVec3; 3],
-    /// Linear RGB, if it has its own.
+    /// Linear RGB, if the triangle has a colour of its own.
     pub colour: Option<[f32; 3]>,
 }
 
 /// A mesh of a [`Collector`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CollectedMesh {
-    /// How many local parts it announced; 0 for the triangles placed directly.
+    /// Number of local parts given to [`Sink::shared_mesh`]; 0 for the directly placed triangles.
     pub local_parts: u32,
-    /// In the order in which they came.
+    /// Triangles in the order of arrival.
     pub triangles: Vec<CollectedTriangle>,
 }
 
 /// A placed shared mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CollectedInstance {
-    /// Which mesh.
+    /// The shared mesh.
     pub mesh: MeshKey,
-    /// Where.
+    /// Transform from the mesh to the world.
     pub world_from_mesh: DAffine3,
-    /// The part of local part 0.
+    /// The part that local part 0 becomes.
     pub first_part: PartKey,
 }
 
-/// Keeps all it is given, and refuses what breaks the rules of [`Sink`].
+/// Keeps everything it receives, and refuses calls that break the rules of [`Sink`].
 ///
-/// Not bounded: memory grows with the input (about 120 bytes a triangle).
+/// Memory is not bounded: it grows with the input, by about 120 bytes per triangle.
 #[derive(Debug, Clone)]
 pub struct Collector {
     /// First stated length unit.
     pub metres_per_unit: Option<f64>,
     /// First stated up axis.
     pub up: UpAxis,
-    /// By [`MaterialKey`].
+    /// Materials, indexed by [`MaterialKey`].
     pub materials: Vec<MaterialDesc>,
-    /// By [`PartKey`].
+    /// Parts, indexed by [`PartKey`].
     pub parts: Vec<PartDesc>,
-    /// By [`MeshKey`]; the first holds the triangles placed directly.
+    /// Meshes, indexed by [`MeshKey`]. The first one holds the directly placed triangles.
     pub meshes: Vec<CollectedMesh>,
-    /// In the order in which they came.
+    /// Instances in the order of arrival.
     pub instances: Vec<CollectedInstance>,
-    /// What the reader wanted the user to know.
+    /// Messages of the reader for the user.
     pub notes: Vec<String>,
-    /// The last word on progress: bytes, of how many.
+    /// Last progress report: bytes read, bytes in total.
     pub at: (u64, u64),
-    /// Triangles received, over all meshes.
+    /// Number of triangles received, over all meshes.
     pub received: u64,
     cancel: Cancel,
 }
@@ -72,12 +72,12 @@ impl Default for Collector {
 }
 
 impl Collector {
-    /// Holds nothing.
+    /// Creates an empty collector.
     pub fn new() -> Self {
         Self::with_cancel(Cancel::new())
     }
 
-    /// Holds nothing; readers stop once `cancel` says so.
+    /// Creates an empty collector; readers stop once `cancel` is set.
     pub fn with_cancel(cancel: Cancel) -> Self {
         Self {
             metres_per_unit: None,
@@ -93,12 +93,13 @@ impl Collector {
         }
     }
 
-    /// The triangles placed directly.
+    /// Returns the directly placed triangles.
     pub fn direct(&self) -> &[CollectedTriangle] {
         &self.meshes[0].triangles
     }
 
-    /// Every triangle where it is seen: direct ones, then those of each instance, with their real part.
+    /// Returns every triangle at its place in the world: the direct ones, then those of each instance, with their real
+    /// part.
     pub fn placed(&self) -> impl Iterator<Item = CollectedTriangle> + '_ {
         let instanced = self.instances.iter().flat_map(|i| {
             self.meshes[i.mesh.0 as usize].triangles.iter().map(move |t| CollectedTriangle {
@@ -110,7 +111,7 @@ impl Collector {
         self.direct().iter().copied().chain(instanced)
     }
 
-    /// The box around [`Collector::placed`], without points that are not finite.
+    /// Returns the bounding box of [`Collector::placed`]; points that are not finite are ignored.
     pub fn bounds(&self) -> DBounds {
         self.placed().flat_map(|t| t.positions).filter(|p| p.is_finite()).fold(DBounds::EMPTY, DBounds::with)
     }
@@ -164,7 +165,7 @@ impl Sink for Collector {
             return Err(Error::bad_argument("no such part"));
         }
         if colours.is_some_and(|c| c.len() != positions.len()) {
-            return Err(Error::bad_argument("one colour for each triangle"));
+            return Err(Error::bad_argument("the number of colours differs from the number of triangles"));
         }
         for (i, &positions) in positions.iter().enumerate() {
             let colour = colours.map(|c| c[i]);
@@ -179,7 +180,7 @@ impl Sink for Collector {
             return Err(Error::bad_argument("no such shared mesh"));
         };
         if u64::from(first_part) + u64::from(shared.local_parts) > self.parts.len() as u64 {
-            return Err(Error::bad_argument("the instance's parts are not all there"));
+            return Err(Error::bad_argument("the instance has parts that were not declared"));
         }
         let det = world_from_mesh.matrix3.determinant();
         if !world_from_mesh.is_finite() || !det.is_finite() || det == 0.0 {

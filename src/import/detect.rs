@@ -1,10 +1,10 @@
-//! What a file is: by its first bytes, and by its ending only where these leave it open.
+//! Detection of the file format: by the first bytes, and by the file extension only if these are ambiguous.
 
 use super::input::{Input, Parsed};
 use super::text;
 use crate::base::error::{Error, Place, Result};
 
-/// The readers that there are.
+/// Formats that have a reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Format {
     Ply,
@@ -16,12 +16,12 @@ pub(crate) enum Format {
     StlBinary,
 }
 
-/// Bytes looked at.
+/// Number of bytes that are examined.
 const HEAD: usize = 64 << 10;
 
-/// Beginnings of files that people try, and what to call them.
+/// First bytes of common files that are not supported, and the description of each for the error message.
 const STRANGERS: [(&[u8], &str); 28] = [
-    (b"b3dm", "a 3D Tiles payload (b3dm), not a mesh file; its GLB part would be"),
+    (b"b3dm", "a 3D Tiles payload (b3dm), not a mesh file; the GLB inside it is one"),
     (b"i3dm", "a 3D Tiles payload (i3dm), not a mesh file"),
     (b"pnts", "a 3D Tiles point cloud (pnts), not a mesh file"),
     (b"cmpt", "a 3D Tiles payload (cmpt), not a mesh file"),
@@ -29,8 +29,8 @@ const STRANGERS: [(&[u8], &str); 28] = [
     (b"COFF", "an OFF file, a format that is not supported"),
     (b"NOFF", "an OFF file, a format that is not supported"),
     (b"STOFF", "an OFF file, a format that is not supported"),
-    (b"ISO-10303-21", "a STEP file: exact surfaces, not a mesh"),
-    (b"3D Geometry File Format", "a 3DM file: exact surfaces, not a mesh"),
+    (b"ISO-10303-21", "a STEP file with exact surfaces, not a mesh"),
+    (b"3D Geometry File Format", "a 3DM file with exact surfaces, not a mesh"),
     (b"Kaydara FBX", "an FBX file, a format that is not supported"),
     (b"; FBX", "an FBX file, a format that is not supported"),
     (b"#VRML", "a VRML file, a format that is not supported"),
@@ -47,11 +47,11 @@ const STRANGERS: [(&[u8], &str); 28] = [
     (b"\x89PNG", "a PNG picture, not a mesh"),
     (b"\xff\xd8\xff", "a JPEG picture, not a mesh"),
     (b"%PDF", "a PDF document, not a mesh"),
-    (b"\x7fELF", "a program, not a mesh"),
-    (b"version https://git-lfs", "a pointer of Git LFS, not the file itself"),
+    (b"\x7fELF", "an executable program, not a mesh"),
+    (b"version https://git-lfs", "a Git LFS pointer, not the file itself"),
 ];
 
-/// Tells the format, or says what the file is instead. Leaves `input` at its beginning.
+/// Returns the format, or an error that describes the file. Leaves `input` at its beginning.
 pub(crate) fn format(input: &mut Input) -> Result<Format> {
     let total = input.total();
     let path = input.path().to_path_buf();
@@ -90,21 +90,22 @@ fn tell(head: &[u8], total: u64, ending: &str) -> Parsed<Format, String> {
     match ending {
         "stl" => Ok(Format::StlBinary),
         "obj" if !head.contains(&0) => Ok(Format::Obj),
-        "obj" => Err("ends in .obj, but holds binary data (a compiler's object file?)".into()),
-        "ply" => Err("ends in .ply, but does not begin with \"ply\"".into()),
+        "obj" => Err("has the extension .obj, but contains binary data (a compiler's object file?)".into()),
+        "ply" => Err("has the extension .ply, but does not begin with \"ply\"".into()),
         "off" => Err("is an OFF file, a format that is not supported".into()),
         "oc" => Err("is a built model, not a mesh file".into()),
         _ => Err("is not a mesh file of a known format (PLY, OBJ, STL, glTF, GLB or raw soup)".into()),
     }
 }
 
-/// 84 bytes and 50 for each triangle, as counted in the header: also where the text begins with "solid".
+/// True if the length is 84 bytes plus 50 for each triangle of the header's count. This also holds for binary files
+/// that begin with "solid".
 fn is_binary_stl(head: &[u8], total: u64) -> bool {
     let count = head.get(80..84).and_then(|b| b.first_chunk()).map(|b| u32::from_le_bytes(*b));
     count.is_some_and(|n| total == 84 + 50 * u64::from(n))
 }
 
-/// STL as text, OBJ, or a material library, by the words that lines begin with.
+/// Detects text STL, OBJ and material libraries by the first words of lines.
 fn text_format(head: &[u8], ending: &str) -> Parsed<Option<Format>, String> {
     if head.iter().take(4096).any(|&b| b == 0) {
         return Ok(None);
@@ -141,7 +142,7 @@ mod tests {
     use crate::import::{ReadOptions, collect::Collector, read_file};
 
     #[test]
-    fn formats_are_told_by_content_before_ending() {
+    fn content_takes_precedence_over_the_extension() {
         let stl =
             "solid a\nfacet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet endsolid\n";
         let obj = "# first\n\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
@@ -155,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_mesh_is_called_by_its_name() {
+    fn other_files_are_named_in_the_error() {
         for (name, bytes, words) in [
             ("a.ply", &b""[..], "is empty"),
             ("a.obj", b"", "is empty"),
@@ -181,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_file_is_refused() {
+    fn non_files_are_refused() {
         let folder = temporary();
         let read = |path: &std::path::Path| {
             read_file(path, &ReadOptions::default(), &mut Collector::new()).expect_err("refused").to_string()

@@ -1,4 +1,4 @@
-//! Several files as one input: how far a reader is counts over all of them.
+//! Several files as one input, with progress over all of them.
 
 use super::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis, read_file};
 use crate::base::error::Result;
@@ -6,10 +6,10 @@ use crate::base::progress::Cancel;
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 
-/// Reads mesh files one after the other into `sink`, as [`read_file`] does each, and fails as it does. How far
-/// it is, [`Sink::at`], is told in bytes of all files together.
+/// Reads mesh files one after the other into `sink`, each as [`read_file`] does, with the same errors. [`Sink::at`]
+/// reports progress in bytes of all files together.
 pub fn read_files(paths: &[impl AsRef<Path>], options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
-    // A file that is not there counts for nothing here, and fails when its turn comes.
+    // A missing file counts as 0 bytes here; reading it fails later.
     let sizes: Vec<u64> = paths.iter().map(|p| std::fs::metadata(p).map_or(0, |m| m.len())).collect();
     let total = sizes.iter().fold(0u64, |sum, &size| sum.saturating_add(size));
     let mut before = 0;
@@ -23,11 +23,11 @@ pub fn read_files(paths: &[impl AsRef<Path>], options: &ReadOptions, sink: &mut 
 /// The sink of one of several files.
 struct OneOfSeveral<'a> {
     sink: &'a mut dyn Sink,
-    /// Bytes of the files before.
+    /// Total size of the earlier files in bytes.
     before: u64,
-    /// Bytes of this one.
+    /// Size of this file in bytes.
     size: u64,
-    /// Bytes of all.
+    /// Total size of all files in bytes.
     total: u64,
 }
 
@@ -57,7 +57,7 @@ impl Sink for OneOfSeveral<'_> {
         self.sink.instance(mesh, world_from_mesh, first_part)
     }
     fn at(&mut self, bytes: u64, total: u64) {
-        // What a reader counts may be more than the file, where that refers to others.
+        // A reader's byte count can exceed the file's size if the file refers to other files.
         let share = if total > 0 { bytes as f64 / total as f64 } else { 0.0 };
         let here = (share.min(1.0) * self.size as f64) as u64;
         self.sink.at(self.before.saturating_add(here), self.total);
@@ -76,7 +76,7 @@ mod tests {
     use crate::import::collect::Collector;
 
     #[test]
-    fn how_far_it_is_counts_over_all_files() {
+    fn progress_covers_all_files() {
         let folder = tempfile::tempdir().expect("a folder");
         let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
         let (small, large) = (folder.path().join("1.obj"), folder.path().join("2.obj"));
@@ -88,7 +88,7 @@ mod tests {
         read_files(&[&small, &large], &options, &mut all).expect("two files");
         assert_eq!(all.at, (4 * bytes, 4 * bytes));
         assert_eq!(all.direct().len(), 4);
-        // Between the two: the second fails at its first line.
+        // The second file fails at its first line, so that progress is between the two files.
         std::fs::write(&large, triangle.repeat(3).replacen('v', "x\nf 7 8 9\n#", 1)).expect("a file");
         let mut all = Collector::new();
         assert!(read_files(&[&small, &large], &options, &mut all).is_err());

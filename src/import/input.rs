@@ -1,20 +1,21 @@
-//! A file read in large pieces: bytes, lines and how far we are. Never holds more than it must.
+//! A file that is read in large pieces as bytes or lines, with the position for error messages. The window in memory
+//! grows only for long lines and records.
 
 use crate::base::error::{Error, Place, Result};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Bytes asked of the operating system at a time; stays in the second-level cache.
+/// Bytes per read call; they stay in the second-level cache.
 const CHUNK: usize = 256 << 10;
-/// Longest line (or single record) that is taken for one.
+/// Length limit of a line or a single record, in bytes.
 pub(crate) const MAX_LINE: usize = 64 << 20;
 
-/// What is wrong with the record being read, before file and place are known.
+/// An error in the current record, before file and place are added.
 pub(crate) enum Fault {
-    /// The input.
+    /// The input is invalid, for this reason.
     Why(String),
-    /// Something that already knows its place (the sink, the disk).
+    /// An error that already has its place (of the sink or the disk).
     Failed(Error),
 }
 
@@ -22,7 +23,7 @@ pub(crate) enum Fault {
 pub(crate) type Parsed<T, E = Fault> = std::result::Result<T, E>;
 
 impl Fault {
-    /// The error of `file` at `place`.
+    /// Converts the fault to an error of `file` at `place`.
     pub(crate) fn at(self, file: &Path, place: Place) -> Error {
         match self {
             Fault::Why(why) => Error::parse(file, place, why),
@@ -47,12 +48,12 @@ impl From<Error> for Fault {
     }
 }
 
-/// Which byte ends a line.
+/// The byte that ends a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ends {
-    /// `\n`; a `\r` before it is left out of the line.
+    /// `\n`; a `\r` before it is not part of the line.
     Lf,
-    /// `\r` alone, as on old Macintoshes.
+    /// `\r` alone, as on classic Mac OS.
     Cr,
 }
 
@@ -66,7 +67,7 @@ pub(crate) struct Input {
     buf: Vec<u8>,
     at: usize,
     end: usize,
-    /// File offset of `buf[end]`: where the next read goes on.
+    /// File offset of `buf[end]`, where the next read begins.
     next: u64,
     ends: Option<Ends>,
     line: u64,
@@ -75,7 +76,7 @@ pub(crate) struct Input {
 }
 
 impl Input {
-    /// Opens a regular file; a directory, device or pipe is refused before anything could block.
+    /// Opens a regular file. Directories, devices and pipes are refused first, because reading them could block.
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let info = std::fs::metadata(path).map_err(|e| Error::io(path, "open", e))?;
         if info.is_dir() {
@@ -104,7 +105,7 @@ impl Input {
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
-    /// Bytes in the file, as it was when opened.
+    /// Size of the file in bytes when it was opened.
     pub(crate) fn total(&self) -> u64 {
         self.total
     }
@@ -112,37 +113,37 @@ impl Input {
     pub(crate) fn offset(&self) -> u64 {
         self.next - (self.end - self.at) as u64
     }
-    /// Bytes not yet consumed.
+    /// Number of bytes not yet consumed.
     pub(crate) fn remaining(&self) -> u64 {
         self.total.saturating_sub(self.offset())
     }
-    /// The number of the line last handed out, from 1.
+    /// Number of the last line that was returned, counted from 1.
     pub(crate) fn line(&self) -> u64 {
         self.line
     }
-    /// An error at the present byte.
+    /// Creates an error at the current byte.
     pub(crate) fn fault(&self, why: impl Into<String>) -> Error {
         Error::parse(&self.path, Place::Byte(self.offset()), why)
     }
-    /// An error at the line last handed out.
+    /// Creates an error at the last line that was returned.
     pub(crate) fn line_fault(&self, why: impl Into<String>) -> Error {
         Error::parse(&self.path, Place::Line(self.line), why)
     }
 
-    /// What is in the window; at least `want` bytes after [`Input::ensure`] said so.
+    /// Returns the bytes in the window: at least `want` bytes if [`Input::ensure`] returned `true`.
     #[inline]
     pub(crate) fn available(&self) -> &[u8] {
         &self.buf[self.at..self.end]
     }
 
-    /// Moves on by `n` bytes of [`Input::available`].
+    /// Advances by `n` bytes of [`Input::available`].
     #[inline]
     pub(crate) fn consume(&mut self, n: usize) {
         debug_assert!(n <= self.end - self.at);
         self.at = (self.at + n).min(self.end);
     }
 
-    /// Brings at least `want` bytes into the window; `false` if the file has not that many.
+    /// Reads at least `want` bytes into the window. Returns `false` if the file has fewer left.
     #[inline]
     pub(crate) fn ensure(&mut self, want: usize) -> Result<bool> {
         if self.end - self.at >= want { Ok(true) } else { self.refill(want) }
@@ -150,7 +151,7 @@ impl Input {
 
     #[cold]
     fn refill(&mut self, want: usize) -> Result<bool> {
-        // A claim beyond the end must not make the window grow.
+        // A length claimed by the file beyond its end must not enlarge the window.
         if want as u64 > self.remaining() {
             return Ok(false);
         }
@@ -174,14 +175,14 @@ impl Input {
         Ok(true)
     }
 
-    /// Up to `n` bytes from the present place, without moving on.
+    /// Returns up to `n` bytes from the current position without advancing.
     pub(crate) fn peek(&mut self, n: usize) -> Result<&[u8]> {
         let n = (n as u64).min(self.remaining()) as usize;
         self.ensure(n)?;
         Ok(&self.available()[..n.min(self.available().len())])
     }
 
-    /// The next `N` bytes, or `None` if the file ends before.
+    /// Returns the next `N` bytes, or `None` if the file ends earlier.
     #[inline]
     pub(crate) fn take<const N: usize>(&mut self) -> Result<Option<[u8; N]>> {
         if !self.ensure(N)? {
@@ -192,7 +193,7 @@ impl Input {
         Ok(bytes)
     }
 
-    /// Skips `n` bytes; `false` if the file has not that many.
+    /// Skips `n` bytes. Returns `false` if the file has fewer left.
     pub(crate) fn skip(&mut self, n: u64) -> Result<bool> {
         if n <= (self.end - self.at) as u64 {
             self.consume(n as usize);
@@ -205,7 +206,7 @@ impl Input {
         Ok(true)
     }
 
-    /// Goes to a file offset, which comes after `line` lines.
+    /// Moves to a file offset that is preceded by `line` lines.
     pub(crate) fn seek(&mut self, offset: u64, line: u64) -> Result<()> {
         self.file.seek(SeekFrom::Start(offset)).map_err(|e| Error::io(&self.path, "seek", e))?;
         (self.at, self.end, self.next) = (0, 0, offset);
@@ -213,14 +214,14 @@ impl Input {
         Ok(())
     }
 
-    /// Sets what ends a line, where it is known otherwise than from the first chunk.
+    /// Sets the line ending, for formats that determine it otherwise than from the first chunk.
     pub(crate) fn set_ends(&mut self, ends: Ends) {
         self.ends = Some(ends);
     }
 
-    /// The next line without its end, or `None` at the end of the file.
+    /// Returns the next line without its ending, or `None` at the end of the file.
     ///
-    /// Unless told, lines end at `\n` if the first chunk has one, else at `\r`.
+    /// Unless [`Input::set_ends`] was called, lines end at `\n` if the first chunk contains one, else at `\r`.
     #[inline]
     pub(crate) fn next_line(&mut self) -> Result<Option<&[u8]>> {
         let ends = match self.ends {
@@ -241,21 +242,21 @@ impl Input {
         Ok(Some(self.last_line()))
     }
 
-    /// The line that [`Input::next_line`] handed out last, while nothing else was read since.
+    /// Returns the last line of [`Input::next_line`]. Valid until anything else is read.
     #[inline]
     pub(crate) fn last_line(&self) -> &[u8] {
         let line = &self.buf[self.last.0..self.last.0 + self.last.1];
         line.strip_suffix(b"\r").unwrap_or(line)
     }
 
-    /// A line that does not end in the window: length without and with its end.
+    /// Reads a line that does not end in the window. Returns its length without and with the ending.
     #[cold]
     fn long_line(&mut self, needle: u8) -> Result<Option<(usize, usize)>> {
         let mut seen = self.available().len();
         loop {
             if seen > MAX_LINE {
                 self.line += 1;
-                return Err(self.line_fault(format!("a line of more than {MAX_LINE} bytes")));
+                return Err(self.line_fault(format!("a line is longer than {MAX_LINE} bytes")));
             }
             if self.remaining() <= seen as u64 || !self.ensure(seen + 1)? {
                 return Ok((seen > 0).then_some((seen, seen)));
@@ -275,7 +276,7 @@ impl Input {
         Ok(ends)
     }
 
-    /// Fills `out` from a file offset, leaving the present place alone; `false` if the file ends before.
+    /// Fills `out` from a file offset and keeps the current position. Returns `false` if the file ends earlier.
     pub(crate) fn read_range(&mut self, offset: u64, out: &mut [u8]) -> Result<bool> {
         let end = offset.checked_add(out.len() as u64);
         if end.is_none_or(|end| end > self.total) {

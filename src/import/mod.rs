@@ -1,7 +1,6 @@
-//! Mesh files and generators as one stream of triangles with parts and materials.
+//! Readers of mesh files and generators of models, as one stream of triangles with parts and materials.
 //!
-//! Readers push into a [`Sink`] in bounded memory; what becomes of the triangles is the sink's
-//! business. Uses base, math and geom.
+//! Readers push into a [`Sink`] in bounded memory; the sink decides how triangles are used. Uses base, math and geom.
 
 #![forbid(unsafe_code)]
 
@@ -29,30 +28,30 @@ pub use files::read_files;
 use glam::{DAffine3, DVec3};
 use std::path::Path;
 
-/// A mesh of a [`Sink`]: the triangles placed directly, or a mesh that instances repeat.
+/// Key of a mesh of a [`Sink`]: the directly placed triangles, or a mesh that instances repeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MeshKey(pub u32);
 
 impl MeshKey {
-    /// The triangles that are placed directly, in world coordinates.
+    /// The directly placed triangles, in world coordinates.
     pub const DIRECT: Self = Self(0);
 }
 
-/// Index of a part that the sink returned.
+/// Index of a part, returned by the sink.
 pub type PartKey = u32;
-/// Index of a material that the sink returned.
+/// Index of a material, returned by the sink.
 pub type MaterialKey = u32;
 
-/// How a part looks. Linear colour.
+/// Appearance of a part, with linear colours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MaterialDesc {
     /// Linear RGB in [0, 1].
     pub colour: [f32; 3],
-    /// 1 is opaque.
+    /// Opacity in [0, 1]; 1 is opaque.
     pub opacity: f32,
-    /// In [0, 1].
+    /// Metalness in [0, 1].
     pub metalness: f32,
-    /// In [0, 1].
+    /// Roughness in [0, 1].
     pub roughness: f32,
 }
 
@@ -62,37 +61,37 @@ impl Default for MaterialDesc {
     }
 }
 
-/// What a CAD user clicks on.
+/// A unit of the model that a CAD user can select.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PartDesc {
-    /// The caller's id; `None` lets the sink number it (its index in the model).
+    /// Id given by the caller. With `None` the sink uses the part's index in the model.
     pub id: Option<u64>,
-    /// As named in the file; may be empty.
+    /// Name in the file; may be empty.
     pub name: String,
-    /// The part above it.
+    /// Parent part, if any.
     pub parent: Option<PartKey>,
-    /// `None`: the default material.
+    /// Material; `None` for the default material.
     pub material: Option<MaterialKey>,
 }
 
 /// Receives a stream of meshes.
 ///
-/// Order: materials and parts before the triangles that use them. A triangle's primitive id is its
-/// index in its stream of `triangles` calls, over all meshes, counted from 0: readers therefore pass
-/// on *every* triangle of the input, also NaN, infinite and degenerate ones; the sink counts and drops.
+/// Materials and parts come before the triangles that use them. The primitive id of a triangle is its index in the
+/// stream of `triangles` calls, counted from 0 over all meshes. Readers therefore pass on *every* triangle of the
+/// input, including NaN, infinite and degenerate ones; the sink counts and drops these.
 pub trait Sink {
-    /// Length unit and up axis, where the input states them. The first statement wins.
+    /// Sets the length unit and the up axis if the input states them. The first statement wins.
     fn units(&mut self, metres_per_unit: Option<f64>, up: UpAxis);
     /// Adds a material.
     fn material(&mut self, material: MaterialDesc) -> Result<MaterialKey>;
     /// Adds a part.
     fn part(&mut self, part: PartDesc) -> Result<PartKey>;
-    /// Begins a mesh that instances will repeat. Its triangles carry *local* parts
-    /// `0..local_parts`, which each instance maps to `local_parts` consecutive real parts.
+    /// Begins a mesh that instances repeat. Its triangles have *local* parts `0..local_parts`; each instance maps them
+    /// to `local_parts` consecutive real parts.
     fn shared_mesh(&mut self, local_parts: u32) -> Result<MeshKey>;
-    /// Adds triangles of one part. In [`MeshKey::DIRECT`] `part` is a [`PartKey`]; in a shared
-    /// mesh it is a local part. `colours`: one linear RGB for each triangle (an average of its
-    /// vertices' colours or of its texture), or `None` for the part's material.
+    /// Adds triangles of one part. In [`MeshKey::DIRECT`] `part` is a [`PartKey`], in a shared mesh it is a local part.
+    /// `colours` has one linear RGB value for each triangle (the mean of its vertex colours or of its texture); `None`
+    /// uses the part's material.
     fn triangles(
         &mut self,
         mesh: MeshKey,
@@ -100,36 +99,38 @@ pub trait Sink {
         positions: &[[DVec3; 3]],
         colours: Option<&[[f32; 3]]>,
     ) -> Result<()>;
-    /// Places a shared mesh: its local part `i` is the part `first_part + i` here.
-    /// `world_from_mesh` must be finite and invertible.
+    /// Places a shared mesh: its local part `i` becomes the part `first_part + i`. `world_from_mesh` must be finite and
+    /// invertible.
     fn instance(&mut self, mesh: MeshKey, world_from_mesh: DAffine3, first_part: PartKey) -> Result<()>;
-    /// Tells how far the reader is in the present input (bytes, of how many).
+    /// Reports the position of the reader in the current input, in bytes, and the total.
     fn at(&mut self, bytes: u64, total: u64);
-    /// Something the user should know though the input could be read.
+    /// Reports a message for the user about an input that was readable nevertheless.
     fn note(&mut self, text: String);
-    /// Asked at least once for each batch; readers return its error at once.
+    /// Returns the cancel flag. Readers check it at least once per batch and return its error at once.
     fn cancel(&self) -> &Cancel;
 }
 
 /// Options of [`read_file`].
 #[derive(Debug, Clone, Default)]
 pub struct ReadOptions {
-    /// Where vertices are spilled; the system's default if `None`.
+    /// Folder for spilled vertices; the system's default if `None`.
     pub temp_dir: Option<std::path::PathBuf>,
-    /// Bytes of positions that a reader may keep in memory, for formats that index globally; 0 for no limit. PLY
-    /// keeps to it and spills the others. OBJ keeps 24 bytes a vertex, PLY colours 3 or 12, glTF its buffers.
+    /// Limit in bytes of the positions that a reader keeps in memory for formats with global indices; 0 for no limit.
+    /// PLY respects it and spills the other positions to a scratch file. OBJ positions (24 bytes per vertex), PLY
+    /// colours (3 or 12 bytes) and glTF buffers always stay in memory.
     pub memory: u64,
 }
 
-/// Reads the mesh file at `path` into `sink`; the format is told by content first, by ending second.
+/// Reads the mesh file at `path` into `sink`. The format is detected by the content first, then by the file extension.
 ///
-/// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`) and our raw soup ([`raw`]). Memory is bounded by the file's size (12
-/// or 24 bytes a vertex for formats that index globally, fewer with [`ReadOptions::memory`]), never by what a header
-/// claims. A file is a part named after its stem, unless it names parts of its own.
+/// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`) and the raw soup of this crate ([`raw`]). Memory is bounded by the
+/// size of the file (12 or 24 bytes per vertex for formats with global indices, less with [`ReadOptions::memory`]),
+/// never by the counts in a header. A file without parts of its own becomes one part with the name of the file, without
+/// folder and extension.
 ///
-/// Fails with [`crate::Error::Parse`] naming line or byte; with `Io` if the file cannot be read; with
-/// the sink's own errors. A mesh file without triangles is fine (with a note to the sink); a file
-/// that is not a mesh is not. What the sink received before an error stays received.
+/// Fails with [`crate::Error::Parse`], naming line or byte, if the content is invalid or not a mesh; with `Io` if the
+/// file cannot be read; with the errors of the sink. A mesh file without triangles is valid and adds a note to the
+/// sink. Data that the sink received before an error is not withdrawn.
 pub fn read_file(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
     let mut input = input::Input::open(path)?;
     let total = input.total();
@@ -146,7 +147,7 @@ pub fn read_file(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Res
     Ok(())
 }
 
-/// The file's name without folder and ending: the name of a part that has no better one.
+/// Returns the file name without folder and extension, the name of parts that have no better one.
 fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }

@@ -1,8 +1,8 @@
-//! The raw soup: triangles without connectivity, the simplest file that another program can write.
+//! The raw soup: triangles without connectivity, the simplest file for another program to write.
 //!
-//! Little-endian throughout, no padding, nothing after the last record.
+//! All values are little-endian, without padding. The file ends after the last record.
 //!
-//! | offset | bytes | what |
+//! | offset | bytes | content |
 //! |---|---|---|
 //! | 0 | 8 | magic: `OCSOUP`, carriage return, line feed |
 //! | 8 | 4 | version, `u32`: 1 |
@@ -11,9 +11,9 @@
 //! | 24 | 8 | reserved, 0 |
 //! | 32 | … | records: nine coordinates (x, y, z of three corners), then with flag 2 a `u32` part |
 //!
-//! Parts are told apart by their number, which becomes the part's id; they need not be in order, but
-//! runs of one part are read faster. Without flag 2 the file is one part named after it. Triangles
-//! keep their order, so a triangle's primitive id is its index in the file.
+//! Parts are identified by their number, which becomes the part's id. They may come in any order, but runs of the same
+//! part are read faster. Without flag 2 the whole file is one part with the file's name. Triangles keep their order:
+//! the primitive id of a triangle is its index in the file.
 
 use super::batch::Batch;
 use super::input::Input;
@@ -32,12 +32,12 @@ const PARTS: u32 = 2;
 const HEADER: usize = 32;
 const COUNT_AT: u64 = 16;
 
-/// What the records of a raw soup hold.
+/// Layout of the records of a raw soup.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RawLayout {
-    /// Coordinates in double precision (72 bytes a triangle instead of 36).
+    /// Double-precision coordinates (72 bytes per triangle instead of 36).
     pub double: bool,
-    /// A part for each triangle (4 bytes more).
+    /// A part for each triangle (4 more bytes).
     pub parts: bool,
 }
 
@@ -55,9 +55,9 @@ impl RawLayout {
     }
 }
 
-/// Writes a raw soup of any length. Not thread-safe; use one writer a file.
+/// Writes a raw soup of any length. Not thread-safe: use one writer per file.
 ///
-/// Until [`RawWriter::finish`] the file announces more triangles than it holds, and readers refuse it.
+/// Until [`RawWriter::finish`] the header announces more triangles than the file holds, so that readers refuse it.
 pub struct RawWriter {
     path: PathBuf,
     out: BufWriter<File>,
@@ -66,7 +66,7 @@ pub struct RawWriter {
 }
 
 impl RawWriter {
-    /// Creates the file at `path`, or empties it. Fails with `Io`.
+    /// Creates the file at `path`, or empties an existing one. Fails with `Io`.
     pub fn create(path: &Path, layout: RawLayout) -> Result<Self> {
         let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
         let mut writer =
@@ -79,8 +79,8 @@ impl RawWriter {
         Ok(writer)
     }
 
-    /// Adds triangles of one part (ignored by a layout without parts). Coordinates are rounded to
-    /// the nearest if the layout is in single precision. Fails with `Io`.
+    /// Adds triangles of one part. A layout without parts ignores `part`; a layout in single precision rounds
+    /// coordinates to nearest. Fails with `Io`.
     pub fn triangles(&mut self, part: u32, triangles: &[[DVec3; 3]]) -> Result<()> {
         for corners in triangles {
             for coordinate in corners.iter().flat_map(|c| c.to_array()) {
@@ -98,7 +98,7 @@ impl RawWriter {
         Ok(())
     }
 
-    /// Writes the count and flushes; how many triangles the file has. Fails with `Io`.
+    /// Writes the count, flushes, and returns the number of triangles in the file. Fails with `Io`.
     pub fn finish(mut self) -> Result<u64> {
         self.out.seek(SeekFrom::Start(COUNT_AT)).map_err(|e| Error::io(&self.path, "seek", e))?;
         self.write(&self.count.to_le_bytes())?;
@@ -111,7 +111,7 @@ impl RawWriter {
     }
 }
 
-/// Reads a raw soup from its beginning.
+/// Reads a raw soup from the beginning of the file.
 pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
     let (layout, count) = header(input)?;
     let mut parts = Parts { one: None, keys: HashMap::new() };
@@ -157,7 +157,7 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
     Ok(())
 }
 
-/// The layout and the number of triangles, which the file is known to hold.
+/// Returns the layout and the number of triangles; the file is checked to hold exactly as many.
 fn header(input: &mut Input) -> Result<(RawLayout, u64)> {
     let fail = |input: &Input, at: u64, why: String| Err(Error::parse(input.path(), Place::Byte(at), why));
     let Some(header) = input.take::<HEADER>()? else {
@@ -166,19 +166,21 @@ fn header(input: &mut Input) -> Result<(RawLayout, u64)> {
     let word = |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
     let long = |at: usize| u64::from(word(at)) | u64::from(word(at + 4)) << 32;
     if word(8) != VERSION {
-        return fail(input, 8, format!("version {} of the raw soup; only {VERSION} is known", word(8)));
+        return fail(input, 8, format!("version {} of the raw soup; only {VERSION} is supported", word(8)));
     }
     let flags = word(12);
     if flags & !(DOUBLE | PARTS) != 0 || long(24) != 0 {
-        return fail(input, 12, "flags or reserved bytes that version 1 does not have".into());
+        return fail(input, 12, "unknown flags, or reserved bytes that are not 0".into());
     }
     let layout = RawLayout { double: flags & DOUBLE != 0, parts: flags & PARTS != 0 };
     let (count, body) = (long(16), input.remaining());
     match count.checked_mul(layout.record() as u64) {
         Some(bytes) if bytes == body => Ok((layout, count)),
-        Some(bytes) if bytes < body => {
-            fail(input, HEADER as u64 + bytes, format!("{} bytes after the last of {count} triangles", body - bytes))
-        }
+        Some(bytes) if bytes < body => fail(
+            input,
+            HEADER as u64 + bytes,
+            format!("unexpected data: {} bytes after the last of {count} triangles", body - bytes),
+        ),
         _ => {
             let there = body / layout.record() as u64;
             fail(input, input.total(), format!("the file ends after {there} of {count} triangles"))
@@ -194,7 +196,7 @@ fn corners(record: &[u8], double: bool) -> [DVec3; 3] {
     std::array::from_fn(|v| DVec3::new(number(3 * v), number(3 * v + 1), number(3 * v + 2)))
 }
 
-/// Parts by number, the last one at hand.
+/// Parts by number, with the last one cached.
 struct Parts {
     one: Option<(u32, PartKey)>,
     keys: HashMap<u32, PartKey>,
@@ -247,7 +249,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_is_read(
+        fn written_soups_are_read_back(
             rows in prop::collection::vec((0u32..4, triangle()), 0..40),
             double: bool,
             parts: bool,

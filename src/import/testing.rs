@@ -1,4 +1,4 @@
-//! What the readers' tests share: reading bytes as a file, cutting and damaging them.
+//! Helpers of the readers' tests: reading bytes as a file, truncating and damaging them.
 
 use super::collect::Collector;
 use super::{ReadOptions, read_file};
@@ -9,12 +9,12 @@ pub(crate) fn temporary() -> TempDir {
     tempfile::tempdir().expect("a temporary folder")
 }
 
-/// Reads `bytes` as a file called `name`.
+/// Reads `bytes` as a file with the given name.
 pub(crate) fn read_bytes(name: &str, bytes: impl AsRef<[u8]>) -> Result<Collector> {
     read_files(&[(name, bytes.as_ref())])
 }
 
-/// Reads the first of some files in one folder.
+/// Writes the files into one folder and reads the first of them.
 pub(crate) fn read_files(files: &[(&str, &[u8])]) -> Result<Collector> {
     let folder = temporary();
     for (name, bytes) in files {
@@ -25,7 +25,7 @@ pub(crate) fn read_files(files: &[(&str, &[u8])]) -> Result<Collector> {
     Ok(sink)
 }
 
-/// The message with which reading fails.
+/// Returns the error message of a file that must be refused.
 pub(crate) fn refused(name: &str, bytes: impl AsRef<[u8]>) -> String {
     match read_bytes(name, bytes) {
         Ok(sink) => panic!("{name} was read: {} triangles, notes {:?}", sink.received, sink.notes),
@@ -33,7 +33,7 @@ pub(crate) fn refused(name: &str, bytes: impl AsRef<[u8]>) -> String {
     }
 }
 
-/// No beginning of `bytes` shorter than all of it may be read.
+/// Asserts that every proper prefix of `bytes` is refused.
 pub(crate) fn refuses_every_truncation(name: &str, bytes: &[u8]) {
     for len in 0..bytes.len() {
         if let Ok(sink) = read_bytes(name, &bytes[..len]) {
@@ -42,7 +42,8 @@ pub(crate) fn refuses_every_truncation(name: &str, bytes: &[u8]) {
     }
 }
 
-/// Reading every beginning of `bytes` ends, well or not, and never yields more triangles than all of it.
+/// Asserts that reading any prefix of `bytes` terminates, with or without an error, and yields at most as many
+/// triangles as the whole.
 pub(crate) fn survives_every_truncation(name: &str, bytes: &[u8]) {
     let all = read_bytes(name, bytes).expect("the whole file").received;
     for len in 0..bytes.len() {
@@ -52,7 +53,7 @@ pub(crate) fn survives_every_truncation(name: &str, bytes: &[u8]) {
     }
 }
 
-/// Reading `bytes` with some of them changed ends, well or not.
+/// Reads `bytes` with some bytes changed; the test passes if reading terminates, with or without an error.
 pub(crate) fn survives_damage(name: &str, bytes: &[u8], changes: &[(usize, u8)]) {
     let mut damaged = bytes.to_vec();
     for &(at, value) in changes {

@@ -1,6 +1,6 @@
-//! Words and numbers of text formats, straight from bytes.
+//! Words and numbers of text formats, parsed directly from bytes.
 
-/// Splits the first word off `rest`; words are separated by ASCII white space.
+/// Splits the first word off `rest`. Words are separated by ASCII white space.
 #[inline]
 pub(crate) fn word<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
     let bytes = *rest;
@@ -15,18 +15,18 @@ fn is_space(b: u8) -> bool {
     b == b' ' || (9..=13).contains(&b)
 }
 
-/// `bytes` without white space at either end, as text (what is not UTF-8 is replaced).
+/// Returns `bytes` as text without leading and trailing white space; invalid UTF-8 is replaced.
 pub(crate) fn name(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes.trim_ascii()).into_owned()
 }
 
-/// For messages: a word as text, cut to a readable length.
+/// Returns a word as quoted text for messages, truncated to a readable length.
 pub(crate) fn shown(word: &[u8]) -> String {
     let cut = &word[..word.len().min(32)];
     format!("\"{}{}\"", String::from_utf8_lossy(cut).escape_debug(), if cut.len() < word.len() { "..." } else { "" })
 }
 
-/// A number in double precision, correctly rounded; also `nan`, `inf` and Microsoft's `1.#IND`.
+/// Parses a double-precision number, correctly rounded. Also accepts `nan`, `inf` and Microsoft's `1.#IND`.
 #[inline]
 pub(crate) fn double(word: &[u8]) -> Option<f64> {
     match fast_float2::parse::<f64, _>(word) {
@@ -35,7 +35,7 @@ pub(crate) fn double(word: &[u8]) -> Option<f64> {
     }
 }
 
-/// A number in single precision, correctly rounded from its digits.
+/// Parses a single-precision number, correctly rounded from its decimal digits.
 #[inline]
 pub(crate) fn single(word: &[u8]) -> Option<f32> {
     match fast_float2::parse::<f32, _>(word) {
@@ -44,7 +44,7 @@ pub(crate) fn single(word: &[u8]) -> Option<f32> {
     }
 }
 
-/// What C libraries print for numbers that are none.
+/// Parses the texts that C libraries print for infinities and NaN.
 #[cold]
 fn odd_float(word: &[u8]) -> Option<f64> {
     let (negative, rest) = match word {
@@ -63,7 +63,7 @@ fn odd_float(word: &[u8]) -> Option<f64> {
     Some(if negative { -magnitude } else { magnitude })
 }
 
-/// A whole number; `None` if it is not one or does not fit.
+/// Parses an integer. Returns `None` if the word is not one or does not fit.
 #[inline]
 pub(crate) fn integer(word: &[u8]) -> Option<i64> {
     let (negative, digits) = match word {
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn integers_refuse_what_does_not_fit() {
+    fn integers_out_of_range_are_refused() {
         assert_eq!(integer(b"-12"), Some(-12));
         assert_eq!(integer(b"999999999999999999"), Some(999_999_999_999_999_999));
         for bad in ["", "-", "1.0", "9999999999999999999", "1e3", "0x1"] {

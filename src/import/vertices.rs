@@ -1,5 +1,5 @@
-//! Vertices of formats that index them globally, in as few bytes as hold them exactly: in memory up to a limit, in a
-//! scratch file, page by page, beyond it.
+//! Vertices of formats with global indices, in the fewest bytes that hold them exactly. Beyond a limit they move from
+//! memory to a scratch file, which is read page by page.
 
 use super::ReadOptions;
 use crate::base::error::{Error, Result};
@@ -8,10 +8,10 @@ use glam::DVec3;
 use std::cell::RefCell;
 use std::sync::Arc;
 
-/// Vertices of a page: neighbours in a file mostly are in space, and in the faces that follow.
+/// Vertices per page. Vertices that are neighbours in a file are mostly close in space and used by the same faces.
 const PAGE: usize = 4096;
 
-/// Positions by index: 12 or 24 bytes each.
+/// Positions by index, with 12 or 24 bytes each.
 pub(crate) struct Vertices {
     held: Held,
     spilled: Option<Spilled>,
@@ -19,11 +19,11 @@ pub(crate) struct Vertices {
     space: Arc<ScratchSpace>,
 }
 
-/// What is in memory; of a spilled list the last, until it is complete.
+/// Positions in memory. Of a spilled list these are the newest ones, until the list is complete.
 pub(crate) enum Held {
     /// Every coordinate of the file fits single precision.
     Single(Vec<[f32; 3]>),
-    /// Some may not.
+    /// Some coordinates may need double precision.
     Double(Vec<[f64; 3]>),
 }
 
@@ -33,7 +33,7 @@ struct Spilled {
     pages: RefCell<Pages>,
 }
 
-/// Pages in memory, each where its number says, and the first error of reading one.
+/// A direct-mapped cache of pages, and the first error of reading one.
 struct Pages {
     slots: Vec<(usize, Vec<u8>)>,
     failed: Option<Error>,
@@ -47,7 +47,7 @@ impl Held {
         }
     }
 
-    /// Bytes of a vertex.
+    /// Size of a vertex in bytes.
     fn each(&self) -> usize {
         match self {
             Held::Single(_) => 12,
@@ -64,7 +64,7 @@ impl Held {
 }
 
 impl Vertices {
-    /// None yet, and room for `capacity` of them.
+    /// Creates an empty list with room for `capacity` vertices.
     pub(crate) fn new(single: bool, capacity: usize, options: &ReadOptions) -> Self {
         let limit = if options.memory == 0 { u64::MAX } else { options.memory };
         let room = |each: u64| capacity.min(usize::try_from(limit / each).unwrap_or(usize::MAX).saturating_add(PAGE));
@@ -76,18 +76,18 @@ impl Vertices {
         Self { held, spilled: None, limit, space: ScratchSpace::new(options.temp_dir.as_deref()) }
     }
 
-    /// To add some. [`Vertices::settle`] is to be called now and then.
+    /// Returns the list in memory for adding vertices. The caller calls [`Vertices::settle`] from time to time.
     pub(crate) fn held(&mut self) -> &mut Held {
         &mut self.held
     }
 
-    /// Spills if there are too many in memory.
+    /// Spills the positions in memory if they exceed the limit.
     pub(crate) fn settle(&mut self) -> Result<()> {
         let most = if self.spilled.is_some() { self.limit.min(1 << 20) } else { self.limit };
         if self.held.bytes().len() as u64 > most { self.spill() } else { Ok(()) }
     }
 
-    /// To be called once all are there.
+    /// Completes the list. Must be called after the last vertex was added.
     pub(crate) fn complete(&mut self) -> Result<()> {
         if self.spilled.is_some() { self.spill() } else { Ok(()) }
     }
@@ -106,7 +106,7 @@ impl Vertices {
         let spilled = self.spilled.insert(spilled);
         spilled.file.append(self.held.bytes())?;
         spilled.count += self.held.len();
-        // Its memory too, which the pages take now.
+        // Frees the memory as well: the cached pages need it.
         match &mut self.held {
             Held::Single(v) => *v = Vec::new(),
             Held::Double(v) => *v = Vec::new(),
@@ -118,7 +118,7 @@ impl Vertices {
         self.held.len() + self.spilled.as_ref().map_or(0, |s| s.count)
     }
 
-    /// The position of vertex `i`, if there is one. Where it cannot be read, [`Vertices::check`] says why.
+    /// Returns the position of vertex `i`, if it exists. After a failed read [`Vertices::check`] returns the error.
     #[inline]
     pub(crate) fn get(&self, i: usize) -> Option<DVec3> {
         if let Some(spilled) = &self.spilled {
@@ -130,7 +130,7 @@ impl Vertices {
         }
     }
 
-    /// Fails if a vertex could not be read.
+    /// Fails if reading a vertex failed.
     pub(crate) fn check(&self) -> Result<()> {
         let failed = self.spilled.as_ref().and_then(|s| s.pages.borrow_mut().failed.take());
         failed.map_or(Ok(()), Err)
@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spilled_or_not_they_are_the_same() {
+    fn spilled_vertices_equal_those_in_memory() {
         let dir = tempfile::tempdir().unwrap();
         let at = |i: usize| [i as f64, -0.25 * i as f64, 1e6 - i as f64];
         for (single, memory) in [(true, 0), (true, 100_000), (false, 100_000), (false, 1)] {

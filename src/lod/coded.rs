@@ -1,28 +1,14 @@
-//! The bytes of a voxel: one sample where its sides agree, six where they do not (Áfra 2012, section 4.2).
+//! The bytes of a voxel: one sample if its sides agree, six if they do not (Áfra 2012, section 4.2).
 //!
-//! A voxel begins with a sample, of two words. Of a voxel of six sides that has the mean normal, and in its second word
-//! which of the block's voxels of six sides this is. The slabs across the normal (`oriented_slabs.rs`) are not with it
-//! but in the node: walks ask for them.
+//! A voxel begins with a sample of two words, which "Sample, word 0" and "Sample, word 1" in `src/store/FORMAT.md`
+//! describe. Normals are octahedral (Meyer and others, EGSR 2010). In a voxel of six sides the first sample has the
+//! mean normal, and in memory its second word is the voxel's number among the block's voxels of six sides. The oriented
+//! slabs (`oriented_slabs.rs`) are stored in the node instead, because walks test them.
 //!
-//! A sample:
+//! A single sample with likeness 0 is **along axes**: its surfaces face along the axes. Only leaves have such samples,
+//! and most leaves of machines and buildings do. A ray sees it as three samples, see [`Coded::along_axes`].
 //!
-//! | bits of word 0 | |
-//! |---|---|
-//! | 0 to 15 | normal: octahedral, two signed bytes (Meyer and others, EGSR 2010) |
-//! | 16 to 23 | how alike the normals are, 255 for 1: of a side the length of its mean normal, of one sample what `likeness` says, or 0: see below |
-//! | 24, 25 | flags, of the first sample only |
-//! | 26 to 31 | of the first sample only: how many rays it stops, see [`stop_bits`] |
-//!
-//! | bits of word 1 | |
-//! |---|---|
-//! | 0 to 23 | linear red, green, blue: 255 times the square root of each |
-//! | 24 to 31 | the share that is covered, 255 for 1 |
-//!
-//! One sample of what faces along the axes (likeness 0; leaves only, most of machines and buildings) has in place of a
-//! normal the shares that are covered of the sides across x, y and z, in proportion; what a ray sees of it is three
-//! samples, see [`Coded::along_axes`]. Signs are those of the mean normal, for the slabs.
-//!
-//! The paper packs a sample into 32 bits: 15 of normal, 15 of colour, no spread and no coverage.
+//! The paper packs a sample into 32 bits: 15 of normal, 15 of colour, no likeness and no cover.
 
 use super::oriented_slabs::{Content, Middle, abs, normal_bytes, splat};
 use super::voxel::{Sample, Voxel};
@@ -36,40 +22,41 @@ pub const VOXEL_WORDS: usize = 4;
 /// Words of six samples.
 pub const SIDES_WORDS: usize = 12;
 
-/// Where in word 0 it is said how many rays it stops.
+/// First bit of the stop code in word 0.
 const STOPS: u32 = 26;
-/// Of levels up to this one the region may be passed.
+/// Greatest level of a stand-in that may transmit rays.
 pub const TRANSMITTING_LEVEL: u32 = 1;
 
-/// What a stop code adds to a voxel's first word: the share of rays that it stops is the square of the code's 63rd
-/// part, so that of a few leaves in a large cell not too much is seen; code 0 stops all.
+/// Encodes a stop code for a voxel's first word. The voxel stops a share of rays that is the square of `code / 63`, so
+/// that a few leaves in a large cell are not overemphasised. Code 0 stops all rays.
 pub const fn stop_bits(code: u8) -> u32 {
     (code as u32 & 63) << STOPS
 }
 
-/// How many of 4096 rays a voxel stops by its first word; 0: it stops all.
+/// Number of rays that a voxel stops, of 4096, from its first word; 0: it stops all rays.
 #[inline]
 pub fn stopped(word: u32) -> u32 {
     let code = word >> STOPS;
-    // The square of 63 is 3969: 4093 of the greatest, which is never written.
+    // The square of 63 is 3969. The added part makes the greatest value 4093, which is never written.
     let square = code * code;
     square + (square >> 5)
 }
 
-/// Flag: there is a sample for each side.
+/// Flag: the voxel has a sample for each side.
 const SIX: u32 = 1 << 24;
-/// Flag: its colours count; else those of its part do, as that is shown now.
+/// Flag: the voxel has colours of its own; otherwise the current colour of its part applies.
 const COLOURED: u32 = 1 << 25;
-/// In the part's word: there are several.
+/// Flag in the part's word: the voxel has several parts.
 const MIXED: u32 = 1 << 31;
 
-/// Sides agree where no component of a normal differs by more from the mean, in front or behind.
+/// Sides agree if no component of a side's normal, of either sign, differs by more than this from the mean.
 const NORMALS: f32 = 0.3;
-/// The same for linear colours.
+/// The same limit for linear colours.
 const COLOURS: f32 = 0.1;
-/// One sample faces along the axes where this part of what sides see does. (All of blocks; two thirds of spheres.)
+/// A single sample is along axes if at least this share of the visible surface faces along the axis of the side that
+/// sees it. (Axis-aligned blocks reach 1, spheres two thirds.)
 const ALONG: f32 = 0.9;
-/// Sides of which less is seen than this part of the most have no say.
+/// Sides with less visible area than this share of the greatest one are ignored.
 const SEEN: f32 = 0.05;
 
 /// The bytes of normals along x, y and z.
@@ -78,12 +65,12 @@ const AXES: [u32; 3] = [127, 127 << 8, 0];
 /// A voxel as stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coded {
-    /// The sample (the mean of the six, where there are six, of which the second word has nothing yet), the part, the
-    /// summary of parts.
+    /// The sample, the part, and the summary of parts. If there are six samples, this sample is their mean, and its
+    /// second word is not yet assigned.
     pub words: [u32; VOXEL_WORDS],
-    /// One for each side: low x, y, z, high x, y, z.
+    /// A sample for each side: low x, y, z, high x, y, z.
     pub sides: Option<Box<[u32; SIDES_WORDS]>>,
-    /// The slabs.
+    /// The oriented slabs.
     pub slabs: u32,
 }
 
@@ -92,19 +79,19 @@ fn byte(word: u32, at: u32) -> f32 {
     (word >> at & 0xff) as f32 * (1.0 / 255.0)
 }
 
-/// The share that is covered, in a sample's second word.
+/// Covered share, from a sample's second word.
 #[inline(always)]
 pub(super) fn stored_cover(word: u32) -> f32 {
     byte(word, 24)
 }
 
-/// The length of the mean normal, in a sample's first word.
+/// Likeness, from a sample's first word: the length of the mean normal.
 #[inline(always)]
 pub fn stored_likeness(word: u32) -> f32 {
     byte(word, 16)
 }
 
-/// The linear colour in a sample's second word.
+/// Linear colour, from a sample's second word.
 #[inline]
 pub fn stored_colour(word: u32) -> Vec3 {
     let root = Vec3::new(byte(word, 0), byte(word, 8), byte(word, 16));
@@ -112,7 +99,8 @@ pub fn stored_colour(word: u32) -> Vec3 {
 }
 
 impl Coded {
-    /// Of a voxel and what its cell holds. `may_have_sides`: a sample for each side is kept where one does not do.
+    /// Encodes a voxel and the content of its cell. With `may_have_sides` it keeps a sample for each side if one sample
+    /// does not suffice.
     pub fn of(voxel: &Voxel, cell: &Middle<f32>, content: &Content, may_have_sides: bool) -> Self {
         let [x, y, z] = cell.half;
         let faces = [y * z, z * x, x * y];
@@ -138,29 +126,29 @@ impl Coded {
         Self { words: [a | SIX, 0, part, voxel.summary], sides: Some(sides), slabs }
     }
 
-    /// Words that it takes.
+    /// Words of the voxel.
     pub fn len(&self) -> usize {
         VOXEL_WORDS + if self.sides.is_some() { SIDES_WORDS } else { 0 }
     }
 
-    /// Never.
+    /// Always false.
     pub fn is_empty(&self) -> bool {
         false
     }
 
-    /// Whether the first of a voxel's words says that there are six samples.
+    /// True if a voxel's first word states that it has six samples.
     #[inline]
     pub fn has_sides(first: u32) -> bool {
         first & SIX != 0
     }
 
-    /// Whether the first of a voxel's words says that its one sample is of what faces along the axes.
+    /// True if a voxel's first word states that its single sample is along axes.
     #[inline]
     pub fn is_along_axes(first: u32) -> bool {
         first & (SIX | 0xff << 16) == 0
     }
 
-    /// The words of three samples, of the sides across x, y and z, for the one of what faces along the axes.
+    /// Expands a single sample that is along axes: returns the words of three samples, of the sides across x, y and z.
     #[inline]
     pub fn along_axes(first: u32, second: u32) -> ([u32; 3], [u32; 3]) {
         let cover = stored_normal(first).abs();
@@ -169,25 +157,25 @@ impl Coded {
         (AXES.map(|axis| axis | 255 << 16), seconds)
     }
 
-    /// Whether the first of a voxel's words says that its colours count, and not those of its part.
+    /// True if a voxel's first word states that it has colours of its own, which replace the colour of its part.
     #[inline]
     pub fn has_colours(first: u32) -> bool {
         first & COLOURED != 0
     }
 
-    /// The part of a part's word, and whether there are others.
+    /// The part in a part's word, and true if the voxel has other parts.
     #[inline]
     pub fn part(word: u32) -> (u32, bool) {
         (word & !MIXED, word & MIXED != 0)
     }
 }
 
-/// The mean of all sides, and whether it can stand for each.
+/// Returns the mean of all sides, and true if it can represent each of them.
 fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
     let most = weights.iter().copied().fold(0.0, f32::max);
     let first = weights.iter().position(|w| *w == most).unwrap_or(0);
     let lead = sides[first].normal;
-    // A surface is seen from both of its sides: what faces away from the first is turned.
+    // A surface is visible from both of its sides, so normals that face away from the first are inverted.
     let turned = |s: &Sample| if s.normal.dot(lead) < 0.0 { -s.normal } else { s.normal };
     let (mut normal, mut colour, mut cover, mut sum) = (Vec3::ZERO, Vec3::ZERO, 0.0, 0.0);
     for (s, &w) in sides.iter().zip(weights) {
@@ -203,17 +191,17 @@ fn mean(sides: &[Sample; 6], weights: &[f32; 6]) -> (Sample, bool) {
         apart <= NORMALS && (s.colour - all.colour).abs().max_element() <= COLOURS
     };
     let agree = sides.iter().zip(weights).all(|(s, &w)| w <= SEEN * most || is_near(s));
-    // Sides that do not agree are still one sample in leaves: how they answer light is told by its length.
+    // Leaves keep one sample even if sides do not agree. The length of its normal describes its response to light.
     all.normal = all.normal.normalize_or(Vec3::Z);
     all.normal *= likeness(sides, weights, all.normal);
     (all, agree)
 }
 
-/// How long a mean normal says best how alike all normals are: 1 if all are that of `unit` or its opposite, 2/3 if no
-/// more than in other directions, as on spheres, and on blocks too.
+/// Returns the length of a mean normal that best describes how alike all normals are: 1 if all equal `unit` or its
+/// opposite, 2/3 if they favour no direction, as on spheres and on blocks.
 ///
-/// What a side sees, its normals times how much of each is seen, is a column of the sum of n n' over area; of that the
-/// part along the normal counts (`seen.rs`).
+/// The normals that a side sees, weighted by their visible areas, add up to a column of the sum of n n' over the area.
+/// The share of that sum along the normal determines the length (`seen.rs`).
 fn likeness(sides: &[Sample; 6], weights: &[f32; 6], unit: Vec3) -> f32 {
     let (mut along, mut all) = (0.0, 0.0);
     for (side, (s, &w)) in sides.iter().zip(weights).enumerate() {
@@ -225,13 +213,13 @@ fn likeness(sides: &[Sample; 6], weights: &[f32; 6], unit: Vec3) -> f32 {
     if share.is_finite() { (0.5 + 0.5 * share).clamp(2.0 / 3.0, 1.0) } else { 1.0 }
 }
 
-/// Whether most that sides see faces along the axis that they look along.
+/// True if most of the surface that sides see faces along the axes of these sides.
 fn faces_along_axes(sides: &[Sample; 6], weights: &[f32; 6]) -> bool {
     let along: f32 = sides.iter().zip(weights).enumerate().map(|(side, (s, &w))| s.normal[side % 3].abs() * w).sum();
     along >= ALONG * weights.iter().sum::<f32>()
 }
 
-/// The first word of one sample for what faces along the axes; `mean` has its signs.
+/// First word of a single sample that is along axes. `mean` provides the signs.
 fn covers(sides: &[Sample; 6], mean: Vec3) -> u32 {
     let cover = Vec3::from(std::array::from_fn::<_, 3, _>(|axis| sides[axis].cover.max(sides[axis + 3].cover)));
     octahedral(if cover.max_element() > 0.0 { cover } else { Vec3::ONE }.copysign(mean))
@@ -242,12 +230,12 @@ pub(super) fn sample(s: &Sample) -> [u32; 2] {
     let root = |x: f32| byte(x.max(0.0).sqrt());
     let colour = root(s.colour.x) | root(s.colour.y) << 8 | root(s.colour.z) << 16;
     let length = s.normal.length();
-    // Never nothing: what has no mean faces up, and its likeness says how little that means.
+    // A sample without a mean normal gets one that points up. Its likeness shows that this means little.
     let unit = if length > 1e-6 { s.normal / length } else { Vec3::Z };
     [octahedral(unit) | byte(length) << 16, colour | byte(s.cover) << 24]
 }
 
-/// A unit vector as a point of an octahedron unfolded to a square, a signed byte each way.
+/// Encodes a unit vector as a point of an octahedron unfolded to a square, one signed byte for each coordinate.
 pub(super) fn octahedral(n: Vec3) -> u32 {
     let n = n / (n.x.abs() + n.y.abs() + n.z.abs());
     let folded = if n.z >= 0.0 {
@@ -259,7 +247,7 @@ pub(super) fn octahedral(n: Vec3) -> u32 {
     byte(folded.x) | byte(folded.y) << 8
 }
 
-/// The direction of a normal from its two signed bytes: on the octahedron, not unit.
+/// Direction of a normal from its two signed bytes: a point on the octahedron, not a unit vector.
 #[inline(always)]
 pub(super) fn octahedral_axis<const N: usize, L: Lanes<N>>([x, y]: [L; 2]) -> [L; 3] {
     let zero = splat(x, 0.0);
@@ -270,10 +258,12 @@ pub(super) fn octahedral_axis<const N: usize, L: Lanes<N>>([x, y]: [L; 2]) -> [L
     [(x - fold).select(zero.le(x), x + fold), (y - fold).select(zero.le(y), y + fold), z]
 }
 
-/// The unit normal in the low half of a sample's first word. (Inlined always: many at once are vectors then.)
+/// Unit normal, from the low half of a sample's first word. (Always inlined, so that loops over many words are
+/// vectorised.)
 #[inline(always)]
 pub fn stored_normal(word: u32) -> Vec3 {
-    // Bytes of -128, which only a damaged file has, are a little beyond the square: finite all the same.
+    // Bytes of -128, which only a damaged file has, lie slightly outside of the square. The result is finite all the
+    // same.
     Vec3::from(octahedral_axis(normal_bytes(word))).normalize_or(Vec3::Z)
 }
 
@@ -284,21 +274,21 @@ mod tests {
     use crate::math::Bounds;
     use proptest::prelude::*;
 
-    /// A sample, taken apart.
+    /// A decoded sample.
     #[derive(Debug, Clone, Copy, PartialEq)]
     struct Side {
-        /// Unit, of either sign.
+        /// Unit normal, of either sign.
         normal: Vec3,
-        /// How alike the normals are, 0 to 1.
+        /// Likeness of the normals, 0 to 1.
         likeness: f32,
-        /// Linear.
+        /// Linear colour.
         colour: Vec3,
-        /// The share that is covered, 0 to 1.
+        /// Covered share, 0 to 1.
         cover: f32,
     }
 
     impl Side {
-        /// From a sample's words.
+        /// Decodes a sample's words.
         fn of(words: [u32; 2]) -> Self {
             let (likeness, cover) = (byte(words[0], 16), byte(words[1], 24));
             Self { normal: stored_normal(words[0]), likeness, colour: stored_colour(words[1]), cover }
@@ -307,7 +297,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn normals_keep_to_within_a_degree(x in -1.0f32..1.0, y in -1.0f32..1.0, z in -1.0f32..1.0) {
+        fn stored_normals_are_within_a_degree(x in -1.0f32..1.0, y in -1.0f32..1.0, z in -1.0f32..1.0) {
             let n = Vec3::new(x, y, z);
             prop_assume!(n.length() > 1e-3);
             let n = n.normalize();
@@ -353,7 +343,7 @@ mod tests {
         assert!(side.colour.distance(GREY.into()) < 0.01);
     }
 
-    /// One sample of facets with these doubled areas times normals, that fill `cell`.
+    /// A single sample of facets with the given normals, times twice the area, in `cell`.
     fn one_sample(cell: Bounds, normals: &[Vec3]) -> Coded {
         let facet = |n: &Vec3| Facet { normal: *n, colour: GREY.into(), part: 9, is_own_colour: true };
         let facets: Vec<_> = normals.iter().map(facet).collect();
@@ -365,8 +355,8 @@ mod tests {
     }
 
     #[test]
-    fn one_sample_of_faces_along_axes_tells_how_much_of_each() {
-        // A tall cell of which the walls across x are whole, those across y half, the top a quarter.
+    fn one_sample_along_axes_holds_the_cover_of_each_side() {
+        // A tall cell. The walls across x are covered completely, those across y by a half, the top by a quarter.
         let cell = Bounds { min: Vec3::ZERO, max: Vec3::new(1.0, 1.0, 4.0) };
         let Coded { words: [a, b, ..], .. } = one_sample(cell, &[Vec3::X * 8.0, Vec3::NEG_Y * 4.0, Vec3::Z * 0.5]);
         assert!(Coded::is_along_axes(a));
@@ -380,8 +370,8 @@ mod tests {
     }
 
     #[test]
-    fn one_sample_of_a_sphere_is_as_alike_as_normals_can_be_at_least() {
-        // From all directions alike: of the corners and faces of an icosahedron.
+    fn one_sample_of_a_sphere_has_the_least_likeness() {
+        // Normals from all directions: the corners of an icosahedron.
         let golden = 0.5 + 1.25f32.sqrt();
         let corners = [Vec3::new(0.0, 1.0, golden), Vec3::new(1.0, golden, 0.0), Vec3::new(golden, 0.0, 1.0)];
         let all = corners
@@ -394,20 +384,20 @@ mod tests {
     }
 
     #[test]
-    fn one_sample_without_any_normal_is_none_of_axes() {
+    fn one_sample_without_normals_is_not_along_axes() {
         let [a, ..] = one_sample(CELL, &[Vec3::ZERO]).words;
         assert!(!Coded::is_along_axes(a) && stored_likeness(a) >= 0.6);
     }
 
     #[test]
-    fn an_edge_or_another_colour_behind_needs_six() {
+    fn an_edge_or_another_colour_behind_needs_six_samples() {
         for facets in
             [[([1.0, 0.0, 0.0], GREY), ([0.0, 1.0, 0.0], GREY)], [([0.0, 0.0, 1.0], GREY), ([1.0, 0.0, 0.0], [0.9; 3])]]
         {
             let coded = coded(&facets);
             let sides = coded.sides.expect("six");
             assert!(Coded::has_sides(coded.words[0]));
-            // From low x the facet that faces it.
+            // The sample of low x shows the facet that faces it.
             let x = Side::of([sides[0], sides[1]]);
             assert!(x.normal.x < -0.99, "{x:?}");
         }

@@ -1,59 +1,57 @@
-//! How near to original surface all of the region is in which a cell is met: the part of its box inside of its slabs.
+//! Bounds the distance from a cell's **region** to original surface. The region is the part of the cell's box inside of
+//! its oriented slabs; the hits of its stand-in lie there.
 //!
-//! The box is divided into 4x4x4 **subcells**, of diagonal `D/4` where `D` is the box's. A subcell is **occupied**, to
-//! within a distance `d`, if original surface is known within `d` of some point of it. Where the region's points are
-//! all in subcells that are at most `k` steps from an occupied one, a step being to a neighbour across a side, an edge
-//! or a corner, each is within `(k + 1) D/4 + d` of original surface: along each axis a point of a subcell and one of
-//! another that is `k` steps away are at most `k + 1` subcells apart.
+//! The box is divided into 4x4x4 **subcells** of diagonal `D/4`, where `D` is the diagonal of the box. A subcell is
+//! **occupied**, to within a distance `d`, if one of its points is known to be within `d` of original surface. A step
+//! leads to a neighbour across a side, an edge or a corner. If all points of the region lie in subcells at most `k`
+//! steps from an occupied one, each is within `(k + 1) D/4 + d` of original surface: along each axis the points of two
+//! subcells that are `k` steps apart differ by at most `k + 1` subcells.
 //!
-//! Of a content whose triangles are known, points of these occupy subcells, to within nothing. Of others the pieces'
-//! subcells do: each occupied one of diagonal `p` has a point within `d'` of original surface, and its middle is within
-//! `p/2` of that point; so the subcell that this middle is in is occupied to within `p/2 + d'`. As `p` is of half the
-//! size from level to level, `d` tends to `D/8`.
-//!
-//! What is stored is a [`level`]: the greatest of a few limits, as parts of `D`, that the distance keeps to.
-//!
-//! **Where cells stand in.** It is what a stand-in's error may be that bounds it, and not its box: for a cell of which
-//! nothing is known, both are the same. A cell of area `A` and diagonal `D` whose level says `c D` counts as one of
-//! area `s A`, where `s >= c^2`: that of a cell of the same shape and of diagonal `s^0.5 D`, which is no less than `c
-//! D`. So if `s A` is as large as may be, the error is no greater than the diagonal of a cell of the same shape whose
-//! own area is as large as may be, as it is of cells of which nothing is known.
-//!
-//! Hits are in the region up to what single precision moves them by. So the region is taken larger, by [`MARGIN`] of
-//! `D` across the slabs' planes, and what is said of it holds for all that [`holds`].
+//! If the triangles of the content are known, points on them occupy subcells to within 0. Otherwise the subcells of the
+//! content's pieces do. An occupied subcell of a piece, of diagonal `p`, has a point within `d'` of original surface,
+//! and its centre is within `p/2` of that point. The subcell that contains this centre is therefore occupied to within
+//! `p/2 + d'`. As `p` halves from level to level, `d` tends to `D/8`. The stored level selects the least of a few
+//! limits (see [`limit`]) that the bound keeps to.
 
 use super::oriented_slabs::{Content, OrientedSlabs};
 use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
 use glam::{DVec3, Vec3};
 
-/// Of each level: all of the region is within this part of the box's diagonal of original surface. The first says
-/// nothing. (Of the Mandelbulb's cells of at most 256 triangles 80 % are of the third, of larger ones 60 % of the
-/// second, most others of the first.)
+/// Limit of each level: all points of the region are within this part of the box's diagonal of original surface. Level
+/// 0 states nothing. (Of the Mandelbulb's cells with at most 256 triangles 80 % have level 2; of larger cells 60 % have
+/// level 1 and most others level 0.)
 const LIMITS: [f64; 4] = [f64::INFINITY, 0.83, 0.63, 0.53];
-/// By how much less each level more makes a cell's area count where it may stand in. See the module: no less than the
-/// square of the limit.
+/// Reduction of a cell's counted area for each level, where the walk decides if its stand-in is acceptable.
+///
+/// The error of a stand-in is bounded by its limit and not by its box. A cell of area `A` and diagonal `D` with limit
+/// `c D` counts as one of area `s A`, where `s = max(1 - level * LESS, LEAST)` and `s >= c^2`. A cell of the same shape
+/// with area `s A` has the diagonal `s^0.5 D`, which is at least `c D`. So if `s A` is acceptable, the error is at most
+/// the diagonal of a cell of the same shape with the greatest acceptable area. The same bound holds for cells of
+/// level 0.
 pub const LESS: f32 = 0.3;
-/// What it counts for at least.
+/// Least share of its area that a cell counts for.
 pub const LEAST: f32 = 0.29;
-/// By how much the region is taken larger across its slabs' planes, as a part of the box's diagonal.
+/// Enlargement of the region across the planes of its slabs, as a part of the box's diagonal. Single precision moves
+/// hits off the region by less, for boxes that are not too small (see [`sure_from`]). The bounds therefore hold for all
+/// points that [`holds`] accepts.
 const MARGIN: f64 = 1.0 / 32.0;
-/// What double precision rounds by is less, as a part of the box's diagonal.
+/// Upper bound on the rounding errors of double precision, as a part of the box's diagonal.
 const ROUNDING: f64 = 1e-6;
-/// Of contents of more triangles than this fewer points of each are looked at.
+/// Contents with more triangles than this are sampled with fewer points for each triangle.
 const FEW: usize = 8;
 
-/// What is known of where in a box there is original surface.
+/// Occupied subcells of a box.
 #[derive(Debug, Clone, Copy)]
 pub struct Fill {
     /// Bit `x + 4 y + 16 z`: the subcell is occupied.
     occupied: u64,
-    /// To within this.
+    /// Subcells are occupied to within this distance.
     within: f64,
 }
 
 impl Fill {
-    /// Of what `cell` holds.
+    /// Computes the occupied subcells of `cell` from its content.
     pub fn of(content: &Content, cell: &Bounds) -> Self {
         let grid = Grid::of(cell);
         let mut out = Self { occupied: 0, within: 0.0 };
@@ -74,7 +72,7 @@ impl Fill {
         }
     }
 
-    /// The level of the part of `cell` inside of `slabs`.
+    /// Returns the level of the part of `cell` inside of `slabs`.
     pub fn level(&self, cell: &Bounds, slabs: &OrientedSlabs<f32>) -> u32 {
         let grid = Grid::of(cell);
         let diagonal = (grid.high - grid.low).length();
@@ -91,14 +89,14 @@ impl Fill {
     }
 }
 
-/// How far original surface is at most from all that [`holds`], as a part of the box's diagonal; infinitely far if that
-/// is not known.
+/// Greatest distance from points that [`holds`] accepts to original surface, as a part of the box's diagonal; infinite
+/// if it is unknown.
 #[inline(always)]
 pub fn limit(level: u32) -> f64 {
     LIMITS[(level & 3) as usize]
 }
 
-/// Whether a point of a cell's box is inside of its slabs, or outside by no more than is allowed for.
+/// True if a point of a cell's box is inside of its slabs, or outside by no more than the margin.
 #[inline]
 pub fn holds(cell: &Bounds, slabs: &OrientedSlabs<f32>, p: DVec3) -> bool {
     let margin = (cell.max.as_dvec3() - cell.min.as_dvec3()).length() * MARGIN;
@@ -108,28 +106,29 @@ pub fn holds(cell: &Bounds, slabs: &OrientedSlabs<f32>, p: DVec3) -> bool {
     })
 }
 
-/// The least diagonal of a box for which points are sure to be what [`holds`], of rays from `origin` through a tree
-/// whose coordinates are at most `reach` in magnitude: whatever single precision moves them off the region by.
+/// Returns the least diagonal of a box for which [`holds`] certainly accepts hits of rays from `origin` through a tree
+/// with coordinates of magnitude at most `max_coord`, in spite of single precision.
 ///
-/// Of the greatest of these coordinates, and with `h = 2^-24`: a slab's planes give way by 64 h, and where they are met
-/// is off by 50 h (`trace/oriented_slabs.rs`); those of the box by 32 and 7, so that to take a point to the box moves
-/// it by `39 3^0.5`; ends of the ray's interval are off by `2 3^0.5`. All of this is less than 256 h.
+/// The errors, relative to the greatest of these coordinates and with `h = 2^-24`: the tolerance of a slab's planes is
+/// 64 h, and the intersection with them is off by 50 h (`trace/oriented_slabs.rs`). The box's planes have 32 h and 7 h,
+/// so clamping a point to the box moves it by `39 3^0.5 h`. The ends of the ray's interval are off by `2 3^0.5 h`. The
+/// sum is less than 256 h.
 #[inline]
 pub fn sure_from(origin: DVec3, max_coord: f32) -> f64 {
     origin.abs().max_element().max(f64::from(max_coord)) * (256.0 / 16_777_216.0 / MARGIN)
 }
 
-/// The subcells that points of triangles are in.
+/// Computes the subcells that contain points of triangles.
 struct Points<'a> {
     grid: &'a Grid,
     triangles: &'a [[u16; 3]],
     corners: &'a [Vec3],
 }
 
-/// Points that are looked at together. Those of a triangle, of which each side is divided in three, are ten; these
-/// repeat the last.
+/// Number of points that are processed at once. A triangle has ten points, which divide each of its sides in three; the
+/// remaining entries repeat the last point.
 const TOGETHER: usize = 12;
-/// How far along two sides of a triangle each of its points is.
+/// Position of each point of a triangle along two of its sides.
 const ALONG: [[f64; TOGETHER]; 2] = {
     const THIRD: f64 = 1.0 / 3.0;
     let (one, two, three) = (THIRD, 2.0 * THIRD, 3.0 * THIRD);
@@ -142,7 +141,7 @@ const ALONG: [[f64; TOGETHER]; 2] = {
 impl Op for Points<'_> {
     type Out = u64;
 
-    /// Without vectors of ours, which are of single precision: the loops over points become such.
+    /// Uses no vector types of `simd`, which are single precision. The compiler vectorises the loops over points.
     #[inline(always)]
     fn run<S: Simd>(self, _: S) -> u64 {
         let Self { grid, triangles, corners } = self;
@@ -181,11 +180,11 @@ impl Op for Points<'_> {
     }
 }
 
-/// A box's subcells.
+/// The subcells of a box.
 struct Grid {
     low: DVec3,
     high: DVec3,
-    /// Of a subcell.
+    /// Extent of a subcell.
     size: DVec3,
     per_size: DVec3,
 }
@@ -194,13 +193,13 @@ impl Grid {
     fn of(cell: &Bounds) -> Self {
         let (low, high) = (cell.min.as_dvec3(), cell.max.as_dvec3());
         let size = (high - low) * 0.25;
-        // Along an axis on which the box is flat all is in the first.
+        // On an axis along which the box is flat, all points are in the first subcell.
         let per_size = DVec3::select(size.cmpgt(DVec3::ZERO), size.recip(), DVec3::ZERO);
         Self { low, high, size, per_size }
     }
 
-    /// The subcells that points are in, each into a word of its own; of those that are outside, for of a piece of a
-    /// triangle the rest is elsewhere, or no numbers, none.
+    /// Sets the bits of the subcells that contain the points, each in a word of its own. Points outside of the box,
+    /// from the other pieces of a split triangle, and NaN set no bit.
     #[inline(always)]
     fn add(&self, points: &[[f64; TOGETHER]; 3], occupied: &mut [u64; TOGETHER]) {
         let mut places = [0u64; TOGETHER];
@@ -220,10 +219,10 @@ impl Grid {
         }
     }
 
-    /// The subcell that a point is in.
+    /// The bit of the subcell that contains a point.
     fn subcell(&self, p: DVec3) -> u64 {
         let at = (p - self.low) * self.per_size;
-        // A cast takes what is below zero to zero.
+        // A cast turns negative values into zero.
         let [x, y, z] = [at.x, at.y, at.z].map(|v| (v as u32).min(3));
         1 << (x + 4 * y + 16 * z)
     }
@@ -233,7 +232,7 @@ impl Grid {
         self.low + self.size * (at + 0.5)
     }
 
-    /// The subcells that may have points inside of slabs that are larger by `margin`.
+    /// Subcells that may have points inside of the slabs, enlarged by `margin`.
     fn region(&self, slabs: &OrientedSlabs<f32>, margin: f64) -> u64 {
         let mut region = u64::MAX;
         for (axis, mask) in [FIRST_X, FIRST_Y, FIRST_Z].into_iter().enumerate() {
@@ -263,12 +262,12 @@ impl Grid {
     }
 }
 
-/// The subcells that are first along an axis.
+/// Subcells that are first along an axis.
 const FIRST_X: u64 = 0x1111_1111_1111_1111;
 const FIRST_Y: u64 = 0x000f_000f_000f_000f;
 const FIRST_Z: u64 = 0xffff;
 
-/// Subcells and all that touch them.
+/// The subcells and all their neighbours.
 fn with_neighbours(cells: u64) -> u64 {
     let x = cells | (cells << 1 & !FIRST_X) | (cells & !FIRST_X) >> 1;
     let y = x | (x << 4 & !FIRST_Y) | (x & !FIRST_Y) >> 4;
@@ -299,7 +298,7 @@ mod tests {
         if inside && plane.is_finite() { plane.min(edges) } else { edges }
     }
 
-    /// A piece as the builder has it: its content with its box, slabs and what is known of it.
+    /// Slabs and occupied subcells of a piece, as the builder computes them.
     fn piece(content: &Content, cell: Bounds, normal: u16) -> (OrientedSlabs<f32>, Fill) {
         let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
         let word = content.oriented_slabs(normal.into(), &middle);
@@ -310,7 +309,8 @@ mod tests {
         Bounds::of(triangles.as_flattened())
     }
 
-    /// A piece over eight or fewer with nothing kept of triangles, as of large contents; of each the normal.
+    /// Combines pieces to a content that keeps their cells and no triangles, as large contents do. Each piece has its
+    /// normal.
     fn over(pieces: &[(Content, Bounds, u16)]) -> (Content, Bounds) {
         let cell = pieces.iter().fold(Bounds::EMPTY, |all, (_, cell, _)| all.union(*cell));
         let coded = pieces.iter().map(|(content, cell, normal)| {
@@ -320,7 +320,7 @@ mod tests {
         (Content::of_cells(coded.collect()), cell)
     }
 
-    /// Checks points of a piece's region against all triangles; returns the level.
+    /// Checks points of a piece's region against all triangles. Returns the level.
     fn check(
         content: &Content,
         cell: Bounds,
@@ -340,12 +340,12 @@ mod tests {
     }
 
     fn point() -> impl Strategy<Value = [f64; 3]> {
-        // Corners and sides are where it is tight.
+        // The bound is tight at corners and sides.
         let along = prop_oneof![Just(0.0), Just(1.0), 0.0..1.0f64];
         [along.clone(), along.clone(), along]
     }
 
-    /// Triangles about a bent sheet in the unit box, small and large, some off it.
+    /// Triangles near a bent sheet in the unit box, small and large, some of them off the sheet.
     fn sheet() -> impl Strategy<Value = Vec<Tri>> {
         let corner = || [0.0f32..1.0, 0.0f32..1.0, -0.05f32..0.05];
         let one = (corner(), 0.02f32..0.6, [corner(), corner()]);
@@ -360,10 +360,10 @@ mod tests {
     }
 
     proptest! {
-        /// Few triangles by points all over them, many by their corners and middles; each where it is, or nowhere if
-        /// that is outside.
+        /// Few triangles are sampled all over, many by their corners and centroids. Each point sets the bit of its
+        /// subcell, or none if it is outside of the box.
         #[test]
-        fn points_are_in_the_subcells_that_they_are_in(triangles in sheet(), few in 1usize..20, shrink in 0.0f32..0.5) {
+        fn points_occupy_their_subcells(triangles in sheet(), few in 1usize..20, shrink in 0.0f32..0.5) {
             let triangles = &triangles[..triangles.len().min(few)];
             let content = Content::of_points(triangles.as_flattened().to_vec());
             let cell = around(triangles);
@@ -392,21 +392,21 @@ mod tests {
         }
 
         #[test]
-        fn all_of_a_leafs_region_is_as_near_as_its_level_says(
+        fn region_of_a_leaf_is_within_its_limit(
             triangles in sheet(), normal: u16, points in prop::collection::vec(point(), 100),
         ) {
             let content = Content::of_points(triangles.as_flattened().to_vec());
             check(&content, around(&triangles), normal, &triangles, &points)?;
-            // And of a part of it, as spatial splits make them.
+            // Tests a part of the cell as well, as spatial splits make it.
             let cell = around(&triangles);
             check(&content, Bounds { max: cell.max - cell.extent() * 0.4, ..cell }, normal, &triangles, &points)?;
         }
 
         #[test]
-        fn all_of_an_inner_cells_region_is_as_near_as_its_level_says(
+        fn region_of_an_inner_cell_is_within_its_limit(
             triangles in sheet(), normal: u16, points in prop::collection::vec(point(), 100),
         ) {
-            // Three levels: by quarters in x and y, then halves in x, then all.
+            // Three levels: quarters in x and y, then halves in x, then the whole.
             let quarter = |i: usize| {
                 let within = |v: f32, k: usize| ((v * 4.0) as usize).min(3) == k;
                 let here: Vec<Tri> = triangles.iter().filter(|t| within(t[0].x, i & 3) && within(t[0].y, i >> 2)).copied().collect();
@@ -427,7 +427,7 @@ mod tests {
         }
     }
 
-    /// A wall of `n` by `n` squares, up to a share of its width, slanted.
+    /// A slanted wall of `n` by `n` squares, of which only a share of the width exists.
     fn wall(n: u32, share: f32) -> Vec<Tri> {
         let at = |i: u32, j: u32| {
             let (x, y) = (i as f32 / n as f32, j as f32 / n as f32);
@@ -442,7 +442,7 @@ mod tests {
     const TO_WALL: Vec3 = Vec3::new(-0.5, -0.25, 1.0);
 
     #[test]
-    fn a_wall_is_near_everywhere_and_a_strip_of_it_is_not() {
+    fn a_wall_has_the_best_level_and_a_strip_of_it_the_worst() {
         let normal = super::super::coded::octahedral(TO_WALL.normalize()) as u16;
         let (whole, strip) = (wall(8, 1.0), wall(8, 0.1));
         let content = |triangles: &[Tri]| Content::of_points(triangles.as_flattened().to_vec());
@@ -453,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_of_pieces_is_near_everywhere() {
+    fn a_wall_of_pieces_has_a_good_level() {
         let normal = super::super::coded::octahedral(TO_WALL.normalize()) as u16;
         let all = wall(16, 1.0);
         let pieces: Vec<_> = (0..4)

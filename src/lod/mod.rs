@@ -1,8 +1,10 @@
-//! Stand-ins: what is shown for a part of a tree that is not descended into. `voxel` is what a cell looks like from
-//! each side, composited from what lies in it, `seen` what a ray sees of that; `slabs` where in the cell that is (by
-//! how far it `reach`es along `turns` of their axes), and `fill` how near to it all of that; `coded` their bytes. The
-//! walks of a structure decide where a cell may stand in; `query` works out the promises of its hits. Uses base, math
-//! and simd.
+//! Stand-ins: voxels shown in place of a part of a tree that a walk does not descend into.
+//!
+//! `voxel` computes the look of a cell from each side, composited from its content, and `seen` the part of it that a
+//! ray sees. `oriented_slabs` bounds the content inside of the cell, by its extents (`support`) along axes that `turns`
+//! selects. `fill` bounds the distance from this region to the content. `coded` encodes all of it in bytes. The walks
+//! of a structure decide where a stand-in is acceptable, and `query` computes the error bounds of its hits. Uses base,
+//! math and simd.
 #![forbid(unsafe_code)]
 
 mod coded;

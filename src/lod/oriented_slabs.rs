@@ -1,21 +1,12 @@
-//! Where in a cell its content is: between two planes across the voxel's normal, and two along another axis.
+//! Bounds the content of a cell by two **oriented slabs**: one across the voxel's normal, and one across a second axis.
 //!
-//! The cell of a piece of a wall is much thicker than the piece, that of a slanted wire much wider than the wire. What
-//! is shown where the cell stands in is met where the ray enters the cell and both **slabs**; a ray that misses them
-//! misses the content, for certain. The first slab is for surfaces, the second for wires and strips
-//! (`tests/bench/NOTES.md` has what each is worth).
+//! The cell of a piece of a slanted wall is much thicker than the piece, and that of a slanted wire is much wider than
+//! the wire. A ray hits a stand-in where it has entered the cell and both slabs. A ray that misses a slab certainly
+//! misses the content. The first slab is for surfaces, the second for wires and strips (benefits:
+//! `tests/bench/NOTES.md`).
 //!
-//! One word:
-//!
-//! | bits | |
-//! |---|---|
-//! | 0 to 6, 7 to 13 | the planes across the normal: steps of 1/127 of the cell's extent along it |
-//! | 14 to 19 | the turn of the second axis around the normal, see [`turned`] |
-//! | 20 to 24, 25 to 29 | the planes across that: steps of 1/31; 0 and 31, the cell's ends, where it is not worth its time |
-//! | 30, 31 | how near to the content all of that is (`fill.rs`) |
-//!
-//! What is stored is worked out by one function over any number of lanes: walks of all kinds and builds see the same
-//! planes.
+//! Both slabs are stored in one word, see "Oriented slabs" in `src/store/FORMAT.md`. One function over any number of
+//! lanes decodes the word, so all kinds of walks and builds use identical planes.
 
 use super::coded::octahedral_axis;
 use super::fill::Fill;
@@ -24,24 +15,25 @@ use crate::math::Bounds;
 use crate::simd::Lanes;
 use glam::Vec3;
 
-/// The parts of the word, from which bit on and how many: low and high plane across the normal; turn; low and high
+/// Fields of the word, each with first bit and number of bits: low and high plane across the normal; turn; low and high
 /// plane across the second axis.
 pub const FIELDS: [(u32, u32); 5] = [(0, 7), (7, 7), (14, 6), (20, 5), (25, 5)];
-/// The same of what `fill.rs` says.
+/// First bit and number of bits of the level (`fill.rs`).
 pub const LEVEL: (u32, u32) = (30, 2);
 /// Steps of the planes across the normal, and across the second axis.
 const STEPS: [u32; 2] = [127, 31];
-/// Ways in which the second axis may be turned.
+/// Number of possible turns of the second axis.
 pub(super) const TURNS: u32 = 64;
-/// A second slab of more steps than this is not worth its time.
+/// Greatest width in steps for which the second slab is worthwhile.
 const WIDEST: u32 = 20;
-/// A content of more triangles than these is kept as the slabs of its pieces.
+/// A content with more triangles than this keeps the slabs of its pieces instead of its triangles.
 const TRIANGLES: usize = 256;
 
-/// What lies between two planes: points `p` with `low <= axis . p <= high`. Of one cell, or of one in each lane.
+/// The points `p` between two planes: `low <= axis . p <= high`. `L` holds the slab of one cell, or of one cell in each
+/// lane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrientedSlab<L> {
-    /// Not unit: a fifth to 1 long; the magnitudes of its components add up to 1 at most.
+    /// Axis of a length from a fifth to 1. The magnitudes of its components add up to at most 1.
     pub axis: [L; 3],
     /// The lower plane.
     pub low: L,
@@ -49,20 +41,21 @@ pub struct OrientedSlab<L> {
     pub high: L,
 }
 
-/// The slab across the normal, and the other one.
+/// The slab across the normal, and the slab across the second axis.
 pub type OrientedSlabs<L> = [OrientedSlab<L>; 2];
 
-/// A cell by its middle and half its extent, for its slabs: between its ends they are counted.
+/// A cell as its centre and half its extent. The planes of slabs are counted in steps between the cell's ends along an
+/// axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Middle<L> {
-    /// The middle.
+    /// The centre.
     pub at: [L; 3],
     /// Half the extent.
     pub half: [L; 3],
 }
 
-/// Of voxels in `cell`s: `fields` are those of their words, `normal` the two signed bytes of their normals. Whatever
-/// these are, all is finite. (Inlined always: it is part of the walks.)
+/// Decodes the slabs of voxels in `cell`. `fields` holds the fields of their words, `normal` the two signed bytes of
+/// their normals. The result is finite for any input. (Always inlined, because it is part of the walks.)
 #[inline(always)]
 pub fn oriented_slabs<const N: usize, L: Lanes<N>>(
     fields: [L; 5],
@@ -79,7 +72,7 @@ pub fn oriented_slabs<const N: usize, L: Lanes<N>>(
     ]
 }
 
-/// The fields of one word.
+/// Unpacks the fields of one word.
 #[inline(always)]
 pub fn fields(word: u32) -> [f32; 5] {
     let field = |(from, count): (u32, u32)| (word >> from & ((1 << count) - 1)) as f32;
@@ -92,7 +85,7 @@ pub fn normal_bytes(word: u32) -> [f32; 2] {
     [f32::from(word as u8 as i8), f32::from((word >> 8) as u8 as i8)]
 }
 
-/// A cell along an axis.
+/// The extent of a cell along an axis.
 #[derive(Clone, Copy)]
 struct Range<L> {
     from: L,
@@ -100,7 +93,7 @@ struct Range<L> {
 }
 
 impl<L> Range<L> {
-    /// `which`: across the normal, or across the second axis.
+    /// `which`: 0 for the axis of the normal, 1 for the second axis.
     #[inline(always)]
     fn of<const N: usize>(axis: [L; 3], cell: &Middle<L>, which: usize) -> Self
     where
@@ -122,12 +115,13 @@ impl<L> Range<L> {
     }
 }
 
-/// A direction across `axis`, turned around it by `turn` of [`TURNS`] steps of half a turn: of equal parts of the half
-/// circle of directions whose two components' magnitudes add up to 1, which needs no sine.
+/// Returns a direction at right angles to `axis`. `turn` counts [`TURNS`] steps that cover half a turn around it. The
+/// steps divide the half circle of directions with magnitudes of the two components that add up to 1, which needs no
+/// sine.
 ///
-/// It is a fifth to 1 long: `axis`, whose components' magnitudes add up to 1, is `3^-0.5` to 1, the direction across it
-/// that the turn begins with 0.44 to 1, that at right angles to both 0.26 to 1, and what is between these the least of
-/// it 0.22.
+/// The direction has a length from a fifth to 1. The magnitudes of the components of `axis` add up to 1, so its length
+/// is `3^-0.5` to 1. The direction of turn 0 has a length of 0.44 to 1, and the direction at right angles to both 0.26
+/// to 1. Directions between these two have a length of at least 0.22.
 #[inline(always)]
 pub(super) fn turned<const N: usize, L: Lanes<N>>([x, y, z]: [L; 3], turn: L) -> [L; 3] {
     let zero = splat(x, 0.0);
@@ -146,42 +140,43 @@ pub(super) fn abs<const N: usize, L: Lanes<N>>(v: L) -> L {
     v.max(splat(v, 0.0) - v)
 }
 
-/// `v` in all lanes; `like` is any vector.
+/// Returns `v` in all lanes; `like` is any vector.
 #[inline(always)]
 pub(super) fn splat<const N: usize, L: Lanes<N>>(like: L, v: f32) -> L {
     L::from_array_like(like, [v; N])
 }
 
-/// What a cell holds, as far as slabs are concerned: triangles; or, of what is large, its pieces' cells with their
-/// slabs, and where in these there is surface.
+/// Content of a cell, as far as slabs need it: its triangles, or for a large content the cells of its pieces, with
+/// their slabs and occupied subcells.
 #[derive(Debug, Clone, Default)]
 pub struct Content {
-    /// Corners of the triangles, those that leaves share once for each leaf.
+    /// Corners of the triangles. Triangles of the same leaf share corners.
     points: Vec<Vec3>,
-    /// Each triangle's among these.
+    /// Indices of each triangle's corners in `points`.
     triangles: Vec<[u16; 3]>,
     cells: Vec<(Bounds, OrientedSlabs<f32>, Fill)>,
 }
 
 impl Content {
-    /// Of triangles, each by the places of its corners among `points`, all of which are some triangle's.
+    /// A content of triangles. Each triangle has the indices of its corners in `points`, and each point belongs to a
+    /// triangle.
     pub fn of_triangles(points: Vec<Vec3>, triangles: Vec<[u16; 3]>) -> Self {
         Self { points, triangles, cells: Vec::new() }
     }
 
-    /// Of triangles with these corners, three each.
+    /// A content of triangles with these corners, three for each triangle.
     #[cfg(test)]
     pub fn of_points(points: Vec<Vec3>) -> Self {
         let triangles = (0..points.len() as u16 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         Self::of_triangles(points, triangles)
     }
 
-    /// Of pieces in these cells.
+    /// A content of pieces in these cells.
     pub fn of_cells(cells: Vec<(Bounds, OrientedSlabs<f32>, Fill)>) -> Self {
         Self { cells, ..Self::default() }
     }
 
-    /// Of pieces in their cells, with their slabs.
+    /// Combines the contents of pieces. The result keeps their triangles if all are known and not too many.
     pub fn over(pieces: Vec<(Self, Bounds, OrientedSlabs<f32>, Fill)>) -> Self {
         let triangles = pieces.iter().map(|(c, ..)| c.triangles.len()).sum();
         if triangles > TRIANGLES || pieces.iter().any(|(c, ..)| !c.cells.is_empty()) {
@@ -197,22 +192,23 @@ impl Content {
         all
     }
 
-    /// The corners of all triangles, if these are known.
+    /// The corners of all triangles; empty if the triangles are not known.
     pub(super) fn points(&self) -> &[Vec3] {
         &self.points
     }
 
-    /// The triangles, if they are known, and all their corners.
+    /// The triangles and their corners; empty if they are not known.
     pub fn triangles(&self) -> (&[[u16; 3]], &[Vec3]) {
         (&self.triangles, &self.points)
     }
 
-    /// If not: its pieces.
+    /// The pieces; empty if the triangles are known.
     pub fn cells(&self) -> &[(Bounds, OrientedSlabs<f32>, Fill)] {
         &self.cells
     }
 
-    /// The word of its slabs in `cell`, across the normal in `normal`: outward, so that they hold it.
+    /// Returns the word of the slabs in `cell`, with the first slab across the normal in `normal`. Planes are rounded
+    /// outward, so that the slabs contain the content.
     pub fn oriented_slabs(&self, normal: u32, cell: &Middle<f32>) -> u32 {
         let across = octahedral_axis(normal_bytes(normal));
         let Narrowest { turn, second, along_second, along_normal } = narrowest(self, across);
@@ -224,12 +220,12 @@ impl Content {
     }
 }
 
-/// The steps of the planes across `axis`, along which a content reaches from `low` to `high`.
+/// Steps of the planes across `axis` for a content that extends from `low` to `high` along it.
 fn between(which: usize, axis: [f32; 3], [low, high]: [f64; 2], cell: &Middle<f32>) -> [u32; 2] {
     let range = Range::of(axis, cell, which);
     let plane = |steps: u32| f64::from(range.plane(steps as f32));
     let guess = |at: f64| ((at - f64::from(range.from)) / f64::from(range.step)).clamp(0.0, f64::from(STEPS[which]));
-    // What rounding has moved is seen by looking at the planes as walks do.
+    // The planes are computed as walks compute them, which corrects for rounding.
     let (mut first, mut last) = (guess(low) as u32, guess(high).ceil() as u32);
     while first > 0 && plane(first) > low {
         first -= 1;
@@ -267,7 +263,7 @@ mod tests {
     fn holds(slabs: &OrientedSlabs<f32>, p: Vec3) -> bool {
         slabs.iter().all(|s| {
             let at = Vec3::from(s.axis).as_dvec3().dot(p.as_dvec3());
-            // The cell's own ends are as single precision has them: to within 17 h of the greatest coordinate.
+            // The cell's ends are computed in single precision, to within 17 h of the greatest coordinate.
             at >= f64::from(s.low) - 4e-6 && at <= f64::from(s.high) + 4e-6
         })
     }
@@ -310,7 +306,7 @@ mod tests {
         }
     }
 
-    /// All normals and turns that there are. Bytes of -128, which only a damaged file has, are a little beyond the
+    /// All possible normals and turns. Bytes of -128, which only a damaged file has, lie slightly outside of the
     /// square.
     #[test]
     fn magnitudes_of_axes_add_up_to_one_at_most() {
@@ -326,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_are_across_and_go_half_around() {
+    fn turns_are_at_right_angles_and_cover_half_a_turn() {
         for normal in [0x0000, 0x7f00, 0x2040, 0x90c0, 0x2b2b] {
             let axis = octahedral_axis(normal_bytes(normal));
             let across = Vec3::from(axis);
@@ -335,7 +331,7 @@ mod tests {
                 assert!(at(turn).dot(across).abs() < 1e-6);
                 let next = at((turn + 1) % TURNS) * if turn == TURNS - 1 { -1.0 } else { 1.0 };
                 let step = at(turn).angle_between(next).to_degrees();
-                // All the way around the same way, in steps that are not all equal.
+                // The axis turns in one direction, in steps of unequal size.
                 assert!(
                     (0.7..8.0).contains(&step) && at(turn).cross(next).dot(across) > 0.0,
                     "{normal:x} {turn}: {step}"
@@ -359,7 +355,7 @@ mod tests {
         let slabs = stored(&Content::of_points(points), octahedral(one), &cell);
         for slab in &slabs {
             let wide = (slab.high - slab.low) / Vec3::from(slab.axis).length();
-            // As thick as the wire, up to what steps and turns are off by.
+            // The slabs are as thick as the wire, up to the errors of steps and turns.
             assert!(wide > 0.17 && wide < 1.0, "{wide} {slabs:?}");
         }
     }

@@ -1,59 +1,60 @@
-//! What a ray sees of a voxel, and how that answers light.
+//! The part of a voxel that a ray sees, and its response to light.
 //!
-//! A voxel of six samples is seen through the three of its sides that face the ray, each by as much as there is to see:
-//! the share of the side that is covered, of its area as the ray sees it; and the less, the more the normals differ
-//! that it sees, for of these some are seen from behind, and in a closed surface they are hidden. Not by which side the
-//! ray enters: a tall cell of a few blocks shows their tops, though its own top is small. (Áfra 2012, section 4.2,
-//! takes the sample of the side that is entered.)
+//! A ray sees a voxel of six samples through the three sides that face the ray. Each side has a share: its area as
+//! projected along the ray, times its cover. The share is reduced if the normals that the side sees differ, because
+//! some of that surface is seen from behind, and in a closed surface that part is hidden. The shares do not depend on
+//! the side that the ray enters: a tall cell of a few blocks shows their tops, even if its own top is small. (Áfra
+//! 2012, section 4.2, takes the sample of the entered side.)
 //!
-//! How much of the light comes back is told by the lengths of mean normals: see [`visible`].
+//! The length of a mean normal determines how much light is reflected: see [`visible`].
 
 use super::coded::{stored_colour, stored_cover, stored_likeness};
 use glam::Vec3;
 
-/// Of a side of which nothing is seen, so that there always is a blend.
+/// Added to each side's visible area, so that the sum is never zero.
 const LEAST_SEEN: f32 = 1e-6;
 
-/// Shares of three sides, that add up to 1.
+/// Returns the shares of three sides, which add up to 1.
 ///
-/// `extent`: of the cell; `dir`: of the ray in the cell's frame; `firsts`, `seconds`: the words of the samples of the
-/// sides across x, y and z that face the ray.
+/// `extent` is that of the cell; `dir` is the ray's direction in the cell's frame. `firsts` and `seconds` are the words
+/// of the samples of the sides across x, y and z that face the ray.
 #[inline(always)]
 pub fn shares(extent: Vec3, dir: Vec3, firsts: [u32; 3], seconds: [u32; 3]) -> [f32; 3] {
     let (e, d) = (in_proportion(extent), in_proportion(dir.abs()));
     let alike = Vec3::from(firsts.map(stored_likeness));
     let covered = Vec3::from(seconds.map(stored_cover)) * Vec3::new(e.y * e.z, e.z * e.x, e.x * e.y);
-    // Squared: once is slivers 3 thousandths brighter at 1 pixel of error, not at all 21 (tests/bench/NOTES.md).
+    // The likeness is squared. (With its first power slivers are 0.003 brighter at 1 pixel of error, without it 0.021;
+    // tests/bench/NOTES.md.)
     let seen = (covered * alike * alike + LEAST_SEEN) * d;
     (seen / (seen.x + seen.y + seen.z)).to_array()
 }
 
-/// With its largest component made 1: no product of them overflows. All 1 if that cannot be.
+/// Scales the vector so that its largest component is 1 and no product overflows. Returns all 1 if that is impossible.
 #[inline(always)]
 fn in_proportion(v: Vec3) -> Vec3 {
     let most = v.x.max(v.y).max(v.z);
     let is_usual = most > 1e-30 && most < 1e30;
     let (by, or) = if is_usual { (1.0 / most, 0.0) } else { (0.0, 1.0) };
-    // What is infinite must not be multiplied with zero.
+    // Infinite components are clamped first, because their product with zero is NaN.
     Vec3::new(v.x.min(1e30), v.y.min(1e30), v.z.min(1e30)) * by + or
 }
 
-/// How what is seen answers light.
+/// The response of visible surface to light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Facing {
-    /// Mean normals of what a ray sees of each side.
+    /// Mean visible normal of each side.
     normals: [Vec3; 3],
-    /// Their shares.
+    /// Shares of the sides.
     shares: [f32; 3],
 }
 
 impl Facing {
-    /// All with one unit normal.
+    /// A surface with one unit normal.
     pub fn flat(normal: Vec3) -> Self {
         Self { normals: [normal, Vec3::ZERO, Vec3::ZERO], shares: [1.0, 0.0, 0.0] }
     }
 
-    /// Of the mean normals of what is seen of each side (see [`visible`]), and their shares.
+    /// A surface with the given mean visible normals of the sides (see [`visible`]) and shares.
     pub fn new(normals: [Vec3; 3], shares: [f32; 3]) -> Self {
         Self { normals, shares }
     }
@@ -62,28 +63,29 @@ impl Facing {
     #[inline(always)]
     pub fn mean(&self) -> Vec3 {
         let ([a, b, c], [x, y, z]) = (self.normals, self.shares);
-        // From zero: the sign of a zero must not depend on how many there are.
+        // The sum starts from zero, so that the sign of a zero does not depend on the number of terms.
         Vec3::ZERO + a * x + b * y + c * z
     }
 
-    /// The mean cosine between normals and a unit direction, of those that face it.
+    /// Mean cosine between the normals and a unit direction. Normals that face away count as 0.
     pub fn cosine(&self, to: Vec3) -> f32 {
         self.normals.iter().zip(self.shares).map(|(n, share)| share * lit(*n, to)).sum()
     }
 }
 
-/// The mean of the normals that are seen, of those whose mean seen along `normal` is `likeness` long; all unit,
-/// `normal` on the eye's side.
+/// Returns the mean of the normals that are visible from `to_eye`. `normal` is their mean direction, on the eye's side,
+/// and `likeness` is the length of their mean as seen along it. `normal` and `to_eye` are unit vectors.
 ///
-/// As if the normals were those of a spheroid, flat where they are alike and a sphere where their mean is 2/3 long:
-/// projected area and mean visible normal of such have closed forms. (Heitz and others, The SGGX microflake
-/// distribution, SIGGRAPH 2015.) With T the mean of n n' over area, the latter is T e / A, and A goes as the root of e'
-/// T e. T is 2 l - 1 along the normal and 1 - l across: exact where normals are nearly alike, and for spheres. Light
-/// from where the eye is comes back as l times the root of c^2 + r (1 - c^2), c the cosine, r their ratio: of flat
-/// pieces c, of spheres 2/3 from anywhere.
+/// The normals are assumed to be those of a spheroid, which is flat if they are all alike and a sphere if their mean
+/// has a length of 2/3. Such surfaces have closed forms of projected area and mean visible normal (Heitz and others,
+/// "The SGGX microflake distribution", SIGGRAPH 2015). With T the mean of n n' over the area, the mean visible normal
+/// is T e / A, and the projected area A is proportional to the root of e' T e. T is 2 l - 1 along the normal and 1 - l
+/// across it: exact for nearly equal normals and for spheres. A light at the eye is reflected as l times the root of
+/// c^2 + r (1 - c^2), where c is the cosine and r the ratio of the two values of T. For flat pieces this is c; for
+/// spheres it is 2/3 from all directions.
 #[inline(always)]
 pub fn visible(normal: Vec3, likeness: f32, to_eye: Vec3) -> Vec3 {
-    // No more than a sphere's: from other sides there are other samples.
+    // The ratio is at most that of a sphere, because other samples describe the other sides.
     let across = (1.0 - likeness) / (2.0 * likeness - 1.0).max(1.0 - likeness).max(1e-6);
     let cosine = normal.dot(to_eye).max(0.0);
     let leaning = normal * cosine + (to_eye - normal * cosine) * across;
@@ -91,18 +93,19 @@ pub fn visible(normal: Vec3, likeness: f32, to_eye: Vec3) -> Vec3 {
     leaning * if length > 1e-6 { likeness / length } else { 0.0 }
 }
 
-/// The mean cosine between `to` and normals around `mean`, of those that face it; as if their cosines were spread
-/// evenly, as widely as what the mean lacks of 1 says.
+/// Mean cosine between `to` and normals with mean `mean`; normals that face away count as 0. The cosines are assumed to
+/// be uniformly distributed, with a variance that the length of the mean determines.
 #[inline(always)]
 fn lit(mean: Vec3, to: Vec3) -> f32 {
     let (cosine, square) = (mean.dot(to), mean.length_squared());
-    // Those across the mean, of which there are two, vary; as the mean is that of what is seen, hardly those along.
+    // Only the two components across the mean vary. The component along it hardly varies, because the mean is that of
+    // the visible normals.
     let variance = 0.45 * (1.0 - square).max(0.0) * (1.0 - cosine * cosine / square.max(1e-12)).max(0.0);
     let half = (3.0 * variance).sqrt();
     if cosine.abs() >= half { cosine.max(0.0) } else { (cosine + half) * (cosine + half) / (4.0 * half) }
 }
 
-/// The linear colour of samples' second words, by their shares.
+/// Returns the linear colour of three samples, given by their second words, weighted by their shares.
 #[inline(always)]
 pub fn blended_colour(seconds: [u32; 3], shares: [f32; 3]) -> Vec3 {
     let mut colour = Vec3::ZERO;
@@ -122,12 +125,12 @@ mod tests {
         sample(&Sample { normal, colour: Vec3::ONE, cover })
     }
 
-    /// Seen by an eye on the normal's side.
+    /// The response of one sample to an eye on the normal's side.
     fn one_sample(first: u32, to_eye: Vec3) -> Facing {
         Facing::flat(visible(stored_normal(first), stored_likeness(first), to_eye))
     }
 
-    /// What comes back of a light where the eye is.
+    /// Light that returns from a light at the eye.
     fn answer(sides: [[u32; 2]; 3], extent: Vec3, dir: Vec3) -> f32 {
         let shares = shares(extent, dir, sides.map(|s| s[0]), sides.map(|s| s[1]));
         let seen = |first: u32| {
@@ -142,7 +145,7 @@ mod tests {
         [Vec3::NEG_ONE, Vec3::new(-1.0, -0.2, -3.0), Vec3::new(-1.0, -1.0, 0.0), Vec3::new(0.0, 0.0, -1.0)];
 
     #[test]
-    fn a_cuboid_answers_as_its_faces_do() {
+    fn a_cuboid_responds_like_its_faces() {
         let extent = Vec3::new(1.0, 2.0, 5.0);
         let sides = [Vec3::X, Vec3::Y, Vec3::Z].map(|n| words(n, 1.0));
         for dir in DIRS.map(Vec3::normalize) {
@@ -153,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_answers_as_a_sphere() {
+    fn a_sphere_responds_like_a_sphere() {
         let sides = [Vec3::X, Vec3::Y, Vec3::Z].map(|n| words(n * (2.0 / 3.0), 0.785));
         for dir in DIRS.map(Vec3::normalize) {
             assert!((answer(sides, Vec3::ONE, dir) - 2.0 / 3.0).abs() < 3e-3, "{dir}");
@@ -161,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_piece_answers_with_the_cosine_though_sides_see_it_from_front_and_behind() {
+    fn a_flat_piece_responds_with_the_cosine_from_both_sides() {
         let normal = Vec3::new(2.0, -1.0, 2.0) / 3.0;
         let sides = [normal, -normal, normal].map(|n| words(n, 0.5));
         for dir in DIRS.map(Vec3::normalize) {
@@ -171,16 +174,16 @@ mod tests {
 
     #[test]
     fn blocks_in_a_tall_cell_show_their_tops() {
-        // Of the walls a twentieth is covered, of the top all.
+        // A twentieth of each wall is covered, and all of the top.
         let sides = [words(Vec3::X, 0.05), words(Vec3::Y, 0.05), words(Vec3::Z, 1.0)];
         let dir = -Vec3::ONE.normalize();
         let [x, _, z] = shares(Vec3::new(1.0, 1.0, 5.0), dir, sides.map(|s| s[0]), sides.map(|s| s[1]));
         assert!(x < 0.2 && z > 0.6, "{x} {z}");
     }
 
-    /// Against a sum over the side of a sphere that the eye sees.
+    /// Compares with a sum over the visible half of a sphere.
     #[test]
-    fn a_sphere_answers_lights_beside_the_eye() {
+    fn a_sphere_responds_to_lights_away_from_the_eye() {
         let [first, _] = words(Vec3::Z * (2.0 / 3.0), 1.0);
         let facing = one_sample(first, Vec3::Z);
         for angle in [0.0f32, 0.4, 1.0, 1.6, 2.5, 3.1] {
@@ -200,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn alike_normals_answer_as_one_from_anywhere() {
+    fn equal_normals_respond_as_one_to_any_light() {
         let normal = Vec3::new(2.0, -1.0, 2.0) / 3.0;
         let facing = one_sample(words(normal, 1.0)[0], Vec3::X);
         for light in DIRS.map(|d| -d.normalize()) {

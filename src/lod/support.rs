@@ -1,28 +1,28 @@
-//! How far what a cell holds reaches along axes: eight at once.
+//! Extents of a cell's content along eight axes at once.
 #![allow(clippy::needless_range_loop)] // an axis is a lane of several arrays
 
 use super::oriented_slabs::{Content, OrientedSlabs};
 use crate::math::Bounds;
 use glam::{DVec3, Vec3};
 
-/// Axes that are looked along at once: lanes.
+/// Number of axes that are measured at once, one in each lane.
 pub const AXES: usize = 8;
-/// So many axes, by component.
+/// Eight axes, by component.
 pub type Axes = [[f32; AXES]; 3];
 
-/// Lanes of a vector of double precision. (Eight at once, or comparisons in place of `min` and `max`: compiled for
-/// AVX-512 half as fast.)
+/// Lanes of a vector of double precision. (With eight lanes, or with comparisons in place of `min` and `max`, the
+/// AVX-512 code takes twice as long.)
 const HALF: usize = AXES / 2;
-/// A half of the axes, by component.
+/// Half of the axes, by component.
 type Half = [[f64; HALF]; 3];
 
-/// What a cell's ends along an axis are off by, as a part of the greatest magnitude of a coordinate: 17 h
-/// (`trace/oriented_slabs.rs`) and more.
+/// Bound on the error of a cell's ends along an axis, as a part of the greatest magnitude of a coordinate: 17 h
+/// (`trace/oriented_slabs.rs`) and a reserve.
 const ENDS: f64 = 24.0 / 16_777_216.0;
 
-/// The least and the greatest of `axis . p` over all that `content` holds, for each axis; of what is known by its
-/// pieces' cells no more, or no less. In double precision, the same with any vectors. (Inlined always: it is compiled
-/// for the instruction set of its caller.)
+/// Returns for each axis the least and the greatest `axis . p` over the content. For pieces known only by their cells
+/// the extent may be larger. Double precision makes the result the same with any instruction set. (Always inlined, so
+/// that it is compiled for the instruction set of its caller.)
 #[inline(always)]
 pub fn extents(content: &Content, axes: &Axes) -> [[f64; AXES]; 2] {
     let mut halves: [Half; 2] = [[[0.0; HALF]; 3]; 2];
@@ -72,17 +72,17 @@ fn add_point(p: &Vec3, axes: &[Half; 2], ends: &mut [[[f64; HALF]; 2]; 2]) {
     }
 }
 
-/// How far what is in a cell and in its slabs reaches along `axis`, or farther.
+/// Upper bound on `axis . p` for points of a cell that are inside of its slabs.
 pub fn farthest(cell: &Bounds, slabs: &OrientedSlabs<f32>, axis: DVec3) -> f64 {
     farthest_of(cell, slabs, &axis.to_array().map(|component| [component]))[0]
 }
 
-/// The same along some axes.
+/// Upper bounds along several axes.
 ///
-/// For any factors `f`, `axis . p = (axis - f0 a0 - f1 a1) . p + f0 (a0 . p) + f1 (a1 . p)`: no more than the cell
-/// allows for the first term, and the slabs for the others. The factor that is best for one slab is zero or takes a
-/// component of what is left away. Planes at a cell's ends are where single precision has these: content may be outside
-/// by that, times a factor that may be great.
+/// For any factors `f`, `axis . p = (axis - f0 a0 - f1 a1) . p + f0 (a0 . p) + f1 (a1 . p)`. The cell bounds the first
+/// term, the slabs bound the others. The best factor for one slab is zero or cancels one component of the remaining
+/// axis. Planes at a cell's ends are computed in single precision, so content may be outside of them. The bound
+/// therefore adds this error times the factor, which may be large.
 #[inline(always)]
 fn farthest_of<const N: usize>(cell: &Bounds, slabs: &OrientedSlabs<f32>, axes: &[[f64; N]; 3]) -> [f64; N] {
     let (centre, half) =
@@ -107,7 +107,7 @@ fn farthest_of<const N: usize>(cell: &Bounds, slabs: &OrientedSlabs<f32>, axes: 
             let in_cell = in_cell(&centre, &half, &left);
             for lane in 0..N {
                 let all = in_cell[lane] + beyond[lane];
-                // Not so for NaN and infinity, of axes without that component.
+                // False for NaN and infinity, which occur if the slab's axis lacks that component.
                 let is_less = all < least[lane];
                 least[lane] = if is_less { all } else { least[lane] };
                 factors[lane] = if is_less { factor[lane] } else { factors[lane] };
@@ -128,7 +128,7 @@ fn farthest_of<const N: usize>(cell: &Bounds, slabs: &OrientedSlabs<f32>, axes: 
     all
 }
 
-/// How far a cell reaches along some axes, by its middle and half its extent.
+/// Extents of a cell along several axes, from its centre and half its extent.
 #[inline(always)]
 fn in_cell<const N: usize>(centre: &[f64; 3], half: &[f64; 3], [x, y, z]: &[[f64; N]; 3]) -> [f64; N] {
     let mut out = [0.0; N];
@@ -158,7 +158,7 @@ mod tests {
         }
     }
 
-    /// The twin of `farthest_of`, of one axis.
+    /// The scalar twin of `farthest_of`, for one axis.
     fn one_by_one(cell: &Bounds, slabs: &OrientedSlabs<f32>, axis: DVec3) -> f64 {
         let (centre, half) =
             ((cell.min.as_dvec3() + cell.max.as_dvec3()) * 0.5, (cell.max.as_dvec3() - cell.min.as_dvec3()) * 0.5);
@@ -173,7 +173,7 @@ mod tests {
                 let plane = if factor > 0.0 { slab.high } else { slab.low };
                 let beyond = factor * f64::from(plane) + factor.abs() * give;
                 let all = in_cell(rest - across * factor) + beyond;
-                // Not so for NaN and infinity, of axes without that component.
+                // False for NaN and infinity, which occur if the slab's axis lacks that component.
                 if all < best.0 {
                     best = (all, factor, beyond);
                 }
@@ -197,7 +197,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_is_that_of_points_one_by_one(points in points(), axes in axes()) {
+        fn extents_equal_those_of_single_points(points in points(), axes in axes()) {
             let content = Content::of_points(points.clone());
             for isa in Isa::ALL {
                 let [low, high] = dispatch(isa, Reach(&content, &axes));
@@ -210,7 +210,7 @@ mod tests {
         }
 
         #[test]
-        fn cells_reach_as_far_as_each_by_itself_and_hold_their_points(points in points(), normal: u16, axes in axes()) {
+        fn extents_of_cells_equal_scalar_ones_and_contain_the_points(points in points(), normal: u16, axes in axes()) {
             let (content, cell) = (Content::of_points(points.clone()), Bounds::of(&points));
             let middle = Middle { at: cell.center().to_array(), half: (cell.extent() * 0.5).to_array() };
             let slabs = oriented_slabs(fields(content.oriented_slabs(normal.into(), &middle)), normal_bytes(normal.into()), &middle);

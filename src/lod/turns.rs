@@ -1,29 +1,30 @@
-//! Which way the second axis of a cell's slabs is turned: the one along which its content is least wide, of eight, then
-//! of those between.
+//! Selects the turn of the second axis of a cell's slabs: the turn with the least width of the content. The search
+//! tests eight turns, then the turns between the neighbours of the best.
 
 use super::oriented_slabs::{Content, TURNS, turned};
 use super::support::{AXES, Axes, extents};
 use crate::simd::{Isa, Lanes, Op, Simd, dispatch};
 
-/// Turns of which the best is sought first: every so many.
+/// Distance between the turns of the first search.
 const COARSE: u32 = TURNS / AXES as u32;
-/// Those between its neighbours are looked along together; behind them is room for the axis that turns are across.
+/// Number of turns in the second search. Its index is also that of one more lane, in which the normal's axis is
+/// measured.
 const ACROSS: usize = 2 * AXES - 1;
 const _: () = assert!(2 * COARSE as usize == ACROSS + 1);
 
-/// What was found.
+/// Result of the search.
 pub struct Narrowest {
     /// The turn.
     pub turn: u32,
-    /// Its axis.
+    /// The second axis.
     pub second: [f32; 3],
-    /// How far the content reaches along that, or farther.
+    /// Extent of the content along the second axis, or a larger one.
     pub along_second: [f64; 2],
-    /// The same along the axis that turns are across.
+    /// Extent of the content along the normal's axis, or a larger one.
     pub along_normal: [f64; 2],
 }
 
-/// The turn around `across` along whose axis `content` is least wide.
+/// Returns the turn around `across` for which the content has the least width.
 pub fn narrowest(content: &Content, across: [f32; 3]) -> Narrowest {
     dispatch(Isa::best(), Search { content, across })
 }
@@ -76,7 +77,7 @@ impl Op for Search<'_> {
     }
 }
 
-/// The axes of eight turns around `across`, the first of them `from` and each `step` more than the one before.
+/// Returns the axes of eight turns around `across`: the first is `from`, and each next one is `step` greater.
 #[inline(always)]
 fn axes<S: Simd>(s: S, across: [f32; 3], from: u32, step: u32) -> Axes {
     let mut turns = [0.0; AXES];
@@ -88,7 +89,7 @@ fn axes<S: Simd>(s: S, across: [f32; 3], from: u32, step: u32) -> Axes {
     [x.to_array(), y.to_array(), z.to_array()]
 }
 
-/// How wide something is that reaches so far along some axes, which are of any length.
+/// Widths from extents along axes of any length.
 #[inline(always)]
 fn widths([x, y, z]: &Axes, [low, high]: &[[f64; AXES]; 2]) -> [f64; AXES] {
     let mut wide = [0.0; AXES];

@@ -1,40 +1,40 @@
-//! What a cell looks like from each of its six sides.
+//! The look of a cell from each of its six sides.
 //!
-//! Áfra 2012, section 4.2: an attribute sample for each side of a voxel. There they come from rays or from
-//! rasterised triangles; here from compositing the children's, front to back on a small grid over each side, which
-//! needs no second pass over the triangles and no random numbers.
+//! Áfra 2012, section 4.2, stores an attribute sample for each side of a voxel. The paper computes the samples with
+//! rays or by rasterising triangles. Here they are composited from those of the children, front to back on a small grid
+//! over each side. This needs no second pass over the triangles and no random numbers.
 
 use crate::math::Bounds;
 use glam::Vec3;
 
 /// Cells of the grid along each edge of a side.
 const GRID: usize = 4;
-/// Children of a node, at most.
+/// Greatest number of children of a node.
 const CHILDREN: usize = 8;
-/// Sides of which all is worked out at once, and two that mean nothing: vectors of four and eight hold as many.
+/// Lanes in which all six sides are computed at once, and two unused lanes: they fill vectors of four and of eight.
 const LANES: usize = 8;
 
 /// One triangle of a leaf.
 #[derive(Debug, Clone, Copy)]
 pub struct Facet {
-    /// Twice its area times its unit normal, of either sign.
+    /// Unit normal, of either sign, times twice the area.
     pub normal: Vec3,
-    /// Linear.
+    /// Linear colour.
     pub colour: Vec3,
-    /// Its part.
+    /// The triangle's part.
     pub part: u32,
-    /// Whether the colour is its own, not that of its part.
+    /// True if the colour is the triangle's own and not its part's.
     pub is_own_colour: bool,
 }
 
-/// What is seen from one side: means over what is visible from there.
+/// Means over the surface that is visible from one side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Mean unit normal, on this side; the shorter, the more the normals differ.
+    /// Mean of the unit normals, each turned towards this side. The more the normals differ, the shorter it is.
     pub normal: Vec3,
-    /// Linear.
+    /// Linear colour.
     pub colour: Vec3,
-    /// The share of the side that is covered, 0 to 1.
+    /// Covered share of the side, 0 to 1.
     pub cover: f32,
 }
 
@@ -42,37 +42,37 @@ impl Sample {
     const NOTHING: Self = Self { normal: Vec3::ZERO, colour: Vec3::ZERO, cover: 0.0 };
 }
 
-/// A cell's samples and parts.
+/// Samples and parts of a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Voxel {
-    /// From low x, y, z, then from high x, y, z.
+    /// Samples of the sides: low x, y, z, then high x, y, z.
     pub sides: [Sample; 6],
-    /// The part of which most is seen.
+    /// The part with the greatest visible area.
     pub part: u32,
-    /// How much is seen of it, in units of area.
+    /// Visible area of that part.
     weight: f32,
-    /// Whether there are others.
+    /// True if there are other parts.
     pub is_mixed: bool,
-    /// The bits of all parts in it ([`summary_bit`]).
+    /// The bits of all parts in the cell ([`summary_bit`]).
     pub summary: u32,
-    /// Whether some of it has a colour other than that of its part.
+    /// True if some triangles have a colour other than that of their part.
     pub has_own_colours: bool,
 }
 
-/// A part's bit in a summary: a set of parts that lacks it lacks the part. (Parts that are numbered on have bits that
-/// are numbered on: a summary of a shared mesh's parts is that of the model's parts, rotated.)
+/// Returns a part's bit in a summary. If a summary lacks the bit, its set of parts lacks the part. Consecutive parts
+/// have consecutive bits, so the summary of a shared mesh's parts, rotated, is that of the model's parts.
 #[inline]
 pub fn summary_bit(part: u32) -> u32 {
     1 << (part % 32)
 }
 
-/// Axis and whether it is the high one, of a side.
+/// Axis of a side, and true if it is the high side.
 #[inline]
 fn axis_of(side: usize) -> (usize, bool) {
     (side % 3, side >= 3)
 }
 
-/// A sum of samples on its way to a mean.
+/// A weighted sum of samples, from which a mean is computed.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     normal: Vec3,
@@ -97,14 +97,14 @@ impl Sum {
     }
 }
 
-/// On the side that `side` looks from.
+/// Turns a normal so that it points out of the cell on `side`.
 fn toward(normal: Vec3, side: usize) -> Vec3 {
     let (axis, high) = axis_of(side);
     if (normal[axis] < 0.0) == high { -normal } else { normal }
 }
 
 impl Voxel {
-    /// Of a leaf's triangles, at least one, in `cell`.
+    /// Returns the voxel of the triangles of a leaf, at least one, in `cell`.
     pub fn of_leaf(cell: &Bounds, facets: &[Facet]) -> Self {
         let extent = cell.extent();
         let mut sums = [Sum::default(); 6];
@@ -121,7 +121,7 @@ impl Voxel {
         for (side, (sample, sum)) in sides.iter_mut().zip(&sums).enumerate() {
             let (axis, _) = axis_of(side);
             let face = extent[(axis + 1) % 3] * extent[(axis + 2) % 3];
-            // A facet's normal is as long as twice its area.
+            // The length of a facet's normal is twice the facet's area.
             let cover = if face > 0.0 { (0.5 * sum.weight / face).min(1.0) } else { 1.0 };
             *sample = sum.mean(cover);
         }
@@ -147,7 +147,8 @@ impl Voxel {
         voxel
     }
 
-    /// A side from which nothing is seen, for all facets are edge-on there, has what the others have.
+    /// Fills sides from which nothing is visible, because all facets are edge-on there. They get the mean of all
+    /// facets.
     fn fill_unseen(&mut self, facets: &[Facet]) {
         let is_unseen = |sample: &Sample| sample.cover == 0.0 || sample.normal == Vec3::ZERO;
         if !self.sides.iter().any(is_unseen) {
@@ -169,7 +170,7 @@ impl Voxel {
         }
     }
 
-    /// Which part is seen most; `parts`: part, how much is seen of it, summary, whether mixed.
+    /// Finds the part with the greatest visible area. `parts`: part, visible area, summary, true if mixed.
     fn gather_parts(&mut self, parts: impl Iterator<Item = (u32, f32, u32, bool)> + Clone) {
         let weight_of = |part: u32| parts.clone().filter(|p| p.0 == part).map(|p| p.1).sum::<f32>();
         (self.part, self.weight) = (self.part, weight_of(self.part));
@@ -177,7 +178,7 @@ impl Voxel {
             self.is_mixed |= mixed || part != self.part;
             self.summary |= summary;
             let weight = if part == self.part { self.weight } else { weight_of(part) };
-            // The least of those that are seen as much: the order of children does not matter.
+            // The lowest of equally visible parts wins, so that the order of children does not matter.
             if weight > self.weight || weight == self.weight && part < self.part {
                 (self.part, self.weight) = (part, weight);
             }
@@ -185,10 +186,10 @@ impl Voxel {
     }
 }
 
-/// Looks at the children from all sides: what is behind others counts as much as these let through. With how much is
-/// seen of each child.
+/// Composites the children from all sides, front to back. Each child is weighted by the light that those in front of it
+/// transmit. Also returns the visible area of each child.
 ///
-/// All sides go together, a lane each: from each the child that is nearest first.
+/// All sides are computed at once, one in each lane; from each side the nearest child comes first.
 fn composite<'a>(
     cell: &Bounds,
     children: impl Iterator<Item = (&'a Bounds, &'a Voxel)>,
@@ -223,7 +224,7 @@ fn composite<'a>(
         for (side, order) in orders.iter().enumerate() {
             let ((axis, _), slot) = (axis_of(side), order[nth]);
             let Some(voxel) = voxels[slot] else { continue };
-            // A side of no area is seen as if it were large: all children then lie in one plane or line.
+            // A side without area is treated as if it were large: all children then lie in one plane or line.
             sums[side].add(voxel.sides[side].normal, voxel.sides[side].colour, visible[side].max(1e-6));
             seen_of[slot][side] =
                 visible[side] * (extent[(axis + 1) % 3] * extent[(axis + 2) % 3]).max(f32::MIN_POSITIVE);
@@ -243,7 +244,7 @@ fn composite<'a>(
     (sides, seen)
 }
 
-/// The first `count` slots, the nearest first.
+/// The first `count` slots, sorted by distance, nearest first.
 fn nearest_first(near: &[f32; CHILDREN], count: usize) -> [usize; CHILDREN] {
     let mut order = [0, 1, 2, 3, 4, 5, 6, 7];
     for i in 1..count {
@@ -257,8 +258,8 @@ fn nearest_first(near: &[f32; CHILDREN], count: usize) -> [usize; CHILDREN] {
     order
 }
 
-/// Takes what covers the columns of the grid from what these let through; how much of it is visible. Each side in a
-/// lane of its own.
+/// Covers the columns of the grid and reduces the light that they transmit. Returns the visible part of the cover. Each
+/// lane is one side.
 fn cover_grid(
     through: &mut [[f32; LANES]; GRID * GRID],
     along_u: &[[f32; LANES]; GRID],
@@ -277,7 +278,7 @@ fn cover_grid(
     visible
 }
 
-/// The share of each column of the grid that a box takes along an axis.
+/// The share of each column of the grid that a box covers along an axis.
 fn shares(cell: &Bounds, b: &Bounds, axis: usize) -> [f32; GRID] {
     let size = cell.max[axis] - cell.min[axis];
     if size.is_nan() || size <= 0.0 {
@@ -311,7 +312,7 @@ mod tests {
 
     #[test]
     fn a_square_in_its_plane_covers_its_side_and_faces_both_ways() {
-        // Two triangles of the unit square at z = 0, wound differently.
+        // Two triangles of the unit square at z = 0, with opposite windings.
         let flat = cell([0.0; 3], [1.0, 1.0, 0.0]);
         let v = Voxel::of_leaf(&flat, &[facet([0.0, 0.0, 1.0], RED, 3), facet([0.0, 0.0, -1.0], RED, 3)]);
         assert_eq!(v.sides[2].normal, -Vec3::Z);
@@ -320,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_front_hides_what_is_behind() {
+    fn front_children_hide_back_children() {
         let (front, back) = (cell([0.0; 3], [1.0, 1.0, 0.1]), cell([0.0, 0.0, 0.9], [1.0, 1.0, 1.0]));
         let a = Voxel::of_leaf(&front, &[facet([0.0, 0.0, 2.0], RED, 0)]);
         let b = Voxel::of_leaf(&back, &[facet([0.0, 0.0, 2.0], BLUE, 1)]);
@@ -331,14 +332,14 @@ mod tests {
     }
 
     #[test]
-    fn half_covered_sides_let_half_through_and_averages_are_linear() {
-        // A quarter of each side of 1 x 1, twice the area: red before blue, covering a half of its own box.
+    fn half_covered_sides_transmit_half_and_averages_are_linear() {
+        // On a side of 1 x 1, red has an area of a half and is in front of blue, which has an area of 1.
         let front = cell([0.0; 3], [1.0, 1.0, 0.1]);
         let back = cell([0.0, 0.0, 0.5], [1.0, 1.0, 1.0]);
         let a = Voxel::of_leaf(&front, &[facet([0.0, 0.0, 1.0], RED, 0)]);
         let b = Voxel::of_leaf(&back, &[facet([0.0, 0.0, 2.0], BLUE, 0)]);
         let v = Voxel::over([(&front, &a), (&back, &b)].into_iter());
-        // Red is seen by a half, blue through the other half; then nothing is let through.
+        // Red and blue each contribute a half. Then nothing is transmitted.
         assert!(v.sides[2].colour.distance(Vec3::new(0.5, 0.0, 0.5)) < 1e-4);
         assert!((v.sides[2].cover - 1.0).abs() < 1e-5);
         // From behind, blue hides red.
@@ -376,13 +377,13 @@ mod tests {
         }
     }
 
-    // The twin of `composite`, one side after the other.
+    // The scalar twin of `composite`: one side after the other.
 
-    /// A child's box, and what of it is seen from the side.
+    /// A child's box and its sample for the side.
     type Seen<'a> = (&'a Bounds, &'a Sample);
 
-    /// Looks at the children from one side: what is behind others counts as much as these let through. Adds to `seen`
-    /// how much is seen of each.
+    /// Composites the children from one side, front to back. Each child is weighted by the light that those in front of
+    /// it transmit. Adds the visible area of each child to `seen`.
     fn from_one_side<'a>(
         cell: &Bounds,
         side: usize,
@@ -410,7 +411,7 @@ mod tests {
                     *left *= 1.0 - covered;
                 }
             }
-            // A side of no area is seen as if it were large: all children then lie in one plane or line.
+            // A side without area is treated as if it were large: all children then lie in one plane or line.
             sum.add(sample.normal, sample.colour, visible.max(1e-6));
             let extent = cell.extent();
             seen[slot & 7] += visible * (extent[u] * extent[v]).max(f32::MIN_POSITIVE);
@@ -420,9 +421,9 @@ mod tests {
     }
 
     proptest! {
-        /// To the bit, of boxes on a grid: many begin alike, and some are flat.
+        /// Equality to the bit, for boxes on a grid: many begin at the same plane, and some are flat.
         #[test]
-        fn all_sides_together_are_those_one_by_one(
+        fn composite_equals_one_side_after_the_other(
             boxes in prop::collection::vec(prop::array::uniform3((0i32..4, 0i32..3)), 1..=8),
             facets in prop::collection::vec((prop::array::uniform3(-1.0f32..1.0), prop::array::uniform3(0.0f32..1.0), 0u32..3), 8),
         ) {

@@ -1,4 +1,4 @@
-//! Axis-parallel boxes in single and double precision.
+//! Axis-aligned boxes in single and double precision.
 
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -13,28 +13,28 @@ macro_rules! bounds {
             pub max: $vec,
         }
         impl $name {
-            /// Holds nothing; the neutral element of [`Self::union`].
+            /// The empty box, the neutral element of [`Self::union`].
             pub const EMPTY: Self = Self { min: $vec::INFINITY, max: $vec::NEG_INFINITY };
-            /// The smallest box around `points`.
+            /// Returns the smallest box around `points`.
             pub fn of(points: &[$vec]) -> Self {
                 points.iter().fold(Self::EMPTY, |b, &p| b.with(p))
             }
-            /// Grown to hold `p`.
+            /// Returns the smallest box that contains this one and `p`.
             #[inline]
             pub fn with(self, p: $vec) -> Self {
                 Self { min: self.min.min(p), max: self.max.max(p) }
             }
-            /// The smallest box that holds both.
+            /// Returns the smallest box that contains both.
             #[inline]
             pub fn union(self, o: Self) -> Self {
                 Self { min: self.min.min(o.min), max: self.max.max(o.max) }
             }
-            /// The part that both hold; may be empty.
+            /// Returns the common part of both; may be empty.
             #[inline]
             pub fn intersection(self, o: Self) -> Self {
                 Self { min: self.min.max(o.min), max: self.max.min(o.max) }
             }
-            /// Whether no point lies inside (a flat box is not empty).
+            /// True if the box contains no point. A flat box is not empty.
             #[inline]
             pub fn is_empty(&self) -> bool {
                 !self.min.cmple(self.max).all()
@@ -44,7 +44,7 @@ macro_rules! bounds {
             pub fn extent(&self) -> $vec {
                 self.max - self.min
             }
-            /// The middle.
+            /// The centre.
             #[inline]
             pub fn center(&self) -> $vec {
                 self.min + (self.max - self.min) * 0.5
@@ -55,12 +55,12 @@ macro_rules! bounds {
                 let e = self.extent();
                 if self.is_empty() { 0.0 } else { e.x * e.y + e.y * e.z + e.z * e.x }
             }
-            /// Whether `o` lies inside, borders included.
+            /// True if this box contains `o`; their borders may touch.
             #[inline]
             pub fn contains(&self, o: &Self) -> bool {
                 self.min.cmple(o.min).all() && o.max.cmple(self.max).all()
             }
-            /// Whether the two share a point, borders included.
+            /// True if the two boxes share a point, borders included.
             #[inline]
             pub fn overlaps(&self, o: &Self) -> bool {
                 self.min.cmple(o.max).all() && o.min.cmple(self.max).all()
@@ -79,7 +79,7 @@ bounds!(
 );
 
 impl DBounds {
-    /// The box around this one's image under `m`; empty stays empty.
+    /// Returns the smallest box around the image of this one under `m`. An empty box stays empty.
     pub fn transformed(&self, m: &DAffine3) -> Self {
         if self.is_empty() {
             return *self;

@@ -1,5 +1,5 @@
-//! Plain geometry on glam's types: bounds, rays and their cones, and how many go together; the coding of colours. Uses
-//! nothing.
+//! Plain geometry on glam's types: bounds, rays and their cones, the widths of groups of rays, and the coding of
+//! colours. Uses nothing.
 #![forbid(unsafe_code)]
 
 pub mod bounds;

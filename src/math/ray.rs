@@ -1,11 +1,11 @@
-//! Rays as callers give them, and the cone that is a ray's footprint.
+//! Rays in the form in which callers give them, and cones, which are the rays' footprints.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
-/// A ray's footprint: width `a + b * t` at distance parameter `t`, in scene units. A stand-in is accepted where the
-/// area of its cell's projection is at most the square of the width: for p pixels of error take the pixel's width times
-/// the square root of p. `ZERO` asks for exact answers.
+/// A ray's footprint: its width is `a + b * t` at distance parameter `t`, in scene units. A ray accepts a stand-in if
+/// the projection of its cell covers at most the square of the width. For p pixels of error, the width is that of a
+/// pixel times the square root of p. `ZERO` requires exact answers.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Cone {
@@ -16,65 +16,67 @@ pub struct Cone {
 }
 
 impl Cone {
-    /// No footprint: only original triangles may answer.
+    /// No footprint: the ray accepts only original triangles.
     pub const ZERO: Self = Self { a: 0.0, b: 0.0 };
 
-    /// With 0 for what is below 0 or not a number: so queries take cones.
+    /// Returns the cone that queries use: negative numbers and NaN become 0.
     #[inline]
     pub fn or_zero(self) -> Self {
         Self { a: self.a.max(0.0), b: self.b.max(0.0) }
     }
 }
 
-/// A ray in double-precision origin and single-precision direction.
+/// A ray with double-precision origin and single-precision direction.
 ///
-/// Distances `t` are in units of `|dir|`; `dir` need not be unit, but must be finite and not zero. Denormal
-/// components (below 1.2e-38) count as zero.
+/// Distances `t` are in units of `|dir|`. `dir` need not be a unit vector, but must be finite and not zero. Its
+/// denormal components (below 1.2e-38) count as zero.
 ///
-/// One cache line, laid out as the C struct is: taking rays over from C is a copy.
+/// A ray is 64 bytes, and has the layout of the C struct, so that rays from C are copied as they are.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Ray {
-    /// Where it starts.
+    /// The point where the ray starts.
     pub origin: DVec3,
-    /// Hits before this are ignored. Below 0 it counts as 0; infinite, or NaN, nothing is hit.
+    /// Hits at smaller distances are ignored. A negative value counts as 0; with an infinite one or NaN the ray hits
+    /// nothing.
     pub t_min: f64,
-    /// Hits beyond this are ignored; infinity for none.
+    /// Hits at greater distances are ignored; infinity for no limit.
     pub t_max: f64,
-    /// Where it goes.
+    /// Direction.
     pub dir: Vec3,
-    /// Its footprint.
+    /// Footprint.
     pub cone: Cone,
-    /// It sees the instances whose mask has a bit in common with this: all ones sees everything, 0 nothing.
+    /// The ray sees the instances whose mask shares a bit with this one: all ones sees everything, 0 nothing.
     pub mask: u32,
 }
 
 impl Ray {
-    /// Whether it can hit anything at all: finite, with a direction and an interval.
+    /// True if the ray can hit anything: origin and direction are finite, the direction is not zero, and the interval
+    /// is not empty.
     #[inline]
     pub fn can_hit(&self) -> bool {
         let size = self.dir.abs().max_element();
         self.origin.is_finite() && self.dir.is_finite() && size > 0.0 && self.has_interval()
     }
 
-    /// Where its interval begins.
+    /// Lower end of the interval.
     #[inline]
     pub fn begins(&self) -> f64 {
         self.t_min.max(0.0)
     }
 
-    /// Whether there is anything between its ends. Looked at in double precision: rounded, the ends of an empty
-    /// interval may change places.
+    /// True if the interval is not empty. The test is in double precision: the ends of an empty interval may change
+    /// places when rounded.
     #[inline]
     pub fn has_interval(&self) -> bool {
         self.t_min.abs() < f64::INFINITY && self.begins() <= self.t_max
     }
 
-    /// Not a ray: nothing is hit.
+    /// A ray that hits nothing.
     pub const NONE: Self =
         Self { origin: DVec3::ZERO, t_min: 0.0, t_max: 0.0, dir: Vec3::ZERO, cone: Cone::ZERO, mask: 0 };
 
-    /// From `origin` along `dir`, unbounded, exact, seeing everything.
+    /// A ray from `origin` along `dir`, without limits, that sees everything and requires exact answers.
     pub fn new(origin: DVec3, dir: Vec3) -> Self {
         Self { origin, t_min: 0.0, t_max: f64::INFINITY, dir, cone: Cone::ZERO, mask: u32::MAX }
     }

@@ -1,34 +1,34 @@
-//! Linear colour to the sRGB of screens and files, and back (IEC 61966-2-1).
-#![allow(clippy::needless_range_loop)] // rows of several arrays at once
+//! Conversion between linear colours and the sRGB of screens and files (IEC 61966-2-1).
+#![allow(clippy::needless_range_loop)] // loops over rows of several arrays at once
 
-/// The sRGB-coded value of a linear one in [0, 1].
+/// Returns the sRGB-coded value of a linear value in [0, 1].
 pub fn encode(linear: f32) -> f32 {
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// The linear value of an sRGB-coded one in [0, 1].
+/// Returns the linear value of an sRGB-coded value in [0, 1].
 pub fn decode(coded: f32) -> f32 {
     if coded <= 0.040_45 { coded / 12.92 } else { ((coded + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The nearest of 256 sRGB-coded levels; what is outside of [0, 1] is clamped, NaN is 0.
+/// Returns the nearest of the 256 sRGB-coded levels. Values outside of [0, 1] are clamped; NaN gives 0.
 pub fn level(linear: f32) -> u8 {
-    // A cast saturates, and makes 0 of NaN.
+    // The cast saturates, and converts NaN to 0.
     (encode(linear.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8
 }
 
-/// Steps of the table from 0 to 1: less than one level of 8 bits each, even in the dark where the curve is
-/// steepest (12.92 · 255 / 8191 = 0.4).
+/// Number of entries of the table for linear values from 0 to 1. A step is less than one 8-bit level even near black,
+/// where the curve is steepest (12.92 · 255 / 8191 = 0.4).
 const STEPS: usize = 8192;
 
-/// Tables both ways: within a level of [`level`], and faster.
+/// Tables for both directions. They are faster than [`level`], and differ from it by at most one level.
 pub struct Srgb {
     from_linear: Box<[u8; STEPS]>,
     to_linear: [f32; 256],
 }
 
 impl Srgb {
-    /// The tables.
+    /// Computes the tables.
     pub fn new() -> Self {
         let mut from_linear = Box::new([0; STEPS]);
         for (i, out) in from_linear.iter_mut().enumerate() {
@@ -47,8 +47,8 @@ impl Srgb {
         whole(linear, 255)
     }
 
-    /// Colours as sRGB bytes, of a row for each of red, green, blue and alpha; alpha stays linear. NaN gives 0.
-    /// (Inlined always: most of it becomes vectors.)
+    /// Converts colours to sRGB bytes. `rows`: red, green, blue and alpha; alpha stays linear. NaN gives 0. (Always
+    /// inlined: the compiler vectorises most of it.)
     #[inline(always)]
     pub fn pixels<const N: usize>(&self, rows: &[[f32; N]; 4], out: &mut [[u8; 4]; N]) {
         let (mut steps, mut alphas) = ([[0; N]; 3], [0; N]);
@@ -68,15 +68,15 @@ impl Srgb {
         }
     }
 
-    /// Linear colour of three sRGB bytes.
+    /// Returns the linear colour of three sRGB bytes; the fourth is ignored.
     #[inline]
     pub fn linear(&self, c: [u8; 4]) -> [f32; 3] {
         [c[0], c[1], c[2]].map(|x| self.to_linear[x as usize])
     }
 }
 
-/// The nearest of `steps` from 0 to 1, 0 for NaN. Added to 2^23 a number loses its fraction, and what is left is in its
-/// low bits: a cast, which saturates, would not become vectors.
+/// Returns `steps` times `linear`, clamped to [0, 1], rounded to the nearest integer; 0 for NaN. The sum with 2^23 has
+/// no fraction, and the integer in its low bits: a cast, which saturates, would not be vectorised.
 #[inline(always)]
 fn whole(linear: f32, steps: usize) -> u32 {
     let step = linear * steps as f32;
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn every_level_survives_the_way_there_and_back() {
+    fn every_level_survives_both_conversions() {
         let srgb = Srgb::new();
         for level in 0..=255u8 {
             let linear = srgb.linear([level; 4])[0];

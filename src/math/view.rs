@@ -1,17 +1,17 @@
-//! Camera positions by formula.
+//! Camera positions.
 
 use glam::DVec3;
 
-/// Where a camera stands and looks.
+/// Position and orientation of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// The eye, world units.
+    /// Position of the eye, world units.
     pub eye: DVec3,
-    /// The point looked at.
+    /// The point that the camera looks at.
     pub at: DVec3,
-    /// Up; not parallel to the line of sight, need not be perpendicular.
+    /// Up direction. It must not be parallel to the line of sight, but need not be perpendicular to it.
     pub up: DVec3,
-    /// Whole vertical angle of view, degrees.
+    /// Full vertical angle of view, degrees.
     pub fov_y_degrees: f64,
 }
 
@@ -19,7 +19,7 @@ pub struct View {
 const FOV_Y: f64 = 45.0;
 
 impl View {
-    /// The view of `at` from the direction `from` (any length) at `distance`.
+    /// The view of `at` from the direction `from`, of any length, at `distance`.
     pub fn looking(at: DVec3, from: DVec3, distance: f64, up: DVec3) -> Self {
         Self { eye: at + from.normalize_or(DVec3::X) * distance, at, up, fov_y_degrees: FOV_Y }
     }

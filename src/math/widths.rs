@@ -1,20 +1,20 @@
-//! How many rays go together: widths of packets, streams and bundles, which every structure and all above it agree on.
+//! Widths of packets, streams and bundles of rays, on which all structures and the rooms above them agree.
 
-/// Rays of a packet: two vectors of 16, so that a node's box tests serve twice as many rays, and of two tests of a
-/// triangle one goes on while the other waits.
+/// Number of rays of a packet: two vectors of 16. Each box test of a node then serves twice as many rays, and the tests
+/// of a triangle against the two vectors hide each other's latency.
 pub const PACKET: usize = 32;
-/// Rays of a stream, at most.
+/// Maximum number of rays of a stream.
 pub const STREAM: usize = 1024;
-/// Packets of a bundle: as many as a packet has rays, a lane each.
+/// Number of packets of a bundle: one for each lane of a packet.
 pub const BUNDLE: usize = PACKET;
 
-/// The first `count` rays of a packet, a bit each.
+/// Returns a mask of the first `count` rays of a packet, one bit each.
 #[inline]
 pub const fn first_rays(count: usize) -> u32 {
     if count < PACKET { (1 << count) - 1 } else { u32::MAX }
 }
 
-/// The set bits of a mask, by number, the lowest first.
+/// Returns the indices of the set bits of a mask, the lowest first.
 #[inline]
 pub fn bits(mut mask: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {

@@ -1,8 +1,8 @@
 //! Answers to batches of rays.
 //!
-//! A call that blocks answers a batch of one chunk at once, without the state of rounds, and one or two rays without
-//! that of a chunk. Only the rays that lack blocks go on in [rounds](super::rounds): they are parked in groups with
-//! their walks.
+//! A blocking call answers a batch of one chunk at once, without the state of rounds, and a batch of one or two rays
+//! without the state of a chunk. Only rays that lack blocks go on in [rounds](super::rounds): they are parked in groups
+//! together with their walks.
 
 use super::batch::{Hits, QueryOptions, Rays};
 use super::chunk::{CHUNK, Chunk, Group, Task};
@@ -55,7 +55,7 @@ fn task_of<const ANY: bool>(options: QueryOptions) -> Task {
     Task { coherent: options.coherent, policy: options.policy, want, any: ANY }
 }
 
-/// Answers `count` rays from `first` on; returns those that must wait.
+/// Answers `count` rays from `first` on; returns the groups with rays that must wait.
 fn trace_chunk(
     scene: &SceneState,
     snapshots: &Snapshots,
@@ -79,14 +79,14 @@ struct AtOnce<'a> {
     rays: &'a dyn Rays,
     hits: &'a dyn Hits,
     task: Task,
-    /// Rays that must wait for blocks.
+    /// Groups with rays that must wait for blocks.
     parked: Mutex<Vec<Box<Group>>>,
 }
 
 impl Work for AtOnce<'_> {
     fn run(&self, _: usize) -> Result<()> {
-        // Neither a count nor a stamp of its own: threads share both, and a new stamp is written to each block that is
-        // visited.
+        // Threads share the reference counts of snapshots and the stamps of blocks. So the snapshots are borrowed
+        // without a count, and the stamp is not new: a new one would be written to every block that a ray visits.
         let mut snapshots = Snapshots::none();
         snapshots.lend(self.scene);
         let stamp = self.scene.context().residency().now();
@@ -99,16 +99,16 @@ impl Work for AtOnce<'_> {
     }
 }
 
-/// A batch of closest hits, or of any hits if `ANY`. Its items are chunks of rays, its pieces groups of them.
+/// A batch of closest hits, or of any hits if `ANY`. Its items are chunks of rays; its pieces are groups of rays.
 pub(super) struct Batch<S, R, H, const ANY: bool> {
     scene: S,
     rays: R,
     hits: H,
     options: QueryOptions,
     count: usize,
-    /// Of the blocks that it uses.
+    /// The last-used stamp of the blocks that the batch visits.
     stamp: u32,
-    /// Rays answered so far.
+    /// Number of rays answered so far.
     answered: Arc<AtomicU64>,
 }
 
@@ -118,24 +118,24 @@ where
     R: Rays + Send + Sync,
     H: Hits + Send + Sync,
 {
-    /// Of `rays`, answers to `hits`.
+    /// A batch that reads `rays` and writes its answers to `hits`.
     pub fn new(scene: S, rays: R, hits: H, options: QueryOptions) -> Self {
         let count = rays.count();
         let stamp = scene.borrow().context().residency().stamp();
         Self { scene, rays, hits, options, count, stamp, answered: Arc::default() }
     }
 
-    /// Items of the first round.
+    /// Number of items in the first round.
     pub fn items(&self) -> usize {
         self.count.div_ceil(CHUNK)
     }
 
-    /// Rays.
+    /// Number of rays.
     pub fn total(&self) -> u64 {
         self.count as u64
     }
 
-    /// The count of rays answered.
+    /// The shared count of answered rays.
     pub fn answered(&self) -> Arc<AtomicU64> {
         Arc::clone(&self.answered)
     }
@@ -152,10 +152,10 @@ where
     H: Hits + Send + Sync,
 {
     type Waiting = Parked<Box<Group>>;
-    /// Some tens of kilobytes each, at worst.
+    /// Each group takes some tens of kilobytes at most.
     const MOST_WAITING: usize = 1024;
     const PIECES: usize = CHUNK / PACKET;
-    /// A chunk takes some tens of microseconds at least.
+    /// A chunk takes at least some tens of microseconds.
     const RENEWAL: usize = 1;
     const FETCH: usize = 16;
 

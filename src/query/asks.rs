@@ -1,28 +1,28 @@
-//! Which blocks a ray waits for.
+//! The blocks that a ray waits for.
 
 use crate::scene::walk::{Need, Snapshots};
 
-/// The blocks that a ray has asked for last.
+/// The last blocks that a ray requested.
 ///
 /// Most steps of a walk need one block. One needs four: of two hits at the same distance the lower primitive id wins,
-/// which takes the block and the ids of each. No step of any structure may need more
+/// and the comparison takes the block and the block of ids of each. No step of any structure may need more
 /// ([`crate::structure::Outcome::Pending`]).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Asks {
-    /// The last one first.
+    /// The most recent block comes first.
     last: [Need; 4],
     count: u8,
-    /// It asks for one that it had: it needs several at once.
+    /// True if the ray requested a block that it had requested before: the step needs several blocks at once.
     in_circles: bool,
 }
 
 impl Asks {
-    /// For a block.
+    /// Starts with a first block.
     pub fn of(need: Need) -> Self {
         Self { last: [need; 4], count: 1, in_circles: false }
     }
 
-    /// Then for another.
+    /// Adds the block that the ray requested next.
     pub fn push(&mut self, need: Need) {
         let known = self.last[..usize::from(self.count)].iter().position(|n| *n == need);
         self.in_circles = known.is_some();
@@ -32,12 +32,12 @@ impl Asks {
         self.count = self.count.max(end as u8 + 1);
     }
 
-    /// What is to be there when the ray goes on.
+    /// The blocks that must be in memory before the ray goes on.
     pub fn needs(&self) -> &[Need] {
         &self.last[..if self.in_circles { usize::from(self.count) } else { 1 }]
     }
 
-    /// Whether that is there.
+    /// True if these blocks are in memory.
     pub fn are_in(&self, snapshots: &Snapshots) -> bool {
         self.needs().iter().all(|&need| snapshots.has(need))
     }
@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ray_asks_for_one_block_until_it_goes_in_circles() {
+    fn a_ray_requests_one_block_until_requests_repeat() {
         let mut asks = Asks::of(need(1));
         asks.push(need(2));
         assert_eq!(asks.needs(), [need(2)]);

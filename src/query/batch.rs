@@ -1,4 +1,4 @@
-//! Batches of rays: what they read, what they write, and how they are asked.
+//! Batches of rays: sources of rays, takers of hits, options, and the calls that start a batch.
 
 use super::answer::{Batch, answer};
 use super::hit::{Hit, HitKind, Want};
@@ -14,32 +14,33 @@ use std::time::Duration;
 
 pub use crate::math::PACKET;
 
-/// Where a batch reads its rays: called from any worker, also several at once.
+/// The source of a batch's rays. Any worker calls it, and several may do so at once.
 pub trait Rays: Sync {
     /// Number of rays.
     fn count(&self) -> usize;
-    /// Writes rays `first..first + out.len()`, all below `count`, to `out`. The same rays may be asked for again.
+    /// Writes rays `first..first + out.len()`, all below `count`, to `out`. A batch may read the same rays several
+    /// times.
     fn read(&self, first: usize, out: &mut [Ray]);
-    /// Rays `first..first + PACKET`, all below `count`, where they are, if that is possible: those that [`Rays::read`]
-    /// writes, which is asked for them otherwise. Those [`AHEAD`] of them, if there are any, mostly come soon: their
-    /// memory may be asked for.
+    /// Returns rays `first..first + PACKET`, all below `count`, in place, if the source can: they must equal the rays
+    /// that [`Rays::read`] writes, which the batch calls otherwise. The batch usually reads the rays [`AHEAD`] of these
+    /// soon, so an implementation may prefetch them.
     fn packet(&self, first: usize) -> Option<&[Ray; PACKET]> {
         let _ = first;
         None
     }
 }
 
-/// Where a batch writes its answers: called from any worker, also several at once, each index once.
+/// The taker of a batch's answers. Any worker calls it, several may do so at once, and each index comes once.
 pub trait Hits: Sync {
-    /// Takes the answers to rays `first..first + hits.len()`. For [`Query::any`] only `kind` counts.
+    /// Takes the answers to rays `first..first + hits.len()`. For [`Query::any`] only `kind` is meaningful.
     fn write(&self, first: usize, hits: &[Hit]);
 }
 
-/// What to do about data that is not in memory.
+/// The treatment of data that is not in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u32)]
 pub enum Policy {
-    /// Read it: the answer does not depend on what was in memory.
+    /// Read it: the answer does not depend on the blocks in memory.
     #[default]
     Exact = 0,
     /// Answer at once; the hit says [`super::HitKind::Missing`].
@@ -49,12 +50,13 @@ pub enum Policy {
 /// Options of a batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct QueryOptions {
-    /// Neighbouring rays are alike (of neighbouring pixels, say): they are traced in packets of 32.
-    /// The answers are the same. Such rays are recognised without it where they enter few placed trees.
+    /// True if neighbouring rays are alike, for instance those of neighbouring pixels: they are traced in packets
+    /// of 32. The answers are the same. Coherent rays are recognised without this option if they enter few placed
+    /// trees.
     pub coherent: bool,
-    /// What to fill.
+    /// The fields to fill.
     pub want: Want,
-    /// What to do about data that is not in memory.
+    /// The treatment of data that is not in memory.
     pub policy: Policy,
 }
 
@@ -68,36 +70,36 @@ impl Default for QueryOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum QueryState {
-    /// Being answered.
+    /// The batch is being answered.
     Running = 1,
     /// All answers are written.
     Done = 2,
-    /// Cancelled; the answers are not to be used.
+    /// The batch was cancelled; its answers must not be used.
     Cancelled = 3,
-    /// Failed; the answers are not to be used.
+    /// The batch failed; its answers must not be used.
     Failed = 4,
 }
 
-/// How far a [`Query`] is.
+/// Progress of a [`Query`].
 #[derive(Debug, Clone)]
 pub struct QueryStatus {
-    /// Its state.
+    /// State of the query.
     pub state: QueryState,
-    /// Fraction done, from 0 to 1, never going back.
+    /// Fraction done, from 0 to 1; it never decreases.
     pub fraction: f64,
-    /// Rays answered.
+    /// Number of rays answered.
     pub done: u64,
-    /// Rays asked.
+    /// Number of rays in the batch.
     pub total: u64,
-    /// Why it failed.
+    /// The error of a failed query.
     pub error: Option<Arc<Error>>,
 }
 
-/// A batch in flight. Dropping it cancels it, and waits until no thread reads its rays, writes its hits or calls its
-/// wake function (but for the call that it is dropped in). Thread-safe.
+/// A batch in flight. Dropping it cancels it and waits until no thread reads its rays, writes its hits or calls its
+/// wake function. If one of these calls itself drops the query, the drop does not wait for that call. Thread-safe.
 pub struct Query {
     job: Job,
-    /// Rays answered so far.
+    /// Number of rays answered so far.
     answered: Arc<AtomicU64>,
     total: u64,
 }
@@ -130,7 +132,7 @@ impl Query {
         Self { job, answered, total }
     }
 
-    /// How far it is. Never blocks.
+    /// Returns the query's progress. Never blocks.
     pub fn poll(&self) -> QueryStatus {
         self.status(self.job.ending())
     }
@@ -145,25 +147,25 @@ impl Query {
         let done = self.answered.load(Relaxed).min(self.total);
         let fraction = match state {
             QueryState::Done => 1.0,
-            // A batch without rays is done before it can be seen running.
+            // A batch without rays ends before a caller can observe it running.
             _ => done as f64 / self.total.max(1) as f64,
         };
         QueryStatus { state, fraction, done, total: self.total, error }
     }
 
-    /// Waits until it has ended and a wake function that another thread calls has returned, `timeout` at most; after
-    /// that time it still counts as running. Works itself where the context has no threads.
+    /// Waits at most `timeout` until the query has ended and a wake function in another thread has returned. If
+    /// `timeout` expires first, the query counts as running. In a context without threads the caller itself works.
     pub fn wait(&self, timeout: Duration) -> QueryStatus {
         self.status(self.job.wait(timeout))
     }
 
-    /// Asks it to end; takes effect within a chunk of rays.
+    /// Requests the end of the query; takes effect within a chunk of rays.
     pub fn cancel(&self) {
         self.job.cancel();
     }
 
-    /// Calls `wake` once when it ends (done, cancelled or failed), from any thread, never under a lock of
-    /// ours; at once, here, if it has ended. Replaces an earlier one. `None`: nothing is called.
+    /// Calls `wake` once when the query ends (done, cancelled or failed), from any thread, never under a lock of the
+    /// library. If the query has ended, the call happens here at once. Replaces an earlier function; `None` removes it.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
         self.job.set_wake(wake);
     }
@@ -215,9 +217,9 @@ impl Hits for Arc<dyn Hits + Send + Sync> {
     }
 }
 
-/// How many rays ahead memory is asked for, into the L2. (Nanoseconds a ray of a small model, one thread of a Zen 4:
-/// 25.4 without, 25.1 into the L1 at any distance, for there is room there for fewer lines under way than a packet has;
-/// into the L2 two packets ahead 22.3, four 22.1, eight 23.2.)
+/// Distance, in rays, of the prefetch into the L2 cache. (Nanoseconds per ray of a small model, one thread of a Zen 4:
+/// 25.4 without prefetch; 25.1 into the L1 at any distance, as the L1 has fewer outstanding lines than a packet; into
+/// the L2 22.3 at two packets ahead, 22.1 at four, 23.2 at eight.)
 pub const AHEAD: usize = 4 * PACKET;
 
 impl Rays for [Ray] {
@@ -234,13 +236,13 @@ impl Rays for [Ray] {
     }
 }
 
-/// Answers to a slice, cut into runs that are written apart: each run is locked by one writer at a time.
+/// Writes answers to a slice that is cut into runs with a lock each: one writer at a time locks a run.
 struct Slices<'s, 'a, T, F: Fn(&[Hit], &mut [T])> {
     runs: &'s [Mutex<&'a mut [T]>],
     put: F,
 }
 
-/// Rays of a run: a whole number of what a batch writes at once.
+/// Rays per run: a multiple of the rays that a batch writes at once.
 const RUN: usize = 1024;
 
 impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, '_, T, F> {
@@ -251,14 +253,14 @@ impl<T: Send, F: Fn(&[Hit], &mut [T]) + Sync> Hits for Slices<'_, '_, T, F> {
     }
 }
 
-/// Has `ask` write to a slice, as `put` says.
+/// Calls `ask` with a taker that writes to the slice with `put`.
 fn into_slice<T: Send>(
     out: &mut [T],
     put: impl Fn(&[Hit], &mut [T]) + Sync,
     ask: impl FnOnce(&dyn Hits) -> Result<()>,
 ) -> Result<()> {
     if out.len() <= RUN {
-        // Few are asked for often: without a list.
+        // Small batches are frequent: this path allocates no list of runs.
         return ask(&Slices { runs: &[Mutex::new(out)], put });
     }
     let runs: Vec<_> = out.chunks_mut(RUN).map(Mutex::new).collect();
@@ -266,23 +268,22 @@ fn into_slice<T: Send>(
 }
 
 fn same_length(rays: usize, hits: usize) -> Result<()> {
-    let text = || format!("there are {rays} rays and room for {hits} hits");
+    let text = || format!("there are {rays} rays, but room for {hits} hits");
     if rays == hits { Ok(()) } else { Err(Error::BadArgument(text())) }
 }
 
 impl SceneState {
     /// Finds the closest hit of each ray. Blocks; may read the disk. Thread-safe.
     ///
-    /// A ray whose direction is zero (denormals count as zero) or not finite, or whose origin is not finite, misses.
-    /// Fails with `BadArgument` if the lengths differ, or with what reading the disk gave; then `hits` are
-    /// not to be used.
+    /// A ray misses if its direction is zero (denormals count as zero) or not finite, or if its origin is not finite.
+    /// Fails with `BadArgument` if the lengths differ, or with the error of a disk read. After a failure `hits` must
+    /// not be used.
     pub fn closest(&self, rays: &[Ray], options: QueryOptions, hits: &mut [Hit]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
         into_slice(hits, |hits, out| out.copy_from_slice(hits), |hits| self.closest_batch(&rays, hits, options))
     }
 
-    /// Writes 1 for each ray that hits anything within its interval, else 0. Like
-    /// [`SceneState::closest`] otherwise.
+    /// Writes 1 for each ray that hits anything within its interval, else 0. Otherwise like [`SceneState::closest`].
     pub fn any(&self, rays: &[Ray], options: QueryOptions, hits: &mut [u8]) -> Result<()> {
         same_length(rays.len(), hits.len())?;
         let put = |hits: &[Hit], out: &mut [u8]| {

@@ -1,5 +1,5 @@
-//! Second walks of rays whose first walk does not tell all: what is within a ray's interval, and how far the ray is
-//! free.
+//! Second walks for rays that need more than their first walk: the hit within a ray's exact interval, and the distance
+//! up to which the ray is free.
 
 use super::answers::{answer_one, is_within, meet};
 use super::hit::{Hit, Want};
@@ -8,7 +8,7 @@ use crate::scene::placed::Placed;
 use crate::scene::walk::{Ends, Found, Need, SceneView, SceneWalk, Step};
 use crate::structure::Triangle;
 
-/// A walk for [`past`].
+/// Begins a walk for [`past`].
 #[cold]
 pub(super) fn begin_past(view: &SceneView, ray: &Ray) -> SceneWalk {
     let mut walk = SceneWalk::default();
@@ -16,16 +16,17 @@ pub(super) fn begin_past(view: &SceneView, ray: &Ray) -> SceneWalk {
     walk
 }
 
-/// Whether a ray passed a cell before it begins: some of the cell's content may be behind the begin, and the walk has
-/// not looked at it.
+/// True if a stand-in transmitted the ray before its `t_min`: the triangles below it were not tested, and some may lie
+/// within the interval.
 #[inline(always)]
 pub(super) fn is_early(view: &SceneView, ray: &Ray, found: &Found) -> bool {
     view.widen_interval && found.transmitted < ray.t_min
 }
 
-/// Goes on with the walk of a ray that found, or passed, something outside of its interval, each hit now seen in double
-/// precision, and fills `found` and `hit` with the first within (`any`: with any); fails with the block that is needed
-/// to go on again. (Rays that begin right at a surface, to peel off layer after layer, or end there.)
+/// Continues the walk of a ray whose first walk found a hit, or was transmitted, outside of its interval. This walk
+/// tests each hit in double precision, and fills `found` and `hit` with the first hit within the interval, or with any
+/// such hit if `any`. Fails with the block that the walk needs to continue. Typical rays begin at a surface, to peel
+/// off layer after layer, or end there.
 #[cold]
 pub(super) fn past(
     view: &SceneView,
@@ -51,7 +52,7 @@ pub(super) fn past(
     Ok(())
 }
 
-/// Which hits are within a ray's interval, as [`answer_one`] sees it.
+/// Accepts the hits within a ray's interval, by the same test as [`answer_one`].
 #[derive(Debug)]
 struct Judge<'a> {
     placed: &'a [Placed],
@@ -70,7 +71,7 @@ impl Ends for Judge<'_> {
     }
 }
 
-/// A walk for [`free`].
+/// Begins a walk for [`free`].
 #[cold]
 pub(super) fn begin_free(view: &SceneView, ray: &Ray) -> SceneWalk {
     let mut walk = SceneWalk::default();
@@ -78,13 +79,14 @@ pub(super) fn begin_free(view: &SceneView, ray: &Ray) -> SceneWalk {
     walk
 }
 
-/// With stand-ins that no ray passes. What is a little before a ray begins is not to count as the first on it.
+/// The view with stand-ins that transmit no ray. It does not widen intervals: a surface slightly before the ray's begin
+/// must not count as the first one.
 fn solid<'a>(view: &SceneView<'a>) -> SceneView<'a> {
     SceneView { opaque_cells: true, widen_interval: false, ..*view }
 }
 
-/// Goes on with the walk of a ray that passed stand-ins, now passing none, and takes `t_free` down to where it hits;
-/// fails with the block that is needed to go on again.
+/// Continues the walk of a ray that stand-ins had transmitted, now with stand-ins that transmit no ray, and lowers
+/// `t_free` to that of its hit. Fails with the block that the walk needs to continue.
 #[cold]
 pub(super) fn free(view: &SceneView, ray: &Ray, walk: &mut SceneWalk, hit: &mut Hit) -> Result<(), Need> {
     let view = solid(view);

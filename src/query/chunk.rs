@@ -1,4 +1,4 @@
-//! The rays that a worker answers at a time, and those of them that must wait for blocks.
+//! The rays that a worker answers at a time, and the groups of them that must wait for blocks.
 
 use super::answers::{InTree, Rest, Seen, answer_one, lacking, promise_nothing};
 use super::asks::Asks;
@@ -12,22 +12,23 @@ use crate::scene::walk::{Found, Need, SceneView, SceneWalk, Snapshots, Step};
 use crate::scene::{Alike, Group as SceneGroup, SceneState};
 use std::ops::Range;
 
-/// Rays of a chunk: some tens to hundreds of microseconds of work.
+/// Rays per chunk: some tens to hundreds of microseconds of work.
 pub(super) const CHUNK: usize = STREAM;
 
-/// What a batch asks of each of its rays.
+/// The options of a batch that apply to each of its rays.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Task {
     pub coherent: bool,
     pub policy: Policy,
     pub want: Want,
-    /// Any hit will do.
+    /// True if any hit will do.
     pub any: bool,
 }
 
 impl Task {
-    /// What its rays are traced in. Intervals are of the distances that are answered: where these are in double
-    /// precision, so are those. (Any hits answer as closest ones would whose distances are.)
+    /// The view in which the rays are traced. A ray's interval applies to the answered distances: if these have double
+    /// precision, so has the test of the interval. (Any hits have the interval of closest hits with double-precision
+    /// distances.)
     pub fn view<'a>(self, scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> SceneView<'a> {
         let widen_interval = self.any || self.want.any_of(Want::MEETING);
         SceneView {
@@ -38,19 +39,20 @@ impl Task {
     }
 }
 
-/// What it takes to answer a chunk. Reusable.
+/// Working memory to answer a chunk. Reusable.
 pub(super) struct Chunk {
-    /// Rays that go side by side, group by group, and behind them room for a group that is copied. Taken out while a
-    /// chunk runs, for all else is needed beside it. (A chunk that panics is not used again.)
+    /// Rays that are traced as a stream, group by group, and room for one more group to be copied. The box is taken out
+    /// while a chunk runs, because the other members are borrowed mutably at the same time. (A chunk that panics is not
+    /// reused.)
     rays: Box<[Ray]>,
     found: [Found; CHUNK],
-    /// Where the groups begin in the batch.
+    /// Index in the batch of the first ray of each group.
     firsts: [usize; CHUNK / PACKET],
     stream: SceneStream,
     group: SceneGroup,
     seen: Seen<PACKET>,
     answers: Answers,
-    /// What those were filled with.
+    /// The fields that `answers` was filled with.
     want: Want,
     /// Rays without an answer yet.
     unfinished: Vec<u32>,
@@ -76,7 +78,7 @@ impl Default for Chunk {
 }
 
 impl Chunk {
-    /// Answers `count` rays of a batch from `first` on, but for those that are `parked`.
+    /// Answers `count` rays of a batch from `first` on; rays that lack blocks go to `parked`.
     pub fn run(
         &mut self,
         view: &SceneView,
@@ -90,7 +92,8 @@ impl Chunk {
             (self.want, self.answers) = (task.want, Answers::NONE);
         }
         self.group.begin_batch();
-        // Groups that go the same way are answered at once, the others gathered. Only the last may be a part of one.
+        // Groups of similar rays are answered at once; the other groups are gathered. Only the last group may be
+        // smaller.
         let (mut gathered, mut end) = (std::mem::take(&mut self.rays), 0);
         for from in (0..count).step_by(PACKET) {
             let group = end..end + PACKET.min(count - from);
@@ -107,7 +110,7 @@ impl Chunk {
             }
             let group_rays = lent.unwrap_or(room);
             self.unfinished.clear();
-            // Into one octant: what a packet needs at the least.
+            // A packet needs rays in one octant at least.
             if !(alike.is_one_octant() && self.run_together(view, task, group.clone(), group_rays, &alike, hits)) {
                 if let Some(lent) = lent {
                     *room = *lent;
@@ -137,7 +140,7 @@ impl Chunk {
         self.unfinished.extend_from_slice(self.stream.unfinished());
     }
 
-    /// Answers a group together; false if it must go side by side.
+    /// Answers a group as one packet; returns false if its rays must be traced as a stream.
     fn run_together(
         &mut self,
         view: &SceneView,
@@ -173,15 +176,15 @@ impl Chunk {
         true
     }
 
-    /// Works out the answers of a group that went through one placed tree, in which the rays of `met` hit something.
+    /// Computes the answers of a group that went through one placed tree. Rays of `met` hit something.
     fn answer_in_one(&mut self, view: &SceneView, want: Want, placed: u32, rays: &[Ray], met: u32) -> Rest {
         let Self { seen, group, answers, .. } = self;
         let out = answers.begin(met, 0);
         if met == 0 { Rest::default() } else { seen.answer(&InTree::new(view, placed), want, rays, &*group, met, out) }
     }
 
-    /// [`Chunk::answer`] of a group whose rays went together. `met`: those that hit something, `None` if some ray
-    /// lacked a block.
+    /// [`Chunk::answer`] of a group that was traced as one packet. `met`: the rays that hit something; `None` if some
+    /// ray lacked a block.
     fn answer_traced(
         &mut self,
         view: &SceneView,
@@ -192,13 +195,13 @@ impl Chunk {
         hits: &impl Hits,
     ) {
         if met.is_none() {
-            // Which of its rays had what they needed is not known.
+            // A packet does not tell which of its rays had all blocks.
             self.unfinished.extend(group.start as u32..group.end as u32);
         }
         self.answer(view, task, group, rays, met.unwrap_or(0), hits);
     }
 
-    /// Writes the answers of a group, or parks it. `met`: rays that hit something; more may be among the unfinished.
+    /// Writes the answers of a group, or parks it. `met`: rays that hit something; unfinished rays may add to these.
     fn answer(
         &mut self,
         view: &SceneView,
@@ -241,17 +244,17 @@ pub(super) fn trace(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWal
     if task.any { view.trace::<true>(ray, walk) } else { view.trace::<false>(ray, walk) }
 }
 
-/// Those that are hits.
+/// The rays that hit something.
 fn hits_of(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.is_hit()) << i)
 }
 
-/// Those that passed stand-ins.
+/// The rays that stand-ins transmitted.
 fn passed_by(found: &[Found]) -> u32 {
     found.iter().enumerate().fold(0, |all, (i, found)| all | u32::from(found.has_transmitted()) << i)
 }
 
-/// Those that passed a cell before they begin.
+/// The rays that stand-ins transmitted before their intervals.
 fn early(view: &SceneView, rays: &[Ray], found: &[Found]) -> u32 {
     rays.iter()
         .zip(found)
@@ -259,18 +262,19 @@ fn early(view: &SceneView, rays: &[Ray], found: &[Found]) -> u32 {
         .fold(0, |all, (i, (ray, found))| all | u32::from(is_early(view, ray, found)) << i)
 }
 
-/// Answers to a packet's rays, in the same memory packet after packet: what is not asked for stays as it is in
+/// Answers to a packet's rays, in the same memory for each packet: fields that are not requested keep their values of
 /// [`Hit::MISS`].
 pub(super) struct Answers {
     hits: [Hit; PACKET],
-    /// Those that may be something else than misses.
+    /// The entries that may differ from a miss.
     written: u32,
 }
 
 impl Answers {
     const NONE: Self = Self { hits: [Hit::MISS; PACKET], written: 0 };
 
-    /// Of other rays: misses, but for those of `met`, which are to be filled. Others that will be written: `more`.
+    /// Prepares the entries for other rays: all are misses except those of `met`, which the caller must fill. The
+    /// caller may also write the entries in `more`.
     #[inline]
     pub fn begin(&mut self, met: u32, more: u32) -> &mut [Hit; PACKET] {
         for i in bits(self.written & !met) {
@@ -281,8 +285,8 @@ impl Answers {
     }
 }
 
-/// Works out the hits of a group of rays; those that lack a block for that go to `waiting`. Rays of `met` hit what was
-/// found; rays of `short` were answered without a block that they needed.
+/// Computes the hits of a group of rays; rays that lack a block for that go to `waiting`. Rays of `met` have the hits
+/// in `found`; rays of `short` were answered without a block that they needed.
 fn finish_group(
     view: &SceneView,
     task: Task,
@@ -321,16 +325,16 @@ fn finish_group(
     }
 }
 
-/// The hit of a ray that was answered without a block that it needed: whatever lies in that may be nearer.
+/// Marks the hit of a ray that was answered without a block that it needed: surfaces in that block may be nearer.
 fn set_missing(hit: &mut Hit, ray: &Ray, want: Want) {
     hit.kind = HitKind::Missing;
     promise_nothing(hit, ray, want);
 }
 
-/// Hits of a group in the same placed tree up to which they are worked out one by one: a row of all takes longer.
+/// Greatest number of hits in the same placed tree that are computed one by one: a row of a whole packet takes longer.
 const FEW: u32 = 2;
 
-/// Works out the hits of `met`: those in the same placed tree together.
+/// Computes the hits of `met`: hits in the same placed tree as one row.
 fn answer_by_trees(
     view: &SceneView,
     want: Want,
@@ -362,31 +366,31 @@ fn answer_by_trees(
 
 /// A ray that waits for blocks.
 struct Waiting {
-    /// Its place in the group.
+    /// Its index in the group.
     ray: usize,
     left: Left,
     asks: Asks,
 }
 
-/// What is left to be done for a ray, each with where it was put down.
+/// The remaining work for a ray, with the walk at the point where it stopped.
 enum Left {
     Walk(SceneWalk),
-    /// To work out its hit.
+    /// The hit must be computed.
     Hit,
-    /// To find what is within its interval, see [`past`].
+    /// The hit within the ray's interval must be found, see [`past`].
     Past(SceneWalk),
-    /// To see from where on it is not free, see [`free`]: its hit is worked out.
+    /// The hit is computed; the distance up to which the ray is free must be found, see [`free`].
     Free(SceneWalk),
     Nothing,
 }
 
-/// Up to a packet's rays of which some wait for blocks, with what it takes to take them up again.
+/// Up to a packet's rays of which some wait for blocks, with the data to resume them.
 pub(super) struct Group {
     first: usize,
     count: usize,
     rays: [Ray; PACKET],
     found: [Found; PACKET],
-    /// Those of the rays that do not wait are final.
+    /// The hits; those of rays that do not wait are final.
     hits: [Hit; PACKET],
     waiting: Vec<Waiting>,
 }
@@ -406,17 +410,17 @@ impl Group {
         group
     }
 
-    /// Its first ray in the batch.
+    /// Index in the batch of the group's first ray.
     pub fn first(&self) -> usize {
         self.first
     }
 
-    /// Its rays.
+    /// Number of rays.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// Takes up those of its rays whose blocks are there; the answers, or `None` if blocks are missing still.
+    /// Resumes the rays with all blocks in memory. Returns the answers, or `None` if blocks are still missing.
     pub fn resume(&mut self, view: &SceneView, task: Task) -> Option<&[Hit]> {
         let Self { waiting, rays, found, hits, .. } = self;
         waiting.retain_mut(|it| {
@@ -440,7 +444,7 @@ impl Waits for Box<Group> {
     }
 }
 
-/// Does what is left for a ray, up to a block that is needed.
+/// Continues the remaining work for a ray, up to a block that is missing.
 fn go_on(
     view: &SceneView,
     task: Task,

@@ -1,38 +1,40 @@
-//! What a query answers.
+//! The answer of a query to one ray, and the choice of its fields.
 
 use glam::{DVec3, Vec3};
 
-/// The id in fields of a [`Hit`] that were not asked for, or of a miss.
+/// The id in those fields of a [`Hit`] that the caller did not request, and in all id fields of a miss.
 pub const NONE: u64 = u64::MAX;
 
-/// What was hit.
+/// The kind of a hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u32)]
 pub enum HitKind {
-    /// Nothing within the ray's interval, or the ray was let through what stands in there: see [`Hit::t_free`].
+    /// No hit within the ray's interval, or stand-ins transmitted the ray there: see [`Hit::t_free`].
     #[default]
     Miss = 0,
     /// An original triangle.
     Exact = 1,
-    /// A stand-in, as fine as asked for.
+    /// A stand-in that is as fine as the ray's footprint requires.
     Lod = 2,
-    /// Data that is not in memory was needed: the hit is a stand-in for it, or unknown.
+    /// The ray needed data that is not in memory: the hit is a stand-in for that data, or unknown.
     Missing = 3,
 }
 
-/// The closest hit of a ray, in world units. (Members in the order of the C struct, so that handing it over is a copy.)
+/// The closest hit of a ray, in world units. The members have the order of the C struct, so that a hit is handed over
+/// as a copy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C)]
 pub struct Hit {
-    /// Distance in units of the ray's `|dir|`; infinity for a miss. In double precision with [`Want::POSITION`] or
-    /// [`Want::ERROR`]; without, in single precision, and on long thin triangles near the ray's origin it may be off by
-    /// more than its last digits.
+    /// Distance in units of the ray's `|dir|`; infinity for a miss. It is computed in double precision with
+    /// [`Want::POSITION`] or [`Want::ERROR`]. Without these it has single precision, and on long thin triangles near
+    /// the ray's origin the error may exceed its last digits.
     pub t: f64,
-    /// Where, in world space.
+    /// The point of the hit in world space.
     pub position: DVec3,
-    /// No original surface lies on the ray before this. Left out are surfaces that the ray meets within 0.9 degrees of
-    /// edge-on, the one that it starts on, and edges that it grazes. Finite for a miss if the ray passed stand-ins:
-    /// then, as of hits behind these, it is that of the hit that there would be if no ray passed any.
+    /// No original surface lies on the ray before this distance. Exceptions are surfaces that the ray meets within 0.9
+    /// degrees of edge-on, the surface on which the ray starts, and edges that it grazes. If stand-ins transmitted the
+    /// ray, this is the value for the hit that the ray would have if no stand-in transmitted; for a miss it is then
+    /// finite.
     pub t_free: f64,
     /// The caller's id of the part.
     pub part: u64,
@@ -46,14 +48,14 @@ pub struct Hit {
     pub uv: [f32; 2],
     /// Some original surface lies within this distance of `position` (world units).
     pub error: f32,
-    /// What was hit.
+    /// The kind of the hit.
     pub kind: HitKind,
-    /// 0: there is nothing between members that is not written.
+    /// 0. It fills the struct, so that no byte of it is uninitialised padding.
     pub reserved: u32,
 }
 
 impl Hit {
-    /// Nothing hit.
+    /// A miss.
     pub const MISS: Self = Self {
         t: f64::INFINITY,
         position: DVec3::INFINITY,
@@ -75,9 +77,9 @@ impl Default for Hit {
     }
 }
 
-/// Which fields of a [`Hit`] to fill: a set, joined with `|`. `t` and `kind` always are; the others
-/// keep their values of [`Hit::MISS`] unless asked for. What is not asked for is not worked for:
-/// primitive ids, for instance, are read from the disk only when asked for.
+/// A set of the fields of a [`Hit`] that a query fills, joined with `|`. `t` and `kind` are always filled. Other fields
+/// keep their values of [`Hit::MISS`] unless the caller requests them, and cost nothing then: primitive ids, for
+/// instance, are read from the disk only on request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Want(pub u32);
 
@@ -96,22 +98,22 @@ impl Want {
     pub const INSTANCE: Self = Self(16);
     /// `prim`.
     pub const PRIM: Self = Self(32);
-    /// `error` and `t_free`, and a `t` to within the stated error: the hit is worked out
-    /// again in double precision. Without it `t` is what single precision gave.
+    /// `error` and `t_free`, and a `t` that is accurate to within the stated error: the hit is recomputed in double
+    /// precision. Without it `t` has single precision.
     pub const ERROR: Self = Self(64);
     /// Everything.
     pub const ALL: Self = Self(127);
-    /// What takes where the ray meets the triangle in double precision.
+    /// Fields that need the intersection in double precision.
     pub(crate) const MEETING: Self = Self(Self::POSITION.0 | Self::ERROR.0);
-    /// What the triangle is needed for.
+    /// Fields that need the data of the triangle.
     pub(crate) const SURFACE: Self = Self(Self::POSITION.0 | Self::NORMAL.0 | Self::PART.0 | Self::ERROR.0);
 
-    /// Whether all of `other` is in here.
+    /// True if the set contains all of `other`.
     #[inline]
     pub const fn has(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
-    /// Whether some of `other` is in here.
+    /// True if the set contains some of `other`.
     #[inline]
     pub const fn any_of(self, other: Self) -> bool {
         self.0 & other.0 != 0

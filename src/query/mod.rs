@@ -1,4 +1,4 @@
-//! Questions to a scene: closest and any hits in batches, overlaps of boxes and frusta by part.
+//! Queries to a scene: closest and any hits of rays in batches, and overlaps of boxes and frusta with parts.
 #![forbid(unsafe_code)]
 
 mod single;

@@ -1,4 +1,4 @@
-//! Blocks that are needed: how many bytes they take, how many of them there is room for, and whose they are.
+//! Lists of needed blocks: their sizes, a limit of their sum, and their order by model.
 
 use crate::base::ids::BlockId;
 use crate::scene::SceneState;
@@ -10,8 +10,8 @@ pub(crate) fn bytes_of(scene: &SceneState, need: Need) -> u64 {
     scene.models[need.model as usize].blocks().slot_bytes(need.block)
 }
 
-/// A sum against a limit: says of one count of bytes after the other, each above 0, whether all so far are `room` at
-/// most. The first always fits, so that there is progress.
+/// Returns a test that adds up byte counts, each above 0, and is true while the sum is at most `room`. The first count
+/// always fits, so that there is progress.
 pub(crate) fn one_at_least(room: u64) -> impl FnMut(u64) -> bool {
     let mut sum = 0;
     move |bytes| {
@@ -21,7 +21,7 @@ pub(crate) fn one_at_least(room: u64) -> impl FnMut(u64) -> bool {
     }
 }
 
-/// Blocks of each model, in their order.
+/// Groups the blocks by model and keeps their order within each model.
 pub(crate) fn by_model(needs: &[Need]) -> BTreeMap<u32, Vec<BlockId>> {
     let mut models = BTreeMap::<u32, Vec<BlockId>>::new();
     needs.iter().for_each(|need| models.entry(need.model).or_default().push(need.block));

@@ -1,4 +1,4 @@
-//! Which parts meet a box or a frustum: exact, by triangle.
+//! Parts that intersect a box or a frustum, decided exactly by their triangles.
 
 use super::sweep::{Search, sweep};
 use super::volume::{Side, Volume};
@@ -14,39 +14,40 @@ use std::collections::{BTreeMap, BTreeSet};
 /// A half space: the points p with `normal · p + d >= 0`. `normal` need not be unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane {
-    /// Points inward.
+    /// Normal that points into the half space.
     pub normal: DVec3,
     /// Offset, in units of `|normal|`.
     pub d: f64,
 }
 
-/// How a part meets a volume.
+/// The way a part intersects a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum How {
-    /// Some of it is inside or touches.
+    /// Some of the part is inside the volume or touches it.
     Intersects = 1,
-    /// All of it is inside.
+    /// All of the part is inside.
     Inside = 2,
 }
 
-/// A part that meets a volume.
+/// A part that intersects a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PartOverlap {
     /// The caller's id of the instance.
     pub instance: u64,
     /// The caller's id of the part.
     pub part: u64,
-    /// How.
+    /// The way the part intersects the volume.
     pub how: How,
 }
 
 impl SceneState {
-    /// The visible parts that meet the closed box, by instance in the order added, then by part in the file's order.
-    /// Blocks; may read the disk. Thread-safe. `BadArgument` for NaN; an empty box meets nothing.
+    /// Returns the visible parts that intersect the closed box, by instance in the order added, then by part in the
+    /// file's order. An empty box intersects nothing. Blocks; may read the disk. Thread-safe. Fails with `BadArgument`
+    /// for NaN.
     pub fn overlap_box(&self, bounds: &DBounds) -> Result<Vec<PartOverlap>> {
         if bounds.min.is_nan() || bounds.max.is_nan() {
-            return Err(Error::bad_argument("overlap: the box holds NaN"));
+            return Err(Error::bad_argument("overlap: the box contains NaN"));
         }
         if bounds.is_empty() {
             return Ok(Vec::new());
@@ -54,13 +55,15 @@ impl SceneState {
         self.overlap(&Volume::Box(*bounds))
     }
 
-    /// The visible parts that meet the intersection of the half spaces (which must be bounded to be
-    /// useful, and convex it always is), in the same order. Blocks; may read the disk. Thread-safe.
-    /// `BadArgument` for no or non-finite planes.
+    /// Returns the visible parts that intersect the intersection of the half spaces, in the same order. The
+    /// intersection is always convex, and should be bounded. Blocks; may read the disk. Thread-safe. Fails with
+    /// `BadArgument` if there are no planes, or if one is not finite or has a zero normal.
     pub fn overlap_frustum(&self, planes: &[Plane]) -> Result<Vec<PartOverlap>> {
         let fine = |p: &Plane| p.normal.is_finite() && p.d.is_finite() && p.normal != DVec3::ZERO;
         if planes.is_empty() || !planes.iter().all(fine) {
-            return Err(Error::bad_argument("overlap: planes must be finite, with normals that are not zero"));
+            return Err(Error::bad_argument(
+                "overlap: at least one plane is needed, and all must be finite and have normals that are not zero",
+            ));
         }
         self.overlap(&Volume::Planes(planes.to_vec()))
     }
@@ -86,8 +89,9 @@ impl SceneState {
         Ok(met.iter().filter_map(answer).collect())
     }
 
-    /// What was met is inside as far as it was seen; triangles that are wholly outside were not. Parts whose bounds
-    /// do not settle it are looked for outside.
+    /// Corrects parts that were found inside. The first sweep skips boxes that are wholly outside, so a part with all
+    /// visited triangles inside may have others outside. This sweep searches for those, unless the part's bounds settle
+    /// the question.
     fn refute_inside(&self, volume: &Volume, met: &mut BTreeMap<(u32, u32), bool>) -> Result<()> {
         let mut doubtful: BTreeMap<u32, (BTreeSet<u32>, DBounds)> = BTreeMap::new();
         for (&(instance, part), _) in met.iter().filter(|(_, inside)| **inside) {
@@ -118,14 +122,14 @@ impl SceneState {
     }
 }
 
-/// The parts of a placed tree that meet the volume, and whether all that was seen of them is inside.
+/// Finds the parts of a placed tree that intersect the volume, and if all visited triangles of each are inside.
 fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut Descent, met: &mut BTreeMap<u32, bool>) {
     let placed = &view.scene.placement.placed[tree as usize];
     let hidden = &view.scene.instances[placed.instance as usize].parts.hidden;
     let hides = |part: u32| hidden.get(part as usize / 64).is_some_and(|w| w >> (part % 64) & 1 == 1);
     left.go_on(&view.tree(tree), &mut |b| volume.may_meet(&placed.world_bounds(b)), &mut |_, triangle| {
         let part = placed.first_part.saturating_add(triangle.part);
-        // Settled: met, and not inside.
+        // The part is settled: it intersects the volume and is not inside.
         if met.get(&part) == Some(&false) || hides(part) {
             return;
         }
@@ -136,7 +140,7 @@ fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut Descent, met: &
             Side::Crossing => {
                 met.insert(part, false);
             }
-            // Not inside, but whether it is met at all others must tell.
+            // The part is not inside; other triangles decide if it intersects the volume.
             Side::Outside => {
                 if let Some(inside) = met.get_mut(&part) {
                     *inside = false;
@@ -146,7 +150,7 @@ fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut Descent, met: &
     });
 }
 
-/// Which of `parts` have a triangle in the placed tree that is not inside the volume.
+/// Finds those of `parts` that have a triangle in the placed tree outside or across the volume's border.
 fn outside(
     view: &SceneView,
     tree: u32,

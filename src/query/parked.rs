@@ -1,7 +1,7 @@
-//! Groups of rays that wait for blocks, by these blocks. A round moves few of the many groups that wait, so the time to
-//! plan it, and to find the groups that go on, grows with the groups that move and the different blocks that are waited
-//! for. (Where many groups wait for the same few blocks, and some of them move for another block, it grows with their
-//! number too.)
+//! Groups of rays that wait for blocks, indexed by these blocks. A round resumes few of the many waiting groups. The
+//! time to plan a round and to find its groups grows with the number of resumed groups and of distinct blocks. (It also
+//! grows with the number of waiting groups where many wait for the same few blocks and some of these resume for another
+//! block.)
 
 use super::asks::Asks;
 use super::rounds::WaitList;
@@ -9,16 +9,16 @@ use crate::scene::walk::Need;
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap, HashMap};
 
-/// A group of rays that wait.
+/// A group of rays that may wait for blocks.
 pub(super) trait Waits {
-    /// The blocks that each of its waiting rays has asked for.
+    /// The blocks that each of its waiting rays requested.
     fn asks(&self) -> impl Iterator<Item = &Asks>;
 }
 
-/// Blocks that are to be there at once, in the order in which a ray asked for them.
+/// Blocks that a ray needs in memory at the same time, the most recently requested first.
 type Needs = Box<[Need]>;
 
-/// A group, and the sets of blocks that it waits for, each with how many rays.
+/// A group with the sets of blocks that it waits for, and the number of rays that wait for each set.
 pub(super) struct Parking<G> {
     group: G,
     needs: Vec<(Needs, usize)>,
@@ -33,19 +33,19 @@ impl<G: Waits> Parking<G> {
     }
 }
 
-/// Groups that wait.
+/// The groups that wait.
 pub(super) struct Parked<G> {
-    /// In no order; `None` where a group was taken out.
+    /// In arbitrary order; `None` where a group was removed.
     groups: Vec<Option<Parking<G>>>,
     free: Vec<usize>,
     waiting: HashMap<Needs, Waiters>,
 }
 
-/// The groups that wait for some blocks.
+/// The groups that wait for the same set of blocks.
 #[derive(Default)]
 struct Waiters {
     rays: usize,
-    /// Places of groups, each once.
+    /// Indices of the groups, each once.
     groups: Vec<usize>,
 }
 
@@ -82,10 +82,10 @@ impl<G: Send> WaitList for Parked<G> {
         }
     }
 
-    /// Groups of which some ray has all that it waits for.
+    /// Removes the groups in which at least one ray has all blocks that it waits for.
     fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<G> {
-        // Whole lists: to find each group in the list of all that wait for a block that has come would take the square
-        // of their number.
+        // The lists of waiters are removed whole. A search for each group in the list of all groups that wait for the
+        // same block would take time quadratic in their number.
         let ready = self.waiting.extract_if(|needs, _| needs.iter().all(|&need| is_there(need)));
         let mut places: Vec<usize> = ready.flat_map(|(_, waiters)| waiters.groups).collect();
         places.sort_unstable();
@@ -93,8 +93,8 @@ impl<G: Send> WaitList for Parked<G> {
         places.into_iter().filter_map(|at| self.take_at(at)).collect()
     }
 
-    /// The blocks that most rays wait for first, up to the first that there is no room for: all blocks that a ray waits
-    /// for or none of them, and at least those of one ray.
+    /// Plans the sets of blocks with the most waiting rays first, up to the first set without room. A set is planned
+    /// whole or not at all, and the first set always.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
         let mut sets: BinaryHeap<_> =
             self.waiting.iter().map(|(needs, waiters)| (waiters.rays, Reverse(needs))).collect();
@@ -151,7 +151,7 @@ mod tests {
         Parking::new(Asking(blocks.iter().map(|&block| Asks::of(need(block))).collect()))
     }
 
-    /// For 8 and 9 at once.
+    /// The requests of a ray that waits for blocks 8 and 9 at once.
     fn for_both() -> Asks {
         let mut both = Asks::of(need(8));
         [9, 8].iter().for_each(|&n| both.push(need(n)));
@@ -171,13 +171,13 @@ mod tests {
         assert_eq!(plan(&parked, 0), (vec![3], false));
         assert_eq!(plan(&parked, 39), (vec![3, 5], false));
         assert_eq!(plan(&parked, 40), (vec![3, 5, 8, 9], true));
-        // A block that others wait for too is brought once.
+        // Block 9, which other rays wait for too, is read once.
         parked.push(for_one(&[9, 9, 9]));
         assert_eq!(plan(&parked, 40), (vec![9, 3, 5, 8], true));
     }
 
     #[test]
-    fn who_has_all_that_a_ray_waits_for_goes_on_and_is_not_counted_any_more() {
+    fn groups_with_all_blocks_of_a_ray_go_on_and_are_no_longer_counted() {
         let mut parked = Parked::default();
         parked.push(for_one(&[1, 2, 2]));
         parked.push(Parking::new(Asking(vec![for_both()])));
@@ -185,7 +185,7 @@ mod tests {
         let taken = parked.take(|need| [7, 8].contains(&need.block.0));
         assert_eq!((taken.len(), taken[0].0[0].needs()), (1, &[need(2)][..]));
         assert_eq!((parked.len(), plan(&parked, 100).0), (2, vec![2, 1, 8, 9]));
-        // Its place is taken by the next.
+        // The next group takes the free index.
         parked.push(for_one(&[1, 1]));
         assert_eq!((parked.groups.len(), plan(&parked, 10).0), (3, vec![1]));
         assert_eq!(parked.take(|_| true).len(), 3);

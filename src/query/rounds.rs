@@ -1,14 +1,14 @@
-//! The engine of rounds under batches of rays and overlaps.
+//! The engine that answers ray batches and overlaps in rounds.
 //!
 //! A round takes each piece of work as far as the blocks in a snapshot allow. A piece that lacks blocks waits. The next
-//! round brings blocks for the pieces that wait, up to a share of the budget, and holds them; the round after that
-//! resumes the pieces whose blocks have come. The answer does not depend on what was in memory.
+//! round reads blocks for the waiting pieces, up to a share of the budget, and holds them. The round after that resumes
+//! the pieces whose blocks have come. The answer does not depend on the blocks in memory.
 //!
-//! Each of these rounds makes progress. The blocks that at least one piece waits for are brought beside the blocks that
-//! views use. Where views leave less room than the reserve has, pieces go on in a round under a lease of the reserve.
-//! Where all is in memory there is one round, and no lease.
+//! Each of these rounds makes progress: it reads the blocks of at least one piece in addition to the blocks that views
+//! use. If views leave less room than the reserve has, pieces go on in a round under a lease of the reserve. If all
+//! blocks are in memory, there is one round and no lease.
 //!
-//! A prefetch does not use this engine: see `render/prefetch`. Frames render in passes: see `render/passes.rs`.
+//! Prefetches do not use this engine: see `render/prefetch`. Frames render in passes: see `render/passes.rs`.
 
 use super::needs::{by_model, bytes_of};
 use crate::base::error::Result;
@@ -19,48 +19,49 @@ use crate::scene::SceneState;
 use crate::scene::walk::{Hold, Need, Snapshots};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A question that is answered in pieces, each as far as the blocks in memory allow.
+/// A job that is answered in pieces, each as far as the blocks in memory allow.
 pub(super) trait Quest: Send + Sync {
-    /// Its pieces that lack blocks.
+    /// The list of its pieces that lack blocks.
     type Waiting: WaitList;
-    /// Pieces that wait at most; items of the first round are put off while there are more.
+    /// Greatest number of waiting pieces. While there are more, items of the first round are deferred.
     const MOST_WAITING: usize;
-    /// Pieces that an item of the first round leaves waiting at most.
+    /// Greatest number of waiting pieces that an item of the first round leaves.
     const PIECES: usize;
-    /// Items of the first round from one renewal of its snapshot to the next. A snapshot holds blocks that others have
-    /// evicted, so a long round renews it; to compare it with what is in memory takes some nanoseconds a model.
+    /// Number of items of the first round between two renewals of its snapshot. A snapshot keeps blocks alive that
+    /// other jobs have evicted, so a long round renews it. A comparison with the current table takes some nanoseconds
+    /// per model.
     const RENEWAL: usize;
-    /// Blocks that a worker brings at a time.
+    /// Number of blocks that a worker reads at a time.
     const FETCH: usize;
 
-    /// The scene that is asked.
+    /// The scene of the job.
     fn scene(&self) -> &SceneState;
-    /// Begins an item of the first round; returns the pieces of it that lack blocks.
+    /// Begins an item of the first round; returns its pieces that lack blocks.
     fn begin(&self, item: usize, snapshots: &Snapshots) -> Vec<Parked<Self>>;
-    /// Takes up a piece that has blocks it waited for; returns it if it lacks others.
+    /// Resumes a piece that has blocks it waited for; returns it if it lacks others.
     fn resume(&self, piece: Piece<Self>, snapshots: &Snapshots) -> Option<Parked<Self>>;
 }
 
-/// Pieces that wait, by the blocks that they wait for.
+/// Waiting pieces, indexed by the blocks that they wait for.
 pub(super) trait WaitList: Default + Send {
     /// A piece that goes on.
     type Piece: Send;
-    /// A piece that waits, with the blocks that it waits for; made under no lock.
+    /// A piece that waits, with the blocks that it waits for. It is made under no lock.
     type Parked: Send;
 
-    /// How many pieces wait.
+    /// Number of waiting pieces.
     fn len(&self) -> usize;
-    /// Whether no piece waits.
+    /// True if no piece waits.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
     /// Adds a piece.
     fn push(&mut self, parked: Self::Parked);
-    /// Takes out the pieces that can go on with the blocks of which `is_there` holds.
+    /// Removes the pieces that can go on with the blocks for which `is_there` holds.
     fn take(&mut self, is_there: impl Fn(Need) -> bool) -> Vec<Self::Piece>;
-    /// The blocks to bring, the most urgent first, each once: as many as there is `room` for, but enough for one piece
-    /// to go on; and whether these are all that pieces wait for. `room` is in bytes, and `bytes` counts those of a
-    /// block.
+    /// Returns the blocks to read, each once and the most urgent first: as many as `room` bytes hold, but enough for
+    /// one piece to go on. Also returns true if these are all blocks that pieces wait for. `bytes` returns the size of
+    /// a block.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool);
 }
 
@@ -69,52 +70,52 @@ type Piece<Q> = <<Q as Quest>::Waiting as WaitList>::Piece;
 /// A piece of a quest that waits.
 pub(super) type Parked<Q> = <<Q as Quest>::Waiting as WaitList>::Parked;
 
-/// A quest at work: a job's work.
+/// A quest in progress: the work of a job.
 pub(super) struct Rounds<Q: Quest> {
     pub quest: Q,
     state: Mutex<State<Q>>,
 }
 
 struct State<Q: Quest> {
-    /// Of the present round.
+    /// The snapshots of the present round.
     snapshots: Arc<Snapshots>,
-    /// Of the present round, but for the first, whose items are numbers.
+    /// The items of the present round. The items of the first round are plain numbers and not listed here.
     items: Vec<Option<Item<Piece<Q>>>>,
     is_first: bool,
-    /// Items of the first round that were begun.
+    /// Number of items of the first round that were begun.
     begun: usize,
-    /// Blocks are being brought: the next round resumes the pieces that wait for them.
+    /// True while a round reads blocks: the next round resumes the pieces that wait for them.
     is_fetching: bool,
-    /// The blocks that were brought for the next round.
+    /// The blocks that were read for the next round.
     hold: Hold,
     room: Room,
     waiting: Q::Waiting,
-    /// Items of the first round that were put off because too many pieces wait.
+    /// Items of the first round that are deferred because too many pieces wait.
     deferred: Vec<usize>,
 }
 
-/// A piece of work of a round after the first.
+/// An item of a round after the first.
 enum Item<P> {
     /// An item of the first round.
     Begin(usize),
-    /// To bring blocks as far as there is room beside those that views use.
+    /// Reads blocks as far as there is room in addition to the blocks that views use.
     Fetch(Vec<Need>),
     Resume(P),
-    /// A round under a lease.
+    /// Runs a round under a lease.
     Lease,
 }
 
-/// The largest part of the budget that a round brings: one part in so many. Others hold blocks too.
+/// A round reads at most the budget divided by this: other jobs hold blocks too.
 const ROUND_SHARE: u64 = 4;
 
 impl<Q: Quest> Rounds<Q> {
-    /// A quest of which nothing is begun.
+    /// A quest that is not begun.
     pub fn new(quest: Q) -> Self {
         let snapshots = Snapshots::take(quest.scene());
         Self { quest, state: Mutex::new(State::new(snapshots)) }
     }
 
-    /// A quest of which all but `parked` is done; [`Work::round_done`] begins its first round.
+    /// A quest of which only `parked` remains; [`Work::round_done`] begins its first round.
     pub fn rest(quest: Q, parked: Vec<Parked<Q>>) -> Self {
         let rounds = Self::new(quest);
         rounds.park(parked);
@@ -125,7 +126,7 @@ impl<Q: Quest> Rounds<Q> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Begins an item of the first round, or puts it off.
+    /// Begins an item of the first round, or defers it.
     fn begin(&self, item: usize) {
         let scene = self.quest.scene();
         let snapshots = {
@@ -162,7 +163,7 @@ impl<Q: Quest> Rounds<Q> {
         }
     }
 
-    /// Brings blocks, the first of them first, as far as there is room.
+    /// Reads blocks in their order, as far as there is room.
     fn fetch(&self, needs: &[Need]) -> Result<()> {
         let scene = self.quest.scene();
         for few in needs.chunks(Q::FETCH) {
@@ -174,7 +175,7 @@ impl<Q: Quest> Rounds<Q> {
                 state.room.came += came;
                 state.hold.add(model, held);
                 if is_full {
-                    // The rest would look for room in vain, each under a lock that frames take.
+                    // Further blocks would search for room in vain, each under a lock that frames take.
                     return Ok(());
                 }
             }
@@ -182,8 +183,8 @@ impl<Q: Quest> Rounds<Q> {
         Ok(())
     }
 
-    /// A round with blocks of the reserve. The thread that holds the lease waits for no thread that may wait for the
-    /// lease: other workers finish the pieces of this round that they take on.
+    /// Runs a round with blocks of the reserve. The thread that holds the lease must not wait for a thread that may
+    /// itself wait for the lease: other workers finish the pieces of this round that they take.
     fn run_leased(&self) -> Result<()> {
         let scene = self.quest.scene();
         let mut lease = scene.context().residency().lease();
@@ -198,11 +199,11 @@ impl<Q: Quest> Rounds<Q> {
         scene.context().pool().run_scoped(leased.pieces.len(), &leased).into_result()
     }
 
-    /// After pieces went as far as they came: a round that brings blocks, or that goes on without.
+    /// Plans the next round after pieces went as far as possible: one that reads blocks, or one that goes on without.
     fn next_fetch(&self) -> usize {
         let scene = self.quest.scene();
         let mut state = self.state();
-        // The blocks that this round held may go.
+        // The blocks that this round held may be evicted.
         (state.snapshots, state.hold) = (Arc::new(Snapshots::none()), Hold::default());
         if state.waiting.is_empty() {
             return state.begin_resuming(Snapshots::take(scene));
@@ -215,7 +216,7 @@ impl<Q: Quest> Rounds<Q> {
         let room = state.room.limit.min(context.memory_budget() / ROUND_SHARE);
         let (needs, is_all) = state.waiting.plan(room, |need| bytes_of(scene, need));
         state.room.asks(needs.iter().map(|&need| bytes_of(scene, need)).sum());
-        // A worker is left for frames, which are not to wait for the disk.
+        // One worker stays free for frames, which must not wait for the disk.
         let readers = context.concurrency().saturating_sub(1).max(1);
         let shares = if is_all { neighbours(needs, readers) } else { by_turns(&needs, readers, Q::FETCH) };
         state.items = shares.into_iter().map(|needs| Some(Item::Fetch(needs))).collect();
@@ -224,21 +225,21 @@ impl<Q: Quest> Rounds<Q> {
     }
 }
 
-/// Shares of some readers where there is room for all: neighbours are read together.
+/// Shares for readers if there is room for all blocks: each reader gets neighbours, which one read can bring.
 fn neighbours(mut needs: Vec<Need>, readers: usize) -> Vec<Vec<Need>> {
     needs.sort_unstable();
     needs.chunks(needs.len().div_ceil(readers)).map(<[_]>::to_vec).collect()
 }
 
-/// Shares of some readers that take `few` blocks by turns: all of them begin with the most urgent, for there may be no
-/// room for the last.
+/// Shares for readers that take `few` blocks alternately: all readers begin with the most urgent blocks, as there may
+/// be no room for the last ones.
 fn by_turns(needs: &[Need], readers: usize, few: usize) -> Vec<Vec<Need>> {
     let of = |reader| needs.chunks(few).skip(reader).step_by(readers).flatten().copied().collect();
     (0..readers.min(needs.len().div_ceil(few))).map(of).collect()
 }
 
 impl<Q: Quest> State<Q> {
-    /// Before the first round.
+    /// The state before the first round.
     fn new(snapshots: Snapshots) -> Self {
         Self {
             snapshots: Arc::new(snapshots),
@@ -253,7 +254,8 @@ impl<Q: Quest> State<Q> {
         }
     }
 
-    /// Begins a round of the pieces that can go on with `snapshots`, or else one under a lease.
+    /// Begins a round of the pieces that can go on with `snapshots`, or a round under a lease if only pieces without
+    /// their blocks wait.
     fn begin_resuming(&mut self, snapshots: Snapshots) -> usize {
         let ready = self.waiting.take(|need| snapshots.has(need));
         let mut items: Vec<_> = ready.into_iter().map(Item::Resume).collect();
@@ -264,8 +266,8 @@ impl<Q: Quest> State<Q> {
         self.begin(items)
     }
 
-    /// Begins a round of `items`, and of items of the first round that were put off, as far as few pieces wait; returns
-    /// how many there are.
+    /// Begins a round of `items`, and of deferred items of the first round as long as few pieces wait. Returns the
+    /// number of items.
     fn begin(&mut self, items: Vec<Item<Piece<Q>>>) -> usize {
         let more = Q::MOST_WAITING.saturating_sub(self.waiting.len() + items.len()).div_ceil(Q::PIECES);
         let from = self.deferred.len() - more.min(self.deferred.len());
@@ -276,17 +278,17 @@ impl<Q: Quest> State<Q> {
     }
 }
 
-/// How many bytes a round asks for: as many as had room lately.
+/// The number of bytes that a round requests: as many as recently had room.
 struct Room {
-    /// Bytes that were to be brought for the next round, and those of them that came.
+    /// Bytes requested for the next round, and the bytes of these that came.
     asked: u64,
     came: u64,
-    /// Bytes that the next round asks for at most: those that came last, where not all had room, and a quarter more
-    /// after each round since.
+    /// Greatest number of bytes that the next round requests. After a round with too little room it is the number of
+    /// bytes that came; it then grows by a quarter with each round.
     limit: u64,
 }
 
-/// Bytes that count as having come where fewer did, so that some rounds later the room is tried anew.
+/// Least number of bytes that the limit grows to, so that a few rounds after a failure the room is probed again.
 const FEW: u64 = 64 << 10;
 
 impl Default for Room {
@@ -296,12 +298,12 @@ impl Default for Room {
 }
 
 impl Room {
-    /// Before blocks of so many bytes are brought.
+    /// Notes the bytes of a round that is about to read.
     fn asks(&mut self, bytes: u64) {
         (self.asked, self.came) = (bytes, 0);
     }
 
-    /// After blocks were brought.
+    /// Adapts the limit after blocks were read.
     fn has_fetched(&mut self) {
         if self.came < self.asked {
             self.limit = self.came;
@@ -310,8 +312,8 @@ impl Room {
         }
     }
 
-    /// Whether to take a round under a lease: if the reserve holds more than there is room for beside it. That room
-    /// then counts as a quarter more, so that it is tried anew after some rounds.
+    /// True if the next round should run under a lease, because the reserve holds more than the room outside of it. The
+    /// limit then grows by a quarter, so that the room outside is probed again after some rounds.
     fn takes_lease(&mut self, lease_room: u64) -> bool {
         let is_leased = self.limit < lease_room;
         if is_leased {
@@ -383,7 +385,7 @@ impl<Q: Quest> Work for Rounds<Q> {
             })
         };
         let Some(hold) = hold else { return Ok(self.next_fetch()) };
-        // Without memory for the tables a lease is taken.
+        // If there is no memory for the tables, the next round takes a lease.
         let snapshots = Snapshots::holding(self.quest.scene(), &hold).unwrap_or(Snapshots::none());
         Ok(self.state().begin_resuming(snapshots))
     }
@@ -394,9 +396,9 @@ mod tests {
     use super::*;
     use crate::base::ids::BlockId;
 
-    /// Three readers bring neighbours where all comes, and else begin with the most urgent.
+    /// Three readers share neighbours if all blocks have room, and else all begin with the most urgent blocks.
     #[test]
-    fn readers_share_what_is_to_be_brought() {
+    fn readers_share_all_planned_blocks() {
         let needs: Vec<Need> = (0..100).rev().map(|block| Need { model: 0, block: BlockId(block) }).collect();
         let firsts = |shares: &[Vec<Need>]| shares.iter().map(|share| share[0].block.0).collect::<Vec<_>>();
         let (all, most_urgent) = (neighbours(needs.clone(), 3), by_turns(&needs, 3, 16));
@@ -409,10 +411,10 @@ mod tests {
         assert_eq!(by_turns(&needs[..5], 3, 16).len(), 1);
     }
 
-    /// Views may let go of blocks, so rounds under leases, which take turns with those of all other jobs, are for a
-    /// while only.
+    /// Rounds under leases alternate with those of all other jobs, so they are temporary: views may release blocks
+    /// meanwhile.
     #[test]
-    fn rounds_that_had_no_room_look_for_it_again() {
+    fn rounds_without_room_probe_for_it_again() {
         let lease_room = 700 << 10;
         let mut room = Room::default();
         assert!(!room.takes_lease(lease_room), "nothing was asked for yet");
@@ -420,7 +422,7 @@ mod tests {
         room.has_fetched();
         let leased = (0..100).take_while(|_| room.takes_lease(lease_room)).count();
         assert!((5..20).contains(&leased), "{leased} rounds");
-        // There is as much room as is asked for: a quarter more each time, and no lease.
+        // All requested bytes have room: the limit grows by a quarter each time, without a lease.
         for _ in 0..20 {
             let asked = room.limit;
             (room.asked, room.came) = (asked, asked);
@@ -428,7 +430,8 @@ mod tests {
             assert_eq!(room.limit, asked + asked / 4);
             assert!(!room.takes_lease(lease_room));
         }
-        // Less than the reserve holds had room: leases again, but not from the beginning.
+        // Less than the reserve's size had room: the next round takes a lease, and one round later the room is probed
+        // again.
         (room.asked, room.came) = (room.limit, lease_room - 1);
         room.has_fetched();
         assert!(room.takes_lease(lease_room) && !room.takes_lease(lease_room));

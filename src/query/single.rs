@@ -1,8 +1,8 @@
-//! A call for one or two rays, answered in the caller's thread. Hosts ask so from many threads at once: but for a
-//! thread's first call it takes no memory of the heap, and it writes nothing that other threads write but the stamps of
-//! blocks, once after each pass. (In scenes of more than seven models snapshots are counted: `arc_swap` has eight a
-//! thread that are not.) What does not come to an end so is for batches: what lacks a block, and what takes a second
-//! walk.
+//! Calls for one or two rays, answered in the caller's thread. Hosts make such calls from many threads at once. After a
+//! thread's first call this path allocates no heap memory. Of the memory that threads share it writes only the
+//! last-used stamps of blocks, each once after a pass. (In scenes of more than seven models the snapshots are
+//! reference-counted: `arc_swap` gives each thread only eight uncounted loads.) The batch path takes over if a ray
+//! lacks a block or needs a second walk.
 
 use super::answers::answer_one;
 use super::batch::{Hits, Rays};
@@ -15,10 +15,10 @@ use crate::scene::SceneState;
 use crate::scene::walk::{SceneView, SceneWalk, Snapshots, Step};
 use std::cell::Cell;
 
-/// Rays of such a call, at most: a packet of three takes less than three walks.
+/// The most rays of such a call: three single walks take longer than one packet.
 pub(super) const ALONE: usize = 2;
 
-/// What a thread keeps from call to call: room, and nothing else.
+/// Memory that a thread keeps from call to call, without any content.
 struct Kept {
     walk: SceneWalk,
     snapshots: Snapshots,
@@ -28,17 +28,17 @@ thread_local! {
     static KEPT: Cell<Option<Box<Kept>>> = const { Cell::new(None) };
 }
 
-/// Answers up to [`ALONE`] rays; false if they are for a batch: then nothing is written.
+/// Answers up to [`ALONE`] rays. Returns false, and writes nothing, if the batch path must answer them.
 pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn Hits) -> Result<bool> {
     let count = rays.count().min(ALONE);
     scene.context().pool().here(|| {
-        // A thread that ends has none any more.
+        // The thread-local is gone while the thread ends.
         let kept = KEPT.try_with(Cell::take).ok().flatten();
         let mut kept =
             kept.unwrap_or_else(|| Box::new(Kept { walk: SceneWalk::default(), snapshots: Snapshots::none() }));
         let Kept { walk, snapshots } = &mut *kept;
         snapshots.lend(scene);
-        // Not a stamp of its own: each block that it visits would be written to.
+        // A new stamp would be written to every block that the rays visit.
         let stamp = scene.context().residency().now();
         let view = task.view(scene, snapshots, stamp);
         let (mut two, mut answers) = ([Ray::NONE; ALONE], [Hit::MISS; ALONE]);
@@ -57,7 +57,7 @@ pub(super) fn answer(scene: &SceneState, task: Task, rays: &dyn Rays, hits: &dyn
     })
 }
 
-/// The answer to one ray, if that is its walk's, and whole.
+/// Answers one ray; returns false if a block is missing or the ray needs a second walk.
 fn one(view: &SceneView, task: Task, ray: &Ray, walk: &mut SceneWalk, hit: &mut Hit) -> bool {
     walk.begin(view, ray);
     if trace(view, task, ray, walk) != Step::Done {

@@ -1,5 +1,5 @@
-//! Visits to placed trees in parallel, in [rounds](super::rounds): a visit goes on where blocks that it lacks have
-//! come.
+//! Sweeps over placed trees in parallel, in [rounds](super::rounds): a visit to a tree goes on when blocks that it
+//! lacked have come.
 
 use super::needs::one_at_least;
 use super::rounds::{Quest, Rounds, WaitList};
@@ -10,11 +10,11 @@ use crate::structure::Descent;
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
-/// Takes the visit of a placed tree as far as it comes, and adds what it finds.
+/// Takes the visit of a placed tree as far as the blocks in memory allow, and adds its results.
 pub(super) type Search<'a, T> = &'a (dyn Fn(&SceneView, u32, &mut Descent, &mut T) + Sync);
 
-/// What `search` finds in each of the placed trees. The order of visits depends on what is in memory: what is found
-/// must not depend on it.
+/// Returns the results of `search` for each of the placed trees. The order of visits depends on the blocks in memory,
+/// so the results must not depend on the order.
 pub(super) fn sweep<T: Send + Default>(scene: &SceneState, trees: &[u32], search: Search<T>) -> Result<Vec<T>> {
     let found = trees.iter().map(|_| Mutex::default()).collect();
     let stamp = scene.context().residency().stamp();
@@ -24,7 +24,7 @@ pub(super) fn sweep<T: Send + Default>(scene: &SceneState, trees: &[u32], search
     Ok(found.map(|found| found.into_inner().unwrap_or_else(PoisonError::into_inner)).collect())
 }
 
-/// Its items are placed trees, its pieces visits to them.
+/// The quest of a sweep: its items are placed trees, its pieces are visits to them.
 struct Sweep<'a, T> {
     scene: &'a SceneState,
     trees: &'a [u32],
@@ -36,7 +36,7 @@ struct Sweep<'a, T> {
 
 /// The visit to a placed tree.
 struct Visit<T> {
-    /// Which of the trees.
+    /// Index of the tree in `trees`.
     index: usize,
     model: u32,
     left: Descent,
@@ -44,7 +44,7 @@ struct Visit<T> {
 }
 
 impl<T> Visit<T> {
-    /// The blocks that it lacks; some may be named several times.
+    /// The blocks that the visit lacks; the same block may come several times.
     fn needs(&self) -> impl Iterator<Item = Need> {
         self.left.missing().map(|block| Need { model: self.model, block })
     }
@@ -57,8 +57,8 @@ impl<T: Send + Default> Quest for Sweep<'_, T> {
     const PIECES: usize = 1;
     /// The visit to a small tree takes less than a microsecond.
     const RENEWAL: usize = 64;
-    /// More than a batch: most blocks that a visit lacks are neighbours, which are read together. (A box round half of
-    /// 1.2 million triangles, 8 MB: 58 reads with 32, 69 with 16.)
+    /// Larger than for ray batches: most blocks that a visit lacks are neighbours, and one read brings several. (A box
+    /// around half of 1.2 million triangles, 8 MB: 58 reads with 32, 69 with 16.)
     const FETCH: usize = 32;
 
     fn scene(&self) -> &SceneState {
@@ -108,8 +108,8 @@ impl<T: Send> WaitList for Visits<T> {
         self.0.extract_if(.., |visit| visit.needs().any(&is_there)).collect()
     }
 
-    /// The last blocks first: a block has a higher number than the block that it hangs below, so that a visit ends the
-    /// subtrees that it has begun before it begins others.
+    /// Plans the blocks with the highest numbers first. A block has a higher number than its parent block, so a visit
+    /// finishes the subtrees that it has begun before it begins others.
     fn plan(&self, room: u64, bytes: impl Fn(Need) -> u64) -> (Vec<Need>, bool) {
         let needs: BTreeSet<Need> = self.0.iter().flat_map(Visit::needs).collect();
         let mut fits = one_at_least(room);

@@ -1,4 +1,4 @@
-//! Convex volumes against boxes and triangles, in double precision.
+//! Tests of convex volumes against boxes and triangles, in double precision.
 
 use super::overlap::Plane;
 use crate::math::DBounds;
@@ -11,7 +11,7 @@ pub(super) enum Volume {
     Planes(Vec<Plane>),
 }
 
-/// How something lies to a volume.
+/// The position of a box or a triangle relative to a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Side {
     Outside,
@@ -20,7 +20,7 @@ pub(super) enum Side {
 }
 
 impl Volume {
-    /// Whether the volume may meet the box: never wrong when it says no.
+    /// False only if the volume certainly does not intersect the box.
     pub fn may_meet(&self, b: &DBounds) -> bool {
         match self {
             Volume::Box(own) => own.overlaps(b),
@@ -28,7 +28,7 @@ impl Volume {
         }
     }
 
-    /// Whether all of the box is inside.
+    /// True if the whole box is inside.
     pub fn holds(&self, b: &DBounds) -> bool {
         match self {
             Volume::Box(own) => own.contains(b),
@@ -36,7 +36,7 @@ impl Volume {
         }
     }
 
-    /// How a triangle lies: by its own points, not its box's.
+    /// The side of a triangle, tested with its own points instead of its box.
     pub fn side(&self, triangle: &[DVec3; 3]) -> Side {
         let inside = |v: &DVec3| match self {
             Volume::Box(b) => v.cmpge(b.min).all() && v.cmple(b.max).all(),
@@ -56,7 +56,7 @@ impl Volume {
     }
 }
 
-/// Signed distance from the plane, in units of its normal.
+/// Signed distance from the plane, in units of its normal's length.
 fn height(p: &Plane, v: DVec3) -> f64 {
     p.normal.dot(v) + p.d
 }
@@ -66,14 +66,14 @@ fn extreme(b: &DBounds, dir: DVec3) -> DVec3 {
     DVec3::select(dir.cmpge(DVec3::ZERO), b.max, b.min)
 }
 
-/// Rounding of `height` over a box.
+/// Bound of the rounding of `height` over a box.
 fn slack(p: &Plane, b: &DBounds) -> f64 {
     let size = b.min.abs().max(b.max.abs());
     (p.normal.abs().dot(size) + p.d.abs()) * (8.0 * f64::EPSILON)
 }
 
-/// Separating axes of a triangle and a box (Akenine-Möller 2001): the box's three, the triangle's
-/// normal, nine products of edges. Touching is meeting.
+/// Separating-axis test of a triangle and a box (Akenine-Möller 2001): three axes of the box, the triangle's normal,
+/// nine cross products of edges. Touching counts as intersecting.
 fn box_meets(b: &DBounds, triangle: &[DVec3; 3]) -> bool {
     if !DBounds::of(triangle).overlaps(b) {
         return false;
@@ -90,7 +90,7 @@ fn box_meets(b: &DBounds, triangle: &[DVec3; 3]) -> bool {
     !apart(edges[0].cross(edges[1])) && !across.into_iter().any(apart)
 }
 
-/// Whether anything is left of a triangle cut by each plane in turn (Sutherland and Hodgman 1974).
+/// True if any part of a triangle remains after it is clipped by each plane (Sutherland and Hodgman 1974).
 fn clipped_is_left(planes: &[Plane], triangle: &[DVec3; 3]) -> bool {
     let mut polygon = triangle.to_vec();
     let mut next = Vec::with_capacity(8);
@@ -140,7 +140,7 @@ mod tests {
         for _ in 0..20_000 {
             let t: [DVec3; 3] = std::array::from_fn(|_| DVec3::new(random(), random(), random()));
             let sides = [volumes[0].side(&t), volumes[1].side(&t)];
-            // Clipping divides: where they only touch it may lose a corner by rounding, never more.
+            // Clipping divides: rounding may lose a corner where triangle and box only touch, and nowhere else.
             let inner = DBounds { min: unit.min + 1e-9, max: unit.max - 1e-9 };
             if sides[0] != sides[1] {
                 assert_eq!((sides[0], box_meets(&inner, &t)), (Side::Crossing, false), "{t:?}");

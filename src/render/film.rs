@@ -1,4 +1,4 @@
-//! The buffers of a picture: while it is rendered, and when it is complete.
+//! Buffers of a picture, during rendering and when it is complete.
 
 use super::tile::TilePixels;
 use crate::base::error::Result;
@@ -7,7 +7,7 @@ use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A buffer of a picture. Rows from the top, pixels from the left, no padding.
+/// A buffer of a picture. Rows run from top to bottom, pixels from left to right, without padding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum Buffer {
@@ -27,13 +27,13 @@ pub enum Buffer {
     Instance = 6,
     /// 1 byte: a [`crate::query::HitKind`].
     Kind = 7,
-    /// 1 float: [`crate::query::Hit::error`], world units; infinity where a triangle or nothing is seen through
-    /// stand-ins, before which something may be.
+    /// 1 float: [`crate::query::Hit::error`], world units; infinity for a triangle or a miss behind transmitting
+    /// stand-ins, because an original surface may lie before it.
     Error = 8,
 }
 
 impl Buffer {
-    /// All of them, by number.
+    /// All buffers, in the order of their numbers.
     pub const ALL: [Buffer; 9] = [
         Buffer::ColourSrgb8,
         Buffer::ColourLinear,
@@ -58,21 +58,21 @@ impl Buffer {
     }
 }
 
-/// A set of [`Buffer`]s: bit `b as u32` for buffer `b`; joined with `|`.
+/// A set of [`Buffer`]s: bit `b as u32` stands for buffer `b`. `|` joins sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outputs(pub u32);
 
 impl Outputs {
-    /// Just the sRGB colour.
+    /// Only the sRGB colour.
     pub const COLOUR: Self = Self(1 << Buffer::ColourSrgb8 as u32);
     /// Every buffer.
     pub const ALL: Self = Self((1 << 9) - 1);
 
-    /// The set of one.
+    /// Returns the set of one buffer.
     pub const fn of(buffer: Buffer) -> Self {
         Self(1 << buffer as u32)
     }
-    /// Whether `buffer` is in it.
+    /// True if the set contains `buffer`.
     pub const fn has(self, buffer: Buffer) -> bool {
         self.0 >> buffer as u32 & 1 == 1
     }
@@ -85,20 +85,20 @@ impl std::ops::BitOr for Outputs {
     }
 }
 
-/// The caller's memory for one buffer: takes finished pixels tile by tile while a frame renders. It is whole
-/// once the frame has converged, and is not spared when a frame is cancelled or replaced (the mapped
-/// buffers are).
+/// The caller's memory for one buffer. It receives finished pixels tile by tile while a frame renders, and holds a
+/// complete picture once the request is complete. A cancelled or replaced request leaves it partly overwritten. (Mapped
+/// buffers are not affected.)
 pub trait Target: Send + Sync {
-    /// Takes `pixels` (a whole number of pixels in the buffer's format) for row `y` from column `x` on. Called from any
-    /// worker, also several at once, never twice at once for the same pixels, never under a lock.
+    /// Receives `pixels` for row `y` from column `x` on: a whole number of pixels in the buffer's format. Any worker
+    /// may call it, several at once, but never two at once for the same pixels. No lock is held during the call.
     fn write(&self, x: u32, y: u32, pixels: &[u8]);
 }
 
-/// A complete picture, and what it shows.
+/// A complete picture, with the scene and the camera rays that it shows.
 pub(super) struct Picture {
     pub width: u32,
     pub height: u32,
-    /// Counts the requests of the frame.
+    /// Number of the request within its frame.
     pub request: u64,
     pub scene: Arc<SceneState>,
     pub rays: PixelRays,
@@ -107,7 +107,7 @@ pub(super) struct Picture {
 
 const BUFFERS: usize = Buffer::ALL.len();
 
-/// The bytes of a buffer, held in u64 so that every element type is aligned.
+/// The bytes of a buffer, stored as u64 so that every element type is aligned.
 struct Pixels(Vec<u64>);
 
 impl Pixels {
@@ -120,7 +120,7 @@ impl Pixels {
     }
 }
 
-/// A picture while it is rendered: each buffer takes tiles under a lock of its own, held for one copy.
+/// A picture during rendering. Each buffer has its own lock, held while one tile is copied.
 pub(super) struct Film {
     pub width: u32,
     pub height: u32,
@@ -128,14 +128,14 @@ pub(super) struct Film {
     targets: Vec<(Buffer, Arc<dyn Target>)>,
 }
 
-/// The buffers of a picture that is needed no more.
+/// Buffers of a picture that is no longer needed, for reuse.
 pub(super) struct Spare {
     pub size: (u32, u32),
     buffers: [Option<Pixels>; BUFFERS],
 }
 
 impl Film {
-    /// With buffers for `outputs`; those of `spare` where they fit. Fails with `NoMemory`.
+    /// Creates a film with buffers for `outputs`; reuses those of `spare` that match. Fails with `NoMemory`.
     pub fn new(
         size: (u32, u32),
         outputs: Outputs,
@@ -146,7 +146,7 @@ impl Film {
         Ok(Self { width: size.0, height: size.1, buffers, targets: targets.to_vec() })
     }
 
-    /// The buffers that anybody wants.
+    /// Returns the buffers that the film keeps or a target receives.
     pub fn wanted(&self) -> Outputs {
         let mut all = Outputs(0);
         for buffer in Buffer::ALL {
@@ -157,7 +157,7 @@ impl Film {
         all
     }
 
-    /// Takes a tile whose left upper pixel is (`x`, `y`).
+    /// Copies a tile with upper left pixel (`x`, `y`) to the buffers and the targets.
     pub fn take(&self, x: u32, y: u32, tile: &TilePixels) {
         for buffer in Buffer::ALL {
             let size = buffer.pixel_bytes();
@@ -178,7 +178,7 @@ impl Film {
         }
     }
 
-    /// A copy of the buffers, into those of `spare` where they fit. For while no tile is rendered. Fails with
+    /// Copies all buffers; reuses those of `spare` that match. Requires that no tile is being rendered. Fails with
     /// `NoMemory`.
     pub fn copy(&self, spare: Option<Spare>) -> Result<Spare> {
         let outputs = Buffer::ALL
@@ -194,7 +194,7 @@ impl Film {
         Ok(copy)
     }
 
-    /// The buffers, for another picture.
+    /// Turns the film into buffers for another picture.
     pub fn into_spare(self) -> Spare {
         let bare = |b: Option<Mutex<Pixels>>| b.map(|m| m.into_inner().unwrap_or_else(PoisonError::into_inner));
         Spare { size: (self.width, self.height), buffers: self.buffers.map(bare) }
@@ -202,7 +202,7 @@ impl Film {
 }
 
 impl Spare {
-    /// Buffers for `outputs`, with whatever in them; those of `old` where they fit. Fails with `NoMemory`.
+    /// Returns buffers for `outputs` with arbitrary content; reuses those of `old` that match. Fails with `NoMemory`.
     pub fn of(size: (u32, u32), outputs: Outputs, old: Option<Spare>) -> Result<Self> {
         let mut buffers = old.filter(|s| s.size == size).map_or_else(Default::default, |s| s.buffers);
         for b in Buffer::ALL {
@@ -217,14 +217,14 @@ impl Spare {
         Ok(Self { size, buffers })
     }
 
-    /// The buffers as a complete picture.
+    /// Turns the buffers into a complete picture.
     pub fn into_picture(self, request: u64, scene: Arc<SceneState>, rays: PixelRays) -> Picture {
         Picture { width: self.size.0, height: self.size.1, request, scene, rays, buffers: self.buffers }
     }
 }
 
 impl Picture {
-    /// Its buffers, for another picture.
+    /// Turns the picture into buffers for another one.
     pub fn into_spare(self) -> Spare {
         Spare { size: (self.width, self.height), buffers: self.buffers }
     }
@@ -234,8 +234,8 @@ impl Picture {
     }
 }
 
-/// A buffer of the last complete picture: no copy; stays whole and readable until dropped, whatever the
-/// frame does meanwhile. Thread-safe.
+/// A buffer of the last complete picture, without a copy. It stays complete and readable until it is dropped, even if
+/// the frame makes other pictures meanwhile. Thread-safe.
 #[derive(Clone)]
 pub struct Mapped {
     picture: Arc<Picture>,
@@ -243,41 +243,41 @@ pub struct Mapped {
 }
 
 impl Mapped {
-    /// `None` if the picture does not have the buffer.
+    /// Returns `None` if the picture does not have the buffer.
     pub(super) fn of(picture: Arc<Picture>, buffer: Buffer) -> Option<Self> {
         picture.has(buffer).then_some(Self { picture, buffer })
     }
-    /// Pixels in a row.
+    /// Number of pixels in a row.
     pub fn width(&self) -> u32 {
         self.picture.width
     }
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> u32 {
         self.picture.height
     }
-    /// Which buffer.
+    /// The mapped buffer.
     pub fn buffer(&self) -> Buffer {
         self.buffer
     }
-    /// The request that it answers ([`super::FrameStatus::request`]).
+    /// Number of the request that made the picture ([`super::FrameStatus::request`]).
     pub fn request(&self) -> u64 {
         self.picture.request
     }
-    /// Bytes from a row to the next.
+    /// Number of bytes from the start of one row to the start of the next.
     pub fn row_pitch(&self) -> usize {
         self.picture.width as usize * self.buffer.pixel_bytes()
     }
-    /// The pixels, in the machine's byte order; aligned for the buffer's element type.
+    /// The pixels in the machine's byte order, aligned for the buffer's element type.
     pub fn bytes(&self) -> &[u8] {
         let all = self.picture.buffers[self.buffer as usize].as_ref().map_or(&[][..], Pixels::bytes);
         &all[..(self.row_pitch() * self.picture.height as usize).min(all.len())]
     }
-    /// The floats of a float buffer; `None` for others.
+    /// Returns the floats of a float buffer; `None` for other buffers.
     pub fn floats(&self) -> Option<&[f32]> {
         let floats = [Buffer::ColourLinear, Buffer::Depth, Buffer::Normal, Buffer::Error];
         floats.contains(&self.buffer).then(|| bytemuck::cast_slice(self.bytes()))
     }
-    /// The ids of an id buffer; `None` for others.
+    /// Returns the ids of an id buffer; `None` for other buffers.
     pub fn ids(&self) -> Option<&[u64]> {
         let ids = [Buffer::Part, Buffer::Primitive, Buffer::Instance];
         ids.contains(&self.buffer).then(|| bytemuck::cast_slice(self.bytes()))

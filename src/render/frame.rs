@@ -1,7 +1,7 @@
 //! A frame: one view being rendered, with its buffers.
 //!
-//! Pictures are double buffered, and more: the last complete one is shared and immutable, the one being
-//! rendered belongs to its job, and buffers that are held no more are used again.
+//! A frame has more than two buffers of each kind. The last complete picture is shared and immutable, the picture being
+//! rendered belongs to its job, and buffers that are no longer held are reused.
 
 use super::film::{Buffer, Film, Mapped, Outputs, Picture, Spare, Target};
 use super::job::{Asked, End, Owner, Request};
@@ -17,16 +17,16 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-/// What a frame is made with.
+/// Options of a new frame.
 #[derive(Clone)]
 pub struct FrameOptions {
-    /// Pixels in a row, 1 to 65536.
+    /// Number of pixels in a row, 1 to 65536.
     pub width: u32,
-    /// Rows, 1 to 65536.
+    /// Number of rows, 1 to 65536.
     pub height: u32,
-    /// Buffers to keep; they can be mapped when a picture is complete.
+    /// Buffers to keep. They can be mapped when a picture is complete.
     pub outputs: Outputs,
-    /// The caller's memory for some buffers (they need not be in `outputs`). A resize drops the targets.
+    /// The caller's memory for some buffers, which need not be in `outputs`. A resize drops the targets.
     pub targets: Vec<(Buffer, Arc<dyn Target>)>,
 }
 
@@ -36,14 +36,14 @@ impl Default for FrameOptions {
     }
 }
 
-/// What a request asks.
+/// Settings of a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameSettings {
-    /// Pixels of error: the area in pixels that a stand-in may cover; 0: exact.
+    /// Threshold in pixels of error: the area, in pixels, that a stand-in may cover; 0: exact.
     pub poe: f32,
-    /// Rays for a pixel's colour, 1 to 1024; the other buffers take the ray of the pixel's middle.
+    /// Rays per pixel for the colour, 1 to 1024. The other buffers use the ray through the pixel's centre.
     pub samples: u32,
-    /// Light from everywhere, so that nothing is black; below 0: none.
+    /// Ambient light, so that no surface is black; below 0: none.
     pub ambient: f32,
 }
 
@@ -53,27 +53,27 @@ impl Default for FrameSettings {
     }
 }
 
-/// One view being rendered. Thread-safe; all calls are cheap but [`Frame::wait`] and [`Frame::pick`].
+/// One view being rendered. Thread-safe. All calls but [`Frame::wait`] and [`Frame::pick`] are cheap.
 ///
-/// Dropping it cancels what runs and waits for the tiles in flight.
+/// Dropping it cancels the request in progress and waits for the tiles in flight.
 pub struct Frame {
     context: Context,
     shared: Arc<Shared>,
 }
 
-/// What a frame shares with its jobs.
+/// Data that a frame shares with its jobs.
 ///
-/// It has the [`Waker`] of a [`crate::base::handle::Handle`], not a whole handle. A handle ends once; a frame ends once
-/// for each request, calls the wake function for better pictures too, and counts the replaced requests that still write
-/// to its targets.
+/// It has the [`Waker`] of a [`crate::base::handle::Handle`], not a whole handle. A handle ends once. A frame ends once
+/// per request, also calls the wake function for better pictures, and counts the replaced requests that still write to
+/// its targets.
 struct Shared {
     inner: Mutex<Inner>,
-    /// Signalled when a request has ended, and when a better picture is there.
+    /// Signalled when a request has ended, and when a better picture is available.
     changed: Condvar,
-    /// Held while a request waits for those before it: one after the other, or two would wait for each other.
+    /// Held while a request waits for earlier ones. Without it two requests could wait for each other.
     beginning: Mutex<()>,
     srgb: Arc<Srgb>,
-    /// What it uses and wants of the models' blocks.
+    /// View of the residency: the blocks that the frame uses and wants.
     view: Arc<View>,
 }
 
@@ -84,14 +84,14 @@ struct Inner {
     /// The last request.
     request: Option<Arc<Request>>,
     requests: u64,
-    /// Requests that have not ended: the last, and replaced ones with tiles in flight.
+    /// Number of requests that have not ended: the last one, and replaced ones with tiles in flight.
     unfinished: u32,
-    /// How the last request ended, and when.
+    /// Outcome of the last request, and the time of its end.
     ending: Option<(End, Instant)>,
     waker: Waker,
     /// The last complete picture.
     front: Option<Arc<Picture>>,
-    /// Buffers to use again.
+    /// Buffers to be reused.
     spare: Option<Spare>,
 }
 
@@ -102,7 +102,7 @@ pub(super) fn check_size(width: u32, height: u32) -> Result<()> {
     if fine(width) && fine(height) {
         Ok(())
     } else {
-        Err(Error::bad_argument("a frame has 1 to 65536 pixels along each side"))
+        Err(Error::bad_argument("the width and height of a frame must be from 1 to 65536 pixels"))
     }
 }
 
@@ -110,20 +110,21 @@ impl FrameSettings {
     /// Fails with [`Error::BadArgument`] if a number is out of its range.
     pub fn check(&self) -> Result<()> {
         if !self.poe.is_finite() || self.poe < 0.0 {
-            return Err(Error::bad_argument(format!("frame: poe is {}; it must be finite, 0 or more", self.poe)));
+            return Err(Error::bad_argument(format!("frame: poe is {}; it must be finite and 0 or more", self.poe)));
         }
         if !self.ambient.is_finite() {
             return Err(Error::bad_argument(format!("frame: ambient is {}; it must be finite", self.ambient)));
         }
         if !(1..=1024).contains(&self.samples) {
-            return Err(Error::bad_argument("frame: samples must be 1 to 1024"));
+            return Err(Error::bad_argument("frame: samples must be from 1 to 1024"));
         }
         Ok(())
     }
 }
 
 impl Frame {
-    /// A frame with buffers. `BadArgument` if the size is out of range, `NoMemory` if there is none for the buffers.
+    /// Creates a frame with its buffers. Fails with `BadArgument` if the size is out of range, `NoMemory` if there is
+    /// no memory for the buffers.
     pub fn new(context: &Context, options: FrameOptions) -> Result<Self> {
         check_size(options.width, options.height)?;
         let inner = Inner {
@@ -151,23 +152,23 @@ impl Frame {
         Ok(Self { context: context.clone(), shared })
     }
 
-    /// The context.
+    /// The frame's context.
     pub fn context(&self) -> &Context {
         &self.context
     }
 
-    /// Begins a picture of `scene` from `camera`; returns at once. What ran before is cancelled; if the frame
-    /// has targets, its tiles in flight are waited for, so that no other request writes to them.
+    /// Begins a picture of `scene` from `camera` and cancels the request in progress. Returns at once, except that a
+    /// frame with targets first waits for the tiles in flight, so that only one request writes to the targets.
     ///
-    /// Fails with `BadArgument` for a bad camera or settings, or a scene of another context, and with `NoMemory` where
-    /// there is none for buffers beside those that are shown; then what ran goes on.
+    /// Fails with `BadArgument` for a bad camera, bad settings or a scene of another context, and with `NoMemory` if
+    /// there is no memory for buffers beside those that are shown. The request in progress then continues.
     pub fn request(&self, scene: &Arc<SceneState>, camera: &Camera, settings: &FrameSettings) -> Result<()> {
         if !scene.context().same(&self.context) {
             return Err(Error::bad_argument("the scene belongs to another context"));
         }
         settings.check()?;
         let one_at_a_time = self.shared.beginning.lock().unwrap_or_else(PoisonError::into_inner);
-        // Another thread may resize in between: then the size is asked again.
+        // Another thread may resize the frame in between. The loop then reads the size again.
         let (request, before) = loop {
             let size = self.shared.inner().size;
             let rays = camera.prepare(size.0, size.1)?;
@@ -185,7 +186,7 @@ impl Frame {
         Ok(())
     }
 
-    /// How far the last request is. Never blocks.
+    /// Returns the status of the last request. Never blocks.
     pub fn poll(&self) -> FrameStatus {
         let inner = self.shared.inner();
         let ending = inner.ending.clone();
@@ -199,7 +200,7 @@ impl Frame {
     }
 
     /// Waits until the last request has ended and a wake function that another thread calls has returned, `timeout` at
-    /// most; after that time it still counts as running. Works itself where the context has no threads.
+    /// most. After that time the state is still running. In a context without threads the caller does the work.
     pub fn wait(&self, timeout: Duration) -> FrameStatus {
         let deadline = Instant::now().checked_add(timeout);
         loop {
@@ -214,19 +215,19 @@ impl Frame {
                     job.wait(left.min(Duration::from_millis(100)));
                 }
                 None if request.is_waiting() && self.context.threads() == 0 => {
-                    // It waits for blocks, and no other thread may read them.
+                    // The request waits for blocks, and no other thread may read them.
                     drop(inner);
                     if !request.read(left, || self.context.step()) {
                         std::thread::sleep(left.min(Duration::from_millis(1)));
                     }
                 }
-                // Each pass and each ending tells; some other pass may have been begun meanwhile.
+                // Each pass and each end signals. Another pass may have begun meanwhile.
                 None => drop(self.shared.changed.wait_timeout(inner, left.min(Duration::from_millis(20)))),
             }
         }
     }
 
-    /// Cancels what runs; takes effect within a tile. The last complete picture stays mapped and whole.
+    /// Cancels the request in progress, within the time of a tile. The last complete picture stays mapped and complete.
     pub fn cancel(&self) {
         let request = self.shared.inner().request.clone();
         if let Some(request) = request {
@@ -234,9 +235,10 @@ impl Frame {
         }
     }
 
-    /// Changes the size for requests from now on; cancels what runs. The last complete picture keeps its
-    /// size until the next is complete. Targets are dropped, and not written any more when this returns.
-    /// `BadArgument` if out of range, `NoMemory` if there is none for the buffers; then nothing has changed.
+    /// Changes the size of later requests and cancels the request in progress. The last complete picture keeps its size
+    /// until the next one is complete. Targets are dropped, and not written to after this call returns. Fails with
+    /// `BadArgument` if the size is out of range, `NoMemory` if there is no memory for the buffers; then nothing has
+    /// changed.
     pub fn resize(&self, width: u32, height: u32) -> Result<()> {
         check_size(width, height)?;
         let outputs = self.shared.inner().outputs;
@@ -250,7 +252,7 @@ impl Frame {
         Ok(())
     }
 
-    /// Waits until at most `left` requests write to targets, which they have been told not to do.
+    /// Waits until at most `left` requests write to targets. The others must have been stopped before.
     fn settle(&self, left: u32) {
         let mut inner = self.shared.inner();
         while !inner.targets.is_empty() && inner.unfinished > left {
@@ -258,8 +260,8 @@ impl Frame {
         }
     }
 
-    /// What is seen at pixel (`x`, `y`) of the last complete picture (or, before there is one, of the last
-    /// request): exact, every field filled. Blocks; may read the disk. `BadArgument` outside the picture,
+    /// Returns the exact hit at pixel (`x`, `y`) of the last complete picture or, before there is one, of the last
+    /// request, with every field filled. Blocks; may read the disk. Fails with `BadArgument` outside of the picture,
     /// `BadState` before the first request.
     pub fn pick(&self, x: u32, y: u32) -> Result<Hit> {
         let seen = {
@@ -269,10 +271,10 @@ impl Frame {
             front.or_else(last)
         };
         let Some((scene, rays, size)) = seen else {
-            return Err(Error::BadState("pick: nothing was requested yet".into()));
+            return Err(Error::BadState("pick: no picture was requested yet".into()));
         };
         if x >= size.0 || y >= size.1 {
-            let text = format!("pick: pixel ({x}, {y}) is outside of {} x {}", size.0, size.1);
+            let text = format!("pick: pixel ({x}, {y}) is outside of the picture of {} x {} pixels", size.0, size.1);
             return Err(Error::BadArgument(text));
         }
         let mut ray = rays.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
@@ -283,8 +285,8 @@ impl Frame {
         Ok(hit[0])
     }
 
-    /// A buffer of the last complete picture; cheap, no copy. `BadState` before there is one or if
-    /// the frame does not keep this buffer.
+    /// Maps a buffer of the last complete picture. Cheap, without a copy. Fails with `BadState` if there is no complete
+    /// picture yet or the frame does not keep this buffer.
     pub fn map(&self, buffer: Buffer) -> Result<Mapped> {
         let front = self.shared.inner().front.clone();
         let Some(picture) = front else {
@@ -294,9 +296,9 @@ impl Frame {
         Mapped::of(picture, buffer).ok_or_else(missing)
     }
 
-    /// Calls `wake` when a better picture can be mapped, and when a request ends (well, cancelled or failed), from any
-    /// thread, never under a lock of ours. It must not block; it may call the frame's cheap methods. `None`: nothing is
-    /// called.
+    /// Sets a function that is called when a better picture can be mapped and when a request ends, also if it was
+    /// cancelled or failed. The call comes from any thread, without a lock held. The function must not block; it may
+    /// call the frame's cheap methods. `None` removes it.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
         let before = self.shared.inner().waker.set(wake);
         drop(before);
@@ -305,11 +307,12 @@ impl Frame {
 
 impl Drop for Frame {
     fn drop(&mut self) {
-        // There is no owner to be woken.
+        // The frame's owner drops it and needs no wake call.
         self.set_wake(None);
         self.cancel();
         let mut inner = self.shared.inner();
-        // Another thread may still be in the wake function. (If this one is, that drops the frame.)
+        // Another thread may still run the wake function. (If this thread runs it, the function itself drops the
+        // frame.)
         while inner.unfinished > 0 || inner.waker.is_called_elsewhere() {
             inner = self.shared.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
         }
@@ -317,19 +320,19 @@ impl Drop for Frame {
 }
 
 impl Inner {
-    /// Buffers to use again for pictures of this size.
+    /// Takes the spare buffers if they have this size.
     fn take_spare(&mut self, size: (u32, u32)) -> Option<Spare> {
         self.spare.take_if(|spare| spare.size == size)
     }
 
-    /// Keeps buffers for later, if they are of the size that is asked for now.
+    /// Keeps buffers for reuse if they have the current size.
     fn keep_spare(&mut self, buffers: Spare) {
         if buffers.size == self.size {
             self.spare = Some(buffers);
         }
     }
 
-    /// Makes a request the last one; returns it, and the one before if it still runs.
+    /// Makes a new request the last one. Returns it, and the previous one if that still runs.
     fn begin(
         &mut self,
         shared: &Arc<Shared>,
@@ -362,18 +365,18 @@ impl Inner {
 }
 
 impl Shared {
-    /// Calls a function of the waker. A panic in it is its owner's alone: the request goes on.
+    /// Calls the wake function. A panic in it does not affect the request.
     fn call(&self, wake: Option<WakeFn>) {
         let Some(wake) = wake else { return };
         let _ = catch_unwind(AssertUnwindSafe(|| wake()));
-        // Before the call counts as returned, as in `Handle::end`.
+        // Dropped before the call counts as returned, as in `Handle::end`.
         drop(wake);
         self.inner().waker.returned();
         self.changed.notify_all();
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
-        // Every step under the lock leaves a valid state.
+        // A poisoned lock is usable: every step under it leaves a valid state.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -387,15 +390,15 @@ impl Owner for Shared {
             }
             inner.take_spare((film.width, film.height))
         };
-        // Under no lock: it is some megabytes. Where there is no memory for it the picture is shown when it is
-        // finished.
+        // The copy of some megabytes is made without a lock. If there is no memory for it, the picture is shown when it
+        // is finished.
         let Ok(copy) = film.copy(spare) else { return false };
         let picture = copy.into_picture(request.number, Arc::clone(&request.scene), request.rays);
         let wake = {
             let mut inner = self.inner();
             let newer = inner.front.as_ref().is_none_or(|p| p.request <= request.number);
             let old = if newer { inner.front.replace(Arc::new(picture)) } else { Some(Arc::new(picture)) };
-            // Unless it is mapped.
+            // A picture that is still mapped keeps its buffers.
             if let Some(old) = old.and_then(Arc::into_inner) {
                 inner.keep_spare(old.into_spare());
             }
@@ -417,7 +420,7 @@ impl Owner for Shared {
                 let picture = buffers.into_picture(request.number, Arc::clone(&request.scene), request.rays);
                 let old = inner.front.replace(Arc::new(picture));
                 request.is_shown();
-                // Unless it is mapped.
+                // A picture that is still mapped keeps its buffers.
                 if let Some(old) = old.and_then(Arc::into_inner) {
                     inner.keep_spare(old.into_spare());
                 }
@@ -433,7 +436,8 @@ impl Owner for Shared {
             }
         };
         if cut_short {
-            // Its pass has not ended by itself: the blocks that it used may go, and threads need not wait for its end.
+            // The request's pass has not ended by itself. This call ends it: the blocks that it used become evictable,
+            // and threads that wait for passes to end can continue.
             self.view.want(&[]);
         }
         self.changed.notify_all();
@@ -441,7 +445,7 @@ impl Owner for Shared {
     }
 }
 
-/// `is_shown`: the last complete picture is the request's.
+/// Returns the status of a request. `is_shown`: the last complete picture is the request's.
 fn status_of(request: &Request, ending: Option<(End, Instant)>, is_shown: bool) -> FrameStatus {
     let Progress { fraction, tally, wanted, effective_poe, pictures, seconds_to_go } = request.progress();
     let (state, error) = match &ending {
@@ -457,7 +461,7 @@ fn status_of(request: &Request, ending: Option<(End, Instant)>, is_shown: bool) 
         state,
         request: request.number,
         fraction: if is_complete { 1.0 } else { fraction },
-        // A pass that has ended is a picture once that is there to be mapped.
+        // A pass that has ended counts as a picture once that can be mapped.
         pictures: if is_shown { pictures.max(1) } else { 0 },
         pixels_exact: tally.exact,
         pixels_lod: tally.lod,

@@ -1,13 +1,14 @@
-//! One request of a frame: passes over its tiles, each a job of the pool.
+//! One request of a frame: a sequence of passes over its tiles. Each pass is a job of the pool.
 //!
-//! The first pass renders all tiles from what is in memory, with stand-ins for what is not: the picture is whole at
-//! once. What it lacked is wanted; when some of that has come, a pass renders the tiles that lacked something again,
-//! and so on until nothing is lacking. Then passes with more samples. `passes.rs` decides; no thread waits
-//! here: between passes a request is nothing but a state that the residency's news wakes.
+//! The first pass renders all tiles from the blocks in memory, with stand-ins for missing blocks, so the picture is
+//! complete at once. The request then wants the missing blocks. When some of them have arrived, a pass renders the
+//! tiles that lacked blocks again, and so on until no block is missing. Passes with more samples follow. `passes.rs`
+//! decides the order. No thread waits between passes: the request is then only a state that news of the residency
+//! wakes.
 //!
-//! Before the very first picture of a frame, glimpses at every 32nd pixel tell what that will lack, and the worker that
-//! ended one waits for it, [`GLIMPSES`] at most: of a model just opened what is needed most is there by then, and
-//! nothing is shown yet that could stand still.
+//! Before the first picture of a frame, probes of every 32nd pixel find the blocks that it will lack. The worker that
+//! ends a probe waits for these blocks, [`GLIMPSES`] at most. So the first picture of a newly opened model already has
+//! its most important blocks. The wait freezes no picture, because none is on screen yet.
 
 use super::film::{Buffer, Film};
 use super::frame::FrameSettings;
@@ -29,32 +30,33 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-/// How long the first picture of a frame may wait for blocks.
+/// Longest wait of a frame's first picture for blocks.
 const GLIMPSES: Duration = Duration::from_millis(80);
 
-/// How long blocks are read before a picture is made of them, where the thread that waits for the picture reads: at the
-/// least, and at the most.
+/// Shortest and longest time of reading before the next picture, if the thread that waits for the picture reads.
 const READS: (Duration, Duration) = (Duration::from_millis(80), Duration::from_secs(1));
 
-/// How long a request that would end coarser than asked waits for reads that no view wants any more.
+/// Longest wait for reads in progress by a request that would end coarser than requested. No view wants these blocks
+/// any more, but their end may show that finer detail fits.
 const LAST_READS: Duration = Duration::from_millis(500);
 
-/// How a request ended.
+/// Outcome of a request.
 #[derive(Debug, Clone)]
 pub(super) enum End {
-    /// As exact as asked.
+    /// The picture is as exact as requested.
     Converged,
-    /// All that fits the budget, or can be read, is shown; what could not be read.
+    /// The picture shows all data that fits the budget and can be read. The error is that of an unreadable block.
     Budget(Option<Arc<Error>>),
     Cancelled,
     Failed(Arc<Error>),
 }
 
-/// Told how a request comes along. Called under no lock.
+/// Receiver of a request's news. No lock is held during its calls.
 pub(super) trait Owner: Send + Sync {
-    /// The film of `request` shows a whole picture, better than the last. False if there is no memory to show it.
+    /// The film of `request` holds a complete picture, better than the last one. Returns false if there is no memory to
+    /// show it.
     fn improved(&self, request: &Request, film: &Film) -> bool;
-    /// `request` has ended with `film`; called once.
+    /// `request` has ended with `film`. Called once.
     fn ended(&self, request: &Request, film: Film, end: &End);
 }
 
@@ -70,27 +72,27 @@ pub(super) struct Request {
     me: Weak<Request>,
     owner: Weak<dyn Owner>,
     view: Arc<View>,
-    /// It shows the same as the request before.
+    /// True if the request shows the same as the previous one.
     unchanged: bool,
-    /// The frame shows nothing yet, and others than its caller read blocks.
+    /// True if the frame shows no picture yet, and threads other than its caller read blocks.
     may_glimpse: bool,
     srgb: Arc<Srgb>,
     corners: Vec<(u32, u32)>,
-    /// Taken when the request ends.
+    /// `None` once the request has ended.
     film: Mutex<Option<Arc<Film>>>,
     stop: AtomicBool,
-    /// Bytes that had come when it began.
+    /// Bytes of blocks that all models had read when the request began.
     come_before: u64,
-    /// Of the present pass.
+    /// Pixels done in the current pass.
     pixels_done: AtomicU64,
     running: Mutex<Running>,
 }
 
-/// Where a request is.
+/// Phase of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
     Running,
-    /// For blocks to come.
+    /// The request waits for blocks.
     Waiting,
     Ended,
 }
@@ -98,26 +100,26 @@ enum Phase {
 struct Running {
     phase: Phase,
     passes: Passes,
-    /// Of the present pass.
+    /// Snapshots of the current pass.
     snapshots: Option<Arc<Snapshots>>,
     stamp: u32,
     accept_missing: bool,
-    /// When the present pass began, and how long the last one took.
+    /// Begin of the current pass; `pass_took` is the duration of the last one.
     pass_begun: Instant,
     pass_took: Duration,
-    /// The thread that waits for it reads blocks, and looks for news then.
+    /// True while the thread that waits for the request reads blocks. That thread then checks for news itself.
     is_read_for: bool,
     job: Option<Job>,
     free: Vec<Box<TileScratch>>,
 }
 
-/// What a worker needs for a tile.
+/// A worker's memory for a tile.
 struct TileScratch {
     pixels: TilePixels,
     scratch: Scratch,
 }
 
-/// What a request is made of.
+/// Arguments of [`Request::new`].
 pub(super) struct Asked {
     pub number: u64,
     pub scene: Arc<SceneState>,
@@ -171,7 +173,7 @@ impl Request {
         })
     }
 
-    /// Begins the first pass; once. What could not be read for earlier requests is asked for again.
+    /// Begins the first pass; called once. Blocks that could not be read for earlier requests may be read again.
     pub fn start(&self) {
         self.scene.models.iter().for_each(|model| model.blocks().forget_failures());
         let mut running = self.running();
@@ -185,7 +187,7 @@ impl Request {
         }
     }
 
-    /// Blocks that it wants may have come, or will not.
+    /// Tells the request that wanted blocks may have arrived, or that some will not arrive.
     pub fn news(&self) {
         let mut running = self.running();
         running.passes.has_news = true;
@@ -195,17 +197,17 @@ impl Request {
         }
     }
 
-    /// For a request that waits, in a context without threads: has `step`, which does a piece of work if there is any,
-    /// bring blocks for as long as the last pass took (a second at most, `most` at most), and then looks at what has
-    /// come. Were it looked at after each of them, hundreds of pictures would be made of some hundred reads. Whether
-    /// the last `step` did anything.
+    /// Reads blocks for a request that waits, in a context without threads. Calls `step`, which does one piece of work
+    /// if there is any, for as long as the last pass took, at least and at most [`READS`], and `most` at most. Then
+    /// checks for news. (A check after each step would make hundreds of pictures for some hundred reads.) Returns true
+    /// if the last `step` did any work.
     pub fn read(&self, most: Duration, step: impl Fn() -> bool) -> bool {
         let (begun, stamp, time) = {
             let mut running = self.running();
             running.is_read_for = true;
             (Instant::now(), running.stamp, running.pass_took.clamp(READS.0, READS.1).min(most))
         };
-        // What comes only after a pass is not waited for.
+        // Reading ends when only another pass can tell which blocks are needed next.
         let lacks_more =
             || self.is_waiting() && self.view.status().state == ViewState::Busy && !self.view.is_stale(stamp);
         let mut did = step();
@@ -217,7 +219,7 @@ impl Request {
         did
     }
 
-    /// Goes on if it waits and there is news.
+    /// Continues the request if it waits and there is news.
     fn look(&self) {
         let mut running = self.running();
         if running.phase == Phase::Waiting && running.passes.has_news {
@@ -227,7 +229,7 @@ impl Request {
         }
     }
 
-    /// Makes tiles in flight end within a packet, and it all, soon or at once.
+    /// Stops the request. Tiles in flight end within a packet; a request that waits for blocks ends at once.
     pub fn stop(&self) {
         self.stop.store(true, Relaxed);
         let job = {
@@ -244,22 +246,22 @@ impl Request {
         }
     }
 
-    /// The job of the present pass; `None` between two.
+    /// The job of the current pass; `None` between two passes.
     pub fn job(&self) -> Option<Job> {
         self.running().job.clone()
     }
 
-    /// Whether it is between two passes, until blocks come.
+    /// True if the request is between two passes and waits for blocks.
     pub fn is_waiting(&self) -> bool {
         self.running().phase == Phase::Waiting
     }
 
-    /// The picture of the last pass is there to be mapped.
+    /// Notes that the picture of the last pass can be mapped.
     pub fn is_shown(&self) {
         self.running().passes.is_shown();
     }
 
-    /// How far it is.
+    /// Returns the progress of the request.
     pub fn progress(&self) -> Progress {
         let wanted = self.view.status().bytes_wanted;
         let share = self.pixels_done.load(Relaxed) as f64 / self.pixels as f64;
@@ -277,7 +279,7 @@ impl Request {
         self.film.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Begins the pass that is laid out; `afresh`: with a stamp of its own, and the pressure of now.
+    /// Begins the planned pass. `afresh`: with a new stamp and the current pressure.
     fn begin_pass(&self, mut running: MutexGuard<Running>, afresh: bool) {
         if afresh {
             let first = running.stamp == 0;
@@ -285,7 +287,7 @@ impl Request {
             running.passes.pressure = self.view.pressure();
         }
         let snapshots = Snapshots::take(&self.scene);
-        // Where all is in memory, walks need not look out for what is not.
+        // If all blocks are in memory, traversals need no checks for missing blocks.
         running.accept_missing = !snapshots.is_whole(&self.scene);
         running.snapshots = Some(Arc::new(snapshots));
         let items = running.passes.items();
@@ -295,7 +297,7 @@ impl Request {
         let Some(me) = self.me.upgrade() else { return };
         let job = self.scene.context().pool().submit(items, me);
         let mut running = self.running();
-        // It may have ended already, and others begun.
+        // The pass may have ended already, and later passes may have begun.
         if running.phase == Phase::Running && job.ending().is_none() && running.snapshots.is_some() {
             running.job = Some(job.clone());
         }
@@ -305,13 +307,13 @@ impl Request {
         }
     }
 
-    /// After a pass, or on news: what comes next.
+    /// Takes the next step after a pass or after news.
     fn go_on(&self) {
         let lacking = self.running().passes.wants();
         let key = |model: u32| self.scene.models[model as usize].blocks().key();
         let wants: Vec<Wanted> =
             lacking.iter().map(|(n, weight)| Wanted { model: key(n.model), block: n.block, weight }).collect();
-        // Under no lock of ours: it takes the residency's.
+        // No lock of the request is held: the call takes the residency's lock.
         self.view.want(&wants);
         if self.running().passes.is_probe {
             return self.after_glimpse(wants.is_empty());
@@ -319,7 +321,7 @@ impl Request {
         if wants.is_empty() {
             self.ease();
         }
-        // Before it is known whether they come: a request of another frame may ask for them again.
+        // The errors are collected before the state is read, because a request of another frame may clear them.
         let unreadable = self.unreadable(&lacking);
         let stamp = self.running().stamp;
         let (wants, pressure) = (self.view.status().state, self.view.pressure());
@@ -341,8 +343,9 @@ impl Request {
         }
     }
 
-    /// There may be more room than is known yet, after a camera has moved: a request that ended now would end coarser
-    /// than need be.
+    /// Lowers the pressure by a step if there is room: after a camera has moved there may be more room than is known
+    /// yet, and a request that ended now would end coarser than necessary. Waits for reads in progress, [`LAST_READS`]
+    /// at most.
     fn ease(&self) {
         let begun = Instant::now();
         while self.view.ease() && !self.stop.load(Relaxed) && begun.elapsed() < LAST_READS {
@@ -350,7 +353,7 @@ impl Request {
         }
     }
 
-    /// Waits a while for what a probe lacked; then looks again, or renders.
+    /// Waits for the blocks that a probe found missing. Then begins another probe or the first picture.
     fn after_glimpse(&self, is_all_there: bool) {
         let is_up = || self.stop.load(Relaxed) || self.begun.elapsed() >= GLIMPSES;
         while !is_up() && self.view.status().state == ViewState::Busy {
@@ -358,7 +361,7 @@ impl Request {
         }
         let again = !is_all_there && !is_up() && self.view.status().state == ViewState::Satisfied;
         if !again {
-            // Reading on would take the processors from threads that render.
+            // Further reads would take processor time from rendering threads.
             self.view.want(&[]);
         }
         let mut running = self.running();
@@ -373,7 +376,7 @@ impl Request {
         self.begin_pass(running, true);
     }
 
-    /// The first of the blocks that could not be read.
+    /// Returns the error of the first missing block that could not be read.
     fn unreadable(&self, lacking: &Wants) -> Option<Arc<Error>> {
         let why = |need: Need| self.scene.models[need.model as usize].blocks().why_failed(need.block);
         lacking.iter().find_map(|(need, _)| why(need)).map(Arc::new)
@@ -386,7 +389,7 @@ impl Request {
             running.free.clear();
             (running.snapshots, running.job) = (None, None);
         }
-        // No tile is in flight any more: the film is ours alone.
+        // No tile is in flight any more, so the film has no other owner.
         let film = film.and_then(|f| Arc::try_unwrap(f).ok());
         if let (Some(owner), Some(film)) = (self.owner.upgrade(), film) {
             owner.ended(self, film, end);
@@ -470,7 +473,7 @@ impl Work for Request {
         }
         let is_picture = {
             let passes = &self.running().passes;
-            // The last is shown by its end; of what is pressed it may not be the last.
+            // The end of the request shows the last picture. Under pressure another pass may follow this one.
             let is_last = passes.nothing_is_lacking(self.settings.samples) && passes.pressure == 1.0;
             !passes.is_probe && !is_last
         };

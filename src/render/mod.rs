@@ -1,4 +1,4 @@
-//! Pictures: frames rendered in the background, tile by tile, into buffers that stay whole.
+//! Rendering: frames are rendered in the background, tile by tile, into buffers that always hold complete pictures.
 #![forbid(unsafe_code)]
 
 pub mod film;

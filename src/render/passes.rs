@@ -1,4 +1,4 @@
-//! Which passes a request needs: what each tile lacked, and what comes next.
+//! Plan of a request's passes: the blocks that each tile lacked, and the next step after each pass.
 
 use super::status::Progress;
 use super::tile::Tally;
@@ -6,50 +6,51 @@ use super::wants::Wants;
 use crate::residency::ViewState;
 use std::sync::Arc;
 
-/// What is known when a pass has ended.
+/// Conditions at the end of a pass.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
-    /// How its wants stand.
+    /// State of the view's wants.
     pub wants: ViewState,
-    /// By what the pixels of error are to be multiplied.
+    /// Factor for the requested threshold.
     pub pressure: f32,
-    /// That has changed since the pass began, if only to and fro: its wants are no longer heard.
+    /// True if the pressure has changed since the pass began, even if it has changed back. Wants of such a pass no
+    /// longer raise the pressure.
     pub is_stale: bool,
 }
 
-/// Where the present pass is.
+/// Progress of the current pass.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Now {
-    /// The share of it that is done.
+    /// Fraction of the pass that is done.
     pub share: f64,
-    /// Bytes that are lacking.
+    /// Bytes of missing blocks.
     pub wanted: u64,
-    /// Bytes that have come since the request.
+    /// Bytes of blocks that were read since the request.
     pub come: u64,
     /// Seconds since the request.
     pub seconds: f64,
 }
 
-/// What comes next.
+/// Next step of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Next {
-    /// A pass over the tiles that are laid out; `afresh`: over all, at the pressure of now.
+    /// A pass over the planned tiles. `afresh`: over all tiles, with the current pressure.
     Pass { afresh: bool },
-    /// Nothing, until blocks come.
+    /// No work until blocks arrive.
     Wait,
     /// The request has ended.
     End { is_converged: bool },
 }
 
-/// Pixels of error to begin with, where exact answers are asked for and the budget does not allow them.
+/// First raised threshold, in pixels of error, if exact answers are requested and do not fit the budget.
 const LEAST_POE: f32 = 0.5;
 
-/// The pixels of error in force.
+/// Returns the effective threshold in pixels of error.
 pub(super) fn effective_poe(asked: f32, pressure: f32) -> f32 {
     if pressure > 1.0 { asked.max(LEAST_POE) * pressure } else { asked }
 }
 
-/// What a tile shows.
+/// Result of the last rendering of a tile.
 #[derive(Clone, Default)]
 struct Tile {
     tally: Tally,
@@ -59,30 +60,30 @@ struct Tile {
 /// The passes of a request.
 pub(super) struct Passes {
     tiles: Vec<Tile>,
-    /// The tiles of the present pass.
+    /// Indices of the tiles in the current pass.
     todo: Arc<Vec<usize>>,
-    /// The present pass looks at some pixels only, for what they lack.
+    /// True if the current pass is a probe: it traces a few pixels to learn which blocks are missing.
     pub is_probe: bool,
-    /// Samples of a pixel in it.
+    /// Samples per pixel in the current pass.
     pub samples: u32,
     asked_samples: u32,
     pub pressure: f32,
-    /// Since the last decision.
+    /// True if the residency has reported news since the last decision.
     pub has_news: bool,
-    /// Pictures that were shown.
+    /// Number of pictures that were shown.
     ended: u32,
-    /// Of what was wanted, the most bytes at a time.
+    /// Greatest number of bytes wanted at one time so far.
     most_wanted: u64,
-    /// What the last of them shows.
+    /// Tally of the last picture that was shown.
     shown: Tally,
     fraction: f64,
 }
 
-/// Samples of a pass, and of the next.
+/// Ratio between the samples of one pass and those of the pass before.
 const MORE_SAMPLES: u32 = 4;
 
 impl Passes {
-    /// Over so many tiles, until pixels have so many samples.
+    /// Creates the passes over `tiles` tiles, up to `samples` samples per pixel.
     pub fn new(tiles: usize, samples: u32) -> Self {
         Self {
             tiles: vec![Tile::default(); tiles],
@@ -99,13 +100,13 @@ impl Passes {
         }
     }
 
-    /// Lays out a probe of all tiles.
+    /// Plans a probe of all tiles.
     pub fn begin_probe(&mut self) {
         self.begin_all();
         self.is_probe = true;
     }
 
-    /// Lays out a pass over all tiles.
+    /// Plans a pass over all tiles.
     pub fn begin_all(&mut self) {
         self.is_probe = false;
         self.todo = Arc::new((0..self.tiles.len()).collect());
@@ -117,22 +118,22 @@ impl Passes {
         self.has_news = false;
     }
 
-    /// Tiles of the pass that is laid out.
+    /// Number of tiles in the planned pass.
     pub fn items(&self) -> usize {
         self.todo.len()
     }
 
-    /// The tile that is item `item` of the pass.
+    /// Index of the tile that is item `item` of the pass.
     pub fn tile(&self, item: usize) -> usize {
         self.todo[item]
     }
 
-    /// A tile was rendered.
+    /// Stores the result of a rendered tile.
     pub fn done(&mut self, tile: usize, tally: Tally, wants: &Wants) {
         self.tiles[tile] = Tile { tally, wants: wants.clone() };
     }
 
-    /// All tiles of a pass were rendered, and the picture is there to be mapped.
+    /// Notes that all tiles of a pass were rendered and the picture can be mapped.
     pub fn is_shown(&mut self) {
         self.ended += 1;
         self.shown = self.tally();
@@ -144,7 +145,7 @@ impl Passes {
         sum
     }
 
-    /// What all tiles lack.
+    /// Returns the missing blocks of all tiles.
     pub fn wants(&self) -> Wants {
         let mut all = Wants::default();
         self.tiles.iter().for_each(|tile| all.append(&tile.wants));
@@ -152,15 +153,15 @@ impl Passes {
         all
     }
 
-    /// Whether the pass that has ended was the last.
+    /// True if the pass that has ended was the last one: no tile lacks a block, and pixels have `samples` samples.
     pub fn nothing_is_lacking(&self, samples: u32) -> bool {
         self.samples == samples && self.tiles.iter().all(|tile| tile.wants.is_empty())
     }
 
-    /// What comes after a pass, or after news; a pass is then laid out.
+    /// Returns the step after a pass or after news, and plans the pass if the step is one.
     pub fn next(&mut self, seen: Seen, asked_poe: f32) -> Next {
         if seen.is_stale || seen.pressure != self.pressure {
-            // All tiles get coarser, or finer, together.
+            // All tiles become coarser or finer together.
             self.samples = 1;
             self.begin_all();
             return Next::Pass { afresh: true };
@@ -183,12 +184,12 @@ impl Passes {
         Next::End { is_converged: effective_poe(asked_poe, self.pressure) == asked_poe }
     }
 
-    /// How far it is, at `asked_poe` pixels of error.
+    /// Returns the progress. `asked_poe`: the requested threshold in pixels of error.
     pub fn progress(&mut self, now: Now, asked_poe: f32) -> Progress {
         let Now { share, wanted, come: bytes_come, seconds } = now;
         self.most_wanted = self.most_wanted.max(wanted);
         let come = (self.most_wanted - wanted) as f64 / self.most_wanted.max(1) as f64;
-        // The first pass is most of what there is to see; then blocks, then samples.
+        // The first picture has the greatest weight, then blocks, then samples.
         let first = if self.asked_samples > 1 { 0.5 } else { 0.9 };
         let now = match (self.ended, self.samples) {
             (0, _) => first * share,
@@ -232,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn tiles_that_lacked_something_are_rendered_again_once_something_came() {
+    fn tiles_with_missing_blocks_are_rendered_again_after_news() {
         let mut passes = Passes::new(4, 1);
         passes.begin_all();
         render(&mut passes, |tile| if tile == 2 { lacking() } else { Wants::default() });
@@ -245,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_come_last_and_pressure_begins_anew() {
+    fn more_samples_come_last_and_new_pressure_restarts() {
         let mut passes = Passes::new(2, 8);
         passes.begin_all();
         render(&mut passes, |_| Wants::default());
@@ -264,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_come_ends_it() {
+    fn unavailable_blocks_end_the_request() {
         for wants in [ViewState::Full, ViewState::Failed] {
             let mut passes = Passes::new(1, 1);
             passes.begin_all();
@@ -294,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fraction_never_goes_back() {
+    fn the_fraction_never_decreases() {
         let mut passes = Passes::new(1, 1);
         passes.begin_all();
         let mut last = 0.0;
@@ -308,7 +309,7 @@ mod tests {
         for wanted in [1000, 2000, 500, 900, 0] {
             let now = passes.progress(Now { share: 0.3, wanted, come: 500, seconds: 1.0 }, 0.0);
             assert!(now.fraction >= last && now.fraction < 1.0 && now.pictures == 1);
-            // 500 bytes a second.
+            // Blocks arrive at 500 bytes per second.
             assert!(wanted == 0 || now.seconds_to_go == wanted as f64 / 500.0);
             last = now.fraction;
         }

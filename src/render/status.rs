@@ -1,4 +1,4 @@
-//! How far a frame is.
+//! Progress and status of a frame.
 
 use super::tile::Tally;
 use crate::base::error::Error;
@@ -8,22 +8,23 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u32)]
 pub enum FrameState {
-    /// Nothing was requested yet.
+    /// No request was made yet.
     #[default]
     Idle = 0,
-    /// Rendering, or waiting for data to render more exactly.
+    /// The request is rendering, or waits for blocks that a better picture needs.
     Running = 1,
-    /// The last request is complete, as exact as asked.
+    /// The last request is complete and as exact as requested.
     Converged = 2,
-    /// The last request was cancelled; the picture before it is still whole.
+    /// The last request was cancelled. The previous picture remains complete.
     Cancelled = 3,
-    /// The last request failed; `error` says why. The picture before it is still whole.
+    /// The last request failed; `error` gives the reason. The previous picture remains complete.
     Failed = 4,
-    /// The last request is complete, coarser than asked: all that fits the memory budget, or can be read, is shown.
+    /// The last request is complete but coarser than requested: it shows all data that fits the memory budget and can
+    /// be read.
     CompleteWithinBudget = 5,
 }
 
-/// How far a request is.
+/// Progress of a request.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Progress {
     pub fraction: f64,
@@ -31,7 +32,7 @@ pub(super) struct Progress {
     /// Bytes of blocks that are wanted and not in memory.
     pub wanted: u64,
     pub effective_poe: f32,
-    /// Whole pictures so far.
+    /// Number of complete pictures so far.
     pub pictures: u32,
     pub seconds_to_go: f64,
 }
@@ -39,38 +40,42 @@ pub(super) struct Progress {
 /// Status of the last request of a frame.
 #[derive(Debug, Clone, Default)]
 pub struct FrameStatus {
-    /// Its state.
+    /// State of the request.
     pub state: FrameState,
-    /// Counts the requests of this frame, from 1; 0: none yet. Says to which request a status belongs.
+    /// Number of the request within its frame, from 1; 0: none yet. It identifies the request that the status belongs
+    /// to.
     pub request: u64,
-    /// Fraction done: 0 at the request, 1 when complete, never going back in between.
+    /// Fraction done: 0 at the request, 1 when it is complete. It never decreases in between.
     pub fraction: f64,
-    /// Whole pictures that the request has made so far: the first from what was in memory, each with more of what the
-    /// last lacked. The very first of a frame waits for that, 80 ms at most. From 1 on there is one to be mapped.
+    /// Number of complete pictures that the request has made so far. The first uses the blocks that are in memory; each
+    /// later one adds blocks that the previous one lacked. The very first picture of a frame waits for missing blocks,
+    /// 80 ms at most. From 1 on there is a picture to map.
     pub pictures: u32,
-    /// Pixels whose answer is exact (hits on original triangles and misses, of rays that passed no stand-in before).
+    /// Pixels with an exact answer: the ray hit an original triangle or nothing, and no stand-in transmitted it before.
     pub pixels_exact: u64,
-    /// Pixels that show a stand-in as fine as asked, or what is behind one.
+    /// Pixels that show a stand-in within the threshold, or the surface or background behind a transmitting stand-in.
     pub pixels_lod: u64,
     /// Pixels that show a stand-in for missing data.
     pub pixels_missing: u64,
-    /// Pixels of the picture.
+    /// Number of pixels in the picture.
     pub pixels_total: u64,
-    /// Largest error in pixels. That of triangles, what rounding does, counts only where depth or error are asked for.
+    /// Largest error in pixels. The rounding errors of triangles count only if depth or error buffers are requested.
     pub worst_error_px: f32,
-    /// Mean error in pixels, over pixels that hit something; of triangles as above.
+    /// Mean error in pixels, over pixels with a hit. Rounding errors of triangles count as above.
     pub mean_error_px: f32,
-    /// Pixels of error in force: more than asked where what is seen does not fit the memory budget.
+    /// Effective threshold in pixels of error: above the requested one if the visible data does not fit the memory
+    /// budget.
     pub effective_poe: f32,
-    /// Bytes of blocks in memory, of the scene's models.
+    /// Bytes of the scene's blocks in memory.
     pub bytes_resident: u64,
-    /// Bytes of blocks wanted and not yet in memory.
+    /// Bytes of blocks that are wanted and not yet in memory.
     pub bytes_wanted: u64,
-    /// Estimated seconds to go, as fast as it has been so far: of the first picture, then until what is wanted now has
-    /// come. What better pictures will want besides is not known. 0 when not running, infinity when unknown.
+    /// Estimated seconds to go at the speed so far: to the first picture, then until all blocks wanted now are read.
+    /// The estimate excludes blocks that only better pictures will want. 0 when not running, infinity when unknown.
     pub seconds_to_go: f64,
-    /// Seconds since the request, until it ended.
+    /// Seconds since the request, or from the request to its end.
     pub seconds: f64,
-    /// Why it failed; or, of a complete picture, what could not be read and is shown as a stand-in.
+    /// Reason of a failure; or, for a complete picture, the error of a block that could not be read and is shown as a
+    /// stand-in.
     pub error: Option<Arc<Error>>,
 }

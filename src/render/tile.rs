@@ -1,4 +1,4 @@
-//! Tiles: squares of pixels, the unit of work of a frame.
+//! Tiles: squares of pixels. A tile is a frame's unit of work.
 
 use super::film::{Buffer, Outputs};
 use super::integrators::direct::{ACROSS, DOWN, Scratch};
@@ -10,14 +10,14 @@ use crate::math::{BUNDLE, PACKET};
 use crate::simd::{Op, Simd, dispatch};
 use std::ops::Range;
 
-/// Pixels along the side of a tile.
+/// Side length of a tile in pixels.
 pub(super) const TILE: u32 = 32;
 const PIXELS: usize = (TILE * TILE) as usize;
-/// Its packets: as many as a bundle has.
+/// Packets of a tile: exactly one bundle.
 const PACKETS: usize = PIXELS / PACKET;
 const _: () = assert!(PACKETS == BUNDLE);
 
-/// The pixels of a tile, buffer by buffer, before they go to the film.
+/// The pixels of a tile in each buffer, before they are copied to the film.
 pub(super) struct TilePixels {
     pub width: u32,
     pub height: u32,
@@ -32,15 +32,15 @@ pub(super) struct TilePixels {
     error: Box<[f32; PIXELS]>,
 }
 
-/// What a tile adds to the status.
+/// Counts and errors that a tile contributes to the status.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Tally {
     pub exact: u64,
     pub lod: u64,
     pub missing: u64,
-    /// Pixels that hit something.
+    /// Pixels with a hit.
     pub hits: u64,
-    /// Sum of errors in pixels.
+    /// Sum of the errors in pixels.
     pub error_sum: f64,
     pub error_max: f32,
 }
@@ -62,7 +62,7 @@ impl TilePixels {
         }
     }
 
-    /// The bytes of a row of a buffer.
+    /// Returns the bytes of one row of a buffer.
     pub fn row(&self, buffer: Buffer, row: u32) -> &[u8] {
         let all: &[u8] = match buffer {
             Buffer::ColourSrgb8 => bytemuck::cast_slice(&self.srgb[..]),
@@ -80,8 +80,8 @@ impl TilePixels {
         &all[at..at + self.width as usize * size]
     }
 
-    /// Renders the tile whose left upper pixel is (`x`, `y`). Blocks that are missing go to the scratch's wants; then
-    /// the tile is to be rendered again. `None` if `stop` said so between two packets.
+    /// Renders the tile with upper left pixel (`x`, `y`). Missing blocks are added to the wants of `scratch`; if there
+    /// are any, the tile must be rendered again. Returns `None` if `stop` returned true between two packets.
     pub fn render(
         &mut self,
         integrator: &Integrator,
@@ -110,7 +110,8 @@ impl TilePixels {
                     return None;
                 }
                 if let Err(need) = integrator.packet(pixels, *active, Some(i), &mut sums[i], scratch) {
-                    // Only a root can be lacking so, and roots stay; then it is wanted before all else.
+                    // Only a root block can be missing here, and roots are pinned. It is then wanted before all other
+                    // blocks.
                     scratch.wants.add(need, f32::MAX);
                 }
                 if sample == 0 {
@@ -125,7 +126,7 @@ impl TilePixels {
         Some(tally)
     }
 
-    /// Looks at a packet's pixels, spread over the tile whose left upper pixel is (`x`, `y`), for what they lack.
+    /// Traces a packet of pixels spread over the tile with upper left pixel (`x`, `y`), to find missing blocks.
     pub fn probe(integrator: &Integrator, (x, y): (u32, u32), scratch: &mut Scratch) {
         const APART: (u32, u32) = (TILE / ACROSS, TILE / DOWN);
         let at = (x + APART.0 / 2, y + APART.1 / 2);
@@ -138,12 +139,12 @@ impl TilePixels {
         }
     }
 
-    /// Takes over what is `wanted` of what is seen first in the pixels of a packet.
+    /// Copies the `wanted` buffers of the first surface in each pixel of a packet.
     fn keep_first(&mut self, patch: &Patch, wanted: Outputs, first: &First) {
         for buffer in Buffer::ALL.into_iter().filter(|b| wanted.has(*b)) {
             for (to, from) in patch.rows() {
                 match buffer {
-                    // See `keep_colours`.
+                    // `keep_colours` copies these.
                     Buffer::ColourSrgb8 | Buffer::ColourLinear => break,
                     Buffer::Depth => self.depth[to].copy_from_slice(&first.depth[from]),
                     Buffer::Normal => self.normal[to].copy_from_slice(&first.normal[from]),
@@ -157,7 +158,7 @@ impl TilePixels {
         }
     }
 
-    /// Takes over the colours that are `wanted` of the pixels of a packet. `sums`: those of all samples.
+    /// Copies the `wanted` colours of a packet's pixels. `sums`: the colours, summed over all samples.
     fn keep_colours(&mut self, patch: &Patch, wanted: Outputs, picture: Picture, sums: &mut [[f32; PACKET]; 4]) {
         if picture.samples > 1 {
             let weight = 1.0 / picture.samples as f32;
@@ -178,7 +179,7 @@ impl TilePixels {
     }
 }
 
-/// The pixels of a packet in its tile.
+/// Rectangle of a packet's pixels within its tile.
 struct Patch {
     left: u32,
     top: u32,
@@ -187,20 +188,20 @@ struct Patch {
 }
 
 impl Patch {
-    /// That of packet `i` of a tile of so many pixels; with none, if it is beside.
+    /// Returns the rectangle of packet `i` in a tile of `width` × `height` pixels; empty if the packet lies outside.
     fn new(i: u32, width: u32, height: u32) -> Self {
         const ALONG: u32 = TILE / ACROSS;
         let (left, top) = (i % ALONG * ACROSS, i / ALONG * DOWN);
         Self { left, top, columns: width.saturating_sub(left).min(ACROSS), rows: height.saturating_sub(top).min(DOWN) }
     }
 
-    /// A bit for each of the packet's rays through one of them.
+    /// Returns the mask of the packet's rays that go through a pixel of the rectangle.
     fn active(&self) -> u32 {
         let row = (1 << self.columns) - 1;
         (0..self.rows).fold(0u32, |all, y| all | row << (y * ACROSS))
     }
 
-    /// Of each row, its pixels in the tile and in the packet.
+    /// Iterates over the rows: for each, the range of its pixels in the tile and in the packet.
     fn rows(&self) -> impl Iterator<Item = (Range<usize>, Range<usize>)> + use<> {
         let Self { left, top, columns, rows } = *self;
         (0..rows).map(move |row| {
@@ -210,7 +211,7 @@ impl Patch {
     }
 }
 
-/// Makes bytes of a packet's colours.
+/// Converts the linear colours of a packet to sRGB bytes.
 struct Code<'a> {
     srgb: &'a Srgb,
     colour: &'a [[f32; PACKET]; 4],
@@ -227,7 +228,7 @@ impl Op for Code<'_> {
 }
 
 impl Tally {
-    /// Adds the pixels of a packet.
+    /// Adds the `active` pixels of a packet.
     fn count(&mut self, active: u32, first: &First) {
         let count = |pixels: u32| u64::from((pixels & active).count_ones());
         let lod = (first.lod | first.transmitted) & !first.missing;
@@ -251,7 +252,8 @@ impl Tally {
     }
 }
 
-/// The tiles of a picture by their left upper pixels, the middle first: seen first, wanted first.
+/// Returns the upper left pixels of all tiles. Tiles nearest to the picture's centre come first, because viewers look
+/// there first.
 pub(super) fn tiles_from_the_middle(width: u32, height: u32) -> Vec<(u32, u32)> {
     let columns = (0..width).step_by(TILE as usize);
     let mut tiles: Vec<_> =

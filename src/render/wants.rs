@@ -1,18 +1,18 @@
-//! What a picture lacks.
+//! The blocks that a picture is missing, and their weights.
 
 use crate::scene::walk::Need;
 
-/// Blocks that rays lacked, and how much each is worth: pixels times error removed, in pixels.
+/// Blocks that rays needed and that are not in memory, each with a weight: pixels × error, in pixels, that it removes.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Wants {
     list: Vec<(Need, f32)>,
 }
 
-/// Entries at which those of the same block are added up.
+/// Length of the list at which entries of the same block are first merged.
 const MANY: usize = 4096;
 
 impl Wants {
-    /// One more ray lacked a block.
+    /// Adds `weight` to a block that a ray found missing.
     #[inline]
     pub fn add(&mut self, need: Need, weight: f32) {
         match self.list.last_mut() {
@@ -24,12 +24,12 @@ impl Wants {
         }
     }
 
-    /// Takes over what others lacked.
+    /// Adds all entries of `others`.
     pub fn append(&mut self, others: &Wants) {
         self.list.extend_from_slice(&others.list);
     }
 
-    /// Nothing.
+    /// Removes all entries.
     pub fn clear(&mut self) {
         self.list.clear();
     }
@@ -38,7 +38,7 @@ impl Wants {
         self.list.is_empty()
     }
 
-    /// Each block once.
+    /// Sorts by block and merges the entries of each block into one with the sum of their weights.
     pub fn add_up(&mut self) {
         self.list.sort_unstable_by_key(|w| w.0);
         self.list.dedup_by(|next, kept| {
@@ -48,7 +48,7 @@ impl Wants {
         });
     }
 
-    /// Blocks and weights; each once after [`Wants::add_up`].
+    /// Iterates over blocks and weights. After [`Wants::add_up`] each block occurs once.
     pub fn iter(&self) -> impl Iterator<Item = (Need, f32)> {
         self.list.iter().copied()
     }

@@ -1,9 +1,9 @@
-//! Bytes counted against a limit, given back by whoever lets go of them.
+//! Accounts: bytes that count against a limit until their charge is dropped.
 
 use super::sync::Ordering::{Acquire, Relaxed, Release};
 use super::sync::{Arc, AtomicU64};
 
-/// A count of bytes in use that never exceeds its limit. Cloning gives the same. Thread-safe.
+/// A count of bytes in use that never exceeds its limit. Clones share the count. Thread-safe.
 #[derive(Debug, Clone)]
 pub(super) struct Account {
     limit: u64,
@@ -11,7 +11,7 @@ pub(super) struct Account {
 }
 
 impl Account {
-    /// With nothing in use.
+    /// Creates an account with nothing in use.
     pub fn new(limit: u64) -> Self {
         Self { limit, used: Arc::new(AtomicU64::new(0)) }
     }
@@ -26,17 +26,17 @@ impl Account {
         self.used.load(Relaxed)
     }
 
-    /// Takes `bytes` if that leaves `leaving` bytes free.
+    /// Charges `bytes` if `leaving` bytes then remain free.
     pub fn charge(&self, bytes: u64, leaving: u64) -> Option<Charge> {
         let most = self.limit.checked_sub(leaving)?;
         let take = |used: u64| used.checked_add(bytes).filter(|&sum| sum <= most);
-        // What was given back is free by then.
+        // Acquire: memory that was given back is free by then.
         self.used.fetch_update(Acquire, Relaxed, take).ok()?;
         Some(Charge { account: Some(self.clone()), bytes })
     }
 }
 
-/// Bytes in use, until it is dropped. What they pay for must be gone before.
+/// Bytes in use, until the charge is dropped. The memory that they pay for must be freed before.
 #[derive(Debug, Default)]
 pub(super) struct Charge {
     account: Option<Account>,
@@ -44,7 +44,7 @@ pub(super) struct Charge {
 }
 
 impl Charge {
-    /// Moves `bytes` of it (all, if it has fewer) to a charge of their own.
+    /// Moves `bytes` (all, if there are fewer) to a charge of their own.
     pub fn split(&mut self, bytes: u64) -> Self {
         let bytes = bytes.min(self.bytes);
         self.bytes -= bytes;

@@ -1,4 +1,4 @@
-//! The blocks of one opened model, and which of them are in memory.
+//! The blocks of one opened model, and its current snapshot.
 
 use super::account::Charge;
 use super::bring::Held;
@@ -15,35 +15,36 @@ use arc_swap::ArcSwap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 
-/// What residency has to know of a structure's blocks.
+/// Properties of a structure's blocks that the residency needs.
 pub trait Decoder: Send + Sync {
-    /// The trace form of block `id`, checked so that a walk can trust it; or what is wrong with it. (In memory it ends
-    /// with a whole cache line: zeros may follow.)
+    /// Decodes block `id` to its trace form and checks it, so that walks can trust it; or returns the defect. (In
+    /// memory the block ends with a whole cache line: zeros may follow.)
     fn decode(&self, id: BlockId, payload: &[u8]) -> std::result::Result<Vec<u32>, String>;
 
-    /// Calls `refer` with what a decoded block says of others. Returns how many numbers the block itself has. No
-    /// reference leads to where nothing is: that is checked between each two blocks that are ever in memory.
+    /// Calls `refer` for each reference of a decoded block to others. Returns the number of nodes of the block itself.
+    /// The residency checks each two blocks that are ever in memory against each other, so no reference leads to a
+    /// missing node.
     fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(Reference)) -> u32 {
         let _ = (id, words, refer);
         u32::MAX
     }
 
-    /// How the block is kept. A block beyond those that the structure knows is of the default class.
+    /// Returns how the block is kept. Blocks that the structure does not know have the default class.
     fn class(&self, id: BlockId) -> BlockClass {
         let _ = id;
         BlockClass::default()
     }
 }
 
-/// How a block is kept in memory, as its structure declares it.
+/// How a block is kept in memory, as its structure declares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BlockClass {
-    /// Any number of blocks hang below this one: it is kept longest. (Opening reads the blocks of a tree's first
-    /// class.)
+    /// True if any number of blocks may hang below this one: it is kept longest. (Opening a model reads the blocks of a
+    /// tree's first class.)
     pub is_coarse: bool,
-    /// The one block that hangs below this one alone: this one counts as used whenever that is.
+    /// The block below, if exactly one hangs below this one. This block counts as used whenever that one is used.
     pub below: Option<BlockId>,
-    /// The block is read before it is asked for, where there is room.
+    /// True if the block is read ahead of any request, if there is room.
     pub is_read_ahead: bool,
 }
 
@@ -53,16 +54,16 @@ impl Default for BlockClass {
     }
 }
 
-/// Names a model in its context.
+/// Identifies a model within its context.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ModelKey(pub(super) u32);
 
-/// The blocks of an opened model. Thread-safe. Dropping it gives its memory back, once no snapshot of it is held.
+/// The blocks of an opened model. Thread-safe. Dropping it frees its memory once no snapshot of it is held.
 pub struct ModelBlocks {
     pub(super) inner: Arc<Inner>,
 }
 
-/// Told why a block is read again.
+/// Function that receives the error after which a block is read again.
 type Report = Box<dyn Fn(&Error) + Send + Sync>;
 
 pub(super) struct Inner {
@@ -71,37 +72,38 @@ pub(super) struct Inner {
     pub decoder: Box<dyn Decoder>,
     pub residency: Arc<Shared>,
     pub published: ArcSwap<Snapshot>,
-    /// Blocks being read now, so that none is decoded twice.
+    /// Claims on blocks that are being read, so that none is decoded twice.
     pub claims: Claims,
     pub links: Links,
     pub report: Report,
     pub read_again: AtomicU64,
     pub failures: Failures,
-    /// Blocks that stay.
+    /// Blocks that stay in memory.
     pinned: Box<[AtomicBool]>,
-    /// Bytes of all tables, when all is in memory.
+    /// Bytes of all tables when all blocks are in memory.
     pub table_bytes: u64,
-    /// Bytes of blocks that stay.
+    /// Bytes of pinned blocks.
     pub root_bytes: u64,
-    /// Set once opened: its blocks may be read ahead.
+    /// Set once the model is opened: its blocks may then be read ahead.
     pub may_promote: AtomicBool,
     /// Bytes of all blocks that are read ahead.
     promoted_bytes: u64,
-    /// Bytes of those of them that are in memory. Written under the residency's lock.
+    /// Bytes of those that are in memory. Written under the residency's lock.
     promoted_there: AtomicU64,
-    /// The bytes that were lacking when none of them could be had: their reads had failed, or were under way.
+    /// Missing bytes at the last search that found no block to read, because reads had failed or were under way.
     pub lacked_in_vain: AtomicU64,
-    /// Set once all of it is in memory, or being read; and once huge pages were looked for in what is there.
+    /// Set once all blocks are in memory or being read. `is_together` is set once the model was searched for huge
+    /// pages.
     pub is_complete: AtomicBool,
     pub is_together: AtomicBool,
     _tables: Charge,
 }
 
 impl ModelBlocks {
-    /// Of `file`, with nothing in memory. `roots` stay in memory once they are there.
+    /// Opens the blocks of `file`, with none in memory. `roots` are pinned: they stay once they are in memory.
     ///
-    /// Fails with `OverBudget` if the budget does not hold the tables, `roots`, the lease of exact jobs and what
-    /// reading needs, beside what must stay of the other models: it names the least that would do.
+    /// Fails with `OverBudget` if the budget cannot hold the tables, `roots`, the lease of exact jobs and the working
+    /// memory of reads, beside the pinned data of the other models. The error names the least sufficient budget.
     pub fn open(
         residency: &Residency,
         file: Arc<ModelFile>,
@@ -149,35 +151,35 @@ impl ModelBlocks {
         Ok(Self { inner })
     }
 
-    /// [`ModelBlocks::open`] without blocks that stay, and without reports of failures.
+    /// Calls [`ModelBlocks::open`] without pinned blocks and without reports of failures.
     pub fn new(file: Arc<ModelFile>, decoder: Box<dyn Decoder>, residency: &Residency) -> Result<Self> {
         Self::open(residency, file, decoder, &[], |_| {}, &Cancel::new())
     }
 
-    /// The file.
+    /// The model's file.
     pub fn file(&self) -> &Arc<ModelFile> {
         &self.inner.file
     }
 
-    /// What the model is called where blocks of several are wanted.
+    /// Key of the model among the models of its context.
     pub fn key(&self) -> ModelKey {
         self.inner.key
     }
 
-    /// Why views have been told that the block does not come: it could not be read, or was damaged, twice.
+    /// Returns the reason why the block is reported as unavailable: twice it was unreadable or damaged.
     pub fn why_failed(&self, id: BlockId) -> Option<Error> {
         let name = self.inner.file.name();
         match self.inner.failures.of(id)? {
             Failure::Unreadable => {
-                let text = format!("block {} could not be read: a stand-in is shown for it", id.0);
+                let text = format!("block {} could not be read; a stand-in is shown in its place", id.0);
                 Some(Error::io(name, "read", std::io::Error::other(text)))
             }
-            Failure::Damaged => Some(self.inner.corrupt(id, "it is damaged: a stand-in is shown for it")),
+            Failure::Damaged => Some(self.inner.corrupt(id, "the block is damaged; a stand-in is shown in its place")),
         }
     }
 
-    /// Blocks that failed are asked for again from now on, for all views that want them: a disk or a network may be
-    /// back. (What is damaged for good is then read in vain; this counts four times a second at most.)
+    /// Allows failed blocks to be read again for all views that want them, because a disk or a network may be back.
+    /// Blocks that are damaged for good are then read in vain. The call has an effect four times a second at most.
     pub fn forget_failures(&self) {
         if self.inner.failures.forget() {
             self.inner.lacked_in_vain.store(u64::MAX, Relaxed);
@@ -186,38 +188,38 @@ impl ModelBlocks {
         }
     }
 
-    /// What is in memory now. Never blocks.
+    /// Returns the current snapshot. Never blocks.
     pub fn snapshot(&self) -> Arc<Snapshot> {
         self.inner.published.load_full()
     }
 
-    /// [`ModelBlocks::snapshot`] without a count that threads share, to be let go soon, by this thread: there are few
-    /// at a time that cost nothing.
+    /// Like [`ModelBlocks::snapshot`], but without touching the reference count that threads share. This thread must
+    /// drop it soon: only a few at a time are free of cost.
     pub fn shown(&self) -> Shown {
         self.inner.published.load()
     }
 
-    /// Whether `snapshot` is what is in memory now.
+    /// True if `snapshot` is the current one.
     pub fn is_current(&self, snapshot: &Arc<Snapshot>) -> bool {
         Arc::ptr_eq(&self.inner.published.load(), snapshot)
     }
 
-    /// Demands that block `id`, whenever it is in memory, has the number `number`: see [`Decoder::links`].
+    /// Requires that block `id` has the node `number` whenever it is in memory: see [`Decoder::links`].
     pub fn expect_number(&self, id: BlockId, number: u32) -> Result<()> {
         self.inner.links.expect(id, number).map_err(|why| self.inner.corrupt(id, why))
     }
 
-    /// How many times blocks were read again because they had failed.
+    /// Number of times that blocks were read again after a failure.
     pub fn read_again(&self) -> u64 {
         self.inner.read_again.load(Relaxed)
     }
 
-    /// Bytes of the tables, when all is in memory.
+    /// Bytes of the tables when all blocks are in memory.
     pub fn table_bytes(&self) -> u64 {
         self.inner.table_bytes
     }
 
-    /// What is in memory now, and `held`; `None` if there is no memory for the table.
+    /// Returns the current snapshot with the blocks of `held` added; `None` if there is no memory for the table.
     pub fn snapshot_with(&self, held: &Held) -> Option<Arc<Snapshot>> {
         let shared = self.snapshot();
         let absent: Vec<_> = held.iter().filter(|(id, _)| shared.block(*id).is_none()).collect();
@@ -228,7 +230,7 @@ impl ModelBlocks {
         shared.changed(changes, Some(&self.inner.residency.main)).map(Arc::new)
     }
 
-    /// Bytes that the block takes in memory.
+    /// Bytes of the block in memory.
     pub fn slot_bytes(&self, id: BlockId) -> u64 {
         self.inner.slot_bytes(id)
     }
@@ -240,27 +242,27 @@ impl ModelBlocks {
 }
 
 impl Inner {
-    /// Whether the block is in memory.
+    /// True if the block is in memory.
     pub fn is_there(&self, id: BlockId) -> bool {
         self.published.load().block(id).is_some()
     }
 
-    /// Whether the block stays once it is in memory.
+    /// True if the block stays once it is in memory.
     pub fn is_pinned(&self, id: BlockId) -> bool {
         self.pinned.get(id.0 as usize).is_some_and(|p| p.load(Relaxed))
     }
 
-    /// Bytes that the block takes in memory.
+    /// Bytes of the block in memory.
     pub fn slot_bytes(&self, id: BlockId) -> u64 {
         super::load::slot_bytes(&self.file, id)
     }
 
-    /// Bytes of blocks that are read ahead and are not in memory.
+    /// Bytes of blocks that are read ahead and not in memory.
     pub fn promoted_lacking(&self) -> u64 {
         self.promoted_bytes.saturating_sub(self.promoted_there.load(Relaxed))
     }
 
-    /// Counts blocks that have come to memory, or are gone from it. Under the lock of what is in memory.
+    /// Counts blocks that have been added to memory or evicted. Requires the residency's lock.
     pub fn count_promoted(&self, ids: impl Iterator<Item = BlockId>, have_come: bool) {
         let bytes: u64 = ids.filter(|&id| self.decoder.class(id).is_read_ahead).map(|id| self.slot_bytes(id)).sum();
         if have_come {
@@ -278,7 +280,7 @@ impl Inner {
 impl Drop for ModelBlocks {
     fn drop(&mut self) {
         self.inner.residency.forget(&self.inner);
-        // A thread that reads a block of it just now publishes into nothing.
+        // A thread that is reading a block of this model publishes it to no effect.
         self.inner.published.store(Arc::default());
     }
 }

@@ -1,4 +1,4 @@
-//! Blocks for exact jobs: in the caller's thread, and held, so that nobody evicts them before they are used.
+//! Blocks for exact jobs: read in the caller's thread, and held so that they are not evicted before they are used.
 
 use super::blocks::ModelBlocks;
 use super::claims::Claim;
@@ -8,17 +8,17 @@ use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
 use crate::base::progress::Cancel;
 
-/// Blocks that are claimed at a time: others may want the rest.
+/// Number of blocks claimed at a time. Other threads may want the rest.
 const AT_ONCE: usize = 32;
 
-/// Blocks and what holds them in memory.
+/// Blocks, with the slots that hold them in memory.
 pub type Held = Vec<(BlockId, Slot)>;
 
 impl ModelBlocks {
-    /// Brings `ids` into memory as far as there is room beside what views use, and shows them to all; returns those
-    /// that are there. Reads the disk: blocks.
+    /// Brings `ids` into memory as far as there is room beside the blocks that views use, and publishes them. Returns
+    /// the blocks that are in memory. Reads the disk and blocks the thread.
     ///
-    /// Fails with `Corrupt` naming the block, `Io` or `Cancelled`; blocks that came before the failing one stay.
+    /// Fails with `Corrupt` naming the block, `Io` or `Cancelled`. Blocks that were read before the failing one stay.
     pub fn bring(&self, ids: &[BlockId], cancel: &Cancel) -> Result<Held> {
         let mut held = Held::new();
         let mut left = ids.to_vec();
@@ -53,17 +53,17 @@ impl ModelBlocks {
         });
     }
 
-    /// False if there was no room for all.
+    /// Reads claimed blocks. Returns false if there was no room for all.
     fn bring_claimed(&self, claim: &Claim, left: &mut Vec<BlockId>, held: &mut Held, cancel: &Cancel) -> Result<bool> {
         let (inner, shared) = (&self.inner, &self.inner.residency);
         let stamp = shared.now();
         if let Some(id) = claim.ids.iter().find(|id| id.0 >= inner.file.block_count()) {
-            return Err(inner.corrupt(*id, "no such block"));
+            return Err(inner.corrupt(*id, "the block does not exist"));
         }
         for run in runs(&inner.file, &claim.ids, RUN_BYTES) {
             let Ok(mut room) = shared.make_room(inner, run) else { return Ok(false) };
             let loaded = inner.load(run, &mut room.charge, &mut room.buffers, cancel);
-            // If there is no room for the table they are only held.
+            // If there is no memory for the table, the blocks are only held, not published.
             shared.publish(inner, &loaded.slots, stamp);
             left.retain(|id| loaded.slots.binary_search_by_key(id, |slot| slot.0).is_err());
             held.extend(loaded.slots);
@@ -75,7 +75,7 @@ impl ModelBlocks {
         Ok(true)
     }
 
-    /// [`ModelBlocks::bring`] of blocks that must all be there: fails with `OverBudget` if there is no room.
+    /// Like [`ModelBlocks::bring`], but for all blocks or none: fails with `OverBudget` if there is no room.
     pub fn fetch(&self, ids: &[BlockId], cancel: &Cancel) -> Result<Held> {
         let held = self.bring(ids, cancel)?;
         let mut wanted = ids.to_vec();
@@ -84,7 +84,7 @@ impl ModelBlocks {
         if held.len() < wanted.len() {
             let bytes: u64 = wanted.iter().map(|&id| self.inner.slot_bytes(id)).sum();
             let have = self.inner.residency.budget();
-            let what = format!("{}: what is needed at once", self.inner.file.name().display());
+            let what = format!("reading the requested blocks of {}", self.inner.file.name().display());
             return Err(Error::OverBudget { what, need: have.saturating_add(bytes), have });
         }
         Ok(held)

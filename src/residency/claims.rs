@@ -1,10 +1,10 @@
-//! Which thread reads which block: several may need the same one, and none is to be read twice.
+//! Claims: which thread reads which block. Several threads may need the same block, and none is to be read twice.
 
 use super::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use crate::base::ids::BlockId;
 use std::collections::HashSet;
 
-/// Blocks being read now, each by one thread. Not locked while reading: a source may be the caller's own function.
+/// Blocks that are being read, each by one thread. Reads hold no lock: a source may be the caller's own function.
 #[derive(Default)]
 pub(super) struct Claims {
     loading: Mutex<HashSet<BlockId>>,
@@ -13,10 +13,10 @@ pub(super) struct Claims {
 }
 
 impl Claims {
-    /// Takes on up to `most` of the blocks that `missing` names, ascending, each once; `None` once it names none. A
-    /// claim's holder publishes its blocks before it drops the claim, and `missing` is asked under the lock: so blocks
-    /// that were read are seen. Waits for blocks that another thread reads: if it fails they are tried again here, so
-    /// that everybody has an error of their own.
+    /// Claims up to `most` of the blocks that `missing` returns, ascending, each once; `None` once `missing` returns an
+    /// empty list. A holder publishes its blocks before it drops the claim, and `missing` runs under the lock, so it
+    /// sees the blocks that were read. If another thread reads all of the blocks, waits for it. If that read fails,
+    /// this thread tries it again, so that every caller gets an error of its own.
     pub fn claim(&self, missing: impl Fn() -> Vec<BlockId>, most: usize) -> Option<Claim<'_>> {
         let mut loading = self.lock();
         loop {
@@ -35,7 +35,7 @@ impl Claims {
         }
     }
 
-    /// Takes on those of `ids` that no thread reads now and that `missing` accepts; never waits.
+    /// Claims those of `ids` that no thread reads now and that `missing` accepts. Never waits.
     pub fn try_claim(&self, ids: &[BlockId], missing: impl Fn(BlockId) -> bool) -> Option<Claim<'_>> {
         let mut loading = self.lock();
         let mut mine: Vec<_> = ids.iter().copied().filter(|&id| !loading.contains(&id) && missing(id)).collect();
@@ -48,18 +48,18 @@ impl Claims {
         Some(Claim { claims: self, ids: mine })
     }
 
-    /// Whether a thread reads the block now.
+    /// True if a thread reads the block now.
     pub fn is_claimed(&self, id: BlockId) -> bool {
         self.lock().contains(&id)
     }
 
     fn lock(&self) -> MutexGuard<'_, HashSet<BlockId>> {
-        // Every step under the lock leaves a valid state.
+        // A poisoned lock is usable: every step under it leaves a valid state.
         self.loading.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Blocks that one thread has taken on; whatever happens, they are given back.
+/// Blocks that one thread has claimed. Dropping it releases them, also after a failure.
 pub(super) struct Claim<'a> {
     claims: &'a Claims,
     /// Ascending.

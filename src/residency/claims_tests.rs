@@ -1,12 +1,12 @@
 //! Model test of [`super::claims`]: loom runs every interleaving that the memory model allows.
 
-/// The same source over loom's locks.
+/// Loom's locks for the same source.
 mod sync {
     pub use loom::sync::{Condvar, Mutex, MutexGuard};
     pub use std::sync::PoisonError;
 }
-#[allow(clippy::duplicate_mod)] // once more on purpose: over other locks
-#[allow(dead_code)] // not all of it is tried
+#[allow(clippy::duplicate_mod)] // included again on purpose, with other locks
+#[allow(dead_code)] // the test uses only a part
 #[path = "claims.rs"]
 mod claims;
 
@@ -16,12 +16,12 @@ use loom::sync::Arc;
 use loom::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use loom::thread;
 
-/// Blocks of a model, a bit each, and who read them how often.
+/// Blocks of a model, a bit each, and the number of reads of each.
 struct Blocks {
     claims: Claims,
     published: AtomicUsize,
     read: [AtomicUsize; 2],
-    /// Reads that fail, from the first on.
+    /// Number of reads that fail, from the first on.
     failing: AtomicUsize,
 }
 
@@ -32,7 +32,7 @@ impl Blocks {
         Arc::new(Self { claims, published, read, failing: AtomicUsize::new(failing) })
     }
 
-    /// As `ModelBlocks::fetch`, one block at a time; false if a read of its own failed.
+    /// Acts as `ModelBlocks::fetch`, one block at a time. Returns false if a read of its own failed.
     fn fetch(&self, ids: &[u32]) -> bool {
         let missing = || {
             let there = self.published.load(Relaxed);
@@ -46,7 +46,7 @@ impl Blocks {
                 return false;
             }
             self.read[id as usize].fetch_add(1, Relaxed);
-            // Before the claim is given back.
+            // Published before the claim is released.
             self.published.fetch_or(1 << id, Relaxed);
         }
         true
@@ -54,7 +54,7 @@ impl Blocks {
 }
 
 #[test]
-fn each_block_is_read_once_and_everybody_gets_it() {
+fn each_block_is_read_once_for_all_threads() {
     loom::model(|| {
         let blocks = Blocks::new(0);
         let other = Arc::clone(&blocks);
@@ -67,13 +67,13 @@ fn each_block_is_read_once_and_everybody_gets_it() {
 }
 
 #[test]
-fn a_failed_read_is_tried_again_by_who_waits() {
+fn a_waiting_thread_tries_a_failed_read_again() {
     loom::model(|| {
         let blocks = Blocks::new(1);
         let other = Arc::clone(&blocks);
         let thread = thread::spawn(move || other.fetch(&[0]));
         let (mine, theirs) = (blocks.fetch(&[0]), thread.join().unwrap());
-        // Whoever met the failure says so; the other has the block, read once.
+        // The thread with the failed read returns false. The other one has the block, read once.
         assert!(mine != theirs);
         assert_eq!((blocks.published.load(Relaxed), blocks.read[0].load(Relaxed)), (1, 1));
     });

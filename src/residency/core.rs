@@ -1,7 +1,8 @@
-//! One for each context: the budget, the blocks of all models that are in memory, and the wants of all views.
+//! The data of a residency: the budget, the blocks of all models in memory, and the wants of all views. One per
+//! context.
 //!
-//! All changes of the blocks in memory go through one mutex. Threads that pump or fetch take it for a few microseconds;
-//! reading and decoding happen outside of it, and threads that trace never take it.
+//! One mutex guards all changes of the blocks in memory. Threads that pump or fetch take it for a few microseconds.
+//! Reading and decoding happen outside of it, and threads that trace never take it.
 
 use super::account::{Account, Charge};
 use super::blocks::{Inner, ModelKey};
@@ -28,18 +29,18 @@ use std::time::{Duration, Instant};
 pub struct ResidencyOptions {
     /// Bytes for all models together.
     pub budget: u64,
-    /// Whether what fits is read in the background before it is wanted.
+    /// True if blocks that fit are read in the background before they are wanted.
     pub promote: bool,
 }
 
-/// The memory of all models of a context. Cloning is cheap and gives the same. Thread-safe.
+/// The memory of all models of a context. Cloning is cheap and shares the data. Thread-safe.
 ///
-/// **Snapshots** are immutable; evicting a block publishes a snapshot without it, and an older one that is held
-/// keeps its blocks: that is the epoch scheme, each snapshot held being an epoch. No single thread owns all writes:
+/// **Snapshots** are immutable. Evicting a block publishes a snapshot without it, and an older snapshot that is held
+/// keeps its blocks. This is the epoch scheme, with each held snapshot as an epoch. No single thread owns all writes:
 /// each thread that pumps takes one mutex, which threads that trace never take.
 ///
 /// **The budget** holds tables, slots until their last holder drops them, and the working memory of threads that read.
-/// A part of it, the reserve, is for the lease of exact jobs, so that they end whatever views keep in memory.
+/// A part of it, the reserve, is for the lease of exact jobs, so that they end even if views use the rest.
 #[derive(Clone)]
 pub struct Residency(Arc<Shared>);
 
@@ -47,19 +48,19 @@ pub(super) struct Shared {
     options: ResidencyOptions,
     pub main: Account,
     pub reserve: Reserve,
-    /// Of `main`, kept free of slots: for tables in the making, and for threads that read.
+    /// Bytes of `main` that are kept free of slots: for tables under construction, and for threads that read.
     pub headroom: u64,
     pub state: Mutex<State>,
-    /// The last pass begun.
+    /// Counter of passes begun and of publications. Stamps are made from it.
     pub pass: AtomicU32,
-    /// The factor on thresholds, as bits.
+    /// The pressure, as the bits of an f32.
     pub pressure: AtomicU32,
-    /// Bytes of blocks that have come so far.
+    /// Bytes of blocks that were read so far.
     pub come: AtomicU64,
     pub wakeup: Wakeup,
 }
 
-/// What the mutex guards.
+/// The data behind the mutex.
 pub(super) struct State {
     pub models: BTreeMap<ModelKey, Weak<Inner>>,
     next_key: u32,
@@ -73,21 +74,21 @@ pub(super) struct State {
     pub resident: u64,
     /// Bytes of slots being read.
     pub in_flight: u64,
-    /// Bytes of tables, when all is in memory; and of blocks that stay.
+    /// Bytes of tables when all blocks are in memory. `pinned`: bytes of blocks that stay.
     tables: u64,
     pinned: u64,
 }
 
-/// How long opening a model waits at most for others to let go of memory.
+/// Longest time that opening a model waits for other users to release memory.
 pub(super) const FOR_ROOM: Duration = Duration::from_secs(2);
 
-/// What is to be done once the mutex is given back.
+/// Work to do after the mutex is released.
 #[derive(Default)]
 pub(super) struct After {
-    /// Snapshots that are no longer published: letting go of them may free much.
+    /// Snapshots that are no longer published. Dropping them may free much memory.
     pub garbage: Vec<Arc<Snapshot>>,
     pub calls: Vec<Call>,
-    /// A block has gone that a view wants: fetchers must look again.
+    /// True if a block that a view wants was evicted: fetchers must search again.
     pub must_look: bool,
 }
 
@@ -101,15 +102,15 @@ impl After {
     }
 }
 
-/// Bytes kept free of slots under a budget, and those for the lease.
+/// Returns the bytes kept free of slots under a budget, and the bytes for the lease.
 fn shares(budget: u64) -> [u64; 2] {
     [(budget / 16).clamp(1 << 20, 4 << 20), (budget / 8).clamp(1 << 20, 8 << 20)]
 }
 
-/// The least budget that leaves `bytes` beside what [`shares`] takes.
+/// Returns the least budget that leaves `bytes` beside the [`shares`].
 fn least_budget(bytes: u64) -> u64 {
     let mut budget = bytes;
-    // Both sides grow with the budget, the right one slower.
+    // `more` grows slower than `budget`, so the loop ends.
     loop {
         let more = bytes.saturating_add(shares(budget).iter().sum());
         if more <= budget {
@@ -120,7 +121,7 @@ fn least_budget(bytes: u64) -> u64 {
 }
 
 impl Residency {
-    /// With nothing in memory and no threads: see [`Residency::start`].
+    /// Creates a residency with nothing in memory and no threads: see [`Residency::start`].
     pub fn new(options: ResidencyOptions) -> Self {
         let [headroom, reserve] = shares(options.budget);
         let state = State {
@@ -150,7 +151,7 @@ impl Residency {
         }))
     }
 
-    /// With a budget in bytes, reading only what is asked for.
+    /// Creates a residency with a budget in bytes that reads only requested blocks.
     pub fn with_budget(budget: u64) -> Self {
         Self::new(ResidencyOptions { budget, promote: false })
     }
@@ -160,25 +161,25 @@ impl Residency {
         self.0.options.budget
     }
 
-    /// Bytes in use of it.
+    /// Bytes of the budget that are in use.
     pub fn used(&self) -> u64 {
         self.0.main.used() + self.0.reserve.used()
     }
 
-    /// A stamp for a pass that no view makes. Later passes have greater ones.
+    /// Returns a stamp for a pass that no view makes. Later passes have greater stamps.
     pub fn stamp(&self) -> u32 {
         self.0.next_pass(NO_VIEW)
     }
 
-    /// The stamp of the last pass begun, or of the last blocks that came, in the channel for users other than views.
-    /// Calls that begin no pass of their own use it: a block is written to once after each, and all that they use
-    /// between two counts as used at one time.
+    /// Returns the stamp of the last pass begun, or of the last blocks published, in the channel for users other than
+    /// views. Calls that begin no pass use it. A block's stamp is then written once per such event, and all blocks used
+    /// between two events count as used at the same time.
     pub fn now(&self) -> u32 {
         self.0.now()
     }
 
-    /// Bytes that blocks may take beside those that stay, those being read, and those that live views, or passes from
-    /// `stamp` on, have used.
+    /// Returns the bytes that blocks may take beside pinned blocks, blocks being read, and blocks that live views, or
+    /// passes from `stamp` on, have used.
     pub fn room_beside(&self, stamp: u32) -> u64 {
         let mut state = self.0.lock();
         let mut oldest_live_pass = state.oldest_live_pass();
@@ -194,7 +195,7 @@ impl Residency {
 
 impl Shared {
     pub fn lock(&self) -> MutexGuard<'_, State> {
-        // Every step under the lock leaves a valid state.
+        // A poisoned lock is usable: every step under it leaves a valid state.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -206,25 +207,25 @@ impl Shared {
         self.options.promote
     }
 
-    /// The stamp of a pass that begins now.
+    /// Returns the stamp of a pass that begins now.
     pub fn next_pass(&self, channel: u32) -> u32 {
         (self.pass.fetch_add(1, Relaxed) + 1) * CHANNELS as u32 + channel
     }
 
-    /// The stamp of blocks that a user other than a view uses now. Passes that begin later have greater ones, and so
-    /// has what is used after other blocks have come.
+    /// Returns the stamp of blocks that a user other than a view uses now. Passes that begin later have greater stamps,
+    /// and so do uses after other blocks were published.
     pub fn now(&self) -> u32 {
         self.pass.load(Relaxed) * CHANNELS as u32 + NO_VIEW
     }
 
-    /// Bytes that slots may take, given the tables.
+    /// Bytes that slots may take beside the tables.
     pub fn capacity(&self, state: &State) -> u64 {
         self.main.limit().saturating_sub(self.headroom + state.tables)
     }
 
-    /// A key and what pays for `stays` bytes of tables, for the model `name` whose tables take `tables` bytes at most
-    /// and of which `roots` bytes of blocks stay. What others use goes if it must: then it waits until passes that hold
-    /// it have ended, [`FOR_ROOM`] at most.
+    /// Returns a key, and a charge for `stays` bytes of tables, for the model `name`. Its tables take `tables` bytes at
+    /// most, and `roots` bytes of its blocks are pinned. Evicts blocks in use if it must, and then waits until passes
+    /// that hold them have ended, [`FOR_ROOM`] at most.
     pub fn admit(&self, name: &Path, [stays, tables, roots]: [u64; 3], cancel: &Cancel) -> Result<(ModelKey, Charge)> {
         let have = self.options.budget;
         let key = {
@@ -252,18 +253,18 @@ impl Shared {
                     state.pinned -= roots;
                     let _ = state.ranking.invalidate();
                 }
-                // There is more room again.
+                // Fetchers can use the room that is free again.
                 self.wake();
                 cancelled?;
-                let what = format!("opening {} beside what is in use", name.display());
+                let what = format!("opening {} in addition to the data in use", name.display());
                 return Err(Error::OverBudget { what, need: have + stays + roots, have });
             }
             std::thread::sleep(Duration::from_millis(1));
         }
     }
 
-    /// Makes room for slots of `bytes` that must be in memory, also at the cost of blocks in use; false if snapshots
-    /// hold the evicted blocks for now.
+    /// Makes room for slots of `bytes` that must be in memory, also by evicting blocks in use. Returns false if
+    /// snapshots still hold the evicted blocks.
     pub fn takes_room(&self, bytes: u64) -> bool {
         let mut after = After::default();
         let is_free = {
@@ -274,14 +275,14 @@ impl Shared {
         is_free
     }
 
-    /// Makes a model known.
+    /// Adds a model.
     pub fn register(&self, model: &Arc<Inner>, roots: u64) {
         let mut state = self.lock();
         state.models.insert(model.key, Arc::downgrade(model));
         debug_assert!(state.pinned >= roots);
     }
 
-    /// Takes a model out.
+    /// Removes a model.
     pub fn forget(&self, model: &Inner) {
         {
             let mut state = self.lock();
@@ -299,7 +300,7 @@ impl Shared {
         self.wake();
     }
 
-    /// Shows `slots` in all snapshots taken from now on; false if there is no memory for the table.
+    /// Publishes `slots` to all later snapshots. Returns false if there is no memory for the table.
     pub fn publish(&self, model: &Inner, slots: &[(BlockId, Slot)], stamp: u32) -> bool {
         let mut after = After::default();
         let done = {
@@ -310,7 +311,7 @@ impl Shared {
         done
     }
 
-    /// There may be something to do.
+    /// Wakes fetchers, because there may be work.
     pub fn wake(&self) {
         self.wakeup.wake();
     }
@@ -326,7 +327,7 @@ impl State {
         self.views.iter().filter_map(Weak::upgrade).collect()
     }
 
-    /// In each channel the oldest pass that a view stands on; blocks used there since are in use.
+    /// Returns the oldest live pass of each channel. Blocks used in the channel since then are in use.
     pub fn oldest_live_pass(&mut self) -> [u32; CHANNELS] {
         let mut oldest = [u32::MAX; CHANNELS];
         for view in self.live_views() {
@@ -336,13 +337,13 @@ impl State {
         oldest
     }
 
-    /// The channel that fewest views are in.
+    /// Returns the channel with the fewest views.
     pub fn free_channel(&mut self) -> u32 {
         let views = self.live_views();
         (0..NO_VIEW).min_by_key(|channel| views.iter().filter(|view| view.channel == *channel).count()).unwrap_or(0)
     }
 
-    /// Whether slots of `need` bytes fit beside what is, and is to be, published.
+    /// True if slots of `need` bytes fit beside the published slots and those being read.
     pub fn fits(&self, shared: &Shared, need: u64) -> bool {
         self.resident + self.in_flight + need <= shared.capacity(self)
     }
@@ -369,7 +370,7 @@ impl State {
         let Some(next) = before.changed(changes, Some(&shared.main)) else { return false };
         after.garbage.push(before);
         after.garbage.push(model.published.swap(Arc::new(next)));
-        // What calls use from here on, which begin no passes, counts as used later than what was used before.
+        // Blocks that calls without a pass use from here on get a later stamp than blocks used before.
         shared.pass.fetch_add(1, Relaxed);
         self.resident += bytes;
         model.count_promoted(ids.iter().copied(), true);

@@ -1,9 +1,9 @@
-//! Which blocks go first when room is needed.
+//! Eviction: which blocks are evicted first when room is needed.
 //!
-//! A block goes only if no live view stands on a pass that used it, and it is not pinned. Blocks that are not coarse go
-//! first, those that were used longest ago before others; then coarse ones, the highest first: references lead to
-//! higher blocks, and a block with one other below it counts as used whenever that was, so a block never goes before
-//! those below it.
+//! A block is evictable if no live pass of a view used it and it is not pinned. Blocks that are not coarse are evicted
+//! first, the least recently used of them before others. Coarse blocks follow, the highest ids first. References lead
+//! to higher ids, and a block with one other block below it counts as used whenever that one is. So a block is never
+//! evicted before the blocks below it.
 
 use super::blocks::{Inner, ModelKey};
 use super::core::{After, Shared, State};
@@ -12,28 +12,28 @@ use crate::base::ids::BlockId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// Why there is no room.
+/// Reason for a lack of room.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Short {
-    /// All that is in memory is in use.
+    /// All blocks in memory are in use.
     InUse,
-    /// Snapshots still hold blocks that have gone.
+    /// Memory will become free: snapshots still hold evicted blocks, or blocks are being read.
     ForNow,
 }
 
-/// What may go, in order, as it was when it was listed.
+/// Evictable blocks in the order of eviction, at the time of listing.
 #[derive(Default)]
 pub(super) struct Victims {
     order: Vec<Victim>,
     next: usize,
 }
 
-/// In the order in which they go.
+/// A candidate. The order of candidates is that of their eviction.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Victim {
     is_coarse: bool,
     stamp: u32,
-    /// The highest first.
+    /// `u32::MAX` minus the id: the highest id comes first.
     below_top: u32,
     model: ModelKey,
 }
@@ -41,7 +41,7 @@ struct Victim {
 impl Victim {
     fn of(model: &Inner, id: BlockId, stamp: u32) -> Self {
         let is_coarse = model.decoder.class(id).is_coarse;
-        // Coarse ones go by their number alone.
+        // Coarse blocks are ordered by their ids only.
         Self { is_coarse, stamp: if is_coarse { 0 } else { stamp }, below_top: u32::MAX - id.0, model: model.key }
     }
 
@@ -50,24 +50,25 @@ impl Victim {
     }
 }
 
-/// More is freed at once than was asked for: a share of what slots may take, and so many bytes at most.
+/// More is freed at once than needed: one part in `AHEAD_SHARE` of the bytes for slots, [`AHEAD`] bytes at most.
 const AHEAD_SHARE: u64 = 64;
 const AHEAD: u64 = 1 << 20;
 
 impl State {
     /// Unpublishes blocks that no live view uses until slots of `need` bytes fit. Their memory is free once `after` has
-    /// run and no snapshot that has them is held.
+    /// run and no snapshot holds them.
     pub fn free_up(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
         let oldest_live_pass = self.oldest_live_pass();
         self.free_up_beside(shared, need, &oldest_live_pass, after)
     }
 
-    /// The same, also of blocks that views use: pictures that are there stay, and what runs ends with what it holds.
+    /// Like [`State::free_up`], but also evicts blocks that views use. Complete pictures stay, and running passes end
+    /// with the blocks that they hold.
     pub fn free_up_whoever_uses_it(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
         self.free_up_beside(shared, need, &[u32::MAX; CHANNELS], after)
     }
 
-    /// Of blocks that no pass from `oldest_live_pass` on has used, channel by channel.
+    /// Unpublishes blocks that no pass from `oldest_live_pass` on has used, channel by channel.
     fn free_up_beside(
         &mut self,
         shared: &Shared,
@@ -90,7 +91,7 @@ impl State {
                 continue;
             };
             let Some(model) = self.model(victim.model) else { continue };
-            // It may have been used, or have gone, since it was listed.
+            // The block may have been used or evicted since it was listed.
             let stamp = last_use_of_evictable(&model, &model.published.load(), victim.id(), oldest_live_pass);
             if stamp.is_some_and(|stamp| victim.is_coarse || stamp == victim.stamp) {
                 let bytes = model.slot_bytes(victim.id());
@@ -99,7 +100,7 @@ impl State {
             }
         }
         if freed < enough {
-            // What would go in vain stays; it is listed anew when next asked for.
+            // Too little can be freed, so no block is evicted. The next call lists the blocks again.
             self.victims.clear();
             // Blocks that are being read are in use only until their read ends.
             return Err(if freed + self.in_flight >= enough { Short::ForNow } else { Short::InUse });
@@ -108,7 +109,7 @@ impl State {
         if all { Ok(()) } else { Err(Short::ForNow) }
     }
 
-    /// Publishes a snapshot without `ids`; false if there is no memory for the table.
+    /// Publishes a snapshot without `ids`. Returns false if there is no memory for the table.
     fn unpublish(&mut self, shared: &Shared, model: &Inner, ids: &BTreeSet<BlockId>, after: &mut After) -> bool {
         let before = model.published.load_full();
         let Some(next) = before.changed(ids.iter().map(|&id| (id, None)).collect(), Some(&shared.main)) else {
@@ -118,8 +119,8 @@ impl State {
         after.garbage.push(model.published.swap(Arc::new(next)));
         self.resident -= ids.iter().map(|&id| model.slot_bytes(id)).sum::<u64>();
         model.count_promoted(ids.iter().copied(), false);
-        // Blocks that came for a view without passes do not count as in use. Fetchers have passed over them, for they
-        // were there.
+        // Blocks that were read for a view without passes do not count as in use. Fetchers have skipped them, because
+        // they were in memory.
         let ids: Vec<BlockId> = ids.iter().copied().collect();
         if self.live_views().iter().any(|view| view.wants_any(model.key, &ids)) {
             let _ = self.ranking.invalidate();
@@ -142,13 +143,13 @@ impl State {
         self.victims.order.sort_unstable();
     }
 
-    /// Bytes of blocks that cannot go now.
+    /// Bytes of blocks that cannot be evicted now.
     pub fn in_use(&mut self) -> u64 {
         let oldest_live_pass = self.oldest_live_pass();
         self.used_since(&oldest_live_pass)
     }
 
-    /// Bytes of blocks that stay, or that passes from `oldest_live_pass` on have used, channel by channel.
+    /// Bytes of pinned blocks, and of blocks that passes from `oldest_live_pass` on have used, channel by channel.
     pub fn used_since(&self, oldest_live_pass: &[u32; CHANNELS]) -> u64 {
         let models: Vec<_> = self.models.values().filter_map(std::sync::Weak::upgrade).collect();
         let of_model = |model: &Arc<Inner>| {
@@ -162,7 +163,7 @@ impl State {
     }
 }
 
-/// When the block was last used, if it is in memory and may go.
+/// Returns the last-used stamp of the block if it is in memory and evictable.
 fn last_use_of_evictable(
     model: &Inner,
     snapshot: &Snapshot,

@@ -1,4 +1,4 @@
-//! Blocks that could not be had, and why: so that no view waits for them.
+//! Blocks that could not be read, and the reasons, so that no view waits for them.
 
 use crate::base::error::Error;
 use crate::base::ids::BlockId;
@@ -6,12 +6,12 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering::AcqRel, Ordering::Relaxe
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Why a block cannot be had.
+/// Reason why a block is unavailable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Failure {
     /// The source failed.
     Unreadable,
-    /// What was read is not what was written.
+    /// The bytes that were read are not those that were written.
     Damaged,
 }
 
@@ -19,24 +19,24 @@ const UNREADABLE: u8 = 1;
 const DAMAGED: u8 = 2;
 const FAILED: u8 = UNREADABLE | DAMAGED;
 
-/// It was said that the block failed, and it has not come since.
+/// Flag: the failure was reported, and the block was not read since.
 const SAID: u8 = 4;
 
-/// Of the blocks of a model.
+/// Failures of a model's blocks.
 pub(super) struct Failures {
     blocks: Box<[AtomicU8]>,
-    /// Some have failed since they were forgotten.
+    /// True if blocks have failed since the last call of `forget` that cleared them.
     any: AtomicBool,
-    /// When they were forgotten last.
+    /// Time of that call.
     forgotten: Mutex<Option<Instant>>,
 }
 
-/// They are not forgotten more often than that: a camera that moves asks each time, and what fails slowly would never
-/// have failed.
+/// Least time between two such calls. A moving camera makes one for each picture, and without a limit a block that
+/// fails slowly would never count as failed.
 const OFTEN: Duration = Duration::from_millis(250);
 
 impl Failures {
-    /// Of so many blocks, of which none has failed.
+    /// Creates the table for `count` blocks, none failed.
     pub fn new(count: u32) -> Self {
         Self {
             blocks: (0..count).map(|_| AtomicU8::new(0)).collect(),
@@ -45,16 +45,16 @@ impl Failures {
         }
     }
 
-    /// Marks a block as one that cannot be had.
+    /// Marks a block as unavailable.
     pub fn set(&self, id: BlockId, why: &Error) {
         if let Some(block) = self.blocks.get(id.0 as usize) {
             block.fetch_or(if matches!(why, Error::Io { .. }) { UNREADABLE } else { DAMAGED }, Relaxed);
-            // A thread that sees this flag sees the block's.
+            // A thread that sees this flag sees the block's flag too.
             self.any.store(true, Release);
         }
     }
 
-    /// Why the block cannot be had.
+    /// Returns the reason why the block is unavailable, if it is.
     pub fn of(&self, id: BlockId) -> Option<Failure> {
         let flags = self.blocks.get(id.0 as usize).map_or(DAMAGED, |block| block.load(Relaxed)) & FAILED;
         match flags {
@@ -64,12 +64,13 @@ impl Failures {
         }
     }
 
-    /// Whether the block cannot be had; true for one that does not exist.
+    /// True if the block is unavailable or does not exist.
     pub fn has(&self, id: BlockId) -> bool {
         self.of(id).is_some()
     }
 
-    /// All may be asked for again, unless they were forgotten just now. Whether any had failed.
+    /// Clears all failures, so that the blocks may be read again, unless that was done just now. Returns true if it
+    /// did.
     pub fn forget(&self) -> bool {
         if !self.any.load(Relaxed) {
             return false;
@@ -87,12 +88,12 @@ impl Failures {
         true
     }
 
-    /// Whether this is to be said of the block now: once, until it has come.
+    /// True if the failure of the block is to be reported now: once until the block is read.
     pub fn say_once(&self, id: BlockId) -> bool {
         self.blocks.get(id.0 as usize).is_none_or(|block| block.fetch_or(SAID, Relaxed) & SAID == 0)
     }
 
-    /// The block has come.
+    /// Notes that the block was read.
     pub fn came(&self, id: BlockId) {
         if let Some(block) = self.blocks.get(id.0 as usize).filter(|block| block.load(Relaxed) != 0) {
             block.store(0, Relaxed);

@@ -1,4 +1,4 @@
-//! Opening a model: many blocks at once, by all workers of a context.
+//! Opening a model: all workers of a context read many blocks at once.
 
 use super::blocks::ModelBlocks;
 use super::core::FOR_ROOM;
@@ -11,18 +11,18 @@ use crate::base::tasks::{Pool, Work};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-/// Blocks being read by several workers.
+/// Blocks that several workers read.
 struct Filling<'a> {
     blocks: &'a ModelBlocks,
     shares: Vec<&'a [BlockId]>,
     progress: &'a Progress,
     cancel: &'a Cancel,
-    /// Bytes of the file, read and to be read.
+    /// Bytes of the file that were read; `total` is the number to be read.
     read: AtomicU64,
     total: u64,
 }
 
-/// How far opening is when all blocks are in memory: tables are still to be made.
+/// Progress of opening when all blocks are in memory. Tables are built after that.
 const ALL_READ: f64 = 0.99;
 
 impl Work for Filling<'_> {
@@ -37,10 +37,10 @@ impl Work for Filling<'_> {
 }
 
 impl ModelBlocks {
-    /// Brings `ids`, each named once, into memory as far as there is room, by the workers of `pool` and the
-    /// caller. Blocks. Neighbours in the file are read together.
+    /// Brings `ids`, each named once, into memory as far as there is room, with the workers of `pool` and the caller.
+    /// Waits for the reads. Neighbours in the file are read in one run.
     ///
-    /// Progress counts bytes read; a cancel takes effect within a block of each worker. Fails like
+    /// Progress counts the bytes read. A cancellation takes effect within a block of each worker. Fails like
     /// [`ModelBlocks::bring`].
     pub fn fill(&self, ids: &[BlockId], pool: &Pool, progress: &Progress, cancel: &Cancel) -> Result<()> {
         let mut ids = ids.to_vec();
@@ -51,7 +51,7 @@ impl ModelBlocks {
         pool.run_scoped(filling.shares.len(), &filling).into_result()
     }
 
-    /// Brings `ids` into memory, also at the cost of blocks in use: waits until passes that hold that have ended,
+    /// Brings `ids` into memory, also by evicting blocks in use. Waits until passes that hold those have ended,
     /// [`FOR_ROOM`] at most. Fails with `OverBudget` if there is no room.
     pub fn require(&self, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
         let begun = Instant::now();
@@ -66,15 +66,15 @@ impl ModelBlocks {
         }
     }
 
-    /// Says that all of it is in memory: fetchers put it together in huge pages when they have nothing else to do
-    /// (`huge_pages.rs`).
+    /// Marks all blocks of the model as being in memory. Fetchers then collapse its memory into huge pages when they
+    /// have no other work (`huge_pages.rs`).
     pub fn completed(&self) {
         if !self.inner.is_complete.swap(true, Relaxed) {
             self.inner.residency.wake();
         }
     }
 
-    /// Says that it is opened: from now on what fits is read ahead.
+    /// Marks the model as opened. From now on its blocks are read ahead if they fit.
     pub fn opened(&self) {
         self.inner.may_promote.store(true, Relaxed);
         self.inner.residency.wake();

@@ -1,25 +1,26 @@
-//! Blocks in huge pages of the system's memory.
+//! Huge pages for blocks.
 //!
-//! Rays go to blocks all over memory, and each page that they come to has to be looked up in the system's tables: of 4
-//! KB each, a model of hundreds of megabytes has more than a processor keeps in mind. So once all of a model is in
-//! memory, which is when it mostly stays, the system is asked to put together what fills 2 MB of addresses
-//! (`MADV_COLLAPSE`, Linux 6.1). What is there stays as it is, and where; memory grows by what else is in these 2 MB, a
-//! sixteenth at most. Systems that never do it are not asked again.
+//! Rays visit blocks all over memory, and the processor must look up the address of each page that they reach in the
+//! system's tables. With pages of 4 KB, a model of hundreds of megabytes has more pages than a processor can cache. So
+//! once all blocks of a model are in memory, where they then mostly stay, the system is asked to collapse 2 MB of
+//! addresses that they fill into a huge page (`MADV_COLLAPSE`, Linux 6.1). The content and its addresses stay as they
+//! are. Memory grows by the other parts of these 2 MB, a sixteenth at most. Systems that never collapse a page are not
+//! asked again.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// Bytes of a huge page, where pages have 4 KB.
+/// Bytes of a huge page, if pages have 4 KB.
 const PAGE: usize = 2 << 20;
 
-/// Of a huge page, what may be something else than blocks: one part in so many.
+/// One part in this many of a huge page may hold other data than blocks.
 const OTHERS: usize = 16;
 
-/// A huge page by its address.
+/// A huge page, identified by its address.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Page(usize);
 
-/// The huge pages that pieces of memory fill, ascending.
+/// Returns the huge pages that pieces of memory fill, ascending.
 pub(super) fn filled(pieces: impl Iterator<Item = Range<usize>>) -> Vec<Page> {
     let mut bytes = BTreeMap::<usize, usize>::new();
     for piece in pieces {
@@ -34,18 +35,18 @@ pub(super) fn filled(pieces: impl Iterator<Item = Range<usize>>) -> Vec<Page> {
     bytes.into_iter().filter_map(is_full).collect()
 }
 
-/// Asks the system to hold a huge page in one; false if it does not, for want of memory in one piece or because it does
-/// not know how.
+/// Asks the system to collapse a page into a huge page. Returns false if it does not, because it lacks contiguous
+/// memory or does not support the call.
 #[cfg(target_os = "linux")]
 pub(super) fn put_together(page: Page) -> bool {
     /// `MADV_COLLAPSE` of `linux/mman.h`.
     const COLLAPSE: i32 = 25;
-    // SAFETY: the call changes neither the bytes of a page nor its owner. Where no memory is mapped it returns an
-    // error; memory that was given back to the system may be mapped again, as zeros.
+    // SAFETY: the call changes neither the bytes of a page nor its owner. If no memory is mapped there it returns an
+    // error. Memory that was given back to the system may be mapped again, as zeros.
     unsafe { libc::madvise(page.0 as *mut _, PAGE, COLLAPSE) == 0 }
 }
 
-/// Other systems do without.
+/// Other systems offer no such call.
 #[cfg(not(target_os = "linux"))]
 pub(super) fn put_together(_: Page) -> bool {
     false
@@ -60,10 +61,10 @@ mod tests {
         let piece = |from: usize, bytes: usize| from..from + bytes;
         let at = 7 * PAGE;
         assert_eq!(filled(std::iter::empty()), []);
-        // One piece over four pages, of which the first is full up to a sixteenth, and the last is not.
+        // One piece over three pages. The first is full but for a sixteenth, and the last is not full.
         let one = [piece(at + PAGE / 16, 2 * PAGE + PAGE / 2)];
         assert_eq!(filled(one.into_iter()), [Page(at), Page(at + PAGE)]);
-        // Many with holes, in any order.
+        // Many pieces with holes, in any order.
         let with = |hole: usize| (0..32).rev().map(move |i| piece(at + i * (PAGE / 32), PAGE / 32 - hole));
         assert_eq!(filled(with(PAGE / 512)), [Page(at)]);
         assert_eq!(filled(with(PAGE / 511)), []);
@@ -71,7 +72,7 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn memory_that_is_put_together_stays_as_it_is() {
+    fn collapsed_memory_is_unchanged() {
         let words: Vec<u32> = (0..3 * PAGE as u32 / 4).collect();
         let from = words.as_ptr() as usize;
         let pages = filled(std::iter::once(from..from + 3 * PAGE));
@@ -79,7 +80,7 @@ mod tests {
         for page in pages {
             let _ = put_together(page);
         }
-        // Where nothing is: no more than an error.
+        // An address without memory causes an error at most.
         let _ = put_together(Page(PAGE));
         assert!(words.iter().enumerate().all(|(i, word)| *word == i as u32));
     }

@@ -1,4 +1,4 @@
-//! The part of the budget that lets exact jobs end, whatever views keep in memory: one holds it at a time.
+//! Lease: a part of the budget that lets exact jobs end even if views use the rest. One job holds it at a time.
 
 use super::account::Account;
 use super::blocks::{Inner, ModelBlocks, ModelKey};
@@ -16,24 +16,24 @@ use crate::base::progress::Cancel;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// The reserve, and what the last leases left in it.
+/// The reserve, and the blocks that the last leases left in it.
 pub(super) struct Reserve {
     account: Account,
     inside: Mutex<Inside>,
-    /// Signalled when the turn passes on.
+    /// Signalled when the turn goes to the next job.
     passed: Condvar,
 }
 
 #[derive(Default)]
 struct Inside {
-    /// Numbers given out to the jobs that wait, and the number whose turn it is.
+    /// Number for the next job that asks for the lease. `turn` is the number of the job that may hold it.
     given: u64,
     turn: u64,
-    /// Blocks left by leases, with the lease that used them last.
+    /// Blocks that leases left, each with the number of the lease that used it last.
     left: HashMap<Key, (Slot, u64)>,
 }
 
-/// Of the reserve, kept free for tables and for reading: one part in so many.
+/// One part in this many of the reserve is kept free for tables and for reading.
 const WORKING_SHARE: u64 = 3;
 
 impl Reserve {
@@ -45,13 +45,13 @@ impl Reserve {
         self.account.used()
     }
 
-    /// Lets go of a model's blocks.
+    /// Drops the blocks of a model.
     pub fn forget(&self, model: ModelKey) {
         self.lock().left.retain(|(of, _), _| *of != model);
     }
 
     fn lock(&self) -> MutexGuard<'_, Inside> {
-        // Every step under the lock leaves a valid state.
+        // A poisoned lock is usable: every step under it leaves a valid state.
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -64,8 +64,8 @@ impl Reserve {
     }
 }
 
-/// The reserve, held by one job. No other job sees the blocks that it brings; they are free again when it is dropped
-/// and its snapshots are.
+/// The reserve, held by one job. No other job sees the blocks that it reads. Their memory can be reused once the lease
+/// and its snapshots are dropped.
 pub struct Lease {
     shared: Arc<Shared>,
     number: u64,
@@ -73,20 +73,20 @@ pub struct Lease {
 }
 
 impl Residency {
-    /// Bytes of blocks, in memory, that a lease brings together: what [`Lease::fetch`] is asked for at most.
+    /// Bytes of blocks, in memory, that a lease can hold at a time: the limit for [`Lease::fetch`].
     pub fn lease_room(&self) -> u64 {
         self.shared().reserve.room()
     }
 
-    /// Whether no job holds the reserve, or waits for it, now.
+    /// True if no job holds the reserve, or waits for it, now.
     pub fn lease_is_free(&self) -> bool {
         let inside = self.shared().reserve.lock();
         inside.turn == inside.given
     }
 
-    /// The reserve, once it is this caller's turn: blocks while others hold it, first come, first served.
+    /// Returns the reserve when it is this caller's turn. Waits while other jobs hold it; first come, first served.
     ///
-    /// Its holder must not wait for a job that may wait for the lease: hold it for a round of work.
+    /// The holder must not wait for a job that may wait for the lease, and should hold it for one round of work.
     pub fn lease(&self) -> Lease {
         let shared = Arc::clone(self.shared());
         let mut inside = shared.reserve.lock();
@@ -101,20 +101,21 @@ impl Residency {
 }
 
 impl Lease {
-    /// [`Residency::lease_room`].
+    /// Same as [`Residency::lease_room`].
     pub fn room(&self) -> u64 {
         self.shared.reserve.room()
     }
 
-    /// What a block of so many bytes in memory counts of that: it may be the only one in its page of the table, which
-    /// the rest of the reserve holds beside what reading takes.
+    /// Bytes of [`Lease::room`] that a block of `bytes` bytes in memory uses. It may be the only block in its page of
+    /// the table. The rest of the reserve holds that page, and the working memory of reads.
     pub fn counts(bytes: u64) -> u64 {
         bytes.max(4 * PAGE_BYTES)
     }
 
-    /// Brings `ids` into the lease. Those that are in memory cost nothing. Reads the disk: blocks.
+    /// Brings `ids` into the lease. Blocks that are in memory cost nothing. Reads the disk and blocks the thread.
     ///
-    /// Fails with `Corrupt` naming the block, `Io`, `Cancelled`, or with `OverBudget` if it has no room for them.
+    /// Fails with `Corrupt` naming the block, `Io`, `Cancelled`, or with `OverBudget` if the lease has no room for the
+    /// blocks.
     pub fn fetch(&mut self, model: &ModelBlocks, ids: &[BlockId], cancel: &Cancel) -> Result<()> {
         let mut left = ids.to_vec();
         left.sort_unstable();
@@ -131,7 +132,7 @@ impl Lease {
             }
             let Some(claim) = model.inner.claims.claim(there, usize::MAX) else { continue };
             let loaded = self.load_claimed(&model.inner, &claim, cancel);
-            // No other job sees the blocks of a lease.
+            // No other job sees the blocks of a lease, so views that want them still need them read.
             self.shared.give_back(&model.inner, claim);
             loaded?;
         }
@@ -139,7 +140,7 @@ impl Lease {
 
     fn load_claimed(&mut self, model: &Inner, claim: &Claim, cancel: &Cancel) -> Result<()> {
         if let Some(id) = claim.ids.iter().find(|id| id.0 >= model.file.block_count()) {
-            return Err(model.corrupt(*id, "no such block"));
+            return Err(model.corrupt(*id, "the block does not exist"));
         }
         for run in runs(&model.file, &claim.ids, (self.shared.reserve.working() / 4).min(RUN_BYTES)) {
             self.load(model, run, cancel)?;
@@ -147,7 +148,7 @@ impl Lease {
         Ok(())
     }
 
-    /// The blocks in memory now, with those of the lease.
+    /// Returns the blocks in memory now, with those of the lease.
     pub fn snapshot(&self, model: &ModelBlocks) -> Result<Arc<Snapshot>> {
         let shared = model.snapshot();
         let Some(held) = self.held.get(&model.inner.key) else { return Ok(shared) };
@@ -156,7 +157,7 @@ impl Lease {
         with.map(Arc::new).ok_or_else(|| self.no_room(&model.inner, 0))
     }
 
-    /// Moves those of `left` that are in memory, or that leases have left, to what is held.
+    /// Moves those of `left` that are in memory, or that leases have left, to the held blocks.
     fn hold_what_is_there(&mut self, model: &Inner, left: &mut Vec<BlockId>) {
         let there = model.published.load_full();
         let held = self.held.entry(model.key).or_default();
@@ -197,14 +198,14 @@ impl Lease {
         loaded.failed.into_iter().next().map_or(Ok(()), |(_, error)| Err(error))
     }
 
-    /// Blocks that this lease has not used.
+    /// Drops the blocks that other leases left and this lease has not used.
     fn drop_what_others_left(&self) {
         self.shared.reserve.lock().left.retain(|_, (_, last)| *last == self.number);
     }
 
     fn no_room(&self, model: &Inner, bytes: u64) -> Error {
         let have = self.shared.budget();
-        let what = format!("{}: what an exact answer needs at once", model.file.name().display());
+        let what = format!("an exact query of {}", model.file.name().display());
         Error::OverBudget { what, need: have.saturating_add(bytes), have }
     }
 }

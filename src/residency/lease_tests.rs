@@ -1,4 +1,4 @@
-//! A lease over a model of many blocks that are smaller than what the table takes for one.
+//! A lease over a model with many blocks that are smaller than their pages of the table.
 
 use super::snapshot::PAGE;
 use super::*;
@@ -8,9 +8,9 @@ use crate::base::progress::Cancel;
 use crate::store::{Header, MemorySource, ModelFile, TreeRow, Writer};
 use std::sync::Arc;
 
-/// Geometry blocks.
+/// Number of geometry blocks.
 const BLOCKS: u32 = 800 * PAGE as u32;
-/// Words of each.
+/// Words of each block.
 const WORDS: usize = 250;
 
 struct Small;
@@ -37,10 +37,10 @@ fn model(residency: &Residency) -> ModelBlocks {
 }
 
 #[test]
-fn blocks_count_what_their_pages_of_the_table_take() {
+fn blocks_count_with_their_pages_of_the_table() {
     let residency = Residency::with_budget(12 << 20);
     let blocks = model(&residency);
-    // Each in a page of its own.
+    // Each block has a page of its own.
     let all: Vec<BlockId> = (0..BLOCKS).step_by(PAGE).map(|id| BlockId(id + 1)).collect();
     let bytes = |id: BlockId| blocks.slot_bytes(id);
     let mut sum = 0;

@@ -1,39 +1,40 @@
-//! References between blocks: no block can check them alone, and seldom are all in memory at once.
+//! References between blocks. No block can check them on its own, and all blocks are seldom in memory at once.
 //!
-//! What each block has, and what others have ever referred to in it, is noted when it comes into memory. So each two
-//! blocks that were ever in memory have been checked against each other, whichever came first and whether or not they
-//! met, at a cost of the references of one block.
+//! When a block is read, a table records the number of its nodes and the nodes that it refers to in other blocks. So
+//! each two blocks that were ever in memory have been checked against each other, in either order, even if they were
+//! never in memory at the same time. The cost is that of one block's references.
 
 use crate::base::ids::BlockId;
 use std::sync::{Mutex, PoisonError};
 
-/// What a block says of another.
+/// Statement of a block about another block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reference {
-    /// That it has this number.
+    /// The block has the node with this number.
     To(BlockId, u32),
-    /// What all that say this of the same block must say alike.
+    /// A number on which all statements about the same block must agree.
     Agreed(BlockId, u64),
 }
 
-/// What is known of the blocks that may be referred to.
+/// Facts about the blocks that may be referred to.
 pub(super) struct Links {
     known: Mutex<Box<[Known]>>,
 }
 
-/// Of one block: numbers below `needed` are referred to, and it has numbers below `has`; `UNKNOWN` until it was read.
+/// Facts about one block: others refer to its nodes below `needed`; it has nodes below `has`, `UNKNOWN` until it was
+/// read.
 #[derive(Clone, Copy)]
 struct Known {
     needed: u32,
     has: u32,
-    /// The number that the first caller gave; later ones must give the same.
+    /// The first statement's number; later ones must give the same.
     agreed: Option<u64>,
 }
 
 const UNKNOWN: u32 = u32::MAX;
 
 impl Links {
-    /// Of a model's first `blocks` blocks; others are not referred to.
+    /// Creates the table for a model's first `blocks` blocks. No other blocks may be referred to.
     pub fn new(blocks: u32) -> Self {
         Self { known: Mutex::new(vec![Known { needed: 0, has: UNKNOWN, agreed: None }; blocks as usize].into()) }
     }
@@ -43,17 +44,17 @@ impl Links {
         u64::from(blocks) * size_of::<Known>() as u64
     }
 
-    /// Notes that `number` of block `to` is referred to.
+    /// Records a reference to node `number` of block `to`.
     pub fn expect(&self, to: BlockId, number: u32) -> Result<(), String> {
         refer(&mut self.known.lock().unwrap_or_else(PoisonError::into_inner), to, number)
     }
 
-    /// Notes a block that has `has` numbers and refers to `references`.
+    /// Records a block that has `has` nodes and makes the statements `references`.
     pub fn check(&self, id: BlockId, has: u32, references: &[Reference]) -> Result<(), String> {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(own) = known.get_mut(id.0 as usize) {
             if own.needed > has {
-                return Err("another block refers to a node that it does not have".into());
+                return Err("another block refers to a node that does not exist in this block".into());
             }
             own.has = own.has.min(has);
         }
@@ -65,7 +66,7 @@ impl Links {
 }
 
 fn refer(known: &mut [Known], to: BlockId, number: u32) -> Result<(), String> {
-    let absent = || format!("it refers to a node that block {} does not have", to.0);
+    let absent = || format!("the block refers to a node that does not exist in block {}", to.0);
     let target = known.get_mut(to.0 as usize).ok_or_else(absent)?;
     if number >= target.has {
         return Err(absent());
@@ -75,11 +76,11 @@ fn refer(known: &mut [Known], to: BlockId, number: u32) -> Result<(), String> {
 }
 
 fn agree(known: &mut [Known], of: BlockId, number: u64) -> Result<(), String> {
-    let of = known.get_mut(of.0 as usize).ok_or("it goes with a block that is not there")?;
+    let of = known.get_mut(of.0 as usize).ok_or("the corresponding block does not exist")?;
     if *of.agreed.get_or_insert(number) == number {
         Ok(())
     } else {
-        Err("it and the block that goes with it differ".into())
+        Err("the block and its corresponding block are inconsistent".into())
     }
 }
 
@@ -88,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whichever_comes_first_both_are_checked() {
+    fn blocks_are_checked_in_either_order() {
         let links = Links::new(4);
         let to = |number| [Reference::To(BlockId(2), number)];
         links.check(BlockId(0), 1, &to(4)).expect("the target is not known yet");

@@ -1,4 +1,4 @@
-//! Reading, checking and decoding blocks that are neighbours in the file. Under no lock.
+//! Reading, checking and decoding blocks that are neighbours in the file. No lock is held.
 
 use super::account::{Account, Charge};
 use super::blocks::Inner;
@@ -9,25 +9,25 @@ use crate::base::progress::Cancel;
 use crate::store::ModelFile;
 use std::sync::atomic::Ordering::Relaxed;
 
-/// Stored bytes that are read together, at most.
+/// Greatest number of stored bytes in a run.
 pub(super) const RUN_BYTES: u64 = 256 << 10;
 
-/// What is between two blocks that are read together, at most.
+/// Greatest number of bytes between two blocks of a run.
 const GAP_BYTES: u64 = 16 << 10;
 
-/// Bytes that the block takes in memory.
+/// Bytes of the block in memory.
 pub(super) fn slot_bytes(file: &ModelFile, id: BlockId) -> u64 {
     Slot::bytes_for(file.decoded_len(id).div_ceil(4) as usize)
 }
 
-/// Whether blocks up to `next` can be read together with those from `first` on, of which `last` is the last.
+/// True if block `next` can be added to the run from `first` to `last`, with `most` bytes at most.
 pub(super) fn goes_with(file: &ModelFile, [first, last, next]: [BlockId; 3], most: u64) -> bool {
     let row = |id: BlockId| file.directory().get(id.0 as usize);
     let (Some(first), Some(last), Some(next)) = (row(first), row(last), row(next)) else { return false };
     next.end().saturating_sub(first.offset) <= most && next.offset.saturating_sub(last.end()) <= GAP_BYTES
 }
 
-/// Cuts ascending ids into runs that are read together.
+/// Splits ascending ids into runs, each to be read in one piece.
 pub(super) fn runs<'a>(file: &'a ModelFile, ids: &'a [BlockId], most: u64) -> impl Iterator<Item = &'a [BlockId]> {
     let mut rest = ids;
     std::iter::from_fn(move || {
@@ -39,16 +39,16 @@ pub(super) fn runs<'a>(file: &'a ModelFile, ids: &'a [BlockId], most: u64) -> im
     })
 }
 
-/// What became of a run.
+/// Outcome of reading a run.
 #[derive(Default)]
 pub(super) struct Loaded {
-    /// Those that came, ascending.
+    /// Blocks that were read, ascending.
     pub slots: Vec<(BlockId, Slot)>,
-    /// Those that failed, twice.
+    /// Blocks that failed twice.
     pub failed: Vec<(BlockId, Error)>,
 }
 
-/// Working memory of whoever reads.
+/// Working memory of a thread that reads.
 #[derive(Default)]
 pub(super) struct Buffers {
     stored: Vec<u8>,
@@ -57,20 +57,20 @@ pub(super) struct Buffers {
 }
 
 impl Buffers {
-    /// Paid for by `account`; `None` if that has too little for a run of `run` bytes of `file`.
+    /// Creates buffers that `account` pays for; `None` if that has too little for a run of `run` bytes of `file`.
     pub fn new(account: &Account, file: &ModelFile, run: u64) -> Option<Self> {
         let largest = u64::from(file.header().block_size);
-        // Stored bytes, a payload (four times a block at most, mostly one or less), and what is decoded. (Arrays that
-        // decoding makes meanwhile and gives back, some three blocks, are not paid for.)
+        // Stored bytes, a payload (four times a block at most, mostly one or less), and the decoded block. (The arrays
+        // that decoding allocates meanwhile, some three blocks, are not charged.)
         let charge = account.charge(run + 3 * largest, 0)?;
         Some(Self { _charge: charge, ..Self::default() })
     }
 }
 
 impl Inner {
-    /// Reads, checks and decodes `run`, ascending neighbours, paid for by `charge`. A block whose reading or check
-    /// fails is counted, reported (once, until it comes) and read once more, alone: a disk or a network may have
-    /// hiccuped. Ends early once cancelled.
+    /// Reads, checks and decodes `run`, ascending neighbours, paid for by `charge`. If a read or a check fails, the
+    /// failure is counted, reported (once, until the block is read), and the block is read once more, as a single
+    /// block: a disk or a network may have failed briefly. Ends early once cancelled.
     pub fn load(&self, run: &[BlockId], charge: &mut Charge, buffers: &mut Buffers, cancel: &Cancel) -> Loaded {
         let mut loaded = Loaded::default();
         let (Some(&first), Some(&last)) = (run.first(), run.last()) else { return loaded };
@@ -80,7 +80,7 @@ impl Inner {
             if cancel.is_cancelled() {
                 return loaded;
             }
-            // Once one had to be read alone, what was read together is overwritten.
+            // After a single read the buffer no longer holds the run.
             let first_try = match std::mem::replace(&mut together, Ok(())) {
                 Ok(()) if !alone => self.decode(id, first, charge, buffers),
                 Ok(()) => self.load_alone(id, charge, buffers),
@@ -113,12 +113,12 @@ impl Inner {
         self.decode(id, id, charge, buffers)
     }
 
-    /// The block from what was read from `first` on.
+    /// Decodes the block from the stored bytes that begin with block `first`.
     fn decode(&self, id: BlockId, first: BlockId, charge: &mut Charge, buffers: &mut Buffers) -> Result<Slot> {
         self.file.open_stored(id, first, &buffers.stored, &mut buffers.payload)?;
         let words = self.decoder.decode(id, &buffers.payload).map_err(|why| self.corrupt(id, why))?;
         if words.len() * 4 != self.file.decoded_len(id) as usize {
-            return Err(self.corrupt(id, "its decoded size is not what the directory says"));
+            return Err(self.corrupt(id, "the decoded size differs from the size in the directory"));
         }
         let mut references = Vec::new();
         let has = self.decoder.links(id, &words, &mut |reference| references.push(reference));

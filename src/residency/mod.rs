@@ -1,11 +1,13 @@
-//! How blocks come to be in memory. Knows blocks and a decoder that it is handed, not trees.
+//! Residency: which blocks are in memory, and how they get there. It knows blocks and a decoder that it is given, not
+//! trees.
 //!
-//! One [`Residency`] a context holds the budget. Each opened model has its [`ModelBlocks`], and a [`Snapshot`] says
-//! which of them are in memory. A snapshot never changes: a job takes one and works with it. A [`View`] says after each
-//! pass which blocks it lacked. The wants of all views are ranked, and threads that pump, of ours or of the host, read
-//! them; the blocks that have not been used for longest go when room is needed. When what views want does not fit, a
-//! factor on their thresholds rises until it does. Exact jobs bring what they need themselves; where views leave no
-//! room they take turns with a [`Lease`] of a part of the budget that is theirs.
+//! Each context has one [`Residency`], which holds the budget. Each opened model has its [`ModelBlocks`], and a
+//! [`Snapshot`] is the table of its blocks in memory. A snapshot never changes: a job takes one and works with it.
+//! After each pass a [`View`] reports the blocks that it lacked. The wants of all views are ranked, and threads that
+//! pump, of the library or of the host, read them. When room is needed, the least recently used blocks are evicted.
+//! When the wants of views do not fit, a factor on their thresholds (the pressure) rises until they do. Exact jobs
+//! bring the blocks that they need themselves. Where views leave no room, they take turns with a [`Lease`] of a part of
+//! the budget reserved for them.
 #![deny(unsafe_code)]
 
 mod account;
@@ -18,7 +20,7 @@ mod core;
 mod evict;
 mod failures;
 mod fill;
-#[allow(unsafe_code)] // advice to the system
+#[allow(unsafe_code)] // calls `madvise`
 mod huge_pages;
 mod lease;
 #[cfg(test)]

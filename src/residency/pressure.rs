@@ -1,30 +1,32 @@
-//! One factor on the thresholds of all views: when what they want does not fit it rises, and all get coarser evenly.
+//! Pressure: one factor on the thresholds of all views. It rises when their wants do not fit, and all become coarser
+//! evenly.
 //!
-//! It rises a step at a time, and only for wants of passes that began after the last step: views answer before the
-//! next. It falls only after a camera has moved, and no more once it has risen since. So while all cameras rest it
-//! changes finitely often: some steps down, then some up. At a constant factor a resting view needs a fixed set of
-//! blocks, of which each is read once, since what its passes use is not evicted. So reads stop.
+//! The factor rises a step at a time, and only for wants of passes that began after the last step, so views respond
+//! before the next one. It falls only after a camera has moved, and no more once it has risen since. So while all
+//! cameras rest it changes finitely often: some steps down, then some up. At a constant factor a resting view needs a
+//! fixed set of blocks. Each of them is read once, because blocks that the view's passes use are not evicted. So reads
+//! stop.
 
 use super::core::{After, Shared, State};
 use super::sync::Ordering::Relaxed;
 
-/// A step of the factor.
+/// Factor of one step.
 pub(super) const STEP: f32 = 1.25;
 
-/// The factor at most: 60 steps. Wants that do not fit even so are refused.
+/// Greatest pressure: 60 steps. Wants that do not fit even then are refused.
 pub(super) const MOST: f32 = 650_000.0;
 
-/// The factor falls if what is in use, grown by [`STEP`], takes at most this share of what slots may take.
+/// The pressure falls if the blocks in use, times [`STEP`], take at most this fraction of the bytes for slots.
 const AMPLE: f64 = 0.8;
 
-/// The factor and what moved it.
+/// The pressure and the conditions of its changes.
 pub(super) struct Pressure {
     pub factor: f32,
-    /// The last pass begun before the factor changed.
+    /// Stamp at the last change: passes with greater stamps began after it.
     pub changed_at: u32,
-    /// A camera has moved since the factor last rose.
+    /// True if a camera has moved since the factor last rose.
     pub may_fall: bool,
-    /// What is wanted does not fit, and the factor cannot rise.
+    /// True if the wants do not fit and the factor cannot rise.
     pub is_full: bool,
 }
 
@@ -35,12 +37,13 @@ impl Default for Pressure {
 }
 
 impl State {
-    /// The most wanted block, wanted by a pass with `stamp`, does not fit, and all in memory is in use.
+    /// Handles a block that does not fit: the most wanted one, wanted by a pass with `stamp`, while all blocks are in
+    /// use.
     pub fn overfull(&mut self, shared: &Shared, stamp: u32, after: &mut After) {
-        // Nothing changes until views do.
+        // The outcome stays the same until views change.
         self.ranking.is_stuck = true;
         if stamp == 0 {
-            // No picture needs it, so no picture gets coarser for it.
+            // No picture needs the block, so no picture becomes coarser for it.
             let views = self.live_views();
             after.calls.extend(views.iter().filter(|view| view.wanted_at() == 0).filter_map(|view| view.call()));
             return;
@@ -57,7 +60,7 @@ impl State {
         self.tell_all(after);
     }
 
-    /// Nothing is left to be read: lowers the factor if there is room, and a camera has moved since it rose.
+    /// Lowers the factor if no block is left to be read, there is room, and a camera has moved since it rose.
     pub fn settle(&mut self, shared: &Shared, after: &mut After) {
         if !self.pressure.may_fall || self.pressure.factor <= 1.0 || self.in_flight > 0 {
             return;
@@ -72,7 +75,7 @@ impl State {
     }
 
     fn set_factor(&mut self, shared: &Shared, factor: f32) {
-        // Powers of the step, so that going up and down again gives 1.
+        // Powers of the step, so that steps up and down again give exactly 1.
         let steps = (factor.ln() / STEP.ln()).round();
         self.pressure.factor = STEP.powi(steps as i32).max(1.0);
         self.pressure.changed_at = shared.now();

@@ -1,4 +1,4 @@
-//! Reading what is wanted, a run of neighbours at a time.
+//! Reading of wanted blocks, a run of neighbours at a time.
 
 use super::account::Charge;
 use super::blocks::Inner;
@@ -16,38 +16,38 @@ use std::sync::{Arc, Weak};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How long a fetcher sleeps before it looks again whether a snapshot was dropped.
+/// Sleep of a fetcher before it checks again if a snapshot was dropped.
 const STARVED: Duration = Duration::from_millis(2);
 /// The same for a thread that may hold that snapshot itself: it drops the snapshot as soon as it does other work.
 const STARVED_AMONG_OTHERS: Duration = Duration::from_micros(100);
 
-/// What came of looking for work.
+/// Outcome of a search for work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Unit {
-    /// A run was read, or some of what is there was put together.
+    /// A run was read, or huge pages were collapsed.
     Did,
-    /// There is none.
+    /// There is no work.
     Idle,
-    /// There is, but no memory before a snapshot is dropped.
+    /// There is work, but no memory until a snapshot is dropped.
     Starved,
-    /// There is, but not while views render.
+    /// There is work, but not while views render.
     Later,
 }
 
 enum Next {
     Load(Task),
-    /// Huge pages to be found in a model of which all is there.
+    /// A model with all blocks in memory, to be searched for huge pages.
     Find(Arc<Inner>),
-    /// Those to be put together.
+    /// Huge pages to be collapsed.
     Together(Vec<Page>),
-    /// Room was made: look once more.
+    /// Room was made: search once more.
     Again,
     Idle,
     Starved,
     Later,
 }
 
-/// A run to be read, with what pays for it.
+/// A run to be read, and the memory for it.
 struct Task {
     model: Arc<Inner>,
     ids: Vec<BlockId>,
@@ -55,14 +55,14 @@ struct Task {
     room: Room,
 }
 
-/// Memory for blocks to come.
+/// Memory for blocks that are to be read.
 pub(super) struct Room {
     pub charge: Charge,
     pub buffers: Buffers,
     _in_flight: InFlight,
 }
 
-/// Counts bytes as being read.
+/// Counts bytes as being read, until it is dropped.
 struct InFlight {
     shared: Arc<Shared>,
     bytes: u64,
@@ -75,10 +75,10 @@ impl Drop for InFlight {
 }
 
 impl Residency {
-    /// Does a unit of work in this thread, in place of fetchers, if there is any that is not being done: takes what is
-    /// wanted most, reads and decodes it with its neighbours, makes room and publishes it. Whether there may be more.
-    /// Thread-safe; blocks while it reads, under no lock. Where there is no memory before a
-    /// snapshot is dropped, which wakes no thread, there may be more after a moment.
+    /// Does a unit of work in this thread instead of a fetcher, if there is any that no thread does: takes the most
+    /// wanted block, makes room, reads and decodes it with its neighbours, and publishes them. Returns true if there
+    /// may be more. Thread-safe. Waits for the disk without a lock held. If there is no memory until a snapshot is
+    /// dropped, it sleeps for a moment and returns true, because dropping a snapshot wakes no thread.
     pub fn pump_on(&self) -> bool {
         match self.shared().unit() {
             Unit::Did => true,
@@ -90,20 +90,20 @@ impl Residency {
         }
     }
 
-    /// The same, but no more where memory is held.
+    /// Like [`Residency::pump_on`], but returns false if there is no memory until a snapshot is dropped.
     #[cfg(test)]
     pub fn pump(&self) -> bool {
         self.shared().unit() == Unit::Did
     }
 
-    /// Has `waker` called when there is work for [`Residency::pump_on`]: from any thread, under no lock of ours.
-    /// Replaces an earlier one.
+    /// Sets a function that is called when there is work for [`Residency::pump_on`], from any thread, without a lock
+    /// held. Replaces an earlier one.
     pub fn set_waker(&self, waker: Option<Arc<dyn Fn() + Send + Sync>>) {
         self.shared().wakeup.set_waker(waker);
     }
 
-    /// Starts threads that pump whenever there is work, and end with what is returned. Fails if a thread cannot be
-    /// started.
+    /// Starts threads that pump whenever there is work. They end when the returned value is dropped. Fails if a thread
+    /// cannot be started.
     pub fn start(&self, threads: usize) -> Result<Fetchers> {
         let mut fetchers = Fetchers { shared: Arc::downgrade(self.shared()), threads: Vec::new() };
         for i in 0..threads {
@@ -118,7 +118,7 @@ impl Residency {
     }
 }
 
-/// Threads that fetch. Dropping it waits until they have ended.
+/// Threads that fetch blocks. Dropping it waits until they have ended.
 pub struct Fetchers {
     shared: Weak<Shared>,
     threads: Vec<JoinHandle<()>>,
@@ -131,7 +131,7 @@ impl Drop for Fetchers {
         }
         let me = std::thread::current().id();
         for thread in self.threads.drain(..) {
-            // The last owner may be a fetcher itself, dropping what a model held.
+            // The last owner may be a fetcher itself, which drops the data that a model held.
             if thread.thread().id() != me {
                 let _ = thread.join();
             }
@@ -139,31 +139,31 @@ impl Drop for Fetchers {
     }
 }
 
-/// What of a model is still to be read ahead.
+/// The blocks of a model that remain to be read ahead.
 #[derive(Default)]
 pub(super) struct Ahead {
     model: Weak<Inner>,
-    /// Descending: the next comes last. Some may have come meanwhile.
+    /// Descending: the next block is the last element. Some may have been read meanwhile.
     left: Vec<BlockId>,
-    /// Of what is left.
+    /// Bytes of the blocks in `left`.
     bytes: u64,
 }
 
-/// Huge pages of models of which all is in memory.
+/// Huge pages of models with all blocks in memory.
 #[derive(Default)]
 pub(super) struct Together {
-    /// To be put together still.
+    /// Pages that remain to be collapsed.
     left: Vec<Page>,
-    /// The system knows how: one was.
+    /// True once the system has collapsed one page.
     works: bool,
 }
 
-/// Huge pages that are put together at a time: some milliseconds of work, tens where the system has to be given memory
-/// first.
+/// Number of huge pages collapsed at a time. That takes some milliseconds, or tens of them if the system must first be
+/// given memory.
 const PAGES: usize = 4;
 
 impl Together {
-    /// Memory has gone: pages on the list may hold other blocks by now. They are looked for anew.
+    /// Clears the list after memory was freed: its pages may hold other blocks by now. Fetchers search for them again.
     pub fn forget(&mut self, models: impl Iterator<Item = Arc<Inner>>) {
         if !self.left.is_empty() {
             self.left.clear();
@@ -173,8 +173,8 @@ impl Together {
 }
 
 impl State {
-    /// What is to be put together next, if no view renders, which might wait for the system then. (Queries may wait,
-    /// for as long as it takes to copy a page.)
+    /// Returns the next huge pages to collapse, unless a view renders: it could have to wait for the system. (Queries
+    /// may wait for as long as it takes to copy a page.)
     fn next_together(&mut self) -> Next {
         let is_new = |model: Arc<Inner>| model.is_complete.load(Relaxed) && !model.is_together.load(Relaxed);
         if self.together.left.is_empty() && !self.models.values().filter_map(Weak::upgrade).any(is_new) {
@@ -192,9 +192,10 @@ impl State {
         complete.find(|model| !model.is_together.swap(true, Relaxed)).map_or(Next::Idle, Next::Find)
     }
 
-    /// The next run to be read ahead: of a model of which all fits, in the order of the file. (Models are looked
-    /// through only when what was found before is done: a block at a time, with a million of them, would take minutes.
-    /// And only if what is lacking would fit: else each look would go through all blocks, with the lock held.)
+    /// Returns the next run to be read ahead, in the order of the file, from a model that fits as a whole. (Models are
+    /// searched only when the results of the last search are used up: a search per block would take minutes for a
+    /// million blocks. A model is searched only if its missing blocks fit: otherwise each search would visit all blocks
+    /// with the lock held.)
     fn next_ahead(&mut self, shared: &Shared) -> Option<(Arc<Inner>, Vec<BlockId>)> {
         let begun = self.ahead.model.upgrade();
         if let Some(run) = begun.and_then(|model| Some((Arc::clone(&model), self.run_ahead(shared, &model)?))) {
@@ -206,7 +207,7 @@ impl State {
             if lacking == 0 {
                 model.is_complete.store(true, Relaxed);
             }
-            // What is being read is of what is lacking, or not.
+            // `in_flight` is not added, because blocks being read may be among the missing ones.
             let is_in_vain = lacking == 0 || lacking == model.lacked_in_vain.load(Relaxed);
             if is_in_vain || self.resident + lacking > shared.capacity(self) {
                 return None;
@@ -252,7 +253,7 @@ impl Shared {
     }
 
     pub fn unit(self: &Arc<Self>) -> Unit {
-        // Another thread may take the room that was made, but not for ever.
+        // Another thread may take the room that was made, so the loop tries several times.
         for _ in 0..8 {
             let mut after = After::default();
             let next = {
@@ -314,8 +315,8 @@ impl Shared {
         }
     }
 
-    /// Lowers the pressure, if nothing that views want is left to be read and there is room. True: something is being
-    /// read that may leave room; ask again.
+    /// Lowers the pressure if no block that views want is left to be read and there is room. Returns true if a read in
+    /// progress may leave room: call it again.
     pub fn ease(&self) -> bool {
         let mut after = After::default();
         {
@@ -333,13 +334,13 @@ impl Shared {
         false
     }
 
-    /// The last-used stamp of a block that a pass with `stamp` wanted. A view without passes wants with stamp 0: its
-    /// blocks count as used now. With 0 the first blocks that came for it would be the first to be evicted.
+    /// Returns the last-used stamp for blocks that a pass with `stamp` wanted. Wants outside of any pass have stamp 0,
+    /// and their blocks get the current stamp. With stamp 0 the first blocks read would be the first to be evicted.
     fn used_at(&self, stamp: u32) -> u32 {
         if stamp == 0 { self.now() } else { stamp }
     }
 
-    /// Memory for a run; `None` if some was freed and `after` has to run first.
+    /// Reserves memory for a run. Returns `None` if it evicted blocks: `after` must run before the next attempt.
     fn room_for(
         self: &Arc<Self>,
         state: &mut State,
@@ -359,7 +360,7 @@ impl Shared {
         Ok(Some(Room { charge, buffers, _in_flight: InFlight { shared: Arc::clone(self), bytes } }))
     }
 
-    /// [`Shared::room_for`], with what has to run after.
+    /// Calls [`Shared::room_for`] and runs the work that it leaves.
     pub fn make_room(self: &Arc<Self>, model: &Inner, run: &[BlockId]) -> std::result::Result<Room, Short> {
         for _ in 0..8 {
             let mut after = After::default();
@@ -375,9 +376,9 @@ impl Shared {
         Err(Short::ForNow)
     }
 
-    /// What is next of all that is to be read ahead.
+    /// Returns the next run to be read ahead.
     fn promotion(self: &Arc<Self>, state: &mut State, after: &mut After) -> Next {
-        // Frames come first: which blocks they lack is not known before their passes have ended.
+        // Frames come first: the blocks that they lack are known only after their passes have ended.
         if !self.promotes() || state.live_views().iter().any(|view| view.is_passing()) {
             return Next::Idle;
         }
@@ -395,7 +396,8 @@ impl Shared {
         let Some(claim) = model.claims.try_claim(&ids, |id| !model.is_there(id)) else { return Unit::Did };
         let loaded = model.load(&claim.ids, &mut room.charge, &mut room.buffers, &Cancel::new());
         let published = self.publish(&model, &loaded.slots, stamp);
-        // Before the claim ends: another thread may then read them without an error.
+        // Set before the claim ends: after that another thread may read the blocks, and its success must clear the
+        // failures.
         loaded.failed.iter().for_each(|(id, why)| model.failures.set(*id, why));
         self.give_back(&model, claim);
         drop(room);
@@ -406,15 +408,15 @@ impl Shared {
         if published { Unit::Did } else { Unit::Starved }
     }
 
-    /// Adds the huge pages that a model's blocks fill to what is to be put together.
+    /// Adds the huge pages that a model's blocks fill to those to be collapsed.
     fn find_pages(&self, model: &Inner) {
         let there = model.published.load_full();
         let pages = filled(there.resident().map(|(_, slot)| slot.addresses()));
         self.lock().together.left.extend(pages);
     }
 
-    /// Ends a claim. Fetchers that looked for work meanwhile have passed over its blocks: those that have not come are
-    /// ranked again.
+    /// Ends a claim. Fetchers that searched for work meanwhile have skipped its blocks, so the missing ones are ranked
+    /// again.
     pub fn give_back(&self, model: &Inner, claim: Claim) {
         let left: Vec<BlockId> =
             claim.ids.iter().copied().filter(|id| !model.is_there(*id) && !model.failures.has(*id)).collect();

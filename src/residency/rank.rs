@@ -1,4 +1,4 @@
-//! What all views want, most wanted first.
+//! Ranking of the wants of all views, the most wanted block first.
 
 use super::blocks::{Inner, ModelKey};
 use super::core::State;
@@ -9,48 +9,48 @@ use std::sync::Arc;
 /// A block of a model.
 pub(super) type Key = (ModelKey, BlockId);
 
-/// Wants of all views, as they were when it was made.
+/// The wants of all views at the time of ranking.
 #[derive(Default)]
 pub(super) struct Ranking {
-    /// Ascending, each with the last pass that wanted it.
+    /// Wanted blocks, ascending, each with the last pass that wanted it.
     wanted: Vec<(Key, u32)>,
-    /// The most wanted first.
+    /// Wanted blocks by descending weight.
     order: Vec<Key>,
     next: usize,
     valid: bool,
-    /// What comes next does not fit, and nothing has changed since that was found.
+    /// True if the next block does not fit, and nothing has changed since that was found.
     pub is_stuck: bool,
 }
 
 impl Ranking {
-    /// Views want other blocks, or blocks that they want can be had again. True if a refusal stood: then a fetcher must
-    /// look again, or the view that was refused is told no more.
+    /// Marks the ranking as outdated: views want other blocks, or wanted blocks may be read again. Returns true if a
+    /// block was refused: a fetcher must then search again, or the refused view would get no more news.
     #[must_use]
     pub fn invalidate(&mut self) -> bool {
         std::mem::replace(&mut self.valid, false) && self.is_stuck
     }
 
-    /// Whether what comes next does not fit.
+    /// True if the next block does not fit.
     pub fn is_refused(&self) -> bool {
         self.valid && self.is_stuck
     }
 
-    /// The last pass that wanted the block; 0 for none.
+    /// Returns the stamp of the last pass that wanted the block; 0 for none.
     pub fn stamp(&self, key: Key) -> u32 {
         self.wanted.binary_search_by_key(&key, |w| w.0).map_or(0, |at| self.wanted[at].1)
     }
 
-    /// What is wanted most of what has not been [passed over](Ranking::pass_over).
+    /// Returns the most wanted block that was not [skipped](Ranking::pass_over).
     pub fn first(&self) -> Option<Key> {
         self.order.get(self.next).copied()
     }
 
-    /// Goes on to the next.
+    /// Skips the first block.
     pub fn pass_over(&mut self) {
         self.next += 1;
     }
 
-    /// Wanted neighbours of a block that are read with it, itself among them, ascending.
+    /// Returns the wanted neighbours of a block that are read with it, including the block, ascending.
     pub fn run_around(&self, model: &Inner, (key, id): Key) -> Vec<BlockId> {
         let Ok(at) = self.wanted.binary_search_by_key(&(key, id), |w| w.0) else { return vec![id] };
         let absent = |&&((of, id), _): &&(Key, u32)| of == key && can_be_had(model, id);
@@ -73,13 +73,13 @@ impl Ranking {
     }
 }
 
-/// Whether the block is not in memory and may be read.
+/// True if the block is not in memory and may be read.
 pub(super) fn can_be_had(model: &Inner, id: BlockId) -> bool {
     !model.is_there(id) && !model.failures.has(id) && !model.claims.is_claimed(id)
 }
 
 impl State {
-    /// What is wanted most of what may be read, and its model.
+    /// Returns the most wanted block that may be read, and its model.
     pub fn first_to_be_had(&mut self) -> Option<(Arc<Inner>, Key)> {
         while let Some((key, id)) = self.ranking.first() {
             if let Some(model) = self.model(key).filter(|model| can_be_had(model, id)) {
@@ -90,7 +90,7 @@ impl State {
         None
     }
 
-    /// Ranks anew, if something has changed.
+    /// Ranks the wants again if something has changed.
     pub fn rank(&mut self) {
         if self.ranking.valid {
             return;
@@ -108,7 +108,7 @@ impl State {
             ranking.wanted.push((same[0].0, last));
             weights.push((same.iter().map(|want| want.1).sum(), same[0].0));
         }
-        // Lower blocks first among equals: parents before children.
+        // Among equals lower ids come first: parents before children.
         weights.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         ranking.order = weights.into_iter().map(|(_, key)| key).collect();
         (ranking.next, ranking.valid, ranking.is_stuck) = (0, true, false);

@@ -1,13 +1,13 @@
-//! Model tests of the scheme of snapshots, stamps and accounts, and of how fetchers are woken: loom runs every
-//! interleaving that the memory model allows.
+//! Model tests of snapshots, stamps and accounts, and of the wakeup of fetchers: loom runs every interleaving that the
+//! memory model allows.
 
-/// The same sources over loom's locks and counters.
+/// Loom's locks and counters for the same sources.
 mod sync {
     pub use loom::sync::atomic::{AtomicU64, Ordering};
     pub use loom::sync::{Arc, Condvar, Mutex, MutexGuard};
     pub use std::sync::PoisonError;
 }
-#[allow(clippy::duplicate_mod, dead_code)] // once more on purpose: over other counters
+#[allow(clippy::duplicate_mod, dead_code)] // included again on purpose, with other counters
 #[path = "account.rs"]
 mod account;
 #[allow(clippy::duplicate_mod, dead_code)]
@@ -20,7 +20,7 @@ use loom::sync::{Arc, Mutex};
 use loom::thread;
 use wakeup::Wakeup;
 
-/// A slot that says when it is gone.
+/// A slot that records when it is dropped.
 struct Slot {
     gone: Arc<AtomicBool>,
     _charge: Charge,
@@ -32,13 +32,13 @@ impl Drop for Slot {
     }
 }
 
-/// One block's worth of residency: what is published, and when it was used.
+/// A residency of one block: its published slot, and its last-used stamp.
 struct Scheme {
     account: Account,
-    /// In place of the atomic pointer to a snapshot: loading it is one step.
+    /// Replaces the atomic pointer to a snapshot: loading it is one step.
     published: Mutex<Option<Arc<Slot>>>,
     stamp: AtomicU32,
-    /// The pass that the view stands on.
+    /// The oldest live pass of the view.
     oldest_live_pass: AtomicU32,
 }
 
@@ -55,7 +55,7 @@ impl Scheme {
         self.published.lock().unwrap().clone()
     }
 
-    /// As a render worker: a snapshot, a visit, and what it shows is there until it is let go.
+    /// Acts as a render worker: takes a snapshot and visits the block, which stays until the snapshot is dropped.
     fn read(&self) {
         let snapshot = self.snapshot();
         if let Some(slot) = &snapshot {
@@ -66,7 +66,7 @@ impl Scheme {
         }
     }
 
-    /// As whoever makes room: publishes without the block if nobody stands on what used it, then takes its place.
+    /// Acts as a thread that makes room: unpublishes the block if no live pass used it, then takes its place.
     fn evict_and_fetch(&self) {
         let before = {
             let mut published = self.published.lock().unwrap();
@@ -75,7 +75,7 @@ impl Scheme {
         };
         let gone = before.as_ref().map(|slot| Arc::clone(&slot.gone));
         drop(before);
-        // Two bytes are there only once the old slot is let go by all.
+        // Two bytes are free only once all holders have dropped the old slot.
         if let Some(charge) = self.account.charge(2, 0) {
             assert!(gone.is_some_and(|gone| gone.load(Relaxed)), "room before the slot was gone");
             let slot = Arc::new(Slot { gone: Arc::new(AtomicBool::new(false)), _charge: charge });
@@ -85,7 +85,7 @@ impl Scheme {
 }
 
 #[test]
-fn a_reader_keeps_what_its_snapshot_shows_and_no_byte_is_lost() {
+fn a_reader_keeps_its_snapshot_and_no_byte_is_lost() {
     loom::model(|| {
         let scheme = Scheme::new();
         let reader = Arc::clone(&scheme);
@@ -100,7 +100,7 @@ fn a_reader_keeps_what_its_snapshot_shows_and_no_byte_is_lost() {
 }
 
 #[test]
-fn no_want_is_slept_through_and_all_end() {
+fn no_fetcher_sleeps_through_a_want_and_all_end() {
     loom::model(|| {
         let (wakeup, wants) = (Arc::new(Wakeup::default()), Arc::new(AtomicU32::new(0)));
         let (sleeper, left) = (Arc::clone(&wakeup), Arc::clone(&wants));
@@ -110,7 +110,7 @@ fn no_want_is_slept_through_and_all_end() {
                 did += left.swap(0, Relaxed);
                 sleeper.sleep(seen, None);
             }
-            // Nothing is read any more once it is to end.
+            // Fetchers do no work once they must end, so the test counts the wants that are left.
             did + left.swap(0, Relaxed)
         });
         wants.fetch_add(1, Relaxed);

@@ -1,4 +1,4 @@
-//! Which blocks of a model are in memory, at one moment.
+//! Snapshots: immutable tables of a model's blocks in memory.
 
 use super::account::{Account, Charge};
 use super::slots::Slot;
@@ -6,23 +6,23 @@ use crate::base::ids::BlockId;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-/// Blocks of a page: a new snapshot copies only the pages that change.
+/// Number of blocks in a page. A new snapshot copies only the pages that change.
 pub(super) const PAGE: usize = 64;
 
-/// Lanes of stamps. A stamp is the number of a pass times [`CHANNELS`], plus the channel of the view that made it: so a
-/// block that one view used does not count as used by another that has rested since. More views than channels share
-/// them.
+/// Number of channels for last-used stamps. A stamp is the number of a pass times [`CHANNELS`], plus the channel of the
+/// view that made the pass. So a block used by one view does not count as used by another view that has rested since.
+/// If there are more views than channels, views share channels.
 pub(super) const CHANNELS: usize = 4;
-/// The channel of users other than views.
+/// Channel of users other than views.
 pub(super) const NO_VIEW: u32 = CHANNELS as u32 - 1;
 
-/// The channel of a stamp.
+/// Returns the channel of a stamp.
 #[inline(always)]
 pub(super) fn channel(stamp: u32) -> usize {
     stamp as usize % CHANNELS
 }
 
-/// A page, and what pays for it.
+/// A page of slots, and the charge for its memory.
 #[derive(Debug)]
 struct Page {
     slots: [Option<Slot>; PAGE],
@@ -34,23 +34,23 @@ pub(super) const PAGE_BYTES: u64 = size_of::<Page>() as u64 + 16;
 
 /// An immutable table from block to slot.
 ///
-/// Nothing that a snapshot shows changes or goes while it is held: evicting a block publishes a snapshot without it,
-/// and its slot is free once the last snapshot that has it is gone. A held snapshot keeps memory that others may
-/// wait for: hold it for as long as a pass lasts, not while waiting.
+/// The blocks of a snapshot neither change nor disappear while it is held. Evicting a block publishes a snapshot
+/// without it, and the slot is free once the last snapshot with it is dropped. A held snapshot keeps memory that others
+/// may wait for: hold it for the length of a pass, not while waiting.
 #[derive(Debug)]
 pub struct Snapshot {
     pages: Vec<Arc<Page>>,
     blocks: u32,
-    /// When each block was last used in each channel. Shared by all snapshots of a model.
+    /// Last-used stamps of each block, one per channel. All snapshots of a model share them.
     stamps: Arc<[[AtomicU32; CHANNELS]]>,
     _charge: Charge,
 }
 
-/// A snapshot, held: by a count of its own, or for a moment without ([`super::ModelBlocks::shown`]).
+/// A held snapshot: with its own reference count or, for a moment, without ([`super::ModelBlocks::shown`]).
 pub type Shown = arc_swap::Guard<Arc<Snapshot>>;
 
 impl Snapshot {
-    /// Of a model with `blocks` blocks, none in memory.
+    /// Creates the snapshot of a model with `blocks` blocks, none in memory.
     pub fn empty(blocks: u32) -> Self {
         let page = Arc::new(Page { slots: [const { None }; PAGE], _charge: Charge::default() });
         let count = (blocks as usize).div_ceil(PAGE);
@@ -58,21 +58,21 @@ impl Snapshot {
         Self { pages: vec![page; count], blocks, stamps, _charge: Charge::default() }
     }
 
-    /// Bytes that the table of a model with `blocks` blocks takes: `[what stays, what each snapshot adds at most]`.
+    /// Returns the bytes of the table of a model with `blocks` blocks: `[shared part, greatest addition per snapshot]`.
     pub(super) fn bytes_for(blocks: u32) -> [u64; 2] {
         let pages = u64::from(blocks).div_ceil(PAGE as u64);
         [pages * (PAGE * CHANNELS * 4) as u64, pages * (PAGE_BYTES + 8)]
     }
 
-    /// The words of a block, if it is in memory. An id beyond the last block is never in memory.
+    /// Returns the words of a block if it is in memory. An id beyond the last block is never in memory.
     #[inline(always)]
     pub fn block(&self, id: BlockId) -> Option<&[u32]> {
         let page = self.pages.get(id.0 as usize / PAGE)?;
         page.slots[id.0 as usize % PAGE].as_ref().map(Slot::words)
     }
 
-    /// [`Snapshot::block`], and notes that the block is used in the pass with `stamp`: what a pass that is still stood
-    /// on has used is not evicted. Writes only where the stamp is an earlier one.
+    /// Like [`Snapshot::block`], and marks the block as used in the pass with `stamp`. Blocks that a live pass has used
+    /// are not evicted. Writes only if the last-used stamp is older.
     #[inline(always)]
     pub fn visit(&self, id: BlockId, stamp: u32) -> Option<&[u32]> {
         let words = self.block(id)?;
@@ -80,18 +80,18 @@ impl Snapshot {
             && let last = &channels[channel(stamp)]
             && last.load(Relaxed) < stamp
         {
-            // Not over a later pass that uses it too.
+            // `fetch_max` does not overwrite the stamp of a later pass that uses the block too.
             last.fetch_max(stamp, Relaxed);
         }
         Some(words)
     }
 
-    /// The slot of a block.
+    /// Returns the slot of a block, if it is in memory.
     pub(super) fn slot(&self, id: BlockId) -> Option<&Slot> {
         self.pages.get(id.0 as usize / PAGE)?.slots[id.0 as usize % PAGE].as_ref()
     }
 
-    /// The blocks in memory, ascending.
+    /// Returns the blocks in memory, ascending.
     pub(super) fn resident(&self) -> impl Iterator<Item = (BlockId, &Slot)> {
         let pages = self.pages.iter().enumerate();
         pages.flat_map(|(p, page)| {
@@ -100,14 +100,14 @@ impl Snapshot {
         })
     }
 
-    /// The passes that last used a block, in each channel; 0 for none.
+    /// Returns the last-used stamps of a block, one per channel; 0 for none.
     pub(super) fn stamps(&self, id: BlockId) -> [u32; CHANNELS] {
         self.stamps
             .get(id.0 as usize)
             .map_or([0; CHANNELS], |channels| std::array::from_fn(|channel| channels[channel].load(Relaxed)))
     }
 
-    /// Notes that a block is used in a pass, unless a later one used it.
+    /// Marks a block as used in a pass, unless a later one has used it.
     pub(super) fn stamp_at_least(&self, id: BlockId, stamp: u32) {
         if let Some(channels) = self.stamps.get(id.0 as usize) {
             channels[channel(stamp)].fetch_max(stamp, Relaxed);
@@ -119,7 +119,7 @@ impl Snapshot {
         self.blocks
     }
 
-    /// This snapshot with some blocks other than they are, paid for by `account`; `None` if that has too little. Ids
+    /// Returns this snapshot with `changes` applied, paid for by `account`; `None` if the account has too little. Ids
     /// beyond the last block are ignored.
     pub(super) fn changed(&self, changes: Vec<(BlockId, Option<Slot>)>, account: Option<&Account>) -> Option<Self> {
         let pay = |bytes| account.map_or(Some(Charge::default()), |a| a.charge(bytes, 0));
@@ -143,13 +143,13 @@ impl Snapshot {
         Some(Self { pages, blocks: self.blocks, stamps: Arc::clone(&self.stamps), _charge: charge })
     }
 
-    /// This snapshot with `added` in memory too. Ids beyond the last block are ignored.
+    /// Returns this snapshot with `added` in memory too. Ids beyond the last block are ignored.
     pub fn with(&self, added: impl IntoIterator<Item = (BlockId, Slot)>) -> Self {
         let added = added.into_iter().map(|(id, slot)| (id, Some(slot))).collect();
         self.changed(added, None).unwrap_or_else(|| Self::empty(self.blocks))
     }
 
-    /// This snapshot with only the blocks that `keep` accepts: for tests of walks that meet missing ones.
+    /// Returns this snapshot with only the blocks that `keep` accepts: for tests of walks that reach missing blocks.
     pub fn filtered(&self, keep: impl Fn(BlockId) -> bool) -> Self {
         let kept = self.resident().filter(|(id, _)| keep(*id)).map(|(id, slot)| (id, slot.clone()));
         Self::empty(self.blocks).with(kept)
@@ -167,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_held_stays_and_counts_until_it_goes() {
+    fn held_blocks_stay_and_count_until_dropped() {
         let account = Account::new(1 << 20);
         let slot = |word| Slot::charged(&[word], account.charge(Slot::bytes_for(1), 0).expect("room"));
         let empty = Snapshot::empty(200);
@@ -178,14 +178,14 @@ mod tests {
         assert_eq!(without.block(BlockId(199)).map(|w| w[0]), Some(8));
         let before = account.used();
         drop(with);
-        // The slot and its page; the other page is shared.
+        // The slot, its page and the list of pages. Both snapshots share the other page.
         assert_eq!(before - account.used(), Slot::bytes_for(1) + PAGE_BYTES + 8 * 4);
         drop(without);
         assert_eq!(account.used(), 0);
     }
 
     #[test]
-    fn a_table_that_cannot_be_paid_for_is_not_made() {
+    fn a_table_beyond_the_budget_is_not_made() {
         let account = Account::new(PAGE_BYTES);
         let changes = |n: u32| (0..n).map(|i| (BlockId(i * PAGE as u32), None)).collect();
         assert!(Snapshot::empty(64).changed(changes(1), Some(&account)).is_none());
@@ -193,11 +193,11 @@ mod tests {
     }
 
     #[test]
-    fn a_visit_is_noted() {
+    fn a_visit_sets_the_stamp() {
         let snapshot = Snapshot::empty(2).with([(BlockId(1), Slot::new(&[5]))]);
         assert_eq!(snapshot.visit(BlockId(1), 9).map(|w| w[0]), Some(5));
         assert!(snapshot.visit(BlockId(0), 9).is_none() && snapshot.visit(BlockId(u32::MAX), 9).is_none());
-        // Of the same channel, and of another.
+        // Stamps of the same channel and of another one.
         snapshot.stamp_at_least(BlockId(1), 5);
         snapshot.stamp_at_least(BlockId(1), 7);
         assert_eq!([0, 1, 64].map(|b| snapshot.stamps(BlockId(b))), [[0; 4], [0, 9, 0, 7], [0; 4]]);

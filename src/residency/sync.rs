@@ -1,5 +1,5 @@
-//! The locks and counters of what is tried in every interleaving. A name of its own, so that the model tests can put
-//! loom's in their place.
+//! Locks and counters of the code that is tested in every interleaving. They have a module of their own so that the
+//! model tests can replace them with loom's.
 
 pub use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 pub use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};

@@ -1,4 +1,4 @@
-//! Views, fetchers and exact jobs over a model that exists only here, read through a source that counts and fails.
+//! Views, fetchers and exact jobs with an artificial model, read through a source that counts reads and can fail.
 
 use super::*;
 use crate::base::error::{Error, Result};
@@ -11,15 +11,15 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
 use std::sync::{Arc, Barrier, Mutex};
 use std::time::Duration;
 
-/// Geometry blocks: a tree in which block `b` has the children `8 b + 1` to `8 b + 8`, four levels deep.
+/// Number of geometry blocks: a tree of four levels in which block `b` has the children `8 b + 1` to `8 b + 8`.
 const BLOCKS: u32 = 1 + 8 + 64 + 512;
-/// Those that have children.
+/// Number of blocks that have children.
 const COARSE: u32 = 1 + 8 + 64;
-/// Words of each.
+/// Words of each geometry block.
 const WORDS: usize = 4000;
 
 struct Numbers {
-    /// How often it was asked what is read ahead.
+    /// Number of calls of `class`.
     looks: Arc<AtomicU32>,
 }
 
@@ -36,7 +36,7 @@ impl Decoder for Numbers {
     }
 }
 
-/// The bytes of such a model; block `wrong` is said to be larger than it is.
+/// Returns the bytes of such a model. The directory gives block `wrong` one word too many.
 fn file(wrong: Option<u32>) -> Vec<u8> {
     let dir = tempfile::tempdir().expect("a folder");
     let path = dir.path().join("model.oc");
@@ -48,7 +48,7 @@ fn file(wrong: Option<u32>) -> Vec<u8> {
     };
     for id in 0..2 * BLOCKS {
         let mut payload = id.to_le_bytes().to_vec();
-        // As large as such blocks are, and not to be compressed.
+        // As large as real blocks, and incompressible.
         payload.extend((0..if id < BLOCKS { 5000 } else { 12 }).map(|_| random()));
         let words = if id < BLOCKS { WORDS } else { 4 } + usize::from(wrong == Some(id));
         writer.block(&payload, words as u32 * 4).expect("a block");
@@ -64,7 +64,7 @@ fn file(wrong: Option<u32>) -> Vec<u8> {
     std::fs::read(&path).expect("the file")
 }
 
-/// What happens at a read, given its number and place.
+/// Called at each read with the number of the read and its offset.
 type OnRead = Box<dyn Fn(u32, u64) -> io::Result<()> + Send + Sync>;
 
 struct Watched {
@@ -113,7 +113,7 @@ fn rig(budget: u64, promote: bool) -> Rig {
     rig_with(ResidencyOptions { budget, promote }, file(None), Box::new(|_, _| Ok(()))).expect("a model")
 }
 
-/// All blocks in memory, and a budget that holds `share` of them beside what else it holds.
+/// Bytes of all geometry blocks. `budget_for` returns a budget that holds `share` of them beside the other data.
 const ALL: u64 = BLOCKS as u64 * (WORDS as u64 * 4 + 192);
 
 fn budget_for(share: f64) -> u64 {
@@ -144,7 +144,7 @@ impl Rig {
     }
 }
 
-/// A view at a place on a line that the blocks of each level divide among them; it sees near ones finer.
+/// A view at a position on a line. The blocks of each level divide the line among them; near blocks are refined more.
 struct Eye {
     view: View,
     told: Arc<AtomicBool>,
@@ -159,7 +159,7 @@ impl Eye {
         Self { view, told, threshold }
     }
 
-    /// A pass; returns how many blocks it used and lacked.
+    /// Makes a pass; returns the numbers of blocks that it used and that it lacked.
     fn pass(&self, rig: &Rig, at: f32, changed: bool) -> [usize; 2] {
         let stamp = self.view.begin_pass(changed);
         let threshold = self.threshold * self.view.pressure();
@@ -187,7 +187,7 @@ impl Eye {
     }
 }
 
-/// Lets views that were told begin passes, at rest, until nobody is told any more; returns how many passes that took.
+/// Makes passes for notified views, at rest, until no view is notified any more; returns the number of rounds.
 fn come_to_rest(rig: &Rig, eyes: &[(Eye, f32)]) -> usize {
     for passes in 0..1000 {
         rig.pump_all();
@@ -204,7 +204,7 @@ fn come_to_rest(rig: &Rig, eyes: &[(Eye, f32)]) -> usize {
 }
 
 #[test]
-fn what_does_not_fit_is_refused_and_all_is_given_back() {
+fn charges_stay_within_the_limit_and_are_given_back() {
     let account = account::Account::new(100);
     let mut first = account.charge(60, 0).expect("fits");
     assert!(account.charge(41, 0).is_none() && account.charge(u64::MAX, 0).is_none());
@@ -217,11 +217,11 @@ fn what_does_not_fit_is_refused_and_all_is_given_back() {
 }
 
 #[test]
-fn when_cameras_rest_reads_stop_whatever_the_budget() {
+fn reads_stop_when_cameras_rest_for_any_budget() {
     for share in [0.02, 0.05, 0.2, 0.5, 1.1] {
         let rig = rig(budget_for(share), false);
         let mut eyes = [(Eye::new(&rig, 0.3), 0.1), (Eye::new(&rig, 0.1), 0.7)];
-        // Teleports, to places where more and less is seen.
+        // Jumps to places from which more or less is visible.
         for ats in [[0.1, 0.7], [0.9, 0.2], [30.0, 0.5], [30.0, 30.0], [0.4, 0.4]] {
             for ((eye, at), new) in eyes.iter_mut().zip(ats) {
                 *at = new;
@@ -252,14 +252,14 @@ fn when_cameras_rest_reads_stop_whatever_the_budget() {
 }
 
 #[test]
-fn pressure_falls_again_when_a_camera_leaves_what_was_too_much() {
+fn pressure_falls_when_a_camera_leaves_excessive_detail() {
     let rig = rig(budget_for(0.1), false);
     let eyes = [(Eye::new(&rig, 0.02), 0.5)];
     eyes[0].0.pass(&rig, 0.5, true);
     come_to_rest(&rig, &eyes);
     let high = eyes[0].0.view.pressure();
     assert!(high > 2.0, "{high}");
-    // At rest it stays.
+    // The pressure stays while the camera rests.
     eyes[0].0.pass(&rig, 0.5, false);
     come_to_rest(&rig, &eyes);
     assert_eq!(eyes[0].0.view.pressure(), high);
@@ -270,7 +270,7 @@ fn pressure_falls_again_when_a_camera_leaves_what_was_too_much() {
 }
 
 #[test]
-fn what_is_wanted_most_is_read_first_and_neighbours_with_it() {
+fn the_most_wanted_block_is_read_first_with_its_neighbours() {
     let order = Arc::new(Mutex::new(Vec::new()));
     let seen = Arc::clone(&order);
     let on_read = Box::new(move |_, offset| {
@@ -291,7 +291,7 @@ fn what_is_wanted_most_is_read_first_and_neighbours_with_it() {
     assert_eq!(blocks, [300, 500, 100, 7]);
     assert_eq!(rig.there(), [0, 7, 100, 101, 300, 500]);
     assert_eq!(one.status(), ViewStatus { bytes_wanted: 0, state: ViewState::Satisfied });
-    // Who has gone wants nothing.
+    // A dropped view wants nothing.
     other.want(&[rig.wanted(8, 1.0)]);
     drop(other);
     assert!(!rig.residency.pump());
@@ -310,7 +310,7 @@ fn a_snapshot_that_is_held_keeps_its_memory_and_fetching_waits_for_it() {
     let held = rig.blocks.snapshot();
     let before: Vec<_> = rig.there();
     assert!(before.len() > 10, "{}", before.len());
-    // Two passes on, what the first used may go.
+    // Two passes later the blocks of the first one are evictable.
     (0..4).for_each(|i| want(200 + 20 * i));
     while rig.residency.pump() {}
     let bytes = rig.residency.used();
@@ -326,13 +326,13 @@ fn a_snapshot_that_is_held_keeps_its_memory_and_fetching_waits_for_it() {
 }
 
 #[test]
-fn a_block_that_goes_while_it_is_wanted_comes_again() {
+fn a_wanted_block_that_is_evicted_is_read_again() {
     let rig = rig(budget_for(0.05), false);
     let view = rig.residency.view();
     view.want(&[100, 200, 300].map(|b| rig.wanted(b, 1.0)));
     while rig.residency.pump() {}
     assert_eq!(view.status().state, ViewState::Satisfied);
-    // As much as can be had.
+    // Evicts as much as possible.
     let sizes = (1..rig.residency.budget() >> 10).rev();
     assert!(sizes.map(|kib| kib << 10).any(|bytes| rig.residency.shared().takes_room(bytes)));
     assert_eq!(view.status().state, ViewState::Busy);
@@ -341,7 +341,7 @@ fn a_block_that_goes_while_it_is_wanted_comes_again() {
 }
 
 #[test]
-fn a_block_that_fails_twice_is_told_and_not_asked_for_again() {
+fn a_block_that_fails_twice_is_reported_and_not_read_again() {
     for times in [1, 2] {
         let armed = Arc::new(AtomicU32::new(0));
         let left = Arc::clone(&armed);
@@ -368,7 +368,7 @@ fn a_block_that_fails_twice_is_told_and_not_asked_for_again() {
         view.want(&[rig.wanted(40, 1.0)]);
         rig.pump_all_unchecked();
         assert_eq!(rig.reads(), reads);
-        // An exact job asks again, and gets what it wants, or an error of its own.
+        // An exact job reads the block again and gets it, or an error of its own.
         assert_eq!(rig.blocks.bring(&[BlockId(40)], &Cancel::new()).expect("it is back").len(), 1);
     }
 }
@@ -385,13 +385,13 @@ fn a_block_of_another_size_than_the_directory_says_is_corrupt() {
 }
 
 #[test]
-fn a_budget_that_is_too_small_names_the_least_that_does() {
+fn an_error_for_a_small_budget_names_the_least_sufficient_one() {
     let open = |budget| rig_with(ResidencyOptions { budget, promote: false }, file(None), Box::new(|_, _| Ok(())));
     let Err(Error::OverBudget { need, have: 1000, .. }) = open(1000) else { panic!("1000 bytes do not do") };
     assert!(need < 4 << 20, "{need}");
     assert!(matches!(open(need - 1), Err(Error::OverBudget { need: again, .. }) if again == need));
     let rig = open(need).expect("the least does");
-    // Exact jobs end with it.
+    // Exact jobs can end with this budget.
     let mut lease = rig.residency.lease();
     lease.fetch(&rig.blocks, &[BlockId(500), BlockId(501)], &Cancel::new()).expect("room");
     let snapshot = lease.snapshot(&rig.blocks).expect("room");
@@ -408,11 +408,11 @@ fn a_model_that_fits_is_read_in_the_order_of_the_file() {
     while rig.residency.pump() {
         let there = rig.there();
         assert_eq!(there.len() as u32, there[there.len() - 1] + 1, "in order");
-        // Once all is there it is put together.
+        // When all blocks are in memory, huge pages are collapsed.
         assert!(there.len() > last || last == BLOCKS as usize);
         last = there.len();
     }
-    // Ids only when asked for; neighbours at once.
+    // Ids are not read ahead; neighbours are read in one run.
     assert_eq!(rig.there().len() as u32, BLOCKS);
     assert!(rig.reads() < BLOCKS / 20, "{} reads", rig.reads());
     let small = self::rig(budget_for(0.9), true);
@@ -420,9 +420,9 @@ fn a_model_that_fits_is_read_in_the_order_of_the_file() {
     assert!(!small.residency.pump(), "not what does not fit");
 }
 
-/// Whoever looks for something to read holds a lock that frames take.
+/// The search for blocks to read holds a lock that frames take.
 #[test]
-fn looking_for_what_to_read_ahead_goes_through_no_model_in_vain() {
+fn reading_ahead_searches_no_model_in_vain() {
     for share in [0.5, 1.2] {
         let rig = rig(budget_for(share), true);
         rig.blocks.opened();
@@ -431,7 +431,7 @@ fn looking_for_what_to_read_ahead_goes_through_no_model_in_vain() {
         let before = rig.looks.load(SeqCst);
         (0..100).for_each(|_| assert!(!rig.residency.pump()));
         assert_eq!(rig.looks.load(SeqCst), before, "with {share} of the model's bytes");
-        // What goes and comes is counted.
+        // Evictions and reads are counted.
         let some: Vec<BlockId> = (100..140).map(BlockId).collect();
         rig.blocks.fetch(&some, &Cancel::new()).expect("there is room");
         let there = rig.there();
@@ -441,7 +441,7 @@ fn looking_for_what_to_read_ahead_goes_through_no_model_in_vain() {
 }
 
 #[test]
-fn what_failed_is_looked_for_once() {
+fn failed_blocks_are_searched_once() {
     let rig =
         rig_with(ResidencyOptions { budget: budget_for(1.2), promote: true }, file(Some(300)), Box::new(|_, _| Ok(())))
             .expect("a model");
@@ -454,14 +454,14 @@ fn what_failed_is_looked_for_once() {
 }
 
 #[test]
-fn a_model_of_which_all_is_there_is_put_together_once() {
+fn a_complete_model_is_collapsed_once() {
     let rig = rig(budget_for(1.5), false);
     let ids: Vec<BlockId> = (0..BLOCKS).map(BlockId).collect();
     assert_eq!(rig.blocks.bring(&ids, &Cancel::new()).expect("they fit").len(), ids.len());
     assert!(!rig.residency.pump(), "nothing is to be done");
     rig.blocks.completed();
     let (before, reads) = (rig.blocks.snapshot(), rig.reads());
-    // Looked for once; 9 MB in a row, but for whom else this process gave memory between them.
+    // One search, then the pages: 9 MB in a row, except for other allocations of this process between the blocks.
     let units = (0..1000).take_while(|_| rig.residency.pump()).count();
     assert!((1..10).contains(&units), "{units}");
     rig.blocks.completed();
@@ -471,11 +471,11 @@ fn a_model_of_which_all_is_there_is_put_together_once() {
     rig.check();
 }
 
-/// Calls for few rays begin no pass: what they use all the time stays while other blocks come and go.
+/// Calls for few rays begin no pass. A block that they use all the time stays while other blocks are read and evicted.
 #[test]
-fn what_calls_use_all_the_time_stays() {
+fn blocks_in_constant_use_stay() {
     let rig = rig(budget_for(0.05), false);
-    // Of what was used last at the same time, the last by number goes first.
+    // Among blocks with the same stamp the highest id is evicted first.
     let often = BlockId(400);
     rig.blocks.fetch(&[often], &Cancel::new()).expect("room");
     for id in 100..390 {
@@ -487,14 +487,14 @@ fn what_calls_use_all_the_time_stays() {
 }
 
 #[test]
-fn leases_take_turns_and_views_keep_what_they_use() {
+fn leases_take_turns_and_views_keep_their_blocks() {
     let rig = Arc::new(rig(budget_for(0.05), false));
     let view = rig.residency.view();
     view.begin_pass(true);
     view.want(&(100..200).map(|b| rig.wanted(b, 1.0)).collect::<Vec<_>>());
     rig.pump_all_unchecked();
     let used = rig.there();
-    // All is in use: nothing can be brought beside it.
+    // All blocks are in use: no other block fits beside them.
     assert!(rig.blocks.bring(&[BlockId(300)], &Cancel::new()).expect("no error").is_empty());
     let inside = AtomicU32::new(0);
     std::thread::scope(|threads| {
@@ -516,20 +516,20 @@ fn leases_take_turns_and_views_keep_what_they_use() {
         }
     });
     assert_eq!(rig.there(), used);
-    // More than it holds is an error, not a wait.
+    // A request beyond the lease's room is an error, not a wait.
     let all: Vec<BlockId> = (0..BLOCKS).map(BlockId).collect();
     assert!(matches!(rig.residency.lease().fetch(&rig.blocks, &all, &Cancel::new()), Err(Error::OverBudget { .. })));
 }
 
 impl Rig {
-    /// Wants are made up here: blocks come without those above them.
+    /// Pumps without checking parents: the wants are artificial here.
     fn pump_all_unchecked(&self) {
         while self.residency.pump() {}
     }
 }
 
 #[test]
-fn a_read_that_does_not_come_back_stops_nobody_else() {
+fn a_stuck_read_stops_no_other() {
     let (gate, stuck) = (Arc::new(Barrier::new(2)), Arc::new(Mutex::new(None::<u64>)));
     let (wait, place) = (Arc::clone(&gate), Arc::clone(&stuck));
     let on_read = Box::new(move |_, offset| {
@@ -560,7 +560,7 @@ fn a_read_that_does_not_come_back_stops_nobody_else() {
 }
 
 #[test]
-fn many_at_once_stay_within_the_budget_and_see_what_they_hold() {
+fn concurrent_users_stay_within_the_budget_and_see_their_blocks() {
     let rig = Arc::new(rig(budget_for(0.1), true));
     let fetchers = rig.residency.start(3).expect("threads");
     std::thread::scope(|threads| {

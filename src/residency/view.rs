@@ -1,4 +1,4 @@
-//! A user of models' blocks that shows pictures or reads ahead: a live frame, or a prefetch.
+//! A view: a user of models' blocks that shows pictures or reads ahead (a live frame or a prefetch).
 
 use super::blocks::ModelKey;
 use super::core::{Residency, Shared, State};
@@ -7,58 +7,59 @@ use crate::base::ids::BlockId;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Calls of a view's owner.
+/// Function of a view's owner that receives news.
 pub(super) type Call = Arc<dyn Fn() + Send + Sync>;
 
-/// A block that a view lacks.
+/// A block that a view lacked in a pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
-    /// The model: [`super::ModelBlocks::key`].
+    /// Key of the model ([`super::ModelBlocks::key`]).
     pub model: ModelKey,
     /// The block.
     pub block: BlockId,
-    /// How much it is worth: pixels × error removed. Not negative; NaN counts as 0.
+    /// Weight: pixels × error removed. Not negative; NaN counts as 0.
     pub weight: f32,
 }
 
-/// Whether what a view wants comes.
+/// State of a view's wants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ViewState {
-    /// All that can be read is in memory, some of it since it was wanted: another pass has less to want.
+    /// No block is left to be read, and some have arrived since they were wanted: another pass will want less.
     Satisfied,
-    /// It is being read, or will be.
+    /// Wanted blocks are being read or will be read.
     Busy,
-    /// It does not fit beside what is in use, however coarse.
+    /// Wanted blocks do not fit beside the blocks in use, even at the greatest pressure.
     Full,
-    /// It cannot be read.
+    /// Wanted blocks cannot be read.
     Failed,
 }
 
-/// How a view's wants stand.
+/// Status of a view's wants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ViewStatus {
-    /// Bytes, decoded, of what is wanted and not in memory.
+    /// Decoded bytes of wanted blocks that are not in memory.
     pub bytes_wanted: u64,
-    /// Whether it comes.
+    /// State of the wants.
     pub state: ViewState,
 }
 
-/// A live view: what it uses is not evicted, and what it wants is read. Thread-safe; meant to be driven by one thread.
+/// A live view: the blocks that it uses are not evicted, and those that it wants are read. Thread-safe; meant to be
+/// driven by one thread.
 ///
-/// It makes passes. (A view that only reads ahead makes none: its wants come last to room, and are refused when room is
-/// short.) A pass: [`View::begin_pass`], then take snapshots, trace with the stamp, let go of the snapshots, and say
-/// with [`View::want`] what was missing. Dropping it withdraws its wants.
+/// A view makes passes. A pass calls [`View::begin_pass`], then takes snapshots, traces with the stamp, drops the
+/// snapshots, and reports the missing blocks with [`View::want`]. (A view that only reads ahead makes no passes: its
+/// wants get room last, and are refused when room is short.) Dropping the view withdraws its wants.
 pub struct View {
     core: Arc<ViewCore>,
     shared: Arc<Shared>,
 }
 
 pub(super) struct ViewCore {
-    /// Of its stamps.
+    /// Channel of the view's stamps.
     pub channel: u32,
-    /// The older of the passes that it stands on; `u32::MAX` before the first.
+    /// The older of the view's live passes, the current one and the one before; `u32::MAX` before the first.
     oldest_live_pass: AtomicU32,
-    /// The last pass begun.
+    /// Stamp of the last pass begun.
     running: AtomicU32,
     wants: Mutex<Wants>,
     on_change: Mutex<Option<Call>>,
@@ -66,14 +67,14 @@ pub(super) struct ViewCore {
 
 #[derive(Default)]
 struct Wants {
-    /// Ascending by key.
+    /// Sorted by key, ascending.
     list: Vec<(Key, f32)>,
-    /// The pass that lacked them.
+    /// Stamp of the pass that lacked the blocks.
     stamp: u32,
 }
 
 impl Residency {
-    /// A view that wants nothing yet.
+    /// Creates a view without wants.
     pub fn view(&self) -> View {
         let shared = Arc::clone(self.shared());
         let mut state = shared.lock();
@@ -91,10 +92,10 @@ impl Residency {
 }
 
 impl View {
-    /// Begins a pass; returns the stamp with which it visits blocks. What the pass before used is in use until this one
-    /// has ended. `changed`: the camera, or what is seen, is another than in the pass before.
+    /// Begins a pass; returns the stamp with which it visits blocks. The blocks that the pass before used stay in use
+    /// until this one has ended. `changed`: the camera or the scene differs from the pass before.
     ///
-    /// Ask for the [pressure](View::pressure) after this.
+    /// Query the [pressure](View::pressure) after this call.
     pub fn begin_pass(&self, changed: bool) -> u32 {
         let mut state = self.shared.lock();
         let stamp = self.shared.next_pass(self.core.channel);
@@ -106,8 +107,8 @@ impl View {
         stamp
     }
 
-    /// Replaces what it wants by what the pass that was begun last lacked, and ends the pass: what only passes before
-    /// used may go. Blocks that came meanwhile are kept for the next pass.
+    /// Replaces the view's wants by the blocks that the last begun pass lacked, and ends the pass: blocks that only
+    /// earlier passes used become evictable. Wanted blocks that arrived meanwhile are kept for the next pass.
     pub fn want(&self, wanted: &[Wanted]) {
         let running = self.core.running.load(Relaxed);
         let weight = |w: f32| if w > 0.0 { w } else { 0.0 };
@@ -121,7 +122,7 @@ impl View {
         }
         // An empty list after an empty list is no news for fetchers, unless room was short.
         let is_news = !list.is_empty() || !self.core.lock().list.is_empty() || self.pressure() > 1.0;
-        // What is read ahead waits while a pass runs.
+        // Reading ahead waits while a pass runs.
         let is_news = is_news || self.shared.promotes() && !state.models.is_empty();
         *self.core.lock() = Wants { list, stamp: running };
         if running != 0 {
@@ -134,30 +135,30 @@ impl View {
         }
     }
 
-    /// What the view's threshold is to be multiplied by, at least 1: more than that when what all views want does not
-    /// fit the budget. A view whose threshold is 0 is to take a small one instead when this is above 1: what it wants
-    /// would never get less.
+    /// Returns the factor for the view's threshold: at least 1, and more if the wants of all views do not fit the
+    /// budget. If it is above 1, a view with threshold 0 must use a small threshold instead; otherwise its wants would
+    /// never shrink.
     pub fn pressure(&self) -> f32 {
         f32::from_bits(self.shared.pressure.load(Relaxed))
     }
 
-    /// Whether the pressure has changed since the pass with `stamp` began.
+    /// True if the pressure has changed since the pass with `stamp` began.
     pub fn is_stale(&self, stamp: u32) -> bool {
         stamp <= self.shared.lock().pressure.changed_at
     }
 
-    /// For a view that has all it wants and would end: lowers the pressure, if there is room and it has not been done
-    /// yet; views are told as ever. True if something is being read: ask again after that.
+    /// Lowers the pressure if there is room and that was not done yet. For a view that lacks no block and is about to
+    /// end. All views are notified. Returns true if blocks are being read: call it again after that.
     pub fn ease(&self) -> bool {
         self.pressure() > 1.0 && self.shared.ease()
     }
 
-    /// Bytes of blocks that have come to all models since the beginning.
+    /// Bytes of blocks that were read for all models since the residency was created.
     pub fn bytes_come(&self) -> u64 {
         self.shared.come.load(Relaxed)
     }
 
-    /// How its wants stand.
+    /// Status of the view's wants.
     pub fn status(&self) -> ViewStatus {
         let state = self.shared.lock();
         let wants = self.core.lock();
@@ -174,7 +175,7 @@ impl View {
         }
         let state = match (failed, waiting) {
             (0, 0) => ViewState::Satisfied,
-            // Else what came last would not be shown.
+            // Otherwise the blocks that arrived last would not be shown.
             (_, 0) if came > 0 => ViewState::Satisfied,
             (_, 0) => ViewState::Failed,
             _ if is_full(&state) || wants.stamp == 0 && state.ranking.is_refused() => ViewState::Full,
@@ -183,9 +184,9 @@ impl View {
         ViewStatus { bytes_wanted, state }
     }
 
-    /// Has `call` called when blocks that it wants were published, when it became clear that some will not come, and
-    /// when the pressure changed: begin a pass then. Called from any thread, under no lock of ours; calls may come
-    /// late, and more often than there is news. Replaces an earlier one.
+    /// Sets a function that is called when wanted blocks were published, when some turned out to be unavailable, and
+    /// when the pressure changed. The view should then begin a pass. The call comes from any thread, without a lock
+    /// held; calls may be late, and more frequent than news. Replaces an earlier function.
     pub fn on_change(&self, call: Option<Arc<dyn Fn() + Send + Sync>>) {
         *self.core.on_change.lock().unwrap_or_else(PoisonError::into_inner) = call;
     }
@@ -213,34 +214,34 @@ impl ViewCore {
         self.wants.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The oldest pass that it stands on.
+    /// Returns the older of the view's live passes.
     pub fn oldest_live_pass(&self) -> u32 {
         self.oldest_live_pass.load(Relaxed)
     }
 
-    /// Whether a pass has begun and not ended.
+    /// True if a pass has begun and not ended.
     pub fn is_passing(&self) -> bool {
         self.running.load(Relaxed) != self.wanted_at()
     }
 
-    /// The pass that its wants are of.
+    /// Stamp of the pass that lacked the wanted blocks.
     pub fn wanted_at(&self) -> u32 {
         self.lock().stamp
     }
 
-    /// Adds its wants, each with its weight and pass.
+    /// Appends the view's wants to `out`, each with its weight and stamp.
     pub fn add_wants(&self, out: &mut Vec<(Key, f32, u32)>) {
         let wants = self.lock();
         out.extend(wants.list.iter().map(|&(key, weight)| (key, weight, wants.stamp)));
     }
 
-    /// Whether it wants one of the blocks.
+    /// True if the view wants one of the blocks.
     pub fn wants_any(&self, model: ModelKey, ids: &[BlockId]) -> bool {
         let wants = self.lock();
         ids.iter().any(|&id| wants.list.binary_search_by_key(&(model, id), |w| w.0).is_ok())
     }
 
-    /// Whom to call.
+    /// Returns the owner's function.
     pub fn call(&self) -> Option<Call> {
         self.on_change.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

@@ -1,12 +1,12 @@
-//! How fetchers learn that there is something to do.
+//! Notification of fetchers that there is work.
 
 use super::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// What to call when there is work; from any thread, under no lock of ours.
+/// Function that is called when there is work, from any thread, without a lock held.
 type Waker = std::sync::Arc<dyn Fn() + Send + Sync>;
 
-/// Counts the reasons to look for work, so that none is slept through.
+/// Counts the notifications, so that no fetcher sleeps through one.
 #[derive(Default)]
 pub(super) struct Wakeup {
     count: Mutex<Count>,
@@ -21,7 +21,7 @@ struct Count {
 }
 
 impl Wakeup {
-    /// There may be work.
+    /// Notifies all fetchers that there may be work.
     pub fn wake(&self) {
         self.lock().reasons += 1;
         self.changed.notify_all();
@@ -31,18 +31,19 @@ impl Wakeup {
         }
     }
 
-    /// What to call besides.
+    /// Sets a function that each notification calls too.
     pub fn set_waker(&self, waker: Option<Waker>) {
         *self.waker.lock().unwrap_or_else(PoisonError::into_inner) = waker;
     }
 
-    /// Reasons so far: to be asked for before looking for work. `None` once it is to end.
+    /// Returns the number of notifications so far; to be read before the search for work. `None` once fetchers must
+    /// end.
     pub fn reasons(&self) -> Option<u64> {
         let count = self.lock();
         (!count.stop).then_some(count.reasons)
     }
 
-    /// Sleeps until there are other reasons than `seen`, or it is to end, `timeout` at most.
+    /// Sleeps until the number differs from `seen` or fetchers must end, `timeout` at most.
     pub fn sleep(&self, seen: u64, timeout: Option<Duration>) {
         let mut count = self.lock();
         while count.reasons == seen && !count.stop {
@@ -56,7 +57,7 @@ impl Wakeup {
         }
     }
 
-    /// All who sleep are to end.
+    /// Makes all fetchers end.
     pub fn stop(&self) {
         self.lock().stop = true;
         self.changed.notify_all();

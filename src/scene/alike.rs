@@ -1,58 +1,59 @@
-//! What the rays of a group have in common.
+//! Common traits of the rays of a group.
 
 use crate::math::Ray;
 use crate::simd::Common;
 use bytemuck::must_cast_slice;
 use std::mem::offset_of;
 
-/// Where in a ray's words it is.
+/// Offsets of fields among the 32-bit words of a ray.
 const INTERVAL_END: usize = offset_of!(Ray, t_max) / 4 + 2;
 const DIR: usize = offset_of!(Ray, dir) / 4;
 const CONE: usize = offset_of!(Ray, cone) / 4;
 const MASK: usize = offset_of!(Ray, mask) / 4;
 
-/// What some rays have in common, told by their words: a few operations a ray.
+/// Common traits of some rays, computed from their words with a few operations per ray.
 #[derive(Debug, Clone, Copy)]
 pub struct Alike(Common);
 
 impl Alike {
-    /// Of at least one ray.
+    /// The traits of at least one ray.
     #[inline]
     pub fn of(rays: &[Ray]) -> Self {
         Self(Common::of(must_cast_slice::<Ray, [u32; 16]>(rays)))
     }
 
-    /// All directions have the same signs, those of zeros included.
+    /// True if all directions have the same signs, those of zeros included.
     #[inline]
     pub fn is_one_octant(&self) -> bool {
         (DIR..DIR + 3).fold(0, |bits, i| bits | self.0.any[i] & !self.0.all[i]) >> 31 == 0
     }
 
-    /// The least and the greatest of all directions along each axis; those that are not numbers have no say.
+    /// The least and the greatest of all directions along each axis. NaNs are ignored.
     #[inline]
     pub fn dirs(&self) -> [[f32; 2]; 3] {
         std::array::from_fn(|axis| [self.0.least[DIR - 8 + axis], self.0.greatest[DIR - 8 + axis]])
     }
 
-    /// All have the same origin and interval, to the bit: as those of a perspective camera do.
+    /// True if all rays have the same origin and interval, to the bit, as those of a perspective camera have.
     #[inline]
     pub fn is_one_start(&self) -> bool {
         self.0.any[..INTERVAL_END] == self.0.all[..INTERVAL_END]
     }
 
-    /// The mask of all of them, if it is one.
+    /// The common mask of all rays, if they have one.
     #[inline]
     pub fn mask(&self) -> Option<u32> {
         (self.0.any[MASK] == self.0.all[MASK]).then_some(self.0.any[MASK])
     }
 
-    /// None has a width.
+    /// True if no ray has a width.
     #[inline]
     pub fn is_exact(&self) -> bool {
         self.0.any[CONE] | self.0.any[CONE + 1] == 0
     }
 
-    /// No width is negative or not a number. (It may be said of others too: of very large ones beside very small ones.)
+    /// True if no width is negative or NaN. (It may also be false for valid widths, if very large and very small ones
+    /// mix.)
     #[inline]
     pub fn has_sound_cones(&self) -> bool {
         let infinity = f32::INFINITY.to_bits();
@@ -66,7 +67,7 @@ mod tests {
     use glam::{DVec3, Vec3};
 
     #[test]
-    fn what_differs_is_found_in_each_place() {
+    fn differences_are_found_in_each_field() {
         let one = Ray::new(DVec3::new(1.0, -2.0, 3.0), Vec3::new(0.5, -0.0, -1.0));
         let with = |change: fn(&mut Ray)| {
             let mut other = one;

@@ -1,5 +1,4 @@
-//! The rays of a group as boxes see them: all between extremes, so that one test tells for all of them that none meets
-//! a box.
+//! Beams: the extremes of a group's rays. One test of a beam shows that no ray of the group enters a box.
 
 use super::alike::Alike;
 use crate::math::{DBounds, Ray, bits};
@@ -10,25 +9,25 @@ use glam::DVec3;
 pub(crate) struct Beam {
     /// Least and greatest origin, axis by axis.
     org: [DVec3; 2],
-    /// Least and greatest direction, axis by axis; and their reciprocals.
+    /// Least and greatest direction, axis by axis, and their reciprocals.
     dir: [[f64; 2]; 3],
     inv: [[f64; 2]; 3],
-    /// No ray begins before.
+    /// The least distance at which a ray begins.
     t_min: f64,
-    /// The masks of all rays together.
+    /// The union of the masks of all rays.
     pub mask: u32,
-    /// What a difference of coordinates may be off by.
+    /// Bound of the rounding of a difference of coordinates.
     aside: f64,
 }
 
-/// More than a few products and quotients are rounded by.
+/// A factor above the rounding of a few products and quotients.
 const MORE: f64 = 1.0 + 16.0 * f64::EPSILON;
 
-/// Takes a point between extremes. Coordinates that are not numbers have no say: such rays hit nothing, and the others
-/// are not to lose theirs.
+/// Extends the extremes by a point. NaN coordinates are ignored: their rays hit nothing, and must not change the
+/// extremes of the others.
 #[inline(always)]
 fn extend(ends: &mut [DVec3; 2], point: DVec3) {
-    // In `DVec3::min` one operand that is not a number wins over the other.
+    // `DVec3::min` would not ignore a NaN in either operand.
     for axis in 0..3 {
         ends[0][axis] = ends[0][axis].min(point[axis]);
         ends[1][axis] = ends[1][axis].max(point[axis]);
@@ -42,12 +41,12 @@ impl Beam {
         Self { org, dir, inv, t_min: if t_min > 0.0 { t_min } else { 0.0 }, mask, aside }
     }
 
-    /// Of rays from one point with directions between extremes.
+    /// The beam of rays from one point with directions between extremes.
     pub fn from_point(eye: DVec3, dirs: [[f32; 2]; 3], t_min: f64, mask: u32) -> Self {
         Self::between([eye; 2], dirs.map(|ends| ends.map(f64::from)), t_min, mask)
     }
 
-    /// Of `rays`, at least one; `alike`: the traits that they share.
+    /// The beam of `rays`, at least one; `alike` holds their common traits.
     #[inline]
     pub fn of(rays: &[Ray], alike: &Alike) -> Self {
         let first = &rays[0];
@@ -64,8 +63,8 @@ impl Beam {
         Self::between(org, alike.dirs().map(|ends| ends.map(f64::from)), t_min, mask)
     }
 
-    /// Of those of `rays` that are in `among` (bit `i`: ray `i`) and [can hit](Ray::can_hit) something, if they all
-    /// begin at one point; else, and where there are none, `None`.
+    /// The beam of the rays in `among` (bit `i`: ray `i`), which must be able to [hit](Ray::can_hit) something. `None`
+    /// if they do not share an origin, or if there are none.
     pub fn from_one_point(rays: &[Ray], among: u32) -> Option<Self> {
         let first = rays.get(among.trailing_zeros() as usize)?;
         let (mut least, mut greatest, mut t_min, mut mask) = (first.dir, first.dir, first.t_min, 0);
@@ -80,8 +79,8 @@ impl Beam {
         Some(Self::from_point(first.origin, dir, t_min, mask))
     }
 
-    /// No ray enters the box before the distance that is returned; `None` if surely none meets it up to `t_max`. There
-    /// is no way along any direction of the beam that is within the box on all axes at once.
+    /// Returns a distance before which no ray enters the box; `None` if certainly no ray meets it up to `t_max`. In
+    /// that case no direction of the beam is within the box on all axes at once.
     #[inline]
     pub fn enter(&self, b: &DBounds, t_max: f64) -> Option<f64> {
         let (mut enter, mut leave) = (self.t_min, t_max);
@@ -93,7 +92,7 @@ impl Beam {
                 if greatest <= 0.0 {
                     return None;
                 }
-                // The fastest ray comes there first.
+                // The fastest ray arrives first.
                 enter = enter.max(low * fast);
             } else if high < 0.0 {
                 if least >= 0.0 {
@@ -101,14 +100,14 @@ impl Beam {
                 }
                 enter = enter.max(high * slow);
             }
-            // The slowest ray leaves last, if none stays.
+            // The slowest ray leaves last, unless some ray stays inside.
             if least > 0.0 {
                 leave = leave.min(high * slow);
             } else if greatest < 0.0 {
                 leave = leave.min(low * fast);
             }
         }
-        // Not so where anything is not a number.
+        // NaN does not report a miss.
         if enter > leave * MORE { None } else { Some(enter / MORE) }
     }
 }
@@ -119,7 +118,7 @@ mod tests {
     use crate::scene::box_ray::BoxRay;
     use glam::Vec3;
 
-    /// Against the slabs of single rays between the extremes: where one of them meets the box, the beam does, and no
+    /// Compares beams with the box tests of single rays: a beam enters every box that one of its rays enters, and no
     /// later.
     #[test]
     fn a_beam_meets_every_box_that_one_of_its_rays_meets() {
@@ -156,7 +155,7 @@ mod tests {
             meet += usize::from(first < f64::INFINITY);
         }
         assert!(meet > 1000 && missed > 10_000, "{meet}, {missed}");
-        // A ray without a place does not take that of the others.
+        // A ray with a NaN origin does not change the extremes of the others.
         let mut rays: [Ray; 32] = std::array::from_fn(|i| Ray::new(DVec3::new(i as f64, 0.5, -9.0), Vec3::Z));
         for at in [0, 16, 31] {
             let whole = rays[at].origin;

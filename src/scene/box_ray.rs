@@ -1,19 +1,19 @@
-//! Slab tests of rays and boxes in double precision: of one ray, and of a packet's rays side by side.
-#![allow(clippy::needless_range_loop)] // rows of several arrays at once, and axes of several vectors
+//! Slab tests of rays and boxes in double precision, for one ray and for a packet's rays side by side.
+#![allow(clippy::needless_range_loop)] // loops index several arrays, and axes of several vectors
 
 use crate::math::{DBounds, PACKET, Ray};
 use crate::simd::{Isa, Op, Simd, dispatch};
 use glam::DVec3;
 
-/// By what part of themselves distances to planes give way.
+/// Relative tolerance of distances to planes.
 const GIVE: f64 = 4.0 * f64::EPSILON;
 
-/// A ray made ready for box tests in double precision.
+/// A ray prepared for box tests in double precision.
 #[derive(Debug, Clone, Copy)]
 pub struct BoxRay {
     org: DVec3,
     inv: DVec3,
-    /// For each axis whether the ray goes down it: it meets greatest planes first.
+    /// For each axis, true if the direction is negative: the ray then meets the greater plane first.
     down: [bool; 3],
 }
 
@@ -31,12 +31,13 @@ impl BoxRay {
         Self { org, inv, down: [inv.x < 0.0, inv.y < 0.0, inv.z < 0.0] }
     }
 
-    /// Where the ray enters the box within [`t_min`, `t_max`], a little before to be safe; `None` if it misses.
+    /// The distance at which the ray enters the box within [`t_min`, `t_max`], slightly decreased to be safe; `None` if
+    /// it misses.
     ///
-    /// A direction component of 0 makes infinities: outside the slab they bound the interval away, inside they leave it
-    /// alone, and the NaN on its border loses in `min` and `max`. The rounding of three operations is 1.5 units of 2⁻⁵²
-    /// relative to each t; 4 are given. (Without branches: in the directions of bounces these are guessed wrong half of
-    /// the time.)
+    /// A direction component of 0 makes infinities. Outside the slab they empty the interval, inside they leave it
+    /// unchanged, and the NaN on the slab's border is ignored by `min` and `max`. The rounding of three operations is
+    /// 1.5 units of 2⁻⁵² relative to each t; 4 are allowed. (The test has no branches: for directions of bounces half
+    /// of them would be mispredicted.)
     #[inline]
     pub fn enter(&self, b: &DBounds, t_min: f64, t_max: f64) -> Option<f64> {
         let (planes, mut near, mut far) = ([&b.min, &b.max], t_min, t_max);
@@ -44,7 +45,7 @@ impl BoxRay {
             let first = usize::from(self.down[axis]);
             let low = (planes[first][axis] - self.org[axis]) * self.inv[axis];
             let high = (planes[1 - first][axis] - self.org[axis]) * self.inv[axis];
-            // Away from the box whatever the sign.
+            // The factors widen the interval for either sign.
             near = near.max(low * (1.0 - GIVE.copysign(low)));
             far = far.min(high * (1.0 + GIVE.copysign(high)));
         }
@@ -52,7 +53,7 @@ impl BoxRay {
     }
 }
 
-/// Rays of a packet, made ready for box tests.
+/// Rays of a packet, prepared for box tests.
 pub(super) struct PacketBoxRays {
     org: [[f64; PACKET]; 3],
     inv: [[f64; PACKET]; 3],
@@ -62,7 +63,7 @@ pub(super) struct PacketBoxRays {
 impl PacketBoxRays {
     pub const NONE: Self = Self { org: [[0.0; PACKET]; 3], inv: [[0.0; PACKET]; 3], t_min: [f64::INFINITY; PACKET] };
 
-    /// Of up to [`PACKET`] rays.
+    /// Takes over up to [`PACKET`] rays.
     pub fn set(&mut self, rays: &[Ray]) {
         for (i, ray) in rays.iter().enumerate().take(PACKET) {
             self.t_min[i] = ray.t_min;
@@ -70,19 +71,20 @@ impl PacketBoxRays {
                 (self.org[axis][i], self.inv[axis][i]) = (ray.origin[axis], f64::from(ray.dir[axis]));
             }
         }
-        // In vectors.
+        // This loop compiles to vector code.
         self.inv.as_flattened_mut().iter_mut().for_each(|dir| *dir = dir.recip());
     }
 
-    /// Where each ray enters a box, as [`BoxRay::enter`] has it, into `enter`; and those that enter it at all (bit `i`:
-    /// ray `i`). `t_max`: how far each goes. Those that were not [set](Self::set) last may be among them.
+    /// Writes to `enter` the distance at which each ray enters a box, equal to that of [`BoxRay::enter`]. Returns the
+    /// rays that enter it at all (bit `i`: ray `i`), and possibly bits of entries that were not [set](Self::set) last.
+    /// `t_max`: the end of each ray.
     #[inline]
     pub fn enter(&self, isa: Isa, bounds: &DBounds, t_max: &[f64; PACKET], enter: &mut [f64; PACKET]) -> u32 {
         dispatch(isa, Enter { rays: self, bounds, t_max, enter })
     }
 }
 
-/// [`PacketBoxRays::enter`], in loops that become vectors.
+/// [`PacketBoxRays::enter`] in loops that compile to vector code.
 struct Enter<'a> {
     rays: &'a PacketBoxRays,
     bounds: &'a DBounds,
@@ -107,7 +109,7 @@ impl Op for Enter<'_> {
                 let high = (last - org[i]) * inv[i];
                 let low = low * (1.0 - GIVE.copysign(low));
                 let high = high * (1.0 + GIVE.copysign(high));
-                // NaN leaves the interval as it is.
+                // NaN leaves the interval unchanged.
                 near[i] = if low > near[i] { low } else { near[i] };
                 far[i] = if high < far[i] { high } else { far[i] };
             }
@@ -124,7 +126,7 @@ mod tests {
 
     #[test]
     fn packets_enter_boxes_as_single_rays_do() {
-        // Directions with zeros of both signs; origins on planes of boxes, in them, and outside.
+        // Directions include zeros of both signs; origins lie on planes of boxes, inside and outside.
         let steps = [-0.0f32, 0.0, 1.0, -1.0, 0.3, -7e-9];
         let planes = [-1.0, 0.0, 0.5, 2.0, 3.0];
         let mut state = 7u64;

@@ -5,7 +5,7 @@ use crate::base::units::UpAxis;
 use crate::math::{Cone, DBounds, Ray};
 use glam::{DVec2, DVec3, Vec3};
 
-/// A camera in world space. All lengths in world units, double precision.
+/// A camera in world space. All lengths are in world units and double precision.
 ///
 /// `up` need not be orthogonal to the view direction, only not parallel to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,7 +14,7 @@ pub enum Camera {
     Perspective {
         /// The eye.
         eye: DVec3,
-        /// The point looked at; sets the direction only.
+        /// The target point; it sets the direction only.
         at: DVec3,
         /// Upward in the picture.
         up: DVec3,
@@ -23,9 +23,9 @@ pub enum Camera {
     },
     /// Parallel rays from a plane through the eye.
     Orthographic {
-        /// Middle of the picture's plane; nothing behind the plane is seen.
+        /// Middle of the picture's plane; surfaces behind the plane are not visible.
         eye: DVec3,
-        /// The point looked at; sets the direction only.
+        /// The target point; it sets the direction only.
         at: DVec3,
         /// Upward in the picture.
         up: DVec3,
@@ -42,13 +42,13 @@ impl Camera {
         }
     }
 
-    /// The camera made ready for pictures of `width` x `height` pixels, 1 or more each.
+    /// Prepares the camera for pictures of `width` x `height` pixels, 1 or more each.
     ///
-    /// Fails with [`Error::BadArgument`] if a number is not finite or out of range, `eye` equals
-    /// `at`, or `up` is parallel to the view.
+    /// Fails with [`Error::BadArgument`] if a number is not finite or out of range, `eye` equals `at`, or `up` is
+    /// parallel to the view.
     pub fn prepare(&self, width: u32, height: u32) -> Result<PixelRays> {
         if width == 0 || height == 0 {
-            return Err(Error::bad_argument("camera: a picture needs at least one pixel"));
+            return Err(Error::bad_argument("camera: the picture must have at least one pixel"));
         }
         let (eye, at, up) = match *self {
             Camera::Perspective { eye, at, up, .. } | Camera::Orthographic { eye, at, up, .. } => (eye, at, up),
@@ -76,7 +76,7 @@ impl Camera {
             }
             Camera::Orthographic { height: h, .. } => {
                 if !(h > 0.0 && h.is_finite()) {
-                    return bad("the height of an orthographic picture must be above 0");
+                    return bad("the height of an orthographic picture must be finite and above 0");
                 }
                 (h, false)
             }
@@ -94,7 +94,7 @@ impl Camera {
     }
 }
 
-/// A camera made ready for one picture size: gives the ray of any point of the picture.
+/// A camera prepared for one picture size: it returns the ray of any point of the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelRays {
     eye: DVec3,
@@ -104,7 +104,7 @@ pub struct PixelRays {
     /// One pixel down.
     down: DVec3,
     half: (f64, f64),
-    /// Height of a pixel, at distance 1 (perspective) or anywhere.
+    /// Height of a pixel, at distance 1 (perspective) or anywhere (orthographic).
     pixel: f64,
     perspective: bool,
 }
@@ -120,15 +120,14 @@ impl PixelRays {
         self.eye
     }
 
-    /// Width of a pixel's footprint at distance `t` along the middle ray, world units.
+    /// Width of a pixel's footprint at distance `t` along the middle ray, in world units.
     #[inline]
     pub fn pixel_width(&self, t: f64) -> f64 {
         if self.perspective { self.pixel * t } else { self.pixel }
     }
 
-    /// The ray through picture point (`x`, `y`): the middle of pixel (i, j) is (i + 0.5, j + 0.5),
-    /// (0, 0) is the top left corner. Directions are unit up to rounding; the cone is the
-    /// pixel's footprint (its width at `t`).
+    /// The ray through picture point (`x`, `y`): the middle of pixel (i, j) is (i + 0.5, j + 0.5), (0, 0) is the top
+    /// left corner. Directions are unit up to rounding; the cone is the pixel's footprint (its width at `t`).
     #[inline]
     pub fn ray(&self, x: f64, y: f64) -> Ray {
         if self.perspective {
@@ -142,15 +141,16 @@ impl PixelRays {
         }
     }
 
-    /// The least and the greatest points of the picture that rays through `bounds` go through, a pixel more for
-    /// rounding; `None` if some of it is not in front of the eye, or a pixel is not more than what rounding does.
+    /// The least and the greatest picture point of the rays through `bounds`, one pixel farther apart for rounding.
+    /// `None` if a corner of the bounds is not in front of the eye, or if a pixel there is not larger than the
+    /// rounding.
     pub fn rectangle_of(&self, bounds: &DBounds) -> Option<[DVec2; 2]> {
         let (mut least, mut greatest) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for corner in 0..8 {
             let high = |axis: usize| corner >> axis & 1 == 1;
             let side = |axis: usize| if high(axis) { bounds.max[axis] } else { bounds.min[axis] };
             let from_eye = DVec3::new(side(0), side(1), side(2)) - self.eye;
-            // How much larger than at distance 1 a pixel is there.
+            // The size of a pixel there relative to its size at distance 1.
             let scale = if self.perspective { from_eye.dot(self.forward) } else { 1.0 };
             let size = from_eye.abs().max_element();
             let is_in_front = !self.perspective || scale > 1e-3 * size;
@@ -165,12 +165,12 @@ impl PixelRays {
         Some([least - DVec2::ONE, greatest + DVec2::ONE])
     }
 
-    /// Whether rays leave the eye.
+    /// True if rays leave the eye.
     pub fn is_perspective(&self) -> bool {
         self.perspective
     }
 
-    /// Direction of the ray through a picture point, and its width at distance 1; of a perspective camera.
+    /// Direction of the ray through a picture point, and its width at distance 1; for perspective cameras.
     #[inline(always)]
     pub fn toward(&self, x: f64, y: f64) -> (Vec3, f32) {
         let dir = self.across(x, y);
@@ -178,7 +178,7 @@ impl PixelRays {
         ((dir * inverse).as_vec3(), (self.pixel * inverse) as f32)
     }
 
-    /// The same of the length that it has up to the plane at distance 1: linear in the point.
+    /// The same direction with the length up to the plane at distance 1: it is linear in the point.
     #[inline(always)]
     fn across(&self, x: f64, y: f64) -> DVec3 {
         self.forward + self.offset(x, y)
@@ -190,7 +190,7 @@ impl PixelRays {
     }
 }
 
-/// Four views from bounds: two of the whole, two at a quarter of the distance, from left and right of the front.
+/// Four views from bounds: two of the whole and two from a quarter of the distance, from left and right of the front.
 pub(crate) fn default_views(bounds: &DBounds, up: UpAxis) -> [Camera; 4] {
     let bounds = if bounds.is_empty() { DBounds::of(&[-DVec3::ONE, DVec3::ONE]) } else { *bounds };
     let (up, front) = match up {
@@ -226,7 +226,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever a pixel's ray meets of a box lies in the box's rectangle.
+        /// The part of a box that a pixel's ray crosses lies in the box's rectangle.
         #[test]
         fn rays_through_a_box_are_in_its_rectangle(
             eye in point(), at in point(), a in point(), b in point(), inside in [0.0..1.0, 0.0..1.0, 0.0..1.0],
@@ -249,7 +249,7 @@ mod tests {
                 prop_assert!(is_perspective && !is_all_before);
                 return Ok(());
             };
-            // The pixel that a point of the box is seen in, found by its angle: another formula than the one tested.
+            // A search by angle finds the pixel of a point in the box: its formula is independent of the tested one.
             let target = a + (b - a) * DVec3::from(inside);
             let seen = |x: f64, y: f64| {
                 let ray = rays.ray(x, y);

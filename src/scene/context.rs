@@ -1,5 +1,5 @@
-//! The context: workers, log and memory budget that everything else hangs on. No global state:
-//! any number of contexts live side by side.
+//! The context: the workers, the log and the memory budget that all other objects use. There is no global state, so any
+//! number of contexts can exist at the same time.
 
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Executor, Pool, Work};
@@ -10,40 +10,42 @@ use std::any::Any;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::sync::{Arc, Weak};
 
-/// How much a log line matters.
+/// The importance of a log line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum LogLevel {
-    /// Something failed.
+    /// An operation failed.
     Error = 1,
-    /// Something is not as it should be, work goes on.
+    /// Something is not as it should be; the work continues.
     Warning = 2,
-    /// What a user may want to know.
+    /// Information for users.
     Info = 3,
-    /// What a developer may want to know.
+    /// Information for developers.
     Debug = 4,
 }
 
-/// Receives log lines; may be called from any thread, never under a lock of ours.
+/// Receives log lines. It may be called from any thread, never under a lock of the library.
 pub type Log = Arc<dyn Fn(LogLevel, &str) + Send + Sync>;
 
 /// Options of [`Context::new`].
 #[derive(Clone)]
 pub struct ContextOptions {
-    /// Threads of ours that trace; 0: none, then the caller drives with [`Context::step`] or by
-    /// waiting. Ignored when an executor is given. Default: one for each core.
+    /// Number of the library's own threads that trace. Default: one per core. With 0 the caller drives the work with
+    /// [`Context::step`] or by waiting. Ignored if an executor is given.
     pub threads: usize,
-    /// The host's own threads: with it no thread of ours ever exists.
+    /// The host's own threads: with an executor the library starts no threads at all.
     pub executor: Option<Arc<dyn Executor>>,
-    /// Bytes that models may hold in memory, tables and working memory of reading included; 0: three quarters of the
-    /// machine's; more than that has is refused. Never exceeded. A model larger than that opens: what is used is read,
-    /// and what has not been used for longest goes. Buffers of frames and of batches come on top.
+    /// Bytes that models may hold in memory, including tables and the working memory of reading. 0 means three quarters
+    /// of the machine's memory; more than the machine has is rejected. Never exceeded. A model may be larger than the
+    /// budget: its data is read on use, and the least recently used data is evicted. Buffers of frames and of batches
+    /// come on top.
     pub memory_budget: u64,
-    /// Whether models that fit the budget are read in the background before all of them was asked for. Default: yes.
+    /// True if models that fit the budget are read in the background before all of their data was requested. Default:
+    /// true.
     pub read_ahead: bool,
     /// Receives log lines.
     pub log: Option<Log>,
-    /// Instruction set; `None`: the best that the machine has.
+    /// Instruction set; `None` selects the best that the machine has.
     pub isa: Option<Isa>,
 }
 
@@ -54,32 +56,32 @@ impl Default for ContextOptions {
     }
 }
 
-/// Shared by everything made from it; cloning is cheap and gives the same context. Thread-safe.
+/// The context that all objects made from it share; cloning is cheap and gives the same context. Thread-safe.
 ///
-/// When the last clone and everything made from it are gone, its threads end.
+/// Its threads end when the last clone and all objects made from it are gone.
 #[derive(Clone)]
 pub struct Context(Arc<Inner>);
 
 struct Inner {
-    /// Before what they use: they end first.
+    /// The order matters: fetchers are dropped, and end, before the members that they use.
     _fetchers: Option<Fetchers>,
     pool: Pool,
     log: Option<Log>,
     residency: Residency,
     pumping: Arc<Pumping>,
     isa: Isa,
-    /// Working memory of batches that have ended, for the next ones.
+    /// Working memory of ended batches, for reuse.
     scratch: WorkingMemory,
 }
 
 impl Context {
-    /// A new context. Fails with [`Error::Io`] if threads cannot be started, with [`Error::BadArgument`] if the machine
-    /// lacks the instruction set, or has less memory than the budget. (Too small a budget is found when a model is
-    /// opened: the least depends on it.)
+    /// A new context. Fails with [`Error::Io`] if threads cannot be started, and with [`Error::BadArgument`] if the
+    /// machine lacks the instruction set or has less memory than the budget. (Too small a budget is reported when a
+    /// model is opened, as the least budget depends on the model.)
     pub fn new(options: ContextOptions) -> Result<Self> {
         let isa = options.isa.unwrap_or_else(Isa::best);
         if !isa.is_available() {
-            return Err(Error::bad_argument(format!("this machine does not have {}", isa.name())));
+            return Err(Error::bad_argument(format!("this machine does not support {}", isa.name())));
         }
         let budget = budget_of(options.memory_budget, machine_memory())?;
         let pool = Pool::new(options.threads, options.executor, without_denormals)?;
@@ -87,7 +89,7 @@ impl Context {
         let fetchers = (pool.threads() > 0).then(|| residency.start(FETCHERS)).transpose()?;
         let has_fetchers = fetchers.is_some();
         let pumping = Arc::new(Pumping::of(&residency));
-        // As much is kept as workers can use at once, or the host's threads that ask, and one more.
+        // The limit is one more than the workers, or the host's calling threads, that can use working memory at once.
         let threads = std::thread::available_parallelism().map_or(1, usize::from).max(pool.concurrency());
         let (log, scratch) = (options.log, WorkingMemory::new(threads + 1));
         let inner = Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, scratch });
@@ -108,18 +110,18 @@ impl Context {
         self.0.scratch.give(scratch);
     }
 
-    /// Runs a small piece of waiting work, if any, in the caller's thread; whether there was one.
-    /// Thread-safe; meant for contexts without threads, allowed with all.
+    /// Runs a small piece of waiting work, if any, in the caller's thread. Returns true if there was one. Thread-safe;
+    /// meant for contexts without threads, allowed for all.
     pub fn step(&self) -> bool {
         self.0.pool.step()
     }
 
-    /// Threads of ours.
+    /// Number of the library's own threads.
     pub fn threads(&self) -> usize {
         self.0.pool.threads()
     }
 
-    /// How many workers may serve a job at once: threads of ours or of the host, at least 1.
+    /// Number of workers that may serve a job at once: the library's or the host's threads, at least 1.
     pub fn concurrency(&self) -> usize {
         self.pool().concurrency()
     }
@@ -134,7 +136,7 @@ impl Context {
         self.0.residency.budget()
     }
 
-    /// Bytes in use of the budget.
+    /// Bytes of the budget in use.
     pub fn memory_used(&self) -> u64 {
         self.0.residency.used()
     }
@@ -156,22 +158,22 @@ impl Context {
         &self.0.residency
     }
 
-    /// Whether both are the same context.
+    /// True if both are the same context.
     pub fn same(&self, other: &Context) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
 }
 
-/// Threads of ours that read, beside those that trace: mostly asleep, or waiting for the disk, which does more when
-/// asked for more at once (two: 430 MB decoded a second, four: 570).
+/// Number of the library's own threads that read, in addition to those that trace. They are mostly asleep or wait for
+/// the disk, which delivers more with several requests at once. (Two threads: 430 MB decoded per second, four: 570.)
 const FETCHERS: usize = 4;
 
-/// Reading as a job of the pool, for contexts without threads of ours.
+/// Reading as a job of the pool, for contexts without own threads.
 struct Pumping {
     residency: Residency,
-    /// The job is there.
+    /// True while the job is in the pool.
     runs: AtomicBool,
-    /// There may be more to do than when it last looked.
+    /// True if work may have arrived since the job last checked.
     again: AtomicBool,
     did: AtomicBool,
 }
@@ -204,7 +206,7 @@ impl Work for Pumping {
             return Ok(1);
         }
         self.runs.store(false, SeqCst);
-        // A thread that found it running meanwhile has left it to this one.
+        // A thread that found the job running in the meantime has left its work to it.
         Ok(usize::from(self.again.load(SeqCst) && !self.runs.swap(true, SeqCst)))
     }
 
@@ -215,29 +217,30 @@ impl Work for Pumping {
     }
 }
 
-/// Around the work of every thread, ours, the host's or a waiter's.
+/// Runs the work of every thread, the library's, the host's or a waiting caller's, with denormals off.
 fn without_denormals(work: &mut dyn FnMut()) {
     let _off = DenormalsOff::set();
     work();
 }
 
-/// The budget, where `asked` is asked for and the machine has `there` bytes, if it says. A budget that it cannot hold
-/// is refused, not cut: a host that relies on its size should know.
+/// The budget for a request of `asked` bytes on a machine with `there` bytes, if known. A budget that exceeds the
+/// machine's memory is rejected instead of reduced: a host that relies on its size must know.
 fn budget_of(asked: u64, there: Option<u64>) -> Result<u64> {
     match (asked, there) {
         (0, there) => Ok(there.unwrap_or(UNKNOWN_MEMORY) / 4 * 3),
         (asked, Some(there)) if asked > there => {
-            let what = format!("a memory budget of {asked} bytes is more than the {there} that the machine has");
-            Err(Error::BadArgument(what))
+            let text =
+                format!("a memory budget of {asked} bytes is more than the {there} bytes of memory of the machine");
+            Err(Error::BadArgument(text))
         }
         (asked, _) => Ok(asked),
     }
 }
 
-/// Bytes of memory, where the machine does not say.
+/// Assumed memory in bytes of a machine that does not report it.
 const UNKNOWN_MEMORY: u64 = 8 << 30;
 
-/// Bytes of memory of the machine, if it says.
+/// Memory of the machine in bytes, if it reports it.
 fn machine_memory() -> Option<u64> {
     let total = |text: String| {
         let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:").map(str::to_owned))?;
@@ -251,7 +254,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_budget_is_what_was_asked_or_refused() {
+    fn a_budget_is_as_requested_or_rejected() {
         let gb = 1u64 << 30;
         assert_eq!(budget_of(0, Some(16 * gb)).ok(), Some(12 * gb));
         assert_eq!(budget_of(0, None).ok(), Some(6 * gb));

@@ -1,4 +1,4 @@
-//! A scene: instances, lights, states of parts; edited freely, seen by jobs only at a commit.
+//! A scene: instances, lights and looks of parts. Edits are free at any time; jobs see them only after a commit.
 
 use super::context::Context;
 use super::light::{Background, Light};
@@ -13,24 +13,24 @@ use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Edits collect until [`Scene::commit`]; jobs in flight keep the state that they began with.
+/// A scene that collects edits until [`Scene::commit`]. Jobs in flight keep the state that they began with.
 /// Thread-safe. A scene keeps its models alive.
 pub struct Scene {
     context: Context,
     draft: Mutex<Draft>,
-    /// Changed under the lock of the draft. (Read without: by each call that asks for rays.)
+    /// The state changes under the lock of the draft. Each query call reads it without the lock.
     committed: ArcSwap<SceneState>,
 }
 
-/// What the next commit makes visible.
+/// The content of the next commit.
 struct Draft {
-    /// In the order added; removed ones leave `None` until the next commit.
+    /// In the order added; removed instances leave `None` until the next commit.
     instances: Vec<Option<Draftee>>,
     /// Index in `instances` of each id.
     index: HashMap<u64, usize>,
     lights: Vec<Light>,
     background: Background,
-    /// Whether anything moved, came or went since the last commit.
+    /// True if an instance was moved, added or removed since the last commit.
     moved: bool,
 }
 
@@ -68,11 +68,11 @@ impl Scene {
         &self.context
     }
 
-    /// Adds `model`, seen through `world_from_model`, as instance `id` (the caller's own, unique in the
-    /// scene). Cheap.
+    /// Adds `model`, transformed by `world_from_model`, as instance `id` (chosen by the caller, unique in the scene).
+    /// Cheap.
     ///
-    /// Fails with `BadArgument` if the id is taken, the model is of another context, or the transform
-    /// is singular or not finite.
+    /// Fails with `BadArgument` if the id is taken, the model belongs to another context, or the transform is singular
+    /// or not finite.
     pub fn add_instance(&self, model: &Model, id: u64, world_from_model: DAffine3) -> Result<()> {
         if !model.context().same(&self.context) {
             return Err(Error::bad_argument("the model belongs to another context"));
@@ -80,7 +80,7 @@ impl Scene {
         check_transform(&world_from_model)?;
         let mut draft = self.draft();
         if draft.index.contains_key(&id) {
-            return Err(Error::bad_argument(format!("there is an instance {id} already")));
+            return Err(Error::bad_argument(format!("instance {id} already exists")));
         }
         let (mask, look, parts) = (u32::MAX, Look::default(), Arc::default());
         let at = draft.instances.len();
@@ -90,7 +90,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Removes an instance; `BadArgument` if there is none. Cheap.
+    /// Removes an instance; fails with `BadArgument` if there is none. Cheap.
     pub fn remove_instance(&self, id: u64) -> Result<()> {
         let mut draft = self.draft();
         let at = draft.index.remove(&id).ok_or_else(|| no_instance(id))?;
@@ -108,21 +108,23 @@ impl Scene {
         Ok(())
     }
 
-    /// Which rays may see an instance: those with a common bit in their mask (all, by default). Cheap.
+    /// Sets the mask of an instance: it is visible to rays with a common bit in their masks. By default all bits are
+    /// set. Cheap.
     pub fn set_instance_mask(&self, id: u64, mask: u32) -> Result<()> {
         self.draft().instance(id)?.mask = mask;
         Ok(())
     }
 
-    /// How an instance is shown; its parts' own states come before it, hidden is hidden in both. Cheap.
+    /// Sets the look of an instance. Looks of its parts have precedence, except that a part is hidden if either look
+    /// hides it. Cheap.
     pub fn set_instance_look(&self, id: u64, look: Look) -> Result<()> {
         check_look(&look)?;
         self.draft().instance(id)?.look = look;
         Ok(())
     }
 
-    /// How the part with id `part` of an instance is shown, the parts below it not included. Cheap.
-    /// `BadArgument` if there is no such instance or part. Where parts share the id, the first.
+    /// Sets the look of an instance's part with id `part`, without the parts below it. Where several parts share the
+    /// id, it applies to the first. Cheap. Fails with `BadArgument` if there is no such instance or part.
     pub fn set_part_look(&self, instance: u64, part: u64, look: Look) -> Result<()> {
         check_look(&look)?;
         let mut draft = self.draft();
@@ -133,13 +135,14 @@ impl Scene {
         Ok(())
     }
 
-    /// Forgets the states of all parts of an instance. Cheap.
+    /// Resets the looks of all parts of an instance. Cheap.
     pub fn clear_part_looks(&self, instance: u64) -> Result<()> {
         self.draft().instance(instance)?.parts = Arc::default();
         Ok(())
     }
 
-    /// Replaces all lights; none leaves the ambient term only. `BadArgument` for a bad one. Cheap.
+    /// Replaces all lights; an empty list leaves only the ambient term. Fails with `BadArgument` for an invalid light.
+    /// Cheap.
     pub fn set_lights(&self, lights: Vec<Light>) -> Result<()> {
         lights.iter().try_for_each(Light::check)?;
         self.draft().lights = lights;
@@ -153,10 +156,10 @@ impl Scene {
         Ok(())
     }
 
-    /// Makes the edits since the last commit visible to jobs that begin from now on, all at once.
-    /// Costs time by the number of instances; reads no disk.
+    /// Makes the edits since the last commit visible at once to jobs that begin from now on. The time grows with the
+    /// number of instances; a commit reads no disk.
     ///
-    /// Fails with `BadArgument`, changing nothing, if there are more than 2³¹ placed trees.
+    /// Fails with `BadArgument`, and changes nothing, if there are more than 2³¹ placed trees.
     pub fn commit(&self) -> Result<()> {
         let mut draft = self.draft();
         let draft = &mut *draft;
@@ -200,13 +203,13 @@ impl Scene {
         self.committed.load_full()
     }
 
-    /// [`Scene::state`] without a count that threads share, for the length of a call.
+    /// [`Scene::state`] without an update of the shared reference count, for the duration of a call.
     pub(crate) fn shown(&self) -> Guard<Arc<SceneState>> {
         self.committed.load()
     }
 
     fn draft(&self) -> MutexGuard<'_, Draft> {
-        // Every step of an edit leaves a valid draft.
+        // Every step of an edit leaves a valid draft, so a poisoned lock is safe to use.
         self.draft.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -219,20 +222,20 @@ impl Draft {
 }
 
 fn no_instance(id: u64) -> Error {
-    Error::bad_argument(format!("there is no instance {id}"))
+    Error::bad_argument(format!("instance {id} does not exist"))
 }
 
 fn check_look(state: &Look) -> Result<()> {
     let good = |c: &f32| c.is_finite() && *c >= 0.0;
     match state.colour {
         Some(colour) if !(colour.iter().all(good) && colour[3] <= 1.0) => {
-            Err(Error::bad_argument("a colour must be finite, 0 or more, its alpha at most 1"))
+            Err(Error::bad_argument("a colour must be finite and 0 or more, and its alpha at most 1"))
         }
         _ => Ok(()),
     }
 }
 
-/// Flattens instances and their models' own assemblies, and builds the tree over them.
+/// Flattens instances and their models' own assemblies, and builds the top tree over them.
 fn place<'a>(draftees: impl Iterator<Item = &'a Draftee>, instances: &[Instance]) -> Result<Placement> {
     let (mut placed, mut hits) = (Vec::new(), Vec::new());
     for (i, (draftee, instance)) in draftees.zip(instances).enumerate() {
@@ -255,7 +258,7 @@ fn place<'a>(draftees: impl Iterator<Item = &'a Draftee>, instances: &[Instance]
         }
     }
     if placed.len() >= 1 << 31 {
-        return Err(Error::bad_argument("a scene holds at most 2^31 placed trees"));
+        return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
     }
     let around = placed.iter().fold(DBounds::EMPTY, |all, p| all.union(p.bounds));
     Ok(Placement { bounds: around, top: TopTree::build(&hits), placed })

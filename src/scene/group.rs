@@ -1,6 +1,6 @@
-//! Groups of rays in a scene: which placed trees do they enter, and then together through each. Most groups enter one
-//! tree, or none, however many a scene has: that tree is told by the beam of the group, and the rays go into it in
-//! vectors.
+//! Groups of rays in a scene: finds the placed trees that they enter, and traces them as a packet through each. Most
+//! groups enter one tree or none, however many trees the scene has. The beam of the group finds that tree, and SIMD
+//! code transforms the rays into its frame.
 
 use super::alike::Alike;
 use super::beam::Beam;
@@ -15,17 +15,17 @@ use glam::DVec3;
 /// Shift and scale of rays that were not moved.
 const UNMOVED: (f64, f64) = (0.0, 1.0);
 
-/// Up to a packet's rays together in a scene. Reusable.
+/// Up to a packet's rays, traced as one packet in a scene. Reusable.
 pub(crate) struct Group {
     walk: Box<PacketWalk>,
-    /// For rays that cannot go together.
+    /// A second walk, for rays that cannot go in the same packet.
     others: Box<PacketWalk>,
     /// The placed tree that `walk` was in, if the rays enter no other.
     only: Option<u32>,
-    /// Shift and scale of each ray in that tree, if any was moved.
+    /// Shift and scale of each ray in that tree, if any ray was moved.
     moved: [(f64, f64); PACKET],
     is_moved: bool,
-    /// Of rays that enter several trees.
+    /// The packet of rays that enter several trees.
     scene: ScenePacket,
     entered: Vec<Entered>,
 }
@@ -48,19 +48,19 @@ impl Default for Group {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Entered {
     pub placed: u32,
-    /// Its place in the top tree.
+    /// The reference to it in the top tree.
     pub node: NodeRef,
-    /// Around all that rays may hit in it.
+    /// Bounds of all that rays may hit in it.
     pub bounds: DBounds,
 }
 
-/// Placed trees that are looked for with a beam; rays that enter more go tree by tree, each where it meets the tree's
-/// bounds.
+/// Greatest number of placed trees that a beam collects. Rays that enter more go tree by tree, each ray where it enters
+/// the tree's bounds.
 pub(super) const FEW: usize = 4;
 
 impl SceneView<'_> {
-    /// The placed trees that rays of a beam may enter up to `t_max`, which see them, into `out`. False if these are not
-    /// all: there are more than [`FEW`], or the top tree is too deep there to look for them.
+    /// Collects in `out` the placed trees that rays of a beam may enter up to `t_max` and that are visible to them.
+    /// Returns false if the list is incomplete: there are more than [`FEW`], or the top tree is too deep for the stack.
     pub fn entered(&self, beam: &Beam, t_max: f64, out: &mut Vec<Entered>) -> bool {
         out.clear();
         let top = &self.scene.placement.top;
@@ -96,7 +96,7 @@ impl SceneView<'_> {
     }
 }
 
-/// Places of the top tree that are still to be looked at, at most: as a depth-first walk holds one for each level.
+/// Size of the stack of top-tree nodes: a depth-first walk holds one node for each level.
 const MOST_OPEN: usize = 64;
 
 impl Group {
@@ -106,9 +106,10 @@ impl Group {
         self.scene.begin_batch();
     }
 
-    /// Traces rays together if they go the same way (see [`PacketWalk::is_coherent`]) or pass by; else `None`. Returns
-    /// those that hit something, or the block that some ray needs: then they are to be begun anew, each alone. The
-    /// first `count` are rays; `alike`: of these, maybe with widths that count as none since.
+    /// Traces rays as a packet if they are coherent (see [`PacketWalk::is_coherent`]) or miss all trees; else returns
+    /// `None`. Returns the rays that hit something, or a block that some ray needs: the rays must then be begun again
+    /// one by one. The first `count` entries are rays. `alike` describes these; their widths may have been set to zero
+    /// since. `says` is the caller's statement that the rays are coherent.
     pub fn trace<const ANY: bool>(
         &mut self,
         view: &SceneView,
@@ -117,8 +118,8 @@ impl Group {
         alike: &Alike,
         says: bool,
     ) -> Option<Result<u32, Need>> {
-        debug_assert!(view.within.is_none(), "an interval is of one ray");
-        // (How far each ray goes is not looked at: most go for ever.)
+        debug_assert!(view.within.is_none(), "a double-precision interval belongs to a single ray");
+        // The lengths of the rays are ignored: most have no end.
         let is_few = view.entered(&Beam::of(&rays[..count], alike), f64::INFINITY, &mut self.entered);
         match self.entered[..] {
             [] if is_few => {
@@ -141,7 +142,7 @@ impl Group {
         }
     }
 
-    /// Whether rays go the same way from points near each other, as the first of the trees that they enter sees it.
+    /// True if the rays are coherent in the first of the trees that they enter.
     fn are_near(&mut self, view: &SceneView, placed: u32, rays: (&[Ray; PACKET], usize), alike: &Alike) -> bool {
         let tree = view.tree(placed);
         self.begin_in(view, placed, &tree, rays, alike);
@@ -197,8 +198,8 @@ impl Group {
         }
         let mut hits = self.walk.found();
         for i in bits(hits) {
-            // The walk had the greatest distance rounded up, so its hit may still be beyond. Where any hit will do
-            // there is no other to fall back on, and the distance is met to rounding. Hits of walks that look beyond
+            // The walk had the greatest distance rounded up, so its hit may still be beyond. An any-hit walk has no
+            // other hit to fall back on, and applies the distance up to rounding. Hits of walks with widened intervals
             // are tested later.
             let is_within = ANY || view.widen_interval || self.distance(i) <= rays.0[i].t_max;
             hits &= !(u32::from(!is_within) << i);
@@ -206,8 +207,8 @@ impl Group {
         Some(Ok(hits))
     }
 
-    /// The placed tree that all the rays went through in [`Group::walk`], or an index of none where they all pass by;
-    /// `None` if they went through several.
+    /// The placed tree that all rays went through in [`Group::walk`]; an index of none if all missed the scene's trees;
+    /// `None` if the rays went through several trees.
     #[inline]
     pub fn only(&self) -> Option<u32> {
         self.only
@@ -219,7 +220,7 @@ impl Group {
         &self.walk
     }
 
-    /// [`Group::trace`] of those in `active` of a camera's rays that enter one placed tree. `None`: they must be traced
+    /// [`Group::trace`] of the camera rays in `active`, which enter one placed tree. `None`: they must be traced
     /// otherwise.
     pub fn trace_camera(
         &mut self,
@@ -239,7 +240,7 @@ impl Group {
             let class = if are_apart { walk.alike(left) } else { active };
             walk.start(&camera.tree, class);
             if !are_apart && !walk.is_coherent(&camera.tree, true) {
-                // Those to either side of a plane through the eye go one after the other.
+                // Rays on either side of a plane through the eye go in separate packets, one after the other.
                 are_apart = true;
                 continue;
             }
@@ -257,13 +258,13 @@ impl Group {
         }
     }
 
-    /// Takes over a walk of camera's rays through a placed tree, in exchange for another.
+    /// Takes over a walk of camera rays through a placed tree, in exchange for another.
     pub fn take(&mut self, placed: u32, walk: &mut Box<PacketWalk>) {
         std::mem::swap(&mut self.walk, walk);
         (self.only, self.is_moved) = (Some(placed), false);
     }
 
-    /// How far ray `i` goes to its hit.
+    /// The distance of ray `i` to its hit.
     #[inline]
     pub fn distance(&self, i: usize) -> f64 {
         if self.only.is_none() { self.scene.best(i).t } else { self.in_world(i, self.walk.distances()[i]) }
@@ -275,18 +276,18 @@ impl Group {
         shift + scale * f64::from(t)
     }
 
-    /// Rays that passed a stand-in on their ways to their hits, or as far as they go.
+    /// Rays that stand-ins transmitted before their hits or ends.
     #[inline]
     pub fn have_transmitted(&self) -> u32 {
         if self.only.is_none() {
             return (0..PACKET).fold(0, |all, i| all | u32::from(self.scene.best(i).has_transmitted()) << i);
         }
         let (transmitted, t) = (self.walk.transmitted(), self.walk.distances());
-        // Not where both are infinite.
+        // The bound excludes the case that both are infinite.
         (0..PACKET).fold(0, |all, i| all | u32::from(transmitted[i] <= t[i].min(f32::MAX)) << i)
     }
 
-    /// Whether one of the rays passed a cell before it begins.
+    /// True if a stand-in transmitted one of the rays before its interval.
     pub fn passes_early(&self, rays: &[Ray]) -> bool {
         let transmitted = |i: usize| {
             if self.only.is_none() {
@@ -298,7 +299,7 @@ impl Group {
         rays.iter().enumerate().any(|(i, ray)| ray.t_min > 0.0 && transmitted(i) < ray.t_min)
     }
 
-    /// The hit of ray `i`; `met`: it hits something.
+    /// The hit of ray `i`. `met`: true if it hits something.
     #[inline]
     pub fn found(&self, i: usize, met: bool) -> Found {
         let Some(only) = self.only else { return *self.scene.best(i) };
@@ -315,13 +316,13 @@ impl Group {
 /// Rays of a camera that all begin at `eye` and are near each other.
 pub(crate) struct CameraRays<'a> {
     pub eye: DVec3,
-    /// Axis by axis.
+    /// Directions, axis by axis.
     pub dir: &'a [[f32; PACKET]; 3],
-    /// Of each at distance 1.
+    /// Width of each ray's footprint at distance 1.
     pub width: &'a [f32; PACKET],
 }
 
-/// A placed tree that a camera's rays only have to be shifted into, and that they see.
+/// A placed tree that is visible to a camera's rays and in which they only need to be translated.
 pub(crate) struct CameraTree<'a> {
     pub placed: u32,
     offset: DVec3,
@@ -331,21 +332,21 @@ pub(crate) struct CameraTree<'a> {
 }
 
 impl<'a> CameraTree<'a> {
-    /// A placed tree, if it is one.
+    /// The placed tree `placed`; `None` if its frame is not only translated.
     pub fn of(view: &SceneView<'a>, placed: u32) -> Option<Self> {
         let p = &view.scene.placement.placed[placed as usize];
         let (tree, filter) = (view.tree(placed), view.filter(placed));
         Some(Self { placed, offset: p.only_shifted()?, near: p.near(), tree, filter })
     }
 
-    /// Puts rays into a walk, to be started; false if they must be traced otherwise.
+    /// Puts rays into a walk that is still to be started; false if they must be traced otherwise.
     fn set(&self, rays: &CameraRays, walk: &mut PacketWalk) -> bool {
         let org = (rays.eye - self.offset).as_vec3();
         walk.set_all_but_dirs(&LocalRay { org, t_max: f32::INFINITY, ..LocalRay::NONE });
         walk.set_dirs(rays.dir, rays.width) && walk.is_within(&self.tree, PACKET, self.near)
     }
 
-    /// Starts a walk with those of the rays in `active`; false if they must be traced otherwise.
+    /// Starts a walk with the rays in `active`; false if they must be traced otherwise.
     pub fn start(&self, rays: &CameraRays, active: u32, walk: &mut PacketWalk) -> bool {
         if !self.set(rays, walk) {
             return false;
@@ -354,7 +355,7 @@ impl<'a> CameraTree<'a> {
         walk.is_coherent(&self.tree, true)
     }
 
-    /// Goes on with a walk to its end: the rays that hit something.
+    /// Continues a walk to its end; returns the rays that hit something.
     pub fn go_on(&self, view: &SceneView, walk: &mut PacketWalk) -> Result<u32, Need> {
         match self.tree.closest_together(self.filter.as_ref(), walk) {
             Outcome::Done => Ok(walk.found()),
@@ -363,8 +364,8 @@ impl<'a> CameraTree<'a> {
     }
 }
 
-/// Where rays that all begin where the first does do so in the tree's frame, if they are taken there by nothing but a
-/// subtraction, have an interval, and see the tree.
+/// The common origin of the rays in the tree's frame, if they share one, a subtraction alone takes them there, they
+/// have an interval, and the tree is visible to them.
 #[inline(always)]
 fn one_start(p: &Placed, first: &Ray, alike: &Alike, seen_by: u32) -> Option<DVec3> {
     let offset = p.only_shifted()?;
@@ -372,8 +373,8 @@ fn one_start(p: &Placed, first: &Ray, alike: &Alike, seen_by: u32) -> Option<DVe
     (alike.is_one_start() && first.has_interval() && do_see).then(|| first.origin - offset)
 }
 
-/// Takes rays into the tree's frame by nothing but a subtraction; false if that will not do for all.
-/// ([`PacketWalk::is_within`] may say so still.)
+/// Transforms rays into the tree's frame by a subtraction alone; false if that is wrong for some ray.
+/// ([`PacketWalk::is_within`] may also find so later.)
 #[inline(always)]
 fn set_unmoved(
     p: &Placed,
@@ -408,7 +409,7 @@ fn set_unmoved(
     is_fine
 }
 
-/// Takes rays into the tree's frame, whatever it takes; returns those that can hit something there.
+/// Transforms rays into the tree's frame in all cases; returns those that can hit something there.
 #[inline(never)]
 fn set_moved(
     p: &Placed,

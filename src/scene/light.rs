@@ -3,29 +3,28 @@
 use crate::base::error::{Error, Result};
 use glam::DVec3;
 
-/// Where a light's rays come from.
+/// The source of a light's rays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LightKind {
-    /// At the eye (perspective) or along the view (orthographic), without falloff; never casts shadows that
-    /// can be seen.
+    /// At the eye (perspective) or along the view (orthographic), without falloff; it never casts visible shadows.
     Headlight,
     /// A point in world space. Its irradiance at distance d is `intensity / d²`.
     Point(DVec3),
-    /// From infinitely far away, travelling along this direction (need not be unit).
+    /// Light from infinitely far away that travels along this direction (need not be unit).
     Directional(DVec3),
 }
 
 /// A light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
-    /// What kind, and where.
+    /// Kind and place of the light.
     pub kind: LightKind,
     /// Linear RGB, 0 or more.
     pub colour: [f32; 3],
-    /// Factor to `colour`, 0 or more. A white matt surface facing a headlight or directional light of
-    /// intensity 1 has the value 1.
+    /// Factor to `colour`, 0 or more. A white matt surface facing a headlight or directional light of intensity 1 has
+    /// the value 1.
     pub intensity: f32,
-    /// Whether shadow rays are traced (ignored for a headlight). A transparent part lets through 1 minus its opacity.
+    /// True if shadow rays are traced (ignored for a headlight). A transparent part transmits 1 minus its opacity.
     pub shadows: bool,
 }
 
@@ -37,7 +36,7 @@ impl Light {
     pub fn check(&self) -> Result<()> {
         let number = |x: f32| x.is_finite() && x >= 0.0;
         if !(self.colour.iter().all(|&c| number(c)) && number(self.intensity)) {
-            return Err(Error::bad_argument("light: colour and intensity must be finite, 0 or more"));
+            return Err(Error::bad_argument("light: colour and intensity must be finite and 0 or more"));
         }
         match self.kind {
             LightKind::Point(p) if !p.is_finite() => Err(Error::bad_argument("light: the position must be finite")),
@@ -49,16 +48,16 @@ impl Light {
     }
 }
 
-/// What rays that miss everything see. Linear RGBA.
+/// The colour of rays that miss everything. Linear RGBA.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Background {
     /// One colour.
     Colour([f32; 4]),
-    /// From the bottom to the top row of the picture.
+    /// A gradient from the bottom to the top row of the picture.
     Gradient {
-        /// At the bottom.
+        /// Colour at the bottom.
         bottom: [f32; 4],
-        /// At the top.
+        /// Colour at the top.
         top: [f32; 4],
     },
 }
@@ -77,7 +76,7 @@ impl Background {
             Background::Colour(c) => good(c),
             Background::Gradient { bottom, top } => good(bottom) && good(top),
         };
-        if fine { Ok(()) } else { Err(Error::bad_argument("background: colours must be finite, 0 or more")) }
+        if fine { Ok(()) } else { Err(Error::bad_argument("background: colours must be finite and 0 or more")) }
     }
 
     /// The colour at `height` of the picture, 0 at the bottom, 1 at the top.

@@ -1,5 +1,5 @@
-//! What is looked at: the context, opened models, instances under a top-level tree, cameras,
-//! lights, and the state of parts. Camera-independent; jobs read immutable [`SceneState`]s.
+//! The scene: the context, opened models, instances under a top-level tree, cameras, lights, and the looks of parts. A
+//! scene is independent of cameras. Jobs read immutable [`SceneState`]s.
 #![forbid(unsafe_code)]
 
 pub(crate) mod alike;

@@ -24,7 +24,7 @@ pub struct PartInfo {
     pub id: u64,
     /// Its name; may be empty.
     pub name: String,
-    /// Index of the part above it in [`Model::parts`].
+    /// Index of its parent part in [`Model::parts`].
     pub parent: Option<u32>,
     /// Linear RGBA of its material; alpha is the opacity.
     pub colour: [f32; 4],
@@ -32,40 +32,40 @@ pub struct PartInfo {
     pub metalness: f32,
     /// Its material's roughness, in [0, 1].
     pub roughness: f32,
-    /// Around all its triangles, in model space; empty if it has none.
+    /// Bounds of all its triangles, in model space; empty if it has none.
     pub bounds: DBounds,
-    /// Triangles of its own, not of the parts below it.
+    /// Number of its own triangles, without those of the parts below it.
     pub triangles: u64,
 }
 
-/// What a model is, from its header.
+/// Properties of a model, from its header.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelInfo {
     /// The file, or a name for a source that has none.
     pub name: String,
     /// The name of its structure: "bvh".
     pub structure: &'static str,
-    /// Triangles in the input.
+    /// Number of triangles in the input.
     pub triangles_in: u64,
-    /// Triangles stored, shared ones once.
+    /// Number of stored triangles, shared ones counted once.
     pub triangles_stored: u64,
-    /// Triangles seen, shared ones once for each instance.
+    /// Number of visible triangles, shared ones counted once for each instance.
     pub triangles_placed: u64,
-    /// Parts.
+    /// Number of parts.
     pub parts: u32,
-    /// Trees: the directly placed triangles, and one for each shared mesh.
+    /// Number of trees: one for the directly placed triangles, and one for each shared mesh.
     pub trees: u32,
-    /// Placements in the model's own assembly.
+    /// Number of placements in the model's own assembly.
     pub instances: u32,
-    /// Blocks of geometry.
+    /// Number of blocks of geometry.
     pub geometry_blocks: u32,
-    /// Around everything; empty for a model without triangles.
+    /// Bounds of everything; empty for a model without triangles.
     pub bounds: DBounds,
     /// Length unit, if known.
     pub metres_per_unit: Option<f64>,
     /// Up axis, if known.
     pub up: UpAxis,
-    /// Whether single triangles carry colours.
+    /// True if single triangles have colours.
     pub has_colours: bool,
     /// Bytes of the file.
     pub file_bytes: u64,
@@ -90,9 +90,9 @@ struct Inner {
     context: Context,
     info: ModelInfo,
     parts: Vec<PartInfo>,
-    /// Whether one of them lets light through.
+    /// True if a part is transparent.
     see_through: bool,
-    /// First part of each id.
+    /// Index of the first part with each id.
     part_of_id: HashMap<u64, u32>,
     trees: Vec<StoredTree>,
     blocks: ModelBlocks,
@@ -102,21 +102,21 @@ struct Inner {
 impl Model {
     /// Opens the built file at `path`. Reads the disk.
     ///
-    /// Reads its tables and its coarse blocks, and all of a small model; the rest when it is used, or in the
-    /// background. So it may be larger than the budget: `OverBudget` means that not even its tables and roots fit
-    /// beside what models in use must keep, and names the least budget that would do. Fails with `Io`, `Corrupt` or
-    /// `NewerFormat` otherwise; a damaged block that is not read yet fails the call that needs it.
+    /// The call reads tables and coarse blocks, and all blocks of a small model. Other blocks are read on use, or in
+    /// the background, so a model may be larger than the budget. `OverBudget` means that not even its tables and roots
+    /// fit in addition to the data that models in use must keep, and names the least sufficient budget. Otherwise fails
+    /// with `Io`, `Corrupt` or `NewerFormat`. A damaged block that is not read yet fails the call that needs it.
     pub fn open(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
         Self::open_source(context, Arc::new(FileSource::open(path)?))
     }
 
-    /// Opens a built file whose bytes come from `source`. Fails like [`Model::open`].
+    /// Opens a built file with bytes from `source`. Fails like [`Model::open`].
     pub fn open_source(context: &Context, source: Arc<dyn Source>) -> Result<Self> {
         Self::open_watched(context, source, &Progress::default(), &Cancel::new())
     }
 
-    /// [`Model::open_source`], watched from other threads: progress counts the bytes of blocks, and a cancel ends it
-    /// with `Cancelled` within the blocks being read.
+    /// [`Model::open_source`] under observation from other threads: progress counts the bytes of blocks, and a
+    /// cancellation ends the call with `Cancelled` within the blocks being read.
     pub fn open_watched(
         context: &Context,
         source: Arc<dyn Source>,
@@ -126,7 +126,7 @@ impl Model {
         Self::open_with(context, source, true, progress, cancel)
     }
 
-    /// For tests: with no block in memory, so that every ray meets missing ones, and nothing read ahead.
+    /// For tests: opens a model with no block in memory and without read-ahead, so that every ray needs missing blocks.
     #[doc(hidden)]
     pub fn open_cold(context: &Context, path: impl AsRef<Path>) -> Result<Self> {
         Self::open_with(context, Arc::new(FileSource::open(path)?), false, &Progress::default(), &Cancel::new())
@@ -143,14 +143,14 @@ impl Model {
         let file = Arc::new(ModelFile::open(source)?);
         let header = *file.header();
         if header.options.sample_bytes as usize != SAMPLE_BYTES {
-            let why = format!("samples of {} bytes are not those of this version", header.options.sample_bytes);
+            let why = format!("this version does not support samples of {} bytes", header.options.sample_bytes);
             return Err(Error::corrupt(file.name(), None, why));
         }
         let Opened { decoder, mut trees } = open::open(&file)?;
         let geometry = (0..header.geometry_blocks).map(BlockId);
         let geometry_bytes = geometry.map(|b| u64::from(file.decoded_len(b))).sum();
         let log = context.clone();
-        let again = move |why: &Error| log.log(LogLevel::Warning, &format!("{why}; read once more"));
+        let again = move |why: &Error| log.log(LogLevel::Warning, &format!("{why}; the block is read again"));
         let starts: Vec<_> = trees.iter().filter_map(StoredTree::start).collect();
         let roots: Vec<BlockId> = starts.iter().map(|start| start.0).collect();
         let residency = context.residency();
@@ -174,12 +174,12 @@ impl Model {
         Ok(Self(Arc::new(Inner { context, info, parts, see_through, part_of_id, trees, blocks, geometry_bytes })))
     }
 
-    /// The context it was opened in.
+    /// The context in which it was opened.
     pub fn context(&self) -> &Context {
         &self.0.context
     }
 
-    /// What it is.
+    /// Properties of the model.
     pub fn info(&self) -> &ModelInfo {
         &self.0.info
     }
@@ -194,15 +194,15 @@ impl Model {
         self.0.part_of_id.get(&id).copied()
     }
 
-    /// Bytes it holds in memory now.
+    /// Bytes that it holds in memory now.
     pub fn memory(&self) -> ModelMemory {
         let blocks = &self.0.blocks;
         ModelMemory { resident: blocks.resident_bytes(), geometry: self.0.geometry_bytes, tables: blocks.table_bytes() }
     }
 
-    /// Brings all of its geometry into memory, by all workers of the context: false if the budget does not hold it
-    /// beside what is in use. Blocks. What is not used may go again when room is needed. Fails with `Io`, `Corrupt` or
-    /// `Cancelled`.
+    /// Reads all of its geometry into memory, with all workers of the context. Returns false if the budget does not
+    /// hold it in addition to the data in use. Blocks. Data that is not used may be evicted later, when room is needed.
+    /// Fails with `Io`, `Corrupt` or `Cancelled`.
     pub fn load(&self, cancel: &Cancel) -> Result<bool> {
         let blocks = &self.0.blocks;
         let all: Vec<BlockId> = (0..self.0.info.geometry_blocks).map(BlockId).collect();
@@ -215,39 +215,39 @@ impl Model {
         Ok(is_all)
     }
 
-    /// Reads, decodes and validates all of its geometry, and how its blocks hang together, whatever the budget. Blocks.
-    /// Fails with what is wrong with the first block that is.
+    /// Reads, decodes and validates all of its geometry and the links between its blocks, for any budget. Blocks. Fails
+    /// with the error of the first faulty block.
     pub fn check(&self, cancel: &Cancel) -> Result<()> {
         if self.load(cancel)? {
             return Ok(());
         }
         let all: Vec<BlockId> = (0..self.0.info.geometry_blocks).map(BlockId).collect();
-        // A lease holds so many at the least.
+        // A lease holds at least four blocks.
         all.chunks(4).try_for_each(|few| self.0.context.residency().lease().fetch(&self.0.blocks, few, cancel))
     }
 
-    /// How many times a block was read again because reading or checking it had failed; the log says why.
+    /// Number of blocks that were read again because reading or checking had failed; the log says why.
     pub fn blocks_read_again(&self) -> u64 {
         self.0.blocks.read_again()
     }
 
-    /// Four views from its bounds: two of the whole, two at a quarter of the distance. Z is up where the model does
-    /// not say what is.
+    /// Four views from its bounds: two of the whole and two from a quarter of the distance. Z is up if the model does
+    /// not define an up axis.
     pub fn views(&self) -> [Camera; 4] {
         self.views_with(self.0.info.up)
     }
 
-    /// [`Model::views`] with another axis upward.
+    /// [`Model::views`] with another up axis.
     pub fn views_with(&self, up: UpAxis) -> [Camera; 4] {
         default_views(&self.0.info.bounds, up)
     }
 
-    /// Whether a part lets light through.
+    /// True if a part is transparent.
     pub(crate) fn see_through(&self) -> bool {
         self.0.see_through
     }
 
-    /// Whether both are the same opened model.
+    /// True if both are the same opened model.
     pub fn same(&self, other: &Model) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
@@ -272,7 +272,8 @@ impl Model {
     }
 }
 
-/// Blocks that are read at opening: all of a small model; of others the coarse ones, those nearest to the roots first.
+/// Bytes of blocks that are read at opening: all blocks of a small model, otherwise the coarse ones nearest to the
+/// roots.
 const OPENING_BYTES: u64 = 48 << 20;
 
 fn first_blocks(file: &ModelFile, budget: u64) -> Vec<BlockId> {
@@ -288,7 +289,7 @@ fn first_blocks(file: &ModelFile, budget: u64) -> Vec<BlockId> {
     let mut sum = 0;
     let fits = |&(depth, id): &(u32, u32)| {
         sum += bytes(BlockId(id));
-        // The roots in any case.
+        // The roots are read in any case.
         depth == 0 || sum <= most
     };
     by_depth.into_iter().take_while(fits).map(|(_, id)| BlockId(id)).collect()

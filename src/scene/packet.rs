@@ -1,5 +1,6 @@
-//! A packet's rays together in a scene of any trees: they go down the top tree, and those of them that meet its box
-//! into each placed tree. Like a walk of a single ray, a packet can be put down at a missing block and taken up again.
+//! A packet of rays in a scene of several trees. The packet goes down the top tree, and those of its rays that enter
+//! the box of a placed tree go into it as a packet. Like the walk of a single ray, a packet can stop at a missing block
+//! and continue later.
 
 use super::beam::Beam;
 use super::box_ray::PacketBoxRays;
@@ -11,22 +12,23 @@ use crate::structure::{LocalRay, Outcome, PacketWalk};
 
 /// The state of a packet's rays in a scene. Reusable.
 pub(crate) struct ScenePacket {
-    /// Nodes of the top tree, the next last: the rays that may meet each, and where the first of them enters it.
+    /// A stack of top-tree nodes, the next one last. Each has the rays that may enter it, and the distance at which the
+    /// first of them does.
     todo: Vec<(NodeRef, u32, f64)>,
     /// The placed tree that the packet is in.
     at: Option<u32>,
-    /// Where each ray is in it.
+    /// The placement of each ray in that tree.
     moved: [At; PACKET],
     inside: u32,
     tree: PacketWalk,
     best: [Found; PACKET],
-    /// How far each ray may still go.
+    /// The distance up to which each ray may still go.
     far: [f64; PACKET],
     box_rays: PacketBoxRays,
-    /// Of rays from one point, which is about as narrow as they are: fewer of them meet a box than it only where boxes
-    /// are small.
+    /// The beam of the rays if they share an origin. It is nearly as narrow as the rays: only for small boxes do
+    /// notably fewer rays enter the box than the beam.
     beam: Option<Beam>,
-    /// Rays that still look for something.
+    /// Rays that still search for a hit.
     active: u32,
 }
 
@@ -77,16 +79,16 @@ impl ScenePacket {
         &self.best[i]
     }
 
-    /// The greatest distance that any of some rays may still go.
+    /// The greatest distance up to which any ray of `rays` may still go.
     fn farthest(&self, rays: u32) -> f64 {
         bits(rays).fold(f64::NEG_INFINITY, |far, i| far.max(self.far[i]))
     }
 }
 
 impl SceneView<'_> {
-    /// A packet's rays together: the same hits as [`SceneView::trace`] finds for each alone.
+    /// Traces the rays as a packet; finds the hits that [`SceneView::trace`] finds for each single ray.
     pub fn trace_packet<const ANY: bool>(&self, rays: &[Ray; PACKET], walk: &mut ScenePacket) -> Step {
-        debug_assert!(self.within.is_none(), "an interval is of one ray");
+        debug_assert!(self.within.is_none(), "a double-precision interval belongs to a single ray");
         loop {
             if let Some(placed) = walk.at {
                 let (tree, filter) = (self.tree(placed), self.filter(placed));

@@ -1,4 +1,4 @@
-//! A tree placed in the world, and rays taken into its frame.
+//! Trees placed in the world, and the transformation of rays into their frames.
 
 use super::box_ray::BoxRay;
 use crate::base::error::{Error, Result};
@@ -7,41 +7,41 @@ use crate::structure::open::StoredTree;
 use crate::structure::{LocalRay, USUAL_DIRS};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// A tree seen through an affine map: x -> `linear` x + `offset` takes its frame to the world.
+/// A tree with an affine map from its frame to the world: x -> `linear` x + `offset`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Placed {
-    /// Index of the scene's model.
+    /// Index of the model in the scene.
     pub model: u32,
-    /// Tree of the model.
+    /// Index of the tree in the model.
     pub tree: u32,
-    /// Index of the scene's instance.
+    /// Index of the instance in the scene.
     pub instance: u32,
     /// The model's part that is the tree's local part 0 here.
     pub first_part: u32,
     linear: DMat3,
     inverse: DMat3,
     offset: DVec3,
-    /// `linear` is the identity.
+    /// True if `linear` is the identity.
     unturned: bool,
-    /// Greatest magnitude of a coordinate in the tree's frame.
+    /// Greatest magnitude of a coordinate in the tree's frame. Comments call it the tree's reach.
     max_coord: f64,
     local_bounds: DBounds,
-    /// Largest singular value of `linear`: no distance grows by more.
+    /// Largest singular value of `linear`: no distance grows by a larger factor.
     pub stretch: f64,
-    /// What the way to the tree's frame and back loses, as a part of what goes through.
+    /// Relative rounding error of a transformation to the tree's frame and back.
     loss: f64,
-    /// How far stored vertices may lie from the input's, in the world.
+    /// Greatest distance of stored vertices from the input's vertices, in the world.
     pub position_error: f64,
-    /// Around its triangles in the world, rounding included.
+    /// Bounds of the triangles in the world, rounding included.
     pub bounds: DBounds,
 }
 
-/// By how much bounds of triangles are grown to hold all that rays may hit, as a part of their extents, where the
-/// tree's own boxes are not known: planes of cells, which stand in, are rounded outward by less than a hundredth of
+/// Growth of the bounds of triangles that makes them hold all that rays may hit, as a fraction of their extents. It
+/// applies where the tree's own boxes are unknown: planes of cells are rounded outward by less than a hundredth of
 /// their node's size.
 const CELLS: f64 = 1.0 / 64.0;
 
-/// Around all that rays may hit in a tree, in its frame.
+/// Bounds of all that rays may hit in a tree, in its frame.
 fn around_hits(tree: &StoredTree) -> DBounds {
     match tree.around_hits {
         Some(b) => DBounds { min: b.min.as_dvec3(), max: b.max.as_dvec3() }.union(tree.bounds),
@@ -52,12 +52,12 @@ fn around_hits(tree: &StoredTree) -> DBounds {
     }
 }
 
-/// By how much more, as a part of the tree's reach: the boxes of a tree may give way by 64 h where rays begin within
-/// [`FAR`] reaches (h = 2^-24), and rays from farther away are moved nearer. A structure whose boxes give way by more
-/// would lose hits here.
+/// Further growth of these bounds, as a fraction of the tree's reach. Box tests of a tree may allow 64 h for rays that
+/// begin within [`FAR`] reaches (h = 2^-24), and rays from farther away are moved nearer. A structure with a greater
+/// allowance would lose hits here.
 const GIVE: f64 = 1.0 / 4096.0;
 
-/// A ray's place in a placed tree: t in the world is `shift + scale * t` in the tree.
+/// The placement of a ray in a placed tree: t in the world is `shift + scale * t` in the tree.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct At {
     /// Index of the placed tree.
@@ -67,10 +67,10 @@ pub(crate) struct At {
 }
 
 impl At {
-    /// In no tree.
+    /// The placement in no tree.
     pub const NONE: Self = Self { placed: u32::MAX, shift: 0.0, scale: 1.0 };
 
-    /// A distance in the tree as one in the world.
+    /// Converts a distance in the tree to one in the world.
     #[inline(always)]
     pub fn in_world(&self, t: f32) -> f64 {
         self.shift + self.scale * f64::from(t)
@@ -84,19 +84,19 @@ struct Local {
     scale: f64,
 }
 
-/// A ray's origin farther from the tree than this many times its reach is moved to where the ray enters: single
-/// precision holds positions to 2⁻²⁴ of the distance, so beyond some reaches the tree's own detail would be lost. (Rays
-/// that are moved no longer share an origin, and take three times as long: so far that cameras that show the whole are
+/// A ray is moved to its entry into the tree if its origin is farther away than this many times the tree's reach.
+/// Single precision holds positions to 2⁻²⁴ of the distance, so beyond some reaches it would lose the tree's detail.
+/// (Moved rays no longer share an origin and take three times as long. With this limit, cameras that show the whole are
 /// not moved.)
 const FAR: f64 = 6.0;
-/// By what part of how far coordinates reach walks may find hits before or behind where double precision puts them, but
-/// for triangles met within some 4 degrees of edge-on: 64 roundings. Four are of origin and corners, as many of the
-/// test itself, each over the cosine.
+/// Greatest distance by which walks may misplace a hit against double precision, as a fraction of the greatest
+/// coordinates. It does not hold for triangles met within some 4 degrees of edge-on. It is 64 roundings: four of origin
+/// and corners and four of the test itself, each over the cosine.
 const BEYOND: f64 = 1.0 / 262_144.0;
 /// The greatest ratio of singular values of a transform.
 const MOST_SKEW: f64 = 1e12;
 
-/// Refuses transforms that are not finite, singular, or so nearly that double precision loses them.
+/// Rejects transforms that are not finite, singular, or so close to singular that double precision fails.
 pub(crate) fn check_transform(m: &DAffine3) -> Result<()> {
     let inverse = m.matrix3.inverse();
     let skew = largest_singular_value(&m.matrix3) * largest_singular_value(&inverse);
@@ -106,7 +106,7 @@ pub(crate) fn check_transform(m: &DAffine3) -> Result<()> {
 
 /// An upper bound of the largest singular value of `m`, tight to rounding.
 pub(crate) fn largest_singular_value(m: &DMat3) -> f64 {
-    // Scaled, so that squares neither overflow nor vanish.
+    // Scaling keeps the squares from overflow and underflow.
     let size = m.to_cols_array().iter().fold(0.0f64, |s, x| s.max(x.abs()));
     if !(size > 0.0 && size.is_finite()) {
         return size;
@@ -127,16 +127,16 @@ pub(crate) fn largest_singular_value(m: &DMat3) -> f64 {
     greatest.max(0.0).sqrt() * size * (1.0 + 1e-12)
 }
 
-/// How far `there` of `back` of a point may be from it (a length), as a part of the greatest coordinate: what the
-/// product differs from the identity by, and eight roundings of its terms (which are large where a transform is
-/// skewed).
+/// Bound of the distance between a point and `there` of `back` of it, as a fraction of the greatest coordinate. It adds
+/// the difference of the product from the identity and eight roundings of its terms, which are large for skewed
+/// transforms.
 fn loss(there: &DMat3, back: &DMat3) -> f64 {
     let rows = |m: DMat3| (m.abs() * DVec3::ONE).length();
     rows(*there * *back - DMat3::IDENTITY) + rows(there.abs() * back.abs()) * (8.0 * f64::EPSILON)
 }
 
 impl Placed {
-    /// `tree` of a model whose mesh coordinates `world_from_mesh` takes to the world.
+    /// Places `tree` of a model; `world_from_mesh` maps the model's mesh coordinates to the world.
     pub fn new(tree: &StoredTree, ids: [u32; 4], world_from_mesh: &DAffine3) -> Self {
         let linear = world_from_mesh.matrix3;
         let offset = world_from_mesh.transform_point3(tree.origin);
@@ -144,7 +144,7 @@ impl Placed {
         let world = DAffine3 { matrix3: linear, translation: offset };
         let mut bounds = tree.bounds.transformed(&world);
         if !bounds.is_empty() {
-            // A few roundings of each coordinate's terms.
+            // The slack covers a few roundings of each coordinate's terms.
             let terms = offset.abs() + linear.abs() * DVec3::splat(f64::from(tree.max_coord));
             let slack = terms * (16.0 * f64::EPSILON);
             bounds = DBounds { min: bounds.min - slack, max: bounds.max + slack };
@@ -169,8 +169,8 @@ impl Placed {
         }
     }
 
-    /// Around all that rays may hit in it, which is `tree`, stand-ins too, in the world: a ray that misses this box
-    /// hits nothing in the tree, whichever way it goes.
+    /// Bounds in the world of all that rays may hit in the tree, stand-ins included; `tree` must be the placed tree. A
+    /// ray that misses this box hits nothing in the tree.
     pub fn hit_bounds(&self, tree: &StoredTree) -> DBounds {
         let around = around_hits(tree);
         let give = DVec3::splat(self.max_coord * GIVE);
@@ -179,8 +179,7 @@ impl Placed {
         self.bounds.union(around)
     }
 
-    /// A point of the world in the tree's frame. The subtraction comes first: far from zero it is
-    /// what keeps the digits.
+    /// A point of the world in the tree's frame. The subtraction comes first: far from zero it preserves the digits.
     #[inline]
     pub fn local_point(&self, p: DVec3) -> DVec3 {
         let p = p - self.offset;
@@ -193,16 +192,17 @@ impl Placed {
         if self.unturned { v } else { self.inverse * v }
     }
 
-    /// Where the tree's zero lies, if that is all that its frame differs by.
+    /// The position of the tree's origin, if its frame is only translated.
     #[inline]
     pub fn only_shifted(&self) -> Option<DVec3> {
         self.unturned.then_some(self.offset)
     }
 
-    /// How far along an axis an origin may lie, in the tree's frame, without being moved nearer.
+    /// Greatest coordinate, in the tree's frame, of an origin that is not moved nearer.
     #[inline]
     pub fn near(&self) -> f32 {
-        // An origin rounded to less than the border was within it before: beyond, single rays and packets would differ.
+        // With the next lower number, an origin within the limit in single precision is also within it in double
+        // precision. Otherwise single rays and packets could differ.
         ((FAR * self.max_coord) as f32).next_down()
     }
 
@@ -212,13 +212,13 @@ impl Placed {
         if self.unturned { p + self.offset } else { self.linear * p + self.offset }
     }
 
-    /// Greatest distance from the tree's zero along an axis, in the world.
+    /// Greatest distance from the tree's origin along an axis, in the world.
     #[inline]
     pub fn extent(&self) -> f64 {
         self.stretch * self.max_coord
     }
 
-    /// Around a box of the tree's frame, in the world, rounding included.
+    /// Bounds in the world of a box in the tree's frame, rounding included.
     pub fn world_bounds(&self, b: &Bounds) -> DBounds {
         let local = DBounds { min: b.min.as_dvec3(), max: b.max.as_dvec3() };
         let world = local.transformed(&DAffine3 { matrix3: self.linear, translation: self.offset });
@@ -226,33 +226,34 @@ impl Placed {
         DBounds { min: world.min - slack, max: world.max + slack }
     }
 
-    /// A normal (not unit) of the tree's frame in the world, not unit: by the inverse transpose.
+    /// Transforms a normal of the tree's frame to the world by the inverse transpose. Neither normal need be unit.
     #[inline]
     pub fn world_normal(&self, n: DVec3) -> DVec3 {
         if self.unturned { n } else { self.inverse.transpose() * n }
     }
 
-    /// How fast `n` times a point of the world changes with the point's place in the tree's frame.
+    /// Gradient, in the tree's frame, of the dot product of `n` and a point in the world.
     #[inline]
     pub fn gradient(&self, n: DVec3) -> DVec3 {
         if self.unturned { n } else { self.linear.transpose() * n }
     }
 
-    /// Bounds of rounding in `world_point(local_point(p))`, for points within `size` of zero in the world.
+    /// Bound of the rounding of `world_point(local_point(p))` for points within `size` of zero in the world.
     #[inline(always)]
     pub fn rounding(&self, size: f64) -> f64 {
         (size + self.offset.abs().max_element() + self.stretch * self.max_coord) * self.loss
     }
 
-    /// [`Placed::rounding`] of what is `along` from `origin`.
+    /// [`Placed::rounding`] of the point `along` from `origin`.
     #[inline(always)]
     pub fn rounding_along(&self, origin: DVec3, along: DVec3) -> f64 {
         self.rounding(origin.abs().max_element() + along.abs().max_element())
     }
 
-    /// How far before a hit at `t` a surface may be that walks put behind it, in units of the ray's direction: how far
-    /// apart a ray of [`Placed::local`] and the real one may be (four times what single precision loses; of transforms
-    /// also what is lost on the way to the tree's frame), at a cosine of 1/64.
+    /// Greatest distance, in units of the ray's direction, from a hit at `t` to a surface before it that walks put
+    /// behind it. It is the distance between a ray of [`Placed::local`] and the exact ray, divided by a cosine of 1/64.
+    /// The distance is four times the error of single precision; under a transform it includes the rounding on the way
+    /// to the tree's frame.
     #[inline]
     pub fn slack(&self, ray: &Ray, t: f64) -> f64 {
         let dir = ray.dir.as_dvec3();
@@ -261,63 +262,63 @@ impl Placed {
         apart * 64.0 / dir.length()
     }
 
-    /// The ends of a ray's interval as walks take them, in a frame that differs from the world by its zero only. `org`:
-    /// its origin there; `dir`: greatest component of its direction. See [`Placed::rounded`].
+    /// The ends of a ray's interval for walks in a frame that is only translated. `org` is the ray's origin there,
+    /// `dir` returns the greatest component of its direction. See [`Placed::rounded`].
     #[inline(always)]
     pub fn ends(&self, ends: [f64; 2], org: DVec3, dir: impl Fn() -> f32, beyond: bool) -> [f32; 2] {
-        // Most begin at zero, and go on for ever.
+        // Most rays begin at zero and have no end.
         if !(ends[0] > 0.0 || ends[1] < f64::INFINITY) {
             return [0.0, f32::INFINITY];
         }
         self.rounded(ends, org, f64::from(dir()), beyond)
     }
 
-    /// Ends of an interval in single precision: `beyond`, so much farther that nothing within is lost, and what is
-    /// found may be outside; else the nearest within, and at the far end the nearest not within.
+    /// The ends of an interval in single precision. With `beyond` they are so much farther apart that no hit within the
+    /// exact interval is lost, and hits may lie outside. Otherwise both become the least numbers not below them.
     #[inline(always)]
     fn rounded(&self, [t_min, t_max]: [f64; 2], org: DVec3, dir: f64, beyond: bool) -> [f32; 2] {
         if !beyond {
             return [not_below(t_min.max(0.0)), not_below(t_max)];
         }
-        // Of directions that are about as long as units a division is spared. What the two are rounded by is less than
-        // `by`, wherever anything can be hit.
+        // For directions of about unit length this saves a division. Wherever a ray can hit anything, the rounding of
+        // both ends is less than `by`.
         let over = if (0.5..=2.0).contains(&dir) { 2.0 } else { 1.0 / dir };
         let by = BEYOND * (org.abs().max_element() + self.max_coord) * over;
         [(t_min - by).max(0.0) as f32, (t_max + by) as f32]
     }
 
-    /// Whether a triangle's hit at `t` by a walk that looks beyond the ray's ends may be outside of them, seen in
-    /// double precision.
+    /// True if double precision may put a triangle's hit at `t` outside of the ray's interval, for a hit of a walk that
+    /// searched beyond the interval.
     #[inline(always)]
     pub fn is_near_end(&self, ray: &Ray, t: f64) -> bool {
         let (begins, ends) = (ray.t_min > 0.0, ray.t_max < f64::INFINITY);
         if !(begins || ends) {
             return false;
         }
-        // In the world a direction is shorter than in the tree's frame by `stretch` and a root of three, at most.
+        // A direction's greatest component in the world is at most 3^0.5 `stretch` times that in the tree's frame.
         let times = if self.unturned { 1.0 } else { 2.0 * self.stretch };
         let far = BEYOND
             * times
             * (self.local_point(ray.origin).abs().max_element().min(FAR * self.max_coord) + self.max_coord);
         let dir = f64::from(ray.dir.abs().max_element());
-        // Where anything is not a number it may.
+        // NaN in any operand returns true.
         let is_inside = (!begins || (t - ray.t_min) * dir > far) && (!ends || (ray.t_max - t) * dir > far);
         !is_inside
     }
 
     /// Writes the ray in the tree's frame, up to world distance `best`, to `local`, and returns shift and scale: t in
-    /// the world is `shift + scale * t` there. `None` if the ray surely misses, or cannot hit anything at all.
+    /// the world is `shift + scale * t` there. `None` if the ray certainly misses, or cannot hit anything at all.
     /// `beyond`: see [`super::walk::SceneView::widen_interval`].
     ///
-    /// Field by field into the caller's memory: passed by value the struct is stored in small pieces and at
-    /// once loaded in large ones, which stalls for more than all of the rest takes.
+    /// The function writes each field to the caller's memory. A struct passed by value is stored in small pieces and at
+    /// once loaded in large ones, and that stall takes longer than all of the rest.
     #[inline(always)]
     pub fn local(&self, ray: &Ray, best: f64, beyond: bool, local: &mut LocalRay) -> Option<(f64, f64)> {
         let size = ray.dir.abs().max_element();
         let org = ray.origin - self.offset;
         let is_near = org.abs().max_element() <= FAR * self.max_coord;
         if self.unturned && is_near && USUAL_DIRS.contains(&size) && ray.has_interval() {
-            // The common case: nothing but one rounding. What is not a number gets through, to be found by the walk.
+            // The common case has one rounding only. A NaN passes through: the walk detects it.
             local.org = org.as_vec3();
             local.dir = ray.dir;
             [local.t_min, local.t_max] = self.ends([ray.t_min, best], org, || size, beyond);
@@ -329,7 +330,7 @@ impl Placed {
         Some((shift, scale))
     }
 
-    /// [`Placed::local`] where the ray must be turned, scaled, or moved nearer.
+    /// [`Placed::local`] for a ray that must be turned, scaled, or moved nearer.
     #[inline(never)]
     fn moved(&self, ray: &Ray, best: f64, beyond: bool) -> Option<Local> {
         let (mut org, mut dir) = (self.local_point(ray.origin), self.local_vector(ray.dir.as_dvec3()));
@@ -340,17 +341,17 @@ impl Placed {
         }
         let size = dir.abs().max_element() as f32;
         if !USUAL_DIRS.contains(&size) {
-            // A power of two: exact.
+            // A power of two scales exactly.
             let size = dir.abs().max_element();
             scale = 0.5f64.powi(size.log2().round().clamp(-1000.0, 1000.0) as i32);
             dir *= scale;
         }
-        // No length grows by more than `stretch`, so no projection by more than its square.
+        // No length grows by more than `stretch`, so no projected area grows by more than its square.
         let (a, b) = (f64::from(ray.cone.a), f64::from(ray.cone.b));
         let cone = Cone { a: ((a + b * shift) / self.stretch) as f32, b: (b * scale / self.stretch) as f32 };
         let ends = [ray.t_min, best].map(|t| (t - shift) / scale);
         let [mut t_min, t_max] = self.rounded(ends, org, dir.abs().max_element(), beyond);
-        // What a sum of two rounds away is not to put it before where the ray begins.
+        // The rounding of the sum must not put the first t before the ray's begin.
         while !beyond && shift + scale * f64::from(t_min) < ray.t_min {
             t_min = t_min.next_up();
         }
@@ -364,17 +365,17 @@ impl Placed {
         Some(Local { ray, shift, scale })
     }
 
-    /// A little before the ray enters the tree's bounds; `None` if it does not.
+    /// A distance slightly before the ray enters the tree's bounds; `None` if it does not enter them.
     #[cold]
     fn entry(&self, org: DVec3, dir: DVec3, t_min: f64, best: f64) -> Option<f64> {
         let enter = BoxRay::of(org, dir).enter(&self.local_bounds, 0.0, best)?;
-        // Well before, so that rounding puts nothing of the tree behind the new origin.
+        // The margin is so large that rounding puts nothing of the tree behind the new origin.
         let before = 0.25 * self.max_coord / dir.abs().max_element();
         Some((enter - before).max(0.0).max((t_min - before).min(enter)))
     }
 }
 
-/// The least single not below `x`.
+/// The least single-precision number not below `x`.
 #[inline(always)]
 pub(crate) fn not_below(x: f64) -> f32 {
     let single = x as f32;
@@ -383,7 +384,7 @@ pub(crate) fn not_below(x: f64) -> f32 {
 
 #[cfg(test)]
 impl Placed {
-    /// A tree around `origin` with coordinates up to `reach`.
+    /// A tree around `origin` with coordinates up to `max_coord`.
     pub fn for_tests(origin: DVec3, max_coord: f32, world_from_mesh: &DAffine3) -> Self {
         let corner = DVec3::splat(f64::from(max_coord));
         let bounds = DBounds { min: -corner, max: corner };
@@ -409,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn there_and_back_loses_no_more_than_said() {
+    fn round_trip_error_is_within_its_bound() {
         let turns = [DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(-1.1), DQuat::from_rotation_z(2.3)];
         let [first, second] = turns.map(DMat3::from_quat);
         for skew in [1.0, 30.0, 1e4, 1e8, 1e11] {
@@ -427,7 +428,7 @@ mod tests {
                 worst = worst.max(placed.world_point(placed.local_point(at)).distance(at));
             }
             assert!(worst <= bound && bound < 1e4 * worst, "{skew}: {worst:e}, said {bound:e}");
-            // Eight roundings of coordinates, whatever the transform, would not do.
+            // A bound of eight roundings of coordinates, independent of the transform, would be too small.
             assert!(skew < 1e4 || worst > (14.0 + 2.0 * skew) * 8.0 * f64::EPSILON, "{skew}: {worst:e}");
         }
     }

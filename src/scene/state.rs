@@ -1,4 +1,4 @@
-//! The committed, immutable state of a scene: what jobs read.
+//! The committed, immutable state of a scene, which jobs read.
 
 use super::context::Context;
 use super::light::{Background, Light};
@@ -10,14 +10,14 @@ use glam::DAffine3;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// How an instance or a part of it is shown.
+/// The look of an instance or of a part of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
-    /// Whether rays meet it at all.
+    /// True if rays can hit it.
     pub visible: bool,
-    /// Linear RGBA in place of its own colour; alpha is the opacity.
+    /// Linear RGBA that replaces its own colour; alpha is the opacity.
     pub colour: Option<[f32; 4]>,
-    /// Whether it is shown highlighted.
+    /// True if it is highlighted.
     pub selected: bool,
 }
 
@@ -28,25 +28,25 @@ impl Default for Look {
 }
 
 impl Look {
-    /// Whether its colour lets light through.
+    /// True if its colour is transparent.
     pub(crate) fn see_through(&self) -> bool {
         self.colour.is_some_and(|c| c[3] < 1.0)
     }
 }
 
-/// The states of an instance's parts, where they differ from the default.
+/// The looks of an instance's parts that differ from the default.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct PartLooks {
-    /// Bit `i % 64` of word `i / 64`: part `i` is hidden. As long as the last hidden part needs.
+    /// Bit `i % 64` of word `i / 64`: part `i` is hidden. The last word is not 0.
     pub hidden: Vec<u64>,
-    /// By index of the part.
+    /// Looks by index of the part.
     pub shown: HashMap<u32, Look>,
-    /// How many parts of `shown` have each bit of a summary (`lod::summary_bit`).
+    /// Number of parts in `shown` for each bit of a summary (`lod::summary_bit`).
     bits: [u32; 32],
 }
 
 impl PartLooks {
-    /// Sets one part's state.
+    /// Sets one part's look.
     pub fn set(&mut self, part: u32, look: Look) {
         let (word, bit) = (part as usize / 64, part % 64);
         if !look.visible && self.hidden.len() <= word {
@@ -66,14 +66,14 @@ impl PartLooks {
         }
     }
 
-    /// The summary of the parts that are hidden or look otherwise than in the file, for a mesh whose local part 0 is
+    /// The summary of the parts that are hidden or differ in look from the file, for a mesh with the local part 0 at
     /// `first_part`.
     pub fn touched(&self, first_part: u32) -> u32 {
         let all = self.bits.iter().enumerate().fold(0, |all, (bit, count)| all | u32::from(*count > 0) << bit);
         all.rotate_right(first_part % 32)
     }
 
-    /// Whether light passes through one of the parts whose state has a colour.
+    /// True if a part has a look with a transparent colour.
     pub fn see_through(&self) -> bool {
         self.shown.values().any(Look::see_through)
     }
@@ -92,13 +92,13 @@ pub(crate) struct Instance {
     pub parts: Arc<PartLooks>,
 }
 
-/// Where everything is: shared by states that differ in looks only.
+/// The placement of all trees; states that differ only in looks share it.
 pub(crate) struct Placement {
     /// By instance in the order added, then by the model's own order.
     pub placed: Vec<Placed>,
-    /// Over the boxes of all that rays may hit.
+    /// The top tree over the boxes of all that rays may hit.
     pub top: TopTree,
-    /// Around all triangles.
+    /// Bounds of all triangles.
     pub bounds: DBounds,
 }
 
@@ -114,7 +114,7 @@ pub struct SceneState {
     pub(crate) models: Vec<Model>,
     pub(crate) instances: Vec<Instance>,
     pub(crate) placement: Arc<Placement>,
-    /// Whether anything may be transparent: else whatever a shadow ray meets is dark.
+    /// True if anything may be transparent. Otherwise any surface that a shadow ray hits blocks it.
     pub(crate) see_through: bool,
     pub(crate) lights: Vec<Light>,
     pub(crate) background: Background,
@@ -131,12 +131,12 @@ impl SceneState {
         self.instances.len()
     }
 
-    /// Around all instances, hidden ones too, in world space; empty if there is nothing.
+    /// Bounds of all instances, hidden ones too, in world space; empty if there are none.
     pub fn bounds(&self) -> DBounds {
         self.placement.bounds
     }
 
-    /// Around all that rays can hit, in world space: stand-ins reach out of [`SceneState::bounds`].
+    /// Bounds in world space of all that rays can hit: stand-ins may extend beyond [`SceneState::bounds`].
     pub(crate) fn bounds_of_hits(&self) -> DBounds {
         *self.placement.top.around()
     }

@@ -1,6 +1,6 @@
-//! Rays from anywhere to anywhere, side by side in a scene. Each walks the top tree alone, up to the next placed tree
-//! that it enters; the rays that enter the same tree, wherever it is placed, then go through it as one stream; and so
-//! on until no ray enters any more.
+//! Incoherent rays in a scene, traced as streams. Each ray walks the top tree by itself, up to the next placed tree
+//! that it enters. The rays that enter the same tree, at any of its placements, then go through it as one stream. This
+//! repeats until no ray enters a tree.
 
 use super::alike::Alike;
 use super::beam::Beam;
@@ -12,23 +12,23 @@ use super::walk::{Found, SceneView, SceneWalk, Step};
 use crate::math::{PACKET, Ray, STREAM, bits};
 use crate::structure::{LocalRay, Outcome, Stream, TriHit, Walk};
 
-/// Rays that go one after the other, each to its end, at most: so few take longer to begin side by side than to walk.
+/// Greatest number of rays that are walked one after the other: starting a stream takes longer than their walks.
 const FEW: usize = 4;
 
-/// Rays side by side in a scene. Reusable.
+/// The state of a stream of rays in a scene. Reusable.
 pub(crate) struct SceneStream {
     tree: Stream,
-    /// For runs of few rays.
+    /// The walk for runs of few rays.
     single: Walk,
     hits: Box<[TriHit; STREAM]>,
-    /// Where each ray of a run is in its tree.
+    /// The placement of each ray of a run in its tree.
     at: Box<[At; STREAM]>,
     alone: SceneWalk,
-    /// Of each ray in a scene of several placed trees, the nodes of the top tree that are still to be visited, the
-    /// nearest last.
+    /// For each ray in a scene of several placed trees, the stack of top-tree nodes still to be visited. The nearest
+    /// node is the last.
     todo: Vec<Vec<(NodeRef, f64)>>,
     box_rays: Vec<BoxRay>,
-    /// Rays that are not done: `todo` may hold nodes for them.
+    /// True for rays that are not done: `todo` may hold nodes for them.
     goes_on: Box<[bool; STREAM]>,
     /// The placed trees that some packet's rays may enter.
     entered: Vec<Entered>,
@@ -41,7 +41,7 @@ pub(crate) struct SceneStream {
 /// A ray that enters a placed tree.
 #[derive(Debug, Clone, Copy)]
 struct Entering {
-    /// The same for rays that may go through a tree together.
+    /// Equal for rays that may go through a tree in one stream.
     tree: u64,
     ray: u32,
     placed: u32,
@@ -77,7 +77,7 @@ impl SceneStream {
         &self.unfinished
     }
 
-    /// Makes room for so many rays in a scene of several placed trees.
+    /// Makes room for the rays in a scene of several placed trees.
     fn reserve(&mut self, rays: &[Ray]) {
         if self.todo.len() < rays.len() {
             self.todo.resize_with(rays.len(), Vec::new);
@@ -87,11 +87,11 @@ impl SceneStream {
 }
 
 impl SceneView<'_> {
-    /// Rays side by side, but for [`FEW`] and less: the hits that [`SceneView::trace`] finds for each, at less cost.
-    /// `rays`: [`STREAM`] at most; `found`: as many. Rays in [`SceneStream::unfinished`] have no answer: they need a
-    /// block, or must go alone; they are to be begun anew.
+    /// Traces rays as streams, or singly if there are at most [`FEW`]. Finds the hits that [`SceneView::trace`] finds
+    /// for each ray, at less cost. `rays` has at most [`STREAM`] entries, `found` equally many. Rays in
+    /// [`SceneStream::unfinished`] have no answer, as they need a block or a single walk: they must be begun again.
     pub fn trace_each<const ANY: bool>(&self, rays: &[Ray], walk: &mut SceneStream, found: &mut [Found]) {
-        debug_assert!(self.within.is_none(), "an interval is of one ray");
+        debug_assert!(self.within.is_none(), "a double-precision interval belongs to a single ray");
         walk.unfinished.clear();
         if rays.len() <= FEW {
             return self.one_by_one::<ANY>(rays, walk, found);
@@ -111,7 +111,7 @@ impl SceneView<'_> {
             }
         }
         while !entering.is_empty() {
-            // Most rounds are of one tree.
+            // Most rounds have one tree only, and need no sort.
             if entering.iter().any(|it| it.tree != entering[0].tree) {
                 entering.sort_unstable_by_key(|it| (it.tree, it.ray));
             }
@@ -156,7 +156,7 @@ impl SceneView<'_> {
                 let mut enter = [0.0; PACKET];
                 for i in bits(packet.enter(self.scene.context().isa(), &tree.bounds, &t_max, &mut enter)) {
                     let todo = &mut todo[first + i];
-                    // The nearest last; of equal ones the first.
+                    // The nearest node is the last; of equally near nodes the first tree is visited first.
                     let at = todo.partition_point(|it| it.1 > enter[i]);
                     todo.insert(at, (tree.node, enter[i]));
                 }
@@ -170,7 +170,7 @@ impl SceneView<'_> {
         entering.extend((first..).zip(group).filter_map(|(i, ray)| self.next_tree(ray, i, ray.t_max, walk)));
     }
 
-    /// A ray that enters a placed tree, if it sees that.
+    /// The entry of a ray into a placed tree; `None` if the tree is not visible to the ray.
     #[inline]
     fn entering(&self, ray: &Ray, i: usize, placed: u32) -> Option<Entering> {
         (self.seen_by(placed) & ray.mask != 0).then(|| Entering { tree: self.tree_key(placed), ray: i as u32, placed })
@@ -209,15 +209,15 @@ impl SceneView<'_> {
         None
     }
 
-    /// Equal for placed trees that rays may go through together: the same tree, and no part of it is shown otherwise
-    /// than in the file; or the same placed tree.
+    /// Equal for placed trees that rays may go through in one stream: placements of the same tree with all parts as in
+    /// the file, or the same placed tree.
     fn tree_key(&self, placed: u32) -> u64 {
         let p = &self.scene.placement.placed[placed as usize];
         let is_as_in_file = self.scene.instances[p.instance as usize].parts.shown.is_empty();
         if is_as_in_file { u64::from(p.model) << 32 | u64::from(p.tree) } else { 1 << 63 | u64::from(placed) }
     }
 
-    /// Takes a ray through the tree that it enters, and alone through all that it enters then.
+    /// Takes a ray by itself through the tree that it enters, and through all further trees that it enters.
     fn alone<const ANY: bool>(
         &self,
         rays: &[Ray],

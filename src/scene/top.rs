@@ -2,13 +2,13 @@
 
 use crate::math::DBounds;
 
-/// A child of a node: an inner node, or (with the top bit) a placed tree.
+/// A child of a node: an inner node or, if the top bit is set, a placed tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NodeRef(u32);
 
 const LEAF: u32 = 1 << 31;
 
-/// What a [`NodeRef`] stands for.
+/// The target of a [`NodeRef`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
     /// Index of an inner node.
@@ -18,7 +18,7 @@ pub enum Target {
 }
 
 impl NodeRef {
-    /// What it stands for.
+    /// The node or tree that this refers to.
     #[inline]
     pub fn target(self) -> Target {
         if self.0 & LEAF == 0 { Target::Inner(self.0) } else { Target::Placed(self.0 & !LEAF) }
@@ -28,20 +28,20 @@ impl NodeRef {
 /// An inner node: two children with their boxes.
 #[derive(Debug, Clone, Copy)]
 pub struct Node {
-    /// Around each child.
+    /// The box of each child.
     pub bounds: [DBounds; 2],
     /// The children.
     pub child: [NodeRef; 2],
 }
 
-/// Invariants: a child's index is above its parent's, so walks end; every placed tree with bounds that
-/// are not empty is a leaf exactly once; boxes hold all that is below.
+/// The tree. Invariants: a child's index is above its parent's, so walks end; every placed tree with non-empty bounds
+/// is a leaf exactly once; each box holds all that is below it.
 #[derive(Debug, Clone)]
 pub struct TopTree {
     nodes: Vec<Node>,
     root: Option<NodeRef>,
     around: DBounds,
-    /// Deepest leaf; a depth-first walk needs a stack one deeper at most.
+    /// Depth of the deepest leaf; a depth-first walk needs a stack of at most one entry more.
     depth: usize,
 }
 
@@ -52,7 +52,7 @@ impl Default for TopTree {
 }
 
 impl TopTree {
-    /// Over `bounds`, index by index; empty ones are left out. The same input gives the same tree.
+    /// Builds the tree over `bounds`, index by index, and leaves out empty ones. The same input gives the same tree.
     pub fn build(bounds: &[DBounds]) -> Self {
         let mut order: Vec<u32> = (0..bounds.len() as u32).filter(|&i| !bounds[i as usize].is_empty()).collect();
         let around = order.iter().fold(DBounds::EMPTY, |all, &i| all.union(bounds[i as usize]));
@@ -60,7 +60,7 @@ impl TopTree {
         if order.is_empty() {
             return tree;
         }
-        // Iterative: a recursion would be as deep as the tree.
+        // The loop replaces a recursion as deep as the tree.
         let mut todo = vec![(0, order.len(), None::<(usize, usize)>, 1)];
         while let Some((begin, end, parent, depth)) = todo.pop() {
             tree.depth = tree.depth.max(depth);
@@ -87,13 +87,13 @@ impl TopTree {
         tree
     }
 
-    /// Around all that it was built over.
+    /// Bounds of all that the tree was built over.
     #[inline]
     pub fn around(&self) -> &DBounds {
         &self.around
     }
 
-    /// Where walks begin; `None` if there is nothing.
+    /// The root of all walks; `None` if the tree is empty.
     #[inline]
     pub fn root(&self) -> Option<NodeRef> {
         self.root
@@ -113,8 +113,8 @@ impl TopTree {
 
 const BINS: usize = 16;
 
-/// Orders `range` so that its first n go to one side, the rest to the other, by binned SAH over the
-/// centres; returns n, at least 1 and less than all.
+/// Orders `range` by binned SAH over the centres, so that its first n go to one side and the rest to the other. Returns
+/// n, at least 1 and less than all.
 fn split(bounds: &[DBounds], range: &mut [u32]) -> usize {
     let centre = |i: u32| bounds[i as usize].center();
     let centres = range.iter().fold(DBounds::EMPTY, |b, &i| b.with(centre(i)));
@@ -147,7 +147,7 @@ fn bin_of(x: f64, low: f64, width: f64) -> usize {
     (((x - low) / width * BINS as f64) as usize).min(BINS - 1)
 }
 
-/// The cheapest of the cuts between bins: its cost, and the first bin on the right.
+/// The cheapest of the cuts between bins: its cost, and the first bin on its right.
 fn cheapest_cut(bounds: &[DBounds], range: &[u32], bin: impl Fn(u32) -> usize) -> Option<(f64, usize)> {
     let mut bins = [(DBounds::EMPTY, 0usize); BINS];
     for &i in range {
@@ -210,7 +210,7 @@ mod tests {
         let boxes = grid(200);
         let tree = TopTree::build(&boxes);
         assert!(tree.depth < 24);
-        // Axis-parallel, in box planes, diagonal: coordinates on the boxes' own grid.
+        // Directions are axis-parallel, in planes of boxes, and diagonal; origins lie on the grid of the boxes.
         for (i, dir) in
             [Vec3::X, -Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::new(1.0, -1.0, 0.0)].iter().cycle().take(500).enumerate()
         {

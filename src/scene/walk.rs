@@ -1,8 +1,8 @@
-//! Walks through a scene: the top-level tree, and inside each instance the walk of its tree. Like
-//! those, they can be put down at a missing block and taken up again.
+//! Walks through a scene: through the top-level tree, and in each instance through its tree. Like the walks of single
+//! trees, they can stop at a missing block and continue later.
 //!
-//! A hit is the least (t, placed tree) over what the trees' own walks answer; order of visits,
-//! packets and interruptions do not change it.
+//! A hit is the least pair (t, index of the placed tree) of the hits in the trees. It does not depend on the order of
+//! visits, on packets or on interruptions.
 
 use super::box_ray::BoxRay;
 use super::model::Model;
@@ -18,45 +18,45 @@ use crate::structure::{LocalRay, Outcome, PartFilter, Tree, TriHit, Triangle, Vi
 /// A block that a job needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct Need {
-    /// Index of the scene's model.
+    /// Index of the model in the scene.
     pub model: u32,
     pub block: BlockId,
 }
 
-/// Whether a walk has ended.
+/// The state of a walk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Step {
     Done,
-    /// Call again with the same walk and a snapshot that has the block.
+    /// The walk stopped. The caller calls again with the same walk and a snapshot that has the block.
     Pending(Need),
 }
 
-/// What is in memory of a scene's models, at one moment.
+/// The blocks of a scene's models that are in memory at one moment: a snapshot for each model.
 pub(crate) struct Snapshots(Vec<Shown>);
 
 impl Snapshots {
-    /// As it is now.
+    /// The current snapshots.
     pub fn take(scene: &SceneState) -> Self {
         Self(scene.models.iter().map(|m| Shown::from_inner(m.blocks().snapshot())).collect())
     }
 
-    /// As it is now, in the room of what was there; for a moment in one thread.
+    /// Loads the current snapshots in the same allocation, for a short time in one thread.
     pub fn lend(&mut self, scene: &SceneState) {
         self.0.clear();
         self.0.extend(scene.models.iter().map(|m| m.blocks().shown()));
     }
 
-    /// Of nothing, in the same room.
+    /// Drops the snapshots and keeps the allocation.
     pub fn clear(&mut self) {
         self.0.clear();
     }
 
-    /// Of nothing: what is not held may go.
+    /// No snapshots: blocks that are not held may be evicted.
     pub fn none() -> Self {
         Self(Vec::new())
     }
 
-    /// As it is now, and what is held; `None` if there is no memory for the tables.
+    /// The current snapshots with the held blocks; `None` if there is no memory for the tables.
     pub fn holding(scene: &SceneState, hold: &Hold) -> Option<Self> {
         let nothing = Held::new();
         let held = |i: usize| hold.0.get(i).unwrap_or(&nothing);
@@ -67,7 +67,7 @@ impl Snapshots {
             .map(Self)
     }
 
-    /// With what a lease holds. Fails with `OverBudget` if it holds too much.
+    /// Snapshots with the blocks of a lease. Fails with `OverBudget` if the lease holds too much.
     pub fn leased(scene: &SceneState, lease: &Lease) -> Result<Self> {
         scene
             .models
@@ -77,12 +77,12 @@ impl Snapshots {
             .map(Self)
     }
 
-    /// Whether this is what is in memory now.
+    /// True if these are still the current snapshots.
     pub fn is_current(&self, scene: &SceneState) -> bool {
         self.0.len() == scene.models.len() && scene.models.iter().zip(&self.0).all(|(m, s)| m.blocks().is_current(s))
     }
 
-    /// Whether all geometry is there.
+    /// True if all geometry blocks are in memory.
     pub fn is_whole(&self, scene: &SceneState) -> bool {
         let is_whole = |(model, snapshot): (&Model, &Shown)| {
             (0..model.info().geometry_blocks).all(|id| snapshot.block(BlockId(id)).is_some())
@@ -90,7 +90,7 @@ impl Snapshots {
         scene.models.iter().zip(&self.0).all(is_whole)
     }
 
-    /// Whether the block is there.
+    /// True if the block is in memory.
     pub fn has(&self, need: Need) -> bool {
         self.0.get(need.model as usize).is_some_and(|snapshot| snapshot.block(need.block).is_some())
     }
@@ -111,23 +111,23 @@ impl Hold {
     }
 }
 
-/// Where a ray meets a placed tree.
+/// The intersection of a ray and a placed tree.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Found {
-    /// In units of the world ray's direction.
+    /// Distance in units of the world ray's direction.
     pub t: f64,
     /// Index of the placed tree; `NOTHING` for none.
     pub placed: u32,
     pub tri: TriHit,
-    /// Where the ray passed a stand-in first, in the same unit: infinity if it passed none. It may be behind the hit,
-    /// and then may or may not be told.
+    /// Distance at which the first stand-in transmitted the ray, in the same unit; infinity if none did. A transmission
+    /// behind the hit may or may not be reported.
     pub transmitted: f64,
 }
 
 pub(super) const NOTHING: u32 = u32::MAX;
 
 impl Found {
-    /// Nothing up to `t`.
+    /// No hit up to `t`.
     pub const fn nothing(t: f64) -> Self {
         Self { t, placed: NOTHING, tri: TriHit::none(0.0), transmitted: f64::INFINITY }
     }
@@ -136,24 +136,24 @@ impl Found {
         self.placed != NOTHING
     }
 
-    /// Whether the ray passed a stand-in on its way to the hit, or as far as it goes: what is before the hit may not be
-    /// free, and a miss may be none.
+    /// True if a stand-in transmitted the ray before its hit, or before its end. Then the way to the hit may not be
+    /// free, and a miss may not be a true miss.
     #[inline]
     pub fn has_transmitted(&self) -> bool {
-        // Not where both are infinite.
+        // The bound excludes the case that both are infinite.
         self.transmitted <= self.t.min(f64::MAX)
     }
 
-    /// Takes over a tree's hit if it is nearer, or as near and of an earlier placed tree; and where the ray `passed` a
-    /// stand-in in it, if that is nearer.
+    /// Takes over a tree's hit if it is nearer, or equally near and of an earlier placed tree. Also takes over the
+    /// distance at which the tree first transmitted the ray, if that is nearer.
     #[inline]
     pub(super) fn offer<const ANY: bool>(&mut self, beyond: bool, at: &At, tri: TriHit, transmitted: f32) {
         let placed = at.placed;
         self.transmitted = self.transmitted.min(at.in_world(transmitted));
         if tri.is_hit() {
             let t = at.in_world(tri.t);
-            // The tree's walk had the best t rounded up, so its hit may still be beyond. Where any hit will do there is
-            // no other to fall back on, and t_max is met to rounding. A walk that looks `beyond` takes the first hit
+            // The tree's walk had the best t rounded up, so its hit may still be beyond. An any-hit walk has no other
+            // hit to fall back on, so it applies t_max up to rounding. A walk that looks `beyond` takes the first hit
             // too: its caller tests that in double precision.
             let takes_any = ANY || beyond && !self.is_hit();
             if takes_any || t < self.t || t == self.t && placed < self.placed {
@@ -163,32 +163,32 @@ impl Found {
     }
 }
 
-/// A scene and what of it is in memory: what rays are traced in.
+/// A scene and the blocks in memory: the view in which rays are traced.
 #[derive(Clone, Copy)]
 pub(crate) struct SceneView<'a> {
     pub scene: &'a SceneState,
     pub snapshots: &'a Snapshots,
-    /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
+    /// True if stand-ins replace blocks that are not in memory. Otherwise walks stop and request these blocks.
     pub accept_missing: bool,
-    /// Whether no ray passes a cell that stands in.
+    /// True if stand-ins transmit no ray.
     pub opaque_cells: bool,
-    /// The pass that visits, see `residency::View`.
+    /// The stamp of the visiting pass, see `residency::View`.
     pub stamp: u32,
-    /// Whether walks look so far beyond the ends of rays' intervals that no hit is lost that double precision puts
-    /// within: the caller then tests each hit. Else intervals hold in single precision.
+    /// True if walks search beyond the ends of intervals, so far that they lose no hit that double precision puts
+    /// within. The caller then tests each hit. Otherwise intervals apply in single precision.
     pub widen_interval: bool,
-    /// What is asked of each hit of a ray that is traced alone, if anything: see [`PartFilter::within`].
+    /// A test of each hit, for rays that are traced singly: see [`PartFilter::within`].
     pub within: Option<&'a dyn Ends>,
 }
 
-/// [`Within`] for all placed trees, and in the world's distances.
+/// [`Within`] for all placed trees, with distances in the world.
 pub(crate) trait Ends: std::fmt::Debug + Sync {
     fn triangle(&self, placed: u32, triangle: &Triangle, t: f64) -> bool;
     fn cell(&self, t: f64) -> bool;
     fn is_beyond(&self, t: f64) -> bool;
 }
 
-/// In one of the trees.
+/// The same test in one of the trees.
 #[derive(Debug)]
 struct EndsIn<'a> {
     ends: &'a dyn Ends,
@@ -210,17 +210,17 @@ impl Within for EndsIn<'_> {
 /// The state of one ray in a scene. Reusable.
 #[derive(Debug, Default)]
 pub(crate) struct SceneWalk {
-    /// Where the ray is, and what it has still to visit, the next last.
+    /// A stack of the places that the ray has still to visit: the next one is the last.
     places: Vec<Place>,
-    /// Of the placed tree that the ray is in.
+    /// The walk through the placed tree that the ray is in.
     tree: Walk,
     best: Option<Found>,
 }
 
-/// Something that a ray has still to visit.
+/// A place that a ray has still to visit.
 #[derive(Debug, Clone, Copy)]
 enum Place {
-    /// A node of the top tree, and where the ray enters it.
+    /// A node of the top tree, and the distance at which the ray enters it.
     Node(NodeRef, f64),
     /// A placed tree that the ray is in.
     Tree(At),
@@ -243,7 +243,7 @@ impl SceneWalk {
 }
 
 impl<'a> SceneView<'a> {
-    /// For exact walks that wait for blocks.
+    /// A view for exact walks that wait for blocks.
     pub fn new(scene: &'a SceneState, snapshots: &'a Snapshots, stamp: u32) -> Self {
         Self {
             scene,
@@ -256,13 +256,13 @@ impl<'a> SceneView<'a> {
         }
     }
 
-    /// The block that a hit stands in for, if that is missing.
+    /// The missing block that a hit on a stand-in replaces, if there is one.
     pub fn wanted(&self, found: &Found) -> Option<Need> {
         let block = self.tree(found.placed).wanted(&found.tri)?;
         Some(self.need(found.placed, BlockId(block)))
     }
 
-    /// A placed tree in what is in memory.
+    /// A placed tree with its blocks in memory.
     #[inline]
     pub fn tree(&self, placed: u32) -> Tree<'a> {
         let p = &self.scene.placement.placed[placed as usize];
@@ -270,7 +270,7 @@ impl<'a> SceneView<'a> {
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }
 
-    /// A placed tree's model.
+    /// The model of a placed tree.
     #[inline]
     pub fn model_of(&self, placed: u32) -> &'a Model {
         &self.scene.models[self.scene.placement.placed[placed as usize].model as usize]
@@ -297,7 +297,7 @@ impl<'a> SceneView<'a> {
         if instance.look.visible { instance.mask } else { 0 }
     }
 
-    /// The triangle that was found, and the model's part that it belongs to.
+    /// The triangle that was hit, and its model's part.
     #[inline(always)]
     pub fn triangle(&self, found: &Found) -> std::result::Result<(Triangle, u32), Need> {
         let tree = self.tree(found.placed);
@@ -310,7 +310,7 @@ impl<'a> SceneView<'a> {
         Need { model: self.scene.placement.placed[placed as usize].model, block }
     }
 
-    /// Finds the closest hit of the ray that `walk` was begun with (or any hit, if `ANY`).
+    /// Finds the closest hit of the ray that `walk` was begun with, or any hit if `ANY`.
     pub fn trace<const ANY: bool>(&self, ray: &Ray, walk: &mut SceneWalk) -> Step {
         let box_rays = BoxRay::new(ray);
         let mut best = walk.best();
@@ -344,7 +344,7 @@ impl<'a> SceneView<'a> {
         Step::Done
     }
 
-    /// Goes on with a walk in a placed tree.
+    /// Continues a walk in a placed tree.
     #[inline]
     fn trace_in<const ANY: bool>(&self, at: At, walk: &mut Walk) -> Outcome {
         let (tree, mut filter) = (self.tree(at.placed), self.filter(at.placed));
@@ -355,7 +355,7 @@ impl<'a> SceneView<'a> {
         if ANY { tree.any(filter.as_ref(), walk) } else { tree.closest(filter.as_ref(), walk) }
     }
 
-    /// Puts a ray into a placed tree; `None` if it surely hits nothing there before `best`.
+    /// Puts a ray into a placed tree; `None` if it certainly hits nothing there before `best`.
     #[inline]
     fn enter(&self, ray: &Ray, placed: u32, best: f64, walk: &mut Walk) -> Option<At> {
         if self.seen_by(placed) & ray.mask == 0 {
@@ -368,8 +368,8 @@ impl<'a> SceneView<'a> {
         Some(At { placed, shift, scale })
     }
 
-    /// Calls `push` with the children of a node of the top tree that a ray meets before `best`, the nearest last, and
-    /// where it enters them.
+    /// Calls `push` with the children of a top-tree node that a ray enters before `best`, and with the distances at
+    /// which it enters them. The nearest child comes last.
     #[inline]
     pub(super) fn for_each_child(
         &self,

@@ -12,7 +12,7 @@ pub struct Avx2(());
 /// Runs `op` compiled for AVX2.
 ///
 /// # Safety
-/// The CPU must have every feature that `Isa::Avx2.is_available()` asks for.
+/// The CPU must have every feature that `Isa::Avx2.is_available()` tests.
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 pub unsafe fn run<O: Op>(op: O) -> O::Out {
     op.run(Avx2(()))
@@ -22,14 +22,14 @@ pub unsafe fn run<O: Op>(op: O) -> O::Out {
 #[derive(Debug, Clone, Copy)]
 pub struct V8(__m256);
 
-/// A lane is in the set where its sign bit is set.
+/// A set of lanes. A lane is in the set if its sign bit is set.
 #[derive(Debug, Clone, Copy)]
 pub struct M8(__m256);
 
 impl Mask for M8 {
     #[inline(always)]
     fn bits(self) -> u32 {
-        // SAFETY: a mask exists only where its token does.
+        // SAFETY: a mask exists only on a CPU that has the set (see the head of `simd`).
         unsafe { _mm256_movemask_ps(self.0) as u32 }
     }
     #[inline(always)]
@@ -48,7 +48,7 @@ impl Add for V8 {
     type Output = Self;
     #[inline(always)]
     fn add(self, o: Self) -> Self {
-        // SAFETY: a vector exists only where its token does (see the room's head).
+        // SAFETY: a vector exists only on a CPU that has the set (see the head of `simd`).
         Self(unsafe { _mm256_add_ps(self.0, o.0) })
     }
 }
@@ -117,7 +117,7 @@ impl Lanes<8> for V8 {
     }
     #[inline(always)]
     fn from_array_like(_like: Self, v: [f32; 8]) -> Self {
-        // SAFETY: as in `add`, through `_like`; `v` holds 8 floats.
+        // SAFETY: as in `add`, by way of `_like`; `v` holds 8 floats.
         Self(unsafe { _mm256_loadu_ps(v.as_ptr()) })
     }
     #[inline(always)]
@@ -129,7 +129,7 @@ impl Lanes<8> for V8 {
     }
 }
 
-/// Two of a kind: sixteen lanes.
+/// Two vectors or masks: sixteen lanes.
 #[derive(Debug, Clone, Copy)]
 pub struct Pair<T>(T, T);
 
@@ -227,17 +227,17 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn splat8(self, v: f32) -> V8 {
-        // SAFETY: the token `self` vouches for the CPU.
+        // SAFETY: the token `self` proves that the CPU has the set.
         V8(unsafe { _mm256_set1_ps(v) })
     }
     #[inline(always)]
     fn load8(self, v: &[f32; 8]) -> V8 {
-        // SAFETY: the token vouches; `v` holds eight floats, and the load needs no alignment.
+        // SAFETY: as in `splat8`; `v` holds eight floats, and the load needs no alignment.
         V8(unsafe { _mm256_loadu_ps(v.as_ptr()) })
     }
     #[inline(always)]
     fn powers8(self, word: u32) -> [V8; 3] {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe {
             let word = _mm256_set1_epi32(word as i32);
             let low = _mm256_set1_epi32(0xff);
@@ -249,12 +249,12 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn bytes8(self, v: &[u8; 8]) -> V8 {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         V8(unsafe { _mm256_cvtepi32_ps(self.index8(v)) })
     }
     #[inline(always)]
     fn fields8(self, words: &[u32; 8], from: u32, count: u32) -> V8 {
-        // SAFETY: the token vouches; `words` are eight, and the load needs no alignment.
+        // SAFETY: as in `splat8`; `words` are eight, and the load needs no alignment.
         V8(unsafe {
             let words = _mm256_srl_epi32(_mm256_loadu_si256(words.as_ptr().cast()), _mm_cvtsi32_si128(from as i32));
             _mm256_cvtepi32_ps(_mm256_and_si256(words, _mm256_set1_epi32((1 << count) - 1)))
@@ -262,23 +262,23 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn index8(self, v: &[u8; 8]) -> __m256i {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe { _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(i64::from_le_bytes(*v))) }
     }
     #[inline(always)]
     fn table16(self, v: &[f32; 16]) -> [V8; 2] {
-        // SAFETY: the token vouches; both loads lie inside `v`.
+        // SAFETY: as in `splat8`; both loads lie inside `v`.
         unsafe { [V8(_mm256_loadu_ps(v.as_ptr())), V8(_mm256_loadu_ps(v.as_ptr().add(8)))] }
     }
     #[inline(always)]
     fn steps16(self, first: f32, steps: &[u8; 52]) -> [V8; 2] {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         let [low, high] = unsafe { steps16(first, steps) };
         [V8(low), V8(high)]
     }
     #[inline(always)]
     fn near16(self, v: &[u32; 16]) -> u32 {
-        // SAFETY: the token vouches; the loads are of half the numbers each, and need no alignment.
+        // SAFETY: as in `splat8`; the loads are of half the numbers each, and need no alignment.
         unsafe {
             let (less, zero) = (_mm256_set1_epi32(v[0].wrapping_sub(1 << 23) as i32), _mm256_setzero_si256());
             let (low, high) = (_mm256_loadu_si256(v.as_ptr().cast()), _mm256_loadu_si256(v.as_ptr().add(8).cast()));
@@ -291,21 +291,21 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn put_steps16(self, v: &[u32; 16], out: &mut [u8; 52]) {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe { put_steps16(v, out) }
     }
     #[inline(always)]
     fn lookup16(self, [V8(low), V8(high)]: [V8; 2], index: __m256i) -> V8 {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         V8(unsafe {
             let (low, high) = (_mm256_permutevar8x32_ps(low, index), _mm256_permutevar8x32_ps(high, index));
-            // Bit 3 of the index, moved to the sign, says which half.
+            // Bit 3 of the index, shifted to the sign, selects the half of the table.
             _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index)))
         })
     }
     #[inline(always)]
     fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[V8; 3]; 3] {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         let [near, far, slope] = unsafe { slabs(head, inv, off) };
         [
             [V8(near[0]), V8(near[1]), V8(near[2])],
@@ -316,19 +316,19 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn transpose16(self, rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16]) {
         for (down, across) in [(0, 0), (0, 8), (8, 0), (8, 8)] {
-            // SAFETY: the token vouches; the 8 x 8 squares lie inside the arrays.
+            // SAFETY: as in `splat8`; the 8 x 8 squares lie inside the arrays.
             unsafe { transpose8(rows, out, down, across) }
         }
     }
     #[inline(always)]
     fn columns4(self, rows: &[[f32; 16]; 16], first: usize) -> [Pair<V8>; 4] {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         let [low, high] = unsafe { [columns4(rows, 0, first), columns4(rows, 8, first)] };
         [Pair(low[0], high[0]), Pair(low[1], high[1]), Pair(low[2], high[2]), Pair(low[3], high[3])]
     }
     #[inline(always)]
     fn far_first(self, enter: V8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe {
             let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
             let mask = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(hits as i32), bits), bits);
@@ -341,7 +341,7 @@ impl Simd for Avx2 {
     }
     #[inline(always)]
     fn mask16(self, bits: u32) -> Pair<M8> {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe {
             let (bits, eight) = (_mm256_set1_epi32(bits as i32), _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
             let low = _mm256_cmpeq_epi32(_mm256_and_si256(bits, eight), eight);
@@ -361,7 +361,7 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn same16(self, v: &[f32; 16], mask: u32, bits: u32) -> u32 {
         let Pair(low, high) = self.load16(v);
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe {
             let (mask, bits) = (_mm256_set1_epi32(mask as i32), _mm256_set1_epi32(bits as i32));
             let low = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_castps_si256(low.0), mask), bits);
@@ -371,8 +371,8 @@ impl Simd for Avx2 {
     }
 }
 
-/// Sorts the children of a node: see `Simd::far_first`. A bitonic network over keys that hold the distance and, in
-/// their last three bits, the lane; distances are not negative, so their bits are in order as integers.
+/// Sorts the children of a node: see `Simd::far_first`. A bitonic network sorts keys that hold the distance and, in
+/// their last three bits, the lane. Distances are not negative, so their bits have the order of integers.
 ///
 /// # Safety
 /// The CPU has AVX2; `mask` has all bits set in the lanes to sort first, and none in the others.
@@ -384,12 +384,12 @@ pub(super) unsafe fn far_first(
     enter_out: &mut [f32; 8],
     child_out: &mut [u32; 8],
 ) {
-    // SAFETY: the caller vouches for the set; loads and stores are of whole arrays, and need no alignment.
+    // SAFETY: the caller guarantees the set; loads and stores are of whole arrays, and need no alignment.
     unsafe {
         let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
         let last = _mm256_set1_epi32(7);
         let key = _mm256_or_si256(_mm256_andnot_si256(last, _mm256_castps_si256(enter)), lanes);
-        // A lane that is not in the set is less than all that are.
+        // The key of a lane that is not in the set is less than all keys of the set.
         let k = _mm256_blendv_epi8(_mm256_set1_epi32(-1), key, mask);
         let k = greater_first::<0xAA>(k, _mm256_shuffle_epi32::<0xB1>(k));
         let k = greater_first::<0xCC>(k, _mm256_shuffle_epi32::<0x1B>(k));
@@ -401,30 +401,29 @@ pub(super) unsafe fn far_first(
         let t = _mm256_andnot_si256(last, k);
         _mm256_storeu_ps(enter_out.as_mut_ptr(), _mm256_castsi256_ps(t));
         let child = _mm256_cvtepu16_epi32(_mm_loadu_si128(child.as_ptr().cast()));
-        // Of each index only the last three bits count: the lane.
+        // Only the last three bits of each index count, which are the lane.
         let child = _mm256_permutevar8x32_epi32(child, k);
         _mm256_storeu_si256(child_out.as_mut_ptr().cast(), child);
     }
 }
 
-/// One layer of the network: lanes of `LESS` keep the lesser of themselves and their partner, the others the
-/// greater.
+/// One layer of the network: lanes of `LESS` keep the lesser of themselves and their partner, the others the greater.
 ///
 /// # Safety
 /// The CPU has AVX2.
 #[inline(always)]
 unsafe fn greater_first<const LESS: i32>(k: __m256i, partner: __m256i) -> __m256i {
-    // SAFETY: the caller vouches for AVX2.
+    // SAFETY: the caller guarantees AVX2.
     unsafe { _mm256_blend_epi32::<LESS>(_mm256_max_epi32(k, partner), _mm256_min_epi32(k, partner)) }
 }
 
-/// What a node's grid is to a ray: see `Simd::slabs`.
+/// The planes of a node's grid relative to a ray: see `Simd::slabs`.
 ///
 /// # Safety
 /// The CPU has AVX2 and FMA.
 #[inline(always)]
 pub(super) unsafe fn slabs(head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[__m256; 3]; 3] {
-    // SAFETY: the caller vouches for the set; loads are of whole arrays, and need no alignment.
+    // SAFETY: the caller guarantees the set; loads are of whole arrays, and need no alignment.
     unsafe {
         let head = _mm_loadu_si128(head.as_ptr().cast());
         let inv = _mm_loadu_ps(inv.as_ptr());
@@ -447,9 +446,9 @@ pub(super) unsafe fn slabs(head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [
 /// The CPU has AVX2.
 #[inline(always)]
 pub(super) unsafe fn steps16(first: f32, steps: &[u8; 52]) -> [__m256; 2] {
-    // SAFETY: the caller vouches for AVX2; the loads begin at bytes 0, 12, 24 and 36, are of 16, and need no alignment.
+    // SAFETY: the caller guarantees AVX2. The loads of 16 bytes begin at bytes 0, 12, 24 and 36, and need no alignment.
     unsafe {
-        // Of each four entries the bytes `3 i` to `3 i + 3`, of which the last three are the step.
+        // For each four entries: bytes `3 i` to `3 i + 3`, of which the last three are the step.
         let spread = _mm256_broadcastsi128_si256(_mm_setr_epi8(0, 1, 2, 3, 3, 4, 5, 6, 6, 7, 8, 9, 9, 10, 11, 12));
         let first = _mm256_set1_epi32(first.to_bits() as i32);
         let at = steps.as_ptr();
@@ -462,16 +461,17 @@ pub(super) unsafe fn steps16(first: f32, steps: &[u8; 52]) -> [__m256; 2] {
     }
 }
 
-/// Steps from the first of the numbers to the others: see `Simd::put_steps16`.
+/// Writes the steps from the first of the numbers to the others: see `Simd::put_steps16`.
 ///
 /// # Safety
 /// The CPU has AVX2.
 #[inline(always)]
 pub(super) unsafe fn put_steps16(v: &[u32; 16], out: &mut [u8; 52]) {
-    // SAFETY: the caller vouches for AVX2; numbers 1 to 4, 5 to 8, 9 to 12 and 12 to 15 are read, and sixteen bytes are
-    // written from 0, 12, 24 and 33 on. None of it needs alignment.
+    // SAFETY: the caller guarantees AVX2. Numbers 1 to 4, 5 to 8, 9 to 12 and 12 to 15 are read, and sixteen bytes are
+    // written at 0, 12, 24 and 33. None of it needs alignment.
     unsafe {
-        // The low three bytes of each; and zeros: the next ones overwrite them, those behind the last are of no use.
+        // The low three bytes of each step, then four zeros, which the next write replaces. Those of the last write are
+        // in the undefined part of `out`.
         let three = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
         let first = _mm_set1_epi32(v[0] as i32);
         for (from, to) in [(1, 0), (5, 12), (9, 24), (12, 33)] {
@@ -481,29 +481,29 @@ pub(super) unsafe fn put_steps16(v: &[u32; 16], out: &mut [u8; 52]) {
     }
 }
 
-/// A lane of `v` in all lanes.
+/// Broadcasts lane `I` of `v` to all lanes.
 ///
 /// # Safety
 /// The CPU has AVX2.
 #[inline(always)]
 unsafe fn lane<const I: i32>(v: __m256) -> __m256 {
-    // SAFETY: the caller vouches for AVX2.
+    // SAFETY: the caller guarantees AVX2.
     unsafe { _mm256_permutevar8x32_ps(v, _mm256_set1_epi32(I)) }
 }
 
-/// Four columns of eight rows from `down` on.
+/// Returns four columns, from `first` on, of the eight rows from `down` on.
 ///
 /// # Safety
-/// The CPU must have AVX2.
+/// The CPU has AVX2.
 #[inline(always)]
 unsafe fn columns4(rows: &[[f32; 16]; 16], down: usize, first: usize) -> [V8; 4] {
     let (down, first) = (down.min(8), first.min(12));
-    // SAFETY: the caller vouches; four floats from `first` on are within a row, and loads need no alignment.
+    // SAFETY: the caller guarantees AVX2; four floats from `first` on are within a row, and loads need no alignment.
     unsafe {
         let four = |j: usize| _mm_loadu_ps(rows[down + j].as_ptr().add(first));
         let mut quads = [_mm256_setzero_ps(); 4];
         for (j, quad) in quads.iter_mut().enumerate() {
-            // Rows j and 4 + j: a half each.
+            // Rows `j` and `4 + j`, one in each half.
             *quad = _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(four(j)), four(4 + j));
         }
         let [a, b, c, d] = quads;
@@ -524,7 +524,7 @@ unsafe fn columns4(rows: &[[f32; 16]; 16], down: usize, first: usize) -> [V8; 4]
 /// The CPU has AVX2; `down` and `across` are 8 at most.
 #[inline(always)]
 unsafe fn transpose8(rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16], down: usize, across: usize) {
-    // SAFETY: the caller vouches; loads and stores of eight from 8 at most are inside a row of 16.
+    // SAFETY: the caller guarantees AVX2; loads and stores of eight from 8 at most are inside a row of 16.
     unsafe {
         let mut quads = [_mm256_setzero_ps(); 8];
         for i in 0..2 {
@@ -533,7 +533,7 @@ unsafe fn transpose8(rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16], down: us
             let (c, d) = (_mm256_loadu_ps(row(2)), _mm256_loadu_ps(row(3)));
             let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
             let (ab2, cd2) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
-            // In each half, four numbers of a column of the input.
+            // Each half holds four numbers of a column of the input.
             quads[i] = _mm256_shuffle_ps::<0x44>(ab, cd);
             quads[2 + i] = _mm256_shuffle_ps::<0xEE>(ab, cd);
             quads[4 + i] = _mm256_shuffle_ps::<0x44>(ab2, cd2);
@@ -549,13 +549,13 @@ unsafe fn transpose8(rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16], down: us
     }
 }
 
-/// The least of eight.
+/// Returns the least of eight lanes.
 ///
 /// # Safety
 /// The CPU has AVX2.
 #[inline(always)]
 pub(super) unsafe fn least8(v: __m256) -> f32 {
-    // SAFETY: the caller vouches.
+    // SAFETY: the caller guarantees AVX2.
     unsafe {
         let v = _mm_min_ps(_mm256_castps256_ps128(v), _mm256_extractf128_ps::<1>(v));
         let v = _mm_min_ps(v, _mm_movehl_ps(v, v));
@@ -563,13 +563,13 @@ pub(super) unsafe fn least8(v: __m256) -> f32 {
     }
 }
 
-/// The greatest of eight.
+/// Returns the greatest of eight lanes.
 ///
 /// # Safety
 /// The CPU has AVX2.
 #[inline(always)]
 pub(super) unsafe fn greatest8(v: __m256) -> f32 {
-    // SAFETY: the caller vouches.
+    // SAFETY: the caller guarantees AVX2.
     unsafe {
         let v = _mm_max_ps(_mm256_castps256_ps128(v), _mm256_extractf128_ps::<1>(v));
         let v = _mm_max_ps(v, _mm_movehl_ps(v, v));

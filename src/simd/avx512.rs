@@ -13,7 +13,7 @@ pub struct Avx512(());
 /// Runs `op` compiled for AVX-512.
 ///
 /// # Safety
-/// The CPU must have every feature that `Isa::Avx512.is_available()` asks for.
+/// The CPU must have every feature that `Isa::Avx512.is_available()` tests.
 #[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw,bmi1,bmi2,lzcnt,popcnt")]
 pub unsafe fn run<O: Op>(op: O) -> O::Out {
     op.run(Avx512(()))
@@ -69,7 +69,7 @@ impl Add for V8 {
     type Output = Self;
     #[inline(always)]
     fn add(self, o: Self) -> Self {
-        // SAFETY: a vector exists only where its token does (see the room's head).
+        // SAFETY: a vector exists only on a CPU that has the set (see the head of `simd`).
         Self(unsafe { _mm256_add_ps(self.0, o.0) })
     }
 }
@@ -138,7 +138,7 @@ impl Lanes<8> for V8 {
     }
     #[inline(always)]
     fn from_array_like(_like: Self, v: [f32; 8]) -> Self {
-        // SAFETY: as in `add`, through `_like`; `v` holds 8 floats.
+        // SAFETY: as in `add`, by way of `_like`; `v` holds 8 floats.
         Self(unsafe { _mm256_loadu_ps(v.as_ptr()) })
     }
     #[inline(always)]
@@ -154,7 +154,7 @@ impl Add for V16 {
     type Output = Self;
     #[inline(always)]
     fn add(self, o: Self) -> Self {
-        // SAFETY: a vector exists only where its token does (see the room's head).
+        // SAFETY: a vector exists only on a CPU that has the set (see the head of `simd`).
         Self(unsafe { _mm512_add_ps(self.0, o.0) })
     }
 }
@@ -223,7 +223,7 @@ impl Lanes<16> for V16 {
     }
     #[inline(always)]
     fn from_array_like(_like: Self, v: [f32; 16]) -> Self {
-        // SAFETY: as in `add`, through `_like`; `v` holds 16 floats.
+        // SAFETY: as in `add`, by way of `_like`; `v` holds 16 floats.
         Self(unsafe { _mm512_loadu_ps(v.as_ptr()) })
     }
     #[inline(always)]
@@ -242,17 +242,17 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn splat8(self, v: f32) -> V8 {
-        // SAFETY: the token `self` vouches for the CPU.
+        // SAFETY: the token `self` proves that the CPU has the set.
         V8(unsafe { _mm256_set1_ps(v) })
     }
     #[inline(always)]
     fn load8(self, v: &[f32; 8]) -> V8 {
-        // SAFETY: the token vouches; `v` holds eight floats, and the load needs no alignment.
+        // SAFETY: as in `splat8`; `v` holds eight floats, and the load needs no alignment.
         V8(unsafe { _mm256_loadu_ps(v.as_ptr()) })
     }
     #[inline(always)]
     fn powers8(self, word: u32) -> [V8; 3] {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe {
             let word = _mm256_set1_epi32(word as i32);
             let low = _mm256_set1_epi32(0xff);
@@ -264,12 +264,12 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn bytes8(self, v: &[u8; 8]) -> V8 {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         V8(unsafe { _mm256_cvtepi32_ps(self.index8(v)) })
     }
     #[inline(always)]
     fn fields8(self, words: &[u32; 8], from: u32, count: u32) -> V8 {
-        // SAFETY: the token vouches; `words` are eight, and the load needs no alignment.
+        // SAFETY: as in `splat8`; `words` are eight, and the load needs no alignment.
         V8(unsafe {
             let words = _mm256_srl_epi32(_mm256_loadu_si256(words.as_ptr().cast()), _mm_cvtsi32_si128(from as i32));
             _mm256_cvtepi32_ps(_mm256_and_si256(words, _mm256_set1_epi32((1 << count) - 1)))
@@ -277,23 +277,23 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn index8(self, v: &[u8; 8]) -> __m256i {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe { _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(i64::from_le_bytes(*v))) }
     }
     #[inline(always)]
     fn table16(self, v: &[f32; 16]) -> [V8; 2] {
-        // SAFETY: the token vouches; both loads lie inside `v`.
+        // SAFETY: as in `splat8`; both loads lie inside `v`.
         unsafe { [V8(_mm256_loadu_ps(v.as_ptr())), V8(_mm256_loadu_ps(v.as_ptr().add(8)))] }
     }
     #[inline(always)]
     fn steps16(self, first: f32, steps: &[u8; 52]) -> [V8; 2] {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         let [low, high] = unsafe { steps16(first, steps) };
         [V8(low), V8(high)]
     }
     #[inline(always)]
     fn near16(self, v: &[u32; 16]) -> u32 {
-        // SAFETY: the token vouches; the load is of all numbers, and needs no alignment.
+        // SAFETY: as in `splat8`; the load is of all numbers, and needs no alignment.
         unsafe {
             let less = _mm512_set1_epi32(v[0].wrapping_sub(1 << 23) as i32);
             let above = _mm512_sub_epi32(_mm512_loadu_si512(v.as_ptr().cast()), less);
@@ -302,17 +302,17 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn put_steps16(self, v: &[u32; 16], out: &mut [u8; 52]) {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe { put_steps16(v, out) }
     }
     #[inline(always)]
     fn lookup16(self, [V8(low), V8(high)]: [V8; 2], index: __m256i) -> V8 {
-        // SAFETY: the token vouches; only the low four bits of each index are read.
+        // SAFETY: as in `splat8`; only the low four bits of each index are read.
         V8(unsafe { _mm256_permutex2var_ps(low, index, high) })
     }
     #[inline(always)]
     fn slabs(self, head: &[u32; 4], inv: &[f32; 4], off: &[f32; 8]) -> [[V8; 3]; 3] {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         let [near, far, slope] = unsafe { slabs(head, inv, off) };
         [
             [V8(near[0]), V8(near[1]), V8(near[2])],
@@ -322,7 +322,7 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn transpose16(self, rows: &[[f32; 16]; 16], out: &mut [[f32; 16]; 16]) {
-        // SAFETY: the token vouches; loads and stores are of whole rows, and need no alignment.
+        // SAFETY: as in `splat8`; loads and stores are of whole rows, and need no alignment.
         unsafe {
             let mut quads = [_mm512_setzero_ps(); 16];
             for i in 0..4 {
@@ -331,7 +331,7 @@ impl Simd for Avx512 {
                 let (c, d) = (_mm512_loadu_ps(row(2)), _mm512_loadu_ps(row(3)));
                 let (ab, cd) = (_mm512_unpacklo_ps(a, b), _mm512_unpacklo_ps(c, d));
                 let (ab2, cd2) = (_mm512_unpackhi_ps(a, b), _mm512_unpackhi_ps(c, d));
-                // In each quarter, four numbers of a column of the input.
+                // Each quarter holds four numbers of a column of the input.
                 quads[i] = _mm512_shuffle_ps::<0x44>(ab, cd);
                 quads[4 + i] = _mm512_shuffle_ps::<0xEE>(ab, cd);
                 quads[8 + i] = _mm512_shuffle_ps::<0x44>(ab2, cd2);
@@ -351,12 +351,12 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn columns4(self, rows: &[[f32; 16]; 16], first: usize) -> [V16; 4] {
         let first = first.min(12);
-        // SAFETY: the token vouches; four floats from `first` on are within a row, and loads need no alignment.
+        // SAFETY: as in `splat8`; four floats from `first` on are within a row, and loads need no alignment.
         unsafe {
             let four = |j: usize| _mm_loadu_ps(rows[j].as_ptr().add(first));
             let mut quads = [_mm512_setzero_ps(); 4];
             for (j, quad) in quads.iter_mut().enumerate() {
-                // Rows j, 4 + j, 8 + j and 12 + j: a quarter each.
+                // Rows `j`, `4 + j`, `8 + j` and `12 + j`, one in each quarter.
                 let low = _mm512_insertf32x4::<1>(_mm512_castps128_ps512(four(j)), four(4 + j));
                 *quad = _mm512_insertf32x4::<3>(_mm512_insertf32x4::<2>(low, four(8 + j)), four(12 + j));
             }
@@ -373,7 +373,7 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn far_first(self, enter: V8, hits: u32, child: &[u16; 8], enter_out: &mut [f32; 8], child_out: &mut [u32; 8]) {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe {
             let mask = _mm256_movm_epi32(hits as __mmask8);
             far_first(enter.0, mask, child, enter_out, child_out);
@@ -381,7 +381,7 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn splat16(self, v: f32) -> V16 {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         V16(unsafe { _mm512_set1_ps(v) })
     }
     #[inline(always)]
@@ -390,12 +390,12 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn load16(self, v: &[f32; 16]) -> V16 {
-        // SAFETY: the token vouches; `v` holds sixteen floats, and the load needs no alignment.
+        // SAFETY: as in `splat8`; `v` holds sixteen floats, and the load needs no alignment.
         V16(unsafe { _mm512_loadu_ps(v.as_ptr()) })
     }
     #[inline(always)]
     fn same16(self, v: &[f32; 16], mask: u32, bits: u32) -> u32 {
-        // SAFETY: the token vouches.
+        // SAFETY: as in `splat8`.
         unsafe {
             let words = _mm512_and_si512(_mm512_castps_si512(self.load16(v).0), _mm512_set1_epi32(mask as i32));
             u32::from(_mm512_cmpeq_epi32_mask(words, _mm512_set1_epi32(bits as i32)))

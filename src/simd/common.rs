@@ -1,32 +1,32 @@
-//! What rows of sixteen words have in common, bit by bit, and between what their last ones are.
+//! Common bits of rows of sixteen words, and the range of the last eight words as floats.
 
-/// Bits that any of the rows has, and bits that all have; and how small and how large numbers are.
+/// The union and the intersection of the rows' bits, and the range of their floats.
 #[derive(Debug, Clone, Copy)]
 pub struct Common {
-    /// In any of them.
+    /// Bits that are set in any row.
     pub any: [u32; 16],
-    /// In all of them.
+    /// Bits that are set in all rows.
     pub all: [u32; 16],
-    /// Of the last eight words, as floats, the least; those that are not numbers have no say.
+    /// The least of each of the last eight words, as floats; NaN is ignored.
     pub least: [f32; 8],
-    /// The greatest of them.
+    /// The greatest of each of these.
     pub greatest: [f32; 8],
 }
 
-/// Of no rows.
+/// The value for no rows.
 const NONE: Common =
     Common { any: [0; 16], all: [u32::MAX; 16], least: [f32::INFINITY; 8], greatest: [f32::NEG_INFINITY; 8] };
 
 impl Common {
-    /// Of some rows. (The loops of the other took 3 ns a row compiled for AVX-512, for compilers do not make vectors of
-    /// a row of them; with the greatest of each word too 9 ns. So neither is left to them.)
+    /// The value for `rows`. (Intrinsics, because compilers do not vectorise the loops below: compiled for AVX-512 they
+    /// took 3 ns a row, and 9 ns with the greatest of each word.)
     #[cfg(target_arch = "x86_64")]
     #[inline]
     pub fn of(rows: &[[u32; 16]]) -> Self {
         use std::arch::x86_64::*;
         let mut out = NONE;
-        // SAFETY: SSE2 is part of x86-64, each quarter of a row is readable, and so many words of `out` are written as
-        // its arrays have.
+        // SAFETY: SSE2 is part of x86-64. Each quarter of a row is readable, and the stores fill the arrays of `out`
+        // exactly.
         unsafe {
             let (mut any, mut all) = ([_mm_setzero_si128(); 4], [_mm_set1_epi32(-1); 4]);
             let (mut least, mut greatest) = ([_mm_set1_ps(f32::INFINITY); 2], [_mm_set1_ps(f32::NEG_INFINITY); 2]);
@@ -36,7 +36,7 @@ impl Common {
                     any[quarter] = _mm_or_si128(any[quarter], words);
                     all[quarter] = _mm_and_si128(all[quarter], words);
                     if quarter >= 2 {
-                        // Of two of which one is not a number these are the second.
+                        // If either operand is NaN, these instructions return the second one.
                         least[quarter - 2] = _mm_min_ps(_mm_castsi128_ps(words), least[quarter - 2]);
                         greatest[quarter - 2] = _mm_max_ps(_mm_castsi128_ps(words), greatest[quarter - 2]);
                     }
@@ -54,7 +54,7 @@ impl Common {
         out
     }
 
-    /// Of some rows.
+    /// The value for `rows`.
     #[cfg(not(target_arch = "x86_64"))]
     pub fn of(rows: &[[u32; 16]]) -> Self {
         let mut out = NONE;
@@ -65,7 +65,7 @@ impl Common {
             }
             for (i, word) in row[8..].iter().enumerate() {
                 let number = f32::from_bits(*word);
-                // Not `min`: what a signalling NaN does to that differs.
+                // Not `f32::min`, whose result for a signalling NaN varies.
                 (out.least[i], out.greatest[i]) = (
                     if number < out.least[i] { number } else { out.least[i] },
                     if number > out.greatest[i] { number } else { out.greatest[i] },

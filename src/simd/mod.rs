@@ -1,16 +1,16 @@
-//! Instruction sets chosen at run time, and vectors of 8 and 16 floats over them.
+//! Instruction sets chosen at run time, and vectors of 8 and 16 floats that use them.
 //!
-//! The only room with intrinsics. An algorithm is written once, generic over [`Simd`], as an
-//! [`Op`]; [`dispatch`] runs it compiled for the chosen set. Everything an `Op` calls on its hot
-//! path must be `#[inline(always)]`, or it is compiled without the set. A closure never is, and neither is
-//! what takes one (`array::map`): plain functions only.
+//! This is the only room with intrinsics. An algorithm is written once, generic over [`Simd`], as an [`Op`];
+//! [`dispatch`] runs it compiled for the chosen set. All functions on the hot path of an `Op` must be
+//! `#[inline(always)]`, or they are compiled without the set. Closures are always compiled without it, and so are
+//! functions that take closures, such as `array::map`: hot paths use plain functions only.
 //!
-//! Soundness: a vector of a set can only be made through that set's token, and a token only exists
-//! where [`dispatch`] has checked the CPU. So the operations themselves are safe to call.
+//! Soundness: a vector of a set can be made only through that set's token, and a token exists only if [`dispatch`] has
+//! checked the CPU. So the operations themselves are safe to call.
 //!
-//! All sets give the same bits (no approximate reciprocals) but for `mul_add` and `slabs`. Box tests use them, which
-//! are conservative by more than their rounding; and planes of cells, whose products are exact, so that there is one
-//! rounding.
+//! All sets give the same bits (they use no approximate reciprocals), except for `mul_add` and `slabs`. Only two kinds
+//! of code use these: box tests, which are conservative by more than the rounding, and planes of cells, whose products
+//! are exact, so that there is only one rounding.
 
 mod common;
 mod lanes;
@@ -27,13 +27,13 @@ pub use portable::{Array, Portable};
 
 use std::sync::OnceLock;
 
-/// An instruction set that code can be run with.
+/// An instruction set that code can be compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u32)]
 pub enum Isa {
-    /// What every CPU of the target has (SSE2 on x86-64).
+    /// The set that every CPU of the target has (SSE2 on x86-64).
     Baseline = 1,
-    /// AVX2 with FMA and BMI, which come along.
+    /// AVX2 with FMA and BMI, which CPUs with AVX2 have.
     Avx2 = 2,
     /// AVX-512 F, VL, DQ and BW, and all of AVX2.
     Avx512 = 3,
@@ -43,7 +43,7 @@ impl Isa {
     /// All sets, from the least to the greatest.
     pub const ALL: [Isa; 3] = [Isa::Baseline, Isa::Avx2, Isa::Avx512];
 
-    /// Whether this CPU has it.
+    /// True if this CPU has the set.
     pub fn is_available(self) -> bool {
         match self {
             Isa::Baseline => true,
@@ -69,13 +69,13 @@ impl Isa {
         }
     }
 
-    /// The greatest set that this CPU has. Detected once.
+    /// The greatest set of this CPU. Detected once.
     pub fn best() -> Self {
         static BEST: OnceLock<Isa> = OnceLock::new();
         *BEST.get_or_init(|| Self::ALL.into_iter().rev().find(|isa| isa.is_available()).unwrap_or(Isa::Baseline))
     }
 
-    /// Its usual name.
+    /// The usual name.
     pub fn name(self) -> &'static str {
         match self {
             Isa::Baseline => "baseline",
@@ -87,23 +87,23 @@ impl Isa {
 
 /// An algorithm that is compiled once for each instruction set.
 pub trait Op {
-    /// What it returns.
+    /// The result.
     type Out;
     /// The algorithm. Implementations are `#[inline(always)]`.
     fn run<S: Simd>(self, s: S) -> Self::Out;
 }
 
-/// Runs `op` compiled for `isa`, or for the baseline where the CPU lacks it.
+/// Runs `op` compiled for `isa`, or for the best set of the CPU if that is less.
 ///
-/// In an unoptimised caller the call costs one branch: dispatch once for each batch, not for each
-/// element.
+/// The call cannot be inlined into its caller, which is compiled without the set: dispatch once for each batch, not for
+/// each element.
 #[inline]
 pub fn dispatch<O: Op>(isa: Isa, op: O) -> O::Out {
     #[cfg(target_arch = "x86_64")]
     {
-        // Each set contains those before it, so one comparison with the best answers for all.
+        // Each set contains those before it, so the lesser of `isa` and the best set is available.
         match isa.min(Isa::best()) {
-            // SAFETY: the CPU has the set: it is not beyond the best that was detected.
+            // SAFETY: the CPU has the set, which is not greater than the best one that was detected.
             Isa::Avx512 => return unsafe { avx512::run(op) },
             // SAFETY: as above.
             Isa::Avx2 => return unsafe { avx2::run(op) },
@@ -114,7 +114,7 @@ pub fn dispatch<O: Op>(isa: Isa, op: O) -> O::Out {
     op.run(Portable::new())
 }
 
-/// Asks the CPU to bring the cache line at `data` into the L1; a hint, never a fault, whatever the address.
+/// Asks the CPU to load the cache line at `data` into the L1 cache. A hint that never faults, whatever the address.
 #[inline(always)]
 pub fn prefetch<T>(data: *const T) {
     #[cfg(target_arch = "x86_64")]
@@ -126,12 +126,12 @@ pub fn prefetch<T>(data: *const T) {
     let _ = data;
 }
 
-/// Asks the CPU to bring the cache line at `data` into the L2: of what comes later, and much of it. Otherwise as
-/// [`prefetch`].
+/// Asks the CPU to load the cache line at `data` into the L2 cache, for data that is needed later, or that is large.
+/// Otherwise like [`prefetch`].
 #[inline(always)]
 pub fn prefetch_l2<T>(data: *const T) {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: as of `prefetch`.
+    // SAFETY: as in `prefetch`.
     unsafe {
         std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T1 }>(data.cast());
     }
@@ -140,13 +140,13 @@ pub fn prefetch_l2<T>(data: *const T) {
 }
 
 /// Sets the calling thread to flush-to-zero and denormals-are-zero until dropped: a denormal operand costs a hundred
-/// cycles. Results of ours do not depend on it: error bounds cover it. And to what these rely on, whatever a host has
-/// set: rounding to nearest, and no exceptions.
+/// cycles. The error bounds of this crate cover the difference. The guard also sets rounding to nearest and masks
+/// exceptions, which the bounds rely on, whatever the host has set.
 #[derive(Debug)]
 pub struct DenormalsOff {
     #[cfg(target_arch = "x86_64")]
     before: u32,
-    /// The setting is the thread's: the guard must not leave it.
+    /// The setting belongs to the thread, so the guard must not be sent to another.
     _not_send: std::marker::PhantomData<*const ()>,
 }
 
@@ -159,8 +159,8 @@ impl DenormalsOff {
             use std::arch::x86_64::{_mm_getcsr, _mm_setcsr};
             // SAFETY: SSE is part of x86-64.
             let before = unsafe { _mm_getcsr() };
-            // SAFETY: as above: FTZ (bit 15), DAZ (bit 6), all exceptions masked (bits 7 to 12), rounding to nearest
-            // (13 and 14 zero); restored on drop.
+            // SAFETY: as above. The value sets FTZ (bit 15) and DAZ (bit 6), masks all exceptions (bits 7 to 12), and
+            // selects rounding to nearest (bits 13 and 14 zero). It is restored on drop.
             unsafe { _mm_setcsr(0x1f80 | 0x8040) };
             Self { before, _not_send: std::marker::PhantomData }
         }
@@ -173,7 +173,7 @@ impl Drop for DenormalsOff {
     #[allow(deprecated)]
     fn drop(&mut self) {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: restores what `set` read from this same thread.
+        // SAFETY: restores the value that `set` read in this thread.
         unsafe {
             std::arch::x86_64::_mm_setcsr(self.before);
         }

@@ -1,5 +1,5 @@
-//! A float as a vector of one lane, for algorithms that are written for any number of lanes: the same bits as in each
-//! of many.
+//! A float as a vector of one lane, for algorithms that are written for any number of lanes. It gives the same bits as
+//! a lane of a longer vector.
 
 use super::lanes::{Lanes, Mask};
 
@@ -33,7 +33,7 @@ impl Lanes<1> for f32 {
         self * a + b
     }
 
-    // Not those of `f32`, which return the other operand for NaN on both sides.
+    // Not `f32::min` and `f32::max`, which ignore NaN on either side: [`Lanes`] requires `o` if either operand is NaN.
     #[inline(always)]
     fn min(self, o: Self) -> Self {
         if self < o { self } else { o }

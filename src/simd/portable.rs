@@ -1,4 +1,4 @@
-//! The baseline: plain arrays, which the compiler turns into what the target has (SSE2, NEON).
+//! The baseline: plain arrays, which the compiler vectorises with the target's own set (SSE2, NEON).
 
 use super::lanes::{Lanes, Mask, Simd};
 use std::array::from_fn;
@@ -9,7 +9,7 @@ use std::ops::{Add, Mul, Sub};
 pub struct Portable(());
 
 impl Portable {
-    /// Every CPU has it.
+    /// Safe to call: every CPU has the baseline.
     #[inline(always)]
     pub fn new() -> Self {
         Self(())
@@ -26,7 +26,7 @@ impl Default for Portable {
 #[derive(Debug, Clone, Copy)]
 pub struct Array<const N: usize>([f32; N]);
 
-/// Lanes as bits.
+/// A set of lanes, one bit each.
 #[derive(Debug, Clone, Copy)]
 pub struct Bits(u32);
 
@@ -172,7 +172,8 @@ impl Simd for Portable {
     fn put_steps16(self, v: &[u32; 16], out: &mut [u8; 52]) {
         let step = |i: usize| u64::from(v[i].wrapping_sub(v[0]) & 0xff_ffff);
         for i in (1..16).step_by(2) {
-            // Two, and two bytes too many, which the next ones overwrite. The last is alone.
+            // A write has two steps, and two bytes more, which the next write replaces. The last step is written
+            // without a second one.
             let both = step(i) | if i < 15 { step(i + 1) << 24 } else { 0 };
             out[3 * (i - 1)..3 * i + 5].copy_from_slice(&both.to_le_bytes());
         }
@@ -220,7 +221,7 @@ impl Simd for Portable {
     ) {
         let met = child.iter().enumerate().filter(|(i, _)| hits >> i & 1 == 1);
         for (count, (i, &to)) in met.enumerate() {
-            // Lanes of equal distance in descending order, as the other sets have them.
+            // Lanes of equal distance are in descending order, as in the other sets.
             let t = f32::from_bits(enter.0[i].to_bits() & !7);
             let mut at = count;
             while at > 0 && enter_out[at - 1] <= t {

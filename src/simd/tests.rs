@@ -1,4 +1,4 @@
-//! One battery for every set: each operation must give the baseline's bits.
+//! One battery of operations for every set: each must give the baseline's bits.
 
 use super::*;
 
@@ -44,7 +44,7 @@ impl Op for Battery {
             sorted(s, shift as u32, &a8, &mut out);
             let plain = b.map(|x| if x.is_nan() { 5.0 } else { x });
             let (v8, v16) = (s.load8(&first8(&plain)), s.load16(&plain));
-            // Zeros of either sign are equal.
+            // The sum with 0.0 makes zeros of either sign equal.
             out.extend([v8.least(), v8.greatest(), v16.least(), v16.greatest()].map(|x| (x + 0.0).to_bits()));
             let rows = std::array::from_fn(|i| std::array::from_fn(|j| (16 * i + j + shift) as f32));
             let mut columns = [[0.0; 16]; 16];
@@ -68,7 +68,7 @@ impl Op for Battery {
     }
 }
 
-/// Numbers near the first, and at the borders of that.
+/// Numbers near the first one, and at the limits of that.
 #[inline(always)]
 fn numbers<S: Simd>(s: S, shift: usize, words: &[u32; 8], out: &mut Vec<u32>) {
     let least = -(1 << 23);
@@ -82,7 +82,7 @@ fn numbers<S: Simd>(s: S, shift: usize, words: &[u32; 8], out: &mut Vec<u32>) {
     s.put_steps16(&all, bytes[4..].first_chunk_mut().expect("52"));
     assert_eq!((bytes[..4].to_vec(), bytes[4 + 52..].to_vec()), (vec![0xa5; 4], vec![0xa5; 8]));
     out.extend(bytes[4..][..45].iter().map(|byte| u32::from(*byte)));
-    // Read again where they fit.
+    // The steps are read back for the numbers that are near.
     let table = bytes.first_chunk().expect("52");
     for (from, eight) in [(0, [0, 1, 2, 3, 4, 5, 6, 7]), (8, [8, 9, 10, 11, 12, 13, 14, 15])] {
         let read = s.lookup16(s.steps16(f32::from_bits(all[0]), table), s.index8(&eight)).to_array();
@@ -90,7 +90,7 @@ fn numbers<S: Simd>(s: S, shift: usize, words: &[u32; 8], out: &mut Vec<u32>) {
     }
 }
 
-/// Children sorted, of all sorts of sets and with equal distances.
+/// Sorts children: various sets of lanes, and equal distances.
 #[inline(always)]
 fn sorted<S: Simd>(s: S, seed: u32, values: &[f32; 8], out: &mut Vec<u32>) {
     let enter: [f32; 8] = std::array::from_fn(|i| if values[i].is_nan() { 2.0 } else { values[i].abs() });
@@ -115,7 +115,7 @@ macro_rules! battery {
         #[inline(always)]
         fn $name<L: Lanes<$n>>(a: L, b: L, c: L, out: &mut Vec<u32>) {
             for v in [a + b, a - b, a * b, a.div(b), a.min(b), a.max(b), c, b.select(a.le(b), c)] {
-                // The payload of a NaN is not part of the promise.
+                // The payload of a NaN may differ between sets.
                 out.extend(v.to_array().map(|x| if x.is_nan() { 0x7fc0_0000 } else { x.to_bits() }));
             }
             out.extend([a.le(b).bits(), a.eq(b).bits(), a.le(b).and(b.le(c)).bits(), a.le(b).or(b.le(c)).bits()]);
@@ -158,7 +158,7 @@ fn rounding_is_to_nearest_whatever_a_host_has_set() {
     use std::arch::x86_64::{_mm_getcsr, _mm_setcsr};
     const TO_ZERO: u32 = 0x6000;
     let third = || std::hint::black_box(1.0f32) / std::hint::black_box(3.0f32);
-    // SAFETY: SSE is part of x86-64; what is set is taken back below.
+    // SAFETY: SSE is part of x86-64; the setting is restored below.
     let before = unsafe { _mm_getcsr() };
     // SAFETY: as above.
     unsafe { _mm_setcsr(before | TO_ZERO) };

@@ -1,4 +1,4 @@
-//! Blocks put aside until their place in the file is known.
+//! Encoded blocks, kept until their place in the file is known.
 
 use super::codec::{Codec, EncodedBlock};
 use super::writer::Writer;
@@ -7,20 +7,20 @@ use crate::base::progress::Cancel;
 use crate::base::scratch::{Scratch, ScratchSpace};
 use std::sync::Arc;
 
-/// Read back at once, about.
+/// Approximate number of bytes that are read back from a scratch file at once.
 const PIECE: usize = 1 << 20;
 
-/// Blocks in the order in which they came, in memory up to a limit and in a scratch file beyond it.
+/// Blocks in the order in which they were added: in memory up to a limit, in a scratch file beyond it.
 pub struct Aside {
     blocks: Vec<Kept>,
-    /// Stored bytes of the last blocks, which are not in the file.
+    /// Stored bytes of the last blocks, which are not yet in the scratch file.
     buffer: Vec<u8>,
     limit: usize,
     space: Arc<ScratchSpace>,
     file: Option<Scratch>,
 }
 
-/// All of a block but its bytes.
+/// All of a block except its stored bytes.
 struct Kept {
     stored_len: u32,
     payload_len: u32,
@@ -30,22 +30,22 @@ struct Kept {
 }
 
 impl Aside {
-    /// With at most `limit` bytes, and a block more, in memory.
+    /// No blocks yet. At most `limit` bytes, and one block, will be in memory.
     pub fn new(limit: usize, space: &Arc<ScratchSpace>) -> Self {
         Self { blocks: Vec::new(), buffer: Vec::new(), limit, space: space.clone(), file: None }
     }
 
-    /// Blocks so far.
+    /// Number of blocks.
     pub fn len(&self) -> usize {
         self.blocks.len()
     }
 
-    /// Whether there are none.
+    /// True if there are no blocks.
     pub fn is_empty(&self) -> bool {
         self.blocks.is_empty()
     }
 
-    /// Adds a block. Fails with `Io` where scratch files cannot be written.
+    /// Adds a block. Fails with `Io` if the scratch file cannot be written.
     pub fn push(&mut self, block: EncodedBlock) -> Result<()> {
         let EncodedBlock { stored, payload_len, decoded_len, codec, checksum } = block;
         self.blocks.push(Kept { stored_len: stored.len() as u32, payload_len, decoded_len, codec, checksum });
@@ -65,7 +65,7 @@ impl Aside {
         Ok(())
     }
 
-    /// Adds all blocks of another, which was made alike.
+    /// Adds all blocks of `other`, which has the same limit and scratch folder.
     pub fn append(&mut self, other: Self) -> Result<()> {
         if self.blocks.is_empty() {
             *self = other;
@@ -87,7 +87,7 @@ impl Aside {
         Ok(())
     }
 
-    /// Writes all of them, in their order.
+    /// Writes all blocks in their order.
     pub fn write_to(self, writer: &mut Writer, cancel: &Cancel) -> Result<()> {
         let mut rest = &self.blocks[..];
         if let Some(file) = &self.file {
@@ -105,7 +105,8 @@ impl Aside {
     }
 }
 
-/// How many of the blocks make about a piece, of `left` bytes that some of them fill; and their bytes.
+/// Returns the number of blocks that make about one piece, and the number of their bytes. `left`: bytes of the scratch
+/// file that are not yet read; they end with a whole block.
 fn first_piece(blocks: &[Kept], left: u64) -> (usize, usize) {
     let (mut count, mut len) = (0, 0);
     while count < blocks.len() && len < PIECE && (len as u64) < left {

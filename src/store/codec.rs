@@ -1,21 +1,21 @@
-//! How a block's payload is stored: as it is, or compressed.
+//! The codecs of blocks: a payload is stored as it is, or compressed.
 
 use crate::base::bytes::{Malformed, ensure};
 use lz4_flex::block;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// How the stored bytes of a block become its payload. The numbers are those of the file.
+/// The codec that makes a block's payload of its stored bytes. The numbers are those of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Codec {
-    /// The payload as it is.
+    /// The stored bytes are the payload.
     Stored = 0,
-    /// One LZ4 block without a size in front.
+    /// The stored bytes are one LZ4 block, without a size in front.
     Lz4 = 1,
 }
 
 impl Codec {
-    /// The codec of a number in a file.
+    /// Returns the codec of a number in a file.
     pub fn from_u8(number: u8) -> Option<Self> {
         match number {
             0 => Some(Self::Stored),
@@ -36,11 +36,10 @@ pub struct EncodedBlock {
 }
 
 impl EncodedBlock {
-    /// Compresses `payload` if that makes it smaller. The same input gives the same bytes on any
-    /// thread of any machine.
+    /// Compresses `payload` if that makes it smaller. The same input gives the same bytes on any thread of any machine.
     ///
-    /// `payload`: the file form, at least one byte and fewer than 2³¹ ([`super::Writer`] refuses
-    /// others). `decoded_len`: bytes of the trace form that the structure will make of it.
+    /// `payload`: the file form, at least one byte ([`super::Writer`] refuses others, and those larger than four block
+    /// sizes). `decoded_len`: number of bytes of the trace form that the structure makes of it.
     pub fn encode(payload: &[u8], decoded_len: u32) -> Self {
         let payload_len = u32::try_from(payload.len()).unwrap_or(0);
         let (stored, codec) = match compress(payload) {
@@ -51,13 +50,13 @@ impl EncodedBlock {
         Self { stored, payload_len, decoded_len, codec, checksum }
     }
 
-    /// Bytes that the block takes in the file, without padding.
+    /// Number of bytes that the block takes in the file, without padding.
     pub fn stored_len(&self) -> usize {
         self.stored.len()
     }
 }
 
-/// LZ4 of `payload`, if it is smaller.
+/// Returns the LZ4 form of `payload` if that is smaller.
 fn compress(payload: &[u8]) -> Option<Vec<u8>> {
     let mut out = vec![0; block::get_maximum_output_size(payload.len())];
     let len = block::compress_into(payload, &mut out).ok()?;
@@ -65,15 +64,16 @@ fn compress(payload: &[u8]) -> Option<Vec<u8>> {
     (out.len() < payload.len()).then_some(out)
 }
 
-/// Matches shorter than this save a byte or two, and take as long to decode as long ones.
+/// Length of the shortest match that is worth its time. Shorter matches save a byte or two, but take as long to decode
+/// as long ones.
 const LEAST_MATCH: usize = 6;
-/// What the shortest match of LZ4 is.
+/// Length of the shortest match that LZ4 can express.
 const LZ4_MATCH: usize = 4;
 
-/// LZ4 of `payload` again, short matches as literals: [`LEAST_MATCH`].
+/// Rewrites LZ4 data of `payload` so that matches shorter than [`LEAST_MATCH`] become literals.
 fn without_short_matches(compressed: &[u8], payload: &[u8]) -> Vec<u8> {
     let mut out = Vec::with_capacity(compressed.len() + compressed.len() / 16);
-    // In `payload`: where it goes on, and where the literals begin that are not yet written.
+    // Offsets in `payload`: of the next byte, and of the first literal that is not yet written.
     let (mut at, mut begin) = (0, 0);
     let mut from = 0;
     while from < compressed.len() {
@@ -99,7 +99,7 @@ fn without_short_matches(compressed: &[u8], payload: &[u8]) -> Vec<u8> {
     out
 }
 
-/// A length of which the token has `short`: 15 if bytes follow, up to the first that is not 255.
+/// Reads a length. `short` is its part in the token: 15 if further bytes follow, up to the first that is not 255.
 fn read_length(compressed: &[u8], from: &mut usize, short: u8) -> usize {
     let mut length = usize::from(short);
     let mut goes_on = short == 15;
@@ -111,7 +111,7 @@ fn read_length(compressed: &[u8], from: &mut usize, short: u8) -> usize {
     length
 }
 
-/// Undoes [`read_length`] but for the token.
+/// Writes the bytes of a length behind its part in the token: the inverse of [`read_length`].
 fn push_length(out: &mut Vec<u8>, length: usize) {
     if let Some(rest) = length.checked_sub(15) {
         out.extend(std::iter::repeat_n(255, rest / 255));
@@ -119,19 +119,19 @@ fn push_length(out: &mut Vec<u8>, length: usize) {
     }
 }
 
-/// Token and literals of a sequence whose match is by `longer` longer than the shortest.
+/// Writes the token and the literals of a sequence. `longer`: the length of its match beyond [`LZ4_MATCH`].
 fn push_sequence(out: &mut Vec<u8>, literals: &[u8], longer: usize) {
     out.push((literals.len().min(15) as u8) << 4 | longer.min(15) as u8);
     push_length(out, literals.len());
     out.extend(literals);
 }
 
-/// The most bytes that `stored_len` bytes of LZ4 can become: each byte of a length adds at most 255.
+/// Upper bound of the number of bytes that `stored_len` bytes of LZ4 decode to: each byte of a length adds at most 255.
 pub fn lz4_limit(stored_len: u32) -> u64 {
     u64::from(stored_len) * 255
 }
 
-/// Makes the payload of `payload_len` bytes in `out`, whose content is replaced.
+/// Replaces the content of `out` by the payload, which has `payload_len` bytes.
 pub fn decode(codec: Codec, stored: &[u8], payload_len: u32, out: &mut Vec<u8>) -> Result<(), Malformed> {
     match codec {
         Codec::Stored => {
@@ -141,8 +141,8 @@ pub fn decode(codec: Codec, stored: &[u8], payload_len: u32, out: &mut Vec<u8>) 
         }
         Codec::Lz4 => {
             out.resize(payload_len as usize, 0);
-            let len = block::decompress_into(stored, out).map_err(|_| Malformed::new("bad LZ4 data"))?;
-            ensure(len == out.len(), "LZ4 data gives fewer bytes than the directory says")?;
+            let len = block::decompress_into(stored, out).map_err(|_| Malformed::new("invalid LZ4 data"))?;
+            ensure(len == out.len(), "the LZ4 data decodes to fewer bytes than the directory states")?;
         }
     }
     Ok(())

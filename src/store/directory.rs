@@ -4,34 +4,34 @@ use super::codec::{Codec, EncodedBlock, lz4_limit};
 use super::header::{ALIGN, HEADER_LEN};
 use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
 
-/// Bytes of a row in the file.
+/// Number of bytes of a row in the file.
 pub const ROW_LEN: usize = 32;
 
-/// Where a block is and what becomes of it.
+/// The place of a block in the file, and its sizes in its three forms.
 ///
-/// Invariants, checked once by [`check`] and relied on after: blocks follow one another in the
-/// order of their ids, each at the first multiple of [`ALIGN`] after the one before, so that they
-/// neither overlap nor leave unclaimed bytes; sizes are within the limits of [`check`].
+/// Invariants, which [`check`] tests once: the blocks follow one another in the order of their ids, each at the first
+/// multiple of [`ALIGN`] behind the one before, so that they neither overlap nor leave gaps; the sizes are within the
+/// limits of [`check`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Row {
-    /// First byte in the file.
+    /// Offset of its first byte in the file.
     pub offset: u64,
-    /// Bytes in the file, without padding.
+    /// Number of bytes in the file, without padding.
     pub stored_len: u32,
-    /// Bytes after decompression: the file form.
+    /// Number of bytes of the payload (the file form), which decompression yields.
     pub payload_len: u32,
-    /// Bytes of the trace form that the structure makes of the payload.
+    /// Number of bytes of the trace form, which the structure makes of the payload.
     pub decoded_len: u32,
-    /// How stored bytes become the payload.
+    /// The codec that makes the payload of the stored bytes.
     pub codec: Codec,
     /// XXH3-64 of the stored bytes.
     pub checksum: u64,
 }
 
 impl Row {
-    /// The row of `block`, if that is written at `offset`.
+    /// Returns the row of a `block` that is written at `offset`.
     pub(super) fn of(block: &EncodedBlock, offset: u64) -> Result<Self, Malformed> {
-        let stored_len = u32::try_from(block.stored.len()).map_err(|_| Malformed::new("block too large"))?;
+        let stored_len = u32::try_from(block.stored.len()).map_err(|_| Malformed::new("the block is too large"))?;
         Ok(Self {
             offset,
             stored_len,
@@ -42,20 +42,23 @@ impl Row {
         })
     }
 
-    /// One past the last stored byte.
+    /// Offset one past the last stored byte.
     pub fn end(&self) -> u64 {
         self.offset.saturating_add(u64::from(self.stored_len))
     }
 
     fn check(&self, block_size: u32) -> Result<(), Malformed> {
-        ensure(self.stored_len > 0, "block without bytes")?;
-        ensure(self.decoded_len <= block_size, "block larger than the block size")?;
-        ensure(u64::from(self.payload_len) <= 4 * u64::from(block_size), "payload larger than four block sizes")?;
+        ensure(self.stored_len > 0, "the block is empty")?;
+        ensure(self.decoded_len <= block_size, "the trace form is larger than the block size")?;
+        ensure(
+            u64::from(self.payload_len) <= 4 * u64::from(block_size),
+            "the payload is larger than four times the block size",
+        )?;
         match self.codec {
             Codec::Stored => ensure(self.payload_len == self.stored_len, "stored and payload sizes differ"),
             Codec::Lz4 => ensure(
                 self.payload_len > self.stored_len && u64::from(self.payload_len) <= lz4_limit(self.stored_len),
-                "no LZ4 data has these sizes",
+                "the sizes are impossible for LZ4 data",
             ),
         }
     }
@@ -78,19 +81,19 @@ impl Row {
     }
 }
 
-/// The first multiple of [`ALIGN`] at or after `offset`.
+/// Returns the first multiple of [`ALIGN`] at or after `offset`.
 pub(super) fn aligned(offset: u64) -> u64 {
     offset.checked_next_multiple_of(ALIGN).unwrap_or(u64::MAX)
 }
 
-/// The bytes of a directory.
+/// Returns the bytes of a directory.
 pub(super) fn encode(rows: &[Row]) -> Vec<u8> {
     let mut out = Vec::with_capacity(rows.len() * ROW_LEN);
     rows.iter().for_each(|row| row.encode(&mut out));
     out
 }
 
-/// Reads a directory of `bytes.len() / ROW_LEN` rows; [`check`] is still to be called.
+/// Reads a directory of `bytes.len() / ROW_LEN` rows. The caller still has to call [`check`].
 pub(super) fn decode(bytes: &[u8]) -> Result<Vec<Row>, Malformed> {
     let mut r = ByteReader::new(bytes);
     let mut rows = Vec::with_capacity(bytes.len() / ROW_LEN);
@@ -100,11 +103,11 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Vec<Row>, Malformed> {
     Ok(rows)
 }
 
-/// Checks the invariants of [`Row`]; returns the first byte after the last block.
+/// Checks the invariants of [`Row`]. Returns the offset one past the last block.
 pub(super) fn check(rows: &[Row], block_size: u32) -> Result<u64, Malformed> {
     let mut end = HEADER_LEN as u64;
     for (i, row) in rows.iter().enumerate() {
-        let at_its_place = ensure(row.offset == aligned(end), "block is not where the one before it ends");
+        let at_its_place = ensure(row.offset == aligned(end), "the block does not follow the previous block");
         at_its_place
             .and_then(|()| row.check(block_size))
             .map_err(|why| Malformed::new(format!("directory, block {i}: {why}")))?;

@@ -1,26 +1,26 @@
-//! The first 256 bytes of a model file, and its last 32 (FORMAT.md, sections 2 and 7).
+//! The header, the first 256 bytes of a model file, and the footer, its last 32 bytes (FORMAT.md, sections 2 and 7).
 
 use super::sections::{check_bounds, is_finite};
 use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// First bytes of a file. The high bit, the line ends and the end-of-file character of old systems
-/// are what transfers "in text mode" change.
+/// The first eight bytes of a model file. Its high bit, its line ends and the end-of-file character of old systems
+/// (`1A`) change in a transfer "in text mode", so that such a file is recognised as damaged.
 pub const MAGIC: [u8; 8] = *b"\x8fOCR\r\n\x1a\n";
-/// First bytes of the footer.
+/// The first eight bytes of the footer.
 pub const FOOTER_MAGIC: [u8; 8] = *b"\n\x1a\n\rRCO\x8f";
-/// Major and minor format version that is written, and the newest that is read.
+/// The format version, major and minor, that the library writes, and the newest that it reads.
 pub const VERSION: (u16, u16) = (0, 8);
-/// Bytes of the header.
+/// Number of bytes of the header.
 pub const HEADER_LEN: usize = 256;
-/// Bytes of the footer.
+/// Number of bytes of the footer.
 pub const FOOTER_LEN: usize = 32;
-/// Blocks and sections begin at multiples of this many bytes.
+/// Blocks and sections begin at multiples of this number of bytes.
 pub const ALIGN: u64 = 64;
 
-/// Least and greatest [`Header::block_size`].
+/// Least and greatest value of [`Header::block_size`].
 pub const BLOCK_SIZES: std::ops::RangeInclusive<u32> = 1024..=1 << 24;
-/// [`Header::block_size`] unless told otherwise.
+/// Value of [`Header::block_size`] if the caller does not choose one.
 pub const DEFAULT_BLOCK_SIZE: u32 = 64 << 10;
 
 const CHECKSUM_AT: usize = HEADER_LEN - 8;
@@ -28,55 +28,56 @@ const RESERVED_AT: usize = 180;
 const FLAG_COLOURS: u32 = 1;
 const FLAG_SPLITS: u32 = 2;
 
-/// Triangles of the input that are not in the tree, by reason.
+/// Numbers of input triangles that are in no tree, by reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Drops {
-    /// A vertex is NaN or infinite.
+    /// A vertex has a coordinate that is NaN or infinite.
     pub non_finite: u64,
-    /// The area is zero.
+    /// The area of the triangle is zero.
     pub degenerate: u64,
     /// A vertex is too far from the tree's origin for an f32.
     pub out_of_range: u64,
 }
 
-/// The options of the build that are kept for readers of the file; nothing depends on them.
+/// Options of the build, kept for readers of the file. Nothing depends on them, except that a model is refused if its
+/// `sample_bytes` are not those of this version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Options {
-    /// Whether triangles were split among leaves.
+    /// True if some triangles are referred to by several leaves.
     pub spatial_splits: bool,
-    /// Most triangles in a leaf; 0 if the structure has no such limit.
+    /// Maximum number of triangles of a leaf; 0 if the structure has no such limit.
     pub leaf_triangles: u32,
-    /// Memory budget of the build in bytes (it decides on the chunks); 0 if there was none.
+    /// Memory budget of the build in bytes, on which the division into chunks depends; 0 if there was none.
     pub memory_budget: u64,
-    /// Bytes of one sample of a stand-in; 0 if the structure has none.
+    /// Number of bytes of one sample of a stand-in; 0 if the structure has no stand-ins.
     pub sample_bytes: u32,
 }
 
-/// What is known of a model before anything else of it is read.
+/// Facts about a model that are known before the rest of the file is read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Header {
-    /// The number of the acceleration structure; never 0. Which numbers exist is the business of `structure`.
+    /// Number of the acceleration structure, not 0. The module `structure` defines the valid numbers.
     pub structure: u32,
-    /// Most bytes of a block's trace form, in [`BLOCK_SIZES`].
+    /// Maximum number of bytes of a block's trace form, in [`BLOCK_SIZES`].
     pub block_size: u32,
-    /// Metres in one unit of length; 0 if unknown. Finite, not negative.
+    /// Metres per unit of length, finite and not negative; 0 if unknown.
     pub metres_per_unit: f64,
     /// The axis that points up: 0 unknown, 1 x, 2 y, 3 z.
     pub up: u32,
-    /// Bounds of all that is placed, in world units: least corner, greatest corner; finite, or
+    /// Bounds, in world units, of all placed triangles: least corner, then greatest corner. Either finite or
     /// [`EMPTY_BOUNDS`](super::sections::EMPTY_BOUNDS).
     pub bounds: [f64; 6],
-    /// Triangles of the input.
+    /// Number of triangles in the input.
     pub triangles_in: u64,
-    /// Triangles that are in trees, each counted once.
+    /// Number of triangles in the trees, each counted once.
     pub triangles_kept: u64,
-    /// The others, by reason.
+    /// Numbers of dropped triangles, by reason.
     pub drops: Drops,
-    /// Geometry blocks of all trees; as many blocks of primitive ids follow.
+    /// Number of geometry blocks of all trees. As many blocks of primitive ids follow them.
     pub geometry_blocks: u32,
-    /// Whether as many blocks of colours follow those.
+    /// True if as many blocks of colours follow the blocks of primitive ids.
     pub has_colours: bool,
-    /// How it was built.
+    /// Options of the build.
     pub options: Options,
 }
 
@@ -99,42 +100,43 @@ impl Default for Header {
 }
 
 impl Header {
-    /// Blocks in the directory: geometry, primitive ids and, if there are any, colours.
+    /// Number of rows of the directory: geometry blocks, blocks of primitive ids and, if there are any, blocks of
+    /// colours.
     pub fn block_count(&self) -> u64 {
         u64::from(self.geometry_blocks) * if self.has_colours { 3 } else { 2 }
     }
 
     /// Checks the documented range of every field.
     pub(super) fn validate(&self) -> Result<(), Malformed> {
-        ensure(self.structure != 0, "no structure")?;
+        ensure(self.structure != 0, "the structure is 0")?;
         ensure(BLOCK_SIZES.contains(&self.block_size), "block size out of range")?;
         ensure(self.up <= 3, "unknown up axis")?;
-        ensure(self.metres_per_unit.is_finite() && self.metres_per_unit >= 0.0, "bad unit of length")?;
-        check_bounds(&self.bounds).map_err(|_| Malformed::new("bad bounds of the model"))?;
+        ensure(self.metres_per_unit.is_finite() && self.metres_per_unit >= 0.0, "invalid unit of length")?;
+        check_bounds(&self.bounds).map_err(|_| Malformed::new("invalid bounds of the model"))?;
         debug_assert!(is_finite(&self.bounds) || self.bounds == super::sections::EMPTY_BOUNDS);
         let Drops { non_finite, degenerate, out_of_range } = self.drops;
         let sum = [non_finite, degenerate, out_of_range].into_iter().try_fold(self.triangles_kept, u64::checked_add);
-        ensure(sum.is_some(), "the counts of triangles cannot be right")?;
+        ensure(sum.is_some(), "the sum of the triangle counts is too large")?;
         ensure(self.block_count() <= u64::from(u32::MAX), "too many blocks")
     }
 }
 
-/// Where the parts of the file are; kept by the header beside [`Header`].
+/// Offsets and counts that frame the parts of the file. They are in the header too, but are not part of [`Header`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Frame {
-    /// Bytes of the whole file.
+    /// Number of bytes of the whole file.
     pub file_len: u64,
     /// Offset of the section table.
     pub table_at: u64,
     /// Checksum of the section table.
     pub table_checksum: u64,
-    /// Rows of the section table.
+    /// Number of rows of the section table.
     pub sections: u32,
-    /// Rows of the directory.
+    /// Number of rows of the directory.
     pub blocks: u32,
 }
 
-/// Why a header was not read.
+/// Reasons why a header cannot be read.
 #[derive(Debug, PartialEq)]
 pub(super) enum HeaderError {
     Malformed(Malformed),
@@ -147,7 +149,7 @@ impl From<Malformed> for HeaderError {
     }
 }
 
-/// The 256 bytes of a header.
+/// Returns the 256 bytes of a header.
 pub(super) fn encode(header: &Header, frame: &Frame) -> Vec<u8> {
     let mut out = Vec::with_capacity(HEADER_LEN);
     out.put_bytes(&MAGIC);
@@ -182,18 +184,18 @@ pub(super) fn encode(header: &Header, frame: &Frame) -> Vec<u8> {
     out
 }
 
-/// Reads a header; `bytes` are the first [`HEADER_LEN`] of the file, or all of a shorter one.
+/// Reads a header. `bytes` are the first [`HEADER_LEN`] bytes of the file, or the whole of a shorter file.
 pub(super) fn decode(bytes: &[u8]) -> Result<(Header, Frame), HeaderError> {
     check_magic(bytes)?;
     let mut r = ByteReader::new(bytes);
     r.take(MAGIC.len())?;
-    // The version comes before the checksum: a newer header may have its checksum elsewhere.
+    // The version comes before the checksum: a newer format may have its checksum elsewhere.
     check_version((r.u16()?, r.u16()?))?;
-    ensure(r.u32()? as usize == HEADER_LEN, "header has a wrong size")?;
+    ensure(r.u32()? as usize == HEADER_LEN, "the header has a wrong size")?;
     let checked = bytes.get(..CHECKSUM_AT).unwrap_or_default();
     let mut tail = ByteReader::new(bytes);
     tail.take(CHECKSUM_AT)?;
-    ensure(tail.u64()? == xxh3_64(checked), "header is damaged (checksum differs)")?;
+    ensure(tail.u64()? == xxh3_64(checked), "the header is damaged (checksum mismatch)")?;
     tail.finish()?;
     let frame = Frame {
         file_len: r.u64()?,
@@ -205,7 +207,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<(Header, Frame), HeaderError> {
     let header = decode_fields(&mut r)?;
     r.zeros(CHECKSUM_AT - RESERVED_AT)?;
     header.validate()?;
-    ensure(u64::from(frame.blocks) == header.block_count(), "counts of blocks disagree")?;
+    ensure(u64::from(frame.blocks) == header.block_count(), "the block counts are inconsistent")?;
     Ok((header, frame))
 }
 
@@ -246,8 +248,8 @@ fn check_magic(bytes: &[u8]) -> Result<(), Malformed> {
         return Ok(());
     }
     let name_only = |b: &[u8]| b.get(1..4) == Some(b"OCR".as_slice()) && b[0] & 0x7f == MAGIC[0] & 0x7f;
-    ensure(!name_only(bytes), "damaged at the start, as by a transfer in text mode")?;
-    ensure(!MAGIC.starts_with(bytes), "cut off, or empty")?;
+    ensure(!name_only(bytes), "the first bytes are damaged, for example by a transfer in text mode")?;
+    ensure(!MAGIC.starts_with(bytes), "truncated or empty")?;
     Err(Malformed::new("not an outcrop model"))
 }
 
@@ -255,11 +257,11 @@ fn check_version(found: (u16, u16)) -> Result<(), HeaderError> {
     if found > VERSION {
         return Err(HeaderError::Newer(found));
     }
-    // Format 0.x promises nothing: an older minor is another format.
-    ensure(found == VERSION, "written in an early format that is no longer read").map_err(Into::into)
+    // An older minor version of format 0.x is another format, which this library does not read.
+    ensure(found == VERSION, "written in an early format that is no longer supported").map_err(Into::into)
 }
 
-/// The last 32 bytes of a file whose header is `header`.
+/// Returns the last 32 bytes of a file. `header`: the bytes of its header.
 pub(super) fn encode_footer(file_len: u64, header: &[u8]) -> Vec<u8> {
     let mut out = Vec::with_capacity(FOOTER_LEN);
     out.put_bytes(&FOOTER_MAGIC);
@@ -296,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn a_newer_format_says_so_whatever_else_changed() {
+    fn a_newer_format_is_reported_whatever_else_changed() {
         let (header, frame) = sample();
         let mut bytes = encode(&header, &frame);
         for (version, at) in [((0, 9), 10), ((1, 8), 8)] {
@@ -319,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_reserved_is_zero() {
+    fn reserved_bytes_must_be_zero() {
         let (header, frame) = sample();
         for at in [56, RESERVED_AT, CHECKSUM_AT - 1] {
             let mut bytes = encode(&header, &frame);

@@ -1,5 +1,5 @@
-//! The model file: written once, read at random, every byte checked. Payloads of blocks are opaque
-//! here; `FORMAT.md` beside this file describes it byte by byte. Uses base.
+//! The model file: written once from front to back, read at random offsets, with every byte checked. The payload of a
+//! block is opaque to this module. `FORMAT.md` in this folder describes the file byte by byte. Uses base.
 #![forbid(unsafe_code)]
 
 mod aside;

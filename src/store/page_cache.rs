@@ -1,9 +1,9 @@
-//! What the system is told about a file's pages: that they are read out of order, and once. What is read is kept
-//! decoded, under a budget; a second copy in the page cache would come on top.
+//! Hints to the system about a file's pages: they are read in no order, and once. Decoded blocks are kept under a
+//! budget; copies of the same data in the page cache would take memory beyond it.
 
 use std::fs::File;
 
-/// Asks the system not to read ahead. A hint: does nothing where there is no such call.
+/// Asks the system not to read ahead. Does nothing on systems without such a call.
 pub(super) fn expect_random(file: &File) {
     sys::expect_random(file);
 }
@@ -24,7 +24,7 @@ mod sys {
     }
 
     pub fn drop_pages(file: &File, offset: u64, len: u64) {
-        // No length would mean up to the end.
+        // The system takes a length of zero as "to the end of the file".
         if let Some(len) = NonZeroU64::new(len) {
             let _ = fadvise(file, offset, Some(len), Advice::DontNeed);
         }

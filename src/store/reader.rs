@@ -15,17 +15,18 @@ use std::path::Path;
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Read at once at most, so that a size that is a lie ends at the first read that fails.
+/// Maximum number of bytes that are read at once, so that a false size leads to a failed read before it takes much
+/// memory.
 const READ_STEP: usize = 4 << 20;
 
-/// An opened model file: everything but its blocks is in memory and has been checked. Immutable;
-/// any number of threads read from it at once.
+/// An opened model file. All of it except its blocks is in memory and has been checked. It is immutable; any number of
+/// threads read from it at once.
 pub struct ModelFile {
     source: Arc<dyn Source>,
     header: Header,
     fingerprint: u64,
     file_len: u64,
-    /// Where the directory begins: all before it are header, blocks and padding.
+    /// Offset of the directory. Header, blocks and padding are before it.
     blocks_end: u64,
     rows: Vec<Row>,
     parts: Vec<PartRow>,
@@ -34,25 +35,25 @@ pub struct ModelFile {
     trees: Vec<TreeRow>,
 }
 
-/// What [`ModelFile::check`] found in order.
+/// Result of [`ModelFile::check`] for an intact file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CheckReport {
-    /// Bytes of the file, each of which was checked.
+    /// Number of bytes of the file, all of which were checked.
     pub bytes: u64,
-    /// Blocks that were read and decompressed.
+    /// Number of blocks that were read and decompressed.
     pub blocks: u32,
-    /// Bytes of all payloads.
+    /// Number of bytes of all payloads.
     pub payload_bytes: u64,
-    /// Bytes of all trace forms, as the directory says.
+    /// Number of bytes of all trace forms, according to the directory.
     pub decoded_bytes: u64,
 }
 
 impl ModelFile {
     /// Opens the model that `source` reads.
     ///
-    /// Reads and checks the header, directory, sections and footer; blocks are checked when they are
-    /// read. Fails with [`Error::Corrupt`] or [`Error::NewerFormat`], naming the file, or with
-    /// [`Error::Io`]. Takes memory in proportion to what is read, whatever the file claims.
+    /// Reads and checks the header, directory, sections and footer; blocks are checked when they are read. Fails with
+    /// [`Error::Corrupt`] or [`Error::NewerFormat`], naming the file, or with [`Error::Io`]. The memory it takes is
+    /// proportional to the bytes that were read, whatever sizes the file claims.
     pub fn open(source: Arc<dyn Source>) -> Result<Self> {
         let file = Opening { source: &*source };
         let (header, frame, head) = file.header()?;
@@ -74,24 +75,24 @@ impl ModelFile {
         Ok(Self { source, header, fingerprint, file_len, blocks_end, rows, parts, materials, instances, trees })
     }
 
-    /// [`ModelFile::open`] for a file of the file system.
+    /// [`ModelFile::open`] for a path of the file system.
     pub fn open_path(path: impl AsRef<Path>) -> Result<Self> {
         Self::open(Arc::new(FileSource::open(path)?))
     }
 
-    /// The file, or what its source calls itself.
+    /// The path of the file, or the name of its source.
     pub fn name(&self) -> &Path {
         self.source.name()
     }
-    /// Bytes of the file.
+    /// Number of bytes of the file.
     pub fn file_len(&self) -> u64 {
         self.file_len
     }
-    /// Differs where any byte of the file differs: a hash over the checksums of all its parts.
+    /// A hash over the checksums of all parts of the file: files that differ in any byte have different fingerprints.
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
     }
-    /// What the file says of itself.
+    /// The content of the header.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -112,7 +113,7 @@ impl ModelFile {
         &self.trees
     }
 
-    /// Blocks of every kind; ids are `0..block_count()`.
+    /// Number of blocks of every kind; the ids are `0..block_count()`.
     pub fn block_count(&self) -> u32 {
         self.rows.len() as u32
     }
@@ -120,20 +121,20 @@ impl ModelFile {
     pub fn directory(&self) -> &[Row] {
         &self.rows
     }
-    /// Bytes of the block's trace form; 0 if there is no such block.
+    /// Number of bytes of the block's trace form; 0 if there is no such block.
     pub fn decoded_len(&self, id: BlockId) -> u32 {
         self.rows.get(id.0 as usize).map_or(0, |row| row.decoded_len)
     }
-    /// The block with the primitive ids of geometry block `id`.
+    /// Id of the block with the primitive ids of geometry block `id`.
     pub fn prim_block(&self, id: BlockId) -> BlockId {
         BlockId(self.header.geometry_blocks + id.0)
     }
-    /// The block with the colours of geometry block `id`, if the model has colours.
+    /// Id of the block with the colours of geometry block `id`, if the model has colours.
     pub fn colour_block(&self, id: BlockId) -> Option<BlockId> {
         self.header.has_colours.then(|| BlockId(2 * self.header.geometry_blocks + id.0))
     }
 
-    /// Bytes of memory that the directory and the tables take.
+    /// Number of bytes of memory that the directory and the tables take.
     pub fn memory(&self) -> u64 {
         let names: usize = self.parts.iter().map(|part| part.name.capacity()).sum();
         let tables = size_of_val(&self.rows[..])
@@ -144,11 +145,11 @@ impl ModelFile {
         (names + tables) as u64
     }
 
-    /// Reads a block, checks it, and puts its payload in place of the content of `out`. `scratch` is
-    /// working memory to be used again.
+    /// Reads a block, checks it, and replaces the content of `out` by its payload. `scratch` is working memory, reused
+    /// between calls.
     ///
-    /// Fails with [`Error::Corrupt`] naming file and block if it is damaged, with [`Error::Io`] if it
-    /// cannot be read, with [`Error::BadArgument`] if there is no such block; `out` is then of no use.
+    /// Fails with [`Error::Corrupt`], naming file and block, if the block is damaged, with [`Error::Io`] if it cannot
+    /// be read, and with [`Error::BadArgument`] if there is no such block. The content of `out` is then undefined.
     pub fn read_block(&self, id: BlockId, scratch: &mut Vec<u8>, out: &mut Vec<u8>) -> Result<()> {
         let row = self.rows.get(id.0 as usize).ok_or_else(|| Error::bad_argument("no such block"))?;
         scratch.resize(row.stored_len as usize, 0);
@@ -156,10 +157,11 @@ impl ModelFile {
         open_block(row, scratch, out).map_err(|why| self.damaged_block(id, why.to_string()))
     }
 
-    /// Reads the stored bytes of blocks `first` to `last`, and what is between them, in place of the content of `out`.
+    /// Reads the stored bytes of blocks `first` to `last`, with the padding between them, and replaces the content of
+    /// `out` by them.
     ///
-    /// Fails with [`Error::Io`], with [`Error::Corrupt`] if the file ends before, with [`Error::BadArgument`] if there
-    /// are no such blocks; `out` is then of no use.
+    /// Fails with [`Error::Io`], with [`Error::Corrupt`] if the file ends earlier, or with [`Error::BadArgument`] if
+    /// there are no such blocks. The content of `out` is then undefined.
     pub fn read_stored(&self, first: BlockId, last: BlockId, out: &mut Vec<u8>) -> Result<()> {
         let rows = self.rows.get(first.0 as usize..=last.0 as usize).unwrap_or_default();
         let [front, ..] = rows else { return Err(Error::bad_argument("no such blocks")) };
@@ -168,8 +170,8 @@ impl ModelFile {
         self.opening().read(front.offset, out)
     }
 
-    /// Checks block `id` in what [`ModelFile::read_stored`] read from block `first` on, and puts its payload in place
-    /// of the content of `out`. Fails like [`ModelFile::read_block`].
+    /// Checks block `id` in the bytes that [`ModelFile::read_stored`] read from block `first` on, and replaces the
+    /// content of `out` by its payload. Fails like [`ModelFile::read_block`].
     pub fn open_stored(&self, id: BlockId, first: BlockId, stored: &[u8], out: &mut Vec<u8>) -> Result<()> {
         let row = |id: BlockId| self.rows.get(id.0 as usize).ok_or_else(|| Error::bad_argument("no such block"));
         let (row, front) = (row(id)?, row(first)?);
@@ -179,14 +181,13 @@ impl ModelFile {
         open_block(row, bytes, out).map_err(|why| self.damaged_block(id, why.to_string()))
     }
 
-    /// Reads the file once more from front to back and checks every byte: checksums and sizes of
-    /// blocks, sections and footer, and that padding is zero. Reports its progress, and stops within
-    /// some milliseconds once cancelled.
+    /// Reads the file once more from front to back and checks every byte: checksums and sizes of blocks, sections and
+    /// footer, and that padding is zero. Reports its progress, and stops within some milliseconds once cancelled.
     ///
-    /// Goes on after a damaged block, so that the error tells how many there are; it names the first.
+    /// Continues after a damaged block, so that the error can give the number of damaged blocks; it names the first.
     pub fn check(&self, progress: &Progress, cancel: &Cancel) -> Result<CheckReport> {
         let again = Self::open(self.source.clone())?;
-        let same = ensure(again.fingerprint == self.fingerprint, "was replaced since it was opened");
+        let same = ensure(again.fingerprint == self.fingerprint, "the file was replaced after it was opened");
         same.map_err(|why| self.opening().corrupt(why))?;
         let (mut buffer, mut payload) = (Vec::new(), Vec::new());
         let mut damage: Option<(BlockId, Malformed)> = None;
@@ -216,25 +217,25 @@ impl ModelFile {
         Ok(self.report())
     }
 
-    /// The last of the blocks from `first` on that are read together.
+    /// Returns the last block of the run from `first` on that is read at once.
     fn run_from(&self, first: usize) -> usize {
         let limit = self.rows[first].offset + READ_STEP as u64;
         let together = self.rows[first + 1..].iter().take_while(|row| row.end() <= limit).count();
         first + together
     }
 
-    /// Where the block after `index` begins, or the directory.
+    /// Offset of the block behind block `index`, or of the directory behind the last one.
     fn padded_end(&self, index: usize) -> u64 {
         self.rows.get(index + 1).map_or(self.blocks_end, |next| next.offset)
     }
 
-    /// Checks a block and the padding behind it in `buffer`, which begins at `start`.
+    /// Checks a block and the padding behind it in `buffer`, which begins at offset `start`.
     fn check_block(&self, index: usize, buffer: &[u8], start: u64, payload: &mut Vec<u8>) -> Checked<()> {
         let row = &self.rows[index];
         let range = (row.offset - start) as usize..(self.padded_end(index) - start) as usize;
         let (stored, padding) = buffer[range].split_at(row.stored_len as usize);
         open_block(row, stored, payload)?;
-        ensure(is_zero(padding), "padding is not zero")
+        ensure(is_zero(padding), "the padding behind the block is not zero")
     }
 
     fn report(&self) -> CheckReport {
@@ -261,13 +262,13 @@ impl std::fmt::Debug for ModelFile {
     }
 }
 
-/// The payload of a block from its stored bytes.
+/// Makes the payload of a block from its stored bytes.
 fn open_block(row: &Row, stored: &[u8], out: &mut Vec<u8>) -> Checked<()> {
-    ensure(xxh3_64(stored) == row.checksum, "is damaged (checksum differs)")?;
+    ensure(xxh3_64(stored) == row.checksum, "damaged (checksum mismatch)")?;
     codec::decode(row.codec, stored, row.payload_len, out)
 }
 
-/// The bytes of a section, and its count of rows. `tail` begins at `tail_at` and holds them all.
+/// Returns the bytes of a section and its number of rows. `tail` begins at offset `tail_at` and contains all sections.
 fn section<'a>(tail: &'a [u8], entries: &[Entry], tail_at: u64, kind: Kind) -> (&'a [u8], u64) {
     let entry = entries.iter().find(|entry| entry.kind == kind);
     entry.map_or((&[], 0), |e| (&tail[(e.offset - tail_at) as usize..(e.end() - tail_at) as usize], e.count))
@@ -277,7 +278,7 @@ fn decode_rows<T: sections::FileRow>((bytes, count): (&[u8], u64)) -> Checked<Ve
     sections::decode(bytes, count)
 }
 
-/// A file whose parts are being read for the first time.
+/// A file that is being opened.
 #[derive(Clone, Copy)]
 struct Opening<'a> {
     source: &'a dyn Source,
@@ -294,12 +295,14 @@ impl Opening<'_> {
 
     fn read(&self, offset: u64, buf: &mut [u8]) -> Result<()> {
         self.source.read_at(offset, buf).map_err(|e| match e.kind() {
-            io::ErrorKind::UnexpectedEof => self.corrupt(Malformed::new("ends before its end: cut off while in use?")),
+            io::ErrorKind::UnexpectedEof => {
+                self.corrupt(Malformed::new("unexpected end of the file (was it truncated while in use?)"))
+            }
             _ => Error::io(self.source.name(), "read", e),
         })
     }
 
-    /// Reads `len` bytes in steps: memory grows with what is really there.
+    /// Reads `len` bytes in steps, so that memory grows only with bytes that exist.
     fn read_vec(&self, offset: u64, len: u64) -> Result<Vec<u8>> {
         let mut out = Vec::new();
         while (out.len() as u64) < len {
@@ -322,33 +325,36 @@ impl Opening<'_> {
             }
         })?;
         if frame.file_len != len {
-            let why = if len < frame.file_len { "cut off" } else { "bytes follow its end" };
-            return Err(self.corrupt(Malformed::new(format!("{why}: {len} bytes, it had {}", frame.file_len))));
+            let why = if len < frame.file_len { "truncated" } else { "unexpected bytes at the end" };
+            return Err(self.corrupt(Malformed::new(format!("{why}: {len} bytes instead of {}", frame.file_len))));
         }
         Ok((header, frame, head))
     }
 
     fn footer(&self, frame: &Frame, head: &[u8]) -> Result<()> {
         let least = (HEADER_LEN + TABLE_LEN + FOOTER_LEN) as u64;
-        self.ensure(frame.file_len >= least, "cut off")?;
+        self.ensure(frame.file_len >= least, "truncated")?;
         let footer = self.read_vec(frame.file_len - FOOTER_LEN as u64, FOOTER_LEN as u64)?;
-        self.ensure(footer == header::encode_footer(frame.file_len, head), "its end is damaged, or of another file")
+        self.ensure(
+            footer == header::encode_footer(frame.file_len, head),
+            "the footer is damaged or belongs to another file",
+        )
     }
 
     fn table(&self, frame: &Frame) -> Result<[Entry; KINDS.len()]> {
         let place = frame.file_len - (TABLE_LEN + FOOTER_LEN) as u64;
         let known = frame.sections as usize == KINDS.len() && frame.table_at == place;
-        self.ensure(known, "the section table is not where it should be")?;
+        self.ensure(known, "the section table is not at the expected position")?;
         let table = self.read_vec(frame.table_at, TABLE_LEN as u64)?;
-        self.ensure(xxh3_64(&table) == frame.table_checksum, "section table is damaged (checksum differs)")?;
+        self.ensure(xxh3_64(&table) == frame.table_checksum, "the section table is damaged (checksum mismatch)")?;
         let entries = contents::decode(&table, frame.table_at).map_err(|why| self.corrupt(why))?;
         let [directory, ..] = &entries;
         let begins_well = directory.count == u64::from(frame.blocks) && directory.offset >= HEADER_LEN as u64;
-        self.ensure(begins_well, "the directory does not fit the header")?;
+        self.ensure(begins_well, "the directory does not match the header")?;
         Ok(entries)
     }
 
-    /// Reads all from the directory up to the section table; checksums and padding are then right.
+    /// Reads everything from the directory up to the section table, and checks checksums and padding.
     fn sections(&self, entries: &[Entry; KINDS.len()], frame: &Frame) -> Result<Vec<u8>> {
         let start = entries[0].offset;
         let tail = self.read_vec(start, frame.table_at - start)?;
@@ -356,16 +362,16 @@ impl Opening<'_> {
         for (i, entry) in entries.iter().enumerate() {
             let next = entries.get(i + 1).map_or(frame.table_at, |next| next.offset);
             let (bytes, padding) = tail[at(entry.offset)..at(next)].split_at(entry.len as usize);
-            let intact = ensure(xxh3_64(bytes) == entry.checksum, "is damaged (checksum differs)")
-                .and_then(|()| ensure(is_zero(padding), "padding behind it is not zero"));
+            let intact = ensure(xxh3_64(bytes) == entry.checksum, "damaged (checksum mismatch)")
+                .and_then(|()| ensure(is_zero(padding), "the padding behind the section is not zero"));
             intact.map_err(|why| self.corrupt(of_section(entry.kind, &why)))?;
         }
         Ok(tail)
     }
 
-    /// Checks the rows, and that blocks and padding reach up to the directory at `blocks_end`.
+    /// Checks the rows, and that blocks and padding end at the directory, at `blocks_end`.
     fn check_directory(&self, rows: &[Row], header: &Header, blocks_end: u64) -> Result<()> {
         let end = directory::check(rows, header.block_size).map_err(|why| self.corrupt(why))?;
-        self.ensure(directory::aligned(end) == blocks_end, "bytes between blocks and directory belong to nobody")
+        self.ensure(directory::aligned(end) == blocks_end, "unexpected bytes between blocks and directory")
     }
 }

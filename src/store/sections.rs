@@ -1,11 +1,11 @@
 //! The tables of a model: parts, materials, assembly, trees (FORMAT.md, section 5).
 //!
-//! Decoding is strict: what [`Tables::validate`] accepts can be used without further checks.
+//! Decoding is strict: code that uses tables which [`Tables::validate`] has accepted needs no further checks.
 
 use super::header::Header;
 use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
 
-/// Bounds that hold nothing: +infinity thrice, then -infinity thrice.
+/// Bounds that contain nothing: +infinity thrice, then -infinity thrice.
 pub const EMPTY_BOUNDS: [f64; 6] = {
     let (least, greatest) = (f64::INFINITY, f64::NEG_INFINITY);
     [least, least, least, greatest, greatest, greatest]
@@ -15,30 +15,30 @@ pub const EMPTY_BOUNDS_F32: [f32; 6] = {
     let (least, greatest) = (f32::INFINITY, f32::NEG_INFINITY);
     [least, least, least, greatest, greatest, greatest]
 };
-/// Classes of blocks that a structure may have.
+/// Maximum number of classes of blocks of a structure.
 pub const CLASSES: usize = 4;
-/// In the file: a part without a parent.
+/// The parent, in the file, of a part without a parent.
 const NO_PARENT: u32 = u32::MAX;
 
-/// What a CAD user clicks on.
+/// A part: the unit that a CAD user selects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PartRow {
     /// The caller's id.
     pub id: u64,
-    /// As named in the input; may be empty.
+    /// Name in the input; may be empty.
     pub name: String,
-    /// The part above it: a row before this one.
+    /// Row of the parent, which is before this one.
     pub parent: Option<u32>,
     /// Row of the material table.
     pub material: u32,
-    /// Bounds in world units, over all its own triangles: least corner, greatest corner; finite, or
+    /// Bounds, in world units, of the part's own triangles: least corner, then greatest corner. Either finite or
     /// [`EMPTY_BOUNDS`].
     pub bounds: [f64; 6],
-    /// Its own triangles in the trees.
+    /// Number of the part's own triangles in the trees.
     pub triangles: u64,
 }
 
-/// How a part looks. Linear; each number in [0, 1].
+/// A material. Each number is in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MaterialRow {
     /// Linear red, green, blue.
@@ -52,7 +52,7 @@ pub struct MaterialRow {
 }
 
 impl MaterialRow {
-    /// The nearest row that a file may hold: each number brought into [0, 1], NaN becomes 0.
+    /// Returns the nearest row that a file may hold: each number is clamped to [0, 1], NaN becomes 0.
     pub fn clamped(self) -> Self {
         let unit = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) };
         Self {
@@ -68,52 +68,52 @@ impl MaterialRow {
     }
 }
 
-/// One placing of a shared mesh.
+/// One instance of a shared mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InstanceRow {
-    /// The tree, not tree 0.
+    /// Row of the tree; not tree 0.
     pub tree: u32,
-    /// The part that local part 0 of the tree is here; the others follow.
+    /// Row of the part that is local part 0 of the tree in this instance; the rows behind it are the others.
     pub first_part: u32,
-    /// Column-major 3x4: images of x, y, z, then the offset. [`is_invertible`].
+    /// Column-major 3x4 matrix: the images of x, y and z, then the translation. It must pass [`is_invertible`].
     pub world_from_mesh: [f64; 12],
 }
 
-/// A tree: row 0 holds the triangles placed directly, each further one a shared mesh.
+/// A tree. Row 0 holds the triangles that are placed directly, each further row a shared mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TreeRow {
-    /// Its first geometry block: the trees divide the geometry blocks among them in order.
+    /// Id of the first geometry block. The geometry blocks of each tree follow those of the tree before.
     pub first_block: u32,
-    /// Its geometry blocks.
+    /// Number of geometry blocks.
     pub block_count: u32,
-    /// How many of these are of each class that the structure declares, class by class in their order; they add up to
-    /// `block_count`. Blocks of the first class are coarse, all others hang below them: at least 1, unless there are
-    /// none at all.
+    /// Numbers of geometry blocks of each class, in the order of the structure's classes; their sum is `block_count`.
+    /// Blocks of the first class are coarse, and all others are below them: there is at least 1, unless the tree has no
+    /// blocks.
     pub class_blocks: [u32; CLASSES],
-    /// Where tracing begins; the structure's business.
+    /// Root of the tree, in an encoding of the structure.
     pub root: u64,
-    /// What its f32 positions are relative to, in the tree's own (f64) coordinates; finite.
+    /// Point that the tree's f32 positions are relative to, in the tree's own f64 coordinates; finite.
     pub origin: [f64; 3],
-    /// Bounds around the origin: least corner, greatest corner; finite, or [`EMPTY_BOUNDS_F32`].
+    /// Bounds relative to the origin: least corner, then greatest corner. Either finite or [`EMPTY_BOUNDS_F32`].
     pub bounds: [f32; 6],
-    /// Triangles, each counted once.
+    /// Number of triangles, each counted once.
     pub triangles: u64,
-    /// References to triangles in leaves: more than triangles if some were split.
+    /// Number of references to triangles in leaves: more than triangles if some were split.
     pub references: u64,
-    /// Inner nodes.
+    /// Number of inner nodes.
     pub nodes: u64,
-    /// Leaves.
+    /// Number of leaves.
     pub leaves: u64,
-    /// Most that a stored position may differ from the input's, in the tree's units; finite, >= 0.
+    /// Greatest distance between a stored position and the input's, in the tree's units; finite, >= 0.
     pub position_error: f64,
-    /// Local parts that its triangles name. Not more than there are parts.
+    /// Number of local parts that the triangles refer to; not more than there are parts.
     pub local_parts: u32,
-    /// Deepest stack that a walk needs; the structure's business.
+    /// Greatest stack size that a traversal needs, in a unit of the structure.
     pub max_stack: u32,
 }
 
 impl TreeRow {
-    /// Of no triangles, and no blocks.
+    /// A tree without triangles and blocks.
     pub const EMPTY: Self = Self {
         first_block: 0,
         block_count: 0,
@@ -131,15 +131,15 @@ impl TreeRow {
     };
 }
 
-/// Whether the transform (column-major 3x4) is finite and can be undone: its determinant is neither
-/// zero nor beyond the range of normal numbers.
+/// True if the transform (column-major 3x4) is finite and invertible: its determinant and the reciprocal of that are
+/// normal numbers.
 pub fn is_invertible(m: &[f64; 12]) -> bool {
     let [a, b, c, d, e, f, g, h, i, ..] = *m;
     let determinant = a * (e * i - f * h) - d * (b * i - c * h) + g * (b * f - c * e);
     is_finite(m) && determinant.is_normal() && determinant.recip().is_normal()
 }
 
-/// Whether all numbers are finite.
+/// True if all numbers are finite.
 pub(super) fn is_finite(values: &[f64]) -> bool {
     values.iter().all(|v| v.is_finite())
 }
@@ -147,7 +147,7 @@ pub(super) fn is_finite(values: &[f64]) -> bool {
 /// Accepts finite bounds and [`EMPTY_BOUNDS`].
 pub(super) fn check_bounds(b: &[f64; 6]) -> Result<(), Malformed> {
     let ordered = is_finite(b) && (0..3).all(|axis| b[axis] <= b[axis + 3]);
-    ensure(ordered || *b == EMPTY_BOUNDS, "bad bounds")
+    ensure(ordered || *b == EMPTY_BOUNDS, "invalid bounds")
 }
 
 /// All tables of a model.
@@ -164,56 +164,56 @@ pub struct Tables<'a> {
 }
 
 impl Tables<'_> {
-    /// Checks every range that the rows document, among themselves and against the header.
+    /// Checks every documented range of the rows, among themselves and against the header.
     pub fn validate(&self, header: &Header) -> Result<(), Malformed> {
         let too_many = |rows: usize| rows >= u32::MAX as usize;
         let counts = [self.parts.len(), self.materials.len(), self.instances.len(), self.trees.len()];
         ensure(!counts.into_iter().any(too_many), "too many rows in a table")?;
         each(self.parts, "part", |i, part| self.check_part(i, part))?;
         each(self.materials, "material", |_, m| {
-            ensure(m.numbers().iter().all(|v| (0.0..=1.0).contains(v)), "a number outside of [0, 1]")
+            ensure(m.numbers().iter().all(|v| (0.0..=1.0).contains(v)), "a number is outside of [0, 1]")
         })?;
         each(self.instances, "instance", |_, instance| self.check_instance(instance))?;
         self.check_trees(header.geometry_blocks)
     }
 
     fn check_part(&self, index: usize, part: &PartRow) -> Result<(), Malformed> {
-        // Parents come first, hence no cycles.
-        ensure(part.parent.is_none_or(|p| (p as usize) < index), "its parent is not before it")?;
-        ensure((part.material as usize) < self.materials.len(), "no such material")?;
-        ensure(part.name.len() <= u32::MAX as usize, "its name is too long")?;
+        // Parents come first, hence there are no cycles.
+        ensure(part.parent.is_none_or(|p| (p as usize) < index), "the parent does not precede the part")?;
+        ensure((part.material as usize) < self.materials.len(), "the material does not exist")?;
+        ensure(part.name.len() <= u32::MAX as usize, "the name is too long")?;
         check_bounds(&part.bounds)
     }
 
     fn check_instance(&self, instance: &InstanceRow) -> Result<(), Malformed> {
         let tree = self.trees.get(instance.tree as usize).filter(|_| instance.tree != 0);
-        let tree = tree.ok_or(Malformed::new("no such shared mesh"))?;
+        let tree = tree.ok_or(Malformed::new("the shared mesh does not exist"))?;
         let last = u64::from(instance.first_part) + u64::from(tree.local_parts);
-        ensure(last <= self.parts.len() as u64, "its parts are not in the table")?;
-        ensure(is_invertible(&instance.world_from_mesh), "its transform cannot be undone")
+        ensure(last <= self.parts.len() as u64, "the parts are not in the table of parts")?;
+        ensure(is_invertible(&instance.world_from_mesh), "the transform is not finite or not invertible")
     }
 
     fn check_trees(&self, geometry_blocks: u32) -> Result<(), Malformed> {
         let mut next = 0u64;
         each(self.trees, "tree", |_, tree| {
-            ensure(u64::from(tree.first_block) == next, "its blocks do not follow the tree before")?;
+            ensure(u64::from(tree.first_block) == next, "the blocks do not follow those of the previous tree")?;
             next += u64::from(tree.block_count);
             let sum: u64 = tree.class_blocks.iter().map(|&blocks| u64::from(blocks)).sum();
-            ensure(sum == u64::from(tree.block_count), "its classes of blocks do not add up")?;
-            ensure(tree.class_blocks[0] > 0 || tree.block_count == 0, "it has no coarse block")?;
-            ensure(tree.local_parts as usize <= self.parts.len(), "more parts than there are")?;
-            ensure(is_finite(&tree.origin), "bad origin")?;
+            ensure(sum == u64::from(tree.block_count), "the block counts of the classes are inconsistent")?;
+            ensure(tree.class_blocks[0] > 0 || tree.block_count == 0, "there is no coarse block")?;
+            ensure(tree.local_parts as usize <= self.parts.len(), "there are more local parts than parts")?;
+            ensure(is_finite(&tree.origin), "invalid origin")?;
             check_bounds(&tree.bounds.map(f64::from))?;
-            ensure(tree.position_error.is_finite() && tree.position_error >= 0.0, "bad position error")
+            ensure(tree.position_error.is_finite() && tree.position_error >= 0.0, "invalid position error")
         })?;
         let counts = self.trees.iter().flat_map(|t| [t.triangles, t.references, t.nodes, t.leaves]);
         let sum = counts.chain(self.parts.iter().map(|p| p.triangles)).try_fold(0, u64::checked_add);
-        ensure(sum.is_some(), "the counts of trees and parts cannot be right")?;
-        ensure(next == u64::from(geometry_blocks), "the trees do not have all the geometry blocks")
+        ensure(sum.is_some(), "the sum of the counts of trees and parts is too large")?;
+        ensure(next == u64::from(geometry_blocks), "the trees do not cover all geometry blocks")
     }
 }
 
-/// Runs `check` over all rows; names the row that fails.
+/// Calls `check` for all rows. The error names the row that fails.
 fn each<T>(rows: &[T], what: &str, mut check: impl FnMut(usize, &T) -> Result<(), Malformed>) -> Result<(), Malformed> {
     for (i, row) in rows.iter().enumerate() {
         check(i, row).map_err(|why| Malformed::new(format!("{what} {i}: {why}")))?;
@@ -221,21 +221,21 @@ fn each<T>(rows: &[T], what: &str, mut check: impl FnMut(usize, &T) -> Result<()
     Ok(())
 }
 
-/// A row of a section: fixed bytes, and for parts a text behind all rows.
+/// A row of a section: a fixed number of bytes, and for parts a text behind all rows.
 pub(super) trait FileRow: Sized {
-    /// Bytes of a row.
+    /// Number of bytes of a row.
     const LEN: usize;
     /// Appends [`Self::LEN`] bytes.
     fn encode(&self, out: &mut Vec<u8>);
-    /// Takes [`Self::LEN`] bytes from `rows`, and its text from `texts`.
+    /// Reads [`Self::LEN`] bytes from `rows`, and the row's text from `texts`.
     fn decode(rows: &mut ByteReader, texts: &mut ByteReader) -> Result<Self, Malformed>;
-    /// The text that goes behind all rows.
+    /// The text that is stored behind all rows.
     fn text(&self) -> &str {
         ""
     }
 }
 
-/// The bytes of a section: all rows, then all texts.
+/// Returns the bytes of a section: all rows, then all texts.
 pub(super) fn encode<T: FileRow>(rows: &[T]) -> Vec<u8> {
     let texts: usize = rows.iter().map(|row| row.text().len()).sum();
     let mut out = Vec::with_capacity(rows.len() * T::LEN + texts);
@@ -245,10 +245,11 @@ pub(super) fn encode<T: FileRow>(rows: &[T]) -> Vec<u8> {
     out
 }
 
-/// Reads a section of exactly `count` rows; memory is bounded by `bytes`, not by `count`.
+/// Reads a section of exactly `count` rows. The memory it takes is bounded by `bytes`, not by `count`.
 pub(super) fn decode<T: FileRow>(bytes: &[u8], count: u64) -> Result<Vec<T>, Malformed> {
     let rows_len = usize::try_from(count).ok().and_then(|n| n.checked_mul(T::LEN));
-    let (rows, texts) = rows_len.and_then(|n| bytes.split_at_checked(n)).ok_or(Malformed::new("ends too early"))?;
+    let (rows, texts) =
+        rows_len.and_then(|n| bytes.split_at_checked(n)).ok_or(Malformed::new("unexpected end of data"))?;
     let (mut rows, mut texts) = (ByteReader::new(rows), ByteReader::new(texts));
     let out = (0..count).map(|_| T::decode(&mut rows, &mut texts)).collect::<Result<_, _>>()?;
     texts.finish()?;

@@ -1,4 +1,4 @@
-//! Where the bytes of a model come from.
+//! Sources of a model's bytes: a file, memory, or a callback.
 
 #[cfg(unix)]
 use super::page_cache;
@@ -8,20 +8,21 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Random access to the bytes of a file that does not change. Called from several threads at once.
+/// Random access to the bytes of a file that does not change. Several threads call it at once.
 ///
-/// What it says is not trusted: a wrong length or wrong bytes are found and reported.
+/// The reader does not trust a source: it detects a wrong length and wrong bytes, and reports them.
 #[allow(clippy::len_without_is_empty)]
 pub trait Source: Send + Sync {
-    /// Bytes in all.
+    /// Total number of bytes.
     fn len(&self) -> u64;
-    /// Fills `buf` with the bytes at `offset`, or fails; `UnexpectedEof` past the end.
+    /// Fills `buf` with the bytes at `offset`, or fails. A range past the end gives `UnexpectedEof`.
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> io::Result<()>;
-    /// The file, or a name for messages.
+    /// The path of the file, or a name for messages.
     fn name(&self) -> &Path;
 }
 
-/// A regular file, read by position. What is read is not left in the system's page cache, where the system can be told.
+/// A regular file, read at offsets. Pages that were read do not stay in the system's page cache, where the system
+/// accepts such a request.
 #[derive(Debug)]
 pub struct FileSource {
     #[cfg(unix)]
@@ -35,11 +36,11 @@ pub struct FileSource {
 impl FileSource {
     /// Opens `path` for reading.
     ///
-    /// Fails with [`Error::Io`] if it cannot be opened or is not a regular file.
+    /// Fails with [`Error::Io`] if `path` cannot be opened or is not a regular file.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let fail = |e| Error::io(path, "open", e);
-        // Before opening: to open a pipe would wait for its other end.
+        // Tested before the file is opened: opening a pipe would wait for its other end.
         let meta = std::fs::metadata(path).map_err(fail)?;
         if !meta.is_file() {
             return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")));
@@ -76,7 +77,7 @@ impl Source for FileSource {
     }
 }
 
-/// A model that is in memory already.
+/// A model whose bytes are already in memory.
 #[derive(Debug, Clone)]
 pub struct MemorySource {
     bytes: Arc<[u8]>,
@@ -84,11 +85,11 @@ pub struct MemorySource {
 }
 
 impl MemorySource {
-    /// Reads from `bytes`.
+    /// A source of `bytes` without a particular name.
     pub fn new(bytes: impl Into<Arc<[u8]>>) -> Self {
         Self::named("(memory)", bytes)
     }
-    /// Reads from `bytes`; `name` appears in messages.
+    /// A source of `bytes`; `name` appears in messages.
     pub fn named(name: impl Into<PathBuf>, bytes: impl Into<Arc<[u8]>>) -> Self {
         Self { bytes: bytes.into(), name: name.into() }
     }
@@ -111,10 +112,10 @@ impl Source for MemorySource {
     }
 }
 
-/// Fills the buffer with the bytes at an offset, or fails.
+/// A function that fills the buffer with the bytes at an offset, or fails.
 pub type ReadCallback = Box<dyn Fn(u64, &mut [u8]) -> io::Result<()> + Send + Sync>;
 
-/// A model that the caller reads for us.
+/// A model whose bytes the caller supplies.
 pub struct CallbackSource {
     read: ReadCallback,
     len: u64,
@@ -122,8 +123,8 @@ pub struct CallbackSource {
 }
 
 impl CallbackSource {
-    /// `read` is called from several threads at once, never under a lock of ours; `len` is the
-    /// model's size in bytes; `name` appears in messages.
+    /// A source of `len` bytes that calls `read`. Several threads call it at once, and none of them holds a lock of
+    /// this library. `name` appears in messages.
     pub fn new(name: impl Into<PathBuf>, len: u64, read: ReadCallback) -> Self {
         Self { read, len, name: name.into() }
     }
@@ -175,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_file_is_an_error_that_names_it() {
+    fn a_path_that_is_no_file_is_an_error_with_its_name() {
         let dir = tempfile::tempdir().unwrap();
         for path in [dir.path().to_path_buf(), dir.path().join("none"), "/dev/zero".into()] {
             let e = FileSource::open(&path).unwrap_err();

@@ -1,4 +1,4 @@
-//! A file that appears under its name only when it is whole.
+//! A file that appears under its name only when it is complete.
 
 use crate::base::error::{Error, Result};
 use crate::base::faults;
@@ -9,25 +9,25 @@ use std::process;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// What a model is written through; tests put failing ones in its place. Dropped unpublished, it
-/// leaves everything as it was.
+/// The target that a model is written to; tests replace it by one that fails. If it is dropped before it is published,
+/// an older file of the same name is unchanged.
 pub(super) trait Medium: Send {
-    /// Writes behind what is there.
+    /// Writes at the end.
     fn append(&mut self, bytes: &[u8]) -> Result<()>;
     /// Overwrites the first bytes; nothing is appended after that.
     fn overwrite_start(&mut self, bytes: &[u8]) -> Result<()>;
-    /// Makes the bytes durable and gives them their name.
+    /// Makes the bytes durable and gives the file its name.
     fn publish(&mut self) -> Result<()>;
 }
 
-/// Written beside `target` under a name of its own, removed when dropped, renamed when published.
+/// A temporary file in the folder of `target`: removed when dropped, renamed when published.
 ///
-/// While it is being written it is locked (`flock`), so that it can be told from one whose process
-/// was killed: the next build to the same target removes those. A process id in the name would not
-/// do: it can be in use again, or belong to another container or machine.
+/// The file is locked (`flock`) while it is written, so that the next build to the same target can tell it from the
+/// file of a process that was killed, and removes the latter. A process id in the name would not suffice: the id can be
+/// in use again, or belong to another container or machine.
 pub(super) struct Temporary {
     file: File,
-    /// Its present name; `None` once published.
+    /// Its present path; `None` once published.
     path: Option<PathBuf>,
     target: PathBuf,
     folder: PathBuf,
@@ -38,8 +38,8 @@ static COUNTER: AtomicU32 = AtomicU32::new(0);
 const SUFFIX: &str = ".tmp";
 
 impl Temporary {
-    /// Begins a file that will be `target`, which may exist as a regular file (and stays as it is
-    /// until then); where it is a symbolic link, the file it names is meant.
+    /// Begins a file that will replace `target`. `target` may exist as a regular file, and is unchanged until then. If
+    /// `target` is a symbolic link, the file that it names is replaced.
     pub(super) fn create(target: &Path) -> Result<Self> {
         let fail = |e| Error::io(target, "create", e);
         let target_file = resolve(target).map_err(fail)?;
@@ -63,11 +63,11 @@ impl Temporary {
         }
     }
 
-    /// Locks it; `false` if another build took it for a stale one in the moment before.
+    /// Locks the file. Returns `false` if another build took it for a stale one between its creation and the lock.
     fn lock(&self) -> bool {
         match self.file.try_lock() {
             Err(TryLockError::WouldBlock) => false,
-            // Where files cannot be locked no build takes a file for stale either.
+            // On a file system without locks no build takes a file for stale either.
             Err(TryLockError::Error(_)) => true,
             Ok(()) => self.path.as_ref().is_some_and(|path| path.exists()),
         }
@@ -88,21 +88,21 @@ impl Medium for Temporary {
         faults::writing().and_then(|()| self.file.sync_all()).map_err(|e| Error::io(&self.target, "sync", e))?;
         fs::rename(path, &self.target).map_err(|e| Error::io(&self.target, "rename", e))?;
         self.path = None;
-        sync_folder(&self.folder).map_err(|e| Error::io(&self.target, "sync the folder", e))
+        sync_folder(&self.folder).map_err(|e| Error::io(&self.target, "syncing the folder", e))
     }
 }
 
 impl Drop for Temporary {
     fn drop(&mut self) {
         if let Some(path) = self.path.take() {
-            // An error could not be returned; the next build to this target tries again.
+            // An error cannot be returned here. The next build to this target tries again.
             let _ = fs::remove_file(path);
         }
     }
 }
 
-/// The regular file that `target` names or will name. Devices, pipes and folders are refused: to
-/// rename over `/dev/null` would break the machine.
+/// Returns the regular file that `target` names or will name. Devices, pipes and folders are refused: a rename over
+/// `/dev/null` would break the machine.
 fn resolve(target: &Path) -> io::Result<PathBuf> {
     let refuse = |why| Err(io::Error::new(io::ErrorKind::InvalidInput, why));
     match fs::symlink_metadata(target) {
@@ -117,8 +117,8 @@ fn resolve(target: &Path) -> io::Result<PathBuf> {
     }
 }
 
-/// What the names of all temporaries of `target` begin with. A hash, because the name itself may be
-/// as long as a name can be.
+/// Returns the common prefix of the names of all temporaries of `target`. It holds a hash, because the name of the
+/// target itself may be as long as names can be.
 fn prefix(target: &Path) -> io::Result<String> {
     let name = target.file_name().ok_or(io::Error::new(io::ErrorKind::InvalidInput, "no file name"))?;
     Ok(format!(".outcrop-{:016x}-", xxh3_64(name.as_encoded_bytes())))
@@ -133,7 +133,7 @@ fn remove_stale(folder: &Path, prefix: &str) {
         if !ours || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
             continue;
         }
-        // Locked until after the removal, so that its writer, were there one, would notice.
+        // The lock is held until after the removal, so that a build that has just created the file would notice.
         if let Ok(file) = OpenOptions::new().write(true).open(entry.path())
             && file.try_lock().is_ok()
         {
@@ -142,14 +142,14 @@ fn remove_stale(folder: &Path, prefix: &str) {
     }
 }
 
-/// Makes a rename in `folder` durable, where the system can.
+/// Makes a rename in `folder` durable, if the system can do that.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(not(unix)) {
         return Ok(());
     }
     match File::open(folder).and_then(|f| f.sync_all()) {
         Err(e) if matches!(e.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported) => Ok(()),
-        // A folder that may be written but not read (drop box): the rename has happened.
+        // The folder can be written but not read. The rename itself has succeeded.
         Err(e) if e.kind() == io::ErrorKind::PermissionDenied => Ok(()),
         synced => synced,
     }
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_must_not_be_replaced_is_refused() {
+    fn targets_that_must_not_be_replaced_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         for target in [dir.path().to_path_buf(), dir.path().join("none/a"), "/dev/null".into(), "".into(), "/".into()] {
             assert!(Temporary::create(&target).is_err(), "{target:?}");

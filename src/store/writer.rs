@@ -12,18 +12,17 @@ use crate::base::ids::BlockId;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Written at once: large enough that the disk sees long sequential writes.
+/// Number of bytes written at once: large enough that the disk receives long sequential writes.
 const BUFFER_LEN: usize = 1 << 20;
 
-/// Writes a model under a temporary name beside its own; [`Writer::finish`] gives it its name.
+/// Writes a model under a temporary name in the same folder. [`Writer::finish`] gives it its name.
 ///
-/// Dropped before that, or after any error, it removes the temporary, and a file that was there
-/// under the name stays as it was. A process that is killed leaves the temporary; the next build to
-/// the same name removes it.
+/// A writer that is dropped before that, or that has failed, removes the temporary, and an older file of the same name
+/// is unchanged. A process that is killed leaves the temporary; the next build to the same name removes it.
 pub struct Writer {
     medium: Box<dyn Medium>,
     buffer: Vec<u8>,
-    /// Bytes written, those in the buffer included.
+    /// Number of bytes written, those in the buffer included.
     at: u64,
     rows: Vec<Row>,
     failed: bool,
@@ -32,8 +31,8 @@ pub struct Writer {
 impl Writer {
     /// Begins the model that will be `path`.
     ///
-    /// Fails with [`Error::Io`] if its folder is missing or cannot be written, or if `path` exists
-    /// and is not a regular file.
+    /// Fails with [`Error::Io`] if the folder of `path` is missing or cannot be written, or if `path` exists and is not
+    /// a regular file.
     pub fn create(path: &Path) -> Result<Self> {
         Self::through(Box::new(Temporary::create(path)?))
     }
@@ -41,14 +40,14 @@ impl Writer {
     fn through(medium: Box<dyn Medium>) -> Result<Self> {
         let buffer = Vec::with_capacity(BUFFER_LEN);
         let mut writer = Self { medium, buffer, at: 0, rows: Vec::new(), failed: false };
-        // The header is known last; until then the file begins with zeros and is no model.
+        // The content of the header is known last. Until then the file begins with zeros and is not a valid model.
         writer.append(&[0; HEADER_LEN])?;
         Ok(writer)
     }
 
     /// Compresses and appends a block; ids count up from 0.
     ///
-    /// `payload`: the file form, at least one byte. `decoded_len`: bytes of its trace form.
+    /// `payload`: the file form, at least one byte. `decoded_len`: number of bytes of its trace form.
     pub fn block(&mut self, payload: &[u8], decoded_len: u32) -> Result<BlockId> {
         self.encoded_block(EncodedBlock::encode(payload, decoded_len))
     }
@@ -65,12 +64,12 @@ impl Writer {
         Ok(BlockId(id))
     }
 
-    /// Bytes of the file so far.
+    /// Number of bytes of the file so far.
     pub fn bytes_written(&self) -> u64 {
         self.at
     }
 
-    /// Blocks so far.
+    /// Number of blocks so far.
     pub fn blocks_written(&self) -> u32 {
         self.rows.len() as u32
     }
@@ -81,11 +80,11 @@ impl Writer {
         self.rows.clone()
     }
 
-    /// Writes all that follows the blocks, makes the file durable and gives it its name. Returns its
-    /// size in bytes.
+    /// Writes everything behind the blocks, makes the file durable and gives it its name. Returns the file's size in
+    /// bytes.
     ///
-    /// Fails with [`Error::BadArgument`], which says where, if anything is out of the ranges that
-    /// [`Header`] and the rows document: what is written can be opened.
+    /// Fails with [`Error::BadArgument`], which names the place, if a value is outside of the range that [`Header`] or
+    /// a row documents. A file that is written can therefore be opened.
     pub fn finish(
         mut self,
         header: &Header,
@@ -98,7 +97,7 @@ impl Writer {
         header.validate().and_then(|()| tables.validate(header)).map_err(refuse)?;
         if header.block_count() != self.rows.len() as u64 {
             return Err(Error::bad_argument(format!(
-                "model: {} blocks were written, the header tells of {}",
+                "model: {} blocks were written, but the header states {}",
                 self.rows.len(),
                 header.block_count()
             )));
@@ -132,7 +131,7 @@ impl Writer {
         self.medium.overwrite_start(&head)
     }
 
-    /// Zeros up to the next place where a block or a section may begin.
+    /// Appends zeros up to the next offset at which a block or a section may begin.
     fn pad(&mut self) -> Result<()> {
         let zeros = aligned(self.at) - self.at;
         self.append(&[0; super::header::ALIGN as usize][..zeros as usize])
@@ -140,7 +139,7 @@ impl Writer {
 
     fn append(&mut self, bytes: &[u8]) -> Result<()> {
         if self.failed {
-            return Err(Error::BadState("writing the model has failed before".into()));
+            return Err(Error::BadState("writing the model failed before".into()));
         }
         self.buffer.extend_from_slice(bytes);
         self.at += bytes.len() as u64;

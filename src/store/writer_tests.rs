@@ -36,7 +36,7 @@ impl Medium for FaultyDisk {
     }
 }
 
-/// Three blocks of more than a buffer each, which do not compress.
+/// Three incompressible blocks, each larger than the buffer.
 fn write(mut writer: Writer) -> Result<u64> {
     let header = Header { block_size: 1 << 24, geometry_blocks: 1, has_colours: true, ..Header::default() };
     let mut state = 1u64;
@@ -90,7 +90,7 @@ fn a_writer_that_failed_does_not_go_on() {
 }
 
 #[test]
-fn what_could_not_be_opened_is_not_written() {
+fn a_model_that_could_not_be_opened_is_not_written() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("model.oc");
     let writer = || Writer::create(&path).unwrap();

@@ -1,4 +1,4 @@
-//! The contract of the bake wing: triangles of a mesh in, blocks of a tree out, in chunks that fit memory.
+//! The interface of bakers: triangles of a mesh in, blocks of a tree out, in chunks that fit memory.
 
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
@@ -10,23 +10,23 @@ use crate::math::{Bounds, srgb};
 use crate::store::CLASSES;
 use glam::Vec3;
 
-/// The triangles of a chunk, around the tree's origin. The first three slices are equally long.
+/// Triangles of a chunk, relative to the tree's origin. The first three slices have equal lengths.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeInput<'a> {
-    /// Corners; finite, of more than zero area.
+    /// Corners; finite. Each triangle has an area above zero.
     pub triangles: &'a [[Vec3; 3]],
     /// Local part of each triangle.
     pub parts: &'a [u32],
     /// Primitive id of each triangle; ascending.
     pub prims: &'a [u32],
-    /// sRGB colour of each triangle, or empty. Alpha 0: that of its part.
+    /// sRGB colour of each triangle, or empty. A triangle with alpha 0 has the colour of its part.
     pub colours: &'a [[u8; 4]],
-    /// Linear colour of each local part; those beyond are grey.
+    /// Linear colour of each local part. Parts beyond the end are grey.
     pub part_colours: &'a [Vec3],
 }
 
 impl TreeInput<'_> {
-    /// Linear colour of a triangle, and whether it is its own.
+    /// Returns the linear colour of a triangle, and true if the colour is the triangle's own and not its part's.
     pub(super) fn colour(&self, triangle: usize) -> (Vec3, bool) {
         match self.colours.get(triangle) {
             Some([r, g, b, a]) if *a > 0 => {
@@ -37,7 +37,7 @@ impl TreeInput<'_> {
     }
 }
 
-/// Of what has no colour.
+/// Linear colour of parts without a colour.
 const GREY: Vec3 = Vec3::splat(0.6);
 
 /// Options of a build.
@@ -45,27 +45,28 @@ const GREY: Vec3 = Vec3::splat(0.6);
 pub struct TreeOptions {
     /// References that spatial splits may add, as a share of the triangles; 0 for no splits.
     pub split_budget: f32,
-    /// Half the area of the box of the whole mesh, if this is a part of it: what overlaps little as part of that is not
-    /// split. (By the box of the part, as if it were all, an airliner in three chunks had 9.1 million references
-    /// instead of 7.6.)
+    /// Half the surface area of the box of the whole mesh. Spatial splits are considered only where the children's
+    /// boxes overlap by a certain share of it, so the chunks of a mesh are split as sparingly as the whole mesh.
+    /// (Measured against the chunk's own box, an airliner in three chunks had 9.1 million references instead of 7.6.)
     pub mesh_half_area: f32,
 }
 
-/// Counts of a tree, or of a part of one.
+/// Counts of a tree or of a part of a tree.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Nodes on the longest way down, leaves included.
+    /// Nodes on the longest path from the root, leaves included.
     pub depth: u32,
     /// Inner nodes.
     pub nodes: u64,
     /// Leaves.
     pub leaves: u64,
-    /// References to triangles, over all leaves; more than the triangles where splits repeat them.
+    /// References to triangles in all leaves. Spatial splits repeat triangles, so this may exceed the number of
+    /// triangles.
     pub references: u64,
 }
 
 impl Counts {
-    /// Adds those of what is below a node; the depth is that below.
+    /// Adds the counts of a subtree. The depth becomes the depth of the deepest subtree.
     pub(super) fn add_below(&mut self, below: Self) {
         self.depth = self.depth.max(below.depth);
         self.nodes += below.nodes;
@@ -74,59 +75,61 @@ impl Counts {
     }
 }
 
-/// A block on its way to the file.
+/// An encoded block, before it is written to the file.
 #[derive(Debug, Default)]
 pub struct BakedBlock {
-    /// The file form.
+    /// The block in file form.
     pub payload: Vec<u8>,
-    /// Bytes of the trace form.
+    /// Size of the trace form in bytes.
     pub trace_bytes: u32,
     /// Primitive id of each triangle of the block.
     pub prims: Vec<u32>,
-    /// Colour of each triangle of the block; empty if the input has none.
+    /// Colour of each triangle of the block; empty if the input has no colours.
     pub colours: Vec<[u8; 4]>,
 }
 
-/// The result of [`Baker::build`].
+/// Result of [`Baker::build`].
 pub struct BuiltChunk<C, T> {
-    /// Its blocks.
+    /// The chunk, from which blocks are encoded.
     pub chunk: C,
-    /// The tree above them; `None` if the chunk is the whole mesh and fits one block, which is all of the tree then.
+    /// The tree above the chunk's blocks; `None` if the chunk is the whole mesh and fits one block, which then holds
+    /// the whole tree.
     pub top: Option<T>,
     /// Bounds of all triangles.
     pub bounds: Bounds,
-    /// Counts.
+    /// Counts of the chunk.
     pub counts: Counts,
 }
 
-/// What makes the blocks of a structure.
+/// Makes the blocks of a structure.
 ///
-/// A mesh is built in one or more chunks, each in memory; of a chunk stay its top and its blocks, which are encoded one
-/// plan after the other. All tops are joined to the coarse blocks. In the file the blocks of a tree lie class by class
-/// ([`crate::store::TreeRow::class_blocks`]): the coarse ones, which are known last, then the second class of all
-/// chunks, and so on. The result depends on the input and the options only, never on the number of threads.
+/// A mesh is built in one or more chunks, each of which fits memory. A chunk leaves its top and its blocks, which are
+/// encoded plan by plan. All tops are joined to the coarse blocks. In the file the blocks of a tree are ordered by
+/// class ([`crate::store::TreeRow::class_blocks`]): first the coarse blocks, which are known last, then the second
+/// class of all chunks, and so on. The result depends on the input and the options only, never on the number of
+/// threads.
 ///
-/// Opening, reading ahead and making room for blocks rely on three more properties. A block refers to blocks with
-/// higher ids only. Of the coarse blocks those nearest to the root come first. Each plan gives exactly one block of
-/// each class but the first, or the one block of a whole tree.
+/// Opening, prefetch and eviction rely on three more properties. A block refers only to blocks with higher ids. Of the
+/// coarse blocks those nearest to the root come first. Each plan gives exactly one block of each class but the first,
+/// or the one block of a whole tree.
 pub trait Baker {
-    /// Classes of its blocks, [`CLASSES`] at most. The first is that of coarse blocks.
+    /// Number of block classes, at most [`CLASSES`]. The first is the class of coarse blocks.
     const CLASSES: usize;
-    /// Triangles of a leaf at most; 0 if there is no such limit.
+    /// Most triangles of a leaf; 0 if there is no limit.
     const LEAF_TRIANGLES: u32;
-    /// The tree over some of a mesh's triangles, or all.
+    /// The tree over some or all triangles of a mesh.
     type Chunk<'a>: Sync;
-    /// One step of encoding a chunk: a block of each class but the first, or the one block of a whole tree.
+    /// One step of encoding a chunk: it gives a block of each class but the first, or the one block of a whole tree.
     type Plan: Send;
-    /// The part of a chunk's tree above its blocks. It needs nothing of the chunk any more.
+    /// The part of a chunk's tree above its blocks. It does not refer to the chunk.
     type Top;
     /// The coarse blocks of a tree.
     type UpperTree: Sync;
 
-    /// Whether triangles are such that it pays to split them among leaves.
+    /// True if spatial splits are worthwhile for these triangles.
     fn splits_pay(triangles: &[[Vec3; 3]]) -> bool;
-    /// Builds the tree of `input`, which is not empty and, with `is_whole`, is all of the mesh. Fails only with
-    /// [`crate::Error::Cancelled`], or with `BadArgument` for what the structure cannot hold.
+    /// Builds the tree of `input`, which is not empty. With `is_whole` the input is the whole mesh. Fails only with
+    /// [`crate::Error::Cancelled`], or with `BadArgument` for input that the structure cannot hold.
     fn build<'a>(
         input: TreeInput<'a>,
         options: &TreeOptions,
@@ -134,30 +137,31 @@ pub trait Baker {
         par: &Par,
         cancel: &Cancel,
     ) -> Result<BuiltChunk<Self::Chunk<'a>, Self::Top>>;
-    /// Takes the plans of a chunk, in their order.
+    /// Takes the plans of a chunk, in order.
     fn take_plans(chunk: &mut Self::Chunk<'_>) -> Vec<Self::Plan>;
-    /// The blocks of a plan: of each class from the second on, in order; or the one block of a whole tree.
+    /// Encodes the blocks of a plan: one of each class from the second on, in order, or the one block of a whole tree.
     fn encode(chunk: &Self::Chunk<'_>, plan: Self::Plan) -> Vec<BakedBlock>;
-    /// Joins the tops of all chunks of a mesh, at least one, whose plans follow one another in this order.
+    /// Joins the tops of all chunks of a mesh. There is at least one chunk, and their plans follow one another in this
+    /// order.
     fn join(tops: Vec<Self::Top>) -> Result<Self::UpperTree>;
-    /// Coarse blocks.
+    /// Number of coarse blocks.
     fn coarse_blocks(upper_tree: &Self::UpperTree) -> usize;
-    /// A coarse block; `first_block` is the id of the tree's first block.
+    /// Encodes a coarse block; `first_block` is the id of the tree's first block.
     fn encode_coarse(upper_tree: &Self::UpperTree, index: usize, first_block: u32) -> BakedBlock;
     /// Counts of the whole tree.
     fn counts(upper_tree: &Self::UpperTree) -> Counts;
-    /// Entries of the deepest stack that a walk through a tree of so many levels needs
+    /// Number of stack entries that a walk needs at most in a tree with `depth` levels
     /// ([`crate::store::TreeRow::max_stack`]).
     fn max_stack(depth: u32) -> u32;
-    /// Where walks begin, in the tree's first block.
+    /// Item in the tree's first block where walks begin.
     fn root() -> u32;
 }
 
-/// Work that is compiled once for each structure's baker.
+/// Work that is compiled once for the baker of each structure.
 pub trait BakeOp {
-    /// Its result.
+    /// Result of the work.
     type Out;
-    /// The work.
+    /// Does the work.
     fn run<B: Baker>(self) -> Self::Out;
 }
 

@@ -1,55 +1,55 @@
-//! Reading and writing the small numbers of a block's file form.
+//! Reads and writes the small numbers of a block's file form.
 
-/// A payload being read; every call fails where bytes run out.
+/// Reader of a payload. Each call fails if the payload has too few bytes left.
 pub struct Reader<'a> {
     rest: &'a [u8],
 }
 
 impl<'a> Reader<'a> {
-    /// From the first byte of `payload`.
+    /// Starts at the first byte of `payload`.
     pub fn new(payload: &'a [u8]) -> Self {
         Self { rest: payload }
     }
 
-    /// Bytes not yet read.
+    /// Number of bytes not yet read.
     pub fn left(&self) -> usize {
         self.rest.len()
     }
 
-    /// The next `n` bytes.
+    /// Reads the next `n` bytes.
     pub fn take(&mut self, n: usize) -> Result<&'a [u8], String> {
-        let (taken, rest) = self.rest.split_at_checked(n).ok_or("it ends too early")?;
+        let (taken, rest) = self.rest.split_at_checked(n).ok_or("unexpected end of data")?;
         self.rest = rest;
         Ok(taken)
     }
 
-    /// The next `n` bytes, which are to be read once more.
+    /// Returns the next `n` bytes without advancing.
     pub fn ahead(&self, n: usize) -> Result<&'a [u8], String> {
-        Ok(self.rest.get(..n).ok_or("it ends too early")?)
+        Ok(self.rest.get(..n).ok_or("unexpected end of data")?)
     }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], String> {
-        let (taken, rest) = self.rest.split_first_chunk::<N>().ok_or("it ends too early")?;
+        let (taken, rest) = self.rest.split_first_chunk::<N>().ok_or("unexpected end of data")?;
         self.rest = rest;
         Ok(*taken)
     }
 
-    /// The next byte.
+    /// Reads the next byte.
     pub fn u8(&mut self) -> Result<u8, String> {
         self.array::<1>().map(|b| b[0])
     }
 
-    /// The next two bytes.
+    /// Reads the next two bytes.
     pub fn u16(&mut self) -> Result<u16, String> {
         self.array().map(u16::from_le_bytes)
     }
 
-    /// The next four bytes.
+    /// Reads the next four bytes.
     pub fn u32(&mut self) -> Result<u32, String> {
         self.array().map(u32::from_le_bytes)
     }
 
-    /// The next variable-length number: 7 bits a byte, lowest first, top bit set on all but the last.
+    /// Reads a variable-length number: 7 bits a byte, lowest bits first, top bit set in all bytes but the last.
     #[inline]
     pub fn varint(&mut self) -> Result<u32, String> {
         let mut value = 0u32;
@@ -58,20 +58,20 @@ impl<'a> Reader<'a> {
             value |= u32::from(byte & 0x7f) << shift;
             if byte & 0x80 == 0 {
                 let fits = shift < 28 || byte < 16;
-                return if fits { Ok(value) } else { Err("a number in it is too long".into()) };
+                return if fits { Ok(value) } else { Err("a variable-length integer is too long".into()) };
             }
         }
-        Err("a number in it is too long".into())
+        Err("a variable-length integer is too long".into())
     }
 
-    /// Undoes [`push_planes`]: so many words, and zeros behind them.
+    /// Reads `count` words that [`push_planes`] wrote, and appends `zeros` zeros.
     #[inline(always)]
     pub fn words(&mut self, count: usize, zeros: usize) -> Result<Vec<u32>, String> {
         let (a, b) = (self.take(count)?, self.take(count)?);
         let (c, d) = (self.take(count)?, self.take(count)?);
         let mut words = vec![0; count + zeros];
-        // Not collected: what takes a closure is not compiled for the set. The slices are as long: a loop that becomes
-        // vectors.
+        // A plain loop instead of `collect`: code in closures is not compiled for the caller's instruction set. All
+        // slices are `count` long, so the loop is vectorised.
         let to = &mut words[..count];
         for i in 0..count {
             to[i] = u32::from_le_bytes([a[i], b[i], c[i], d[i]]);
@@ -81,7 +81,7 @@ impl<'a> Reader<'a> {
 
     /// Fails unless all bytes were read.
     pub fn end(&self) -> Result<(), String> {
-        if self.rest.is_empty() { Ok(()) } else { Err("it has bytes that nothing uses".into()) }
+        if self.rest.is_empty() { Ok(()) } else { Err("unused bytes at the end".into()) }
     }
 }
 
@@ -95,12 +95,12 @@ pub fn push_varint(out: &mut Vec<u8>, mut value: u32) {
     out.push(value as u8);
 }
 
-/// Words, byte by byte: the lowest of all, the next of all, and so on.
+/// Appends words as four byte planes: the lowest bytes of all words, then the next bytes of all words, and so on.
 pub fn push_planes(out: &mut Vec<u8>, words: impl Iterator<Item = u32> + Clone) {
     (0..4).for_each(|byte| out.extend(words.clone().map(|w| (w >> (8 * byte)) as u8)));
 }
 
-/// The items, and zeros behind them.
+/// Collects the items and appends `zeros` zeros.
 #[inline(always)]
 pub fn padded<T: Copy + Default>(items: impl ExactSizeIterator<Item = T>, zeros: usize) -> Vec<T> {
     let mut out = Vec::with_capacity(items.len() + zeros);
@@ -109,7 +109,7 @@ pub fn padded<T: Copy + Default>(items: impl ExactSizeIterator<Item = T>, zeros:
     out
 }
 
-/// `N` items from `at` on.
+/// Returns the `N` items from `at` on.
 #[inline(always)]
 pub fn piece<T, const N: usize>(from: &[T], at: usize) -> &[T; N] {
     match from[at..at + N].first_chunk() {
@@ -118,13 +118,13 @@ pub fn piece<T, const N: usize>(from: &[T], at: usize) -> &[T; N] {
     }
 }
 
-/// Small magnitudes to small numbers: 0, -1, 1, -2, ... to 0, 1, 2, 3, ...
+/// Maps numbers of small magnitude to small numbers: 0, -1, 1, -2, ... to 0, 1, 2, 3, ...
 #[inline]
 pub fn zigzag(value: i32) -> u32 {
     (value << 1 ^ value >> 31) as u32
 }
 
-/// Undoes [`zigzag`].
+/// Inverse of [`zigzag`].
 #[inline(always)]
 pub fn unzigzag(value: u32) -> i32 {
     (value >> 1) as i32 ^ -((value & 1) as i32)

@@ -1,32 +1,32 @@
-//! Cells that stand in for what a tree holds, as rays see them: rows of numbers, a column for each ray, filled by the
-//! structure that the tree is of. What they promise, and how they look in the world, is worked out from these alone
-//! (`query::answers`).
+//! Stand-ins that rays hit: arrays with one column for each ray, filled by the structure of the tree. `query::answers`
+//! derives from these numbers alone how a stand-in looks in the world, and which error bound holds for it.
 
 use crate::math::Bounds;
 use glam::Vec3;
 
-/// The cells that up to `N` rays hit, a column for each ray. Reusable: columns of other rays hold anything.
+/// Cells that up to `N` rays hit, one column for each ray. Reusable: the columns of other rays hold arbitrary values.
 #[derive(Debug)]
 pub struct Cells<const N: usize> {
-    /// Boxes in the tree's frame, as walks see them: low x, y, z, high x, y, z. (Those of cells of one sample only when
-    /// asked for, or if the ray begins inside.)
+    /// Boxes in the tree's frame, as walks test them: low x, y, z, high x, y, z. Boxes of cells with one sample are
+    /// filled only if the caller requests them or the ray begins inside of the cell.
     pub bounds: [[f32; N]; 6],
-    /// Words of samples (`lod::Coded`): of the sides across x, y and z that face the ray; where there is one sample,
-    /// that of all is the first.
+    /// First words of samples (`lod::Coded`) of the three sides across x, y and z that face the ray. A cell with one
+    /// sample has it in the first row.
     pub firsts: [[u32; N]; 3],
-    /// The second words, see `firsts`.
+    /// Second words of the samples, see `firsts`.
     pub seconds: [[u32; N]; 3],
-    /// The tree's local part of which most is seen.
+    /// The local part of the tree that covers most of the cell.
     pub part: [u32; N],
-    /// How near all of the region in which a cell is met is to its content (`lod::limit`). (Only when asked for.)
+    /// Level of the bound on the distance from the cell's region to its content (`lod::limit`). Filled only if the
+    /// caller requests it.
     pub level: [u32; N],
-    /// Rays whose cells stand in for what is not in memory; of these, rays that begin in their cells.
+    /// Rays that hit a stand-in for a block that is not in memory.
     pub missing: u32,
-    /// See `missing`.
+    /// Rays of `missing` that begin inside of the cell.
     pub inside: u32,
-    /// Rays whose cells have a sample for each of three sides.
+    /// Rays that hit a cell with a sample for each of three sides.
     pub have_three: u32,
-    /// Rays whose cells show colours of their own, not those of their parts.
+    /// Rays that hit a cell with colours of its own, which replace the colours of its part.
     pub coloured: u32,
 }
 

@@ -1,5 +1,5 @@
-//! The cursor: one way to walk down a tree of any structure that is not the way of a ray. Overlap, prefetch and what is
-//! asked of a tree's surroundings go by it.
+//! The cursor: a descent through a tree of any structure that follows no ray. Overlap queries, prefetch and queries
+//! about the surroundings of a tree use it.
 
 use super::hit::{TriHit, Triangle};
 use super::place::{Place, Rooted};
@@ -7,37 +7,38 @@ use super::tree::Tree;
 use crate::base::ids::BlockId;
 use crate::math::Bounds;
 
-/// Takes what is below a place.
+/// Receives the children and triangles below a place.
 pub struct Below<'a> {
-    /// Takes each child: its place, a box around the tree's origin that holds all that is below, rounded outward, and
-    /// whether nothing but triangles is below it.
+    /// Receives each child: its place, a box relative to the tree's origin that holds everything below and is rounded
+    /// outward, and true if only triangles are below it.
     pub child: &'a mut dyn FnMut(Place, &Bounds, bool),
-    /// Takes each triangle of a leaf.
+    /// Receives each triangle of a leaf.
     pub triangle: &'a mut dyn FnMut(&TriHit, &Triangle),
 }
 
-/// What is left of a visit to the leaves of a tree. It can be put down at missing blocks and taken up again.
+/// Remaining places of a visit to the leaves of a tree. The visit can stop at missing blocks and continue later.
 #[derive(Debug, Clone, Default)]
 pub struct Descent {
     left: Vec<Place>,
 }
 
 impl Descent {
-    /// Of the whole tree.
+    /// A visit of the whole tree.
     pub fn new(tree: &Tree) -> Self {
         Self { left: tree.root().into_iter().collect() }
     }
 
-    /// The blocks that it waits for; some may be named several times. None: it has ended.
+    /// Returns the blocks that the visit waits for; a block may occur several times. If there are none, the visit has
+    /// ended.
     pub fn missing(&self) -> impl Iterator<Item = BlockId> {
         self.left.iter().map(|place| BlockId(place.block))
     }
 
-    /// Visits the triangles of the leaves that are in memory of those that are left, below boxes that `descend`
-    /// accepts. Call it again with the same tests once some of what is [missing](Self::missing) is there.
+    /// Visits the triangles of those remaining leaves that are in memory and lie below boxes that `descend` accepts.
+    /// The caller calls again with the same tests once some of the [missing blocks](Self::missing) are in memory.
     ///
-    /// `descend` gets boxes around the tree's origin, rounded outward. A triangle that spatial splits put into several
-    /// leaves is visited several times.
+    /// `descend` receives boxes relative to the tree's origin, rounded outward. A triangle that spatial splits put into
+    /// several leaves is visited several times.
     pub fn go_on(
         &mut self,
         tree: &Tree,
@@ -53,7 +54,7 @@ impl Descent {
                 }
             };
             match tree.expand(place, &mut Below { child: &mut child, triangle: visit }) {
-                // The first child is visited first.
+                // The stack pops the last entry first; reversed, the first child is visited first.
                 Ok(()) => stack[bottom..].reverse(),
                 Err(_) => self.left.push(place),
             }
@@ -61,7 +62,7 @@ impl Descent {
     }
 }
 
-/// Visits all triangles of a tree; fails with the first block that is missing.
+/// Visits all triangles of a tree. Fails with the first block that is missing.
 pub fn for_each_triangle(tree: &Tree, visit: &mut dyn FnMut(&TriHit, &Triangle)) -> Result<(), BlockId> {
     let mut descent = Descent::new(tree);
     descent.go_on(tree, &mut |_| true, visit);

@@ -1,7 +1,7 @@
-//! For structures without packets or streams of their own: each ray of a packet or stream is walked alone.
+//! Packets and streams for structures that trace single rays only.
 //!
-//! A packet that was put down at a missing block goes on with the ray that needs the block: rays that are answered are
-//! not walked again.
+//! Each ray of a packet or stream is walked as a single ray. A packet that stopped at a missing block continues with
+//! the ray that needs the block; rays that have a result are not walked again.
 
 use super::filter::PartFilter;
 use super::hit::{Outcome, TriHit};
@@ -11,7 +11,7 @@ use super::stream::Stream;
 use super::walk::Walk;
 use crate::math::STREAM;
 
-/// A structure that walks one ray, and with that all others.
+/// A structure that traces single rays. The provided methods trace packets and streams with them.
 pub trait SingleWalks: Rooted + Sized {
     /// See [`super::Tree::closest`].
     fn closest(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome;

@@ -1,59 +1,59 @@
-//! What rays pass through: hidden parts, and hits outside of an interval that is known better than in single precision.
+//! Filters of hits: hidden parts, and ray intervals that are tested in double precision.
 
 use super::hit::Triangle;
 
-/// What rays pass through.
+/// Rejects hits on hidden parts, and hits that fail a further test.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PartFilter<'a> {
-    /// Bit `i % 64` of word `i / 64`: the model's part `i` is hidden. Parts beyond are visible.
+    /// Bit `i % 64` of word `i / 64`: part `i` of the model is hidden. Parts beyond the last word are visible.
     pub hidden: &'a [u64],
-    /// The model's part that the tree's local part 0 is here.
+    /// The model's part that corresponds to the tree's local part 0 in this instance.
     pub first_part: u32,
-    /// The bits (`lod::summary_bit`) of all local parts that are hidden or look otherwise than in the file: a cell
-    /// with one of them among others does not stand in.
+    /// The bits (`lod::summary_bit`) of all local parts that are hidden or look different from the file. A cell that
+    /// mixes such a part with others is not shown as a stand-in.
     pub touched: u32,
-    /// A further test of each hit, if there is one. Packets and bundles with such a test go ray by ray.
+    /// A further test of each hit, if there is one. Packets and bundles with such a test are traced as single rays.
     pub within: Option<&'a dyn Within>,
 }
 
 /// A test of hits in more than single precision.
 pub trait Within: std::fmt::Debug + Sync {
-    /// Whether a hit on `triangle` at `t` counts.
+    /// True if a hit on `triangle` at `t` counts.
     fn triangle(&self, triangle: &Triangle, t: f32) -> bool;
-    /// Whether a cell that is met at `t` may stand in; if not, the walk goes on below it.
+    /// True if a cell that the ray enters at `t` may be shown as a stand-in. If not, the walk descends below the cell.
     fn cell(&self, t: f32) -> bool;
-    /// Whether `t` is behind the end of the ray.
+    /// True if `t` lies beyond the end of the ray.
     fn is_beyond(&self, t: f32) -> bool;
 }
 
 impl PartFilter<'_> {
-    /// Whether a local part is hidden.
+    /// True if a local part is hidden.
     #[inline]
     pub fn hides(&self, local_part: u32) -> bool {
         let part = u64::from(self.first_part) + u64::from(local_part);
         self.hidden.get((part / 64) as usize).is_some_and(|word| word >> (part % 64) & 1 == 1)
     }
 
-    /// Whether each hit is to be tested by itself, ray by ray: kernels that do more at once leave it to single walks.
+    /// True if each hit needs its own test. Packet kernels then fall back to single rays.
     #[inline]
     pub fn is_by_ray(filter: Option<&Self>) -> bool {
         filter.is_some_and(|filter| filter.within.is_some())
     }
 
-    /// Whether rays pass through a triangle of `part` that is met at `t`. `triangle` is asked for only where a further
-    /// test needs it.
+    /// True if a hit at `t` on a triangle of `part` is rejected. `triangle` is called only if a further test needs it.
     #[inline]
     pub fn rejects(&self, part: impl Fn() -> u32, triangle: impl Fn() -> Triangle, t: f32) -> bool {
         self.hides(part()) || self.within.is_some_and(|within| !within.triangle(&triangle(), t))
     }
 
-    /// Whether a cell that is met at `t` must not stand in, for its content is to be tested hit by hit.
+    /// True if a cell that the ray enters at `t` must not be shown as a stand-in, because each hit in it needs its own
+    /// test.
     #[inline]
     pub fn descends(&self, t: f32) -> bool {
         self.within.is_some_and(|within| !within.cell(t))
     }
 
-    /// Whether what is met at `t` is behind the end of the ray.
+    /// True if a hit at `t` lies beyond the end of the ray.
     #[inline]
     pub fn is_beyond(&self, t: f32) -> bool {
         self.within.is_some_and(|within| within.is_beyond(t))

@@ -1,34 +1,36 @@
-//! What walks answer: where a ray meets a tree, and what a structure says of that place.
+//! Results of walks: the hit of a ray in a tree, and the data that a structure returns for a hit.
 //!
-//! A hit names its place by a block and an item of that block. The item belongs to the structure: a triangle, a point
-//! of a patch, a cell that stands in. Rooms above hand it back to the structure that made it
+//! A hit names a block and an item of that block. The meaning of the item belongs to the structure: a triangle, a point
+//! of a patch, or a cell shown as a stand-in. The modules above pass the hit back to the structure that made it
 //! ([`super::Tree::triangle`], [`super::Tree::surfaces`], [`super::Tree::cells`]).
 
 use crate::base::ids::BlockId;
 use glam::Vec3;
 
-/// Whether a walk has ended.
+/// State of a walk after a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// The answer is in the walk.
+    /// The walk has ended and holds the result.
     Done,
-    /// This block is needed. Call again with the same walk once it is in memory. A step may need up to four blocks at
-    /// once, one after the other: a batch keeps the last four that it has asked for in memory.
+    /// The walk needs this block. The caller calls again with the same walk once the block is in memory. One step may
+    /// need up to four blocks at the same time, which it requests one after the other. A batch therefore keeps the last
+    /// four blocks that it requested in memory.
     Pending(BlockId),
 }
 
-/// Where a ray meets a tree.
+/// Hit of a ray in a tree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TriHit {
-    /// Distance in units of the ray's direction.
+    /// Distance in units of the length of the ray's direction.
     pub t: f32,
-    /// Weight of the second vertex.
+    /// Barycentric weight of the second vertex.
     pub u: f32,
-    /// Weight of the third vertex.
+    /// Barycentric weight of the third vertex.
     pub v: f32,
-    /// The block that holds what is met.
+    /// The block that holds the triangle or cell that was hit; `u32::MAX` if there is no hit.
     pub block: u32,
-    /// What is met in the block, by the structure's own count; the upper bits are those of [`Self::FLAGS`].
+    /// Index of the triangle or cell in the block, as the structure counts. The upper bits are those of
+    /// [`Self::FLAGS`].
     pub tri: u32,
 }
 
@@ -38,27 +40,27 @@ impl TriHit {
         Self { t: t_max, u: 0.0, v: 0.0, block: u32::MAX, tri: 0 }
     }
 
-    /// Whether there is a hit.
+    /// True if there is a hit.
     #[inline(always)]
     pub fn is_hit(&self) -> bool {
         self.block != u32::MAX
     }
 }
 
-/// What walks did; added up over rays, never reset by them.
+/// Work done by walks. Walks add to these counters and never reset them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counters {
-    /// Nodes whose children's boxes were tested.
+    /// Nodes visited, each with one test of its children's boxes.
     pub nodes: u64,
     /// Leaves visited.
     pub leaves: u64,
-    /// Cache lines that these are in.
+    /// Cache lines that these leaves occupy.
     pub leaf_lines: u64,
     /// Triangles tested.
     pub triangles: u64,
-    /// Times that the walk went from one block to another.
+    /// Number of times that a walk went from one block to another.
     pub blocks: u64,
-    /// Ties that primitive ids had to decide.
+    /// Hits at equal distance that primitive ids had to decide.
     pub ties: u64,
 }
 
@@ -73,27 +75,28 @@ impl std::ops::AddAssign for Counters {
     }
 }
 
-/// In [`TriHit::tri`]: a stand-in, as fine as asked for or finer.
+/// Flag in [`TriHit::tri`]: a stand-in that satisfies the ray's threshold.
 const LOD: u32 = 1 << 31;
-/// A stand-in for a block that is not in memory.
+/// Flag: a stand-in for a block that is not in memory.
 const MISSING: u32 = 1 << 30;
-/// Of those, one that the ray begins in: `t` is where the ray begins, for nothing is known of what is nearest from
-/// there on.
+/// Flag, only together with [`MISSING`]: the ray begins inside of the cell. `t` is then where the ray begins, because
+/// the nearest surface from there on is unknown.
 const INSIDE: u32 = 1 << 29;
 
 /// A stand-in that was hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StandIn {
-    /// Which cell of the block, by the structure's own count.
+    /// Index of the cell in the block, as the structure counts.
     pub(super) item: u32,
-    /// The block below is not in memory.
+    /// True if the block below is not in memory.
     pub is_missing: bool,
-    /// The ray begins in the cell: `t` is where it begins, and the cell is shown where the ray leaves it.
+    /// True if the ray begins in the cell. `t` is then where the ray begins, and the cell is shown where the ray leaves
+    /// it.
     pub is_inside: bool,
 }
 
 impl StandIn {
-    /// As [`TriHit::tri`].
+    /// The stand-in encoded as [`TriHit::tri`].
     #[inline(always)]
     pub(super) fn code(self) -> u32 {
         self.item | if self.is_missing { MISSING } else { LOD } | if self.is_inside { INSIDE } else { 0 }
@@ -101,10 +104,10 @@ impl StandIn {
 }
 
 impl TriHit {
-    /// The bits of [`TriHit::tri`] that tell stand-ins; an original triangle has none of them.
+    /// The bits of [`TriHit::tri`] that mark stand-ins. An original triangle has none of them.
     pub(super) const FLAGS: u32 = LOD | MISSING | INSIDE;
 
-    /// The stand-in that was hit, if it was one.
+    /// Returns the stand-in if the hit is one.
     #[inline(always)]
     pub fn stand_in(&self) -> Option<StandIn> {
         if self.tri & Self::FLAGS == 0 || !self.is_hit() {
@@ -114,8 +117,9 @@ impl TriHit {
         Some(StandIn { item: self.tri & !Self::FLAGS, is_missing, is_inside })
     }
 
-    /// Where this or `best` is a stand-in: whether this wins at the same distance. Places decide, so that the order of
-    /// visits does not.
+    /// Decides a tie in which this hit or `best` is a stand-in: true if this hit wins at the same distance. Returns
+    /// `None` if both are triangles. The decision uses flags, blocks and items, so it does not depend on the order of
+    /// visits.
     #[inline(always)]
     pub(super) fn untie(&self, best: &Self) -> Option<bool> {
         let key = |h: &Self| (h.tri & Self::FLAGS, h.block, h.tri);
@@ -123,11 +127,11 @@ impl TriHit {
     }
 }
 
-/// The flat piece of original surface that a hit is on: a triangle as stored.
+/// The original triangle that a hit lies on, as stored.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Triangle {
-    /// Corners, around the tree's origin.
+    /// Corners relative to the tree's origin.
     pub vertices: [Vec3; 3],
-    /// Local part.
+    /// The tree's local part.
     pub part: u32,
 }

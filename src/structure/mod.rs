@@ -1,15 +1,15 @@
-//! Acceleration structures, and the contract between them and all rooms above.
+//! Acceleration structures, and the interface between them and the modules above.
 //!
-//! The contract: `ray` (rays in a tree's frame), `hit` (what walks answer), `filter` (what rays pass through), `place`
-//! and `cursor` (walking down a tree of any structure), `walk`, `packet` and `stream` (the state of rays), `tree` (one
-//! enum over structures: rays in, hits out), `open` (from a file to trees, and the decoder that residency is handed),
-//! `bake` (triangles in, blocks out), `streams` (numbers beside triangles), `fallback` (packets and streams of a
-//! structure that walks single rays only).
+//! The interface consists of these modules: `ray` (rays in a tree's frame), `hit` (results of walks), `filter` (tests
+//! that reject hits), `place` and `cursor` (descent through a tree of any structure), `walk`, `packet` and `stream`
+//! (the state of rays), `tree` (one enum over all structures: rays in, hits out), `open` (from a file to its trees, and
+//! the decoder for residency), `bake` (triangles in, blocks out), `streams` (per-triangle numbers in blocks of their
+//! own), `fallback` (packets and streams for a structure that traces single rays only).
 //!
-//! Each structure is a folder with three faces: `build` (triangles in, blocks out), `layout` (the bytes both wings
-//! agree on), `trace` (rays in, hits out). A further one is such a folder, a variant of [`Structure`], and an arm in
-//! each `match` of `tree`, `open` and `bake`; no room above names one. (`packet` and `stream` hold state of the bvh's
-//! own walks beside that of all structures.)
+//! Each structure is a folder with three main modules: `build` (triangles in, blocks out), `layout` (the bytes of a
+//! block, shared by baking and tracing) and `trace` (rays in, hits out). A new structure needs such a folder, a variant
+//! of [`Structure`], and an arm in each `match` of `tree`, `open` and `bake`. No module above names a structure.
+//! `packet` and `stream` also hold state that only the traversal of the bvh uses.
 #![forbid(unsafe_code)]
 
 pub mod bake;
@@ -45,7 +45,7 @@ pub use stream::Stream;
 pub use tree::{Bundle, Tree, Visit};
 pub use walk::Walk;
 
-/// The acceleration structure of a model.
+/// Acceleration structure of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(u32)]
 pub enum Structure {
@@ -58,14 +58,14 @@ pub enum Structure {
 }
 
 impl Structure {
-    /// All of them.
+    /// All structures of this build.
     pub const ALL: [Self; 1 + cfg!(any(test, feature = "brute")) as usize] = [
         Self::Bvh,
         #[cfg(any(test, feature = "brute"))]
         Self::Brute,
     ];
 
-    /// As command lines and benchmarks call it.
+    /// Name in command lines and benchmarks.
     pub fn name(self) -> &'static str {
         match self {
             Self::Bvh => "bvh",
@@ -74,7 +74,7 @@ impl Structure {
         }
     }
 
-    /// The one with a number in files.
+    /// Returns the structure with this number in files.
     pub fn from_number(number: u32) -> Option<Self> {
         Self::ALL.into_iter().find(|structure| *structure as u32 == number)
     }

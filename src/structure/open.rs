@@ -1,4 +1,4 @@
-//! From an opened file to its trees, and the decoder that residency is handed.
+//! Opens the trees of a file, and makes the decoder that residency uses.
 
 use super::Structure;
 #[cfg(any(test, feature = "brute"))]
@@ -14,11 +14,11 @@ use crate::simd::Isa;
 use crate::store::{ModelFile, TreeRow};
 use glam::DVec3;
 
-/// What it takes to trace in a file.
+/// Everything that tracing in a file needs.
 pub struct Opened {
-    /// Decodes its blocks.
+    /// Decoder of the file's blocks.
     pub decoder: Box<dyn Decoder>,
-    /// Its trees, row by row of the file's table.
+    /// Trees of the file, in the order of the file's table.
     pub trees: Vec<StoredTree>,
 }
 
@@ -26,19 +26,20 @@ pub struct Opened {
 #[derive(Debug, Clone, Copy)]
 pub struct StoredTree {
     start: Start,
-    /// Where its own frame has its zero, in mesh coordinates.
+    /// Origin of the tree's own frame, in mesh coordinates.
     pub origin: DVec3,
-    /// In its own frame; empty for a tree with nothing in it.
+    /// Bounds in the tree's own frame; empty for an empty tree.
     pub bounds: DBounds,
-    /// Greatest magnitude of a coordinate in its own frame, above 0.
+    /// Greatest magnitude of a coordinate in the tree's own frame, above 0.
     pub max_coord: f32,
-    /// How far stored vertices may lie from those of the input, in the tree's units.
+    /// Greatest distance between a stored vertex and the input vertex, in the tree's units.
     pub position_error: f64,
-    /// Around all that rays can hit, stand-ins too, in its own frame; `None` as long as its root was not in memory.
+    /// Bounds of everything that rays can hit, stand-ins included, in the tree's own frame; `None` until
+    /// [`StoredTree::look`] has read the root.
     pub around_hits: Option<Bounds>,
 }
 
-/// Where a tree begins, by its structure.
+/// Start of a tree, for each structure.
 #[derive(Debug, Clone, Copy)]
 enum Start {
     Bvh(bvh::open::Start),
@@ -46,8 +47,8 @@ enum Start {
     Brute(brute::open::Start),
 }
 
-/// Opens the trees of a file. Fails with `Corrupt` for a structure that is not one of this version, or where a tree's
-/// row contradicts itself.
+/// Opens the trees of a file. Fails with `Corrupt` if this version does not know the structure, or if a tree's row
+/// contradicts itself.
 pub fn open(file: &ModelFile) -> Result<Opened> {
     let structure = structure_of(file)?;
     let header = file.header();
@@ -67,26 +68,26 @@ pub fn open(file: &ModelFile) -> Result<Opened> {
     Ok(Opened { decoder, trees: file.trees().iter().map(start).collect::<Result<_>>()? })
 }
 
-/// Checks what no block of a file can check alone: how its blocks hang together. Blocks that are not in memory are
-/// passed over. Fails with the block and the fault.
+/// Checks references between the blocks of a file, which no block can check by itself. Skips blocks that are not in
+/// memory. Fails with the block and the fault.
 pub fn check_links(file: &ModelFile, snapshot: &Snapshot) -> std::result::Result<(), (BlockId, String)> {
     match structure_of(file) {
         Ok(Structure::Bvh) => bvh::check_links(snapshot, file.trees()),
-        // Each block can check where it leads.
+        // Each block of this structure checks its own references.
         #[cfg(any(test, feature = "brute"))]
         Ok(Structure::Brute) => Ok(()),
         Err(why) => Err((BlockId(0), why.to_string())),
     }
 }
 
-/// The name of the structure with a number, see [`Structure`].
+/// Name of the structure with this number, see [`Structure`].
 pub fn name(number: u32) -> &'static str {
     Structure::from_number(number).map_or("unknown", Structure::name)
 }
 
 fn structure_of(file: &ModelFile) -> Result<Structure> {
     let number = file.header().structure;
-    let unknown = || Error::corrupt(file.name(), None, format!("its structure ({number}) is not one of this version"));
+    let unknown = || Error::corrupt(file.name(), None, format!("this version does not support structure {number}"));
     Structure::from_number(number).ok_or_else(unknown)
 }
 
@@ -105,13 +106,13 @@ fn stored(row: &TreeRow, start: Start) -> StoredTree {
 }
 
 impl StoredTree {
-    /// Looks at the root in a snapshot that has it.
+    /// Reads the root in a snapshot that contains it, and stores [`StoredTree::around_hits`].
     pub fn look(&mut self, snapshot: &Snapshot) {
         self.around_hits = self.view(snapshot, Isa::Baseline, Visit::default()).around_hits();
     }
 
-    /// The block of the root, which is to stay in memory, and the number that it has in there
-    /// ([`crate::residency::ModelBlocks::expect_number`]); `None` for a tree with nothing in it.
+    /// Returns the block of the root, which must stay in memory, and the root's number in that block
+    /// ([`crate::residency::ModelBlocks::expect_number`]); `None` for an empty tree.
     pub fn start(&self) -> Option<(BlockId, u32)> {
         let root = match &self.start {
             Start::Bvh(own) => own.root(),
@@ -121,7 +122,7 @@ impl StoredTree {
         root.map(|(block, number)| (BlockId(block), number))
     }
 
-    /// Where walks begin; `None` for a tree with nothing in it.
+    /// Place where walks begin; `None` for an empty tree.
     pub fn root(&self) -> Option<Place> {
         self.start().map(|(block, item)| Place { block: block.0, item })
     }
@@ -139,7 +140,7 @@ impl StoredTree {
 
 #[cfg(test)]
 impl StoredTree {
-    /// A tree that exists only as bounds.
+    /// A tree that has bounds but no blocks.
     pub fn for_tests(origin: DVec3, bounds: DBounds, max_coord: f32) -> Self {
         Self {
             start: Start::Bvh(bvh::open::Start::NONE),

@@ -1,4 +1,4 @@
-//! Coherent rays together: their state, and how they enter and leave the kernel.
+//! Packets: the state of coherent rays that are traced as one, and how rays enter and leave the kernel.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::bvh::trace::SlabHeuristic;
@@ -14,37 +14,37 @@ use bytemuck::{must_cast, must_cast_ref};
 use glam::Vec3;
 use std::mem::offset_of;
 
-/// Vectors that hold a packet's rays.
+/// Number of vectors that hold a packet's rays.
 pub(super) const VECTORS: usize = PACKET / 16;
-/// All rays, a bit each.
+/// All rays, one bit each.
 const ALL: u32 = first_rays(PACKET);
 
-/// A number for each ray.
+/// One number for each ray.
 pub(super) type Row = [[f32; 16]; VECTORS];
 
-/// That of ray `i`.
+/// The number of ray `i`.
 #[inline(always)]
 pub(super) fn at(row: &Row, i: usize) -> f32 {
     row.as_flattened()[i & (PACKET - 1)]
 }
 
-/// That of ray `i`.
+/// The number of ray `i`, mutable.
 #[inline(always)]
 pub(super) fn at_mut(row: &mut Row, i: usize) -> &mut f32 {
     &mut row.as_flattened_mut()[i & (PACKET - 1)]
 }
 
-/// Distance of origins that are near each other, as a part of the tree's reach.
+/// Origins count as near each other if they differ by at most this part of the tree's greatest coordinate.
 const NEAR: f32 = 1.0 / 64.0;
 
-/// Something that some rays still have to visit.
+/// A stack entry of a packet: a child that some rays still have to visit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PacketEntry {
-    /// No ray enters it before.
+    /// Lower bound on the distance at which any ray enters the child.
     pub t: f32,
-    /// The rays that may.
+    /// Rays that may enter the child.
     pub rays: u32,
-    /// The block that it is in; of a reference to another block, the one that holds that.
+    /// The block of the child. For a reference to another block this is the block that holds the reference.
     pub block: u32,
     /// The child reference.
     pub child: u32,
@@ -57,7 +57,7 @@ impl Entered for PacketEntry {
     }
 }
 
-/// What the rays are, lane by lane. Lanes without a ray repeat one that has.
+/// The rays of a packet, one lane each. Lanes without a ray repeat the first ray.
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub(super) struct PacketRays {
@@ -65,21 +65,21 @@ pub(super) struct PacketRays {
     pub org: [Row; 3],
     pub dir: [Row; 3],
     pub t_min: Row,
-    /// Reciprocal directions; and what the triangle test needs, see [`crate::geom::Shear`].
+    /// Inverse directions, and the constants of the triangle test, see [`crate::geom::Shear`].
     pub inv: [Row; 3],
     pub shear: [Row; 3],
-    /// See [`LocalRay::cone`]: `a`, then `b`.
+    /// Footprints, see [`LocalRay::cone`]: `a`, then `b`.
     pub cone: [Row; 2],
 }
 
 impl PacketRays {
-    /// Its width.
+    /// Footprint of ray `i`.
     #[inline(always)]
     pub fn cone(&self, i: usize) -> Cone {
         Cone { a: at(&self.cone[0], i), b: at(&self.cone[1], i) }
     }
 
-    /// Ray `i` by itself, up to any distance.
+    /// Returns ray `i` as a single ray, with an infinite `t_max`.
     #[inline(always)]
     pub fn one(&self, i: usize) -> LocalRay {
         let (org, dir) = (&self.org, &self.dir);
@@ -89,16 +89,16 @@ impl PacketRays {
     }
 }
 
-/// The best hits, lane by lane.
+/// The best hits, one lane each.
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub(super) struct PacketHits {
-    /// Rays that have one; of the others only `t` counts, their greatest distance.
+    /// Rays that have a hit. For the others only `t` is valid: it is their greatest distance.
     pub some: u32,
     pub t: Row,
     pub u: Row,
     pub v: Row,
-    /// Words, kept as floats because vectors are of these.
+    /// Integers stored as floats, because the vectors hold floats.
     pub block: Row,
     pub tri: Row,
 }
@@ -109,19 +109,19 @@ pub struct PacketWalk {
     pub(super) stack: Vec<PacketEntry>,
     pub(super) rays: PacketRays,
     pub(super) hits: PacketHits,
-    /// Whether the rays can go together, and then what they share.
+    /// True if the rays can be traced as one packet. `common` is valid only then.
     pub(super) together: bool,
     pub(super) common: Common,
     /// Rays that have not ended.
     pub(super) waiting: u32,
-    /// Where each ray passed a stand-in first; infinity if it passed none.
+    /// Distance at which a stand-in first transmitted each ray; infinity if none did.
     pub(super) transmitted: Row,
-    /// For rays that leave the packet.
+    /// Walk for rays that leave the packet.
     pub(super) alone: Walk,
-    /// The ray that `alone` was put down with, where all rays go alone ([`PacketWalk::next_alone`]).
+    /// If all rays are traced as single rays, the ray that `alone` currently holds ([`PacketWalk::next_alone`]).
     put_down: Option<usize>,
     pub(super) slab_heuristic: SlabHeuristic,
-    /// What the walks did.
+    /// Work done by the walks.
     pub(super) counters: Counters,
 }
 
@@ -132,7 +132,7 @@ impl Default for PacketWalk {
 }
 
 impl PacketWalk {
-    /// For any number of packets.
+    /// A walk for any number of packets.
     pub fn new() -> Self {
         let none = [[0.0; 16]; VECTORS];
         let zero = [none; 3];
@@ -153,17 +153,18 @@ impl PacketWalk {
         }
     }
 
-    /// For rays of queries, see [`PacketWalk::begin_batch`].
+    /// A walk for rays of queries, see [`PacketWalk::begin_batch`].
     pub fn of_queries() -> Self {
         Self { slab_heuristic: SlabHeuristic::TOGETHER, ..Self::new() }
     }
 
-    /// For rays of queries: slabs of cells may spare visits from here on, whatever came before.
+    /// For rays of queries: enables the test of oriented slabs. The statistics that decide whether the test pays start
+    /// anew, so that earlier rays have no influence.
     pub fn begin_batch(&mut self) {
         self.slab_heuristic = SlabHeuristic::TOGETHER;
     }
 
-    /// Puts the rays of `active` (bit `i`: ray `i`) at the root of `tree`; the others miss.
+    /// Places the rays of `active` (bit `i`: ray `i`) at the root of `tree`; the others miss.
     pub fn begin(&mut self, tree: &impl Rooted, rays: &[LocalRay; PACKET], active: u32) {
         for (i, ray) in rays.iter().enumerate() {
             self.set(i, ray);
@@ -171,8 +172,9 @@ impl PacketWalk {
         self.start(tree, active);
     }
 
-    /// Takes ray `i` over, below [`PACKET`]; [`PacketWalk::start`] comes next. (Apart, because a loop that is compiled
-    /// for a wider set gathers the fields, which takes longer than all else here.)
+    /// Stores ray `i`, which is below [`PACKET`]. A call of [`PacketWalk::start`] must follow. This function is
+    /// separate from it because a loop that is compiled for a wider instruction set gathers the fields, which takes
+    /// longer than all other work here.
     #[inline(always)]
     pub fn set(&mut self, i: usize, ray: &LocalRay) {
         let r = &mut self.rays;
@@ -184,15 +186,15 @@ impl PacketWalk {
         *at_mut(&mut self.hits.t, i) = ray.t_max;
     }
 
-    /// Takes over directions and widths ([`LocalRay::cone_of`]; `is_exact`: none has any) of rays of the world in a
-    /// tree whose frame is only shifted, for whose other members [`PacketWalk::set_all_but_dirs`] is called. What
-    /// [`PacketWalk::start`] leaves out may be anything.
+    /// Stores the directions and footprints ([`LocalRay::cone_of`]) of world rays for a tree with a frame that is only
+    /// translated. With `is_exact` no ray has a footprint. The other fields come from [`PacketWalk::set_all_but_dirs`].
+    /// Rays that [`PacketWalk::start`] leaves out may be arbitrary.
     #[inline]
     pub fn set_dirs_of(&mut self, tree: &impl Rooted, rays: &[Ray; PACKET], is_exact: bool) {
         dispatch(tree.isa(), SetDirs { walk: self, rays: must_cast_ref(rays), is_exact });
     }
 
-    /// As if all rays had been traced, and missed. How far they go is not told.
+    /// Sets the state as if all rays had been traced and missed. The distances of the rays are unspecified.
     #[inline]
     pub fn miss(&mut self) {
         self.stack.clear();
@@ -200,7 +202,7 @@ impl PacketWalk {
         self.transmitted = [[f32::INFINITY; 16]; VECTORS];
     }
 
-    /// Takes over origin and interval of all rays: they are those of `ray`.
+    /// Stores the origin and the interval of `ray` for all rays.
     #[inline]
     pub fn set_all_but_dirs(&mut self, ray: &LocalRay) {
         for (axis, v) in ray.org.to_array().into_iter().enumerate() {
@@ -210,8 +212,8 @@ impl PacketWalk {
         self.hits.t = [[ray.t_max; 16]; VECTORS];
     }
 
-    /// Takes over directions, axis by axis, and widths at distance 1 of all rays; false if a direction is not unit:
-    /// then the width is not that of [`LocalRay::cone_of`].
+    /// Stores the directions, axis by axis, and the widths at distance 1 of all rays. Returns false if a direction is
+    /// not unit: then the width differs from [`LocalRay::cone_of`].
     #[inline]
     pub fn set_dirs(&mut self, dir: &[[f32; PACKET]; 3], width: &[f32; PACKET]) -> bool {
         let mut is_unit = true;
@@ -223,24 +225,24 @@ impl PacketWalk {
         is_unit
     }
 
-    /// Whether the first `count` rays, which were taken over, all start within `near` of the tree's zero along each
-    /// axis, have directions of usual magnitude ([`USUAL_DIRS`]) and begin at a finite distance; one below zero is then
-    /// taken as zero.
+    /// True if each of the first `count` stored rays starts within `near` of the tree's origin on each axis, has a
+    /// direction of usual magnitude ([`USUAL_DIRS`]) and has a finite `t_min`. A negative `t_min` is set to zero.
     pub fn is_within(&mut self, tree: &impl Rooted, count: usize, near: f32) -> bool {
         dispatch(tree.isa(), Within { walk: self, near }) | !first_rays(count) == u32::MAX
     }
 
-    /// Puts those of the rays taken over that are in `active` at the root of `tree`; the others miss.
+    /// Places the stored rays in `active` at the root of `tree`; the others miss.
     pub fn start(&mut self, tree: &impl Rooted, active: u32) {
         dispatch(tree.isa(), Start { walk: self, root: tree.root(), max_coord: tree.max_coord(), active });
     }
 
-    /// The rays of `among` that could go together with the first of them: by directions as taken over.
+    /// Returns the rays of `among` that can be traced in one packet with the first of them, judged by the stored
+    /// directions.
     pub fn alike(&self, among: u32) -> u32 {
         let class = |i: usize| {
             let dir = self.rays.one(i).dir;
             let size = dir.abs();
-            // Ties as in `packet_prepare::greatest_axis`.
+            // Ties are resolved as in `packet_prepare::greatest_axis`.
             let is_x = size.y <= size.x && size.z <= size.x;
             (dir.cmpge(Vec3::ZERO).bitmask(), is_x, !is_x && size.z <= size.y)
         };
@@ -248,7 +250,7 @@ impl PacketWalk {
         (0..PACKET).filter(|&i| among >> i & 1 == 1 && class(i) == first).fold(0, |all, i| all | 1 << i)
     }
 
-    /// The hits of the rays of `lanes`, and those of `others` for the rest.
+    /// Keeps the hits of the rays of `lanes`, and takes those of all other rays from `others`.
     pub fn join(&mut self, lanes: u32, others: &PacketWalk) {
         let (hits, others, transmitted) = (&mut self.hits, &others.hits, &others.transmitted);
         hits.some = hits.some & lanes | others.some & !lanes;
@@ -261,14 +263,15 @@ impl PacketWalk {
         }
     }
 
-    /// Whether the rays gain by going together: all directions have the same signs and are greatest on the same axis,
-    /// and all origins are near each other, as those of neighbouring pixels are, unless it `says` so.
+    /// True if the rays gain from being traced as one packet. All directions must have the same signs and be greatest
+    /// on the same axis. All origins must be near each other, as those of neighbouring pixels are; the caller skips
+    /// this test with `says`.
     #[inline]
     pub fn is_coherent(&self, tree: &impl Rooted, says: bool) -> bool {
         self.together && (says || self.common.spread() <= tree.max_coord() * NEAR)
     }
 
-    /// The best hit so far of ray `i`.
+    /// The best hit of ray `i` so far.
     #[inline]
     pub fn best(&self, i: usize) -> TriHit {
         let h = &self.hits;
@@ -279,7 +282,7 @@ impl PacketWalk {
         TriHit { t: at(&h.t, i), u: at(&h.u, i), v: at(&h.v, i), block, tri }
     }
 
-    /// Where each ray passed a stand-in first, see [`Walk::passed`].
+    /// Distance at which a stand-in first transmitted each ray, see [`Walk::transmitted`].
     #[inline]
     pub fn transmitted(&self) -> &[f32; PACKET] {
         must_cast_ref(&self.transmitted)
@@ -291,7 +294,7 @@ impl PacketWalk {
         self.hits.some
     }
 
-    /// The distance of the best hit of each ray, or how far it went.
+    /// Distance of the best hit of each ray, or its `t_max` if it has none.
     #[inline]
     pub fn distances(&self) -> &[f32; PACKET] {
         must_cast_ref(&self.hits.t)
@@ -303,13 +306,13 @@ impl PacketWalk {
         must_cast_ref(&self.rays.dir)
     }
 
-    /// What the rays of `lanes`, which all have hits, have hit: rays with hits on the same triangle together.
+    /// Groups the rays of `lanes`, which all have hits, by the triangle that they hit.
     pub fn hits(&self, isa: Isa, lanes: u32, out: &mut Groups<PACKET>) {
         dispatch(isa, Hits { walk: self, lanes, out });
     }
 
-    /// For rays that all go alone: the next ray that has not ended, in [`PacketWalk::alone`], at the root of `tree` or
-    /// where it was put down.
+    /// For rays that are all traced as single rays: returns the next ray that has not ended. [`PacketWalk::alone`]
+    /// holds it at the root of `tree`, or where it stopped.
     pub(super) fn next_alone(&mut self, tree: &impl Rooted) -> Option<usize> {
         if self.put_down.is_none() {
             self.put_down = bits(self.waiting).next();
@@ -321,7 +324,7 @@ impl PacketWalk {
         self.put_down
     }
 
-    /// Takes over what ray `i` has found alone: it has ended.
+    /// Stores the result of ray `i` from [`PacketWalk::alone`]. The ray has then ended.
     pub(super) fn take_alone(&mut self, i: usize) {
         self.put_down = None;
         self.waiting &= !(1 << i);
@@ -334,7 +337,7 @@ impl PacketWalk {
         }
     }
 
-    /// What the walks did, packets and rays alone together: a node visited by a packet counts once.
+    /// Work done by packets and single rays. A node that a packet visits counts once.
     pub fn counters(&self) -> Counters {
         let mut all = self.counters;
         all += self.alone.counters;
@@ -367,7 +370,7 @@ impl Op for Hits<'_> {
     }
 }
 
-/// The rays whose words' bits in `mask` are those of `bits`.
+/// Returns the rays for which the bits of the word in `mask` equal `bits`.
 #[inline(always)]
 fn same<S: Simd>(s: S, row: &Row, mask: u32, bits: u32) -> u32 {
     let mut all = 0;
@@ -379,12 +382,12 @@ fn same<S: Simd>(s: S, row: &Row, mask: u32, bits: u32) -> u32 {
 
 struct SetDirs<'a> {
     walk: &'a mut PacketWalk,
-    /// Words of [`Ray`].
+    /// The words of each [`Ray`].
     rays: &'a [[[f32; 16]; 16]; VECTORS],
     is_exact: bool,
 }
 
-/// Where those begin: a direction, two widths, a mask.
+/// First word of a ray's direction. Three words of direction, two widths and a mask end the ray.
 const DIR: usize = offset_of!(Ray, dir) / 4;
 const _: () = assert!(offset_of!(Ray, cone) == offset_of!(Ray, dir) + 12 && DIR + 6 == 16);
 
@@ -403,7 +406,7 @@ impl Op for SetDirs<'_> {
             }
             let [_, _, b, _] = s.columns4(rays, DIR + 2);
             (r.cone[0][h], r.cone[1][h]) = (a.to_array(), b.to_array());
-            // As `LocalRay::is_unit` has it.
+            // The same test as in `LocalRay::is_unit`.
             let (zero, one) = (s.splat16(0.0), s.splat16(1.0));
             if abs(zero, x * x + y * y + z * z - one).le(s.splat16(UNIT)).bits() != 0xffff {
                 cones_of(r, h);
@@ -412,7 +415,7 @@ impl Op for SetDirs<'_> {
     }
 }
 
-/// Widths of rays that are not unit, see [`LocalRay::cone_of`].
+/// Computes the footprints of rays with directions that are not unit, see [`LocalRay::cone_of`].
 #[inline(never)]
 fn cones_of(rays: &mut PacketRays, h: usize) {
     for i in 16 * h..16 * h + 16 {
@@ -465,7 +468,7 @@ impl Op for Within<'_> {
     }
 }
 
-/// Fills the lanes without a ray: a ray that ends before it begins meets no box.
+/// Fills the lanes without a ray with the first ray, and ends their interval before it begins, so that they hit no box.
 #[cold]
 fn repeat_first(walk: &mut PacketWalk) {
     let first = walk.waiting.trailing_zeros() as usize;

@@ -1,46 +1,48 @@
-//! Packets before they start: what each ray needs for box and triangle tests, and what all share.
+//! Prepares packets: the constants of each ray for box and triangle tests, and the values that all rays share.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::packet::{PacketRays, Row, VECTORS};
 use super::ray::{MAX_DIR, MIN_DIR, USUAL_DIRS, abs, slack};
 use crate::simd::{Lanes, Mask, Simd};
 
-/// Boxes with an area of this part of a packet's are tested ray by ray.
+/// A box counts as narrow if its area is at most this multiple of the packet's cross-section. Narrow boxes are tested
+/// ray by ray.
 const NARROW: f32 = 2.0;
 
-/// What coherent rays share: signs of the direction, axis order of the triangle test, and intervals.
+/// Values shared by coherent rays: signs of the direction, axis order of the triangle test, and ranges.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Common {
-    /// For each axis, which of a node's six runs of planes is met first.
+    /// For each axis, which of a node's six rows of planes holds the near planes.
     pub near: [usize; 3],
     pub k: [usize; 3],
-    /// The origins' extreme on each axis that makes the distance to the near plane least.
+    /// Extreme of the origins on each axis that minimises the distance to the near plane.
     pub org_near: [f32; 3],
-    /// The same for the greatest distance to the far plane.
+    /// Extreme of the origins on each axis that maximises the distance to the far plane.
     pub org_far: [f32; 3],
     pub inv_min: [f32; 3],
     pub inv_max: [f32; 3],
-    /// How far planes give way: see [`slack`].
+    /// Tolerance of the planes: see [`slack`].
     pub slack: [f32; 3],
-    /// The directions' signs.
+    /// Signs of the directions.
     pub sign: [f32; 3],
-    /// All rays start at the same point.
+    /// True if all rays start at the same point.
     pub one_origin: bool,
-    /// The extremes of the shear along x and along y.
+    /// Least and greatest shear along x and along y.
     pub shear_min: [f32; 2],
     pub shear_max: [f32; 2],
-    /// The same of each vector's rays: vector, axis, least and greatest.
+    /// Least and greatest shear of each vector's rays: vector, axis, least and greatest.
     pub shears: [[[f32; 2]; 2]; VECTORS],
-    /// The area that the packet covers at a distance, over its square.
+    /// Limit of a narrow box's area, divided by the square of the distance: [`NARROW`] times the packet's cross-section
+    /// at distance 1.
     pub spread_area: f32,
-    /// The least magnitudes of the directions, and the greatest widths (see [`super::LocalRay::cone`]): what decides
-    /// whether a cell can stand in for any ray.
+    /// The least magnitudes of the directions' components, and the greatest footprint (see [`super::LocalRay::cone`]).
+    /// They bound whether a stand-in is acceptable for any ray.
     pub dir_min: [f32; 3],
     pub cone_max: [f32; 2],
 }
 
 impl Common {
-    /// The greatest distance of origins along an axis.
+    /// Greatest distance between origins along an axis.
     #[inline(always)]
     pub fn spread(&self) -> f32 {
         let along = |axis: usize| (self.org_near[axis] - self.org_far[axis]).abs();
@@ -48,9 +50,10 @@ impl Common {
     }
 }
 
-/// Prepares all rays (as [`super::bvh::trace::PreparedRay::new`] does one, which see), and what they share; false where
-/// they cannot go together, because the signs or the greatest components of their directions differ. (Written in place:
-/// returned, the struct would be stored in small pieces and read at once in large ones.)
+/// Prepares all rays, each as [`super::bvh::trace::PreparedRay::new`] does, and the values that they share. Returns
+/// false if the rays cannot be traced as one packet, because the signs or the greatest components of their directions
+/// differ. `common` is written in place: a returned struct would be stored in small pieces and then read in large ones,
+/// which stalls.
 #[inline(always)]
 pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, max_coord: f32, common: &mut Common) -> bool {
     let Some(kz) = greatest_axis(s, rays) else { return false };
@@ -123,13 +126,13 @@ pub(super) fn prepare<S: Simd>(s: S, rays: &mut PacketRays, max_coord: f32, comm
         }
         common.cone_max[part] = greatest.greatest();
     }
-    // The greatest component is no less than the least that counts: this is its reciprocal.
+    // The greatest component is never clamped to `least`, so this is exactly its reciprocal.
     rays.shear[2] = rays.inv[kz];
     (common.k, common.one_origin) = (k, one_origin);
     true
 }
 
-/// The rays that [`super::LocalRay::is_valid`] accepts.
+/// Rays that [`super::LocalRay::is_valid`] accepts.
 #[inline(always)]
 pub(super) fn valid<S: Simd>(s: S, rays: &PacketRays, t_max: &Row) -> u32 {
     let (zero, largest) = (s.splat16(0.0), s.splat16(MAX_DIR));
@@ -140,7 +143,7 @@ pub(super) fn valid<S: Simd>(s: S, rays: &PacketRays, t_max: &Row) -> u32 {
         let mut size = zero;
         for axis in 0..3 {
             let (org, dir) = (abs(zero, s.load16(&rays.org[axis][h])), abs(zero, s.load16(&rays.dir[axis][h])));
-            // NaN is not less than anything.
+            // Comparisons with NaN are false.
             ok = ok.and(org.le(s.splat16(f32::MAX))).and(dir.le(largest));
             size = dir.max(size);
         }
@@ -157,7 +160,7 @@ pub(super) fn within<S: Simd>(s: S, rays: &mut PacketRays, near: f32) -> u32 {
     let mut all = 0;
     for h in 0..VECTORS {
         let t_min = s.load16(&rays.t_min[h]);
-        // NaN is not less than anything.
+        // Comparisons with NaN are false.
         let mut ok = abs(zero, t_min).le(s.splat16(f32::MAX));
         let mut size = zero;
         for axis in 0..3 {
@@ -171,7 +174,8 @@ pub(super) fn within<S: Simd>(s: S, rays: &mut PacketRays, near: f32) -> u32 {
     all
 }
 
-/// The axis on which all rays are greatest, ties as in [`crate::geom::Shear`]; `None` where they differ.
+/// Returns the axis on which the directions of all rays are greatest, with ties as in [`crate::geom::Shear`]; `None` if
+/// the axes differ.
 #[inline(always)]
 fn greatest_axis<S: Simd>(s: S, rays: &PacketRays) -> Option<usize> {
     let zero = s.splat16(0.0);

@@ -2,22 +2,22 @@
 
 use crate::simd::Isa;
 
-/// Something in a tree, by the block that it is in. Ordered by block, so that what is read together is visited
+/// An item of a tree, with the block that it is in. Places are ordered by block, so that items of one block are visited
 /// together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Place {
     /// The block.
     pub block: u32,
-    /// What in it; the structure's own count.
+    /// The item in the block, as the structure counts.
     pub(super) item: u32,
 }
 
-/// What walks have to know of a tree before they begin.
+/// Properties of a tree that a walk needs before it begins.
 pub trait Rooted {
-    /// Where they begin; `None` for a tree with nothing in it.
+    /// Place where walks begin; `None` for an empty tree.
     fn root(&self) -> Option<Place>;
     /// Greatest magnitude of a coordinate of the tree.
     fn max_coord(&self) -> f32;
-    /// Vectors to trace with.
+    /// Instruction set to trace with.
     fn isa(&self) -> Isa;
 }

@@ -1,4 +1,4 @@
-//! Many single rays at once: as they are given, and what came of them.
+//! Streams: many single rays that are traced in one call, and the state of that call.
 
 use super::bvh::trace::StreamLanes;
 use super::hit::Counters;
@@ -7,10 +7,10 @@ use super::walk::Walk;
 use crate::math::{Cone, STREAM};
 use glam::Vec3;
 
-/// Rays of a group.
+/// Number of rays in a group.
 pub(super) const GROUP: usize = 16;
 
-/// Sixteen rays as given, by field.
+/// Sixteen rays as the caller gave them, by field.
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
 pub(super) struct Rays16 {
@@ -22,7 +22,7 @@ pub(super) struct Rays16 {
 }
 
 impl Rays16 {
-    /// Not valid: all miss.
+    /// Invalid rays: all miss.
     pub const NONE: Self = Self {
         org: [[0.0; GROUP]; 3],
         dir: [[0.0; GROUP]; 3],
@@ -31,18 +31,18 @@ impl Rays16 {
         cone: [[0.0; GROUP]; 2],
     };
 
-    /// Takes a ray over, not yet prepared.
+    /// Stores a ray, not yet prepared.
     #[inline(always)]
     pub fn set(&mut self, i: usize, ray: &LocalRay) {
         let i = i & (GROUP - 1);
         (self.org[0][i], self.org[1][i], self.org[2][i]) = (ray.org.x, ray.org.y, ray.org.z);
         (self.dir[0][i], self.dir[1][i], self.dir[2][i]) = (ray.dir.x, ray.dir.y, ray.dir.z);
-        // A zero that is not negative: distances are sorted by their bits.
+        // Adding 0 turns -0 into +0, because distances are sorted by their bits.
         (self.t_min[i], self.t_max[i]) = (ray.t_min + 0.0, ray.t_max);
         (self.cone[0][i], self.cone[1][i]) = (ray.cone.a, ray.cone.b);
     }
 
-    /// Ray `i`, as it was taken over.
+    /// Returns ray `i` as it was stored.
     fn one(&self, i: usize) -> LocalRay {
         let i = i & (GROUP - 1);
         let [org, dir] = [&self.org, &self.dir].map(|v| Vec3::new(v[0][i], v[1][i], v[2][i]));
@@ -55,23 +55,23 @@ impl Rays16 {
         }
     }
 
-    /// Whether no ray has a width.
+    /// True if no ray has a footprint.
     pub fn is_exact(&self) -> bool {
         self.cone.as_flattened().iter().all(|w| *w == 0.0)
     }
 }
 
-/// State of a stream. Reusable; a new one takes no rays from the last.
+/// State of a stream. Reusable; no ray of an earlier stream is traced again.
 #[derive(Debug)]
 pub struct Stream {
     pub(super) rays: Box<[Rays16; STREAM / GROUP]>,
     pub(super) unfinished: Vec<u32>,
-    /// Where each ray passed a stand-in first; infinity if it passed none.
+    /// Distance at which a stand-in first transmitted each ray; infinity if none did.
     pub(super) transmitted: Box<[f32; STREAM]>,
-    /// For rays one after the other.
+    /// Walk for rays that are traced one after the other.
     pub(super) alone: Walk,
     pub(super) bvh: StreamLanes,
-    /// What the walks did.
+    /// Work done by the walks.
     pub counters: Counters,
 }
 
@@ -81,7 +81,7 @@ impl Default for Stream {
     }
 }
 
-/// `N` copies on the heap, not by way of the stack.
+/// Boxes `N` copies without first placing them on the stack.
 pub(super) fn boxed<T: Clone, const N: usize>(one: T) -> Box<[T; N]> {
     match vec![one; N].try_into() {
         Ok(all) => all,
@@ -90,12 +90,12 @@ pub(super) fn boxed<T: Clone, const N: usize>(one: T) -> Box<[T; N]> {
 }
 
 impl Stream {
-    /// For any number of rays.
+    /// A stream for any number of rays.
     pub fn new() -> Self {
         Self::with(StreamLanes::new())
     }
 
-    /// For rays of queries: a structure may spare visits by what it learns from one ray to the next.
+    /// A stream for rays of queries. A structure may save visits by statistics that it keeps from one ray to the next.
     pub fn of_queries() -> Self {
         Self::with(StreamLanes::of_queries())
     }
@@ -105,30 +105,31 @@ impl Stream {
         Self { rays, unfinished: Vec::new(), transmitted, alone: Walk::new(), bvh, counters: Counters::default() }
     }
 
-    /// Takes ray `i` over, below [`STREAM`].
+    /// Stores ray `i`, which is below [`STREAM`].
     #[inline(always)]
     pub fn set(&mut self, i: usize, ray: &LocalRay) {
         self.rays[(i / GROUP) & (STREAM / GROUP - 1)].set(i, ray);
     }
 
-    /// After the first `count` rays were taken over: what is left of their last group from earlier rays is none any
-    /// more, so that it has no say in how the others are traced.
+    /// Called after the first `count` rays were stored. Invalidates leftover rays of earlier calls in the last group,
+    /// so that they do not influence how the others are traced.
     pub(super) fn end(&mut self, count: usize) {
         (count..count.next_multiple_of(GROUP)).for_each(|i| self.set(i, &LocalRay::NONE));
     }
 
-    /// Ray `i`, as it was taken over.
+    /// Returns ray `i` as it was stored.
     pub(super) fn ray(&self, i: usize) -> LocalRay {
         self.rays[(i / GROUP) & (STREAM / GROUP - 1)].one(i)
     }
 
-    /// Where each ray of the last call passed a stand-in first, see [`Walk::passed`].
+    /// Distance at which a stand-in first transmitted each ray of the last call, see [`Walk::transmitted`].
     #[inline]
     pub fn transmitted(&self) -> &[f32; STREAM] {
         &self.transmitted
     }
 
-    /// Rays of the last call that met a missing block, or needed a deeper stack: to be traced alone, anew.
+    /// Rays of the last call that reached a missing block or needed a deeper stack. They have to be traced again as
+    /// single rays.
     pub fn unfinished(&self) -> &[u32] {
         &self.unfinished
     }
@@ -139,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rays_of_earlier_calls_have_no_say() {
+    fn rays_of_earlier_calls_have_no_influence() {
         let mut stream = Stream::new();
         let wide = LocalRay { cone: Cone { a: 1.0, b: 0.0 }, ..LocalRay::NONE };
         (0..STREAM).for_each(|i| stream.set(i, &wide));

@@ -1,19 +1,14 @@
-//! Numbers beside the triangles of a block, in blocks of their own that are read only when asked for, in the file form.
-//! The same for all structures: a block of triangles has one of each stream, in the order of its triangles.
+//! Per-triangle numbers in blocks of their own, which are read only on request; their file form.
 //!
-//! | bytes | content |
-//! |---|---|
-//! | 1 | 4: primitive ids; 5: colours |
-//! | 4 | u32: triangles |
-//! | .. | primitive ids: zigzag differences as variable-length numbers |
-//! | 4 x triangles | colours: red, green, blue, alpha: four runs of u8 |
+//! The form is the same for all structures. `src/store/FORMAT.md` describes the bytes in "Primitive ids" and "Colours".
+//! Each block of triangles has one block of each stream, in the order of its triangles.
 
 use super::bytes::{Reader, push_varint, unzigzag, zigzag};
 
-/// The result of decoding; else the fault, in a few words.
+/// Result of decoding, or the fault in a few words.
 type Checked<T> = Result<T, String>;
 
-/// First byte of a payload; a structure's own blocks begin with others.
+/// First byte of a payload. The blocks of a structure begin with other values.
 const PRIMS: u8 = 4;
 const COLOURS: u8 = 5;
 
@@ -21,7 +16,7 @@ fn wrong<T>(why: &str) -> Checked<T> {
     Err(why.to_string())
 }
 
-/// Reads kind and count, which are what all of these begin with.
+/// Reads the kind and the count, with which each of these payloads begins.
 fn begin<'a>(payload: &'a [u8], kind: u8, other: &str) -> Checked<(Reader<'a>, usize)> {
     let mut reader = Reader::new(payload);
     if reader.u8()? != kind {
@@ -47,7 +42,7 @@ pub fn encode_prims(prims: &[u32]) -> Vec<u8> {
 pub fn decode_prims(payload: &[u8]) -> Checked<Vec<u32>> {
     let (mut reader, count) = begin(payload, PRIMS, "not a block of primitive ids")?;
     if count > reader.left() {
-        return wrong("it has fewer ids than it says");
+        return wrong("there are fewer ids than stated");
     }
     let mut before = 0u32;
     let mut next = || -> Checked<u32> {
@@ -71,7 +66,7 @@ pub fn encode_colours(colours: &[[u8; 4]]) -> Vec<u8> {
 pub fn decode_colours(payload: &[u8]) -> Checked<Vec<u32>> {
     let (mut reader, count) = begin(payload, COLOURS, "not a block of colours")?;
     if reader.left() != count.saturating_mul(4) {
-        return wrong("its colours do not add up");
+        return wrong("the number of colours does not match the size");
     }
     let runs = reader.take(4 * count)?;
     let colour = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|c| runs[c * count + i]));

@@ -1,16 +1,17 @@
-//! Triangles that rays hit, and which rays hit the same: rows of numbers, a column for each triangle, filled by the
-//! structure that the tree is of.
+//! Triangles that rays hit, and the rays that hit the same triangle: arrays with one column for each triangle, filled
+//! by the structure of the tree.
 
 use glam::Vec3;
 
-/// Up to `N` rays by what they hit. Reusable.
+/// Up to `N` rays, grouped by the triangle that they hit. Reusable.
 #[derive(Debug)]
 pub struct Groups<const N: usize> {
-    /// The rays that hit cells.
+    /// Rays that hit cells.
     pub cells: u32,
-    /// How many triangles were hit; where it is not known which rays hit the same, one for each ray.
+    /// Number of groups, one for each triangle that was hit. If it is not known which rays hit the same triangle, each
+    /// ray is a group.
     pub count: usize,
-    /// For each of those, the rays that hit it.
+    /// Rays of each group.
     pub rays: [u32; N],
 }
 
@@ -19,10 +20,10 @@ impl<const N: usize> Groups<N> {
     pub const NONE: Self = Self { cells: 0, count: 0, rays: [0; N] };
 }
 
-/// Up to `N` triangles as stored, a column for each. Reusable: further columns hold anything.
+/// Up to `N` triangles as stored, one column each. Reusable: columns beyond hold arbitrary values.
 #[derive(Debug)]
 pub struct Surfaces<const N: usize> {
-    /// Of each corner the coordinates around the tree's origin, axis by axis.
+    /// Coordinates of each corner relative to the tree's origin: corner, axis, column.
     pub corners: [[[f32; N]; 3]; 3],
     /// Local parts.
     pub part: [u32; N],
@@ -32,7 +33,7 @@ impl<const N: usize> Surfaces<N> {
     /// No triangles.
     pub const NONE: Self = Self { corners: [[[0.0; N]; 3]; 3], part: [0; N] };
 
-    /// Takes over a triangle.
+    /// Stores a triangle in a column.
     #[inline(always)]
     pub fn set(&mut self, column: usize, corners: &[Vec3; 3], part: u32) {
         for (rows, corner) in self.corners.iter_mut().zip(corners) {
@@ -43,7 +44,7 @@ impl<const N: usize> Surfaces<N> {
         self.part[column] = part;
     }
 
-    /// The corners of a triangle.
+    /// The corners of the triangle in a column.
     #[inline(always)]
     pub fn corners_of(&self, column: usize) -> [Vec3; 3] {
         let [a, b, c] = &self.corners;

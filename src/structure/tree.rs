@@ -1,9 +1,10 @@
-//! One tree of a model, of whatever structure, in one snapshot: what rooms above know of structures.
+//! One tree of a model, of any structure, in one snapshot: the interface that the modules above use.
 //!
-//! An enum and no trait object or type parameter: rays ask it once a packet, stream, bundle or walk, never once a node,
-//! so the choice costs nothing beside the answer (a [cursor](Tree::expand), which hands out nodes, asks once for each);
-//! a type parameter through the rooms above would copy all kernels once more for each structure (2 MB each). A
-//! structure without packets, streams or bundles of its own falls back to single walks (`fallback.rs`).
+//! It is an enum and neither a trait object nor a type parameter. Rays dispatch on it once for each packet, stream,
+//! bundle or walk, never once for each node, so the dispatch costs nothing compared to the traversal. (The
+//! [cursor](Tree::expand), which returns nodes, dispatches once for each node.) A type parameter in the modules above
+//! would duplicate all kernels for each structure (2 MB each). A structure without packets, streams or bundles of its
+//! own falls back to single walks (`fallback.rs`).
 
 #[cfg(any(test, feature = "brute"))]
 use super::brute;
@@ -28,18 +29,19 @@ use glam::DVec3;
 
 pub use bvh::trace::Bundle;
 
-/// How walks visit a tree.
+/// Options of walks through a tree.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Visit {
-    /// Cells stand in for blocks that are not in memory. Else walks ask for these.
+    /// Walks show stand-ins for blocks that are not in memory. Otherwise they stop at these blocks and request them.
     pub accept_missing: bool,
-    /// No ray passes a cell that stands in: nothing is before what is hit then.
+    /// Stand-ins stop all rays. A hit is then the first one that the ray encounters.
     pub opaque_cells: bool,
-    /// The number of the pass that visits: blocks that it uses stay as long as the pass is needed.
+    /// Number of the pass. Blocks that the walk reads get it as their last-used stamp, and stay in memory as long as
+    /// the pass needs them.
     pub stamp: u32,
 }
 
-/// One tree of a model in one snapshot. Cheap to make; borrow it for as long as the job lasts.
+/// One tree of a model in one snapshot. Cheap to make; it borrows the snapshot as long as it is in use.
 #[derive(Debug, Clone, Copy)]
 pub enum Tree<'a> {
     /// A wide bounding volume hierarchy.
@@ -49,7 +51,7 @@ pub enum Tree<'a> {
     Brute(brute::trace::TreeView<'a>),
 }
 
-/// Answers with the structure's own view of the tree.
+/// Evaluates an expression with the view of the tree's own structure.
 macro_rules! of_each {
     ($tree:expr, $own:ident => $answer:expr) => {
         match $tree {
@@ -61,63 +63,64 @@ macro_rules! of_each {
 }
 
 impl<'a> Tree<'a> {
-    /// Whether nothing is in it.
+    /// True if the tree is empty.
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.root().is_none()
     }
 
-    /// Which blocks are in memory.
+    /// Snapshot with the blocks in memory.
     #[inline]
     pub fn snapshot(&self) -> &'a Snapshot {
         of_each!(self, own => own.snapshot)
     }
 
-    /// Finds the closest hit of the ray that `walk` has begun (or goes on after `Pending`).
+    /// Finds the closest hit of the ray that `walk` has begun, or continues after `Pending`.
     #[inline]
     pub fn closest(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
         of_each!(self, own => own.closest(filter, walk))
     }
 
-    /// Finds any hit of the ray that `walk` has begun (or goes on after `Pending`).
+    /// Finds any hit of the ray that `walk` has begun, or continues after `Pending`.
     #[inline]
     pub fn any(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
         of_each!(self, own => own.any(filter, walk))
     }
 
-    /// Finds the closest hits of the rays that `walk` has begun (or goes on after `Pending`): the same, to
-    /// the bit, as [`Tree::closest`] finds for each alone.
+    /// Finds the closest hits of the rays that `walk` has begun, or continues after `Pending`. The hits are identical,
+    /// to the bit, to those that [`Tree::closest`] finds for each ray.
     #[inline]
     pub fn closest_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
         of_each!(self, own => own.closest_together(filter, walk))
     }
 
-    /// Finds any hit of each ray that `walk` has begun (or goes on after `Pending`). Which one may differ from
-    /// the one that [`Tree::any`] finds; whether there is one does not.
+    /// Finds any hit of each ray that `walk` has begun, or continues after `Pending`. The hit may differ from the one
+    /// that [`Tree::any`] finds, but both agree on its existence.
     #[inline]
     pub fn any_together(&self, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
         of_each!(self, own => own.any_together(filter, walk))
     }
 
-    /// Finds the closest hits of the first of the rays that `stream` has taken over, as [`Tree::closest`] finds them,
-    /// at less cost a ray. `hits`: as many as rays, [`crate::math::STREAM`] at most. Those in [`Stream::unfinished`]
-    /// have no answer.
+    /// Finds the closest hits of the first rays of `stream`, as [`Tree::closest`] does but at lower cost for each ray.
+    /// `hits` has one entry for each ray, at most [`crate::math::STREAM`]. The rays in [`Stream::unfinished`] have no
+    /// result.
     #[inline]
     pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
         stream.end(hits.len());
         of_each!(self, own => own.closest_each(filter, stream, hits));
     }
 
-    /// Finds whether each ray hits anything; otherwise like [`Tree::closest_each`]. Which hit is not said.
+    /// Finds out whether each ray hits anything; otherwise like [`Tree::closest_each`]. Which hit it returns is
+    /// unspecified.
     #[inline]
     pub fn any_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
         stream.end(hits.len());
         of_each!(self, own => own.any_each(filter, stream, hits));
     }
 
-    /// Finds the closest hits of the packets of `among` (bit `i`: packet `i`), which were just started in this tree, of
-    /// such as can go together. The rest, all of it where none can, is found by [`Tree::closest_together`] of each
-    /// packet: call that in any case.
+    /// Finds the closest hits of those packets of `among` (bit `i`: packet `i`) that can be traced as one bundle. All
+    /// of them were just started in this tree. [`Tree::closest_together`] finds the hits of the other packets: the
+    /// caller calls it for each packet in any case.
     #[inline]
     pub fn closest_in_bundle(&self, filter: Option<&PartFilter>, bundle: &mut Bundle, among: u32) {
         match self {
@@ -127,15 +130,15 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// The triangle of a hit; `None` if its block has left the snapshot. Always inlined: as a call it would write the
+    /// Returns the triangle of a hit; `None` if its block has left the snapshot. Always inlined: a call would write the
     /// struct in small pieces and read it in large ones, which stalls.
     #[inline(always)]
     pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
         of_each!(self, own => own.triangle(hit))
     }
 
-    /// The block that a hit needs first: the one that has left the snapshot where [`Tree::triangle`],
-    /// [`Tree::surfaces`], [`Tree::cells`] or [`Tree::slabs`] find nothing.
+    /// Returns the block that a hit needs first. If [`Tree::triangle`], [`Tree::surfaces`], [`Tree::cells`] or
+    /// [`Tree::oriented_slabs`] find nothing, this is the block that has left the snapshot.
     pub fn block_of(&self, hit: &TriHit) -> BlockId {
         match self {
             Tree::Bvh(_) => BlockId(hit.block),
@@ -144,17 +147,17 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left
-    /// the snapshot (bit `i`: triangle `i`).
+    /// Fills a column for each of `count` triangles; `hit` returns a hit on each. Returns the triangles (bit `i`:
+    /// triangle `i`) in blocks that have left the snapshot.
     #[inline(always)]
     pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
         of_each!(self, own => own.surfaces(count, hit, out))
     }
 
-    /// Fills the columns of `rays`, whose hits are cells that stand in. Returns the rays whose blocks have left the
-    /// snapshot: their columns hold anything.
+    /// Fills the columns of `rays`, all of which hit stand-ins. Returns the rays for which a block has left the
+    /// snapshot: their columns hold arbitrary values.
     ///
-    /// `dir`: a ray's direction in the tree's frame; `is_whole`: boxes and levels of all cells are asked for.
+    /// `dir` returns a ray's direction in the tree's frame. With `is_whole`, boxes and levels of all cells are filled.
     #[inline(always)]
     pub fn cells<const N: usize>(
         &self,
@@ -167,47 +170,50 @@ impl<'a> Tree<'a> {
         of_each!(self, own => own.cells(rays, hit, dir, is_whole, out))
     }
 
-    /// Asks for the memory of what [`Tree::cells`] reads of a cell that was hit: first of its words, and in a second
-    /// call (`of_sides`), when those have come, of its sides.
+    /// Prefetches the memory that [`Tree::cells`] reads for a cell that was hit. A first call prefetches the cell's
+    /// words. A second call (`of_sides`), once those are in the cache, prefetches the samples of its sides.
     #[inline]
     pub fn prefetch_cell(&self, hit: &TriHit, of_sides: bool) {
         of_each!(self, own => own.prefetch_cell(hit, of_sides));
     }
 
-    /// Where in its box the content of a cell that was hit is; `None` if its block has left the snapshot.
+    /// Returns the oriented slabs that bound the content of a cell that was hit; `None` if its block has left the
+    /// snapshot.
     pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
         of_each!(self, own => own.oriented_slabs(hit))
     }
 
-    /// The primitive id of a hit, or the block that is needed for it; `None` if a file that was made up to be wrong has
-    /// none.
+    /// Returns the primitive id of a hit, or the block that is needed for it; `None` if a deliberately malformed file
+    /// has no id for the triangle.
     pub fn prim(&self, hit: &TriHit) -> Result<Option<u32>, BlockId> {
         of_each!(self, own => own.prim(hit)).map(|prim| (prim != u32::MAX).then_some(prim))
     }
 
-    /// The sRGB colour of a hit's triangle, or the block that is needed; `None` if the model has none.
+    /// Returns the sRGB colour of a hit's triangle, or the block that is needed for it; `None` if the model has no
+    /// colours.
     pub fn colour(&self, hit: &TriHit) -> Result<Option<[u8; 4]>, BlockId> {
         of_each!(self, own => own.colour(hit))
     }
 
-    /// Whether single triangles have colours.
+    /// True if single triangles have colours.
     pub fn has_colours(&self) -> bool {
         of_each!(self, own => own.colours_at.is_some())
     }
 
-    /// The block that the stand-in of a hit stands in for, if that block is missing.
+    /// Returns the block that the stand-in of a hit replaces, if that block is missing.
     pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
         of_each!(self, own => own.wanted(hit))
     }
 
-    /// What is below a place; fails with the block that the place is in if that is not in memory. Counts as a visit.
+    /// Visits the children or triangles below a place. Fails with the block of the place if that is not in memory.
+    /// Counts as a use of the block.
     pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
         of_each!(self, own => own.expand(place, below))
     }
 
-    /// Around everything that rays can hit, stand-ins too, in the tree's frame; `None` if that is not in memory, or
-    /// nothing. A ray that meets a cell or a leaf has met the boxes of all those above it. (Bounds of triangles will
-    /// not do: cells are rounded outward.)
+    /// Bounds of everything that rays can hit, stand-ins included, in the tree's frame; `None` if the root is not in
+    /// memory or the tree is empty. A ray that hits a cell or a leaf also hits the boxes of all its ancestors. The
+    /// bounds of the triangles would be too small, because cells are rounded outward.
     pub fn around_hits(&self) -> Option<Bounds> {
         let mut all = Bounds::EMPTY;
         let mut below = Below { child: &mut |_, bounds, _| all = all.union(*bounds), triangle: &mut |_, _| {} };

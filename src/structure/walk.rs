@@ -1,30 +1,29 @@
-//! A walk: what a ray still has to visit, and the best hit so far. It can be put down at a missing
-//! block and taken up again.
+//! A walk: the stack of a ray and its best hit so far. A walk can stop at a missing block and continue later.
 
 use super::hit::{Counters, TriHit};
 use super::place::{Place, Rooted};
 use super::ray::LocalRay;
 
-/// Something still to visit.
+/// A stack entry: a child to visit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry {
-    /// Where the ray enters it.
+    /// Distance at which the ray enters the child.
     pub t: f32,
-    /// The block that it is in; of a reference to another block, the one that holds that.
+    /// The block of the child. For a reference to another block this is the block that holds the reference.
     pub block: u32,
     /// The child reference.
     pub child: u32,
 }
 
-/// The state of one ray in one tree. Reusable: a new ray forgets the last one but not the memory.
+/// The state of one ray in one tree. Reusable: a new ray replaces the previous one and keeps the allocation.
 #[derive(Debug)]
 pub struct Walk {
     pub(super) stack: Vec<Entry>,
     pub(super) ray: LocalRay,
     pub(super) best: TriHit,
-    /// What walks with it did.
+    /// Work done with this walk.
     pub counters: Counters,
-    /// Where the ray passed a stand-in first; infinity if it passed none.
+    /// Distance at which a stand-in first transmitted the ray; infinity if none did.
     pub(super) transmitted: f32,
 }
 
@@ -35,26 +34,27 @@ impl Default for Walk {
 }
 
 impl Walk {
-    /// For any number of rays.
+    /// A walk for any number of rays.
     pub fn new() -> Self {
         let (ray, best) = (LocalRay::NONE, TriHit::none(0.0));
         Self { stack: Vec::new(), ray, best, counters: Counters::default(), transmitted: f32::INFINITY }
     }
 
-    /// Puts `ray` at the root of `tree`. An invalid ray (see [`LocalRay::is_valid`]) misses all.
+    /// Places `ray` at the root of `tree`. An invalid ray (see [`LocalRay::is_valid`]) misses everything.
     pub fn begin(&mut self, tree: &impl Rooted, ray: &LocalRay) {
         self.ray = *ray;
         self.put_at_root(tree, ray);
     }
 
-    /// The best hit so far; [`TriHit::is_hit`] tells whether there is one.
+    /// The best hit so far; [`TriHit::is_hit`] is true if there is one.
     #[inline]
     pub fn best(&self) -> TriHit {
         self.best
     }
 
-    /// Where the ray passed a stand-in first; infinity if it passed none. (Up to the hit, if there is one, that is the
-    /// same whatever the order; behind it, it may be found or not.) From there on there may be surface.
+    /// Distance at which a stand-in first transmitted the ray; infinity if none did. From there on the ray may have
+    /// missed surface. Up to the hit, if there is one, the value does not depend on the order of visits; a distance
+    /// beyond the hit may or may not be reported.
     #[inline]
     pub fn transmitted(&self) -> f32 {
         self.transmitted
@@ -71,9 +71,9 @@ impl Walk {
     }
 }
 
-/// Something on a stack that no ray enters before a distance.
+/// A stack entry with a lower bound on the distance at which rays enter it.
 pub(super) trait Entered: Copy {
-    /// The distance.
+    /// The lower bound.
     fn t(&self) -> f32;
 }
 
@@ -84,7 +84,7 @@ impl Entered for Entry {
     }
 }
 
-/// Pushes an entry below those above `bottom` that are nearer.
+/// Pushes an entry and keeps those above `bottom` sorted, the nearest on top.
 #[inline(always)]
 pub(super) fn push_sorted<E: Entered>(stack: &mut Vec<E>, bottom: usize, next: E) {
     let mut at = stack.len();

@@ -1,4 +1,4 @@
-//! `outcrop bench --poe`: how fast coherent batches are at some pixels of error, and how far off they are.
+//! `outcrop bench --poe`: speed and error of coherent batches at given pixels of error.
 
 use crate::common::{self, Failure};
 use crate::rays;
@@ -12,25 +12,25 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// One view at some pixels of error.
+/// Result of one view at one value of pixels of error.
 pub struct Row {
     view: u8,
     threads: u16,
     poe: f32,
     rays: usize,
-    /// Median, in millions of rays a second.
+    /// Median speed in millions of rays per second.
     mrays: f64,
-    /// Shares of the rays that hit something.
+    /// Share of stand-ins among the rays that hit.
     lod: f64,
-    /// Shares of all rays: one of both answers is a miss.
+    /// Share of all rays for which only one of the exact and the approximate answer is a hit.
     border: f64,
-    /// How far from the exact distance, in pixels, over rays that hit both times.
+    /// Mean difference from the exact distance in pixels, over rays that hit both times.
     mean: f64,
-    /// 99.9th percentile of that.
+    /// 99.9th percentile of this difference.
     nearly_worst: f64,
     /// Bytes in memory of the blocks that the rays visit.
     working_set: u64,
-    /// The budget held all of these at once.
+    /// True if the budget held all of these blocks at once.
     is_held: bool,
 }
 
@@ -40,7 +40,7 @@ impl Row {
     }
 }
 
-/// What rows have in common.
+/// Parameters that all rows share.
 pub struct Task<'a> {
     pub path: &'a Path,
     pub options: ContextOptions,
@@ -48,7 +48,7 @@ pub struct Task<'a> {
     pub runs: u32,
 }
 
-/// The rays of a view's pixels at each of `poes`.
+/// Measures the pixel rays of a view at each value of `poes`.
 pub fn rows(
     task: &Task,
     scene: &Arc<SceneState>,
@@ -61,7 +61,7 @@ pub fn rows(
     poes.iter().map(|&poe| row(task, scene, &pixels, &exact, poe, cancel)).collect()
 }
 
-/// Rays whose stand-ins may cover so many pixels.
+/// Returns the rays with wider cones, so that a stand-in may cover `poe` square pixels.
 fn widened(pixels: &[Ray], poe: f32) -> Vec<Ray> {
     let wide = poe.sqrt();
     pixels.iter().map(|ray| Ray { cone: Cone { a: ray.cone.a * wide, b: ray.cone.b * wide }, ..*ray }).collect()
@@ -120,14 +120,15 @@ fn row(
     })
 }
 
-/// Bytes of the blocks that the rays visit, in a context that had none of them; and whether the budget holds them.
+/// Returns the bytes of the blocks that the rays visit, in a context that starts without any of them, and `true` if the
+/// budget holds all of them.
 fn working_set(task: &Task, rays: &[Ray]) -> Result<(u64, bool), Failure> {
     let context = Context::new(ContextOptions { read_ahead: false, ..task.options.clone() })?;
     let model = Model::open_cold(&context, task.path)?;
     let scene = view::alone(&context, &model, Vec::new(), Background::default())?;
     trace(&scene, rays)?;
     let before = model.memory().resident;
-    // What has gone to make room comes again.
+    // The second trace reloads blocks that were evicted to make room.
     trace(&scene, rays)?;
     let after = model.memory().resident;
     Ok((before.max(after), context.memory_used().saturating_add(1 << 20) < context.memory_budget() / 8 * 7))

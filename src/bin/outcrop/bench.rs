@@ -16,7 +16,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Measure how fast rays are traced, in millions a second: single and in packets of 32, or at some pixels of error
+/// Measure the tracing speed in millions of rays per second: single rays and packets of 32, or packets at given pixels
+/// of error
 #[derive(clap::Args)]
 pub struct Args {
     /// The model file
@@ -25,30 +26,30 @@ pub struct Args {
     /// Kinds of rays
     #[arg(long, value_name = "KINDS", value_delimiter = ',', default_value = "primary,shadow,bounce")]
     rays: Vec<Kind>,
-    /// Pixels of the picture whose rays these are
+    /// Size of the picture, which has a primary ray for each pixel
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = common::size)]
     size: (u32, u32),
-    /// Which of the four views
+    /// The views to measure, numbered 0 to 3
     #[arg(long, value_name = "0..3", value_delimiter = ',', default_value = "0,2", value_parser = clap::value_parser!(u8).range(0..=3))]
     view: Vec<u8>,
-    /// The four views of this generated model in place of those from the bounds
+    /// Use the four views of this generated model instead of those from the bounds
     #[arg(long, value_name = "NAME", value_parser = generate::NAMES)]
     views: Option<String>,
     /// Numbers of threads
     #[arg(long, value_name = "N", value_delimiter = ',', default_value = "1,2", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Vec<u16>,
-    /// Runs of each, of which the median counts
+    /// Runs of each measurement; the result is their median
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     runs: u32,
     /// Instruction set
     #[arg(long, value_parser = ["baseline", "avx2", "avx512"])]
     isa: Option<String>,
-    /// Bytes of memory for the model, with K, M, G or T, which may be less than it needs; 0 for three quarters of the
-    /// machine's
+    /// Bytes of memory for the model, with suffix K, M, G or T; may be less than the model needs. 0: three quarters of
+    /// the machine's memory
     #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
     cache: u64,
-    /// Pixels of error: measure rays of pixels in packets whose stand-ins may cover so many pixels, in place of exact
-    /// ones, and how far off their answers are
+    /// Pixels of error: instead of exact rays, measure pixel rays in packets, with stand-ins of at most this many
+    /// square pixels, and the error of the result
     #[arg(long, value_name = "POE", value_delimiter = ',', conflicts_with = "rays", allow_negative_numbers = true, value_parser = pixels_of_error)]
     poe: Vec<f32>,
     /// Print one JSON object
@@ -59,11 +60,11 @@ pub struct Args {
 fn pixels_of_error(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(poe) if (0.0..=f32::MAX).contains(&poe) => Ok(poe),
-        _ => Err("wanted is a finite number, 0 or more".into()),
+        _ => Err("expected a finite number, 0 or more".into()),
     }
 }
 
-/// Median millions of rays a second of one way to trace, and what was hit.
+/// Median speeds in millions of rays per second for one kind of ray, and the number of hits.
 struct Row {
     view: u8,
     kind: Kind,
@@ -74,7 +75,7 @@ struct Row {
     packet: f64,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
     let isa = args.isa.as_deref().map(|name| match name {
@@ -126,7 +127,7 @@ impl Row {
     }
 }
 
-/// Single rays and packets in turn; the first run of each warms up, and both must say the same.
+/// Measures single rays and packets alternately. The first run of each is a warm-up; its results must agree.
 fn measure(scene: &Arc<SceneState>, kind: Kind, rays: &[Ray], runs: u32, cancel: &Cancel) -> Result<Row, Failure> {
     let (single_hits, _) = trace(scene, kind, rays, false)?;
     let (packet_hits, _) = trace(scene, kind, rays, true)?;
@@ -150,7 +151,7 @@ fn measure(scene: &Arc<SceneState>, kind: Kind, rays: &[Ray], runs: u32, cancel:
     Ok(Row { view: 0, kind, threads: 0, rays: rays.len(), hits, single, packet })
 }
 
-/// Distances (0 or infinity for any hit), and seconds taken.
+/// Returns the distances and the seconds taken. Any-hit queries give 0 or infinity.
 fn trace(scene: &Arc<SceneState>, kind: Kind, rays: &[Ray], coherent: bool) -> Result<(Vec<f64>, f64), Failure> {
     let options = QueryOptions { coherent, want: Want::NOTHING, ..QueryOptions::default() };
     if kind == Kind::Shadow {

@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// Build a model file from mesh files (PLY, OBJ, STL, glTF, GLB, raw soup)
 #[derive(clap::Args)]
 pub struct Args {
-    /// Mesh files; all become one model
+    /// Mesh files; all of them become one model
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// The model file to write
@@ -20,23 +20,23 @@ pub struct Args {
     /// The acceleration structure
     #[arg(long, default_value = "bvh", value_parser = common::one_of(Structure::ALL, Structure::name))]
     structure: Structure,
-    /// Bytes of memory that the build may use, with K, M, G or T, at least 32M; what does not fit goes through
-    /// temporaries. 0: no limit
+    /// Bytes of memory that the build may use, with suffix K, M, G or T, at least 32M; data beyond that goes to
+    /// temporary files. 0: no limit
     #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
     memory: u64,
-    /// Threads; 0 for all of the machine's
+    /// Number of threads; 0 for all of the machine
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
-    /// Where temporaries go
+    /// Folder for temporary files
     #[arg(long, value_name = "FOLDER")]
     temp: Option<PathBuf>,
-    /// Spatial splits: for long thin parts
+    /// Spatial splits, for long thin parts
     #[arg(long, default_value = "auto", value_parser = common::one_of(Splits::ALL, Splits::name))]
     splits: Splits,
-    /// Length unit in metres, in place of what the files say
+    /// Length unit in metres, overriding the files
     #[arg(long, value_name = "METRES")]
     unit: Option<f64>,
-    /// The axis that points up, in place of what the files say
+    /// The axis that points up, overriding the files
     #[arg(long, value_parser = ["x", "y", "z"])]
     up: Option<String>,
     /// Print one JSON object
@@ -44,7 +44,7 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
     let options = BuildOptions {
@@ -122,7 +122,7 @@ fn as_text(file: &str, r: &BuildReport) -> String {
     let sizes = match r.triangles_kept {
         0 => String::new(),
         n => format!(
-            " ({}, of which {:.1} are primitive ids); {} in memory\n{:.2} references a triangle{}",
+            " ({}, of which {:.1} are primitive ids); {} in memory\n{:.2} references per triangle{}",
             each(r.bytes, n),
             r.bytes_ids as f64 / n as f64,
             each(r.bytes_trace, n),
@@ -133,7 +133,7 @@ fn as_text(file: &str, r: &BuildReport) -> String {
     let chunks = match r.bytes_temporary {
         0 => String::new(),
         n => format!(
-            ", into {} by {} of temporaries {:.1}",
+            ", into {} through {} of temporary files {:.1}",
             counted(r.chunks, "chunk"),
             common::in_bytes(n),
             r.seconds.distribute

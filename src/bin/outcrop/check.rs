@@ -13,7 +13,7 @@ pub struct Args {
     /// The model file
     #[arg(value_name = "MODEL.oc")]
     model: PathBuf,
-    /// Bytes of memory that opening it may use, with K, M, G or T; 0 for three quarters of the machine's
+    /// Bytes of memory for opening the model, with suffix K, M, G or T; 0 for three quarters of the machine's memory
     #[arg(long, visible_alias = "cache", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
     memory: u64,
     /// Print one JSON object
@@ -21,7 +21,7 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
     let file = ModelFile::open_path(&args.model)?;
@@ -29,7 +29,7 @@ pub fn run(args: &Args) -> Outcome {
     let report = common::watched(&progress, &bar, || file.check(&progress, &cancel));
     bar.finish_and_clear();
     let report = report?;
-    // Then every block of geometry is decoded and validated, and how they hang together.
+    // Decodes and validates every block of geometry, and checks the links between blocks.
     let context = Context::new(ContextOptions { memory_budget: args.memory, ..ContextOptions::default() })?;
     let model = Model::open(&context, &args.model)?;
     model.check(&cancel)?;
@@ -39,7 +39,7 @@ pub fn run(args: &Args) -> Outcome {
         "triangles": model.info().triangles_stored,
     });
     let text = format!(
-        "{}: sound; {} in {}, {}",
+        "{}: valid; {} in {}, {}",
         args.model.display(),
         common::in_bytes(report.bytes),
         common::counted(report.blocks.into(), "block"),

@@ -1,4 +1,4 @@
-//! What the verbs share: failures, sizes, counts and points in arguments, Ctrl-C, progress bars.
+//! Shared parts of the commands: failures, parsing of sizes, counts and points, Ctrl-C, progress bars.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
@@ -8,24 +8,24 @@ use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
-/// What a verb returns.
+/// Result of a command.
 pub type Outcome = Result<(), Failure>;
 
-/// Why a verb ended without its result.
+/// Reason for which a command failed.
 #[derive(Debug)]
 pub enum Failure {
-    /// The work failed.
+    /// The operation failed.
     Failed(outcrop::Error),
-    /// A picture failed, and why.
+    /// A picture failed, for this reason.
     Frame(String),
-    /// Standard output is gone.
+    /// Writing to standard output failed.
     Output(std::io::Error),
-    /// The arguments make no sense together.
+    /// The combination of arguments is invalid.
     Usage(String),
 }
 
 impl Failure {
-    /// The process's exit code.
+    /// Returns the exit code of the process.
     pub fn exit_code(&self) -> u8 {
         match self {
             Failure::Usage(_) | Failure::Failed(outcrop::Error::BadArgument(_)) => 2,
@@ -50,7 +50,7 @@ impl From<outcrop::Error> for Failure {
     }
 }
 
-/// An option that is one of these, by name.
+/// Returns a parser for an option that is one of `all`, by name.
 pub fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
     all: [T; N],
     name: fn(T) -> &'static str,
@@ -59,13 +59,13 @@ pub fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
     PossibleValuesParser::new(all.map(name)).map(find)
 }
 
-/// Parses a size in bytes: digits, then optionally K, M, G or T (powers of 1024), with B or iB or without.
+/// Parses a size in bytes: digits, an optional K, M, G or T (powers of 1024), and an optional B or iB.
 pub fn byte_size(text: &str) -> Result<u64, String> {
     let number = text.strip_suffix("iB").or(text.strip_suffix('B')).unwrap_or(text);
     scaled(number, 1024)
 }
 
-/// Parses a count: digits, then optionally K, M or G (powers of 1000).
+/// Parses a count: digits, and an optional K, M, G or T (powers of 1000).
 pub fn count(text: &str) -> Result<u64, String> {
     scaled(text, 1000)
 }
@@ -73,22 +73,23 @@ pub fn count(text: &str) -> Result<u64, String> {
 fn scaled(text: &str, thousand: u64) -> Result<u64, String> {
     let (digits, power) = match text.char_indices().next_back() {
         Some((at, suffix)) if !suffix.is_ascii_digit() => {
-            let power =
-                "KMGT".find(suffix.to_ascii_uppercase()).ok_or(format!("unknown suffix {suffix:?}: K, M, G or T"))?;
+            let power = "KMGT"
+                .find(suffix.to_ascii_uppercase())
+                .ok_or(format!("unknown suffix {suffix:?}; expected K, M, G or T"))?;
             (&text[..at], power as u32 + 1)
         }
         _ => (text, 0),
     };
-    let number: f64 = digits.parse().map_err(|_| format!("{digits:?} is no number"))?;
+    let number: f64 = digits.parse().map_err(|_| format!("{digits:?} is not a number"))?;
     let value = number * (thousand as f64).powi(power as i32);
     if value.is_finite() && (0.0..9e18).contains(&value) { Ok(value as u64) } else { Err("out of range".into()) }
 }
 
-/// A switch that Ctrl-C throws; a second Ctrl-C ends the process at once.
+/// Returns a cancel flag that Ctrl-C sets. A second Ctrl-C ends the process at once.
 pub fn cancel_on_ctrl_c() -> Cancel {
     let cancel = Cancel::new();
     let switch = cancel.clone();
-    // Without a handler Ctrl-C kills: temporaries may stay, nothing else is lost.
+    // If the handler cannot be set, Ctrl-C kills the process: temporary files may stay, nothing else is lost.
     let _ = ctrlc::set_handler(move || {
         if switch.is_cancelled() {
             std::process::exit(130);
@@ -98,7 +99,7 @@ pub fn cancel_on_ctrl_c() -> Cancel {
     cancel
 }
 
-/// A bar on stderr if that is a terminal, else nothing.
+/// Returns a progress bar on stderr, which is invisible if stderr is not a terminal.
 pub fn progress_bar(total: u64) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(8));
     if let Ok(style) = ProgressStyle::with_template("{msg:9} {bar:40} {percent:>3} %, {eta} left") {
@@ -107,7 +108,7 @@ pub fn progress_bar(total: u64) -> ProgressBar {
     bar
 }
 
-/// Shows `progress` in `bar` while `work` runs here.
+/// Shows `progress` in `bar` while `work` runs on this thread.
 pub fn watched<T>(progress: &Progress, bar: &ProgressBar, work: impl FnOnce() -> T) -> T {
     let done = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -123,7 +124,7 @@ pub fn watched<T>(progress: &Progress, bar: &ProgressBar, work: impl FnOnce() ->
                 std::thread::park_timeout(Duration::from_millis(100));
             }
         });
-        // Also when `work` panics: else the watcher would never end.
+        // The flag is also set if `work` panics; otherwise the watching thread would never end.
         let _end = SetOnDrop(&done);
         work()
     })
@@ -137,36 +138,36 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// A count with its noun: "1 block", "2 blocks".
+/// Returns a count with its noun: "1 block", "2 blocks".
 pub fn counted(n: u64, noun: &str) -> String {
     format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
 }
 
-/// Bytes a triangle for people; a model without triangles has none.
+/// Returns the bytes per triangle as text, or "no triangles" for an empty model.
 pub fn each(bytes: u64, triangles: u64) -> String {
     match triangles {
         0 => "no triangles".into(),
-        n => format!("{:.1} bytes a triangle", bytes as f64 / n as f64),
+        n => format!("{:.1} bytes per triangle", bytes as f64 / n as f64),
     }
 }
 
-/// Bytes for people.
+/// Returns a size in bytes as readable text.
 pub fn in_bytes(bytes: u64) -> String {
     indicatif::BinaryBytes(bytes).to_string()
 }
 
-/// Three numbers "x,y,z".
+/// Parses three numbers "x,y,z".
 pub fn point(text: &str) -> Result<DVec3, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse::<f64>()).collect();
     match numbers.as_deref() {
         Ok(&[x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => Ok(DVec3::new(x, y, z)),
-        _ => Err("wanted are three numbers: x,y,z".into()),
+        _ => Err("expected three numbers X,Y,Z".into()),
     }
 }
 
-/// A picture's size "WIDTHxHEIGHT".
+/// Parses a picture size "WIDTHxHEIGHT".
 pub fn size(text: &str) -> Result<(u32, u32), String> {
-    let wanted = || "wanted is WIDTHxHEIGHT, each 1 to 65536".to_string();
+    let wanted = || "expected WIDTHxHEIGHT, each from 1 to 65536".to_string();
     let (w, h) = text.split_once(['x', 'X']).ok_or_else(wanted)?;
     match (w.parse(), h.parse()) {
         (Ok(w @ 1..=65536), Ok(h @ 1..=65536)) => Ok((w, h)),
@@ -174,7 +175,7 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-/// Prints one JSON object, or the lines of text.
+/// Prints one JSON object or the lines of text.
 pub fn print(json: bool, value: &serde_json::Value, text: &str) -> Outcome {
     use std::io::Write;
     let mut out = std::io::stdout().lock();
@@ -187,9 +188,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn texts_for_people() {
+    fn counts_and_sizes_are_readable() {
         assert_eq!((counted(0, "block"), counted(1, "block")), ("0 blocks".into(), "1 block".into()));
-        assert_eq!((each(84, 2), each(84, 0)), ("42.0 bytes a triangle".into(), "no triangles".into()));
+        assert_eq!((each(84, 2), each(84, 0)), ("42.0 bytes per triangle".into(), "no triangles".into()));
     }
 
     #[test]

@@ -9,13 +9,13 @@ use std::time::Instant;
 /// Write a generated model (mandelbulb, airliner) as a binary PLY file
 #[derive(clap::Args)]
 pub struct Args {
-    /// Which model
+    /// Name of the model
     #[arg(value_parser = generate::NAMES)]
     name: String,
-    /// Wanted number of triangles, reached within 2 %; K, M and G are thousands, millions and billions
+    /// Target number of triangles, reached within 2 %; suffix K, M or G for thousands, millions or billions
     #[arg(long, value_name = "N", default_value = "1M", value_parser = common::count)]
     triangles: u64,
-    /// Other seeds give other models
+    /// Seed; different seeds give different models
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// The file to write
@@ -26,7 +26,7 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
     let options = GenerateOptions { triangles: args.triangles, seed: args.seed };

@@ -7,13 +7,13 @@ use outcrop::store::ModelFile;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-/// Tell what a model file holds, without reading its geometry
+/// Show the contents of a model file without reading its geometry
 #[derive(clap::Args)]
 pub struct Args {
     /// The model file
     #[arg(value_name = "MODEL.oc")]
     model: PathBuf,
-    /// List the parts, too
+    /// List the parts too
     #[arg(long)]
     parts: bool,
     /// Print one JSON object
@@ -21,14 +21,14 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &Args) -> Outcome {
     let file = ModelFile::open_path(&args.model)?;
     let value = as_json(&file, args.parts);
     common::print(args.json, &value, &as_text(&file, args.parts))
 }
 
-/// Bytes of the trace form of all geometry.
+/// Returns the size in bytes of the trace form of all geometry.
 fn trace_bytes(file: &ModelFile) -> u64 {
     (0..file.header().geometry_blocks).map(|b| u64::from(file.decoded_len(BlockId(b)))).sum()
 }

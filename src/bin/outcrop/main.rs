@@ -1,7 +1,7 @@
-//! The command line `outcrop`: one verb a file, over the crate's public API.
+//! The command line `outcrop`, with one command per file, over the public API of the crate.
 //!
-//! Results go to stdout (with `--json` exactly one JSON object), all else to stderr. Exit codes:
-//! 0 done, 1 failed, 2 wrong usage.
+//! Results go to stdout (exactly one JSON object with `--json`), everything else to stderr. Exit codes: 0 success, 1
+//! failure, 2 wrong usage.
 #![forbid(unsafe_code)]
 
 mod accuracy;

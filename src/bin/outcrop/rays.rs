@@ -1,4 +1,4 @@
-//! The rays that `outcrop bench` traces: of pixels, to a light, and bounced.
+//! The rays that `outcrop bench` traces: pixel rays, shadow rays and bounced rays.
 
 use crate::common::Failure;
 use glam::{DVec3, Vec3};
@@ -7,22 +7,22 @@ use outcrop::query::{Hit, HitKind, QueryOptions, Want};
 use outcrop::scene::{Camera, SceneState};
 use std::f64::consts::TAU;
 
-/// Edge of the blocks of pixels in whose order rays go: 16 neighbours make a packet.
+/// Edge of the square tiles of pixels that determine the order of rays. Two neighbouring tiles form a packet of 32.
 const TILE: u32 = 4;
 
-/// What rays are like.
+/// Kind of rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Kind {
-    /// Through the middles of pixels, closest hit
+    /// Through pixel centres, closest hit
     Primary,
-    /// From what is seen to a sun, any hit
+    /// From visible points to a sun, any hit
     Shadow,
-    /// From what is seen anywhere over the surface (cosine-weighted), closest hit
+    /// From visible points into the hemisphere above the surface (cosine-weighted), closest hit
     Bounce,
 }
 
 impl Kind {
-    /// Its name.
+    /// Returns the name of the kind.
     pub fn name(self) -> &'static str {
         match self {
             Kind::Primary => "primary",
@@ -31,7 +31,7 @@ impl Kind {
         }
     }
 
-    /// The rays of this kind for a picture of `size` by `camera`.
+    /// Returns the rays of this kind for a picture of `size` by `camera`.
     pub fn rays(self, scene: &SceneState, camera: &Camera, size: (u32, u32)) -> Result<Vec<Ray>, Failure> {
         let mut primary = primary(camera, size)?;
         primary.iter_mut().for_each(|ray| ray.cone = Cone::ZERO);
@@ -52,13 +52,13 @@ impl Kind {
     }
 }
 
-/// Just above what was hit.
+/// Returns a point just above the surface at a hit.
 fn above(hit: &Hit) -> DVec3 {
     let size = hit.position.abs().max_element().max(hit.t.abs());
     hit.position + hit.normal.as_dvec3() * (size * 1e-6)
 }
 
-/// Through the middles of pixels, each as wide as its pixel.
+/// Returns rays through the pixel centres; the cone of each has the width of its pixel.
 pub fn primary(camera: &Camera, (width, height): (u32, u32)) -> Result<Vec<Ray>, Failure> {
     let pixels = camera.prepare(width, height)?;
     let mut rays = Vec::with_capacity(width as usize * height as usize);
@@ -76,7 +76,7 @@ fn tiles(length: u32) -> impl Iterator<Item = u32> {
     (0..length).step_by(TILE as usize)
 }
 
-/// A direction over the surface with this normal, cosine-weighted, by number.
+/// Returns a cosine-weighted direction above the surface with this normal, determined by `number`.
 fn over(normal: Vec3, number: u64) -> Vec3 {
     let unit = |salt: u64| {
         // SplitMix64.

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// Render a picture of a model as PNG
+/// Render a picture of a model as a PNG file
 #[derive(clap::Args)]
 pub struct Args {
     /// The model file
@@ -22,36 +22,36 @@ pub struct Args {
     /// The picture to write
     #[arg(short, long, value_name = "OUT.png")]
     output: PathBuf,
-    /// Pixels
+    /// Size of the picture in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = common::size)]
     size: (u32, u32),
     #[command(flatten)]
     view: ViewArgs,
-    /// A light, any number of times: "head", "sun:X,Y,Z" (shining along X,Y,Z), "point:X,Y,Z", each with
-    /// "*INTENSITY" if that is not 1. By default a headlight and a sun from over the left shoulder
+    /// A light; may be given several times: "head", "sun:X,Y,Z" (shining along X,Y,Z) or "point:X,Y,Z", with
+    /// "*INTENSITY" if that is not 1. Default: a headlight, and a sun over the left shoulder
     #[arg(long = "light", value_name = "LIGHT", value_parser = light)]
     lights: Vec<Light>,
-    /// No shadows
+    /// Render without shadows
     #[arg(long)]
     no_shadows: bool,
-    /// Rays a pixel
+    /// Rays per pixel
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
     samples: u32,
-    /// Pixels of error: the area, in pixels, that a stand-in may cover; 0 for exact answers
+    /// Pixels of error: the area, in square pixels, that a stand-in may cover; 0 for exact answers
     #[arg(long, value_name = "P", default_value_t = 0.0, allow_negative_numbers = true)]
     poe: f32,
-    /// The background's linear colour, in place of a gradient
+    /// Linear colour of the background, instead of a gradient
     #[arg(long, value_name = "R,G,B", value_parser = common::point)]
     background: Option<DVec3>,
-    /// Threads; 0 for all of the machine's
+    /// Number of threads; 0 for all of the machine
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
-    /// Bytes of memory for models, with K, M, G or T, which may be less than they need; 0 for three quarters of the
-    /// machine's
+    /// Bytes of memory for models, with suffix K, M, G or T; may be less than the models need. 0: three quarters of the
+    /// machine's memory
     #[arg(long, visible_alias = "memory", value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
     cache: u64,
-    /// When to take the picture: "first", as soon as there is one; "complete", when it gets no better; "converged", the
-    /// same, but a failure if it is coarser than asked; or after so many seconds
+    /// When to take the picture: "first", as soon as there is one; "complete", when it cannot get better; "converged",
+    /// likewise, but fail if it is coarser than requested; or after a number of seconds
     #[arg(long, value_name = "first|complete|converged|SECONDS", default_value = "complete", value_parser = until)]
     until: Until,
     /// Print one JSON object
@@ -59,7 +59,7 @@ pub struct Args {
     json: bool,
 }
 
-/// When a picture is taken.
+/// Moment at which the picture is taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Until {
     First,
@@ -75,13 +75,13 @@ fn until(text: &str) -> Result<Until, String> {
         "converged" => Ok(Until::Converged),
         _ => match text.parse() {
             Ok(seconds) if (0.0..1e9).contains(&seconds) => Ok(Until::Seconds(seconds)),
-            _ => Err("wanted is first, complete, converged or a number of seconds".into()),
+            _ => Err("expected first, complete, converged or a number of seconds".into()),
         },
     }
 }
 
 impl Until {
-    /// Whether a picture as good as `status` says is taken.
+    /// True if the picture with this `status` is taken.
     fn is_reached(self, status: &FrameStatus) -> bool {
         let is_whole = status.pictures > 0;
         match self {
@@ -95,21 +95,21 @@ impl Until {
 /// Parses a light.
 fn light(text: &str) -> Result<Light, String> {
     let (what, intensity) = match text.rsplit_once('*') {
-        Some((what, factor)) => (what, factor.parse().map_err(|_| format!("{factor:?} is no intensity"))?),
+        Some((what, factor)) => (what, factor.parse().map_err(|_| format!("{factor:?} is not an intensity"))?),
         None => (text, 1.0),
     };
     let kind = match what.split_once(':') {
         None if what == "head" => LightKind::Headlight,
         Some(("sun", direction)) => LightKind::Directional(common::point(direction)?),
         Some(("point", place)) => LightKind::Point(common::point(place)?),
-        _ => return Err("wanted is head, sun:X,Y,Z or point:X,Y,Z".into()),
+        _ => return Err("expected head, sun:X,Y,Z or point:X,Y,Z".into()),
     };
     let light = Light { kind, colour: [1.0; 3], intensity, shadows: true };
     light.check().map_err(|e| e.to_string())?;
     Ok(light)
 }
 
-/// A headlight so that nothing is black, and a sun over the left shoulder that gives shape.
+/// Returns a headlight, so that nothing is black, and a sun over the left shoulder for shading.
 fn usual_lights(camera: &Camera) -> Vec<Light> {
     let (Camera::Perspective { eye, at, up, .. } | Camera::Orthographic { eye, at, up, .. }) = *camera;
     let forward = (at - eye).normalize_or(DVec3::X);
@@ -119,7 +119,7 @@ fn usual_lights(camera: &Camera) -> Vec<Light> {
     vec![Light { intensity: 0.35, ..Light::HEADLIGHT }, sun]
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &Args) -> Outcome {
     let cancel = common::cancel_on_ctrl_c();
     let defaults = ContextOptions { memory_budget: args.cache, ..ContextOptions::default() };
@@ -159,7 +159,9 @@ pub fn run(args: &Args) -> Outcome {
         let (poe, bytes) = (status.effective_poe, common::in_bytes(status.bytes_wanted));
         let why = match &status.error {
             Some(error) => format!("{error}; no picture is written"),
-            None => format!("the budget allows {poe:.2} pixels of error, {bytes} are lacking; no picture is written"),
+            None => {
+                format!("the budget allows {poe:.2} pixels of error, {bytes} more are needed; no picture is written")
+            }
         };
         return Err(Failure::Frame(format!("the picture does not converge: {why}")));
     }
@@ -181,7 +183,7 @@ fn as_text(args: &Args, [open, first]: [f64; 2], status: &FrameStatus) -> String
     if status.state != FrameState::Converged || args.poe > 0.0 {
         let share = |pixels: u64| 100.0 * pixels as f64 / status.pixels_total.max(1) as f64;
         text += &format!(
-            "\nerror {:.2} pixels in the mean, {:.1} at worst; {:.1} % of the pixels exact, {:.1} % as fine as asked, {:.1} % coarser",
+            "\nerror {:.2} pixels on average, {:.1} at most; {:.1} % of the pixels exact, {:.1} % within the requested error, {:.1} % coarser",
             status.mean_error_px,
             status.worst_error_px,
             share(status.pixels_exact),
@@ -191,12 +193,12 @@ fn as_text(args: &Args, [open, first]: [f64; 2], status: &FrameStatus) -> String
     }
     if status.state == FrameState::CompleteWithinBudget {
         let poe = status.effective_poe;
-        text += &format!("\ncoarser than asked: all that fits the budget is shown, as at {poe:.2} pixels of error");
+        text += &format!("\ncoarser than requested: the budget allows {poe:.2} pixels of error");
     }
     text
 }
 
-/// How a state is called.
+/// Returns the name of a state in JSON.
 fn name_of(state: FrameState) -> &'static str {
     match state {
         FrameState::Idle => "idle",
@@ -208,7 +210,7 @@ fn name_of(state: FrameState) -> &'static str {
     }
 }
 
-/// Waits for the picture, showing how far it is.
+/// Waits for the picture and shows progress.
 fn taken(frame: &Frame, until: Until, cancel: &Cancel) -> Result<FrameStatus, Failure> {
     let bar = common::progress_bar(1000);
     bar.set_message("rendering");
@@ -228,7 +230,7 @@ fn taken(frame: &Frame, until: Until, cancel: &Cancel) -> Result<FrameStatus, Fa
         (FrameState::Converged | FrameState::CompleteWithinBudget | FrameState::Running, _) => Ok(status),
         (FrameState::Cancelled, _) => Err(Error::Cancelled.into()),
         (_, Some(error)) => Err(Failure::Frame(error.to_string())),
-        (state, None) => Err(Failure::Frame(format!("the frame ended as {state:?}"))),
+        (state, None) => Err(Failure::Frame(format!("the frame ended in the state {state:?}"))),
     }
 }
 
@@ -288,7 +290,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ends_are_understood() {
+    fn values_of_until_are_parsed() {
         let words = ["first", "complete", "converged", "0", "2.5"].map(until);
         let meant = [Until::First, Until::Complete, Until::Converged, Until::Seconds(0.0), Until::Seconds(2.5)];
         assert_eq!(words, meant.map(Ok));
@@ -298,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn lights_are_understood() {
+    fn lights_are_parsed() {
         assert_eq!(light("head").unwrap().kind, LightKind::Headlight);
         let sun = light("sun:0,0,-1*0.5").unwrap();
         assert_eq!((sun.kind, sun.intensity), (LightKind::Directional(-DVec3::Z), 0.5));

@@ -1,4 +1,4 @@
-//! Arguments that choose a camera, and a model opened alone in a scene.
+//! Arguments that choose a camera, and a scene with one model.
 
 use crate::common::{self, Failure};
 use glam::{DAffine3, DVec3};
@@ -6,10 +6,10 @@ use outcrop::import::{UpAxis, generate};
 use outcrop::scene::{Background, Camera, Context, Light, Model, Scene, SceneState};
 use std::sync::Arc;
 
-/// The camera.
+/// Arguments of the camera.
 #[derive(clap::Args)]
 pub struct ViewArgs {
-    /// One of four views: 0 and 1 of the whole, 2 and 3 nearer
+    /// One of four views: 0 and 1 show the whole model, 2 and 3 are closer
     #[arg(
         long,
         value_name = "0..3",
@@ -18,28 +18,28 @@ pub struct ViewArgs {
         conflicts_with = "eye"
     )]
     view: u8,
-    /// The four views of this generated model in place of those from the bounds
+    /// Use the four views of this generated model instead of those from the bounds
     #[arg(long, value_name = "NAME", value_parser = generate::NAMES, conflicts_with_all = ["eye", "up"])]
     views: Option<String>,
-    /// The eye
+    /// The eye point
     #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "at", allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// The point looked at
+    /// The point that the camera looks at
     #[arg(long, value_name = "X,Y,Z", value_parser = common::point, requires = "eye", allow_hyphen_values = true)]
     at: Option<DVec3>,
-    /// Upward: x, y or z, or with --eye any direction. By default what the model says, z if it says nothing
-    /// (scans often do not; `outcrop build --up` makes them say it)
+    /// Upward direction: x, y or z, or with --eye any direction. Default: the up axis of the model, or z if it has none
+    /// (scans often have none; `outcrop build --up` sets it)
     #[arg(long, value_name = "AXIS or X,Y,Z", value_parser = upward, allow_hyphen_values = true)]
     up: Option<Up>,
     /// Vertical angle of view in degrees
     #[arg(long, value_name = "DEGREES")]
     fov: Option<f64>,
-    /// Parallel rays; the picture's height in the model's units
+    /// Parallel projection; the height of the picture in the model's units
     #[arg(long, value_name = "HEIGHT", conflicts_with = "fov")]
     ortho: Option<f64>,
 }
 
-/// What `--up` says.
+/// Value of `--up`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Up {
     Axis(UpAxis),
@@ -51,14 +51,14 @@ fn upward(text: &str) -> Result<Up, String> {
         "x" => Up::Axis(UpAxis::X),
         "y" => Up::Axis(UpAxis::Y),
         "z" => Up::Axis(UpAxis::Z),
-        _ => Up::Direction(common::point(text).map_err(|e| format!("{e}; or x, y or z"))?),
+        _ => Up::Direction(common::point(text).map_err(|e| format!("{e}, or an axis: x, y or z"))?),
     })
 }
 
-/// Degrees, where none are given.
+/// Default vertical angle of view in degrees.
 const FOV_Y: f64 = 45.0;
 
-/// The model's four views, or the generator's.
+/// Returns the four views of the model, or those of the named generator.
 pub fn four(model: &Model, generator: Option<&str>) -> [Camera; 4] {
     match generator.and_then(generate::views) {
         Some(views) => {
@@ -69,12 +69,14 @@ pub fn four(model: &Model, generator: Option<&str>) -> [Camera; 4] {
 }
 
 impl ViewArgs {
-    /// The camera asked for.
+    /// Returns the camera for the arguments.
     pub fn camera(&self, model: &Model) -> Result<Camera, Failure> {
         let axis = match self.up {
             Some(Up::Axis(axis)) => axis,
             Some(Up::Direction(_)) if self.eye.is_none() => {
-                return Err(Failure::Usage("--up X,Y,Z goes with --eye and --at; without them it is x, y or z".into()));
+                return Err(Failure::Usage(
+                    "--up X,Y,Z requires --eye and --at; without them --up must be x, y or z".into(),
+                ));
             }
             _ => model.info().up,
         };
@@ -98,7 +100,7 @@ impl ViewArgs {
     }
 }
 
-/// A scene of one model, where it is.
+/// Returns a scene with one untransformed model.
 pub fn alone(
     context: &Context,
     model: &Model,

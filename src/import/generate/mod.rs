@@ -1,12 +1,12 @@
-//! Generators: seeded models of any size, pushed in bounded memory into a [`Sink`] or a PLY file.
+//! Generators of seeded models of any size, which are pushed in bounded memory into a [`Sink`] or a PLY file.
 //!
-//! | name | what | parts |
+//! | name | content | parts |
 //! |---|---|---|
-//! | `mandelbulb` | a closed fractal surface, about two triangles a vertex | one |
+//! | `mandelbulb` | a closed fractal surface, about two triangles per vertex | one |
 //! | `airliner` | CAD soup: long, thin, overlapping, jittered, no shared vertices | thousands |
 //!
-//! The same name, size and seed give the same triangles in the same order at any number of threads.
-//! The formulas are in the modules' texts. [`views()`] gives four views of each.
+//! The same name, size and seed give the same triangles in the same order at any number of threads. The documentation
+//! of each module has its formulas. [`views()`] returns four views of each model.
 #![forbid(unsafe_code)]
 
 mod airliner;
@@ -27,16 +27,16 @@ use crate::base::progress::Cancel;
 use std::path::Path;
 use target::{SinkTarget, Target};
 
-/// The generators' names.
+/// Names of the generators.
 pub const NAMES: [&str; 2] = ["mandelbulb", "airliner"];
 
-/// What to generate.
+/// Options of a generator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GenerateOptions {
-    /// Wanted number of triangles, reached within 2 %: for the `mandelbulb` from 10³ to 4·10⁹, for the
-    /// `airliner` from 10⁵ to 1.4·10⁹.
+    /// Target number of triangles, reached within 2 %: for the `mandelbulb` from 10³ to 4·10⁹, for the `airliner` from
+    /// 10⁵ to 1.4·10⁹.
     pub triangles: u64,
-    /// Other seeds give other models; 0 is the one in the pictures.
+    /// Seed; different seeds give different models. The pictures in the documentation use 0.
     pub seed: u64,
 }
 
@@ -46,21 +46,21 @@ impl Default for GenerateOptions {
     }
 }
 
-/// What was generated.
+/// Counts of a generated model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Generated {
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: u64,
-    /// Vertices: fewer where triangles share them.
+    /// Number of vertices; fewer if triangles share them.
     pub vertices: u64,
-    /// Parts.
+    /// Number of parts.
     pub parts: u64,
 }
 
-/// Generates the model `name` into `sink`, in bounded memory, on rayon's present pool.
+/// Generates the model `name` into `sink`, in bounded memory, on the current rayon pool.
 ///
-/// Fails with `BadArgument` for an unknown name or a size out of range, `Cancelled`, and whatever
-/// the sink returns.
+/// Fails with `BadArgument` for an unknown name or a size out of range, with `Cancelled`, and with the errors of the
+/// sink.
 pub fn generate(name: &str, options: &GenerateOptions, cancel: &Cancel, sink: &mut dyn Sink) -> Result<Generated> {
     let mut target = SinkTarget::new(sink);
     run(name, options, cancel, &mut target)?;
@@ -71,14 +71,14 @@ fn run(name: &str, options: &GenerateOptions, cancel: &Cancel, target: &mut dyn 
     match name {
         "mandelbulb" => mandelbulb::generate(options, cancel, target),
         "airliner" => airliner::generate(options, cancel, target),
-        _ => Err(Error::bad_argument(format!("no generator {name:?}; there are {}", NAMES.join(", ")))),
+        _ => Err(Error::bad_argument(format!("unknown generator {name:?}; the names are {}", NAMES.join(", ")))),
     }
 }
 
-/// Called now and then with the number of triangles written so far.
+/// Callback that receives the number of triangles written so far, from time to time.
 pub type Watch<'a> = &'a mut dyn FnMut(u64);
 
-/// [`generate`] into the binary PLY file `path`, which appears when it is complete.
+/// Generates a model like [`generate`] into the binary PLY file `path`, which appears when it is complete.
 pub fn generate_file(
     name: &str,
     options: &GenerateOptions,

@@ -1,8 +1,8 @@
-//! Streams a generated model into a binary PLY file.
+//! Writer of a generated model as a binary PLY file.
 //!
-//! Binary, little-endian. Vertices: `float x y z`. Faces: `list uchar uint vertex_indices`, and with
-//! more than one part `int part`, an index into the table of parts. What PLY has no word for stands
-//! in comments, fields separated by single spaces, `-` for none, names last and possibly empty:
+//! The file is binary little-endian. Vertices are `float x y z`. Faces are `list uchar uint vertex_indices`, and with
+//! more than one part also `int part`, an index into the table of parts. Data that PLY has no keyword for is in
+//! comments. Their fields are separated by single spaces, `-` means none, and names come last and may be empty:
 //!
 //! ```text
 //! comment outcrop units <metres per unit, or -> up <x|y|z|->
@@ -10,12 +10,11 @@
 //! comment outcrop part <index> <id> <index of the parent, or -> <index of the material, or -> <name>
 //! ```
 //!
-//! Indices count from 0 in order; parents come before their children; colours are linear. Without
-//! the face property `part`, all faces belong to part 0.
+//! Indices count from 0 in order. Parents come before their children. Colours are linear. Without the face property
+//! `part`, all faces belong to part 0.
 //!
-//! Vertices go straight to the file, faces to a second one beside it that is appended at the end,
-//! when the counts in the header are set. Both have temporary names until then, and are removed
-//! if anything fails.
+//! Vertices go directly to the output file. Faces go to a second file in the same folder, which is appended at the end;
+//! then the counts in the header are set. Both files have temporary names until then and are removed if anything fails.
 
 use super::target::Target;
 use super::{Generated, Watch};
@@ -26,15 +25,15 @@ use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Digits kept free for a count.
+/// Number of digits reserved for a count.
 const COUNT_DIGITS: usize = 12;
-/// Bytes buffered for each of the two files.
+/// Size in bytes of the buffer of each of the two files.
 const BUFFER: usize = 1 << 20;
 
-/// Writes what `produce` pushes to `path`. `watch` hears the number of triangles so far.
+/// Writes the model of `produce` to `path`. `watch` receives the number of triangles so far.
 ///
-/// Fails with `Io`, `BadArgument` beyond 2³² vertices, and what `produce` returns; then `path` is as
-/// it was before.
+/// Fails with `Io`, with `BadArgument` for more than 2³² vertices, and with the errors of `produce`. `path` is then
+/// unchanged.
 pub(super) fn write_ply(
     path: &Path,
     watch: Watch,
@@ -53,7 +52,7 @@ pub(super) fn write_ply(
     writer.finish(path)
 }
 
-/// A file under a temporary name, removed when dropped.
+/// A file under a temporary name, which is removed on drop.
 struct Spill {
     path: PathBuf,
     file: BufWriter<File>,
@@ -76,7 +75,7 @@ impl Spill {
 
 impl Drop for Spill {
     fn drop(&mut self) {
-        // Already renamed, or nobody's loss.
+        // The file was already renamed, or is useless: a failure to remove it is harmless.
         let _ = std::fs::remove_file(&self.path);
     }
 }
@@ -85,7 +84,7 @@ struct PlyWriter<'a> {
     header: String,
     vertices: Spill,
     faces: Spill,
-    /// Where the two counts stand in the file, once the header is written.
+    /// File offsets of the two counts, once the header is written.
     counts_at: Option<[u64; 2]>,
     materials: u32,
     generated: Generated,
@@ -95,14 +94,14 @@ struct PlyWriter<'a> {
 impl PlyWriter<'_> {
     fn comment(&mut self, text: &str) -> Result<()> {
         if self.counts_at.is_some() {
-            return Err(Error::Internal("generator: parts come before triangles".into()));
+            return Err(Error::Internal("generator: parts must be added before triangles".into()));
         }
         // Writing to a string cannot fail.
         let _ = writeln!(self.header, "comment outcrop {}", text.replace(['\n', '\r'], " "));
         Ok(())
     }
 
-    /// Writes the header before the first triangle, with room for the counts.
+    /// Writes the header before the first triangle, with space for the counts.
     fn begin(&mut self) -> Result<[u64; 2]> {
         if let Some(at) = self.counts_at {
             return Ok(at);
@@ -166,10 +165,10 @@ impl PlyWriter<'_> {
     }
 }
 
-/// The vertex element's properties.
+/// Properties of the vertex element.
 const VERTEX_PROPERTIES: &str = "property float x\nproperty float y\nproperty float z\n";
 
-/// A number, or `-`.
+/// Formats a number, or `-` for `None`.
 fn or_dash<T: ToString>(value: Option<T>) -> String {
     value.map_or("-".into(), |v| v.to_string())
 }

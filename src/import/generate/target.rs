@@ -1,23 +1,23 @@
-//! Where generated triangles go: with shared vertices, or as soup.
+//! Targets of generated triangles, with shared vertices or as soup.
 
 use super::Generated;
 use crate::base::error::Result;
 use crate::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, Sink, UpAxis};
 use glam::DVec3;
 
-/// Triangles handed to a sink at once.
+/// Number of triangles per call of a sink.
 const BATCH: usize = 1 << 14;
 
 /// Receives a generated model.
 pub trait Target {
-    /// Before all else.
+    /// Sets length unit and up axis, before any other call.
     fn units(&mut self, metres_per_unit: Option<f64>, up: UpAxis) -> Result<()>;
     /// Adds a material.
     fn material(&mut self, material: MaterialDesc, name: &str) -> Result<MaterialKey>;
     /// Adds a part.
     fn part(&mut self, part: PartDesc) -> Result<PartKey>;
-    /// Adds new vertices, numbered on from those before, and triangles over all vertices so far;
-    /// `at` gives the position of any vertex that these triangles use.
+    /// Adds new vertices, numbered after the earlier ones, and triangles that refer to any vertex so far. `at` returns
+    /// the position of any vertex that these triangles use.
     fn indexed(
         &mut self,
         part: PartKey,
@@ -29,7 +29,7 @@ pub trait Target {
     fn soup(&mut self, part: PartKey, triangles: &[[[f32; 3]; 3]]) -> Result<()>;
 }
 
-/// Passes on to a [`Sink`].
+/// A target that passes everything on to a [`Sink`].
 pub struct SinkTarget<'a> {
     sink: &'a mut dyn Sink,
     batch: Vec<[DVec3; 3]>,
@@ -38,7 +38,7 @@ pub struct SinkTarget<'a> {
 }
 
 impl<'a> SinkTarget<'a> {
-    /// A target that feeds `sink`.
+    /// Creates a target that writes to `sink`.
     pub fn new(sink: &'a mut dyn Sink) -> Self {
         Self { sink, batch: Vec::with_capacity(BATCH), generated: Generated::default() }
     }

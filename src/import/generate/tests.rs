@@ -3,7 +3,7 @@ use crate::import::{MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, UpAxi
 use glam::{DAffine3, DVec3};
 use std::collections::HashMap;
 
-/// Keeps all that is pushed.
+/// A sink that keeps everything it receives.
 #[derive(Default)]
 struct Kept {
     parts: Vec<PartDesc>,
@@ -80,7 +80,7 @@ fn bulb_triangles_are_at_most_twice_the_mean() {
     }
 }
 
-/// A mesh that a file reader would see.
+/// Returns the indexed mesh of the file, parsed without the crate's reader.
 fn indexed(name: &str, options: &GenerateOptions) -> (Vec<[f32; 3]>, Vec<[u32; 3]>, Generated) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("m.ply");
@@ -98,7 +98,7 @@ fn indexed(name: &str, options: &GenerateOptions) -> (Vec<[f32; 3]>, Vec<[u32; 3
 }
 
 #[test]
-fn each_edge_of_the_bulb_has_two_triangles_that_run_against_each_other() {
+fn each_edge_of_the_bulb_has_two_triangles_of_opposite_direction() {
     for (triangles, seed) in [(3_000, 0), (30_000, 7), (300_000, 0)] {
         let (vertices, faces, _) = indexed("mandelbulb", &GenerateOptions { triangles, seed });
         let mut edges: HashMap<(u32, u32), [u32; 2]> = HashMap::new();
@@ -113,7 +113,8 @@ fn each_edge_of_the_bulb_has_two_triangles_that_run_against_each_other() {
         assert_eq!(bad, 0, "of {} edges", edges.len());
         let ratio = faces.len() as f64 / vertices.len() as f64;
         assert!((1.9..2.1).contains(&ratio), "{ratio} triangles a vertex");
-        // Outward: the volume by the divergence theorem is positive, that of a bulb of radius 1 and more.
+        // Triangles are oriented outward: the volume by the divergence theorem is positive and that of a bulb with a
+        // radius above 1.
         let p = |v: u32| DVec3::from(vertices[v as usize].map(f64::from));
         let volume: f64 = faces.iter().map(|f| p(f[0]).dot(p(f[1]).cross(p(f[2]))) / 6.0).sum();
         assert!((2.0..10.0).contains(&volume), "{volume}");
@@ -135,7 +136,7 @@ fn the_file_holds_what_the_sink_gets() {
 }
 
 #[test]
-fn the_reader_restores_what_was_written() {
+fn the_reader_restores_written_models() {
     for name in NAMES {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("m.ply");

@@ -1,24 +1,24 @@
-//! Four views of each generated model: two of the whole, two at a quarter of the distance.
+//! Four views of each generated model: two of the whole model, two at a quarter of the distance.
 
 use super::airliner::attitude;
 use crate::math::View;
 use glam::DVec3;
 
-/// The views of the model `name`; `None` for an unknown name. They do not depend on size or seed.
+/// Returns the views of the model `name`; `None` for an unknown name. They do not depend on size or seed.
 pub fn views(name: &str) -> Option<[View; 4]> {
     let look = |at: [f64; 3], from: [f64; 3], distance: f64| {
         View::looking(DVec3::from(at), DVec3::from(from), distance, DVec3::Z)
     };
     match name {
-        // The bulb is about 2.4 across; the near views graze its bumps and look into a pole's pit.
+        // The bulb is about 2.4 across. The near views show its bumps at a grazing angle, and the pit at a pole.
         "mandelbulb" => Some([
             look([0.0; 3], [0.75, 0.5, 0.45], 3.2),
             look([0.0; 3], [-0.3, 0.8, -0.55], 3.2),
             look([0.62, 0.45, 0.45], [0.75, 0.5, 0.45], 0.8),
             look([-0.25, 0.7, -0.5], [-0.3, 0.8, -0.55], 0.8),
         ]),
-        // Given in the airliner's own frame: from the left in front, where it is cut away, and from the
-        // right below; then into the cabin, and into the left engine.
+        // In the airliner's frame: from the left in front, at the cutaway, and from the right below; then into the
+        // cabin, and into the left engine.
         "airliner" => {
             let world = attitude();
             let own = |at: [f64; 3], from: [f64; 3], distance: f64| {

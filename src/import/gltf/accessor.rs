@@ -1,4 +1,4 @@
-//! Typed elements in buffers, in pieces, every range checked.
+//! Typed elements in buffers, read in pieces with every range checked.
 
 use super::buffers::{Buffers, Range};
 use crate::import::input::Parsed;
@@ -6,15 +6,15 @@ use ::gltf::json::Root;
 use ::gltf::json::accessor::{Accessor, ComponentType, Type};
 use ::gltf::json::validation::Checked;
 
-/// Bytes fetched at a time.
+/// Bytes per read.
 const PIECE: u64 = 256 << 10;
 
-/// An accessor whose elements are known to lie in their buffer.
+/// An accessor with checked ranges: all elements are inside their buffer.
 pub(crate) struct Elements {
     pub(crate) count: u64,
     component: ComponentType,
     normalized: bool,
-    /// `None`: all zero, but for the sparse ones.
+    /// Rows of the elements. `None` for zeros, apart from the sparse elements.
     base: Option<Strided>,
     sparse: Option<Sparse>,
     name: String,
@@ -36,18 +36,18 @@ struct Sparse {
 }
 
 impl Elements {
-    /// Checks accessor `index`, whose elements must have one of these numbers of components.
+    /// Opens accessor `index` and checks its ranges. The number of components must be one of `widths`.
     pub(crate) fn open(root: &Root, index: usize, widths: &[usize], buffers: &mut Buffers<'_>) -> Parsed<Self> {
         let name = format!("accessors[{index}]");
         let Some(accessor) = root.accessors.get(index) else {
-            return Err(format!("{name} does not exist ({} do)", root.accessors.len()).into());
+            return Err(format!("{name} does not exist (there are {})", root.accessors.len()).into());
         };
         let (Checked::Valid(component), Checked::Valid(ty)) = (accessor.component_type, accessor.type_) else {
             return Err(format!("{name} has an unknown type").into());
         };
         let (component, width) = (component.0, components(ty));
         if !widths.contains(&width) {
-            return Err(format!("{name} has {width} components; {widths:?} belong here").into());
+            return Err(format!("{name} has {width} components; expected one of {widths:?}").into());
         }
         let row = (component.size() * width) as u64;
         let count = accessor.count.0;
@@ -56,9 +56,11 @@ impl Elements {
                 let offset = accessor.byte_offset.map_or(0, |o| o.0);
                 Some(strided(root, view.value(), offset, count, row, &name, buffers)?)
             }
-            // Zeros take no bytes of the file, so a claim of them is not bounded by its size otherwise.
+            // Implicit zeros occupy no bytes, so the file's size is the only bound on their claimed count.
             None if count > buffers.total() => {
-                return Err(format!("{name} claims {count} elements without bytes").into());
+                return Err(
+                    format!("{name} announces {count} elements without bytes, more than the size of the file").into()
+                );
             }
             None => None,
         };
@@ -66,8 +68,8 @@ impl Elements {
         Ok(Self { count, component, normalized: accessor.normalized, base, sparse, name })
     }
 
-    /// Hands out every element as floating-point numbers, in order. Missing components are 0.
-    /// Integers that are normalised become [-1, 1] or [0, 1].
+    /// Returns every element as floating-point numbers, in order. Missing components are 0. Normalised integers become
+    /// [-1, 1] or [0, 1].
     pub(crate) fn floats<const N: usize>(&self, buffers: &mut Buffers<'_>) -> Parsed<Vec<[f32; N]>> {
         let read = |row: &[u8]| {
             let mut out = [0.0; N];
@@ -103,7 +105,7 @@ impl Elements {
         Ok(all)
     }
 
-    /// Calls `each` with every element as an index, in order. Stops at its first error.
+    /// Calls `each` with every element as an index, in order, and stops at its first error.
     pub(crate) fn indices(
         &self,
         buffers: &mut Buffers<'_>,
@@ -125,7 +127,7 @@ impl Elements {
 }
 
 impl Strided {
-    /// The rows in a piece; its last one may lack the padding.
+    /// Returns the rows in a piece. The last row may lack the padding.
     fn rows_of<'p>(&self, piece: &'p [u8]) -> impl Iterator<Item = &'p [u8]> {
         let row = self.row as usize;
         piece.chunks(self.stride as usize).filter_map(move |bytes| bytes.get(..row))
@@ -135,7 +137,7 @@ impl Strided {
         self.pieces(count, buffers, |piece, _| self.rows_of(piece).try_for_each(&mut each))
     }
 
-    /// Fetches the bytes of `count` rows, some at a time.
+    /// Reads `count` rows, some at a time, and calls `each` with the bytes of each piece.
     fn pieces(
         &self,
         count: u64,
@@ -171,7 +173,7 @@ fn components(ty: Type) -> usize {
     }
 }
 
-/// `count` rows of `row` bytes from `offset` of a buffer view, if they are there.
+/// Returns `count` rows of `row` bytes from byte `offset` of a buffer view, if they are inside.
 fn strided(
     root: &Root,
     view: usize,
@@ -184,7 +186,7 @@ fn strided(
     let (range, stride) = buffers.view(root, view)?;
     let stride = stride.unwrap_or(row);
     if stride < row {
-        return Err(format!("{name}: a stride of {stride} bytes for elements of {row}").into());
+        return Err(format!("{name}: a stride of {stride} bytes is too small for elements of {row} bytes").into());
     }
     let len = match count.checked_sub(1) {
         Some(more) => more.checked_mul(stride).and_then(|bytes| bytes.checked_add(row)),
@@ -214,7 +216,7 @@ fn sparse(root: &Root, accessor: &Accessor, row: u64, name: &str, buffers: &mut 
     Ok(Some(Sparse { count, indices, index_type, values }))
 }
 
-/// A component; 0 if the slice is too short, which its callers rule out.
+/// Converts a component. A slice that is too short gives 0; callers rule that out.
 fn float(bytes: &[u8], ty: ComponentType, normalized: bool) -> f32 {
     let two = || bytes.first_chunk().copied().unwrap_or_default();
     let four = || bytes.first_chunk().copied().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Bytes of buffers: in the GLB, in `data:` URIs, in files beside the document.
+//! Bytes of buffers: in the GLB, in `data:` URIs, in files next to the document.
 
 use super::container::Document;
 use crate::base::error::{Error, Place, Result};
@@ -9,9 +9,9 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD_NO_PAD;
 use std::path::{Path, PathBuf};
 
-/// Where the bytes of a buffer are.
+/// Storage of a buffer's bytes.
 enum Bytes {
-    /// From this offset of the file itself.
+    /// A range of the glTF file itself: offset and length.
     Here(u64, u64),
     Memory(Vec<u8>),
     File(Input),
@@ -27,17 +27,17 @@ impl Bytes {
     }
 }
 
-/// All buffers of a document, opened when first read.
+/// All buffers of a document, opened at first use.
 pub(crate) struct Buffers<'a> {
     input: &'a mut Input,
     binary: Option<(u64, u64)>,
     opened: Vec<Option<Bytes>>,
     cancel: Cancel,
-    /// Bytes read so far, for progress: at most what the file and its buffers hold.
+    /// Number of bytes read so far. Progress reports limit it to the size of the file and its buffers.
     read: u64,
 }
 
-/// A range of a buffer, known to lie inside of it.
+/// A range of a buffer, checked to be inside of it.
 #[derive(Clone, Copy)]
 pub(crate) struct Range {
     buffer: usize,
@@ -49,7 +49,7 @@ impl Range {
     pub(crate) fn len(&self) -> u64 {
         self.len
     }
-    /// The `len` bytes from `at`, if they lie inside.
+    /// Returns the `len` bytes from `at`, if they are inside the range.
     pub(crate) fn part(&self, at: u64, len: u64) -> Option<Range> {
         let end = at.checked_add(len)?;
         (end <= self.len).then_some(Range { buffer: self.buffer, offset: self.offset + at, len })
@@ -57,7 +57,7 @@ impl Range {
 }
 
 impl<'a> Buffers<'a> {
-    /// `cancel` is looked at before each piece.
+    /// Creates the unopened buffers of a document. `cancel` is checked before each read.
     pub(crate) fn new(input: &'a mut Input, document: &Document, cancel: Cancel) -> Self {
         let opened = document.root.buffers.iter().map(|_| None).collect();
         Self { input, binary: document.binary, opened, cancel, read: 0 }
@@ -67,12 +67,12 @@ impl<'a> Buffers<'a> {
         self.input.path()
     }
 
-    /// Bytes in the file.
+    /// Size of the file in bytes.
     pub(crate) fn total(&self) -> u64 {
         self.input.total()
     }
 
-    /// Bytes read so far, of how many, as far as can be told.
+    /// Returns the bytes read so far and the total of the file and the buffers opened so far.
     pub(crate) fn progress(&self) -> (u64, u64) {
         let total = self.input.total()
             + self
@@ -87,19 +87,19 @@ impl<'a> Buffers<'a> {
         (self.read.min(total), total)
     }
 
-    /// The bytes of a buffer view.
+    /// Returns the range and the stride of a buffer view.
     pub(crate) fn view(&mut self, root: &Root, index: usize) -> Parsed<(Range, Option<u64>)> {
         let Some(view) = root.buffer_views.get(index) else {
-            return Err(format!("bufferViews[{index}] does not exist ({} do)", root.buffer_views.len()).into());
+            return Err(format!("bufferViews[{index}] does not exist (there are {})", root.buffer_views.len()).into());
         };
         let buffer = view.buffer.value();
         let Some(described) = root.buffers.get(buffer) else {
-            return Err(format!("buffers[{buffer}] does not exist ({} do)", root.buffers.len()).into());
+            return Err(format!("buffers[{buffer}] does not exist (there are {})", root.buffers.len()).into());
         };
         let there = self.open(buffer, described)?;
         let announced = described.byte_length.0;
         if there < announced {
-            return Err(format!("buffers[{buffer}] holds {there} of the {announced} bytes that it announces").into());
+            return Err(format!("buffers[{buffer}] has only {there} of the {announced} bytes of its byteLength").into());
         }
         let whole = Range { buffer, offset: 0, len: announced };
         let (offset, len) = (view.byte_offset.map_or(0, |o| o.0), view.byte_length.0);
@@ -112,7 +112,7 @@ impl<'a> Buffers<'a> {
         }
     }
 
-    /// Fills `out` from the beginning of `range`, which is as long.
+    /// Fills `out` from `range`, which has the same length.
     pub(crate) fn read(&mut self, range: Range, out: &mut [u8]) -> Parsed<()> {
         debug_assert_eq!(range.len, out.len() as u64);
         self.cancel.check()?;
@@ -132,7 +132,7 @@ impl<'a> Buffers<'a> {
         if there { Ok(()) } else { Err(format!("buffers[{}] became shorter while being read", range.buffer).into()) }
     }
 
-    /// Makes sure that a buffer is open; how many bytes it has.
+    /// Opens a buffer if necessary. Returns its size in bytes.
     fn open(&mut self, index: usize, buffer: &buffer::Buffer) -> Parsed<u64> {
         if let Some(bytes) = &self.opened[index] {
             return Ok(bytes.len());
@@ -143,14 +143,14 @@ impl<'a> Buffers<'a> {
                 None => Bytes::File(Input::open(&self.beside(uri)?)?),
             },
             (None, Some((start, len))) if index == 0 => Bytes::Here(start, len),
-            (None, _) => return Err(format!("buffers[{index}] has no uri and the file no binary chunk").into()),
+            (None, _) => return Err(format!("buffers[{index}] has no uri, and the file has no binary chunk").into()),
         };
         let len = bytes.len();
         self.opened[index] = Some(bytes);
         Ok(len)
     }
 
-    /// The bytes of an image that a URI names.
+    /// Returns the bytes of an image's URI.
     pub(crate) fn uri(&self, uri: &str) -> Parsed<Vec<u8>> {
         match data_uri(uri) {
             Some(bytes) => Ok(bytes?),
@@ -165,19 +165,20 @@ impl<'a> Buffers<'a> {
         }
     }
 
-    /// The path of a file that a relative URI names.
+    /// Returns the path for a relative URI. Absolute paths and other schemes are errors.
     fn beside(&self, uri: &str) -> Result<PathBuf> {
         let name = percent_decoded(uri).replace('\\', "/");
         let scheme = name.split('/').next().is_some_and(|first| first.contains(':'));
         if scheme || Path::new(&name).is_absolute() || name.is_empty() {
-            let why = format!("\"{}\" is not a file beside the document", uri.chars().take(80).collect::<String>());
+            let why =
+                format!("\"{}\" is not a path relative to the document", uri.chars().take(80).collect::<String>());
             return Err(Error::parse(self.input.path(), Place::File, why));
         }
         Ok(self.input.path().parent().unwrap_or(Path::new("")).join(name))
     }
 }
 
-/// The bytes in a `data:` URI, or `None` if it is another kind of URI.
+/// Returns the bytes in a `data:` URI, or `None` for other kinds of URI.
 fn data_uri(uri: &str) -> Option<std::result::Result<Vec<u8>, String>> {
     let rest = uri.strip_prefix("data:")?;
     let Some((kind, data)) = rest.split_once(',') else { return Some(Err("a data URI without a comma".into())) };
@@ -185,7 +186,7 @@ fn data_uri(uri: &str) -> Option<std::result::Result<Vec<u8>, String>> {
         return Some(Ok(percent_bytes(data)));
     }
     let data = data.trim_end_matches('=');
-    Some(STANDARD_NO_PAD.decode(data).map_err(|e| format!("a damaged data URI: {e}")))
+    Some(STANDARD_NO_PAD.decode(data).map_err(|e| format!("an invalid data URI: {e}")))
 }
 
 fn percent_decoded(text: &str) -> String {

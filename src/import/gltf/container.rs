@@ -1,4 +1,4 @@
-//! The JSON document and, in a GLB, the bytes that come with it.
+//! The JSON document and the binary chunk of a GLB.
 
 use crate::base::error::{Error, Place, Result};
 use crate::import::input::Input;
@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 /// A parsed file.
 pub(crate) struct Document {
     pub(crate) root: Root,
-    /// Each node's transform in double precision (the crate keeps single).
+    /// Local transform of each node in double precision; the `gltf` crate keeps single precision.
     pub(crate) local: Vec<DAffine3>,
     /// Offset and length of a GLB's binary chunk in the file.
     pub(crate) binary: Option<(u64, u64)>,
@@ -17,7 +17,7 @@ pub(crate) struct Document {
 const GLB_HEADER: u64 = 12;
 const CHUNK_HEADER: u64 = 8;
 
-/// Extensions that change which triangles there are; without them we would show something else.
+/// Extensions that add or encode triangles. A file that requires one of them would be shown wrongly, so it is refused.
 const GEOMETRY: [&str; 4] =
     ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression", "EXT_mesh_gpu_instancing"];
 
@@ -47,7 +47,7 @@ pub(crate) fn read(input: &mut Input) -> Result<Document> {
     Ok(Document { root, local, binary })
 }
 
-/// Offset and length of the JSON chunk and of the binary one.
+/// Offset and length of the JSON chunk and of the binary chunk.
 type Chunks = ((u64, u64), Option<(u64, u64)>);
 
 fn chunks(input: &mut Input) -> Result<Chunks> {
@@ -78,10 +78,10 @@ fn chunks(input: &mut Input) -> Result<Chunks> {
     Ok((json, binary))
 }
 
-/// Four letters that say what a chunk is.
+/// The four letters of a chunk's type.
 type ChunkType = [u8; 4];
 
-/// Type, offset and length of the chunk whose header is at `at`, if there is one.
+/// Returns type, offset and length of the chunk with its header at `at`, if there is one before `end`.
 fn chunk(input: &mut Input, at: u64, end: u64) -> Result<Option<(ChunkType, (u64, u64))>> {
     if at + CHUNK_HEADER > end {
         return Ok(None);
@@ -100,10 +100,10 @@ fn chunk(input: &mut Input, at: u64, end: u64) -> Result<Option<(ChunkType, (u64
     Ok(Some((ty, (data, length))))
 }
 
-/// Says what else a JSON file is.
+/// Checks that the document is glTF 2, and describes other JSON files in the error.
 fn is_gltf_2(value: &Value) -> std::result::Result<(), String> {
     if value.get("geometricError").is_some() && value.get("root").is_some() {
-        return Err("is a 3D Tiles tileset: it places other files and holds no mesh itself".into());
+        return Err("is a 3D Tiles tileset, which refers to other files and contains no mesh".into());
     }
     match value.get("asset").and_then(|a| a.get("version")) {
         Some(Value::String(version)) if version.starts_with("2.") => Ok(()),
@@ -112,7 +112,8 @@ fn is_gltf_2(value: &Value) -> std::result::Result<(), String> {
     }
 }
 
-/// What is missing or malformed is the identity here; the crate's own parsing reports it.
+/// Returns the local transform of each node. Missing or malformed values give the identity; the `gltf` crate's parser
+/// reports malformed ones.
 fn local_transforms(value: &Value) -> Vec<DAffine3> {
     let nodes = value.get("nodes").and_then(Value::as_array);
     nodes.map_or_else(Vec::new, |nodes| nodes.iter().map(local_transform).collect())
@@ -125,7 +126,7 @@ fn local_transform(node: &Value) -> DAffine3 {
     }
     let rotation = numbers::<4>(node, "rotation").map_or(DQuat::IDENTITY, DQuat::from_array);
     let length = rotation.length();
-    // Written in single precision, it is a unit quaternion only nearly.
+    // Values written in single precision are only approximately a unit quaternion.
     let rotation = if length > 0.0 { rotation / length } else { DQuat::IDENTITY };
     let vector = |name, or: f64| numbers::<3>(node, name).map_or(DVec3::splat(or), DVec3::from);
     DAffine3::from_scale_rotation_translation(vector("scale", 1.0), rotation, vector("translation", 0.0))

@@ -1,4 +1,4 @@
-//! Materials, declared when first used, and their textures, decoded when first used.
+//! Materials, which are declared at first use, and their textures, which are decoded at first use.
 
 use super::buffers::Buffers;
 use super::texture::{Mapping, Texture};
@@ -12,31 +12,31 @@ use ::gltf::json::validation::Checked;
 use std::collections::HashMap;
 use std::rc::Rc;
 
-/// Decoded textures kept at a time (each up to 40 MB).
+/// Number of decoded textures that are kept, with up to 40 MB each.
 const KEPT: usize = 8;
 
 /// A declared material.
 #[derive(Clone)]
 pub(crate) struct Looks {
     pub(crate) key: MaterialKey,
-    /// Linear.
+    /// Linear base colour.
     pub(crate) colour: [f32; 3],
-    /// Texture and which coordinates it takes.
+    /// Index of the texture and the mapping of its coordinates.
     pub(crate) texture: Option<(usize, Mapping)>,
 }
 
-/// What is known of the document's materials so far.
+/// The document's materials and textures that were used so far.
 #[derive(Default)]
 pub(crate) struct Materials {
     known: HashMap<usize, Looks>,
-    /// By image; `None`: could not be decoded. The most recently used last.
+    /// Cache by image index, most recently used last. `None` for images that failed to decode.
     images: Vec<(usize, Option<Rc<Texture>>)>,
-    /// Notes already made of images.
+    /// Images with a note.
     noted: HashMap<usize, ()>,
 }
 
 impl Materials {
-    /// Material `index`, declared if this is its first use.
+    /// Returns material `index`, and declares it at first use.
     pub(crate) fn get(
         &mut self,
         index: usize,
@@ -48,7 +48,7 @@ impl Materials {
             return Ok(looks.clone());
         }
         let Some(material) = root.materials.get(index) else {
-            return Err(format!("materials[{index}] does not exist ({} do)", root.materials.len()).into());
+            return Err(format!("materials[{index}] does not exist (there are {})", root.materials.len()).into());
         };
         let (desc, texture) = self.describe(material, root, buffers, sink)?;
         let texture = texture.map(|info| (info.index.value(), Mapping::of(info, root)));
@@ -73,7 +73,7 @@ impl Materials {
                 if let Some(info) = &metal_rough.metallic_roughness_texture
                     && let Some(texture) = self.texture(info.index.value(), root, buffers, sink)?
                 {
-                    // Roughness is in green, metalness in blue, neither sRGB-coded.
+                    // Roughness is in the green channel, metalness in blue; neither is sRGB-coded.
                     let [_, green, blue] = texture.mean_coded();
                     values = [values[0] * blue, values[1] * green];
                 }
@@ -95,7 +95,7 @@ impl Materials {
         Ok((desc, texture.as_ref()))
     }
 
-    /// The decoded texture `index`; `None`, with a note, if there is no picture that we can decode.
+    /// Returns the decoded texture `index`. If the image cannot be decoded, adds a note and returns `None`.
     pub(crate) fn texture(
         &mut self,
         index: usize,
@@ -104,7 +104,7 @@ impl Materials {
         sink: &mut dyn Sink,
     ) -> Parsed<Option<Rc<Texture>>> {
         let Some(texture) = root.textures.get(index) else {
-            return Err(format!("textures[{index}] does not exist ({} do)", root.textures.len()).into());
+            return Err(format!("textures[{index}] does not exist (there are {})", root.textures.len()).into());
         };
         let image = texture.source.value();
         if let Some(at) = self.images.iter().position(|(i, _)| *i == image) {
@@ -118,7 +118,7 @@ impl Materials {
             Err(fault) => {
                 if self.noted.insert(image, ()).is_none() {
                     let why = fault.at(buffers.path(), crate::base::error::Place::File);
-                    sink.note(format!("{why} (images[{image}]); its materials keep their plain colour"));
+                    sink.note(format!("{why} (images[{image}]); its materials have only their base colour"));
                 }
                 None
             }
@@ -133,7 +133,7 @@ impl Materials {
 
 fn image_bytes(index: usize, root: &Root, buffers: &mut Buffers<'_>) -> Parsed<Vec<u8>> {
     let Some(image) = root.images.get(index) else {
-        return Err("a texture without a picture of a supported kind".into());
+        return Err("a texture has no picture of a supported type".into());
     };
     match (image.buffer_view, &image.uri) {
         (Some(view), _) => {
@@ -143,6 +143,6 @@ fn image_bytes(index: usize, root: &Root, buffers: &mut Buffers<'_>) -> Parsed<V
             Ok(bytes)
         }
         (None, Some(uri)) => buffers.uri(uri),
-        (None, None) => Err("a picture without bytes".into()),
+        (None, None) => Err("a picture has neither a buffer view nor a URI".into()),
     }
 }

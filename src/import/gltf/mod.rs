@@ -1,19 +1,18 @@
-//! glTF 2.0, as JSON with buffers beside it and as GLB.
+//! glTF 2.0: JSON with separate buffers, and GLB.
 //!
-//! The `gltf` crate parses the JSON. Its own readers of nodes and accessors rely on its validation,
-//! which refuses files that are sound in all that we use and lets through ranges that end outside of
-//! their buffer; so indices and ranges are checked here, where they are used, and a primitive's data
-//! come from the file piece by piece.
+//! The `gltf` crate parses the JSON. Its readers of nodes and accessors rely on its validation, which refuses files for
+//! errors in data that this crate does not use, and accepts ranges that end outside of their buffer. This module
+//! therefore checks indices and ranges at their use, and reads the data of a primitive piece by piece.
 //!
-//! - Each node that has a mesh at or below it is a part under its parent's; a mesh of several
+//! - Each node that has a mesh in its subtree is a part, below the part of its parent node. A mesh with several
 //!   primitives has a child part for each. Transforms are composed in double precision.
-//! - A mesh that one node uses is placed directly; one that several use becomes a shared mesh with
-//!   instances, but for nodes whose transform cannot be inverted well: there it is placed directly too.
-//! - Triangles, strips and fans with any type of index or none; sparse and quantised accessors.
-//! - Materials: base colour, metalness and roughness (their texture by its mean), opacity by alpha
-//!   mode. A texture or vertex colours give each triangle its mean colour ([`texture`]).
-//! - The scene is the file's default one, else its first, else all root nodes. Skins stay in their
-//!   bind pose, morph targets and animations are left out.
+//! - A mesh that one node uses is placed directly. A mesh that several nodes use becomes a shared mesh with instances,
+//!   except at nodes with a transform that has no accurate inverse: there it is placed directly too.
+//! - Triangles, strips and fans are read, with any type of index or none, from plain, sparse and quantised accessors.
+//! - Materials: base colour, metalness and roughness (the mean of their texture), opacity by alpha mode. A texture or
+//!   vertex colours give each triangle its mean colour ([`texture`]).
+//! - The scene is the file's default scene, else its first, else all root nodes. Skins stay in their bind pose; morph
+//!   targets and animations are ignored.
 
 mod accessor;
 mod buffers;
@@ -82,8 +81,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Declares a part for each placed node and for each primitive of a mesh that has several.
-    /// For each placed node: the part of its first primitive (its own, unless there are several).
+    /// Declares a part for each placed node, and one for each primitive of a mesh with several. Returns the part of
+    /// each node's first primitive; for a node with fewer than two primitives this is the node's own part.
     fn declare(&mut self, sink: &mut dyn Sink) -> Parsed<Vec<PartKey>> {
         let mut own: Vec<PartKey> = Vec::with_capacity(self.placed.len());
         let mut first = Vec::with_capacity(self.placed.len());
@@ -120,7 +119,7 @@ impl Reader<'_> {
         node.name.as_ref().or(mesh).cloned().unwrap_or_else(|| format!("node {}", placed.node))
     }
 
-    /// Whether there is anything to share.
+    /// True if the mesh has primitives with triangles.
     fn has_area(&self, mesh: usize) -> bool {
         let draws = |p: &Primitive| matches!(p.mode, Checked::Valid(mode) if primitive::has_area(mode));
         self.root.meshes[mesh].primitives.iter().any(draws)

@@ -1,4 +1,4 @@
-//! Triangles of a primitive, from its accessors to the sink.
+//! Conversion of a primitive, from its accessors to triangles in the sink.
 
 use super::accessor::Elements;
 use super::buffers::Buffers;
@@ -14,33 +14,33 @@ use ::gltf::json::validation::Checked;
 use glam::{DAffine3, DVec3, Vec2};
 use std::rc::Rc;
 
-/// Where a mesh goes.
+/// Destination of a mesh.
 #[derive(Clone, Copy)]
 pub(crate) struct Target {
     pub(crate) mesh: MeshKey,
-    /// Part of the primitive: of the model, or local in a shared mesh.
+    /// Part of the primitive: a part of the model, or a local part in a shared mesh.
     pub(crate) first_part: u32,
-    /// `None`: as it is.
+    /// Transform to the world; `None` keeps mesh coordinates.
     pub(crate) world: Option<DAffine3>,
 }
 
-/// What a primitive's triangles are made from.
+/// Vertex data of a primitive.
 struct Vertices {
     positions: Vec<[f32; 3]>,
-    /// Linear, by `COLOR_0`.
+    /// Linear colours of `COLOR_0`.
     colours: Option<Vec<[f32; 3]>>,
     texture: Option<(Rc<Texture>, Mapping, Vec<[f32; 2]>)>,
     factor: [f32; 3],
     world: Option<DAffine3>,
 }
 
-/// Reads primitives and hands their triangles over.
+/// Reads primitives and sends their triangles to the sink.
 pub(crate) struct Emitter<'a> {
     root: &'a Root,
     buffers: Buffers<'a>,
     batch: Batch,
     triangles: u64,
-    /// Primitives of points or lines, and of an incomplete last triangle.
+    /// Number of primitives of points or lines, and of primitives with an incomplete last triangle.
     without_area: u64,
     incomplete: u64,
 }
@@ -62,7 +62,7 @@ impl<'a> Emitter<'a> {
         self.flush(sink)
     }
 
-    /// Reads one primitive into part `target.first_part`. `name`: what errors call it.
+    /// Reads one primitive into part `target.first_part`. Errors refer to the primitive by `name`.
     pub(crate) fn primitive(
         &mut self,
         primitive: &Primitive,
@@ -128,7 +128,7 @@ impl<'a> Emitter<'a> {
         Ok(Vertices { positions, colours, texture, factor, world: target.world })
     }
 
-    /// Makes triangles of the indices, or of the vertices in order.
+    /// Assembles triangles from the indices, or from the vertices in order.
     fn assemble(&mut self, primitive: &Primitive, mode: Mode, vertices: &Vertices, sink: &mut dyn Sink) -> Parsed<()> {
         let mut assembly = Assembly { mode, corners: [0; 3], seen: 0 };
         let (batch, made) = (&mut self.batch, &mut self.triangles);
@@ -136,7 +136,7 @@ impl<'a> Emitter<'a> {
         let mut each = |index: u32, buffers: &Buffers<'_>| {
             if index as usize >= count {
                 let at = assembly.seen;
-                return Err(Fault::Why(format!("index {at} names vertex {index} of {count}")));
+                return Err(Fault::Why(format!("index {at} refers to vertex {index} of {count}")));
             }
             if let Some(corners) = assembly.next(index) {
                 *made += 1;
@@ -160,7 +160,7 @@ impl<'a> Emitter<'a> {
         Ok(())
     }
 
-    /// What the user should know once all was read.
+    /// Returns the notes for the user after everything was read.
     pub(crate) fn notes(&self) -> Vec<String> {
         let (root, mut notes) = (self.root, Vec::new());
         let mut note = |n: u64, text: &str| {
@@ -169,20 +169,20 @@ impl<'a> Emitter<'a> {
             }
         };
         note(self.without_area, "primitives of points or lines make no triangles");
-        note(self.incomplete, "primitives whose last triangle lacks a corner");
+        note(self.incomplete, "primitives have an incomplete last triangle");
         note(root.skins.len() as u64, "skins stay in their bind pose");
-        note(root.animations.len() as u64, "animations were left out");
+        note(root.animations.len() as u64, "animations were ignored");
         let masked = |m: &&::gltf::json::Material| {
             !matches!(m.alpha_mode, Checked::Valid(::gltf::json::material::AlphaMode::Opaque))
         };
         let cut =
             root.materials.iter().filter(masked).filter(|m| m.pbr_metallic_roughness.base_color_texture.is_some());
-        note(cut.count() as u64, "materials whose texture has holes are shown without them");
+        note(cut.count() as u64, "materials with transparent textures are shown without the transparency");
         let unknown = |e: &&String| {
             matches!(e.as_str(), "EXT_mesh_gpu_instancing" | "KHR_draco_mesh_compression" | "EXT_meshopt_compression")
         };
         for extension in root.extensions_used.iter().filter(unknown) {
-            notes.push(format!("the extension {extension} was left out"));
+            notes.push(format!("the extension {extension} was ignored"));
         }
         if self.triangles == 0 {
             notes.push("no triangles; the model is empty".into());
@@ -199,7 +199,8 @@ impl Vertices {
         })
     }
 
-    /// Factor × vertex colours × texture; `None` without either.
+    /// Returns the product of base colour factor, vertex colours and texture; `None` without vertex colours and
+    /// texture.
     fn colour(&self, corners: [usize; 3]) -> Option<[f32; 3]> {
         if self.colours.is_none() && self.texture.is_none() {
             return None;
@@ -217,12 +218,12 @@ impl Vertices {
     }
 }
 
-/// Whether a mode draws triangles.
+/// True for modes that draw triangles.
 pub(crate) fn has_area(mode: Mode) -> bool {
     matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)
 }
 
-/// Turns a run of indices into triangles.
+/// Assembles triangles from a sequence of indices.
 struct Assembly {
     mode: Mode,
     corners: [u32; 3],
@@ -230,7 +231,7 @@ struct Assembly {
 }
 
 impl Assembly {
-    /// Takes the next index; a triangle, if it completes one.
+    /// Takes the next index. Returns a triangle if the index completes one.
     fn next(&mut self, index: u32) -> Option<[u32; 3]> {
         let n = self.seen;
         self.seen += 1;
@@ -238,7 +239,7 @@ impl Assembly {
         match self.mode {
             Mode::TriangleStrip => {
                 self.corners = [b, index, 0];
-                // Every other triangle turns the other way.
+                // Every other triangle has the opposite orientation.
                 (n >= 2).then_some(if n.is_multiple_of(2) { [a, b, index] } else { [b, a, index] })
             }
             Mode::TriangleFan => {

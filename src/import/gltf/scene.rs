@@ -1,30 +1,30 @@
-//! The nodes of the scene that have meshes, where they are, and under which others.
+//! The nodes of the scene that have meshes, with their transforms and parents.
 
 use crate::import::input::Parsed;
 use ::gltf::json::Root;
 use glam::{DAffine3, DVec3};
 
-/// A node that has a mesh at or below it.
+/// A node that has a mesh in its subtree.
 pub(crate) struct Placed {
     pub(crate) node: usize,
-    /// Index of the node above it in the list, which comes before it.
+    /// Index of the parent in the list; parents come before their children.
     pub(crate) parent: Option<usize>,
     pub(crate) world: DAffine3,
     pub(crate) mesh: Option<usize>,
     holds_mesh: bool,
 }
 
-/// All placed nodes, parents first, in the order of the file. `local`: each node's transform.
+/// Returns all placed nodes, parents first, in the order of the file. `local` holds the transform of each node.
 ///
-/// A node reached twice is an error, also if it is merely shared: trees without that rule may be
-/// exponentially large.
+/// A node that is reached twice is an error, also without a cycle: a graph with shared nodes can expand to an
+/// exponentially large tree.
 pub(crate) fn placed(root: &Root, local: &[DAffine3]) -> Parsed<Vec<Placed>> {
     let mut all: Vec<Placed> = Vec::new();
     let mut seen = vec![false; root.nodes.len()];
     let mut todo: Vec<(usize, Option<usize>)> = roots(root)?.into_iter().rev().map(|n| (n, None)).collect();
     while let Some((index, parent)) = todo.pop() {
         let Some(node) = root.nodes.get(index) else {
-            return Err(format!("nodes[{index}] does not exist ({} do)", root.nodes.len()).into());
+            return Err(format!("nodes[{index}] does not exist (there are {})", root.nodes.len()).into());
         };
         if std::mem::replace(&mut seen[index], true) {
             let ancestors = std::iter::successors(parent, |&p| all[p].parent);
@@ -38,7 +38,9 @@ pub(crate) fn placed(root: &Root, local: &[DAffine3]) -> Parsed<Vec<Placed>> {
         let world = above * local.get(index).copied().unwrap_or(DAffine3::IDENTITY);
         let mesh = node.mesh.map(|m| m.value());
         if let Some(mesh) = mesh.filter(|&m| m >= root.meshes.len()) {
-            return Err(format!("nodes[{index}]: meshes[{mesh}] does not exist ({} do)", root.meshes.len()).into());
+            return Err(
+                format!("nodes[{index}]: meshes[{mesh}] does not exist (there are {})", root.meshes.len()).into()
+            );
         }
         all.push(Placed { node: index, parent, world, mesh, holds_mesh: mesh.is_some() });
         let here = Some(all.len() - 1);
@@ -48,11 +50,11 @@ pub(crate) fn placed(root: &Root, local: &[DAffine3]) -> Parsed<Vec<Placed>> {
     Ok(with_meshes(all))
 }
 
-/// The nodes to begin with: of the default scene, else of the first, else those without a parent.
+/// Returns the root nodes: of the default scene, else of the first scene, else the nodes without a parent.
 fn roots(root: &Root) -> Parsed<Vec<usize>> {
     let index = root.scene.map(|s| s.value());
     if let Some(index) = index.filter(|&i| i >= root.scenes.len()) {
-        return Err(format!("scenes[{index}] does not exist ({} do)", root.scenes.len()).into());
+        return Err(format!("scenes[{index}] does not exist (there are {})", root.scenes.len()).into());
     }
     if let Some(scene) = root.scenes.get(index.unwrap_or(0)) {
         return Ok(scene.nodes.iter().map(|n| n.value()).collect());
@@ -70,7 +72,7 @@ fn roots(root: &Root) -> Parsed<Vec<usize>> {
     }
 }
 
-/// Leaves out cameras, lights, bones: what has no mesh at or below it.
+/// Removes nodes without a mesh in their subtree, such as cameras, lights and bones.
 fn with_meshes(mut all: Vec<Placed>) -> Vec<Placed> {
     for i in (0..all.len()).rev() {
         if let (true, Some(parent)) = (all[i].holds_mesh, all[i].parent) {
@@ -89,8 +91,8 @@ fn with_meshes(mut all: Vec<Placed>) -> Vec<Placed> {
     kept
 }
 
-/// Whether rays can go through the inverse of a transform without losing their digits: it is finite
-/// and squeezes no direction to less than a millionth of another.
+/// True if a transform has an inverse accurate enough for rays: it is finite, no axis is scaled to less than a
+/// millionth of another, and the axes are not nearly coplanar.
 pub(crate) fn inverts_well(m: &DAffine3) -> bool {
     let columns = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis].map(DVec3::length);
     let (least, most) = columns.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &c| (a.min(c), b.max(c)));

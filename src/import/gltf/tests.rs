@@ -14,7 +14,7 @@ struct Document {
 }
 
 impl Document {
-    /// Without anything but a first scene of `roots`.
+    /// Creates a document that only has a scene with the given roots.
     fn new(nodes: Value, roots: Value) -> Self {
         let json = json!({
             "asset": { "version": "2.0" }, "scenes": [{ "nodes": roots }], "nodes": nodes,
@@ -23,7 +23,7 @@ impl Document {
         Self { json, bin: Vec::new() }
     }
 
-    /// One node with one mesh of one triangle, (0,0,0) (1,0,0) (0,1,0).
+    /// Creates a node with a mesh of one triangle, (0,0,0) (1,0,0) (0,1,0).
     fn triangle() -> Self {
         let mut document = Self::new(json!([{ "mesh": 0 }]), json!([0]));
         let positions = document.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
@@ -93,12 +93,12 @@ fn positions(sink: &Collector) -> Vec<[DVec3; 3]> {
 const TRIANGLE: [DVec3; 3] = [DVec3::ZERO, DVec3::X, DVec3::Y];
 
 #[test]
-fn buffers_are_found_wherever_they_are() {
+fn buffers_are_found_in_every_place() {
     let document = Document::triangle();
     assert_eq!(positions(&document.read()), [TRIANGLE]);
     let inside = document.gltf(&data_uri(&document.bin));
     assert_eq!(positions(&read_bytes("t.gltf", &inside).unwrap()), [TRIANGLE]);
-    // By content, whatever the ending; with white space and a byte order mark before it.
+    // The content is decisive, not the file extension, also after a byte order mark and white space.
     let marked = [b"\xef\xbb\xbf \n".as_slice(), &inside].concat();
     assert_eq!(positions(&read_bytes("t.txt", marked).unwrap()), [TRIANGLE]);
     let files = [("t.gltf", document.gltf("my%20data.bin")), ("my data.bin", document.bin.clone())];
@@ -112,13 +112,13 @@ fn buffers_that_are_not_there_are_named() {
     let document = Document::triangle();
     for (uri, words) in [
         ("missing.bin", "missing.bin"),
-        ("https://example.org/a.bin", "not a file beside"),
-        ("/etc/passwd", "not a file beside"),
-        ("C:\\a.bin", "not a file beside"),
-        ("data:;base64,AA!A", "damaged data URI"),
-        ("data:;base64,AAAA", "3 of the 36 bytes"),
+        ("https://example.org/a.bin", "not a path relative to the document"),
+        ("/etc/passwd", "not a path relative to the document"),
+        ("C:\\a.bin", "not a path relative to the document"),
+        ("data:;base64,AA!A", "invalid data URI"),
+        ("data:;base64,AAAA", "only 3 of the 36 bytes"),
         ("data:nothing", "without a comma"),
-        ("", "not a file beside"),
+        ("", "not a path relative to the document"),
         (".", "directory"),
     ] {
         let error = refused("t.gltf", document.gltf(uri));
@@ -170,7 +170,7 @@ fn repeated_meshes_are_stored_once() {
     let [e, f] = pair(6);
     let nodes = [("node 0", None), a, b, ("node 1", None), c, d, ("node 2", None), e, f, ("node 3", Some(6))];
     assert_eq!(parts, nodes);
-    // Twice shared, once flattened and so placed directly, and the mesh that is used once.
+    // Two nodes share a mesh. A third one flattens it and is placed directly, as is the mesh that is used once.
     assert_eq!(sink.meshes.len(), 2);
     assert_eq!(sink.meshes[1].local_parts, 2);
     assert_eq!(
@@ -181,12 +181,12 @@ fn repeated_meshes_are_stored_once() {
     assert_eq!(sink.placed().count(), 7);
     assert_eq!(sink.bounds().min, DVec3::new(-1.0, 0.0, 0.0));
     assert_eq!(sink.bounds().max, DVec3::new(11.0, 1.0, 0.0));
-    // Squeezed almost flat is as good as flat.
+    // A nearly flat transform is treated like a flat one.
     document.json["nodes"][1]["scale"] = json!([1, 1, 1e-7]);
     assert_eq!(document.read().instances.len(), 2);
     document.json["nodes"][1]["scale"] = json!([1, 1, 1e-5]);
     assert_eq!(document.read().instances.len(), 3);
-    // Primitive ids count through the meshes in the order in which they came.
+    // Primitive ids count through the meshes in the order of arrival.
     let mut prims: Vec<u64> = sink.meshes.iter().flat_map(|m| m.triangles.iter().map(|t| t.prim)).collect();
     prims.sort_unstable();
     assert_eq!(prims, [0, 1, 2, 3, 4]);
@@ -213,7 +213,7 @@ fn nodes_must_be_trees() {
     let mut document = Document::new(json!([{ "children": [1] }, { "children": [0] }]), json!([0]));
     document.json.as_object_mut().unwrap().remove("scenes");
     assert!(refused("t.glb", document.glb()).contains("cycle"));
-    // A chain of a hundred thousand nodes is no stack overflow.
+    // A chain of a hundred thousand nodes must not overflow the stack.
     let nodes: Vec<Value> = (1..100_000).map(|i| json!({ "children": [i] })).chain([json!({ "mesh": 0 })]).collect();
     let mut document = Document::triangle();
     document.json["nodes"] = json!(nodes);
@@ -232,7 +232,7 @@ fn without_a_scene_all_roots_are_shown() {
     assert!(nothing.notes[0].contains("no triangles"));
 }
 
-/// Square corners 0..4, drawn as `mode` with `indices`.
+/// Returns a document with the square corners 0..4, drawn in `mode` with `indices`.
 fn square(mode: u32, component: u32, indices: Option<&[u32]>) -> Document {
     let mut document = Document::new(json!([{ "mesh": 0 }]), json!([0]));
     let positions = document.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0]);
@@ -258,12 +258,15 @@ fn every_mode_and_index_type_gives_the_same_square() {
     assert_eq!(positions(&square(5, 0, None).read()), [[a, b, c], [c, b, d]]);
     assert_eq!(positions(&square(6, 0, None).read()), [[a, b, c], [a, c, d]]);
     let sink = square(4, 0, None).read();
-    assert!(sink.received == 1 && sink.notes[0].contains("lacks a corner"), "{:?}", sink.notes);
+    assert!(sink.received == 1 && sink.notes[0].contains("incomplete last triangle"), "{:?}", sink.notes);
     let sink = square(1, 0, None).read();
     assert!(sink.received == 0 && sink.notes[0].contains("points or lines"), "{:?}", sink.notes);
     for (ty, bad) in [(5121, 255), (5123, 65535), (5125, u32::MAX), (5125, 4)] {
         let error = refused("t.glb", square(4, ty, Some(&[0, 1, bad])).glb());
-        assert!(error.contains("meshes[0].primitives[0]: index 2 names vertex") && error.contains("of 4"), "{error}");
+        assert!(
+            error.contains("meshes[0].primitives[0]: index 2 refers to vertex") && error.contains("of 4"),
+            "{error}"
+        );
     }
 }
 
@@ -297,7 +300,7 @@ fn accessors_must_lie_in_their_buffers() {
         let error = refused("t.glb", document.glb());
         assert!(error.contains(words), "{path} {value}: {error}");
     }
-    // Zeros that no byte of the file stands for.
+    // Implicit zeros that occupy no bytes of the file.
     let mut document = Document::triangle();
     document.json["accessors"][0] = json!({ "componentType": 5126, "type": "VEC3", "count": 1u64 << 40 });
     assert!(refused("t.glb", document.glb()).contains("without bytes"));
@@ -364,7 +367,7 @@ fn png(width: u32, height: u32, rgba: &[u8]) -> Vec<u8> {
     out.into_inner()
 }
 
-/// A triangle in the left half of a picture and one in the right, of a mesh with a texture.
+/// Returns a mesh with a texture and two triangles: one in the left half of the picture, one in the right.
 fn textured(picture: &[u8]) -> Document {
     let mut document = Document::new(json!([{ "mesh": 0 }]), json!([0]));
     let positions = document.floats("VEC3", &[0.0; 18]);
@@ -385,7 +388,7 @@ fn colours(sink: &Collector) -> Vec<[f32; 3]> {
 
 #[test]
 fn textures_are_averaged_over_each_triangle() {
-    // Two texels, red and blue with a little green; the transparent one beside counts for nothing.
+    // The texels are red, and blue with a little green.
     let picture = png(2, 1, &[255, 0, 0, 255, 0, 128, 255, 255]);
     let mut document = textured(&picture);
     let expect = |document: &Document, expected: [[f32; 3]; 2]| {
@@ -397,11 +400,11 @@ fn textures_are_averaged_over_each_triangle() {
     };
     let (red, blue) = ([1.0, 0.0, 0.0], [0.0, 0.215_860_5 * 0.5, 1.0]);
     expect(&document, [red, blue]);
-    // Moved by half a picture they change places.
+    // An offset of half a picture swaps the colours.
     let info = "/materials/0/pbrMetallicRoughness/baseColorTexture";
     document.json.pointer_mut(info).unwrap()["extensions"] = json!({ "KHR_texture_transform": { "offset": [0.5, 0] } });
     expect(&document, [blue, red]);
-    // Clamped, the right one stays.
+    // With clamping the right texel stays.
     document.json["samplers"] = json!([{ "wrapS": 33071 }]);
     document.json["textures"][0]["sampler"] = json!(0);
     expect(&document, [blue, blue]);
@@ -434,7 +437,8 @@ fn pictures_that_cannot_be_read_are_noted() {
 
 #[test]
 fn large_triangles_take_the_mean_of_the_whole_picture() {
-    // Random texels over a triangle that repeats the picture 18 times: the mean, whatever the points.
+    // A triangle that repeats a picture of random texels 18 times has the picture's mean, regardless of the sample
+    // points.
     let mut seed = 1u32;
     let rgba: Vec<u8> = std::iter::repeat_with(|| {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -453,7 +457,7 @@ fn large_triangles_take_the_mean_of_the_whole_picture() {
     }
     // A tiny triangle takes one texel.
     assert!((0..3).all(|c| (mean(0.001)[c] - texel(&opaque)[c]).abs() < 1e-6));
-    // What is cut away colours nothing, and where all is cut away there is no colour.
+    // Transparent texels add no colour, and a fully transparent area has none.
     let half = Texture::new(2, 1, &[200, 10, 10, 255, 0, 255, 0, 0]);
     let whole = half.mean([Vec2::ZERO, Vec2::new(2.0, 0.0), Vec2::new(0.0, 2.0)], &mapping).unwrap();
     assert!((whole[0] - texel(&[200, 0, 0])[0]).abs() < 1e-6, "{whole:?}");
@@ -469,7 +473,7 @@ fn mapping() -> Mapping {
 }
 
 #[test]
-fn other_json_is_told_from_gltf() {
+fn other_json_is_distinguished_from_gltf() {
     for (text, words) in [
         (r#"{"asset":{"version":"1.0"}}"#, "glTF version \"1.0\""),
         (r#"{"asset":{}}"#, "not glTF"),
@@ -494,7 +498,7 @@ fn every_truncation_is_refused() {
 }
 
 #[test]
-fn headers_may_claim_what_they_like() {
+fn false_headers_are_refused() {
     let glb = Document::triangle().glb();
     for (at, word, words) in [
         (4, 1u32, "GLB version 1"),

@@ -1,10 +1,10 @@
-//! Textures, and the mean colour that one has over a triangle.
+//! Textures, and their mean colour over a triangle.
 //!
-//! A picture becomes a pyramid: each level halves the one below, in linear light and weighted by
-//! alpha, so that what a mask cuts away colours nothing. Over a triangle the mean is that of 15
-//! points, the centres of a regular pattern of barycentric coordinates (5 along each edge), each
-//! read from the level whose texel is about as large as the triangle's share for that point. So small
-//! triangles take their few texels, large ones miss none, and both cost the same.
+//! A picture becomes a pyramid: each level halves the one below, in linear light and weighted by alpha, so that masked
+//! texels add no colour. The mean over a triangle is that of 15 points, the centroids of a regular pattern in
+//! barycentric coordinates (5 points along each edge). Each point is read from the level with texels about as large as
+//! the point's share of the triangle. Small triangles therefore read their few texels, large ones cover all of theirs,
+//! and both cost the same.
 
 use crate::import::colour;
 use ::gltf::json::Root;
@@ -14,14 +14,14 @@ use glam::Vec2;
 use image::{ImageReader, Limits};
 use std::io::Cursor;
 
-/// Largest picture that is decoded.
+/// Largest picture that is decoded, in pixels.
 pub(crate) const MAX_PIXELS: u64 = 1 << 26;
-/// Longest side of the finest level kept.
+/// Longest side of the finest level in texels.
 const MAX_SIDE: u32 = 1024;
-/// Points along an edge of the pattern.
+/// Number of points along an edge of the pattern.
 const PATTERN: u32 = 5;
 
-/// A level: linear colour times alpha, and alpha.
+/// A level of the pyramid. Texels hold the linear colour times alpha, and alpha.
 struct Level {
     width: u32,
     height: u32,
@@ -30,13 +30,13 @@ struct Level {
 
 /// A decoded picture and its coarser levels.
 pub(crate) struct Texture {
-    /// Finest first; never empty.
+    /// Levels, finest first; never empty.
     levels: Vec<Level>,
     /// Mean of the coded values.
     mean_coded: [f32; 3],
 }
 
-/// How a material maps a texture: which coordinates, moved how, and what is beyond [0, 1].
+/// Mapping of texture coordinates by a material: the coordinate set, a transform, and the wrapping outside of [0, 1].
 #[derive(Clone, Copy)]
 pub(crate) struct Mapping {
     pub(crate) set: u32,
@@ -64,7 +64,7 @@ impl Mapping {
         }
     }
 
-    /// KHR_texture_transform: scaled, then turned, then moved.
+    /// Applies KHR_texture_transform: scales, then rotates, then translates.
     pub(crate) fn apply(&self, uv: [f32; 2]) -> Vec2 {
         let [u, v] = (Vec2::from(uv) * self.scale).to_array();
         let (sin, cos) = self.rotation.sin_cos();
@@ -73,7 +73,7 @@ impl Mapping {
 }
 
 impl Texture {
-    /// Decodes a PNG or JPEG picture of at most [`MAX_PIXELS`].
+    /// Decodes a PNG or JPEG picture of at most [`MAX_PIXELS`] pixels.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, String> {
         let mut limits = Limits::default();
         limits.max_alloc = Some(MAX_PIXELS * 8);
@@ -81,7 +81,7 @@ impl Texture {
         reader.limits(limits.clone());
         let (width, height) = reader.into_dimensions().map_err(|e| format!("a picture cannot be read: {e}"))?;
         if u64::from(width) * u64::from(height) > MAX_PIXELS || width == 0 || height == 0 {
-            return Err(format!("a picture of {width} × {height} pixels"));
+            return Err(format!("a picture of {width} × {height} pixels is empty or too large"));
         }
         let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
         reader.limits(limits);
@@ -89,12 +89,12 @@ impl Texture {
         Ok(Self::new(width, height, picture.as_raw()))
     }
 
-    /// From rows of sRGB-coded RGBA.
+    /// Creates a texture from rows of sRGB-coded RGBA.
     pub(crate) fn new(width: u32, height: u32, rgba: &[u8]) -> Self {
         let (pixels, _) = rgba.as_chunks::<4>();
         let sum = pixels.iter().fold([0u64; 3], |s, p| std::array::from_fn(|i| s[i] + u64::from(p[i])));
         let mean_coded = sum.map(|s| (s as f64 / (255.0 * pixels.len().max(1) as f64)) as f32);
-        // The picture itself, shrunk by whole numbers where it is larger than we keep.
+        // Pictures larger than `MAX_SIDE` are reduced by an integer factor.
         let step = width.max(height).div_ceil(MAX_SIDE).max(1);
         let mut finest = Level { width: width.div_ceil(step), height: height.div_ceil(step), texels: Vec::new() };
         finest.texels.resize(finest.width as usize * finest.height as usize, [0.0; 4]);
@@ -116,19 +116,19 @@ impl Texture {
         Self { levels, mean_coded }
     }
 
-    /// The mean of the picture's coded values, for textures that are not colours.
+    /// Returns the mean of the coded values, for textures that are not colours.
     pub(crate) fn mean_coded(&self) -> [f32; 3] {
         self.mean_coded
     }
 
-    /// The mean linear colour over a triangle of mapped coordinates; `None` where all is cut away.
+    /// Returns the mean linear colour over a triangle of mapped coordinates; `None` if the area is fully transparent.
     pub(crate) fn mean(&self, corners: [Vec2; 3], wrap: &Mapping) -> Option<[f32; 3]> {
         let finest = &self.levels[0];
         let size = Vec2::new(finest.width as f32, finest.height as f32);
         let edge = |a: usize, b: usize| (corners[b] - corners[a]) * size;
         let area = edge(0, 1).perp_dot(edge(0, 2)).abs() * 0.5;
         let points = (PATTERN * (PATTERN + 1) / 2) as f32;
-        // Texels a point stands for, as a side; at most the whole picture, also for NaN.
+        // The level's texels have the size of a point's share of the triangle's texels. NaN gives level 0.
         let level = (area / points).max(1.0).log2() * 0.5;
         let level = &self.levels[(level.round() as usize).min(self.levels.len() - 1)];
         let mut sum = [0.0; 4];
@@ -144,7 +144,7 @@ impl Texture {
     }
 }
 
-/// Barycentric coordinate of row `j` of the pattern: cells shrink towards their centroids.
+/// Returns the barycentric coordinate of row `j` of the pattern, at the centroid of a cell.
 fn centre(j: u32) -> f32 {
     (j as f32 + 1.0 / 3.0) / PATTERN as f32
 }
@@ -156,7 +156,7 @@ fn add(sum: &mut [f32; 4], x: [f32; 4]) {
 }
 
 impl Level {
-    /// Half the size, each texel the mean of up to four; `None` at a single texel.
+    /// Returns a level of half the size, in which each texel is the mean of up to four; `None` for a single texel.
     fn halved(&self) -> Option<Level> {
         if self.width == 1 && self.height == 1 {
             return None;
@@ -183,13 +183,13 @@ impl Level {
     }
 }
 
-/// The texel in [0, size) at coordinate `t`; 0 for NaN.
+/// Returns the texel in [0, size) at coordinate `t`; 0 for NaN.
 fn wrapped(t: f32, size: u32, mode: WrappingMode) -> u32 {
     let t = match mode {
         WrappingMode::Repeat => t - t.floor(),
         WrappingMode::ClampToEdge => t,
         WrappingMode::MirroredRepeat => 1.0 - (t.rem_euclid(2.0) - 1.0).abs(),
     };
-    // Casts of NaN and of what is below zero give 0.
+    // Casts of NaN and of negative numbers give 0.
     ((t * size as f32) as u32).min(size - 1)
 }

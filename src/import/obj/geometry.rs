@@ -11,7 +11,7 @@ use crate::import::{MeshKey, Sink, text};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// Lines without shape, or whose shape is given otherwise: ignored without a word.
+/// Keywords without geometry, or handled by the first reading: they are ignored without a note.
 const SILENT: [&[u8]; 16] = [
     b"vt",
     b"vn",
@@ -34,20 +34,20 @@ const SILENT: [&[u8]; 16] = [
 struct Reader<'a> {
     parts: &'a Parts,
     positions: Vec<[f64; 3]>,
-    /// Linear; as long as `positions` or empty. NaN where a vertex has none.
+    /// Linear colours: either empty or as many as `positions`. NaN marks a vertex without a colour.
     colours: Vec<[f32; 3]>,
     corners: Vec<u32>,
     batch: Batch,
-    /// Runs of faces begun, and whether we are in one.
+    /// Number of runs of faces begun, and a flag for being inside one.
     runs: usize,
     in_run: bool,
     triangles: u64,
     without_area: u64,
-    /// Other lines by their first word: how often, and where first.
+    /// Other lines by their first word: their number, and the line of the first.
     ignored: BTreeMap<String, (u64, u64)>,
 }
 
-/// Reads the whole file from its beginning into `parts`.
+/// Reads the whole file from its beginning; the triangles go to `parts`.
 pub(crate) fn read(input: &mut Input, parts: &Parts, sink: &mut dyn Sink) -> Result<()> {
     let mut reader = Reader {
         parts,
@@ -159,7 +159,7 @@ impl Reader<'_> {
     fn other(&mut self, line: &[u8], number: u64) {
         let mut rest = line;
         let word = text::word(&mut rest).unwrap_or(b"");
-        // A file of nothing but unknown words must not fill memory with them.
+        // A file with only unknown words must not fill memory with them.
         if !SILENT.contains(&word) && self.ignored.len() < 16 {
             self.ignored.entry(text::shown(word)).or_insert((0, number)).0 += 1;
         } else if let Some(seen) = self.ignored.get_mut(&text::shown(word)) {
@@ -172,7 +172,7 @@ impl Reader<'_> {
         if !self.ignored.is_empty() {
             let kinds = self.ignored.iter().map(|(word, (n, line))| format!("{n} × {word} (first in line {line})"));
             let kinds: Vec<_> = kinds.collect();
-            sink.note(format!("{file}: lines that were ignored: {}", kinds.join(", ")));
+            sink.note(format!("{file}: ignored lines: {}", kinds.join(", ")));
         }
         if self.without_area > 0 {
             let n = self.without_area;
@@ -185,7 +185,7 @@ impl Reader<'_> {
     }
 }
 
-/// The vertex of a face's corner `v`, `v/vt`, `v//vn` or `v/vt/vn`, of `count` so far.
+/// Returns the vertex index of a face corner `v`, `v/vt`, `v//vn` or `v/vt/vn`. `count` vertices are defined so far.
 #[inline]
 fn corner(word: &[u8], count: usize) -> Parsed<u32> {
     let digits = word.iter().position(|&b| b == b'/').unwrap_or(word.len());

@@ -1,19 +1,19 @@
-//! Lines of OBJ and MTL files, joined where a backslash continues them.
+//! Logical lines of OBJ and MTL files: a backslash at the end joins a line with the next.
 
 use crate::base::error::Result;
 use crate::import::input::Input;
 
-/// Hands out logical lines without leading white space.
+/// Reader of logical lines, without leading white space.
 #[derive(Default)]
 pub(crate) struct Lines {
     joined: Vec<u8>,
 }
 
 impl Lines {
-    /// The next logical line, or `None` at the end of the file. Comments are not continued.
+    /// Returns the next logical line, or `None` at the end of the file. Comments are not continued.
     #[inline]
     pub(crate) fn next<'a>(&'a mut self, input: &'a mut Input) -> Result<Option<&'a [u8]>> {
-        // Looked at twice because the borrow of the first look would last as long as the line.
+        // The line is fetched again below, because the borrow of this match would last as long as the returned line.
         match input.next_line()? {
             None => return Ok(None),
             Some(line) if !continues(line) => {}
@@ -35,7 +35,7 @@ impl Lines {
                 break;
             }
             if self.joined.len() > crate::import::input::MAX_LINE {
-                return Err(input.line_fault("a line continued without end"));
+                return Err(input.line_fault("a continued line is too long"));
             }
         }
         Ok(self.joined.trim_ascii_start())
@@ -47,7 +47,7 @@ fn continues(line: &[u8]) -> bool {
     line.trim_ascii_end().last() == Some(&b'\\') && line.trim_ascii_start().first() != Some(&b'#')
 }
 
-/// Without the backslash.
+/// Returns the line without the backslash at its end.
 fn head(line: &[u8]) -> &[u8] {
     let line = line.trim_ascii_end();
     line.strip_suffix(b"\\").unwrap_or(line)

@@ -1,18 +1,18 @@
-//! Wavefront OBJ: polygons in objects and groups, materials from libraries next to the file.
+//! Wavefront OBJ: polygons in objects and groups, with materials from library files.
 //!
-//! Our own reader, because the crates at hand load whole files, keep neither objects above groups
-//! nor the line of an error, and hold texture coordinates and normals that we do not want.
+//! This crate has its own reader because available crates load whole files, keep neither the hierarchy of objects and
+//! groups nor the line of an error, and store unneeded texture coordinates and normals.
 //!
-//! The file is read twice: first for its objects, groups and materials, then for its geometry, so
-//! that parts are known before their triangles and memory holds positions only (24 bytes a vertex,
-//! and 12 where vertices have colours).
+//! The file is read twice: first for its objects, groups and materials, then for its geometry. Parts are therefore
+//! known before their triangles, and memory holds only positions (24 bytes per vertex, and 12 more if vertices have
+//! colours).
 //!
-//! - Each `o` and each `g` within it is a part. If faces of one use several materials, it has a child
-//!   for each. A file without either is one part, named after the file. `o` ends the group before it.
-//! - Polygons are fanned from their first corner. Indices count from 1, or back from -1.
-//! - `v x y z w`: the weight is for curves and ignored. `v x y z r g b`: sRGB-coded colours, averaged
-//!   over each triangle in linear light.
-//! - Everything else is ignored; what carries shape (points, lines, curves, subdivision tags) is noted.
+//! - Each `o`, and each `g` within it, is a part. If faces of a group use several materials, its part has a child for
+//!   each. A file without objects and groups is one part with the name of the file. `o` ends the group before it.
+//! - Polygons become fans around their first corner. Indices count from 1, or backwards from -1.
+//! - `v x y z w`: the weight is for curves and ignored. `v x y z r g b`: sRGB-coded colours, averaged over each
+//!   triangle in linear light.
+//! - All other lines are ignored. Those that carry geometry (points, lines, curves, subdivision tags) are noted.
 
 mod geometry;
 mod lines;

@@ -1,4 +1,4 @@
-//! Material libraries: colour, opacity and the common extensions for metal and roughness.
+//! Material libraries: colour, opacity and the common extensions for metalness and roughness.
 
 use super::lines::Lines;
 use crate::base::error::Result;
@@ -8,11 +8,11 @@ use crate::import::{MaterialDesc, Sink, text};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Adds the materials of `library` (as named in the OBJ file at `obj`) to `defined`.
+/// Adds the materials of `library`, as named in the OBJ file at `obj`, to `defined`.
 ///
-/// `Kd` is taken as linear. `d` is opacity; `Tr` is transparency and counts only without `d`. `Pm`
-/// and `Pr` are metalness and roughness; without `Pr` a Phong exponent `Ns` gives the roughness of
-/// the microfacets with the same highlight, (2 / (Ns + 2))^¼. A library that cannot be read is noted.
+/// `Kd` is taken as linear. `d` is the opacity; `Tr` is the transparency and used only without `d`. `Pm` and `Pr` are
+/// metalness and roughness. Without `Pr` a Phong exponent `Ns` gives the roughness of microfacets with the same
+/// highlight, (2 / (Ns + 2))^¼. A library that cannot be read adds a note.
 pub(crate) fn read(
     obj: &Path,
     library: &str,
@@ -23,14 +23,14 @@ pub(crate) fn read(
         if let Err(error) = read_file(&path, defined, sink) {
             match error {
                 crate::Error::Cancelled => return Err(error),
-                error => sink.note(format!("{}: material library not read: {error}", obj.display())),
+                error => sink.note(format!("{}: a material library could not be read: {error}", obj.display())),
             }
         }
     }
     Ok(())
 }
 
-/// A line `mtllib` may name one file with spaces in its name, or several files.
+/// Returns the files of an `mtllib` line: one file with spaces in its name, or several files.
 fn files(obj: &Path, library: &str) -> Vec<PathBuf> {
     let folder = obj.parent().unwrap_or(Path::new(""));
     let whole = folder.join(library.replace('\\', "/"));
@@ -40,7 +40,7 @@ fn files(obj: &Path, library: &str) -> Vec<PathBuf> {
     library.split_ascii_whitespace().map(|name| folder.join(name.replace('\\', "/"))).collect()
 }
 
-/// A material whose opacity and roughness may yet be stated in a better way.
+/// A material under construction. Its opacity and roughness are determined after its last line.
 #[derive(Default)]
 struct Draft {
     name: String,
@@ -74,13 +74,13 @@ fn read_file(path: &Path, defined: &mut HashMap<String, MaterialDesc>, sink: &mu
     }
     finish(draft, defined);
     if bad_lines > 0 {
-        sink.note(format!("{}: {bad_lines} lines are not understood and left out", path.display()));
+        sink.note(format!("{}: {bad_lines} lines are invalid and were ignored", path.display()));
     }
     Ok(())
 }
 
 impl Draft {
-    /// One line; `None` if its numbers are none.
+    /// Parses one line. Returns `None` if a number is missing or invalid.
     fn property(&mut self, keyword: &[u8], mut rest: &[u8]) -> Option<()> {
         match keyword {
             b"Kd" => {
@@ -89,7 +89,7 @@ impl Draft {
                     return None;
                 }
                 let r = number(&mut rest)?;
-                // One number stands for all three.
+                // A single number is used for all three channels.
                 let (g, b) = (number(&mut rest).unwrap_or(r), number(&mut rest).unwrap_or(r));
                 self.looks.colour = [r, g, b].map(|c| unit(c, 0.6));
             }

@@ -1,4 +1,4 @@
-//! From the survey of an OBJ file to parts and materials in the sink.
+//! Declaration of the parts and materials of an OBJ file from its survey.
 
 use super::mtl;
 use super::survey::Survey;
@@ -7,7 +7,7 @@ use crate::import::{MaterialDesc, MaterialKey, PartDesc, PartKey, Sink, stem};
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
-/// Where the triangles of a run of faces go.
+/// Part and material colour of the triangles of a run of faces.
 #[derive(Clone, Copy)]
 pub(crate) struct Target {
     pub(crate) part: PartKey,
@@ -21,13 +21,13 @@ pub(crate) struct Parts {
 }
 
 impl Parts {
-    /// Where run `n` goes, if the first reading saw it.
+    /// Returns the target of run `n`, if the first reading found that run.
     pub(crate) fn run(&self, n: usize) -> Option<Target> {
         self.uses.get(*self.runs.get(n)? as usize).copied()
     }
 }
 
-/// Declares the materials that are used and a part for each object, group and combination.
+/// Declares the materials that are used, and a part for each object, group and combination of group and material.
 pub(crate) fn declare(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<Parts> {
     let looks = materials(path, survey, sink)?;
     let mut of_group: Vec<Vec<usize>> = vec![Vec::new(); survey.groups.items.len()];
@@ -42,14 +42,14 @@ pub(crate) fn declare(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Resu
     Ok(Parts { uses, runs: survey.runs.clone() })
 }
 
-/// Parts on their way to the sink.
+/// State while the parts are declared.
 struct Declaration<'a> {
     survey: &'a Survey,
-    /// Key and colour of the materials that are defined, by the index of their name.
+    /// Keys and colours of the defined materials, by the index of their name.
     looks: HashMap<u32, Looks>,
-    /// The combinations of each group: indices into `survey.uses`.
+    /// Combinations of each group, as indices into `survey.uses`.
     of_group: Vec<Vec<usize>>,
-    /// Objects declared so far.
+    /// Parts of the objects that were declared so far.
     objects: HashMap<u32, PartKey>,
 }
 
@@ -62,7 +62,7 @@ impl Declaration<'_> {
         self.looks.get(&self.survey.uses.items[used].1?).copied()
     }
 
-    /// The material of a group that has one only.
+    /// Returns the material of a group that uses only one.
     fn only_material(&self, group: usize) -> Option<MaterialKey> {
         match self.of_group[group][..] {
             [one] => self.look(one).map(|l| l.0),
@@ -70,7 +70,7 @@ impl Declaration<'_> {
         }
     }
 
-    /// The part of a group of faces, and below it one for each material if there are several.
+    /// Declares the part of a group of faces, with a child for each material if there are several.
     fn group(&mut self, path: &Path, group: usize, targets: &mut [Target], sink: &mut dyn Sink) -> Result<()> {
         let (object, name) = self.survey.groups.items[group];
         let parent = object.map(|o| self.object(o, sink)).transpose()?;
@@ -93,7 +93,7 @@ impl Declaration<'_> {
         Ok(())
     }
 
-    /// The part of an object: its own faces', and above its groups'.
+    /// Returns the part of an object, which holds the object's own faces and is the parent of its groups.
     fn object(&mut self, object: u32, sink: &mut dyn Sink) -> Result<PartKey> {
         if let Some(&part) = self.objects.get(&object) {
             return Ok(part);
@@ -106,10 +106,10 @@ impl Declaration<'_> {
     }
 }
 
-/// A declared material: key and linear colour.
+/// Key and linear colour of a declared material.
 type Looks = (MaterialKey, [f32; 3]);
 
-/// Keys and colours of the materials that faces use, by the index of their name.
+/// Returns keys and colours of the materials that faces use, by the index of their name.
 fn materials(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<HashMap<u32, Looks>> {
     let mut defined = HashMap::new();
     for library in &survey.libraries.items {
@@ -130,7 +130,9 @@ fn materials(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<HashMa
     }
     if let Some(&first) = missing.first() {
         let (file, n, first) = (path.display(), missing.len(), &survey.names.items[first as usize]);
-        sink.note(format!("{file}: {n} materials are used but not defined (\"{first}\"...); the default stands in"));
+        sink.note(format!(
+            "{file}: {n} materials are used but not defined (\"{first}\"...); the default material is used instead"
+        ));
     }
     Ok(keys)
 }

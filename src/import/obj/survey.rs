@@ -1,4 +1,4 @@
-//! The first reading of an OBJ file: its objects, groups and materials, and which faces use which.
+//! The first reading of an OBJ file: its objects, groups and materials, and their use by faces.
 
 use super::lines::Lines;
 use crate::base::error::Result;
@@ -8,7 +8,7 @@ use crate::import::text;
 use std::collections::HashMap;
 use std::hash::Hash;
 
-/// Distinct values in order of first sight.
+/// Distinct values in the order of their first occurrence.
 pub(crate) struct Ordered<T> {
     index: HashMap<T, u32>,
     pub(crate) items: Vec<T>,
@@ -19,7 +19,7 @@ impl<T: Clone + Eq + Hash> Ordered<T> {
         Self { index: HashMap::new(), items: Vec::new() }
     }
 
-    /// The index of a value that was seen.
+    /// Returns the index of a value that was added before.
     pub(crate) fn find(&self, item: &T) -> Option<u32> {
         self.index.get(item).copied()
     }
@@ -34,19 +34,19 @@ impl<T: Clone + Eq + Hash> Ordered<T> {
     }
 }
 
-/// Object and group: indices into `names`.
+/// Object and group, as indices into `names`.
 pub(crate) type Group = (Option<u32>, Option<u32>);
 
-/// What the file's faces belong to.
+/// Objects, groups and materials of a file's faces.
 pub(crate) struct Survey {
     pub(crate) names: Ordered<String>,
     /// Groups that have faces.
     pub(crate) groups: Ordered<Group>,
-    /// Index of a group, and of a name of a material: every combination that has faces.
+    /// Every combination that has faces: the index of a group, and of a material's name.
     pub(crate) uses: Ordered<(u32, Option<u32>)>,
-    /// For each run of faces between changes of object, group or material: an index into `uses`.
+    /// Index into `uses` for each run of faces between changes of object, group or material.
     pub(crate) runs: Vec<u32>,
-    /// As named in `mtllib` lines.
+    /// Library names of the `mtllib` lines.
     pub(crate) libraries: Ordered<String>,
 }
 
@@ -103,7 +103,7 @@ impl Survey {
     }
 }
 
-/// The lines that matter for parts.
+/// Keywords that are relevant for parts.
 pub(crate) enum Keyword {
     Face,
     Object(String),
@@ -113,7 +113,7 @@ pub(crate) enum Keyword {
     Other,
 }
 
-/// What a line is about. Both readings use it, so that they agree on where runs begin.
+/// Classifies a line. Both readings use this function, so that they agree on the beginnings of runs.
 #[inline]
 pub(crate) fn keyword(line: &[u8]) -> Keyword {
     match line.first() {

@@ -9,7 +9,7 @@ fn read(faces: &str) -> Collector {
     read_bytes("file.obj", format!("{SQUARE}{faces}")).unwrap()
 }
 
-/// Name, name of the parent, triangles of each part.
+/// Returns name, parent's name and number of triangles of each part.
 fn parts(sink: &Collector) -> Vec<(&str, &str, usize)> {
     let name = |p: u32| sink.parts[p as usize].name.as_str();
     (0..sink.parts.len() as u32)
@@ -44,7 +44,7 @@ fn every_form_of_corner_is_understood() {
 }
 
 #[test]
-fn negative_indices_count_from_where_they_stand() {
+fn negative_indices_count_back_from_their_line() {
     let sink = read("f -1 -2 -3\nv 9 9 9\nf -1 -2 -3\n");
     assert_eq!(sink.direct()[1].positions[0], DVec3::splat(9.0));
     assert_eq!(sink.direct()[1].positions[1], sink.direct()[0].positions[0]);
@@ -66,7 +66,7 @@ fn faults_name_their_line() {
         let error = refused("file.obj", format!("{SQUARE}# a comment\n\n{line}\nf 1 2 3\n"));
         assert!(error.contains("line 7") && error.contains(words), "{line}: {error}");
     }
-    // A continued line is named by where it begins.
+    // An error in a continued line names the first physical line.
     let error = refused("file.obj", format!("{SQUARE}f 1 \\\n2 \\\n7\n"));
     assert!(error.contains("line 5"), "{error}");
 }
@@ -131,13 +131,13 @@ fn vertices_may_have_weights_or_colours() {
     let text = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0 1\nv 1 1 0 0 0 1\nv 0 1 0 0.5\nf 1 2 3\nf 1 2 4\n";
     let sink = read_bytes("file.obj", text).unwrap();
     assert_eq!(sink.direct()[0].colour, Some([1.0 / 3.0; 3]));
-    // A corner without a colour: the material's.
+    // The triangle has a corner without a colour and takes the material's.
     assert_eq!(sink.direct()[1].colour, Some(crate::import::MaterialDesc::default().colour));
     assert_eq!(sink.direct()[1].positions[2], DVec3::Y);
 }
 
 #[test]
-fn what_is_ignored_is_noted_once() {
+fn ignored_lines_are_noted_once() {
     let sink = read("vt 0 0\nvn 0 0 1\ns 1\np 1\nl 1 2\nl 2 3\nt crease 1\ncurv 0 1\nf 1 2 3\nf 1 2\n");
     assert_eq!(sink.received, 1);
     assert_eq!(sink.notes.len(), 2, "{:?}", sink.notes);

@@ -1,4 +1,4 @@
-//! Elements `face` (polygons) and `tristrips`: from indices to triangles.
+//! Elements `face` (polygons) and `tristrips`: conversion of indices to triangles.
 
 use super::header::{Coding, Element, Kind, Type};
 use super::table::Declared;
@@ -12,30 +12,30 @@ use crate::import::{MaterialDesc, MeshKey, PartDesc, PartKey, Sink};
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Names of the list of a face's vertices.
+/// Names of the property with the vertex indices of a face.
 pub(crate) const INDEX_LISTS: [&str; 2] = ["vertex_indices", "vertex_index"];
 
-/// Turns rows into triangles, fanned from the first corner, and counts what is none.
+/// Converts rows to triangles, as fans around the first corner, and counts faces that yield none.
 pub(crate) struct Faces<'a> {
     vertices: &'a VertexTable,
     batch: Batch,
     parts: Parts,
-    /// Faces with fewer than three corners.
+    /// Number of faces with fewer than three corners.
     pub(crate) without_area: u64,
     pub(crate) triangles: u64,
 }
 
-/// The parts that a face property `part` names.
+/// Parts that the face property `part` refers to.
 struct Parts {
-    /// The table of the file; else the file's own part.
+    /// Parts of the file's table; without a table the part of the file itself.
     declared: Vec<Declared>,
-    /// Whether values of the property are indices into `declared`.
+    /// True if values of the property are indices into `declared`.
     named: bool,
-    /// Parts that no table has.
+    /// Parts that are not in the table.
     others: HashMap<i64, PartKey>,
 }
 
-/// What the properties of a face mean.
+/// Meaning of the properties of a face, as indices of properties.
 struct Layout {
     indices: usize,
     colour: Option<Channels>,
@@ -43,7 +43,8 @@ struct Layout {
 }
 
 impl<'a> Faces<'a> {
-    /// `declared`: the parts of the file (`named`), or just its own; faces begin in the first.
+    /// Creates the converter. `declared` holds the parts of the file's table if `named`, else only the file's own part.
+    /// Faces begin in the first part.
     pub(crate) fn new(
         vertices: &'a VertexTable,
         declared: Vec<Declared>,
@@ -58,7 +59,7 @@ impl<'a> Faces<'a> {
         Ok(Self { vertices, batch, parts, without_area: 0, triangles: 0 })
     }
 
-    /// Reads all rows of `element`, whose list of indices is property `indices`.
+    /// Reads all rows of `element`; property `indices` is the list of vertex indices.
     pub(crate) fn polygons(
         &mut self,
         values: &mut impl Values,
@@ -89,7 +90,7 @@ impl<'a> Faces<'a> {
         Ok(())
     }
 
-    /// One row of any layout.
+    /// Reads one row of any layout.
     fn polygon(
         &mut self,
         values: &mut impl Values,
@@ -125,7 +126,7 @@ impl<'a> Faces<'a> {
         self.fan(values, corners, face_colour, sink)
     }
 
-    /// The list of a face's vertices, each checked.
+    /// Reads the vertex list of a face and checks each index.
     fn corners(&self, values: &mut impl Values, count: Type, item: Type, corners: &mut Vec<u32>) -> Result<()> {
         let n = super::list_length(values, count)?;
         corners.clear();
@@ -167,7 +168,7 @@ impl<'a> Faces<'a> {
     #[inline]
     fn triangle(&mut self, corners: [u32; 3], face_colour: Option<[f32; 3]>) {
         let at = corners.map(|i| i as usize);
-        // Every corner was checked when it was read.
+        // Every index was checked when it was read.
         let positions = at.map(|i| self.vertices.positions.get(i).unwrap_or(DVec3::NAN));
         let colour = face_colour.or_else(|| {
             let c = |i| self.vertices.colour(i);
@@ -177,7 +178,7 @@ impl<'a> Faces<'a> {
         self.batch.push(positions, colour);
     }
 
-    /// Triangle strips: each list is a run of strips, ended by negative indices.
+    /// Reads triangle strips. Each list is a sequence of strips; negative indices end a strip.
     pub(crate) fn strips(
         &mut self,
         values: &mut impl Values,
@@ -217,7 +218,7 @@ impl<'a> Faces<'a> {
                 return Err(values.fault(self.out_of_range(index)));
             };
             if length >= 2 {
-                // Every other triangle of a strip turns the other way.
+                // Every other triangle of a strip has the opposite orientation.
                 let [a, b] = if length.is_multiple_of(2) { last } else { [last[1], last[0]] };
                 self.triangle([a, b, corner], None);
                 if self.batch.is_full() {
@@ -236,13 +237,14 @@ impl<'a> Faces<'a> {
         self.batch.flush(sink)
     }
 
-    /// Hands over what is left.
+    /// Sends the remaining triangles to the sink.
     pub(crate) fn finish(&mut self, input: &Input, sink: &mut dyn Sink) -> Result<()> {
         self.hand_over(input, sink)
     }
 
-    /// The usual case, triangles in rows of one size: as many as are in the window and fit the
-    /// batch. Stops at the first row that is not a triangle or not sound; how many were read.
+    /// Reads the usual case, triangles in rows of constant size: as many as the window holds and the batch has room
+    /// for. Stops at the first row that is not a triangle or has an index out of range. Returns the number of rows
+    /// read.
     fn quick_rows(&mut self, input: &mut Input, quick: Quick, most: u64, sink: &mut dyn Sink) -> Result<u64> {
         let row = quick.before + 1 + 12 + quick.after;
         input.ensure(row)?;
@@ -289,19 +291,19 @@ impl Parts {
     }
 }
 
-/// Rows whose only list is `uchar` and three 32-bit indices, without colours.
+/// A row layout without colours and with a single list: a `uchar` count and 32-bit indices.
 #[derive(Clone, Copy)]
 struct Quick {
-    /// Bytes before the list and after it.
+    /// Number of bytes before the list and after it.
     before: usize,
     after: usize,
-    /// Where a triangle's row has its part.
+    /// Byte offset of the part in a triangle's row.
     part: Option<usize>,
     big: bool,
 }
 
 impl Quick {
-    /// The number at a byte of `bytes`, which has it.
+    /// Reads the 32-bit number at byte `at` of `bytes`; the caller guarantees that it is inside.
     #[inline]
     fn word(self, bytes: &[u8], at: usize) -> u32 {
         let four = bytes[at..].first_chunk().copied().unwrap_or([0xff; 4]);

@@ -1,11 +1,11 @@
-//! The header of a PLY file: which elements, with which properties, in which coding.
+//! The header of a PLY file: its elements, their properties and the coding.
 
 use super::table::Tables;
 use crate::base::error::Result;
 use crate::import::input::{Ends, Input, Parsed};
 use crate::import::text;
 
-/// A number in the file.
+/// Type of a number in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Type {
     I8,
@@ -37,7 +37,7 @@ impl Type {
         })
     }
 
-    /// Bytes in a binary file.
+    /// Size in bytes in a binary file.
     pub(crate) fn size(self) -> u64 {
         match self {
             Type::I8 | Type::U8 => 1,
@@ -51,7 +51,7 @@ impl Type {
         matches!(self, Type::F32 | Type::F64)
     }
 
-    /// Whether single precision holds every value.
+    /// True if single precision represents every value.
     pub(crate) fn fits_single(self) -> bool {
         matches!(self, Type::I8 | Type::U8 | Type::I16 | Type::U16 | Type::F32)
     }
@@ -72,13 +72,13 @@ pub(crate) struct Property {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Element {
     pub(crate) name: String,
-    /// As claimed; nothing is allocated by it.
+    /// Number of rows according to the header. It is not trusted: nothing is allocated by it.
     pub(crate) count: u64,
     pub(crate) properties: Vec<Property>,
 }
 
 impl Element {
-    /// Index and type of the scalar property with one of these names.
+    /// Returns index and type of the scalar property with one of these names.
     pub(crate) fn scalar(&self, names: &[&str]) -> Option<(usize, Type)> {
         self.properties.iter().enumerate().find_map(|(i, p)| match p.kind {
             Kind::Scalar(ty) if names.contains(&p.name.as_str()) => Some((i, ty)),
@@ -86,13 +86,13 @@ impl Element {
         })
     }
 
-    /// Index of the list property with one of these names.
+    /// Returns the index of the list property with one of these names.
     pub(crate) fn list(&self, names: &[&str]) -> Option<usize> {
         let is_it = |p: &Property| matches!(p.kind, Kind::List { .. }) && names.contains(&p.name.as_str());
         self.properties.iter().position(is_it)
     }
 
-    /// Bytes of a row in a binary file, if all rows have the same.
+    /// Returns the size of a row in a binary file, if all rows have the same size.
     pub(crate) fn row_bytes(&self) -> Option<u64> {
         self.properties.iter().try_fold(0, |sum, p| match p.kind {
             Kind::Scalar(ty) => Some(sum + ty.size()),
@@ -100,7 +100,8 @@ impl Element {
         })
     }
 
-    /// Fewest bytes that a row can take, in any coding (a digit and a space, or its binary size).
+    /// Returns a lower bound of the bytes of a row: its binary size with empty lists, or a digit and a space per value
+    /// in text.
     pub(crate) fn least_bytes(&self, coding: Coding) -> u64 {
         let least = |ty: Type| if coding == Coding::Ascii { 2 } else { ty.size() };
         let of = |p: &Property| match p.kind {
@@ -122,7 +123,7 @@ pub(crate) enum Coding {
 pub(crate) struct Header {
     pub(crate) coding: Coding,
     pub(crate) elements: Vec<Element>,
-    /// From comments of our own.
+    /// Tables in the comments that the generators of this crate write.
     pub(crate) tables: Tables,
 }
 
@@ -153,11 +154,12 @@ pub(crate) fn read(input: &mut Input) -> Result<Header> {
     }
     match coding {
         Some(coding) => Ok(Header { coding, ..header }),
-        None => Err(input.line_fault("the header names no format")),
+        None => Err(input.line_fault("the header has no format line")),
     }
 }
 
-/// What ends the first line ends all: in a binary file a lone `\r` may be followed by any byte.
+/// Sets the ending of the first line for all lines. In a binary file a lone `\r` may be followed by any byte, so a
+/// later `\n` proves nothing.
 fn choose_line_ends(input: &mut Input) -> Result<()> {
     let head = input.peek(256)?;
     let cr = head.iter().position(|&b| b == b'\r');
@@ -171,7 +173,7 @@ fn choose_line_ends(input: &mut Input) -> Result<()> {
     Ok(())
 }
 
-/// One line; `true` at the end of the header.
+/// Parses one line. Returns `true` at the end of the header.
 fn header_line(line: &[u8], header: &mut Header, coding: &mut Option<Coding>) -> Parsed<bool, String> {
     let mut rest = line;
     match text::word(&mut rest) {
@@ -215,7 +217,7 @@ fn property(mut rest: &[u8]) -> Parsed<Property, String> {
         rest = look;
         let (count, item) = (ty(&mut rest)?, ty(&mut rest)?);
         if count.is_float() {
-            return Err("a list cannot have a fractional length".into());
+            return Err("the length of a list must have an integer type".into());
         }
         Kind::List { count, item }
     } else {

@@ -1,14 +1,15 @@
 //! PLY: text and both byte orders, any properties, polygons, strips and colours.
 //!
-//! Our own reader, because the crates at hand load whole files into maps of named values and say
-//! neither line nor byte where one is damaged; this one streams, in 12 or 24 bytes a vertex.
+//! This crate has its own reader because available crates load whole files into maps of named values and report neither
+//! line nor byte of an error. This reader streams and needs 12 or 24 bytes per vertex.
 //!
-//! - Faces are lists `vertex_indices` or `vertex_index`, fanned from their first corner; `tristrips` too.
-//! - Colours of vertices are averaged over each triangle in linear light; a face's own colour wins.
-//!   Integer channels span their type, floats [0, 1]; both are taken to be sRGB-coded.
-//! - An integer face property `part` (or `part_id`) names parts: of the table that our generators put
-//!   into comments (`table.rs`), else parts with that id below the file's own.
-//! - Everything else is skipped. A file without faces (a cloud, a range grid) is an empty model.
+//! - Faces are lists `vertex_indices` or `vertex_index`, converted to fans around the first corner; `tristrips` are
+//!   read too.
+//! - Vertex colours are averaged over each triangle in linear light. A colour of the face takes precedence. Integer
+//!   channels span the range of their type, floats [0, 1]; both are taken as sRGB-coded.
+//! - An integer face property `part` (or `part_id`) refers to parts: to the table that the generators of this crate
+//!   write into comments (`table.rs`), else to parts with that id below the file's own part.
+//! - All other data is skipped. A file without faces (a point cloud, a range grid) is an empty model.
 
 mod faces;
 mod header;
@@ -36,7 +37,7 @@ pub(crate) fn read(input: &mut Input, options: &ReadOptions, sink: &mut dyn Sink
     }
 }
 
-/// The list of indices by which an element makes triangles.
+/// Returns the index list of an element that makes triangles.
 fn index_list(element: &Element) -> Option<usize> {
     let makes_triangles = matches!(element.name.as_str(), "face" | "tristrips");
     element.list(&INDEX_LISTS).filter(|_| makes_triangles)
@@ -55,7 +56,7 @@ fn read_elements(values: &mut impl Values, header: Header, options: &ReadOptions
         table = vertices::read(values, &header.elements[vertex], header.coding, options, sink)?;
         rest = vertex + 1;
         if first_faces.is_some_and(|faces| faces < vertex) {
-            // Faces before vertices: the vertices were fetched ahead, now from the beginning.
+            // If faces come before vertices, the vertices were read first; the second reading starts at the beginning.
             values.input().seek(body, body_line)?;
             rest = 0;
         }
@@ -81,7 +82,7 @@ fn read_elements(values: &mut impl Values, header: Header, options: &ReadOptions
     report(values.input(), &header.elements, &table, &faces, sink)
 }
 
-/// Tells the user what an otherwise sound file lacks.
+/// Adds notes about missing or unused data of a valid file.
 fn report(
     input: &mut Input,
     elements: &[Element],
@@ -106,7 +107,7 @@ fn report(
     Ok(())
 }
 
-/// Leaves out an element that makes no triangles.
+/// Skips an element that makes no triangles.
 fn skip_rows(values: &mut impl Values, element: &Element, sink: &mut dyn Sink) -> Result<()> {
     if element.properties.is_empty() {
         return Ok(());
@@ -129,13 +130,13 @@ fn skip_rows(values: &mut impl Values, element: &Element, sink: &mut dyn Sink) -
     Ok(())
 }
 
-/// The length of a list. It may claim anything: nothing is allocated by it.
+/// Reads the length of a list. It is not trusted: nothing is allocated by it.
 fn list_length(values: &mut impl Values, count: Type) -> Result<u64> {
     let n = values.int(count)?;
-    u64::try_from(n).map_err(|_| values.fault(format!("a list of {n} values")))
+    u64::try_from(n).map_err(|_| values.fault(format!("a list has the negative length {n}")))
 }
 
-/// Progress and cancel, now and then.
+/// Reports progress and checks for cancellation.
 fn tick(input: &Input, sink: &mut dyn Sink) -> Result<()> {
     sink.at(input.offset(), input.total());
     sink.cancel().check()

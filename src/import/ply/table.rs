@@ -1,4 +1,4 @@
-//! The tables of units, materials and parts that our own generators put into comments of a PLY file.
+//! The tables of units, materials and parts that the generators of this crate write into comments of a PLY file.
 //!
 //! ```text
 //! comment outcrop units <metres per unit, or -> up <x|y|z|->
@@ -6,19 +6,19 @@
 //! comment outcrop part <index> <id> <index of the parent, or -> <index of the material, or -> <name>
 //! ```
 //!
-//! Indices count from 0 in order and parents come first; colours are linear. A face property `part`
-//! is an index into the parts; without it all faces belong to part 0.
+//! Indices count from 0 in order, and parents come before their children. Colours are linear. A face property `part` is
+//! an index into the parts; without it all faces belong to part 0.
 
 use crate::base::error::Result;
 use crate::import::{MaterialDesc, PartDesc, PartKey, Sink, UpAxis, text};
 
-/// What the comments say; rows refer to rows before them.
+/// Tables of the comments. Rows refer to earlier rows only.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Tables {
     units: Option<(Option<f64>, UpAxis)>,
     materials: Vec<MaterialDesc>,
     parts: Vec<PartDesc>,
-    /// Lines that looked like ours and were not.
+    /// Number of comments that begin like ours but are invalid.
     bad_lines: u64,
 }
 
@@ -26,7 +26,7 @@ pub(crate) struct Tables {
 pub(crate) type Declared = (PartKey, [f32; 3]);
 
 impl Tables {
-    /// Takes in the text of one comment; other people's comments do nothing.
+    /// Parses the text of one comment. Comments of other programs are ignored.
     pub(crate) fn comment(&mut self, mut rest: &[u8]) {
         if text::word(&mut rest) != Some(b"outcrop") {
             return;
@@ -75,13 +75,16 @@ impl Tables {
         known.then(|| self.parts.push(PartDesc { id: Some(id), name, parent, material }))
     }
 
-    /// Hands the tables to the sink; the declared parts, in order.
+    /// Declares the tables to the sink. Returns the declared parts in order.
     pub(crate) fn declare(&self, file: &str, sink: &mut dyn Sink) -> Result<Vec<Declared>> {
         if let Some((metres, up)) = self.units {
             sink.units(metres, up);
         }
         if self.bad_lines > 0 {
-            sink.note(format!("{file}: {} comments of outcrop are not understood", self.bad_lines));
+            sink.note(format!(
+                "{file}: {} comments with the keyword outcrop are invalid and were ignored",
+                self.bad_lines
+            ));
         }
         let materials = self.materials.iter().map(|&m| sink.material(m)).collect::<Result<Vec<_>>>()?;
         let mut declared: Vec<Declared> = Vec::with_capacity(self.parts.len());

@@ -4,7 +4,8 @@ use crate::import::testing::{read_bytes, refused, refuses_every_truncation, surv
 use glam::DVec3;
 use proptest::prelude::*;
 
-/// A header, then rows of `(text, bytes little-endian, bytes big-endian)` in one of three codings.
+/// A file under construction in one of the three codings. Each value has a text form and little-endian bytes, which are
+/// reversed for big-endian.
 struct File {
     coding: &'static str,
     header: String,
@@ -59,7 +60,7 @@ fn positions(sink: &Collector) -> Vec<[DVec3; 3]> {
     sink.direct().iter().map(|t| t.positions).collect()
 }
 
-/// The quad (0,0) (1,0) (1,1) (0,1) at z = 0.5 with odd properties around everything.
+/// The quad (0,0) (1,0) (1,1) (0,1) at z = 0.5, with unusual properties around all data that is used.
 fn odd_quad(coding: &'static str) -> File {
     let mut file = File::new(
         coding,
@@ -105,7 +106,7 @@ fn any_property_is_skipped_in_every_coding() {
 fn every_truncation_is_refused() {
     for coding in CODINGS {
         let bytes = odd_quad(coding).bytes();
-        // In text the last row may lack its line end, and its last number some digits.
+        // In text the last row is complete without its line ending and without some digits of its last number.
         let end = if coding == "ascii" { bytes.len() - 3 } else { bytes.len() };
         refuses_every_truncation("quad.ply", &bytes[..end]);
     }
@@ -125,7 +126,7 @@ fn lines_may_end_in_any_way() {
         assert_eq!(positions(&sink), expected, "{end:?}");
         assert!(sink.notes.is_empty());
     }
-    // A lone carriage return before binary data that begin with a line feed.
+    // A lone carriage return ends the header; the binary data after it begins with a line feed.
     let mut file = File::new(
         "binary_little_endian",
         "element vertex 3\nproperty uchar x\nproperty uchar y\nproperty uchar z\n\
@@ -144,7 +145,7 @@ fn rows_of_text_may_be_wrapped_but_not_too_long() {
     let sink = read_bytes("t.ply", triangle_ascii().replace("1 0 0\n", "1\n0 0\n\n")).unwrap();
     assert_eq!(sink.received, 1);
     let error = refused("t.ply", triangle_ascii().replace("0 1 0\n", "0 1 0 9\n"));
-    assert!(error.contains("line 12") && error.contains("\"9\" is more"), "{error}");
+    assert!(error.contains("line 12") && error.contains("\"9\" follows the last property"), "{error}");
 }
 
 #[test]
@@ -153,7 +154,7 @@ fn faults_of_text_name_their_line() {
         ("3 0 1 2", "3 0 1 3", "line 13", "vertex 3 of 3"),
         ("3 0 1 2", "3 0 1 -1", "line 13", "vertex -1 of 3"),
         ("3 0 1 2", "3 0 1 4294967296", "line 13", "vertex 4294967296 of 3"),
-        ("3 0 1 2", "-3 0 1 2", "line 13", "a list of -3"),
+        ("3 0 1 2", "-3 0 1 2", "line 13", "negative length -3"),
         ("3 0 1 2", "99999999999 0 1 2", "line 13", "ends before"),
         ("0 1 0", "0 one 0", "line 12", "\"one\" is not a number"),
         ("element face 1", "element face", "line 7", "needs a name and a count"),
@@ -183,7 +184,7 @@ fn faults_of_binary_files_name_their_byte() {
 }
 
 #[test]
-fn counts_claim_what_they_like() {
+fn false_counts_are_refused() {
     for coding in CODINGS {
         for count in ["4294967295", "4294967296", "4294967297", "1000000000000000000"] {
             for element in ["element vertex 3", "element face 1"] {
@@ -197,13 +198,13 @@ fn counts_claim_what_they_like() {
             }
         }
     }
-    // An element without properties has no bytes, however many of it there are.
+    // An element without properties occupies no bytes, whatever its count.
     let nothing = triangle_ascii().replace("element face", "element nothing 1000000000000000000\nelement face");
     assert_eq!(read_bytes("t.ply", nothing).unwrap().received, 1);
 }
 
 #[test]
-fn files_without_faces_are_empty_models_and_say_so() {
+fn files_without_faces_are_empty_models_with_a_note() {
     let cloud = triangle_ascii().replace("element face 1", "element range_grid 1");
     let sink = read_bytes("t.ply", cloud).unwrap();
     assert_eq!(sink.received, 0);
@@ -261,7 +262,7 @@ fn colours_are_averaged_in_linear_light() {
             assert!((found - expected).abs() < 1e-6, "{colour:?}");
         }
     }
-    // The face's own colour wins.
+    // The colour of the face takes precedence.
     let text = file("uchar", ["255 0 128", "0 0 128", "0 255 128"])
         .replace("vertex_indices\n", "vertex_indices\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n")
         .replace("3 0 1 2\n", "3 0 1 2 0 255 0\n");
@@ -294,7 +295,7 @@ fn our_own_tables_name_parts_and_materials() {
 }
 
 #[test]
-fn other_peoples_parts_keep_their_number() {
+fn parts_of_other_programs_keep_their_number() {
     let text = triangle_ascii()
         .replace("element face 1", "element face 2")
         .replace("vertex_indices\n", "vertex_indices\nproperty int part_id\n")
@@ -305,7 +306,7 @@ fn other_peoples_parts_keep_their_number() {
     assert_eq!(sink.direct().iter().map(|t| t.part).collect::<Vec<_>>(), [1, 2]);
 }
 
-/// Float positions and int indices, the layout that the fast path takes when it is little-endian.
+/// Float positions and int indices: the layout of the fast path, if the file is binary and `count` is `uchar`.
 fn plain(coding: &'static str, count: &str, vertices: &[[f32; 3]], faces: &[Vec<i32>]) -> File {
     let mut file = File::new(
         coding,
@@ -334,7 +335,8 @@ fn plain(coding: &'static str, count: &str, vertices: &[[f32; 3]], faces: &[Vec<
 
 #[test]
 fn more_triangles_than_a_batch_or_a_window_hold() {
-    // 30,000 faces are 390 KB and 7.3 batches; every 1000th is a quad, to leave and enter the fast path.
+    // 30,000 faces are 390 KB and 7.3 batches. Every 1000th is a quad, so that the reader leaves and re-enters the fast
+    // path.
     let vertices: Vec<[f32; 3]> = (0..1000).map(|i| [i as f32, (i * i) as f32, -1.0]).collect();
     let faces: Vec<Vec<i32>> = (0..30_000)
         .map(|i| (0..if i % 1000 == 500 { 4 } else { 3 }).map(|k| (i * 7 + k * 13) % 1000).collect())
@@ -348,7 +350,7 @@ fn more_triangles_than_a_batch_or_a_window_hold() {
 }
 
 #[test]
-fn parts_of_rows_of_one_size_are_those_of_any_rows() {
+fn parts_are_the_same_on_the_fast_path() {
     let rows: Vec<(i32, [i32; 3])> =
         (0..20_000).map(|i| (i / 700 % 9 - 1, [i % 5, (i + 1) % 5, (i * 3) % 5])).collect();
     let read = |coding: &'static str, count: &str, part_first: bool| {
@@ -460,7 +462,7 @@ proptest! {
     }
 }
 
-/// Bits, with one NaN for all.
+/// Returns the bits of a number, with one pattern for all NaNs.
 fn same(x: f64) -> u64 {
     if x.is_nan() { u64::MAX } else { x.to_bits() }
 }

@@ -1,4 +1,4 @@
-//! Values of PLY elements one after the other, from text or from bytes in either order.
+//! Values of PLY elements in sequence, from text or from bytes in either order.
 
 use super::header::Type;
 use crate::base::error::{Error, Place, Result};
@@ -7,21 +7,21 @@ use crate::import::text;
 
 /// Reads the values of rows in file order.
 pub(crate) trait Values {
-    /// The next value as a floating-point number; `f32` values exactly, integers rounded.
+    /// Reads the next value as a floating-point number: `f32` values exactly, integers rounded.
     fn float(&mut self, ty: Type) -> Result<f64>;
-    /// The next value, of an integer type (a text file may write `3.0`).
+    /// Reads the next value, of an integer type. A text file may write `3.0`.
     fn int(&mut self, ty: Type) -> Result<i64>;
-    /// Leaves out `n` values.
+    /// Skips `n` values.
     fn skip(&mut self, ty: Type, n: u64) -> Result<()>;
     /// Ends a row.
     fn end_row(&mut self) -> Result<()>;
-    /// An error at the present place.
+    /// Creates an error at the current position.
     fn fault(&self, why: String) -> Error;
-    /// The bytes below.
+    /// Returns the underlying input.
     fn input(&mut self) -> &mut Input;
 }
 
-/// Binary values; `BIG`: most significant byte first.
+/// Binary values; `BIG` selects big-endian byte order.
 pub(crate) struct Binary<'a, const BIG: bool> {
     input: &'a mut Input,
 }
@@ -45,9 +45,9 @@ impl<'a, const BIG: bool> Binary<'a, BIG> {
     }
 }
 
-/// The file is shorter than its header says.
+/// The error of a file that is shorter than its header announces.
 pub(crate) fn truncated(input: &Input) -> Error {
-    Error::parse(input.path(), Place::Byte(input.total()), "the file ends before all that its header announces")
+    Error::parse(input.path(), Place::Byte(input.total()), "the file ends before the data that its header announces")
 }
 
 impl<const BIG: bool> Values for Binary<'_, BIG> {
@@ -71,9 +71,9 @@ impl<const BIG: bool> Values for Binary<'_, BIG> {
             Type::I32 => i64::from(i32::from_le_bytes(self.take()?)),
             Type::U32 => i64::from(u32::from_le_bytes(self.take()?)),
             Type::I64 => i64::from_le_bytes(self.take()?),
-            // Nothing that is counted or indexed reaches the other half.
+            // No count or index is valid in the upper half of the range.
             Type::U64 => u64::from_le_bytes(self.take()?).try_into().unwrap_or(i64::MAX),
-            Type::F32 | Type::F64 => return Err(self.fault("a fractional number where an index belongs".into())),
+            Type::F32 | Type::F64 => return Err(self.fault("an index has a floating-point type".into())),
         })
     }
 
@@ -99,10 +99,10 @@ impl<const BIG: bool> Values for Binary<'_, BIG> {
     }
 }
 
-/// Values as text: a row begins on a new line and may go on over several.
+/// Values as text. A row begins on a new line and may span several lines.
 pub(crate) struct Ascii<'a> {
     input: &'a mut Input,
-    /// The present line and how much of it is used.
+    /// The current line and the number of its bytes that were consumed.
     line: Vec<u8>,
     used: usize,
 }
@@ -132,13 +132,13 @@ impl<'a> Ascii<'a> {
         self.used = 0;
         match self.input.next_line()? {
             Some(line) => self.line.extend_from_slice(line),
-            None => return Err(self.input.line_fault("the file ends before all that its header announces")),
+            None => return Err(self.input.line_fault("the file ends before the data that its header announces")),
         }
         Ok(())
     }
 }
 
-/// An integer, also written as `3.0`.
+/// Parses an integer, also in the form `3.0`.
 fn whole(word: &[u8]) -> Option<i64> {
     text::integer(word).or_else(|| {
         let x = text::double(word)?;
@@ -172,7 +172,7 @@ impl Values for Ascii<'_> {
         match text::word(&mut rest) {
             None => Ok(()),
             Some(word) => {
-                Err(self.input.line_fault(format!("{} is more than the row's properties", text::shown(word))))
+                Err(self.input.line_fault(format!("{} follows the last property of the row", text::shown(word))))
             }
         }
     }

@@ -1,4 +1,4 @@
-//! The element `vertex`: positions and, where there are any, colours.
+//! The element `vertex`: positions and optional colours.
 
 use super::header::{Coding, Element, Kind, Type};
 use super::values::{Values, truncated};
@@ -9,26 +9,26 @@ use crate::import::colour;
 use crate::import::input::Input;
 use crate::import::vertices::{Held, Vertices};
 
-/// What faces refer to.
+/// Vertices that faces refer to.
 pub(crate) struct VertexTable {
     pub(crate) positions: Vertices,
     colours: Option<Colours>,
 }
 
 enum Colours {
-    /// sRGB-coded, as in the file.
+    /// sRGB-coded bytes, as in the file.
     Bytes(Vec<[u8; 3]>),
-    /// Linear.
+    /// Linear colours.
     Linear(Vec<[f32; 3]>),
 }
 
 impl VertexTable {
-    /// Without vertices.
+    /// Creates a table without vertices.
     pub(crate) fn empty() -> Self {
         Self { positions: Vertices::new(true, 0, &ReadOptions::default()), colours: None }
     }
 
-    /// Linear colour of vertex `i`.
+    /// Returns the linear colour of vertex `i`, if vertices have colours.
     #[inline]
     pub(crate) fn colour(&self, i: usize) -> Option<[f32; 3]> {
         match self.colours.as_ref()? {
@@ -41,13 +41,13 @@ impl VertexTable {
 /// The three channels of a colour: index and type of their properties.
 pub(crate) type Channels = [(usize, Type); 3];
 
-/// Which properties are the colour, under any of the names in use.
+/// Finds the colour properties, under any of the names in use.
 pub(crate) fn channels(element: &Element) -> Option<Channels> {
     let find = |short: &str, long: &str| element.scalar(&[long, &format!("diffuse_{long}"), short]);
     Some([find("r", "red")?, find("g", "green")?, find("b", "blue")?])
 }
 
-/// A channel in [0, 1], still coded: integers by the range of their type, floats as they are.
+/// Returns a channel in [0, 1], still coded: integers relative to the range of their type, floats unchanged.
 pub(crate) fn channel(value: f64, ty: Type) -> f32 {
     let scale = match ty {
         Type::I8 => 127.0,
@@ -55,7 +55,7 @@ pub(crate) fn channel(value: f64, ty: Type) -> f32 {
         Type::I16 => 32767.0,
         Type::U16 => 65535.0,
         Type::F32 | Type::F64 => 1.0,
-        // Wider integers are used for bytes by writers that know one integer type only.
+        // Some writers know only one, wider integer type and store values up to 255 in it.
         _ => 255.0,
     };
     (value / scale) as f32
@@ -106,7 +106,7 @@ fn read_rows(
     table: &mut VertexTable,
     sink: &mut dyn Sink,
 ) -> Result<()> {
-    // Where each property goes: 0..3 position, 3..6 colour, 6 nowhere.
+    // Target of each property: 0..3 position, 3..6 colour, 6 unused.
     let mut targets = vec![6usize; element.properties.len()];
     let wanted = axes.iter().chain(channels.iter().flatten());
     for (slot, &(property, _)) in wanted.enumerate() {
@@ -147,7 +147,7 @@ fn read_rows(
     Ok(())
 }
 
-/// Byte offsets of x, y, z in a row of fixed size, if all three are `float`.
+/// Returns the byte offsets of x, y and z in a row of constant size, if all three are `float`.
 fn float_offsets(element: &Element, axes: Channels) -> Option<[usize; 3]> {
     let mut offsets = [0; 3];
     for (slot, (property, ty)) in axes.into_iter().enumerate() {
@@ -162,17 +162,17 @@ fn float_offsets(element: &Element, axes: Channels) -> Option<[usize; 3]> {
     Some(offsets)
 }
 
-/// Rows of fixed size.
+/// Rows of constant size.
 struct Rows {
     count: u64,
     stride: u64,
-    /// Of x, y, z in a row.
+    /// Byte offsets of x, y and z in a row.
     offsets: [usize; 3],
-    /// Most significant byte first.
+    /// True for big-endian byte order.
     big: bool,
 }
 
-/// The usual case: floats at fixed places, many rows at a time.
+/// Reads the usual case, floats at fixed offsets, many rows at a time.
 fn read_floats(input: &mut Input, rows: Rows, options: &ReadOptions, sink: &mut dyn Sink) -> Result<Vertices> {
     let Rows { count, stride, offsets, big } = rows;
     if count.checked_mul(stride).is_none_or(|bytes| bytes > input.remaining()) {

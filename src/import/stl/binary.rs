@@ -1,4 +1,4 @@
-//! The binary form: 80 bytes of header, a count, 50 bytes a triangle.
+//! The binary form: a header of 80 bytes, a count, and 50 bytes per triangle.
 
 use crate::base::error::{Error, Place, Result};
 use crate::import::batch::Batch;
@@ -6,15 +6,15 @@ use crate::import::input::Input;
 use crate::import::{MaterialDesc, MeshKey, PartDesc, Sink, UpAxis, colour, stem};
 use glam::DVec3;
 
-/// Bytes of a triangle: a normal and three corners of `f32`, and 16 bits.
+/// Bytes of a triangle: a normal and three corners as `f32`, then 16 bits of attributes.
 const RECORD: usize = 50;
 
-/// How the 16 bits are to be read.
+/// Interpretation of the 16 attribute bits.
 #[derive(Clone, Copy)]
 enum Colours {
-    /// Bit 15 set: blue, green, red from bit 0.
+    /// Bit 15 is set for a colour; blue, green and red from bit 0.
     VisCam,
-    /// Bit 15 clear: red, green, blue from bit 0.
+    /// Bit 15 is clear for a colour; red, green and blue from bit 0.
     Magics,
 }
 
@@ -91,7 +91,7 @@ fn own_colour(record: &[u8], colours: Colours) -> Option<[f32; 3]> {
     }
 }
 
-/// The colour of the whole part, where Magics wrote the file.
+/// Returns the material of the whole part, if Magics wrote the file.
 fn magics_material(header: &[u8; 80]) -> Option<MaterialDesc> {
     let at = memchr::memmem::find(header, b"COLOR=")?;
     let &[r, g, b, a] = header[at + 6..].first_chunk()?;

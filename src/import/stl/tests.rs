@@ -13,7 +13,7 @@ fn text() -> String {
     format!("solid first one\n{}{}endsolid first one\nSOLID\n{}ENDSOLID", facet(0), facet(1), facet(2))
 }
 
-/// A binary file; `attributes`: the 16 bits of each triangle.
+/// Returns a binary file with one triangle for each of `attributes`, the 16 bits of a triangle.
 fn binary(header: &[u8], attributes: &[u16]) -> Vec<u8> {
     let mut bytes = header.to_vec();
     bytes.resize(80, b' ');
@@ -55,11 +55,11 @@ fn facets_may_have_more_corners_and_share_a_line() {
 #[test]
 fn faults_of_text_name_their_line() {
     for (from, to, line, words) in [
-        ("facet normal", "facett normal", "line 2", "where \"facet\" or \"endsolid\" belongs"),
-        ("outer loop", "inner loop", "line 3", "where \"outer\" belongs"),
+        ("facet normal", "facett normal", "line 2", "expected \"facet\" or \"endsolid\", found \"facett\""),
+        ("outer loop", "inner loop", "line 3", "expected \"outer\", found \"inner\""),
         ("vertex 0 0 0", "vertex 0 0", "line 5", "\"vertex\" is not a number"),
         ("1.0e+000", "1,0", "line 5", "\"1,0\" is not a number"),
-        ("SOLID\n", "LIQUID\n", "line 17", "where \"solid\" belongs"),
+        ("SOLID\n", "LIQUID\n", "line 17", "expected \"solid\", found \"LIQUID\""),
     ] {
         let error = refused("t.stl", text().replacen(from, to, 1));
         assert!(error.contains(line) && error.contains(words), "{to}: {error}");
@@ -68,7 +68,7 @@ fn faults_of_text_name_their_line() {
 
 #[test]
 fn every_truncation_is_refused() {
-    // But between two solids, or where only a name is cut.
+    // Exceptions are truncations between two solids, and inside the name at the end.
     let bytes = text().into_bytes();
     let fine = |len: usize| {
         let cut = std::str::from_utf8(&bytes[..len]).unwrap();
@@ -87,7 +87,7 @@ fn every_truncation_is_refused() {
 fn binary_files_may_begin_like_text() {
     let sink = read_bytes("t.stl", binary(b"solid facet normal", &[0, 0])).unwrap();
     assert_eq!((sink.received, sink.parts[0].name.as_str()), (2, "t"));
-    // Also without the ending.
+    // The same holds without the file extension.
     assert_eq!(read_bytes("t.bin", binary(b"solid facet", &[0])).unwrap().received, 1);
 }
 
@@ -112,12 +112,12 @@ fn solid_view_sets_bit_15_and_begins_with_blue() {
     let grey = crate::import::MaterialDesc::default().colour;
     assert_eq!(colours(&sink), [Some([1.0, 0.0, 0.0]), Some(grey), Some([0.0, 0.0, 1.0])]);
     assert!(sink.materials.is_empty());
-    // Those before the first coloured one too.
+    // The triangles before the first coloured one get the grey too.
     assert_eq!(
         colours(&read_bytes("t.stl", binary(b"", &[0, 0, red])).unwrap()),
         [Some(grey), Some(grey), Some([1.0, 0.0, 0.0])]
     );
-    // Bits without bit 15 colour nothing.
+    // Without bit 15 the other bits are not a colour.
     assert_eq!(colours(&read_bytes("t.stl", binary(b"", &[31, 5])).unwrap()), [None, None]);
 }
 

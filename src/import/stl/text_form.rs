@@ -1,4 +1,4 @@
-//! The text form: `solid`, facets of `vertex` lines, `endsolid`, any number of times.
+//! The text form: any number of solids, each with `solid`, facets of `vertex` lines, and `endsolid`.
 
 use crate::base::error::Result;
 use crate::import::batch::Batch;
@@ -6,7 +6,7 @@ use crate::import::input::{Input, Parsed};
 use crate::import::{MaterialDesc, MeshKey, PartDesc, Sink, UpAxis, stem, text};
 use glam::DVec3;
 
-/// Words across lines.
+/// Words of the file, independent of line breaks.
 struct Words<'a> {
     input: &'a mut Input,
     line: Vec<u8>,
@@ -14,7 +14,7 @@ struct Words<'a> {
 }
 
 impl Words<'_> {
-    /// The next word, or `None` at the end of the file.
+    /// Returns the next word, or `None` at the end of the file.
     fn next(&mut self) -> Parsed<Option<&[u8]>> {
         loop {
             let mut rest = &self.line[self.used..];
@@ -41,8 +41,8 @@ impl Words<'_> {
     fn expect(&mut self, keyword: &str) -> Parsed<()> {
         match self.next()? {
             Some(word) if word.eq_ignore_ascii_case(keyword.as_bytes()) => Ok(()),
-            Some(word) => Err(format!("{} where \"{keyword}\" belongs", text::shown(word)).into()),
-            None => Err(format!("the file ends where \"{keyword}\" belongs").into()),
+            Some(word) => Err(format!("expected \"{keyword}\", found {}", text::shown(word)).into()),
+            None => Err(format!("expected \"{keyword}\", found the end of the file").into()),
         }
     }
 
@@ -71,13 +71,13 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
     Ok(())
 }
 
-/// All solids; how many triangles, and how many facets that are none.
+/// Reads all solids. Returns the number of triangles and of facets that yield none.
 fn solids(words: &mut Words<'_>, sink: &mut dyn Sink) -> Parsed<(u64, u64)> {
     let mut batch: Option<Batch> = None;
     let (mut triangles, mut without_area) = (0, 0);
     while let Some(word) = words.next()? {
         if !word.eq_ignore_ascii_case(b"solid") {
-            return Err(format!("{} where \"solid\" belongs", text::shown(word)).into());
+            return Err(format!("expected \"solid\", found {}", text::shown(word)).into());
         }
         let named = words.rest_of_line();
         let name = if named.is_empty() { stem(words.input.path()) } else { named };
@@ -95,7 +95,7 @@ fn solids(words: &mut Words<'_>, sink: &mut dyn Sink) -> Parsed<(u64, u64)> {
     Ok((triangles, without_area))
 }
 
-/// Whether another facet begins; `false` past the solid's end.
+/// Returns `true` if another facet begins, `false` after the end of the solid.
 fn facet_follows(words: &mut Words<'_>) -> Parsed<bool> {
     loop {
         let Some(word) = words.next()? else {
@@ -108,15 +108,15 @@ fn facet_follows(words: &mut Words<'_>) -> Parsed<bool> {
             words.rest_of_line();
             return Ok(false);
         }
-        // Some writers put a colour between the facets; nobody agrees what it colours.
+        // Some writers put a colour between facets. Its meaning is not standardised, so it is ignored.
         if !(word.eq_ignore_ascii_case(b"color") || word.eq_ignore_ascii_case(b"colour")) {
-            return Err(format!("{} where \"facet\" or \"endsolid\" belongs", text::shown(word)).into());
+            return Err(format!("expected \"facet\" or \"endsolid\", found {}", text::shown(word)).into());
         }
         words.rest_of_line();
     }
 }
 
-/// The rest of a facet, as a fan from its first corner; how many triangles it has.
+/// Reads the rest of a facet as a fan around its first corner. Returns the number of triangles.
 fn facet(words: &mut Words<'_>, batch: &mut Batch, sink: &mut dyn Sink) -> Parsed<u64> {
     words.expect("normal")?;
     for _ in 0..3 {
@@ -129,7 +129,7 @@ fn facet(words: &mut Words<'_>, batch: &mut Batch, sink: &mut dyn Sink) -> Parse
         match words.next()? {
             Some(word) if word.eq_ignore_ascii_case(b"vertex") => {}
             Some(word) if word.eq_ignore_ascii_case(b"endloop") => break,
-            Some(word) => return Err(format!("{} where \"vertex\" or \"endloop\" belongs", text::shown(word)).into()),
+            Some(word) => return Err(format!("expected \"vertex\" or \"endloop\", found {}", text::shown(word)).into()),
             None => return Err("the file ends inside a facet".into()),
         }
         let corner = DVec3::new(words.number()?, words.number()?, words.number()?);

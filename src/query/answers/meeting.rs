@@ -1,40 +1,35 @@
-//! Where a ray meets a triangle, in double precision: distance, weights, and what they promise.
+//! The intersection of a ray and a triangle in double precision: distance, weights, and the bounds that a hit promises.
 //!
-//! **Error.** Let M be the placed tree's map to the world, s its largest singular value. The answer is
-//! `position` = origin + t · dir, rounded; [`meet`] knows a triangle's point q with |M⁻¹ position − q| = `gap`. M q
-//! lies on the stored triangle, the input's within `position_error` of it (in the world). So an
-//! original surface lies within
+//! **Error.** M is the placed tree's map to the world, s its largest singular value. `position` is origin + t · dir,
+//! rounded. [`meet`] finds a point q of the triangle with |M⁻¹ position − q| = `gap`. M q lies on the stored triangle,
+//! at most `position_error` from the input's in the world. Some original surface therefore lies within
 //!
 //! `error` = s · gap + position_error + r, r = l (|origin| + |t dir| + |offset| + s · reach),
 //!
-//! where r covers what double precision loses: position has two roundings a component, the way to the tree's frame a
-//! subtraction and a product of three terms, and back the same; l is 8 · 2⁻⁵² where M is the identity, otherwise as
-//! much of its terms times its inverse's, and what their product differs from the identity by. Single precision does
-//! not enter: it chose the triangle, and the gap tells how well.
+//! where reach is the tree's greatest coordinate and r covers rounding in double precision. l is 8 · 2⁻⁵² if M is the
+//! identity, else the bound of `placed::loss`. Single precision only chose the triangle; `gap` measures how well.
 //!
-//! **t_free.** A nearer surface that single precision put behind this one: the walk sees ray and
-//! triangles moved by at most `Placed::slack` (the origin is within 6 reaches, so it and each vertex
-//! relative to it carry at most 2⁻²³ of 14 reaches; 4 times that is given, and 2 r where M is not the identity), so a
-//! surface before t is less than that before it, along the ray, divided by the cosine at which it is met:
-//! 64 is given for that, which leaves out surfaces met within 0.9° of edge-on.
+//! **t_free.** Single precision may have put a nearer surface behind the hit. Walks see ray and triangles displaced by
+//! at most 2⁻²³ · 14 reaches, as origins are within 6 reaches; [`Placed::slack`] allows 4 times that, and 2 r more
+//! unless M is the identity. It divides by a cosine of 1/64 to the normal: surfaces within 0.9° of edge-on are exempt.
 
 use crate::math::Ray;
 use crate::scene::placed::{Placed, not_below};
 use glam::{DVec3, Vec3};
 
-/// Where a ray meets a triangle, worked out in double precision in the tree's frame.
+/// The intersection of a ray and a triangle, in double precision in the tree's frame.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Meeting {
     /// Distance in units of the world ray's direction.
     pub t: f64,
-    /// Weights of the second and third vertex, in the triangle.
+    /// Weights of the second and third vertex; their point lies in the triangle.
     pub weights: [f64; 2],
     /// Distance from the ray's point at `t` to the triangle's point at `weights`, in the tree's frame.
     pub gap: f64,
 }
 
-/// The plane of a triangle in double precision. Corners are single-precision numbers, so edges and
-/// their products carry few roundings.
+/// The plane of a triangle in double precision. The corners are single-precision numbers, so edges and their products
+/// carry few roundings.
 struct Plane {
     corner: DVec3,
     edges: [DVec3; 2],
@@ -42,7 +37,7 @@ struct Plane {
 }
 
 impl Meeting {
-    /// Where the ray meets the triangle, from the ray's origin.
+    /// Vector from the ray's origin to the hit.
     #[inline(always)]
     pub fn along(&self, ray: &Ray) -> DVec3 {
         ray.dir.as_dvec3() * self.t
@@ -56,7 +51,7 @@ impl Meeting {
         )
     }
 
-    /// No original surface lies on the ray before this: see the module.
+    /// Distance before which no original surface lies on the ray: see the module.
     #[inline(always)]
     pub fn t_free(&self, placed: &Placed, ray: &Ray) -> f64 {
         (self.t - placed.slack(ray, self.t)).max(ray.begins())
@@ -71,7 +66,7 @@ impl Plane {
         Self { corner: a, edges, normal: edges[0].cross(edges[1]) }
     }
 
-    /// The triangle's point nearest to `p`, as weights; and its distance.
+    /// Weights of the triangle's point nearest to `p`, and its distance.
     #[inline]
     fn clamped(&self, p: DVec3) -> ([f64; 2], f64) {
         let from = p - self.corner;
@@ -81,14 +76,14 @@ impl Plane {
         if u >= 0.0 && v >= 0.0 && u + v <= 1.0 { self.at_weights(from, [u, v]) } else { self.on_border(from) }
     }
 
-    /// These weights, and the distance of their point to `from` (relative to the corner).
+    /// These weights, and the distance of their point to `from`, which is relative to the corner.
     #[inline]
     fn at_weights(&self, from: DVec3, weights: [f64; 2]) -> ([f64; 2], f64) {
         (weights, (from - self.edges[0] * weights[0] - self.edges[1] * weights[1]).length())
     }
 
-    /// The border's point nearest to `from`. Not just the weights cut to their range: on a sliver that may be
-    /// far from the nearest.
+    /// The border's point nearest to `from`. Weights clamped to their range would not do: on a sliver their point may
+    /// be far from the nearest one.
     #[cold]
     fn on_border(&self, from: DVec3) -> ([f64; 2], f64) {
         let along = |from: DVec3, edge: DVec3| {
@@ -104,11 +99,12 @@ impl Plane {
     }
 }
 
-/// Meets a triangle of the tree's frame again, in double precision. `found`: where the walk met it.
+/// Intersects a ray and a triangle of the tree's frame again, in double precision. `found` is the distance that the
+/// walk found.
 ///
-/// The ray's t is where it meets the triangle's plane. Nearly edge-on that is ill-conditioned, and the walk's own t, or
-/// the one nearest to the triangle's point, may leave a smaller gap: the smallest wins. So the answer is judged by its
-/// outcome: `gap` is measured, not estimated. It does not depend on the ray's interval.
+/// The ray's t is its intersection with the triangle's plane. Nearly edge-on that is ill-conditioned, and the walk's
+/// own t, or the t nearest to the triangle's point, may leave a smaller gap: the smallest gap wins. `gap` is thus
+/// measured, not estimated. The result does not depend on the ray's interval.
 #[inline]
 pub(crate) fn meet(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, found: f64) -> Meeting {
     let plane = Plane::new(corners);
@@ -120,12 +116,12 @@ pub(crate) fn meet(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, found: f64) 
     };
     let t = plane.normal.dot(plane.corner - org) / plane.normal.dot(dir);
     let best = if t.is_finite() { at(t) } else { at(found) };
-    // In the plane to rounding, and within the triangle: nothing to gain.
+    // The point is in the plane up to rounding and within the triangle: no other t is better.
     let rounding = (org.abs().max_element() + dir.abs().max_element() * best.t.abs()) * 1e-14;
     if best.gap <= rounding { best } else { least_gap(&plane, org, dir, [best, at(found)], at) }
 }
 
-/// The better of two meetings, and of that with the ray's point nearest to the better's.
+/// The better of two intersections, and of a third one at the ray's point nearest to the better one's triangle point.
 #[cold]
 fn least_gap(plane: &Plane, org: DVec3, dir: DVec3, two: [Meeting; 2], at: impl Fn(f64) -> Meeting) -> Meeting {
     let better = if two[1].gap < two[0].gap { two[1] } else { two[0] };
@@ -159,8 +155,8 @@ mod tests {
     }
 
     #[test]
-    fn beside_a_sliver_the_gap_is_the_true_distance() {
-        // Weights cut to their range gave 3e-4 here, and a t that was off by as much.
+    fn outside_a_sliver_the_gap_is_the_true_distance() {
+        // Weights clamped to their range gave 3e-4 here, and an error in t of the same size.
         let t = corners([[0.0; 3], [35.0, 0.01, 0.0], [35.0, 0.02, 0.0]]);
         let above = Plane::new(&t).clamped(DVec3::new(20.0, 0.012, 0.0));
         let slope = 0.02f64.atan2(35.0);
@@ -179,7 +175,7 @@ mod tests {
         let ray = Ray::new(DVec3::new(-1.0, 0.25, 0.0), Vec3::X);
         let m = meet(&p, &t, &ray, 1.25);
         assert!((1.0..=1.75).contains(&m.t) && m.gap < 1e-6, "{m:?}");
-        // And a hair above it, tilted by less than single precision shows.
+        // The ray starts slightly above the plane and is tilted by less than single precision can represent.
         let ray = Ray::new(DVec3::new(-1.0, 0.25, 1e-9), Vec3::new(1.0, 0.0, -1e-12));
         let m = meet(&p, &t, &ray, 1.25);
         assert!((1.0..=1.75).contains(&m.t) && m.gap < 1e-8, "{m:?}");

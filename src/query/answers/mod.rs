@@ -1,6 +1,7 @@
-//! From hits in a tree to answers: rows of up to `N` rays that hit something in the same placed tree. A packet is a row
-//! of [`PACKET`], a single ray a row of one: what is asked for is worked out in one place, and is the same to the bit
-//! for both. Where the tree is turned or scaled in the world, rows are taken to its frame and back.
+//! Turns hits in a tree into answers, for rows of up to `N` rays that hit something in the same placed tree. A packet
+//! is a row of [`PACKET`] rays, a single ray a row of one. One implementation computes the requested fields for both,
+//! so the results are the same to the bit. If the tree is turned or scaled in the world, rows are taken to its frame
+//! and back.
 
 mod meeting;
 pub(crate) mod stand_in;
@@ -25,7 +26,7 @@ use triangle::Triangles;
 #[derive(Clone, Copy)]
 pub(crate) struct InTree<'a> {
     pub view: &'a SceneView<'a>,
-    /// Its number among the scene's placed trees.
+    /// Its index among the scene's placed trees.
     pub number: u32,
     pub placed: &'a Placed,
 }
@@ -41,17 +42,17 @@ impl<'a> InTree<'a> {
     }
 }
 
-/// What up to `N` rays have hit in a tree.
+/// The hits of up to `N` rays in a tree.
 pub(crate) trait TreeHits<const N: usize> {
-    /// The hit of ray `i`, which has one.
+    /// The hit of ray `i`, which must have one.
     fn hit(&self, i: usize) -> TriHit;
-    /// How far that ray goes to its hit, in the world.
+    /// The distance of ray `i` to its hit, in the world.
     fn t(&self, i: usize) -> f64;
-    /// Sorts the hits of `rays`.
+    /// Groups `rays` by the primitives that they hit.
     fn group(&self, isa: Isa, rays: u32, out: &mut Groups<N>);
 }
 
-/// Of a group that went through [one tree](Group::only).
+/// Hits of a group that went through [one tree](Group::only).
 impl TreeHits<PACKET> for Group {
     #[inline]
     fn hit(&self, i: usize) -> TriHit {
@@ -89,7 +90,7 @@ impl<const N: usize> TreeHits<N> for [Found] {
     }
 }
 
-/// What up to `N` rays see of a placed tree. Reusable.
+/// The surfaces and stand-ins that up to `N` rays hit in a placed tree. Reusable.
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Seen<const N: usize> {
@@ -104,13 +105,13 @@ impl<const N: usize> Default for Seen<N> {
     }
 }
 
-/// Rays whose answers are not whole.
+/// Rays without a complete answer.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Rest {
-    /// What was found turned out to be outside of the ray's interval: what is within is to be found, see
-    /// [`super::beyond::past`].
+    /// Rays with a hit that turned out to lie outside their interval. The hit within the interval remains to be found,
+    /// see [`super::beyond::past`].
     pub outside: u32,
-    /// A block is needed, see [`lacking`].
+    /// Rays that need a block that is not in memory, see [`lacking`].
     pub lacking: u32,
 }
 
@@ -123,8 +124,9 @@ impl Rest {
 impl<const N: usize> Seen<N> {
     pub const NONE: Self = Self { triangles: Triangles::NONE, stand_ins: StandIns::NONE, groups: Groups::NONE };
 
-    /// Looks at the hits of `rays`; `dir` gives the rays' directions in the world. Returns the rays whose hits' blocks
-    /// have left the snapshot. `normals`: those of triangles are asked for; `is_whole`: see [`StandIns::look`].
+    /// Loads the data of the hits of `rays`; `dir` gives the rays' directions in the world. Returns the rays whose
+    /// hits' blocks have left the snapshot. `normals` requests the normals of triangles; `is_whole`: see
+    /// [`StandIns::look`].
     #[inline(always)]
     pub fn look(
         &mut self,
@@ -147,27 +149,28 @@ impl<const N: usize> Seen<N> {
         gone
     }
 
-    /// The rays that hit stand-ins.
+    /// Rays that hit stand-ins.
     pub fn cells(&self) -> u32 {
         self.groups.cells
     }
 
-    /// Of those, rays that hit stand-ins for what is not in memory.
+    /// Rays that hit stand-ins for data that is not in memory.
     pub fn missing(&self) -> u32 {
         if self.groups.cells == 0 { 0 } else { self.stand_ins.missing() }
     }
 
-    /// Rays that see colours of cells' own.
+    /// Rays that hit stand-ins with colours of their own.
     pub fn coloured(&self) -> u32 {
         if self.groups.cells == 0 { 0 } else { self.stand_ins.coloured() }
     }
 
-    /// What rays see of stand-ins.
+    /// The stand-ins that rays hit.
     pub fn stand_ins(&self) -> &StandIns<N> {
         &self.stand_ins
     }
 
-    /// Writes unit normals against the rays, whose directions `dir` are unit, and the model's parts, ray by ray.
+    /// Writes, for each ray, the unit normal that faces the ray and the model's part. The directions `dir` must be
+    /// unit.
     pub fn each(&self, at: &InTree, dir: &[[f32; N]; 3], normals: &mut [[f32; N]; 3], parts: &mut [u32; N]) {
         self.triangles.normals_of_rays(at.view.scene.context().isa(), &self.groups, dir, normals);
         for (column, rays) in self.groups.rays.iter().enumerate().take(self.groups.count) {
@@ -181,11 +184,11 @@ impl<const N: usize> Seen<N> {
         }
     }
 
-    /// Fills in `out` what `want` asks of the hits of `met`, rays that all hit something in `placed`. What is there is
-    /// [`Hit::MISS`], or was filled with the same `want`.
+    /// Fills in `out` the fields in `want` for the hits of `met`, rays that all hit something in the placed tree. The
+    /// entries of `out` must be [`Hit::MISS`] or must have been filled with the same `want`.
     ///
-    /// Where the view looks beyond the ends of intervals, what is found outside of them is told, of triangles as double
-    /// precision sees it.
+    /// If the view widens intervals, the result includes the rays whose hits lie outside of their intervals. For
+    /// triangles, double precision decides this.
     #[inline(always)]
     pub(super) fn answer(
         &mut self,
@@ -210,8 +213,8 @@ impl<const N: usize> Seen<N> {
                     (hit.kind, hit.t, uv) = (HitKind::Exact, t, [met.u, met.v]);
                 }
                 Some(cell) => {
-                    // Triangles of a cell that is met before the ray begins are met one by one, unless they are
-                    // missing.
+                    // A stand-in that the ray enters before its interval does not count, unless the triangles below it
+                    // are missing: those within the interval are tested one by one.
                     if widen_interval && !(is_within(ray, t) || cell.is_missing && t <= ray.t_max) {
                         rest.outside |= 1 << i;
                     }
@@ -238,7 +241,7 @@ impl<const N: usize> Seen<N> {
                 self.fill_cells(at, want, rays, hits, out);
             }
             for i in bits(rest.lacking) {
-                // No member of the hit that was there before: that is another ray's.
+                // The entry may belong to another ray: none of its members may stay.
                 out[i] = Hit { t: hits.t(i), ..Hit::MISS };
                 promise_nothing(&mut out[i], &rays[i], want);
             }
@@ -249,7 +252,7 @@ impl<const N: usize> Seen<N> {
         rest
     }
 
-    /// Returns the rays whose hits are outside of their intervals.
+    /// Fills the fields of triangle hits. Returns the rays with hits outside of their intervals.
     #[inline(always)]
     fn fill_triangles(
         &self,
@@ -311,7 +314,7 @@ impl<const N: usize> Seen<N> {
         }
     }
 
-    /// Last: only they may be missing where all else is known.
+    /// Fills primitive ids. This runs last: only their blocks may be missing where all other fields are known.
     fn fill_prims(
         &self,
         at: &InTree,
@@ -330,7 +333,7 @@ impl<const N: usize> Seen<N> {
     }
 }
 
-/// The block that an answer to a hit needed and did not find: the hit's own, or that of primitive ids beside it.
+/// Returns the missing block that the answer to a hit needs: the hit's own block, or the block of its primitive ids.
 #[cold]
 pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit) -> Need {
     let tree = view.tree(placed);
@@ -338,7 +341,7 @@ pub(super) fn lacking(view: &SceneView, placed: u32, hit: &TriHit) -> Need {
     view.need(placed, beside.unwrap_or(tree.block_of(hit)))
 }
 
-/// [`Seen::answer`] of a single ray; false if its hit is outside of its interval, fails with the block that is needed.
+/// [`Seen::answer`] of a single ray. Returns false if its hit is outside of its interval; fails with the missing block.
 #[inline(never)]
 pub(super) fn answer_one(view: &SceneView, ray: &Ray, found: &Found, want: Want, hit: &mut Hit) -> Result<bool, Need> {
     use std::slice::from_ref;
@@ -348,20 +351,20 @@ pub(super) fn answer_one(view: &SceneView, ray: &Ray, found: &Found, want: Want,
     if rest.lacking != 0 { Err(lacking(view, found.placed, &found.tri)) } else { Ok(rest.outside == 0) }
 }
 
-/// Sets `error` and `t_free` of a hit to what holds whatever the blocks contain that were not in memory.
+/// Sets `error` and `t_free` of a hit to values that hold for any content of the missing blocks.
 pub(super) fn promise_nothing(hit: &mut Hit, ray: &Ray, want: Want) {
     if want.has(Want::ERROR) {
         (hit.error, hit.t_free) = (f32::INFINITY, ray.begins());
     }
 }
 
-/// Whether double precision, or what a cell says, puts a hit within a ray's interval.
+/// True if the distance of a hit, in double precision or as given by a stand-in, is within the ray's interval.
 #[inline(always)]
 pub(super) fn is_within(ray: &Ray, t: f64) -> bool {
     (ray.t_min..=ray.t_max).contains(&t)
 }
 
-/// What needs the hit of a triangle in double precision.
+/// Fills the fields that need the intersection with the triangle in double precision.
 #[inline(never)]
 fn fill_from_meeting(placed: &Placed, corners: &[Vec3; 3], ray: &Ray, found: f64, want: Want, hit: &mut Hit) {
     let meeting = meet(placed, corners, ray, found);

@@ -1,20 +1,18 @@
-//! What hits on stand-ins show and promise: rows of them, in loops that become vectors.
+//! Colours, normals and error bounds of hits on stand-ins, for rows of rays in loops that the compiler vectorises.
 //!
-//! **Error.** A cell holds some of the original surface, up to what rounding of the input moved it: so some of it lies
-//! within the distance from the hit to the cell's farthest corner, plus that. Measured from the hit's position as
-//! given, in double precision: what single precision did to `t` does not enter.
+//! **Error.** A cell holds some original surface, displaced at most by the rounding of the input. Some surface thus
+//! lies within the distance from the hit to the cell's farthest corner, plus that rounding. The distance is measured
+//! from the answered position in double precision, so an error of `t` does not enter. The cell's level may promise a
+//! smaller distance for all points of the region in which rays meet the stand-in (`lod::Fill`). That bound does not
+//! hold where a ray begins in the cell, or where single precision has moved the hit off the region.
 //!
-//! Where the cell's level says that all of the region in which it is met is nearer to original surface (`lod::Fill`),
-//! that is its error. Not so where a ray begins in a cell, for it is not met there; nor where single precision has
-//! moved the hit off that region.
-//!
-//! **t_free.** A cell's box and slabs hold all that it stands for, and the walk takes the nearest of all of these and
-//! of triangles, each where it is entered or before: no original surface lies on the ray before the hit, up to what
-//! single precision may have moved (as for exact hits, `meeting.rs`). Where the ray passed stand-ins, that is so of the
-//! hit of a walk that passes none, and its `t_free` counts (`beyond::free`). In a stand-in for missing data that the
-//! ray begins in nothing is known to be free.
+//! **t_free.** A cell's box and slabs hold all that the stand-in represents. The walk takes the nearest of all
+//! stand-ins and triangles, each at its entry or before. So no original surface lies on the ray before the hit, up to
+//! the displacement in single precision (see `meeting.rs`). For a ray that stand-ins transmitted, the value is that of
+//! a walk in which no stand-in transmits (`beyond::free`). A ray that begins in a stand-in for missing data has no free
+//! part.
 
-#![allow(clippy::needless_range_loop)] // rows of several arrays at once
+#![allow(clippy::needless_range_loop)] // loops index several arrays at once
 
 use super::{InTree, TreeHits};
 use crate::lod::{
@@ -28,23 +26,23 @@ use crate::structure::cell::Cells;
 use crate::structure::{Rooted, Tree, TriHit};
 use glam::{DVec3, Vec3};
 
-/// The stand-ins that up to `N` rays hit in a placed tree, a column for each ray. Reusable: columns of other rays hold
-/// anything.
+/// The stand-ins that up to `N` rays hit in a placed tree, one column per ray. Reusable: columns of other rays have
+/// arbitrary content.
 #[derive(Debug)]
 #[repr(C)]
 pub(crate) struct StandIns<const N: usize> {
     cells: Cells<N>,
     /// The rays' directions in the world.
     dir: [[f32; N]; 3],
-    /// Of each of three samples its share of what is seen, and the mean normal that is seen of it, in the world; of
-    /// cells of one sample the first counts.
+    /// For each of three samples, its share of the visible surface and its mean visible normal in the world. Cells with
+    /// one sample use the first entry only.
     shares: [[f32; N]; 3],
     sides: [[[f32; N]; 3]; 3],
-    /// Unit, in the world, against the rays.
+    /// Unit normals in the world that face the rays.
     normal: [[f32; N]; 3],
-    /// The mean cosine between the ray and what it sees.
+    /// The mean cosine between the reversed ray and the visible normals.
     along: [f32; N],
-    /// The model's part that the tree's local part 0 is, and the rays whose cells' parts are hidden.
+    /// The model's part that the tree's local part 0 is, and the rays whose stand-ins' parts are hidden.
     first_part: u32,
     hidden: u32,
 }
@@ -61,9 +59,9 @@ impl<const N: usize> StandIns<N> {
         hidden: 0,
     };
 
-    /// Looks at the cells that `rays` hit in the placed `tree`; `dir` gives the rays' directions in the world. Returns
-    /// the rays whose cells' blocks have left the snapshot. `is_whole`: the data that [`StandIns::error`] takes is
-    /// asked for.
+    /// Loads the stand-ins that `rays` hit in the placed `tree`; `dir` gives the rays' directions in the world. Returns
+    /// the rays whose stand-ins' blocks have left the snapshot. `is_whole` requests the data that [`StandIns::error`]
+    /// needs.
     pub fn look(
         &mut self,
         at: &InTree,
@@ -81,7 +79,7 @@ impl<const N: usize> StandIns<N> {
         let gone = tree.cells(rays, |i| hits.hit(i), local, is_whole, &mut self.cells);
         (self.first_part, self.hidden) = (p.first_part, 0);
         if self.cells.missing != 0 {
-            // Only for want of what is below: what else it holds may be visible.
+            // Only a stand-in for missing data can have a hidden part: other parts in its cell may be visible.
             let filter = at.view.filter(at.number);
             let is_hidden = |part: u32| filter.as_ref().is_some_and(|filter| filter.hides(part));
             bits(self.cells.missing).for_each(|i| self.hidden |= u32::from(is_hidden(self.cells.part[i])) << i);
@@ -94,56 +92,57 @@ impl<const N: usize> StandIns<N> {
         gone
     }
 
-    /// The model's part of which ray `i` sees most; none of the model's if that is hidden.
+    /// The model's part that covers most of the stand-in in the direction of ray `i`; `u32::MAX` if that part is
+    /// hidden.
     #[inline(always)]
     pub fn part(&self, i: usize) -> u32 {
         if self.hidden >> i & 1 == 1 { u32::MAX } else { self.first_part.saturating_add(self.cells.part[i]) }
     }
 
-    /// Rays that see stand-ins for what is not in memory.
+    /// Rays that hit stand-ins for data that is not in memory.
     pub fn missing(&self) -> u32 {
         self.cells.missing
     }
 
-    /// The unit normal that ray `i` sees, in the world, against the ray.
+    /// The unit normal in the world at the hit of ray `i`, facing the ray.
     #[inline(always)]
     pub fn normal(&self, i: usize) -> Vec3 {
         column(&self.normal, i)
     }
 
-    /// Of each ray the mean cosine between it and what it sees.
+    /// For each ray, the mean cosine between the reversed ray and the visible normals.
     pub fn along(&self) -> &[f32; N] {
         &self.along
     }
 
-    /// Rays that see colours of their cells' own, not those of parts.
+    /// Rays that hit stand-ins with colours of their own instead of the colours of parts.
     pub fn coloured(&self) -> u32 {
         self.cells.coloured
     }
 
-    /// The linear colour that ray `i` of those sees: the mean over all that is seen.
+    /// The linear colour of the stand-in of ray `i`: the mean over the visible surface.
     #[inline]
     pub fn colour(&self, i: usize) -> Vec3 {
         blended_colour(self.cells.seconds.map(|row| row[i]), self.shares.map(|row| row[i]))
     }
 
-    /// How what ray `i` sees answers light, in the world.
+    /// The visible normals of the stand-in of ray `i` and their shares, for shading in the world.
     pub fn facing(&self, i: usize) -> Facing {
         let count = if self.cells.have_three >> i & 1 == 1 { 3 } else { 1 };
         let side = |side: usize| if side < count { column(&self.sides[side], i) } else { Vec3::ZERO };
         Facing::new([side(0), side(1), side(2)], self.shares.map(|row| row[i]))
     }
 
-    /// Where ray `i` is hit that met its cell at `t`: in the ray's interval; in a cell that it begins in, the ray sees
-    /// the far side.
+    /// Returns the distance of the hit of ray `i`, which enters its cell at `t`, clamped to the ray's interval. A ray
+    /// that begins in the cell hits its far side.
     #[inline(always)]
     pub fn t(&self, i: usize, placed: &Placed, ray: &Ray, t: f64) -> f64 {
         let is_inside = self.cells.inside >> i & 1 == 1;
         within(if is_inside { t.max(leave(placed, ray, &self.cells.bounds_of(i))) } else { t }, ray)
     }
 
-    /// Bound of the distance between the position of ray `i`'s answer, `along` from its origin, and original surface:
-    /// see the module.
+    /// Bound of the distance between original surface and the answered position of ray `i`, which is `along` from its
+    /// origin: see the module.
     pub fn error(&self, i: usize, tree: &Tree, placed: &Placed, hit: &TriHit, origin: DVec3, along: DVec3) -> f32 {
         let (here, cell) = (placed.local_point(origin + along), self.cells.bounds_of(i));
         let limit = if self.cells.inside >> i & 1 == 1 { f64::INFINITY } else { limit(self.cells.level[i]) };
@@ -154,8 +153,8 @@ impl<const N: usize> StandIns<N> {
         error_at(placed, origin, along, here, &cell, if is_near { limit } else { f64::INFINITY })
     }
 
-    /// [`StandIns::error`] of all rays of `rays`, which begin at `eye` and reach their hits at `t`; of other rays
-    /// anything.
+    /// [`StandIns::error`] of all rays in `rays`, which begin at `eye` and reach their hits at `t`. Values of other
+    /// rays are arbitrary.
     pub fn errors(
         &self,
         tree: &Tree,
@@ -178,7 +177,7 @@ impl<const N: usize> StandIns<N> {
         }
     }
 
-    /// No original surface lies on ray `i` before this, where it reaches its hit at `t`: see the module.
+    /// Distance before which no original surface lies on ray `i`, which reaches its hit at `t`: see the module.
     #[inline(always)]
     pub fn t_free(&self, i: usize, placed: &Placed, ray: &Ray, t: f64) -> f64 {
         let free = if self.cells.inside >> i & 1 == 1 { 0.0 } else { t - placed.slack(ray, t) };
@@ -196,7 +195,7 @@ fn set_column<const N: usize>(rows: &mut [[f32; N]; 3], i: usize, v: Vec3) {
     (rows[0][i], rows[1][i], rows[2][i]) = (v.x, v.y, v.z);
 }
 
-/// Works out how cells face their rays.
+/// Computes the visible normals and shares of stand-ins.
 struct See<'a, const N: usize> {
     all: &'a mut StandIns<N>,
     placed: &'a Placed,
@@ -239,7 +238,8 @@ fn see<const N: usize>(all: &mut StandIns<N>, placed: &Placed) {
     see_sides::<N, 3>(all, placed);
 }
 
-/// Works out what is seen of the first `SIDES` of three samples, in a loop for each step: the others have no share.
+/// Computes the visible normals of the first `SIDES` of three samples, one loop for each step. The other samples have
+/// no share.
 #[inline(always)]
 fn see_sides<const N: usize, const SIDES: usize>(all: &mut StandIns<N>, placed: &Placed) {
     let StandIns { cells, dir, shares, sides, normal, along, .. } = all;
@@ -268,13 +268,13 @@ fn see_sides<const N: usize, const SIDES: usize>(all: &mut StandIns<N>, placed: 
     }
     for i in 0..N {
         let mean = column(&mean, i);
-        // Where nothing is left of opposite normals, against the ray.
+        // Opposite normals can cancel out: the normal is then the reversed ray.
         set_column(normal, i, mean.normalize_or(column(&to_eye, i)));
         along[i] = -mean.dot(column(dir, i));
     }
 }
 
-/// The unit vector against a direction, which is no vector or infinite at worst.
+/// The unit vector opposite to a direction; zero if the direction is zero or not finite.
 #[inline(always)]
 fn against(dir: Vec3) -> Vec3 {
     -dir.normalize_or_zero()
@@ -290,7 +290,7 @@ fn in_tree<const N: usize>(placed: &Placed, dir: &[[f32; N]; 3]) -> [[f32; N]; 3
     out
 }
 
-/// Takes unit normals of a tree's frame to the world; those that vanish there are against the rays.
+/// Transforms unit normals of a tree's frame to the world. Normals that vanish there become the reversed rays.
 #[inline(always)]
 fn turn_to_world<const N: usize>(placed: &Placed, dir: &[[f32; N]; 3], normals: &mut [[f32; N]; 3]) {
     for i in 0..N {
@@ -300,8 +300,8 @@ fn turn_to_world<const N: usize>(placed: &Placed, dir: &[[f32; N]; 3], normals: 
     }
 }
 
-/// Works out [`StandIns::errors`]; returns the rays for which it must be seen where in their cells they hit, of rays
-/// without cells anything.
+/// Computes [`StandIns::errors`]. Returns the rays for which the position of the hit in the cell decides the bound;
+/// bits of rays without stand-ins are arbitrary.
 struct Errors<'a, const N: usize> {
     all: &'a StandIns<N>,
     placed: &'a Placed,
@@ -318,7 +318,7 @@ impl<const N: usize> Op for Errors<'_, N> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) -> u32 {
         let Self { all, placed, eye, offset, sure, t, out } = self;
-        // A copy: it stays as it is while `out` is written.
+        // A local copy is known not to change while `out` is written.
         let placed = *placed;
         let mut limits = [0.0; N];
         for i in 0..N {
@@ -335,7 +335,7 @@ impl<const N: usize> Op for Errors<'_, N> {
     }
 }
 
-/// Where a cell is hit, in the ray's interval: it may be entered before, or be seen where the ray leaves it.
+/// Clamps the distance of a hit on a cell to the ray's interval: the ray may enter the cell earlier, or leave it later.
 #[inline(always)]
 pub(super) fn within(t: f64, ray: &Ray) -> f64 {
     t.min(ray.t_max).max(ray.t_min)
@@ -351,28 +351,28 @@ fn in_cell(here: DVec3, cell: &Bounds) -> DVec3 {
     here.max(cell.min.as_dvec3()).min(cell.max.as_dvec3())
 }
 
-/// The error of a hit `along` from a ray's origin, which is `here` in the tree's frame, on a cell, in the world;
-/// `near`: original surface is so near to the hit at most, as a part of the cell's diagonal. See the module.
+/// The error in the world of a hit on a cell. The hit is `along` from the ray's origin and at `here` in the tree's
+/// frame. `near` is the distance to original surface at most, as a fraction of the cell's diagonal. See the module.
 #[inline(always)]
 fn error_at(placed: &Placed, origin: DVec3, along: DVec3, here: DVec3, cell: &Bounds, near: f64) -> f32 {
     let (low, high) = (cell.min.as_dvec3(), cell.max.as_dvec3());
     let farthest = (here - low).abs().max((here - high).abs()).length();
-    // Not so for NaN, of cells that are points.
+    // For cells that are points the product is NaN, and `min` takes `farthest`.
     let nearest = (diagonal(cell) * near + here.distance(in_cell(here, cell))).min(farthest);
     not_below(placed.stretch * nearest + placed.position_error + placed.rounding_along(origin, along))
 }
 
-/// Where a ray leaves a cell, in units of the world's ray.
+/// The distance at which a ray leaves a cell, in units of the world's ray.
 fn leave(placed: &Placed, ray: &Ray, cell: &Bounds) -> f64 {
     let (org, dir) = (placed.local_point(ray.origin), placed.local_vector(ray.dir.as_dvec3()));
     let far = DVec3::select(dir.cmpge(DVec3::ZERO), cell.max.as_dvec3(), cell.min.as_dvec3());
-    // Not where it goes along a plane of the cell: that is NaN.
+    // A ray within a plane of the cell gives NaN there, which `min` ignores.
     ((far - org) * dir.recip()).to_array().into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// A stand-in as one ray sees it. What few ask for is worked out when asked for.
+/// The stand-in that one ray hits. Methods compute the rarely needed values on demand.
 pub(crate) struct Look<'a> {
-    /// Where it is hit, in units of the ray's direction.
+    /// Distance of the hit, in units of the ray's direction.
     pub t: f64,
     view: &'a SceneView<'a>,
     ray: &'a Ray,
@@ -380,7 +380,7 @@ pub(crate) struct Look<'a> {
     one: StandIns<1>,
 }
 
-/// The stand-in that `found` is, if it is one and its block is there.
+/// The stand-in of the hit `found`; `None` if the hit is no stand-in or its block is missing.
 pub(crate) fn look<'a>(view: &'a SceneView<'a>, ray: &'a Ray, found: &'a Found) -> Option<Look<'a>> {
     found.tri.stand_in()?;
     let mut look = Look { t: 0.0, view, ray, found, one: StandIns::NONE };
@@ -396,7 +396,7 @@ pub(crate) fn look<'a>(view: &'a SceneView<'a>, ray: &'a Ray, found: &'a Found) 
     (gone == 0).then_some(look)
 }
 
-/// Asks for the memory of what [`look`] reads of what was found for `rays`: many such waits then go on at once.
+/// Prefetches the memory that [`look`] reads for the hits of `rays`, so that many cache misses overlap.
 pub(crate) fn ask_for(view: &SceneView, found: &[Found], rays: u32) {
     for of_sides in [false, true] {
         for i in bits(rays) {
@@ -410,27 +410,27 @@ impl<'a> Look<'a> {
         &self.view.scene.placement.placed[self.found.placed as usize]
     }
 
-    /// Unit, in the world, against the ray.
+    /// The unit normal in the world, facing the ray.
     pub fn normal(&self) -> Vec3 {
         self.one.normal(0)
     }
 
-    /// How it answers light, in the world.
+    /// The visible normals and their shares, for shading in the world.
     pub fn facing(&self) -> Facing {
         self.one.facing(0)
     }
 
-    /// The model's part of which most is seen; none of the model's if that is hidden.
+    /// The model's part that covers most of the visible surface; `u32::MAX` if that part is hidden.
     pub fn part(&self) -> u32 {
         self.one.part(0)
     }
 
-    /// Linear: the mean over all that is seen from this side; `None`: that of the part.
+    /// The linear mean colour over the surface visible from this side; `None` if the part's colour applies.
     pub fn colour(&self) -> Option<Vec3> {
         (self.one.coloured() != 0).then(|| self.one.colour(0))
     }
 
-    /// For want of the block below.
+    /// True if the block below the stand-in is missing.
     pub fn is_missing(&self) -> bool {
         self.one.missing() != 0
     }
@@ -441,12 +441,12 @@ impl<'a> Look<'a> {
         self.one.error(0, &self.view.tree(self.found.placed), self.placed(), &self.found.tri, self.ray.origin, along)
     }
 
-    /// Where the ray leaves the cell.
+    /// The distance at which the ray leaves the cell.
     pub fn leave(&self) -> f64 {
         leave(self.placed(), self.ray, &self.one.cells.bounds_of(0)).max(self.t)
     }
 
-    /// How far what it stands for reaches above the hit along the normal, or farther.
+    /// An upper bound of the height of the cell's content above the hit along the normal.
     pub fn above(&self) -> f64 {
         let here = self.placed().local_point(self.ray.origin + self.ray.dir.as_dvec3() * self.t);
         let normal = self.placed().gradient(self.normal().as_dvec3());

@@ -1,4 +1,4 @@
-//! Normals of triangles that rays hit, in the world: rows of them, in loops that become vectors.
+//! Normals of hit triangles in the world, computed for rows of triangles in loops that the compiler vectorises.
 
 use crate::math::bits;
 use crate::scene::placed::Placed;
@@ -7,34 +7,35 @@ use crate::structure::surface::{Groups, Surfaces};
 use crate::structure::{Rooted, Tree, TriHit};
 use glam::{DVec3, Vec3};
 
-/// A triangle's normal in the world, on the side from which its corners are seen counter-clockwise.
+/// A triangle's normal in the world, on the side from which its corners appear counter-clockwise.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct WorldNormal {
-    /// Of any length.
+    /// The normal, of any length.
     pub across: DVec3,
-    /// Of length 1.
+    /// The normal, of length 1.
     pub unit: Vec3,
-    /// The square of `across` leaves the range of single precision: `unit` means nothing.
+    /// True if the square of `across` leaves the range of single precision: `unit` is then meaningless.
     pub is_extreme: bool,
 }
 
 impl WorldNormal {
-    /// Of a triangle of a placed tree.
+    /// The normal of a triangle of a placed tree.
     #[inline(always)]
     pub fn new(placed: &Placed, corners: &[Vec3; 3]) -> Self {
         Self::of(placed.world_normal(across(corners)))
     }
 
-    /// From one of any length.
+    /// From a normal of any length.
     #[inline(always)]
     pub fn of(across: DVec3) -> Self {
         let square = across.length_squared();
-        // Single precision is what the answer has; a root and a quotient of it take half the time.
+        // The answer has single precision; a square root and a quotient in it take half the time.
         let unit = (across * f64::from(1.0 / (square as f32).sqrt())).as_vec3();
         Self { across, unit, is_extreme: !NORMAL_SQUARES.contains(&square) }
     }
 
-    /// Of length 1, against `dir`; where a triangle is too thin to have a normal, the opposite of `dir`.
+    /// The unit normal on the side of the ray's origin. A triangle too thin to have a normal gets the opposite of
+    /// `dir`.
     #[inline(always)]
     pub fn facing(&self, dir: Vec3) -> Vec3 {
         let dir = dir.as_dvec3();
@@ -45,10 +46,10 @@ impl WorldNormal {
     }
 }
 
-/// Squares of lengths whose roots and reciprocals keep all digits of single precision.
+/// Squares of lengths for which square roots and reciprocals keep all digits of single precision.
 const NORMAL_SQUARES: std::ops::Range<f64> = 1e-36..1e36;
 
-/// A normal that is zero, or so long or short that its square leaves the range of single precision.
+/// The unit normal where the square of its length is 0 or leaves the range of single precision.
 #[cold]
 fn extreme_normal(normal: DVec3, dir: DVec3) -> DVec3 {
     let size = normal.abs().max_element();
@@ -59,19 +60,19 @@ fn extreme_normal(normal: DVec3, dir: DVec3) -> DVec3 {
     }
 }
 
-/// The cross product of a triangle's edges. (Corners are single-precision numbers: few roundings.)
+/// The cross product of a triangle's edges. The corners are single-precision numbers, so it carries few roundings.
 #[inline(always)]
 fn across([a, b, c]: &[Vec3; 3]) -> DVec3 {
     let a = a.as_dvec3();
     (b.as_dvec3() - a).cross(c.as_dvec3() - a)
 }
 
-/// The triangles that up to `N` rays hit in a placed tree, a column for each. Reusable.
+/// The triangles that up to `N` rays hit in a placed tree, one column per triangle. Reusable.
 #[derive(Debug)]
 #[repr(C)]
 pub(super) struct Triangles<const N: usize> {
     stored: Surfaces<N>,
-    /// Their normals, as [`WorldNormal`] has them.
+    /// The fields of each triangle's [`WorldNormal`].
     across: [[f64; N]; 3],
     unit: [[f32; N]; 3],
     is_extreme: [u32; N],
@@ -81,8 +82,8 @@ impl<const N: usize> Triangles<N> {
     pub const NONE: Self =
         Self { stored: Surfaces::NONE, across: [[0.0; N]; 3], unit: [[0.0; N]; 3], is_extreme: [0; N] };
 
-    /// Looks at the triangles of `groups`, of which `hit` gives the hit of a ray. Returns the rays whose triangles'
-    /// blocks have left the snapshot, and takes these out of `groups`. `normals`: whether normals are asked for.
+    /// Loads the triangles of `groups`; `hit` returns the hit of a ray. Returns the rays whose triangles' blocks have
+    /// left the snapshot, and removes them from `groups`. Computes normals if `normals`.
     #[inline(always)]
     pub fn look(
         &mut self,
@@ -111,7 +112,7 @@ impl<const N: usize> Triangles<N> {
         self.stored.corners_of(column)
     }
 
-    /// The tree's local part that a triangle belongs to.
+    /// The tree's local part of a triangle.
     #[inline(always)]
     pub fn part(&self, column: usize) -> u32 {
         self.stored.part[column]
@@ -127,8 +128,8 @@ impl<const N: usize> Triangles<N> {
         }
     }
 
-    /// Writes unit normals against rays, whose directions `dir` are unit, to the columns of the rays that hit
-    /// triangles.
+    /// Writes the unit normals that face the rays to the columns of the rays that hit triangles. `dir` holds the rays'
+    /// unit directions.
     pub fn normals_of_rays(&self, isa: Isa, groups: &Groups<N>, dir: &[[f32; N]; 3], out: &mut [[f32; N]; 3]) {
         for (column, rays) in groups.rays.iter().enumerate().take(groups.count) {
             let unit = self.normal(column).unit;
@@ -147,14 +148,14 @@ impl<const N: usize> Triangles<N> {
     }
 }
 
-/// Works out the normals of the first `count` triangles.
+/// Computes the normals of the first `count` triangles.
 struct Normals<'a, const N: usize> {
     triangles: &'a mut Triangles<N>,
     placed: &'a Placed,
     count: usize,
 }
 
-/// Triangles of a packet up to which half the work does.
+/// Greatest number of triangles for which the loop over half a packet suffices.
 const FEW: usize = 16;
 
 impl<const N: usize> Op for Normals<'_, N> {
@@ -171,7 +172,7 @@ impl<const N: usize> Op for Normals<'_, N> {
     }
 }
 
-/// The first `COUNT`, at most `N`.
+/// Computes the normals of the first `COUNT` triangles, at most `N`.
 #[inline(always)]
 fn first_normals<const N: usize, const COUNT: usize>(triangles: &mut Triangles<N>, placed: &Placed) {
     let Triangles { stored, across: [x, y, z], unit, is_extreme } = triangles;
@@ -192,15 +193,15 @@ fn first_normals<const N: usize, const COUNT: usize>(triangles: &mut Triangles<N
     }
 }
 
-/// Turns unit normals against unit directions; returns the rays for which single precision cannot tell which side they
-/// see.
+/// Turns unit normals so that they face the rays with the unit directions `dir`. Returns the rays for which single
+/// precision cannot decide the side.
 struct Turn<'a, const N: usize> {
     dir: &'a [[f32; N]; 3],
     normals: &'a mut [[f32; N]; 3],
 }
 
-/// Cosines of unit vectors that are farther from zero than this have the sign of the exact ones, which are those of
-/// [`WorldNormal::facing`] to double precision: eight times what components and sums are rounded by.
+/// Cosines farther from zero than this have the sign of the exact cosine in [`WorldNormal::facing`]. The limit is eight
+/// times the rounding of components and sums of unit vectors.
 const SURE: f32 = 1.0 / (1 << 20) as f32;
 
 impl<const N: usize> Op for Turn<'_, N> {
@@ -242,7 +243,7 @@ mod tests {
         }
         let sliver = corners([[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]);
         assert_eq!(WorldNormal::new(&p, &sliver).facing(Vec3::X), -Vec3::X);
-        // Too small and too large for single precision's squares.
+        // The squares are too small or too large for single precision.
         for size in [1e-30f32, 1e15] {
             let t = corners([[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]]);
             assert_eq!(WorldNormal::new(&p, &t).facing(Vec3::Z), -Vec3::Z);

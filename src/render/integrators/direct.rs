@@ -1,5 +1,5 @@
-//! Direct light: headlights, points, directions; layers of transparent surfaces by continuing the ray.
-#![allow(clippy::needless_range_loop)] // rows of several arrays at once
+//! Direct light: headlights, point lights and directional lights. Rays continue behind transparent surfaces.
+#![allow(clippy::needless_range_loop)] // each loop indexes several arrays
 
 use super::first::{First, Layer};
 use super::material::Material;
@@ -25,33 +25,33 @@ use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::Triangle;
 use glam::{DVec2, Vec3};
 
-/// Pixels of a packet, along its rows and its columns.
+/// Number of pixels in a row of a packet.
 pub(crate) const ACROSS: u32 = 8;
-/// See [`ACROSS`].
+/// Number of rows of a packet.
 pub(crate) const DOWN: u32 = PACKET as u32 / ACROSS;
-/// Transparent surfaces that a ray goes through at most; what is behind counts as background.
+/// Greatest number of transparent surfaces on a ray. Everything behind counts as background.
 pub(super) const MAX_LAYERS: usize = 32;
-/// In place of what overflows.
+/// Replacement for colours that overflow.
 const BRIGHTEST: f32 = 65504.0;
-/// What is let through less than this is not looked at.
+/// Transmittance below which further surfaces are ignored.
 pub(super) const LEAST_TRANSMITTANCE: f32 = 1.0 / 512.0;
-/// Offset of rays that leave a surface, as a share of its tree's reach: 32 times what single precision may put
-/// between a point of a surface and the surface (2⁻²⁴ of twice the reach).
+/// Offset of rays that leave a surface, as a fraction of the tree's extent: 32 times the greatest distance that single
+/// precision may put between a computed point of the surface and the surface (2⁻²⁴ of twice the extent).
 pub(super) const LEAVE: f64 = 1.0 / 262_144.0;
 
-/// The buffers of the first surface that are asked for. The others are not worked out.
+/// The requested buffers of the first surface. Others are not computed.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Asks {
-    /// Part and instance.
+    /// Part and instance ids.
     pub ids: bool,
     /// Primitive ids.
     pub prims: bool,
-    /// Depth and error of triangles in double precision; without, they count as exact.
+    /// Depth and error of triangles in double precision. If false, triangles count as exact.
     pub precise: bool,
     pub normals: bool,
 }
 
-/// Memory of a worker, and the pixels of its packet.
+/// A worker's memory, and the first surfaces in the pixels of its packet.
 pub(crate) struct Scratch {
     camera: ScenePacket,
     pub(super) group: Group,
@@ -78,82 +78,82 @@ impl Scratch {
     }
 }
 
-/// What renders packets of [`ACROSS`] by [`DOWN`] pixels of one picture.
+/// Renderer of packets of [`ACROSS`] by [`DOWN`] pixels of one picture.
 pub(crate) struct Direct<'a> {
     pub view: SceneView<'a>,
     pub rays: &'a PixelRays,
     pub size: (u32, u32),
     pub samples: u32,
     pub ambient: f32,
-    /// Pixels of error; 0 asks for exact answers.
+    /// Threshold in pixels of error; 0: exact.
     pub poe: f32,
-    /// They are more than was asked for: what is seen does not fit the budget.
+    /// True if `poe` is above the requested threshold because the visible data does not fit the budget.
     pub is_pressed: bool,
     pub srgb: &'a Srgb,
     pub asks: Asks,
-    /// See [`super::plain::is_plain`].
+    /// True if packets may be plain: see [`super::plain::is_plain`].
     pub plain: bool,
-    /// Beyond these points of the picture nothing is seen; if that is known.
+    /// Corners of a rectangle in the picture that contains all hits, if known.
     pub within: Option<[DVec2; 2]>,
 }
 
-/// The pixels of a packet, in one sample.
+/// The pixels of a packet, for one sample.
 #[derive(Clone, Copy)]
 pub(crate) struct Pixels {
-    /// The first.
+    /// First pixel.
     at: (u32, u32),
-    /// How far apart they are.
+    /// Distances between pixels.
     apart: (u32, u32),
-    /// Where in its pixel each ray goes through.
+    /// Position of each ray within its pixel.
     offset: (f64, f64),
     pub sample: u32,
     widths: Widths,
 }
 
 impl Pixels {
-    /// That of ray `i`.
+    /// Returns the pixel of ray `i`.
     #[inline(always)]
     fn pixel(&self, i: usize) -> (u32, u32) {
         (self.at.0 + i as u32 % ACROSS * self.apart.0, self.at.1 + i as u32 / ACROSS * self.apart.1)
     }
 
-    /// The point of the picture that ray `i` goes through.
+    /// Returns the point of the picture that ray `i` goes through.
     #[inline(always)]
     pub fn point(&self, i: usize) -> (f64, f64) {
         let (x, y) = self.pixel(i);
         (f64::from(x) + self.offset.0, f64::from(y) + self.offset.1)
     }
 
-    /// Which step of an octave the width of ray `i` is at.
+    /// Returns the step of ray `i`'s width within the octave: see [`Widths::step`].
     #[inline(always)]
     pub fn step(&self, i: usize) -> u32 {
         let (x, y) = self.pixel(i);
         Widths::step(x, y, self.sample)
     }
 
-    /// What the width of a ray at a step is multiplied with.
+    /// Returns the factor for the width of a ray at a step.
     #[inline(always)]
     pub fn width(&self, step: u32) -> f32 {
         self.widths.factor(step)
     }
 }
 
-/// The colour of each ray so far.
+/// Rays of a packet, with the colour of each so far.
 struct Lanes {
     rays: [Ray; PACKET],
     colour: [Vec3; PACKET],
-    /// What is let through to what comes next.
+    /// Transmittance up to the next surface.
     through: [f32; PACKET],
 }
 
 impl Direct<'_> {
-    /// What packets are worked out with.
+    /// Instruction set for packets.
     pub fn isa(&self) -> Isa {
         self.view.scene.context().isa()
     }
 
-    /// Renders a sample of the pixels of `active`: adds their light to `sums`, and puts what is seen first there, of
-    /// sample 0, into `scratch`. `number`: the packet's in its tile, if that was [begun](Self::begin).
+    /// Renders a sample of the pixels in `active`: adds their light to `sums` and, for sample 0, stores their first
+    /// surfaces in `scratch`. `number`: index of the packet in its tile, if that was [begun](Self::begin).
     pub fn packet(
         &self,
         pixels: &Pixels,
@@ -203,29 +203,29 @@ impl Direct<'_> {
         Ok(())
     }
 
-    /// The pixels of a packet at `at`, so far `apart`, in a sample. Sample 0 goes through the middle of the pixel and
-    /// tells what is seen; all samples weigh the same in the colour.
+    /// Returns the pixels of a packet at `at`, with distances `apart`, for a sample. Sample 0 goes through the pixel's
+    /// centre and determines the first surface. All samples have the same weight in the colour.
     pub fn pixels(&self, at: (u32, u32), apart: (u32, u32), sample: u32) -> Pixels {
         Pixels { at, apart, offset: offset(sample), sample, widths: Widths::of(self.poe) }
     }
 
-    /// See [`Add`].
+    /// Adds colours to sums: see [`Add`].
     fn add(&self, sums: &mut [[f32; PACKET]; 4], colours: &[[f32; PACKET]; 4]) {
         dispatch(self.isa(), Add { sums, colours });
     }
 
-    /// Whether nothing is seen in the block of a packet.
+    /// True if the rectangle of all hits does not overlap the pixels of a packet.
     pub(super) fn is_empty(&self, &Pixels { at, apart, .. }: &Pixels) -> bool {
         let Some([least, greatest]) = self.within else { return false };
         let first = DVec2::new(at.0.into(), at.1.into());
         let last = first + DVec2::new(f64::from(apart.0 * (ACROSS - 1) + 1), f64::from(apart.1 * (DOWN - 1) + 1));
-        // Not so of what is not a number.
+        // Comparisons with NaN are false, so such a packet does not count as empty.
         last.x < least.x || last.y < least.y || first.x > greatest.x || first.y > greatest.y
     }
 
-    /// Goes through surfaces, front to back, until nothing is let through.
+    /// Adds the light of surfaces, front to back, until no light is transmitted.
     ///
-    /// `met`: the rays that hit something, if they were traced already, in the scratch's `group`.
+    /// `met`: mask of the rays with a hit, if they were traced already. The hits are in the scratch's `group`.
     fn layers(
         &self,
         lanes: &mut Lanes,
@@ -280,8 +280,8 @@ impl Direct<'_> {
         Ok(())
     }
 
-    /// Finds what rays hit; returns those that hit something and those that passed stand-ins before, of `active` and
-    /// perhaps others. `all`: most of them are active.
+    /// Traces rays. Returns the mask of those with a hit and the mask of those that stand-ins transmitted before, for
+    /// `active` rays and perhaps others. `all`: most rays are active.
     fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<(u32, u32), Need> {
         let Scratch { camera, group, found, .. } = scratch;
         let together = if all { group.trace::<false>(&self.view, rays, PACKET, &Alike::of(rays), true) } else { None };
@@ -302,7 +302,7 @@ impl Direct<'_> {
         Ok((hits, transmitted))
     }
 
-    /// Takes over what the rays of `hits` were found to hit together; returns these, and those that passed stand-ins.
+    /// Copies the hits of a packet from `group` to `found`. Returns the masks as [`Self::trace`] does.
     fn found_together(&self, hits: u32, scratch: &mut Scratch) -> (u32, u32) {
         for i in bits(hits) {
             scratch.found[i] = scratch.group.found(i, true);
@@ -310,7 +310,7 @@ impl Direct<'_> {
         (hits, scratch.group.have_transmitted())
     }
 
-    /// The surface that was found; and, if it is `seen` first, what is asked of that.
+    /// Returns the surface of a hit. If `seen` is given, stores the requested data of the first surface in it.
     fn surface(&self, ray: &Ray, found: &Found, seen: Option<&mut Layer>, wants: &mut Wants) -> Result<Surface, Need> {
         if let Some(look) = stand_in::look(&self.view, ray, found) {
             return self.stand_in(ray, found, &look, seen, wants);
@@ -343,9 +343,9 @@ impl Direct<'_> {
         let leave = placed.extent() * LEAVE;
         let position = ray.origin + ray.dir.as_dvec3() * found.t;
         let width = width_at(ray, found.t);
-        // Cells of the surface itself are beside it, and stand out. (Áfra 2012, section 6.2, begins behind them, in the
-        // open; here what is near is looked for exactly, so that no wall is passed; not where that would ask for the
-        // more, the less fits.)
+        // Adjacent stand-ins of the same surface protrude from it. (Áfra 2012, section 6.2, begins rays behind them, in
+        // the open. Here the near range is tested against triangles, so that rays skip no wall. Under pressure it is
+        // not, because that would need more blocks when fewer fit.)
         let near = if self.is_pressed { 0.0 } else { f64::from(width * DIAGONAL) };
         let seen_from = if self.is_pressed { back(ray, found.t, normal, BESIDE * f64::from(width)) } else { position };
         let from = seen_from + normal.as_dvec3() * leave;
@@ -353,7 +353,7 @@ impl Direct<'_> {
         Ok(Surface { position, normal, facing, material, from, next: found.t + leave, width, near })
     }
 
-    /// Depth and error of a triangle's hit, in double precision.
+    /// Computes depth and error of a triangle's hit in double precision.
     #[inline(never)]
     fn measure(&self, ray: &Ray, found: &Found, triangle: &Triangle, seen: &mut Layer) {
         let placed = &self.view.scene.placement.placed[found.placed as usize];
@@ -363,7 +363,7 @@ impl Direct<'_> {
         seen.error_px = (f64::from(seen.error) / self.rays.pixel_width(meeting.t)) as f32;
     }
 
-    /// The caller's ids of a part and its instance.
+    /// Returns the caller's ids of a part and its instance.
     pub(super) fn ids(&self, placed: u32, part: u32) -> (u64, u64) {
         let scene = self.view.scene;
         let instance = scene.placement.placed[placed as usize].instance;
@@ -371,15 +371,15 @@ impl Direct<'_> {
         (id, scene.instances[instance as usize].id)
     }
 
-    /// An error of a stand-in, `t` from the eye, in pixels.
+    /// Converts a stand-in's error at distance `t` from world units to pixels.
     #[inline]
     pub(super) fn in_pixels(&self, error: f32, t: f64) -> f32 {
         error / (self.rays.pixel_width(t).max(f64::MIN_POSITIVE) as f32)
     }
 
-    /// A stand-in as a surface. What it casts begins above its cell, and above those beside it where the surface goes
-    /// on as it is: on the ray that sees it. (Áfra 2012, section 6.2, begins a cell's diagonal along the light: behind
-    /// a wall that is nearer.)
+    /// Returns the surface of a stand-in. Its shadow rays begin on the camera ray, above the stand-in's cell and above
+    /// adjacent cells if the surface continues evenly. (Áfra 2012, section 6.2, begins them a cell's diagonal towards
+    /// the light, which may be behind a nearer wall.)
     fn stand_in(
         &self,
         ray: &Ray,
@@ -412,7 +412,7 @@ impl Direct<'_> {
             material.colour = colour;
         }
         let (position, width) = (ray.origin + along, width_at(ray, look.t));
-        // Only for what lights cast, and only where the ray goes on.
+        // `above` is needed only if lights cast shadows, `leave` only if the ray continues.
         let casts = scene.lights.iter().any(|light| light.kind != LightKind::Headlight);
         let extent = placed.extent() * LEAVE;
         let above = if casts { look.above() } else { 0.0 };
@@ -422,8 +422,8 @@ impl Direct<'_> {
         Ok(Surface { position, normal: look.normal(), facing: look.facing(), material, from, next, width, near: 0.0 })
     }
 
-    /// A triangle's id or colour, which are in other blocks, may come later; if they are not waited for the pixel does
-    /// without.
+    /// Handles a missing block with a triangle's id or colour. If missing data is accepted, wants the block, and the
+    /// pixel is rendered without; otherwise fails with the block.
     fn later(&self, need: Need, wants: &mut Wants) -> Result<(), Need> {
         if !self.view.accept_missing {
             return Err(need);
@@ -432,14 +432,14 @@ impl Direct<'_> {
         Ok(())
     }
 
-    /// Whether a part, or its instance, has a colour in place of its own.
+    /// True if a part or its instance overrides the part's colour.
     pub(super) fn recoloured(&self, placed: u32, part: u32) -> bool {
         let p = &self.view.scene.placement.placed[placed as usize];
         let instance = &self.view.scene.instances[p.instance as usize];
         instance.look.colour.is_some() || instance.parts.shown.get(&part).is_some_and(|s| s.colour.is_some())
     }
 
-    /// The part's material, under the states of part and instance; `own` is the triangle's own colour.
+    /// Returns the part's material, under the states of part and instance. `own` returns the triangle's own colour.
     pub(super) fn material(
         &self,
         placed: u32,
@@ -471,7 +471,7 @@ impl Direct<'_> {
     }
 }
 
-/// The colours behind the rows of a packet, for each of its pixels.
+/// Expands the background of each row to all pixels of a packet.
 pub(super) fn rows_of(backs: &[[f32; 4]; DOWN as usize]) -> [[f32; PACKET]; 4] {
     let mut rows = [[0.0; PACKET]; 4];
     for (row, back) in backs.iter().enumerate() {
@@ -482,7 +482,7 @@ pub(super) fn rows_of(backs: &[[f32; 4]; DOWN as usize]) -> [[f32; PACKET]; 4] {
     rows
 }
 
-/// Adds a sample's colours.
+/// Adds the colours of a sample.
 struct Add<'a> {
     sums: &'a mut [[f32; PACKET]; 4],
     colours: &'a [[f32; PACKET]; 4],
@@ -497,7 +497,7 @@ impl Op for Add<'_> {
         for c in 0..4 {
             for i in 0..PACKET {
                 let colour = colours[c][i];
-                // Squares of infinite lights and the like end here.
+                // Infinite colours, for example from squares of huge lights, are replaced here.
                 sums[c][i] += if colour.is_finite() { colour } else { BRIGHTEST };
             }
         }

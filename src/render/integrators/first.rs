@@ -1,9 +1,9 @@
-//! What is seen first in each pixel.
+//! The first surface in each pixel.
 
 use crate::math::PACKET;
 use crate::query::{HitKind, NONE};
 
-/// What is seen first in a pixel.
+/// The first surface in a pixel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layer {
     pub depth: f32,
@@ -29,15 +29,16 @@ impl Layer {
     };
 }
 
-/// What is seen first in the pixels of a packet. What nobody asks for may be that of an earlier packet.
+/// The first surfaces in the pixels of a packet. Values that are not requested may be those of an earlier packet.
 pub(crate) struct First {
-    /// Pixels that see something, and of these such that see a stand-in, as fine as asked for or for what is missing.
+    /// Mask of the pixels with a hit. `lod`: of these, pixels with a stand-in within the threshold; `missing`: of
+    /// these, pixels with a stand-in for missing data.
     pub met: u32,
     pub lod: u32,
     pub missing: u32,
-    /// Pixels whose rays passed stand-ins before what they see, or before nothing.
+    /// Mask of the pixels with a ray that a stand-in transmitted before the hit or the miss.
     pub transmitted: u32,
-    /// Pixels with an error; what is in `error_px` of others does not count.
+    /// Mask of the pixels with an error. Other elements of `error_px` are not valid.
     pub inexact: u32,
     pub error_px: [f32; PACKET],
     pub depth: [f32; PACKET],
@@ -49,7 +50,7 @@ pub(crate) struct First {
 }
 
 impl First {
-    /// Nothing.
+    /// No hits.
     pub const NOTHING: Self = Self {
         met: 0,
         lod: 0,
@@ -75,12 +76,12 @@ impl First {
         (self.error[i], self.error_px[i]) = (seen.error, seen.error_px);
     }
 
-    /// The error of pixel `i`: infinite for what is not a stand-in and is seen through one.
+    /// Returns the error of pixel `i`: infinite for a triangle or a miss behind a transmitting stand-in.
     pub fn error(&self, i: usize) -> f32 {
         if (self.transmitted & !self.lod & !self.missing) >> i & 1 == 1 { f32::INFINITY } else { self.error[i] }
     }
 
-    /// What pixel `i` sees.
+    /// Returns the kind of the hit in pixel `i`.
     pub fn kind(&self, i: usize) -> HitKind {
         match (self.met >> i & 1, self.lod >> i & 1, self.missing >> i & 1) {
             (0, ..) => HitKind::Miss,

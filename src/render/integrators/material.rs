@@ -1,12 +1,12 @@
-//! How surfaces answer light: Lambert's diffuse term and a Blinn highlight. Two-sided, never NaN.
+//! Reflection of light: Lambert's diffuse term and a Blinn highlight. Two-sided, never NaN.
 
 use crate::lod::Facing;
 use glam::Vec3;
 
-/// A surface's answer to light.
+/// Reflective properties of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Material {
-    /// Linear.
+    /// Linear RGB.
     pub colour: Vec3,
     /// 1 is opaque.
     pub opacity: f32,
@@ -14,28 +14,29 @@ pub(crate) struct Material {
     pub metalness: f32,
     /// In [0, 1]; at 1 there is no highlight.
     pub roughness: f32,
-    /// Added whatever the light.
+    /// Light that the surface emits.
     pub glow: Vec3,
 }
 
-/// What a selected surface is mixed with.
+/// Colour that is blended into selected surfaces.
 const SELECTED: Vec3 = Vec3::new(1.0, 0.42, 0.04);
 
 impl Material {
-    /// Highlighted.
+    /// Returns the material of a selected surface.
     pub fn selected(self) -> Self {
         Self { colour: self.colour.lerp(SELECTED, 0.65), glow: self.glow + SELECTED * 0.18, ..self }
     }
 
-    /// Light of `irradiance` (on a surface facing it) from the direction `to_light`, seen from `to_eye`. All directions
-    /// unit, the normal on the eye's side. A white matt surface that faces the light answers with the irradiance:
-    /// factors of pi are left out on both sides. `facing`: what answers; `normal`: where its highlight is.
+    /// Returns the light reflected towards `to_eye` from a light of `irradiance` in the direction `to_light`. The
+    /// irradiance is that on a surface facing the light. All directions are unit vectors, and the normal points to the
+    /// eye's side. A white matt surface that faces the light reflects the irradiance: factors of pi are left out on
+    /// both sides. `facing`: the visible normals, for the cosine factor; `normal`: the normal for the highlight.
     #[inline]
     pub fn lit(&self, normal: Vec3, facing: &Facing, to_eye: Vec3, to_light: Vec3, irradiance: Vec3) -> Vec3 {
-        // A headlight's is where the eye is.
+        // The half vector of a headlight points to the eye.
         let is_ahead = to_eye == to_light;
         let half = if is_ahead { to_eye } else { (to_eye + to_light).normalize_or_zero() };
-        // All that is seen faces the eye.
+        // All visible normals face the eye, so their mean gives the cosine.
         let cosine = if is_ahead { facing.mean().dot(to_light) } else { facing.cosine(to_light) };
         let gloss = Gloss::of(self);
         let lobe = power(normal.dot(half).max(0.0), gloss.exponent);
@@ -43,17 +44,17 @@ impl Material {
     }
 }
 
-/// What of a material does not depend on its colour.
+/// Properties of a material that do not depend on its colour.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Gloss {
     pub metalness: f32,
-    /// The share of light that is diffuse.
+    /// Fraction of the light that is reflected diffusely.
     pub diffuse: f32,
-    /// How much of a highlight there is; 0: none.
+    /// Strength of the highlight; 0: none.
     pub smooth: f32,
-    /// What makes the highlight's distribution one of unit weight.
+    /// Factor that normalises the distribution of the highlight.
     pub gain: f32,
-    /// A whole number: powers of those take a fifth of the time of others.
+    /// Exponent of the highlight. (Powers with integer exponents take a fifth of the time of others.)
     pub exponent: u32,
 }
 
@@ -64,7 +65,7 @@ impl Gloss {
         let exponent = (2.0 / (square * square) + 0.5) as u32;
         Self {
             metalness: material.metalness,
-            // Metals keep some diffuse light: there is no environment for them to mirror.
+            // Metals keep some diffuse light: there is no environment that they could mirror.
             diffuse: 1.0 - 0.6 * material.metalness,
             smooth: (1.0 - material.roughness) * (1.0 - material.roughness),
             gain: (exponent as f32 + 8.0) / 8.0,
@@ -72,23 +73,23 @@ impl Gloss {
         }
     }
 
-    /// See [`Material::lit`]. `cosine`: between normal and light; `aslant`: between light and half vector; `lobe`: the
-    /// cosine between normal and half vector, raised to the exponent. The highlight is Blinn's distribution,
-    /// normalised, with Schlick's reflectance; faded out towards full roughness.
+    /// Returns the reflected light: see [`Material::lit`]. `cosine`: between normal and light; `aslant`: between light
+    /// and half vector; `lobe`: the cosine between normal and half vector, raised to the exponent. The highlight is
+    /// Blinn's normalised distribution with Schlick's reflectance, and fades out towards full roughness.
     #[inline(always)]
     pub fn lit(&self, colour: Vec3, cosine: f32, aslant: f32, lobe: f32, irradiance: Vec3) -> Vec3 {
         let facing = Vec3::splat(0.04).lerp(colour, self.metalness);
         let grazing = power(1.0 - aslant.clamp(0.0, 1.0), 5);
         let reflectance = facing + (Vec3::ONE - facing) * grazing;
         let lobe = self.gain * lobe;
-        // Bounded, so that a mirror does not burn out.
+        // The bound keeps mirrors from overexposure.
         let highlight = if self.smooth > 0.0 { reflectance * (lobe * self.smooth).min(8.0) } else { Vec3::ZERO };
         let lit = (colour * self.diffuse + highlight) * cosine * irradiance;
         if cosine > 0.0 { lit } else { Vec3::ZERO }
     }
 }
 
-/// `x` raised to `n`.
+/// Returns `x` to the power of `n`.
 #[inline(always)]
 fn power(x: f32, n: u32) -> f32 {
     let mut out = [0.0];
@@ -96,7 +97,7 @@ fn power(x: f32, n: u32) -> f32 {
     out[0]
 }
 
-/// Raises each of `x` to `n`. (Were they returned, they would be taken apart to single numbers: seven times the
+/// Raises each element of `x` to the power of `n`. (An array returned by value is split into scalars: seven times the
 /// instructions.)
 #[inline(always)]
 pub(super) fn powers<const N: usize>(x: &[f32; N], n: u32, out: &mut [f32; N]) {
@@ -120,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn white_matt_answers_with_the_cosine() {
+    fn white_matt_reflects_the_cosine() {
         for cosine in [1.0f32, 0.5, 0.25, 0.0] {
             let light = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
             let lit = white(1.0).lit(Vec3::Z, &Facing::flat(Vec3::Z), Vec3::Z, light, Vec3::ONE);

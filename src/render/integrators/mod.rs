@@ -1,4 +1,4 @@
-//! How a pixel gets its colour.
+//! Integrators: algorithms that compute the colours of pixels.
 
 pub mod direct;
 pub mod first;
@@ -15,21 +15,21 @@ use crate::scene::walk::Need;
 use crate::simd::Isa;
 use direct::{Direct, Pixels, Scratch};
 
-/// An algorithm that gives the pixels of a picture their light. Asked once a packet or a tile, never once a ray.
+/// An algorithm that computes the light of a picture's pixels. It is selected once per packet or tile, never per ray.
 pub(crate) enum Integrator<'a> {
-    /// Lights that surfaces see, and nothing else.
+    /// Light that comes from lights directly to the visible surfaces.
     Direct(Direct<'a>),
 }
 
-/// The facts of a picture that a tile needs.
+/// Properties of a picture that a tile needs.
 #[derive(Clone, Copy)]
 pub(crate) struct Picture<'a> {
     /// Width and height in pixels.
     pub size: (u32, u32),
-    /// Rays of each pixel.
+    /// Rays per pixel.
     pub samples: u32,
     pub srgb: &'a Srgb,
-    /// Vectors to work out packets with.
+    /// Instruction set for packets.
     pub isa: Isa,
 }
 
@@ -45,13 +45,13 @@ impl Integrator<'_> {
         direct.pixels(at, apart, sample)
     }
 
-    /// Begins a tile's packets: of each its pixels, and those of them that count.
+    /// Begins the packets of a tile. `packets`: for each packet its pixels and the mask of the active ones.
     pub fn begin(&self, packets: &[(Pixels, u32); BUNDLE], scratch: &mut Scratch) {
         let Self::Direct(direct) = self;
         direct.begin(packets, scratch);
     }
 
-    /// Renders a sample of the pixels of `active`, see [`Direct::packet`].
+    /// Renders a sample of the pixels in `active`: see [`Direct::packet`].
     pub fn packet(
         &self,
         pixels: &Pixels,

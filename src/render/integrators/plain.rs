@@ -1,8 +1,9 @@
-//! Plain packets of pictures, in rows from the pixel to its colour: of rays that enter one placed tree, which is not
-//! turned, seen in perspective, lit by headlights, opaque where the rays hit it, and nothing asked for that takes
-//! double precision or what is beside the triangles. All others, and those that meet what is missing, go through the
-//! layers of `direct.rs`. Surfaces and light are worked out by the same code for both (`query::answers`, `shading.rs`).
-#![allow(clippy::needless_range_loop)] // rows of several arrays at once
+//! Plain packets of pictures, processed in rows from pixel to colour. The rays of a plain packet enter a single placed
+//! tree that is only translated, are seen in perspective, are lit by headlights and hit opaque surfaces. The requested
+//! buffers need neither double precision nor data outside of the triangles. All other packets, and those that hit
+//! stand-ins for missing data, go through the layers of `direct.rs`. Both compute surfaces and light with the same code
+//! (`query::answers`, `shading.rs`).
+#![allow(clippy::needless_range_loop)] // each loop indexes several arrays
 
 use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::first::First;
@@ -20,29 +21,29 @@ use crate::simd::{Op, Simd, dispatch};
 use crate::structure::Bundle;
 use glam::{DVec3, Vec3};
 
-/// Memory of a worker.
+/// A worker's memory.
 #[derive(Default)]
 pub(super) struct Plain {
     seen: Seen<PACKET>,
     rows: Rows,
-    /// The packets of a tile, and those of them that were begun there.
+    /// Packets of a tile. `begun`: mask of those that were begun there.
     bundle: Bundle,
     begun: u32,
-    /// The placed tree of each of these.
+    /// Placed tree of each begun packet.
     placed: [u32; BUNDLE],
     entered: Vec<Entered>,
 }
 
 #[repr(C, align(64))]
 struct Rows {
-    /// Directions of the rays, and their widths at distance 1, pixels of error included.
+    /// Directions of the rays. `width`: their widths at distance 1, pixels of error included.
     dir: Vectors,
     width: Row<f32>,
-    /// Parts of what is seen.
+    /// Parts of the hit surfaces.
     part: Row<u32>,
-    /// The light that comes from there, or from behind; and alpha.
+    /// Light from the hits or from the background, and alpha.
     lit: [Row<f32>; 4],
-    /// Errors of stand-ins.
+    /// Errors of stand-ins, in world units.
     error: Row<f32>,
 }
 
@@ -60,17 +61,17 @@ impl Plain {
     }
 }
 
-/// What became of a packet.
+/// Outcome of a packet.
 pub(super) enum Outcome {
-    /// It is done.
+    /// The packet is rendered.
     Done,
-    /// It is not plain; these of its rays hit something, as the scratch's `group` has it.
+    /// The packet is not plain. These of its rays have hits, which are in the scratch's `group`.
     Met(u32),
-    /// It is not plain.
+    /// The packet is not plain, and its rays were not traced.
     NotPlain,
 }
 
-/// Whether a picture can have plain packets.
+/// True if a picture can have plain packets.
 pub(crate) fn is_plain(view: &SceneView, rays: &PixelRays, asks: Asks) -> bool {
     let is_lit_plainly = view.scene.lights.iter().all(|light| light.kind == LightKind::Headlight);
     is_lit_plainly && rays.is_perspective() && !asks.prims && !asks.precise
@@ -79,13 +80,13 @@ pub(crate) fn is_plain(view: &SceneView, rays: &PixelRays, asks: Asks) -> bool {
 /// The placed trees that the rays of a packet may enter.
 enum Enters<'a> {
     None,
-    /// One, which plain packets go through.
+    /// A single tree that plain packets can traverse.
     Plain(CameraTree<'a>),
     Others,
 }
 
 impl<'v> Direct<'v> {
-    /// Makes the rays of a packet's pixels, and tells which placed trees they may enter.
+    /// Computes the rays of a packet's pixels, and determines the placed trees that they may enter.
     fn enter(&self, pixels: &Pixels, rows: &mut Rows, entered: &mut Vec<Entered>) -> Enters<'v> {
         self.make_rays(pixels, rows);
         let ends = rows
@@ -101,17 +102,17 @@ impl<'v> Direct<'v> {
         }
     }
 
-    /// A placed tree, if plain packets go through it.
+    /// Returns a placed tree if plain packets can traverse it.
     fn plain_tree(&self, placed: u32) -> Option<CameraTree<'v>> {
         let p = &self.view.scene.placement.placed[placed as usize];
-        // From farther away rays are moved nearer.
+        // Rays with an origin farther away must be moved nearer, which plain packets do not support.
         let is_near = |offset: DVec3| (self.rays.eye() - offset).abs().max_element() < f64::from(p.near());
         p.only_shifted().filter(|&offset| is_near(offset))?;
         CameraTree::of(&self.view, placed).filter(|camera| !camera.tree.has_colours())
     }
 
-    /// Begins the plain ones of a tile's packets, and traces them for as far as they go together. `packets`: of each
-    /// its pixels, and those of them that count.
+    /// Begins the plain packets of a tile, and traces them as far as they stay in one bundle. `packets`: for each
+    /// packet its pixels and the mask of the active ones.
     pub(crate) fn begin(&self, packets: &[(Pixels, u32); BUNDLE], scratch: &mut Scratch) {
         let Plain { rows, bundle, begun, placed, entered, .. } = &mut scratch.plain;
         *begun = 0;
@@ -127,7 +128,7 @@ impl<'v> Direct<'v> {
             let rays = CameraRays { eye: self.rays.eye(), dir: &rows.dir, width: &rows.width };
             *begun |= u32::from(camera.start(&rays, *active, bundle.packet(i))) << i;
         }
-        // Packets of a bundle are in one tree.
+        // The packets of a bundle are in the same tree.
         let mut left = *begun;
         while left != 0 {
             let of_one = same(placed, placed[left.trailing_zeros() as usize]) & left;
@@ -138,14 +139,14 @@ impl<'v> Direct<'v> {
         }
     }
 
-    /// Makes the rays of a packet's pixels.
+    /// Computes the rays of a packet's pixels.
     fn make_rays(&self, pixels: &Pixels, rows: &mut Rows) {
         dispatch(self.isa(), MakeRays { rays: self.rays, pixels, rows });
     }
 
-    /// Traces a packet: as it was [begun](Self::begin) under its number, if it was, or else its pixels. Returns the
-    /// placed tree that the rays enter, if they enter any, and those that hit something; `None` if the packet is not
-    /// plain.
+    /// Traces a packet. Continues the walk that was [begun](Self::begin) under its number, if any; else starts with its
+    /// pixels. Returns the placed tree that the rays enter, if any, and the mask of rays with a hit; `None` if the
+    /// packet is not plain.
     fn trace_plain(
         &self,
         pixels: &Pixels,
@@ -170,8 +171,8 @@ impl<'v> Direct<'v> {
         Some((Some(placed[i]), met))
     }
 
-    /// Renders one sample of the pixels of `active`: the [light](Plain::light) of each, and, of the first sample, what
-    /// is seen there. `backs`: what is behind all, row by row; `number`: the packet's in its tile, if that was
+    /// Renders one sample of the pixels in `active`: the [light](Plain::light) of each and, for sample 0, its first
+    /// surface. `backs`: background of each row; `number`: index of the packet in its tile, if that was
     /// [begun](Self::begin).
     pub(super) fn plain(
         &self,
@@ -204,7 +205,7 @@ impl<'v> Direct<'v> {
         while left != 0 {
             let part = rows.part[left.trailing_zeros() as usize];
             let like = left & same(&rows.part, part);
-            // Colours of triangles' own there are none.
+            // Triangles have no colours of their own here.
             let Ok(material) = self.material(placed, part, || Ok(None)) else { return Outcome::Met(met) };
             if material.opacity != 1.0 {
                 return Outcome::Met(met);
@@ -229,7 +230,7 @@ impl<'v> Direct<'v> {
         Outcome::Done
     }
 
-    /// What is seen first in each pixel.
+    /// Stores the first surface of each pixel.
     fn note_first(&self, placed: u32, met: u32, scratch: &mut Scratch) {
         let Scratch { group, plain: Plain { seen, rows, .. }, shading, first, .. } = scratch;
         let (cells, t) = (seen.cells(), group.walk().distances());
@@ -254,7 +255,7 @@ impl<'v> Direct<'v> {
     }
 }
 
-/// The lanes that are `value`.
+/// Returns the mask of the lanes equal to `value`.
 #[inline]
 fn same(row: &Row<u32>, value: u32) -> u32 {
     let mut same = 0;
@@ -264,7 +265,7 @@ fn same(row: &Row<u32>, value: u32) -> u32 {
     same
 }
 
-/// Makes the rays of a packet's pixels.
+/// Computes the rays of a packet's pixels.
 struct MakeRays<'a> {
     rays: &'a PixelRays,
     pixels: &'a Pixels,
@@ -277,7 +278,7 @@ impl Op for MakeRays<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let Self { rays, pixels, rows: Rows { dir, width, .. } } = self;
-        // Copies: they stay as they are while the rows are written.
+        // The copies are constant while the rows are written.
         let (rays, pixels) = (*rays, *pixels);
         for i in 0..PACKET {
             let (x, y) = pixels.point(i);
@@ -288,7 +289,7 @@ impl Op for MakeRays<'_> {
         for i in 0..PACKET {
             steps[i] = pixels.step(i);
         }
-        // Apart, for it looks up a table.
+        // A separate loop, because it reads a table.
         for i in 0..PACKET {
             width[i] *= pixels.width(steps[i]);
         }

@@ -1,6 +1,7 @@
-//! Light on the surfaces that a packet's rays see: a column for each ray. Ambient light and headlights are worked out
-//! for all rays in vectors; lights that may cast shadows ray by ray, for most of their time goes to the shadow rays.
-#![allow(clippy::needless_range_loop)] // rows of several arrays at once
+//! Light on the surfaces that a packet's rays hit, one column per ray. Ambient light and headlights are computed for
+//! all rays at once with SIMD. Lights that may cast shadows are computed ray by ray, because shadow rays take most of
+//! their time.
+#![allow(clippy::needless_range_loop)] // each loop indexes several arrays
 
 use super::direct::{Direct, Scratch};
 use super::material::{Gloss, Material, powers};
@@ -12,19 +13,20 @@ use crate::scene::walk::Need;
 use crate::simd::{Isa, Op, Simd, dispatch};
 use glam::Vec3;
 
-/// A number for each ray of a packet.
+/// One number per ray of a packet.
 pub(super) type Row<T> = [T; PACKET];
-/// A vector for each, axis by axis.
+/// One vector per ray, stored axis by axis.
 pub(super) type Vectors = [Row<f32>; 3];
 
-/// Surfaces, and the light that comes from them. Reusable: columns of rays that see nothing hold anything.
+/// Surfaces and the light from them. Reusable: columns of rays without a hit hold arbitrary values.
 #[repr(C, align(64))]
 pub(super) struct Shading {
-    /// Unit, against the rays.
+    /// Unit normals that face the rays.
     pub normal: Vectors,
-    /// Mean cosines between the ways to the eye and the normals that are seen: of stand-ins those of all their sides.
+    /// Mean cosines between the directions to the eye and the visible normals. A stand-in's mean includes all its
+    /// sides.
     pub facing: Row<f32>,
-    /// Materials.
+    /// Properties of the materials.
     colour: Vectors,
     glow: Vectors,
     metalness: Row<f32>,
@@ -32,10 +34,11 @@ pub(super) struct Shading {
     smooth: Row<f32>,
     gain: Row<f32>,
     exponent: Row<u32>,
-    /// Squares of the rays' lengths, and cosines between normals and the ways to the eye raised to the exponents.
+    /// Squared lengths of the rays' directions. `lobe`: cosines between normals and the directions to the eye, raised
+    /// to the exponents.
     aslant: Row<f32>,
     lobe: Row<f32>,
-    /// The light.
+    /// Sum of the light.
     sum: Vectors,
 }
 
@@ -60,7 +63,7 @@ impl Default for Shading {
 }
 
 impl Shading {
-    /// Gives the surfaces that `rays` see a material. `are_all`: no other ray sees anything.
+    /// Sets the material of the surfaces that `rays` hit. `are_all`: no other ray has a hit.
     pub fn set_material(&mut self, rays: u32, are_all: bool, material: &Material) {
         let gloss = Gloss::of(material);
         let (colour, glow) = (material.colour, material.glow);
@@ -81,28 +84,28 @@ impl Shading {
         }
     }
 
-    /// Gives the surface that ray `i` sees a linear colour in place of its material's.
+    /// Replaces the material's colour of the surface that ray `i` hits. `colour` is linear.
     pub fn set_colour(&mut self, i: usize, colour: Vec3) {
         set_column(&mut self.colour, i, colour);
     }
 
-    /// Begins the sums, with glow and ambient light. `met`: rays with a surface, along `dir`; `faced`: those of which
-    /// [`Shading::facing`] is set.
+    /// Begins the sums with glow and ambient light. `met`: rays with a surface, in the directions `dir`; `faced`: rays
+    /// for which [`Shading::facing`] is set.
     pub fn begin(&mut self, isa: Isa, dir: &Vectors, [met, faced]: [u32; 2], ambient: f32) {
         dispatch(isa, Begin { all: self, dir, met, faced, ambient });
     }
 
-    /// Adds lights at the eye: it sees none of their shadows.
+    /// Adds lights at the eye. Their shadows are never visible from there.
     pub fn add_headlights(&mut self, isa: Isa, lights: &[Light]) {
         dispatch(isa, Headlights { all: self, lights });
     }
 
-    /// The light that comes from where ray `i` hits.
+    /// Returns the light from the hit of ray `i`.
     pub fn light(&self, i: usize) -> Vec3 {
         column(&self.sum, i)
     }
 
-    /// Writes the light of the rays of `met`, all from opaque surfaces, over the background in `out`: linear RGB and
+    /// Writes the light of the rays in `met`, all from opaque surfaces, over the background in `out`: linear RGB and
     /// alpha.
     pub fn put(&self, isa: Isa, met: u32, out: &mut [Row<f32>; 4]) {
         dispatch(isa, Put { all: self, met, out });
@@ -222,7 +225,7 @@ impl Op for Put<'_> {
 }
 
 impl Direct<'_> {
-    /// Adds up the lights on the surfaces that `rays` see, in the scratch's [`Shading`].
+    /// Sums the lights on the surfaces that `rays` hit, in the scratch's [`Shading`].
     pub(super) fn light(
         &self,
         rays: &[Ray; PACKET],
@@ -241,7 +244,7 @@ impl Direct<'_> {
         }
         shading.begin(self.isa(), &dir, [active, active], self.ambient);
         let is_headlight = |light: &Light| light.kind == LightKind::Headlight;
-        // In the scene's order: sums are rounded.
+        // The order is that of the scene, because the rounding of sums depends on it.
         for lights in self.view.scene.lights.chunk_by(|a, b| is_headlight(a) == is_headlight(b)) {
             if lights.first().is_some_and(is_headlight) {
                 scratch.shading.add_headlights(self.isa(), lights);

@@ -1,5 +1,5 @@
-//! Shadow rays, in packets. Transparent surfaces let through the share of light that they let through of what
-//! is seen behind them.
+//! Shadow rays, traced in packets. A transparent surface transmits the same fraction of light towards a lit surface as
+//! it transmits towards the eye.
 
 use super::direct::{Direct, LEAST_TRANSMITTANCE, LEAVE, MAX_LAYERS, Scratch};
 use crate::math::PACKET;
@@ -11,8 +11,8 @@ use crate::scene::packet::ScenePacket;
 use crate::scene::walk::{Found, Need, Step};
 
 impl Direct<'_> {
-    /// The share of light that comes through along each of the rays of `asked`; 1 for the others. Rays have
-    /// unit directions, and are used up. Up to their `t_min` triangles are looked for alone, whatever their cones.
+    /// Returns the fraction of light that arrives along each ray in `asked`; 1 for other rays. The rays must have unit
+    /// directions; the call changes them. Up to its `t_min` a ray tests only triangles, as if its cone were zero.
     pub(super) fn unshadowed(
         &self,
         rays: &mut [Ray; PACKET],
@@ -33,7 +33,8 @@ impl Direct<'_> {
             }
             dark = self.met::<true>(&short, near, packet)?;
             self.want(dark, packet, wants);
-            // What they go through, too: cells of their own surface are among what is near.
+            // Transparent surfaces on these rays are searched from 0 with zero cones, because stand-ins of the lit
+            // surface itself may be near the origin.
             bits(dark).for_each(|i| (rays[i].t_min, rays[i].cone) = (0.0, Cone::ZERO));
         }
         if asked & !dark != 0 {
@@ -49,7 +50,7 @@ impl Direct<'_> {
         Ok(through)
     }
 
-    /// Asks for what stands in, on rays that met something, for want of a block.
+    /// Wants the missing blocks of the stand-ins that rays in `met` hit.
     fn want(&self, met: u32, packet: &ScenePacket, wants: &mut Wants) {
         for i in bits(met) {
             if let Some(need) = self.view.wanted(packet.best(i)) {
@@ -58,7 +59,7 @@ impl Direct<'_> {
         }
     }
 
-    /// Goes through surfaces, from the one that is lit towards the light, until nothing comes through.
+    /// Follows rays through transparent surfaces, from the lit surface towards the light, until no light is left.
     fn go_through(
         &self,
         rays: &mut [Ray; PACKET],
@@ -85,7 +86,7 @@ impl Direct<'_> {
         Ok(())
     }
 
-    /// Which of the rays meet something.
+    /// Returns the mask of the rays that hit something.
     fn met<const ANY: bool>(&self, rays: &[Ray; PACKET], asked: u32, packet: &mut ScenePacket) -> Result<u32, Need> {
         packet.begin(&self.view, rays, asked);
         match self.view.trace_packet::<ANY>(rays, packet) {
@@ -94,13 +95,13 @@ impl Direct<'_> {
         }
     }
 
-    /// The opacity of what was met, under the states of part and instance.
+    /// Returns the opacity of the hit surface, under the states of part and instance.
     fn opacity(&self, ray: &Ray, found: &Found) -> Result<f32, Need> {
         if let Some(look) = stand_in::look(&self.view, ray, found) {
             return self.material(found.placed, look.part(), || Ok(None)).map(|material| material.opacity);
         }
         let (_, part) = self.view.triangle(found)?;
-        // Single triangles have colours of their own, but no opacity.
+        // The colours of single triangles have no opacity.
         self.material(found.placed, part, || Ok(None)).map(|material| material.opacity)
     }
 }

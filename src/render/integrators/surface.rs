@@ -1,4 +1,4 @@
-//! A surface that a ray of the eye has found, and the rays that leave it for lights.
+//! A surface that a camera ray has hit, and the rays that leave it towards lights.
 
 use super::material::Material;
 use crate::lod::Facing;
@@ -13,35 +13,36 @@ pub(super) struct Surface {
     pub normal: Vec3,
     pub facing: Facing,
     pub material: Material,
-    /// Where rays that leave it begin.
+    /// Origin of the rays that leave the surface.
     pub from: DVec3,
-    /// Where the ray that sees it goes on behind it.
+    /// `t` at which the camera ray continues behind the surface.
     pub next: f64,
-    /// The ray's width here, pixels of error included: rays that leave it begin as wide.
+    /// Width of the camera ray at the hit, pixels of error included. Rays that leave the surface begin with this width.
     pub width: f32,
-    /// Up to here from it, rays that leave it look for nothing but triangles.
+    /// Distance from `from` up to which rays that leave the surface test only triangles, no stand-ins.
     pub near: f64,
 }
 
-/// How much higher than what it stands for a stand-in's rays begin, as a part of the ray's width: the tops of those
-/// beside it are not quite where its own is. (Without, lit planes have up to 1.5 % of false shadow; from a tenth on,
-/// none; up to four tenths no light gets into a closed box.)
+/// Height at which a stand-in's rays begin above the surface that it replaces, as a fraction of the ray's width. The
+/// tops of adjacent stand-ins are not at exactly the same height. (With 0, lit planes have up to 1.5 % of false shadow;
+/// from 0.1 on, none. Up to 0.4, no light enters a closed box.)
 pub(super) const BESIDE: f64 = 0.125;
-/// To gain height a ray is followed back by no more than this many times of it.
+/// Longest way back along a ray to gain height, as a multiple of that height.
 const FARTHEST_BACK: f64 = 4.0;
-/// The diagonal of a cube that may stand in for a ray of so much width.
+/// Diagonal of a cube that may stand in for a ray of width 1.
 pub(super) const DIAGONAL: f32 = 1.732_050_8;
 
-/// A light as a point of a surface sees it.
+/// A light as seen from a point of a surface.
 pub(super) struct Aim {
-    /// Unit.
+    /// Unit vector.
     pub to_light: Vec3,
-    /// On a surface that faces it.
+    /// Irradiance on a surface that faces the light.
     pub irradiance: Vec3,
     pub shadow: Ray,
 }
 
-/// `None` where the light does not reach at all, or is a headlight. The shadow ray's `t_min` is [`Surface::near`].
+/// Returns the direction, the irradiance and the shadow ray of a light on a surface; `None` if the light does not reach
+/// the surface at all, or is a headlight. The shadow ray's `t_min` is [`Surface::near`].
 pub(super) fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
     let strength = Vec3::from(light.colour) * light.intensity;
     let from = surface.from;
@@ -60,7 +61,8 @@ pub(super) fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
             let way = point - surface.position;
             let to_light = way.try_normalize()?.as_vec3();
             let irradiance = strength * (1.0 / way.length_squared()).min(1e30) as f32;
-            // Where it begins is nearer to the light by a cell, or behind it.
+            // The origin of the shadow ray is up to a cell nearer to the light than the surface, or even behind the
+            // light.
             let way = point - from;
             let t_max = way.length() * (1.0 - 1e-6);
             let shadow =
@@ -70,8 +72,9 @@ pub(super) fn aim(light: &Light, surface: &Surface) -> Option<Aim> {
     }
 }
 
-/// Where a ray came by that is as high as `above` the surface of this normal that it sees at `t`: nothing is between
-/// the two, so that what begins there is behind no wall.
+/// Returns the point on the ray at height `above` over the surface with this normal that it sees at `t`. Nothing lies
+/// between this point and the surface, so an origin there is behind no wall. [`FARTHEST_BACK`] and `t_min` limit the
+/// way.
 pub(super) fn back(ray: &Ray, t: f64, normal: Vec3, above: f64) -> DVec3 {
     let dir = ray.dir.as_dvec3();
     let length = dir.length();
@@ -80,7 +83,7 @@ pub(super) fn back(ray: &Ray, t: f64, normal: Vec3, above: f64) -> DVec3 {
     ray.origin + dir * (t - by).max(ray.t_min)
 }
 
-/// A ray's width at distance `t`.
+/// Returns the width of a ray at distance `t`.
 pub(super) fn width_at(ray: &Ray, t: f64) -> f32 {
     ray.cone.a + ray.cone.b * t as f32
 }

@@ -1,4 +1,4 @@
-//! Which blocks lie below the cells that meet a box.
+//! Search for missing blocks below the cells that overlap a box.
 
 use super::Lacking;
 use crate::base::ids::BlockId;
@@ -8,18 +8,18 @@ use crate::scene::walk::SceneView;
 use crate::structure::{Below, Place};
 use std::collections::HashSet;
 
-/// The way down to blocks that are missing; goes on from there in the next pass.
+/// Traversal down to missing blocks. The next pass continues there.
 pub(super) struct InBox {
     bounds: DBounds,
-    /// Nothing below cells of at most this length is looked for.
+    /// Cells of at most this length (world units) are skipped, with the nodes below them.
     cell: f64,
-    /// Whether the roots were put to the cells.
+    /// True once the root cells are in `todo`.
     is_begun: bool,
-    /// To be visited in this pass.
+    /// Cells to visit in this pass.
     todo: Vec<Cell>,
-    /// Those whose blocks are missing.
+    /// Visited cells with a missing block.
     waiting: Vec<Cell>,
-    /// Blocks of leaves that were asked for, each with its placed tree.
+    /// Leaf blocks that were requested, each with its placed tree.
     leaf_blocks: HashSet<(u32, u32)>,
 }
 
@@ -28,13 +28,13 @@ pub(super) struct InBox {
 struct Cell {
     placed: u32,
     place: Place,
-    /// Its length in the world.
+    /// Length in world units.
     length: f32,
-    /// Nothing but triangles is below it.
+    /// True if only triangles are below the cell.
     is_leaf: bool,
 }
 
-/// Nodes visited at a time.
+/// Number of cells visited per step.
 const PIECE: usize = 4096;
 
 impl InBox {
@@ -57,7 +57,7 @@ impl InBox {
         }
     }
 
-    /// Whether there is more to visit in this pass.
+    /// Visits up to [`PIECE`] cells. Returns true if there is more to visit in this pass.
     pub fn step(&mut self, view: &SceneView, lacking: &mut Lacking) -> bool {
         for _ in 0..PIECE {
             let Some(cell) = self.todo.pop() else { return false };
@@ -69,7 +69,7 @@ impl InBox {
         true
     }
 
-    /// Whether the block of a cell is there; then the cells below it are to be visited.
+    /// Visits a cell and queues the cells below it. Returns false if its block is missing.
     fn visit(&mut self, view: &SceneView, cell: Cell) -> bool {
         let Self { bounds, cell: least, todo, leaf_blocks, .. } = self;
         let tree = view.tree(cell.placed);
@@ -83,7 +83,7 @@ impl InBox {
             if length <= *least || !bounds.overlaps(&around) {
                 return;
             }
-            // Nothing is below leaves: their block is asked for, once, by the first node over any of them.
+            // No cells are below leaves. The first node above a missing leaf block requests the block, once.
             let is_here = is_leaf && tree.snapshot().block(BlockId(place.block)).is_some();
             if !is_leaf || !is_here && leaf_blocks.insert((cell.placed, place.block)) {
                 todo.push(Cell { place, length: length as f32, is_leaf, ..cell });

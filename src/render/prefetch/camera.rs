@@ -1,4 +1,4 @@
-//! Which blocks the rays of some pixels lack.
+//! Search for missing blocks along the rays of some pixels.
 
 use super::Lacking;
 use crate::math::Cone;
@@ -6,25 +6,25 @@ use crate::query::stand_in;
 use crate::scene::camera::PixelRays;
 use crate::scene::walk::{SceneView, SceneWalk, Step};
 
-/// Rays that have not yet met what they would meet.
+/// Rays that may still lack blocks.
 pub(super) struct InView {
     rays: PixelRays,
-    /// Widths are those of pixels times this.
+    /// Ratio of the rays' widths to those of pixels.
     widen: f32,
-    /// Pixels to be looked at in this pass.
+    /// Pixels to trace in this pass.
     todo: Vec<(u32, u32)>,
-    /// Those that lacked something.
+    /// Pixels that lacked a block.
     waiting: Vec<(u32, u32)>,
     walk: SceneWalk,
 }
 
-/// Of so many pixels along each side one is looked at.
+/// Distance in pixels between traced pixels, along each side.
 const STEP: usize = 4;
 
-/// Rays at a time.
+/// Number of rays traced per step.
 const PIECE: usize = 256;
 
-/// Frames dither thresholds between half an octave below and above: the finest is needed.
+/// Frames dither thresholds by up to half an octave in both directions. A prefetch needs the finest one.
 const FINEST: f32 = 0.707;
 
 impl InView {
@@ -38,7 +38,7 @@ impl InView {
         self.todo.append(&mut self.waiting);
     }
 
-    /// Whether there is more to look at in this pass.
+    /// Traces up to [`PIECE`] rays. Returns true if there is more to trace in this pass.
     pub fn step(&mut self, view: &SceneView, lacking: &mut Lacking) -> bool {
         for _ in 0..PIECE {
             let Some(pixel) = self.todo.pop() else { return false };
@@ -49,14 +49,14 @@ impl InView {
         true
     }
 
-    /// Whether the ray lacks something.
+    /// Traces the ray of a pixel. Returns true if a block is missing.
     fn look(&mut self, view: &SceneView, (x, y): (u32, u32), lacking: &mut Lacking) -> bool {
         let mut ray = self.rays.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let pixel = ray.cone;
         ray.cone = Cone { a: pixel.a * self.widen, b: pixel.b * self.widen };
         self.walk.begin(view, &ray);
         if let Step::Pending(need) = view.trace::<false>(&ray, &mut self.walk) {
-            // A root.
+            // Only a root block can be missing in this way.
             lacking.add(need, f32::MAX);
             return true;
         }

@@ -1,15 +1,17 @@
-//! Reading ahead of being asked: what a box, or a camera, would need.
+//! Prefetch: reading the blocks that a box or a camera would need, before they are requested.
 //!
-//! A prefetch goes in passes, each a job of the pool in small pieces: it follows the blocks in memory to where they
-//! end, wants the most important of the blocks that it lacks there, as many as there is room for beside those that
-//! frames use, and goes on once these have come. The wants of frames come first, no picture gets coarser for it, and no
-//! block that a frame uses is evicted for it: it has no pass of its own that others would make room for (see [`View`]).
+//! A prefetch works in passes. Each is a job of the pool in small pieces. A pass follows the blocks in memory down to
+//! the missing ones, and wants the most important of these: as many as fit beside the blocks that frames use. The next
+//! pass begins once they have arrived. The wants of frames come first, no picture becomes coarser for a prefetch, and
+//! no block that a frame uses is evicted for it: it has no pass of its own for which others would make room (see
+//! [`View`]).
 //!
-//! Like batches of rays and overlaps it looks again once blocks have come, and it shares with them how many blocks
-//! there is room for (`query/needs.rs`) and the handle. It does not use their engine, `query/rounds.rs`. That answers a
-//! question, so it reads the blocks of a round itself, holds them until they are used, and takes a lease where there is
-//! no room. A prefetch must not take room from anything: it only wants blocks, through a [`View`]; between two passes
-//! it holds no snapshot and has no job until the view has news; and it ends where blocks do not fit.
+//! Like batches of rays and overlap queries it searches again once blocks have arrived. It shares with them the handle
+//! and the calculation of the number of blocks that fit (`query/needs.rs`). It does not use their engine,
+//! `query/rounds.rs`. That engine answers a query, so it reads the blocks of a round itself, holds them until they are
+//! used, and takes a lease if there is no room. A prefetch must not take room from other users: it only wants blocks,
+//! through a [`View`]; between two passes it holds no snapshot and has no job until the view has news; and it ends if
+//! blocks do not fit.
 
 mod boxes;
 mod camera;
@@ -33,37 +35,37 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PrefetchState {
-    /// Reading, or waiting for what is more urgent.
+    /// The prefetch reads, or waits for more urgent reads.
     Running = 1,
-    /// All is in memory.
+    /// All needed blocks are in memory.
     Done = 2,
-    /// It was cancelled.
+    /// The prefetch was cancelled.
     Cancelled = 3,
-    /// Some of it cannot be read; `error` says why. The rest is in memory, as far as it fits.
+    /// Some blocks cannot be read; `error` gives the reason. The others are in memory, as far as they fit.
     Failed = 4,
-    /// The most important of it is in memory: more does not fit beside what frames use.
+    /// The most important blocks are in memory; more do not fit beside the blocks that frames use.
     Full = 5,
 }
 
-/// How far a [`Prefetch`] is.
+/// Status of a [`Prefetch`].
 #[derive(Debug, Clone)]
 pub struct PrefetchStatus {
-    /// Its state.
+    /// State of the prefetch.
     pub state: PrefetchState,
-    /// Fraction done, from 0 to 1, never going back: of what is known so far to be needed.
+    /// Fraction done of the blocks that are known so far to be needed, from 0 to 1. It never decreases.
     pub fraction: f64,
-    /// Blocks that it has had read.
+    /// Number of blocks that were read for the prefetch.
     pub blocks: u64,
-    /// Their bytes in memory.
+    /// Bytes of these blocks in memory.
     pub bytes: u64,
-    /// Bytes that it wants now and that are not in memory.
+    /// Bytes of blocks that the prefetch wants now and that are not in memory.
     pub bytes_wanted: u64,
-    /// Why it failed.
+    /// Reason of the failure.
     pub error: Option<Arc<Error>>,
 }
 
-/// Reading ahead in the background. Dropping it ends it; what was read stays until room is needed for something else.
-/// Thread-safe; all calls are cheap but [`Prefetch::wait`].
+/// Background reading ahead of use. Dropping it ends the prefetch; blocks that were read stay until other data needs
+/// the room. Thread-safe. All calls but [`Prefetch::wait`] are cheap.
 pub struct Prefetch {
     inner: Arc<Inner>,
 }
@@ -73,40 +75,40 @@ type End = (PrefetchState, Option<Arc<Error>>);
 struct Inner {
     scene: Arc<SceneState>,
     view: View,
-    /// Of all that it visits, so that it can be told from what was used before.
+    /// Stamp of all visits, which tells the visited blocks from those used before.
     stamp: u32,
     walk: Mutex<Walk>,
     handle: Handle<End, Counts>,
     stop: AtomicBool,
-    /// The job is there.
+    /// True if the job is in the pool.
     runs: AtomicBool,
-    /// There may be more to do than when it last looked.
+    /// True if there may be more to do than at the last check.
     again: AtomicBool,
-    /// The pass has not ended.
+    /// True if the pass has not ended.
     more: AtomicBool,
 }
 
-/// What is to be looked for.
-#[allow(clippy::large_enum_variant)] // one for each prefetch
+/// Target of the search.
+#[allow(clippy::large_enum_variant)] // one per prefetch
 enum Aim {
     Box(InBox),
     View(InView),
 }
 
-/// Owned by the job while it runs.
+/// State of the search. The job uses it while it runs.
 struct Walk {
     aim: Aim,
-    /// Of the present pass.
+    /// Snapshots of the current pass.
     snapshots: Option<Snapshots>,
     lacking: Lacking,
-    /// What was wanted last.
+    /// Blocks that were wanted last.
     taken: Vec<Need>,
-    /// Blocks that cannot be read are not asked for again.
+    /// Blocks that cannot be read. They are not wanted again.
     failed: Vec<Need>,
     error: Option<Error>,
 }
 
-/// Blocks that are missing, and how much each matters.
+/// Missing blocks and their weights.
 #[derive(Default)]
 struct Lacking(BTreeMap<Need, f32>);
 
@@ -116,7 +118,7 @@ impl Lacking {
         *before = before.max(weight);
     }
 
-    /// The most important first; among equals the lower, which are the coarser.
+    /// Returns the blocks by descending weight. Among equals the lower ids, which are coarser, come first.
     fn sorted(&self) -> Vec<(Need, f32)> {
         let mut list: Vec<_> = self.0.iter().map(|(&need, &weight)| (need, weight)).collect();
         list.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -124,7 +126,7 @@ impl Lacking {
     }
 }
 
-/// Its progress so far.
+/// Progress so far.
 #[derive(Default)]
 struct Counts {
     fraction: f64,
@@ -132,29 +134,31 @@ struct Counts {
     bytes: u64,
 }
 
-/// Bytes wanted at a time: what matters most comes first, also of what is found on the way.
+/// Bytes wanted at a time. A small number lets more important blocks that are found on the way go first.
 const AT_ONCE: u64 = 8 << 20;
 
-/// Weights are made so small that whatever a frame wants comes before.
+/// Scale of the weights, so small that all wants of frames come first.
 const SMALL: f32 = 1e-6;
 
 impl Prefetch {
-    /// Of what lies in the closed box `bounds`, in world space: blocks below cells that meet it and are longer than
-    /// `cell` (world units; 0: all of them), those below the longest cells first. Hidden parts too.
+    /// Begins a prefetch of the data in the closed box `bounds`, in world space: of the blocks below cells that overlap
+    /// it and are longer than `cell` (world units; 0: all of them), those below the longest cells first. Hidden parts
+    /// are included.
     ///
-    /// Fails with `BadArgument` for NaN, or a `cell` below 0. An empty box has nothing.
+    /// Fails with `BadArgument` for NaN, or a `cell` below 0. An empty box needs no blocks.
     pub fn of_box(scene: &Arc<SceneState>, bounds: &DBounds, cell: f64) -> Result<Self> {
         if bounds.min.is_nan() || bounds.max.is_nan() {
-            return Err(Error::bad_argument("prefetch: the box holds NaN"));
+            return Err(Error::bad_argument("prefetch: the box contains NaN"));
         }
         if cell.is_nan() || cell < 0.0 {
-            return Err(Error::bad_argument("prefetch: the length of cells must be 0 or more"));
+            return Err(Error::bad_argument("prefetch: the cell length must be 0 or more"));
         }
         Ok(Self::begin(scene, Aim::Box(InBox::new(*bounds, cell))))
     }
 
-    /// Of what a picture of `size` pixels by `camera` would need at `poe` pixels of error, as far as a ray in every
-    /// fourth pixel of every fourth row finds it; without shadows, and what is behind transparent surfaces.
+    /// Begins a prefetch of the blocks that a picture of `size` pixels by `camera` needs at `poe` pixels of error. It
+    /// finds them with a ray in every fourth pixel of every fourth row, without shadow rays and without the surfaces
+    /// behind transparent ones.
     ///
     /// Fails with `BadArgument` for a bad camera or size, or a `poe` that is not finite or below 0.
     pub fn of_camera(scene: &Arc<SceneState>, camera: &Camera, size: (u32, u32), poe: f32) -> Result<Self> {
@@ -197,13 +201,13 @@ impl Prefetch {
         Self { inner }
     }
 
-    /// How far it is. Never blocks.
+    /// Returns the status. Never blocks.
     pub fn poll(&self) -> PrefetchStatus {
         self.inner.status(self.inner.handle.ending())
     }
 
-    /// Waits until it has ended and a wake function that another thread calls has returned, `timeout` at most; after
-    /// that time it still counts as running. Works itself where the context has no threads.
+    /// Waits until the prefetch has ended and a wake function that another thread calls has returned, `timeout` at
+    /// most. After that time the state is still running. In a context without threads the caller does the work.
     pub fn wait(&self, timeout: Duration) -> PrefetchStatus {
         let context = self.inner.scene.context();
         let todo = |_: &Counts| (context.threads() == 0).then_some(());
@@ -215,14 +219,14 @@ impl Prefetch {
         self.inner.status(ending)
     }
 
-    /// Ends it. What was read stays until room is needed.
+    /// Ends the prefetch. Blocks that were read stay until the room is needed.
     pub fn cancel(&self) {
         self.inner.stop.store(true, SeqCst);
         self.inner.end(PrefetchState::Cancelled, None);
     }
 
-    /// Calls `wake` once when it ends, from any thread, never under a lock of ours; at once, here, if it has ended.
-    /// Replaces an earlier one. `None`: nothing is called.
+    /// Sets a function that is called once when the prefetch ends, from any thread, without a lock held. If it has
+    /// ended already, this thread calls the function at once. Replaces the previous function; `None` only removes it.
     pub fn set_wake(&self, wake: Option<Arc<dyn Fn() + Send + Sync>>) {
         self.inner.handle.set_wake(wake);
     }
@@ -248,7 +252,7 @@ impl Inner {
         PrefetchStatus { state, fraction, blocks: core.blocks, bytes: core.bytes, bytes_wanted, error }
     }
 
-    /// There may be something to do.
+    /// Submits the job if it does not run: there may be work to do.
     fn news(self: &Arc<Self>) {
         self.again.store(true, SeqCst);
         if !self.stop.load(SeqCst) && !self.runs.swap(true, SeqCst) {
@@ -256,25 +260,25 @@ impl Inner {
         }
     }
 
-    /// Ends it, without snapshot and wants. The first end counts.
+    /// Ends the prefetch and releases its snapshot and its wants. Only the first call has an effect.
     fn end(&self, state: PrefetchState, error: Option<Arc<Error>>) {
         if self.handle.ending().is_some() {
             return;
         }
         self.stop.store(true, SeqCst);
         if let Ok(mut walk) = self.walk.try_lock() {
-            // If a piece is being worked on, that ends with it.
+            // A piece that is being worked on releases the snapshot when it ends.
             walk.snapshots = None;
         }
         self.view.want(&[]);
         self.handle.end((state, error));
     }
 
-    /// A piece of a pass; whether there is more of it.
+    /// Works on a piece of a pass. Returns the outcome if the prefetch ends.
     fn go_on(&self) -> Option<End> {
         let mut walk = self.walk();
         if walk.snapshots.is_none() {
-            // Until all that was wanted has come, or will not, there is no use in looking.
+            // A pass finds nothing new before all wanted blocks have arrived or failed.
             match self.view.status().state {
                 ViewState::Busy => return None,
                 ViewState::Full => return Some((PrefetchState::Full, None)),
@@ -292,7 +296,7 @@ impl Inner {
         self.want_more(&mut walk)
     }
 
-    /// Why what was wanted is not there.
+    /// Records which wanted blocks failed, and the first error.
     fn find_out(&self, walk: &mut Walk) {
         let there = Snapshots::take(&self.scene);
         for need in walk.taken.iter().filter(|need| !there.has(**need)) {
@@ -314,7 +318,7 @@ impl Inner {
         counts.bytes += bytes;
     }
 
-    /// After a pass: wants the most important of what it lacked; or how it has ended.
+    /// Wants the most important of the blocks that a pass lacked. Returns the outcome if none is missing or none fits.
     fn want_more(&self, walk: &mut Walk) -> Option<End> {
         let mut lacking = walk.lacking.sorted();
         lacking.retain(|(need, _)| !walk.failed.contains(need));
@@ -347,7 +351,7 @@ impl Inner {
         };
         walk.taken = taken.iter().map(|(need, _)| *need).collect();
         self.view.want(&taken.iter().map(wanted).collect::<Vec<_>>());
-        // It may have come already.
+        // The blocks may have arrived already.
         self.again.store(true, SeqCst);
         None
     }
@@ -363,7 +367,7 @@ impl Walk {
         }
     }
 
-    /// A small piece; whether there is more.
+    /// Works on a small piece. Returns true if there is more.
     fn step(&mut self, scene: &SceneState, stamp: u32) -> bool {
         let Some(snapshots) = &self.snapshots else { return false };
         let view = SceneView { accept_missing: true, ..SceneView::new(scene, snapshots, stamp) };
@@ -374,7 +378,7 @@ impl Walk {
     }
 }
 
-/// The job: what waits in the pool's queue must not keep the pool.
+/// The job. Its reference is weak: a job in the pool's queue must not keep the pool alive.
 struct Going(Weak<Inner>);
 
 impl Work for Going {
@@ -413,7 +417,7 @@ impl Inner {
             return 1;
         }
         self.runs.store(false, SeqCst);
-        // Whoever found it running meanwhile has left it to us.
+        // A thread that found the job running meanwhile has left the work to this one.
         usize::from(self.again.load(SeqCst) && !self.stop.load(SeqCst) && !self.runs.swap(true, SeqCst))
     }
 

@@ -1,5 +1,7 @@
-//! From triangles to blocks. The set is halved at the median of the longest axis of its middles until a part fits a
-//! list; rows follow in the order of the halves, so that those of neighbours share an index block.
+//! Builds blocks from triangles.
+//!
+//! The set of triangles is halved at the median of its centres along their longest axis, until each part fits a list.
+//! The rows of index blocks have the order of the halves, so that neighbouring lists share an index block.
 
 use super::layout::{CLASSES, INDEX, LIST, ROW_WORDS, ROWS, TRIANGLES, middle, stored_oriented_slabs};
 use crate::base::error::{Error, Result};
@@ -13,13 +15,13 @@ use glam::Vec3;
 /// Makes the blocks of a `brute`.
 pub struct BruteBaker;
 
-/// Some of a mesh's triangles, divided among lists.
+/// Some of a mesh's triangles, divided into lists.
 pub struct Chunk<'a> {
     input: TreeInput<'a>,
     lists: Vec<Vec<u32>>,
 }
 
-/// What rows say of blocks.
+/// The content of a row: the box, the voxel and the slabs of a block below.
 #[derive(Clone)]
 pub struct Cell {
     bounds: Bounds,
@@ -29,7 +31,7 @@ pub struct Cell {
     fill: Fill,
 }
 
-/// The cells of lists, and what is known of these.
+/// The cells of lists, and the number of their triangles.
 pub struct Top {
     lists: Vec<Cell>,
     triangles: u64,
@@ -38,12 +40,12 @@ pub struct Top {
 /// The rows of all index blocks.
 pub struct UpperTree {
     lists: Vec<Cell>,
-    /// Of index blocks below the first; none where that holds all lists.
+    /// Cells of the index blocks below the first; empty if the first holds all lists.
     groups: Vec<Cell>,
     counts: Counts,
 }
 
-/// Lists that a tree can have.
+/// Greatest number of lists of a tree.
 const MOST: usize = ROWS * ROWS;
 
 impl Cell {
@@ -67,10 +69,10 @@ impl Cell {
         Self::new(bounds, voxel, &Content::of_triangles(points, places))
     }
 
-    /// Over the cells of an index block.
+    /// Combines the cells of an index block.
     fn over(cells: &[Self]) -> Self {
         let mut voxels: Vec<(Bounds, Voxel)> = cells.iter().map(|cell| (cell.bounds, cell.voxel)).collect();
-        // A voxel is of eight others at most.
+        // A voxel combines at most eight others.
         while voxels.len() > 1 {
             let over = |some: &[(Bounds, Voxel)]| {
                 let bounds = some.iter().fold(Bounds::EMPTY, |all, one| all.union(one.0));
@@ -97,7 +99,7 @@ impl Cell {
 /// Halves a set until each part fits a list.
 fn halve(input: TreeInput, mut set: Vec<u32>, lists: &mut Vec<Vec<u32>>) {
     if set.len() <= TRIANGLES {
-        // Input order is that of the primitive ids.
+        // The input is in the order of the primitive ids.
         set.sort_unstable();
         return lists.push(set);
     }
@@ -112,7 +114,9 @@ fn halve(input: TreeInput, mut set: Vec<u32>, lists: &mut Vec<Vec<u32>>) {
 }
 
 fn too_many() -> Error {
-    Error::BadArgument(format!("more triangles than a brute holds: {MOST} lists of {TRIANGLES}"))
+    Error::BadArgument(format!(
+        "too many triangles: the structure brute holds at most {MOST} lists of {TRIANGLES} triangles"
+    ))
 }
 
 fn block(kind: u32, count: usize, words: impl IntoIterator<Item = u32>) -> BakedBlock {
@@ -188,7 +192,7 @@ impl Baker for BruteBaker {
 
     fn encode_coarse(upper_tree: &UpperTree, index: usize, first_block: u32) -> BakedBlock {
         let lists_at = first_block + Self::coarse_blocks(upper_tree) as u32;
-        // Which of all lists, or of all groups, the first row is.
+        // Index of the first row among all lists or all groups.
         let (cells, from, at, kind) = match index.checked_sub(1) {
             None if !upper_tree.groups.is_empty() => (&upper_tree.groups[..], 0, first_block + 1, INDEX),
             group => {
@@ -205,7 +209,7 @@ impl Baker for BruteBaker {
     }
 
     fn max_stack(depth: u32) -> u32 {
-        // The last level is of lists.
+        // The last level consists of lists.
         ROWS as u32 * (depth - 1)
     }
 

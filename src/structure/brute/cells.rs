@@ -1,4 +1,4 @@
-//! What blocks say of hits: rows of cells and of triangles.
+//! Data of hits, read from blocks: rows for stand-ins, and triangles.
 
 use super::layout::Row;
 use super::trace::TreeView;
@@ -33,11 +33,11 @@ impl<'a> TreeView<'a> {
                 (out.bounds[axis][i], out.bounds[axis + 3][i]) = (bounds.min[axis], bounds.max[axis]);
             }
             (out.part[i], _) = Coded::part(voxel[2]);
-            // Walks meet boxes, not slabs: nothing is known of where in the box they do.
+            // Walks test boxes instead of oriented slabs, so nothing is known of the distance to the content.
             out.level[i] = 0;
             out.coloured |= u32::from(Coded::has_colours(voxel[0])) << i;
             let (firsts, seconds) = if let Some(sides) = row.sides() {
-                // Sides in the order low x, y, z, high x, y, z; a ray that goes up an axis sees the low one.
+                // Sides have the order low x, y, z, high x, y, z. A ray that goes up an axis sees the low side.
                 let dir = dir(i);
                 let at = [0, 1, 2].map(|axis| 2 * if dir[axis] >= 0.0 { axis } else { axis + 3 });
                 out.have_three |= 1 << i;
@@ -52,12 +52,13 @@ impl<'a> TreeView<'a> {
         gone
     }
 
-    /// Where in its box the content of a cell that was hit is; `None` if its block has left the snapshot.
+    /// Returns the oriented slabs that bound the content of a cell that was hit; `None` if its block has left the
+    /// snapshot.
     pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
         self.cell_at(hit).map(|(_, row)| row.slabs())
     }
 
-    /// See [`crate::structure::Tree::prefetch_cell`]: nothing is asked for ahead.
+    /// See [`crate::structure::Tree::prefetch_cell`]. This structure prefetches nothing.
     pub fn prefetch_cell(&self, _: &TriHit, _: bool) {}
 
     /// See [`crate::structure::Tree::surfaces`].

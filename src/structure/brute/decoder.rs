@@ -1,4 +1,4 @@
-//! Hands residency the decoding of this structure's blocks.
+//! The decoder of this structure's blocks, for residency.
 
 use super::layout::{Range, check};
 use crate::base::ids::BlockId;
@@ -6,17 +6,17 @@ use crate::residency::{BlockClass, Decoder};
 use crate::store::TreeRow;
 use crate::structure::streams;
 
-/// Decodes blocks of a model of structure `brute`.
+/// Decodes the blocks of a model of structure `brute`.
 #[derive(Debug, Clone)]
 pub struct BruteDecoder {
-    /// Primitive ids follow the geometry blocks, then colours.
+    /// Number of geometry blocks. Blocks with primitive ids follow them, then blocks with colours.
     geometry_blocks: u32,
-    /// Of each tree, ascending.
+    /// Block ranges of the trees, ascending.
     trees: Vec<Range>,
 }
 
 impl BruteDecoder {
-    /// For a model of `geometry_blocks` geometry blocks, which `trees` divide among them.
+    /// A decoder for a model with `geometry_blocks` geometry blocks, which belong to `trees`.
     pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
         let range =
             |t: &TreeRow| Range { lists: t.first_block + t.class_blocks[0], end: t.first_block + t.block_count };
@@ -32,11 +32,11 @@ impl Decoder for BruteDecoder {
     fn decode(&self, id: BlockId, payload: &[u8]) -> Result<Vec<u32>, String> {
         match id.0 / self.geometry_blocks.max(1) {
             0 => {
-                let tree = self.tree_of(id.0).ok_or("it belongs to no tree")?;
+                let tree = self.tree_of(id.0).ok_or("the block belongs to no tree")?;
                 let (words, rest) = payload.as_chunks();
                 let words: Vec<u32> = words.iter().map(|&word| u32::from_le_bytes(word)).collect();
                 if !rest.is_empty() {
-                    return Err("it does not end with a word".into());
+                    return Err("the size is not a multiple of 4 bytes".into());
                 }
                 check(&words, id.0, tree)?;
                 Ok(words)
@@ -47,7 +47,7 @@ impl Decoder for BruteDecoder {
     }
 
     fn class(&self, id: BlockId) -> BlockClass {
-        // Primitive ids are read only when asked for.
+        // Primitive ids are read only on request.
         let is_read_ahead = id.0 / self.geometry_blocks.max(1) != 1;
         let is_coarse = self.tree_of(id.0).is_some_and(|tree| id.0 < tree.lists);
         BlockClass { is_coarse, below: None, is_read_ahead }

@@ -8,10 +8,10 @@
 //!
 //! | words of a row | |
 //! |---|---|
-//! | 0 | the block below: an index block or a list, behind this block |
-//! | 1 | [`INDEX`] or [`LIST`]: what that is |
-//! | 2 to 7 | box of all that is below: low x, y, z, high x, y, z (f32) |
-//! | 8 | where in the box that is (`lod::OrientedSlabs`), of level 0 |
+//! | 0 | id of the block below: an index block or a list, with a greater id than this block |
+//! | 1 | kind of the block below: [`INDEX`] or [`LIST`] |
+//! | 2 to 7 | box of everything below: low x, y, z, high x, y, z (f32) |
+//! | 8 | oriented slabs of everything below in that box (`lod::OrientedSlabs`), with level 0 |
 //! | 9 to 12 | the voxel (`lod::Coded`): a sample, the part, the summary of parts; it stops all rays |
 //! | 13 to 24 | samples of its six sides; 0 if it has one sample |
 //!
@@ -21,7 +21,7 @@
 //! | 1 | triangles, 1 to [`TRIANGLES`] |
 //! | .. | triangles by ascending primitive id: three corners (f32 x, y, z), the tree's local part |
 //!
-//! Block 0 of a tree is the index block over all. A tree has two levels of these at most.
+//! Block 0 of a tree is the index block over all others. A tree has at most two levels of index blocks.
 
 use crate::lod::{
     Coded, LEVEL, Middle, OrientedSlabs, SIDES_WORDS, VOXEL_WORDS, fields, normal_bytes, oriented_slabs, stopped,
@@ -30,13 +30,13 @@ use crate::math::Bounds;
 use crate::structure::hit::Triangle;
 use glam::Vec3;
 
-/// First word of an index block. (Blocks beside triangles begin with less.)
+/// First word of an index block. Blocks with per-triangle numbers begin with smaller values.
 pub const INDEX: u32 = 6;
 /// First word of a list.
 pub const LIST: u32 = 7;
-/// Rows of an index block, at most.
+/// Greatest number of rows of an index block.
 pub const ROWS: usize = 64;
-/// Triangles of a list, at most.
+/// Greatest number of triangles of a list.
 pub const TRIANGLES: usize = 64;
 /// Words before rows and triangles.
 pub const HEAD_WORDS: usize = 2;
@@ -45,7 +45,7 @@ pub const ROW_WORDS: usize = 9 + VOXEL_WORDS + SIDES_WORDS;
 /// Words of a triangle.
 pub const TRIANGLE_WORDS: usize = 10;
 
-/// Classes of blocks.
+/// Number of block classes.
 pub const CLASSES: usize = 2;
 
 /// A row of an index block.
@@ -53,18 +53,18 @@ pub const CLASSES: usize = 2;
 pub struct Row<'a>(pub &'a [u32; ROW_WORDS]);
 
 impl<'a> Row<'a> {
-    /// The block below, and which of the two kinds it is of.
+    /// Id and kind of the block below.
     pub fn below(self) -> (u32, u32) {
         (self.0[0], self.0[1])
     }
 
-    /// Around all that is below.
+    /// Box of everything below.
     pub fn bounds(self) -> Bounds {
         let at = |i: usize| f32::from_bits(self.0[i]);
         Bounds { min: Vec3::new(at(2), at(3), at(4)), max: Vec3::new(at(5), at(6), at(7)) }
     }
 
-    /// Where in the box all of that is.
+    /// Oriented slabs of everything below.
     pub fn slabs(self) -> OrientedSlabs<f32> {
         stored_oriented_slabs(self.0[8], self.voxel()[0], &self.bounds())
     }
@@ -74,7 +74,7 @@ impl<'a> Row<'a> {
         &self.0[9..9 + VOXEL_WORDS]
     }
 
-    /// The samples of its sides, if it has them.
+    /// The samples of the voxel's sides, if it has them.
     pub fn sides(self) -> Option<&'a [u32]> {
         Coded::has_sides(self.voxel()[0]).then(|| &self.0[9 + VOXEL_WORDS..])
     }
@@ -82,11 +82,11 @@ impl<'a> Row<'a> {
     fn check(self) -> Result<(), &'static str> {
         let Bounds { min, max } = self.bounds();
         let fault = if !(min.is_finite() && max.is_finite() && min.cmple(max).all()) {
-            "a box of it is none"
+            "a box is not finite or is inverted"
         } else if self.0[8] >> LEVEL.0 != 0 || stopped(self.voxel()[0]) != 0 {
-            "a cell of it says what cells of this structure do not"
+            "a voxel has a level or a stop code, which this structure does not use"
         } else if self.sides().is_none() && self.0[9 + VOXEL_WORDS..].iter().any(|&word| word != 0) {
-            "a voxel of one sample has more"
+            "a voxel with one sample has data for more samples"
         } else {
             return Ok(());
         };
@@ -94,12 +94,12 @@ impl<'a> Row<'a> {
     }
 }
 
-/// The slabs of a word in a box; `first`: the voxel's first word.
+/// Decodes the slabs of a word in a box. `first` is the voxel's first word.
 pub fn stored_oriented_slabs(word: u32, first: u32, bounds: &Bounds) -> OrientedSlabs<f32> {
     oriented_slabs(fields(word), normal_bytes(first), &middle(bounds))
 }
 
-/// The box as slabs count in it.
+/// The box in the form that slabs need.
 pub fn middle(bounds: &Bounds) -> Middle<f32> {
     Middle { at: bounds.center().to_array(), half: (bounds.extent() * 0.5).to_array() }
 }
@@ -107,14 +107,14 @@ pub fn middle(bounds: &Bounds) -> Middle<f32> {
 /// A decoded block.
 #[derive(Debug, Clone, Copy)]
 pub enum Block<'a> {
-    /// Its rows.
+    /// Rows of an index block.
     Index(&'a [[u32; ROW_WORDS]]),
-    /// Its triangles.
+    /// Triangles of a list.
     List(&'a [[u32; TRIANGLE_WORDS]]),
 }
 
 impl<'a> Block<'a> {
-    /// Over words that [`check`] has accepted; in memory zeros may follow, up to a whole cache line.
+    /// A block over words that [`check`] has accepted. In memory zeros may follow, up to a whole cache line.
     pub fn new(words: &'a [u32]) -> Self {
         let (head, rest) = words.split_at(HEAD_WORDS);
         let count = head[1] as usize;
@@ -125,25 +125,25 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// A row of an index block.
+    /// The row at `index` of an index block.
     pub fn row(self, index: usize) -> Option<Row<'a>> {
         if let Block::Index(rows) = self { rows.get(index).map(Row) } else { None }
     }
 
-    /// A triangle of a list.
+    /// The triangle at `index` of a list.
     pub fn triangle(self, index: usize) -> Option<Triangle> {
         if let Block::List(triangles) = self { triangles.get(index).map(triangle) } else { None }
     }
 }
 
-/// A triangle from its words.
+/// Decodes a triangle from its words.
 pub fn triangle(words: &[u32; TRIANGLE_WORDS]) -> Triangle {
     let at = |i: usize| f32::from_bits(words[i]);
     let corner = |i: usize| Vec3::new(at(3 * i), at(3 * i + 1), at(3 * i + 2));
     Triangle { vertices: [corner(0), corner(1), corner(2)], part: words[9] }
 }
 
-/// The blocks of a tree: index blocks, then lists.
+/// Ids of the blocks of a tree: index blocks, then lists.
 #[derive(Debug, Clone, Copy)]
 pub struct Range {
     /// The first list.
@@ -152,30 +152,32 @@ pub struct Range {
     pub end: u32,
 }
 
-/// Accepts the words of block `id` of a tree; else says what is wrong with them.
+/// Checks the words of block `id` of a tree. Fails with the fault.
 pub fn check(words: &[u32], id: u32, tree: Range) -> Result<(), String> {
     let is_index = id < tree.lists;
     let (kind, most, size) = if is_index { (INDEX, ROWS, ROW_WORDS) } else { (LIST, TRIANGLES, TRIANGLE_WORDS) };
-    let (Some(&first), Some(&count)) = (words.first(), words.get(1)) else { return Err("it ends too early".into()) };
+    let (Some(&first), Some(&count)) = (words.first(), words.get(1)) else {
+        return Err("unexpected end of data".into());
+    };
     let count = count as usize;
     if first != kind {
-        return Err("it is not of the kind that its place says".into());
+        return Err("the block has an unexpected kind".into());
     }
     if !(1..=most).contains(&count) || words.len() != HEAD_WORDS + count * size {
-        return Err("its counts do not add up".into());
+        return Err("the counts are inconsistent".into());
     }
     match Block::new(words) {
         Block::Index(rows) => rows.iter().try_for_each(|row| {
             let (below, kind) = Row(row).below();
             let expected = if kind == INDEX { id + 1..tree.lists } else { tree.lists..tree.end };
             if !(kind == INDEX || kind == LIST) || !expected.contains(&below) {
-                return Err("it refers to a block that is not there".to_string());
+                return Err("a row refers to an invalid block".to_string());
             }
             Row(row).check().map_err(str::to_string)
         }),
         Block::List(triangles) => {
             let is_finite = |t: &[u32; TRIANGLE_WORDS]| triangle(t).vertices.iter().all(|v| v.is_finite());
-            if triangles.iter().all(is_finite) { Ok(()) } else { Err("a corner of it is nowhere".into()) }
+            if triangles.iter().all(is_finite) { Ok(()) } else { Err("a vertex is not finite".into()) }
         }
     }
 }

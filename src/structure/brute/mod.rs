@@ -1,5 +1,7 @@
-//! `brute`: a list of triangles in blocks. It is there to show that the contract does not lean on a structure (tests
-//! run on it and on the others alike) and is in no library that ships: it takes time in proportion to the triangles.
+//! `brute`: a list of triangles in blocks.
+//!
+//! It shows that the interface does not depend on one structure: tests run on it and on the others alike. No shipped
+//! library contains it, because its time grows linearly with the number of triangles.
 
 pub mod build;
 mod cells;

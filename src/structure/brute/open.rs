@@ -1,4 +1,4 @@
-//! Trees of an opened file.
+//! Starts of the trees of an opened file.
 
 use super::layout::INDEX;
 use super::trace::TreeView;
@@ -7,27 +7,27 @@ use crate::simd::Isa;
 use crate::store::{ModelFile, TreeRow};
 use crate::structure::tree::Visit;
 
-/// Where a tree begins, and where what is beside its triangles is.
+/// Root of a tree, and the offsets of its blocks with per-triangle numbers.
 #[derive(Debug, Clone, Copy)]
 pub struct Start {
-    /// `None` for a tree with nothing in it.
+    /// The tree's first block; `None` for an empty tree.
     first_block: Option<u32>,
-    /// What to add to a block's id for the id of the block with its primitive ids.
+    /// Difference between the id of the block with primitive ids and the id of its block of triangles.
     prims_at: u32,
-    /// The same for its colours; `None` if the model has none.
+    /// The same difference for colours; `None` if the model has none.
     colours_at: Option<u32>,
 }
 
 impl Start {
-    /// Of a tree of `file`. Fails with the fault where its blocks are not those of such a tree.
+    /// Returns the start of a tree of `file`. Fails with the fault if its blocks do not form a tree of this structure.
     pub fn of(file: &ModelFile, row: &TreeRow) -> Result<Self, &'static str> {
         let is_empty = row.block_count == 0;
         if !(is_empty || row.root == u64::from(INDEX)) {
-            return Err("the root of its tree does not exist");
+            return Err("the root of the tree does not exist");
         }
         let [_, lists, others @ ..] = row.class_blocks;
         if others != [0, 0] || !is_empty && lists == 0 {
-            return Err("its tree has other blocks than index blocks and lists");
+            return Err("the tree has no list or has blocks that are neither index blocks nor lists");
         }
         let header = file.header();
         Ok(Self {
@@ -37,7 +37,7 @@ impl Start {
         })
     }
 
-    /// The block of the root and the number that it has in there; none for a tree with nothing in it.
+    /// The block of the root and the root's number in it; `None` for an empty tree.
     pub fn root(&self) -> Option<(u32, u32)> {
         self.first_block.map(|block| (block, INDEX))
     }

@@ -1,7 +1,7 @@
-//! Rays in, hits out, one ray at a time: rows of index blocks by their boxes, triangles of lists eight at a time.
+//! Traces single rays: rows of index blocks by their boxes, triangles of lists eight at a time.
 //!
-//! Hits are those of other structures of the same triangles to the bit: the triangle test is the same, and boxes give
-//! way by more than single precision moves what is met. Cells that stand in are boxes and stop all rays.
+//! Hits are identical, to the bit, to those of other structures with the same triangles: the triangle test is the same,
+//! and the tolerance of boxes exceeds the rounding errors of single precision. Stand-ins are boxes and stop all rays.
 
 use super::layout::{Block, Row, TRIANGLE_WORDS, triangle};
 use crate::base::ids::BlockId;
@@ -24,19 +24,19 @@ use glam::Vec3;
 /// One tree of a model in one snapshot.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeView<'a> {
-    /// Which blocks are in memory.
+    /// Snapshot with the blocks in memory.
     pub snapshot: &'a Snapshot,
     /// Block of the root; `None` for a tree without triangles.
     pub first_block: Option<u32>,
     /// Greatest magnitude of a coordinate of the tree.
     pub max_coord: f32,
-    /// What to add to a block's id for the id of the block with its primitive ids.
+    /// Difference between the id of the block with primitive ids and the id of its block of triangles.
     pub prims_at: u32,
-    /// The same for its colours; `None` if the model has none.
+    /// The same difference for colours; `None` if the model has none.
     pub colours_at: Option<u32>,
-    /// Vectors to trace with.
+    /// Instruction set to trace with.
     pub isa: Isa,
-    /// How walks visit it.
+    /// Options of walks.
     pub visit: Visit,
 }
 
@@ -61,19 +61,20 @@ impl SingleWalks for TreeView<'_> {
     }
 }
 
-/// A ray ready for tests.
+/// A ray with the constants that tests need.
 struct Prepared<'a> {
     ray: LocalRay,
     inv: Vec3,
-    /// How far planes of cells give way, with the sign of `inv`.
+    /// Tolerance of the planes of cells, with the sign of `inv`.
     slack: Vec3,
     shear: Shear,
-    /// Whether cells may stand in because they are small.
+    /// True if the ray accepts small cells as stand-ins.
     is_lod: bool,
     filter: Option<&'a PartFilter<'a>>,
 }
 
-/// Boxes give way by so many times as much as cells: a ray that meets a cell has met the boxes around it.
+/// Tolerance of boxes as a multiple of that of cells. A ray that enters a cell therefore also enters the boxes around
+/// it.
 const BOXES: f32 = 2.0;
 
 impl<'a> Prepared<'a> {
@@ -84,7 +85,7 @@ impl<'a> Prepared<'a> {
         Self { ray, inv, slack, shear: Shear::new(ray.dir), is_lod: ray.cone != Cone::ZERO, filter }
     }
 
-    /// Where it enters and leaves a box whose planes give way by so many times the slack.
+    /// Distances at which the ray enters and leaves a box, with `times` the usual tolerance.
     fn cross(&self, b: &Bounds, times: f32) -> [f32; 2] {
         let is_positive = self.inv.cmpge(Vec3::ZERO);
         let (near, far) = (Vec3::select(is_positive, b.min, b.max), Vec3::select(is_positive, b.max, b.min));
@@ -95,11 +96,11 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// What a cell means for a ray.
+/// Result of testing a cell.
 enum Verdict {
-    /// It stands in, or what it holds is passed: nothing is left to visit.
+    /// The cell is a hit, or everything in it is hidden: nothing below remains to be visited.
     Settled,
-    /// What is below is to be visited.
+    /// The content of the cell has to be visited.
     Descend,
 }
 
@@ -108,7 +109,7 @@ impl<'a> TreeView<'a> {
         self.snapshot.block(BlockId(id)).map(Block::new)
     }
 
-    /// The words of a block that a walk goes through, if it is in memory.
+    /// Reads the words of a block and sets its last-used stamp. Returns `None` if the block is missing.
     fn visited(&self, id: u32) -> Option<&'a [u32]> {
         self.snapshot.visit(BlockId(id), self.visit.stamp)
     }
@@ -116,7 +117,8 @@ impl<'a> TreeView<'a> {
     fn go_on<const ANY: bool>(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
         let ray = Prepared::new(walk.ray, self.max_coord, filter);
         while let Some(entry) = walk.stack.pop() {
-            // Not `<=`: an equal distance may be a tie that a lower primitive id wins.
+            // An entry at the distance of the best hit is visited, because a triangle at an equal distance wins if its
+            // primitive id is lower.
             if entry.t > walk.best.t {
                 continue;
             }
@@ -172,7 +174,7 @@ impl<'a> TreeView<'a> {
         }
     }
 
-    /// Fails with the block that a tie has to be decided by.
+    /// Fails with a missing block that is needed to decide a tie.
     fn list<const ANY: bool>(
         &self,
         ray: &Prepared,
@@ -201,7 +203,7 @@ impl<'a> TreeView<'a> {
         Ok(())
     }
 
-    /// Whether `hit` beats the best: nearer, or as near with a lower primitive id.
+    /// True if `hit` is better than the best hit so far: it is nearer, or equally near with a lower primitive id.
     fn is_better(&self, hit: &TriHit, walk: &mut Walk) -> Result<bool, BlockId> {
         let best = &walk.best;
         if hit.t != best.t || !best.is_hit() {
@@ -210,30 +212,31 @@ impl<'a> TreeView<'a> {
         if let Some(answer) = hit.untie(best) {
             return Ok(answer);
         }
-        // A list is in the order of its primitives.
+        // A list is in the order of its primitive ids.
         if hit.block == best.block {
             return Ok(hit.tri < best.tri);
         }
         walk.counters.ties += 1;
         match (self.prim(hit), self.prim(best)) {
             (Ok(a), Ok(b)) => Ok(a < b),
-            // Walks that never wait take the first by its place.
+            // Walks that never wait decide by block and item instead.
             _ if self.visit.accept_missing => Ok((hit.block, hit.tri) < (best.block, best.tri)),
             (a, b) => Ok(a? < b?),
         }
     }
 
-    /// The triangle of a hit; `None` if its block has left the snapshot.
+    /// Returns the triangle of a hit; `None` if its block has left the snapshot.
     pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
         self.block(hit.block)?.triangle(hit.tri as usize)
     }
 
-    /// The primitive id of a hit, or the block that is needed for it.
+    /// Returns the primitive id of a hit, or the block that is needed for it.
     pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
         self.beside(hit, self.prims_at)
     }
 
-    /// The sRGB colour of a hit's triangle, or the block that is needed; `None` if the model has none.
+    /// Returns the sRGB colour of a hit's triangle, or the block that is needed for it; `None` if the model has no
+    /// colours.
     pub fn colour(&self, hit: &TriHit) -> Result<Option<[u8; 4]>, BlockId> {
         let Some(at) = self.colours_at else { return Ok(None) };
         self.beside(hit, at).map(|colour| Some(colour.to_le_bytes()))
@@ -242,11 +245,11 @@ impl<'a> TreeView<'a> {
     fn beside(&self, hit: &TriHit, offset: u32) -> Result<u32, BlockId> {
         let id = BlockId(hit.block + offset);
         let words = self.visited(id.0).ok_or(id)?;
-        // Only a file made up to be wrong has fewer words than its block has triangles.
+        // Only a deliberately malformed file has fewer words than its block has triangles.
         Ok(words.get(hit.tri as usize).copied().unwrap_or(u32::MAX))
     }
 
-    /// The block that a stand-in of `hit` stands in for, if that is missing.
+    /// Returns the block that the stand-in of `hit` replaces, if that block is missing.
     pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
         let cell = hit.stand_in().filter(|cell| cell.is_missing)?;
         self.row_of(hit.block, cell).map(|row| row.below().0)
@@ -256,7 +259,7 @@ impl<'a> TreeView<'a> {
         self.block(block)?.row(cell.item as usize)
     }
 
-    /// What is below a place; fails with the block that the place is in if that is not in memory.
+    /// Visits the children or triangles below a place. Fails with the block of the place if that is not in memory.
     pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
         match self.visited(place.block).map(Block::new).ok_or(BlockId(place.block))? {
             Block::Index(rows) => {
@@ -275,8 +278,8 @@ impl<'a> TreeView<'a> {
     }
 }
 
-/// What parts have to say about a cell that could stand in: whether it may, or `None` where all that it holds is
-/// hidden.
+/// Tests the parts of a cell that may become a stand-in: true if the filter allows it, or `None` if everything in the
+/// cell is hidden.
 fn allowed(row: Row, filter: Option<&PartFilter>) -> Option<bool> {
     let Some(filter) = filter else { return Some(true) };
     match (Coded::part(row.voxel()[2]), row.voxel()[3]) {
@@ -285,7 +288,7 @@ fn allowed(row: Row, filter: Option<&PartFilter>) -> Option<bool> {
     }
 }
 
-/// Lets a cell stand in that is as small as the ray's width there, and outside of which the ray begins.
+/// Accepts a cell as a stand-in if it is no larger than the ray's footprint there, and the ray begins outside of it.
 fn judge_small(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut TriHit) -> Verdict {
     let bounds = row.bounds();
     let [enter, leave] = ray.cross(&bounds, 1.0);
@@ -305,8 +308,8 @@ fn judge_small(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut T
     Verdict::Settled
 }
 
-/// Lets a cell stand in for the block below, which is missing. Where any hit will do, a cell that the ray begins in is
-/// none: nothing is known of it.
+/// Offers a cell as a stand-in for the missing block below. For any-hit queries a cell that the ray begins in is no
+/// hit, because nothing is known of its content.
 fn stand_for_missing<const ANY: bool>(ray: &Prepared, row: Row, block: u32, cell: StandIn, best: &mut TriHit) {
     let [enter, leave] = ray.cross(&row.bounds(), 1.0);
     let t = enter.max(ray.ray.t_min);
@@ -318,21 +321,21 @@ fn stand_for_missing<const ANY: bool>(ray: &Prepared, row: Row, block: u32, cell
     }
 }
 
-/// Keeps a stand-in if it is better.
+/// Stores a stand-in if it is better than the best hit so far.
 fn offer(best: &mut TriHit, hit: TriHit) {
     if hit.t < best.t || hit.t == best.t && (!best.is_hit() || hit.untie(best) == Some(true)) {
         *best = hit;
     }
 }
 
-/// Up to eight triangles against a ray.
+/// Tests up to eight triangles against a ray.
 struct Eight<'a> {
     ray: &'a Prepared<'a>,
     triangles: &'a [[u32; TRIANGLE_WORDS]],
     t_max: f32,
 }
 
-/// Those that are hit, and where.
+/// Triangles that are hit, and their hits.
 struct Found {
     hits: u32,
     t: [f32; 8],

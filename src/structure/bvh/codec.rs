@@ -1,37 +1,11 @@
-//! The file form of a block: the trace form with everything left out that can be found again.
+//! The file form of a geometry block: the trace form without everything that decoding can derive.
 //!
-//! | bytes | what |
-//! |---|---|
-//! | 1 | what follows |
-//! | **1: nodes and leaves** | all of 2, then all of 3 |
-//! | **2: nodes** | |
-//! | 2 x 3 | u16: nodes, external references, leaves |
-//! | 16 x nodes | grids and valid bits, as four words; the first of all nodes, byte by byte: byte 0 of all, byte 1 of all, ...; the second, ... |
-//! | 6 x voxels | boxes of all children, each of which has a voxel: low x of all, low y, low z, high x, y, z |
-//! | 2 x nodes | u16 a node: kind of each child, 2 bits a slot (0 none, 1 node, 2 leaf, 3 external) |
-//! | 8 x externals | block ids, then child references: u32, byte by byte |
-//! | 1 | u8: words of a voxel |
-//! | 4 | u32: the part of all voxels, if those are short |
-//! | 12 x voxels | both words of the first sample and the slabs, byte by byte: byte 0 of all voxels, byte 1 of all, ...; the count of sides is zero |
-//! | 4 x voxels | with long voxels: part and whether mixed, byte by byte |
-//! | 4 x mixed | with long voxels: summaries of those that are mixed |
-//! | 48 x .. | the sides of voxels that have six, byte by byte |
-//! | 2, leaves | not in 1: u16: where the first leaf begins in its block; u8: words of each |
-//! | **3: leaves** | |
-//! | 2 x 3 | u16: triangles, parts, leaves |
-//! | 4 | u32: distinct vertices |
-//! | 4 x parts | u32 |
-//! | leaves | u8: triangles - 1 (3 bits), vertices - 3 (4 bits), whether mixed |
-//! | 2 x .. | part of each leaf, of each triangle where mixed: low bytes, then high bytes |
-//! | 1.5 x triangles | 4 bits each: the first corners of each leaf's triangles, the second, the third |
-//! | .. | a bit for each leaf's vertices: whether a leaf before has it |
-//! | 2 x .. | for those how many back it was new, less one: low bytes, then high bytes |
-//! | .. x 3 | x, y, z of the others: difference to the one before, as ordered integers, zigzag; in groups of 16 with as many bits each: u8 of each group, then the groups |
+//! `src/store/FORMAT.md` describes the bytes, in "Block payloads of structure `bvh`" and in the sections "Nodes" and
+//! "Leaves" below it. `codec_nodes.rs` and `codec_leaves.rs` read and write these two tables. This file assembles the
+//! trace form from them.
 //!
-//! Blocks whose first byte is 4 or 5 hold numbers beside triangles (`structure::streams`).
-//!
-//! Child references need no bytes: nodes, leaves and external references are numbered in the order in
-//! which a preorder walk meets them. Positions are kept to the bit.
+//! Child references are not stored. Nodes, leaves and external references are numbered in the order of a preorder
+//! traversal, so `link` can assign them again. Positions are kept to the bit.
 
 use super::codec_leaves::{Leaves, leaves_in_order, push_leaves, read_leaves};
 use super::codec_nodes::{Nodes, push_nodes, read_nodes};
@@ -45,19 +19,19 @@ use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::bytes::{Reader, padded, piece};
 use std::cmp::Ordering;
 
-/// First byte of a payload.
+/// Values of a payload's first byte.
 const ALL: u8 = 1;
 const NODES: u8 = 2;
 const LEAVES: u8 = 3;
 
-/// What is wrong with a payload, in a few words.
+/// Result of decoding, or the fault in a few words.
 pub(super) type Checked<T> = Result<T, String>;
 
 pub(super) fn wrong<T>(why: &str) -> Checked<T> {
     Err(why.to_string())
 }
 
-/// Encodes the trace form of a geometry block. `leaves`: that of its leaf block, if it has one.
+/// Encodes the trace form of a geometry block. `leaves` is the trace form of its leaf block, if it has one.
 pub fn encode_geometry(words: &[u32], leaves: Option<&[u32]>) -> Vec<u8> {
     let block = Block::new(words);
     if block.nodes() == 0 {
@@ -80,7 +54,7 @@ pub fn encode_geometry(words: &[u32], leaves: Option<&[u32]>) -> Vec<u8> {
     out
 }
 
-/// What a block may be.
+/// Content of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Holds {
     /// Nodes and leaves: the one block of a tree.
@@ -93,32 +67,32 @@ pub enum Holds {
     Leaves,
 }
 
-/// What a block is, and what its references may point at.
+/// Id and kind of a block, and the range of its references.
 #[derive(Debug, Clone, Copy)]
 pub struct Place {
     /// The block's own id.
     pub id: u32,
     /// One past the last block of its tree that has nodes.
     pub end: u32,
-    /// What it must be.
+    /// The content that the block must have.
     pub holds: Holds,
 }
 
-/// References to leaves, as nodes have them, in the order in which these lie; and zeros, for a whole node.
+/// References to leaves in the form that nodes store, in the order of the leaves, followed by zeros for a whole node.
 type LeafReferences = Vec<u16>;
 
-/// Decodes a geometry block and checks all that a walk relies on.
+/// Decodes a geometry block and checks everything that a walk relies on.
 pub fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     decode_with(Isa::best(), payload, place)
 }
 
-/// [`decode_geometry`] by an instruction set. What is decoded does not depend on it.
+/// [`decode_geometry`] with a given instruction set. The result does not depend on it.
 pub(super) fn decode_with(isa: Isa, payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     dispatch(isa, Decode { payload, place })
 }
 
-/// Mostly plain loops, which become wider vectors where there are; steps of leaves are told and put by the set's own
-/// operations.
+/// Decoding, compiled for each instruction set. Most of it is plain loops that the compiler vectorises. Only the test
+/// and the writing of steps in leaves use the instruction set's own operations.
 struct Decode<'a> {
     payload: &'a [u8],
     place: Place,
@@ -142,17 +116,17 @@ fn decode<S: Simd>(s: S, payload: &[u8], place: Place) -> Checked<Vec<u32>> {
         Holds::Leaves => LEAVES,
     };
     if reader.u8()? != kind {
-        return wrong("not the kind of block that it should be");
+        return wrong("the block has an unexpected kind");
     }
     let words = match place.holds {
         Holds::All => {
             let (nodes, leaves) = (read_nodes(&mut reader, place)?, read_leaves(s, &mut reader)?);
             if leaves.starts.len() != nodes.leaves {
-                return wrong("its leaves do not add up");
+                return wrong("the leaf counts are inconsistent");
             }
             let at = nodes_end(&nodes) + leaves.parts.len();
             if at + leaves.own().len() + PAD_WORDS > MAX_WORDS {
-                return wrong("it is larger than a block may be");
+                return wrong("the block is too large");
             }
             let references = leaf_references(leaves.starts.iter().map(|start| at + start));
             trace_form(nodes, &references, Some(leaves))?
@@ -161,7 +135,7 @@ fn decode<S: Simd>(s: S, payload: &[u8], place: Place) -> Checked<Vec<u32>> {
         Holds::Nodes | Holds::NodesOverLeaves => {
             let nodes = read_nodes(&mut reader, place)?;
             if place.holds == Holds::Nodes && nodes.leaves > 0 {
-                return wrong("it holds leaves, and is coarse");
+                return wrong("a coarse block has leaves");
             }
             let references = read_starts(&mut reader, nodes.leaves)?;
             trace_form(nodes, &references, None)?
@@ -172,34 +146,35 @@ fn decode<S: Simd>(s: S, payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     Ok(words)
 }
 
-/// Words of nodes' part of a block, without the parts.
+/// Number of words of a block's header, nodes, external references and voxels.
 fn nodes_end(nodes: &Nodes) -> usize {
     HEADER_WORDS + nodes.table.len() * NODE_WORDS + nodes.externals.len() * EXTERNAL_WORDS + nodes.voxels.1.len()
 }
 
-/// Words of leaves: one triangle, and eight over sixteen vertices in several parts.
+/// Sizes of the smallest leaf, with one triangle, and of the largest, with eight triangles over sixteen vertices in
+/// several parts.
 const LEAST_LEAF: usize = LeafForm { triangles: 1, vertices: 3, flags: APART }.words();
 const LARGEST_LEAF: usize = LeafForm { triangles: MAX_TRIANGLES, vertices: MAX_VERTICES, flags: MIXED }.words();
 
-/// To leaves that begin at these words.
+/// References to leaves that begin at these words.
 fn leaf_references(starts: impl ExactSizeIterator<Item = usize>) -> LeafReferences {
     padded(starts.map(|at| Child::Leaf(at).to_bits()), WIDTH)
 }
 
-/// References to the leaves of a leaf block.
+/// Reads the sizes of the leaves in a leaf block, and returns references to them.
 #[inline(always)]
 fn read_starts(reader: &mut Reader, leaves: usize) -> Checked<LeafReferences> {
     let begin = usize::from(reader.u16()?);
     if begin < HEADER_WORDS && leaves > 0 {
-        return wrong("its leaves begin where none can");
+        return wrong("the first leaf has an invalid position");
     }
     let sizes = reader.take(leaves)?;
     if !sizes.iter().fold(true, |all, words| all & (LEAST_LEAF..=LARGEST_LEAF).contains(&usize::from(*words))) {
-        return wrong("a leaf has a size that none has");
+        return wrong("a leaf has an invalid size");
     }
     let end = begin + sizes.iter().map(|words| usize::from(*words)).sum::<usize>();
     if end + PAD_WORDS > MAX_WORDS {
-        return wrong("its leaves do not fit a block");
+        return wrong("the leaves do not fit into a block");
     }
     let mut at = begin;
     Ok(leaf_references(sizes.iter().map(|words| {
@@ -208,7 +183,7 @@ fn read_starts(reader: &mut Reader, leaves: usize) -> Checked<LeafReferences> {
     })))
 }
 
-/// A block of leaves.
+/// Completes a block of leaves.
 #[inline(always)]
 fn leaf_block(leaves: Leaves) -> Vec<u32> {
     let begin = leaves.begin();
@@ -218,16 +193,16 @@ fn leaf_block(leaves: Leaves) -> Vec<u32> {
     words
 }
 
-/// A block of nodes with references to leaves, and of these if they are in it.
+/// Assembles a block of nodes with references to leaves, and with the leaves themselves if they are in this block.
 #[inline(always)]
 fn trace_form(nodes: Nodes, references: &[u16], leaves: Option<Leaves>) -> Checked<Vec<u32>> {
     let parts: &[u32] = leaves.as_ref().map_or(&[], |leaves| &leaves.parts);
     let triangles = leaves.as_ref().map_or(0, |leaves| leaves.triangles);
     let own = leaves.as_ref().map_or(&[][..], Leaves::own);
-    // Before references are made, which have room for no more.
+    // This check comes before references are made, which cannot express greater positions.
     let size = nodes_end(&nodes) + parts.len() + own.len() + PAD_WORDS;
     if size > MAX_WORDS {
-        return wrong("it is larger than a block may be");
+        return wrong("the block is too large");
     }
     let Nodes { mut table, kinds, externals, transmitting, voxels: (voxel_header, voxel_words), .. } = nodes;
     let places = link(&mut table, &kinds, references, externals.len())?;
@@ -252,8 +227,8 @@ fn trace_form(nodes: Nodes, references: &[u16], leaves: Option<Leaves>) -> Check
     Ok(words)
 }
 
-/// Numbers the children of all nodes in the order in which a preorder walk meets them; returns where each external
-/// reference hangs (see `layout.rs`).
+/// Numbers the children of all nodes in the order of a preorder walk. Returns node and slot of each external reference
+/// (see `layout.rs`).
 #[inline(always)]
 fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[u16], externals: usize) -> Checked<Vec<u32>> {
     if !nodes
@@ -261,19 +236,19 @@ fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[u16], externals: usize) -> 
         .zip(kinds)
         .fold(true, |all, (node, kinds)| all & (in_pairs(node.valid) == (kinds | kinds >> 1) & 0x5555))
     {
-        return wrong("a node's children and their boxes disagree");
+        return wrong("the children of a node do not match its boxes");
     }
     let mut places = Vec::with_capacity(externals);
     let externals_at = HEADER_WORDS + nodes.len() * NODE_WORDS;
     let (mut next_node, mut next_leaf) = (0, 0);
-    // Nodes, and the kinds of their children that were not met yet.
+    // Stack of nodes, each with the kinds of its children that are still to be numbered.
     let mut open: Vec<(usize, u16)> = Vec::new();
     while next_node < nodes.len() {
-        // A further root.
+        // The next node without a parent: a further root.
         open.push((next_node, kinds[next_node]));
         next_node += 1;
         while let Some((node, kinds_left)) = open.pop() {
-            // Leaves up to the first child that is none: no branch for each.
+            // All leaves before the first other child are numbered at once, without a branch for each.
             let others = kinds_left & 0x5555;
             let before = others.wrapping_sub(1) & !others;
             let Some(window) = leaves.get(next_leaf..next_leaf + WIDTH) else { return wrong(MORE_CHILDREN) };
@@ -300,13 +275,13 @@ fn link(nodes: &mut [Node], kinds: &[u16], leaves: &[u16], externals: usize) -> 
     match next_leaf.cmp(&(leaves.len() - WIDTH)) {
         Ordering::Greater => wrong(MORE_CHILDREN),
         Ordering::Equal if places.len() == externals => Ok(places),
-        _ => wrong("something in it is never referred to"),
+        _ => wrong("a leaf or an external reference is never used"),
     }
 }
 
-const MORE_CHILDREN: &str = "a node has more children than there are";
+const MORE_CHILDREN: &str = "a node has an invalid child reference";
 
-/// Gives the slots of kind 2 the next of `leaves`; returns how many.
+/// Assigns the next of `leaves` to the slots of kind 2. Returns the number of these slots.
 #[inline(always)]
 fn refer_to_leaves(child: &mut [u16; WIDTH], kinds: u16, leaves: &[u16]) -> usize {
     let leaves: &[u16; WIDTH] = piece(leaves, 0);
@@ -319,7 +294,7 @@ fn refer_to_leaves(child: &mut [u16; WIDTH], kinds: u16, leaves: &[u16]) -> usiz
     next
 }
 
-/// Each bit as the lower one of a pair.
+/// Moves each bit to the lower bit of a pair.
 fn in_pairs(bits: u8) -> u16 {
     let bits = u16::from(bits);
     let bits = (bits | bits << 4) & 0x0f0f;

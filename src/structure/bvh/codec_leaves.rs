@@ -1,4 +1,4 @@
-//! The leaves of a block in the file form: see `codec.rs`, of which this is section 3.
+//! The leaves of a block in file form: section "Leaves" of `src/store/FORMAT.md`.
 
 use super::codec::{Checked, wrong};
 use super::layout::{Block, HEADER_WORDS, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, PAD_WORDS};
@@ -9,29 +9,29 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::hash::Hasher;
 
-/// Leaves as read.
+/// Decoded leaves.
 pub(super) struct Leaves {
     pub triangles: usize,
     pub parts: Vec<u32>,
-    /// Those of a leaf block: zeros in place of its header and its parts, the leaves, and the zeros behind them.
+    /// The words of a leaf block: zeros in place of its header and its parts, the leaves, and zeros at the end.
     pub words: Vec<u32>,
-    /// Where each begins, from the first.
+    /// First word of each leaf, relative to the first leaf.
     pub starts: Vec<usize>,
 }
 
 impl Leaves {
-    /// Where the first begins in `words`.
+    /// Position of the first leaf in `words`.
     pub fn begin(&self) -> usize {
         HEADER_WORDS + self.parts.len()
     }
 
-    /// Their own words.
+    /// The words of the leaves.
     pub fn own(&self) -> &[u32] {
         &self.words[self.begin()..self.words.len() - PAD_WORDS]
     }
 }
 
-/// Appends the leaves of a block.
+/// Encodes the leaves of a block.
 pub(super) fn push_leaves(out: &mut Vec<u8>, block: &Block) {
     let leaves: Vec<usize> = leaves_in_order(block).into_iter().map(usize::from).collect();
     let (references, vertices) = share_vertices(block, &leaves);
@@ -59,13 +59,13 @@ pub(super) fn push_leaves(out: &mut Vec<u8>, block: &Block) {
     (0..3).for_each(|axis| push_coordinates(out, vertices.iter().map(|v| v[axis])));
 }
 
-/// Appends the low bytes of all, then the high ones.
+/// Appends the low bytes of all numbers, then the high bytes.
 fn push_pairs(out: &mut Vec<u8>, numbers: impl Iterator<Item = u16> + Clone) {
     out.extend(numbers.clone().map(|number| number as u8));
     out.extend(numbers.map(|number| (number >> 8) as u8));
 }
 
-/// Counts and flag of a leaf, a byte in the file form.
+/// Counts and flag of a leaf: one byte in the file form.
 #[derive(Clone, Copy)]
 struct Shape {
     triangles: usize,
@@ -87,7 +87,7 @@ impl Shape {
         }
     }
 
-    /// Words that it may take: at the least, and at the most.
+    /// Least and greatest number of words that the leaf may need.
     fn words(self) -> [usize; 2] {
         let Self { triangles, vertices, is_mixed } = self;
         let of = |flags: u16| LeafForm { triangles, vertices, flags: flags | if is_mixed { MIXED } else { 0 } }.words();
@@ -95,7 +95,7 @@ impl Shape {
     }
 }
 
-/// Where the leaves of a block begin, in the order in which they lie.
+/// Returns the first words of the leaves of a block, in their order in the block.
 pub(super) fn leaves_in_order(block: &Block) -> Vec<u16> {
     let mut leaves = Vec::with_capacity(block.triangles());
     let mut at = block.first_leaf();
@@ -106,8 +106,9 @@ pub(super) fn leaves_in_order(block: &Block) -> Vec<u16> {
     leaves
 }
 
-/// Numbers the vertices of a block anew, once each: how far back each vertex of a leaf was new, 0 if it is now; and the
-/// vertices' bits. (All of a block's are fewer than its words, which 16 bits count.)
+/// Finds the distinct vertices of a block. Returns for each vertex of each leaf its distance back in the list of
+/// distinct vertices, or 0 if it is new, and the bits of the distinct vertices. A block has fewer vertices than words,
+/// so 16 bits hold a distance.
 fn share_vertices(block: &Block, leaves: &[usize]) -> (Vec<u16>, Vec<[u32; 3]>) {
     let mut references = Vec::new();
     let mut vertices: Vec<[u32; 3]> = Vec::new();
@@ -130,7 +131,7 @@ fn share_vertices(block: &Block, leaves: &[usize]) -> (Vec<u16>, Vec<[u32; 3]>) 
 
 type BuildVertexHasher = std::hash::BuildHasherDefault<VertexHasher>;
 
-/// Enough for the vertices of one block, and a tenth of the time of a general hash.
+/// A weak hash that suffices for the vertices of one block, in a tenth of the time of a general hash.
 #[derive(Default)]
 struct VertexHasher(u64);
 
@@ -144,7 +145,8 @@ impl Hasher for VertexHasher {
     }
 
     fn write_u64(&mut self, x: u64) {
-        // An odd number near 2^64 divided by the golden ratio; the table takes its bits from both ends.
+        // The factor is an odd number near 2^64 divided by the golden ratio. The table uses bits from both ends of the
+        // hash.
         let product = u128::from(self.0 ^ x ^ 0x2545_F491_4F6C_DD1D) * 0x9E37_79B9_7F4A_7C15;
         self.0 = product as u64 ^ (product >> 64) as u64;
     }
@@ -154,7 +156,7 @@ impl Hasher for VertexHasher {
     }
 }
 
-/// Floats of one sign order like integers; the other half mirrored.
+/// Maps the bits of a float to an integer with the same order. Negative floats are mirrored.
 fn ordered(bits: u32) -> u32 {
     if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
 }
@@ -163,9 +165,9 @@ fn unordered(value: u32) -> u32 {
     if value >> 31 == 1 { value & !(1 << 31) } else { !value }
 }
 
-/// Coordinates that are packed with as many bits each: so many take whole bytes.
+/// Number of coordinates that are packed with the same number of bits. With 16 of them a group fills whole bytes.
 const GROUP: usize = 16;
-/// Bytes of a group, at most, and what is read behind its last number.
+/// Greatest number of bytes of a group, and the bytes that are read beyond its last number.
 const WINDOW: usize = 4 * GROUP + 8;
 
 fn push_coordinates(out: &mut Vec<u8>, bits: impl Iterator<Item = u32>) {
@@ -194,7 +196,8 @@ fn push_coordinates(out: &mut Vec<u8>, bits: impl Iterator<Item = u32>) {
     }
 }
 
-/// The bits of `count` vertices' coordinates, and a zero behind each vertex, which is read at once.
+/// Reads the bits of the coordinates of `count` vertices. A zero follows each vertex, so that a vertex is one load of
+/// four words.
 #[inline(always)]
 fn read_vertices(reader: &mut Reader, count: usize) -> Checked<Vec<[u32; 4]>> {
     let mut vertices = vec![[0; 4]; count.next_multiple_of(GROUP)];
@@ -202,12 +205,12 @@ fn read_vertices(reader: &mut Reader, count: usize) -> Checked<Vec<[u32; 4]>> {
         read_steps(reader, axis, &mut vertices)?;
     }
     if vertices[count..].as_flattened().iter().any(|step| *step != 0) {
-        return wrong("there are coordinates behind the last");
+        return wrong("unexpected coordinates behind the last vertex");
     }
     vertices.truncate(count);
     let (mut sum, mut infinite) = ([0, 0, 0, ordered(0)], [0; 4]);
     for vertex in &mut vertices {
-        // Four of each at once.
+        // The loop handles four lanes at once.
         for i in 0..4 {
             sum[i] = unzigzag(vertex[i]).wrapping_add(sum[i] as i32) as u32;
             vertex[i] = unordered(sum[i]);
@@ -217,7 +220,7 @@ fn read_vertices(reader: &mut Reader, count: usize) -> Checked<Vec<[u32; 4]>> {
     if infinite == [0; 4] { Ok(vertices) } else { wrong("a vertex is not finite") }
 }
 
-/// Undoes [`push_coordinates`] but for the sums.
+/// Reads the differences that [`push_coordinates`] wrote, without summing them.
 #[inline(always)]
 fn read_steps(reader: &mut Reader, axis: usize, to: &mut [[u32; 4]]) -> Checked<()> {
     let widths = reader.take(to.len() / GROUP)?;
@@ -236,7 +239,7 @@ fn read_steps(reader: &mut Reader, axis: usize, to: &mut [[u32; 4]]) -> Checked<
     Ok(())
 }
 
-/// The numbers of a group, `width` bits each, 32 at most.
+/// Unpacks the numbers of a group, `width` bits each, at most 32.
 #[inline(always)]
 fn unpack(packed: &[u8; WINDOW], width: usize, axis: usize, group: &mut [[u32; 4]]) {
     let (mask, mut bit) = ((1u64 << width) - 1, 0);
@@ -248,7 +251,7 @@ fn unpack(packed: &[u8; WINDOW], width: usize, axis: usize, group: &mut [[u32; 4
         }
         return;
     }
-    // Two of one word.
+    // One load of 64 bits holds two numbers.
     for pair in group.chunks_exact_mut(2) {
         let both = from(bit);
         (pair[0][axis], pair[1][axis]) = ((both & mask) as u32, (both >> width & mask) as u32);
@@ -256,7 +259,7 @@ fn unpack(packed: &[u8; WINDOW], width: usize, axis: usize, group: &mut [[u32; 4
     }
 }
 
-/// Of a float: all bits of it are set where it is infinite or no number.
+/// Exponent bits of a float. All of them are set if the float is infinite or not a number.
 const EXPONENT: u32 = 0x7f80_0000;
 
 struct Counts {
@@ -266,7 +269,7 @@ struct Counts {
     vertices: usize,
 }
 
-/// Reads the leaves of a block, and checks them.
+/// Reads and checks the leaves of a block.
 #[inline(always)]
 pub(super) fn read_leaves<S: Simd>(s: S, reader: &mut Reader) -> Checked<Leaves> {
     let mut count = || reader.u16().map(usize::from);
@@ -274,43 +277,43 @@ pub(super) fn read_leaves<S: Simd>(s: S, reader: &mut Reader) -> Checked<Leaves>
     let counts = Counts { triangles, parts, leaves, vertices: reader.u32()? as usize };
     let parts: Vec<u32> = (0..parts).map(|_| reader.u32()).collect::<Checked<_>>()?;
     if leaves == 0 {
-        return wrong("it has no leaves");
+        return wrong("the block has no leaves");
     }
     if !parts.is_sorted_by(|a, b| a < b) {
-        return wrong("its parts are not in order");
+        return wrong("the parts are not in ascending order");
     }
     let (words, starts) = read_triangles(s, reader, &counts)?;
     Ok(Leaves { triangles, parts, words, starts })
 }
 
-/// [`Leaves::words`] and [`Leaves::starts`].
+/// Returns [`Leaves::words`] and [`Leaves::starts`].
 ///
-/// Leaves differ in size, which no branch foresees. So all of their vertices are brought together first, in one loop;
-/// then each leaf is copied in pieces of the largest size that they may have, in the order in which they lie: the next
-/// piece overwrites what was too much.
+/// The sizes of leaves vary, and branches on them would be mispredicted. The function therefore first gathers the
+/// vertices of all leaves in one loop. Then it copies each leaf in pieces of the greatest possible size, in the order
+/// of the block: each piece overwrites the excess of the previous one.
 #[inline(always)]
 fn read_triangles<S: Simd>(s: S, reader: &mut Reader, counts: &Counts) -> Checked<(Vec<u32>, Vec<usize>)> {
     let shapes = reader.take(counts.leaves)?;
     let leaves = || shapes.iter().map(|bits| Shape::from_bits(*bits));
     let sum: usize = leaves().map(|leaf| leaf.triangles).sum();
     if sum != counts.triangles || leaves().any(|leaf| leaf.vertices > MAX_VERTICES) {
-        return wrong("its leaves do not add up");
+        return wrong("the leaf counts are inconsistent");
     }
     let begin = HEADER_WORDS + counts.parts;
     let [least, most] = leaves().map(Shape::words).fold([begin; 2], |[a, b], [least, most]| [a + least, b + most]);
     if least + PAD_WORDS > MAX_WORDS {
-        return wrong("it is larger than a block may be");
+        return wrong("the block is too large");
     }
-    // Of each leaf one, or of a mixed one that of each triangle.
+    // One part for each leaf, or one for each triangle of a mixed leaf.
     let all_parts = leaves().map(|leaf| if leaf.is_mixed { leaf.triangles } else { 1 }).sum();
     let parts = padded(read_pairs(reader, all_parts)?, MAX_TRIANGLES);
     if usize::from(parts.iter().fold(0, |most, p| most.max(*p))) >= counts.parts {
-        return wrong("a triangle's part is not in its table");
+        return wrong("the part of a triangle is not in the table of parts");
     }
     let corners = padded(reader.take((3 * sum).div_ceil(2))?.iter().map(|pair| [pair & 15, pair >> 4]), CORNERS / 2);
     let corners = corners.as_flattened();
     if corners[3 * sum] != 0 {
-        return wrong("there is a corner behind the last");
+        return wrong("an unexpected corner behind the last triangle");
     }
     let axes = read_all_vertices(reader, leaves().map(|leaf| leaf.vertices).sum(), counts.vertices)?;
 
@@ -337,7 +340,7 @@ fn read_triangles<S: Simd>(s: S, reader: &mut Reader, counts: &Counts) -> Checke
         }
         if form.flags & APART == 0 {
             let [a, b, c] = corners;
-            // In memory they lie as in the file.
+            // The bytes have the same order in memory as in the file.
             put(
                 &mut words,
                 at,
@@ -349,18 +352,18 @@ fn read_triangles<S: Simd>(s: S, reader: &mut Reader, counts: &Counts) -> Checke
         (first, first_vertex) = (first + t, first_vertex + v);
     }
     if wrong_corners != 0 {
-        return wrong("a corner is not among its leaf's vertices");
+        return wrong("a corner is not among the vertices of its leaf");
     }
     if at + PAD_WORDS > MAX_WORDS {
-        return wrong("it is larger than a block may be");
+        return wrong("the block is too large");
     }
     words.truncate(at + PAD_WORDS);
     words[at..].fill(0);
     Ok((words, starts))
 }
 
-/// The corners of so many triangles with a vertex each of their own, in order; of more than fit a leaf's vertices those
-/// of none.
+/// For each number of triangles, their corners if each has vertices of its own, in order. Entries for more triangles
+/// than the vertices of a leaf allow match no leaf.
 const IN_ORDER: [[u64; CORNERS / 8]; MAX_TRIANGLES + 1] = {
     let mut all = [[u64::MAX; CORNERS / 8]; MAX_TRIANGLES + 1];
     let mut t = 1;
@@ -376,7 +379,7 @@ const IN_ORDER: [[u64; CORNERS / 8]; MAX_TRIANGLES + 1] = {
     all
 };
 
-/// Bytes of a leaf's corners, at most.
+/// Greatest number of bytes of a leaf's corners.
 const CORNERS: usize = 3 * MAX_TRIANGLES;
 
 #[inline(always)]
@@ -384,7 +387,7 @@ fn put<const N: usize>(words: &mut [u32], at: usize, piece: &[u32; N]) {
     words[at..at + N].copy_from_slice(piece);
 }
 
-/// The first `count` parts, two a word, and zeros.
+/// Packs the first `count` parts, two in a word, and fills the rest with zeros.
 fn pairs(parts: &[u16; MAX_TRIANGLES], count: usize) -> [u32; MAX_TRIANGLES / 2] {
     std::array::from_fn(|pair| {
         let part = |i: usize| if i < count { u32::from(parts[i]) } else { 0 };
@@ -392,15 +395,15 @@ fn pairs(parts: &[u16; MAX_TRIANGLES], count: usize) -> [u32; MAX_TRIANGLES / 2]
     })
 }
 
-/// The corners of `triangles` triangles, and zeros; the first in the lowest byte.
+/// The corners of `triangles` triangles, followed by zeros; the first corner in the lowest byte.
 #[inline(always)]
 fn own_corners(bytes: &[u8; CORNERS], triangles: usize) -> [u64; CORNERS / 8] {
     let ([a, b, c], word) = (OWN_CORNERS[triangles], |at: usize| u64::from_le_bytes(*piece(bytes, at)));
-    // Not in a loop, which would write them to memory in halves of what is read from there.
+    // No loop: a loop would write the words to memory in smaller pieces than the later reads, which stalls.
     [word(0) & a, word(8) & b, word(16) & c]
 }
 
-/// All bits of the bytes of the corners of so many triangles.
+/// For each number of triangles, a mask of the bytes that their corners occupy.
 const OWN_CORNERS: [[u64; CORNERS / 8]; MAX_TRIANGLES + 1] = {
     let mut own = [[0; CORNERS / 8]; MAX_TRIANGLES + 1];
     let mut at = 0;
@@ -414,30 +417,31 @@ const OWN_CORNERS: [[u64; CORNERS / 8]; MAX_TRIANGLES + 1] = {
     own
 };
 
-/// Not zero where one of the bytes is `limit` or more, which is no more than 128.
+/// Returns a value other than zero if one of the bytes is at least `limit`, which is at most 128.
 #[inline(always)]
 fn at_least(bytes: [u64; CORNERS / 8], limit: u8) -> u64 {
     let each = u64::from_le_bytes([1; 8]);
     let (low, top) = (each * 0x7f, each << 7);
-    // The top bit of each byte: of the sum with what makes `limit` to 128, or its own.
+    // The top bit of each byte is set if the sum of its low bits and `128 - limit` reaches 128, or if it is set
+    // already.
     bytes.iter().fold(0, |wrong, b| wrong | (((b & low) + each * u64::from(128 - limit)) | b) & top)
 }
 
-/// Undoes [`push_pairs`].
+/// Reads the numbers that [`push_pairs`] wrote.
 fn read_pairs<'a>(reader: &mut Reader<'a>, count: usize) -> Checked<impl ExactSizeIterator<Item = u16> + use<'a>> {
     let (low, high) = (reader.take(count)?, reader.take(count)?);
     Ok(low.iter().zip(high).map(|(low, high)| u16::from_le_bytes([*low, *high])))
 }
 
-/// The coordinates of the vertices of all leaves, `total` of them, `distinct` distinct: one axis after the other, and
-/// room behind each for a piece to reach there.
+/// Reads the coordinates of the vertices of all leaves, axis by axis. There are `total` vertices, `distinct` of them
+/// distinct. Each axis has zeros at its end, so that a piece of sixteen can be read from any vertex.
 #[inline(always)]
 fn read_all_vertices(reader: &mut Reader, total: usize, distinct: usize) -> Checked<[Vec<u32>; 3]> {
     let are_known = reader.take(total.div_ceil(8))?;
     let old = are_known.iter().map(|bits| bits.count_ones() as usize).sum();
     let behind = are_known.get(total / 8).map_or(0, |bits| bits >> (total % 8));
     if old + distinct != total || behind != 0 {
-        return wrong("its vertices do not add up");
+        return wrong("the vertex counts are inconsistent");
     }
     let backs = padded(read_pairs(reader, old)?.map(|back| u32::from(back) + 1), 1);
     let vertices = read_vertices(reader, distinct)?;
@@ -458,17 +462,17 @@ fn read_all_vertices(reader: &mut Reader, total: usize, distinct: usize) -> Chec
         next += is_known as usize;
     }
     if !are_sound {
-        return wrong("a vertex reference reaches before the first");
+        return wrong("a vertex reference points before the first vertex");
     }
     Ok(axes)
 }
 
-/// Of each bit a byte, 0 or 1.
+/// Expands each bit to a byte of 0 or 1.
 #[inline(always)]
 fn bytes_of_bits(bits: u8) -> [u8; 8] {
     let each = u64::from_le_bytes([1; 8]);
-    // A copy for each, of which only its own bit is kept; with so much added that this carries to the top bit, or is
-    // it.
+    // Each byte gets a copy of `bits`, of which only the byte's own bit is kept. Adding 0x7f carries any lower bit to
+    // the top bit; bit 7 is the top bit already.
     let own = (each * u64::from(bits)) & u64::from_le_bytes([1, 2, 4, 8, 16, 32, 64, 128]);
     let low = each * 0x7f;
     ((((own & low) + low) | own) >> 7 & each).to_le_bytes()

@@ -1,4 +1,4 @@
-//! The nodes of a block in the file form: see `codec.rs`, of which this is section 2.
+//! The nodes of a block in file form: section "Nodes" of `src/store/FORMAT.md`.
 
 use super::codec::{Checked, Place, wrong};
 use super::layout::{
@@ -12,24 +12,24 @@ use crate::structure::bytes::{Reader, padded, piece, push_planes};
 const HEAD_BYTES: usize = 16;
 /// The top bit of each byte.
 const TOP_BITS: u64 = u64::from_le_bytes([0x80; 8]);
-/// The stop codes of voxels, in the fourth bytes of their first words.
+/// The bits of stop codes in the fourth bytes of the first words of eight voxels.
 const STOP_CODES: u64 = u64::from_le_bytes([(stop_bits(63) >> 24) as u8; 8]);
 /// Bytes of a child's box.
 const BOX_BYTES: usize = 6;
 
-/// Nodes as read.
+/// Decoded nodes.
 pub(super) struct Nodes {
     pub table: Vec<Node>,
     pub kinds: Vec<u16>,
     pub externals: Vec<[u32; 2]>,
     pub leaves: usize,
-    /// Which of them rays may pass.
+    /// Marks of the nodes with children that may transmit rays.
     pub transmitting: Transmitting,
-    /// Header words of the voxels, but for where they begin, and the voxels.
+    /// The header words about voxels, without their position, and the words of the voxels.
     pub voxels: ([u32; 3], Vec<u32>),
 }
 
-/// A node's grid, and its valid bits.
+/// A node's grid and its valid bits.
 fn head(node: &Node) -> [u32; 4] {
     let ([x, y, z], [i, j, k]) = (node.origin.map(f32::to_bits), node.exponent);
     [x, y, z, u32::from_le_bytes([i, j, k, node.valid])]
@@ -41,7 +41,7 @@ fn slots(node: &Node) -> impl Iterator<Item = usize> + use<> {
     (0..WIDTH).filter(move |slot| valid >> slot & 1 == 1)
 }
 
-/// Appends the nodes of a block with `leaves` leaves.
+/// Encodes the nodes of a block with `leaves` leaves.
 pub(super) fn push_nodes(out: &mut Vec<u8>, block: &Block, leaves: usize) {
     for count in [block.nodes(), block.externals(), leaves] {
         out.extend((count as u16).to_le_bytes());
@@ -92,20 +92,20 @@ fn kinds(node: &Node) -> u16 {
     })
 }
 
-/// Reads the nodes of a block, and checks them; all that they refer to is still to be found.
+/// Reads the nodes of a block, and checks them. The targets of their references are not yet assigned.
 #[inline(always)]
 pub(super) fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
     let mut count = || reader.u16().map(usize::from);
     let (nodes, externals, leaves) = (count()?, count()?, count()?);
     if HEADER_WORDS + nodes * NODE_WORDS + EXTERNAL_WORDS * externals + PAD_WORDS > MAX_WORDS || nodes == 0 {
-        return wrong("its counts do not fit a block");
+        return wrong("the block has no nodes, or the counts are too large for a block");
     }
-    // The last bytes of all are the valid bits.
+    // The last byte plane holds the valid bits.
     let valid = &reader.ahead(HEAD_BYTES * nodes)?[(HEAD_BYTES - 1) * nodes..];
     let (x, y, z, rest) =
         (reader.words(nodes, 0)?, reader.words(nodes, 0)?, reader.words(nodes, 0)?, reader.words(nodes, 0)?);
     let count = valid.iter().map(|valid| valid.count_ones() as usize).sum();
-    // More follows than a window reaches behind the last.
+    // At least `WIDTH` more bytes follow the boxes, so a window at the last child stays inside.
     let boxes = reader.ahead(BOX_BYTES * count + WIDTH)?;
     reader.take(BOX_BYTES * count)?;
     let kinds: Vec<u16> = reader.take(2 * nodes)?.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
@@ -115,14 +115,14 @@ pub(super) fn read_nodes(reader: &mut Reader, place: Place) -> Checked<Nodes> {
     Ok(Nodes { table, kinds, externals, leaves, transmitting, voxels: (voxels.header, voxels.words) })
 }
 
-/// Nodes of these grids and valid bits over children of these boxes, without child references; and which of them rays
-/// may pass.
+/// Makes nodes from grids, valid bits and the boxes of children, without child references. Also returns the marks of
+/// nodes that may transmit rays.
 #[inline(always)]
 fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked<(Vec<Node>, Transmitting)> {
     let count = (boxes.len() - WIDTH) / BOX_BYTES;
     let (low, high) = boxes[..BOX_BYTES * count].split_at(BOX_BYTES * count / 2);
     if low.iter().zip(high).fold(false, |any, (low, high)| any | (low > high)) {
-        return wrong("a node's box is inside out");
+        return wrong("a box of a node is inverted");
     }
     let (mut next, mut grids_ok, mut transmitting) = (0, true, Transmitting::default());
     let mut table = Vec::with_capacity(rest.len());
@@ -133,7 +133,7 @@ fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked
         grids_ok &= origin.iter().fold(valid != 0, |all, o| all & o.is_finite());
         let way = &WAYS[usize::from(valid)];
         let spread = |from: &[u8], row: usize| way.spread(piece(from, row * count + next));
-        // The boxes of empty slots are inside out: no ray meets them.
+        // The boxes of empty slots are inverted, so no ray hits them.
         let (mut planes, mut normal) = ([[0; WIDTH]; BOX_BYTES], [[0; WIDTH]; 2]);
         for (row, plane) in planes.iter_mut().enumerate() {
             let empty = if row < 3 { !way.valid } else { 0 };
@@ -153,46 +153,46 @@ fn table([x, y, z, rest]: [&[u32]; 4], boxes: &[u8], voxels: &Voxels) -> Checked
         next += valid.count_ones() as usize;
         table.push(Node { origin, exponent, valid, planes, child: [0; WIDTH], slabs, normal });
     }
-    if grids_ok { Ok((table, transmitting)) } else { wrong("a node's grid is impossible") }
+    if grids_ok { Ok((table, transmitting)) } else { wrong("a node has an invalid grid or no children") }
 }
 
 fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Vec<[u32; 2]>> {
     let (ids, children) = (reader.words(count, 0)?, reader.words(count, 0)?);
     let externals: Vec<[u32; 2]> = ids.into_iter().zip(children).map(|(id, child)| [id, child]).collect();
     for &[id, child] in &externals {
-        // Always to a later block: no chain of references comes back.
+        // References lead to later blocks only, so a chain of references never returns.
         if id <= place.id || id >= place.end {
-            return wrong("it refers to a block that it cannot refer to");
+            return wrong("an external reference refers to an invalid block");
         }
         if !matches!(Child::from_bits(child), Some(Child::Node(_))) || child > u32::from(u16::MAX) {
-            return wrong("it refers to something that is not a node");
+            return wrong("an external reference does not refer to a node");
         }
     }
     Ok(externals)
 }
 
-/// Voxels as read.
+/// Decoded voxels.
 struct Voxels<'a> {
-    /// The words of the header that tell of them.
+    /// The header words about voxels.
     header: [u32; 3],
-    /// All words after the parts and before the leaves.
+    /// All words between the parts and the leaves.
     words: Vec<u32>,
-    /// Of each child, and zeros.
+    /// Slabs of each child, followed by zeros.
     slabs: Vec<u32>,
-    /// The byte planes of all children's first words, of which 0 and 1 are normals and 3 has flags and stop codes; then
-    /// others.
+    /// The byte planes of the first words of all children, followed by other bytes. Planes 0 and 1 are normals; plane 3
+    /// holds flags and stop codes.
     first_planes: &'a [u8],
 }
 
-/// The voxels of nodes with `count` children in all, given the valid bits of each.
+/// Reads the voxels of nodes with `count` children in total. `valid` holds the valid bits of each node.
 #[inline(always)]
 fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Checked<Voxels<'a>> {
     let size = usize::from(reader.u8()?);
     if ![SHORT_VOXEL, LONG_VOXEL].contains(&size) {
-        return wrong("its voxels have an impossible size");
+        return wrong("the voxels have an invalid size");
     }
     let part = reader.u32()?;
-    // More follows than a window reaches behind the last.
+    // At least `WIDTH` more bytes follow the plane, so a window at the last child stays inside.
     let first_planes = reader.ahead(4 * count + WIDTH)?;
     let firsts = reader.words(count, 0)?;
     let mut seconds = reader.words(count, 0)?;
@@ -208,7 +208,7 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
         six_sided += has_sides;
     }
     if counted != 0 {
-        return wrong("a voxel's sides are counted");
+        return wrong("the second word of a voxel with six samples is not zero");
     }
     let own_at = valid.len();
     let sides_at = own_at + count * size;
@@ -223,7 +223,7 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
         let mut next = 0;
         for (i, voxel) in own.as_chunks_mut::<LONG_VOXEL>().0.iter_mut().enumerate() {
             let (part, is_mixed) = Coded::part(parts[i]);
-            // Read whichever it is: no branch foresees it.
+            // The summary is read in both cases, because a branch would be mispredicted.
             let own = of_mixed[next];
             let summary = if is_mixed { own } else { summary_bit(part) };
             next += usize::from(is_mixed);
@@ -243,9 +243,9 @@ fn read_voxels<'a>(reader: &mut Reader<'a>, valid: &[u8], count: usize) -> Check
     Ok(Voxels { header: [count as u32 | six_sided << 16, size as u32, part], words, slabs, first_planes })
 }
 
-/// How the bytes of a node's children come to their slots.
+/// A permutation that moves the bytes of a node's children to their slots.
 struct Ways {
-    /// In three steps: the bytes of these slots are taken from four, two, one slot below.
+    /// Masks for three steps: these slots take the byte of the slot four, two, one below.
     steps: [u64; 3],
     /// All bits of the slots that have a child.
     valid: u64,
@@ -257,7 +257,7 @@ impl Ways {
         let (mut slot, mut child) = (0, 0);
         while slot < WIDTH {
             if valid >> slot & 1 == 1 {
-                // Children of later slots have as far to go, or farther: none is overwritten.
+                // Children of later slots move at least as far, so no byte is overwritten.
                 let far = slot - child;
                 ways.valid |= 0xff << (8 * slot);
                 let mut step = 0;
@@ -275,7 +275,8 @@ impl Ways {
         ways
     }
 
-    /// A byte for each child, in order and before others, to a byte for each slot, zero where there is no child.
+    /// Moves the bytes of the children, which come in order and before other bytes, to their slots. Slots without a
+    /// child get zero.
     #[inline(always)]
     fn spread(&self, bytes: &[u8; WIDTH]) -> u64 {
         let mut all = u64::from_le_bytes(*bytes);
@@ -286,7 +287,7 @@ impl Ways {
     }
 }
 
-/// By valid bits.
+/// The permutation for each value of the valid bits.
 static WAYS: [Ways; 256] = {
     let mut ways = [const { Ways::new(0) }; 256];
     let mut valid = 0;

@@ -1,4 +1,4 @@
-//! Blocks made at random come back as they were; what is damaged is refused, or is a sound block.
+//! Tests of the codec: random blocks survive a round trip, and damaged payloads are refused or decode to a sound block.
 
 use super::codec::{self, Checked, Holds, Place, decode_with, encode_geometry};
 use super::layout::{
@@ -11,7 +11,7 @@ use crate::lod::{SIDES_WORDS, stop_bits};
 use crate::simd::{Isa, Portable};
 use proptest::prelude::*;
 
-/// A generator of repeatable numbers (splitmix64).
+/// Generator of repeatable numbers (splitmix64).
 struct Random(u64);
 
 impl Random {
@@ -26,9 +26,9 @@ impl Random {
     }
 }
 
-/// Words of `count` leaves, as they should be stored; how many triangles, and where each begins. Half have vertices on
-/// a small grid, of which some are shared; the others' triangles have their own, so near each other that steps from the
-/// first fit 24 bits, or just not.
+/// Returns the words of `count` leaves in their required form, the number of triangles, and the first word of each
+/// leaf. Half of the leaves have vertices on a small grid, some of them shared. The triangles of the other half have
+/// vertices of their own, so near each other that steps from the first vertex fit 24 bits, or just do not.
 fn leaves(random: &mut Random, count: usize, parts: usize) -> (Vec<u32>, usize, Vec<usize>) {
     let (mut words, mut triangles, mut starts) = (Vec::new(), 0, Vec::new());
     for _ in 0..count {
@@ -49,7 +49,7 @@ fn leaves(random: &mut Random, count: usize, parts: usize) -> (Vec<u32>, usize, 
         for axis in &mut axes {
             let first = random.below(9) as f32 * 0.3 - 1.0;
             let step = [-(1 << 23) - 1, -(1 << 23), -1, 0, 3, (1 << 23) - 1, 1 << 23];
-            // The outer ones, which do not fit, in few leaves.
+            // The outer steps, which do not fit, occur in few leaves only.
             let outer = usize::from(random.below(8) > 0);
             let mut steps = || step[outer + random.below(step.len() - 2 * outer)];
             *axis = std::array::from_fn(|i| first.to_bits().wrapping_add_signed(if i == 0 { 0 } else { steps() }));
@@ -105,7 +105,7 @@ fn next(count: &mut usize) -> usize {
     *count - 1
 }
 
-/// Nodes in preorder; of each child what it is, leaves and external references by their numbers.
+/// Appends nodes in preorder and returns the first. Leaves and external references have numbers as their index.
 fn tree(
     random: &mut Random,
     nodes: &mut Vec<[Option<Child>; WIDTH]>,
@@ -130,7 +130,8 @@ fn tree(
 
 const PLACE: Place = Place { id: 3, end: 9, holds: Holds::All };
 
-/// A block with nodes, and its leaf block if it is not all of a tree; `None` if they are larger than blocks may be.
+/// Returns a block with nodes, and its leaf block unless it holds a whole tree; `None` if they are larger than blocks
+/// may be.
 fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     let mut random = Random(seed);
     let (mut nodes, mut counts) = (Vec::new(), [0, 0]);
@@ -147,7 +148,7 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     let (mut firsts, mut voxels, mut sides) = (Vec::new(), Vec::new(), Vec::new());
     for children in &nodes {
         firsts.push((voxels.len() / size) as u32);
-        // Nodes of which some cells are passed, and such of which none is.
+        // Some nodes have voxels that transmit rays, others have none.
         let codes = if random.below(3) == 0 { stop_bits(63) } else { 0 };
         for _ in children.iter().flatten() {
             let has_sides = random.below(4) == 0;
@@ -173,7 +174,7 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
         let mut node: Node = bytemuck::Zeroable::zeroed();
         node.origin = [0; 3].map(|_| random.below(100) as f32 - 50.0);
         node.exponent = [0; 3].map(|_| 1 + random.below(254) as u8);
-        // Of empty slots, as they are built.
+        // The planes of empty slots, as the builder writes them.
         (0..3).for_each(|axis| node.planes[axis] = [255; WIDTH]);
         for (slot, child) in children.iter().enumerate().filter_map(|(slot, child)| Some((slot, (*child)?))) {
             node.valid |= 1 << slot;
@@ -200,7 +201,7 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
         }
         table.push(node);
     }
-    // In the order of their numbers, which is not that of nodes.
+    // The order of the references' numbers is not the order of the nodes.
     places.sort_by_key(|place| {
         let (node, slot) = ((place[2] & 0xffff) as usize, (place[2] >> 16) as usize);
         if let Some(Child::External(number)) = nodes[node][slot] { number } else { usize::MAX }
@@ -233,7 +234,7 @@ fn block(seed: u64, holds: Holds) -> Option<(Vec<u32>, Option<Vec<u32>>)> {
     Some((words, Some(own)))
 }
 
-/// By every instruction set alike.
+/// Decodes with every instruction set and checks that the results are equal.
 fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     let decoded = codec::decode_geometry(payload, place);
     for isa in Isa::ALL {
@@ -242,7 +243,7 @@ fn decode_geometry(payload: &[u8], place: Place) -> Checked<Vec<u32>> {
     decoded
 }
 
-/// All truncations, and bytes changed at random: refused, or sound.
+/// Tests truncated payloads and payloads with random bytes changed: each is refused or decodes to a sound block.
 fn damage(payload: &[u8], place: Place, seed: u64) {
     for length in (0..payload.len()).step_by(1 + payload.len() / 50) {
         assert!(decode_geometry(&payload[..length], place).is_err(), "cut to {length} of {}", payload.len());
@@ -254,7 +255,7 @@ fn damage(payload: &[u8], place: Place, seed: u64) {
     for _ in 0..100 {
         let mut bytes = payload.to_vec();
         for _ in 0..1 + random.below(3) {
-            // Half of them in front, where counts are.
+            // Half of the changes hit the front, where the counts are.
             let from = if random.below(2) == 0 { bytes.len().min(12) } else { bytes.len() };
             let at = random.below(from);
             bytes[at] = if random.below(2) == 0 { random.below(256) as u8 } else { bytes[at] ^ 1 << random.below(8) };
@@ -269,7 +270,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn leaf_blocks_come_back(seed in any::<u64>()) {
+    fn leaf_blocks_round_trip(seed in any::<u64>()) {
         let words = leaf_block(seed);
         let place = Place { holds: Holds::Leaves, ..PLACE };
         prop_assume!(words.len() <= MAX_WORDS);
@@ -280,7 +281,7 @@ proptest! {
     }
 
     #[test]
-    fn blocks_with_nodes_come_back(seed in any::<u64>(), is_fine in any::<bool>()) {
+    fn blocks_with_nodes_round_trip(seed in any::<u64>(), is_fine in any::<bool>()) {
         let place = Place { holds: if is_fine { Holds::NodesOverLeaves } else { Holds::All }, ..PLACE };
         let made = block(seed, place.holds);
         prop_assume!(made.is_some());
@@ -292,7 +293,7 @@ proptest! {
     }
 }
 
-/// Four bits hold two more than walks have room for; the lengths of all that follows stay right.
+/// Four bits hold two more vertices than walks have room for. The lengths of all following data stay right.
 #[test]
 fn a_leaf_of_too_many_vertices_is_refused() {
     let mut words = leaf_block_head(2, 1).to_vec();

@@ -1,4 +1,4 @@
-//! Hands residency the decoding of this structure's blocks.
+//! The decoder of this structure's blocks, for residency.
 
 use super::codec::{self, Holds, Place};
 use super::codec_leaves::leaves_in_order;
@@ -9,40 +9,40 @@ use crate::store::TreeRow;
 use crate::structure::streams;
 use std::hash::{BuildHasher, RandomState};
 
-/// Decodes blocks of a model of structure `bvh`.
+/// Decodes the blocks of a model of structure `bvh`.
 #[derive(Debug, Clone)]
 pub struct BvhDecoder {
-    /// Primitive ids follow the geometry blocks, then colours.
+    /// Number of geometry blocks. Blocks with primitive ids follow them, then blocks with colours.
     geometry_blocks: u32,
-    /// Of each tree, ascending.
+    /// Block ranges of the trees, ascending.
     trees: Vec<TreeBlocks>,
-    /// By a number that depends on it two lists are told apart. It is drawn anew each time: no file can
-    /// be made whose lists differ and are taken for equal.
+    /// Key of the hash by which two lists of leaf positions are compared. It is random for each decoder, so no file can
+    /// be constructed in which two different lists compare equal.
     key: RandomState,
 }
 
-/// Where the blocks of a tree end.
+/// Block ranges of a tree.
 #[derive(Debug, Clone, Copy)]
 struct TreeBlocks {
-    /// One past its last coarse block.
+    /// One past the last coarse block.
     coarse_end: u32,
-    /// One past its last fine block.
+    /// One past the last fine block.
     fine_end: u32,
-    /// One past its last leaf block.
+    /// One past the last leaf block.
     end: u32,
     /// See [`leaves_at`].
     leaves_at: u32,
-    /// Its one block holds all of it.
+    /// True if one block holds the whole tree.
     is_one: bool,
 }
 
-/// What to add to a fine block's id for the id of its leaf block; 0 for a tree of one block.
+/// Difference between the id of a leaf block and the id of its fine block; 0 for a tree of one block.
 pub fn leaves_at(tree: &TreeRow) -> u32 {
     tree.class_blocks[FINE]
 }
 
 impl BvhDecoder {
-    /// For a model of `geometry_blocks` geometry blocks, which `trees` divide among them.
+    /// A decoder for a model with `geometry_blocks` geometry blocks, which belong to `trees`.
     pub fn new(geometry_blocks: u32, trees: &[TreeRow]) -> Self {
         let blocks = |t: &TreeRow| TreeBlocks {
             coarse_end: t.first_block + t.class_blocks[COARSE],
@@ -54,20 +54,20 @@ impl BvhDecoder {
         Self { geometry_blocks, trees: trees.iter().map(blocks).collect(), key: RandomState::new() }
     }
 
-    /// The tree that a geometry block is of.
+    /// Returns the tree that a geometry block belongs to.
     fn tree_of(&self, id: u32) -> Option<&TreeBlocks> {
         self.trees.get(self.trees.partition_point(|t| t.end <= id))
     }
 
     fn geometry(&self, id: u32, payload: &[u8]) -> Result<Vec<u32>, String> {
-        let tree = self.tree_of(id).ok_or("it belongs to no tree")?;
+        let tree = self.tree_of(id).ok_or("the block belongs to no tree")?;
         let holds = match id {
             _ if tree.is_one => Holds::All,
             id if id < tree.coarse_end => Holds::Nodes,
             id if id < tree.fine_end => Holds::NodesOverLeaves,
             _ => Holds::Leaves,
         };
-        // A fine block refers to no other.
+        // A fine block refers to no other geometry block.
         let end = if holds == Holds::NodesOverLeaves { id + 1 } else { tree.fine_end };
         codec::decode_geometry(payload, Place { id, end, holds })
     }
@@ -88,7 +88,7 @@ impl Decoder for BvhDecoder {
         }
         let block = Block::new(words);
         for (to, child) in block.all_externals() {
-            // What is no node was refused when the block was decoded.
+            // The decoder has already refused references to anything but nodes.
             if let Some(Child::Node(node)) = Child::from_bits(child) {
                 refer(Reference::To(BlockId(to), node as u32));
             }
@@ -103,7 +103,7 @@ impl Decoder for BvhDecoder {
     }
 
     fn class(&self, id: BlockId) -> BlockClass {
-        // Primitive ids are read only when asked for.
+        // Primitive ids are read only on request.
         let is_read_ahead = id.0 / self.geometry_blocks.max(1) != 1;
         let Some(tree) = self.tree_of(id.0) else { return BlockClass { is_read_ahead, ..BlockClass::default() } };
         let is_fine = (tree.coarse_end..tree.fine_end).contains(&id.0);
@@ -115,13 +115,13 @@ impl Decoder for BvhDecoder {
     }
 }
 
-/// Where the leaves of a fine block's leaf block begin, as it has it; ascending.
+/// Returns the positions at which the leaves of a leaf block begin, according to its fine block; ascending.
 fn leaves_named(block: &Block) -> Vec<u16> {
-    // A bit for each word that a leaf may begin at: in order without being sorted. No block refers to a leaf twice.
+    // One bit for each word at which a leaf may begin gives the order without sorting. No block refers to a leaf twice.
     let mut begins = [0u64; MAX_WORDS / 64];
     let mut count = 0;
     for child in (0..block.nodes()).flat_map(|i| block.node(i).child) {
-        // Of empty slots 0, which is no leaf.
+        // Empty slots hold 0, which is not a leaf.
         let (is_leaf, at) = (Child::is_leaf(child.into()), (u32::from(child) & INDEX_MASK) as usize);
         begins[at / 64] |= u64::from(is_leaf) << (at % 64);
         count += usize::from(is_leaf);
@@ -136,9 +136,9 @@ fn leaves_named(block: &Block) -> Vec<u16> {
     starts
 }
 
-/// Checks what no block can check alone: that references between blocks hit nodes that exist, and that fine blocks know
-/// where the leaves of their leaf blocks begin. Blocks that are not in memory are passed over. Fails with the block and
-/// what is wrong.
+/// Checks the references that no block can check by itself: references between blocks must point at existing nodes, and
+/// fine blocks must have the positions of the leaves of their leaf blocks. Skips blocks that are not in memory. Fails
+/// with the block and the fault.
 pub fn check_links(snapshot: &Snapshot, trees: &[TreeRow]) -> Result<(), (BlockId, String)> {
     let ids = |tree: &TreeRow| (tree.first_block..tree.first_block + tree.block_count).map(BlockId);
     for (tree, id) in trees.iter().flat_map(|tree| ids(tree).map(move |id| (tree, id))) {
@@ -147,7 +147,7 @@ pub fn check_links(snapshot: &Snapshot, trees: &[TreeRow]) -> Result<(), (BlockI
             let Some(target) = snapshot.block(BlockId(to)).map(Block::new) else { continue };
             let exists = matches!(Child::from_bits(child), Some(Child::Node(n)) if n < target.nodes());
             if !exists {
-                return Err((id, format!("it refers to a node that block {to} does not have")));
+                return Err((id, format!("the block refers to a node that does not exist in block {to}")));
             }
         }
         let coarse_end = tree.first_block + tree.class_blocks[COARSE];
@@ -158,9 +158,10 @@ pub fn check_links(snapshot: &Snapshot, trees: &[TreeRow]) -> Result<(), (BlockI
         let Some(target) = snapshot.block(leaves).map(Block::new) else { continue };
         let named = leaves_named(&block);
         let triangles = |starts: &[u16]| starts.iter().map(|&at| target.leaf(at.into()).triangles).sum::<usize>();
-        // What is in memory ends with a whole line, zeros that are no leaves.
+        // A block in memory is padded with zeros to a whole cache line. The list of its leaves may therefore have more
+        // entries than the fine block names; the count of triangles excludes further leaves.
         if !leaves_in_order(&target).starts_with(&named) || triangles(&named) != target.triangles() {
-            return Err((id, format!("its leaves are not those of block {}", leaves.0)));
+            return Err((id, format!("the leaves do not match those of block {}", leaves.0)));
         }
     }
     Ok(())

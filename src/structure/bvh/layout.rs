@@ -1,38 +1,40 @@
-//! The trace form of a block: the bytes that rays read.
+//! The trace form of a block: the bytes that walks read.
 //!
-//! A block is a slice of little-endian 32-bit words, at most [`MAX_WORDS`], decoded from the file
-//! form and checked there once (`codec.rs`; `validate.rs` checks the words themselves); offsets inside it
-//! count words.
+//! A block is a slice of little-endian 32-bit words, at most [`MAX_WORDS`]. It is decoded from the file form once and
+//! checked at that time (`codec.rs`; `validate.rs` checks the words themselves). Offsets in a block count words.
 //!
-//! | words | what |
+//! | words | content |
 //! |---|---|
 //! | 0 | nodes (u16), external references (u16) |
 //! | 1 | triangles (u16), parts (u16) |
-//! | 2, 3 | where the external references and the parts begin |
-//! | 4 | where the nodes' first voxels begin |
-//! | 5 | voxels (u16), those of six sides (u16) |
+//! | 2, 3 | first words of the external references and of the parts |
+//! | 4 | first word of the list of the nodes' first voxels |
+//! | 5 | voxels (u16), voxels of six sides (u16) |
 //! | 6 | words of a voxel: 2, or 4 with its parts |
 //! | 7 | with 2: the local part of all voxels; else 0 |
-//! | 8 to 15 | for each two nodes a bit: rays may pass a cell of theirs (`lod::stopped`), so that of others no voxel is looked at for that |
+//! | 8 to 15 | a bit for each pair of nodes: stand-ins of their children may transmit rays (`lod::stopped`) |
 //! | 16 .. | nodes, [`NODE_WORDS`] each; node 0 first, children after their parents |
-//! | .. | external references: block id, child reference inside it, where it hangs here: node (u16) and slot (u16) |
+//! | .. | external references: block id, child reference there; node (u16) and slot (u16) here |
 //! | .. | parts: local part of the tree, ascending |
 //! | .. | for each node the number of its first voxel |
-//! | .. | voxels (`lod::Coded`): one for each child of each node, in order; of those of six sides word 1 counts them |
-//! | .. | the sides of those that have six, [`SIDES_WORDS`] each |
+//! | .. | voxels (`lod::Coded`): one for each child of each node, in order |
+//! | .. | the samples of the voxels of six sides, [`SIDES_WORDS`] each |
 //! | .. | leaves, unless they are in a block of their own |
 //! | last [`PAD_WORDS`] | zero, so that a vector load at the end of a leaf stays inside |
 //!
-//! The leaves below a fine block's nodes are in another block, its **leaf block**, which has no nodes: a picture of
-//! stand-ins has no use for triangles. A reference to a leaf then counts words there. Which block that is the tree says
-//! (`trace::TreeView::leaves_at`). A tree of one block has them in that.
+//! Word 1 of a voxel of six sides is its number among such voxels. For nodes without a bit in words 8 to 15 the
+//! coverage test reads no voxels.
 //!
-//! A **node** has up to eight children. Their boxes are stored in 8 bits a plane on a grid of the
-//! node's own: `origin + q * 2^(exponent - 127)`, rounded outward, after Ylitie, Karras, Laine,
-//! "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017 (the grid; the
-//! rest of their node differs: explicit 16-bit references instead of a common base).
+//! The leaves below the nodes of a fine block are in another block, its **leaf block**, which has no nodes: a picture
+//! of stand-ins needs no triangles. A reference to a leaf then counts words in the leaf block. The tree determines the
+//! id of that block (`trace::TreeView::leaves_at`). A tree of one block has its leaves in this block.
 //!
-//! What a **leaf** is `leaf.rs` says.
+//! A **node** has up to eight children. Their boxes have 8 bits a plane on a grid of the node's own,
+//! `origin + q * 2^(exponent - 127)`, rounded outward. The grid follows Ylitie, Karras, Laine, "Efficient Incoherent
+//! Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017. The rest of the node differs: it has explicit 16-bit
+//! references instead of a common base.
+//!
+//! `leaf.rs` describes a **leaf**.
 
 use super::leaf::Leaf;
 use crate::lod::{
@@ -42,23 +44,23 @@ use crate::math::Bounds;
 use bytemuck::{Pod, Zeroable, must_cast_ref};
 use glam::Vec3;
 
-/// Words of a block, at most: 64 KB.
+/// Greatest number of words of a block: 64 KB.
 pub const MAX_WORDS: usize = 16384;
-/// Words before the nodes, which begin with a cache line.
+/// Words before the nodes. The nodes begin at a cache line.
 pub const HEADER_WORDS: usize = 16;
-/// The first word of those that say which nodes rays may pass.
+/// First of the header words that mark nodes which may transmit rays.
 const TRANSMITTING_AT: usize = 8;
-/// Those words.
+/// The header words that mark nodes which may transmit rays.
 pub type Transmitting = [u32; HEADER_WORDS - TRANSMITTING_AT];
 const _: () = assert!(MAX_WORDS / NODE_WORDS <= 2 * 32 * (HEADER_WORDS - TRANSMITTING_AT), "a bit for each two nodes");
 
-/// Word and bit of a node there.
+/// Word and bit of a node in [`Transmitting`].
 #[inline(always)]
 fn transmitting_at(node: usize) -> (usize, u32) {
     (node >> 6 & (HEADER_WORDS - TRANSMITTING_AT - 1), node as u32 >> 1 & 31)
 }
 
-/// Adds a node that rays may pass a cell of, if so.
+/// Marks a node if `may_transmit`: a stand-in of one of its children may transmit rays.
 #[inline(always)]
 pub fn mark_transmitting(transmitting: &mut Transmitting, node: usize, may_transmit: bool) {
     let (word, bit) = transmitting_at(node);
@@ -72,43 +74,43 @@ pub const SHORT_VOXEL: usize = 2;
 pub const LONG_VOXEL: usize = VOXEL_WORDS;
 /// Words of a node.
 pub const NODE_WORDS: usize = 32;
-/// Words of a cache line; blocks begin with one.
+/// Words of a cache line. Blocks begin at a cache line.
 pub const LINE_WORDS: usize = 16;
 /// Zero words at the end of a block.
 pub const PAD_WORDS: usize = 16;
-/// Children of a node, at most.
+/// Greatest number of children of a node.
 pub const WIDTH: usize = 8;
-/// Triangles of a leaf, at most.
+/// Greatest number of triangles of a leaf.
 pub const MAX_TRIANGLES: usize = 8;
-/// Vertices of a leaf, at most.
+/// Greatest number of vertices of a leaf.
 pub const MAX_VERTICES: usize = 16;
 
-/// Classes of blocks, in the order in which a tree's blocks lie: nodes over other blocks (or all of a tree of one
-/// block), nodes over leaves, leaves.
+/// Classes of blocks, in the order of a tree's blocks in the file. Coarse blocks have nodes over other blocks, or hold
+/// a tree of one block; fine blocks have nodes over leaves; leaf blocks have leaves.
 pub const COARSE: usize = 0;
 /// See [`COARSE`].
 pub const FINE: usize = 1;
 /// See [`COARSE`].
 pub const LEAF: usize = 2;
 
-/// What a 16-bit child reference points at.
+/// Target of a 16-bit child reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Child {
     /// A node of the same block, by its index.
     Node(usize),
-    /// A leaf by its first word: of the same block, or of the leaf block that goes with it.
+    /// A leaf by its first word, in the same block or in the corresponding leaf block.
     Leaf(usize),
-    /// Something in another block, by the first word of the external reference.
+    /// A node in another block, by the first word of the external reference.
     External(usize),
 }
 
-/// Where a reference's kind begins; see [`Child`].
+/// First bit of a reference's kind; see [`Child`].
 pub(super) const KIND_SHIFT: u32 = 14;
 /// The bits of a reference's index.
 pub(super) const INDEX_MASK: u32 = (1 << KIND_SHIFT) - 1;
 
 impl Child {
-    /// From a reference's bits. Bits above the 16th are ignored.
+    /// Decodes a reference. Bits above the 16th are ignored.
     #[inline(always)]
     pub fn from_bits(bits: u32) -> Option<Self> {
         let index = (bits & INDEX_MASK) as usize;
@@ -120,13 +122,13 @@ impl Child {
         }
     }
 
-    /// Whether a reference's bits are those of a leaf.
+    /// True if a reference points at a leaf.
     #[inline(always)]
     pub fn is_leaf(bits: u32) -> bool {
         bits >> KIND_SHIFT & 3 == 1
     }
 
-    /// As a reference's bits.
+    /// Encodes the reference.
     pub fn to_bits(self) -> u16 {
         let (kind, index) = match self {
             Child::Node(i) => (0, i),
@@ -140,8 +142,8 @@ impl Child {
 
 /// An inner node: two cache lines.
 ///
-/// Invariants, checked by `validate`: `origin` finite; exponents in 1..=254; in each valid slot
-/// `low <= high` on each axis; references in range, to nodes only with a greater index.
+/// Invariants, checked by `validate`: `origin` is finite; exponents are in 1..=254; in each valid slot `low <= high` on
+/// each axis; references are in range, and those to nodes have a greater index.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub struct Node {
@@ -155,10 +157,10 @@ pub struct Node {
     pub planes: [[u8; WIDTH]; 6],
     /// References to the children.
     pub child: [u16; WIDTH],
-    /// The slabs of their voxels (`lod::OrientedSlabs`).
+    /// The oriented slabs of the children's voxels (`lod::OrientedSlabs`).
     pub slabs: [u32; WIDTH],
-    /// The normals that these are across: the two bytes of the voxels', each with its highest bit turned, which makes a
-    /// signed byte one that counts from -128.
+    /// Axes of the first slabs: the two signed bytes of the voxels' normals, each with its highest bit inverted. Such a
+    /// byte, read as unsigned, is the signed value plus 128.
     pub normal: [[u8; WIDTH]; 2],
 }
 const _: () = assert!(size_of::<Node>() == NODE_WORDS * 4);
@@ -170,7 +172,7 @@ impl Node {
         f32::from_bits(u32::from(self.exponent[axis]) << 23)
     }
 
-    /// The origin's bits; and the exponents in the low bytes of a word.
+    /// The origin's bits, and a word with the exponents in its low bytes.
     #[inline(always)]
     pub fn head(&self) -> &[u32; 4] {
         let words: &[u32; NODE_WORDS] = must_cast_ref(self);
@@ -186,44 +188,45 @@ impl Node {
         u32::from_le_bytes([self.exponent[0], self.exponent[1], self.exponent[2], 0])
     }
 
-    /// A plane of a child as walks see it, rounded once: `row` counts low x, y, z, high x, y, z.
+    /// A plane of a child as walks use it, rounded once. `row` counts low x, y, z, high x, y, z.
     #[inline(always)]
     pub fn stored_plane(&self, row: usize, slot: usize) -> f32 {
-        // A product with a power of two is exact: one rounding.
+        // A product with a power of two is exact, so only the sum rounds.
         f32::from(self.planes[row][slot & (WIDTH - 1)]) * self.step(row % 3) + self.origin[row % 3]
     }
 
-    /// The low half of a child's voxel's first word.
+    /// The low half of the first word of a child's voxel: its normal.
     #[inline(always)]
     pub fn stored_normal(&self, slot: usize) -> u16 {
         let slot = slot & (WIDTH - 1);
         u16::from_le_bytes([self.normal[0][slot], self.normal[1][slot]]) ^ 0x8080
     }
 
-    /// Takes a child's slabs, and the low half of its voxel's first word.
+    /// Stores a child's oriented slabs, and the low half of the first word of its voxel.
     pub fn set_oriented_slabs(&mut self, slot: usize, slabs: u32, normal: u16) {
         self.slabs[slot] = slabs;
         [self.normal[0][slot], self.normal[1][slot]] = (normal ^ 0x8080).to_le_bytes();
     }
 
-    /// How near to a child's content all of the region inside of its slabs is (`lod::limit`).
+    /// Level of the bound on the distance from the region inside of a child's slabs to its content (`lod::limit`).
     #[inline(always)]
     pub fn level(&self, slot: usize) -> u32 {
         self.slabs[slot & (WIDTH - 1)] >> LEVEL.0
     }
 
-    /// Takes that, of a child of which it is not known yet.
+    /// Stores the level of a child that has none yet.
     pub fn set_level(&mut self, slot: usize, level: u32) {
         self.slabs[slot] |= level << LEVEL.0;
     }
 
-    /// Rays may pass a child: walks look at its voxel for how many. They need not at those of greater levels.
+    /// Marks a child that may transmit rays: its level becomes at most [`TRANSMITTING_LEVEL`]. For children of greater
+    /// levels walks need not read the voxel's stop code.
     pub fn set_transmitting(&mut self, slot: usize) {
         let level = self.level(slot).min(TRANSMITTING_LEVEL);
         self.slabs[slot] = self.slabs[slot] & !(3 << LEVEL.0) | level << LEVEL.0;
     }
 
-    /// Where in the box of a child its content is.
+    /// The oriented slabs that bound the content of a child.
     #[inline(always)]
     pub fn stored_oriented_slabs(&self, slot: usize) -> OrientedSlabs<f32> {
         let word = self.slabs[slot & (WIDTH - 1)];
@@ -234,7 +237,7 @@ impl Node {
         )
     }
 
-    /// A child's box as its slabs see it.
+    /// A child's box in the form that its slabs need.
     #[inline(always)]
     pub fn stored_middle(&self, slot: usize) -> Middle<f32> {
         let slot = slot & (WIDTH - 1);
@@ -248,25 +251,25 @@ impl Node {
         Middle { at: [at(0), at(1), at(2)], half: [half(0), half(1), half(2)] }
     }
 
-    /// A child's box as walks see it. (The grid's planes are outside of the child, whose own are single-precision
-    /// numbers: so are the rounded ones.)
+    /// A child's box as walks use it. The exact planes on the grid are outside of the child. The child's own planes are
+    /// single-precision numbers, so the rounded planes are outside of it too.
     #[inline]
     pub fn stored_box(&self, slot: usize) -> Bounds {
         let at = |row: usize| self.stored_plane(row, slot);
         Bounds { min: Vec3::new(at(0), at(1), at(2)), max: Vec3::new(at(3), at(4), at(5)) }
     }
 
-    /// The box of a child, rounded outward once more where the grid's sum is not exact.
+    /// The box of a child, rounded outward once more in case the sum on the grid is not exact.
     pub fn child_box(&self, slot: usize) -> Bounds {
         self.box_between(self.planes.map(|planes| planes[slot]))
     }
 
-    /// The smallest box around those of all children; of none, there is nothing in it.
+    /// The smallest box around the boxes of all children; empty if there are none.
     pub fn children_box(&self) -> Bounds {
         if self.valid == 0 {
             return Bounds::EMPTY;
         }
-        // What is larger on the grid is not smaller in space: one plane of each row decides.
+        // A greater plane on the grid is not smaller in space, so one plane of each row decides.
         let outermost = |row: usize, is_high: bool| {
             let planes = self.planes[row]
                 .iter()
@@ -278,7 +281,7 @@ impl Node {
         self.box_between(std::array::from_fn(|row| outermost(row, row >= 3)))
     }
 
-    /// The box between planes on the grid: low ones, then high ones.
+    /// The box between planes on the grid: low planes, then high planes.
     fn box_between(&self, planes: [u8; 6]) -> Bounds {
         let at = |axis: usize, plane: usize| {
             let offset = f64::from(planes[plane]) * f64::from(self.step(axis));
@@ -290,13 +293,13 @@ impl Node {
     }
 }
 
-/// Has the header of a block say which nodes rays may pass.
+/// Writes into a block's header which nodes may transmit rays.
 pub fn put_transmitting(words: &mut [u32]) {
     let transmitting = Block::new(words).transmitting();
     words[TRANSMITTING_AT..HEADER_WORDS].copy_from_slice(&transmitting);
 }
 
-/// The first words of a leaf block; those of its header behind them are zero, and its parts follow.
+/// The first words of a leaf block. The other words of its header are zero, and its parts follow.
 pub fn leaf_block_head(triangles: usize, parts: usize) -> [u32; 8] {
     let (first, end) = (HEADER_WORDS as u32, (HEADER_WORDS + parts) as u32);
     [0, triangles as u32 | (parts as u32) << 16, first, first, end, 0, SHORT_VOXEL as u32, 0]
@@ -309,7 +312,7 @@ pub struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// Over words that `validate` has accepted; or over none, as a place for some.
+    /// A block over words that `validate` has accepted. The slice may be empty, for a placeholder.
     #[inline(always)]
     pub fn new(words: &'a [u32]) -> Self {
         Self { words }
@@ -340,19 +343,20 @@ impl<'a> Block<'a> {
         (self.words[1] >> 16) as usize
     }
 
-    /// Whether rays may pass a cell of a node, or of the one beside it; where not, all stop all.
+    /// True if a stand-in of the node's children, or of the other node of its pair, may transmit rays. If false, these
+    /// stand-ins stop all rays.
     #[inline(always)]
     pub fn may_transmit(&self, node: usize) -> bool {
         let (word, bit) = transmitting_at(node);
         self.words[TRANSMITTING_AT + word] >> bit & 1 == 1
     }
 
-    /// What the header says of all nodes.
+    /// The marks of all nodes, as the header states them.
     pub fn declared_transmitting(&self) -> &[u32] {
         &self.words[TRANSMITTING_AT..HEADER_WORDS]
     }
 
-    /// What it is to say, by the voxels.
+    /// The marks of all nodes, computed from the voxels.
     pub fn transmitting(&self) -> Transmitting {
         let (mut transmitting, mut first) = (Transmitting::default(), 0);
         for node in 0..self.nodes() {
@@ -363,7 +367,7 @@ impl<'a> Block<'a> {
         transmitting
     }
 
-    /// Where the leaves begin.
+    /// First word of the leaves.
     pub fn first_leaf(&self) -> usize {
         self.sides_at() + self.six_sided() * SIDES_WORDS
     }
@@ -384,13 +388,13 @@ impl<'a> Block<'a> {
         self.words[6] as usize
     }
 
-    /// Where the voxels begin.
+    /// First word of the voxels.
     #[inline]
     pub(super) fn voxels_at(&self) -> usize {
         self.words[4] as usize + self.nodes()
     }
 
-    /// Where the voxels' sides begin.
+    /// First word of the samples of voxels of six sides.
     #[inline]
     pub(super) fn sides_at(&self) -> usize {
         self.voxels_at() + self.voxels() * self.voxel_words()
@@ -411,7 +415,7 @@ impl<'a> Block<'a> {
         StoredVoxel { words: self.voxel_at(first + before.count_ones() as usize), block: *self }
     }
 
-    /// A node by its index.
+    /// The node at `index`.
     #[inline(always)]
     pub fn node(&self, index: usize) -> &'a Node {
         let start = HEADER_WORDS + index * NODE_WORDS;
@@ -421,26 +425,26 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// An external reference by its first word: block id and child reference inside it.
+    /// The external reference that begins at word `at`: block id and child reference in that block.
     #[inline(always)]
     pub fn external(&self, at: usize) -> (u32, u32) {
         (self.words[at], self.words[at + 1])
     }
 
-    /// All external references, in their order.
+    /// All external references, in order.
     pub fn all_externals(&self) -> impl Iterator<Item = (u32, u32)> + use<'a> {
         let (block, first) = (*self, self.words[2] as usize);
         (0..self.externals()).map(move |i| block.external(first + i * EXTERNAL_WORDS))
     }
 
-    /// The number of the external reference that begins at a word, if one does.
+    /// Number of the external reference that begins at word `at`, if one does.
     pub fn number_of_external(&self, at: usize) -> Option<usize> {
         let from = at.checked_sub(self.words[2] as usize)?;
         let number = from / EXTERNAL_WORDS;
         (from % EXTERNAL_WORDS == 0 && number < self.externals()).then_some(number)
     }
 
-    /// Node and slot that an external reference hangs in.
+    /// Node and slot of an external reference.
     #[inline]
     pub fn place_of_external(&self, at: usize) -> (usize, usize) {
         let word = self.words[at + 2];
@@ -453,7 +457,7 @@ impl<'a> Block<'a> {
         self.words[self.words[3] as usize + index]
     }
 
-    /// A leaf by its first word.
+    /// The leaf that begins at word `at`.
     #[inline(always)]
     pub fn leaf(&self, at: usize) -> Leaf<'a> {
         Leaf::at(&self.words[at..])
@@ -468,50 +472,50 @@ pub struct StoredVoxel<'a> {
 }
 
 impl StoredVoxel<'_> {
-    /// Its words, but for those of its sides.
+    /// The words of the voxel, without those of its sides.
     #[inline]
     pub fn words(&self) -> &[u32] {
         self.words
     }
 
-    /// Whether it has a sample for each side.
+    /// True if the voxel has a sample for each side.
     #[inline]
     pub fn has_sides(&self) -> bool {
         Coded::has_sides(self.words[0])
     }
 
-    /// Whether its one sample is of what faces along the axes.
+    /// True if the voxel's one sample describes surfaces that face along the axes.
     #[inline]
     pub fn is_along_axes(&self) -> bool {
         Coded::is_along_axes(self.words[0])
     }
 
-    /// The words of its sides' samples, if it has them.
+    /// The words of the samples of its sides. Valid only if [`StoredVoxel::has_sides`].
     #[inline]
     pub fn sides(&self) -> &[u32] {
         let at = self.block.sides_at() + self.words[1] as usize * SIDES_WORDS;
         &self.block.words[at..at + SIDES_WORDS]
     }
 
-    /// Whether its colours count, and not those of its part.
+    /// True if the voxel has colours of its own, which replace the colour of its part.
     #[inline]
     pub fn has_colours(&self) -> bool {
         Coded::has_colours(self.words[0])
     }
 
-    /// The tree's local part of which most is seen, and whether there are others.
+    /// The tree's local part that covers most of the voxel, and true if there are other parts.
     #[inline]
     pub fn part(&self) -> (u32, bool) {
         self.words.get(2).map_or((self.block.words[7], false), |word| Coded::part(*word))
     }
 
-    /// How many of 4096 rays it stops; 0: it stops all.
+    /// Number of rays that the voxel stops, of 4096; 0: it stops all rays.
     #[inline]
     pub fn stopped(&self) -> u32 {
         stopped(self.words[0])
     }
 
-    /// The bits of all its parts, see [`summary_bit`].
+    /// The bits of all parts in the voxel, see [`summary_bit`].
     pub fn summary(&self) -> u32 {
         self.words.get(3).copied().unwrap_or_else(|| summary_bit(self.block.words[7]))
     }
@@ -521,9 +525,9 @@ impl StoredVoxel<'_> {
 mod tests {
     use super::*;
 
-    /// A bit for each two.
+    /// One bit covers two nodes.
     #[test]
-    fn who_may_be_passed_is_it_and_the_one_beside() {
+    fn transmitting_bit_covers_a_pair_of_nodes() {
         for node in 0..MAX_WORDS / NODE_WORDS {
             let mut transmitting = Transmitting::default();
             mark_transmitting(&mut transmitting, node, true);

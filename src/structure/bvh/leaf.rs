@@ -1,60 +1,65 @@
-//! A leaf of a block, in the trace form.
+//! A leaf of a block in trace form.
 //!
-//! It holds 1 to [`MAX_TRIANGLES`] triangles over at most [`MAX_VERTICES`] vertices shared between them: both fit one
-//! vector register of 8 and 16 lanes.
+//! A leaf holds 1 to [`MAX_TRIANGLES`] triangles over at most [`MAX_VERTICES`] vertices, which the triangles share. The
+//! limits fit vector registers of 8 and 16 lanes.
 //!
-//! | words | what |
+//! | words | content |
 //! |---|---|
-//! | 0 | triangles (u8), vertices (u8), first triangle's index in the block (u16) |
-//! | 1 | part (u16, index into the block's parts) or, if mixed, the first of one for each triangle; flags (u16) |
+//! | 0 | triangles (u8), vertices (u8), index of the first triangle in the block (u16) |
+//! | 1 | part (u16, index into the block's parts), with [`MIXED`] that of the first triangle; flags (u16) |
 //! | .. | with [`MIXED`]: a u16 part for each triangle, padded to a word |
-//! | .. | without [`APART`]: first, second, third vertex of each triangle: three runs of u8, padded together to a word |
+//! | .. | without [`APART`]: vertex numbers of the triangles: three runs of u8, padded together to a word |
 //! | .. | without [`NEAR`]: x of all vertices, then y, then z: f32 |
-//! | .. | with [`NEAR`]: x, y, z of the first vertex: f32; then, of each axis and vertex but the first, how far its bits are from those of the first: i24, x of all, y, z, padded together to a word |
+//! | .. | with [`NEAR`]: x, y, z of the first vertex: f32 |
+//! | .. | with [`NEAR`]: steps of the other vertices: i24, all x, then y, then z, padded together to a word |
 //!
-//! Which it is follows from what it holds: apart where no vertex is shared and corner `c` of triangle `i` is vertex `3
-//! i + c`; near where it is apart, has [`LEAST_NEAR`] vertices or more, and all steps fit 24 bits. (Bits of floats of
-//! one sign are ordered as these, so steps fit where a coordinate changes by less than a half or so. Soups of long thin
-//! triangles are nine tenths of such leaves, and take 15 of 84 bytes a triangle less; on scans, which share vertices,
-//! as many bytes would go, but how leaves are stored could not be foreseen.)
+//! The runs of vertex numbers hold the first corners of all triangles, the second corners, and the third corners. A
+//! step is the difference between the bits of a coordinate and those of the first vertex's coordinate.
+//!
+//! The content of a leaf determines its form. A leaf is apart if no vertex is shared and corner `c` of triangle `i` is
+//! vertex `3 i + c`. A leaf is near if it is apart, has at least [`LEAST_NEAR`] vertices, and all steps fit 24 bits.
+//! Floats of one sign are ordered like their bits, so steps fit where a coordinate changes by less than about a half of
+//! itself. (In soups of long thin triangles nine tenths of the leaves are near, which saves 15 of 84 bytes a triangle.
+//! On scans, which share vertices, steps would save as many bytes, but branches on the form of a leaf would be
+//! mispredicted.)
 
 use super::layout::{LINE_WORDS, MAX_TRIANGLES, MAX_VERTICES, PAD_WORDS};
 use crate::simd::{Portable, Simd};
 use bytemuck::{cast_slice, cast_slice_mut, must_cast_ref};
 use glam::Vec3;
 
-/// Flag: its triangles belong to several parts.
+/// Flag: the triangles belong to several parts.
 pub const MIXED: u16 = 1;
 /// Flag: each corner has a vertex of its own, in order.
 pub const APART: u16 = 2;
-/// Flag: coordinates are steps from the first vertex.
+/// Flag: coordinates are stored as steps from the first vertex.
 pub const NEAR: u16 = 4;
 
-/// Vertices from which coordinates are stored as steps where they can be.
+/// Least number of vertices for which coordinates are stored as steps.
 pub const LEAST_NEAR: usize = 6;
 
-/// Bytes in which the steps of sixteen vertices are on an axis, see [`Coordinates::Near`]: 49, and what vectors read
-/// behind them, in four loads of 16 from 0, 12, 24 and 36 on. They are written from the fifth on, and up to four behind
-/// them.
+/// Bytes that hold the steps of sixteen vertices on one axis, see [`Coordinates::Near`]: 49 bytes, and 3 more that
+/// vector code reads in four loads of 16 bytes from offsets 0, 12, 24 and 36. Writes begin at offset 4, and reach up to
+/// four bytes beyond the last step.
 pub const STEP_BYTES: usize = 52;
 
-/// Sixteen numbers are read and written where a leaf has fewer; what follows its last axis is other leaves, or zeros.
+/// Sixteen numbers are read and written even if a leaf has fewer. Other leaves, or zeros, follow the last axis.
 const _: () =
     assert!(2 * 3 + MAX_VERTICES <= 3 * 3 + PAD_WORDS && 4 * 3 + 6 * 2 + STEP_BYTES <= 4 * 3 + 9 * 2 + 4 * PAD_WORDS);
 
-/// Vertex numbers of leaves whose triangles have their own, by corner.
+/// Vertex numbers, by corner, of leaves with triangles that share no vertices.
 pub const ORDER: [[u8; MAX_TRIANGLES]; 3] = {
     let mut order = [[0; MAX_TRIANGLES]; 3];
     let mut at = 0;
     while at < 3 * MAX_TRIANGLES {
-        // Those past the last triangle that there can be mean nothing.
+        // Entries past the greatest possible number of triangles have no meaning.
         order[at % 3][at / 3] = at as u8 % MAX_VERTICES as u8;
         at += 1;
     }
     order
 };
 
-/// How a leaf is stored.
+/// The storage form of a leaf.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LeafForm {
     /// Number of triangles, 1 to [`MAX_TRIANGLES`].
@@ -66,7 +71,8 @@ pub struct LeafForm {
 }
 
 impl LeafForm {
-    /// That of a leaf, given whether its corners are as in [`ORDER`], and the bits of its coordinates, axis by axis.
+    /// Returns the form of a leaf. `are_in_order` is true if its corners are as in [`ORDER`]; `axes` holds the bits of
+    /// its coordinates, axis by axis.
     #[inline(always)]
     pub fn of<S: Simd>(
         s: S,
@@ -78,7 +84,7 @@ impl LeafForm {
         let mut flags = if is_mixed { MIXED } else { 0 };
         if are_in_order && vertices == 3 * triangles {
             flags |= APART;
-            // Axis by axis: what maps an array is not compiled for the set.
+            // Written out axis by axis: the closure of an array's `map` is not compiled for the instruction set.
             let near = s.near16(axes[0]) & s.near16(axes[1]) & s.near16(axes[2]);
             let all = (1 << vertices) - 1;
             if vertices >= LEAST_NEAR && near & all == all {
@@ -88,14 +94,14 @@ impl LeafForm {
         Self { triangles, vertices, flags }
     }
 
-    /// Words before its coordinates.
+    /// Words before the coordinates.
     #[inline(always)]
     pub const fn head_words(&self) -> usize {
         let parts = if self.flags & MIXED != 0 { self.triangles.div_ceil(2) } else { 0 };
         2 + parts + if self.flags & APART != 0 { 0 } else { index_words(self.triangles) }
     }
 
-    /// Words that the leaf takes.
+    /// Words of the leaf.
     #[inline(always)]
     pub const fn words(&self) -> usize {
         self.head_words()
@@ -103,14 +109,14 @@ impl LeafForm {
     }
 }
 
-/// Words that the indices of `triangles` triangles take.
+/// Words of the vertex numbers of `triangles` triangles.
 #[inline(always)]
 pub const fn index_words(triangles: usize) -> usize {
     (3 * triangles).div_ceil(4)
 }
 
-/// Writes the coordinates of a leaf, given their bits, axis by axis; how many words they take. What is behind them is
-/// overwritten, up to sixteen numbers, or [`STEP_BYTES`], an axis.
+/// Writes the coordinates of a leaf, given as bits, axis by axis. Returns the number of words. On each axis the
+/// function writes sixteen numbers, or [`STEP_BYTES`], and so overwrites words beyond the end.
 #[inline(always)]
 pub fn put_coordinates<S: Simd>(s: S, words: &mut [u32], form: LeafForm, axes: [&[u32; MAX_VERTICES]; 3]) -> usize {
     let count = form.vertices;
@@ -129,7 +135,7 @@ pub fn put_coordinates<S: Simd>(s: S, words: &mut [u32], form: LeafForm, axes: [
             None => unreachable!(),
         }
     }
-    // What the last axis left behind it, up to the end of the word.
+    // Clears the bytes that the last axis wrote beyond its end, up to the end of the word.
     let end = 9 * (count - 1);
     bytes[end..end + 4].fill(0);
     3 + end.div_ceil(4)
@@ -142,24 +148,25 @@ pub struct Leaf<'a> {
     pub triangles: usize,
     /// Number of vertices, 3 to [`MAX_VERTICES`].
     pub vertices: usize,
-    /// Index of its first triangle among the block's.
+    /// Index of its first triangle in the block.
     pub first: usize,
     part: usize,
     flags: u16,
     words: &'a [u32],
 }
 
-/// Coordinates of a leaf on one axis, sixteen at a time: those past the last vertex are whatever follows.
+/// Sixteen coordinates of a leaf on one axis. Those past the last vertex are arbitrary.
 #[derive(Debug, Clone, Copy)]
 pub enum Coordinates<'a> {
-    /// As they are.
+    /// Coordinates as floats.
     Whole(&'a [f32; MAX_VERTICES]),
-    /// That of the first vertex; and bytes of which `3 i + 1` to `3 i + 3` are the step to vertex `i`, from 1 on.
+    /// Coordinate of the first vertex, and bytes of which `3 i + 1` to `3 i + 3` are the step of vertex `i`, for `i`
+    /// from 1 on.
     Near(f32, &'a [u8; STEP_BYTES]),
 }
 
 impl Coordinates<'_> {
-    /// Of vertex `index`, below [`MAX_VERTICES`].
+    /// Coordinate of vertex `index`, which is below [`MAX_VERTICES`].
     #[inline(always)]
     pub fn get(self, index: usize) -> f32 {
         let index = index & (MAX_VERTICES - 1);
@@ -173,7 +180,7 @@ impl Coordinates<'_> {
         }
     }
 
-    /// Of all vertices.
+    /// Coordinates of all vertices.
     #[inline(always)]
     pub fn to_array(self) -> [f32; MAX_VERTICES] {
         match self {
@@ -184,7 +191,7 @@ impl Coordinates<'_> {
 }
 
 impl<'a> Leaf<'a> {
-    /// The one whose words these begin with.
+    /// Returns the leaf that begins with the first of these words.
     #[inline(always)]
     pub fn at(words: &'a [u32]) -> Self {
         let (counts, parts) = (words[0], words[1]);
@@ -198,31 +205,30 @@ impl<'a> Leaf<'a> {
         }
     }
 
-    /// How it is stored.
+    /// The storage form of the leaf.
     #[inline(always)]
     pub fn form(&self) -> LeafForm {
         LeafForm { triangles: self.triangles, vertices: self.vertices, flags: self.flags }
     }
 
-    /// Words that it takes.
+    /// Words of the leaf.
     #[inline(always)]
     pub fn len(&self) -> usize {
         self.form().words()
     }
 
-    /// Cache lines that it is in, if it begins at word `at` of its block.
+    /// Number of cache lines that the leaf occupies if it begins at word `at` of its block.
     #[inline(always)]
     pub fn lines(&self, at: usize) -> usize {
         (at + self.len() - 1) / LINE_WORDS - at / LINE_WORDS + 1
     }
 
-    /// Never: a leaf has a triangle at least.
+    /// Always false: a leaf has at least one triangle.
     pub fn is_empty(&self) -> bool {
         self.triangles == 0
     }
 
-    /// Vertex numbers of corner `corner` of the triangles, eight at a time: those past the last
-    /// triangle are whatever follows.
+    /// Vertex numbers of one corner of eight triangles. Those past the last triangle are arbitrary.
     #[inline(always)]
     pub fn corners8(&self, corner: usize) -> &'a [u8; 8] {
         if self.flags & APART != 0 {
@@ -236,13 +242,13 @@ impl<'a> Leaf<'a> {
         }
     }
 
-    /// How it should be stored, given the bits of its coordinates.
+    /// Returns the form that the leaf must have, given the bits of its coordinates.
     pub fn form_for(&self, axes: [&[u32; MAX_VERTICES]; 3]) -> LeafForm {
         let is_in_order = |corner: usize| self.corners8(corner)[..self.triangles] == ORDER[corner][..self.triangles];
         LeafForm::of(Portable::new(), (self.triangles, self.vertices), self.is_mixed(), (0..3).all(is_in_order), axes)
     }
 
-    /// Whether its coordinates are steps, on all axes.
+    /// True if coordinates are stored as steps, on all axes.
     #[inline(always)]
     pub fn is_near(&self) -> bool {
         self.flags & NEAR != 0
@@ -265,7 +271,7 @@ impl<'a> Leaf<'a> {
         }
     }
 
-    /// The corners of a triangle, below [`MAX_TRIANGLES`].
+    /// The corners of triangle `index`, which is below [`MAX_TRIANGLES`].
     #[inline(always)]
     pub fn triangle(&self, index: usize) -> [Vec3; 3] {
         let [x, y, z] = [self.coordinates(0), self.coordinates(1), self.coordinates(2)];
@@ -277,13 +283,13 @@ impl<'a> Leaf<'a> {
         corners
     }
 
-    /// Index into the block's parts of a triangle.
+    /// Index into the block's parts for a triangle.
     #[inline(always)]
     pub fn part_of(&self, index: usize) -> usize {
         if self.is_mixed() { (self.words[2 + index / 2] >> (16 * (index % 2)) & 0xffff) as usize } else { self.part }
     }
 
-    /// Whether its triangles belong to several parts.
+    /// True if the triangles belong to several parts.
     #[inline(always)]
     pub fn is_mixed(&self) -> bool {
         self.flags & MIXED != 0
@@ -296,7 +302,7 @@ mod tests {
     use crate::simd::{Isa, Op, dispatch};
     use proptest::prelude::*;
 
-    /// A leaf of apart triangles, stored.
+    /// Stores a leaf of apart triangles.
     struct Store<'a> {
         axes: &'a [[u32; MAX_VERTICES]; 3],
         triangles: usize,
@@ -317,9 +323,10 @@ mod tests {
     }
 
     proptest! {
-        /// Steps of 24 bits are stored as such, and no others; all coordinates come back to the bit.
+        /// Coordinates are stored as steps exactly if there are enough vertices and all steps fit 24 bits. All
+        /// coordinates are restored to the bit.
         #[test]
-        fn coordinates_come_back(first: [u32; 3], bits in 1u32..31, seed: [[u32; MAX_VERTICES]; 3], triangles in 1usize..=5) {
+        fn coordinates_round_trip(first: [u32; 3], bits in 1u32..31, seed: [[u32; MAX_VERTICES]; 3], triangles in 1usize..=5) {
             let mut axes = seed;
             for (axis, first) in axes.iter_mut().zip(first) {
                 axis.iter_mut().for_each(|x| *x = first.wrapping_add_signed((*x as i32) >> bits));
@@ -327,7 +334,7 @@ mod tests {
             let (form, words) = dispatch(Isa::Baseline, Store { axes: &axes, triangles });
             for isa in Isa::ALL {
                 let (own_form, own_words) = dispatch(isa, Store { axes: &axes, triangles });
-                // What is behind them is of no use.
+                // Words beyond the end are arbitrary.
                 prop_assert_eq!((own_form, &own_words[..form.words()]), (form, &words[..form.words()]), "{}", isa.name());
             }
             let count = 3 * triangles;
@@ -339,7 +346,7 @@ mod tests {
                 let all = leaf.coordinates(axis).to_array().map(f32::to_bits);
                 prop_assert_eq!(&all[..count], &bits[..count]);
             }
-            // Its last word is filled up with zeros.
+            // The last word is filled up with zeros.
             let bytes: &[u8] = cast_slice(&words[..form.words()]);
             prop_assert!(!leaf.is_near() || bytes[4 * (form.head_words() + 3) + 9 * (count - 1)..].iter().all(|byte| *byte == 0));
         }

@@ -1,4 +1,4 @@
-//! `bvh`: a wide bounding volume hierarchy, quantised and clustered into blocks.
+//! `bvh`: a wide bounding volume hierarchy with quantised boxes, divided into blocks.
 
 pub mod build;
 pub mod codec;

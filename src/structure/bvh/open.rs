@@ -1,4 +1,4 @@
-//! Trees of an opened file.
+//! Starts of the trees of an opened file.
 
 use super::decoder::leaves_at;
 use super::layout::Child;
@@ -8,7 +8,7 @@ use crate::simd::Isa;
 use crate::store::{ModelFile, TreeRow};
 use crate::structure::tree::Visit;
 
-/// Where a tree begins, and how its blocks lie.
+/// Root of a tree, and the offsets between its blocks.
 #[derive(Debug, Clone, Copy)]
 pub struct Start {
     first_block: u32,
@@ -22,22 +22,22 @@ pub struct Start {
 }
 
 impl Start {
-    /// Of a tree without blocks.
+    /// Start of a tree without blocks.
     pub const NONE: Self = Self { first_block: 0, leaves_at: 0, root: TreeView::EMPTY, prims_at: 0, colours_at: None };
 
-    /// Of a tree of `file`. Fails with the fault where its root is no node, or its blocks do not add up. Whether the
-    /// root exists is checked when its block is read.
+    /// Returns the start of a tree of `file`. Fails with the fault if the root is not a node or the numbers of blocks
+    /// contradict each other. The root's existence is checked when its block is read.
     pub fn of(file: &ModelFile, row: &TreeRow) -> Result<Self, &'static str> {
         let child = u32::try_from(row.root).ok().filter(|root| *root <= u32::from(u16::MAX));
         let is_node = matches!(child.and_then(Child::from_bits), Some(Child::Node(_)));
         let is_empty = row.block_count == 0;
         if !(is_node || is_empty) {
-            return Err("the root of its tree does not exist");
+            return Err("the root of the tree does not exist");
         }
         let [coarse, fine, leaves, none] = row.class_blocks;
         let is_one = coarse == row.block_count && coarse <= 1;
         if fine != leaves || none > 0 || fine == 0 && !is_one {
-            return Err("its tree has not as many fine blocks as leaf blocks");
+            return Err("the numbers of fine and leaf blocks of the tree are inconsistent");
         }
         let header = file.header();
         Ok(Self {
@@ -49,7 +49,7 @@ impl Start {
         })
     }
 
-    /// The block of the root and the number that it has in there; none for a tree with nothing in it.
+    /// The block of the root and the root's number in it; `None` for an empty tree.
     pub fn root(&self) -> Option<(u32, u32)> {
         (self.root != TreeView::EMPTY).then_some((self.first_block, self.root))
     }

@@ -1,7 +1,7 @@
-//! Checks a block in trace form by itself: all that a walk relies on, wherever the words come from.
+//! Checks a block in trace form: everything that a walk relies on, wherever the words come from.
 //!
-//! The file form is checked while it is decoded (`codec.rs`); references between blocks, which no block
-//! can check alone, by `check_links`.
+//! The file form is checked while it is decoded (`codec.rs`). References between blocks, which no block can check by
+//! itself, are checked by `check_links`.
 
 use super::codec::{Holds, Place};
 use super::layout::{
@@ -11,7 +11,7 @@ use super::layout::{
 use super::leaf::{APART, MIXED, NEAR};
 use crate::lod::Coded;
 
-/// Says what is wrong with the words of a geometry block that is at `place`.
+/// Checks the words of a geometry block at `place`. Fails with the fault.
 pub fn validate(words: &[u32], place: Place) -> Result<(), String> {
     check_header(words)?;
     let block = Block::new(words);
@@ -23,7 +23,7 @@ pub fn validate(words: &[u32], place: Place) -> Result<(), String> {
         Holds::Leaves => [false, true],
         Holds::Nodes | Holds::NodesOverLeaves => [true, false],
     };
-    ensure(has == should, "it is another kind of block")?;
+    ensure(has == should, "the block has an unexpected kind")?;
     check_nodes(&block, &leaves, place.holds)
 }
 
@@ -33,88 +33,98 @@ fn ensure(holds: bool, why: &str) -> Result<(), String> {
 
 fn check_header(words: &[u32]) -> Result<(), String> {
     let least = HEADER_WORDS + PAD_WORDS;
-    ensure((least..=MAX_WORDS).contains(&words.len()), "its size is not that of a block")?;
+    ensure((least..=MAX_WORDS).contains(&words.len()), "the size of the block is out of range")?;
     let block = Block::new(words);
     let externals_at = HEADER_WORDS + block.nodes() * NODE_WORDS;
     let parts_at = externals_at + EXTERNAL_WORDS * block.externals();
     let firsts_at = parts_at + block.parts();
     let tables = [words[2], words[3], words[4]] == [externals_at as u32, parts_at as u32, firsts_at as u32];
-    ensure(tables, "its tables are not where its counts say")?;
-    ensure([SHORT_VOXEL as u32, LONG_VOXEL as u32].contains(&words[6]), "its voxels have an impossible size")?;
-    ensure(block.first_leaf() + PAD_WORDS <= words.len(), "its tables do not fit")?;
-    ensure(words[words.len() - PAD_WORDS..].iter().all(|w| *w == 0), "its end is not zero")
+    ensure(tables, "the positions of the tables do not match the counts")?;
+    ensure([SHORT_VOXEL as u32, LONG_VOXEL as u32].contains(&words[6]), "the voxels have an invalid size")?;
+    ensure(block.first_leaf() + PAD_WORDS <= words.len(), "the tables do not fit into the block")?;
+    ensure(words[words.len() - PAD_WORDS..].iter().all(|w| *w == 0), "the padding at the end is not zero")
 }
 
 fn check_tables(block: &Block, place: Place) -> Result<(), String> {
     for (to, child) in block.all_externals() {
-        ensure(place.id < to && to < place.end, "it refers to a block that it cannot refer to")?;
+        ensure(place.id < to && to < place.end, "an external reference refers to an invalid block")?;
         let is_node = child <= u32::from(u16::MAX) && matches!(Child::from_bits(child), Some(Child::Node(_)));
-        ensure(is_node, "it refers to something that is not a node")?;
+        ensure(is_node, "an external reference does not refer to a node")?;
     }
     check_voxels(block)?;
-    ensure(block.declared_transmitting() == block.transmitting(), "it does not say which nodes rays may pass")?;
+    ensure(block.declared_transmitting() == block.transmitting(), "the marks of transmitting nodes are wrong")?;
     let ascending = (1..block.parts()).all(|i| block.part(i - 1) < block.part(i));
-    ensure(ascending, "its parts are not in order")
+    ensure(ascending, "the parts are not in ascending order")
 }
 
-/// Each child of each node has a voxel; those of six sides are numbered on.
+/// Checks that each child of each node has a voxel, and that voxels of six sides are numbered consecutively.
 fn check_voxels(block: &Block) -> Result<(), String> {
     let (mut voxels, mut sides) = (0, 0);
     for i in 0..block.nodes() {
-        ensure(block.words()[block.words()[4] as usize + i] as usize == voxels, "a node's voxels are not its own")?;
+        ensure(
+            block.words()[block.words()[4] as usize + i] as usize == voxels,
+            "the position of the voxels of a node is wrong",
+        )?;
         voxels += block.node(i).valid.count_ones() as usize;
     }
-    ensure(voxels == block.voxels(), "its voxels do not add up")?;
+    ensure(voxels == block.voxels(), "the voxel counts are inconsistent")?;
     for i in 0..block.nodes() {
         for slot in (0..WIDTH).filter(|slot| block.node(i).valid >> slot & 1 == 1) {
             let normal = block.voxel(i, slot).words()[0] as u16;
-            ensure(block.node(i).stored_normal(slot) == normal, "a node's normals are not its voxels'")?;
+            ensure(
+                block.node(i).stored_normal(slot) == normal,
+                "the normals of a node differ from those of its voxels",
+            )?;
         }
     }
     for voxel in (0..voxels).map(|v| block.voxel_at(v)).filter(|voxel| Coded::has_sides(voxel[0])) {
-        ensure(voxel[1] as usize == sides, "a voxel's sides are not its own")?;
+        ensure(voxel[1] as usize == sides, "the number of a voxel with six samples is wrong")?;
         sides += 1;
     }
-    ensure(sides == block.six_sided(), "its voxels' sides do not add up")
+    ensure(sides == block.six_sided(), "the number of voxels with six samples is wrong")
 }
 
-/// The first word of each leaf, ascending.
+/// Checks the leaves. Returns the first word of each leaf, ascending.
 fn check_leaves(block: &Block) -> Result<Vec<usize>, String> {
     let words = block.words();
     let end = words.len() - PAD_WORDS;
     let (mut at, mut triangles, mut starts) = (block.first_leaf(), 0, Vec::new());
     while at < end {
-        ensure(at + 2 <= end, "a leaf does not fit")?;
+        ensure(at + 2 <= end, "a leaf does not fit into the block")?;
         let leaf = block.leaf(at);
         let counts = (1..=MAX_TRIANGLES).contains(&leaf.triangles) && (3..=MAX_VERTICES).contains(&leaf.vertices);
-        ensure(counts && words[at + 1] >> 16 <= u32::from(MIXED | APART | NEAR), "a leaf's counts are impossible")?;
-        ensure(leaf.first == triangles, "a leaf's triangles are not numbered on")?;
+        ensure(counts && words[at + 1] >> 16 <= u32::from(MIXED | APART | NEAR), "a leaf has invalid counts or flags")?;
+        ensure(leaf.first == triangles, "the triangles of the leaves are not numbered consecutively")?;
         let next = at + leaf.len();
-        ensure(next <= end, "a leaf does not fit")?;
+        ensure(next <= end, "a leaf does not fit into the block")?;
         let all = 0..leaf.triangles;
-        ensure(all.clone().all(|t| leaf.part_of(t) < block.parts()), "a triangle's part is not in its table")?;
+        ensure(
+            all.clone().all(|t| leaf.part_of(t) < block.parts()),
+            "the part of a triangle is not in the table of parts",
+        )?;
         let corner_ok = |c: usize| leaf.corners8(c)[..leaf.triangles].iter().all(|v| usize::from(*v) < leaf.vertices);
-        ensure((0..3).all(corner_ok), "a corner is not among its leaf's vertices")?;
+        ensure((0..3).all(corner_ok), "a corner is not among the vertices of its leaf")?;
         let axes = [0, 1, 2].map(|axis| leaf.coordinates(axis).to_array());
         ensure(axes.iter().all(|axis| axis[..leaf.vertices].iter().all(|x| x.is_finite())), "a vertex is not finite")?;
         let bits = axes.map(|axis| axis.map(f32::to_bits));
-        ensure(leaf.form() == leaf.form_for(bits.each_ref()), "a leaf is not stored as it should be")?;
+        ensure(leaf.form() == leaf.form_for(bits.each_ref()), "a leaf is not stored in the required form")?;
         triangles += leaf.triangles;
         starts.push(at);
         at = next;
     }
-    ensure(triangles == block.triangles(), "its leaves do not add up")?;
+    ensure(triangles == block.triangles(), "the leaf counts are inconsistent")?;
     Ok(starts)
 }
 
 fn check_grid(node: &Node) -> Result<(), String> {
     let grid = node.exponent.iter().all(|e| (1..=254).contains(e)) && node.origin.iter().all(|o| o.is_finite());
-    ensure(grid && node.valid != 0, "a node's grid is impossible")?;
+    ensure(grid && node.valid != 0, "a node has an invalid grid or no children")?;
     let ordered = |slot: usize| (0..3).all(|a| node.planes[a][slot] <= node.planes[a + 3][slot]);
-    ensure((0..WIDTH).filter(|s| node.valid >> s & 1 == 1).all(ordered), "a node's box is inside out")
+    ensure((0..WIDTH).filter(|s| node.valid >> s & 1 == 1).all(ordered), "a box of a node is inverted")
 }
 
-/// Nodes refer downward, and nothing has two parents: a walk ends, and meets each leaf once.
+/// Checks that nodes refer only to later nodes and that nothing has two parents. A walk then ends, and visits each leaf
+/// once.
 fn check_nodes(block: &Block, leaves: &[usize], holds: Holds) -> Result<(), String> {
     let mut met_nodes = vec![false; block.nodes()];
     let mut met_leaves = vec![false; leaves.len()];
@@ -125,7 +135,7 @@ fn check_nodes(block: &Block, leaves: &[usize], holds: Holds) -> Result<(), Stri
         check_grid(node)?;
         for slot in (0..WIDTH).filter(|s| node.valid >> s & 1 == 1) {
             let met = match Child::from_bits(node.child[slot].into()) {
-                // That there is such a leaf no block can check alone.
+                // The existence of this leaf cannot be checked without the leaf block.
                 Some(Child::Leaf(at)) if holds == Holds::NodesOverLeaves => {
                     met_elsewhere.push(at);
                     continue;
@@ -133,24 +143,24 @@ fn check_nodes(block: &Block, leaves: &[usize], holds: Holds) -> Result<(), Stri
                 Some(Child::Node(n)) if n > i => met_nodes.get_mut(n),
                 Some(Child::Leaf(at)) => leaves.binary_search(&at).ok().map(|l| &mut met_leaves[l]),
                 Some(Child::External(at)) => {
-                    let number = block.number_of_external(at).ok_or("a node refers to what is not there")?;
-                    ensure(block.place_of_external(at) == (i, slot), "a reference hangs elsewhere")?;
+                    let number = block.number_of_external(at).ok_or("a node has an invalid child reference")?;
+                    ensure(block.place_of_external(at) == (i, slot), "an external reference has a wrong node or slot")?;
                     met_externals.get_mut(number)
                 }
                 _ => None,
             };
-            let met = met.ok_or("a node refers to what is not there")?;
-            ensure(!std::mem::replace(met, true), "something in it is referred to twice")?;
+            let met = met.ok_or("a node has an invalid child reference")?;
+            ensure(!std::mem::replace(met, true), "a child is referenced twice")?;
         }
     }
     met_elsewhere.sort_unstable();
-    ensure(met_elsewhere.is_sorted_by(|a, b| a < b), "something in it is referred to twice")?;
-    // Nodes may be roots that only other blocks refer to.
+    ensure(met_elsewhere.is_sorted_by(|a, b| a < b), "a child is referenced twice")?;
+    // Nodes without a parent in this block are allowed: other blocks may refer to them.
     if holds == Holds::Leaves {
         return Ok(());
     }
     let all = met_leaves.iter().chain(&met_externals).all(|m| *m);
-    ensure(all, "something in it is never referred to")
+    ensure(all, "a leaf or an external reference is never used")
 }
 
 #[cfg(test)]
@@ -177,7 +187,7 @@ mod tests {
         words.extend(bytemuck::must_cast::<Node, [u32; NODE_WORDS]>(node));
         words.extend([5, 0, 1 << 16, 7]);
         words.extend([0, 0x00ff_1234, 0x8080_8080, 0x0080_0000, 0xff00_0000]);
-        // Its corners are not in order, so they are stored.
+        // The corners are not in order, so they are stored.
         words.extend([1 | 3 << 8, 0, 0x0001_0200]);
         words.extend([0f32, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0].map(f32::to_bits));
         words.extend([0; PAD_WORDS]);
@@ -185,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sound_block_passes_at_its_place_only() {
+    fn a_sound_block_is_accepted_at_its_place_only() {
         validate(&sound(), PLACE).unwrap();
         assert!(validate(&sound(), Place { id: 5, ..PLACE }).is_err());
         assert!(validate(&sound(), Place { end: 5, ..PLACE }).is_err());
@@ -195,36 +205,36 @@ mod tests {
     fn each_damage_is_found() {
         let nan = f32::NAN.to_bits();
         let damages: [(usize, u32, &str); 30] = [
-            (0, 0, "no node"),
+            (0, 0, "no nodes"),
             (0, 2 | 1 << 16, "two nodes"),
             (1, 2 | 1 << 16, "two triangles"),
             (1, 1 | 900 << 16, "parts past the end"),
-            (2, 25, "another place of the references"),
-            (4, 33, "another place of the voxels"),
-            (5, 3, "a voxel too many"),
-            (5, 2 | 1 << 16, "sides that no voxel has"),
-            (6, 3, "voxels of no size"),
-            (9, 1, "rays that pass nodes that are not there"),
-            (15, 1 << 31, "the last of these"),
-            (8, 1, "rays that pass a node of whose voxels none says so"),
-            (16, nan, "a grid at NaN"),
-            (19, 0b11 << 24, "a step of nothing"),
-            (19, 0b1 << 24 | 0x7f_7f7f, "a reference that nobody makes"),
-            (20, 1, "a box inside out"),
-            (32, 0x4000 | 58 | 0x8030 << 16, "a reference into a leaf"),
-            (32, 0x4000 | 57 | 0x8031 << 16, "a reference into a reference"),
-            (32, 0x4000 | 57 | 0x8033 << 16, "a reference behind the last"),
+            (2, 25, "wrong position of the external references"),
+            (4, 33, "wrong position of the voxels"),
+            (5, 3, "one voxel too many"),
+            (5, 2 | 1 << 16, "a voxel with six samples in the counts only"),
+            (6, 3, "an invalid voxel size"),
+            (9, 1, "a transmitting mark of a node that does not exist"),
+            (15, 1 << 31, "the last transmitting mark, of a node that does not exist"),
+            (8, 1, "a transmitting mark of a node that stops all rays"),
+            (16, nan, "a grid origin of NaN"),
+            (19, 0b11 << 24, "an exponent of 0"),
+            (19, 0b1 << 24 | 0x7f_7f7f, "an external reference that no node uses"),
+            (20, 1, "an inverted box"),
+            (32, 0x4000 | 58 | 0x8030 << 16, "a reference to the second word of a leaf"),
+            (32, 0x4000 | 57 | 0x8031 << 16, "a reference to the second word of an external reference"),
+            (32, 0x4000 | 57 | 0x8033 << 16, "a reference behind the last external reference"),
             (32, 0x8030 | 0x8030 << 16, "the same reference twice"),
             (32, 0x4000 | 57, "a node that is its own child"),
-            (44, 0x1235, "another normal"),
-            (49, 1 << 16, "a reference too large"),
-            (50, 0, "a reference that hangs elsewhere"),
-            (53, 1 << 24, "a voxel of sides that are not there"),
-            (53, 0x04ff_1234, "a voxel that rays pass, of which the header does not say so"),
+            (44, 0x1235, "a normal that differs from the voxel"),
+            (49, 1 << 16, "an external reference with too large a node number"),
+            (50, 0, "an external reference with a wrong slot"),
+            (53, 1 << 24, "a voxel with six samples that are missing"),
+            (53, 0x04ff_1234, "a transmitting voxel without a mark in the header"),
             (57, 9 | 3 << 8, "too many triangles in a leaf"),
-            (59, 0x0002_0100, "corners in order that are stored"),
-            (59, 0x0003_0100, "a corner without a vertex"),
-            (60, nan, "a vertex at NaN"),
+            (59, 0x0002_0100, "stored corners that are in order"),
+            (59, 0x0003_0100, "a corner that has no vertex"),
+            (60, nan, "a vertex of NaN"),
         ];
         for (at, word, what) in damages {
             let mut words = sound();
@@ -236,7 +246,8 @@ mod tests {
         }
     }
 
-    /// A leaf block of one leaf of `count` triangles that share nothing, stored as `flags` say, as far as that can be.
+    /// A leaf block with one leaf of `count` triangles that share no vertices. It is stored according to `flags`, as
+    /// far as possible.
     fn leaf_block(count: usize, flags: u16, step: u32) -> Vec<u32> {
         let vertices = 3 * count;
         let mut words = leaf_block_head(count, 1).to_vec();
@@ -258,11 +269,11 @@ mod tests {
     }
 
     #[test]
-    fn leaves_are_stored_as_they_should_be_and_no_other_way() {
+    fn only_the_required_form_of_a_leaf_is_accepted() {
         let place = Place { holds: Holds::Leaves, ..PLACE };
-        // Of one triangle steps do not pay; of two they do where they fit.
+        // Steps do not pay for one triangle. For two triangles they do if they fit 24 bits.
         for (count, step, right) in [(1, 1, APART), (2, 1, APART | NEAR), (2, 1 << 22, APART), (5, 1, APART | NEAR)] {
-            // (Steps that do not fit cannot be written.)
+            // Steps that do not fit 24 bits cannot be written.
             for flags in [0, APART, APART | NEAR].into_iter().filter(|flags| flags & NEAR == 0 || step == 1) {
                 let found = validate(&leaf_block(count, flags, step), place);
                 if flags == right {
@@ -270,17 +281,17 @@ mod tests {
                 } else {
                     assert_eq!(
                         found.unwrap_err(),
-                        "a leaf is not stored as it should be",
+                        "a leaf is not stored in the required form",
                         "{count} triangles, {step}, {flags}"
                     );
                 }
             }
         }
-        // It has no nodes that rays pass.
+        // A leaf block has no nodes, so none of them can transmit rays.
         let mut words = leaf_block(1, APART, 1);
         words[8] = 1;
         assert!(validate(&words, place).is_err());
-        // What shares vertices is neither apart nor near.
+        // A leaf with shared vertices is neither apart nor near.
         for flags in [APART, NEAR, APART | NEAR] {
             let mut words = leaf_block(2, APART, 1 << 22);
             words[HEADER_WORDS + 1] = 2 | 5 << 8;

@@ -8,10 +8,10 @@ use glam::DVec3;
 
 /// Height of the floor.
 const FLOOR: f64 = -0.55;
-/// Middles of the seats across.
+/// Lateral positions (y) of the seat centres.
 const SEATS: [f64; 10] = [-2.55, -2.07, -1.59, -0.72, -0.24, 0.24, 0.72, 1.59, 2.07, 2.55];
 
-/// Adds the section.
+/// Adds the cabin section.
 pub fn plan(plan: &mut Plan, root: u32) {
     let section = plan.group("cabin", Some(root));
     for k in (0..BAYS).filter(|&k| (6.0..52.0).contains(&frame_x(k))) {
@@ -27,7 +27,7 @@ pub fn plan(plan: &mut Plan, root: u32) {
     }
 }
 
-/// Half of the cabin's width at height `z`.
+/// Returns half of the cabin's width at height `z`.
 fn half_width(x: f64, z: f64) -> f64 {
     let r = radius(x) - 0.16;
     (r * r - (z - rise(x)).powi(2)).max(0.01).sqrt()
@@ -53,7 +53,7 @@ fn floor(plan: &mut Plan, bay: u32, k: u64) {
             soup.cuboid(DVec3::new(x, 0.0, FLOOR + z), half);
         }
         for i in 0..2 * n {
-            // Struts lean to and fro.
+            // Struts alternately lean left and right.
             let y = w * 0.9 * ((i as f64 + 0.5) / n as f64 - 1.0);
             let lean = DVec3::new(0.0, if i % 2 == 0 { 0.03 } else { -0.03 }, 0.083);
             soup.cuboid(DVec3::new(x + 0.012, y, FLOOR - 0.115), [DVec3::X * 0.01, DVec3::Y * 0.006, lean]);
@@ -76,7 +76,7 @@ fn floor(plan: &mut Plan, bay: u32, k: u64) {
     plan.with_twins(16);
 }
 
-/// Bins over the seats on both sides; wall lining on the right, where the skin is whole.
+/// Adds the bins over the seats on both sides, and the wall lining on the right, where the skin is complete.
 fn lining(plan: &mut Plan, bay: u32, k: u64) {
     let x = frame_x(k);
     let n = plan.scaled(6.0, 0.25, 2);
@@ -109,10 +109,10 @@ fn lining(plan: &mut Plan, bay: u32, k: u64) {
 
 fn seats(plan: &mut Plan, bay: u32, k: u64) {
     let x = frame_x(k);
-    // Too little detail for legs and armrests: cushion and back.
+    // At low detail a seat has no legs and armrests, only a cushion and a back.
     let sides = if plan.is_coarse() { 0 } else { plan.scaled(6.0, 0.25, 3) };
     let triangles = if sides == 0 { 24 } else { 6 * 12 + 4 * 2 * 2 * sides };
-    // The outer seats end where the fuselage narrows.
+    // Outer seats are left out where the fuselage narrows.
     let wide = half_width(x, FLOOR + 0.2) > 2.85;
     for (name, seats) in [("left seats", 0..3), ("middle seats", 3..7), ("right seats", 7..10)] {
         if !wide && seats.start != 3 {
@@ -145,7 +145,7 @@ fn seat(soup: &mut Soup, foot: DVec3, sides: u64) {
     }
 }
 
-/// A pair of containers under the floor.
+/// Adds a pair of containers under the floor.
 fn cargo(plan: &mut Plan, bay: u32, k: u64) {
     let x = frame_x(k);
     let n = plan.scaled(8.0, 0.3, 1);

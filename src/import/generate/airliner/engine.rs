@@ -1,4 +1,4 @@
-//! The engines: nacelle, fan, stages, core and all that is wound around it, pylon.
+//! The engines: nacelle, fan, stages, core with its pipes and cables, pylon.
 
 use super::plan::{Look, Plan};
 use super::routes::{self, Bundle};
@@ -7,11 +7,11 @@ use super::soup::{Soup, Station, bolt_triangles};
 use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
 
-/// Where the fan is along the nacelle, and where the core begins and ends.
+/// Position of the fan along the nacelle, then those of the beginning and end of the core, as fractions of its length.
 const FAN: f64 = 0.2;
 const CORE: (f64, f64) = (0.3, 1.12);
 
-/// Adds the sections.
+/// Adds the sections of both engines.
 pub fn plan(plan: &mut Plan, root: u32) {
     for (name, side) in [("left engine", -1.0), ("right engine", 1.0)] {
         let section = plan.group(name, Some(root));
@@ -25,12 +25,12 @@ pub fn plan(plan: &mut Plan, root: u32) {
     }
 }
 
-/// The point at `t` along, `angle` around (0 up, to the right), at radius `r`.
+/// Returns the point at `t` along the nacelle and radius `r`; `angle` is 0 upward and grows to the right.
 fn at(lip: DVec3, t: f64, angle: f64, r: f64) -> DVec3 {
     lip + DVec3::new(t * NACELLE, r * angle.sin(), r * angle.cos())
 }
 
-/// The place there: `u` outward, `v` around.
+/// Returns the station at this point: `u` points outward, `v` around the axis.
 fn station(lip: DVec3, t: f64, angle: f64, r: f64) -> Station {
     let (s, c) = angle.sin_cos();
     Station { at: at(lip, t, angle, r), u: DVec3::new(0.0, s, c), v: DVec3::new(0.0, c, -s) }
@@ -40,7 +40,7 @@ fn cowling(plan: &mut Plan, section: u32, lip: DVec3, side: f64) {
     let (nu, nv) = (plan.scaled(5.0, 0.25, 2), plan.scaled(10.0, 0.25, 4));
     for sector in 0..8u64 {
         for ring in 0..4u64 {
-            // The outer half of the left engine stands open behind the fan.
+            // The outer half of the left cowling is open behind the fan.
             let open = side < 0.0 && (ring == 1 || ring == 2) && (4..8).contains(&sector);
             if open {
                 continue;
@@ -71,7 +71,7 @@ fn fan(plan: &mut Plan, section: u32, lip: DVec3) {
     });
 }
 
-/// Both faces of a twisted blade.
+/// Adds both faces of a twisted blade.
 #[allow(clippy::too_many_arguments)]
 fn blade(soup: &mut Soup, lip: DVec3, t: f64, turn: f64, [low, high]: [f64; 2], chord: f64, nu: u64, nv: u64) {
     for face in [-1.0, 1.0] {
@@ -85,7 +85,7 @@ fn blade(soup: &mut Soup, lip: DVec3, t: f64, turn: f64, [low, high]: [f64; 2], 
     }
 }
 
-/// Compressor and turbine: rings of blades and vanes, seen where the cowl is open and from behind.
+/// Adds compressor and turbine: rings of blades and vanes, visible through the open cowling and from behind.
 fn stages(plan: &mut Plan, section: u32, lip: DVec3) {
     let (nu, nv) = (plan.scaled(2.0, 0.3, 1), plan.scaled(4.0, 0.3, 2));
     for stage in 0..11u64 {
@@ -134,7 +134,7 @@ fn casing(plan: &mut Plan, section: u32, lip: DVec3) {
     });
 }
 
-/// Pipes and cables wound around the core.
+/// Adds pipes and cables that wind around the core.
 fn systems(plan: &mut Plan, section: u32, lip: DVec3) {
     let group = plan.group("accessories", Some(section));
     for i in 0..64u64 {

@@ -1,4 +1,4 @@
-//! The fuselage bay by bay: skin, windows, frames, stringers, clips, fasteners, cables and pipes.
+//! The fuselage, bay by bay: skin, windows, frames, stringers, clips, fasteners, cables and pipes.
 
 use super::plan::{Look, Plan};
 use super::routes::{self, Bundle};
@@ -7,23 +7,23 @@ use super::soup::{Soup, Station, bolt_triangles, sides};
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
-/// Stringers around.
+/// Number of stringers around the fuselage.
 const STRINGERS: u64 = 44;
-/// Panels around.
+/// Number of skin panels around the fuselage.
 const PANELS: u64 = 8;
-/// Where there are windows.
+/// Range of x that has windows.
 const CABIN: std::ops::Range<f64> = 7.0..50.0;
-/// Where the skin of the left side is left off.
+/// Range of x in which the skin of the left side is left out.
 const CUTAWAY: std::ops::Range<f64> = 12.0..38.0;
-/// A window's borders: along the bay, and around from the upper_tree in radians.
+/// Borders of a window: as fractions of the bay along x, and as angles from the top in radians.
 const WINDOW: ([f64; 2], [f64; 2]) = ([0.25, 0.75], [1.155, 1.30]);
 
-/// Station of frame `k`.
+/// Returns the x of frame `k`.
 pub fn frame_x(k: u64) -> f64 {
     FIRST_FRAME + BAY * k as f64
 }
 
-/// Adds the section.
+/// Adds the fuselage section.
 pub fn plan(plan: &mut Plan, root: u32) {
     let section = plan.group("fuselage", Some(root));
     ends(plan, section);
@@ -40,7 +40,7 @@ pub fn plan(plan: &mut Plan, root: u32) {
     pipes(plan, section);
 }
 
-/// Nose cap, tail cone and the cockpit's windows.
+/// Adds nose cap, tail cone and cockpit windows.
 fn ends(plan: &mut Plan, section: u32) {
     let (nu, nv) = (plan.scaled(10.0, 0.25, 5), plan.scaled(28.0, 0.25, 16));
     for (name, look, from, to) in
@@ -61,7 +61,7 @@ fn ends(plan: &mut Plan, section: u32) {
     }
 }
 
-/// Whether the skin is left off here, as in a cutaway drawing.
+/// True if the skin is left out here, as in a cutaway drawing.
 fn is_cut(k: u64, panel: u64) -> bool {
     panel >= 5 && CUTAWAY.contains(&frame_x(k))
 }
@@ -92,7 +92,7 @@ fn skin(plan: &mut Plan, bay: u32, k: u64) {
     }
 }
 
-/// A panel with a hole, and the glass in it.
+/// Adds a panel with a hole, and the window glass in the hole.
 fn window_panel(plan: &mut Plan, bay: u32, part: u32, x: f64, left: bool) {
     let nv = plan.scaled(3.0, 0.25, 1);
     let ([u0, u1], [a0, a1]) = WINDOW;
@@ -113,13 +113,13 @@ fn window_panel(plan: &mut Plan, bay: u32, part: u32, x: f64, left: bool) {
     });
 }
 
-/// The place at `angle` on a ring: `u` points inward, `v` along x.
+/// Returns the station at `angle` on a ring: `u` points inward, `v` along x.
 fn on_ring(x: f64, angle: f64, inset: f64) -> Station {
     let u = DVec3::new(0.0, -angle.sin(), -angle.cos());
     Station { at: fuselage(x, angle, inset), u, v: DVec3::X }
 }
 
-/// A frame's section: a Z of 2 mm sheet, 11 cm deep.
+/// Cross-section of a frame: a Z of 2 mm sheet, 11 cm deep.
 const FRAME_PROFILE: [DVec2; 8] = [
     DVec2::new(0.0, -0.030),
     DVec2::new(0.0, 0.001),
@@ -144,7 +144,7 @@ fn frame(plan: &mut Plan, bay: u32, k: u64) {
     });
 }
 
-/// A stringer's section: a hat of 1.5 mm sheet.
+/// Cross-section of a stringer: a hat of 1.5 mm sheet.
 const HAT: [DVec2; 10] = [
     DVec2::new(0.0, -0.040),
     DVec2::new(0.0, -0.018),
@@ -158,7 +158,8 @@ const HAT: [DVec2; 10] = [
     DVec2::new(0.0015, -0.040),
 ];
 
-/// (first bay, bays, pieces) of stringers: long ones where the fuselage is straight, short ones at its ends.
+/// Runs of stringers as (first bay, bays per piece, pieces): long pieces where the fuselage is straight, short ones at
+/// its ends.
 const RUNS: [(u64, u64, u64); 4] = [(0, 7, 2), (14, 16, 4), (78, 7, 4), (106, 6, 1)];
 
 fn stringers(plan: &mut Plan, section: u32) {
@@ -169,10 +170,10 @@ fn stringers(plan: &mut Plan, section: u32) {
         let part = plan.part(format!("stringer {s:02}"), group, Look::Stringer);
         let angle = TAU * (s as f64 + 0.5) / STRINGERS as f64;
         for (first, bays, pieces) in RUNS {
-            // What is straight needs no stations between.
+            // Straight pieces need no intermediate stations.
             let n = if bays > 7 { 1 } else { n };
             plan.family(part, pieces, 2 * n * sides(profile, closed), move |i, soup| {
-                // Neighbours overlap by a hand at the splice.
+                // Neighbouring pieces overlap by 10 cm at the splice.
                 let (x, length) = (frame_x(first + i * bays), BAY * bays as f64 + 0.1);
                 let path: Vec<Station> =
                     (0..=n).map(|j| beside(x + length * j as f64 / n as f64, angle, 0.012)).collect();
@@ -182,13 +183,13 @@ fn stringers(plan: &mut Plan, section: u32) {
     }
 }
 
-/// The place at `angle` on a ring for what runs along x: `u` points inward, `v` around.
+/// Returns the station at `angle` on a ring for a sweep along x: `u` points inward, `v` around the fuselage.
 fn beside(x: f64, angle: f64, inset: f64) -> Station {
     let ring = on_ring(x, angle, inset);
     Station { v: ring.v.cross(ring.u), ..ring }
 }
 
-/// Control cables, ducts and seat tracks: straight over many metres, so that their triangles are as long.
+/// Adds control cables and ducts that are straight over many metres, so that their triangles are as long.
 fn long_runs(plan: &mut Plan, section: u32) {
     let group = plan.group("long runs", Some(section));
     let (lines, round) = (plan.scaled(30.0, 0.5, 1), plan.scaled(6.0, 0.2, 3));
@@ -210,7 +211,7 @@ fn long_runs(plan: &mut Plan, section: u32) {
     ] {
         let part = plan.part(name, group, look);
         plan.family(part, 4 * count, 2 * 4, move |i, soup| {
-            // Side by side and into each other.
+            // The ducts run side by side and intersect each other.
             let (a, r) = (angle + 0.02 * (i / 4) as f64, soup.rng.range(0.03, 0.07));
             let x = frame_x(14 + 16 * (i % 4));
             let path = [beside(x, a, deep), beside(x + 16.2 * BAY, a + soup.rng.range(-0.03, 0.03), deep)];
@@ -219,7 +220,7 @@ fn long_runs(plan: &mut Plan, section: u32) {
     }
 }
 
-/// Brackets where stringers cross the frame, and what holds them.
+/// Adds brackets where stringers cross the frame, and their fasteners.
 fn clips(plan: &mut Plan, bay: u32, k: u64) {
     let x = frame_x(k);
     let part = plan.part("clips", bay, Look::Clip);
@@ -252,7 +253,7 @@ fn clips(plan: &mut Plan, bay: u32, k: u64) {
     plan.fills();
 }
 
-/// Cables that run around beside the frame.
+/// Adds cables that run along the frame, around the fuselage.
 fn around(plan: &mut Plan, bay: u32, k: u64) {
     let x = frame_x(k);
     for (i, (from, to)) in [(-2.9, -0.9), (0.7, 2.6)].into_iter().enumerate() {
@@ -265,7 +266,7 @@ fn around(plan: &mut Plan, bay: u32, k: u64) {
     }
 }
 
-/// Bundles of cables along the fuselage: many at upper_tree and belly, some at the sides.
+/// Adds bundles of cables along the fuselage, densest at the belly.
 fn bundles(plan: &mut Plan, section: u32) {
     const SPAN: u64 = 12;
     let group = plan.group("cables", Some(section));
@@ -274,7 +275,7 @@ fn bundles(plan: &mut Plan, section: u32) {
             let i = start * 38 + lane;
             let part = plan.part(format!("bundle {start:03}-{lane:02}"), group, routes::cable_look(i));
             let spread = (lane as f64 + 0.5) / 38.0 * 2.0 - 1.0;
-            // More of them where the cube is flat: at the belly (0 is the belly here).
+            // The angle is a cubic function of `spread` that is flat at 0, so that most bundles are near the belly.
             let angle = PI + spread.signum() * PI * (0.25 * spread.abs() + 0.75 * spread.abs().powi(3));
             let x = frame_x(start);
             let length = BAY * SPAN.min(BAYS - start) as f64;
@@ -289,7 +290,7 @@ fn bundles(plan: &mut Plan, section: u32) {
     }
 }
 
-/// Pipes along the fuselage, under the floor and over the ceiling.
+/// Adds pipes along the fuselage, under the floor and over the ceiling.
 fn pipes(plan: &mut Plan, section: u32) {
     const SPAN: u64 = 10;
     let group = plan.group("pipes", Some(section));

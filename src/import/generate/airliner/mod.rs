@@ -1,31 +1,30 @@
-//! `airliner`: CAD soup in the manner of the Boeing 777 of Wald, Dietrich, Slusallek, "An Interactive
-//! Out-of-Core Rendering Framework for Visualizing Massively Complex Models", 2004: every nut and
-//! bolt modelled, no connectivity, long thin triangles, surfaces that lie on and run through each
-//! other, vertices jittered so that they cut each other at random, and little that hides the rest.
+//! `airliner`: CAD soup in the manner of the Boeing 777 of Wald, Dietrich, Slusallek, "An Interactive Out-of-Core
+//! Rendering Framework for Visualizing Massively Complex Models", 2004. Every nut and bolt is modelled; there is no
+//! connectivity; triangles are long and thin; surfaces coincide and intersect; vertices are jittered, so that triangles
+//! cut each other at random; little is occluded.
 //!
-//! **Units** are metres, z is up. The airliner is 64 m long; it flies: heading 37° left of +x,
-//! climbing by 8°, banked by 11°, so that nothing long is parallel to an axis (an axis-parallel
-//! airliner would flatter any hierarchy of boxes). In its own frame the nose is at x = 0, the tail at
-//! x = 63.7, y to the right, z up: [`shape`] has the surfaces.
+//! **Units** are metres, z is up. The airliner is 64 m long. It is rotated 37° about z, climbs by 8° and is banked by
+//! 11°, so that nothing long is parallel to an axis (an axis-parallel airliner would flatter any hierarchy of boxes).
+//! In its own frame the nose is at x = 0, the tail at x = 63.7, y points to the right, z up. [`shape`] has the
+//! surfaces.
 //!
-//! **Parts.** Some five thousand, in the tree airliner / section / frame or rib / system. As in a
-//! cutaway drawing the skin is left off at the left side from x = 12 to 38, on much of the left wing
-//! and half of the left engine's cowling.
+//! **Parts.** There are about five thousand, in the tree airliner / section / frame or rib / system. As in a cutaway
+//! drawing, the skin is left out at the left side from x = 12 to 38, on much of the left wing and on half of the left
+//! engine's cowling.
 //!
-//! **Detail.** Every family of things (bolts of a frame, cables of a bundle, ...) has
-//! count · detail^p things with q · detail^r triangles, with p about ½ and r about ¼, and at least some;
-//! the detail is found by bisection so that the sum of all is just under the wanted number, and
-//! fasteners in the frames make up for the rest. Each thing draws its
-//! numbers from a stream of its own: (seed, family, thing). Jitter is at most 0.15 mm each way, for each
-//! corner of each triangle on its own, so that no two triangles share a vertex. Every so often a
-//! fastener is the exact copy of that before it, and the skin's doublers lie exactly in the skin.
+//! **Detail.** Every family of elements (bolts of a frame, cables of a bundle, ...) has count · detail^p elements with
+//! q · detail^r triangles each, with p about ½ and r about ¼, and a minimum. Bisection finds the detail at which the
+//! total is just under the target; fasteners in the frames make up the difference. Each element draws its numbers from
+//! its own stream: (seed, family, element). Jitter is at most 0.15 mm per coordinate, independent for each corner of
+//! each triangle, so that no two triangles share a vertex. At regular intervals a fastener is an exact copy of the one
+//! before it, and the skin's doublers coincide exactly with the skin.
 //!
-//! **How hard.** At 5 million triangles Embree 3.13.5 traces the four views' primary single rays (one
-//! thread) at 3.5, 4.4, 0.57 and 1.5 Mrays/s, 1.9 in the geometric mean, and 62 to 144 % faster with
-//! spatial splits: runs of stringers, control cables and ducts over many metres see to that.
+//! **Difficulty.** At 5 million triangles Embree 3.13.5 traces the four views' primary single rays (one thread) at 3.5,
+//! 4.4, 0.57 and 1.5 Mrays/s, 1.9 in the geometric mean, and 62 to 144 % faster with spatial splits. The cause is the
+//! stringers, control cables and ducts that are many metres long.
 //!
-//! **Speed and memory.** Things are made in parallel in runs of some ten thousand triangles, and
-//! written in order.
+//! **Speed and memory.** Elements are made in parallel, in runs of about eight thousand triangles, and written in
+//! order.
 
 mod cabin;
 mod engine;
@@ -46,12 +45,12 @@ use plan::{Look, MATERIALS, Plan};
 use rayon::prelude::*;
 use soup::Soup;
 
-/// Triangles of a run that one thread makes.
+/// Number of triangles of a run, which one thread makes.
 const RUN: u64 = 8_192;
-/// Runs in flight.
+/// Number of runs in flight.
 const RUNS: usize = 64;
 
-/// Pushes the model into `target`.
+/// Generates the model into `target`.
 pub(super) fn generate(options: &GenerateOptions, cancel: &Cancel, target: &mut dyn Target) -> Result<()> {
     let plan = fitting(options.triangles)?;
     target.units(Some(1.0), UpAxis::Z)?;
@@ -73,16 +72,16 @@ pub(super) fn generate(options: &GenerateOptions, cancel: &Cancel, target: &mut 
     Ok(())
 }
 
-/// From the airliner's own frame to the world: banked, climbing, turned.
+/// Returns the transform from the airliner's frame to the world: banked, climbing, turned.
 pub fn attitude() -> DAffine3 {
     let turn = DMat3::from_rotation_z(37f64.to_radians())
         * DMat3::from_rotation_y(8f64.to_radians())
         * DMat3::from_rotation_x(11f64.to_radians());
-    // Its middle comes to the origin.
+    // The airliner's middle moves to the origin.
     DAffine3::from_mat3_translation(turn, turn * -DVec3::new(0.5 * shape::LENGTH, 0.0, 0.0))
 }
 
-/// Elements of one family that are made at once.
+/// Elements of one family that are made together.
 struct Run {
     family: usize,
     elements: std::ops::Range<u64>,
@@ -113,23 +112,23 @@ fn make(plan: &Plan, run: &Run, seed: u64, world: &DAffine3) -> Vec<[[f32; 3]; 3
     out
 }
 
-/// The plan with the wanted number of triangles.
+/// Returns the plan with the target number of triangles.
 fn fitting(triangles: u64) -> Result<Plan> {
     if !(100_000..=1_400_000_000).contains(&triangles) {
-        return Err(Error::bad_argument("airliner: between 100,000 and 1,400,000,000 triangles"));
+        return Err(Error::bad_argument("airliner: the number of triangles must be between 100,000 and 1,400,000,000"));
     }
     let (mut low, mut high) = (-9.0_f64, 9.0_f64);
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
         if plan(middle.exp()).triangles() < triangles { low = middle } else { high = middle }
     }
-    // Many counts are small and step together: fasteners make up for the rest.
+    // Many counts are small and change at the same detail. Fasteners make up the difference.
     let mut plan = plan(low.exp());
     plan.fill(triangles);
     Ok(plan)
 }
 
-/// The model at a level of detail.
+/// Returns the plan at a level of detail.
 fn plan(detail: f64) -> Plan {
     let mut plan = Plan::new(detail);
     let root = plan.group("airliner", None);
@@ -145,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn families_make_what_they_promise() {
+    fn families_make_the_promised_number_of_triangles() {
         for detail in [0.05_f64, 1.0, 8.0] {
             let plan = plan(detail);
             for (i, f) in plan.families.iter().enumerate().filter(|(_, f)| f.count > 0) {
@@ -192,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn exact_copies_are_there() {
+    fn some_triangles_are_exact_copies() {
         let plan = plan(1.0);
         let mut all: Vec<[[u32; 3]; 3]> = Vec::new();
         for run in runs(&plan).iter().take(400) {

@@ -1,31 +1,31 @@
-//! What is to be made: parts, and families of equal things in each of them.
+//! The plan of the model: parts, and families of similar elements in each of them.
 
 use super::soup::Soup;
 use crate::import::{MaterialDesc, PartDesc};
 use glam::DVec2;
 
-/// Makes element `i` of a family.
+/// Function that makes element `i` of a family.
 pub type Make = Box<dyn Fn(u64, &mut Soup) + Send + Sync>;
 
-/// Things of one part that have equally many triangles.
+/// Elements of one part with the same number of triangles.
 pub struct Family {
     /// Index of the part.
     pub part: u32,
-    /// How many things.
+    /// Number of elements.
     pub count: u64,
-    /// Triangles of each.
+    /// Number of triangles of each element.
     pub triangles: u64,
-    /// Number of the first thing's stream of random numbers.
+    /// Index of the first element's stream of random numbers.
     pub stream: u64,
-    /// Every so many things one is the exact copy of that before; 0 for none.
+    /// Every `twins`-th element is an exact copy of the one before it; 0 for none.
     pub twins: u64,
-    /// Whether there may be more than planned, to meet the wanted number of triangles.
+    /// True if elements may be added to reach the target number of triangles.
     pub fills: bool,
-    /// Makes one.
+    /// Function that makes an element.
     pub make: Make,
 }
 
-/// What a part is made of; the index into [`MATERIALS`].
+/// Surface of a part; an index into [`MATERIALS`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 #[allow(missing_docs)]
@@ -51,7 +51,7 @@ pub enum Look {
     Wool,
 }
 
-/// (linear colour, opacity, metalness, roughness, name) by [`Look`].
+/// Materials by [`Look`], as (linear colour, opacity, metalness, roughness, name).
 pub const MATERIALS: [([f32; 3], f32, f32, f32, &str); 19] = [
     ([0.80, 0.81, 0.83], 1.0, 0.0, 0.35, "white paint"),
     ([0.03, 0.10, 0.33], 1.0, 0.0, 0.35, "blue paint"),
@@ -75,7 +75,7 @@ pub const MATERIALS: [([f32; 3], f32, f32, f32, &str); 19] = [
 ];
 
 impl Look {
-    /// The material.
+    /// Returns the material of a row of [`MATERIALS`].
     pub fn desc(row: &([f32; 3], f32, f32, f32, &str)) -> MaterialDesc {
         MaterialDesc { colour: row.0, opacity: row.1, metalness: row.2, roughness: row.3 }
     }
@@ -83,37 +83,37 @@ impl Look {
 
 /// The whole model at one level of detail.
 pub struct Plan {
-    /// Level of detail: 1 at about five million triangles.
+    /// Level of detail; 1 gives about five million triangles.
     pub detail: f64,
-    /// Parents before children.
+    /// Parts, parents before children.
     pub parts: Vec<PartDesc>,
-    /// In the order in which they are written.
+    /// Families in the order in which they are written.
     pub families: Vec<Family>,
     streams: u64,
 }
 
 impl Plan {
-    /// Nothing yet.
+    /// Creates an empty plan.
     pub fn new(detail: f64) -> Self {
         Self { detail, parts: Vec::new(), families: Vec::new(), streams: 0 }
     }
 
-    /// `base` at detail 1, growing as the given power of the detail, at least `least`.
+    /// Returns `base` times the given power of the detail, but at least `least`.
     pub fn scaled(&self, base: f64, power: f64, least: u64) -> u64 {
         ((base * self.detail.powf(power)).round() as u64).max(least)
     }
 
-    /// Whether there is so little detail that even simple things are simplified.
+    /// True if the detail is so low that even simple elements are simplified.
     pub fn is_coarse(&self) -> bool {
         self.detail < 0.05
     }
 
-    /// A profile of sheet metal, closed; where there is little detail only its first `face` points, open.
+    /// Returns a closed profile of sheet metal. At low detail returns only its first `face` points, open.
     pub fn profile(&self, whole: &'static [DVec2], face: usize) -> (&'static [DVec2], bool) {
         if self.is_coarse() { (&whole[..face], false) } else { (whole, true) }
     }
 
-    /// Adds a group that has no triangles of its own.
+    /// Adds a group without triangles of its own.
     pub fn group(&mut self, name: impl Into<String>, parent: Option<u32>) -> u32 {
         self.add(name.into(), parent, None)
     }
@@ -142,21 +142,21 @@ impl Plan {
         self.families.push(Family { part, count, triangles, stream, twins: 0, fills: false, make: Box::new(make) });
     }
 
-    /// The family added last gets exact copies.
+    /// Makes every `every`-th element of the last family a copy.
     pub fn with_twins(&mut self, every: u64) {
         if let Some(f) = self.families.last_mut() {
             f.twins = every;
         }
     }
 
-    /// There may be more of the family added last.
+    /// Allows [`Plan::fill`] to add elements to the last family.
     pub fn fills(&mut self) {
         if let Some(f) = self.families.last_mut() {
             f.fills = true;
         }
     }
 
-    /// Adds things to the families that may have more, up to `wanted` triangles.
+    /// Adds elements to the families that allow it, up to `wanted` triangles.
     pub fn fill(&mut self, wanted: u64) {
         let mut left = wanted.saturating_sub(self.triangles());
         let mut families = self.families.iter().filter(|f| f.fills).count() as u64;
@@ -168,7 +168,7 @@ impl Plan {
         }
     }
 
-    /// Adds the same triangles, bit for bit, as the last family's, to another part: a doubler.
+    /// Adds a doubler: the triangles of the last family, bit for bit, in another part.
     pub fn double(&mut self, part: u32, make: impl Fn(u64, &mut Soup) + Send + Sync + 'static) {
         if let Some(last) = self.families.last() {
             let (count, triangles, stream) = (last.count, last.triangles, last.stream);
@@ -176,7 +176,7 @@ impl Plan {
         }
     }
 
-    /// Triangles in all.
+    /// Returns the total number of triangles.
     pub fn triangles(&self) -> u64 {
         self.families.iter().map(|f| f.count * f.triangles).sum()
     }

@@ -5,22 +5,22 @@ use super::soup::{Soup, Station};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// A place for each parameter in [0, 1].
+/// A curve that has a station for each parameter in [0, 1].
 pub trait Route: Fn(f64) -> Station + Send + Sync + 'static {}
 impl<F: Fn(f64) -> Station + Send + Sync + 'static> Route for F {}
 
-/// What a bundle is like.
+/// Dimensions of a bundle of cables.
 #[derive(Debug, Clone, Copy)]
 pub struct Bundle {
-    /// Cables at detail 1.
+    /// Number of cables at detail 1.
     pub cables: f64,
-    /// Radius of the whole, metres.
+    /// Radius of the bundle in metres.
     pub radius: f64,
-    /// Length, metres: sets how finely it is cut.
+    /// Length in metres, which determines the number of segments.
     pub length: f64,
 }
 
-/// Adds a bundle of cables, 2 to 5 mm thick, that wind around each other along `route`.
+/// Adds a bundle of cables that wind around each other along `route`; the radius of a cable is 2 to 5 mm.
 pub fn cables(plan: &mut Plan, part: u32, bundle: Bundle, route: impl Route) {
     let sides = plan.scaled(5.0, 0.18, 3);
     let segments = plan.scaled(bundle.length * 1.0, 0.15, 1);
@@ -29,7 +29,7 @@ pub fn cables(plan: &mut Plan, part: u32, bundle: Bundle, route: impl Route) {
         let (turn, twist) = (soup.rng.range(0.0, TAU), soup.rng.range(-4.0, 4.0));
         let (out, wave) = (soup.rng.unit().sqrt(), soup.rng.range(1.0, 5.0));
         let thick = soup.rng.range(0.002, 0.005);
-        // A cable starts and ends where it likes, and strays.
+        // Begin, end and course of each cable are random.
         let (first, last) = (soup.rng.range(0.0, 0.25), soup.rng.range(0.75, 1.0));
         let path: Vec<DVec3> = (0..=segments)
             .map(|i| {
@@ -44,8 +44,7 @@ pub fn cables(plan: &mut Plan, part: u32, bundle: Bundle, route: impl Route) {
     });
 }
 
-/// Adds pipes of `radius` (from, to) that run beside each other along `route` and step aside now and
-/// then by an elbow.
+/// Adds parallel pipes along `route`, with radii in the range `radius`. Elbows shift each pipe sideways at intervals.
 pub fn pipes(plan: &mut Plan, part: u32, count: f64, radius: (f64, f64), length: f64, route: impl Route) {
     let sides = plan.scaled(8.0, 0.25, 3);
     let legs = plan.scaled(length / 1.5, 0.2, 2);
@@ -59,7 +58,7 @@ pub fn pipes(plan: &mut Plan, part: u32, count: f64, radius: (f64, f64), length:
     });
 }
 
-/// Points of a pipe: straight legs, each followed by a bend of `bend` pieces to the next offset.
+/// Returns the points of a pipe: straight legs, each followed by a bend of `bend` pieces to the next offset.
 fn elbows(soup: &mut Soup, legs: u64, bend: u64, lane: f64, step: f64, route: &impl Route) -> Vec<DVec3> {
     let mut place = |_| [lane + soup.rng.range(-step, step), soup.rng.range(-step, step)];
     let offsets: Vec<[f64; 2]> = (0..=legs).map(&mut place).collect();
@@ -74,7 +73,7 @@ fn elbows(soup: &mut Soup, legs: u64, bend: u64, lane: f64, step: f64, route: &i
         path.push(at(t(0.8), from));
         for i in 1..=bend {
             let w = i as f64 / bend as f64;
-            // Half a cosine: smooth at both ends.
+            // Half a cosine wave, smooth at both ends.
             let ease = 0.5 - 0.5 * (w * std::f64::consts::PI).cos();
             let blend = [from[0] + (to[0] - from[0]) * ease, from[1] + (to[1] - from[1]) * ease];
             path.push(at(t(0.8 + 0.2 * w), blend));
@@ -83,12 +82,12 @@ fn elbows(soup: &mut Soup, legs: u64, bend: u64, lane: f64, step: f64, route: &i
     path
 }
 
-/// A cable's colour, by number.
+/// Returns the colour of cable `i`.
 pub fn cable_look(i: u64) -> Look {
     [Look::CableOrange, Look::CableYellow, Look::CableBlack, Look::CableYellow][i as usize % 4]
 }
 
-/// A pipe's colour, by number.
+/// Returns the colour of pipe `i`.
 pub fn pipe_look(i: u64) -> Look {
     [Look::PipeBlue, Look::Aluminium, Look::PipeRed, Look::Aluminium, Look::Titanium][i as usize % 5]
 }

@@ -1,22 +1,22 @@
-//! The outer surfaces, by formula. Metres; x from nose to tail, y to the right, z up; the axis of the
+//! Formulas of the outer surfaces. Units are metres; x runs from nose to tail, y to the right, z up. The axis of the
 //! fuselage is z = 0.
 
 use glam::DVec3;
 
 /// Radius of the cabin.
 pub const RADIUS: f64 = 3.1;
-/// Length over all.
+/// Total length.
 pub const LENGTH: f64 = 63.7;
-/// Distance of frames.
+/// Distance between frames.
 pub const BAY: f64 = 0.53;
-/// First frame.
+/// Position x of the first frame.
 pub const FIRST_FRAME: f64 = 1.6;
-/// Bays between frames.
+/// Number of bays between frames.
 pub const BAYS: u64 = 112;
 const NOSE: f64 = 9.0;
 const TAIL: f64 = 43.0;
 
-/// Radius of the fuselage at `x`.
+/// Returns the radius of the fuselage at `x`.
 pub fn radius(x: f64) -> f64 {
     if x < NOSE {
         let s = (1.0 - x.max(0.0) / NOSE).powf(2.1);
@@ -29,7 +29,7 @@ pub fn radius(x: f64) -> f64 {
     }
 }
 
-/// Height of the fuselage's centre at `x`.
+/// Returns the height of the fuselage's centre at `x`.
 pub fn rise(x: f64) -> f64 {
     if x < NOSE {
         -0.75 * (1.0 - x.max(0.0) / NOSE).powi(2)
@@ -40,32 +40,31 @@ pub fn rise(x: f64) -> f64 {
     }
 }
 
-/// The point at station `x`, `angle` from the upper_tree (radians, positive to the right), `inset` inside
-/// the skin.
+/// Returns the point at `x` and `angle` (radians from the top, positive to the right), `inset` inside the skin.
 pub fn fuselage(x: f64, angle: f64, inset: f64) -> DVec3 {
     let (s, c) = angle.sin_cos();
-    // Inside the thin ends everything draws together.
+    // At the thin ends the inset is limited, so that the radius stays positive.
     let r = (radius(x) - inset).max(0.1 * radius(x));
     DVec3::new(x, r * s, rise(x) + r * c)
 }
 
-/// A wing or fin: straight leading edge, chord piecewise linear, symmetric section.
+/// A wing or fin with a straight leading edge, piecewise linear chord and symmetric section.
 #[derive(Debug, Clone)]
 pub struct Foil {
     /// Leading edge at the root.
     pub root: DVec3,
     /// Leading edge at the tip.
     pub tip: DVec3,
-    /// (span fraction, chord) in order, from 0 to 1.
+    /// Chords as (span fraction, chord) in order, from 0 to 1.
     pub chords: &'static [(f64, f64)],
     /// Unit vector across the section.
     pub across: DVec3,
-    /// Thickness in chords at root and tip.
+    /// Thickness as a fraction of the chord, at root and tip.
     pub thickness: (f64, f64),
 }
 
 impl Foil {
-    /// The wing on one side (−1 left, 1 right).
+    /// Returns the wing on one side (−1 left, 1 right).
     pub fn wing(side: f64) -> Self {
         Self {
             root: DVec3::new(20.6, 2.2 * side, -1.75),
@@ -76,7 +75,7 @@ impl Foil {
         }
     }
 
-    /// The tailplane on one side.
+    /// Returns the tailplane on one side (−1 left, 1 right).
     pub fn tailplane(side: f64) -> Self {
         Self {
             root: DVec3::new(52.6, 1.1 * side, 1.2),
@@ -87,7 +86,7 @@ impl Foil {
         }
     }
 
-    /// The fin.
+    /// Returns the fin.
     pub fn fin() -> Self {
         Self {
             root: DVec3::new(49.6, 0.0, 2.2),
@@ -98,19 +97,19 @@ impl Foil {
         }
     }
 
-    /// Length of the leading edge.
+    /// Returns the length of the leading edge.
     pub fn span(&self) -> f64 {
         self.root.distance(self.tip)
     }
 
-    /// Chord at span fraction `s`.
+    /// Returns the chord at span fraction `s`.
     pub fn chord(&self, s: f64) -> f64 {
         let pair = self.chords.windows(2).find(|p| s <= p[1].0).unwrap_or(&self.chords[self.chords.len() - 2..]);
         let ((s0, c0), (s1, c1)) = (pair[0], pair[1]);
         c0 + (c1 - c0) * (s - s0) / (s1 - s0)
     }
 
-    /// Half of the thickness at span fraction `s` and chord fraction `c` (NACA's four-digit formula).
+    /// Returns half of the thickness at span fraction `s` and chord fraction `c` (NACA's four-digit formula).
     pub fn half_thickness(&self, s: f64, c: f64) -> f64 {
         let t = self.thickness.0 + (self.thickness.1 - self.thickness.0) * s;
         let c = c.clamp(0.0, 1.0);
@@ -118,18 +117,18 @@ impl Foil {
         5.0 * t * y * self.chord(s)
     }
 
-    /// The point at `s`, `c`; `h` is −1 on the lower skin, 1 on the upper.
+    /// Returns the point at span fraction `s` and chord fraction `c`; `h` is −1 on the lower skin, 1 on the upper skin.
     pub fn point(&self, s: f64, c: f64, h: f64) -> DVec3 {
         self.root.lerp(self.tip, s) + DVec3::X * (c * self.chord(s)) + self.across * (h * self.half_thickness(s, c))
     }
 }
 
-/// Middle of the fan of the engine on one side.
+/// Returns the centre of the fan of the engine on one side (−1 left, 1 right).
 pub fn engine(side: f64) -> DVec3 {
     DVec3::new(20.9, 9.75 * side, -3.05)
 }
 
-/// Radius of the nacelle at `t` along it, from the lip (0) to the nozzle (1).
+/// Returns the radius of the nacelle at `t` along it, from the lip (0) to the nozzle (1).
 pub fn nacelle(t: f64) -> f64 {
     1.48 + 0.34 * (1.0 - (1.0 - (t / 0.25).min(1.0)).powi(2)) - 0.55 * ((t - 0.35).max(0.0) / 0.65).powf(1.8)
 }
@@ -137,7 +136,7 @@ pub fn nacelle(t: f64) -> f64 {
 /// Length of the nacelle.
 pub const NACELLE: f64 = 5.6;
 
-/// Radius of the engine's core at `t` along it.
+/// Returns the radius of the engine's core at `t` along it.
 pub fn core(t: f64) -> f64 {
     0.62 + 0.16 * (t * 9.0).sin() - 0.12 * t
 }

@@ -1,37 +1,37 @@
-//! Triangles without connectivity: the shapes that parts are made of.
+//! Basic shapes as triangles without connectivity.
 
 use super::super::rng::Rng;
 use glam::{DAffine3, DVec2, DVec3};
 
-/// Each coordinate of each corner moves by at most this, metres.
+/// Largest displacement of each coordinate of each corner, in metres.
 const JITTER: f64 = 0.000_15;
 
-/// A place on a path with the two directions across it (unit, perpendicular to it and each other).
+/// A point of a path with two unit vectors that are perpendicular to the path and to each other.
 #[derive(Debug, Clone, Copy)]
 pub struct Station {
-    /// Where.
+    /// The point.
     pub at: DVec3,
-    /// Across.
+    /// First vector across the path.
     pub u: DVec3,
-    /// Across, the other way.
+    /// Second vector across the path.
     pub v: DVec3,
 }
 
-/// Collects triangles: moves them to the world, jitters each corner on its own.
+/// A collector of triangles that transforms them to the world and jitters each corner independently.
 pub struct Soup<'a> {
-    /// Numbers for whoever makes the shapes; also the jitter.
+    /// Random numbers for the jitter and for the makers of shapes.
     pub rng: Rng,
     world: &'a DAffine3,
     out: &'a mut Vec<[[f32; 3]; 3]>,
 }
 
 impl<'a> Soup<'a> {
-    /// Adds to `out`, by `world`, with the stream `rng`.
+    /// Creates a collector that adds to `out`, with the transform `world` and the random stream `rng`.
     pub fn new(rng: Rng, world: &'a DAffine3, out: &'a mut Vec<[[f32; 3]; 3]>) -> Self {
         Self { rng, world, out }
     }
 
-    /// One triangle.
+    /// Adds a triangle.
     pub fn triangle(&mut self, a: DVec3, b: DVec3, c: DVec3) {
         let corners = [a, b, c].map(|p| {
             let mut j = || (self.rng.unit() * 2.0 - 1.0) * JITTER;
@@ -41,13 +41,13 @@ impl<'a> Soup<'a> {
         self.out.push(corners);
     }
 
-    /// Two triangles; corners in turn.
+    /// Adds two triangles; the corners are in order around the quadrilateral.
     pub fn quad(&mut self, a: DVec3, b: DVec3, c: DVec3, d: DVec3) {
         self.triangle(a, b, c);
         self.triangle(a, c, d);
     }
 
-    /// `2 · nu · nv` triangles over the unit square's image.
+    /// Adds `2 · nu · nv` triangles over the image of the unit square.
     pub fn patch(&mut self, nu: u64, nv: u64, f: &dyn Fn(f64, f64) -> DVec3) {
         let at = |i: u64, j: u64| f(i as f64 / nu as f64, j as f64 / nv as f64);
         for i in 0..nu {
@@ -57,8 +57,8 @@ impl<'a> Soup<'a> {
         }
     }
 
-    /// A profile drawn along a path: two triangles for each of its sides between each two stations.
-    /// `closed` joins the last point to the first.
+    /// Sweeps a profile along a path: two triangles for each side of the profile between each two stations. `closed`
+    /// joins the last point to the first.
     pub fn sweep(&mut self, path: &[Station], profile: &[DVec2], closed: bool) {
         let at = |s: &Station, p: DVec2| s.at + s.u * p.x + s.v * p.y;
         for pair in path.windows(2) {
@@ -69,7 +69,7 @@ impl<'a> Soup<'a> {
         }
     }
 
-    /// A tube of `sides` sides around a path of points.
+    /// Adds a tube with `sides` sides around a path of points.
     pub fn tube(&mut self, path: &[DVec3], radius: f64, sides: u64) {
         let turn = self.rng.range(0.0, std::f64::consts::TAU);
         let ring: Vec<DVec2> = (0..sides)
@@ -78,7 +78,7 @@ impl<'a> Soup<'a> {
         self.sweep(&stations(path), &ring, true);
     }
 
-    /// A box, 12 triangles: `half` holds its three half edges.
+    /// Adds a box of 12 triangles; `half` holds its three half edges.
     pub fn cuboid(&mut self, center: DVec3, half: [DVec3; 3]) {
         let [x, y, z] = half;
         for (n, a, b) in [(x, y, z), (y, z, x), (z, x, y)] {
@@ -89,8 +89,8 @@ impl<'a> Soup<'a> {
         }
     }
 
-    /// A fastener: hexagonal head, washer and shank of `sides` sides: [`bolt_triangles`] triangles,
-    /// most of them slivers. `axis` is a unit vector, out of the material.
+    /// Adds a fastener: hexagonal head, washer and shank of `sides` sides, with [`bolt_triangles`] triangles, most of
+    /// them slivers. `axis` is a unit vector that points out of the material.
     pub fn bolt(&mut self, foot: DVec3, axis: DVec3, radius: f64, length: f64, sides: u64) {
         let (u, v) = axis.any_orthonormal_pair();
         let spin = self.rng.range(0.0, 1.0);
@@ -120,17 +120,17 @@ impl<'a> Soup<'a> {
     }
 }
 
-/// Triangles of a [`Soup::bolt`].
+/// Returns the number of triangles of a [`Soup::bolt`].
 pub fn bolt_triangles(sides: u64) -> u64 {
     12 + 4 * sides + 4 + 2 * (sides - 2)
 }
 
-/// Sides of a profile.
+/// Returns the number of sides of a profile.
 pub fn sides(profile: &[DVec2], closed: bool) -> u64 {
     profile.len() as u64 - u64::from(!closed)
 }
 
-/// Stations along a path of points, turning as little as they can.
+/// Returns stations along a path of points, with minimal rotation about the path.
 pub fn stations(path: &[DVec3]) -> Vec<Station> {
     let mut u = DVec3::ZERO;
     (0..path.len())

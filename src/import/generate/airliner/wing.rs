@@ -1,4 +1,4 @@
-//! Wings, tailplane and fin: skins, ribs, spars, stringers, pipes and cables inside.
+//! Wings, tailplane and fin: skins, ribs, spars, stringers, and the pipes and cables inside.
 
 use super::plan::{Look, Plan};
 use super::routes::{self, Bundle};
@@ -7,7 +7,7 @@ use super::soup::{Soup, Station, bolt_triangles};
 use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
 
-/// Adds the sections.
+/// Adds the sections of wings, tailplanes and fin.
 pub fn plan(plan: &mut Plan, root: u32) {
     for (name, side) in [("left wing", -1.0), ("right wing", 1.0)] {
         let section = plan.group(name, Some(root));
@@ -22,7 +22,7 @@ pub fn plan(plan: &mut Plan, root: u32) {
     foil(plan, section, Foil::fin(), 16, false, Look::Blue);
 }
 
-/// Chord fractions of the spars; skins are cut there.
+/// Chord fractions at which the skin is divided into strips; the two inner ones have spars.
 const SPARS: [f64; 4] = [0.0, 0.14, 0.62, 1.0];
 
 fn foil(plan: &mut Plan, section: u32, foil: Foil, ribs: u64, open: bool, look: Look) {
@@ -41,7 +41,8 @@ fn foil(plan: &mut Plan, section: u32, foil: Foil, ribs: u64, open: bool, look: 
 fn skins(plan: &mut Plan, bay: u32, foil: &Foil, (from, to): (f64, f64), open: bool, look: Look) {
     let (nu, nv) = (plan.scaled(1.4, 0.25, 1), plan.scaled(6.0, 0.25, 3));
     for (name, h) in [("lower skin", -1.0), ("upper skin", 1.0)] {
-        // The nose is cut finer, it is round; the box between the spars is open where it is cut away.
+        // The round nose is divided more finely. Where the wing is cut away, the upper skin between the spars is left
+        // out.
         let is_cut = move |strip: usize| open && h > 0.0 && strip == 1 && from > 0.12 && to < 0.9;
         let strips: Vec<usize> = (0..3).filter(|&s| !is_cut(s)).collect();
         let part = plan.part(name, bay, if h < 0.0 && look == Look::White { Look::Aluminium } else { look });
@@ -56,7 +57,7 @@ fn skins(plan: &mut Plan, bay: u32, foil: &Foil, (from, to): (f64, f64), open: b
     }
 }
 
-/// A rib with its flanges and stiffeners.
+/// Adds a rib with its flanges and stiffeners.
 fn rib(plan: &mut Plan, bay: u32, foil: &Foil, s: f64) {
     let part = plan.part("rib", bay, Look::Primer);
     let n = plan.scaled(22.0, 0.3, 3);
@@ -108,7 +109,7 @@ fn spars(plan: &mut Plan, section: u32, foil: &Foil, ribs: u64) {
     }
 }
 
-/// Stiffeners along the span under both skins: a Z of sheet.
+/// Cross-section of the stringers, which run along the span under both skins: a Z of sheet metal.
 const ZED: [DVec2; 4] = [DVec2::new(0.0, -0.03), DVec2::new(0.0, 0.0), DVec2::new(0.055, 0.0), DVec2::new(0.055, 0.03)];
 
 fn stringers(plan: &mut Plan, section: u32, foil: &Foil, ribs: u64) {
@@ -132,7 +133,7 @@ fn stringers(plan: &mut Plan, section: u32, foil: &Foil, ribs: u64) {
     }
 }
 
-/// What runs along the span before the front spar, in the box and behind the rear spar.
+/// Adds pipes and cables along the span: before the front spar, between the spars, and behind the rear spar.
 fn inside(plan: &mut Plan, section: u32, foil: &Foil) {
     let group = plan.group("systems", Some(section));
     let span = foil.span();
@@ -166,7 +167,7 @@ fn inside(plan: &mut Plan, section: u32, foil: &Foil) {
     }
 }
 
-/// Pods of the flap tracks under the trailing edge.
+/// Adds the fairings of the flap tracks under the trailing edge.
 fn fairings(plan: &mut Plan, section: u32, foil: Foil) {
     let (nu, nv) = (plan.scaled(12.0, 0.25, 4), plan.scaled(12.0, 0.25, 5));
     for s in [0.16, 0.42, 0.58, 0.74] {

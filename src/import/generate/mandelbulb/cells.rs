@@ -1,42 +1,43 @@
-//! One vertex for each polygon that the surface makes in a cell, one slab of bricks at a time.
+//! Vertices of the cells, one slab of bricks at a time. A cell has a vertex for each polygon that the surface forms in
+//! it.
 
 use super::grid::{BRICK, BRICK_POINTS, Grid, Slab};
 use super::table::{CASES, CellCase, NONE, edge_corners};
 use rayon::prelude::*;
 
-/// Points along the edge of a brick with the first points of its upper neighbours.
+/// Points along the edge of a brick, including the first points of its upper neighbours.
 const HALO: usize = BRICK + 1;
 
-/// The cells of one brick that the surface crosses.
+/// The cells of a brick that the surface crosses.
 pub struct CellBrick {
     /// Signs of each cell's corners; 0 and 255 have no vertices.
     pub masks: Box<[u8; BRICK_POINTS]>,
-    /// Each cell's first vertex, counted in the brick.
+    /// Index of each cell's first vertex in the brick.
     first: Box<[u16; BRICK_POINTS]>,
-    /// The brick's vertices.
+    /// Vertices of the brick.
     positions: Vec<[f32; 3]>,
-    /// The slab's index of the first of them.
+    /// Index in the slab of the brick's first vertex.
     base: u32,
 }
 
 /// The cells of one layer of bricks.
 pub struct CellSlab {
     bricks: usize,
-    /// By brick: an index into `cells`, or `u32::MAX`.
+    /// Index into `cells` for each brick, or `u32::MAX`.
     index: Vec<u32>,
     /// Coordinates of the bricks of `cells`.
     pub at: Vec<[usize; 2]>,
-    /// In the order of `at`.
+    /// Cells of the bricks, in the order of `at`.
     pub cells: Vec<CellBrick>,
 }
 
 impl CellSlab {
-    /// No cells at all: what lies under the first layer.
+    /// Creates an empty slab, which precedes the first layer.
     pub fn empty() -> Self {
         Self { bricks: 0, index: Vec::new(), at: Vec::new(), cells: Vec::new() }
     }
 
-    /// The cells between `slab` and the first points of `above`.
+    /// Creates the cells of `slab`; the uppermost ones reach the first points of `above`.
     pub fn new(grid: &Grid, layer: usize, slab: &Slab, above: &Slab) -> Self {
         let n = grid.bricks;
         let at: Vec<[usize; 2]> =
@@ -55,13 +56,13 @@ impl CellSlab {
         Self { bricks: n, index, at, cells }
     }
 
-    /// The vertices of all bricks in order.
+    /// Returns the vertices of all bricks in order.
     pub fn positions(&self) -> Vec<[f32; 3]> {
         self.cells.iter().flat_map(|c| c.positions.iter().copied()).collect()
     }
 
-    /// The cell at grid point `(x, y)` and height `z` inside this slab, if the surface crosses it:
-    /// its case and its first vertex, counted in the slab.
+    /// Returns the cell at grid point `(x, y)` and height `z` inside this slab, if its brick has cells: its case and
+    /// the index of its first vertex in the slab.
     pub fn cell(&self, x: usize, y: usize, z: usize) -> Option<(&'static CellCase, u32)> {
         let brick = *self.index.get(y / BRICK * self.bricks + x / BRICK)?;
         let b = self.cells.get(brick as usize)?;
@@ -70,7 +71,7 @@ impl CellSlab {
     }
 }
 
-/// Whether the signs of the brick and its seven upper neighbours can differ.
+/// True if the signs of the brick and its seven upper neighbours can differ.
 fn may_hold_surface(slab: &Slab, above: &Slab, x: usize, y: usize) -> bool {
     let own = slab.kind(x, y);
     !Slab::is_uniform(own)
@@ -80,7 +81,7 @@ fn may_hold_surface(slab: &Slab, above: &Slab, x: usize, y: usize) -> bool {
         })
 }
 
-/// The brick's values with those of its neighbours' first points.
+/// Returns the brick's values together with the first points of its upper neighbours.
 fn gather(x: usize, y: usize, slab: &Slab, above: &Slab) -> Box<[f32; HALO * HALO * HALO]> {
     let mut values = Box::new([0.0; HALO * HALO * HALO]);
     for octant in 0..8 {
@@ -121,7 +122,7 @@ fn brick_cells(grid: &Grid, brick: [usize; 3], slab: &Slab, above: &Slab) -> Cel
     out
 }
 
-/// Where the field crosses zero on an edge, in cells from the cell's low corner.
+/// Returns the point at which the field is zero on an edge, in cells from the cell's low corner.
 fn crossing(edge: usize, corners: &[f32; 8]) -> [f64; 3] {
     let (a, b) = edge_corners(edge);
     let (fa, fb) = (f64::from(corners[a]), f64::from(corners[b]));
@@ -130,7 +131,8 @@ fn crossing(edge: usize, corners: &[f32; 8]) -> [f64; 3] {
     p
 }
 
-/// A polygon's vertex is the mean of its crossings; so is that of a segment of an ambiguous face.
+/// Adds the vertices of a cell. The vertex of a polygon, or of a segment of an ambiguous face, is the mean of its
+/// crossings.
 fn place_vertices(case: &CellCase, corners: &[f32; 8], low: [f64; 3], h: f64, out: &mut Vec<[f32; 3]>) {
     let mut mean = |belongs: &dyn Fn(usize) -> bool| {
         let (mut sum, mut n) = ([0.0; 3], 0.0);

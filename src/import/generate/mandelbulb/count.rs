@@ -1,23 +1,23 @@
-//! The cell size for a wanted number of triangles.
+//! The cell size for a target number of triangles.
 
 use super::each_slab;
 use super::grid::Grid;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 
-/// Meshes up to this many triangles are counted whole.
+/// Largest number of triangles for which the whole mesh is counted.
 const WHOLE: f64 = 400_000.0;
-/// Of larger ones about so many triangles are looked at.
+/// Approximate size of the sample, in triangles, of larger meshes.
 const SAMPLED: f64 = 1_500_000.0;
-/// Layers that tell how many quadrilaterals are cut finer.
+/// Number of layers for estimating the share of quadrilaterals that are subdivided.
 const SPLIT_LAYERS: usize = 3;
-/// Relative deviation that needs no further step.
+/// Relative deviation at which the iteration stops.
 const CLOSE: f64 = 0.006;
 
 /// Finds h such that the mesh has about `triangles` triangles, within 2 %.
 pub fn cell_size(triangles: u64, phase: f64, cancel: &Cancel) -> Result<f64> {
     if !(1_000..=4_000_000_000).contains(&triangles) {
-        return Err(Error::bad_argument("mandelbulb: between 1,000 and 4,000,000,000 triangles"));
+        return Err(Error::bad_argument("mandelbulb: the number of triangles must be between 1,000 and 4,000,000,000"));
     }
     let wanted = triangles as f64;
     let small = wanted.min(WHOLE);
@@ -30,12 +30,12 @@ pub fn cell_size(triangles: u64, phase: f64, cancel: &Cancel) -> Result<f64> {
     let guess = h_small * (small / wanted).powf(1.0 / power);
     let one_in = (wanted / SAMPLED).ceil() as u64;
     let count = &mut |h| Ok(scale * sampled(h, phase, one_in, cancel)?);
-    // Rougher meshes have more quadrilaterals that are cut finer.
+    // Rougher meshes have more quadrilaterals that are subdivided.
     let growth = split(guess, phase, cancel)? / split_small;
     Ok(solve(wanted / growth, guess, power, count)?.0)
 }
 
-/// Solves count(h) = `wanted` from a guess, by secants in logarithms; also the last slope, negated.
+/// Solves count(h) = `wanted` by the secant method in logarithms. Returns the best h and the last slope, negated.
 fn solve(wanted: f64, guess: f64, mut power: f64, count: &mut dyn FnMut(f64) -> Result<f64>) -> Result<(f64, f64)> {
     let (mut h, mut found) = (guess, count(guess)?);
     let mut best = (h, found);
@@ -56,7 +56,7 @@ fn solve(wanted: f64, guess: f64, mut power: f64, count: &mut dyn FnMut(f64) -> 
     Ok((best.0, power))
 }
 
-/// Triangles of the whole mesh.
+/// Counts the triangles of the whole mesh.
 fn whole(h: f64, phase: f64, cancel: &Cancel) -> Result<f64> {
     let grid = Grid::new(h, phase);
     let mut triangles = 0;
@@ -67,7 +67,7 @@ fn whole(h: f64, phase: f64, cancel: &Cancel) -> Result<f64> {
     Ok(triangles.max(1) as f64)
 }
 
-/// Triangles by crossed grid edge inside bricks, told by a few layers.
+/// Estimates the number of triangles per crossed grid edge inside bricks, from a few layers.
 fn split(h: f64, phase: f64, cancel: &Cancel) -> Result<f64> {
     let grid = Grid::new(h, phase);
     let (mut triangles, mut edges) = (0.0, 0.0);
@@ -84,7 +84,7 @@ fn split(h: f64, phase: f64, cancel: &Cancel) -> Result<f64> {
     Ok(triangles / f64::max(edges, 1.0))
 }
 
-/// Crossed grid edges inside bricks, told by one in `one_in` of the bricks.
+/// Estimates the number of crossed grid edges inside bricks, from one in `one_in` of the bricks.
 fn sampled(h: f64, phase: f64, one_in: u64, cancel: &Cancel) -> Result<f64> {
     let grid = Grid::new(h, phase);
     let mut crossed = 0;

@@ -1,30 +1,30 @@
-//! The triangles around each grid edge that the surface crosses, one slab of bricks at a time.
+//! Triangles around each grid edge that the surface crosses, one slab of bricks at a time.
 
 use super::cells::CellSlab;
 use super::grid::{BRICK, BRICK_POINTS};
 use super::table::NONE;
 use rayon::prelude::*;
 
-/// No triangle is larger than this many squares of a cell's edge: larger ones are split. The mean is
-/// 0.28 or more, so that none is above twice the mean (see the tests).
+/// Largest area of a triangle in squares of a cell's edge; larger triangles are subdivided. The mean area is at least
+/// 0.28, so that no triangle exceeds twice the mean (see the tests).
 pub const LARGEST_AREA: f64 = 0.53;
 
-/// Marks the index of a vertex made here, until all bricks are joined.
+/// Flag in the index of a vertex made in this module, until all bricks are joined.
 const OWN: u32 = 1 << 31;
 
-/// The vertices and triangles of one slab; triangles reach back to the vertices of the slab before.
+/// Vertices and triangles of one slab. Triangles may refer to vertices of the previous slab.
 #[derive(Default)]
 pub struct SlabMesh {
     /// Index of the first vertex in the whole mesh.
     pub base: u64,
-    /// The slab's vertices.
+    /// Vertices of the slab.
     pub vertices: Vec<[f32; 3]>,
-    /// Counterclockwise from outside; indices in the whole mesh.
+    /// Triangles, counterclockwise from outside; indices refer to the whole mesh.
     pub faces: Vec<[u32; 3]>,
 }
 
 impl SlabMesh {
-    /// Index after the last vertex.
+    /// Returns the index after the last vertex.
     pub fn end(&self) -> u64 {
         self.base + self.vertices.len() as u64
     }
@@ -42,20 +42,20 @@ pub struct Joiner<'a> {
     pub h: f64,
 }
 
-/// What one brick adds.
+/// Vertices and triangles that one brick adds.
 #[derive(Default)]
 struct BrickFaces {
     vertices: Vec<[f32; 3]>,
     faces: Vec<[u32; 3]>,
 }
 
-/// The four cells around an edge in turn, each with the axis (0: the first across the edge, 1: the
-/// second) of the face to the next one, and the cell that has this face as its low face.
+/// The four cells around an edge, in order. Each entry has the cell, the axis of the face to the next cell (0: the
+/// first axis across the edge, 1: the second), and the cell that has this face as its low face.
 const AROUND: [([usize; 2], usize, [usize; 2]); 4] =
     [([0, 0], 0, [0, 0]), ([1, 0], 1, [1, 0]), ([1, 1], 0, [0, 1]), ([0, 1], 1, [0, 0])];
 
 impl Joiner<'_> {
-    /// The slab's mesh. Deterministic for any number of threads.
+    /// Returns the mesh of the slab, which does not depend on the number of threads.
     pub fn mesh(&self) -> SlabMesh {
         let mut mesh = SlabMesh { base: self.below.end(), vertices: self.cells.positions(), faces: Vec::new() };
         let bricks: Vec<BrickFaces> = {
@@ -92,14 +92,14 @@ impl Joiner<'_> {
         out
     }
 
-    /// The vertices around the edge from grid point `p` along `axis`, counterclockwise seen from its
-    /// upper end. Where the cells' common face is ambiguous the segment's own vertex comes between.
+    /// Returns the vertices around the edge from grid point `p` along `axis`, counterclockwise seen from its upper end.
+    /// If the face between two cells is ambiguous, the vertex of its segment is inserted between theirs.
     fn ring(&self, p: [usize; 3], axis: usize, base: u64) -> ([u32; 8], usize) {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let lookup = |[su, sv]: [usize; 2]| {
             let mut q = p;
             q[u] = q[u].wrapping_sub(su);
-            // Heights count inside the slab: below it, the slab below continues.
+            // Heights count inside the slab. The height below 0 is the top of the slab below.
             q[v] = q[v].wrapping_sub(sv);
             let (slab, from) = if q[2] == usize::MAX {
                 q[2] = BRICK - 1;
@@ -112,7 +112,7 @@ impl Joiner<'_> {
         };
         let (mut ring, mut n) = ([0; 8], 0);
         for (cell, across, owner) in AROUND {
-            // The rim of the grid is outside, so the four cells exist.
+            // The points at the border of the grid are outside the surface, so all four cells exist.
             if let Some((case, first, edge)) = lookup(cell) {
                 ring[n] = first + u32::from(case.edge_polygon[edge]);
                 n += 1;
@@ -139,8 +139,8 @@ impl Joiner<'_> {
         p.map(f64::from)
     }
 
-    /// Fills the ring with triangles: two along the better diagonal if they are small enough, else
-    /// a fan around its middle.
+    /// Fills a ring with triangles: two along the better diagonal if they are small enough, else a fan around the mean
+    /// of the ring.
     fn fill(&self, ring: &[u32], base: u64, own: &[[f32; 3]], out: &mut BrickFaces) {
         let largest = LARGEST_AREA * self.h * self.h;
         let at: Vec<[f64; 3]> = ring.iter().map(|&v| self.position(v, base, own, out)).collect();
@@ -161,7 +161,7 @@ impl Joiner<'_> {
         }
     }
 
-    /// Adds a triangle, in three thirds where it is too large; its edges stay.
+    /// Adds a triangle. A triangle that is too large is divided into three around its centroid, which keeps its edges.
     fn fill_triangle(&self, t: [u32; 3], base: u64, own: &[[f32; 3]], out: &mut BrickFaces) {
         let at = t.map(|v| self.position(v, base, own, out));
         if area(at[0], at[1], at[2]) <= LARGEST_AREA * self.h * self.h {
@@ -175,7 +175,7 @@ impl Joiner<'_> {
     }
 }
 
-/// Adds the mean of `at` as a vertex.
+/// Adds the mean of `at` as a vertex. Returns its index.
 fn push_mean(at: &[[f64; 3]], out: &mut BrickFaces) -> u32 {
     let mean = |axis: usize| at.iter().map(|p| p[axis]).sum::<f64>() / at.len() as f64;
     out.vertices.push([mean(0) as f32, mean(1) as f32, mean(2) as f32]);

@@ -1,32 +1,32 @@
-//! The scalar field whose zero set is meshed, and two bounds that let whole blocks be skipped.
+//! The scalar field with the meshed zero set, and two bounds that allow skipping whole blocks.
 
 use super::lanes::{LANES, Lanes};
 
-/// Orbits beyond this radius (squared) have escaped.
+/// Squared radius beyond which an orbit has escaped.
 const BAILOUT_SQUARED: f32 = 64.0;
-/// Orbits that have not escaped by then are inside.
+/// Number of steps after which an orbit counts as inside.
 const MAX_STEPS: u32 = 12;
-/// Steps of the proof that a ball is inside.
+/// Number of steps of the proof that a ball is inside.
 const PROOF_STEPS: u32 = 20;
-/// Assumed Lipschitz constant of the distance estimate: with it no point is misjudged (see the grid's
-/// test, which fails for 0.5).
+/// Assumed Lipschitz constant of the distance estimate. With it no point is misclassified (see the grid's test, which
+/// fails for 0.5).
 const LIPSCHITZ: f32 = 1.5;
-/// Nearer to the axis (ρ²) the azimuth is not worth a division.
+/// Squared distance from the axis (ρ²) below which the azimuth is ignored.
 const ON_AXIS: f32 = 1e-9;
 
-/// f(c) = DE(c) − iso, negative inside; see the module's text for the formulas.
+/// The field f(c) = DE(c) − iso, negative inside; the documentation of the parent module has the formulas.
 #[derive(Debug, Clone, Copy)]
 pub struct Field {
-    /// Level of the distance estimate at which the surface is taken.
+    /// Value of the distance estimate at the surface.
     pub iso: f32,
-    /// Derivatives beyond this mean "nearer than can be told": the estimate is 0 there.
+    /// Limit of the derivative. Beyond it the distance is too small to estimate, and 0 is used.
     derivative_limit: f32,
-    /// (cos, sin) of the phase added to the azimuth at each step.
+    /// (cos, sin) of the phase that each step adds to the azimuth.
     phase: [f32; 2],
 }
 
 impl Field {
-    /// The field for cells of size `h`: detail finer than the cells is offset away.
+    /// Creates the field for cells of size `h`. The offset `iso` removes detail finer than the cells.
     pub fn new(h: f64, iso_cells: f64, phase: f64) -> Self {
         Self {
             iso: (iso_cells * h) as f32,
@@ -35,8 +35,8 @@ impl Field {
         }
     }
 
-    /// One step z → z⁸ (without the + c), in products and one root only: with w = z + i·ρ, w⁸ holds
-    /// r⁸ cos 8θ and r⁸ sin 8θ; (x + i·y)⁸ / ρ⁸ holds the cosine and sine of 8φ.
+    /// Computes one step z → z⁸ (without the + c) with multiplications, one root and one division. With w = z + i·ρ, w⁸
+    /// gives r⁸ cos 8θ and r⁸ sin 8θ; (x + i·y)⁸ / ρ⁸ gives cosine and sine of 8φ.
     #[inline(always)]
     fn power8(&self, [x, y, z]: [Lanes; 3]) -> [Lanes; 3] {
         let square = |re: Lanes, im: Lanes| {
@@ -44,7 +44,7 @@ impl Field {
             (re * re - im * im, both + both)
         };
         let rho2 = x * x + y * y;
-        // w² = (z² − ρ²) + i·ρ·(2z); the factor ρ of the imaginary part is kept aside.
+        // w² = (z² − ρ²) + i·ρ·(2z); the factor ρ of the imaginary part is kept apart.
         let (mut re, mut im) = (z * z - rho2, z + z);
         for _ in 0..2 {
             let both = re * im;
@@ -61,14 +61,14 @@ impl Field {
         [scale * (cx * pc - cy * ps), scale * (cx * ps + cy * pc), re]
     }
 
-    /// The field at eight points: at least −iso; −iso exactly where the orbit stays. They go in step,
-    /// so that their latencies overlap; each result is that of the point alone.
+    /// Returns the field at eight points. Values are at least −iso, and exactly −iso if the orbit does not escape. The
+    /// eight orbits advance in lockstep, so that latencies overlap; each result equals that of a single point.
     pub fn values(&self, points: &[[f32; 3]; LANES]) -> [f32; LANES] {
         let c: [Lanes; 3] = std::array::from_fn(|a| Lanes(std::array::from_fn(|l| points[l][a])));
         let mut z = c;
         let mut derivative = Lanes::all(1.0);
         let mut running = Lanes::all(1.0);
-        // |z|² once escaped, else 0.
+        // |z|² of escaped orbits, else 0.
         let mut escaped = Lanes::all(0.0);
         let [one, bailout, limit] = [1.0, BAILOUT_SQUARED, self.derivative_limit].map(Lanes::all);
         for _ in 0..MAX_STEPS {
@@ -94,18 +94,18 @@ impl Field {
         })
     }
 
-    /// The field at one point.
+    /// Returns the field at one point.
     pub fn value(&self, c: [f32; 3]) -> f32 {
         self.values(&[c; LANES])[0]
     }
 
-    /// Whether all within `radius` of a point is outside, given the field's value there.
+    /// True if the ball of `radius` around a point is outside, given the field's value at the point.
     pub fn ball_is_outside(&self, value: f32, radius: f32) -> bool {
         value > LIPSCHITZ * radius
     }
 
-    /// Whether no orbit of the ball around `c` can ever escape: by ball arithmetic, images of balls are
-    /// bounded by balls until one returns into itself. `false` proves nothing.
+    /// True if no orbit of the ball around `c` can ever escape. Ball arithmetic bounds images of balls by balls until
+    /// one maps into itself. `false` proves nothing.
     pub fn ball_is_inside(&self, c: [f32; 3], radius: f32) -> bool {
         let norm = |p: [f32; 3]| (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
         // t⁸ + |c| <= t holds at t = 8^(−1/7) for |c| up to 0.65: the ball around 0 maps into itself.
@@ -123,7 +123,7 @@ impl Field {
             if reach > 1.3 {
                 return false;
             }
-            // The azimuth's arc stretches by |sin 8θ| / sin θ <= min(8, 1 / sin θ) more than the rest.
+            // Arcs of azimuth are stretched by |sin 8θ| / sin θ <= min(8, 1 / sin θ) more than other directions.
             let rho_least = ((z[0] * z[0] + z[1] * z[1]).sqrt() - spread).max(0.0);
             let stretch = (reach / rho_least.max(1e-6)).clamp(1.0, 8.0);
             let p = self.power8(z.map(Lanes::all));

@@ -1,8 +1,8 @@
 //! The field sampled on a uniform grid, one slab of bricks at a time, near the surface only.
 //!
-//! The value at a grid point depends on nothing but the grid: it is the field's, or a constant where
-//! a bound says that the surface is far. So all cells agree about their shared corners, whatever is
-//! skipped, and the mesh made from them is closed.
+//! The value at a grid point depends only on the grid: it is the field's value, or a constant where a bound shows that
+//! the surface is far. All cells therefore agree about their shared corners, whatever is skipped, and the resulting
+//! mesh is closed.
 
 use super::super::rng::Rng;
 use super::field::Field;
@@ -14,11 +14,11 @@ use rayon::prelude::*;
 pub const BRICK: usize = 8;
 /// Grid points in a brick.
 pub const BRICK_POINTS: usize = BRICK * BRICK * BRICK;
-/// Bricks along the edge of a tile, the coarsest block that is skipped at once.
+/// Bricks along the edge of a tile, the coarsest block that is skipped as a whole.
 const TILE: usize = 8;
-/// The set lies in this radius: beyond it every orbit escapes (2^(1/7)).
+/// Radius around the origin that contains the set; beyond it every orbit escapes (2^(1/7)).
 const RADIUS: f64 = 1.1041;
-/// Level of the distance estimate that is meshed, in cells.
+/// Value of the distance estimate at the surface, in cells.
 const ISO_CELLS: f64 = 1.0;
 
 /// A cube of cells of edge `h` around the origin.
@@ -32,7 +32,7 @@ pub struct Grid {
     field: Field,
 }
 
-/// What is known about a block of grid points.
+/// Position of a block of grid points relative to the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Block {
     Outside,
@@ -41,7 +41,7 @@ enum Block {
 }
 
 impl Grid {
-    /// A grid of cells of edge `h` that holds the whole surface with a rim to spare.
+    /// Creates a grid of cells of edge `h` that contains the whole surface with a margin.
     pub fn new(h: f64, phase: f64) -> Self {
         let field = Field::new(h, ISO_CELLS, phase);
         let cells = 2.0 * (RADIUS + 4.0 * ISO_CELLS * h) / h + 4.0;
@@ -50,12 +50,12 @@ impl Grid {
         Self { h, bricks, origin, field }
     }
 
-    /// Coordinate of the grid line `i`, the same along each axis.
+    /// Returns the coordinate of the grid line `i`, which is the same along each axis.
     pub fn line(&self, i: usize) -> f64 {
         self.origin + self.h * i as f64
     }
 
-    /// What the bounds say about a block of `size`³ points, given the field's value at its middle.
+    /// Classifies a block of `size`³ points by the bounds, given the field's value at its centre.
     fn block(&self, center: [f32; 3], value: f32, size: usize) -> Block {
         let radius = (0.5 * self.h * (size - 1) as f64 * 3f64.sqrt()) as f32;
         if self.field.ball_is_outside(value, radius) {
@@ -67,22 +67,22 @@ impl Grid {
         }
     }
 
-    /// The middle of the block of `size`³ points from `low` on.
+    /// Returns the centre of the block of `size`³ points that begins at `low`.
     fn middle(&self, low: [usize; 3], size: usize) -> [f32; 3] {
         low.map(|i| (self.line(i) + 0.5 * self.h * (size - 1) as f64) as f32)
     }
 
-    /// Value given to points that are outside and far.
+    /// Returns the value of points that are outside and far from the surface.
     fn far_outside(&self) -> f32 {
         self.h as f32
     }
 
-    /// Value given to points that are inside.
+    /// Returns the value of points that are inside.
     fn inside(&self) -> f32 {
         -self.field.iso
     }
 
-    /// Samples one brick; `None` with its side if it is all of one side.
+    /// Samples one brick. If all its points are on one side of the surface, returns that side as the error.
     fn sample_brick(&self, brick: [usize; 3]) -> std::result::Result<Box<[f32; BRICK_POINTS]>, Block> {
         let mut values = Box::new([0.0; BRICK_POINTS]);
         self.sample_block(brick.map(|b| b * BRICK), [0; 3], BRICK / 2, &mut values);
@@ -94,7 +94,7 @@ impl Grid {
         }
     }
 
-    /// Samples the eight blocks of `size`³ points from `at` on, halving until the bounds decide.
+    /// Samples the eight blocks of `size`³ points from `at`, and halves them until the bounds classify them.
     fn sample_block(&self, low: [usize; 3], at: [usize; 3], size: usize, values: &mut [f32; BRICK_POINTS]) {
         let part = |octant: usize| -> [usize; 3] { std::array::from_fn(|a| at[a] + size * (octant >> a & 1)) };
         let middles: [[f32; 3]; 8] = std::array::from_fn(|octant| {
@@ -123,7 +123,7 @@ impl Grid {
         }
     }
 
-    /// Bricks of `layer` in one tile that the bounds do not decide, and those known to be inside.
+    /// Finds the bricks of `layer` in one tile that the bounds do not classify, and those that are inside.
     fn scan_tile(&self, low: [usize; 3], size: usize, layer: usize, found: &mut Vec<([usize; 2], Block)>) {
         if low[0] >= self.bricks || low[1] >= self.bricks {
             return;
@@ -147,7 +147,7 @@ impl Grid {
         }
     }
 
-    /// The bricks at height `layer` that the bounds do not put outside, in a fixed order.
+    /// Returns the bricks of `layer` that the bounds do not classify as outside, in a fixed order.
     fn scan(&self, layer: usize, cancel: &Cancel) -> Vec<([usize; 2], Block)> {
         let tiles = self.bricks.div_ceil(TILE);
         (0..tiles * tiles)
@@ -163,8 +163,7 @@ impl Grid {
             .collect()
     }
 
-    /// Grid edges that the surface crosses inside a sample of about one in `one_in` of the layer's
-    /// bricks.
+    /// Counts the grid edges that the surface crosses, inside a sample of about one in `one_in` of the layer's bricks.
     pub fn crossed_edges(&self, layer: usize, one_in: u64, cancel: &Cancel) -> Result<u64> {
         let chosen = |b: &[usize; 2]| {
             let place = ((layer as u64) << 42) | ((b[1] as u64) << 21) | b[0] as u64;
@@ -180,7 +179,7 @@ impl Grid {
         Ok(crossed)
     }
 
-    /// Samples the bricks at height `layer` (in bricks). Deterministic for any number of threads.
+    /// Samples the bricks at height `layer`, in bricks. The result does not depend on the number of threads.
     pub fn slab(&self, layer: usize, cancel: &Cancel) -> Result<Slab> {
         let n = self.bricks;
         let mut slab = Slab {
@@ -216,12 +215,12 @@ impl Grid {
     }
 }
 
-/// Index of a point of a brick.
+/// Returns the index of a point in its brick.
 fn point_index(p: [usize; 3]) -> usize {
     (p[2] * BRICK + p[1]) * BRICK + p[0]
 }
 
-/// Grid edges between points of one brick that the surface crosses.
+/// Counts the grid edges between points of one brick that the surface crosses.
 fn crossed_inside(values: &[f32; BRICK_POINTS]) -> u64 {
     let inside = |p| values[point_index(p)] < 0.0;
     let crossed = |i: usize| {
@@ -240,9 +239,9 @@ fn crossed_inside(values: &[f32; BRICK_POINTS]) -> u64 {
 /// One layer of bricks.
 pub struct Slab {
     bricks: usize,
-    /// By brick: an index into `values`, or one of the two constants.
+    /// Kind of each brick: an index into `values`, or one of the two constants.
     kinds: Vec<u32>,
-    #[allow(clippy::vec_box)] // 2 KB each, made in parallel: moved, not copied
+    #[allow(clippy::vec_box)] // 2 KB each, made in parallel: boxes are moved, not copied
     values: Vec<Box<[f32; BRICK_POINTS]>>,
     outside: f32,
     inside: f32,
@@ -252,17 +251,17 @@ impl Slab {
     const OUTSIDE: u32 = u32::MAX;
     const INSIDE: u32 = u32::MAX - 1;
 
-    /// What a brick is; beyond the rim all is outside.
+    /// Returns the kind of a brick; bricks beyond the grid are outside.
     pub fn kind(&self, x: usize, y: usize) -> u32 {
         if x < self.bricks && y < self.bricks { self.kinds[y * self.bricks + x] } else { Self::OUTSIDE }
     }
 
-    /// Whether bricks of this kind hold one constant.
+    /// True if all values of bricks of this kind are the same constant.
     pub fn is_uniform(kind: u32) -> bool {
         kind >= Self::INSIDE
     }
 
-    /// The value at the point `p` of a brick of this kind.
+    /// Returns the value at point `p` of a brick of this kind.
     pub fn value(&self, kind: u32, p: [usize; 3]) -> f32 {
         match kind {
             Self::OUTSIDE => self.outside,
@@ -277,7 +276,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_skipped_has_the_sign_that_it_would_have() {
+    fn skipped_points_have_the_sign_of_the_field() {
         for (h, phase) in [(0.03, 0.0), (0.012, 2.0)] {
             let grid = Grid::new(h, phase);
             let mut wrong = 0;

@@ -1,28 +1,28 @@
 //! `mandelbulb`: a closed mesh with detail at every scale.
 //!
 //! **Field.** For a point c the orbit z ← z⁸ + c begins at z = c, where in spherical coordinates
-//! z⁸ = r⁸ (sin 8θ cos(8φ + s), sin 8θ sin(8φ + s), cos 8θ), θ from the z axis; its derivative runs
-//! along as d ← 8 r⁷ d + 1 from d = 1. Where r passes 8, the distance to the set is about
-//! DE = ½ r ln r / d; where r stays below for 12 steps, or d passes 1000 / h, DE = 0. The phase s is 0
-//! for seed 0 (the well-known bulb), else a number in (0, 2π) from the seed.
+//! z⁸ = r⁸ (sin 8θ cos(8φ + s), sin 8θ sin(8φ + s), cos 8θ), with θ measured from the z axis.
+//! The derivative follows d ← 8 r⁷ d + 1, beginning with d = 1. When r exceeds 8, the distance to the set is about
+//! DE = ½ r ln r / d. If r stays below 8 for 12 steps, or d exceeds 1000 / h, DE = 0. The phase s is 0 for seed 0 (the
+//! well-known bulb), else a number in (0, 2π) from the seed.
 //!
-//! **Surface.** The set DE = h, for a grid of cubes of edge h: a finer grid shows finer detail, as in
-//! the models of Áfra, "Interactive Ray Tracing of Large Models Using Voxel Hierarchies", 2012, which
-//! took the isosurface of the same fractal by another program. The number of triangles grows as h to
-//! the power of about −2.5. Z is up; the bulb lies within 1.3 of the origin.
+//! **Surface.** The surface is the set DE = h, for a grid of cubes of edge h: a finer grid shows finer detail, as in
+//! the models of Áfra, "Interactive Ray Tracing of Large Models Using Voxel Hierarchies", 2012, which are isosurfaces
+//! of the same fractal made by another program. The number of triangles grows as h to the power of about −2.5. Z is up;
+//! the bulb is within 1.3 of the origin.
 //!
-//! **Mesh.** Dual contouring without normals: each cell has one vertex for each polygon that the
-//! surface makes in it (the mean of the crossings of its edges), each crossed grid edge a
-//! quadrilateral of the four cells around. Faces with alternating signs give each of their two
-//! segments a vertex of its own. So every edge of the mesh has exactly two triangles, by
-//! construction (Nielson, "Dual Marching Cubes", 2004, has edges of four there). A quadrilateral is
-//! cut along the diagonal with the smaller larger half; if that is above 0.53 h², it becomes a fan
-//! around its middle, and what is still larger thirds: edges stay as they are.
+//! **Mesh.** The method is dual contouring without normals. Each cell has one vertex for each polygon that the surface
+//! forms in it, the mean of the crossings of its edges. Each crossed grid edge becomes a quadrilateral of the four
+//! cells around it. Each of the two segments of a face with alternating signs gets a vertex of its own. By this
+//! construction every edge of the mesh has exactly two triangles; Nielson, "Dual Marching Cubes", 2004, has edges with
+//! four there. A quadrilateral is split along the diagonal that minimises its larger half. If that half exceeds 0.53
+//! h², the quadrilateral becomes a fan around its centre, and triangles that are still too large are divided into
+//! three, which keeps their edges.
 //!
-//! **Speed and memory.** Layers of 8 grid planes; in each, blocks are skipped whole where the distance
-//! estimate or ball arithmetic tells their side, down to 2³ points. Two layers are held at a time.
+//! **Speed and memory.** The grid is sampled in layers of 8 grid planes. Whole blocks, down to 2³ points, are skipped
+//! if the distance estimate or ball arithmetic proves their side. Two layers are in memory at a time.
 //!
-//! **Count.** h is solved for by counting coarser meshes, then a sample of the wanted one's bricks.
+//! **Count.** h is solved for by counting coarser meshes, then a sample of the bricks of the target mesh.
 
 mod cells;
 mod count;
@@ -40,7 +40,7 @@ use cells::CellSlab;
 use faces::{Joiner, SlabMesh};
 use grid::Grid;
 
-/// Pushes the mesh into `target` as one part.
+/// Generates the mesh into `target` as one part.
 pub(super) fn generate(options: &GenerateOptions, cancel: &Cancel, target: &mut dyn Target) -> Result<()> {
     let phase = phase(options.seed);
     let h = count::cell_size(options.triangles, phase, cancel)?;
@@ -53,7 +53,7 @@ pub(super) fn generate(options: &GenerateOptions, cancel: &Cancel, target: &mut 
     let mut below = SlabMesh::default();
     each_slab(&grid, 0..grid.bricks, cancel, |mesh| {
         if mesh.end() > u64::from(u32::MAX >> 1) {
-            return Err(Error::bad_argument("mandelbulb: more than 2^31 vertices"));
+            return Err(Error::bad_argument("mandelbulb: the model has more than 2^31 vertices"));
         }
         let at = |v: u32| {
             let from = if u64::from(v) < mesh.base { &below } else { &mesh };
@@ -65,12 +65,12 @@ pub(super) fn generate(options: &GenerateOptions, cancel: &Cancel, target: &mut 
     })
 }
 
-/// The azimuth's phase for a seed.
+/// Returns the phase of the azimuth for a seed.
 fn phase(seed: u64) -> f64 {
     if seed == 0 { 0.0 } else { Rng::new(seed).unit() * std::f64::consts::TAU }
 }
 
-/// Meshes the given layers from below, handing out each layer's mesh.
+/// Meshes the given layers in ascending order and calls `each` with each layer's mesh.
 fn each_slab(
     grid: &Grid,
     layers: std::ops::Range<usize>,

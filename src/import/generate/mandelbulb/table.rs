@@ -1,32 +1,32 @@
-//! Which polygons a cell of the grid holds, for each of the 256 sign patterns of its corners.
+//! Polygons of a grid cell for each of the 256 sign patterns of its corners.
 //!
-//! Corner `c` of a cell lies at +x if bit 0 of `c` is set, +y bit 1, +z bit 2; bit `c` of a *mask* is
-//! set where corner `c` is inside. Edge `4a + i + 2j` runs along axis `a`, at `i` along axis `a + 1`
-//! and `j` along axis `a + 2` (axes modulo 3).
+//! Corner `c` of a cell is at +x if bit 0 of `c` is set, at +y for bit 1, at +z for bit 2. Bit `c` of a *mask* is set
+//! if corner `c` is inside. Edge `4a + i + 2j` runs along axis `a`, at `i` along axis `a + 1` and `j` along axis `a +
+//! 2` (axes modulo 3).
 
 use std::sync::LazyLock;
 
-/// No polygon, or no vertex.
+/// Marks the absence of a polygon or a vertex.
 pub const NONE: u8 = u8::MAX;
 
-/// What the surface looks like in a cell of one mask.
+/// Structure of the surface in a cell with one mask.
 #[derive(Debug, Clone, Copy)]
 pub struct CellCase {
-    /// Number of polygons, each one vertex of the mesh: 0 to 4. Two vertices for each ambiguous low
-    /// face follow them.
+    /// Number of polygons, 0 to 4, each with one vertex of the mesh. Two vertices for each ambiguous low face follow
+    /// them.
     pub polygons: u8,
     /// The polygon that crosses each edge, or [`NONE`].
     pub edge_polygon: [u8; 12],
-    /// For the low face of each axis, if its signs alternate: its first vertex; else [`NONE`].
+    /// First vertex of the low face of each axis if its signs alternate, else [`NONE`].
     pub face_vertex: [u8; 3],
-    /// For the low face of each axis: which of its two segments (0, 1) ends on each edge.
+    /// Segment (0 or 1) of the low face of each axis that ends on each edge.
     pub face_segment: [[u8; 12]; 3],
 }
 
-/// The cases by mask.
+/// Cases, indexed by mask.
 pub static CASES: LazyLock<[CellCase; 256]> = LazyLock::new(|| std::array::from_fn(|m| case(m as u8)));
 
-/// The two corners of an edge; the first is the lower.
+/// Returns the two corners of an edge, the lower one first.
 pub const fn edge_corners(edge: usize) -> (usize, usize) {
     let (a, at) = (edge / 4, edge % 4);
     let (u, v) = ((a + 1) % 3, (a + 2) % 3);
@@ -34,14 +34,14 @@ pub const fn edge_corners(edge: usize) -> (usize, usize) {
     (low, low | (1 << a))
 }
 
-/// Index of the edge along `axis` whose lower corner is `low` (whose bit `axis` is clear).
+/// Returns the index of the edge along `axis` with lower corner `low`; bit `axis` of `low` is clear.
 const fn edge_at(axis: usize, low: usize) -> usize {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     axis * 4 + ((low >> u) & 1) + 2 * ((low >> v) & 1)
 }
 
-/// The segments in which the surface crosses the face `side` (0 low, 1 high) across `axis`: pairs of
-/// edges. Where signs alternate, each inside corner is cut off by itself; both cells agree on that.
+/// Returns the segments in which the surface crosses the face `side` (0 low, 1 high) across `axis`, as pairs of edges.
+/// If signs alternate, each inside corner is cut off separately, so that both cells of the face agree.
 fn face_segments(mask: u8, axis: usize, side: usize) -> Vec<[usize; 2]> {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let corner = |i: usize, j: usize| (side << axis) | (i << u) | (j << v);

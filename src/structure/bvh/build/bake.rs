@@ -1,4 +1,4 @@
-//! The bake contract of this structure: chunks, tops and crowns of this folder.
+//! Implements the interface of the baker (`structure::bake`) with the chunks, tops and upper trees of this folder.
 
 use super::{Chunk, Plan, Top, TreeBlock, UpperTree, root, splits_pay};
 use crate::base::error::Result;
@@ -9,7 +9,7 @@ use crate::structure::bvh::layout::{LEAF, MAX_TRIANGLES, WIDTH};
 use crate::structure::par::Par;
 use glam::Vec3;
 
-/// Makes the blocks of a `bvh`.
+/// Bakes the blocks of a `bvh`.
 pub struct BvhBaker;
 
 impl Baker for BvhBaker {
@@ -69,7 +69,7 @@ impl Baker for BvhBaker {
     }
 }
 
-/// `leaves`: the words of its leaf block, if it has one.
+/// Encodes a block for the file. `leaves`: the words of its leaf block, if it has one.
 fn baked(block: TreeBlock, leaves: Option<&[u32]>) -> BakedBlock {
     let TreeBlock { words, prims, colours } = block;
     BakedBlock { payload: codec::encode_geometry(&words, leaves), trace_bytes: 4 * words.len() as u32, prims, colours }

@@ -1,8 +1,8 @@
-//! Bins of space: references chopped at the planes between them.
+//! Bins of space: references are chopped at the planes between bins.
 //!
-//! Source: Stich et al. 2009, section 4. Deviation: instead of clipping polygons, each edge is followed
-//! through the bins, and its points at the planes grow the bins on both sides; a bin's box is that of the
-//! edges inside, which is the triangle's. Single precision: these boxes only rate planes.
+//! Source: Stich et al. 2009, section 4. Deviation: instead of clipping polygons, the code follows each edge through
+//! the bins, and its points at the planes extend the bins on both sides. The box of a bin is that of the edges inside,
+//! which is that of the triangle. Boxes are in single precision, because they only rate planes.
 
 use super::refs::Ref;
 use super::sweep::{Bins, Grown, MAGIC, whole, whole1};
@@ -12,24 +12,24 @@ use glam::{Vec3, Vec4};
 /// Bins of equal width in a box.
 pub struct Grid<const B: usize> {
     low: Vec4,
-    /// Bins in a unit of length; 0 on an axis too thin to be divided.
+    /// Number of bins per unit of length; 0 on an axis too thin to be divided.
     scale: Vec4,
     /// Width of a bin.
     step: Vec4,
 }
 
 impl<const B: usize> Grid<B> {
-    /// Over `bounds`.
+    /// Divides `bounds` into bins.
     pub fn new(bounds: &Bounds) -> Self {
         let (low, high) = (bounds.min.extend(0.0), bounds.max.extend(0.0));
         let step = (high - low) / B as f32;
         let parts = (low + step).cmpgt(low) & high.cmpgt(high - step) & step.cmpgt(Vec4::splat(1e-30));
-        // 0.999: the far side must not round into a bin of its own.
+        // With 0.999, the far side does not round into a bin of its own.
         let scale = Vec4::select(parts, Vec4::splat(0.999) / step, Vec4::ZERO);
         Self { low, scale, step }
     }
 
-    /// Where the first `bins` of an axis end.
+    /// Returns where the first `bins` bins of an axis end.
     #[inline(always)]
     pub fn plane(&self, axis: usize, bins: usize) -> f32 {
         self.low[axis] + self.step[axis] * bins as f32
@@ -41,7 +41,7 @@ impl<const B: usize> Grid<B> {
     }
 }
 
-/// Bins of `refs`, which lie in the grid's box.
+/// Sorts `refs`, which lie in the grid's box, into bins.
 pub fn bin<const B: usize>(refs: &[Ref], triangles: &[[Vec3; 3]], grid: &Grid<B>) -> Bins<B> {
     let mut bins = Bins::EMPTY;
     for r in refs {
@@ -94,7 +94,7 @@ fn chop<const AXIS: usize, const B: usize>(r: &Ref, corners: &[Vec4; 3], grid: &
             bins[i].add(x, x);
             bins[i + 1].add(x, x);
         }
-        // Its own corner where it ends there: it may lie across the axis.
+        // An edge that ends at its own corner uses the corner: the edge may lie across the axis.
         let end = if to == q[AXIS] { q.max(r.low).min(r.high) } else { point(to) };
         bins[last].add(end, end);
     }
@@ -112,7 +112,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
-        /// What lies left of a plane, and right of it, is what clipping finds there.
+        /// The bins on either side of a plane have the bounds that clipping finds there.
         #[test]
         fn bins_hold_what_clipping_finds(a in point(), b in point(), c in point()) {
             let whole = Bounds { min: Vec3::ZERO, max: Vec3::splat(16.5) };

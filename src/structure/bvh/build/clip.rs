@@ -1,13 +1,12 @@
-//! Bounds of the part of a triangle that lies inside a box, by clipping: what the tests hold spatial splits
-//! to.
+//! Bounds of the part of a triangle inside a box, by clipping. Tests compare spatial splits with it.
 
 use crate::math::Bounds;
 use glam::Vec3;
 
-/// Bounds of `triangle` inside `cell`, or `None` where they share no point.
+/// Returns the bounds of `triangle` inside `cell`, or `None` if they share no point.
 ///
-/// Sutherland-Hodgman against the six planes, in double precision; the result is rounded outward to
-/// single precision and cut to `cell`, so that it holds every point of the triangle in the cell.
+/// The function clips at the six planes in double precision (Sutherland-Hodgman). The result is rounded outward to
+/// single precision and cut to `cell`, so it contains every point of the triangle in the cell.
 pub fn clipped_bounds(triangle: &[Vec3; 3], cell: &Bounds) -> Option<Bounds> {
     let whole = Bounds::of(triangle);
     if cell.contains(&whole) {

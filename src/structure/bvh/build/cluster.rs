@@ -1,11 +1,12 @@
-//! Which nodes share a block.
+//! Assignment of nodes to blocks.
 //!
 //! First the **fine** units are cut off ([`fine`]): the largest subtrees of at most [`FINE_WORDS`] words. Consecutive
-//! ones, which are neighbours in space, fill blocks that refer to no other block, each with a leaf block for what is
-//! below its nodes. What is left above is nodes alone, and goes into **coarse** blocks ([`coarse`]), in rounds: each
-//! cuts off the largest subtrees of at most [`COARSE_WORDS`] words, and the next round's input is what remains, until
-//! that fits one block. Blocks are numbered from the last round to the first, fine ones behind all coarse ones, so that
-//! a reference always points to a higher block. A tree that fits one block is that block ([`whole`]).
+//! units, which are neighbours in space, fill blocks that refer to no other block. Each of these blocks has a leaf
+//! block for the leaves below its nodes. The rest of the tree consists of nodes only and goes into **coarse** blocks
+//! ([`coarse`]), in rounds: each round cuts off the largest subtrees of at most [`COARSE_WORDS`] words, and the
+//! remaining tree is the input of the next round, until it fits one block. Blocks are numbered from the last round to
+//! the first, with the fine ones after all coarse ones, so that a reference always points to a higher block. A tree
+//! that fits one block becomes that block ([`whole`]).
 
 use super::refs::Ref;
 use super::tree::{InnerNode, Sub};
@@ -13,34 +14,34 @@ use crate::structure::bake::TreeInput;
 use crate::structure::bvh::layout::{Child, HEADER_WORDS, MAX_WORDS, PAD_WORDS};
 use crate::structure::par::Par;
 
-/// A subtree cut off: which one, over all rounds.
+/// Number of a unit, which is a subtree that was cut off, counted over all rounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UnitId(pub u32);
 
 impl UnitId {
-    /// Of none.
+    /// No unit.
     pub const NONE: Self = Self(u32::MAX);
 }
 
-/// Words of a fine unit, at most. A node over eight of the largest leaves must fit.
+/// Greatest number of words of a fine unit. A node over eight of the largest leaves must fit.
 ///
-/// It decides how much of a tree is coarse and read at opening (1.3 bytes a triangle, decoded, of a Mandelbulb of 40
-/// million), and how many nodes a walk meets in a block.
+/// It determines how much of a tree is coarse and read at opening (1.3 bytes per triangle, decoded, for a Mandelbulb of
+/// 40 million), and how many nodes a walk visits in a block.
 pub const FINE_WORDS: u32 = 1024;
-/// Words of a coarse unit, at most: small beside a block, so that blocks fill well.
+/// Greatest number of words of a coarse unit: small compared with a block, so that blocks are well filled.
 const COARSE_WORDS: u32 = MAX_WORDS as u32 / 8;
 
-/// What goes into one block, or into one of nodes and its leaf block.
+/// The content of one block, or of a block of nodes and its leaf block.
 pub struct Plan {
-    /// Subtrees, roots in order of their nodes.
+    /// Subtrees, with roots in the order of their nodes.
     pub roots: Vec<Box<InnerNode>>,
-    /// Local parts of its triangles, ascending.
+    /// Local parts of the triangles, ascending.
     pub parts: Vec<u32>,
-    /// For each unit referred to, in the order met by a preorder walk: block and child reference.
+    /// Block and child reference of each unit that the subtrees refer to, in preorder.
     pub externals: Vec<(u32, u32)>,
-    /// The leaves go into a block of their own.
+    /// True if the leaves go into a block of their own.
     pub has_leaf_block: bool,
-    /// Of the nodes' block, and of the leaf block.
+    /// Number of words of the block of nodes, and of the leaf block.
     words: [u32; 2],
     nodes: u32,
 }
@@ -54,19 +55,19 @@ impl Plan {
     }
 }
 
-/// Where a unit went: block in its round, node in the block.
+/// Position of a unit: block in its round, node in the block.
 #[derive(Debug, Clone, Copy)]
 pub struct Home {
     /// Counted from the first block of the round.
     pub block: u32,
-    /// Its root.
+    /// Index of its root.
     pub node: u32,
 }
 
-/// The one block of a tree that fits one; gives the tree back if it does not.
+/// Returns the only block of a tree that fits one; fails with the tree if it does not.
 pub fn whole(root: Box<InnerNode>, input: TreeInput, refs: &[Ref]) -> Result<Plan, Box<InnerNode>> {
     let words = Plan::EMPTY_WORDS as usize + root.words as usize;
-    // Of a large tree it would take long, and the answer is known.
+    // Finding the parts of a large tree takes long, and the result is known.
     if words > MAX_WORDS {
         return Err(root);
     }
@@ -77,8 +78,8 @@ pub fn whole(root: Box<InnerNode>, input: TreeInput, refs: &[Ref]) -> Result<Pla
     Ok(Plan { roots: vec![root], parts, ..Plan::new() })
 }
 
-/// Cuts all that is fine off some trees; the blocks of that, and where each unit went. All of a tree is a unit
-/// if it is small.
+/// Cuts all fine units off some trees. Returns the plans of their blocks, and the position of each unit. A small tree
+/// is one unit.
 pub fn fine<'a>(
     trees: impl Iterator<Item = &'a mut Sub>,
     input: TreeInput,
@@ -94,10 +95,10 @@ pub fn fine<'a>(
     (plans, homes)
 }
 
-/// The coarse blocks, in their order, of a tree from which `fine` units were cut off. References to those,
-/// as to all, count blocks from the first of the tree.
+/// Returns the plans of the coarse blocks, in order, of a tree from which the units `fine` were cut off. All references
+/// count blocks from the first block of the tree.
 pub fn coarse(mut root: Box<InnerNode>, fine: &[Home]) -> Vec<Plan> {
-    // Of each round its blocks and the number of its first unit.
+    // Plans of each round, and the number of its first unit.
     let mut rounds: Vec<(Vec<Plan>, usize)> = Vec::new();
     let mut homes = Vec::new();
     while (Plan::EMPTY_WORDS + root.words) as usize > MAX_WORDS {
@@ -108,7 +109,7 @@ pub fn coarse(mut root: Box<InnerNode>, fine: &[Home]) -> Vec<Plan> {
         rounds.push((plans, first));
     }
     rounds.push((vec![Plan { roots: vec![root], ..Plan::new() }], fine.len() + homes.len()));
-    // Final numbers: the last round first, fine ones last.
+    // Final block numbers: the last round first, fine blocks last.
     let mut firsts = vec![(0usize, rounds.iter().map(|(plans, _)| plans.len() as u32).sum())];
     for (plans, first_unit) in &rounds {
         let before = firsts.last().map_or(0, |&(_, block)| block) - plans.len() as u32;
@@ -129,7 +130,7 @@ pub fn coarse(mut root: Box<InnerNode>, fine: &[Home]) -> Vec<Plan> {
     plans
 }
 
-#[allow(clippy::vec_box)] // units move between lists; their children lists stay where they are
+#[allow(clippy::vec_box)] // units move between lists; their lists of children stay in place
 /// Cuts off the largest subtrees of at most `most` words, in depth-first order.
 fn cut(inner: &mut InnerNode, most: u32, first_id: u32, units: &mut Vec<Box<InnerNode>>) {
     inner.children.iter_mut().for_each(|(_, child)| cut_child(child, most, first_id, units));
@@ -148,26 +149,26 @@ fn cut_child(child: &mut Sub, most: u32, first_id: u32, units: &mut Vec<Box<Inne
     }
 }
 
-/// What a unit needs in its block, and in its leaf block.
+/// Space that a unit needs in its block, and in its leaf block.
 struct Needs {
     /// Local parts of its triangles, ascending.
     parts: Vec<u32>,
-    /// How many nodes.
+    /// Number of nodes.
     nodes: u32,
-    /// Words of these, and of its leaves.
+    /// Number of words of the nodes, and of the leaves.
     of_nodes: u32,
     of_leaves: u32,
 }
 
 impl Needs {
-    /// Without parts.
+    /// Measures a unit, without its parts.
     fn of(unit: &InnerNode) -> Self {
         let of_leaves = unit.leaf_words();
         Self { parts: Vec::new(), nodes: unit.nodes(), of_nodes: unit.words - of_leaves, of_leaves }
     }
 }
 
-/// Fills blocks with consecutive units, given what each needs; says where each went.
+/// Fills blocks with consecutive units, given the needs of each. Appends the position of each unit to `homes`.
 fn fill(units: impl Iterator<Item = (Box<InnerNode>, Needs)>, homes: &mut Vec<Home>) -> Vec<Plan> {
     let mut plans: Vec<Plan> = Vec::new();
     for (unit, Needs { parts, nodes, of_nodes, of_leaves }) in units {
@@ -194,7 +195,7 @@ fn fill(units: impl Iterator<Item = (Box<InnerNode>, Needs)>, homes: &mut Vec<Ho
     plans
 }
 
-/// Local parts of the triangles below, ascending.
+/// Returns the local parts of the triangles below a node, ascending.
 fn parts_of(inner: &InnerNode, input: TreeInput, refs: &[Ref]) -> Vec<u32> {
     fn gather(inner: &InnerNode, input: TreeInput, refs: &[Ref], out: &mut Vec<u32>) {
         for (_, child) in &inner.children {
@@ -220,7 +221,7 @@ fn parts_of(inner: &InnerNode, input: TreeInput, refs: &[Ref]) -> Vec<u32> {
     parts
 }
 
-/// Units that a subtree refers to, in preorder.
+/// Appends the units that a subtree refers to, in preorder.
 fn units_met(inner: &InnerNode, out: &mut Vec<UnitId>) {
     for (_, child) in &inner.children {
         match child {

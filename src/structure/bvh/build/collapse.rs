@@ -1,44 +1,45 @@
-//! Which nodes of a binary tree become wide ones, and which leaves: the cheapest choice, by dynamic programming.
+//! Chooses the nodes of a binary tree that become wide nodes, and those that become leaves: the cheapest choice, by
+//! dynamic programming.
 //!
 //! Source: Ylitie, Karras, Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017,
 //! section 3.1.
 
 use crate::structure::bvh::layout::WIDTH;
 
-/// Cost of a node, by the area of its box; costs of leaves are counted in it. (A Mandelbulb of 10 million in ranges of
-/// 4,096, nodes for 0.5 to 2.5 leaves and triangles for 0.06 to 0.17 of one: dear triangles make shadow rays 8 % slower
-/// and the model a sixth larger.)
+/// Cost of a node per area of its box; it is the unit of the costs of leaves. (Measured with a Mandelbulb of 10 million
+/// in ranges of 4,096, a node at the cost of 0.5 to 2.5 leaves, a triangle at 0.06 to 0.17 of one: expensive triangles
+/// make shadow rays 8 % slower and the model a sixth larger.)
 pub const NODE_COST: f32 = 1.0;
-/// Cost of a leaf beside its triangles.
+/// Cost of a leaf without its triangles.
 pub const LEAF_COST: f32 = 1.0;
 /// Cost of a triangle of a leaf.
 pub const TRIANGLE_COST: f32 = 0.06;
 
-/// A node of the binary tree: what it may become below a node whose leaves stay as they are, and below one of which
-/// each leaf gets a node of its own ([`super::tree::wrap_leaves`]).
+/// Costs of a node of the binary tree: below a wide node that keeps leaves as they are, and below one that gives each
+/// leaf a node of its own ([`super::tree::wrap_leaves`]).
 pub struct Weighed {
     below: [Choice; 2],
 }
 
-/// What it may become below one of these.
+/// The cheapest choices below one kind of wide node.
 #[derive(Clone, Copy)]
 struct Choice {
-    /// The least cost as one to eight children of a node.
+    /// Least cost as at most one to eight children of a wide node.
     costs: [f32; WIDTH],
-    /// How many of these are of the left half; 0: as with one fewer.
+    /// Number of these children in the left half; 0: the choice with one child less is cheaper.
     of_left: [u8; WIDTH],
-    /// As one child, it is a leaf.
+    /// True if it is a leaf as one child.
     is_leaf: bool,
 }
 
-/// Of a leaf: by itself, and with a node of its own.
+/// Returns the cost of a leaf, without and with a node of its own.
 fn costs_of_leaf(half_area: f32, triangles: usize) -> [f32; 2] {
     let cost = half_area * (LEAF_COST + TRIANGLE_COST * triangles as f32);
     [cost, cost + half_area * NODE_COST]
 }
 
 impl Weighed {
-    /// What is one leaf, of so many triangles.
+    /// Weighs a leaf of `triangles` triangles.
     pub fn leaf(half_area: f32, triangles: usize) -> Self {
         Self {
             below: costs_of_leaf(half_area, triangles).map(|cost| Choice {
@@ -49,12 +50,12 @@ impl Weighed {
         }
     }
 
-    /// What is in two halves, or in a leaf of so many triangles, if it fits one. `wraps`: leaves of a node made of it
-    /// get nodes of their own, and so they do of all nodes above it.
+    /// Weighs a node of two halves. `triangles` is its number of triangles if it fits a leaf. `wraps`: leaves of a wide
+    /// node made of it get nodes of their own, and so do those of all nodes above it.
     pub fn inner(half_area: f32, left: &Self, right: &Self, triangles: Option<usize>, wraps: bool) -> Self {
         let of = |which: usize| several(&left.below[which].costs, &right.below[which].costs);
         let wrapped = of(1);
-        // Nothing asks `below[0]` of such a node: all above it wrap too.
+        // `below[0]` of such a node is never read: all nodes above it wrap too.
         let bare = if wraps { wrapped } else { of(0) };
         let least = |costs: &[f32; WIDTH]| costs[1..].iter().fold(f32::INFINITY, |least, cost| least.min(*cost));
         let node = least(&bare.0) + half_area * NODE_COST;
@@ -63,7 +64,7 @@ impl Weighed {
             let is_leaf = triangles.is_some() && leaf <= node;
             costs[0] = if is_leaf { leaf } else { node };
             for i in 1..WIDTH {
-                // Not where they are equal: a node is never its own only child.
+                // Not for equal costs: a node is never its own only child.
                 if costs[i - 1] < costs[i] {
                     (costs[i], of_left[i]) = (costs[i - 1], 0);
                 }
@@ -73,23 +74,23 @@ impl Weighed {
         Self { below: [choice(bare, leaves[0]), choice(wrapped, leaves[1])] }
     }
 
-    /// As one child of a node whose leaves get nodes of their own, if `wraps`, it is a leaf.
+    /// True if it is a leaf as one child of a wide node. `wraps`: leaves of that node get nodes of their own.
     pub fn is_leaf(&self, wraps: bool) -> bool {
         self.below[usize::from(wraps)].is_leaf
     }
 }
 
-/// Costs of two children and more, of both halves, and how many of these are of the left one.
+/// Returns the costs of two and more children from both halves, and how many of them are in the left half.
 fn several(left: &[f32; WIDTH], right: &[f32; WIDTH]) -> ([f32; WIDTH], [u8; WIDTH]) {
-    // Costs of the right half behind those of no children: with `k` of the left, `i + 1` in all have `padded[WIDTH +
-    // i - k]` of it.
+    // Costs of the right half, after infinite costs for no children: with `k` children in the left half and `i + 1` in
+    // all, the right half costs `padded[WIDTH + i - k]`.
     let mut padded = [f32::INFINITY; 2 * WIDTH];
     padded[WIDTH..].copy_from_slice(right);
     let (mut costs, mut of_left) = ([f32::INFINITY; WIDTH], [0u32; WIDTH]);
-    // Two, even where areas are too large for numbers.
+    // Two children are possible even if areas overflow.
     of_left[1] = 1;
     for k in 1..WIDTH {
-        // Without branches, so that it becomes vectors.
+        // No branches, so that the loop is vectorised.
         for i in 0..WIDTH {
             let cost = left[k - 1] + padded[WIDTH + i - k];
             let is_less = cost < costs[i];
@@ -100,11 +101,11 @@ fn several(left: &[f32; WIDTH], right: &[f32; WIDTH]) -> ([f32; WIDTH], [u8; WID
     (costs, of_left.map(|k| k as u8))
 }
 
-/// The children of a wide node over node `at` of a binary tree, given the halves of each of its nodes, from left to
-/// right. `at` itself if that is a leaf at any cost. `wraps`: its leaves get nodes of their own.
+/// Returns the children of a wide node over node `at` of a binary tree, from left to right, given the halves of each
+/// binary node. Returns `at` itself if that cannot be split. `wraps`: leaves of the wide node get nodes of their own.
 pub fn children(at: u32, weighed: &[Weighed], halves: &[[u32; 2]], wraps: bool) -> Vec<u32> {
     let mut found = Vec::with_capacity(WIDTH);
-    // What is looked at next is the last: the left half.
+    // The last element is processed next: the left half.
     let mut open = Vec::with_capacity(WIDTH);
     open.push((at, WIDTH));
     while let Some((at, mut count)) = open.pop() {
@@ -128,13 +129,13 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::HashMap;
 
-    /// A binary tree: areas, and halves of those nodes that have any; children behind their parents.
+    /// A binary tree: areas, and the halves of nodes that have any. Children come after their parents.
     struct Tree {
         areas: Vec<f32>,
         halves: Vec<[u32; 2]>,
         triangles: Vec<Option<usize>>,
         weighed: Vec<Weighed>,
-        /// Nodes over more leaves than so many have none without a node of its own.
+        /// A node over more leaves than this gives each of its leaves a node of its own.
         most: usize,
         counts: Vec<usize>,
     }
@@ -151,8 +152,8 @@ mod tests {
             }
         }
 
-        /// Over `count` leaves of one triangle, split where `choices` say. Parents are as large as both halves or
-        /// nearly.
+        /// Adds a tree over `count` leaves of one triangle, split as `choices` say. The area of a parent is that of
+        /// both halves times a factor out of `choices`.
         fn grow(&mut self, count: usize, choices: &mut impl Iterator<Item = (usize, f32)>) -> u32 {
             let id = self.areas.len();
             let (at, factor) = choices.next().expect("as many as nodes");
@@ -173,7 +174,7 @@ mod tests {
             id as u32
         }
 
-        /// The least cost of all that is below a node and may be, as `count` children at the most, by trying all.
+        /// Returns the least cost of everything below a node, as at most `count` children, by trying all possibilities.
         fn least(&self, at: usize, count: usize, wraps: bool, known: &mut HashMap<(usize, usize, bool), f32>) -> f32 {
             if let Some(cost) = known.get(&(at, count, wraps)) {
                 return *cost;
@@ -182,7 +183,7 @@ mod tests {
             let mut least =
                 self.triangles[at].map_or(f32::INFINITY, |n| costs_of_leaf(self.areas[at], n)[usize::from(wraps)]);
             if l != at {
-                // As a node over its halves' children, or as these.
+                // As a node over its halves' children, or as these children.
                 for (node, of, wraps) in
                     [(self.areas[at] * NODE_COST, WIDTH, self.counts[at] > self.most), (0.0, count, wraps)]
                 {
@@ -195,7 +196,7 @@ mod tests {
             least
         }
 
-        /// The cost of the wide tree that is made, without the root.
+        /// Returns the cost of the wide tree that [`children`] makes, without the root.
         fn made(&self, at: u32) -> f32 {
             let wraps = self.counts[at as usize] > self.most;
             let cost = |child: u32| {
@@ -214,7 +215,7 @@ mod tests {
     }
 
     proptest! {
-        /// What is made costs what the cheapest of all trees does, without the root.
+        /// The tree that is made costs as much as the cheapest of all trees, without the root.
         #[test]
         fn no_other_tree_is_cheaper(count in 1usize..40, most in 0usize..40, choices in prop::collection::vec((0usize..100, 0.5f32..1.5), 80)) {
             let mut tree = Tree::new(most);
@@ -224,12 +225,11 @@ mod tests {
         }
     }
 
-    /// Nine leaves do not fit a node: two of them go one down, the two of the smallest box.
+    /// Nine leaves do not fit a node: two of them go one level down, those with the smallest common box.
     #[test]
-    fn what_is_too_much_for_a_node_goes_where_it_is_cheapest() {
+    fn surplus_leaves_of_a_node_go_where_they_are_cheapest() {
         let leaf = || Weighed::leaf(1.0, 1);
-        // A chain of pairs: leaf 0 and (leaf 1 and (.. (leaf 7 and leaf 8))); node 8 + i is over leaf i and node 9 + i,
-        // the last over leaves 7 and 8.
+        // A chain of pairs: node 9 + i is over leaf i and node 10 + i, and the last node, 16, is over leaves 7 and 8.
         let mut halves: Vec<[u32; 2]> = (0..9).map(|i| [i, i]).collect();
         halves.extend((0..8u32).map(|i| [i, if i < 7 { 10 + i } else { 8 }]));
         let mut weighed: Vec<Option<Weighed>> = (0..17).map(|i| (i < 9).then(leaf)).collect();
@@ -242,10 +242,10 @@ mod tests {
         assert_eq!(children(16, &weighed, &halves, false), [7, 8]);
     }
 
-    /// Two leaves of a node of which each leaf gets one: both go into one node.
+    /// Two leaves below a node that gives each leaf a node of its own: both go into one node.
     #[test]
     fn leaves_go_together_where_each_would_get_a_node() {
-        // A root over a pair of leaves, and a third.
+        // A root over a pair of leaves, and a third leaf.
         let halves = [[1, 2], [3, 4], [2, 2], [3, 3], [4, 4]];
         for (wraps, expected) in [(false, vec![3, 4, 2]), (true, vec![1, 2])] {
             let leaf = || Weighed::leaf(1.0, 4);

@@ -1,24 +1,18 @@
-//! How many of the rays that enter a cell's region, its box inside of its slabs, pass what it holds.
+//! Computes the share of rays that each cell stops, of those that enter its region (its box inside its oriented slabs).
 //!
-//! Lines through the region, uniform over all of them, are asked of the triangles below: no cell's share is made of
-//! those of its pieces. Two things are beside the cell:
+//! Lines through the region, uniform over all of them, are tested against the triangles below: the share of a cell is
+//! not made of those of its children. Two effects come from outside the cell:
 //!
-//! - A cell of a closed wall must let nothing through, however ragged the piece of the wall in it. So all cells of a
-//!   treelet (see [`super::tree::TREELET`]) are **walls** if what they hold goes on beside them: of the lines that go
-//!   steeply through a cell's first slab, or as near beside it as an eighth of its size ([`Region`]), and meet nothing
-//!   in it, most find other surface as near again ([`FOUND`]). Measured, by treelets: 0.5 to 1 of them in spheres and a
-//!   scan of a million triangles, 0.1 to 0.4 among plates, less than 0.2 among wires, less than 0.05 among leaf cards;
-//!   in terrains of cubes anything.
-//! - A line that passes a piece of a wire beside its end finds the next piece. As cells that overlap mostly decide
-//!   alike about a ray (`trace::pass`), the next one would let it pass too. So a part of these lines counts as stopped:
+//! - A cell of a closed wall must transmit nothing, however ragged its piece of the wall is. So all cells of a treelet
+//!   (see [`super::tree::TREELET`]) are **walls** if their content continues next to them: of the lines that cross a
+//!   cell's first slab steeply, or pass it as near as an eighth of its size ([`Region`]), and hit nothing in it, most
+//!   hit other, **near surface** within that distance ([`FOUND`]).
+//! - A line that passes the end of a piece of a wire hits the next piece. Overlapping cells mostly decide alike about a
+//!   ray (`trace/coverage.rs`), so the next cell would transmit it too. So a part of these lines counts as stopped:
 //!   [`BESIDE`].
 //!
-//! All cells are tested with the same lines, turned by the position of the cell: an error by chance in one cell does
-//! not repeat in the next. The result does not depend on the number of threads.
-//!
-//! Of a model of several chunks, cells over more than one of them and those right below a chunk's root (`join`) let
-//! nothing pass; and what is near is sought in the chunk alone, so that at its ends fewer cells are walls of
-//! themselves. (`tests/stability/awkward.rs`: closed meshes of several chunks stay closed all the same.)
+//! All cells are tested with the same lines, shifted by a hash of the cell's position, so that a random error in one
+//! cell does not repeat in the next. The result does not depend on the number of threads.
 
 use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};
 use super::refs::Ref;
@@ -31,34 +25,36 @@ use crate::simd::{Isa, Op, Simd, dispatch};
 use crate::structure::bake::TreeInput;
 use crate::structure::par::Par;
 
-/// Through about so many of a treelet's cells lines are asked, a group through each,
+/// Approximate number of groups of lines that the first test of a treelet spreads over its cells.
 const PROBES: usize = 16;
-/// those that go through the slab at so much of a cosine.
+/// Least cosine between a steep line and the normal of the slab.
 const STEEP: f32 = 0.6;
-/// Its cells are walls if so many of those that pass find other surface near,
+/// The cells of a treelet are walls if this share of the lines that hit nothing find near surface in the first test.
 const SURE: f32 = 0.7;
-/// as soon as it is known of so many of these;
+/// The first test may end after near surface was sought for this number of these lines.
 const ENOUGH: f32 = 16.0;
-/// or, once a group was asked through each of them, so many. (Of the treelets of a Mandelbulb of a million all find 0.5
-/// or more, 2 of 5,745 less than this, see [`agree`]. With 0.45 small steps in a terrain of cubes close, which
-/// brightens it by 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.7 and 1.0 %.)
+/// The same share for the second test, after a further group of lines through each cell. (Measured shares: 0.5 to 1 in
+/// treelets of spheres and a scan of a million triangles, 0.1 to 0.4 among plates, less than 0.2 among wires, less than
+/// 0.05 among leaf cards; in terrains of cubes any value. All treelets of a Mandelbulb of a million find 0.5 or more, 2
+/// of 5,745 less than this, see [`agree`]. With 0.45, small steps in a terrain of cubes close, which brightens it by
+/// 1.3 % at half a pixel of error, 1.7 % with shadows; now 0.7 and 1.0 %.)
 const FOUND: f32 = 0.55;
-/// How near, as a part of the cell's size: to cells in treelets, and to **larger** ones, which are those of nodes above
-/// treelets and of each treelet's uppermost.
+/// Distance of near surface, as a fraction of the cell's size: for cells in treelets, and for **larger** cells, which
+/// are those of nodes above treelets and of the uppermost nodes of treelets.
 const NEAR: [f32; 2] = [0.125, 0.25];
-/// How many of the lines that pass a cell, and find other surface near it, count as stopped: of leaves, of other nodes
-/// in treelets, and of larger ones. (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, of six views that
-/// farthest from 1: 0.02, 0.02, 0.03 and 0.03 off, and 0.05, 0.04, 0.02 and 0.04. Plates need fewer, wires as many: so
-/// leaves go by their treelet.)
+/// Share that counts as stopped, of the lines that miss a cell's content and find near surface: for leaves, other nodes
+/// in treelets, and larger cells. (Coverage of two forests of wires at PoE 0.5, 1, 3 and 10, greatest error of six
+/// views: 0.02, 0.02, 0.03 and 0.03, and 0.05, 0.04, 0.02 and 0.04. Plates need less, wires as much, so the value of
+/// leaves depends on their treelet.)
 const BESIDE: Beside = Beside { of_nodes: 0.5, of_larger: 0.75, of_leaves: 2.0 };
-/// In so many nodes and leaves what is near a line is sought.
+/// Greatest number of nodes and leaves in which near surface is sought for a line.
 const SEEK: usize = 64;
-/// Of a group of lines those of which it is asked what is near.
+/// The lines of a group for which near surface is sought.
 const HALF: u8 = 0b0101_0101;
-/// Groups of eight lines through a cell in a treelet, and through a larger one; of half of the lines of the first of
-/// these, or of a quarter of them, it is asked what is near.
+/// Groups of eight lines through a cell in a treelet, and through a larger one. Near surface is sought for [`HALF`] of
+/// the lines of the first group, or of the first quarter of the groups.
 const LINES: [usize; 2] = [4, 16];
-/// A larger cell that stops no more than this share of its lines is sampled [`ROUNDS`] times.
+/// A larger cell that stops at most this share of its lines is sampled [`ROUNDS`] times.
 const SPARSE: f32 = 0.5;
 /// See [`SPARSE`].
 const ROUNDS: usize = 4;
@@ -68,12 +64,12 @@ const ROUNDS: usize = 4;
 struct Beside {
     of_nodes: f32,
     of_larger: f32,
-    /// Of leaves so many times the share of the lines beside their treelet's cells that find other surface near: few
-    /// among plates and cards, more along wires.
+    /// For leaves: factor of the share of the lines next to their treelet's cells that find near surface, which is low
+    /// among plates and cards, and higher along wires.
     of_leaves: f32,
 }
 
-/// What lines meet.
+/// The geometry that lines are tested against.
 struct Scene<'a> {
     pieces: &'a [Piece],
     input: TreeInput<'a>,
@@ -81,7 +77,7 @@ struct Scene<'a> {
     beside: Beside,
 }
 
-/// A cell that is asked about.
+/// A cell to be sampled.
 #[derive(Clone, Copy)]
 struct Cell<'a> {
     bounds: Bounds,
@@ -89,8 +85,12 @@ struct Cell<'a> {
     sub: &'a Sub,
 }
 
-/// Works out how many rays all cells below `pieces` stop, the same with any vectors. Fails only with
+/// Computes the share of rays that each cell below `pieces` stops, the same with any instruction set. Fails only with
 /// [`crate::Error::Cancelled`].
+///
+/// In a model of several chunks, cells over more than one chunk and those right below a chunk's root (`join`) transmit
+/// nothing. Near surface is sought in the same chunk only, so fewer cells at its ends become walls.
+/// (`tests/stability/awkward.rs`: closed meshes of several chunks stay closed all the same.)
 pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par: &Par, cancel: &Cancel) -> Result<()> {
     mark_with(BESIDE, pieces, input, refs, isa, par, cancel)
 }
@@ -129,7 +129,7 @@ fn mark_with(
             apply(inner, &mut known, &mut codes);
         }
     }
-    debug_assert!(known.len() == 0 && codes.len() == 0, "each was handed to its own");
+    debug_assert!(known.len() == 0 && codes.len() == 0, "some results were not assigned");
     Ok(())
 }
 
@@ -137,16 +137,16 @@ fn inners(pieces: &[Piece]) -> impl Iterator<Item = &InnerNode> {
     pieces.iter().filter_map(|p| if let Sub::InnerNode(inner) = &p.sub { Some(&**inner) } else { None })
 }
 
-/// A treelet: neighbours in one node, and all below them.
+/// A treelet: neighbours in one node, and all nodes below them.
 #[derive(Clone, Copy)]
 struct Treelet<'a> {
     inner: &'a InnerNode,
-    /// The neighbours, first and end.
+    /// First and end slot of the neighbours.
     slots: [usize; 2],
 }
 
 impl<'a> Treelet<'a> {
-    /// Its cells, in their order, but for its uppermost nodes', which are asked as larger ones.
+    /// Returns its cells, in order, without those of its uppermost nodes, which are sampled as larger cells.
     fn cells(&self) -> Vec<Cell<'a>> {
         let mut out = Vec::new();
         for cell in cells(self.inner).take(self.slots[1]).skip(self.slots[0]) {
@@ -159,7 +159,7 @@ impl<'a> Treelet<'a> {
     }
 }
 
-/// The children of a node, those of a treelet together: first and end.
+/// Returns the children of a node in runs (first and end slot); those of a treelet form one run.
 fn runs(inner: &InnerNode) -> Vec<[usize; 2]> {
     let mut end = 0;
     let run = |run: &[Place]| {
@@ -169,7 +169,7 @@ fn runs(inner: &InnerNode) -> Vec<[usize; 2]> {
     inner.places[..inner.children.len()].chunk_by(|_, next| *next == Place::GoesOn).map(run).collect()
 }
 
-/// A child that is larger than treelets.
+/// Returns a child that is larger than treelets.
 fn above_treelets(inner: &InnerNode, slot: usize) -> Option<&InnerNode> {
     match &inner.children[slot].1 {
         Sub::InnerNode(below) if inner.places[slot] == Place::Above => Some(below),
@@ -177,7 +177,7 @@ fn above_treelets(inner: &InnerNode, slot: usize) -> Option<&InnerNode> {
     }
 }
 
-/// The treelets below a node, in their order.
+/// Appends the treelets below a node, in order.
 fn gather_treelets<'a>(inner: &'a InnerNode, out: &mut Vec<Treelet<'a>>) {
     for slots in runs(inner) {
         match above_treelets(inner, slots[0]) {
@@ -187,9 +187,9 @@ fn gather_treelets<'a>(inner: &'a InnerNode, out: &mut Vec<Treelet<'a>>) {
     }
 }
 
-/// Of treelets in one node all are walls if those with half of their cells or more are: a small piece of a wall, at a
-/// corner of it, may look otherwise. (Two of a Mandelbulb of a million do. One of them was a hole of one pixel where
-/// three quarters had to agree. One that is alone in its node decides alone: beside a wall there may be a wire.)
+/// Makes all treelets in one node walls if those with half of their cells or more are: a small piece of a wall, at its
+/// corner, may look different. (Two of a Mandelbulb of a million do. One of them was a hole of one pixel where three
+/// quarters had to agree. A treelet that is alone in its node decides alone: a wire may lie next to a wall.)
 fn agree(inner: &InnerNode, treelets: &mut std::slice::IterMut<Known>) {
     let (mut here, mut sums) = (Vec::new(), [0; 2]);
     for slots in runs(inner) {
@@ -206,8 +206,8 @@ fn agree(inner: &InnerNode, treelets: &mut std::slice::IterMut<Known>) {
     }
 }
 
-/// Of all larger cells, in their order, those to be asked; nothing for those of whose cells a quarter or more are
-/// walls. How many cells are below, and how many of these are walls.
+/// Appends all larger cells, in order; `None` for those with walls as a quarter or more of the cells below. Returns the
+/// number of cells below, and the number of walls among them.
 fn gather_large<'a>(
     inner: &'a InnerNode,
     above: Option<&'a InnerNode>,
@@ -225,7 +225,7 @@ fn gather_large<'a>(
         let end = out.len();
         let counts = match above_treelets(inner, slots[0]) {
             Some(below) => gather_large(below, Some(inner), treelets, out),
-            // They come in the same order: there is one for each.
+            // The treelets come in the same order: there is one for each run.
             None => treelets.next().map_or([0; 2], |known| [known.cells, known.of_walls()]),
         };
         if 4 * counts[1] >= counts[0] {
@@ -245,7 +245,8 @@ fn cells(inner: &InnerNode) -> impl Iterator<Item = Cell<'_>> {
     })
 }
 
-/// The leaf that a node was put over ([`super::tree::wrap_leaves`]): its cell is that leaf's, asked once for both.
+/// Returns the leaf that a node was put over ([`super::tree::wrap_leaves`]): both have the same cell, which is sampled
+/// once.
 fn lone_leaf(sub: &Sub) -> Option<&Sub> {
     match sub {
         Sub::InnerNode(inner) if matches!(inner.children[..], [(_, Sub::Leaf { .. })]) => Some(&inner.children[0].1),
@@ -259,7 +260,7 @@ impl Cell<'_> {
     }
 }
 
-/// Of all cells below, in their order.
+/// Appends all cells below a node, in order.
 fn all_cells<'a>(inner: &'a InnerNode, out: &mut Vec<Cell<'a>>) {
     for cell in cells(inner) {
         out.push(cell);
@@ -269,22 +270,22 @@ fn all_cells<'a>(inner: &'a InnerNode, out: &mut Vec<Cell<'a>>) {
     }
 }
 
-/// What is known of a treelet's cells.
+/// Result for the cells of a treelet.
 struct Known {
-    /// How many there are.
+    /// Number of cells.
     cells: usize,
-    /// A code for each, in their order; none if all are walls.
+    /// A stop code for each cell, in order; empty if all are walls.
     codes: Vec<u8>,
 }
 
 impl Known {
-    /// How many of its cells are walls.
+    /// Returns the number of its cells that are walls.
     fn of_walls(&self) -> usize {
         if self.codes.is_empty() { self.cells } else { 0 }
     }
 }
 
-/// Finds the codes of a treelet.
+/// Computes the stop codes of a treelet.
 struct OfTreelet<'a> {
     scene: &'a Scene<'a>,
     treelet: Treelet<'a>,
@@ -298,9 +299,9 @@ impl Op for OfTreelet<'_> {
         let Self { scene, treelet } = self;
         let (all, mut asker) = (treelet.cells(), Asker::new(scene, Some(treelet.inner)));
         let (mut sums, walls) = (Asked::default(), Known { cells: all.len(), codes: Vec::new() });
-        // One is left for what is asked further.
+        // One group is left for the second test.
         let (groups, step) = (PROBES.div_ceil(all.len()).min(PROBES - 1), (all.len() / PROBES).max(1));
-        // A quarter of them at a time, from all over the treelet: of most of a scan the first are enough.
+        // A quarter of the cells at a time, from all over the treelet: for most of a scan the first quarter is enough.
         for quarter in 0..4 {
             for cell in all.iter().skip(quarter * step).step_by(4 * step) {
                 sums.add(asker.beside(s, cell, [0, groups]));
@@ -309,7 +310,7 @@ impl Op for OfTreelet<'_> {
                 return walls;
             }
         }
-        // By chance not, perhaps: the more is looked at.
+        // The result may be due to chance: more lines are tested.
         for cell in &all {
             sums.add(asker.beside(s, cell, [groups, groups + 1]));
         }
@@ -325,10 +326,10 @@ impl Op for OfTreelet<'_> {
     }
 }
 
-/// A larger cell that is to be asked, and what its node hangs in, if that is no piece.
+/// A larger cell to be sampled, and the parent of the node that holds it, unless that node is a piece.
 type Large<'a> = Option<(Cell<'a>, Option<&'a InnerNode>)>;
 
-/// The code of a cell that is larger.
+/// Computes the stop code of a larger cell.
 struct OfLarge<'a> {
     scene: &'a Scene<'a>,
     cell: Cell<'a>,
@@ -353,16 +354,16 @@ impl Op for OfLarge<'_> {
     }
 }
 
-/// Of the lines through a cell's region, some looked at.
+/// Results of lines through a cell's region.
 #[derive(Clone, Copy, Default)]
 struct Asked {
-    /// How many there are, in some unit.
+    /// Weight of all lines.
     all: f32,
-    /// How many of these pass what it holds.
+    /// Weight of the lines that hit nothing in the cell.
     transmitted: f32,
-    /// Of how many of those it was asked whether they find other surface near it.
+    /// Weight of those of them for which near surface was sought.
     sought: f32,
-    /// How many do.
+    /// Weight of those that found some.
     found: f32,
 }
 
@@ -372,33 +373,33 @@ impl Asked {
         (self.sought, self.found) = (self.sought + o.sought, self.found + o.found);
     }
 
-    /// Where no line passes there is nothing to be let through; not so if there was no line.
+    /// True for a wall. It is also true if no line misses the content, but false if there is no line.
     fn is_wall(&self, least: f32) -> bool {
         self.all > 0.0 && self.found >= least * self.sought
     }
 
-    /// Of those that pass, the share that finds other surface near.
+    /// Share of those that find near surface, among the lines that hit nothing in the cell.
     fn near(&self) -> f32 {
         self.found / self.sought.max(f32::MIN_POSITIVE)
     }
 
-    /// The share of them that counts as stopped.
+    /// Share of all lines that counts as stopped.
     fn stops(&self, beside: f32) -> f32 {
         1.0 - self.transmitted * (1.0 - beside * self.near()) / self.all.max(f32::MIN_POSITIVE)
     }
 
-    /// The stop code, see [`stop_bits`].
+    /// Returns the stop code, see [`stop_bits`].
     fn code(&self, beside: f32) -> u8 {
         let stops = self.stops(beside);
-        // The greatest stops all, as no code does; and so does what is too small for single precision.
+        // Code 0 stops all, in place of the greatest code, and for results that are too small for single precision.
         if stops.is_finite() { (stops.max(0.0).sqrt() * 63.0).round().max(1.0) as u8 % 63 } else { 0 }
     }
 }
 
-/// Asks lines through cells.
+/// Tests lines through cells.
 struct Asker<'a> {
     scene: &'a Scene<'a>,
-    /// Below this what is near is sought first.
+    /// Near surface is first sought below this node.
     above: Option<&'a InnerNode>,
     lines: Lines,
     triangles: Vec<u32>,
@@ -410,8 +411,7 @@ impl<'a> Asker<'a> {
         Self { scene, above, lines: Lines::new(), triangles: Vec::new(), stack: Vec::new() }
     }
 
-    /// Asks the lines of so many groups, each alone, down the tree; and of the first `seek` of these groups what is
-    /// near.
+    /// Tests the lines of `groups` groups one by one, down the tree. Seeks near surface for the first `seek` groups.
     #[inline(always)]
     fn alone<S: Simd>(&mut self, s: S, sub: &'a Sub, region: &Region, groups: usize, seek: usize) -> Asked {
         self.lines.through(s, region, [0, groups]);
@@ -423,20 +423,20 @@ impl<'a> Asker<'a> {
         self.asked(s, &transmitted, seek, HALF, region.size * NEAR[1])
     }
 
-    /// Asks `groups` (first, end) of the lines that go through a cell or near beside it, if they do so steeply; and of
-    /// all that meet nothing in it what is near.
+    /// Tests those lines of `groups` (first, end) that go steeply through a cell or near it. Seeks near surface for all
+    /// lines that hit nothing in the cell.
     #[inline(always)]
     fn beside<S: Simd>(&mut self, s: S, cell: &Cell<'a>, groups: [usize; 2]) -> Asked {
         let region = Region::around(&cell.bounds, &cell.slabs, NEAR[0]);
         self.lines.through(s, &region, groups);
-        // Else a few short ones through the smallest cells outweigh all others.
+        // Otherwise a few short lines through the smallest cells outweigh all others.
         self.lines.weigh_alike();
         self.lines.keep_steep(s, &region, STEEP);
         let transmitted = self.pass_all(s, cell);
         self.asked(s, &transmitted, transmitted.len(), 0xff, region.size * NEAR[0])
     }
 
-    /// Those of the lines that meet none of the triangles in a cell, of which there are few.
+    /// Returns the lines that hit none of the triangles in a cell, of which there are few.
     #[inline(always)]
     fn pass_all<S: Simd>(&mut self, s: S, cell: &Cell) -> Set {
         self.triangles.clear();
@@ -450,8 +450,8 @@ impl<'a> Asker<'a> {
         transmitted
     }
 
-    /// Asks the lines of so many groups together about each of the triangles in a cell, of which there are few; and of
-    /// the first group what is near.
+    /// Tests the lines of `groups` groups at once against each of the triangles in a cell, of which there are few.
+    /// Seeks near surface for the first group.
     #[inline(always)]
     fn together<S: Simd>(&mut self, s: S, cell: &Cell, groups: usize) -> Asked {
         let region = cell.region();
@@ -460,10 +460,10 @@ impl<'a> Asker<'a> {
         self.asked(s, &transmitted, 1, HALF, region.size * NEAR[0])
     }
 
-    /// What there is to be said of lines of which some passed; `some` of each of the first groups are asked if they
-    /// meet anything in the chunk on their ways, each longer by `near` at both ends: first below `above`, where mostly
-    /// it is. (Nowhere else: closed spheres and rooms have holes, for what is beside the cells at its ends is not
-    /// found.)
+    /// Sums up the results of lines of which `transmitted` hit nothing in the cell. For `some` lines of each of the
+    /// first groups, it tests whether they hit anything in the chunk within their intervals, lengthened by `near` at
+    /// both ends: first below `above`, where such surface mostly is. (A search there alone leaves holes in closed
+    /// spheres and rooms, because it misses surface outside the outermost cells.)
     #[inline(always)]
     fn asked<S: Simd>(&mut self, s: S, transmitted: &Set, groups: usize, some: u8, near: f32) -> Asked {
         let (mut sought, mut found) = (NONE, NONE);
@@ -489,8 +489,8 @@ impl<'a> Asker<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// Whether a line meets a triangle below those on the stack, which is left empty: in the first `at_most` nodes and
-    /// leaves that it crosses.
+    /// True if a line hits a triangle below the nodes on the stack, in the first `at_most` nodes and leaves that it
+    /// crosses. The stack is left empty.
     #[inline(always)]
     fn meets<S: Simd>(&self, s: S, line: &Line, at_most: usize, stack: &mut Vec<&'a Sub>) -> bool {
         let mut left = at_most;
@@ -522,7 +522,7 @@ impl<'a> Scene<'a> {
         &self.refs[first as usize..(first + count) as usize]
     }
 
-    /// The triangles below.
+    /// Appends the triangles below a node.
     fn below(&self, sub: &Sub, out: &mut Vec<u32>) {
         match sub {
             Sub::Leaf { first, count, .. } => out.extend(self.refs(*first, *count).iter().map(|r| r.triangle() as u32)),
@@ -532,7 +532,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Puts the children whose boxes a line crosses onto the stack.
+/// Pushes the children with boxes that a line crosses.
 #[inline(always)]
 fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a InnerNode, stack: &mut Vec<&'a Sub>) {
     let mut met = line.boxes(s, &inner.node);
@@ -543,11 +543,11 @@ fn push_crossed<'a, S: Simd>(s: S, line: &Line, inner: &'a InnerNode, stack: &mu
     }
 }
 
-/// Hands codes to cells, in the order in which they were gathered.
+/// Assigns codes to cells, in the order in which they were gathered.
 fn apply(inner: &mut InnerNode, treelets: &mut std::vec::IntoIter<Known>, large: &mut std::vec::IntoIter<u8>) {
     for slots in runs(inner) {
-        let is_clump = above_treelets(inner, slots[0]).is_none();
-        let known = if is_clump { treelets.next() } else { None };
+        let is_treelet = above_treelets(inner, slots[0]).is_none();
+        let known = if is_treelet { treelets.next() } else { None };
         let mut codes = known.map_or_else(Vec::new, |known| known.codes).into_iter();
         for slot in slots[0]..slots[1] {
             if is_leaf(&inner.children[slot].1) {
@@ -556,12 +556,12 @@ fn apply(inner: &mut InnerNode, treelets: &mut std::vec::IntoIter<Known>, large:
             }
             set(inner, slot, large.next().unwrap_or(0));
             match &mut inner.children[slot].1 {
-                Sub::InnerNode(below) if is_clump => apply_all(below, &mut codes),
+                Sub::InnerNode(below) if is_treelet => apply_all(below, &mut codes),
                 Sub::InnerNode(below) => apply(below, treelets, large),
                 _ => {}
             }
         }
-        debug_assert!(codes.len() == 0, "each of a treelet's codes is handed to its cell");
+        debug_assert!(codes.len() == 0, "some codes of a treelet were not assigned");
     }
 }
 
@@ -577,7 +577,7 @@ fn apply_all(inner: &mut InnerNode, codes: &mut std::vec::IntoIter<u8>) {
     }
 }
 
-/// Itself, or with a node of its own over it.
+/// True for a leaf, and for a node that was put over one.
 fn is_leaf(sub: &Sub) -> bool {
     matches!(sub, Sub::Leaf { .. }) || lone_leaf(sub).is_some()
 }

@@ -1,4 +1,4 @@
-//! How many rays cells stop, against closed forms and lines that are drawn by chance, counted in double precision.
+//! Tests of the shares of rays that cells stop, against closed forms and random lines counted in double precision.
 
 use super::super::{refs, tree};
 use super::*;
@@ -26,7 +26,7 @@ impl Random {
     }
 }
 
-/// A built tree, marked; fails as [`mark`] does.
+/// Returns a built tree, marked; fails as [`mark`] does.
 fn marked(
     beside: Beside,
     triangles: &[[Vec3; 3]],
@@ -45,7 +45,7 @@ fn marked(
     Ok((pieces, refs))
 }
 
-/// What was said of each cell: the share of rays that it stops, and itself.
+/// Returns each cell, with the share of rays that it stops.
 fn stops(pieces: &[Piece]) -> Vec<(f64, Cell<'_>)> {
     let (mut cells, mut words) = (Vec::new(), Vec::new());
     for piece in pieces {
@@ -64,7 +64,7 @@ fn first_words(inner: &InnerNode, out: &mut Vec<u32>) {
     for (coded, sub) in &inner.children {
         out.push(coded.words[0]);
         match sub {
-            // One cell, as `cells` has it: one share.
+            // Both are one cell, as in `cells`, and have one share.
             Sub::InnerNode(over) if lone_leaf(sub).is_some() => {
                 assert_eq!(crate::lod::stopped(over.children[0].0.words[0]), crate::lod::stopped(coded.words[0]));
             }
@@ -78,7 +78,7 @@ fn quad(at: Vec3, u: Vec3, v: Vec3) -> [[Vec3; 3]; 2] {
     [[at, at + u, at + u + v], [at, at + u + v, at + v]]
 }
 
-/// Squares on a grid of units, turned anyhow, so small that hardly one is behind another.
+/// Squares on a unit grid in random orientations, so small that hardly one is behind another.
 fn cards(side: usize) -> Vec<[Vec3; 3]> {
     let mut random = Random(5);
     let mut out = Vec::new();
@@ -90,7 +90,7 @@ fn cards(side: usize) -> Vec<[Vec3; 3]> {
     out
 }
 
-/// Cubes that stand alone: cells that hold one are full.
+/// Separate cubes: cells that hold one are full.
 fn boxes(side: usize) -> Vec<[Vec3; 3]> {
     let one = |i: usize| {
         let at = Vec3::new((i % side) as f32, (i / side % side) as f32, (i / side / side) as f32);
@@ -106,14 +106,14 @@ fn best(triangles: &[[Vec3; 3]]) -> (Vec<Piece>, Vec<Ref>) {
     marked(BESIDE, triangles, Isa::best(), 2, &Cancel::new()).expect("marked")
 }
 
-/// With nothing counted as stopped because of what is beside it.
+/// Marks a tree; no line counts as stopped because of near surface.
 fn alone(triangles: &[[Vec3; 3]]) -> (Vec<Piece>, Vec<Ref>) {
     marked(Beside { of_nodes: 0.0, of_larger: 0.0, of_leaves: 0.0 }, triangles, Isa::best(), 2, &Cancel::new())
         .expect("marked")
 }
 
-/// The share of lines by chance through a cell's region that meet what it holds: with points even over a sphere's disks
-/// across any direction.
+/// Returns the share of random lines through a cell's region that hit its content. The points of the lines are uniform
+/// over a square across a random direction.
 fn counted(cell: &Cell, triangles: &[[Vec3; 3]], refs: &[Ref], random: &mut Random) -> f64 {
     let (middle, radius) = (cell.bounds.center().as_dvec3(), f64::from(cell.bounds.extent().length()) * 0.5);
     let mut below = Vec::new();
@@ -161,12 +161,12 @@ fn meets(org: DVec3, dir: DVec3, triangle: &[Vec3; 3]) -> bool {
 }
 
 #[test]
-fn sparse_cells_stop_as_many_as_lines_by_chance_meet() {
+fn sparse_cells_stop_the_share_that_random_lines_hit() {
     for triangles in [cards(14), boxes(14)] {
         let (pieces, refs) = alone(&triangles);
         let (mut random, mut ratios) = (Random(3), Vec::new());
         for (stops, cell) in stops(&pieces) {
-            // Of a treelet's cell 32 lines are asked, of larger ones some hundreds: each is a matter of chance, the
+            // A treelet's cell is tested with 32 lines, a larger one with some hundreds. Single results are random, the
             // mean is not.
             if cell.bounds.extent().min_element() > 1.0 {
                 ratios.push(stops / counted(&cell, &triangles, &refs, &mut random));
@@ -174,12 +174,12 @@ fn sparse_cells_stop_as_many_as_lines_by_chance_meet() {
         }
         assert!(ratios.len() > 50, "{}", ratios.len());
         let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
-        // Of few lines short ways, at corners, are seldom found.
+        // Few lines seldom include short ones, at corners.
         assert!((0.9..1.15).contains(&mean), "{mean}");
     }
 }
 
-/// Square rods any way, in pieces of a fiftieth of the space that they are in.
+/// Square rods in random directions, in pieces of a fiftieth of the space that they are in.
 fn forest(wires: usize) -> Vec<[Vec3; 3]> {
     let mut random = Random(11);
     let mut out = Vec::new();
@@ -199,13 +199,14 @@ fn forest(wires: usize) -> Vec<[Vec3; 3]> {
     out
 }
 
-/// Leaves, and nodes of few and of more triangles: of each the mean is not a matter of chance.
+/// Leaves, and nodes of few and of more triangles: the mean of each class is not random.
 #[test]
-fn cells_of_wires_stop_as_many_as_lines_by_chance_meet() {
+fn cells_of_wires_stop_the_share_that_random_lines_hit() {
     let triangles = forest(300);
     let (pieces, refs) = alone(&triangles);
     let mut random = Random(3);
-    // How many, what they were said to stop and what they do, the squares of that and of how far the two are apart.
+    // Number of cells, share according to the codes, share counted, and the squares of the latter and of the
+    // difference.
     let mut sums = [[0.0; 5]; 4];
     for (i, (stops, cell)) in stops(&pieces).into_iter().enumerate() {
         let mut below = Vec::new();
@@ -228,7 +229,7 @@ fn cells_of_wires_stop_as_many_as_lines_by_chance_meet() {
         assert!(cells > 100.0 && (0.9..1.1).contains(&(stops / counted)), "{stops}, {counted} of {cells}");
         all.iter_mut().zip([cells, stops, counted, squares, apart]).for_each(|(sum, here)| *sum += here);
     }
-    // Each cell has its own: handed to others, codes are apart by twice what they spread.
+    // Each cell has its own code: if codes went to other cells, the differences would be twice the spread.
     let [cells, _, counted, squares, apart] = all;
     let spread = squares - counted * counted / cells;
     assert!(4.0 * apart < spread, "{apart} of {spread}");
@@ -270,8 +271,8 @@ fn a_closed_ball_stops_all() {
     }
 }
 
-/// A node's children, and all below: of each treelet the triangles, and how many have larger ranges, treelets of
-/// several children, leaves under a node.
+/// Visits a node's children and everything below. Appends the number of triangles of each treelet, and counts larger
+/// ranges, treelets of several children, and leaves under a node of their own.
 fn look(inner: &InnerNode, refs: &[Ref], treelets: &mut Vec<usize>, seen: &mut [usize; 3]) {
     let mut below = Vec::new();
     for slots in runs(inner) {
@@ -293,13 +294,13 @@ fn look(inner: &InnerNode, refs: &[Ref], treelets: &mut Vec<usize>, seen: &mut [
 }
 
 #[test]
-fn clumps_are_of_so_many_triangles_and_hold_all() {
+fn treelets_are_of_limited_size_and_hold_all_triangles() {
     let mut seen = [0; 3];
     for (triangles, least) in [(forest(300), 150), (ball(60), 60), (ball(6), 1), (ball(100), 160)] {
         let (pieces, refs) = best(&triangles);
         let mut treelets = Vec::new();
         inners(&pieces).for_each(|inner| look(inner, &refs, &mut treelets, &mut seen));
-        // But for what splits repeat.
+        // Splits repeat some triangles.
         assert!(
             treelets.len() >= least && treelets.iter().all(|n| (1..=tree::TREELET * 5 / 4).contains(n)),
             "{treelets:?}"
@@ -311,7 +312,7 @@ fn clumps_are_of_so_many_triangles_and_hold_all() {
 
 #[test]
 fn the_codes_are_the_same_with_any_vectors_and_threads() {
-    // Walls, cells that let rays pass, and ranges larger than small subtrees.
+    // Walls, cells that transmit rays, and ranges larger than small subtrees.
     let triangles = [cards(14), ball(60)].concat();
     let codes = |isa, threads| {
         let (pieces, _) = marked(BESIDE, &triangles, isa, threads, &Cancel::new()).expect("marked");
@@ -332,7 +333,7 @@ fn the_codes_are_the_same_with_any_vectors_and_threads() {
 }
 
 #[test]
-fn asking_can_be_cancelled() {
+fn marking_can_be_cancelled() {
     let cancel = Cancel::new();
     cancel.cancel();
     let ends = marked(BESIDE, &cards(5), Isa::best(), 1, &cancel);
@@ -340,12 +341,12 @@ fn asking_can_be_cancelled() {
 }
 
 #[test]
-fn what_says_nothing_stops_all() {
+fn cells_without_lines_stop_all() {
     assert_eq!(Asked::default().code(BESIDE.of_nodes), 0);
     assert!(!Asked::default().is_wall(FOUND));
     let half = Asked { all: 8.0, transmitted: 4.0, sought: 4.0, found: 0.0 };
     assert_eq!((half.stops(BESIDE.of_nodes), half.is_wall(FOUND)), (0.5, false));
-    // None passes: it stops all, and is a wall of itself.
+    // No line passes: the cell stops all rays, and is a wall by itself.
     let none = Asked { all: 8.0, ..Asked::default() };
     assert_eq!((none.code(BESIDE.of_nodes), none.is_wall(FOUND)), (0, true));
 }

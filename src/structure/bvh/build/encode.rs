@@ -1,4 +1,5 @@
-//! From a plan to the trace form of its block, or of its two, with the primitive ids and colours beside it.
+//! Encodes a plan: the trace form of its block or its two blocks, with the primitive ids and colours that belong to
+//! them.
 
 use super::cluster::Plan;
 use super::leaf::LeafShape;
@@ -30,20 +31,20 @@ struct Encoder<'a> {
     refs: &'a [Ref],
     parts: &'a [u32],
     nodes: Vec<Node>,
-    /// Number of each node's first voxel, the voxels, and the sides of those that have six.
+    /// Number of each node's first voxel, the voxels, and the sides of voxels that have six.
     firsts: Vec<u32>,
     voxels: Vec<[u32; LONG_VOXEL]>,
     sides: Vec<[u32; SIDES_WORDS]>,
     leaves: Vec<u32>,
     leaves_at: usize,
     externals_at: usize,
-    /// Where each external reference hangs: node and slot.
+    /// Node and slot of each external reference.
     externals: Vec<u32>,
     prims: Vec<u32>,
     colours: Vec<[u8; 4]>,
 }
 
-/// Encodes a block of a tree whose block 0 has the id `first_block`: it, and its leaf block if it has one.
+/// Encodes a block; `first_block` is the id of the tree's block 0. Returns the block, and its leaf block if it has one.
 pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> (TreeBlock, Option<TreeBlock>) {
     let mut encoder = Encoder {
         input,
@@ -137,13 +138,13 @@ impl Encoder<'_> {
         }
     }
 
-    /// The part of all voxels, if they have the same one and no other.
+    /// Returns the part of all voxels, if each has only this one.
     fn one_part(&self) -> Option<u32> {
         let (first, mixed) = Coded::part(self.voxels.first()?[2]);
         (!mixed && self.voxels.iter().all(|v| v[2] == first)).then_some(first)
     }
 
-    /// Adds a node and all below it in its block; returns its index.
+    /// Adds a node and all nodes below it in its block; returns its index.
     fn inner(&mut self, inner: &InnerNode) -> usize {
         let index = self.nodes.len();
         self.nodes.push(inner.node);
@@ -162,7 +163,7 @@ impl Encoder<'_> {
         index
     }
 
-    /// Adds a leaf; returns its first word.
+    /// Adds a leaf; returns the index of its first word.
     fn leaf(&mut self, first: u32, count: u32) -> usize {
         let refs = &self.refs[first as usize..(first + count) as usize];
         let shape = LeafShape::of(refs, self.input);
@@ -197,7 +198,7 @@ impl Encoder<'_> {
         at
     }
 
-    /// Index among the block's parts of a triangle's part.
+    /// Returns the index of a triangle's part among the parts of the block.
     fn part(&self, triangle: u32) -> u32 {
         let part = self.input.parts[triangle as usize];
         self.parts.partition_point(|&p| p < part) as u32

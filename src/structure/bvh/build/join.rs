@@ -1,8 +1,8 @@
-//! One tree of several: wide nodes over the children of the chunks' roots.
+//! Joins the trees of chunks into one: wide nodes over the children of the chunks' roots.
 //!
-//! The roots themselves are not made: with their children as items, the split into chunks, which memory decided,
-//! has little left to say about the top of the tree. Planes between items are swept exactly, on all axes; an
-//! item weighs what hangs below it.
+//! The roots themselves are not created. The children of the roots are the items, so the division into chunks, which
+//! depends on memory, has little influence on the top of the tree. Planes between items are swept exactly, on all axes.
+//! The weight of an item is the estimated number of references below it.
 
 use super::Top;
 use super::cluster::{Home, UnitId};
@@ -12,22 +12,22 @@ use crate::math::Bounds;
 use crate::structure::bake::Counts;
 use crate::structure::bvh::layout::WIDTH;
 
-/// What [`join`] makes.
+/// Result of [`join`].
 pub struct Joined {
     pub root: Box<InnerNode>,
-    /// Of all chunks.
+    /// Units of all chunks.
     pub units: Vec<Home>,
     pub counts: Counts,
 }
 
-/// A subtree to be put under the top.
+/// A subtree to be put below the top.
 struct Item {
     piece: Piece,
     depth: u32,
     weight: f32,
 }
 
-/// Joins the trees of chunks, whose units and fine blocks follow one another in this order.
+/// Joins the trees of chunks. Their units and fine blocks are numbered one after the other in this order.
 pub fn join(tops: Vec<Top>) -> Result<Joined> {
     let (mut units, mut items, mut counts, mut blocks) = (Vec::new(), Vec::new(), Counts::default(), 0);
     for Top { pieces, units: homes, fine_blocks, counts: Counts { depth, nodes, leaves, references } } in tops {
@@ -52,7 +52,7 @@ pub fn join(tops: Vec<Top>) -> Result<Joined> {
             over(items)
         }
     };
-    let Sub::InnerNode(root) = piece.sub else { return Err(Error::Internal("a tree without a root".into())) };
+    let Sub::InnerNode(root) = piece.sub else { return Err(Error::Internal("a tree has no root".into())) };
     Ok(Joined { root, units, counts: Counts { depth, nodes: counts.nodes + nodes, ..counts } })
 }
 
@@ -64,7 +64,7 @@ fn renumber(sub: &mut Sub, by: u32) {
     }
 }
 
-/// A node over all items; its depth, and the nodes that were made.
+/// Creates a node over all items. Returns it with its depth and the number of nodes that were created.
 fn over(items: Vec<Item>) -> (Piece, u32, u64) {
     let (mut pieces, mut depth, mut nodes) = (Vec::with_capacity(WIDTH), 0, 1);
     for mut group in groups(items) {
@@ -82,7 +82,7 @@ fn over(items: Vec<Item>) -> (Piece, u32, u64) {
     (InnerNode::over(pieces, Place::Above), depth + 1, nodes)
 }
 
-/// Splits into up to eight groups, the one of the largest box first.
+/// Splits items into up to eight groups, the group with the largest box first.
 fn groups(items: Vec<Item>) -> Vec<Vec<Item>> {
     if items.len() <= WIDTH {
         return items.into_iter().map(|i| vec![i]).collect();
@@ -100,7 +100,7 @@ fn groups(items: Vec<Item>) -> Vec<Vec<Item>> {
     groups
 }
 
-/// Splits two items or more where the surface area heuristic is least.
+/// Splits two or more items where the surface area heuristic is least.
 fn halve(mut items: Vec<Item>) -> (Vec<Item>, Vec<Item>) {
     let mut best = (f32::INFINITY, 0, items.len() / 2);
     for axis in 0..3 {
@@ -127,7 +127,7 @@ fn halve(mut items: Vec<Item>) -> (Vec<Item>, Vec<Item>) {
     (items, right)
 }
 
-/// By the middles on an axis. Equal ones stay as they are: the sort is stable.
+/// Sorts items by their centres on an axis. The sort is stable: equal items keep their order.
 fn sort(items: &mut [Item], axis: usize) {
     let middle = |i: &Item| i.piece.cell.min[axis] * 0.5 + i.piece.cell.max[axis] * 0.5;
     items.sort_by(|a, b| middle(a).total_cmp(&middle(b)));

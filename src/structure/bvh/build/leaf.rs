@@ -1,4 +1,4 @@
-//! Leaves: their triangles in order and the vertices that these share.
+//! Leaves: their triangles in order, and the vertices that these share.
 
 use super::refs::Ref;
 use crate::lod::Content;
@@ -8,32 +8,32 @@ use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES};
 use crate::structure::bvh::leaf::{LeafForm, MIXED};
 use glam::Vec3;
 
-/// A leaf's triangles and vertices, found once to build over it and once to write it.
+/// Triangles and vertices of a leaf, found once to build the tree over it and once to write it.
 #[derive(Debug)]
 pub struct LeafShape {
     /// Triangles by ascending primitive id.
     pub triangles: [u32; MAX_TRIANGLES],
-    /// How many.
+    /// Number of triangles.
     pub count: usize,
-    /// Distinct vertices (equal as numbers; -0 equals 0, and the first one's bits stay): x of all, y, z.
-    /// NaN, which equals nothing, behind the last one.
+    /// Distinct vertices: x of all, then y, then z. Vertices are equal if their coordinates are equal as numbers; -0
+    /// equals 0, and the bits of the first vertex stay. NaN, which equals nothing, follows the last vertex.
     pub vertices: [[f32; CORNERS]; 3],
-    /// How many.
+    /// Number of vertices.
     pub vertex_count: usize,
-    /// Vertices of the triangles.
+    /// Vertex numbers of each triangle.
     pub corners: [[u8; 3]; MAX_TRIANGLES],
-    /// Whether the triangles belong to several parts.
+    /// True if the triangles belong to several parts.
     pub mixed: bool,
 }
 
 impl LeafShape {
-    /// Of these references, if they fit a leaf.
+    /// Returns the shape of these references, if they fit a leaf.
     pub fn that_fits(refs: &[Ref], input: TreeInput) -> Option<Self> {
         let shape = (refs.len() <= MAX_TRIANGLES).then(|| Self::of(refs, input))?;
         (shape.vertex_count <= MAX_VERTICES).then_some(shape)
     }
 
-    /// Of at most [`MAX_TRIANGLES`] references.
+    /// Returns the shape of at most [`MAX_TRIANGLES`] references.
     pub fn of(refs: &[Ref], input: TreeInput) -> Self {
         Self::with(Isa::best(), refs, input)
     }
@@ -52,9 +52,9 @@ impl LeafShape {
             *slot = r.triangle() as u32;
         }
         let mut positions = Positions([[0.0; CORNERS + 8]; 3]);
-        // Input order is that of the primitive ids.
+        // The order of the input is that of the primitive ids.
         for &t in &sorted(order)[..refs.len().min(MAX_TRIANGLES)] {
-            // Spatial splits can bring a triangle into one leaf twice.
+            // Spatial splits can put a triangle into one leaf twice.
             if shape.count == 0 || shape.triangles[shape.count - 1] != t {
                 shape.mixed |= shape.count > 0 && input.parts[t as usize] != input.parts[shape.triangles[0] as usize];
                 for (corner, p) in input.triangles[t as usize].iter().enumerate() {
@@ -68,7 +68,7 @@ impl LeafShape {
         shape
     }
 
-    /// What its references, one or more, hold.
+    /// Returns the content of its references, of which there is at least one.
     pub fn content(&self, refs: &[Ref]) -> Content {
         let [x, y, z] = &self.vertices;
         let points = (0..self.vertex_count).map(|i| Vec3::new(x[i], y[i], z[i])).collect();
@@ -77,7 +77,7 @@ impl LeafShape {
         Content::of_triangles(points, refs.iter().map(|r| self.corners[place(r)].map(u16::from)).collect())
     }
 
-    /// How it is stored, and the bits of its coordinates.
+    /// Returns the form in which the leaf is stored, and the bits of its coordinates.
     pub fn stored(&self) -> (LeafForm, [[u32; MAX_VERTICES]; 3]) {
         let bits = self.vertices.each_ref().map(|axis| std::array::from_fn(|i| axis[i].to_bits()));
         (
@@ -92,12 +92,12 @@ impl LeafShape {
         )
     }
 
-    /// Whether no vertex is shared. Vertices are numbered as corners come, so these are in order then.
+    /// True if no vertex is shared. Vertices are numbered in the order of corners, so these are in order then.
     fn is_apart(&self) -> bool {
         self.vertex_count == 3 * self.count
     }
 
-    /// Words in the trace form.
+    /// Number of words in the trace form.
     pub fn words(&self) -> usize {
         if self.is_apart() {
             return self.stored().0.words();
@@ -107,15 +107,16 @@ impl LeafShape {
     }
 }
 
-/// Corners of a leaf's triangles, at most.
+/// Greatest number of corners of a leaf's triangles.
 const CORNERS: usize = 3 * MAX_TRIANGLES;
 
-/// Those of all triangles, axis by axis, in two vectors of sixteen.
+/// Positions of all corners, axis by axis, in two vectors of sixteen.
 #[repr(align(64))]
 struct Positions([[f32; CORNERS + 8]; 3]);
 const _: () = assert!(CORNERS + 8 == 32);
 
-/// Ascending. Each goes behind as many as are less, or are equal and come before: without branches, for there are few.
+/// Sorts ascending. The position of an element is the number of elements that are less, or equal and before it. There
+/// are no branches, because there are few elements.
 fn sorted(all: [u32; MAX_TRIANGLES]) -> [u32; MAX_TRIANGLES] {
     let mut out = [0; MAX_TRIANGLES];
     for (i, &one) in all.iter().enumerate() {
@@ -128,7 +129,7 @@ fn sorted(all: [u32; MAX_TRIANGLES]) -> [u32; MAX_TRIANGLES] {
     out
 }
 
-/// Finds which corners share vertices: these are numbered as their first corners come.
+/// Finds the corners that share vertices. Vertices are numbered in the order of their first corners.
 struct Share<'a> {
     shape: &'a mut LeafShape,
     positions: &'a Positions,
@@ -147,10 +148,10 @@ impl Op for Share<'_> {
             if i >= 16 {
                 equal |= self::equal(s, positions, 16, p) << 16;
             }
-            // Itself at the latest.
+            // The corner itself, if no earlier one is equal.
             let first = (equal.trailing_zeros() as usize).min(i);
             let is_new = first == i;
-            // What is written here stays if it is new.
+            // The second line overwrites this number unless the vertex is new.
             numbers[i] = count as u8;
             numbers[i] = numbers[first];
             for (axis, at) in p.into_iter().enumerate() {
@@ -166,7 +167,7 @@ impl Op for Share<'_> {
     }
 }
 
-/// Which of sixteen corners are at `p`, as numbers: those that are not numbers are nowhere.
+/// Returns the corners, of sixteen, that are equal to `p` as numbers: NaN equals nothing.
 #[inline(always)]
 fn equal<S: Simd>(s: S, positions: &[[f32; CORNERS + 8]; 3], from: usize, p: [f32; 3]) -> u32 {
     let mut equal = 0xffff;
@@ -184,10 +185,10 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Against vertices found one after the other. On a small grid, where most are shared; zeros of both signs are
-        /// the same.
+        /// Compares with vertices found one after the other. On a small grid most vertices are shared; zeros of both
+        /// signs are equal.
         #[test]
-        fn vertices_are_those_that_are_found_one_by_one(
+        fn vertices_are_the_same_as_those_found_one_by_one(
             corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(-1i32..2)), 1..12),
             signs: u64, picked in prop::collection::vec(0usize..12, 1..=MAX_TRIANGLES), parts in prop::collection::vec(0u32..2, 12),
         ) {

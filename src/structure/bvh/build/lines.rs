@@ -1,7 +1,8 @@
-//! Lines through a cell's region, its box inside of its slabs, and which of them meet triangles: eight at a time.
+//! Lines through a cell's region (its box inside its oriented slabs), and their intersection with triangles: eight
+//! lines at a time.
 //!
-//! Lines are uniform over all that cross the region, once each is weighed by one over its way through it
-//! ([`Lines::through`]): through points spread evenly over a box around the region, any way.
+//! The lines go through points spread evenly over a box around the region, in any direction. Once each is weighted by
+//! one over its length in the region ([`Lines::through`]), they are uniform over all lines that cross the region.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::refs::Ref;
@@ -12,89 +13,90 @@ use crate::structure::bvh::layout::Node;
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// Lines of a group.
+/// Number of lines of a group.
 const GROUP: usize = 8;
-/// Groups at most.
+/// Greatest number of groups.
 const GROUPS: usize = 16;
-/// By how much regions are larger than stored, as a part of the cell's size: flat ones have no lines. (Twice as much,
-/// and cells of wires stop a tenth too few.)
+/// Distance by which regions are enlarged, as a fraction of the cell's size: flat ones would have no lines. (With twice
+/// as much, cells of wires stop a tenth too few rays.)
 const GIVE: f32 = 1.0 / 1024.0;
-/// By how much ways are longer than in the region where it is asked what they meet, as a part of the cell's size:
-/// nothing in it is missed by rounding.
+/// Length by which the interval of a line exceeds its part in the region, as a fraction of the cell's size, so that no
+/// triangle in the region is missed because of rounding.
 const ROUNDED: f32 = 1.0 / 512.0;
 
-/// Ways weigh no more than those of this part of the thickness: else one across a corner outweighs all others (of a
-/// flat wall's cell a tenth of all lines seemed to pass, which were one).
+/// Least length that counts for the weight of a line, as a fraction of the region's thickness. Otherwise a line across
+/// a corner outweighs all others. (In the cell of a flat wall, one such line made a tenth of all lines seem to miss the
+/// wall.)
 const SHORT: f32 = 1.0 / 16.0;
 
-/// The size of a cell is the smaller of its diagonal and so many times its width: what lies within an eighth of a long
-/// thin cell's length is mostly far from its sides, where a closed surface goes on. (Clumps of a closed ball stretched
-/// a thousand times along an axis find surface beside 0.07 to 0.6 of their lines by the diagonal, by this 0.4 to 1,
-/// most of them more than 0.9; those of wires, of which few are as long, hardly more than before. With 16 times they
-/// do, and their cells stop too many. Of cells along no axis slabs are stored in steps of a 31st of their reach: they
-/// are wider than what they hold, and gain little.)
+/// The size of a cell is the smaller of its diagonal and this factor times its width: the region within an eighth of a
+/// long thin cell's length is mostly far from its sides, where a closed surface continues. (Treelets of a closed ball
+/// that is stretched a thousand times along an axis find near surface for 0.07 to 0.6 of their lines by the diagonal,
+/// for 0.4 to 1 by this rule, most of them for more than 0.9. Treelets of wires, of which few are as long, find hardly
+/// more than before. With a factor of 16 they do, and their cells stop too many rays. The slabs of cells along no axis
+/// are stored in steps of a 31st of the cell's extent: they are wider than the content, and gain little.)
 const LONG: f32 = 32.0;
-/// It is at least this part of the diagonal, or rounding counts.
+/// The size is at least this fraction of the diagonal; below that, rounding matters.
 const LEAST: f32 = 1.0 / 16384.0;
 
 type Row = [f32; GROUP];
 
-/// Some of the lines: of each group, a bit for each.
+/// A set of lines: a bit for each line of each group.
 pub type Set = [u8; GROUPS];
-/// No line.
+/// The empty set.
 pub const NONE: Set = [0; GROUPS];
 
 /// Lines through a region.
 pub struct Lines {
     groups: usize,
-    /// A point of each; where the way through the region begins and ends is counted from it.
+    /// A point on each line, from which its interval is counted.
     org: [[Row; 3]; GROUPS],
-    /// Unit, to some ten thousandths.
+    /// Directions, of unit length to some ten thousandths.
     dir: [[Row; 3]; GROUPS],
-    /// A little longer than in the region.
+    /// The interval of each line: a little longer than its part in the region.
     way: [[Row; 2]; GROUPS],
     weight: [Row; GROUPS],
-    /// Those that there are.
+    /// The lines that are valid.
     pub all: Set,
 }
 
-/// A cell's region.
+/// The region of a cell.
 pub struct Region {
     bounds: Bounds,
     slabs: OrientedSlabs<f32>,
-    /// Unit: across the first slab.
+    /// Unit normal of the first slab.
     across: Vec3,
-    /// Around it.
+    /// A box around the region.
     oriented: OrientedBox,
-    /// Shorter ways weigh no more.
+    /// Least length that counts for the weight of a line.
     least: f32,
-    /// Of the cell: its diagonal; less if it is long, see [`LONG`].
+    /// Size of the cell: its diagonal, or less if it is long, see [`LONG`].
     pub size: f32,
-    /// By how much each of the five numbers of all lines is turned.
+    /// Shifts of the five numbers of all lines.
     turns: [f32; 5],
 }
 
-/// One line, and from where to where.
+/// One line, and its interval.
 pub struct Line<'a> {
     org: Vec3,
     inv: Vec3,
     way: [f32; 2],
-    /// By how much that is longer than in `lines`, at both ends.
+    /// Length by which the interval exceeds that in `lines`, at both ends.
     near: f32,
     lines: &'a Lines,
-    /// Where it is among these.
+    /// Its position in `lines`.
     group: usize,
     bit: u8,
 }
 
-/// Around a cell's region: along its slabs' axes, or its box, whichever has less volume.
+/// A box around a cell's region: along the axes of its slabs, or the cell's box, whichever has less volume.
 struct OrientedBox {
-    /// Unit.
+    /// Unit vectors.
     axes: [Vec3; 3],
-    /// Its ends along these.
+    /// Ends along the axes.
     low: Vec3,
     high: Vec3,
-    /// The shortest side along the slabs' axes.
+    /// Shortest side of the box along the axes of the slabs.
     thickness: f32,
 }
 
@@ -113,14 +115,14 @@ impl OrientedBox {
             }
         }
         let thickness = (high - low).min_element();
-        // Of a rod that the slabs are not along the box is smaller.
+        // For a rod that is not along the axes of the slabs, the cell's box is smaller.
         if bounds.extent().element_product() < (high - low).element_product() {
             return Self { axes: Vec3::AXES, low: bounds.min, high: bounds.max, thickness };
         }
         Self { axes, low, high, thickness }
     }
 
-    /// Of its sides neither the longest nor the shortest.
+    /// Returns the middle one of the lengths of its sides.
     fn width(&self) -> f32 {
         let Vec3 { x, y, z } = self.high - self.low;
         x.min(y).max(x.max(y).min(z))
@@ -128,7 +130,7 @@ impl OrientedBox {
 }
 
 impl Region {
-    /// Of a cell, and of what is so near around it, as a part of its size.
+    /// Returns the region of a cell, enlarged by `near` times the cell's size.
     pub fn around(bounds: &Bounds, slabs: &OrientedSlabs<f32>, near: f32) -> Self {
         let diagonal = bounds.extent().length();
         let size = diagonal.min(LONG * OrientedBox::around(bounds, slabs).width()).max(diagonal * LEAST);
@@ -155,7 +157,7 @@ impl Region {
         Self { bounds, slabs, across, oriented, least, size, turns }
     }
 
-    /// Lines from now on go on with the numbers behind those of all groups.
+    /// Later lines continue with the numbers after those of all groups.
     pub fn go_on(&mut self) {
         for k in 0..5 {
             let turned = f64::from(self.turns[k]) + STEPS[k] * (GROUPS * GROUP) as f64;
@@ -168,7 +170,7 @@ impl Region {
 /// Effectiveness of Quasirandom Sequences", 2018).
 const STEPS: [f64; 5] = [0.855_669_5, 0.732_170_3, 0.626_495_8, 0.536_073_4, 0.458_701_6];
 
-/// Five numbers from 0 to 1 for each line, spread evenly: multiples of these.
+/// Five numbers from 0 to 1 for each line, spread evenly: multiples of [`STEPS`] modulo 1.
 static SPREAD: [[Row; 5]; GROUPS] = spread();
 
 const fn spread() -> [[Row; 5]; GROUPS] {
@@ -183,7 +185,7 @@ const fn spread() -> [[Row; 5]; GROUPS] {
     out
 }
 
-/// The cosine of a number of turns from 0 to 1, to 0.0002.
+/// Returns the cosine of an angle of 0 to 1 turns, with an error of at most 0.0002.
 #[inline(always)]
 fn cos_of_turns(turns: f32) -> f32 {
     let s = (2.0 * turns - 1.0).abs() - 0.5;
@@ -204,7 +206,7 @@ impl Lines {
         }
     }
 
-    /// Takes the lines of groups `first` to `end` through `region`.
+    /// Makes the lines of groups `first` to `end` through `region`.
     #[inline(always)]
     pub fn through<S: Simd>(&mut self, s: S, region: &Region, [first, end]: [usize; 2]) {
         self.groups = (end - first).min(GROUPS);
@@ -214,7 +216,7 @@ impl Lines {
         }
     }
 
-    /// A step a loop, so that each becomes vectors.
+    /// Makes the lines of one group. Each step is a loop of its own, so that it is vectorised.
     #[inline(always)]
     fn make<S: Simd>(&mut self, s: S, region: &Region, group: usize, spread: &[Row; 5]) {
         let (org, dir) = (&mut self.org[group], &mut self.dir[group]);
@@ -270,17 +272,18 @@ impl Lines {
         let rounded = s.splat8(region.size * ROUNDED);
         self.way[group] = [(near - rounded).to_array(), (far + rounded).to_array()];
         self.weight[group] = s.splat8(1.0).div((far - near).max(s.splat8(region.least))).to_array();
-        // The point itself is in the region, or the line has nothing to do with it.
+        // A line is valid only if its point is in the region.
         let zero = s.splat8(0.0);
         self.all[group] = (near.le(zero).and(zero.le(far)).bits() & !far.le(near).bits()) as u8;
     }
 
-    /// They weigh alike from now on. (So they are not uniform over what crosses the region, but none outweighs others.)
+    /// Gives all lines the same weight. (They are then not uniform over the lines that cross the region, but none
+    /// outweighs others.)
     pub fn weigh_alike(&mut self) {
         self.weight[..self.groups].fill([1.0; GROUP]);
     }
 
-    /// Leaves those that go steeply through the first slab of their region: at so much of a cosine or more.
+    /// Keeps the lines that go steeply through the first slab of their region, with at least this cosine to its normal.
     #[inline(always)]
     pub fn keep_steep<S: Simd>(&mut self, s: S, region: &Region, cosine: f32) {
         let Vec3 { x, y, z } = region.across;
@@ -293,7 +296,7 @@ impl Lines {
         }
     }
 
-    /// The weights of some of them.
+    /// Returns the total weight of a set.
     #[inline(always)]
     pub fn weight(&self, set: &Set) -> f32 {
         let mut sum = 0.0;
@@ -305,7 +308,7 @@ impl Lines {
         sum
     }
 
-    /// Takes those out of `set` that meet a triangle on their ways; whether any are left.
+    /// Removes the lines from `set` that hit a triangle within their intervals. Returns true if any are left.
     #[inline(always)]
     pub fn leave<S: Simd>(&self, s: S, set: &mut Set, triangle: &[Vec3; 3]) -> bool {
         let mut left = 0;
@@ -318,8 +321,8 @@ impl Lines {
         left != 0
     }
 
-    /// Of a group, those that meet a triangle on their ways, each longer by `near` at both ends. (Möller and Trumbore,
-    /// "Fast, Minimum Storage Ray/Triangle Intersection", 1997.)
+    /// Returns the lines of a group that hit a triangle within their intervals, each lengthened by `near` at both ends.
+    /// (Möller and Trumbore, "Fast, Minimum Storage Ray/Triangle Intersection", 1997.)
     #[inline(always)]
     fn met<S: Simd>(&self, s: S, group: usize, near: f32, triangle: &[Vec3; 3]) -> u8 {
         let [a, b, c] = triangle;
@@ -338,7 +341,7 @@ impl Lines {
         met.bits() as u8
     }
 
-    /// Line `i` alone, its way longer by `near` at both ends.
+    /// Returns line `i` as a single line, its interval lengthened by `near` at both ends.
     pub fn one(&self, i: usize, near: f32) -> Line<'_> {
         let (group, i) = (i / GROUP, i % GROUP);
         let three = |rows: &[Row; 3]| Vec3::new(rows[0][i], rows[1][i], rows[2][i]);
@@ -349,12 +352,12 @@ impl Lines {
     }
 }
 
-/// Puts line `i` into a set, if so.
+/// Adds line `i` to a set if `is_in` is true.
 pub fn put(set: &mut Set, i: usize, is_in: bool) {
     set[i / GROUP] |= u8::from(is_in) << (i % GROUP);
 }
 
-/// Which lines are in a set.
+/// Returns the numbers of the lines in a set.
 pub fn numbers(set: Set) -> impl Iterator<Item = usize> {
     set.into_iter()
         .enumerate()
@@ -362,7 +365,7 @@ pub fn numbers(set: Set) -> impl Iterator<Item = usize> {
 }
 
 impl Line<'_> {
-    /// The children of a node whose boxes it crosses on its way.
+    /// Returns the children of a node with boxes that the line crosses within its interval.
     #[inline(always)]
     pub fn boxes<S: Simd>(&self, s: S, node: &Node) -> u32 {
         let step = s.powers8(node.exponents());
@@ -375,16 +378,16 @@ impl Line<'_> {
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
         }
-        // Flat boxes are met to rounding only.
+        // Flat boxes are hit only up to rounding.
         let zero = s.splat8(0.0);
         let sizes = enter.max(zero - enter) + leave.max(zero - leave);
         enter.le(leave + sizes * s.splat8(1e-5)).bits() & u32::from(node.valid)
     }
 
-    /// Whether it crosses a reference's box on its way.
+    /// True if the line crosses a reference's box within its interval.
     #[inline(always)]
     pub fn crosses(&self, r: &Ref) -> bool {
-        // Nothing is multiplied with what is in `w`, see there.
+        // `w` of a reference holds a denormal number: less 1, it is safe to multiply (see [`Ref`]).
         let (org, inv) = (self.org.extend(1.0), self.inv.extend(1.0));
         let (a, b) = ((r.low - org) * inv, (r.high - org) * inv);
         let enter = a.min(b).with_w(self.way[0]).max_element();
@@ -392,7 +395,7 @@ impl Line<'_> {
         enter <= leave + (enter.abs() + leave.abs()) * 1e-5
     }
 
-    /// Whether it meets a triangle on its way.
+    /// True if the line hits a triangle within its interval.
     #[inline(always)]
     pub fn meets<S: Simd>(&self, s: S, triangle: &[Vec3; 3]) -> bool {
         self.lines.met(s, self.group, self.near, triangle) & self.bit != 0
@@ -422,7 +425,7 @@ mod tests {
 
     const WIDE: OrientedSlab<f32> = OrientedSlab { axis: [0.0, 0.0, 1.0], low: -10.0, high: 10.0 };
 
-    /// The faces of a box.
+    /// Returns the faces of a box.
     fn faces(b: Bounds) -> Vec<[Vec3; 3]> {
         let corner = |i: usize| Vec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), b.max, b.min);
         let quad = |[a, b, c, d]: [usize; 4]| [[a, b, c], [a, c, d]].map(|t| t.map(corner));
@@ -432,8 +435,8 @@ mod tests {
             .collect()
     }
 
-    /// The weights of all lines, of those that meet none of the triangles, and of these by a formula of its own in
-    /// double precision.
+    /// Computes the weights of all lines, of those that hit none of the triangles, and of the latter again by a formula
+    /// of its own in double precision.
     struct Share<'a>(&'a Region, &'a [[Vec3; 3]]);
 
     impl Op for Share<'_> {
@@ -453,7 +456,7 @@ mod tests {
         }
     }
 
-    /// By the signs of volumes.
+    /// Tests for a hit by the signs of volumes.
     fn meets(lines: &Lines, i: usize, triangle: &[Vec3; 3]) -> bool {
         let line = lines.one(i, 0.0);
         let at = |axis: usize| f64::from(lines.dir[i / GROUP][axis][i % GROUP]);
@@ -466,8 +469,8 @@ mod tests {
         is_on && t >= f64::from(line.way[0]) && t <= f64::from(line.way[1])
     }
 
-    /// The share of the lines through many regions, each with lines turned differently, that meet any of the triangles.
-    /// (Of few lines it is too large by some hundredths: short ways are seldom found, and weigh much.)
+    /// Returns the share of the lines that hit any of the triangles, over many regions with lines shifted differently.
+    /// (With few lines it is some hundredths too large: short lines are seldom found, and weigh much.)
     fn share(bounds: Bounds, slabs: &OrientedSlabs<f32>, triangles: &[[Vec3; 3]], isa: Isa) -> f32 {
         let mut sums = [0.0; 2];
         for round in 0..32 {
@@ -480,7 +483,7 @@ mod tests {
             let mut region = Region::around(&Bounds { min: bounds.min + by, max: bounds.max + by }, &slabs, 0.0);
             for _ in 0..4 {
                 let [all, left, exact] = dispatch(isa, Share(&region, &moved));
-                // A line through an edge may be seen either way.
+                // A line through an edge may be classified either way.
                 assert!((left - exact).abs() < 0.03 * all, "{left}, {exact} of {all}");
                 sums = [sums[0] + all, sums[1] + left];
                 region.go_on();
@@ -491,12 +494,13 @@ mod tests {
 
     const UNIT: Bounds = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
 
-    /// Cauchy: of the lines that meet a convex body as many meet one in it as its surface is a part of that one's.
+    /// Cauchy: the share of the lines through a convex body that hit a convex body inside it is the ratio of their
+    /// surface areas.
     #[test]
     fn lines_meet_convex_bodies_by_their_surfaces() {
         let slabs = [WIDE, OrientedSlab { axis: [0.0, 1.0, 0.0], ..WIDE }];
         let inner = faces(Bounds { min: Vec3::splat(0.1), max: Vec3::splat(0.6) });
-        // A plate of the cell is left between slabs, and a square in it: both of its sides count.
+        // Slabs that leave a plate of the cell, and a square inside it: both of its sides count.
         let plate = [OrientedSlab { axis: [0.0, 0.0, 1.0], low: 0.45, high: 0.55 }, slabs[1]];
         let square = [[0.2, 0.7], [0.7, 0.2]]
             .map(|[x, y]| [Vec3::new(0.2, 0.2, 0.5), Vec3::new(0.7, 0.7, 0.5), Vec3::new(x, y, 0.5)]);

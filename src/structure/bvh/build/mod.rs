@@ -1,10 +1,11 @@
-//! From triangles to blocks: references, binned SAH, wide nodes, leaves, clusters.
+//! Builds blocks from triangles: references, binned SAH, wide nodes, leaves, clusters.
 //!
-//! A mesh is built in one or more **chunks**, each in memory: a [`Chunk`] gives its fine and leaf blocks and a [`Top`],
-//! the [`UpperTree`] over all tops gives the coarse blocks. Passes: `refs` (one box a triangle), `sah` and `spatial`
-//! (where to split the set, or space), `tree` (wide nodes), `small` and `collapse` (those of small subtrees, and
-//! leaves), `cluster` (which nodes share a block), `join` (one tree of several), `encode` (trace form). The result
-//! depends on the input and the options only, never on the number of threads.
+//! A mesh is built in one or more **chunks**, each in memory. A [`Chunk`] yields its fine and leaf blocks and a
+//! [`Top`]; the [`UpperTree`] over all tops yields the coarse blocks. Steps: `refs` (one box per triangle), `sah` and
+//! `spatial` (where to split the set, or space), `tree` (wide nodes), `small` and `collapse` (wide nodes of small
+//! subtrees, and leaves), `coverage` (shares of rays that cells stop), `cluster` (assignment of nodes to blocks),
+//! `join` (one tree from several), `encode` (trace form). The result depends only on the input and the options, never
+//! on the number of threads.
 
 mod bake;
 mod chop;
@@ -39,25 +40,25 @@ use crate::structure::bvh::layout::Child;
 use crate::structure::par::Par;
 use tree::{InnerNode, Piece, Place, Sub};
 
-/// The tree over some of a mesh's triangles, or all: fine and leaf blocks, ready to be encoded one by one.
+/// The tree over some or all of a mesh's triangles: fine and leaf blocks, ready to be encoded one by one.
 pub struct Chunk<'a> {
     input: TreeInput<'a>,
     refs: Vec<refs::Ref>,
     plans: Vec<Plan>,
 }
 
-/// What is above the fine blocks of a chunk. It needs nothing of the chunk any more.
+/// The part of a chunk's tree above its fine blocks. It does not depend on the chunk any more.
 pub struct Top {
     /// The root, or its children.
     pieces: Vec<Piece>,
     units: Vec<cluster::Home>,
     fine_blocks: u32,
-    /// Of all pieces.
+    /// Counts of all pieces.
     counts: Counts,
 }
 
 impl<'a> Chunk<'a> {
-    /// Builds the tree of `input`, which must not be empty and, with `is_whole`, is all of the mesh.
+    /// Builds the tree of `input`, which must not be empty. With `is_whole` the input is the whole mesh.
     ///
     /// Fails only with [`crate::Error::Cancelled`].
     pub fn build(
@@ -74,7 +75,8 @@ impl<'a> Chunk<'a> {
         let done = |plans, top, refs| BuiltChunk { chunk: Chunk { input, refs, plans }, top, bounds, counts };
         let mut pieces = children;
         let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };
-        // The tops of several chunks take the roots' children. A root that stays, or is fine, is made here.
+        // Tops of several chunks hold the children of the roots. A root is created here if it stays, or has leaves, in
+        // which case it is a fine unit.
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
             let mut root = [InnerNode::over(pieces, Place::Above)];
             coverage::mark(&mut root, input, &refs, Isa::best(), par, cancel)?;
@@ -96,13 +98,13 @@ impl<'a> Chunk<'a> {
         Ok(done(plans, Some(top), refs))
     }
 
-    /// Takes the plans of its blocks, in their order, for [`Chunk::encode`].
+    /// Takes the plans of the blocks, in order, for [`Chunk::encode`].
     pub fn take_plans(&mut self) -> Vec<Plan> {
         std::mem::take(&mut self.plans)
     }
 
-    /// The trace form of a block; that of its leaf block, unless it is all of the tree. Its plan goes: to give back
-    /// what that holds of the tree takes a while, which all threads share then.
+    /// Encodes a block, and its leaf block unless the block is the whole tree. The function consumes the plan: freeing
+    /// its part of the tree takes a while, and this way all threads share that work.
     pub fn encode(&self, plan: Plan) -> (TreeBlock, Option<TreeBlock>) {
         encode::encode(&plan, 0, self.input, &self.refs)
     }
@@ -111,12 +113,13 @@ impl<'a> Chunk<'a> {
 /// The coarse blocks of a tree.
 pub struct UpperTree {
     plans: Vec<Plan>,
-    /// Of the whole tree.
+    /// Counts of the whole tree.
     pub counts: Counts,
 }
 
 impl UpperTree {
-    /// Over the chunks of a mesh, at least one, whose fine blocks follow one another in this order.
+    /// Builds the upper tree over the chunks of a mesh, at least one. Their fine blocks are numbered one after the
+    /// other in this order.
     pub fn over(tops: Vec<Top>) -> Result<Self> {
         let join::Joined { root, units, counts } = join::join(tops)?;
         Ok(Self { plans: cluster::coarse(root, &units), counts })
@@ -127,7 +130,7 @@ impl UpperTree {
         self.plans.len()
     }
 
-    /// The trace form of block `index`; `first_block` is the id of the tree's block 0.
+    /// Encodes block `index`; `first_block` is the id of the tree's block 0.
     pub fn encode(&self, index: usize, first_block: u32) -> TreeBlock {
         let nothing = TreeInput { triangles: &[], parts: &[], prims: &[], colours: &[], part_colours: &[] };
         encode::encode(&self.plans[index], first_block, nothing, &[]).0

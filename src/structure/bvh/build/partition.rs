@@ -1,26 +1,25 @@
-//! Moving a range's left side to its front.
+//! Partition of a range: its left side moves to the front.
 
 use super::refs::Ref;
 use super::sah::{Extents, Split};
 use crate::structure::par::Par;
 
-/// References that are partitioned by themselves, in parallel, where a range has more than
-/// [`PARALLEL`]. The result depends on it, so it does not depend on the number of threads.
+/// Number of references of a chunk. In a range of more than [`PARALLEL`] references, chunks are partitioned in
+/// parallel. The result depends on this number, so it does not depend on the number of threads.
 const CHUNK: usize = 1 << 15;
 const PARALLEL: usize = 1 << 17;
 
-/// Two sides: where the right one begins, and their extents.
+/// Two sides: the start of the right one, and the extents of both.
 pub struct Sides {
-    /// References on the left.
+    /// Number of references on the left.
     pub middle: usize,
-    /// Of the left side.
+    /// Extents of the left side.
     pub left: Extents,
-    /// Of the right side.
+    /// Extents of the right side.
     pub right: Extents,
 }
 
-/// Moves the left side of `split` to the front. The order inside each side is a function of the order
-/// before.
+/// Moves the left side of `split` to the front. The order inside each side depends only on the previous order.
 pub fn by_split(refs: &mut [Ref], split: &Split, par: &Par) -> Sides {
     if refs.len() < PARALLEL {
         return one(refs, split);
@@ -32,7 +31,7 @@ pub fn by_split(refs: &mut [Ref], split: &Split, par: &Par) -> Sides {
     Sides { middle, left: merged(|s| s.left), right: merged(|s| s.right) }
 }
 
-/// Without a branch that depends on the side: they would be mispredicted.
+/// Partitions a range without branches that depend on the side: they would be mispredicted.
 fn one(refs: &mut [Ref], split: &Split) -> Sides {
     let mut sides = [Extents::EMPTY; 2];
     let mut middle = 0;
@@ -48,13 +47,14 @@ fn one(refs: &mut [Ref], split: &Split) -> Sides {
     Sides { middle, left, right }
 }
 
-/// Swaps the left sides of chunks behind the middle with the right sides of chunks before it.
+/// Swaps the left sides of chunks that lie after the middle with the right sides of chunks before it. Returns the
+/// middle.
 fn gather(refs: &mut [Ref], sides: &[Sides]) -> usize {
     let total = refs.len();
     let middle = sides.iter().map(|s| s.middle).sum();
     let (front, back) = refs.split_at_mut(middle);
     let span = |c: usize| (c * CHUNK, c * CHUNK + sides[c].middle, ((c + 1) * CHUNK).min(total));
-    // Right sides in the front, left sides in the back: as many of either.
+    // Right sides in the front and left sides in the back: they have equally many references.
     let mut wrong_front = (0..sides.len()).map(span).map(|(_, from, to)| from.min(middle)..to.min(middle));
     let mut wrong_back =
         (0..sides.len()).map(span).map(|(from, to, _)| from.max(middle) - middle..to.max(middle) - middle);
@@ -75,8 +75,7 @@ fn gather(refs: &mut [Ref], sides: &[Sides]) -> usize {
     }
 }
 
-/// Halves a range by the middles on the widest axis: for ranges that the heuristic cannot split, or
-/// that have become too deep.
+/// Halves a range by the centres on the widest axis, if the heuristic cannot split it or it is too deep.
 pub fn by_median(refs: &mut [Ref], extents: &Extents, par: &Par) -> Sides {
     let axis = extents.widest_axis();
     let middle = refs.len() / 2;
@@ -94,7 +93,7 @@ mod tests {
     use crate::math::Bounds;
     use glam::Vec3;
 
-    /// Scattered boxes: more than one thread takes by itself.
+    /// Returns scattered boxes, enough for a partition in parallel.
     fn scattered() -> Vec<Ref> {
         let mut state = 1u32;
         let mut next = || {
@@ -109,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn chunks_partitioned_in_parallel_make_two_sides_whatever_the_threads() {
+    fn chunks_partitioned_in_parallel_make_the_same_sides_with_any_threads() {
         let before = scattered();
         let mut orders = Vec::new();
         for threads in [1, 2] {
@@ -121,7 +120,7 @@ mod tests {
             assert!(!left.is_empty() && !right.is_empty());
             assert_eq!(sides.left.bounds(), Extents::of(left, &par).bounds());
             assert_eq!(sides.right.bounds(), Extents::of(right, &par).bounds());
-            // The bins saw the same sides.
+            // The bins had the same sides.
             assert_eq!((sides.left.bounds(), sides.right.bounds()), (split.left, split.right));
             orders.push(refs.iter().map(Ref::triangle).collect::<Vec<_>>());
         }

@@ -1,9 +1,9 @@
-//! The boxes of a node's children on its grid.
+//! Quantises the boxes of a node's children to its grid.
 
 use crate::math::Bounds;
 use crate::structure::bvh::layout::{Node, WIDTH};
 
-/// A node with its children's boxes on its grid, rounded outward.
+/// Returns a node with its children's boxes on its grid, rounded outward.
 pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node {
     let all = children.clone().fold(Bounds::EMPTY, Bounds::union);
     let mut node = Node {
@@ -20,7 +20,7 @@ pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node
         let step = f64::from(node.step(axis));
         let origin = f64::from(all.min[axis]);
         for (slot, bounds) in children.clone().enumerate() {
-            // Differences of coordinates that are 2^53 apart are rounded: one step outward mends that.
+            // Differences of coordinates that are 2^53 apart are rounded: one step outward corrects that.
             let mut low = ((f64::from(bounds.min[axis]) - origin) / step).floor();
             let mut high = ((f64::from(bounds.max[axis]) - origin) / step).ceil();
             if origin + low * step > f64::from(bounds.min[axis]) {
@@ -33,7 +33,7 @@ pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node
             node.planes[axis + 3][slot] = high.clamp(0.0, 255.0) as u8;
         }
     }
-    // Empty slots are masked by `valid`; an inverted box keeps them out of most tests besides.
+    // `valid` masks empty slots. An inverted box also keeps them out of most tests.
     for slot in children.len()..WIDTH {
         for axis in 0..3 {
             node.planes[axis][slot] = 255;
@@ -42,9 +42,9 @@ pub fn quantise(children: impl ExactSizeIterator<Item = Bounds> + Clone) -> Node
     node
 }
 
-/// Biased exponent of the least power of two with 255 steps of which `extent` can be covered.
+/// Returns the biased exponent of the least power of two of which 255 steps cover `extent`.
 fn exponent(extent: f64) -> u8 {
-    // A hair more, for the step outward that `quantise` may take.
+    // Slightly more, for the step outward that `quantise` may take.
     let extent = extent * (1.0 + 1e-12);
     let least = (extent / 255.0).max(f64::from(f32::MIN_POSITIVE));
     let mut e = least.log2().ceil() as i32;

@@ -1,7 +1,7 @@
-//! Where to split: binned surface area heuristic over three axes.
+//! Finds object splits: binned surface area heuristic over three axes.
 //!
-//! Source: Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", RT 2007.
-//! Deviation: ties go to the lower axis and bin, so that the result is a function of the set.
+//! Source: Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", RT 2007. Deviation: ties go to the
+//! lower axis and bin, so that the result is a function of the set.
 
 use super::refs::Ref;
 use super::sweep::{Bins, MAGIC, Plane, whole};
@@ -9,16 +9,16 @@ use crate::math::Bounds;
 use crate::structure::par::Par;
 use glam::{Vec4, Vec4Swizzles};
 
-/// Bins on an axis: of a range, and of one so small that sixteen would mostly be empty.
+/// Number of bins on an axis: for a range, and for a range so small that sixteen bins would mostly be empty.
 pub const BINS: usize = 16;
 pub const FEW_BINS: usize = 8;
-/// References from which a range has all bins.
+/// Number of references from which on a range has all bins.
 pub const FEW: usize = 32;
 
-/// Below this a range is binned by one thread.
+/// Ranges of fewer references than this are binned by one thread.
 pub const PARALLEL: usize = 1 << 17;
 
-/// Bounds of a range: of the boxes, and of twice their middles.
+/// Bounds of a range: of the boxes, and of twice their centres.
 #[derive(Debug, Clone, Copy)]
 pub struct Extents {
     low: Vec4,
@@ -28,7 +28,7 @@ pub struct Extents {
 }
 
 impl Extents {
-    /// Of nothing.
+    /// Extents of an empty range.
     pub const EMPTY: Self = Self {
         low: Vec4::INFINITY,
         high: Vec4::NEG_INFINITY,
@@ -36,7 +36,7 @@ impl Extents {
         center_high: Vec4::NEG_INFINITY,
     };
 
-    /// Grown to hold `r`.
+    /// Extends the bounds to contain `r`.
     #[inline(always)]
     pub fn add(&mut self, r: &Ref) {
         self.low = self.low.min(r.low);
@@ -46,7 +46,7 @@ impl Extents {
         self.center_high = self.center_high.max(c);
     }
 
-    /// Of both.
+    /// Returns the union of both.
     pub fn merge(self, o: Self) -> Self {
         Self {
             low: self.low.min(o.low),
@@ -56,7 +56,7 @@ impl Extents {
         }
     }
 
-    /// Of a range.
+    /// Returns the extents of a range.
     pub fn of(refs: &[Ref], par: &Par) -> Self {
         let one = |refs: &[Ref]| {
             let mut e = Self::EMPTY;
@@ -70,7 +70,7 @@ impl Extents {
         par.map_items(chunks, one).into_iter().fold(Self::EMPTY, Self::merge)
     }
 
-    /// The axis on which the middles spread most.
+    /// Returns the axis on which the centres spread most.
     pub fn widest_axis(&self) -> usize {
         let size = (self.center_high - self.center_low).xyz();
         if size.x >= size.y && size.x >= size.z {
@@ -92,10 +92,10 @@ impl Extents {
 #[derive(Debug, Clone, Copy)]
 pub struct Split {
     axis: usize,
-    /// The mapping's, on the axis.
+    /// Mapping of centres to bins, on the axis.
     from: f32,
     scale: f32,
-    /// What maps below it is on the left.
+    /// References that map below this are on the left.
     below: f32,
     /// Sum over both sides of half area times references.
     pub cost: f32,
@@ -108,14 +108,14 @@ pub struct Split {
 }
 
 impl Split {
-    /// Which side a reference belongs to: the bins' own arithmetic.
+    /// True if a reference belongs to the left side, by the arithmetic of the bins.
     #[inline(always)]
     pub fn is_left(&self, r: &Ref) -> bool {
         (r.low[self.axis] + r.high[self.axis] - self.from) * self.scale + MAGIC < self.below
     }
 }
 
-/// From middles to bins.
+/// Maps centres to bins.
 #[derive(Debug, Clone, Copy)]
 struct Mapping {
     from: Vec4,
@@ -125,14 +125,14 @@ struct Mapping {
 impl Mapping {
     fn new(e: &Extents, bins: usize) -> Self {
         let size = (e.center_high - e.center_low).with_w(0.0);
-        // 0.999: the greatest middle must not round into a bin of its own.
+        // With 0.999, the greatest centre does not round into a bin of its own.
         let scale = Vec4::splat(bins as f32 * 0.999) / size;
-        // Smaller than this, the scale might not be finite.
+        // For a smaller size, the scale might not be finite.
         let wide = size.cmpgt(Vec4::splat(1e-30));
         Self { from: e.center_low.with_w(0.0), scale: Vec4::select(wide, scale, Vec4::ZERO) }
     }
 
-    /// A bin on each axis, of `B`.
+    /// Returns a bin on each axis, of `B`.
     #[inline(always)]
     fn bins<const B: usize>(&self, r: &Ref) -> [usize; 3] {
         whole::<B>((r.center2() - self.from) * self.scale + Vec4::splat(MAGIC))
@@ -152,7 +152,7 @@ fn bin<const B: usize>(refs: &[Ref], mapping: &Mapping) -> Bins<B> {
     bins
 }
 
-/// The cheapest split of a range, or `None` where all middles are one point.
+/// Returns the cheapest split of a range, or `None` if all centres are one point.
 pub fn find(refs: &[Ref], extents: &Extents, par: &Par) -> Option<Split> {
     if refs.len() < FEW { find_with::<FEW_BINS>(refs, extents, par) } else { find_with::<BINS>(refs, extents, par) }
 }

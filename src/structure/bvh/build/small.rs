@@ -1,5 +1,5 @@
-//! Small subtrees: split in two down to what fits a leaf, and below as far as it may pay; then the cheapest of all wide
-//! trees over that.
+//! Small subtrees: a range is split in two down to leaves, and further as long as that may pay off. Then the cheapest
+//! of all wide trees over these splits is chosen.
 
 use super::collapse::{self, Weighed};
 use super::leaf::LeafShape;
@@ -11,26 +11,27 @@ use crate::math::Bounds;
 use crate::structure::bake::Counts;
 use crate::structure::bvh::layout::{MAX_TRIANGLES, MAX_VERTICES, WIDTH};
 
-/// References of a small subtree, at most: in nodes above, ranges of so many are not split any further. (With 48 exact
-/// primary rays of scans are 3 to 7 % slower, others up to 4 %, and models take a thirtieth more.)
+/// Greatest number of references of a small subtree: nodes above do not split such ranges any further. (With 48, exact
+/// primary rays of scans are 3 to 7 % slower, others up to 4 %, and models are a thirtieth larger.)
 pub const SMALL: usize = 4096;
 
-/// References that stay one leaf if they fit one. (To split twos and threes too makes builds some percent longer, and
-/// gains nothing.)
+/// Greatest number of references of a range that stays one leaf if it fits one. (Splitting twos and threes too makes
+/// builds some percent longer and gains nothing.)
 const FEW: usize = 3;
 
-/// Nodes over more references than so many are taken for such whose leaves get nodes of their own ([`wrap_leaves`]),
-/// for they are larger than a fine unit, mostly: where most ranges of six to eight triangles fit a leaf by what they
-/// share, and where most do not. (Without that, as if no leaf got one, airliners take 4 bytes a triangle more.)
+/// A node over more references than this counts as one that gives its leaves nodes of their own ([`wrap_leaves`]),
+/// because it is mostly larger than a fine unit. The first number applies where most ranges of six to eight triangles
+/// fit a leaf because they share vertices, the second where most do not. (If no leaf counts as such, airliners take 4
+/// bytes a triangle more.)
 const BARE: [usize; 2] = [128, 64];
 
-/// A binary tree over a small range; its first node is over all.
+/// A binary tree over a small range; its first node is the root.
 struct Binary {
     nodes: Vec<Node>,
     weighed: Vec<Weighed>,
-    /// Those of a node; of one that is not split itself.
+    /// Halves of each node; the node itself if it is not split.
     halves: Vec<[u32; 2]>,
-    /// Leaves of nodes over more references get nodes of their own.
+    /// Leaves of nodes over more references than this get nodes of their own.
     bare: usize,
 }
 
@@ -39,14 +40,14 @@ struct Node {
     first: usize,
     len: usize,
     bounds: Bounds,
-    /// As a leaf, if it fits one only because of what it shares: that had to be found out.
+    /// The node as a leaf, if it fits one only because its triangles share vertices: that had to be computed.
     shape: Option<Box<LeafShape>>,
-    /// The treelet it is in: the number of that one's first node.
+    /// The treelet that it is in, by the number of the treelet's first node.
     treelet: Option<u32>,
 }
 
 impl Node {
-    /// Into a leaf, whatever its triangles share.
+    /// True if the node fits a leaf even if its triangles share no vertices.
     fn surely_fits(&self) -> bool {
         surely_fits(self.len)
     }
@@ -56,10 +57,10 @@ fn surely_fits(len: usize) -> bool {
     3 * len <= MAX_VERTICES
 }
 
-/// The children of a node over a small range, and the counts of that node.
+/// Returns the children of a node over a small range, and the counts of that node.
 pub fn children(builder: &Builder, range: Range) -> (Vec<Piece>, Counts) {
     let Range { room, len, first, extents } = range;
-    // Room for most: two for each leaf.
+    // Enough for most ranges: two nodes for each leaf.
     let mut tree = Binary {
         nodes: Vec::with_capacity(len),
         weighed: Vec::with_capacity(len),
@@ -72,8 +73,8 @@ pub fn children(builder: &Builder, range: Range) -> (Vec<Piece>, Counts) {
 }
 
 impl Binary {
-    /// Adds the tree over the first `len` references of `room`, which begins at `first`; the number of its root. All of
-    /// it is in `treelet`, if there is one.
+    /// Adds the tree over the first `len` references of `room`, which begins at `first`; returns the number of its
+    /// root. If `treelet` is given, the whole tree is in it.
     fn grow(
         &mut self,
         builder: &Builder,
@@ -90,7 +91,7 @@ impl Binary {
         let fits = surely || shape.is_some();
         self.nodes.push(Node { first, len, bounds, shape, treelet });
         self.halves.push([id as u32; 2]);
-        // What is split is weighed when all is known.
+        // A node that is split is weighed once all nodes are known.
         self.weighed.push(Weighed::leaf(bounds.half_area(), len));
         if fits && len <= FEW {
             return id as u32;
@@ -99,8 +100,8 @@ impl Binary {
         if fits && !split.as_ref().is_some_and(|split| pays(extents, len, split)) {
             return id as u32;
         }
-        // The halves of what may be one leaf lie behind each other, for that would be a range: no room between them, so
-        // no copies.
+        // The halves of a node that may be one leaf must be adjacent, because a leaf is one range: there is no room
+        // between them, so no copies are made.
         let own = if fits { &mut room[..len] } else { room };
         let [left, right] = builder.halve(own, len, first, extents, split);
         let mut half =
@@ -109,7 +110,7 @@ impl Binary {
         id as u32
     }
 
-    /// Weighs what is split, halves first.
+    /// Weighs nodes that are split, halves first.
     fn weigh(&mut self) {
         let could_share = self.nodes.iter().filter(|node| !node.surely_fits() && node.len <= MAX_TRIANGLES);
         let (share, all) =
@@ -130,8 +131,8 @@ impl Binary {
         }
     }
 
-    /// The children of a wide node over node `at`, and the counts of that. The first reference of `room` is number
-    /// `start` of all.
+    /// Returns the children of a wide node over node `at`, and the counts of that node. The first reference of `room`
+    /// has the number `start` among all.
     fn wide(&self, builder: &Builder, room: &[Ref], start: usize, at: u32) -> (Vec<Piece>, Counts) {
         let mut pieces = Vec::with_capacity(WIDTH);
         let mut counts = Counts { nodes: 1, ..Counts::default() };
@@ -160,7 +161,7 @@ impl Binary {
     }
 }
 
-/// A leaf, and its counts.
+/// Creates a leaf; returns it with its counts.
 fn leaf(
     builder: &Builder,
     room: &[Ref],

@@ -1,10 +1,10 @@
-//! Splitting space instead of the set: a triangle that the plane cuts goes to both sides, with
-//! the box of what lies on each.
+//! Spatial splits: a plane splits space instead of the set. A triangle that the plane cuts goes to both sides, each
+//! with the box of its part there.
 //!
 //! Source: Stich, Friedrich, Dietrich, "Spatial Splits in Bounding Volume Hierarchies", HPG 2009. Deviations: no
-//! unsplitting of references (tried: a thousandth fewer); candidates only where the best object split leaves sides that
+//! unsplitting of references (tried: a thousandth fewer); candidates only where the sides of the best object split
 //! overlap by more than [`OVERLAP`] of the root; the copies come out of a budget that each range holds as free room
-//! behind its references.
+//! after its references.
 
 use super::chop::{self, Grid};
 use super::partition::Sides;
@@ -15,15 +15,23 @@ use crate::math::Bounds;
 use crate::structure::par::Par;
 use glam::Vec3;
 
-/// Overlap of the sides of an object split, as a share of the mesh's box's area, from which splitting space is
-/// considered. With less (1e-6: more attempts) the room for copies is gone before the splits that matter: on the
-/// airliner of 5 million a tenth more references, a SAH cost a seventh higher, nearly twice the time. With more less is
-/// gained: bytes a triangle of it, and nanoseconds of a primary, a shadow and a bounce ray of queries, with 3e-4 83.7,
-/// 105, 834, 1,080; 1e-3 79.6, 110, 881, 1,135; 3e-3 71.4, 112, 842, 1,203; 4e-3 69.4; without splits 59.1, 149, 1,036,
-/// 1,730. But forests of wires are half a percent farther from their coverage.
+/// Overlap of the sides of an object split, as a fraction of the area of the mesh's box, above which a spatial split is
+/// considered. With less (1e-6: more attempts), the room for copies is used up before the splits that matter: the
+/// airliner of 5 million has a tenth more references, a SAH cost a seventh higher, and nearly twice the build time.
+/// With more, less is gained. Sizes of the same model, and times of rays of queries:
+///
+/// | overlap | bytes a triangle | primary, ns | shadow, ns | bounce, ns |
+/// |---|---|---|---|---|
+/// | 3e-4 | 83.7 | 105 | 834 | 1,080 |
+/// | 1e-3 | 79.6 | 110 | 881 | 1,135 |
+/// | 3e-3 | 71.4 | 112 | 842 | 1,203 |
+/// | 4e-3 | 69.4 | | | |
+/// | no splits | 59.1 | 149 | 1,036 | 1,730 |
+///
+/// With more, forests of wires are also half a percent farther from their coverage.
 const OVERLAP: f32 = 3e-4;
 
-/// A plane that divides space.
+/// A plane that splits space.
 #[derive(Debug, Clone, Copy)]
 pub struct SpatialSplit {
     axis: usize,
@@ -32,12 +40,12 @@ pub struct SpatialSplit {
     pub cost: f32,
 }
 
-/// Whether the sides of an object split overlap so much that dividing space may be better.
+/// True if the sides of an object split overlap so much that a spatial split may be better.
 pub fn is_worth_a_look(split: &Split, mesh_half_area: f32) -> bool {
     split.left.intersection(split.right).half_area() > OVERLAP * mesh_half_area
 }
 
-/// The cheapest plane between bins of equal width, or `None` where there is none.
+/// Returns the cheapest plane between bins of equal width, or `None` if there is none.
 pub fn find(refs: &[Ref], triangles: &[[Vec3; 3]], bounds: &Bounds, par: &Par) -> Option<SpatialSplit> {
     if refs.len() < FEW {
         find_with::<FEW_BINS>(refs, triangles, bounds, par)
@@ -64,7 +72,8 @@ fn find_with<const B: usize>(
     Some(SpatialSplit { axis, plane: grid.plane(axis, bin), cost })
 }
 
-/// Boxes of the parts of a triangle on either side of a plane, inside `rest`. Empty where there is none.
+/// Returns the boxes of the parts of a triangle on either side of a plane, inside `rest`. The box of a side without a
+/// part is empty.
 fn cut(triangle: &[Vec3; 3], rest: &Bounds, axis: usize, plane: f32) -> (Bounds, Bounds) {
     let (mut left, mut right) = (Bounds::EMPTY, Bounds::EMPTY);
     for i in 0..3 {
@@ -76,7 +85,7 @@ fn cut(triangle: &[Vec3; 3], rest: &Bounds, axis: usize, plane: f32) -> (Bounds,
             right = right.with(p);
         }
         if (p[axis] < plane) != (q[axis] < plane) && p[axis] != plane && q[axis] != plane {
-            // Double precision: the rounding left is far below what box tests allow for.
+            // Double precision: the remaining rounding error is far below the slack of box tests.
             let w = (f64::from(plane) - f64::from(p[axis])) / (f64::from(q[axis]) - f64::from(p[axis]));
             let mut x = p.as_dvec3().lerp(q.as_dvec3(), w).as_vec3();
             x[axis] = plane;
@@ -89,7 +98,7 @@ fn cut(triangle: &[Vec3; 3], rest: &Bounds, axis: usize, plane: f32) -> (Bounds,
     (left.intersection(*rest), right.intersection(*rest))
 }
 
-/// Which sides a reference goes to.
+/// Returns the parts of a reference on the left and on the right side.
 fn sides(r: &Ref, split: &SpatialSplit, triangles: &[[Vec3; 3]]) -> (Option<Ref>, Option<Ref>) {
     if r.high[split.axis] <= split.plane {
         return (Some(*r), None);
@@ -100,13 +109,13 @@ fn sides(r: &Ref, split: &SpatialSplit, triangles: &[[Vec3; 3]]) -> (Option<Ref>
     let (left, right) = cut(&triangles[r.triangle()], &r.bounds(), split.axis, split.plane);
     let side = |b: Bounds| (!b.is_empty()).then(|| Ref::new(b, r.triangle() as u32));
     match (side(left), side(right)) {
-        // Rounding may lose a corner that only touches the plane: never lose the triangle.
+        // Rounding may lose a corner that only touches the plane, but must never lose the triangle.
         (None, None) => (Some(*r), None),
         sides => sides,
     }
 }
 
-/// What a chunk of references becomes: left and right, with their extents.
+/// The references of a chunk after the split: left and right, with their extents.
 struct Divided {
     refs: [Vec<Ref>; 2],
     extents: [Extents; 2],
@@ -127,9 +136,9 @@ fn divide(refs: &[Ref], split: &SpatialSplit, triangles: &[[Vec3; 3]]) -> Divide
     out
 }
 
-/// Divides the first `len` references of `room`: the left ones come first, the right ones follow. Returns
-/// how many there are now. `None`, and nothing changed, if the room is too small or a side would be
-/// empty or as large as the whole.
+/// Splits the first `len` references of `room`: the left ones come first, the right ones follow. Returns their new
+/// number, and the sides. Returns `None` and changes nothing if the room is too small, or if a side would be empty or
+/// as large as the whole.
 pub fn partition(
     room: &mut [Ref],
     len: usize,
@@ -156,14 +165,15 @@ pub fn partition(
     Some((at, Sides { middle, left, right }))
 }
 
-/// Whether spatial splits are likely to pay: much of the triangles' boxes belongs to long thin ones.
+/// True if spatial splits are likely to pay off: much of the area of the triangles' boxes belongs to long thin
+/// triangles.
 ///
-/// Long thin: the longest edge is more than [`THIN`] times the height over it. On scans (regular triangles)
-/// splits cost memory and build time and gain nothing.
+/// A triangle is long and thin if its longest edge is more than `THIN` times the height over it. On scans, which have
+/// regular triangles, splits cost memory and build time and gain nothing.
 pub fn splits_pay(triangles: &[[Vec3; 3]]) -> bool {
     const THIN: f32 = 8.0;
     const SHARE: f64 = 0.3;
-    // A few thousand say enough.
+    // A sample of 65,536 triangles or a few more is enough.
     let step = (triangles.len() / 65536).max(1);
     let (mut thin, mut all) = (0.0f64, 0.0f64);
     for [a, b, c] in triangles.iter().step_by(step) {
@@ -190,7 +200,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
-        /// Both sides hold what clipping finds there.
+        /// Both sides contain the bounds that clipping finds there.
         #[test]
         fn a_cut_loses_nothing(a in grid(), b in grid(), c in grid(), axis in 0usize..3, plane in -4i32..5) {
             let (triangle, plane) = ([a, b, c], plane as f32 + 0.25);

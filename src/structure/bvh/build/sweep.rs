@@ -1,11 +1,11 @@
-//! The surface area heuristic over bins: which plane between two bins is cheapest, on three axes at once.
+//! Sweep over bins by the surface area heuristic: finds the cheapest plane between two bins, on three axes at once.
 
 use crate::math::Bounds;
 use bytemuck::must_cast;
 use glam::{Vec4, Vec4Swizzles};
 use std::ops::Range;
 
-/// A box while it grows; `w` means nothing.
+/// A box while it grows; `w` is meaningless.
 #[derive(Debug, Clone, Copy)]
 pub struct Grown {
     low: Vec4,
@@ -13,10 +13,10 @@ pub struct Grown {
 }
 
 impl Grown {
-    /// Of nothing.
+    /// The empty box.
     pub const EMPTY: Self = Self { low: Vec4::INFINITY, high: Vec4::NEG_INFINITY };
 
-    /// Grown to hold a box.
+    /// Extends the box to contain another one.
     #[inline(always)]
     pub fn add(&mut self, low: Vec4, high: Vec4) {
         self.low = self.low.min(low);
@@ -28,33 +28,33 @@ impl Grown {
     }
 }
 
-/// Counts on three axes, and one that means nothing.
+/// Counts on three axes; the fourth element is meaningless.
 type Counts = [i32; 4];
 
 /// Bins of references on three axes.
 #[derive(Debug, Clone)]
 pub struct Bins<const B: usize> {
-    /// What lies in each bin: by axis, then bin.
+    /// Box of the references in each bin: by axis, then bin.
     pub boxes: [[Grown; B]; 3],
-    /// References that begin in each bin: by bin, then axis.
+    /// Number of references that begin in each bin: by bin, then axis.
     pub enter: [Counts; B],
-    /// References that end in each bin.
+    /// Number of references that end in each bin.
     pub leave: [Counts; B],
 }
 
-/// Added to a number below sixteen, it leaves the whole part in bits [`SHIFT`] and up: a conversion would
-/// check for overflow, lane by lane.
+/// Added to a number below sixteen, it leaves the integer part in bits [`SHIFT`] and up. A conversion would check for
+/// overflow, lane by lane.
 pub const MAGIC: f32 = 12288.0;
 const SHIFT: u32 = 10;
 
-/// Bins of a point, given its distances in bins plus [`MAGIC`].
+/// Returns the bins of a point, given its position in bins plus [`MAGIC`].
 #[inline(always)]
 pub fn whole<const B: usize>(at: Vec4) -> [usize; 3] {
     let [x, y, z, _] = must_cast::<Vec4, [u32; 4]>(at);
     [x, y, z].map(|bits| (bits >> SHIFT) as usize & (B - 1))
 }
 
-/// The same on one axis.
+/// Like [`whole`], on one axis.
 #[inline(always)]
 pub fn whole1<const B: usize>(at: f32) -> usize {
     (at.to_bits() >> SHIFT) as usize & (B - 1)
@@ -63,23 +63,23 @@ pub fn whole1<const B: usize>(at: f32) -> usize {
 /// A plane between bins.
 #[derive(Debug, Clone, Copy)]
 pub struct Plane {
-    /// Axis that it is perpendicular to.
+    /// Axis to which it is perpendicular.
     pub axis: usize,
     /// First bin on the right.
     pub bin: usize,
     /// Sum over both sides of half area times references.
     pub cost: f32,
-    /// Bounds of what lies left.
+    /// Bounds of the left side.
     pub left: Bounds,
-    /// Bounds of what lies right.
+    /// Bounds of the right side.
     pub right: Bounds,
 }
 
 impl<const B: usize> Bins<B> {
-    /// With nothing in them.
+    /// Empty bins.
     pub const EMPTY: Self = Self { boxes: [[Grown::EMPTY; B]; 3], enter: [[0; 4]; B], leave: [[0; 4]; B] };
 
-    /// Of both.
+    /// Returns the union of both.
     pub fn merge(mut self, o: &Self) -> Self {
         for (a, b) in self.boxes.iter_mut().flatten().zip(o.boxes.iter().flatten()) {
             a.add(b.low, b.high);
@@ -91,7 +91,7 @@ impl<const B: usize> Bins<B> {
         self
     }
 
-    /// The cheapest plane with something on either side; of equal ones the first, by axis and then bin.
+    /// Returns the cheapest plane with references on either side; of equal ones the first, by axis and then bin.
     pub fn cheapest(&self) -> Option<Plane> {
         let (costs, bins) = self.cheapest_by_axis();
         let axis = (1..3).fold(0, |best, axis| if costs[axis] < costs[best] { axis } else { best });
@@ -105,20 +105,20 @@ impl<const B: usize> Bins<B> {
         })
     }
 
-    /// Bounds of what lies in some bins of an axis.
+    /// Returns the bounds of some bins of an axis.
     pub fn bounds(&self, axis: usize, bins: Range<usize>) -> Bounds {
         let mut all = Grown::EMPTY;
         self.boxes[axis][bins].iter().for_each(|b| all.add(b.low, b.high));
         all.bounds()
     }
 
-    /// Of each axis the cost, and the first bin on the right. The cost is infinite where there is none.
+    /// Returns the cost for each axis, and the first bin on the right. The cost is infinite if there is no plane.
     fn cheapest_by_axis(&self) -> (Vec4, Vec4) {
         let right = self.right_costs();
         let (mut boxes, mut count) = ([Grown::EMPTY; 3], [0; 4]);
         let (mut best, mut at) = (Vec4::INFINITY, Vec4::ZERO);
         for (i, right) in (1..B).zip(&right[1..]) {
-            // An empty side costs infinity times zero, which is less than nothing else.
+            // An empty side costs infinity times zero: NaN, which is not less than any cost.
             let cost = self.grow(i - 1, &self.enter, &mut boxes, &mut count) + *right;
             let better = cost.cmplt(best);
             best = Vec4::select(better, cost, best);
@@ -127,7 +127,7 @@ impl<const B: usize> Bins<B> {
         (best, at)
     }
 
-    /// Costs of what is right of each plane, by axis.
+    /// Returns the costs of the right side of each plane, by axis.
     fn right_costs(&self) -> [Vec4; B] {
         let mut right = [Vec4::ZERO; B];
         let (mut boxes, mut count) = ([Grown::EMPTY; 3], [0; 4]);
@@ -137,7 +137,7 @@ impl<const B: usize> Bins<B> {
         right
     }
 
-    /// Adds a bin to a side on each axis; half area times references of that.
+    /// Adds a bin to a side on each axis; returns half area times references of the sides.
     #[inline(always)]
     fn grow(&self, bin: usize, counts: &[Counts; B], boxes: &mut [Grown; 3], count: &mut Counts) -> Vec4 {
         for (b, bins) in boxes.iter_mut().zip(&self.boxes) {
@@ -150,7 +150,7 @@ impl<const B: usize> Bins<B> {
     }
 }
 
-/// Half areas of three boxes, in the first three lanes. Infinite where a box is empty.
+/// Returns half the areas of three boxes, in the first three lanes. They are infinite for empty boxes.
 #[inline(always)]
 fn half_areas(boxes: &[Grown; 3]) -> Vec4 {
     let [a, b, c] = [0, 1, 2].map(|i| boxes[i].high - boxes[i].low);

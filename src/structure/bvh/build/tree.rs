@@ -1,4 +1,4 @@
-//! Wide nodes: the binary splits of the heuristic, taken up to eight at a time.
+//! Builds wide nodes: the binary splits of the heuristic, up to eight at a time.
 
 use super::cluster::{FINE_WORDS, UnitId};
 use super::collapse::{LEAF_COST, TRIANGLE_COST};
@@ -17,68 +17,69 @@ use crate::structure::bvh::layout::{EXTERNAL_WORDS, MAX_TRIANGLES, NODE_WORDS, N
 use crate::structure::par::Par;
 use glam::Vec3;
 
-/// A node not yet in a block.
+/// A node that is not yet in a block.
 pub enum Sub {
     /// A leaf: a range of the references.
     Leaf {
         /// First reference.
         first: u32,
-        /// References.
+        /// Number of references.
         count: u32,
-        /// Words in the trace form.
+        /// Number of words in the trace form.
         words: u32,
     },
     /// An inner node.
     InnerNode(Box<InnerNode>),
-    /// Already in a block further down.
+    /// A unit that already is in a block further down.
     Placed(UnitId),
 }
 
 /// An inner node with its children.
 pub struct InnerNode {
-    /// The children's boxes on its grid; without references.
+    /// The children's boxes on its grid; child references are not set yet.
     pub node: Node,
     /// Each child with its voxel, in the order of the node's slots.
     pub children: Vec<(Coded, Sub)>,
-    /// Words of all that hangs below, itself included.
+    /// Number of words of everything below in its block, itself included.
     pub words: u32,
-    /// Where each child is of treelets, in the order of the slots.
+    /// Place of each child among treelets, in the order of the slots.
     pub places: [Place; WIDTH],
 }
 
-/// A **treelet** is a range of the binary splits of at most so many references, half of a range of more (or all there
-/// is). It is looked at as a whole (`pass`); what became of it in wide nodes are neighbours: one child or several of
-/// one node, and all below them.
+/// Greatest number of references of a **treelet**: a range of the binary splits that is half of a larger range, or the
+/// whole tree. Treelets are classified as a whole (`coverage`). In the wide tree, a treelet is one child or several
+/// neighbours of one node, and all nodes below them.
 pub const TREELET: usize = 256;
 
-/// Where a child is of treelets. It is not asked of nodes below one.
+/// Place of a child among treelets. It is not used in nodes inside a treelet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// In none: a range larger than a treelet.
+    /// Outside treelets: its range is larger.
     Above,
     /// A treelet begins with it.
     Begins,
-    /// In the same as the child before.
+    /// It is in the same treelet as the child before.
     GoesOn,
 }
 
 /// A subtree that has no parent yet.
 pub struct Piece {
-    /// Around its children's boxes as they are stored: a box that holds it holds theirs. (So a ray that meets a cell
-    /// meets all those above it, whatever is rounded: which stand-ins it sees does not depend on how it came there.)
+    /// Box around its children's boxes as stored: a box that contains it contains theirs. (So a ray that enters a cell
+    /// enters all cells above it, regardless of rounding: the stand-ins that a ray hits do not depend on its way
+    /// through the tree.)
     pub cell: Bounds,
-    /// What it looks like.
+    /// Appearance of its content.
     pub voxel: Voxel,
-    /// Where in the cell that is.
+    /// Extent of its content in the cell.
     pub content: Content,
-    /// Itself.
+    /// The subtree itself.
     pub sub: Sub,
-    /// As a child.
+    /// Its place as a child.
     pub place: Place,
 }
 
 impl Sub {
-    /// Words that it takes in its block, with all that hangs below.
+    /// Number of words that it takes in its block, with everything below.
     pub fn words(&self) -> u32 {
         match self {
             Sub::Leaf { words, .. } => *words,
@@ -89,7 +90,7 @@ impl Sub {
 }
 
 impl InnerNode {
-    /// InnerNode nodes in its block: itself, and those below.
+    /// Number of inner nodes in its block: itself, and those below.
     pub fn nodes(&self) -> u32 {
         let below = self.children.iter().map(|(_, c)| match c {
             Sub::InnerNode(inner) => inner.nodes(),
@@ -98,7 +99,7 @@ impl InnerNode {
         1 + below.sum::<u32>()
     }
 
-    /// Words of the leaves in its block.
+    /// Number of words of the leaves in its block.
     pub fn leaf_words(&self) -> u32 {
         let below = self.children.iter().map(|(_, c)| match c {
             Sub::InnerNode(inner) => inner.leaf_words(),
@@ -108,20 +109,20 @@ impl InnerNode {
         below.sum()
     }
 
-    /// Brings `words` up to date after a change below.
+    /// Updates `words` after a change below.
     pub fn measure(&mut self) {
         let below = self.children.iter().map(|(voxel, c)| voxel.len() as u32 + c.words());
-        // With the number of its first voxel.
+        // One word is the number of the node's first voxel.
         self.words = NODE_WORDS as u32 + 1 + below.sum::<u32>();
     }
 
-    /// A node over one to eight pieces; it is at `place` itself.
+    /// Creates a node over one to eight pieces; its own place is `place`.
     pub fn over(pieces: Vec<Piece>, place: Place) -> Piece {
         let mut node = quantise(pieces.iter().map(|p| p.cell));
         let stored: Vec<Bounds> = (0..pieces.len()).map(|slot| node.stored_box(slot)).collect();
         let cell = stored.iter().fold(Bounds::EMPTY, |all, b| all.union(*b));
         let voxel = Voxel::over(stored.iter().zip(pieces.iter().map(|p| &p.voxel)));
-        // A leaf's own triangles are at hand wherever its sides could be told apart.
+        // A leaf needs no samples of its sides: wherever these could be told apart, its triangles are shown.
         let mut contents = Vec::with_capacity(pieces.len());
         let coded = |(slot, (p, stored)): (usize, (Piece, &Bounds))| {
             let is_leaf = |sub: &Sub| matches!(sub, Sub::Leaf { .. });
@@ -138,7 +139,7 @@ impl InnerNode {
         };
         let mut places = [Place::GoesOn; WIDTH];
         places.iter_mut().zip(&pieces).for_each(|(place, piece)| *place = piece.place);
-        // Not collected: that would keep the pieces' memory, which is several times as much.
+        // No `collect`: the result would keep the memory of the pieces, which is several times as large.
         let mut children = Vec::with_capacity(pieces.len());
         children.extend(pieces.into_iter().zip(&stored).enumerate().map(coded));
         let mut inner = Box::new(InnerNode { node, children, words: 0, places });
@@ -147,21 +148,21 @@ impl InnerNode {
     }
 }
 
-/// What [`build`] returns.
+/// Result of [`build`].
 pub struct Built {
     /// The root's children: one to eight.
     pub children: Vec<Piece>,
-    /// Of everything.
+    /// Bounds of all triangles.
     pub bounds: Bounds,
-    /// Counts, the root among them.
+    /// Counts, with the root.
     pub counts: Counts,
 }
 
-/// Below this depth the heuristic gives way to halving, which bounds the depth; in small subtrees, so many splits below
-/// their roots.
+/// Depth below which ranges are halved instead of split by the heuristic, which bounds the depth. In small subtrees it
+/// is counted from their roots.
 pub const DEEP: u32 = 32;
 
-/// What a tree is built of and with.
+/// Input and settings of a build.
 pub struct Builder<'a> {
     /// The triangles.
     pub input: TreeInput<'a>,
@@ -171,20 +172,20 @@ pub struct Builder<'a> {
     mesh_half_area: f32,
 }
 
-/// A range of references on its way to becoming a node.
+/// A range of references that becomes a node.
 pub struct Range<'r> {
-    /// Its references, and behind them free room for the copies that spatial splits make.
+    /// The references, followed by free room for the copies that spatial splits make.
     pub room: &'r mut [Ref],
-    /// How many they are.
+    /// Number of references.
     pub len: usize,
-    /// Index of the first among all.
+    /// Index of the first among all references.
     pub first: usize,
-    /// Of all of them.
+    /// Extents of the references.
     pub extents: Extents,
 }
 
-/// Builds the tree over the references of `room`, one for each triangle and behind them free room for
-/// copies (none: no spatial splits). They are reordered: leaves are ranges of them.
+/// Builds the tree over the references of `room`: one for each triangle, followed by free room for copies (without it
+/// there are no spatial splits). The references are reordered: leaves are ranges of them.
 pub fn build(input: TreeInput, room: &mut [Ref], mesh_half_area: f32, par: &Par, cancel: &Cancel) -> Result<Built> {
     let len = input.triangles.len();
     let extents = Extents::of(&room[..len], par);
@@ -194,10 +195,10 @@ pub fn build(input: TreeInput, room: &mut [Ref], mesh_half_area: f32, par: &Par,
     Ok(Built { children, bounds, counts })
 }
 
-/// Puts a node of its own over each leaf, for a node that stays above the fine units: coarse blocks hold no
-/// triangles. Returns how many.
+/// Puts a node of its own over each leaf of a node that stays above the fine units: coarse blocks hold no triangles.
+/// Returns the number of these nodes.
 pub fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
-    // At the most: how many samples they have is not known yet.
+    // An upper bound: the numbers of samples are not known yet.
     let words = pieces.iter().map(|p| p.sub.words() + (VOXEL_WORDS + SIDES_WORDS) as u32);
     if NODE_WORDS as u32 + 1 + words.sum::<u32>() <= FINE_WORDS {
         return 0;
@@ -215,7 +216,7 @@ pub fn wrap_leaves(pieces: &mut Vec<Piece>) -> u64 {
     wrapped
 }
 
-/// What the triangles of a leaf look like. Those of which only a piece lies in it count whole.
+/// Returns the voxel of a leaf's triangles. A triangle of which only a part lies in the leaf counts as a whole.
 pub fn leaf_voxel(cell: &Bounds, refs: &[Ref], input: TreeInput) -> Voxel {
     let mut facets = [Facet { normal: Vec3::ZERO, colour: Vec3::ZERO, part: 0, is_own_colour: false }; MAX_TRIANGLES];
     for (facet, r) in facets.iter_mut().zip(refs) {
@@ -234,7 +235,7 @@ impl Builder<'_> {
         Ok((InnerNode::over(pieces, place), counts))
     }
 
-    /// The children of a node over `range`, and the counts of that node.
+    /// Returns the children of a node over `range`, and the counts of that node.
     fn children(&self, range: Range, depth: u32) -> Result<(Vec<Piece>, Counts)> {
         self.cancel.check()?;
         if range.len <= SMALL {
@@ -253,7 +254,7 @@ impl Builder<'_> {
         Ok((pieces, counts))
     }
 
-    /// Splits a range into up to eight, the one of the largest box first. Small ones stay whole.
+    /// Splits a range into up to eight, the one with the largest box first. Small ranges are not split.
     fn split_up<'r>(&self, range: Range<'r>, depth: u32) -> Vec<Range<'r>> {
         let mut ranges = Vec::with_capacity(WIDTH);
         ranges.push(range);
@@ -272,9 +273,9 @@ impl Builder<'_> {
         ranges
     }
 
-    /// Splits the first `len` references of `room`, which begins at `first`, in two: by `split`, or by a division of
-    /// space, if there is free room and that is better; without either, in equal parts.
-    #[inline(never)] // `small` calls itself: its frames should be small
+    /// Splits the first `len` references of `room`, which begins at `first`, in two: by `split`, or by a spatial split
+    /// if there is free room and that is better; without either, in equal parts.
+    #[inline(never)] // `small` is recursive: its stack frames should be small
     pub fn halve<'r>(
         &self,
         room: &'r mut [Ref],
@@ -296,7 +297,7 @@ impl Builder<'_> {
         share_room(room, len, sides, first)
     }
 
-    /// The best way to divide space, where that is better than dividing the set.
+    /// Returns the best spatial split, if it is better than the object split.
     fn spatial(&self, refs: &[Ref], room: usize, extents: &Extents, split: &Split) -> Option<SpatialSplit> {
         if room == refs.len() || !spatial::is_worth_a_look(split, self.mesh_half_area) {
             return None;
@@ -306,7 +307,7 @@ impl Builder<'_> {
     }
 }
 
-/// Gives each side a share of the free room behind `len`, by its size.
+/// Divides the free room after `len` between the sides, in proportion to their sizes.
 fn share_room(room: &mut [Ref], len: usize, sides: Sides, first: usize) -> [Range<'_>; 2] {
     let Sides { middle, left, right } = sides;
     let free = room.len() - len;
@@ -321,7 +322,7 @@ fn share_room(room: &mut [Ref], len: usize, sides: Sides, first: usize) -> [Rang
     ]
 }
 
-/// Whether a split is expected to cost less than a leaf.
+/// True if a split is expected to cost less than a leaf.
 pub fn pays(extents: &Extents, len: usize, split: &Split) -> bool {
     let stay = extents.bounds().half_area() * (LEAF_COST + TRIANGLE_COST * len as f32);
     split.side_areas * LEAF_COST + TRIANGLE_COST * split.cost < stay

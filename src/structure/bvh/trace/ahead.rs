@@ -1,5 +1,5 @@
-//! Memory asked for ahead: of leaves that walks of a stream wait at in any model, of all else in models that are larger
-//! than what caches hold.
+//! Prefetching of memory for walks. The leaves that the walks of a stream wait at are prefetched in any model, all
+//! other data only in models that are larger than the caches.
 
 use super::TreeView;
 use crate::base::ids::BlockId;
@@ -7,23 +7,23 @@ use crate::residency::Snapshot;
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, Child, HEADER_WORDS, INDEX_MASK, KIND_SHIFT, NODE_WORDS};
 
-/// Blocks, those with primitive ids among them, of a model for which all memory is asked for ahead: 32 MB of geometry.
-/// (Measured before leaves had blocks of their own. Streams, bounce rays: 1.15 to 1.5 times as fast at 10 million
-/// triangles; 1.0 at a million, 0.93 at 70 thousand.)
+/// Number of blocks, including those with primitive ids, above which all data of a model is prefetched: 32 MB of
+/// geometry. (Measured before leaves had blocks of their own. Streams of bounce rays with prefetching: 1.15 to 1.5
+/// times as fast at 10 million triangles, 1.0 at a million, 0.93 at 70 thousand.)
 const LARGE: u32 = 1024;
 
-/// The kind of references to nodes, see [`crate::structure::bvh::layout::Child`].
+/// Kind of references to nodes, see [`crate::structure::bvh::layout::Child`].
 const NODE: u32 = 0;
-/// That of references to other blocks.
+/// Kind of references to other blocks.
 const EXTERNAL: u32 = 2;
 
-/// Whether asking ahead pays.
+/// True if prefetching pays off.
 #[inline(always)]
 pub(super) fn is_large(snapshot: &Snapshot) -> bool {
     snapshot.blocks() > LARGE
 }
 
-/// [`ask`], in a large tree.
+/// Calls [`ask`] in a large tree.
 #[inline(always)]
 pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
     if is_large {
@@ -31,7 +31,7 @@ pub(super) fn ask_for(is_large: bool, block: Block, child: u32) {
     }
 }
 
-/// Asks for the memory of what will be visited, in its block; other work then hides how long it takes.
+/// Prefetches the node or leaf that `child` refers to in `block`. Other work then hides the latency of the memory.
 #[inline(always)]
 pub(super) fn ask(block: Block, child: u32) {
     let index = (child & INDEX_MASK) as usize;
@@ -43,9 +43,10 @@ pub(super) fn ask(block: Block, child: u32) {
     }
 }
 
-/// Follows a reference of `block`, number `id`, to another block that is in memory, or to leaves wherever they are, and
-/// asks for the memory of what will be visited: several such waits then go on at once. Of others says where they are.
-/// Last is whether what is visited is there, if it is a leaf.
+/// Resolves `child`, a reference in `block` of id `id`, and prefetches its target in a large tree, so that several
+/// memory accesses overlap. Returns the id of the block of the target, the child reference there, and false if the
+/// target is a leaf and its block is not in memory. A reference to another block that is not in memory is returned
+/// unchanged.
 #[inline(always)]
 pub(super) fn follow(is_large: bool, view: &TreeView, block: Block, id: u32, child: u32) -> (u32, u32, bool) {
     if Child::is_leaf(child) {

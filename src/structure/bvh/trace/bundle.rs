@@ -1,11 +1,11 @@
-//! Neighbouring packets from one point as one: a node's boxes are tested once for all of them, and each that is met
-//! once more against all packets at once, by the packets' intervals. Leaves are tested for all of them too
-//! (`bundle_leaf.rs`); what few packets meet, what cells may stand in for and what is missing each packet visits by
-//! itself, at once, so that what it hits hides what comes after.
+//! Bundles: neighbouring packets with the same origin, traversed as one. A node's boxes are tested once for all
+//! packets. Each box that is hit is then tested against the intervals of all packets at once. Leaves are tested for all
+//! packets too (`bundle_leaf.rs`). Each packet visits the following by itself: nodes that few packets hit, cells that
+//! may stand in, and missing blocks. It does so immediately, so that its hits cull later entries.
 //!
-//! Source: Reshetov, Soupikov, Hurley, "Multi-Level Ray Tracing Algorithm", SIGGRAPH 2005, section 4 (a beam goes down
-//! for its rays). Deviations: the beam does not end where its rays part, but says at each box which packets may meet
-//! it; and it tests leaves. Answers are those from the root (see `mod.rs` for the order of visits).
+//! Source: Reshetov, Soupikov, Hurley, "Multi-Level Ray Tracing Algorithm", SIGGRAPH 2005, section 4 (a beam descends
+//! for its rays). Deviations: the beam does not end where its rays diverge, but determines at each box the packets that
+//! may hit it; and it tests leaves. Hits are those of walks from the root (see `mod.rs` for the order of visits).
 #![allow(clippy::needless_range_loop)] // axes index several arrays at once
 
 use super::ahead;
@@ -21,29 +21,29 @@ use crate::math::BUNDLE;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child};
 
-/// Nodes that no more packets than these meet are left to them: where leaves are wide, and where they are not.
-/// (Instructions for a pixel at 10 million triangles, exact, near and whole: 429 and 672 with 2 everywhere, 504 and 584
-/// with 16.)
+/// Greatest number of packets that a node is left to: the first value where leaves are wide, the second where they are
+/// not. (Instructions for a pixel at 10 million triangles, exact, of a near view and of a view of the whole model: 429
+/// and 672 with 2 everywhere, 504 and 584 with 16.)
 const FEW: [u32; 2] = [2, 16];
-/// A leaf that so many packets meet is wide: testing it for all of them pays.
+/// Number of packets from which on a leaf is wide: testing it for all packets at once pays off.
 const WIDE: u32 = 3;
-/// Leaves count as not wide once so many more nodes were left to packets than wide leaves were met.
+/// Leaves count as not wide once the nodes left to packets exceed the wide leaves by more than this.
 const MORE: u32 = 2;
-/// Fewer packets than these gain nothing by going together.
+/// Least number of packets that are worth traversing as one.
 const LEAST: u32 = 4;
 
-/// Something that some packets still have to visit.
+/// A stack entry that some packets still have to visit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BundleEntry {
-    /// No ray enters it before.
+    /// Lower bound of the distance at which a ray enters it.
     pub t: f32,
-    /// The packets that may.
+    /// Packets that may enter it.
     pub packets: u32,
-    /// The block that it is in.
+    /// Id of the block that it is in.
     pub block: u32,
     /// The child reference.
     pub child: u32,
-    /// Its near and far planes, axis by axis, less the origin.
+    /// Near and far plane of its box for each axis, relative to the origin.
     pub planes: [[f32; 2]; 3],
 }
 
@@ -54,17 +54,17 @@ impl Entered for BundleEntry {
     }
 }
 
-/// What the packets that go together are.
+/// The packets that are traversed as one.
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub(super) struct Class {
-    /// What they share. Of what differs between them, `inv_min`, `inv_max`, `dir_min` and `cone_max` are the extremes
-    /// of all; the rest is that of one of them, and of no use.
+    /// Shared values of the packets. `inv_min`, `inv_max`, `dir_min` and `cone_max` are extremes over all packets.
+    /// Other values that differ between packets are those of one packet, and unused.
     pub common: Common,
-    /// Lane by lane, extremes of the reciprocal directions, axis by axis.
+    /// For each axis, the extremes of the reciprocal directions of each packet, one packet per lane.
     inv_min: [Row; 3],
     inv_max: [Row; 3],
-    /// Lane by lane, how far any ray may go; nowhere in the lanes of other packets.
+    /// Greatest distance of a ray of each packet; negative infinity in the lanes of other packets.
     pub far: Row,
 }
 
@@ -78,12 +78,12 @@ impl Class {
 /// Up to [`BUNDLE`] packets in one tree. Reusable.
 #[derive(Debug)]
 pub struct Bundle {
-    #[allow(clippy::vec_box)] // they are exchanged for others
+    #[allow(clippy::vec_box)] // callers swap the boxes
     pub(super) packets: Vec<Box<PacketWalk>>,
     stack: Vec<BundleEntry>,
     pub(super) class: Class,
-    /// What the bundle did for all its packets, nodes and leaves: those count once. All else, triangles too, the
-    /// packets count.
+    /// Nodes and leaves that the bundle visited for all its packets; each counts once. The packets count all other
+    /// work, including triangles.
     pub counters: Counters,
 }
 
@@ -95,14 +95,14 @@ impl Default for Bundle {
 }
 
 impl Bundle {
-    /// Packet `i`, below [`BUNDLE`]; it may be exchanged for another.
+    /// Returns packet `i`, below [`BUNDLE`]. The caller may swap it for another one.
     pub fn packet(&mut self, i: usize) -> &mut Box<PacketWalk> {
         &mut self.packets[i]
     }
 
-    /// Finds the closest hits of the packets of `among` (bit `i`: packet `i`), which were just started in `view`, of
-    /// such as can go together. What is left, all of it where they cannot, is found by [`TreeView::closest_together`]
-    /// of each: call it in any case.
+    /// Finds the closest hits of those packets in `among` (bit `i`: packet `i`) that can be traversed as one. The
+    /// packets must have just been started in `view`. Call [`TreeView::closest_together`] for each packet afterwards in
+    /// any case: it finds the remaining hits, which are all hits if the packets cannot be traversed as one.
     pub fn closest(&mut self, view: &TreeView, filter: Option<&PartFilter>, among: u32) {
         if PartFilter::is_by_ray(filter) {
             return;
@@ -126,7 +126,8 @@ impl Bundle {
         }
     }
 
-    /// The packets of `among` that can go together with the first of them; and whether no cell stands in for anything.
+    /// Returns the packets of `among` that can be traversed as one with the first of them, and true if no cell can
+    /// stand in.
     fn alike(&self, view: &TreeView, among: u32) -> (u32, bool) {
         let first = &self.packets[among.trailing_zeros() as usize];
         let (first, is_exact) = (&first.common, packet_visit::is_exact(view, first));
@@ -134,7 +135,7 @@ impl Bundle {
         for (i, packet) in self.packets.iter().enumerate() {
             let it = &packet.common;
             let mut is_alike = it.near == first.near && it.k == first.k && it.org_near == first.org_near;
-            // Where no cell stands in, none is looked at.
+            // The kernel for exact packets tests no stand-ins.
             is_alike &= packet_visit::is_exact(view, packet) == is_exact;
             alike |= (among >> i & u32::from(is_alike)) << i;
         }
@@ -142,7 +143,7 @@ impl Bundle {
     }
 }
 
-/// `LOD`: cells may stand in.
+/// Kernel of bundles. `LOD`: cells may stand in.
 struct Together<'a, 'v, const LOD: bool> {
     bundle: &'a mut Bundle,
     view: &'a TreeView<'v>,
@@ -159,7 +160,8 @@ impl<const LOD: bool> Op for Together<'_, '_, LOD> {
         begin(s, bundle, view, packets);
         let is_large = ahead::is_large(view.snapshot);
         let mut boxes = Boxes::NONE;
-        // Wide leaves, and nodes left to packets that could not be over such.
+        // Counts of wide leaves, and of nodes left to packets. Nodes that only the second value of [`FEW`] leaves to
+        // packets do not count: wide leaves may be below them.
         let (mut wide, mut left) = (0, 0);
         while let Some(mut entry) = bundle.stack.pop() {
             entry.packets &= meet(s, &entry.planes, &bundle.class);
@@ -192,7 +194,7 @@ impl<const LOD: bool> Op for Together<'_, '_, LOD> {
                         }
                         left += u32::from(!is_few || packets <= FEW[0]);
                     }
-                    // The root, if it refers to another block.
+                    // The root may be a reference to another block.
                     _ => {}
                 }
             }
@@ -201,7 +203,7 @@ impl<const LOD: bool> Op for Together<'_, '_, LOD> {
     }
 }
 
-/// Lets each packet that may enter something visit it by itself.
+/// Lets each packet that may enter an entry visit it by itself.
 #[inline(always)]
 fn each<S: Simd, const LOD: bool>(
     s: S,
@@ -217,13 +219,13 @@ fn each<S: Simd, const LOD: bool>(
         left &= left - 1;
         let packet = &mut bundle.packets[i];
         packet.stack.push(PacketEntry { t, rays: packet.waiting, block, child });
-        // What is missing stays on its stack.
+        // An entry that needs a missing block stays on the packet's stack.
         let _ = packet_visit::visit::<S, false, LOD>(s, view, filter, packet, boxes);
         *at_mut(&mut bundle.class.far, i) = farthest(s, &packet.hits.t);
     }
 }
 
-/// Takes over what the packets share, and puts them at the root.
+/// Combines the shared values of the packets, and pushes the root.
 #[inline(always)]
 fn begin<S: Simd>(s: S, bundle: &mut Bundle, view: &TreeView, packets: u32) {
     let Bundle { packets: all, stack, class, .. } = bundle;
@@ -254,7 +256,8 @@ fn begin<S: Simd>(s: S, bundle: &mut Bundle, view: &TreeView, packets: u32) {
     stack.push(BundleEntry { t: 0.0, packets, block: view.root_block, child: view.root, planes });
 }
 
-/// Pushes the children that any packet meets, the nearest last; false if the packets are to see to the node themselves.
+/// Pushes the children that any packet hits, nearest last. Returns false if the packets must visit the node by
+/// themselves.
 #[inline(always)]
 fn node<S: Simd>(
     s: S,
@@ -293,7 +296,7 @@ fn node<S: Simd>(
     true
 }
 
-/// The packets any of whose rays may meet a box between planes.
+/// Returns the packets of which a ray may hit a box between planes.
 #[inline(always)]
 fn meet<S: Simd>(s: S, planes: &[[f32; 2]; 3], class: &Class) -> u32 {
     let mut all = 0;
@@ -302,7 +305,7 @@ fn meet<S: Simd>(s: S, planes: &[[f32; 2]; 3], class: &Class) -> u32 {
         for axis in 0..3 {
             let (low, high) = (s.load16(&class.inv_min[axis][h]), s.load16(&class.inv_max[axis][h]));
             let (from, to) = (s.splat16(planes[axis][0]), s.splat16(planes[axis][1]));
-            // Rounded products keep order: no ray between the extremes has less, or more.
+            // Rounded products are monotonic: no ray between the extremes has a smaller entry or a greater exit.
             enter = (from * low).min(from * high).max(enter);
             leave = (to * low).max(to * high).min(leave);
         }

@@ -1,4 +1,5 @@
-//! Bundles at leaves: the triangles' outlines are taken once, and each packet tests what lies across its halves.
+//! Leaves of bundles: the outlines of the triangles are computed once. For each of its vectors of rays, a packet then
+//! tests the triangles with outlines that overlap the shears of these rays.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::bundle::{Bundle, BundleEntry};
@@ -12,20 +13,21 @@ use crate::math::BUNDLE;
 use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Block;
 
-/// Corners nearer than this, along the greatest axis, have no outline.
+/// Triangles with a corner nearer than this, along the axis of the greatest direction component, have an unbounded
+/// outline.
 const NEAREST: f32 = 1e-28;
-/// By this much, of itself and of 1, outlines are wider than they are: far more than quotients and shears are rounded
-/// by.
+/// Distance by which outlines are enlarged, as a fraction of their magnitude or of 1, whichever is greater: far more
+/// than the rounding errors of quotients and shears.
 const GIVE: f32 = 1e-6;
 
-/// Least and greatest shear of eight triangles, along two axes.
+/// Least and greatest shear of the corners of eight triangles, along two axes.
 struct Outline<F> {
     least: [F; 2],
     greatest: [F; 2],
 }
 
-/// That of a leaf's triangles. A triangle beside the shears of some rays has its corners on one side of each of them,
-/// sheared as the triangle test does it.
+/// Returns the outline of a leaf's triangles. If the outline of a triangle does not overlap the shears of some rays,
+/// then its corners, sheared as the triangle test does it, lie on one side of each of these rays.
 #[inline(always)]
 fn outline<S: Simd>(s: S, corners: &Corners, common: &Common) -> Outline<S::F8> {
     let (lowest, highest) = (s.splat8(f32::NEG_INFINITY), s.splat8(f32::INFINITY));
@@ -50,7 +52,7 @@ fn outline<S: Simd>(s: S, corners: &Corners, common: &Common) -> Outline<S::F8> 
     Outline { least, greatest }
 }
 
-/// The triangles that are not beside the rays of half `h` of a packet.
+/// Returns the triangles that the rays of vector `h` of a packet may hit.
 #[inline(always)]
 fn across<S: Simd>(s: S, outline: &Outline<S::F8>, common: &Common, h: usize) -> u32 {
     let half = &common.shears[h];
@@ -98,7 +100,7 @@ pub(super) fn leaf<S: Simd>(
             continue;
         }
         let own = PacketEntry { t: entry.t, rays, block: entry.block, child: entry.child };
-        // What is missing stays on its stack.
+        // An entry that needs a missing block stays on the packet's stack.
         let tree = Together { view, filter, common: &class.common, is_large: false };
         let _ = test::<S, false>(s, tree, walk, own, &here, triangles);
         *at_mut(&mut class.far, p) = farthest(s, &walk.hits.t);

@@ -1,5 +1,5 @@
-//! What blocks say of hits: rows of cells and of triangles, filled for many rays at once, so that their waits for
-//! memory overlap.
+//! Data of hits, read from blocks: rows of cells and of triangles, filled for many rays at once so that memory accesses
+//! overlap.
 
 use super::stand_in::place_of;
 use super::{TreeView, TriHit};
@@ -13,10 +13,11 @@ use crate::structure::surface::Surfaces;
 use glam::DVec3;
 
 impl<'a> TreeView<'a> {
-    /// Fills the columns of `rays`, whose `hit`s are cells. Returns the rays whose blocks have left the snapshot: their
-    /// columns hold anything.
+    /// Fills the columns of `rays`; `hit` returns the hit of a ray, which is a cell. Returns the rays for which the
+    /// block has left the snapshot: their columns are undefined.
     ///
-    /// `dir`: a ray's direction in the tree's frame; `is_whole`: boxes and levels of all cells are asked for.
+    /// `dir` returns the direction of a ray in the tree's frame. With `is_whole` the boxes and levels of all cells are
+    /// filled in.
     #[inline(always)]
     pub fn cells<const N: usize>(
         &self,
@@ -51,7 +52,7 @@ impl<'a> TreeView<'a> {
             out.have_three |= u32::from(has_sides | is_along_axes) << i;
             let is_whole = whole >> i & 1 == 1;
             if is_whole {
-                // It is in the node's other cache line.
+                // The level is in the other cache line of the node.
                 out.level[i] = node.level(*slot);
             }
             if is_whole || has_sides || is_along_axes {
@@ -75,8 +76,8 @@ impl<'a> TreeView<'a> {
         gone
     }
 
-    /// Asks for the memory of what [`TreeView::cells`] reads of a cell that was hit: first of its words, and in a
-    /// second call (`of_sides`), when those have come, of its sides.
+    /// Prefetches the memory that [`TreeView::cells`] reads for the cell of a hit: first the words of its voxel and, in
+    /// a second call with `of_sides` once those have arrived, the samples of its sides.
     #[inline]
     pub fn prefetch_cell(&self, hit: &TriHit, of_sides: bool) {
         let Some((voxel, ..)) = self.cell_at(hit) else { return };
@@ -89,13 +90,13 @@ impl<'a> TreeView<'a> {
         }
     }
 
-    /// Where in its box the content of a cell that was hit is; `None` if its block has left the snapshot.
+    /// Returns the oriented slabs of the cell of a hit, or `None` if its block has left the snapshot.
     pub fn oriented_slabs(&self, hit: &TriHit) -> Option<OrientedSlabs<f32>> {
         self.cell_at(hit).map(|(_, node, slot)| node.stored_oriented_slabs(slot))
     }
 
-    /// Fills a column for each of `count` triangles, of which `hit` gives a hit. Returns those whose blocks have left
-    /// the snapshot (bit `i`: triangle `i`).
+    /// Fills a column for each of `count` hits on triangles, which `hit` returns. Returns the hits for which the block
+    /// has left the snapshot (bit `i`: hit `i`).
     #[inline(always)]
     pub fn surfaces<const N: usize>(&self, count: usize, hit: impl Fn(usize) -> TriHit, out: &mut Surfaces<N>) -> u32 {
         let mut gone = 0;
@@ -117,14 +118,14 @@ impl<'a> TreeView<'a> {
     }
 }
 
-/// The words of the samples of a cell's sides across x, y and z that face a ray which goes by `dir`, of a voxel that
-/// tells them apart.
+/// Returns the first and second words of the samples across x, y and z that face a ray with direction `dir`. The voxel
+/// has six sides, or one sample of surfaces along the axes.
 #[inline(always)]
 fn three(voxel: &StoredVoxel, dir: DVec3) -> ([u32; 3], [u32; 3]) {
     if !voxel.has_sides() {
         return Coded::along_axes(voxel.words()[0], voxel.words()[1]);
     }
-    // Sides in the order low x, y, z, high x, y, z; a ray that goes up an axis sees the low one.
+    // Sides are in the order low x, y, z, high x, y, z. A ray in the positive direction of an axis faces the low side.
     let at: [usize; 3] = std::array::from_fn(|axis| 2 * if dir[axis] >= 0.0 { axis } else { axis + 3 });
     (at.map(|at| voxel.sides()[at]), at.map(|at| voxel.sides()[at + 1]))
 }

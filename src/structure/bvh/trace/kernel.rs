@@ -1,36 +1,36 @@
-//! What the kernels are handed: the tree with its filter, the place in it, and for packets what the rays share. All of
-//! them are copies of a few references, taken apart to registers once the kernels are inlined.
+//! Arguments of the kernels: the tree with its filter, the node that rays are at, and the values that the rays of a
+//! packet share. All are copies of a few references, which become registers once the kernels are inlined.
 
 use super::TreeView;
 use super::packet_prepare::Common;
 use crate::structure::bvh::layout::{Block, Node};
 use crate::structure::filter::PartFilter;
 
-/// A tree as rays see it.
+/// A tree and its filter, for single rays.
 #[derive(Clone, Copy)]
 pub(super) struct Seen<'a> {
     pub view: &'a TreeView<'a>,
     pub filter: Option<&'a PartFilter<'a>>,
 }
 
-/// A tree as the rays of a packet see it.
+/// A tree and its filter, for the rays of a packet.
 #[derive(Clone, Copy)]
 pub(super) struct Together<'a> {
     pub view: &'a TreeView<'a>,
     pub filter: Option<&'a PartFilter<'a>>,
-    /// What the rays share.
+    /// Values that the rays share.
     pub common: &'a Common,
-    /// Memory is asked for ahead, see `ahead.rs`.
+    /// True if memory is prefetched, see `ahead.rs`.
     pub is_large: bool,
 }
 
-/// A node that rays are at.
+/// The node that rays are at.
 #[derive(Clone, Copy)]
 pub(super) struct Here<'a> {
     pub block: Block<'a>,
-    /// The block's id.
+    /// Id of the block.
     pub id: u32,
-    /// The node in the block.
+    /// Index of the node in the block.
     pub index: usize,
 }
 

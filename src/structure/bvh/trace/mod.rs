@@ -1,9 +1,9 @@
-//! Rays in, hits out, over the blocks of one snapshot.
+//! Ray traversal of the blocks of one snapshot: rays in, hits out.
 //!
-//! A hit is the least `(t, primitive id)` over all triangles that the watertight test accepts. Box
-//! tests are conservative, so the order of visits, the instruction set and whether rays go alone or
-//! in packets change what is visited, not the hit. The exception: a sliver met edge-on, whose single-precision
-//! `t` falls outside of its own box (`tests/exact.rs` bounds how often).
+//! A hit is the least `(t, primitive id)` over all triangles that the watertight test accepts. Box tests are
+//! conservative. The order of visits, the instruction set, and the choice between single rays, packets and streams
+//! therefore change which nodes are visited, but not the hit. The one exception is a sliver hit edge-on: its
+//! single-precision `t` may fall outside its own box (`tests/exact.rs` bounds how often).
 
 mod ahead;
 mod bundle;
@@ -43,30 +43,31 @@ use crate::structure::place::{Place, Rooted};
 use crate::structure::walk::{self, Walk};
 use crate::structure::{packet, packet_prepare};
 
-/// One tree of a model in one snapshot. Cheap to make; borrow it for as long as the job lasts.
+/// One tree of a model in one snapshot. It is cheap to create; borrow it for as long as the job lasts.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeView<'a> {
-    /// Which blocks are in memory.
+    /// The blocks in memory.
     pub snapshot: &'a Snapshot,
-    /// Block of the root.
+    /// Id of the block that holds the root.
     pub root_block: u32,
-    /// Child reference to the root in it; [`TreeView::EMPTY`] for a tree without triangles.
+    /// Child reference to the root within `root_block`; [`TreeView::EMPTY`] for a tree without triangles.
     pub root: u32,
     /// Greatest magnitude of a coordinate of the tree.
     pub max_coord: f32,
-    /// What to add to a fine block's id for the id of its leaf block; 0 for a tree of one block.
+    /// Offset from the id of a fine block to the id of its leaf block; 0 for a tree of one block.
     pub leaves_at: u32,
-    /// What to add to a block's id for the id of the block with its primitive ids.
+    /// Offset from the id of a block to the id of the block that holds its primitive ids.
     pub prims_at: u32,
-    /// The same for its colours; `None` if the model has none.
+    /// Offset from the id of a block to the id of the block that holds its colours; `None` if the model has none.
     pub colours_at: Option<u32>,
-    /// Vectors to trace with.
+    /// Instruction set to trace with.
     pub isa: Isa,
-    /// Whether cells stand in for blocks that are not in memory. Else walks ask for these.
+    /// True if cells stand in for blocks that are not in memory. Otherwise a walk that needs such a block returns
+    /// [`Outcome::Pending`].
     pub accept_missing: bool,
-    /// Whether no ray passes a cell that stands in: what is hit then has nothing before it.
+    /// True if a stand-in stops every ray, without a coverage test. Then nothing lies before a hit.
     pub opaque_cells: bool,
-    /// The pass that visits: blocks that it uses stay while it is stood on.
+    /// Stamp of the pass that traces. Blocks with the stamp of a live pass are not evicted.
     pub stamp: u32,
 }
 
@@ -74,36 +75,36 @@ impl TreeView<'_> {
     /// Root reference of a tree without triangles.
     pub const EMPTY: u32 = u32::MAX;
 
-    /// Whether the tree has no triangles.
+    /// True if the tree has no triangles.
     pub fn is_empty(&self) -> bool {
         self.root == Self::EMPTY
     }
 
-    /// The words of a block that a walk goes through, if it is in memory.
+    /// Returns the words of a block if it is in memory, and stamps the block as used.
     #[inline(always)]
     fn visit(&self, block: u32) -> Option<&[u32]> {
         self.snapshot.visit(BlockId(block), self.stamp)
     }
 
-    /// The block that a child reference of block `id` counts words or nodes in.
+    /// Returns the id of the block that `child` points into. `child` is a reference in block `id`.
     #[inline(always)]
     fn home_of(&self, id: u32, child: u32) -> u32 {
         id + if Child::is_leaf(child) { self.leaves_at } else { 0 }
     }
 
-    /// Whether the leaves below the nodes of a fine block are not in memory. Of coarse blocks, over no leaves, it says
-    /// nothing.
+    /// True if the leaf block of the fine block `id` is not in memory. The result has no meaning for a coarse block,
+    /// which has no leaves.
     #[inline(always)]
     fn lacks_leaves(&self, id: u32) -> bool {
         self.snapshot.block(BlockId(id + self.leaves_at)).is_none()
     }
 
-    /// Finds the closest hit of the ray that `walk` has begun (or goes on after `Pending`).
+    /// Finds the closest hit of the ray in `walk`. Continues the walk if the last call returned `Pending`.
     pub fn closest(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
         single::run::<false>(self, filter, walk)
     }
 
-    /// Finds any hit of the ray that `walk` has begun (or goes on after `Pending`).
+    /// Finds any hit of the ray in `walk`. Continues the walk if the last call returned `Pending`.
     pub fn any(&self, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
         single::run::<true>(self, filter, walk)
     }
@@ -114,35 +115,37 @@ impl TreeView<'_> {
         Some((block, block.leaf((hit.tri >> 3) as usize), (hit.tri & 7) as usize))
     }
 
-    /// The triangle of a hit; `None` if its block has left the snapshot. Always inlined: as a call it would write the
-    /// struct in small pieces and read it in large ones, which stalls.
+    /// Returns the triangle of a hit, or `None` if its block has left the snapshot. The function is always inlined: a
+    /// call would write the struct in small pieces and read it in large ones, which stalls.
     #[inline(always)]
     pub fn triangle(&self, hit: &TriHit) -> Option<Triangle> {
         let (block, leaf, index) = self.leaf_of(hit)?;
         Some(Triangle { vertices: leaf.triangle(index), part: block.part(leaf.part_of(index)) })
     }
 
-    /// The primitive id of a hit, or the block that is needed for it.
+    /// Returns the primitive id of a hit. Fails with the id of a block that is not in memory.
     pub fn prim(&self, hit: &TriHit) -> Result<u32, BlockId> {
         self.beside(hit, self.prims_at)
     }
 
-    /// The sRGB colour of a hit's triangle, or the block that is needed; `None` if the model has none.
+    /// Returns the sRGB colour of a hit's triangle, or `None` if the model has no colours. Fails with the id of a block
+    /// that is not in memory.
     pub fn colour(&self, hit: &TriHit) -> Result<Option<[u8; 4]>, BlockId> {
         let Some(at) = self.colours_at else { return Ok(None) };
         self.beside(hit, at).map(|c| Some(c.to_le_bytes()))
     }
 
-    /// The word of a hit's triangle in a block beside its own.
+    /// Returns the word of a hit's triangle in another block; `offset` leads from the id of the triangle's block to
+    /// that of the other one.
     fn beside(&self, hit: &TriHit, offset: u32) -> Result<u32, BlockId> {
         let Some((_, leaf, index)) = self.leaf_of(hit) else { return Err(BlockId(hit.block)) };
         let id = BlockId(hit.block + offset);
         let words = self.visit(id.0).ok_or(id)?;
-        // Only a file made up to be wrong has fewer words than its block has triangles.
+        // Only a corrupt file has fewer words here than the block has triangles.
         Ok(words.get(leaf.first + index).copied().unwrap_or(u32::MAX))
     }
 
-    /// What is below a place; fails with the block that the place is in if that is not in memory.
+    /// Lists the children or the triangles of a place. Fails with the id of the place's block if that is not in memory.
     pub fn expand(&self, place: Place, below: &mut Below) -> Result<(), BlockId> {
         let Place { block: id, item: child } = place;
         let block = Block::new(self.visit(id).ok_or(BlockId(id))?);
@@ -166,7 +169,7 @@ impl TreeView<'_> {
                     (below.triangle)(&hit, &triangle);
                 }
             }
-            // No place is a reference: these are followed above.
+            // A place never holds an external reference: the node branch above resolves them.
             Some(Child::External(_)) | None => {}
         }
         Ok(())

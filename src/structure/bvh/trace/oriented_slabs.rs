@@ -1,19 +1,7 @@
-//! Slabs of cells (`lod`), as rays see them: those of a node's eight cells are worked out at once.
+//! Intersection of rays with the oriented slabs of cells (`lod`). The slabs of a node's eight cells are computed at
+//! once.
 //!
-//! What is left of a ray's way inside of slabs is worked out in the same steps by all walks: they see the same to the
-//! bit.
-//!
-//! A slab's plane is at `low = axis . p`, the magnitudes of the axis' components adding up to 1 at most, and met at
-//! `((low - slack) - org . axis) / (dir . axis)`. Products and sums of `org . axis` are off by `5 h m` at most; the
-//! cell's ends along the axis, which where planes are at the ends are all that says where, by `17 h m` (its middle, its
-//! extent, and the steps between); products and sums of `dir . axis` by `5 h |dir|` times `t`, where `t |dir|` is at
-//! most `2 3^0.5 m`; differences and the quotient by `8 h m`: 50 h m in all. (`h` and `m`: see `stand_in.rs`.)
-//!
-//! Where they tell which leaves need no visit, the triangle test counts too: it sees corners off by `12 h m` each (a
-//! rounded difference of at most `2 m`, sheared by a rounded quotient, a product and a difference) and weighs them by
-//! products of those, rounded, which is as if an edge were off by `3 h m` more: so a ray that it accepts passes the
-//! triangle as near as `16 h m`, and with the `47.4 h m` that the above comes to exactly that is less than [`SLACK`]
-//! still.
+//! All walks clip the interval of a ray to the slabs in the same steps, so their results are identical to the bit.
 #![allow(clippy::needless_range_loop)] // axes index several arrays at once
 
 use super::ray::abs;
@@ -21,11 +9,29 @@ use crate::lod::{self, FIELDS, LEAST, LESS, LEVEL, Middle, OrientedSlab, Oriente
 use crate::simd::{Lanes, Simd};
 use crate::structure::bvh::layout::Node;
 
-/// By how much planes give way, as a part of the greatest magnitude of a coordinate: see the module. (With 96 h wires
-/// are 1 % thicker.)
+/// Distance by which planes are moved outward, as a fraction of the greatest magnitude of a coordinate. (With 96 h,
+/// wires are 1 % thicker.)
+///
+/// Error of a plane's distance. A plane is at `low = axis . p`, where the magnitudes of the components of the axis add
+/// up to at most 1. Its distance is `((low - slack) - org . axis) / (dir . axis)`. With `h` and `m` as in
+/// `stand_in.rs`, the errors are at most:
+///
+/// - `5 h m` for the products and sums of `org . axis`;
+/// - `17 h m` for the cell's ends along the axis (its middle, its extent, and the steps between), which alone determine
+///   a plane that is stored at an end;
+/// - `5 h |dir|` times `t` for the products and sums of `dir . axis`, where `t |dir|` is at most `2 3^0.5 m`;
+/// - `8 h m` for the differences and the quotient.
+///
+/// The total is 50 h m.
+///
+/// Where slabs decide which leaves need no visit, the error of the triangle test counts too. It computes corners with
+/// an error of `12 h m` each (a rounded difference of at most `2 m`, sheared by a rounded quotient, a product and a
+/// difference). It weights them by rounded products, which has the effect of an edge off by another `3 h m`. So a ray
+/// that the test accepts comes within `16 h m` of the triangle. Together with `47.4 h m`, the exact value of the total
+/// above, this is still less than 64 h.
 const SLACK: f32 = 64.0 / 16_777_216.0;
 
-/// Where rays begin: many of them, or one in all lanes.
+/// Origins of rays: of many rays, or of one ray in all lanes.
 #[derive(Clone, Copy)]
 pub(super) struct Origin<L> {
     org: [L; 3],
@@ -33,7 +39,8 @@ pub(super) struct Origin<L> {
 }
 
 impl<L> Origin<L> {
-    /// Of rays of a tree whose coordinates are at most `reach` in magnitude, which is in all lanes.
+    /// Creates the origins of rays in a tree with coordinates of at most `max_coord` in magnitude, which is in all
+    /// lanes.
     #[inline(always)]
     pub fn new<const N: usize>(org: [L; 3], max_coord: L, zero: L) -> Self
     where
@@ -43,7 +50,7 @@ impl<L> Origin<L> {
         Self { org, slack: size * L::from_array_like(zero, [SLACK; N]) }
     }
 
-    /// Slabs whose planes are less where rays begin along their axes, and give way.
+    /// Returns slabs relative to the origins, with planes moved outward by the slack.
     #[inline(always)]
     pub fn see<const N: usize>(&self, slabs: &OrientedSlabs<L>) -> OrientedSlabs<L>
     where
@@ -63,8 +70,8 @@ impl<L> Origin<L> {
     }
 }
 
-/// What is left inside of slabs as seen of the ways of rays that go along `dir`, `[enter, leave]`: none where one is
-/// entered after it is left.
+/// Clips the intervals `[enter, leave]` of rays of direction `dir` to slabs that are relative to their origins. An
+/// interval with `enter > leave` is empty.
 #[inline(always)]
 pub(super) fn within<const N: usize, L: Lanes<N>>(
     dir: [L; 3],
@@ -79,11 +86,12 @@ pub(super) fn within<const N: usize, L: Lanes<N>>(
 fn between<const N: usize, L: Lanes<N>>(dir: [L; 3], slab: &OrientedSlab<L>, [enter, leave]: [L; 2], one: L) -> [L; 2] {
     let inv = one.div(dir[0] * slab.axis[0] + dir[1] * slab.axis[1] + dir[2] * slab.axis[2]);
     let (low, high) = (slab.low * inv, slab.high * inv);
-    // Along a slab they are infinite, of either sign; in this order a NaN leaves the interval as it was, or wider.
+    // For a ray parallel to the slab, `low` and `high` are infinite, of either sign. In this order of operands a NaN
+    // leaves the interval unchanged, or makes it wider.
     [low.min(high).max(enter), high.max(low).min(leave)]
 }
 
-/// The slabs of a node's cells, as stored.
+/// Returns the oriented slabs of a node's cells, as stored.
 #[inline(always)]
 pub(super) fn of_node<S: Simd>(s: S, node: &Node) -> OrientedSlabs<S::F8> {
     let (zero, half) = (s.splat8(0.0), s.splat8(0.5));
@@ -92,7 +100,7 @@ pub(super) fn of_node<S: Simd>(s: S, node: &Node) -> OrientedSlabs<S::F8> {
     for axis in 0..3 {
         let (low, high) = (s.bytes8(&node.planes[axis]), s.bytes8(&node.planes[axis + 3]));
         let half = step[axis] * half;
-        // Products with powers of two are exact: one rounding, however it is done.
+        // Products with powers of two are exact: there is one rounding, fused or not.
         cell.at[axis] = (low + high).mul_add(half, s.splat8(node.origin[axis]));
         cell.half[axis] = (high - low) * half;
     }
@@ -105,20 +113,20 @@ pub(super) fn of_node<S: Simd>(s: S, node: &Node) -> OrientedSlabs<S::F8> {
     lod::oriented_slabs(fields, [s.bytes8(&node.normal[0]) - sign, s.bytes8(&node.normal[1]) - sign], &cell)
 }
 
-/// What part of the areas of a node's cells counts where they may stand in (`lod::Fill`).
+/// Returns the factors by which the areas of a node's cells count in the stand-in test (`lod::Fill`).
 #[inline(always)]
 pub(super) fn area_shares<S: Simd>(s: S, node: &Node) -> S::F8 {
     let (from, count) = LEVEL;
     (s.splat8(1.0) - s.fields8(&node.slabs, from, count) * s.splat8(LESS)).max(s.splat8(LEAST))
 }
 
-/// Those of eight cells in memory: of each slab the axis and the planes.
+/// Oriented slabs of eight cells in memory: for each slab the components of its axis, then its planes.
 pub(super) struct Eight([[[f32; 8]; 5]; 2]);
 
 impl Eight {
     pub const NONE: Self = Self([[[0.0; 8]; 5]; 2]);
 
-    /// Those of a node's cells.
+    /// Returns the slabs of a node's cells.
     #[inline(always)]
     pub fn of<S: Simd>(s: S, node: &Node) -> Self {
         let mut eight = Self::NONE;
@@ -126,7 +134,7 @@ impl Eight {
         eight
     }
 
-    /// Takes over slabs.
+    /// Stores slabs.
     #[inline(always)]
     pub fn set<L: Lanes<8>>(&mut self, slabs: &OrientedSlabs<L>) {
         for which in 0..2 {
@@ -136,7 +144,7 @@ impl Eight {
         }
     }
 
-    /// All of them, a lane each.
+    /// Returns all slabs, one cell per lane.
     #[inline(always)]
     pub fn all<S: Simd>(&self, s: S) -> OrientedSlabs<S::F8> {
         let [a, b] = &self.0;
@@ -153,7 +161,7 @@ impl Eight {
         [one, other]
     }
 
-    /// That of the cell in `slot`, in all lanes.
+    /// Returns the slabs of the cell in `slot`, in all lanes.
     #[inline(always)]
     pub fn one<S: Simd>(&self, s: S, slot: usize) -> OrientedSlabs<S::F16> {
         let ([a, b], i) = (&self.0, slot & 7);

@@ -1,4 +1,4 @@
-//! Stand-ins for packets: one cell at a time against all rays that come to it.
+//! Stand-ins for packets: one cell at a time is tested against all rays that reach it.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::TreeView;
@@ -16,14 +16,14 @@ use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Node;
 use crate::structure::ray::{SLACK, abs};
 
-/// The children that could stand in: for some ray, by what their areas are seen from the least directions, and the
-/// greatest widths; or for one.
+/// Returns the children that may be small enough to stand in. For a packet, `area` is the area along the least
+/// directions and `[a, b]` the greatest widths. Otherwise both are those of one ray.
 #[inline(always)]
 pub(super) fn likely<S: Simd>(s: S, area: S::F8, leave: S::F8, [a, b]: [f32; 2]) -> u32 {
     stand_in::may_stand(area, s.splat8(a) + s.splat8(b) * leave, s.splat8(stand_in::MARGIN))
 }
 
-/// Puts what the test needs of cells between planes as stored into `out`.
+/// Stores the data of the stand-in test in `out`, for cells between planes as stored.
 #[inline(always)]
 pub(super) fn cells<S: Simd>(
     s: S,
@@ -41,7 +41,7 @@ pub(super) fn cells<S: Simd>(
     }
 }
 
-/// Where a vector of rays crosses the cell in `slot`.
+/// Returns the distances at which a vector of rays enters and leaves the cell in `slot`.
 #[inline(always)]
 fn cross<S: Simd>(
     s: S,
@@ -67,7 +67,7 @@ fn cross<S: Simd>(
     stand_in::cross(first, last, inv)
 }
 
-/// What is decided of the cell in `slot` by where a vector of rays crosses it.
+/// Evaluates the stand-in test of the cell in `slot` for a vector of rays, given where they enter and leave it.
 #[inline(always)]
 fn meet<S: Simd>(s: S, boxes: &Boxes, slot: usize, crossing: [S::F16; 2], walk: &PacketWalk, h: usize) -> Met<S::F16> {
     let (rays, zero) = (&walk.rays, s.splat16(0.0));
@@ -79,7 +79,7 @@ fn meet<S: Simd>(s: S, boxes: &Boxes, slot: usize, crossing: [S::F16; 2], walk: 
     stand_in::meet(crossing, faces, &ConeRay { dir, t_min, a, b })
 }
 
-/// What is left of the ways of a vector of rays through the cell in `slot` inside of its slabs.
+/// Clips the intervals of a vector of rays in the cell in `slot` to its oriented slabs.
 #[inline(always)]
 fn within<S: Simd>(
     s: S,
@@ -107,7 +107,7 @@ fn within<S: Simd>(
     oriented_slabs::within(dir, &slabs, way, s.splat16(1.0))
 }
 
-/// Of the rays in `rays` those that cross the child in `slot` inside of its slabs.
+/// Returns those of `rays` that cross the child in `slot` inside its oriented slabs.
 #[inline(always)]
 pub(super) fn inside<S: Simd>(
     s: S,
@@ -131,8 +131,8 @@ pub(super) fn inside<S: Simd>(
     left
 }
 
-/// Lets the cell in `slot` stand in for those of `rays` for which it is small enough; returns the others that meet its
-/// box.
+/// Lets the cell in `slot` stand in for those of `rays` for which it is small enough. Returns the other rays that hit
+/// its box.
 #[inline(always)]
 pub(super) fn stand_in<S: Simd, const ANY: bool>(
     s: S,
@@ -187,7 +187,8 @@ pub(super) fn stand_in<S: Simd, const ANY: bool>(
     left
 }
 
-/// Of the rays `hits` of vector `h`, which enter a cell's region at `enter`, those that do not pass it.
+/// Returns those of the rays `hits` of vector `h` that the cell stops. The rays enter the cell's region at `enter`.
+/// Records this distance for rays that the cell transmits.
 #[inline(never)]
 fn stopped(coverage: Option<CoverageTest>, enter: &[f32; 16], walk: &mut PacketWalk, h: usize, hits: u32) -> u32 {
     let Some(coverage) = coverage else { return hits };
@@ -204,7 +205,7 @@ fn stopped(coverage: Option<CoverageTest>, enter: &[f32; 16], walk: &mut PacketW
     stopped
 }
 
-/// All cells of a node.
+/// Returns all cells of a node.
 #[inline(always)]
 fn all_cells<S: Simd>(s: S, node: &Node, common: &Common) -> Boxes {
     let mut out = Boxes::NONE;
@@ -217,8 +218,8 @@ fn all_cells<S: Simd>(s: S, node: &Node, common: &Common) -> Boxes {
     out
 }
 
-/// Offers the cell in a node's slot, below which a block is missing, to `rays`. Where any hit will do, a cell that a
-/// ray begins in is none: nothing is known of it.
+/// Offers the cell in a node's slot, below which a block is missing, to `rays`. An any-hit ray that begins inside the
+/// cell is not offered the cell: the content is unknown.
 #[inline(always)]
 pub(super) fn for_missing<S: Simd, const ANY: bool>(
     s: S,
@@ -256,7 +257,7 @@ pub(super) fn for_missing<S: Simd, const ANY: bool>(
     }
 }
 
-/// Keeps a stand-in for those of `rays`, lanes of vector `h` with nothing nearer, for which it is better.
+/// Keeps a stand-in for those of `rays` for which it is better. `rays` are lanes of vector `h` that have no nearer hit.
 #[inline(always)]
 fn offer<S: Simd, const ANY: bool>(
     s: S,
@@ -268,7 +269,7 @@ fn offer<S: Simd, const ANY: bool>(
 ) {
     let zero = s.splat16(0.0);
     let found = LaneHits { hits: rays, t, u: zero, v: zero };
-    // Between stand-ins nothing can be missing: places decide.
+    // A tie with a stand-in needs no block: positions in the tree decide.
     let _ = keep_better::<S, ANY>(s, view, walk, h, &found, place);
     if ANY {
         walk.waiting &= !(rays << (16 * h));

@@ -1,4 +1,4 @@
-//! Nodes that few rays of a packet come to: all eight children against one ray after the other.
+//! Nodes that few rays of a packet reach: all eight children are tested against one ray after the other.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::kernel::{Here, Seen, Together};
@@ -13,10 +13,10 @@ use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Node;
 use crate::structure::ray::slack;
 
-/// Rays up to which this is less work than one child against all rays after the other.
+/// Number of rays up to which this is less work than testing one child after the other against all rays.
 pub(super) const FEW: u32 = 4;
 
-/// What rays share of a node's children, into `boxes`.
+/// Stores the data of a node's children that all rays share in `boxes`.
 #[inline(always)]
 pub(super) fn planes<S: Simd, const LOD: bool>(s: S, node: &Node, common: &Common, boxes: &mut Boxes) {
     let [[first, last], _] = packet_visit::planes(s, node, common, boxes);
@@ -34,9 +34,9 @@ pub(super) fn planes<S: Simd, const LOD: bool>(s: S, node: &Node, common: &Commo
     }
 }
 
-/// Of `rays` those that each child is still to be visited by: those that meet it, of `leaves` those that do so inside
-/// of their slabs, and for which it does not stand in. `boxes` has the [`planes`], and gets what children are met, from
-/// where on, and which of them may stand in for some ray.
+/// Returns for each child those of `rays` that still have to visit it: rays that hit its box (of a child in `leaves`,
+/// inside its oriented slabs) and for which it does not stand in. `boxes` holds the result of [`planes`]. It receives
+/// the children that are hit, their entry distances, and the children that may stand in for some ray.
 #[inline(always)]
 pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
@@ -68,7 +68,8 @@ pub(super) fn each<S: Simd, const ANY: bool, const LOD: bool>(
     out
 }
 
-/// The children that ray `i` has still to visit; those of `leaves` whose boxes it meets; and where it enters each box.
+/// Returns the children that ray `i` still has to visit, the children in `leaves` for which oriented slabs were tested,
+/// and the distances at which the ray enters the boxes.
 #[inline(always)]
 fn one<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
@@ -96,7 +97,7 @@ fn one<S: Simd, const ANY: bool, const LOD: bool>(
     let within = leave.min(s.splat8(at(&walk.hits.t, i)));
     let is_met = entered.le(within);
     let mut met = is_met.bits() & u32::from(here.node().valid);
-    // Where it meets none it enters none.
+    // The entry distance of a box that the ray misses is infinite.
     let first = entered.select(is_met, s.splat8(f32::INFINITY));
     let (mut dir, mut faces, mut likely) = ([zero; 3], [zero; 3], 0);
     for axis in 0..3 {

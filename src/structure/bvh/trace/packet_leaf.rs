@@ -1,5 +1,5 @@
-//! Packets at leaves: eight triangles against one ray after the other, or sixteen rays against one triangle after the
-//! other, whichever is less.
+//! Leaves of packets: eight triangles are tested against one ray after the other, or sixteen rays against one triangle
+//! after the other, whichever takes fewer tests.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::TreeView;
@@ -16,7 +16,7 @@ use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::Block;
 use crate::structure::bvh::leaf::Leaf;
 
-/// Tests the triangles of a leaf: eight against each ray or sixteen rays against each, whichever is less.
+/// Tests the triangles of a leaf against the rays of a packet.
 #[inline(always)]
 pub(super) fn leaf<S: Simd, const ANY: bool>(
     s: S,
@@ -39,12 +39,12 @@ pub(super) fn leaf<S: Simd, const ANY: bool>(
 pub(super) struct AtLeaf<'a> {
     pub block: Block<'a>,
     pub leaf: Leaf<'a>,
-    /// Its first word.
+    /// Index of its first word.
     pub at: usize,
     pub corners: &'a Corners,
 }
 
-/// Tests some triangles of a leaf, those of each vector's rays, against a packet.
+/// Tests `triangles` of a leaf, given for each vector of rays, against a packet.
 #[inline(always)]
 pub(super) fn test<S: Simd, const ANY: bool>(
     s: S,
@@ -70,7 +70,7 @@ pub(super) fn test<S: Simd, const ANY: bool>(
         let i = left.trailing_zeros() as usize;
         left &= left - 1;
         for h in 0..VECTORS {
-            // Of those that look for any hit, some may have found one in this leaf.
+            // An any-hit ray may already have a hit in this leaf.
             let rays = (entry.rays & walk.waiting) >> (16 * h) & 0xffff;
             if rays == 0 || triangles[h] >> i & 1 == 0 {
                 continue;
@@ -147,10 +147,11 @@ fn leaf_ray_by_ray<S: Simd, const ANY: bool>(
     Outcome::Done
 }
 
-/// The corners of eight triangles, axis by axis in the order of [`Common::k`].
+/// Corners of eight triangles: by corner, then by axis in the order of [`Common::k`].
 pub(super) type Corners = [[[f32; 8]; 3]; 3];
 
-/// Those of a leaf, relative to the rays' origin if it is one; past the leaf's last triangle, whatever.
+/// Returns the corners of a leaf's triangles, relative to the rays' origin if they share one. Lanes past the last
+/// triangle are undefined.
 #[inline(always)]
 pub(super) fn corners<S: Simd>(s: S, leaf: &Leaf, common: &Common) -> Corners {
     let k = common.k;
@@ -164,15 +165,16 @@ pub(super) fn corners<S: Simd>(s: S, leaf: &Leaf, common: &Common) -> Corners {
     all
 }
 
-/// A bit for each triangle of a leaf.
+/// Returns a bit for each triangle of a leaf.
 #[inline(always)]
 pub(super) fn all_triangles(count: usize) -> u32 {
     (1 << count) - 1
 }
 
-/// The triangles that lie beside all rays: sheared, their corners are all on one side of the origin. For rays between
-/// the extremes of the shear a sheared corner is between what the extremes give, rounding included, as rounded
-/// differences and products keep order: so none of these triangles would be hit.
+/// Returns the triangles that lie outside the packet: for all rays, their sheared corners are on one side of the
+/// origin. The sheared corner for a ray between the extremes of the shear lies between the results for the extremes.
+/// Rounding does not change this, because rounded differences and products are monotonic. So the triangle test would
+/// accept none of these triangles.
 #[inline(always)]
 fn beside<S: Simd>(s: S, corners: &Corners, common: &Common) -> u32 {
     let zero = s.splat8(0.0);
@@ -187,7 +189,7 @@ fn beside<S: Simd>(s: S, corners: &Corners, common: &Common) -> u32 {
             all_low = a.min(b).min(all_low);
             all_high = a.max(b).max(all_high);
         }
-        // What is not a number, for an overflow, is not less than anything.
+        // A comparison with NaN, the result of an overflow, is false: such a triangle is kept.
         beside |= zero.le(all_low).bits() & !zero.eq(all_low).bits();
         beside |= all_high.le(zero).bits() & !zero.eq(all_high).bits();
     }
@@ -218,7 +220,8 @@ fn triangle<S: Simd, const MOVED: bool>(
     intersect::<16, _>(0xffff, moved, s.splat16(0.0), s.load16(&rays.t_min[h]), s.load16(&walk.hits.t[h]))
 }
 
-/// Keeps the hits that are better than what their rays have; as [`is_better`], all at once but for ties.
+/// Keeps the hits that are better than those that their rays have, like [`is_better`]. All lanes are handled at once,
+/// except for ties.
 #[inline(always)]
 pub(super) fn keep_better<S: Simd, const ANY: bool>(
     s: S,
@@ -232,7 +235,7 @@ pub(super) fn keep_better<S: Simd, const ANY: bool>(
     let some = walk.hits.some >> (16 * h) & 0xffff;
     let t = s.load16(&walk.hits.t[h]);
     let mut better = hits;
-    // No lane of `hits` is farther than its best: the test left those out.
+    // No lane of `hits` is farther than its best hit: the triangle test excluded those.
     let equal = t.eq(found.t).bits() & hits & some;
     if !ANY && equal != 0 {
         better = untie(view, walk, h, [better, equal], found.t.to_array(), (block, tri))?;
@@ -253,7 +256,7 @@ fn put<S: Simd>(s: S, mask: <S::F16 as Lanes<16>>::Mask, row: &mut [f32; 16], v:
     *row = v.select(mask, s.load16(row)).to_array();
 }
 
-/// Of the lanes `better`, without those of `equal` whose best stays.
+/// Returns the lanes `better`, without the lanes of `equal` that keep their best hit.
 #[cold]
 #[inline(never)]
 fn untie(

@@ -1,13 +1,13 @@
 //! The kernel of packets. A node's boxes are tested against all rays at once, by intervals of their origins and
-//! reciprocal directions; boxes that pass and are of leaves, or narrower than the packet, are tested ray by ray too,
-//! sixteen in a vector. Where few rays come to a node they are tested one after the other (`packet_few.rs`). Rays that
-//! cannot go together go alone (`single.rs`).
+//! reciprocal directions. Boxes that are hit are also tested ray by ray, sixteen rays in a vector, if they belong to
+//! leaves or are narrower than the packet. At nodes that few rays reach, the rays are tested one after the other
+//! (`packet_few.rs`). Rays that cannot be traversed as one packet are traversed as single rays (`single.rs`).
 //!
-//! What is nearest is visited first. Where any hit will do that is not as good as visiting what has been on the stack
-//! for longer, in turns between parts of the tree: what is asked of memory in one is there when its turn comes.
+//! Closest-hit walks visit the nearest child first. Any-hit walks visit older entries of the stack first, which
+//! alternates between parts of the tree: memory that is prefetched for one part has arrived when its turn comes.
 //!
-//! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for
-//! Entire Ray Packets", University of Utah UUCS-06-010, 2006, section 3.
+//! Source of the interval test: Boulos, Wald, Shirley, "Geometric and Arithmetic Culling Methods for Entire Ray
+//! Packets", University of Utah UUCS-06-010, 2006, section 3.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::ahead;
@@ -28,7 +28,7 @@ use crate::base::ids::BlockId;
 use crate::simd::{Lanes, Mask, Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, Child, Node};
 
-/// The greatest distance that any ray may go.
+/// Returns the greatest distance that any ray may go.
 #[inline(always)]
 pub(super) fn farthest<S: Simd>(s: S, t: &Row) -> f32 {
     let mut far = s.load16(&t[0]);
@@ -38,7 +38,7 @@ pub(super) fn farthest<S: Simd>(s: S, t: &Row) -> f32 {
     far.greatest()
 }
 
-/// The rays that may go as far as `t`, or farther.
+/// Returns the rays that may go as far as `t`, or farther.
 #[inline(always)]
 fn reaching<S: Simd>(s: S, t: f32, far: &Row) -> u32 {
     let mut rays = 0;
@@ -60,7 +60,7 @@ impl TreeView<'_> {
     }
 }
 
-/// Goes on with `walk` until it ends or a block is missing.
+/// Continues `walk` until it ends or a block is missing.
 fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut PacketWalk) -> Outcome {
     if is_exact(view, walk) {
         dispatch(view.isa, Packet::<ANY, false> { view, filter, walk })
@@ -69,12 +69,12 @@ fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut
     }
 }
 
-/// Whether no cell stands in for anything.
+/// True if no cell can stand in.
 pub(super) fn is_exact(view: &TreeView, walk: &PacketWalk) -> bool {
     !view.accept_missing && walk.rays.cone.as_flattened().as_flattened().iter().all(|w| *w == 0.0)
 }
 
-/// `LOD`: cells may stand in.
+/// Kernel of packets. `LOD`: cells may stand in.
 struct Packet<'a, 'v, const ANY: bool, const LOD: bool> {
     view: &'a TreeView<'v>,
     filter: Option<&'a PartFilter<'a>>,
@@ -96,7 +96,8 @@ impl<const ANY: bool, const LOD: bool> Op for Packet<'_, '_, ANY, LOD> {
     }
 }
 
-/// Visits what is on the stack. `boxes`: for one node after the other, as making it takes as long as filling it.
+/// Visits the entries on the stack. `boxes` is scratch space for one node after the other: creating it takes as long as
+/// filling it.
 #[inline(always)]
 pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
@@ -149,15 +150,16 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
                     let is_elsewhere = nearest.block != entry.block;
                     walk.counters.blocks += u64::from(is_elsewhere && !Child::is_leaf(nearest.child));
                     if ANY && bottom > 0 {
-                        // Its memory was asked for just now, that of an older entry longer ago; and which hit is found
-                        // is all the same.
+                        // The memory of `nearest` was prefetched just now, that of an older entry longer ago. It does
+                        // not matter which hit is found.
                         let older = std::mem::replace(&mut walk.stack[bottom - 1], nearest);
                         walk.stack.push(older);
                         break;
                     }
                     if is_elsewhere {
                         let Some(words) = view.visit(nearest.block) else {
-                            // A leaf block: references to others are followed only if they are there.
+                            // The missing block is a leaf block: references to other blocks are followed only if those
+                            // are in memory.
                             walk.stack.push(nearest);
                             return Outcome::Pending(BlockId(nearest.block));
                         };
@@ -200,7 +202,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     Outcome::Done
 }
 
-/// Lets each ray of `entry` visit it alone.
+/// Lets each ray of `entry` visit it as a single ray.
 #[inline(always)]
 fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
@@ -222,7 +224,7 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
         let outcome = single::visit::<S, ANY, LOD>(s, Seen { view, filter }, &ray, alone);
         keep(walk, i, &best);
         if outcome != Outcome::Done {
-            // The others first look at this entry later; this one goes on with what it has left.
+            // The other rays visit this entry later; this ray continues with its remaining entries.
             walk.stack.push(PacketEntry { rays: rays & (rays - 1), ..entry });
             let left = walk.alone.stack.iter();
             let left = left.map(|e| PacketEntry { t: e.t, rays: 1 << i, block: e.block, child: e.child });
@@ -237,7 +239,7 @@ fn each_alone<S: Simd, const ANY: bool, const LOD: bool>(
     Outcome::Done
 }
 
-/// Ray `i`, as cells see it that rays pass.
+/// Returns ray `i` for the coverage test.
 #[inline(always)]
 pub(super) fn entry_ray(rays: &PacketRays, i: usize) -> EntryRay {
     let (org, dir) = (&rays.org, &rays.dir);
@@ -256,7 +258,7 @@ pub(super) fn keep(walk: &mut PacketWalk, i: usize, best: &TriHit) {
     h.some |= u32::from(best.is_hit()) << i;
 }
 
-/// Pushes all but the nearest of the children that any ray meets; returns the nearest.
+/// Pushes all of the children that any ray hits but the nearest; returns the nearest.
 #[inline(always)]
 fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
@@ -269,7 +271,7 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
 ) -> Option<PacketEntry> {
     let Together { view, common, is_large, .. } = tree;
     let (node, block) = (here.node(), here.block);
-    // Leaves whose slabs are asked.
+    // Leaves for which oriented slabs are tested.
     let is_asked = !LOD && walk.slab_heuristic.asks();
     let asked = if is_asked { stand_in::leaves(node) } else { 0 };
     let few =
@@ -283,9 +285,9 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
         let slot = mask.trailing_zeros() as usize & 7;
         mask &= mask - 1;
         let child = u32::from(node.child[slot]);
-        // Many rays from one point are tested one by one only before leaves and what is narrower than the packet: for
-        // wider nodes it costs more than it saves (0.44 to 0.48 of Embree's packets on the bunny without). Intervals of
-        // many origins are too wide.
+        // Rays of one origin are tested one by one only at leaves and at boxes narrower than the packet. At wider nodes
+        // this costs more than it saves (without it, packets reach 0.48 instead of 0.44 of the speed of Embree's on the
+        // bunny). Intervals of many origins are too wide to do without it.
         let mut rays = if is_few {
             few[slot]
         } else if LOD && boxes.small >> slot & 1 == 1 {
@@ -324,26 +326,28 @@ fn nearest_child<S: Simd, const ANY: bool, const LOD: bool>(
     nearest
 }
 
-/// Near and far planes of eight boxes, axis by axis; less the origin, where rays share it.
+/// Near and far planes of eight boxes for each axis, relative to the origin if the rays share one.
 pub(super) type Planes = [[[f32; 8]; 2]; 3];
 
-/// The eight children of a node as all rays of a packet see them.
+/// The eight children of a node, tested against all rays of a packet.
 pub(super) struct Boxes {
-    /// Those that rays between the extremes can meet; where few rays come, those that some does.
+    /// Children that rays between the extremes may hit; where few rays come, children that some ray hits.
     pub met: u32,
-    /// Of these, those that are narrower than the packet; not worked out where few rays come.
+    /// Children that are narrower than the packet; not computed where few rays come.
     pub narrow: u32,
-    /// Of these, those that could stand in for some ray; where few rays come, those that do or that it passes.
+    /// Of `met`, children that may be small enough to stand in for some ray; where few rays come, children that are so
+    /// for some ray.
     pub small: u32,
-    /// No ray enters them before.
+    /// Lower bounds of the distances at which rays enter them.
     pub enter: [f32; 8],
-    /// Outward by [`Common::slack`].
+    /// Planes, moved outward by [`Common::slack`].
     pub planes: Planes,
-    /// Only if one is small, or few rays come: the planes as stored, where rays do not share the origin; and what areas
-    /// of faces count for, signed as the directions are.
+    /// Set only if `small` is not 0 or few rays come: the planes as stored, if the rays do not share an origin; and the
+    /// areas of faces as they count in the stand-in test, signed like the directions.
     pub stored: Planes,
     pub faces: [[f32; 8]; 3],
-    /// Their slabs, if these are known: as the one origin sees them, or as stored, where rays do not share it.
+    /// Oriented slabs of the children, if computed: relative to the shared origin, or as stored if the rays do not
+    /// share one.
     slabs: Eight,
     pub has_slabs: bool,
 }
@@ -366,7 +370,7 @@ impl Boxes {
         }
     };
 
-    /// The slabs of the node's children; worked out once.
+    /// Returns the oriented slabs of the node's children, computed at the first call.
     #[inline(always)]
     pub fn slabs<S: Simd>(&mut self, s: S, node: &Node, common: &Common, max_coord: f32) -> &Eight {
         if !self.has_slabs {
@@ -382,7 +386,7 @@ impl Boxes {
         &self.slabs
     }
 
-    /// The near and the far plane of the box in `slot`, axis by axis.
+    /// Returns the near and the far plane of the box in `slot` for each axis.
     #[inline(always)]
     pub fn planes_of(&self, slot: usize) -> [[f32; 2]; 3] {
         let ([x, y, z], slot) = (&self.planes, slot & 7);
@@ -390,7 +394,7 @@ impl Boxes {
     }
 }
 
-/// The test of all children against all rays at once, into `out`.
+/// Tests all children against all rays at once. Stores the result in `out`.
 #[inline(always)]
 pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, common: &Common, far: f32, out: &mut Boxes) {
     let [[first, last], [from, to]] = planes(s, node, common, out);
@@ -411,7 +415,8 @@ pub(super) fn intervals<S: Simd, const LOD: bool>(s: S, node: &Node, common: &Co
     }
 }
 
-/// The planes of a node's children into `out`; as stored, and outward less the extremes of the origins.
+/// Stores the planes of a node's children in `out`. Returns them as stored, and moved outward and relative to the
+/// extremes of the origins.
 #[inline(always)]
 pub(super) fn planes<S: Simd>(s: S, node: &Node, common: &Common, out: &mut Boxes) -> [[[S::F8; 3]; 2]; 2] {
     let step = s.powers8(node.exponents());
@@ -432,13 +437,13 @@ pub(super) fn planes<S: Simd>(s: S, node: &Node, common: &Common, out: &mut Boxe
     [[first, last], [from, to]]
 }
 
-/// Where the first of all rays enters boxes between planes less the extremes of the origins, and where the last leaves
-/// them, up to `far`.
+/// Returns a lower bound of the distances at which rays enter boxes, and an upper bound, at most `far`, of the
+/// distances at which they leave them. The planes are relative to the extremes of the origins.
 #[inline(always)]
 pub(super) fn cross<S: Simd>(s: S, from: [S::F8; 3], to: [S::F8; 3], common: &Common, far: f32) -> [S::F8; 2] {
     let (mut enter, mut leave) = (s.splat8(0.0), s.splat8(far));
     for axis in 0..3 {
-        // Rounded products keep order: no ray between the extremes has less, or more.
+        // Rounded products are monotonic: no ray between the extremes has a smaller entry or a greater exit.
         let (low, high) = (s.splat8(common.inv_min[axis]), s.splat8(common.inv_max[axis]));
         enter = (from[axis] * low).min(from[axis] * high).max(enter);
         leave = (to[axis] * low).max(to[axis] * high).min(leave);
@@ -446,7 +451,7 @@ pub(super) fn cross<S: Simd>(s: S, from: [S::F8; 3], to: [S::F8; 3], common: &Co
     [enter, leave]
 }
 
-/// The rays that meet a box between planes, which are less the origin if it is one.
+/// Returns the rays that hit a box between planes, which are relative to the origin if the rays share one.
 #[inline(always)]
 pub(super) fn meet<S: Simd>(s: S, planes: &[[f32; 2]; 3], one_origin: bool, walk: &PacketWalk) -> u32 {
     let mut all = 0;
@@ -457,7 +462,7 @@ pub(super) fn meet<S: Simd>(s: S, planes: &[[f32; 2]; 3], one_origin: bool, walk
     all
 }
 
-/// The ways of a vector of rays through a box between planes, up to `far`.
+/// Returns the intervals of a vector of rays in a box between planes, up to `far`.
 #[inline(always)]
 pub(super) fn way<S: Simd>(
     s: S,

@@ -1,4 +1,4 @@
-//! What a walk needs of a ray, prepared once.
+//! A ray prepared for walks.
 
 use crate::geom::Shear;
 use crate::math::Cone;
@@ -6,47 +6,48 @@ use crate::structure::ray::LocalRay;
 pub(super) use crate::structure::ray::{MAX_DIR, MIN_DIR, abs};
 use glam::Vec3;
 
-/// What a plane's distance may be off by in box tests, as a part of the greatest magnitude of a coordinate over the
-/// direction: the derivation is at [`PreparedRay::new`].
+/// Bound of the error of a plane's distance in box tests, as a fraction of the greatest magnitude of a coordinate over
+/// the direction. [`PreparedRay::new`] has the derivation.
 pub(super) const BOX_SLACK: f32 = 64.0 / 16_777_216.0;
 
-/// A ray ready for box and triangle tests.
+/// A ray prepared for box and triangle tests.
 ///
-/// A box plane at `p` is met at `p * inv - off`. `off_near` and `off_far` differ by twice the
-/// greatest rounding error that the expression can have, so that a box test never misses
-/// (the derivation is at [`PreparedRay::new`]).
+/// The distance of a box plane at `p` is `p * inv - off`. The difference of `off_near` and `off_far` is at least twice
+/// the greatest rounding error of that expression, so a box test never misses ([`PreparedRay::new`] has the
+/// derivation).
 #[derive(Debug, Clone, Copy)]
 pub struct PreparedRay {
     /// The origin.
     pub org: Vec3,
-    /// Reciprocal direction; components of less than 1e-18 of the greatest count as that, signed.
+    /// Reciprocal direction. A component below 1e-18 of the greatest is raised to that magnitude and keeps its sign.
     pub inv: [f32; 3],
-    /// See the type's comment.
+    /// Offset of near planes, see the comment of the type.
     pub off_near: [f32; 3],
-    /// See the type's comment.
+    /// Offset of far planes, see the comment of the type.
     pub off_far: [f32; 3],
-    /// For each axis, which of a node's six runs of planes is met first.
+    /// For each axis, the row of [`crate::structure::bvh::layout::Node::planes`] that the ray reaches first.
     pub near: [usize; 3],
-    /// For the triangle test.
+    /// Axis order and shear for the triangle test.
     pub shear: Shear,
     /// Least distance of a hit.
     pub t_min: f32,
     /// Magnitudes of the direction.
     pub dir: Vec3,
-    /// See [`LocalRay::cone`].
+    /// Width of the ray, see [`LocalRay::cone`].
     pub cone: Cone,
 }
 
 impl PreparedRay {
-    /// Prepares `ray` (valid) for a tree whose coordinates are at most `reach` in magnitude.
+    /// Prepares a valid `ray` for a tree with coordinates of at most `max_coord` in magnitude.
     ///
-    /// Error of a plane's distance, with `m = max(|org|, reach)`, `h = 2^-24` and the computed reciprocal `inv`: the
-    /// grid's products `origin * inv`, `q * (step * inv)` and `org * inv` have a relative error of at most `3h` each
-    /// (two roundings, and one of `inv` itself) and magnitudes of at most `m`, `2m` and `m` times `|inv|`; the two sums
-    /// add `h` times at most `4m |inv|` each. That is below `24 h m |inv|`; [`BOX_SLACK`] is 64 h, so that 40 h are
-    /// left at least: a ray that meets a cell, which is taken larger by 32 h and rounded by 7 h (`stand_in.rs`), has
-    /// met the boxes of all above it. It also covers what clamping a direction component does, and flat boxes met
-    /// edge-on: there the reciprocal is so large that the slack exceeds every distance.
+    /// Error of a plane's distance, with `m = max(|org|, max_coord)`, `h = 2^-24` and the computed reciprocal `inv`:
+    /// the products `origin * inv`, `q * (step * inv)` and `org * inv` have a relative error of at most `3h` each (two
+    /// roundings, and one of `inv` itself). Their magnitudes are at most `m`, `2m` and `m` times `|inv|`. The two sums
+    /// add `h` times at most `4m |inv|` each. The total is below `24 h m |inv|`. [`BOX_SLACK`] is `64 h`, so at least
+    /// `40 h` are left: the cell of a stand-in is enlarged by `32 h` and rounded by `7 h` (`stand_in.rs`), so a ray
+    /// that enters a cell also enters the boxes of all nodes above it. The slack also covers the effect of clamping a
+    /// direction component, and flat boxes hit edge-on: their reciprocal is so large that the slack exceeds every
+    /// distance.
     #[inline(always)]
     pub fn new(ray: &LocalRay, max_coord: f32) -> Self {
         let least = ray.dir.abs().max_element() * 1e-18;

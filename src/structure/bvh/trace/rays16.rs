@@ -6,8 +6,8 @@ use crate::simd::{Lanes, Mask, Simd};
 pub(super) use crate::structure::stream::GROUP;
 use crate::structure::stream::Rays16;
 
-/// A prepared ray by itself (see [`super::PreparedRay`]): all that a box test needs in one cache line, and a second
-/// one for the rest. Words, because sixteen rays are prepared by field and then transposed.
+/// One prepared ray (see [`super::PreparedRay`]). One cache line holds all data of a box test, a second one the rest.
+/// The fields are words, because sixteen rays are prepared by field and then transposed.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(super) struct OneRay {
@@ -18,25 +18,26 @@ pub(super) struct OneRay {
 impl OneRay {
     pub const NONE: Self = Self { line: [0.0; 16], rest: [0.0; 16] };
 
-    /// Reciprocal direction; the fourth is of no use.
+    /// Returns the reciprocal direction. The fourth element is unused.
     #[inline(always)]
     pub fn inv(&self) -> &[f32; 4] {
         first(&self.line[0..])
     }
 
-    /// Less the planes' offsets: near ones, and from the fifth on far ones; the fourth and eighth are of no use.
+    /// Returns the negated offsets of planes: near planes, and far planes from the fifth element on. The fourth and
+    /// eighth elements are unused.
     #[inline(always)]
     pub fn off(&self) -> &[f32; 8] {
         first(&self.line[4..])
     }
 
-    /// Least distance.
+    /// Returns the least distance of a hit.
     #[inline(always)]
     pub fn t_min(&self) -> f32 {
         self.line[12]
     }
 
-    /// Distance of the best hit.
+    /// Returns the distance of the best hit.
     #[inline(always)]
     pub fn best(&self) -> f32 {
         self.line[13]
@@ -47,21 +48,22 @@ impl OneRay {
         self.line[13] = t;
     }
 
-    /// Where the planes that are met first on each axis begin in a node, in bytes; then, from the fifth on, those that
-    /// are met last.
+    /// Returns, for each axis, the byte in a node at which the row of planes begins that the ray reaches first; from
+    /// the fifth element on, the same for the row that it reaches last.
     #[inline(always)]
     pub fn planes(&self) -> &[u8; 8] {
         let words: &[f32; 2] = first(&self.line[14..]);
         bytemuck::must_cast_ref(words)
     }
 
-    /// For stand-ins: its width (`a`, `b`), the direction's magnitudes, the origin; and what is of no use.
+    /// Returns the data of the stand-in test: width (`a`, `b`), magnitudes of the direction, origin.
     #[inline(always)]
     pub fn cone(&self) -> &[f32; 8] {
         first(&self.rest[7..])
     }
 
-    /// The axis order of the triangle test, the origin in it, and the shear: see [`crate::geom::Shear`].
+    /// Returns the axis order of the triangle test, the origin in that order, and the shear: see
+    /// [`crate::geom::Shear`].
     #[inline(always)]
     pub fn shear(&self) -> ([usize; 3], [f32; 3], [f32; 3]) {
         let z = (self.rest[6].to_bits() & 3) as usize;
@@ -78,13 +80,13 @@ fn first<const N: usize>(v: &[f32]) -> &[f32; N] {
     }
 }
 
-/// Sixteen rays prepared, by field: a [`OneRay`] of each is a column.
+/// Sixteen prepared rays, by field: each column is a [`OneRay`].
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
 pub(super) struct Prepared {
     lines: [[f32; GROUP]; 16],
     rests: [[f32; GROUP]; 16],
-    /// Those whose directions are not negative, axis by axis.
+    /// For each axis, the rays with directions that are not negative.
     positive: [u32; 3],
 }
 
@@ -97,7 +99,7 @@ impl Prepared {
         &self.lines[axis]
     }
 
-    /// Less the offsets of planes that are met first, and of those that are met last.
+    /// Negated offsets of the planes that rays reach first, and of those that they reach last.
     #[inline(always)]
     pub fn off(&self, axis: usize) -> [&[f32; GROUP]; 2] {
         [&self.lines[4 + axis], &self.lines[8 + axis]]
@@ -109,38 +111,38 @@ impl Prepared {
         [&self.lines[12], &self.lines[13]]
     }
 
-    /// The rays whose directions are not negative along an axis.
+    /// Rays with directions that are not negative along an axis.
     #[inline(always)]
     pub fn positive(&self, axis: usize) -> u32 {
         self.positive[axis]
     }
 
-    /// For stand-ins: widths (`a`, `b`).
+    /// Widths (`a`, `b`), for stand-ins.
     #[inline(always)]
     pub fn cone(&self) -> [&[f32; GROUP]; 2] {
         [&self.rests[7], &self.rests[8]]
     }
 
-    /// For stand-ins: magnitudes of the directions.
+    /// Magnitudes of the directions, for stand-ins.
     #[inline(always)]
     pub fn size(&self, axis: usize) -> &[f32; GROUP] {
         &self.rests[9 + axis]
     }
 
-    /// Where they begin.
+    /// Origins.
     #[inline(always)]
     pub fn org(&self, axis: usize) -> &[f32; GROUP] {
         &self.rests[12 + axis]
     }
 
-    /// Where ray `i` begins.
+    /// Returns the origin of ray `i`.
     #[inline(always)]
     pub fn begins_at(&self, i: usize) -> [f32; 3] {
         let i = i & (GROUP - 1);
         [self.rests[12][i], self.rests[13][i], self.rests[14][i]]
     }
 
-    /// Each of the rays by itself.
+    /// Transposes the rays into `out`, one by one.
     #[inline(always)]
     pub fn each<S: Simd>(&self, s: S, out: &mut [OneRay; GROUP]) {
         let (mut line, mut rest) = ([[0.0; 16]; GROUP], [[0.0; 16]; GROUP]);
@@ -152,13 +154,13 @@ impl Prepared {
     }
 }
 
-/// Where the low planes of x, y and z begin in a node, in bytes: a byte each.
+/// The byte in a node at which the row of low planes begins, for x, y and z: a byte each.
 const LOW_PLANES: u32 = 0x0020_1810;
-/// From an axis' low planes to its high ones.
+/// Distance in bytes from the low planes of an axis to the high ones.
 const TO_HIGH: u32 = 24;
 
 impl Rays16 {
-    /// Prepares all rays, as [`super::PreparedRay::new`] does one (which see); returns the valid ones.
+    /// Prepares all rays like [`super::PreparedRay::new`]; returns the valid ones.
     #[inline(always)]
     pub(super) fn prepare<S: Simd>(&self, s: S, max_coord: f32, out: &mut Prepared) -> u32 {
         let zero = s.splat16(0.0);
@@ -188,7 +190,7 @@ impl Rays16 {
             let signs = (!positive[0] >> i & 1) | (!positive[1] >> i & 1) << 8 | (!positive[2] >> i & 1) << 16;
             lines[14][i] = f32::from_bits(LOW_PLANES + signs * TO_HIGH);
             lines[15][i] = f32::from_bits(LOW_PLANES + (0x0001_0101 - signs) * TO_HIGH);
-            // 0 where x is greatest, 1 for y, 2 for z.
+            // Axis of the greatest component: 0 for x, 1 for y, 2 for z.
             rests[6][i] = f32::from_bits((1 - (x >> i & 1)) * (2 - (y >> i & 1)));
         }
         let [a, b, c] = turned(is_x, is_y, org);
@@ -203,7 +205,7 @@ impl Rays16 {
         self.valid(s, org, dir, greatest)
     }
 
-    /// The rays that [`crate::structure::LocalRay::is_valid`] accepts.
+    /// Returns the rays that [`crate::structure::LocalRay::is_valid`] accepts.
     #[inline(always)]
     fn valid<S: Simd>(&self, s: S, org: [S::F16; 3], dir: [S::F16; 3], greatest: S::F16) -> u32 {
         let zero = s.splat16(0.0);
@@ -211,14 +213,15 @@ impl Rays16 {
         let mut ok = s.splat16(MIN_DIR).le(greatest).and(greatest.le(s.splat16(MAX_DIR)));
         ok = ok.and(zero.le(t_min)).and(t_min.le(s.load16(&self.t_max)));
         for axis in 0..3 {
-            // NaN is not less than anything.
+            // A comparison with NaN is false.
             ok = ok.and(abs(zero, org[axis]).le(s.splat16(f32::MAX))).and(abs(zero, dir[axis]).le(s.splat16(MAX_DIR)));
         }
         ok.bits()
     }
 }
 
-/// The components after the greatest, in turn, and it itself: the order of [`crate::geom::Shear`].
+/// Returns the two components that follow the greatest one cyclically, then the greatest: the order of
+/// [`crate::geom::Shear`].
 #[inline(always)]
 fn turned<L: Lanes<GROUP>>(is_x: L::Mask, is_y: L::Mask, [x, y, z]: [L; 3]) -> [L; 3] {
     [y.select(is_x, z.select(is_y, x)), z.select(is_x, x.select(is_y, y)), x.select(is_x, y.select(is_y, z))]

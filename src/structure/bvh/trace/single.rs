@@ -1,4 +1,4 @@
-//! One ray after the other, eight boxes or triangles at a time.
+//! Traversal of single rays: eight boxes or triangles at a time.
 #![allow(clippy::needless_range_loop)] // lanes and axes index several arrays at once
 
 use super::coverage::EntryRay;
@@ -17,7 +17,7 @@ use crate::structure::bvh::layout::{Block, Child, Node};
 use crate::structure::bvh::leaf::Leaf;
 use crate::structure::ray;
 
-/// Goes on with `walk` until it ends or a block is missing.
+/// Continues `walk` until it ends or a block is missing.
 pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>, walk: &mut Walk) -> Outcome {
     if walk.ray.cone == Cone::ZERO && !view.accept_missing {
         dispatch(view.isa, Single::<ANY, false> { view, filter, walk })
@@ -26,7 +26,7 @@ pub(super) fn run<const ANY: bool>(view: &TreeView, filter: Option<&PartFilter>,
     }
 }
 
-/// `LOD`: cells may stand in.
+/// Kernel of single rays. `LOD`: cells may stand in.
 struct Single<'a, 'v, const ANY: bool, const LOD: bool> {
     view: &'a TreeView<'v>,
     filter: Option<&'a PartFilter<'a>>,
@@ -48,9 +48,9 @@ impl<const ANY: bool, const LOD: bool> Op for Single<'_, '_, ANY, LOD> {
     }
 }
 
-/// What the triangle test needs of a ray, in all lanes.
+/// A ray for the triangle test, in all lanes.
 pub(super) struct LeafRay<S: Simd> {
-    /// In the order `k`.
+    /// Origin, in the axis order `k`.
     pub org: [S::F8; 3],
     pub shear: [S::F8; 3],
     pub t_min: S::F8,
@@ -58,7 +58,7 @@ pub(super) struct LeafRay<S: Simd> {
     pub k: [usize; 3],
 }
 
-/// A ray, and what box and triangle tests need of it in all lanes.
+/// A ray, and its data for box and triangle tests in all lanes.
 pub(super) struct RayLanes<S: Simd> {
     ray: PreparedRay,
     leaf: LeafRay<S>,
@@ -91,17 +91,17 @@ fn splat3<S: Simd>(s: S, v: [f32; 3]) -> [S::F8; 3] {
     [s.splat8(v[0]), s.splat8(v[1]), s.splat8(v[2])]
 }
 
-/// The state of a ray that goes alone.
+/// The state of a single ray.
 pub(super) struct Alone<'a> {
-    /// What it has still to visit, the nearest last.
+    /// Entries still to be visited, the nearest last.
     pub stack: &'a mut Vec<Entry>,
     pub best: &'a mut TriHit,
-    /// Where it passed a stand-in first.
+    /// Distance of the first stand-in that transmitted the ray.
     pub transmitted: &'a mut f32,
     pub counters: &'a mut Counters,
 }
 
-/// Visits what is on the stack, nearest first.
+/// Visits the entries on the stack, nearest first.
 #[inline(always)]
 pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
@@ -115,7 +115,7 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     let mut block = Block::new(&[]);
     let cells = if LOD { Some(CellLanes::new(s, &lanes.ray, view.max_coord)) } else { None };
     while let Some(entry) = stack.pop() {
-        // Not `<=`: an equal distance may be a tie that a lower primitive id wins.
+        // Not `>=`: an entry at an equal distance may hold a tie that a lower primitive id wins.
         if entry.t > best.t {
             continue;
         }
@@ -203,7 +203,8 @@ pub(super) fn visit<S: Simd, const ANY: bool, const LOD: bool>(
     Outcome::Done
 }
 
-/// Whether `hit` beats `best`: nearer, or as near with a lower primitive id.
+/// Returns true if `hit` beats `best`: it is nearer, or as near with a lower primitive id. Fails with the id of a block
+/// that is needed to compare primitive ids.
 #[inline(always)]
 pub(super) fn is_better(
     view: &TreeView,
@@ -229,13 +230,14 @@ fn tie(view: &TreeView, hit: &TriHit, best: &TriHit, counters: &mut Counters) ->
     counters.ties += 1;
     match (view.prim(hit), view.prim(best)) {
         (Ok(a), Ok(b)) => Ok(a < b),
-        // A walk that never waits takes the first by its place.
+        // A walk that never waits for blocks compares positions in the tree.
         _ if view.accept_missing => Ok((hit.block, hit.tri) < (best.block, best.tri)),
         (a, b) => Ok(a? < b?),
     }
 }
 
-/// The children whose boxes the ray meets before `t_max`, where it enters each, and where it leaves them.
+/// Returns the children with boxes that the ray hits before `t_max`, and the distances at which it enters and leaves
+/// these.
 #[inline(always)]
 fn boxes<S: Simd>(s: S, node: &Node, lanes: &RayLanes<S>, t_max: f32) -> (u32, [f32; 8], S::F8) {
     let step = s.powers8(node.exponents());
@@ -247,14 +249,14 @@ fn boxes<S: Simd>(s: S, node: &Node, lanes: &RayLanes<S>, t_max: f32) -> (u32, [
         let (near, far) = planes(node, lanes.ray.near[axis]);
         let near = s.bytes8(near).mul_add(slope, origin.mul_add(lanes.inv[axis], lanes.minus_off_near[axis]));
         let far = s.bytes8(far).mul_add(slope, origin.mul_add(lanes.inv[axis], lanes.minus_off_far[axis]));
-        // In this order a NaN (infinity times zero) leaves the interval as it was.
+        // In this order of operands a NaN (infinity times zero) leaves the interval unchanged.
         enter = near.max(enter);
         leave = far.min(leave);
     }
     (enter.le(leave).bits() & u32::from(node.valid), enter.to_array(), leave)
 }
 
-/// A ray as the test of stand-ins needs it.
+/// A ray for the stand-in test, in all lanes.
 pub(super) struct CellLanes<S: Simd> {
     ray: ConeRay<S::F8>,
     inv: [S::F8; 3],
@@ -265,7 +267,7 @@ pub(super) struct CellLanes<S: Simd> {
     max_coord: f32,
 }
 
-/// The parts of a ray that the test of stand-ins needs, as [`PreparedRay`] has them.
+/// The fields of [`PreparedRay`] that the stand-in test needs.
 pub(super) struct CellRay {
     pub org: [f32; 3],
     pub inv: [f32; 3],
@@ -282,7 +284,7 @@ impl<S: Simd> CellLanes<S> {
         Self::of(s, CellRay { org, inv: ray.inv, dir, near: ray.near, t_min: ray.t_min, cone: ray.cone }, max_coord)
     }
 
-    /// For a tree whose coordinates are at most `reach` in magnitude.
+    /// Prepares a ray for a tree with coordinates of at most `max_coord` in magnitude.
     #[inline(always)]
     pub(super) fn of(s: S, ray: CellRay, max_coord: f32) -> Self {
         let CellRay { org, inv, dir, near, t_min, cone } = ray;
@@ -297,7 +299,7 @@ impl<S: Simd> CellLanes<S> {
         Self { ray, inv: splat3(s, inv), org: splat3(s, org), slack: splat3(s, slack), near, one, max_coord }
     }
 
-    /// Where it enters and leaves cells between planes as stored.
+    /// Returns the distances at which the ray enters and leaves cells between planes as stored.
     #[inline(always)]
     fn cross(&self, mut near: [S::F8; 3], mut far: [S::F8; 3]) -> [S::F8; 2] {
         for axis in 0..3 {
@@ -307,7 +309,7 @@ impl<S: Simd> CellLanes<S> {
         stand_in::cross(near, far, self.inv)
     }
 
-    /// What is left of its ways through a node's cells inside of their slabs.
+    /// Clips the intervals of the ray in a node's cells to the oriented slabs of the cells.
     #[inline(always)]
     pub(super) fn within(&self, s: S, node: &Node, way: [S::F8; 2]) -> [S::F8; 2] {
         let from = Origin::new(self.org, s.splat8(self.max_coord), s.splat8(0.0));
@@ -315,7 +317,7 @@ impl<S: Simd> CellLanes<S> {
     }
 }
 
-/// Planes of eight cells as stored: near ones, far ones.
+/// Returns the planes of eight cells as stored: near planes, then far planes.
 #[inline(always)]
 pub(super) fn stored_planes<S: Simd>(s: S, node: &Node, near: [usize; 3]) -> [[S::F8; 3]; 2] {
     let step = s.powers8(node.exponents());
@@ -324,22 +326,22 @@ pub(super) fn stored_planes<S: Simd>(s: S, node: &Node, near: [usize; 3]) -> [[S
     for axis in 0..3 {
         let origin = s.splat8(node.origin[axis]);
         let (first, last) = planes(node, near[axis]);
-        // Products with powers of two are exact: one rounding, however it is done.
+        // Products with powers of two are exact: there is one rounding, fused or not.
         out[0][axis] = s.bytes8(first).mul_add(step[axis], origin);
         out[1][axis] = s.bytes8(last).mul_add(step[axis], origin);
     }
     out
 }
 
-/// Cells of a node, as far as needed to tell which may stand in.
+/// Cells of a node, prepared for the stand-in test.
 pub(super) struct Cells<S: Simd> {
     planes: [[S::F8; 3]; 2],
     faces: [S::F8; 3],
 }
 
 impl<S: Simd> CellLanes<S> {
-    /// The children of a node, and those in `mask` that are small enough where the ray leaves their boxes, or farther:
-    /// `leave`.
+    /// Returns the cells of a node's children, and those in `mask` that may be small enough to stand in. `leave` is
+    /// where the ray leaves their boxes, or farther.
     #[inline(always)]
     pub(super) fn likely(&self, s: S, node: &Node, mask: u32, leave: S::F8) -> (Cells<S>, u32) {
         let cells = self.cells(s, node);
@@ -349,7 +351,7 @@ impl<S: Simd> CellLanes<S> {
         (cells, likely)
     }
 
-    /// The children of a node.
+    /// Returns the cells of a node's children.
     #[inline(always)]
     pub(super) fn cells(&self, s: S, node: &Node) -> Cells<S> {
         let planes = stored_planes(s, node, self.near);
@@ -357,7 +359,8 @@ impl<S: Simd> CellLanes<S> {
         Cells { planes, faces: stand_in::counted(faces, area_shares(s, node)) }
     }
 
-    /// Of the cells in `likely` those that may stand in; and where the ray crosses all of a node's cells.
+    /// Returns those of the cells in `likely` that may stand in, and where the ray enters and leaves all cells of the
+    /// node.
     #[inline(always)]
     pub(super) fn small(&self, cells: &Cells<S>, likely: u32) -> (u32, [S::F8; 2]) {
         let crossing = self.cross(cells.planes[0], cells.planes[1]);
@@ -366,8 +369,8 @@ impl<S: Simd> CellLanes<S> {
     }
 }
 
-/// Of the children in `mask`, those that are still to be visited: cells that stand in are offered to `best` instead.
-/// `leave`: where the ray leaves the boxes, or more.
+/// Returns those of the children in `mask` that are still to be visited. Cells that stand in are offered to `best`
+/// instead. `leave` is where the ray leaves the boxes, or farther.
 #[inline(always)]
 fn stand_ins<S: Simd>(
     s: S,
@@ -394,13 +397,13 @@ fn stand_ins<S: Simd>(
 /// Cells of a node that are small enough to stand in for a ray.
 pub(super) struct MetCells<'a> {
     pub small: u32,
-    /// Those that the ray enters inside of their slabs, and where.
+    /// Cells that the ray enters inside their oriented slabs, and the distances at which it does.
     pub crosses: u32,
     pub t: &'a [f32; 8],
 }
 
-/// Offers cells of a node to `best`; returns those for which nothing is left to visit. Takes `passed` down to where the
-/// ray passes one.
+/// Offers cells of a node to `best`. Returns the cells that need no further visit. Lowers `transmitted` to the distance
+/// of a cell that transmits the ray.
 #[inline(always)]
 pub(super) fn offers(
     tree: Seen,
@@ -434,7 +437,7 @@ pub(super) fn offers(
     settled
 }
 
-/// Keeps a stand-in if it is better; returns whether it is.
+/// Keeps a stand-in if it is better than `best`; returns true if it is.
 #[inline(always)]
 pub(super) fn offer(best: &mut TriHit, hit: TriHit) -> bool {
     let is_better = hit.t < best.t || hit.t == best.t && (!best.is_hit() || hit.untie(best) == Some(true));
@@ -444,8 +447,8 @@ pub(super) fn offer(best: &mut TriHit, hit: TriHit) -> bool {
     is_better
 }
 
-/// Offers the cells of those of the children in `mask` that are leaves, which are missing, to `best`; returns the
-/// others.
+/// Offers the cells of those children in `mask` that are leaves to `best`: their block is missing. Returns the other
+/// children.
 #[inline(always)]
 pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
     s: S,
@@ -465,8 +468,8 @@ pub(super) fn for_missing_leaves<S: Simd, const ANY: bool>(
     mask & !leaves
 }
 
-/// Offers the cell in a node's slot, below which a block is missing, to `best`. Where any hit will do, a cell that the
-/// ray begins in is none: nothing is known of it.
+/// Offers the cell in a node's slot, below which a block is missing, to `best`. An any-hit ray that begins inside the
+/// cell is not offered the cell: the content is unknown.
 #[inline(always)]
 fn stand_in_for_missing<S: Simd, const ANY: bool>(
     s: S,
@@ -499,7 +502,7 @@ fn stand_in_for_missing<S: Simd, const ANY: bool>(
     let _ = offer(best, TriHit { t, u: 0.0, v: 0.0, block: id, tri });
 }
 
-/// The run of planes that is met first, and its opposite.
+/// Returns the row of planes that the ray reaches first, and the opposite row.
 #[inline(always)]
 pub(super) fn planes(node: &Node, near: usize) -> (&[u8; 8], &[u8; 8]) {
     // `near` is an axis, or an axis plus 3.
@@ -507,7 +510,7 @@ pub(super) fn planes(node: &Node, near: usize) -> (&[u8; 8], &[u8; 8]) {
     (&node.planes[near], &node.planes[far])
 }
 
-/// Pushes all but the nearest of the children in `mask`, farthest first; returns the nearest.
+/// Pushes all of the children in `mask` but the nearest, farthest first; returns the nearest.
 #[inline(always)]
 fn push_far_to_near(
     mut mask: u32,
@@ -536,14 +539,14 @@ fn push_far_to_near(
 
 #[inline(always)]
 fn entry(slot: u32, t: &[f32; 8], node: &Node, view: &TreeView, block: u32) -> Entry {
-    // The mask keeps a slot below eight; `& 7` spares the check.
+    // The mask keeps a slot below eight; `& 7` removes the bounds check.
     let slot = slot as usize & 7;
     let child = u32::from(node.child[slot]);
     Entry { t: t[slot], block: view.home_of(block, child), child }
 }
 
-/// The nearest hit in a leaf: lane, distance and weights. The lowest lane of equal ones, which has the
-/// lowest primitive id.
+/// Returns the nearest hit in a leaf: lane, distance and weights. Of equal distances the lowest lane wins, which has
+/// the lowest primitive id.
 #[inline(always)]
 pub(super) fn triangles<S: Simd>(
     s: S,
@@ -556,7 +559,7 @@ pub(super) fn triangles<S: Simd>(
     nearest(s, block, leaf, sheared_corners(s, &leaf, lanes), lanes.t_min, filter, t_max)
 }
 
-/// The same of a leaf's triangles whose corners are sheared.
+/// Like [`triangles`], for triangles with corners that are sheared already.
 #[inline(always)]
 pub(super) fn nearest<S: Simd>(
     s: S,
@@ -576,9 +579,9 @@ pub(super) fn nearest<S: Simd>(
     if let Some(filter) = filter {
         for i in 0..leaf.triangles {
             let part = || block.part(leaf.part_of(i));
-            let passes = hits >> i & 1 == 1
+            let is_rejected = hits >> i & 1 == 1
                 && filter.rejects(part, || Triangle { vertices: leaf.triangle(i), part: part() }, t[i]);
-            hits &= !(u32::from(passes) << i);
+            hits &= !(u32::from(is_rejected) << i);
         }
     }
     if hits == 0 {

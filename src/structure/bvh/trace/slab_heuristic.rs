@@ -1,29 +1,31 @@
-//! Whether slabs of cells pay where nothing stands in.
+//! Decides if the test of oriented slabs pays off where no cell can stand in.
 //!
-//! Boxes of long thin triangles are mostly empty, and their slabs (`lod`) are not: of the leaves that rays meet in CAD
-//! soups nine of ten are passed by beside them, of those of scans one of three. To work slabs out takes about as long
-//! as half a visit to what they save, of packets, which tell triangles beside all of their rays at once, as long as
-//! one. So walks count what slabs save them, and leave slabs out where that is too little, but for one node in so many.
+//! Boxes of long thin triangles are mostly empty, and their oriented slabs (`lod`) are not. Of the leaves with boxes
+//! that rays hit, the slabs reject nine of ten in CAD soups, and one of three in scans. Computing the slabs takes about
+//! half as long as a visit that they save. For packets it takes about as long as one visit, because their leaf test
+//! rejects triangles for all rays at once. So walks count the visits that slabs save, and where these are too few, they
+//! test the slabs of only one node in [`EVERY`].
 //!
-//! Hits do not depend on it, but for slivers met edge-on (`trace`), of which the triangle test takes rays for hits that
-//! pass beyond their ends: these slabs leave out. (Where cells may stand in, slabs of what does not are not asked:
-//! `stream_pass`.) So that answers do not depend on which thread worked on other rays, counts begin anew with each
-//! batch of queries. Frames, whose pictures are the same with any threads and vectors, ask for none: they use walks as
-//! these are made.
+//! Hits do not depend on the heuristic, except for slivers hit edge-on (`trace`): the triangle test accepts rays
+//! slightly beyond their ends, and the slabs reject these. (Where cells may stand in, the slabs of other cells are not
+//! tested: `stream_step.rs`.) The counts restart with each batch of queries, so that answers do not depend on the
+//! threads that traced other rays. Frames use no heuristic ([`SlabHeuristic::OFF`]): their pictures are the same with
+//! any number of threads and any instruction set.
 
-/// What a test of a node's slabs takes a ray that goes alone, and a packet; and what a child gains that is not visited
-/// for them, in the same unit. (With 3 for packets too shadow rays of a scan of 10 million took a tenth more time.)
+/// Cost of testing the slabs of a node for a single ray, the same for a packet (`TOGETHER`), and gain of a child that
+/// needs no visit (`CHILD`), all in one unit. (With 3 for packets too, shadow rays of a scan of 10 million triangles
+/// took a tenth more time.)
 const ALONE: i32 = 3;
 const TOGETHER: i32 = 9;
 const CHILD: i32 = 8;
-/// How much may be saved up, either way: a walk that comes to other surface changes its mind soon.
+/// Bound of the balance in either direction, so that a walk that reaches a different surface changes its decision soon.
 const MOST: i32 = 256;
-/// Where slabs do not pay, one node in so many is asked all the same, and counts for
+/// Where slabs do not pay off, one node in `EVERY` is tested all the same.
 const EVERY: u32 = 32;
-/// so many.
+/// Weight of such a node.
 const WEIGHT: i32 = 8;
 
-/// What slabs have saved lately.
+/// The balance of gains and costs of recent slab tests.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::structure) struct SlabHeuristic {
     is_on: bool,
@@ -33,27 +35,27 @@ pub(in crate::structure) struct SlabHeuristic {
 }
 
 impl SlabHeuristic {
-    /// No slabs are tested.
+    /// Tests no slabs.
     pub const OFF: Self = Self { is_on: false, test: 0, saved: 0, skipped: 0 };
-    /// For rays that go alone.
+    /// For single rays.
     pub const ALONE: Self = Self { is_on: true, test: ALONE, ..Self::OFF };
     /// For packets.
     pub const TOGETHER: Self = Self { test: TOGETHER, ..Self::ALONE };
 
-    /// Whether the slabs of the next node are to be tested.
+    /// True if the slabs of the next node are to be tested.
     #[inline(always)]
     pub fn asks(&mut self) -> bool {
         self.skipped = self.skipped.wrapping_add(1);
         self.is_on && (self.saved >= 0 || self.skipped.is_multiple_of(EVERY))
     }
 
-    /// So many children need no visit, of a node whose slabs were tested.
+    /// Records that `children` of the children of a node need no visit. Its slabs were tested.
     #[inline(always)]
     pub fn saw(&mut self, children: u32) {
         self.saw_by(children, 1);
     }
 
-    /// The same of a node whose slabs were tested for several rays, which need not visit so many children in all.
+    /// Records the test of a node's slabs for several rays, which saves `children` visits over all of them.
     #[inline(always)]
     pub fn saw_by(&mut self, children: u32, rays: u32) {
         let saved = children as i32 * CHILD / rays.max(1) as i32 - self.test;
@@ -66,7 +68,7 @@ impl SlabHeuristic {
 mod tests {
     use super::*;
 
-    /// The share of `nodes` that are asked where each saves so many children.
+    /// Returns the share of `nodes` that are tested if each saves `children` visits.
     fn share(slab_heuristic: &mut SlabHeuristic, nodes: u32, children: impl Fn(u32) -> u32) -> f32 {
         let mut asked = 0;
         for node in 0..nodes {
@@ -79,15 +81,15 @@ mod tests {
     }
 
     #[test]
-    fn slabs_are_tested_where_they_save_enough_and_looked_at_elsewhere() {
+    fn slabs_are_tested_where_they_save_enough_and_sampled_elsewhere() {
         let mut slab_heuristic = SlabHeuristic::ALONE;
         assert!(share(&mut slab_heuristic, 10_000, |_| 1) > 0.999);
         let rarely = share(&mut slab_heuristic, 10_000, |node| u32::from(node % 8 == 0));
         assert!((0.03..0.12).contains(&rarely), "{rarely}");
-        // Back again.
+        // The heuristic recovers.
         assert!(share(&mut slab_heuristic, 10_000, |_| 1) > 0.9);
         assert!(share(&mut slab_heuristic, 10_000, |_| 0) < 0.05);
-        // A packet takes more.
+        // A test for a packet costs more.
         slab_heuristic = SlabHeuristic::TOGETHER;
         assert!(share(&mut slab_heuristic, 10_000, |_| 1) < 0.05);
         slab_heuristic = SlabHeuristic::TOGETHER;

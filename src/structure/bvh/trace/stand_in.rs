@@ -1,20 +1,17 @@
-//! Where a cell stands in for what it holds, and what a ray meets of it.
+//! Stand-ins: decides if a cell (the stored box and the voxel of a child) may stand in for its content, and where a ray
+//! enters it.
 //!
-//! The test is written once, over any number of lanes, with operations that round alike everywhere: single rays,
-//! packets and streams, on any instruction set, see the same stand-ins to the bit. What walks visit does not depend on
-//! it otherwise: their own box tests give way by as much at least (see [`super::PreparedRay::new`]), and cells nest as
-//! stored, so a ray that meets a cell here has met all cells above it there.
+//! The test is written once, over any number of lanes, with operations that round alike everywhere. So single rays,
+//! packets and streams find the same stand-ins to the bit, on any instruction set. The nodes that a walk visits do not
+//! matter: its box tests have at least as much slack (see [`super::PreparedRay::new`]), and cells nest as stored, so a
+//! ray that enters a cell here has entered all cells above it.
 //!
-//! Metric: Áfra 2012, section 6.2, compares the radius of the enclosing sphere; here it is the area of the cell's own
-//! projection along the ray, the sum of |dir| times the areas of its faces, with the square of the ray's width.
+//! Metric: Áfra 2012, section 6.2, compares the radius of the enclosing sphere. Here the area of the cell's projection
+//! along the ray, the sum of |dir| times the areas of its faces, is compared with the square of the ray's width.
 //!
-//! What is shown of a cell is met where the ray enters it and both of its voxel's slabs (`oriented_slabs.rs`); a ray
-//! that misses them misses all that the cell holds, for certain, and passes. Of cells that are no walls some of those
-//! that do not miss them pass too (`coverage.rs`). Only rays that begin in a cell do not ask for slabs.
-//!
-//! A plane `p` is met at `((p - slack) - org) * inv` at the earliest. The two differences and the product are rounded
-//! once each and `inv` once, on magnitudes of at most `2 m` with `m = max(|org|, reach)`: `7 h m |inv|` in all, `h =
-//! 2^-24`.
+//! A ray enters a stand-in where it has entered the cell and both oriented slabs of its voxel (`oriented_slabs.rs`). A
+//! ray that misses the slabs misses the content for certain, and goes on. Cells that are not walls also transmit some
+//! of the other rays (`coverage.rs`). For a ray that begins inside a cell the slabs are not tested.
 
 use super::hit::{StandIn, TriHit};
 use super::ray::abs;
@@ -22,48 +19,49 @@ use super::{PartFilter, TreeView};
 use crate::simd::{Lanes, Mask};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 
-/// [`TriHit::tri`] of the cell in `slot` of a node.
+/// Returns [`TriHit::tri`] for the cell in `slot` of a node.
 #[inline(always)]
 pub(super) fn lod_code(node: usize, slot: usize) -> u32 {
     StandIn { item: (node << 3 | slot) as u32, is_missing: false, is_inside: false }.code()
 }
 
-/// The same, where the block below is missing; `is_inside`: the ray begins in the cell.
+/// Returns [`TriHit::tri`] for the cell in `slot` of a node if the block below is not in memory. `is_inside`: the ray
+/// begins in the cell.
 #[inline(always)]
 pub(super) fn missing_code(node: usize, slot: usize, is_inside: bool) -> u32 {
     StandIn { item: (node << 3 | slot) as u32, is_missing: true, is_inside }.code()
 }
 
-/// The node that a stand-in's cell hangs in, and its slot there.
+/// Returns the node of which a stand-in's cell is a child, and the slot of the cell there.
 #[inline(always)]
 pub(super) fn place_of(stand_in: StandIn) -> (usize, usize) {
     ((stand_in.item >> 3) as usize, (stand_in.item & 7) as usize)
 }
 
-/// Rays as the test needs them: many of them, or one in all lanes.
+/// Rays as the stand-in test needs them: many rays, or one ray in all lanes.
 #[derive(Clone, Copy)]
 pub(super) struct ConeRay<L> {
-    /// Magnitudes of the direction; or, with faces of the same sign, the direction.
+    /// Magnitudes of the direction; or the direction itself, if the faces have the same signs.
     pub dir: [L; 3],
     pub t_min: L,
-    /// Width, see [`super::LocalRay::cone`].
+    /// Width of the rays, see [`super::LocalRay::cone`].
     pub a: L,
     pub b: L,
 }
 
-/// What rays meet of cells.
+/// Result of the test of rays against cells.
 pub(super) struct Met<L> {
-    /// Lanes that meet the cell.
+    /// Lanes of rays that enter the cell.
     pub meets: u32,
-    /// Of those, lanes that begin outside.
+    /// Of `meets`, lanes of rays that begin outside the cell.
     pub outside: u32,
-    /// Of those, lanes for which it may stand in.
+    /// Of `outside`, lanes for which the cell is small enough to stand in.
     pub small: u32,
-    /// Where the ray enters the cell, where it begins if that is later.
+    /// Distance at which the ray enters the cell, or `t_min` if that is greater.
     pub enter: L,
 }
 
-/// The areas of cells' faces between planes as stored.
+/// Returns the areas of the faces of cells between planes as stored.
 #[inline(always)]
 pub(super) fn faces<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], zero: L) -> [L; 3] {
     let x = abs(zero, far[0] - near[0]);
@@ -72,21 +70,24 @@ pub(super) fn faces<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], zero
     [y * z, z * x, x * y]
 }
 
-/// What they count for where cells may stand in: see [`super::oriented_slabs::area_shares`].
+/// Returns the areas as they count in the stand-in test, see [`super::oriented_slabs::area_shares`].
 #[inline(always)]
 pub(super) fn counted<const N: usize, L: Lanes<N>>(faces: [L; 3], share: L) -> [L; 3] {
     [faces[0] * share, faces[1] * share, faces[2] * share]
 }
 
-/// The sum of the areas of a cell's faces, each times |dir| across it.
+/// Returns the projected area of a cell: the sum of the areas of its faces, each times |dir| across it.
 #[inline(always)]
 pub(super) fn area<const N: usize, L: Lanes<N>>(faces: [L; 3], dir: [L; 3]) -> L {
     dir[0] * faces[0] + dir[1] * faces[1] + dir[2] * faces[2]
 }
 
-/// Where rays enter cells and where they leave them; of cells that are larger by what single precision may do to where
-/// planes are met. So where one is entered is no farther than where the ray enters the cell itself, and at most that
-/// much outside of it.
+/// Returns the distances at which rays enter and leave cells. The planes are relative to the origin and moved outward
+/// by at least the rounding error. So the entry is never beyond the exact one, and before it by at most the slack.
+///
+/// Rounding error: the distance of a plane `p` is at least `((p - slack) - org) * inv`. The two differences, the
+/// product and `inv` are rounded once each, on magnitudes of at most `2 m` with `m = max(|org|, max_coord)`. With `h =
+/// 2^-24` that is `7 h m |inv|` in all.
 #[inline(always)]
 pub(super) fn cross<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], inv: [L; 3]) -> [L; 2] {
     let enter = (near[0] * inv[0]).max(near[1] * inv[1]).max(near[2] * inv[2]);
@@ -94,31 +95,31 @@ pub(super) fn cross<const N: usize, L: Lanes<N>>(near: [L; 3], far: [L; 3], inv:
     [enter, leave]
 }
 
-/// More than a test of areas and widths by other roundings than [`meet`]'s may be off by: a hundredth.
+/// Factor that exceeds the relative error of a test of areas and widths with other roundings than those of [`meet`].
 pub(super) const MARGIN: f32 = 1.01;
 
-/// The one test whether a cell may stand in, before it is known where its ray enters it, for rays, cells or both in
-/// lanes: cells of `area`, seen along the rays, for rays that are `width` wide where they leave the cells, or wider.
-/// Never wrong where it says no; [`meet`] decides.
+/// The conservative test whether a cell may stand in, made before the entry distance is known. Rays, cells or both are
+/// in lanes. `area` is the area of the cells along the rays, and `width` the width of the rays where they leave the
+/// cells, or more. A negative result is always right; for the others [`meet`] decides.
 #[inline(always)]
 pub(super) fn may_stand<const N: usize, L: Lanes<N>>(area: L, width: L, margin: L) -> u32 {
     area.le(width * width * margin).bits()
 }
 
-/// What is decided of cells by where rays cross them.
+/// Evaluates the stand-in test, given the distances at which rays enter and leave the cells.
 #[inline(always)]
 pub(super) fn meet<const N: usize, L: Lanes<N>>([enter, leave]: [L; 2], faces: [L; 3], ray: &ConeRay<L>) -> Met<L> {
     let t = enter.max(ray.t_min);
     let width = ray.a + ray.b * t;
     let meets = t.le(leave).bits();
     let outside = meets & !enter.le(ray.t_min).bits();
-    // Rays of no width have no use for cells of no area, as flat ones seen edge-on are: only triangles answer them.
+    // A ray of width 0 gets no cell of area 0, such as a flat one seen edge-on: only triangles may answer exact rays.
     let least = L::from_array_like(width, [f32::MIN_POSITIVE; N]);
     let small = outside & least.max(area(faces, ray.dir)).le(width * width).bits();
     Met { meets, outside, small, enter: t }
 }
 
-/// The children of a node that are leaves.
+/// Returns the children of a node that are leaves.
 #[inline(always)]
 pub(super) fn leaves(node: &Node) -> u32 {
     let mut leaves = 0;
@@ -128,18 +129,18 @@ pub(super) fn leaves(node: &Node) -> u32 {
     leaves & u32::from(node.valid)
 }
 
-/// What parts have to say about a cell that could stand in.
+/// The decision of the part filter about a cell that could stand in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// It may.
+    /// The cell may stand in.
     Stand,
-    /// It holds a part that is hidden, or looks otherwise, among others.
+    /// Some parts in the cell, but not all, are hidden or shown differently: the walk descends.
     Descend,
-    /// All that it holds is hidden.
+    /// All parts in the cell are hidden: the walk skips it.
     Skip,
 }
 
-/// Whether parts allow the cell in `slot` of a node to stand in.
+/// Decides if the parts in the cell in `slot` of a node allow it to stand in.
 #[inline(always)]
 pub(super) fn judge(block: Block, node: usize, slot: usize, filter: Option<&PartFilter>) -> Verdict {
     match filter {
@@ -160,7 +161,7 @@ fn judge_parts(block: Block, node: usize, slot: usize, filter: &PartFilter) -> V
 }
 
 impl<'a> TreeView<'a> {
-    /// The block that a stand-in of `hit` stands in for, if that is missing.
+    /// Returns the id of the missing block that the stand-in of `hit` replaces, if there is one.
     pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
         let stand_in = hit.stand_in().filter(|s| s.is_missing)?;
         let block = Block::new(self.snapshot.block(crate::base::ids::BlockId(hit.block))?);

@@ -1,8 +1,8 @@
-//! Many single rays at once: walks go on side by side in phases, each one loop over all that are at the same
-//! kind of step. A phase has few branches that could be guessed wrong, and while one walk waits for memory or for a
-//! result, the next ones are already under way. Rays begin sixteen at a time (`stream_start.rs`).
+//! Streams: many single rays, with walks that proceed side by side in phases. Each phase is one loop over all walks
+//! that are at the same kind of step. A phase has few branches that could be mispredicted, and while one walk waits for
+//! memory or for a result, the next ones are already in progress. Rays begin sixteen at a time (`stream_start.rs`).
 //!
-//! Hits are those of the walks one by one (`single.rs`): order of visits does not change them.
+//! Hits are those of single walks (`single.rs`): the order of visits does not change them.
 
 use super::ahead;
 use super::hit::{Counters, TriHit};
@@ -16,17 +16,18 @@ use crate::simd::{Op, Simd, dispatch};
 use crate::structure::bvh::layout::{Block, KIND_SHIFT};
 use crate::structure::stream::{Rays16, Stream, boxed};
 
-/// Walks side by side.
+/// Number of walks side by side.
 pub(super) const LANES: usize = 64;
-/// Entries at the bottom of a stack that are never taken off: reading eight from there is always possible.
+/// Number of entries at the bottom of a stack that are never removed, so that eight entries can always be read from the
+/// top.
 pub(super) const BOTTOM: usize = 8;
-/// Entries of a stack: three arrays of them are an odd number of cache lines, so that stacks do not compete for the
-/// same places of the cache.
+/// Number of entries of a stack. Its three arrays take an odd number of cache lines, so that stacks do not compete for
+/// the same sets of the cache.
 pub(super) const DEPTH: usize = 112;
-/// Walks waiting at leaves that make a phase for them.
+/// Number of walks waiting at leaves from which on a leaf phase runs.
 const LEAVES: usize = LANES * 3 / 8;
 
-/// What a walk has still to visit. A walk that needs more room goes on alone, from its beginning.
+/// Entries that a walk still has to visit. A walk that needs more room is restarted as a single ray.
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
 pub(super) struct Stack {
@@ -38,37 +39,38 @@ pub(super) struct Stack {
 /// A child reference of no kind: the bottom of a stack.
 pub(super) const NOTHING: u32 = 3 << KIND_SHIFT;
 
-/// What this structure's walks need beside the rays of a stream. Reusable.
+/// State of this structure's walks of a stream, besides the rays. Reusable.
 #[derive(Debug)]
 pub(in crate::structure) struct StreamLanes {
     group: Box<Group>,
     pub(super) stacks: Box<[Stack; LANES]>,
-    /// As each call begins.
+    /// State of the heuristic at the start of each call.
     slab_heuristic: SlabHeuristic,
 }
 
 impl StreamLanes {
-    /// For any number of rays.
+    /// Creates the state for any number of rays.
     pub fn new() -> Self {
         let mut stack = Stack { t: [0.0; DEPTH], child: [NOTHING; DEPTH], block: [0; DEPTH] };
         stack.t[..BOTTOM].fill(f32::NEG_INFINITY);
         Self { group: Box::new(Group::NONE), stacks: boxed(stack), slab_heuristic: SlabHeuristic::OFF }
     }
 
-    /// For rays of queries: slabs of cells may spare visits.
+    /// Creates the state for rays of queries: tests of oriented slabs may save visits.
     pub fn of_queries() -> Self {
         Self { slab_heuristic: SlabHeuristic::ALONE, ..Self::new() }
     }
 }
 
-/// Whether no cell can stand in for any of the first rays.
+/// True if no cell can stand in for any of the first rays.
 fn is_exact(view: &TreeView, stream: &Stream, count: usize) -> bool {
     !view.accept_missing && stream.rays[..count.div_ceil(GROUP).min(STREAM / GROUP)].iter().all(Rays16::is_exact)
 }
 
 impl TreeView<'_> {
-    /// Finds the closest hits of the first of the rays that `stream` has taken over: what [`TreeView::closest`] finds,
-    /// at less cost a ray. `hits`: as many as rays, [`STREAM`] at most. Those in [`Stream::unfinished`] have no answer.
+    /// Finds the closest hits of the first of the rays that `stream` holds: those that [`TreeView::closest`] finds, at
+    /// a lower cost per ray. `hits` has an element for each ray, at most [`STREAM`]. Rays in [`Stream::unfinished`]
+    /// have no result.
     pub fn closest_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
         if is_exact(self, stream, hits.len()) {
             dispatch(self.isa, Run::<false, false> { view: self, filter, stream, hits });
@@ -77,7 +79,8 @@ impl TreeView<'_> {
         }
     }
 
-    /// Finds whether each ray hits anything; otherwise like [`TreeView::closest_each`]. Which hit is not said.
+    /// Finds out whether each ray hits anything; otherwise like [`TreeView::closest_each`]. It is undefined which hit
+    /// is returned.
     pub fn any_each(&self, filter: Option<&PartFilter>, stream: &mut Stream, hits: &mut [TriHit]) {
         if is_exact(self, stream, hits.len()) {
             dispatch(self.isa, Run::<true, false> { view: self, filter, stream, hits });
@@ -87,7 +90,7 @@ impl TreeView<'_> {
     }
 }
 
-/// `LOD`: cells may stand in.
+/// Kernel of streams. `LOD`: cells may stand in.
 struct Run<'a, 'v, const ANY: bool, const LOD: bool> {
     view: &'a TreeView<'v>,
     filter: Option<&'a PartFilter<'a>>,
@@ -95,36 +98,36 @@ struct Run<'a, 'v, const ANY: bool, const LOD: bool> {
     hits: &'a mut [TriHit],
 }
 
-/// Lanes in a row; how many is kept beside, by the kinds below where there are several rows.
+/// A row of lanes. Its length is stored elsewhere: in [`Counts`] for rows by kind.
 pub(super) type Row = [u8; LANES];
 
-/// Walks at nodes.
+/// Row of walks at nodes.
 pub(super) const NODES: usize = 0;
-/// Walks at leaves.
+/// Row of walks at leaves.
 pub(super) const AT_LEAVES: usize = 1;
-/// Walks at references to other blocks.
+/// Row of walks at references to other blocks.
 pub(super) const EXTERNALS: usize = 2;
-/// Free lanes.
+/// Row of free lanes.
 pub(super) const ENDED: usize = 3;
-/// Lanes in rows by kind, eight bits of a word each for how many they are: the word stays in a register, and putting
-/// a lane into the row of its kind takes no branch.
+/// Lengths of the rows of the four kinds, eight bits of a word each. The word stays in a register, and appending a lane
+/// to the row of its kind takes no branch.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Counts(u32);
 
 impl Counts {
-    /// Of a kind.
+    /// Returns the length of the row of `kind`.
     #[inline(always)]
     pub fn of(self, kind: usize) -> usize {
         (self.0 >> (8 * kind) & 0xff) as usize
     }
 
-    /// Whether all rows but one are empty.
+    /// True if all rows but that of `kind` are empty.
     #[inline(always)]
     pub fn only(self, kind: usize) -> bool {
         self.0 & !(0xff << (8 * kind)) == 0
     }
 
-    /// Empties a row; returns how many there were.
+    /// Empties the row of `kind`; returns its former length.
     #[inline(always)]
     pub fn take(&mut self, kind: usize) -> usize {
         let count = self.of(kind);
@@ -139,7 +142,7 @@ impl Counts {
         self.0 += 1 << (8 * kind);
     }
 
-    /// Takes the last lane off a row that has one.
+    /// Removes the last lane from a row that is not empty, and returns it.
     #[inline(always)]
     pub fn pop(&mut self, rows: &[Row; 4], kind: usize) -> usize {
         self.0 -= 1 << (8 * kind);
@@ -147,32 +150,34 @@ impl Counts {
     }
 }
 
-/// Puts a lane where its child reference says (the kinds above are those of
+/// Appends a lane to the row of its child reference (the kinds above are those of
 /// [`crate::structure::bvh::layout::Child`]).
 #[inline(always)]
 pub(super) fn push(rows: &mut [Row; 4], counts: &mut Counts, child: u32, lane: usize) {
     counts.push(rows, (child >> KIND_SHIFT & 3) as usize, lane);
 }
 
-/// Lane `i` of a row.
+/// Returns lane `i` of a row.
 #[inline(always)]
 pub(super) fn lane(row: &Row, i: usize) -> usize {
     usize::from(row[i & (LANES - 1)]) & (LANES - 1)
 }
 
-/// What a phase leaves for the next, lane by lane. Not made anew for each: that would cost as much as a phase.
+/// Results that one phase leaves for the next, lane by lane. They are not created for each phase: that would cost as
+/// much as the phase.
 pub(super) struct Scratch {
-    /// Where the children are entered and left, whatever is nearer, and which are met.
+    /// Distances at which the ray enters and leaves the children, regardless of the best hit, and the children that it
+    /// hits.
     pub enter: [[f32; 8]; LANES],
     pub leave: [[f32; 8]; LANES],
     pub hits: [u32; LANES],
-    /// Those that may stand in, from the ninth bit on those of which slabs are met too; and where cells are entered.
-    /// (These are left where `leave` says.)
+    /// Children that may stand in; from bit 8 on, those with oriented slabs that the ray crosses too. `at` holds the
+    /// distances at which the ray enters cells. (`leave` then holds those at which it leaves them.)
     pub small: [u32; LANES],
     pub at: [[f32; 8]; LANES],
 }
 
-/// What the lanes hold.
+/// The state of all lanes.
 pub(super) struct StreamRun<'a> {
     pub view: &'a TreeView<'a>,
     pub filter: Option<&'a PartFilter<'a>>,
@@ -182,21 +187,21 @@ pub(super) struct StreamRun<'a> {
     pub transmitted: &'a mut [f32; STREAM],
     pub rows: [Row; 4],
     pub scratch: Scratch,
-    /// The ray.
+    /// Number of the ray.
     pub ray: [u16; LANES],
-    /// Entries of the stack.
+    /// Number of entries on the stack.
     pub top: [u8; LANES],
-    /// It, prepared.
+    /// The prepared ray.
     pub prepared: [OneRay; LANES],
-    /// The reference that it is at, and its block.
+    /// Child reference that the walk is at, and the block of that reference.
     pub child: [u32; LANES],
     pub block_id: [u32; LANES],
     pub block: [Block<'a>; LANES],
-    /// Of the walks at leaves, those that are in the leaves' blocks.
+    /// Number of walks at leaves that have already moved to the leaf blocks.
     pub entered: usize,
     pub slab_heuristic: SlabHeuristic,
     pub counters: Counters,
-    /// The tree is larger than what caches near a core hold: memory is asked for ahead.
+    /// True if the tree is larger than the caches near a core, so that memory is prefetched.
     pub is_large: bool,
 }
 
@@ -266,11 +271,11 @@ impl<const ANY: bool, const LOD: bool> Op for Run<'_, '_, ANY, LOD> {
     }
 }
 
-/// Rays that have not begun.
+/// Groups of rays that have not begun.
 struct Beginning<'a, 'b> {
     groups: &'b [Rays16],
     next: usize,
-    /// For one after the other.
+    /// Scratch space for one group after the other.
     group: &'b mut Group,
     root: Option<Block<'a>>,
 }
@@ -287,7 +292,7 @@ impl<'a> Beginning<'a, '_> {
         while self.next < self.groups.len() && counts.of(ENDED) >= GROUP {
             counts = self.take(s, run, counts);
             let rays = self.group.left;
-            // Stand-ins for missing blocks, and hits that are tested by themselves, are for each ray alone.
+            // Stand-ins for missing blocks, and hits that need individual tests, are handled ray by ray.
             let is_together = self.root.is_some() && !run.view.accept_missing && !PartFilter::is_by_ray(run.filter);
             if is_together {
                 start::start::<S, ANY, LOD>(s, run, self.group);
@@ -297,7 +302,7 @@ impl<'a> Beginning<'a, '_> {
         counts
     }
 
-    /// Takes the next group to lanes.
+    /// Prepares the next group and gives lanes to its rays.
     #[inline(always)]
     fn take<S: Simd>(&mut self, s: S, run: &mut StreamRun<'a>, mut counts: Counts) -> Counts {
         let (first, group) = (self.next * GROUP, &mut *self.group);
@@ -318,7 +323,7 @@ impl<'a> Beginning<'a, '_> {
         counts
     }
 
-    /// Puts the lanes of `rays` of the group where they begin: at what is on their stacks, or at the root.
+    /// Starts the lanes of `rays` of the group: at the top of their stacks, or at the root.
     #[inline(always)]
     fn go<S: Simd, const ANY: bool>(
         &mut self,

@@ -1,9 +1,9 @@
-//! The first steps of a stream's rays. Sixteen that follow each other mostly begin near each other: wherever they go,
-//! they come to the same nodes at first. Such nodes are tested once for all of them, a ray in each lane; what few of
-//! them meet goes on each one's own stack, where its walk goes on alone.
+//! The first steps of a stream's rays. Sixteen consecutive rays mostly begin near each other, so they visit the same
+//! nodes at first, regardless of their directions. Such nodes are tested once for all of them, with a ray in each lane.
+//! An entry that few of them hit goes on the stacks of these rays, and their walks continue from there as single walks.
 //!
-//! Stacks are filled from what is farthest of where the first ray begins to what is nearest of it, which is looked at
-//! first.
+//! Stacks are filled in order of distance from the origin of the first ray, the farthest first; the nearest entry is
+//! visited first.
 #![allow(clippy::needless_range_loop)] // axes and slots index several arrays at once
 
 use super::ahead::ask_for;
@@ -23,40 +23,40 @@ use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Child, Node, WIDTH};
 use crate::structure::ray::{SLACK, abs};
 
-/// Rays that make it pay to test a node for all of them at once, at least. (6 to 12 are as good at some pixels of
-/// error, 12 is best where nothing stands in and models are large.)
+/// Least number of rays for which testing a node for all of them at once pays off. (6 to 12 are as good at some pixels
+/// of error, 12 is best where nothing stands in and models are large.)
 const FEWEST: u32 = 10;
 
-/// What is still to be told of a group, at most.
+/// Capacity of a group's list of entries.
 const ROOM: usize = 40;
 
-/// Entries of a stack that are left to walks: eight levels that meet all children.
+/// Entries of a stack that are left to walks: eight levels of which all children are hit.
 const FOR_WALKS: usize = 64;
 
-/// Something that some of the rays meet.
+/// An entry that some of the rays hit.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 struct Entry {
-    /// Where each ray enters it.
+    /// Distance at which each ray enters it.
     enter: [f32; GROUP],
     rays: u32,
     block: u32,
     child: u32,
 }
 
-/// A group that begins. Reusable.
+/// A group of rays that begins. Reusable.
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
 pub(super) struct Group {
     pub rays: Prepared,
-    /// The lane of each.
+    /// Lane of each ray.
     pub lanes: [u8; GROUP],
-    /// Those that have still to visit anything.
+    /// Rays that still have to visit anything.
     pub left: u32,
-    /// What is still to be told, the nearest first, and how much that is.
+    /// Entries to be processed, the nearest first, and their number. Processing starts at the end.
     todo: [Entry; ROOM],
     count: usize,
-    /// How high a stack is, at most.
+    /// Number of entries on the longest stack.
     deepest: usize,
 }
 
@@ -76,22 +76,22 @@ impl Group {
     }
 }
 
-/// Puts what each ray of a group meets on its stack, which has nothing on it. Where any hit will do, those that have
-/// one are no longer left.
+/// Pushes the entries that each ray of a group hits on its stack, which is empty. Any-hit rays that find a hit are
+/// removed from `group.left`.
 #[inline(always)]
 pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, run: &mut StreamRun, group: &mut Group) {
     let view = run.view;
     let [t_min, _] = group.rays.interval();
     group.todo[0] = Entry { enter: *t_min, rays: group.left, block: view.root_block, child: view.root };
     (group.count, group.deepest) = (1, BOTTOM);
-    // For one node after the other.
+    // Scratch space for one node after the other.
     let mut boxes = Boxes::NONE;
     while group.count > 0 {
         group.count -= 1;
         let mut entry = group.todo[group.count.min(ROOM - 1)];
         entry.rays &= group.left;
-        // All that is to be told may go on one ray's stack, and eight more with each node; and the walk below needs
-        // room too.
+        // All remaining entries may go on the stack of one ray, and eight more with each node. The walk that follows
+        // needs room too.
         let is_roomy = group.count + WIDTH <= ROOM && group.deepest + group.count + WIDTH + FOR_WALKS < DEPTH;
         if is_roomy && entry.rays.count_ones() >= FEWEST {
             if let Some(Child::External(at)) = Child::from_bits(entry.child)
@@ -111,7 +111,7 @@ pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, run: &mut S
     }
 }
 
-/// Where a reference to another block leads, if that is there.
+/// Returns the target of a reference to another block, if that block is in memory.
 #[inline(always)]
 fn follow(run: &mut StreamRun, entry: &Entry, at: usize) -> Option<(u32, u32)> {
     let view = run.view;
@@ -121,7 +121,7 @@ fn follow(run: &mut StreamRun, entry: &Entry, at: usize) -> Option<(u32, u32)> {
     Some((next, below))
 }
 
-/// Puts an entry on the stacks of its rays.
+/// Pushes an entry on the stacks of its rays.
 #[inline(always)]
 fn hand_over(run: &mut StreamRun, group: &mut Group, entry: &Entry) {
     let mut rays = entry.rays;
@@ -136,7 +136,7 @@ fn hand_over(run: &mut StreamRun, group: &mut Group, entry: &Entry) {
     }
 }
 
-/// Tests a node's children, which are to be told then. `boxes`: room for them.
+/// Tests the children of a node and appends them to the entries to be processed. `boxes` is scratch space.
 #[inline(always)]
 fn expand<'a, S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
@@ -160,7 +160,7 @@ fn expand<'a, S: Simd, const ANY: bool, const LOD: bool>(
         any |= u32::from(boxes.met[slot] != 0) << slot;
     }
     let order = far_first(s, node, group.rays.begins_at(entry.rays.trailing_zeros() as usize), any);
-    // What is nearest is told last.
+    // The nearest child is processed last.
     for i in (0..any.count_ones() as usize).rev() {
         let slot = order[i & 7] as usize & 7;
         let child = u32::from(node.child[slot]);
@@ -173,15 +173,15 @@ fn expand<'a, S: Simd, const ANY: bool, const LOD: bool>(
     }
 }
 
-/// The children of a node as the rays see them: which rays meet each, for which of these it may be small enough to
-/// stand in, and where they enter it.
+/// The children of a node: the rays that hit each child, those of them for which it may be small enough to stand in,
+/// and the distances at which they enter it.
 struct Boxes {
     met: [u32; WIDTH],
     likely: [u32; WIDTH],
     enter: [[f32; GROUP]; WIDTH],
-    /// Where they leave it; only where nothing stands in.
+    /// Distances at which rays leave it; set only if no cell can stand in.
     leave: [[f32; GROUP]; WIDTH],
-    /// What areas of faces count for.
+    /// Areas of faces, as they count in the stand-in test.
     faces: [[f32; WIDTH]; 3],
 }
 
@@ -195,8 +195,7 @@ impl Boxes {
     };
 }
 
-/// Tests the boxes of a node's children; each gives way by as much as for a ray alone (see
-/// [`super::PreparedRay::new`]).
+/// Tests the boxes of a node's children, with the same slack as for a single ray (see [`super::PreparedRay::new`]).
 #[inline(always)]
 fn cross<S: Simd, const LOD: bool>(s: S, node: &Node, rays: &Prepared, asked: u32, out: &mut Boxes) {
     let zero = s.splat16(0.0);
@@ -242,7 +241,7 @@ fn cross<S: Simd, const LOD: bool>(s: S, node: &Node, rays: &Prepared, asked: u3
     }
 }
 
-/// The slots of `any`, that of what is farthest of `org` first; then whatever.
+/// Returns the slots of `any`, the farthest from `org` first. The remaining elements are undefined.
 #[inline(always)]
 fn far_first<S: Simd>(s: S, node: &Node, org: [f32; 3], any: u32) -> [u32; WIDTH] {
     let (step, zero) = (s.powers8(node.exponents()), s.splat8(0.0));
@@ -259,7 +258,7 @@ fn far_first<S: Simd>(s: S, node: &Node, org: [f32; 3], any: u32) -> [u32; WIDTH
     order
 }
 
-/// What the areas of the faces of a node's cells count for.
+/// Returns the areas of the faces of a node's cells, as they count in the stand-in test.
 #[inline(always)]
 fn faces<S: Simd>(s: S, node: &Node) -> [[f32; WIDTH]; 3] {
     let [low, high] = stored_planes(s, node, [0, 1, 2]);
@@ -267,7 +266,7 @@ fn faces<S: Simd>(s: S, node: &Node) -> [[f32; WIDTH]; 3] {
     [x.to_array(), y.to_array(), z.to_array()]
 }
 
-/// Takes rays that pass beside the slabs of what they meet out of `boxes`.
+/// Removes from `boxes` the rays that hit the box of a child but miss its oriented slabs.
 #[inline(always)]
 fn slabs<S: Simd>(s: S, run: &mut StreamRun, group: &Group, node: &Node, rays: u32, boxes: &mut Boxes) {
     let (slabs, cells) = (Eight::of(s, node), Cells::of(s, &group.rays, run.view.max_coord));
@@ -284,12 +283,12 @@ fn slabs<S: Simd>(s: S, run: &mut StreamRun, group: &Group, node: &Node, rays: u
     run.slab_heuristic.saw_by(beside, rays);
 }
 
-/// How far apart rays of a group may begin, as a part of the tree's reach, for what is far of one to count as far of
-/// all. (A 64th: 3 % slower on the bunny, whose rays that follow each other begin about as far apart; rays from
-/// anywhere visit a quarter more leaves out of order.)
+/// Greatest distance of the origins of a group along an axis, as a fraction of the tree's greatest coordinate, at which
+/// children that are far from one origin count as far from all. (With a 64th: 3 % slower on the bunny, where
+/// consecutive rays begin about that far apart. Rays of scattered origins visit a quarter more leaves out of order.)
 const NEAR: f32 = 1.0 / 16.0;
 
-/// Whether `rays` of a group begin near each other: then their stacks are in order.
+/// True if the origins of `rays` of a group are near each other: then their stacks are sorted.
 #[inline(always)]
 pub(super) fn are_near<S: Simd>(s: S, group: &Group, rays: u32, max_coord: f32) -> bool {
     let first = group.rays.begins_at(rays.trailing_zeros() as usize);
@@ -299,7 +298,7 @@ pub(super) fn are_near<S: Simd>(s: S, group: &Group, rays: u32, max_coord: f32) 
     })
 }
 
-/// Brings what is on a lane's stack in order, the farthest first.
+/// Sorts the stack of a lane, the farthest entry first.
 #[inline(always)]
 pub(super) fn sort(run: &mut StreamRun, lane: usize) {
     let (stack, top) = (&mut run.stacks[lane], usize::from(run.top[lane]).min(DEPTH));
@@ -315,8 +314,8 @@ pub(super) fn sort(run: &mut StreamRun, lane: usize) {
     }
 }
 
-/// Offers rays the cells that may stand in for them, and takes those for which nothing is left to visit out of `boxes`:
-/// what a ray alone does (`single.rs`), to the bit.
+/// Offers rays the cells that may stand in for them. Removes the rays that need no further visit from `boxes`. Results
+/// are identical to the bit to those of a single ray (`single.rs`).
 #[inline(always)]
 fn stand_ins<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, group: &mut Group, here: Here, boxes: &mut Boxes) {
     if boxes.likely.iter().all(|rays| *rays == 0) {
@@ -355,10 +354,10 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, group: &mut Gr
     }
 }
 
-/// Rays as the test of cells needs them.
+/// Rays for the stand-in test.
 struct Cells<L> {
     org: [L; 3],
-    /// Signed as directions are.
+    /// Slack of planes, signed like the directions.
     slack: [L; 3],
     dir: [L; 3],
     inv: [L; 3],
@@ -391,7 +390,7 @@ impl<L: Lanes<GROUP>> Cells<L> {
         cells
     }
 
-    /// Where they enter and leave a cell between planes as stored, low ones and high ones.
+    /// Returns the distances at which the rays enter and leave a cell, given its low and high planes as stored.
     #[inline(always)]
     fn cross<S: Simd<F16 = L>>(&self, s: S, [low, high]: [[f32; 3]; 2]) -> [L; 2] {
         let zero = s.splat16(0.0);
@@ -405,13 +404,14 @@ impl<L: Lanes<GROUP>> Cells<L> {
         stand_in::cross(near, far, self.inv)
     }
 
-    /// What is decided by that of a cell whose faces count for so much.
+    /// Evaluates the stand-in test of a cell, given where the rays enter and leave it. `faces` are the areas as they
+    /// count.
     #[inline(always)]
     fn meet<S: Simd<F16 = L>>(&self, s: S, crossing: [L; 2], faces: [f32; 3]) -> Met<L> {
         stand_in::meet(crossing, [s.splat16(faces[0]), s.splat16(faces[1]), s.splat16(faces[2])], &self.ray)
     }
 
-    /// What is left of their ways through a cell inside of its slabs.
+    /// Clips the intervals of the rays in a cell to its oriented slabs.
     #[inline(always)]
     fn within<S: Simd<F16 = L>>(&self, s: S, slabs: &OrientedSlabs<L>, way: [L; 2]) -> [L; 2] {
         let from = Origin::new(self.org, self.max_coord, s.splat16(0.0));

@@ -1,7 +1,7 @@
 //! The phases of a stream.
 //!
-//! In large models walks ask for the memory of what they go to, of nodes and of leaves alike, though leaves are in
-//! another block and are asked for again there: to tell them apart costs more.
+//! In large models, walks prefetch the nodes and the leaves that they go to. Leaves are in another block and are
+//! prefetched again there, but telling them apart here costs more.
 
 use super::ahead::{ask, ask_for};
 use super::coverage::EntryRay;
@@ -19,7 +19,7 @@ use crate::simd::{Lanes, Mask, Simd};
 use crate::structure::bvh::layout::{Block, Child, INDEX_MASK, Node};
 use bytemuck::bytes_of;
 
-/// Puts a lane at `child` of a block; if that is not in memory, its ray is left unfinished.
+/// Moves a lane to `child` of a block. If the block is not in memory, the lane's ray is left unfinished.
 #[inline(always)]
 fn enter(run: &mut StreamRun, counts: &mut Counts, lane: usize, block: u32, child: u32) {
     match run.view.visit(block) {
@@ -33,7 +33,7 @@ fn enter(run: &mut StreamRun, counts: &mut Counts, lane: usize, block: u32, chil
     }
 }
 
-/// Leaves a lane's ray to be traced alone.
+/// Frees a lane; its ray is left unfinished, to be traced as a single ray.
 #[inline(always)]
 pub(super) fn leave(run: &mut StreamRun, counts: &mut Counts, lane: usize) {
     run.unfinished.push(u32::from(run.ray[lane]));
@@ -45,7 +45,7 @@ pub(super) fn leave(run: &mut StreamRun, counts: &mut Counts, lane: usize) {
 pub(super) fn externals(run: &mut StreamRun, mut counts: Counts) -> Counts {
     let (row, count) = (run.rows[EXTERNALS], counts.take(EXTERNALS));
     run.counters.blocks += count as u64;
-    // Where they lead is known before the first of these waits for what is there.
+    // The first loop finds all targets before the second one waits for their memory.
     for i in 0..count {
         let lane = lane(&row, i);
         let (block, child) = run.block[lane].external((run.child[lane] & INDEX_MASK) as usize);
@@ -58,21 +58,21 @@ pub(super) fn externals(run: &mut StreamRun, mut counts: Counts) -> Counts {
     counts
 }
 
-/// Rows of lanes by how many children they meet.
+/// Rows of lanes, by the number of children that they hit.
 const NONE: usize = 0;
 const ONE: usize = 1;
 const SEVERAL: usize = 2;
-/// Or that it is not known yet, for slabs are to be looked at.
+/// Row of lanes for which stand-ins or oriented slabs must be tested first.
 const ASKED: usize = 3;
 
-/// The row of lanes that meet such children.
+/// Returns the row of lanes that hit the children `met`.
 #[inline(always)]
 fn class(met: u32) -> usize {
     usize::from(met != 0) + usize::from(met & met.wrapping_sub(1) != 0)
 }
 
-/// Tests the children of the nodes that walks are at, and moves each on: to the nearest child that it meets, the
-/// others put on its stack, or if it meets none, to what its stack has.
+/// Tests the children of the nodes that walks are at, and moves each walk on. A walk goes to the nearest child that it
+/// hits, and the other children go on its stack. A walk that hits none goes to the top of its stack.
 #[inline(always)]
 pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(
     s: S,
@@ -81,11 +81,11 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(
 ) -> Counts {
     let (row, count) = (run.rows[NODES], counts.take(NODES));
     run.counters.nodes += count as u64;
-    // By the number of children met: none, one, several.
+    // Rows of lanes, by the number of children hit.
     let (mut by_met, mut met_counts) = ([[0; LANES]; 4], Counts::default());
     let asks = !LOD && run.slab_heuristic.asks();
     let slack = s.splat8(run.view.max_coord * EXTENT_SLACK);
-    // Short loops: the CPU then has several lanes under way.
+    // Short loops let the CPU work on several lanes at once.
     for i in 0..count {
         let lane = lane(&row, i);
         let (node, ray) = (node_of(run, lane), &run.prepared[lane]);
@@ -143,8 +143,8 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(
         ask_for(run.is_large, run.block[lane], child);
         push(&mut run.rows, &mut counts, child, lane);
     }
-    // Most rays that miss all end with an empty stack: those go to the row of what has ended, the others, for now, to
-    // one that is free here.
+    // Most lanes that hit no child have an empty stack. These go to the row of free lanes; row 0 of `rows` collects the
+    // others.
     let mut left = Counts::default();
     let mut rows = [[0; LANES]; 4];
     for i in 0..met_counts.of(NONE) {
@@ -160,7 +160,7 @@ pub(super) fn nodes<S: Simd, const ANY: bool, const LOD: bool>(
     counts
 }
 
-/// The eight entries above `top`, [`DEPTH`] less eight at most.
+/// Returns the eight entries from `top` on, which is at most `DEPTH - 8`.
 #[inline(always)]
 fn room(stack: &mut super::stream::Stack, top: usize) -> (&mut [f32; 8], &mut [u32; 8], &mut [u32; 8]) {
     let top = top.min(DEPTH - 8);
@@ -172,27 +172,28 @@ fn room(stack: &mut super::stream::Stack, top: usize) -> (&mut [f32; 8], &mut [u
     }
 }
 
-/// Takes the uppermost entry that is not beyond the best hit off a lane's stack, and goes there.
+/// Pops the uppermost entry of a lane's stack that is not beyond the best hit, and moves the lane there.
 #[inline(always)]
 pub(super) fn pop<S: Simd>(s: S, run: &mut StreamRun, counts: &mut Counts, lane: usize) {
     let (child, block) = take(s, run, lane);
     go(run, counts, lane, child, block);
 }
 
-/// Takes the uppermost entry that is not beyond the best hit off a lane's stack: a child reference, and its block.
+/// Pops the uppermost entry of a lane's stack that is not beyond the best hit. Returns its child reference and its
+/// block.
 #[inline(always)]
 fn take<S: Simd>(s: S, run: &mut StreamRun, lane: usize) -> (u32, u32) {
     let stack = &run.stacks[lane];
     let best = s.splat8(run.prepared[lane].best());
     let mut top = usize::from(run.top[lane]).clamp(BOTTOM, DEPTH);
-    // Not `<`: an equal distance may be a tie that a lower primitive id wins. The bottom always stays.
+    // Not `<`: an equal distance may be a tie that a lower primitive id wins. The bottom entries always qualify.
     let mut near = eight_below(s, stack, top).le(best).bits();
     while near == 0 && top > 2 * BOTTOM {
         top -= 8;
         near = eight_below(s, stack, top).le(best).bits();
     }
     if near == 0 {
-        // The entries down to the bottom were looked at eight at a time: what is left is the bottom's own.
+        // The loop tested all entries above the bottom, eight at a time: only the bottom is left.
         (top, near) = (BOTTOM, 0x80);
     }
     let above = 7 - (near | 1).ilog2() as usize;
@@ -201,14 +202,14 @@ fn take<S: Simd>(s: S, run: &mut StreamRun, lane: usize) -> (u32, u32) {
     (stack.child[at.min(DEPTH - 1)], stack.block[at.min(DEPTH - 1)])
 }
 
-/// Takes a lane to what it had on its stack.
+/// Moves a lane to an entry from its stack.
 #[inline(always)]
 fn go(run: &mut StreamRun, counts: &mut Counts, lane: usize, child: u32, block: u32) {
-    // Eight children of the next node, and the eight that are written whatever their number.
+    // Room for the eight children of the next node, and for the eight entries that are written in any case.
     if usize::from(run.top[lane]) + 16 >= DEPTH {
         return leave(run, counts, lane);
     }
-    // It was visited when this was put there.
+    // The block was visited when this entry was pushed.
     if let Some(words) = run.view.snapshot.block(BlockId(block)) {
         run.block[lane] = Block::new(words);
     }
@@ -225,14 +226,14 @@ fn eight_below<S: Simd>(s: S, stack: &super::stream::Stack, top: usize) -> S::F8
     }
 }
 
-/// What a ray meets of the boxes of a node's children.
+/// Result of the test of a ray against the boxes of a node's children.
 struct Crossed<S: Simd> {
-    /// Those that it meets before its best hit.
+    /// Children that the ray hits before its best hit.
     met: u32,
     enter: S::F8,
-    /// Whatever is nearer.
+    /// Regardless of the best hit.
     leave: S::F8,
-    /// How far it goes between the planes of each axis.
+    /// Length of the ray between the planes of each axis.
     across: [S::F8; 3],
 }
 
@@ -255,19 +256,19 @@ fn boxes<S: Simd>(s: S, node: &Node, ray: &OneRay) -> Crossed<S> {
     Crossed { met, enter, leave, across }
 }
 
-/// By how much the extents of cells are taken shorter, as a part of the reach: each of the two planes that these are
-/// between is rounded to `2^-24` of that, and so is their difference. (What is rounded here is a part of the extent
-/// itself: the hundredth is for that.)
+/// Amount by which extents of cells are reduced, as a fraction of the tree's greatest coordinate. Each of the two
+/// planes of an extent is rounded to `2^-24` of that, and so is their difference. ([`stand_in::MARGIN`] covers the
+/// rounding here, which is relative to the extent.)
 const EXTENT_SLACK: f32 = 4.0 / 16_777_216.0;
 
-/// The children of a node that may be small enough to stand in, and maybe others: from the way through their boxes,
-/// roughly.
+/// Returns the children of a node that may be small enough to stand in, and perhaps others. The test estimates extents
+/// from the intervals of the ray in the boxes.
 #[inline(always)]
 fn likely<S: Simd>(s: S, node: &Node, ray: &OneRay, crossed: &Crossed<S>, slack: S::F8) -> u32 {
     let [a, b, dir @ ..] = *ray.cone();
     let (zero, most) = (s.splat8(0.0), s.splat8(4.0 / EXTENT_SLACK));
-    // The way between planes, times |dir| along the axis, is the cell's extent. What is not a number counts as none,
-    // what is infinite as the most that an extent can be: that is the safe side.
+    // The length between two planes, times |dir| along the axis, is the cell's extent. NaN counts as 0, and infinity as
+    // the greatest possible extent: both are on the safe side.
     let x = (crossed.across[0] * s.splat8(dir[0]) - slack).max(zero).min(slack * most);
     let y = (crossed.across[1] * s.splat8(dir[1]) - slack).max(zero).min(slack * most);
     let z = (crossed.across[2] * s.splat8(dir[2]) - slack).max(zero).min(slack * most);
@@ -276,12 +277,12 @@ fn likely<S: Simd>(s: S, node: &Node, ray: &OneRay, crossed: &Crossed<S>, slack:
     stand_in::may_stand(area * area_shares(s, node), width, s.splat8(stand_in::MARGIN))
 }
 
-/// A lane's ray as the test of cells needs it.
+/// Returns a lane's ray for the stand-in test.
 #[inline(always)]
 fn cell_lanes<S: Simd>(s: S, ray: &OneRay, max_coord: f32) -> CellLanes<S> {
     let [a, b, x, y, z, org @ ..] = *ray.cone();
     let (inv, planes) = (ray.inv(), ray.planes());
-    // Planes are told by bytes in a node here, by rows of eight there.
+    // `OneRay` locates planes by bytes in a node, `CellRay` by rows of eight.
     let near = |axis: usize| (usize::from(planes[axis]) - 16) / 8;
     let near = [near(0), near(1), near(2)];
     let ray =
@@ -289,8 +290,8 @@ fn cell_lanes<S: Simd>(s: S, ray: &OneRay, max_coord: f32) -> CellLanes<S> {
     CellLanes::of(s, ray, max_coord)
 }
 
-/// Looks at the slabs of the nodes that some lanes are at, where nothing stands in: children that a ray passes beside
-/// its slabs are not met.
+/// Tests the oriented slabs of the nodes that some lanes are at, where no cell can stand in. A child with slabs that
+/// the ray misses is removed from its hits.
 #[inline(always)]
 fn slabs<S: Simd>(s: S, run: &mut StreamRun, row: &Row, count: usize) {
     for i in 0..count {
@@ -304,10 +305,10 @@ fn slabs<S: Simd>(s: S, run: &mut StreamRun, row: &Row, count: usize) {
     }
 }
 
-/// Offers some lanes those cells of the nodes that they are at which may stand in. (Slabs of others are not asked: what
-/// stands in below them may reach out of a node's slabs; and of a triangle that spatial splits put into several leaves
-/// one's cell may stand in and be passed, while the ray meets the triangle by way of the other.) Loop by loop, for
-/// fewer and fewer lanes.
+/// Offers some lanes those cells of their nodes that may stand in. Each loop handles fewer lanes than the one before.
+/// (The slabs of other cells are not tested. Stand-ins below them may reach out of a node's slabs. And where a spatial
+/// split puts a triangle into several leaves, the cell of one leaf may stand in and transmit the ray, which then hits
+/// the triangle in the other leaf.)
 #[inline(always)]
 fn stand_ins<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, row: &Row, count: usize) {
     let (mut rows, mut counts) = ([[0; LANES]; 4], Counts::default());
@@ -335,13 +336,13 @@ fn stand_ins<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, row: &Row, cou
     }
 }
 
-/// The node that a lane is at.
+/// Returns the node that a lane is at.
 #[inline(always)]
 fn node_of<'a>(run: &StreamRun<'a>, lane: usize) -> &'a Node {
     run.block[lane].node((run.child[lane] & INDEX_MASK) as usize)
 }
 
-/// A lane's ray as what it may pass sees it.
+/// Returns a lane's ray for the coverage test.
 #[inline(always)]
 pub(super) fn entry_ray(ray: &OneRay) -> EntryRay {
     let [_, _, x, y, z, org @ ..] = *ray.cone();
@@ -349,8 +350,7 @@ pub(super) fn entry_ray(ray: &OneRay) -> EntryRay {
     EntryRay { org, dir: [x.copysign(inv[0]), y.copysign(inv[1]), z.copysign(inv[2])] }
 }
 
-/// Offers a lane the cells of its node that may stand in. Where any hit will do and one is found, nothing is left to
-/// visit.
+/// Offers a lane the cells of its node that may stand in. If an any-hit ray gets one, nothing is left to visit.
 #[inline(always)]
 fn offer<const ANY: bool>(run: &mut StreamRun, lane: usize) {
     let ray = usize::from(run.ray[lane]) & (STREAM - 1);
@@ -370,7 +370,7 @@ fn offer<const ANY: bool>(run: &mut StreamRun, lane: usize) {
     }
 }
 
-/// What follows from a stand-in that is a lane's best hit now.
+/// Updates the state of a lane that has a stand-in as its new best hit.
 #[inline(always)]
 fn found<const ANY: bool>(run: &mut StreamRun, lane: usize) {
     let t = run.hits[usize::from(run.ray[lane])].t;
@@ -381,7 +381,7 @@ fn found<const ANY: bool>(run: &mut StreamRun, lane: usize) {
     }
 }
 
-/// Offers lanes the cells of leaves that are missing, in place of these.
+/// Offers lanes the cells of missing leaves, in place of these.
 #[inline(always)]
 fn missing_leaves<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, row: &Row, count: usize) {
     for i in 0..count {
@@ -422,8 +422,8 @@ pub(super) fn leaves<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, mut co
     counts
 }
 
-/// Those of one walk: the leaf that it waits at, and others of the same block that it has next on its stack. (Leaves of
-/// a node mostly are met together, and are neighbours in memory.)
+/// Tests the leaf that one walk waits at, and others of the same block that are next on its stack. (The leaves of a
+/// node are mostly hit by the same rays, and are neighbours in memory.)
 #[inline(always)]
 fn leaves_of<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, counts: &mut Counts, lane: usize) {
     let (block, id) = (run.block[lane], run.block_id[lane]);
@@ -433,7 +433,7 @@ fn leaves_of<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, counts: &mut C
     let ray = leaf_ray(s, &run.prepared[lane]);
     let (mut child, mut top) = (run.child[lane], run.top[lane]);
     loop {
-        // What comes next is on its way while this one is tested.
+        // The next leaf is prefetched while this one is tested.
         let (mut next, mut below) = take(s, run, lane);
         let is_here = Child::is_leaf(next) && below + run.view.leaves_at == id;
         if is_here {
@@ -452,7 +452,7 @@ fn leaves_of<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, counts: &mut C
             if ANY {
                 return push(&mut run.rows, counts, NOTHING, lane);
             }
-            // It may be beyond the hit.
+            // The entry may be beyond the new hit.
             run.top[lane] = top;
             (next, below) = take(s, run, lane);
         }
@@ -463,8 +463,8 @@ fn leaves_of<S: Simd, const ANY: bool>(s: S, run: &mut StreamRun, counts: &mut C
     }
 }
 
-/// Takes lanes that have come to leaves since the last time from their nodes' blocks to those of the leaves: no words
-/// if that is not in memory.
+/// Moves lanes that have reached leaves since the last call from the blocks of their nodes to the leaf blocks. If the
+/// leaf block is not in memory, the lane gets an empty block.
 #[inline(always)]
 pub(super) fn enter_leaves(run: &mut StreamRun, counts: Counts) {
     let count = counts.of(AT_LEAVES);
@@ -472,8 +472,7 @@ pub(super) fn enter_leaves(run: &mut StreamRun, counts: Counts) {
         let lane = lane(&run.rows[AT_LEAVES], i);
         let id = run.block_id[lane] + run.view.leaves_at;
         (run.block[lane], run.block_id[lane]) = (Block::new(run.view.visit(id).unwrap_or(&[])), id);
-        // Walks wait for others here: what the caches near a core hold comes nearer meanwhile, so small models gain
-        // too.
+        // Walks wait for others here. Meanwhile data moves into the caches near the core, so small models gain too.
         ask(run.block[lane], run.child[lane]);
     }
     run.entered = count;
@@ -490,12 +489,12 @@ fn leaf_ray<S: Simd>(s: S, ray: &OneRay) -> LeafRay<S> {
     }
 }
 
-/// Keeps a hit if it is better than the lane's best; false if a block is missing that decides.
+/// Keeps a hit if it is better than the lane's best. Returns false if a block that decides a tie is not in memory.
 #[inline(always)]
 fn keep(run: &mut StreamRun, lane: usize, hit: &TriHit) -> bool {
     let ray = run.ray[lane];
     let Some(best) = run.hits.get_mut(usize::from(ray)) else { return false };
-    // Not the state's own: what a call is given the address of cannot stay in registers.
+    // Local counters, not those of the state: a value that is passed to a call by address cannot stay in registers.
     let mut counters = Counters::default();
     let is_better = is_better(run.view, hit, best, &mut counters);
     run.counters.ties += counters.ties;

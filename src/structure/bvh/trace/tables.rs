@@ -1,11 +1,11 @@
-//! The coordinates of a leaf, to be looked up by the numbers of vertices.
+//! Coordinates of a leaf as tables that are indexed by vertex number.
 
 use super::single::LeafRay;
 use crate::geom::watertight::{Sheared, shear};
 use crate::simd::Simd;
 use crate::structure::bvh::leaf::{Coordinates, Leaf};
 
-/// The coordinates of a leaf's vertices, on the axes `k`.
+/// Returns the coordinates of a leaf's vertices on the axes `k`.
 #[inline(always)]
 pub(super) fn tables<S: Simd>(s: S, leaf: &Leaf, k: [usize; 3]) -> [[S::F8; 2]; 3] {
     [table(s, leaf.coordinates(k[0])), table(s, leaf.coordinates(k[1])), table(s, leaf.coordinates(k[2]))]
@@ -19,7 +19,8 @@ fn table<S: Simd>(s: S, coordinates: Coordinates) -> [S::F8; 2] {
     }
 }
 
-/// The corners of a leaf's triangles, sheared for a ray: by vertices, which mostly are fewer.
+/// Returns the corners of a leaf's triangles, sheared for a ray. The function shears vertices and then looks up the
+/// corners, because a leaf mostly has fewer vertices than corners.
 #[inline(always)]
 pub(super) fn sheared_corners<S: Simd>(s: S, leaf: &Leaf, ray: &LeafRay<S>) -> [Sheared<S::F8>; 3] {
     let ([x, y, z], [a, b, c]) = (tables(s, leaf, ray.k), ray.org);
@@ -32,7 +33,8 @@ pub(super) fn sheared_corners<S: Simd>(s: S, leaf: &Leaf, ray: &LeafRay<S>) -> [
     ]
 }
 
-/// One corner of each triangle. Not a closure: those are not compiled for the set.
+/// Returns one corner of each triangle. This is no closure: closures are not compiled for the instruction set of the
+/// caller.
 #[inline(always)]
 fn corner<S: Simd>(s: S, low: &Sheared<S::F8>, high: &Sheared<S::F8>, corners: &[u8; 8]) -> Sheared<S::F8> {
     let index = s.index8(corners);
