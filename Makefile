@@ -33,8 +33,7 @@ lint: setup
 	$(CARGO) clippy --locked --workspace --all-targets -- -D warnings
 
 unit: setup
-	$(CARGO) test --locked
-	$(CARGO) test --locked -p outcrop-bench
+	$(CARGO) test --locked --workspace
 
 # Installed to one place and moved to another: a package that minds does not pass.
 package: setup
@@ -52,13 +51,13 @@ ctest: examples
 	ctest --test-dir $(BUILD)/examples --output-on-failure
 
 demo: examples
-	@CARGO="$(CARGO)" MODEL="$(MODEL)" TRIANGLES="$(TRIANGLES)" sh examples_c/demo.sh $(BUILD)
+	@MODEL="$(MODEL)" TRIANGLES="$(TRIANGLES)" sh examples_c/demo.sh $(BUILD)
 
 contact-sheet: setup
-	$(CARGO) test --locked --test contact_sheet -- --ignored --nocapture
+	$(CARGO) test --locked --test files -- --ignored --nocapture contact_sheet::
 
 figures: setup
-	$(CARGO) test --locked --release --test figures -- --ignored --nocapture --test-threads 1
+	$(CARGO) test --locked --release --test pictures -- --ignored --nocapture figures:: --test-threads 1
 
 # Peers may choose their vector instructions when they are compiled: they get this machine's. outcrop chooses when it runs.
 BENCH = RUSTFLAGS="-C target-cpu=native" $(CARGO) run --locked --release -p outcrop-bench --
@@ -74,7 +73,7 @@ bench-expect: setup
 	$(BENCH) expect $(if $(ONLY),--only $(ONLY),--full)
 
 header:
-	OUTCROP_WRITE_HEADER=1 $(CARGO) test --locked --test abi_header -- --exact header_is_up_to_date
+	OUTCROP_WRITE_HEADER=1 $(CARGO) test --locked --test c_abi -- --exact abi_header::header_is_up_to_date
 
 clean:
 	rm -rf $(BUILD) target first.png converged.png

@@ -1,7 +1,7 @@
 //! **outcrop** ray traces models larger than memory on the CPU.
 //!
-//! The rooms, in the order in which data flows through them; `tests/house.rs` holds every room
-//! to the ones it may use.
+//! The top-level modules, called rooms, stand in the order in which data flows through them. A room uses only the
+//! earlier rooms that `tests/house.rs` allows it.
 #![deny(unsafe_op_in_unsafe_fn)]
 #![warn(missing_docs)]
 
@@ -19,6 +19,7 @@ pub mod scene;
 pub mod query;
 pub mod render;
 pub mod capi;
+pub mod guide;
 
 pub use base::error::{Error, Result};
 pub use query::{Hit, HitKind, How, PartOverlap, Plane, Query, QueryOptions, Want};

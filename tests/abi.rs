@@ -4,12 +4,12 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-fn root() -> PathBuf {
+pub(crate) fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
 /// Where cargo put the libraries that belong to this test.
-fn built() -> PathBuf {
+pub(crate) fn built() -> PathBuf {
     let exe = std::env::current_exe().expect("the path of this test");
     exe.parent().expect("its folder").to_path_buf()
 }
@@ -19,7 +19,7 @@ fn header() -> String {
 }
 
 /// Runs a command; a failure shows all that it said.
-fn run(command: &mut Command) -> String {
+pub(crate) fn run(command: &mut Command) -> String {
     let output = command.output().unwrap_or_else(|e| panic!("{command:?}: {e}"));
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     assert!(
@@ -33,7 +33,7 @@ fn run(command: &mut Command) -> String {
 }
 
 /// A compiler with the warnings that must not come.
-fn compiler(name: &str, standard: &str) -> Command {
+pub(crate) fn compiler(name: &str, standard: &str) -> Command {
     let mut command = Command::new(name);
     command.arg(format!("-std={standard}")).args(["-Wall", "-Wextra", "-pedantic", "-Werror", "-g"]);
     command.arg("-I").arg(root().join("include")).arg("-I").arg(root().join("tests/abi"));
@@ -66,11 +66,11 @@ fn run_program(exe: &Path, argument: &Path) {
     run(Command::new(exe).arg(argument).env("LD_LIBRARY_PATH", libs));
 }
 
-fn temp() -> tempfile::TempDir {
+pub(crate) fn temp() -> tempfile::TempDir {
     tempfile::tempdir().expect("a temporary folder")
 }
 
-fn is_there(tool: &str) -> bool {
+pub(crate) fn is_there(tool: &str) -> bool {
     Command::new(tool).arg("--version").output().is_ok()
 }
 
@@ -119,19 +119,6 @@ fn header_is_clean_in_every_language() {
             }
         }
     }
-}
-
-/// The README's program in C compiles as it stands, and is short.
-#[test]
-fn readme_program_compiles() {
-    let readme = std::fs::read_to_string(root().join("README.md")).expect("README.md");
-    let code = readme.split("```c\n").nth(1).and_then(|rest| rest.split("```").next()).expect("a program in C");
-    assert!(code.lines().count() <= 40, "the README says: under 40 lines");
-    let dir = temp();
-    let file = dir.path().join("readme.c");
-    std::fs::write(&file, code).expect("readme.c");
-    let library = built().join("liboutcrop.so");
-    run(compiler("cc", "c99").arg(&file).arg(library).arg("-o").arg(dir.path().join("readme")));
 }
 
 #[test]

@@ -1,9 +1,7 @@
 //! What goes on in the background, and whoever waits for it.
 
-mod common;
-
-use common::built::{self, Built, Part};
-use common::scenes;
+use crate::common::built::{self, Built, Part};
+use crate::common::scenes;
 use glam::DVec3;
 use outcrop::Error;
 use outcrop::base::progress::{Cancel, Phase, Progress};

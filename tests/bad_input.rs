@@ -1,9 +1,7 @@
 //! Input that makes no sense: budgets too small or too large, accuracies and footprints that are none, sources that lie
 //! about their size. Each is a clear error, or counts as what the documentation says.
 
-mod common;
-
-use common::built;
+use crate::common::built;
 use glam::DVec3;
 use outcrop::Error;
 use outcrop::base::progress::Cancel;

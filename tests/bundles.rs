@@ -1,10 +1,8 @@
 //! Packets that go together answer, to the bit, as those that begin at the root, and visit less.
 
-mod common;
-
-use common::rng::Rng;
-use common::scenes::{self, Soup, on_five_models};
-use common::trees::{self, TestTree};
+use crate::common::rng::Rng;
+use crate::common::scenes::{self, Soup, on_five_models};
+use crate::common::trees::{self, TestTree};
 use glam::DVec3;
 use outcrop::Camera;
 use outcrop::lod::summary_bit;

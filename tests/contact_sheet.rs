@@ -1,12 +1,8 @@
 //! Every mesh of the models folder, from file to picture: that it builds, renders and can be seen is a test;
 //! that it looks right is for eyes: `make contact-sheet` writes all of them into `target/contact-sheet.png`.
 
-mod common;
-mod models;
-mod sheet;
-
+use crate::models::{MODELS, Row, Shape};
 use glam::{DAffine3, DVec3};
-use models::{MODELS, Row, Shape};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::import::UpAxis;
@@ -99,10 +95,10 @@ fn show(context: &Context, file: &Path, name: &str, (width, height): (u32, u32),
 
 #[test]
 fn every_mesh_is_built_and_seen() {
-    let context = common::built::context(2);
+    let context = crate::common::built::context(2);
     let mut wrong = Vec::new();
     for row in rows() {
-        let Some(path) = common::models::find(row.file) else { continue };
+        let Some(path) = crate::common::models::find(row.file) else { continue };
         let shown = show(&context, &path, row.file, (160, 120), 1);
         let r = &shown.report;
         let dropped = r.non_finite + r.degenerate + r.out_of_range;
@@ -132,14 +128,14 @@ fn every_mesh_is_built_and_seen() {
 #[test]
 #[ignore = "for eyes: make contact-sheet"]
 fn contact_sheet() {
-    let context = common::built::context(2);
+    let context = crate::common::built::context(2);
     let mut tiles = Vec::new();
     println!(
         "{:42} {:>7} {:>7} {:>6} {:>6} {:>6} {:>7} {:>5} {:>5} {:>9} {:>7}",
         "file", "in", "kept", "no num", "flat", "far", "placed", "parts", "inst.", "bytes", "seen"
     );
     for row in rows() {
-        let Some(path) = common::models::find(row.file) else { continue };
+        let Some(path) = crate::common::models::find(row.file) else { continue };
         let shown = show(&context, &path, row.file, (320, 240), 4);
         let r = &shown.report;
         println!(
@@ -157,12 +153,12 @@ fn contact_sheet() {
             shown.covered * 100.0
         );
         r.notes.iter().for_each(|note| println!("    {note}"));
-        tiles.push(sheet::Tile {
+        tiles.push(crate::sheet::Tile {
             pixels: shown.srgb,
             label: format!("{} {}", row.file.rsplit('/').next().unwrap_or(""), r.triangles_kept),
         });
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/contact-sheet.png");
-    sheet::save(&path, &tiles, (320, 240), 6);
+    crate::sheet::save(&path, &tiles, (320, 240), 6);
     println!("{}", path.display());
 }

@@ -1,14 +1,12 @@
 //! What walks do, pinned: nodes visited, triangles tested, blocks entered. Hits would not show it if children came in a
 //! worse order, or boxes let too much through; time does, but time is not a test.
 
-mod common;
-
-use common::brute::Tri;
-use common::models;
-use common::rays::{Ray32, RayKind, RayMaker};
-use common::rng::Rng;
-use common::scenes;
-use common::trees::{self, TestTree};
+use crate::common::brute::Tri;
+use crate::common::models;
+use crate::common::rays::{Ray32, RayKind, RayMaker};
+use crate::common::rng::Rng;
+use crate::common::scenes;
+use crate::common::trees::{self, TestTree};
 use glam::DVec3;
 use outcrop::math::Cone;
 use outcrop::math::{BUNDLE, PACKET};

@@ -1,11 +1,9 @@
 //! Where rays pass stand-ins, and where parts are hidden, all walks say the same: rays alone, in packets, and side by
 //! side, of which the first steps are shared.
 
-mod common;
-
-use common::rays::{Ray32, RayKind, RayMaker};
-use common::scenes;
-use common::trees::{self, TestTree};
+use crate::common::rays::{Ray32, RayKind, RayMaker};
+use crate::common::scenes;
+use crate::common::trees::{self, TestTree};
 use glam::Vec3;
 use outcrop::math::Cone;
 use outcrop::math::{PACKET, STREAM};

@@ -5,15 +5,13 @@
 //! means is defined in [`common::errors`]; whatever is neither the same, tied, nor grazing an edge within the
 //! rounding of single precision fails the test.
 
-mod common;
-
-use common::brute::{Brute, Oracle, Ray64, Tri, meet_line};
-use common::bvh64::Bvh64;
-use common::errors::{Answer, Judge, Summary};
-use common::rays::{Ray32, RayMaker};
-use common::rounding::{Rounding, Seen, shift};
-use common::scenes::{Soup, on_five_models};
-use common::trees::{self, TestTree};
+use crate::common::brute::{Brute, Oracle, Ray64, Tri, meet_line};
+use crate::common::bvh64::Bvh64;
+use crate::common::errors::{Answer, Judge, Summary};
+use crate::common::rays::{Ray32, RayMaker};
+use crate::common::rounding::{Rounding, Seen, shift};
+use crate::common::scenes::{Soup, on_five_models};
+use crate::common::trees::{self, TestTree};
 use outcrop::geom::watertight::{Shear, intersect_one};
 use outcrop::simd::Isa;
 use outcrop::structure::bvh::trace::TreeView;

@@ -2,16 +2,14 @@
 //! answers are those of the f64 oracle over the vertices that the file stores. Every field of a hit is judged:
 //! distance and stated error, primitive, part, normal. Stored vertices are within the stated error of the input's.
 
-mod common;
-
-use common::brute::{Oracle, Ray64, Tri};
-use common::built;
-use common::bvh64::Bvh64;
-use common::errors::{Judge, Summary, Verdict};
-use common::rays::{Ray32, RayMaker};
-use common::rounding::{Rounding, Seen, shift};
-use common::scenes::{Soup, on_five_models};
-use common::stored::{self, StoredTree};
+use crate::common::brute::{Oracle, Ray64, Tri};
+use crate::common::built;
+use crate::common::bvh64::Bvh64;
+use crate::common::errors::{Judge, Summary, Verdict};
+use crate::common::rays::{Ray32, RayMaker};
+use crate::common::rounding::{Rounding, Seen, shift};
+use crate::common::scenes::{Soup, on_five_models};
+use crate::common::stored::{self, StoredTree};
 use outcrop::build::Structure;
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::Ray;

@@ -224,7 +224,7 @@ fn a_shared_mesh_that_is_placed_nowhere_is_left_out_and_said() {
     };
     assert!(build("placed.oc", &[]).notes.is_empty());
     let report = build("not.oc", &[1, 5, u32::MAX - 1]);
-    assert_eq!(report.notes, ["3 shared meshes are placed nowhere: their 3 triangles are left out"]);
+    assert_eq!(report.notes, ["3 shared meshes have no instances: their 3 triangles were left out"]);
 }
 
 #[test]
@@ -264,7 +264,9 @@ mod in_a_process {
     fn command(shell: &str, path: &Path) -> Command {
         let mut command = Command::new("sh");
         let me = std::env::current_exe().unwrap();
-        command.args(["-c", &format!("{shell} exec \"$0\" --exact in_a_process::child --nocapture")]).arg(me);
+        command
+            .args(["-c", &format!("{shell} exec \"$0\" --exact failing_builds::in_a_process::child --nocapture")])
+            .arg(me);
         command.env(PATH, path).stdout(Stdio::piped());
         command
     }

@@ -1,11 +1,9 @@
 //! Coordinates 10^7 units from zero: the same picture as at zero, to the pixel, whether the mesh itself lies there or
 //! an instance takes it there.
 
-mod common;
-
-use common::brute::Tri;
-use common::built::{self, Built, Part};
-use common::scenes;
+use crate::common::brute::Tri;
+use crate::common::built::{self, Built, Part};
+use crate::common::scenes;
 use glam::{DAffine3, DVec3};
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};
 use outcrop::scene::{Camera, Context, Light, LightKind, Model, Scene};

@@ -1,12 +1,10 @@
 //! Disks that fail, files that are damaged or replaced, sources that stall or dawdle: what can be read is shown as it
 //! is, a stand-in for what cannot, and the error names it. Nobody waits for ever, and nothing wrong is shown.
 
-mod common;
-
-use common::built::{self, Built, Part};
-use common::rng::Rng;
-use common::scenes;
-use common::sources::{Calls, Gate, OpensAtEnd, blocks, meddled, reaches};
+use crate::common::built::{self, Built, Part};
+use crate::common::rng::Rng;
+use crate::common::scenes;
+use crate::common::sources::{Calls, Gate, OpensAtEnd, blocks, meddled, reaches};
 use glam::{DAffine3, DVec3};
 use outcrop::Error;
 use outcrop::base::progress::Cancel;

@@ -1,10 +1,8 @@
 //! Calls for few rays: each goes its own way through the query API, and all answer as a large batch does.
 
-mod common;
-
-use common::asked::{ask, rays};
-use common::built::{self, Part};
-use common::scenes;
+use crate::common::asked::{ask, rays};
+use crate::common::built::{self, Part};
+use crate::common::scenes;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Hits, Policy, QueryOptions, Want};

@@ -2,9 +2,7 @@
 //! triangles, and a flight in a small budget. `make figures` runs them, which takes some minutes and a GB of
 //! `target/figures`; times are printed, as is what misses its line; budget, bytes and coverage must hold.
 
-mod common;
-
-use common::{picture, sources};
+use crate::common::{picture, sources};
 use glam::{DAffine3, DVec3};
 use outcrop::scene::{ContextOptions, SceneState};
 use outcrop::{Buffer, Camera, Context, Frame, FrameOptions, FrameSettings, FrameState, Model, Outputs, Scene};

@@ -1,9 +1,7 @@
 //! Requests of frames: refused, replaced, cancelled, resized; who is woken, and what callers may map meanwhile.
 
-mod common;
-
-use common::built;
-use common::frames::{LONG, all_bytes, busy_scene, fine_sphere, frame, perspective, render};
+use crate::common::built;
+use crate::common::frames::{LONG, all_bytes, busy_scene, fine_sphere, frame, perspective, render};
 use glam::{DVec3, Vec3};
 use outcrop::math::Ray;
 use outcrop::query::{Hit, QueryOptions};

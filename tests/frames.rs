@@ -1,10 +1,8 @@
 //! Frames through the public API: what is seen. The life of requests is `tests/frame_requests.rs`.
 
-mod common;
-
-use common::built::{self, Part, WHITE};
-use common::frames::{LONG, all_bytes, busy_scene, fine_sphere, frame, perspective, render};
-use common::scenes;
+use crate::common::built::{self, Part, WHITE};
+use crate::common::frames::{LONG, all_bytes, busy_scene, fine_sphere, frame, perspective, render};
+use crate::common::scenes;
 use glam::{DAffine3, DVec3};
 use outcrop::import::MaterialDesc;
 use outcrop::query::{HitKind, NONE};

@@ -29,6 +29,9 @@ const ROOMS: [(&str, &[&str]); 14] = [
 /// The rooms whose items are the crate's public face; the C ABI and the command line use no others.
 const PUBLIC: &[&str] = &["base", "math", "simd", "store", "import", "build", "scene", "query", "render"];
 
+/// The module that is documentation alone: pages of Markdown that rustdoc shows. It uses no room, and no room uses it.
+const GUIDE: &str = "guide";
+
 /// Folders at the top, beside plain files; the last three are never committed.
 const TOP_FOLDERS: [&str; 10] =
     ["src", "include", "cmake", "examples_c", "tests", "bindings", ".ci", ".git", "target", "build"];
@@ -114,11 +117,35 @@ fn the_library_is_its_rooms_in_order_and_no_logic() {
     let text = std::fs::read_to_string(root().join("src/lib.rs")).unwrap();
     let tokens = tokens(&text);
     let declared: Vec<_> = tokens.windows(2).filter(|w| w[0].0.is_word("mod")).filter_map(|w| w[1].0.word()).collect();
-    assert_eq!(declared, ROOMS.map(|(room, _)| room));
+    assert_eq!(declared, [&ROOMS.map(|(room, _)| room)[..], &[GUIDE]].concat());
     none(tokens.iter().filter(|t| t.0.is_word("fn")).map(|t| format!("src/lib.rs:{}: a function", t.1)).collect());
     let mut folders = folders_in(&root().join("src"));
-    assert!(folders.remove("bin"));
+    assert!(folders.remove("bin") && folders.remove(GUIDE));
     assert_eq!(folders, ROOMS.map(|(room, _)| room.to_owned()).into());
+}
+
+#[test]
+fn the_guide_is_documentation_alone() {
+    let file = root().join("src").join(GUIDE).with_extension("rs");
+    let tokens = tokens(&std::fs::read_to_string(&file).unwrap());
+    let pages: BTreeSet<_> =
+        tokens.windows(2).filter(|w| w[0].0.is_word("mod")).filter_map(|w| w[1].0.word()).collect();
+    let is_allowed = |token: &Token| match token.word() {
+        Some(word) => {
+            ["pub", "mod", "doc", "include_str", "allow", "rustdoc", "broken_intra_doc_links"].contains(&word)
+                || pages.contains(word)
+        }
+        None => true,
+    };
+    none(tokens.iter().filter(|t| !is_allowed(&t.0)).map(|t| format!("{}:{}: code", short(&file), t.1)).collect());
+    // Every page is shown.
+    let texts: Vec<_> =
+        tokens.iter().filter_map(|t| if let Token::Text(text) = &t.0 { Some(text.as_str()) } else { None }).collect();
+    let faults = files_below(&root().join("src").join(GUIDE), "").into_iter().filter(|page| {
+        let name = page.strip_prefix(root().join("src")).unwrap().to_string_lossy().replace('\\', "/");
+        !name.ends_with(".md") || !texts.contains(&name.as_str())
+    });
+    none(faults.map(|page| format!("{}: not in src/guide.rs", short(&page))).collect());
 }
 
 fn folders_in(folder: &Path) -> BTreeSet<String> {

@@ -1,10 +1,7 @@
 //! Every mesh of the shared models, read and compared with the figures of their README.
 
-mod common;
-mod models;
-
+use crate::models::{MODELS, Row, Shape::*};
 use glam::DVec3;
-use models::{MODELS, Row, Shape::*};
 use outcrop::Result;
 use outcrop::import::collect::Collector;
 use outcrop::import::{PartKey, ReadOptions, read_file};
@@ -58,7 +55,7 @@ fn check(row: &Row, sink: &Collector) -> Vec<String> {
 fn every_mesh_agrees_with_the_readme() {
     let mut wrong = Vec::new();
     for row in MODELS {
-        let Some(path) = common::models::find(row.file) else { continue };
+        let Some(path) = crate::common::models::find(row.file) else { continue };
         match read(&path) {
             Ok(sink) => {
                 wrong.extend(check(row, &sink));
@@ -90,7 +87,7 @@ const REFUSED: &[(&str, &[&str])] = &[
 
 #[test]
 fn what_is_no_mesh_is_refused_by_name() {
-    let Some(folder) = common::models::find("README.md").and_then(|p| p.parent().map(Path::to_path_buf)) else {
+    let Some(folder) = crate::common::models::find("README.md").and_then(|p| p.parent().map(Path::to_path_buf)) else {
         return;
     };
     for (name, words) in REFUSED {
@@ -106,7 +103,7 @@ fn what_is_no_mesh_is_refused_by_name() {
 #[test]
 fn numbers_that_are_none_reach_the_sink_which_drops_them() {
     for (name, bad) in [("hostile/malformed/test-nan.obj", 2), ("hostile/malformed/infinites.glb", 12)] {
-        let Some(path) = common::models::find(name) else { return };
+        let Some(path) = crate::common::models::find(name) else { return };
         let sink = read(&path).expect(name);
         let not_finite = sink.direct().iter().filter(|t| t.positions.iter().any(|p| !p.is_finite())).count();
         assert_eq!(not_finite, bad, "{name}");
@@ -132,7 +129,7 @@ fn cuts(path: &Path, bytes: u64) -> Vec<u64> {
 fn cut_files_are_refused_or_read_but_never_worse() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for row in MODELS.iter().filter(|row| !row.file.starts_with("subdivision/")) {
-        let Some(path) = common::models::find(row.file) else { continue };
+        let Some(path) = crate::common::models::find(row.file) else { continue };
         let copy = folder.path().join(path.file_name().expect("a name"));
         let bytes = std::fs::copy(&path, &copy).expect("a copy");
         let mut permissions = std::fs::metadata(&copy).expect("metadata").permissions();

@@ -2,15 +2,13 @@
 //! mirrored, squashed, nested in each other's space), placed several times in a scene (turned, mirrored, scaled, on top
 //! of each other). Every hit names the right instance, part and primitive; equal hits go to the first.
 
-mod common;
-
-use common::brute::{Oracle, Ray64, Tri};
-use common::built::{self, Built};
-use common::bvh64::Bvh64;
-use common::errors::{Answer, Judge, Summary, Verdict};
-use common::rays::RayMaker;
-use common::rounding::{Rounding, U};
-use common::{scenes, stored};
+use crate::common::brute::{Oracle, Ray64, Tri};
+use crate::common::built::{self, Built};
+use crate::common::bvh64::Bvh64;
+use crate::common::errors::{Answer, Judge, Summary, Verdict};
+use crate::common::rays::RayMaker;
+use crate::common::rounding::{Rounding, U};
+use crate::common::{scenes, stored};
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};

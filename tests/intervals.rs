@@ -1,12 +1,10 @@
 //! The ends of rays' intervals, held in double precision: layer after layer is peeled off with the next number behind
 //! each hit, and what each interval holds is found again by brute force, whatever way the rays go.
 
-mod common;
-
-use common::asked::ask;
-use common::brute::{Ray64, Tri, meet_line};
-use common::built::{self, Part};
-use common::rng::Rng;
+use crate::common::asked::ask;
+use crate::common::brute::{Ray64, Tri, meet_line};
+use crate::common::built::{self, Part};
+use crate::common::rng::Rng;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use outcrop::Error;
 use outcrop::math::{Cone, Ray};
@@ -190,8 +188,8 @@ fn what_is_behind_a_hit_is_found_from_the_next_number_on() {
 /// Cells that stand in are passed too: then what they hold is met.
 fn stand_ins_are_peeled_off_too() {
     let file = built::parts(&[
-        Part::white(1, common::scenes::sphere(100, 200)),
-        Part::white(2, common::scenes::boxes(2000, 4)),
+        Part::white(1, crate::common::scenes::sphere(100, 200)),
+        Part::white(2, crate::common::scenes::boxes(2000, 4)),
     ]);
     let context = built::context(1);
     let (scene, _) = built::scene(&context, &file);
@@ -213,8 +211,8 @@ fn stand_ins_are_peeled_off_too() {
 fn what_is_peeled_off_does_not_depend_on_memory() {
     let (rings, boxes) = built::sized((150, 3000), (40, 300));
     let file = built::parts(&[
-        Part::white(1, common::scenes::sphere(rings, 2 * rings)),
-        Part::white(2, common::scenes::boxes(boxes, 4)),
+        Part::white(1, crate::common::scenes::sphere(rings, 2 * rings)),
+        Part::white(2, crate::common::scenes::boxes(boxes, 4)),
     ]);
     let context_of = |memory_budget| {
         Context::new(ContextOptions { threads: 2, memory_budget, read_ahead: false, ..ContextOptions::default() })

@@ -3,11 +3,9 @@
 //! is right against brute force is `tests/instances.rs`; rays of a batch once went alone in such scenes, at a fifth of
 //! their speed.)
 
-mod common;
-
-use common::built::{self, Built, Part};
-use common::rng::Rng;
-use common::scenes;
+use crate::common::built::{self, Built, Part};
+use crate::common::rng::Rng;
+use crate::common::scenes;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};

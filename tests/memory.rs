@@ -1,8 +1,6 @@
 //! The memory that a model takes in trace form, nodes and triangles together: a promise of the README's.
 
-mod common;
-
-use common::built;
+use crate::common::built;
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
 use outcrop::import::generate::{GenerateOptions, generate};

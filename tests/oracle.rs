@@ -1,14 +1,12 @@
 //! The oracle is held to closed forms, and its tree to brute force.
 
-mod common;
-
-use common::brute::{Brute, Hit64, Oracle, Ray64, Tri, meet};
-use common::bvh64::Bvh64;
-use common::errors::{Answer, Graze, Judge, Summary, Verdict, Wrong};
-use common::rays::{Ray32, RayKind, RayMaker};
-use common::rng::Rng;
-use common::rounding::{Rounding, Seen, point_distance};
-use common::scenes;
+use crate::common::brute::{Brute, Hit64, Oracle, Ray64, Tri, meet};
+use crate::common::bvh64::Bvh64;
+use crate::common::errors::{Answer, Graze, Judge, Summary, Verdict, Wrong};
+use crate::common::rays::{Ray32, RayKind, RayMaker};
+use crate::common::rng::Rng;
+use crate::common::rounding::{Rounding, Seen, point_distance};
+use crate::common::scenes;
 use glam::DVec3;
 use proptest::prelude::*;
 

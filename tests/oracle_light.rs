@@ -1,15 +1,13 @@
 //! The oracle's coverage, ambient occlusion and direct light are held to closed forms: what an estimate says is off by,
 //! times a few, and what the shapes' facets take away.
 
-mod common;
-
-use common::brute::{Brute, Oracle, Ray64, Tri};
-use common::bvh64::Bvh64;
-use common::light::{Lighting, Surface};
-use common::rng::Rng;
-use common::samples::{Estimate, Samples, point};
-use common::scenes;
-use common::view::View;
+use crate::common::brute::{Brute, Oracle, Ray64, Tri};
+use crate::common::bvh64::Bvh64;
+use crate::common::light::{Lighting, Surface};
+use crate::common::rng::Rng;
+use crate::common::samples::{Estimate, Samples, point};
+use crate::common::scenes;
+use crate::common::view::View;
 use glam::{DMat3, DVec2, DVec3};
 use outcrop::Camera;
 use outcrop::scene::{Light, LightKind};

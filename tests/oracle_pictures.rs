@@ -2,17 +2,17 @@
 //! in the middle of every pixel, coverage and brightness over their areas. So both mean the same by a view, a light and
 //! a placement.
 
-mod common;
-
-use common::brute::{Oracle, Tri};
-use common::built::{self, Part, WHITE};
-use common::bvh64::Bvh64;
-use common::light::Lighting;
-use common::picture::{Colours, coverage_ratio, depth_pixels, luminance, normal_angle, radiance_ratio, silhouette};
-use common::samples::{Estimate, Samples};
-use common::scenes;
-use common::stored::{self, Instance, World};
-use common::view::View;
+use crate::common::brute::{Oracle, Tri};
+use crate::common::built::{self, Part, WHITE};
+use crate::common::bvh64::Bvh64;
+use crate::common::light::Lighting;
+use crate::common::picture::{
+    Colours, coverage_ratio, depth_pixels, luminance, normal_angle, radiance_ratio, silhouette,
+};
+use crate::common::samples::{Estimate, Samples};
+use crate::common::scenes;
+use crate::common::stored::{self, Instance, World};
+use crate::common::view::View;
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::import::MaterialDesc;
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};

@@ -1,13 +1,11 @@
 //! Models that do not fit the memory budget are built in chunks: the same triangles, the same hits, the same bytes
 //! at any number of threads, and nothing left behind.
 
-mod common;
-
-use common::brute::Tri;
-use common::built;
-use common::rays::RayMaker;
-use common::rng::Rng;
-use common::{scenes, stored};
+use crate::common::brute::Tri;
+use crate::common::built;
+use crate::common::rays::RayMaker;
+use crate::common::rng::Rng;
+use crate::common::{scenes, stored};
 use glam::{DAffine3, DVec3};
 use outcrop::Error;
 use outcrop::base::ids::BlockId;

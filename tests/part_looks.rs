@@ -1,13 +1,11 @@
 //! States of parts and instances under stand-ins: what is hidden never shows, what looks otherwise keeps that look, and
 //! a ray sees but the instances of its mask. The promise holds of what is visible.
 
-mod common;
-
-use common::brute::{Oracle, Ray64, Tri};
-use common::built::{self, Built, Part};
-use common::bvh64::Bvh64;
-use common::rng::Rng;
-use common::scenes;
+use crate::common::brute::{Oracle, Ray64, Tri};
+use crate::common::built::{self, Built, Part};
+use crate::common::bvh64::Bvh64;
+use crate::common::rng::Rng;
+use crate::common::scenes;
 use glam::{DAffine3, DVec3};
 use outcrop::import::MaterialDesc;
 use outcrop::math::{Cone, Ray};

@@ -1,13 +1,11 @@
 //! Every path gives the same hits to the bit: baseline, AVX2 and AVX-512, single rays, streams and packets (of rays
 //! that go together and of rays that do not), in any order of rays, one thread and two.
 
-mod common;
-
-use common::built::{self, Part};
-use common::rays::{Ray32, RayKind, RayMaker};
-use common::scenes::{self, Soup, on_five_models};
-use common::stored;
-use common::trees::{self, TestTree};
+use crate::common::built::{self, Part};
+use crate::common::rays::{Ray32, RayKind, RayMaker};
+use crate::common::scenes::{self, Soup, on_five_models};
+use crate::common::stored;
+use crate::common::trees::{self, TestTree};
 use glam::{DVec3, Vec3};
 use outcrop::math::PACKET;
 use outcrop::math::{Cone, Ray};

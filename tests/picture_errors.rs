@@ -1,8 +1,6 @@
 //! Errors between pictures are what their formulas say, worked out by hand.
 
-mod common;
-
-use common::picture::{
+use crate::common::picture::{
     Colours, Silhouette, Spread, along_rays, coverage_ratio, depth_pixels, depth_relative, luminance, normal_angle,
     radiance_ratio, silhouette, srgb_decode, srgb_encode,
 };

@@ -1,11 +1,9 @@
 //! FLIP, SSIM and popping: identities, closed forms, and what their authors' programs say of a made pair of pictures.
 
-mod common;
-
-use common::perceived::{flip, ssim};
-use common::picture::{Colours, Spread, srgb_decode};
-use common::popping::{Pop, Shown, pop};
-use common::rng::Rng;
+use crate::common::perceived::{flip, ssim};
+use crate::common::picture::{Colours, Spread, srgb_decode};
+use crate::common::popping::{Pop, Shown, pop};
+use crate::common::rng::Rng;
 use std::f64::consts::PI;
 
 const WIDTH: usize = 96;

@@ -1,9 +1,7 @@
 //! Prefetches: what a box or a camera needs is there before it is asked for, the most important first, as far as it
 //! fits, and no frame shows less for it.
 
-mod common;
-
-use common::built::{self, OfEach};
+use crate::common::built::{self, OfEach};
 use glam::{DAffine3, DVec3};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::Builder;

@@ -2,15 +2,13 @@
 //! none; a miss is a miss. Checked in double precision against the input's triangles in the world, over stand-ins and
 //! triangles, pixels of error, nested scaled instances, and rays that begin inside.
 
-mod common;
-
-use common::brute::{Oracle, Ray64, Tri};
-use common::built::{self, Built};
-use common::bvh64::Bvh64;
-use common::promise::slack;
-use common::rays::{Ray32, RayKind, RayMaker};
-use common::rounding::{Rounding, Seen, shift};
-use common::scenes::{self, Soup};
+use crate::common::brute::{Oracle, Ray64, Tri};
+use crate::common::built::{self, Built};
+use crate::common::bvh64::Bvh64;
+use crate::common::promise::slack;
+use crate::common::rays::{Ray32, RayKind, RayMaker};
+use crate::common::rounding::{Rounding, Seen, shift};
+use crate::common::scenes::{self, Soup};
 use glam::{DAffine3, DQuat, DVec3};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::math::{Cone, Ray};
@@ -324,7 +322,7 @@ fn rays_that_begin_in_a_missing_cell_are_free_of_nothing() {
     let options = ContextOptions { threads: 0, memory_budget: 3 * whole, read_ahead: false, ..Default::default() };
     let context = Context::new(options).expect("a context");
     let (scene, _model) = built::scene(&context, &file);
-    let (mut rng, mut tally, mut inside) = (common::rng::Rng::new(4), Tally::default(), 0);
+    let (mut rng, mut tally, mut inside) = (crate::common::rng::Rng::new(4), Tally::default(), 0);
     let rays: Vec<Ray> = (0..4000)
         .map(|_| {
             let tri = tris[rng.below(tris.len())];

@@ -1,13 +1,11 @@
 //! Queries through the public API, against the f64 oracle.
 
-mod common;
-
-use common::asked::{ask, rays};
-use common::brute::{Oracle, Ray64, Tri};
-use common::built::{self, Part};
-use common::bvh64::Bvh64;
-use common::rng::Rng;
-use common::scenes;
+use crate::common::asked::{ask, rays};
+use crate::common::brute::{Oracle, Ray64, Tri};
+use crate::common::built::{self, Part};
+use crate::common::bvh64::Bvh64;
+use crate::common::rng::Rng;
+use crate::common::scenes;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use outcrop::math::{DBounds, Ray};
 use outcrop::query::{Hit, HitKind, How, NONE, Policy, QueryOptions, QueryState, Want};

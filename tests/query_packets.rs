@@ -1,12 +1,10 @@
 //! Packets of queries: what is worked out for many rays at once is what is worked out for each.
 
-mod common;
-
-use common::asked::ask;
-use common::brute::Tri;
-use common::built::{self, Part};
-use common::rng::Rng;
-use common::scenes;
+use crate::common::asked::ask;
+use crate::common::brute::Tri;
+use crate::common::built::{self, Part};
+use crate::common::rng::Rng;
+use crate::common::scenes;
 use glam::{DAffine3, DVec3};
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, Hits, PACKET, Policy, Query, QueryOptions, QueryState, Rays, Want};

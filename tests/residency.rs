@@ -1,10 +1,8 @@
 //! Exact answers within a budget far below the model's size.
 
-mod common;
-
-use common::built::{self, Built, OfEach, Part};
-use common::rng::Rng;
-use common::scenes;
+use crate::common::built::{self, Built, OfEach, Part};
+use crate::common::rng::Rng;
+use crate::common::scenes;
 use glam::{DAffine3, DVec3};
 use outcrop::base::error::Error;
 use outcrop::base::progress::{Cancel, Progress};

@@ -1,12 +1,10 @@
 //! Rays that tracers stumble over: along axes, in split planes, through corners and along edges, from surfaces, with
 //! zero, denormal, huge and infinite components. No closed mesh is missed from inside, nothing is a NaN, nothing hangs.
 
-mod common;
-
-use common::brute::Tri;
-use common::built::{self, Built, Part};
-use common::rng::Rng;
-use common::scenes;
+use crate::common::brute::Tri;
+use crate::common::built::{self, Built, Part};
+use crate::common::rng::Rng;
+use crate::common::scenes;
 use glam::{DVec3, Vec3};
 use outcrop::base::progress::Cancel;
 use outcrop::import::generate::{GenerateOptions, generate};
@@ -51,7 +49,7 @@ fn mandelbulb() -> Closed {
         let options = GenerateOptions { triangles: 60_000, seed: 0 };
         generate("mandelbulb", &options, &Cancel::new(), builder).expect("a mandelbulb");
     });
-    let tris = common::stored::trees(&file.path).swap_remove(0);
+    let tris = crate::common::stored::trees(&file.path).swap_remove(0);
     let tris: Vec<Tri> = tris.tris.iter().map(|t| t.2.map(|v| v + tris.origin)).collect();
     Closed { name: "mandelbulb", file, tris, inside: (DVec3::ZERO, 0.2) }
 }

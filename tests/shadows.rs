@@ -1,9 +1,7 @@
 //! Shadows of transparent parts: the share of light that comes through is that of the formula.
 
-mod common;
-
-use common::built::{self, Part, WHITE};
-use common::scenes;
+use crate::common::built::{self, Part, WHITE};
+use crate::common::scenes;
 use glam::DVec3;
 use outcrop::import::MaterialDesc;
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, Outputs};

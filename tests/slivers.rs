@@ -1,13 +1,11 @@
 //! Exact rays at triangles up to eight hundred thousand times longer than wide: pipes of such, against the input's
 //! triangles in double precision.
 
-mod common;
-
-use common::brute::{Oracle, Ray64, Tri};
-use common::built;
-use common::bvh64::Bvh64;
-use common::rng::Rng;
-use common::scenes::rounded;
+use crate::common::brute::{Oracle, Ray64, Tri};
+use crate::common::built;
+use crate::common::bvh64::Bvh64;
+use crate::common::rng::Rng;
+use crate::common::scenes::rounded;
 use glam::{DQuat, DVec3};
 use outcrop::math::Ray;
 use outcrop::query::{Hit, HitKind, QueryOptions};

@@ -6,8 +6,6 @@
 //! [`table`] says which test shows which row, where present parts miss a line, and which rows wait for later parts.
 //! `cargo test --test stability -- --nocapture` prints what is measured.
 
-mod common;
-
 #[path = "stability/awkward.rs"]
 mod awkward;
 #[path = "stability/brightness.rs"]

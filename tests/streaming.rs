@@ -1,10 +1,8 @@
 //! Frames of models that are not in memory, or do not fit: a whole picture at once, finer as blocks come, inside the
 //! budget, and quiet when the camera rests.
 
-mod common;
-
-use common::built;
-use common::sources::{Gate, OpensAtEnd};
+use crate::common::built;
+use crate::common::sources::{Gate, OpensAtEnd};
 use glam::{DAffine3, DVec3};
 use outcrop::base::error::Error;
 use outcrop::base::progress::{Cancel, Progress};
@@ -436,7 +434,7 @@ type Places = Arc<Mutex<Vec<u64>>>;
 
 fn noted(places: &Places) -> Arc<dyn Source> {
     let places = Arc::clone(places);
-    common::sources::meddled(&bulb().path, move |at, _| {
+    crate::common::sources::meddled(&bulb().path, move |at, _| {
         places.lock().expect("the list").push(at);
         Ok(())
     })
@@ -451,7 +449,7 @@ fn what_a_resting_frame_uses_stays() {
     let state = scene(&context, noted(&places));
     let settings = FrameSettings { poe: 4.0, ..Default::default() };
     let resting = frame(&context);
-    let blocks = common::sources::blocks(&bulb().path);
+    let blocks = crate::common::sources::blocks(&bulb().path);
     let geometry = ModelFile::open_path(&bulb().path).expect("the file").header().geometry_blocks as usize;
     let reads = || places.lock().expect("the list").len();
     let render = |frame: &Frame, i| {
@@ -469,7 +467,7 @@ fn what_a_resting_frame_uses_stays() {
     for round in 0..4 {
         let before = reads();
         // Exact answers from all over the model, and another view that moves.
-        let mut rng = common::rng::Rng::new(round);
+        let mut rng = crate::common::rng::Rng::new(round);
         let rays: Vec<Ray> = (0..1500)
             .map(|_| {
                 let from = rng.direction() * 3.0;

@@ -1,14 +1,12 @@
 //! What all structures have to have in common: the same answers of the same triangles, and packets and streams that
 //! answer as single walks do, whatever is in memory.
 
-mod common;
-
-use common::asked::ask;
-use common::built::{self, Built, Part};
-use common::rays::{Ray32, RayMaker};
-use common::scenes::{self, Soup, on_five_models};
-use common::stored::{self, StoredTree};
-use common::trees::local;
+use crate::common::asked::ask;
+use crate::common::built::{self, Built, Part};
+use crate::common::rays::{Ray32, RayMaker};
+use crate::common::scenes::{self, Soup, on_five_models};
+use crate::common::stored::{self, StoredTree};
+use crate::common::trees::local;
 use glam::{DVec3, Vec3};
 use outcrop::base::error::Error;
 use outcrop::base::ids::BlockId;

@@ -4,16 +4,14 @@
 //! Blocks are made missing by snapshots with random holes. Between rounds the holes move: only the last
 //! [`LEASE`] blocks that a walk asked for are sure to stay, as an exact job's lease would have it.
 
-mod common;
-
-use common::brute::Oracle;
-use common::bvh64::Bvh64;
-use common::errors::{Answer, Judge, Verdict};
-use common::rays::{Ray32, RayMaker};
-use common::rng::Rng;
-use common::rounding::Rounding;
-use common::scenes;
-use common::trees::{self, TestTree};
+use crate::common::brute::Oracle;
+use crate::common::bvh64::Bvh64;
+use crate::common::errors::{Answer, Judge, Verdict};
+use crate::common::rays::{Ray32, RayMaker};
+use crate::common::rng::Rng;
+use crate::common::rounding::Rounding;
+use crate::common::scenes;
+use crate::common::trees::{self, TestTree};
 use outcrop::base::ids::BlockId;
 use outcrop::residency::Snapshot;
 use outcrop::simd::Isa;
@@ -168,7 +166,7 @@ fn walks_are_interrupted_many_times_and_by_ties() {
 #[test]
 fn a_block_that_never_comes_is_asked_for_again() {
     let case = &cases()[0];
-    let ray = RayMaker::new(case.oracle.tris(), 3).make(common::rays::RayKind::Sphere);
+    let ray = RayMaker::new(case.oracle.tris(), 3).make(crate::common::rays::RayKind::Sphere);
     let nothing = case.tree.snapshot.filtered(|_| false);
     let view = case.tree.view(&nothing, Isa::best());
     let mut walk = Walk::new();

@@ -24,7 +24,7 @@ int main(int argc, char **argv) {
     /* Before any object is known: only the call fails. */
     oc_test_panic_at(AT_ENTRY);
     EXPECT(OC_STATUS_INTERNAL, oc_scene_commit(scene));
-    CHECK(strstr(oc_last_error(), "asked for by a test"));
+    CHECK(strstr(oc_last_error(), "requested by a test"));
     OK(oc_scene_commit(scene));
 
     /* In a build's background work: the job fails, nothing else does. */
@@ -38,7 +38,7 @@ int main(int argc, char **argv) {
     OK(oc_build_start(build, argv[1], &job));
     OK(oc_job_wait(job, OC_FOREVER, &progress));
     CHECK(progress.state == OC_STATE_FAILED && progress.error == OC_STATUS_INTERNAL);
-    CHECK(strstr(oc_last_error(), "asked for by a test"));
+    CHECK(strstr(oc_last_error(), "requested by a test"));
     oc_build_report report;
     OC_INIT(&report);
     EXPECT(OC_STATUS_INVALID_STATE, oc_job_build_report(job, &report));

@@ -1,0 +1,6 @@
+//! The C ABI: header, layouts of structs, programs in C and C++, and the snippets of the guide.
+
+mod abi;
+mod abi_header;
+mod abi_layout;
+mod guide;

@@ -1,0 +1,17 @@
+//! Mesh files in, model files out and in again, and their blocks in memory: import, build, damage, budgets, prefetch.
+
+mod background;
+mod bad_input;
+mod common;
+mod contact_sheet;
+mod failing_builds;
+mod faults;
+mod format;
+mod hostile_oc;
+mod import_models;
+mod models;
+mod out_of_core_build;
+mod prefetch;
+mod residency;
+mod sheet;
+mod streaming;

@@ -1,0 +1,117 @@
+//! The file that the page is compared with.
+
+use glam::{DAffine3, DQuat, DVec3};
+use outcrop::base::progress::{Cancel, Progress};
+use outcrop::build::{BuildOptions, Builder};
+use outcrop::import::{MaterialDesc, MeshKey, PartDesc, Sink, UpAxis};
+use outcrop::store::contents::{KINDS, Kind};
+use outcrop::store::header::ALIGN;
+use outcrop::store::{MemorySource, ModelFile};
+use std::sync::{Arc, OnceLock};
+
+pub fn hash(bytes: &[u8]) -> Vec<u8> {
+    le!(xxhash_rust::xxh3::xxh3_64(bytes))
+}
+
+/// A generator of repeatable numbers (splitmix64).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+    fn point(&mut self) -> DVec3 {
+        DVec3::new(self.next(), self.next(), self.next()) * 2.0 - 1.0
+    }
+}
+
+/// Triangles that share no vertices.
+fn soup(random: &mut Random, count: usize, size: f64) -> Vec<[DVec3; 3]> {
+    let mut triangle = || {
+        let p = random.point();
+        [p, p + random.point() * size, p + random.point() * size]
+    };
+    (0..count).map(|_| triangle()).collect()
+}
+
+/// A surface of triangles that share vertices, through the middle of the soup.
+fn surface(side: usize) -> Vec<[DVec3; 3]> {
+    let at = |x: usize, y: usize| {
+        let [u, v] = [x, y].map(|i| i as f64 / side as f64 * 2.0 - 1.0);
+        DVec3::new(u, v, 0.2 * (5.0 * u).sin() * (4.0 * v).cos())
+    };
+    let square = |i: usize| {
+        let (x, y) = (i % side, i / side);
+        [[at(x, y), at(x + 1, y), at(x, y + 1)], [at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)]]
+    };
+    (0..side * side).flat_map(square).collect()
+}
+
+/// A model with a tree of many blocks, with parts and colours, and two shared meshes of one block: one of several
+/// parts, and one of one part.
+fn build() -> Vec<u8> {
+    let dir = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a folder");
+    let path = dir.path().join("model.oc");
+    let options = BuildOptions { threads: 1, ..BuildOptions::default() };
+    let mut builder = Builder::new(options, Arc::new(Progress::default()), Cancel::new()).expect("a builder");
+    builder.units(Some(0.5), UpAxis::Z);
+    let steel = MaterialDesc { colour: [0.25, 0.5, 0.75], opacity: 0.5, metalness: 1.0, roughness: 0.125 };
+    let steel = builder.material(steel).expect("a material");
+    let part = |builder: &mut Builder, id: u64, parent, material| {
+        builder.part(PartDesc { id: Some(id), name: format!("Teil Ø{id}"), parent, material }).expect("a part")
+    };
+    let mut random = Random(1);
+    for (id, material) in [(100, None), (101, Some(steel)), (102, None)] {
+        let key = part(&mut builder, id, None, material);
+        let some = soup(&mut random, 5_000, 0.02);
+        let colours = vec![[id as f32 - 100.0, 0.5, 0.25].map(|c| c / 2.0); some.len()];
+        let colours = material.is_none().then_some(&colours[..]);
+        builder.triangles(MeshKey::DIRECT, key, &some, colours).expect("triangles");
+    }
+    builder.triangles(MeshKey::DIRECT, 0, &surface(70), None).expect("triangles");
+    let wrong = [[DVec3::NAN; 3], [DVec3::X; 3], [DVec3::X, DVec3::Y, DVec3::Z * 1e300]];
+    builder.triangles(MeshKey::DIRECT, 1, &wrong, None).expect("triangles");
+    for local_parts in [2, 1] {
+        let mesh = builder.shared_mesh(local_parts).expect("a mesh");
+        for local in 0..local_parts {
+            builder.triangles(mesh, local, &soup(&mut random, 9, 1.0), None).expect("triangles");
+        }
+        let first = part(&mut builder, 200 + u64::from(local_parts), Some(0), None);
+        for local in 1..local_parts {
+            part(&mut builder, 300 + u64::from(local), Some(first), None);
+        }
+        let place = DAffine3::from_scale_rotation_translation(DVec3::ONE * 2.0, DQuat::IDENTITY, DVec3::X * 4.0);
+        builder.instance(mesh, place, first).expect("an instance");
+    }
+    builder.finish(&path).expect("a build");
+    std::fs::read(&path).expect("a file")
+}
+
+pub fn model() -> (&'static [u8], ModelFile) {
+    static MODEL: OnceLock<Vec<u8>> = OnceLock::new();
+    let bytes = MODEL.get_or_init(build);
+    (&bytes[..], ModelFile::open(Arc::new(MemorySource::new(bytes.clone()))).expect("a model"))
+}
+
+/// Offsets of all sections.
+pub fn sections(file: &ModelFile) -> [(Kind, usize, usize, u64); KINDS.len()] {
+    let names: usize = file.parts().iter().map(|part| part.name.len()).sum();
+    let counts = [
+        file.directory().len(),
+        file.parts().len(),
+        file.materials().len(),
+        file.instances().len(),
+        file.trees().len(),
+    ];
+    let mut end = file.directory().last().expect("a block").end();
+    std::array::from_fn(|i| {
+        let kind = KINDS[i];
+        let len = counts[i] * kind.row_len() + if kind == Kind::Parts { names } else { 0 };
+        let offset = end.next_multiple_of(ALIGN);
+        end = offset + len as u64;
+        (kind, offset as usize, len, counts[i] as u64)
+    })
+}

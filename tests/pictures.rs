@@ -1,0 +1,14 @@
+//! Frames and stand-ins: pictures, light, the promise of each hit, and the stability of level of detail.
+
+mod common;
+mod figures;
+mod frame_requests;
+mod frames;
+mod oracle_light;
+mod oracle_pictures;
+mod part_looks;
+mod picture_errors;
+mod picture_perceived;
+mod promise;
+mod shadows;
+mod stability;

@@ -1,0 +1,22 @@
+//! How rays are traced: single rays, packets, streams, bundles, intervals and queries, compared with double precision.
+
+mod bundles;
+mod common;
+mod counters;
+mod coverage;
+mod exact;
+mod exact_scene;
+mod far_away;
+mod few_rays;
+mod instances;
+mod intervals;
+mod many_trees;
+mod memory;
+mod oracle;
+mod paths;
+mod queries;
+mod query_packets;
+mod robust_rays;
+mod slivers;
+mod structures;
+mod walk;
