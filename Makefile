@@ -1,12 +1,12 @@
 # make demo   pictures of an airliner of two million triangles (or of MODEL=file), the first and the last, and a pick
-# make test   everything that must hold
+# make test   runs every check
 # make contact-sheet   every mesh of the models folder in one picture, target/contact-sheet.png, and a table
-# make figures  what level of detail comes to on 10 and 40 million triangles: first pictures, bytes, times, a flight in 64 MB (as root it empties the cache of files)
-# make bench    speed and accuracy together, beside Embree, obvhs and parry3d, in some 25 minutes: target/bench/results.jsonl; FULL=1: all of it, which takes far longer
-# make charts   the results as charts in tests/bench/charts, from nothing in some 25 minutes; measures what there are no results of by this version;
-#               FULL=1: likewise; KEEP=1: takes results of other versions too
-# make bench-expect  writes the answers anew that benchmarks expect, after a meant change; ONLY=name: those of one benchmark
-# make header writes include/outcrop.h anew from src/capi
+# make figures  level of detail on 10 and 40 million triangles: first pictures, bytes, times, a flight in 64 MB (as root it empties the file cache)
+# make bench    speed and accuracy of outcrop, Embree, obvhs and parry3d, in some 25 minutes: target/bench/results.jsonl; FULL=1: all benchmarks, far longer
+# make charts   draws the results into tests/bench/charts; measures the benchmarks that have no result of this version (some 25 minutes for all);
+#               FULL=1: all benchmarks; KEEP=1: uses results of other versions too
+# make bench-expect  writes the expected answers of the benchmarks, after an intended change; ONLY=name: of one benchmark
+# make header generates include/outcrop.h from src/capi
 #
 # All set themselves up: on a fresh Debian 12 with Rust 1.89 or later nothing else is needed.
 
@@ -35,7 +35,7 @@ lint: setup
 unit: setup
 	$(CARGO) test --locked --workspace
 
-# Installed to one place and moved to another: a package that minds does not pass.
+# Installed to one place and moved to another: the package must not depend on its path.
 package: setup
 	$(CMAKE) -S cmake -B $(BUILD)/package
 	$(CMAKE) --build $(BUILD)/package

@@ -48,7 +48,7 @@
  *   - A pointer may be NULL only if its documentation says so.
  *   - If the count of an array is 0, its pointer is ignored.
  *   - A stride is in bytes. 0 means tightly packed.
- *   - Arrays may have any alignment.
+ *   - Arrays, vectors and matrices may have any alignment.
  *
  * Values
  *   - Strings are UTF-8 and end with 0. Paths are any bytes on Unix, UTF-8 elsewhere.
@@ -262,14 +262,15 @@ typedef struct oc_context_desc {
      */
     uint32_t threads;
     /**
-     * Limit in bytes of the memory that all models together take, including tables and buffers for reading. Never
-     * exceeded. 0: three quarters of the machine's memory. A value above the machine's memory is refused. Buffers of
-     * frames and batches are not included.
+     * Limit in bytes of the memory that the blocks of all models take, including tables and buffers for reading. Never
+     * exceeded. Not included: lists of parts (about 140 bytes and the name each), three blocks for each thread that
+     * reads, the rest of huge pages (at most a sixteenth), and scenes. 0: three quarters of the machine's memory. A
+     * value above the machine's memory is refused. Buffers of frames and batches are not included.
      *
      * A model may be many times larger than the budget:
      * - Opening a model reads its coarse blocks. Other blocks are read when they are used. The least recently used
      *   blocks are evicted.
-     * - Tables, root blocks and a few megabytes for reading must stay in memory. If they do not fit, opening fails
+     * - Tables, root blocks and 2 to 12 MiB for reading must stay in memory. If they do not fit, opening fails
      *   with OC_STATUS_OVER_BUDGET, and oc_last_error_need returns the least budget that suffices.
      * - If the data of a view does not fit, all of the picture becomes coarser evenly. Exact queries take longer.
      */
@@ -303,7 +304,7 @@ typedef struct oc_build_desc {
     oc_structure structure;
     /**
      * Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
-     * files. 0: no limit.
+     * files. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files. 0: no limit.
      */
     uint64_t memory_budget;
     /**
@@ -620,15 +621,16 @@ typedef struct oc_ray {
     double t_min;
     /** End of the interval: hits with a greater `t` are ignored. 0: no end. Below `t_min` or NaN: the ray misses. */
     double t_max;
-    /** Direction; need not be unit. Zero or not finite: the ray misses. */
+    /** Direction; need not be unit. Zero or not finite: the ray misses. Components below 1.2e-38 count as zero. */
     float direction[3];
     /**
      * Footprint of the ray: its width at `t` is `cone_a + cone_b * t`, in world units. A stand-in may replace
      * triangles if the area of its box, projected along the ray, is at most the square of the width there.
      *
      * - Exact answers: `cone_a` = 0, `cone_b` = 0.
-     * - p pixels of error, perspective camera, unit direction: `cone_a` = 0,
-     *   `cone_b` = sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels).
+     * - p pixels of error, perspective camera, direction of length 1 along the view axis: `cone_a` = 0,
+     *   `cone_b` = sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels). For a unit direction at the angle a
+     *   to that axis, times cos(a).
      * - p pixels of error, orthographic camera: `cone_b` = 0,
      *   `cone_a` = sqrt(p) * (height of the picture in world units) / (height of the picture in pixels).
      *
@@ -692,8 +694,8 @@ typedef struct oc_hit {
      *
      * - Exact hit: `t` less the possible rounding error.
      * - Miss: infinity.
-     * - Hit or miss after a stand-in transmitted the ray: where the ray entered the first such stand-in, or where it
-     *   met another surface before that.
+     * - Hit or miss after a stand-in transmitted the ray: its own `t_free` as above, or that of the hit if no stand-in
+     *   transmitted the ray, whichever is smaller.
      */
     double t_free;
     /** Id of the part, as passed when the model was built. Miss: OC_NO_ID. */
@@ -888,7 +890,7 @@ typedef struct oc_pixels {
 /** The file: an input file of a build cannot be parsed. */
 #define OC_STATUS_PARSE 200
 
-/** The file: the model file is damaged, or is not a model. */
+/** The file: the model file is damaged, is not a model, or has an older format. */
 #define OC_STATUS_CORRUPT 201
 
 /** The installation: the program was compiled with the header of another version. */
@@ -986,8 +988,9 @@ typedef struct oc_pixels {
 #define OC_INSTRUCTION_SET_AVX512 3
 
 /**
- * The library reads only the data that frames and queries need. Without this flag it also reads all of a model that
- * fits the memory budget, in the background, while nothing more urgent waits to be read.
+ * The library reads only the data that frames and queries need. Without this flag it also reads the geometry and
+ * colours of a model that fits the memory budget, in the background, while nothing more urgent waits to be read.
+ * Primitive ids are read only on request.
  */
 #define OC_CONTEXT_NO_READ_AHEAD 1
 
@@ -1091,7 +1094,7 @@ typedef struct oc_pixels {
  * Hit on a stand-in as fine as the ray's cone requires: a cell that contains original surface.
  * - `t`: where the ray enters the cell.
  * - `normal`: mean normal of the surface visible there.
- * - `part`: the part with the largest visible share.
+ * - `part`: the part with the largest visible area, over all directions.
  * - `uv`, `prim`: as for a miss.
  *
  * A cell with wires, leaves or the like is a partly open stand-in: it transmits the same share of rays as its content
@@ -1102,6 +1105,9 @@ typedef struct oc_pixels {
 /**
  * Hit on a stand-in that is coarser than required, because the data below it is not in memory. Only frames and
  * OC_QUERY_NOW return it. Members as for OC_HIT_LOD.
+ *
+ * An exact hit whose primitive id was requested (OC_WANT_PRIM, part of the default) but is not in memory has this kind
+ * too. Its other members are those of the exact hit; `prim` is OC_NO_ID.
  *
  * Exception: if the ray starts inside of the cell, `t` is where it leaves the cell and `t_free` is t_min: the cell may
  * contain surface anywhere.
@@ -1170,7 +1176,10 @@ typedef struct oc_pixels {
 /** 1 uint64_t: id of the part. Miss: OC_NO_ID. */
 #define OC_BUFFER_PART 4
 
-/** 1 uint64_t: index of the triangle in the input of the build. Miss: OC_NO_ID. */
+/**
+ * 1 uint64_t: index of the triangle in the input of the build. OC_NO_ID for a miss, for a stand-in, and in early
+ * pictures for a triangle whose id is not read yet.
+ */
 #define OC_BUFFER_PRIM 5
 
 /** 1 uint64_t: id of the instance. Miss: OC_NO_ID. */
@@ -1531,7 +1540,9 @@ oc_status oc_build_add_instance(struct oc_build *build,
  *
  * Errors:
  * - OC_STATUS_INVALID_ARGUMENT: an index is out of range, the part or mesh was not added, or a count or stride is
- *   wrong. Nothing was added. A model holds fewer than 2^32 - 1 triangles.
+ *   wrong. Nothing was added.
+ * - OC_STATUS_INVALID_ARGUMENT: the model would hold 2^32 - 1 triangles or more. The first of them may have been
+ *   added.
  * - OC_STATUS_INVALID_STATE: after oc_build_start.
  * - OC_STATUS_IO: the temporary file for data above the build's budget cannot be written. The build can then only be
  *   released.
@@ -2168,7 +2179,7 @@ void oc_mapping_release(struct oc_mapping *mapping);
  * coarser because of a prefetch.
  *
  * - `low`, `high`: corners of the box, three doubles each, world space.
- * - `cell`: length in world units, 0 or more. 0: all blocks.
+ * - `cell`: length in world units, 0 or more. 0: all blocks of geometry (not primitive ids and colours).
  * - `out_job`: receives the job. Its progress counts blocks (`done`) and their bytes in memory (`bytes`).
  *
  * The job ends as

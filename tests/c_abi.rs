@@ -3,4 +3,5 @@
 mod abi;
 mod abi_header;
 mod abi_layout;
+#[cfg(unix)]
 mod guide;

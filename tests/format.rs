@@ -136,6 +136,7 @@ fn check_section(kind: Kind, begin: &str, expected: impl Fn(&ModelFile, usize) -
     let (_, offset, _, count) = all.into_iter().find(|section| section.0 == kind).expect("a section");
     let heading = numbers(section(begin).0);
     assert!(heading.ends_with(&[kind as u64, kind.row_len() as u64]), "{begin}: kind and size in the heading");
+    assert!(count > 0, "{begin}: the model has no row to check");
     for i in 0..count as usize {
         let row = &bytes[offset + i * kind.row_len()..][..kind.row_len()];
         check_row(begin, row, &expected(&file, i));

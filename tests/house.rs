@@ -168,6 +168,21 @@ fn every_file_belongs_to_a_module() {
     none(all.filter(|f| !used.contains(f)).map(|f| format!("{}: no module", short(&f))).collect());
 }
 
+#[test]
+fn every_test_file_belongs_to_a_binary() {
+    let cargo = std::fs::read_to_string(root().join("Cargo.toml")).unwrap();
+    let roots: Vec<_> = cargo.lines().filter_map(|l| l.strip_prefix("path = \"tests/")?.strip_suffix('"')).collect();
+    assert!(roots.len() > 5, "{roots:?}");
+    let texts: Vec<_> =
+        roots.iter().map(|name| std::fs::read_to_string(root().join("tests").join(name)).unwrap()).collect();
+    let is_used = |name: &str| {
+        let module = format!("mod {};", name.trim_end_matches(".rs"));
+        roots.contains(&name) || texts.iter().any(|text| text.lines().any(|line| line == module))
+    };
+    let files = std::fs::read_dir(root().join("tests")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+    none(files.filter(|f| f.ends_with(".rs") && !is_used(f)).map(|f| format!("tests/{f}: in no binary")).collect());
+}
+
 fn modules_of_bin() -> Vec<Module> {
     modules(&root().join("src/bin/outcrop/main.rs"))
 }

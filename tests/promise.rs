@@ -109,7 +109,7 @@ impl Tally {
     /// such cells are long and thin at most. (Of rays that lack what would tell nothing is free.)
     fn judge_passed(&mut self, oracle: &Bvh64, ray: &Ray, hit: &Hit) {
         let width = f64::from(ray.cone.a) + f64::from(ray.cone.b) * hit.t_free;
-        assert!(width > 0.0, "{ray:?} transmitted a stand-in");
+        assert!(width > 0.0, "a stand-in transmitted {ray:?}");
         if hit.t_free > ray.t_min {
             let at = ray.origin + ray.dir.as_dvec3() * hit.t_free;
             let apart = oracle.distance(at, LONG * width);

@@ -4,7 +4,7 @@
 //! they vary.
 //!
 //! [`table`] says which test shows which row, where present parts miss a line, and which rows wait for later parts.
-//! `cargo test --test stability -- --nocapture` prints what is measured.
+//! `cargo test --test pictures stability:: -- --nocapture` prints what is measured.
 
 #[path = "stability/awkward.rs"]
 mod awkward;

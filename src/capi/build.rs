@@ -90,7 +90,7 @@ pub struct oc_build_desc {
     /// One of the OC_STRUCTURE_ constants.
     pub structure: oc_structure,
     /// Limit in bytes of the memory that the build takes, at least 32 MiB. Data that does not fit goes to temporary
-    /// files. 0: no limit.
+    /// files. Not included: vertices of OBJ files, colours of PLY vertices, buffers of glTF files. 0: no limit.
     pub memory_budget: u64,
     /// Folder for temporary files. NULL: the system's (`TMPDIR`, if it is set). The folder is not accessed before the
     /// first temporary file is written.

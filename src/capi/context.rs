@@ -88,8 +88,9 @@ pub const OC_INSTRUCTION_SET_AVX512: oc_instruction_set = 3;
 
 /// Flags of oc_context_desc.
 pub type oc_context_flags = u32;
-/// The library reads only the data that frames and queries need. Without this flag it also reads all of a model that
-/// fits the memory budget, in the background, while nothing more urgent waits to be read.
+/// The library reads only the data that frames and queries need. Without this flag it also reads the geometry and
+/// colours of a model that fits the memory budget, in the background, while nothing more urgent waits to be read.
+/// Primitive ids are read only on request.
 pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
 
 /// Options of a context. All zeros: no threads, three quarters of the machine's memory.
@@ -103,14 +104,15 @@ pub struct oc_context_desc {
     /// 0: no worker threads. Your thread alternates reading and tracing inside `oc_context_step` or waits; refinement
     /// of a model that is being read is slower, slowest with `oc_context_step`.
     pub threads: u32,
-    /// Limit in bytes of the memory that all models together take, including tables and buffers for reading. Never
-    /// exceeded. 0: three quarters of the machine's memory. A value above the machine's memory is refused. Buffers of
-    /// frames and batches are not included.
+    /// Limit in bytes of the memory that the blocks of all models take, including tables and buffers for reading. Never
+    /// exceeded. Not included: lists of parts (about 140 bytes and the name each), three blocks for each thread that
+    /// reads, the rest of huge pages (at most a sixteenth), and scenes. 0: three quarters of the machine's memory. A
+    /// value above the machine's memory is refused. Buffers of frames and batches are not included.
     ///
     /// A model may be many times larger than the budget:
     /// - Opening a model reads its coarse blocks. Other blocks are read when they are used. The least recently used
     ///   blocks are evicted.
-    /// - Tables, root blocks and a few megabytes for reading must stay in memory. If they do not fit, opening fails
+    /// - Tables, root blocks and 2 to 12 MiB for reading must stay in memory. If they do not fit, opening fails
     ///   with OC_STATUS_OVER_BUDGET, and oc_last_error_need returns the least budget that suffices.
     /// - If the data of a view does not fit, all of the picture becomes coarser evenly. Exact queries take longer.
     pub memory_budget: u64,

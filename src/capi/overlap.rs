@@ -40,7 +40,7 @@ pub struct oc_plane {
     pub d: f64,
 }
 
-/// No volume has as many planes: a larger count is a mistake of the caller.
+/// No volume needs more planes: a larger count is a mistake of the caller.
 const MAX_PLANES: u64 = 4096;
 
 /// Writes the result: always the count, and the elements if they fit.

@@ -62,7 +62,7 @@ unsafe fn point(pointer: *const f64, name: &str) -> Checked<DVec3> {
 /// coarser because of a prefetch.
 ///
 /// - `low`, `high`: corners of the box, three doubles each, world space.
-/// - `cell`: length in world units, 0 or more. 0: all blocks.
+/// - `cell`: length in world units, 0 or more. 0: all blocks of geometry (not primitive ids and colours).
 /// - `out_job`: receives the job. Its progress counts blocks (`done`) and their bytes in memory (`bytes`).
 ///
 /// The job ends as

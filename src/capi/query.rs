@@ -21,14 +21,15 @@ pub struct oc_ray {
     pub t_min: f64,
     /// End of the interval: hits with a greater `t` are ignored. 0: no end. Below `t_min` or NaN: the ray misses.
     pub t_max: f64,
-    /// Direction; need not be unit. Zero or not finite: the ray misses.
+    /// Direction; need not be unit. Zero or not finite: the ray misses. Components below 1.2e-38 count as zero.
     pub direction: [f32; 3],
     /// Footprint of the ray: its width at `t` is `cone_a + cone_b * t`, in world units. A stand-in may replace
     /// triangles if the area of its box, projected along the ray, is at most the square of the width there.
     ///
     /// - Exact answers: `cone_a` = 0, `cone_b` = 0.
-    /// - p pixels of error, perspective camera, unit direction: `cone_a` = 0,
-    ///   `cone_b` = sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels).
+    /// - p pixels of error, perspective camera, direction of length 1 along the view axis: `cone_a` = 0,
+    ///   `cone_b` = sqrt(p) * 2 tan(fov_y / 2) / (height of the picture in pixels). For a unit direction at the angle a
+    ///   to that axis, times cos(a).
     /// - p pixels of error, orthographic camera: `cone_b` = 0,
     ///   `cone_a` = sqrt(p) * (height of the picture in world units) / (height of the picture in pixels).
     ///
@@ -49,7 +50,7 @@ pub const OC_HIT_EXACT: oc_hit_kind = 1;
 /// Hit on a stand-in as fine as the ray's cone requires: a cell that contains original surface.
 /// - `t`: where the ray enters the cell.
 /// - `normal`: mean normal of the surface visible there.
-/// - `part`: the part with the largest visible share.
+/// - `part`: the part with the largest visible area, over all directions.
 /// - `uv`, `prim`: as for a miss.
 ///
 /// A cell with wires, leaves or the like is a partly open stand-in: it transmits the same share of rays as its content
@@ -57,6 +58,9 @@ pub const OC_HIT_EXACT: oc_hit_kind = 1;
 pub const OC_HIT_LOD: oc_hit_kind = 2;
 /// Hit on a stand-in that is coarser than required, because the data below it is not in memory. Only frames and
 /// OC_QUERY_NOW return it. Members as for OC_HIT_LOD.
+///
+/// An exact hit whose primitive id was requested (OC_WANT_PRIM, part of the default) but is not in memory has this kind
+/// too. Its other members are those of the exact hit; `prim` is OC_NO_ID.
 ///
 /// Exception: if the ray starts inside of the cell, `t` is where it leaves the cell and `t_free` is t_min: the cell may
 /// contain surface anywhere.
@@ -94,8 +98,8 @@ pub struct oc_hit {
     ///
     /// - Exact hit: `t` less the possible rounding error.
     /// - Miss: infinity.
-    /// - Hit or miss after a stand-in transmitted the ray: where the ray entered the first such stand-in, or where it
-    ///   met another surface before that.
+    /// - Hit or miss after a stand-in transmitted the ray: its own `t_free` as above, or that of the hit if no stand-in
+    ///   transmitted the ray, whichever is smaller.
     pub t_free: f64,
     /// Id of the part, as passed when the model was built. Miss: OC_NO_ID.
     pub part: u64,

@@ -281,7 +281,7 @@ pub unsafe extern "C" fn oc_scene_clear_part_looks(scene: *mut oc_scene, instanc
     })
 }
 
-/// No scene has as many lights: a larger count is a mistake of the caller.
+/// No scene needs more lights: a larger count is a mistake of the caller.
 const MAX_LIGHTS: u64 = 65536;
 
 /// Replaces all lights. Takes effect at oc_scene_commit. Without lights only the ambient light of the frame remains.

@@ -24,7 +24,7 @@ pub const OC_STATUS_BUFFER_TOO_SMALL: oc_status = 102;
 pub const OC_STATUS_CANCELLED: oc_status = 103;
 /// The file: an input file of a build cannot be parsed.
 pub const OC_STATUS_PARSE: oc_status = 200;
-/// The file: the model file is damaged, or is not a model.
+/// The file: the model file is damaged, is not a model, or has an older format.
 pub const OC_STATUS_CORRUPT: oc_status = 201;
 /// The installation: the program was compiled with the header of another version.
 pub const OC_STATUS_VERSION_MISMATCH: oc_status = 300;

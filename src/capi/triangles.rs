@@ -170,7 +170,9 @@ const BATCH: usize = 4096;
 ///
 /// Errors:
 /// - OC_STATUS_INVALID_ARGUMENT: an index is out of range, the part or mesh was not added, or a count or stride is
-///   wrong. Nothing was added. A model holds fewer than 2^32 - 1 triangles.
+///   wrong. Nothing was added.
+/// - OC_STATUS_INVALID_ARGUMENT: the model would hold 2^32 - 1 triangles or more. The first of them may have been
+///   added.
 /// - OC_STATUS_INVALID_STATE: after oc_build_start.
 /// - OC_STATUS_IO: the temporary file for data above the build's budget cannot be written. The build can then only be
 ///   released.

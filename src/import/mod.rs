@@ -123,10 +123,10 @@ pub struct ReadOptions {
 
 /// Reads the mesh file at `path` into `sink`. The format is detected by the content first, then by the file extension.
 ///
-/// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`) and the raw soup of this crate ([`raw`]). Memory is bounded by the
-/// size of the file (12 or 24 bytes per vertex for formats with global indices, less with [`ReadOptions::memory`]),
-/// never by the counts in a header. A file without parts of its own becomes one part with the name of the file, without
-/// folder and extension.
+/// Reads PLY, OBJ, STL, glTF 2.0 (`.gltf`, `.glb`) and the raw soup of this crate ([`raw`]). Memory grows with the real
+/// size of the file (at most 12 or 24 bytes per vertex for formats with global indices, less with
+/// [`ReadOptions::memory`]), never with the counts in a header. A file without parts of its own becomes one part with
+/// the name of the file, without folder and extension.
 ///
 /// Fails with [`crate::Error::Parse`], naming line or byte, if the content is invalid or not a mesh; with `Io` if the
 /// file cannot be read; with the errors of the sink. A mesh file without triangles is valid and adds a note to the

@@ -21,7 +21,8 @@ pub enum Buffer {
     Normal = 3,
     /// 1 u64: the caller's part id; [`crate::query::NONE`] for a miss.
     Part = 4,
-    /// 1 u64: primitive id; [`crate::query::NONE`] for a miss.
+    /// 1 u64: primitive id; [`crate::query::NONE`] for a miss, for a stand-in, and in early pictures for a triangle
+    /// whose id is not read yet.
     Primitive = 5,
     /// 1 u64: the caller's instance id; [`crate::query::NONE`] for a miss.
     Instance = 6,

@@ -53,7 +53,8 @@ impl Default for FrameSettings {
     }
 }
 
-/// One view being rendered. Thread-safe. All calls but [`Frame::wait`] and [`Frame::pick`] are cheap.
+/// One view being rendered. Thread-safe. [`Frame::wait`] and [`Frame::pick`] block. So do [`Frame::resize`], and
+/// [`Frame::request`] of a frame with targets: they wait for tiles in flight. All other calls are cheap.
 ///
 /// Dropping it cancels the request in progress and waits for the tiles in flight.
 pub struct Frame {

@@ -22,8 +22,8 @@ pub trait Decoder: Send + Sync {
     fn decode(&self, id: BlockId, payload: &[u8]) -> std::result::Result<Vec<u32>, String>;
 
     /// Calls `refer` for each reference of a decoded block to others. Returns the number of nodes of the block itself.
-    /// The residency checks each two blocks that are ever in memory against each other, so no reference leads to a
-    /// missing node.
+    /// For each pair of blocks that have been in memory, the residency checks the references of one against the nodes
+    /// of the other, so no reference leads to a missing node.
     fn links(&self, id: BlockId, words: &[u32], refer: &mut dyn FnMut(Reference)) -> u32 {
         let _ = (id, words, refer);
         u32::MAX
@@ -219,7 +219,8 @@ impl ModelBlocks {
         self.inner.table_bytes
     }
 
-    /// Returns the current snapshot with the blocks of `held` added; `None` if there is no memory for the table.
+    /// Returns the current snapshot with the blocks of `held` added; `None` if the budget has no room for
+    /// a changed table.
     pub fn snapshot_with(&self, held: &Held) -> Option<Arc<Snapshot>> {
         let shared = self.snapshot();
         let absent: Vec<_> = held.iter().filter(|(id, _)| shared.block(*id).is_none()).collect();

@@ -39,7 +39,8 @@ pub struct ResidencyOptions {
 /// keeps its blocks. This is the epoch scheme, with each held snapshot as an epoch. No single thread owns all writes:
 /// each thread that pumps takes one mutex, which threads that trace never take.
 ///
-/// **The budget** holds tables, slots until their last holder drops them, and the working memory of threads that read.
+/// **The budget** holds tables, slots until their last holder drops them, and the working memory of threads that read,
+/// except the arrays that blocks are decoded in and the lists of parts.
 /// A part of it, the reserve, is for the lease of exact jobs, so that they end even if views use the rest.
 #[derive(Clone)]
 pub struct Residency(Arc<Shared>);
@@ -269,7 +270,7 @@ impl Shared {
         let mut after = After::default();
         let is_free = {
             let mut state = self.lock();
-            state.fits(self, bytes) || state.free_up_whoever_uses_it(self, bytes, &mut after).is_ok()
+            state.fits(self, bytes) || state.free_up_in_use(self, bytes, &mut after).is_ok()
         };
         after.run(self);
         is_free

@@ -64,7 +64,7 @@ impl State {
 
     /// Like [`State::free_up`], but also evicts blocks that views use. Complete pictures stay, and running passes end
     /// with the blocks that they hold.
-    pub fn free_up_whoever_uses_it(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
+    pub fn free_up_in_use(&mut self, shared: &Shared, need: u64, after: &mut After) -> Result<(), Short> {
         self.free_up_beside(shared, need, &[u32::MAX; CHANNELS], after)
     }
 

@@ -122,7 +122,7 @@ impl Lease {
         left.dedup();
         loop {
             cancel.check()?;
-            self.hold_what_is_there(&model.inner, &mut left);
+            self.hold_present(&model.inner, &mut left);
             let there = || {
                 let there = model.snapshot();
                 left.iter().copied().filter(|&id| there.block(id).is_none()).collect::<Vec<_>>()
@@ -158,7 +158,7 @@ impl Lease {
     }
 
     /// Moves those of `left` that are in memory, or that leases have left, to the held blocks.
-    fn hold_what_is_there(&mut self, model: &Inner, left: &mut Vec<BlockId>) {
+    fn hold_present(&mut self, model: &Inner, left: &mut Vec<BlockId>) {
         let there = model.published.load_full();
         let held = self.held.entry(model.key).or_default();
         let mut inside = self.shared.reserve.lock();
@@ -181,7 +181,7 @@ impl Lease {
         let bytes: u64 = run.iter().map(|&id| model.slot_bytes(id)).sum();
         let mut charge = reserve.account.charge(bytes, reserve.working());
         if charge.is_none() {
-            self.drop_what_others_left();
+            self.drop_released();
             charge = reserve.account.charge(bytes, reserve.working());
         }
         let mut charge = charge.ok_or_else(|| self.no_room(model, bytes))?;
@@ -199,7 +199,7 @@ impl Lease {
     }
 
     /// Drops the blocks that other leases left and this lease has not used.
-    fn drop_what_others_left(&self) {
+    fn drop_released(&self) {
         self.shared.reserve.lock().left.retain(|_, (_, last)| *last == self.number);
     }
 

@@ -403,7 +403,7 @@ impl Shared {
         drop(room);
         if !loaded.failed.is_empty() {
             let failed: Vec<BlockId> = loaded.failed.iter().map(|(id, _)| *id).collect();
-            self.tell_those_who_want(&model, &failed);
+            self.notify_views(&model, &failed);
         }
         if published { Unit::Did } else { Unit::Starved }
     }
@@ -437,7 +437,7 @@ impl Shared {
         }
     }
 
-    fn tell_those_who_want(&self, model: &Inner, ids: &[BlockId]) {
+    fn notify_views(&self, model: &Inner, ids: &[BlockId]) {
         let mut after = After::default();
         let mut state = self.lock();
         let views = state.live_views();

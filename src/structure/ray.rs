@@ -75,8 +75,8 @@ pub(in crate::structure) fn abs<const N: usize, L: Lanes<N>>(zero: L, v: L) -> L
     v.max(zero - v)
 }
 
-/// Tolerance of box slabs as a part of the greatest magnitude of a coordinate. Rounding needs 7 h (h = 2^-24); the rest
-/// is for packets, which use the same tolerance for the boxes of triangles.
+/// Tolerance of box slabs as a part of the greatest magnitude of a coordinate. Rounding needs 7 h (h = 2^-24).
+/// Packets test the boxes of triangles with the same tolerance, which needs the rest.
 pub(in crate::structure) const SLACK: f32 = 32.0 / 16_777_216.0;
 
 /// Returns the tolerance of a box's planes for a ray with origin coordinate `org` on an axis, signed like the inverse

@@ -52,7 +52,7 @@ impl TestTree {
         // Fine blocks refer to no others: where they are is all that they need to know.
         let plans = built.chunk.take_plans();
         let (chunk, upper_tree) =
-            (&built.chunk, built.top.map(|top| UpperTree::over(vec![top]).expect("a upper_tree")));
+            (&built.chunk, built.top.map(|top| UpperTree::over(vec![top]).expect("an upper tree")));
         let coarse = upper_tree.iter().flat_map(|c| (0..c.blocks()).map(|i| c.encode(i, 0)));
         let (fine, leaves): (Vec<TreeBlock>, Vec<Option<TreeBlock>>) =
             plans.into_iter().map(|plan| chunk.encode(plan)).unzip();

@@ -92,8 +92,8 @@ impl<const N: usize> StandIns<N> {
         gone
     }
 
-    /// The model's part that covers most of the stand-in in the direction of ray `i`; `u32::MAX` if that part is
-    /// hidden.
+    /// The model's part with the largest visible area of the stand-in of ray `i`, over all directions; `u32::MAX` if
+    /// that part is hidden.
     #[inline(always)]
     pub fn part(&self, i: usize) -> u32 {
         if self.hidden >> i & 1 == 1 { u32::MAX } else { self.first_part.saturating_add(self.cells.part[i]) }
@@ -420,7 +420,7 @@ impl<'a> Look<'a> {
         self.one.facing(0)
     }
 
-    /// The model's part that covers most of the visible surface; `u32::MAX` if that part is hidden.
+    /// The model's part with the largest visible area, over all directions; `u32::MAX` if that part is hidden.
     pub fn part(&self) -> u32 {
         self.one.part(0)
     }

@@ -285,7 +285,7 @@ impl Inner {
                 ViewState::Failed => self.find_out(&mut walk),
                 ViewState::Satisfied => {}
             }
-            self.count_what_came(&mut walk);
+            self.count_arrived(&mut walk);
             walk.begin_pass(&self.scene);
         }
         if walk.step(&self.scene, self.stamp) {
@@ -309,7 +309,7 @@ impl Inner {
         }
     }
 
-    fn count_what_came(&self, walk: &mut Walk) {
+    fn count_arrived(&self, walk: &mut Walk) {
         let there = Snapshots::take(&self.scene);
         let came: Vec<Need> = walk.taken.drain(..).filter(|need| there.has(*need)).collect();
         let bytes: u64 = came.iter().map(|&need| bytes_of(&self.scene, need)).sum();

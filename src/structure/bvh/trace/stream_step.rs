@@ -231,7 +231,7 @@ struct Crossed<S: Simd> {
     /// Children that the ray hits before its best hit.
     met: u32,
     enter: S::F8,
-    /// Regardless of the best hit.
+    /// Distance at which the ray leaves each box; not limited by the best hit.
     leave: S::F8,
     /// Length of the ray between the planes of each axis.
     across: [S::F8; 3],
