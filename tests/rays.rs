@@ -14,6 +14,7 @@ mod many_trees;
 mod memory;
 mod oracle;
 mod paths;
+mod precision;
 mod queries;
 mod query_packets;
 mod robust_rays;

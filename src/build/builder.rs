@@ -121,7 +121,7 @@ impl Builder {
         let mut report = in_pool(options.threads, |threads| seal::run(gathered, &asked, threads))?;
         progress.advance(1.0);
         progress.enter(Phase::Done);
-        report.notes = notes;
+        report.notes.splice(0..0, notes);
         report.seconds = PhaseSeconds { read, ..report.seconds };
         Ok(report)
     }

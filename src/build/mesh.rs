@@ -17,6 +17,7 @@ use crate::store::TreeRow;
 use crate::structure::bake::{BakeOp, Baker, Counts, TreeInput, TreeOptions, with_baker};
 use glam::{DVec3, Vec3};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// Maximum number of references that splits add, per triangle.
@@ -26,7 +27,6 @@ const SPLIT_BUDGET: f32 = 0.5;
 struct Waiting<'a> {
     spool: &'a Spool,
     from: Option<&'a Scratch>,
-    origin: DVec3,
 }
 
 impl Batches for Waiting<'_> {
@@ -40,10 +40,10 @@ impl Batches for Waiting<'_> {
         self.spool.triangles
     }
     fn origin(&self) -> DVec3 {
-        self.origin
+        self.spool.origin
     }
     fn bounds(&self) -> Bounds {
-        let around = |p: DVec3| (p - self.origin).as_vec3().clamp(Vec3::splat(-FAR), Vec3::splat(FAR));
+        let around = |p: DVec3| (p - self.spool.origin).as_vec3().clamp(Vec3::splat(-FAR), Vec3::splat(FAR));
         Bounds { min: around(self.spool.bounds.min), max: around(self.spool.bounds.max) }
     }
 }
@@ -87,7 +87,7 @@ impl BakeOp for Mesh<'_, '_> {
 impl Output<'_> {
     fn in_one<B: Baker>(
         &mut self,
-        spool: Spool,
+        mut spool: Spool,
         options: &BuildOptions,
         index: usize,
         assembly: &mut Assembly,
@@ -95,10 +95,11 @@ impl Output<'_> {
         span: Span,
     ) -> Result<TreeRow> {
         let begun = Instant::now();
+        let copies = std::mem::take(&mut spool.copies);
         let placed = origin::place(spool, self.spilled.as_ref(), &self.par, self.cancel)?;
         self.cancel.check()?;
-        self.judged(&placed.fates, placed.origin, &mut row);
-        let of_parts = parts::count(&placed.triangles, &placed.parts, &self.par);
+        self.judged(&placed.fates, placed.origin, &copies, &mut row);
+        let of_parts = parts::but(parts::count(&placed.triangles, &placed.parts, &self.par), &copies);
         assembly.add(index, placed.origin, &of_parts);
         if placed.triangles.is_empty() {
             return Ok(row);
@@ -128,7 +129,7 @@ impl Output<'_> {
 
     fn in_chunks<B: Baker>(
         &mut self,
-        spool: Spool,
+        mut spool: Spool,
         options: &BuildOptions,
         index: usize,
         assembly: &mut Assembly,
@@ -137,7 +138,7 @@ impl Output<'_> {
     ) -> Result<TreeRow> {
         let begun = Instant::now();
         let from = self.spilled.as_ref();
-        let mesh = Waiting { spool: &spool, from, origin: origin::choose(&spool.bounds, spool.is_single) };
+        let mesh = Waiting { spool: &spool, from };
         let total = spool.triangles as f64;
         let heard = |part: Span| move |seen: u64| part.part(seen as f64 / total, 1.0).0;
         let (at, progress) = (heard(span.part(0.0, 0.08)), self.progress);
@@ -153,14 +154,15 @@ impl Output<'_> {
         let at = heard(span.part(0.08, 0.25));
         let mut seen = |seen: u64| progress.advance(at(seen));
         let buckets = distributor.chunks(&mesh, &found.grid, &found.histogram, &mut seen)?;
-        let origin = mesh.origin;
+        let origin = spool.origin;
         let mesh_half_area = spool.bounds.half_area() as f32;
+        let copies = std::mem::take(&mut spool.copies);
         drop(spool);
         if self.trees_left == 0 {
             self.spilled = None;
         }
-        self.judged(&found.fates, origin, &mut row);
-        assembly.add(index, origin, &found.parts);
+        self.judged(&found.fates, origin, &copies, &mut row);
+        assembly.add(index, origin, &parts::but(found.parts, &copies));
         let split = asked_for_splits(options.splits).unwrap_or_else(|| B::splits_pay(&found.samples));
         self.report.seconds.distribute += begun.elapsed().as_secs_f64();
         let part_colours = assembly.colours(index, row.local_parts);
@@ -223,12 +225,12 @@ impl Output<'_> {
         self.write_blocks((0..coarse).collect(), |i| vec![B::encode_coarse(upper_tree, i, first)], Span(at, at))
     }
 
-    fn judged(&mut self, fates: &origin::Fates, origin: DVec3, row: &mut TreeRow) {
+    fn judged(&mut self, fates: &origin::Fates, origin: DVec3, copies: &BTreeMap<u32, u32>, row: &mut TreeRow) {
         self.report.degenerate += fates.degenerate;
         self.report.out_of_range += fates.out_of_range;
         self.report.position_error = self.report.position_error.max(fates.position_error);
         row.origin = origin.to_array();
-        row.triangles = fates.kept;
+        row.triangles = fates.kept.saturating_sub(copies.len() as u64);
         row.position_error = fates.position_error;
     }
 

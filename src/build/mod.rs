@@ -2,8 +2,9 @@
 //!
 //! 1. **read** (`spool`): triangles are checked, counted and kept with their parts; triangles that do not fit the
 //!    memory budget are encoded and written to a scratch file;
-//! 2. **place** (`origin`): each mesh gets an origin, positions become single precision relative to it, and triangles
-//!    without area are counted and dropped;
+//! 2. **place** (`split`, `resolve`, `origin`): each mesh gets an origin, positions become single precision relative to
+//!    it, and triangles without area are counted and dropped. Triangles that would lose their shape go to further
+//!    trees with other origins;
 //! 3. **distribute** (`survey`, `regions`, `distribute`), for meshes that do not fit: triangles are sorted into chunks
 //!    of neighbouring triangles, each of which fits;
 //! 4. **build** (`mesh`): the structure's baker (`structure::bake`) makes a tree and its blocks of each chunk. The
@@ -26,8 +27,10 @@ mod output;
 mod parts;
 mod regions;
 mod report;
+mod resolve;
 mod seal;
 mod shares;
+mod split;
 mod spool;
 mod survey;
 

@@ -1,7 +1,7 @@
 //! The origin of a mesh, to which its single-precision positions are relative, and the error of rounding to these.
 //!
-//! Each mesh has one origin. With an origin for each block, a vertex that two blocks share would be rounded to
-//! different points, and there would be cracks between them.
+//! Each tree has one origin. With an origin for each block, a vertex that two blocks share would be rounded to
+//! different points, and there would be cracks between them. (`split` keeps vertices that two trees share in one place.)
 
 use super::batch::{Batch, Extent};
 use super::spool::{Spool, Taken};
@@ -94,11 +94,10 @@ struct Target<'a> {
     colours: &'a mut [[u8; 4]],
 }
 
-/// Moves a mesh to its origin. Consumes the spool batch by batch. Fails with `Cancelled`, or with `Io` if a part of the
+/// Rounds a mesh to single precision relative to its origin. Consumes the spool batch by batch. Fails with `Cancelled`, or with `Io` if a part of the
 /// mesh is in a scratch file.
 pub fn place(spool: Spool, scratch: Option<&Scratch>, par: &Par, cancel: &Cancel) -> Result<Placed> {
-    let origin = choose(&spool.bounds, spool.is_single);
-    let has_colours = spool.has_colours;
+    let (origin, has_colours) = (spool.origin, spool.has_colours);
     gather(spool.take(), scratch, origin, has_colours, par, cancel)
 }
 
@@ -225,7 +224,7 @@ fn fill(batch: &Batch, origin: DVec3, to: Target) -> Fates {
 }
 
 /// True if the stored corners are not on one line.
-fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
+pub fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
     if a == b || b == c || c == a {
         return false;
     }

@@ -30,6 +30,16 @@ pub fn count(triangles: &[[Vec3; 3]], parts: &[u32], par: &Par) -> BTreeMap<u32,
     all
 }
 
+/// Returns the counts without those of triangles that are `copies`, given by primitive id with their parts.
+pub fn but(mut of_parts: BTreeMap<u32, OfPart>, copies: &BTreeMap<u32, u32>) -> BTreeMap<u32, OfPart> {
+    for part in copies.values() {
+        if let Some(of) = of_parts.get_mut(part) {
+            of.count = of.count.saturating_sub(1);
+        }
+    }
+    of_parts
+}
+
 fn count_chunk(triangles: &[[Vec3; 3]], parts: &[u32]) -> BTreeMap<u32, OfPart> {
     let mut all: BTreeMap<u32, OfPart> = BTreeMap::new();
     let mut at = 0;

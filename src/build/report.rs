@@ -30,9 +30,9 @@ pub struct BuildReport {
     pub references: u64,
     /// Rows of the part table.
     pub parts: u64,
-    /// Trees: one, and one for each shared mesh.
+    /// Trees: one, one for each shared mesh, and further ones for meshes with details far apart.
     pub trees: u64,
-    /// Instances of shared meshes.
+    /// Instances of shared meshes, and of the further trees.
     pub instances: u64,
     /// Inner nodes.
     pub nodes: u64,

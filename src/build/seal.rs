@@ -6,6 +6,7 @@ use super::output::{Output, Span};
 use super::parts::{self, Assembly};
 use super::report::{BuildReport, PhaseSeconds};
 use super::shares::Shares;
+use super::split::Splitter;
 use super::spool::Spool;
 use crate::base::error::Result;
 use crate::base::progress::{Cancel, Phase, Progress};
@@ -64,6 +65,9 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
             mesh.spill(to, &par)?;
         }
     }
+    meshes[0].local_parts = gathered.assembly.parts.len() as u32;
+    let splitter = Splitter { spilled: gathered.spilled.as_ref(), shares, par: &par, cancel };
+    let found = splitter.run(&mut meshes, &mut gathered.assembly)?;
     let aside = || Aside::new(shares.aside, space);
     let mut output = Output {
         writer,
@@ -74,7 +78,7 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         trees_left: meshes.len(),
         space: space.clone(),
         shares: *shares,
-        report: BuildReport { triangles_in: gathered.triangles_in, ..BuildReport::default() },
+        report: BuildReport { triangles_in: gathered.triangles_in, notes: found.notes(), ..BuildReport::default() },
         progress,
         cancel,
         par,
@@ -84,9 +88,6 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
     let mut before = 0.0;
     for (index, mut spool) in meshes.into_iter().enumerate() {
         spool.has_colours = has_colours;
-        if index == 0 {
-            spool.local_parts = gathered.assembly.parts.len() as u32;
-        }
         let size = 1.0 + spool.triangles as f64;
         let span = Span(*done, TREES_DONE).part(before / all, (before + size) / all);
         before += size;

@@ -9,6 +9,7 @@ use crate::math::DBounds;
 use crate::structure::Par;
 use glam::DVec3;
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 /// A mesh that is being read.
 pub struct Spool {
@@ -20,6 +21,8 @@ pub struct Spool {
     full: u64,
     /// Bounds of all triangles, except those that cannot be stored.
     pub bounds: DBounds,
+    /// The point that stored positions are relative to, once it is chosen (`split`).
+    pub origin: DVec3,
     /// Number of local parts that the triangles may belong to.
     pub local_parts: u32,
     /// True if any triangle has a colour.
@@ -28,6 +31,8 @@ pub struct Spool {
     pub is_single: bool,
     /// Number of triangles.
     pub triangles: u64,
+    /// Parts of the triangles that another tree has too (`split`), by primitive id. They are not counted.
+    pub copies: BTreeMap<u32, u32>,
 }
 
 impl Spool {
@@ -38,10 +43,12 @@ impl Spool {
             kept: Vec::new(),
             full: 0,
             bounds: DBounds::EMPTY,
+            origin: DVec3::ZERO,
             local_parts,
             has_colours: false,
             is_single: true,
             triangles: 0,
+            copies: BTreeMap::new(),
         }
     }
 

@@ -1,0 +1,133 @@
+//! The choice of a mesh's origin, and the triangles that single precision relative to an origin resolves.
+
+use super::batch::Batch;
+use super::origin::{self, FAR};
+use glam::DVec3;
+
+/// Greatest distance that rounding may move a corner, as a fraction of the triangle's size.
+const MOST_MOVED: f64 = 1.0 / 2048.0;
+
+/// Least altitude of a triangle that rounding must not flatten, as a fraction of its size. Thinner triangles may lose
+/// their area: they are mostly artefacts of the program that wrote them.
+const LEAST_ALTITUDE: f64 = 1.0 / 65536.0;
+
+/// Distance from the origin, in sizes of a triangle, up to which rounding moves no corner by more than half of
+/// [`MOST_MOVED`]. It is a power of two.
+const NEAR: f64 = 8192.0;
+
+/// Number of samples whose corners are tried as origins.
+const CANDIDATES: usize = 64;
+
+/// Greatest extent of a triangle on any axis.
+fn size(corners: &[DVec3; 3]) -> f64 {
+    let [a, b, c] = *corners;
+    (a.max(b).max(c) - a.min(b).min(c)).max_element()
+}
+
+/// Altitude over the longest edge, as a fraction of `size`, to within a factor of two.
+fn altitude([a, b, c]: &[DVec3; 3], size: f64) -> f64 {
+    ((b - a) / size).cross((c - a) / size).length()
+}
+
+/// True if a triangle keeps its shape when its corners are rounded to single precision relative to `origin`, or if it
+/// is dropped anyway.
+pub fn is_resolved(corners: &[DVec3; 3], origin: DVec3) -> bool {
+    let stored = corners.map(|c| (c - origin).as_vec3());
+    let moved = corners
+        .iter()
+        .zip(&stored)
+        .fold(0.0f64, |most, (c, s)| most.max((*c - (origin + s.as_dvec3())).abs().max_element()));
+    if moved == 0.0 {
+        return true;
+    }
+    // The comparison is false for NaN: such a corner is out of range too.
+    let is_in_range = stored.iter().all(|s| s.abs().max_element() <= FAR);
+    let size = size(corners);
+    if !is_in_range || size == 0.0 {
+        return true;
+    }
+    let altitude = altitude(corners, size);
+    let keeps_area = altitude <= LEAST_ALTITUDE || origin::has_area(&stored);
+    altitude == 0.0 || (moved <= size * MOST_MOVED && keeps_area)
+}
+
+/// Corners of triangles that are evenly distributed over the input.
+pub type Samples = Vec<[DVec3; 3]>;
+
+/// Adds one in `step` triangles of `batch`, chosen by a hash of their primitive ids, except those that cannot be
+/// stored.
+pub fn sample(batch: &Batch, step: u32, samples: &mut Samples) {
+    let picked = (0..batch.prims.len()).filter(|i| batch.prims[*i].wrapping_mul(0x9e37_79b1).is_multiple_of(step));
+    samples.extend(picked.map(|i| batch.positions.triangle(i)).filter(|t| !origin::is_too_large(t)));
+}
+
+/// Number of bits of the samples' sizes, over all samples, that are lost beyond those that [`is_resolved`] allows.
+pub fn lost(samples: &Samples, origin: DVec3) -> f64 {
+    let bits = |corners: &[DVec3; 3]| {
+        let far = corners.iter().fold(0.0f64, |far, c| far.max((*c - origin).abs().max_element()));
+        let ratio = far / (NEAR * size(corners));
+        if ratio > 1.0 { ratio.log2().min(100.0) } else { 0.0 }
+    };
+    samples.iter().map(bits).sum()
+}
+
+/// Returns the origin that loses the fewest bits: `middle`, or a point near a sample. Equal ones count in this order.
+pub fn best(samples: &Samples, middle: DVec3) -> DVec3 {
+    let step = samples.len().div_ceil(CANDIDATES).max(1);
+    let (mut best, mut least) = (middle, lost(samples, middle));
+    for corners in samples.iter().step_by(step) {
+        if least == 0.0 {
+            break;
+        }
+        let near = rounded(corners);
+        let lost = lost(samples, near);
+        if near.is_finite() && lost < least {
+            (best, least) = (near, lost);
+        }
+    }
+    best
+}
+
+/// A point near a triangle, with few digits: positions relative to one such point are mostly exact relative to another.
+fn rounded(corners: &[DVec3; 3]) -> DVec3 {
+    let step = (16.0 * size(corners)).max(f64::MIN_POSITIVE).log2().ceil().exp2();
+    (corners[0] / step).round() * step
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A right triangle with legs of `size`.
+    fn triangle(at: DVec3, size: f64) -> [DVec3; 3] {
+        [at, at + DVec3::X * size, at + DVec3::Y * size]
+    }
+
+    #[test]
+    fn a_triangle_is_resolved_if_rounding_is_small_beside_it() {
+        let at = DVec3::new(512345.678, 5412345.678, 412.345);
+        assert!(!is_resolved(&triangle(at, 0.01), DVec3::ZERO));
+        assert!(is_resolved(&triangle(at, 0.01), at));
+        assert!(is_resolved(&triangle(at, 1000.0), DVec3::ZERO));
+        // Integers of 23 bits are exact.
+        assert!(is_resolved(&triangle(DVec3::new(512345.0, 5412345.0, 412.0), 1.0), DVec3::ZERO));
+        // Triangles that are dropped anyway do not count.
+        assert!(is_resolved(&[at; 3], DVec3::ZERO));
+        assert!(is_resolved(&[at, at + DVec3::X * 0.001, at + DVec3::X * 0.002], DVec3::ZERO));
+        assert!(is_resolved(&triangle(DVec3::splat(1e20), 3.0), DVec3::ZERO));
+    }
+
+    #[test]
+    fn the_origin_is_where_the_detail_is() {
+        let city = DVec3::new(512345.678, 5412345.678, 412.345);
+        let house: Samples = (0..40).map(|i| triangle(city + DVec3::X * f64::from(i), 0.3)).collect();
+        let stray = triangle(DVec3::ZERO, 0.1);
+        let samples: Samples = std::iter::once(stray).chain(house.iter().copied()).collect();
+        let origin = best(&samples, city / 2.0);
+        assert!(origin.distance(city) < 50.0, "{origin}");
+        assert_eq!(lost(&house, origin), 0.0);
+        // If the middle loses nothing, it stays.
+        let middle = city + DVec3::X * 20.0;
+        assert_eq!(best(&house, middle), middle);
+    }
+}

@@ -1,0 +1,282 @@
+//! The division of a mesh into several trees, each with an origin of its own, where single precision relative to one
+//! origin would lose the shape of triangles: a bolt on one side of a plain, or a triangle that was left behind at zero.
+//!
+//! A tree takes all triangles that its origin resolves (`resolve`); the others go to further trees in the same way.
+//! Nothing cracks between trees: around each point of a surface, one tree has all triangles. Resolved triangles at a
+//! vertex of an unresolved one are in both trees. There, their other vertices have the positions of the first tree.
+//! (Rounding moves these by no more than the first tree's triangles allow.)
+
+use super::batch::Batch;
+use super::origin;
+use super::parts::Assembly;
+use super::resolve::{self, Samples};
+use super::shares::Shares;
+use super::spool::Spool;
+use super::survey::TOGETHER;
+use crate::base::error::Result;
+use crate::base::memory::zeroed;
+use crate::base::progress::Cancel;
+use crate::base::scratch::Scratch;
+use crate::math::DBounds;
+use crate::store::InstanceRow;
+use crate::structure::Par;
+use glam::{DAffine3, DVec3};
+
+/// Greatest number of trees of a mesh. The last one takes all triangles that are left.
+const MOST_TREES: usize = 256;
+
+/// Approximate number of triangles that decide the origin.
+const SAMPLES: u64 = 4096;
+
+/// Bits of [`Vertices`] for each triangle. With four bits set for a vertex, one in 5,000 vertices is taken for another.
+const BITS: u64 = 96;
+
+/// The passes' means.
+pub struct Splitter<'a> {
+    /// Scratch file of the spilled meshes.
+    pub spilled: Option<&'a Scratch>,
+    pub shares: &'a Shares,
+    pub par: &'a Par,
+    pub cancel: &'a Cancel,
+}
+
+/// The result of a division.
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Number of trees that were added.
+    pub trees: usize,
+    /// Number of triangles that no tree resolves.
+    pub unresolved: u64,
+}
+
+impl Found {
+    /// Notes for the user.
+    pub fn notes(&self) -> Vec<String> {
+        let Self { trees, unresolved } = *self;
+        let mut notes = Vec::new();
+        if trees > 0 {
+            notes.push(format!("the model has details far apart: {trees} more trees keep their precision"));
+        }
+        if unresolved > 0 {
+            notes.push(format!(
+                "{unresolved} triangles are so small and so far apart that rounding moves their corners by more than \
+                 1/2048 of their size"
+            ));
+        }
+        notes
+    }
+}
+
+/// Triangles that an origin does not resolve.
+struct Unresolved {
+    count: u64,
+    bounds: DBounds,
+    samples: Samples,
+}
+
+impl Splitter<'_> {
+    /// Sets the origins of all meshes. Meshes that are divided get further trees at the end of `meshes`, and instances
+    /// of these in `assembly`.
+    pub fn run(&self, meshes: &mut Vec<Spool>, assembly: &mut Assembly) -> Result<Found> {
+        let mut all = Found::default();
+        for index in 0..meshes.len() {
+            let mesh = std::mem::replace(&mut meshes[index], Spool::new(0));
+            let (trees, unresolved) = self.divide(mesh)?;
+            all.unresolved += unresolved;
+            all.trees += trees.len() - 1;
+            for (i, tree) in trees.into_iter().enumerate() {
+                if i == 0 {
+                    meshes[index] = tree;
+                } else {
+                    place(assembly, index as u32, meshes.len() as u32);
+                    meshes.push(tree);
+                }
+            }
+        }
+        Ok(all)
+    }
+
+    /// Divides a mesh into one tree or several. Also returns the number of triangles that their trees do not resolve.
+    fn divide(&self, mesh: Spool) -> Result<(Vec<Spool>, u64)> {
+        let (mut trees, mut rest) = (Vec::new(), mesh);
+        loop {
+            let middle = origin::choose(&rest.bounds, rest.is_single);
+            rest.origin = middle;
+            // Positions in single precision are exact relative to zero.
+            if rest.is_single && middle == DVec3::ZERO {
+                trees.push(rest);
+                return Ok((trees, 0));
+            }
+            let mut found = self.scan(&rest)?;
+            rest.origin = resolve::best(&found.samples, middle);
+            if rest.origin != middle {
+                found = self.scan(&rest)?;
+            }
+            if found.count == 0 || found.count == rest.triangles || trees.len() + 1 == MOST_TREES {
+                trees.push(rest);
+                return Ok((trees, found.count));
+            }
+            let [taken, left] = self.part(&rest, &found)?;
+            if taken.triangles == 0 {
+                trees.push(rest);
+                return Ok((trees, found.count));
+            }
+            trees.push(taken);
+            rest = left;
+        }
+    }
+
+    /// Calls `f` for all batches of a mesh in parallel, and `take` with the results in order.
+    fn each<T: Send>(
+        &self,
+        mesh: &Spool,
+        f: impl Fn(&Batch) -> T + Sync + Send,
+        mut take: impl FnMut(T) -> Result<()>,
+    ) -> Result<()> {
+        for first in (0..mesh.batches()).step_by(TOGETHER) {
+            self.cancel.check()?;
+            let count = TOGETHER.min(mesh.batches() - first);
+            for one in self.par.map(count, |i| Ok(f(&*mesh.batch(first + i, self.spilled)?))) {
+                take(one?)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Finds the triangles that the mesh's origin does not resolve.
+    fn scan(&self, mesh: &Spool) -> Result<Unresolved> {
+        let step = (mesh.triangles / SAMPLES).max(1) as u32;
+        let mut all = Unresolved { count: 0, bounds: DBounds::EMPTY, samples: Samples::new() };
+        let scan = |batch: &Batch| {
+            let mut here = Unresolved { count: 0, bounds: DBounds::EMPTY, samples: Samples::new() };
+            resolve::sample(batch, step, &mut here.samples);
+            for corners in (0..batch.positions.len()).map(|i| batch.positions.triangle(i)) {
+                if !resolve::is_resolved(&corners, mesh.origin) {
+                    here.count += 1;
+                    here.bounds = corners.iter().fold(here.bounds, |b, &c| b.with(c));
+                }
+            }
+            here
+        };
+        self.each(mesh, scan, |here| {
+            all.count += here.count;
+            all.bounds = all.bounds.union(here.bounds);
+            all.samples.extend(here.samples);
+            Ok(())
+        })?;
+        Ok(all)
+    }
+
+    /// Divides a mesh into the triangles that stay with its origin, and the others with those around them.
+    fn part(&self, mesh: &Spool, found: &Unresolved) -> Result<[Spool; 2]> {
+        let origin = mesh.origin;
+        let mut vertices = Vertices::of(found.count, self.shares)?;
+        let unresolved = |batch: &Batch| -> Vec<[DVec3; 3]> {
+            let all = (0..batch.positions.len()).map(|i| batch.positions.triangle(i));
+            all.filter(|corners| !resolve::is_resolved(corners, origin)).collect()
+        };
+        self.each(mesh, unresolved, |triangles| {
+            triangles.iter().flatten().for_each(|&corner| vertices.insert(corner));
+            Ok(())
+        })?;
+        let mut taken = Spool::new(mesh.local_parts);
+        taken.origin = origin;
+        let mut left = Spool::new(mesh.local_parts);
+        for index in 0..mesh.batches() {
+            self.cancel.check()?;
+            let batch = mesh.batch(index, self.spilled)?;
+            for i in 0..batch.positions.len() {
+                let corners = batch.positions.triangle(i);
+                // The bounds keep vertices elsewhere from being taken for marked ones.
+                let shared = corners.map(|c| found.bounds.contains(&DBounds::of(&[c])) && vertices.has(c));
+                let is_left = shared.contains(&true);
+                let is_resolved = !is_left || resolve::is_resolved(&corners, origin);
+                let (part, prim) = (batch.parts[i], batch.prims[i]);
+                let colour = batch.colours.get(i).filter(|c| c[3] != 0).copied();
+                let is_copy = mesh.copies.contains_key(&prim);
+                if is_resolved {
+                    taken.push(&corners, part, prim, colour);
+                    is_copy.then(|| taken.copies.insert(prim, part));
+                }
+                if is_left {
+                    let corners = if is_resolved { on_both(corners, shared, origin) } else { corners };
+                    left.push(&corners, part, prim, colour);
+                    (is_copy || is_resolved).then(|| left.copies.insert(prim, part));
+                }
+            }
+            if let Some(to) = self.spilled
+                && taken.bytes() + left.bytes() > self.shares.spool / 2
+            {
+                taken.spill(to, self.par)?;
+                left.spill(to, self.par)?;
+            }
+        }
+        if let (true, Some(to)) = (mesh.is_spilled(), self.spilled) {
+            taken.spill(to, self.par)?;
+            left.spill(to, self.par)?;
+        }
+        Ok([taken, left])
+    }
+}
+
+/// Moves the corners that are not marked as `shared` with unresolved triangles to the positions that a tree with this
+/// origin stores. At a marked corner the other tree has all triangles, so its position stays.
+fn on_both(corners: [DVec3; 3], shared: [bool; 3], origin: DVec3) -> [DVec3; 3] {
+    std::array::from_fn(|i| match shared[i] {
+        true => corners[i],
+        false => origin + (corners[i] - origin).as_vec3().as_dvec3(),
+    })
+}
+
+/// Adds instances for the triangles of `mesh` that are in a `tree` of their own.
+fn place(assembly: &mut Assembly, mesh: u32, tree: u32) {
+    if mesh == 0 {
+        let world_from_mesh = DAffine3::IDENTITY.to_cols_array();
+        assembly.instances.push(InstanceRow { tree, first_part: 0, world_from_mesh });
+        return;
+    }
+    let again: Vec<InstanceRow> =
+        assembly.instances.iter().filter(|i| i.tree == mesh).map(|i| InstanceRow { tree, ..*i }).collect();
+    assembly.instances.extend(again);
+}
+
+/// A set of positions in a few bytes each. It may hold positions that were not inserted; it always answers the same for
+/// the same position. (A Bloom filter: Bloom, "Space/time trade-offs in hash coding with allowable errors", CACM 1970.)
+struct Vertices {
+    words: Vec<u64>,
+}
+
+impl Vertices {
+    /// An empty set for the corners of `triangles` triangles, in at most the memory of the triangles that wait.
+    fn of(triangles: u64, shares: &Shares) -> Result<Self> {
+        let most = shares.waiting.min(1 << 40);
+        let words = (triangles * BITS / 64).clamp(1 << 10, most.max(1 << 10)).next_power_of_two();
+        Ok(Self { words: zeroed(words as usize, "vertices of small triangles")? })
+    }
+
+    /// The words and bits of a position.
+    fn places(&self, p: DVec3) -> [(usize, u64); 4] {
+        let mix = |x: u64| {
+            let x = (x ^ x >> 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            (x ^ x >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9)
+        };
+        // The sum makes one zero of both.
+        let bits = (p + DVec3::ZERO).to_array().map(f64::to_bits);
+        let hash = bits.iter().fold(0, |hash, &bits| mix(hash ^ bits).rotate_left(23));
+        let (mut at, step) = (mix(hash), mix(hash ^ 0x5555_5555) | 1);
+        std::array::from_fn(|_| {
+            at = at.wrapping_add(step);
+            ((at >> 6) as usize & (self.words.len() - 1), 1 << (at & 63))
+        })
+    }
+
+    fn insert(&mut self, p: DVec3) {
+        for (word, bit) in self.places(p) {
+            self.words[word] |= bit;
+        }
+    }
+
+    fn has(&self, p: DVec3) -> bool {
+        self.places(p).iter().all(|&(word, bit)| self.words[word] & bit != 0)
+    }
+}
