@@ -4,6 +4,7 @@ mod common;
 mod figures;
 mod frame_requests;
 mod frames;
+mod lenses;
 mod oracle_light;
 mod oracle_pictures;
 mod part_looks;

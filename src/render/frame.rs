@@ -278,12 +278,12 @@ impl Frame {
             let text = format!("pick: pixel ({x}, {y}) is outside of the picture of {} x {} pixels", size.0, size.1);
             return Err(Error::BadArgument(text));
         }
-        let mut ray = rays.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let (mut ray, ahead) = rays.ray_from(f64::from(x) + 0.5, f64::from(y) + 0.5, &scene.bounds_of_hits());
         ray.cone = crate::math::Cone::ZERO;
         let mut hit = [Hit::MISS];
         let options = QueryOptions { coherent: false, want: Want::ALL, policy: Policy::Exact };
         scene.closest(&[ray], options, &mut hit)?;
-        Ok(hit[0])
+        Ok(Hit { t: hit[0].t + ahead, t_free: hit[0].t_free + ahead, ..hit[0] })
     }
 
     /// Maps a buffer of the last complete picture. Cheap, without a copy. Fails with `BadState` if there is no complete

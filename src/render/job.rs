@@ -25,6 +25,7 @@ use crate::math::srgb::Srgb;
 use crate::residency::{View, ViewState, Wanted};
 use crate::scene::SceneState;
 use crate::scene::camera::PixelRays;
+use crate::scene::placed::Placed;
 use crate::scene::walk::{Need, SceneView, Snapshots};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -65,6 +66,8 @@ pub(super) struct Request {
     pub number: u64,
     pub scene: Arc<SceneState>,
     pub rays: PixelRays,
+    /// See [`Direct::is_fine`].
+    is_fine: bool,
     pub settings: FrameSettings,
     pub begun: Instant,
     pub pixels: u64,
@@ -152,6 +155,7 @@ impl Request {
         };
         Arc::new_cyclic(|me| Self {
             number,
+            is_fine: is_fine(&scene, &rays),
             scene,
             rays,
             settings,
@@ -397,6 +401,13 @@ impl Request {
     }
 }
 
+/// True if the camera sees a tree from so far away that directions in single precision are too coarse for its pixels.
+fn is_fine(scene: &SceneState, rays: &PixelRays) -> bool {
+    let eye = rays.eye();
+    let is_too_far = |p: &Placed| p.is_far(eye) && rays.needs_rest((p.bounds.center() - eye).length());
+    scene.placement.placed.iter().any(is_too_far)
+}
+
 impl Work for Request {
     fn run(&self, item: usize) -> Result<()> {
         let Some(film) = self.film() else { return Ok(()) };
@@ -430,7 +441,8 @@ impl Work for Request {
             is_pressed: pressure > 1.0,
             srgb: &self.srgb,
             asks,
-            plain: plain::is_plain(&view, &self.rays, asks),
+            plain: !self.is_fine && plain::is_plain(&view, &self.rays, asks),
+            is_fine: self.is_fine,
             within: self.rays.rectangle_of(&self.scene.bounds_of_hits()),
         });
         let stop = || self.stop.load(Relaxed);

@@ -3,7 +3,7 @@
 
 use crate::math::{DBounds, PACKET, Ray};
 use crate::simd::{Isa, Op, Simd, dispatch};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// Relative tolerance of distances to planes.
 const GIVE: f64 = 4.0 * f64::EPSILON;
@@ -64,11 +64,14 @@ impl PacketBoxRays {
     pub const NONE: Self = Self { org: [[0.0; PACKET]; 3], inv: [[0.0; PACKET]; 3], t_min: [f64::INFINITY; PACKET] };
 
     /// Takes over up to [`PACKET`] rays.
-    pub fn set(&mut self, rays: &[Ray]) {
+    ///
+    /// `rest`: parts of the directions that single precision has lost.
+    pub fn set(&mut self, rays: &[Ray], rest: Option<&[Vec3; PACKET]>) {
         for (i, ray) in rays.iter().enumerate().take(PACKET) {
             self.t_min[i] = ray.t_min;
             for axis in 0..3 {
-                (self.org[axis][i], self.inv[axis][i]) = (ray.origin[axis], f64::from(ray.dir[axis]));
+                let rest = rest.map_or(0.0, |rest| f64::from(rest[i][axis]));
+                (self.org[axis][i], self.inv[axis][i]) = (ray.origin[axis], f64::from(ray.dir[axis]) + rest);
             }
         }
         // This loop compiles to vector code.
@@ -146,7 +149,7 @@ mod tests {
             let bounds = DBounds { min: DVec3::from([-1.0, 0.0, 0.5]), max: DVec3::from([2.0, 0.0, 3.0]) };
             let t_max: [f64; PACKET] = std::array::from_fn(|_| [1.5, f64::INFINITY, -1.0][pick(3)]);
             let mut packet = PacketBoxRays::NONE;
-            packet.set(&rays);
+            packet.set(&rays, None);
             for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
                 let mut enter = [0.0; PACKET];
                 let entered = packet.enter(isa, &bounds, &t_max, &mut enter);

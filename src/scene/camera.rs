@@ -1,5 +1,6 @@
 //! Cameras in double precision, and the rays of their pixels.
 
+use super::box_ray::BoxRay;
 use crate::base::error::{Error, Result};
 use crate::base::units::UpAxis;
 use crate::math::{Cone, DBounds, Ray};
@@ -94,6 +95,10 @@ impl Camera {
     }
 }
 
+/// Width of a pixel, as a fraction of the distance, below which directions in single precision are too coarse: 1024
+/// roundings.
+const FINE: f64 = 1.0 / 16_384.0;
+
 /// A camera prepared for one picture size: it returns the ray of any point of the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelRays {
@@ -163,6 +168,33 @@ impl PixelRays {
             (least, greatest) = (least.min(point), greatest.max(point));
         }
         Some([least - DVec2::ONE, greatest + DVec2::ONE])
+    }
+
+    /// The part of a direction that [`PixelRays::ray`] loses to single precision.
+    #[inline]
+    pub fn rest(&self, x: f64, y: f64) -> Vec3 {
+        let dir = if self.perspective { self.across(x, y).normalize() } else { self.forward };
+        (dir - dir.as_vec3().as_dvec3()).as_vec3()
+    }
+
+    /// The ray of [`PixelRays::ray`], from shortly before it enters the box, with all digits of its direction. Also
+    /// returns the distance from its beginning there to that origin: 0 if single precision does for the direction, or
+    /// if the ray begins in the box.
+    pub fn ray_from(&self, x: f64, y: f64, bounds: &DBounds) -> (Ray, f64) {
+        let ray = self.ray(x, y);
+        let dir = ray.dir.as_dvec3() + self.rest(x, y).as_dvec3();
+        let enter = BoxRay::of(ray.origin, dir).enter(bounds, 0.0, f64::INFINITY).unwrap_or(0.0);
+        if !self.needs_rest(enter) {
+            return (ray, 0.0);
+        }
+        let ahead = (enter - bounds.extent().length()).max(0.0);
+        (Ray { origin: ray.origin + dir * ahead, ..ray }, ahead)
+    }
+
+    /// True if directions in single precision may miss a point at this distance by more than a thousandth of a pixel,
+    /// as those through long lenses do.
+    pub fn needs_rest(&self, distance: f64) -> bool {
+        self.pixel_width(distance) < distance * FINE
     }
 
     /// True if rays leave the eye.

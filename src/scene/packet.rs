@@ -9,6 +9,7 @@ use super::top::{NodeRef, Target};
 use super::walk::{Found, NOTHING, SceneView, Step};
 use crate::math::{PACKET, Ray, bits};
 use crate::structure::{LocalRay, Outcome, PacketWalk};
+use glam::Vec3;
 
 /// The state of a packet's rays in a scene. Reusable.
 pub(crate) struct ScenePacket {
@@ -30,6 +31,8 @@ pub(crate) struct ScenePacket {
     beam: Option<Beam>,
     /// Rays that still search for a hit.
     active: u32,
+    /// Parts of the directions that single precision has lost.
+    rest: Option<[Vec3; PACKET]>,
 }
 
 impl Default for ScenePacket {
@@ -45,6 +48,7 @@ impl Default for ScenePacket {
             box_rays: PacketBoxRays::NONE,
             beam: None,
             active: 0,
+            rest: None,
         }
     }
 }
@@ -57,6 +61,13 @@ impl ScenePacket {
 
     /// Puts the rays of `active` (bit `i`: ray `i`) at the root.
     pub fn begin(&mut self, view: &SceneView, rays: &[Ray; PACKET], active: u32) {
+        self.begin_fine(view, rays, None, active);
+    }
+
+    /// [`ScenePacket::begin`] of rays with directions in more than single precision: `rest` is the part that these have
+    /// lost. It matters in trees that are far away.
+    pub fn begin_fine(&mut self, view: &SceneView, rays: &[Ray; PACKET], rest: Option<&[Vec3; PACKET]>, active: u32) {
+        self.rest = rest.copied();
         self.todo.clear();
         self.at = None;
         self.active = 0;
@@ -67,8 +78,8 @@ impl ScenePacket {
         }
         let Some(root) = view.scene.placement.top.root() else { return };
         if let Target::Inner(_) = root.target() {
-            self.box_rays.set(rays);
-            self.beam = Beam::from_one_point(rays, self.active);
+            self.box_rays.set(rays, rest);
+            self.beam = if rest.is_none() { Beam::from_one_point(rays, self.active) } else { None };
         }
         self.todo.push((root, self.active, 0.0));
     }
@@ -133,7 +144,9 @@ impl SceneView<'_> {
         let mut local = LocalRay::NONE;
         for i in bits(mask) {
             if rays[i].mask & seen_by != 0
-                && let Some((shift, scale)) = p.local(&rays[i], walk.best[i].t, self.widen_interval, &mut local)
+                && let rest = walk.rest.map_or(Vec3::ZERO, |rest| rest[i])
+                && let Some((shift, scale)) =
+                    p.local_of(&rays[i], rest, walk.best[i].t, self.widen_interval, &mut local)
             {
                 walk.tree.set(i, &local);
                 walk.moved[i] = At { placed, shift, scale };

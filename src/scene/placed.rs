@@ -5,7 +5,7 @@ use crate::base::error::{Error, Result};
 use crate::math::{Bounds, Cone, DBounds, Ray};
 use crate::structure::open::StoredTree;
 use crate::structure::{LocalRay, USUAL_DIRS};
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 /// A tree with an affine map from its frame to the world: x -> `linear` x + `offset`.
 #[derive(Debug, Clone, Copy)]
@@ -206,6 +206,11 @@ impl Placed {
         ((FAR * self.max_coord) as f32).next_down()
     }
 
+    /// True if a ray that begins at `p` is moved nearer to the tree.
+    pub fn is_far(&self, p: DVec3) -> bool {
+        self.local_point(p).abs().max_element() > FAR * self.max_coord
+    }
+
     /// A point of the tree's frame in the world.
     #[inline]
     pub fn world_point(&self, p: DVec3) -> DVec3 {
@@ -314,6 +319,12 @@ impl Placed {
     /// once loaded in large ones, and that stall takes longer than all of the rest.
     #[inline(always)]
     pub fn local(&self, ray: &Ray, best: f64, beyond: bool, local: &mut LocalRay) -> Option<(f64, f64)> {
+        self.local_of(ray, Vec3::ZERO, best, beyond, local)
+    }
+
+    /// [`Placed::local`] for a ray with the direction `ray.dir + rest`. The rest matters only if the ray is moved.
+    #[inline(always)]
+    pub fn local_of(&self, ray: &Ray, rest: Vec3, best: f64, beyond: bool, local: &mut LocalRay) -> Option<(f64, f64)> {
         let size = ray.dir.abs().max_element();
         let org = ray.origin - self.offset;
         let is_near = org.abs().max_element() <= FAR * self.max_coord;
@@ -325,15 +336,17 @@ impl Placed {
             local.cone = LocalRay::cone_of(ray.cone, ray.dir);
             return Some((0.0, 1.0));
         }
-        let Local { ray, shift, scale } = if ray.can_hit() { self.moved(ray, best, beyond)? } else { return None };
+        let dir = ray.dir.as_dvec3() + rest.as_dvec3();
+        let Local { ray, shift, scale } =
+            if ray.can_hit() { self.moved(ray, dir, best, beyond)? } else { return None };
         *local = ray;
         Some((shift, scale))
     }
 
     /// [`Placed::local`] for a ray that must be turned, scaled, or moved nearer.
     #[inline(never)]
-    fn moved(&self, ray: &Ray, best: f64, beyond: bool) -> Option<Local> {
-        let (mut org, mut dir) = (self.local_point(ray.origin), self.local_vector(ray.dir.as_dvec3()));
+    fn moved(&self, ray: &Ray, dir: DVec3, best: f64, beyond: bool) -> Option<Local> {
+        let (mut org, mut dir) = (self.local_point(ray.origin), self.local_vector(dir));
         let (mut shift, mut scale) = (0.0, 1.0);
         if org.abs().max_element() > FAR * self.max_coord {
             shift = self.entry(org, dir, ray.t_min, best)?;

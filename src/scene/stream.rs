@@ -146,7 +146,7 @@ impl SceneView<'_> {
             todo[first + i].clear();
         }
         if is_few {
-            packet.set(group);
+            packet.set(group, None);
             let mut t_max = [f64::NEG_INFINITY; PACKET];
             t_max
                 .iter_mut()

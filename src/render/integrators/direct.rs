@@ -19,6 +19,7 @@ use crate::render::wants::Wants;
 use crate::scene::camera::PixelRays;
 use crate::scene::light::LightKind;
 use crate::scene::packet::ScenePacket;
+use crate::scene::placed::Placed;
 use crate::scene::walk::{Found, Need, SceneView, Step};
 use crate::scene::{Alike, Group};
 use crate::simd::{Isa, Op, Simd, dispatch};
@@ -38,6 +39,11 @@ pub(super) const LEAST_TRANSMITTANCE: f32 = 1.0 / 512.0;
 /// Offset of rays that leave a surface, as a fraction of the tree's extent: 32 times the greatest distance that single
 /// precision may put between a computed point of the surface and the surface (2⁻²⁴ of twice the extent).
 pub(super) const LEAVE: f64 = 1.0 / 262_144.0;
+
+/// Distance of a triangle's plane from the eye below which the triangle is not visible, as a fraction of the tree's
+/// extent. Single precision cannot tell for each pixel alike if such a triangle, for example of the floor that the eye is
+/// on, is before the eye. The distance is 16 roundings.
+pub(super) const AT_EYE: f64 = 1.0 / 1_048_576.0;
 
 /// The requested buffers of the first surface. Others are not computed.
 #[derive(Debug, Clone, Copy)]
@@ -93,6 +99,8 @@ pub(crate) struct Direct<'a> {
     pub asks: Asks,
     /// True if packets may be plain: see [`super::plain::is_plain`].
     pub plain: bool,
+    /// True if directions in single precision are too coarse for trees that are far away. Packets are then not plain.
+    pub is_fine: bool,
     /// Corners of a rectangle in the picture that contains all hits, if known.
     pub within: Option<[DVec2; 2]>,
 }
@@ -144,6 +152,35 @@ struct Lanes {
     colour: [Vec3; PACKET],
     /// Transmittance up to the next surface.
     through: [f32; PACKET],
+    /// Parts of the rays' directions that single precision has lost, if they matter.
+    rest: Option<Box<[Vec3; PACKET]>>,
+}
+
+/// Rays of a packet that begin shortly before their hits.
+struct Near {
+    rays: [Ray; PACKET],
+    /// Distance from the origin of each ray to that of its camera ray.
+    ahead: [f64; PACKET],
+}
+
+impl Lanes {
+    /// Moves the origins of the rays in `active` close to their hits, with all digits of their directions. The
+    /// distances in `found` then count from there. `None` if directions are exact.
+    fn near(&self, view: &SceneView, found: &mut [Found; PACKET], active: u32) -> Option<Box<Near>> {
+        let rest = self.rest.as_ref()?;
+        let mut near = Box::new(Near { rays: self.rays, ahead: [0.0; PACKET] });
+        for i in bits(active) {
+            let placed = &view.scene.placement.placed[found[i].placed as usize];
+            let ray = &mut near.rays[i];
+            let ahead = (found[i].t - placed.extent()).max(0.0);
+            ray.origin += (ray.dir.as_dvec3() + rest[i].as_dvec3()) * ahead;
+            ray.cone.a += ray.cone.b * ahead as f32;
+            ray.t_min -= ahead;
+            found[i].t -= ahead;
+            near.ahead[i] = ahead;
+        }
+        Some(near)
+    }
 }
 
 impl Direct<'_> {
@@ -182,12 +219,20 @@ impl Direct<'_> {
             plain::Outcome::Met(met) => Some(met),
             plain::Outcome::NotPlain => None,
         };
-        let mut lanes = Lanes { rays: [Ray::NONE; PACKET], colour: [Vec3::ZERO; PACKET], through: [1.0; PACKET] };
+        let mut lanes = Lanes {
+            rays: [Ray::NONE; PACKET],
+            colour: [Vec3::ZERO; PACKET],
+            through: [1.0; PACKET],
+            rest: self.is_fine.then(|| Box::new([Vec3::ZERO; PACKET])),
+        };
         for i in bits(active) {
             let ((x, y), wide) = (pixels.point(i), pixels.width(pixels.step(i)));
             let mut ray = self.rays.ray(x, y);
             ray.cone = Cone { a: ray.cone.a * wide, b: ray.cone.b * wide };
             lanes.rays[i] = ray;
+            if let Some(rest) = &mut lanes.rest {
+                rest[i] = self.rays.rest(x, y);
+            }
         }
         self.layers(&mut lanes, active, met, pixels.sample == 0, scratch)?;
         let mut all = [[0.0; PACKET]; 4];
@@ -237,13 +282,15 @@ impl Direct<'_> {
         if first {
             scratch.first = First::NOTHING;
         }
+        // Rays without a surface so far.
+        let mut fresh = active;
         for layer in 0..MAX_LAYERS {
             if active == 0 {
                 break;
             }
             let (hits, transmitted) = match met.filter(|_| layer == 0) {
                 Some(met) => self.found_together(met, scratch),
-                None => self.trace(&lanes.rays, active, layer == 0, scratch)?,
+                None => self.trace(lanes, active, layer == 0, scratch)?,
             };
             if first && layer == 0 {
                 scratch.first.transmitted = transmitted & active;
@@ -255,22 +302,31 @@ impl Direct<'_> {
             let mut surfaces: [Option<Surface>; PACKET] = std::array::from_fn(|_| None);
             let Scratch { found, wants, first: seen, .. } = &mut *scratch;
             stand_in::ask_for(&self.view, found, active);
+            let near = lanes.near(&self.view, found, active);
+            let rays = near.as_ref().map_or(&lanes.rays, |near| &near.rays);
+            let ahead = |i: usize| near.as_ref().map_or(0.0, |near| near.ahead[i]);
             for i in bits(active) {
-                let is_first = first && layer == 0;
+                let is_first = first && fresh >> i & 1 == 1;
                 let mut noted = Layer::MISS;
                 let note = is_first.then_some(&mut noted);
-                surfaces[i] = Some(self.surface(&lanes.rays[i], &found[i], note, wants)?);
-                if is_first {
+                surfaces[i] = self.surface(&rays[i], ahead(i), &found[i], note, wants)?;
+                if is_first && surfaces[i].is_some() {
                     seen.set(i, &noted);
+                    fresh &= !(1 << i);
                 }
             }
             self.light(&lanes.rays, &surfaces, active, scratch)?;
             for i in bits(active) {
-                let Some(surface) = &surfaces[i] else { continue };
+                let Some(surface) = &surfaces[i] else {
+                    let found = &scratch.found[i];
+                    let extent = self.view.scene.placement.placed[found.placed as usize].extent();
+                    lanes.rays[i].t_min = found.t + extent * LEAVE;
+                    continue;
+                };
                 let opacity = surface.material.opacity;
                 lanes.colour[i] += scratch.shading.light(i) * (lanes.through[i] * opacity);
                 lanes.through[i] *= 1.0 - opacity;
-                lanes.rays[i].t_min = surface.next;
+                lanes.rays[i].t_min = surface.next + ahead(i);
                 if lanes.through[i] < LEAST_TRANSMITTANCE {
                     lanes.through[i] = 0.0;
                     active &= !(1 << i);
@@ -282,14 +338,18 @@ impl Direct<'_> {
 
     /// Traces rays. Returns the mask of those with a hit and the mask of those that stand-ins transmitted before, for
     /// `active` rays and perhaps others. `all`: most rays are active.
-    fn trace(&self, rays: &[Ray; PACKET], active: u32, all: bool, scratch: &mut Scratch) -> Result<(u32, u32), Need> {
-        let Scratch { camera, group, found, .. } = scratch;
-        let together = if all { group.trace::<false>(&self.view, rays, PACKET, &Alike::of(rays), true) } else { None };
+    fn trace(&self, lanes: &Lanes, active: u32, all: bool, scratch: &mut Scratch) -> Result<(u32, u32), Need> {
+        let (Scratch { camera, group, found, .. }, Lanes { rays, rest, .. }) = (&mut *scratch, lanes);
+        let together = if all && rest.is_none() {
+            group.trace::<false>(&self.view, rays, PACKET, &Alike::of(rays), true)
+        } else {
+            None
+        };
         if let Some(hits) = together {
             let hits = hits?;
             return Ok(self.found_together(hits, scratch));
         }
-        camera.begin(&self.view, rays, active);
+        camera.begin_fine(&self.view, rays, rest.as_deref(), active);
         if let Step::Pending(need) = self.view.trace_packet::<false>(rays, camera) {
             return Err(need);
         }
@@ -310,20 +370,31 @@ impl Direct<'_> {
         (hits, scratch.group.have_transmitted())
     }
 
-    /// Returns the surface of a hit. If `seen` is given, stores the requested data of the first surface in it.
-    fn surface(&self, ray: &Ray, found: &Found, seen: Option<&mut Layer>, wants: &mut Wants) -> Result<Surface, Need> {
+    /// Returns the surface of a hit; `None` if it goes through the ray's origin (see [`AT_EYE`]). If `seen` is given, stores the requested data of the first surface in it. `ahead`:
+    /// distance from the eye at which the ray begins.
+    fn surface(
+        &self,
+        ray: &Ray,
+        ahead: f64,
+        found: &Found,
+        seen: Option<&mut Layer>,
+        wants: &mut Wants,
+    ) -> Result<Option<Surface>, Need> {
         if let Some(look) = stand_in::look(&self.view, ray, found) {
-            return self.stand_in(ray, found, &look, seen, wants);
+            return self.stand_in(ray, ahead, found, &look, seen, wants).map(Some);
         }
         let placed = &self.view.scene.placement.placed[found.placed as usize];
         let need = |block| Need { model: placed.model, block };
         let (triangle, part) = self.view.triangle(found)?;
+        if ahead == 0.0 && is_at_origin(placed, &triangle, ray) {
+            return Ok(None);
+        }
         let tree = self.view.tree(found.placed);
         let normal = WorldNormal::new(placed, &triangle.vertices).facing(ray.dir);
         if let Some(seen) = seen {
             (seen.kind, seen.normal) = (HitKind::Exact, normal.into());
             if self.asks.precise {
-                self.measure(ray, found, &triangle, seen);
+                self.measure(ray, ahead, found, &triangle, seen);
             }
             if self.asks.ids {
                 (seen.part, seen.instance) = self.ids(found.placed, part);
@@ -350,17 +421,22 @@ impl Direct<'_> {
         let seen_from = if self.is_pressed { back(ray, found.t, normal, BESIDE * f64::from(width)) } else { position };
         let from = seen_from + normal.as_dvec3() * leave;
         let facing = Facing::flat(normal);
-        Ok(Surface { position, normal, facing, material, from, next: found.t + leave, width, near })
+        Ok(Some(Surface { position, normal, facing, material, from, next: found.t + leave, width, near }))
     }
 
     /// Computes depth and error of a triangle's hit in double precision.
     #[inline(never)]
-    fn measure(&self, ray: &Ray, found: &Found, triangle: &Triangle, seen: &mut Layer) {
+    fn measure(&self, ray: &Ray, ahead: f64, found: &Found, triangle: &Triangle, seen: &mut Layer) {
         let placed = &self.view.scene.placement.placed[found.placed as usize];
         let meeting = meet(placed, &triangle.vertices, ray, found.t);
-        seen.depth = meeting.along(ray).dot(self.rays.forward()) as f32;
+        seen.depth = self.depth(ray, meeting.t + ahead);
         seen.error = meeting.error(placed, ray);
-        seen.error_px = (f64::from(seen.error) / self.rays.pixel_width(meeting.t)) as f32;
+        seen.error_px = (f64::from(seen.error) / self.rays.pixel_width(meeting.t + ahead)) as f32;
+    }
+
+    /// Depth of the point at distance `t` from the eye.
+    fn depth(&self, ray: &Ray, t: f64) -> f32 {
+        (ray.dir.as_dvec3() * t).dot(self.rays.forward()) as f32
     }
 
     /// Returns the caller's ids of a part and its instance.
@@ -383,6 +459,7 @@ impl Direct<'_> {
     fn stand_in(
         &self,
         ray: &Ray,
+        ahead: f64,
         found: &Found,
         look: &Look,
         seen: Option<&mut Layer>,
@@ -394,14 +471,14 @@ impl Direct<'_> {
         let wanted = self.view.wanted(found);
         if wanted.is_some() || seen.is_some() {
             let error = look.error();
-            let error_px = self.in_pixels(error, look.t);
+            let error_px = self.in_pixels(error, look.t + ahead);
             if let Some(need) = wanted {
                 wants.add(need, error_px.min(1e6));
             }
             if let Some(seen) = seen {
                 seen.kind = if look.is_missing() { HitKind::Missing } else { HitKind::Lod };
                 (seen.normal, seen.error, seen.error_px) = (look.normal().into(), error, error_px);
-                seen.depth = along.dot(self.rays.forward()) as f32;
+                seen.depth = self.depth(ray, look.t + ahead);
                 if self.asks.ids {
                     (seen.part, seen.instance) = self.ids(found.placed, look.part());
                 }
@@ -469,6 +546,15 @@ impl Direct<'_> {
         let selected = instance.look.selected || state.is_some_and(|s| s.selected);
         Ok(if selected { material.selected() } else { material })
     }
+}
+
+/// True if the plane of a triangle goes through the origin of a ray that hits it, up to [`AT_EYE`]. The answer
+/// is the same for all rays from there.
+fn is_at_origin(placed: &Placed, triangle: &Triangle, ray: &Ray) -> bool {
+    let most = placed.extent() * AT_EYE;
+    let [a, b, c] = triangle.vertices.map(|v| placed.world_point(v.as_dvec3()));
+    let normal = (b - a).cross(c - a);
+    normal.dot(a - ray.origin).abs() <= most * normal.length()
 }
 
 /// Expands the background of each row to all pixels of a packet.

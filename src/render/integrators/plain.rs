@@ -5,7 +5,7 @@
 //! (`query::answers`, `shading.rs`).
 #![allow(clippy::needless_range_loop)] // each loop indexes several arrays
 
-use super::direct::{Asks, DOWN, Direct, Pixels, Scratch, rows_of};
+use super::direct::{AT_EYE, Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::first::First;
 use super::shading::{Row, Vectors};
 use crate::math::bits;
@@ -221,6 +221,9 @@ impl<'v> Direct<'v> {
             shading.facing = *seen.stand_ins().along();
         }
         shading.begin(self.isa(), &rows.dir, [met, seen.cells()], self.ambient);
+        if self.meets_eye(placed, met & !seen.cells(), group.walk().distances(), &shading.facing) {
+            return Outcome::Met(met);
+        }
         shading.add_headlights(self.isa(), &self.view.scene.lights);
         rows.lit = rows_of(backs);
         shading.put(self.isa(), met, &mut rows.lit);
@@ -228,6 +231,16 @@ impl<'v> Direct<'v> {
             self.note_first(placed, met, scratch);
         }
         Outcome::Done
+    }
+
+    /// True if the triangle that one of `rays` hits, at distance `t` and with this cosine, may go through the eye.
+    fn meets_eye(&self, placed: u32, rays: u32, t: &Row<f32>, cosine: &Row<f32>) -> bool {
+        let most = (2.0 * AT_EYE * self.view.scene.placement.placed[placed as usize].extent()) as f32;
+        let mut near = 0;
+        for i in 0..PACKET {
+            near |= u32::from((t[i] * cosine[i]).abs() <= most) << i;
+        }
+        near & rays != 0
     }
 
     /// Stores the first surface of each pixel.
