@@ -24,7 +24,7 @@ pub struct BuildReport {
     pub non_finite: u64,
     /// Dropped triangles without area.
     pub degenerate: u64,
-    /// Dropped triangles that are more than 1e15 units from the middle of their mesh.
+    /// Dropped triangles that are more than 1e15 units from the origin of their mesh.
     pub out_of_range: u64,
     /// References to triangles in leaves: more than triangles if some were split.
     pub references: u64,

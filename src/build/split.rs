@@ -28,8 +28,9 @@ const MOST_TREES: usize = 256;
 /// Approximate number of triangles that decide the origin.
 const SAMPLES: u64 = 4096;
 
-/// Bits of [`Vertices`] for each triangle. With four bits set for a vertex, one in 5,000 vertices is taken for another.
-const BITS: u64 = 96;
+/// Bits of [`Vertices`] for each triangle: 32 to 64 for a vertex, of which four are set. One in 5,000 vertices, or fewer,
+/// is taken for another.
+const BITS: u64 = 192;
 
 /// The passes' means.
 pub struct Splitter<'a> {
@@ -171,12 +172,13 @@ impl Splitter<'_> {
     fn part(&self, mesh: &Spool, found: &Unresolved) -> Result<[Spool; 2]> {
         let origin = mesh.origin;
         let mut vertices = Vertices::of(found.count, self.shares)?;
-        let unresolved = |batch: &Batch| -> Vec<[DVec3; 3]> {
+        let unresolved = |batch: &Batch| -> Vec<u64> {
             let all = (0..batch.positions.len()).map(|i| batch.positions.triangle(i));
-            all.filter(|corners| !resolve::is_resolved(corners, origin)).collect()
+            let unresolved = all.filter(|corners| !resolve::is_resolved(corners, origin));
+            unresolved.flatten().map(hash).collect()
         };
-        self.each(mesh, unresolved, |triangles| {
-            triangles.iter().flatten().for_each(|&corner| vertices.insert(corner));
+        self.each(mesh, unresolved, |hashes| {
+            hashes.into_iter().for_each(|hash| vertices.insert(hash));
             Ok(())
         })?;
         let mut taken = Spool::new(mesh.local_parts);
@@ -188,7 +190,7 @@ impl Splitter<'_> {
             for i in 0..batch.positions.len() {
                 let corners = batch.positions.triangle(i);
                 // The bounds keep vertices elsewhere from being taken for marked ones.
-                let shared = corners.map(|c| found.bounds.contains(&DBounds::of(&[c])) && vertices.has(c));
+                let shared = corners.map(|c| found.bounds.contains(&DBounds::of(&[c])) && vertices.has(hash(c)));
                 let is_left = shared.contains(&true);
                 let is_resolved = !is_left || resolve::is_resolved(&corners, origin);
                 let (part, prim) = (batch.parts[i], batch.prims[i]);
@@ -240,6 +242,18 @@ fn place(assembly: &mut Assembly, mesh: u32, tree: u32) {
     assembly.instances.extend(again);
 }
 
+fn mix(x: u64) -> u64 {
+    let x = (x ^ x >> 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    (x ^ x >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9)
+}
+
+/// A hash of a position.
+fn hash(p: DVec3) -> u64 {
+    // The sum makes one zero of both.
+    let bits = (p + DVec3::ZERO).to_array().map(f64::to_bits);
+    bits.iter().fold(0, |hash, &bits| mix(hash ^ bits).rotate_left(23))
+}
+
 /// A set of positions in a few bytes each. It may hold positions that were not inserted; it always answers the same for
 /// the same position. (A Bloom filter: Bloom, "Space/time trade-offs in hash coding with allowable errors", CACM 1970.)
 struct Vertices {
@@ -247,22 +261,15 @@ struct Vertices {
 }
 
 impl Vertices {
-    /// An empty set for the corners of `triangles` triangles, in at most the memory of the triangles that wait.
+    /// An empty set for the corners of `triangles` triangles, in less memory than the triangles that wait.
     fn of(triangles: u64, shares: &Shares) -> Result<Self> {
-        let most = shares.waiting.min(1 << 40);
-        let words = (triangles * BITS / 64).clamp(1 << 10, most.max(1 << 10)).next_power_of_two();
-        Ok(Self { words: zeroed(words as usize, "vertices of small triangles")? })
+        let most = shares.waiting.min(1 << 32) * 4;
+        let words = 1 << (triangles * BITS / 64).clamp(1 << 10, most.max(1 << 10)).ilog2();
+        Ok(Self { words: zeroed(words, "vertices of small triangles")? })
     }
 
-    /// The words and bits of a position.
-    fn places(&self, p: DVec3) -> [(usize, u64); 4] {
-        let mix = |x: u64| {
-            let x = (x ^ x >> 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            (x ^ x >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9)
-        };
-        // The sum makes one zero of both.
-        let bits = (p + DVec3::ZERO).to_array().map(f64::to_bits);
-        let hash = bits.iter().fold(0, |hash, &bits| mix(hash ^ bits).rotate_left(23));
+    /// The words and bits of a position, given its [`hash`].
+    fn places(&self, hash: u64) -> [(usize, u64); 4] {
         let (mut at, step) = (mix(hash), mix(hash ^ 0x5555_5555) | 1);
         std::array::from_fn(|_| {
             at = at.wrapping_add(step);
@@ -270,13 +277,13 @@ impl Vertices {
         })
     }
 
-    fn insert(&mut self, p: DVec3) {
-        for (word, bit) in self.places(p) {
+    fn insert(&mut self, hash: u64) {
+        for (word, bit) in self.places(hash) {
             self.words[word] |= bit;
         }
     }
 
-    fn has(&self, p: DVec3) -> bool {
-        self.places(p).iter().all(|&(word, bit)| self.words[word] & bit != 0)
+    fn has(&self, hash: u64) -> bool {
+        self.places(hash).iter().all(|&(word, bit)| self.words[word] & bit != 0)
     }
 }

@@ -40,9 +40,9 @@ pub(super) const LEAST_TRANSMITTANCE: f32 = 1.0 / 512.0;
 /// precision may put between a computed point of the surface and the surface (2⁻²⁴ of twice the extent).
 pub(super) const LEAVE: f64 = 1.0 / 262_144.0;
 
-/// Distance of a triangle's plane from the eye below which the triangle is not visible, as a fraction of the tree's
-/// extent. Single precision cannot tell for each pixel alike if such a triangle, for example of the floor that the eye is
-/// on, is before the eye. The distance is 16 roundings.
+/// Distance of a triangle's plane from the eye below which the triangle is not visible, as a fraction of the greatest
+/// coordinate of either in the tree's frame. Single precision cannot tell for each pixel alike if such a triangle, for
+/// example of the floor that the eye is on, is before the eye. The distance is 16 roundings.
 pub(super) const AT_EYE: f64 = 1.0 / 1_048_576.0;
 
 /// The requested buffers of the first surface. Others are not computed.
@@ -551,10 +551,11 @@ impl Direct<'_> {
 /// True if the plane of a triangle goes through the origin of a ray that hits it, up to [`AT_EYE`]. The answer
 /// is the same for all rays from there.
 fn is_at_origin(placed: &Placed, triangle: &Triangle, ray: &Ray) -> bool {
-    let most = placed.extent() * AT_EYE;
-    let [a, b, c] = triangle.vertices.map(|v| placed.world_point(v.as_dvec3()));
+    let org = placed.local_point(ray.origin);
+    let [a, b, c] = triangle.vertices.map(|v| v.as_dvec3());
+    let size = a.abs().max(b.abs()).max(c.abs()).max(org.abs()).max_element();
     let normal = (b - a).cross(c - a);
-    normal.dot(a - ray.origin).abs() <= most * normal.length()
+    normal.dot(a - org).abs() <= AT_EYE * size * normal.length()
 }
 
 /// Expands the background of each row to all pixels of a packet.

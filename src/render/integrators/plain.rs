@@ -235,7 +235,8 @@ impl<'v> Direct<'v> {
 
     /// True if the triangle that one of `rays` hits, at distance `t` and with this cosine, may go through the eye.
     fn meets_eye(&self, placed: u32, rays: u32, t: &Row<f32>, cosine: &Row<f32>) -> bool {
-        let most = (2.0 * AT_EYE * self.view.scene.placement.placed[placed as usize].extent()) as f32;
+        // Coordinates are within the tree's extent, or a few of it; and the cosines have roundings of their own.
+        let most = (4.0 * AT_EYE * self.view.scene.placement.placed[placed as usize].extent()) as f32;
         let mut near = 0;
         for i in 0..PACKET {
             near |= u32::from((t[i] * cosine[i]).abs() <= most) << i;
