@@ -20,12 +20,12 @@ mod container;
 mod materials;
 mod primitive;
 mod scene;
-mod texture;
 
 #[cfg(test)]
 mod tests;
 
 use super::input::{Input, Parsed};
+use super::texture;
 use super::{PartDesc, PartKey, Sink, UpAxis};
 use crate::base::error::{Place, Result};
 use ::gltf::json::{Root, mesh::Primitive, validation::Checked};

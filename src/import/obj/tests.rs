@@ -3,14 +3,14 @@ use crate::import::testing::{read_bytes, read_files, refused, survives_damage, s
 use glam::DVec3;
 use proptest::prelude::*;
 
-const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+pub(super) const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
 
 fn read(faces: &str) -> Collector {
     read_bytes("file.obj", format!("{SQUARE}{faces}")).unwrap()
 }
 
 /// Returns name, parent's name and number of triangles of each part.
-fn parts(sink: &Collector) -> Vec<(&str, &str, usize)> {
+pub(super) fn parts(sink: &Collector) -> Vec<(&str, &str, usize)> {
     let name = |p: u32| sink.parts[p as usize].name.as_str();
     (0..sink.parts.len() as u32)
         .map(|p| {
@@ -113,7 +113,11 @@ fn libraries_give_materials() {
     let materials: Vec<_> = sink.parts.iter().map(|p| p.material).collect();
     assert_eq!(materials, [None, Some(0), Some(1), None]);
     assert_eq!(sink.notes.len(), 2, "{:?}", sink.notes);
-    assert!(sink.notes[0].contains("2 lines") && sink.notes[1].contains("\"none\""), "{:?}", sink.notes);
+    assert!(
+        sink.notes[0].contains("1 × invalid \"Kd\" (first in line 7)") && sink.notes[1].contains("\"none\""),
+        "{:?}",
+        sink.notes
+    );
 }
 
 #[test]

@@ -11,7 +11,7 @@ use ::gltf::json::Root;
 use ::gltf::json::texture::{Info, WrappingMode};
 use ::gltf::json::validation::Checked;
 use glam::Vec2;
-use image::{ImageReader, Limits};
+use image::{ImageReader, Limits, RgbaImage};
 use std::io::Cursor;
 
 /// Largest picture that is decoded, in pixels.
@@ -64,6 +64,11 @@ impl Mapping {
         }
     }
 
+    /// Creates a mapping that scales, then translates.
+    pub(crate) fn new(scale: Vec2, offset: Vec2, wrap: WrappingMode) -> Self {
+        Self { set: 0, offset, rotation: 0.0, scale, wrap: [wrap; 2] }
+    }
+
     /// Applies KHR_texture_transform: scales, then rotates, then translates.
     pub(crate) fn apply(&self, uv: [f32; 2]) -> Vec2 {
         let [u, v] = (Vec2::from(uv) * self.scale).to_array();
@@ -73,20 +78,10 @@ impl Mapping {
 }
 
 impl Texture {
-    /// Decodes a PNG or JPEG picture of at most [`MAX_PIXELS`] pixels.
+    /// Decodes a picture as [`picture`] does.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, String> {
-        let mut limits = Limits::default();
-        limits.max_alloc = Some(MAX_PIXELS * 8);
-        let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-        reader.limits(limits.clone());
-        let (width, height) = reader.into_dimensions().map_err(|e| format!("a picture cannot be read: {e}"))?;
-        if u64::from(width) * u64::from(height) > MAX_PIXELS || width == 0 || height == 0 {
-            return Err(format!("a picture of {width} × {height} pixels is empty or too large"));
-        }
-        let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-        reader.limits(limits);
-        let picture = reader.decode().map_err(|e| format!("a picture cannot be decoded: {e}"))?.into_rgba8();
-        Ok(Self::new(width, height, picture.as_raw()))
+        let picture = picture(bytes)?;
+        Ok(Self::new(picture.width(), picture.height(), picture.as_raw()))
     }
 
     /// Creates a texture from rows of sRGB-coded RGBA.
@@ -121,6 +116,17 @@ impl Texture {
         self.mean_coded
     }
 
+    /// Returns the mean linear colour of the whole picture; `None` if it is fully transparent.
+    pub(crate) fn mean_of_all(&self) -> Option<[f32; 3]> {
+        let &[r, g, b, alpha] = self.levels.last()?.texels.first()?;
+        (alpha > 1e-4).then(|| [r / alpha, g / alpha, b / alpha])
+    }
+
+    /// Returns the size of all levels in bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.levels.iter().map(|level| size_of_val(&level.texels[..])).sum()
+    }
+
     /// Returns the mean linear colour over a triangle of mapped coordinates; `None` if the area is fully transparent.
     pub(crate) fn mean(&self, corners: [Vec2; 3], wrap: &Mapping) -> Option<[f32; 3]> {
         let finest = &self.levels[0];
@@ -142,6 +148,21 @@ impl Texture {
         let [r, g, b, alpha] = sum;
         (alpha > 1e-4 * points).then(|| [r / alpha, g / alpha, b / alpha])
     }
+}
+
+/// Decodes a PNG or JPEG picture of at most [`MAX_PIXELS`] pixels.
+pub(crate) fn picture(bytes: &[u8]) -> Result<RgbaImage, String> {
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(MAX_PIXELS * 8);
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+    reader.limits(limits.clone());
+    let (width, height) = reader.into_dimensions().map_err(|e| format!("a picture cannot be read: {e}"))?;
+    if u64::from(width) * u64::from(height) > MAX_PIXELS || width == 0 || height == 0 {
+        return Err(format!("a picture of {width} × {height} pixels is empty or too large"));
+    }
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+    reader.limits(limits);
+    Ok(reader.decode().map_err(|e| format!("a picture cannot be decoded: {e}"))?.into_rgba8())
 }
 
 /// Returns the barycentric coordinate of row `j` of the pattern, at the centroid of a cell.
