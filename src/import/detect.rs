@@ -67,9 +67,7 @@ fn tell(head: &[u8], total: u64, ending: &str) -> Parsed<Format, String> {
         return Err("is empty, not a mesh file".into());
     }
     let whole = head;
-    let head = head.strip_prefix(MARK).unwrap_or(head);
-    let padding = head.iter().rev().take_while(|b| text::is_padding(&[**b])).count();
-    let head = &head[..head.len() - padding];
+    let head = text::unpadded(head.strip_prefix(MARK).unwrap_or(head));
     let first = head.split(|&b| b == b'\n' || b == b'\r').next().unwrap_or(b"");
     if first.trim_ascii() == b"ply" {
         return Ok(Format::Ply);

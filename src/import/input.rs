@@ -4,6 +4,7 @@
 //! A file that another program changes while it is read would become a mixture of both contents, or a part of one.
 //! The reader of a file therefore calls [`Stamp::unchanged`] after the last read.
 
+use super::text;
 use crate::base::error::{Error, Place, Result};
 use std::fs::{File, Metadata};
 use std::io::{Read, Seek, SeekFrom};
@@ -291,7 +292,7 @@ impl Input {
     }
 
     /// Returns the next line without its ending, or `None` at the end of the file. A byte order mark before the first
-    /// line is not part of it.
+    /// line is not part of it, nor is padding at its end.
     #[inline]
     pub(crate) fn next_line(&mut self) -> Result<Option<&[u8]>> {
         let window = self.available();
@@ -316,7 +317,11 @@ impl Input {
     #[inline]
     pub(crate) fn last_line(&self) -> &[u8] {
         let line = &self.buf[self.last.0..self.last.0 + self.last.1];
-        line.strip_suffix(b"\r").unwrap_or(line)
+        match line.last() {
+            Some(b'\r') => &line[..line.len() - 1],
+            Some(0 | 0x1a) => text::unpadded(line),
+            _ => line,
+        }
     }
 
     /// Reads a line that does not end in the window. Returns its length without and with the ending.

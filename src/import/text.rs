@@ -38,9 +38,12 @@ pub(crate) fn name_before_comment(name: &[u8]) -> Option<&[u8]> {
     Some(name[..at].trim_ascii())
 }
 
-/// True for the bytes behind the text of a file whose length was rounded up: zeros, or the end mark of DOS.
-pub(crate) fn is_padding(bytes: &[u8]) -> bool {
-    bytes.iter().all(|&b| b == 0 || b == 0x1a)
+/// Returns `bytes` without padding at the end: zeros, which round up the length of a file, and the end mark of DOS.
+pub(crate) fn unpadded(mut bytes: &[u8]) -> &[u8] {
+    while let [rest @ .., 0 | 0x1a] = bytes {
+        bytes = rest;
+    }
+    bytes
 }
 
 /// Returns the error message for a word that should be a number.

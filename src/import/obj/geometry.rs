@@ -244,7 +244,7 @@ impl Reader<'_> {
     fn other(&mut self, line: &[u8], number: u64) {
         let mut rest = line;
         let word = text::word(&mut rest).unwrap_or(b"");
-        if !SILENT.contains(&word) && !text::is_padding(word) {
+        if !SILENT.contains(&word) && !word.is_empty() {
             self.ignored.add(&text::shown(word), number);
         }
     }

@@ -67,7 +67,7 @@ impl Libraries {
                     self.finish(draft.take(), &mut ignored);
                     draft = Some(Draft { name: rest.trim_ascii().to_vec(), line: number, ..Draft::default() });
                 }
-                Some(keyword) if !keyword.starts_with(b"#") && !text::is_padding(keyword) => {
+                Some(keyword) if !keyword.starts_with(b"#") => {
                     if let Some(draft) = &mut draft {
                         draft.property(keyword, rest, path, &mut |kind| ignored.add(kind, number));
                     }
