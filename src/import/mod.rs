@@ -132,10 +132,10 @@ pub struct ReadOptions {
 /// [`ReadOptions::memory`]), never with the counts in a header. A file without parts of its own becomes one part with
 /// the name of the file, without folder and extension.
 ///
-/// Fails with [`crate::Error::Parse`], naming line or byte, if the content is invalid or not a mesh, and naming the file
-/// if another program changes it, or a file that it refers to, meanwhile; with `Io` if the file cannot be read; with the
-/// errors of the sink. A mesh file without triangles is valid and adds a note to the sink. Data that the sink received
-/// before an error is not withdrawn.
+/// Fails with [`crate::Error::Parse`], naming line or byte, if the content is invalid or not a mesh, and naming the
+/// file if another program changes it, or a file that it refers to, meanwhile; with `Io` if the file cannot be read;
+/// with the errors of the sink. A mesh file without triangles is valid and adds a note to the sink. Data that the sink
+/// received before an error is not withdrawn.
 pub fn read_file(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
     let mut input = input::Input::open(path)?;
     let total = input.total();

@@ -1,8 +1,8 @@
 //! The text form: any number of solids, each with `solid`, facets of `vertex` lines, and `endsolid`.
 //!
-//! Programs leave out the ends of solids, write `end solid`, and put comments anywhere. Lines outside of facets that are
-//! not understood are therefore skipped, with a note. A word of a facet where none can be is refused, because it belongs
-//! to a triangle that would be lost.
+//! Programs leave out the ends of solids, write `end solid`, and put comments anywhere. Lines outside of facets that
+//! are not understood are therefore skipped, with a note. A word of a facet where none can be is refused, because it
+//! belongs to a triangle that would be lost.
 
 use crate::base::error::{Place, Result};
 use crate::import::batch::Batch;
