@@ -38,6 +38,8 @@ struct Reader<'a> {
     positions: Vec<[f64; 3]>,
     /// Linear colours: either empty or as many as `positions`. NaN marks a vertex without a colour.
     colours: Vec<[f32; 3]>,
+    /// Value of a full channel of the vertices' colours: 1, or 255 after the first larger one.
+    scale: f64,
     /// Texture coordinates; `None` if no part has a texture.
     coordinates: Option<Vec<[f32; 2]>>,
     corners: Vec<Corner>,
@@ -66,6 +68,7 @@ pub(crate) fn read(input: &mut Input, parts: &mut Parts, sink: &mut dyn Sink) ->
         parts,
         positions: Vec::new(),
         colours: Vec::new(),
+        scale: 1.0,
         corners: Vec::new(),
         texture: None,
         batch: Batch::new(0),
@@ -98,6 +101,7 @@ impl Reader<'_> {
     fn line(&mut self, line: &[u8], number: u64, sink: &mut dyn Sink) -> Parsed<()> {
         match line {
             [b'v', b' ' | b'\t', rest @ ..] => return self.vertex(rest, number),
+            [b'v', b't'] => return self.texture_vertex(b"", number),
             [b'v', b't', b' ' | b'\t', rest @ ..] => return self.texture_vertex(rest, number),
             [] | [b'#', ..] | [b'v', b'n', b' ' | b'\t', ..] => return Ok(()),
             _ => {}
@@ -129,8 +133,12 @@ impl Reader<'_> {
             return Err("a vertex needs three coordinates".into());
         }
         if n >= 6 {
+            if self.scale == 1.0 && [r, g, b].iter().any(|c| *c > 1.0) {
+                self.scale = 255.0;
+                self.ignored.add("vertex colours above 1: they are taken as 0 to 255 from there on", number);
+            }
             self.colours.resize(self.positions.len(), [f32::NAN; 3]);
-            self.colours.push([r, g, b].map(|c| linear(c as f32)));
+            self.colours.push([r, g, b].map(|c| linear((c / self.scale) as f32)));
         } else if !self.colours.is_empty() {
             self.colours.push([f32::NAN; 3]);
         }

@@ -87,6 +87,7 @@ fn a_texture_colours_each_triangle() {
     for statements in [
         "Kd 1 1 1\nmap_Kd my wall.png",
         "Kd 0 0 0\nmap_Kd my wall.png",
+        "map_Kd my wall.png",
         "map_Kd -s 1 1 1 -o 0 0 0 -clamp on -blendu off -mm 0 1 C:\\textures\\My Wall.PNG\nKd 0.0 0.0 0.0 # none",
         "map_Kd -o 0 1 my wall.png # a wall\nKd 0 0 0",
     ] {

@@ -9,7 +9,7 @@ use crate::import::ignored::Ignored;
 use crate::import::input::{Input, Stamp};
 use crate::import::{MaterialDesc, Sink, text};
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Statements without effect here that nearly all libraries have. They are ignored without a note.
 const SILENT: [&[u8]; 6] = [b"Ka", b"Ks", b"Ni", b"Km", b"sharpness", b"aniso"];
@@ -23,6 +23,8 @@ pub(crate) struct Material {
     pub(crate) looks: MaterialDesc,
     /// The texture `map_Kd`.
     pub(crate) map: Option<Map>,
+    /// Factor of the texture's colours: `Kd`, if the library has it.
+    pub(crate) factor: Option<[f32; 3]>,
 }
 
 /// All materials of the libraries of an OBJ file.
@@ -34,16 +36,30 @@ pub(crate) struct Libraries {
 }
 
 impl Libraries {
-    /// Adds the materials of a library, as named in the OBJ file at `obj`. A library that cannot be read adds a note.
-    pub(crate) fn read(&mut self, obj: &Path, library: &[u8], sink: &mut dyn Sink) -> Result<()> {
-        for path in files(obj, library) {
-            match self.read_file(&path, sink) {
-                Err(Error::Cancelled) => return Err(Error::Cancelled),
-                Err(error) => sink.note(format!("{}: a material library could not be read: {error}", obj.display())),
-                Ok(()) => {}
-            }
+    /// Adds the materials of an `mtllib` line in the OBJ file at `obj`: one library with spaces in its name, or several.
+    /// A library that cannot be read adds a note.
+    pub(crate) fn read(&mut self, obj: &Path, line: &[u8], sink: &mut dyn Sink) -> Result<()> {
+        if let Some(whole) = beside::find(obj, line) {
+            return self.try_file(obj, &whole, sink);
+        }
+        let mut rest = text::name_before_comment(line).unwrap_or(line);
+        while let Some(name) = text::word(&mut rest) {
+            sink.cancel().check()?;
+            let path = beside::find(obj, name).unwrap_or_else(|| beside::expected(obj, name));
+            self.try_file(obj, &path, sink)?;
         }
         Ok(())
+    }
+
+    fn try_file(&mut self, obj: &Path, path: &Path, sink: &mut dyn Sink) -> Result<()> {
+        match self.read_file(path, sink) {
+            Err(Error::Cancelled) => Err(Error::Cancelled),
+            Err(error) => {
+                sink.note(format!("{}: a material library could not be read: {error}", obj.display()));
+                Ok(())
+            }
+            Ok(()) => Ok(()),
+        }
     }
 
     /// Returns the material of that name. Either name may have a comment behind it.
@@ -90,25 +106,13 @@ impl Libraries {
     }
 }
 
-/// Returns the files of an `mtllib` line: one file with spaces in its name, or several files.
-fn files(obj: &Path, library: &[u8]) -> Vec<PathBuf> {
-    if let Some(whole) = beside::find(obj, library) {
-        return vec![whole];
-    }
-    let mut rest = text::name_before_comment(library).unwrap_or(library);
-    let names: Vec<&[u8]> = std::iter::from_fn(|| text::word(&mut rest)).collect();
-    if names.iter().all(|name| beside::find(obj, name).is_none()) {
-        return vec![beside::expected(obj, library)];
-    }
-    names.iter().map(|name| beside::find(obj, name).unwrap_or_else(|| beside::expected(obj, name))).collect()
-}
-
 /// A material under construction. Opacity and roughness are determined after its last line.
 #[derive(Default)]
 struct Draft {
     name: Vec<u8>,
     line: u64,
     looks: MaterialDesc,
+    colour: Option<[f32; 3]>,
     transparency: Option<f32>,
     dissolve: Option<f32>,
     /// Mean of the transmitted colour `Tf`, and the illumination model.
@@ -125,7 +129,7 @@ impl Draft {
     /// Handles one line of the library at `path`. Calls `ignore` with the kind of the line if it has no effect.
     fn property(&mut self, keyword: &[u8], rest: &[u8], path: &Path, ignore: &mut dyn FnMut(&str)) {
         let understood = match keyword {
-            b"Kd" => colour(rest).map(|c| self.looks.colour = c.map(|c| unit(c, 0.6))),
+            b"Kd" => colour(rest).map(|c| self.colour = Some(c.map(|c| unit(c, 0.6)))),
             b"Tf" => colour(rest).map(|[r, g, b]| self.transmission = Some((r + g + b) / 3.0)),
             b"d" => number(after(rest, b"-halo")).map(|d| self.dissolve = Some(d)),
             b"Tr" => number(rest).map(|t| self.transparency = Some(t)),
@@ -168,12 +172,13 @@ impl Draft {
     }
 
     fn material(&self, ignored: &mut Ignored) -> Material {
-        let mut looks = MaterialDesc { opacity: self.opacity(ignored), ..self.looks };
+        let colour = self.colour.unwrap_or(self.looks.colour);
+        let mut looks = MaterialDesc { colour, opacity: self.opacity(ignored), ..self.looks };
         let by_exponent = self.exponent.filter(|n| *n >= 0.0).map(|n| (2.0 / (n + 2.0)).powf(0.25));
         if let Some(roughness) = self.roughness.or(by_exponent) {
             looks.roughness = unit(roughness, looks.roughness);
         }
-        Material { looks, map: self.map.clone().map(|map| map.with_alpha(self.cut)) }
+        Material { looks, map: self.map.clone().map(|map| map.with_alpha(self.cut)), factor: self.colour }
     }
 }
 

@@ -183,19 +183,19 @@ fn materials(
 /// Returns the looks of a material with its texture, if it has one that can be used. The material's own colour is then
 /// the mean of the texture.
 ///
-/// `Kd` is a factor of the texture's colours. `Kd 0 0 0` would hide the texture; programs write it for materials that
+/// `Kd` is a factor of the texture's colours. `Kd 0 0 0` would hide the texture: programs write it for materials that
 /// have no colour of their own.
 fn painted(material: &Material, textures: &mut Textures) -> (MaterialDesc, Option<Painted>) {
     let mut looks = material.looks;
     let Some(map) = &material.map else { return (looks, None) };
-    let black = looks.colour == [0.0; 3];
+    let factor = material.factor.filter(|&factor| factor != [0.0; 3]);
     let Some((used, texture)) = textures.add(map) else {
-        if black {
+        if factor.is_none() {
             looks.colour = MaterialDesc::default().colour;
         }
         return (looks, None);
     };
-    let factor = if black { [1.0; 3] } else { looks.colour };
+    let factor = factor.unwrap_or([1.0; 3]);
     let mean = texture.mean_of_all().unwrap_or([1.0; 3]);
     looks.colour = std::array::from_fn(|i| factor[i] * mean[i]);
     (looks, Some(Painted { used, factor }))

@@ -141,6 +141,21 @@ fn vertices_may_have_weights_or_colours() {
 }
 
 #[test]
+fn colours_of_vertices_may_reach_to_255() {
+    let text = "v 0 0 0 0 0 0\nv 1 0 0 255 0 0\nv 0 1 0 0 0 255\nv 0 0 1 1 0 0\nf 1 2 3\nf 2 2 2\nf 4 4 4\n";
+    let sink = read_bytes("file.obj", text).unwrap();
+    let third = 1.0 / 3.0;
+    assert_eq!(sink.direct()[0].colour, Some([third, 0.0, third]));
+    assert_eq!(sink.direct()[1].colour, Some([1.0, 0.0, 0.0]));
+    assert!(sink.direct()[2].colour.is_some_and(|c| c[0] > 0.0 && c[0] < 0.001));
+    assert!(
+        sink.notes.len() == 1 && sink.notes[0].contains("0 to 255") && sink.notes[0].contains("line 2"),
+        "{:?}",
+        sink.notes
+    );
+}
+
+#[test]
 fn ignored_lines_are_noted_once() {
     let sink = read("vt 0 0\nvn 0 0 1\ns 1\np 1\nl 1 2\nl 2 3\nt crease 1\ncurv 0 1\nf 1 2 3\nf 1 2\n");
     assert_eq!(sink.received, 1);

@@ -38,6 +38,9 @@ fn rows_that_are_too_long_are_noted() {
     let all = notes(format!("{HEADER}{}", BODY.replace("3 0 1 2\n", "3 0 1 2 255 0 0\n")));
     assert!(all[0].contains("(first in line 13)"), "{all:?}");
     assert!(notes(format!("{HEADER}{}", BODY.replace("3 0 1 2\n", "3 0 1 2 # the only one\n"))).is_empty());
+    // A row that is too short takes values of the next.
+    let error = refused("t.ply", format!("{HEADER}{}", BODY.replace("1 0 0\n", "1 0\n") + "1 2 3\n"));
+    assert!(error.contains("line 12") && error.contains("\"1\" follows the last property of a row"), "{error}");
     // Faces before vertices: the vertices are read first, and the rows twice.
     let (start, faces) = HEADER.split_once("element vertex").unwrap();
     let (vertices, faces) = faces.split_once("element face").unwrap();

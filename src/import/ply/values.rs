@@ -110,6 +110,8 @@ pub(crate) struct Ascii<'a> {
     /// The current line and the number of its bytes that were consumed.
     line: Vec<u8>,
     used: usize,
+    /// Number of lines with values of the present row.
+    lines: u32,
     ignored: Ignored,
     /// The last line of a row that was too long: a second reading of the rows counts them once.
     too_long: u64,
@@ -117,7 +119,7 @@ pub(crate) struct Ascii<'a> {
 
 impl<'a> Ascii<'a> {
     pub(crate) fn new(input: &'a mut Input) -> Self {
-        Self { input, line: Vec::new(), used: 0, ignored: Ignored::default(), too_long: 0 }
+        Self { input, line: Vec::new(), used: 0, lines: 0, ignored: Ignored::default(), too_long: 0 }
     }
 
     #[inline]
@@ -139,7 +141,10 @@ impl<'a> Ascii<'a> {
         self.line.clear();
         self.used = 0;
         match self.input.next_line()? {
-            Some(line) => self.line.extend_from_slice(line),
+            Some(line) => {
+                self.lines += u32::from(!line.trim_ascii().is_empty());
+                self.line.extend_from_slice(line);
+            }
             None => return Err(self.input.line_fault("the file ends before the data that its header announces")),
         }
         Ok(())
@@ -175,10 +180,16 @@ impl Values for Ascii<'_> {
         Ok(())
     }
 
-    /// Ends a row at the end of its line. Some programs write more columns than they declare.
+    /// Ends a row at the end of its line. Some programs write more columns than they declare. In a row of several lines
+    /// such a column may be the next row's, so it is refused.
     fn end_row(&mut self) -> Result<()> {
         let mut rest = &self.line[self.used..];
-        if text::word(&mut rest).is_some_and(|word| !word.starts_with(b"#")) {
+        let lines = std::mem::take(&mut self.lines);
+        if let Some(word) = text::word(&mut rest).filter(|word| !word.starts_with(b"#")) {
+            if lines > 1 {
+                let why = format!("{} follows the last property of a row of several lines", text::shown(word));
+                return Err(self.input.line_fault(why));
+            }
             let line = self.input.line();
             if line > self.too_long {
                 self.ignored.add("values behind the last property of a row", line);

@@ -110,6 +110,12 @@ fn text_may_be_written_in_any_manner() {
 }
 
 #[test]
+fn a_whole_file_may_be_one_line() {
+    let sink = read_bytes("t.stl", text().replace("one\n facet", "one facet").replace('\n', " ")).unwrap();
+    assert_eq!((sink.received, sink.parts[0].name.as_str()), (3, "first one"), "{:?}", sink.notes);
+}
+
+#[test]
 fn a_comment_before_the_solid_does_not_hide_the_format() {
     for name in ["t.stl", "t", "t.txt"] {
         let sink = read_bytes(name, format!("// a comment\n# another\n{}", text())).unwrap();

@@ -111,6 +111,26 @@ impl Words<'_> {
         rest
     }
 
+    /// Returns the rest of the line as a name, up to the next data if the file has it in one line: a facet, or with
+    /// `ended` a solid that has one.
+    fn name(&mut self, ended: bool) -> String {
+        let rest = &self.line[self.used..];
+        let (mut look, mut solid, mut facet) = (rest, None, None);
+        while let Some(word) = text::word(&mut look) {
+            let start = rest.len() - look.len() - word.len();
+            if let Some(facet) = facet.filter(|_| word.eq_ignore_ascii_case(b"normal")) {
+                let data = solid.filter(|_| ended).unwrap_or(facet);
+                let name = text::name(&rest[..data]);
+                self.used += data;
+                return name;
+            }
+            let keyword = Keyword::of(word);
+            facet = (keyword == Keyword::Facet).then_some(start);
+            solid = solid.or((keyword == Keyword::Solid).then_some(start));
+        }
+        self.rest_of_line()
+    }
+
     fn expect(&mut self, keyword: Keyword, name: &str) -> Parsed<()> {
         match self.keyword()? {
             Some((found, _)) if found == keyword => Ok(()),
@@ -176,12 +196,12 @@ impl Solids<'_> {
                     if inside {
                         self.ignored.add("missing \"endsolid\"", line);
                     }
-                    let name = self.words.rest_of_line();
+                    let name = self.words.name(false);
                     self.begin(name, sink)?;
                     inside = true;
                 }
                 Keyword::EndSolid => {
-                    self.words.rest_of_line();
+                    self.words.name(true);
                     inside = false;
                 }
                 Keyword::Facet => {
