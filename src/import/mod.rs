@@ -120,8 +120,8 @@ pub struct ReadOptions {
     /// Folder for spilled vertices; the system's default if `None`.
     pub temp_dir: Option<std::path::PathBuf>,
     /// Limit in bytes of the positions that a reader keeps in memory for formats with global indices; 0 for no limit.
-    /// PLY respects it and spills the other positions to a scratch file. OBJ positions (24 bytes per vertex), PLY
-    /// colours (3 or 12 bytes) and glTF buffers always stay in memory.
+    /// PLY respects it and spills the other positions to a scratch file. OBJ positions (24 bytes per vertex) and
+    /// texture coordinates (8), PLY colours (3 or 12), glTF buffers and decoded textures always stay in memory.
     pub memory: u64,
 }
 

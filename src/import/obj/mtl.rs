@@ -36,8 +36,8 @@ pub(crate) struct Libraries {
 }
 
 impl Libraries {
-    /// Adds the materials of an `mtllib` line in the OBJ file at `obj`: one library with spaces in its name, or several.
-    /// A library that cannot be read adds a note.
+    /// Adds the materials of an `mtllib` line in the OBJ file at `obj`: one library with spaces in its name, or
+    /// several. A library that cannot be read adds a note.
     pub(crate) fn read(&mut self, obj: &Path, line: &[u8], sink: &mut dyn Sink) -> Result<()> {
         if let Some(whole) = beside::find(obj, line) {
             return self.try_file(obj, &whole, sink);
