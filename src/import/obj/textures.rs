@@ -6,8 +6,7 @@ use crate::base::error::{Error, Place, Result};
 use crate::import::Sink;
 use crate::import::input::{Input, Stamp};
 use crate::import::text;
-use crate::import::texture::{self, Mapping, Texture};
-use ::gltf::json::texture::WrappingMode;
+use crate::import::texture::{self, Alpha, Mapping, Texture, Wrap};
 use glam::Vec2;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -31,7 +30,7 @@ pub(crate) struct Map {
 impl Map {
     /// Parses the text behind the keyword: options, then a name that may have spaces.
     pub(crate) fn parse(library: &Path, mut rest: &[u8]) -> Option<Self> {
-        let (mut scale, mut offset, mut wrap) = (Vec2::ONE, Vec2::ZERO, WrappingMode::Repeat);
+        let (mut scale, mut offset, mut wrap) = (Vec2::ONE, Vec2::ZERO, Wrap::Repeat);
         loop {
             let mut look = rest;
             match text::word(&mut look)? {
@@ -41,7 +40,7 @@ impl Map {
                 b"-mm" => drop((text::word(&mut look), text::word(&mut look))),
                 b"-clamp" => {
                     if text::word(&mut look) == Some(b"on") {
-                        wrap = WrappingMode::ClampToEdge;
+                        wrap = Wrap::ClampToEdge;
                     }
                 }
                 b"-blendu" | b"-blendv" | b"-boost" | b"-cc" | b"-texres" | b"-imfchan" | b"-bm" | b"-type" => {
@@ -51,7 +50,7 @@ impl Map {
             }
             rest = look;
         }
-        let mapping = Mapping::new(scale, offset, wrap);
+        let mapping = Mapping { offset, rotation: 0.0, scale, wrap: [wrap; 2] };
         Some(Self { library: library.to_path_buf(), name: rest.trim_ascii().to_vec(), mapping, alpha: false })
     }
 
@@ -158,8 +157,5 @@ fn decode(input: &mut Input, alpha: bool) -> Result<Texture> {
     }
     let mut picture = texture::picture(&bytes).map_err(|why| fail(input, why))?;
     image::imageops::flip_vertical_in_place(&mut picture);
-    if !alpha {
-        picture.pixels_mut().for_each(|pixel| pixel.0[3] = 255);
-    }
-    Ok(Texture::new(picture.width(), picture.height(), picture.as_raw()))
+    Ok(Texture::of(picture, if alpha { Alpha::Opacity } else { Alpha::Ignored }))
 }
