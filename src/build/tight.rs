@@ -6,9 +6,9 @@
 //! row are therefore found over the vertices, and give the bounds of all placements. A row with only one component
 //! that is not 0 needs no search, because the box gives its exact values.
 //!
-//! The work of all searched meshes (distinct rows times triangles) is limited to [`MOST`] turned placements per triangle
-//! of the model. Meshes with the least work come first. The others, and meshes with very many parts, keep the box
-//! around the turned box of each part, which is never too small.
+//! The work of all searched meshes (distinct rows times triangles) is limited to [`MOST`] turned placements per
+//! triangle of the model. Meshes with the least work come first. The others, and meshes with very many parts, keep the
+//! box around the turned box of each part, which is never too small.
 
 use super::origin;
 use super::survey::{Batches, TOGETHER};
@@ -129,8 +129,8 @@ impl Tight {
         Ok(())
     }
 
-    /// Returns a function from a local part, and the box around the box of its placed triangles, to the tight box, for a
-    /// placement of mesh `tree`. The mesh must have been searched before, if it was chosen.
+    /// Returns a function from a local part, and the box around the box of its placed triangles, to the tight box, for
+    /// a placement of mesh `tree`. The mesh must have been searched before, if it was chosen.
     pub fn placed(&self, tree: usize, world_from_mesh: &DAffine3) -> impl Fn(u32, DBounds) -> DBounds {
         let intervals = self.meshes.get(&tree);
         let columns = rows(world_from_mesh).map(|row| {
