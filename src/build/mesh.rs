@@ -99,6 +99,7 @@ impl Output<'_> {
         self.cancel.check()?;
         self.judged(&placed.fates, placed.origin, &mut row);
         let of_parts = parts::count(&placed.triangles, &placed.parts, &self.par);
+        assembly.tight.search(index, placed.origin, &placed.triangles, &placed.parts, &self.par);
         assembly.add(index, placed.origin, &of_parts);
         if placed.triangles.is_empty() {
             return Ok(row);
@@ -153,6 +154,7 @@ impl Output<'_> {
         let at = heard(span.part(0.08, 0.25));
         let mut seen = |seen: u64| progress.advance(at(seen));
         let buckets = distributor.chunks(&mesh, &found.grid, &found.histogram, &mut seen)?;
+        assembly.tight.search_batches(index, &mesh, &self.par, self.cancel)?;
         let origin = mesh.origin;
         let mesh_half_area = spool.bounds.half_area() as f32;
         drop(spool);

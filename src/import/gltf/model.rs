@@ -84,10 +84,13 @@ pub(crate) struct Node {
     /// Weights of the mesh's morph targets.
     pub(crate) weights: Option<Box<[f64]>>,
     /// Accessors of `EXT_mesh_gpu_instancing`, by name of the attribute.
-    pub(crate) instancing: Option<Box<[(Box<str>, usize)]>>,
+    pub(crate) instancing: Option<Attributes>,
     /// False for nodes that `KHR_node_visibility` hides, with all below them.
     pub(crate) is_visible: bool,
 }
+
+/// Names and accessors of attributes.
+pub(crate) type Attributes = Box<[(Box<str>, usize)]>;
 
 pub(crate) struct Mesh {
     pub(crate) name: Option<Box<str>>,
@@ -99,7 +102,7 @@ pub(crate) struct Mesh {
 
 pub(crate) struct Primitive {
     /// Accessors by name of the attribute. An attribute that is not an index is missing.
-    attributes: Vec<(Box<str>, usize)>,
+    attributes: Attributes,
     pub(crate) indices: Option<usize>,
     pub(crate) material: Option<usize>,
     pub(crate) mode: Mode,
@@ -268,7 +271,7 @@ impl Component {
 
 fn node(value: &Value) -> Read<Node> {
     let visibility = json::extension(value, "KHR_node_visibility");
-    let instancing = json::extension(value, "EXT_mesh_gpu_instancing").map(|e| attributes(e).into_boxed_slice());
+    let instancing = json::extension(value, "EXT_mesh_gpu_instancing").map(attributes);
     Ok(Node {
         name: json::text(value, "name"),
         children: json::indices(value, "children")?,
@@ -331,7 +334,7 @@ fn primitive(value: &Value) -> Read<Primitive> {
 }
 
 /// Returns the attributes of a primitive or of `EXT_mesh_gpu_instancing`.
-fn attributes(value: &Value) -> Vec<(Box<str>, usize)> {
+fn attributes(value: &Value) -> Attributes {
     let all = value.get("attributes").and_then(Value::as_object).into_iter().flatten();
     all.filter_map(|(name, index)| Some((name.as_str().into(), usize::try_from(json::whole(index)?).ok()?))).collect()
 }

@@ -154,6 +154,7 @@ pub(crate) fn inverts_well(m: &DAffine3) -> bool {
     m.is_finite()
         && most > 0.0
         && least > 1e-6 * most
-        && volume.is_finite()
+        && volume.is_normal()
+        && volume.recip().is_normal()
         && volume > 1e-6 * columns.iter().product::<f64>()
 }

@@ -178,6 +178,18 @@ fn transforms_without_an_inverse_are_noted() {
 }
 
 #[test]
+fn extreme_scales_refuse_no_file() {
+    for scale in [1e-105, 1e-110, 1e-160, 1e105, 1e110, 1e160] {
+        let mut document = Document::triangle();
+        let node = json!({ "mesh": 0, "scale": [scale, scale, scale] });
+        document.json["nodes"] = json!([node, node, { "mesh": 0 }]);
+        document.json["scenes"] = json!([{ "nodes": [0, 1, 2] }]);
+        let sink = document.read();
+        assert_eq!((sink.instances.len(), sink.direct().len()), (0, 3), "{scale}");
+    }
+}
+
+#[test]
 fn hidden_nodes_are_left_out() {
     let mut document = Document::triangle();
     document.json["nodes"] = json!([
