@@ -13,7 +13,17 @@ use std::time::{Duration, SystemTime};
 /// A sink during whose first call for a part another program acts.
 struct Meddled<'a> {
     inner: Collector,
+    /// True if it acts during the first call for triangles instead.
+    at_triangles: bool,
     act: Option<Box<dyn FnOnce() + 'a>>,
+}
+
+impl Meddled<'_> {
+    fn act(&mut self) {
+        if let Some(act) = self.act.take() {
+            act();
+        }
+    }
 }
 
 impl Sink for Meddled<'_> {
@@ -22,8 +32,8 @@ impl Sink for Meddled<'_> {
         self.inner.material(material)
     }
     fn part(&mut self, part: PartDesc) -> Result<PartKey> {
-        if let Some(act) = self.act.take() {
-            act();
+        if !self.at_triangles {
+            self.act();
         }
         self.inner.part(part)
     }
@@ -31,6 +41,7 @@ impl Sink for Meddled<'_> {
         self.inner.shared_mesh(parts)
     }
     fn triangles(&mut self, m: MeshKey, part: u32, p: &[[DVec3; 3]], colours: Option<&[[f32; 3]]>) -> Result<()> {
+        self.act();
         self.inner.triangles(m, part, p, colours)
     }
     fn instance(&mut self, mesh: MeshKey, at: DAffine3, first: PartKey) -> Result<()> {
@@ -47,7 +58,7 @@ impl Sink for Meddled<'_> {
 
 /// Reads `path` while `act` happens.
 fn read(path: &Path, act: impl FnOnce()) -> Result<()> {
-    let mut sink = Meddled { inner: Collector::new(), act: Some(Box::new(act)) };
+    let mut sink = Meddled { inner: Collector::new(), at_triangles: false, act: Some(Box::new(act)) };
     let outcome = read_file(path, &ReadOptions::default(), &mut sink);
     assert!(sink.act.is_none(), "nothing happened: {outcome:?}");
     outcome
@@ -128,9 +139,9 @@ fn assert_changed(outcome: Result<()>, path: &Path) {
 fn a_file_that_changes_while_it_is_read_is_refused() {
     let folder = temporary();
     #[cfg(unix)]
-    let acts = [overwrite, cut, lengthen, replace, remove];
+    let acts: [fn(&Path); 5] = [overwrite, cut, lengthen, replace, remove];
     #[cfg(not(unix))]
-    let acts = [overwrite, cut, lengthen];
+    let acts: [fn(&Path); 3] = [overwrite, cut, lengthen];
     for act in acts {
         for path in files(folder.path()).iter().filter(|p| !p.ends_with("a.mtl") && !p.ends_with("a.bin")) {
             assert_changed(read(path, || act(path)), path);
@@ -139,7 +150,19 @@ fn a_file_that_changes_while_it_is_read_is_refused() {
         files(folder.path());
         let library = folder.path().join("a.mtl");
         assert_changed(read(&folder.path().join("a.obj"), || act(&library)), &library);
+        change_buffer(folder.path(), act);
     }
+}
+
+/// Changes the buffer of a glTF file after its first mesh was read; the second mesh is in the same buffer.
+fn change_buffer(folder: &Path, act: fn(&Path)) {
+    let (document, buffer) = (folder.join("two.gltf"), folder.join("a.bin"));
+    let two = GLTF.replace("\"nodes\":[{\"mesh\":0}]", "\"nodes\":[{\"mesh\":0},{\"mesh\":0},{\"mesh\":1}]");
+    let mesh = r#"{"primitives":[{"attributes":{"POSITION":0}}]}"#;
+    fs::write(&document, two.replace(mesh, &format!("{mesh},{mesh}"))).expect("a file");
+    let mut sink = Meddled { inner: Collector::new(), at_triangles: true, act: None };
+    sink.act = Some(Box::new(|| act(&buffer)));
+    assert_changed(read_file(&document, &ReadOptions::default(), &mut sink), &buffer);
 }
 
 #[test]
@@ -166,7 +189,7 @@ fn a_cancelled_reading_is_cancelled() {
     let folder = temporary();
     let path = &files(folder.path())[0];
     let cancel = Cancel::new();
-    let mut sink = Meddled { inner: Collector::with_cancel(cancel.clone()), act: None };
+    let mut sink = Meddled { inner: Collector::with_cancel(cancel.clone()), at_triangles: false, act: None };
     sink.act = Some(Box::new(|| {
         overwrite(path);
         cancel.cancel();

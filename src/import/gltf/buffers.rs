@@ -5,7 +5,7 @@ use super::model::{Model, View};
 use super::uri;
 use crate::base::error::{Error, Place, Result};
 use crate::base::progress::Cancel;
-use crate::import::input::{Input, Parsed};
+use crate::import::input::{Input, Parsed, Stamp};
 use std::path::{Path, PathBuf};
 
 /// Storage of a buffer's bytes.
@@ -31,6 +31,8 @@ pub(crate) struct Buffers<'a> {
     input: &'a mut Input,
     binary: Option<(u64, u64)>,
     opened: Vec<Option<Bytes>>,
+    /// The files of buffers and pictures that were opened.
+    files: Vec<Stamp>,
     cancel: Cancel,
     /// Number of bytes read so far. Progress reports limit it to the size of the file and its buffers.
     read: u64,
@@ -59,7 +61,7 @@ impl<'a> Buffers<'a> {
     /// Creates the unopened buffers of a document. `cancel` is checked before each read.
     pub(crate) fn new(input: &'a mut Input, document: &Document, cancel: Cancel) -> Self {
         let opened = (0..document.model.buffers.len()).map(|_| None).collect();
-        Self { input, binary: document.binary, opened, cancel, read: 0 }
+        Self { input, binary: document.binary, opened, files: Vec::new(), cancel, read: 0 }
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -133,7 +135,7 @@ impl<'a> Buffers<'a> {
         let bytes = match (&buffer.uri, self.binary, view.compressed) {
             (Some(uri), _, _) => match uri::data(uri) {
                 Some(bytes) => Bytes::Memory(bytes.map_err(|why| format!("buffers[{index}]: {why}"))?),
-                None => Bytes::File(Input::open(&self.beside(uri)?)?),
+                None => Bytes::File(self.open_file(uri)?),
             },
             (None, Some((start, len)), _) if index == 0 => Bytes::Here(start, len),
             (None, _, Some(name)) => return Err(format!("has data only for {name}, which is not supported").into()),
@@ -147,11 +149,11 @@ impl<'a> Buffers<'a> {
     }
 
     /// Returns the bytes of an image's URI.
-    pub(crate) fn uri(&self, uri: &str) -> Parsed<Vec<u8>> {
+    pub(crate) fn uri(&mut self, uri: &str) -> Parsed<Vec<u8>> {
         match uri::data(uri) {
             Some(bytes) => Ok(bytes?),
             None => {
-                let mut input = Input::open(&self.beside(uri)?)?;
+                let mut input = self.open_file(uri)?;
                 let mut bytes = vec![0; input.total() as usize];
                 if !input.read_range(0, &mut bytes)? {
                     return Err("the file became shorter while being read".into());
@@ -159,6 +161,17 @@ impl<'a> Buffers<'a> {
                 Ok(bytes)
             }
         }
+    }
+
+    fn open_file(&mut self, uri: &str) -> Result<Input> {
+        let input = Input::open(&self.beside(uri)?)?;
+        self.files.push(input.stamp().clone());
+        Ok(input)
+    }
+
+    /// Fails if a file was changed since it was opened.
+    pub(crate) fn unchanged(&self) -> Result<()> {
+        self.files.iter().try_for_each(Stamp::unchanged)
     }
 
     /// Returns the path for a relative URI. Absolute paths and other schemes are errors.

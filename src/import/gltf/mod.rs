@@ -37,7 +37,7 @@ mod tests;
 use super::input::{Fault, Input, Parsed};
 use super::texture;
 use super::{MeshKey, PartDesc, PartKey, Sink, UpAxis};
-use crate::base::error::{Place, Result};
+use crate::base::error::{Error, Place, Result};
 use buffers::Buffers;
 use glam::DAffine3;
 use materials::Materials;
@@ -68,7 +68,12 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
         instances: HashMap::new(),
         emitter: Emitter::new(model, Buffers::new(input, &document, sink.cancel().clone()), notes),
     };
-    reader.read(sink).map_err(|fault| fault.at(&path, Place::File))
+    let outcome = reader.read(sink).map_err(|fault| fault.at(&path, Place::File));
+    // A file that changes may also look invalid; the change is the better reason.
+    if matches!(outcome, Ok(()) | Err(Error::Parse { .. })) {
+        reader.emitter.buffers().unchanged()?;
+    }
+    outcome
 }
 
 /// Adds the name of the object in which an error arose.
