@@ -7,6 +7,7 @@ use outcrop::build::{BuildOptions, BuildReport, Builder};
 use outcrop::import::{MeshKey, PartDesc, Sink};
 use outcrop::store::ModelFile;
 use std::fs;
+use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -168,6 +169,44 @@ fn cancelled_while_it_writes() {
         Ok(_) => drop(ModelFile::open_path(&path).unwrap()),
         Err(e) => panic!("{e}"),
     }
+}
+
+/// `src/import/change_tests.rs` has each kind of change, and each format.
+#[test]
+fn an_input_that_is_written_again_while_it_is_read_fails_the_build() {
+    let (dir, path) = with_old_file();
+    let inputs = tempfile::tempdir().unwrap();
+    let input = inputs.path().join("input.obj");
+    let square = |z: usize| format!("v 0 0 {z}\nv 1 0 {z}\nv 1 1 {z}\nv 0 1 {z}\nf -4 -3 -2 -1\n");
+    let text: String = (10_000..25_000).map(square).collect();
+    fs::write(&input, &text).unwrap();
+    let build = || -> outcrop::Result<BuildReport> {
+        let mut builder = Builder::new(one_thread(), Arc::new(Progress::default()), Cancel::new())?;
+        builder.add_file(&input)?;
+        builder.finish(&path)
+    };
+    let ended = std::sync::atomic::AtomicBool::new(false);
+    let outcome = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            // The clock of a file system may be too coarse for a test.
+            let mut time = std::time::SystemTime::now();
+            let mut file = fs::File::options().write(true).open(&input).unwrap();
+            while !ended.load(std::sync::atomic::Ordering::SeqCst) {
+                time += Duration::from_secs(1);
+                file.rewind().and_then(|()| file.write_all(text.as_bytes())).unwrap();
+                file.set_modified(time).unwrap();
+            }
+        });
+        let outcome = build();
+        ended.store(true, std::sync::atomic::Ordering::SeqCst);
+        outcome
+    });
+    match outcome {
+        Err(Error::Parse { file, why, .. }) if file == input && why.contains("changed") => {}
+        other => panic!("{other:?}"),
+    }
+    assert_untouched(dir.path());
+    assert_eq!(build().unwrap().triangles_in, 30_000);
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod contact_sheet;
 mod failing_builds;
 mod faults;
 mod format;
+mod gltf_files;
 mod hostile_oc;
 mod import_models;
 mod models;

@@ -140,9 +140,10 @@ fn cut_files_are_refused_or_read_but_never_worse() {
         for len in cuts(&path, bytes) {
             file.set_len(len).expect("a shorter file");
             match read(&copy) {
-                // Only OBJ has no end that could be missing.
+                // Only OBJ has no end that could be missing. A text STL cut between facets is read with a note.
                 Ok(sink) => {
-                    assert!(row.file.ends_with(".obj"), "{} was read after {len} of {bytes} bytes", row.file);
+                    let noted = row.file.ends_with(".stl") && sink.notes.iter().any(|n| n.contains("cut short"));
+                    assert!(row.file.ends_with(".obj") || noted, "{} was read after {len} of {bytes} bytes", row.file);
                     assert!(sink.received as usize <= row.triangles, "{}, {len} bytes", row.file);
                 }
                 Err(error) => assert!(error.to_string().starts_with(&copy.display().to_string()), "{error}"),

@@ -70,7 +70,7 @@ impl Builder {
             meshes: vec![Spool::new(0)],
             spilled: None,
             in_memory: 0,
-            assembly: Assembly { parts: Vec::new(), materials: vec![row_of(default)], instances: Vec::new() },
+            assembly: Assembly { materials: vec![row_of(default)], ..Assembly::default() },
             triangles_in: 0,
             non_finite: 0,
             metres_per_unit: None,

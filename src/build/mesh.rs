@@ -100,6 +100,7 @@ impl Output<'_> {
         self.cancel.check()?;
         self.judged(&placed.fates, placed.origin, &copies, &mut row);
         let of_parts = parts::but(parts::count(&placed.triangles, &placed.parts, &self.par), &copies);
+        assembly.tight.search(index, placed.origin, &placed.triangles, &placed.parts, &self.par);
         assembly.add(index, placed.origin, &of_parts);
         if placed.triangles.is_empty() {
             return Ok(row);
@@ -154,6 +155,7 @@ impl Output<'_> {
         let at = heard(span.part(0.08, 0.25));
         let mut seen = |seen: u64| progress.advance(at(seen));
         let buckets = distributor.chunks(&mesh, &found.grid, &found.histogram, &mut seen)?;
+        assembly.tight.search_batches(index, &mesh, &self.par, self.cancel)?;
         let origin = spool.origin;
         let mesh_half_area = spool.bounds.half_area() as f32;
         let copies = std::mem::take(&mut spool.copies);

@@ -7,8 +7,9 @@
 //!    trees with other origins;
 //! 3. **distribute** (`survey`, `regions`, `distribute`), for meshes that do not fit: triangles are sorted into chunks
 //!    of neighbouring triangles, each of which fits;
-//! 4. **build** (`mesh`): the structure's baker (`structure::bake`) makes a tree and its blocks of each chunk. The
-//!    blocks are put aside; the top of the tree stays, and is joined to the coarse blocks of the mesh;
+//! 4. **build** (`mesh`; `tight` for the bounds of turned placements): the structure's baker (`structure::bake`) makes
+//!    a tree and its blocks of each chunk. The blocks are put aside; the top of the tree stays, and is joined to the
+//!    coarse blocks of the mesh;
 //! 5. **write** (`output`): coarse blocks, then those of each further class; blocks are encoded in parallel and written
 //!    in order;
 //! 6. **seal** (`seal`): primitive ids, colours, tables, checksums, sync, rename.
@@ -33,6 +34,7 @@ mod shares;
 mod split;
 mod spool;
 mod survey;
+mod tight;
 
 pub use crate::structure::Structure;
 pub use builder::Builder;

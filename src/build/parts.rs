@@ -1,17 +1,21 @@
 //! Bounds and counts of parts, mesh by mesh.
 
 use super::survey::OfPart;
+use super::tight::Tight;
 use crate::math::{Bounds, DBounds};
-use crate::store::{InstanceRow, MaterialRow, PartRow, TreeRow};
+use crate::store::{InstanceRow, MaterialRow, PartRow};
 use crate::structure::Par;
 use glam::{DAffine3, DVec3, Vec3};
 use std::collections::BTreeMap;
 
 /// Parts, their materials, and the instances of shared meshes.
+#[derive(Default)]
 pub struct Assembly {
     pub parts: Vec<PartRow>,
     pub materials: Vec<MaterialRow>,
     pub instances: Vec<InstanceRow>,
+    /// Bounds of meshes that are placed with a turn.
+    pub tight: Tight,
 }
 
 /// Number of triangles that one task counts, and number of tasks whose results are kept until they are added up: if
@@ -57,12 +61,13 @@ impl Assembly {
     /// Adds the triangles of a mesh, whose bounds are relative to `origin`. Those of tree 0 are added by part, those of
     /// other trees by local part, for each instance.
     pub fn add(&mut self, tree: usize, origin: DVec3, of_parts: &BTreeMap<u32, OfPart>) {
-        let Self { parts, instances, .. } = self;
+        let Self { parts, instances, tight, .. } = self;
         let mut add = |first: u32, world_from_mesh: &DAffine3| {
+            let tight = tight.placed(tree, world_from_mesh);
             for (&part, of) in of_parts {
                 let row = &mut parts[first as usize + part as usize];
                 let local = DBounds { min: of.bounds.min.as_dvec3() + origin, max: of.bounds.max.as_dvec3() + origin };
-                row.bounds = flat(&unflat(&row.bounds).union(local.transformed(world_from_mesh)));
+                row.bounds = flat(&unflat(&row.bounds).union(tight(part, local.transformed(world_from_mesh))));
                 row.triangles += of.count;
             }
         };
@@ -87,18 +92,8 @@ impl Assembly {
 }
 
 /// Returns the bounds of all placed triangles.
-pub fn model_bounds(trees: &[TreeRow], instances: &[InstanceRow]) -> [f64; 6] {
-    let of_tree = |t: &TreeRow| {
-        let [a, b, c, d, e, f] = t.bounds.map(f64::from);
-        let origin = DVec3::from_array(t.origin);
-        DBounds { min: DVec3::new(a, b, c) + origin, max: DVec3::new(d, e, f) + origin }
-    };
-    let direct = trees.first().map_or(DBounds::EMPTY, of_tree);
-    let all = instances.iter().fold(direct, |all, i| {
-        let m = DAffine3::from_cols_array(&i.world_from_mesh);
-        all.union(of_tree(&trees[i.tree as usize]).transformed(&m))
-    });
-    flat(&all)
+pub fn model_bounds(parts: &[PartRow]) -> [f64; 6] {
+    flat(&parts.iter().fold(DBounds::EMPTY, |all, part| all.union(unflat(&part.bounds))))
 }
 
 fn flat(b: &DBounds) -> [f64; 6] {

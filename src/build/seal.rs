@@ -8,6 +8,7 @@ use super::report::{BuildReport, PhaseSeconds};
 use super::shares::Shares;
 use super::split::Splitter;
 use super::spool::Spool;
+use super::tight::Tight;
 use crate::base::error::Result;
 use crate::base::progress::{Cancel, Phase, Progress};
 use crate::base::scratch::{Scratch, ScratchSpace};
@@ -83,6 +84,8 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         cancel,
         par,
     };
+    let sizes: Vec<(u64, u32)> = meshes.iter().map(|m| (m.triangles, m.local_parts)).collect();
+    gathered.assembly.tight = Tight::plan(&sizes, &gathered.assembly.instances);
     let mut rows = Vec::new();
     let all: f64 = meshes.iter().map(|m| 1.0 + m.triangles as f64).sum();
     let mut before = 0.0;
@@ -112,7 +115,7 @@ fn seal(
     prims.write_to(&mut writer, cancel)?;
     report.bytes_ids = writer.bytes_written() - before;
     colours.write_to(&mut writer, cancel)?;
-    let Assembly { parts, materials, instances } = &gathered.assembly;
+    let Assembly { parts, materials, instances, .. } = &gathered.assembly;
     report.non_finite = gathered.non_finite;
     report.triangles_kept = trees.iter().map(|t| t.triangles).sum();
     report.references = trees.iter().map(|t| t.references).sum();
@@ -127,7 +130,7 @@ fn seal(
         structure: options.structure as u32,
         metres_per_unit: gathered.metres_per_unit,
         up: gathered.up as u32,
-        bounds: parts::model_bounds(trees, instances),
+        bounds: parts::model_bounds(parts),
         triangles_in: report.triangles_in,
         triangles_kept: report.triangles_kept,
         drops: Drops {

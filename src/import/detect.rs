@@ -1,6 +1,6 @@
 //! Detection of the file format: by the first bytes, and by the file extension only if these are ambiguous.
 
-use super::input::{Input, Parsed};
+use super::input::{Input, MARK, Parsed};
 use super::text;
 use crate::base::error::{Error, Place, Result};
 
@@ -20,7 +20,9 @@ pub(crate) enum Format {
 const HEAD: usize = 64 << 10;
 
 /// First bytes of common files that are not supported, and the description of each for the error message.
-const STRANGERS: [(&[u8], &str); 28] = [
+const STRANGERS: [(&[u8], &str); 30] = [
+    (b"\xff\xfe", "text in UTF-16; save it as UTF-8"),
+    (b"\xfe\xff", "text in UTF-16; save it as UTF-8"),
     (b"b3dm", "a 3D Tiles payload (b3dm), not a mesh file; the GLB inside it is one"),
     (b"i3dm", "a 3D Tiles payload (i3dm), not a mesh file"),
     (b"pnts", "a 3D Tiles point cloud (pnts), not a mesh file"),
@@ -64,6 +66,8 @@ fn tell(head: &[u8], total: u64, ending: &str) -> Parsed<Format, String> {
     if total == 0 {
         return Err("is empty, not a mesh file".into());
     }
+    let whole = head;
+    let head = text::unpadded(head.strip_prefix(MARK).unwrap_or(head));
     let first = head.split(|&b| b == b'\n' || b == b'\r').next().unwrap_or(b"");
     if first.trim_ascii() == b"ply" {
         return Ok(Format::Ply);
@@ -74,13 +78,13 @@ fn tell(head: &[u8], total: u64, ending: &str) -> Parsed<Format, String> {
     if head.starts_with(&super::raw::MAGIC) {
         return Ok(Format::Raw);
     }
-    if is_binary_stl(head, total) {
+    if is_binary_stl(whole, total) {
         return Ok(Format::StlBinary);
     }
     if let Some(format) = text_format(head, ending)? {
         return Ok(format);
     }
-    let start = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head).trim_ascii_start();
+    let start = head.trim_ascii_start();
     if start.starts_with(b"{") || (start.is_empty() && ending == "gltf") {
         return Ok(Format::Gltf);
     }
@@ -105,22 +109,30 @@ fn is_binary_stl(head: &[u8], total: u64) -> bool {
     count.is_some_and(|n| total == 84 + 50 * u64::from(n))
 }
 
+/// True if a line that begins with `keyword` begins a solid. `text` is the text from this line on.
+fn is_text_stl(keyword: &[u8], text: &[u8], ending: &str) -> bool {
+    let is = |word: &[u8], other: &str| word.eq_ignore_ascii_case(other.as_bytes());
+    let (mut rest, stl) = (text, ending == "stl");
+    let mut words = std::iter::from_fn(|| text::word(&mut rest));
+    (is(keyword, "solid") && (stl || words.any(|w| is(w, "facet") || is(w, "endsolid"))))
+        || (stl && is(keyword, "facet"))
+}
+
 /// Detects text STL, OBJ and material libraries by the first words of lines.
 fn text_format(head: &[u8], ending: &str) -> Parsed<Option<Format>, String> {
     if head.iter().take(4096).any(|&b| b == 0) {
         return Ok(None);
     }
-    let mut start = head;
-    if text::word(&mut start).is_some_and(|w| w.eq_ignore_ascii_case(b"solid")) {
-        let mut words = std::iter::from_fn(|| text::word(&mut start));
-        if ending == "stl" || words.any(|w| w.eq_ignore_ascii_case(b"facet") || w.eq_ignore_ascii_case(b"endsolid")) {
-            return Ok(Some(Format::StlText));
-        }
-    }
     let mut obj = false;
+    let mut at = 0;
     for line in head.split(|&b| b == b'\n' || b == b'\r') {
+        let behind = &head[at..];
+        at += line.len() + 1;
         let mut rest = line;
         let keyword = text::word(&mut rest).unwrap_or(b"");
+        if is_text_stl(keyword, behind, ending) {
+            return Ok(Some(Format::StlText));
+        }
         let numbers = std::iter::from_fn(|| text::word(&mut rest)).take_while(|w| text::double(w).is_some()).count();
         match keyword {
             b"newmtl" => return Err("is a material library (.mtl), not a mesh".into()),

@@ -1,10 +1,15 @@
 //! A file that is read in large pieces as bytes or lines, with the position for error messages. The window in memory
 //! grows only for long lines and records.
+//!
+//! A file that another program changes while it is read would become a mixture of both contents, or a part of one.
+//! The reader of a file therefore calls [`Stamp::unchanged`] after the last read.
 
+use super::text;
 use crate::base::error::{Error, Place, Result};
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 /// Bytes per read call; they stay in the second-level cache.
 const CHUNK: usize = 256 << 10;
@@ -48,13 +53,74 @@ impl From<Error> for Fault {
     }
 }
 
-/// The byte that ends a line.
+/// The ending of lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ends {
+    /// `\n`, `\r\n` or `\r`, also mixed within a file.
+    Any,
     /// `\n`; a `\r` before it is not part of the line.
     Lf,
     /// `\r` alone, as on classic Mac OS.
     Cr,
+}
+
+impl Ends {
+    /// Returns the position of the first ending in `bytes`.
+    #[inline]
+    fn find(self, bytes: &[u8]) -> Option<usize> {
+        match self {
+            Ends::Any => memchr::memchr2(b'\n', b'\r', bytes),
+            Ends::Lf => memchr::memchr(b'\n', bytes),
+            Ends::Cr => memchr::memchr(b'\r', bytes),
+        }
+    }
+
+    /// Returns the length of the ending at byte `at`; `None` if the window ends between `\r` and a possible `\n`.
+    #[inline]
+    fn len(self, bytes: &[u8], at: usize) -> Option<usize> {
+        match self {
+            Ends::Any if bytes[at] == b'\r' => bytes.get(at + 1).map(|&b| if b == b'\n' { 2 } else { 1 }),
+            _ => Some(1),
+        }
+    }
+}
+
+/// The byte order mark that some programs write before UTF-8 text.
+pub(crate) const MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// State of a file when it was opened. Later changes of the file are noticed by it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Stamp {
+    path: PathBuf,
+    len: u64,
+    written: Option<SystemTime>,
+    /// Device, and number on the device.
+    file: (u64, u64),
+}
+
+impl Stamp {
+    fn of(path: &Path, info: &Metadata) -> Self {
+        Self { path: path.to_path_buf(), len: info.len(), written: info.modified().ok(), file: number(info) }
+    }
+
+    /// Fails if the file was written, cut, replaced or removed since it was opened.
+    pub(crate) fn unchanged(&self) -> Result<()> {
+        match std::fs::metadata(&self.path) {
+            Ok(info) if Self::of(&self.path, &info) == *self => Ok(()),
+            _ => Err(Error::parse(&self.path, Place::File, "was changed or replaced while it was being read")),
+        }
+    }
+}
+
+#[cfg(unix)]
+fn number(info: &Metadata) -> (u64, u64) {
+    use std::os::unix::fs::MetadataExt;
+    (info.dev(), info.ino())
+}
+/// Other systems have no portable number of a file: a replaced file is noticed by its length and time only.
+#[cfg(not(unix))]
+fn number(_: &Metadata) -> (u64, u64) {
+    (0, 0)
 }
 
 /// An input file with a window of it in memory.
@@ -62,14 +128,14 @@ pub(crate) enum Ends {
 /// Invariant: `buf[at..end]` are the bytes of the file that begin at `offset()`.
 pub(crate) struct Input {
     file: File,
-    path: PathBuf,
+    stamp: Stamp,
     total: u64,
     buf: Vec<u8>,
     at: usize,
     end: usize,
     /// File offset of `buf[end]`, where the next read begins.
     next: u64,
-    ends: Option<Ends>,
+    ends: Ends,
     line: u64,
     /// Start and length of the last line in `buf`.
     last: (usize, usize),
@@ -86,24 +152,30 @@ impl Input {
             return Err(Error::parse(path, Place::File, "is not a regular file"));
         }
         let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
+        let info = file.metadata().map_err(|e| Error::io(path, "open", e))?;
         let total = info.len();
         let window = CHUNK.min(total as usize + 1);
         Ok(Self {
             file,
-            path: path.to_path_buf(),
+            stamp: Stamp::of(path, &info),
             total,
             buf: vec![0; window],
             at: 0,
             end: 0,
             next: 0,
-            ends: None,
+            ends: Ends::Any,
             line: 0,
             last: (0, 0),
         })
     }
 
+    /// State of the file when it was opened.
+    pub(crate) fn stamp(&self) -> &Stamp {
+        &self.stamp
+    }
+
     pub(crate) fn path(&self) -> &Path {
-        &self.path
+        &self.stamp.path
     }
     /// Size of the file in bytes when it was opened.
     pub(crate) fn total(&self) -> u64 {
@@ -123,11 +195,11 @@ impl Input {
     }
     /// Creates an error at the current byte.
     pub(crate) fn fault(&self, why: impl Into<String>) -> Error {
-        Error::parse(&self.path, Place::Byte(self.offset()), why)
+        Error::parse(&self.stamp.path, Place::Byte(self.offset()), why)
     }
     /// Creates an error at the last line that was returned.
     pub(crate) fn line_fault(&self, why: impl Into<String>) -> Error {
-        Error::parse(&self.path, Place::Line(self.line), why)
+        Error::parse(&self.stamp.path, Place::Line(self.line), why)
     }
 
     /// Returns the bytes in the window: at least `want` bytes if [`Input::ensure`] returned `true`.
@@ -169,7 +241,7 @@ impl Input {
                     self.next += n as u64;
                 }
                 Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-                Err(e) => return Err(Error::io(&self.path, "read", e)),
+                Err(e) => return Err(Error::io(&self.stamp.path, "read", e)),
             }
         }
         Ok(true)
@@ -208,30 +280,26 @@ impl Input {
 
     /// Moves to a file offset that is preceded by `line` lines.
     pub(crate) fn seek(&mut self, offset: u64, line: u64) -> Result<()> {
-        self.file.seek(SeekFrom::Start(offset)).map_err(|e| Error::io(&self.path, "seek", e))?;
+        self.file.seek(SeekFrom::Start(offset)).map_err(|e| Error::io(&self.stamp.path, "seek", e))?;
         (self.at, self.end, self.next) = (0, 0, offset);
         self.line = line;
         Ok(())
     }
 
-    /// Sets the line ending, for formats that determine it otherwise than from the first chunk.
+    /// Sets the line ending, for text that is followed by binary data. Without a call each line may end in any way.
     pub(crate) fn set_ends(&mut self, ends: Ends) {
-        self.ends = Some(ends);
+        self.ends = ends;
     }
 
-    /// Returns the next line without its ending, or `None` at the end of the file.
-    ///
-    /// Unless [`Input::set_ends`] was called, lines end at `\n` if the first chunk contains one, else at `\r`.
+    /// Returns the next line without its ending, or `None` at the end of the file. A byte order mark before the first
+    /// line is not part of it, nor is padding at its end.
     #[inline]
     pub(crate) fn next_line(&mut self) -> Result<Option<&[u8]>> {
-        let ends = match self.ends {
-            Some(ends) => ends,
-            None => self.guess_ends()?,
-        };
-        let needle = if ends == Ends::Lf { b'\n' } else { b'\r' };
-        let (start, len, used) = match memchr::memchr(needle, self.available()) {
-            Some(n) => (self.at, n, n + 1),
-            None => match self.long_line(needle)? {
+        let window = self.available();
+        let found = self.ends.find(window).and_then(|n| Some((n, n + self.ends.len(window, n)?)));
+        let (start, len, used) = match found {
+            Some((len, used)) => (self.at, len, used),
+            None => match self.long_line()? {
                 Some((len, used)) => (self.at, len, used),
                 None => return Ok(None),
             },
@@ -239,6 +307,9 @@ impl Input {
         self.line += 1;
         self.at += used;
         self.last = (start, len);
+        if self.line == 1 && self.last_line().starts_with(MARK) {
+            self.last = (start + MARK.len(), len - MARK.len());
+        }
         Ok(Some(self.last_line()))
     }
 
@@ -246,14 +317,28 @@ impl Input {
     #[inline]
     pub(crate) fn last_line(&self) -> &[u8] {
         let line = &self.buf[self.last.0..self.last.0 + self.last.1];
-        line.strip_suffix(b"\r").unwrap_or(line)
+        match line.last() {
+            Some(b'\r') => &line[..line.len() - 1],
+            Some(0 | 0x1a) => text::unpadded(line),
+            _ => line,
+        }
     }
 
     /// Reads a line that does not end in the window. Returns its length without and with the ending.
     #[cold]
-    fn long_line(&mut self, needle: u8) -> Result<Option<(usize, usize)>> {
-        let mut seen = self.available().len();
+    fn long_line(&mut self) -> Result<Option<(usize, usize)>> {
+        let mut seen = 0;
         loop {
+            let window = self.available();
+            if let Some(n) = self.ends.find(&window[seen..]).map(|n| seen + n) {
+                match self.ends.len(window, n) {
+                    Some(ending) => return Ok(Some((n, n + ending))),
+                    None if !self.ensure(n + 2)? => return Ok(Some((n, n + 1))),
+                    None => seen = n,
+                }
+                continue;
+            }
+            seen = window.len();
             if seen > MAX_LINE {
                 self.line += 1;
                 return Err(self.line_fault(format!("a line is longer than {MAX_LINE} bytes")));
@@ -261,19 +346,7 @@ impl Input {
             if self.remaining() <= seen as u64 || !self.ensure(seen + 1)? {
                 return Ok((seen > 0).then_some((seen, seen)));
             }
-            if let Some(n) = memchr::memchr(needle, &self.available()[seen..]) {
-                return Ok(Some((seen + n, seen + n + 1)));
-            }
-            seen = self.available().len();
         }
-    }
-
-    fn guess_ends(&mut self) -> Result<Ends> {
-        let head = self.peek(CHUNK)?;
-        let lf = memchr::memchr(b'\n', head).is_some() || memchr::memchr(b'\r', head).is_none();
-        let ends = if lf { Ends::Lf } else { Ends::Cr };
-        self.ends = Some(ends);
-        Ok(ends)
     }
 
     /// Fills `out` from a file offset and keeps the current position. Returns `false` if the file ends earlier.
@@ -282,7 +355,7 @@ impl Input {
         if end.is_none_or(|end| end > self.total) {
             return Ok(false);
         }
-        let io = |e| Error::io(&self.path, "read", e);
+        let io = |e| Error::io(&self.stamp.path, "read", e);
         self.file.seek(SeekFrom::Start(offset)).map_err(io)?;
         let read = self.file.read_exact(out);
         self.file.seek(SeekFrom::Start(self.next)).map_err(io)?;

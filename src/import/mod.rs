@@ -5,12 +5,15 @@
 #![forbid(unsafe_code)]
 
 mod batch;
+#[cfg(test)]
+mod change_tests;
 pub mod collect;
 mod colour;
 mod detect;
 mod files;
 pub mod generate;
 mod gltf;
+mod ignored;
 mod input;
 mod obj;
 mod ply;
@@ -19,9 +22,10 @@ mod stl;
 #[cfg(test)]
 mod testing;
 mod text;
+mod texture;
 mod vertices;
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::progress::Cancel;
 pub use crate::base::units::UpAxis;
 pub use files::read_files;
@@ -116,8 +120,8 @@ pub struct ReadOptions {
     /// Folder for spilled vertices; the system's default if `None`.
     pub temp_dir: Option<std::path::PathBuf>,
     /// Limit in bytes of the positions that a reader keeps in memory for formats with global indices; 0 for no limit.
-    /// PLY respects it and spills the other positions to a scratch file. OBJ positions (24 bytes per vertex), PLY
-    /// colours (3 or 12 bytes) and glTF buffers always stay in memory.
+    /// PLY respects it and spills the other positions to a scratch file. OBJ positions (24 bytes per vertex) and
+    /// texture coordinates (8), PLY colours (3 or 12), glTF buffers and decoded textures always stay in memory.
     pub memory: u64,
 }
 
@@ -128,23 +132,33 @@ pub struct ReadOptions {
 /// [`ReadOptions::memory`]), never with the counts in a header. A file without parts of its own becomes one part with
 /// the name of the file, without folder and extension.
 ///
-/// Fails with [`crate::Error::Parse`], naming line or byte, if the content is invalid or not a mesh; with `Io` if the
-/// file cannot be read; with the errors of the sink. A mesh file without triangles is valid and adds a note to the
-/// sink. Data that the sink received before an error is not withdrawn.
+/// Fails with [`crate::Error::Parse`], naming line or byte, if the content is invalid or not a mesh, and naming the
+/// file if another program changes it, or a file that it refers to, meanwhile; with `Io` if the file cannot be read;
+/// with the errors of the sink. A mesh file without triangles is valid and adds a note to the sink. Data that the sink
+/// received before an error is not withdrawn.
 pub fn read_file(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
     let mut input = input::Input::open(path)?;
     let total = input.total();
     sink.at(0, total);
-    match detect::format(&mut input)? {
-        detect::Format::Ply => ply::read(&mut input, options, sink)?,
-        detect::Format::Obj => obj::read(&mut input, sink)?,
-        detect::Format::Gltf => gltf::read(&mut input, sink)?,
-        detect::Format::Raw => raw::read(&mut input, sink)?,
-        detect::Format::StlText => stl::read_text(&mut input, sink)?,
-        detect::Format::StlBinary => stl::read_binary(&mut input, sink)?,
+    let outcome = read_open(&mut input, options, sink);
+    // A file that changes may also look invalid; the change is the better reason.
+    if matches!(outcome, Ok(()) | Err(Error::Parse { .. })) {
+        input.stamp().unchanged()?;
     }
+    outcome?;
     sink.at(total, total);
     Ok(())
+}
+
+fn read_open(input: &mut input::Input, options: &ReadOptions, sink: &mut dyn Sink) -> Result<()> {
+    match detect::format(input)? {
+        detect::Format::Ply => ply::read(input, options, sink),
+        detect::Format::Obj => obj::read(input, sink),
+        detect::Format::Gltf => gltf::read(input, sink),
+        detect::Format::Raw => raw::read(input, sink),
+        detect::Format::StlText => stl::read_text(input, sink),
+        detect::Format::StlBinary => stl::read_binary(input, sink),
+    }
 }
 
 /// Returns the file name without folder and extension, the name of parts that have no better one.

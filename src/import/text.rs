@@ -15,9 +15,43 @@ fn is_space(b: u8) -> bool {
     b == b' ' || (9..=13).contains(&b)
 }
 
-/// Returns `bytes` as text without leading and trailing white space; invalid UTF-8 is replaced.
+/// Returns `bytes` as text without leading and trailing white space.
+///
+/// Bytes that are not UTF-8 are taken as Latin-1, in which each byte is a letter: different names stay different, and
+/// those of western languages stay readable. Files do not state their coding.
 pub(crate) fn name(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes.trim_ascii()).into_owned()
+    let bytes = bytes.trim_ascii();
+    match str::from_utf8(bytes) {
+        Ok(text) => text.to_owned(),
+        Err(_) => bytes.iter().map(|&b| char::from(b)).collect(),
+    }
+}
+
+/// Returns the bytes before a `#`, which begins a comment in most text formats; `None` without one.
+pub(crate) fn before_comment(word: &[u8]) -> Option<&[u8]> {
+    word.iter().position(|&b| b == b'#').map(|at| &word[..at])
+}
+
+/// Returns the name before a comment, a `#` that begins a word; `None` without one. Some programs write such names.
+pub(crate) fn name_before_comment(name: &[u8]) -> Option<&[u8]> {
+    let at = (0..name.len()).find(|&i| name[i] == b'#' && (i == 0 || is_space(name[i - 1])))?;
+    Some(name[..at].trim_ascii())
+}
+
+/// Returns `bytes` without padding at the end: zeros, which round up the length of a file, and the end mark of DOS.
+pub(crate) fn unpadded(mut bytes: &[u8]) -> &[u8] {
+    while let [rest @ .., 0 | 0x1a] = bytes {
+        bytes = rest;
+    }
+    bytes
+}
+
+/// Returns the error message for a word that should be a number.
+#[cold]
+pub(crate) fn not_a_number(word: &[u8]) -> String {
+    let comma = word.contains(&b',') && word.iter().all(|b| b.is_ascii_digit() || b",.+-eE".contains(b));
+    let hint = if comma { " (decimals need a point, not a comma)" } else { "" };
+    format!("{} is not a number{hint}", shown(word))
 }
 
 /// Returns a word as quoted text for messages, truncated to a readable length.
@@ -98,6 +132,23 @@ mod tests {
         let mut line: &[u8] = b"  f\t1/2/3  -4\x0b5\r";
         let words: Vec<_> = std::iter::from_fn(|| word(&mut line)).collect();
         assert_eq!(words, [&b"f"[..], b"1/2/3", b"-4", b"5"]);
+    }
+
+    #[test]
+    fn names_in_any_coding_stay_different() {
+        assert_eq!(name(" T\u{fc}r ".as_bytes()), "T\u{fc}r");
+        assert_eq!(name(b"T\xfcr"), "T\u{fc}r");
+        // Left and right in Shift-JIS.
+        assert_eq!((name(b"\x8d\xb6"), name(b"\x89\x45")), ("\u{8d}\u{b6}".into(), "\u{89}E".into()));
+    }
+
+    #[test]
+    fn comments_end_words_and_names() {
+        assert_eq!(before_comment(b"3#x"), Some(&b"3"[..]));
+        assert_eq!(before_comment(b"3"), None);
+        for (text, name) in [("red # x", Some("red")), ("red\t#x", Some("red")), ("# x", Some("")), ("red#1", None)] {
+            assert_eq!(name_before_comment(text.as_bytes()), name.map(str::as_bytes), "{text}");
+        }
     }
 
     #[test]

@@ -1,10 +1,8 @@
 //! Typed elements in buffers, read in pieces with every range checked.
 
 use super::buffers::{Buffers, Range};
+use super::model::{Accessor, Component, Model};
 use crate::import::input::Parsed;
-use ::gltf::json::Root;
-use ::gltf::json::accessor::{Accessor, ComponentType, Type};
-use ::gltf::json::validation::Checked;
 
 /// Bytes per read.
 const PIECE: u64 = 256 << 10;
@@ -12,7 +10,7 @@ const PIECE: u64 = 256 << 10;
 /// An accessor with checked ranges: all elements are inside their buffer.
 pub(crate) struct Elements {
     pub(crate) count: u64,
-    component: ComponentType,
+    component: Component,
     normalized: bool,
     /// Rows of the elements. `None` for zeros, apart from the sparse elements.
     base: Option<Strided>,
@@ -31,31 +29,22 @@ struct Strided {
 struct Sparse {
     count: u64,
     indices: Strided,
-    index_type: ComponentType,
+    index_type: Component,
     values: Strided,
 }
 
 impl Elements {
     /// Opens accessor `index` and checks its ranges. The number of components must be one of `widths`.
-    pub(crate) fn open(root: &Root, index: usize, widths: &[usize], buffers: &mut Buffers<'_>) -> Parsed<Self> {
+    pub(crate) fn open(model: &Model, index: usize, widths: &[usize], buffers: &mut Buffers<'_>) -> Parsed<Self> {
         let name = format!("accessors[{index}]");
-        let Some(accessor) = root.accessors.get(index) else {
-            return Err(format!("{name} does not exist (there are {})", root.accessors.len()).into());
-        };
-        let (Checked::Valid(component), Checked::Valid(ty)) = (accessor.component_type, accessor.type_) else {
-            return Err(format!("{name} has an unknown type").into());
-        };
-        let (component, width) = (component.0, components(ty));
+        let accessor = model.accessors.get(index)?;
+        let (component, width, count) = (accessor.component, accessor.width, accessor.count);
         if !widths.contains(&width) {
             return Err(format!("{name} has {width} components; expected one of {widths:?}").into());
         }
         let row = (component.size() * width) as u64;
-        let count = accessor.count.0;
-        let base = match accessor.buffer_view {
-            Some(view) => {
-                let offset = accessor.byte_offset.map_or(0, |o| o.0);
-                Some(strided(root, view.value(), offset, count, row, &name, buffers)?)
-            }
+        let base = match accessor.view {
+            Some(view) => Some(strided(model, (view, accessor.offset), count, row, &name, buffers)?),
             // Implicit zeros occupy no bytes, so the file's size is the only bound on their claimed count.
             None if count > buffers.total() => {
                 return Err(
@@ -64,7 +53,7 @@ impl Elements {
             }
             None => None,
         };
-        let sparse = sparse(root, accessor, row, &name, buffers)?;
+        let sparse = sparse(model, accessor, row, &name, buffers)?;
         Ok(Self { count, component, normalized: accessor.normalized, base, sparse, name })
     }
 
@@ -111,7 +100,7 @@ impl Elements {
         buffers: &mut Buffers<'_>,
         mut each: impl FnMut(u32, &Buffers<'_>) -> Parsed<()>,
     ) -> Parsed<()> {
-        if matches!(self.component, ComponentType::I8 | ComponentType::I16 | ComponentType::F32) {
+        if matches!(self.component, Component::I8 | Component::I16 | Component::F32) {
             return Err(format!("{}: indices must be unsigned integers", self.name).into());
         }
         let (Some(base), None) = (&self.base, &self.sparse) else {
@@ -162,28 +151,16 @@ impl Strided {
     }
 }
 
-fn components(ty: Type) -> usize {
-    match ty {
-        Type::Scalar => 1,
-        Type::Vec2 => 2,
-        Type::Vec3 => 3,
-        Type::Vec4 | Type::Mat2 => 4,
-        Type::Mat3 => 9,
-        Type::Mat4 => 16,
-    }
-}
-
 /// Returns `count` rows of `row` bytes from byte `offset` of a buffer view, if they are inside.
 fn strided(
-    root: &Root,
-    view: usize,
-    offset: u64,
+    model: &Model,
+    (view, offset): (usize, u64),
     count: u64,
     row: u64,
     name: &str,
     buffers: &mut Buffers<'_>,
 ) -> Parsed<Strided> {
-    let (range, stride) = buffers.view(root, view)?;
+    let (range, stride) = buffers.view(model, view)?;
     let stride = stride.unwrap_or(row);
     if stride < row {
         return Err(format!("{name}: a stride of {stride} bytes is too small for elements of {row} bytes").into());
@@ -202,42 +179,43 @@ fn strided(
     }
 }
 
-fn sparse(root: &Root, accessor: &Accessor, row: u64, name: &str, buffers: &mut Buffers<'_>) -> Parsed<Option<Sparse>> {
+fn sparse(
+    model: &Model,
+    accessor: &Accessor,
+    row: u64,
+    name: &str,
+    buffers: &mut Buffers<'_>,
+) -> Parsed<Option<Sparse>> {
     let Some(sparse) = &accessor.sparse else { return Ok(None) };
-    let Checked::Valid(index_type) = sparse.indices.component_type else {
-        return Err(format!("{name}: sparse indices of an unknown type").into());
-    };
-    let (count, index_type) = (sparse.count.0, index_type.0);
-    let (i, v) = (&sparse.indices, &sparse.values);
+    let (count, index_type) = (sparse.count, sparse.index_type);
     let name = format!("{name}.sparse");
-    let indices =
-        strided(root, i.buffer_view.value(), i.byte_offset.0, count, index_type.size() as u64, &name, buffers)?;
-    let values = strided(root, v.buffer_view.value(), v.byte_offset.0, count, row, &name, buffers)?;
+    let indices = strided(model, sparse.indices, count, index_type.size() as u64, &name, buffers)?;
+    let values = strided(model, sparse.values, count, row, &name, buffers)?;
     Ok(Some(Sparse { count, indices, index_type, values }))
 }
 
 /// Converts a component. A slice that is too short gives 0; callers rule that out.
-fn float(bytes: &[u8], ty: ComponentType, normalized: bool) -> f32 {
+fn float(bytes: &[u8], ty: Component, normalized: bool) -> f32 {
     let two = || bytes.first_chunk().copied().unwrap_or_default();
     let four = || bytes.first_chunk().copied().unwrap_or_default();
     let one = bytes.first().copied().unwrap_or(0);
     let (value, scale) = match ty {
-        ComponentType::F32 => return f32::from_le_bytes(four()),
-        ComponentType::U32 => return u32::from_le_bytes(four()) as f32,
-        ComponentType::I8 => (f32::from(one as i8), 127.0),
-        ComponentType::U8 => (f32::from(one), 255.0),
-        ComponentType::I16 => (f32::from(i16::from_le_bytes(two())), 32767.0),
-        ComponentType::U16 => (f32::from(u16::from_le_bytes(two())), 65535.0),
+        Component::F32 => return f32::from_le_bytes(four()),
+        Component::U32 => return u32::from_le_bytes(four()) as f32,
+        Component::I8 => (f32::from(one as i8), 127.0),
+        Component::U8 => (f32::from(one), 255.0),
+        Component::I16 => (f32::from(i16::from_le_bytes(two())), 32767.0),
+        Component::U16 => (f32::from(u16::from_le_bytes(two())), 65535.0),
     };
     if normalized { (value / scale).max(-1.0) } else { value }
 }
 
-fn unsigned(bytes: &[u8], ty: ComponentType) -> u32 {
+fn unsigned(bytes: &[u8], ty: Component) -> u32 {
     match ty {
-        ComponentType::U8 | ComponentType::I8 => u32::from(bytes.first().copied().unwrap_or(0)),
-        ComponentType::U16 | ComponentType::I16 => {
+        Component::U8 | Component::I8 => u32::from(bytes.first().copied().unwrap_or(0)),
+        Component::U16 | Component::I16 => {
             u32::from(u16::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default()))
         }
-        ComponentType::U32 | ComponentType::F32 => u32::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default()),
+        Component::U32 | Component::F32 => u32::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default()),
     }
 }

@@ -1,12 +1,11 @@
 //! Bytes of buffers: in the GLB, in `data:` URIs, in files next to the document.
 
 use super::container::Document;
+use super::model::{Model, View};
+use super::uri;
 use crate::base::error::{Error, Place, Result};
 use crate::base::progress::Cancel;
-use crate::import::input::{Input, Parsed};
-use ::gltf::json::{Root, buffer};
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD_NO_PAD;
+use crate::import::input::{Input, Parsed, Stamp};
 use std::path::{Path, PathBuf};
 
 /// Storage of a buffer's bytes.
@@ -32,6 +31,8 @@ pub(crate) struct Buffers<'a> {
     input: &'a mut Input,
     binary: Option<(u64, u64)>,
     opened: Vec<Option<Bytes>>,
+    /// The files of buffers and pictures that were opened.
+    files: Vec<Stamp>,
     cancel: Cancel,
     /// Number of bytes read so far. Progress reports limit it to the size of the file and its buffers.
     read: u64,
@@ -59,8 +60,8 @@ impl Range {
 impl<'a> Buffers<'a> {
     /// Creates the unopened buffers of a document. `cancel` is checked before each read.
     pub(crate) fn new(input: &'a mut Input, document: &Document, cancel: Cancel) -> Self {
-        let opened = document.root.buffers.iter().map(|_| None).collect();
-        Self { input, binary: document.binary, opened, cancel, read: 0 }
+        let opened = (0..document.model.buffers.len()).map(|_| None).collect();
+        Self { input, binary: document.binary, opened, files: Vec::new(), cancel, read: 0 }
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -88,28 +89,20 @@ impl<'a> Buffers<'a> {
     }
 
     /// Returns the range and the stride of a buffer view.
-    pub(crate) fn view(&mut self, root: &Root, index: usize) -> Parsed<(Range, Option<u64>)> {
-        let Some(view) = root.buffer_views.get(index) else {
-            return Err(format!("bufferViews[{index}] does not exist (there are {})", root.buffer_views.len()).into());
-        };
-        let buffer = view.buffer.value();
-        let Some(described) = root.buffers.get(buffer) else {
-            return Err(format!("buffers[{buffer}] does not exist (there are {})", root.buffers.len()).into());
-        };
-        let there = self.open(buffer, described)?;
-        let announced = described.byte_length.0;
-        if there < announced {
-            return Err(format!("buffers[{buffer}] has only {there} of the {announced} bytes of its byteLength").into());
+    pub(crate) fn view(&mut self, model: &Model, index: usize) -> Parsed<(Range, Option<u64>)> {
+        let view = model.views.get(index)?;
+        let &View { buffer, offset, len, stride, .. } = view;
+        let there = self.open(model, view)?;
+        let whole = Range { buffer, offset: 0, len: there };
+        if let Some(range) = whole.part(offset, len) {
+            return Ok((range, stride));
         }
-        let whole = Range { buffer, offset: 0, len: announced };
-        let (offset, len) = (view.byte_offset.map_or(0, |o| o.0), view.byte_length.0);
-        match whole.part(offset, len) {
-            Some(range) => Ok((range, view.byte_stride.map(|s| s.0 as u64))),
-            None => Err(format!(
-                "bufferViews[{index}] ends outside of buffers[{buffer}] ({len} bytes from {offset} of {announced})"
-            )
-            .into()),
+        let place = format!("bufferViews[{index}] ends outside of buffers[{buffer}] ({len} bytes from {offset}");
+        Err(match model.buffers.get(buffer)?.len.filter(|&announced| there < announced) {
+            Some(announced) => format!("{place}), which has only {there} of the {announced} bytes of its byteLength"),
+            None => format!("{place} of {there})"),
         }
+        .into())
     }
 
     /// Fills `out` from `range`, which has the same length.
@@ -132,18 +125,23 @@ impl<'a> Buffers<'a> {
         if there { Ok(()) } else { Err(format!("buffers[{}] became shorter while being read", range.buffer).into()) }
     }
 
-    /// Opens a buffer if necessary. Returns its size in bytes.
-    fn open(&mut self, index: usize, buffer: &buffer::Buffer) -> Parsed<u64> {
+    /// Opens the buffer of a view if necessary. Returns its size in bytes.
+    fn open(&mut self, model: &Model, view: &View) -> Parsed<u64> {
+        let index = view.buffer;
+        let buffer = model.buffers.get(index)?;
         if let Some(bytes) = &self.opened[index] {
             return Ok(bytes.len());
         }
-        let bytes = match (&buffer.uri, self.binary) {
-            (Some(uri), _) => match data_uri(uri) {
+        let bytes = match (&buffer.uri, self.binary, view.compressed) {
+            (Some(uri), _, _) => match uri::data(uri) {
                 Some(bytes) => Bytes::Memory(bytes.map_err(|why| format!("buffers[{index}]: {why}"))?),
-                None => Bytes::File(Input::open(&self.beside(uri)?)?),
+                None => Bytes::File(self.open_file(uri)?),
             },
-            (None, Some((start, len))) if index == 0 => Bytes::Here(start, len),
-            (None, _) => return Err(format!("buffers[{index}] has no uri, and the file has no binary chunk").into()),
+            (None, Some((start, len)), _) if index == 0 => Bytes::Here(start, len),
+            (None, _, Some(name)) => return Err(format!("has data only for {name}, which is not supported").into()),
+            (None, _, None) => {
+                return Err(format!("buffers[{index}] has no uri, and the file has no binary chunk").into());
+            }
         };
         let len = bytes.len();
         self.opened[index] = Some(bytes);
@@ -151,11 +149,11 @@ impl<'a> Buffers<'a> {
     }
 
     /// Returns the bytes of an image's URI.
-    pub(crate) fn uri(&self, uri: &str) -> Parsed<Vec<u8>> {
-        match data_uri(uri) {
+    pub(crate) fn uri(&mut self, uri: &str) -> Parsed<Vec<u8>> {
+        match uri::data(uri) {
             Some(bytes) => Ok(bytes?),
             None => {
-                let mut input = Input::open(&self.beside(uri)?)?;
+                let mut input = self.open_file(uri)?;
                 let mut bytes = vec![0; input.total() as usize];
                 if !input.read_range(0, &mut bytes)? {
                     return Err("the file became shorter while being read".into());
@@ -165,50 +163,22 @@ impl<'a> Buffers<'a> {
         }
     }
 
+    fn open_file(&mut self, uri: &str) -> Result<Input> {
+        let input = Input::open(&self.beside(uri)?)?;
+        self.files.push(input.stamp().clone());
+        Ok(input)
+    }
+
+    /// Fails if a file was changed since it was opened.
+    pub(crate) fn unchanged(&self) -> Result<()> {
+        self.files.iter().try_for_each(Stamp::unchanged)
+    }
+
     /// Returns the path for a relative URI. Absolute paths and other schemes are errors.
     fn beside(&self, uri: &str) -> Result<PathBuf> {
-        let name = percent_decoded(uri).replace('\\', "/");
-        let scheme = name.split('/').next().is_some_and(|first| first.contains(':'));
-        if scheme || Path::new(&name).is_absolute() || name.is_empty() {
-            let why =
-                format!("\"{}\" is not a path relative to the document", uri.chars().take(80).collect::<String>());
-            return Err(Error::parse(self.input.path(), Place::File, why));
-        }
-        Ok(self.input.path().parent().unwrap_or(Path::new("")).join(name))
+        let shown: String = uri.chars().take(80).collect();
+        let refuse =
+            || Error::parse(self.path(), Place::File, format!("\"{shown}\" is not a path relative to the document"));
+        uri::file(self.path(), uri).ok_or_else(refuse)
     }
-}
-
-/// Returns the bytes in a `data:` URI, or `None` for other kinds of URI.
-fn data_uri(uri: &str) -> Option<std::result::Result<Vec<u8>, String>> {
-    let rest = uri.strip_prefix("data:")?;
-    let Some((kind, data)) = rest.split_once(',') else { return Some(Err("a data URI without a comma".into())) };
-    if !kind.ends_with(";base64") {
-        return Some(Ok(percent_bytes(data)));
-    }
-    let data = data.trim_end_matches('=');
-    Some(STANDARD_NO_PAD.decode(data).map_err(|e| format!("an invalid data URI: {e}")))
-}
-
-fn percent_decoded(text: &str) -> String {
-    String::from_utf8_lossy(&percent_bytes(text)).into_owned()
-}
-
-fn percent_bytes(text: &str) -> Vec<u8> {
-    let bytes = text.as_bytes();
-    let mut out = Vec::with_capacity(bytes.len());
-    let mut at = 0;
-    while let Some(&byte) = bytes.get(at) {
-        let hex = bytes.get(at + 1..at + 3).and_then(|h| u8::from_str_radix(str::from_utf8(h).ok()?, 16).ok());
-        match (byte, hex) {
-            (b'%', Some(value)) => {
-                out.push(value);
-                at += 3;
-            }
-            _ => {
-                out.push(byte);
-                at += 1;
-            }
-        }
-    }
-    out
 }

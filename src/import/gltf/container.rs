@@ -1,25 +1,21 @@
 //! The JSON document and the binary chunk of a GLB.
 
+use super::model::Model;
 use crate::base::error::{Error, Place, Result};
 use crate::import::input::Input;
-use ::gltf::json::{Root, Value, deserialize};
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use serde_json::Value;
 
 /// A parsed file.
 pub(crate) struct Document {
-    pub(crate) root: Root,
-    /// Local transform of each node in double precision; the `gltf` crate keeps single precision.
-    pub(crate) local: Vec<DAffine3>,
+    pub(crate) model: Model,
     /// Offset and length of a GLB's binary chunk in the file.
     pub(crate) binary: Option<(u64, u64)>,
+    /// True if texts in the JSON are not UTF-8.
+    pub(crate) has_other_texts: bool,
 }
 
 const GLB_HEADER: u64 = 12;
 const CHUNK_HEADER: u64 = 8;
-
-/// Extensions that add or encode triangles. A file that requires one of them would be shown wrongly, so it is refused.
-const GEOMETRY: [&str; 4] =
-    ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression", "EXT_mesh_gpu_instancing"];
 
 /// Reads the document of a `.gltf` or `.glb` file.
 pub(crate) fn read(input: &mut Input) -> Result<Document> {
@@ -29,22 +25,22 @@ pub(crate) fn read(input: &mut Input) -> Result<Document> {
     if !input.read_range(json.0, &mut text)? {
         return Err(input.fault("the file ends inside its JSON"));
     }
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
-    let place = |e: &::gltf::json::Error| match (is_glb, e.line()) {
+    let trimmed = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    // Some exporters fill the last bytes with zeros.
+    let end = trimmed.iter().rposition(|&b| b != 0).map_or(0, |last| last + 1);
+    // A name in another coding is shown with replacement characters.
+    let decoded = String::from_utf8_lossy(&trimmed[..end]);
+    let place = |e: &serde_json::Error| match (is_glb, e.line()) {
         (true, 0 | 1) => Place::Byte(json.0 + e.column().saturating_sub(1) as u64),
         (_, line) => Place::Line(line as u64),
     };
-    let fail = |what: &str, e: ::gltf::json::Error| Error::parse(input.path(), place(&e), format!("{what}: {e}"));
-    let value: Value = deserialize::from_slice(text).map_err(|e| fail("not valid JSON", e))?;
-    let local = local_transforms(&value);
+    let fail = |e| Error::parse(input.path(), place(&e), format!("not valid JSON: {e}"));
+    let mut value: Value = serde_json::from_str(&decoded).map_err(fail)?;
+    let has_other_texts = matches!(decoded, std::borrow::Cow::Owned(_));
+    drop(decoded);
+    drop(text);
     is_gltf_2(&value).map_err(|why| Error::parse(input.path(), Place::File, why))?;
-    drop(value);
-    let root: Root = deserialize::from_slice(text).map_err(|e| fail("not valid glTF", e))?;
-    if let Some(extension) = root.extensions_required.iter().find(|e| GEOMETRY.contains(&e.as_str())) {
-        let why = format!("needs the extension {extension}, which is not supported");
-        return Err(Error::parse(input.path(), Place::File, why));
-    }
-    Ok(Document { root, local, binary })
+    Ok(Document { model: Model::take(&mut value), binary, has_other_texts })
 }
 
 /// Offset and length of the JSON chunk and of the binary chunk.
@@ -106,37 +102,9 @@ fn is_gltf_2(value: &Value) -> std::result::Result<(), String> {
         return Err("is a 3D Tiles tileset, which refers to other files and contains no mesh".into());
     }
     match value.get("asset").and_then(|a| a.get("version")) {
-        Some(Value::String(version)) if version.starts_with("2.") => Ok(()),
+        Some(Value::String(version)) if version == "2" || version.starts_with("2.") => Ok(()),
+        Some(Value::Number(version)) if version.as_f64().is_some_and(|v| (2.0..3.0).contains(&v)) => Ok(()),
         Some(version) => Err(format!("is glTF version {version}; only 2.0 is supported")),
         None => Err("is JSON, but not glTF: it has no asset with a version".into()),
     }
-}
-
-/// Returns the local transform of each node. Missing or malformed values give the identity; the `gltf` crate's parser
-/// reports malformed ones.
-fn local_transforms(value: &Value) -> Vec<DAffine3> {
-    let nodes = value.get("nodes").and_then(Value::as_array);
-    nodes.map_or_else(Vec::new, |nodes| nodes.iter().map(local_transform).collect())
-}
-
-fn local_transform(node: &Value) -> DAffine3 {
-    if let Some(m) = numbers::<16>(node, "matrix") {
-        let column = |i: usize| DVec3::new(m[4 * i], m[4 * i + 1], m[4 * i + 2]);
-        return DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(1), column(2)), column(3));
-    }
-    let rotation = numbers::<4>(node, "rotation").map_or(DQuat::IDENTITY, DQuat::from_array);
-    let length = rotation.length();
-    // Values written in single precision are only approximately a unit quaternion.
-    let rotation = if length > 0.0 { rotation / length } else { DQuat::IDENTITY };
-    let vector = |name, or: f64| numbers::<3>(node, name).map_or(DVec3::splat(or), DVec3::from);
-    DAffine3::from_scale_rotation_translation(vector("scale", 1.0), rotation, vector("translation", 0.0))
-}
-
-fn numbers<const N: usize>(node: &Value, name: &str) -> Option<[f64; N]> {
-    let list = node.get(name)?.as_array().filter(|list| list.len() == N)?;
-    let mut numbers = [0.0; N];
-    for (number, value) in numbers.iter_mut().zip(list) {
-        *number = value.as_f64()?;
-    }
-    Some(numbers)
 }

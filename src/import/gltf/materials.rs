@@ -1,15 +1,17 @@
 //! Materials, which are declared at first use, and their textures, which are decoded at first use.
+//!
+//! An error in a material or texture cannot make the geometry wrong. It is therefore noted, and the material has its
+//! default or its base colour.
 
 use super::buffers::Buffers;
-use super::texture::{Mapping, Texture};
+use super::model::{AlphaMode, Material, Model, TextureInfo};
+use super::notes::Notes;
+use super::texture::{Alpha, Mapping, Texture, Wrap};
+use crate::base::error::{Error, Place};
 use crate::import::colour::unit;
-use crate::import::input::Parsed;
+use crate::import::input::{Fault, Parsed};
 use crate::import::{MaterialDesc, MaterialKey, Sink};
-use ::gltf::json::Root;
-use ::gltf::json::material::{AlphaMode, Material};
-use ::gltf::json::texture::Info;
-use ::gltf::json::validation::Checked;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::rc::Rc;
 
 /// Number of decoded textures that are kept, with up to 40 MB each.
@@ -21,104 +23,123 @@ pub(crate) struct Looks {
     pub(crate) key: MaterialKey,
     /// Linear base colour.
     pub(crate) colour: [f32; 3],
-    /// Index of the texture and the mapping of its coordinates.
-    pub(crate) texture: Option<(usize, Mapping)>,
+    pub(crate) texture: Option<Painted>,
+}
+
+/// The texture of a material's base colour.
+#[derive(Clone, Copy)]
+pub(crate) struct Painted {
+    pub(crate) texture: usize,
+    pub(crate) alpha: Alpha,
+    /// Set of texture coordinates.
+    pub(crate) set: u64,
+    pub(crate) mapping: Mapping,
+}
+
+/// A decoded image, or `None` if it failed to decode.
+struct Decoded {
+    image: usize,
+    alpha: Alpha,
+    texture: Option<Rc<Texture>>,
 }
 
 /// The document's materials and textures that were used so far.
 #[derive(Default)]
 pub(crate) struct Materials {
     known: HashMap<usize, Looks>,
-    /// Cache by image index, most recently used last. `None` for images that failed to decode.
-    images: Vec<(usize, Option<Rc<Texture>>)>,
+    /// Cache of images, most recently used last.
+    images: Vec<Decoded>,
     /// Images with a note.
-    noted: HashMap<usize, ()>,
+    noted: HashSet<usize>,
 }
 
 impl Materials {
-    /// Returns material `index`, and declares it at first use.
+    /// Returns material `index`, and declares it at first use. A material that does not exist is noted.
     pub(crate) fn get(
         &mut self,
         index: usize,
-        root: &Root,
+        model: &Model,
         buffers: &mut Buffers<'_>,
+        notes: &mut Notes,
         sink: &mut dyn Sink,
-    ) -> Parsed<Looks> {
+    ) -> Parsed<Option<Looks>> {
         if let Some(looks) = self.known.get(&index) {
-            return Ok(looks.clone());
+            return Ok(Some(looks.clone()));
         }
-        let Some(material) = root.materials.get(index) else {
-            return Err(format!("materials[{index}] does not exist (there are {})", root.materials.len()).into());
+        let Some(material) = model.materials.find(index) else {
+            notes.add("materials do not exist; the default material is used", || format!("materials[{index}]"));
+            return Ok(None);
         };
-        let (desc, texture) = self.describe(material, root, buffers, sink)?;
-        let texture = texture.map(|info| (info.index.value(), Mapping::of(info, root)));
-        let looks = Looks { key: sink.material(desc)?, colour: desc.colour, texture };
+        let painted = material.texture.as_ref().map(|info| painted(info, material, model));
+        let desc = self.describe(material, painted.as_ref(), model, buffers, sink)?;
+        if material.alpha != AlphaMode::Opaque && painted.is_some() {
+            notes.add(TRANSPARENT_TEXTURES, || match &material.name {
+                Some(name) => name.to_string(),
+                None => format!("materials[{index}]"),
+            });
+        }
+        let looks = Looks { key: sink.material(desc)?, colour: desc.colour, texture: painted };
         self.known.insert(index, looks.clone());
-        Ok(looks)
+        Ok(Some(looks))
     }
 
-    fn describe<'r>(
+    fn describe(
         &mut self,
-        material: &'r Material,
-        root: &'r Root,
+        material: &Material,
+        painted: Option<&Painted>,
+        model: &Model,
         buffers: &mut Buffers<'_>,
         sink: &mut dyn Sink,
-    ) -> Parsed<(MaterialDesc, Option<&'r Info>)> {
-        let metal_rough = &material.pbr_metallic_roughness;
-        let older = material.extensions.as_ref().and_then(|e| e.pbr_specular_glossiness.as_ref());
-        let (factor, texture, metalness, roughness) = match older {
-            Some(g) => (g.diffuse_factor.0, &g.diffuse_texture, 0.0, 1.0 - g.glossiness_factor.0),
-            None => {
-                let mut values = [metal_rough.metallic_factor.0, metal_rough.roughness_factor.0];
-                if let Some(info) = &metal_rough.metallic_roughness_texture
-                    && let Some(texture) = self.texture(info.index.value(), root, buffers, sink)?
-                {
-                    // Roughness is in the green channel, metalness in blue; neither is sRGB-coded.
-                    let [_, green, blue] = texture.mean_coded();
-                    values = [values[0] * blue, values[1] * green];
-                }
-                (metal_rough.base_color_factor.0, &metal_rough.base_color_texture, values[0], values[1])
-            }
+    ) -> Parsed<MaterialDesc> {
+        let (mut metalness, mut roughness) = (material.metalness as f32, material.roughness as f32);
+        if let Some(index) = material.metal_rough
+            && let Some(texture) = self.texture(index, Alpha::Ignored, model, buffers, sink)?
+        {
+            // Roughness is in the green channel, metalness in blue; neither is sRGB-coded.
+            let [_, green, blue] = texture.mean_coded();
+            (metalness, roughness) = (metalness * blue, roughness * green);
+        }
+        let [r, g, b, alpha] = material.factor.map(|c| unit(c as f32, 1.0));
+        let texture = match painted.filter(|painted| painted.alpha != Alpha::Ignored) {
+            Some(painted) => self.texture(painted.texture, painted.alpha, model, buffers, sink)?,
+            None => None,
         };
-        let [r, g, b, alpha] = factor;
-        let opacity = match material.alpha_mode {
-            Checked::Valid(AlphaMode::Blend) => unit(alpha, 1.0),
-            Checked::Valid(AlphaMode::Mask) => f32::from(alpha >= material.alpha_cutoff.unwrap_or_default().0),
-            _ => 1.0,
+        let opacity = match (material.alpha, texture) {
+            (AlphaMode::Opaque, _) => 1.0,
+            (AlphaMode::Mask(_), Some(texture)) => texture.opacity(),
+            (AlphaMode::Mask(cutoff), None) => f32::from(alpha >= cutoff as f32),
+            (AlphaMode::Blend, texture) => alpha * texture.map_or(1.0, |t| t.opacity()),
         };
-        let desc = MaterialDesc {
-            colour: [r, g, b].map(|c| unit(c, 1.0)),
-            opacity,
-            metalness: unit(metalness, 0.0),
-            roughness: unit(roughness, 1.0),
-        };
-        Ok((desc, texture.as_ref()))
+        let (metalness, roughness) = (unit(metalness, 0.0), unit(roughness, 1.0));
+        Ok(MaterialDesc { colour: [r, g, b], opacity, metalness, roughness })
     }
 
-    /// Returns the decoded texture `index`. If the image cannot be decoded, adds a note and returns `None`.
+    /// Returns the decoded texture `index`. If there is none, adds a note and returns `None`.
     pub(crate) fn texture(
         &mut self,
         index: usize,
-        root: &Root,
+        alpha: Alpha,
+        model: &Model,
         buffers: &mut Buffers<'_>,
         sink: &mut dyn Sink,
     ) -> Parsed<Option<Rc<Texture>>> {
-        let Some(texture) = root.textures.get(index) else {
-            return Err(format!("textures[{index}] does not exist (there are {})", root.textures.len()).into());
-        };
-        let image = texture.source.value();
-        if let Some(at) = self.images.iter().position(|(i, _)| *i == image) {
+        let image = model.textures.get(index).map(|texture| texture.image);
+        // Textures without an image share an entry of the cache.
+        let key = image.as_ref().ok().copied().flatten().unwrap_or(usize::MAX);
+        if let Some(at) = self.images.iter().position(|known| (known.image, known.alpha) == (key, alpha)) {
             let entry = self.images.remove(at);
-            let decoded = entry.1.clone();
+            let texture = entry.texture.clone();
             self.images.push(entry);
-            return Ok(decoded);
+            return Ok(texture);
         }
-        let decoded = match image_bytes(image, root, buffers).and_then(|bytes| Ok(Texture::decode(&bytes)?)) {
+        let bytes = image.and_then(|image| image_bytes(image, model, buffers));
+        let texture = match bytes.and_then(|bytes| Ok(Texture::decode(&bytes, alpha)?)) {
             Ok(texture) => Some(Rc::new(texture)),
+            Err(Fault::Failed(Error::Cancelled)) => return Err(Error::Cancelled.into()),
             Err(fault) => {
-                if self.noted.insert(image, ()).is_none() {
-                    let why = fault.at(buffers.path(), crate::base::error::Place::File);
-                    sink.note(format!("{why} (images[{image}]); its materials have only their base colour"));
+                if self.noted.insert(key) {
+                    let why = fault.at(buffers.path(), Place::File);
+                    sink.note(format!("{why} (textures[{index}]); its materials have only their base colour"));
                 }
                 None
             }
@@ -126,18 +147,41 @@ impl Materials {
         if self.images.len() >= KEPT {
             self.images.remove(0);
         }
-        self.images.push((image, decoded.clone()));
-        Ok(decoded)
+        self.images.push(Decoded { image: key, alpha, texture: texture.clone() });
+        Ok(texture)
     }
 }
 
-fn image_bytes(index: usize, root: &Root, buffers: &mut Buffers<'_>) -> Parsed<Vec<u8>> {
-    let Some(image) = root.images.get(index) else {
+const TRANSPARENT_TEXTURES: &str =
+    "materials with transparent textures have one opacity; holes in the textures are not cut out";
+
+fn painted(info: &TextureInfo, material: &Material, model: &Model) -> Painted {
+    let sampler = model.textures.find(info.texture).and_then(|texture| texture.sampler);
+    let wrap = sampler.and_then(|index| model.samplers.find(index)).copied();
+    let alpha = match material.alpha {
+        AlphaMode::Opaque => Alpha::Ignored,
+        // The product of the texture's alpha and the factor's is compared with the cutoff.
+        AlphaMode::Mask(cutoff) if cutoff <= 0.0 => Alpha::Ignored,
+        AlphaMode::Mask(cutoff) => Alpha::Cut((cutoff / material.factor[3].max(0.0)) as f32),
+        AlphaMode::Blend => Alpha::Opacity,
+    };
+    let mapping = Mapping {
+        offset: info.offset,
+        rotation: info.rotation,
+        scale: info.scale,
+        wrap: wrap.unwrap_or([Wrap::Repeat; 2]),
+    };
+    Painted { texture: info.texture, alpha, set: info.set, mapping }
+}
+
+fn image_bytes(image: Option<usize>, model: &Model, buffers: &mut Buffers<'_>) -> Parsed<Vec<u8>> {
+    let Some(index) = image else {
         return Err("a texture has no picture of a supported type".into());
     };
-    match (image.buffer_view, &image.uri) {
+    let image = model.images.get(index)?;
+    match (image.view, &image.uri) {
         (Some(view), _) => {
-            let (range, _) = buffers.view(root, view.value())?;
+            let (range, _) = buffers.view(model, view)?;
             let mut bytes = vec![0; range.len() as usize];
             buffers.read(range, &mut bytes)?;
             Ok(bytes)

@@ -1,82 +1,121 @@
 //! glTF 2.0: JSON with separate buffers, and GLB.
 //!
-//! The `gltf` crate parses the JSON. Its readers of nodes and accessors rely on its validation, which refuses files for
-//! errors in data that this crate does not use, and accepts ranges that end outside of their buffer. This module
-//! therefore checks indices and ranges at their use, and reads the data of a primitive piece by piece.
+//! Only the objects that are used are read ([`model`]), so that an error in any other data, which this reader does not
+//! understand or need, never refuses a file. Indices and ranges are checked at their use, and the data of a primitive
+//! is read piece by piece. An error is refused if it makes the geometry wrong; otherwise it is noted.
 //!
 //! - Each node that has a mesh in its subtree is a part, below the part of its parent node. A mesh with several
 //!   primitives has a child part for each. Transforms are composed in double precision.
-//! - A mesh that one node uses is placed directly. A mesh that several nodes use becomes a shared mesh with instances,
-//!   except at nodes with a transform that has no accurate inverse: there it is placed directly too.
+//! - A mesh that one node uses is placed directly. A mesh that is placed several times, by nodes or by
+//!   `EXT_mesh_gpu_instancing`, becomes a shared mesh with instances, except where the transform has no accurate
+//!   inverse: there it is placed directly too. Meshes with a pose of their own, skinned or morphed, are also placed
+//!   directly.
 //! - Triangles, strips and fans are read, with any type of index or none, from plain, sparse and quantised accessors.
+//! - The pose is the default one: morph targets at the weights of the node or mesh, skinned vertices at the joints'
+//!   nodes ([`pose`]). Animations are ignored.
 //! - Materials: base colour, metalness and roughness (the mean of their texture), opacity by alpha mode. A texture or
 //!   vertex colours give each triangle its mean colour ([`texture`]).
-//! - The scene is the file's default scene, else its first, else all root nodes. Skins stay in their bind pose; morph
-//!   targets and animations are ignored.
+//! - The scene is the file's default scene, else its first, else all root nodes.
 
 mod accessor;
 mod buffers;
 mod container;
+mod extensions;
+mod instancing;
+mod json;
 mod materials;
+mod model;
+mod notes;
+mod pose;
 mod primitive;
 mod scene;
-mod texture;
+mod uri;
 
 #[cfg(test)]
 mod tests;
 
-use super::input::{Input, Parsed};
-use super::{PartDesc, PartKey, Sink, UpAxis};
-use crate::base::error::{Place, Result};
-use ::gltf::json::{Root, mesh::Primitive, validation::Checked};
+use super::input::{Fault, Input, Parsed};
+use super::texture;
+use super::{MeshKey, PartDesc, PartKey, Sink, UpAxis};
+use crate::base::error::{Error, Place, Result};
 use buffers::Buffers;
 use glam::DAffine3;
 use materials::Materials;
+use model::{Model, Primitive};
+use notes::Notes;
+use pose::{Pose, Skins};
 use primitive::{Emitter, Target};
 use scene::Placed;
+use std::collections::{HashMap, HashSet};
 
 /// Reads a glTF or GLB file from its beginning.
 pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
     let document = container::read(input)?;
     let path = input.path().to_path_buf();
-    let placed = scene::placed(&document.root, &document.local).map_err(|fault| fault.at(&path, Place::File))?;
+    let mut notes = Notes::default();
+    if document.has_other_texts {
+        notes.add("file has texts that are not UTF-8, which are shown with replacement characters", String::new);
+    }
+    let model = &document.model;
+    let placed = extensions::check(model).and_then(|()| scene::placed(model, &mut notes));
+    let placed = placed.map_err(|fault| fault.at(&path, Place::File))?;
     sink.units(Some(1.0), UpAxis::Y);
     let mut reader = Reader {
-        root: &document.root,
+        model,
         placed: &placed,
         materials: Materials::default(),
-        emitter: Emitter::new(&document.root, Buffers::new(input, &document, sink.cancel().clone())),
+        skins: Skins::default(),
+        instances: HashMap::new(),
+        emitter: Emitter::new(model, Buffers::new(input, &document, sink.cancel().clone()), notes),
     };
-    reader.read(sink).map_err(|fault| fault.at(&path, Place::File))
+    let outcome = reader.read(sink).map_err(|fault| fault.at(&path, Place::File));
+    // A file that changes may also look invalid; the change is the better reason.
+    if matches!(outcome, Ok(()) | Err(Error::Parse { .. })) {
+        reader.emitter.buffers().unchanged()?;
+    }
+    outcome
+}
+
+/// Adds the name of the object in which an error arose.
+fn within(name: &str, fault: Fault) -> Fault {
+    match fault {
+        Fault::Why(why) => Fault::Why(format!("{name}: {why}")),
+        failed => failed,
+    }
 }
 
 struct Reader<'a> {
-    root: &'a Root,
+    model: &'a Model,
     placed: &'a [Placed],
     materials: Materials,
+    skins: Skins<'a>,
+    /// World transforms of the instances of nodes with `EXT_mesh_gpu_instancing`, by index in `placed`.
+    instances: HashMap<usize, Vec<DAffine3>>,
     emitter: Emitter<'a>,
 }
 
-impl Reader<'_> {
+/// The places of a shared mesh: the transform to the world and the first part of each.
+type Places = Vec<(DAffine3, PartKey)>;
+
+impl<'a> Reader<'a> {
     fn read(&mut self, sink: &mut dyn Sink) -> Parsed<()> {
         let parts = self.declare(sink)?;
-        let mut uses: Vec<Vec<usize>> = vec![Vec::new(); self.root.meshes.len()];
-        for (i, placed) in self.placed.iter().enumerate() {
-            if let Some(mesh) = placed.mesh {
-                uses[mesh].push(i);
-            }
-        }
+        self.find_instances()?;
+        let places = self.shared_places(&parts)?;
+        let mut is_shown = HashSet::new();
         for (i, placed) in self.placed.iter().enumerate() {
             let Some(mesh) = placed.mesh else { continue };
-            let invertible = |&i: &usize| scene::inverts_well(&self.placed[i].world);
-            let shared: Vec<usize> = uses[mesh].iter().copied().filter(invertible).collect();
-            if shared.len() < 2 || !invertible(&i) || !self.has_area(mesh) {
-                self.direct(mesh, placed.world, parts[i], sink)?;
-            } else if shared[0] == i {
-                self.shared(mesh, shared.iter().map(|&i| (self.placed[i].world, parts[i])), sink)?;
+            let shared = places.get(&mesh).filter(|places| places.len() > 1);
+            let shared = if self.has_own_pose(placed)? { None } else { shared };
+            let worlds = self.instances.get(&i).map_or(std::slice::from_ref(&placed.world), Vec::as_slice).to_vec();
+            for world in worlds.into_iter().filter(|world| shared.is_none() || !scene::inverts_well(world)) {
+                self.direct(placed, mesh, world, parts[i], sink)?;
+            }
+            if let Some(shared) = shared.filter(|_| is_shown.insert(mesh)) {
+                self.shared(mesh, shared, sink)?;
             }
         }
-        self.emitter.finish(sink)?;
+        self.emitter.flush(sink)?;
         self.report(sink);
         Ok(())
     }
@@ -87,19 +126,26 @@ impl Reader<'_> {
         let mut own: Vec<PartKey> = Vec::with_capacity(self.placed.len());
         let mut first = Vec::with_capacity(self.placed.len());
         for placed in self.placed {
-            let primitives = placed.mesh.map_or(&[][..], |m| &self.root.meshes[m].primitives[..]);
+            let primitives = match placed.mesh {
+                Some(mesh) => &self.model.meshes.get(mesh)?.primitives[..],
+                None => &[],
+            };
             let parent = placed.parent.map(|p| own[p]);
             let material = match primitives {
-                [one] => self.material(one, sink)?,
+                [Ok(one)] => self.material(one, sink)?,
                 _ => None,
             };
-            let part = sink.part(PartDesc { name: self.name(placed), parent, material, id: None })?;
+            let part = sink.part(PartDesc { name: self.name(placed)?, parent, material, id: None })?;
             own.push(part);
             let mut children = Vec::new();
             for (i, primitive) in primitives.iter().enumerate().filter(|_| primitives.len() > 1) {
-                let material = self.material(primitive, sink)?;
-                let named = primitive.material.and_then(|m| self.root.materials.get(m.value())?.name.clone());
-                let name = named.unwrap_or_else(|| format!("primitive {i}"));
+                let primitive = primitive.as_ref().ok();
+                let material = match primitive {
+                    Some(primitive) => self.material(primitive, sink)?,
+                    None => None,
+                };
+                let named = primitive.and_then(|p| self.model.materials.find(p.material?)?.name.as_deref());
+                let name = named.map_or_else(|| format!("primitive {i}"), str::to_owned);
                 children.push(sink.part(PartDesc { name, parent: Some(part), material, id: None })?);
             }
             first.push(children.first().copied().unwrap_or(part));
@@ -109,59 +155,121 @@ impl Reader<'_> {
 
     fn material(&mut self, primitive: &Primitive, sink: &mut dyn Sink) -> Parsed<Option<u32>> {
         let Some(index) = primitive.material else { return Ok(None) };
-        let looks = self.materials.get(index.value(), self.root, self.emitter.buffers(), sink)?;
-        Ok(Some(looks.key))
+        Ok(self.emitter.looks(index, &mut self.materials, sink)?.map(|looks| looks.key))
     }
 
-    fn name(&self, placed: &Placed) -> String {
-        let node = &self.root.nodes[placed.node];
-        let mesh = placed.mesh.and_then(|m| self.root.meshes[m].name.as_ref());
-        node.name.as_ref().or(mesh).cloned().unwrap_or_else(|| format!("node {}", placed.node))
+    fn name(&self, placed: &Placed) -> Parsed<String> {
+        let node = self.model.nodes.get(placed.node)?;
+        let mesh = placed.mesh.and_then(|mesh| self.model.meshes.find(mesh)?.name.as_deref());
+        Ok(node.name.as_deref().or(mesh).map_or_else(|| format!("node {}", placed.node), str::to_owned))
     }
 
-    /// True if the mesh has primitives with triangles.
-    fn has_area(&self, mesh: usize) -> bool {
-        let draws = |p: &Primitive| matches!(p.mode, Checked::Valid(mode) if primitive::has_area(mode));
-        self.root.meshes[mesh].primitives.iter().any(draws)
+    /// Reads the instances of all nodes with `EXT_mesh_gpu_instancing`.
+    fn find_instances(&mut self) -> Parsed<()> {
+        for (i, placed) in self.placed.iter().enumerate().filter(|(_, placed)| placed.mesh.is_some()) {
+            let Some(attributes) = &self.model.nodes.get(placed.node)?.instancing else { continue };
+            let name = format!("nodes[{}]", placed.node);
+            if self.is_skinned(placed)? {
+                self.emitter.notes.add("skinned nodes have instances, which were ignored", || name);
+                continue;
+            }
+            let instances = instancing::transforms(self.model, attributes, self.emitter.buffers());
+            let instances = instances.map_err(|fault| within(&name, fault))?;
+            self.instances.insert(i, instances.into_iter().map(|from_instance| placed.world * from_instance).collect());
+        }
+        Ok(())
     }
 
-    fn direct(&mut self, mesh: usize, world: DAffine3, first: PartKey, sink: &mut dyn Sink) -> Parsed<()> {
-        let target = Target { mesh: super::MeshKey::DIRECT, first_part: first, world: Some(world) };
-        self.mesh(mesh, target, sink)
+    /// Returns, for each mesh with triangles, the places where an instance can show it.
+    fn shared_places(&self, parts: &[PartKey]) -> Parsed<HashMap<usize, Places>> {
+        let mut all: HashMap<usize, Places> = HashMap::new();
+        for (i, placed) in self.placed.iter().enumerate() {
+            let Some(index) = placed.mesh else { continue };
+            let mesh = self.model.meshes.get(index)?;
+            if self.has_own_pose(placed)? || !mesh.primitives.iter().flatten().any(Primitive::has_area) {
+                continue;
+            }
+            let worlds = self.instances.get(&i).map_or(std::slice::from_ref(&placed.world), Vec::as_slice);
+            let places = worlds.iter().filter(|world| scene::inverts_well(world)).map(|world| (*world, parts[i]));
+            all.entry(index).or_default().extend(places);
+        }
+        Ok(all)
     }
 
-    fn shared(
+    /// True if the node shows its mesh in another shape than other nodes.
+    fn has_own_pose(&self, placed: &Placed) -> Parsed<bool> {
+        let Some(mesh) = placed.mesh else { return Ok(false) };
+        let (node, mesh) = (self.model.nodes.get(placed.node)?, self.model.meshes.get(mesh)?);
+        let is_morphed = || mesh.primitives.iter().flatten().any(|primitive| !primitive.targets.is_empty());
+        let has_weights = node.weights.as_ref().is_some_and(|weights| *weights != mesh.weights);
+        Ok(has_weights && is_morphed() || self.is_skinned(placed)?)
+    }
+
+    fn is_skinned(&self, placed: &Placed) -> Parsed<bool> {
+        let Some(mesh) = placed.mesh else { return Ok(false) };
+        let mesh = self.model.meshes.get(mesh)?;
+        let has_skin = self.model.nodes.get(placed.node)?.skin.is_some();
+        Ok(has_skin && mesh.primitives.iter().flatten().any(pose::is_skinned))
+    }
+
+    /// Places the triangles of a mesh in the world, in the pose of a node.
+    fn direct(
         &mut self,
-        mesh: usize,
-        places: impl Iterator<Item = (DAffine3, PartKey)>,
+        placed: &Placed,
+        index: usize,
+        world: DAffine3,
+        first: PartKey,
         sink: &mut dyn Sink,
     ) -> Parsed<()> {
-        let key = sink.shared_mesh(self.root.meshes[mesh].primitives.len() as u32)?;
-        self.mesh(mesh, Target { mesh: key, first_part: 0, world: None }, sink)?;
+        let (node, mesh) = (self.model.nodes.get(placed.node)?, self.model.meshes.get(index)?);
+        let name = || format!("nodes[{}]", placed.node);
+        let joints = match node.skin {
+            Some(skin) if self.is_skinned(placed)? => {
+                self.emitter.notes.add("skinned meshes stand in the pose of their joints", name);
+                Some(self.skins.joints(skin, self.model, self.emitter.buffers())?)
+            }
+            _ => None,
+        };
+        if joints.is_none() && !scene::inverts_well(&world) {
+            self.emitter.notes.add("placements of meshes are flattened: their transform has no accurate inverse", name);
+        }
+        let weights = node.weights.as_ref().unwrap_or(&mesh.weights).as_ref().into();
+        let target = Target { mesh: MeshKey::DIRECT, first_part: first, world: Some(world) };
+        self.mesh(index, target, &Pose { weights, joints }, sink)
+    }
+
+    fn shared(&mut self, index: usize, places: &Places, sink: &mut dyn Sink) -> Parsed<()> {
+        let mesh = self.model.meshes.get(index)?;
+        let key = sink.shared_mesh(mesh.primitives.len() as u32)?;
+        let pose = Pose { weights: mesh.weights.as_ref().into(), joints: None };
+        self.mesh(index, Target { mesh: key, first_part: 0, world: None }, &pose, sink)?;
         self.emitter.flush(sink)?;
-        for (world, first) in places {
+        for &(world, first) in places {
             sink.instance(key, world, first)?;
         }
         Ok(())
     }
 
-    fn mesh(&mut self, mesh: usize, target: Target, sink: &mut dyn Sink) -> Parsed<()> {
-        for (i, primitive) in self.root.meshes[mesh].primitives.iter().enumerate() {
-            let material = match primitive.material {
-                Some(m) => Some(self.materials.get(m.value(), self.root, self.emitter.buffers(), sink)?),
-                None => None,
-            };
+    fn mesh(&mut self, index: usize, target: Target, pose: &Pose, sink: &mut dyn Sink) -> Parsed<()> {
+        for (i, primitive) in self.model.meshes.get(index)?.primitives.iter().enumerate() {
+            let name = format!("meshes[{index}].primitives[{i}]");
+            let primitive = primitive.as_ref().map_err(|why| format!("{name} {why}"))?;
             let part = Target { first_part: target.first_part + i as u32, ..target };
-            let name = format!("meshes[{mesh}].primitives[{i}]");
-            self.emitter.primitive(primitive, &name, part, material, &mut self.materials, sink)?;
+            self.emitter.primitive(primitive, &name, part, pose, &mut self.materials, sink)?;
         }
         Ok(())
     }
 
     fn report(&mut self, sink: &mut dyn Sink) {
         let file = self.emitter.buffers().path().display().to_string();
-        for text in self.emitter.notes() {
+        for text in self.emitter.notes.texts() {
             sink.note(format!("{file}: {text}"));
+        }
+        if self.model.animations > 0 {
+            sink.note(format!("{file}: {} animations were ignored", self.model.animations));
+        }
+        if self.emitter.is_empty() {
+            sink.note(format!("{file}: no triangles; the model is empty"));
         }
     }
 }

@@ -3,14 +3,14 @@
 use super::accessor::Elements;
 use super::buffers::Buffers;
 use super::materials::{Looks, Materials};
+use super::model::{Mode, Model, Primitive};
+use super::notes::Notes;
+use super::pose::{self, Pose, Positions};
 use super::texture::{Mapping, Texture};
 use crate::import::batch::Batch;
 use crate::import::colour::mean3;
 use crate::import::input::{Fault, Parsed};
 use crate::import::{MaterialDesc, MeshKey, Sink};
-use ::gltf::json::Root;
-use ::gltf::json::mesh::{Mode, Primitive, Semantic};
-use ::gltf::json::validation::Checked;
 use glam::{DAffine3, DVec3, Vec2};
 use std::rc::Rc;
 
@@ -26,40 +26,50 @@ pub(crate) struct Target {
 
 /// Vertex data of a primitive.
 struct Vertices {
-    positions: Vec<[f32; 3]>,
+    positions: Positions,
     /// Linear colours of `COLOR_0`.
     colours: Option<Vec<[f32; 3]>>,
     texture: Option<(Rc<Texture>, Mapping, Vec<[f32; 2]>)>,
     factor: [f32; 3],
+    /// Transform of the positions to the world; `None` if they keep their coordinates.
     world: Option<DAffine3>,
 }
 
 /// Reads primitives and sends their triangles to the sink.
 pub(crate) struct Emitter<'a> {
-    root: &'a Root,
+    model: &'a Model,
     buffers: Buffers<'a>,
     batch: Batch,
     triangles: u64,
-    /// Number of primitives of points or lines, and of primitives with an incomplete last triangle.
-    without_area: u64,
-    incomplete: u64,
+    pub(crate) notes: Notes,
 }
 
 impl<'a> Emitter<'a> {
-    pub(crate) fn new(root: &'a Root, buffers: Buffers<'a>) -> Self {
-        Self { root, buffers, batch: Batch::new(0), triangles: 0, without_area: 0, incomplete: 0 }
+    pub(crate) fn new(model: &'a Model, buffers: Buffers<'a>, notes: Notes) -> Self {
+        Self { model, buffers, batch: Batch::new(0), triangles: 0, notes }
     }
 
     pub(crate) fn buffers(&mut self) -> &mut Buffers<'a> {
         &mut self.buffers
     }
 
+    /// Returns material `index`, and declares it at first use.
+    pub(crate) fn looks(
+        &mut self,
+        index: usize,
+        materials: &mut Materials,
+        sink: &mut dyn Sink,
+    ) -> Parsed<Option<Looks>> {
+        materials.get(index, self.model, &mut self.buffers, &mut self.notes, sink)
+    }
+
     pub(crate) fn flush(&mut self, sink: &mut dyn Sink) -> Parsed<()> {
         Ok(self.batch.flush(sink)?)
     }
 
-    pub(crate) fn finish(&mut self, sink: &mut dyn Sink) -> Parsed<()> {
-        self.flush(sink)
+    /// True if no triangle was read.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.triangles == 0
     }
 
     /// Reads one primitive into part `target.first_part`. Errors refer to the primitive by `name`.
@@ -68,69 +78,95 @@ impl<'a> Emitter<'a> {
         primitive: &Primitive,
         name: &str,
         target: Target,
-        looks: Option<Looks>,
+        pose: &Pose,
         materials: &mut Materials,
         sink: &mut dyn Sink,
     ) -> Parsed<()> {
-        let mode = match primitive.mode {
-            Checked::Valid(mode) => mode,
-            Checked::Invalid => return Err(format!("{name} has an unknown mode").into()),
-        };
-        if !has_area(mode) {
-            self.without_area += 1;
+        if primitive.mode == Mode::WithoutArea {
+            self.notes.add("primitives of points or lines make no triangles", || name.into());
             return Ok(());
         }
-        let named = |fault| match fault {
-            Fault::Why(why) => Fault::Why(format!("{name}: {why}")),
-            failed => failed,
+        let Some(positions) = primitive.attribute("POSITION") else {
+            self.notes.add("primitives have no positions and were left out", || name.into());
+            return Ok(());
         };
-        let vertices = self.vertices(primitive, target, &looks, materials, sink).map_err(named)?;
+        let named = |fault| super::within(name, fault);
+        self.has_plain_data(primitive).map_err(named)?;
+        let looks = match primitive.material {
+            Some(index) => self.looks(index, materials, sink)?,
+            None => None,
+        };
+        let positions = pose::positions(self.model, primitive, positions, pose, &mut self.buffers).map_err(named)?;
+        let world = target.world.filter(|_| !matches!(positions, Positions::Skinned(_)));
+        let mut vertices = Vertices { positions, colours: None, texture: None, factor: [1.0; 3], world };
+        self.colour(primitive, name, &looks, &mut vertices, materials, sink)?;
         let colour = looks.map_or(MaterialDesc::default().colour, |l| l.colour);
         self.batch.aim(target.mesh, target.first_part, colour, sink)?;
-        self.assemble(primitive, mode, &vertices, sink).map_err(named)
+        self.assemble(primitive, name, &vertices, sink).map_err(named)
     }
 
-    fn vertices(
+    /// Fails if the primitive has its data only in a compressed form.
+    fn has_plain_data(&self, primitive: &Primitive) -> Parsed<()> {
+        let accessors = primitive.attribute("POSITION").into_iter().chain(primitive.indices);
+        let mut accessors = accessors.filter_map(|index| self.model.accessors.find(index));
+        match primitive.is_draco && accessors.any(|a| a.view.is_none() && a.sparse.is_none()) {
+            true => Err("has data only for KHR_draco_mesh_compression, which is not supported".into()),
+            false => Ok(()),
+        }
+    }
+
+    /// Reads vertex colours and texture coordinates. Invalid ones are noted and left out.
+    fn colour(
         &mut self,
         primitive: &Primitive,
-        target: Target,
+        name: &str,
         looks: &Option<Looks>,
+        vertices: &mut Vertices,
         materials: &mut Materials,
         sink: &mut dyn Sink,
-    ) -> Parsed<Vertices> {
-        let attribute = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).map(|a| a.value());
-        let Some(positions) = attribute(Semantic::Positions) else {
-            return Err("has no positions".into());
-        };
-        let positions =
-            Elements::open(self.root, positions, &[3], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
-        let same_count = |what: &str, n: usize| match n == positions.len() {
-            true => Ok(()),
-            false => Err(Fault::Why(format!("{n} {what} for {} positions", positions.len()))),
-        };
-        let mut colours = None;
-        if let Some(index) = attribute(Semantic::Colors(0)) {
-            let list = Elements::open(self.root, index, &[3, 4], &mut self.buffers)?.floats::<3>(&mut self.buffers)?;
-            same_count("colours", list.len())?;
-            colours = Some(list);
+    ) -> Parsed<()> {
+        let count = vertices.positions.len();
+        if let Some(index) = primitive.attribute("COLOR_0") {
+            let list = self.attribute::<3>(index, &[3, 4], count);
+            vertices.colours = self.noted(list, "primitives have invalid colours, which were left out", name)?;
         }
-        let mut texture = None;
-        if let Some((index, mapping)) = looks.as_ref().and_then(|l| l.texture)
-            && let Some(coordinates) = attribute(Semantic::TexCoords(mapping.set))
-            && let Some(decoded) = materials.texture(index, self.root, &mut self.buffers, sink)?
+        let Some(looks) = looks else { return Ok(()) };
+        vertices.factor = looks.colour;
+        if let Some(painted) = looks.texture
+            && let Some(coordinates) = primitive.attribute(&format!("TEXCOORD_{}", painted.set))
+            && let Some(decoded) =
+                materials.texture(painted.texture, painted.alpha, self.model, &mut self.buffers, sink)?
         {
-            let list =
-                Elements::open(self.root, coordinates, &[2], &mut self.buffers)?.floats::<2>(&mut self.buffers)?;
-            same_count("texture coordinates", list.len())?;
-            texture = Some((decoded, mapping, list));
+            let list = self.attribute::<2>(coordinates, &[2], count);
+            let list = self.noted(list, "primitives have invalid texture coordinates, and no texture", name)?;
+            vertices.texture = list.map(|list| (decoded, painted.mapping, list));
         }
-        let factor = looks.as_ref().map_or([1.0; 3], |l| l.colour);
-        Ok(Vertices { positions, colours, texture, factor, world: target.world })
+        Ok(())
+    }
+
+    fn attribute<const N: usize>(&mut self, index: usize, widths: &[usize], count: usize) -> Parsed<Vec<[f32; N]>> {
+        let list = Elements::open(self.model, index, widths, &mut self.buffers)?.floats::<N>(&mut self.buffers)?;
+        match list.len() == count {
+            true => Ok(list),
+            false => Err(format!("accessors[{index}] has {} elements for {count} positions", list.len()).into()),
+        }
+    }
+
+    /// Returns a value, or adds a note if it is invalid. Fails only if reading failed.
+    fn noted<T>(&mut self, value: Parsed<T>, text: &'static str, name: &str) -> Parsed<Option<T>> {
+        match value {
+            Ok(value) => Ok(Some(value)),
+            Err(Fault::Why(why)) => {
+                self.notes.add(text, || format!("{name}: {why}"));
+                Ok(None)
+            }
+            Err(failed) => Err(failed),
+        }
     }
 
     /// Assembles triangles from the indices, or from the vertices in order.
-    fn assemble(&mut self, primitive: &Primitive, mode: Mode, vertices: &Vertices, sink: &mut dyn Sink) -> Parsed<()> {
-        let mut assembly = Assembly { mode, corners: [0; 3], seen: 0 };
+    fn assemble(&mut self, primitive: &Primitive, name: &str, vertices: &Vertices, sink: &mut dyn Sink) -> Parsed<()> {
+        let mut assembly = Assembly { mode: primitive.mode, corners: [0; 3], seen: 0 };
         let (batch, made) = (&mut self.batch, &mut self.triangles);
         let count = vertices.positions.len();
         let mut each = |index: u32, buffers: &Buffers<'_>| {
@@ -151,50 +187,22 @@ impl<'a> Emitter<'a> {
         };
         match primitive.indices {
             Some(index) => {
-                let elements = Elements::open(self.root, index.value(), &[1], &mut self.buffers)?;
+                let elements = Elements::open(self.model, index, &[1], &mut self.buffers)?;
                 elements.indices(&mut self.buffers, each)?;
             }
             None => (0..count as u32).try_for_each(|i| each(i, &self.buffers))?,
         }
-        self.incomplete += u64::from(!assembly.is_complete());
+        if !assembly.is_complete() {
+            self.notes.add("primitives have an incomplete last triangle", || name.into());
+        }
         Ok(())
-    }
-
-    /// Returns the notes for the user after everything was read.
-    pub(crate) fn notes(&self) -> Vec<String> {
-        let (root, mut notes) = (self.root, Vec::new());
-        let mut note = |n: u64, text: &str| {
-            if n > 0 {
-                notes.push(format!("{n} {text}"));
-            }
-        };
-        note(self.without_area, "primitives of points or lines make no triangles");
-        note(self.incomplete, "primitives have an incomplete last triangle");
-        note(root.skins.len() as u64, "skins stay in their bind pose");
-        note(root.animations.len() as u64, "animations were ignored");
-        let masked = |m: &&::gltf::json::Material| {
-            !matches!(m.alpha_mode, Checked::Valid(::gltf::json::material::AlphaMode::Opaque))
-        };
-        let cut =
-            root.materials.iter().filter(masked).filter(|m| m.pbr_metallic_roughness.base_color_texture.is_some());
-        note(cut.count() as u64, "materials with transparent textures are shown without the transparency");
-        let unknown = |e: &&String| {
-            matches!(e.as_str(), "EXT_mesh_gpu_instancing" | "KHR_draco_mesh_compression" | "EXT_meshopt_compression")
-        };
-        for extension in root.extensions_used.iter().filter(unknown) {
-            notes.push(format!("the extension {extension} was ignored"));
-        }
-        if self.triangles == 0 {
-            notes.push("no triangles; the model is empty".into());
-        }
-        notes
     }
 }
 
 impl Vertices {
     fn triangle(&self, corners: [usize; 3]) -> [DVec3; 3] {
         corners.map(|i| {
-            let p = DVec3::from(self.positions[i].map(f64::from));
+            let p = self.positions.get(i);
             self.world.map_or(p, |world| world.transform_point3(p))
         })
     }
@@ -216,11 +224,6 @@ impl Vertices {
         }
         Some(colour)
     }
-}
-
-/// True for modes that draw triangles.
-pub(crate) fn has_area(mode: Mode) -> bool {
-    matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)
 }
 
 /// Assembles triangles from a sequence of indices.

@@ -1,8 +1,10 @@
 //! The nodes of the scene that have meshes, with their transforms and parents.
 
+use super::model::{Model, Node};
+use super::notes::Notes;
 use crate::import::input::Parsed;
-use ::gltf::json::Root;
 use glam::{DAffine3, DVec3};
+use std::collections::HashMap;
 
 /// A node that has a mesh in its subtree.
 pub(crate) struct Placed {
@@ -12,20 +14,19 @@ pub(crate) struct Placed {
     pub(crate) world: DAffine3,
     pub(crate) mesh: Option<usize>,
     holds_mesh: bool,
+    is_hidden: bool,
 }
 
-/// Returns all placed nodes, parents first, in the order of the file. `local` holds the transform of each node.
+/// Returns all placed nodes, parents first, in the order of the file.
 ///
 /// A node that is reached twice is an error, also without a cycle: a graph with shared nodes can expand to an
 /// exponentially large tree.
-pub(crate) fn placed(root: &Root, local: &[DAffine3]) -> Parsed<Vec<Placed>> {
+pub(crate) fn placed(model: &Model, notes: &mut Notes) -> Parsed<Vec<Placed>> {
     let mut all: Vec<Placed> = Vec::new();
-    let mut seen = vec![false; root.nodes.len()];
-    let mut todo: Vec<(usize, Option<usize>)> = roots(root)?.into_iter().rev().map(|n| (n, None)).collect();
+    let mut seen = vec![false; model.nodes.len()];
+    let mut todo: Vec<(usize, Option<usize>)> = roots(model)?.into_iter().rev().map(|n| (n, None)).collect();
     while let Some((index, parent)) = todo.pop() {
-        let Some(node) = root.nodes.get(index) else {
-            return Err(format!("nodes[{index}] does not exist (there are {})", root.nodes.len()).into());
-        };
+        let node = model.nodes.get(index)?;
         if std::mem::replace(&mut seen[index], true) {
             let ancestors = std::iter::successors(parent, |&p| all[p].parent);
             let why = match ancestors.into_iter().any(|p| all[p].node == index) {
@@ -34,41 +35,94 @@ pub(crate) fn placed(root: &Root, local: &[DAffine3]) -> Parsed<Vec<Placed>> {
             };
             return Err(why.into());
         }
-        let above = parent.map_or(DAffine3::IDENTITY, |p| all[p].world);
-        let world = above * local.get(index).copied().unwrap_or(DAffine3::IDENTITY);
-        let mesh = node.mesh.map(|m| m.value());
-        if let Some(mesh) = mesh.filter(|&m| m >= root.meshes.len()) {
-            return Err(
-                format!("nodes[{index}]: meshes[{mesh}] does not exist (there are {})", root.meshes.len()).into()
-            );
+        let above = parent.map(|p| &all[p]);
+        let world = above.map_or(DAffine3::IDENTITY, |p| p.world) * local(node);
+        let is_hidden = !node.is_visible || above.is_some_and(|p| p.is_hidden);
+        let mesh = node.mesh.filter(|_| !is_hidden);
+        if let Some(mesh) = mesh {
+            model.meshes.get(mesh).map_err(|fault| super::within(&format!("nodes[{index}]"), fault))?;
         }
-        all.push(Placed { node: index, parent, world, mesh, holds_mesh: mesh.is_some() });
+        if is_hidden && node.mesh.is_some() {
+            notes.add("nodes with meshes are invisible and were left out", || format!("nodes[{index}]"));
+        }
+        all.push(Placed { node: index, parent, world, mesh, holds_mesh: mesh.is_some(), is_hidden });
         let here = Some(all.len() - 1);
-        let children = node.children.iter().flatten().rev();
-        todo.extend(children.map(|child| (child.value(), here)));
+        todo.extend(node.children.iter().rev().map(|&child| (child, here)));
     }
-    Ok(with_meshes(all))
+    for (index, _) in model.nodes.iter().filter(|(index, node)| !seen[*index] && node.mesh.is_some()) {
+        notes.add("nodes with meshes are not in the scene and were left out", || format!("nodes[{index}]"));
+    }
+    let all = with_meshes(all);
+    for placed in &all {
+        if let Err(why) = &model.nodes.get(placed.node)?.local {
+            return Err(format!("nodes[{}]: {why}", placed.node).into());
+        }
+    }
+    Ok(all)
+}
+
+/// Returns the transform of a node to its parent. A malformed one, which matters only above meshes, is the identity.
+fn local(node: &Node) -> DAffine3 {
+    node.local.as_ref().map_or(DAffine3::IDENTITY, |local| *local)
 }
 
 /// Returns the root nodes: of the default scene, else of the first scene, else the nodes without a parent.
-fn roots(root: &Root) -> Parsed<Vec<usize>> {
-    let index = root.scene.map(|s| s.value());
-    if let Some(index) = index.filter(|&i| i >= root.scenes.len()) {
-        return Err(format!("scenes[{index}] does not exist (there are {})", root.scenes.len()).into());
+fn roots(model: &Model) -> Parsed<Vec<usize>> {
+    match model.scene {
+        Some(index) => return Ok(model.scenes.get(index)?.clone()),
+        None if model.scenes.len() > 0 => return Ok(model.scenes.get(0)?.clone()),
+        None => {}
     }
-    if let Some(scene) = root.scenes.get(index.unwrap_or(0)) {
-        return Ok(scene.nodes.iter().map(|n| n.value()).collect());
-    }
-    let mut is_child = vec![false; root.nodes.len()];
-    for child in root.nodes.iter().flat_map(|n| n.children.iter().flatten()) {
-        if let Some(is_child) = is_child.get_mut(child.value()) {
-            *is_child = true;
-        }
-    }
-    let roots: Vec<usize> = (0..root.nodes.len()).filter(|&i| !is_child[i]).collect();
-    match roots.is_empty() && !root.nodes.is_empty() {
+    let parents = parents(model);
+    let roots: Vec<usize> = (0..parents.len()).filter(|&i| parents[i].is_none()).collect();
+    match roots.is_empty() && !parents.is_empty() {
         true => Err("every node is a child of another: the nodes form a cycle".into()),
         false => Ok(roots),
+    }
+}
+
+/// Returns the parent of each node of the document, also of those outside of the scene.
+fn parents(model: &Model) -> Vec<Option<usize>> {
+    let mut parents = vec![None; model.nodes.len()];
+    for (index, child) in model.nodes.iter().flat_map(|(i, node)| node.children.iter().map(move |&child| (i, child))) {
+        if let Some(parent) = parents.get_mut(child) {
+            *parent = Some(index);
+        }
+    }
+    parents
+}
+
+/// Transforms of any nodes to the world, also of nodes outside of the scene.
+pub(crate) struct Worlds<'m> {
+    model: &'m Model,
+    parents: Vec<Option<usize>>,
+    known: HashMap<usize, DAffine3>,
+}
+
+impl<'m> Worlds<'m> {
+    pub(crate) fn new(model: &'m Model) -> Self {
+        Self { model, parents: parents(model), known: HashMap::new() }
+    }
+
+    /// Returns the transform of a node to the world.
+    pub(crate) fn of(&mut self, index: usize) -> Parsed<DAffine3> {
+        self.model.nodes.get(index)?;
+        let mut chain = Vec::new();
+        let mut at = Some(index);
+        while let Some(node) = at.filter(|node| !self.known.contains_key(node)) {
+            if chain.len() > self.parents.len() {
+                return Err(format!("nodes[{index}] is its own ancestor: the nodes form a cycle").into());
+            }
+            chain.push(node);
+            at = self.parents[node];
+        }
+        let mut world = at.and_then(|known| self.known.get(&known)).copied().unwrap_or(DAffine3::IDENTITY);
+        for node in chain.into_iter().rev() {
+            let local = self.model.nodes.get(node)?.local.as_ref().map_err(|why| format!("nodes[{node}]: {why}"))?;
+            world *= *local;
+            self.known.insert(node, world);
+        }
+        Ok(world)
     }
 }
 
@@ -100,6 +154,7 @@ pub(crate) fn inverts_well(m: &DAffine3) -> bool {
     m.is_finite()
         && most > 0.0
         && least > 1e-6 * most
-        && volume.is_finite()
+        && volume.is_normal()
+        && volume.recip().is_normal()
         && volume > 1e-6 * columns.iter().product::<f64>()
 }

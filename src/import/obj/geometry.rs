@@ -1,19 +1,21 @@
 //! The second reading of an OBJ file: vertices and faces.
 
 use super::lines::Lines;
-use super::parts::Parts;
+use super::mtl::next_number;
+use super::parts::{Painted, Parts};
 use super::survey::{Keyword, keyword};
 use crate::base::error::{Place, Result};
 use crate::import::batch::Batch;
 use crate::import::colour::{linear, mean3};
+use crate::import::ignored::Ignored;
 use crate::import::input::{Input, Parsed};
+use crate::import::texture::Texture;
 use crate::import::{MeshKey, Sink, text};
 use glam::DVec3;
-use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// Keywords without geometry, or handled by the first reading: they are ignored without a note.
-const SILENT: [&[u8]; 16] = [
-    b"vt",
+const SILENT: [&[u8]; 15] = [
     b"vn",
     b"vp",
     b"s",
@@ -32,34 +34,49 @@ const SILENT: [&[u8]; 16] = [
 ];
 
 struct Reader<'a> {
-    parts: &'a Parts,
+    parts: &'a mut Parts,
     positions: Vec<[f64; 3]>,
     /// Linear colours: either empty or as many as `positions`. NaN marks a vertex without a colour.
     colours: Vec<[f32; 3]>,
-    corners: Vec<u32>,
+    /// Value of a full channel of the vertices' colours: 1, or 255 after the first larger one.
+    scale: f64,
+    /// Texture coordinates; `None` if no part has a texture.
+    coordinates: Option<Vec<[f32; 2]>>,
+    corners: Vec<Corner>,
+    /// Texture of the present run of faces.
+    texture: Option<(Painted, Rc<Texture>)>,
     batch: Batch,
     /// Number of runs of faces begun, and a flag for being inside one.
     runs: usize,
     in_run: bool,
     triangles: u64,
     without_area: u64,
-    /// Other lines by their first word: their number, and the line of the first.
-    ignored: BTreeMap<String, (u64, u64)>,
+    ignored: Ignored,
+}
+
+/// A corner of a face: the index of its vertex, and of its texture coordinates if there are any.
+#[derive(Clone, Copy)]
+struct Corner {
+    vertex: u32,
+    coordinates: Option<u32>,
 }
 
 /// Reads the whole file from its beginning; the triangles go to `parts`.
-pub(crate) fn read(input: &mut Input, parts: &Parts, sink: &mut dyn Sink) -> Result<()> {
+pub(crate) fn read(input: &mut Input, parts: &mut Parts, sink: &mut dyn Sink) -> Result<()> {
     let mut reader = Reader {
+        coordinates: parts.have_textures().then(Vec::new),
         parts,
         positions: Vec::new(),
         colours: Vec::new(),
+        scale: 1.0,
         corners: Vec::new(),
+        texture: None,
         batch: Batch::new(0),
         runs: 0,
         in_run: false,
         triangles: 0,
         without_area: 0,
-        ignored: BTreeMap::new(),
+        ignored: Ignored::default(),
     };
     let mut lines = Lines::default();
     let mut count = 0u64;
@@ -83,8 +100,10 @@ impl Reader<'_> {
     #[inline]
     fn line(&mut self, line: &[u8], number: u64, sink: &mut dyn Sink) -> Parsed<()> {
         match line {
-            [b'v', b' ' | b'\t', rest @ ..] => return self.vertex(rest),
-            [] | [b'#', ..] | [b'v', b'n' | b't', b' ' | b'\t', ..] => return Ok(()),
+            [b'v', b' ' | b'\t', rest @ ..] => return self.vertex(rest, number),
+            [b'v', b't'] => return self.texture_vertex(b"", number),
+            [b'v', b't', b' ' | b'\t', rest @ ..] => return self.texture_vertex(rest, number),
+            [] | [b'#', ..] | [b'v', b'n', b' ' | b'\t', ..] => return Ok(()),
             _ => {}
         }
         match keyword(line) {
@@ -96,13 +115,17 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn vertex(&mut self, mut rest: &[u8]) -> Parsed<()> {
+    fn vertex(&mut self, mut rest: &[u8], number: u64) -> Parsed<()> {
         let mut numbers = [0f64; 7];
         let mut n = 0;
         while n < 7
             && let Some(word) = text::word(&mut rest)
         {
-            numbers[n] = text::double(word).ok_or_else(|| format!("{} is not a number", text::shown(word)))?;
+            let Some(value) = text::double(word) else {
+                n += self.behind_vertex(word, n, number, &mut numbers)?;
+                break;
+            };
+            numbers[n] = value;
             n += 1;
         }
         let [x, y, z, r, g, b, _] = numbers;
@@ -110,13 +133,48 @@ impl Reader<'_> {
             return Err("a vertex needs three coordinates".into());
         }
         if n >= 6 {
+            if self.scale == 1.0 && [r, g, b].iter().any(|c| *c > 1.0) {
+                self.scale = 255.0;
+                self.ignored.add("vertex colours above 1: they are taken as 0 to 255 from there on", number);
+            }
             self.colours.resize(self.positions.len(), [f32::NAN; 3]);
-            self.colours.push([r, g, b].map(|c| linear(c as f32)));
+            self.colours.push([r, g, b].map(|c| linear((c / self.scale) as f32)));
         } else if !self.colours.is_empty() {
             self.colours.push([f32::NAN; 3]);
         }
         self.positions.push([x, y, z]);
         Ok(())
+    }
+
+    /// Reads texture coordinates, if they are needed. Invalid ones cost only the colour of their triangles.
+    fn texture_vertex(&mut self, mut rest: &[u8], line: u64) -> Parsed<()> {
+        let Some(coordinates) = &mut self.coordinates else { return Ok(()) };
+        let mut next = || next_number(&mut rest);
+        let Some(u) = next() else {
+            self.ignored.add("invalid texture coordinates", line);
+            coordinates.push([f32::NAN; 2]);
+            return Ok(());
+        };
+        coordinates.push([u, next().unwrap_or(0.0)]);
+        Ok(())
+    }
+
+    /// Handles a word that is not a number, the one behind `n` numbers of a vertex: a comment, perhaps with a number
+    /// before it, or text that is ignored. Returns how many numbers it adds.
+    #[cold]
+    fn behind_vertex(&mut self, word: &[u8], n: usize, line: u64, numbers: &mut [f64; 7]) -> Parsed<usize> {
+        match text::before_comment(word) {
+            Some(b"") => Ok(0),
+            Some(value) => {
+                numbers[n] = text::double(value).ok_or_else(|| text::not_a_number(word))?;
+                Ok(1)
+            }
+            None if n >= 3 => {
+                self.ignored.add("text behind coordinates", line);
+                Ok(0)
+            }
+            None => Err(text::not_a_number(word).into()),
+        }
     }
 
     fn face(&mut self, line: &[u8], sink: &mut dyn Sink) -> Parsed<()> {
@@ -125,6 +183,10 @@ impl Reader<'_> {
                 return Err("the file changed while it was being read".into());
             };
             self.batch.aim(MeshKey::DIRECT, target.part, target.colour, sink)?;
+            self.texture = None;
+            if let Some(painted) = target.texture {
+                self.texture = Some((painted, self.parts.textures.get(painted.used.index)?));
+            }
             self.runs += 1;
             self.in_run = true;
         }
@@ -132,7 +194,18 @@ impl Reader<'_> {
         text::word(&mut rest);
         self.corners.clear();
         while let Some(word) = text::word(&mut rest) {
-            self.corners.push(corner(word, self.positions.len())?);
+            match self.corner(word) {
+                Ok(corner) => self.corners.push(corner),
+                Err(fault) => {
+                    let comment = line[..line.len() - rest.len()].contains(&b'#');
+                    match text::before_comment(word) {
+                        None if !comment => return Err(fault),
+                        None | Some(b"") => {}
+                        Some(word) => self.corners.push(self.corner(word)?),
+                    }
+                    break;
+                }
+            }
         }
         self.without_area += u64::from(self.corners.len() < 3);
         for i in 2..self.corners.len() {
@@ -145,35 +218,48 @@ impl Reader<'_> {
     }
 
     #[inline]
-    fn triangle(&mut self, corners: [u32; 3]) {
-        let at = corners.map(|c| c as usize);
-        let colour = if self.colours.is_empty() {
-            None
-        } else {
-            Some(mean3(self.colours[at[0]], self.colours[at[1]], self.colours[at[2]])).filter(|c| !c[0].is_nan())
+    fn corner(&self, word: &[u8]) -> Parsed<Corner> {
+        let vertex = corner(word, self.positions.len())?;
+        // Without a texture in this run of faces the rest of the word does not matter.
+        let coordinates = self.coordinates.as_ref().filter(|_| self.texture.is_some());
+        Ok(Corner { vertex, coordinates: coordinates.and_then(|c| coordinate(word, c.len())) })
+    }
+
+    #[inline]
+    fn triangle(&mut self, corners: [Corner; 3]) {
+        let at = corners.map(|c| c.vertex as usize);
+        let colour = match &self.texture {
+            Some((painted, texture)) => self.texture_colour(corners, *painted, texture),
+            None if self.colours.is_empty() => None,
+            None => {
+                Some(mean3(self.colours[at[0]], self.colours[at[1]], self.colours[at[2]])).filter(|c| !c[0].is_nan())
+            }
         };
         self.triangles += 1;
         self.batch.push(at.map(|i| DVec3::from(self.positions[i])), colour);
     }
 
+    /// Returns the mean colour of the texture over a triangle; `None` without texture coordinates.
+    fn texture_colour(&self, corners: [Corner; 3], painted: Painted, texture: &Texture) -> Option<[f32; 3]> {
+        let list = self.coordinates.as_ref()?;
+        let at = |c: Corner| list.get(c.coordinates? as usize).copied().filter(|uv| !uv[0].is_nan());
+        let [a, b, c] = corners.map(at);
+        let mapping = painted.used.mapping;
+        let mean = texture.mean([a?, b?, c?].map(|uv| mapping.apply(uv)), &mapping)?;
+        Some(std::array::from_fn(|i| (painted.factor[i] * mean[i]).clamp(0.0, 1.0)))
+    }
+
     fn other(&mut self, line: &[u8], number: u64) {
         let mut rest = line;
         let word = text::word(&mut rest).unwrap_or(b"");
-        // A file with only unknown words must not fill memory with them.
-        if !SILENT.contains(&word) && self.ignored.len() < 16 {
-            self.ignored.entry(text::shown(word)).or_insert((0, number)).0 += 1;
-        } else if let Some(seen) = self.ignored.get_mut(&text::shown(word)) {
-            seen.0 += 1;
+        if !SILENT.contains(&word) && !word.is_empty() {
+            self.ignored.add(&text::shown(word), number);
         }
     }
 
     fn report(&self, input: &Input, sink: &mut dyn Sink) {
         let file = input.path().display();
-        if !self.ignored.is_empty() {
-            let kinds = self.ignored.iter().map(|(word, (n, line))| format!("{n} × {word} (first in line {line})"));
-            let kinds: Vec<_> = kinds.collect();
-            sink.note(format!("{file}: ignored lines: {}", kinds.join(", ")));
-        }
+        self.ignored.note(input.path(), sink);
         if self.without_area > 0 {
             let n = self.without_area;
             sink.note(format!("{file}: {n} faces with fewer than three corners make no triangle"));
@@ -192,12 +278,17 @@ fn corner(word: &[u8], count: usize) -> Parsed<u32> {
     let Some(index) = text::integer(&word[..digits]) else {
         return Err(format!("{} is not a vertex", text::shown(word)).into());
     };
-    let at = match index {
-        1.. => index - 1,
-        _ => index + count as i64,
-    };
-    match u32::try_from(at) {
-        Ok(at) if (at as usize) < count && index != 0 => Ok(at),
-        _ => Err(format!("vertex {index} is out of range: {count} are defined so far").into()),
-    }
+    absolute(index, count).ok_or_else(|| format!("vertex {index} is out of range: {count} are defined so far").into())
+}
+
+/// Returns the index of the texture coordinates of a corner, if it has some that are defined.
+fn coordinate(word: &[u8], count: usize) -> Option<u32> {
+    absolute(text::integer(word.split(|&b| b == b'/').nth(1)?)?, count)
+}
+
+/// Returns the index from 0 for one that counts from 1, or backwards from -1.
+#[inline]
+fn absolute(index: i64, count: usize) -> Option<u32> {
+    let at = if index > 0 { index - 1 } else { index.checked_add(count as i64)? };
+    u32::try_from(at).ok().filter(|&at| (at as usize) < count && index != 0)
 }

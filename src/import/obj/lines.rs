@@ -2,6 +2,7 @@
 
 use crate::base::error::Result;
 use crate::import::input::Input;
+use crate::import::text;
 
 /// Reader of logical lines, without leading white space.
 #[derive(Default)]
@@ -44,7 +45,15 @@ impl Lines {
 
 #[inline]
 fn continues(line: &[u8]) -> bool {
-    line.trim_ascii_end().last() == Some(&b'\\') && line.trim_ascii_start().first() != Some(&b'#')
+    line.trim_ascii_end().strip_suffix(b"\\").is_some_and(is_joined)
+}
+
+/// True if the backslash behind `head` continues the line. A backslash that ends a comment does not, nor does one that
+/// is the second byte of a letter, as in names in Shift-JIS and GBK.
+#[cold]
+fn is_joined(head: &[u8]) -> bool {
+    let letter = head.last().is_some_and(|b| !b.is_ascii()) && str::from_utf8(head).is_err();
+    !letter && text::name_before_comment(head).is_none()
 }
 
 /// Returns the line without the backslash at its end.

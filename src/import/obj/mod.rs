@@ -5,23 +5,33 @@
 //!
 //! The file is read twice: first for its objects, groups and materials, then for its geometry. Parts are therefore
 //! known before their triangles, and memory holds only positions (24 bytes per vertex, and 12 more if vertices have
-//! colours).
+//! colours), with textures also texture coordinates (8 bytes each) and decoded pictures.
 //!
 //! - Each `o`, and each `g` within it, is a part. If faces of a group use several materials, its part has a child for
 //!   each. A file without objects and groups is one part with the name of the file. `o` ends the group before it.
 //! - Polygons become fans around their first corner. Indices count from 1, or backwards from -1.
 //! - `v x y z w`: the weight is for curves and ignored. `v x y z r g b`: sRGB-coded colours, averaged over each
 //!   triangle in linear light.
+//! - Names are bytes. Their coding is unknown; two names are the same if their bytes are.
+//! - A texture `map_Kd` gives each triangle its mean colour ([`super::texture`]); vertex colours do not count there.
+//! - `#` begins a comment behind numbers. In a name it may be a letter: a material is looked for under its whole name
+//!   first, then under the name before the comment; names of objects and groups are kept whole.
 //! - All other lines are ignored. Those that carry geometry (points, lines, curves, subdivision tags) are noted.
 
+mod beside;
 mod geometry;
 mod lines;
 mod mtl;
 mod parts;
 mod survey;
+mod textures;
 
 #[cfg(test)]
+mod material_tests;
+#[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod text_tests;
 
 use super::Sink;
 use super::input::Input;
@@ -30,7 +40,8 @@ use crate::base::error::Result;
 /// Reads an OBJ file from its beginning.
 pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<()> {
     let survey = survey::read(input, sink)?;
-    let parts = parts::declare(input.path(), &survey, sink)?;
+    let mut parts = parts::declare(input.path(), &survey, sink)?;
     input.seek(0, 0)?;
-    geometry::read(input, &parts, sink)
+    geometry::read(input, &mut parts, sink)?;
+    parts.unchanged()
 }

@@ -1,9 +1,11 @@
 //! Declaration of the parts and materials of an OBJ file from its survey.
 
-use super::mtl;
+use super::mtl::{Libraries, Material};
 use super::survey::Survey;
+use super::textures::{Textures, Used};
 use crate::base::error::Result;
-use crate::import::{MaterialDesc, MaterialKey, PartDesc, PartKey, Sink, stem};
+use crate::import::input::Stamp;
+use crate::import::{MaterialDesc, MaterialKey, PartDesc, PartKey, Sink, stem, text};
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
@@ -12,12 +14,22 @@ use std::path::Path;
 pub(crate) struct Target {
     pub(crate) part: PartKey,
     pub(crate) colour: [f32; 3],
+    pub(crate) texture: Option<Painted>,
+}
+
+/// A texture, and the factor of its colours.
+#[derive(Clone, Copy)]
+pub(crate) struct Painted {
+    pub(crate) used: Used,
+    pub(crate) factor: [f32; 3],
 }
 
 /// The targets of all runs of faces, in file order.
 pub(crate) struct Parts {
     uses: Vec<Target>,
     runs: Vec<u32>,
+    pub(crate) textures: Textures,
+    libraries: Vec<Stamp>,
 }
 
 impl Parts {
@@ -25,21 +37,38 @@ impl Parts {
     pub(crate) fn run(&self, n: usize) -> Option<Target> {
         self.uses.get(*self.runs.get(n)? as usize).copied()
     }
+
+    /// True if some triangles have a texture.
+    pub(crate) fn have_textures(&self) -> bool {
+        self.uses.iter().any(|target| target.texture.is_some())
+    }
+
+    /// Fails if a library or a picture was changed since it was opened.
+    pub(crate) fn unchanged(&self) -> Result<()> {
+        self.libraries.iter().chain(&self.textures.opened).try_for_each(Stamp::unchanged)
+    }
 }
 
 /// Declares the materials that are used, and a part for each object, group and combination of group and material.
 pub(crate) fn declare(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<Parts> {
-    let looks = materials(path, survey, sink)?;
+    let mut libraries = Libraries::default();
+    for library in &survey.libraries.items {
+        libraries.read(path, library, sink)?;
+    }
+    let mut textures = Textures::default();
+    let looks = materials(path, survey, &libraries, &mut textures, sink)?;
+    textures.note(path, sink);
     let mut of_group: Vec<Vec<usize>> = vec![Vec::new(); survey.groups.items.len()];
     for (i, &(group, _)) in survey.uses.items.iter().enumerate() {
         of_group[group as usize].push(i);
     }
     let mut declaration = Declaration { survey, looks, of_group, objects: HashMap::new() };
-    let mut uses = vec![Target { part: 0, colour: MaterialDesc::default().colour }; survey.uses.items.len()];
+    let plain = Target { part: 0, colour: MaterialDesc::default().colour, texture: None };
+    let mut uses = vec![plain; survey.uses.items.len()];
     for group in 0..survey.groups.items.len() {
         declaration.group(path, group, &mut uses, sink)?;
     }
-    Ok(Parts { uses, runs: survey.runs.clone() })
+    Ok(Parts { uses, runs: survey.runs.clone(), textures, libraries: libraries.opened })
 }
 
 /// State while the parts are declared.
@@ -55,7 +84,7 @@ struct Declaration<'a> {
 
 impl Declaration<'_> {
     fn name(&self, index: u32) -> String {
-        self.survey.names.items[index as usize].clone()
+        text::name(&self.survey.names.items[index as usize])
     }
 
     fn look(&self, used: usize) -> Option<Looks> {
@@ -65,7 +94,7 @@ impl Declaration<'_> {
     /// Returns the material of a group that uses only one.
     fn only_material(&self, group: usize) -> Option<MaterialKey> {
         match self.of_group[group][..] {
-            [one] => self.look(one).map(|l| l.0),
+            [one] => self.look(one).map(|l| l.key),
             _ => None,
         }
     }
@@ -83,8 +112,12 @@ impl Declaration<'_> {
         };
         let uses = &self.of_group[group];
         for &used in uses {
-            let (material, colour) = self.look(used).unzip();
-            targets[used] = Target { part, colour: colour.unwrap_or(MaterialDesc::default().colour) };
+            let look = self.look(used);
+            let material = look.map(|l| l.key);
+            targets[used].part = part;
+            if let Some(Looks { colour, texture, .. }) = look {
+                (targets[used].colour, targets[used].texture) = (colour, texture);
+            }
             if uses.len() > 1 {
                 let name = self.survey.uses.items[used].1.map_or_else(|| "no material".into(), |m| self.name(m));
                 targets[used].part = sink.part(PartDesc { name, parent: Some(part), material, id: None })?;
@@ -106,22 +139,32 @@ impl Declaration<'_> {
     }
 }
 
-/// Key and linear colour of a declared material.
-type Looks = (MaterialKey, [f32; 3]);
+/// A declared material.
+#[derive(Clone, Copy)]
+struct Looks {
+    key: MaterialKey,
+    /// Linear colour.
+    colour: [f32; 3],
+    texture: Option<Painted>,
+}
 
-/// Returns keys and colours of the materials that faces use, by the index of their name.
-fn materials(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<HashMap<u32, Looks>> {
-    let mut defined = HashMap::new();
-    for library in &survey.libraries.items {
-        mtl::read(path, library, &mut defined, sink)?;
-    }
-    let mut keys = HashMap::new();
+/// Declares the materials that faces use. Returns them by the index of their name.
+fn materials(
+    path: &Path,
+    survey: &Survey,
+    libraries: &Libraries,
+    textures: &mut Textures,
+    sink: &mut dyn Sink,
+) -> Result<HashMap<u32, Looks>> {
+    let mut declared = HashMap::new();
     let mut missing = BTreeSet::new();
     for &(_, material) in &survey.uses.items {
-        let Some(material) = material.filter(|m| !keys.contains_key(m)) else { continue };
-        match defined.get(&survey.names.items[material as usize]) {
-            Some(&desc) => {
-                keys.insert(material, (sink.material(desc)?, desc.colour));
+        let Some(material) = material.filter(|m| !declared.contains_key(m)) else { continue };
+        match libraries.get(&survey.names.items[material as usize]) {
+            Some(found) => {
+                sink.cancel().check()?;
+                let (desc, texture) = painted(found, textures);
+                declared.insert(material, Looks { key: sink.material(desc)?, colour: desc.colour, texture });
             }
             None => {
                 missing.insert(material);
@@ -129,10 +172,31 @@ fn materials(path: &Path, survey: &Survey, sink: &mut dyn Sink) -> Result<HashMa
         }
     }
     if let Some(&first) = missing.first() {
-        let (file, n, first) = (path.display(), missing.len(), &survey.names.items[first as usize]);
+        let (file, n, first) = (path.display(), missing.len(), text::name(&survey.names.items[first as usize]));
         sink.note(format!(
             "{file}: {n} materials are used but not defined (\"{first}\"...); the default material is used instead"
         ));
     }
-    Ok(keys)
+    Ok(declared)
+}
+
+/// Returns the looks of a material with its texture, if it has one that can be used. The material's own colour is then
+/// the mean of the texture.
+///
+/// `Kd` is a factor of the texture's colours. `Kd 0 0 0` would hide the texture: programs write it for materials that
+/// have no colour of their own.
+fn painted(material: &Material, textures: &mut Textures) -> (MaterialDesc, Option<Painted>) {
+    let mut looks = material.looks;
+    let Some(map) = &material.map else { return (looks, None) };
+    let factor = material.factor.filter(|&factor| factor != [0.0; 3]);
+    let Some((used, texture)) = textures.add(map) else {
+        if factor.is_none() {
+            looks.colour = MaterialDesc::default().colour;
+        }
+        return (looks, None);
+    };
+    let factor = factor.unwrap_or([1.0; 3]);
+    let mean = texture.mean_of_all().unwrap_or([1.0; 3]);
+    looks.colour = std::array::from_fn(|i| factor[i] * mean[i]);
+    (looks, Some(Painted { used, factor }))
 }

@@ -39,7 +39,8 @@ pub(crate) type Group = (Option<u32>, Option<u32>);
 
 /// Objects, groups and materials of a file's faces.
 pub(crate) struct Survey {
-    pub(crate) names: Ordered<String>,
+    /// Names as bytes: their coding is unknown, and different names must stay different.
+    pub(crate) names: Ordered<Vec<u8>>,
     /// Groups that have faces.
     pub(crate) groups: Ordered<Group>,
     /// Every combination that has faces: the index of a group, and of a material's name.
@@ -47,7 +48,7 @@ pub(crate) struct Survey {
     /// Index into `uses` for each run of faces between changes of object, group or material.
     pub(crate) runs: Vec<u32>,
     /// Library names of the `mtllib` lines.
-    pub(crate) libraries: Ordered<String>,
+    pub(crate) libraries: Ordered<Vec<u8>>,
 }
 
 /// Reads the whole file from its beginning.
@@ -81,7 +82,7 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<Survey> {
                 in_run = false;
             }
             Keyword::Group(name) => {
-                group.1 = Some(survey.names.place(if name.is_empty() { "default".into() } else { name }));
+                group.1 = Some(survey.names.place(if name.is_empty() { b"default".to_vec() } else { name.to_vec() }));
                 in_run = false;
             }
             Keyword::Material(name) => {
@@ -89,7 +90,7 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<Survey> {
                 in_run = false;
             }
             Keyword::Library(name) => {
-                survey.libraries.place(name);
+                survey.libraries.place(name.to_vec());
             }
             Keyword::Face | Keyword::Other => {}
         }
@@ -98,38 +99,38 @@ pub(crate) fn read(input: &mut Input, sink: &mut dyn Sink) -> Result<Survey> {
 }
 
 impl Survey {
-    fn name(&mut self, name: String) -> Option<u32> {
-        (!name.is_empty()).then(|| self.names.place(name))
+    fn name(&mut self, name: &[u8]) -> Option<u32> {
+        (!name.is_empty()).then(|| self.names.place(name.to_vec()))
     }
 }
 
 /// Keywords that are relevant for parts.
-pub(crate) enum Keyword {
+pub(crate) enum Keyword<'a> {
     Face,
-    Object(String),
-    Group(String),
-    Material(String),
-    Library(String),
+    Object(&'a [u8]),
+    Group(&'a [u8]),
+    Material(&'a [u8]),
+    Library(&'a [u8]),
     Other,
 }
 
 /// Classifies a line. Both readings use this function, so that they agree on the beginnings of runs.
 #[inline]
-pub(crate) fn keyword(line: &[u8]) -> Keyword {
+pub(crate) fn keyword(line: &[u8]) -> Keyword<'_> {
     match line.first() {
         Some(b'f' | b'o' | b'g' | b'u' | b'm') => keyword_by_word(line),
         _ => Keyword::Other,
     }
 }
 
-fn keyword_by_word(line: &[u8]) -> Keyword {
+fn keyword_by_word(line: &[u8]) -> Keyword<'_> {
     let mut rest = line;
     match text::word(&mut rest) {
         Some(b"f" | b"fo") => Keyword::Face,
-        Some(b"o") => Keyword::Object(text::name(rest)),
-        Some(b"g") => Keyword::Group(text::name(rest)),
-        Some(b"usemtl") => Keyword::Material(text::name(rest)),
-        Some(b"mtllib") => Keyword::Library(text::name(rest)),
+        Some(b"o") => Keyword::Object(rest.trim_ascii()),
+        Some(b"g") => Keyword::Group(rest.trim_ascii()),
+        Some(b"usemtl") => Keyword::Material(rest.trim_ascii()),
+        Some(b"mtllib") => Keyword::Library(rest.trim_ascii()),
         _ => Keyword::Other,
     }
 }

@@ -3,14 +3,14 @@ use crate::import::testing::{read_bytes, read_files, refused, survives_damage, s
 use glam::DVec3;
 use proptest::prelude::*;
 
-const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+pub(super) const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
 
 fn read(faces: &str) -> Collector {
     read_bytes("file.obj", format!("{SQUARE}{faces}")).unwrap()
 }
 
 /// Returns name, parent's name and number of triangles of each part.
-fn parts(sink: &Collector) -> Vec<(&str, &str, usize)> {
+pub(super) fn parts(sink: &Collector) -> Vec<(&str, &str, usize)> {
     let name = |p: u32| sink.parts[p as usize].name.as_str();
     (0..sink.parts.len() as u32)
         .map(|p| {
@@ -113,7 +113,11 @@ fn libraries_give_materials() {
     let materials: Vec<_> = sink.parts.iter().map(|p| p.material).collect();
     assert_eq!(materials, [None, Some(0), Some(1), None]);
     assert_eq!(sink.notes.len(), 2, "{:?}", sink.notes);
-    assert!(sink.notes[0].contains("2 lines") && sink.notes[1].contains("\"none\""), "{:?}", sink.notes);
+    assert!(
+        sink.notes[0].contains("1 × invalid \"Kd\" (first in line 7)") && sink.notes[1].contains("\"none\""),
+        "{:?}",
+        sink.notes
+    );
 }
 
 #[test]
@@ -134,6 +138,21 @@ fn vertices_may_have_weights_or_colours() {
     // The triangle has a corner without a colour and takes the material's.
     assert_eq!(sink.direct()[1].colour, Some(crate::import::MaterialDesc::default().colour));
     assert_eq!(sink.direct()[1].positions[2], DVec3::Y);
+}
+
+#[test]
+fn colours_of_vertices_may_reach_to_255() {
+    let text = "v 0 0 0 0 0 0\nv 1 0 0 255 0 0\nv 0 1 0 0 0 255\nv 0 0 1 1 0 0\nf 1 2 3\nf 2 2 2\nf 4 4 4\n";
+    let sink = read_bytes("file.obj", text).unwrap();
+    let third = 1.0 / 3.0;
+    assert_eq!(sink.direct()[0].colour, Some([third, 0.0, third]));
+    assert_eq!(sink.direct()[1].colour, Some([1.0, 0.0, 0.0]));
+    assert!(sink.direct()[2].colour.is_some_and(|c| c[0] > 0.0 && c[0] < 0.001));
+    assert!(
+        sink.notes.len() == 1 && sink.notes[0].contains("0 to 255") && sink.notes[0].contains("line 2"),
+        "{:?}",
+        sink.notes
+    );
 }
 
 #[test]

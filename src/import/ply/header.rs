@@ -2,6 +2,7 @@
 
 use super::table::Tables;
 use crate::base::error::Result;
+use crate::import::ignored::Ignored;
 use crate::import::input::{Ends, Input, Parsed};
 use crate::import::text;
 
@@ -119,12 +120,13 @@ pub(crate) enum Coding {
     Big,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub(crate) struct Header {
     pub(crate) coding: Coding,
     pub(crate) elements: Vec<Element>,
     /// Tables in the comments that the generators of this crate write.
     pub(crate) tables: Tables,
+    pub(crate) ignored: Ignored,
 }
 
 impl Header {
@@ -141,16 +143,21 @@ pub(crate) fn read(input: &mut Input) -> Result<Header> {
         return Err(input.line_fault("does not begin with \"ply\""));
     }
     let mut coding = None;
-    let mut header = Header { coding: Coding::Ascii, elements: Vec::new(), tables: Tables::default() };
+    let mut header =
+        Header { coding: Coding::Ascii, elements: Vec::new(), tables: Tables::default(), ignored: Ignored::default() };
     loop {
+        let number = input.line() + 1;
         let Some(line) = input.next_line()? else {
             return Err(input.line_fault("the header has no end_header"));
         };
-        match header_line(line, &mut header, &mut coding) {
+        match header_line(line, number, &mut header, &mut coding) {
             Ok(false) => {}
             Ok(true) => break,
             Err(why) => return Err(input.line_fault(why)),
         }
+    }
+    if coding == Some(Coding::Ascii) {
+        input.set_ends(Ends::Any);
     }
     match coding {
         Some(coding) => Ok(Header { coding, ..header }),
@@ -174,10 +181,11 @@ fn choose_line_ends(input: &mut Input) -> Result<()> {
 }
 
 /// Parses one line. Returns `true` at the end of the header.
-fn header_line(line: &[u8], header: &mut Header, coding: &mut Option<Coding>) -> Parsed<bool, String> {
+fn header_line(line: &[u8], number: u64, header: &mut Header, coding: &mut Option<Coding>) -> Parsed<bool, String> {
     let mut rest = line;
     match text::word(&mut rest) {
         None | Some(b"obj_info") => {}
+        Some(word) if word.starts_with(b"#") => {}
         Some(b"comment") => header.tables.comment(rest),
         Some(b"end_header") => return Ok(true),
         Some(b"format") => {
@@ -202,9 +210,24 @@ fn header_line(line: &[u8], header: &mut Header, coding: &mut Option<Coding>) ->
             };
             element.properties.push(property);
         }
-        Some(other) => return Err(format!("unknown header keyword {}", text::shown(other))),
+        Some(other) if declares(other, rest) => {
+            return Err(format!("unknown header keyword {}", text::shown(other)));
+        }
+        // Text that some programs write without "comment" before it.
+        Some(other) => header.ignored.add(&format!("header lines with {}", text::shown(other)), number),
     }
     Ok(false)
+}
+
+/// True if an unknown line may declare data, as a misspelt `property` or `element` does. Rows would be read wrongly
+/// without it.
+fn declares(keyword: &[u8], mut rest: &[u8]) -> bool {
+    let words: Vec<&[u8]> = std::iter::from_fn(|| text::word(&mut rest)).collect();
+    match words[..] {
+        [ty, ..] if ty == b"list" || Type::of(ty).is_some() => true,
+        [_, count] => keyword.to_ascii_lowercase().starts_with(b"e") && text::integer(count).is_some(),
+        _ => false,
+    }
 }
 
 fn property(mut rest: &[u8]) -> Parsed<Property, String> {

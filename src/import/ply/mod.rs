@@ -9,6 +9,8 @@
 //!   channels span the range of their type, floats [0, 1]; both are taken as sRGB-coded.
 //! - An integer face property `part` (or `part_id`) refers to parts: to the table that the generators of this crate
 //!   write into comments (`table.rs`), else to parts with that id below the file's own part.
+//! - Lines of the header that are not understood, and values behind the last property of a row of text, are skipped
+//!   with a note.
 //! - All other data is skipped. A file without faces (a point cloud, a range grid) is an empty model.
 
 mod faces;
@@ -16,10 +18,13 @@ mod header;
 mod table;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod text_tests;
 mod values;
 mod vertices;
 
 use super::input::Input;
+use super::text;
 use super::{MaterialDesc, PartDesc, ReadOptions, Sink};
 use crate::base::error::Result;
 use faces::{Faces, INDEX_LISTS};
@@ -79,13 +84,17 @@ fn read_elements(values: &mut impl Values, header: Header, options: &ReadOptions
         }
     }
     faces.finish(values.input(), sink)?;
-    report(values.input(), &header.elements, &table, &faces, sink)
+    header.ignored.note(&path, sink);
+    if let Some(ignored) = values.ignored() {
+        ignored.note(&path, sink);
+    }
+    report(values.input(), &header, &table, &faces, sink)
 }
 
 /// Adds notes about missing or unused data of a valid file.
 fn report(
     input: &mut Input,
-    elements: &[Element],
+    header: &Header,
     table: &VertexTable,
     faces: &Faces<'_>,
     sink: &mut dyn Sink,
@@ -96,12 +105,14 @@ fn report(
         sink.note(format!("{file}: {n} faces with fewer than three corners make no triangle"));
     }
     if faces.triangles == 0 {
-        let names: Vec<_> = elements.iter().map(|e| format!("{} {}", e.count, e.name)).collect();
+        let names: Vec<_> = header.elements.iter().map(|e| format!("{} {}", e.count, e.name)).collect();
         let (vertices, names) = (table.positions.len(), names.join(", "));
         sink.note(format!("{file}: no triangles ({vertices} vertices; elements: {names}); the model is empty"));
     }
     let n = input.remaining();
-    if !input.peek(4096)?.trim_ascii().is_empty() {
+    let behind = input.peek(4096)?;
+    let behind = if header.coding == Coding::Ascii { text::unpadded(behind) } else { behind };
+    if !behind.trim_ascii().is_empty() {
         sink.note(format!("{file}: {n} bytes after the last element were not read"));
     }
     Ok(())

@@ -2,6 +2,7 @@
 
 use super::header::Type;
 use crate::base::error::{Error, Place, Result};
+use crate::import::ignored::Ignored;
 use crate::import::input::Input;
 use crate::import::text;
 
@@ -19,6 +20,10 @@ pub(crate) trait Values {
     fn fault(&self, why: String) -> Error;
     /// Returns the underlying input.
     fn input(&mut self) -> &mut Input;
+    /// Returns data that was skipped.
+    fn ignored(&self) -> Option<&Ignored> {
+        None
+    }
 }
 
 /// Binary values; `BIG` selects big-endian byte order.
@@ -105,22 +110,27 @@ pub(crate) struct Ascii<'a> {
     /// The current line and the number of its bytes that were consumed.
     line: Vec<u8>,
     used: usize,
+    /// Number of lines with values of the present row.
+    lines: u32,
+    ignored: Ignored,
+    /// The last line of a row that was too long: a second reading of the rows counts them once.
+    too_long: u64,
 }
 
 impl<'a> Ascii<'a> {
     pub(crate) fn new(input: &'a mut Input) -> Self {
-        Self { input, line: Vec::new(), used: 0 }
+        Self { input, line: Vec::new(), used: 0, lines: 0, ignored: Ignored::default(), too_long: 0 }
     }
 
     #[inline]
-    fn parse<T>(&mut self, what: &str, parse: impl Fn(&[u8]) -> Option<T>) -> Result<T> {
+    fn parse<T>(&mut self, parse: impl Fn(&[u8]) -> Option<T>, why: impl Fn(&[u8]) -> String) -> Result<T> {
         loop {
             let mut rest = &self.line[self.used..];
             if let Some(word) = text::word(&mut rest) {
                 self.used = self.line.len() - rest.len();
                 return match parse(word) {
                     Some(value) => Ok(value),
-                    None => Err(self.input.line_fault(format!("{} is not {what}", text::shown(word)))),
+                    None => Err(self.input.line_fault(why(word))),
                 };
             }
             self.next_line()?;
@@ -131,7 +141,10 @@ impl<'a> Ascii<'a> {
         self.line.clear();
         self.used = 0;
         match self.input.next_line()? {
-            Some(line) => self.line.extend_from_slice(line),
+            Some(line) => {
+                self.lines += u32::from(!line.trim_ascii().is_empty());
+                self.line.extend_from_slice(line);
+            }
             None => return Err(self.input.line_fault("the file ends before the data that its header announces")),
         }
         Ok(())
@@ -150,31 +163,45 @@ impl Values for Ascii<'_> {
     #[inline]
     fn float(&mut self, ty: Type) -> Result<f64> {
         match ty {
-            Type::F32 => self.parse("a number", text::single).map(f64::from),
-            _ => self.parse("a number", text::double),
+            Type::F32 => self.parse(text::single, text::not_a_number).map(f64::from),
+            _ => self.parse(text::double, text::not_a_number),
         }
     }
 
     #[inline]
     fn int(&mut self, _ty: Type) -> Result<i64> {
-        self.parse("a whole number", whole)
+        self.parse(whole, |word| format!("{} is not a whole number", text::shown(word)))
     }
 
     fn skip(&mut self, _ty: Type, n: u64) -> Result<()> {
         for _ in 0..n {
-            self.parse("a number", |word| word.first().copied())?;
+            self.parse(|word| word.first().copied(), text::not_a_number)?;
         }
         Ok(())
     }
 
+    /// Ends a row at the end of its line. Some programs write more columns than they declare. In a row of several lines
+    /// such a column may be the next row's, so it is refused.
     fn end_row(&mut self) -> Result<()> {
         let mut rest = &self.line[self.used..];
-        match text::word(&mut rest) {
-            None => Ok(()),
-            Some(word) => {
-                Err(self.input.line_fault(format!("{} follows the last property of the row", text::shown(word))))
+        let lines = std::mem::take(&mut self.lines);
+        if let Some(word) = text::word(&mut rest).filter(|word| !word.starts_with(b"#")) {
+            if lines > 1 {
+                let why = format!("{} follows the last property of a row of several lines", text::shown(word));
+                return Err(self.input.line_fault(why));
+            }
+            let line = self.input.line();
+            if line > self.too_long {
+                self.ignored.add("values behind the last property of a row", line);
+                self.too_long = line;
             }
         }
+        self.used = self.line.len();
+        Ok(())
+    }
+
+    fn ignored(&self) -> Option<&Ignored> {
+        Some(&self.ignored)
     }
 
     fn fault(&self, why: String) -> Error {

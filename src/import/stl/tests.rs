@@ -55,11 +55,15 @@ fn facets_may_have_more_corners_and_share_a_line() {
 #[test]
 fn faults_of_text_name_their_line() {
     for (from, to, line, words) in [
-        ("facet normal", "facett normal", "line 2", "expected \"facet\" or \"endsolid\", found \"facett\""),
-        ("outer loop", "inner loop", "line 3", "expected \"outer\", found \"inner\""),
+        ("facet normal", "facett normal", "line 3", "expected \"facet\" or \"endsolid\", found \"outer\""),
+        ("outer loop", "inner loop", "line 3", "expected \"outer\", found \"loop\""),
+        ("  outer loop\n", "", "line 3", "expected \"outer\", found \"vertex\""),
         ("vertex 0 0 0", "vertex 0 0", "line 5", "\"vertex\" is not a number"),
-        ("1.0e+000", "1,0", "line 5", "\"1,0\" is not a number"),
-        ("SOLID\n", "LIQUID\n", "line 17", "expected \"solid\", found \"LIQUID\""),
+        ("vertex 0 0 0", "vertes 0 0 0", "line 4", "expected \"vertex\" or \"endloop\", found \"vertes\""),
+        ("  endloop\n endfacet\n", "", "line 7", "expected \"vertex\" or \"endloop\", found \"facet\""),
+        (" endfacet\n", "", "line 8", "expected \"endfacet\", found \"facet\""),
+        ("1.0e+000", "1,0", "line 5", "\"1,0\" is not a number (decimals need a point, not a comma)"),
+        ("1.0e+000", "1.0f", "line 5", "\"1.0f\" is not a number"),
     ] {
         let error = refused("t.stl", text().replacen(from, to, 1));
         assert!(error.contains(line) && error.contains(words), "{to}: {error}");
@@ -67,18 +71,79 @@ fn faults_of_text_name_their_line() {
 }
 
 #[test]
-fn every_truncation_is_refused() {
-    // Exceptions are truncations between two solids, and inside the name at the end.
-    let bytes = text().into_bytes();
-    let fine = |len: usize| {
-        let cut = std::str::from_utf8(&bytes[..len]).unwrap();
-        let last = cut.rfind("endsolid").is_some_and(|at| !cut[at..].to_ascii_uppercase().contains("\nSOLID"));
-        last && !cut.trim_end().ends_with("SOLI")
-            && !["S", "SO", "SOL"].iter().any(|s| cut.ends_with(&format!("\n{s}")))
+fn text_may_be_written_in_any_manner() {
+    let plain = text();
+    let expected = read_bytes("t.stl", &plain).unwrap();
+    let same = |text: Vec<u8>, notes: &[&str]| {
+        let shown = String::from_utf8_lossy(&text).into_owned();
+        let sink = read_bytes("t.stl", &text).unwrap_or_else(|e| panic!("{e}: {shown}"));
+        let positions = |sink: &Collector| sink.direct().iter().map(|t| t.positions).collect::<Vec<_>>();
+        assert_eq!(positions(&sink), positions(&expected), "{shown}");
+        let all = sink.notes.join("\n");
+        assert!(notes.iter().all(|note| all.contains(note)), "{shown}: {all}");
+        assert_eq!(all.is_empty(), notes.is_empty(), "{shown}: {all}");
     };
-    for len in 0..bytes.len() {
-        let read = read_bytes("t.stl", &bytes[..len]);
-        assert_eq!(read.is_ok(), fine(len), "{len}: {:?}", read.err().map(|e| e.to_string()));
+    // Without a word, and what a note says.
+    same(plain.replace("endsolid", "end solid").into_bytes(), &[]);
+    same(plain.replace("endfacet", "End Facet").replace("endloop", "end loop").into_bytes(), &[]);
+    same(format!("\u{feff}{plain}").into_bytes(), &[]);
+    same(
+        format!("# made by hand\n{}", plain.replace("0 0 0\n", "0 0 0 # a\n").replace("0 1 0\n", "0 1 0#b 7\n")).into(),
+        &[],
+    );
+    same(plain.replace('\n', "\r").into_bytes(), &[]);
+    for padding in [&b"\0"[..], &[0; 5000], b"\n\x1a"] {
+        same([plain.as_bytes(), padding].concat(), &[]);
+    }
+    same(plain.replace("normal 0 0 1", "normal").into_bytes(), &[]);
+    same(plain.replace("normal 0 0 1", "normal 0,5 -nan 1.0f").into_bytes(), &[]);
+    // With a note.
+    same(plain.replace("ENDSOLID", "").into_bytes(), &["endsolid\" at the end of the file", "(first in line 24)"]);
+    same(plain.replace("endsolid first one\n", "").into_bytes(), &["1 × missing \"endsolid\" (first in line 16)"]);
+    same(format!("; made by hand\n\n{plain}").into_bytes(), &["1 × lines with \";\" (first in line 1)"]);
+    same(
+        plain.replace("SOLID\n", "LIQUID\n").replace("ENDLIQUID", "").into_bytes(),
+        &["\"LIQUID\"", "missing \"solid\""],
+    );
+    same(plain.replace(" facet", " // top\n facet").into_bytes(), &["3 × lines with \"//\" (first in line 2)"]);
+    same(format!("{plain}\nmade by hand\n").into_bytes(), &["1 × lines with \"made\" (first in line 26)"]);
+}
+
+#[test]
+fn a_whole_file_may_be_one_line() {
+    let sink = read_bytes("t.stl", text().replace("one\n facet", "one facet").replace('\n', " ")).unwrap();
+    assert_eq!((sink.received, sink.parts[0].name.as_str()), (3, "first one"), "{:?}", sink.notes);
+}
+
+#[test]
+fn a_comment_before_the_solid_does_not_hide_the_format() {
+    for name in ["t.stl", "t", "t.txt"] {
+        let sink = read_bytes(name, format!("// a comment\n# another\n{}", text())).unwrap();
+        assert_eq!(sink.parts.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["first one", "t"], "{name}");
+    }
+}
+
+#[test]
+fn truncations_are_refused_or_noted() {
+    // A truncation inside a facet is refused. Between facets only the end of the solid is missing.
+    let bytes = text().into_bytes();
+    for len in 1..bytes.len() {
+        let cut = std::str::from_utf8(&bytes[..len]).unwrap();
+        let begun = cut.matches(" facet").count() > cut.matches("endfacet").count();
+        match read_bytes("t.stl", cut) {
+            Ok(sink) => {
+                assert!(!begun, "{cut}");
+                let upper = cut.to_ascii_uppercase();
+                let open = upper.replace("ENDSOLID", "").contains("SOLID") && !upper.trim_end().ends_with("ENDSOLID");
+                let between = upper.rfind("ENDSOLID").is_some_and(|at| !upper[at..].contains("\nSOLID"));
+                assert!(
+                    between || !open || sink.notes.iter().any(|n| n.contains("cut short")),
+                    "{cut}: {:?}",
+                    sink.notes
+                );
+            }
+            Err(error) => assert!(begun || len < 6, "{cut}: {error}"),
+        }
     }
     refuses_every_truncation("t.stl", &binary(b"header", &[0, 0, 0]));
 }

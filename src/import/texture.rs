@@ -7,11 +7,8 @@
 //! and both cost the same.
 
 use crate::import::colour;
-use ::gltf::json::Root;
-use ::gltf::json::texture::{Info, WrappingMode};
-use ::gltf::json::validation::Checked;
 use glam::Vec2;
-use image::{ImageReader, Limits};
+use image::{ImageReader, Limits, RgbaImage};
 use std::io::Cursor;
 
 /// Largest picture that is decoded, in pixels.
@@ -34,36 +31,39 @@ pub(crate) struct Texture {
     levels: Vec<Level>,
     /// Mean of the coded values.
     mean_coded: [f32; 3],
+    /// Mean of alpha, weighted by alpha.
+    opacity: f32,
 }
 
-/// Mapping of texture coordinates by a material: the coordinate set, a transform, and the wrapping outside of [0, 1].
+/// Wrapping of texture coordinates outside of [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Wrap {
+    Repeat,
+    ClampToEdge,
+    MirroredRepeat,
+}
+
+/// Use of the alpha channel of a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Alpha {
+    /// All texels are opaque.
+    Ignored,
+    /// Texels of at least this alpha are opaque, the others are invisible.
+    Cut(f32),
+    /// Alpha is opacity.
+    Opacity,
+}
+
+/// Mapping of texture coordinates by a material: a transform, and the wrapping outside of [0, 1].
 #[derive(Clone, Copy)]
 pub(crate) struct Mapping {
-    pub(crate) set: u32,
-    offset: Vec2,
-    rotation: f32,
-    scale: Vec2,
-    wrap: [WrappingMode; 2],
+    pub(crate) offset: Vec2,
+    pub(crate) rotation: f32,
+    pub(crate) scale: Vec2,
+    pub(crate) wrap: [Wrap; 2],
 }
 
 impl Mapping {
-    pub(crate) fn of(info: &Info, root: &Root) -> Self {
-        let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
-        let sampler = root.textures.get(info.index.value()).and_then(|t| t.sampler);
-        let sampler = sampler.and_then(|s| root.samplers.get(s.value()));
-        let wrap = |mode: Checked<WrappingMode>| match mode {
-            Checked::Valid(mode) => mode,
-            Checked::Invalid => WrappingMode::Repeat,
-        };
-        Self {
-            set: transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord),
-            offset: transform.map_or(Vec2::ZERO, |t| Vec2::from(t.offset.0)),
-            rotation: transform.map_or(0.0, |t| t.rotation.0),
-            scale: transform.map_or(Vec2::ONE, |t| Vec2::from(t.scale.0)),
-            wrap: sampler.map_or([WrappingMode::Repeat; 2], |s| [wrap(s.wrap_s), wrap(s.wrap_t)]),
-        }
-    }
-
     /// Applies KHR_texture_transform: scales, then rotates, then translates.
     pub(crate) fn apply(&self, uv: [f32; 2]) -> Vec2 {
         let [u, v] = (Vec2::from(uv) * self.scale).to_array();
@@ -73,20 +73,15 @@ impl Mapping {
 }
 
 impl Texture {
-    /// Decodes a PNG or JPEG picture of at most [`MAX_PIXELS`] pixels.
-    pub(crate) fn decode(bytes: &[u8]) -> Result<Self, String> {
-        let mut limits = Limits::default();
-        limits.max_alloc = Some(MAX_PIXELS * 8);
-        let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-        reader.limits(limits.clone());
-        let (width, height) = reader.into_dimensions().map_err(|e| format!("a picture cannot be read: {e}"))?;
-        if u64::from(width) * u64::from(height) > MAX_PIXELS || width == 0 || height == 0 {
-            return Err(format!("a picture of {width} × {height} pixels is empty or too large"));
-        }
-        let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-        reader.limits(limits);
-        let picture = reader.decode().map_err(|e| format!("a picture cannot be decoded: {e}"))?.into_rgba8();
-        Ok(Self::new(width, height, picture.as_raw()))
+    /// Decodes a picture as [`picture`] does.
+    pub(crate) fn decode(bytes: &[u8], alpha: Alpha) -> Result<Self, String> {
+        Ok(Self::of(picture(bytes)?, alpha))
+    }
+
+    /// Creates a texture from a picture.
+    pub(crate) fn of(mut picture: RgbaImage, alpha: Alpha) -> Self {
+        picture.pixels_mut().for_each(|pixel| pixel.0[3] = alpha.of(pixel.0[3]));
+        Self::new(picture.width(), picture.height(), picture.as_raw())
     }
 
     /// Creates a texture from rows of sRGB-coded RGBA.
@@ -94,6 +89,8 @@ impl Texture {
         let (pixels, _) = rgba.as_chunks::<4>();
         let sum = pixels.iter().fold([0u64; 3], |s, p| std::array::from_fn(|i| s[i] + u64::from(p[i])));
         let mean_coded = sum.map(|s| (s as f64 / (255.0 * pixels.len().max(1) as f64)) as f32);
+        let alpha = |power| pixels.iter().map(|p| u64::from(p[3]).pow(power)).sum::<u64>() as f64;
+        let opacity = (alpha(2) / (255.0 * alpha(1)).max(1.0)) as f32;
         // Pictures larger than `MAX_SIDE` are reduced by an integer factor.
         let step = width.max(height).div_ceil(MAX_SIDE).max(1);
         let mut finest = Level { width: width.div_ceil(step), height: height.div_ceil(step), texels: Vec::new() };
@@ -113,12 +110,29 @@ impl Texture {
         while let Some(coarser) = levels.last().and_then(Level::halved) {
             levels.push(coarser);
         }
-        Self { levels, mean_coded }
+        Self { levels, mean_coded, opacity }
     }
 
     /// Returns the mean of the coded values, for textures that are not colours.
     pub(crate) fn mean_coded(&self) -> [f32; 3] {
         self.mean_coded
+    }
+
+    /// Returns the mean linear colour of the whole picture; `None` if it is fully transparent.
+    pub(crate) fn mean_of_all(&self) -> Option<[f32; 3]> {
+        let &[r, g, b, alpha] = self.levels.last()?.texels.first()?;
+        (alpha > 1e-4).then(|| [r / alpha, g / alpha, b / alpha])
+    }
+
+    /// Returns the size of all levels in bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.levels.iter().map(|level| size_of_val(&level.texels[..])).sum()
+    }
+
+    /// Returns the mean opacity of the visible texels: the mean of alpha, weighted by alpha. Empty areas around the
+    /// used ones of an atlas therefore do not count. A picture that is fully transparent has 0.
+    pub(crate) fn opacity(&self) -> f32 {
+        self.opacity
     }
 
     /// Returns the mean linear colour over a triangle of mapped coordinates; `None` if the area is fully transparent.
@@ -141,6 +155,37 @@ impl Texture {
         }
         let [r, g, b, alpha] = sum;
         (alpha > 1e-4 * points).then(|| [r / alpha, g / alpha, b / alpha])
+    }
+}
+
+/// Decodes a PNG or JPEG picture of at most [`MAX_PIXELS`] pixels.
+pub(crate) fn picture(bytes: &[u8]) -> Result<RgbaImage, String> {
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(MAX_PIXELS * 8);
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+    reader.limits(limits.clone());
+    let (width, height) = reader.into_dimensions().map_err(|e| format!("a picture cannot be read: {e}"))?;
+    if u64::from(width) * u64::from(height) > MAX_PIXELS || width == 0 || height == 0 {
+        return Err(format!("a picture of {width} × {height} pixels is empty or too large"));
+    }
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+    reader.limits(limits);
+    Ok(reader.decode().map_err(|e| format!("a picture cannot be decoded: {e}"))?.into_rgba8())
+}
+
+impl Alpha {
+    fn of(self, coded: u8) -> u8 {
+        match self {
+            Self::Ignored => 255,
+            Self::Cut(least) => {
+                if f32::from(coded) / 255.0 >= least {
+                    255
+                } else {
+                    0
+                }
+            }
+            Self::Opacity => coded,
+        }
     }
 }
 
@@ -184,11 +229,11 @@ impl Level {
 }
 
 /// Returns the texel in [0, size) at coordinate `t`; 0 for NaN.
-fn wrapped(t: f32, size: u32, mode: WrappingMode) -> u32 {
+fn wrapped(t: f32, size: u32, mode: Wrap) -> u32 {
     let t = match mode {
-        WrappingMode::Repeat => t - t.floor(),
-        WrappingMode::ClampToEdge => t,
-        WrappingMode::MirroredRepeat => 1.0 - (t.rem_euclid(2.0) - 1.0).abs(),
+        Wrap::Repeat => t - t.floor(),
+        Wrap::ClampToEdge => t,
+        Wrap::MirroredRepeat => 1.0 - (t.rem_euclid(2.0) - 1.0).abs(),
     };
     // Casts of NaN and of negative numbers give 0.
     ((t * size as f32) as u32).min(size - 1)
