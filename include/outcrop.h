@@ -116,6 +116,9 @@ typedef struct oc_build oc_build;
 /**
  * Threads, log and memory budget. All other objects are created from a context. The library has no other global state:
  * a program may use any number of contexts at the same time.
+ *
+ * Objects belong to the process that created them. In a child of `fork`, calls on them return OC_STATUS_INVALID_STATE,
+ * and releases do nothing, because threads do not survive a fork. A child may create a context of its own.
  */
 typedef struct oc_context oc_context;
 
@@ -255,7 +258,8 @@ typedef struct oc_context_desc {
     /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /**
-     * Number of worker threads, at most 4096. OC_ALL_THREADS: one for each core. Ignored with an executor.
+     * Number of worker threads, at most four for each core, or 64 if that is more. OC_ALL_THREADS: one for each core.
+     * Ignored with an executor.
      *
      * 0: no worker threads. Your thread alternates reading and tracing inside `oc_context_step` or waits; refinement
      * of a model that is being read is slower, slowest with `oc_context_step`.
@@ -319,8 +323,8 @@ typedef struct oc_build_desc {
     /** One of the OC_SPLITS_ constants. */
     oc_splits splits;
     /**
-     * Number of threads, at most 4096. The build starts its own. 0: as many as the context has. OC_ALL_THREADS: one
-     * for each core. In a context without threads of its own, a build uses only the thread that runs it. The model
+     * Number of threads, at most four for each core, or 64 if that is more. The build starts its own. 0: as many as the
+     * context has. OC_ALL_THREADS: one for each core. In a context without threads of its own, a build uses only the thread that runs it. The model
      * file does not depend on this number.
      */
     uint32_t threads;
@@ -878,7 +882,10 @@ typedef struct oc_pixels {
 /** The calling program: an argument is NULL, is out of its range, or belongs to another context. Nothing changed. */
 #define OC_STATUS_INVALID_ARGUMENT 100
 
-/** The calling program: the object's present state does not allow the call. Nothing changed. */
+/**
+ * The calling program: the object's present state does not allow the call, or the object belongs to the parent process:
+ * after `fork` a child can only release it. Nothing changed.
+ */
 #define OC_STATUS_INVALID_STATE 101
 
 /** The calling program: the array is too small. The required count was written, nothing else. */
@@ -1350,7 +1357,8 @@ void oc_job_release(struct oc_job *job);
  *
  * Errors:
  * - OC_STATUS_VERSION_MISMATCH: header and library have different versions.
- * - OC_STATUS_INVALID_ARGUMENT: the machine lacks the instruction set, or has less memory than the budget.
+ * - OC_STATUS_INVALID_ARGUMENT: too many threads, or the machine lacks the instruction set, or has less memory than
+ *   the budget.
  * - OC_STATUS_IO: a thread cannot be started.
  *
  * Ownership: the caller receives one reference.
@@ -1437,18 +1445,21 @@ oc_status oc_build_add_file(struct oc_build *build,
 /**
  * Begins to build the model and to write it to `path`, in the background.
  *
- * - `path`: path of the model file. The file appears under this name when the job is done; until then an existing file
- *   stays. A job that fails or is cancelled leaves no temporary file.
+ * - `path`: path of the model file: a regular file that may be written, or no file yet. The file appears under this
+ *   name when the job is done; until then an existing file stays. A job that fails or is cancelled leaves no temporary
+ *   file. If `path` is a symbolic link, the file that it names is replaced, and the link stays.
  * - `out_job`: receives the job. oc_job_build_report returns its statistics.
  *
- * After this call nothing can be added to the build, even if the call fails with OC_STATUS_IO.
+ * After this call nothing can be added to the build, even if the thread cannot be started.
  *
  * The job runs on a thread that is started for it. With an executor it runs as one task of the executor. In a context
  * with neither threads nor an executor it runs inside oc_job_wait or oc_context_step.
  *
  * Errors:
  * - OC_STATUS_INVALID_STATE: the build was started before.
- * - OC_STATUS_IO: the thread cannot be started.
+ * - OC_STATUS_INVALID_ARGUMENT: `path` is one of the input files of the build, by any name or link. Nothing changed.
+ * - OC_STATUS_IO: `path` is a folder, a device, a pipe, a socket, a read-only file, or a link that leads to no file
+ *   (nothing changed); or the thread cannot be started.
  *
  * Ownership: the caller receives one reference to the job. The build may be released.
  * Thread safety: any thread. Cheap.

@@ -175,6 +175,12 @@ fn host_executor_and_zero_threads_start_no_thread_of_ours() {
 }
 
 #[test]
+fn handles_of_a_parent_process_return_a_status() {
+    let dir = temp();
+    run_program(&program(dir.path(), "fork.c", &[]), &dir.path().join("tetra.oc"));
+}
+
+#[test]
 fn panics_come_back_as_statuses() {
     let dir = temp();
     run_program(&program(dir.path(), "panics.c", &[]), &dir.path().join("tetra.oc"));

@@ -10,6 +10,7 @@ use crate::base::error::{Error, Result};
 use crate::base::memory;
 use crate::base::progress::{Cancel, Phase, Progress};
 use crate::base::scratch::{Scratch, ScratchSpace};
+use crate::base::threads;
 use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
 use crate::math::srgb;
 use crate::store::{InstanceRow, MaterialRow, PartRow, sections};
@@ -57,6 +58,7 @@ impl Builder {
         {
             return Err(Error::bad_argument("metres_per_unit must be finite and greater than 0"));
         }
+        threads::check(options.threads, "threads")?;
         let default = MaterialDesc::default();
         let shares = Shares::of(options.memory_budget)?;
         let space = ScratchSpace::new(options.temp_dir.as_deref());
@@ -180,7 +182,7 @@ fn see_room(triangles: u64, in_memory: u64, budget: u64) -> Result<()> {
 
 /// Runs `work` with the requested number of threads; with one, it runs in the calling thread only.
 fn in_pool<T: Send>(threads: usize, work: impl FnOnce(usize) -> Result<T> + Send) -> Result<T> {
-    let threads = if threads == 0 { std::thread::available_parallelism().map_or(1, |n| n.get()) } else { threads };
+    let threads = if threads == 0 { threads::processors() } else { threads };
     if threads == 1 {
         return work(1);
     }

@@ -104,9 +104,9 @@ static oc_context *contexts(void) {
     OC_INIT(&executor);
     desc.executor = &executor;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c)); /* no submit */
-    desc.executor = NULL, desc.threads = 4097;
+    desc.executor = NULL, desc.threads = 99999;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
-    CHECK(strstr(oc_last_error(), "4096"));
+    CHECK(strstr(oc_last_error(), "oc_context_desc.threads is 99999") && strstr(oc_last_error(), "at most"));
     desc.executor = &executor, desc.threads = 0;
     executor.submit = submit;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c)); /* no concurrency */
@@ -185,6 +185,10 @@ static void contents_of_builds(oc_context *c) {
     INVALID(oc_build_create(c, &desc, &b));
     desc.reserved = 0, desc.temp_dir = "";
     INVALID(oc_build_create(c, &desc, &b));
+    CHECK(b == NULL);
+    desc.temp_dir = NULL, desc.threads = 99999;
+    INVALID(oc_build_create(c, &desc, &b));
+    CHECK(strstr(oc_last_error(), "oc_build_desc.threads is 99999"));
     CHECK(b == NULL);
     OK(oc_build_create(c, NULL, &b));
 
@@ -289,6 +293,18 @@ static void contents_of_builds(oc_context *c) {
     INVALID(oc_build_add_triangles(b, &t));
 
     oc_job *job = NULL;
+    static char mesh_file[4096];
+    strcpy(mesh_file, file("input.obj"));
+    FILE *input = fopen(mesh_file, "wb");
+    CHECK(input && fputs("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", input) >= 0 && !fclose(input));
+    oc_build *own;
+    OK(oc_build_create(c, NULL, &own));
+    OK(oc_build_add_file(own, mesh_file));
+    INVALID(oc_build_start(own, mesh_file, &job)); /* it would destroy its input */
+    CHECK(strstr(oc_last_error(), "input.obj"));
+    EXPECT(OC_STATUS_IO, oc_build_start(own, "/dev/null", &job));
+    OK(oc_build_add_file(own, mesh_file)); /* nothing changed */
+    oc_build_release(own);
     INVALID(oc_build_start(b, NULL, &job));
     INVALID(oc_build_start(b, "", &job));
     INVALID(oc_build_start(b, "x", NULL));
