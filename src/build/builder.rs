@@ -119,7 +119,9 @@ impl Builder {
             up: options.up.unwrap_or(self.up),
         };
         let (options, progress, cancel) = (&options, &progress, &cancel);
-        let asked = Asked { options, shares, space, out, progress, cancel, done: READ_SHARE };
+        // Pushed triangles took no part of the progress, which then is that of the other passes.
+        let done = if progress.fraction() > 0.0 { READ_SHARE } else { 0.0 };
+        let asked = Asked { options, shares, space, out, progress, cancel, done };
         let mut report = in_pool(options.threads, |threads| seal::run(gathered, &asked, threads))?;
         progress.advance(1.0);
         progress.enter(Phase::Done);
