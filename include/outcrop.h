@@ -323,9 +323,9 @@ typedef struct oc_build_desc {
     /** One of the OC_SPLITS_ constants. */
     oc_splits splits;
     /**
-     * Number of threads, at most four for each core, or 64 if that is more. The build starts its own. 0: as many as the
-     * context has. OC_ALL_THREADS: one for each core. In a context without threads of its own, a build uses only the thread that runs it. The model
-     * file does not depend on this number.
+     * Number of threads, at most four for each core, or 64 if that is more. The build starts its own. 0: as many as
+     * the context has. OC_ALL_THREADS: one for each core. In a context without threads of its own, a build uses only
+     * the thread that runs it. The model file does not depend on this number.
      */
     uint32_t threads;
     /** Must be 0. */
@@ -765,13 +765,13 @@ typedef struct oc_target {
     uint32_t reserved;
 } oc_target;
 
-/** Options of a frame. All zeros: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8. */
+/** Options of a frame. `width` and `height` must be set. */
 typedef struct oc_frame_desc {
     /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** Width in pixels, at most 65536. 0: 1024. */
+    /** Width in pixels, 1 to 65536. */
     uint32_t width;
-    /** Height in pixels, at most 65536. 0: 768. */
+    /** Height in pixels, 1 to 65536. */
     uint32_t height;
     /**
      * Buffers to keep for oc_frame_map: bits `1 << OC_BUFFER_...`, combined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or
@@ -883,8 +883,8 @@ typedef struct oc_pixels {
 #define OC_STATUS_INVALID_ARGUMENT 100
 
 /**
- * The calling program: the object's present state does not allow the call, or the object belongs to the parent process:
- * after `fork` a child can only release it. Nothing changed.
+ * The calling program: the object's present state does not allow the call, or the object belongs to the parent
+ * process: after `fork` a child can only release it. Nothing changed.
  */
 #define OC_STATUS_INVALID_STATE 101
 
@@ -1073,7 +1073,10 @@ typedef struct oc_pixels {
 /** +Z (most CAD). */
 #define OC_UP_Z 3
 
-/** Hidden: no ray hits it. */
+/**
+ * Hidden: no ray hits it. A part of opacity 0 looks the same, but rays hit it: hide the parts that picks and queries
+ * must not return.
+ */
 #define OC_LOOK_HIDDEN 1
 
 /** Highlighted. */
@@ -1094,7 +1097,7 @@ typedef struct oc_pixels {
 /** No hit between t_min and t_max, or stand-ins in the interval transmitted the ray (see `t_free`). */
 #define OC_HIT_MISS 0
 
-/** Hit on an original triangle. */
+/** Hit on an original triangle, of any opacity (also 0), unless its part or instance is hidden. */
 #define OC_HIT_EXACT 1
 
 /**
@@ -1996,7 +1999,7 @@ oc_status oc_scene_overlap_frustum(const struct oc_scene *scene,
 /**
  * Creates a frame.
  *
- * - `desc`: options. NULL: all defaults.
+ * - `desc`: options. NULL: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8.
  * - `out_frame`: receives the frame.
  *
  * Errors:
@@ -2122,7 +2125,7 @@ oc_status oc_frame_get_accuracy(const struct oc_frame *frame,
 
 /**
  * Returns the exact hit at a pixel of the last complete picture; before there is one, of the last request. All members
- * are set.
+ * are set. Surfaces of any opacity are hit, also of opacity 0; OC_LOOK_HIDDEN takes parts out of all hits.
  *
  * - `x`, `y`: the pixel, counted from the top left corner.
  * - `out_hit`: receives the hit.
@@ -2161,7 +2164,8 @@ void oc_frame_release(struct oc_frame *frame);
  *
  * Errors:
  * - OC_STATUS_INVALID_ARGUMENT: there is no such buffer.
- * - OC_STATUS_INVALID_STATE: no picture is complete yet, or the frame does not keep this buffer.
+ * - OC_STATUS_INVALID_STATE: no picture is complete yet, or `buffers` of oc_frame_desc does not name this buffer. A
+ *   target alone does not suffice.
  *
  * Ownership: the caller receives one reference to `out_pixels->mapping`.
  * Thread safety: any thread. Cheap.

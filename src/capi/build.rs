@@ -102,9 +102,9 @@ pub struct oc_build_desc {
     pub up: u32,
     /// One of the OC_SPLITS_ constants.
     pub splits: oc_splits,
-    /// Number of threads, at most four for each core, or 64 if that is more. The build starts its own. 0: as many as the
-    /// context has. OC_ALL_THREADS: one for each core. In a context without threads of its own, a build uses only the thread that runs it. The model
-    /// file does not depend on this number.
+    /// Number of threads, at most four for each core, or 64 if that is more. The build starts its own. 0: as many as
+    /// the context has. OC_ALL_THREADS: one for each core. In a context without threads of its own, a build uses only
+    /// the thread that runs it. The model file does not depend on this number.
     pub threads: u32,
     /// Must be 0.
     pub reserved: u32,

@@ -24,8 +24,8 @@ mod system {
 
     /// Called before an object is created.
     pub(crate) fn watch() {
-        // SAFETY: the handler changes one atomic number, which is allowed after a fork. The C library removes it when the
-        // shared library is unloaded. (A failure, for lack of memory, would only leave forks undetected.)
+        // SAFETY: the handler changes one atomic number, which is allowed after a fork. The C library removes it when
+        // the shared library is unloaded. (A failure, for lack of memory, would only leave forks undetected.)
         REGISTER.call_once(|| unsafe {
             libc::pthread_atfork(None, None, Some(in_child));
         });

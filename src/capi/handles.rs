@@ -188,8 +188,8 @@ pub(crate) unsafe fn retain<H: Handle>(handle: *const H) {
     }
 }
 
-/// Releases a reference. Does nothing for NULL, a handle of another kind, or a handle of a parent process: its destructor
-/// would wait for threads that do not exist here. Catches a panic in the object's destructor.
+/// Releases a reference. Does nothing for NULL, a handle of another kind, or a handle of a parent process: its
+/// destructor would wait for threads that do not exist here. Catches a panic in the object's destructor.
 ///
 /// # Safety
 /// As for [`borrow_any`]; the caller owns a reference.

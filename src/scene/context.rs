@@ -82,9 +82,9 @@ struct Inner {
 }
 
 impl Context {
-    /// A new context. Fails with [`Error::Io`] if threads cannot be started, and with [`Error::BadArgument`] if there are
-    /// too many threads, or the machine lacks the instruction set or has less memory than the budget. (Too small a budget is reported when a
-    /// model is opened, as the least budget depends on the model.)
+    /// A new context. Fails with [`Error::Io`] if threads cannot be started, and with [`Error::BadArgument`] if there
+    /// are too many threads, or the machine lacks the instruction set or has less memory than the budget. (Too small a
+    /// budget is reported when a model is opened, as the least budget depends on the model.)
     pub fn new(options: ContextOptions) -> Result<Self> {
         let isa = options.isa.unwrap_or_else(Isa::best);
         if !isa.is_available() {

@@ -944,14 +944,21 @@ static void frames(oc_context *c, oc_scene *s0) {
     OC_INIT(&accuracy);
     OC_INIT(&pixels);
     memset(&target, 0, sizeof target);
+    oc_camera camera_of_target;
+    OC_INIT(&camera_of_target);
+    camera_of_target.eye[0] = 5;
     INVALID(oc_frame_create(NULL, NULL, &f));
     INVALID(oc_frame_create(c, NULL, NULL));
     GARBAGE_SIZES(oc_frame_desc, oc_frame_create(c, s, &f));
-    desc.width = 65537;
+    INVALID(oc_frame_create(c, &desc, &f)); /* 0 by 0 */
+    CHECK(strstr(oc_last_error(), "0 x 0") && strstr(oc_last_error(), "1 to 65536"));
+    desc.width = 65537, desc.height = 1;
     INVALID(oc_frame_create(c, &desc, &f));
-    desc.width = 0, desc.height = 0xffffffff;
+    desc.width = 1, desc.height = 0;
     INVALID(oc_frame_create(c, &desc, &f));
-    desc.height = 0, desc.buffers = 1u << 31;
+    desc.height = 0xffffffff;
+    INVALID(oc_frame_create(c, &desc, &f));
+    desc.height = 1, desc.buffers = 1u << 31;
     INVALID(oc_frame_create(c, &desc, &f));
     desc.buffers = 0, desc.target_count = 1;
     INVALID(oc_frame_create(c, &desc, &f));
@@ -971,7 +978,17 @@ static void frames(oc_context *c, oc_scene *s0) {
     INVALID(oc_frame_create(c, &desc, &f));
     target.buffer = 0, target.reserved = 1;
     INVALID(oc_frame_create(c, &desc, &f));
-    target.reserved = 0, desc.target_count = UINT64_MAX;
+    target.reserved = 0, desc.buffers = 0;
+    OK(oc_frame_create(c, &desc, &f));
+    OK(oc_frame_request(f, s0, &camera_of_target, NULL));
+    OK(oc_frame_wait(f, OC_FOREVER, NULL));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, 0, &pixels)); /* it has a target, and is not kept for mapping */
+    CHECK(strstr(oc_last_error(), "target") && strstr(oc_last_error(), "buffers"));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, OC_BUFFER_DEPTH, &pixels));
+    CHECK(!strstr(oc_last_error(), "target") && strstr(oc_last_error(), "buffers"));
+    oc_frame_release(f);
+    f = NULL;
+    desc.target_count = UINT64_MAX;
     INVALID(oc_frame_create(c, &desc, &f));
     desc.target_count = 1, desc.buffers = 1;
     CHECK(f == NULL);

@@ -14,8 +14,8 @@ pub enum Destination {
 }
 
 impl Destination {
-    /// Checks the value of `-o` before any work is done. `suffix`: suffix of the command's only format. `kind`: the kind
-    /// of file. `inputs`: files that must not be overwritten. `streams`: true if the command can write to standard
+    /// Checks the value of `-o` before any work is done. `suffix`: suffix of the command's only format. `kind`: the
+    /// kind of file. `inputs`: files that must not be overwritten. `streams`: true if the command can write to standard
     /// output.
     pub fn new(path: &Path, suffix: &str, kind: &str, inputs: &[&Path], streams: bool) -> Result<Self, Failure> {
         let refuse = |why: String| Err(Failure::Usage(format!("--output {}: {why}", path.display())));

@@ -94,8 +94,8 @@ pub fn generate_file(
     write_ply(&mut out, Some(folder), watch, |target| run(name, options, cancel, target))
 }
 
-/// Generates a model like [`generate`], and writes it to `out` as a binary PLY file once it is complete. Until then it is
-/// in the system's folder for temporary files.
+/// Generates a model like [`generate`], and writes it to `out` as a binary PLY file once it is complete. Until then it
+/// is in the system's folder for temporary files.
 pub fn generate_stream(
     name: &str,
     options: &GenerateOptions,
