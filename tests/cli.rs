@@ -282,6 +282,36 @@ fn ctrl_c_leaves_nothing_behind() {
     assert!(names(dir.path()).is_empty(), "{:?}", names(dir.path()));
 }
 
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_build_and_the_old_model_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let side = 400;
+    let mut obj = String::new();
+    for i in 0..side * side {
+        obj += &format!("v {} {} {}\n", i % side, i / side, i * 7919 % 100);
+    }
+    for i in (0..side * (side - 1)).filter(|i| i % side + 1 < side) {
+        obj += &format!("f {} {} {}\n", i + 1, i + 2, i + side + 1);
+    }
+    std::fs::write(dir.path().join("a.obj"), obj).unwrap();
+    std::fs::write(dir.path().join("a.oc"), "old").unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_outcrop"))
+        .current_dir(dir.path())
+        .args(["build", "a.obj", "-o", "a.oc"])
+        .spawn()
+        .unwrap();
+    // Its temporary appears; then it is interrupted.
+    while names(dir.path()).len() < 3 {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(names(dir.path()), ["a.obj", "a.oc"]);
+    assert_eq!(std::fs::read(dir.path().join("a.oc")).unwrap(), b"old");
+}
+
 /// The file of the airliner is 265 MB; that it is made in a tenth is what "streamed" means.
 #[cfg(target_os = "linux")]
 #[test]
