@@ -6,6 +6,7 @@
 # make charts   draws the results into tests/bench/charts; measures the benchmarks that have no result of this version (some 25 minutes for all);
 #               FULL=1: all benchmarks; KEEP=1: uses results of other versions too
 # make bench-expect  writes the expected answers of the benchmarks, after an intended change; ONLY=name: of one benchmark
+# make notices writes THIRD_PARTY.txt, the licences of the crates that are linked, after a change of Cargo.lock
 # make header generates include/outcrop.h from src/capi
 #
 # All set themselves up: on a fresh Debian 12 with Rust 1.89 or later nothing else is needed.
@@ -17,7 +18,7 @@ PREFIX := $(CURDIR)/$(BUILD)/prefix
 # Triangles of the demo's airliner.
 TRIANGLES ?= 2000000
 
-.PHONY: help setup test lint unit package examples ctest demo contact-sheet figures bench bench-expect charts header clean
+.PHONY: help setup test lint unit package examples ctest demo contact-sheet figures bench bench-expect charts header notices clean
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -74,6 +75,9 @@ bench-expect: setup
 
 header:
 	OUTCROP_WRITE_HEADER=1 $(CARGO) test --locked --test c_abi -- --exact abi_header::header_is_up_to_date
+
+notices:
+	OUTCROP_WRITE_NOTICES=1 $(CARGO) test --locked --test house notices
 
 clean:
 	rm -rf $(BUILD) target first.png converged.png

@@ -4,6 +4,8 @@ fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     let os = std::env::var("CARGO_CFG_TARGET_OS").unwrap_or_default();
     if os == "linux" || os.ends_with("bsd") {
-        println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,liboutcrop.so.0");
+        // While the major version is 0, each minor version is a new interface.
+        let (major, minor) = (env!("CARGO_PKG_VERSION_MAJOR"), env!("CARGO_PKG_VERSION_MINOR"));
+        println!("cargo:rustc-cdylib-link-arg=-Wl,-soname,liboutcrop.so.{major}.{minor}");
     }
 }

@@ -116,6 +116,9 @@ typedef struct oc_build oc_build;
 /**
  * Threads, log and memory budget. All other objects are created from a context. The library has no other global state:
  * a program may use any number of contexts at the same time.
+ *
+ * Objects belong to the process that created them. In a child of `fork`, calls on them return OC_STATUS_INVALID_STATE,
+ * and releases do nothing, because threads do not survive a fork. A child may create a context of its own.
  */
 typedef struct oc_context oc_context;
 
@@ -255,7 +258,8 @@ typedef struct oc_context_desc {
     /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
     /**
-     * Number of worker threads, at most 4096. OC_ALL_THREADS: one for each core. Ignored with an executor.
+     * Number of worker threads, at most four for each core, or 64 if that is more. OC_ALL_THREADS: one for each core.
+     * Ignored with an executor.
      *
      * 0: no worker threads. Your thread alternates reading and tracing inside `oc_context_step` or waits; refinement
      * of a model that is being read is slower, slowest with `oc_context_step`.
@@ -319,9 +323,9 @@ typedef struct oc_build_desc {
     /** One of the OC_SPLITS_ constants. */
     oc_splits splits;
     /**
-     * Number of threads, at most 4096. The build starts its own. 0: as many as the context has. OC_ALL_THREADS: one
-     * for each core. In a context without threads of its own, a build uses only the thread that runs it. The model
-     * file does not depend on this number.
+     * Number of threads, at most four for each core, or 64 if that is more. The build starts its own. 0: as many as
+     * the context has. OC_ALL_THREADS: one for each core. In a context without threads of its own, a build uses only
+     * the thread that runs it. The model file does not depend on this number.
      */
     uint32_t threads;
     /** Must be 0. */
@@ -761,13 +765,13 @@ typedef struct oc_target {
     uint32_t reserved;
 } oc_target;
 
-/** Options of a frame. All zeros: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8. */
+/** Options of a frame. `width` and `height` must be set. */
 typedef struct oc_frame_desc {
     /** Size of this struct in bytes; OC_INIT sets it. */
     uint32_t struct_size;
-    /** Width in pixels, at most 65536. 0: 1024. */
+    /** Width in pixels, 1 to 65536. */
     uint32_t width;
-    /** Height in pixels, at most 65536. 0: 768. */
+    /** Height in pixels, 1 to 65536. */
     uint32_t height;
     /**
      * Buffers to keep for oc_frame_map: bits `1 << OC_BUFFER_...`, combined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or
@@ -878,7 +882,10 @@ typedef struct oc_pixels {
 /** The calling program: an argument is NULL, is out of its range, or belongs to another context. Nothing changed. */
 #define OC_STATUS_INVALID_ARGUMENT 100
 
-/** The calling program: the object's present state does not allow the call. Nothing changed. */
+/**
+ * The calling program: the object's present state does not allow the call, or the object belongs to the parent
+ * process: after `fork` a child can only release it. Nothing changed.
+ */
 #define OC_STATUS_INVALID_STATE 101
 
 /** The calling program: the array is too small. The required count was written, nothing else. */
@@ -1066,7 +1073,10 @@ typedef struct oc_pixels {
 /** +Z (most CAD). */
 #define OC_UP_Z 3
 
-/** Hidden: no ray hits it. */
+/**
+ * Hidden: no ray hits it. A part of opacity 0 looks the same, but rays hit it: hide the parts that picks and queries
+ * must not return.
+ */
 #define OC_LOOK_HIDDEN 1
 
 /** Highlighted. */
@@ -1087,7 +1097,7 @@ typedef struct oc_pixels {
 /** No hit between t_min and t_max, or stand-ins in the interval transmitted the ray (see `t_free`). */
 #define OC_HIT_MISS 0
 
-/** Hit on an original triangle. */
+/** Hit on an original triangle, of any opacity (also 0), unless its part or instance is hidden. */
 #define OC_HIT_EXACT 1
 
 /**
@@ -1350,7 +1360,8 @@ void oc_job_release(struct oc_job *job);
  *
  * Errors:
  * - OC_STATUS_VERSION_MISMATCH: header and library have different versions.
- * - OC_STATUS_INVALID_ARGUMENT: the machine lacks the instruction set, or has less memory than the budget.
+ * - OC_STATUS_INVALID_ARGUMENT: too many threads, or the machine lacks the instruction set, or has less memory than
+ *   the budget.
  * - OC_STATUS_IO: a thread cannot be started.
  *
  * Ownership: the caller receives one reference.
@@ -1437,18 +1448,21 @@ oc_status oc_build_add_file(struct oc_build *build,
 /**
  * Begins to build the model and to write it to `path`, in the background.
  *
- * - `path`: path of the model file. The file appears under this name when the job is done; until then an existing file
- *   stays. A job that fails or is cancelled leaves no temporary file.
+ * - `path`: path of the model file: a regular file that may be written, or no file yet. The file appears under this
+ *   name when the job is done; until then an existing file stays. A job that fails or is cancelled leaves no temporary
+ *   file. If `path` is a symbolic link, the file that it names is replaced, and the link stays.
  * - `out_job`: receives the job. oc_job_build_report returns its statistics.
  *
- * After this call nothing can be added to the build, even if the call fails with OC_STATUS_IO.
+ * After this call nothing can be added to the build, even if the thread cannot be started.
  *
  * The job runs on a thread that is started for it. With an executor it runs as one task of the executor. In a context
  * with neither threads nor an executor it runs inside oc_job_wait or oc_context_step.
  *
  * Errors:
  * - OC_STATUS_INVALID_STATE: the build was started before.
- * - OC_STATUS_IO: the thread cannot be started.
+ * - OC_STATUS_INVALID_ARGUMENT: `path` is one of the input files of the build, by any name or link. Nothing changed.
+ * - OC_STATUS_IO: `path` is a folder, a device, a pipe, a socket, a read-only file, or a link that leads to no file
+ *   (nothing changed); or the thread cannot be started.
  *
  * Ownership: the caller receives one reference to the job. The build may be released.
  * Thread safety: any thread. Cheap.
@@ -1985,7 +1999,7 @@ oc_status oc_scene_overlap_frustum(const struct oc_scene *scene,
 /**
  * Creates a frame.
  *
- * - `desc`: options. NULL: all defaults.
+ * - `desc`: options. NULL: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8.
  * - `out_frame`: receives the frame.
  *
  * Errors:
@@ -2111,7 +2125,7 @@ oc_status oc_frame_get_accuracy(const struct oc_frame *frame,
 
 /**
  * Returns the exact hit at a pixel of the last complete picture; before there is one, of the last request. All members
- * are set.
+ * are set. Surfaces of any opacity are hit, also of opacity 0; OC_LOOK_HIDDEN takes parts out of all hits.
  *
  * - `x`, `y`: the pixel, counted from the top left corner.
  * - `out_hit`: receives the hit.
@@ -2150,7 +2164,8 @@ void oc_frame_release(struct oc_frame *frame);
  *
  * Errors:
  * - OC_STATUS_INVALID_ARGUMENT: there is no such buffer.
- * - OC_STATUS_INVALID_STATE: no picture is complete yet, or the frame does not keep this buffer.
+ * - OC_STATUS_INVALID_STATE: no picture is complete yet, or `buffers` of oc_frame_desc does not name this buffer. A
+ *   target alone does not suffice.
  *
  * Ownership: the caller receives one reference to `out_pixels->mapping`.
  * Thread safety: any thread. Cheap.

@@ -14,6 +14,10 @@ pub(crate) fn built() -> PathBuf {
     exe.parent().expect("its folder").to_path_buf()
 }
 
+/// The name that programs record. While the major version is 0, it has the minor version too.
+pub(crate) const SONAME: &str =
+    concat!("liboutcrop.so.", env!("CARGO_PKG_VERSION_MAJOR"), ".", env!("CARGO_PKG_VERSION_MINOR"));
+
 fn header() -> String {
     std::fs::read_to_string(root().join("include/outcrop.h")).expect("include/outcrop.h")
 }
@@ -59,7 +63,7 @@ fn run_program(exe: &Path, argument: &Path) {
     // The soname is that of the installed library.
     let libs = exe.parent().expect("folder").join("libs");
     std::fs::create_dir_all(&libs).expect("libs");
-    let link = libs.join("liboutcrop.so.0");
+    let link = libs.join(SONAME);
     if !link.exists() {
         std::os::unix::fs::symlink(built().join("liboutcrop.so"), &link).expect("link");
     }
@@ -134,6 +138,17 @@ fn shared_library_shows_only_what_the_header_declares() {
     assert_eq!(symbols, wanted);
 }
 
+#[test]
+fn soname_tells_which_versions_are_compatible() {
+    let dynamic = run(Command::new("readelf").arg("-d").arg(built().join("liboutcrop.so")));
+    assert!(dynamic.contains(&format!("soname: [{SONAME}]")), "{dynamic}");
+    for file in ["README.md", "src/guide/questions.md", "bindings/python/outcrop.py"] {
+        let text = std::fs::read_to_string(root().join(file)).expect(file);
+        let names: Vec<_> = text.match_indices("liboutcrop.so.").map(|(at, _)| &text[at..]).collect();
+        assert!(!names.is_empty() && names.iter().all(|name| name.starts_with(SONAME)), "{file}");
+    }
+}
+
 /// Makes the isolated static archive as the package does.
 fn isolated(dir: &Path) -> PathBuf {
     let archive = dir.join("liboutcrop.a");
@@ -164,6 +179,7 @@ fn static_library_links_beside_another_rust_library() {
     let exe = dir.path().join("beside");
     let mut cc = compiler("cc", "c11");
     cc.arg("-DOC_STATIC").arg(source("beside.c")).arg(isolated(dir.path())).arg(&second);
+    cc.arg("-Wl,--gc-sections");
     run(cc.args(["-lgcc_s", "-lutil", "-lrt", "-lpthread", "-lm", "-ldl", "-lc", "-o"]).arg(&exe));
     run_program(&exe, &dir.path().join("tetra.oc"));
 }
@@ -172,6 +188,12 @@ fn static_library_links_beside_another_rust_library() {
 fn host_executor_and_zero_threads_start_no_thread_of_ours() {
     let dir = temp();
     run_program(&program(dir.path(), "threads.c", &[]), &dir.path().join("tetra.oc"));
+}
+
+#[test]
+fn handles_of_a_parent_process_return_a_status() {
+    let dir = temp();
+    run_program(&program(dir.path(), "fork.c", &[]), &dir.path().join("tetra.oc"));
 }
 
 #[test]

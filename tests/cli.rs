@@ -1,6 +1,9 @@
 //! The command line `outcrop`, driven as a user would.
 #![cfg(feature = "cli")]
 
+#[path = "cli/outputs.rs"]
+mod outputs;
+
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -134,6 +137,8 @@ fn pictures_in_a_small_cache() {
     let short = outcrop(dir, &[&render[..], &["--until", "converged", "--json"]].concat());
     let said: Value = serde_json::from_slice(&short.stdout).unwrap();
     assert_eq!((short.status.code(), &said["state"], &said["file"]), (Some(1), &best["state"], &Value::Null));
+    let stderr = String::from_utf8_lossy(&short.stderr);
+    assert!(stderr.contains("pixels of error") && !stderr.contains(" 0 B "), "{stderr}");
     fails(dir, &[&render[..], &["--poe=-1"]].concat(), 2, "poe");
     fails(dir, &[&render[..], &["--poe", "-1"]].concat(), 2, "0 or more");
     fails(dir, &[&render[..], &["--poe", "nan"]].concat(), 2, "poe");
@@ -197,6 +202,27 @@ fn wrong_usage_is_2_and_failure_is_1() {
     fails(dir, &["build", "not.ply", "-o", "m.oc", "--memory", "1X"], 2, "suffix");
     fails(dir, &["render", "not.oc", "-o", "p.png", "--eye", "1,2,3"], 2, "--at");
     fails(dir, &["render", "not.oc", "-o", "p.png", "--light", "moon"], 2, "sun");
+    for (args, why) in [
+        (
+            &["build", "not.ply", "-o", "m.oc", "--unit", "-1"][..],
+            "'--unit <METRES>': expected a finite number above 0",
+        ),
+        (&["build", "not.ply", "-o", "m.oc", "--unit", "0"], "above 0"),
+        (&["build", "not.ply", "-o", "m.oc", "--threads", "99999"], "'--threads <N>': expected a number from 0 to "),
+        (&["build", "not.ply", "-o", "m.oc", "--threads", "-1"], "'--threads <N>': expected a number from 0 to "),
+        (&["render", "not.oc", "-o", "p.png", "--threads", "99999"], "'--threads <N>': expected a number from 0 to "),
+        (&["bench", "not.oc", "--threads", "99999"], "'--threads <N>': expected a number from 0 to "),
+        (&["bench", "not.oc", "--threads", "0"], "1 or more"),
+        (&["render", "not.oc", "-o", "p.png", "--ortho", "-2"], "'--ortho <HEIGHT>': expected a finite number above 0"),
+        (&["render", "not.oc", "-o", "p.png", "--ortho", "inf"], "above 0"),
+        (&["render", "not.oc", "-o", "p.png", "--fov", "-30"], "'--fov <DEGREES>': expected degrees above 0"),
+        (&["render", "not.oc", "-o", "p.png", "--samples", "-4"], "'--samples <N>'"),
+        (&["render", "not.oc", "-o", "p.png", "--view", "-1"], "'--view <0..3>'"),
+        (&["render", "not.oc", "-o", "p.png", "--until", "-1"], "expected first, complete"),
+        (&["render", "not.oc", "-o", "p.png", "--size", "0x0"], "from 1 to 65536"),
+    ] {
+        fails(dir, args, 2, why);
+    }
     fails(dir, &["build", "not.ply", "-o", "m.oc"], 1, "not.ply");
     fails(dir, &["build", "missing.ply", "-o", "m.oc"], 1, "missing.ply");
     for verb in
@@ -242,18 +268,48 @@ fn ctrl_c_leaves_nothing_behind() {
         .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
-    // Its temporaries appear; then it is interrupted.
-    while names(dir.path()).len() < 2 {
+    // Its temporary appears; then it is interrupted.
+    while names(dir.path()).is_empty() {
         assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     let pid = child.id().to_string();
     assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
-    assert_eq!(child.wait().unwrap().code(), Some(1));
+    assert_eq!(child.wait().unwrap().code(), Some(130));
     let mut stderr = String::new();
     child.stderr.unwrap().read_to_string(&mut stderr).unwrap();
     assert!(stderr.contains("cancelled"), "{stderr}");
     assert!(names(dir.path()).is_empty(), "{:?}", names(dir.path()));
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_build_and_the_old_model_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let side = 400;
+    let mut obj = String::new();
+    for i in 0..side * side {
+        obj += &format!("v {} {} {}\n", i % side, i / side, i * 7919 % 100);
+    }
+    for i in (0..side * (side - 1)).filter(|i| i % side + 1 < side) {
+        obj += &format!("f {} {} {}\n", i + 1, i + 2, i + side + 1);
+    }
+    std::fs::write(dir.path().join("a.obj"), obj).unwrap();
+    std::fs::write(dir.path().join("a.oc"), "old").unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_outcrop"))
+        .current_dir(dir.path())
+        .args(["build", "a.obj", "-o", "a.oc"])
+        .spawn()
+        .unwrap();
+    // Its temporary appears; then it is interrupted.
+    while names(dir.path()).len() < 3 {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(names(dir.path()), ["a.obj", "a.oc"]);
+    assert_eq!(std::fs::read(dir.path().join("a.oc")).unwrap(), b"old");
 }
 
 /// The file of the airliner is 265 MB; that it is made in a tenth is what "streamed" means.

@@ -341,6 +341,44 @@ mod in_a_process {
     }
 }
 
+/// The fraction moves in each phase: a watcher that samples it sees more than one value in each phase that takes a
+/// while, it never falls, and it takes no large step.
+#[test]
+fn the_progress_moves_in_all_phases() {
+    let dir = tempfile::tempdir().unwrap();
+    for (threads, memory_budget, count) in [(1, 0, 40_000), (2, 0, 40_000), (1, 32 << 20, 80_000)] {
+        let options = BuildOptions { threads, memory_budget, ..BuildOptions::default() };
+        let Watched { builder, progress, .. } = filled(count, options);
+        let out = dir.path().join("model.oc");
+        let build = std::thread::spawn(move || builder.finish(&out));
+        let mut seen: Vec<(Phase, f64)> = Vec::new();
+        loop {
+            let is_over = build.is_finished();
+            let (phase, fraction) = (progress.phase(), progress.fraction());
+            if seen.last() != Some(&(phase, fraction)) {
+                seen.push((phase, fraction));
+            }
+            if is_over {
+                break;
+            }
+            std::thread::sleep(Duration::from_micros(200));
+        }
+        let report = build.join().unwrap().unwrap();
+        assert_eq!(report.chunks > 1, memory_budget > 0);
+        assert!(seen.windows(2).all(|pair| pair[0].1 <= pair[1].1), "{seen:?}");
+        assert_eq!((seen[0].1, seen.last()), (0.0, Some(&(Phase::Done, 1.0))));
+        for (phase, least) in [(Phase::Build, 50), (Phase::Write, 2)] {
+            let values = seen.iter().filter(|at| at.0 == phase).count();
+            assert!(
+                values >= least,
+                "{threads} threads, budget {memory_budget}: {values} values in {phase:?}: {seen:?}"
+            );
+        }
+        let widest = seen.windows(2).map(|pair| pair[1].1 - pair[0].1).fold(0.0, f64::max);
+        assert!(widest < 0.3, "{threads} threads, budget {memory_budget}: a step of {widest}: {seen:?}");
+    }
+}
+
 /// A model with colours and more than one block could not be sealed: blocks of nodes alone had no block
 /// of colours.
 #[test]

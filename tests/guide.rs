@@ -4,7 +4,7 @@
 //! function of `tests/guide/prelude.c`, `prelude.cpp` or `prelude.py`, with the variables that `src/guide/index.md`
 //! lists. Leading paragraphs of a C or C++ block that begin with `static`, `typedef` or `#` go before that function.
 
-use crate::abi::{built, compiler, is_there, root, run, temp};
+use crate::abi::{SONAME, built, compiler, is_there, root, run, temp};
 use outcrop::base::progress::{Cancel, Progress};
 use outcrop::build::{BuildOptions, Builder};
 use std::path::Path;
@@ -137,7 +137,7 @@ fn workshop() -> tempfile::TempDir {
     assert_eq!(builder.finish(&model).expect("the model is built").triangles_kept, 24);
     let libs = folder.path().join("libs");
     std::fs::create_dir(&libs).expect("libs");
-    std::os::unix::fs::symlink(built().join("liboutcrop.so"), libs.join("liboutcrop.so.0")).expect("a link");
+    std::os::unix::fs::symlink(built().join("liboutcrop.so"), libs.join(SONAME)).expect("a link");
     folder
 }
 
@@ -155,7 +155,7 @@ fn try_out(snippet: &Snippet, workshop: &Path) {
     for file in ["pump.glb", "pump.oc"] {
         std::fs::copy(workshop.join(file), folder.join(file)).expect("a copy");
     }
-    let library = workshop.join("libs/liboutcrop.so.0");
+    let library = workshop.join("libs").join(SONAME);
     let source = folder.join(format!("{}.{}", snippet.name, snippet.ending()));
     std::fs::write(&source, program(snippet)).expect("the source");
     let mut command = if snippet.language == "python" {

@@ -1,6 +1,8 @@
 //! The house: every room of `src/` uses only the rooms it may, in one direction, and what is special
 //! (unsafe, vector instructions, C) is where it belongs.
 
+#[path = "house/notices.rs"]
+mod notices;
 #[path = "house/source.rs"]
 mod source;
 

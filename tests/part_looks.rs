@@ -232,7 +232,36 @@ fn stand_ins_of_masked_instances_are_seen_by_their_rays_only() {
     assert!(lod[1] > 200 && lod[2] > 50, "{lod:?}");
 }
 
+/// A part of opacity 0 looks as if it were hidden, but rays hit it; a hidden part is hit by no ray.
+fn parts_of_opacity_zero_are_hit_and_hidden_ones_are_not() {
+    let square = |z: f64| {
+        let at = |x: f64, y: f64| DVec3::new(x, y, z);
+        vec![[at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0)], [at(-1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)]]
+    };
+    let built = built::parts(&[Part::white(1, square(0.0)), Part::white(2, square(1.0))]);
+    let context = built::context(1);
+    let (scene, _model) = built::scene(&context, &built);
+    let frame = Frame::new(&context, FrameOptions { width: 8, height: 8, ..FrameOptions::default() }).expect("a frame");
+    let (eye, at) = (DVec3::new(0.1, 0.2, 5.0), DVec3::new(0.1, 0.2, 0.0));
+    let camera = Camera::Perspective { eye, at, up: DVec3::Y, fov_y_degrees: 10.0 };
+    let transparent = Look { colour: Some([1.0, 0.0, 0.0, 0.0]), ..Look::default() };
+    let shown = |look: Look| {
+        scene.set_part_look(7, 2, look).expect("a look");
+        scene.commit().expect("a commit");
+        frame.request(&scene.state(), &camera, &FrameSettings::default()).expect("a request");
+        assert_eq!(frame.wait(Duration::MAX).state, FrameState::Converged);
+        let colour = frame.map(Buffer::ColourSrgb8).expect("a picture").bytes()[..4].to_vec();
+        (colour, frame.pick(4, 4).expect("a pick").part)
+    };
+    let (opaque, first) = shown(Look::default());
+    let (through, second) = shown(transparent);
+    let (without, third) = shown(Look { visible: false, ..Look::default() });
+    assert_eq!((first, second, third), (2, 2, 1));
+    assert!(through == without, "{through:?} {without:?} {opaque:?}");
+}
+
 built::on_each_structure!(
+    parts_of_opacity_zero_are_hit_and_hidden_ones_are_not,
     rays_meet_only_what_is_visible,
     parts_keep_their_looks_under_stand_ins,
     stand_ins_of_masked_instances_are_seen_by_their_rays_only,

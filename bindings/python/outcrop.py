@@ -176,7 +176,7 @@ class _Library:
         self._c = None
 
     def _load(self):
-        library = c.CDLL(os.environ.get("OUTCROP_LIBRARY", "liboutcrop.so.0"))
+        library = c.CDLL(os.environ.get("OUTCROP_LIBRARY", "liboutcrop.so.0.1"))
         library.oc_last_error.restype = c.c_char_p
         for name, arguments in self._arguments.items():
             getattr(library, name).argtypes = arguments

@@ -6,6 +6,7 @@ pub mod faults;
 pub(crate) mod handle;
 pub mod ids;
 pub mod memory;
+pub mod output;
 pub mod progress;
 mod round;
 #[cfg(test)]
@@ -13,5 +14,6 @@ mod round_tests;
 pub mod scratch;
 mod sync;
 pub mod tasks;
+pub mod threads;
 pub mod units;
 pub mod working;

@@ -27,6 +27,47 @@ impl Cancel {
     }
 }
 
+/// A stretch of long work: its cancel flag, and the interval of the whole progress that it takes. Threads report what
+/// they have done of it.
+#[derive(Debug)]
+pub struct Stretch<'a> {
+    cancel: &'a Cancel,
+    progress: &'a Progress,
+    /// Fractions of the whole at its begin and end.
+    ends: (f64, f64),
+    /// Units of work.
+    total: u64,
+    done: AtomicU64,
+}
+
+impl<'a> Stretch<'a> {
+    /// A stretch from one fraction of the whole progress to another.
+    pub fn new(progress: &'a Progress, cancel: &'a Cancel, ends: (f64, f64)) -> Self {
+        Self { cancel, progress, ends, total: 1, done: AtomicU64::new(0) }
+    }
+    /// The part between two fractions of this stretch, of `total` units of work.
+    pub fn part(&self, from: f64, to: f64, total: u64) -> Stretch<'a> {
+        let at = |f: f64| self.ends.0 + (self.ends.1 - self.ends.0) * f;
+        Self { ends: (at(from), at(to)), total: total.max(1), ..Self::new(self.progress, self.cancel, self.ends) }
+    }
+    /// As [`Cancel::check`].
+    pub fn check(&self) -> Result<()> {
+        self.cancel.check()
+    }
+    /// Begins a unit of the work: fails once cancelled, else counts the unit.
+    pub fn begin(&self) -> Result<()> {
+        self.check()?;
+        self.did(1);
+        Ok(())
+    }
+    /// Reports that `units` of the work are done.
+    pub fn did(&self, units: u64) {
+        let done = self.done.fetch_add(units, Relaxed) + units;
+        let fraction = (done as f64 / self.total as f64).min(1.0);
+        self.progress.advance(self.ends.0 + (self.ends.1 - self.ends.0) * fraction);
+    }
+}
+
 /// The phase of a build, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
@@ -83,5 +124,28 @@ impl Progress {
     /// The completed fraction, in [0, 1]; it starts at 0 and never decreases.
     pub fn fraction(&self) -> f64 {
         self.fraction.load(Relaxed) as f64 / 4294967296.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_of_a_stretch_add_up() {
+        let (progress, cancel) = (Progress::default(), Cancel::new());
+        let whole = Stretch::new(&progress, &cancel, (0.4, 0.8));
+        let (first, second) = (whole.part(0.0, 0.5, 10), whole.part(0.5, 1.0, 0));
+        let near = |wanted: f64| assert!((progress.fraction() - wanted).abs() < 1e-6, "{}", progress.fraction());
+        (0..5).for_each(|_| first.begin().unwrap());
+        near(0.5);
+        first.did(50);
+        near(0.6);
+        second.did(1);
+        near(0.8);
+        first.did(1);
+        near(0.8);
+        cancel.cancel();
+        assert!(second.begin().is_err());
     }
 }

@@ -10,6 +10,7 @@ use crate::base::error::{Error, Result};
 use crate::base::memory;
 use crate::base::progress::{Cancel, Phase, Progress};
 use crate::base::scratch::{Scratch, ScratchSpace};
+use crate::base::threads;
 use crate::import::{self, MaterialDesc, MaterialKey, MeshKey, PartDesc, PartKey, ReadOptions, Sink, UpAxis};
 use crate::math::srgb;
 use crate::store::{InstanceRow, MaterialRow, PartRow, sections};
@@ -57,6 +58,7 @@ impl Builder {
         {
             return Err(Error::bad_argument("metres_per_unit must be finite and greater than 0"));
         }
+        threads::check(options.threads, "threads")?;
         let default = MaterialDesc::default();
         let shares = Shares::of(options.memory_budget)?;
         let space = ScratchSpace::new(options.temp_dir.as_deref());
@@ -117,7 +119,9 @@ impl Builder {
             up: options.up.unwrap_or(self.up),
         };
         let (options, progress, cancel) = (&options, &progress, &cancel);
-        let asked = Asked { options, shares, space, out, progress, cancel, done: READ_SHARE };
+        // Pushed triangles took no part of the progress, which then is that of the other passes.
+        let done = if progress.fraction() > 0.0 { READ_SHARE } else { 0.0 };
+        let asked = Asked { options, shares, space, out, progress, cancel, done };
         let mut report = in_pool(options.threads, |threads| seal::run(gathered, &asked, threads))?;
         progress.advance(1.0);
         progress.enter(Phase::Done);
@@ -180,7 +184,7 @@ fn see_room(triangles: u64, in_memory: u64, budget: u64) -> Result<()> {
 
 /// Runs `work` with the requested number of threads; with one, it runs in the calling thread only.
 fn in_pool<T: Send>(threads: usize, work: impl FnOnce(usize) -> Result<T> + Send) -> Result<T> {
-    let threads = if threads == 0 { std::thread::available_parallelism().map_or(1, |n| n.get()) } else { threads };
+    let threads = if threads == 0 { threads::processors() } else { threads };
     if threads == 1 {
         return work(1);
     }

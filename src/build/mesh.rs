@@ -10,7 +10,7 @@ use super::parts::{self, Assembly};
 use super::spool::Spool;
 use super::survey::{self, Batches};
 use crate::base::error::Result;
-use crate::base::progress::Phase;
+use crate::base::progress::{Phase, Stretch};
 use crate::base::scratch::Scratch;
 use crate::math::Bounds;
 use crate::store::TreeRow;
@@ -109,7 +109,8 @@ impl Output<'_> {
         let split = asked_for_splits(options.splits).unwrap_or_else(|| B::splits_pay(&placed.triangles));
         let (par, cancel) = (self.par, self.cancel);
         let part_colours = assembly.colours(index, row.local_parts);
-        let built = B::build(input(&placed, &part_colours), &self.split(split, 0.0), true, &par, cancel)?;
+        let stretch = Stretch::new(self.progress, cancel, (span.part(0.05, 1.0).0, span.part(0.7, 1.0).0));
+        let built = B::build(input(&placed, &part_colours), &self.split(split, 0.0), true, &par, &stretch)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         let mut chunk = built.chunk;
         let plans = B::take_plans(&mut chunk);
@@ -187,7 +188,11 @@ impl Output<'_> {
         row.bounds = flat(&bounds);
         let upper_tree = B::join(tops)?;
         self.coarse::<B>(&upper_tree, aside.first().map_or(0, ClassAside::blocks), &mut row)?;
-        aside.into_iter().try_for_each(|class| self.write_aside(class))?;
+        let classes = aside.len() as f64;
+        for (i, class) in aside.into_iter().enumerate() {
+            let of_classes = span.part(0.95, 1.0);
+            self.write_aside(class, of_classes.part(i as f64 / classes, (i + 1) as f64 / classes))?;
+        }
         Ok(row)
     }
 
@@ -204,7 +209,9 @@ impl Output<'_> {
         let begun = Instant::now();
         let placed = origin::load(&bucket.extents, from, self.has_colours, &self.par, self.cancel)?;
         let (par, cancel) = (self.par, self.cancel);
-        let built = B::build(input(&placed, part_colours), &self.split(split, mesh_half_area), false, &par, cancel)?;
+        let stretch = Stretch::new(self.progress, cancel, (span.part(0.05, 1.0).0, span.part(0.7, 1.0).0));
+        let options = self.split(split, mesh_half_area);
+        let built = B::build(input(&placed, part_colours), &options, false, &par, &stretch)?;
         self.report.seconds.build += begun.elapsed().as_secs_f64();
         self.report.chunks += 1;
         let span = span.part(0.7, 1.0);

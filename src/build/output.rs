@@ -111,7 +111,7 @@ impl Output<'_> {
                 Ok(())
             },
         )?;
-        later.into_iter().try_for_each(|class| self.write_aside(class))
+        later.into_iter().try_for_each(|class| self.write_aside(class, Span(span.1, span.1)))
     }
 
     fn write(&mut self, block: Encoded) -> Result<()> {
@@ -144,8 +144,9 @@ impl Output<'_> {
     }
 
     /// Writes the blocks of a class.
-    pub fn write_aside(&mut self, aside: ClassAside) -> Result<()> {
-        aside.geometry.write_to(&mut self.writer, self.cancel)?;
+    pub fn write_aside(&mut self, aside: ClassAside, span: Span) -> Result<()> {
+        let progress = self.progress;
+        aside.geometry.write_to(&mut self.writer, self.cancel, |done| progress.advance(span.part(done, 1.0).0))?;
         self.progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
         self.prims.append(aside.prims)?;
         self.colours.append(aside.colours)

@@ -46,7 +46,10 @@ pub struct Asked<'a> {
 }
 
 /// Fraction of the progress after all trees.
-const TREES_DONE: f64 = 0.98;
+const TREES_DONE: f64 = 0.94;
+
+/// Fraction of the progress after the primitive ids.
+const IDS_DONE: f64 = 0.98;
 
 /// Builds the trees and writes the file.
 pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<BuildReport> {
@@ -112,9 +115,11 @@ fn seal(
     let Output { mut writer, prims, colours, has_colours, mut report, space, progress, cancel, .. } = output;
     let geometry_blocks = writer.blocks_written();
     let before = writer.bytes_written();
-    prims.write_to(&mut writer, cancel)?;
+    let ids = Span(TREES_DONE, IDS_DONE);
+    prims.write_to(&mut writer, cancel, |done| progress.advance(ids.part(done, 1.0).0))?;
     report.bytes_ids = writer.bytes_written() - before;
-    colours.write_to(&mut writer, cancel)?;
+    let last = Span(IDS_DONE, 1.0);
+    colours.write_to(&mut writer, cancel, |done| progress.advance(last.part(done / 2.0, 1.0).0))?;
     let Assembly { parts, materials, instances, .. } = &gathered.assembly;
     report.non_finite = gathered.non_finite;
     report.triangles_kept = trees.iter().map(|t| t.triangles).sum();

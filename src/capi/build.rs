@@ -7,6 +7,7 @@ use super::job::oc_job;
 use super::report;
 use super::status::oc_status;
 use crate::base::error::Error;
+use crate::base::output;
 use crate::base::progress::{Cancel, Progress};
 use crate::build::{BuildOptions, Builder, Splits, Structure};
 use crate::import::{MeshKey, PartKey, UpAxis};
@@ -101,9 +102,9 @@ pub struct oc_build_desc {
     pub up: u32,
     /// One of the OC_SPLITS_ constants.
     pub splits: oc_splits,
-    /// Number of threads, at most 4096. The build starts its own. 0: as many as the context has. OC_ALL_THREADS: one
-    /// for each core. In a context without threads of its own, a build uses only the thread that runs it. The model
-    /// file does not depend on this number.
+    /// Number of threads, at most four for each core, or 64 if that is more. The build starts its own. 0: as many as
+    /// the context has. OC_ALL_THREADS: one for each core. In a context without threads of its own, a build uses only
+    /// the thread that runs it. The model file does not depend on this number.
     pub threads: u32,
     /// Must be 0.
     pub reserved: u32,
@@ -226,18 +227,21 @@ pub unsafe extern "C" fn oc_build_add_file(build: *mut oc_build, path: *const c_
 
 /// Begins to build the model and to write it to `path`, in the background.
 ///
-/// - `path`: path of the model file. The file appears under this name when the job is done; until then an existing file
-///   stays. A job that fails or is cancelled leaves no temporary file.
+/// - `path`: path of the model file: a regular file that may be written, or no file yet. The file appears under this
+///   name when the job is done; until then an existing file stays. A job that fails or is cancelled leaves no temporary
+///   file. If `path` is a symbolic link, the file that it names is replaced, and the link stays.
 /// - `out_job`: receives the job. oc_job_build_report returns its statistics.
 ///
-/// After this call nothing can be added to the build, even if the call fails with OC_STATUS_IO.
+/// After this call nothing can be added to the build, even if the thread cannot be started.
 ///
 /// The job runs on a thread that is started for it. With an executor it runs as one task of the executor. In a context
 /// with neither threads nor an executor it runs inside oc_job_wait or oc_context_step.
 ///
 /// Errors:
 /// - OC_STATUS_INVALID_STATE: the build was started before.
-/// - OC_STATUS_IO: the thread cannot be started.
+/// - OC_STATUS_INVALID_ARGUMENT: `path` is one of the input files of the build, by any name or link. Nothing changed.
+/// - OC_STATUS_IO: `path` is a folder, a device, a pipe, a socket, a read-only file, or a link that leads to no file
+///   (nothing changed); or the thread cannot be started.
 ///
 /// Ownership: the caller receives one reference to the job. The build may be released.
 /// Thread safety: any thread. Cheap.
@@ -254,7 +258,10 @@ pub unsafe extern "C" fn oc_build_start(
         let out = out(out_job, "out_job")?;
         let path = guard::path(path, "path")?;
         handles::with(build, |build: &Shell<BuildObject>| {
-            let input = build.lock().take().ok_or_else(started)?;
+            let mut content = build.lock();
+            output::check(&path, &content.as_ref().ok_or_else(started)?.files)?;
+            let input = content.take().ok_or_else(started)?;
+            drop(content);
             let (progress, cancel) = (build.progress.clone(), build.cancel.clone());
             let context = build.context.context.clone();
             let todo = move |_: &_| {

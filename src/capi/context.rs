@@ -9,6 +9,7 @@ use super::version::{OC_HEADER_VERSION, OC_VERSION_PATCH};
 use crate::base::error::{Error, Result};
 use crate::base::progress::{Cancel, Progress};
 use crate::base::tasks::{Executor, Task as HostTask};
+use crate::base::threads;
 use crate::scene::{Context, ContextOptions, LogLevel};
 use crate::simd::Isa;
 use crate::store::header::VERSION;
@@ -99,7 +100,8 @@ pub const OC_CONTEXT_NO_READ_AHEAD: oc_context_flags = 1;
 pub struct oc_context_desc {
     /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// Number of worker threads, at most 4096. OC_ALL_THREADS: one for each core. Ignored with an executor.
+    /// Number of worker threads, at most four for each core, or 64 if that is more. OC_ALL_THREADS: one for each core.
+    /// Ignored with an executor.
     ///
     /// 0: no worker threads. Your thread alternates reading and tracing inside `oc_context_step` or waits; refinement
     /// of a model that is being read is slower, slowest with `oc_context_step`.
@@ -135,6 +137,9 @@ unsafe impl Sized32 for oc_context_desc {
 
 /// Threads, log and memory budget. All other objects are created from a context. The library has no other global state:
 /// a program may use any number of contexts at the same time.
+///
+/// Objects belong to the process that created them. In a child of `fork`, calls on them return OC_STATUS_INVALID_STATE,
+/// and releases do nothing, because threads do not survive a fork. A child may create a context of its own.
 pub struct oc_context {
     _private: [u8; 0],
 }
@@ -271,15 +276,8 @@ impl HostLog {
 
 /// Refuses a number of threads that is out of range.
 pub(super) fn check_threads(asked: u32, name: &str) -> Checked<()> {
-    if asked <= MOST_THREADS || asked == OC_ALL_THREADS {
-        Ok(())
-    } else {
-        bad(format!("{name} is {asked}; it must be at most {MOST_THREADS}, or OC_ALL_THREADS"))
-    }
+    if asked == OC_ALL_THREADS { Ok(()) } else { Ok(threads::check(asked as usize, name)?) }
 }
-
-/// More threads than any machine has: a larger number is a mistake of the caller.
-const MOST_THREADS: u32 = 4096;
 
 /// Reads the host's executor, if there is one.
 ///
@@ -310,7 +308,8 @@ unsafe fn host_executor(executor: *const oc_executor) -> super::guard::Checked<O
 ///
 /// Errors:
 /// - OC_STATUS_VERSION_MISMATCH: header and library have different versions.
-/// - OC_STATUS_INVALID_ARGUMENT: the machine lacks the instruction set, or has less memory than the budget.
+/// - OC_STATUS_INVALID_ARGUMENT: too many threads, or the machine lacks the instruction set, or has less memory than
+///   the budget.
 /// - OC_STATUS_IO: a thread cannot be started.
 ///
 /// Ownership: the caller receives one reference.

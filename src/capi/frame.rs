@@ -25,15 +25,15 @@ pub(crate) struct FrameObject {
     pub(crate) frame: Frame,
 }
 
-/// Options of a frame. All zeros: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8.
+/// Options of a frame. `width` and `height` must be set.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct oc_frame_desc {
     /// Size of this struct in bytes; OC_INIT sets it.
     pub struct_size: u32,
-    /// Width in pixels, at most 65536. 0: 1024.
+    /// Width in pixels, 1 to 65536.
     pub width: u32,
-    /// Height in pixels, at most 65536. 0: 768.
+    /// Height in pixels, 1 to 65536.
     pub height: u32,
     /// Buffers to keep for oc_frame_map: bits `1 << OC_BUFFER_...`, combined with `|`. 0: OC_BUFFER_COLOUR_SRGB8, or
     /// none if there are targets.
@@ -55,11 +55,18 @@ unsafe impl Sized32 for oc_frame_desc {
 /// # Safety
 /// `desc` is NULL or initialised, and so are its targets.
 unsafe fn options(desc: *const oc_frame_desc) -> Checked<FrameOptions> {
-    // SAFETY: the caller's contract.
-    let desc = unsafe { read_or_default(desc)? };
     let default = FrameOptions::default();
-    let width = if desc.width == 0 { default.width } else { desc.width };
-    let height = if desc.height == 0 { default.height } else { desc.height };
+    if desc.is_null() {
+        return Ok(default);
+    }
+    // SAFETY: the caller's contract.
+    let desc = unsafe { read(desc)? };
+    let (width, height) = (desc.width, desc.height);
+    if width == 0 || height == 0 {
+        return bad(format!(
+            "oc_frame_desc has a size of {width} x {height}; width and height must be from 1 to 65536"
+        ));
+    }
     if desc.buffers & !Outputs::ALL.0 != 0 {
         return bad(format!("oc_frame_desc.buffers {:#x}: unknown buffers", desc.buffers));
     }
@@ -86,7 +93,7 @@ unsafe fn options(desc: *const oc_frame_desc) -> Checked<FrameOptions> {
 
 /// Creates a frame.
 ///
-/// - `desc`: options. NULL: all defaults.
+/// - `desc`: options. NULL: 1024 by 768 pixels of OC_BUFFER_COLOUR_SRGB8.
 /// - `out_frame`: receives the frame.
 ///
 /// Errors:
@@ -429,7 +436,7 @@ pub unsafe extern "C" fn oc_frame_get_accuracy(
 }
 
 /// Returns the exact hit at a pixel of the last complete picture; before there is one, of the last request. All members
-/// are set.
+/// are set. Surfaces of any opacity are hit, also of opacity 0; OC_LOOK_HIDDEN takes parts out of all hits.
 ///
 /// - `x`, `y`: the pixel, counted from the top left corner.
 /// - `out_hit`: receives the hit.

@@ -3,7 +3,9 @@
 //! A `*mut oc_scene` points to a [`Shell`] in an `Arc`. The Rust type `oc_scene` has no members either, so that no code
 //! can use its content by mistake.
 
+use super::fork;
 use super::guard::{Checked, Failure, bad, panicked};
+use crate::base::error::Error;
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -24,6 +26,8 @@ pub(crate) trait Handle {
 pub(crate) struct Shell<T> {
     tag: u64,
     poisoned: AtomicBool,
+    /// The process that created the object.
+    process: u32,
     object: T,
 }
 
@@ -31,6 +35,11 @@ impl<T> Shell<T> {
     /// Poisons the object: later calls return `OC_STATUS_POISONED`.
     pub(crate) fn poison(&self) {
         self.poisoned.store(true, Relaxed);
+    }
+
+    /// True if a process from which this one was forked created the object.
+    fn is_of_parent(&self) -> bool {
+        self.process != fork::process()
     }
 }
 
@@ -51,7 +60,8 @@ impl<T> Drop for Shell<T> {
 
 /// Creates an object with one reference, which the caller owns.
 pub(crate) fn give<H: Handle>(object: H::Object) -> *mut H {
-    let shell = Shell { tag: H::TAG, poisoned: AtomicBool::new(false), object };
+    fork::watch();
+    let shell = Shell { tag: H::TAG, poisoned: AtomicBool::new(false), process: fork::process(), object };
     Arc::into_raw(Arc::new(shell)).cast_mut().cast()
 }
 
@@ -75,13 +85,17 @@ pub(crate) unsafe fn borrow_any<'a, H: Handle>(handle: *const H) -> Checked<&'a 
     Ok(unsafe { &*shell })
 }
 
-/// Borrows the object behind a handle. Refuses a poisoned one.
+/// Borrows the object behind a handle. Refuses a poisoned one, and one of a parent process.
 ///
 /// # Safety
 /// As for [`borrow_any`].
 pub(crate) unsafe fn borrow<'a, H: Handle>(handle: *const H) -> Checked<&'a Shell<H::Object>> {
     // SAFETY: the caller's contract.
     let shell = unsafe { borrow_any(handle)? };
+    if shell.is_of_parent() {
+        let why = format!("the {} belongs to the parent process; a child of fork can only release it", H::NAME);
+        return Err(Error::BadState(why).into());
+    }
     if shell.poisoned.load(Relaxed) { Err(Failure::Poisoned(H::NAME)) } else { Ok(shell) }
 }
 
@@ -168,13 +182,14 @@ fn is_for_later(handle: *const ()) -> bool {
 pub(crate) unsafe fn retain<H: Handle>(handle: *const H) {
     // SAFETY: the caller's contract. `borrow_any` has checked the kind.
     unsafe {
-        if borrow_any(handle).is_ok() {
+        if borrow_any(handle).is_ok_and(|shell| !shell.is_of_parent()) {
             Arc::increment_strong_count(handle.cast::<Shell<H::Object>>());
         }
     }
 }
 
-/// Releases a reference. Does nothing for NULL or a handle of another kind. Catches a panic in the object's destructor.
+/// Releases a reference. Does nothing for NULL, a handle of another kind, or a handle of a parent process: its
+/// destructor would wait for threads that do not exist here. Catches a panic in the object's destructor.
 ///
 /// # Safety
 /// As for [`borrow_any`]; the caller owns a reference.
@@ -182,7 +197,8 @@ pub(crate) unsafe fn release<H: Handle>(handle: *const H) {
     let _ = catch_unwind(AssertUnwindSafe(|| {
         // SAFETY: the caller's contract. `borrow_any` has checked the kind.
         unsafe {
-            if borrow_any(handle).is_ok() && !is_for_later(handle.cast()) {
+            let is_ours = borrow_any(handle).is_ok_and(|shell| !shell.is_of_parent());
+            if is_ours && !is_for_later(handle.cast()) {
                 Arc::decrement_strong_count(handle.cast::<Shell<H::Object>>());
             }
         }

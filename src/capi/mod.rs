@@ -10,6 +10,7 @@ pub(crate) mod background;
 pub mod build;
 pub mod contents;
 pub mod context;
+pub(crate) mod fork;
 pub mod frame;
 pub(crate) mod guard;
 pub(crate) mod handles;

@@ -172,7 +172,8 @@ unsafe impl Sized32 for oc_pixels {
 ///
 /// Errors:
 /// - OC_STATUS_INVALID_ARGUMENT: there is no such buffer.
-/// - OC_STATUS_INVALID_STATE: no picture is complete yet, or the frame does not keep this buffer.
+/// - OC_STATUS_INVALID_STATE: no picture is complete yet, or `buffers` of oc_frame_desc does not name this buffer. A
+///   target alone does not suffice.
 ///
 /// Ownership: the caller receives one reference to `out_pixels->mapping`.
 /// Thread safety: any thread. Cheap.

@@ -45,7 +45,7 @@ pub struct oc_ray {
 pub type oc_hit_kind = u32;
 /// No hit between t_min and t_max, or stand-ins in the interval transmitted the ray (see `t_free`).
 pub const OC_HIT_MISS: oc_hit_kind = 0;
-/// Hit on an original triangle.
+/// Hit on an original triangle, of any opacity (also 0), unless its part or instance is hidden.
 pub const OC_HIT_EXACT: oc_hit_kind = 1;
 /// Hit on a stand-in as fine as the ray's cone requires: a cell that contains original surface.
 /// - `t`: where the ray enters the cell.

@@ -25,7 +25,8 @@ pub(crate) struct SceneObject {
 
 /// Flags of oc_look: how an instance or a part is shown.
 pub type oc_look_flags = u32;
-/// Hidden: no ray hits it.
+/// Hidden: no ray hits it. A part of opacity 0 looks the same, but rays hit it: hide the parts that picks and queries
+/// must not return.
 pub const OC_LOOK_HIDDEN: oc_look_flags = 1;
 /// Highlighted.
 pub const OC_LOOK_SELECTED: oc_look_flags = 2;

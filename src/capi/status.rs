@@ -16,7 +16,8 @@ pub type oc_status = u32;
 pub const OC_STATUS_OK: oc_status = 0;
 /// The calling program: an argument is NULL, is out of its range, or belongs to another context. Nothing changed.
 pub const OC_STATUS_INVALID_ARGUMENT: oc_status = 100;
-/// The calling program: the object's present state does not allow the call. Nothing changed.
+/// The calling program: the object's present state does not allow the call, or the object belongs to the parent
+/// process: after `fork` a child can only release it. Nothing changed.
 pub const OC_STATUS_INVALID_STATE: oc_status = 101;
 /// The calling program: the array is too small. The required count was written, nothing else.
 pub const OC_STATUS_BUFFER_TOO_SMALL: oc_status = 102;

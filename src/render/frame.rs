@@ -289,12 +289,18 @@ impl Frame {
     /// Maps a buffer of the last complete picture. Cheap, without a copy. Fails with `BadState` if there is no complete
     /// picture yet or the frame does not keep this buffer.
     pub fn map(&self, buffer: Buffer) -> Result<Mapped> {
-        let front = self.shared.inner().front.clone();
+        let (front, has_target) = {
+            let inner = self.shared.inner();
+            (inner.front.clone(), inner.targets.iter().any(|(target, _)| *target == buffer))
+        };
         let Some(picture) = front else {
             return Err(Error::BadState("map: no picture has been completed yet".into()));
         };
-        let missing = || Error::BadState("map: the frame does not keep this buffer".into());
-        Mapped::of(picture, buffer).ok_or_else(missing)
+        let why = match has_target {
+            true => "map: the frame writes this buffer to the caller's target; `buffers` must also name it to map it",
+            false => "map: the frame does not keep this buffer; `buffers` must name it",
+        };
+        Mapped::of(picture, buffer).ok_or_else(|| Error::BadState(why.into()))
     }
 
     /// Sets a function that is called when a better picture can be mapped and when a request ends, also if it was

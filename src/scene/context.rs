@@ -3,6 +3,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::tasks::{Ending, Executor, Pool, Work};
+use crate::base::threads;
 use crate::base::working::WorkingMemory;
 use crate::residency::{Fetchers, Residency, ResidencyOptions};
 use crate::simd::{DenormalsOff, Isa};
@@ -31,7 +32,7 @@ pub type Log = Arc<dyn Fn(LogLevel, &str) + Send + Sync>;
 #[derive(Clone)]
 pub struct ContextOptions {
     /// Number of the library's own threads that trace. Default: one per core. With 0 the caller drives the work with
-    /// [`Context::step`] or by waiting. Ignored if an executor is given.
+    /// [`Context::step`] or by waiting. At most [`threads::most`]. Ignored if an executor is given.
     pub threads: usize,
     /// The host's own threads: with an executor the library starts no threads at all.
     pub executor: Option<Arc<dyn Executor>>,
@@ -51,8 +52,14 @@ pub struct ContextOptions {
 
 impl Default for ContextOptions {
     fn default() -> Self {
-        let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-        Self { threads, executor: None, memory_budget: 0, read_ahead: true, log: None, isa: None }
+        Self {
+            threads: threads::processors(),
+            executor: None,
+            memory_budget: 0,
+            read_ahead: true,
+            log: None,
+            isa: None,
+        }
     }
 }
 
@@ -75,13 +82,16 @@ struct Inner {
 }
 
 impl Context {
-    /// A new context. Fails with [`Error::Io`] if threads cannot be started, and with [`Error::BadArgument`] if the
-    /// machine lacks the instruction set or has less memory than the budget. (Too small a budget is reported when a
-    /// model is opened, as the least budget depends on the model.)
+    /// A new context. Fails with [`Error::Io`] if threads cannot be started, and with [`Error::BadArgument`] if there
+    /// are too many threads, or the machine lacks the instruction set or has less memory than the budget. (Too small a
+    /// budget is reported when a model is opened, as the least budget depends on the model.)
     pub fn new(options: ContextOptions) -> Result<Self> {
         let isa = options.isa.unwrap_or_else(Isa::best);
         if !isa.is_available() {
             return Err(Error::bad_argument(format!("this machine does not support {}", isa.name())));
+        }
+        if options.executor.is_none() {
+            threads::check(options.threads, "threads")?;
         }
         let budget = budget_of(options.memory_budget, machine_memory())?;
         let pool = Pool::new(options.threads, options.executor, without_denormals)?;
@@ -90,8 +100,8 @@ impl Context {
         let has_fetchers = fetchers.is_some();
         let pumping = Arc::new(Pumping::of(&residency));
         // The limit is one more than the workers, or the host's calling threads, that can use working memory at once.
-        let threads = std::thread::available_parallelism().map_or(1, usize::from).max(pool.concurrency());
-        let (log, scratch) = (options.log, WorkingMemory::new(threads + 1));
+        let workers = threads::processors().max(pool.concurrency());
+        let (log, scratch) = (options.log, WorkingMemory::new(workers + 1));
         let inner = Arc::new(Inner { _fetchers: fetchers, pool, log, residency, pumping, isa, scratch });
         if !has_fetchers {
             let weak = Arc::downgrade(&inner);

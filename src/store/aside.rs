@@ -87,8 +87,9 @@ impl Aside {
         Ok(())
     }
 
-    /// Writes all blocks in their order.
-    pub fn write_to(self, writer: &mut Writer, cancel: &Cancel) -> Result<()> {
+    /// Writes all blocks in their order. Calls `seen` with the fraction that is written, from time to time.
+    pub fn write_to(self, writer: &mut Writer, cancel: &Cancel, mut seen: impl FnMut(f64)) -> Result<()> {
+        let all = self.blocks.len() as f64;
         let mut rest = &self.blocks[..];
         if let Some(file) = &self.file {
             let (mut at, mut piece) = (0, Vec::new());
@@ -99,9 +100,12 @@ impl Aside {
                 let (now, later) = rest.split_at(count);
                 write_all(now, &piece, writer, cancel)?;
                 (rest, at) = (later, at + len as u64);
+                seen(1.0 - rest.len() as f64 / all);
             }
         }
-        write_all(rest, &self.buffer, writer, cancel)
+        write_all(rest, &self.buffer, writer, cancel)?;
+        seen(1.0);
+        Ok(())
     }
 }
 
@@ -150,7 +154,9 @@ mod tests {
                         assert_eq!(writer.encoded_block(block(i)).unwrap(), BlockId(i));
                     }
                 }
-                aside.write_to(&mut writer, &Cancel::new()).unwrap();
+                let mut last = 0.0;
+                aside.write_to(&mut writer, &Cancel::new(), |done| last = done).unwrap();
+                assert_eq!(last, 1.0);
                 (writer.bytes_written(), writer.rows())
             });
             assert_eq!(files[0], files[1], "{limit} {blocks}");

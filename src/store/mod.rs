@@ -12,7 +12,6 @@ mod page_cache;
 pub mod reader;
 pub mod sections;
 pub mod source;
-mod temporary;
 pub mod writer;
 
 pub use aside::Aside;

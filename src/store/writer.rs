@@ -5,10 +5,10 @@ use super::contents::{self, Entry, KINDS};
 use super::directory::{self, Row, aligned};
 use super::header::{self, FOOTER_LEN, Frame, HEADER_LEN, Header};
 use super::sections::{InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
-use super::temporary::{Medium, Temporary};
 use crate::base::bytes::Malformed;
 use crate::base::error::{Error, Result};
 use crate::base::ids::BlockId;
+use crate::base::output::{Medium, OutputFile};
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -34,7 +34,7 @@ impl Writer {
     /// Fails with [`Error::Io`] if the folder of `path` is missing or cannot be written, or if `path` exists and is not
     /// a regular file.
     pub fn create(path: &Path) -> Result<Self> {
-        Self::through(Box::new(Temporary::create(path)?))
+        Self::through(Box::new(OutputFile::create(path)?))
     }
 
     fn through(medium: Box<dyn Medium>) -> Result<Self> {

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU32, Ordering::SeqCst};
 
 /// Fails at its call number `fail_at`, counted from 0, as a full disk does.
 struct FaultyDisk {
-    inner: Temporary,
+    inner: OutputFile,
     calls: Arc<AtomicU32>,
     fail_at: u32,
 }
@@ -60,7 +60,7 @@ fn a_disk_that_fails_at_any_call_leaves_the_old_file_and_nothing_else() {
     fs::write(&path, "old").unwrap();
     for fail_at in 0.. {
         let calls = Arc::new(AtomicU32::new(0));
-        let disk = FaultyDisk { inner: Temporary::create(&path).unwrap(), calls: calls.clone(), fail_at };
+        let disk = FaultyDisk { inner: OutputFile::create(&path).unwrap(), calls: calls.clone(), fail_at };
         let result = write(Writer::through(Box::new(disk)).unwrap());
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
         match result {
@@ -81,7 +81,7 @@ fn a_disk_that_fails_at_any_call_leaves_the_old_file_and_nothing_else() {
 fn a_writer_that_failed_does_not_go_on() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("model.oc");
-    let disk = FaultyDisk { inner: Temporary::create(&path).unwrap(), calls: Arc::default(), fail_at: 0 };
+    let disk = FaultyDisk { inner: OutputFile::create(&path).unwrap(), calls: Arc::default(), fail_at: 0 };
     let mut writer = Writer::through(Box::new(disk)).unwrap();
     assert!(writer.flush().is_err());
     assert!(matches!(writer.block(b"x", 1), Err(Error::BadState(_))));

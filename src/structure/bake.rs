@@ -5,7 +5,7 @@ use super::brute;
 use super::par::Par;
 use super::{Structure, bvh};
 use crate::base::error::Result;
-use crate::base::progress::Cancel;
+use crate::base::progress::Stretch;
 use crate::math::{Bounds, srgb};
 use crate::store::CLASSES;
 use glam::Vec3;
@@ -135,7 +135,7 @@ pub trait Baker {
         options: &TreeOptions,
         is_whole: bool,
         par: &Par,
-        cancel: &Cancel,
+        stretch: &Stretch,
     ) -> Result<BuiltChunk<Self::Chunk<'a>, Self::Top>>;
     /// Takes the plans of a chunk, in order.
     fn take_plans(chunk: &mut Self::Chunk<'_>) -> Vec<Self::Plan>;

@@ -104,9 +104,9 @@ static oc_context *contexts(void) {
     OC_INIT(&executor);
     desc.executor = &executor;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c)); /* no submit */
-    desc.executor = NULL, desc.threads = 4097;
+    desc.executor = NULL, desc.threads = 99999;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c));
-    CHECK(strstr(oc_last_error(), "4096"));
+    CHECK(strstr(oc_last_error(), "oc_context_desc.threads is 99999") && strstr(oc_last_error(), "at most"));
     desc.executor = &executor, desc.threads = 0;
     executor.submit = submit;
     INVALID(oc_context_create(OC_HEADER_VERSION, &desc, &c)); /* no concurrency */
@@ -185,6 +185,10 @@ static void contents_of_builds(oc_context *c) {
     INVALID(oc_build_create(c, &desc, &b));
     desc.reserved = 0, desc.temp_dir = "";
     INVALID(oc_build_create(c, &desc, &b));
+    CHECK(b == NULL);
+    desc.temp_dir = NULL, desc.threads = 99999;
+    INVALID(oc_build_create(c, &desc, &b));
+    CHECK(strstr(oc_last_error(), "oc_build_desc.threads is 99999"));
     CHECK(b == NULL);
     OK(oc_build_create(c, NULL, &b));
 
@@ -289,6 +293,18 @@ static void contents_of_builds(oc_context *c) {
     INVALID(oc_build_add_triangles(b, &t));
 
     oc_job *job = NULL;
+    static char mesh_file[4096];
+    strcpy(mesh_file, file("input.obj"));
+    FILE *input = fopen(mesh_file, "wb");
+    CHECK(input && fputs("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", input) >= 0 && !fclose(input));
+    oc_build *own;
+    OK(oc_build_create(c, NULL, &own));
+    OK(oc_build_add_file(own, mesh_file));
+    INVALID(oc_build_start(own, mesh_file, &job)); /* it would destroy its input */
+    CHECK(strstr(oc_last_error(), "input.obj"));
+    EXPECT(OC_STATUS_IO, oc_build_start(own, "/dev/null", &job));
+    OK(oc_build_add_file(own, mesh_file)); /* nothing changed */
+    oc_build_release(own);
     INVALID(oc_build_start(b, NULL, &job));
     INVALID(oc_build_start(b, "", &job));
     INVALID(oc_build_start(b, "x", NULL));
@@ -928,14 +944,21 @@ static void frames(oc_context *c, oc_scene *s0) {
     OC_INIT(&accuracy);
     OC_INIT(&pixels);
     memset(&target, 0, sizeof target);
+    oc_camera camera_of_target;
+    OC_INIT(&camera_of_target);
+    camera_of_target.eye[0] = 5;
     INVALID(oc_frame_create(NULL, NULL, &f));
     INVALID(oc_frame_create(c, NULL, NULL));
     GARBAGE_SIZES(oc_frame_desc, oc_frame_create(c, s, &f));
-    desc.width = 65537;
+    INVALID(oc_frame_create(c, &desc, &f)); /* 0 by 0 */
+    CHECK(strstr(oc_last_error(), "0 x 0") && strstr(oc_last_error(), "1 to 65536"));
+    desc.width = 65537, desc.height = 1;
     INVALID(oc_frame_create(c, &desc, &f));
-    desc.width = 0, desc.height = 0xffffffff;
+    desc.width = 1, desc.height = 0;
     INVALID(oc_frame_create(c, &desc, &f));
-    desc.height = 0, desc.buffers = 1u << 31;
+    desc.height = 0xffffffff;
+    INVALID(oc_frame_create(c, &desc, &f));
+    desc.height = 1, desc.buffers = 1u << 31;
     INVALID(oc_frame_create(c, &desc, &f));
     desc.buffers = 0, desc.target_count = 1;
     INVALID(oc_frame_create(c, &desc, &f));
@@ -955,7 +978,17 @@ static void frames(oc_context *c, oc_scene *s0) {
     INVALID(oc_frame_create(c, &desc, &f));
     target.buffer = 0, target.reserved = 1;
     INVALID(oc_frame_create(c, &desc, &f));
-    target.reserved = 0, desc.target_count = UINT64_MAX;
+    target.reserved = 0, desc.buffers = 0;
+    OK(oc_frame_create(c, &desc, &f));
+    OK(oc_frame_request(f, s0, &camera_of_target, NULL));
+    OK(oc_frame_wait(f, OC_FOREVER, NULL));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, 0, &pixels)); /* it has a target, and is not kept for mapping */
+    CHECK(strstr(oc_last_error(), "target") && strstr(oc_last_error(), "buffers"));
+    EXPECT(OC_STATUS_INVALID_STATE, oc_frame_map(f, OC_BUFFER_DEPTH, &pixels));
+    CHECK(!strstr(oc_last_error(), "target") && strstr(oc_last_error(), "buffers"));
+    oc_frame_release(f);
+    f = NULL;
+    desc.target_count = UINT64_MAX;
     INVALID(oc_frame_create(c, &desc, &f));
     desc.target_count = 1, desc.buffers = 1;
     CHECK(f == NULL);

@@ -4,7 +4,7 @@ use super::brute::{Ray64, Tri};
 use super::rays::Ray32;
 use glam::{DVec3, Vec3};
 use outcrop::base::ids::BlockId;
-use outcrop::base::progress::Cancel;
+use outcrop::base::progress::{Cancel, Progress, Stretch};
 use outcrop::math::{PACKET, STREAM, first_rays};
 use outcrop::residency::{Slot, Snapshot};
 use outcrop::simd::Isa;
@@ -48,7 +48,9 @@ impl TestTree {
         let input = TreeInput { triangles: &local, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
         let par = Par { threads: 1 };
         let options = TreeOptions { split_budget, mesh_half_area: 0.0 };
-        let mut built = Chunk::build(input, &options, true, &par, &Cancel::default()).expect("a tree");
+        let (progress, cancel) = (Progress::default(), Cancel::new());
+        let mut built =
+            Chunk::build(input, &options, true, &par, &Stretch::new(&progress, &cancel, (0.0, 1.0))).expect("a tree");
         // Fine blocks refer to no others: where they are is all that they need to know.
         let plans = built.chunk.take_plans();
         let (chunk, upper_tree) =

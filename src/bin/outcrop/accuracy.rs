@@ -15,7 +15,7 @@ use std::time::Instant;
 /// Result of one view at one value of pixels of error.
 pub struct Row {
     view: u8,
-    threads: u16,
+    threads: usize,
     poe: f32,
     rays: usize,
     /// Median speed in millions of rays per second.
@@ -35,7 +35,7 @@ pub struct Row {
 }
 
 impl Row {
-    pub fn at(self, view: u8, threads: u16) -> Self {
+    pub fn at(self, view: u8, threads: usize) -> Self {
         Self { view, threads, ..self }
     }
 }

@@ -30,16 +30,16 @@ pub struct Args {
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = common::size)]
     size: (u32, u32),
     /// The views to measure, numbered 0 to 3
-    #[arg(long, value_name = "0..3", value_delimiter = ',', default_value = "0,2", value_parser = clap::value_parser!(u8).range(0..=3))]
+    #[arg(long, value_name = "0..3", value_delimiter = ',', default_value = "0,2", allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(0..=3))]
     view: Vec<u8>,
     /// Use the four views of this generated model instead of those from the bounds
     #[arg(long, value_name = "NAME", value_parser = generate::NAMES)]
     views: Option<String>,
     /// Numbers of threads
-    #[arg(long, value_name = "N", value_delimiter = ',', default_value = "1,2", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Vec<u16>,
+    #[arg(long, value_name = "N", value_delimiter = ',', default_value = "1,2", allow_negative_numbers = true, value_parser = some_threads)]
+    threads: Vec<usize>,
     /// Runs of each measurement; the result is their median
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 5, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1000))]
     runs: u32,
     /// Instruction set
     #[arg(long, value_parser = ["baseline", "avx2", "avx512"])]
@@ -57,6 +57,11 @@ pub struct Args {
     json: bool,
 }
 
+/// Parses a number of threads of which 0 is none.
+fn some_threads(text: &str) -> Result<usize, String> {
+    if text == "0" { Err("expected 1 or more".into()) } else { common::threads(text) }
+}
+
 fn pixels_of_error(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(poe) if (0.0..=f32::MAX).contains(&poe) => Ok(poe),
@@ -68,7 +73,7 @@ fn pixels_of_error(text: &str) -> Result<f32, String> {
 struct Row {
     view: u8,
     kind: Kind,
-    threads: u16,
+    threads: usize,
     rays: usize,
     hits: usize,
     single: f64,
@@ -87,8 +92,7 @@ pub fn run(args: &Args) -> Outcome {
     let kinds = if args.poe.is_empty() { &args.rays[..] } else { &[] };
     let bar = common::progress_bar((args.threads.len() * args.view.len() * kinds.len().max(1)) as u64);
     for &threads in &args.threads {
-        let options =
-            ContextOptions { threads: threads.into(), memory_budget: args.cache, isa, ..ContextOptions::default() };
+        let options = ContextOptions { threads, memory_budget: args.cache, isa, ..ContextOptions::default() };
         let context = Context::new(options.clone())?;
         let model = Model::open(&context, &args.model)?;
         let all_in_memory = model.load(&cancel)?;
@@ -122,7 +126,7 @@ pub fn run(args: &Args) -> Outcome {
 }
 
 impl Row {
-    fn at(self, view: u8, threads: u16) -> Self {
+    fn at(self, view: u8, threads: usize) -> Self {
         Self { view, threads, ..self }
     }
 }

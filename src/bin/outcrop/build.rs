@@ -1,6 +1,7 @@
 //! `outcrop build`.
 
 use crate::common::{self, Outcome};
+use crate::output::Destination;
 use outcrop::base::progress::Progress;
 use outcrop::build::{BuildOptions, BuildReport, Builder, Splits, Structure};
 use outcrop::import::UpAxis;
@@ -14,7 +15,7 @@ pub struct Args {
     /// Mesh files; all of them become one model
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// The model file to write
+    /// The model file to write: a regular file or a new one, and none of the inputs
     #[arg(short, long, value_name = "OUT.oc")]
     output: PathBuf,
     /// The acceleration structure
@@ -25,7 +26,7 @@ pub struct Args {
     #[arg(long, value_name = "BYTES", default_value = "0", value_parser = common::byte_size)]
     memory: u64,
     /// Number of threads; 0 for all of the machine
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value = "0", allow_negative_numbers = true, value_parser = common::threads)]
     threads: usize,
     /// Folder for temporary files
     #[arg(long, value_name = "FOLDER")]
@@ -34,7 +35,7 @@ pub struct Args {
     #[arg(long, default_value = "auto", value_parser = common::one_of(Splits::ALL, Splits::name))]
     splits: Splits,
     /// Length unit in metres, overriding the files
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true, value_parser = common::positive)]
     unit: Option<f64>,
     /// The axis that points up, overriding the files
     #[arg(long, value_parser = ["x", "y", "z"])]
@@ -46,6 +47,8 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Outcome {
+    let inputs: Vec<_> = args.files.iter().map(PathBuf::as_path).collect();
+    let to = Destination::new(&args.output, "oc", "a model file", &inputs, false)?;
     let cancel = common::cancel_on_ctrl_c();
     let options = BuildOptions {
         structure: args.structure,
@@ -73,7 +76,7 @@ pub fn run(args: &Args) -> Outcome {
         eprintln!("outcrop: note: {note}");
     }
     let file = args.output.display().to_string();
-    common::print(args.json, &as_json(&file, &report), &as_text(&file, &report))
+    to.report(args.json, &as_json(&file, &report), &as_text(&file, &report))
 }
 
 fn seconds(r: &BuildReport) -> f64 {

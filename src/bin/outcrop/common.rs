@@ -4,6 +4,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use outcrop::base::progress::{Cancel, Phase, Progress};
+use outcrop::base::threads;
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
@@ -29,6 +30,7 @@ impl Failure {
     pub fn exit_code(&self) -> u8 {
         match self {
             Failure::Usage(_) | Failure::Failed(outcrop::Error::BadArgument(_)) => 2,
+            Failure::Failed(outcrop::Error::Cancelled) => INTERRUPTED,
             Failure::Failed(_) | Failure::Frame(_) | Failure::Output(_) => 1,
         }
     }
@@ -85,6 +87,9 @@ fn scaled(text: &str, thousand: u64) -> Result<u64, String> {
     if value.is_finite() && (0.0..9e18).contains(&value) { Ok(value as u64) } else { Err("out of range".into()) }
 }
 
+/// Exit code of a process that Ctrl-C has ended: 128 and the number of the signal, as shells count.
+const INTERRUPTED: u8 = 130;
+
 /// Returns a cancel flag that Ctrl-C sets. A second Ctrl-C ends the process at once.
 pub fn cancel_on_ctrl_c() -> Cancel {
     let cancel = Cancel::new();
@@ -92,7 +97,7 @@ pub fn cancel_on_ctrl_c() -> Cancel {
     // If the handler cannot be set, Ctrl-C kills the process: temporary files may stay, nothing else is lost.
     let _ = ctrlc::set_handler(move || {
         if switch.is_cancelled() {
-            std::process::exit(130);
+            std::process::exit(INTERRUPTED.into());
         }
         switch.cancel();
     });
@@ -154,6 +159,23 @@ pub fn each(bytes: u64, triangles: u64) -> String {
 /// Returns a size in bytes as readable text.
 pub fn in_bytes(bytes: u64) -> String {
     indicatif::BinaryBytes(bytes).to_string()
+}
+
+/// Parses a number of threads: 0, for all of the machine, or up to the limit.
+pub fn threads(text: &str) -> Result<usize, String> {
+    let most = threads::most();
+    match text.parse() {
+        Ok(threads) if threads <= most => Ok(threads),
+        _ => Err(format!("expected a number from 0 to {most}, the limit on this machine")),
+    }
+}
+
+/// Parses a finite number above 0.
+pub fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
+        _ => Err("expected a finite number above 0".into()),
+    }
 }
 
 /// Parses three numbers "x,y,z".

@@ -1,6 +1,7 @@
 //! `outcrop generate`.
 
 use crate::common::{self, Outcome};
+use crate::output::Destination;
 use outcrop::import::generate::{self, GenerateOptions};
 use serde_json::json;
 use std::path::PathBuf;
@@ -16,9 +17,9 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value = "1M", value_parser = common::count)]
     triangles: u64,
     /// Seed; different seeds give different models
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
-    /// The file to write
+    /// The file to write: a regular file or a new one. "-": standard output
     #[arg(short, long, value_name = "FILE.ply")]
     output: PathBuf,
     /// Print one JSON object
@@ -28,11 +29,16 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Outcome {
+    let to = Destination::new(&args.output, "ply", "a mesh file", &[], true)?;
     let cancel = common::cancel_on_ctrl_c();
     let options = GenerateOptions { triangles: args.triangles, seed: args.seed };
     let bar = common::progress_bar(args.triangles);
     let start = Instant::now();
-    let out = generate::generate_file(&args.name, &options, &cancel, &args.output, &mut |n| bar.set_position(n));
+    let watch = &mut |n| bar.set_position(n);
+    let out = match &to {
+        Destination::File(path) => generate::generate_file(&args.name, &options, &cancel, path, watch),
+        Destination::Stdout => generate::generate_stream(&args.name, &options, &cancel, std::io::stdout(), watch),
+    };
     bar.finish_and_clear();
     let made = out?;
     let seconds = start.elapsed().as_secs_f64();
@@ -47,5 +53,5 @@ pub fn run(args: &Args) -> Outcome {
         made.vertices,
         made.parts
     );
-    common::print(args.json, &value, &text)
+    to.report(args.json, &value, &text)
 }

@@ -1,7 +1,7 @@
 //! The command line `outcrop`, with one command per file, over the public API of the crate.
 //!
 //! Results go to stdout (exactly one JSON object with `--json`), everything else to stderr. Exit codes: 0 success, 1
-//! failure, 2 wrong usage.
+//! failure, 2 wrong usage, 130 interrupted by Ctrl-C.
 #![forbid(unsafe_code)]
 
 mod accuracy;
@@ -11,6 +11,7 @@ mod check;
 mod common;
 mod generate;
 mod info;
+mod output;
 mod rays;
 mod render;
 mod view;

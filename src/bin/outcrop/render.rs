@@ -1,15 +1,17 @@
 //! `outcrop render`.
 
 use crate::common::{self, Failure, Outcome};
+use crate::output::Destination;
 use crate::view::{self, ViewArgs};
 use glam::DVec3;
 use outcrop::base::error::Error;
+use outcrop::base::output::{Medium, OutputFile, OutputStream};
 use outcrop::base::progress::Cancel;
 use outcrop::render::{Buffer, Frame, FrameOptions, FrameSettings, FrameState, FrameStatus, Mapped};
 use outcrop::scene::{Background, Camera, Context, ContextOptions, Light, LightKind, Model};
 use serde_json::{Value, json};
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -19,7 +21,7 @@ pub struct Args {
     /// The model file
     #[arg(value_name = "MODEL.oc")]
     model: PathBuf,
-    /// The picture to write
+    /// The picture to write: a regular file or a new one, and not the model. "-": standard output
     #[arg(short, long, value_name = "OUT.png")]
     output: PathBuf,
     /// Size of the picture in pixels
@@ -35,16 +37,16 @@ pub struct Args {
     #[arg(long)]
     no_shadows: bool,
     /// Rays per pixel
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    #[arg(long, value_name = "N", default_value_t = 4, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1024))]
     samples: u32,
     /// Pixels of error: the area, in square pixels, that a stand-in may cover; 0 for exact answers
     #[arg(long, value_name = "P", default_value_t = 0.0, allow_negative_numbers = true)]
     poe: f32,
     /// Linear colour of the background, instead of a gradient
-    #[arg(long, value_name = "R,G,B", value_parser = common::point)]
+    #[arg(long, value_name = "R,G,B", value_parser = common::point, allow_hyphen_values = true)]
     background: Option<DVec3>,
     /// Number of threads; 0 for all of the machine
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value = "0", allow_negative_numbers = true, value_parser = common::threads)]
     threads: usize,
     /// Bytes of memory for models, with suffix K, M, G or T; may be less than the models need. 0: three quarters of the
     /// machine's memory
@@ -52,7 +54,13 @@ pub struct Args {
     cache: u64,
     /// When to take the picture: "first", as soon as there is one; "complete", when it cannot get better; "converged",
     /// likewise, but fail if it is coarser than requested; or after a number of seconds
-    #[arg(long, value_name = "first|complete|converged|SECONDS", default_value = "complete", value_parser = until)]
+    #[arg(
+        long,
+        value_name = "first|complete|converged|SECONDS",
+        default_value = "complete",
+        allow_negative_numbers = true,
+        value_parser = until
+    )]
     until: Until,
     /// Print one JSON object
     #[arg(long)]
@@ -121,6 +129,7 @@ fn usual_lights(camera: &Camera) -> Vec<Light> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Outcome {
+    let to = Destination::new(&args.output, "png", "a picture", &[&args.model], true)?;
     let cancel = common::cancel_on_ctrl_c();
     let defaults = ContextOptions { memory_budget: args.cache, ..ContextOptions::default() };
     let threads = if args.threads == 0 { defaults.threads } else { args.threads };
@@ -154,23 +163,32 @@ pub fn run(args: &Args) -> Outcome {
         if args.json {
             let mut value = as_json(args, &camera, seconds, &status);
             value["file"] = Value::Null;
-            common::print(true, &value, "")?;
+            to.report(true, &value, "")?;
         }
-        let (poe, bytes) = (status.effective_poe, common::in_bytes(status.bytes_wanted));
-        let why = match &status.error {
-            Some(error) => format!("{error}; no picture is written"),
-            None => {
-                format!("the budget allows {poe:.2} pixels of error, {bytes} more are needed; no picture is written")
-            }
-        };
-        return Err(Failure::Frame(format!("the picture does not converge: {why}")));
+        let why = why_coarser(&status);
+        return Err(Failure::Frame(format!("the picture does not converge: {why}; no picture is written")));
     }
     let picture = frame.map(Buffer::ColourSrgb8)?;
     frame.cancel();
     let seconds_first = first.get().map_or(status.seconds, |first| first.duration_since(asked).as_secs_f64());
-    write_png(&picture, &args.output)?;
+    write_png(&picture, &to)?;
     let seconds = [seconds_open, seconds_first];
-    common::print(args.json, &as_json(args, &camera, seconds, &status), &as_text(args, seconds, &status))
+    to.report(args.json, &as_json(args, &camera, seconds, &status), &as_text(args, seconds, &status))
+}
+
+/// Returns the reason why a picture is coarser than requested. The missing bytes are known only for the threshold that
+/// the budget allows, and are 0 if all of its data is in memory.
+fn why_coarser(status: &FrameStatus) -> String {
+    match (&status.error, status.bytes_wanted) {
+        (Some(error), _) => error.to_string(),
+        (None, 0) => {
+            format!("the budget allows {:.2} pixels of error; a larger --cache allows less", status.effective_poe)
+        }
+        (None, bytes) => {
+            let (poe, bytes) = (status.effective_poe, common::in_bytes(bytes));
+            format!("the budget allows {poe:.2} pixels of error, {bytes} more are needed")
+        }
+    }
 }
 
 fn as_text(args: &Args, [open, first]: [f64; 2], status: &FrameStatus) -> String {
@@ -234,9 +252,8 @@ fn taken(frame: &Frame, until: Until, cancel: &Cancel) -> Result<FrameStatus, Fa
     }
 }
 
-/// Writes a picture under a temporary name, then renames it.
-fn write_png(picture: &Mapped, path: &Path) -> Outcome {
-    let failed = |doing| move |e| Error::io(path, doing, e);
+/// Writes a picture as PNG.
+fn write_png(picture: &Mapped, to: &Destination) -> Outcome {
     let mut bytes = Cursor::new(Vec::new());
     image::write_buffer_with_format(
         &mut bytes,
@@ -247,14 +264,12 @@ fn write_png(picture: &Mapped, path: &Path) -> Outcome {
         image::ImageFormat::Png,
     )
     .map_err(|e| Error::Internal(format!("PNG: {e}")))?;
-    let name = path.file_name().ok_or_else(|| Failure::Usage("the output has no file name".into()))?;
-    let temporary = path.with_file_name(format!(".{}.{}.tmp", name.to_string_lossy(), std::process::id()));
-    let written = std::fs::write(&temporary, bytes.into_inner()).map_err(failed("write"));
-    let renamed = written.and_then(|()| std::fs::rename(&temporary, path).map_err(failed("rename")));
-    if renamed.is_err() {
-        let _ = std::fs::remove_file(&temporary);
-    }
-    Ok(renamed?)
+    let mut out: Box<dyn Medium> = match to {
+        Destination::File(path) => Box::new(OutputFile::create(path)?),
+        Destination::Stdout => Box::new(OutputStream::new(std::io::stdout())?),
+    };
+    out.append(&bytes.into_inner())?;
+    Ok(out.publish()?)
 }
 
 fn as_json(args: &Args, camera: &Camera, [open, first]: [f64; 2], status: &FrameStatus) -> Value {

@@ -14,6 +14,7 @@ pub struct ViewArgs {
         long,
         value_name = "0..3",
         default_value_t = 0,
+        allow_negative_numbers = true,
         value_parser = clap::value_parser!(u8).range(0..=3),
         conflicts_with = "eye"
     )]
@@ -32,10 +33,16 @@ pub struct ViewArgs {
     #[arg(long, value_name = "AXIS or X,Y,Z", value_parser = upward, allow_hyphen_values = true)]
     up: Option<Up>,
     /// Vertical angle of view in degrees
-    #[arg(long, value_name = "DEGREES")]
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, value_parser = degrees)]
     fov: Option<f64>,
     /// Parallel projection; the height of the picture in the model's units
-    #[arg(long, value_name = "HEIGHT", conflicts_with = "fov")]
+    #[arg(
+        long,
+        value_name = "HEIGHT",
+        conflicts_with = "fov",
+        allow_negative_numbers = true,
+        value_parser = common::positive
+    )]
     ortho: Option<f64>,
 }
 
@@ -53,6 +60,14 @@ fn upward(text: &str) -> Result<Up, String> {
         "z" => Up::Axis(UpAxis::Z),
         _ => Up::Direction(common::point(text).map_err(|e| format!("{e}, or an axis: x, y or z"))?),
     })
+}
+
+/// Parses an angle of view.
+fn degrees(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(degrees) if degrees > 0.0 && degrees < 180.0 => Ok(degrees),
+        _ => Err("expected degrees above 0 and below 180".into()),
+    }
 }
 
 /// Default vertical angle of view in degrees.

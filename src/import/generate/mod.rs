@@ -23,7 +23,9 @@ pub use views::views;
 
 use super::Sink;
 use crate::base::error::{Error, Result};
+use crate::base::output::{OutputFile, OutputStream};
 use crate::base::progress::Cancel;
+use std::io::Write;
 use std::path::Path;
 use target::{SinkTarget, Target};
 
@@ -78,7 +80,8 @@ fn run(name: &str, options: &GenerateOptions, cancel: &Cancel, target: &mut dyn 
 /// Callback that receives the number of triangles written so far, from time to time.
 pub type Watch<'a> = &'a mut dyn FnMut(u64);
 
-/// Generates a model like [`generate`] into the binary PLY file `path`, which appears when it is complete.
+/// Generates a model like [`generate`] into the binary PLY file `path`, which appears when it is complete. `path` must
+/// not exist, or be a regular file.
 pub fn generate_file(
     name: &str,
     options: &GenerateOptions,
@@ -86,5 +89,19 @@ pub fn generate_file(
     path: &Path,
     watch: Watch,
 ) -> Result<Generated> {
-    write_ply(path, watch, |target| run(name, options, cancel, target))
+    let mut out = OutputFile::create(path)?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    write_ply(&mut out, Some(folder), watch, |target| run(name, options, cancel, target))
+}
+
+/// Generates a model like [`generate`], and writes it to `out` as a binary PLY file once it is complete. Until then it
+/// is in the system's folder for temporary files.
+pub fn generate_stream(
+    name: &str,
+    options: &GenerateOptions,
+    cancel: &Cancel,
+    out: impl Write + Send,
+    watch: Watch,
+) -> Result<Generated> {
+    write_ply(&mut OutputStream::new(out)?, None, watch, |target| run(name, options, cancel, target))
 }

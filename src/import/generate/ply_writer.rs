@@ -13,79 +13,89 @@
 //! Indices count from 0 in order. Parents come before their children. Colours are linear. Without the face property
 //! `part`, all faces belong to part 0.
 //!
-//! Vertices go directly to the output file. Faces go to a second file in the same folder, which is appended at the end;
-//! then the counts in the header are set. Both files have temporary names until then and are removed if anything fails.
+//! Vertices go directly to the output. Faces go to a scratch file, which is appended at the end; then the counts in the
+//! header are set.
 
 use super::target::Target;
 use super::{Generated, Watch};
 use crate::base::error::{Error, Result};
+use crate::base::output::Medium;
+use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::import::{MaterialDesc, MaterialKey, PartDesc, PartKey, UpAxis};
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::{BufWriter, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Number of digits reserved for a count.
 const COUNT_DIGITS: usize = 12;
 /// Size in bytes of the buffer of each of the two files.
 const BUFFER: usize = 1 << 20;
 
-/// Writes the model of `produce` to `path`. `watch` receives the number of triangles so far.
+/// Writes the model of `produce` to `out`. `temp`: folder of the scratch file of the faces. `watch` receives the number
+/// of triangles so far.
 ///
-/// Fails with `Io`, with `BadArgument` for more than 2³² vertices, and with the errors of `produce`. `path` is then
-/// unchanged.
+/// Fails with `Io`, with `BadArgument` for more than 2³² vertices, and with the errors of `produce`. Nothing is
+/// published then.
 pub(super) fn write_ply(
-    path: &Path,
+    out: &mut dyn Medium,
+    temp: Option<&Path>,
     watch: Watch,
     produce: impl FnOnce(&mut dyn Target) -> Result<()>,
 ) -> Result<Generated> {
     let mut writer = PlyWriter {
         header: String::from("ply\nformat binary_little_endian 1.0\n"),
-        vertices: Spill::create(path, "vertices")?,
-        faces: Spill::create(path, "faces")?,
+        vertices: Buffered { to: out, bytes: Vec::with_capacity(BUFFER) },
+        faces: Buffered { to: ScratchSpace::new(temp).file()?, bytes: Vec::with_capacity(BUFFER) },
         counts_at: None,
         materials: 0,
         generated: Generated::default(),
         watch,
     };
     produce(&mut writer)?;
-    writer.finish(path)
+    writer.finish()
 }
 
-/// A file under a temporary name, which is removed on drop.
-struct Spill {
-    path: PathBuf,
-    file: BufWriter<File>,
+/// A receiver of bytes that is called with large pieces.
+struct Buffered<W> {
+    to: W,
+    bytes: Vec<u8>,
 }
 
-impl Spill {
-    fn create(beside: &Path, what: &str) -> Result<Self> {
-        let name = beside.file_name().ok_or_else(|| Error::bad_argument("the output has no file name"))?;
-        let name = format!(".{}.{}.{what}.tmp", name.to_string_lossy(), std::process::id());
-        let path = beside.with_file_name(name);
-        let file = File::options().read(true).write(true).create(true).truncate(true).open(&path);
-        let file = file.map_err(|e| Error::io(&path, "create", e))?;
-        Ok(Self { path, file: BufWriter::with_capacity(BUFFER, file) })
+/// Appends bytes at the end.
+trait Append {
+    fn append(&mut self, bytes: &[u8]) -> Result<()>;
+}
+
+impl Append for &mut dyn Medium {
+    fn append(&mut self, bytes: &[u8]) -> Result<()> {
+        Medium::append(*self, bytes)
     }
+}
 
+impl Append for Scratch {
+    fn append(&mut self, bytes: &[u8]) -> Result<()> {
+        Scratch::append(self, bytes).map(drop)
+    }
+}
+
+impl<W: Append> Buffered<W> {
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        self.file.write_all(bytes).map_err(|e| Error::io(&self.path, "write", e))
+        self.bytes.extend_from_slice(bytes);
+        if self.bytes.len() < BUFFER { Ok(()) } else { self.flush() }
     }
-}
 
-impl Drop for Spill {
-    fn drop(&mut self) {
-        // The file was already renamed, or is useless: a failure to remove it is harmless.
-        let _ = std::fs::remove_file(&self.path);
+    fn flush(&mut self) -> Result<()> {
+        let written = self.to.append(&self.bytes);
+        self.bytes.clear();
+        written
     }
 }
 
 struct PlyWriter<'a> {
     header: String,
-    vertices: Spill,
-    faces: Spill,
-    /// File offsets of the two counts, once the header is written.
-    counts_at: Option<[u64; 2]>,
+    vertices: Buffered<&'a mut dyn Medium>,
+    faces: Buffered<Scratch>,
+    /// Places of the two counts in the header, once it is complete and written.
+    counts_at: Option<[usize; 2]>,
     materials: u32,
     generated: Generated,
     watch: Watch<'a>,
@@ -102,15 +112,15 @@ impl PlyWriter<'_> {
     }
 
     /// Writes the header before the first triangle, with space for the counts.
-    fn begin(&mut self) -> Result<[u64; 2]> {
+    fn begin(&mut self) -> Result<[usize; 2]> {
         if let Some(at) = self.counts_at {
             return Ok(at);
         }
-        let mut header = std::mem::take(&mut self.header);
+        let header = &mut self.header;
         header.push_str("element vertex ");
-        let vertices_at = header.len() as u64;
+        let vertices_at = header.len();
         let _ = write!(header, "{:0COUNT_DIGITS$}\n{}element face ", 0, VERTEX_PROPERTIES);
-        let faces_at = header.len() as u64;
+        let faces_at = header.len();
         let _ = write!(header, "{:0COUNT_DIGITS$}\nproperty list uchar uint vertex_indices\n", 0);
         if self.generated.parts > 1 {
             header.push_str("property int part\n");
@@ -145,22 +155,23 @@ impl PlyWriter<'_> {
         self.faces.write(&row[..used])
     }
 
-    fn finish(mut self, path: &Path) -> Result<Generated> {
+    fn finish(mut self) -> Result<Generated> {
         let counts_at = self.begin()?;
-        let failed = |doing| move |e| Error::io(path, doing, e);
-        let faces = &mut self.faces.file;
-        faces.flush().map_err(failed("write"))?;
-        faces.seek(SeekFrom::Start(0)).map_err(failed("seek"))?;
-        let out = &mut self.vertices.file;
-        out.flush().map_err(failed("write"))?;
-        std::io::copy(faces.get_mut(), out.get_mut()).map_err(failed("write"))?;
-        for (at, count) in counts_at.into_iter().zip([self.generated.vertices, self.generated.triangles]) {
-            out.seek(SeekFrom::Start(at)).map_err(failed("seek"))?;
-            write!(out, "{count:0COUNT_DIGITS$}").map_err(failed("write"))?;
+        self.vertices.flush()?;
+        self.faces.flush()?;
+        let (faces, out) = (&self.faces.to, &mut self.vertices.to);
+        let (mut at, mut piece) = (0, vec![0; BUFFER]);
+        while at < faces.len() {
+            let len = (faces.len() - at).min(BUFFER as u64) as usize;
+            faces.read_at(at, &mut piece[..len])?;
+            out.append(&piece[..len])?;
+            at += len as u64;
         }
-        out.flush().map_err(failed("write"))?;
-        out.get_ref().sync_all().map_err(failed("sync"))?;
-        std::fs::rename(&self.vertices.path, path).map_err(failed("rename"))?;
+        for (at, count) in counts_at.into_iter().zip([self.generated.vertices, self.generated.triangles]) {
+            self.header.replace_range(at..at + COUNT_DIGITS, &format!("{count:0COUNT_DIGITS$}"));
+        }
+        out.overwrite_start(self.header.as_bytes())?;
+        out.publish()?;
         Ok(self.generated)
     }
 }

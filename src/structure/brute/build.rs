@@ -5,7 +5,7 @@
 
 use super::layout::{CLASSES, INDEX, LIST, ROW_WORDS, ROWS, TRIANGLES, middle, stored_oriented_slabs};
 use crate::base::error::{Error, Result};
-use crate::base::progress::Cancel;
+use crate::base::progress::Stretch;
 use crate::lod::{Coded, Content, Facet, Fill, OrientedSlabs, SIDES_WORDS, Voxel};
 use crate::math::Bounds;
 use crate::structure::bake::{BakedBlock, Baker, BuiltChunk, Counts, TreeInput, TreeOptions};
@@ -142,7 +142,7 @@ impl Baker for BruteBaker {
         _: &TreeOptions,
         _: bool,
         par: &Par,
-        cancel: &Cancel,
+        stretch: &Stretch,
     ) -> Result<BuiltChunk<Chunk<'a>, Top>> {
         let triangles = input.triangles.len() as u64;
         if triangles > (MOST * TRIANGLES) as u64 {
@@ -150,7 +150,7 @@ impl Baker for BruteBaker {
         }
         let mut lists = Vec::new();
         halve(input, (0..triangles as u32).collect(), &mut lists);
-        cancel.check()?;
+        stretch.check()?;
         let cells = par.map(lists.len(), |i| Cell::of_list(input, &lists[i]));
         let bounds = cells.iter().fold(Bounds::EMPTY, |all, cell| all.union(cell.bounds));
         let counts = Counts { depth: 2, nodes: 1, leaves: lists.len() as u64, references: triangles };

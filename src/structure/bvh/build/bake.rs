@@ -2,7 +2,7 @@
 
 use super::{Chunk, Plan, Top, TreeBlock, UpperTree, root, splits_pay};
 use crate::base::error::Result;
-use crate::base::progress::Cancel;
+use crate::base::progress::Stretch;
 use crate::structure::bake::{BakedBlock, Baker, BuiltChunk, Counts, TreeInput, TreeOptions};
 use crate::structure::bvh::codec;
 use crate::structure::bvh::layout::{LEAF, MAX_TRIANGLES, WIDTH};
@@ -29,9 +29,9 @@ impl Baker for BvhBaker {
         options: &TreeOptions,
         is_whole: bool,
         par: &Par,
-        cancel: &Cancel,
+        stretch: &Stretch,
     ) -> Result<BuiltChunk<Chunk<'a>, Top>> {
-        Chunk::build(input, options, is_whole, par, cancel)
+        Chunk::build(input, options, is_whole, par, stretch)
     }
 
     fn take_plans(chunk: &mut Chunk<'_>) -> Vec<Plan> {

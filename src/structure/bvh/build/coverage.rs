@@ -18,7 +18,7 @@ use super::lines::{Line, Lines, NONE, Region, Set, numbers, put};
 use super::refs::Ref;
 use super::tree::{InnerNode, Piece, Place, Sub};
 use crate::base::error::Result;
-use crate::base::progress::Cancel;
+use crate::base::progress::Stretch;
 use crate::lod::{OrientedSlabs, stop_bits};
 use crate::math::Bounds;
 use crate::simd::{Isa, Op, Simd, dispatch};
@@ -91,8 +91,8 @@ struct Cell<'a> {
 /// In a model of several chunks, cells over more than one chunk and those right below a chunk's root (`join`) transmit
 /// nothing. Near surface is sought in the same chunk only, so fewer cells at its ends become walls.
 /// (`tests/stability/awkward.rs`: closed meshes of several chunks stay closed all the same.)
-pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par: &Par, cancel: &Cancel) -> Result<()> {
-    mark_with(BESIDE, pieces, input, refs, isa, par, cancel)
+pub fn mark(pieces: &mut [Piece], input: TreeInput, refs: &[Ref], isa: Isa, par: &Par, work: &Stretch) -> Result<()> {
+    mark_with(BESIDE, pieces, input, refs, isa, par, work)
 }
 
 fn mark_with(
@@ -102,13 +102,14 @@ fn mark_with(
     refs: &[Ref],
     isa: Isa,
     par: &Par,
-    cancel: &Cancel,
+    work: &Stretch,
 ) -> Result<()> {
     let scene = Scene { pieces, input, refs, beside };
     let (mut treelets, mut large) = (vec![], vec![]);
     inners(pieces).for_each(|inner| gather_treelets(inner, &mut treelets));
+    let below = work.part(0.0, 0.8, treelets.len() as u64);
     let known = par.map(treelets.len(), |i| {
-        cancel.check()?;
+        below.begin()?;
         Ok(dispatch(isa, OfTreelet { scene: &scene, treelet: treelets[i] }))
     });
     let mut known = known.into_iter().collect::<Result<Vec<_>>>()?;
@@ -118,12 +119,12 @@ fn mark_with(
     inners(pieces).for_each(|inner| {
         gather_large(inner, None, &mut next, &mut large);
     });
+    let above = work.part(0.8, 1.0, large.len() as u64);
     let codes = par.map(large.len(), |i| {
-        cancel.check()?;
+        above.begin()?;
         Ok(large[i].map_or(0, |(cell, above)| dispatch(isa, OfLarge { scene: &scene, cell, above })))
     });
-    let codes = codes.into_iter().collect::<Result<Vec<_>>>()?;
-    let (mut known, mut codes) = (known.into_iter(), codes.into_iter());
+    let (mut known, mut codes) = (known.into_iter(), codes.into_iter().collect::<Result<Vec<_>>>()?.into_iter());
     for piece in pieces {
         if let Sub::InnerNode(inner) = &mut piece.sub {
             apply(inner, &mut known, &mut codes);

@@ -2,6 +2,7 @@
 
 use super::super::{refs, tree};
 use super::*;
+use crate::base::progress::{Cancel, Progress};
 use glam::{DVec3, Vec3};
 
 struct Random(u64);
@@ -39,9 +40,10 @@ fn marked(
     let input = TreeInput { triangles, parts: &parts, prims: &prims, colours: &[], part_colours: &[] };
     let par = Par { threads };
     let mut refs = refs::make(triangles, 0.5, &par);
-    let built = tree::build(input, &mut refs, 0.0, &par, &Cancel::new()).expect("a tree");
+    let (progress, free) = (Progress::default(), Cancel::new());
+    let built = tree::build(input, &mut refs, 0.0, &par, &Stretch::new(&progress, &free, (0.0, 1.0))).expect("a tree");
     let mut pieces = vec![InnerNode::over(built.children, tree::Place::Above)];
-    mark_with(beside, &mut pieces, input, &refs, isa, &par, cancel)?;
+    mark_with(beside, &mut pieces, input, &refs, isa, &par, &Stretch::new(&progress, cancel, (0.0, 1.0)))?;
     Ok((pieces, refs))
 }
 

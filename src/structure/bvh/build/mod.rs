@@ -33,7 +33,7 @@ pub use encode::TreeBlock;
 pub use spatial::splits_pay;
 
 use crate::base::error::Result;
-use crate::base::progress::Cancel;
+use crate::base::progress::Stretch;
 use crate::simd::Isa;
 use crate::structure::bake::{BuiltChunk, Counts, TreeInput, TreeOptions};
 use crate::structure::bvh::layout::Child;
@@ -66,12 +66,13 @@ impl<'a> Chunk<'a> {
         options: &TreeOptions,
         is_whole: bool,
         par: &Par,
-        cancel: &Cancel,
+        stretch: &Stretch,
     ) -> Result<BuiltChunk<Chunk<'a>, Top>> {
         let mut refs = refs::make(input.triangles, options.split_budget, par);
-        cancel.check()?;
+        stretch.check()?;
+        let (tree, marks) = (stretch.part(0.0, 0.5, input.triangles.len() as u64), stretch.part(0.5, 1.0, 1));
         let tree::Built { children, bounds, counts } =
-            tree::build(input, &mut refs, options.mesh_half_area, par, cancel)?;
+            tree::build(input, &mut refs, options.mesh_half_area, par, &tree)?;
         let done = |plans, top, refs| BuiltChunk { chunk: Chunk { input, refs, plans }, top, bounds, counts };
         let mut pieces = children;
         let mut below = Counts { depth: counts.depth - 1, nodes: counts.nodes - 1, ..counts };
@@ -79,7 +80,7 @@ impl<'a> Chunk<'a> {
         // which case it is a fine unit.
         if is_whole || pieces.iter().any(|p| matches!(p.sub, Sub::Leaf { .. })) {
             let mut root = [InnerNode::over(pieces, Place::Above)];
-            coverage::mark(&mut root, input, &refs, Isa::best(), par, cancel)?;
+            coverage::mark(&mut root, input, &refs, Isa::best(), par, &marks)?;
             let [Piece { cell, voxel, content, sub, place }] = root;
             let sub = match sub {
                 Sub::InnerNode(root) if is_whole => match cluster::whole(root, input, &refs) {
@@ -91,7 +92,7 @@ impl<'a> Chunk<'a> {
             pieces = vec![Piece { cell, voxel, content, sub, place }];
             below = counts;
         } else {
-            coverage::mark(&mut pieces, input, &refs, Isa::best(), par, cancel)?;
+            coverage::mark(&mut pieces, input, &refs, Isa::best(), par, &marks)?;
         }
         let (plans, units) = cluster::fine(pieces.iter_mut().map(|p| &mut p.sub), input, &refs, par);
         let top = Top { pieces, units, fine_blocks: plans.len() as u32, counts: below };

@@ -9,7 +9,7 @@ use super::sah::{self, Extents, Split};
 use super::small::{self, SMALL};
 use super::spatial::{self, SpatialSplit};
 use crate::base::error::Result;
-use crate::base::progress::Cancel;
+use crate::base::progress::Stretch;
 use crate::lod::{Coded, Content, Facet, Fill, SIDES_WORDS, VOXEL_WORDS, Voxel};
 use crate::math::Bounds;
 use crate::structure::bake::{Counts, TreeInput};
@@ -168,7 +168,7 @@ pub struct Builder<'a> {
     pub input: TreeInput<'a>,
     /// Threads.
     pub par: &'a Par,
-    cancel: &'a Cancel,
+    stretch: &'a Stretch<'a>,
     mesh_half_area: f32,
 }
 
@@ -185,12 +185,13 @@ pub struct Range<'r> {
 }
 
 /// Builds the tree over the references of `room`: one for each triangle, followed by free room for copies (without it
-/// there are no spatial splits). The references are reordered: leaves are ranges of them.
-pub fn build(input: TreeInput, room: &mut [Ref], mesh_half_area: f32, par: &Par, cancel: &Cancel) -> Result<Built> {
+/// there are no spatial splits). The references are reordered: leaves are ranges of them. `stretch` has a unit for each
+/// reference.
+pub fn build(input: TreeInput, room: &mut [Ref], mesh_half_area: f32, par: &Par, stretch: &Stretch) -> Result<Built> {
     let len = input.triangles.len();
     let extents = Extents::of(&room[..len], par);
     let bounds = extents.bounds();
-    let builder = Builder { input, par, cancel, mesh_half_area: bounds.half_area().max(mesh_half_area) };
+    let builder = Builder { input, par, stretch, mesh_half_area: bounds.half_area().max(mesh_half_area) };
     let (children, counts) = builder.children(Range { room, len, first: 0, extents }, 1)?;
     Ok(Built { children, bounds, counts })
 }
@@ -237,9 +238,12 @@ impl Builder<'_> {
 
     /// Returns the children of a node over `range`, and the counts of that node.
     fn children(&self, range: Range, depth: u32) -> Result<(Vec<Piece>, Counts)> {
-        self.cancel.check()?;
+        self.stretch.check()?;
         if range.len <= SMALL {
-            return Ok(small::children(self, range));
+            let len = range.len as u64;
+            let done = small::children(self, range);
+            self.stretch.did(len);
+            return Ok(done);
         }
         let ranges = self.split_up(range, depth);
         let done = self.par.map_items(ranges, |r| self.inner(r, depth + 1));

@@ -1,0 +1,117 @@
+//! Outputs of the commands: nothing is overwritten that was not meant, and `-` is standard output.
+#![cfg(unix)]
+
+use super::{fails, json, names, outcrop};
+use std::fs;
+use std::os::unix::fs::{FileTypeExt, symlink};
+use std::path::Path;
+use std::process::Command;
+
+const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+
+/// A folder with a mesh and its model.
+fn with_model() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("a.obj"), OBJ).unwrap();
+    json(dir.path(), &["build", "a.obj", "-o", "m.oc"]);
+    dir
+}
+
+/// Each command with an output, without the name of the output.
+fn writers() -> [(&'static str, Vec<&'static str>); 3] {
+    [
+        ("oc", vec!["build", "a.obj", "-o"]),
+        ("png", vec!["render", "m.oc", "--size", "8x8", "--samples", "1", "-o"]),
+        ("ply", vec!["generate", "mandelbulb", "--triangles", "1K", "-o"]),
+    ]
+}
+
+#[test]
+fn no_command_overwrites_its_input_by_any_name() {
+    let dir = with_model();
+    let dir = dir.path();
+    let model = fs::read(dir.join("m.oc")).unwrap();
+    fs::write(dir.join("b.obj"), OBJ).unwrap();
+    for (link, to) in [("soft.png", "m.oc"), ("soft.oc", "b.obj")] {
+        symlink(to, dir.join(link)).unwrap();
+    }
+    fs::hard_link(dir.join("m.oc"), dir.join("hard.png")).unwrap();
+    fs::hard_link(dir.join("a.obj"), dir.join("hard.oc")).unwrap();
+    let before = names(dir);
+    for (args, why) in [
+        (&["build", "a.obj", "-o", "a.obj"][..], "must end with .oc"),
+        (&["build", "a.obj", "b.obj", "-o", "soft.oc"], "same file as the input b.obj"),
+        (&["build", "b.obj", "a.obj", "-o", "hard.oc"], "same file as the input a.obj"),
+        (&["render", "m.oc", "-o", "m.oc"], "must end with .png"),
+        (&["render", "m.oc", "-o", "soft.png"], "same file as the input m.oc"),
+        (&["render", "m.oc", "-o", "hard.png"], "same file as the input m.oc"),
+    ] {
+        fails(dir, args, 2, why);
+    }
+    assert_eq!(names(dir), before);
+    assert_eq!(fs::read(dir.join("m.oc")).unwrap(), model);
+    assert_eq!(fs::read_to_string(dir.join("a.obj")).unwrap(), OBJ);
+    assert_eq!(fs::read_to_string(dir.join("b.obj")).unwrap(), OBJ);
+}
+
+#[test]
+fn links_stay_and_pipes_devices_and_folders_are_refused() {
+    let dir = with_model();
+    let dir = dir.path();
+    fs::create_dir(dir.join("elsewhere")).unwrap();
+    for (suffix, command) in writers() {
+        let name = |stem: &str| format!("{stem}.{suffix}");
+        let run = |to: &str| outcrop(dir, &[&command[..], &[to]].concat());
+        let refused = |to: &str, why: &str| fails(dir, &[&command[..], &[to]].concat(), 1, why);
+        symlink(format!("elsewhere/real.{suffix}"), dir.join(name("link"))).unwrap();
+        refused(&name("link"), "leads to no file");
+        fs::write(dir.join("elsewhere").join(name("real")), "old").unwrap();
+        assert!(run(&name("link")).status.success(), "{suffix}");
+        assert!(fs::symlink_metadata(dir.join(name("link"))).unwrap().is_symlink());
+        assert!(fs::metadata(dir.join("elsewhere").join(name("real"))).unwrap().len() > 100, "{suffix}");
+        assert!(Command::new("mkfifo").arg(dir.join(name("pipe"))).status().unwrap().success());
+        refused(&name("pipe"), "not a regular file");
+        assert!(fs::symlink_metadata(dir.join(name("pipe"))).unwrap().file_type().is_fifo());
+        symlink("/dev/null", dir.join(name("null"))).unwrap();
+        symlink("/dev/stdout", dir.join(name("stdout"))).unwrap();
+        fs::create_dir(dir.join(name("folder"))).unwrap();
+        refused(&name("null"), "not a regular file");
+        refused(&name("stdout"), "not a regular file");
+        refused(&name("folder"), "is a folder");
+        refused(&format!("none/{}", name("new")), "none");
+    }
+    assert!(!fs::metadata("/dev/null").unwrap().is_file());
+    let hidden: Vec<_> = names(dir).into_iter().filter(|name| name.starts_with('.')).collect();
+    assert!(hidden.is_empty(), "{hidden:?}");
+}
+
+#[test]
+fn the_suffix_says_the_format() {
+    let dir = with_model();
+    for (suffix, command) in writers() {
+        for name in ["p.jpg", "p", "p.png.bak", "/dev/stdout"] {
+            fails(dir.path(), &[&command[..], &[name]].concat(), 2, &format!("must end with .{suffix}"));
+        }
+        let upper = format!("UPPER.{}", suffix.to_uppercase());
+        assert!(outcrop(dir.path(), &[&command[..], &[upper.as_str()]].concat()).status.success());
+    }
+    assert_eq!(names(dir.path()), ["UPPER.OC", "UPPER.PLY", "UPPER.PNG", "a.obj", "m.oc"]);
+}
+
+#[test]
+fn a_dash_is_standard_output() {
+    let dir = with_model();
+    let dir = dir.path();
+    let [build, render, generate] = writers().map(|(_, command)| command);
+    fails(dir, &[&build[..], &["-"]].concat(), 2, "cannot be written to standard output");
+    for (command, file) in [(render, "same.png"), (generate, "same.ply")] {
+        let out = outcrop(dir, &[&command[..], &["-", "--json"]].concat());
+        assert!(out.status.success());
+        assert!(outcrop(dir, &[&command[..], &[file]].concat()).status.success());
+        assert!(out.stdout == fs::read(dir.join(file)).unwrap(), "{file}");
+        let report: serde_json::Value = serde_json::from_slice(&out.stderr).unwrap();
+        assert_eq!(report["file"], "-");
+    }
+    assert!(!Path::new(&dir.join("-")).exists());
+    assert_eq!(names(dir), ["a.obj", "m.oc", "same.ply", "same.png"]);
+}
