@@ -1,7 +1,8 @@
 //! The origin of a mesh, to which its single-precision positions are relative, and the error of rounding to these.
 //!
 //! Each tree has one origin. With an origin for each block, a vertex that two blocks share would be rounded to
-//! different points, and there would be cracks between them. (`split` keeps vertices that two trees share in one place.)
+//! different points, and there would be cracks between them. (`split` keeps vertices that two trees share in one
+//! place.)
 
 use super::batch::{Batch, Extent};
 use super::spool::{Spool, Taken};
@@ -94,8 +95,8 @@ struct Target<'a> {
     colours: &'a mut [[u8; 4]],
 }
 
-/// Rounds a mesh to single precision relative to its origin. Consumes the spool batch by batch. Fails with `Cancelled`, or with `Io` if a part of the
-/// mesh is in a scratch file.
+/// Rounds a mesh to single precision relative to its origin. Consumes the spool batch by batch. Fails with `Cancelled`,
+/// or with `Io` if a part of the mesh is in a scratch file.
 pub fn place(spool: Spool, scratch: Option<&Scratch>, par: &Par, cancel: &Cancel) -> Result<Placed> {
     let (origin, has_colours) = (spool.origin, spool.has_colours);
     gather(spool.take(), scratch, origin, has_colours, par, cancel)

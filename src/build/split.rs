@@ -28,8 +28,8 @@ const MOST_TREES: usize = 256;
 /// Approximate number of triangles that decide the origin.
 const SAMPLES: u64 = 4096;
 
-/// Bits of [`Vertices`] for each triangle: 32 to 64 for a vertex, of which four are set. One in 5,000 vertices, or fewer,
-/// is taken for another.
+/// Bits of [`Vertices`] for each triangle: 32 to 64 for a vertex, of which four are set. One in 5,000 vertices, or
+/// fewer, is taken for another.
 const BITS: u64 = 192;
 
 /// The passes' means.
@@ -61,7 +61,7 @@ impl Found {
         if unresolved > 0 {
             notes.push(format!(
                 "{unresolved} triangles are so small and so far apart that rounding moves their corners by more than \
-                 1/2048 of their size"
+                 1/2048 of their size, or drops them as triangles without area"
             ));
         }
         notes

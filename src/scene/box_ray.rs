@@ -70,8 +70,10 @@ impl PacketBoxRays {
         for (i, ray) in rays.iter().enumerate().take(PACKET) {
             self.t_min[i] = ray.t_min;
             for axis in 0..3 {
-                let rest = rest.map_or(0.0, |rest| f64::from(rest[i][axis]));
-                (self.org[axis][i], self.inv[axis][i]) = (ray.origin[axis], f64::from(ray.dir[axis]) + rest);
+                let dir = f64::from(ray.dir[axis]);
+                // A sum would lose the sign of a zero.
+                let dir = rest.map_or(dir, |rest| dir + f64::from(rest[i][axis]));
+                (self.org[axis][i], self.inv[axis][i]) = (ray.origin[axis], dir);
             }
         }
         // This loop compiles to vector code.

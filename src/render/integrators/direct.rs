@@ -370,8 +370,8 @@ impl Direct<'_> {
         (hits, scratch.group.have_transmitted())
     }
 
-    /// Returns the surface of a hit; `None` if it goes through the ray's origin (see [`AT_EYE`]). If `seen` is given, stores the requested data of the first surface in it. `ahead`:
-    /// distance from the eye at which the ray begins.
+    /// Returns the surface of a hit; `None` if it goes through the ray's origin (see [`AT_EYE`]). If `seen` is given,
+    /// stores the requested data of the first surface in it. `ahead`: distance from the eye at which the ray begins.
     fn surface(
         &self,
         ray: &Ray,
