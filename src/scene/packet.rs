@@ -144,7 +144,7 @@ impl SceneView<'_> {
         let mut local = LocalRay::NONE;
         for i in bits(mask) {
             if rays[i].mask & seen_by != 0
-                && let rest = walk.rest.map_or(Vec3::ZERO, |rest| rest[i])
+                && let rest = walk.rest.as_ref().map_or(Vec3::ZERO, |rest| rest[i])
                 && let Some((shift, scale)) =
                     p.local_of(&rays[i], rest, walk.best[i].t, self.widen_interval, &mut local)
             {

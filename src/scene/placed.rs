@@ -336,7 +336,9 @@ impl Placed {
             local.cone = LocalRay::cone_of(ray.cone, ray.dir);
             return Some((0.0, 1.0));
         }
-        let dir = ray.dir.as_dvec3() + rest.as_dvec3();
+        // A sum would lose the signs of zeros.
+        let dir = ray.dir.as_dvec3();
+        let dir = if rest == Vec3::ZERO { dir } else { dir + rest.as_dvec3() };
         let Local { ray, shift, scale } =
             if ray.can_hit() { self.moved(ray, dir, best, beyond)? } else { return None };
         *local = ray;

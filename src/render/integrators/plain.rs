@@ -7,7 +7,8 @@
 
 use super::direct::{AT_EYE, Asks, DOWN, Direct, Pixels, Scratch, rows_of};
 use super::first::First;
-use super::shading::{Row, Vectors};
+use super::shading::{Row, Shading, Vectors};
+use crate::math::DBounds;
 use crate::math::bits;
 use crate::math::{BUNDLE, PACKET};
 use crate::query::NONE;
@@ -221,7 +222,7 @@ impl<'v> Direct<'v> {
             shading.facing = *seen.stand_ins().along();
         }
         shading.begin(self.isa(), &rows.dir, [met, seen.cells()], self.ambient);
-        if self.meets_eye(placed, met & !seen.cells(), group.walk().distances(), &shading.facing) {
+        if self.may_meet_eye(placed, met & !seen.cells(), group.walk().distances(), shading) {
             return Outcome::Met(met);
         }
         shading.add_headlights(self.isa(), &self.view.scene.lights);
@@ -233,15 +234,13 @@ impl<'v> Direct<'v> {
         Outcome::Done
     }
 
-    /// True if the triangle that one of `rays` hits, at distance `t` and with this cosine, may go through the eye.
-    fn meets_eye(&self, placed: u32, rays: u32, t: &Row<f32>, cosine: &Row<f32>) -> bool {
+    /// True if the plane of a triangle that one of `rays` hits, at distance `t`, may go through the eye.
+    fn may_meet_eye(&self, placed: u32, rays: u32, t: &Row<f32>, shading: &Shading) -> bool {
+        let p = &self.view.scene.placement.placed[placed as usize];
         // Coordinates are within the tree's extent, or a few of it; and the cosines have roundings of their own.
-        let most = (4.0 * AT_EYE * self.view.scene.placement.placed[placed as usize].extent()) as f32;
-        let mut near = 0;
-        for i in 0..PACKET {
-            near |= u32::from((t[i] * cosine[i]).abs() <= most) << i;
-        }
-        near & rays != 0
+        let most = 4.0 * AT_EYE * p.extent();
+        let eye = DBounds { min: self.rays.eye() - most, max: self.rays.eye() + most };
+        p.bounds.overlaps(&eye) && shading.least_height(self.isa(), rays, t) <= most as f32
     }
 
     /// Stores the first surface of each pixel.

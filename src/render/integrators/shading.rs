@@ -100,6 +100,11 @@ impl Shading {
         dispatch(isa, Headlights { all: self, lights });
     }
 
+    /// Returns the least distance of the eye from the planes of the triangles that `rays` hit at distance `t`.
+    pub fn least_height(&self, isa: Isa, rays: u32, t: &Row<f32>) -> f32 {
+        dispatch(isa, LeastHeight { facing: &self.facing, rays, t })
+    }
+
     /// Returns the light from the hit of ray `i`.
     pub fn light(&self, i: usize) -> Vec3 {
         column(&self.sum, i)
@@ -194,6 +199,26 @@ impl Op for Headlights<'_> {
                 (sum[0][i], sum[1][i], sum[2][i]) = (sum[0][i] + add.x, sum[1][i] + add.y, sum[2][i] + add.z);
             }
         }
+    }
+}
+
+struct LeastHeight<'a> {
+    facing: &'a Row<f32>,
+    rays: u32,
+    t: &'a Row<f32>,
+}
+
+impl Op for LeastHeight<'_> {
+    type Out = f32;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) -> f32 {
+        let mut height = [0.0; PACKET];
+        for i in 0..PACKET {
+            let of_hit = (self.t[i] * self.facing[i]).abs();
+            height[i] = if self.rays >> i & 1 == 1 { of_hit } else { f32::INFINITY };
+        }
+        height.into_iter().fold(f32::INFINITY, f32::min)
     }
 }
 
