@@ -284,3 +284,15 @@ fn a_build_says_what_it_could_not_resolve() {
     assert_eq!(many.triangles_kept + many.degenerate, 300);
     assert!(many.triangles_kept >= 256, "{}", many.triangles_kept);
 }
+
+/// Tiny triangles on a sphere of larger ones, as scans have them, do not divide it.
+#[test]
+fn small_triangles_among_large_ones_stay() {
+    let sphere: Vec<Tri> = scenes::bumpy_sphere(100, 150, 3).into_iter().map(|t| t.map(|p| p / 3.0)).collect();
+    let tiny = sphere.iter().step_by(100).map(|t| stray(DVec3::ZERO).map(|p| t[0] + p * 1e-7));
+    let tris: Vec<Tri> = sphere.iter().copied().chain(tiny).collect();
+    let report = built::build_with(built::options(), |builder| push(builder, &tris)).1;
+    assert_eq!((report.trees, report.notes.len()), (1, 1), "{:?}", report.notes);
+    assert_eq!(report.triangles_kept + report.degenerate, tris.len() as u64);
+    assert!(report.triangles_kept >= sphere.len() as u64);
+}

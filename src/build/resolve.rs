@@ -54,11 +54,12 @@ pub fn is_resolved(corners: &[DVec3; 3], origin: DVec3) -> bool {
 /// Corners of triangles that are evenly distributed over the input.
 pub type Samples = Vec<[DVec3; 3]>;
 
-/// Adds one in `step` triangles of `batch`, chosen by a hash of their primitive ids, except those that cannot be
-/// stored.
-pub fn sample(batch: &Batch, step: u32, samples: &mut Samples) {
+/// Adds one in `step` of the triangles of `batch` that `is_asked_for`, chosen by a hash of their primitive ids, except
+/// those that cannot be stored.
+pub fn sample(batch: &Batch, step: u32, is_asked_for: impl Fn(&[DVec3; 3]) -> bool, samples: &mut Samples) {
     let picked = (0..batch.prims.len()).filter(|i| batch.prims[*i].wrapping_mul(0x9e37_79b1).is_multiple_of(step));
-    samples.extend(picked.map(|i| batch.positions.triangle(i)).filter(|t| !origin::is_too_large(t)));
+    let picked = picked.map(|i| batch.positions.triangle(i));
+    samples.extend(picked.filter(|t| !origin::is_too_large(t) && is_asked_for(t)));
 }
 
 /// Number of bits of the samples' sizes, over all samples, that are lost beyond those that [`is_resolved`] allows.

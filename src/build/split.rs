@@ -1,7 +1,8 @@
 //! The division of a mesh into several trees, each with an origin of its own, where single precision relative to one
 //! origin would lose the shape of triangles: a bolt on one side of a plain, or a triangle that was left behind at zero.
 //!
-//! A tree takes all triangles that its origin resolves (`resolve`); the others go to further trees in the same way.
+//! Details that the origin of a tree does not resolve (`resolve`) go to a further tree, in the same way again. Single
+//! small triangles among larger ones stay.
 //! Nothing cracks between trees: around each point of a surface, one tree has all triangles. Resolved triangles at a
 //! vertex of an unresolved one are in both trees. There, their other vertices have the positions of the first tree.
 //! (Rounding moves these by no more than the first tree's triangles allow.)
@@ -25,8 +26,14 @@ use glam::{DAffine3, DVec3};
 /// Greatest number of trees of a mesh. The last one takes all triangles that are left.
 const MOST_TREES: usize = 256;
 
-/// Approximate number of triangles that decide the origin.
+/// Approximate number of triangles that decide an origin.
 const SAMPLES: u64 = 4096;
+
+/// Mean number of bits that the samples of a mesh must lose for its origin to leave the middle (`resolve::lost`).
+const LEAST_LOST: f64 = 0.25;
+
+/// Details get a tree of their own if at least one in so many triangles among them is too small for the other origin.
+const FEW: u64 = 4;
 
 /// Bits of [`Vertices`] for each triangle: 32 to 64 for a vertex, of which four are set. One in 5,000 vertices, or
 /// fewer, is taken for another.
@@ -68,11 +75,31 @@ impl Found {
     }
 }
 
-/// Triangles that an origin does not resolve.
-struct Unresolved {
-    count: u64,
+/// A place with details that the origin of a mesh does not resolve.
+struct Place {
+    /// Number of triangles of the mesh that the origin does not resolve.
+    unresolved: u64,
+    /// Number of these that are in the bounds, and go to a tree of their own; 0 if there is no such place.
+    moved: u64,
     bounds: DBounds,
-    samples: Samples,
+}
+
+impl Place {
+    const NONE: Self = Self { unresolved: 0, moved: 0, bounds: DBounds::EMPTY };
+
+    /// True if a triangle goes to another tree than the one with this origin.
+    fn moves(&self, corners: &[DVec3; 3], origin: DVec3) -> bool {
+        self.bounds.contains(&DBounds::of(corners)) && !resolve::is_resolved(corners, origin)
+    }
+}
+
+/// True if every position is exact relative to the mesh's origin.
+fn is_exact(mesh: &Spool) -> bool {
+    mesh.is_single && mesh.origin == DVec3::ZERO
+}
+
+fn triangles(batch: &Batch) -> impl Iterator<Item = [DVec3; 3]> {
+    (0..batch.positions.len()).map(|i| batch.positions.triangle(i))
 }
 
 impl Splitter<'_> {
@@ -98,33 +125,47 @@ impl Splitter<'_> {
     }
 
     /// Divides a mesh into one tree or several. Also returns the number of triangles that their trees do not resolve.
-    fn divide(&self, mesh: Spool) -> Result<(Vec<Spool>, u64)> {
-        let (mut trees, mut rest) = (Vec::new(), mesh);
-        loop {
-            let middle = origin::choose(&rest.bounds, rest.is_single);
-            rest.origin = middle;
-            // Positions in single precision are exact relative to zero.
-            if rest.is_single && middle == DVec3::ZERO {
-                trees.push(rest);
-                return Ok((trees, 0));
+    fn divide(&self, mut mesh: Spool) -> Result<(Vec<Spool>, u64)> {
+        let (mut trees, mut unresolved) = (Vec::new(), 0);
+        self.choose(&mut mesh)?;
+        let mut todo = vec![mesh];
+        while let Some(mesh) = todo.pop() {
+            let place = if trees.len() + todo.len() + 1 < MOST_TREES { self.scan(&mesh)? } else { self.count(&mesh)? };
+            if place.moved == 0 || place.moved == mesh.triangles {
+                unresolved += place.unresolved;
+                trees.push(mesh);
+                continue;
             }
-            let mut found = self.scan(&rest)?;
-            rest.origin = resolve::best(&found.samples, middle);
-            if rest.origin != middle {
-                found = self.scan(&rest)?;
-            }
-            if found.count == 0 || found.count == rest.triangles || trees.len() + 1 == MOST_TREES {
-                trees.push(rest);
-                return Ok((trees, found.count));
-            }
-            let [taken, left] = self.part(&rest, &found)?;
-            if taken.triangles == 0 {
-                trees.push(rest);
-                return Ok((trees, found.count));
-            }
-            trees.push(taken);
-            rest = left;
+            let [taken, mut left] = self.part(&mesh, &place)?;
+            self.choose(&mut left)?;
+            // The tree that goes on with this origin comes first.
+            todo.extend([left, taken]);
         }
+        Ok((trees, unresolved))
+    }
+
+    /// Chooses the origin of a mesh.
+    fn choose(&self, mesh: &mut Spool) -> Result<()> {
+        mesh.origin = origin::choose(&mesh.bounds, mesh.is_single);
+        if is_exact(mesh) {
+            return Ok(());
+        }
+        let step = (mesh.triangles / SAMPLES).max(1) as u32;
+        let mut samples = Samples::new();
+        let sample = |batch: &Batch| {
+            let mut here = Samples::new();
+            resolve::sample(batch, step, |_| true, &mut here);
+            here
+        };
+        self.each(mesh, sample, |here| {
+            samples.extend(here);
+            Ok(())
+        })?;
+        // A few small triangles do not move the origin.
+        if resolve::lost(&samples, mesh.origin) > LEAST_LOST * samples.len() as f64 {
+            mesh.origin = resolve::best(&samples, mesh.origin);
+        }
+        Ok(())
     }
 
     /// Calls `f` for all batches of a mesh in parallel, and `take` with the results in order.
@@ -144,40 +185,71 @@ impl Splitter<'_> {
         Ok(())
     }
 
-    /// Finds the triangles that the mesh's origin does not resolve.
-    fn scan(&self, mesh: &Spool) -> Result<Unresolved> {
-        let step = (mesh.triangles / SAMPLES).max(1) as u32;
-        let mut all = Unresolved { count: 0, bounds: DBounds::EMPTY, samples: Samples::new() };
-        let scan = |batch: &Batch| {
-            let mut here = Unresolved { count: 0, bounds: DBounds::EMPTY, samples: Samples::new() };
-            resolve::sample(batch, step, &mut here.samples);
-            for corners in (0..batch.positions.len()).map(|i| batch.positions.triangle(i)) {
-                if !resolve::is_resolved(&corners, mesh.origin) {
-                    here.count += 1;
-                    here.bounds = corners.iter().fold(here.bounds, |b, &c| b.with(c));
-                }
-            }
-            here
-        };
-        self.each(mesh, scan, |here| {
-            all.count += here.count;
-            all.bounds = all.bounds.union(here.bounds);
-            all.samples.extend(here.samples);
-            Ok(())
-        })?;
+    /// Counts the triangles that the mesh's origin does not resolve.
+    fn count(&self, mesh: &Spool) -> Result<Place> {
+        let mut all = Place::NONE;
+        if !is_exact(mesh) {
+            let count = |batch: &Batch| triangles(batch).filter(|t| !resolve::is_resolved(t, mesh.origin)).count();
+            self.each(mesh, count, |count| {
+                all.unresolved += count as u64;
+                Ok(())
+            })?;
+        }
         Ok(all)
     }
 
-    /// Divides a mesh into the triangles that stay with its origin, and the others with those around them.
-    fn part(&self, mesh: &Spool, found: &Unresolved) -> Result<[Spool; 2]> {
+    /// Finds a place with triangles that the mesh's origin does not resolve, but another one does. Small triangles
+    /// among many larger ones, as scans and CAD exports have them, are no such place.
+    fn scan(&self, mesh: &Spool) -> Result<Place> {
         let origin = mesh.origin;
-        let mut vertices = Vertices::of(found.count, self.shares)?;
-        let unresolved = |batch: &Batch| -> Vec<u64> {
-            let all = (0..batch.positions.len()).map(|i| batch.positions.triangle(i));
-            let unresolved = all.filter(|corners| !resolve::is_resolved(corners, origin));
-            unresolved.flatten().map(hash).collect()
+        let mut place = self.count(mesh)?;
+        if place.unresolved == 0 {
+            return Ok(place);
+        }
+        let is_unresolved = |t: &[DVec3; 3]| !resolve::is_resolved(t, origin);
+        let step = (place.unresolved / SAMPLES).max(1) as u32;
+        let mut samples = Samples::new();
+        let sample = |batch: &Batch| {
+            let mut here = Samples::new();
+            resolve::sample(batch, step, is_unresolved, &mut here);
+            here
         };
-        self.each(mesh, unresolved, |hashes| {
+        self.each(mesh, sample, |here| {
+            samples.extend(here);
+            Ok(())
+        })?;
+        let other = resolve::best(&samples, origin);
+        let at_other = |batch: &Batch| {
+            let there = triangles(batch).filter(|t| is_unresolved(t) && resolve::is_resolved(t, other));
+            there.flatten().fold(DBounds::EMPTY, DBounds::with)
+        };
+        self.each(mesh, at_other, |bounds| {
+            place.bounds = place.bounds.union(bounds);
+            Ok(())
+        })?;
+        let (mut moved, mut resolved) = (0, 0);
+        let within = |batch: &Batch| {
+            let mut here = [0; 2];
+            let within = triangles(batch).filter(|t| place.bounds.contains(&DBounds::of(t)));
+            within.for_each(|t| here[usize::from(is_unresolved(&t))] += 1);
+            here
+        };
+        self.each(mesh, within, |here: [u64; 2]| {
+            (resolved, moved) = (resolved + here[0], moved + here[1]);
+            Ok(())
+        })?;
+        place.moved = if moved * FEW >= resolved { moved } else { 0 };
+        Ok(place)
+    }
+
+    /// Divides a mesh into the triangles that stay with its origin, and the others with those around them.
+    fn part(&self, mesh: &Spool, place: &Place) -> Result<[Spool; 2]> {
+        let origin = mesh.origin;
+        let mut vertices = Vertices::of(place.moved, self.shares)?;
+        let moved = |batch: &Batch| -> Vec<u64> {
+            triangles(batch).filter(|t| place.moves(t, origin)).flatten().map(hash).collect()
+        };
+        self.each(mesh, moved, |hashes| {
             hashes.into_iter().for_each(|hash| vertices.insert(hash));
             Ok(())
         })?;
@@ -190,20 +262,20 @@ impl Splitter<'_> {
             for i in 0..batch.positions.len() {
                 let corners = batch.positions.triangle(i);
                 // The bounds keep vertices elsewhere from being taken for marked ones.
-                let shared = corners.map(|c| found.bounds.contains(&DBounds::of(&[c])) && vertices.has(hash(c)));
+                let shared = corners.map(|c| place.bounds.contains(&DBounds::of(&[c])) && vertices.has(hash(c)));
                 let is_left = shared.contains(&true);
-                let is_resolved = !is_left || resolve::is_resolved(&corners, origin);
+                let stays = !is_left || !place.moves(&corners, origin);
                 let (part, prim) = (batch.parts[i], batch.prims[i]);
                 let colour = batch.colours.get(i).filter(|c| c[3] != 0).copied();
                 let is_copy = mesh.copies.contains_key(&prim);
-                if is_resolved {
+                if stays {
                     taken.push(&corners, part, prim, colour);
                     is_copy.then(|| taken.copies.insert(prim, part));
                 }
                 if is_left {
-                    let corners = if is_resolved { on_both(corners, shared, origin) } else { corners };
+                    let corners = if stays { on_both(corners, shared, origin) } else { corners };
                     left.push(&corners, part, prim, colour);
-                    (is_copy || is_resolved).then(|| left.copies.insert(prim, part));
+                    (is_copy || stays).then(|| left.copies.insert(prim, part));
                 }
             }
             if let Some(to) = self.spilled
