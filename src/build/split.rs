@@ -32,8 +32,8 @@ const SAMPLES: u64 = 4096;
 /// Mean number of bits that the samples of a mesh must lose for its origin to leave the middle (`resolve::lost`).
 const LEAST_LOST: f64 = 0.25;
 
-/// Details get a tree of their own if at least one in so many triangles among them is too small for the other origin.
-const FEW: u64 = 4;
+/// So many small triangles are a detail even if more larger ones cross the box around them.
+const MANY: u64 = 64;
 
 /// Bits of [`Vertices`] for each triangle: 32 to 64 for a vertex, of which four are set. One in 5,000 vertices, or
 /// fewer, is taken for another.
@@ -227,18 +227,26 @@ impl Splitter<'_> {
             place.bounds = place.bounds.union(bounds);
             Ok(())
         })?;
-        let (mut moved, mut resolved) = (0, 0);
-        let within = |batch: &Batch| {
-            let mut here = [0; 2];
-            let within = triangles(batch).filter(|t| place.bounds.contains(&DBounds::of(t)));
-            within.for_each(|t| here[usize::from(is_unresolved(&t))] += 1);
+        // Triangles that move, larger ones with a corner among them, and larger ones that may cross the place.
+        let mut counts = [0; 3];
+        let near = |batch: &Batch| {
+            let mut here = [0; 3];
+            for t in triangles(batch).filter(|t| place.bounds.overlaps(&DBounds::of(t))) {
+                let moves = place.moves(&t, origin);
+                let has_corner = t.iter().any(|&c| place.bounds.contains(&DBounds::of(&[c])));
+                here[0] += u64::from(moves);
+                here[1] += u64::from(!moves && has_corner);
+                here[2] += u64::from(!moves);
+            }
             here
         };
-        self.each(mesh, within, |here: [u64; 2]| {
-            (resolved, moved) = (resolved + here[0], moved + here[1]);
+        self.each(mesh, near, |here| {
+            counts.iter_mut().zip(here).for_each(|(all, here)| *all += here);
             Ok(())
         })?;
-        place.moved = if moved * FEW >= resolved { moved } else { 0 };
+        let [moved, touching, crossing] = counts;
+        let is_detail = 4 * moved >= touching && (moved >= MANY || moved >= crossing);
+        place.moved = if is_detail { moved } else { 0 };
         Ok(place)
     }
 
