@@ -11,7 +11,7 @@
 // the stand-ins is printed with the speed. This is measured twice: for batches of rays with their hits, and for whole
 // pictures, from the camera to the bytes.
 //
-// Where the hits differ, brute force in long double decides who is wrong. The exit code is 1 if outcrop is wrong by more
+// Where the hits differ, brute force in long double finds the wrong answer. The exit code is 1 if outcrop is wrong by more
 // than the rounding of single precision. It does not depend on speed.
 #include "compare/agreement.hpp"
 #include "compare/embree.hpp"

@@ -181,7 +181,9 @@ fn odd_distributions() {
     let mut huge = at_points(150_000, 1e-4, |i| DVec3::new(1.0, 1.0, i as f64 * 1e-9));
     huge.push([DVec3::splat(-1e9), DVec3::new(1e9, 0.0, 0.0), DVec3::new(0.0, 1e9, 1.0)]);
     alike("one huge among tiny ones", &huge, Splits::Off);
-    alike("a line", &at_points(150_000, 1e-3, |i| DVec3::new(i as f64 * 1e-4, 0.0, 0.0)), Splits::Off);
+    for spacing in [1.0, 1e-4] {
+        alike("a line", &at_points(150_000, 1e-3, |i| DVec3::X * (i as f64 * spacing)), Splits::Off);
+    }
     let mut far = at_points(150_000, 1e-12, |i| DVec3::X * 0.5f64.powi((i / 1000) as i32 % 40));
     alike("ever nearer to a point", &far, Splits::Off);
     far.extend([[DVec3::splat(1e30), DVec3::splat(2e30), DVec3::new(0.0, 1e30, 0.0)]; 3]);

@@ -2,6 +2,7 @@
 
 use super::batch::Batch;
 use super::origin::{self, FAR};
+use crate::math::DBounds;
 use glam::DVec3;
 
 /// Greatest distance that rounding may move a corner, as a fraction of the triangle's size.
@@ -20,8 +21,7 @@ const CANDIDATES: usize = 64;
 
 /// Greatest extent of a triangle on any axis.
 fn size(corners: &[DVec3; 3]) -> f64 {
-    let [a, b, c] = *corners;
-    (a.max(b).max(c) - a.min(b).min(c)).max_element()
+    DBounds::of(corners).extent().max_element()
 }
 
 /// Altitude over the longest edge, as a fraction of `size`, to within a factor of two.

@@ -1,8 +1,9 @@
 //! The division of a mesh into several trees, each with an origin of its own, where single precision relative to one
 //! origin would lose the shape of triangles: a bolt on one side of a plain, or a triangle that was left behind at zero.
 //!
-//! Details that the origin of a tree does not resolve (`resolve`) go to a further tree, in the same way again. Single
-//! small triangles among larger ones stay.
+//! Details that the origin of a tree does not resolve (`resolve`) go to a further tree, which is divided in the same
+//! way. Single small triangles among larger ones stay.
+//!
 //! Nothing cracks between trees: around each point of a surface, one tree has all triangles. Resolved triangles at a
 //! vertex of an unresolved one are in both trees. There, their other vertices have the positions of the first tree.
 //! (Rounding moves these by no more than the first tree's triangles allow.)
@@ -22,6 +23,7 @@ use crate::math::DBounds;
 use crate::store::InstanceRow;
 use crate::structure::Par;
 use glam::{DAffine3, DVec3};
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Greatest number of trees of a mesh. The last one takes all triangles that are left.
 const MOST_TREES: usize = 256;
@@ -39,7 +41,7 @@ const MANY: u64 = 64;
 /// fewer, is taken for another.
 const BITS: u64 = 192;
 
-/// The passes' means.
+/// Resources of the passes over a mesh.
 pub struct Splitter<'a> {
     /// Scratch file of the spilled meshes.
     pub spilled: Option<&'a Scratch>,
@@ -322,16 +324,10 @@ fn place(assembly: &mut Assembly, mesh: u32, tree: u32) {
     assembly.instances.extend(again);
 }
 
-fn mix(x: u64) -> u64 {
-    let x = (x ^ x >> 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    (x ^ x >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9)
-}
-
 /// A hash of a position.
 fn hash(p: DVec3) -> u64 {
     // The sum makes one zero of both.
-    let bits = (p + DVec3::ZERO).to_array().map(f64::to_bits);
-    bits.iter().fold(0, |hash, &bits| mix(hash ^ bits).rotate_left(23))
+    xxh3_64(bytemuck::bytes_of(&(p + DVec3::ZERO).to_array()))
 }
 
 /// A set of positions in a few bytes each. It may hold positions that were not inserted; it always answers the same for
@@ -350,7 +346,7 @@ impl Vertices {
 
     /// The words and bits of a position, given its [`hash`].
     fn places(&self, hash: u64) -> [(usize, u64); 4] {
-        let (mut at, step) = (mix(hash), mix(hash ^ 0x5555_5555) | 1);
+        let (mut at, step) = (hash, hash.rotate_left(32) | 1);
         std::array::from_fn(|_| {
             at = at.wrapping_add(step);
             ((at >> 6) as usize & (self.words.len() - 1), 1 << (at & 63))

@@ -13,7 +13,7 @@ use outcrop::residency::{ModelBlocks, Residency};
 use outcrop::simd::Isa;
 use outcrop::store::{FileSource, ModelFile};
 use outcrop::structure::{Visit, for_each_triangle, open};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -93,12 +93,14 @@ pub fn trees(path: &Path) -> Vec<StoredTree> {
         visited.expect("all blocks are here");
         // Triangles around details of their own tree are in two trees, and counted once.
         assert!(tris.len() as u64 >= row.triangles, "{} triangles stored, {} counted", tris.len(), row.triangles);
-        let is_only_tree = file.trees().len() == 1;
-        assert!(!is_only_tree || tris.len() as u64 == row.triangles, "triangles counted and stored");
         let tris = tris.into_iter().map(|(prim, (part, corners))| (prim, part, corners)).collect();
         StoredTree { origin: DVec3::from(row.origin), position_error: row.position_error, tris }
     };
-    file.trees().iter().zip(&opened.trees).map(read).collect()
+    let trees: Vec<StoredTree> = file.trees().iter().zip(&opened.trees).map(read).collect();
+    let prims: BTreeSet<u32> = trees.iter().flat_map(|tree| &tree.tris).map(|tri| tri.0).collect();
+    let counted: u64 = file.trees().iter().map(|row| row.triangles).sum();
+    assert_eq!(prims.len() as u64, counted, "triangles stored in any tree, and counted in one");
+    trees
 }
 
 /// A model in a scene: its file, the caller's id of the instance, where it is.
