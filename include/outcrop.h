@@ -554,19 +554,6 @@ typedef struct oc_camera {
     double height;
 } oc_camera;
 
-/** Flags of oc_look: how an instance or a part is shown. */
-typedef uint32_t oc_look_flags;
-
-/** Appearance of an instance or a part. All zeros: unchanged. */
-typedef struct oc_look {
-    /** Size of this struct in bytes; OC_INIT sets it. */
-    uint32_t struct_size;
-    /** OC_LOOK_ flags, combined with `|`. */
-    oc_look_flags flags;
-    /** Linear RGBA, finite and 0 or more. Alpha is the opacity, at most 1. Ignored without OC_LOOK_COLOURED. */
-    float colour[4];
-} oc_look;
-
 /** Kind of a light. */
 typedef uint32_t oc_light_kind;
 
@@ -607,6 +594,22 @@ typedef struct oc_background {
     /** Linear RGBA at the top of the picture. */
     float top[4];
 } oc_background;
+
+/** Flags of oc_look: how an instance or a part is shown. */
+typedef uint32_t oc_look_flags;
+
+/** Appearance of an instance or a part. All zeros: unchanged. */
+typedef struct oc_look {
+    /** Size of this struct in bytes; OC_INIT sets it. */
+    uint32_t struct_size;
+    /** OC_LOOK_ flags, combined with `|`. */
+    oc_look_flags flags;
+    /** Linear RGBA, finite and 0 or more. Alpha is the opacity, at most 1. Ignored without OC_LOOK_COLOURED. */
+    float colour[4];
+} oc_look;
+
+/** Flags of a choice of parts. */
+typedef uint32_t oc_parts_flags;
 
 /** Flags: members of oc_hit to compute, combined with `|`. Fewer members take less time. */
 typedef uint32_t oc_want;
@@ -1073,6 +1076,15 @@ typedef struct oc_pixels {
 /** +Z (most CAD). */
 #define OC_UP_Z 3
 
+/** At the eye. No falloff, no shadows. */
+#define OC_LIGHT_HEAD 0
+
+/** At a point. Its light falls off with the square of the distance. */
+#define OC_LIGHT_POINT 1
+
+/** Infinitely far away. */
+#define OC_LIGHT_DIRECTIONAL 2
+
 /**
  * Hidden: no ray hits it. A part of opacity 0 looks the same, but rays hit it: hide the parts that picks and queries
  * must not return.
@@ -1085,14 +1097,8 @@ typedef struct oc_pixels {
 /** Shown in the colour of oc_look instead of its own. */
 #define OC_LOOK_COLOURED 4
 
-/** At the eye. No falloff, no shadows. */
-#define OC_LIGHT_HEAD 0
-
-/** At a point. Its light falls off with the square of the distance. */
-#define OC_LIGHT_POINT 1
-
-/** Infinitely far away. */
-#define OC_LIGHT_DIRECTIONAL 2
+/** The parts below the given parts are meant too: all parts whose chain of parents leads to one of them. */
+#define OC_PARTS_BELOW 1
 
 /** No hit between t_min and t_max, or stand-ins in the interval transmitted the ray (see `t_free`). */
 #define OC_HIT_MISS 0
@@ -1783,52 +1789,6 @@ oc_status oc_scene_set_instance_mask(struct oc_scene *scene,
                                      uint32_t mask);
 
 /**
- * Sets the look of an instance. Takes effect at oc_scene_commit.
- *
- * - `id`: id of the instance.
- * - `look`: the new look. NULL: unchanged appearance.
- *
- * A part is hidden or highlighted if its own look or that of its instance says so. The colour of its own look
- * overrides that of its instance.
- *
- * Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`, or a flag or colour is not as documented.
- *
- * Thread safety: any thread. Cheap.
- */
-OC_API
-oc_status oc_scene_set_instance_look(struct oc_scene *scene,
-                                     uint64_t id,
-                                     const struct oc_look *look);
-
-/**
- * Sets the look of a part of an instance. Its child parts do not change. Takes effect at oc_scene_commit.
- *
- * - `instance`: id of the instance.
- * - `part`: id of the part. If several parts of the model have this id, the first is meant.
- * - `look`: the new look. NULL: unchanged appearance.
- *
- * Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance or part, or a flag or colour is not as documented.
- *
- * Thread safety: any thread. Cheap.
- */
-OC_API
-oc_status oc_scene_set_part_look(struct oc_scene *scene,
-                                 uint64_t instance,
-                                 uint64_t part,
-                                 const struct oc_look *look);
-
-/**
- * Removes the looks of all parts of an instance. Takes effect at oc_scene_commit.
- *
- * - `instance`: id of the instance.
- *
- * Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance.
- *
- * Thread safety: any thread. Cheap.
- */
-OC_API oc_status oc_scene_clear_part_looks(struct oc_scene *scene, uint64_t instance);
-
-/**
  * Replaces all lights. Takes effect at oc_scene_commit. Without lights only the ambient light of the frame remains.
  *
  * - `lights`: array of lights. Ignored if `count` is 0.
@@ -1878,6 +1838,124 @@ OC_API void oc_scene_retain(struct oc_scene *scene);
  */
 OC_API
 void oc_scene_release(struct oc_scene *scene);
+
+/**
+ * Sets the look of an instance. Takes effect at oc_scene_commit.
+ *
+ * - `id`: id of the instance.
+ * - `look`: the new look. NULL: unchanged appearance.
+ *
+ * A part is hidden or highlighted if its own look or that of its instance says so. The colour of its own look
+ * overrides that of its instance.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`, or a flag or colour is not as documented.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API
+oc_status oc_scene_set_instance_look(struct oc_scene *scene,
+                                     uint64_t id,
+                                     const struct oc_look *look);
+
+/**
+ * Sets the look of a part of an instance. Its child parts do not change. Takes effect at oc_scene_commit.
+ *
+ * - `instance`: id of the instance.
+ * - `part`: id of the part. If several parts of the model have this id, the first is meant.
+ * - `look`: the new look. NULL: unchanged appearance.
+ *
+ * The call is oc_scene_set_parts_look for one part.
+ *
+ * Errors: as oc_scene_set_parts_look.
+ *
+ * Thread safety: any thread. Blocks as oc_scene_set_parts_look does.
+ */
+OC_API
+oc_status oc_scene_set_part_look(struct oc_scene *scene,
+                                 uint64_t instance,
+                                 uint64_t part,
+                                 const struct oc_look *look);
+
+/**
+ * Sets the look of many parts of an instance. Takes effect at oc_scene_commit.
+ *
+ * - `instance`: id of the instance.
+ * - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count` is
+ *   0.
+ * - `flags`: OC_PARTS_ flags, combined with `|`, or 0.
+ * - `look`: the new look. NULL: unchanged appearance.
+ *
+ * What hides parts does not make a frame read more: blocks of hidden parts alone are not read, and a stand-in never
+ * shows a hidden part, nor a part in another colour than its look's. The first call that hides a part of a model reads
+ * the list of parts of each block from the file, some bytes for each block and part in it. These lists then stay in
+ * memory and count against the budget.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance or part, or a flag or colour is not as documented;
+ * OC_STATUS_OVER_BUDGET, OC_STATUS_IO, OC_STATUS_CORRUPT and OC_STATUS_OUT_OF_MEMORY for the lists of parts. After an error
+ * no look has changed.
+ *
+ * Thread safety: any thread. Blocks while it reads; otherwise cheap.
+ */
+OC_API
+oc_status oc_scene_set_parts_look(struct oc_scene *scene,
+                                  uint64_t instance,
+                                  const uint64_t *parts,
+                                  uint64_t count,
+                                  oc_parts_flags flags,
+                                  const struct oc_look *look);
+
+/**
+ * Hides all parts of an instance but the given ones, and shows these. Colours and highlights do not change. Takes effect
+ * at oc_scene_commit. oc_scene_clear_part_looks shows all parts again.
+ *
+ * - `instance`: id of the instance.
+ * - `parts`: array of ids of parts. If several parts of the model have an id, the first is meant. Ignored if `count` is
+ *   0: all parts are then hidden.
+ * - `flags`: OC_PARTS_ flags, combined with `|`, or 0.
+ *
+ * Errors: as oc_scene_set_parts_look.
+ *
+ * Thread safety: any thread. Blocks as oc_scene_set_parts_look does.
+ */
+OC_API
+oc_status oc_scene_isolate(struct oc_scene *scene,
+                           uint64_t instance,
+                           const uint64_t *parts,
+                           uint64_t count,
+                           oc_parts_flags flags);
+
+/**
+ * Exchanges the model of an instance, for example after the model was built anew and opened. Takes effect at
+ * oc_scene_commit.
+ *
+ * - `instance`: id of the instance. It keeps its transform, mask and look.
+ * - `model`: the new model, of the same context. The scene keeps it alive, and releases the old one once no frame or
+ *   batch uses it.
+ *
+ * Each part keeps the look of the part with the same id in the old model. Looks of parts that the new model lacks are
+ * lost.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance or the model belongs to another context;
+ * OC_STATUS_INVALID_STATE if another thread edits the looks of the instance at the same time; those of
+ * oc_scene_set_parts_look if parts are hidden. After an error nothing has changed.
+ *
+ * Thread safety: any thread. Blocks as oc_scene_set_parts_look does.
+ */
+OC_API
+oc_status oc_scene_set_model(struct oc_scene *scene,
+                             uint64_t instance,
+                             const struct oc_model *model);
+
+/**
+ * Removes the looks of all parts of an instance. Takes effect at oc_scene_commit.
+ *
+ * - `instance`: id of the instance.
+ *
+ * Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance.
+ *
+ * Thread safety: any thread. Cheap.
+ */
+OC_API oc_status oc_scene_clear_part_looks(struct oc_scene *scene, uint64_t instance);
 
 /**
  * Finds the closest hit of each ray in the committed scene.

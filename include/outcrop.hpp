@@ -282,6 +282,14 @@ class scene : public scene_handle {
     void set_part_look(std::uint64_t id, std::uint64_t part, const oc_look &look) {
         check(oc_scene_set_part_look(get(), id, part, &look));
     }
+    void set_parts_look(std::uint64_t id, const std::vector<std::uint64_t> &parts, const oc_look &look,
+                        oc_parts_flags flags = 0) {
+        check(oc_scene_set_parts_look(get(), id, parts.data(), parts.size(), flags, &look));
+    }
+    void isolate(std::uint64_t id, const std::vector<std::uint64_t> &parts, oc_parts_flags flags = 0) {
+        check(oc_scene_isolate(get(), id, parts.data(), parts.size(), flags));
+    }
+    void set_model(std::uint64_t id, const model &m) { check(oc_scene_set_model(get(), id, m.get())); }
     void clear_part_looks(std::uint64_t id) { check(oc_scene_clear_part_looks(get(), id)); }
     void set_lights(const std::vector<oc_light> &lights) {
         check(oc_scene_set_lights(get(), lights.data(), lights.size(), 0));

@@ -15,6 +15,7 @@ const SOURCES: &[&str] = &[
     "report.rs",
     "model.rs",
     "scene.rs",
+    "looks.rs",
     "query.rs",
     "overlap.rs",
     "frame.rs",

@@ -126,7 +126,7 @@ fn check(tree: &TestTree, size: u32, seed: u64) -> Tally {
     let mut rng = Rng::new(seed);
     let (mut tally, mut pair) = (Tally::default(), Pair::default());
     // One of the trees' three parts.
-    let filter = PartFilter { hidden: &[1 << 1], first_part: 0, touched: summary_bit(1), within: None };
+    let filter = PartFilter { hidden: &[1 << 1], first_part: 0, touched: summary_bit(1), ..PartFilter::default() };
     for (c, camera) in cameras(tree, &mut rng).iter().enumerate() {
         let rays = camera.prepare(size, size).expect("a camera");
         let isas = trees::isas();

@@ -83,7 +83,8 @@ fn all_walks_pass_the_same_stand_ins_and_leave_out_the_same_parts() {
     let tree = TestTree::around_middle(&tris, 0.0);
     let base = tree.view(&tree.snapshot, Isa::Baseline);
     let exact = rays(&tree, &base);
-    let hidden = PartFilter { hidden: &[0b10], first_part: 0, touched: outcrop::lod::summary_bit(1), within: None };
+    let hidden =
+        PartFilter { hidden: &[0b10], first_part: 0, touched: outcrop::lod::summary_bit(1), ..PartFilter::default() };
     let (mut transmitted, mut lods, mut changed) = (0, 0, 0);
     for width in [0.0, 0.003, 0.01, 0.05, 0.2] {
         let rays: Vec<Ray32> =

@@ -7,6 +7,7 @@ mod frames;
 mod lenses;
 mod oracle_light;
 mod oracle_pictures;
+mod part_budgets;
 mod part_looks;
 mod picture_errors;
 mod picture_perceived;

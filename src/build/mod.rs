@@ -25,6 +25,7 @@ mod distribute;
 mod mesh;
 mod origin;
 mod output;
+mod part_sets;
 mod parts;
 mod regions;
 mod report;

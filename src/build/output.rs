@@ -1,11 +1,12 @@
 //! Blocks on their way to the file: encoded in parallel, in batches; a batch is written while the next is encoded.
 
+use super::part_sets::{BlockParts, TreeParts};
 use super::report::BuildReport;
 use super::shares::Shares;
 use crate::base::error::Result;
 use crate::base::progress::{Cancel, Progress};
 use crate::base::scratch::{Scratch, ScratchSpace};
-use crate::store::{Aside, EncodedBlock, Writer};
+use crate::store::{Aside, EncodedBlock, PartSets, Writer};
 use crate::structure::bake::BakedBlock;
 use crate::structure::{Par, streams};
 use std::sync::Arc;
@@ -22,6 +23,9 @@ pub struct Output<'a> {
     /// Blocks of colours, likewise.
     pub colours: Aside,
     pub has_colours: bool,
+    /// Parts of all geometry blocks of the trees before the present one, and of the present one.
+    pub part_sets: PartSets,
+    pub tree_parts: TreeParts,
     /// Scratch file of the spilled input.
     pub spilled: Option<Scratch>,
     /// Number of trees that follow the present one.
@@ -50,6 +54,7 @@ struct Encoded {
     geometry: EncodedBlock,
     prims: EncodedBlock,
     colours: Option<EncodedBlock>,
+    parts: BlockParts,
     trace_bytes: u32,
 }
 
@@ -58,6 +63,7 @@ pub struct ClassAside {
     geometry: Aside,
     prims: Aside,
     colours: Aside,
+    parts: TreeParts,
 }
 
 impl ClassAside {
@@ -68,6 +74,7 @@ impl ClassAside {
 
     fn push(&mut self, block: Encoded, report: &mut BuildReport) -> Result<()> {
         report.bytes_trace += u64::from(block.trace_bytes);
+        self.parts.push(block.parts)?;
         self.geometry.push(block.geometry)?;
         self.prims.push(block.prims)?;
         block.colours.map_or(Ok(()), |c| self.colours.push(c))
@@ -78,7 +85,7 @@ impl Output<'_> {
     /// Returns an empty store for the blocks of one class.
     pub fn aside(&self) -> ClassAside {
         let aside = || Aside::new(self.shares.aside, &self.space);
-        ClassAside { geometry: aside(), prims: aside(), colours: aside() }
+        ClassAside { geometry: aside(), prims: aside(), colours: aside(), parts: TreeParts::default() }
     }
 
     /// Encodes the blocks of each item of `all`. Writes the first block of each item, and behind all of these the other
@@ -116,6 +123,7 @@ impl Output<'_> {
 
     fn write(&mut self, block: Encoded) -> Result<()> {
         self.report.bytes_trace += u64::from(block.trace_bytes);
+        self.tree_parts.push(block.parts)?;
         self.writer.encoded_block(block.geometry)?;
         self.prims.push(block.prims)?;
         block.colours.map_or(Ok(()), |c| self.colours.push(c))
@@ -146,6 +154,7 @@ impl Output<'_> {
     /// Writes the blocks of a class.
     pub fn write_aside(&mut self, aside: ClassAside, span: Span) -> Result<()> {
         let progress = self.progress;
+        self.tree_parts.append(aside.parts)?;
         aside.geometry.write_to(&mut self.writer, self.cancel, |done| progress.advance(span.part(done, 1.0).0))?;
         self.progress.bytes_written.store(self.writer.bytes_written(), Relaxed);
         self.prims.append(aside.prims)?;
@@ -186,6 +195,7 @@ fn encode(blocks: Vec<BakedBlock>, has_colours: bool) -> Vec<Encoded> {
             geometry: EncodedBlock::encode(&block.payload, block.trace_bytes),
             prims: EncodedBlock::encode(&streams::encode_prims(&block.prims), beside),
             colours: colours.map(|c| EncodedBlock::encode(&c, beside)),
+            parts: BlockParts { own: block.parts, below: block.below },
             trace_bytes: block.trace_bytes,
         }
     };

@@ -3,6 +3,7 @@
 use super::BuildOptions;
 use super::mesh::Mesh;
 use super::output::{Output, Span};
+use super::part_sets::TreeParts;
 use super::parts::{self, Assembly};
 use super::report::{BuildReport, PhaseSeconds};
 use super::shares::Shares;
@@ -14,7 +15,7 @@ use crate::base::progress::{Cancel, Phase, Progress};
 use crate::base::scratch::{Scratch, ScratchSpace};
 use crate::import::UpAxis;
 use crate::lod::SAMPLE_BYTES;
-use crate::store::{Aside, Drops, Header, Options, TreeRow, Writer};
+use crate::store::{Aside, Drops, Header, Options, PartSets, TreeRow, Writer};
 use crate::structure::Par;
 use crate::structure::bake::{BakeOp, Baker, with_baker};
 use std::path::Path;
@@ -78,6 +79,8 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         prims: aside(),
         colours: aside(),
         has_colours,
+        part_sets: PartSets::default(),
+        tree_parts: TreeParts::default(),
         spilled: gathered.spilled.take(),
         trees_left: meshes.len(),
         space: space.clone(),
@@ -100,6 +103,7 @@ pub fn run(mut gathered: Gathered, asked: &Asked, threads: usize) -> Result<Buil
         output.trees_left -= 1;
         let mesh = Mesh { output: &mut output, spool, options, index, assembly: &mut gathered.assembly, span };
         rows.push(mesh.build()?);
+        output.end_tree_parts()?;
         progress.advance(span.1);
     }
     seal(output, &gathered, &rows, options, begun)
@@ -112,7 +116,10 @@ fn seal(
     options: &BuildOptions,
     begun: Instant,
 ) -> Result<BuildReport> {
-    let Output { mut writer, prims, colours, has_colours, mut report, space, progress, cancel, .. } = output;
+    let Output { mut writer, prims, colours, has_colours, part_sets, mut report, space, progress, cancel, .. } = output;
+    if trees.iter().any(|tree| tree.local_parts > 1) {
+        writer.set_part_sets(part_sets);
+    }
     let geometry_blocks = writer.blocks_written();
     let before = writer.bytes_written();
     let ids = Span(TREES_DONE, IDS_DONE);

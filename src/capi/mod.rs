@@ -15,6 +15,7 @@ pub mod frame;
 pub(crate) mod guard;
 pub(crate) mod handles;
 pub mod job;
+pub mod looks;
 pub mod model;
 pub mod overlap;
 pub mod pixels;

@@ -1,13 +1,13 @@
-//! Scenes: instances, lights and the looks of parts. Edits take effect at a commit.
+//! Scenes: instances and lights. Edits take effect at a commit.
 
 use super::context::{ContextObject, oc_context};
-use super::guard::{Checked, Sized32, Strided, bad, boundary, out, read, read_or_default, reserved};
+use super::guard::{Checked, Sized32, Strided, bad, boundary, out, read, reserved};
 use super::handles::{self, Shell, handle};
 use super::model::{ModelObject, oc_model};
 use super::query::check_id;
 use super::status::oc_status;
 use super::view::transform;
-use crate::scene::{Background, Light, LightKind, Look, Scene};
+use crate::scene::{Background, Light, LightKind, Scene};
 use glam::DVec3;
 
 /// A scene: instances of models, lights, and the looks of parts.
@@ -21,47 +21,6 @@ handle!(oc_scene, SceneObject, 4);
 
 pub(crate) struct SceneObject {
     pub(crate) scene: Scene,
-}
-
-/// Flags of oc_look: how an instance or a part is shown.
-pub type oc_look_flags = u32;
-/// Hidden: no ray hits it. A part of opacity 0 looks the same, but rays hit it: hide the parts that picks and queries
-/// must not return.
-pub const OC_LOOK_HIDDEN: oc_look_flags = 1;
-/// Highlighted.
-pub const OC_LOOK_SELECTED: oc_look_flags = 2;
-/// Shown in the colour of oc_look instead of its own.
-pub const OC_LOOK_COLOURED: oc_look_flags = 4;
-
-/// Appearance of an instance or a part. All zeros: unchanged.
-#[repr(C)]
-#[derive(Clone, Copy)]
-pub struct oc_look {
-    /// Size of this struct in bytes; OC_INIT sets it.
-    pub struct_size: u32,
-    /// OC_LOOK_ flags, combined with `|`.
-    pub flags: oc_look_flags,
-    /// Linear RGBA, finite and 0 or more. Alpha is the opacity, at most 1. Ignored without OC_LOOK_COLOURED.
-    pub colour: [f32; 4],
-}
-
-// SAFETY: `repr(C)`, integers and floats without padding, `struct_size` first.
-unsafe impl Sized32 for oc_look {
-    const NAME: &'static str = "oc_look";
-}
-
-impl oc_look {
-    fn to_rust(self) -> Checked<Look> {
-        let known = OC_LOOK_HIDDEN | OC_LOOK_SELECTED | OC_LOOK_COLOURED;
-        if self.flags & !known != 0 {
-            return bad(format!("oc_look.flags {:#x}: unknown flags", self.flags));
-        }
-        let colour = (self.flags & OC_LOOK_COLOURED != 0).then_some(self.colour);
-        if colour.is_some_and(|c| c.iter().any(|x| !x.is_finite() || *x < 0.0)) {
-            return bad("oc_look.colour must be finite and 0 or more");
-        }
-        Ok(Look { visible: self.flags & OC_LOOK_HIDDEN == 0, colour, selected: self.flags & OC_LOOK_SELECTED != 0 })
-    }
 }
 
 /// Kind of a light.
@@ -215,70 +174,6 @@ pub unsafe extern "C" fn oc_scene_set_instance_mask(scene: *mut oc_scene, id: u6
     // SAFETY: the function's own contract.
     boundary(|| unsafe {
         handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_instance_mask(id, mask)?))
-    })
-}
-
-/// Sets the look of an instance. Takes effect at oc_scene_commit.
-///
-/// - `id`: id of the instance.
-/// - `look`: the new look. NULL: unchanged appearance.
-///
-/// A part is hidden or highlighted if its own look or that of its instance says so. The colour of its own look
-/// overrides that of its instance.
-///
-/// Errors: OC_STATUS_INVALID_ARGUMENT if there is no instance `id`, or a flag or colour is not as documented.
-///
-/// Thread safety: any thread. Cheap.
-/// # Safety
-/// `scene` is a live handle; `look` is initialised or NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_scene_set_instance_look(scene: *mut oc_scene, id: u64, look: *const oc_look) -> oc_status {
-    // SAFETY: the function's own contract.
-    boundary(|| unsafe {
-        let state = read_or_default(look)?.to_rust()?;
-        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_instance_look(id, state)?))
-    })
-}
-
-/// Sets the look of a part of an instance. Its child parts do not change. Takes effect at oc_scene_commit.
-///
-/// - `instance`: id of the instance.
-/// - `part`: id of the part. If several parts of the model have this id, the first is meant.
-/// - `look`: the new look. NULL: unchanged appearance.
-///
-/// Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance or part, or a flag or colour is not as documented.
-///
-/// Thread safety: any thread. Cheap.
-/// # Safety
-/// `scene` is a live handle; `look` is initialised or NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_scene_set_part_look(
-    scene: *mut oc_scene,
-    instance: u64,
-    part: u64,
-    look: *const oc_look,
-) -> oc_status {
-    // SAFETY: the function's own contract.
-    boundary(|| unsafe {
-        let state = read_or_default(look)?.to_rust()?;
-        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.set_part_look(instance, part, state)?))
-    })
-}
-
-/// Removes the looks of all parts of an instance. Takes effect at oc_scene_commit.
-///
-/// - `instance`: id of the instance.
-///
-/// Errors: OC_STATUS_INVALID_ARGUMENT if there is no such instance.
-///
-/// Thread safety: any thread. Cheap.
-/// # Safety
-/// `scene` is a live handle.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn oc_scene_clear_part_looks(scene: *mut oc_scene, instance: u64) -> oc_status {
-    // SAFETY: the function's own contract.
-    boundary(|| unsafe {
-        handles::with(scene, |scene: &Shell<SceneObject>| Ok(scene.scene.clear_part_looks(instance)?))
     })
 }
 

@@ -125,12 +125,11 @@ impl SceneState {
 /// Finds the parts of a placed tree that intersect the volume, and if all visited triangles of each are inside.
 fn meet(view: &SceneView, tree: u32, volume: &Volume, left: &mut Descent, met: &mut BTreeMap<u32, bool>) {
     let placed = &view.scene.placement.placed[tree as usize];
-    let hidden = &view.scene.instances[placed.instance as usize].parts.hidden;
-    let hides = |part: u32| hidden.get(part as usize / 64).is_some_and(|w| w >> (part % 64) & 1 == 1);
+    let looks = &view.scene.instances[placed.instance as usize].parts.looks;
     left.go_on(&view.tree(tree), &mut |b| volume.may_meet(&placed.world_bounds(b)), &mut |_, triangle| {
         let part = placed.first_part.saturating_add(triangle.part);
         // The part is settled: it intersects the volume and is not inside.
-        if met.get(&part) == Some(&false) || hides(part) {
+        if met.get(&part) == Some(&false) || looks.hides(part) {
             return;
         }
         match volume.side(&world_triangle(placed, triangle)) {

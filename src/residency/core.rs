@@ -103,6 +103,28 @@ impl After {
     }
 }
 
+/// Memory beside blocks that is charged to the budget until this is dropped.
+#[derive(Default)]
+pub struct Kept {
+    charge: Charge,
+    of: Option<(Arc<Shared>, u64)>,
+}
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        if let Some((shared, bytes)) = self.of.take() {
+            self.charge = Charge::default();
+            {
+                let mut state = shared.lock();
+                state.tables -= bytes;
+                let _ = state.ranking.invalidate();
+            }
+            // Fetchers can use the room that is free again.
+            shared.wake();
+        }
+    }
+}
+
 /// Returns the bytes kept free of slots under a budget, and the bytes for the lease.
 fn shares(budget: u64) -> [u64; 2] {
     [(budget / 16).clamp(1 << 20, 4 << 20), (budget / 8).clamp(1 << 20, 8 << 20)]
@@ -189,6 +211,16 @@ impl Residency {
         self.0.capacity(&state).saturating_sub(used)
     }
 
+    /// Charges `bytes` of memory that stays, evicting blocks if it must. Fails with `OverBudget`, which says `what`
+    /// needs them.
+    pub fn keep(&self, what: &str, bytes: u64) -> Result<Kept> {
+        if bytes == 0 {
+            return Ok(Kept::default());
+        }
+        let charge = self.0.grant(&|| what.into(), [bytes, bytes, 0], &Cancel::new())?;
+        Ok(Kept { charge, of: Some((Arc::clone(&self.0), bytes)) })
+    }
+
     pub(super) fn shared(&self) -> &Arc<Shared> {
         &self.0
     }
@@ -227,24 +259,31 @@ impl Shared {
     /// Returns a key, and a charge for `stays` bytes of tables, for the model `name`. Its tables take `tables` bytes at
     /// most, and `roots` bytes of its blocks are pinned. Evicts blocks in use if it must, and then waits until passes
     /// that hold them have ended, [`FOR_ROOM`] at most.
-    pub fn admit(&self, name: &Path, [stays, tables, roots]: [u64; 3], cancel: &Cancel) -> Result<(ModelKey, Charge)> {
+    pub fn admit(&self, name: &Path, bytes: [u64; 3], cancel: &Cancel) -> Result<(ModelKey, Charge)> {
+        let charge = self.grant(&|| format!("opening {}", name.display()), bytes, cancel)?;
+        let mut state = self.lock();
+        state.next_key += 1;
+        Ok((ModelKey(state.next_key - 1), charge))
+    }
+
+    /// Counts `tables` and `roots` bytes as not available to other blocks, and charges `stays` bytes, as
+    /// [`Shared::admit`] does. `what` names the purpose in an error.
+    fn grant(&self, what: &dyn Fn() -> String, [stays, tables, roots]: [u64; 3], cancel: &Cancel) -> Result<Charge> {
         let have = self.options.budget;
-        let key = {
+        {
             let mut state = self.lock();
             let need = least_budget(state.tables + tables + state.pinned + roots);
             if need > have {
-                return Err(Error::OverBudget { what: format!("opening {}", name.display()), need, have });
+                return Err(Error::OverBudget { what: what(), need, have });
             }
             state.tables += tables;
             state.pinned += roots;
-            state.next_key += 1;
-            ModelKey(state.next_key - 1)
-        };
+        }
         let begun = Instant::now();
         loop {
             let charge = if self.takes_room(0) { self.main.charge(stays, 0) } else { None };
             if let Some(charge) = charge {
-                return Ok((key, charge));
+                return Ok(charge);
             }
             let cancelled = cancel.check();
             if cancelled.is_err() || begun.elapsed() >= FOR_ROOM {
@@ -257,7 +296,7 @@ impl Shared {
                 // Fetchers can use the room that is free again.
                 self.wake();
                 cancelled?;
-                let what = format!("opening {} in addition to the data in use", name.display());
+                let what = format!("{} in addition to the data in use", what());
                 return Err(Error::OverBudget { what, need: have + stays + roots, have });
             }
             std::thread::sleep(Duration::from_millis(1));

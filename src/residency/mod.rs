@@ -40,7 +40,7 @@ mod tests;
 mod view;
 mod wakeup;
 
-pub use self::core::{Residency, ResidencyOptions};
+pub use self::core::{Kept, Residency, ResidencyOptions};
 pub use blocks::{BlockClass, Decoder, ModelBlocks, ModelKey};
 pub use bring::Held;
 pub use lease::Lease;

@@ -2,14 +2,15 @@
 
 use super::context::Context;
 use super::light::{Background, Light};
+use super::looks::{Look, PartLooks, PartsShown};
 use super::model::Model;
 use super::placed::{Placed, check_transform};
-use super::state::{Instance, Look, PartLooks, Placement, SceneState};
+use super::state::{Instance, Placement, SceneState};
 use super::top::TopTree;
 use crate::base::error::{Error, Result};
 use crate::math::DBounds;
 use arc_swap::{ArcSwap, Guard};
-use glam::{DAffine3, DMat3, DVec3};
+use glam::DAffine3;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -32,6 +33,8 @@ struct Draft {
     background: Background,
     /// True if an instance was moved, added or removed since the last commit.
     moved: bool,
+    /// The looks of instances whose parts look as in the file.
+    plain: Arc<PartsShown>,
 }
 
 #[derive(Clone)]
@@ -42,6 +45,8 @@ struct Draftee {
     mask: u32,
     look: Look,
     parts: Arc<PartLooks>,
+    /// Of the last commit.
+    shown: Arc<PartsShown>,
 }
 
 impl Scene {
@@ -51,6 +56,7 @@ impl Scene {
         let background = Background::default();
         let committed = ArcSwap::from_pointee(SceneState {
             see_through: false,
+            hides_parts: false,
             context: context.clone(),
             models: Vec::new(),
             instances: Vec::new(),
@@ -59,7 +65,7 @@ impl Scene {
             background,
         });
         let (instances, index) = (Vec::new(), HashMap::new());
-        let draft = Draft { instances, index, lights, background, moved: false };
+        let draft = Draft { instances, index, lights, background, moved: false, plain: Arc::default() };
         Self { context: context.clone(), draft: Mutex::new(draft), committed }
     }
 
@@ -82,9 +88,10 @@ impl Scene {
         if draft.index.contains_key(&id) {
             return Err(Error::bad_argument(format!("instance {id} already exists")));
         }
-        let (mask, look, parts) = (u32::MAX, Look::default(), Arc::default());
+        let (mask, look, shown) = (u32::MAX, Look::default(), Arc::clone(&draft.plain));
+        let parts = Arc::clone(&shown.looks);
         let at = draft.instances.len();
-        draft.instances.push(Some(Draftee { id, model: model.clone(), world_from_model, mask, look, parts }));
+        draft.instances.push(Some(Draftee { id, model: model.clone(), world_from_model, mask, look, parts, shown }));
         draft.index.insert(id, at);
         draft.moved = true;
         Ok(())
@@ -123,21 +130,87 @@ impl Scene {
         Ok(())
     }
 
-    /// Sets the look of an instance's part with id `part`, without the parts below it. Where several parts share the
-    /// id, it applies to the first. Cheap. Fails with `BadArgument` if there is no such instance or part.
+    /// Calls [`Scene::set_parts_look`] for one part, without the parts below it.
     pub fn set_part_look(&self, instance: u64, part: u64, look: Look) -> Result<()> {
+        self.set_parts_look(instance, &[part], Scope::Own, look)
+    }
+
+    /// Sets the look of an instance's parts with the ids `parts`. Where several parts share an id, it applies to the
+    /// first. The first look that hides a part of a model reads the parts of its blocks from the file; otherwise
+    /// cheap.
+    ///
+    /// Fails with `BadArgument` if there is no such instance or part, and with `OverBudget`, `Io` or `Corrupt`. After a
+    /// failure no look has changed.
+    pub fn set_parts_look(&self, instance: u64, parts: &[u64], scope: Scope, look: Look) -> Result<()> {
         check_look(&look)?;
+        self.edit_looks(instance, parts, scope, !look.visible, |looks, chosen, _| {
+            chosen.for_each(|part| looks.set(part, look));
+        })
+    }
+
+    /// Hides all parts of an instance but `parts`, which are shown. Colours and highlights stay. Fails like
+    /// [`Scene::set_parts_look`].
+    pub fn isolate_parts(&self, instance: u64, parts: &[u64], scope: Scope) -> Result<()> {
+        self.edit_looks(instance, parts, scope, true, |looks, chosen, count| {
+            looks.isolate(count, chosen);
+        })
+    }
+
+    /// Passes the looks of an instance's parts, and the indices of those that `parts` and `scope` choose, to `edit`.
+    fn edit_looks(
+        &self,
+        instance: u64,
+        parts: &[u64],
+        scope: Scope,
+        hides: bool,
+        edit: impl FnOnce(&mut PartLooks, &mut dyn Iterator<Item = u32>, u32),
+    ) -> Result<()> {
+        let model = self.draft().instance(instance)?.model.clone();
+        let chosen = choose(&model, parts, scope)?;
+        if hides {
+            model.part_sets()?;
+        }
         let mut draft = self.draft();
-        let instance = draft.instance(instance)?;
-        let index = instance.model.part_index(part);
-        let index = index.ok_or_else(|| Error::bad_argument(format!("the model has no part {part}")))?;
-        Arc::make_mut(&mut instance.parts).set(index, look);
+        let draftee = draft.instance(instance)?;
+        if !draftee.model.same(&model) {
+            return Err(Error::BadState(format!("the model of instance {instance} was exchanged meanwhile")));
+        }
+        edit(Arc::make_mut(&mut draftee.parts), &mut chosen.into_iter(), model.parts().len() as u32);
         Ok(())
     }
 
     /// Resets the looks of all parts of an instance. Cheap.
     pub fn clear_part_looks(&self, instance: u64) -> Result<()> {
-        self.draft().instance(instance)?.parts = Arc::default();
+        let mut draft = self.draft();
+        let plain = Arc::clone(&draft.plain.looks);
+        draft.instance(instance)?.parts = plain;
+        Ok(())
+    }
+
+    /// Exchanges the model of an instance, for example after it was built anew. The instance keeps its transform, mask
+    /// and look, and each part the look of the part with the same id; looks of parts that the new model lacks are lost.
+    /// Fails like [`Scene::add_instance`] and [`Scene::set_parts_look`].
+    pub fn set_model(&self, instance: u64, model: &Model) -> Result<()> {
+        if !model.context().same(&self.context) {
+            return Err(Error::bad_argument("the model belongs to another context"));
+        }
+        let mut draft = self.draft();
+        let draftee = draft.instance(instance)?;
+        let (before, old) = (draftee.model.clone(), Arc::clone(&draftee.parts));
+        drop(draft);
+        let looks = old.carried(&before, model);
+        if !looks.hidden.is_empty() {
+            model.part_sets()?;
+        }
+        let mut draft = self.draft();
+        let plain = Arc::clone(&draft.plain.looks);
+        let draftee = draft.instance(instance)?;
+        if !Arc::ptr_eq(&draftee.parts, &old) {
+            return Err(Error::BadState(format!("the looks of instance {instance} were edited meanwhile")));
+        }
+        draftee.parts = if looks.is_empty() { plain } else { Arc::new(looks) };
+        draftee.model = model.clone();
+        draft.moved = true;
         Ok(())
     }
 
@@ -164,6 +237,12 @@ impl Scene {
         let mut draft = self.draft();
         let draft = &mut *draft;
         draft.instances.retain(Option::is_some);
+        // Blocks are searched anew only where looks of parts have changed.
+        for it in draft.instances.iter_mut().flatten() {
+            if !Arc::ptr_eq(&it.parts, &it.shown.looks) {
+                it.shown = Arc::new(PartsShown::of(&it.model, &it.parts)?);
+            }
+        }
         let kept = || draft.instances.iter().flatten();
         draft.index = kept().enumerate().map(|(i, instance)| (instance.id, i)).collect();
         let mut models: Vec<Model> = Vec::new();
@@ -175,7 +254,7 @@ impl Scene {
                 models.len() - 1
             }) as u32;
             let Draftee { id, world_from_model, mask, look, .. } = *it;
-            let parts = Arc::clone(&it.parts);
+            let parts = Arc::clone(&it.shown);
             instances.push(Instance { id, model, world_from_model, mask, look, parts });
         }
         let placement = if draft.moved {
@@ -184,9 +263,11 @@ impl Scene {
             Arc::clone(&self.committed.load().placement)
         };
         let see_through = models.iter().any(Model::see_through)
-            || instances.iter().any(|i| i.look.see_through() || i.parts.see_through());
+            || instances.iter().any(|i| i.look.see_through() || i.parts.looks.see_through());
+        let hides_parts = instances.iter().any(|i| !i.parts.trees.is_empty());
         self.committed.store(Arc::new(SceneState {
             see_through,
+            hides_parts,
             context: self.context.clone(),
             models,
             instances,
@@ -221,6 +302,33 @@ impl Draft {
     }
 }
 
+/// The parts that a list of ids chooses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scope {
+    /// The parts themselves.
+    Own,
+    /// The parts and all parts below them.
+    Below,
+}
+
+/// Returns the indices of the parts that `ids` choose, ascending.
+fn choose(model: &Model, ids: &[u64], scope: Scope) -> Result<Vec<u32>> {
+    let index = |&id| model.part_index(id).ok_or_else(|| Error::bad_argument(format!("the model has no part {id}")));
+    let mut chosen = ids.iter().map(index).collect::<Result<Vec<u32>>>()?;
+    if scope == Scope::Below {
+        let mut marks = vec![false; model.parts().len()];
+        chosen.iter().for_each(|&part| marks[part as usize] = true);
+        // A parent comes before its children.
+        for (i, part) in model.parts().iter().enumerate() {
+            marks[i] |= part.parent.is_some_and(|parent| marks[parent as usize]);
+        }
+        return Ok((0..marks.len() as u32).filter(|&part| marks[part as usize]).collect());
+    }
+    chosen.sort_unstable();
+    chosen.dedup();
+    Ok(chosen)
+}
+
 fn no_instance(id: u64) -> Error {
     Error::bad_argument(format!("instance {id} does not exist"))
 }
@@ -237,29 +345,20 @@ fn check_look(state: &Look) -> Result<()> {
 
 /// Flattens instances and their models' own assemblies, and builds the top tree over them.
 fn place<'a>(draftees: impl Iterator<Item = &'a Draftee>, instances: &[Instance]) -> Result<Placement> {
-    let (mut placed, mut hits) = (Vec::new(), Vec::new());
+    let (mut placed, mut hits, mut firsts) = (Vec::new(), Vec::new(), Vec::with_capacity(instances.len()));
     for (i, (draftee, instance)) in draftees.zip(instances).enumerate() {
+        firsts.push(placed.len() as u32);
         let trees = draftee.model.trees();
-        let mut add = |tree: u32, first_part: u32, world_from_mesh: &DAffine3| {
+        for (tree, first_part, model_from_mesh) in draftee.model.placements() {
             let ids = [instance.model, tree, i as u32, first_part];
-            if let Some(t) = trees.get(tree as usize).filter(|t| !t.bounds.is_empty()) {
-                let it = Placed::new(t, ids, world_from_mesh);
-                hits.push(it.hit_bounds(t));
-                placed.push(it);
-            }
-        };
-        add(0, 0, &draftee.world_from_model);
-        for row in draftee.model.assembly() {
-            let m = &row.world_from_mesh;
-            let column = |c: usize| DVec3::new(m[3 * c], m[3 * c + 1], m[3 * c + 2]);
-            let linear = DMat3::from_cols(column(0), column(1), column(2));
-            let model_from_mesh = DAffine3 { matrix3: linear, translation: column(3) };
-            add(row.tree, row.first_part, &(draftee.world_from_model * model_from_mesh));
+            let it = Placed::new(&trees[tree as usize], ids, &(draftee.world_from_model * model_from_mesh));
+            hits.push(it.hit_bounds(&trees[tree as usize]));
+            placed.push(it);
         }
     }
     if placed.len() >= 1 << 31 {
         return Err(Error::bad_argument("a scene must have fewer than 2^31 placed trees"));
     }
     let around = placed.iter().fold(DBounds::EMPTY, |all, p| all.union(p.bounds));
-    Ok(Placement { bounds: around, top: TopTree::build(&hits), placed })
+    Ok(Placement { bounds: around, top: TopTree::build(&hits), placed, firsts })
 }

@@ -8,14 +8,15 @@ use crate::base::progress::{Cancel, Phase, Progress};
 use crate::base::units::UpAxis;
 use crate::lod::SAMPLE_BYTES;
 use crate::math::DBounds;
-use crate::residency::{ModelBlocks, Snapshot};
-use crate::store::{FileSource, Header, InstanceRow, ModelFile, PartRow, Source, TreeRow};
+use crate::residency::{Kept, ModelBlocks, Snapshot};
+use crate::store::{FileSource, Header, InstanceRow, ModelFile, PartRow, PartSets, Source, TreeRow};
 use crate::structure::open::{self, Opened, StoredTree};
 use crate::structure::{Tree, Visit};
-use glam::DVec3;
+use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
+use std::ops::Deref;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A part of a model, as stored.
 #[derive(Debug, Clone, PartialEq)]
@@ -97,6 +98,22 @@ struct Inner {
     trees: Vec<StoredTree>,
     blocks: ModelBlocks,
     geometry_bytes: u64,
+    /// The parts of blocks, once they were needed.
+    part_sets: Mutex<Option<Arc<KeptSets>>>,
+}
+
+/// The parts of blocks, and the charge for their memory.
+pub(crate) struct KeptSets {
+    sets: PartSets,
+    _memory: Kept,
+}
+
+impl Deref for KeptSets {
+    type Target = PartSets;
+
+    fn deref(&self) -> &PartSets {
+        &self.sets
+    }
 }
 
 impl Model {
@@ -171,7 +188,18 @@ impl Model {
         let see_through = parts.iter().any(|part| part.colour[3] < 1.0);
         let info = info_of(&file, &header);
         let context = context.clone();
-        Ok(Self(Arc::new(Inner { context, info, parts, see_through, part_of_id, trees, blocks, geometry_bytes })))
+        let part_sets = Mutex::default();
+        Ok(Self(Arc::new(Inner {
+            context,
+            info,
+            parts,
+            see_through,
+            part_of_id,
+            trees,
+            blocks,
+            geometry_bytes,
+            part_sets,
+        })))
     }
 
     /// The context in which it was opened.
@@ -257,6 +285,28 @@ impl Model {
         self.0.blocks.file().instances()
     }
 
+    /// Its trees with triangles, in the order in which a scene places them: the tree's index, the part that is its local
+    /// part 0, and its placement in the model.
+    pub(crate) fn placements(&self) -> impl Iterator<Item = (u32, u32, DAffine3)> {
+        let direct = std::iter::once((0, 0, DAffine3::IDENTITY));
+        let all = direct.chain(self.assembly().iter().map(|row| (row.tree, row.first_part, model_from_mesh(row))));
+        all.filter(|(tree, ..)| self.0.trees.get(*tree as usize).is_some_and(|t| !t.bounds.is_empty()))
+    }
+
+    /// The parts of its blocks. The first call reads them and keeps them in memory. Fails with `OverBudget`, `Io` or
+    /// `Corrupt`.
+    pub(crate) fn part_sets(&self) -> Result<Arc<KeptSets>> {
+        let held = || self.0.part_sets.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(sets) = &*held() {
+            return Ok(Arc::clone(sets));
+        }
+        // The lock is not held meanwhile: a source of the host may call the library.
+        let file = self.0.blocks.file();
+        let memory = self.0.context.residency().keep("the parts of blocks", file.part_sets_memory())?;
+        let sets = Arc::new(KeptSets { sets: file.part_sets()?, _memory: memory });
+        Ok(Arc::clone(held().get_or_insert(sets)))
+    }
+
     pub(crate) fn trees(&self) -> &[StoredTree] {
         &self.0.trees
     }
@@ -267,7 +317,7 @@ impl Model {
 
     /// Its tree `index` in `snapshot`.
     #[inline]
-    pub(crate) fn tree_in<'a>(&self, index: u32, snapshot: &'a Snapshot, visit: Visit) -> Tree<'a> {
+    pub(crate) fn tree_in<'a>(&self, index: u32, snapshot: &'a Snapshot, visit: Visit<'a>) -> Tree<'a> {
         self.0.trees[index as usize].view(snapshot, self.0.context.isa(), visit)
     }
 }
@@ -293,6 +343,12 @@ fn first_blocks(file: &ModelFile, budget: u64) -> Vec<BlockId> {
         depth == 0 || sum <= most
     };
     by_depth.into_iter().take_while(fits).map(|(_, id)| BlockId(id)).collect()
+}
+
+fn model_from_mesh(row: &InstanceRow) -> DAffine3 {
+    let m = &row.world_from_mesh;
+    let column = |c: usize| DVec3::new(m[3 * c], m[3 * c + 1], m[3 * c + 2]);
+    DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
 }
 
 fn part_info(row: &PartRow, file: &ModelFile) -> PartInfo {

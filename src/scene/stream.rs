@@ -213,7 +213,7 @@ impl SceneView<'_> {
     /// the file, or the same placed tree.
     fn tree_key(&self, placed: u32) -> u64 {
         let p = &self.scene.placement.placed[placed as usize];
-        let is_as_in_file = self.scene.instances[p.instance as usize].parts.shown.is_empty();
+        let is_as_in_file = self.scene.instances[p.instance as usize].parts.looks.is_empty();
         if is_as_in_file { u64::from(p.model) << 32 | u64::from(p.tree) } else { 1 << 63 | u64::from(placed) }
     }
 

@@ -266,7 +266,12 @@ impl<'a> SceneView<'a> {
     #[inline]
     pub fn tree(&self, placed: u32) -> Tree<'a> {
         let p = &self.scene.placement.placed[placed as usize];
-        let visit = Visit { accept_missing: self.accept_missing, opaque_cells: self.opaque_cells, stamp: self.stamp };
+        let visit = Visit {
+            accept_missing: self.accept_missing,
+            opaque_cells: self.opaque_cells,
+            stamp: self.stamp,
+            shown: self.scene.shown_blocks(placed),
+        };
         self.model_of(placed).tree_in(p.tree, &self.snapshots.0[p.model as usize], visit)
     }
 
@@ -281,12 +286,14 @@ impl<'a> SceneView<'a> {
         let p = &self.scene.placement.placed[placed as usize];
         let parts = &self.scene.instances[p.instance as usize].parts;
         let filter = || PartFilter {
-            hidden: &parts.hidden,
+            hidden: &parts.looks.hidden,
             first_part: p.first_part,
             touched: parts.touched(p.first_part),
+            hidden_bits: parts.hidden_bits(p.first_part),
+            visible_bits: parts.visible_bits(p.first_part),
             within: None,
         };
-        (!parts.shown.is_empty()).then(filter)
+        (!parts.looks.is_empty()).then(filter)
     }
 
     /// The mask of the rays that see the placed tree.
@@ -294,7 +301,9 @@ impl<'a> SceneView<'a> {
     pub(super) fn seen_by(&self, placed: u32) -> u32 {
         let p = &self.scene.placement.placed[placed as usize];
         let instance = &self.scene.instances[p.instance as usize];
-        if instance.look.visible { instance.mask } else { 0 }
+        // A tree of hidden parts alone is not entered.
+        let is_hidden = self.scene.shown_blocks(placed).is_some_and(|shown| shown.lacks(shown.first_block));
+        if instance.look.visible && !is_hidden { instance.mask } else { 0 }
     }
 
     /// The triangle that was hit, and its model's part.

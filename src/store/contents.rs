@@ -1,6 +1,7 @@
 //! The section table, which lists the sections behind the blocks (FORMAT.md, sections 5 and 6).
 
 use super::directory::{self, aligned};
+use super::part_sets::{self, PartSets};
 use super::sections::{self, FileRow, InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
 use crate::base::bytes::{ByteReader, Malformed, PutBytes, ensure};
 
@@ -18,10 +19,13 @@ pub enum Kind {
     Assembly = 4,
     /// Trees.
     Trees = 5,
+    /// Parts of blocks.
+    PartSets = 6,
 }
 
 /// All kinds in their order in the file.
-pub const KINDS: [Kind; 5] = [Kind::Directory, Kind::Parts, Kind::Materials, Kind::Assembly, Kind::Trees];
+pub const KINDS: [Kind; 6] =
+    [Kind::Directory, Kind::Parts, Kind::Materials, Kind::Assembly, Kind::Trees, Kind::PartSets];
 /// Number of bytes of a row of the section table.
 pub const ROW_LEN: usize = 40;
 /// Number of bytes of the section table.
@@ -36,7 +40,12 @@ impl Kind {
             Kind::Materials => MaterialRow::LEN,
             Kind::Assembly => InstanceRow::LEN,
             Kind::Trees => TreeRow::LEN,
+            Kind::PartSets => part_sets::ROW_LEN,
         }
+    }
+    /// True if bytes follow the rows of a section of this kind.
+    fn has_tail(self) -> bool {
+        matches!(self, Kind::Parts | Kind::PartSets)
     }
     /// The name of the kind, for messages.
     pub fn name(self) -> &'static str {
@@ -46,6 +55,7 @@ impl Kind {
             Kind::Materials => "materials",
             Kind::Assembly => "assembly",
             Kind::Trees => "trees",
+            Kind::PartSets => "parts of blocks",
         }
     }
 }
@@ -109,7 +119,7 @@ fn decode_entry(r: &mut ByteReader, kind: Kind) -> Result<Entry, Malformed> {
     ensure(r.u32()? as usize == kind.row_len(), "wrong row size")?;
     let entry = Entry { kind, count: r.u64()?, offset: r.u64()?, len: r.u64()?, checksum: r.u64()? };
     let rows_len = entry.count.checked_mul(kind.row_len() as u64);
-    let sizes_agree = rows_len.is_some_and(|n| if kind == Kind::Parts { n <= entry.len } else { n == entry.len });
+    let sizes_agree = rows_len.is_some_and(|n| if kind.has_tail() { n <= entry.len } else { n == entry.len });
     ensure(sizes_agree, "the size does not match the number of rows")?;
     Ok(entry)
 }
@@ -120,12 +130,17 @@ pub(super) fn of_section(kind: Kind, why: &Malformed) -> Malformed {
 }
 
 /// Returns the bytes of each section and its number of rows, in the order of [`KINDS`].
-pub(super) fn encode_sections(rows: &[directory::Row], tables: &Tables) -> [(Vec<u8>, u64); KINDS.len()] {
+pub(super) fn encode_sections(
+    rows: &[directory::Row],
+    tables: &Tables,
+    sets: &PartSets,
+) -> [(Vec<u8>, u64); KINDS.len()] {
     [
         (directory::encode(rows), rows.len() as u64),
         (sections::encode(tables.parts), tables.parts.len() as u64),
         (sections::encode(tables.materials), tables.materials.len() as u64),
         (sections::encode(tables.instances), tables.instances.len() as u64),
         (sections::encode(tables.trees), tables.trees.len() as u64),
+        (sets.encode(), sets.len() as u64),
     ]
 }

@@ -9,6 +9,7 @@ pub mod directory;
 pub mod header;
 #[cfg(unix)]
 mod page_cache;
+pub mod part_sets;
 pub mod reader;
 pub mod sections;
 pub mod source;
@@ -17,6 +18,7 @@ pub mod writer;
 pub use aside::Aside;
 pub use codec::{Codec, EncodedBlock};
 pub use header::{Drops, Header, Options};
+pub use part_sets::PartSets;
 pub use reader::{CheckReport, ModelFile};
 pub use sections::{CLASSES, InstanceRow, MaterialRow, PartRow, TreeRow};
 pub use source::{CallbackSource, FileSource, MemorySource, Source};

@@ -4,6 +4,7 @@ use super::codec;
 use super::contents::{self, Entry, KINDS, Kind, TABLE_LEN, of_section};
 use super::directory::{self, Row};
 use super::header::{self, FOOTER_LEN, Frame, HEADER_LEN, Header, HeaderError, VERSION};
+use super::part_sets::PartSets;
 use super::sections::{self, InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
 use super::source::{FileSource, Source};
 use crate::base::bytes::{Checked, Malformed, ensure, is_zero};
@@ -33,6 +34,9 @@ pub struct ModelFile {
     materials: Vec<MaterialRow>,
     instances: Vec<InstanceRow>,
     trees: Vec<TreeRow>,
+    /// Place of the parts of blocks, which are read on demand, and the offset of the section table behind them.
+    part_sets: Entry,
+    table_at: u64,
 }
 
 /// Result of [`ModelFile::check`] for an intact file.
@@ -60,7 +64,7 @@ impl ModelFile {
         file.footer(&frame, &head)?;
         let entries = file.table(&frame)?;
         let blocks_end = entries[0].offset;
-        let tail = file.sections(&entries, &frame)?;
+        let tail = file.sections(&entries)?;
         let bytes = |kind: Kind| section(&tail, &entries, blocks_end, kind);
         let damaged = |kind| move |why| file.corrupt(of_section(kind, &why));
         let rows = directory::decode(bytes(Kind::Directory).0).map_err(damaged(Kind::Directory))?;
@@ -71,8 +75,24 @@ impl ModelFile {
         let tables = Tables { parts: &parts, materials: &materials, instances: &instances, trees: &trees };
         tables.validate(&header).map_err(|why| file.corrupt(why))?;
         file.check_directory(&rows, &header, blocks_end)?;
-        let (fingerprint, file_len) = (xxh3_64(&head), frame.file_len);
-        Ok(Self { source, header, fingerprint, file_len, blocks_end, rows, parts, materials, instances, trees })
+        let (fingerprint, file_len, table_at) = (xxh3_64(&head), frame.file_len, frame.table_at);
+        let [.., part_sets] = entries;
+        let has_all = part_sets.count == 0 || part_sets.count == u64::from(header.geometry_blocks);
+        file.ensure(has_all, "section parts of blocks: the number of rows differs from the number of geometry blocks")?;
+        Ok(Self {
+            source,
+            header,
+            fingerprint,
+            file_len,
+            blocks_end,
+            rows,
+            parts,
+            materials,
+            instances,
+            trees,
+            part_sets,
+            table_at,
+        })
     }
 
     /// [`ModelFile::open`] for a path of the file system.
@@ -134,6 +154,23 @@ impl ModelFile {
         self.header.has_colours.then(|| BlockId(2 * self.header.geometry_blocks + id.0))
     }
 
+    /// Greatest number of bytes that [`ModelFile::part_sets`] takes while it reads; half of them stay.
+    pub fn part_sets_memory(&self) -> u64 {
+        2 * self.part_sets.len
+    }
+
+    /// Reads and checks the parts of blocks. Fails with [`Error::Io`] or [`Error::Corrupt`].
+    pub fn part_sets(&self) -> Result<PartSets> {
+        let file = self.opening();
+        let bytes = file.read_vec(self.part_sets.offset, self.table_at - self.part_sets.offset)?;
+        let bytes = file.intact(&self.part_sets, &bytes)?;
+        let tree_of =
+            |block: usize| self.trees.partition_point(|tree| tree.first_block as usize <= block).checked_sub(1);
+        let most = |block: usize| tree_of(block).map_or(0, |tree| self.trees[tree].local_parts);
+        let sets = PartSets::decode(bytes, self.part_sets.count, most);
+        sets.map_err(|why| file.corrupt(of_section(Kind::PartSets, &why)))
+    }
+
     /// Number of bytes of memory that the directory and the tables take.
     pub fn memory(&self) -> u64 {
         let names: usize = self.parts.iter().map(|part| part.name.capacity()).sum();
@@ -189,6 +226,7 @@ impl ModelFile {
         let again = Self::open(self.source.clone())?;
         let same = ensure(again.fingerprint == self.fingerprint, "the file was replaced after it was opened");
         same.map_err(|why| self.opening().corrupt(why))?;
+        self.part_sets()?;
         let (mut buffer, mut payload) = (Vec::new(), Vec::new());
         let mut damage: Option<(BlockId, Malformed)> = None;
         let mut damaged = 0u32;
@@ -354,17 +392,23 @@ impl Opening<'_> {
         Ok(entries)
     }
 
-    /// Reads everything from the directory up to the section table, and checks checksums and padding.
-    fn sections(&self, entries: &[Entry; KINDS.len()], frame: &Frame) -> Result<Vec<u8>> {
+    /// Returns the bytes of a section out of `bytes`, which also hold the padding behind it; checks checksum and padding.
+    fn intact<'a>(&self, entry: &Entry, bytes: &'a [u8]) -> Result<&'a [u8]> {
+        let (bytes, padding) = bytes.split_at(entry.len as usize);
+        let intact = ensure(xxh3_64(bytes) == entry.checksum, "damaged (checksum mismatch)")
+            .and_then(|()| ensure(is_zero(padding), "the padding behind the section is not zero"));
+        intact.map_err(|why| self.corrupt(of_section(entry.kind, &why)))?;
+        Ok(bytes)
+    }
+
+    /// Reads everything from the directory up to the parts of blocks, and checks checksums and padding.
+    fn sections(&self, entries: &[Entry; KINDS.len()]) -> Result<Vec<u8>> {
         let start = entries[0].offset;
-        let tail = self.read_vec(start, frame.table_at - start)?;
+        let [before @ .., last] = entries;
+        let tail = self.read_vec(start, last.offset - start)?;
         let at = |offset: u64| (offset - start) as usize;
-        for (i, entry) in entries.iter().enumerate() {
-            let next = entries.get(i + 1).map_or(frame.table_at, |next| next.offset);
-            let (bytes, padding) = tail[at(entry.offset)..at(next)].split_at(entry.len as usize);
-            let intact = ensure(xxh3_64(bytes) == entry.checksum, "damaged (checksum mismatch)")
-                .and_then(|()| ensure(is_zero(padding), "the padding behind the section is not zero"));
-            intact.map_err(|why| self.corrupt(of_section(entry.kind, &why)))?;
+        for (i, entry) in before.iter().enumerate() {
+            self.intact(entry, &tail[at(entry.offset)..at(entries[i + 1].offset)])?;
         }
         Ok(tail)
     }

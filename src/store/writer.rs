@@ -4,6 +4,7 @@ use super::codec::EncodedBlock;
 use super::contents::{self, Entry, KINDS};
 use super::directory::{self, Row, aligned};
 use super::header::{self, FOOTER_LEN, Frame, HEADER_LEN, Header};
+use super::part_sets::PartSets;
 use super::sections::{InstanceRow, MaterialRow, PartRow, Tables, TreeRow};
 use crate::base::bytes::Malformed;
 use crate::base::error::{Error, Result};
@@ -25,6 +26,7 @@ pub struct Writer {
     /// Number of bytes written, those in the buffer included.
     at: u64,
     rows: Vec<Row>,
+    part_sets: PartSets,
     failed: bool,
 }
 
@@ -39,7 +41,8 @@ impl Writer {
 
     fn through(medium: Box<dyn Medium>) -> Result<Self> {
         let buffer = Vec::with_capacity(BUFFER_LEN);
-        let mut writer = Self { medium, buffer, at: 0, rows: Vec::new(), failed: false };
+        let (rows, part_sets) = (Vec::new(), PartSets::default());
+        let mut writer = Self { medium, buffer, at: 0, rows, part_sets, failed: false };
         // The content of the header is known last. Until then the file begins with zeros and is not a valid model.
         writer.append(&[0; HEADER_LEN])?;
         Ok(writer)
@@ -62,6 +65,11 @@ impl Writer {
         self.rows.push(Row::of(&block, self.at).map_err(refuse)?);
         self.append(&block.stored)?;
         Ok(BlockId(id))
+    }
+
+    /// Sets the parts of all geometry blocks. Without this call the model has none.
+    pub fn set_part_sets(&mut self, sets: PartSets) {
+        self.part_sets = sets;
     }
 
     /// Number of bytes of the file so far.
@@ -102,6 +110,13 @@ impl Writer {
                 header.block_count()
             )));
         }
+        let sets = self.part_sets.len();
+        if sets != 0 && sets != header.geometry_blocks as usize {
+            return Err(Error::bad_argument(format!(
+                "model: there are {sets} sets of parts for {} blocks",
+                header.geometry_blocks
+            )));
+        }
         directory::check(&self.rows, header.block_size).map_err(refuse)?;
         self.write_sections(header, &tables)?;
         self.medium.publish()?;
@@ -110,7 +125,9 @@ impl Writer {
 
     fn write_sections(&mut self, header: &Header, tables: &Tables) -> Result<()> {
         let mut entries = Vec::with_capacity(KINDS.len());
-        for (kind, (bytes, count)) in KINDS.into_iter().zip(contents::encode_sections(&self.rows, tables)) {
+        for (kind, (bytes, count)) in
+            KINDS.into_iter().zip(contents::encode_sections(&self.rows, tables, &self.part_sets))
+        {
             self.pad()?;
             entries.push(Entry { kind, count, offset: self.at, len: bytes.len() as u64, checksum: xxh3_64(&bytes) });
             self.append(&bytes)?;

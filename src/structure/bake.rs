@@ -86,6 +86,10 @@ pub struct BakedBlock {
     pub prims: Vec<u32>,
     /// Colour of each triangle of the block; empty if the input has no colours.
     pub colours: Vec<[u8; 4]>,
+    /// Local parts of the triangles in the block and in the other blocks of its plan, ascending. Empty if unknown.
+    pub parts: Vec<u32>,
+    /// Blocks of other plans that the block refers to, counted from the first block of the tree.
+    pub below: Vec<u32>,
 }
 
 /// Result of [`Baker::build`].

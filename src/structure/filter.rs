@@ -3,17 +3,59 @@
 use super::hit::Triangle;
 
 /// Rejects hits on hidden parts, and hits that fail a further test.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct PartFilter<'a> {
     /// Bit `i % 64` of word `i / 64`: part `i` of the model is hidden. Parts beyond the last word are visible.
     pub hidden: &'a [u64],
     /// The model's part that corresponds to the tree's local part 0 in this instance.
     pub first_part: u32,
-    /// The bits (`lod::summary_bit`) of all local parts that are hidden or look different from the file. A cell that
-    /// mixes such a part with others is not shown as a stand-in.
+    /// The bits (`lod::summary_bit`) of all local parts that are hidden or look different from the file.
     pub touched: u32,
+    /// The bits of all local parts that are hidden.
+    pub hidden_bits: u32,
+    /// The bits of all local parts that are visible.
+    pub visible_bits: u32,
     /// A further test of each hit, if there is one. Packets and bundles with such a test are traced as single rays.
     pub within: Option<&'a dyn Within>,
+}
+
+impl Default for PartFilter<'_> {
+    /// Rejects nothing.
+    fn default() -> Self {
+        Self { hidden: &[], first_part: 0, touched: 0, hidden_bits: 0, visible_bits: u32::MAX, within: None }
+    }
+}
+
+/// For each block of a tree, one of the visible parts in and below it. Walks pass by blocks that have none: such
+/// blocks are neither needed nor read.
+#[derive(Debug, Default)]
+pub struct ShownBlocks {
+    /// Id of the tree's first block.
+    pub first_block: u32,
+    /// A local part, or [`ShownBlocks::NONE`], or [`ShownBlocks::UNKNOWN`], for each block.
+    pub part: Box<[u32]>,
+}
+
+impl ShownBlocks {
+    /// The block has no visible part.
+    pub const NONE: u32 = u32::MAX;
+    /// Nothing is known about the block.
+    pub const UNKNOWN: u32 = u32::MAX - 1;
+
+    fn of(&self, block: u32) -> u32 {
+        self.part.get(block.wrapping_sub(self.first_block) as usize).copied().unwrap_or(Self::UNKNOWN)
+    }
+
+    /// True if walks pass by a block.
+    #[inline]
+    pub fn lacks(&self, block: u32) -> bool {
+        self.of(block) == Self::NONE
+    }
+
+    /// A visible local part in or below a block, if one is known.
+    pub fn part_in(&self, block: u32) -> Option<u32> {
+        Some(self.of(block)).filter(|&part| part < Self::UNKNOWN)
+    }
 }
 
 /// A test of hits in more than single precision.

@@ -129,7 +129,7 @@ impl StoredTree {
 
     /// The tree in a snapshot of its file's blocks.
     #[inline]
-    pub fn view<'a>(&self, snapshot: &'a Snapshot, isa: Isa, visit: Visit) -> Tree<'a> {
+    pub fn view<'a>(&self, snapshot: &'a Snapshot, isa: Isa, visit: Visit<'a>) -> Tree<'a> {
         match &self.start {
             Start::Bvh(own) => Tree::Bvh(own.view(snapshot, self.max_coord, isa, visit)),
             #[cfg(any(test, feature = "brute"))]

@@ -13,7 +13,7 @@ use super::cell::Cells;
 use super::cursor::Below;
 #[cfg(any(test, feature = "brute"))]
 use super::fallback::SingleWalks;
-use super::filter::PartFilter;
+use super::filter::{PartFilter, ShownBlocks};
 use super::hit::{Outcome, TriHit, Triangle};
 use super::packet::PacketWalk;
 use super::place::{Place, Rooted};
@@ -31,7 +31,7 @@ pub use bvh::trace::Bundle;
 
 /// Options of walks through a tree.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Visit {
+pub struct Visit<'a> {
     /// Walks show stand-ins for blocks that are not in memory. Otherwise they stop at these blocks and request them.
     pub accept_missing: bool,
     /// Stand-ins stop all rays. A hit is then the first one that the ray encounters.
@@ -39,6 +39,8 @@ pub struct Visit {
     /// Number of the pass. Blocks that the walk reads get it as their last-used stamp, and stay in memory as long as
     /// the pass needs them.
     pub stamp: u32,
+    /// Blocks that walks pass by, if parts are hidden.
+    pub shown: Option<&'a ShownBlocks>,
 }
 
 /// One tree of a model in one snapshot. Cheap to make; it borrows the snapshot as long as it is in use.
@@ -198,6 +200,12 @@ impl<'a> Tree<'a> {
     /// True if single triangles have colours.
     pub fn has_colours(&self) -> bool {
         of_each!(self, own => own.colours_at.is_some())
+    }
+
+    /// Returns the local part that covers most of the cell of a hit, true if there are others, and the bits
+    /// (`lod::summary_bit`) of all; `None` if its block has left the snapshot.
+    pub fn parts_in_cell(&self, hit: &TriHit) -> Option<(u32, bool, u32)> {
+        of_each!(self, own => own.parts_in_cell(hit))
     }
 
     /// Returns the block that the stand-in of a hit replaces, if that block is missing.

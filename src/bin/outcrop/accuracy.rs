@@ -2,7 +2,7 @@
 
 use crate::common::{self, Failure};
 use crate::rays;
-use crate::view;
+use crate::view::{self, PartArgs};
 use outcrop::base::progress::Cancel;
 use outcrop::math::{Cone, Ray};
 use outcrop::query::{Hit, HitKind, QueryOptions, Want};
@@ -125,7 +125,7 @@ fn row(
 fn working_set(task: &Task, rays: &[Ray]) -> Result<(u64, bool), Failure> {
     let context = Context::new(ContextOptions { read_ahead: false, ..task.options.clone() })?;
     let model = Model::open_cold(&context, task.path)?;
-    let scene = view::alone(&context, &model, Vec::new(), Background::default())?;
+    let scene = view::alone(&context, &model, Vec::new(), Background::default(), &PartArgs::default())?;
     trace(&scene, rays)?;
     let before = model.memory().resident;
     // The second trace reloads blocks that were evicted to make room.

@@ -3,7 +3,7 @@
 use crate::accuracy::{self, Task};
 use crate::common::{self, Failure, Outcome};
 use crate::rays::Kind;
-use crate::view;
+use crate::view::{self, PartArgs};
 use outcrop::base::error::Error;
 use outcrop::base::progress::Cancel;
 use outcrop::import::generate;
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Outcome {
         let context = Context::new(options.clone())?;
         let model = Model::open(&context, &args.model)?;
         let all_in_memory = model.load(&cancel)?;
-        let scene = view::alone(&context, &model, Vec::new(), Background::default())?;
+        let scene = view::alone(&context, &model, Vec::new(), Background::default(), &PartArgs::default())?;
         facts = json!({
             "model": args.model.to_string_lossy(), "triangles": model.info().triangles_placed,
             "bytes_trace": model.memory().geometry, "all_in_memory": all_in_memory, "isa": context.isa().name(),

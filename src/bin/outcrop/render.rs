@@ -2,7 +2,7 @@
 
 use crate::common::{self, Failure, Outcome};
 use crate::output::Destination;
-use crate::view::{self, ViewArgs};
+use crate::view::{self, PartArgs, ViewArgs};
 use glam::DVec3;
 use outcrop::base::error::Error;
 use outcrop::base::output::{Medium, OutputFile, OutputStream};
@@ -29,6 +29,8 @@ pub struct Args {
     size: (u32, u32),
     #[command(flatten)]
     view: ViewArgs,
+    #[command(flatten)]
+    parts: PartArgs,
     /// A light; may be given several times: "head", "sun:X,Y,Z" (shining along X,Y,Z) or "point:X,Y,Z", with
     /// "*INTENSITY" if that is not 1. Default: a headlight, and a sun over the left shoulder
     #[arg(long = "light", value_name = "LIGHT", value_parser = light)]
@@ -146,7 +148,7 @@ pub fn run(args: &Args) -> Outcome {
         Some(c) => Background::Colour([c.x as f32, c.y as f32, c.z as f32, 1.0]),
         None => Background::default(),
     };
-    let scene = view::alone(&context, &model, lights, background)?;
+    let scene = view::alone(&context, &model, lights, background, &args.parts)?;
     let (width, height) = args.size;
     let frame = Frame::new(&context, FrameOptions { width, height, ..FrameOptions::default() })?;
     let settings = FrameSettings { samples: args.samples, poe: args.poe, ..FrameSettings::default() };

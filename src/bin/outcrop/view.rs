@@ -3,7 +3,7 @@
 use crate::common::{self, Failure};
 use glam::{DAffine3, DVec3};
 use outcrop::import::{UpAxis, generate};
-use outcrop::scene::{Background, Camera, Context, Light, Model, Scene, SceneState};
+use outcrop::scene::{Background, Camera, Context, Light, Look, Model, Scene, SceneState, Scope};
 use std::sync::Arc;
 
 /// Arguments of the camera.
@@ -44,6 +44,33 @@ pub struct ViewArgs {
         value_parser = common::positive
     )]
     ortho: Option<f64>,
+}
+
+/// Arguments that choose the visible parts.
+#[derive(clap::Args, Default)]
+pub struct PartArgs {
+    /// Show only the parts with these ids
+    #[arg(long, value_name = "ID,...", value_delimiter = ',')]
+    only: Vec<u64>,
+    /// Hide the parts with these ids
+    #[arg(long, value_name = "ID,...", value_delimiter = ',')]
+    hide: Vec<u64>,
+    /// With --only and --hide: the parts below these are meant too
+    #[arg(long)]
+    below: bool,
+}
+
+impl PartArgs {
+    fn apply(&self, scene: &Scene) -> Result<(), Failure> {
+        let scope = if self.below { Scope::Below } else { Scope::Own };
+        if !self.only.is_empty() {
+            scene.isolate_parts(INSTANCE, &self.only, scope)?;
+        }
+        if !self.hide.is_empty() {
+            scene.set_parts_look(INSTANCE, &self.hide, scope, Look { visible: false, ..Look::default() })?;
+        }
+        Ok(())
+    }
 }
 
 /// Value of `--up`.
@@ -115,15 +142,20 @@ impl ViewArgs {
     }
 }
 
+/// Id of the only instance.
+const INSTANCE: u64 = 0;
+
 /// Returns a scene with one untransformed model.
 pub fn alone(
     context: &Context,
     model: &Model,
     lights: Vec<Light>,
     background: Background,
+    parts: &PartArgs,
 ) -> Result<Arc<SceneState>, Failure> {
     let scene = Scene::new(context);
-    scene.add_instance(model, 0, DAffine3::IDENTITY)?;
+    scene.add_instance(model, INSTANCE, DAffine3::IDENTITY)?;
+    parts.apply(&scene)?;
     scene.set_lights(lights)?;
     scene.set_background(background)?;
     scene.commit()?;

@@ -23,7 +23,7 @@ use crate::scene::placed::{Placed, not_below};
 use crate::scene::walk::{Found, SceneView};
 use crate::simd::{Op, Simd, dispatch};
 use crate::structure::cell::Cells;
-use crate::structure::{Rooted, Tree, TriHit};
+use crate::structure::{PartFilter, Rooted, Tree, TriHit};
 use glam::{DVec3, Vec3};
 
 /// The stand-ins that up to `N` rays hit in a placed tree, one column per ray. Reusable: columns of other rays have
@@ -42,9 +42,8 @@ pub(crate) struct StandIns<const N: usize> {
     normal: [[f32; N]; 3],
     /// The mean cosine between the reversed ray and the visible normals.
     along: [f32; N],
-    /// The model's part that the tree's local part 0 is, and the rays whose stand-ins' parts are hidden.
+    /// The model's part that the tree's local part 0 is.
     first_part: u32,
-    hidden: u32,
 }
 
 impl<const N: usize> StandIns<N> {
@@ -56,7 +55,6 @@ impl<const N: usize> StandIns<N> {
         normal: [[0.0; N]; 3],
         along: [0.0; N],
         first_part: 0,
-        hidden: 0,
     };
 
     /// Loads the stand-ins that `rays` hit in the placed `tree`; `dir` gives the rays' directions in the world. Returns
@@ -77,12 +75,9 @@ impl<const N: usize> StandIns<N> {
         }
         let local = |i: usize| p.local_vector(dir(i).as_dvec3());
         let gone = tree.cells(rays, |i| hits.hit(i), local, is_whole, &mut self.cells);
-        (self.first_part, self.hidden) = (p.first_part, 0);
-        if self.cells.missing != 0 {
-            // Only a stand-in for missing data can have a hidden part: other parts in its cell may be visible.
-            let filter = at.view.filter(at.number);
-            let is_hidden = |part: u32| filter.as_ref().is_some_and(|filter| filter.hides(part));
-            bits(self.cells.missing).for_each(|i| self.hidden |= u32::from(is_hidden(self.cells.part[i])) << i);
+        self.first_part = p.first_part;
+        if let Some(filter) = at.view.filter(at.number) {
+            bits(rays & !gone).for_each(|i| self.under_looks(i, at, tree, &filter, &hits.hit(i)));
         }
         if N == 1 {
             see(self, p);
@@ -92,11 +87,34 @@ impl<const N: usize> StandIns<N> {
         gone
     }
 
+    /// Adapts the stand-in of ray `i` to the looks of parts. A cell that mixes parts with other looks shows the part
+    /// that covers most of it, in that part's colour. Nothing else is known of where the visible surface in it lies. If
+    /// that part is hidden, which happens only where data is missing, the cell shows a visible part of the missing
+    /// block.
+    fn under_looks(&mut self, i: usize, at: &InTree, tree: &Tree, filter: &PartFilter, hit: &TriHit) {
+        let Some((part, is_mixed, summary)) = tree.parts_in_cell(hit) else { return };
+        if !is_mixed || summary & filter.touched == 0 {
+            return;
+        }
+        // The level speaks of all original surface, hidden or not.
+        if summary & filter.hidden_bits != 0 {
+            self.cells.level[i] = 0;
+        }
+        if !tree.has_colours() || filter.hides(part) {
+            self.cells.coloured &= !(1 << i);
+        }
+        if filter.hides(part) {
+            let shown = at.view.scene.shown_blocks(at.number);
+            let visible = tree.wanted(hit).zip(shown).and_then(|(block, shown)| shown.part_in(block));
+            self.cells.part[i] = visible.unwrap_or(u32::MAX);
+        }
+    }
+
     /// The model's part with the largest visible area of the stand-in of ray `i`, over all directions; `u32::MAX` if
-    /// that part is hidden.
+    /// that part is hidden, and no visible one is known.
     #[inline(always)]
     pub fn part(&self, i: usize) -> u32 {
-        if self.hidden >> i & 1 == 1 { u32::MAX } else { self.first_part.saturating_add(self.cells.part[i]) }
+        self.first_part.saturating_add(self.cells.part[i])
     }
 
     /// Rays that hit stand-ins for data that is not in memory.

@@ -513,7 +513,7 @@ impl Direct<'_> {
     pub(super) fn recoloured(&self, placed: u32, part: u32) -> bool {
         let p = &self.view.scene.placement.placed[placed as usize];
         let instance = &self.view.scene.instances[p.instance as usize];
-        instance.look.colour.is_some() || instance.parts.shown.get(&part).is_some_and(|s| s.colour.is_some())
+        instance.look.colour.is_some() || instance.parts.looks.coloured.get(&part).is_some_and(|s| s.colour.is_some())
     }
 
     /// Returns the part's material, under the states of part and instance. `own` returns the triangle's own colour.
@@ -526,7 +526,7 @@ impl Direct<'_> {
         let p = &self.view.scene.placement.placed[placed as usize];
         let instance = &self.view.scene.instances[p.instance as usize];
         let info = self.view.model_of(placed).parts().get(part as usize);
-        let state = instance.parts.shown.get(&part);
+        let state = instance.parts.looks.coloured.get(&part);
         let [r, g, b, a] = info.map_or([0.6, 0.6, 0.6, 1.0], |i| i.colour);
         let mut material = Material {
             colour: Vec3::new(r, g, b),

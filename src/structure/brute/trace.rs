@@ -37,7 +37,7 @@ pub struct TreeView<'a> {
     /// Instruction set to trace with.
     pub isa: Isa,
     /// Options of walks.
-    pub visit: Visit,
+    pub visit: Visit<'a>,
 }
 
 impl Rooted for TreeView<'_> {
@@ -249,6 +249,13 @@ impl<'a> TreeView<'a> {
         Ok(words.get(hit.tri as usize).copied().unwrap_or(u32::MAX))
     }
 
+    /// See [`crate::structure::Tree::parts_in_cell`].
+    pub fn parts_in_cell(&self, hit: &TriHit) -> Option<(u32, bool, u32)> {
+        let row = self.row_of(hit.block, hit.stand_in()?)?;
+        let (part, is_mixed) = Coded::part(row.voxel()[2]);
+        Some((part, is_mixed, row.voxel()[3]))
+    }
+
     /// Returns the block that the stand-in of `hit` replaces, if that block is missing.
     pub fn wanted(&self, hit: &TriHit) -> Option<u32> {
         let cell = hit.stand_in().filter(|cell| cell.is_missing)?;
@@ -283,8 +290,10 @@ impl<'a> TreeView<'a> {
 fn allowed(row: Row, filter: Option<&PartFilter>) -> Option<bool> {
     let Some(filter) = filter else { return Some(true) };
     match (Coded::part(row.voxel()[2]), row.voxel()[3]) {
-        ((part, false), _) if filter.hides(part) => None,
-        ((_, is_mixed), summary) => Some(!is_mixed || summary & filter.touched == 0),
+        ((part, is_mixed), summary) if filter.hides(part) => {
+            (is_mixed && summary & filter.visible_bits != 0).then_some(false)
+        }
+        _ => Some(true),
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::codec::{Checked, Place, wrong};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL,
-    Transmitting, WIDTH, mark_transmitting,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_NODES, MAX_WORDS, NODE_WORDS, Node, PAD_WORDS,
+    SHORT_VOXEL, Transmitting, WIDTH, mark_transmitting,
 };
 use crate::lod::{Coded, SIDES_WORDS, stop_bits, summary_bit};
 use crate::structure::bytes::{Reader, padded, piece, push_planes};
@@ -164,7 +164,8 @@ fn read_externals(reader: &mut Reader, count: usize, place: Place) -> Checked<Ve
         if id <= place.id || id >= place.end {
             return wrong("an external reference refers to an invalid block");
         }
-        if !matches!(Child::from_bits(child), Some(Child::Node(_))) || child > u32::from(u16::MAX) {
+        let is_node = matches!(Child::from_bits(child), Some(Child::Node(index)) if index < MAX_NODES);
+        if !is_node || child > u32::from(u16::MAX) {
             return wrong("an external reference does not refer to a node");
         }
     }

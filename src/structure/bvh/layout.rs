@@ -78,6 +78,8 @@ pub const NODE_WORDS: usize = 32;
 pub const LINE_WORDS: usize = 16;
 /// Zero words at the end of a block.
 pub const PAD_WORDS: usize = 16;
+/// Number of nodes that no block exceeds.
+pub const MAX_NODES: usize = MAX_WORDS / NODE_WORDS;
 /// Greatest number of children of a node.
 pub const WIDTH: usize = 8;
 /// Greatest number of triangles of a leaf.

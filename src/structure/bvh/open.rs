@@ -1,7 +1,7 @@
 //! Starts of the trees of an opened file.
 
 use super::decoder::leaves_at;
-use super::layout::Child;
+use super::layout::{Child, MAX_NODES};
 use super::trace::TreeView;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
@@ -29,7 +29,7 @@ impl Start {
     /// contradict each other. The root's existence is checked when its block is read.
     pub fn of(file: &ModelFile, row: &TreeRow) -> Result<Self, &'static str> {
         let child = u32::try_from(row.root).ok().filter(|root| *root <= u32::from(u16::MAX));
-        let is_node = matches!(child.and_then(Child::from_bits), Some(Child::Node(_)));
+        let is_node = matches!(child.and_then(Child::from_bits), Some(Child::Node(index)) if index < MAX_NODES);
         let is_empty = row.block_count == 0;
         if !(is_node || is_empty) {
             return Err("the root of the tree does not exist");
@@ -56,8 +56,8 @@ impl Start {
 
     /// The tree in a snapshot.
     #[inline]
-    pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit) -> TreeView<'a> {
-        let Visit { accept_missing, opaque_cells, stamp } = visit;
+    pub fn view<'a>(&self, snapshot: &'a Snapshot, max_coord: f32, isa: Isa, visit: Visit<'a>) -> TreeView<'a> {
+        let Visit { accept_missing, opaque_cells, stamp, shown } = visit;
         TreeView {
             snapshot,
             root_block: self.first_block,
@@ -70,6 +70,7 @@ impl Start {
             accept_missing,
             opaque_cells,
             stamp,
+            shown,
         }
     }
 }

@@ -5,8 +5,8 @@
 
 use super::codec::{Holds, Place};
 use super::layout::{
-    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS, NODE_WORDS, Node,
-    PAD_WORDS, SHORT_VOXEL, WIDTH,
+    Block, Child, EXTERNAL_WORDS, HEADER_WORDS, LONG_VOXEL, MAX_NODES, MAX_TRIANGLES, MAX_VERTICES, MAX_WORDS,
+    NODE_WORDS, Node, PAD_WORDS, SHORT_VOXEL, WIDTH,
 };
 use super::leaf::{APART, MIXED, NEAR};
 use crate::lod::Coded;
@@ -48,7 +48,8 @@ fn check_header(words: &[u32]) -> Result<(), String> {
 fn check_tables(block: &Block, place: Place) -> Result<(), String> {
     for (to, child) in block.all_externals() {
         ensure(place.id < to && to < place.end, "an external reference refers to an invalid block")?;
-        let is_node = child <= u32::from(u16::MAX) && matches!(Child::from_bits(child), Some(Child::Node(_)));
+        let is_node = child <= u32::from(u16::MAX)
+            && matches!(Child::from_bits(child), Some(Child::Node(index)) if index < MAX_NODES);
         ensure(is_node, "an external reference does not refer to a node")?;
     }
     check_voxels(block)?;

@@ -24,6 +24,10 @@ pub struct TreeBlock {
     pub prims: Vec<u32>,
     /// Colour of each triangle of the block; empty if the input has none.
     pub colours: Vec<[u8; 4]>,
+    /// Local parts of the triangles in and below the block, see [`crate::structure::bake::BakedBlock`].
+    pub parts: Vec<u32>,
+    /// Blocks of other plans that the block refers to.
+    pub below: Vec<u32>,
 }
 
 struct Encoder<'a> {
@@ -100,14 +104,19 @@ pub fn encode(plan: &Plan, first_block: u32, input: TreeInput, refs: &[Ref]) -> 
     words.extend(encoder.sides.as_flattened());
     put_transmitting(&mut words);
     let Encoder { leaves, prims, colours, .. } = encoder;
+    let mut below: Vec<u32> = plan.externals.iter().map(|&(block, _)| block).collect();
+    below.sort_unstable();
+    below.dedup();
+    let parts = plan.parts.clone();
     if !plan.has_leaf_block {
         words.extend(&leaves);
         words.extend([0; PAD_WORDS]);
-        return (TreeBlock { words, prims, colours }, None);
+        return (TreeBlock { words, prims, colours, parts, below }, None);
     }
     words.extend([0; PAD_WORDS]);
     let leaves = leaf_block(&plan.parts, &leaves, prims.len());
-    (TreeBlock { words, ..TreeBlock::default() }, Some(TreeBlock { words: leaves, prims, colours }))
+    let leaves = TreeBlock { words: leaves, prims, colours, ..TreeBlock::default() };
+    (TreeBlock { words, parts, ..TreeBlock::default() }, Some(leaves))
 }
 
 fn leaf_block(parts: &[u32], leaves: &[u32], triangles: usize) -> Vec<u32> {

@@ -2,7 +2,6 @@
 //! other data only in models that are larger than the caches.
 
 use super::TreeView;
-use crate::base::ids::BlockId;
 use crate::residency::Snapshot;
 use crate::simd::prefetch;
 use crate::structure::bvh::layout::{Block, Child, HEADER_WORDS, INDEX_MASK, KIND_SHIFT, NODE_WORDS};
@@ -51,7 +50,7 @@ pub(super) fn ask(block: Block, child: u32) {
 pub(super) fn follow(is_large: bool, view: &TreeView, block: Block, id: u32, child: u32) -> (u32, u32, bool) {
     if Child::is_leaf(child) {
         let leaves = view.home_of(id, child);
-        let words = view.snapshot.block(BlockId(leaves));
+        let words = view.words(leaves);
         if let Some(words) = words {
             ask_for(is_large, Block::new(words), child);
         }
@@ -62,7 +61,7 @@ pub(super) fn follow(is_large: bool, view: &TreeView, block: Block, id: u32, chi
         return (id, child, true);
     }
     let (next, below) = block.external((child & INDEX_MASK) as usize);
-    match view.snapshot.block(BlockId(next)) {
+    match view.words(next) {
         Some(words) => {
             ask_for(is_large, Block::new(words), below);
             (next, below, true)

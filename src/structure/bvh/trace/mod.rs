@@ -31,13 +31,13 @@ pub use ray::PreparedRay;
 pub(in crate::structure) use slab_heuristic::SlabHeuristic;
 pub(in crate::structure) use stream::StreamLanes;
 
-use super::layout::{Block, Child, WIDTH};
+use super::layout::{Block, Child, HEADER_WORDS, MAX_NODES, NODE_WORDS, WIDTH};
 use super::leaf::Leaf;
 use crate::base::ids::BlockId;
 use crate::residency::Snapshot;
 use crate::simd::Isa;
 use crate::structure::cursor::Below;
-use crate::structure::filter::PartFilter;
+use crate::structure::filter::{PartFilter, ShownBlocks};
 use crate::structure::hit::{self, Counters, Outcome, TriHit, Triangle};
 use crate::structure::place::{Place, Rooted};
 use crate::structure::walk::{self, Walk};
@@ -69,7 +69,12 @@ pub struct TreeView<'a> {
     pub opaque_cells: bool,
     /// Stamp of the pass that traces. Blocks with the stamp of a live pass are not evicted.
     pub stamp: u32,
+    /// Blocks that walks pass by, because all parts in and below them are hidden. Walks find [`NOTHING`] there.
+    pub shown: Option<&'a ShownBlocks>,
 }
+
+/// A block of nodes without children, as walks read it.
+static NOTHING: [u32; HEADER_WORDS + MAX_NODES * NODE_WORDS] = [0; HEADER_WORDS + MAX_NODES * NODE_WORDS];
 
 impl TreeView<'_> {
     /// Root reference of a tree without triangles.
@@ -83,7 +88,24 @@ impl TreeView<'_> {
     /// Returns the words of a block if it is in memory, and stamps the block as used.
     #[inline(always)]
     fn visit(&self, block: u32) -> Option<&[u32]> {
+        if self.passes_by(block) {
+            return Some(&NOTHING);
+        }
         self.snapshot.visit(BlockId(block), self.stamp)
+    }
+
+    /// Returns the words of a block if it is in memory, without a stamp.
+    #[inline(always)]
+    fn words(&self, block: u32) -> Option<&[u32]> {
+        if self.passes_by(block) {
+            return Some(&NOTHING);
+        }
+        self.snapshot.block(BlockId(block))
+    }
+
+    #[inline(always)]
+    fn passes_by(&self, block: u32) -> bool {
+        self.shown.is_some_and(|shown| shown.lacks(block))
     }
 
     /// Returns the id of the block that `child` points into. `child` is a reference in block `id`.

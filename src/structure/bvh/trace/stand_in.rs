@@ -134,7 +134,7 @@ pub(super) fn leaves(node: &Node) -> u32 {
 pub(super) enum Verdict {
     /// The cell may stand in.
     Stand,
-    /// Some parts in the cell, but not all, are hidden or shown differently: the walk descends.
+    /// The part that covers most of the cell is hidden, and others are visible: the walk descends.
     Descend,
     /// All parts in the cell are hidden: the walk skips it.
     Skip,
@@ -155,8 +155,9 @@ fn judge_parts(block: Block, node: usize, slot: usize, filter: &PartFilter) -> V
     match voxel.part() {
         (part, false) if filter.hides(part) => Verdict::Skip,
         (_, false) => Verdict::Stand,
-        (_, true) if voxel.summary() & filter.touched == 0 => Verdict::Stand,
-        (_, true) => Verdict::Descend,
+        (_, true) if voxel.summary() & filter.visible_bits == 0 => Verdict::Skip,
+        (part, true) if filter.hides(part) => Verdict::Descend,
+        (_, true) => Verdict::Stand,
     }
 }
 

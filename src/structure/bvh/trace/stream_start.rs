@@ -16,7 +16,6 @@ use super::single::{self, stored_planes};
 use super::stand_in::{self, ConeRay, Met, Verdict};
 use super::stream::{BOTTOM, DEPTH, LANES, StreamRun};
 use super::stream_step as step;
-use crate::base::ids::BlockId;
 use crate::lod::OrientedSlabs;
 use crate::math::STREAM;
 use crate::simd::{Lanes, Mask, Simd};
@@ -100,7 +99,7 @@ pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, run: &mut S
                 (entry.block, entry.child) = next;
             }
             if let Some(Child::Node(index)) = Child::from_bits(entry.child)
-                && let Some(words) = view.snapshot.block(BlockId(entry.block))
+                && let Some(words) = view.words(entry.block)
             {
                 let here = Here { block: Block::new(words), id: entry.block, index };
                 expand::<S, ANY, LOD>(s, run, group, &entry, here, &mut boxes);
@@ -115,7 +114,7 @@ pub(super) fn start<S: Simd, const ANY: bool, const LOD: bool>(s: S, run: &mut S
 #[inline(always)]
 fn follow(run: &mut StreamRun, entry: &Entry, at: usize) -> Option<(u32, u32)> {
     let view = run.view;
-    let (next, below) = Block::new(view.snapshot.block(BlockId(entry.block))?).external(at);
+    let (next, below) = Block::new(view.words(entry.block)?).external(at);
     let _ = view.visit(next)?;
     run.counters.blocks += 1;
     Some((next, below))

@@ -12,7 +12,6 @@ use super::rays16::OneRay;
 use super::single::{self, CellLanes, CellRay, LeafRay, MetCells, is_better, triangles};
 use super::stand_in;
 use super::stream::{AT_LEAVES, BOTTOM, Counts, DEPTH, EXTERNALS, LANES, NODES, NOTHING, Row, StreamRun, lane, push};
-use crate::base::ids::BlockId;
 use crate::math::Cone;
 use crate::math::STREAM;
 use crate::simd::{Lanes, Mask, Simd};
@@ -210,7 +209,7 @@ fn go(run: &mut StreamRun, counts: &mut Counts, lane: usize, child: u32, block: 
         return leave(run, counts, lane);
     }
     // The block was visited when this entry was pushed.
-    if let Some(words) = run.view.snapshot.block(BlockId(block)) {
+    if let Some(words) = run.view.words(block) {
         run.block[lane] = Block::new(words);
     }
     (run.block_id[lane], run.child[lane]) = (block, child);

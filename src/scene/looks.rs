@@ -1,0 +1,221 @@
+//! The looks of instances and of their parts, and the blocks that walks need under them.
+
+use super::model::Model;
+use crate::base::error::Result;
+use crate::lod::summary_bit;
+use crate::residency::Kept;
+use crate::store::{PartSets, TreeRow};
+use crate::structure::ShownBlocks;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// The look of an instance or of a part of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// True if rays can hit it.
+    pub visible: bool,
+    /// Linear RGBA that replaces its own colour; alpha is the opacity.
+    pub colour: Option<[f32; 4]>,
+    /// True if it is highlighted.
+    pub selected: bool,
+}
+
+impl Default for Look {
+    fn default() -> Self {
+        Self { visible: true, colour: None, selected: false }
+    }
+}
+
+impl Look {
+    /// True if its colour is transparent.
+    pub(crate) fn see_through(&self) -> bool {
+        self.colour.is_some_and(|c| c[3] < 1.0)
+    }
+}
+
+/// The looks of an instance's parts that differ from the default.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct PartLooks {
+    /// Bit `i % 64` of word `i / 64`: part `i` is hidden. The last word is not 0.
+    pub hidden: Vec<u64>,
+    /// Looks with a colour or a highlight, by index of the part.
+    pub coloured: HashMap<u32, Look>,
+}
+
+impl PartLooks {
+    /// True if all parts look as in the file.
+    pub fn is_empty(&self) -> bool {
+        self.hidden.is_empty() && self.coloured.is_empty()
+    }
+
+    /// True if the part is hidden.
+    pub fn hides(&self, part: u32) -> bool {
+        self.hidden.get(part as usize / 64).is_some_and(|word| word >> (part % 64) & 1 == 1)
+    }
+
+    /// Sets one part's look.
+    pub fn set(&mut self, part: u32, look: Look) {
+        self.set_visible(part, look.visible);
+        if look.colour.is_none() && !look.selected {
+            self.coloured.remove(&part);
+        } else {
+            self.coloured.insert(part, look);
+        }
+    }
+
+    /// Hides a part, or shows it.
+    pub fn set_visible(&mut self, part: u32, is_visible: bool) {
+        let (word, bit) = (part as usize / 64, part % 64);
+        if !is_visible && self.hidden.len() <= word {
+            self.hidden.resize(word + 1, 0);
+        }
+        if let Some(w) = self.hidden.get_mut(word) {
+            *w = *w & !(1 << bit) | u64::from(!is_visible) << bit;
+        }
+        while self.hidden.last() == Some(&0) {
+            self.hidden.pop();
+        }
+    }
+
+    /// Hides all parts but `parts`, of `count` in all.
+    pub fn isolate(&mut self, count: u32, parts: &mut dyn Iterator<Item = u32>) {
+        self.hidden = vec![u64::MAX; count as usize / 64];
+        self.hidden.extend((!count.is_multiple_of(64)).then_some((1 << (count % 64)) - 1));
+        parts.for_each(|part| self.set_visible(part, true));
+    }
+
+    /// Returns the looks of the parts with the same ids in another model.
+    pub fn carried(&self, from: &Model, to: &Model) -> Self {
+        let mut looks = Self::default();
+        for (i, part) in from.parts().iter().enumerate() {
+            let (i, is_first) = (i as u32, from.part_index(part.id) == Some(i as u32));
+            let Some(there) = to.part_index(part.id).filter(|_| is_first) else { continue };
+            if self.hides(i) {
+                looks.set_visible(there, false);
+            }
+            if let Some(look) = self.coloured.get(&i) {
+                looks.coloured.insert(there, *look);
+            }
+        }
+        looks
+    }
+
+    /// True if a part has a look with a transparent colour.
+    pub fn see_through(&self) -> bool {
+        self.coloured.values().any(Look::see_through)
+    }
+
+    /// Bytes of memory.
+    fn bytes(&self) -> u64 {
+        let of_entry = size_of::<(u32, Look)>() + 1;
+        (8 * self.hidden.capacity() + 2 * of_entry * self.coloured.len()) as u64
+    }
+}
+
+/// The looks of an instance's parts at a commit, and what walks need to know of them.
+#[derive(Default)]
+pub(crate) struct PartsShown {
+    pub looks: Arc<PartLooks>,
+    /// The bits (`lod::summary_bit`) of the model's parts that are hidden or look different from the file, of those
+    /// that are hidden, and of those that are visible.
+    touched: u32,
+    hidden_bits: u32,
+    visible_bits: u32,
+    /// For each placed tree of the instance; empty if no part is hidden.
+    pub trees: Box<[ShownBlocks]>,
+    _memory: Kept,
+}
+
+impl PartsShown {
+    /// Finds the blocks that are needed under `looks`. The model's sets of parts must have been read if parts are
+    /// hidden. Fails with `OverBudget`.
+    pub fn of(model: &Model, looks: &Arc<PartLooks>) -> Result<Self> {
+        let looks = Arc::clone(looks);
+        let sets = if looks.hidden.is_empty() { None } else { Some(model.part_sets()?) };
+        let rows = model.blocks().file().trees();
+        let placed: Vec<_> =
+            model.placements().map(|(tree, first_part, _)| (&rows[tree as usize], first_part)).collect();
+        let blocks: u64 =
+            if sets.is_some() { placed.iter().map(|(row, _)| 4 * u64::from(row.block_count) + 32).sum() } else { 0 };
+        let memory = model.context().residency().keep("the looks of parts", looks.bytes() + blocks)?;
+        let trees =
+            sets.iter().flat_map(|sets| placed.iter().map(|(row, first)| shown_blocks(&looks, row, *first, sets)));
+        let trees = trees.collect();
+        let all = 0..model.parts().len() as u32;
+        let (hidden, visible): (Vec<u32>, Vec<u32>) = all.partition(|&part| looks.hides(part));
+        let [hidden_bits, visible_bits] =
+            [hidden, visible].map(|parts| parts.iter().fold(0, |all, &p| all | summary_bit(p)));
+        let touched = looks.coloured.keys().fold(hidden_bits, |all, &p| all | summary_bit(p));
+        Ok(Self { looks, touched, hidden_bits, visible_bits, trees, _memory: memory })
+    }
+
+    /// The bits of the parts that are hidden or look different from the file, for a mesh with the local part 0 at
+    /// `first_part`.
+    pub fn touched(&self, first_part: u32) -> u32 {
+        self.touched.rotate_right(first_part % 32)
+    }
+
+    /// The bits of the hidden parts, likewise.
+    pub fn hidden_bits(&self, first_part: u32) -> u32 {
+        self.hidden_bits.rotate_right(first_part % 32)
+    }
+
+    /// The bits of the visible parts, likewise.
+    pub fn visible_bits(&self, first_part: u32) -> u32 {
+        self.visible_bits.rotate_right(first_part % 32)
+    }
+}
+
+/// Returns a visible part in and below each block of a tree whose local part 0 is `first_part`.
+fn shown_blocks(looks: &PartLooks, row: &TreeRow, first_part: u32, sets: &PartSets) -> ShownBlocks {
+    let is_visible = |part: &u32| !looks.hides(first_part.saturating_add(*part));
+    let of_block = |block: u32| {
+        // A tree of one part needs no sets.
+        if row.local_parts == 1 {
+            return if is_visible(&0) { 0 } else { ShownBlocks::NONE };
+        }
+        let mut parts = sets.of(block as usize).peekable();
+        if parts.peek().is_none() {
+            return ShownBlocks::UNKNOWN;
+        }
+        parts.find(is_visible).unwrap_or(ShownBlocks::NONE)
+    };
+    let blocks = row.first_block..row.first_block + row.block_count;
+    ShownBlocks { first_block: row.first_block, part: blocks.map(of_block).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_of_hidden_parts_alone_are_passed_by() {
+        let mut sets = PartSets::default();
+        // A block of another tree, then those of this one: all parts, two parts, one part, unknown.
+        for set in [&[0][..], &[0, 1, 2, 3], &[1, 2], &[3], &[]] {
+            sets.push(set.iter().copied()).expect("small");
+        }
+        let mut looks = PartLooks::default();
+        [11, 12].iter().for_each(|&part| looks.set_visible(part, false));
+        let row = TreeRow { first_block: 1, block_count: 4, local_parts: 4, ..TreeRow::EMPTY };
+        let shown = shown_blocks(&looks, &row, 10, &sets);
+        assert_eq!(*shown.part, [0, ShownBlocks::NONE, 3, ShownBlocks::UNKNOWN]);
+        assert_eq!([0, 1, 2, 3, 4, 9].map(|block| shown.lacks(block)), [false, false, true, false, false, false]);
+        assert_eq!([1, 2, 3, 4].map(|block| shown.part_in(block)), [Some(0), None, Some(3), None]);
+        let one = TreeRow { local_parts: 1, ..row };
+        assert_eq!(*shown_blocks(&looks, &one, 11, &PartSets::default()).part, [ShownBlocks::NONE; 4]);
+        assert_eq!(*shown_blocks(&looks, &one, 10, &PartSets::default()).part, [0; 4]);
+    }
+
+    #[test]
+    fn looks_can_be_set_back() {
+        let mut looks = PartLooks::default();
+        let red = Look { colour: Some([1.0, 0.0, 0.0, 0.5]), ..Look::default() };
+        looks.set(70, Look { visible: false, ..red });
+        looks.set(3, red);
+        assert!(looks.hides(70) && !looks.hides(3) && !looks.hides(1000) && looks.see_through());
+        looks.set(70, Look::default());
+        looks.set(3, Look::default());
+        assert!(looks.is_empty());
+    }
+}
