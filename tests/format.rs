@@ -13,7 +13,7 @@ mod page;
 #[path = "format/payloads.rs"]
 mod payloads;
 
-use model::{hash, model, sections};
+use model::{ends_of_sets, hash, model, sections};
 use outcrop::lod;
 use outcrop::store::contents::{self, KINDS, Kind, TABLE_LEN};
 use outcrop::store::header::{
@@ -221,5 +221,8 @@ fn rows_of_tables() {
             ("greatest stack size", le!(tree.max_stack)),
             ("geometry blocks of each class", classes.iter().flat_map(|blocks| blocks.to_le_bytes()).collect()),
         ]
+    });
+    check_section(Kind::PartSets, "### Parts of blocks", |file, i| {
+        vec![("end of the block's list", le!(ends_of_sets(file)[i] as u32))]
     });
 }

@@ -301,9 +301,9 @@ mod tests {
     fn a_newer_format_is_reported_whatever_else_changed() {
         let (header, frame) = sample();
         let mut bytes = encode(&header, &frame);
-        for (version, at) in [((0, 9), 10), ((1, 8), 8)] {
+        for (version, at) in [((0, VERSION.1 + 1), 10), ((1, VERSION.1), 8)] {
             let old = bytes[at];
-            bytes[at] = if at == 8 { 1 } else { 9 };
+            bytes[at] += 1;
             assert_eq!(decode(&bytes), Err(HeaderError::Newer(version)));
             assert_eq!(decode(&bytes[..12]), Err(HeaderError::Newer(version)));
             bytes[at] = old;

@@ -96,6 +96,23 @@ pub fn model() -> (&'static [u8], ModelFile) {
     (&bytes[..], ModelFile::open(Arc::new(MemorySource::new(bytes.clone()))).expect("a model"))
 }
 
+/// Where the list of parts of each geometry block ends, as the page describes the lists.
+pub fn ends_of_sets(file: &ModelFile) -> Vec<usize> {
+    let sets = file.part_sets().expect("sets");
+    let mut end = 0;
+    let ends = (0..sets.len()).map(|block| {
+        let mut least = 0;
+        for part in sets.of(block) {
+            // A varint has 7 bits in each byte.
+            let difference = part - least;
+            end += (1..).find(|bytes| u64::from(difference) < 1 << (7 * bytes)).expect("a length");
+            least = part + 1;
+        }
+        end
+    });
+    ends.collect()
+}
+
 /// Offsets of all sections.
 pub fn sections(file: &ModelFile) -> [(Kind, usize, usize, u64); KINDS.len()] {
     let names: usize = file.parts().iter().map(|part| part.name.len()).sum();
@@ -105,11 +122,18 @@ pub fn sections(file: &ModelFile) -> [(Kind, usize, usize, u64); KINDS.len()] {
         file.materials().len(),
         file.instances().len(),
         file.trees().len(),
+        ends_of_sets(file).len(),
     ];
+    let lists = ends_of_sets(file).last().copied().unwrap_or(0);
     let mut end = file.directory().last().expect("a block").end();
     std::array::from_fn(|i| {
         let kind = KINDS[i];
-        let len = counts[i] * kind.row_len() + if kind == Kind::Parts { names } else { 0 };
+        let behind = match kind {
+            Kind::Parts => names,
+            Kind::PartSets => lists,
+            _ => 0,
+        };
+        let len = counts[i] * kind.row_len() + behind;
         let offset = end.next_multiple_of(ALIGN);
         end = offset + len as u64;
         (kind, offset as usize, len, counts[i] as u64)
